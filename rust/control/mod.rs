@@ -1,0 +1,10 @@
+//! Controls from realizations: `u = B^+ (xf - A x0)`, one per realization or fused.
+//!
+//! *Product* fusion averages every entity first, `u = B^+ (xf_hat - A_hat x0_hat)`; *diagonal* fusion averages the
+//! per-realization controls. They are different estimators with the same mean; product fusion is never worse.
+
+mod pseudoinverse;
+mod realizations;
+
+pub use pseudoinverse::{Pseudoinverse, pseudoinverse};
+pub use realizations::{Entity, Realized};

@@ -1,0 +1,126 @@
+//! The Moore-Penrose inverse with its rank and condition.
+
+use faer::{Mat, MatRef};
+
+use crate::error::{Error, Result, require_finite};
+use crate::fuse::power_of_two_scale;
+
+/// `B^+` and what its singular values say.
+#[derive(Debug, Clone)]
+pub struct Pseudoinverse {
+    /// `B^+`, row by row (`cols x rows` of `B`).
+    pub matrix: Vec<f64>,
+    /// Singular values above the cut-off.
+    pub rank: usize,
+    /// All singular values, decreasing.
+    pub singular_values: Vec<f64>,
+    /// The largest over the smallest singular value above the cut-off; infinite for `B = 0`.
+    pub condition: f64,
+}
+
+/// `B^+` of a `rows x cols` matrix given row by row.
+///
+/// Singular values up to `eps max(rows, cols) sigma_max` count as zero (the rule of `scipy.linalg.pinv`).
+///
+/// # Errors
+/// [`Error::NonFinite`] for NaN or infinity, [`Error::Numerical`] if the SVD fails on the matrix and on its transpose.
+pub fn pseudoinverse(b: &[f64], rows: usize, cols: usize) -> Result<Pseudoinverse> {
+    require_finite("B", b)?;
+    let scale = power_of_two_scale(b);
+    let scaled = Mat::from_fn(rows, cols, |i, j| b[i * cols + j] / scale);
+    let (u, s, v) = thin_svd(scaled.as_ref())?;
+    let largest = s.first().copied().unwrap_or(0.0);
+    let cut = f64::EPSILON * rows.max(cols) as f64 * largest;
+    let rank = s.iter().filter(|&&sigma| sigma > cut).count();
+    // B^+ = sum_{k < rank} v_k u_k^T / sigma_k; the factor 1/scale belongs to the result
+    let mut matrix = vec![0.0; rows * cols];
+    for (k, sigma) in s.iter().enumerate().take(rank) {
+        for i in 0..cols {
+            let vi = v[(i, k)] / sigma;
+            for (j, entry) in matrix[i * rows..(i + 1) * rows].iter_mut().enumerate() {
+                *entry += vi * u[(j, k)];
+            }
+        }
+    }
+    matrix.iter_mut().for_each(|entry| *entry /= scale);
+    require_finite("pinv(B)", &matrix)?;
+    Ok(Pseudoinverse {
+        matrix,
+        rank,
+        condition: if rank > 0 {
+            largest / s[rank - 1]
+        } else {
+            f64::INFINITY
+        },
+        singular_values: s.into_iter().map(|sigma| sigma * scale).collect(),
+    })
+}
+
+type Factors = (Mat<f64>, Vec<f64>, Mat<f64>);
+
+/// `U, S, V` with `B = U S V^T`; the transpose is tried where the iteration does not converge.
+fn thin_svd(b: MatRef<'_, f64>) -> Result<Factors> {
+    let factors = |m: MatRef<'_, f64>| {
+        let svd = m.thin_svd().ok()?;
+        let s: Vec<f64> = svd.S().column_vector().iter().copied().collect();
+        let (u, v) = (svd.U().to_owned(), svd.V().to_owned());
+        // an SVD that lost the matrix is worse than none: ||B||_F^2 = sum sigma^2
+        let squares: f64 = s.iter().map(|s| s * s).sum();
+        let agrees =
+            (squares - m.squared_norm_l2()).abs() <= 1e-10 * squares.max(f64::MIN_POSITIVE);
+        agrees.then_some((u, s, v))
+    };
+    factors(b)
+        .or_else(|| factors(b.transpose()).map(|(u, s, v)| (v, s, u)))
+        .ok_or_else(|| {
+            Error::Numerical("the singular value decomposition of `B` did not converge".into())
+        })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn product(a: &[f64], b: &[f64], n: usize, k: usize, m: usize) -> Vec<f64> {
+        let mut c = vec![0.0; n * m];
+        for i in 0..n {
+            for l in 0..k {
+                for j in 0..m {
+                    c[i * m + j] += a[i * k + l] * b[l * m + j];
+                }
+            }
+        }
+        c
+    }
+
+    fn close(a: &[f64], b: &[f64], tol: f64) -> bool {
+        let scale = b.iter().fold(1e-300f64, |m, v| m.max(v.abs()));
+        a.iter().zip(b).all(|(a, b)| (a - b).abs() <= tol * scale)
+    }
+
+    #[test]
+    fn penrose_identities_and_rank() {
+        let ones: Vec<f64> = vec![1.0; 15];
+        let cases: [(&[f64], usize, usize, usize); 6] = [
+            (&[2.0], 1, 1, 1),
+            (&ones, 3, 5, 1),
+            (&[1.0, 2.0, 2.0, 2.0, -1.0, -1.0, 2.0, 1.0, -1.0], 3, 3, 3),
+            (&[1.0, 0.0, 0.0, 1.0, 1.0, 1.0], 3, 2, 2),
+            (&[0.0, 0.0], 1, 2, 0),
+            (&[1e300, 0.0, 0.0, 1e290], 2, 2, 2),
+        ];
+        for (b, n, m, rank) in cases {
+            let p = pseudoinverse(b, n, m).unwrap();
+            assert_eq!(p.rank, rank);
+            let bp = product(b, &p.matrix, n, m, n);
+            let pb = product(&p.matrix, b, m, n, m);
+            assert!(close(&product(&bp, b, n, n, m), b, 1e-13));
+            assert!(close(&product(&pb, &p.matrix, m, m, n), &p.matrix, 1e-13));
+            for i in 0..n {
+                for j in 0..n {
+                    assert!((bp[i * n + j] - bp[j * n + i]).abs() < 1e-13);
+                }
+            }
+        }
+    }
+}

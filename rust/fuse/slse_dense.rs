@@ -1,0 +1,96 @@
+//! SLSE for dense realizations: the same two line searches, with inner products summed anew at every step.
+
+use super::slse::{Sequential, steps_to_weights};
+use super::{Dense, distance, power_of_two_scale};
+use crate::error::{Result, try_zeros};
+use crate::parallel::Stop;
+
+/// `t = clip(<E* - F, X - F> / ||X - F||^2, 0, 1)` and `F <- (1 - t) F + t X`.
+fn line_search(f: &mut [f64], x: impl Fn(usize) -> f64, target: &[f64]) -> f64 {
+    let (mut num, mut den) = (0.0, 0.0);
+    for (k, (f, t)) in f.iter().zip(target).enumerate() {
+        let d = x(k) - f;
+        num += (t - f) * d;
+        den += d * d;
+    }
+    let t = if den > 0.0 {
+        (num / den).clamp(0.0, 1.0)
+    } else {
+        0.0
+    };
+    if t > 0.0 {
+        f.iter_mut()
+            .enumerate()
+            .for_each(|(k, f)| *f += t * (x(k) - *f));
+    }
+    t
+}
+
+/// As [`super::slse()`], for realizations without structure; `O(dimension)` per step.
+///
+/// # Errors
+/// [`crate::Error::Interrupted`] after a stop, [`crate::Error::Memory`] if the weights do not fit.
+pub fn slse_dense(
+    samples: &Dense<'_>,
+    target: &[f64],
+    safeguard: bool,
+    sizes: &[usize],
+    keep_estimates: bool,
+    stop: &Stop,
+) -> Result<Sequential> {
+    let scale = power_of_two_scale(samples.values().iter().chain(target));
+    let scaled: Vec<f64> = target.iter().map(|t| t / scale).collect();
+    let mut f = vec![0.0; target.len()];
+    let mut sum = vec![0.0; if safeguard { target.len() } else { 0 }];
+    let mut out = Sequential {
+        weights: try_zeros("the weights", samples.size())?,
+        ..Sequential::default()
+    };
+    let mut safeguards = if safeguard {
+        try_zeros("the safeguard steps", samples.size())?
+    } else {
+        Vec::new()
+    };
+    let mut wanted = sizes.iter().copied().peekable();
+    for i in 0..samples.size() {
+        stop.check()?;
+        let e = samples.row(i);
+        out.weights[i] = if i == 0 {
+            f.iter_mut().zip(e).for_each(|(f, e)| *f = e / scale);
+            1.0
+        } else {
+            line_search(&mut f, |k| e[k] / scale, &scaled)
+        };
+        if safeguard {
+            sum.iter_mut().zip(e).for_each(|(s, e)| *s += e / scale);
+            let n = (i + 1) as f64;
+            safeguards[i] = line_search(&mut f, |k| sum[k] / n, &scaled);
+        }
+        if wanted.next_if_eq(&(i + 1)).is_some() {
+            out.errors.push(distance(&f, &scaled) * scale);
+            if keep_estimates {
+                out.estimates.extend(f.iter().map(|f| f * scale));
+            }
+        }
+    }
+    out.estimate = f.iter().map(|f| f * scale).collect();
+    steps_to_weights(&mut out.weights, &safeguards);
+    Ok(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_general_counterexample() {
+        // (1,0), (0,2), (-1,-2) with E* = 0: SLSE^2 = 4/25, while the uniform average is exact.
+        let samples = [1.0, 0.0, 0.0, 2.0, -1.0, -2.0];
+        let dense = Dense::new(&samples, 3, 2).unwrap();
+        let plain = slse_dense(&dense, &[0.0, 0.0], false, &[3], false, &Stop::new()).unwrap();
+        assert!((plain.errors[0].powi(2) - 4.0 / 25.0).abs() < 1e-14);
+        let safe = slse_dense(&dense, &[0.0, 0.0], true, &[3], false, &Stop::new()).unwrap();
+        assert!(safe.errors[0] < 1e-15);
+        assert!((safe.weights.iter().sum::<f64>() - 1.0).abs() < 1e-15);
+    }
+}

@@ -1,0 +1,39 @@
+//! Control of a linear system that is known only through random realizations.
+//!
+//! The system is `x(k+1) = A x(k) + B u(k)`; `x0`, `xf` and `A` are known through realizations whose average approaches
+//! them. This crate
+//!
+//! 1. **samples** realizations ([`sample()`]): one index per vector or per column, `E = g sign(w_I) e_I` with
+//!    `P(I = i) = |w_i| / g`, `g = ||w||_1`;
+//! 2. **fuses** them with weights on the simplex ([`fuse`]): uniform, accumulated least squares (ALSE),
+//!    `min_w ||sum_i w_i E_i - E*||^2`, and sequential least squares (SLSE);
+//! 3. **computes controls** ([`control`]) `u = B^+ (xf - A x0)`, one per realization or fused.
+//!
+//! The module order is the order of the data: `stream -> sample -> fuse -> control`; nothing below knows who stands above.
+//! Arrays of a law are stored line by line (see [`Law`]). The feature `python` adds the extension module.
+//!
+//! ```
+//! use stochens::{Key, Law, Scheme, Stop, fuse, sample};
+//! let w = vec![3.0, -1.0, 0.5, 0.0, 2.0];
+//! let draws = sample(&Law::new(w.clone(), 1, 5)?.into(), 500, Scheme::Iid, &Key([1; 32]), 1, &Stop::new())?;
+//! let alse = fuse::closed_form(&draws, &w, fuse::Weights::Simplex);
+//! assert!(alse.objective < 1e-20); // every nonzero component has been seen: the fit is exact
+//! # Ok::<(), stochens::Error>(())
+//! ```
+
+#![deny(missing_docs, unsafe_code)]
+
+pub mod control;
+mod error;
+pub mod fuse;
+mod parallel;
+#[cfg(feature = "python")]
+#[allow(missing_docs, reason = "the Python side is documented in the package")]
+mod python;
+pub mod sample;
+mod stream;
+
+pub use error::{Error, Result};
+pub use parallel::Stop;
+pub use sample::{Law, Scheme, Singletons, sample};
+pub use stream::{CHUNK, Key, LANES, Purpose};

@@ -1,0 +1,80 @@
+//! The pseudoinverse and the controls of realizations.
+
+use numpy::{PyArray1, PyArray2, PyReadonlyArray2};
+use pyo3::prelude::*;
+
+use super::convert::{EntityArgument, array1, array2, slice};
+use super::run::run;
+use crate::control::{self, Realized};
+
+/// The Moore-Penrose inverse of `B` (n, m): `(matrix (m, n), rank, singular_values, condition)`.
+#[pyfunction]
+#[expect(
+    clippy::type_complexity,
+    reason = "one tuple per call, named in the stub"
+)]
+pub(super) fn pseudoinverse<'py>(
+    py: Python<'py>,
+    b: PyReadonlyArray2<'py, f64>,
+) -> PyResult<(
+    Bound<'py, PyArray2<f64>>,
+    usize,
+    Bound<'py, PyArray1<f64>>,
+    f64,
+)> {
+    let (rows, cols) = b.as_array().dim();
+    let values = slice("B", &b)?;
+    let p = run(py, 0.0, |_| control::pseudoinverse(values, rows, cols))?;
+    Ok((
+        array2(py, p.matrix, cols, rows)?,
+        p.rank,
+        array1(py, p.singular_values),
+        p.condition,
+    ))
+}
+
+/// `B^+ (xf^s - A^s x0^s)` for every realization (size, m), given `B^+` (m, n).
+#[pyfunction]
+pub(super) fn realization_controls<'py>(
+    py: Python<'py>,
+    pinv: PyReadonlyArray2<'py, f64>,
+    x0: EntityArgument<'py>,
+    xf: EntityArgument<'py>,
+    a: EntityArgument<'py>,
+    rows: bool,
+    threads: usize,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let (m, n) = pinv.as_array().dim();
+    let values = slice("pinv", &pinv)?;
+    let realized = Realized::new(
+        x0.entity("x0", false)?,
+        xf.entity("xf", false)?,
+        a.entity("A", rows)?,
+        n,
+    )?;
+    let size = realized.size();
+    let cost = size as f64 * (m * n) as f64;
+    let controls = run(py, cost, |stop| realized.controls(values, m, threads, stop))?;
+    array2(py, controls, size, m)
+}
+
+/// The mean of `xf^s - A^s x0^s` over the paired realizations (n,), and their number.
+#[pyfunction]
+pub(super) fn mean_difference<'py>(
+    py: Python<'py>,
+    n: usize,
+    x0: EntityArgument<'py>,
+    xf: EntityArgument<'py>,
+    a: EntityArgument<'py>,
+    rows: bool,
+) -> PyResult<(Bound<'py, PyArray1<f64>>, usize)> {
+    let realized = Realized::new(
+        x0.entity("x0", false)?,
+        xf.entity("xf", false)?,
+        a.entity("A", rows)?,
+        n,
+    )?;
+    let cost = realized.size() as f64 * n as f64;
+    let mean = run(py, cost, |stop| realized.mean(stop))?;
+    Ok((array1(py, mean), realized.size()))
+}

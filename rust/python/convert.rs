@@ -1,0 +1,116 @@
+//! NumPy arrays to slices and back. The package's gate has made them C-contiguous doubles.
+
+use numpy::{PyArray1, PyArray2, PyReadonlyArray, PyReadonlyArray2, ndarray};
+use pyo3::prelude::*;
+
+use super::draws::Draws;
+use super::error::{InputError, ShapeError};
+use crate::control::Entity;
+use crate::fuse::Dense;
+use crate::{Key, Result};
+
+/// A read-only view of a contiguous array of doubles.
+pub(super) fn slice<'a, D: ndarray::Dimension>(
+    name: &str,
+    array: &'a PyReadonlyArray<'_, f64, D>,
+) -> PyResult<&'a [f64]> {
+    array
+        .as_slice()
+        .map_err(|_| ShapeError::new_err(format!("`{name}` must be C-contiguous")))
+}
+
+/// 32 bytes as a key.
+pub(super) fn key(bytes: &[u8]) -> PyResult<Key> {
+    let found = bytes.len();
+    bytes
+        .try_into()
+        .map(Key)
+        .map_err(|_| InputError::new_err(format!("`key` must have 32 bytes, got {found}")))
+}
+
+/// A `rows x cols` array from its entries.
+pub(super) fn array2(
+    py: Python<'_>,
+    values: Vec<f64>,
+    rows: usize,
+    cols: usize,
+) -> PyResult<Bound<'_, PyArray2<f64>>> {
+    let array = ndarray::Array2::from_shape_vec((rows, cols), values).map_err(|e| {
+        ShapeError::new_err(format!(
+            "a result does not have {rows} x {cols} entries: {e}"
+        ))
+    })?;
+    Ok(PyArray2::from_owned_array(py, array))
+}
+
+/// A one-dimensional array.
+pub(super) fn array1(py: Python<'_>, values: Vec<f64>) -> Bound<'_, PyArray1<f64>> {
+    PyArray1::from_vec(py, values)
+}
+
+/// Realizations as they come from the package: `Draws`, or the rows of a two-dimensional array.
+#[derive(FromPyObject)]
+pub(super) enum Realizations<'py> {
+    Draws(PyRef<'py, Draws>),
+    Dense(PyReadonlyArray2<'py, f64>),
+}
+
+/// The rows of a two-dimensional array as dense realizations.
+pub(super) fn dense<'a>(array: &'a PyReadonlyArray2<'_, f64>) -> PyResult<Dense<'a>> {
+    let [size, dim] = *array.as_array().shape() else {
+        return Err(ShapeError::new_err("`samples` must have two dimensions"));
+    };
+    Ok(Dense::new(slice("samples", array)?, size, dim)?)
+}
+
+/// An entity of a control problem: `Draws`, rows of a two-dimensional array, or exact (one-dimensional).
+#[derive(FromPyObject)]
+pub(super) enum EntityArgument<'py> {
+    Draws(PyRef<'py, Draws>),
+    Exact(numpy::PyReadonlyArray1<'py, f64>),
+    Dense(PyReadonlyArray2<'py, f64>),
+}
+
+impl EntityArgument<'_> {
+    /// The entity as the core takes it; `rows` says how a matrix's draws are laid out.
+    pub(super) fn entity(&self, name: &str, rows: bool) -> PyResult<Entity<'_>> {
+        Ok(match self {
+            Self::Draws(draws) => Entity::Singletons {
+                draws: draws.inner.clone(),
+                rows,
+            },
+            Self::Exact(values) => Entity::Exact(slice(name, values)?),
+            Self::Dense(samples) => Entity::Dense(dense(samples)?),
+        })
+    }
+}
+
+/// A target's entries, checked against the number of entries of a realization.
+pub(super) fn target<'a>(array: &'a PyReadonlyArray2<'_, f64>, len: usize) -> PyResult<&'a [f64]> {
+    let values = slice("target", array)?;
+    if values.len() != len {
+        return Err(ShapeError::new_err(format!(
+            "`target` must have {len} entries, got {}",
+            values.len()
+        )));
+    }
+    Ok(values)
+}
+
+/// Growing prefix sizes between 1 and `max`.
+pub(super) fn sizes(sizes: &[usize], max: usize) -> PyResult<()> {
+    let rising = sizes.windows(2).all(|pair| pair[0] < pair[1]);
+    if !rising || sizes.first() == Some(&0) || sizes.last().is_some_and(|&last| last > max) {
+        return Err(InputError::new_err(format!(
+            "`sizes` must increase strictly from at least 1 to at most {max}"
+        )));
+    }
+    Ok(())
+}
+
+/// The law of `values`, one line per row.
+pub(super) fn law(values: &PyReadonlyArray2<'_, f64>) -> PyResult<crate::Law> {
+    let (lines, length) = values.as_array().dim();
+    let law: Result<_> = crate::Law::new(slice("target", values)?.to_vec(), lines, length);
+    Ok(law?)
+}

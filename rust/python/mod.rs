@@ -1,0 +1,32 @@
+//! The extension module `stochens_rs._core`.
+//!
+//! It converts arrays, releases the interpreter, looks for signals and maps errors; it computes nothing. Shapes are those
+//! of the core: a law's arrays are `(lines, length)`, and the package turns columns or rows of a matrix into lines.
+
+mod control;
+mod convert;
+mod draws;
+mod error;
+mod fuse;
+mod run;
+
+use pyo3::prelude::*;
+
+/// The Rust core of `stochens_rs`: see the package for the documented interface.
+#[pymodule]
+mod _core {
+    #[pymodule_export]
+    use super::control::{mean_difference, pseudoinverse, realization_controls};
+    #[pymodule_export]
+    use super::draws::{Draws, sample_counts};
+    #[pymodule_export]
+    use super::fuse::{alse, alse_path, closed_form, slse, uniform_path};
+    #[pymodule_export]
+    use super::version;
+}
+
+/// The version of the core.
+#[pyfunction]
+fn version() -> &'static str {
+    env!("CARGO_PKG_VERSION")
+}

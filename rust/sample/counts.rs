@@ -1,0 +1,89 @@
+//! Counts without realizations: all that a uniform average needs.
+//!
+//! The counts of `N` independent draws of a line are multinomial; conditional binomials give them in `O(length)` for any
+//! `N`. Equal in distribution to the counts of a sample, not equal draw by draw.
+
+use rand::distr::Distribution;
+use rand_distr::Binomial;
+
+use super::law::Law;
+use crate::error::{Error, Result};
+use crate::parallel::Stop;
+use crate::stream::{Key, Purpose};
+
+/// The largest number of realizations: beyond it, doubles no longer count by one.
+const MAX_SIZE: u64 = 1 << 53;
+
+/// One multinomial draw per line: `counts[j * length + i]` realizations out of `size` hit entry `i` of line `j`.
+///
+/// # Errors
+/// [`Error::Value`] if `size` is above `2^53`; [`Error::Interrupted`] after a stop.
+pub fn multinomial_counts(law: &Law, size: u64, key: &Key, stop: &Stop) -> Result<Vec<u64>> {
+    if size > MAX_SIZE {
+        return Err(Error::Value {
+            name: "size",
+            expected: "at most 2^53",
+            found: size.to_string(),
+        });
+    }
+    let mut counts = Vec::with_capacity(law.values().len());
+    for j in 0..law.lines() {
+        stop.check()?;
+        let line = law.line(j);
+        let mut rng = key.stream(Purpose::Counts, j);
+        // tails[i] = |w_i| + ... + |w_n|: at the last nonzero entry the conditional probability is exactly one
+        let mut tail = 0.0;
+        let mut tails: Vec<f64> = line
+            .iter()
+            .rev()
+            .map(|w| {
+                tail += w.abs();
+                tail
+            })
+            .collect();
+        tails.reverse();
+        let mut left = if tails[0] > 0.0 { size } else { 0 };
+        for (w, tail) in line.iter().zip(tails) {
+            let count = if left == 0 || *w == 0.0 {
+                0
+            } else {
+                let p = (w.abs() / tail).min(1.0);
+                Binomial::new(left, p)
+                    .map_err(|e| Error::Numerical(format!("binomial({left}, {p}): {e}")))?
+                    .sample(&mut rng)
+            };
+            left -= count;
+            counts.push(count);
+        }
+    }
+    Ok(counts)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn counts_add_up_and_zeros_stay_zero() {
+        let law = Law::new(vec![3.0, -1.0, 0.5, 0.0, 2.0, 0.0, 0.0, 0.0], 2, 4).unwrap();
+        for size in [0, 1, 10, 1 << 31, 1_000_000_000_000, MAX_SIZE] {
+            for seed in 0..50 {
+                let counts =
+                    multinomial_counts(&law, size, &Key([seed; 32]), &Stop::new()).unwrap();
+                assert_eq!(counts[..4].iter().sum::<u64>(), size);
+                assert_eq!(counts[3], 0);
+                assert_eq!(counts[4], size, "the only nonzero entry gets everything");
+            }
+        }
+    }
+
+    #[test]
+    fn extreme_probabilities_end_quickly_and_exactly() {
+        let law = Law::new(vec![1.0, 3.1444753148558566e-10, 5e-324], 1, 3).unwrap();
+        for seed in 0..200 {
+            let counts =
+                multinomial_counts(&law, 16_000_000, &Key([seed; 32]), &Stop::new()).unwrap();
+            assert_eq!(counts.iter().sum::<u64>(), 16_000_000);
+        }
+    }
+}

@@ -1,0 +1,4 @@
+//! Tests of the core through its public interface, in one binary.
+
+mod contracts;
+mod oracles;

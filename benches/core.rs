@@ -11,9 +11,7 @@ use stochens::{Key, Law, Scheme, Singletons, Stop, sample};
 
 /// Entries of both signs and unequal magnitudes, the same in every run.
 fn entries(count: usize) -> Vec<f64> {
-    (0..count)
-        .map(|i| (1.0 + (i as f64 * 0.754_877).fract()) * if i % 3 == 0 { -1.0 } else { 1.0 })
-        .collect()
+    (0..count).map(|i| (1.0 + (i as f64 * 0.754_877).fract()) * if i % 3 == 0 { -1.0 } else { 1.0 }).collect()
 }
 
 fn law(lines: usize, length: usize) -> Arc<Law> {
@@ -26,18 +24,10 @@ fn draw(law: &Arc<Law>, size: usize) -> Singletons {
 
 fn sampling(c: &mut Criterion) {
     let mut group = c.benchmark_group("sample");
-    for (lines, length, size) in [
-        (1, 10, 1_000_000),
-        (1, 100, 1_000_000),
-        (1, 1000, 1_000_000),
-        (100, 100, 10_000),
-    ] {
+    for (lines, length, size) in [(1, 10, 1_000_000), (1, 100, 1_000_000), (1, 1000, 1_000_000), (100, 100, 10_000)] {
         let law = law(lines, length);
         group.throughput(Throughput::Elements((size * lines) as u64));
-        group.bench_function(
-            BenchmarkId::from_parameter(format!("{lines}x{length}")),
-            |b| b.iter(|| draw(&law, size)),
-        );
+        group.bench_function(BenchmarkId::from_parameter(format!("{lines}x{length}")), |b| b.iter(|| draw(&law, size)));
     }
     group.finish();
     let law = law(100, 100);
@@ -50,7 +40,7 @@ fn fusing(c: &mut Criterion) {
     let law1 = law(1, 100);
     let vector = draw(&law1, 100_000);
     c.bench_function("closed form, n = 100, N = 10^5", |b| {
-        b.iter(|| closed_form(black_box(&vector), law1.values(), Weights::Simplex));
+        b.iter(|| closed_form(black_box(&vector), law1.values(), Weights::Simplex, &Stop::new()));
     });
     let mut group = c.benchmark_group("slse");
     for n in [10, 100, 500] {
@@ -61,16 +51,7 @@ fn fusing(c: &mut Criterion) {
         for safeguard in [false, true] {
             let name = if safeguard { "safeguarded" } else { "plain" };
             group.bench_function(BenchmarkId::new(name, n), |b| {
-                b.iter(|| {
-                    slse(
-                        &matrix,
-                        law.values(),
-                        safeguard,
-                        &[size],
-                        false,
-                        &Stop::new(),
-                    )
-                });
+                b.iter(|| slse(&matrix, law.values(), safeguard, &[size], false, &Stop::new()));
             });
         }
     }
@@ -82,12 +63,8 @@ fn controls(c: &mut Criterion) {
     for (n, m, size) in [(10, 2, 100_000), (100, 10, 100_000), (100, 80, 20_000)] {
         let (vector, matrix) = (law(1, n), law(n, n));
         let p = pseudoinverse(&entries(n * m), n, m).expect("finite entries");
-        let entity = |law| Entity::Singletons {
-            draws: draw(law, size),
-            rows: false,
-        };
-        let realized = Realized::new(entity(&vector), entity(&vector), entity(&matrix), n)
-            .expect("fitting shapes");
+        let entity = |law| Entity::Singletons { draws: draw(law, size), rows: false };
+        let realized = Realized::new(entity(&vector), entity(&vector), entity(&matrix), n).expect("fitting shapes");
         group.throughput(Throughput::Bytes((size * m * 8) as u64));
         group.bench_function(BenchmarkId::from_parameter(format!("n={n} m={m}")), |b| {
             b.iter(|| realized.controls(&p.matrix, m, 1, &Stop::new()));

@@ -8,36 +8,21 @@ pub type Result<T> = std::result::Result<T, Error>;
 /// Why a call was refused or stopped; every message names the argument, the rule and what was found.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
-#[allow(
-    missing_docs,
-    reason = "the message of each variant says what its fields are"
-)]
+#[allow(missing_docs, reason = "the message of each variant says what its fields are")]
 pub enum Error {
     /// An array has the wrong shape, or two arrays do not fit together.
     #[error("`{name}` must have {expected}, got {found}")]
-    Shape {
-        name: &'static str,
-        expected: String,
-        found: String,
-    },
+    Shape { name: &'static str, expected: String, found: String },
 
     /// An entry, or a quantity computed from the entries, is NaN or infinite.
     #[error(
         "`{name}` has a non-finite {what} at flat index {index}: entries must be finite and their 1-norms representable"
     )]
-    NonFinite {
-        name: &'static str,
-        what: &'static str,
-        index: usize,
-    },
+    NonFinite { name: &'static str, what: &'static str, index: usize },
 
     /// A scalar argument lies outside its range.
     #[error("`{name}` must be {expected}, got {found}")]
-    Value {
-        name: &'static str,
-        expected: &'static str,
-        found: String,
-    },
+    Value { name: &'static str, expected: &'static str, found: String },
 
     /// The memory for a result cannot be had.
     #[error("{what} needs {bytes} bytes, which cannot be allocated")]
@@ -55,29 +40,23 @@ pub enum Error {
 /// A zero-filled vector, or [`Error::Memory`] where the allocator would abort the process.
 pub(crate) fn try_zeros<T: Clone + Default>(what: &'static str, len: usize) -> Result<Vec<T>> {
     let bytes = len as u128 * size_of::<T>() as u128;
-    let mut out = Vec::new();
-    out.try_reserve_exact(len)
-        .map_err(|_| Error::Memory { what, bytes })?;
-    out.resize(len, T::default());
-    Ok(out)
+    // A refusal by the allocator must be an error, and zeros must come from the system: writing gigabytes of them would
+    // keep the caller from being stopped. `vec![]` does the second, a reservation given back does the first.
+    let mut probe: Vec<T> = Vec::new();
+    probe.try_reserve_exact(len).map_err(|_| Error::Memory { what, bytes })?;
+    drop(probe);
+    Ok(vec![T::default(); len])
 }
 
 /// `a * b` as a length, or [`Error::Memory`] when it does not fit into the address space.
 pub(crate) fn checked_len(what: &'static str, a: usize, b: usize) -> Result<usize> {
-    a.checked_mul(b).ok_or(Error::Memory {
-        what,
-        bytes: a as u128 * b as u128,
-    })
+    a.checked_mul(b).ok_or(Error::Memory { what, bytes: a as u128 * b as u128 })
 }
 
 /// The index of the first NaN or infinity becomes an error that names `name`.
 pub(crate) fn require_finite(name: &'static str, values: &[f64]) -> Result<()> {
     match values.iter().position(|v| !v.is_finite()) {
-        Some(index) => Err(Error::NonFinite {
-            name,
-            what: "entry",
-            index,
-        }),
+        Some(index) => Err(Error::NonFinite { name, what: "entry", index }),
         None => Ok(()),
     }
 }

@@ -16,7 +16,7 @@
 //! use stochens::{Key, Law, Scheme, Stop, fuse, sample};
 //! let w = vec![3.0, -1.0, 0.5, 0.0, 2.0];
 //! let draws = sample(&Law::new(w.clone(), 1, 5)?.into(), 500, Scheme::Iid, &Key([1; 32]), 1, &Stop::new())?;
-//! let alse = fuse::closed_form(&draws, &w, fuse::Weights::Simplex);
+//! let alse = fuse::closed_form(&draws, &w, fuse::Weights::Simplex, &Stop::new())?;
 //! assert!(alse.objective < 1e-20); // every nonzero component has been seen: the fit is exact
 //! # Ok::<(), stochens::Error>(())
 //! ```

@@ -36,11 +36,7 @@ impl Stop {
 
     /// [`Error::Interrupted`] once a stop was asked for; loops call this every few milliseconds of work.
     pub fn check(&self) -> Result<()> {
-        if self.requested() {
-            Err(Error::Interrupted)
-        } else {
-            Ok(())
-        }
+        if self.requested() { Err(Error::Interrupted) } else { Ok(()) }
     }
 }
 
@@ -67,10 +63,7 @@ where
     std::thread::scope(|scope| {
         for _ in 1..threads {
             // EAGAIN under a process limit is no reason to fail: this thread drains the queue below.
-            if std::thread::Builder::new()
-                .spawn_scoped(scope, drain)
-                .is_err()
-            {
+            if std::thread::Builder::new().spawn_scoped(scope, drain).is_err() {
                 break;
             }
         }
@@ -102,18 +95,10 @@ mod tests {
     #[test]
     fn an_error_and_a_stop_reach_the_caller() {
         let stop = Stop::new();
-        let result = for_each_chunk(0..100, 2, &stop, |i| {
-            if i == 5 {
-                Err(Error::Numerical("five".into()))
-            } else {
-                Ok(())
-            }
-        });
+        let result =
+            for_each_chunk(0..100, 2, &stop, |i| if i == 5 { Err(Error::Numerical("five".into())) } else { Ok(()) });
         assert_eq!(result, Err(Error::Numerical("five".into())));
         stop.request();
-        assert_eq!(
-            for_each_chunk(0..100, 2, &stop, |_| Ok(())),
-            Err(Error::Interrupted)
-        );
+        assert_eq!(for_each_chunk(0..100, 2, &stop, |_| Ok(())), Err(Error::Interrupted));
     }
 }

@@ -34,10 +34,7 @@ pub struct Key(pub [u8; 32]);
 impl std::fmt::Debug for Key {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "Key(")?;
-        self.0
-            .iter()
-            .take(8)
-            .try_for_each(|byte| write!(f, "{byte:02x}"))?;
+        self.0.iter().take(8).try_for_each(|byte| write!(f, "{byte:02x}"))?;
         write!(f, "..)")
     }
 }
@@ -80,10 +77,7 @@ impl Lanes {
         let mut out = [0u64; LANES];
         for l in 0..LANES {
             // xoshiro256++ (Blackman and Vigna, 2019)
-            out[l] = s0[l]
-                .wrapping_add(s3[l])
-                .rotate_left(23)
-                .wrapping_add(s0[l]);
+            out[l] = s0[l].wrapping_add(s3[l]).rotate_left(23).wrapping_add(s0[l]);
             let t = s1[l] << 17;
             s2[l] ^= s0[l];
             s3[l] ^= s1[l];
@@ -96,15 +90,34 @@ impl Lanes {
     }
 
     /// Fills a block; its length is rounded up to whole steps, so blocks but the last must be multiples of eight.
-    #[inline]
     pub(crate) fn fill(&mut self, words: &mut [u64]) {
+        #[cfg(target_arch = "x86_64")]
+        if std::arch::is_x86_feature_detected!("avx2") {
+            // SAFETY: the processor has just said that it knows the instructions this function is compiled to.
+            #[allow(unsafe_code, reason = "the baseline wheel has no other way to use wider registers")]
+            return unsafe { self.fill_avx2(words) };
+        }
+        self.fill_portable(words);
+    }
+
+    /// [`Lanes::fill_portable`] compiled for 256-bit registers: the same integer operations, hence the same words.
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    fn fill_avx2(&mut self, words: &mut [u64]) {
+        self.fill_portable(words);
+    }
+
+    #[inline(always)]
+    fn fill_portable(&mut self, words: &mut [u64]) {
+        let mut lanes = self.clone(); // a local state can live in registers
         let (steps, rest) = words.as_chunks_mut::<LANES>();
         for step in steps {
-            *step = self.step();
+            *step = lanes.step();
         }
         if !rest.is_empty() {
-            rest.copy_from_slice(&self.step()[..rest.len()]);
+            rest.copy_from_slice(&lanes.step()[..rest.len()]);
         }
+        *self = lanes;
     }
 }
 
@@ -119,13 +132,23 @@ mod tests {
         let mut lanes = key.lanes(3, 2);
         let mut bytes = vec![0u8; 3 * 256];
         key.stream(Purpose::Draws, 3).fill_bytes(&mut bytes);
-        let mut singles: Vec<_> = bytes[512..]
-            .chunks_exact(32)
-            .map(|seed| Xoshiro256PlusPlus::from_seed(seed.try_into().unwrap()))
-            .collect();
+        let mut singles: Vec<_> =
+            bytes[512..].chunks_exact(32).map(|seed| Xoshiro256PlusPlus::from_seed(seed.try_into().unwrap())).collect();
         for _ in 0..5 {
             let expected: Vec<u64> = singles.iter_mut().map(|rng| rng.next_u64()).collect();
             assert_eq!(lanes.step().to_vec(), expected);
+        }
+    }
+
+    #[test]
+    fn wide_registers_give_the_same_words() {
+        let key = Key([9; 32]);
+        let (mut any, mut portable) = (key.lanes(0, 0), key.lanes(0, 0));
+        for len in [8, 1024, 16, 5] {
+            let (mut a, mut b) = (vec![0; len], vec![0; len]);
+            any.fill(&mut a);
+            portable.fill_portable(&mut b);
+            assert_eq!(a, b);
         }
     }
 
@@ -135,12 +158,7 @@ mod tests {
         let (a, b) = (Key([0; 32]), Key([1; 32]));
         let mut words = Vec::new();
         for key in [a, b] {
-            for purpose in [
-                Purpose::Draws,
-                Purpose::Offset,
-                Purpose::Permutation,
-                Purpose::Counts,
-            ] {
+            for purpose in [Purpose::Draws, Purpose::Offset, Purpose::Permutation, Purpose::Counts] {
                 words.extend((0..100).map(|line| first(key, purpose, line)));
             }
         }

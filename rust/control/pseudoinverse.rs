@@ -47,11 +47,7 @@ pub fn pseudoinverse(b: &[f64], rows: usize, cols: usize) -> Result<Pseudoinvers
     Ok(Pseudoinverse {
         matrix,
         rank,
-        condition: if rank > 0 {
-            largest / s[rank - 1]
-        } else {
-            f64::INFINITY
-        },
+        condition: if rank > 0 { largest / s[rank - 1] } else { f64::INFINITY },
         singular_values: s.into_iter().map(|sigma| sigma * scale).collect(),
     })
 }
@@ -66,15 +62,12 @@ fn thin_svd(b: MatRef<'_, f64>) -> Result<Factors> {
         let (u, v) = (svd.U().to_owned(), svd.V().to_owned());
         // an SVD that lost the matrix is worse than none: ||B||_F^2 = sum sigma^2
         let squares: f64 = s.iter().map(|s| s * s).sum();
-        let agrees =
-            (squares - m.squared_norm_l2()).abs() <= 1e-10 * squares.max(f64::MIN_POSITIVE);
+        let agrees = (squares - m.squared_norm_l2()).abs() <= 1e-10 * squares.max(f64::MIN_POSITIVE);
         agrees.then_some((u, s, v))
     };
     factors(b)
         .or_else(|| factors(b.transpose()).map(|(u, s, v)| (v, s, u)))
-        .ok_or_else(|| {
-            Error::Numerical("the singular value decomposition of `B` did not converge".into())
-        })
+        .ok_or_else(|| Error::Numerical("the singular value decomposition of `B` did not converge".into()))
 }
 
 #[cfg(test)]

@@ -67,26 +67,15 @@ impl<'a> Realized<'a> {
     /// # Errors
     /// [`Error::Shape`] if the entities' shapes or numbers of realizations differ.
     pub fn new(x0: Entity<'a>, xf: Entity<'a>, a: Entity<'a>, n: usize) -> Result<Self> {
-        for (name, entity, len) in [
-            ("x0", &x0, n),
-            ("xf", &xf, n),
-            ("A", &a, checked_len("A", n, n)?),
-        ] {
+        for (name, entity, len) in [("x0", &x0, n), ("xf", &xf, n), ("A", &a, checked_len("A", n, n)?)] {
             if entity.len() != len {
-                return Err(Error::Shape {
-                    name,
-                    expected: format!("{len} entries"),
-                    found: entity.len().to_string(),
-                });
+                return Err(Error::Shape { name, expected: format!("{len} entries"), found: entity.len().to_string() });
             }
         }
         let mut sizes = [("x0", &x0), ("xf", &xf), ("A", &a)].map(|(name, e)| (name, e.size()));
         sizes.sort_by_key(|(_, size)| size.is_none());
         let size = sizes[0].1.unwrap_or(1);
-        if let Some((name, Some(other))) = sizes
-            .into_iter()
-            .find(|(_, s)| s.is_some_and(|s| s != size))
-        {
+        if let Some((name, Some(other))) = sizes.into_iter().find(|(_, s)| s.is_some_and(|s| s != size)) {
             return Err(Error::Shape {
                 name,
                 expected: format!("as many realizations as `{}` ({size})", sizes[0].0),
@@ -97,14 +86,7 @@ impl<'a> Realized<'a> {
             Entity::Singletons { draws, .. } => draws.law().atoms(),
             _ => Vec::new(),
         });
-        Ok(Self {
-            x0,
-            xf,
-            a,
-            n,
-            size,
-            atoms,
-        })
+        Ok(Self { x0, xf, a, n, size, atoms })
     }
 
     /// The number of paired realizations.
@@ -114,8 +96,7 @@ impl<'a> Realized<'a> {
 
     /// Calls `visit(row, value)` for the contributions to `y^s`; a row may be visited more than once.
     fn contributions(&self, s: usize, mut visit: impl FnMut(usize, f64)) {
-        let index =
-            |draws: &Singletons, at: usize| with_indices!(&**draws.indices(), v => v[at].get());
+        let index = |draws: &Singletons, at: usize| with_indices!(&**draws.indices(), v => v[at].get());
         match &self.xf {
             Entity::Exact(xf) => xf.iter().enumerate().for_each(|(i, v)| visit(i, *v)),
             Entity::Dense(xf) => xf.row(s).iter().enumerate().for_each(|(i, v)| visit(i, *v)),
@@ -125,15 +106,8 @@ impl<'a> Realized<'a> {
             }
         }
         match &self.x0 {
-            Entity::Exact(x0) => x0
-                .iter()
-                .enumerate()
-                .for_each(|(i, v)| self.column(s, i, *v, &mut visit)),
-            Entity::Dense(x0) => x0
-                .row(s)
-                .iter()
-                .enumerate()
-                .for_each(|(i, v)| self.column(s, i, *v, &mut visit)),
+            Entity::Exact(x0) => x0.iter().enumerate().for_each(|(i, v)| self.column(s, i, *v, &mut visit)),
+            Entity::Dense(x0) => x0.row(s).iter().enumerate().for_each(|(i, v)| self.column(s, i, *v, &mut visit)),
             Entity::Singletons { draws, .. } => {
                 let i = index(draws, s);
                 self.column(s, i, self.atoms[0][i], &mut visit);
@@ -184,54 +158,41 @@ impl<'a> Realized<'a> {
     ///
     /// # Errors
     /// [`Error::Interrupted`] after a stop, [`Error::Memory`] if the controls do not fit.
-    pub fn controls(
-        &self,
-        pinv: &[f64],
-        m: usize,
-        threads: usize,
-        stop: &Stop,
-    ) -> Result<Vec<f64>> {
+    pub fn controls(&self, pinv: &[f64], m: usize, threads: usize, stop: &Stop) -> Result<Vec<f64>> {
         let n = self.n;
         let mut out = try_zeros("the controls", checked_len("the controls", self.size, m)?)?;
         // rows of the transpose are the contiguous columns of B^+
         let transposed: Vec<f64> = (0..n * m).map(|k| pinv[(k % m) * n + k / m]).collect();
-        let is_singleton =
-            |entity: &Entity| matches!(entity, Entity::Singletons { rows: false, .. });
-        let sparse =
-            is_singleton(&self.x0) && is_singleton(&self.a) && !matches!(self.xf, Entity::Dense(_));
+        let is_singleton = |entity: &Entity| matches!(entity, Entity::Singletons { rows: false, .. });
+        let sparse = is_singleton(&self.x0) && is_singleton(&self.a) && !matches!(self.xf, Entity::Dense(_));
         let base = match &self.xf {
             Entity::Exact(xf) if sparse => combine_rows(&transposed, m, xf),
             _ => vec![0.0; m],
         };
-        for_each_chunk(
-            out.chunks_mut(BLOCK * m).enumerate(),
-            threads,
-            stop,
-            |(block, out)| {
-                let first = block * BLOCK;
-                if sparse {
-                    out.chunks_exact_mut(m)
-                        .enumerate()
-                        .for_each(|(at, u)| self.sparse_control(first + at, &transposed, &base, u));
-                } else {
-                    let count = out.len() / m;
-                    let mut y = vec![0.0; count * n];
-                    for (at, y) in y.chunks_exact_mut(n).enumerate() {
-                        self.contributions(first + at, |i, v| y[i] += v);
-                    }
-                    // U = Y (B^+)^T
-                    matmul(
-                        MatMut::from_row_major_slice_mut(out, count, m),
-                        Accum::Replace,
-                        MatRef::from_row_major_slice(&y, count, n),
-                        MatRef::from_row_major_slice(&transposed, n, m),
-                        1.0,
-                        Par::Seq,
-                    );
+        for_each_chunk(out.chunks_mut(BLOCK * m).enumerate(), threads, stop, |(block, out)| {
+            let first = block * BLOCK;
+            if sparse {
+                out.chunks_exact_mut(m)
+                    .enumerate()
+                    .for_each(|(at, u)| self.sparse_control(first + at, &transposed, &base, u));
+            } else {
+                let count = out.len() / m;
+                let mut y = vec![0.0; count * n];
+                for (at, y) in y.chunks_exact_mut(n).enumerate() {
+                    self.contributions(first + at, |i, v| y[i] += v);
                 }
-                Ok(())
-            },
-        )?;
+                // U = Y (B^+)^T
+                matmul(
+                    MatMut::from_row_major_slice_mut(out, count, m),
+                    Accum::Replace,
+                    MatRef::from_row_major_slice(&y, count, n),
+                    MatRef::from_row_major_slice(&transposed, n, m),
+                    1.0,
+                    Par::Seq,
+                );
+            }
+            Ok(())
+        })?;
         Ok(out)
     }
 
@@ -241,9 +202,7 @@ impl<'a> Realized<'a> {
         let m = u.len();
         u.copy_from_slice(base);
         let mut add = |row: usize, value: f64| {
-            u.iter_mut()
-                .zip(&transposed[row * m..(row + 1) * m])
-                .for_each(|(u, p)| *u += value * p);
+            u.iter_mut().zip(&transposed[row * m..(row + 1) * m]).for_each(|(u, p)| *u += value * p);
         };
         if let Entity::Singletons { draws, .. } = &self.xf {
             let i = with_indices!(&**draws.indices(), v => v[s].get());

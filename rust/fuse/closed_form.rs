@@ -9,7 +9,9 @@
 //! paper's `Y_k = |w_k|` is feasible in neither set. A total is split equally among the realizations that share it.
 
 use super::{Weights, distance, power_of_two_scale};
-use crate::sample::{Law, Singletons, with_indices};
+use crate::error::{Result, try_zeros};
+use crate::parallel::Stop;
+use crate::sample::{Index as _, Law, Singletons, with_indices};
 
 /// The solution of the least-squares problem for one line.
 #[derive(Debug, Clone)]
@@ -28,30 +30,32 @@ pub struct ClosedForm {
 
 /// Solves `min ||sum_i w_i E_i - target||_2` for realizations of a vector.
 ///
-/// # Panics
-/// Never for a law of one line; the caller checks that and the target's length.
-pub fn closed_form(draws: &Singletons, target: &[f64], set: Weights) -> ClosedForm {
+/// The law must have one line, and the target as many entries as that.
+///
+/// # Errors
+/// [`crate::Error::Interrupted`] after a stop, [`crate::Error::Memory`] if the weights do not fit.
+pub fn closed_form(draws: &Singletons, target: &[f64], set: Weights, stop: &Stop) -> Result<ClosedForm> {
     let law = draws.law();
-    let counts = draws.counts();
+    let counts = draws.counts(stop)?;
     let totals = totals(law, &counts, target, set);
-    let share: Vec<f64> = totals
-        .iter()
-        .zip(&counts)
-        .map(|(total, &count)| if count > 0 { total / count as f64 } else { 0.0 })
-        .collect();
-    let weights = with_indices!(&**draws.indices(), indices => {
-        use crate::sample::Index as _;
-        indices[..draws.size()].iter().map(|r| share[r.get()]).collect()
+    let share: Vec<f64> =
+        totals.iter().zip(&counts).map(|(total, &count)| if count > 0 { total / count as f64 } else { 0.0 }).collect();
+    let mut weights = try_zeros("the weights", draws.size())?;
+    with_indices!(&**draws.indices(), indices => {
+        for (weights, indices) in weights.chunks_mut(1 << 16).zip(indices.chunks(1 << 16)) {
+            stop.check()?;
+            weights.iter_mut().zip(indices).for_each(|(w, r)| *w = share[r.get()]);
+        }
     });
     let estimate = estimate(law, &totals);
     let error = distance(&estimate, target);
-    ClosedForm {
+    Ok(ClosedForm {
         weights,
         gap: gap(law, &counts, &totals, &estimate, target, set),
         objective: error * error,
         error,
         estimate,
-    }
+    })
 }
 
 /// `Y`: the total weight of every component, zero where nothing was seen.
@@ -60,10 +64,7 @@ pub(super) fn totals(law: &Law, counts: &[u64], target: &[f64], set: Weights) ->
     let size: u64 = counts.iter().sum();
     if g == 0.0 {
         // every realization is zero: any weights do, the uniform ones are the smallest
-        return counts
-            .iter()
-            .map(|&count| count as f64 / size.max(1) as f64)
-            .collect();
+        return counts.iter().map(|&count| count as f64 / size.max(1) as f64).collect();
     }
     let seen: Vec<usize> = (0..counts.len()).filter(|&k| counts[k] > 0).collect();
     let signs = law.signs();
@@ -82,41 +83,22 @@ pub(super) fn totals(law: &Law, counts: &[u64], target: &[f64], set: Weights) ->
 
 /// `sum_i w_i E_i` from the totals.
 pub(super) fn estimate(law: &Law, totals: &[f64]) -> Vec<f64> {
-    law.atoms()
-        .iter()
-        .zip(totals)
-        .map(|(atom, total)| atom * total)
-        .collect()
+    law.atoms().iter().zip(totals).map(|(atom, total)| atom * total).collect()
 }
 
 /// `max_v <f'(w), w - v>` over the vertices `v` of the weight set, `f'_i = 2 <E_i, sum w E - t>`.
-pub(super) fn gap(
-    law: &Law,
-    counts: &[u64],
-    totals: &[f64],
-    estimate: &[f64],
-    target: &[f64],
-    set: Weights,
-) -> f64 {
+pub(super) fn gap(law: &Law, counts: &[u64], totals: &[f64], estimate: &[f64], target: &[f64], set: Weights) -> f64 {
     let scale = power_of_two_scale(law.gamma().iter().chain(target));
     let atoms = law.atoms();
     let seen = (0..counts.len()).filter(|&k| counts[k] > 0);
     let gradient = |k: usize| 2.0 * (atoms[k] / scale) * ((estimate[k] - target[k]) / scale);
-    let mut smallest = if set == Weights::Subsimplex {
-        0.0
-    } else {
-        f64::INFINITY
-    };
+    let mut smallest = if set == Weights::Subsimplex { 0.0 } else { f64::INFINITY };
     let mut at_solution = 0.0;
     for k in seen {
         smallest = gradient(k).min(smallest);
         at_solution += totals[k] * gradient(k);
     }
-    if smallest == f64::INFINITY {
-        0.0
-    } else {
-        (at_solution - smallest).max(0.0) * scale * scale
-    }
+    if smallest == f64::INFINITY { 0.0 } else { (at_solution - smallest).max(0.0) * scale * scale }
 }
 
 /// The Euclidean projection on `{y >= 0, sum y = 1}`: `y = max(tau - theta, 0)` (Held, Wolfe and Crowder, 1974).
@@ -155,34 +137,30 @@ mod tests {
     #[test]
     fn the_papers_weights_are_corrected() {
         // w = (3, 4), both seen: the paper's alpha = |w_k| sums to 7; the solution is |w_k| / gamma.
-        let fit = closed_form(&draws(&[3.0, 4.0], &[0, 1]), &[3.0, 4.0], Weights::Simplex);
+        let fit = closed_form(&draws(&[3.0, 4.0], &[0, 1]), &[3.0, 4.0], Weights::Simplex, &Stop::new()).unwrap();
         assert!((fit.weights[0] - 3.0 / 7.0).abs() < 1e-15 && fit.error < 1e-15);
         // w = (1, 1), one realization: the simplex minimum is 2, the sub-simplex minimum 1.
         let one = draws(&[1.0, 1.0], &[0]);
-        assert!((closed_form(&one, &[1.0, 1.0], Weights::Simplex).objective - 2.0).abs() < 1e-15);
         assert!(
-            (closed_form(&one, &[1.0, 1.0], Weights::Subsimplex).objective - 1.0).abs() < 1e-15
+            (closed_form(&one, &[1.0, 1.0], Weights::Simplex, &Stop::new()).unwrap().objective - 2.0).abs() < 1e-15
+        );
+        assert!(
+            (closed_form(&one, &[1.0, 1.0], Weights::Subsimplex, &Stop::new()).unwrap().objective - 1.0).abs() < 1e-15
         );
     }
 
     #[test]
     fn a_target_of_the_wrong_sign_gets_no_weight() {
-        let fit = closed_form(
-            &draws(&[3.0, 4.0, -1.0], &[0, 1, 2, 2]),
-            &[-3.0, 4.0, -1.0],
-            Weights::Simplex,
-        );
+        let fit =
+            closed_form(&draws(&[3.0, 4.0, -1.0], &[0, 1, 2, 2]), &[-3.0, 4.0, -1.0], Weights::Simplex, &Stop::new())
+                .unwrap();
         assert_eq!(fit.weights[0], 0.0);
         assert!(fit.gap < 1e-14);
     }
 
     #[test]
     fn the_zero_vector_is_met_by_uniform_weights() {
-        let fit = closed_form(
-            &draws(&[0.0, 0.0], &[0, 0, 0, 0]),
-            &[0.0, 0.0],
-            Weights::Simplex,
-        );
+        let fit = closed_form(&draws(&[0.0, 0.0], &[0, 0, 0, 0]), &[0.0, 0.0], Weights::Simplex, &Stop::new()).unwrap();
         assert_eq!(fit.weights, [0.25; 4]);
         assert_eq!((fit.error, fit.gap), (0.0, 0.0));
     }

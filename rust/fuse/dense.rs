@@ -48,28 +48,20 @@ impl<'a> Dense<'a> {
     /// The first `size` realizations.
     pub fn prefix(&self, size: usize) -> Self {
         let size = size.min(self.size);
-        Self {
-            values: &self.values[..size * self.dim],
-            size,
-            dim: self.dim,
-        }
+        Self { values: &self.values[..size * self.dim], size, dim: self.dim }
     }
 
     /// `sum_i w_i E_i`.
     pub fn combine(&self, weights: &[f64]) -> Vec<f64> {
         let mut sum = vec![0.0; self.dim];
         for (i, &w) in weights.iter().enumerate().take(self.size) {
-            sum.iter_mut()
-                .zip(self.row(i))
-                .for_each(|(s, e)| *s += w * e);
+            sum.iter_mut().zip(self.row(i)).for_each(|(s, e)| *s += w * e);
         }
         sum
     }
 
     /// `<r, E_i>` for every realization.
     pub fn correlate(&self, r: &[f64]) -> Vec<f64> {
-        (0..self.size)
-            .map(|i| self.row(i).iter().zip(r).map(|(e, r)| e * r).sum())
-            .collect()
+        (0..self.size).map(|i| self.row(i).iter().zip(r).map(|(e, r)| e * r).sum()).collect()
     }
 }

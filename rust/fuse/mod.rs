@@ -32,36 +32,21 @@ pub enum Weights {
 /// The uniform average `(1/N) sum_i E_i` of `size` realizations with the given hits per entry.
 pub fn uniform(law: &Law, counts: &[u64], size: u64) -> Vec<f64> {
     let n = size.max(1) as f64;
-    law.atoms()
-        .iter()
-        .zip(counts)
-        .map(|(atom, &count)| atom * (count as f64 / n))
-        .collect()
+    law.atoms().iter().zip(counts).map(|(atom, &count)| atom * (count as f64 / n)).collect()
 }
 
 /// `||a - b||_2`, without overflow or underflow for any finite input whose result is representable.
 pub fn distance(a: &[f64], b: &[f64]) -> f64 {
-    let scale = a
-        .iter()
-        .zip(b)
-        .fold(0.0f64, |m, (a, b)| m.max((a - b).abs()));
+    let scale = a.iter().zip(b).fold(0.0f64, |m, (a, b)| m.max((a - b).abs()));
     if scale == 0.0 || !scale.is_finite() {
         return scale;
     }
-    let sum: f64 = a
-        .iter()
-        .zip(b)
-        .map(|(a, b)| ((a - b) / scale).powi(2))
-        .sum();
+    let sum: f64 = a.iter().zip(b).map(|(a, b)| ((a - b) / scale).powi(2)).sum();
     scale * sum.sqrt()
 }
 
 /// The power of two next to `max |v|` (1 for all zeros): dividing by it is exact and keeps squares in range.
 pub(crate) fn power_of_two_scale<'a>(values: impl IntoIterator<Item = &'a f64>) -> f64 {
     let max = values.into_iter().fold(0.0f64, |m, v| m.max(v.abs()));
-    if max == 0.0 {
-        1.0
-    } else {
-        max.log2().floor().clamp(-1021.0, 1022.0).exp2()
-    }
+    if max == 0.0 { 1.0 } else { max.log2().floor().clamp(-1021.0, 1022.0).exp2() }
 }

@@ -18,17 +18,12 @@ pub struct Path {
 }
 
 /// Calls `visit(k, counts)` with the hits of the first `k` realizations, for every `k` in the increasing `sizes`.
-fn with_counts(
-    draws: &Singletons,
-    sizes: &[usize],
-    stop: &Stop,
-    mut visit: impl FnMut(usize, &[u64]),
-) -> Result<()> {
+fn with_counts(draws: &Singletons, sizes: &[usize], stop: &Stop, mut visit: impl FnMut(usize, &[u64])) -> Result<()> {
     let mut counts = vec![0u64; draws.law().values().len()];
     let mut done = 0;
     for &size in sizes {
         stop.check()?;
-        draws.add_counts(done, size, &mut counts);
+        draws.add_counts(done, size, &mut counts, stop)?;
         done = size;
         visit(size, &counts);
     }
@@ -39,13 +34,7 @@ fn with_counts(
 ///
 /// # Errors
 /// [`crate::Error::Interrupted`] after a stop.
-pub fn uniform_path(
-    draws: &Singletons,
-    target: &[f64],
-    sizes: &[usize],
-    keep: bool,
-    stop: &Stop,
-) -> Result<Path> {
+pub fn uniform_path(draws: &Singletons, target: &[f64], sizes: &[usize], keep: bool, stop: &Stop) -> Result<Path> {
     let mut path = Path::default();
     with_counts(draws, sizes, stop, |size, counts| {
         let mean = uniform(draws.law(), counts, size as u64);

@@ -13,15 +13,9 @@ fn line_search(f: &mut [f64], x: impl Fn(usize) -> f64, target: &[f64]) -> f64 {
         num += (t - f) * d;
         den += d * d;
     }
-    let t = if den > 0.0 {
-        (num / den).clamp(0.0, 1.0)
-    } else {
-        0.0
-    };
+    let t = if den > 0.0 { (num / den).clamp(0.0, 1.0) } else { 0.0 };
     if t > 0.0 {
-        f.iter_mut()
-            .enumerate()
-            .for_each(|(k, f)| *f += t * (x(k) - *f));
+        f.iter_mut().enumerate().for_each(|(k, f)| *f += t * (x(k) - *f));
     }
     t
 }
@@ -42,20 +36,14 @@ pub fn slse_dense(
     let scaled: Vec<f64> = target.iter().map(|t| t / scale).collect();
     let mut f = vec![0.0; target.len()];
     let mut sum = vec![0.0; if safeguard { target.len() } else { 0 }];
-    let mut out = Sequential {
-        weights: try_zeros("the weights", samples.size())?,
-        ..Sequential::default()
-    };
-    let mut safeguards = if safeguard {
-        try_zeros("the safeguard steps", samples.size())?
-    } else {
-        Vec::new()
-    };
+    let mut out = Sequential::default();
+    let mut safeguards = if safeguard { try_zeros("the safeguard steps", samples.size())? } else { Vec::new() };
     let mut wanted = sizes.iter().copied().peekable();
-    for i in 0..samples.size() {
+    let mut steps: Vec<f64> = try_zeros("the weights", samples.size())?;
+    for (i, step) in steps.iter_mut().enumerate() {
         stop.check()?;
         let e = samples.row(i);
-        out.weights[i] = if i == 0 {
+        *step = if i == 0 {
             f.iter_mut().zip(e).for_each(|(f, e)| *f = e / scale);
             1.0
         } else {
@@ -74,7 +62,8 @@ pub fn slse_dense(
         }
     }
     out.estimate = f.iter().map(|f| f * scale).collect();
-    steps_to_weights(&mut out.weights, &safeguards);
+    steps_to_weights(&mut steps, &safeguards);
+    out.weights = steps;
     Ok(out)
 }
 

@@ -9,28 +9,15 @@ use crate::control::{self, Realized};
 
 /// The Moore-Penrose inverse of `B` (n, m): `(matrix (m, n), rank, singular_values, condition)`.
 #[pyfunction]
-#[expect(
-    clippy::type_complexity,
-    reason = "one tuple per call, named in the stub"
-)]
+#[expect(clippy::type_complexity, reason = "one tuple per call, named in the stub")]
 pub(super) fn pseudoinverse<'py>(
     py: Python<'py>,
     b: PyReadonlyArray2<'py, f64>,
-) -> PyResult<(
-    Bound<'py, PyArray2<f64>>,
-    usize,
-    Bound<'py, PyArray1<f64>>,
-    f64,
-)> {
+) -> PyResult<(Bound<'py, PyArray2<f64>>, usize, Bound<'py, PyArray1<f64>>, f64)> {
     let (rows, cols) = b.as_array().dim();
     let values = slice("B", &b)?;
     let p = run(py, 0.0, |_| control::pseudoinverse(values, rows, cols))?;
-    Ok((
-        array2(py, p.matrix, cols, rows)?,
-        p.rank,
-        array1(py, p.singular_values),
-        p.condition,
-    ))
+    Ok((array2(py, p.matrix, cols, rows)?, p.rank, array1(py, p.singular_values), p.condition))
 }
 
 /// `B^+ (xf^s - A^s x0^s)` for every realization (size, m), given `B^+` (m, n).
@@ -46,12 +33,7 @@ pub(super) fn realization_controls<'py>(
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let (m, n) = pinv.as_array().dim();
     let values = slice("pinv", &pinv)?;
-    let realized = Realized::new(
-        x0.entity("x0", false)?,
-        xf.entity("xf", false)?,
-        a.entity("A", rows)?,
-        n,
-    )?;
+    let realized = Realized::new(x0.entity("x0", false)?, xf.entity("xf", false)?, a.entity("A", rows)?, n)?;
     let size = realized.size();
     let cost = size as f64 * (m * n) as f64;
     let controls = run(py, cost, |stop| realized.controls(values, m, threads, stop))?;
@@ -68,12 +50,7 @@ pub(super) fn mean_difference<'py>(
     a: EntityArgument<'py>,
     rows: bool,
 ) -> PyResult<(Bound<'py, PyArray1<f64>>, usize)> {
-    let realized = Realized::new(
-        x0.entity("x0", false)?,
-        xf.entity("xf", false)?,
-        a.entity("A", rows)?,
-        n,
-    )?;
+    let realized = Realized::new(x0.entity("x0", false)?, xf.entity("xf", false)?, a.entity("A", rows)?, n)?;
     let cost = realized.size() as f64 * n as f64;
     let mean = run(py, cost, |stop| realized.mean(stop))?;
     Ok((array1(py, mean), realized.size()))

@@ -14,32 +14,19 @@ pub(super) fn slice<'a, D: ndarray::Dimension>(
     name: &str,
     array: &'a PyReadonlyArray<'_, f64, D>,
 ) -> PyResult<&'a [f64]> {
-    array
-        .as_slice()
-        .map_err(|_| ShapeError::new_err(format!("`{name}` must be C-contiguous")))
+    array.as_slice().map_err(|_| ShapeError::new_err(format!("`{name}` must be C-contiguous")))
 }
 
 /// 32 bytes as a key.
 pub(super) fn key(bytes: &[u8]) -> PyResult<Key> {
     let found = bytes.len();
-    bytes
-        .try_into()
-        .map(Key)
-        .map_err(|_| InputError::new_err(format!("`key` must have 32 bytes, got {found}")))
+    bytes.try_into().map(Key).map_err(|_| InputError::new_err(format!("`key` must have 32 bytes, got {found}")))
 }
 
 /// A `rows x cols` array from its entries.
-pub(super) fn array2(
-    py: Python<'_>,
-    values: Vec<f64>,
-    rows: usize,
-    cols: usize,
-) -> PyResult<Bound<'_, PyArray2<f64>>> {
-    let array = ndarray::Array2::from_shape_vec((rows, cols), values).map_err(|e| {
-        ShapeError::new_err(format!(
-            "a result does not have {rows} x {cols} entries: {e}"
-        ))
-    })?;
+pub(super) fn array2(py: Python<'_>, values: Vec<f64>, rows: usize, cols: usize) -> PyResult<Bound<'_, PyArray2<f64>>> {
+    let array = ndarray::Array2::from_shape_vec((rows, cols), values)
+        .map_err(|e| ShapeError::new_err(format!("a result does not have {rows} x {cols} entries: {e}")))?;
     Ok(PyArray2::from_owned_array(py, array))
 }
 
@@ -75,10 +62,7 @@ impl EntityArgument<'_> {
     /// The entity as the core takes it; `rows` says how a matrix's draws are laid out.
     pub(super) fn entity(&self, name: &str, rows: bool) -> PyResult<Entity<'_>> {
         Ok(match self {
-            Self::Draws(draws) => Entity::Singletons {
-                draws: draws.inner.clone(),
-                rows,
-            },
+            Self::Draws(draws) => Entity::Singletons { draws: draws.inner.clone(), rows },
             Self::Exact(values) => Entity::Exact(slice(name, values)?),
             Self::Dense(samples) => Entity::Dense(dense(samples)?),
         })
@@ -89,10 +73,7 @@ impl EntityArgument<'_> {
 pub(super) fn target<'a>(array: &'a PyReadonlyArray2<'_, f64>, len: usize) -> PyResult<&'a [f64]> {
     let values = slice("target", array)?;
     if values.len() != len {
-        return Err(ShapeError::new_err(format!(
-            "`target` must have {len} entries, got {}",
-            values.len()
-        )));
+        return Err(ShapeError::new_err(format!("`target` must have {len} entries, got {}", values.len())));
     }
     Ok(values)
 }
@@ -101,9 +82,7 @@ pub(super) fn target<'a>(array: &'a PyReadonlyArray2<'_, f64>, len: usize) -> Py
 pub(super) fn sizes(sizes: &[usize], max: usize) -> PyResult<()> {
     let rising = sizes.windows(2).all(|pair| pair[0] < pair[1]);
     if !rising || sizes.first() == Some(&0) || sizes.last().is_some_and(|&last| last > max) {
-        return Err(InputError::new_err(format!(
-            "`sizes` must increase strictly from at least 1 to at most {max}"
-        )));
+        return Err(InputError::new_err(format!("`sizes` must increase strictly from at least 1 to at most {max}")));
     }
     Ok(())
 }

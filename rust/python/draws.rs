@@ -19,9 +19,7 @@ pub(super) fn scheme(name: &str) -> PyResult<Scheme> {
     match name {
         "iid" => Ok(Scheme::Iid),
         "systematic" => Ok(Scheme::Systematic),
-        other => Err(InputError::new_err(format!(
-            "`scheme` must be 'iid' or 'systematic', got '{other}'"
-        ))),
+        other => Err(InputError::new_err(format!("`scheme` must be 'iid' or 'systematic', got '{other}'"))),
     }
 }
 
@@ -39,33 +37,22 @@ impl Draws {
     ) -> PyResult<Self> {
         let (law, scheme, key) = (law(&values)?.into(), self::scheme(scheme)?, self::key(key)?);
         let cost = 2.0 * size as f64 * values.as_array().nrows() as f64;
-        let inner = run(py, cost, |stop| {
-            sample(&law, size, scheme, &key, threads, stop)
-        })?;
+        let inner = run(py, cost, |stop| sample(&law, size, scheme, &key, threads, stop))?;
         Ok(Self { inner })
     }
 
     /// Realizations with given indices (size, lines) of the law with mean `values` (lines, length).
     #[staticmethod]
-    fn from_indices(
-        values: PyReadonlyArray2<'_, f64>,
-        indices: PyReadonlyArray2<'_, u32>,
-    ) -> PyResult<Self> {
+    fn from_indices(values: PyReadonlyArray2<'_, f64>, indices: PyReadonlyArray2<'_, u32>) -> PyResult<Self> {
         let law = law(&values)?;
         let (size, lines) = indices.as_array().dim();
         if lines != law.lines() {
-            return Err(ShapeError::new_err(format!(
-                "`indices` must have {} columns, got {lines}",
-                law.lines()
-            )));
+            return Err(ShapeError::new_err(format!("`indices` must have {} columns, got {lines}", law.lines())));
         }
         let mut narrow = Indices::zeros(law.length(), size * lines)?;
         let given = indices.as_array();
         if let Some(found) = given.iter().find(|&&r| r as usize >= law.length()) {
-            return Err(InputError::new_err(format!(
-                "`indices` must be below {}, got {found}",
-                law.length()
-            )));
+            return Err(InputError::new_err(format!("`indices` must be below {}, got {found}", law.length())));
         }
         with_indices!(&mut narrow, out => {
             use crate::sample::Index as _;
@@ -74,9 +61,7 @@ impl Draws {
                 debug_assert_eq!(to.get(), from as usize);
             }
         });
-        Ok(Self {
-            inner: Singletons::new(law.into(), narrow, size)?,
-        })
+        Ok(Self { inner: Singletons::new(law.into(), narrow, size)? })
     }
 
     /// Number of realizations.
@@ -105,12 +90,7 @@ impl Draws {
 
     /// The mean of the law (lines, length).
     fn values<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        array2(
-            py,
-            self.inner.law().values().to_vec(),
-            self.lines(),
-            self.length(),
-        )
+        array2(py, self.inner.law().values().to_vec(), self.lines(), self.length())
     }
 
     /// The value of a realization where it hits an entry (lines, length); zero off the support.
@@ -142,15 +122,13 @@ impl Draws {
 
     /// The first `size` realizations, sharing the indices.
     fn prefix(&self, size: usize) -> Self {
-        Self {
-            inner: self.inner.prefix(size),
-        }
+        Self { inner: self.inner.prefix(size) }
     }
 
     /// Hits of every entry (lines, length).
     fn counts<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<i64>>> {
         let cost = self.inner.size() as f64 * self.lines() as f64;
-        let counts = run(py, cost, |_| Ok(self.inner.counts()))?;
+        let counts = run(py, cost, |stop| self.inner.counts(stop))?;
         counts_array(py, counts, self.lines(), self.length())
     }
 
@@ -169,21 +147,16 @@ impl Draws {
             )));
         }
         let cost = self.inner.size() as f64 * self.lines() as f64;
-        let sum = run(py, cost, |_| Ok(self.inner.combine(weights)))?;
+        let sum = run(py, cost, |stop| self.inner.combine(weights, stop))?;
         array2(py, sum, self.lines(), self.length())
     }
 }
 
-fn counts_array(
-    py: Python<'_>,
-    counts: Vec<u64>,
-    lines: usize,
-    length: usize,
-) -> PyResult<Bound<'_, PyArray2<i64>>> {
+fn counts_array(py: Python<'_>, counts: Vec<u64>, lines: usize, length: usize) -> PyResult<Bound<'_, PyArray2<i64>>> {
     // at most 2^53 realizations: every count fits
     let counts: Vec<i64> = counts.into_iter().map(|c| c as i64).collect();
-    let array = ndarray::Array2::from_shape_vec((lines, length), counts)
-        .map_err(|e| ShapeError::new_err(e.to_string()))?;
+    let array =
+        ndarray::Array2::from_shape_vec((lines, length), counts).map_err(|e| ShapeError::new_err(e.to_string()))?;
     Ok(PyArray2::from_owned_array(py, array))
 }
 

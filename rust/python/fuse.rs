@@ -13,19 +13,13 @@ type Array1<'py> = Bound<'py, PyArray1<f64>>;
 type Array2<'py> = Bound<'py, PyArray2<f64>>;
 
 fn set(subsimplex: bool) -> Weights {
-    if subsimplex {
-        Weights::Subsimplex
-    } else {
-        Weights::Simplex
-    }
+    if subsimplex { Weights::Subsimplex } else { Weights::Simplex }
 }
 
 fn require_one_line(draws: &Draws) -> PyResult<()> {
     match draws.inner.law().lines() {
         1 => Ok(()),
-        lines => Err(InputError::new_err(format!(
-            "`draws` must have one line for the closed form, got {lines}"
-        ))),
+        lines => Err(InputError::new_err(format!("`draws` must have one line for the closed form, got {lines}"))),
     }
 }
 
@@ -40,56 +34,30 @@ pub(super) fn closed_form<'py>(
     require_one_line(&draws)?;
     let (inner, length) = (draws.inner.clone(), draws.inner.law().length());
     let values = self::target(&target, length)?;
-    let fit = run(py, 3.0 * inner.size() as f64, |_| {
-        Ok(fuse::closed_form(&inner, values, set(subsimplex)))
-    })?;
-    Ok((
-        array1(py, fit.weights),
-        array2(py, fit.estimate, 1, length)?,
-        fit.error,
-        fit.gap,
-    ))
+    let fit = run(py, 3.0 * inner.size() as f64, |stop| fuse::closed_form(&inner, values, set(subsimplex), stop))?;
+    Ok((array1(py, fit.weights), array2(py, fit.estimate, 1, length)?, fit.error, fit.gap))
 }
 
 /// ALSE by a certified solver: `(weights, estimate, error, gap, status, solver, iterations)`.
 #[pyfunction]
-#[expect(
-    clippy::type_complexity,
-    reason = "one tuple per call, named in the stub"
-)]
 pub(super) fn alse<'py>(
     py: Python<'py>,
     realizations: Realizations<'py>,
     target: PyReadonlyArray2<'py, f64>,
     subsimplex: bool,
     tol: f64,
-) -> PyResult<(
-    Array1<'py>,
-    Array2<'py>,
-    f64,
-    f64,
-    &'static str,
-    &'static str,
-    u64,
-)> {
+) -> PyResult<(Array1<'py>, Array2<'py>, f64, f64, &'static str, &'static str, u64)> {
     let (lines, length) = target.as_array().dim();
     let set = set(subsimplex);
     let solution = match &realizations {
         Realizations::Draws(draws) => {
-            let (inner, values) = (
-                draws.inner.clone(),
-                self::target(&target, draws.inner.law().values().len())?,
-            );
-            run(py, f64::INFINITY, |stop| {
-                simplex::solve(&inner, values, set, tol, stop)
-            })?
+            let (inner, values) = (draws.inner.clone(), self::target(&target, draws.inner.law().values().len())?);
+            run(py, f64::INFINITY, |stop| simplex::solve(&inner, values, set, tol, stop))?
         }
         Realizations::Dense(samples) => {
             let samples = dense(samples)?;
             let values = self::target(&target, samples.dim())?;
-            run(py, f64::INFINITY, |stop| {
-                simplex::solve(&samples, values, set, tol, stop)
-            })?
+            run(py, f64::INFINITY, |stop| simplex::solve(&samples, values, set, tol, stop))?
         }
     };
     Ok((
@@ -105,10 +73,6 @@ pub(super) fn alse<'py>(
 
 /// SLSE: `(weights, estimate, errors, estimates)`, the last two at `sizes`.
 #[pyfunction]
-#[expect(
-    clippy::type_complexity,
-    reason = "one tuple per call, named in the stub"
-)]
 pub(super) fn slse<'py>(
     py: Python<'py>,
     realizations: Realizations<'py>,
@@ -124,18 +88,14 @@ pub(super) fn slse<'py>(
             self::sizes(&sizes, inner.size())?;
             let values = self::target(&target, inner.law().values().len())?;
             let cost = 5.0 * inner.size() as f64 * inner.law().lines() as f64;
-            run(py, cost, |stop| {
-                fuse::slse(&inner, values, safeguard, &sizes, keep_estimates, stop)
-            })?
+            run(py, cost, |stop| fuse::slse(&inner, values, safeguard, &sizes, keep_estimates, stop))?
         }
         Realizations::Dense(samples) => {
             let samples = dense(samples)?;
             self::sizes(&sizes, samples.size())?;
             let values = self::target(&target, samples.dim())?;
             let cost = 5.0 * samples.values().len() as f64;
-            run(py, cost, |stop| {
-                fuse::slse_dense(&samples, values, safeguard, &sizes, keep_estimates, stop)
-            })?
+            run(py, cost, |stop| fuse::slse_dense(&samples, values, safeguard, &sizes, keep_estimates, stop))?
         }
     };
     let kept = if keep_estimates { sizes.len() } else { 0 };
@@ -160,14 +120,9 @@ pub(super) fn uniform_path<'py>(
     self::sizes(&sizes, inner.size())?;
     let values = self::target(&target, inner.law().values().len())?;
     let cost = inner.size() as f64 * inner.law().lines() as f64;
-    let path = run(py, cost, |stop| {
-        fuse::uniform_path(&inner, values, &sizes, keep_estimates, stop)
-    })?;
+    let path = run(py, cost, |stop| fuse::uniform_path(&inner, values, &sizes, keep_estimates, stop))?;
     let kept = if keep_estimates { sizes.len() } else { 0 };
-    Ok((
-        array1(py, path.errors),
-        array2(py, path.estimates, kept, values.len())?,
-    ))
+    Ok((array1(py, path.errors), array2(py, path.estimates, kept, values.len())?))
 }
 
 /// The closed form of prefixes: `(errors, gaps, estimates)`.
@@ -185,20 +140,7 @@ pub(super) fn alse_path<'py>(
     self::sizes(&sizes, inner.size())?;
     let values = self::target(&target, inner.law().values().len())?;
     let cost = inner.size() as f64;
-    let path = run(py, cost, |stop| {
-        fuse::alse_path(
-            &inner,
-            values,
-            set(subsimplex),
-            &sizes,
-            keep_estimates,
-            stop,
-        )
-    })?;
+    let path = run(py, cost, |stop| fuse::alse_path(&inner, values, set(subsimplex), &sizes, keep_estimates, stop))?;
     let kept = if keep_estimates { sizes.len() } else { 0 };
-    Ok((
-        array1(py, path.errors),
-        array1(py, path.gaps),
-        array2(py, path.estimates, kept, values.len())?,
-    ))
+    Ok((array1(py, path.errors), array1(py, path.gaps), array2(py, path.estimates, kept, values.len())?))
 }

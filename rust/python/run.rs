@@ -35,8 +35,7 @@ where
     py.detach(|| {
         std::thread::scope(|scope| {
             let (send, receive) = channel();
-            let spawned =
-                std::thread::Builder::new().spawn_scoped(scope, move || send.send(guarded()));
+            let spawned = std::thread::Builder::new().spawn_scoped(scope, move || send.send(guarded()));
             if let Err(error) = spawned {
                 return Err(PyErr::from(error));
             }

@@ -20,11 +20,7 @@ const MAX_SIZE: u64 = 1 << 53;
 /// [`Error::Value`] if `size` is above `2^53`; [`Error::Interrupted`] after a stop.
 pub fn multinomial_counts(law: &Law, size: u64, key: &Key, stop: &Stop) -> Result<Vec<u64>> {
     if size > MAX_SIZE {
-        return Err(Error::Value {
-            name: "size",
-            expected: "at most 2^53",
-            found: size.to_string(),
-        });
+        return Err(Error::Value { name: "size", expected: "at most 2^53", found: size.to_string() });
     }
     let mut counts = Vec::with_capacity(law.values().len());
     for j in 0..law.lines() {
@@ -68,8 +64,7 @@ mod tests {
         let law = Law::new(vec![3.0, -1.0, 0.5, 0.0, 2.0, 0.0, 0.0, 0.0], 2, 4).unwrap();
         for size in [0, 1, 10, 1 << 31, 1_000_000_000_000, MAX_SIZE] {
             for seed in 0..50 {
-                let counts =
-                    multinomial_counts(&law, size, &Key([seed; 32]), &Stop::new()).unwrap();
+                let counts = multinomial_counts(&law, size, &Key([seed; 32]), &Stop::new()).unwrap();
                 assert_eq!(counts[..4].iter().sum::<u64>(), size);
                 assert_eq!(counts[3], 0);
                 assert_eq!(counts[4], size, "the only nonzero entry gets everything");
@@ -81,8 +76,7 @@ mod tests {
     fn extreme_probabilities_end_quickly_and_exactly() {
         let law = Law::new(vec![1.0, 3.1444753148558566e-10, 5e-324], 1, 3).unwrap();
         for seed in 0..200 {
-            let counts =
-                multinomial_counts(&law, 16_000_000, &Key([seed; 32]), &Stop::new()).unwrap();
+            let counts = multinomial_counts(&law, 16_000_000, &Key([seed; 32]), &Stop::new()).unwrap();
             assert_eq!(counts.iter().sum::<u64>(), 16_000_000);
         }
     }

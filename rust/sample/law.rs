@@ -22,11 +22,7 @@ impl Law {
     /// # Errors
     /// [`Error::Shape`] if the length does not fit, [`Error::NonFinite`] for NaN, infinities, or a 1-norm that overflows.
     pub fn new(values: Vec<f64>, lines: usize, length: usize) -> Result<Self> {
-        if lines == 0
-            || length == 0
-            || length > MAX_LENGTH
-            || checked_len("a law", lines, length)? != values.len()
-        {
+        if lines == 0 || length == 0 || length > MAX_LENGTH || checked_len("a law", lines, length)? != values.len() {
             return Err(Error::Shape {
                 name: "values",
                 expected: format!("{lines} lines of {length} entries (1 to 2^31)"),
@@ -35,23 +31,11 @@ impl Law {
         }
         require_finite("values", &values)?;
         // g_j = ||line j||_1
-        let gamma: Vec<f64> = values
-            .chunks_exact(length)
-            .map(|line| line.iter().map(|v| v.abs()).sum())
-            .collect();
+        let gamma: Vec<f64> = values.chunks_exact(length).map(|line| line.iter().map(|v| v.abs()).sum()).collect();
         if let Some(index) = gamma.iter().position(|g| !g.is_finite()) {
-            return Err(Error::NonFinite {
-                name: "values",
-                what: "1-norm",
-                index: index * length,
-            });
+            return Err(Error::NonFinite { name: "values", what: "1-norm", index: index * length });
         }
-        Ok(Self {
-            lines,
-            length,
-            values,
-            gamma,
-        })
+        Ok(Self { lines, length, values, gamma })
     }
 
     /// How many independent indices a realization has.
@@ -81,10 +65,7 @@ impl Law {
 
     /// The sign of every entry: `1`, `-1`, or `0` off the support.
     pub fn signs(&self) -> Vec<f64> {
-        self.values
-            .iter()
-            .map(|&v| if v == 0.0 { 0.0 } else { v.signum() })
-            .collect()
+        self.values.iter().map(|&v| if v == 0.0 { 0.0 } else { v.signum() }).collect()
     }
 
     /// The value `g_j sign(w_i)` a realization has where it hits entry `(j, i)`; 0 off the support.

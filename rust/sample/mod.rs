@@ -47,7 +47,7 @@ pub enum Scheme {
 /// use stochens::{Key, Law, Scheme, Stop, sample};
 /// let law = Law::new(vec![3.0, -1.0, 0.0], 1, 3)?;
 /// let draws = sample(&law.into(), 1000, Scheme::Iid, &Key([7; 32]), 2, &Stop::new())?;
-/// assert_eq!(draws.counts()[2], 0); // a zero component is never drawn
+/// assert_eq!(draws.counts(&Stop::new())?[2], 0); // a zero component is never drawn
 /// # Ok::<(), stochens::Error>(())
 /// ```
 pub fn sample(
@@ -64,9 +64,5 @@ pub fn sample(
         Scheme::Iid => iid::fill(law, key, out, threads, stop)?,
         Scheme::Systematic => systematic::fill(law, key, out, size, stop)?,
     });
-    Ok(Singletons::from_parts(
-        Arc::clone(law),
-        Arc::new(indices),
-        size,
-    ))
+    Ok(Singletons::from_parts(Arc::clone(law), Arc::new(indices), size))
 }

@@ -4,6 +4,10 @@ use std::sync::Arc;
 
 use super::law::Law;
 use crate::error::{Error, Result, try_zeros};
+use crate::parallel::Stop;
+
+/// Realizations between two looks at the stop flag: well below a millisecond per line.
+const BLOCK: usize = 1 << 14;
 
 /// An unsigned integer that stores the index of an entry in its line.
 pub trait Index: Copy + Clone + Default + Send + Sync + 'static {
@@ -142,57 +146,66 @@ impl Singletons {
 
     /// The first `size` realizations (all of them if there are fewer), without a copy.
     pub fn prefix(&self, size: usize) -> Self {
-        Self {
-            law: Arc::clone(&self.law),
-            indices: Arc::clone(&self.indices),
-            size: size.min(self.size),
-        }
+        Self { law: Arc::clone(&self.law), indices: Arc::clone(&self.indices), size: size.min(self.size) }
     }
 
-    /// How many realizations hit each entry, line by line.
-    pub fn counts(&self) -> Vec<u64> {
+    /// How many realizations hit each entry, line by line. A zero line counts its first entry.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`] after a stop.
+    pub fn counts(&self, stop: &Stop) -> Result<Vec<u64>> {
         let mut counts = vec![0u64; self.law.values().len()];
-        self.add_counts(0, self.size, &mut counts);
-        counts
+        self.add_counts(0, self.size, &mut counts, stop)?;
+        Ok(counts)
     }
 
     /// Adds the hits of the realizations `from..to`.
-    pub(crate) fn add_counts(&self, from: usize, to: usize, counts: &mut [u64]) {
+    pub(crate) fn add_counts(&self, from: usize, to: usize, counts: &mut [u64], stop: &Stop) -> Result<()> {
         let (lines, length) = (self.law.lines(), self.law.length());
         with_indices!(&*self.indices, indices => {
-            for sample in indices[from * lines..to * lines].chunks_exact(lines) {
-                for (counts, r) in counts.chunks_exact_mut(length).zip(sample) {
-                    counts[r.get()] += 1;
+            for block in indices[from * lines..to * lines].chunks(BLOCK * lines) {
+                stop.check()?;
+                for sample in block.chunks_exact(lines) {
+                    let mut base = 0;
+                    for r in sample {
+                        counts[base + r.get()] += 1;
+                        base += length;
+                    }
                 }
             }
         });
+        Ok(())
     }
 
     /// `sum_i w_i E_i`, line by line; `weights` has one entry per realization.
-    pub fn combine(&self, weights: &[f64]) -> Vec<f64> {
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`] after a stop.
+    pub fn combine(&self, weights: &[f64], stop: &Stop) -> Result<Vec<f64>> {
         let (lines, length) = (self.law.lines(), self.law.length());
         let mut sums = vec![0.0; self.law.values().len()];
         with_indices!(&*self.indices, indices => {
-            for (sample, &w) in indices.chunks_exact(lines).zip(weights) {
-                for (sums, r) in sums.chunks_exact_mut(length).zip(sample) {
-                    sums[r.get()] += w;
+            for (block, weights) in indices.chunks(BLOCK * lines).zip(weights.chunks(BLOCK)) {
+                stop.check()?;
+                for (sample, &w) in block.chunks_exact(lines).zip(weights) {
+                    let mut base = 0;
+                    for r in sample {
+                        sums[base + r.get()] += w;
+                        base += length;
+                    }
                 }
             }
         });
-        sums.iter_mut()
-            .zip(self.law.atoms())
-            .for_each(|(sum, atom)| *sum *= atom);
-        sums
+        for (sum, atom) in sums.iter_mut().zip(self.law.atoms()) {
+            *sum *= atom;
+        }
+        Ok(sums)
     }
 
     /// `<r, E_i>` for every realization, given `r` line by line.
     pub fn correlate(&self, r: &[f64]) -> Vec<f64> {
         let (lines, length) = (self.law.lines(), self.law.length());
-        let table: Vec<f64> = r
-            .iter()
-            .zip(self.law.atoms())
-            .map(|(r, atom)| r * atom)
-            .collect();
+        let table: Vec<f64> = r.iter().zip(self.law.atoms()).map(|(r, atom)| r * atom).collect();
         with_indices!(&*self.indices, indices => indices
             .chunks_exact(lines)
             .take(self.size)

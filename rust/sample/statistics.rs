@@ -28,18 +28,11 @@ fn shapes(n: usize) -> [(&'static str, Vec<f64>); 5] {
         ("uniform", value(&|_| 1.0)),
         ("linear", value(&|i| i + n as f64 / 20.0)),
         ("harmonic", value(&|i| -1.0 / (i + 1.0))),
-        (
-            "two levels",
-            value(&|i| if i % 2.0 == 0.0 { 1.0 } else { 3.0 }),
-        ),
+        ("two levels", value(&|i| if i % 2.0 == 0.0 { 1.0 } else { 3.0 })),
         (
             "every third zero",
             value(&|i| {
-                if i % 3.0 == 1.0 {
-                    0.0
-                } else {
-                    2.0 + (i * 0.7).sin()
-                }
+                if i % 3.0 == 1.0 { 0.0 } else { 2.0 + (i * 0.7).sin() }
             }),
         ),
     ]
@@ -74,10 +67,7 @@ fn the_sampler_follows_its_weights() {
             let table = AliasTable::new(&weights).unwrap();
             let key = Key([(10 * at + shape) as u8; 32]);
             let excess = excess(words(&key).map(|word| table.draw(word)), &weights);
-            assert!(
-                excess < 1.0,
-                "{name}, n = {n}: {excess} of the critical value"
-            );
+            assert!(excess < 1.0, "{name}, n = {n}: {excess} of the critical value");
         }
     }
 }
@@ -91,33 +81,18 @@ fn wrong_tables_are_caught() {
     type Mutant<'a> = (&'a str, &'a dyn Fn(usize, u64) -> u64);
     let mutants: [Mutant; 4] = [
         ("the coin is ignored", &|cell, _| cell as u64),
-        ("thresholds are a tenth too small", &|_, entry| {
-            (entry >> 32) * 9 / 10 * COIN | low(entry)
-        }),
-        ("aliases are off by one", &|_, entry| {
-            entry >> 32 << 32 | (low(entry) + 1) % n as u64
-        }),
-        ("threshold and its complement are swapped", &|_, entry| {
-            (COIN - 1 - (entry >> 32)) << 32 | low(entry)
-        }),
+        ("thresholds are a tenth too small", &|_, entry| ((entry >> 32) * 9 / 10 * COIN) | low(entry)),
+        ("aliases are off by one", &|_, entry| (entry >> 32 << 32) | ((low(entry) + 1) % n as u64)),
+        ("threshold and its complement are swapped", &|_, entry| ((COIN - 1 - (entry >> 32)) << 32) | low(entry)),
     ];
     for (name, mutant) in mutants {
         let mut table = AliasTable::new(weights).unwrap();
         table.mutate(mutant);
         // cells beyond n would index out of range: such a draw counts as component 0
-        let draws = words(&Key([1; 32])).map(|word| {
-            if table.draw(word) < n as u32 {
-                table.draw(word)
-            } else {
-                0
-            }
-        });
+        let draws = words(&Key([1; 32])).map(|word| if table.draw(word) < n as u32 { table.draw(word) } else { 0 });
         assert!(excess(draws, weights) > 1.0, "{name} went unnoticed");
     }
     let modulo = words(&Key([1; 32])).map(|word| (word % n as u64) as u32);
-    assert!(
-        excess(modulo, weights) > 1.0,
-        "a missing table went unnoticed"
-    );
+    assert!(excess(modulo, weights) > 1.0, "a missing table went unnoticed");
     // a 32-bit seed, a stream without its line, ... show up as repeated words, not here: see the stream tests
 }

@@ -28,12 +28,7 @@ pub fn systematic_counts(law: &Law, size: u64, key: &Key) -> Vec<u64> {
                 return 0;
             }
             // c = last is exactly N: no rounding may lose or invent a realization
-            let c = if c == last {
-                size
-            } else {
-                (size as f64 * (c / last) - offset).ceil() as u64
-            }
-            .min(size);
+            let c = if c == last { size } else { (size as f64 * (c / last) - offset).ceil() as u64 }.min(size);
             let count = c.saturating_sub(below);
             below = below.max(c);
             count
@@ -43,13 +38,7 @@ pub fn systematic_counts(law: &Law, size: u64, key: &Key) -> Vec<u64> {
 }
 
 /// Fills `out` with the counted indices, shuffled per line (Fisher-Yates from the end).
-pub(super) fn fill<I: Index>(
-    law: &Law,
-    key: &Key,
-    out: &mut [I],
-    size: usize,
-    stop: &Stop,
-) -> Result<()> {
+pub(super) fn fill<I: Index>(law: &Law, key: &Key, out: &mut [I], size: usize, stop: &Stop) -> Result<()> {
     let counts = systematic_counts(law, size as u64, key);
     let mut order: Vec<I> = try_zeros("the order of a systematic sample", size)?;
     for (j, counts) in counts.chunks_exact(law.length()).enumerate() {
@@ -62,18 +51,18 @@ pub(super) fn fill<I: Index>(
             let end = at + count as usize;
             order[at..end].fill(I::new(i as u32));
             at = end;
+            stop.check()?;
         }
         let mut rng = key.stream(Purpose::Permutation, j);
         for i in (1..size).rev() {
+            if i % (1 << 20) == 0 {
+                stop.check()?;
+            }
             // floor(word (i + 1) / 2^64): uniform on 0..=i up to 2^-64 (i + 1)
             let k = (u128::from(rng.next_u64()) * (i as u128 + 1)) >> 64;
             order.swap(i, k as usize);
         }
-        out[j..]
-            .iter_mut()
-            .step_by(law.lines())
-            .zip(&order)
-            .for_each(|(to, &from)| *to = from);
+        out[j..].iter_mut().step_by(law.lines()).zip(&order).for_each(|(to, &from)| *to = from);
     }
     Ok(())
 }
@@ -92,10 +81,7 @@ mod tests {
             for (w, &count) in w.iter().zip(&counts) {
                 let expected = size as f64 * w.abs() / 6.5;
                 // The product is rounded once: allow its last bit at a trillion.
-                assert!(
-                    (count as f64 - expected).abs() <= 1.0 + 1e-15 * size as f64,
-                    "{count} {expected}"
-                );
+                assert!((count as f64 - expected).abs() <= 1.0 + 1e-15 * size as f64, "{count} {expected}");
             }
         }
     }
@@ -104,10 +90,7 @@ mod tests {
     fn whole_expectations_are_met_exactly() {
         let law = Law::new(vec![3.0, -1.0, 0.5, 0.0, 2.0], 1, 5).unwrap();
         for seed in 0..20 {
-            assert_eq!(
-                systematic_counts(&law, 6500, &Key([seed; 32])),
-                [3000, 1000, 500, 0, 2000]
-            );
+            assert_eq!(systematic_counts(&law, 6500, &Key([seed; 32])), [3000, 1000, 500, 0, 2000]);
         }
     }
 }

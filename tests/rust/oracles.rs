@@ -33,13 +33,13 @@ proptest! {
         let target: Vec<f64> = w.iter().zip(&shift).map(|(w, s)| if exact { *w } else { w + s }).collect();
         let set = if subsimplex { Weights::Subsimplex } else { Weights::Simplex };
         let draws = draws(w, 1, size, seed);
-        let formula = closed_form(&draws, &target, set);
+        let formula = closed_form(&draws, &target, set, &Stop::new()).unwrap();
         let solved = simplex::solve(&draws, &target, set, 1e-9, &Stop::new()).unwrap();
         let scale = target.iter().map(|t| t * t).sum::<f64>() + draws.law().squared_norm();
         prop_assert!(formula.gap <= 1e-13 * scale);
         // both gaps bound the distance to the same optimum
         prop_assert!((formula.objective - solved.error * solved.error).abs() <= formula.gap + solved.gap + 1e-13 * scale);
-        prop_assert!(distance(&formula.estimate, &draws.combine(&formula.weights)) <= 1e-13 * scale.sqrt());
+        prop_assert!(distance(&formula.estimate, &draws.combine(&formula.weights, &Stop::new()).unwrap()) <= 1e-13 * scale.sqrt());
     }
 
     /// ALSE <= SLSE and ALSE <= uniform, up to the certified gap; the gap bounds the distance to any feasible point.
@@ -53,7 +53,7 @@ proptest! {
         let alse = simplex::solve(&draws, &values, Weights::Simplex, 1e-9, &Stop::new()).unwrap();
         let slse = slse(&draws, &values, false, &[size], false, &Stop::new()).unwrap();
         let safe = stochens::fuse::slse(&draws, &values, true, &[size], false, &Stop::new()).unwrap();
-        let mean = draws.combine(&vec![1.0 / size as f64; size]);
+        let mean = draws.combine(&vec![1.0 / size as f64; size], &Stop::new()).unwrap();
         let squared = |e: f64| e * e;
         let slack = 1e-12 * draws.law().squared_norm();
         for other in [slse.errors[0], safe.errors[0], distance(&mean, &values)] {
@@ -79,7 +79,7 @@ proptest! {
             (0..size).flat_map(|s| {
                 let mut weights = vec![0.0; size];
                 weights[s] = 1.0;
-                let e = d.combine(&weights);
+                let e = d.combine(&weights, &Stop::new()).unwrap();
                 if transpose { (0..9).map(|k| e[(k % 3) * 3 + k / 3]).collect() } else { e }
             }).collect()
         };

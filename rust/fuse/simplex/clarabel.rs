@@ -9,19 +9,12 @@ use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::Duration;
 
 use clarabel::algebra::CscMatrix;
-use clarabel::solver::{
-    DefaultSettings, DefaultSettingsBuilder, DefaultSolver, IPSolver, SupportedConeT,
-};
+use clarabel::solver::{DefaultSettings, DefaultSettingsBuilder, DefaultSolver, IPSolver, SupportedConeT};
 
-use super::Realizations;
+use super::{Proposal, Realizations};
 use crate::error::{Error, Result};
 use crate::fuse::Weights;
 use crate::parallel::Stop;
-
-pub(super) struct Proposal {
-    pub weights: Vec<f64>,
-    pub iterations: u64,
-}
 
 /// The conic data, owned, so that the solve can outlive an interrupted caller.
 struct Conic {
@@ -63,10 +56,7 @@ fn conic(realizations: &impl Realizations, target: &[f64], set: Weights, norm: f
     let d = hit.len();
     let (mut start, mut rows, mut values) = (vec![0], Vec::new(), Vec::new());
     for (i, entries) in columns.into_iter().enumerate() {
-        let mut column: Vec<(usize, f64)> = entries
-            .into_iter()
-            .map(|(k, v)| (row_of[k], v / norm))
-            .collect();
+        let mut column: Vec<(usize, f64)> = entries.into_iter().map(|(k, v)| (row_of[k], v / norm)).collect();
         column.sort_unstable_by_key(|&(row, _)| row);
         column.extend([(d, 1.0), (d + 1 + i, -1.0)]);
         rows.extend(column.iter().map(|c| c.0));
@@ -88,20 +78,10 @@ fn conic(realizations: &impl Realizations, target: &[f64], set: Weights, norm: f
     let quadratic_start = (0..=size + d).map(|j| j.saturating_sub(size)).collect();
     Conic {
         size,
-        quadratic: CscMatrix::new(
-            size + d,
-            size + d,
-            quadratic_start,
-            (size..size + d).collect(),
-            vec![1.0; d],
-        ),
+        quadratic: CscMatrix::new(size + d, size + d, quadratic_start, (size..size + d).collect(), vec![1.0; d]),
         constraints: CscMatrix::new(d + 1 + size, size + d, start, rows, values),
         right,
-        cones: vec![
-            SupportedConeT::ZeroConeT(d),
-            sum_cone,
-            SupportedConeT::NonnegativeConeT(size),
-        ],
+        cones: vec![SupportedConeT::ZeroConeT(d), sum_cone, SupportedConeT::NonnegativeConeT(size)],
     }
 }
 
@@ -114,8 +94,7 @@ fn run(problem: Conic, stop: &Stop) -> Result<Proposal> {
     std::thread::Builder::new()
         .name("stochens-clarabel".into())
         .spawn(move || {
-            let result =
-                std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| solve(&problem, hook)));
+            let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| solve(&problem, hook)));
             let lost = || Err(Error::Numerical("Clarabel panicked on this problem".into()));
             send.send(result.unwrap_or_else(|_| lost())).ok() // the receiver is gone after a stop
         })
@@ -129,17 +108,14 @@ fn run(problem: Conic, stop: &Stop) -> Result<Proposal> {
             }
             Err(RecvTimeoutError::Timeout) => {}
             Err(RecvTimeoutError::Disconnected) => {
-                return Err(Error::Numerical(
-                    "the solver's thread ended without a result".into(),
-                ));
+                return Err(Error::Numerical("the solver's thread ended without a result".into()));
             }
         }
     }
 }
 
 fn solve(problem: &Conic, cancelled: Arc<Stop>) -> Result<Proposal> {
-    let refused =
-        |e: &dyn std::fmt::Display| Error::Numerical(format!("Clarabel refused the problem: {e}"));
+    let refused = |e: &dyn std::fmt::Display| Error::Numerical(format!("Clarabel refused the problem: {e}"));
     let settings: DefaultSettings<f64> = DefaultSettingsBuilder::default()
         .verbose(false)
         .tol_gap_abs(1e-13)
@@ -150,19 +126,14 @@ fn solve(problem: &Conic, cancelled: Arc<Stop>) -> Result<Proposal> {
         .build()
         .map_err(|e| refused(&e))?;
     let linear = vec![0.0; problem.quadratic.n];
-    let mut solver = DefaultSolver::new(
-        &problem.quadratic,
-        &linear,
-        &problem.constraints,
-        &problem.right,
-        &problem.cones,
-        settings,
-    )
-    .map_err(|e| refused(&e))?;
+    let mut solver =
+        DefaultSolver::new(&problem.quadratic, &linear, &problem.constraints, &problem.right, &problem.cones, settings)
+            .map_err(|e| refused(&e))?;
     solver.set_termination_callback(move |_| cancelled.requested());
     solver.solve();
     Ok(Proposal {
         weights: solver.solution.x[..problem.size].to_vec(),
+        solver: "clarabel",
         iterations: u64::from(solver.solution.iterations),
     })
 }

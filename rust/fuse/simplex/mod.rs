@@ -49,12 +49,19 @@ pub struct Solution {
     pub iterations: u64,
 }
 
+/// Weights that a solver found, feasible or not.
+struct Proposal {
+    weights: Vec<f64>,
+    solver: &'static str,
+    iterations: u64,
+}
+
 /// Realizations as a linear map from weights to entries.
 pub trait Realizations {
     /// Number of realizations.
     fn size(&self) -> usize;
     /// `sum_i w_i E_i`.
-    fn combine(&self, weights: &[f64]) -> Vec<f64>;
+    fn combine(&self, weights: &[f64], stop: &Stop) -> Result<Vec<f64>>;
     /// `<r, E_i>` for every `i`.
     fn correlate(&self, r: &[f64]) -> Vec<f64>;
     /// The largest norm of a realization.
@@ -67,17 +74,14 @@ impl Realizations for Singletons {
     fn size(&self) -> usize {
         Singletons::size(self)
     }
-    fn combine(&self, weights: &[f64]) -> Vec<f64> {
-        Singletons::combine(self, weights)
+    fn combine(&self, weights: &[f64], stop: &Stop) -> Result<Vec<f64>> {
+        Singletons::combine(self, weights, stop)
     }
     fn correlate(&self, r: &[f64]) -> Vec<f64> {
         Singletons::correlate(self, r)
     }
     fn norm(&self) -> f64 {
-        self.law()
-            .gamma()
-            .iter()
-            .fold(0.0, |norm: f64, &g| norm.hypot(g))
+        self.law().gamma().iter().fold(0.0, |norm: f64, &g| norm.hypot(g))
     }
     fn entries(&self, i: usize, out: &mut Vec<(usize, f64)>) {
         use crate::sample::Index as _;
@@ -98,8 +102,8 @@ impl Realizations for Dense<'_> {
     fn size(&self) -> usize {
         Dense::size(self)
     }
-    fn combine(&self, weights: &[f64]) -> Vec<f64> {
-        Dense::combine(self, weights)
+    fn combine(&self, weights: &[f64], _: &Stop) -> Result<Vec<f64>> {
+        Ok(Dense::combine(self, weights))
     }
     fn correlate(&self, r: &[f64]) -> Vec<f64> {
         Dense::correlate(self, r)
@@ -109,13 +113,7 @@ impl Realizations for Dense<'_> {
         (0..Dense::size(self)).map(norm).fold(0.0, f64::max)
     }
     fn entries(&self, i: usize, out: &mut Vec<(usize, f64)>) {
-        out.extend(
-            self.row(i)
-                .iter()
-                .enumerate()
-                .filter(|(_, e)| **e != 0.0)
-                .map(|(k, e)| (k, *e)),
-        );
+        out.extend(self.row(i).iter().enumerate().filter(|(_, e)| **e != 0.0).map(|(k, e)| (k, *e)));
     }
 }
 
@@ -130,28 +128,13 @@ pub fn solve(
     tol: f64,
     stop: &Stop,
 ) -> Result<Solution> {
+    let size = realizations.size();
     let norm = realizations.norm();
-    if norm == 0.0 {
+    let proposal = if norm == 0.0 {
         // every realization is zero: all weights give the same estimate
-        let weights = vec![1.0 / realizations.size() as f64; realizations.size()];
-        return Ok(certificate::judge(
-            realizations,
-            weights,
-            target,
-            set,
-            tol,
-            "none",
-            0,
-        ));
-    }
-    let proposal = clarabel::propose(realizations, target, set, norm, stop)?;
-    Ok(certificate::judge(
-        realizations,
-        proposal.weights,
-        target,
-        set,
-        tol,
-        "clarabel",
-        proposal.iterations,
-    ))
+        Proposal { weights: vec![1.0 / size as f64; size], solver: "none", iterations: 0 }
+    } else {
+        clarabel::propose(realizations, target, set, norm, stop)?
+    };
+    certificate::judge(realizations, proposal, target, set, tol, stop)
 }

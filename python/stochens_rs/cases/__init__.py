@@ -1,0 +1,13 @@
+"""Systems to try things on: two power networks from public data, and random systems.
+
+Every function returns a :class:`stochens_rs.System` whose ``name`` says which data, base and
+discretization were used.
+"""
+
+from __future__ import annotations
+
+from .ieee14 import ieee14
+from .ieee39 import ieee39
+from .random_system import random_system
+
+__all__ = ["ieee14", "ieee39", "random_system"]

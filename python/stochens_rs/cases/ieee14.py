@@ -1,0 +1,116 @@
+"""The IEEE 14-bus network with five generators: n = 10 states, m = 5 inputs."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from .. import _gate
+from ..system import System
+from ._discretize import discretize
+from ._swing import SYSTEM_MVA, Array, reduced_stiffness, swing
+
+__all__ = ["ieee14"]
+
+# (from, to, x): x in per unit on 100 MVA.
+_BRANCHES = (
+    (1, 2, 0.05917), (1, 5, 0.22304), (2, 3, 0.19797), (2, 4, 0.17632), (2, 5, 0.17388),
+    (3, 4, 0.17103), (4, 5, 0.04211), (4, 7, 0.20912), (4, 9, 0.55618), (5, 6, 0.25202),
+    (6, 11, 0.1989), (6, 12, 0.25581), (6, 13, 0.13027), (7, 8, 0.17615), (7, 9, 0.11001),
+    (9, 10, 0.0845), (9, 14, 0.27038), (10, 11, 0.19207), (12, 13, 0.19988), (13, 14, 0.34802),
+)  # fmt: skip
+_GENERATOR_BUSES = (1, 2, 3, 6, 8)
+
+# Per generator: rating MVA, H in s, x'd and D in per unit on that rating.
+_CLASSIC = np.array([
+    [615.0, 5.148, 0.2995, 2.0],
+    [60.0, 6.54, 0.185, 2.0],
+    [60.0, 6.54, 0.185, 2.0],
+    [25.0, 5.06, 0.232, 2.0],
+    [25.0, 5.06, 0.232, 2.0],
+])  # fmt: skip
+_ANDES = np.array([
+    [100.0, 4.0, 0.6, 0.0],
+    [100.0, 6.5, 0.6, 0.0],
+    [100.0, 5.0, 0.6, 0.0],
+    [100.0, 5.0, 0.6, 0.0],
+    [100.0, 5.0, 0.6, 0.0],
+])  # fmt: skip
+
+
+def _continuous(data: str, base: str) -> tuple[Array, Array, Array]:
+    """Continuous-time ``A``, ``B`` and the reduced stiffness ``L_red``."""
+    rating, H, xd, D = (_CLASSIC if data == "classic" else _ANDES).T
+    # Reactances shrink and inertia and damping grow with the rating of the machine.
+    ratio = rating / SYSTEM_MVA if base == "system" else np.ones_like(rating)
+    L_red = reduced_stiffness(14, _BRANCHES, _GENERATOR_BUSES, xd / ratio)
+    A, B = swing(L_red, H * ratio, D * ratio)
+    return A, B, L_red
+
+
+def ieee14(
+    *,
+    data: Literal["classic", "andes"] = "classic",
+    base: Literal["system", "machine"] = "system",
+    dt: float = 0.01,
+    method: Literal["zoh", "euler"] = "zoh",
+) -> System:
+    """IEEE 14-bus network: lossless classical swing model, Kron-reduced to its five generators.
+
+    Parameters
+    ----------
+    data : {"classic", "andes"}, default "classic"
+        Machine parameters (see Notes). The network is the same for both.
+    base : {"system", "machine"}, default "system"
+        ``"system"`` converts them from the rating of each machine to 100 MVA, as they should be.
+        ``"machine"`` uses the numbers as printed, as if every machine were rated 100 MVA: not
+        physical for the classic data, but found in published models. The ratings of the
+        ``"andes"`` data are 100 MVA, so that both choices give the same system.
+    dt : float, default 0.01
+        Step in seconds.
+    method : {"zoh", "euler"}, default "zoh"
+        ``"zoh"`` is exact for inputs held over a step and fills all 100 entries of ``A``;
+        ``"euler"`` (``I + dt A``) leaves 40, which changes the sampling variance considerably.
+
+    Returns
+    -------
+    System
+        ``A`` (10, 10), ``B`` (10, 5). States: rotor angles of the generators at buses
+        1, 2, 3, 6, 8 in rad, then their speed deviations in rad/s. Inputs: mechanical powers in
+        per unit on 100 MVA.
+
+    Raises
+    ------
+    InputError
+        An unknown choice, or a ``dt`` that is not a positive number.
+
+    Notes
+    -----
+    The common angle of all generators is free, so that ``A`` has the eigenvalue 1. That is its
+    spectral radius with ``"zoh"``; ``"euler"`` pushes the lightly damped modes outside the unit
+    circle (1.006 at 0.01 s). ``B`` has rank 5: one step reaches a 5-dimensional subspace only, and
+    a random target is missed by about ``sqrt(1/2)`` of its length; two steps reach everything.
+
+    References
+    ----------
+    Branch reactances: IEEE 14-bus test case, Power Systems Test Case Archive, University of
+    Washington (1962 AEP data), as distributed with MATPOWER (``case14``; Zimmerman,
+    Murillo-Sanchez and Thomas, IEEE Trans. Power Systems 26(1), 2011).
+    ``"classic"`` machines: Anderson and Fouad, *Power System Control and Stability*, and the
+    14-bus dynamic case of PSAT (Milano, IEEE Trans. Power Systems 20(3), 2005).
+    ``"andes"`` machines: 14-bus dynamic case of ANDES (Cui, Li and Tomsovic, IEEE Trans. Power
+    Systems 36(2), 2021), D = 0.
+
+    Examples
+    --------
+    >>> from stochens_rs.cases import ieee14
+    >>> system = ieee14(data="andes", dt=0.02)
+    >>> system.A.shape, system.B.shape
+    ((10, 10), (10, 5))
+    """
+    _gate.choice("data", data, ("classic", "andes"))
+    _gate.choice("base", base, ("system", "machine"))
+    A_c, B_c, _ = _continuous(data, base)
+    A, B = discretize(A_c, B_c, dt, method)
+    return System(A, B, dt=dt, name=f"IEEE 14-bus ({data} data, {base} base, {method})")

@@ -1,0 +1,76 @@
+"""Gaussian systems of a given size and spectral radius."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .. import _gate
+from ..rng import Key, RngLike, as_key
+from ..system import System
+
+__all__ = ["random_system"]
+
+
+def _generator(key: Key) -> np.random.Generator:
+    """The NumPy generator of a key: Philox with the first 16 bytes, little endian."""
+    return np.random.Generator(np.random.Philox(key=int.from_bytes(bytes(key)[:16], "little")))
+
+
+def random_system(
+    n: int,
+    m: int,
+    rng: RngLike = None,
+    *,
+    spectral_radius: float = 1.0,
+) -> System:
+    """A random system: Gaussian ``A`` scaled to a spectral radius, Gaussian ``B``.
+
+    Parameters
+    ----------
+    n : int
+        Number of states.
+    m : int
+        Number of inputs. With ``m < n`` a random target is not reachable in one step.
+    rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
+        Source of randomness; None takes fresh entropy.
+    spectral_radius : float, default 1.0
+        Largest modulus of an eigenvalue of ``A``, positive.
+
+    Returns
+    -------
+    System
+        ``A`` (n, n) is ``G * spectral_radius / rho(G)`` and ``B`` (n, m), with the entries of
+        ``G``, then those of ``B``, independent standard normal in row-major order. ``dt`` is True
+        (discrete time, no unit).
+
+    Raises
+    ------
+    InputError, InputTypeError
+        A size below 1, a spectral radius that is not a positive number, an unusable ``rng``.
+    ResourceError
+        The matrices do not fit into memory.
+
+    Notes
+    -----
+    The normal variates are NumPy's (``Generator(Philox).standard_normal``): the same ``rng``
+    gives the same system for one version of NumPy. NumPy does not promise this across versions;
+    save ``A`` and ``B`` where they must be kept.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from stochens_rs.cases import random_system
+    >>> system = random_system(4, 2, rng=7, spectral_radius=0.9)
+    >>> bool(np.isclose(np.abs(np.linalg.eigvals(system.A)).max(), 0.9))
+    True
+    """
+    n = _gate.size("n", n)
+    m = _gate.size("m", m)
+    spectral_radius = _gate.positive("spectral_radius", spectral_radius)
+    # A and its copy inside the eigenvalue routine and the result, and B.
+    _gate.memory("the random system", 8 * (3 * n * n + n * m))
+    normal = _generator(as_key(rng).child("random_system"))
+    G = normal.standard_normal((n, n))
+    B = normal.standard_normal((n, m))
+    A = G * (spectral_radius / float(np.abs(np.linalg.eigvals(G)).max()))
+    return System(A, B, dt=True, name=f"random ({n} x {n}, spectral radius {spectral_radius:g})")

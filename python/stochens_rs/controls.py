@@ -1,0 +1,327 @@
+"""Controls from realizations: ``u = B^+ (xf - A x0)``, one per realization or fused."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+import numpy as np
+
+from . import _core, _gate
+from ._threads import get_num_threads
+from .ensembles import Counts, Ensemble, sample
+from .exceptions import InputError, InputTypeError, ShapeError
+from .fusing import METHODS, _norm, fuse
+from .results import Fit, Plan, PlanError, Reachability
+from .rng import RngLike, as_key
+from .system import System
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from .fusing import Method
+
+    Floats: TypeAlias = NDArray[np.float64]
+    EntityLike: TypeAlias = Fit | Ensemble | Counts | ArrayLike
+
+Fusion: TypeAlias = Literal["product", "diagonal"]
+
+_FUSIONS = ("product", "diagonal")
+_REACHABLE = float(np.sqrt(np.finfo(float).eps))
+
+
+def realization_controls(B: ArrayLike, x0: EntityLike, xf: EntityLike, A: EntityLike) -> Floats:
+    """Compute one control per realization, ``u^s = B^+ (xf^s - A^s x0^s)``.
+
+    Parameters
+    ----------
+    B : array_like, shape (n, m)
+        Input matrix.
+    x0, xf : Ensemble or array_like, shape (n,)
+        Realizations of the initial state and the target; an array is the same for all.
+    A : Ensemble or array_like, shape (n, n)
+        Realizations of the system matrix; an array is the same for all.
+
+    Returns
+    -------
+    ndarray, shape (N, m)
+        ``u[s]`` belongs to realization s of every ensemble (N = 1 if all are arrays).
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If an argument cannot be used, or the ensembles differ in size.
+    SolverError
+        If the singular value decomposition of B does not converge.
+
+    Notes
+    -----
+    ``B^+`` is the Moore-Penrose inverse; singular values up to ``eps max(n, m) sigma_max`` count
+    as zero. For singletons a control costs O(m). Its mean is ``B^+ (xf - A x0)``.
+
+    Examples
+    --------
+    >>> import numpy as np, stochens_rs as se
+    >>> A, B = np.array([[0.9, 0.2], [-0.1, 0.8]]), np.array([[1.0], [0.5]])
+    >>> u = se.realization_controls(B, [1.0, 2.0], [0.0, 0.0], se.sample(A, 5, rng=1))
+    >>> u.shape
+    (5, 1)
+    """
+    inputs = _gate.matrix("B", B)
+    entities = _entities(x0, xf, A, n=inputs.shape[0])
+    start, goal, matrix = (entity.realizations() for entity in entities)
+    pinv = _core.pseudoinverse(inputs)[0]
+    size = max(entity.size or 1 for entity in entities)
+    _gate.memory("the controls", size * inputs.shape[1] * 8)
+    return _core.realization_controls(
+        pinv, start, goal, matrix, entities[2].by_rows, get_num_threads()
+    )
+
+
+def control(
+    B: ArrayLike,
+    x0: EntityLike,
+    xf: EntityLike,
+    A: EntityLike,
+    *,
+    fusion: Fusion = "product",
+) -> Plan:
+    """Compute the fused control for one step from x0 to xf.
+
+    Parameters
+    ----------
+    B : array_like, shape (n, m)
+        Input matrix.
+    x0, xf : Fit, Ensemble, Counts or array_like, shape (n,)
+        Initial state and target. A Fit or Counts stands for its estimate, an Ensemble for its
+        uniform average, an array for itself.
+    A : Fit, Ensemble, Counts or array_like, shape (n, n)
+        System matrix.
+    fusion : {"product", "diagonal"}, default "product"
+        "product": ``B^+ (xf_hat - A_hat x0_hat)``. "diagonal": the average of the controls of the
+        paired realizations, as in the paper; it needs ensembles of equal size (or arrays).
+
+    Returns
+    -------
+    Plan
+        The control, the state it should lead to, and what is out of reach.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If an argument cannot be used; the message names it.
+    SolverError
+        If the singular value decomposition of B does not converge.
+
+    Notes
+    -----
+    Both have the mean ``B^+ (xf - A x0)``; product fusion is never worse, in the Loewner order of
+    the covariances and for every convex loss. Product fusion is the sum over all triples of
+    realizations with product weights, evaluated in O(N) (paper, Lemma 3.2, where one index is
+    used for three weight vectors). With m < n a target is in general not reachable in one step;
+    the control is then the least-squares one and ``reachability`` says what is left.
+
+    Examples
+    --------
+    >>> import numpy as np, stochens_rs as se
+    >>> A, B = np.array([[0.9, 0.2], [-0.1, 0.8]]), np.array([[1.0, 0.0], [0.5, 1.0]])
+    >>> x0 = [1.0, 2.0]
+    >>> fit = se.fuse(se.sample(A, 500, rng=1), "alse", target=A)
+    >>> plan = se.control(B, se.sample(x0, 500, rng=2), [0.0, 0.0], fit)
+    >>> plan.status, plan.reachability.reachable
+    ('optimal', True)
+    """
+    inputs = _gate.matrix("B", B)
+    fusion = "diagonal" if _gate.choice("fusion", fusion, _FUSIONS) == "diagonal" else "product"
+    entities = _entities(x0, xf, A, n=inputs.shape[0])
+    pinv, rank, singular_values, condition = _core.pseudoinverse(inputs)
+    if fusion == "diagonal":
+        first, last, matrices = (entity.realizations() for entity in entities)
+        by_rows = entities[2].by_rows
+        difference, _ = _core.mean_difference(inputs.shape[0], first, last, matrices, by_rows)
+        free = entities[1].estimate() - difference  # the average of A^s x0^s
+    else:
+        start, goal, matrix = (entity.estimate() for entity in entities)
+        free = matrix @ start
+        difference = goal - free
+    u = pinv @ difference
+    missed = difference - inputs @ u
+    needed = _norm(difference)
+    relative = _norm(missed) / needed if needed > 0.0 else 0.0
+    info: dict[str, Any] = {entity.name: entity.description for entity in entities}
+    info["singular_values"] = singular_values
+    return Plan(
+        u=u,
+        predicted_state=free + inputs @ u,
+        reachability=Reachability(_norm(missed), relative, rank, condition, relative <= _REACHABLE),
+        fusion=fusion,
+        status=_worst([entity.status for entity in entities]),
+        info=info,
+    )
+
+
+def steer(
+    system: System | Any,
+    x0: ArrayLike,
+    xf: ArrayLike,
+    size: int,
+    *,
+    method: Method = "uniform",
+    fusion: Fusion = "product",
+    rng: RngLike = None,
+) -> Plan:
+    """Sample x0, xf and A, fuse them, and compute the control: all in one call.
+
+    Parameters
+    ----------
+    system : System
+        The system, or anything `System.from_any` takes.
+    x0, xf : array_like, shape (n,)
+        Initial state and target.
+    size : int
+        Number of realizations of each entity.
+    method : {"uniform", "alse", "slse", "slse-safeguarded"}, default "uniform"
+        How to fuse; the least-squares methods fit to the exact entity, as in the paper's analysis.
+    fusion : {"product", "diagonal"}, default "product"
+        As in `control`; "diagonal" goes with method "uniform" only.
+    rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
+        Source of randomness; the entities draw from its children "x0", "xf" and "A".
+
+    Returns
+    -------
+    Plan
+        The fused control; ``info["key"]`` repeats it.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If an argument cannot be used; the message names it.
+
+    Examples
+    --------
+    >>> import stochens_rs as se
+    >>> system = se.System([[0.9, 0.2], [-0.1, 0.8]], [[1.0, 0.0], [0.5, 1.0]])
+    >>> plan = se.steer(system, [1.0, 2.0], [0.0, 0.0], 10_000, rng=1)
+    >>> plan.error(system, [1.0, 2.0], [0.0, 0.0]).control_relative < 0.1
+    True
+    """
+    checked = System.from_any(system)
+    _gate.choice("method", method, METHODS)
+    key = as_key(rng)
+    targets = {
+        "x0": _gate.vector("x0", x0, length=checked.n),
+        "xf": _gate.vector("xf", xf, length=checked.n),
+        "A": checked.A,
+    }
+    fits = {
+        name: fuse(sample(target, size, rng=key.child(name)), method, target=target)
+        for name, target in targets.items()
+    }
+    plan = control(checked.B, fits["x0"], fits["xf"], fits["A"], fusion=fusion)
+    plan.info["key"] = key
+    return plan
+
+
+def plan_error(u: Floats, system: System, x0: Floats, xf: Floats) -> PlanError:
+    """Compare a control with the best one (see `Plan.error`)."""
+    pinv = _core.pseudoinverse(np.ascontiguousarray(system.B))[0]
+    difference = xf - system.A @ x0
+    best = pinv @ difference
+    wrong = u - best
+    shift = system.B @ wrong
+    reached = system.A @ x0 + system.B @ best
+    return PlanError(
+        control=_norm(wrong),
+        control_relative=_ratio(_norm(wrong), _norm(best)),
+        state=_norm(shift),
+        state_relative=_ratio(_norm(shift), _norm(reached)),
+        residual=_norm(difference - system.B @ best),
+    )
+
+
+@dataclass(frozen=True)
+class _Entity:
+    """One argument of a control problem: a fit, an ensemble, counts, or exact values."""
+
+    name: str
+    value: Fit | Ensemble | Counts | Floats
+
+    def estimate(self) -> Floats:
+        """What product fusion uses."""
+        if isinstance(self.value, Fit | Counts):
+            return self.value.estimate
+        return self.value.mean() if isinstance(self.value, Ensemble) else self.value
+
+    def _ensemble(self) -> Ensemble | None:
+        if isinstance(self.value, Counts):
+            raise InputTypeError(
+                f"`{self.name}` must be an Ensemble or an array here: counts have no realizations"
+            )
+        if isinstance(self.value, Fit):
+            if self.value.method != "uniform" or self.value.ensemble is None:
+                raise InputError(
+                    f"`{self.name}` must be an Ensemble or an array here, got a fit by "
+                    f"'{self.value.method}': paired realizations share one weight vector, so "
+                    "weights of their own go with fusion='product'"
+                )
+            return self.value.ensemble
+        return self.value if isinstance(self.value, Ensemble) else None
+
+    def realizations(self) -> _core.Draws | Floats:
+        """What the core pairs up: draws, rows of dense realizations, or a flat exact value."""
+        ensemble = self._ensemble()
+        if ensemble is not None:
+            return ensemble._core_realizations()
+        return self.estimate().ravel()
+
+    @property
+    def by_rows(self) -> bool:
+        ensemble = self._ensemble()
+        return ensemble is not None and ensemble.axis == "rows"
+
+    @property
+    def size(self) -> int | None:
+        if isinstance(self.value, Fit):
+            return len(self.value.weights)
+        return self.value.size if isinstance(self.value, Ensemble | Counts) else None
+
+    @property
+    def status(self) -> str:
+        return self.value.status if isinstance(self.value, Fit) else "completed"
+
+    @property
+    def description(self) -> dict[str, Any]:
+        if isinstance(self.value, Fit):
+            fit = self.value
+            return {"method": fit.method, "size": self.size, "status": fit.status, "gap": fit.gap}
+        if isinstance(self.value, Ensemble | Counts):
+            return {"method": "uniform", "size": self.size}
+        return {"method": "exact", "size": None}
+
+
+def _entities(x0: object, xf: object, A: object, *, n: int) -> tuple[_Entity, _Entity, _Entity]:
+    """Check the three arguments against the number of states."""
+    checked = []
+    for name, value, shape in (("x0", x0, (n,)), ("xf", xf, (n,)), ("A", A, (n, n))):
+        if isinstance(value, Fit | Ensemble | Counts):
+            if value.shape != shape:
+                raise ShapeError(
+                    f"`{name}` must have shape {shape} to fit `B` with {n} rows, got {value.shape}"
+                )
+            checked.append(_Entity(name, value))
+        elif len(shape) == 1:
+            checked.append(_Entity(name, _gate.vector(name, value, length=n)))
+        else:
+            checked.append(_Entity(name, _gate.matrix(name, value, rows=n, cols=n)))
+    return checked[0], checked[1], checked[2]
+
+
+def _worst(statuses: list[str]) -> str:
+    order = ("completed", "optimal", "optimal_inaccurate")
+    return max(statuses, key=order.index)
+
+
+def _ratio(value: float, reference: float) -> float:
+    if reference > 0.0:
+        return value / reference
+    return 0.0 if value == 0.0 else float("inf")

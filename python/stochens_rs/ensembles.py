@@ -1,0 +1,567 @@
+"""Realizations of vectors and matrices: drawn as singletons, or brought by the user.
+
+A singleton realization of a vector ``w`` has one nonzero entry: index ``I`` is drawn with
+probability ``|w_i| / g``, ``g = ||w||_1``, and the realization is ``g sign(w_I) e_I``, so that its
+mean is ``w`` (paper, Lemma 4.1). A matrix is drawn line by line, each column (or each row)
+independently of the others. What is stored is the indices, never the dense realizations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+import numpy as np
+
+from . import _core, _gate
+from ._threads import get_num_threads
+from .exceptions import InputError, InputTypeError, ShapeError
+from .rng import Key, RngLike, as_key
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+Axis: TypeAlias = Literal["columns", "rows"]
+Scheme: TypeAlias = Literal["iid", "systematic"]
+
+_SCHEMES = ("iid", "systematic")
+_AXES = ("columns", "rows")
+
+
+def sample(
+    target: ArrayLike,
+    size: int,
+    *,
+    rng: RngLike = None,
+    scheme: Scheme = "iid",
+    axis: Axis = "columns",
+) -> Ensemble:
+    """Draw realizations whose mean is a given vector or matrix.
+
+    Parameters
+    ----------
+    target : array_like, shape (n,) or (n, m)
+        The vector ``w`` or matrix ``A`` the realizations average to.
+    size : int
+        Number of realizations N, at least 1.
+    rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
+        Source of randomness; it becomes a 256-bit key that is kept as ``.key``. Two calls with
+        the same integer share their draws: use a Generator, or ``key.child(name)``, for entities
+        that must be independent.
+    scheme : {"iid", "systematic"}, default "iid"
+        "iid": independent realizations; the first k of N are those of a sample of size k.
+        "systematic": one random offset per line, so that entry i is hit ``floor(N p_i)`` or
+        ``ceil(N p_i)`` times, in random order. Unbiased, with a mean-square error of at most
+        ``g^2 n / (4 N^2)`` per line instead of ``(g^2 - ||w||^2) / N``; but the realizations are
+        dependent, so results that assume independence (the mean-square bound of SLSE, tail
+        bounds) do not apply.
+    axis : {"columns", "rows"}, default "columns"
+        Which lines of a matrix are drawn independently. Ignored for a vector.
+
+    Returns
+    -------
+    Ensemble
+        N realizations, stored as ``N * lines`` indices of 1, 2 or 4 bytes.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If an argument cannot be used; the message names it.
+    ResourceError
+        If the indices do not fit into the memory this process may use.
+
+    Notes
+    -----
+    ``E[s] = w`` and ``Cov(s) = g diag|w| - w w^T`` (Lemma 4.1, where the printed mean of the *sum*
+    is ``w``: a factor 1/N is missing). A zero vector or zero line gives zero realizations. Draw i
+    of a line depends on (key, i) only, for any number of threads. Probabilities are exact
+    integers out of ``2^32`` times a power of two: zero entries are never drawn.
+
+    Examples
+    --------
+    >>> import stochens_rs as se
+    >>> ensemble = se.sample([3.0, -1.0, 0.0, 2.0], 1000, rng=1)
+    >>> ensemble.size, ensemble.shape, ensemble.gamma
+    (1000, (4,), 6.0)
+    >>> int(ensemble.counts()[2])
+    0
+    """
+    values, axis = _target(target, axis)
+    count = _gate.size("size", size)
+    scheme = _scheme(scheme)
+    lines = _to_lines(values, axis)
+    width = 1 if lines.shape[1] <= 2**8 else 2 if lines.shape[1] <= 2**16 else 4
+    _gate.memory(f"a sample of {count} realizations", count * lines.shape[0] * width)
+    key = as_key(rng)
+    draws = _core.Draws.sample(lines, count, scheme, bytes(key), get_num_threads())
+    return Ensemble._of_draws(draws, values.shape, axis, scheme, key)
+
+
+def sample_counts(
+    target: ArrayLike,
+    size: int,
+    *,
+    rng: RngLike = None,
+    scheme: Scheme = "iid",
+    axis: Axis = "columns",
+) -> Counts:
+    """Draw how often each entry is hit, without drawing the realizations.
+
+    Counts are all a uniform average needs, and they cost O(n m) for any number of realizations.
+
+    Parameters
+    ----------
+    target : array_like, shape (n,) or (n, m)
+        The vector or matrix the realizations average to.
+    size : int
+        Number of realizations N, from 1 to 2^53.
+    rng, scheme, axis
+        As in `sample`.
+
+    Returns
+    -------
+    Counts
+        The counts, and the uniform average they give.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If an argument cannot be used; the message names it.
+
+    Notes
+    -----
+    One multinomial draw per line, by conditional binomials. For "iid" the counts are *equal in
+    distribution* to ``sample(...).counts()``, not equal draw by draw; for "systematic" they are
+    the same counts.
+
+    Examples
+    --------
+    >>> import numpy as np, stochens_rs as se
+    >>> w = np.array([3.0, -1.0, 0.0, 2.0])
+    >>> counts = se.sample_counts(w, 10**12, rng=1)
+    >>> int(counts.counts.sum()) == 10**12, bool(abs(counts.estimate - w).max() < 1e-4)
+    (True, True)
+    """
+    values, axis = _target(target, axis)
+    count = _gate.size("size", size)
+    key = as_key(rng)
+    lines = _to_lines(values, axis)
+    hits = _core.sample_counts(lines, count, _scheme(scheme), bytes(key))
+    atoms = np.sign(lines) * np.abs(lines).sum(axis=1, keepdims=True)
+    return Counts(
+        counts=_from_lines(hits, values.shape, axis),
+        estimate=_from_lines(atoms * (hits / count), values.shape, axis),
+        size=count,
+        key=key,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Counts:
+    """Hits of every entry in N realizations that were not drawn one by one.
+
+    Attributes
+    ----------
+    counts : ndarray of int64, shape (n,) or (n, m)
+        ``counts[i, j]``: realizations that hit entry (i, j). Zero in a zero line.
+    estimate : ndarray, same shape
+        The uniform average ``g_j sign(A_ij) counts[i, j] / N``.
+    size : int
+        Number of realizations N.
+    key : Key
+        The key the draw can be repeated with.
+    """
+
+    counts: NDArray[np.int64]
+    estimate: NDArray[np.float64]
+    size: int
+    key: Key
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the vector or matrix."""
+        return self.counts.shape
+
+
+class Ensemble:
+    """Realizations of one vector or matrix; immutable.
+
+    Made by `sample`, `Ensemble.from_samples` or `Ensemble.from_indices`.
+    """
+
+    __slots__ = ("_axis", "_draws", "_key", "_samples", "_scheme", "_shape")
+
+    _draws: _core.Draws | None
+    _samples: NDArray[np.float64] | None
+    _shape: tuple[int, ...]
+    _axis: Axis
+    _scheme: Scheme | None
+    _key: Key | None
+
+    def __init__(self, *_: object, **__: object) -> None:
+        raise InputTypeError(
+            "an Ensemble is made by `sample`, `Ensemble.from_samples` or `Ensemble.from_indices`"
+        )
+
+    @classmethod
+    def from_samples(cls, samples: ArrayLike) -> Ensemble:
+        """Make an ensemble of any realizations.
+
+        Parameters
+        ----------
+        samples : array_like, shape (N, n) or (N, n, m)
+            ``samples[s]`` is realization s of a vector or a matrix. Copied.
+
+        Returns
+        -------
+        Ensemble
+            With the same methods as a drawn one, except that there are no indices to count.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If the array cannot be used.
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> se.Ensemble.from_samples([[1.0, 0.0], [0.0, 3.0]]).combine([0.5, 0.5])
+        array([0.5, 1.5])
+        """
+        values = _gate.array("samples", samples, ndim=(2, 3))
+        _gate.memory("a copy of the samples", values.nbytes)
+        return cls._of_samples(values.copy())
+
+    @classmethod
+    def from_indices(
+        cls, indices: ArrayLike, target: ArrayLike, *, axis: Axis = "columns"
+    ) -> Ensemble:
+        """Make an ensemble of singletons with given indices.
+
+        Parameters
+        ----------
+        indices : array_like of int, shape (N,) or (N, lines)
+            ``indices[s, j]`` is the entry that realization s hits in line j.
+        target : array_like, shape (n,) or (n, m)
+            The vector or matrix whose 1-norms and signs the realizations have.
+        axis : {"columns", "rows"}, default "columns"
+            Which lines of a matrix the indices belong to.
+
+        Returns
+        -------
+        Ensemble
+            N singleton realizations, without a key.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If the indices do not belong to the target.
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> se.Ensemble.from_indices([0, 0, 1], [3.0, -4.0]).dense()
+        array([[ 7.,  0.],
+               [ 7.,  0.],
+               [ 0., -7.]])
+        """
+        values, axis = _target(target, axis)
+        lines = _to_lines(values, axis)
+        given = np.asarray(indices)
+        if given.dtype.kind not in "ui":
+            raise InputTypeError(f"`indices` must be integers, got dtype {given.dtype}")
+        given = given.reshape(-1, 1) if given.ndim == 1 else given
+        if given.ndim != 2 or given.shape[1] != lines.shape[0] or given.shape[0] < 1:
+            raise ShapeError(f"`indices` must have shape (N, {lines.shape[0]}), got {given.shape}")
+        if given.min() < 0 or given.max() >= lines.shape[1]:
+            raise InputError(f"`indices` must lie in [0, {lines.shape[1]})")
+        draws = _core.Draws.from_indices(lines, np.ascontiguousarray(given, dtype=np.uint32))
+        return cls._of_draws(draws, values.shape, axis, None, None)
+
+    @classmethod
+    def _of_draws(
+        cls,
+        draws: _core.Draws,
+        shape: tuple[int, ...],
+        axis: Axis,
+        scheme: Scheme | None,
+        key: Key | None,
+    ) -> Ensemble:
+        self = object.__new__(cls)
+        self._set(draws, None, shape, axis, scheme, key)
+        return self
+
+    @classmethod
+    def _of_samples(cls, samples: NDArray[np.float64]) -> Ensemble:
+        samples.flags.writeable = False
+        self = object.__new__(cls)
+        self._set(None, samples, samples.shape[1:], "columns", None, None)
+        return self
+
+    def _set(self, *values: Any) -> None:
+        names = ("_draws", "_samples", "_shape", "_axis", "_scheme", "_key")
+        for name, value in zip(names, values, strict=True):
+            object.__setattr__(self, name, value)
+
+    def __setattr__(self, name: str, value: object) -> None:
+        raise AttributeError(f"an Ensemble is immutable: cannot set `{name}`")
+
+    @property
+    def size(self) -> int:
+        """Number of realizations N."""
+        return self._draws.size if self._draws is not None else len(self._dense())
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of a realization: (n,) or (n, m)."""
+        return self._shape
+
+    @property
+    def is_singleton(self) -> bool:
+        """Whether the realizations have one nonzero entry per line."""
+        return self._draws is not None
+
+    @property
+    def axis(self) -> Axis:
+        """Which lines of a matrix were drawn independently."""
+        return self._axis
+
+    @property
+    def scheme(self) -> Scheme | None:
+        """How the realizations were drawn; None if the user brought them."""
+        return self._scheme
+
+    @property
+    def key(self) -> Key | None:
+        """The key the sample can be repeated with (``rng=key``); None if it was not drawn."""
+        return self._key
+
+    @property
+    def gamma(self) -> float:
+        """``||w||_1``, for a matrix the largest 1-norm of a line; for samples the largest seen."""
+        if self._draws is not None:
+            return float(self._draws.gamma().max())
+        norms = np.abs(self._dense()).sum(axis=1)
+        return float(norms.max())
+
+    @property
+    def indices(self) -> NDArray[Any] | None:
+        """Indices (N, lines), read-only, without a copy; None for samples brought by the user."""
+        return None if self._draws is None else self._draws.indices()
+
+    @property
+    def atoms(self) -> NDArray[np.float64] | None:
+        """The value ``g_j sign(A_ij)`` of a realization that hits an entry; None for samples."""
+        if self._draws is None:
+            return None
+        return _from_lines(self._draws.atoms(), self._shape, self._axis)
+
+    @property
+    def samples(self) -> NDArray[np.float64] | None:
+        """The realizations (N, ...) the user brought, read-only; None for singletons."""
+        return self._samples
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes that the realizations take."""
+        return self._draws.nbytes if self._draws is not None else self._dense().nbytes
+
+    def counts(self) -> NDArray[np.int64]:
+        """Count how many realizations hit each entry.
+
+        Returns
+        -------
+        ndarray of int64
+            In the shape of a realization; N in total per line, none in a zero line.
+
+        Raises
+        ------
+        InputTypeError
+            If the realizations are not singletons.
+        """
+        if self._draws is None:
+            raise InputTypeError("counts() needs singleton realizations; these are dense samples")
+        nonzero = (self._draws.gamma() > 0.0)[:, None]
+        return _from_lines(self._draws.counts() * nonzero, self._shape, self._axis)
+
+    def dense(self) -> NDArray[np.float64]:
+        """Write the realizations out.
+
+        Returns
+        -------
+        ndarray, shape (N, n) or (N, n, m)
+            ``dense[s]`` is realization s.
+
+        Raises
+        ------
+        ResourceError
+            If the array does not fit into the memory this process may use.
+        """
+        if self._draws is None:
+            return self._dense().copy()
+        draws = self._draws
+        lines, length = draws.lines, draws.length
+        _gate.memory("the dense realizations", self.size * lines * length * 8)
+        out = np.zeros((self.size, lines, length))
+        index = draws.indices().astype(np.intp)
+        picked = np.take_along_axis(draws.atoms()[None], index[:, :, None], axis=2)
+        np.put_along_axis(out, index[:, :, None], picked, axis=2)
+        return _stack_from_lines(out.reshape(self.size, -1), self._shape, self._axis)
+
+    def prefix(self, size: int) -> Ensemble:
+        """Return the first realizations, sharing their memory.
+
+        Parameters
+        ----------
+        size : int
+            How many, from 1 to N.
+
+        Returns
+        -------
+        Ensemble
+            For an iid sample the same as a sample of that size with the same key.
+        """
+        count = _gate.size("size", size, maximum=self.size)
+        if self._draws is not None:
+            draws = self._draws.prefix(count)
+            return Ensemble._of_draws(draws, self._shape, self._axis, self._scheme, self._key)
+        return Ensemble._of_samples(self._dense()[:count])
+
+    def combine(self, weights: ArrayLike) -> NDArray[np.float64]:
+        """Compute ``sum_s weights[s] E_s``.
+
+        Parameters
+        ----------
+        weights : array_like, shape (N,)
+            Any finite weights.
+
+        Returns
+        -------
+        ndarray
+            In the shape of a realization.
+
+        Raises
+        ------
+        ShapeError, NonFiniteError, InputTypeError
+            If the weights cannot be used.
+        """
+        w = _gate.vector("weights", weights, length=self.size)
+        if self._draws is not None:
+            return _from_lines(self._draws.combine(w), self._shape, self._axis)
+        result: NDArray[np.float64] = np.tensordot(w, self._dense(), axes=1)
+        return result
+
+    def mean(self) -> NDArray[np.float64]:
+        """Compute the uniform average of the realizations.
+
+        Returns
+        -------
+        ndarray
+            In the shape of a realization.
+        """
+        if self._draws is not None:
+            average = self._draws.atoms() * (self._draws.counts() / self.size)
+            return _from_lines(average, self._shape, self._axis)
+        result: NDArray[np.float64] = self._dense().mean(axis=0)
+        return result
+
+    def _dense(self) -> NDArray[np.float64]:
+        assert self._samples is not None
+        return self._samples
+
+    def _lines_of(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Lay a target out as the core does: one line per row (dense samples: one row)."""
+        return _to_lines(values, self._axis) if self._draws is not None else values.reshape(1, -1)
+
+    def _from_core(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Undo `_lines_of`."""
+        if self._draws is not None:
+            return _from_lines(values, self._shape, self._axis)
+        return values.reshape(self._shape)
+
+    def _stack_from_core(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Undo `_lines_of` for every row of (k, entries)."""
+        if self._draws is not None:
+            return _stack_from_lines(values, self._shape, self._axis)
+        return values.reshape(-1, *self._shape)
+
+    def _core_realizations(self) -> _core.Draws | NDArray[np.float64]:
+        """What the core takes as realizations."""
+        return self._draws if self._draws is not None else self._dense().reshape(self.size, -1)
+
+    def __len__(self) -> int:
+        return self.size
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Ensemble):
+            return NotImplemented
+        if (self._shape, self.size, self.is_singleton) != (
+            other._shape,
+            other.size,
+            other.is_singleton,
+        ):
+            return False
+        if self._draws is None or other._draws is None:
+            return np.array_equal(self._dense(), other._dense())
+        return (
+            (len(self._shape) == 1 or self._axis == other._axis)
+            and np.array_equal(self._draws.atoms(), other._draws.atoms())
+            and np.array_equal(self._draws.indices(), other._draws.indices())
+        )
+
+    __hash__ = None  # type: ignore[assignment]  # as large as an array, and as little a key
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        if self._draws is None:
+            return (Ensemble._of_samples, (self._dense().copy(),))
+        state = (self._draws.indices().astype(np.uint32), self._draws.values())
+        return (_rebuild, (*state, self._shape, self._axis, self._scheme, self._key))
+
+    def __repr__(self) -> str:
+        kind = "dense"
+        if self.is_singleton:
+            lines = "" if len(self._shape) == 1 else f"{self._axis}, "
+            kind = f"singleton ({lines}{self._scheme or 'given indices'})"
+        return f"<Ensemble: {self.size} {kind} realizations of shape {self._shape}>"
+
+
+def _rebuild(
+    indices: NDArray[np.uint32],
+    values: NDArray[np.float64],
+    shape: tuple[int, ...],
+    axis: Axis,
+    scheme: Scheme | None,
+    key: Key | None,
+) -> Ensemble:
+    draws = _core.Draws.from_indices(values, indices)
+    return Ensemble._of_draws(draws, shape, axis, scheme, key)
+
+
+def _target(target: ArrayLike, axis: str) -> tuple[NDArray[np.float64], Axis]:
+    checked: Axis = "rows" if _gate.choice("axis", axis, _AXES) == "rows" else "columns"
+    return _gate.array("target", target, ndim=(1, 2)), checked
+
+
+def _scheme(scheme: str) -> Scheme:
+    return "iid" if _gate.choice("scheme", scheme, _SCHEMES) == "iid" else "systematic"
+
+
+def _to_lines(values: NDArray[np.float64], axis: Axis) -> NDArray[np.float64]:
+    """Lay out a vector as one row, a matrix with its independent lines as rows."""
+    if values.ndim == 1:
+        return values.reshape(1, -1)
+    return np.ascontiguousarray(values.T) if axis == "columns" else values
+
+
+def _from_lines(values: NDArray[Any], shape: tuple[int, ...], axis: Axis) -> NDArray[Any]:
+    """Undo `_to_lines`."""
+    if len(shape) == 1:
+        return values.reshape(shape)
+    return np.ascontiguousarray(values.T) if axis == "columns" else values
+
+
+def _stack_from_lines(values: NDArray[Any], shape: tuple[int, ...], axis: Axis) -> NDArray[Any]:
+    """Undo `_to_lines` for every row of (k, entries)."""
+    if len(shape) == 1 or axis == "rows":
+        return values.reshape(-1, *shape)
+    return np.ascontiguousarray(values.reshape(-1, shape[1], shape[0]).transpose(0, 2, 1))

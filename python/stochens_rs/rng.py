@@ -1,0 +1,219 @@
+r"""Random streams begin here: whatever the user gives as `rng` becomes one 256-bit key.
+
+The rest of the package draws nothing. It hands the key (or a named child of it) to the Rust
+core, where draw i of line j is a pure function of (key, j, i). Therefore a result is the same
+for every number of threads, and the key kept on a result repeats it.
+
+The derivation is fixed as stream version 1::
+
+    root  = sha256(b"stochens key v1\0" + tag + b"\0" + payload)
+    child = sha256(b"stochens child v1\0" + key + utf8(name))
+"""
+
+from __future__ import annotations
+
+import hashlib
+import operator
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from ._gate import show
+from .exceptions import InputTypeError, SeedError
+
+__all__ = ["Key", "RngLike", "as_key"]
+
+_SEED_LIMIT = 2**4096
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class Key:
+    """The 256-bit name of a random stream: immutable, comparable, hashable, picklable.
+
+    Parameters
+    ----------
+    bytes32 : bytes
+        Exactly 32 bytes.
+
+    Raises
+    ------
+    InputTypeError
+        If `bytes32` is not ``bytes``.
+    SeedError
+        If it does not have 32 bytes.
+
+    Examples
+    --------
+    >>> key = as_key(42)
+    >>> key == as_key(42), key == as_key(43)
+    (True, False)
+    >>> Key.from_hex(key.hex) == key
+    True
+    """
+
+    bytes32: bytes
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.bytes32, bytes):
+            raise InputTypeError(f"`bytes32` must be bytes, got {show(self.bytes32)}")
+        if len(self.bytes32) != 32:
+            raise SeedError(f"`bytes32` must have 32 bytes, got {len(self.bytes32)}")
+
+    @property
+    def hex(self) -> str:
+        """The key as 64 hexadecimal digits."""
+        return self.bytes32.hex()
+
+    @classmethod
+    def from_hex(cls, digits: str) -> Key:
+        """Return the key that `hex` wrote down.
+
+        Parameters
+        ----------
+        digits : str
+            64 hexadecimal digits, upper or lower case.
+
+        Returns
+        -------
+        Key
+            The same key.
+
+        Raises
+        ------
+        InputTypeError
+            If `digits` is not a string.
+        SeedError
+            If it is not 64 hexadecimal digits.
+
+        Examples
+        --------
+        >>> Key.from_hex("00" * 32)
+        Key('0000000000000000...')
+        """
+        if not isinstance(digits, str):
+            raise InputTypeError(f"`digits` must be a string, got {show(digits)}")
+        if len(digits) != 64 or not set(digits) <= set("0123456789abcdefABCDEF"):
+            raise SeedError(f"`digits` must be 64 hexadecimal digits, got {show(digits)}")
+        return cls(bytes.fromhex(digits))
+
+    def child(self, name: str) -> Key:
+        r"""Return the key of the independent stream called `name`.
+
+        Parameters
+        ----------
+        name : str
+            Any text; equal names give equal children, different names different ones.
+
+        Returns
+        -------
+        Key
+            ``sha256(b"stochens child v1\0" + key + utf8(name))``.
+
+        Raises
+        ------
+        InputTypeError
+            If `name` is not a string.
+
+        Examples
+        --------
+        >>> as_key(42).child("A") == as_key(42).child("x0")
+        False
+        """
+        if not isinstance(name, str):
+            raise InputTypeError(f"`name` must be a string, got {show(name)}")
+        return Key(_sha256(b"stochens child v1\0", self.bytes32, name.encode()))
+
+    def __bytes__(self) -> bytes:
+        """Return the 32 bytes."""
+        return self.bytes32
+
+    def __repr__(self) -> str:
+        """Return the first 16 digits: enough to tell two runs apart."""
+        return f"Key('{self.hex[:16]}...')"
+
+
+RngLike: TypeAlias = (
+    int
+    | np.integer[Any]
+    | np.random.SeedSequence
+    | np.random.Generator
+    | np.random.BitGenerator
+    | Key
+    | None
+)
+
+
+def as_key(rng: RngLike) -> Key:
+    """Turn what the user gave as `rng` into a key.
+
+    Parameters
+    ----------
+    rng : None, int, SeedSequence, Generator, BitGenerator or Key
+        None takes 32 bytes from the operating system. An integer, 0 <= rng < 2**4096, and a
+        ``SeedSequence`` (entropy, spawn key and pool size; it is not modified) always give the
+        same key. A ``Generator`` or ``BitGenerator`` is advanced by exactly 32 bytes, so two
+        calls give two keys. A `Key` is returned as it is.
+
+    Returns
+    -------
+    Key
+        The key. 0, ``SeedSequence(0)`` and ``SeedSequence([0])`` give three different ones.
+
+    Raises
+    ------
+    InputTypeError
+        For every other type, also bool, float, str, bytes, list and ``RandomState``.
+    SeedError
+        If an integer is negative or too large.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> as_key(7) == as_key(np.int64(7))
+    True
+    >>> generator = np.random.default_rng(7)
+    >>> as_key(generator) == as_key(generator)
+    False
+    """
+    if isinstance(rng, Key):
+        return rng
+    if rng is None:
+        return _root(b"bytes", os.urandom(32))
+    if isinstance(rng, (int, np.integer)) and not isinstance(rng, bool):
+        seed = int(rng)
+        if not 0 <= seed < _SEED_LIMIT:
+            raise SeedError(f"`rng` must be an integer in [0, 2**4096), got {show(seed)}")
+        return _root(b"int", str(seed).encode())
+    if isinstance(rng, np.random.SeedSequence):
+        entropy = _plain(rng.entropy)
+        spawn_key = _plain(list(rng.spawn_key))
+        return _root(b"seedseq", f"{entropy}|{spawn_key}|{int(rng.pool_size)}".encode())
+    if isinstance(rng, np.random.BitGenerator):
+        rng = np.random.Generator(rng)
+    if isinstance(rng, np.random.Generator):
+        return _root(b"bytes", rng.bytes(32))
+    raise InputTypeError(
+        "`rng` must be None, an integer >= 0, a SeedSequence, a Generator, a BitGenerator "
+        f"or a Key, got {show(rng)}"
+    )
+
+
+def _root(tag: bytes, payload: bytes) -> Key:
+    # The zero bytes keep tag and payload apart, so that no two inputs share one hashed text.
+    return Key(_sha256(b"stochens key v1\0", tag, b"\0", payload))
+
+
+def _sha256(*parts: bytes) -> bytes:
+    return hashlib.sha256(b"".join(parts)).digest()
+
+
+def _plain(entropy: object) -> str:
+    """Write a SeedSequence's numbers without NumPy's types: ``5`` or ``[1,2,3]``."""
+    if isinstance(entropy, str):  # NumPy also takes "17" and "0x11" inside a list
+        return str(int(entropy, 16 if entropy.startswith("0x") else 10))
+    if isinstance(entropy, Iterable):
+        return "[" + ",".join(_plain(item) for item in entropy) + "]"
+    return str(operator.index(entropy))  # type: ignore[arg-type]

@@ -1,0 +1,246 @@
+"""A discrete-time linear system, checked once and never changed afterwards::
+
+x(k+1) = A x(k) + B u(k),    x(k) in R^n,  u(k) in R^m
+
+Everything that takes a system may rely on the checks made here.
+"""
+
+from __future__ import annotations
+
+import html
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from . import _gate
+from .exceptions import InputError, InputTypeError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["System"]
+
+
+class System:
+    """The system ``x(k+1) = A x(k) + B u(k)``: immutable, comparable, hashable, picklable.
+
+    Parameters
+    ----------
+    A : array_like, shape (n, n)
+        ``A[i, j]`` is the effect of state j at step k on state i at step k + 1.
+    B : array_like, shape (n, m)
+        ``B[i, j]`` is the effect of input j at step k on state i at step k + 1.
+    dt : float or True, optional
+        The time between two steps [s], > 0. True, or None (the default), means discrete time
+        whose step length is not stated.
+    name : str, optional
+        A label for people: it is shown, and plays no part in ``==``.
+
+    Raises
+    ------
+    ShapeError
+        If `A` is not square, or `B` has another number of rows.
+    NonFiniteError
+        If an entry, or `dt`, is nan or infinite.
+    InputTypeError
+        If `A` or `B` does not hold real numbers, or `dt` or `name` has a wrong type.
+    InputError
+        If `dt` is 0 (continuous time) or negative.
+
+    Notes
+    -----
+    `A` and `B` are copied. The arrays given back are read-only views of that copy.
+
+    Examples
+    --------
+    >>> system = System([[1.0, 0.1], [0.0, 1.0]], [[0.0], [0.1]], dt=0.1, name="cart")
+    >>> system
+    <System cart: n=2 m=1 dt=0.1>
+    >>> system.A @ [0.0, 1.0]
+    array([0.1, 1. ])
+    """
+
+    __slots__ = ("_A", "_B", "_dt", "_name")
+
+    _A: NDArray[np.float64]
+    _B: NDArray[np.float64]
+    _dt: float | bool | None
+    _name: str | None
+
+    def __init__(
+        self,
+        A: ArrayLike,
+        B: ArrayLike,
+        *,
+        dt: float | bool | None = None,
+        name: str | None = None,
+    ) -> None:
+        checked_A = _gate.matrix("A", A, square=True)
+        checked_B = _gate.matrix("B", B, rows=len(checked_A))
+        if name is not None and not isinstance(name, str):
+            raise InputTypeError(f"`name` must be a string, got {_gate.show(name)}")
+        label = None if name is None else " ".join(name.split())  # one line
+        for slot, value in (
+            ("_A", _frozen(checked_A)),
+            ("_B", _frozen(checked_B)),
+            ("_dt", _checked_dt(dt)),
+            ("_name", label or None),
+        ):
+            object.__setattr__(self, slot, value)
+
+    @classmethod
+    def from_any(cls, obj: object) -> System:
+        """Take a system from whatever the user already holds.
+
+        Parameters
+        ----------
+        obj : object
+            A `System` (returned as it is), a tuple ``(A, B)`` or ``(A, B, dt)``, a discrete
+            ``control.StateSpace``, a discrete ``scipy.signal`` system in state-space form, or
+            any object with attributes ``A``, ``B`` and perhaps ``dt`` and ``name``. None of
+            these packages is imported.
+
+        Returns
+        -------
+        System
+            A copy that holds plain arrays only.
+
+        Raises
+        ------
+        InputTypeError
+            If `obj` is none of these.
+        InputError
+            If the system is a continuous-time one, or a matrix does not pass.
+
+        Examples
+        --------
+        >>> System.from_any(([[0.5]], [[1.0]], 0.01))
+        <System: n=1 m=1 dt=0.01>
+        """
+        if isinstance(obj, cls):
+            return obj
+        if isinstance(obj, tuple):
+            if len(obj) not in (2, 3):
+                raise InputTypeError(
+                    f"`obj` must be a tuple (A, B) or (A, B, dt), got {len(obj)} items"
+                )
+            return cls(obj[0], obj[1], dt=obj[2] if len(obj) == 3 else None)
+        if not (hasattr(obj, "A") and hasattr(obj, "B")):
+            hint = "; call its to_ss() first" if hasattr(obj, "to_ss") else ""
+            raise InputTypeError(
+                "`obj` must be a System, a tuple (A, B[, dt]) or an object with attributes A "
+                f"and B, got {_gate.show(obj)}{hint}"
+            )
+        # scipy.signal gives its continuous systems dt = None: only their class tells.
+        if any(
+            kind.__name__ == "lti" and kind.__module__.startswith("scipy.signal")
+            for kind in type(obj).__mro__
+        ):
+            raise InputError(_CONTINUOUS.format("`obj` is a scipy.signal.lti"))
+        name = getattr(obj, "name", None)
+        return cls(
+            obj.A,
+            obj.B,
+            dt=getattr(obj, "dt", None),
+            # python-control numbers the systems that were given no name: sys[0], sys[1], ...
+            name=name if isinstance(name, str) and not name.startswith("sys[") else None,
+        )
+
+    @property
+    def A(self) -> NDArray[np.float64]:
+        """The state matrix, shape (n, n), read-only."""
+        return self._A
+
+    @property
+    def B(self) -> NDArray[np.float64]:
+        """The input matrix, shape (n, m), read-only."""
+        return self._B
+
+    @property
+    def n(self) -> int:
+        """The number of states."""
+        return int(self._B.shape[0])
+
+    @property
+    def m(self) -> int:
+        """The number of inputs."""
+        return int(self._B.shape[1])
+
+    @property
+    def dt(self) -> float | bool | None:
+        """The time between two steps [s]; True or None if it is not stated."""
+        return self._dt
+
+    @property
+    def name(self) -> str | None:
+        """The label, or None."""
+        return self._name
+
+    def __setattr__(self, attribute: str, value: object) -> None:
+        raise AttributeError(f"a System is immutable: `{attribute}` cannot be set")
+
+    def __delattr__(self, attribute: str) -> None:
+        raise AttributeError(f"a System is immutable: `{attribute}` cannot be deleted")
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, System):
+            return NotImplemented
+        return (
+            self._step() == other._step()
+            and np.array_equal(self._A, other._A)
+            and np.array_equal(self._B, other._B)
+        )
+
+    def __hash__(self) -> int:
+        # Adding 0.0 turns -0.0 into 0.0: they are equal, so their hashes must be.
+        return hash(
+            (self._B.shape, (self._A + 0.0).tobytes(), (self._B + 0.0).tobytes(), self._step())
+        )
+
+    def _step(self) -> tuple[bool, float | bool | None]:
+        return (self._dt is True, self._dt)  # True == 1.0 in Python, but not here
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return (_rebuild, (self._A, self._B, self._dt, self._name))
+
+    def __copy__(self) -> System:
+        return self
+
+    def __deepcopy__(self, memo: dict[int, object]) -> System:
+        return self
+
+    def __repr__(self) -> str:
+        label = "" if self._name is None else f" {self._name}"
+        return f"<System{label}: n={self.n} m={self.m} dt={self._dt}>"
+
+    def _repr_html_(self) -> str:
+        step = f"{self._dt} s" if isinstance(self._dt, float) else str(self._dt)
+        rows = (("states n", self.n), ("inputs m", self.m), ("step dt", step))
+        cells = "".join(f"<tr><th>{what}</th><td>{value}</td></tr>" for what, value in rows)
+        title = html.escape(self._name or "System")
+        return f"<table><caption>{title}</caption><tbody>{cells}</tbody></table>"
+
+
+_CONTINUOUS = (
+    "{}, which means continuous time: discretize first, e.g. with scipy.signal.cont2discrete "
+    "or control.c2d"
+)
+
+
+def _checked_dt(dt: object) -> float | bool | None:
+    if dt is None:
+        return None
+    if isinstance(dt, (bool, np.bool_)) and dt:
+        return True
+    if isinstance(dt, (int, float, np.integer, np.floating)) and dt is not False and dt == 0:
+        raise InputError(_CONTINUOUS.format("`dt` is 0"))
+    return _gate.positive("dt", dt)
+
+
+def _frozen(checked: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Copy into a `bytes` object: NumPy then refuses to make the array writeable again."""
+    return np.frombuffer(checked.tobytes(), dtype=np.float64).reshape(checked.shape)
+
+
+def _rebuild(A: ArrayLike, B: ArrayLike, dt: float | bool | None, name: str | None) -> System:
+    return System(A, B, dt=dt, name=name)

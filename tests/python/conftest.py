@@ -1,0 +1,43 @@
+"""Shared by all tests: no window ever opens, no test depends on the global random state."""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+import pytest
+
+# Before anything imports matplotlib, and for subprocesses too.
+os.environ["MPLBACKEND"] = "Agg"
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--seed", type=int, default=42, help="seed of the `seed` and `gen` fixtures (default 42)"
+    )
+
+
+def pytest_report_header(config: pytest.Config) -> str:
+    return f"test seed: {config.getoption('--seed')}"
+
+
+@pytest.fixture
+def seed(request: pytest.FixtureRequest) -> int:
+    """Seed of this run: a test that takes it promises to pass for every seed."""
+    return int(request.config.getoption("--seed"))
+
+
+@pytest.fixture
+def gen(seed: int) -> np.random.Generator:
+    """Source of test data; new for every test, so their order does not matter."""
+    return np.random.default_rng(seed)
+
+
+@pytest.fixture(autouse=True)
+def _global_random_state_is_left_alone():
+    """The package may neither use nor change NumPy's global generator."""
+    before = np.random.get_state(legacy=False)  # noqa: NPY002
+    yield
+    after = np.random.get_state(legacy=False)  # noqa: NPY002
+    assert before["state"]["pos"] == after["state"]["pos"]
+    assert np.array_equal(before["state"]["key"], after["state"]["key"])

@@ -1,0 +1,423 @@
+"""Every public computation against the NumPy twin, on awkward shapes, dtypes and memory orders.
+
+One fixture, `problem`, carries a system and its states in the layout under test; each test states
+one computation. Draws are taken from the ensemble itself (their own test is test_streams.py), so a
+difference here is a difference in arithmetic. Known differences: ALSE for matrices is iterative in
+the package and exact in the twin, so its objective is compared within the stated tolerance.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from numpy.typing import NDArray
+
+import stochens_rs as se
+from stochens_rs import reference as twin
+
+Array = NDArray[np.float64]
+TOL = 1e-9  # the default of `fuse`
+METHODS = ["uniform", "alse", "slse", "slse-safeguarded"]
+
+
+class Problem(NamedTuple):
+    """`given` holds A, B, x0, xf as the user passes them; the fields are float64 copies."""
+
+    A: Array
+    B: Array
+    x0: Array
+    xf: Array
+    N: int
+    given: dict[str, NDArray[Any]]
+
+
+def _integers(seed: int, *shape: int) -> NDArray[np.int64]:
+    return np.random.default_rng(seed).integers(-5, 6, size=shape)
+
+
+def _case(name: str) -> tuple[NDArray[np.int64], ...]:
+    """A (n, n), B (n, m), x0, xf in small integers, and N as an array with no axes."""
+    n, m, N = {
+        "scalar": (1, 1, 5),
+        "one state, three inputs": (1, 3, 6),
+        "more inputs than states": (3, 5, 9),
+        "one input": (4, 1, 20),
+        "one sample": (3, 2, 1),
+        "plain": (6, 4, 80),
+        "positive": (4, 4, 30),
+    }.get(name, (4, 3, 25))
+    A, B = _integers(1, n, n), _integers(2, n, m)
+    x0, xf = _integers(3, n), _integers(4, n)
+    if name == "scalar":
+        A[...], B[...], x0[...], xf[...] = -3, 2, 4, 1
+    if name == "dependent columns":
+        B[:, 2] = -2 * B[:, 0]
+    if name == "zero columns":
+        A[:, 1], A[2, :], B[:, 0] = 0, 0, 0
+    if name == "zero xf":
+        xf[:] = 0
+    if name == "zero x0":
+        x0[:] = 0
+    if name == "zero B":
+        B[:] = 0
+    if name == "all zero":
+        A[:], B[:], x0[:], xf[:] = 0, 0, 0, 0
+    if name == "positive":
+        A, B, x0, xf = abs(A) + 1, abs(B) + 1, abs(x0) + 1, abs(xf) + 1
+    return A, B, x0, xf, np.array(N)
+
+
+CASES = [
+    "scalar",
+    "one state, three inputs",
+    "more inputs than states",
+    "one input",
+    "one sample",
+    "plain",
+    "positive",
+    "dependent columns",
+    "zero columns",
+    "zero xf",
+    "zero x0",
+    "zero B",
+    "all zero",
+]
+
+
+def _layout(values: NDArray[np.int64], layout: str) -> NDArray[Any]:
+    """The same numbers (times a factor) as the user may hold them."""
+    if layout == "int64-C":
+        return values.copy()
+    if layout == "float32-F":
+        return np.asfortranarray((values * 0.125).astype(np.float32))
+    real = values * 0.3  # not dyadic: sums do round
+    if layout == "float64-C":
+        return np.ascontiguousarray(real)
+    if layout == "float64-F":
+        return np.asfortranarray(real)
+    wide = np.full(tuple(2 * k for k in real.shape), np.nan)  # float64-strided
+    view = wide[tuple(slice(None, None, 2) for _ in real.shape)]
+    view[...] = real
+    return view
+
+
+LAYOUTS = ["float64-C", "float64-F", "float64-strided", "float32-F", "int64-C"]
+
+
+# every case in one layout, every layout in the three cases with most structure
+PARAMS = [f"{case}|float64-C" for case in CASES] + [
+    f"{case}|{layout}"
+    for case in ("more inputs than states", "zero columns", "plain")
+    for layout in LAYOUTS[1:]
+]
+
+
+@pytest.fixture(params=PARAMS)
+def problem(request: pytest.FixtureRequest) -> Problem:
+    name, layout = request.param.split("|")
+    *values, N = _case(name)
+    given = dict(zip(["A", "B", "x0", "xf"], (_layout(v, layout) for v in values), strict=True))
+    exact = {k: np.array(v, dtype=np.float64, order="C") for k, v in given.items()}
+    return Problem(**exact, N=int(N), given=given)
+
+
+def scale_of(target: Array, samples: Array) -> float:
+    """The unit of tolerances: ||E*||^2, or that of a sample if E* = 0."""
+    size = float(np.sum(target**2))
+    return size if size > 0 else float(np.max(np.sum(samples.reshape(len(samples), -1) ** 2, 1)))
+
+
+def ensembles(p: Problem) -> dict[str, Any]:
+    return {
+        name: se.sample(p.given[name], p.N, rng=seed)
+        for seed, name in enumerate(("x0", "xf", "A"), start=1)
+    }
+
+
+# --- ensembles ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "axis"), [("x0", "columns"), ("A", "columns"), ("A", "rows"), ("B", "rows")]
+)
+def test_ensemble(problem: Problem, name: str, axis: str) -> None:
+    target: Array = getattr(problem, name)
+    ens = se.sample(problem.given[name], problem.N, rng=9, axis=axis)
+    atoms = twin.atoms(target, axis)
+    lines = twin.to_lines(target, axis)
+    assert ens.shape == target.shape
+    assert ens.indices.shape == (problem.N, lines.shape[1])
+    assert_allclose(ens.atoms, atoms, rtol=1e-14)
+    gamma = np.abs(lines).sum(axis=0).max()
+    assert_allclose(np.max(ens.gamma), gamma, rtol=1e-14)
+    samples = twin.dense(ens.indices, ens.atoms, axis)
+    assert np.array_equal(ens.dense(), samples)
+    assert np.array_equal(ens.counts(), twin.counts(ens.indices, target, axis))
+    y = np.random.default_rng(0).normal(size=problem.N)
+    expected = twin.combine(ens.indices, ens.atoms, y, axis)
+    slack = 1e-14 * problem.N * (gamma + 1.0) * np.abs(y).max()
+    assert_allclose(ens.combine(y), expected, atol=slack)
+    assert_allclose(np.tensordot(y, samples, axes=1), expected, atol=slack)
+    dense = se.Ensemble.from_samples(samples)
+    assert_allclose(dense.combine(y), expected, atol=slack)
+    again = se.Ensemble.from_indices(ens.indices, problem.given[name], axis=axis)
+    assert np.array_equal(again.dense(), samples)
+
+
+@pytest.mark.parametrize("scheme", ["iid", "systematic"])
+@pytest.mark.parametrize("axis", ["columns", "rows"])
+def test_sample_counts(problem: Problem, scheme: str, axis: str) -> None:
+    c = se.sample_counts(problem.given["A"], 10_000, rng=1, scheme=scheme, axis=axis)
+    drawn = np.any(twin.to_lines(problem.A, axis) != 0, axis=0)  # a zero line is hit nowhere
+    assert np.array_equal(twin.to_lines(c.counts, axis).sum(axis=0), 10_000 * drawn)
+    nonzero_line = np.any(twin.to_lines(problem.A, axis), axis=0)
+    assert np.all(twin.to_lines(c.counts * (problem.A == 0), axis)[:, nonzero_line] == 0)
+    expected = twin.atoms(problem.A, axis) * c.counts / 10_000
+    assert_allclose(c.estimate, expected, rtol=1e-14, atol=0)
+
+
+# --- fusing ---------------------------------------------------------------------------------------
+
+
+def check_feasible(y: Array, weights: str) -> None:
+    assert np.all(y >= 0)
+    total = y.sum()
+    assert total <= 1 + 1e-12
+    if weights == "simplex":
+        assert total >= 1 - 1e-12
+
+
+def check_alse(fit: Any, samples: Array, target: Array, weights: str) -> None:
+    """Feasible, consistent, within the tolerance of the exact minimum, and honest about the gap."""
+    exact = twin.alse_dense(samples, target, weights)
+    unit = scale_of(target, samples)
+    check_feasible(fit.weights, weights)
+    assert fit.status == "optimal"
+    assert_allclose(
+        fit.estimate, np.tensordot(fit.weights, samples, axes=1), atol=1e-12 * unit**0.5
+    )
+    assert exact.gap <= 1e-12 * unit  # or the twin has not solved it
+    assert fit.error**2 >= exact.error**2 - 1e-12 * unit
+    assert fit.error**2 - exact.error**2 <= fit.gap + 1e-12 * unit
+    assert fit.gap <= TOL * unit
+    honest = twin.frank_wolfe_gap(samples, fit.weights, target, weights)
+    assert_allclose(fit.gap, honest, atol=1e-12 * unit)
+
+
+def check_fit(fit: Any, samples: Array, target: Array, method: str, weights: str) -> None:
+    unit = scale_of(target, samples) ** 0.5
+    assert fit.method == method
+    assert fit.estimate.shape == target.shape
+    assert_allclose(fit.error, np.linalg.norm(fit.estimate - target), atol=1e-13 * unit)
+    if method == "alse":
+        check_alse(fit, samples, target, weights)
+        return
+    if method == "uniform":
+        expected = twin.uniform(samples, target)
+        assert_allclose(fit.weights, expected.weights, rtol=1e-14)
+        assert_allclose(fit.estimate, expected.estimate, atol=1e-13 * unit)
+        return
+    greedy = {"slse": twin.slse, "slse-safeguarded": twin.slse_safeguarded}[method]
+    path = greedy(samples, target)
+    check_feasible(fit.weights, "simplex")
+    if method == "slse":  # the safeguard may tie: where F = U_n up to rounding, any step will do
+        assert_allclose(fit.weights, path.weights, atol=1e-9)
+    assert_allclose(fit.estimate, np.tensordot(fit.weights, samples, axes=1), atol=1e-12 * unit)
+    assert_allclose(fit.estimate, path.estimate, atol=1e-10 * unit)
+    assert_allclose(fit.error, path.errors[-1], atol=1e-10 * unit)
+
+
+@pytest.mark.parametrize(
+    ("method", "weights"), [*((m, "simplex") for m in METHODS), ("alse", "subsimplex")]
+)
+def test_fuse(problem: Problem, method: str, weights: str) -> None:
+    for name in ("x0", "xf", "A"):
+        target: Array = getattr(problem, name)
+        ens = se.sample(problem.given[name], problem.N, rng=2)
+        samples = twin.dense(ens.indices, ens.atoms)
+        shifted = target * 0.7 + 0.4 * np.cos(np.arange(target.size)).reshape(target.shape)
+        for goal, given in ((target, problem.given[name]), (shifted, shifted)):
+            fit = se.fuse(ens, method, target=given, weights=weights)
+            check_fit(fit, samples, goal, method, weights)
+            # a combination on the simplex keeps the zeros and the signs of what was sampled
+            assert np.all(fit.estimate[target == 0] == 0)
+            assert np.all(fit.estimate * np.sign(target) >= 0)
+            from_dense = se.fuse(
+                se.Ensemble.from_samples(samples), method, target=given, weights=weights
+            )
+            check_fit(from_dense, samples, goal, method, weights)
+
+
+@pytest.mark.parametrize("weights", ["simplex", "subsimplex"])
+def test_alse_of_a_vector_is_the_closed_form(problem: Problem, weights: str) -> None:
+    for name in ("x0", "xf"):
+        target: Array = getattr(problem, name)
+        ens = se.sample(problem.given[name], problem.N, rng=2)
+        unit = float(np.abs(target).sum()) + 1.0
+        for goal in (target, 0.6 * target, -target, np.ones_like(target)):
+            fit = se.fuse(ens, "alse", target=goal, weights=weights)
+            exact = twin.alse_singleton(ens.indices, ens.atoms, goal, weights)
+            assert_allclose(fit.weights, exact.weights, atol=1e-13)
+            assert_allclose(fit.estimate, exact.estimate, atol=1e-13 * unit)
+            assert_allclose(fit.error, exact.error, atol=1e-13 * unit)
+
+
+def test_uniform_needs_no_target(problem: Problem) -> None:
+    ens = se.sample(problem.given["A"], problem.N, rng=2)
+    fit = se.fuse(ens)
+    assert fit.method == "uniform"
+    assert fit.error is None
+    assert_allclose(fit.estimate, ens.dense().mean(axis=0), atol=1e-12 * size_of(problem.A))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_fuse_path(problem: Problem, method: str) -> None:
+    sizes = np.unique([1, 2, 3, 10, problem.N // 2, problem.N])
+    sizes = sizes[(sizes >= 1) & (sizes <= problem.N)]
+    for name in ("x0", "A"):
+        target: Array = getattr(problem, name)
+        ens = se.sample(problem.given[name], problem.N, rng=4)
+        samples = twin.dense(ens.indices, ens.atoms)
+        unit = scale_of(target, samples)
+        expected = twin.fuse_path(samples, sizes, method, target=target)
+        for source in (ens, se.Ensemble.from_samples(samples)):
+            path = se.fuse_path(source, sizes, method, target=problem.given[name], estimates=True)
+            assert path.sizes.tolist() == sizes.tolist()
+            assert path.method == method
+            assert len(path.statuses) == len(sizes)
+            distances = [np.linalg.norm(e - target) for e in path.estimates]
+            assert_allclose(path.errors, distances, atol=1e-12 * unit**0.5)
+            if method == "alse":
+                assert_allclose(path.errors**2, expected**2, atol=(TOL + 1e-12) * unit)
+            else:
+                assert_allclose(path.errors, expected, atol=1e-10 * unit**0.5)
+
+
+# --- controls -------------------------------------------------------------------------------------
+
+
+def size_of(x: Array) -> float:
+    return float(np.max(np.abs(x), initial=0.0)) + 1.0
+
+
+def test_pinv_cutoff_is_clear(problem: Problem) -> None:
+    """Guard of the fixture: no singular value of B lies near the cutoff, so rank has one answer."""
+    sigma = np.linalg.svd(problem.B, compute_uv=False)
+    if sigma[0] > 0:
+        assert not np.any((sigma > 1e-16 * sigma[0]) & (sigma < 1e-3 * sigma[0]))
+    Bp, B = twin.pinv(problem.B), problem.B
+    for left, right in (
+        (B @ Bp @ B, B),
+        (Bp @ B @ Bp, Bp),
+        ((B @ Bp).T, B @ Bp),
+        ((Bp @ B).T, Bp @ B),
+    ):
+        assert_allclose(left, right, atol=1e-12 * size_of(right))
+
+
+def test_realization_controls(problem: Problem) -> None:
+    e = ensembles(problem)
+    u = se.realization_controls(problem.given["B"], e["x0"], e["xf"], e["A"])
+    d = {k: twin.dense(v.indices, v.atoms) for k, v in e.items()}
+    expected = twin.realization_controls(problem.B, d["x0"], d["xf"], d["A"])
+    for s in (0, problem.N - 1):
+        y = d["xf"][s] - d["A"][s] @ d["x0"][s]
+        assert_allclose(expected[s], twin.pinv(problem.B) @ y, atol=1e-12 * size_of(expected))
+    assert u.shape == (problem.N, problem.B.shape[1])
+    assert_allclose(u, expected, atol=1e-12 * size_of(expected))
+    dense = {k: se.Ensemble.from_samples(v) for k, v in d.items()}
+    v = se.realization_controls(problem.given["B"], dense["x0"], dense["xf"], dense["A"])
+    assert_allclose(v, expected, atol=1e-12 * size_of(expected))
+
+
+@pytest.mark.parametrize("fusion", ["product", "diagonal"])
+def test_control_from_ensembles(problem: Problem, fusion: str) -> None:
+    e = ensembles(problem)
+    plan = se.control(problem.given["B"], e["x0"], e["xf"], e["A"], fusion=fusion)
+    d = {k: twin.dense(v.indices, v.atoms) for k, v in e.items()}
+    expected = twin.control(problem.B, d["x0"], d["xf"], d["A"], fusion=fusion)
+    assert plan.fusion == fusion
+    assert plan.u.shape == (problem.B.shape[1],)
+    assert_allclose(plan.u, expected, atol=1e-12 * size_of(expected))
+
+
+def check_product(plan: Any, B: Array, x0: Array, xf: Array, A: Array) -> None:
+    expected = twin.control(B, x0, xf, A)
+    assert_allclose(plan.u, expected, atol=1e-11 * size_of(expected))
+    state = A @ x0 + B @ expected
+    assert_allclose(plan.predicted_state, state, atol=1e-11 * size_of(state))
+    reach = twin.reachability(B, x0, xf, A)
+    unit = size_of(xf - A @ x0)
+    assert_allclose(plan.reachability.residual, reach.residual, atol=1e-11 * unit)
+    assert plan.reachability.rank == reach.rank
+    if np.linalg.norm(xf - A @ x0) > 1e-9 * unit:
+        assert_allclose(plan.reachability.relative, reach.relative, atol=1e-9)
+
+
+def test_control_from_arrays_and_fits(problem: Problem) -> None:
+    g = problem.given
+    plan = se.control(g["B"], g["x0"], g["xf"], g["A"])
+    check_product(plan, problem.B, problem.x0, problem.xf, problem.A)
+    fits = {k: se.fuse(v, "slse-safeguarded", target=g[k]) for k, v in ensembles(problem).items()}
+    plan = se.control(g["B"], fits["x0"], fits["xf"], fits["A"])
+    estimates = (fits[k].estimate for k in ("x0", "xf", "A"))
+    check_product(plan, problem.B, *estimates)
+
+
+def test_plan_error(problem: Problem) -> None:
+    g, e = problem.given, ensembles(problem)
+    for fusion in ("product", "diagonal"):
+        plan = se.control(g["B"], e["x0"], e["xf"], e["A"], fusion=fusion)
+        got = plan.error(se.System(g["A"], g["B"]), g["x0"], g["xf"])
+        want = twin.plan_error(plan.u, problem.A, problem.B, problem.x0, problem.xf)
+        unit = size_of(plan.u) * size_of(problem.B) + size_of(problem.xf)
+        for field in ("control", "state", "residual"):
+            assert_allclose(getattr(got, field), getattr(want, field), atol=1e-11 * unit)
+        for field in ("control_relative", "state_relative"):
+            if want.control > 1e-9 and np.isfinite(getattr(want, field)):
+                assert_allclose(getattr(got, field), getattr(want, field), rtol=1e-7)
+        # Pythagoras: what is missed in range(B) and what no control can reach are orthogonal
+        x1 = problem.A @ problem.x0 + problem.B @ plan.u
+        missed = np.sum((x1 - problem.xf) ** 2)
+        assert_allclose(got.state**2 + got.residual**2, missed, atol=1e-11 * unit**2)
+
+
+def test_product_weights(problem: Problem) -> None:
+    """sum_abc w0_a wf_b wA_c B+(xf_b - A_c x0_a) = B+(s0 sA xf_hat - sf A_hat x0_hat).
+
+    The sums s are those of the weights; only if they are 1 this is the control of the estimates.
+    """
+    e = {k: v.prefix(min(problem.N, 12)) for k, v in ensembles(problem).items()}
+    d = {k: twin.dense(v.indices, v.atoms) for k, v in e.items()}
+    rng, Bp = np.random.default_rng(1), twin.pinv(problem.B)
+    for total in (1.0, 0.7):
+        w = {k: total * rng.dirichlet(np.ones(v.size)) for k, v in e.items()}
+        y = d["xf"][:, None, None, :] - np.einsum("cij,aj->aci", d["A"], d["x0"])
+        triple = np.einsum("a,b,c,baci->i", w["x0"], w["xf"], w["A"], y) @ Bp.T
+        hat = {k: v.combine(w[k]) for k, v in e.items()}
+        plain = total**2 * hat["xf"] - total * hat["A"] @ hat["x0"]
+        assert_allclose(Bp @ plain, triple, atol=1e-12 * size_of(triple))
+        if total == 1.0:
+            plan = se.control(problem.given["B"], hat["x0"], hat["xf"], hat["A"])
+            assert_allclose(plan.u, triple, atol=1e-11 * size_of(triple))
+
+
+@pytest.mark.parametrize("fusion", ["product", "diagonal"])
+def test_steer(problem: Problem, fusion: str) -> None:
+    """sample + fuse + control, with the children "x0", "xf" and "A" of the key of the seed."""
+    root = hashlib.sha256(b"stochens key v1\0int\0" + b"12").digest()
+    samples = {}
+    for name in ("x0", "xf", "A"):
+        key = hashlib.sha256(b"stochens child v1\0" + root + name.encode()).digest()
+        target = getattr(problem, name)
+        indices = twin.sample_indices(target, problem.N, key=key)
+        samples[name] = twin.dense(indices, twin.atoms(target))
+    expected = twin.control(problem.B, samples["x0"], samples["xf"], samples["A"], fusion=fusion)
+    g = problem.given
+    plan = se.steer(se.System(g["A"], g["B"]), g["x0"], g["xf"], problem.N, fusion=fusion, rng=12)
+    assert plan.fusion == fusion
+    assert_allclose(plan.u, expected, atol=1e-12 * size_of(expected))

@@ -1,0 +1,360 @@
+"""The example systems: reference numbers, defining equations, and the choices they document."""
+
+from __future__ import annotations
+
+import importlib
+import pickle
+
+import numpy as np
+import pytest
+
+from stochens_rs import cases
+from stochens_rs.cases._discretize import discretize, expm
+from stochens_rs.cases._swing import reduced_stiffness, swing
+from stochens_rs.exceptions import InputError, InputTypeError
+from stochens_rs.rng import as_key
+
+# The packages' functions carry the names of their modules, so the modules are fetched by name.
+ieee14 = importlib.import_module("stochens_rs.cases.ieee14")
+ieee39 = importlib.import_module("stochens_rs.cases.ieee39")
+
+STEP = 0.01  # s
+
+
+def modes(A):
+    """Frequencies (Hz, ascending) and all decay rates (1/s) of a continuous-time matrix."""
+    eigenvalues = np.linalg.eigvals(A)
+    frequencies = np.sort(eigenvalues.imag[eigenvalues.imag > 0.1]) / (2.0 * np.pi)
+    return frequencies, -eigenvalues.real
+
+
+# -- IEEE 14 -------------------------------------------------------------------------------------
+
+L_SYSTEM = np.array([
+    [4.270399, -1.941134, -1.415342, -0.493092, -0.420832],
+    [-1.941134, 2.607945, -0.424276, -0.128743, -0.113792],
+    [-1.415342, -0.424276, 2.112743, -0.140247, -0.132878],
+    [-0.493092, -0.128743, -0.140247, 0.85046, -0.088379],
+    [-0.420832, -0.113792, -0.132878, -0.088379, 0.75588],
+])  # fmt: skip
+L_MACHINE = np.array([
+    [2.33902, -1.051597, -0.632139, -0.392104, -0.26318],
+    [-1.051597, 3.317891, -1.172076, -0.64603, -0.448189],
+    [-0.632139, -1.172076, 2.760077, -0.544645, -0.411218],
+    [-0.392104, -0.64603, -0.544645, 2.089888, -0.507109],
+    [-0.26318, -0.448189, -0.411218, -0.507109, 1.629697],
+])  # fmt: skip
+# data, base: frequencies in Hz, range of decays in 1/s, max |A_d|, cond B_d, ||B_d||_2 and the
+# condition of the two-step map [A B, B]
+REFERENCE_14 = {
+    ("classic", "machine"): (
+        [1.3428, 1.5487, 1.6166, 1.8168], (0.081, 0.176), 0.99697, 1.2938, 0.37186, 257),
+    ("classic", "system"): (
+        [1.5689, 1.7301, 1.8505, 1.8897], (0.079, 0.187), 1.26323, 24.9943, 1.48603, 4956),
+    ("andes", "system"): (
+        [1.0284, 1.1094, 1.1511, 1.3036], (0.0, 0.0), 0.99825, 1.6244, 0.47080, 323),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("base", "expected"), [("system", L_SYSTEM), ("machine", L_MACHINE)])
+def test_ieee14_stiffness(base, expected):
+    _, _, L = ieee14._continuous("classic", base)
+    np.testing.assert_allclose(L, expected, atol=6e-7)
+
+
+@pytest.mark.parametrize(("data", "base"), REFERENCE_14)
+def test_ieee14_reference_numbers(data, base):
+    frequencies, (slowest, fastest), largest, condition, norm, two_steps = REFERENCE_14[data, base]
+    A_c, _, _ = ieee14._continuous(data, base)
+    found, decays = modes(A_c)
+    np.testing.assert_allclose(found, frequencies, atol=6e-5)
+    moving = np.sort(decays)[1:]  # without the common angle
+    np.testing.assert_allclose([moving[0], moving[-1]], [slowest, fastest], atol=6e-4)
+
+    system = cases.ieee14(data=data, base=base)
+    assert (system.n, system.m, system.dt) == (10, 5, STEP)
+    assert np.abs(system.A).max() == pytest.approx(largest, abs=6e-6)
+    assert np.linalg.cond(system.B) == pytest.approx(condition, abs=6e-5)
+    assert np.linalg.norm(system.B, 2) == pytest.approx(norm, abs=6e-6)
+    reach = np.hstack([system.A @ system.B, system.B])
+    assert np.linalg.matrix_rank(reach) == 10
+    assert np.linalg.cond(reach) == pytest.approx(two_steps, abs=0.6)
+    # The common angle is free: eigenvalue 1, and nothing outside the unit circle.
+    assert np.abs(np.linalg.eigvals(system.A)).max() == pytest.approx(1.0, abs=1e-12)
+    common = np.concatenate([np.ones(5), np.zeros(5)])
+    np.testing.assert_allclose(system.A @ common, common, atol=1e-13)
+
+
+@pytest.mark.parametrize(("data", "base"), REFERENCE_14)
+def test_one_step_reaches_half_of_the_space_and_two_steps_all_of_it(data, base):
+    system = cases.ieee14(data=data, base=base)
+    B = system.B
+    reach = np.hstack([system.A @ B, B])
+    gaps = np.random.default_rng(1).standard_normal((2000, 10))
+    missed = gaps.T - B @ (np.linalg.pinv(B) @ gaps.T)
+    share = np.linalg.norm(missed, axis=0) / np.linalg.norm(gaps, axis=1)
+    # E[share^2] = 1 - rank B / n for a random direction
+    assert np.linalg.matrix_rank(B) == 5
+    assert np.sqrt(np.mean(share**2)) == pytest.approx(np.sqrt(0.5), abs=0.01)
+    assert 0.68 < share.mean() < 0.71
+    after_two = gaps.T - reach @ np.linalg.lstsq(reach, gaps.T, rcond=None)[0]
+    assert np.abs(after_two).max() < 1e-11
+
+
+def test_ieee14_andes_ratings_are_the_system_base():
+    assert cases.ieee14(data="andes", base="machine") == cases.ieee14(data="andes", base="system")
+    assert cases.ieee14(base="machine") != cases.ieee14(base="system")
+
+
+def test_euler_keeps_the_zeros_and_zoh_fills_them():
+    zoh, euler = cases.ieee14(), cases.ieee14(method="euler")
+    assert np.count_nonzero(zoh.A) == 100
+    assert np.count_nonzero(euler.A) == 40
+    A_c, B_c, _ = ieee14._continuous("classic", "system")
+    np.testing.assert_allclose(euler.A, np.eye(10) + STEP * A_c, atol=1e-15)
+    np.testing.assert_allclose(euler.B, STEP * B_c, atol=1e-15)
+    assert np.abs(np.linalg.eigvals(euler.A)).max() == pytest.approx(1.006, abs=5e-4)
+
+
+# -- IEEE 39 -------------------------------------------------------------------------------------
+
+
+def test_ieee39_reference_numbers_without_damping():
+    A_c, B_c, L = ieee39._continuous(np.zeros(10))
+    frequencies, decays = modes(A_c)
+    expected = [0.68157, 0.99457, 1.07781, 1.14687, 1.26412, 1.28875, 1.45397, 1.47118, 1.50523]
+    np.testing.assert_allclose(frequencies, expected, atol=6e-6)
+    np.testing.assert_allclose(decays, 0.0, atol=1e-6)  # the double eigenvalue 0 moves by sqrt(eps)
+    _, B = discretize(A_c, B_c, STEP, "zoh")
+    assert np.linalg.cond(B) == pytest.approx(20.55, abs=6e-3)
+    expected = [14.76069, 8.67648, 10.28307, 11.32943, 5.36144,
+                10.93977, 9.648, 9.91415, 7.5521, 19.11315]  # fmt: skip
+    np.testing.assert_allclose(np.diag(L), expected, atol=6e-6)
+
+
+def test_ieee39():
+    system = cases.ieee39()
+    assert (system.n, system.m, system.dt) == (20, 10, STEP)
+    assert np.abs(np.linalg.eigvals(system.A)).max() == pytest.approx(1.0, abs=1e-12)
+    assert np.linalg.matrix_rank(system.B) == 10
+    assert np.linalg.matrix_rank(np.hstack([system.A @ system.B, system.B])) == 20
+    # D = 50 enters as D / w0: a machine alone decays with D / (4 H), never faster than 0.52 / s.
+    _, decays = modes(ieee39._continuous(ieee39._D)[0])
+    assert np.sort(decays)[1] > 0.2
+    assert decays.max() < 50.0 / (4.0 * 24.3)
+
+
+# -- the model -----------------------------------------------------------------------------------
+
+NETWORKS = {
+    "14, system": lambda: ieee14._continuous("classic", "system"),
+    "14, machine": lambda: ieee14._continuous("classic", "machine"),
+    "14, andes": lambda: ieee14._continuous("andes", "system"),
+    "39": lambda: ieee39._continuous(ieee39._D),
+}
+
+
+@pytest.mark.parametrize("network", NETWORKS)
+def test_stiffness_is_a_laplacian(network):
+    A, _, L = NETWORKS[network]()
+    np.testing.assert_array_equal(L, L.T)
+    np.testing.assert_allclose(L.sum(axis=1), 0.0, atol=1e-12)
+    assert (L - np.diag(np.diag(L))).max() <= 0.0
+    eigenvalues = np.linalg.eigvalsh(L)
+    assert abs(eigenvalues[0]) < 1e-12
+    assert eigenvalues[1] > 0.1  # connected: only the common angle is free
+    assert modes(A)[0].size == L.shape[0] - 1
+
+
+def test_kron_reduction_on_springs_in_series():
+    # Two machines behind 0.2 and 0.3, one line of 0.5 with a bus in the middle: total x = 1.
+    L = reduced_stiffness(3, [(1, 2, 0.1), (2, 3, 0.4)], (1, 3), np.array([0.2, 0.3]))
+    np.testing.assert_allclose(L, [[1.0, -1.0], [-1.0, 1.0]], atol=1e-15)
+
+
+def test_two_machines_on_one_bus_and_parallel_lines():
+    L = reduced_stiffness(2, [(1, 2, 1.0), (2, 1, 1.0)], (1, 1, 2), np.array([0.5, 0.5, 0.5]))
+    np.testing.assert_allclose(L.sum(axis=1), 0.0, atol=1e-14)
+    assert L[0, 0] == pytest.approx(L[1, 1])
+    # Bus 1 and bus 2 are joined by 2, every machine by 2. For angles (1, 1, 0) the machines 1 and 2
+    # act as one spring 4, in series with 2 and 2: energy 1 / (1/4 + 1/2 + 1/2) = 0.8.
+    angles = np.array([1.0, 1.0, 0.0])
+    assert angles @ L @ angles == pytest.approx(0.8)
+
+
+def test_swing_has_the_textbook_frequency_and_damping():
+    # One machine on a stiff bus, delta'' + D/(2H) delta' + w0/(2H) K delta = 0.
+    K, H, D, w0 = 1.5, 4.0, 2.0, 2.0 * np.pi * 60.0
+    A, B = swing(np.array([[K]]), np.array([H]), np.array([D]))
+    eigenvalue = np.linalg.eigvals(A)[0]
+    decay = D / (4.0 * H)
+    assert -eigenvalue.real == pytest.approx(decay, rel=1e-12)
+    assert abs(eigenvalue.imag) == pytest.approx(np.sqrt(w0 * K / (2.0 * H) - decay**2), rel=1e-12)
+    np.testing.assert_allclose(B, [[0.0], [w0 / (2.0 * H)]], rtol=1e-15)
+
+
+# -- the matrix exponential ----------------------------------------------------------------------
+
+
+def test_expm_of_known_matrices():
+    np.testing.assert_array_equal(expm(np.zeros((3, 3))), np.eye(3))
+    nilpotent = np.array([[0.0, 2.0, 1.0], [0.0, 0.0, 3.0], [0.0, 0.0, 0.0]])
+    np.testing.assert_allclose(expm(nilpotent), [[1, 2, 4], [0, 1, 3], [0, 0, 1]], atol=1e-14)
+    for angle in (1e-9, 0.3, 3.0, 100.0):
+        rotation = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+        found = expm(np.array([[0.0, -angle], [angle, 0.0]]))
+        np.testing.assert_allclose(found, rotation, atol=1e-13)
+    d = np.array([-50.0, -1.0, 0.5, 20.0])
+    np.testing.assert_allclose(np.diag(expm(np.diag(d))), np.exp(d), rtol=1e-12)
+
+
+@pytest.mark.parametrize("norm", [1e-8, 0.5, 5.0, 5.5, 40.0])
+def test_expm_of_a_symmetric_matrix(norm):
+    X = np.random.default_rng(2).standard_normal((6, 6))
+    X = X + X.T
+    X *= norm / np.abs(X).sum(axis=0).max()
+    eigenvalues, Q = np.linalg.eigh(X)
+    expected = (Q * np.exp(eigenvalues)) @ Q.T
+    np.testing.assert_allclose(expm(X), expected, rtol=0.0, atol=1e-13 * np.abs(expected).max())
+    np.testing.assert_allclose(expm(X) @ expm(-X), np.eye(6), atol=1e-12 * np.linalg.cond(expected))
+
+
+def test_expm_agrees_with_scipy():
+    linalg = pytest.importorskip("scipy.linalg")
+    for scale in (0.01, 1.0, 10.0):
+        X = scale * NETWORKS["14, system"]()[0]
+        expected = linalg.expm(X)
+        np.testing.assert_allclose(expm(X), expected, rtol=0.0, atol=1e-11 * np.abs(expected).max())
+
+
+# -- discretization ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("network", NETWORKS)
+@pytest.mark.parametrize("dt", [1e-4, 0.01, 0.5])
+def test_zoh_satisfies_its_defining_equations(network, dt):
+    A, B, _ = NETWORKS[network]()
+    A_d, B_d = discretize(A, B, dt, "zoh")
+    # A B_d = (A_d - I) B, which determines B_d up to the common angle;
+    scale = np.abs(A).max() * np.abs(B_d).max()
+    np.testing.assert_allclose(A @ B_d, (A_d - np.eye(len(A))) @ B, atol=1e-12 * scale)
+    # two half steps with the same input are one step.
+    half_A, half_B = discretize(A, B, dt / 2.0, "zoh")
+    np.testing.assert_allclose(half_A @ half_A, A_d, atol=1e-12 * np.abs(A_d).max())
+    np.testing.assert_allclose(half_A @ half_B + half_B, B_d, atol=1e-12 * np.abs(B_d).max())
+
+
+def test_zoh_of_a_very_long_step_keeps_the_common_angle():
+    A, B, _ = NETWORKS["39"]()
+    dt = 1e5  # all other modes have died out
+    A_d, _ = discretize(A, B, dt, "zoh")
+    # What is left is the common angle: rank 1, and A_d^2 = A_d.
+    assert np.linalg.matrix_rank(A_d, tol=1e-5) == 1
+    np.testing.assert_allclose(A_d @ A_d, A_d, atol=1e-6 * np.abs(A_d).max())
+
+
+def test_zoh_of_the_double_integrator():
+    A_d, B_d = discretize(np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]]), 0.5, "zoh")
+    np.testing.assert_allclose(A_d, [[1.0, 0.5], [0.0, 1.0]], atol=1e-16)
+    np.testing.assert_allclose(B_d, [[0.125], [0.5]], atol=1e-16)
+
+
+def test_euler_is_first_order():
+    errors = []
+    for dt in (1e-3, 5e-4):
+        zoh, euler = cases.ieee14(dt=dt), cases.ieee14(dt=dt, method="euler")
+        errors.append(np.abs(zoh.A - euler.A).max())
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.01)  # local error dt^2
+
+
+# -- what is shown, and what is refused ----------------------------------------------------------
+
+
+def test_the_name_says_which_choices_were_made():
+    system = cases.ieee14(data="andes", base="machine", method="euler", dt=0.02)
+    assert system.name == "IEEE 14-bus (andes data, machine base, euler)"
+    assert system.name in repr(system)
+    assert cases.ieee14().name == "IEEE 14-bus (classic data, system base, zoh)"
+    assert "euler" in cases.ieee39(method="euler").name
+    assert pickle.loads(pickle.dumps(system)) == system
+
+
+@pytest.mark.parametrize("case", [cases.ieee14, cases.ieee39])
+def test_wrong_choices_are_refused(case):
+    with pytest.raises(InputError, match="did you mean 'zoh'"):
+        case(method="zo")
+    for dt in (0, 0.0, -0.01, np.nan, np.inf):
+        with pytest.raises(InputError, match="`dt`"):
+            case(dt=dt)
+    for dt in (None, True, "0.01", 1j):
+        with pytest.raises(InputTypeError, match="`dt`"):
+            case(dt=dt)
+    for dt, method in ((1e9, "zoh"), (1e300, "zoh"), (1e307, "euler")):
+        with pytest.raises(InputError, match="`dt` is too large"):
+            case(dt=dt, method=method)
+
+
+def test_wrong_data_and_base_are_refused():
+    with pytest.raises(InputError, match="`data`"):
+        cases.ieee14(data="classical_")
+    with pytest.raises(InputError, match="`base`"):
+        cases.ieee14(base="generator")
+    with pytest.raises(InputTypeError, match="`data`"):
+        cases.ieee14(data=None)
+
+
+# -- random systems ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("n", "m", "radius"), [(1, 1, 1.0), (10, 5, 1.0), (6, 9, 0.3), (4, 2, 7.0)]
+)
+def test_random_system(n, m, radius):
+    system = cases.random_system(n, m, rng=3, spectral_radius=radius)
+    assert (system.n, system.m, system.dt) == (n, m, True)
+    assert np.abs(np.linalg.eigvals(system.A)).max() == pytest.approx(radius, rel=1e-12)
+    assert np.linalg.matrix_rank(system.B) == min(n, m)
+
+
+def test_random_system_depends_on_the_key_only():
+    first = cases.random_system(5, 3, rng=11)
+    assert cases.random_system(5, 3, 11) == first
+    assert cases.random_system(5, 3, as_key(11)) == first
+    assert cases.random_system(5, 3, 12) != first
+    assert cases.random_system(5, 3) != cases.random_system(5, 3)
+    generator = np.random.default_rng(0)
+    assert cases.random_system(5, 3, generator) != cases.random_system(5, 3, generator)
+    before = np.random.get_state()[1].copy()  # noqa: NPY002
+    cases.random_system(5, 3)
+    np.testing.assert_array_equal(np.random.get_state()[1], before)  # noqa: NPY002
+
+
+def test_random_system_is_the_documented_stream():
+    key = bytes(as_key(11).child("random_system"))
+    philox = np.random.Philox(key=int.from_bytes(key[:16], "little"))
+    normal = np.random.Generator(philox)
+    G, B = normal.standard_normal((5, 5)), normal.standard_normal((5, 3))
+    system = cases.random_system(5, 3, rng=11, spectral_radius=0.5)
+    np.testing.assert_array_equal(system.B, B)
+    np.testing.assert_allclose(system.A, G * 0.5 / np.abs(np.linalg.eigvals(G)).max(), rtol=1e-14)
+
+
+def test_random_system_is_gaussian():
+    B = cases.random_system(100, 1000, rng=5).B
+    # 1e5 standard normal entries: mean, variance and fourth moment within 5.7 sigma (1.2e-8 each)
+    for power, mean, variance in ((1, 0.0, 1.0), (2, 1.0, 2.0), (4, 3.0, 96.0)):
+        assert abs((B**power).mean() - mean) < 5.7 * np.sqrt(variance / B.size)
+
+
+def test_random_system_refuses_wrong_input():
+    for radius in (0.0, -1.0, np.nan, np.inf):
+        with pytest.raises(InputError, match="`spectral_radius`"):
+            cases.random_system(3, 2, 1, spectral_radius=radius)
+    with pytest.raises(InputError, match="`n`"):
+        cases.random_system(0, 2, 1)
+    with pytest.raises(InputTypeError, match="`m`"):
+        cases.random_system(3, 2.5, 1)
+    with pytest.raises(InputTypeError, match="`rng`"):
+        cases.random_system(3, 2, "seed")
+    with pytest.raises(MemoryError, match="random system"):
+        cases.random_system(10**7, 1, 1)

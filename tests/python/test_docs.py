@@ -1,0 +1,205 @@
+"""The documentation is part of the product: complete, runnable, and true to the code."""
+
+from __future__ import annotations
+
+import dataclasses
+import doctest
+import importlib
+import inspect
+import pkgutil
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import stochens_rs
+
+ROOT = Path(__file__).resolve().parents[2]
+OPTIONS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+SECTIONS = ["Parameters", "Attributes", "Returns", "Yields", "Raises", "Warns"]
+SECTIONS += ["Notes", "References", "Examples"]
+
+
+def modules():
+    found = ["stochens_rs"]
+    for entry in pkgutil.walk_packages(stochens_rs.__path__, "stochens_rs."):
+        last = entry.name.rpartition(".")[2]
+        if last not in ("_core", "__main__"):  # compiled; a program
+            found.append(entry.name)
+    return found
+
+
+def public_objects():
+    """Name and object of every public function, class, and method of a public class."""
+    found = {}
+    for name in modules():
+        parts = name.split(".")
+        # The NumPy twin is documented by its formulas; its arguments are those of the package.
+        if "reference" in parts or any(part.startswith("_") for part in parts):
+            continue
+        module = importlib.import_module(name)
+        for item in getattr(module, "__all__", ()):
+            obj = getattr(module, item)
+            if not getattr(obj, "__module__", "").startswith("stochens_rs"):
+                continue
+            found[f"{obj.__module__}.{item}"] = obj
+            if inspect.isclass(obj):
+                for attribute, member in vars(obj).items():
+                    if not attribute.startswith("_") and is_ours(member):
+                        found[f"{obj.__module__}.{item}.{attribute}"] = member
+    return {name: obj for name, obj in found.items() if callable(unwrap(obj)) or is_ours(obj)}
+
+
+def is_ours(member):
+    return isinstance(member, (property, classmethod, staticmethod)) or inspect.isfunction(member)
+
+
+def unwrap(obj):
+    return getattr(obj, "__func__", obj)
+
+
+PUBLIC = public_objects()
+
+
+@pytest.mark.parametrize("name", PUBLIC)
+def test_public_object_has_a_docstring(name):
+    text = inspect.getdoc(unwrap(PUBLIC[name]))
+    assert text, f"{name} has no docstring"
+    assert len(text.splitlines()[0]) <= 100
+    assert text.splitlines()[0].strip()
+
+
+CALLABLES = [name for name, obj in PUBLIC.items() if not isinstance(obj, property)]
+
+
+@pytest.mark.parametrize("name", CALLABLES)
+def test_every_parameter_is_documented(name):
+    obj = unwrap(PUBLIC[name])
+    if inspect.isclass(obj) and issubclass(obj, BaseException) and "__init__" not in vars(obj):
+        return
+    wanted = [] if name.endswith(".main") or is_made_by_the_package(obj) else parameters(obj)
+    found = sections(inspect.getdoc(obj) or "")
+    documented = [*names(found.get("Parameters", "")), *names(found.get("Attributes", ""))]
+    missing = [p for p in wanted if p not in documented]
+    assert not missing, f"{name} does not document {missing}"
+    known = {p.lstrip("*") for p in parameters(obj)}
+    unknown = [p for p in names(found.get("Parameters", "")) if p not in known]
+    assert not unknown, f"{name} documents {unknown}, which it does not take"
+
+
+def parameters(obj):
+    try:
+        signature = inspect.signature(obj)
+    except ValueError:  # a class whose constructor is compiled
+        return []
+    return [p for p in signature.parameters if p not in ("self", "cls")]
+
+
+def is_made_by_the_package(obj):
+    """Say whether `obj` is a class that users get and do not make; its fields need names too."""
+    home = obj.__module__.rpartition(".")[2]
+    return (
+        inspect.isclass(obj)
+        and not dataclasses.is_dataclass(obj)
+        and home in ("controls", "ensembles", "results")
+    )
+
+
+def sections(text):
+    """Split a numpydoc docstring into its sections."""
+    found, lines = {}, text.splitlines()
+    heads = [
+        i
+        for i in range(len(lines) - 1)
+        if lines[i] in SECTIONS and re.fullmatch(r"-{3,}", lines[i + 1])
+    ]
+    for head, end in zip(heads, [*heads, len(lines)][1:], strict=True):
+        assert len(lines[head]) == len(lines[head + 1]), f"underline of {lines[head]!r}"
+        assert lines[head] not in found, f"{lines[head]!r} appears twice"
+        found[lines[head]] = "\n".join(lines[head + 2 : end])
+    return found
+
+
+def names(section):
+    """Names before the colon of each entry: ``a, b : float`` gives a and b."""
+    found = []
+    for line in section.splitlines():
+        if line and not line[0].isspace():
+            found += [word.strip().lstrip("*") for word in line.partition(" :")[0].split(",")]
+    return found
+
+
+def test_the_section_parser_sees_faults():
+    text = "Sum.\n\nParameters\n----------\na, b : float\n    Two.\n*args\n    More.\n\n"
+    text += "Returns\n-------\nint\n    It."
+    assert names(sections(text)["Parameters"]) == ["a", "b", "args"]
+    assert set(sections(text)) == {"Parameters", "Returns"}
+    with pytest.raises(AssertionError, match="underline"):
+        sections("Sum.\n\nParameters\n-----\na : int")
+
+
+# -- examples ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", modules())
+def test_docstring_examples(name):
+    module = importlib.import_module(name)
+    said = []
+    runner = doctest.DocTestRunner(optionflags=OPTIONS)
+    for test in doctest.DocTestFinder().find(module, name):
+        runner.run(test, out=said.append)
+    assert runner.summarize(verbose=False).failed == 0, "".join(said)
+
+
+MARKDOWN = [path for path in ("README.md", "CONTRIBUTING.md") if (ROOT / path).exists()]
+
+
+def blocks(path):
+    text = (ROOT / path).read_text(encoding="utf-8")
+    return re.findall(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+
+
+@pytest.mark.parametrize("path", MARKDOWN)
+def test_code_blocks_run_and_print_what_they_say(path, tmp_path, monkeypatch, capsys):
+    """Each ``print(...)  # text`` prints exactly the text."""
+    monkeypatch.chdir(tmp_path)
+    namespace = {"__name__": "__readme__"}
+    for block in blocks(path):
+        exec(compile(block, f"{path}:block", "exec"), namespace)
+        expected = re.findall(r"^print\(.*\)\s+# (.*)$", block, re.MULTILINE)
+        printed = capsys.readouterr().out.splitlines()
+        assert printed == expected
+
+
+def test_readme_has_examples():
+    if "README.md" not in MARKDOWN:
+        pytest.skip("not run from a checkout")
+    assert len(blocks("README.md")) >= 2
+    assert any("print(" in block for block in blocks("README.md"))
+
+
+@pytest.mark.parametrize("path", MARKDOWN)
+def test_links_lead_somewhere(path):
+    text = (ROOT / path).read_text(encoding="utf-8")
+    local = [
+        target.partition("#")[0]
+        for target in re.findall(r"\]\(([^)\s]+)\)", text)
+        if not target.startswith(("http", "#"))
+    ]
+    assert [target for target in local if not (ROOT / target).exists()] == []
+
+
+def test_first_example_script_draws(tmp_path, monkeypatch):
+    pytest.importorskip("matplotlib")
+    script = ROOT / "docs" / "first_example.py"
+    if not script.exists():
+        pytest.skip("not run from a checkout")
+    spec = importlib.util.spec_from_file_location("first_example", script)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    monkeypatch.setattr(module, "SIZE", 200)
+    monkeypatch.setattr(module.sys, "argv", ["first_example.py", str(tmp_path / "a" / "b.png")])
+    module.main()
+    assert (tmp_path / "a" / "b.png").stat().st_size > 10_000
+    assert np.linalg.norm(module.SYSTEM.B @ module.EXACT) > 0.0

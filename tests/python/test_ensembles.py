@@ -1,0 +1,205 @@
+"""Ensembles as objects: views, prefixes, equality, pickles, refusals, nothing modified."""
+
+from __future__ import annotations
+
+import copy
+import multiprocessing
+import pickle
+import sys
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from stochens_rs import exceptions as ex
+
+W = np.array([3.0, -1.0, 0.0, 2.0])
+A = np.array([[0.9, 0.0, 0.2], [-0.1, 0.0, 0.8]])
+
+
+def ensembles() -> dict[str, se.Ensemble]:
+    return {
+        "vector": se.sample(W, 50, rng=1),
+        "columns": se.sample(A, 50, rng=2),
+        "rows": se.sample(A, 50, rng=3, axis="rows"),
+        "systematic": se.sample(A, 50, rng=4, scheme="systematic"),
+        "dense": se.Ensemble.from_samples(np.arange(24.0).reshape(4, 2, 3)),
+        "prefix": se.sample(W, 50, rng=1).prefix(7),
+    }
+
+
+@pytest.mark.parametrize("name", ensembles())
+def test_pickle_copy_and_equality(name: str) -> None:
+    ensemble = ensembles()[name]
+    for again in (
+        pickle.loads(pickle.dumps(ensemble)),
+        copy.copy(ensemble),
+        copy.deepcopy(ensemble),
+    ):
+        assert again == ensemble
+        assert (again.key, again.axis, again.scheme) == (
+            ensemble.key,
+            ensemble.axis,
+            ensemble.scheme,
+        )
+        assert np.array_equal(again.dense(), ensemble.dense())
+    assert ensemble != ensemble.prefix(ensemble.size - 1)
+    assert ensemble != 3
+
+
+def _mean(ensemble: se.Ensemble) -> np.ndarray:
+    return ensemble.mean()
+
+
+@pytest.mark.parametrize("method", ["spawn", "fork"] if sys.platform == "linux" else ["spawn"])
+@pytest.mark.filterwarnings("ignore:.*multi-threaded.*fork:DeprecationWarning")
+def test_ensembles_travel_to_processes(method: str) -> None:
+    # the parent has used threads before: a forked child must not wait for them
+    se.set_num_threads(2)
+    ensemble = se.sample(W, 100_000, rng=1)
+    se.set_num_threads(None)
+    with multiprocessing.get_context(method).Pool(1) as pool:
+        there = pool.apply_async(_mean, (ensemble,)).get(timeout=60)
+    assert np.array_equal(there, ensemble.mean())
+
+
+def test_indices_are_a_read_only_view_that_outlives_its_ensemble() -> None:
+    ensemble = se.sample(W, 1000, rng=1)
+    view = ensemble.indices
+    assert view is not None
+    assert view.dtype == np.uint8
+    assert view.shape == (1000, 1)
+    assert not view.flags.writeable
+    with pytest.raises(ValueError, match="WRITEABLE"):
+        view.flags.writeable = True
+    expected = view.copy()
+    del ensemble
+    se.sample(W, 100_000, rng=2)  # may reuse freed memory
+    assert np.array_equal(view, expected)
+
+
+@pytest.mark.parametrize(
+    ("length", "dtype"), [(256, np.uint8), (257, np.uint16), (65537, np.uint32)]
+)
+def test_indices_are_as_narrow_as_the_dimension_allows(length: int, dtype: type) -> None:
+    ensemble = se.sample(np.ones(length), 10, rng=1)
+    assert ensemble.indices is not None
+    assert ensemble.indices.dtype == dtype
+    assert ensemble.nbytes == 10 * np.dtype(dtype).itemsize
+
+
+def test_ensembles_are_immutable_and_made_by_functions() -> None:
+    ensemble = se.sample(W, 10, rng=1)
+    with pytest.raises(AttributeError, match="immutable"):
+        ensemble.size = 3  # type: ignore[misc]
+    with pytest.raises(ex.InputTypeError, match="from_samples"):
+        se.Ensemble()
+    with pytest.raises(TypeError):
+        hash(ensemble)
+
+
+def test_inputs_are_neither_modified_nor_shared() -> None:
+    samples = np.arange(6.0).reshape(3, 2)
+    ensemble = se.Ensemble.from_samples(samples)
+    samples[:] = 0.0
+    assert ensemble.combine([1.0, 0.0, 0.0]).tolist() == [0.0, 1.0]
+    target = A.copy()
+    target.flags.writeable = False
+    se.fuse(se.sample(target, 10, rng=1), "alse", target=target)
+    assert np.array_equal(target, A)
+
+
+def test_key_repeats_a_sample() -> None:
+    ensemble = se.sample(A, 100, rng=np.random.default_rng(5))
+    assert se.sample(A, 100, rng=ensemble.key) == ensemble
+    first, second = se.sample(A, 100), se.sample(A, 100)
+    assert first != second
+    assert first.key != second.key
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "message"),
+    [
+        (lambda: se.sample([np.nan, 1.0], 5), ex.NonFiniteError, r"`target\[0\]` is nan"),
+        (lambda: se.sample([], 5), ex.ShapeError, "`target`"),
+        (lambda: se.sample(np.zeros((2, 2, 2)), 5), ex.ShapeError, "`target`"),
+        (lambda: se.sample([1.0], 0), ex.SizeError, "`size`"),
+        (lambda: se.sample([1.0], 1.5), ex.InputTypeError, "`size`"),
+        (lambda: se.sample([1.0], 5, scheme="idd"), ex.InputError, "'iid'"),
+        (lambda: se.sample([1.0], 5, axis="column"), ex.InputError, "'columns'"),
+        (lambda: se.sample([1.0], 2**50), ex.ResourceError, "sample"),
+        (lambda: se.sample([1e308, 1e308, 1e308], 5), ex.NonFiniteError, "1-norm"),
+        (lambda: se.sample([1j], 5), ex.InputTypeError, "complex"),
+        (lambda: se.sample([1.0], 5, rng="seed"), ex.InputTypeError, "`rng`"),
+        (lambda: se.Ensemble.from_samples([1.0, 2.0]), ex.ShapeError, "`samples`"),
+        (lambda: se.Ensemble.from_indices([0, 2], [1.0, 2.0]), ex.InputError, "`indices`"),
+        (lambda: se.Ensemble.from_indices([0.5], [1.0]), ex.InputTypeError, "integers"),
+        (lambda: se.fuse(se.sample(W, 5), "alse"), ex.InputError, "`target` is required"),
+        (lambda: se.fuse(se.sample(W, 5), "als", target=W), ex.InputError, "'alse'"),
+        (lambda: se.fuse(W), ex.InputTypeError, "Ensemble"),
+        (lambda: se.fuse(se.sample(W, 5), "alse", target=W[:2]), ex.ShapeError, r"\(4,\)"),
+        (
+            lambda: se.fuse(se.sample(W, 5), "slse", target=W, weights="subsimplex"),
+            ex.InputError,
+            "weights",
+        ),
+        (lambda: se.fuse(se.sample(W, 5), "alse", target=W, tol=0.0), ex.InputError, "`tol`"),
+        (lambda: se.fuse_path(se.sample(W, 5), [3, 6], target=W), ex.InputError, "`sizes"),
+        (lambda: se.fuse_path(se.sample(W, 5), [3, 2], target=W), ex.InputError, "`sizes"),
+        (lambda: se.sample(W, 5).prefix(6), ex.InputError, "`size`"),
+        (lambda: se.sample(W, 5).combine([1.0]), ex.ShapeError, "`weights`"),
+        (lambda: se.Ensemble.from_samples([[1.0]]).counts(), ex.InputTypeError, "singleton"),
+        (lambda: se.control(np.eye(2), [1.0], [1.0, 2.0], np.eye(2)), ex.ShapeError, "`x0`"),
+        (lambda: se.control(np.eye(4), se.sample(A, 3), W, np.eye(4)), ex.ShapeError, "`x0`"),
+        (
+            lambda: se.control(
+                np.eye(4), se.sample(W, 3), se.sample(W, 4), np.eye(4), fusion="diagonal"
+            ),
+            ex.ShapeError,
+            "as many realizations",
+        ),
+        (
+            lambda: se.control(np.eye(4), se.sample_counts(W, 3), W, np.eye(4), fusion="diagonal"),
+            ex.InputTypeError,
+            "counts",
+        ),
+        (
+            lambda: se.steer((np.eye(4), np.eye(4)), W, W, 5, method="alse", fusion="diagonal"),
+            ex.InputError,
+            "weights of their own",
+        ),
+    ],
+)
+def test_refusals(call: object, error: type[Exception], message: str) -> None:
+    with pytest.raises(error, match=message) as caught:
+        call()  # type: ignore[operator]
+    assert isinstance(caught.value, ex.StochensError)
+    assert len(str(caught.value)) <= 300
+    assert "\n" not in str(caught.value)
+
+
+def test_extreme_scales_are_exact_up_to_the_scale() -> None:
+    for scale in (1e-150, 1e150):
+        plain = se.sample(A, 200, rng=1)
+        scaled = se.sample(A * scale, 200, rng=1)
+        for method in ("uniform", "alse", "slse", "slse-safeguarded"):
+            one = se.fuse(plain, method, target=A)
+            other = se.fuse(scaled, method, target=A * scale)
+            assert other.error is not None
+            assert one.error is not None
+            assert abs(other.error / scale - one.error) <= 1e-5 * np.linalg.norm(A)
+            assert other.status == one.status
+
+
+def test_threads_are_a_setting_not_a_result() -> None:
+    with pytest.raises(ex.SizeError):
+        se.set_num_threads(0)
+    try:
+        drawn = []
+        for threads in (1, 2, 8):
+            se.set_num_threads(threads)
+            assert se.get_num_threads() == threads
+            drawn.append(se.sample(A, 50_000, rng=1))
+        assert drawn[0] == drawn[1] == drawn[2]
+    finally:
+        se.set_num_threads(None)

@@ -1,0 +1,521 @@
+"""Weights against oracles that share nothing with them: exact rationals, enumeration, a brute QP.
+
+Each fact is checked through two engines: the NumPy twin and the public API. Sections: the exact
+values of SLSE and where it loses to the uniform mean; what is true of SLSE instead (Lemma 4.5,
+corrected); the closed form of ALSE (Lemma 4.4, corrected) against quadratic programs; the coupon
+law; the order of the methods on every path; every p-norm at once.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from fractions import Fraction
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from numpy.typing import NDArray
+
+import stochens_rs as se
+from stochens_rs import reference as twin
+
+Array = NDArray[np.float64]
+Exact = list[Fraction]
+SLSE = {"slse": twin.slse, "slse-safeguarded": twin.slse_safeguarded}
+
+
+class Result(NamedTuple):
+    estimate: Array
+    weights: Array
+    error: float
+
+
+class Twin:
+    """The reference, under the two calls used below."""
+
+    def dense(self, samples: Any, method: str, target: Any, weights: str = "simplex") -> Result:
+        E = np.asarray(samples, dtype=float)
+        if method in SLSE:
+            path = SLSE[method](E, target)
+            return Result(path.estimate, path.weights, float(path.errors[-1]))
+        fused = twin.uniform(E, target) if method == "uniform" else None
+        fused = fused or twin.alse_dense(E, target, weights)
+        return Result(fused.estimate, fused.weights, fused.error)
+
+    def singleton(
+        self, indices: Any, w: Any, method: str, target: Any = None, weights: str = "simplex"
+    ) -> Result:
+        atoms, goal = twin.atoms(w), np.asarray(w if target is None else target, dtype=float)
+        if method == "alse" and np.ndim(w) == 1:
+            fused = twin.alse_singleton(indices, atoms, goal, weights)
+            return Result(fused.estimate, fused.weights, fused.error)
+        return self.dense(twin.dense(indices, atoms), method, goal, weights)
+
+    def errors(self, samples: Any, method: str, target: Any) -> Array:
+        return twin.fuse_path(samples, np.arange(1, len(samples) + 1), method, target=target)
+
+    def singleton_errors(self, indices: Any, w: Any, method: str) -> Array:
+        return self.errors(twin.dense(indices, twin.atoms(w)), method, w)
+
+
+class Api:
+    """The same calls through the package."""
+
+    def dense(self, samples: Any, method: str, target: Any, weights: str = "simplex") -> Result:
+        ensemble = se.Ensemble.from_samples(np.asarray(samples, dtype=float))
+        fit = se.fuse(ensemble, method, target=target, weights=weights)
+        return Result(fit.estimate, fit.weights, fit.error)
+
+    def singleton(
+        self, indices: Any, w: Any, method: str, target: Any = None, weights: str = "simplex"
+    ) -> Result:
+        ensemble = se.Ensemble.from_indices(np.asarray(indices), w)
+        goal = w if target is None else target
+        fit = se.fuse(ensemble, method, target=goal, weights=weights)
+        return Result(fit.estimate, fit.weights, fit.error)
+
+    def errors(self, samples: Any, method: str, target: Any) -> Array:
+        ensemble = se.Ensemble.from_samples(np.asarray(samples, dtype=float))
+        path = se.fuse_path(ensemble, np.arange(1, len(samples) + 1), method, target=target)
+        return np.asarray(path.errors)
+
+    def singleton_errors(self, indices: Any, w: Any, method: str) -> Array:
+        ensemble = se.Ensemble.from_indices(np.asarray(indices), w)
+        path = se.fuse_path(ensemble, np.arange(1, len(indices) + 1), method, target=w)
+        return np.asarray(path.errors)
+
+
+@pytest.fixture(params=[Twin, Api], ids=["twin", "api"])
+def engine(request: pytest.FixtureRequest) -> Any:
+    return request.param()
+
+
+# --- exact arithmetic -----------------------------------------------------------------------------
+
+
+def dot(a: Exact, b: Exact) -> Fraction:
+    return sum((x * y for x, y in zip(a, b, strict=True)), Fraction(0))
+
+
+def exact_search(F: Exact, E: Exact, target: Exact) -> Exact:
+    """The point of [F, E] nearest to the target, t = clip(<E* - F, E - F> / ||E - F||^2, 0, 1)."""
+    d = [e - f for e, f in zip(E, F, strict=True)]
+    if not any(d):
+        return F
+    t = dot([a - f for a, f in zip(target, F, strict=True)], d) / dot(d, d)
+    t = min(max(t, Fraction(0)), Fraction(1))
+    return [f + t * x for f, x in zip(F, d, strict=True)]
+
+
+def exact_errors(samples: Sequence[Sequence[Any]], target: Sequence[Any], method: str) -> Exact:
+    """The squared errors after 1..N samples, for rational samples, as rationals."""
+    E = [[Fraction(x) for x in row] for row in samples]
+    goal = [Fraction(x) for x in target]
+    F, total, out = E[0], [Fraction(0)] * len(goal), []
+    for n, sample in enumerate(E, start=1):
+        total = [a + b for a, b in zip(total, sample, strict=True)]
+        mean = [a / n for a in total]
+        F = mean if method == "uniform" else exact_search(F, sample, goal)
+        if method == "slse-safeguarded":
+            F = exact_search(F, mean, goal)
+        r = [a - f for a, f in zip(goal, F, strict=True)]
+        out.append(dot(r, r))
+    return out
+
+
+def exact_singletons(indices: Sequence[int], w: Sequence[int]) -> list[Exact]:
+    gamma = Fraction(sum(abs(x) for x in w))
+    sign = [(x > 0) - (x < 0) for x in w]
+    return [[gamma * sign[k] if i == k else Fraction(0) for i in range(len(w))] for k in indices]
+
+
+def sequences(w: Sequence[int], N: int) -> Iterator[tuple[tuple[int, ...], Fraction]]:
+    """All index sequences of length N that can occur, with their exact probabilities."""
+    gamma = sum(abs(x) for x in w)
+    support = [i for i, x in enumerate(w) if x]
+    for idx in itertools.product(support, repeat=N):
+        p = Fraction(1)
+        for i in idx:
+            p *= Fraction(abs(w[i]), gamma)
+        yield idx, p
+
+
+# --- SLSE: exact values, and where it loses -------------------------------------------------------
+
+
+def test_slse_loses_in_the_plane(engine: Any) -> None:
+    samples, target = [[1, 0], [0, 2], [-1, -2]], [0, 0]
+    assert exact_errors(samples, target, "slse")[-1] == Fraction(4, 25)
+    assert abs(engine.dense(samples, "slse", target).error ** 2 - 4 / 25) < 1e-14
+    assert engine.dense(samples, "uniform", target).error < 1e-14
+    assert engine.dense(samples, "slse-safeguarded", target).error < 1e-14
+    assert engine.dense(samples, "alse", target).error ** 2 < 5e-9
+
+
+def test_slse_loses_for_a_sampled_matrix(engine: Any) -> None:
+    A = [[1, 1], [2, 2]]
+    samples = [[[0, 0], [3, 3]], [[3, 0], [0, 3]], [[0, 3], [3, 0]]]
+    flat = np.reshape(samples, (3, 4)).tolist()
+    assert exact_errors(flat, np.ravel(A).tolist(), "slse")[-1] == Fraction(1, 5)
+    indices = [[1, 1], [0, 1], [1, 0]]
+    for result in (
+        engine.dense(samples, "slse", A),
+        engine.singleton(indices, np.array(A), "slse"),
+    ):
+        assert abs(result.error**2 - 1 / 5) < 1e-14
+    assert engine.dense(samples, "uniform", A).error < 1e-14
+    assert engine.singleton(indices, np.array(A), "uniform").error < 1e-14
+    assert engine.singleton(indices, np.array(A), "slse-safeguarded").error < 1e-14
+
+
+@pytest.mark.parametrize(
+    ("indices", "value"),
+    [((0, 0, 1, 2), Fraction(3, 98)), ((0, 1, 2, 0), Fraction(75, 7154))],
+)
+def test_slse_loses_for_a_sampled_vector(
+    engine: Any, indices: tuple[int, ...], value: Fraction
+) -> None:
+    w = [2, 1, 1]
+    assert exact_errors(exact_singletons(indices, w), w, "slse")[-1] == value
+    assert abs(engine.singleton(indices, np.array(w), "slse").error ** 2 - float(value)) < 1e-14
+    assert engine.singleton(indices, np.array(w), "uniform").error < 1e-14
+    assert engine.singleton(indices, np.array(w), "slse-safeguarded").error < 1e-14
+
+
+def test_probability_that_slse_loses(engine: Any) -> None:
+    """Exactly 5/32 at N = 4 for w = (2, 1, 1), with margin on each of the 81 sequences."""
+    w, total, by_engine = [2, 1, 1], Fraction(0), Fraction(0)
+    for idx, p in sequences(w, 4):
+        samples = exact_singletons(idx, w)
+        slse = exact_errors(samples, w, "slse")[-1]
+        uniform = exact_errors(samples, w, "uniform")[-1]
+        total += p * (slse > uniform)
+        ours = engine.singleton(idx, np.array(w), "slse").error
+        theirs = engine.singleton(idx, np.array(w), "uniform").error
+        assert abs(ours**2 - float(slse)) < 1e-13
+        by_engine += p * (ours > theirs + 1e-9)
+    assert total == by_engine == Fraction(5, 32)
+
+
+def test_slse_never_loses_with_two_samples_or_three_singletons(engine: Any) -> None:
+    rng = np.random.default_rng(5)
+    for _ in range(50):
+        samples, target = rng.normal(size=(2, 3)), rng.normal(size=3)
+        slse, uniform = (engine.dense(samples, k, target).error for k in ("slse", "uniform"))
+        assert slse <= uniform + 1e-14
+    for w in ([2, 1, 1], [3, -2, 1], [5, 3, -1]):
+        for idx, _ in sequences(w, 3):
+            exact = exact_singletons(idx, w)
+            assert exact_errors(exact, w, "slse")[-1] <= exact_errors(exact, w, "uniform")[-1]
+            slse = engine.singleton(idx, np.array(w), "slse").error
+            assert slse <= engine.singleton(idx, np.array(w), "uniform").error + 1e-12
+
+
+# --- SLSE: what is true ---------------------------------------------------------------------------
+
+
+def test_mean_square_of_slse_is_below_that_of_the_mean(engine: Any) -> None:
+    """E d_n^2 for w = (2, 1, 1): 10, 19/4, 4073/1568, ... <= V / n with V = 10 (Lemma 4.5')."""
+    w, V = [2, 1, 1], 10
+    mean_square, by_engine = [Fraction(0)] * 4, np.zeros(4)
+    for idx, p in sequences(w, 4):
+        errors = exact_errors(exact_singletons(idx, w), w, "slse")
+        mean_square = [a + p * e for a, e in zip(mean_square, errors, strict=True)]
+        by_engine += float(p) * engine.singleton_errors(idx, np.array(w), "slse") ** 2
+    assert mean_square[:3] == [Fraction(10), Fraction(19, 4), Fraction(4073, 1568)]
+    assert abs(float(mean_square[3]) - 1.569) < 5e-4
+    assert all(e <= Fraction(V, n) for n, e in enumerate(mean_square, start=1))
+    assert_allclose(by_engine, [float(e) for e in mean_square], rtol=1e-13)
+
+
+def test_slse_reaches_zero_with_known_probability(engine: Any) -> None:
+    """w = (2, 1, 1): exactly zero at N = 3 with probability 1/16; w = (3, 2, 1): never."""
+    for w, expected in (([2, 1, 1], Fraction(1, 16)), ([3, 2, 1], Fraction(0))):
+        exact, by_engine = Fraction(0), Fraction(0)
+        for idx, p in sequences(w, 3):
+            exact += p * (exact_errors(exact_singletons(idx, w), w, "slse")[-1] == 0)
+            by_engine += p * (engine.singleton(idx, np.array(w), "slse").error < 1e-12)
+        assert exact == by_engine == expected
+
+
+@pytest.mark.parametrize("method", ["uniform", "slse", "slse-safeguarded"])
+def test_errors_of_every_prefix_are_exact(engine: Any, method: str) -> None:
+    rng = np.random.default_rng(8)
+    for _ in range(20):
+        N, n = int(rng.integers(1, 9)), int(rng.integers(1, 5))
+        samples, target = rng.integers(-4, 5, (N, n)), rng.integers(-3, 4, n)
+        exact = exact_errors(samples.tolist(), target.tolist(), method)
+        errors = engine.errors(samples.astype(float), method, target)
+        assert_allclose(errors**2, [float(e) for e in exact], rtol=1e-11, atol=1e-13)
+        last = engine.dense(samples, method, target)
+        assert_allclose(last.error**2, float(exact[-1]), rtol=1e-11, atol=1e-13)
+        assert_allclose(last.weights @ samples, last.estimate, atol=1e-12)
+        assert abs(last.weights.sum() - 1) < 1e-12
+        assert last.weights.min() >= 0
+
+
+def test_a_repeated_sample_changes_nothing(engine: Any) -> None:
+    """E = F: the step is 0 by convention, so the weight stays with the first occurrence."""
+    for result in (
+        engine.dense([[1.0, 2.0]] * 3, "slse", [5.0, 0.0]),
+        engine.singleton([1, 1, 1], np.array([1.0, 2.0]), "slse"),
+    ):
+        assert result.weights.tolist() == [1.0, 0.0, 0.0]
+
+
+def random_cases(count: int, seed: int) -> Iterator[tuple[Array, Array]]:
+    """Dense samples and targets, vectors and matrices, with repeated samples among them."""
+    rng = np.random.default_rng(seed)
+    for k in range(count):
+        shape = [(3,), (2, 3), (6,)][k % 3]
+        samples = rng.normal(size=(int(rng.integers(1, 25)), *shape))
+        repeated = samples[rng.integers(0, len(samples), size=len(samples))]
+        target = rng.normal(size=shape) * (0.0 if k % 10 == 9 else 0.3)
+        yield (repeated if k % 2 else samples), target
+
+
+def test_order_of_the_methods_on_every_path(engine: Any) -> None:
+    """ALSE <= safeguarded SLSE <= uniform and ALSE <= SLSE; all but uniform non-increasing."""
+    for samples, target in random_cases(30, seed=6):
+        unit = float(np.sum(target**2)) or max(float(np.sum(E**2)) for E in samples)
+        squares = {
+            m: engine.errors(samples, m, target) ** 2
+            for m in ("uniform", "alse", "slse", "slse-safeguarded")
+        }
+        slack, solver = 1e-13 * unit, 2e-9 * unit  # rounding; the tolerance of `fuse`
+        assert np.all(squares["slse-safeguarded"] <= squares["uniform"] + slack)
+        for method in ("slse", "slse-safeguarded"):
+            assert np.all(np.diff(squares[method]) <= slack)
+            assert np.all(squares["alse"] <= squares[method] + solver)
+        assert np.all(squares["alse"] <= squares["uniform"] + solver)
+        assert np.all(np.diff(squares["alse"]) <= solver)
+
+
+def test_safeguard_holds_where_slse_fails(engine: Any) -> None:
+    """Negative control: on the same paths the plain SLSE does exceed the uniform mean."""
+    violations = 0
+    for idx, _ in sequences([2, 1, 1], 4):
+        errors = {
+            m: engine.singleton_errors(idx, np.array([2, 1, 1]), m)
+            for m in ("uniform", "slse", "slse-safeguarded")
+        }
+        violations += int(np.any(errors["slse"] > errors["uniform"] + 1e-9))
+        assert np.all(errors["slse-safeguarded"] <= errors["uniform"] + 1e-13)
+    assert violations > 0
+
+
+# --- ALSE: closed form and certificate against quadratic programs ---------------------------------
+
+
+def brute_force(points: Array, weights: str) -> float:
+    """min ||y P||^2 by trying every support: solve the equality-constrained problem on each.
+
+    Exact for a handful of points; the subsimplex is the simplex with the sample 0 added, that is
+    with the last row of `points` (the caller passes -target there).
+    """
+    P = points if weights == "subsimplex" else points[:-1]
+    best = np.inf
+    for size in range(1, min(len(P), P.shape[1] + 1) + 1):
+        for support in itertools.combinations(range(len(P)), size):
+            S = P[list(support)]
+            K = np.zeros((size + 1, size + 1))  # [2 S S^T, 1; 1^T, 0] (y, lambda) = (0, 1)
+            K[:size, :size], K[:size, size], K[size, :size] = 2 * S @ S.T, 1.0, 1.0
+            y = np.linalg.lstsq(K, np.eye(size + 1)[-1], rcond=None)[0][:size]
+            if y.min() >= -1e-12 and abs(y.sum() - 1) < 1e-9:
+                best = min(best, float(np.sum((y @ S) ** 2)))
+    return best
+
+
+def singleton_cases(count: int) -> Iterator[tuple[list[int], Array, Array]]:
+    """Vectors with zeros and signs, N = 1..8 draws, targets: exact, off by 30%, wrong signs."""
+    rng = np.random.default_rng(3)
+    for _ in range(count):
+        n = int(rng.integers(1, 6))
+        w = rng.normal(size=n) * (rng.random(n) < 0.8)
+        if not w.any():
+            w[0] = -1.0
+        N = int(rng.integers(1, 9))
+        indices = rng.choice(n, size=N, p=np.abs(w) / np.abs(w).sum()).tolist()
+        for target in (w, w + 0.3 * rng.normal(size=n), w * rng.choice([-1.0, 1.0], size=n)):
+            yield indices, w, target
+
+
+@pytest.mark.parametrize("weights", ["simplex", "subsimplex"])
+def test_closed_form_solves_the_quadratic_program(engine: Any, weights: str) -> None:
+    for indices, w, target in singleton_cases(200):
+        result = engine.singleton(indices, w, "alse", target, weights)
+        atoms = twin.atoms(w)
+        points = np.vstack([np.diag(atoms)[np.unique(indices)] - target, -target])
+        best, unit = brute_force(points, weights), float(np.sum(atoms**2) + np.sum(target**2))
+        assert abs(result.error**2 - best) <= 1e-9 * max(best, 1e-3 * unit)
+        y = result.weights
+        assert y.min() >= 0
+        assert y.sum() <= 1 + 1e-13
+        assert weights == "subsimplex" or y.sum() >= 1 - 1e-13
+        # equal samples share equally: the solution of least norm
+        for k in set(indices):
+            assert np.ptp(y[np.array(indices) == k]) <= 1e-15
+        combined = np.zeros_like(w)
+        np.add.at(combined, indices, y * atoms[indices])
+        assert_allclose(result.estimate, combined, atol=1e-13 * np.abs(w).sum())
+
+
+def test_closed_form_for_the_exact_target(engine: Any) -> None:
+    """Y_k = |w_k|/gamma + delta/|D1|, J = sum_{D2} w_k^2 + (gamma delta)^2/|D1| (Lemma 4.4')."""
+    for indices, w, target in singleton_cases(60):
+        if target is not w:
+            continue
+        seen = np.zeros(len(w), dtype=bool)
+        seen[indices] = True
+        lost = np.abs(w)[~seen].sum()  # gamma * delta
+        result = engine.singleton(indices, w, "alse")
+        expected = np.where(seen, np.sign(w) * (np.abs(w) + lost / seen.sum()), 0.0)
+        assert_allclose(result.estimate, expected, atol=1e-14 * np.abs(w).sum())
+        J = np.sum(w[~seen] ** 2) + lost**2 / seen.sum()
+        assert_allclose(result.error**2, J, rtol=1e-12, atol=1e-28 * np.sum(w**2))
+        sub = engine.singleton(indices, w, "alse", weights="subsimplex")
+        assert_allclose(sub.error**2, np.sum(w[~seen] ** 2), rtol=1e-12, atol=1e-28 * np.sum(w**2))
+
+
+def test_the_printed_formula_is_wrong_and_ours_is_not(engine: Any) -> None:
+    # w = (1, 1), one sample: the printed minimum is 1, on the simplex it is 2.
+    assert abs(engine.singleton([0], np.array([1.0, 1.0]), "alse").error ** 2 - 2.0) < 1e-14
+    sub = engine.singleton([0], np.array([1.0, 1.0]), "alse", weights="subsimplex")
+    assert abs(sub.error**2 - 1.0) < 1e-14
+    assert_allclose(sub.weights, [0.5], atol=1e-15)
+    both = engine.singleton([0, 1], np.array([3.0, 4.0]), "alse")
+    assert_allclose(both.weights, [3 / 7, 4 / 7], atol=1e-15)
+    assert both.error < 1e-14
+
+
+def test_alse_of_nothing(engine: Any) -> None:
+    """A zero vector: every sample is 0, the weights are uniform, the error is that of 0."""
+    result = engine.singleton([0, 0, 0], np.zeros(2), "alse")
+    assert result.error == 0.0
+    assert result.estimate.tolist() == [0.0, 0.0]
+    assert_allclose(result.weights, np.full(3, 1 / 3), rtol=1e-15)
+
+
+@pytest.mark.parametrize("weights", ["simplex", "subsimplex"])
+def test_dense_alse_against_every_support(engine: Any, weights: str) -> None:
+    rng = np.random.default_rng(12)
+    for k in range(24):
+        N, shape = int(rng.integers(1, 8)), [(2,), (3,), (2, 2)][k % 3]
+        samples = rng.normal(size=(N, *shape)) + rng.normal(size=shape)
+        target = rng.normal(size=shape)
+        result = engine.dense(samples, "alse", target, weights)
+        P = np.vstack([samples.reshape(N, -1) - target.ravel(), -target.ravel()])
+        best, unit = brute_force(P, weights), float(np.sum(target**2))
+        assert -1e-12 * unit <= result.error**2 - best <= 1.1e-9 * unit
+
+
+@pytest.mark.parametrize("weights", ["simplex", "subsimplex"])
+def test_dense_alse_against_clarabel(engine: Any, weights: str) -> None:
+    clarabel, sparse = pytest.importorskip("clarabel"), pytest.importorskip("scipy.sparse")
+    rng = np.random.default_rng(13)
+    for N, d in ((5, 3), (40, 6), (120, 20)):
+        samples, target = rng.normal(size=(N, d)), 0.5 * rng.normal(size=d)
+        cones = [clarabel.ZeroConeT(1) if weights == "simplex" else clarabel.NonnegativeConeT(1)]
+        settings = clarabel.DefaultSettings()
+        settings.verbose = False
+        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-12
+        solver = clarabel.DefaultSolver(
+            sparse.csc_matrix(np.triu(2 * samples @ samples.T)),
+            -2 * samples @ target,
+            sparse.csc_matrix(np.vstack([np.ones((1, N)), -np.eye(N)])),
+            np.concatenate([[1.0], np.zeros(N)]),
+            [*cones, clarabel.NonnegativeConeT(N)],
+            settings,
+        )
+        y = np.array(solver.solve().x)
+        best = float(np.sum((y @ samples - target) ** 2))
+        result = engine.dense(samples, "alse", target, weights)
+        assert abs(result.error**2 - best) <= 1e-8 * np.sum(target**2)
+
+
+def test_gap_bounds_the_loss_of_any_weights() -> None:
+    """0 <= f(y) - min f <= gap, and the gap of weights that are not optimal is not small."""
+    rng = np.random.default_rng(14)
+    for samples, target in random_cases(30, seed=15):
+        for weights in ("simplex", "subsimplex"):
+            best = twin.alse_dense(samples, target, weights)
+            unit = max(float(np.sum((E - target) ** 2)) for E in samples)
+            unit += float(np.sum(target**2))
+            assert -1e-13 * unit <= best.gap <= 1e-12 * unit
+            y = rng.dirichlet(np.ones(len(samples)))
+            loss = float(np.sum((np.tensordot(y, samples, axes=1) - target) ** 2)) - best.error**2
+            gap = twin.frank_wolfe_gap(samples, y, target, weights)
+            assert -1e-12 * unit <= loss <= gap + 1e-12 * unit
+
+
+def test_projections_are_projections() -> None:
+    """KKT: p - tau is constant on the support of p and not smaller outside of it."""
+    rng = np.random.default_rng(16)
+    for _ in range(200):
+        tau = rng.normal(size=int(rng.integers(1, 8))) * rng.choice([0.1, 1.0, 10.0])
+        p = twin.project_simplex(tau)
+        assert p.min() >= 0
+        assert abs(p.sum() - 1) < 1e-14
+        shift = (p - tau)[p > 0]
+        assert np.ptp(shift) < 1e-14
+        assert np.all((p - tau)[p == 0] >= shift[0] - 1e-14)
+        q = twin.project_subsimplex(tau)
+        clipped = np.maximum(tau, 0)
+        assert_allclose(q, clipped if clipped.sum() <= 1 else p, atol=1e-15)
+
+
+# --- the coupon law -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("w", [[2, 1, 1], [3, 0, -2, 1]])
+def test_coupon_law(engine: Any, w: list[int]) -> None:
+    """P(ALSE exact) = sum_T (-1)^|T| (1 - p(T))^N, E J_sub = sum_k w_k^2 (1 - p_k)^N, exactly."""
+    gamma, support = sum(map(abs, w)), [i for i, x in enumerate(w) if x]
+    for N in (1, 3, 5):
+        law = Fraction(0)
+        for size in range(len(support) + 1):
+            for T in itertools.combinations(support, size):
+                p_T = Fraction(sum(abs(w[i]) for i in T), gamma)
+                law += (-1) ** size * (1 - p_T) ** N
+        exact_hits, mean = Fraction(0), 0.0
+        for idx, p in sequences(w, N):
+            exact_hits += p * (engine.singleton(idx, np.array(w), "alse").error < 1e-12)
+            sub = engine.singleton(idx, np.array(w), "alse", weights="subsimplex")
+            mean += float(p) * sub.error**2
+        assert exact_hits == law
+        expected = sum(x * x * (1 - Fraction(abs(x), gamma)) ** N for x in w)
+        assert_allclose(mean, float(expected), rtol=1e-13)
+        assert expected <= Fraction(gamma**2, 2 * (N + 1))
+
+
+# --- every p-norm at once -------------------------------------------------------------------------
+
+
+def test_simplex_alse_of_a_vector_minimises_every_p_norm(engine: Any) -> None:
+    rng = np.random.default_rng(21)
+    for indices, w, target in singleton_cases(60):
+        if target is not w:
+            continue
+        best = engine.singleton(indices, w, "alse").estimate - w
+        atoms, others = twin.atoms(w), rng.dirichlet(np.full(len(indices), 0.5), size=50)
+        rivals = [twin.combine(indices, atoms, y) for y in others]
+        rivals += [engine.singleton(indices, w, m).estimate for m in ("uniform", "slse")]
+        for p in (1, 1.5, 2, 3, np.inf):
+            size = np.linalg.norm(best, p)
+            for rival in rivals:
+                assert size <= np.linalg.norm(rival - w, p) + 1e-12 * np.abs(w).sum()
+
+
+def test_for_matrices_only_the_frobenius_norm(engine: Any) -> None:
+    """Counterexample in the spectral norm: ALSE 1.035 > uniform 0.943."""
+    A = np.array([[4.0, -2.0], [1.0, 2.0]])
+    samples = [[[0, -4], [5, 0]], [[5, 0], [0, 4]], [[5, 0], [0, 4]]]
+    indices = [[1, 0], [0, 1], [0, 1]]
+    assert np.array_equal(twin.dense(indices, twin.atoms(A)), samples)
+    errors = {m: engine.singleton(indices, A, m) for m in ("alse", "uniform")}
+    spectral = {m: np.linalg.norm(r.estimate - A, 2) for m, r in errors.items()}
+    assert errors["alse"].error < errors["uniform"].error
+    assert abs(spectral["alse"] - 1.035) < 5e-4
+    assert abs(spectral["uniform"] - 0.943) < 5e-4

@@ -1,0 +1,501 @@
+"""Bad input: the right exception, a message that says what and where, nothing changed.
+
+Good but unusual input (strided, big-endian, single precision, ...) equals the plain array.
+"""
+
+from __future__ import annotations
+
+import pickle
+import re
+from functools import partial
+
+import numpy as np
+import pytest
+
+from stochens_rs import _gate, exceptions
+from stochens_rs.exceptions import (
+    InputError,
+    InputTypeError,
+    NonFiniteError,
+    ResourceError,
+    ShapeError,
+    SizeError,
+    SolverError,
+    StochensError,
+)
+
+nan, inf = float("nan"), float("inf")
+
+
+def label(value):
+    """Test ids: pytest's own would print a million characters, or fail on a huge integer."""
+    return value.__name__ if isinstance(value, type) else _gate.show(value)[:40]
+
+
+def spoiled(shape, index, value):
+    array = np.ones(shape)
+    array[index] = value
+    return array
+
+
+class Stubborn:
+    def __array__(self, dtype=None, copy=None):
+        raise RuntimeError("no array for you")
+
+
+class Fickle:
+    """An array of another shape at every reading."""
+
+    readings = 0
+
+    def __array__(self, dtype=None, copy=None):
+        self.readings += 1
+        return np.ones((self.readings, self.readings))
+
+
+vector, matrix = _gate.vector, _gate.matrix
+vector10 = partial(_gate.vector, length=10)
+rows3, cols3 = partial(_gate.matrix, rows=3), partial(_gate.matrix, cols=3)
+square, square4 = partial(_gate.matrix, square=True), partial(_gate.matrix, rows=4, square=True)
+batch, batch3 = partial(_gate.array, ndim=(2, 3)), partial(_gate.array, ndim=(3,))
+
+# Rows: what is wrong, the check, the value given for `X`, a pattern of the message.
+NOT_FINITE = [
+    ("nan first", matrix, spoiled((3, 4), (0, 0), nan), r"`X\[0, 0\]` is nan: entries must be fin"),
+    ("nan last", matrix, spoiled((3, 4), (2, 3), nan), r"`X\[2, 3\]` is nan"),
+    ("nan all", matrix, np.full((3, 4), nan), r"`X\[0, 0\]` is nan"),
+    ("inf", matrix, spoiled((3, 4), (1, 2), inf), r"`X\[1, 2\]` is inf"),
+    ("-inf", matrix, spoiled((3, 4), (1, 2), -inf), r"`X\[1, 2\]` is -inf"),
+    ("nan transposed", matrix, spoiled((3, 4), (1, 2), nan).T, r"`X\[2, 1\]`"),
+    ("nan in vector", vector, [1.0, 2.0, 3.0, nan], r"`X\[3\]` is nan: entries must be finite"),
+    ("nan in batch", batch, spoiled((1000, 2, 2), (577, 1, 0), nan), r"`X\[577, 1, 0\]`"),
+]
+WRONG_SHAPE = [
+    ("empty 0x0", matrix, np.ones((0, 0)), r"`X` must have at least one entry, got shape \(0, 0\)"),
+    ("empty 0xn", matrix, np.ones((0, 3)), r"\(0, 3\)"),
+    ("empty nx0", matrix, np.ones((3, 0)), r"\(3, 0\)"),
+    ("empty list", vector, [], r"at least one entry, got shape \(0,\)"),
+    ("empty batch", batch3, np.ones((3, 0, 2)), r"\(3, 0, 2\)"),
+    ("scalar", matrix, 3.0, r"`X` must have shape \(n, m\), got \(\)$"),
+    ("1-d for 2-d", matrix, np.ones(3), r"got \(3,\); use X\.reshape\(-1, 1\)"),
+    ("3-d for 2-d", matrix, np.ones((2, 2, 2)), r"have shape \(n, m\), got \(2, 2, 2\)"),
+    ("2-d for 1-d", vector, np.ones((3, 1)), r"shape \(n,\), got \(3, 1\); use X\.ravel\(\)"),
+    ("32-d", matrix, np.ones((1,) * 32), r"got 32 dimensions"),
+    ("length", vector10, np.ones(9), r"`X` must have shape \(10,\), got \(9,\)$"),
+    ("rows", rows3, np.ones((2, 4)), r"`X` must have shape \(3, m\), got \(2, 4\)$"),
+    ("cols", cols3, np.ones((2, 4)), r"`X` must have shape \(n, 3\), got \(2, 4\)$"),
+    ("square", square, np.ones((2, 3)), r"`X` must have shape \(n, n\), got \(2, 3\)$"),
+    ("square of 4", square4, np.ones((3, 3)), r"\(4, 4\), got \(3, 3\)$"),
+    ("ndim", batch, np.ones(3), r"must have 2 or 3 dimensions, got shape \(3,\)"),
+]
+WRONG_TYPE = [
+    ("object", matrix, np.array([[1, None]]), r"contain integers or real floats, got dtype object"),
+    ("huge integers", vector, [10**30, 1], r"dtype object"),
+    ("text array", vector, np.array(["a", "b"]), r"got dtype <U1"),
+    ("text", vector, "12", r"got str '12'"),
+    ("bytes", vector, b"12", r"got bytes b'12'"),
+    ("bool", vector, np.array([True]), r"got dtype bool; pass X\.astype\(float\)"),
+    ("complex", vector, np.ones(3, complex), r"got dtype complex128; pass X\.real"),
+    ("datetime", vector, np.zeros(3, "M8[s]"), r"datetime64"),
+    ("structured", vector, np.zeros(3, [("a", float)]), r"got dtype \[\('a'"),
+    ("None", vector, None, r"got None"),
+    ("masked", vector, np.ma.masked_array([1.0, 2.0], [True, False]), r"masked array.*X\.filled"),
+    ("ragged", matrix, [[1.0], [1.0, 2.0]], r"rows of unequal length"),
+    ("generator", vector, (float(i) for i in range(3)), r"an object of type generator"),
+    ("dict", vector, {0: 1.0}, r"an object of type dict"),
+    ("raising __array__", vector, Stubborn(), r"an object of type Stubborn"),
+]
+BAD_ARRAYS = [
+    pytest.param(check, value, error, message, id=what)
+    for error, rows in (
+        (NonFiniteError, NOT_FINITE),
+        (ShapeError, WRONG_SHAPE),
+        (InputTypeError, WRONG_TYPE),
+    )
+    for what, check, value, message in rows
+]
+
+
+@pytest.mark.parametrize(("check", "value", "error", "message"), BAD_ARRAYS)
+def test_bad_array_is_refused_and_left_alone(check, value, error, message):
+    before = value.copy() if isinstance(value, np.ndarray) else None
+    with pytest.raises(error, match=message) as caught:
+        check("X", value)
+    assert_one_short_line(caught.value)
+    if before is not None:
+        np.testing.assert_array_equal(value, before)
+
+
+def test_sparse_matrix_is_refused_with_a_hint():
+    sparse = pytest.importorskip("scipy.sparse")
+    for kind in (sparse.csc_matrix, sparse.csr_array):
+        with pytest.raises(InputTypeError, match=r"sparse matrix: pass X\.toarray\(\)"):
+            _gate.matrix("X", kind(np.eye(3)))
+
+
+def test_the_cause_of_a_foreign_failure_is_kept():
+    with pytest.raises(InputTypeError) as caught:
+        _gate.vector("X", Stubborn())
+    assert isinstance(caught.value.__cause__, RuntimeError)
+
+
+def test_running_out_of_memory_is_not_called_a_wrong_type():
+    class Huge:
+        def __array__(self, dtype=None, copy=None):
+            raise MemoryError
+
+    with pytest.raises(MemoryError):
+        _gate.vector("X", Huge())
+
+
+def test_input_is_read_once():
+    fickle = Fickle()
+    assert _gate.matrix("X", fickle).shape == (1, 1)
+    assert fickle.readings == 1
+
+
+def misaligned(array):
+    raw = np.zeros(array.nbytes + 1, dtype=np.uint8)
+    view = raw[1:].view(array.dtype).reshape(array.shape)
+    view[...] = array
+    assert not view.flags.aligned
+    return view
+
+
+def read_only(array):
+    array = array.copy()
+    array.flags.writeable = False
+    return array
+
+
+PLAIN = np.arange(12.0).reshape(3, 4) - 5.0
+UNUSUAL = {
+    "list": PLAIN.tolist(),
+    "tuple of lists": tuple(PLAIN.tolist()),
+    "list of arrays": list(PLAIN),
+    "int64": PLAIN.astype(np.int64),
+    "int8": PLAIN.astype(np.int8),
+    "float32": PLAIN.astype(np.float32),
+    "float16": PLAIN.astype(np.float16),
+    "longdouble": PLAIN.astype(np.longdouble),
+    "big-endian": PLAIN.astype(">f8"),
+    "big-endian int": PLAIN.astype(">i4"),
+    "Fortran": np.asfortranarray(PLAIN),
+    "reversed": PLAIN[::-1, ::-1].copy()[::-1, ::-1],
+    "strided": np.repeat(np.repeat(PLAIN, 2, 0), 3, 1)[::2, ::3],
+    "read-only": read_only(PLAIN),
+    "misaligned": misaligned(PLAIN),
+    "np.matrix": PLAIN.view(np.matrix),
+    "memoryview": memoryview(PLAIN),
+}
+
+
+@pytest.mark.parametrize("value", UNUSUAL.values(), ids=UNUSUAL.keys())
+def test_unusual_array_equals_the_plain_one(value):
+    got = _gate.matrix("X", value)
+    np.testing.assert_array_equal(got, PLAIN)
+    assert type(got) is np.ndarray
+    assert got.dtype == np.float64
+    assert got.dtype.isnative
+    assert got.flags.c_contiguous
+    assert got.flags.aligned
+
+
+def test_broadcast_and_memmap(tmp_path):
+    wide = np.broadcast_to(np.arange(4.0), (3, 4))
+    got = _gate.matrix("X", wide)
+    assert got.flags.c_contiguous
+    np.testing.assert_array_equal(got, wide)
+    mapped = np.memmap(tmp_path / "m", dtype=float, mode="w+", shape=(3, 4))
+    mapped[:] = PLAIN
+    np.testing.assert_array_equal(_gate.matrix("X", mapped), PLAIN)
+
+
+def test_no_copy_when_none_is_needed():
+    assert np.shares_memory(_gate.matrix("X", PLAIN), PLAIN)
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        np.zeros((2, 2)),
+        np.full((2, 2), 1e300),
+        np.full((2, 2), 5e-324),
+        np.full((2, 2), -0.0),
+        np.full((2, 2), 2**53 + 1, dtype=np.int64),
+    ],
+)
+def test_extreme_but_finite_values_pass_unchanged(value):
+    np.testing.assert_array_equal(_gate.matrix("X", value), value.astype(float))
+
+
+def test_long_double_beyond_float64_is_not_finite():
+    beyond = np.array([1.0, np.finfo(np.longdouble).max])
+    if beyond[1] == np.finfo(np.float64).max:
+        pytest.skip("long double is float64 here")
+    with pytest.raises(NonFiniteError, match=r"`X\[1\]` is inf"):
+        _gate.vector("X", beyond)
+
+
+# -- scalars -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("value", "count"),
+    [(1, 1), (1e6, 10**6), (np.uint8(7), 7), (np.int64(7), 7), (np.float32(4), 4),
+     (np.array(5), 5), (2**53, 2**53), (9.0e9, 9 * 10**9)],
+)  # fmt: skip
+def test_size_accepts_whole_numbers(value, count):
+    got = _gate.size("size", value)
+    assert got == count
+    assert type(got) is int
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "message"),
+    [
+        (0, SizeError, r"`size` must be in \[1, 9007199254740992\], got int 0"),
+        (-1, SizeError, r"got int -1"),
+        (np.int64(-1), SizeError, r"got int -1"),
+        (2**53 + 1, SizeError, r"got int 9007199254740993"),
+        (2**62, SizeError, r"must be in"),
+        (2**64, SizeError, r"must be in"),
+        (10**30, SizeError, r"must be in"),
+        (10**5000, SizeError, r"got int of 16610 bits"),
+        (1e300, SizeError, r"got int of 997 bits"),
+        (1.5, InputTypeError, r"`size` must be a whole number, got float 1.5"),
+        (nan, InputTypeError, r"got float nan"),
+        (inf, InputTypeError, r"got float inf"),
+        (True, InputTypeError, r"got bool True"),
+        (np.True_, InputTypeError, r"got bool_? True"),
+        ("7", InputTypeError, r"got str '7'"),
+        (b"7", InputTypeError, r"got bytes"),
+        (None, InputTypeError, r"got None"),
+        (1 + 0j, InputTypeError, r"complex"),
+        ([7], InputTypeError, r"type list"),
+        (np.array([7]), InputTypeError, r"ndarray of shape \(1,\)"),
+        (np.array(True), InputTypeError, r"whole number"),
+        ("x" * 10**6, InputTypeError, r"got str 'x"),
+        ("a\nb", InputTypeError, r"got str 'a\\nb'"),
+    ],
+    ids=label,
+)
+def test_size_refuses(value, error, message):
+    with pytest.raises(error, match=message) as caught:
+        _gate.size("size", value)
+    assert_one_short_line(caught.value)
+
+
+def test_size_range_is_the_callers():
+    assert _gate.size("k", 0, minimum=0) == 0
+    with pytest.raises(SizeError, match=r"`k` must be in \[0, 5\], got int 6"):
+        _gate.size("k", 6, minimum=0, maximum=5)
+
+
+@pytest.mark.parametrize(
+    "value", [[1, 2, 10], (1, 2, 10), np.array([1.0, 2.0, 10.0]), np.array([1, 2, 10], np.uint8)]
+)
+def test_sizes_accepts(value):
+    got = _gate.sizes("sizes", value, maximum=10)
+    assert got.dtype == np.int64
+    assert got.tolist() == [1, 2, 10]
+
+
+def test_sizes_accepts_a_range():
+    assert _gate.sizes("sizes", range(1, 6), maximum=5).tolist() == [1, 2, 3, 4, 5]
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "message"),
+    [
+        ([], ShapeError, r"`sizes` must have shape \(k,\) with k >= 1, got \(0,\)"),
+        (5, ShapeError, r"got \(\)"),
+        ([[1, 2]], ShapeError, r"got \(1, 2\)"),
+        ([1, 2, 2], InputError, r"`sizes\[2\]` is 2 after 2: sizes must increase strictly"),
+        ([3, 2], InputError, r"`sizes\[1\]` is 2 after 3"),
+        ([0, 1], SizeError, r"`sizes\[0\]` must be in \[1, 10\], got int 0"),
+        ([1, 11], SizeError, r"`sizes\[1\]` must be in \[1, 10\], got int 11"),
+        ([1, 2.5], InputTypeError, r"`sizes\[1\]` must be a whole number, got float 2.5"),
+        ([1, nan], InputTypeError, r"`sizes\[1\]`.*nan"),
+        ([1, inf], InputTypeError, r"`sizes\[1\]`.*inf"),
+        ([1, 10**30], SizeError, r"`sizes\[1\]` must be in"),
+        (np.array([1, 2**64 - 1], np.uint64), SizeError, r"`sizes\[1\]`"),
+        ([True, True], InputTypeError, r"`sizes\[0\]` must be a whole number, got bool_? True"),
+        (["1"], InputTypeError, r"`sizes\[0\]`"),
+        ([[1], [1, 2]], InputTypeError, r"unequal length"),
+    ],
+    ids=label,
+)
+def test_sizes_refuses(value, error, message):
+    with pytest.raises(error, match=message) as caught:
+        _gate.sizes("sizes", value, maximum=10)
+    assert_one_short_line(caught.value)
+
+
+METHODS = ("uniform", "alse", "slse")
+
+
+def test_choice():
+    assert _gate.choice("method", "alse", METHODS) == "alse"
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "message"),
+    [
+        ("ales", InputError, r"'uniform', 'alse', 'slse', got str 'ales'; did you mean 'alse'\?"),
+        ("UNIFORM", InputError, r"did you mean 'uniform'\?"),
+        ("", InputError, r"got str ''$"),
+        ("q" * 10**6, InputError, r"must be one of"),
+        (None, InputTypeError, r"got None"),
+        (1, InputTypeError, r"got int 1"),
+    ],
+    ids=label,
+)  # fmt: skip
+def test_choice_refuses(value, error, message):
+    with pytest.raises(error, match=message) as caught:
+        _gate.choice("method", value, METHODS)
+    assert_one_short_line(caught.value)
+
+
+@pytest.mark.parametrize("value", [1, 1e-300, 5e-324, np.float32(0.5), np.int64(3), 1e308])
+def test_positive_accepts(value):
+    got = _gate.positive("tol", value)
+    assert got == float(value)
+    assert type(got) is float
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "message"),
+    [
+        (0, SizeError, r"`tol` must be > 0, got int 0"),
+        (-1.0, SizeError, r"`tol` must be > 0, got float -1.0"),
+        (-0.0, SizeError, r"got float -0.0"),
+        (nan, NonFiniteError, r"`tol` is nan: it must be finite"),
+        (inf, NonFiniteError, r"`tol` is inf"),
+        (10**400, SizeError, r"too large.*int of 1329 bits"),
+        (True, InputTypeError, r"got bool True"),
+        ("1", InputTypeError, r"got str '1'"),
+        (None, InputTypeError, r"got None"),
+        (1j, InputTypeError, r"complex"),
+    ],
+    ids=label,
+)
+def test_positive_refuses(value, error, message):
+    with pytest.raises(error, match=message) as caught:
+        _gate.positive("tol", value)
+    assert_one_short_line(caught.value)
+
+
+# -- memory ------------------------------------------------------------------------------------
+
+
+def test_memory_refuses_what_no_machine_has():
+    if _gate.memory_left() is None:
+        pytest.skip("this system does not tell how much memory is left")
+    with pytest.raises(
+        ResourceError, match=r"^Ensemble\.dense\(\) needs .* GiB, but only"
+    ) as caught:
+        _gate.memory("Ensemble.dense()", 2**62)
+    assert_one_short_line(caught.value)
+    assert caught.value.needed_bytes == 2**62
+    assert 0 <= caught.value.limit_bytes < 2**62
+    assert isinstance(caught.value, MemoryError)
+
+
+@pytest.mark.parametrize(("needed", "refused"), [(800 * 2**20, False), (800 * 2**20 + 1, True)])
+def test_memory_leaves_a_fifth_free(monkeypatch, needed, refused):
+    monkeypatch.setattr(_gate, "memory_left", lambda: 1000 * 2**20)
+    if refused:
+        with pytest.raises(ResourceError):
+            _gate.memory("it", needed)
+    else:
+        _gate.memory("it", needed)
+
+
+def test_memory_passes_where_nothing_is_known(monkeypatch):
+    monkeypatch.setattr(_gate, "_text", lambda path: "")
+    monkeypatch.setattr(_gate, "_address_space_left", list)
+    assert _gate.memory_left() is None
+    _gate.memory("it", 2**62)
+
+
+GIB = 2**30
+MEMINFO = f"MemTotal: {16 * 2**20} kB\nMemAvailable: {8 * 2**20} kB\n"
+V2 = {
+    "/proc/self/cgroup": "0::/user/job\n",
+    "/sys/fs/cgroup/user/job/memory.max": "max\n",
+    "/sys/fs/cgroup/user/job/memory.current": f"{GIB}\n",
+    "/sys/fs/cgroup/user/memory.max": f"{4 * GIB}\n",
+    "/sys/fs/cgroup/user/memory.current": f"{3 * GIB}\n",
+    "/sys/fs/cgroup/user/memory.stat": f"anon {GIB}\ninactive_file {GIB}\n",
+    "/proc/meminfo": MEMINFO,
+}
+V1 = {
+    "/proc/self/cgroup": "5:cpu,cpuacct:/a\n4:memory:/not/visible\n",
+    "/sys/fs/cgroup/memory/memory.limit_in_bytes": f"{3 * GIB}\n",
+    "/sys/fs/cgroup/memory/memory.usage_in_bytes": f"{2 * GIB}\n",
+    "/sys/fs/cgroup/memory/memory.stat": "total_inactive_file 0\n",
+    "/proc/meminfo": MEMINFO,
+}
+
+
+@pytest.mark.parametrize(
+    ("files", "left"),
+    [
+        (V2, 2 * GIB),  # the parent group: 4 - 3 used, of which 1 is cache
+        (V1, GIB),  # a container: only the root group is there
+        ({"/proc/meminfo": MEMINFO}, 8 * GIB),
+        ({"/proc/meminfo": MEMINFO, "/proc/self/cgroup": "words of another kernel"}, 8 * GIB),
+    ],
+    ids=["cgroup v2", "cgroup v1", "no cgroup", "unreadable"],
+)
+def test_memory_left_reads_the_least_limit(monkeypatch, files, left):
+    monkeypatch.setattr(_gate, "_text", lambda path: files.get(path, ""))
+    monkeypatch.setattr(_gate, "_address_space_left", list)
+    assert _gate.memory_left() == left
+
+
+def test_address_space_limit_counts(monkeypatch):
+    resource = pytest.importorskip("resource")
+    monkeypatch.setattr(resource, "getrlimit", lambda which: (5 * GIB, 6 * GIB))
+    monkeypatch.setattr(
+        _gate, "_text", lambda path: f"{GIB // resource.getpagesize()} 1 1" * ("statm" in path)
+    )
+    assert _gate.memory_left() == 4 * GIB
+
+
+# -- the family of exceptions ------------------------------------------------------------------
+
+
+EXCEPTIONS = [getattr(exceptions, name) for name in exceptions.__all__]
+
+
+@pytest.mark.parametrize("error", EXCEPTIONS, ids=lambda error: error.__name__)
+def test_exceptions_are_one_documented_picklable_family(error):
+    assert issubclass(error, StochensError)
+    assert error.__doc__
+    back = pickle.loads(pickle.dumps(error("what happened")))
+    assert type(back) is error
+    assert str(back) == "what happened"
+
+
+def test_exceptions_keep_what_they_carry():
+    assert pickle.loads(pickle.dumps(ResourceError("m", 7, 5))).needed_bytes == 7
+    assert pickle.loads(pickle.dumps(ResourceError("m", 7, 5))).limit_bytes == 5
+    assert pickle.loads(pickle.dumps(SolverError("m", [1.0]))).result == [1.0]
+
+
+@pytest.mark.parametrize(
+    ("name", "builtin"),
+    [("InputError", ValueError), ("ShapeError", ValueError), ("NonFiniteError", ValueError),
+     ("WeightError", ValueError), ("SeedError", ValueError), ("SizeError", ValueError),
+     ("SizeError", OverflowError), ("InputTypeError", TypeError), ("ResourceError", MemoryError),
+     ("SolverError", RuntimeError), ("InternalError", RuntimeError)],
+)  # fmt: skip
+def test_old_except_clauses_still_work(name, builtin):
+    assert issubclass(getattr(exceptions, name), builtin)
+
+
+def assert_one_short_line(error):
+    assert len(str(error)) <= 300
+    assert re.search(r"[\r\n]", str(error)) is None

@@ -1,0 +1,487 @@
+"""Exact moments against the enumeration of every atom (n <= 3), and against the sampler."""
+
+from __future__ import annotations
+
+import itertools
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from stochens_rs.exceptions import InputError, InputTypeError, ShapeError
+from stochens_rs.theory import moments
+
+TOLERANCE = 1e-12
+AXES = ("columns", "rows")
+
+# -- the oracle: a distribution is a list of (probability, value) ------------------------------
+
+
+def vector_atoms(w):
+    """The realizations of a vector: ||w||_1 sign(w_i) e_i with probability |w_i| / ||w||_1."""
+    w = np.asarray(w, dtype=float)
+    gamma = np.abs(w).sum()
+    if gamma == 0.0:
+        return [(1.0, np.zeros_like(w))]
+    unit = np.eye(w.size)
+    return [(abs(x) / gamma, gamma * np.sign(x) * unit[i]) for i, x in enumerate(w) if x != 0.0]
+
+
+def matrix_atoms(A, axis):
+    """Every combination of one atom per line."""
+    A = np.asarray(A, dtype=float)
+    lines = A.T if axis == "columns" else A
+    atoms = []
+    for choice in itertools.product(*(vector_atoms(line) for line in lines)):
+        value = np.array([atom for _, atom in choice])
+        atoms.append((np.prod([p for p, _ in choice]), value.T if axis == "columns" else value))
+    return atoms
+
+
+def averages(atoms, size):
+    """The averages of `size` independent draws."""
+    return [
+        (np.prod([p for p, _ in draws]), sum(value for _, value in draws) / size)
+        for draws in itertools.product(atoms, repeat=size)
+    ]
+
+
+def mean_and_covariance(atoms):
+    p = np.array([probability for probability, _ in atoms])
+    values = np.array([np.ravel(value) for _, value in atoms])
+    assert abs(p.sum() - 1.0) < TOLERANCE
+    mean = p @ values
+    centred = values - mean
+    return mean, (centred.T * p) @ centred
+
+
+def differences(x0s, xfs, As):
+    """The distribution of xf - A x0 for independent x0, xf, A."""
+    p = np.einsum("a,b,c->abc", *([q for q, _ in d] for d in (x0s, xfs, As)))
+    x0, xf, A = (np.array([value for _, value in d]) for d in (x0s, xfs, As))
+    y = xf[None, :, None, :] - np.einsum("cij,aj->aci", A, x0)[:, None, :, :]
+    return list(zip(p.ravel(), y.reshape(-1, y.shape[-1]), strict=True))
+
+
+def close(found, expected):
+    scale = max(1.0, float(np.abs(expected).max()))
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=TOLERANCE * scale)
+
+
+# -- cases: signs, zeros, all shapes of B ------------------------------------------------------
+
+VECTORS = {
+    "signs": [3.0, -1.0, 0.5],
+    "zero entry": [2.0, 0.0, -1.0],
+    "one entry": [0.0, -4.0],
+    "zero": [0.0, 0.0, 0.0],
+    "length 1": [-2.0],
+    "equal": [1.0, 1.0, 1.0],
+}
+MATRICES = {
+    "full": [[1.0, -2.0, 0.5], [0.25, 1.0, 3.0], [-1.0, 0.5, 0.75]],
+    "zero column": [[1.0, 0.0, -2.0], [-3.0, 0.0, 0.5], [0.5, 0.0, 1.0]],
+    "zero row": [[0.0, 0.0], [2.0, -1.0]],
+    "diagonal": [[2.0, 0.0], [0.0, -1.0]],
+    "wide": [[1.0, -1.0, 2.0], [0.0, 3.0, -0.5]],
+    "tall": [[1.0, -1.0], [2.0, 0.0], [-0.5, 4.0]],
+    "zero": [[0.0, 0.0], [0.0, 0.0]],
+}
+A2 = [[1.0, -2.0], [0.5, 3.0]]
+A3 = MATRICES["full"]
+# B, x0, xf, A
+CONTROLS = {
+    "n=1": ([[2.0]], [3.0], [-1.0], [[0.5]]),
+    "m < n": ([[1.0], [2.0]], [1.0, -0.5], [0.5, 2.0], A2),
+    "m = n": ([[1.0, 0.5], [-1.0, 2.0]], [1.0, -0.5], [0.5, 2.0], A2),
+    "m > n": ([[1.0, 0.5, -1.0], [0.0, 2.0, 1.0]], [1.0, -0.5], [0.5, 2.0], A2),
+    "rank-deficient B": ([[1.0, 2.0], [2.0, 4.0]], [1.0, -0.5], [0.5, 2.0], A2),
+    "zero B": ([[0.0], [0.0]], [1.0, -0.5], [0.5, 2.0], A2),
+    "zero xf": ([[1.0], [2.0]], [1.0, -0.5], [0.0, 0.0], A2),
+    "zero x0": ([[1.0], [2.0]], [0.0, 0.0], [0.5, 2.0], A2),
+    "zero column": ([[1.0], [2.0]], [1.0, -0.5], [0.5, 2.0], [[0.0, -2.0], [0.0, 3.0]]),
+    "zero row": ([[1.0], [2.0]], [1.0, -0.5], [0.5, 2.0], [[0.0, 0.0], [1.0, 3.0]]),
+}
+CONTROLS_3 = {
+    "n=3, m=2": ([[1.0, 0.0], [0.5, 1.0], [-1.0, 2.0]], [1.0, -2.0, 0.5], [0.0, 1.0, -1.0], A3),
+    "n=3, rank 1": (
+        np.outer([1.0, -2.0, 0.5], [1.0, 3.0, 0.0]), [1.0, 0.0, 0.5], [2.0, 1.0, -1.0], A3,
+    ),
+}  # fmt: skip
+
+
+def cases(table):
+    return pytest.mark.parametrize("case", table.values(), ids=table.keys())
+
+
+axes = pytest.mark.parametrize("axis", AXES)
+
+
+# -- one entity ----------------------------------------------------------------------------------
+
+
+@cases(VECTORS)
+def test_vector_covariance(case):
+    for size in (1, 2, 3):
+        mean, covariance = mean_and_covariance(averages(vector_atoms(case), size))
+        close(mean, np.array(case))
+        close(moments.vector_covariance(case, size), covariance)
+        close(moments.vector_mse(case, size), np.trace(covariance))
+
+
+def test_vector_covariance_in_rational_numbers():
+    w = [Fraction(3), Fraction(-1, 2), Fraction(0), Fraction(7, 4)]
+    gamma = sum(abs(x) for x in w)
+    atoms = [
+        (abs(x) / gamma, [gamma * (1 if x > 0 else -1) * (i == k) for k in range(4)])
+        for i, x in enumerate(w)
+        if x != 0
+    ]
+    assert [sum(p * s[i] for p, s in atoms) for i in range(4)] == w
+    exact = [
+        [sum(p * (s[i] - w[i]) * (s[k] - w[k]) for p, s in atoms) for k in range(4)]
+        for i in range(4)
+    ]
+    found = moments.vector_covariance([float(x) for x in w])
+    assert [[Fraction(x) for x in row] for row in found] == exact
+
+
+@axes
+@cases(MATRICES)
+def test_matrix_mse(case, axis):
+    mean, covariance = mean_and_covariance(matrix_atoms(case, axis))
+    close(mean, np.ravel(case))
+    close(moments.matrix_mse(case, axis=axis), np.trace(covariance))
+    if axis == "rows":
+        close(moments.matrix_mse(case, axis=axis), moments.matrix_mse(np.transpose(case)))
+    close(moments.matrix_mse(case, 7, axis=axis), np.trace(covariance) / 7)
+
+
+@axes
+@cases(MATRICES)
+def test_second_moment(case, axis):
+    m = np.shape(case)[1]
+    symmetric = np.array([[2.0, -1.0, 0.5], [-1.0, 1.0, 3.0], [0.5, 3.0, -4.0]])[:m, :m]
+    general = np.array([[2.0, -1.0, 0.5], [0.0, 1.0, 3.0], [-2.0, 5.0, -4.0]])[:m, :m]
+    for M in (symmetric, general, np.eye(m)):
+        expected = sum(p * S @ M @ S.T for p, S in matrix_atoms(case, axis))
+        close(moments.second_moment(case, M, axis=axis), expected)
+
+
+@cases(MATRICES)
+def test_transition(case):
+    d = np.array([0.5, 2.0, 3.0])[: np.shape(case)[1]]
+    expected = sum(
+        d_j * mean_and_covariance(vector_atoms(column))[1]
+        for d_j, column in zip(d, np.transpose(case), strict=True)
+    )
+    T = moments.transition(case, d)
+    close(T, expected)
+    close(T, T.T)
+    assert np.linalg.eigvalsh(T).min() >= -TOLERANCE * max(1.0, np.trace(T))
+
+
+@axes
+@cases(MATRICES)
+def test_product_covariance(case, axis):
+    m = np.shape(case)[1]
+    for x0 in ([1.0, -2.0, 0.5][:m], [0.0, 3.0, 0.0][:m], [0.0] * m):
+        z = [(p * q, S @ s) for p, s in vector_atoms(x0) for q, S in matrix_atoms(case, axis)]
+        mean, covariance = mean_and_covariance(z)
+        close(mean, np.asarray(case) @ x0)
+        found = moments.product_covariance(x0, case, axis=axis)
+        close(found, covariance)
+        if axis == "columns":  # the closed form C_z of the documentation
+            Z, g = np.abs(case), np.abs(case).sum(axis=0)
+            closed = np.abs(x0).sum() * np.diag(Z @ (g * np.abs(x0))) - np.outer(mean, mean)
+            close(found, closed)
+
+
+def test_an_entity_that_is_known_exactly_has_no_variance():
+    w = VECTORS["signs"]
+    for exact in (None, np.inf, float("inf"), np.float32("inf")):
+        assert moments.vector_mse(w, exact) == 0.0
+        assert not moments.vector_covariance(w, exact).any()
+        assert moments.matrix_mse(A3, exact) == 0.0
+        assert moments.systematic_mse(w, exact) == 0.0
+
+
+def test_variance_without_cancellation():
+    # g^2 - ||w||^2 = 2e-20 is lost when two numbers near 1 are subtracted.
+    assert moments.vector_mse([1.0, 1e-20]) == pytest.approx(2e-20, rel=1e-15)
+    assert moments.vector_covariance([1.0, 1e-20])[0, 0] == pytest.approx(1e-20, rel=1e-15)
+    assert moments.vector_mse([0.1] + [0.0] * 9) == 0.0
+
+
+# -- systematic sampling -------------------------------------------------------------------------
+
+
+def systematic_mse_by_integration(w, size):
+    """Integrate the squared error over U exactly: the counts are constant between breaks."""
+    w = [Fraction(x) for x in w]
+    gamma = sum(abs(x) for x in w)
+    if gamma == 0:
+        return Fraction(0)
+    c = [size * sum(abs(x) for x in w[:i]) / gamma for i in range(len(w) + 1)]
+    breaks = sorted({Fraction(0), Fraction(1), *(x - x.__floor__() for x in c)})
+    total = Fraction(0)
+    for left, right in itertools.pairwise(breaks):
+        U = (left + right) / 2
+        ceilings = [(x - U).__ceil__() for x in c]
+        counts = [b - a for a, b in itertools.pairwise(ceilings)]
+        assert sum(counts) == size
+        signs = [1 if x > 0 else -1 for x in w]
+        error = [gamma * s * k / size - x for x, s, k in zip(w, signs, counts, strict=True)]
+        assert all(e == 0 for e, x in zip(error, w, strict=True) if x == 0)
+        total += (right - left) * sum(e * e for e in error)
+    return total
+
+
+SYSTEMATIC = [
+    [3.0, -1.0, 0.5, 0.0, 2.0],
+    [0.0, 0.0],
+    [-5.0],
+    [0.25, 0.0, -0.25],
+    [1.0, 2.0, 4.0, 8.0, -16.0, 32.0],
+]
+
+
+@pytest.mark.parametrize("w", SYSTEMATIC)
+@pytest.mark.parametrize("size", [1, 2, 3, 7, 50, 1000])
+def test_systematic_mse(w, size):
+    found = moments.systematic_mse(w, size)
+    assert found == pytest.approx(float(systematic_mse_by_integration(w, size)), rel=1e-12, abs=0.0)
+    gamma = np.abs(w).sum()
+    assert found <= gamma**2 * len(w) / (4 * size**2)
+    assert found <= moments.vector_mse(w, size) * (1.0 + 1e-15)
+
+
+def test_systematic_mse_numbers():
+    w = [3.0, -1.0, 0.5, 0.0, 2.0]
+    assert moments.systematic_mse(w, 50) == pytest.approx(0.0110, abs=5e-5)
+    assert moments.systematic_mse(w, 1000) == pytest.approx(2.8e-5, abs=5e-7)
+    assert moments.systematic_mse(w, 6500) == 0.0  # every 6500 |w_i| / 6.5 is an integer
+
+
+@axes
+def test_systematic_mse_of_a_matrix_is_the_sum_over_its_lines(axis):
+    A = np.array(MATRICES["zero column"])
+    lines = A.T if axis == "columns" else A
+    expected = sum(systematic_mse_by_integration(line, 7) for line in lines)
+    assert moments.systematic_mse(A, 7, axis=axis) == pytest.approx(float(expected), rel=1e-12)
+
+
+# -- controls ------------------------------------------------------------------------------------
+
+
+def check_controls(case, axis, sizes, fusion):
+    """Compare control and state with the distribution of all averages (or pairs)."""
+    B, x0, xf, A = (np.asarray(x, dtype=float) for x in case)
+    sampled = vector_atoms(x0), vector_atoms(xf), matrix_atoms(A, axis)
+    exact = [(1.0, x0)], [(1.0, xf)], [(1.0, A)]
+    entities = list(zip(sampled, exact, sizes, strict=True))
+    if fusion == "product":
+        y = differences(*(e if k is None else averages(s, k) for s, e, k in entities))
+    else:
+        N = max(k for k in sizes if k is not None)
+        y = averages(differences(*(e if k is None else s for s, e, k in entities)), N)
+    pinv = np.linalg.pinv(B)
+    mean_u, covariance_u = mean_and_covariance([(p, pinv @ v) for p, v in y])
+    mean_x, covariance_x = mean_and_covariance([(p, A @ x0 + B @ (pinv @ v)) for p, v in y])
+    options = {"size": sizes, "fusion": fusion, "axis": axis}
+    close(mean_u, pinv @ (xf - A @ x0))
+    close(moments.control_covariance(B, x0, xf, A, **options), covariance_u)
+    close(moments.state_covariance(B, x0, xf, A, **options), covariance_x)
+    close(moments.control_rms(B, x0, xf, A, **options) ** 2, np.trace(covariance_u))
+    close(moments.state_rms(B, x0, xf, A, **options) ** 2, np.trace(covariance_x))
+    # E||x(1) - xf||^2 = trace + what cannot be reached
+    miss = sum(p * np.sum((A @ x0 + B @ (pinv @ v) - xf) ** 2) for p, v in y)
+    unreached = xf - A @ x0 - B @ (pinv @ (xf - A @ x0))
+    close(np.trace(covariance_x) + unreached @ unreached, miss)
+    assert np.allclose(mean_x, xf - unreached, atol=1e-12)
+
+
+@axes
+@cases(CONTROLS | CONTROLS_3)
+def test_realization_control(case, axis):
+    check_controls(case, axis, (1, 1, 1), "product")  # one realization: both fusions agree
+    check_controls(case, axis, (1, 1, 1), "diagonal")
+    close(
+        moments.realization_control_covariance(*case, axis=axis),
+        moments.control_covariance(*case, 1, axis=axis),
+    )
+
+
+@axes
+@cases(CONTROLS)
+@pytest.mark.parametrize(
+    "sizes",
+    [(2, 2, 2), (1, 3, 2), (3, 1, 1), (2, None, 2), (None, 2, 2), (2, 2, None), (None, 2, None)],
+)
+def test_product_fusion(case, axis, sizes):
+    check_controls(case, axis, sizes, "product")
+
+
+@axes
+@cases(CONTROLS)
+@pytest.mark.parametrize("sizes", [(2, 2, 2), (2, None, 2), (None, 2, 2), (2, 2, None)])
+def test_diagonal_fusion(case, axis, sizes):
+    check_controls(case, axis, sizes, "diagonal")
+
+
+@axes
+def test_product_fusion_with_two_samples_in_three_dimensions(axis):
+    check_controls(CONTROLS_3["n=3, m=2"], axis, (2, 2, 2), "product")
+
+
+@axes
+@cases(CONTROLS | CONTROLS_3)
+def test_product_fusion_is_never_worse(case, axis):
+    for size in (1, 2, 10, 1000):
+        product = moments.control_covariance(*case, size, axis=axis)
+        diagonal = moments.control_covariance(*case, size, fusion="diagonal", axis=axis)
+        gain = diagonal - product
+        scale = max(1.0, float(np.abs(diagonal).max()))
+        assert np.linalg.eigvalsh(gain).min() >= -TOLERANCE * scale
+        if size == 1:
+            close(gain, np.zeros_like(gain))
+        if axis == "columns":
+            B, x0, _, A = (np.asarray(x, dtype=float) for x in case)
+            T = moments.transition(A, np.abs(x0).sum() * np.abs(x0) - x0 * x0)
+            pinv = np.linalg.pinv(B)
+            close(gain, (1.0 / size) * (1.0 - 1.0 / size) * pinv @ T @ pinv.T)
+
+
+def test_product_fusion_is_strictly_better_where_it_can_be():
+    case = CONTROLS["m = n"]
+    better = moments.control_rms(*case, 100)
+    assert better < 0.99 * moments.control_rms(*case, 100, fusion="diagonal")
+
+
+def test_ratio_of_the_fusions_on_a_hadamard_matrix():
+    H = np.ones((1, 1))
+    for _ in range(6):
+        H = np.block([[H, H], [H, -H]])
+    A, x0, xf = H / 8.0, np.full(64, 0.125), np.zeros(64)
+    # C_z: 64 * 64 - 1. A Cv(x0) A^T and T_A(x0^2): 63 each. The last term: 63^2 / N^2.
+    for N in (1, 50, 10**6):
+        product = moments.control_rms(np.eye(64), x0, xf, A, N) ** 2
+        diagonal = moments.control_rms(np.eye(64), x0, xf, A, N, fusion="diagonal") ** 2
+        assert N * diagonal == pytest.approx(4095.0, rel=1e-12)
+        assert N * product == pytest.approx(126.0 + 63.0**2 / N, rel=1e-12)
+
+
+def test_everything_exact_gives_no_variance():
+    for fusion in ("product", "diagonal"):
+        assert moments.control_rms(*CONTROLS["m = n"], None, fusion=fusion) == 0.0
+        assert moments.state_rms(*CONTROLS["m = n"], (None, np.inf, None), fusion=fusion) == 0.0
+
+
+def test_scale_of_B_does_not_change_its_rank():
+    B, x0, xf, A = CONTROLS["rank-deficient B"]
+    for scale in (1e-100, 1e-3, 1e100):
+        close(
+            moments.state_covariance(np.array(B) * scale, x0, xf, A),
+            moments.state_covariance(B, x0, xf, A),
+        )
+
+
+# -- input ---------------------------------------------------------------------------------------
+
+
+def test_wrong_input_is_refused():
+    B, x0, xf, A = CONTROLS["m < n"]
+    with pytest.raises(ShapeError, match="`d`"):
+        moments.transition(A, [1.0, 2.0, 3.0])
+    with pytest.raises(ShapeError, match="`M`"):
+        moments.second_moment(A, np.eye(3))
+    with pytest.raises(InputError, match="`axis`"):
+        moments.matrix_mse(A, axis="column")
+    with pytest.raises(InputError, match="`axis`"):
+        moments.systematic_mse(x0, 3, axis="column")
+    with pytest.raises(InputError, match="`fusion`"):
+        moments.control_covariance(B, x0, xf, A, 2, fusion="sum")
+    with pytest.raises(ShapeError, match="N0, Nf, NA"):
+        moments.control_covariance(B, x0, xf, A, (2, 2))
+    with pytest.raises(InputError, match=r"`size\[1\]`"):
+        moments.control_covariance(B, x0, xf, A, (2, 0, 2))
+    with pytest.raises(InputError, match="pairs the realizations"):
+        moments.control_covariance(B, x0, xf, A, (2, 3, 2), fusion="diagonal")
+    for size in (0, -1, -np.inf, np.nan, 1.5, True, "2"):
+        with pytest.raises((InputError, InputTypeError), match="`size`"):
+            moments.vector_mse(x0, size)
+    with pytest.raises(InputError, match="`x0`"):
+        moments.control_covariance(B, [1.0], xf, A, 2)
+
+
+def test_input_is_not_modified():
+    arrays = [np.array(x, dtype=float) for x in CONTROLS["m < n"]]
+    before = [x.copy() for x in arrays]
+    for fusion, axis in itertools.product(("product", "diagonal"), AXES):
+        moments.state_covariance(*arrays, 3, fusion=fusion, axis=axis)
+    moments.systematic_mse(arrays[3], 3, axis="rows")
+    assert all(np.array_equal(x, y) for x, y in zip(arrays, before, strict=True))
+
+
+def test_every_name_is_public_and_documented():
+    for name in moments.__all__:
+        text = getattr(moments, name).__doc__
+        for section in ("Parameters", "Returns", "Raises", "Examples"):
+            assert f"{section}\n    ---" in text, (name, section)
+
+
+# -- the sampler ---------------------------------------------------------------------------------
+
+Z_BOUND = 5.7  # two-sided normal tail 1.2e-8 per compared number
+
+
+def largest_z(samples, atoms):
+    """The largest |z| of the empirical means and covariances of i.i.d. samples.
+
+    The mean is known, so that every number compared is an average of N i.i.d. terms, whose
+    variance is computed from the atoms: of s_i, and of (s_i - m_i)(s_k - m_k).
+    """
+    samples = samples.reshape(len(samples), -1)
+    p = np.array([probability for probability, _ in atoms])
+    values = np.array([np.ravel(value) for _, value in atoms])
+    mean = p @ values
+    rows, columns = np.triu_indices(mean.size)
+
+    def terms(x):
+        return np.hstack([x - mean, (x - mean)[:, rows] * (x - mean)[:, columns]])
+
+    expected = p @ terms(values)
+    deviation = np.sqrt(np.maximum(p @ (terms(values) - expected) ** 2, 0.0))
+    error = np.abs(terms(samples).mean(axis=0) - expected)
+    fixed = deviation < 1e-9
+    assert error[fixed].max(initial=0.0) < 1e-9
+    return float((error[~fixed] * np.sqrt(len(samples)) / deviation[~fixed]).max())
+
+
+def test_moments_through_the_sampler():
+    import stochens_rs as se
+
+    N = 100_000
+    w = [3.0, -1.0, 0.5, 0.0, 2.0]
+    s = se.sample(w, N, rng=20_240_101).dense()
+    assert s.shape == (N, 5)
+    assert largest_z(s, vector_atoms(w)) < Z_BOUND
+    # The same check must see a wrong distribution: one entry off by 5%, or another scheme.
+    assert largest_z(s, vector_atoms([3.15, -1.0, 0.5, 0.0, 2.0])) > Z_BOUND
+    A = np.array(A2)
+    for axis, other in (AXES, AXES[::-1]):
+        samples = se.sample(A, N, rng=20_240_102, axis=axis).dense()
+        assert largest_z(samples, matrix_atoms(A, axis)) < Z_BOUND
+        assert largest_z(samples, matrix_atoms(A, other)) > Z_BOUND
+
+    # One control per realization, against Cov(u^s).
+    B, x0, xf, _ = (np.array(x) for x in CONTROLS["m = n"])
+    x0s = se.sample(x0, N, rng=1).dense()
+    xfs = se.sample(xf, N, rng=2).dense()
+    As = se.sample(A, N, rng=3).dense()
+    pinv = np.linalg.pinv(B)
+    u = (xfs - np.einsum("sij,sj->si", As, x0s)) @ pinv.T
+    y = differences(vector_atoms(x0), vector_atoms(xf), matrix_atoms(A, "columns"))
+    u_atoms = [(p, pinv @ v) for p, v in y]
+    close(mean_and_covariance(u_atoms)[1], moments.realization_control_covariance(B, x0, xf, A))
+    assert largest_z(u, u_atoms) < Z_BOUND

@@ -1,0 +1,216 @@
+"""Figures: nothing global is touched, everything is labelled, zeros are visible."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+pytest.importorskip("matplotlib")
+
+import matplotlib.image
+import matplotlib.pyplot as plt
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+
+from stochens_rs import plots
+from stochens_rs._drawing import STYLES, _number, _ticks
+from stochens_rs.experiments import Curve, Experiment, Panel
+
+
+def made(*, zeros=False, name="power"):
+    """A small finished experiment with known curves; with `zeros`, ALSE ends at 0 exactly."""
+    sizes = np.array([1, 10, 100, 1000])
+    rates = {
+        ("uniform", "diagonal"): 0.4,
+        ("uniform", "product"): 0.5,
+        ("slse", "product"): 0.8,
+        ("slse-safeguarded", "product"): 0.9,
+        ("alse", "product"): 1.2,
+    }
+    curves = []
+    for (method, fusion), rate in rates.items():
+        errors = np.array([0.8, 1.0, 1.3])[:, None] * sizes**-rate
+        if zeros and method == "alse":
+            errors[:, 2] = [0.0, 1e-16, 0.2]
+            errors[:, 3] = 0.0
+        exact = 1.05 * sizes**-rate if method == "uniform" else None
+        spread = 0.3 * sizes ** (-2 * rate) if method == "uniform" else None
+        curves.append(Curve(method, fusion, errors, exact, spread))
+    panels = tuple(
+        Panel(f"1{letter}", "1", what, "$e$", 1.0, 1e-13, "zero to rounding", tuple(curves))
+        for letter, what in (("a", "initial state"), ("b", "system matrix"))
+    )
+    settings = {"system": "made up", "n": 2, "m": 1, "samples": 1000}
+    return Experiment(name, "A title", "0" * 64, settings, sizes, panels, {}, 0.0)
+
+
+def test_given_axes_are_used_and_pyplot_sees_nothing():
+    ax = Figure().add_subplot()
+    before = plt.get_fignums()
+    assert plots.panel(made(), "1a", ax=ax) is ax
+    plots.panel(made(), "1b")
+    plots.figures(made())
+    assert plt.get_fignums() == before
+    assert len(ax.lines) > 0
+
+
+def test_axes_of_pyplot_can_be_given():
+    figure, ax = plt.subplots()
+    try:
+        before = plt.get_fignums()
+        plots.panel(made(), "1a", ax=ax)
+        assert plt.get_fignums() == before
+        assert figure.legends == []
+    finally:
+        plt.close(figure)
+
+
+def test_no_style_is_changed():
+    import matplotlib
+
+    before = dict(matplotlib.rcParams)
+    plots.figures(made())
+    assert dict(matplotlib.rcParams) == before
+
+
+def test_everything_is_labelled():
+    figure = plots.figure(made(), "1")
+    assert len(figure.axes) == 2
+    for ax, title in zip(figure.axes, ("(a) initial state", "(b) system matrix"), strict=True):
+        assert ax.get_title(loc="left") == title
+        assert "samples" in ax.get_xlabel()
+        assert "relative error" in ax.get_ylabel()
+        assert ax.get_xscale() == ax.get_yscale() == "log"
+    words = " ".join(text.get_text() for text in figure.texts)
+    for word in ("Figure 1", "n = 2", "m = 1", "N ≤ 1000", "3 replicates"):
+        assert word in words
+    (legend,) = figure.legends
+    labels = {text.get_text() for text in legend.get_texts()}
+    assert {style.label for style in STYLES.values()} <= labels
+    assert {"exact rms of uniform", "10-90 % of replicates", "one single run"} <= labels
+
+
+def test_curves_hold_the_medians_and_the_exact_values():
+    experiment = made()
+    ax = plots.panel(experiment, "1a")
+    by_label = {line.get_label(): line for line in ax.lines}
+    panel = experiment.panel("1a")
+    for curve in panel.curves:
+        line = by_label[STYLES[curve.method, curve.fusion].label]
+        assert np.array_equal(line.get_xdata(), experiment.sizes)
+        assert np.array_equal(line.get_ydata(), curve.median)
+    drawn = [line.get_ydata() for line in ax.lines]
+    exact = panel.curve("uniform", "product").exact_rms
+    assert any(np.array_equal(y, exact) for y in drawn)
+    low, high = ax.get_ylim()
+    assert low < min(np.min(y) for y in drawn)
+    assert high > max(np.max(y) for y in drawn)
+
+
+def test_zero_is_drawn_inside_the_axes_and_labelled():
+    ax = plots.panel(made(zeros=True), "1a")
+    alse = next(line for line in ax.lines if line.get_label() == "ALSE")
+    y = np.asarray(alse.get_ydata())
+    low, _ = ax.get_ylim()
+    assert np.all(np.isfinite(y))
+    assert y[-1] == y[-2] > low > 0
+    smallest = made().panel("1a").curve("slse-safeguarded").errors.min()
+    assert y[-1] < smallest
+    labels = [label.get_text() for label in ax.get_yticklabels()]
+    assert labels.count("0") == 1
+    assert any("zero to rounding" in text.get_text() for text in ax.texts)
+    without = plots.panel(made(), "1a")
+    assert "0" not in [label.get_text() for label in without.get_yticklabels()]
+    assert len(without.texts) == 0
+
+
+def test_an_experiment_with_nothing_but_zeros_can_be_drawn():
+    sizes = np.array([1, 2])
+    panel = Panel(
+        "1a", "1", "x", "$e$", 1.0, 1e-13, "zero", (Curve("alse", None, np.zeros((2, 2))),)
+    )
+    experiment = Experiment(
+        "power",
+        "t",
+        "0" * 64,
+        {"system": "c", "n": 1, "m": 1, "samples": 2},
+        sizes,
+        (panel,),
+        {},
+        0.0,
+    )
+    figure = plots.figure(experiment, "1")
+    figure.canvas.draw()
+    assert np.all(np.isfinite(figure.axes[0].get_ylim()))
+
+
+def test_styles_differ_without_colour():
+    assert len({(str(s.line), s.marker) for s in STYLES.values()}) == len(STYLES)
+    assert len({s.marker for s in STYLES.values()}) == len(STYLES)
+    assert len({to_rgb(s.color) for s in STYLES.values()}) == len(STYLES)
+
+
+def test_saved_figures_are_not_blank_and_do_not_change(tmp_path):
+    (tmp_path / "again").mkdir()
+    paths = plots.save_figures(plots.figures(made(zeros=True)), tmp_path)
+    again = plots.save_figures(plots.figures(made(zeros=True)), tmp_path / "again")
+    assert [p.name for p in paths] == ["power-figure-1.png", "power-figure-1.svg"]
+    for one, two in zip(paths, again, strict=True):
+        assert one.read_bytes() == two.read_bytes()
+    image = matplotlib.image.imread(paths[0])
+    assert image.shape[1] >= 1500  # 10 inches at no less than 150 dpi
+    assert np.mean(image[..., :3].min(axis=2) < 0.9) > 0.02  # enough ink
+    # Nothing is cut off: the outermost pixels are background.
+    edges = [image[0], image[-1], image[:, 0], image[:, -1]]
+    assert all(np.all(edge[..., :3] == 1.0) for edge in edges)
+    svg = paths[1].read_text(encoding="utf-8")
+    assert "<dc:date>" not in svg
+    assert svg.count("<path") > 50
+
+
+def test_unknown_names():
+    with pytest.raises(KeyError, match="9z"):
+        plots.panel(made(), "9z")
+    with pytest.raises(KeyError, match="figure"):
+        plots.figure(made(), "7")
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "expected"),
+    [
+        (0.05, 30.0, [0.1, 1.0, 10.0]),
+        (0.4, 9.0, [0.5, 1.0, 2.0, 5.0]),
+        (1e-12, 1.0, [1e-12, 1e-10, 1e-8, 1e-6, 1e-4, 1e-2, 1.0]),
+    ],
+)
+def test_ticks(low, high, expected):
+    assert _ticks(low, high).tolist() == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(1.0, "1"), (0.01, "0.01"), (0.5, "0.5"), (1000.0, "1000"), (1e-6, "$10^{-6}$")],
+)
+def test_tick_labels(value, text):
+    assert _number(value) == text
+
+
+def test_missing_matplotlib_names_the_extra():
+    code = (
+        "import sys; sys.modules['matplotlib'] = None\n"
+        "from stochens_rs import plots\n"
+        "try:\n    plots.figures(None)\n"
+        "except ImportError as error:\n    print(error)\n"
+    )
+    code = code.replace("plots.figures(None)", "plots.panel(None, '1a')")
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert "stochens_rs[plot]" in run.stdout
+
+
+def test_import_does_not_load_matplotlib():
+    code = "import sys, stochens_rs.plots, stochens_rs.report; print('matplotlib' in sys.modules)"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "False"

@@ -1,0 +1,197 @@
+"""The report: self-contained, well-formed, and true to the numbers it was given."""
+
+from __future__ import annotations
+
+import base64
+import json
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+pytest.importorskip("matplotlib")
+
+from stochens_rs import report
+from stochens_rs._report_text import agreements, deviations, number, percent
+from stochens_rs.experiments import Experiment, power, tracking
+
+VOID = {"meta", "img", "br", "hr", "link", "input"}
+
+
+@pytest.fixture(scope="module")
+def experiments():
+    return [
+        power(rng=3, replicates=4, samples=60),
+        tracking(rng=3, replicates=2, samples=30, n=10, m=8),
+    ]
+
+
+@pytest.fixture(scope="module")
+def written(experiments, tmp_path_factory):
+    directory = tmp_path_factory.mktemp("report") / "new" / "folder"
+    return directory, report.write_report(experiments, directory)
+
+
+class Page(HTMLParser):
+    """Collects what a browser would load, the text, and unclosed elements."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.loads, self.open, self.faults, self.words, self.images = [], [], [], [], []
+        self.feed(text)
+        self.close()
+        self.text = " ".join(" ".join(self.words).split())
+
+    def handle_starttag(self, tag, attrs):
+        attributes = dict(attrs)
+        self.loads += [attributes[k] for k in ("src", "href", "srcset", "data") if k in attributes]
+        if tag == "img":
+            self.images.append(attributes)
+        if tag in {"script", "iframe", "object", "link"}:
+            self.faults.append(tag)
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        if not self.open or self.open.pop() != tag:
+            self.faults.append(f"/{tag}")
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] not in ("style", "title"):
+            self.words.append(data)
+
+
+@pytest.fixture(scope="module")
+def page(written):
+    return Page((written[0] / "report.html").read_text(encoding="utf-8"))
+
+
+def test_files(written):
+    directory, paths = written
+    assert paths[-1] == directory / "report.html"
+    assert {p.name for p in paths} == {
+        "results.json",
+        "report.html",
+        *(f"power-figure-{k}.{kind}" for k in (1, 2) for kind in ("png", "svg")),
+        *(f"tracking-figure-3.{kind}" for kind in ("png", "svg")),
+    }
+    assert {p.name for p in directory.iterdir()} == {p.name for p in paths}  # no leftovers
+
+
+def test_nothing_is_loaded_from_elsewhere(written, page):
+    assert page.loads
+    assert all(load.startswith("data:image/svg+xml;base64,") for load in page.loads)
+    source = (written[0] / "report.html").read_text(encoding="utf-8")
+    assert "url(" not in source
+    assert "@import" not in source
+    assert "http://" not in source
+    assert "https://" not in source
+
+
+def test_page_is_well_formed(page):
+    assert page.faults == []
+    assert page.open == []
+
+
+def test_figures_are_inlined_with_descriptions(written, page):
+    assert len(page.images) == 3
+    for image, number_ in zip(page.images, (1, 2, 3), strict=True):
+        assert f"Figure {number_}" in image["alt"]
+        name = f"{'tracking' if number_ == 3 else 'power'}-figure-{number_}.svg"
+        data = base64.b64decode(image["src"].partition(",")[2])
+        assert data == (written[0] / name).read_bytes()
+
+
+def test_results_hold_everything(written, experiments):
+    data = json.loads((written[0] / "results.json").read_text(encoding="utf-8"))
+    assert data["versions"]["numpy"] == np.__version__
+    again = [Experiment.from_dict(one) for one in data["experiments"]]
+    for one, other in zip(again, experiments, strict=True):
+        assert one.key == other.key
+        assert one.settings == other.settings
+        assert [c.errors.tolist() for p in one.panels for c in p.curves] == [
+            c.errors.tolist() for p in other.panels for c in p.curves
+        ]
+
+
+def test_text_quotes_the_results(page, experiments):
+    first, second = experiments
+    for experiment in experiments:
+        assert experiment.key in page.text
+        assert experiment.title in page.text
+    for row in report.final_errors(experiments):
+        assert number(row["median"]) in page.text
+    assert percent(first.facts["reachability"]["relative"]) in page.text
+    needed = second.facts["samples_for_ten_percent"]["product"]
+    assert f"{needed:,}".replace(",", "\u2009") in page.text
+    for word in ("Lemma 4.4", "Lemma 4.5", "Algorithm 1", "Section 5.2"):
+        assert word in page.text
+
+
+def test_sentences_change_with_the_numbers(experiments):
+    data = experiments[0].to_dict()
+    swapped = json.loads(json.dumps(data))
+    for panel in swapped["panels"]:
+        by_method = {c["method"]: c for c in panel["curves"]}
+        uniform, alse = by_method["uniform"], by_method["alse"]
+        uniform["errors"], alse["errors"] = alse["errors"], uniform["errors"]
+    swapped["facts"]["zero_from"]["1a"] = 17
+    swapped["facts"]["theory"]["largest_abs_z"] = 9.5
+    swapped["facts"]["stopping_rule"]["median_stop"] = None
+    before = " ".join(agreements({"power": experiments[0]}))
+    after = " ".join(agreements({"power": Experiment.from_dict(swapped)}))
+    assert "is not reproduced" not in before
+    assert after.count("is not reproduced") == 2
+    assert "from N = 17 on" in after
+    assert "deviate from" in after
+    texts = dict(deviations({"power": Experiment.from_dict(swapped)}))
+    assert "no run met" in texts["Algorithm 1: the stopping rule"]
+
+
+def test_one_experiment_is_enough(experiments, tmp_path):
+    paths = report.write_report(experiments[1:], tmp_path, title="<b> & co")
+    text = paths[-1].read_text(encoding="utf-8")
+    assert Page(text).faults == []
+    assert "<h1>&lt;b&gt; &amp; co</h1>" in text
+    assert "Lemma 4.4" not in text
+    with pytest.raises(ValueError, match="at least one"):
+        report.write_report([], tmp_path)
+
+
+def test_code_to_repeat_gives_the_same_numbers(page, experiments, tmp_path):
+    import stochens_rs as se
+
+    source = page.text[page.text.index("import stochens_rs as se") :]
+    source = source[: source.index("The same key gives")]
+    calls = [f"se.experiments.{part}" for part in source.split("se.experiments.")[1:]]
+    for call, experiment in zip(calls, experiments, strict=True):
+        again = eval(call, {"se": se})
+        for a, b in zip(again.panels, experiment.panels, strict=True):
+            assert np.array_equal(a.curves[-1].errors, b.curves[-1].errors)
+
+
+def test_final_errors_are_the_last_column(experiments):
+    rows = report.final_errors(experiments)
+    assert len(rows) == 4 + 4 + 5 + 5 + 3 * 5
+    row = next(r for r in rows if (r["panel"], r["method"]) == ("2a", "uniform (diagonal)"))
+    curve = experiments[0].panel("2a").curve("uniform", "diagonal")
+    assert row["median"] == np.median(curve.errors[:, -1])
+    assert row["exact_rms"] == curve.exact_rms[-1]
+    assert row["z"] == curve.z[-1]
+    assert all((r["z"] is None) == (not r["method"].startswith("uniform")) for r in rows)
+
+
+def test_save_writes_one_experiment(experiments, tmp_path):
+    paths = experiments[0].save(tmp_path / "a" / "b")
+    assert paths[0].name == "power.json"
+    assert all(p.stat().st_size > 5000 for p in paths)
+    data = json.loads(paths[0].read_text(encoding="utf-8"))
+    assert Experiment.from_dict(data).key == experiments[0].key
+
+
+@pytest.mark.parametrize(
+    ("share", "text"),
+    [(0.0, "0 %"), (1.0, "100 %"), (1e-5, "less than 0.01 %"), (0.0312, "3.1 %"), (0.28, "28 %")],
+)
+def test_percent(share, text):
+    assert percent(share) == text

@@ -1,0 +1,228 @@
+"""The system: checked once, then a value - comparable, hashable, picklable, unchangeable."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError, SizeError
+from stochens_rs.system import System
+
+A = np.array([[1.0, 0.1], [0.0, 1.0]])
+B = np.array([[0.0], [0.1]])
+
+
+@pytest.fixture
+def system():
+    return System(A, B, dt=0.1, name="cart")
+
+
+def test_attributes(system):
+    np.testing.assert_array_equal(system.A, A)
+    np.testing.assert_array_equal(system.B, B)
+    assert (system.n, system.m, system.dt, system.name) == (2, 1, 0.1, "cart")
+    assert System(A, B).dt is None
+    assert System(A, B).name is None
+
+
+@pytest.mark.parametrize(
+    ("given", "kept"),
+    [(None, None), (True, True), (np.True_, True), (1, 1.0), (np.float32(0.5), 0.5)],
+)
+def test_dt(given, kept):
+    dt = System(A, B, dt=given).dt
+    assert dt == kept
+    assert type(dt) is type(kept)
+
+
+@pytest.mark.parametrize(
+    ("args", "options", "error", "message"),
+    [
+        ((np.ones((2, 3)), B), {}, ShapeError, r"`A` must have shape \(n, n\), got \(2, 3\)"),
+        ((A, np.ones((3, 1))), {}, ShapeError, r"`B` must have shape \(2, m\), got \(3, 1\)"),
+        ((A, [0.0, 0.1]), {}, ShapeError, r"`B` .* got \(2,\); use B\.reshape\(-1, 1\)"),
+        ((A, np.ones((2, 0))), {}, ShapeError, r"`B` must have at least one entry"),
+        ((A * np.nan, B), {}, NonFiniteError, r"`A\[0, 0\]` is nan"),
+        ((A, B * 1j), {}, InputTypeError, r"`B`.*complex"),
+        ((A, B), {"dt": 0}, InputError, r"`dt` is 0.*continuous time: discretize"),
+        ((A, B), {"dt": 0.0}, InputError, r"discretize"),
+        ((A, B), {"dt": -0.1}, SizeError, r"`dt` must be > 0, got float -0\.1"),
+        ((A, B), {"dt": float("nan")}, NonFiniteError, r"`dt` is nan"),
+        ((A, B), {"dt": float("inf")}, NonFiniteError, r"`dt` is inf"),
+        ((A, B), {"dt": False}, InputTypeError, r"`dt`.*got bool False"),
+        ((A, B), {"dt": "0.1"}, InputTypeError, r"`dt`.*got str '0\.1'"),
+        ((A, B), {"name": 3}, InputTypeError, r"`name` must be a string, got int 3"),
+    ],
+)
+def test_bad_input_is_refused(args, options, error, message):
+    with pytest.raises(error, match=message) as caught:
+        System(*args, **options)
+    assert len(str(caught.value)) <= 300
+
+
+def test_unknown_keyword_is_refused():
+    with pytest.raises(TypeError, match="unexpected keyword argument 'd'"):
+        System(A, B, d=0.1)
+
+
+# -- immutability ------------------------------------------------------------------------------
+
+
+def test_later_changes_of_the_input_do_not_reach_the_system():
+    mine = A.copy()
+    system = System(mine, B)
+    mine[0, 0] = 99.0
+    assert system.A[0, 0] == 1.0
+
+
+def test_attributes_cannot_be_set_or_deleted(system):
+    for attribute in ("A", "B", "n", "dt", "name", "_A", "anything"):
+        with pytest.raises(AttributeError, match=f"immutable: `{attribute}` cannot be set"):
+            setattr(system, attribute, 1)
+    with pytest.raises(AttributeError, match="cannot be deleted"):
+        del system.A
+
+
+def test_arrays_cannot_be_made_writeable(system):
+    for array in (system.A, system.B, pickle.loads(pickle.dumps(system)).A):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0, 0] = 1.0
+        with pytest.raises(ValueError, match="WRITEABLE"):
+            array.flags.writeable = True
+
+
+# -- a value -----------------------------------------------------------------------------------
+
+
+def test_equality_and_hash(system):
+    same = System(A.tolist(), np.asfortranarray(B), dt=0.1)  # the name is a label only
+    assert system == same
+    assert hash(system) == hash(same)
+    others = [
+        System(A, B),
+        System(A, B, dt=0.2),
+        System(A + 1e-16 * np.eye(2)[::-1], B, dt=0.1),
+        System(A, 2 * B, dt=0.1),
+        System([[1.0]], [[1.0]], dt=0.1),
+        (A, B, 0.1),
+    ]
+    assert all(system != other for other in others)
+    assert len({system, same, *others[:-1]}) == len(others)
+
+
+def test_dt_true_is_not_dt_one():
+    assert System(A, B, dt=True) != System(A, B, dt=1.0)
+
+
+def test_equal_zeros_have_equal_hashes():
+    plus, minus = System([[0.0]], [[1.0]]), System([[-0.0]], [[1.0]])
+    assert plus == minus
+    assert hash(plus) == hash(minus)
+
+
+def test_pickle_and_copy(system):
+    for protocol in range(2, pickle.HIGHEST_PROTOCOL + 1):
+        back = pickle.loads(pickle.dumps(system, protocol))
+        assert back == system
+        assert back.name == "cart"
+    assert copy.copy(system) is system
+    assert copy.deepcopy([system])[0] is system
+
+
+def test_travels_to_another_process(system):
+    code = "import pickle, sys; s = pickle.load(sys.stdin.buffer); print(s, s.A.tolist())"
+    sent = pickle.dumps(system)
+    done = subprocess.run([sys.executable, "-c", code], input=sent, stdout=subprocess.PIPE)
+    assert done.returncode == 0
+    assert done.stdout.decode().strip() == f"{system} {A.tolist()}"
+
+
+def test_repr():
+    assert repr(System(A, B, dt=0.01, name="IEEE 14")) == "<System IEEE 14: n=2 m=1 dt=0.01>"
+    assert repr(System(A, B)) == "<System: n=2 m=1 dt=None>"
+    assert repr(System(A, B, dt=True, name="two\nlines")) == "<System two lines: n=2 m=1 dt=True>"
+
+
+def test_repr_html_escapes_the_name():
+    text = System(A, B, dt=0.1, name="<script>")._repr_html_()
+    assert "<script>" not in text
+    assert "&lt;script&gt;" in text
+    assert "<td>0.1 s</td>" in text
+
+
+# -- from_any ----------------------------------------------------------------------------------
+
+
+def test_from_any_returns_a_system_as_it_is(system):
+    assert System.from_any(system) is system
+
+
+def test_from_any_takes_tuples():
+    assert System.from_any((A, B)) == System(A, B)
+    assert System.from_any((A, B, 0.1)) == System(A, B, dt=0.1)
+
+
+def test_from_any_takes_anything_with_A_and_B():
+    assert System.from_any(SimpleNamespace(A=A, B=B)) == System(A, B)
+    named = System.from_any(SimpleNamespace(A=A, B=B, dt=0.1, name="drone"))
+    assert (named.dt, named.name) == (0.1, "drone")
+    assert System.from_any(SimpleNamespace(A=A, B=B, name="sys[12]")).name is None
+
+
+@pytest.mark.parametrize(
+    ("obj", "error", "message"),
+    [
+        (SimpleNamespace(A=A, B=B, dt=0), InputError, r"`dt` is 0.*discretize"),
+        (SimpleNamespace(A=A), InputTypeError, r"attributes A and B, got an object of type Simple"),
+        (SimpleNamespace(to_ss=None), InputTypeError, r"call its to_ss\(\) first"),
+        ((A,), InputTypeError, r"\(A, B\) or \(A, B, dt\), got 1 items"),
+        ((A, B, B.T, 0.0), InputTypeError, r"got 4 items"),
+        ([A, B], InputTypeError, r"type list"),
+        (None, InputTypeError, r"got None"),
+        (A, InputTypeError, r"ndarray of shape \(2, 2\)"),
+        ((A, B.T), ShapeError, r"`B` must have shape \(2, m\), got \(1, 2\)"),
+    ],
+)
+def test_from_any_refuses(obj, error, message):
+    with pytest.raises(error, match=message):
+        System.from_any(obj)
+
+
+def test_from_any_takes_discrete_scipy_systems():
+    signal = pytest.importorskip("scipy.signal")
+    C, D = np.eye(2), np.zeros((2, 1))
+    assert System.from_any(signal.dlti(A, B, C, D, dt=0.1)) == System(A, B, dt=0.1)
+    assert System.from_any(signal.StateSpace(A, B, C, D, dt=0.1)) == System(A, B, dt=0.1)
+    assert System.from_any(signal.StateSpace(A, B, C, D, dt=True)) == System(A, B, dt=True)
+
+
+def test_from_any_refuses_continuous_scipy_systems():
+    signal = pytest.importorskip("scipy.signal")
+    C, D = np.eye(2), np.zeros((2, 1))
+    with pytest.raises(InputError, match=r"scipy\.signal\.lti.*discretize"):
+        System.from_any(signal.lti(A, B, C, D))
+    with pytest.raises(InputTypeError, match=r"call its to_ss\(\) first"):
+        System.from_any(signal.dlti([1.0], [1.0, 0.5], dt=0.1))
+
+
+def test_from_any_takes_python_control_systems():
+    control = pytest.importorskip("control")
+    C, D = np.eye(2), np.zeros((2, 1))
+    assert System.from_any(control.ss(A, B, C, D, 0.1)) == System(A, B, dt=0.1)
+    with pytest.raises(InputError, match="discretize"):
+        System.from_any(control.ss(A, B, C, D, 0))
+
+
+def test_no_optional_package_is_imported():
+    code = (
+        "import sys, stochens_rs.system; "
+        "print({'scipy', 'control', 'matplotlib', 'pandas'} & set(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "set()"

@@ -46,8 +46,10 @@ def closed_form(
     draws: Draws, target: _Floats, subsimplex: bool
 ) -> tuple[_Floats, _Floats, float, float]: ...
 def alse(
-    realizations: Draws | _Floats, target: _Floats, subsimplex: bool, tol: float
-) -> tuple[_Floats, _Floats, float, float, Literal["optimal", "optimal_inaccurate"], str, int]: ...
+    realizations: Draws | _Floats, target: _Floats, subsimplex: bool, tol: float, threads: int
+) -> tuple[
+    _Floats, _Floats, float, float, Literal["optimal", "optimal_inaccurate"], str, int, bool
+]: ...
 def slse(
     realizations: Draws | _Floats,
     target: _Floats,

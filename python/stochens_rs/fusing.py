@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 
 from . import _core, _gate
+from ._threads import get_num_threads
 from .ensembles import Ensemble
 from .exceptions import InputError, InputTypeError, ShapeError
 from .results import Fit, Path
@@ -213,10 +214,10 @@ def _alse(ensemble: Ensemble, goal: NDArray[np.float64], subsimplex: bool, tol: 
         status = "optimal" if gap <= tol * _reference(ensemble, goal) else "optimal_inaccurate"
         info |= {"solver": "closed form", "iterations": 0}
     else:
-        weights, estimate, error, gap, status, solver, iterations = _core.alse(
-            ensemble._core_realizations(), lines, subsimplex, tol
+        weights, estimate, error, gap, status, solver, iterations, exact = _core.alse(
+            ensemble._core_realizations(), lines, subsimplex, tol, get_num_threads()
         )
-        info |= {"solver": solver, "iterations": iterations}
+        info |= {"solver": solver, "iterations": iterations, "exact": exact}
     return Fit(ensemble._from_core(estimate), weights, error, gap, status, "alse", info, ensemble)
 
 

@@ -2,16 +2,18 @@
 //!
 //! Accumulated least squares (ALSE) minimises `||sum_i w_i E_i - E*||` over `w >= 0, sum w = 1` in the 2-norm (Frobenius
 //! for matrices): by a formula for singleton vectors ([`closed_form()`]), by a certified solver for everything else
-//! ([`simplex`]). Sequential least squares (SLSE) takes one line search per realization ([`slse()`]).
+//! ([`alse()`]). Sequential least squares (SLSE) takes one line search per realization ([`slse()`]).
 //! The target `E*` is an argument everywhere: a nominal model or a held-out estimate, never a hidden truth.
 
+mod alse;
 mod closed_form;
 mod dense;
 mod path;
-pub mod simplex;
+mod simplex;
 mod slse;
 mod slse_dense;
 
+pub use alse::{Realizations, Solution, Status, alse, second_opinion};
 pub use closed_form::{ClosedForm, closed_form, project_on_simplex};
 pub use dense::Dense;
 pub use path::{Path, alse_path, uniform_path};

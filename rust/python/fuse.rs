@@ -7,7 +7,7 @@ use super::convert::{Realizations, array1, array2, dense, sizes, target};
 use super::draws::Draws;
 use super::error::InputError;
 use super::run::run;
-use crate::fuse::{self, Weights, simplex};
+use crate::fuse::{self, Weights};
 
 type Array1<'py> = Bound<'py, PyArray1<f64>>;
 type Array2<'py> = Bound<'py, PyArray2<f64>>;
@@ -38,26 +38,28 @@ pub(super) fn closed_form<'py>(
     Ok((array1(py, fit.weights), array2(py, fit.estimate, 1, length)?, fit.error, fit.gap))
 }
 
-/// ALSE by a certified solver: `(weights, estimate, error, gap, status, solver, iterations)`.
+/// ALSE by a certified solver: `(weights, estimate, error, gap, status, solver, iterations, exact)`.
 #[pyfunction]
+#[expect(clippy::type_complexity, reason = "one tuple per call, named in the stub")]
 pub(super) fn alse<'py>(
     py: Python<'py>,
     realizations: Realizations<'py>,
     target: PyReadonlyArray2<'py, f64>,
     subsimplex: bool,
     tol: f64,
-) -> PyResult<(Array1<'py>, Array2<'py>, f64, f64, &'static str, &'static str, u64)> {
+    threads: usize,
+) -> PyResult<(Array1<'py>, Array2<'py>, f64, f64, &'static str, &'static str, u64, bool)> {
     let (lines, length) = target.as_array().dim();
     let set = set(subsimplex);
     let solution = match &realizations {
         Realizations::Draws(draws) => {
             let (inner, values) = (draws.inner.clone(), self::target(&target, draws.inner.law().values().len())?);
-            run(py, f64::INFINITY, |stop| simplex::solve(&inner, values, set, tol, stop))?
+            run(py, f64::INFINITY, |stop| fuse::alse(&inner, values, set, tol, threads, stop))?
         }
         Realizations::Dense(samples) => {
             let samples = dense(samples)?;
             let values = self::target(&target, samples.dim())?;
-            run(py, f64::INFINITY, |stop| simplex::solve(&samples, values, set, tol, stop))?
+            run(py, f64::INFINITY, |stop| fuse::alse(&samples, values, set, tol, threads, stop))?
         }
     };
     Ok((
@@ -68,6 +70,7 @@ pub(super) fn alse<'py>(
         solution.status.as_str(),
         solution.solver,
         solution.iterations,
+        solution.exact,
     ))
 }
 

@@ -1,59 +1,59 @@
-//! The judge of every proposal: feasible weights, their error and their gap, recomputed from the realizations.
+//! The Frank-Wolfe gap, recomputed from the data.
+//!
+//! With `f(w) = ||S w - e||^2` and `r = S w - e`,
+//!
+//! ```text
+//! gap = max_i <grad f(w), w - e_i> = 2 (<r, S w> - min_i <r, E_i>),     f(w) - gap <= min f <= f(w),
+//! ```
+//!
+//! by convexity, for any `w` at all. The residual is accumulated in twice the working precision, the minimum is found in plain
+//! arithmetic and every candidate within rounding of it is evaluated again in twice the precision: the cost of one pass.
 
-use super::{Proposal, Realizations, Solution, Status};
-use crate::error::Result;
-use crate::fuse::{Weights, distance, power_of_two_scale};
-use crate::parallel::Stop;
+use super::compensated::{Sum, dot};
+use super::operator::{Operator, Residual};
 
-/// Makes `weights` feasible and certifies them.
-///
-/// With `r = S w - E*` and `f' = 2 S^T r`, the gap is `<f', w> - min_i f'_i` on the simplex; on the sub-simplex the origin
-/// is a vertex too. By convexity `f(w) - min f <= gap`.
-pub(super) fn judge(
-    realizations: &impl Realizations,
-    proposal: Proposal,
-    target: &[f64],
-    set: Weights,
-    tol: f64,
-    stop: &Stop,
-) -> Result<Solution> {
-    let Proposal { mut weights, solver, iterations } = proposal;
-    make_feasible(&mut weights, set);
-    let estimate = realizations.combine(&weights, stop)?;
-    // in units of a power of two near the realizations' norm: squares neither overflow nor vanish, and it is exact
-    let norm = realizations.norm();
-    let scale = power_of_two_scale(target.iter().chain([&norm]));
-    let residual: Vec<f64> = estimate.iter().zip(target).map(|(s, t)| (s - t) / scale).collect();
-    let gradient = realizations.correlate(&residual); // in units of scale: f' / 2 = S^T r
-    let vertex = if set == Weights::Subsimplex { 0.0 } else { f64::INFINITY };
-    let smallest = gradient.iter().fold(vertex, |m, g| m.min(g / scale));
-    let at_solution: f64 = gradient.iter().zip(&weights).map(|(g, w)| g / scale * w).sum();
-    let gap = (2.0 * (at_solution - smallest)).max(0.0);
-    let squared_target: f64 = target.iter().map(|t| (t / scale).powi(2)).sum();
-    let reference = if squared_target > 0.0 { squared_target } else { (norm / scale).powi(2) };
-    Ok(Solution {
-        error: distance(&estimate, target),
-        estimate,
-        weights,
-        gap: gap * scale * scale,
-        status: if gap <= tol * reference { Status::Optimal } else { Status::OptimalInaccurate },
-        solver,
-        iterations,
-    })
+/// What is known for certain about given weights.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Certificate {
+    /// `||S w - e||^2`
+    pub objective: f64,
+    /// The Frank-Wolfe gap, not below zero.
+    pub gap: f64,
+    /// `||S w - e||` is rounding error: the target lies in the hull.
+    pub exact: bool,
 }
 
-/// Clips below at zero and scales the sum to one (to at most one on the sub-simplex); NaN becomes zero.
-fn make_feasible(weights: &mut [f64], set: Weights) {
-    weights.iter_mut().for_each(|w| *w = if *w > 0.0 { *w } else { 0.0 });
-    let sum: f64 = weights.iter().sum();
-    if !(sum > 0.0 && sum.is_finite()) {
-        if set == Weights::Simplex {
-            let n = weights.len() as f64;
-            weights.fill(1.0 / n);
-        } else {
-            weights.fill(0.0);
+/// Certifies `w` against `target`.
+pub(crate) fn certify<O: Operator>(op: &O, target: &[f64], w: &[f64]) -> Certificate {
+    let Residual { residual, image } = op.residual_compensated(w, target);
+    let mut values = vec![0.0; op.size()];
+    op.apply_transpose(&residual, &mut values);
+    let low = super::vector::min(&values);
+
+    // |fl(<r, E_i>) - <r, E_i>| <= eps (entries + 2) ||r|| ||E_i||
+    let largest = (0..op.size()).fold(0.0_f64, |m, i| m.max(op.squared_norm(i))).sqrt();
+    let slack = f64::EPSILON * (op.entries() + 2) as f64 * super::vector::norm(&residual) * largest;
+    let mut minimum = (f64::INFINITY, 0.0);
+    for (i, &v) in values.iter().enumerate() {
+        if v <= low + 2.0 * slack {
+            let pair = op.value_compensated(i, &residual);
+            if pair.0 - minimum.0 + (pair.1 - minimum.1) < 0.0 {
+                minimum = pair;
+            }
         }
-    } else if set == Weights::Simplex || sum > 1.0 {
-        weights.iter_mut().for_each(|w| *w /= sum);
+    }
+    let at = dot(&residual, &image);
+    let mut gap = Sum::default();
+    for term in [at.0, -minimum.0, at.1, -minimum.1] {
+        gap.add(term);
+    }
+    let (objective, rest) = dot(&residual, &residual);
+
+    // Each entry of S w is a sum of products rounded at most once per factor: a few units in the last place of the target.
+    let size = super::vector::norm(target).max(super::vector::norm(&image));
+    Certificate {
+        objective: objective + rest,
+        gap: (2.0 * gap.value()).max(0.0),
+        exact: objective.sqrt() <= 16.0 * f64::EPSILON * size,
     }
 }

@@ -1,140 +1,202 @@
-//! ALSE for everything the closed form does not cover: `min ||sum_i w_i E_i - E*||^2` over the weights, certified.
+//! `min_w || sum_i w_i E_i - E* ||_F^2` over the simplex, certified.
 //!
-//! A solver only proposes weights. They are made feasible, and the gap that judges them is recomputed from the
-//! realizations ([`certificate`]); the status follows from that gap alone.
+//! The realizations `E_i` have one nonzero per line (column), so `S w = sum_i w_i E_i` is a scatter and `S^T r` a gather over the
+//! index array; nothing else is ever formed. The path of one problem:
+//!
+//! 1. `problem`: sizes and indices are checked; [`solve`] scales by a power of two;
+//! 2. `relaxed_target`: the target is replaced by its projection on the affine hull, exactly;
+//! 3. `newton_cg` below 1.25 realizations per dimension, `semismooth::direct` above, `semismooth::augmented` if they fail;
+//! 4. `certificate`: gap and bounds are recomputed from the data, in compensated arithmetic; `status` is what they say.
 
+mod active_set;
+mod budget;
 mod certificate;
-mod clarabel;
+mod compensated;
+mod dense;
+mod factor;
+mod hessian;
+mod kernel;
+mod ladder;
+mod newton_cg;
+mod operator;
+mod parallel;
+mod problem;
+mod relaxed_target;
+mod semismooth;
+mod sifting;
+mod singletons;
+mod threshold;
+mod vector;
 
-use super::{Dense, Weights};
-use crate::error::Result;
-use crate::parallel::Stop;
-use crate::sample::Singletons;
+use std::sync::atomic::AtomicBool;
 
-/// How a solution ended; judged by the recomputed gap.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Status {
-    /// The gap is at most `tol ||E*||^2` (`tol` times the squared norm of a realization where `E* = 0`).
-    Optimal,
-    /// The best weights found, with a larger gap.
-    OptimalInaccurate,
-}
+pub use problem::{DenseProblem, IndexView, Info, Invalid, Options, Phase, SingletonProblem, Solution, Status};
 
-impl Status {
-    /// The status as a word of the convex-optimization world.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Optimal => "optimal",
-            Self::OptimalInaccurate => "optimal_inaccurate",
-        }
-    }
-}
+use budget::{Budget, Limit};
+use dense::Dense;
+use kernel::Index;
+use ladder::{Found, Task};
+use operator::Operator;
+use relaxed_target::{Relaxed, relax};
+use singletons::Singletons;
 
-/// Weights with their certificate.
-#[derive(Debug, Clone)]
-pub struct Solution {
-    /// One weight per realization, feasible.
-    pub weights: Vec<f64>,
-    /// `sum_i w_i E_i`.
-    pub estimate: Vec<f64>,
-    /// `||sum_i w_i E_i - E*||`.
-    pub error: f64,
-    /// `max_v <f'(w), w - v>` over the weight set, for `f = ||sum_i w_i E_i - E*||^2`: at least `f(w) - min f`.
-    pub gap: f64,
-    /// What the gap says.
-    pub status: Status,
-    /// Which solver proposed the weights, and its number of iterations.
-    pub solver: &'static str,
-    /// Iterations of that solver.
-    pub iterations: u64,
-}
-
-/// Weights that a solver found, feasible or not.
-struct Proposal {
-    weights: Vec<f64>,
-    solver: &'static str,
-    iterations: u64,
-}
-
-/// Realizations as a linear map from weights to entries.
-pub trait Realizations {
-    /// Number of realizations.
-    fn size(&self) -> usize;
-    /// `sum_i w_i E_i`.
-    fn combine(&self, weights: &[f64], stop: &Stop) -> Result<Vec<f64>>;
-    /// `<r, E_i>` for every `i`.
-    fn correlate(&self, r: &[f64]) -> Vec<f64>;
-    /// The largest norm of a realization.
-    fn norm(&self) -> f64;
-    /// Appends the nonzero entries of realization `i`, by increasing position.
-    fn entries(&self, i: usize, out: &mut Vec<(usize, f64)>);
-}
-
-impl Realizations for Singletons {
-    fn size(&self) -> usize {
-        Singletons::size(self)
-    }
-    fn combine(&self, weights: &[f64], stop: &Stop) -> Result<Vec<f64>> {
-        Singletons::combine(self, weights, stop)
-    }
-    fn correlate(&self, r: &[f64]) -> Vec<f64> {
-        Singletons::correlate(self, r)
-    }
-    fn norm(&self) -> f64 {
-        self.law().gamma().iter().fold(0.0, |norm: f64, &g| norm.hypot(g))
-    }
-    fn entries(&self, i: usize, out: &mut Vec<(usize, f64)>) {
-        use crate::sample::Index as _;
-        let (lines, length) = (self.law().lines(), self.law().length());
-        crate::sample::with_indices!(&**self.indices(), indices => {
-            for (j, r) in indices[i * lines..(i + 1) * lines].iter().enumerate() {
-                let k = j * length + r.get();
-                let value = self.law().gamma()[j].copysign(self.law().values()[k]);
-                if value != 0.0 {
-                    out.push((k, value));
-                }
-            }
-        });
-    }
-}
-
-impl Realizations for Dense<'_> {
-    fn size(&self) -> usize {
-        Dense::size(self)
-    }
-    fn combine(&self, weights: &[f64], _: &Stop) -> Result<Vec<f64>> {
-        Ok(Dense::combine(self, weights))
-    }
-    fn correlate(&self, r: &[f64]) -> Vec<f64> {
-        Dense::correlate(self, r)
-    }
-    fn norm(&self) -> f64 {
-        let norm = |i| self.row(i).iter().fold(0.0, |norm: f64, &e| norm.hypot(e));
-        (0..Dense::size(self)).map(norm).fold(0.0, f64::max)
-    }
-    fn entries(&self, i: usize, out: &mut Vec<(usize, f64)>) {
-        out.extend(self.row(i).iter().enumerate().filter(|(_, e)| **e != 0.0).map(|(k, e)| (k, *e)));
-    }
-}
-
-/// Solves `min ||sum_i w_i E_i - target||` over `set` to a gap of `tol ||target||^2`.
+/// Weights for realizations with one nonzero per line.
 ///
-/// # Errors
-/// [`crate::Error::Interrupted`] after a stop; [`crate::Error::Numerical`] only if the solver refuses the problem.
-pub fn solve(
-    realizations: &impl Realizations,
-    target: &[f64],
-    set: Weights,
-    tol: f64,
-    stop: &Stop,
-) -> Result<Solution> {
-    let size = realizations.size();
-    let norm = realizations.norm();
-    let proposal = if norm == 0.0 {
-        // every realization is zero: all weights give the same estimate
-        Proposal { weights: vec![1.0 / size as f64; size], solver: "none", iterations: 0 }
+/// `warm` are weights of a similar problem, shorter ones are padded with zeros. `stop` is polled; raising it returns the best
+/// weights so far.
+pub fn solve(problem: &SingletonProblem, options: &Options, warm: Option<&[f64]>, stop: &AtomicBool) -> Solution {
+    match problem.indices {
+        IndexView::U8(rows) => solve_rows(rows, problem, options, warm, stop),
+        IndexView::U16(rows) => solve_rows(rows, problem, options, warm, stop),
+        IndexView::U32(rows) => solve_rows(rows, problem, options, warm, stop),
+    }
+}
+
+fn solve_rows<I: Index>(
+    rows: &[I],
+    problem: &SingletonProblem,
+    options: &Options,
+    warm: Option<&[f64]>,
+    stop: &AtomicBool,
+) -> Solution {
+    let scale = Scale::of(&[problem.g, problem.target]);
+    let (g, target) = (scale.down(problem.g), scale.down(problem.target));
+    let op = Singletons::new(rows, problem.length, &g, options.subsimplex, options.threads);
+    let relaxed = relax(&target, op.counts(), &g, problem.length, options.subsimplex);
+    let line = ladder::closed_form(&op, &target, &g, options.subsimplex);
+    finish(&op, &target, relaxed, scale, options, Start { warm, line }, stop)
+}
+
+/// Weights for dense realizations.
+pub fn solve_dense(problem: &DenseProblem, options: &Options, warm: Option<&[f64]>, stop: &AtomicBool) -> Solution {
+    let scale = Scale::of(&[problem.samples, problem.target]);
+    let target = scale.down(problem.target);
+    let dim = target.len();
+    let op = if scale.is_one() {
+        Dense::new(problem.samples, dim, options.subsimplex, options.threads)
     } else {
-        clarabel::propose(realizations, target, set, norm, stop)?
+        Dense::new(scale.down(problem.samples), dim, options.subsimplex, options.threads)
     };
-    certificate::judge(realizations, proposal, target, set, tol, stop)
+    let dimension = dim.min(problem.size.saturating_sub(1)).max(1);
+    let relaxed =
+        Relaxed { q: target.clone(), floor: 0.0, dimension, unseen: 0, unreachable: false, counts: Vec::new() };
+    finish(&op, &target, relaxed, scale, options, Start { warm, line: None }, stop)
+}
+
+struct Start<'a> {
+    warm: Option<&'a [f64]>,
+    /// The answer, if there is a closed form.
+    line: Option<Vec<f64>>,
+}
+
+/// Runs the ladder on the scaled problem, certifies, and scales back.
+fn finish<O: Operator>(
+    op: &O,
+    target: &[f64],
+    relaxed: Relaxed,
+    scale: Scale,
+    options: &Options,
+    start: Start,
+    stop: &AtomicBool,
+) -> Solution {
+    let n = op.size();
+    let entries = n * op.entries();
+    let mut budget = Budget::new(stop, options.time_limit, options.max_passes, entries);
+    let mut reference = vector::dot(target, target);
+    let gamma = (0..n).map(|i| op.squared_norm(i)).fold(0.0, f64::max);
+    if reference == 0.0 {
+        reference = gamma;
+    }
+    let task = Task { op, relaxed: &relaxed, tol: 0.5 * options.tol * reference, gamma };
+    let warm = start.warm.map(|w| padded(w, n, options.subsimplex));
+    let (Found { mut weights, phase, work }, sifted) = match start.line {
+        Some(weights) => (Found { weights, phase: Phase::ClosedForm, work: newton_cg::Work::default() }, false),
+        None => ladder::run(&task, warm.as_deref(), &mut budget),
+    };
+    let mut certificate = certificate::certify(op, target, &weights);
+    if !certificate.exact && relaxed.unseen == 0 && relaxed.floor <= 1e-24 * reference && phase != Phase::ClosedForm {
+        certificate = ladder::polish(&task, target, &mut weights, certificate, &mut budget);
+    }
+    let relative_gap = if reference > 0.0 { certificate.gap / reference } else { 0.0 };
+    let status = if relative_gap <= options.tol {
+        Status::Optimal
+    } else {
+        match budget.limit() {
+            Some(Limit::Stop) => Status::Interrupted,
+            Some(Limit::Time | Limit::Work) => Status::UserLimit,
+            None => Status::OptimalInaccurate,
+        }
+    };
+    // The closed-form floor is a sum of d rounded squares.
+    let floor = relaxed.floor * (1.0 - 4.0 * f64::EPSILON * (op.dim() as f64 + 4.0)).max(0.0);
+    let lower_bound = (certificate.objective - certificate.gap).max(floor).min(certificate.objective).max(0.0);
+    if options.subsimplex {
+        weights.truncate(n - 1);
+    }
+    Solution {
+        weights,
+        gap: scale.up_square(certificate.gap),
+        objective: scale.up_square(certificate.objective),
+        lower_bound: scale.up_square(lower_bound),
+        exact: certificate.exact,
+        status,
+        info: Info {
+            phase,
+            sifted,
+            passes: budget.passes(),
+            newton_steps: work.newton,
+            cg_steps: work.cg,
+            relative_gap,
+            dimension: relaxed.dimension,
+        },
+        unseen: relaxed.unseen,
+    }
+}
+
+/// Warm weights of the right length: padded with zeros, the zero realization takes what is missing.
+fn padded(warm: &[f64], n: usize, subsimplex: bool) -> Vec<f64> {
+    let given = n - usize::from(subsimplex);
+    let mut w: Vec<f64> = warm.iter().take(given).map(|v| if v.is_finite() { v.max(0.0) } else { 0.0 }).collect();
+    w.resize(n, 0.0);
+    if subsimplex && let Some(rest) = w.last_mut() {
+        *rest = (1.0 - warm.iter().take(given).sum::<f64>()).max(0.0);
+    }
+    if !threshold::normalise(&mut w) {
+        w.fill(1.0 / n as f64);
+    }
+    w
+}
+
+/// A power of two that brings the largest number to `[1/2, 1]`; multiplication by it is exact.
+#[derive(Clone, Copy)]
+struct Scale {
+    exponent: i32,
+}
+
+impl Scale {
+    fn of(parts: &[&[f64]]) -> Self {
+        let largest = parts.iter().flat_map(|p| p.iter()).fold(0.0_f64, |m, v| m.max(v.abs()));
+        let exponent = if largest > 0.0 { largest.log2().ceil() as i32 } else { 0 };
+        Self { exponent }
+    }
+
+    fn is_one(self) -> bool {
+        self.exponent == 0
+    }
+
+    fn down(self, values: &[f64]) -> Vec<f64> {
+        // Two factors: one alone can overflow for subnormal input.
+        let half = -self.exponent / 2;
+        let (a, b) = (power(half), power(-self.exponent - half));
+        values.iter().map(|v| v * a * b).collect()
+    }
+
+    fn up_square(self, value: f64) -> f64 {
+        let p = power(self.exponent);
+        value * p * p
+    }
+}
+
+fn power(exponent: i32) -> f64 {
+    2.0_f64.powi(exponent)
 }

@@ -1,0 +1,61 @@
+//! The judge of every proposal: feasible weights, their error and their gap, recomputed from the realizations.
+
+use super::{Proposal, Realizations, Solution, Status};
+use crate::error::Result;
+use crate::fuse::{Weights, distance, power_of_two_scale};
+use crate::parallel::Stop;
+
+/// Makes `weights` feasible and certifies them.
+///
+/// With `r = S w - E*` and `f' = 2 S^T r`, the gap is `<f', w> - min_i f'_i` on the simplex; on the sub-simplex the origin
+/// is a vertex too. By convexity `f(w) - min f <= gap`.
+pub(super) fn judge(
+    realizations: &impl Realizations,
+    proposal: Proposal,
+    target: &[f64],
+    set: Weights,
+    tol: f64,
+    stop: &Stop,
+) -> Result<Solution> {
+    let Proposal { mut weights, solver, iterations } = proposal;
+    make_feasible(&mut weights, set);
+    let estimate = realizations.combine(&weights, stop)?;
+    // in units of a power of two near the realizations' norm: squares neither overflow nor vanish, and it is exact
+    let norm = realizations.norm();
+    let scale = power_of_two_scale(target.iter().chain([&norm]));
+    let residual: Vec<f64> = estimate.iter().zip(target).map(|(s, t)| (s - t) / scale).collect();
+    let gradient = realizations.correlate(&residual); // in units of scale: f' / 2 = S^T r
+    let vertex = if set == Weights::Subsimplex { 0.0 } else { f64::INFINITY };
+    let smallest = gradient.iter().fold(vertex, |m, g| m.min(g / scale));
+    let at_solution: f64 = gradient.iter().zip(&weights).map(|(g, w)| g / scale * w).sum();
+    let gap = (2.0 * (at_solution - smallest)).max(0.0);
+    let squared_target: f64 = target.iter().map(|t| (t / scale).powi(2)).sum();
+    let reference = if squared_target > 0.0 { squared_target } else { (norm / scale).powi(2) };
+    Ok(Solution {
+        error: distance(&estimate, target),
+        weights,
+        gap: gap * scale * scale,
+        lower_bound: (distance(&estimate, target).powi(2) - gap * scale * scale).max(0.0),
+        exact: false,
+        estimate,
+        status: if gap <= tol * reference { Status::Optimal } else { Status::OptimalInaccurate },
+        solver,
+        iterations,
+    })
+}
+
+/// Clips below at zero and scales the sum to one (to at most one on the sub-simplex); NaN becomes zero.
+fn make_feasible(weights: &mut [f64], set: Weights) {
+    weights.iter_mut().for_each(|w| *w = if *w > 0.0 { *w } else { 0.0 });
+    let sum: f64 = weights.iter().sum();
+    if !(sum > 0.0 && sum.is_finite()) {
+        if set == Weights::Simplex {
+            let n = weights.len() as f64;
+            weights.fill(1.0 / n);
+        } else {
+            weights.fill(0.0);
+        }
+    } else if set == Weights::Simplex || sum > 1.0 {
+        weights.iter_mut().for_each(|w| *w /= sum);
+    }
+}

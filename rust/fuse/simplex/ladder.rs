@@ -1,0 +1,183 @@
+//! Which algorithm when, and what to do when it fails.
+
+use super::active_set;
+use super::budget::Budget;
+use super::certificate::{Certificate, certify};
+use super::newton_cg::{self, Effort, Iterate, Work};
+use super::operator::Operator;
+use super::problem::Phase;
+use super::relaxed_target::Relaxed;
+use super::semismooth::{self, Setting};
+use super::sifting::sift;
+use super::singletons::Singletons;
+use super::threshold::project;
+
+/// Warm weights if they already do; else on a subset first where that pays, then on all realizations.
+pub(crate) fn run<O: Operator>(task: &Task<O>, warm: Option<&[f64]>, budget: &mut Budget) -> (Found, bool) {
+    if let Some(weights) = warm {
+        let iterate = semismooth::measure(&Setting::of(task), weights.to_vec(), budget);
+        if iterate.gap <= task.tol {
+            return (Found { weights: iterate.weights, phase: Phase::Start, work: Work::default() }, false);
+        }
+    }
+    match sift(task, budget) {
+        Some(found) => (found, true),
+        None => (climb(task, warm, budget), false),
+    }
+}
+
+/// The scaled problem with its relaxed target and absolute tolerance.
+pub(crate) struct Task<'a, O: Operator> {
+    pub op: &'a O,
+    pub relaxed: &'a Relaxed,
+    pub tol: f64,
+    /// `max_i ||E_i||^2`
+    pub gamma: f64,
+}
+
+/// Weights on the simplex and how they were found.
+pub(crate) struct Found {
+    pub weights: Vec<f64>,
+    pub phase: Phase,
+    pub work: Work,
+}
+
+/// Passes PNCG may spend before the safety net takes over.
+const NEWTON_CG_PASSES: f64 = 700.0;
+
+/// Projected Newton-CG or the direct semismooth solve, then SSNAL, then Newton-CG without limit; the best weights of all.
+pub(crate) fn climb<O: Operator>(task: &Task<O>, warm: Option<&[f64]>, budget: &mut Budget) -> Found {
+    let (op, q, tol) = (task.op, &task.relaxed.q[..], task.tol);
+    let n = op.size();
+    let set = Setting::of(task);
+    let mut work = Work::default();
+
+    // The warm weights, or the uniform ones, may already do.
+    let start = semismooth::measure(&set, warm.map_or_else(|| vec![1.0 / n as f64; n], <[f64]>::to_vec), budget);
+    let mut best = Best { iterate: start, phase: Phase::Start };
+    if best.done(tol) || budget.exhausted() {
+        return best.found(work);
+    }
+
+    if (n as f64) < 1.25 * task.relaxed.dimension as f64 {
+        let effort = Effort::Passes(NEWTON_CG_PASSES);
+        best.offer(newton_cg::solve(op, q, warm, tol, effort, budget, &mut work), Phase::NewtonCg);
+    } else if !task.relaxed.unreachable
+        && let Some(found) = semismooth::direct(&set, budget, &mut work)
+    {
+        best.offer(found, Phase::Direct);
+    }
+    if !best.done(tol) && !budget.exhausted() {
+        let rough = semismooth::augmented(&set, None, true, budget, &mut work);
+        let from = rough.weights.clone();
+        best.offer(rough, Phase::Augmented);
+        if !best.done(tol) && !budget.exhausted() {
+            best.offer(active_set::solve(op, q, &from, tol, 2000, budget, &mut work), Phase::ActiveSet);
+        }
+    }
+    if !best.done(tol) && !budget.exhausted() {
+        best.offer(semismooth::augmented(&set, None, false, budget, &mut work), Phase::Augmented);
+    }
+    if !best.done(tol) && !budget.exhausted() {
+        let from = best.iterate.weights.clone();
+        best.offer(active_set::solve(op, q, &from, tol, 20_000, budget, &mut work), Phase::ActiveSet);
+    }
+    if !best.done(tol) && !budget.exhausted() {
+        let from = best.iterate.weights.clone();
+        best.offer(newton_cg::solve(op, q, Some(&from), tol, Effort::Last, budget, &mut work), Phase::NewtonCg);
+    }
+    best.found(work)
+}
+
+struct Best {
+    iterate: Iterate,
+    phase: Phase,
+}
+
+impl Best {
+    fn offer(&mut self, iterate: Iterate, phase: Phase) {
+        if iterate.gap < self.iterate.gap {
+            (self.iterate, self.phase) = (iterate, phase);
+        }
+    }
+
+    fn done(&self, tol: f64) -> bool {
+        self.iterate.gap <= tol
+    }
+
+    fn found(self, work: Work) -> Found {
+        Found { weights: self.iterate.weights, phase: self.phase, work }
+    }
+}
+
+/// Drives a small residual of a reachable target down to rounding.
+///
+/// The least-norm correction on the support, `dw = (I - 11^T/K) S_J^T (S_J (I - 11^T/K) S_J^T)^+ (q - S w)`, keeps the sum; it is
+/// accepted while it keeps `w >= 0` and shrinks the residual.
+pub(crate) fn polish<O: Operator>(
+    task: &Task<O>,
+    target: &[f64],
+    weights: &mut Vec<f64>,
+    mut certificate: Certificate,
+    budget: &mut Budget,
+) -> Certificate {
+    let op = task.op;
+    for _ in 0..4 {
+        if certificate.exact || certificate.objective > 1e-12 * task.gamma || budget.exhausted() {
+            break;
+        }
+        let residual = op.residual_compensated(weights, target).residual;
+        let force: Vec<f64> = residual.iter().map(|r| -r).collect();
+        let support: Vec<usize> = (0..op.size()).filter(|&i| weights[i] > 0.0).collect();
+        let trial = semismooth::corrected(op, weights, &support, &force, budget);
+        let after = certify(op, target, &trial);
+        if !after.exact && (after.gap > certificate.gap || after.objective > 0.25 * certificate.objective) {
+            break;
+        }
+        *weights = trial;
+        certificate = after;
+    }
+    certificate
+}
+
+/// The answer when only one line has a nonzero weight (in particular one line in all).
+///
+/// The marginal `Y` on the hit entries is the projection of `target / g` on the simplex (subsimplex: clip, project only if the sum
+/// exceeds one), shared equally among the realizations that hit the entry.
+pub(crate) fn closed_form<I: super::kernel::Index>(
+    op: &Singletons<I>,
+    target: &[f64],
+    g: &[f64],
+    subsimplex: bool,
+) -> Option<Vec<f64>> {
+    let n = op.size();
+    let mut active = g.iter().enumerate().filter(|(_, g)| **g > 0.0);
+    let Some((j, &g)) = active.next() else {
+        return Some(vec![1.0 / n as f64; n]);
+    };
+    if active.next().is_some() {
+        return None;
+    }
+    let place = op.line(j);
+    let length = target.len() / op.entries();
+    let mut counts = vec![0.0; length];
+    for &r in &place {
+        counts[r] += 1.0;
+    }
+    let hit: Vec<usize> = (0..length).filter(|&r| counts[r] > 0.0).collect();
+    let mut marginal: Vec<f64> = hit.iter().map(|&r| target[j * length + r] / g).collect();
+    let positive: f64 = marginal.iter().map(|v| v.max(0.0)).sum();
+    let whole = !subsimplex || positive > 1.0;
+    if whole {
+        project(&mut marginal);
+    }
+    let mut share = vec![0.0; length];
+    for (&r, y) in hit.iter().zip(&marginal) {
+        share[r] = y.max(0.0) / counts[r];
+    }
+    let mut w: Vec<f64> = place.iter().map(|&r| share[r]).collect();
+    if subsimplex {
+        w.push(if whole { 0.0 } else { 1.0 - positive });
+    }
+    Some(w)
+}

@@ -1,0 +1,272 @@
+//! Projected Newton-CG (PNCG): few realizations per dimension, `N < 1.25 d`.
+//!
+//! The simplex constraint is homogenised away. With `s = 1^T w` and a penalty `kappa`,
+//!
+//! ```text
+//! min_{w >= 0}  1/2 ||S w - s q||^2 + kappa/2 (s - 1)^2
+//! ```
+//!
+//! is nonnegative least squares whose minimiser is a multiple of the minimiser on the simplex. Each step fixes the entries that
+//! are zero with a nonnegative gradient, solves the Newton equations on the others by conjugate gradients on a contiguous copy
+//! of their samples, and projects (Bertsekas, SIAM J. Control Optim. 20, 1982). Well conditioned while `N < d`; every
+//! iteration ends with a certificate for free.
+//!
+//! Near `N = 2 d` the free samples are a nearly square random matrix and plain conjugate gradients crawl. Once they have cost
+//! as much as a Cholesky factor of the free block would, the factor is computed and preconditions from then on; it stays good
+//! while the free set changes little (samples that left are dropped from it, new ones get their diagonal).
+
+use super::budget::Budget;
+use super::factor::Factor;
+use super::hessian::{Hessian, LARGEST_FACTOR, factor_cost};
+use super::operator::Operator;
+use super::vector::{axpy, dot, min, norm, sum};
+
+/// Weights on the simplex and their gap in plain arithmetic.
+#[derive(Clone)]
+pub(crate) struct Iterate {
+    pub weights: Vec<f64>,
+    pub gap: f64,
+}
+
+/// Counters for the report.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct Work {
+    pub newton: usize,
+    pub cg: usize,
+    pub factors: usize,
+}
+
+/// Inner iterations per Newton step.
+const MAX_CG: usize = 400;
+
+/// How long to try, and with what.
+#[derive(Clone, Copy)]
+pub(crate) enum Effort {
+    /// A bounded number of passes; a factor only once it has been earned.
+    Passes(f64),
+    /// To the end, with a factor from the first step.
+    Last,
+}
+
+/// Minimises from `start` (uniform if `None`) until the gap is below `tol` or the effort is spent.
+pub(crate) fn solve<O: Operator>(
+    op: &O,
+    q: &[f64],
+    start: Option<&[f64]>,
+    tol: f64,
+    effort: Effort,
+    budget: &mut Budget,
+    work: &mut Work,
+) -> Iterate {
+    let (n, d) = (op.size(), op.dim());
+    let (stop_at, patience, mut debt) = match effort {
+        Effort::Passes(passes) => (budget.passes() + passes, 60, 0.0),
+        Effort::Last => (f64::INFINITY, 200, 2.0),
+    };
+    let qq = dot(q, q);
+    // ||E_i - q||^2 = ||E_i||^2 - 2 <E_i, q> + ||q||^2
+    let mut images = vec![0.0; n];
+    op.apply_transpose(q, &mut images);
+    let mut diagonal: Vec<f64> = (0..n).map(|i| (op.squared_norm(i) - 2.0 * images[i] + qq).max(0.0)).collect();
+    let spread = sum(&diagonal) / n as f64;
+    let kappa = (spread / (d as f64).sqrt()).max(f64::MIN_POSITIVE);
+    for v in &mut diagonal {
+        *v = 1.0 / (*v + kappa).max(1e-10 * spread);
+    }
+
+    let mut w = start.map_or_else(|| vec![1.0 / n as f64; n], <[f64]>::to_vec);
+    let (mut r, mut a, mut s_dw) = (vec![0.0; d], vec![0.0; n], vec![0.0; d]);
+    let mut best = Iterate { weights: w.clone(), gap: f64::INFINITY };
+    let mut free: Vec<usize> = Vec::new();
+    let (mut settled, mut stalled) = (false, 0);
+    let mut factored: Option<Stale> = None;
+
+    for iteration in 0..10_000 {
+        // r = S w - s q, from scratch now and then
+        let s = sum(&w);
+        if iteration % 10 == 0 {
+            op.apply(&w, &mut r);
+            axpy(-s, q, &mut r);
+            budget.charge(1, n, op.entries());
+        }
+        // a_i = <E_i - q, r>; the gradient is a + kappa (s - 1)
+        op.apply_transpose(&r, &mut a);
+        budget.charge(1, n, op.entries());
+        let rq = dot(q, &r);
+        for v in &mut a {
+            *v -= rq;
+        }
+        // at w / s: gap = 2 (||r/s||^2 - min a / s)
+        let gap = 2.0 * (dot(&r, &r) / (s * s) - min(&a) / s);
+        if gap < best.gap {
+            if gap < 0.9 * best.gap {
+                stalled = 0;
+            }
+            best.weights.copy_from_slice(&w);
+            best.gap = gap;
+        }
+        stalled += 1;
+        if !(gap > tol && s > 0.0) || budget.exhausted() || budget.passes() > stop_at || stalled > patience {
+            break;
+        }
+
+        let shift = kappa * (s - 1.0);
+        let before = std::mem::take(&mut free);
+        free = (0..n).filter(|&i| w[i] > 0.0 || a[i] + shift < 0.0).collect();
+        settled &= free == before;
+        let sub = op.subset(&free);
+        let eta = if settled {
+            1e-3
+        } else if iteration < 2 {
+            0.1
+        } else {
+            0.03
+        };
+        let gradient: Vec<f64> = free.iter().map(|&i| a[i] + shift).collect();
+        let inverse: Vec<f64> = free.iter().map(|&i| diagonal[i]).collect();
+        let hessian = Hessian { sub: &sub, q, kappa };
+        if debt > 1.0 && free.len() <= LARGEST_FACTOR {
+            let images: Vec<f64> = free.iter().map(|&i| images[i]).collect();
+            let cost = factor_cost(free.len(), op.entries());
+            budget.charge(1, (cost / 2.0) as usize, 1);
+            factored = hessian.factor(&images, qq).map(|factor| Stale { factor, members: free.clone() });
+            work.factors += 1;
+            debt = 0.0;
+        }
+        let preconditioner = Preconditioner::new(&free, inverse, factored.as_ref());
+        let before = work.cg;
+        let step = conjugate_gradients(&hessian, &gradient, &preconditioner, eta, budget, work);
+        work.newton += 1;
+        debt += (work.cg - before) as f64 * preconditioner.cost(op.entries()) / factor_cost(free.len(), op.entries());
+
+        // Armijo on the projected arc; the decrease of the quadratic is evaluated from the step itself (no cancellation):
+        //   f(w + dw) - f(w) = <g, dw> + 1/2 ||S dw - (1^T dw) q||^2 + kappa/2 (1^T dw)^2
+        let mut length = 1.0;
+        let mut dw = vec![0.0; free.len()];
+        let mut accepted = false;
+        for _ in 0..30 {
+            for ((dw, &i), p) in dw.iter_mut().zip(&free).zip(&step) {
+                *dw = (w[i] + length * p).max(0.0) - w[i];
+            }
+            sub.apply(&dw, &mut s_dw);
+            budget.charge(1, free.len(), op.entries());
+            let ds = sum(&dw);
+            axpy(-ds, q, &mut s_dw);
+            let linear = dot(&gradient, &dw);
+            let change = linear + 0.5 * dot(&s_dw, &s_dw) + 0.5 * kappa * ds * ds;
+            if change <= 1e-4 * linear && linear < 0.0 {
+                accepted = true;
+                break;
+            }
+            let curvature = change - linear;
+            let shrink = if curvature > 0.0 { -linear / (2.0 * curvature) } else { 0.5 };
+            length *= shrink.clamp(0.1, 0.5);
+        }
+        if !accepted {
+            break;
+        }
+        settled = length == 1.0;
+        for (&i, dw) in free.iter().zip(&dw) {
+            w[i] += dw;
+        }
+        axpy(1.0, &s_dw, &mut r);
+    }
+    if !super::threshold::normalise(&mut best.weights) {
+        best = Iterate { weights: vec![1.0 / n as f64; n], gap: f64::INFINITY };
+    }
+    best
+}
+
+/// A factor of `H` on the samples `members`, which may no longer be the free ones.
+struct Stale {
+    factor: Factor,
+    members: Vec<usize>,
+}
+
+/// An earlier factor, the place of each free sample in it, and scratch space.
+type StaleFactor<'a> = (&'a Factor, Vec<Option<usize>>, std::cell::RefCell<Vec<f64>>);
+
+/// The inverse of the diagonal, or of an earlier factor where it has one.
+struct Preconditioner<'a> {
+    inverse: Vec<f64>,
+    stale: Option<StaleFactor<'a>>,
+}
+
+impl<'a> Preconditioner<'a> {
+    fn new(free: &[usize], inverse: Vec<f64>, stale: Option<&'a Stale>) -> Self {
+        let stale = stale.map(|s| {
+            let places = free.iter().map(|i| s.members.binary_search(i).ok()).collect();
+            (&s.factor, places, std::cell::RefCell::new(vec![0.0; s.members.len()]))
+        });
+        Self { inverse, stale }
+    }
+
+    fn solve(&self, r: &[f64], z: &mut [f64]) {
+        for ((z, r), m) in z.iter_mut().zip(r).zip(&self.inverse) {
+            *z = r * m;
+        }
+        if let Some((factor, places, scratch)) = &self.stale {
+            let mut x = scratch.borrow_mut();
+            x.fill(0.0);
+            for (r, place) in r.iter().zip(places) {
+                if let Some(p) = place {
+                    x[*p] = *r;
+                }
+            }
+            factor.solve(&mut x);
+            for (z, place) in z.iter_mut().zip(places) {
+                if let Some(p) = place {
+                    *z = x[*p];
+                }
+            }
+        }
+    }
+
+    /// Entries touched per iteration, the product with `H` included.
+    fn cost(&self, entries: usize) -> f64 {
+        let k = self.inverse.len() as f64;
+        2.0 * k * entries as f64 + self.stale.as_ref().map_or(0.0, |(_, _, x)| (x.borrow().len() as f64).powi(2) * 0.5)
+    }
+}
+
+/// `H p = -g` to `||residual|| <= eta ||g||`.
+fn conjugate_gradients<O: Operator>(
+    hessian: &Hessian<O>,
+    gradient: &[f64],
+    preconditioner: &Preconditioner,
+    eta: f64,
+    budget: &mut Budget,
+    work: &mut Work,
+) -> Vec<f64> {
+    let k = gradient.len();
+    let mut p = vec![0.0; k];
+    let mut residual: Vec<f64> = gradient.iter().map(|g| -g).collect();
+    let mut z = vec![0.0; k];
+    preconditioner.solve(&residual, &mut z);
+    let mut direction = z.clone();
+    let (mut h, mut image) = (vec![0.0; k], vec![0.0; hessian.q.len()]);
+    let mut rz = dot(&residual, &z);
+    let stop = eta * norm(gradient);
+    for _ in 0..MAX_CG.min(2 * k + 10) {
+        if norm(&residual) <= stop || rz <= 0.0 || budget.charge(2, k, hessian.sub.entries()) {
+            break;
+        }
+        work.cg += 1;
+        hessian.apply(&direction, &mut image, &mut h);
+        let curvature = dot(&direction, &h);
+        if curvature <= 0.0 {
+            break;
+        }
+        let alpha = rz / curvature;
+        axpy(alpha, &direction, &mut p);
+        axpy(-alpha, &h, &mut residual);
+        preconditioner.solve(&residual, &mut z);
+        let next = dot(&residual, &z);
+        let beta = next / rz;
+        rz = next;
+        for (d, z) in direction.iter_mut().zip(&z) {
+            *d = z + beta * *d;
+        }
+    }
+    p
+}

@@ -1,0 +1,65 @@
+//! What the algorithms need to know about an ensemble: products, subsets, a preconditioner.
+
+/// The linear map `S w = sum_i w_i E_i` of an ensemble of `size` realizations in a space of `dim` entries.
+///
+/// The last realization may be the zero matrix (`weights = "subsimplex"`: `sum w <= 1` is the simplex with one more, empty,
+/// realization); the implementations carry it without storing it.
+pub(crate) trait Operator: Sized + Sync {
+    /// Preconditioner of `S (I - 11^T/K) S^T + mu I`.
+    type Block: Precondition;
+
+    /// Number of realizations, the zero realization included.
+    fn size(&self) -> usize;
+
+    /// Number of entries of one realization.
+    fn dim(&self) -> usize;
+
+    /// Nonzero entries of one realization: the cost of one sample in one pass.
+    fn entries(&self) -> usize;
+
+    /// `out = S w`; entries of `w` that are zero cost nothing.
+    fn apply(&self, w: &[f64], out: &mut [f64]);
+
+    /// `out = S^T y`
+    fn apply_transpose(&self, y: &[f64], out: &mut [f64]);
+
+    /// `out = S S^T y`, returning `1^T S^T y`; one pass over the data where possible.
+    fn normal(&self, y: &[f64], out: &mut [f64]) -> f64;
+
+    /// The ensemble of the realizations `keep` (increasing), copied so that it is contiguous.
+    fn subset(&self, keep: &[usize]) -> Self;
+
+    /// The first `first` realizations and as many more as it takes to hit every entry `min(copies, counts)` times; increasing,
+    /// the zero realization included.
+    fn covering(&self, first: usize, copies: f64, counts: &[f64]) -> Vec<usize>;
+
+    /// `out[k] = <E_i, E_k>` for `k = 0..=i`, `out` holding `i + 1` entries; `table` is `dim` zeros, and is left so.
+    fn gram_row(&self, i: usize, table: &mut [f64], out: &mut [f64]);
+
+    /// Adds `S S^T` to `matrix`, the lower triangle packed by rows.
+    fn add_outer(&self, matrix: &mut [f64]);
+
+    /// `||E_i||^2`
+    fn squared_norm(&self, i: usize) -> f64;
+
+    /// The preconditioner built from all realizations of this ensemble (`K = size`).
+    fn block(&self, mu: f64) -> Self::Block;
+
+    /// `S w - target` in compensated arithmetic, and `S w` rounded.
+    fn residual_compensated(&self, w: &[f64], target: &[f64]) -> Residual;
+
+    /// `<E_i, y>` as an unevaluated sum of two floating point numbers.
+    fn value_compensated(&self, i: usize, y: &[f64]) -> (f64, f64);
+}
+
+/// An approximate inverse, applied to a residual.
+pub(crate) trait Precondition {
+    /// `out = M^{-1} r`
+    fn solve(&self, r: &[f64], out: &mut [f64]);
+}
+
+/// `residual = S w - target` and `image = S w`, each rounded once.
+pub(crate) struct Residual {
+    pub residual: Vec<f64>,
+    pub image: Vec<f64>,
+}

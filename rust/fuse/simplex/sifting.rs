@@ -1,0 +1,60 @@
+//! Sifting: with far more realizations than dimensions, a subset already holds an optimal set of weights.
+//!
+//! Solve on the first `4 d` realizations and enough others that every entry hit at all is hit in the subset; certify on all with one
+//! gather. Realizations that violate optimality, the worst ones first, join the subset and it is solved again; after a few rounds,
+//! or if the subset grows to half of all, the caller solves without sifting.
+
+use super::budget::Budget;
+use super::ladder::{Found, Task, climb};
+use super::operator::Operator;
+use super::semismooth::{Setting, gap_and_values};
+
+/// Realizations per dimension from which sifting pays.
+const WORTH: usize = 6;
+/// Realizations per dimension in the first subset.
+const FIRST: usize = 4;
+/// Copies of every hit entry that the subset must have (or all there are).
+const COPIES: f64 = 4.0;
+const ROUNDS: usize = 8;
+
+/// Weights of all realizations, found on a subset; `None` if sifting does not apply or does not succeed.
+pub(crate) fn sift<O: Operator>(task: &Task<O>, budget: &mut Budget) -> Option<Found> {
+    let n = task.op.size();
+    let dimension = task.relaxed.dimension;
+    if n <= WORTH * dimension || n < 100 {
+        return None;
+    }
+    let mut keep = task.op.covering((FIRST * dimension).max(32), COPIES, &task.relaxed.counts);
+    let set = Setting::of(task);
+    let mut warm: Option<Vec<f64>> = None;
+    for _ in 0..ROUNDS {
+        if keep.len() > n / 2 || budget.exhausted() {
+            return None;
+        }
+        let sub = task.op.subset(&keep);
+        let small = Task { op: &sub, ..*task };
+        let mut found = climb(&small, warm.as_deref(), budget);
+        let mut weights = vec![0.0; n];
+        for (&i, w) in keep.iter().zip(&found.weights) {
+            weights[i] = *w;
+        }
+        let (gap, values) = gap_and_values(&set, &weights, budget);
+        if gap <= task.tol {
+            found.weights = weights;
+            return Some(found);
+        }
+        // Worst violators first; <r, E_i> below the smallest value in the subset.
+        let level = keep.iter().map(|&i| values[i]).fold(f64::INFINITY, f64::min);
+        let mut worse: Vec<usize> = (0..n).filter(|&i| values[i] < level).collect();
+        if worse.is_empty() {
+            return None;
+        }
+        worse.sort_by(|&a, &b| values[a].total_cmp(&values[b]));
+        worse.truncate(dimension.max(8));
+        keep.extend(worse);
+        keep.sort_unstable();
+        keep.dedup();
+        warm = Some(keep.iter().map(|&i| weights[i]).collect());
+    }
+    None
+}

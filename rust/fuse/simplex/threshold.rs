@@ -1,0 +1,72 @@
+//! Euclidean projection on the probability simplex by a threshold.
+//!
+//! The projection of `u` is `w_i = max(u_i - theta, 0)` with the one `theta` for which the weights sum to one. Michelot's
+//! iteration (J. Optim. Theory Appl. 50, 1986): `theta` is the mean excess over the entries still above the last `theta`;
+//! it only grows, so entries that fall below never come back. A handful of passes in practice.
+
+/// `theta` with `sum_i max(u_i - theta, 0) = 1`; `alive` is scratch space, reused between calls.
+pub(crate) fn threshold(u: &[f64], alive: &mut Vec<f64>) -> f64 {
+    // A cheap lower bound first: theta >= max(u) - 1, so everything below it can be dropped at once.
+    let top = u.iter().fold(f64::NEG_INFINITY, |m, &v| if v > m { v } else { m });
+    alive.clear();
+    alive.extend(u.iter().filter(|&&v| v > top - 1.0));
+    let mut theta = (super::vector::sum(alive) - 1.0) / alive.len().max(1) as f64;
+    loop {
+        let before = alive.len();
+        alive.retain(|&v| v > theta);
+        if alive.len() == before || alive.is_empty() {
+            return theta;
+        }
+        // theta = (sum_{alive} u - 1) / |alive|
+        theta = (super::vector::sum(alive) - 1.0) / alive.len() as f64;
+    }
+}
+
+/// Projects `u` on the simplex in place.
+pub(crate) fn project(u: &mut [f64]) {
+    let theta = threshold(u, &mut Vec::new());
+    for v in u.iter_mut() {
+        *v = (*v - theta).max(0.0);
+    }
+    normalise(u);
+}
+
+/// Clips to `w >= 0` and divides by the sum, so that the weights sum to one to rounding. `false` if nothing is left.
+pub(crate) fn normalise(w: &mut [f64]) -> bool {
+    for v in w.iter_mut() {
+        *v = v.max(0.0);
+    }
+    let total = super::vector::sum(w);
+    if !(total > 0.0 && total.is_finite()) {
+        return false;
+    }
+    for v in w.iter_mut() {
+        *v /= total;
+    }
+    true
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_projection_sums_to_one_and_satisfies_the_variational_inequality() {
+        let u = [0.3, -2.0, 0.9, 0.55, 0.1];
+        let mut w = u;
+        project(&mut w);
+        assert!((w.iter().sum::<f64>() - 1.0).abs() < 1e-15);
+        // <u - w, e_i - w> <= 0 for every vertex e_i
+        for i in 0..u.len() {
+            let lhs: f64 = (0..u.len()).map(|k| (u[k] - w[k]) * (f64::from(u8::from(k == i)) - w[k])).sum();
+            assert!(lhs <= 1e-15);
+        }
+    }
+
+    #[test]
+    fn one_huge_entry_takes_everything() {
+        let mut w = [1e9, 0.0, 1.0];
+        project(&mut w);
+        assert_eq!(w, [1.0, 0.0, 0.0]);
+    }
+}

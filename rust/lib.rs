@@ -32,6 +32,8 @@ mod parallel;
 mod python;
 pub mod sample;
 mod stream;
+#[cfg(target_arch = "x86_64")]
+mod wide;
 
 pub use error::{Error, Result};
 pub use parallel::Stop;

@@ -1,0 +1,53 @@
+r"""Exact second moments of realizations, of their averages and of the controls they give.
+
+Notation. ``w`` (n,) is a vector, ``g = ||w||_1``. One realization is ``w^s = g sign(w_I) e_I``
+with ``P(I = i) = |w_i| / g``; it has mean ``w``. A matrix ``A`` (n, m) is sampled line by line,
+independently: ``axis="columns"`` (the default) draws one entry of every column ``a_j``, with
+``g_j = ||a_j||_1``; ``axis="rows"`` one entry of every row, with ``rho_i = ||row i||_1``. An
+estimate is the average of ``size`` independent realizations; ``size`` None (or inf) stands for
+an entity that is known exactly. A line of zeros is always exact: its realizations are 0.
+
+Everything follows from two facts, the covariance of one realization of a vector and that of
+one column:
+
+``Cv(w) = g diag|w| - w w^T``,
+``E[A^s M A^sT] = A M A^T + T_A(diag M)`` with ``T_A(d) = sum_j d_j Cv(a_j)``.
+
+All results are exact for every ``size`` and need no limit. Variances are computed from sums of
+nonnegative terms, ``g - |w_i| = sum_{k != i} |w_k|``, hence without cancellation.
+
+The formulas are those behind the lemmas "variance" (4.2) and "final_state_variance" (4.3), with
+their exact values in place of bounds.
+"""
+
+from .controls import (
+    control_covariance,
+    control_rms,
+    realization_control_covariance,
+    state_covariance,
+    state_rms,
+)
+from .estimates import (
+    matrix_mse,
+    product_covariance,
+    second_moment,
+    systematic_mse,
+    transition,
+    vector_covariance,
+    vector_mse,
+)
+
+__all__ = [
+    "control_covariance",
+    "control_rms",
+    "matrix_mse",
+    "product_covariance",
+    "realization_control_covariance",
+    "second_moment",
+    "state_covariance",
+    "state_rms",
+    "systematic_mse",
+    "transition",
+    "vector_covariance",
+    "vector_mse",
+]

@@ -1,0 +1,128 @@
+"""The formulas on checked arrays, each once."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ... import _gate
+from ...exceptions import InputError, ShapeError
+
+Array: TypeAlias = NDArray[np.float64]
+Axis: TypeAlias = Literal["columns", "rows"]
+Fusion: TypeAlias = Literal["product", "diagonal"]
+Size: TypeAlias = "int | float | None"
+Sizes: TypeAlias = "Size | tuple[Size, Size, Size]"
+
+_AXES = ("columns", "rows")
+
+
+def _others(lines: Array) -> Array:
+    """``sum_{k != i} |W_kj|``, which is ``g_j - |W_ij|`` without the subtraction."""
+    absolute = np.abs(lines)
+    before = np.zeros_like(absolute)
+    after = np.zeros_like(absolute)
+    np.cumsum(absolute[:-1], axis=0, out=before[1:])
+    after[:-1] = np.cumsum(absolute[:0:-1], axis=0)[::-1]
+    return before + after
+
+
+def _vector_covariance(w: Array) -> Array:
+    """``Cv(w)`` for one realization."""
+    return _transition(w[:, None], np.ones(1))
+
+
+def _transition(A: Array, d: Array) -> Array:
+    """``T_A(d)``: off the diagonal ``-A diag(d) A^T``, on it ``Phi d``."""
+    T: Array = 0.0 - (A * d) @ A.T  # "0.0 -" rather than "-": zeros stay +0.0
+    np.fill_diagonal(T, (np.abs(A) * _others(A)) @ d)
+    return T
+
+
+def _excess(A: Array, M: Array, axis: str) -> Array:
+    """``E[A^s M A^sT] - A M A^T``."""
+    diagonal = np.diagonal(M)
+    if axis == "columns":
+        return _transition(A, diagonal)
+    # Rows are independent of each other: only E[(A^s M A^sT)_ii] differs.
+    rho = np.abs(A).sum(axis=1)
+    return np.diag(rho * (np.abs(A) @ diagonal) - ((A @ M) * A).sum(axis=1))
+
+
+def _product_covariance(x0: Array, A: Array, r0: float, rA: float, axis: str) -> Array:
+    """``Cov(A_hat x0_hat)`` for ``1/r0`` realizations of ``x0`` and ``1/rA`` of ``A``."""
+    Cv = _vector_covariance(x0)
+    from_both = r0 * rA * _excess(A, Cv, axis)
+    from_A = rA * _excess(A, np.outer(x0, x0), axis)
+    covariance: Array = r0 * (A @ Cv @ A.T) + from_A + from_both
+    return covariance
+
+
+def _fused(
+    B: ArrayLike, x0: ArrayLike, xf: ArrayLike, A: ArrayLike, size: Sizes, fusion: str, axis: str
+) -> tuple[Array, Array]:
+    """The checked ``B`` and ``C``, the covariance of ``xf_hat - A_hat x0_hat`` (or its pairing)."""
+    B = _gate.matrix("B", B)
+    n = B.shape[0]
+    x0 = _gate.vector("x0", x0, length=n)
+    xf = _gate.vector("xf", xf, length=n)
+    A = _gate.matrix("A", A, rows=n, cols=n)
+    _gate.choice("axis", axis, _AXES)
+    sizes = _one_each(size)
+    r0, rf, rA = (_reciprocal(f"size[{k}]", N) for k, N in enumerate(sizes))
+    if _gate.choice("fusion", fusion, ("product", "diagonal")) == "product":
+        return B, rf * _vector_covariance(xf) + _product_covariance(x0, A, r0, rA, axis)
+    # N independent pairs: the covariance of one pair over N; exact entities stay exact.
+    sampled = {r for r in (r0, rf, rA) if r > 0.0}
+    if len(sampled) > 1:
+        raise InputError(
+            "`size` must be one number with fusion='diagonal', which pairs the realizations, "
+            f"got N0, Nf, NA = {', '.join(_gate.show(N) for N in sizes)}"
+        )
+    one0, onef, oneA = (float(r > 0.0) for r in (r0, rf, rA))
+    one_pair = onef * _vector_covariance(xf) + _product_covariance(x0, A, one0, oneA, axis)
+    return B, max(sampled, default=0.0) * one_pair
+
+
+def _lines(A: Array, axis: str) -> Array:
+    """``A`` with the sampled lines as columns."""
+    return A if _gate.choice("axis", axis, _AXES) == "columns" else A.T
+
+
+def _reciprocal(name: str, size: object) -> float:
+    """``1 / size``; 0 for an entity that is known exactly (None or inf)."""
+    if size is None or (isinstance(size, (float, np.floating)) and size == math.inf):
+        return 0.0
+    return 1.0 / _gate.size(name, size)
+
+
+def _one_each(size: object) -> tuple[object, object, object]:
+    """``(N0, Nf, NA)``."""
+    if not isinstance(size, (tuple, list)):
+        _reciprocal("size", size)  # so that an error names `size`, not `size[0]`
+        return size, size, size
+    if len(size) != 3:
+        raise ShapeError(f"`size` must be one number or (N0, Nf, NA), got {len(size)} numbers")
+    N0, Nf, NA = size
+    return N0, Nf, NA
+
+
+def _compact_svd(B: Array) -> tuple[Array, Array, Array]:
+    """``B = U diag(s) V^T`` with the numerical rank as inner size, so ``B+ = V diag(1/s) U^T``."""
+    U, s, Vt = np.linalg.svd(B, full_matrices=False)
+    rank = int((s > s[0] * max(B.shape) * np.finfo(np.float64).eps).sum())
+    return U[:, :rank], s[:rank], Vt[:rank].T
+
+
+def _symmetric_product(F: Array, C: Array) -> Array:
+    """``F C F^T``, exactly symmetric."""
+    product = F @ C @ F.T
+    return np.asarray((product + product.T) / 2.0, dtype=np.float64)
+
+
+def _root_trace(C: Array) -> float:
+    """``sqrt(tr C)``; rounding may leave a trace that should be 0 slightly below it."""
+    return math.sqrt(max(0.0, float(np.trace(C))))

@@ -1,0 +1,241 @@
+"""Covariances of controls and of the states they lead to."""
+
+from __future__ import annotations
+
+from numpy.typing import ArrayLike
+
+from ._formulas import (
+    Array,
+    Axis,
+    Fusion,
+    Sizes,
+    _compact_svd,
+    _fused,
+    _root_trace,
+    _symmetric_product,
+)
+
+
+def realization_control_covariance(
+    B: ArrayLike, x0: ArrayLike, xf: ArrayLike, A: ArrayLike, *, axis: Axis = "columns"
+) -> Array:
+    """Covariance of the control ``u^s = B+ (xf^s - A^s x0^s)`` of one realization.
+
+    Parameters
+    ----------
+    B : (n, m) array_like
+        Input matrix, known exactly; any rank.
+    x0, xf : (n,) array_like
+        Initial state and target state.
+    A : (n, n) array_like
+        State matrix.
+    axis : {"columns", "rows"}, default "columns"
+        Which lines of ``A`` are sampled.
+
+    Returns
+    -------
+    (m, m) array
+        ``B+ (Cv(xf) + C_z) B+^T`` with ``C_z`` of :func:`product_covariance`. The mean of ``u^s``
+        is ``v* = B+ (xf - A x0)``.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        A shape does not fit, an entry is not finite, `axis` is unknown.
+
+    Notes
+    -----
+    Lemma 4.2, exact. With an entity known exactly:
+    ``control_covariance(..., size=(1, None, 1), fusion="diagonal")``.
+
+    Examples
+    --------
+    >>> realization_control_covariance([[1.0], [0.0]], [1.0, 1.0], [2.0, 2.0],
+    ...                                [[1.0, 0.0], [2.0, 5.0]])
+    array([[9.]])
+    """
+    return control_covariance(B, x0, xf, A, 1, fusion="diagonal", axis=axis)
+
+
+def control_covariance(
+    B: ArrayLike,
+    x0: ArrayLike,
+    xf: ArrayLike,
+    A: ArrayLike,
+    size: Sizes = 1,
+    *,
+    fusion: Fusion = "product",
+    axis: Axis = "columns",
+) -> Array:
+    """Covariance of the fused control under uniform weights.
+
+    Parameters
+    ----------
+    B : (n, m) array_like
+        Input matrix, known exactly; any rank.
+    x0, xf : (n,) array_like
+        Initial state and target state.
+    A : (n, n) array_like
+        State matrix.
+    size : int, None or (N0, Nf, NA), default 1
+        Number of independent realizations of ``x0``, ``xf`` and ``A``; one number for all three
+        or one each. None or inf: that entity is known exactly.
+    fusion : {"product", "diagonal"}, default "product"
+        ``"product"``: each entity is averaged first, ``u = B+ (xf_hat - A_hat x0_hat)``.
+        ``"diagonal"``: the realizations are paired, ``u = 1/N sum_s B+ (xf^s - A^s x0^s)``, so that
+        the sizes of the entities that are not exact must be equal.
+    axis : {"columns", "rows"}, default "columns"
+        Which lines of ``A`` are sampled.
+
+    Returns
+    -------
+    (m, m) array
+        ``B+ C B+^T``, about the mean ``v* = B+ (xf - A x0)`` (both fusions are unbiased). Columns:
+
+        - product: ``C = Cv(xf)/Nf + A Cv(x0) A^T/N0 + T_A(x0 * x0)/NA
+          + T_A(g0 |x0| - x0 * x0)/(N0 NA)``;
+        - diagonal: ``C = (Cv(xf) + C_z) / N``, without the covariance of what is exact.
+
+        Rows: ``T_A(diag M)`` is replaced by the diagonal matrix of :func:`second_moment`, with
+        ``M = x0 x0^T`` in the third and ``M = Cv(x0)`` in the last term.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        A shape does not fit, an entry is not finite, a choice is unknown, or the sizes differ
+        under ``fusion="diagonal"``.
+
+    Notes
+    -----
+    Lemma 4.2, exact. ``Cov_diagonal - Cov_product = (1 - 1/N) / N B+ T_A(g0 |x0| - x0 * x0) B+^T``
+    is positive semidefinite: product fusion is never worse (and by Rao-Blackwell, for every convex
+    loss). Singular values of ``B`` below ``max(n, m) eps`` of the largest count as 0.
+
+    Examples
+    --------
+    >>> B, x0, xf, A = [[1.0], [0.0]], [1.0, 1.0], [2.0, 2.0], [[1.0, 0.0], [2.0, 5.0]]
+    >>> control_covariance(B, x0, xf, A, 10), control_covariance(B, x0, xf, A, (None, 10, None))
+    (array([[0.72]]), array([[0.4]]))
+    """
+    B, C = _fused(B, x0, xf, A, size, fusion, axis)
+    U, s, V = _compact_svd(B)
+    return _symmetric_product(V / s, U.T @ C @ U)
+
+
+def state_covariance(
+    B: ArrayLike,
+    x0: ArrayLike,
+    xf: ArrayLike,
+    A: ArrayLike,
+    size: Sizes = 1,
+    *,
+    fusion: Fusion = "product",
+    axis: Axis = "columns",
+) -> Array:
+    """Covariance of the state ``x(1) = A x0 + B u`` that the fused control leads to.
+
+    Parameters
+    ----------
+    B, x0, xf, A, size, fusion, axis
+        As in :func:`control_covariance`; the control acts on the exact system.
+
+    Returns
+    -------
+    (n, n) array
+        ``B Cov(u) B^T = P C P`` with ``P = B B+``, about the mean
+        ``A x0 + B v* = xf - (I - P)(xf - A x0)``.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        As :func:`control_covariance`.
+
+    Notes
+    -----
+    Lemma 4.3 for one step, exact and corrected:
+    ``E||x(1) - xf||^2 = trace + ||(I - P)(xf - A x0)||^2``, whose second term, the part of the
+    target that cannot be reached, does not shrink with ``size``.
+
+    Examples
+    --------
+    >>> B, x0, xf, A = [[1.0], [0.0]], [1.0, 1.0], [2.0, 2.0], [[1.0, 0.0], [2.0, 5.0]]
+    >>> state_covariance(B, x0, xf, A, 10)
+    array([[0.72, 0.  ],
+           [0.  , 0.  ]])
+    """
+    B, C = _fused(B, x0, xf, A, size, fusion, axis)
+    U, _, _ = _compact_svd(B)
+    return _symmetric_product(U, U.T @ C @ U)
+
+
+def control_rms(
+    B: ArrayLike,
+    x0: ArrayLike,
+    xf: ArrayLike,
+    A: ArrayLike,
+    size: Sizes = 1,
+    *,
+    fusion: Fusion = "product",
+    axis: Axis = "columns",
+) -> float:
+    """Root mean square error ``sqrt(E||u - v*||_2^2)`` of the fused control.
+
+    Parameters
+    ----------
+    B, x0, xf, A, size, fusion, axis
+        As in :func:`control_covariance`.
+
+    Returns
+    -------
+    float
+        Square root of the trace of :func:`control_covariance`.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        As :func:`control_covariance`.
+
+    Examples
+    --------
+    >>> B, x0, xf, A = [[1.0], [0.0]], [1.0, 1.0], [2.0, 2.0], [[1.0, 0.0], [2.0, 5.0]]
+    >>> round(control_rms(B, x0, xf, A, 10), 6)
+    0.848528
+    """
+    return _root_trace(control_covariance(B, x0, xf, A, size, fusion=fusion, axis=axis))
+
+
+def state_rms(
+    B: ArrayLike,
+    x0: ArrayLike,
+    xf: ArrayLike,
+    A: ArrayLike,
+    size: Sizes = 1,
+    *,
+    fusion: Fusion = "product",
+    axis: Axis = "columns",
+) -> float:
+    """Root mean square error ``sqrt(E||B (u - v*)||_2^2)`` of the state after one step.
+
+    Parameters
+    ----------
+    B, x0, xf, A, size, fusion, axis
+        As in :func:`control_covariance`.
+
+    Returns
+    -------
+    float
+        Square root of the trace of :func:`state_covariance`: the distance to the state that the
+        exact control reaches, not to ``xf``.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        As :func:`control_covariance`.
+
+    Examples
+    --------
+    >>> B, x0, xf, A = [[2.0], [0.0]], [1.0, 1.0], [2.0, 2.0], [[1.0, 0.0], [2.0, 5.0]]
+    >>> round(state_rms(B, x0, xf, A, 10), 6)
+    0.848528
+    """
+    return _root_trace(state_covariance(B, x0, xf, A, size, fusion=fusion, axis=axis))

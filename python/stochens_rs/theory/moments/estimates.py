@@ -1,0 +1,295 @@
+"""Covariances and mean square errors of estimated vectors and matrices."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ... import _gate
+from ._formulas import (
+    _AXES,
+    Array,
+    Axis,
+    Size,
+    _excess,
+    _lines,
+    _others,
+    _product_covariance,
+    _reciprocal,
+    _transition,
+    _vector_covariance,
+)
+
+
+def vector_covariance(w: ArrayLike, size: Size = 1) -> Array:
+    """Covariance of the average of ``size`` realizations of a vector.
+
+    Parameters
+    ----------
+    w : (n,) array_like
+        The vector.
+    size : int or None, default 1
+        Number of independent realizations; None or inf: known exactly.
+
+    Returns
+    -------
+    (n, n) array
+        ``Cv(w) / size``, ``Cv(w) = ||w||_1 diag|w| - w w^T``.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        `w` is not a finite vector, `size` is not a count.
+    ResourceError
+        The covariance does not fit into memory.
+
+    Notes
+    -----
+    Lemma 4.1 (the sampling scheme): a scaled multinomial covariance. For fixed weights ``y`` with
+    sum 1 instead of the average, multiply the value for ``size=1`` by ``sum(y**2)``.
+
+    Examples
+    --------
+    >>> vector_covariance([3.0, -1.0], size=2)
+    array([[1.5, 1.5],
+           [1.5, 1.5]])
+    """
+    w = _gate.vector("w", w)
+    reciprocal = _reciprocal("size", size)
+    _gate.memory("the covariance", 3 * 8 * w.size**2)
+    return _vector_covariance(w) * reciprocal
+
+
+def vector_mse(w: ArrayLike, size: Size = 1) -> float:
+    """Mean squared 2-norm error of the average of ``size`` realizations of a vector.
+
+    Parameters
+    ----------
+    w : (n,) array_like
+        The vector.
+    size : int or None, default 1
+        Number of independent realizations; None or inf: known exactly.
+
+    Returns
+    -------
+    float
+        ``(||w||_1^2 - ||w||_2^2) / size``, the trace of :func:`vector_covariance`.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        `w` is not a finite vector, `size` is not a count.
+
+    Notes
+    -----
+    Lemma 4.1. Weights ``y`` with sum 1: the value for ``size=1`` times ``sum(y**2)``.
+
+    Examples
+    --------
+    >>> vector_mse([3.0, -1.0], size=2)
+    3.0
+    """
+    return matrix_mse(_gate.vector("w", w)[:, None], size)
+
+
+def matrix_mse(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> float:
+    """Mean squared Frobenius error of the average of ``size`` realizations of a matrix.
+
+    Parameters
+    ----------
+    A : (n, m) array_like
+        The matrix.
+    size : int or None, default 1
+        Number of independent realizations; None or inf: known exactly.
+    axis : {"columns", "rows"}, default "columns"
+        Which lines are sampled.
+
+    Returns
+    -------
+    float
+        ``sum_j (g_j^2 - ||a_j||_2^2) / size`` over the sampled lines ``a_j``.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        `A` is not a finite matrix, `size` is not a count, `axis` is unknown.
+
+    Notes
+    -----
+    Lemma 4.1, one vector per line. ``g^2 - ||a||_2^2 = sum_i |a_i| (g - |a_i|)``.
+
+    Examples
+    --------
+    >>> matrix_mse([[1.0, 0.0], [2.0, 5.0]])
+    4.0
+    """
+    lines = _lines(_gate.matrix("A", A), axis)
+    return float((np.abs(lines) * _others(lines)).sum()) * _reciprocal("size", size)
+
+
+def systematic_mse(target: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> float:
+    """Mean squared error of the average of ``size`` systematic samples.
+
+    Parameters
+    ----------
+    target : (n,) or (n, m) array_like
+        The vector, or the matrix whose lines are sampled with one offset each.
+    size : int or None, default 1
+        Number of samples; None or inf: known exactly.
+    axis : {"columns", "rows"}, default "columns"
+        Which lines of a matrix are sampled; without effect for a vector.
+
+    Returns
+    -------
+    float
+        ``sum_j (g_j / size)^2 sum_i f_ij (1 - f_ij)`` with ``f_ij = frac(size |a_ij| / g_j)``, the
+        square of the 2-norm (vector) or Frobenius norm (matrix). At most ``n g^2 / (4 size^2)``
+        per line, and 0 where every ``size |a_ij| / g_j`` is an integer.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        `target` is not a finite vector or matrix, `size` is not a count, `axis` is unknown.
+
+    Notes
+    -----
+    One ``U`` uniform on [0, 1) per line and ``c_i = size (p_1 + ... + p_i)`` give the counts
+    ``N_i = ceil(c_i - U) - ceil(c_{i-1} - U)``: each is ``floor`` or ``ceil`` of ``size p_i``, the
+    latter with probability ``f_i``. Compare ``1 / size`` in :func:`vector_mse`. The fractional
+    parts are meaningful while ``size`` is far below 2**53.
+
+    References
+    ----------
+    W. G. Madow and L. H. Madow, "On the theory of systematic sampling", Ann. Math. Stat. 15, 1944.
+
+    Examples
+    --------
+    >>> systematic_mse([3.0, -1.0], size=6), systematic_mse([3.0, -1.0], size=8)
+    (0.2222222222222222, 0.0)
+    """
+    lines = _gate.array("target", target, ndim=(1, 2))
+    _gate.choice("axis", axis, _AXES)
+    lines = lines[:, None] if lines.ndim == 1 else _lines(lines, axis)
+    if _reciprocal("size", size) == 0.0:
+        return 0.0
+    N = float(_gate.size("size", size))
+    g = np.abs(lines).sum(axis=0)
+    lines, g = lines[:, g > 0.0], g[g > 0.0]
+    # A remainder is computed without rounding: where N |a| / g is an integer, f is exactly 0.
+    f = np.fmod(N * np.abs(lines), g) / g
+    return float(((g / N) ** 2 * (f * (1.0 - f)).sum(axis=0)).sum())
+
+
+def transition(A: ArrayLike, d: ArrayLike) -> Array:
+    """``T_A(d)``: what the sampling of the columns of ``A`` adds to a second moment.
+
+    Parameters
+    ----------
+    A : (n, m) array_like
+        The matrix, sampled by columns.
+    d : (m,) array_like
+        One factor per column; for a random or fixed ``x`` the values ``E[x_j^2]``.
+
+    Returns
+    -------
+    (n, n) array
+        ``T_A(d) = sum_j d_j Cv(a_j) = diag(|A| (g * d)) - A diag(d) A^T``; positive semidefinite
+        for ``d >= 0``, with trace ``sum_j d_j (g_j^2 - ||a_j||_2^2)``.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        A shape does not fit, or an entry is not finite.
+
+    Notes
+    -----
+    Its diagonal is ``Phi d`` with ``Phi_ij = |A_ij| (g_j - |A_ij|)``, and is computed so. For a
+    vector ``x`` that is known, ``T_A(x * x)`` is the covariance of ``A^s x``.
+
+    Examples
+    --------
+    >>> transition([[1.0, 0.0], [2.0, 5.0]], [1.0, 1.0])
+    array([[ 2., -2.],
+           [-2.,  2.]])
+    """
+    A = _gate.matrix("A", A)
+    return _transition(A, _gate.vector("d", d, length=A.shape[1]))
+
+
+def second_moment(A: ArrayLike, M: ArrayLike, *, axis: Axis = "columns") -> Array:
+    """``E[A^s M A^sT]`` for one realization of a matrix.
+
+    Parameters
+    ----------
+    A : (n, m) array_like
+        The matrix.
+    M : (m, m) array_like
+        Any fixed matrix, or ``E[x x^T]`` of an ``x`` that is independent of ``A^s``.
+    axis : {"columns", "rows"}, default "columns"
+        Which lines are sampled.
+
+    Returns
+    -------
+    (n, n) array
+        Columns: ``A M A^T + T_A(diag M)``.
+        Rows: ``A M A^T + diag(rho * (|A| diag M) - diag(A M A^T))``.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        A shape does not fit, an entry is not finite, `axis` is unknown.
+
+    Notes
+    -----
+    For an average of ``N`` realizations, the part beside ``A M A^T`` is divided by ``N``.
+
+    Examples
+    --------
+    >>> second_moment([[1.0, 0.0], [2.0, 5.0]], [[1.0, 0.0], [0.0, 1.0]])
+    array([[ 3.,  0.],
+           [ 0., 31.]])
+    """
+    A = _gate.matrix("A", A)
+    M = _gate.matrix("M", M, rows=A.shape[1], cols=A.shape[1])
+    _gate.choice("axis", axis, _AXES)
+    moment: Array = A @ M @ A.T + _excess(A, M, axis)
+    return moment
+
+
+def product_covariance(x0: ArrayLike, A: ArrayLike, *, axis: Axis = "columns") -> Array:
+    """``C_z``: covariance of ``z^s = A^s x0^s``, one realization of each.
+
+    Parameters
+    ----------
+    x0 : (m,) array_like
+        The vector.
+    A : (n, m) array_like
+        The matrix.
+    axis : {"columns", "rows"}, default "columns"
+        Which lines of ``A`` are sampled.
+
+    Returns
+    -------
+    (n, n) array
+        Columns: ``C_z = g0 diag(|A| (g * |x0|)) - (A x0)(A x0)^T``, ``g0 = ||x0||_1``.
+        Rows: ``A Cv(x0) A^T`` off the diagonal and ``g0 rho_i (|A| |x0|)_i - (A x0)_i^2`` on it.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        A shape does not fit, an entry is not finite, `axis` is unknown.
+
+    Notes
+    -----
+    Behind Lemma 4.2. Evaluated as ``A Cv(x0) A^T`` (from ``x0``) plus the two parts from ``A``.
+
+    Examples
+    --------
+    >>> product_covariance([1.0, 1.0], [[1.0, 0.0], [2.0, 5.0]])
+    array([[ 5., -7.],
+           [-7., 13.]])
+    """
+    A = _gate.matrix("A", A)
+    x0 = _gate.vector("x0", x0, length=A.shape[1])
+    _gate.choice("axis", axis, _AXES)
+    return _product_covariance(x0, A, 1.0, 1.0, axis)

@@ -12,7 +12,7 @@ from . import cases, exceptions, experiments, theory
 from ._core import version as _version
 from ._threads import get_num_threads, set_num_threads
 from .controls import control, realization_controls, steer
-from .ensembles import Counts, Ensemble, sample, sample_counts
+from .ensembles import Counts, Ensemble
 from .exceptions import (
     InputError,
     InputTypeError,
@@ -25,6 +25,7 @@ from .exceptions import (
 from .fusing import fuse, fuse_path
 from .results import Fit, Path, Plan, PlanError, Reachability
 from .rng import Key
+from .sampling import sample, sample_counts
 from .system import System
 
 __version__ = _version()

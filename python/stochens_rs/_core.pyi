@@ -7,6 +7,7 @@ __all__ = [
     "Draws",
     "alse",
     "alse_path",
+    "alse_prefixes",
     "closed_form",
     "mean_difference",
     "pseudoinverse",
@@ -63,6 +64,15 @@ def uniform_path(
 def alse_path(
     draws: Draws, target: _Floats, subsimplex: bool, sizes: list[int], keep_estimates: bool
 ) -> tuple[_Floats, _Floats, _Floats]: ...
+def alse_prefixes(
+    draws: Draws,
+    target: _Floats,
+    subsimplex: bool,
+    tol: float,
+    threads: int,
+    sizes: list[int],
+    keep_estimates: bool,
+) -> tuple[_Floats, _Floats, list[Literal["optimal", "optimal_inaccurate"]], _Floats]: ...
 def pseudoinverse(b: _Floats) -> tuple[_Floats, int, _Floats, float]: ...
 def realization_controls(
     pinv: _Floats,

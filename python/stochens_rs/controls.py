@@ -9,11 +9,12 @@ import numpy as np
 
 from . import _core, _gate
 from ._threads import get_num_threads
-from .ensembles import Counts, Ensemble, sample
+from .ensembles import Counts, Ensemble
 from .exceptions import InputError, InputTypeError, ShapeError
 from .fusing import METHODS, _norm, fuse
 from .results import Fit, Plan, PlanError, Reachability
 from .rng import RngLike, as_key
+from .sampling import sample
 from .system import System
 
 if TYPE_CHECKING:

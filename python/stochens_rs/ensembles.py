@@ -14,146 +14,15 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 
 from . import _core, _gate
-from ._threads import get_num_threads
+from ._lines import Axis, checked_target, from_lines, stack_from_lines, to_lines
 from .exceptions import InputError, InputTypeError, ShapeError
-from .rng import Key, RngLike, as_key
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-Axis: TypeAlias = Literal["columns", "rows"]
+    from .rng import Key
+
 Scheme: TypeAlias = Literal["iid", "systematic"]
-
-_SCHEMES = ("iid", "systematic")
-_AXES = ("columns", "rows")
-
-
-def sample(
-    target: ArrayLike,
-    size: int,
-    *,
-    rng: RngLike = None,
-    scheme: Scheme = "iid",
-    axis: Axis = "columns",
-) -> Ensemble:
-    """Draw realizations whose mean is a given vector or matrix.
-
-    Parameters
-    ----------
-    target : array_like, shape (n,) or (n, m)
-        The vector ``w`` or matrix ``A`` the realizations average to.
-    size : int
-        Number of realizations N, at least 1.
-    rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
-        Source of randomness; it becomes a 256-bit key that is kept as ``.key``. Two calls with
-        the same integer share their draws: use a Generator, or ``key.child(name)``, for entities
-        that must be independent.
-    scheme : {"iid", "systematic"}, default "iid"
-        "iid": independent realizations; the first k of N are those of a sample of size k.
-        "systematic": one random offset per line, so that entry i is hit ``floor(N p_i)`` or
-        ``ceil(N p_i)`` times, in random order. Unbiased, with a mean-square error of at most
-        ``g^2 n / (4 N^2)`` per line instead of ``(g^2 - ||w||^2) / N``; but the realizations are
-        dependent, so results that assume independence (the mean-square bound of SLSE, tail
-        bounds) do not apply.
-    axis : {"columns", "rows"}, default "columns"
-        Which lines of a matrix are drawn independently. Ignored for a vector.
-
-    Returns
-    -------
-    Ensemble
-        N realizations, stored as ``N * lines`` indices of 1, 2 or 4 bytes.
-
-    Raises
-    ------
-    InputError, InputTypeError
-        If an argument cannot be used; the message names it.
-    ResourceError
-        If the indices do not fit into the memory this process may use.
-
-    Notes
-    -----
-    ``E[s] = w`` and ``Cov(s) = g diag|w| - w w^T`` (Lemma 4.1, where the printed mean of the *sum*
-    is ``w``: a factor 1/N is missing). A zero vector or zero line gives zero realizations. Draw i
-    of a line depends on (key, i) only, for any number of threads. Probabilities are exact
-    integers out of ``2^32`` times a power of two: zero entries are never drawn.
-
-    Examples
-    --------
-    >>> import stochens_rs as se
-    >>> ensemble = se.sample([3.0, -1.0, 0.0, 2.0], 1000, rng=1)
-    >>> ensemble.size, ensemble.shape, ensemble.gamma
-    (1000, (4,), 6.0)
-    >>> int(ensemble.counts()[2])
-    0
-    """
-    values, axis = _target(target, axis)
-    count = _gate.size("size", size)
-    scheme = _scheme(scheme)
-    lines = _to_lines(values, axis)
-    width = 1 if lines.shape[1] <= 2**8 else 2 if lines.shape[1] <= 2**16 else 4
-    _gate.memory(f"a sample of {count} realizations", count * lines.shape[0] * width)
-    key = as_key(rng)
-    draws = _core.Draws.sample(lines, count, scheme, bytes(key), get_num_threads())
-    return Ensemble._of_draws(draws, values.shape, axis, scheme, key)
-
-
-def sample_counts(
-    target: ArrayLike,
-    size: int,
-    *,
-    rng: RngLike = None,
-    scheme: Scheme = "iid",
-    axis: Axis = "columns",
-) -> Counts:
-    """Draw how often each entry is hit, without drawing the realizations.
-
-    Counts are all a uniform average needs, and they cost O(n m) for any number of realizations.
-
-    Parameters
-    ----------
-    target : array_like, shape (n,) or (n, m)
-        The vector or matrix the realizations average to.
-    size : int
-        Number of realizations N, from 1 to 2^53.
-    rng, scheme, axis
-        As in `sample`.
-
-    Returns
-    -------
-    Counts
-        The counts, and the uniform average they give.
-
-    Raises
-    ------
-    InputError, InputTypeError
-        If an argument cannot be used; the message names it.
-
-    Notes
-    -----
-    One multinomial draw per line, by conditional binomials. For "iid" the counts are *equal in
-    distribution* to ``sample(...).counts()``, not equal draw by draw; for "systematic" they are
-    the same counts.
-
-    Examples
-    --------
-    >>> import numpy as np, stochens_rs as se
-    >>> w = np.array([3.0, -1.0, 0.0, 2.0])
-    >>> counts = se.sample_counts(w, 10**12, rng=1)
-    >>> int(counts.counts.sum()) == 10**12, bool(abs(counts.estimate - w).max() < 1e-4)
-    (True, True)
-    """
-    values, axis = _target(target, axis)
-    count = _gate.size("size", size)
-    key = as_key(rng)
-    lines = _to_lines(values, axis)
-    hits = _core.sample_counts(lines, count, _scheme(scheme), bytes(key))
-    atoms = np.sign(lines) * np.abs(lines).sum(axis=1, keepdims=True)
-    return Counts(
-        counts=_from_lines(hits, values.shape, axis),
-        estimate=_from_lines(atoms * (hits / count), values.shape, axis),
-        size=count,
-        key=key,
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,8 +134,8 @@ class Ensemble:
                [ 7.,  0.],
                [ 0., -7.]])
         """
-        values, axis = _target(target, axis)
-        lines = _to_lines(values, axis)
+        values, axis = checked_target(target, axis)
+        lines = to_lines(values, axis)
         given = np.asarray(indices)
         if given.dtype.kind not in "ui":
             raise InputTypeError(f"`indices` must be integers, got dtype {given.dtype}")
@@ -354,7 +223,7 @@ class Ensemble:
         """The value ``g_j sign(A_ij)`` of a realization that hits an entry; None for samples."""
         if self._draws is None:
             return None
-        return _from_lines(self._draws.atoms(), self._shape, self._axis)
+        return from_lines(self._draws.atoms(), self._shape, self._axis)
 
     @property
     def samples(self) -> NDArray[np.float64] | None:
@@ -382,7 +251,7 @@ class Ensemble:
         if self._draws is None:
             raise InputTypeError("counts() needs singleton realizations; these are dense samples")
         nonzero = (self._draws.gamma() > 0.0)[:, None]
-        return _from_lines(self._draws.counts() * nonzero, self._shape, self._axis)
+        return from_lines(self._draws.counts() * nonzero, self._shape, self._axis)
 
     def dense(self) -> NDArray[np.float64]:
         """Write the realizations out.
@@ -406,7 +275,7 @@ class Ensemble:
         index = draws.indices().astype(np.intp)
         picked = np.take_along_axis(draws.atoms()[None], index[:, :, None], axis=2)
         np.put_along_axis(out, index[:, :, None], picked, axis=2)
-        return _stack_from_lines(out.reshape(self.size, -1), self._shape, self._axis)
+        return stack_from_lines(out.reshape(self.size, -1), self._shape, self._axis)
 
     def prefix(self, size: int) -> Ensemble:
         """Return the first realizations, sharing their memory.
@@ -447,7 +316,7 @@ class Ensemble:
         """
         w = _gate.vector("weights", weights, length=self.size)
         if self._draws is not None:
-            return _from_lines(self._draws.combine(w), self._shape, self._axis)
+            return from_lines(self._draws.combine(w), self._shape, self._axis)
         result: NDArray[np.float64] = np.tensordot(w, self._dense(), axes=1)
         return result
 
@@ -461,7 +330,7 @@ class Ensemble:
         """
         if self._draws is not None:
             average = self._draws.atoms() * (self._draws.counts() / self.size)
-            return _from_lines(average, self._shape, self._axis)
+            return from_lines(average, self._shape, self._axis)
         result: NDArray[np.float64] = self._dense().mean(axis=0)
         return result
 
@@ -471,18 +340,18 @@ class Ensemble:
 
     def _lines_of(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Lay a target out as the core does: one line per row (dense samples: one row)."""
-        return _to_lines(values, self._axis) if self._draws is not None else values.reshape(1, -1)
+        return to_lines(values, self._axis) if self._draws is not None else values.reshape(1, -1)
 
     def _from_core(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Undo `_lines_of`."""
         if self._draws is not None:
-            return _from_lines(values, self._shape, self._axis)
+            return from_lines(values, self._shape, self._axis)
         return values.reshape(self._shape)
 
     def _stack_from_core(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Undo `_lines_of` for every row of (k, entries)."""
         if self._draws is not None:
-            return _stack_from_lines(values, self._shape, self._axis)
+            return stack_from_lines(values, self._shape, self._axis)
         return values.reshape(-1, *self._shape)
 
     def _core_realizations(self) -> _core.Draws | NDArray[np.float64]:
@@ -535,33 +404,3 @@ def _rebuild(
 ) -> Ensemble:
     draws = _core.Draws.from_indices(values, indices)
     return Ensemble._of_draws(draws, shape, axis, scheme, key)
-
-
-def _target(target: ArrayLike, axis: str) -> tuple[NDArray[np.float64], Axis]:
-    checked: Axis = "rows" if _gate.choice("axis", axis, _AXES) == "rows" else "columns"
-    return _gate.array("target", target, ndim=(1, 2)), checked
-
-
-def _scheme(scheme: str) -> Scheme:
-    return "iid" if _gate.choice("scheme", scheme, _SCHEMES) == "iid" else "systematic"
-
-
-def _to_lines(values: NDArray[np.float64], axis: Axis) -> NDArray[np.float64]:
-    """Lay out a vector as one row, a matrix with its independent lines as rows."""
-    if values.ndim == 1:
-        return values.reshape(1, -1)
-    return np.ascontiguousarray(values.T) if axis == "columns" else values
-
-
-def _from_lines(values: NDArray[Any], shape: tuple[int, ...], axis: Axis) -> NDArray[Any]:
-    """Undo `_to_lines`."""
-    if len(shape) == 1:
-        return values.reshape(shape)
-    return np.ascontiguousarray(values.T) if axis == "columns" else values
-
-
-def _stack_from_lines(values: NDArray[Any], shape: tuple[int, ...], axis: Axis) -> NDArray[Any]:
-    """Undo `_to_lines` for every row of (k, entries)."""
-    if len(shape) == 1 or axis == "rows":
-        return values.reshape(-1, *shape)
-    return np.ascontiguousarray(values.reshape(-1, shape[1], shape[0]).transpose(0, 2, 1))

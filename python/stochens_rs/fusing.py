@@ -154,7 +154,8 @@ def fuse_path(
     Notes
     -----
     "uniform", "slse" and the closed form need one pass over the realizations; ALSE for matrices
-    and dense ensembles is solved for every prefix.
+    is solved for every prefix, from the last solution where that pays; dense ensembles are fused
+    prefix by prefix.
 
     Examples
     --------
@@ -193,6 +194,12 @@ def fuse_path(
         kept = ensemble._stack_from_core(stack) if estimates else None
         reference = tol * _reference(ensemble, goal)
         statuses = tuple("optimal" if g <= reference else "optimal_inaccurate" for g in gaps)
+    elif name == "alse" and draws is not None:
+        errors, gaps, solved, stack = _core.alse_prefixes(
+            draws, lines, subsimplex, tol, get_num_threads(), counts, estimates
+        )
+        kept = ensemble._stack_from_core(stack) if estimates else None
+        statuses = tuple(solved)
     else:
         fits = [
             fuse(ensemble.prefix(k), method, target=goal, weights=weights, tol=tol) for k in counts

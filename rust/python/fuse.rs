@@ -147,3 +147,30 @@ pub(super) fn alse_path<'py>(
     let kept = if keep_estimates { sizes.len() } else { 0 };
     Ok((array1(py, path.errors), array1(py, path.gaps), array2(py, path.estimates, kept, values.len())?))
 }
+
+/// ALSE of prefixes by the certified solver: `(errors, gaps, statuses, estimates)`.
+#[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "the arguments of one call")]
+pub(super) fn alse_prefixes<'py>(
+    py: Python<'py>,
+    draws: PyRef<'py, Draws>,
+    target: PyReadonlyArray2<'py, f64>,
+    subsimplex: bool,
+    tol: f64,
+    threads: usize,
+    sizes: Vec<usize>,
+    keep_estimates: bool,
+) -> PyResult<(Array1<'py>, Array1<'py>, Vec<&'static str>, Array2<'py>)> {
+    let inner = draws.inner.clone();
+    self::sizes(&sizes, inner.size())?;
+    let values = self::target(&target, inner.law().values().len())?;
+    let path = run(py, f64::INFINITY, |stop| {
+        fuse::alse_prefixes(&inner, values, set(subsimplex), tol, threads, &sizes, stop)
+    })?;
+    let errors = path.iter().map(|fit| fit.error).collect();
+    let gaps = path.iter().map(|fit| fit.gap).collect();
+    let statuses = path.iter().map(|fit| fit.status.as_str()).collect();
+    let kept = if keep_estimates { sizes.len() } else { 0 };
+    let estimates = path.into_iter().take(kept).flat_map(|fit| fit.estimate).collect();
+    Ok((array1(py, errors), array1(py, gaps), statuses, array2(py, estimates, kept, values.len())?))
+}

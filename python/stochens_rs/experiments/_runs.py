@@ -17,9 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..controls import realization_controls
-from ..ensembles import Ensemble, sample
+from ..ensembles import Ensemble
 from ..fusing import Method, fuse_path
 from ..rng import Key
+from ..sampling import sample
 from ._common import Curve, Panel
 
 FloatArray = NDArray[np.float64]

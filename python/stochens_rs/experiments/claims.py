@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..ensembles import Ensemble, sample
+from ..ensembles import Ensemble
 from ..fusing import fuse, fuse_path
 from ..rng import Key
+from ..sampling import sample
 
 __all__ = ["counterexamples", "printed_stopping_rule"]
 

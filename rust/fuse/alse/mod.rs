@@ -118,21 +118,24 @@ impl Realizations for Singletons {
         Singletons::size(self) * self.law().lines()
     }
     fn solve(&self, target: &[f64], options: &Options, stop: &Stop) -> Result<simplex::Solution> {
-        let law = self.law();
-        // sign-free: the signs of the law are divided out of the target
-        let signs = law.signs();
-        let target: Vec<f64> = target.iter().zip(&signs).map(|(t, s)| if *s == 0.0 { *t } else { t * s }).collect();
-        let used = Singletons::size(self) * law.lines();
-        let indices = match &**self.indices() {
-            Indices::U8(v) => IndexView::U8(&v[..used]),
-            Indices::U16(v) => IndexView::U16(&v[..used]),
-            Indices::U32(v) => IndexView::U32(&v[..used]),
-        };
-        let size = Singletons::size(self);
-        SingletonProblem::new(indices, size, law.lines(), law.length(), law.gamma(), &target)
-            .map(|problem| simplex::solve(&problem, options, None, stop.flag()))
-            .map_err(refused)
+        with_problem(self, target, |problem| simplex::solve(problem, options, None, stop.flag()))
     }
+}
+
+/// Poses the problem of `draws` in the solver's terms: sign-free, the law's signs divided out of the target.
+fn with_problem<T>(draws: &Singletons, target: &[f64], work: impl FnOnce(&SingletonProblem<'_>) -> T) -> Result<T> {
+    let law = draws.law();
+    let signs = law.signs();
+    let target: Vec<f64> = target.iter().zip(&signs).map(|(t, s)| if *s == 0.0 { *t } else { t * s }).collect();
+    let used = draws.size() * law.lines();
+    let indices = match &**draws.indices() {
+        Indices::U8(v) => IndexView::U8(&v[..used]),
+        Indices::U16(v) => IndexView::U16(&v[..used]),
+        Indices::U32(v) => IndexView::U32(&v[..used]),
+    };
+    SingletonProblem::new(indices, draws.size(), law.lines(), law.length(), law.gamma(), &target)
+        .map(|problem| work(&problem))
+        .map_err(refused)
 }
 
 impl Realizations for Dense<'_> {
@@ -176,6 +179,40 @@ pub fn alse(
 ) -> Result<Solution> {
     let options = Options { tol, subsimplex: set == Weights::Subsimplex, threads, ..Options::default() };
     let own = realizations.solve(target, &options, stop)?;
+    certified(realizations, own, target, set, tol, stop)
+}
+
+/// [`alse`] for the first `k` realizations, for each `k` in the increasing `sizes`: each solution starts from the last
+/// one where that pays, and each has its own certificate.
+///
+/// # Errors
+/// As [`alse`].
+pub fn alse_prefixes(
+    draws: &Singletons,
+    target: &[f64],
+    set: Weights,
+    tol: f64,
+    threads: usize,
+    sizes: &[usize],
+    stop: &Stop,
+) -> Result<Vec<Solution>> {
+    let options = Options { tol, subsimplex: set == Weights::Subsimplex, threads, ..Options::default() };
+    let path = with_problem(draws, target, |problem| simplex::solve_path(problem, sizes, &options, stop.flag()))?;
+    path.into_iter()
+        .zip(sizes)
+        .map(|(own, &size)| certified(&draws.prefix(size), own, target, set, tol, stop))
+        .collect()
+}
+
+/// Our solver's weights with their estimate, or Clarabel's where those are not good enough and Clarabel's are better.
+fn certified(
+    realizations: &impl Realizations,
+    own: simplex::Solution,
+    target: &[f64],
+    set: Weights,
+    tol: f64,
+    stop: &Stop,
+) -> Result<Solution> {
     stop.check()?;
     let estimate = realizations.combine(&own.weights, stop)?;
     let first = Solution {

@@ -4,8 +4,10 @@ use super::active_set;
 use super::budget::Budget;
 use super::certificate::{Certificate, certify};
 use super::newton_cg::{self, Effort, Iterate, Work};
+use super::newton_system;
 use super::operator::Operator;
 use super::problem::Phase;
+use super::proximal;
 use super::relaxed_target::Relaxed;
 use super::semismooth::{self, Setting};
 use super::sifting::sift;
@@ -42,6 +44,11 @@ pub(crate) struct Found {
     pub work: Work,
 }
 
+/// Realizations per dimension up to which projected Newton-CG is well conditioned.
+const NEWTON_CG_TO: f64 = 1.25;
+/// Realizations per dimension from which `S w = q` is worth a try: half of all centred point clouds of `2 d` points contain their
+/// centre (Wendel, Math. Scand. 11, 1962), hardly any below.
+const DIRECT_FROM: f64 = 1.9;
 /// Passes PNCG may spend before the safety net takes over.
 const NEWTON_CG_PASSES: f64 = 700.0;
 
@@ -59,16 +66,20 @@ pub(crate) fn climb<O: Operator>(task: &Task<O>, warm: Option<&[f64]>, budget: &
         return best.found(work);
     }
 
-    if (n as f64) < 1.25 * task.relaxed.dimension as f64 {
-        let effort = Effort::Passes(NEWTON_CG_PASSES);
-        best.offer(newton_cg::solve(op, q, warm, tol, effort, budget, &mut work), Phase::NewtonCg);
-    } else if !task.relaxed.unreachable
-        && let Some(found) = semismooth::direct(&set, budget, &mut work)
+    let few = (n as f64) < NEWTON_CG_TO * task.relaxed.dimension as f64;
+    if few {
+        best.offer(
+            newton_cg::solve(op, q, warm, tol, Effort::Passes(NEWTON_CG_PASSES), budget, &mut work),
+            Phase::NewtonCg,
+        );
+    } else if n as f64 > DIRECT_FROM * task.relaxed.dimension as f64
+        && !task.relaxed.unreachable
+        && let Some(found) = proximal::direct(&set, budget, &mut work)
     {
         best.offer(found, Phase::Direct);
     }
     if !best.done(tol) && !budget.exhausted() {
-        let rough = semismooth::augmented(&set, None, true, budget, &mut work);
+        let rough = proximal::augmented(&set, None, true, budget, &mut work);
         let from = rough.weights.clone();
         best.offer(rough, Phase::Augmented);
         if !best.done(tol) && !budget.exhausted() {
@@ -76,7 +87,7 @@ pub(crate) fn climb<O: Operator>(task: &Task<O>, warm: Option<&[f64]>, budget: &
         }
     }
     if !best.done(tol) && !budget.exhausted() {
-        best.offer(semismooth::augmented(&set, None, false, budget, &mut work), Phase::Augmented);
+        best.offer(proximal::augmented(&set, None, false, budget, &mut work), Phase::Augmented);
     }
     if !best.done(tol) && !budget.exhausted() {
         let from = best.iterate.weights.clone();
@@ -110,32 +121,39 @@ impl Best {
     }
 }
 
-/// Drives a small residual of a reachable target down to rounding.
+/// Drives a small residual of a reachable target down to rounding, if that can be done.
 ///
-/// The least-norm correction on the support, `dw = (I - 11^T/K) S_J^T (S_J (I - 11^T/K) S_J^T)^+ (q - S w)`, keeps the sum; it is
-/// accepted while it keeps `w >= 0` and shrinks the residual.
+/// The least-norm correction on the support, `dw = (I - 11^T/K) S_J^T (S_J (I - 11^T/K) S_J^T)^+ (q - S w)`, keeps the sum. Weights
+/// it would make negative leave the support, and the correction is repeated; what is not exact in the end is not used.
 pub(crate) fn polish<O: Operator>(
     task: &Task<O>,
     target: &[f64],
     weights: &mut Vec<f64>,
-    mut certificate: Certificate,
+    certificate: Certificate,
     budget: &mut Budget,
 ) -> Certificate {
     let op = task.op;
-    for _ in 0..4 {
-        if certificate.exact || certificate.objective > 1e-12 * task.gamma || budget.exhausted() {
+    if certificate.exact || certificate.objective > 1e-10 * task.gamma {
+        return certificate;
+    }
+    let mut trial = weights.clone();
+    let mut last = certificate.objective;
+    for round in 0..6 {
+        if budget.exhausted() {
             break;
         }
-        let residual = op.residual_compensated(weights, target).residual;
-        let force: Vec<f64> = residual.iter().map(|r| -r).collect();
-        let support: Vec<usize> = (0..op.size()).filter(|&i| weights[i] > 0.0).collect();
-        let trial = semismooth::corrected(op, weights, &support, &force, budget);
+        let force: Vec<f64> = op.residual_compensated(&trial, target).residual.iter().map(|r| -r).collect();
+        let support: Vec<usize> = (0..op.size()).filter(|&i| trial[i] > 0.0).collect();
+        trial = newton_system::corrected(op, &trial, &support, &force, budget);
         let after = certify(op, target, &trial);
-        if !after.exact && (after.gap > certificate.gap || after.objective > 0.25 * certificate.objective) {
+        if after.exact {
+            *weights = trial;
+            return after;
+        }
+        if round > 1 && after.objective > 0.25 * last {
             break;
         }
-        *weights = trial;
-        certificate = after;
+        last = after.objective;
     }
     certificate
 }

@@ -5,8 +5,10 @@
 //!
 //! 1. `problem`: sizes and indices are checked; [`solve`] scales by a power of two;
 //! 2. `relaxed_target`: the target is replaced by its projection on the affine hull, exactly;
-//! 3. `newton_cg` below 1.25 realizations per dimension, `semismooth::direct` above, `semismooth::augmented` if they fail;
-//! 4. `certificate`: gap and bounds are recomputed from the data, in compensated arithmetic; `status` is what they say.
+//! 3. `sifting`: with far more realizations than dimensions, a subset is solved and certified on all;
+//! 4. `ladder`: `newton_cg` below 1.25 realizations per dimension, `proximal::direct` above 1.9, `proximal::augmented` between and
+//!    if they fail, handing over to `active_set` once it has nearly found the support;
+//! 5. `certificate`: gap and bounds are recomputed from the data, in compensated arithmetic; `status` is what they say.
 
 mod active_set;
 mod budget;
@@ -18,13 +20,17 @@ mod hessian;
 mod kernel;
 mod ladder;
 mod newton_cg;
+mod newton_system;
 mod operator;
 mod parallel;
 mod problem;
+mod proximal;
 mod relaxed_target;
 mod semismooth;
 mod sifting;
 mod singletons;
+#[cfg(test)]
+mod tests;
 mod threshold;
 mod vector;
 
@@ -50,6 +56,19 @@ pub fn solve(problem: &SingletonProblem, options: &Options, warm: Option<&[f64]>
         IndexView::U16(rows) => solve_rows(rows, problem, options, warm, stop),
         IndexView::U32(rows) => solve_rows(rows, problem, options, warm, stop),
     }
+}
+
+/// One solution for every prefix of the realizations in `sizes` (increasing), each certified on its own.
+///
+/// The weights of one prefix, padded with zeros, start the next: they are the answer when nothing new helps, and spare Newton-CG
+/// its identification steps while there are few realizations per dimension; with many, a cold start is faster.
+pub fn solve_path(problem: &SingletonProblem, sizes: &[usize], options: &Options, stop: &AtomicBool) -> Vec<Solution> {
+    let mut path: Vec<Solution> = Vec::with_capacity(sizes.len());
+    for &size in sizes {
+        let warm = path.last().map(|s| &s.weights[..]);
+        path.push(solve(&problem.prefix(size), options, warm, stop));
+    }
+    path
 }
 
 fn solve_rows<I: Index>(
@@ -167,7 +186,7 @@ fn padded(warm: &[f64], n: usize, subsimplex: bool) -> Vec<f64> {
     w
 }
 
-/// A power of two that brings the largest number to `[1/2, 1]`; multiplication by it is exact.
+/// A power of two that brings the largest number to `[1, 2)`; multiplication by it is exact.
 #[derive(Clone, Copy)]
 struct Scale {
     exponent: i32,
@@ -176,7 +195,7 @@ struct Scale {
 impl Scale {
     fn of(parts: &[&[f64]]) -> Self {
         let largest = parts.iter().flat_map(|p| p.iter()).fold(0.0_f64, |m, v| m.max(v.abs()));
-        let exponent = if largest > 0.0 { largest.log2().ceil() as i32 } else { 0 };
+        let exponent = if largest > 0.0 { largest.log2().floor() as i32 } else { 0 };
         Self { exponent }
     }
 

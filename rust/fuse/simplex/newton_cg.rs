@@ -15,6 +15,8 @@
 //! as much as a Cholesky factor of the free block would, the factor is computed and preconditions from then on; it stays good
 //! while the free set changes little (samples that left are dropped from it, new ones get their diagonal).
 
+use std::cell::RefCell;
+
 use super::budget::Budget;
 use super::factor::Factor;
 use super::hessian::{Hessian, LARGEST_FACTOR, factor_cost};
@@ -183,20 +185,25 @@ struct Stale {
     members: Vec<usize>,
 }
 
-/// An earlier factor, the place of each free sample in it, and scratch space.
-type StaleFactor<'a> = (&'a Factor, Vec<Option<usize>>, std::cell::RefCell<Vec<f64>>);
+/// A stale factor as seen from the free samples.
+struct Mapped<'a> {
+    factor: &'a Factor,
+    /// Place among the members, of each free sample.
+    places: Vec<Option<usize>>,
+    scratch: RefCell<Vec<f64>>,
+}
 
 /// The inverse of the diagonal, or of an earlier factor where it has one.
 struct Preconditioner<'a> {
     inverse: Vec<f64>,
-    stale: Option<StaleFactor<'a>>,
+    stale: Option<Mapped<'a>>,
 }
 
 impl<'a> Preconditioner<'a> {
     fn new(free: &[usize], inverse: Vec<f64>, stale: Option<&'a Stale>) -> Self {
         let stale = stale.map(|s| {
             let places = free.iter().map(|i| s.members.binary_search(i).ok()).collect();
-            (&s.factor, places, std::cell::RefCell::new(vec![0.0; s.members.len()]))
+            Mapped { factor: &s.factor, places, scratch: RefCell::new(vec![0.0; s.members.len()]) }
         });
         Self { inverse, stale }
     }
@@ -205,7 +212,7 @@ impl<'a> Preconditioner<'a> {
         for ((z, r), m) in z.iter_mut().zip(r).zip(&self.inverse) {
             *z = r * m;
         }
-        if let Some((factor, places, scratch)) = &self.stale {
+        if let Some(Mapped { factor, places, scratch }) = &self.stale {
             let mut x = scratch.borrow_mut();
             x.fill(0.0);
             for (r, place) in r.iter().zip(places) {
@@ -225,7 +232,7 @@ impl<'a> Preconditioner<'a> {
     /// Entries touched per iteration, the product with `H` included.
     fn cost(&self, entries: usize) -> f64 {
         let k = self.inverse.len() as f64;
-        2.0 * k * entries as f64 + self.stale.as_ref().map_or(0.0, |(_, _, x)| (x.borrow().len() as f64).powi(2) * 0.5)
+        2.0 * k * entries as f64 + self.stale.as_ref().map_or(0.0, |s| (s.scratch.borrow().len() as f64).powi(2) * 0.5)
     }
 }
 

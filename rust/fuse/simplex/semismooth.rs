@@ -9,18 +9,15 @@
 //! ```
 //!
 //! The generalised Jacobian of `F` is `-(S_J (I - 11^T/K) S_J^T + mu I)`, `J` the support of `w`: a system in `d` unknowns
-//! whatever `N` is, solved by conjugate gradients with the count-block preconditioner. Two outer methods use it:
-//!
-//! * [`direct`]: `c = 1/N` and one tiny `mu`, when `S w = q` is (nearly) solvable and `N >= 1.25 d`;
-//! * [`augmented`]: the proximal point method (SSNAL; Li, Sun, Toh, SIAM J. Optim. 28, 2018), `c` the last weights: the safety net.
+//! whatever `N` is (`newton_system`). The outer methods that choose `c` and `mu` are in `proximal`.
 
 use super::budget::Budget;
-use super::factor::Factor;
 use super::ladder::Task;
 use super::newton_cg::{Iterate, Work};
-use super::operator::{Operator, Precondition};
+use super::newton_system::{Memory, NewtonSystem};
+use super::operator::Operator;
 use super::threshold::{normalise, threshold};
-use super::vector::{axpy, dot, min, norm};
+use super::vector::{dot, min, norm};
 
 /// The problem and its scales, shared by both methods.
 pub(crate) struct Setting<'a, O: Operator> {
@@ -36,17 +33,17 @@ pub(crate) struct Setting<'a, O: Operator> {
 
 impl<O: Operator> Setting<'_, O> {
     /// `max ||E_i - q||`, bounded: what turns `||F||` into a gap.
-    fn reach(&self) -> f64 {
+    pub fn reach(&self) -> f64 {
         self.gamma.sqrt() + norm(self.q)
     }
 
     /// `||F||` below this adds at most a fifth of the tolerance to the gap.
-    fn residual_goal(&self) -> f64 {
+    pub fn residual_goal(&self) -> f64 {
         0.2 * self.tol / (2.0 * self.reach())
     }
 
     /// Typical eigenvalue of `S S^T`.
-    fn scale(&self) -> f64 {
+    pub fn scale(&self) -> f64 {
         self.gamma * self.op.size() as f64 / self.dimension as f64
     }
 }
@@ -80,47 +77,23 @@ pub(crate) fn measure<O: Operator>(set: &Setting<O>, mut w: Vec<f64>, budget: &m
     Iterate { weights: w, gap }
 }
 
-/// `w + dw`, `dw` the least-norm change on `support` with sum zero and `S dw = force`; clipped to `w >= 0`.
-pub(crate) fn corrected<O: Operator>(
-    op: &O,
-    w: &[f64],
-    support: &[usize],
-    force: &[f64],
-    budget: &mut Budget,
-) -> Vec<f64> {
-    let sub = op.subset(support);
-    let mu = 1e-14 * op.squared_norm(0).max(f64::MIN_POSITIVE) * support.len() as f64 / op.dim() as f64;
-    let accuracy = 1e-2 * norm(force);
-    let system = NewtonSystem::new(&sub, mu);
-    let dz = system.solve(force, accuracy, 500, &mut Memory::new(f64::INFINITY), budget, &mut Work::default());
-    let mut dw = vec![0.0; sub.size()];
-    sub.apply_transpose(&dz, &mut dw);
-    let mean = super::vector::sum(&dw) / dw.len().max(1) as f64;
-    let mut out = w.to_vec();
-    for (&i, dw) in support.iter().zip(&dw) {
-        out[i] = (out[i] + dw - mean).max(0.0);
-    }
-    normalise(&mut out);
-    out
-}
-
 /// The dual point and everything that belongs to it.
 #[derive(Clone)]
-struct Point {
-    z: Vec<f64>,
+pub(crate) struct Point {
+    pub z: Vec<f64>,
     /// `S^T z`
     pull: Vec<f64>,
-    w: Vec<f64>,
+    pub w: Vec<f64>,
     /// `S w`
-    image: Vec<f64>,
+    pub image: Vec<f64>,
     /// `F = q - S w - mu z`
-    force: Vec<f64>,
+    pub force: Vec<f64>,
     phi: f64,
-    support: usize,
+    pub support: usize,
 }
 
 impl Point {
-    fn origin(n: usize, d: usize) -> Self {
+    pub fn origin(n: usize, d: usize) -> Self {
         let (zn, zd) = (vec![0.0; n], vec![0.0; d]);
         Self { z: zd.clone(), pull: zn.clone(), w: zn, image: zd.clone(), force: zd, phi: f64::INFINITY, support: n }
     }
@@ -128,7 +101,7 @@ impl Point {
 
 /// How one inner solve ended.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Ended {
+pub(crate) enum Ended {
     Converged,
     /// The support is smaller than the dimension: `S w = q` has no solution.
     Infeasible,
@@ -137,20 +110,21 @@ enum Ended {
 }
 
 /// Rules for one inner solve.
-struct Rules<'r> {
-    stop: &'r dyn Fn(&Point) -> f64,
-    newton: usize,
-    cg: usize,
+pub(crate) struct Rules<'r> {
+    pub stop: &'r dyn Fn(&Point) -> f64,
+    pub newton: usize,
+    pub cg: usize,
     /// Give up when the support falls below this.
-    least_support: usize,
+    pub least_support: usize,
 }
 
-struct Inner<'a, 'b, O: Operator> {
-    set: &'a Setting<'a, O>,
-    center: &'b [f64],
-    mu: f64,
-    memory: &'b mut Memory,
-    scratch: Vec<f64>,
+/// A proximal step in progress.
+pub(crate) struct Inner<'a, 'b, O: Operator> {
+    pub set: &'a Setting<'a, O>,
+    pub center: &'b [f64],
+    pub mu: f64,
+    pub memory: &'b mut Memory,
+    pub scratch: Vec<f64>,
 }
 
 impl<O: Operator> Inner<'_, '_, O> {
@@ -181,7 +155,7 @@ impl<O: Operator> Inner<'_, '_, O> {
         point.support = support;
     }
 
-    fn run(&mut self, point: &mut Point, rules: &Rules, budget: &mut Budget, work: &mut Work) -> Ended {
+    pub fn run(&mut self, point: &mut Point, rules: &Rules, budget: &mut Budget, work: &mut Work) -> Ended {
         let op = self.set.op;
         op.apply_transpose(&point.z, &mut point.pull);
         budget.charge(1, op.size(), op.entries());
@@ -249,241 +223,7 @@ impl<O: Operator> Inner<'_, '_, O> {
     }
 }
 
-/// Entries of one realization above which no factor is computed (64 MB of packed triangle).
-const LARGEST_FACTOR: usize = 4000;
-
-/// A Cholesky factor of an earlier Newton matrix, and what conjugate gradients have cost since.
-///
-/// Near `N = 2 d` the support approaches the dimension, the Newton matrix the square of a square random matrix, and plain
-/// conjugate gradients need thousands of iterations. When they have cost as much as a factor would, it is computed, and
-/// preconditions until its own iterations have cost as much again: at most about twice the best choice in hindsight.
-pub(crate) struct Memory {
-    factor: Option<Factor>,
-    debt: f64,
-    patience: f64,
-    /// No factor for supports up to this size: the active set method takes over there.
-    spare: usize,
-}
-
-impl Memory {
-    /// Waits until `patience` times the cost of a factor has been spent.
-    fn new(patience: f64) -> Self {
-        Self { factor: None, debt: 0.0, patience, spare: 0 }
-    }
-
-    /// Costs in units of one index touched, measured: a fused pass 1.3 ns per index, a factor `d^3 / 3` flops at 4 GF/s.
-    fn factor_cost(d: usize, k: usize, entries: usize) -> f64 {
-        let (d, m) = (d as f64, entries as f64);
-        0.12 * d * d * d + k as f64 * m * m
-    }
-
-    fn update<O: Operator>(&mut self, sub: &O, mu: f64, u: &[f64], budget: &mut Budget, work: &mut Work) {
-        let (d, k) = (sub.dim(), sub.size());
-        if self.debt < self.patience || k <= self.spare || d > LARGEST_FACTOR || k == 0 {
-            return;
-        }
-        // S S^T - u u^T / K + mu I
-        let mut matrix = vec![0.0; d * (d + 1) / 2];
-        sub.add_outer(&mut matrix);
-        let mut start = 0;
-        for (i, &a) in u.iter().enumerate() {
-            let line = &mut matrix[start..start + i + 1];
-            axpy(-a / k as f64, &u[..=i], line);
-            line[i] += mu;
-            start += i + 1;
-        }
-        budget.charge(1, Self::factor_cost(d, k, sub.entries()) as usize, 1);
-        self.factor = Factor::new(matrix, d);
-        self.debt = 0.0;
-        work.factors += 1;
-    }
-
-    fn spent<O: Operator>(&mut self, sub: &O, iterations: usize) {
-        let d = sub.dim() as f64;
-        let solve = if self.factor.is_some() { 1.4 * d * d } else { 0.0 };
-        let each = 2.0 * (sub.size() * sub.entries()) as f64 + solve;
-        self.debt += iterations as f64 * each / Self::factor_cost(sub.dim(), sub.size(), sub.entries());
-    }
-}
-
-/// `(S_J (I - 11^T/K) S_J^T + mu I) dz = F` by preconditioned conjugate gradients.
-struct NewtonSystem<'a, O: Operator> {
-    sub: &'a O,
-    mu: f64,
-    /// `S_J 1`
-    u: Vec<f64>,
-}
-
-impl<'a, O: Operator> NewtonSystem<'a, O> {
-    fn new(sub: &'a O, mu: f64) -> Self {
-        let mut u = vec![0.0; sub.dim()];
-        sub.apply(&vec![1.0; sub.size()], &mut u);
-        Self { sub, mu, u }
-    }
-
-    /// To `||residual|| <= accuracy`, in at most `most` iterations.
-    fn solve(
-        &self,
-        force: &[f64],
-        accuracy: f64,
-        most: usize,
-        memory: &mut Memory,
-        budget: &mut Budget,
-        work: &mut Work,
-    ) -> Vec<f64> {
-        let (k, d) = (self.sub.size(), self.sub.dim());
-        memory.update(self.sub, self.mu, &self.u, budget, work);
-        let block = if memory.factor.is_none() { Some(self.sub.block(self.mu)) } else { None };
-        let precondition = |r: &[f64], z: &mut [f64]| match (&memory.factor, &block) {
-            (Some(factor), _) => {
-                z.copy_from_slice(r);
-                factor.solve(z);
-            }
-            (None, Some(block)) => block.solve(r, z),
-            (None, None) => z.copy_from_slice(r),
-        };
-        let mut dz = vec![0.0; d];
-        let mut residual = force.to_vec();
-        let (mut z, mut h) = (vec![0.0; d], vec![0.0; d]);
-        precondition(&residual, &mut z);
-        let mut direction = z.clone();
-        let mut rz = dot(&residual, &z);
-        let before = work.cg;
-        for _ in 0..most {
-            if norm(&residual) <= accuracy || rz <= 0.0 || budget.charge(2, k, self.sub.entries()) {
-                break;
-            }
-            work.cg += 1;
-            // H v = S (S^T v - mean) + mu v = S S^T v - mean u + mu v
-            let mean = self.sub.normal(&direction, &mut h) / k.max(1) as f64;
-            let mut curvature = 0.0;
-            for ((h, u), v) in h.iter_mut().zip(&self.u).zip(&direction) {
-                *h += self.mu * v - mean * u;
-                curvature += *h * v;
-            }
-            if curvature <= 0.0 {
-                break;
-            }
-            let alpha = rz / curvature;
-            axpy(alpha, &direction, &mut dz);
-            axpy(-alpha, &h, &mut residual);
-            precondition(&residual, &mut z);
-            let next = dot(&residual, &z);
-            let beta = next / rz;
-            rz = next;
-            for (v, z) in direction.iter_mut().zip(&z) {
-                *v = z + beta * *v;
-            }
-        }
-        memory.spent(self.sub, work.cg - before);
-        dz
-    }
-}
-
-/// One proximal step from the uniform weights with a tiny `mu`.
-///
-/// At the solution `gap <= 2 mu max_i (w_i - c_i) + 2 reach ||F||`, which fixes `mu` beforehand. `None` if the target turns out
-/// to be out of reach (support below the dimension) or the steps become short.
-pub(crate) fn direct<O: Operator>(set: &Setting<O>, budget: &mut Budget, work: &mut Work) -> Option<Iterate> {
-    let n = set.op.size();
-    let center = vec![1.0 / n as f64; n];
-    let mut point = Point::origin(n, set.op.dim());
-    let least_support = (1.05 * set.dimension as f64) as usize;
-
-    let goal = set.residual_goal();
-    let exact = |_: &Point| goal;
-    let direct_rules = Rules { stop: &exact, newton: 40, cg: 2000, least_support };
-
-    // A rough solve with a larger mu first: it finds the support cheaply.
-    let rough = |p: &Point| 1e-2 * distance(&p.image, set.q);
-    let mut memory = Memory::new(2.0);
-    let mut inner = Inner { set, center: &center, mu: 1e-6 * set.scale(), memory: &mut memory, scratch: Vec::new() };
-    if matches!(
-        inner.run(&mut point, &Rules { stop: &rough, ..direct_rules }, budget, work),
-        Ended::Infeasible | Ended::Limit
-    ) {
-        return None;
-    }
-    inner.mu = set.tol * n as f64 / 40.0;
-    let mut best: Option<Iterate> = None;
-    for _ in 0..8 {
-        let ended = inner.run(&mut point, &direct_rules, budget, work);
-        if ended == Ended::Infeasible {
-            break;
-        }
-        let found = measure(set, point.w.clone(), budget);
-        let gap = found.gap;
-        if best.as_ref().is_none_or(|b| gap < b.gap) {
-            best = Some(found);
-        }
-        if gap <= set.tol || ended == Ended::Limit || ended == Ended::Stuck {
-            break;
-        }
-        inner.mu *= (0.4 * set.tol / gap).clamp(1e-3, 0.5);
-    }
-    best
-}
-
-/// The proximal point method with a decreasing sequence of `mu`; `start` is the first centre.
-pub(crate) fn augmented<O: Operator>(
-    set: &Setting<O>,
-    start: Option<&[f64]>,
-    early: bool,
-    budget: &mut Budget,
-    work: &mut Work,
-) -> Iterate {
-    let n = set.op.size();
-    let mut center = start.map_or_else(|| vec![1.0 / n as f64; n], <[f64]>::to_vec);
-    let mut best = measure(set, center.clone(), budget);
-    let mut point = Point::origin(n, set.op.dim());
-    let mut mu = 3e-2 * set.scale();
-    let nearly = (set.dimension + set.dimension / 20 + 2).min(LARGEST_FACTOR);
-    let mut memory = Memory { spare: if early { nearly } else { 0 }, ..Memory::new(1.0) };
-    for _ in 0..100 {
-        if best.gap <= set.tol || budget.exhausted() {
-            break;
-        }
-        let floor = set.residual_goal();
-        let stop = |p: &Point| {
-            let moved: f64 = p.w.iter().zip(&center).map(|(w, c)| (w - c) * (w - c)).sum();
-            (0.3 * distance(&p.image, set.q).min((mu * moved).sqrt())).max(floor)
-        };
-        let mut inner = Inner { set, center: &center, mu, memory: &mut memory, scratch: Vec::new() };
-        let rules = Rules { stop: &stop, newton: 25, cg: 2000, least_support: 0 };
-        let before = work.newton;
-        let ended = inner.run(&mut point, &rules, budget, work);
-        let found = measure(set, point.w.clone(), budget);
-        if found.gap < best.gap {
-            best = found;
-        }
-        if ended == Ended::Stuck && norm(&point.force) > 0.5 * distance(&point.image, set.q) {
-            // Too far for one proximal step: stay at the centre, with a larger mu.
-            mu *= 5.0;
-            set.op.apply(&center, &mut point.image);
-            for ((z, q), x) in point.z.iter_mut().zip(set.q).zip(&point.image) {
-                *z = (q - x) / mu;
-            }
-            continue;
-        }
-        center.copy_from_slice(&point.w);
-        let shrink = match work.newton - before {
-            0..=2 => 0.5,
-            3..=12 => 0.75,
-            _ => 1.0,
-        };
-        let next = (shrink * mu).max(1e-13 * set.scale());
-        for z in &mut point.z {
-            *z *= mu / next;
-        }
-        mu = next;
-        if early && memory.debt > 1.0 && point.support <= nearly {
-            best = measure(set, center.clone(), budget);
-            break;
-        }
-    }
-    best
-}
-
-fn distance(x: &[f64], y: &[f64]) -> f64 {
+/// `||x - y||`
+pub(crate) fn distance(x: &[f64], y: &[f64]) -> f64 {
     x.iter().zip(y).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt()
 }

@@ -1,0 +1,122 @@
+//! The two outer methods around the semismooth Newton solver.
+//!
+//! * [`direct`]: centre `1/N` and one tiny `mu`, when `S w = q` is (nearly) solvable: from about two realizations per dimension;
+//! * [`augmented`]: the proximal point method (SSNAL; Li, Sun, Toh, SIAM J. Optim. 28, 2018), the centre being the last weights:
+//!   it identifies the support for any target, and is the safety net.
+
+use super::budget::Budget;
+use super::newton_cg::{Iterate, Work};
+use super::newton_system::{LARGEST_FACTOR, Memory};
+use super::operator::Operator;
+use super::semismooth::{Ended, Inner, Point, Rules, Setting, distance, measure};
+use super::vector::norm;
+
+/// Share of the cost of a factor after which [`augmented`] hands a support below the dimension to the active set method.
+const SWITCH: f64 = 0.5;
+
+/// One proximal step from the uniform weights with a tiny `mu`.
+///
+/// At the solution `gap <= 2 mu max_i (w_i - c_i) + 2 reach ||F||`, which fixes `mu` beforehand. `None` if the target turns out
+/// to be out of reach (support below the dimension) or the steps become short.
+pub(crate) fn direct<O: Operator>(set: &Setting<O>, budget: &mut Budget, work: &mut Work) -> Option<Iterate> {
+    let n = set.op.size();
+    let center = vec![1.0 / n as f64; n];
+    let mut point = Point::origin(n, set.op.dim());
+    let least_support = (1.05 * set.dimension as f64) as usize;
+
+    let goal = set.residual_goal();
+    let exact = |_: &Point| goal;
+    let direct_rules = Rules { stop: &exact, newton: 40, cg: 2000, least_support };
+
+    // A rough solve with a larger mu first: it finds the support cheaply.
+    let rough = |p: &Point| 1e-2 * distance(&p.image, set.q);
+    let mut memory = Memory::new(2.0, 0);
+    let mut inner = Inner { set, center: &center, mu: 1e-6 * set.scale(), memory: &mut memory, scratch: Vec::new() };
+    if matches!(
+        inner.run(&mut point, &Rules { stop: &rough, ..direct_rules }, budget, work),
+        Ended::Infeasible | Ended::Limit
+    ) {
+        return None;
+    }
+    inner.mu = set.tol * n as f64 / 40.0;
+    let mut best: Option<Iterate> = None;
+    for _ in 0..8 {
+        let ended = inner.run(&mut point, &direct_rules, budget, work);
+        if ended == Ended::Infeasible {
+            break;
+        }
+        let found = measure(set, point.w.clone(), budget);
+        let gap = found.gap;
+        if best.as_ref().is_none_or(|b| gap < b.gap) {
+            best = Some(found);
+        }
+        if gap <= set.tol || ended == Ended::Limit || ended == Ended::Stuck {
+            break;
+        }
+        inner.mu *= (0.4 * set.tol / gap).clamp(1e-3, 0.5);
+    }
+    best
+}
+
+/// The proximal point method with a decreasing sequence of `mu`; `start` is the first centre.
+///
+/// With `early`, returns the last centre, not converged, as soon as the active set method is the cheaper way to finish: the support
+/// is not much larger than the dimension and conjugate gradients have begun to crawl.
+pub(crate) fn augmented<O: Operator>(
+    set: &Setting<O>,
+    start: Option<&[f64]>,
+    early: bool,
+    budget: &mut Budget,
+    work: &mut Work,
+) -> Iterate {
+    let n = set.op.size();
+    let mut center = start.map_or_else(|| vec![1.0 / n as f64; n], <[f64]>::to_vec);
+    let mut best = measure(set, center.clone(), budget);
+    let mut point = Point::origin(n, set.op.dim());
+    let mut mu = 3e-2 * set.scale();
+    let nearly = (set.dimension + set.dimension / 20 + 2).min(LARGEST_FACTOR);
+    let mut memory = Memory::new(1.0, if early { nearly } else { 0 });
+    for _ in 0..100 {
+        if best.gap <= set.tol || budget.exhausted() {
+            break;
+        }
+        let floor = set.residual_goal();
+        let stop = |p: &Point| {
+            let moved: f64 = p.w.iter().zip(&center).map(|(w, c)| (w - c) * (w - c)).sum();
+            (0.3 * distance(&p.image, set.q).min((mu * moved).sqrt())).max(floor)
+        };
+        let mut inner = Inner { set, center: &center, mu, memory: &mut memory, scratch: Vec::new() };
+        let rules = Rules { stop: &stop, newton: 25, cg: 2000, least_support: 0 };
+        let before = work.newton;
+        let ended = inner.run(&mut point, &rules, budget, work);
+        let found = measure(set, point.w.clone(), budget);
+        if found.gap < best.gap {
+            best = found;
+        }
+        if ended == Ended::Stuck && norm(&point.force) > 0.5 * distance(&point.image, set.q) {
+            // Too far for one proximal step: stay at the centre, with a larger mu.
+            mu *= 5.0;
+            set.op.apply(&center, &mut point.image);
+            for ((z, q), x) in point.z.iter_mut().zip(set.q).zip(&point.image) {
+                *z = (q - x) / mu;
+            }
+            continue;
+        }
+        center.copy_from_slice(&point.w);
+        let shrink = match work.newton - before {
+            0..=2 => 0.5,
+            3..=12 => 0.75,
+            _ => 1.0,
+        };
+        let next = (shrink * mu).max(1e-13 * set.scale());
+        for z in &mut point.z {
+            *z *= mu / next;
+        }
+        mu = next;
+        if early && memory.debt > SWITCH && point.support <= nearly {
+            best = measure(set, center.clone(), budget);
+            break;
+        }
+    }
+    best
+}

@@ -10,7 +10,7 @@ import numpy as np
 from . import _core, _gate
 from ._threads import get_num_threads
 from .ensembles import Counts, Ensemble
-from .exceptions import InputError, InputTypeError, ShapeError
+from .exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 from .fusing import METHODS, _norm, fuse
 from .results import Fit, Plan, PlanError, Reachability
 from .rng import RngLike, as_key
@@ -143,10 +143,13 @@ def control(
         free = entities[1].estimate() - difference  # the average of A^s x0^s
     else:
         start, goal, matrix = (entity.estimate() for entity in entities)
-        free = matrix @ start
-        difference = goal - free
-    u = pinv @ difference
-    missed = difference - inputs @ u
+        with np.errstate(over="ignore", invalid="ignore"):
+            free = matrix @ start
+            difference = goal - free
+    with np.errstate(over="ignore", invalid="ignore"):
+        u = pinv @ difference
+        missed = difference - inputs @ u
+    _representable(free, difference, u, missed)
     needed = _norm(difference)
     relative = _norm(missed) / needed if needed > 0.0 else 0.0
     info: dict[str, Any] = {entity.name: entity.description for entity in entities}
@@ -226,11 +229,13 @@ def steer(
 def plan_error(u: Floats, system: System, x0: Floats, xf: Floats) -> PlanError:
     """Compare a control with the best one (see `Plan.error`)."""
     pinv = _core.pseudoinverse(np.ascontiguousarray(system.B))[0]
-    difference = xf - system.A @ x0
-    best = pinv @ difference
-    wrong = u - best
-    shift = system.B @ wrong
-    reached = system.A @ x0 + system.B @ best
+    with np.errstate(over="ignore", invalid="ignore"):
+        difference = xf - system.A @ x0
+        best = pinv @ difference
+        wrong = u - best
+        shift = system.B @ wrong
+        reached = system.A @ x0 + system.B @ best
+    _representable(difference, best, shift, reached)
     return PlanError(
         control=_norm(wrong),
         control_relative=_ratio(_norm(wrong), _norm(best)),
@@ -315,6 +320,12 @@ def _entities(x0: object, xf: object, A: object, *, n: int) -> tuple[_Entity, _E
         else:
             checked.append(_Entity(name, _gate.matrix(name, value, rows=n, cols=n)))
     return checked[0], checked[1], checked[2]
+
+
+def _representable(*results: Floats) -> None:
+    """Refuse magnitudes whose products overflow: no control can be told from them."""
+    if not all(np.isfinite(result).all() for result in results):
+        raise NonFiniteError("`A x0`, `xf - A x0` or the control overflows: scale the problem down")
 
 
 def _worst(statuses: list[str]) -> str:

@@ -190,10 +190,9 @@ def fuse_path(
         errors, stack = _core.uniform_path(draws, lines, counts, estimates)
         kept = ensemble._stack_from_core(stack) if estimates else None
     elif name == "alse" and draws is not None and draws.lines == 1:
-        errors, gaps, stack = _core.alse_path(draws, lines, subsimplex, counts, estimates)
+        errors, gaps, relative, stack = _core.alse_path(draws, lines, subsimplex, counts, estimates)
         kept = ensemble._stack_from_core(stack) if estimates else None
-        reference = tol * _reference(ensemble, goal)
-        statuses = tuple("optimal" if g <= reference else "optimal_inaccurate" for g in gaps)
+        statuses = tuple("optimal" if g <= tol else "optimal_inaccurate" for g in relative)
     elif name == "alse" and draws is not None:
         errors, gaps, solved, stack = _core.alse_prefixes(
             draws, lines, subsimplex, tol, get_num_threads(), counts, estimates
@@ -217,8 +216,8 @@ def _alse(ensemble: Ensemble, goal: NDArray[np.float64], subsimplex: bool, tol: 
     info: dict[str, Any] = {"weights": "subsimplex" if subsimplex else "simplex", "tol": tol}
     draws = ensemble._draws
     if draws is not None and draws.lines == 1:
-        weights, estimate, error, gap = _core.closed_form(draws, lines, subsimplex)
-        status = "optimal" if gap <= tol * _reference(ensemble, goal) else "optimal_inaccurate"
+        weights, estimate, error, gap, relative = _core.closed_form(draws, lines, subsimplex)
+        status = "optimal" if relative <= tol else "optimal_inaccurate"
         info |= {"solver": "closed form", "iterations": 0}
     else:
         weights, estimate, error, gap, status, solver, iterations, exact = _core.alse(
@@ -226,12 +225,6 @@ def _alse(ensemble: Ensemble, goal: NDArray[np.float64], subsimplex: bool, tol: 
         )
         info |= {"solver": solver, "iterations": iterations, "exact": exact}
     return Fit(ensemble._from_core(estimate), weights, error, gap, status, "alse", info, ensemble)
-
-
-def _reference(ensemble: Ensemble, goal: NDArray[np.float64]) -> float:
-    """What the tolerance is relative to: the target, or a realization if the target is zero."""
-    squared = _norm(goal) ** 2
-    return squared if squared > 0.0 else ensemble.gamma**2
 
 
 def _goal(ensemble: Ensemble, target: ArrayLike | None, method: str) -> NDArray[np.float64]:

@@ -43,7 +43,10 @@ pub fn pseudoinverse(b: &[f64], rows: usize, cols: usize) -> Result<Pseudoinvers
         }
     }
     matrix.iter_mut().for_each(|entry| *entry /= scale);
-    require_finite("pinv(B)", &matrix)?;
+    if matrix.iter().any(|entry| !entry.is_finite()) {
+        let found = format!("a smallest singular value of {:e}", s[rank - 1] * scale);
+        return Err(Error::Value { name: "B", expected: "large enough for its pseudoinverse to be finite", found });
+    }
     Ok(Pseudoinverse {
         matrix,
         rank,

@@ -24,8 +24,8 @@ pub struct ClosedForm {
     pub error: f64,
     /// The squared error.
     pub objective: f64,
-    /// The Frank-Wolfe gap `<f', w> - min f'` of the squared error, recomputed from the data.
-    pub gap: f64,
+    /// The Frank-Wolfe gap of the squared error, recomputed from the data.
+    pub gap: Gap,
 }
 
 /// Solves `min ||sum_i w_i E_i - target||_2` for realizations of a vector.
@@ -86,8 +86,17 @@ pub(super) fn estimate(law: &Law, totals: &[f64]) -> Vec<f64> {
     law.atoms().iter().zip(totals).map(|(atom, total)| atom * total).collect()
 }
 
+/// The gap of a squared error, absolute and relative to the squared target (to a squared realization if that is zero).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Gap {
+    /// `max_v <f'(w), w - v>`; overflows or vanishes where squares of the data do.
+    pub absolute: f64,
+    /// The same over `||t||^2`, computed in units in which squares are representable.
+    pub relative: f64,
+}
+
 /// `max_v <f'(w), w - v>` over the vertices `v` of the weight set, `f'_i = 2 <E_i, sum w E - t>`.
-pub(super) fn gap(law: &Law, counts: &[u64], totals: &[f64], estimate: &[f64], target: &[f64], set: Weights) -> f64 {
+pub(super) fn gap(law: &Law, counts: &[u64], totals: &[f64], estimate: &[f64], target: &[f64], set: Weights) -> Gap {
     let scale = power_of_two_scale(law.gamma().iter().chain(target));
     let atoms = law.atoms();
     let seen = (0..counts.len()).filter(|&k| counts[k] > 0);
@@ -98,7 +107,11 @@ pub(super) fn gap(law: &Law, counts: &[u64], totals: &[f64], estimate: &[f64], t
         smallest = gradient(k).min(smallest);
         at_solution += totals[k] * gradient(k);
     }
-    if smallest == f64::INFINITY { 0.0 } else { (at_solution - smallest).max(0.0) * scale * scale }
+    let gap = if smallest == f64::INFINITY { 0.0 } else { (at_solution - smallest).max(0.0) };
+    let squared_target: f64 = target.iter().map(|t| (t / scale).powi(2)).sum();
+    let squared_atom = (law.gamma()[0] / scale).powi(2);
+    let reference = if squared_target > 0.0 { squared_target } else { squared_atom };
+    Gap { absolute: gap * scale * scale, relative: if gap > 0.0 { gap / reference } else { 0.0 } }
 }
 
 /// The Euclidean projection on `{y >= 0, sum y = 1}`: `y = max(tau - theta, 0)` (Held, Wolfe and Crowder, 1974).
@@ -155,14 +168,14 @@ mod tests {
             closed_form(&draws(&[3.0, 4.0, -1.0], &[0, 1, 2, 2]), &[-3.0, 4.0, -1.0], Weights::Simplex, &Stop::new())
                 .unwrap();
         assert_eq!(fit.weights[0], 0.0);
-        assert!(fit.gap < 1e-14);
+        assert!(fit.gap.relative < 1e-14);
     }
 
     #[test]
     fn the_zero_vector_is_met_by_uniform_weights() {
         let fit = closed_form(&draws(&[0.0, 0.0], &[0, 0, 0, 0]), &[0.0, 0.0], Weights::Simplex, &Stop::new()).unwrap();
         assert_eq!(fit.weights, [0.25; 4]);
-        assert_eq!((fit.error, fit.gap), (0.0, 0.0));
+        assert_eq!((fit.error, fit.gap.absolute), (0.0, 0.0));
     }
 
     #[test]

@@ -14,7 +14,7 @@ mod slse;
 mod slse_dense;
 
 pub use alse::{Realizations, Solution, Status, alse, alse_prefixes, second_opinion};
-pub use closed_form::{ClosedForm, closed_form, project_on_simplex};
+pub use closed_form::{ClosedForm, Gap, closed_form, project_on_simplex};
 pub use dense::Dense;
 pub use path::{Path, alse_path, uniform_path};
 pub use slse::{Sequential, slse};

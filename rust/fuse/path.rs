@@ -1,6 +1,6 @@
 //! The error after the first `k` realizations, for a grid of `k`, in one pass over the indices.
 
-use super::closed_form::{estimate, gap, totals};
+use super::closed_form::{Gap, estimate, gap, totals};
 use super::{Weights, distance, uniform};
 use crate::error::Result;
 use crate::parallel::Stop;
@@ -12,7 +12,7 @@ pub struct Path {
     /// `||estimate - target||`.
     pub errors: Vec<f64>,
     /// The gap of the squared error, where the method has one.
-    pub gaps: Vec<f64>,
+    pub gaps: Vec<Gap>,
     /// The estimates, one after the other, when asked for.
     pub estimates: Vec<f64>,
 }

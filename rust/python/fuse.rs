@@ -23,19 +23,20 @@ fn require_one_line(draws: &Draws) -> PyResult<()> {
     }
 }
 
-/// ALSE of a vector: `(weights, estimate, error, gap)`.
+/// ALSE of a vector: `(weights, estimate, error, gap, relative_gap)`.
 #[pyfunction]
 pub(super) fn closed_form<'py>(
     py: Python<'py>,
     draws: PyRef<'py, Draws>,
     target: PyReadonlyArray2<'py, f64>,
     subsimplex: bool,
-) -> PyResult<(Array1<'py>, Array2<'py>, f64, f64)> {
+) -> PyResult<(Array1<'py>, Array2<'py>, f64, f64, f64)> {
     require_one_line(&draws)?;
     let (inner, length) = (draws.inner.clone(), draws.inner.law().length());
     let values = self::target(&target, length)?;
     let fit = run(py, 3.0 * inner.size() as f64, |stop| fuse::closed_form(&inner, values, set(subsimplex), stop))?;
-    Ok((array1(py, fit.weights), array2(py, fit.estimate, 1, length)?, fit.error, fit.gap))
+    let estimate = array2(py, fit.estimate, 1, length)?;
+    Ok((array1(py, fit.weights), estimate, fit.error, fit.gap.absolute, fit.gap.relative))
 }
 
 /// ALSE by a certified solver: `(weights, estimate, error, gap, status, solver, iterations, exact)`.
@@ -128,7 +129,7 @@ pub(super) fn uniform_path<'py>(
     Ok((array1(py, path.errors), array2(py, path.estimates, kept, values.len())?))
 }
 
-/// The closed form of prefixes: `(errors, gaps, estimates)`.
+/// The closed form of prefixes: `(errors, gaps, relative_gaps, estimates)`.
 #[pyfunction]
 pub(super) fn alse_path<'py>(
     py: Python<'py>,
@@ -137,7 +138,7 @@ pub(super) fn alse_path<'py>(
     subsimplex: bool,
     sizes: Vec<usize>,
     keep_estimates: bool,
-) -> PyResult<(Array1<'py>, Array1<'py>, Array2<'py>)> {
+) -> PyResult<(Array1<'py>, Array1<'py>, Array1<'py>, Array2<'py>)> {
     require_one_line(&draws)?;
     let inner = draws.inner.clone();
     self::sizes(&sizes, inner.size())?;
@@ -145,7 +146,10 @@ pub(super) fn alse_path<'py>(
     let cost = inner.size() as f64;
     let path = run(py, cost, |stop| fuse::alse_path(&inner, values, set(subsimplex), &sizes, keep_estimates, stop))?;
     let kept = if keep_estimates { sizes.len() } else { 0 };
-    Ok((array1(py, path.errors), array1(py, path.gaps), array2(py, path.estimates, kept, values.len())?))
+    let gaps = path.gaps.iter().map(|gap| gap.absolute).collect();
+    let relative = path.gaps.iter().map(|gap| gap.relative).collect();
+    let estimates = array2(py, path.estimates, kept, values.len())?;
+    Ok((array1(py, path.errors), array1(py, gaps), array1(py, relative), estimates))
 }
 
 /// ALSE of prefixes by the certified solver: `(errors, gaps, statuses, estimates)`.

@@ -191,6 +191,21 @@ def test_extreme_scales_are_exact_up_to_the_scale() -> None:
             assert other.status == one.status
 
 
+def test_squares_may_overflow_but_results_do_not() -> None:
+    w = np.array([1e300, 2e300, 0.0])
+    ensemble = se.sample(w, 50, rng=1)
+    fit = se.fuse(ensemble, "alse", target=w)
+    assert fit.status == "optimal"
+    assert fit.error is not None
+    assert fit.error <= 1e-14 * 1e300
+    path = se.fuse_path(ensemble, [25, 50], "alse", target=w)
+    assert path.statuses == ("optimal", "optimal")
+    with pytest.raises(ex.NonFiniteError, match="overflows"):
+        se.control(np.eye(2), [1e200, 1.0], [0.0, 0.0], np.eye(2) * 1e200)
+    with pytest.raises(ex.InputError, match="pseudoinverse"):
+        se.control(np.eye(2) * 1e-320, [1.0, 1.0], [0.0, 0.0], np.eye(2))
+
+
 def test_threads_are_a_setting_not_a_result() -> None:
     with pytest.raises(ex.SizeError):
         se.set_num_threads(0)

@@ -4,8 +4,11 @@
 //! and when a thread cannot be had the calling thread does the work alone. A chunk, never a thread, owns its random
 //! stream and its part of the output, so results do not depend on the number of threads.
 
-use std::sync::Mutex;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
 
 use crate::error::{Error, Result};
 
@@ -72,6 +75,39 @@ where
     match failed.into_inner() {
         Ok(Some(error)) => Err(error),
         _ => Ok(()),
+    }
+}
+
+/// Runs `work`, which cannot look at a stop flag, on a thread of its own; after a stop the caller leaves at once with
+/// [`Error::Interrupted`] and the thread ends by itself. `work` owns its data for that reason.
+pub(crate) fn detached<T, F>(name: &str, stop: &Stop, work: F) -> Result<T>
+where
+    T: Send + 'static,
+    F: FnOnce() -> Result<T> + Send + 'static,
+{
+    let (send, receive) = channel();
+    let slot = Arc::new(Mutex::new(Some(work)));
+    let theirs = Arc::clone(&slot);
+    let take = |slot: &Mutex<Option<F>>| slot.lock().ok().and_then(|mut work| work.take());
+    let spawned = std::thread::Builder::new().name(name.into()).spawn(move || {
+        let work = theirs.lock().ok().and_then(|mut work| work.take());
+        let result = catch_unwind(AssertUnwindSafe(|| work.map(|work| work())));
+        let lost = || Some(Err(Error::Numerical("a solver panicked on this problem".into())));
+        send.send(result.unwrap_or_else(|_| lost())).ok() // nobody listens after a stop
+    });
+    if spawned.is_err() {
+        // no thread to be had: do it here, and be deaf for as long as it takes
+        return take(&slot).map_or_else(|| Err(Error::Interrupted), |work| work());
+    }
+    loop {
+        match receive.recv_timeout(Duration::from_millis(20)) {
+            Ok(Some(result)) => return result,
+            Err(RecvTimeoutError::Timeout) if stop.requested() => return Err(Error::Interrupted),
+            Err(RecvTimeoutError::Timeout) => {}
+            Ok(None) | Err(RecvTimeoutError::Disconnected) => {
+                return Err(Error::Numerical("the solver's thread ended without a result".into()));
+            }
+        }
     }
 }
 

@@ -50,7 +50,7 @@ def get_num_threads() -> int:
     if _limit is not None:
         return _limit
     asked = os.environ.get("STOCHENS_NUM_THREADS", "")
-    if asked.isdecimal() and int(asked) > 0:
+    if asked.isdecimal() and len(asked) <= 4 and int(asked) > 0:
         return min(int(asked), 1024)
     if hasattr(os, "sched_getaffinity"):
         return max(1, len(os.sched_getaffinity(0)))

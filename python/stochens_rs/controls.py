@@ -71,12 +71,18 @@ def realization_controls(B: ArrayLike, x0: EntityLike, xf: EntityLike, A: Entity
     inputs = _gate.matrix("B", B)
     entities = _entities(x0, xf, A, n=inputs.shape[0])
     start, goal, matrix = (entity.realizations() for entity in entities)
-    pinv = _core.pseudoinverse(inputs)[0]
+    pinv = _pseudoinverse(inputs)[0]
     size = max(entity.size or 1 for entity in entities)
     _gate.memory("the controls", size * inputs.shape[1] * 8)
-    return _core.realization_controls(
+    controls = _core.realization_controls(
         pinv, start, goal, matrix, entities[2].by_rows, get_num_threads()
     )
+    with np.errstate(over="ignore"):
+        sizes = [entity.magnitude() for entity in entities]
+        bound = np.abs(pinv).max() * (sizes[1] + sizes[2] * sizes[0])
+    if not np.isfinite(bound):
+        _representable(controls)
+    return controls
 
 
 def control(
@@ -135,7 +141,7 @@ def control(
     inputs = _gate.matrix("B", B)
     fusion = "diagonal" if _gate.choice("fusion", fusion, _FUSIONS) == "diagonal" else "product"
     entities = _entities(x0, xf, A, n=inputs.shape[0])
-    pinv, rank, singular_values, condition = _core.pseudoinverse(inputs)
+    pinv, rank, singular_values, condition = _pseudoinverse(inputs)
     if fusion == "diagonal":
         first, last, matrices = (entity.realizations() for entity in entities)
         by_rows = entities[2].by_rows
@@ -211,6 +217,11 @@ def steer(
     """
     checked = System.from_any(system)
     _gate.choice("method", method, METHODS)
+    if _gate.choice("fusion", fusion, _FUSIONS) == "diagonal" and method != "uniform":
+        raise InputError(
+            f"`fusion` must be 'product' for method '{method}', got 'diagonal': paired "
+            "realizations share one weight vector, so weights of their own cannot be paired"
+        )
     key = as_key(rng)
     targets = {
         "x0": _gate.vector("x0", x0, length=checked.n),
@@ -228,7 +239,7 @@ def steer(
 
 def plan_error(u: Floats, system: System, x0: Floats, xf: Floats) -> PlanError:
     """Compare a control with the best one (see `Plan.error`)."""
-    pinv = _core.pseudoinverse(np.ascontiguousarray(system.B))[0]
+    pinv = _pseudoinverse(np.ascontiguousarray(system.B))[0]
     with np.errstate(over="ignore", invalid="ignore"):
         difference = xf - system.A @ x0
         best = pinv @ difference
@@ -280,6 +291,13 @@ class _Entity:
             return ensemble._core_realizations()
         return self.estimate().ravel()
 
+    def magnitude(self) -> float:
+        """At least the largest 1-norm of a line of any realization."""
+        ensemble = self._ensemble()
+        if ensemble is not None:
+            return ensemble.gamma
+        return float(np.abs(self.estimate()).sum())
+
     @property
     def by_rows(self) -> bool:
         ensemble = self._ensemble()
@@ -320,6 +338,12 @@ def _entities(x0: object, xf: object, A: object, *, n: int) -> tuple[_Entity, _E
         else:
             checked.append(_Entity(name, _gate.matrix(name, value, rows=n, cols=n)))
     return checked[0], checked[1], checked[2]
+
+
+def _pseudoinverse(B: Floats) -> tuple[Floats, int, Floats, float]:
+    """``B^+``, rank, singular values and condition; the work space is checked against memory."""
+    _gate.memory("the pseudoinverse of B", 8 * B.nbytes)
+    return _core.pseudoinverse(B)
 
 
 def _representable(*results: Floats) -> None:

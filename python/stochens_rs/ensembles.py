@@ -136,11 +136,16 @@ class Ensemble:
         """
         values, axis = checked_target(target, axis)
         lines = to_lines(values, axis)
-        given = np.asarray(indices)
+        try:
+            given = np.asarray(indices)
+        except ValueError:
+            raise InputTypeError("`indices` must be an array, got rows of unequal length") from None
+        if given.size == 0 or given.ndim not in (1, 2):
+            raise ShapeError(f"`indices` must have shape (N, {lines.shape[0]}), got {given.shape}")
         if given.dtype.kind not in "ui":
             raise InputTypeError(f"`indices` must be integers, got dtype {given.dtype}")
         given = given.reshape(-1, 1) if given.ndim == 1 else given
-        if given.ndim != 2 or given.shape[1] != lines.shape[0] or given.shape[0] < 1:
+        if given.shape[1] != lines.shape[0]:
             raise ShapeError(f"`indices` must have shape (N, {lines.shape[0]}), got {given.shape}")
         if given.min() < 0 or given.max() >= lines.shape[1]:
             raise InputError(f"`indices` must lie in [0, {lines.shape[1]})")
@@ -174,6 +179,9 @@ class Ensemble:
 
     def __setattr__(self, name: str, value: object) -> None:
         raise AttributeError(f"an Ensemble is immutable: cannot set `{name}`")
+
+    def __delattr__(self, name: str) -> None:
+        raise AttributeError(f"an Ensemble is immutable: cannot delete `{name}`")
 
     @property
     def size(self) -> int:
@@ -228,7 +236,8 @@ class Ensemble:
     @property
     def samples(self) -> NDArray[np.float64] | None:
         """The realizations (N, ...) the user brought, read-only; None for singletons."""
-        return self._samples
+        # a view: NumPy does not let a view of read-only memory become writeable
+        return None if self._samples is None else self._samples.view()
 
     @property
     def nbytes(self) -> int:
@@ -270,7 +279,7 @@ class Ensemble:
             return self._dense().copy()
         draws = self._draws
         lines, length = draws.lines, draws.length
-        _gate.memory("the dense realizations", self.size * lines * length * 8)
+        _gate.memory("the dense realizations", self.size * lines * (2 * length + 3) * 8)
         out = np.zeros((self.size, lines, length))
         index = draws.indices().astype(np.intp)
         picked = np.take_along_axis(draws.atoms()[None], index[:, :, None], axis=2)
@@ -288,11 +297,14 @@ class Ensemble:
         Returns
         -------
         Ensemble
-            For an iid sample the same as a sample of that size with the same key.
+            For an iid sample the same as a sample of that size with the same key. A part of a
+            systematic sample is none: it has no key and no scheme.
         """
         count = _gate.size("size", size, maximum=self.size)
         if self._draws is not None:
             draws = self._draws.prefix(count)
+            if self._scheme == "systematic" and count < self.size:
+                return Ensemble._of_draws(draws, self._shape, self._axis, None, None)
             return Ensemble._of_draws(draws, self._shape, self._axis, self._scheme, self._key)
         return Ensemble._of_samples(self._dense()[:count])
 

@@ -93,6 +93,7 @@ def fuse(
     if subsimplex and name != "alse":
         raise InputError(f"`weights` must be 'simplex' for method '{name}', got 'subsimplex'")
     goal = None if target is None and name == "uniform" else _goal(ensemble, target, name)
+    _gate.memory("the weights", 3 * 8 * ensemble.size)
     if name == "uniform":
         estimate = ensemble.mean()
         error = None if goal is None else _norm(estimate - goal)
@@ -174,7 +175,7 @@ def fuse_path(
     grid = _gate.sizes("sizes", sizes, maximum=ensemble.size)
     goal = _goal(ensemble, target, name)
     if estimates:
-        _gate.memory("the estimates of a path", grid.size * goal.nbytes)
+        _gate.memory("the estimates of a path", 3 * grid.size * goal.nbytes)
     counts: list[int] = grid.tolist()
     draws, lines = ensemble._draws, ensemble._lines_of(goal)
     gaps: NDArray[np.float64] | None = None

@@ -41,7 +41,7 @@ class Fit:
     method : str
         The method asked for.
     info : dict
-        What solved it: "solver", "iterations", and the settings.
+        For ALSE "solver", "iterations", "exact" and the settings; empty for other methods.
     ensemble : Ensemble
         The realizations.
     """

@@ -81,7 +81,10 @@ def sample(
     scheme = _scheme(scheme)
     lines = to_lines(values, axis)
     width = 1 if lines.shape[1] <= 2**8 else 2 if lines.shape[1] <= 2**16 else 4
-    _gate.memory(f"a sample of {count} realizations", count * lines.shape[0] * width)
+    # the indices, the law with its atoms, one table per line and the work of building one
+    cells = 8 << (lines.shape[1] - 1).bit_length()
+    needed = count * lines.shape[0] * width + 4 * lines.nbytes + (lines.shape[0] + 5) * cells
+    _gate.memory(f"a sample of {count} realizations", needed)
     key = as_key(rng)
     draws = _core.Draws.sample(lines, count, scheme, bytes(key), get_num_threads())
     return Ensemble._of_draws(draws, values.shape, axis, scheme, key)

@@ -56,6 +56,8 @@ pub struct Realized<'a> {
     size: usize,
     /// atoms of the singleton entities, empty otherwise
     atoms: [Vec<f64>; 3],
+    /// `A x0` where both are exact: the same for every realization
+    free: Option<Vec<f64>>,
 }
 
 /// Realizations treated together in the general case: their `y` fills part of a second-level cache.
@@ -86,7 +88,20 @@ impl<'a> Realized<'a> {
             Entity::Singletons { draws, .. } => draws.law().atoms(),
             _ => Vec::new(),
         });
-        Ok(Self { x0, xf, a, n, size, atoms })
+        let free = match (&x0, &a) {
+            (Entity::Exact(x0), Entity::Exact(a)) => {
+                Some(a.chunks_exact(n).map(|row| row.iter().zip(*x0).map(|(a, x)| a * x).sum()).collect())
+            }
+            _ => None,
+        };
+        Ok(Self { x0, xf, a, n, size, atoms, free })
+    }
+
+    /// Rough number of elementary operations for one `y^s`.
+    pub fn cost(&self) -> f64 {
+        let picks = |entity: &Entity| matches!(entity, Entity::Singletons { .. });
+        let n = self.n as f64;
+        if self.free.is_some() || picks(&self.x0) { n } else { n * n }
     }
 
     /// The number of paired realizations.
@@ -104,6 +119,10 @@ impl<'a> Realized<'a> {
                 let i = index(draws, s);
                 visit(i, self.atoms[1][i]);
             }
+        }
+        if let Some(free) = &self.free {
+            free.iter().enumerate().for_each(|(i, v)| visit(i, -v));
+            return;
         }
         match &self.x0 {
             Entity::Exact(x0) => x0.iter().enumerate().for_each(|(i, v)| self.column(s, i, *v, &mut visit)),
@@ -145,9 +164,7 @@ impl<'a> Realized<'a> {
     pub fn mean(&self, stop: &Stop) -> Result<Vec<f64>> {
         let mut sum = vec![0.0; self.n];
         for s in 0..self.size {
-            if s % BLOCK == 0 {
-                stop.check()?;
-            }
+            stop.check()?;
             self.contributions(s, |i, v| sum[i] += v);
         }
         sum.iter_mut().for_each(|v| *v /= self.size as f64);
@@ -179,6 +196,7 @@ impl<'a> Realized<'a> {
                 let count = out.len() / m;
                 let mut y = vec![0.0; count * n];
                 for (at, y) in y.chunks_exact_mut(n).enumerate() {
+                    stop.check()?;
                     self.contributions(first + at, |i, v| y[i] += v);
                 }
                 // U = Y (B^+)^T

@@ -68,7 +68,7 @@ pub(super) fn totals(law: &Law, counts: &[u64], target: &[f64], set: Weights) ->
     }
     let seen: Vec<usize> = (0..counts.len()).filter(|&k| counts[k] > 0).collect();
     let signs = law.signs();
-    let tau: Vec<f64> = seen.iter().map(|&k| signs[k] * (target[k] / g)).collect();
+    let tau: Vec<f64> = seen.iter().map(|&k| (signs[k] * (target[k] / g)).clamp(-1e300, 1e300)).collect();
     let clipped: f64 = tau.iter().map(|t| t.max(0.0)).sum();
     let projected = match set {
         Weights::Subsimplex if clipped <= 1.0 => tau.iter().map(|t| t.max(0.0)).collect(),

@@ -10,7 +10,7 @@
 //! being differences of large sums, and are recomputed from `F` every `16 length` steps, so that the reported error keeps
 //! its relative accuracy however small it becomes.
 
-use super::power_of_two_scale;
+use super::{distance, power_of_two_scale};
 use crate::error::{Result, try_zeros};
 use crate::parallel::Stop;
 use crate::sample::{Index, Singletons, with_indices};
@@ -74,8 +74,6 @@ struct Run<'a> {
     /// `g_j sign_k t_k`
     ga: Vec<f64>,
     gamma: &'a [f64],
-    /// squared target off the support, which no realization can change
-    off: f64,
     h: Vec<f64>,
     c: f64,
     b: f64,
@@ -93,7 +91,7 @@ impl Run<'_> {
 
     /// `||E* - F||^2` and `<E* - F, F>`, summed from the entries.
     fn direct(&self) -> (f64, f64) {
-        let (mut er, mut al) = (self.off, 0.0);
+        let (mut er, mut al) = (0.0, 0.0);
         for j in (0..self.lines).filter(|&j| self.gamma[j] > 0.0) {
             for k in j * self.length..(j + 1) * self.length {
                 let f = self.f(j, k);
@@ -247,17 +245,22 @@ pub fn slse(
 ) -> Result<Sequential> {
     let law = draws.law();
     let (lines, length) = (law.lines(), law.length());
-    let scale = power_of_two_scale(law.gamma().iter().chain(target));
-    let gamma: Vec<f64> = law.gamma().iter().map(|g| g / scale).collect();
     let signs = law.signs();
-    let scaled: Vec<f64> = target.iter().map(|t| t / scale).collect();
-    let on_support = |k: usize| signs[k] != 0.0 && gamma[k / length] > 0.0;
+    let on_support = |k: usize| signs[k] != 0.0;
+    // What no realization can change stays out of every inner product: a large part there would drown the rest.
+    let split = |on: bool| -> Vec<f64> {
+        target.iter().enumerate().map(|(k, &t)| if on_support(k) == on { t } else { 0.0 }).collect()
+    };
+    let reachable = split(true);
+    let off = distance(&split(false), &vec![0.0; target.len()]);
+    let scale = power_of_two_scale(law.gamma().iter().chain(&reachable));
+    let gamma: Vec<f64> = law.gamma().iter().map(|g| g / scale).collect();
+    let scaled: Vec<f64> = reachable.iter().map(|t| t / scale).collect();
     let mut run = Run {
         lines,
         length,
         g2: gamma.iter().map(|g| g * g).collect(),
         ga: (0..scaled.len()).map(|k| gamma[k / length] * signs[k] * scaled[k]).collect(),
-        off: (0..scaled.len()).filter(|&k| !on_support(k)).map(|k| scaled[k] * scaled[k]).sum(),
         h: vec![0.0; scaled.len()],
         c: 1.0,
         b: 0.0,
@@ -277,10 +280,16 @@ pub fn slse(
     let mut out = Sequential { weights: try_zeros("the weights", size)?, ..Sequential::default() };
     let mut safeguards = if safeguard { try_zeros("the safeguard steps", size)? } else { Vec::new() };
     let mut wanted = sizes.iter().copied().peekable();
-    let estimate = |run: &Run| -> Vec<f64> {
-        (0..scaled.len()).map(|k| if on_support(k) { signs[k] * run.f(k / length, k) * scale } else { 0.0 }).collect()
-    };
+    let estimate =
+        |run: &Run| -> Vec<f64> {
+            (0..scaled.len())
+                .map(|k| {
+                    if on_support(k) && gamma[k / length] > 0.0 { signs[k] * run.f(k / length, k) * scale } else { 0.0 }
+                })
+                .collect()
+        };
     let refresh_every = 16 * length.max(16);
+    let check_every = (1 << 18) / lines + 1; // about a millisecond
     with_indices!(&**draws.indices(), indices => {
         for (i, sample) in indices.chunks_exact(lines).take(size).enumerate() {
             let (t, s) = run.step(sample, i + 1);
@@ -289,11 +298,14 @@ pub fn slse(
                 safeguards[i] = s;
             }
             if (i + 1) % refresh_every == 0 {
-                stop.check()?;
                 run.refresh();
             }
+            if (i + 1) % check_every == 0 {
+                stop.check()?;
+            }
             if wanted.next_if_eq(&(i + 1)).is_some() {
-                out.errors.push(run.direct().0.max(0.0).sqrt() * scale);
+                out.errors.push((run.direct().0.max(0.0).sqrt() * scale).hypot(off));
+                stop.check()?;
                 if keep_estimates {
                     out.estimates.extend(estimate(&run));
                 }
@@ -320,7 +332,6 @@ pub(super) fn steps_to_weights(steps: &mut [f64], safeguards: &[f64]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fuse::distance;
     use crate::sample::{Indices, Law};
     use crate::{Key, Scheme, sample};
     use std::sync::Arc;

@@ -6,6 +6,10 @@ use pyo3::prelude::*;
 use super::convert::{EntityArgument, array1, array2, slice};
 use super::run::run;
 use crate::control::{self, Realized};
+use crate::parallel::detached;
+
+/// Operations above which a factorization takes longer than an interrupt may.
+const LONG: f64 = 1e8;
 
 /// The Moore-Penrose inverse of `B` (n, m): `(matrix (m, n), rank, singular_values, condition)`.
 #[pyfunction]
@@ -16,7 +20,15 @@ pub(super) fn pseudoinverse<'py>(
 ) -> PyResult<(Bound<'py, PyArray2<f64>>, usize, Bound<'py, PyArray1<f64>>, f64)> {
     let (rows, cols) = b.as_array().dim();
     let values = slice("B", &b)?;
-    let p = run(py, 0.0, |_| control::pseudoinverse(values, rows, cols))?;
+    // a factorization cannot be stopped inside: a long one runs on a thread that an interrupted caller leaves behind
+    let cost = 10.0 * (rows * cols * rows.min(cols)) as f64;
+    let p = run(py, cost, |stop| {
+        if cost < LONG {
+            return control::pseudoinverse(values, rows, cols);
+        }
+        let owned = values.to_vec();
+        detached("stochens-svd", stop, move || control::pseudoinverse(&owned, rows, cols))
+    })?;
     Ok((array2(py, p.matrix, cols, rows)?, p.rank, array1(py, p.singular_values), p.condition))
 }
 
@@ -35,7 +47,7 @@ pub(super) fn realization_controls<'py>(
     let values = slice("pinv", &pinv)?;
     let realized = Realized::new(x0.entity("x0", false)?, xf.entity("xf", false)?, a.entity("A", rows)?, n)?;
     let size = realized.size();
-    let cost = size as f64 * (m * n) as f64;
+    let cost = size as f64 * ((m * n) as f64 + realized.cost());
     let controls = run(py, cost, |stop| realized.controls(values, m, threads, stop))?;
     array2(py, controls, size, m)
 }
@@ -51,7 +63,7 @@ pub(super) fn mean_difference<'py>(
     rows: bool,
 ) -> PyResult<(Bound<'py, PyArray1<f64>>, usize)> {
     let realized = Realized::new(x0.entity("x0", false)?, xf.entity("xf", false)?, a.entity("A", rows)?, n)?;
-    let cost = realized.size() as f64 * n as f64;
+    let cost = realized.size() as f64 * realized.cost();
     let mean = run(py, cost, |stop| realized.mean(stop))?;
     Ok((array1(py, mean), realized.size()))
 }

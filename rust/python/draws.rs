@@ -1,5 +1,7 @@
 //! Singleton realizations as a Python object that shares its indices with NumPy.
 
+use std::sync::Arc;
+
 use numpy::{PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, ndarray};
 use pyo3::prelude::*;
 
@@ -35,8 +37,9 @@ impl Draws {
         key: &[u8],
         threads: usize,
     ) -> PyResult<Self> {
-        let (law, scheme, key) = (law(&values)?.into(), self::scheme(scheme)?, self::key(key)?);
-        let cost = 2.0 * size as f64 * values.as_array().nrows() as f64;
+        let (law, scheme, key) = (Arc::new(law(&values)?), self::scheme(scheme)?, self::key(key)?);
+        // the draws, and one alias table per line
+        let cost = 2.0 * size as f64 * law.lines() as f64 + 30.0 * law.values().len() as f64;
         let inner = run(py, cost, |stop| sample(&law, size, scheme, &key, threads, stop))?;
         Ok(Self { inner })
     }

@@ -91,14 +91,14 @@ pub(super) fn slse<'py>(
             let inner = draws.inner.clone();
             self::sizes(&sizes, inner.size())?;
             let values = self::target(&target, inner.law().values().len())?;
-            let cost = 5.0 * inner.size() as f64 * inner.law().lines() as f64;
+            let cost = 5.0 * inner.size() as f64 * inner.law().lines() as f64 + (sizes.len() * values.len()) as f64;
             run(py, cost, |stop| fuse::slse(&inner, values, safeguard, &sizes, keep_estimates, stop))?
         }
         Realizations::Dense(samples) => {
             let samples = dense(samples)?;
             self::sizes(&sizes, samples.size())?;
             let values = self::target(&target, samples.dim())?;
-            let cost = 5.0 * samples.values().len() as f64;
+            let cost = 5.0 * samples.values().len() as f64 + (sizes.len() * values.len()) as f64;
             run(py, cost, |stop| fuse::slse_dense(&samples, values, safeguard, &sizes, keep_estimates, stop))?
         }
     };
@@ -123,7 +123,7 @@ pub(super) fn uniform_path<'py>(
     let inner = draws.inner.clone();
     self::sizes(&sizes, inner.size())?;
     let values = self::target(&target, inner.law().values().len())?;
-    let cost = inner.size() as f64 * inner.law().lines() as f64;
+    let cost = (inner.size() * inner.law().lines()) as f64 + 5.0 * (sizes.len() * values.len()) as f64;
     let path = run(py, cost, |stop| fuse::uniform_path(&inner, values, &sizes, keep_estimates, stop))?;
     let kept = if keep_estimates { sizes.len() } else { 0 };
     Ok((array1(py, path.errors), array2(py, path.estimates, kept, values.len())?))
@@ -143,7 +143,7 @@ pub(super) fn alse_path<'py>(
     let inner = draws.inner.clone();
     self::sizes(&sizes, inner.size())?;
     let values = self::target(&target, inner.law().values().len())?;
-    let cost = inner.size() as f64;
+    let cost = inner.size() as f64 + 50.0 * (sizes.len() * values.len()) as f64;
     let path = run(py, cost, |stop| fuse::alse_path(&inner, values, set(subsimplex), &sizes, keep_estimates, stop))?;
     let kept = if keep_estimates { sizes.len() } else { 0 };
     let gaps = path.gaps.iter().map(|gap| gap.absolute).collect();

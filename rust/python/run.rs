@@ -1,6 +1,7 @@
 //! One door for all work: the interpreter is released, Ctrl-C is seen, a panic becomes an exception.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Mutex;
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::Duration;
 
@@ -33,11 +34,15 @@ where
         return py.detach(guarded);
     }
     py.detach(|| {
+        let slot = Mutex::new(Some(guarded));
+        let take = || slot.lock().ok().and_then(|mut work| work.take());
+        let (send, receive) = channel();
         std::thread::scope(|scope| {
-            let (send, receive) = channel();
-            let spawned = std::thread::Builder::new().spawn_scoped(scope, move || send.send(guarded()));
-            if let Err(error) = spawned {
-                return Err(PyErr::from(error));
+            let take = &take;
+            let theirs = move || take().map(|work| send.send(work()));
+            if std::thread::Builder::new().spawn_scoped(scope, theirs).is_err() {
+                // no thread to be had: do it here, and be deaf to signals for as long as it takes
+                return take().map_or_else(|| Err(from_panic(&"the work vanished")), |work| work());
             }
             loop {
                 match receive.recv_timeout(POLL) {

@@ -27,23 +27,24 @@ pub fn multinomial_counts(law: &Law, size: u64, key: &Key, stop: &Stop) -> Resul
         stop.check()?;
         let line = law.line(j);
         let mut rng = key.stream(Purpose::Counts, j);
-        // tails[i] = |w_i| + ... + |w_n|: at the last nonzero entry the conditional probability is exactly one
+        let gamma = law.gamma()[j];
+        // tails[i] = (|w_i| + ... + |w_n|) / g: at the last nonzero entry the conditional probability is exactly one
         let mut tail = 0.0;
         let mut tails: Vec<f64> = line
             .iter()
             .rev()
             .map(|w| {
-                tail += w.abs();
+                tail += w.abs() / gamma;
                 tail
             })
             .collect();
         tails.reverse();
-        let mut left = if tails[0] > 0.0 { size } else { 0 };
+        let mut left = if gamma > 0.0 { size } else { 0 };
         for (w, tail) in line.iter().zip(tails) {
             let count = if left == 0 || *w == 0.0 {
                 0
             } else {
-                let p = (w.abs() / tail).min(1.0);
+                let p = (w.abs() / gamma / tail).min(1.0);
                 Binomial::new(left, p)
                     .map_err(|e| Error::Numerical(format!("binomial({left}, {p}): {e}")))?
                     .sample(&mut rng)

@@ -13,7 +13,8 @@ const BLOCK: usize = 1024;
 /// Fills `out` (`size * lines` indices): index `(i, j)` is draw `i` of line `j`.
 pub(super) fn fill<I: Index>(law: &Law, key: &Key, out: &mut [I], threads: usize, stop: &Stop) -> Result<()> {
     let lines = law.lines();
-    let tables: Vec<_> = (0..lines).map(|j| AliasTable::new(law.line(j))).collect();
+    let tables: Vec<_> =
+        (0..lines).map(|j| stop.check().map(|()| AliasTable::new(law.line(j)))).collect::<Result<_>>()?;
     for_each_chunk(out.chunks_mut(CHUNK * lines).enumerate(), threads, stop, |(chunk, out)| {
         // A zero line has no table: its index stays 0, where its value is 0.
         let mut drawn: Vec<(usize, &AliasTable, Lanes)> = tables

@@ -122,6 +122,16 @@ impl Singletons {
                 found: max.to_string(),
             });
         }
+        // an entry of probability zero has no value there: such a realization is none of the law's
+        let lines = law.lines();
+        let impossible = with_indices!(&indices, v => v.iter().enumerate().find_map(|(at, r)| {
+            let j = at % lines;
+            (law.gamma()[j] > 0.0 && law.line(j)[r.get()] == 0.0).then(|| r.get())
+        }));
+        if let Some(r) = impossible {
+            let expected = "at nonzero entries (a zero entry is never hit)";
+            return Err(Error::Value { name: "indices", expected, found: r.to_string() });
+        }
         Ok(Self::from_parts(law, Arc::new(indices), size))
     }
 

@@ -134,6 +134,14 @@ def test_key_repeats_a_sample() -> None:
         (lambda: se.Ensemble.from_samples([1.0, 2.0]), ex.ShapeError, "`samples`"),
         (lambda: se.Ensemble.from_indices([0, 2], [1.0, 2.0]), ex.InputError, "`indices`"),
         (lambda: se.Ensemble.from_indices([0.5], [1.0]), ex.InputTypeError, "integers"),
+        (lambda: se.Ensemble.from_indices([0, 2], [3.0, 4.0, 0.0]), ex.InputError, "zero entry"),
+        (lambda: se.Ensemble.from_indices([], [1.0]), ex.ShapeError, "`indices`"),
+        (lambda: se.Ensemble.from_indices([[0], [0, 0]], [1.0]), ex.InputTypeError, "unequal"),
+        (
+            lambda: se.realization_controls([[1e-300]], [1e20], [0.0], [[1.0]]),
+            ex.NonFiniteError,
+            "overflows",
+        ),
         (lambda: se.fuse(se.sample(W, 5), "alse"), ex.InputError, "`target` is required"),
         (lambda: se.fuse(se.sample(W, 5), "als", target=W), ex.InputError, "'alse'"),
         (lambda: se.fuse(W), ex.InputTypeError, "Ensemble"),
@@ -166,7 +174,7 @@ def test_key_repeats_a_sample() -> None:
         (
             lambda: se.steer((np.eye(4), np.eye(4)), W, W, 5, method="alse", fusion="diagonal"),
             ex.InputError,
-            "weights of their own",
+            "cannot be paired",
         ),
     ],
 )
@@ -189,6 +197,43 @@ def test_extreme_scales_are_exact_up_to_the_scale() -> None:
             assert one.error is not None
             assert abs(other.error / scale - one.error) <= 1e-5 * np.linalg.norm(A)
             assert other.status == one.status
+
+
+def test_dense_samples_cannot_be_changed() -> None:
+    ensemble = se.Ensemble.from_samples([[1.0, 2.0]])
+    samples = ensemble.samples
+    assert samples is not None
+    with pytest.raises(ValueError, match="WRITEABLE"):
+        samples.flags.writeable = True
+    with pytest.raises(AttributeError, match="immutable"):
+        del ensemble._samples
+
+
+def test_a_part_of_a_systematic_sample_is_not_one() -> None:
+    whole = se.sample(A, 50, rng=4, scheme="systematic")
+    assert whole.prefix(50).key == whole.key
+    assert (whole.prefix(49).key, whole.prefix(49).scheme) == (None, None)
+
+
+@pytest.mark.parametrize("method", ["slse", "slse-safeguarded"])
+def test_what_cannot_be_reached_does_not_disturb_what_can(method: str) -> None:
+    ensemble = se.sample([3.0, 1.0, 0.0], 500, rng=1)
+    plain = se.fuse(ensemble, method, target=[3.0, 1.0, 0.0])
+    far = se.fuse(ensemble, method, target=[3.0, 1.0, 1e9])
+    assert np.array_equal(plain.estimate, far.estimate)
+    assert far.error == pytest.approx(1e9, rel=1e-15)
+
+
+def test_large_lines_have_counts() -> None:
+    largest = np.finfo(float).max
+    counts = se.sample_counts([largest, largest * 2**-54, largest * 2**-54], 10**6, rng=1).counts
+    assert counts.tolist() == [10**6, 0, 0]
+
+
+def test_a_target_beyond_all_scales_is_projected() -> None:
+    fit = se.fuse(se.sample([1e-10, 1e-10], 4, rng=1), "alse", target=[1e300, 0.0])
+    assert np.isfinite(fit.weights).all()
+    assert fit.weights.sum() == pytest.approx(1.0)
 
 
 def test_squares_may_overflow_but_results_do_not() -> None:

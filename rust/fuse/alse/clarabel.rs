@@ -5,8 +5,6 @@
 //! wrong optima as solved; everything is divided by the largest norm of a realization first.
 
 use std::sync::Arc;
-use std::sync::mpsc::{RecvTimeoutError, channel};
-use std::time::Duration;
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettings, DefaultSettingsBuilder, DefaultSolver, IPSolver, SupportedConeT};
@@ -14,7 +12,7 @@ use clarabel::solver::{DefaultSettings, DefaultSettingsBuilder, DefaultSolver, I
 use super::{Proposal, Realizations};
 use crate::error::{Error, Result};
 use crate::fuse::Weights;
-use crate::parallel::Stop;
+use crate::parallel::{Stop, detached};
 
 /// The conic data, owned, so that the solve can outlive an interrupted caller.
 struct Conic {
@@ -85,33 +83,16 @@ fn conic(realizations: &impl Realizations, target: &[f64], set: Weights, norm: f
     }
 }
 
-/// Solves on a thread of its own: Clarabel looks at its stop hook once per iteration, which can take seconds, so after a
-/// stop the caller leaves at once and the thread ends by itself at its next iteration.
+/// Clarabel looks at its stop hook once per iteration, which can take seconds: it solves on a thread that an interrupted
+/// caller leaves behind, and that ends at its next iteration.
 fn run(problem: Conic, stop: &Stop) -> Result<Proposal> {
     let cancelled = Arc::new(Stop::new());
-    let (send, receive) = channel();
     let hook = Arc::clone(&cancelled);
-    std::thread::Builder::new()
-        .name("stochens-clarabel".into())
-        .spawn(move || {
-            let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| solve(&problem, hook)));
-            let lost = || Err(Error::Numerical("Clarabel panicked on this problem".into()));
-            send.send(result.unwrap_or_else(|_| lost())).ok() // the receiver is gone after a stop
-        })
-        .map_err(|e| Error::Numerical(format!("no thread for the solver: {e}")))?;
-    loop {
-        match receive.recv_timeout(Duration::from_millis(20)) {
-            Ok(result) => return result,
-            Err(RecvTimeoutError::Timeout) if stop.requested() => {
-                cancelled.request();
-                return Err(Error::Interrupted);
-            }
-            Err(RecvTimeoutError::Timeout) => {}
-            Err(RecvTimeoutError::Disconnected) => {
-                return Err(Error::Numerical("the solver's thread ended without a result".into()));
-            }
-        }
+    let result = detached("stochens-clarabel", stop, move || solve(&problem, hook));
+    if result.is_err() {
+        cancelled.request();
     }
+    result
 }
 
 fn solve(problem: &Conic, cancelled: Arc<Stop>) -> Result<Proposal> {

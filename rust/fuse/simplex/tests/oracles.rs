@@ -241,7 +241,7 @@ fn a_tolerance_below_rounding_is_reported_as_missed() {
 
 #[test]
 fn one_line_is_the_closed_form() {
-    // math.md 6: Y_k = wbar_k + delta / |hit|, shared among the copies
+    // Lemma 4.4, corrected: Y_k = wbar_k + delta / |hit|, shared among the copies
     let x = Instance {
         indices: vec![0, 2, 0, 2, 2],
         size: 5,

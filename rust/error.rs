@@ -20,6 +20,10 @@ pub enum Error {
     )]
     NonFinite { name: &'static str, what: &'static str, index: usize },
 
+    /// A result is too large for a double.
+    #[error("{what} overflows: scale the problem down")]
+    Overflow { what: &'static str },
+
     /// A scalar argument lies outside its range.
     #[error("`{name}` must be {expected}, got {found}")]
     Value { name: &'static str, expected: &'static str, found: String },

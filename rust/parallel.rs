@@ -78,6 +78,11 @@ where
     }
 }
 
+/// Takes what only one of two threads may run: the new one, or the caller when no thread was to be had.
+pub(crate) fn take<F>(slot: &Mutex<Option<F>>) -> Option<F> {
+    slot.lock().ok().and_then(|mut work| work.take())
+}
+
 /// Runs `work`, which cannot look at a stop flag, on a thread of its own; after a stop the caller leaves at once with
 /// [`Error::Interrupted`] and the thread ends by itself. `work` owns its data for that reason.
 pub(crate) fn detached<T, F>(name: &str, stop: &Stop, work: F) -> Result<T>
@@ -88,10 +93,8 @@ where
     let (send, receive) = channel();
     let slot = Arc::new(Mutex::new(Some(work)));
     let theirs = Arc::clone(&slot);
-    let take = |slot: &Mutex<Option<F>>| slot.lock().ok().and_then(|mut work| work.take());
     let spawned = std::thread::Builder::new().name(name.into()).spawn(move || {
-        let work = theirs.lock().ok().and_then(|mut work| work.take());
-        let result = catch_unwind(AssertUnwindSafe(|| work.map(|work| work())));
+        let result = catch_unwind(AssertUnwindSafe(|| take(&theirs).map(|work| work())));
         let lost = || Some(Err(Error::Numerical("a solver panicked on this problem".into())));
         send.send(result.unwrap_or_else(|_| lost())).ok() // nobody listens after a stop
     });

@@ -86,12 +86,7 @@ def fuse(
     >>> fit.status, fit.error < 1e-12
     ('optimal', True)
     """
-    _check_ensemble(ensemble)
-    name = _gate.choice("method", method, METHODS)
-    subsimplex = _gate.choice("weights", weights, _WEIGHTS) == "subsimplex"
-    tol = _gate.positive("tol", tol)
-    if subsimplex and name != "alse":
-        raise InputError(f"`weights` must be 'simplex' for method '{name}', got 'subsimplex'")
+    name, subsimplex, tol = _checked(ensemble, method, weights, tol)
     goal = None if target is None and name == "uniform" else _goal(ensemble, target, name)
     _gate.memory("the weights", 3 * 8 * ensemble.size)
     if name == "uniform":
@@ -166,12 +161,7 @@ def fuse_path(
     >>> bool(path.errors[0] > path.errors[2])
     True
     """
-    _check_ensemble(ensemble)
-    name = _gate.choice("method", method, METHODS)
-    subsimplex = _gate.choice("weights", weights, _WEIGHTS) == "subsimplex"
-    if subsimplex and name != "alse":
-        raise InputError(f"`weights` must be 'simplex' for method '{name}', got 'subsimplex'")
-    tol = _gate.positive("tol", tol)
+    name, subsimplex, tol = _checked(ensemble, method, weights, tol)
     grid = _gate.sizes("sizes", sizes, maximum=ensemble.size)
     goal = _goal(ensemble, target, name)
     if estimates:
@@ -180,35 +170,31 @@ def fuse_path(
     draws, lines = ensemble._draws, ensemble._lines_of(goal)
     gaps: NDArray[np.float64] | None = None
     statuses: tuple[str, ...] = ("completed",) * grid.size
-    kept: NDArray[np.float64] | None
     if name in ("slse", "slse-safeguarded"):
         safeguard = name == "slse-safeguarded"
         _, _, errors, stack = _core.slse(
             ensemble._core_realizations(), lines, safeguard, counts, estimates
         )
-        kept = ensemble._stack_from_core(stack) if estimates else None
     elif name == "uniform" and draws is not None:
         errors, stack = _core.uniform_path(draws, lines, counts, estimates)
-        kept = ensemble._stack_from_core(stack) if estimates else None
     elif name == "alse" and draws is not None and draws.lines == 1:
         errors, gaps, relative, stack = _core.alse_path(draws, lines, subsimplex, counts, estimates)
-        kept = ensemble._stack_from_core(stack) if estimates else None
         statuses = tuple("optimal" if g <= tol else "optimal_inaccurate" for g in relative)
     elif name == "alse" and draws is not None:
         errors, gaps, solved, stack = _core.alse_prefixes(
             draws, lines, subsimplex, tol, get_num_threads(), counts, estimates
         )
-        kept = ensemble._stack_from_core(stack) if estimates else None
         statuses = tuple(solved)
     else:
         fits = [
             fuse(ensemble.prefix(k), method, target=goal, weights=weights, tol=tol) for k in counts
         ]
         errors = np.array([fit.error for fit in fits], dtype=np.float64)
-        kept = np.stack([fit.estimate for fit in fits]) if estimates else None
+        stack = np.stack([fit.estimate.ravel() for fit in fits])
         statuses = tuple(fit.status for fit in fits)
         if name == "alse":
             gaps = np.array([fit.gap for fit in fits], dtype=np.float64)
+    kept = ensemble._stack_from_core(stack) if estimates else None
     return Path(grid, errors, name, statuses, gaps, kept)
 
 
@@ -240,11 +226,18 @@ def _goal(ensemble: Ensemble, target: ArrayLike | None, method: str) -> NDArray[
     return goal
 
 
-def _check_ensemble(ensemble: object) -> None:
+def _checked(ensemble: object, method: str, weights: str, tol: float) -> tuple[str, bool, float]:
+    """Check what `fuse` and `fuse_path` share: the method, whether "subsimplex", the tolerance."""
     if not isinstance(ensemble, Ensemble):
         raise InputTypeError(
             f"`ensemble` must be an Ensemble (see `sample`), got {type(ensemble).__name__}"
         )
+    name = _gate.choice("method", method, METHODS)
+    subsimplex = _gate.choice("weights", weights, _WEIGHTS) == "subsimplex"
+    tol = _gate.positive("tol", tol)
+    if subsimplex and name != "alse":
+        raise InputError(f"`weights` must be 'simplex' for method '{name}', got 'subsimplex'")
+    return name, subsimplex, tol
 
 
 def _norm(values: NDArray[np.float64]) -> float:

@@ -174,7 +174,8 @@ impl<'a> Realized<'a> {
     /// The controls `B^+ y^s`, one row of `m` per realization. `pinv` is `B^+`, row by row (`m x n`).
     ///
     /// # Errors
-    /// [`Error::Interrupted`] after a stop, [`Error::Memory`] if the controls do not fit.
+    /// [`Error::Interrupted`] after a stop, [`Error::Memory`] if the controls do not fit, [`Error::Overflow`] if one of
+    /// them is no finite number.
     pub fn controls(&self, pinv: &[f64], m: usize, threads: usize, stop: &Stop) -> Result<Vec<f64>> {
         let n = self.n;
         let mut out = try_zeros("the controls", checked_len("the controls", self.size, m)?)?;
@@ -209,7 +210,8 @@ impl<'a> Realized<'a> {
                     Par::Seq,
                 );
             }
-            Ok(())
+            // while the block is in the cache
+            if out.iter().all(|u| u.is_finite()) { Ok(()) } else { Err(Error::Overflow { what: "a control" }) }
         })?;
         Ok(out)
     }

@@ -8,6 +8,7 @@
 //! constant upward shift, `Y_k = |w_k| / g + delta / #seen`, where `delta` is the probability of what was not seen; the
 //! paper's `Y_k = |w_k|` is feasible in neither set. A total is split equally among the realizations that share it.
 
+use super::simplex::project;
 use super::{Weights, distance, power_of_two_scale};
 use crate::error::{Result, try_zeros};
 use crate::parallel::Stop;
@@ -114,26 +115,13 @@ pub(super) fn gap(law: &Law, counts: &[u64], totals: &[f64], estimate: &[f64], t
     Gap { absolute: gap * scale * scale, relative: if gap > 0.0 { gap / reference } else { 0.0 } }
 }
 
-/// The Euclidean projection on `{y >= 0, sum y = 1}`: `y = max(tau - theta, 0)` (Held, Wolfe and Crowder, 1974).
+/// The Euclidean projection on `{y >= 0, sum y = 1}`.
 pub fn project_on_simplex(tau: &[f64]) -> Vec<f64> {
     // a common shift changes nothing: with the largest at zero, no rounding of a large tau can swallow the 1
     let largest = tau.iter().fold(f64::NEG_INFINITY, |m, t| m.max(*t));
-    let tau: Vec<f64> = tau.iter().map(|t| t - largest).collect();
-    let mut sorted = tau.clone();
-    sorted.sort_unstable_by(|a, b| b.total_cmp(a));
-    // theta = (tau_(1) + ... + tau_(k) - 1) / k for the last k with tau_(k) > theta
-    let (mut sum, mut theta) = (0.0, f64::NEG_INFINITY);
-    for (k, t) in sorted.iter().enumerate() {
-        sum += t;
-        let candidate = (sum - 1.0) / (k + 1) as f64;
-        if *t <= candidate {
-            break;
-        }
-        theta = candidate;
-    }
-    let y: Vec<f64> = tau.iter().map(|t| (t - theta).max(0.0)).collect();
-    let total: f64 = y.iter().sum(); // one, up to rounding: at least the largest component is positive
-    y.iter().map(|v| v / total).collect()
+    let mut y: Vec<f64> = tau.iter().map(|t| t - largest).collect();
+    project(&mut y);
+    y
 }
 
 #[cfg(test)]

@@ -52,7 +52,7 @@ pub(super) fn realization_controls<'py>(
     array2(py, controls, size, m)
 }
 
-/// The mean of `xf^s - A^s x0^s` over the paired realizations (n,), and their number.
+/// The mean of `xf^s - A^s x0^s` over the paired realizations (n,).
 #[pyfunction]
 pub(super) fn mean_difference<'py>(
     py: Python<'py>,
@@ -61,9 +61,9 @@ pub(super) fn mean_difference<'py>(
     xf: EntityArgument<'py>,
     a: EntityArgument<'py>,
     rows: bool,
-) -> PyResult<(Bound<'py, PyArray1<f64>>, usize)> {
+) -> PyResult<Bound<'py, PyArray1<f64>>> {
     let realized = Realized::new(x0.entity("x0", false)?, xf.entity("xf", false)?, a.entity("A", rows)?, n)?;
     let cost = realized.size() as f64 * realized.cost();
     let mean = run(py, cost, |stop| realized.mean(stop))?;
-    Ok((array1(py, mean), realized.size()))
+    Ok(array1(py, mean))
 }

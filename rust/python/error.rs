@@ -17,7 +17,7 @@ impl From<Error> for PyErr {
         let message = error.to_string();
         match error {
             Error::Shape { .. } => ShapeError::new_err(message),
-            Error::NonFinite { .. } => NonFiniteError::new_err(message),
+            Error::NonFinite { .. } | Error::Overflow { .. } => NonFiniteError::new_err(message),
             Error::Value { .. } => InputError::new_err(message),
             Error::Memory { bytes, .. } => ResourceError::new_err((message, bytes)),
             Error::Numerical(_) => SolverError::new_err(message),

@@ -8,6 +8,7 @@ use std::time::Duration;
 use pyo3::prelude::*;
 
 use super::error::from_panic;
+use crate::parallel::take;
 use crate::{Result, Stop};
 
 /// Elementary operations (about a nanosecond each) below which a call simply runs: a thread would cost more.
@@ -35,14 +36,13 @@ where
     }
     py.detach(|| {
         let slot = Mutex::new(Some(guarded));
-        let take = || slot.lock().ok().and_then(|mut work| work.take());
         let (send, receive) = channel();
         std::thread::scope(|scope| {
-            let take = &take;
-            let theirs = move || take().map(|work| send.send(work()));
+            let slot = &slot;
+            let theirs = move || take(slot).map(|work| send.send(work()));
             if std::thread::Builder::new().spawn_scoped(scope, theirs).is_err() {
                 // no thread to be had: do it here, and be deaf to signals for as long as it takes
-                return take().map_or_else(|| Err(from_panic(&"the work vanished")), |work| work());
+                return take(slot).map_or_else(|| Err(from_panic(&"the work vanished")), |work| work());
             }
             loop {
                 match receive.recv_timeout(POLL) {

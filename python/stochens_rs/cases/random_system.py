@@ -5,15 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from .. import _gate
-from ..rng import Key, RngLike, as_key
+from ..rng import RngLike, as_key
 from ..system import System
 
 __all__ = ["random_system"]
-
-
-def _generator(key: Key) -> np.random.Generator:
-    """The NumPy generator of a key: Philox with the first 16 bytes, little endian."""
-    return np.random.Generator(np.random.Philox(key=int.from_bytes(bytes(key)[:16], "little")))
 
 
 def random_system(
@@ -69,7 +64,7 @@ def random_system(
     spectral_radius = _gate.positive("spectral_radius", spectral_radius)
     # A and its copy inside the eigenvalue routine and the result, and B.
     _gate.memory("the random system", 8 * (3 * n * n + n * m))
-    normal = _generator(as_key(rng).child("random_system"))
+    normal = as_key(rng).child("random_system").generator()
     G = normal.standard_normal((n, n))
     B = normal.standard_normal((n, m))
     A = G * (spectral_radius / float(np.abs(np.linalg.eigvals(G)).max()))

@@ -103,15 +103,9 @@ def controls(
     return fused
 
 
-def pinv(B: FloatArray) -> FloatArray:
-    """The pseudoinverse of B."""
-    return np.asarray(np.linalg.pinv(B), dtype=np.float64)
-
-
 def normal(key: Key, n: int) -> FloatArray:
     """(n,) standard normal variates of `key` (NumPy's Philox)."""
-    seed = int.from_bytes(bytes(key)[:16], "little")
-    return np.random.Generator(np.random.Philox(key=seed)).standard_normal(n)
+    return key.generator().standard_normal(n)
 
 
 class Errors:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import _gate
 from ..cases import ieee14, ieee39
+from ..controls import pseudoinverse
 from ..exceptions import InputError
 from ..rng import Key, RngLike, as_key
 from ..system import System
@@ -35,7 +36,6 @@ from ._runs import (
     exact_moments,
     normal,
     ordering,
-    pinv,
     progress_bar,
     slse_over_bound,
     zero_from,
@@ -208,7 +208,7 @@ class _Problem:
     @cached_property
     def B_plus(self) -> Floats:
         """The pseudoinverse of B."""
-        return pinv(self.B)
+        return pseudoinverse(self.B)[0]
 
     @cached_property
     def v(self) -> Floats:

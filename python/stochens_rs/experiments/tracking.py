@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import _gate
 from ..cases import random_system
+from ..controls import pseudoinverse
 from ..fusing import Method
 from ..rng import Key, RngLike, as_key
 from ..theory import moments
@@ -31,7 +32,6 @@ from ._runs import (
     exact_moments,
     normal,
     ordering,
-    pinv,
     progress_bar,
     required_size,
     zero_level,
@@ -125,7 +125,7 @@ def tracking(
     system = random_system(n, m, rng=key.child("system"), spectral_radius=spectral_radius)
     A, B = system.A, system.B
     x = [normal(key.child(f"x{t}"), n) for t in range(3)]
-    B_plus = pinv(B)
+    B_plus = pseudoinverse(B)[0]
     v = [B_plus @ (x[t + 1] - A @ x[t]) for t in range(2)]  # the exact controls
     steps = [(x[t], x[t + 1], v[t]) for t in range(2)]
     reached = A @ x[0] + B @ v[0]

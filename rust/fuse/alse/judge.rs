@@ -31,11 +31,12 @@ pub(super) fn judge(
     let gap = (2.0 * (at_solution - smallest)).max(0.0);
     let squared_target: f64 = target.iter().map(|t| (t / scale).powi(2)).sum();
     let reference = if squared_target > 0.0 { squared_target } else { (norm / scale).powi(2) };
+    let error = distance(&estimate, target);
     Ok(Solution {
-        error: distance(&estimate, target),
+        error,
         weights,
         gap: gap * scale * scale,
-        lower_bound: (distance(&estimate, target).powi(2) - gap * scale * scale).max(0.0),
+        lower_bound: (error.powi(2) - gap * scale * scale).max(0.0),
         exact: false,
         estimate,
         status: if gap <= tol * reference { Status::Optimal } else { Status::OptimalInaccurate },

@@ -165,6 +165,10 @@ impl Realizations for Dense<'_> {
     }
 }
 
+fn options(set: Weights, tol: f64, threads: usize) -> Options {
+    Options { tol, subsimplex: set == Weights::Subsimplex, threads, ..Options::default() }
+}
+
 /// Solves `min ||sum_i w_i E_i - target||` over `set` to a gap of `tol ||target||^2`.
 ///
 /// # Errors
@@ -177,7 +181,7 @@ pub fn alse(
     threads: usize,
     stop: &Stop,
 ) -> Result<Solution> {
-    let options = Options { tol, subsimplex: set == Weights::Subsimplex, threads, ..Options::default() };
+    let options = options(set, tol, threads);
     let own = realizations.solve(target, &options, stop)?;
     certified(realizations, own, target, set, tol, stop)
 }
@@ -196,7 +200,7 @@ pub fn alse_prefixes(
     sizes: &[usize],
     stop: &Stop,
 ) -> Result<Vec<Solution>> {
-    let options = Options { tol, subsimplex: set == Weights::Subsimplex, threads, ..Options::default() };
+    let options = options(set, tol, threads);
     let path = with_problem(draws, target, |problem| simplex::solve_path(problem, sizes, &options, stop.flag()))?;
     path.into_iter()
         .zip(sizes)

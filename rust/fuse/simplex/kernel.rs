@@ -2,31 +2,7 @@
 //!
 //! Plain scalar loads: AVX gathers were measured slower, and reads without bounds checks no faster than four samples at a time.
 
-/// An index type of the sample arrays.
-pub trait Index: Copy + Send + Sync + Into<u64> + 'static {
-    fn at(self) -> usize;
-}
-
-impl Index for u8 {
-    #[inline(always)]
-    fn at(self) -> usize {
-        usize::from(self)
-    }
-}
-
-impl Index for u16 {
-    #[inline(always)]
-    fn at(self) -> usize {
-        usize::from(self)
-    }
-}
-
-impl Index for u32 {
-    #[inline(always)]
-    fn at(self) -> usize {
-        self as usize
-    }
-}
+use crate::sample::Index;
 
 /// `out[i] = sum_j table[j * length + rows_ij]` for the samples in `rows`, `lines` indices each.
 ///
@@ -39,15 +15,15 @@ pub(crate) fn gather<I: Index>(rows: &[I], lines: usize, length: usize, table: &
         let ((a, b), (c, d)) = (ab.split_at(lines), cd.split_at(lines));
         let mut sums = [0.0; 4];
         for ((((line, a), b), c), d) in table.chunks_exact(length).zip(a).zip(b).zip(c).zip(d) {
-            sums[0] += line[a.at()];
-            sums[1] += line[b.at()];
-            sums[2] += line[c.at()];
-            sums[3] += line[d.at()];
+            sums[0] += line[a.get()];
+            sums[1] += line[b.get()];
+            sums[2] += line[c.get()];
+            sums[3] += line[d.get()];
         }
         *out = sums;
     }
     for (row, out) in tail_rows.chunks_exact(lines).zip(tail) {
-        *out = row.iter().zip(table.chunks_exact(length)).map(|(r, line)| line[r.at()]).sum();
+        *out = row.iter().zip(table.chunks_exact(length)).map(|(r, line)| line[r.get()]).sum();
     }
 }
 
@@ -55,6 +31,6 @@ pub(crate) fn gather<I: Index>(rows: &[I], lines: usize, length: usize, table: &
 #[inline]
 pub(crate) fn scatter<I: Index>(row: &[I], length: usize, w: f64, out: &mut [f64]) {
     for (r, line) in row.iter().zip(out.chunks_exact_mut(length)) {
-        line[r.at()] += w;
+        line[r.get()] += w;
     }
 }

@@ -162,7 +162,7 @@ pub(crate) fn polish<O: Operator>(
 ///
 /// The marginal `Y` on the hit entries is the projection of `target / g` on the simplex (subsimplex: clip, project only if the sum
 /// exceeds one), shared equally among the realizations that hit the entry.
-pub(crate) fn closed_form<I: super::kernel::Index>(
+pub(crate) fn closed_form<I: crate::sample::Index>(
     op: &Singletons<I>,
     target: &[f64],
     g: &[f64],

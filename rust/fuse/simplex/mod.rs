@@ -38,11 +38,13 @@ use std::sync::atomic::AtomicBool;
 
 pub use problem::{DenseProblem, IndexView, Info, Invalid, Options, Phase, SingletonProblem, Solution, Status};
 
+use crate::sample::Index;
 use budget::{Budget, Limit};
 use dense::Dense;
-use kernel::Index;
 use ladder::{Found, Task};
 use operator::Operator;
+pub(crate) use threshold::project;
+
 use relaxed_target::{Relaxed, relax};
 use singletons::Singletons;
 

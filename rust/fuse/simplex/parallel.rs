@@ -2,6 +2,8 @@
 
 use std::ops::Range;
 
+use crate::parallel::{Stop, for_each_chunk};
+
 /// Entries below which one more thread costs more than it saves.
 const WORTH: usize = 400_000;
 
@@ -17,12 +19,7 @@ pub(crate) fn fill(threads: usize, entries: usize, out: &mut [f64], value: impl 
         return;
     }
     let length = out.len().div_ceil(parts).next_multiple_of(4);
-    std::thread::scope(|scope| {
-        for (p, chunk) in out.chunks_mut(length).enumerate() {
-            let value = &value;
-            scope.spawn(move || value(p * length, chunk));
-        }
-    });
+    every(out.chunks_mut(length).enumerate(), parts, |(p, chunk)| value(p * length, chunk));
 }
 
 /// Adds the contributions of the samples `0..samples` to `out`, one private copy of `out` per thread, summed in order: the
@@ -39,31 +36,25 @@ pub(crate) fn accumulate<T: Total>(
         return add(0..samples, out);
     }
     let length = samples.div_ceil(parts);
-    let dim = out.len();
-    let mut total = T::default();
-    let results = std::thread::scope(|scope| {
-        let handles: Vec<_> = (0..parts)
-            .map(|p| {
-                let (add, range) = (&add, p * length..((p + 1) * length).min(samples));
-                scope.spawn(move || {
-                    let mut private = vec![0.0; dim];
-                    let total = add(range, &mut private);
-                    (private, total)
-                })
-            })
-            .collect();
-        handles.into_iter().map(std::thread::ScopedJoinHandle::join).collect::<Vec<_>>()
+    let mut results: Vec<_> = (0..parts).map(|_| (vec![0.0; out.len()], T::default())).collect();
+    every(results.iter_mut().enumerate(), parts, |(p, (private, total))| {
+        *total = add(p * length..((p + 1) * length).min(samples), private);
     });
-    for result in results {
-        match result {
-            Ok((private, part)) => {
-                super::vector::axpy(1.0, &private, out);
-                total.add(part);
-            }
-            Err(panic) => std::panic::resume_unwind(panic),
-        }
+    let mut total = T::default();
+    for (private, part) in results {
+        super::vector::axpy(1.0, &private, out);
+        total.add(part);
     }
     total
+}
+
+/// Works through the chunks; a pass over the data is too short to be stopped inside.
+fn every<C: Send>(chunks: impl Iterator<Item = C> + Send, threads: usize, work: impl Fn(C) + Sync) {
+    let done = for_each_chunk(chunks, threads, &Stop::new(), |chunk| {
+        work(chunk);
+        Ok(())
+    });
+    debug_assert!(done.is_ok(), "nothing stops or fails here");
 }
 
 /// What one part of an accumulation returns besides the vector.

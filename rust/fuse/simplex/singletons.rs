@@ -9,9 +9,10 @@
 use std::borrow::Cow;
 
 use super::compensated::{Sum, two_product, two_sum};
-use super::kernel::{Index, gather, scatter};
+use super::kernel::{gather, scatter};
 use super::operator::{Operator, Precondition, Residual};
 use super::parallel;
+use crate::sample::Index;
 
 /// Samples whose indices stay in the first cache between the gather and the scatter.
 const BLOCK: usize = 32;
@@ -44,7 +45,7 @@ impl<'a, I: Index> Singletons<'a, I> {
 
     /// The places of line `j` over all stored realizations.
     pub fn line(&self, j: usize) -> Vec<usize> {
-        self.rows.iter().skip(j).step_by(self.g.len()).map(|r| r.at()).collect()
+        self.rows.iter().skip(j).step_by(self.g.len()).map(|r| r.get()).collect()
     }
 
     fn premultiplied(&self, y: &[f64]) -> Vec<f64> {
@@ -161,8 +162,8 @@ impl<I: Index> Operator for Singletons<'_, I> {
             }
             let mut useful = false;
             for (r, line) in self.row(i).iter().zip(missing.chunks_exact_mut(self.length)) {
-                if line[r.at()] > 0.0 {
-                    line[r.at()] -= 1.0;
+                if line[r.get()] > 0.0 {
+                    line[r.get()] -= 1.0;
                     open -= 1.0;
                     useful = true;
                 }
@@ -183,11 +184,11 @@ impl<I: Index> Operator for Singletons<'_, I> {
         // <E_i, E_k> = sum_j g_j^2 [R_ij = R_kj]: a gather from the table that holds g_j^2 at R_ij
         let m = self.g.len();
         for ((r, line), g) in self.row(i).iter().zip(table.chunks_exact_mut(self.length)).zip(self.g) {
-            line[r.at()] = g * g;
+            line[r.get()] = g * g;
         }
         gather(&self.rows[..out.len() * m], m, self.length, table, out);
         for (r, line) in self.row(i).iter().zip(table.chunks_exact_mut(self.length)) {
-            line[r.at()] = 0.0;
+            line[r.get()] = 0.0;
         }
     }
 
@@ -196,7 +197,7 @@ impl<I: Index> Operator for Singletons<'_, I> {
         let mut places = vec![0; self.g.len()];
         for row in self.rows.chunks_exact(self.g.len()) {
             for (j, (place, r)) in places.iter_mut().zip(row).enumerate() {
-                *place = j * self.length + r.at();
+                *place = j * self.length + r.get();
             }
             for (j, &k) in places.iter().enumerate() {
                 let line = &mut matrix[k * (k + 1) / 2..][..=k];
@@ -221,7 +222,7 @@ impl<I: Index> Operator for Singletons<'_, I> {
         for (i, &weight) in w.iter().enumerate().take(self.stored) {
             if weight != 0.0 {
                 for (j, r) in self.row(i).iter().enumerate() {
-                    let k = j * self.length + r.at();
+                    let k = j * self.length + r.get();
                     let (s, e) = two_sum(high[k], weight);
                     high[k] = s;
                     low[k] += e;
@@ -245,7 +246,7 @@ impl<I: Index> Operator for Singletons<'_, I> {
         let mut sum = Sum::default();
         if i < self.stored {
             for (j, (r, &g)) in self.row(i).iter().zip(self.g).enumerate() {
-                sum.add_product(g, y[j * self.length + r.at()]);
+                sum.add_product(g, y[j * self.length + r.get()]);
             }
         }
         sum.pair()

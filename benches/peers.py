@@ -4,6 +4,8 @@ Every line gives the median over repeated pairs (ours, then theirs) and the smal
 ratio seen. Ratios travel between machines, times do not.
 
     python benches/peers.py [name ...]
+
+The group "alse" has a table of its own (`alse.py`): there the gap a solver reaches counts as well.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 
+import alse
 import numpy as np
 
 import stochens_rs as se
@@ -235,14 +238,20 @@ GROUPS = {f.__name__: f for f in (sampling, closed_form, slse, controls, reprodu
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("group", nargs="*", help=f"of {', '.join(GROUPS)}; all by default")
-    chosen = parser.parse_args().group or list(GROUPS)
-    unknown = sorted(set(chosen) - set(GROUPS))
+    names = [*GROUPS, "alse"]
+    parser.add_argument("group", nargs="*", help=f"of {', '.join(names)}; all by default")
+    parser.add_argument("--full", action="store_true", help="alse: every peer at every size")
+    arguments = parser.parse_args()
+    chosen = arguments.group or names
+    unknown = sorted(set(chosen) - set(names))
     if unknown:
-        sys.exit(f"unknown group {unknown[0]!r}: choose from {', '.join(GROUPS)}")
+        sys.exit(f"unknown group {unknown[0]!r}: choose from {', '.join(names)}")
     se.set_num_threads(1)
     print(f"{'work':<48} {'peer':<28} {'ours':>10} {'theirs':>10} {'ratio':>8}   (min .. max)")
     for group in chosen:
+        if group == "alse":
+            alse.run(arguments.full)
+            continue
         for what, peer, ours, share, theirs, their_share in GROUPS[group]():
             mine, others = pairs(ours, theirs)
             ratios = [(b / their_share) / (a / share) for a, b in zip(mine, others, strict=True)]

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
+    "Alse",
     "Draws",
     "alse",
     "alse_path",
@@ -19,6 +20,9 @@ __all__ = [
 ]
 
 _Floats: TypeAlias = NDArray[np.float64]
+_Status: TypeAlias = Literal["optimal", "optimal_inaccurate", "user_limit", "interrupted"]
+# subsimplex, tol, time_limit in seconds, max_passes, threads
+_Limits: TypeAlias = tuple[bool, float, float | None, int | None, int]
 
 @final
 class Draws:
@@ -45,12 +49,32 @@ class Draws:
 def sample_counts(values: _Floats, size: int, scheme: str, key: bytes) -> NDArray[np.int64]: ...
 def closed_form(
     draws: Draws, target: _Floats, subsimplex: bool
-) -> tuple[_Floats, _Floats, float, float, float]: ...
-def alse(
-    realizations: Draws | _Floats, target: _Floats, subsimplex: bool, tol: float, threads: int
-) -> tuple[
-    _Floats, _Floats, float, float, Literal["optimal", "optimal_inaccurate"], str, int, bool
-]: ...
+) -> tuple[_Floats, _Floats, float, float, float, int]: ...
+
+@final
+class Alse:
+    @property
+    def weights(self) -> _Floats: ...
+    @property
+    def estimate(self) -> _Floats: ...
+    @property
+    def error(self) -> float: ...
+    @property
+    def gap(self) -> float: ...
+    @property
+    def lower_bound(self) -> float: ...
+    @property
+    def unseen(self) -> int: ...
+    @property
+    def exact(self) -> bool: ...
+    @property
+    def status(self) -> _Status: ...
+    @property
+    def solver(self) -> str: ...
+    @property
+    def iterations(self) -> int: ...
+
+def alse(realizations: Draws | _Floats, target: _Floats, limits: _Limits) -> Alse: ...
 def slse(
     realizations: Draws | _Floats,
     target: _Floats,
@@ -67,12 +91,10 @@ def alse_path(
 def alse_prefixes(
     draws: Draws,
     target: _Floats,
-    subsimplex: bool,
-    tol: float,
-    threads: int,
+    limits: _Limits,
     sizes: list[int],
     keep_estimates: bool,
-) -> tuple[_Floats, _Floats, list[Literal["optimal", "optimal_inaccurate"]], _Floats]: ...
+) -> tuple[_Floats, _Floats, list[_Status], _Floats]: ...
 def pseudoinverse(b: _Floats) -> tuple[_Floats, int, _Floats, float]: ...
 def realization_controls(
     pinv: _Floats,

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
-from . import _core, _gate
+from . import _alse, _core, _gate
 from ._threads import get_num_threads
 from .ensembles import Counts, Ensemble
 from .exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
-from .fusing import METHODS, _norm, fuse
+from .fusing import METHODS, fuse
 from .results import Fit, Plan, PlanError, Reachability
 from .rng import RngLike, as_key
 from .sampling import sample
@@ -150,16 +150,18 @@ def control(
         u = pinv @ difference
         missed = difference - inputs @ u
     _representable(free, difference, u, missed)
-    needed = _norm(difference)
-    relative = _norm(missed) / needed if needed > 0.0 else 0.0
+    needed = _alse.norm(difference)
+    relative = _alse.norm(missed) / needed if needed > 0.0 else 0.0
     info: dict[str, Any] = {entity.name: entity.description for entity in entities}
     info["singular_values"] = singular_values
     return Plan(
         u=u,
         predicted_state=free + inputs @ u,
-        reachability=Reachability(_norm(missed), relative, rank, condition, relative <= _REACHABLE),
+        reachability=Reachability(
+            _alse.norm(missed), relative, rank, condition, relative <= _REACHABLE
+        ),
         fusion=fusion,
-        status=_worst([entity.status for entity in entities]),
+        status=_alse.worst([entity.status for entity in entities]),
         info=info,
     )
 
@@ -244,11 +246,11 @@ def plan_error(u: Floats, system: System, x0: Floats, xf: Floats) -> PlanError:
         reached = free + pushed
     _representable(difference, best, shift, reached)
     return PlanError(
-        control=_norm(wrong),
-        control_relative=_ratio(_norm(wrong), _norm(best)),
-        state=_norm(shift),
-        state_relative=_ratio(_norm(shift), _norm(reached)),
-        residual=_norm(difference - pushed),
+        control=_alse.norm(wrong),
+        control_relative=_ratio(_alse.norm(wrong), _alse.norm(best)),
+        state=_alse.norm(shift),
+        state_relative=_ratio(_alse.norm(shift), _alse.norm(reached)),
+        residual=_alse.norm(difference - pushed),
     )
 
 
@@ -339,11 +341,6 @@ def _representable(*results: Floats) -> None:
     """Refuse magnitudes whose products overflow: no control can be told from them."""
     if not all(np.isfinite(result).all() for result in results):
         raise NonFiniteError("`A x0`, `xf - A x0` or the control overflows: scale the problem down")
-
-
-def _worst(statuses: list[str]) -> str:
-    order = ("completed", "optimal", "optimal_inaccurate")
-    return max(statuses, key=order.index)
 
 
 def _ratio(value: float, reference: float) -> float:

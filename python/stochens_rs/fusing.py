@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
-from . import _core, _gate
-from ._threads import get_num_threads
+from . import _alse, _core, _gate
 from .ensembles import Ensemble
 from .exceptions import InputError, InputTypeError, ShapeError
 from .results import Fit, Path
@@ -16,10 +15,9 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 Method: TypeAlias = Literal["uniform", "alse", "slse", "slse-safeguarded"]
-Weights: TypeAlias = Literal["simplex", "subsimplex"]
+Weights: TypeAlias = Literal["simplex", "subsimplex", "per-column", "per-row"]
 
 METHODS = ("uniform", "alse", "slse", "slse-safeguarded")
-_WEIGHTS = ("simplex", "subsimplex")
 
 
 def fuse(
@@ -29,6 +27,8 @@ def fuse(
     target: ArrayLike | None = None,
     weights: Weights = "simplex",
     tol: float = 1e-9,
+    time_limit: float | None = None,
+    max_iter: int | None = None,
 ) -> Fit:
     """Fuse the realizations of an ensemble into one estimate.
 
@@ -45,16 +45,26 @@ def fuse(
         What the least-squares methods fit to: a nominal model or a held-out estimate. Required
         for them; for "uniform" it is used for the reported error only. In the paper's analysis it
         is the exact vector or matrix.
-    weights : {"simplex", "subsimplex"}, default "simplex"
-        The weights of "alse" are nonnegative and add up to one, or to at most one.
+    weights : {"simplex", "subsimplex", "per-column", "per-row"}, default "simplex"
+        The weights of "alse" are nonnegative and add up to one, or to at most one. "per-column"
+        gives every column of a matrix weights of its own, each on the simplex ("per-row" for
+        realizations sampled by rows). Such a fit is for product fusion, where only the estimate
+        counts: one realization then has no weight, so controls cannot be averaged with them.
     tol : float, default 1e-9
         "alse" is "optimal" when its gap is at most ``tol * ||target||^2`` (times the squared norm
         of a realization if the target is zero).
+    time_limit : float, optional
+        Seconds after which "alse" returns the best weights so far, status "user_limit". The
+        solver looks at the clock every few milliseconds; by default it takes the time it needs.
+    max_iter : int, optional
+        Passes over the realizations (one product with S, one with its transpose) after which it
+        does so; by default the solver's own limit, 200 000.
 
     Returns
     -------
     Fit
-        Estimate, weights, error, gap and status.
+        Estimate, weights, error, gap and status. Ctrl-C during "alse" of a matrix returns the
+        best weights so far, status "interrupted"; a second one raises KeyboardInterrupt.
 
     Raises
     ------
@@ -68,8 +78,12 @@ def fuse(
     For singleton vectors ALSE has a closed form (Lemma 4.4, corrected): with
     ``tau_k = sign(w_k) target_k / g``, the total weight of the realizations that hit k is the
     Euclidean projection of tau, on the entries seen, onto the simplex; it is shared equally.
-    (The paper's weights ``|w_k|`` do not add up to one.) Everything else is solved numerically;
-    the gap is recomputed from the realizations and decides the status.
+    (The paper's weights ``|w_k|`` do not add up to one.) With weights per column the columns of
+    a matrix decouple into this form, and the error is zero as soon as every entry was hit.
+    Everything else is solved numerically; the gap is recomputed from the realizations and decides
+    the status. When the target lies in the hull of the realizations, the solver stops there and
+    says so (`Fit.exact`); this happens at a finite N, near twice the dimension of the hull or
+    when the rarest entry has been hit, whichever is later.
     SLSE is Lemma 4.5 with the recursion on the fused F: ``F <- (1 - t) F + t E``,
     ``t = clip(<E* - F, E - F> / ||E - F||^2, 0, 1)``. It is at least as good as "uniform" in the
     mean square (independent, unbiased realizations), not for every sample, as the paper has it;
@@ -86,19 +100,18 @@ def fuse(
     >>> fit.status, fit.error < 1e-12
     ('optimal', True)
     """
-    name, subsimplex, tol = _checked(ensemble, method, weights, tol)
+    name = _checked(ensemble, method)
+    wish = _alse.wishes(ensemble, name, weights, tol, time_limit, max_iter)
     goal = None if target is None and name == "uniform" else _goal(ensemble, target, name)
     _gate.memory("the weights", 3 * 8 * ensemble.size)
     if name == "uniform":
         estimate = ensemble.mean()
-        error = None if goal is None else _norm(estimate - goal)
-        size = ensemble.size
-        return Fit(
-            estimate, np.full(size, 1.0 / size), error, None, "completed", name, {}, ensemble
-        )
+        error = None if goal is None else _alse.norm(estimate - goal)
+        equal = np.full(ensemble.size, 1.0 / ensemble.size)
+        return Fit(estimate, equal, error, None, "completed", name, ensemble=ensemble)
     assert goal is not None
     if name == "alse":
-        return _alse(ensemble, goal, subsimplex, tol)
+        return _alse.solve(ensemble, goal, wish)
     steps = _core.slse(
         ensemble._core_realizations(),
         ensemble._lines_of(goal),
@@ -107,7 +120,8 @@ def fuse(
         False,
     )
     estimate = ensemble._from_core(steps[1])
-    return Fit(estimate, steps[0], float(steps[2][0]), None, "completed", name, {}, ensemble)
+    error = float(steps[2][0])
+    return Fit(estimate, steps[0], error, None, "completed", name, ensemble=ensemble)
 
 
 def fuse_path(
@@ -118,6 +132,8 @@ def fuse_path(
     target: ArrayLike,
     weights: Weights = "simplex",
     tol: float = 1e-9,
+    time_limit: float | None = None,
+    max_iter: int | None = None,
     estimates: bool = False,
 ) -> Path:
     """Compute the error after the first k realizations, for each k of a grid.
@@ -128,8 +144,12 @@ def fuse_path(
         N realizations.
     sizes : array_like of int, shape (k,)
         Strictly increasing, from 1 to N.
-    method, weights, tol
-        As in `fuse`.
+    method, weights, tol, max_iter
+        As in `fuse`; `max_iter` holds for every size.
+    time_limit : float, optional
+        As in `fuse`, for all sizes together: those that come too late keep the weights of the
+        last one, with their error and gap, status "user_limit". Ctrl-C does the same, status
+        "interrupted".
     target : array_like, shape of a realization
         What the errors are measured against, and what the least-squares methods fit to.
     estimates : bool, default False
@@ -161,7 +181,8 @@ def fuse_path(
     >>> bool(path.errors[0] > path.errors[2])
     True
     """
-    name, subsimplex, tol = _checked(ensemble, method, weights, tol)
+    name = _checked(ensemble, method)
+    wish = _alse.wishes(ensemble, name, weights, tol, time_limit, max_iter)
     grid = _gate.sizes("sizes", sizes, maximum=ensemble.size)
     goal = _goal(ensemble, target, name)
     if estimates:
@@ -177,41 +198,30 @@ def fuse_path(
         )
     elif name == "uniform" and draws is not None:
         errors, stack = _core.uniform_path(draws, lines, counts, estimates)
-    elif name == "alse" and draws is not None and draws.lines == 1:
-        errors, gaps, relative, stack = _core.alse_path(draws, lines, subsimplex, counts, estimates)
-        statuses = tuple("optimal" if g <= tol else "optimal_inaccurate" for g in relative)
     elif name == "alse" and draws is not None:
-        errors, gaps, solved, stack = _core.alse_prefixes(
-            draws, lines, subsimplex, tol, get_num_threads(), counts, estimates
-        )
-        statuses = tuple(solved)
+        errors, gaps, statuses, stack = _alse.path(ensemble, draws, goal, wish, counts, estimates)
     else:
-        fits = [
-            fuse(ensemble.prefix(k), method, target=goal, weights=weights, tol=tol) for k in counts
-        ]
-        errors = np.array([fit.error for fit in fits], dtype=np.float64)
-        stack = np.stack([fit.estimate.ravel() for fit in fits])
-        statuses = tuple(fit.status for fit in fits)
-        if name == "alse":
-            gaps = np.array([fit.gap for fit in fits], dtype=np.float64)
+        errors, gaps, statuses, stack = _one_by_one(ensemble, goal, name, wish, counts)
     kept = ensemble._stack_from_core(stack) if estimates else None
     return Path(grid, errors, name, statuses, gaps, kept)
 
 
-def _alse(ensemble: Ensemble, goal: NDArray[np.float64], subsimplex: bool, tol: float) -> Fit:
-    lines = ensemble._lines_of(goal)
-    info: dict[str, Any] = {"weights": "subsimplex" if subsimplex else "simplex", "tol": tol}
-    draws = ensemble._draws
-    if draws is not None and draws.lines == 1:
-        weights, estimate, error, gap, relative = _core.closed_form(draws, lines, subsimplex)
-        status = "optimal" if relative <= tol else "optimal_inaccurate"
-        info |= {"solver": "closed form", "iterations": 0}
-    else:
-        weights, estimate, error, gap, status, solver, iterations, exact = _core.alse(
-            ensemble._core_realizations(), lines, subsimplex, tol, get_num_threads()
-        )
-        info |= {"solver": solver, "iterations": iterations, "exact": exact}
-    return Fit(ensemble._from_core(estimate), weights, error, gap, status, "alse", info, ensemble)
+def _one_by_one(
+    ensemble: Ensemble, goal: NDArray[np.float64], method: str, wish: _alse.Wishes, sizes: list[int]
+) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, tuple[str, ...], NDArray[np.float64]]:
+    """Dense realizations: every prefix by itself, all within one time limit."""
+    clock = _alse.Clock(wish)
+    fits = []
+    for k in sizes:
+        prefix = ensemble.prefix(k)
+        if method == "alse":
+            fits.append(_alse.solve(prefix, goal, clock.left()))
+        else:
+            fits.append(fuse(prefix, "uniform", target=goal))
+    errors = np.array([fit.error for fit in fits], dtype=np.float64)
+    gaps = np.array([fit.gap for fit in fits], dtype=np.float64) if method == "alse" else None
+    stack = np.stack([fit.estimate.ravel() for fit in fits])
+    return errors, gaps, tuple(fit.status for fit in fits), stack
 
 
 def _goal(ensemble: Ensemble, target: ArrayLike | None, method: str) -> NDArray[np.float64]:
@@ -226,21 +236,9 @@ def _goal(ensemble: Ensemble, target: ArrayLike | None, method: str) -> NDArray[
     return goal
 
 
-def _checked(ensemble: object, method: str, weights: str, tol: float) -> tuple[str, bool, float]:
-    """Check what `fuse` and `fuse_path` share: the method, whether "subsimplex", the tolerance."""
+def _checked(ensemble: object, method: str) -> str:
     if not isinstance(ensemble, Ensemble):
         raise InputTypeError(
             f"`ensemble` must be an Ensemble (see `sample`), got {type(ensemble).__name__}"
         )
-    name = _gate.choice("method", method, METHODS)
-    subsimplex = _gate.choice("weights", weights, _WEIGHTS) == "subsimplex"
-    tol = _gate.positive("tol", tol)
-    if subsimplex and name != "alse":
-        raise InputError(f"`weights` must be 'simplex' for method '{name}', got 'subsimplex'")
-    return name, subsimplex, tol
-
-
-def _norm(values: NDArray[np.float64]) -> float:
-    """2-norm of all entries, scaled so that squares neither overflow nor vanish."""
-    largest = float(np.abs(values).max())
-    return largest and largest * float(np.linalg.norm((values / largest).ravel()))
+    return _gate.choice("method", method, METHODS)

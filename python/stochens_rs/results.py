@@ -1,8 +1,10 @@
 """What the functions return: frozen records, each field with its shape and meaning.
 
 A ``status`` says how a computation ended; wrong input raises instead. "completed": a method with
-nothing to optimise ran through. "optimal": the recomputed gap is within the tolerance.
-"optimal_inaccurate": feasible weights with a larger gap, which is reported.
+nothing to optimise ran through. "optimal": the recomputed gap is within the tolerance. The others
+come with feasible weights, the best found, and a larger gap, which is reported:
+"optimal_inaccurate": no solver got further; "user_limit": the time or the passes granted ran out;
+"interrupted": Ctrl-C.
 """
 
 from __future__ import annotations
@@ -30,18 +32,28 @@ class Fit:
     estimate : ndarray, shape of a realization
         ``sum_s weights[s] E_s``.
     weights : ndarray, shape (N,)
-        Nonnegative; their sum is 1 (at most 1 for ``weights="subsimplex"``).
+        Nonnegative; their sum is 1 (at most 1 for ``weights="subsimplex"``). Shape (N, m) for
+        ``weights="per-column"``: ``weights[:, j]`` belongs to column j; (N, n) for "per-row".
     error : float or None
         ``||estimate - target||`` (2-norm; Frobenius for matrices); None without a target.
     gap : float or None
         For ALSE: ``max_v <f', w - v>`` over the weight set, ``f = ||sum w E - target||^2``,
         recomputed from the realizations; ``f - min f <= gap``. None for other methods.
     status : str
-        "completed", "optimal" or "optimal_inaccurate".
+        "completed", "optimal", "optimal_inaccurate", "user_limit" or "interrupted".
     method : str
         The method asked for.
+    lower_bound : float or None
+        For ALSE: no weights of the set have an error below this one; from the gap, or from the
+        entries that no realization hits, whichever says more. None for other methods.
+    exact : bool
+        For ALSE: the target lies in the hull of the realizations; what is left of the error is
+        rounding.
+    unseen : int or None
+        For ALSE: entries of the target that are not zero while they are in every realization. No
+        weights reach them: the error is at least their norm. None for other methods.
     info : dict
-        For ALSE "solver", "iterations", "exact" and the settings; empty for other methods.
+        For ALSE "solver", "iterations" and the settings; empty for other methods.
     ensemble : Ensemble
         The realizations.
     """
@@ -52,6 +64,9 @@ class Fit:
     gap: float | None
     status: str
     method: str
+    lower_bound: float | None = None
+    exact: bool = False
+    unseen: int | None = None
     info: dict[str, Any] = field(default_factory=dict)
     ensemble: Ensemble | None = None
 

@@ -1,12 +1,16 @@
-//! ALSE for one line (a vector): the corrected Lemma 4.4, for any target.
+//! ALSE line by line: the corrected Lemma 4.4, for any target.
 //!
-//! Realizations of a vector lie on the coordinate axes, so only the total weight `Y_k` of every component matters:
+//! Realizations of a line (a vector, or one column of a matrix with weights of its own) lie on the coordinate axes, so only
+//! the total weight `Y_k` of every component matters:
 //!
 //! `J = g^2 sum_{k seen} (Y_k - tau_k)^2 + sum_{k unseen} t_k^2`, `tau_k = sign(w_k) t_k / g`,
 //!
 //! and the minimiser is the Euclidean projection of `tau` (on the components seen) onto the simplex. With `t = w` it is a
 //! constant upward shift, `Y_k = |w_k| / g + delta / #seen`, where `delta` is the probability of what was not seen; the
 //! paper's `Y_k = |w_k|` is feasible in neither set. A total is split equally among the realizations that share it.
+//! The lines of a matrix decouple as soon as each has its own weights: `J` is the sum of theirs.
+
+use std::ops::Range;
 
 use super::simplex::project;
 use super::{Weights, distance, power_of_two_scale};
@@ -14,38 +18,49 @@ use crate::error::{Result, try_zeros};
 use crate::parallel::Stop;
 use crate::sample::{Index as _, Law, Singletons, with_indices};
 
-/// The solution of the least-squares problem for one line.
+/// The solution of the least-squares problem of every line.
 #[derive(Debug, Clone)]
 pub struct ClosedForm {
-    /// One weight per realization.
+    /// One weight per realization and line, realization by realization.
     pub weights: Vec<f64>,
-    /// `sum_i w_i E_i`.
+    /// `sum_i w_ij E_i` in line `j`.
     pub estimate: Vec<f64>,
-    /// `||sum_i w_i E_i - t||_2`.
+    /// `||estimate - t||_2`.
     pub error: f64,
     /// The squared error.
     pub objective: f64,
-    /// The Frank-Wolfe gap of the squared error, recomputed from the data.
+    /// The Frank-Wolfe gap of the squared error, recomputed from the data: the sum over the lines.
     pub gap: Gap,
+    /// Entries of the target that are not zero and that no realization hits.
+    pub unseen: usize,
 }
 
-/// Solves `min ||sum_i w_i E_i - target||_2` for realizations of a vector.
+/// Solves `min ||sum_i w_ij E_ij - t_j||_2` for every line `j`, each with weights of its own.
 ///
-/// The law must have one line, and the target as many entries as that.
+/// The target must have as many entries as the law.
 ///
 /// # Errors
 /// [`crate::Error::Interrupted`] after a stop, [`crate::Error::Memory`] if the weights do not fit.
 pub fn closed_form(draws: &Singletons, target: &[f64], set: Weights, stop: &Stop) -> Result<ClosedForm> {
     let law = draws.law();
+    let (lines, length) = (law.lines(), law.length());
     let counts = draws.counts(stop)?;
     let totals = totals(law, &counts, target, set);
     let share: Vec<f64> =
         totals.iter().zip(&counts).map(|(total, &count)| if count > 0 { total / count as f64 } else { 0.0 }).collect();
-    let mut weights = try_zeros("the weights", draws.size())?;
+    let mut weights = try_zeros("the weights", draws.size() * lines)?;
+    let chunk = ((1 << 16) / lines).max(1) * lines; // whole realizations
     with_indices!(&**draws.indices(), indices => {
-        for (weights, indices) in weights.chunks_mut(1 << 16).zip(indices.chunks(1 << 16)) {
+        for (weights, indices) in weights.chunks_mut(chunk).zip(indices.chunks(chunk)) {
             stop.check()?;
-            weights.iter_mut().zip(indices).for_each(|(w, r)| *w = share[r.get()]);
+            if lines == 1 {
+                weights.iter_mut().zip(indices).for_each(|(w, r)| *w = share[r.get()]);
+                continue;
+            }
+            for (weights, indices) in weights.chunks_mut(lines).zip(indices.chunks(lines)) {
+                let shares = share.chunks(length);
+                weights.iter_mut().zip(indices).zip(shares).for_each(|((w, r), share)| *w = share[r.get()]);
+            }
         }
     });
     let estimate = estimate(law, &totals);
@@ -56,19 +71,31 @@ pub fn closed_form(draws: &Singletons, target: &[f64], set: Weights, stop: &Stop
         objective: error * error,
         error,
         estimate,
+        unseen: by_line(law)
+            .map(|(g, k)| k.filter(|&k| target[k] != 0.0 && (counts[k] == 0 || g == 0.0)).count())
+            .sum(),
     })
 }
 
-/// `Y`: the total weight of every component, zero where nothing was seen.
+/// The entries of every line.
+fn by_line(law: &Law) -> impl Iterator<Item = (f64, Range<usize>)> {
+    let length = law.length();
+    law.gamma().iter().enumerate().map(move |(j, &g)| (g, j * length..(j + 1) * length))
+}
+
+/// `Y`: the total weight of every component of every line, zero where nothing was seen.
 pub(super) fn totals(law: &Law, counts: &[u64], target: &[f64], set: Weights) -> Vec<f64> {
-    let g = law.gamma()[0];
+    let signs = law.signs();
+    by_line(law).flat_map(|(g, k)| line_totals(g, &signs[k.clone()], &counts[k.clone()], &target[k], set)).collect()
+}
+
+fn line_totals(g: f64, signs: &[f64], counts: &[u64], target: &[f64], set: Weights) -> Vec<f64> {
     let size: u64 = counts.iter().sum();
     if g == 0.0 {
         // every realization is zero: any weights do, the uniform ones are the smallest
         return counts.iter().map(|&count| count as f64 / size.max(1) as f64).collect();
     }
     let seen: Vec<usize> = (0..counts.len()).filter(|&k| counts[k] > 0).collect();
-    let signs = law.signs();
     let tau: Vec<f64> = seen.iter().map(|&k| (signs[k] * (target[k] / g)).clamp(-1e300, 1e300)).collect();
     let clipped: f64 = tau.iter().map(|t| t.max(0.0)).sum();
     let projected = match set {
@@ -82,7 +109,7 @@ pub(super) fn totals(law: &Law, counts: &[u64], target: &[f64], set: Weights) ->
     totals
 }
 
-/// `sum_i w_i E_i` from the totals.
+/// `sum_i w_ij E_i` from the totals.
 pub(super) fn estimate(law: &Law, totals: &[f64]) -> Vec<f64> {
     law.atoms().iter().zip(totals).map(|(atom, total)| atom * total).collect()
 }
@@ -96,22 +123,25 @@ pub struct Gap {
     pub relative: f64,
 }
 
-/// `max_v <f'(w), w - v>` over the vertices `v` of the weight set, `f'_i = 2 <E_i, sum w E - t>`.
+/// `max_v <f'(w), w - v>` over the vertices `v` of the weight set, `f'_i = 2 <E_i, sum w E - t>`; a sum over the lines,
+/// each of which has a vertex of its own.
 pub(super) fn gap(law: &Law, counts: &[u64], totals: &[f64], estimate: &[f64], target: &[f64], set: Weights) -> Gap {
     let scale = power_of_two_scale(law.gamma().iter().chain(target));
     let atoms = law.atoms();
-    let seen = (0..counts.len()).filter(|&k| counts[k] > 0);
     let gradient = |k: usize| 2.0 * (atoms[k] / scale) * ((estimate[k] - target[k]) / scale);
-    let mut smallest = if set == Weights::Subsimplex { 0.0 } else { f64::INFINITY };
-    let mut at_solution = 0.0;
-    for k in seen {
-        smallest = gradient(k).min(smallest);
-        at_solution += totals[k] * gradient(k);
+    let mut gap = 0.0;
+    for (_, line) in by_line(law) {
+        let mut smallest = if set == Weights::Subsimplex { 0.0 } else { f64::INFINITY };
+        let mut at_solution = 0.0;
+        for k in line.filter(|&k| counts[k] > 0) {
+            smallest = gradient(k).min(smallest);
+            at_solution += totals[k] * gradient(k);
+        }
+        gap += if smallest == f64::INFINITY { 0.0 } else { (at_solution - smallest).max(0.0) };
     }
-    let gap = if smallest == f64::INFINITY { 0.0 } else { (at_solution - smallest).max(0.0) };
-    let squared_target: f64 = target.iter().map(|t| (t / scale).powi(2)).sum();
-    let squared_atom = (law.gamma()[0] / scale).powi(2);
-    let reference = if squared_target > 0.0 { squared_target } else { squared_atom };
+    let square = |values: &[f64]| values.iter().map(|v| (v / scale).powi(2)).sum::<f64>();
+    let squared_target = square(target);
+    let reference = if squared_target > 0.0 { squared_target } else { square(law.gamma()) };
     Gap { absolute: gap * scale * scale, relative: if gap > 0.0 { gap / reference } else { 0.0 } }
 }
 
@@ -164,6 +194,21 @@ mod tests {
         let fit = closed_form(&draws(&[0.0, 0.0], &[0, 0, 0, 0]), &[0.0, 0.0], Weights::Simplex, &Stop::new()).unwrap();
         assert_eq!(fit.weights, [0.25; 4]);
         assert_eq!((fit.error, fit.gap.absolute), (0.0, 0.0));
+    }
+
+    #[test]
+    fn every_line_of_a_matrix_is_solved_by_itself() {
+        // columns (3, 4) and (1, 1): the first seen whole, the second in its first entry only
+        let law = Arc::new(Law::new(vec![3.0, 4.0, 1.0, 1.0], 2, 2).unwrap());
+        let both = Singletons::new(law, Indices::U8(vec![0, 0, 1, 0]), 2).unwrap();
+        let target = [3.0, 4.0, 1.0, 1.0];
+        let fit = closed_form(&both, &target, Weights::Simplex, &Stop::new()).unwrap();
+        let first = closed_form(&draws(&[3.0, 4.0], &[0, 1]), &target[..2], Weights::Simplex, &Stop::new()).unwrap();
+        let second = closed_form(&draws(&[1.0, 1.0], &[0, 0]), &target[2..], Weights::Simplex, &Stop::new()).unwrap();
+        assert_eq!(fit.weights, [first.weights[0], second.weights[0], first.weights[1], second.weights[1]]);
+        assert!((fit.objective - first.objective - second.objective).abs() < 1e-15);
+        assert_eq!((fit.unseen, first.unseen, second.unseen), (1, 0, 1));
+        assert!(fit.gap.relative < 1e-15);
     }
 
     #[test]

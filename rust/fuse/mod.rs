@@ -1,8 +1,8 @@
 //! Weights on the simplex for realizations `E_1 .. E_N`: uniform, accumulated and sequential least squares.
 //!
 //! Accumulated least squares (ALSE) minimises `||sum_i w_i E_i - E*||` over `w >= 0, sum w = 1` in the 2-norm (Frobenius
-//! for matrices): by a formula for singleton vectors ([`closed_form()`]), by a certified solver for everything else
-//! ([`alse()`]). Sequential least squares (SLSE) takes one line search per realization ([`slse()`]).
+//! for matrices): by a formula for singleton vectors, and for matrices whose columns have weights of their own
+//! ([`closed_form()`]), by a certified solver for everything else ([`alse()`]). Sequential least squares (SLSE) takes one line search per realization ([`slse()`]).
 //! The target `E*` is an argument everywhere: a nominal model or a held-out estimate, never a hidden truth.
 
 mod alse;
@@ -13,7 +13,7 @@ mod simplex;
 mod slse;
 mod slse_dense;
 
-pub use alse::{Realizations, Solution, Status, alse, alse_prefixes, second_opinion};
+pub use alse::{Realizations, Settings, Solution, Status, alse, alse_prefixes, second_opinion};
 pub use closed_form::{ClosedForm, Gap, closed_form, project_on_simplex};
 pub use dense::Dense;
 pub use path::{Path, alse_path, uniform_path};

@@ -46,7 +46,7 @@ pub fn uniform_path(draws: &Singletons, target: &[f64], sizes: &[usize], keep: b
     Ok(path)
 }
 
-/// Accumulated least squares of growing prefixes, for one line (the closed form).
+/// Accumulated least squares of growing prefixes, every line with weights of its own (the closed form).
 ///
 /// # Errors
 /// [`crate::Error::Interrupted`] after a stop.

@@ -1,13 +1,14 @@
 //! The fusing methods, for `Draws` and for dense realizations.
 
+use std::time::Duration;
+
 use numpy::{PyArray1, PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
 
 use super::convert::{Realizations, array1, array2, dense, sizes, target};
 use super::draws::Draws;
-use super::error::InputError;
-use super::run::run;
-use crate::fuse::{self, Weights};
+use super::run::{run, run_to_best};
+use crate::fuse::{self, Settings, Weights};
 
 type Array1<'py> = Bound<'py, PyArray1<f64>>;
 type Array2<'py> = Bound<'py, PyArray2<f64>>;
@@ -16,63 +17,89 @@ fn set(subsimplex: bool) -> Weights {
     if subsimplex { Weights::Subsimplex } else { Weights::Simplex }
 }
 
-fn require_one_line(draws: &Draws) -> PyResult<()> {
-    match draws.inner.law().lines() {
-        1 => Ok(()),
-        lines => Err(InputError::new_err(format!("`draws` must have one line for the closed form, got {lines}"))),
+/// What a caller of the solver may set, as Python hands it over: `(subsimplex, tol, time_limit, max_passes, threads)`.
+type Wishes = (bool, f64, Option<f64>, Option<usize>, usize);
+
+fn settings((subsimplex, tol, time_limit, max_passes, threads): Wishes) -> Settings {
+    let time_limit = time_limit.map(|seconds| Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX));
+    Settings { set: set(subsimplex), tol, time_limit, max_passes, threads }
+}
+
+/// The result of work that may have been ended by Ctrl-C: it must say so itself, or the exception goes its way.
+fn told<T>((result, signal): (T, Option<PyErr>), says_so: impl Fn(&T) -> bool) -> PyResult<T> {
+    match signal {
+        Some(signal) if !says_so(&result) => Err(signal),
+        _ => Ok(result),
     }
 }
 
-/// ALSE of a vector: `(weights, estimate, error, gap, relative_gap)`.
+/// ALSE of every line by itself: `(weights, estimate, error, gap, relative_gap, unseen)`.
 #[pyfunction]
 pub(super) fn closed_form<'py>(
     py: Python<'py>,
     draws: PyRef<'py, Draws>,
     target: PyReadonlyArray2<'py, f64>,
     subsimplex: bool,
-) -> PyResult<(Array1<'py>, Array2<'py>, f64, f64, f64)> {
-    require_one_line(&draws)?;
-    let (inner, length) = (draws.inner.clone(), draws.inner.law().length());
-    let values = self::target(&target, length)?;
-    let fit = run(py, 3.0 * inner.size() as f64, |stop| fuse::closed_form(&inner, values, set(subsimplex), stop))?;
-    let estimate = array2(py, fit.estimate, 1, length)?;
-    Ok((array1(py, fit.weights), estimate, fit.error, fit.gap.absolute, fit.gap.relative))
+) -> PyResult<(Array2<'py>, Array2<'py>, f64, f64, f64, usize)> {
+    let inner = draws.inner.clone();
+    let (lines, length) = (inner.law().lines(), inner.law().length());
+    let values = self::target(&target, lines * length)?;
+    let cost = 3.0 * inner.size() as f64 * lines as f64;
+    let fit = run(py, cost, |stop| fuse::closed_form(&inner, values, set(subsimplex), stop))?;
+    let weights = array2(py, fit.weights, inner.size(), lines)?;
+    let estimate = array2(py, fit.estimate, lines, length)?;
+    Ok((weights, estimate, fit.error, fit.gap.absolute, fit.gap.relative, fit.unseen))
 }
 
-/// ALSE by a certified solver: `(weights, estimate, error, gap, status, solver, iterations, exact)`.
+/// ALSE by a certified solver.
+#[pyclass(frozen, get_all, module = "stochens_rs._core")]
+pub(super) struct Alse {
+    weights: Py<PyArray1<f64>>,
+    estimate: Py<PyArray2<f64>>,
+    error: f64,
+    gap: f64,
+    lower_bound: f64,
+    unseen: usize,
+    exact: bool,
+    status: &'static str,
+    solver: &'static str,
+    iterations: u64,
+}
+
+/// ALSE by a certified solver; `limits` are `(subsimplex, tol, time_limit, max_passes, threads)`.
 #[pyfunction]
-#[expect(clippy::type_complexity, reason = "one tuple per call, named in the stub")]
 pub(super) fn alse<'py>(
     py: Python<'py>,
     realizations: Realizations<'py>,
     target: PyReadonlyArray2<'py, f64>,
-    subsimplex: bool,
-    tol: f64,
-    threads: usize,
-) -> PyResult<(Array1<'py>, Array2<'py>, f64, f64, &'static str, &'static str, u64, bool)> {
+    limits: Wishes,
+) -> PyResult<Alse> {
     let (lines, length) = target.as_array().dim();
-    let set = set(subsimplex);
-    let solution = match &realizations {
+    let settings = settings(limits);
+    let ended = match &realizations {
         Realizations::Draws(draws) => {
             let (inner, values) = (draws.inner.clone(), self::target(&target, draws.inner.law().values().len())?);
-            run(py, f64::INFINITY, |stop| fuse::alse(&inner, values, set, tol, threads, stop))?
+            run_to_best(py, |stop| fuse::alse(&inner, values, &settings, stop))?
         }
         Realizations::Dense(samples) => {
             let samples = dense(samples)?;
             let values = self::target(&target, samples.dim())?;
-            run(py, f64::INFINITY, |stop| fuse::alse(&samples, values, set, tol, threads, stop))?
+            run_to_best(py, |stop| fuse::alse(&samples, values, &settings, stop))?
         }
     };
-    Ok((
-        array1(py, solution.weights),
-        array2(py, solution.estimate, lines, length)?,
-        solution.error,
-        solution.gap,
-        solution.status.as_str(),
-        solution.solver,
-        solution.iterations,
-        solution.exact,
-    ))
+    let solution = told(ended, |solution| solution.status == fuse::Status::Interrupted)?;
+    Ok(Alse {
+        weights: array1(py, solution.weights).unbind(),
+        estimate: array2(py, solution.estimate, lines, length)?.unbind(),
+        error: solution.error,
+        gap: solution.gap,
+        lower_bound: solution.lower_bound,
+        unseen: solution.unseen,
+        exact: solution.exact,
+        status: solution.status.as_str(),
+        solver: solution.solver,
+        iterations: solution.iterations,
+    })
 }
 
 /// SLSE: `(weights, estimate, errors, estimates)`, the last two at `sizes`.
@@ -139,11 +166,10 @@ pub(super) fn alse_path<'py>(
     sizes: Vec<usize>,
     keep_estimates: bool,
 ) -> PyResult<(Array1<'py>, Array1<'py>, Array1<'py>, Array2<'py>)> {
-    require_one_line(&draws)?;
     let inner = draws.inner.clone();
     self::sizes(&sizes, inner.size())?;
     let values = self::target(&target, inner.law().values().len())?;
-    let cost = inner.size() as f64 + 50.0 * (sizes.len() * values.len()) as f64;
+    let cost = (inner.size() * inner.law().lines()) as f64 + 50.0 * (sizes.len() * values.len()) as f64;
     let path = run(py, cost, |stop| fuse::alse_path(&inner, values, set(subsimplex), &sizes, keep_estimates, stop))?;
     let kept = if keep_estimates { sizes.len() } else { 0 };
     let gaps = path.gaps.iter().map(|gap| gap.absolute).collect();
@@ -152,29 +178,34 @@ pub(super) fn alse_path<'py>(
     Ok((array1(py, path.errors), array1(py, gaps), array1(py, relative), estimates))
 }
 
-/// ALSE of prefixes by the certified solver: `(errors, gaps, statuses, estimates)`.
+/// ALSE of prefixes by the certified solver: `(errors, gaps, statuses, estimates)`; `limits` as for `alse`.
 #[pyfunction]
-#[expect(clippy::too_many_arguments, reason = "the arguments of one call")]
 pub(super) fn alse_prefixes<'py>(
     py: Python<'py>,
     draws: PyRef<'py, Draws>,
     target: PyReadonlyArray2<'py, f64>,
-    subsimplex: bool,
-    tol: f64,
-    threads: usize,
+    limits: Wishes,
     sizes: Vec<usize>,
     keep_estimates: bool,
 ) -> PyResult<(Array1<'py>, Array1<'py>, Vec<&'static str>, Array2<'py>)> {
     let inner = draws.inner.clone();
     self::sizes(&sizes, inner.size())?;
     let values = self::target(&target, inner.law().values().len())?;
-    let path = run(py, f64::INFINITY, |stop| {
-        fuse::alse_prefixes(&inner, values, set(subsimplex), tol, threads, &sizes, stop)
+    let settings = settings(limits);
+    let ended = run_to_best(py, |stop| {
+        let (mut errors, mut gaps, mut statuses, mut estimates) = (vec![], vec![], vec![], vec![]);
+        fuse::alse_prefixes(&inner, values, &settings, &sizes, stop, |fit| {
+            errors.push(fit.error);
+            gaps.push(fit.gap);
+            statuses.push(fit.status);
+            if keep_estimates {
+                estimates.extend_from_slice(&fit.estimate);
+            }
+        })?;
+        Ok((errors, gaps, statuses, estimates))
     })?;
-    let errors = path.iter().map(|fit| fit.error).collect();
-    let gaps = path.iter().map(|fit| fit.gap).collect();
-    let statuses = path.iter().map(|fit| fit.status.as_str()).collect();
+    let (errors, gaps, statuses, estimates) = told(ended, |path| path.2.contains(&fuse::Status::Interrupted))?;
     let kept = if keep_estimates { sizes.len() } else { 0 };
-    let estimates = path.into_iter().take(kept).flat_map(|fit| fit.estimate).collect();
+    let statuses = statuses.iter().map(|status| status.as_str()).collect();
     Ok((array1(py, errors), array1(py, gaps), statuses, array2(py, estimates, kept, values.len())?))
 }

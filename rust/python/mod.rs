@@ -20,7 +20,7 @@ mod _core {
     #[pymodule_export]
     use super::draws::{Draws, sample_counts};
     #[pymodule_export]
-    use super::fuse::{alse, alse_path, alse_prefixes, closed_form, slse, uniform_path};
+    use super::fuse::{Alse, alse, alse_path, alse_prefixes, closed_form, slse, uniform_path};
     #[pymodule_export]
     use super::version;
 }

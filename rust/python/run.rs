@@ -5,6 +5,7 @@ use std::sync::Mutex;
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::Duration;
 
+use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
 
 use super::error::from_panic;
@@ -27,15 +28,52 @@ where
     F: FnOnce(&Stop) -> Result<T> + Send,
 {
     let stop = Stop::new();
-    let guarded = || match catch_unwind(AssertUnwindSafe(|| work(&stop))) {
+    if cost < SHORT {
+        return py.detach(guarded(&stop, work));
+    }
+    attended(py, &stop, guarded(&stop, work), Err)
+}
+
+/// [`run`] for long work that answers a stop with the best it has: after Ctrl-C that is returned, beside the exception. A
+/// second Ctrl-C, and whatever else a signal handler raises, ends the call as in [`run`].
+pub(super) fn run_to_best<T, F>(py: Python<'_>, work: F) -> PyResult<(T, Option<PyErr>)>
+where
+    T: Send,
+    F: FnOnce(&Stop) -> Result<T> + Send,
+{
+    let stop = Stop::new();
+    let mut kept = None;
+    let result = attended(py, &stop, guarded(&stop, work), |signal| {
+        let first = kept.is_none();
+        if !first || !Python::attach(|py| signal.is_instance_of::<PyKeyboardInterrupt>(py)) {
+            return Err(signal);
+        }
+        kept = Some(signal);
+        Ok(())
+    })?;
+    Ok((result, kept))
+}
+
+fn guarded<'a, T, F>(stop: &'a Stop, work: F) -> impl FnOnce() -> PyResult<T> + use<'a, T, F>
+where
+    F: FnOnce(&Stop) -> Result<T>,
+{
+    move || match catch_unwind(AssertUnwindSafe(|| work(stop))) {
         Ok(result) => result.map_err(PyErr::from),
         Err(payload) => Err(from_panic(&*payload)),
-    };
-    if cost < SHORT {
-        return py.detach(guarded);
     }
+}
+
+/// Runs `work` on a thread and looks for signals; one of them raises `stop`, and `after` says whether to wait for the
+/// result all the same.
+fn attended<T: Send>(
+    py: Python<'_>,
+    stop: &Stop,
+    work: impl FnOnce() -> PyResult<T> + Send,
+    mut after: impl FnMut(PyErr) -> PyResult<()> + Send,
+) -> PyResult<T> {
     py.detach(|| {
-        let slot = Mutex::new(Some(guarded));
+        let slot = Mutex::new(Some(work));
         let (send, receive) = channel();
         std::thread::scope(|scope| {
             let slot = &slot;
@@ -50,7 +88,7 @@ where
                     Err(RecvTimeoutError::Timeout) => {
                         if let Err(signal) = Python::attach(|py| py.check_signals()) {
                             stop.request();
-                            return Err(signal);
+                            after(signal)?;
                         }
                     }
                     Err(RecvTimeoutError::Disconnected) => {

@@ -4,7 +4,7 @@ use proptest::prelude::*;
 use std::sync::Arc;
 
 use stochens::control::{Entity, Realized, pseudoinverse};
-use stochens::fuse::{Dense, Weights, alse, closed_form, distance, second_opinion, slse};
+use stochens::fuse::{Dense, Settings, Weights, alse, closed_form, distance, second_opinion, slse};
 use stochens::{Key, Law, Scheme, Singletons, Stop, sample};
 
 fn draws(values: Vec<f64>, lines: usize, size: usize, seed: u8) -> Singletons {
@@ -34,7 +34,7 @@ proptest! {
         let set = if subsimplex { Weights::Subsimplex } else { Weights::Simplex };
         let draws = draws(w, 1, size, seed);
         let formula = closed_form(&draws, &target, set, &Stop::new()).unwrap();
-        let solved = second_opinion(&draws, &target, set, 1e-9, &Stop::new()).unwrap();
+        let solved = second_opinion(&draws, &target, &Settings::new(set, 1e-9), &Stop::new()).unwrap();
         let scale = target.iter().map(|t| t * t).sum::<f64>() + draws.law().squared_norm();
         prop_assert!(formula.gap.absolute <= 1e-13 * scale);
         // both gaps bound the distance to the same optimum
@@ -50,8 +50,9 @@ proptest! {
         seed in any::<u8>(),
     ) {
         let draws = draws(values.clone(), 3, size, seed);
-        let alse = alse(&draws, &values, Weights::Simplex, 1e-9, 1, &Stop::new()).unwrap();
-        let second = second_opinion(&draws, &values, Weights::Simplex, 1e-9, &Stop::new()).unwrap();
+        let settings = Settings::new(Weights::Simplex, 1e-9);
+        let alse = alse(&draws, &values, &settings, &Stop::new()).unwrap();
+        let second = second_opinion(&draws, &values, &settings, &Stop::new()).unwrap();
         let slse = slse(&draws, &values, false, &[size], false, &Stop::new()).unwrap();
         let safe = stochens::fuse::slse(&draws, &values, true, &[size], false, &Stop::new()).unwrap();
         let mean = draws.combine(&vec![1.0 / size as f64; size], &Stop::new()).unwrap();

@@ -79,6 +79,8 @@ class Entity:
         errors: dict[Method, FloatArray] = {}
         for method in METHODS:
             path = fuse_path(ensemble, sizes, method, target=target, tol=tol, estimates=True)
+            if "interrupted" in path.statuses:
+                raise KeyboardInterrupt  # half a replicate is of no use
             assert path.estimates is not None  # estimates=True
             estimates[method], errors[method] = path.estimates, path.errors
             if method == "alse":

@@ -5,11 +5,12 @@
 //! wrong optima as solved; everything is divided by the largest norm of a realization first.
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettings, DefaultSettingsBuilder, DefaultSolver, IPSolver, SupportedConeT};
 
-use super::{Proposal, Realizations};
+use super::{Proposal, Realizations, Settings};
 use crate::error::{Error, Result};
 use crate::fuse::Weights;
 use crate::parallel::{Stop, detached};
@@ -27,11 +28,11 @@ struct Conic {
 pub(super) fn propose(
     realizations: &impl Realizations,
     target: &[f64],
-    set: Weights,
+    settings: &Settings,
     norm: f64,
     stop: &Stop,
 ) -> Result<Proposal> {
-    run(conic(realizations, target, set, norm), stop)
+    run(conic(realizations, target, settings.set, norm), settings.time_limit, stop)
 }
 
 fn conic(realizations: &impl Realizations, target: &[f64], set: Weights, norm: f64) -> Conic {
@@ -85,17 +86,17 @@ fn conic(realizations: &impl Realizations, target: &[f64], set: Weights, norm: f
 
 /// Clarabel looks at its stop hook once per iteration, which can take seconds: it solves on a thread that an interrupted
 /// caller leaves behind, and that ends at its next iteration.
-fn run(problem: Conic, stop: &Stop) -> Result<Proposal> {
+fn run(problem: Conic, time_limit: Option<Duration>, stop: &Stop) -> Result<Proposal> {
     let cancelled = Arc::new(Stop::new());
     let hook = Arc::clone(&cancelled);
-    let result = detached("stochens-clarabel", stop, move || solve(&problem, hook));
+    let result = detached("stochens-clarabel", stop, move || solve(&problem, time_limit, hook));
     if result.is_err() {
         cancelled.request();
     }
     result
 }
 
-fn solve(problem: &Conic, cancelled: Arc<Stop>) -> Result<Proposal> {
+fn solve(problem: &Conic, time_limit: Option<Duration>, cancelled: Arc<Stop>) -> Result<Proposal> {
     let refused = |e: &dyn std::fmt::Display| Error::Numerical(format!("Clarabel refused the problem: {e}"));
     let settings: DefaultSettings<f64> = DefaultSettingsBuilder::default()
         .verbose(false)
@@ -103,6 +104,7 @@ fn solve(problem: &Conic, cancelled: Arc<Stop>) -> Result<Proposal> {
         .tol_gap_rel(1e-13)
         .tol_feas(1e-13)
         .max_iter(200)
+        .time_limit(time_limit.map_or(f64::INFINITY, |limit| limit.as_secs_f64()))
         .presolve_enable(false)
         .build()
         .map_err(|e| refused(&e))?;

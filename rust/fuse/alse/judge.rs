@@ -1,6 +1,6 @@
 //! The judge of every proposal: feasible weights, their error and their gap, recomputed from the realizations.
 
-use super::{Proposal, Realizations, Solution, Status};
+use super::{Proposal, Realizations, Settings, Solution, Status};
 use crate::error::Result;
 use crate::fuse::{Weights, distance, power_of_two_scale};
 use crate::parallel::Stop;
@@ -13,10 +13,10 @@ pub(super) fn judge(
     realizations: &impl Realizations,
     proposal: Proposal,
     target: &[f64],
-    set: Weights,
-    tol: f64,
+    settings: &Settings,
     stop: &Stop,
 ) -> Result<Solution> {
+    let Settings { set, tol, .. } = *settings;
     let Proposal { mut weights, solver, iterations } = proposal;
     make_feasible(&mut weights, set);
     let estimate = realizations.combine(&weights, stop)?;
@@ -36,7 +36,8 @@ pub(super) fn judge(
         error,
         weights,
         gap: gap * scale * scale,
-        lower_bound: (error.powi(2) - gap * scale * scale).max(0.0),
+        lower_bound: scale * ((error / scale).powi(2) - gap).max(0.0).sqrt(),
+        unseen: 0,
         exact: false,
         estimate,
         status: if gap <= tol * reference { Status::Optimal } else { Status::OptimalInaccurate },

@@ -2,10 +2,12 @@
 //!
 //! A ladder: our own solver ([`super::simplex`]); where its gap is too large, Clarabel on scaled data; then whichever is
 //! better, with an honest status. A solver only proposes weights: the gap that judges them is recomputed from the
-//! realizations, and the status follows from that gap alone.
+//! realizations, and the status follows from that gap, and from what ended the search if it is too large.
 
 mod clarabel;
 mod judge;
+
+use std::time::{Duration, Instant};
 
 use super::simplex::{self, DenseProblem, IndexView, Options, SingletonProblem};
 use super::{Dense, Weights, distance};
@@ -23,6 +25,10 @@ pub enum Status {
     Optimal,
     /// The best weights found, with a larger gap.
     OptimalInaccurate,
+    /// The best weights when the caller's time or passes ran out.
+    UserLimit,
+    /// The best weights when the caller asked to stop.
+    Interrupted,
 }
 
 impl Status {
@@ -31,7 +37,59 @@ impl Status {
         match self {
             Self::Optimal => "optimal",
             Self::OptimalInaccurate => "optimal_inaccurate",
+            Self::UserLimit => "user_limit",
+            Self::Interrupted => "interrupted",
         }
+    }
+}
+
+/// Which weights are wanted, how well, and what may be spent on them.
+#[derive(Debug, Clone, Copy)]
+pub struct Settings {
+    /// The set the weights live in.
+    pub set: Weights,
+    /// Largest gap, relative to `||E*||^2` (to the squared norm of a realization where `E* = 0`).
+    pub tol: f64,
+    /// Wall time after which the best weights so far are returned.
+    pub time_limit: Option<Duration>,
+    /// Passes over the realizations (one product with `S`, one with `S^T`) after which they are.
+    pub max_passes: Option<usize>,
+    /// Threads over realizations.
+    pub threads: usize,
+}
+
+impl Settings {
+    /// One thread and no limits.
+    pub const fn new(set: Weights, tol: f64) -> Self {
+        Self { set, tol, time_limit: None, max_passes: None, threads: 1 }
+    }
+
+    fn options(&self, clock: &Clock) -> Options {
+        let defaults = Options::default();
+        Options {
+            tol: self.tol,
+            subsimplex: self.set == Weights::Subsimplex,
+            threads: self.threads,
+            time_limit: clock.left(),
+            max_passes: self.max_passes.unwrap_or(defaults.max_passes),
+        }
+    }
+}
+
+/// When the caller's time ends.
+struct Clock(Option<Instant>);
+
+impl Clock {
+    fn start(settings: &Settings) -> Self {
+        Self(settings.time_limit.and_then(|limit| Instant::now().checked_add(limit)))
+    }
+
+    fn left(&self) -> Option<Duration> {
+        self.0.map(|end| end.saturating_duration_since(Instant::now()))
+    }
+
+    fn over(&self) -> bool {
+        self.left() == Some(Duration::ZERO)
     }
 }
 
@@ -46,8 +104,10 @@ pub struct Solution {
     pub error: f64,
     /// `max_v <f'(w), w - v>` over the weight set, for `f = ||sum_i w_i E_i - E*||^2`: at least `f(w) - min f`.
     pub gap: f64,
-    /// A proved lower bound on the squared error of any weights.
+    /// A proved lower bound on the error of any weights.
     pub lower_bound: f64,
+    /// Entries of the target that are not zero while they are in every realization.
+    pub unseen: usize,
     /// The target lies in the hull of the realizations: the error is rounding.
     pub exact: bool,
     /// What the gap says.
@@ -79,8 +139,8 @@ pub trait Realizations {
     fn entries(&self, i: usize, out: &mut Vec<(usize, f64)>);
     /// Nonzero entries of all realizations together, at most.
     fn nonzeros(&self) -> usize;
-    /// Weights and certificate of our own solver.
-    fn solve(&self, target: &[f64], options: &Options, stop: &Stop) -> Result<simplex::Solution>;
+    /// Weights and certificate of our own solver, from the weights of fewer realizations if there are any.
+    fn solve(&self, target: &[f64], options: &Options, warm: Option<&[f64]>, stop: &Stop) -> Result<simplex::Solution>;
 }
 
 /// The solver checks its input again; after the checks here that cannot fail.
@@ -117,8 +177,8 @@ impl Realizations for Singletons {
     fn nonzeros(&self) -> usize {
         Singletons::size(self) * self.law().lines()
     }
-    fn solve(&self, target: &[f64], options: &Options, stop: &Stop) -> Result<simplex::Solution> {
-        with_problem(self, target, |problem| simplex::solve(problem, options, None, stop.flag()))
+    fn solve(&self, target: &[f64], options: &Options, warm: Option<&[f64]>, stop: &Stop) -> Result<simplex::Solution> {
+        with_problem(self, target, |problem| simplex::solve(problem, options, warm, stop.flag()))
     }
 }
 
@@ -158,54 +218,52 @@ impl Realizations for Dense<'_> {
     fn nonzeros(&self) -> usize {
         self.values().len()
     }
-    fn solve(&self, target: &[f64], options: &Options, stop: &Stop) -> Result<simplex::Solution> {
+    fn solve(&self, target: &[f64], options: &Options, warm: Option<&[f64]>, stop: &Stop) -> Result<simplex::Solution> {
         DenseProblem::new(self.values(), Dense::size(self), target)
-            .map(|problem| simplex::solve_dense(&problem, options, None, stop.flag()))
+            .map(|problem| simplex::solve_dense(&problem, options, warm, stop.flag()))
             .map_err(refused)
     }
 }
 
-fn options(set: Weights, tol: f64, threads: usize) -> Options {
-    Options { tol, subsimplex: set == Weights::Subsimplex, threads, ..Options::default() }
-}
-
-/// Solves `min ||sum_i w_i E_i - target||` over `set` to a gap of `tol ||target||^2`.
+/// Solves `min ||sum_i w_i E_i - target||` to a gap of `tol ||target||^2`.
+///
+/// A limit or a stop ends the search, not the call: the best feasible weights come back with their gap and a status that
+/// says so.
 ///
 /// # Errors
-/// [`Error::Interrupted`] after a stop, [`Error::Numerical`] if a solver refuses the problem.
-pub fn alse(
-    realizations: &impl Realizations,
-    target: &[f64],
-    set: Weights,
-    tol: f64,
-    threads: usize,
-    stop: &Stop,
-) -> Result<Solution> {
-    let options = options(set, tol, threads);
-    let own = realizations.solve(target, &options, stop)?;
-    certified(realizations, own, target, set, tol, stop)
+/// [`Error::Numerical`] if a solver refuses the problem.
+pub fn alse(realizations: &impl Realizations, target: &[f64], settings: &Settings, stop: &Stop) -> Result<Solution> {
+    let clock = Clock::start(settings);
+    let own = realizations.solve(target, &settings.options(&clock), None, stop)?;
+    certified(realizations, own, target, settings, &clock, stop)
 }
 
-/// [`alse`] for the first `k` realizations, for each `k` in the increasing `sizes`: each solution starts from the last
-/// one where that pays, and each has its own certificate.
+/// [`alse`] for the first `k` realizations, for each `k` in the increasing `sizes`, in turn handed to `visit`.
+///
+/// The weights of one prefix, padded with zeros, start the next: they are the answer when nothing new helps, and spare
+/// Newton-CG its identification steps while there are few realizations per dimension; with many, a cold start is faster.
+/// The time limit is that of all prefixes together, the limit on passes that of each.
 ///
 /// # Errors
 /// As [`alse`].
 pub fn alse_prefixes(
     draws: &Singletons,
     target: &[f64],
-    set: Weights,
-    tol: f64,
-    threads: usize,
+    settings: &Settings,
     sizes: &[usize],
     stop: &Stop,
-) -> Result<Vec<Solution>> {
-    let options = options(set, tol, threads);
-    let path = with_problem(draws, target, |problem| simplex::solve_path(problem, sizes, &options, stop.flag()))?;
-    path.into_iter()
-        .zip(sizes)
-        .map(|(own, &size)| certified(&draws.prefix(size), own, target, set, tol, stop))
-        .collect()
+    mut visit: impl FnMut(&Solution),
+) -> Result<()> {
+    let clock = Clock::start(settings);
+    let mut warm: Option<Vec<f64>> = None;
+    for &size in sizes {
+        let prefix = draws.prefix(size);
+        let own = prefix.solve(target, &settings.options(&clock), warm.as_deref(), stop)?;
+        let solution = certified(&prefix, own, target, settings, &clock, stop)?;
+        visit(&solution);
+        warm = Some(solution.weights);
+    }
+    Ok(())
 }
 
 /// Our solver's weights with their estimate, or Clarabel's where those are not good enough and Clarabel's are better.
@@ -213,48 +271,66 @@ fn certified(
     realizations: &impl Realizations,
     own: simplex::Solution,
     target: &[f64],
-    set: Weights,
-    tol: f64,
+    settings: &Settings,
+    clock: &Clock,
     stop: &Stop,
 ) -> Result<Solution> {
-    stop.check()?;
-    let estimate = realizations.combine(&own.weights, stop)?;
+    let spent = settings.max_passes.is_some_and(|most| own.info.passes >= most as f64);
+    let status = match own.status {
+        simplex::Status::Optimal => Status::Optimal,
+        simplex::Status::Interrupted => Status::Interrupted,
+        simplex::Status::UserLimit if spent || clock.over() => Status::UserLimit,
+        simplex::Status::UserLimit | simplex::Status::OptimalInaccurate => Status::OptimalInaccurate,
+    };
+    // one pass, done even after a stop: without the estimate the weights are worth little
+    let estimate = realizations.combine(&own.weights, &Stop::new())?;
+    let error = distance(&estimate, target);
     let first = Solution {
-        error: distance(&estimate, target),
+        error,
         estimate,
         gap: own.gap,
-        lower_bound: own.lower_bound,
+        lower_bound: own.least_error.min(error),
+        unseen: own.unseen,
         exact: own.exact,
-        status: if own.status == simplex::Status::Optimal { Status::Optimal } else { Status::OptimalInaccurate },
+        status,
         solver: own.info.phase.as_str(),
         iterations: own.info.passes as u64,
         weights: own.weights,
     };
-    if first.status == Status::Optimal || realizations.nonzeros() > SECOND_OPINION {
+    if status != Status::OptimalInaccurate || realizations.nonzeros() > SECOND_OPINION {
         return Ok(first);
     }
-    let second = second_opinion(realizations, target, set, tol, stop)?;
-    Ok(if second.gap < first.gap { second } else { first })
+    let left = Settings { time_limit: clock.left(), ..*settings };
+    match second_opinion(realizations, target, &left, stop) {
+        Ok(second) if second.gap < first.gap => Ok(Solution { unseen: first.unseen, ..second }),
+        Ok(second) if second.status == Status::UserLimit => Ok(Solution { status: Status::UserLimit, ..first }),
+        Ok(_) => Ok(first),
+        Err(Error::Interrupted) => Ok(Solution { status: Status::Interrupted, ..first }),
+        Err(error) => Err(error),
+    }
 }
 
-/// Clarabel's weights, judged by the same measure.
+/// Clarabel's weights, judged by the same measure. It looks at `settings.time_limit` after each of its iterations and
+/// knows no passes.
 ///
 /// # Errors
-/// As [`alse`].
+/// As [`alse`], and [`Error::Interrupted`] after a stop.
 pub fn second_opinion(
     realizations: &impl Realizations,
     target: &[f64],
-    set: Weights,
-    tol: f64,
+    settings: &Settings,
     stop: &Stop,
 ) -> Result<Solution> {
+    let clock = Clock::start(settings);
     let size = realizations.size();
     let norm = realizations.norm();
     let proposal = if norm == 0.0 {
         // every realization is zero: all weights give the same estimate
         Proposal { weights: vec![1.0 / size as f64; size], solver: "none", iterations: 0 }
     } else {
-        clarabel::propose(realizations, target, set, norm, stop)?
+        clarabel::propose(realizations, target, settings, norm, stop)?
     };
-    judge::judge(realizations, proposal, target, set, tol, stop)
+    let solution = judge::judge(realizations, proposal, target, settings, stop)?;
+    let limited = solution.status == Status::OptimalInaccurate && clock.over();
+    Ok(Solution { status: if limited { Status::UserLimit } else { solution.status }, ..solution })
 }

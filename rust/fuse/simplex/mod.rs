@@ -60,19 +60,6 @@ pub fn solve(problem: &SingletonProblem, options: &Options, warm: Option<&[f64]>
     }
 }
 
-/// One solution for every prefix of the realizations in `sizes` (increasing), each certified on its own.
-///
-/// The weights of one prefix, padded with zeros, start the next: they are the answer when nothing new helps, and spare Newton-CG
-/// its identification steps while there are few realizations per dimension; with many, a cold start is faster.
-pub fn solve_path(problem: &SingletonProblem, sizes: &[usize], options: &Options, stop: &AtomicBool) -> Vec<Solution> {
-    let mut path: Vec<Solution> = Vec::with_capacity(sizes.len());
-    for &size in sizes {
-        let warm = path.last().map(|s| &s.weights[..]);
-        path.push(solve(&problem.prefix(size), options, warm, stop));
-    }
-    path
-}
-
 fn solve_rows<I: Index>(
     rows: &[I],
     problem: &SingletonProblem,
@@ -99,8 +86,12 @@ pub fn solve_dense(problem: &DenseProblem, options: &Options, warm: Option<&[f64
         Dense::new(scale.down(problem.samples), dim, options.subsimplex, options.threads)
     };
     let dimension = dim.min(problem.size.saturating_sub(1)).max(1);
-    let relaxed =
-        Relaxed { q: target.clone(), floor: 0.0, dimension, unseen: 0, unreachable: false, counts: Vec::new() };
+    let mut hit = vec![false; dim];
+    for sample in problem.samples.chunks_exact(dim) {
+        hit.iter_mut().zip(sample).for_each(|(hit, e)| *hit |= *e != 0.0);
+    }
+    let unseen = target.iter().zip(&hit).filter(|(t, hit)| **t != 0.0 && !**hit).count();
+    let relaxed = Relaxed { q: target.clone(), floor: 0.0, dimension, unseen, unreachable: false, counts: Vec::new() };
     finish(&op, &target, relaxed, scale, options, Start { warm, line: None }, stop)
 }
 
@@ -159,6 +150,7 @@ fn finish<O: Operator>(
         gap: scale.up_square(certificate.gap),
         objective: scale.up_square(certificate.objective),
         lower_bound: scale.up_square(lower_bound),
+        least_error: scale.up(lower_bound.sqrt() * (1.0 - f64::EPSILON)),
         exact: certificate.exact,
         status,
         info: Info {
@@ -210,6 +202,11 @@ impl Scale {
         let half = -self.exponent / 2;
         let (a, b) = (power(half), power(-self.exponent - half));
         values.iter().map(|v| v * a * b).collect()
+    }
+
+    fn up(self, value: f64) -> f64 {
+        let half = self.exponent / 2;
+        value * power(half) * power(self.exponent - half)
     }
 
     fn up_square(self, value: f64) -> f64 {

@@ -62,7 +62,6 @@ impl std::error::Error for Invalid {}
 #[derive(Clone, Copy, Debug)]
 pub struct SingletonProblem<'a> {
     pub(super) indices: IndexView<'a>,
-    pub(super) size: usize,
     pub(super) length: usize,
     pub(super) g: &'a [f64],
     pub(super) target: &'a [f64],
@@ -95,19 +94,7 @@ impl<'a> SingletonProblem<'a> {
             return Err(Invalid::Value { name: "g" });
         }
         check_finite("target", target)?;
-        Ok(Self { indices, size, length, g, target })
-    }
-
-    /// The same law with only the first `size` realizations (all of them if there are fewer).
-    pub fn prefix(&self, size: usize) -> Self {
-        let size = size.clamp(1, self.size);
-        let keep = size * self.g.len();
-        let indices = match self.indices {
-            IndexView::U8(r) => IndexView::U8(&r[..keep]),
-            IndexView::U16(r) => IndexView::U16(&r[..keep]),
-            IndexView::U32(r) => IndexView::U32(&r[..keep]),
-        };
-        Self { indices, size, ..*self }
+        Ok(Self { indices, length, g, target })
     }
 }
 
@@ -235,6 +222,8 @@ pub struct Solution {
     pub objective: f64,
     /// Proved lower bound on the minimum.
     pub lower_bound: f64,
+    /// Its root: a lower bound on `||S w - target||`, free of over- and underflow.
+    pub least_error: f64,
     /// The target lies in the hull: `||S w - target||` is rounding error.
     pub exact: bool,
     pub status: Status,

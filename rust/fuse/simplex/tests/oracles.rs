@@ -331,12 +331,13 @@ fn a_reachable_target_is_recovered_exactly() {
 fn a_path_is_certified_at_every_point() {
     let x = Instance::gaussian(10, 2000, 4);
     let sizes: Vec<usize> = (1..=20).map(|k| 100 * k).collect();
-    let path = solve_path(&x.problem(), &sizes, &Options::default(), &AtomicBool::new(false));
-    let mut last = f64::INFINITY;
-    for (s, &size) in path.iter().zip(&sizes) {
+    let (mut last, mut warm) = (f64::INFINITY, vec![]);
+    for &size in &sizes {
+        let prefix = Instance { indices: x.indices[..size * x.lines].to_vec(), size, ..x.clone() };
+        let s = solve(&prefix.problem(), &Options::default(), Some(&warm), &AtomicBool::new(false));
         assert_eq!((s.status, s.weights.len()), (Status::Optimal, size));
         assert!(s.objective <= last + s.gap);
-        last = s.objective;
+        (last, warm) = (s.objective, s.weights);
     }
 }
 

@@ -1,11 +1,11 @@
-//! Kernels of the core, timed by criterion: sampling, closed form, SLSE, batched controls.
+//! Kernels of the core, timed by criterion: sampling, closed form, ALSE of matrices, SLSE, batched controls.
 
 use std::hint::black_box;
 use std::sync::Arc;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use stochens::control::{Entity, Realized, pseudoinverse};
-use stochens::fuse::{Weights, closed_form, slse};
+use stochens::fuse::{Settings, Status, Weights, alse, closed_form, slse};
 use stochens::sample::multinomial_counts;
 use stochens::{Key, Law, Scheme, Singletons, Stop, sample};
 
@@ -58,6 +58,34 @@ fn fusing(c: &mut Criterion) {
     group.finish();
 }
 
+/// Normal variates by Box-Muller on a low-discrepancy sequence: rare entries make ALSE ill conditioned, as in real data.
+fn normal(count: usize) -> Vec<f64> {
+    let uniform = |i: usize, step: f64| (0.5 + i as f64 * step).fract().max(1e-12);
+    (0..count)
+        .map(|i| {
+            (-2.0 * uniform(i, 0.754_877_666).ln()).sqrt() * (std::f64::consts::TAU * uniform(i, 0.569_840_291)).cos()
+        })
+        .collect()
+}
+
+fn least_squares(c: &mut Criterion) {
+    let mut group = c.benchmark_group("alse");
+    group.sample_size(10);
+    for (n, size) in [(10, 500), (30, 900), (30, 3000), (100, 1000), (100, 3000)] {
+        let law = Arc::new(Law::new(normal(n * n), n, n).expect("finite entries"));
+        let matrix = draw(&law, size);
+        let settings = Settings::new(Weights::Simplex, 1e-9);
+        group.bench_function(BenchmarkId::from_parameter(format!("{n}x{n}, N = {size}")), |b| {
+            b.iter(|| {
+                let fit = alse(&matrix, law.values(), &settings, &Stop::new()).expect("a posed problem");
+                assert_eq!(fit.status, Status::Optimal);
+                fit
+            });
+        });
+    }
+    group.finish();
+}
+
 fn controls(c: &mut Criterion) {
     let mut group = c.benchmark_group("controls");
     for (n, m, size) in [(10, 2, 100_000), (100, 10, 100_000), (100, 80, 20_000)] {
@@ -76,6 +104,6 @@ fn controls(c: &mut Criterion) {
 criterion_group! {
     name = benches;
     config = Criterion::default().sample_size(20).measurement_time(std::time::Duration::from_secs(2));
-    targets = sampling, fusing, controls
+    targets = sampling, fusing, least_squares, controls
 }
 criterion_main!(benches);

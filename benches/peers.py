@@ -84,6 +84,22 @@ def closed_form() -> Iterator[Line]:
     )
 
 
+def alse_path() -> Iterator[Line]:
+    """Warm starts: the whole grid against the same prefixes solved one by one."""
+    A = np.random.default_rng(1).standard_normal((30, 30))
+    ensemble = se.sample(A, 10_000, rng=1)
+    sizes = np.unique(np.geomspace(100, 10_000, 20).astype(int))
+    prefixes = [ensemble.prefix(int(k)) for k in sizes]
+    yield (
+        f"ALSE of {sizes.size} prefixes up to N=1e4, 30x30",
+        "ours, each from cold",
+        lambda: se.fuse_path(ensemble, sizes, "alse", target=A),
+        1,
+        lambda: [se.fuse(prefix, "alse", target=A) for prefix in prefixes],
+        1,
+    )
+
+
 def slse() -> Iterator[Line]:
     for n in (10, 100):
         A = np.random.default_rng(0).standard_normal((n, n))
@@ -233,7 +249,7 @@ def reproduce() -> Iterator[Line]:
         )
 
 
-GROUPS = {f.__name__: f for f in (sampling, closed_form, slse, controls, reproduce)}
+GROUPS = {f.__name__: f for f in (sampling, closed_form, alse_path, slse, controls, reproduce)}
 
 
 def main() -> None:

@@ -1,0 +1,68 @@
+r"""Tail bounds that hold: with what probability an estimate, a control or a state is how wrong.
+
+Every bound is an object made from the exact data, with three methods inverse to each other:
+``radius(size, delta)``, ``probability(size, eps)``, ``required_size(eps, delta)``; see
+:class:`Bound`. :func:`best` picks the smallest. All of them hold for every size and every delta,
+not only in the limit, for independent realizations (``scheme="iid"``) under uniform weights;
+:class:`Systematic` is for the other scheme, :func:`from_errors` for all other weights.
+
+=============================  =====================================================================
+vector, matrix                 `McDiarmid`, `Bousquet`, `Hoeffding`, `Chebyshev`, `Systematic`
+vector, 1-norm                 `Weissman` (divided by ``sqrt(2)``: 2-norm)
+matrix, spectral norm          `Bernstein`
+diagonal fusion                `DiagonalMcDiarmid`, `DiagonalBousquet`, `FusedChebyshev`
+product fusion                 `ProductMcDiarmid`, `ProductBousquet`, `ProductParts`,
+                               `ProductHoeffding`, `FusedChebyshev`
+average of runs over K steps   `TrajectoryMcDiarmid`, `OneStepMcDiarmid`, `OneStepHoeffding`
+=============================  =====================================================================
+
+Rows (``axis="rows"``) are covered wherever the argument `axis` exists; the bounds for one step of
+a trajectory are for columns only. The paper's own formulas are in :mod:`paper`, each with a text
+that says what is wrong with it.
+
+Notation: ``g = ||w||_1``, ``g_j`` for line j of a matrix, ``L = log(1/delta)``.
+"""
+
+from . import paper
+from ._base import Bound
+from .averages import Average, Bousquet, Chebyshev, Hoeffding, McDiarmid, Systematic
+from .certificate import from_errors
+from .choice import Best, best, candidates
+from .fused import DiagonalBousquet, DiagonalMcDiarmid, Fused, FusedChebyshev
+from .norms import Bernstein, Weissman
+from .product import ProductBousquet, ProductHoeffding, ProductMcDiarmid, ProductParts
+from .trajectories import (
+    OneStepHoeffding,
+    OneStepMcDiarmid,
+    Trajectory,
+    TrajectoryMcDiarmid,
+)
+
+__all__ = [
+    "Average",
+    "Bernstein",
+    "Best",
+    "Bound",
+    "Bousquet",
+    "Chebyshev",
+    "DiagonalBousquet",
+    "DiagonalMcDiarmid",
+    "Fused",
+    "FusedChebyshev",
+    "Hoeffding",
+    "McDiarmid",
+    "OneStepHoeffding",
+    "OneStepMcDiarmid",
+    "ProductBousquet",
+    "ProductHoeffding",
+    "ProductMcDiarmid",
+    "ProductParts",
+    "Systematic",
+    "Trajectory",
+    "TrajectoryMcDiarmid",
+    "Weissman",
+    "best",
+    "candidates",
+    "from_errors",
+    "paper",
+]

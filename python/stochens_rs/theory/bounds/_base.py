@@ -1,0 +1,245 @@
+"""What all bounds share: checked input, inversion, the smallest sufficient size."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import ClassVar, TypeAlias
+
+import numpy as np
+
+from ... import _gate
+from ...exceptions import NonFiniteError, SizeError
+from ..moments._formulas import Array, Sizes, _reciprocal
+
+Rates: TypeAlias = "tuple[float, ...]"  # 1 / size of every entity; 0 for one known exactly
+
+_ROUNDS = 200  # halvings: more than a float64 can tell apart
+_LARGEST_LEVEL = 744.0  # log(1 / delta) for the smallest positive float64
+
+
+class Bound:
+    """A tail bound ``P(error > radius(size, delta)) <= delta`` for every size and every delta.
+
+    Attributes
+    ----------
+    name : str
+        What the inequality is called.
+    quantity : str
+        What the error is of: "vector", "matrix", "state", "control" or "trajectory".
+    norm : str
+        The norm of the error: "2", "Frobenius", "spectral" or "1".
+    source : str
+        The inequality behind it and what goes into it.
+
+    Notes
+    -----
+    The three methods are inverse to each other: ``probability(N, radius(N, delta)) = delta`` and
+    ``required_size(eps, delta)`` is the smallest N with ``radius(N, delta) <= eps``. A bound whose
+    data have no randomness (zero vectors, lines with one nonzero entry) has radius 0.
+
+    Examples
+    --------
+    >>> from stochens_rs.theory import bounds
+    >>> bound = bounds.McDiarmid([3.0, -1.0, 0.5])
+    >>> isinstance(bound, bounds.Bound), bound.name, bound.norm
+    (True, 'McDiarmid', '2')
+    """
+
+    name: ClassVar[str]
+    source: ClassVar[str]
+    quantity: str
+    norm: str
+    _unit: float = 1.0  # everything below the public methods is computed in this unit
+
+    def radius(self, size: Sizes, delta: float) -> float:
+        """Radius that the error exceeds with probability at most `delta`.
+
+        Parameters
+        ----------
+        size : int, None or (N0, Nf, NA)
+            Number of realizations, up to 2^53; None or inf: known exactly. A bound for a control
+            or a state takes one number for all entities or one each.
+        delta : float
+            Probability of failure, in (0, 1).
+
+        Returns
+        -------
+        float
+            In the units of the quantity.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            `size` is not a count, `delta` does not lie in (0, 1), or the radius overflows.
+        """
+        rates = self._rates(size)
+        return self._in_units(self._radius(rates, level_of(delta)))
+
+    def probability(self, size: Sizes, eps: float) -> float:
+        """Bound on the probability that the error exceeds `eps`.
+
+        Parameters
+        ----------
+        size : int, None or (N0, Nf, NA)
+            As in :meth:`radius`.
+        eps : float
+            Error, > 0, in the units of the quantity.
+
+        Returns
+        -------
+        float
+            At most 1.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            `size` is not a count, or `eps` is not a positive number.
+        """
+        rates = self._rates(size)
+        level = self._level(rates, _gate.positive("eps", eps) / self._unit)
+        return 1.0 if level <= 0.0 else math.exp(-level)
+
+    def required_size(self, eps: float, delta: float) -> int:
+        """Smallest number of realizations that gives a radius of at most `eps`.
+
+        Parameters
+        ----------
+        eps : float
+            Error, > 0, in the units of the quantity.
+        delta : float
+            Probability of failure, in (0, 1).
+
+        Returns
+        -------
+        int
+            The same number for all entities.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            An argument is out of range, or more than 2^53 realizations are needed.
+        """
+        return self._required(eps, delta, self._same)
+
+    def _required(self, eps: float, delta: float, same: Callable[[float], Rates]) -> int:
+        """Bisect over the integers; the radius falls with the size."""
+        eps, level = _gate.positive("eps", eps), level_of(delta)
+
+        def enough(size: int) -> bool:
+            return self._in_units(self._radius(same(1.0 / size), level)) <= eps
+
+        if enough(1):
+            return 1
+        too_few, sufficient = 1, _gate.EXACT
+        if not enough(sufficient):
+            raise SizeError(f"`eps` is {eps:.3g}: more than 2^53 realizations would be needed")
+        while sufficient - too_few > 1:
+            middle = (too_few + sufficient) // 2
+            if enough(middle):
+                sufficient = middle
+            else:
+                too_few = middle
+        return sufficient
+
+    # -- what a bound defines: one of the first two, the other follows by inversion ------------
+
+    def _radius(self, rates: Rates, level: float) -> float:
+        """Radius for ``delta = exp(-level)``; here by inversion of `_level`."""
+        if self._level(rates, math.ulp(0.0)) >= level:
+            return 0.0
+        outside = 1.0
+        while self._level(rates, outside) < level:
+            outside *= 2.0
+            if outside == math.inf:
+                return outside
+        inside = outside / 2.0
+        while inside > 0.0 and self._level(rates, inside) >= level:
+            outside, inside = inside, inside / 2.0
+        for _ in range(_ROUNDS):
+            middle = inside + (outside - inside) / 2.0
+            if not inside < middle < outside:
+                break
+            if self._level(rates, middle) >= level:
+                outside = middle
+            else:
+                inside = middle
+        return outside
+
+    def _level(self, rates: Rates, eps: float) -> float:
+        """Largest known level with ``P(error > eps) <= exp(-level)``; by inversion of `_radius`."""
+        known, unknown = 0.0, _LARGEST_LEVEL
+        if self._radius(rates, known) > eps:
+            return 0.0
+        if self._radius(rates, unknown) <= eps:
+            return math.inf if self._radius(rates, unknown) == 0.0 else unknown
+        for _ in range(_ROUNDS):
+            middle = (known + unknown) / 2.0
+            if not known < middle < unknown:
+                break
+            if self._radius(rates, middle) <= eps:
+                known = middle
+            else:
+                unknown = middle
+        return known
+
+    def _rates(self, size: Sizes) -> Rates:
+        return (_reciprocal("size", size),)
+
+    def _same(self, rate: float) -> Rates:
+        return (rate,)
+
+    def _in_units(self, radius: float) -> float:
+        scaled = radius * self._unit
+        if not math.isfinite(scaled):
+            raise NonFiniteError("the radius overflows: scale the problem down")
+        return scaled
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: error of the {self.quantity}, {self.norm} norm>"
+
+
+def level_of(delta: object) -> float:
+    """``log(1 / delta)`` of a checked probability of failure."""
+    checked = _gate.positive("delta", delta)
+    if checked >= 1.0:
+        raise SizeError(f"`delta` must lie in (0, 1), got {_gate.show(delta)}")
+    return -math.log(checked)
+
+
+# -- the two concentration inequalities for the norm of an average, and their inverses --------
+
+
+def mcdiarmid(mean: float, spread: float, level: float) -> float:
+    """``E + sqrt(V L)`` where the squared ranges of all coordinates add up to ``2 V``."""
+    return mean + math.sqrt(spread * level)
+
+
+def mcdiarmid_level(mean: float, spread: float, eps: float) -> float:
+    """``(eps - E)^2 / V`` beyond E."""
+    if eps <= mean:
+        return 0.0
+    return ((eps - mean) / math.sqrt(spread)) ** 2 if spread > 0.0 else math.inf
+
+
+def bousquet(mean: float, variance: float, largest: float, level: float) -> float:
+    """``E + sqrt(2 L (lam + 2 U E)) + U L / 3``."""
+    return mean + math.sqrt(2.0 * level * (variance + 2.0 * largest * mean)) + largest * level / 3.0
+
+
+def bousquet_level(mean: float, variance: float, largest: float, eps: float) -> float:
+    """The L at which `bousquet` is eps: the positive root of a quadratic in ``sqrt(L)``."""
+    if eps <= mean:
+        return 0.0
+    b = math.sqrt(2.0 * (variance + 2.0 * largest * mean))
+    root = b + math.sqrt(b * b + 4.0 / 3.0 * largest * (eps - mean))
+    return (2.0 * (eps - mean) / root) ** 2 if root > 0.0 else math.inf
+
+
+# -- units -------------------------------------------------------------------------------------
+
+
+def unit_of(*arrays: Array) -> float:
+    """Largest entry, 1 if all are zero: in this unit squares neither overflow nor vanish."""
+    largest = max(float(np.abs(array).max(initial=0.0)) for array in arrays)
+    return largest if largest > 0.0 else 1.0

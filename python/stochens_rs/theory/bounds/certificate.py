@@ -1,0 +1,90 @@
+"""From errors of the estimates to the error of the control: no probability is involved."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ... import _gate
+from ...exceptions import InputTypeError, NonFiniteError, SizeError
+from ..moments._formulas import _compact_svd
+
+
+def from_errors(
+    B: ArrayLike,
+    x0_hat: ArrayLike,
+    A_hat: ArrayLike,
+    *,
+    x0_error: float = 0.0,
+    xf_error: float = 0.0,
+    A_error: float = 0.0,
+) -> tuple[float, float]:
+    """Bound the error of ``u = B+ (xf_hat - A_hat x0_hat)`` by the errors of its estimates.
+
+    Parameters
+    ----------
+    B : (n, m) array_like
+        Input matrix, known exactly; any rank.
+    x0_hat : (n,) array_like
+        The estimate of the initial state.
+    A_hat : (n, n) array_like
+        The estimate of the state matrix.
+    x0_error, xf_error : float, default 0.0
+        ``||x0_hat - x0||_2`` and ``||xf_hat - xf||_2`` at most.
+    A_error : float, default 0.0
+        ``||A_hat - A||_2`` at most; the Frobenius norm will do.
+
+    Returns
+    -------
+    state, control : float
+        ``||B (u - v*)|| <= ef + ||P A_hat|| e0 + eA (||x0_hat|| + e0)``, ``P = B B+``, and
+        ``||u - v*|| <= ||B+|| ef + ||B+ A_hat|| e0 + ||B+|| eA (||x0_hat|| + e0)``, for
+        ``v* = B+ (xf - A x0)``.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        A shape does not fit, an entry is not finite, an error is negative, or the result
+        overflows.
+
+    Notes
+    -----
+    From the identity ``B (v* - u) = P [(xf - xf_hat) - A_hat (x0 - x0_hat) - (A - A_hat) x0]``:
+    the corrected form of the triangle inequality in the proof of Lemma 3.2. It is a certificate
+    for any weights, also for those of ALSE and SLSE, whose errors are known.
+
+    Examples
+    --------
+    >>> from stochens_rs.theory import bounds
+    >>> bounds.from_errors([[2.0]], [3.0], [[0.5]], x0_error=0.1, A_error=0.01)
+    (0.081, 0.0405)
+    """
+    B = _gate.matrix("B", B)
+    x0_hat = _gate.vector("x0_hat", x0_hat, length=len(B))
+    A_hat = _gate.matrix("A_hat", A_hat, rows=len(B), cols=len(B))
+    e0, ef, eA = (
+        _error(name, value)
+        for name, value in (("x0_error", x0_error), ("xf_error", xf_error), ("A_error", A_error))
+    )
+    U, s, _ = _compact_svd(B)
+    if s.size == 0:
+        return 0.0, 0.0
+    with np.errstate(over="ignore", invalid="ignore"):
+        reached = U.T @ A_hat
+        free = ef + eA * (float(np.linalg.norm(x0_hat)) + e0)
+        state = free + float(np.linalg.norm(reached, 2)) * e0
+        control = free / float(s[-1]) + float(np.linalg.norm(reached / s[:, None], 2)) * e0
+    if not np.isfinite([state, control]).all():
+        raise NonFiniteError("the bound overflows: scale the problem down")
+    return state, control
+
+
+def _error(name: str, value: object) -> float:
+    """A finite number >= 0."""
+    if isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool):
+        if value == 0:
+            return 0.0
+        if value < 0:
+            raise SizeError(f"`{name}` must be >= 0, got {_gate.show(value)}")
+        return _gate.positive(name, value)
+    raise InputTypeError(f"`{name}` must be a real number >= 0, got {_gate.show(value)}")

@@ -1,0 +1,210 @@
+"""The smallest of all bounds that hold for a quantity."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal, TypeAlias
+
+from ... import _gate
+from ...exceptions import InputError, InputTypeError
+from ..moments._formulas import Axis, Fusion, Sizes
+from ._base import Bound
+from ._geometry import Geometry
+from .averages import Bousquet, Chebyshev, Hoeffding, McDiarmid
+from .fused import DiagonalBousquet, DiagonalMcDiarmid, Fused, FusedChebyshev
+from .norms import Bernstein, Weissman
+from .product import ProductBousquet, ProductHoeffding, ProductMcDiarmid, ProductParts
+from .trajectories import OneStepHoeffding, OneStepMcDiarmid, TrajectoryMcDiarmid
+
+Of: TypeAlias = Literal["vector", "matrix", "state", "control", "trajectory"]
+
+_DATA = {
+    "vector": "w",
+    "matrix": "A",
+    "state": "B, x0, xf, A",
+    "control": "B, x0, xf, A",
+    "trajectory": "A, B, x0, u",
+}
+_NORMS = {"vector": ("2", "1"), "matrix": ("spectral", "Frobenius")}
+
+
+@dataclass(frozen=True)
+class Best:
+    """The smallest bound and what it gives.
+
+    Attributes
+    ----------
+    bound : Bound
+        The bound that was chosen.
+    radius : float
+        Its radius for `size` and `delta`.
+    size : int, None or (N0, Nf, NA)
+        The size that was given, or the smallest sufficient one.
+    delta : float
+        The probability of failure that was given.
+    """
+
+    bound: Bound
+    radius: float
+    size: Sizes
+    delta: float
+
+
+def candidates(
+    quantity: Of,
+    *data: Any,
+    norm: str | None = None,
+    fusion: Fusion = "product",
+    axis: Axis = "columns",
+) -> list[Bound]:
+    """All bounds that hold for a quantity, for independent realizations.
+
+    Parameters
+    ----------
+    quantity : {"vector", "matrix", "state", "control", "trajectory"}
+        What the error is of.
+    *data : array_like
+        ``w``; ``A``; ``B, x0, xf, A`` for the state or the control; ``A, B, x0, u``.
+    norm : str, optional
+        Vector: "2" (default) or "1". Matrix: "spectral" (default) or "Frobenius". The others
+        are in the 2-norm.
+    fusion : {"product", "diagonal"}, default "product"
+        For a state or a control.
+    axis : {"columns", "rows"}, default "columns"
+        Which lines of the matrices are sampled.
+
+    Returns
+    -------
+    list of Bound
+        The valid ones, with the data checked and the moments computed.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        A choice is unknown, or the data do not fit it.
+
+    Examples
+    --------
+    >>> from stochens_rs.theory import bounds
+    >>> [bound.name for bound in bounds.candidates("vector", [3.0, -1.0, 0.5])]
+    ['McDiarmid', 'Bousquet', 'Weissman', 'Hoeffding', 'Chebyshev']
+    """
+    name = _gate.choice("quantity", quantity, tuple(_DATA))
+    if len(data) != len(_DATA[name].split(", ")):
+        raise InputTypeError(f"`data` must be {_DATA[name]} for a {name}, got {len(data)} arrays")
+    allowed = _NORMS.get(name, ("2",))
+    chosen = allowed[0] if norm is None else _gate.choice("norm", norm, allowed)
+    if name == "vector":
+        return _for_vector(data[0], chosen)
+    if name == "matrix":
+        A = _gate.matrix("A", data[0])
+        found: list[Bound] = [kind(A, axis=axis) for kind in (McDiarmid, Bousquet)]
+        found += [kind(A, axis=axis) for kind in (Hoeffding, Chebyshev)]
+        return [Bernstein(A, axis=axis), *found] if chosen == "spectral" else found
+    if name == "trajectory":
+        general = TrajectoryMcDiarmid(*data, axis=axis)
+        if len(general._u) > 1 or axis == "rows":
+            return [general]
+        return [OneStepMcDiarmid(*data), OneStepHoeffding(*data), general]
+    return _for_control(Geometry(*data, axis, name), fusion)
+
+
+def best(
+    quantity: Of,
+    *data: Any,
+    delta: float,
+    size: Sizes = None,
+    eps: float | None = None,
+    norm: str | None = None,
+    fusion: Fusion = "product",
+    axis: Axis = "columns",
+) -> Best:
+    """The smallest radius for a size, or the smallest size for a radius.
+
+    Parameters
+    ----------
+    quantity, *data, norm, fusion, axis
+        As in :func:`candidates`.
+    delta : float
+        Probability of failure, in (0, 1).
+    size : int or (N0, Nf, NA), optional
+        Number of realizations; give either this or `eps`.
+    eps : float, optional
+        Error that may be exceeded with probability `delta` only.
+
+    Returns
+    -------
+    Best
+        The bound with its radius and size.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        As :func:`candidates`; both or none of `size` and `eps` are given; an argument is out of
+        range; more than 2^53 realizations would be needed.
+
+    Notes
+    -----
+    The choice depends on the arguments only, not on realizations, so that the smallest radius
+    holds with the same `delta`. There is no best one for all data: Weissman's wins for few
+    entries, Bousquet's for many realizations, McDiarmid's for few, Chebyshev's for large delta.
+
+    Examples
+    --------
+    >>> from stochens_rs.theory import bounds
+    >>> chosen = bounds.best("vector", [3.0, -1.0, 0.5, 2.0], eps=0.1, delta=0.01)
+    >>> chosen.bound.name, chosen.size, chosen.radius <= 0.1
+    ('Bousquet', 14739, True)
+    """
+    if (size is None) == (eps is None):
+        raise InputError("`size` or `eps` must be given, and not both")
+    found = candidates(quantity, *data, norm=norm, fusion=fusion, axis=axis)
+    if eps is not None:
+        needed, bound = _smallest_size(found, eps, delta)
+        return Best(bound, bound.radius(needed, delta), needed, delta)
+    if _differ(size):
+        found = [bound for bound in found if not isinstance(bound, ProductBousquet)]
+    radii = [bound.radius(size, delta) for bound in found]
+    k = radii.index(min(radii))
+    return Best(found[k], radii[k], size, delta)
+
+
+def _smallest_size(found: list[Bound], eps: float, delta: float) -> tuple[int, Bound]:
+    """Search each bound in turn; one that fails below the record need not be bisected."""
+    best_size, best_bound = found[0].required_size(eps, delta), found[0]
+    for bound in found[1:]:
+        if best_size > 1 and bound.radius(best_size - 1, delta) <= eps:
+            best_size, best_bound = bound.required_size(eps, delta), bound
+    return best_size, best_bound
+
+
+def _for_vector(w: Any, norm: str) -> list[Bound]:
+    checked = _gate.vector("w", w)
+    if norm == "1":
+        return [Weissman(checked)]
+    return [
+        McDiarmid(checked),
+        Bousquet(checked),
+        Weissman(checked, norm="2"),
+        Hoeffding(checked),
+        Chebyshev(checked),
+    ]
+
+
+def _for_control(at: Geometry, fusion: str) -> list[Bound]:
+    chebyshev = FusedChebyshev._sharing(at)
+    kinds: tuple[type[Fused], ...]
+    if _gate.choice("fusion", fusion, ("product", "diagonal")) == "diagonal":
+        chebyshev._paired = True
+        kinds = (DiagonalMcDiarmid, DiagonalBousquet)
+    else:
+        kinds = (ProductMcDiarmid, ProductBousquet, ProductParts)
+        if at.quantity == "state":
+            kinds = (*kinds, ProductHoeffding)
+    return [*(kind._sharing(at) for kind in kinds), chebyshev]
+
+
+def _differ(size: Sizes) -> bool:
+    if not isinstance(size, (tuple, list)):
+        return False
+    return len({float(N) for N in size if N is not None and N != float("inf")}) > 1

@@ -10,6 +10,6 @@
 
 from __future__ import annotations
 
-from . import bounds, moments
+from . import bounds, moments, reachability
 
-__all__ = ["bounds", "moments"]
+__all__ = ["bounds", "moments", "reachability"]

@@ -98,7 +98,7 @@ class McDiarmid(Average):
     >>> from stochens_rs.theory import bounds
     >>> bound = bounds.McDiarmid([3.0, -1.0, 0.5])
     >>> round(bound.radius(10_000, 0.01), 4), bound.required_size(0.1, 0.01)
-    (0.1284, 16499)
+    (0.1282, 16433)
     """
 
     name = "McDiarmid"
@@ -147,7 +147,7 @@ class Bousquet(Average):
     --------
     >>> from stochens_rs.theory import bounds
     >>> round(bounds.Bousquet([3.0, -1.0, 0.5]).radius(10_000, 0.01), 4)
-    0.1008
+    0.1155
     """
 
     name = "Bousquet"

@@ -154,7 +154,7 @@ def best(
     >>> from stochens_rs.theory import bounds
     >>> chosen = bounds.best("vector", [3.0, -1.0, 0.5, 2.0], eps=0.1, delta=0.01)
     >>> chosen.bound.name, chosen.size, chosen.radius <= 0.1
-    ('Bousquet', 14739, True)
+    ('Weissman', 30607, True)
     """
     if (size is None) == (eps is None):
         raise InputError("`size` or `eps` must be given, and not both")

@@ -96,7 +96,7 @@ class Bernstein(Average):
     --------
     >>> from stochens_rs.theory import bounds
     >>> round(bounds.Bernstein([[1.0, -2.0], [0.5, 3.0]]).radius(10_000, 0.01), 4)
-    0.1259
+    0.1208
     """
 
     name = "Bernstein"

@@ -126,7 +126,7 @@ class Lemma42(Printed):
     >>> from stochens_rs.theory.bounds import paper
     >>> lemma = paper.Lemma42([1.0, 1.0], [2.0, 2.0], [[1.0, 0.0], [2.0, 5.0]], C=2.0)
     >>> round(lemma.radius(1000, 0.01), 3)
-    6.036
+    4.8
     """
 
     name = "Lemma 4.2, as printed"

@@ -1,0 +1,188 @@
+"""Lemmas 3.1 and 3.2 are false as stated: two counterexamples, computed in rational numbers.
+
+Both use that Definition 2.2 allows weights of its own for every entity and realizations that are
+biased: a sequence with one good realization and zeros otherwise approximates its limit, with all
+weight on the good one. Where the good realizations sit at different indices, no run is good.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TypeAlias
+
+from ... import _gate
+from ...exceptions import InputError
+
+_Row: TypeAlias = "list[Fraction]"
+
+
+@dataclass(frozen=True)
+class Counterexample:
+    """The numbers of a counterexample, all exact.
+
+    Attributes
+    ----------
+    lemma : str
+        The number of the lemma.
+    size : int
+        Number of realizations N of every entity.
+    approximation_errors : dict of str to Fraction
+        For each entity the largest error of an entry, under the weights that show that it is
+        approximated: all 0.
+    hypothesis : Fraction
+        What the lemma assumes to be 0 and is: the residual of the exact target (3.1), the largest
+        residual of a realization (3.2).
+    claim : Fraction
+        What the lemma claims to tend to 0: the least distance of a weighted final state from the
+        target (3.1), of the weighted control from the exact one (3.2), for the given weights.
+    """
+
+    lemma: str
+    size: int
+    approximation_errors: dict[str, Fraction]
+    hypothesis: Fraction
+    claim: Fraction
+
+
+def lemma_3_1(
+    size: int = 10, *, weights: list[int] | None = None, controls: list[int] | None = None
+) -> Counterexample:
+    """``xf`` is reachable and everything is approximated, but no average of runs comes near.
+
+    Parameters
+    ----------
+    size : int, default 10
+        Number of runs, at least 3.
+    weights : list of int, optional
+        Nonnegative weight of every run, divided by their sum; equal if not given.
+    controls : list of int, optional
+        The control of every run; all -7 if not given.
+
+    Returns
+    -------
+    Counterexample
+        ``claim`` is the distance of the weighted final states from the line that B spans, hence
+        at most the distance from ``xf``; it is 1 for all weights, all controls and all sizes.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        `size` is too small, `weights` or `controls` do not fit.
+
+    Notes
+    -----
+    ``n = 2``, ``m = 1``, ``K = 1``: ``A = [[0, 1], [1, 0]]``, ``B = (1, 0)``, ``x0 = (1, 0)`` and
+    ``xf = A x0 = (0, 1)``, reached with ``u = 0``. Run 1 has the good ``x0``, run 2 the good
+    ``A``, run 3 the good ``B``; all else is 0. Independent, as constants are, and bounded.
+
+    Examples
+    --------
+    >>> from stochens_rs.theory import reachability
+    >>> found = reachability.lemma_3_1(5, weights=[1, 2, 3, 4, 5])
+    >>> found.hypothesis, found.claim, set(found.approximation_errors.values())
+    (Fraction(0, 1), Fraction(1, 1), {Fraction(0, 1)})
+    """
+    size = _gate.size("size", size, minimum=3, maximum=10**6)
+    y = _weights(weights, size)
+    u = _integers("controls", [-7] * size if controls is None else controls, size)
+    zero, one = Fraction(0), Fraction(1)
+    A, B, x0 = [[zero, one], [one, zero]], [one, zero], [one, zero]
+    xf = _times(A, x0)
+    nothing = [zero, zero]
+
+    def run(s: int) -> tuple[list[_Row], _Row, _Row]:
+        return (
+            A if s == 1 else [nothing, nothing],
+            B if s == 2 else nothing,
+            x0 if s == 0 else nothing,
+        )
+
+    average = [zero, zero]
+    for s in range(size):
+        As, Bs, start = run(s)
+        moved = _times(As, start)
+        average = [a + y[s] * (z + b * u[s]) for a, z, b in zip(average, moved, Bs, strict=True)]
+    good = [run(1)[0], run(2)[1], run(0)[2]]
+    errors = {
+        "A": max(abs(a - b) for p, q in zip(good[0], A, strict=True) for a, b in _pairs(p, q)),
+        "B": max(abs(a - b) for a, b in _pairs(good[1], B)),
+        "x0": max(abs(a - b) for a, b in _pairs(good[2], x0)),
+    }
+    # with u = 0 the exact system is at A x0 = xf
+    residual = max(abs(a - b) for a, b in _pairs(_times(A, x0), xf))
+    # the second entry is what no control moves
+    return Counterexample("3.1", size, errors, residual, abs(xf[1] - average[1]))
+
+
+def lemma_3_2(size: int = 10, *, weights: list[int] | None = None) -> Counterexample:
+    """Every realization is reachable, but the average control is wrong by 1, whatever the weights.
+
+    Parameters
+    ----------
+    size : int, default 10
+        Number of realizations, at least 2.
+    weights : list of int, optional
+        Nonnegative weight of every realization, divided by their sum; equal if not given.
+
+    Returns
+    -------
+    Counterexample
+        ``claim`` is ``|B (v* - sum_s y_s u^s)|``: 1 for all weights and all sizes.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        `size` is too small, or `weights` do not fit.
+
+    Notes
+    -----
+    Scalars: ``x0 = A = B = 1``, ``xf = 0``, so that ``v* = -1``. ``x0^1 = 1`` and ``A^2 = 1``, all
+    other realizations are 0: then ``A^s x0^s = 0`` for every s, ``u^s = 0`` steers every
+    realization, and so does every average of them. What is missing: unbiased realizations, for
+    which ``E u^s = v*``.
+
+    Examples
+    --------
+    >>> from stochens_rs.theory import reachability
+    >>> found = reachability.lemma_3_2(3, weights=[1, 1, 7])
+    >>> found.claim, found.hypothesis, found.approximation_errors["A"]
+    (Fraction(1, 1), Fraction(0, 1), Fraction(0, 1))
+    """
+    size = _gate.size("size", size, minimum=2, maximum=10**6)
+    y = _weights(weights, size)
+    zero, A, B, x0, xf = Fraction(0), Fraction(1), Fraction(1), Fraction(1), Fraction(0)
+    starts = [x0 if s == 0 else zero for s in range(size)]
+    matrices = [A if s == 1 else zero for s in range(size)]
+    goals = [xf] * size
+    u = [(f - a * z) / B for f, a, z in zip(goals, matrices, starts, strict=True)]
+    residuals = [
+        abs(f - a * z - B * v) for f, a, z, v in zip(goals, matrices, starts, u, strict=True)
+    ]
+    exact = (xf - A * x0) / B
+    average = sum((w * v for w, v in zip(y, u, strict=True)), zero)
+    errors = {"x0": abs(starts[0] - x0), "A": abs(matrices[1] - A), "xf": abs(goals[0] - xf)}
+    return Counterexample("3.2", size, errors, max(residuals), abs(B * (exact - average)))
+
+
+def _weights(weights: list[int] | None, size: int) -> list[Fraction]:
+    """Nonnegative integers of positive sum, as fractions of it."""
+    given = _integers("weights", [1] * size if weights is None else weights, size)
+    total = sum(given)
+    if min(given) < 0 or total == 0:
+        raise InputError("`weights` must be nonnegative and not all 0")
+    return [Fraction(w, total) for w in given]
+
+
+def _integers(name: str, values: list[int], size: int) -> list[int]:
+    if len(values) != size:
+        raise InputError(f"`{name}` must have length {size}, got {len(values)}")
+    return [_gate.size(f"{name}[{k}]", v, minimum=-(2**53)) for k, v in enumerate(values)]
+
+
+def _times(A: list[_Row], x: _Row) -> _Row:
+    return [sum((a * b for a, b in _pairs(row, x)), Fraction(0)) for row in A]
+
+
+def _pairs(a: _Row, b: _Row) -> list[tuple[Fraction, Fraction]]:
+    return list(zip(a, b, strict=True))

@@ -23,7 +23,7 @@ from .exceptions import (
     StochensError,
 )
 from .fusing import fuse, fuse_path
-from .results import Fit, Path, Plan, PlanError, Reachability
+from .results import Fit, Path, Plan, PlanBound, PlanError, Reachability
 from .rng import Key
 from .sampling import sample, sample_counts
 from .system import System
@@ -40,6 +40,7 @@ __all__ = [
     "Key",
     "Path",
     "Plan",
+    "PlanBound",
     "PlanError",
     "Reachability",
     "ResourceError",

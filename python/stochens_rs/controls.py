@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 
 from . import _alse, _core, _gate
+from ._certificates import Basis, known
 from ._threads import get_num_threads
 from .ensembles import Counts, Ensemble
 from .exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
@@ -136,6 +137,7 @@ def control(
     fusion = "diagonal" if _gate.choice("fusion", fusion, _FUSIONS) == "diagonal" else "product"
     entities = _entities(x0, xf, A, n=inputs.shape[0])
     pinv, rank, singular_values, condition = pseudoinverse(inputs)
+    estimates: tuple[Floats | None, ...] = (None, None, None)
     if fusion == "diagonal":
         first, last, matrices = (entity.realizations() for entity in entities)
         by_rows = entities[2].by_rows
@@ -143,6 +145,7 @@ def control(
         free = entities[1].estimate() - difference  # the average of A^s x0^s
     else:
         start, goal, matrix = (entity.estimate() for entity in entities)
+        estimates = start, goal, matrix
         with np.errstate(over="ignore", invalid="ignore"):
             free = matrix @ start
             difference = goal - free
@@ -154,7 +157,7 @@ def control(
     relative = _alse.norm(missed) / needed if needed > 0.0 else 0.0
     info: dict[str, Any] = {entity.name: entity.description for entity in entities}
     info["singular_values"] = singular_values
-    return Plan(
+    plan = Plan(
         u=u,
         predicted_state=free + inputs @ u,
         reachability=Reachability(
@@ -164,6 +167,12 @@ def control(
         status=_alse.worst([entity.status for entity in entities]),
         info=info,
     )
+    x0_known, xf_known, A_known = (
+        known(entity.name, entity.value, estimate)
+        for entity, estimate in zip(entities, estimates, strict=True)
+    )
+    object.__setattr__(plan, "_basis", Basis(inputs.copy(), x0_known, xf_known, A_known))
+    return plan
 
 
 def steer(

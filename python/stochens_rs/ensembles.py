@@ -8,7 +8,7 @@ independently of the others. What is stored is the indices, never the dense real
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
@@ -45,6 +45,10 @@ class Counts:
     estimate: NDArray[np.float64]
     size: int
     key: Key
+    # what was drawn from: the values, the axis of their lines, the scheme
+    _law: tuple[NDArray[np.float64], Axis, Scheme] | None = field(
+        default=None, init=False, repr=False
+    )
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -345,6 +349,12 @@ class Ensemble:
             return from_lines(average, self._shape, self._axis)
         result: NDArray[np.float64] = self._dense().mean(axis=0)
         return result
+
+    def _law(self) -> NDArray[np.float64] | None:
+        """The vector or matrix that singletons are drawn from; a copy."""
+        if self._draws is None:
+            return None
+        return from_lines(self._draws.values(), self._shape, self._axis)
 
     def _dense(self) -> NDArray[np.float64]:
         assert self._samples is not None

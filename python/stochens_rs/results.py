@@ -19,6 +19,7 @@ from . import _gate
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
+    from ._certificates import Basis
     from .ensembles import Ensemble
     from .system import System
 
@@ -168,6 +169,39 @@ class PlanError:
     residual: float
 
 
+@dataclass(frozen=True)
+class PlanBound:
+    """How wrong a control may be, for the exact values the plan's estimates stand for.
+
+    With ``v = B^+ (xf - A x0)``, the best control:
+
+    Attributes
+    ----------
+    state : float
+        ``||B (u - v)||_2`` is at most this, the distance from the best state one step reaches.
+    control : float
+        ``||u - v||_2`` is at most this.
+    delta : float
+        Each of the two fails with at most this probability.
+    state_bound, control_bound : str
+        The names of the bounds: the smallest of `theory.bounds.candidates`, or "sum of errors"
+        (`theory.bounds.from_errors`).
+    relative_to : str
+        What the exact values are. "laws": those the realizations were drawn from. "targets":
+        for the entities that were fitted, the target of the fit, whatever the truth is.
+    certain : bool
+        Whether the radii hold surely, with no probability of failure.
+    """
+
+    state: float
+    control: float
+    delta: float
+    state_bound: str
+    control_bound: str
+    relative_to: str
+    certain: bool
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Plan:
     """A control for one step, and what is known about it.
@@ -194,6 +228,109 @@ class Plan:
     fusion: str
     status: str
     info: dict[str, Any] = field(default_factory=dict)
+    _basis: Basis | None = field(default=None, init=False, repr=False)
+
+    def bound(
+        self,
+        delta: float = 0.05,
+        *,
+        system: System | None = None,
+        x0: ArrayLike | None = None,
+        xf: ArrayLike | None = None,
+    ) -> PlanBound:
+        """Bound the error of the control, from what the plan knows of its entities.
+
+        Parameters
+        ----------
+        delta : float, default 0.05
+            Probability of failure of each radius, in (0, 1).
+        system : System, optional
+            Needed only if the law of A is unknown: the system whose A its realizations are
+            independent singletons of, as `sample` draws them.
+        x0, xf : array_like, shape (n,), optional
+            The same for x0 and xf.
+
+        Returns
+        -------
+        PlanBound
+            Radii for the state and for the control, and which bounds gave them.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If `delta` does not lie in (0, 1); the law of an entity is unknown (realizations
+            brought by the user, a part of a systematic sample) and not declared, or a declared
+            one contradicts the plan; two entities were drawn with the same key; systematic
+            realizations are paired.
+
+        Notes
+        -----
+        Uniform weights and independent realizations: the smallest bound of
+        `theory.bounds.best`, before anything was drawn. As soon as one entity was fitted ("alse",
+        "slse") or sampled systematically, the errors of the entities are added up by the corrected
+        triangle inequality of Lemma 3.2, ``||B (u - v)|| <= ef + ||P A_hat|| e0
+        + eA (||x0_hat|| + e0)``. The error of a fit is the one it reports, hence relative to its
+        target; for a systematic sample it holds surely; independent realizations share delta.
+
+        For realizations brought by the user, neither the law nor the exact values are known, and
+        no bound follows from the realizations alone. To compare with a nominal system, see
+        `Plan.error`.
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> system = se.System([[0.9, 0.2], [-0.1, 0.8]], [[1.0, 0.0], [0.5, 1.0]])
+        >>> plan = se.steer(system, [1.0, 2.0], [0.0, 0.0], 10_000, rng=1)
+        >>> bound = plan.bound(0.01)
+        >>> plan.error(system, [1.0, 2.0], [0.0, 0.0]).state <= bound.state < 0.2
+        True
+        """
+        from ._certificates import plan_bound
+
+        return plan_bound(self, delta, system, x0, xf)
+
+    def covariance(
+        self,
+        *,
+        system: System | None = None,
+        x0: ArrayLike | None = None,
+        xf: ArrayLike | None = None,
+    ) -> NDArray[np.float64]:
+        """Compute the exact covariance of the control, over draws of the realizations.
+
+        Parameters
+        ----------
+        system, x0, xf
+            As in `bound`: needed only for entities whose law is unknown.
+
+        Returns
+        -------
+        ndarray, shape (m, m)
+            `theory.moments.control_covariance` for the sizes, the fusion and the axis of this
+            plan. That of the state is ``B @ covariance @ B.T``.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            As `bound`; and if an entity was fitted with other than uniform weights or sampled
+            systematically: no formula is known.
+
+        Notes
+        -----
+        For realizations of another law, brought by the user and independent of each other,
+        ``np.cov(se.realization_controls(B, x0, xf, A), rowvar=False) / N`` estimates the
+        covariance for fusion="diagonal"; a plan does not keep the realizations.
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> A, B = [[1.0, 0.0], [2.0, 5.0]], [[1.0], [0.0]]
+        >>> se.control(B, [1.0, 1.0], se.sample([2.0, 2.0], 10, rng=1), A).covariance()
+        array([[0.4]])
+        """
+        from ._certificates import plan_covariance
+
+        return plan_covariance(self, system, x0, xf)
 
     def error(self, system: System, x0: ArrayLike, xf: ArrayLike) -> PlanError:
         """Compare the control with the best one for an exactly known system.

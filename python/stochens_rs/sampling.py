@@ -141,12 +141,14 @@ def sample_counts(
     lines = to_lines(values, axis)
     hits = _core.sample_counts(lines, count, _scheme(scheme), bytes(key))
     atoms = np.sign(lines) * np.abs(lines).sum(axis=1, keepdims=True)
-    return Counts(
+    drawn = Counts(
         counts=from_lines(hits, values.shape, axis),
         estimate=from_lines(atoms * (hits / count), values.shape, axis),
         size=count,
         key=key,
     )
+    object.__setattr__(drawn, "_law", (values.copy(), axis, _scheme(scheme)))
+    return drawn
 
 
 def _scheme(scheme: str) -> Scheme:

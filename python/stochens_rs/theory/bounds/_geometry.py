@@ -56,10 +56,12 @@ class Geometry:
         self.x0, self.xf, self.A = x0 / self.unit_x0, xf / unit_y, A / unit_A
         U, s, _ = _compact_svd(B / unit_B)
         self.M = np.ascontiguousarray(U.T if self.quantity == "state" else (U / s).T)
-        self.M_norm = 0.0 if s.size == 0 else 1.0 if self.quantity == "state" else 1.0 / float(s[-1])
+        self.M_norm = (
+            0.0 if s.size == 0 else 1.0 if self.quantity == "state" else 1.0 / float(s[-1])
+        )
 
     def _set_moments(self) -> None:
-        """Covariances of ``M (xf^s, A x0^s, A^s x0, (A^s - A)(x0^s - x0))``, for one realization."""
+        """Covariances of ``M`` times ``A x0^s``, ``xf^s``, ``A^s x0``, ``(A^s - A)(x0^s - x0)``."""
         axis = "rows" if self.by_rows else "columns"
         M, A, x0 = self.M, self.A, self.x0
         Cv = _vector_covariance(x0)
@@ -156,7 +158,9 @@ class Geometry:
         """``M C M^T`` of one pair or, without what both x0 and A contribute, of its linear part."""
         C0, Cf, CA, CA0 = self.covariances
         total: Array = (r0 > 0.0) * C0 + (rf > 0.0) * Cf + (rA > 0.0) * CA
-        return total + CA0 if both and r0 > 0.0 and rA > 0.0 else total
+        if both and r0 > 0.0 and rA > 0.0:
+            total += CA0
+        return total
 
     def D_0(self, rA: float) -> float:
         """How far apart two realizations of x0 put the mean, beside an average of ``1/rA`` A^s."""

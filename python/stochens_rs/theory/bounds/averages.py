@@ -52,9 +52,7 @@ class Average(Bound):
         checked = _gate.array("target", target, ndim=(1, 2))
         _gate.choice("axis", axis, _AXES)
         self._set(checked[:, None] if checked.ndim == 1 else _lines(checked, axis))
-        self.quantity, self.norm = (
-            ("vector", "2") if checked.ndim == 1 else ("matrix", "Frobenius")
-        )
+        self.quantity, self.norm = ("vector", "2") if checked.ndim == 1 else ("matrix", "Frobenius")
 
     def _set(self, lines: Array) -> None:
         """Keep the lines that are random, in their unit, and their 1-norms."""

@@ -106,7 +106,8 @@ def candidates(
         if len(general._u) > 1 or axis == "rows":
             return [general]
         return [OneStepMcDiarmid(*data), OneStepHoeffding(*data), general]
-    return _for_control(Geometry(*data, axis, name), fusion)
+    B, x0, xf, A = data
+    return _for_control(Geometry(B, x0, xf, A, axis, name), fusion)
 
 
 def best(
@@ -207,4 +208,4 @@ def _for_control(at: Geometry, fusion: str) -> list[Bound]:
 def _differ(size: Sizes) -> bool:
     if not isinstance(size, (tuple, list)):
         return False
-    return len({float(N) for N in size if N is not None and N != float("inf")}) > 1
+    return len({float(N) for N in size if N is not None and float("inf") != N}) > 1

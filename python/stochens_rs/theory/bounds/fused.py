@@ -293,9 +293,6 @@ def top_eigenvalue(at: Geometry, rates: Rates, *, both: bool) -> float:
     return max(0.0, float(np.linalg.eigvalsh(covariance)[-1])) if covariance.size else 0.0
 
 
-
-
-
 def _check_equal(rates: Rates, why: str) -> None:
     if len({rate for rate in rates if rate > 0.0}) > 1:
         sizes = ", ".join(f"{1.0 / rate:g}" if rate else "None" for rate in rates)

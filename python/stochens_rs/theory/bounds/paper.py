@@ -226,6 +226,6 @@ class Lemma43(Printed):
 
 
 def largest_realization(A: Array) -> float:
-    """``B_A``: all columns that can hit row i may do so, ``max_i sqrt(sum of g_j^2, a_ij != 0)``."""
+    """``B_A = max_i sqrt(sum of g_j^2 over a_ij != 0)``: all that can hit row i do so."""
     squares = np.abs(A).sum(axis=0) ** 2
     return math.sqrt(float(((A != 0.0) @ squares).max()))

@@ -1,4 +1,4 @@
-"""Bounds for product fusion: every entity is averaged on its own, ``u = B+ (xf_hat - A_hat x0_hat)``.
+"""Bounds for product fusion, ``u = B+ (xf_hat - A_hat x0_hat)``: all entities averaged first.
 
 The product makes the error bilinear: ``y_hat - y = (xf_hat - xf) - A (x0_hat - x0)
 - (A_hat - A) x0_hat``. Given ``x0_hat``, the last term is an average of independent terms; how
@@ -171,6 +171,7 @@ class ProductParts(_Product):
 
     name = "sum of parts"
     source = "McDiarmid for each of xf_hat, A x0_hat, A_hat x0_hat given x0_hat; union bound"
+    _x0_hat: Array | None = None
 
     def __init__(
         self,
@@ -187,10 +188,6 @@ class ProductParts(_Product):
         if x0_hat is not None:
             checked = _gate.vector("x0_hat", x0_hat, length=self._at.x0.size)
             self._x0_hat = checked / self._at.unit_x0
-
-    def _use(self, geometry: Geometry) -> None:
-        super()._use(geometry)
-        self._x0_hat: Array | None = None
 
     def _radius(self, rates: Rates, level: float) -> float:
         r0, rf, rA = rates

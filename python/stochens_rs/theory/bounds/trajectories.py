@@ -155,7 +155,7 @@ class TrajectoryMcDiarmid(Trajectory):
 
 
 class OneStepMcDiarmid(Trajectory):
-    """The sharp form for one step: ``sqrt(tr S_1 / N) + sqrt((2 g0^2 gA^2 + sum u_j^2 h_j^2) L/N)``.
+    """The sharp form for one step: ``sqrt(tr S_1 / N) + sqrt(V L / N)``.
 
     Parameters
     ----------
@@ -177,13 +177,15 @@ class OneStepMcDiarmid(Trajectory):
 
     Notes
     -----
-    The coordinates of one run are ``A^s x0^s``, one entry of at most ``g0 gA``, and the columns of
-    ``B^s``; ``gA`` is taken over the columns that ``x0`` reaches. Columns only.
+    ``V = 2 g0^2 gA^2 + sum_j u_j^2 h_j^2``. The coordinates of one run are ``A^s x0^s``, one entry
+    of at most ``g0 gA``, and the columns of ``B^s``; ``gA`` is taken over the columns that ``x0``
+    reaches. Columns only.
 
     Examples
     --------
     >>> from stochens_rs.theory import bounds
-    >>> bound = bounds.OneStepMcDiarmid([[1.0, 0.0], [2.0, 5.0]], [[1.0], [1.0]], [1.0, 1.0], [[2.0]])
+    >>> A, B, x0, u = [[1.0, 0.0], [2.0, 5.0]], [[1.0], [1.0]], [1.0, 1.0], [[2.0]]
+    >>> bound = bounds.OneStepMcDiarmid(A, B, x0, u)
     >>> round(bound.radius(10_000, 0.01), 4)
     0.3664
     """
@@ -237,7 +239,8 @@ class OneStepHoeffding(Trajectory):
     Examples
     --------
     >>> from stochens_rs.theory import bounds
-    >>> bound = bounds.OneStepHoeffding([[1.0, 0.0], [2.0, 5.0]], [[1.0], [1.0]], [1.0, 1.0], [[2.0]])
+    >>> A, B, x0, u = [[1.0, 0.0], [2.0, 5.0]], [[1.0], [1.0]], [1.0, 1.0], [[2.0]]
+    >>> bound = bounds.OneStepHoeffding(A, B, x0, u)
     >>> round(bound.radius(10_000, 0.01), 4)
     0.5192
     """

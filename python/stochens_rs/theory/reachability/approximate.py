@@ -147,7 +147,9 @@ def _runs(A: ArrayLike, B: ArrayLike, x0: ArrayLike, u: Array, N: int, key: Key)
     states = sample(x0, N, rng=key.child("x0")).dense()
     for k, control in enumerate(u):
         moved = _apply(A, states, N, key.child(f"A {k}"))
-        states = moved + _apply(B, np.broadcast_to(control, (N, len(control))), N, key.child(f"B {k}"))
+        states = moved + _apply(
+            B, np.broadcast_to(control, (N, len(control))), N, key.child(f"B {k}")
+        )
     return states
 
 

@@ -103,11 +103,11 @@ def lemma_3_1(
         As, Bs, start = run(s)
         moved = _times(As, start)
         average = [a + y[s] * (z + b * u[s]) for a, z, b in zip(average, moved, Bs, strict=True)]
-    good = [run(1)[0], run(2)[1], run(0)[2]]
+    good_A, good_B, good_x0 = run(1)[0], run(2)[1], run(0)[2]
     errors = {
-        "A": max(abs(a - b) for p, q in zip(good[0], A, strict=True) for a, b in _pairs(p, q)),
-        "B": max(abs(a - b) for a, b in _pairs(good[1], B)),
-        "x0": max(abs(a - b) for a, b in _pairs(good[2], x0)),
+        "A": max(abs(a - b) for p, q in zip(good_A, A, strict=True) for a, b in _pairs(p, q)),
+        "B": max(abs(a - b) for a, b in _pairs(good_B, B)),
+        "x0": max(abs(a - b) for a, b in _pairs(good_x0, x0)),
     }
     # with u = 0 the exact system is at A x0 = xf
     residual = max(abs(a - b) for a, b in _pairs(_times(A, x0), xf))

@@ -19,6 +19,9 @@ use crate::sample::{AliasTable, Law};
 /// Runs in a block. Part of the stream's definition.
 pub(super) const RUNS: usize = MOST;
 
+/// All of them, as bits.
+const EVERY: u64 = u64::MAX >> (64 - RUNS);
+
 /// One state of every run.
 pub(super) type Row = [f64; RUNS];
 
@@ -28,31 +31,62 @@ const SLAB: usize = 256;
 /// How one line is drawn.
 struct Line {
     table: AliasTable,
-    /// `g sign(w_i)`
-    atoms: Vec<f64>,
+    gamma: f64,
+    /// bit `i % 64` of word `i / 64`: whether entry `i` is negative
+    negative: Vec<u64>,
 }
 
 impl Line {
-    /// `x^s E^s` is added to the state that run `s` picks, for the given runs.
+    /// The index for a word, and the sign bit of its entry.
     #[inline(always)]
-    fn scatter(&self, runs: impl Iterator<Item = usize>, words: &[u64], x: &Row, next: &mut [Row]) {
-        for (s, &word) in runs.zip(words) {
-            let r = self.table.draw(word) as usize;
-            next[r][s] += x[s] * self.atoms[r];
+    fn draw(&self, word: u64) -> (usize, u64) {
+        let r = self.table.draw(word) as usize;
+        (r, self.negative[r / 64] >> (r % 64) << 63)
+    }
+
+    /// `x^s E^s` is added to the state that run `s` picks, for the runs in `present` (bit `s`), one word each.
+    #[inline(always)]
+    fn scatter(&self, mut present: u64, words: &[u64], x: &Row, next: &mut [Row]) {
+        let mut scaled = [0.0; RUNS];
+        scaled.iter_mut().zip(x).for_each(|(to, x)| *to = x * self.gamma);
+        let mut add = |s: usize, word: u64| {
+            let (r, sign) = self.draw(word);
+            next[r][s % RUNS] += f64::from_bits(scaled[s % RUNS].to_bits() ^ sign);
+        };
+        if present == EVERY {
+            words.iter().enumerate().for_each(|(s, &word)| add(s, word));
+            return;
+        }
+        for &word in words {
+            add(present.trailing_zeros() as usize, word);
+            present &= present.wrapping_sub(1);
         }
     }
 }
 
+/// The runs whose value is not zero, as bits.
+#[inline(always)]
+fn present(row: &Row) -> u64 {
+    let mut bytes = [0u8; RUNS];
+    bytes.iter_mut().zip(row).for_each(|(to, v)| *to = u8::from(*v != 0.0));
+    let eights = bytes.as_chunks::<8>().0.iter().enumerate();
+    // eight bytes 0 or 1 become eight bits: byte i is shifted to bit 56 + i, and no two products meet
+    eights.fold(0, |bits, (at, eight)| {
+        bits | (u64::from_le_bytes(*eight).wrapping_mul(0x0102_0408_1020_4080) >> 56) << (8 * at)
+    })
+}
+
 /// A table for every line that is not zero.
 fn lines(law: &Law, stop: &Stop) -> Result<Vec<Option<Line>>> {
-    law.atoms()
-        .chunks_exact(law.length())
-        .enumerate()
-        .map(|(j, atoms)| {
-            stop.check()?;
-            Ok(AliasTable::new(law.line(j)).map(|table| Line { table, atoms: atoms.to_vec() }))
-        })
-        .collect()
+    let line = |j: usize| {
+        stop.check()?;
+        let mut negative = vec![0; law.length().div_ceil(64)];
+        for (i, _) in law.line(j).iter().enumerate().filter(|(_, v)| **v < 0.0) {
+            negative[i / 64] |= 1 << (i % 64);
+        }
+        Ok(AliasTable::new(law.line(j)).map(|table| Line { table, gamma: law.gamma()[j], negative }))
+    };
+    (0..law.lines()).map(line).collect()
 }
 
 /// What all blocks share.
@@ -118,8 +152,8 @@ impl<'a> Block<'a> {
         let x0 = stepper.model.x0().values();
         if let Some(line) = &stepper.x0 {
             for ((index, value), &word) in block.indices.iter_mut().zip(&mut block.values).zip(block.words.take(RUNS)) {
-                *index = line.table.draw(word);
-                *value = line.atoms[*index as usize];
+                let (r, sign) = line.draw(word);
+                (*index, *value) = (r as u32, f64::from_bits(line.gamma.to_bits() ^ sign));
             }
         } else if let (false, Some(i)) = (stepper.drawn.x0, x0.iter().position(|&v| v != 0.0)) {
             block.indices = [i as u32; RUNS];
@@ -179,8 +213,9 @@ impl<'a> Block<'a> {
         for (index, value) in self.indices.iter_mut().zip(&mut self.values) {
             match &lines[*index as usize] {
                 Some(line) if *value != 0.0 => {
-                    *index = line.table.draw(self.words.take(1)[0]);
-                    *value *= line.atoms[*index as usize];
+                    let (r, sign) = line.draw(self.words.take(1)[0]);
+                    *index = r as u32;
+                    *value = f64::from_bits((*value * line.gamma).to_bits() ^ sign);
                 }
                 _ => *value = 0.0,
             }
@@ -209,13 +244,9 @@ impl<'a> Block<'a> {
                 stop.check()?;
             }
             let Some(line) = line else { continue };
-            match row.iter().filter(|&&v| v != 0.0).count() {
-                0 => {}
-                RUNS => line.scatter(0..RUNS, self.words.take(RUNS), row, next),
-                count => {
-                    let present = (0..RUNS).filter(|&s| row[s] != 0.0);
-                    line.scatter(present, self.words.take(count), row, next);
-                }
+            let present = present(row);
+            if present != 0 {
+                line.scatter(present, self.words.take(present.count_ones() as usize), row, next);
             }
         }
         Ok(())
@@ -227,7 +258,7 @@ impl<'a> Block<'a> {
         if let Some(lines) = &self.stepper.b {
             for (&u, line) in model.input(self.k).iter().zip(lines) {
                 if let (true, Some(line)) = (u != 0.0, line) {
-                    line.scatter(0..RUNS, self.words.take(RUNS), &[u; RUNS], rows);
+                    line.scatter(EVERY, self.words.take(RUNS), &[u; RUNS], rows);
                 }
             }
         } else {

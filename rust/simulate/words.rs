@@ -6,7 +6,7 @@ use crate::stream::{CHUNK, Key, Lanes, Purpose};
 const REFILL: usize = 256;
 
 /// The most words that may be taken at a time.
-pub(super) const MOST: usize = 64;
+pub(super) const MOST: usize = 32;
 
 /// The words `0, 1, 2, ...` of the line `block`; whatever is taken is never given again.
 pub(super) struct Words<'a> {

@@ -269,3 +269,43 @@ impl<'a> Block<'a> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simulate::model::tests::model;
+    use crate::stream::Key;
+
+    #[test]
+    fn present_is_a_bit_for_every_nonzero() {
+        let mut row = [0.0; RUNS];
+        assert_eq!(present(&row), 0);
+        for (s, v) in [(0, 1.0), (3, -1e-320), (9, f64::INFINITY), (RUNS - 1, f64::NAN)] {
+            row[s] = v;
+        }
+        assert_eq!(present(&row), 1 | 1 << 3 | 1 << 9 | 1 << (RUNS - 1));
+        row[3] = -0.0;
+        assert_eq!(present(&row), 1 | 1 << 9 | 1 << (RUNS - 1));
+        assert_eq!(present(&[2.0; RUNS]), EVERY);
+    }
+
+    #[test]
+    fn singletons_stay_alone_until_an_input_acts_and_take_one_word_per_run() {
+        let a: Vec<f64> = (0..36).map(|i| f64::from(i) - 17.5).collect();
+        let model = model(&a, &[1.0; 6], &[1.0, -2.0, 0.0, 3.0, 0.5, 0.0], &[0.0, 0.0, 1.0]);
+        let (key, stop) = (Key([1; 32]), Stop::new());
+        let stepper = Stepper::new(&model, Drawn { a: true, b: true, x0: true }, &stop).unwrap();
+        let (mut x, mut next) = (vec![0.0; 6 * RUNS], vec![0.0; 6 * RUNS]);
+        let mut block = Block::new(&stepper, Words::new(&key, 0), &mut x, &mut next);
+        for _ in 0..3 {
+            assert!(matches!(block.states(), States::Singles { .. }));
+            block.step(&stop).unwrap();
+        }
+        let States::Rows(rows) = block.states() else { panic!("the third input is not zero") };
+        assert!((0..RUNS).all(|s| (1..=2).contains(&rows.iter().filter(|row| row[s] != 0.0).count())));
+        // x0, three times A, once B
+        let mut fresh = Words::new(&key, 0);
+        (0..5).for_each(|_| drop(fresh.take(RUNS).to_vec()));
+        assert_eq!(block.words.take(RUNS), fresh.take(RUNS));
+    }
+}

@@ -98,3 +98,27 @@ fn add_average(
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simulate::model::tests::model;
+
+    #[test]
+    fn threads_change_nothing_and_a_huge_average_is_nearly_exact() {
+        let a = [0.5, -1.0, 0.0, 0.0, 0.0, 0.0, 2.0, 0.25, -0.5];
+        let model = model(&a, &[1.0, 0.0, -1.0], &[1.0, 0.0, -2.0], &[0.0, 1.0, -1.0, 0.5]);
+        let (drawn, stop) = (Drawn { a: true, b: true, x0: true }, Stop::new());
+        let run = |size, threads| {
+            mean_field(&model, drawn, size, 3 * LEAF + 1, Second::Full, true, &Key([1; 32]), threads, &stop)
+        };
+        let one = run(100, 1).unwrap();
+        assert_eq!(run(100, 3).unwrap(), one);
+        assert_eq!(run(0, 1).map_err(|e| matches!(e, Error::Value { name: "size", .. })), Err(true));
+        // a relative error of 10^-6 and growth by a few: nothing is further off than 10^-4
+        let exact = model.trajectory(&stop).unwrap();
+        let huge = run(1_000_000_000_000, 1).unwrap();
+        assert!(huge.runs.chunks_exact(15).all(|run| run.iter().zip(&exact).all(|(a, b)| (a - b).abs() < 1e-4)));
+        assert!(huge.runs != one.runs);
+    }
+}

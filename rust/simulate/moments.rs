@@ -243,3 +243,70 @@ impl<'a> Tree<'a> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Mean and covariance of the columns of `rows` by the textbook's two passes.
+    fn two_passes(rows: &[Row], count: usize) -> (Vec<f64>, Vec<f64>) {
+        let n = rows.len();
+        let mean: Vec<f64> = rows.iter().map(|row| row[..count].iter().sum::<f64>() / count as f64).collect();
+        let covariance = (0..n * n).map(|at| {
+            let (i, j) = (at / n, at % n);
+            let products = (0..count).map(|s| (rows[i][s] - mean[i]) * (rows[j][s] - mean[j]));
+            products.sum::<f64>() / (count as f64 - 1.0)
+        });
+        (mean.clone(), covariance.collect())
+    }
+
+    #[test]
+    fn all_ways_to_add_give_the_textbook_moments() {
+        let indices: [u32; RUNS] = std::array::from_fn(|s| (s * s % 3) as u32);
+        let values: Row = std::array::from_fn(|s| 1e3 + (s as f64).sin());
+        let rows: Vec<Row> =
+            (0..3).map(|i| std::array::from_fn(|s| if indices[s] == i { values[s] } else { 0.0 })).collect();
+        let center = [400.0, 500.0, 0.0];
+        for count in [2, 7, 8, RUNS] {
+            let (mean, covariance) = two_passes(&rows, count);
+            for second in [Second::Diagonal, Second::Full] {
+                for way in 0..3 {
+                    let mut sums = Sums::new(&center, 3, second).unwrap();
+                    match way {
+                        0 => sums.add(0, &States::Rows(&rows), count),
+                        1 => sums.add(0, &States::Singles { indices: &indices, values: &values }, count),
+                        _ => (0..count).for_each(|s| sums.add_one(0, &[rows[0][s], rows[1][s], rows[2][s]])),
+                    }
+                    let found = sums.finish(count, Vec::new()).unwrap();
+                    let close = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-12 * 1e6);
+                    assert!(close(&found.mean, &mean), "{second:?} {way} {count}");
+                    let variance = found.variance.unwrap();
+                    assert!(
+                        close(&variance, &[covariance[0], covariance[4], covariance[8]]),
+                        "{second:?} {way} {count}"
+                    );
+                    assert_eq!(found.covariance.is_some(), second == Second::Full);
+                    assert!(found.covariance.is_none_or(|found| close(&found, &covariance)), "{way} {count}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn leaves_may_come_in_any_order() {
+        let center = [0.0];
+        let total = |order: &[usize]| {
+            let tree = Tree::new();
+            for &leaf in order {
+                let mut sums = Sums::new(&center, 1, Second::Diagonal).unwrap();
+                sums.add_one(0, &[1.0 / (leaf as f64 + 3.0)]);
+                tree.insert(leaf, sums);
+            }
+            tree.finish(order.len(), Vec::new()).unwrap()
+        };
+        let sorted = total(&(0..13).collect::<Vec<_>>());
+        let exact: f64 = (0..13).map(|leaf| 1.0 / (f64::from(leaf) + 3.0)).sum::<f64>() / 13.0;
+        assert!((sorted.mean[0] - exact).abs() < 1e-15);
+        assert_eq!(total(&[12, 3, 0, 7, 1, 11, 2, 6, 5, 4, 10, 8, 9]), sorted);
+    }
+}

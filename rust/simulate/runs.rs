@@ -73,3 +73,45 @@ fn write(states: &States, s: usize, out: &mut [f64]) {
         States::Rows(rows) => out.iter_mut().zip(*rows).for_each(|(to, row)| *to = row[s]),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simulate::model::tests::model;
+
+    const ALL: Drawn = Drawn { a: true, b: true, x0: true };
+
+    fn example() -> Model {
+        let a = [0.5, -1.0, 0.0, 0.0, 0.0, 0.0, 2.0, 0.25, -0.5];
+        model(&a, &[1.0, 0.0, -1.0], &[1.0, 0.0, -2.0], &[0.0, 1.0, -1.0, 0.5])
+    }
+
+    #[test]
+    fn threads_change_nothing_and_a_larger_ensemble_starts_with_the_smaller_one() {
+        let (model, key, stop) = (example(), Key([2; 32]), Stop::new());
+        let run = |size, second, threads| runs(&model, ALL, size, second, true, &key, threads, &stop).unwrap();
+        for second in [Second::Diagonal, Second::Full] {
+            let whole = run(5000, second, 1);
+            for threads in [2, 3, 8] {
+                assert_eq!(run(5000, second, threads), whole);
+            }
+            for size in [1, RUNS + 1, LEAF * RUNS, LEAF * RUNS + 1] {
+                assert_eq!(run(size, second, 2).runs, whole.runs[..size * 15]);
+            }
+        }
+    }
+
+    #[test]
+    fn a_stop_no_runs_and_overflow_are_errors() {
+        let (model, key, stop) = (example(), Key([2; 32]), Stop::new());
+        let run = |model: &Model, size, stop: &Stop| runs(model, ALL, size, Second::Diagonal, false, &key, 1, stop);
+        assert!(matches!(run(&model, 0, &stop), Err(Error::Value { name: "size", .. })));
+        stop.request();
+        assert_eq!(run(&model, 10, &stop), Err(Error::Interrupted));
+        let stop = Stop::new();
+        let a = [1e200, -1e200, -1e200, 1e200]; // the exact trajectory of (1, 1) is zero
+        let grows = |steps| self::model(&a, &[1.0, 1.0], &[1.0, 1.0], &vec![0.0; steps]);
+        assert_eq!(run(&grows(1), 9, &stop), Err(Error::Overflow { what: "a second moment of the ensemble" }));
+        assert_eq!(run(&grows(3), 9, &stop), Err(Error::Overflow { what: "a state of the ensemble" }));
+    }
+}

@@ -1,4 +1,5 @@
-//! Kernels of the core, timed by criterion: sampling, closed form, ALSE of matrices, SLSE, batched controls.
+//! Kernels of the core, timed by criterion: sampling, closed form, ALSE of matrices, SLSE, batched controls, simulated
+//! runs.
 
 use std::hint::black_box;
 use std::sync::Arc;
@@ -7,6 +8,7 @@ use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_m
 use stochens::control::{Entity, Realized, pseudoinverse};
 use stochens::fuse::{Settings, Status, Weights, alse, closed_form, slse};
 use stochens::sample::multinomial_counts;
+use stochens::simulate::{Drawn, Model, Second, mean_field, runs};
 use stochens::{Key, Law, Scheme, Singletons, Stop, sample};
 
 /// Entries of both signs and unequal magnitudes, the same in every run.
@@ -101,9 +103,34 @@ fn controls(c: &mut Criterion) {
     group.finish();
 }
 
+/// `x(k+1) = A x(k) + B u(k)` with n = 100 states over 10 steps; throughput in runs and steps.
+fn simulating(c: &mut Criterion) {
+    let (n, steps, size) = (100, 10, 10_000);
+    let (drawn, key, stop) = (Drawn { a: true, b: true, x0: true }, Key([1; 32]), Stop::new());
+    let matrix = |lines| Law::new(entries(lines * n).iter().map(|v| v / 100.0).collect(), lines, n).expect("finite");
+    let mut group = c.benchmark_group("simulate");
+    for (name, m, input) in [("m = 1", 1, 1.0), ("m = 10", 10, 1.0), ("m = 100", 100, 1.0), ("no input", 1, 0.0)] {
+        let model = Model::new(matrix(n), matrix(m), matrix(1), vec![input; steps * m]).expect("fitting shapes");
+        group.throughput(Throughput::Elements((size * steps) as u64));
+        group.bench_function(BenchmarkId::new("runs", name), |b| {
+            b.iter(|| runs(black_box(&model), drawn, size, Second::Diagonal, false, &key, 1, &stop));
+        });
+        if m == 10 {
+            group.bench_function(BenchmarkId::new("runs, full covariance", name), |b| {
+                b.iter(|| runs(black_box(&model), drawn, size, Second::Full, false, &key, 1, &stop));
+            });
+            group.throughput(Throughput::Elements(steps as u64));
+            group.bench_function(BenchmarkId::new("mean field of 10^6", name), |b| {
+                b.iter(|| mean_field(black_box(&model), drawn, 1_000_000, 1, Second::Diagonal, false, &key, 1, &stop));
+            });
+        }
+    }
+    group.finish();
+}
+
 criterion_group! {
     name = benches;
     config = Criterion::default().sample_size(20).measurement_time(std::time::Duration::from_secs(2));
-    targets = sampling, fusing, least_squares, controls
+    targets = sampling, fusing, least_squares, controls, simulating
 }
 criterion_main!(benches);

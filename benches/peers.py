@@ -201,6 +201,87 @@ def controls() -> Iterator[Line]:
         yield (f"controls, n={n} m={m}", "NumPy fancy indexing", ours, size, fancy, size)
 
 
+def simulate() -> Iterator[Line]:
+    """1e5 runs of 10 steps with n = 100 states; the peers do fewer runs, each with the same work."""
+    gen = np.random.default_rng(0)
+    n, K, size = 100, 10, 100_000
+    A = gen.standard_normal((n, n))
+    A /= np.abs(np.linalg.eigvals(A)).max()
+    x0 = gen.standard_normal(n)
+    cases = (("m=10", 10, 1.0), ("m=100", 100, 1.0), ("no input", 1, 0.0))
+    for name, m, strength in cases:
+        B, u = gen.standard_normal((n, m)), strength * gen.standard_normal((K, m))
+
+        def ours(B=B, u=u) -> np.ndarray:
+            return se.simulate_ensemble((A, B), u, x0, size, rng=1).mean
+
+        twin_runs, few, single = 96, 2_000, 3
+        yield (
+            f"simulate, n=100 {name}, K=10",
+            "NumPy twin, 32 runs at a time",
+            ours,
+            size,
+            lambda B=B, u=u: reference.simulate_runs(A, B, u, x0, twin_runs, key=bytes(32)),
+            twin_runs,
+        )
+        yield (
+            f"simulate, n=100 {name}, K=10",
+            "NumPy, run by run",
+            ours,
+            size,
+            lambda B=B, u=u: run_by_run(A, B, u, x0, single, gen),
+            single,
+        )
+        yield (
+            f"simulate, n=100 {name}, K=10",
+            "NumPy, all runs at once",
+            ours,
+            size,
+            lambda B=B, u=u: runs_at_once(A, B, u, x0, few, gen),
+            few,
+        )
+
+
+def run_by_run(A, B, u, x0, size, gen) -> np.ndarray:
+    """The definition as it stands: a realization of A and B for every run and step."""
+
+    def realization(M: np.ndarray) -> np.ndarray:
+        g, E = np.abs(M).sum(axis=0), np.zeros_like(M)
+        for j in range(M.shape[1]):
+            i = gen.choice(len(M), p=np.abs(M[:, j]) / g[j])
+            E[i, j] = g[j] * np.sign(M[i, j])
+        return E
+
+    states = np.empty((size, len(u) + 1, len(x0)))
+    for s in range(size):
+        states[s, 0] = realization(x0[:, None])[:, 0]
+        for k, u_k in enumerate(u):
+            states[s, k + 1] = realization(A) @ states[s, k] + realization(B) @ u_k
+    return states.mean(axis=0)
+
+
+def runs_at_once(A, B, u, x0, size, gen) -> np.ndarray:
+    """All runs as one array: a `choice` and a scatter for every step and column that can matter."""
+    rows = np.arange(size)
+
+    def add(M: np.ndarray, values: np.ndarray, out: np.ndarray) -> None:
+        g = np.abs(M).sum(axis=0)
+        for j in np.flatnonzero(np.any(values, axis=0)):
+            i = gen.choice(len(M), size, p=np.abs(M[:, j]) / g[j])
+            out[rows, i] += values[:, j] * (g[j] * np.sign(M[i, j]))
+
+    x = np.zeros((size, len(x0)))
+    add(x0[:, None], np.ones((size, 1)), x)
+    means = [x.mean(axis=0)]
+    for u_k in u:
+        after = np.zeros_like(x)
+        add(A, x, after)
+        add(B, np.broadcast_to(u_k, (size, len(u_k))), after)
+        x = after
+        means.append(x.mean(axis=0))
+    return np.array(means)
+
+
 def reproduce() -> Iterator[Line]:
     """A stated subset of the experiments: all four methods, both entities, 5 sizes, 1 replicate."""
     try:
@@ -249,7 +330,10 @@ def reproduce() -> Iterator[Line]:
         )
 
 
-GROUPS = {f.__name__: f for f in (sampling, closed_form, alse_path, slse, controls, reproduce)}
+GROUPS = {
+    f.__name__: f
+    for f in (sampling, closed_form, alse_path, slse, controls, simulate, reproduce)
+}
 
 
 def main() -> None:

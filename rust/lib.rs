@@ -7,9 +7,10 @@
 //!    `P(I = i) = |w_i| / g`, `g = ||w||_1`;
 //! 2. **fuses** them with weights on the simplex ([`fuse`]): uniform, accumulated least squares (ALSE),
 //!    `min_w ||sum_i w_i E_i - E*||^2`, and sequential least squares (SLSE);
-//! 3. **computes controls** ([`control`]) `u = B^+ (xf - A x0)`, one per realization or fused.
+//! 3. **computes controls** ([`control`]) `u = B^+ (xf - A x0)`, one per realization or fused;
+//! 4. **simulates** ([`simulate`]) what a control does, exactly and with fresh realizations at every step.
 //!
-//! The module order is the order of the data: `stream -> sample -> fuse -> control`; nothing below knows who stands above.
+//! The module order is the order of the data: `stream -> sample -> fuse -> control -> simulate`; nothing below knows who stands above.
 //! Arrays of a law are stored line by line (see [`Law`]). The feature `python` adds the extension module.
 //!
 //! ```
@@ -31,6 +32,7 @@ mod parallel;
 #[allow(missing_docs, reason = "the Python side is documented in the package")]
 mod python;
 pub mod sample;
+pub mod simulate;
 mod stream;
 #[cfg(target_arch = "x86_64")]
 mod wide;

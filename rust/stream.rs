@@ -25,6 +25,10 @@ pub enum Purpose {
     Permutation = 2,
     /// Multinomial counts without realizations.
     Counts = 3,
+    /// The words of a block of simulated runs; the line is the block.
+    Runs = 4,
+    /// The counts of a mean-field trajectory; the line is the replicate.
+    MeanField = 5,
 }
 
 /// 256 bits from which every stream of a call is derived.
@@ -49,7 +53,12 @@ impl Key {
 
     /// The word generator of one chunk of index draws of `line`.
     pub(crate) fn lanes(&self, line: usize, chunk: usize) -> Lanes {
-        let mut rng = self.stream(Purpose::Draws, line);
+        self.lanes_for(Purpose::Draws, line, chunk)
+    }
+
+    /// The word generator of one chunk of `line`, for whatever draws one word at a time.
+    pub(crate) fn lanes_for(&self, purpose: Purpose, line: usize, chunk: usize) -> Lanes {
+        let mut rng = self.stream(purpose, line);
         rng.set_word_pos(chunk as u128 * (LANES * 8) as u128); // a ChaCha word has 4 bytes, a lane's state 32
         let mut bytes = [0u8; LANES * 32];
         rng.fill_bytes(&mut bytes);
@@ -143,7 +152,14 @@ mod tests {
         let (a, b) = (Key([0; 32]), Key([1; 32]));
         let mut words = Vec::new();
         for key in [a, b] {
-            for purpose in [Purpose::Draws, Purpose::Offset, Purpose::Permutation, Purpose::Counts] {
+            for purpose in [
+                Purpose::Draws,
+                Purpose::Offset,
+                Purpose::Permutation,
+                Purpose::Counts,
+                Purpose::Runs,
+                Purpose::MeanField,
+            ] {
                 words.extend((0..100).map(|line| first(key, purpose, line)));
             }
         }

@@ -2,7 +2,8 @@
 
 From realizations of ``x0``, ``xf`` and ``A`` in ``x(k+1) = A x(k) + B u(k)`` to a control, and to
 what is known about it: `sample` (or `Ensemble.from_samples`) makes an ensemble, `fuse` turns it
-into an estimate, `control` into a control; `steer` does all three. `theory.moments` predicts how
+into an estimate, `control` into a control; `steer` does all three, `simulate` and
+`simulate_ensemble` show what a control does. `theory.moments` predicts how
 wrong the result is, `cases` brings systems to try, `experiments` the two of the paper.
 """
 
@@ -26,13 +27,16 @@ from .fusing import fuse, fuse_path
 from .results import Fit, Path, Plan, PlanBound, PlanError, Reachability
 from .rng import Key
 from .sampling import sample, sample_counts
+from .simulating import simulate, simulate_ensemble
 from .system import System
+from .trajectories import EnsembleTrajectory, Trajectory
 
 __version__ = _version()
 
 __all__ = [
     "Counts",
     "Ensemble",
+    "EnsembleTrajectory",
     "Fit",
     "InputError",
     "InputTypeError",
@@ -48,6 +52,7 @@ __all__ = [
     "SolverError",
     "StochensError",
     "System",
+    "Trajectory",
     "__version__",
     "cases",
     "control",
@@ -60,6 +65,8 @@ __all__ = [
     "sample",
     "sample_counts",
     "set_num_threads",
+    "simulate",
+    "simulate_ensemble",
     "steer",
     "theory",
 ]

@@ -14,7 +14,10 @@ __all__ = [
     "pseudoinverse",
     "realization_controls",
     "sample_counts",
+    "simulate_mean_field",
+    "simulate_runs",
     "slse",
+    "trajectory",
     "uniform_path",
     "version",
 ]
@@ -107,4 +110,30 @@ def realization_controls(
 def mean_difference(
     n: int, x0: Draws | _Floats, xf: Draws | _Floats, a: Draws | _Floats, rows: bool
 ) -> _Floats: ...
+def trajectory(a: _Floats, b: _Floats, x0: _Floats, u: _Floats) -> _Floats: ...
+def simulate_runs(
+    a: _Floats,
+    b: _Floats,
+    x0: _Floats,
+    u: _Floats,
+    drawn: tuple[bool, bool, bool],
+    size: int,
+    full: bool,
+    keep: bool,
+    key: bytes,
+    threads: int,
+) -> tuple[_Floats, _Floats | None, _Floats | None, _Floats]: ...
+def simulate_mean_field(
+    a: _Floats,
+    b: _Floats,
+    x0: _Floats,
+    u: _Floats,
+    drawn: tuple[bool, bool, bool],
+    size: int,
+    replicates: int,
+    full: bool,
+    keep: bool,
+    key: bytes,
+    threads: int,
+) -> tuple[_Floats, _Floats | None, _Floats | None, _Floats]: ...
 def version() -> str: ...

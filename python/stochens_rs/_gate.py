@@ -67,6 +67,17 @@ def matrix(
     return _finite(name, given)
 
 
+def inputs(name: str, value: object, *, cols: int) -> Floats:
+    """Return inputs over time as C-contiguous float64 of shape (K, cols), K >= 0."""
+    given = _read(name, value)
+    if given.ndim != 2 or given.shape[1] != cols:
+        hint = f"; use {name}.reshape(-1, {cols})" if given.ndim == 1 and given.size else ""
+        raise ShapeError(
+            f"`{name}` must have shape (K, {cols}), one row per step, got {_shape(given)}{hint}"
+        )
+    return matrix(name, given, cols=cols) if len(given) else np.zeros((0, cols))
+
+
 def array(name: str, value: object, *, ndim: tuple[int, ...]) -> Floats:
     """Return `value` as a C-contiguous float64 array with one of the numbers of dimensions."""
     given = _numeric(name, value)

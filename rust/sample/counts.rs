@@ -3,6 +3,7 @@
 //! The counts of `N` independent draws of a line are multinomial; conditional binomials give them in `O(length)` for any
 //! `N`. Equal in distribution to the counts of a sample, not equal draw by draw.
 
+use rand::Rng;
 use rand::distr::Distribution;
 use rand_distr::Binomial;
 
@@ -25,35 +26,39 @@ pub fn multinomial_counts(law: &Law, size: u64, key: &Key, stop: &Stop) -> Resul
     let mut counts = Vec::with_capacity(law.values().len());
     for j in 0..law.lines() {
         stop.check()?;
-        let line = law.line(j);
         let mut rng = key.stream(Purpose::Counts, j);
-        let gamma = law.gamma()[j];
-        // tails[i] = (|w_i| + ... + |w_n|) / g: at the last nonzero entry the conditional probability is exactly one
-        let mut tail = 0.0;
-        let mut tails: Vec<f64> = line
-            .iter()
-            .rev()
-            .map(|w| {
-                tail += w.abs() / gamma;
-                tail
-            })
-            .collect();
-        tails.reverse();
-        let mut left = if gamma > 0.0 { size } else { 0 };
-        for (w, tail) in line.iter().zip(tails) {
-            let count = if left == 0 || *w == 0.0 {
-                0
-            } else {
-                let p = (w.abs() / gamma / tail).min(1.0);
-                Binomial::new(left, p)
-                    .map_err(|e| Error::Numerical(format!("binomial({left}, {p}): {e}")))?
-                    .sample(&mut rng)
-            };
-            left -= count;
-            counts.push(count);
-        }
+        counts.extend(line_counts(law.line(j), law.gamma()[j], size, &mut rng)?);
     }
     Ok(counts)
+}
+
+/// One multinomial draw of a line with 1-norm `gamma`: `size` in total, or nothing in a zero line.
+pub(crate) fn line_counts(line: &[f64], gamma: f64, size: u64, rng: &mut impl Rng) -> Result<Vec<u64>> {
+    // tails[i] = (|w_i| + ... + |w_n|) / g: at the last nonzero entry the conditional probability is exactly one
+    let mut tail = 0.0;
+    let mut tails: Vec<f64> = line
+        .iter()
+        .rev()
+        .map(|w| {
+            tail += w.abs() / gamma;
+            tail
+        })
+        .collect();
+    tails.reverse();
+    let mut left = if gamma > 0.0 { size } else { 0 };
+    line.iter()
+        .zip(tails)
+        .map(|(w, tail)| {
+            if left == 0 || *w == 0.0 {
+                return Ok(0);
+            }
+            let p = (w.abs() / gamma / tail).min(1.0);
+            let binomial = Binomial::new(left, p);
+            let count = binomial.map_err(|e| Error::Numerical(format!("binomial({left}, {p}): {e}")))?.sample(rng);
+            left -= count;
+            Ok(count)
+        })
+        .collect()
 }
 
 #[cfg(test)]

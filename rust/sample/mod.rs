@@ -19,6 +19,7 @@ pub use law::Law;
 pub use singletons::{Index, Indices, Singletons};
 pub use systematic::systematic_counts;
 
+pub(crate) use counts::line_counts;
 pub(crate) use singletons::with_indices;
 
 use crate::error::{Result, checked_len};

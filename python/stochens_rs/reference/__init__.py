@@ -7,7 +7,8 @@ them bit for bit where that is promised (random draws) and to rounding elsewhere
 * `streams`  - random words: ChaCha8, xoshiro256++, the alias table, the shuffle;
 * `sampling` - realizations as indices, and what is built from indices;
 * `fusing`   - weights: uniform, ALSE, SLSE;
-* `controls` - pseudoinverse, controls, and how wrong they are.
+* `controls` - pseudoinverse, controls, and how wrong they are;
+* `simulation` - trajectories: exact, random runs, mean fields.
 
 Arrays go in and come out plain: `indices` is (N, lines), `samples` is (N, n) or (N, n, m), `key`
 is 32 bytes. Input is taken as finite and well shaped; nothing is checked.
@@ -47,6 +48,7 @@ from .sampling import (
     systematic_counts,
     to_lines,
 )
+from .simulation import simulate, simulate_mean_field, simulate_runs
 from .streams import (
     AliasTable,
     alias_table,
@@ -89,6 +91,9 @@ __all__ = [
     "realization_controls",
     "sample_indices",
     "shuffle",
+    "simulate",
+    "simulate_mean_field",
+    "simulate_runs",
     "slse",
     "slse_safeguarded",
     "systematic_counts",

@@ -22,7 +22,8 @@ from numpy.typing import ArrayLike, NDArray
 Words32 = NDArray[np.uint32]
 Words64 = NDArray[np.uint64]
 
-IID, SYSTEMATIC_OFFSET, SYSTEMATIC_PERMUTATION = 0, 1, 2  # purposes (3 = counts, in the core only)
+# purposes (3 = counts and 5 = counts of mean fields, in the core only)
+IID, SYSTEMATIC_OFFSET, SYSTEMATIC_PERMUTATION, RUNS = 0, 1, 2, 4
 CHUNK = 16384  # draws that share one set of lanes
 LANES = 8
 CELL = 2**32  # integer mass of one cell of an alias table
@@ -91,15 +92,15 @@ def xoshiro256pp(state: ArrayLike, count: int) -> Words64:
     return out
 
 
-def iid_words(key: bytes, line: int, count: int) -> Words64:
+def iid_words(key: bytes, line: int, count: int, purpose: int = IID) -> Words64:
     """The words of the draws 0..count-1 of a line, (count,).
 
-    Chunk c, lane l is seeded by the four words at byte ``256 c + 32 l`` of stream(key, 0, line);
-    draw i of a chunk is output ``i // 8`` of lane ``i % 8``.
+    Chunk c, lane l is seeded by the four words at byte ``256 c + 32 l`` of
+    stream(key, purpose, line); draw i of a chunk is output ``i // 8`` of lane ``i % 8``.
     """
     chunks = -(-count // CHUNK)
     steps = -(-min(count, CHUNK) // LANES)
-    seeds = chacha8_words(key, IID, line, 0, chunks * LANES * 4)
+    seeds = chacha8_words(key, purpose, line, 0, chunks * LANES * 4)
     state = seeds.reshape(chunks * LANES, 4).T
     outputs = xoshiro256pp(state, steps).reshape(steps, chunks, LANES)
     return outputs.transpose(1, 0, 2).reshape(-1)[:count]

@@ -1,0 +1,151 @@
+"""Trajectories: ``x(k+1) = A x(k) + B u(k)`` exactly, in independent random runs, and as a mean
+field.
+
+Every run draws fresh A and B at every step, so that all runs are independent and their mean is the
+exact trajectory. The columns of a matrix are drawn independently (see `sampling`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .sampling import atoms
+from .streams import RUNS as PURPOSE
+from .streams import AliasTable, Words64, alias_table, draw, iid_words
+
+Array = NDArray[np.float64]
+Take = Callable[[int], Words64]
+
+BLOCK = 32  # runs that share one line of words; part of the stream's definition
+
+
+def simulate(A: ArrayLike, B: ArrayLike, u: ArrayLike, x0: ArrayLike) -> Array:
+    """The exact states x(0), ..., x(K), (K + 1, n), for inputs u (K, m)."""
+    A, B = np.asarray(A, dtype=np.float64), np.asarray(B, dtype=np.float64)
+    states = [np.asarray(x0, dtype=np.float64)]
+    for u_k in np.asarray(u, dtype=np.float64):
+        states.append(A @ states[-1] + B @ u_k)
+    return np.array(states)
+
+
+def simulate_runs(
+    A: ArrayLike,
+    B: ArrayLike,
+    u: ArrayLike,
+    x0: ArrayLike,
+    size: int,
+    *,
+    key: bytes,
+    sample_A: bool = True,
+    sample_B: bool = True,
+    sample_x0: bool = True,
+) -> Array:
+    """`size` independent runs, (size, K + 1, n), a function of the arguments."""
+    A, B = np.asarray(A, dtype=np.float64), np.asarray(B, dtype=np.float64)
+    u, x0 = np.asarray(u, dtype=np.float64), np.asarray(x0, dtype=np.float64)
+    sampled = (sample_A, sample_B, sample_x0)
+    blocks = [_block(A, B, u, x0, key, block, sampled) for block in range(-(-size // BLOCK))]
+    return np.concatenate(blocks)[:size]
+
+
+def _block(
+    A: Array,
+    B: Array,
+    u: Array,
+    x0: Array,
+    key: bytes,
+    block: int,
+    sampled: tuple[bool, bool, bool],
+) -> Array:
+    """The runs 32 b, ..., 32 b + 31; they take the words of line b in the order of the loops."""
+    sample_A, sample_B, sample_x0 = sampled
+    words = iid_words(key, block, BLOCK * (1 + len(u) * sum(B.shape)), PURPOSE)
+    taken = 0
+
+    def take(count: int) -> Words64:
+        nonlocal taken
+        taken += count
+        return words[taken - count : taken]
+
+    tables_A, tables_B = _tables(A), _tables(B)
+    x = np.zeros((BLOCK, len(x0)))
+    if not sample_x0:
+        x += x0
+    elif np.any(x0):
+        i = draw(alias_table(x0), take(BLOCK))
+        x[np.arange(BLOCK), i] = atoms(x0)[i]
+    singletons = sample_A and (sample_x0 or int(np.count_nonzero(x0)) <= 1)
+    states = [x]
+    for u_k in u:
+        x = _apply(A, tables_A, x, take, by_runs=singletons) if sample_A else x @ A.T
+        v = np.tile(u_k, (BLOCK, 1))  # the same for all runs
+        x = _apply(B, tables_B, v, take, onto=x) if sample_B else x + B @ u_k
+        singletons = bool(singletons and not np.any(u_k))
+        states.append(x)
+    return np.stack(states, axis=1)
+
+
+def _tables(M: Array) -> list[AliasTable | None]:
+    return [alias_table(column) if np.any(column) else None for column in M.T]
+
+
+def _apply(
+    M: Array,
+    tables: list[AliasTable | None],
+    v: Array,
+    take: Take,
+    *,
+    by_runs: bool = False,
+    onto: Array | float = 0.0,
+) -> Array:
+    """`onto` + M^s v[s] for every run s, with one draw for each v[s, j] != 0 that meets a nonzero
+    column: ``v_j g_j sign(M_ij)`` is added to entry i.
+    """
+    out, value = np.zeros((len(v), len(M))) + onto, atoms(M)
+    if by_runs:  # singletons: at most one nonzero in each run
+        for s, j in np.argwhere(v):
+            table = tables[j]
+            if table is not None:
+                i = draw(table, take(1))
+                out[s, i] += v[s, j] * value[i, j]
+        return out
+    for j, table in enumerate(tables):
+        runs = np.flatnonzero(v[:, j])
+        if table is not None and len(runs) > 0:
+            i = draw(table, take(len(runs)))
+            out[runs, i] += v[runs, j] * value[i, j]
+    return out
+
+
+def simulate_mean_field(
+    A: ArrayLike,
+    B: ArrayLike,
+    u: ArrayLike,
+    x0: ArrayLike,
+    size: int,
+    *,
+    generator: np.random.Generator,
+) -> Array:
+    """F(k+1) = A_hat F(k) + B_hat u(k), (K + 1, n), with averages of `size` fresh realizations.
+
+    Equal in distribution to the core's, which draws its counts from another generator.
+    """
+
+    def average(M: Array) -> Array:
+        """g_j sign(M_ij) counts_ij / size, counts_j multinomial with p_ij = abs(M_ij) / g_j."""
+        g = np.abs(M).sum(axis=0)
+        columns = [
+            generator.multinomial(size, np.abs(column) / g_j) if g_j > 0 else np.zeros(len(column))
+            for column, g_j in zip(M.T, g, strict=True)
+        ]
+        mean: Array = atoms(M) * np.stack(columns, axis=1) / size
+        return mean
+
+    A, B = np.asarray(A, dtype=np.float64), np.asarray(B, dtype=np.float64)
+    states = [average(np.asarray(x0, dtype=np.float64)[:, None])[:, 0]]
+    for u_k in np.asarray(u, dtype=np.float64):
+        states.append(average(A) @ states[-1] + average(B) @ u_k)
+    return np.array(states)

@@ -1,0 +1,105 @@
+//! The exact trajectory and ensembles of random ones. Matrices come as lines: `a` and `b` are transposed.
+
+use numpy::{PyArray1, PyArray2, PyReadonlyArray2};
+use pyo3::prelude::*;
+
+use super::convert::{array1, array2, key, law, slice};
+use super::run::run;
+use crate::simulate::{self, Drawn, Ensemble, Model, Second};
+
+type Array1<'py> = Bound<'py, PyArray1<f64>>;
+type Array2<'py> = Bound<'py, PyArray2<f64>>;
+/// `(mean, variance, covariance, runs)`: `(K + 1, n)`, then flat or absent.
+type Moments<'py> = (Array2<'py>, Option<Array2<'py>>, Option<Array1<'py>>, Array1<'py>);
+
+fn model(
+    a: &PyReadonlyArray2<'_, f64>,
+    b: &PyReadonlyArray2<'_, f64>,
+    x0: &PyReadonlyArray2<'_, f64>,
+    u: &PyReadonlyArray2<'_, f64>,
+) -> PyResult<Model> {
+    Ok(Model::new(law(a)?, law(b)?, law(x0)?, slice("u", u)?.to_vec())?)
+}
+
+fn second(full: bool) -> Second {
+    if full { Second::Full } else { Second::Diagonal }
+}
+
+/// Operations of one step with whole matrices.
+fn products(a: &PyReadonlyArray2<'_, f64>, b: &PyReadonlyArray2<'_, f64>) -> f64 {
+    (a.as_array().len() + b.as_array().len()) as f64
+}
+
+fn moments(py: Python<'_>, ensemble: Ensemble, n: usize) -> PyResult<Moments<'_>> {
+    let times = ensemble.mean.len() / n;
+    let variance = ensemble.variance.map(|v| array2(py, v, times, n)).transpose()?;
+    let covariance = ensemble.covariance.map(|c| array1(py, c));
+    Ok((array2(py, ensemble.mean, times, n)?, variance, covariance, array1(py, ensemble.runs)))
+}
+
+/// The exact states `x(0), ..., x(K)` (K + 1, n).
+#[pyfunction]
+pub(super) fn trajectory<'py>(
+    py: Python<'py>,
+    a: PyReadonlyArray2<'py, f64>,
+    b: PyReadonlyArray2<'py, f64>,
+    x0: PyReadonlyArray2<'py, f64>,
+    u: PyReadonlyArray2<'py, f64>,
+) -> PyResult<Array2<'py>> {
+    let model = model(&a, &b, &x0, &u)?;
+    let cost = model.steps() as f64 * products(&a, &b);
+    let states = run(py, cost, |stop| model.trajectory(stop))?;
+    array2(py, states, model.steps() + 1, model.n())
+}
+
+/// Moments of `size` independent runs; `drawn` says whether `A`, `B` and `x0` are drawn.
+#[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "the arguments of one call")]
+pub(super) fn simulate_runs<'py>(
+    py: Python<'py>,
+    a: PyReadonlyArray2<'py, f64>,
+    b: PyReadonlyArray2<'py, f64>,
+    x0: PyReadonlyArray2<'py, f64>,
+    u: PyReadonlyArray2<'py, f64>,
+    drawn: (bool, bool, bool),
+    size: usize,
+    full: bool,
+    keep: bool,
+    key: &[u8],
+    threads: usize,
+) -> PyResult<Moments<'py>> {
+    let (model, key) = (model(&a, &b, &x0, &u)?, self::key(key)?);
+    let drawn = Drawn { a: drawn.0, b: drawn.1, x0: drawn.2 };
+    let (n, m) = (model.n() as f64, b.as_array().dim().0 as f64);
+    let step = 2.0 * (n + m) + if drawn.a { 0.0 } else { n * n } + if full { n * n } else { 0.0 };
+    // the steps, the exact trajectory, and one alias table per line
+    let cost = (model.steps() + 1) as f64 * (size as f64 * step + products(&a, &b)) + 30.0 * products(&a, &b);
+    let ensemble = run(py, cost, |stop| simulate::runs(&model, drawn, size, second(full), keep, &key, threads, stop))?;
+    moments(py, ensemble, model.n())
+}
+
+/// Moments of `replicates` trajectories of averages of `size` realizations.
+#[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "the arguments of one call")]
+pub(super) fn simulate_mean_field<'py>(
+    py: Python<'py>,
+    a: PyReadonlyArray2<'py, f64>,
+    b: PyReadonlyArray2<'py, f64>,
+    x0: PyReadonlyArray2<'py, f64>,
+    u: PyReadonlyArray2<'py, f64>,
+    drawn: (bool, bool, bool),
+    size: u64,
+    replicates: usize,
+    full: bool,
+    keep: bool,
+    key: &[u8],
+    threads: usize,
+) -> PyResult<Moments<'py>> {
+    let (model, key) = (model(&a, &b, &x0, &u)?, self::key(key)?);
+    let drawn = Drawn { a: drawn.0, b: drawn.1, x0: drawn.2 };
+    let cost = 200.0 * (model.steps() + 1) as f64 * replicates as f64 * products(&a, &b);
+    let ensemble = run(py, cost, |stop| {
+        simulate::mean_field(&model, drawn, size, replicates, second(full), keep, &key, threads, stop)
+    })?;
+    moments(py, ensemble, model.n())
+}

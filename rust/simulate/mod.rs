@@ -1,0 +1,23 @@
+//! What a control does: the exact trajectory, and ensembles of random ones.
+//!
+//! ```text
+//! x(k+1) = A x(k) + B u(k),                  k = 0 .. K-1
+//! runs:        x^s(k+1) = A_k^s x^s(k) + B_k^s u(k)     every run s and every step k draws its own A_k^s, B_k^s
+//! mean field:  F(k+1)   = A^_k F(k) + B^_k u(k)         A^_k, B^_k: averages of `size` realizations, fresh at every step
+//! ```
+//!
+//! No realization is ever used twice: the runs are independent, and a run's matrices are independent of its state, so that
+//! both means are the exact trajectory (paper, Definition 2.1, with index maps that are injective in run and step; one
+//! realization kept over time would give a biased mean).
+
+mod block;
+mod mean_field;
+mod model;
+mod moments;
+mod runs;
+mod words;
+
+pub use mean_field::mean_field;
+pub use model::{Drawn, Model};
+pub use moments::{Ensemble, Second};
+pub use runs::runs;

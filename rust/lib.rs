@@ -31,6 +31,7 @@ mod parallel;
 #[allow(missing_docs, reason = "the Python side is documented in the package")]
 mod python;
 pub mod sample;
+pub mod storage;
 mod stream;
 #[cfg(target_arch = "x86_64")]
 mod wide;

@@ -1,3 +1,4 @@
+import os
 from typing import Literal, TypeAlias, final
 
 import numpy as np
@@ -14,11 +15,14 @@ __all__ = [
     "realization_controls",
     "sample_counts",
     "slse",
+    "storage_load",
+    "storage_save",
     "uniform_path",
     "version",
 ]
 
 _Floats: TypeAlias = NDArray[np.float64]
+_Section: TypeAlias = NDArray[np.uint8] | NDArray[np.uint64] | NDArray[np.float64]
 
 @final
 class Draws:
@@ -85,4 +89,10 @@ def realization_controls(
 def mean_difference(
     n: int, x0: Draws | _Floats, xf: Draws | _Floats, a: Draws | _Floats, rows: bool
 ) -> _Floats: ...
+def storage_save(
+    path: str | os.PathLike[str], kind: str, sections: list[tuple[str, _Section]]
+) -> int: ...
+def storage_load(
+    path: str | os.PathLike[str], kind: str
+) -> tuple[int, dict[str, _Section], str | None]: ...
 def version() -> str: ...

@@ -7,6 +7,7 @@ whoever loads them.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import warnings
 from collections.abc import Mapping
@@ -14,7 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from . import _core
+from . import _core, _gate
 from ._gate import show
 from .exceptions import InputError, InputTypeError, StateRecoveredWarning
 
@@ -37,11 +38,10 @@ def save(path: PathLike, kind: str, sections: Mapping[str, NDArray[Any]]) -> int
     of this `kind` is at `path`, `StateLockedError` if another writer is at work, `StateIOError`
     for what the system refuses.
     """
-    return _core.storage_save(
-        checked_path("path", path),
-        kind,
-        [(name, _section(name, array)) for name, array in sections.items()],
-    )
+    checked = checked_path("path", path)
+    arrays = [(name, _section(name, array)) for name, array in sections.items()]
+    _gate.memory("a state to be saved", sum(array.nbytes for _, array in arrays))
+    return _core.storage_save(checked, kind, arrays)
 
 
 def load(path: PathLike, kind: str) -> tuple[int, dict[str, Section]]:
@@ -51,7 +51,10 @@ def load(path: PathLike, kind: str) -> tuple[int, dict[str, Section]]:
     a `StateRecoveredWarning`. Raises `StateError` if neither can be used, `StateNotFoundError` if
     neither exists, `StateIOError` for what the system refuses.
     """
-    generation, sections, recovered = _core.storage_load(checked_path("path", path), kind)
+    checked = checked_path("path", path)
+    with contextlib.suppress(OSError):  # the core says what is wrong with the path
+        _gate.memory("a state to be loaded", 2 * os.stat(checked).st_size)  # the bytes, the arrays
+    generation, sections, recovered = _core.storage_load(checked, kind)
     if recovered is not None:
         warnings.warn(
             f"{recovered}: generation {generation} was loaded from the file beside it",

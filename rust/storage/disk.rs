@@ -17,7 +17,7 @@ use crate::parallel::Stop;
 const BLOCK: usize = 1 << 20;
 
 #[cfg(not(test))]
-fn point() -> io::Result<()> {
+fn point(_action: &str) -> io::Result<()> {
     Ok(())
 }
 
@@ -83,7 +83,7 @@ impl Lock {
         if let Some(metadata) = look(lock)? {
             require_regular(lock, &metadata)?;
         }
-        point().map_err(os("open", lock))?;
+        point("open").map_err(os("open", lock))?;
         let file = OpenOptions::new().write(true).create(true).truncate(false).open(lock).map_err(os("open", lock))?;
         match file.try_lock() {
             Ok(()) => Ok(Self(file)),
@@ -103,7 +103,7 @@ impl Drop for Lock {
 
 /// A new file with these bytes, on the disk when this returns; `like` gives it the permissions of a file it replaces.
 pub(super) fn write_new(path: &Path, bytes: &[u8], like: Option<&Metadata>, stop: &Stop) -> Result<()> {
-    point().map_err(os("create", path))?;
+    point("create").map_err(os("create", path))?;
     // `create_new` follows no symbolic link and opens nothing that exists
     let mut file = OpenOptions::new().write(true).create_new(true).open(path).map_err(os("create", path))?;
     if let Some(metadata) = like {
@@ -115,7 +115,7 @@ pub(super) fn write_new(path: &Path, bytes: &[u8], like: Option<&Metadata>, stop
 pub(super) fn write_synced(file: &mut File, path: &Path, bytes: &[u8], stop: &Stop) -> Result<()> {
     for block in bytes.chunks(BLOCK) {
         stop.check()?;
-        if let Err(error) = point() {
+        if let Err(error) = point("write") {
             let _ = file.write(&block[..block.len() / 2]); // a disk that fails may have taken a part
             return Err(os("write", path)(error));
         }
@@ -123,12 +123,12 @@ pub(super) fn write_synced(file: &mut File, path: &Path, bytes: &[u8], stop: &St
     }
     stop.check()?;
     // An error here must not be answered by a second try, which could succeed without the lost pages.
-    point().and_then(|()| file.sync_all()).map_err(os("sync", path))
+    point("sync").and_then(|()| file.sync_all()).map_err(os("sync", path))
 }
 
 /// A second name for a file; `false` where the file system has no such thing, or no more of it.
 pub(super) fn hard_link(from: &Path, to: &Path) -> Result<bool> {
-    match point().and_then(|()| fs::hard_link(from, to)) {
+    match point("link").and_then(|()| fs::hard_link(from, to)) {
         Ok(()) => Ok(true),
         // Linux says "not permitted" for file systems without links
         Err(error)
@@ -144,12 +144,12 @@ pub(super) fn hard_link(from: &Path, to: &Path) -> Result<bool> {
 }
 
 pub(super) fn rename(from: &Path, to: &Path) -> Result<()> {
-    point().and_then(|()| fs::rename(from, to)).map_err(os("rename", from))
+    point("rename").and_then(|()| fs::rename(from, to)).map_err(os("rename", from))
 }
 
 /// Removes a file if it can; whatever stays is swept away by the next save.
 pub(super) fn remove(path: &Path) {
-    let _ = point().and_then(|()| fs::remove_file(path));
+    let _ = point("remove").and_then(|()| fs::remove_file(path));
 }
 
 /// Makes the names in a directory durable, where the system knows such a thing.
@@ -157,7 +157,7 @@ pub(super) fn sync_directory(path: &Path) -> Result<()> {
     if cfg!(not(unix)) {
         return Ok(()); // a directory cannot be opened; NTFS writes a journal of names
     }
-    match point().and_then(|()| File::open(path)).and_then(|directory| directory.sync_all()) {
+    match point("sync the directory").and_then(|()| File::open(path)).and_then(|directory| directory.sync_all()) {
         // some network file systems have no such operation, and no need of it
         Err(error) if matches!(error.kind(), ErrorKind::InvalidInput | ErrorKind::Unsupported) => Ok(()),
         result => result.map_err(os("sync the directory", path)),

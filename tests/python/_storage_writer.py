@@ -47,7 +47,9 @@ def main() -> None:
                 os._exit(1)  # never reached by a writer that is killed
         os.close(writer)
         acknowledged = last.to_bytes(8, "little")
-        if turn % 2 == 0:  # surely at work; else it may be killed in the clean-up after the one before
+        if (
+            turn % 2 == 0
+        ):  # surely at work; else it may be killed in the clean-up after the one before
             acknowledged = os.read(reader, 8)
         time.sleep(random_.uniform(0.0, 0.01))
         os.kill(child, signal.SIGKILL)

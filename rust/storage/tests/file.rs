@@ -1,9 +1,8 @@
 //! A disk that fails, or stops for ever, at every single operation of a save.
 
-use std::cell::Cell;
+use std::cell::{Cell, RefCell};
 use std::fs;
 use std::io;
-use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -23,6 +22,8 @@ enum Trouble {
 }
 
 thread_local! {
+    /// What was done while there was no trouble.
+    static DONE: RefCell<Vec<&'static str>> = const { RefCell::new(Vec::new()) };
     static TROUBLE: Cell<(Trouble, u32)> = const { Cell::new((Trouble::None, 0)) };
 }
 
@@ -31,10 +32,10 @@ const EIO: i32 = 5;
 const ENOSPC: i32 = 28;
 
 /// Called by every operation that changes the disk, before it does anything.
-pub(in crate::storage) fn disk_point() -> io::Result<()> {
+pub(in crate::storage) fn disk_point(action: &'static str) -> io::Result<()> {
     TROUBLE.with(|cell| match cell.get() {
-        (Trouble::None, seen) => {
-            cell.set((Trouble::None, seen + 1));
+        (Trouble::None, _) => {
+            DONE.with_borrow_mut(|done| done.push(action));
             Ok(())
         }
         (trouble, left) if left > 0 => {
@@ -123,6 +124,18 @@ fn generations_follow_each_other_and_one_is_kept() {
     assert_eq!(room.names(), ["state", "state.lock", "state.prev"]);
     assert_eq!(generation(&room.0.join("state.prev")), 2);
     assert_eq!(fs::metadata(room.0.join("state.lock")).unwrap().len(), 0);
+}
+
+/// What no kill can show: nothing gets a lasting name before it is synced, and nothing is reported before its name is.
+#[test]
+fn the_order_of_operations() {
+    let room = Room::new();
+    put(&room.state(), 1).unwrap();
+    DONE.take();
+    put(&room.state(), 2).unwrap();
+    let keep = ["link", "rename", "remove"]; // the last for a name that a rename between equal files leaves
+    let expected = [&["open", "create", "write", "sync"], &keep[..], &["rename", "sync the directory", "remove"]];
+    assert_eq!(DONE.take(), expected.concat());
 }
 
 /// For 0, 1 and 2 earlier generations: the k-th operation fails or crashes, for every k that there is.
@@ -260,25 +273,27 @@ fn nothing_but_a_state_of_this_kind_is_replaced() {
     let room = Room::new();
     let state = room.state();
     let refused = |expected: &str| {
+        fs::write(room.0.join("state.lock"), "").unwrap();
         let before = (fs::read(room.state()).ok(), room.names());
         let error = put(&room.state(), 1).unwrap_err().to_string();
         assert!(error.contains(expected), "{error}");
-        assert_eq!((fs::read(room.state()).ok(), room.names().into_iter().filter(|n| n != "state.lock").collect()), before);
-        let _ = fs::remove_file(room.0.join("state.lock"));
+        assert_eq!((fs::read(room.state()).ok(), room.names()), before);
     };
     fs::write(&state, "Dear diary").unwrap();
     refused("not a state file");
     fs::remove_file(&state).unwrap();
     save(&state, tag("other"), &[], &go()).unwrap();
-    fs::remove_file(room.0.join("state.lock")).unwrap();
     refused("kind 'other'");
     fs::remove_file(&state).unwrap();
     fs::create_dir(&state).unwrap();
     refused("is a directory");
     fs::remove_dir(&state).unwrap();
-    fs::write(room.0.join("target"), "x").unwrap();
-    std::os::unix::fs::symlink(room.0.join("target"), &state).unwrap();
-    refused("is a symbolic link");
+    #[cfg(unix)]
+    {
+        fs::write(room.0.join("target"), "x").unwrap();
+        std::os::unix::fs::symlink(room.0.join("target"), &state).unwrap();
+        refused("is a symbolic link");
+    }
     for name in ["a.prev", "a.lock", "a.tmp", ".."] {
         assert!(matches!(put(&room.0.join(name), 1), Err(Error::Value { name: "path", .. })), "{name}");
     }
@@ -298,7 +313,9 @@ fn a_second_writer_is_told() {
 }
 
 #[test]
+#[cfg(unix)]
 fn permissions_stay() {
+    use std::os::unix::fs::PermissionsExt;
     let room = Room::new();
     let state = room.state();
     put(&state, 1).unwrap();
@@ -331,6 +348,7 @@ fn a_stop_leaves_the_old_state() {
 
 #[test]
 fn special_files_and_lost_states() {
+    #[cfg(unix)]
     assert!(matches!(get(Path::new("/dev/null")), Err(Error::State { fault: Fault::NotRegular { .. }, .. })));
     let room = Room::new();
     assert!(matches!(get(&room.state()), Err(Error::Os { action: "open", code: Some(2), .. })));

@@ -6,6 +6,7 @@ use proptest::prelude::*;
 
 use super::super::format::{MAX_BYTES, SMALLEST};
 use super::super::sha256::sha256;
+use super::memory::counted;
 use super::*;
 use crate::storage::{Container, Fault, MAX_SECTIONS, VERSION, decode, encode};
 use crate::{Error, Result};
@@ -17,8 +18,11 @@ fn good() -> Vec<u8> {
     encode(tag("example"), 7, &example(), &go()).unwrap()
 }
 
+/// What is read, after a look at the memory that this took: a small multiple of the file, whatever the file says.
 fn read(bytes: &[u8]) -> Result<Container> {
-    decode(Path::new("x"), bytes, tag("example"), &go())
+    let (result, asked) = counted(|| decode(Path::new("x"), bytes, tag("example"), &go()));
+    assert!(asked <= 8 * bytes.len() + 256, "{asked} bytes for a file of {}", bytes.len());
+    result
 }
 
 fn fault(bytes: &[u8]) -> Fault {

@@ -2,6 +2,7 @@
 
 mod file;
 mod format;
+mod memory;
 
 pub(super) use file::disk_point;
 

@@ -117,7 +117,7 @@ class StateLockedError(StateIOError, BlockingIOError):
     """Another writer is saving to the same path; nothing was written."""
 
 
-class StateRecoveredWarning(UserWarning):
+class StateRecoveredWarning(StochensError, UserWarning):
     """A state file was missing or damaged, and the generation before it was loaded instead."""
 
 

@@ -151,9 +151,10 @@ def test_200_kills_lose_nothing_acknowledged(tmp_path: Path) -> None:
     assert (generation <= acknowledged + 1).all()
     assert recovered.sum() == 0  # with hard links the file is never missing
     assert leftover.max() <= 2  # ... and dead writers leave nothing but the last one's
-    # the kills did come in the middle of the work
-    assert leftover.sum() > 20
-    assert generation[-1] > 200
+    # The kills did come in the middle of the work: a hundred writers were saving without a pause,
+    # two thirds of the time with a temporary file there. Below 6 of 100 at even 1 in 5: p < 1e-5.
+    assert leftover[::2].sum() > 5
+    assert generation[-1] >= 100
 
 
 # -- a disk that refuses -----------------------------------------------------------------------

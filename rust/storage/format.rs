@@ -25,8 +25,8 @@ use crate::parallel::Stop;
 /// The format's version that is written, and the only one that is read.
 pub const VERSION: u32 = 1;
 
-/// No file is longer than this.
-pub const MAX_BYTES: u64 = 1 << 34;
+/// No file is longer than this; less where addresses are short.
+pub const MAX_BYTES: u64 = if usize::BITS < 64 { 1 << 30 } else { 1 << 34 };
 
 /// No file has more sections than this.
 pub const MAX_SECTIONS: u32 = 4096;
@@ -212,7 +212,7 @@ pub fn encode(kind: Tag, generation: u64, sections: &[Section<'_>], stop: &Stop)
     let length = length.saturating_add((SMALLEST + ENTRY * sections.len()) as u64);
     if length > MAX_BYTES {
         let found = format!("{length} bytes");
-        return Err(Error::Value { name: "sections", expected: "at most 16 GiB", found });
+        return Err(Error::Value { name: "sections", expected: "at most 16 GiB (1 GiB on 32 bits)", found });
     }
     let mut out = empty(length as usize)?;
     out.extend_from_slice(&MAGIC);

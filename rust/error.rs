@@ -2,6 +2,10 @@
 //!
 //! How a computation *ended* (optimal, inaccurate, ...) is not an error: it is a status on the result.
 
+use std::path::PathBuf;
+
+use crate::storage::Fault;
+
 /// `std::result::Result` with this crate's [`Error`].
 pub type Result<T> = std::result::Result<T, Error>;
 
@@ -35,6 +39,18 @@ pub enum Error {
     /// A factorization or a solver gave up on valid input.
     #[error("{0}")]
     Numerical(String),
+
+    /// A file is not a usable state file, and neither is the previous generation if that was tried.
+    #[error("{path:?} {fault}{}", previous.as_ref().map_or_else(String::new, |why| format!("; and {why}")))]
+    State { path: PathBuf, fault: Fault, previous: Option<String> },
+
+    /// Another writer is at work on the same state file.
+    #[error("{path:?} is being saved by another writer")]
+    Locked { path: PathBuf },
+
+    /// The operating system refused an operation on a file; `code` is its number (errno) if it gave one.
+    #[error("cannot {action} {path:?}: {reason}")]
+    Os { action: &'static str, path: PathBuf, code: Option<i32>, reason: String },
 
     /// The caller asked to stop.
     #[error("interrupted")]

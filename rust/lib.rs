@@ -33,6 +33,7 @@ mod parallel;
 mod python;
 pub mod sample;
 pub mod simulate;
+pub mod storage;
 mod stream;
 #[cfg(target_arch = "x86_64")]
 mod wide;

@@ -1,3 +1,4 @@
+import os
 from typing import Literal, TypeAlias, final
 
 import numpy as np
@@ -18,6 +19,8 @@ __all__ = [
     "simulate_runs",
     "slse",
     "trajectory",
+    "storage_load",
+    "storage_save",
     "uniform_path",
     "version",
 ]
@@ -26,6 +29,7 @@ _Floats: TypeAlias = NDArray[np.float64]
 _Status: TypeAlias = Literal["optimal", "optimal_inaccurate", "user_limit", "interrupted"]
 # subsimplex, tol, time_limit in seconds, max_passes, threads
 _Limits: TypeAlias = tuple[bool, float, float | None, int | None, int]
+_Section: TypeAlias = NDArray[np.uint8] | NDArray[np.uint64] | NDArray[np.float64]
 
 @final
 class Draws:
@@ -136,4 +140,10 @@ def simulate_mean_field(
     key: bytes,
     threads: int,
 ) -> tuple[_Floats, _Floats | None, _Floats | None, _Floats]: ...
+def storage_save(
+    path: str | os.PathLike[str], kind: str, sections: list[tuple[str, _Section]]
+) -> int: ...
+def storage_load(
+    path: str | os.PathLike[str], kind: str
+) -> tuple[int, dict[str, _Section], str | None]: ...
 def version() -> str: ...

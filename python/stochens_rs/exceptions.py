@@ -16,6 +16,11 @@ __all__ = [
     "ShapeError",
     "SizeError",
     "SolverError",
+    "StateError",
+    "StateIOError",
+    "StateLockedError",
+    "StateNotFoundError",
+    "StateRecoveredWarning",
     "StochensError",
     "WeightError",
 ]
@@ -91,6 +96,29 @@ class SolverError(StochensError, RuntimeError):
     def __init__(self, message: str = "", result: object = None) -> None:
         super().__init__(message)
         self.result = result
+
+
+class StateError(StochensError, ValueError):
+    """A file is not a usable state file: foreign, damaged, of another kind, version or content."""
+
+
+class StateIOError(StochensError, OSError):
+    """The system refused an operation on a state file; `errno` and `filename` say which and where.
+
+    Whatever had been saved before can still be loaded.
+    """
+
+
+class StateNotFoundError(StateIOError, FileNotFoundError):
+    """There is no state file at this path, and no previous generation of one."""
+
+
+class StateLockedError(StateIOError, BlockingIOError):
+    """Another writer is saving to the same path; nothing was written."""
+
+
+class StateRecoveredWarning(StochensError, UserWarning):
+    """A state file was missing or damaged, and the generation before it was loaded instead."""
 
 
 class InternalError(StochensError, RuntimeError):

@@ -1,5 +1,7 @@
 //! Every error of the core as an exception of the package.
 
+use std::io::ErrorKind;
+
 use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::{PyErr, import_exception};
 
@@ -11,6 +13,16 @@ import_exception!(stochens_rs.exceptions, NonFiniteError);
 import_exception!(stochens_rs.exceptions, ResourceError);
 import_exception!(stochens_rs.exceptions, ShapeError);
 import_exception!(stochens_rs.exceptions, SolverError);
+import_exception!(stochens_rs.exceptions, StateError);
+import_exception!(stochens_rs.exceptions, StateIOError);
+import_exception!(stochens_rs.exceptions, StateLockedError);
+import_exception!(stochens_rs.exceptions, StateNotFoundError);
+
+/// What `OSError` is given if the system gave no number: "invalid argument", the same everywhere.
+const EINVAL: i32 = 22;
+
+/// "Try again", the number of `BlockingIOError`.
+const EAGAIN: i32 = if cfg!(any(target_os = "linux", target_os = "android", windows)) { 11 } else { 35 };
 
 impl From<Error> for PyErr {
     fn from(error: Error) -> Self {
@@ -21,6 +33,19 @@ impl From<Error> for PyErr {
             Error::Value { .. } => InputError::new_err(message),
             Error::Memory { bytes, .. } => ResourceError::new_err((message, bytes)),
             Error::Numerical(_) => SolverError::new_err(message),
+            Error::State { .. } => StateError::new_err(message),
+            Error::Locked { path } => {
+                StateLockedError::new_err((EAGAIN, "another writer is saving this state", path.into_os_string()))
+            }
+            Error::Os { action, path, code, reason } => {
+                // On Windows `code` is a Windows error, the fourth argument there and ignored elsewhere.
+                let errno = code.unwrap_or(EINVAL);
+                let arguments = (errno, format!("cannot {action}: {reason}"), path.into_os_string(), errno);
+                match code.map(|code| std::io::Error::from_raw_os_error(code).kind()) {
+                    Some(ErrorKind::NotFound) => StateNotFoundError::new_err(arguments),
+                    _ => StateIOError::new_err(arguments),
+                }
+            }
             Error::Interrupted => PyKeyboardInterrupt::new_err(()),
         }
     }

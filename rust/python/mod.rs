@@ -10,6 +10,7 @@ mod error;
 mod fuse;
 mod run;
 mod simulate;
+mod storage;
 
 use pyo3::prelude::*;
 
@@ -24,6 +25,8 @@ mod _core {
     use super::fuse::{Alse, alse, alse_path, alse_prefixes, closed_form, slse, uniform_path};
     #[pymodule_export]
     use super::simulate::{simulate_mean_field, simulate_runs, trajectory};
+    #[pymodule_export]
+    use super::storage::{storage_load, storage_save};
     #[pymodule_export]
     use super::version;
 }

@@ -1,0 +1,165 @@
+//! Every operation on the disk, each with the name that its failure is reported under.
+//!
+//! In unit tests each changing operation can be made to fail, or be the last before a crash: see `tests/file.rs`.
+
+use std::fs::{self, File, Metadata, OpenOptions, TryLockError};
+use std::io::{self, ErrorKind, Read, Write};
+use std::path::Path;
+
+use super::fault::Fault;
+use super::format::{MAX_BYTES, empty, refusal};
+#[cfg(test)]
+use super::tests::disk_point as point;
+use crate::error::{Error, Result};
+use crate::parallel::Stop;
+
+/// Bytes between two looks at the stop flag.
+const BLOCK: usize = 1 << 20;
+
+#[cfg(not(test))]
+fn point(_action: &str) -> io::Result<()> {
+    Ok(())
+}
+
+pub(super) fn os(action: &'static str, path: &Path) -> impl Fn(io::Error) -> Error {
+    move |error| {
+        let reason = error.to_string();
+        // the number has a field of its own
+        let reason = reason.split(" (os error").next().unwrap_or_default().to_lowercase();
+        Error::Os { action, path: path.into(), code: error.raw_os_error(), reason }
+    }
+}
+
+/// What is there, without following a last symbolic link; `None` if nothing.
+pub(super) fn look(path: &Path) -> Result<Option<Metadata>> {
+    match fs::symlink_metadata(path) {
+        Ok(metadata) => Ok(Some(metadata)),
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
+        Err(error) => Err(os("look at", path)(error)),
+    }
+}
+
+/// Opening a pipe or a device could block or have effects: only regular files.
+pub(super) fn require_regular(path: &Path, metadata: &Metadata) -> Result<()> {
+    let kind = metadata.file_type();
+    let what = match kind {
+        _ if kind.is_file() => return Ok(()),
+        _ if kind.is_dir() => "a directory",
+        _ if kind.is_symlink() => "a symbolic link",
+        _ => "a pipe, a socket or a device",
+    };
+    Err(refusal(path, Fault::NotRegular { what }))
+}
+
+/// The whole file, through symbolic links. Failures have the action `open` if nothing was read, else `read`.
+pub(super) fn read(path: &Path, stop: &Stop) -> Result<Vec<u8>> {
+    require_regular(path, &fs::metadata(path).map_err(os("open", path))?)?;
+    let file = File::open(path).map_err(os("open", path))?;
+    let metadata = file.metadata().map_err(os("open", path))?;
+    require_regular(path, &metadata)?; // another file may have come to this place in between
+    let found = metadata.len();
+    if found > MAX_BYTES {
+        return Err(refusal(path, Fault::TooLarge { found }));
+    }
+    let mut bytes = empty(found as usize)?;
+    loop {
+        stop.check()?;
+        // the file may have been cut or may be growing: never more than it had
+        let block = (found - bytes.len() as u64).min(BLOCK as u64);
+        if (&file).take(block).read_to_end(&mut bytes).map_err(os("read", path))? == 0 {
+            return Ok(bytes);
+        }
+    }
+}
+
+/// A lock that ends with this object, with its process, and in no other way.
+pub(super) struct Lock(File);
+
+impl Lock {
+    /// Takes the lock, or [`Error::Locked`] at once; `path` is the file it protects, `lock` an empty file.
+    ///
+    /// That file is never removed: who waits for a lock on a removed file would hold a lock on nothing.
+    pub(super) fn take(lock: &Path, path: &Path) -> Result<Self> {
+        if let Some(metadata) = look(lock)? {
+            require_regular(lock, &metadata)?;
+        }
+        point("open").map_err(os("open", lock))?;
+        let file = OpenOptions::new().write(true).create(true).truncate(false).open(lock).map_err(os("open", lock))?;
+        match file.try_lock() {
+            Ok(()) => Ok(Self(file)),
+            Err(TryLockError::WouldBlock) => Err(Error::Locked { path: path.into() }),
+            Err(TryLockError::Error(error)) => Err(os("lock", lock)(error)),
+        }
+    }
+}
+
+impl Drop for Lock {
+    fn drop(&mut self) {
+        // Closing is not enough: a child forked in the meantime shares the open file. A failure leaves it locked until
+        // that child ends, which the next writer is told.
+        let _ = self.0.unlock();
+    }
+}
+
+/// A new file with these bytes, on the disk when this returns; `like` gives it the permissions of a file it replaces.
+pub(super) fn write_new(path: &Path, bytes: &[u8], like: Option<&Metadata>, stop: &Stop) -> Result<()> {
+    point("create").map_err(os("create", path))?;
+    // `create_new` follows no symbolic link and opens nothing that exists
+    let mut file = OpenOptions::new().write(true).create_new(true).open(path).map_err(os("create", path))?;
+    if let Some(metadata) = like {
+        file.set_permissions(metadata.permissions()).map_err(os("set the permissions of", path))?;
+    }
+    write_synced(&mut file, path, bytes, stop)
+}
+
+pub(super) fn write_synced(file: &mut File, path: &Path, bytes: &[u8], stop: &Stop) -> Result<()> {
+    for block in bytes.chunks(BLOCK) {
+        stop.check()?;
+        if let Err(error) = point("write") {
+            let _ = file.write(&block[..block.len() / 2]); // a disk that fails may have taken a part
+            return Err(os("write", path)(error));
+        }
+        file.write_all(block).map_err(os("write", path))?;
+    }
+    stop.check()?;
+    // An error here must not be answered by a second try, which could succeed without the lost pages.
+    point("sync").and_then(|()| file.sync_all()).map_err(os("sync", path))
+}
+
+/// A second name for a file; `false` where the file system has no such thing, or no more of it.
+pub(super) fn hard_link(from: &Path, to: &Path) -> Result<bool> {
+    match point("link").and_then(|()| fs::hard_link(from, to)) {
+        Ok(()) => Ok(true),
+        // Linux says "not permitted" for file systems without links
+        Err(error)
+            if matches!(
+                error.kind(),
+                ErrorKind::PermissionDenied | ErrorKind::Unsupported | ErrorKind::TooManyLinks
+            ) =>
+        {
+            Ok(false)
+        }
+        Err(error) => Err(os("link", from)(error)),
+    }
+}
+
+pub(super) fn rename(from: &Path, to: &Path) -> Result<()> {
+    point("rename").and_then(|()| fs::rename(from, to)).map_err(os("rename", from))
+}
+
+/// Removes a file if it can; whatever stays is swept away by the next save.
+pub(super) fn remove(path: &Path) {
+    let _ = point("remove").and_then(|()| fs::remove_file(path));
+}
+
+/// Makes the names in a directory durable, where the system knows such a thing.
+pub(super) fn sync_directory(path: &Path) -> Result<()> {
+    if cfg!(not(unix)) {
+        return Ok(()); // a directory cannot be opened; NTFS writes a journal of names
+    }
+    match point("sync the directory").and_then(|()| File::open(path)).and_then(|directory| directory.sync_all()) {
+        // some network file systems have no such operation, and no need of it
+        Err(error) if matches!(error.kind(), ErrorKind::InvalidInput | ErrorKind::Unsupported) => Ok(()),
+        result => result.map_err(os("sync the directory", path)),
+    }
+}

@@ -1,0 +1,214 @@
+//! Saving and loading: at every moment one complete generation can be loaded, whatever happens to the writer.
+//!
+//! Beside `state` there are `state.prev`, the generation before it; `state.lock`, empty, locked by a writer; and while a
+//! save runs `state.<16 hexadecimal digits>.tmp`. A save goes through these steps. "g" is the generation that is there
+//! before, "h" an older one or none; a generation is complete and synced before it gets a lasting name.
+//!
+//! | after a crash behind step                  | `state` | `state.prev` | left over | loaded |
+//! |--------------------------------------------|---------|--------------|-----------|--------|
+//! | 1. lock, remove what dead writers left     | g       | h            |           | g      |
+//! | 2. write g+1 to a temporary, sync it       | g       | h            | g+1       | g      |
+//! | 3. link `state` to a second temporary      | g       | h            | g+1, g    | g      |
+//! | 4. rename that over `state.prev`           | g       | g            | g+1       | g      |
+//! | 5. rename the first over `state`           | g+1     | g            |           | g+1    |
+//! | 6. sync the directory                      | g+1     | g            |           | g+1    |
+//!
+//! Where there are no hard links, 3 and 4 are one rename of `state` to `state.prev`: then only `state.prev` exists before
+//! step 5, and g is loaded from there. A power failure may undo or reorder 3 to 5 until 6 has returned; since no name ever
+//! leads to a file that is not synced, each of the two names still leads to a complete generation: h, g or g+1, and `state`
+//! to g or g+1. Only after 6 is a save reported as done. If `state` is damaged (by a disk, by a hand), 3 and 4 are left
+//! out, for they would replace the last good generation by a bad one.
+
+use std::ffi::OsString;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::SystemTime;
+
+use super::disk::{self, Lock};
+use super::fault::Fault;
+use super::format::{Container, Section, Tag, decode, encode};
+use crate::error::{Error, Result};
+use crate::parallel::Stop;
+
+/// A state that was loaded.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Loaded {
+    /// Its contents.
+    pub container: Container,
+    /// Why the previous generation had to stand in; `None` if the file itself is good.
+    pub recovered: Option<Error>,
+}
+
+/// Saves a state as the next generation of the file at `path`, and returns the generation's number.
+///
+/// When this returns, the state is on the disk; until then, and after any error or crash, the generation before can be
+/// loaded. The file that is there is read and checked first, because only a good one may become the previous generation.
+/// Errors: [`Error::Locked`] if another writer is at work, [`Error::State`] if something else than a state of this kind
+/// is at `path` (nothing is overwritten), [`Error::Os`] for what the system refuses, [`Error::Interrupted`].
+pub fn save(path: &Path, kind: Tag, sections: &[Section<'_>], stop: &Stop) -> Result<u64> {
+    let place = Place::new(path)?;
+    let old = disk::look(path)?;
+    if let Some(metadata) = &old {
+        disk::require_regular(path, metadata)?;
+    }
+    let _lock = Lock::take(&place.beside(".lock"), path)?; // 1
+    place.sweep();
+    let survey = survey(&place, kind, stop)?;
+    let next = survey.generation.checked_add(1).ok_or_else(|| {
+        super::format::refusal(path, Fault::Content("the last generation that can be counted".into()))
+    })?;
+    let bytes = encode(kind, next, sections, stop)?;
+    let new = Temporary(place.temporary());
+    disk::write_new(&new.0, &bytes, old.as_ref(), stop)?; // 2
+    if survey.keep {
+        place.keep()?; // 3 and 4
+    }
+    disk::rename(&new.0, path)?; // 5
+    disk::sync_directory(&place.directory)?; // 6
+    Ok(next)
+}
+
+/// Loads the state of this `kind` that was saved at `path`; writes nothing.
+///
+/// If the file is missing or damaged, the previous generation is loaded and the result says why. Errors: [`Error::State`]
+/// if neither can be used, [`Error::Os`] for what the system refuses (also if there is no file at all),
+/// [`Error::Interrupted`].
+pub fn load(path: &Path, kind: Tag, stop: &Stop) -> Result<Loaded> {
+    let why = match read(path, kind, stop) {
+        Ok(container) => return Ok(Loaded { container, recovered: None }),
+        Err(error) if is_lost(&error) => error,
+        Err(error) => return Err(error),
+    };
+    // a path that cannot be saved to, such as that of a previous generation, has none before it
+    let Ok(place) = Place::new(path) else { return Err(why) };
+    match read(&place.previous(), kind, stop) {
+        Ok(container) => Ok(Loaded { container, recovered: Some(why) }),
+        Err(Error::Interrupted) => Err(Error::Interrupted),
+        Err(other) => Err(match (why, is_missing(&other)) {
+            // nothing at `path`, but a previous generation that cannot be used: that is the thing to tell
+            (why, false) if is_missing(&why) => other,
+            (Error::State { path, fault, .. }, _) => {
+                Error::State { path, fault, previous: Some(format!("there is no previous generation: {other}")) }
+            }
+            (why, _) => why,
+        }),
+    }
+}
+
+/// The container in a file.
+fn read(path: &Path, kind: Tag, stop: &Stop) -> Result<Container> {
+    decode(path, &disk::read(path, stop)?, kind, stop)
+}
+
+fn is_missing(error: &Error) -> bool {
+    matches!(error, Error::Os { code: Some(code), .. }
+        if std::io::Error::from_raw_os_error(*code).kind() == ErrorKind::NotFound)
+}
+
+/// Whether the previous generation may stand in: the file is missing, damaged, or on a bad sector.
+fn is_lost(error: &Error) -> bool {
+    match error {
+        Error::State { fault, .. } => fault.is_damage(),
+        Error::Os { action, .. } => *action == "read" || is_missing(error),
+        _ => false,
+    }
+}
+
+/// What is there before a save.
+struct Survey {
+    /// The newest good generation, 0 if there is none.
+    generation: u64,
+    /// Whether the file at the path is good and must become the previous generation.
+    keep: bool,
+}
+
+/// Judges what a save would replace; refuses to replace anything but a state of this kind, good or damaged.
+fn survey(place: &Place, kind: Tag, stop: &Stop) -> Result<Survey> {
+    let why = match read(&place.path, kind, stop) {
+        Ok(container) => return Ok(Survey { generation: container.generation, keep: true }),
+        Err(error) if is_lost(&error) => error,
+        Err(error) => return Err(error),
+    };
+    match read(&place.previous(), kind, stop) {
+        Ok(container) => Ok(Survey { generation: container.generation, keep: false }),
+        // somebody's text, and no previous generation to say that a state had been here
+        Err(other) if is_lost(&other) => match why {
+            Error::State { fault: Fault::Foreign, .. } => Err(why),
+            _ => Ok(Survey { generation: 0, keep: false }),
+        },
+        Err(other) => Err(other),
+    }
+}
+
+/// The names around a state file.
+struct Place {
+    path: PathBuf,
+    directory: PathBuf,
+    name: OsString,
+}
+
+impl Place {
+    fn new(path: &Path) -> Result<Self> {
+        let wrong = |expected| Error::Value { name: "path", expected, found: format!("{path:?}") };
+        let name = path.file_name().ok_or_else(|| wrong("the path of a file"))?.to_owned();
+        if path.extension().is_some_and(|end| end == "prev" || end == "lock" || end == "tmp") {
+            return Err(wrong("a name that does not end in .prev, .lock or .tmp, which have a meaning here"));
+        }
+        let parent = path.parent().unwrap_or(Path::new(""));
+        let directory = if parent.as_os_str().is_empty() { Path::new(".") } else { parent };
+        Ok(Self { path: path.into(), directory: directory.into(), name })
+    }
+
+    fn beside(&self, end: &str) -> PathBuf {
+        let mut name = self.name.clone();
+        name.push(end);
+        self.path.with_file_name(name)
+    }
+
+    fn previous(&self) -> PathBuf {
+        self.beside(".prev")
+    }
+
+    /// A name that no other writer has, not even one on another machine whom the lock does not reach.
+    fn temporary(&self) -> PathBuf {
+        static SERIAL: AtomicU32 = AtomicU32::new(0);
+        let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
+        let serial = u64::from(SERIAL.fetch_add(1, Ordering::Relaxed)) << 32;
+        // an odd multiplier spreads the nanoseconds over all 64 bits, away from those of the process number
+        let spread = (now.as_nanos() as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        let digits = spread ^ serial ^ u64::from(std::process::id());
+        self.beside(&format!(".{digits:016x}.tmp"))
+    }
+
+    /// Removes the temporaries of this state. Their writers are dead: a living one would hold the lock.
+    fn sweep(&self) {
+        let Ok(entries) = std::fs::read_dir(&self.directory) else { return };
+        let start = [self.name.as_encoded_bytes(), b"."].concat();
+        for entry in entries.flatten() {
+            let name = entry.file_name();
+            let middle = name.as_encoded_bytes().strip_prefix(&start[..]).and_then(|rest| rest.strip_suffix(b".tmp"));
+            if middle.is_some_and(|digits| digits.len() == 16 && digits.iter().all(u8::is_ascii_hexdigit)) {
+                disk::remove(&entry.path());
+            }
+        }
+    }
+
+    /// Gives the good file at the path its second name, that of the previous generation.
+    fn keep(&self) -> Result<()> {
+        let second = Temporary(self.temporary());
+        let linked = disk::hard_link(&self.path, &second.0)?;
+        // A rename does nothing if both names lead to the same file already, as they do after a crash behind step 4; then
+        // `second` is removed by its drop.
+        disk::rename(if linked { &second.0 } else { &self.path }, &self.previous())
+    }
+}
+
+/// A file that is removed unless it has got another name.
+struct Temporary(PathBuf);
+
+impl Drop for Temporary {
+    fn drop(&mut self) {
+        disk::remove(&self.0);
+    }
+}

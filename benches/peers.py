@@ -202,9 +202,10 @@ def controls() -> Iterator[Line]:
 
 
 def simulate() -> Iterator[Line]:
-    """1e5 runs of 10 steps with n = 100 states; the peers do fewer runs, each with the same work."""
+    """1e5 runs of 10 steps, n = 100; the peers do fewer runs, each of them the same work."""
     gen = np.random.default_rng(0)
     n, K, size = 100, 10, 100_000
+    twin_runs, single, few = 96, 3, 2_000
     A = gen.standard_normal((n, n))
     A /= np.abs(np.linalg.eigvals(A)).max()
     x0 = gen.standard_normal(n)
@@ -215,7 +216,6 @@ def simulate() -> Iterator[Line]:
         def ours(B=B, u=u) -> np.ndarray:
             return se.simulate_ensemble((A, B), u, x0, size, rng=1).mean
 
-        twin_runs, few, single = 96, 2_000, 3
         yield (
             f"simulate, n=100 {name}, K=10",
             "NumPy twin, 32 runs at a time",

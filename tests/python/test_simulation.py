@@ -523,7 +523,7 @@ REFUSED: list[tuple[dict[str, Any], type[Exception], str]] = [
     ({"system": 3}, InputTypeError, "System"),
     ({"system": (np.full((2, 2), 1e308), np.ones((2, 1)))}, NonFiniteError, "`A[:, 0]`"),
     ({"system": (np.eye(2), np.full((2, 1), 1e308))}, NonFiniteError, "`B[:, 0]`"),
-    ({"system": (1e200 * np.eye(2), GOOD["system"][1]), "u": [[0]] * 2}, NonFiniteError, "overflow"),
+    ({"system": (1e200 * np.eye(2), [[1.0], [1.0]]), "u": [[0]] * 2}, NonFiniteError, "overflow"),
 ]  # fmt: skip
 
 

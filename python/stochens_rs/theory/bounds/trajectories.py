@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike
 from ... import _gate
 from ...exceptions import NonFiniteError, ShapeError
 from ..moments._formulas import _AXES, Array, Axis, _excess, _vector_covariance
-from ._base import Bound, Rates, mcdiarmid, mcdiarmid_level, unit_of
+from ._base import Bound, Rates, unit_of
+from ._inequalities import mcdiarmid, mcdiarmid_level
 
 
 class Trajectory(Bound):

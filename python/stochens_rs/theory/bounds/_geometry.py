@@ -159,7 +159,7 @@ class Geometry:
         C0, Cf, CA, CA0 = self.covariances
         total = (r0 > 0.0) * C0 + (rf > 0.0) * Cf + (rA > 0.0) * CA
         if both and r0 > 0.0 and rA > 0.0:
-            total += CA0
+            total = total + CA0
         return np.asarray(total, dtype=np.float64)
 
     def D_0(self, rA: float) -> float:

@@ -13,7 +13,8 @@ matrix, spectral norm          `Bernstein`
 diagonal fusion                `DiagonalMcDiarmid`, `DiagonalBousquet`, `FusedChebyshev`
 product fusion                 `ProductMcDiarmid`, `ProductBousquet`, `ProductParts`,
                                `ProductHoeffding`, `FusedChebyshev`
-average of runs over K steps   `TrajectoryMcDiarmid`, `OneStepMcDiarmid`, `OneStepHoeffding`
+average of runs over K steps   `TrajectoryMcDiarmid`, `TrajectoryBousquet`, `TrajectoryChebyshev`,
+                               `OneStepMcDiarmid`, `OneStepHoeffding`
 =============================  =====================================================================
 
 Rows (``axis="rows"``) are covered wherever the argument `axis` exists; the bounds for one step of
@@ -30,11 +31,12 @@ from .certificate import from_errors
 from .choice import Best, best, candidates
 from .fused import DiagonalBousquet, DiagonalMcDiarmid, Fused, FusedChebyshev
 from .norms import Bernstein, Weissman
+from .one_step import OneStepHoeffding, OneStepMcDiarmid
 from .product import ProductBousquet, ProductHoeffding, ProductMcDiarmid, ProductParts
 from .trajectories import (
-    OneStepHoeffding,
-    OneStepMcDiarmid,
     Trajectory,
+    TrajectoryBousquet,
+    TrajectoryChebyshev,
     TrajectoryMcDiarmid,
 )
 
@@ -59,6 +61,8 @@ __all__ = [
     "ProductParts",
     "Systematic",
     "Trajectory",
+    "TrajectoryBousquet",
+    "TrajectoryChebyshev",
     "TrajectoryMcDiarmid",
     "Weissman",
     "best",

@@ -207,35 +207,6 @@ def level_of(delta: object) -> float:
     return -math.log(checked)
 
 
-# -- the two concentration inequalities for the norm of an average, and their inverses --------
-
-
-def mcdiarmid(mean: float, spread: float, level: float) -> float:
-    """``E + sqrt(V L)`` where the squared ranges of all coordinates add up to ``2 V``."""
-    return mean + math.sqrt(spread * level)
-
-
-def mcdiarmid_level(mean: float, spread: float, eps: float) -> float:
-    """``(eps - E)^2 / V`` beyond E."""
-    if eps <= mean:
-        return 0.0
-    return ((eps - mean) / math.sqrt(spread)) ** 2 if spread > 0.0 else math.inf
-
-
-def bousquet(mean: float, variance: float, largest: float, level: float) -> float:
-    """``E + sqrt(2 L (lam + 2 U E)) + U L / 3``."""
-    return mean + math.sqrt(2.0 * level * (variance + 2.0 * largest * mean)) + largest * level / 3.0
-
-
-def bousquet_level(mean: float, variance: float, largest: float, eps: float) -> float:
-    """The L at which `bousquet` is eps: the positive root of a quadratic in ``sqrt(L)``."""
-    if eps <= mean:
-        return 0.0
-    b = math.sqrt(2.0 * (variance + 2.0 * largest * mean))
-    root = b + math.sqrt(b * b + 4.0 / 3.0 * largest * (eps - mean))
-    return (2.0 * (eps - mean) / root) ** 2 if root > 0.0 else math.inf
-
-
 # -- units -------------------------------------------------------------------------------------
 
 

@@ -157,10 +157,10 @@ class Geometry:
     def covariance(self, r0: float, rf: float, rA: float, *, both: bool) -> Array:
         """``M C M^T`` of one pair or, without what both x0 and A contribute, of its linear part."""
         C0, Cf, CA, CA0 = self.covariances
-        total: Array = (r0 > 0.0) * C0 + (rf > 0.0) * Cf + (rA > 0.0) * CA
+        total = (r0 > 0.0) * C0 + (rf > 0.0) * Cf + (rA > 0.0) * CA
         if both and r0 > 0.0 and rA > 0.0:
-            total += CA0
-        return total
+            total = total + CA0
+        return np.asarray(total, dtype=np.float64)
 
     def D_0(self, rA: float) -> float:
         """How far apart two realizations of x0 put the mean, beside an average of ``1/rA`` A^s."""

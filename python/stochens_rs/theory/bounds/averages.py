@@ -9,14 +9,14 @@ from numpy.typing import ArrayLike
 
 from ... import _gate
 from ..moments._formulas import _AXES, Array, Axis, _lines, _others
-from ._base import (
-    Bound,
-    Rates,
+from ._base import Bound, Rates, unit_of
+from ._inequalities import (
     bousquet,
     bousquet_level,
+    chebyshev_level,
+    largest_eigenvalues,
     mcdiarmid,
     mcdiarmid_level,
-    unit_of,
 )
 
 
@@ -298,29 +298,3 @@ class Systematic(Average):
 
     def _level(self, rates: Rates, eps: float) -> float:
         return math.inf if eps >= self._sure * rates[0] else 0.0
-
-
-def chebyshev_level(rms: float, eps: float) -> float:
-    """``log(eps^2 / rms^2)``."""
-    if rms == 0.0:
-        return math.inf
-    return 2.0 * (math.log(eps) - math.log(rms)) if eps > 0.0 else 0.0
-
-
-def largest_eigenvalues(p: Array) -> Array:
-    """Largest eigenvalue of ``diag(p) - p p^T`` for each column p, from above.
-
-    Interlacing puts it between the two largest entries, where ``sum_i p_i^2 / (p_i - x)`` grows
-    through 1 once.
-    """
-    if p.size == 0:
-        return np.zeros(p.shape[1])
-    below, above = np.partition(p, -2, axis=0)[-2:]
-    for _ in range(60):
-        middle = (below + above) / 2.0
-        with np.errstate(divide="ignore", invalid="ignore"):
-            secular = (p**2 / (p - middle)).sum(axis=0)
-        beyond = ~(secular < 1.0)  # a middle that meets an entry is beyond, too
-        above = np.where(beyond, middle, above)
-        below = np.where(beyond, below, middle)
-    return np.asarray(above, dtype=np.float64)

@@ -13,8 +13,14 @@ from ._geometry import Geometry
 from .averages import Bousquet, Chebyshev, Hoeffding, McDiarmid
 from .fused import DiagonalBousquet, DiagonalMcDiarmid, Fused, FusedChebyshev
 from .norms import Bernstein, Weissman
+from .one_step import OneStepHoeffding, OneStepMcDiarmid
 from .product import ProductBousquet, ProductHoeffding, ProductMcDiarmid, ProductParts
-from .trajectories import OneStepHoeffding, OneStepMcDiarmid, TrajectoryMcDiarmid
+from .trajectories import (
+    Trajectory,
+    TrajectoryBousquet,
+    TrajectoryChebyshev,
+    TrajectoryMcDiarmid,
+)
 
 Of: TypeAlias = Literal["vector", "matrix", "state", "control", "trajectory"]
 
@@ -102,10 +108,7 @@ def candidates(
         found += [kind(A, axis=axis) for kind in (Hoeffding, Chebyshev)]
         return [Bernstein(A, axis=axis), *found] if chosen == "spectral" else found
     if name == "trajectory":
-        general = TrajectoryMcDiarmid(*data, axis=axis)
-        if len(general._u) > 1 or axis == "rows":
-            return [general]
-        return [OneStepMcDiarmid(*data), OneStepHoeffding(*data), general]
+        return _for_trajectory(data, axis)
     B, x0, xf, A = data
     return _for_control(Geometry(B, x0, xf, A, axis, name), fusion)
 
@@ -190,6 +193,15 @@ def _for_vector(w: Any, norm: str) -> list[Bound]:
         Hoeffding(checked),
         Chebyshev(checked),
     ]
+
+
+def _for_trajectory(data: tuple[Any, ...], axis: Axis) -> list[Bound]:
+    kinds: tuple[type[Trajectory], ...]
+    kinds = (TrajectoryMcDiarmid, TrajectoryBousquet, TrajectoryChebyshev)
+    found = [kind(*data, axis=axis) for kind in kinds]
+    if len(found[0]._u) > 1 or axis == "rows":
+        return [*found]
+    return [*found, OneStepMcDiarmid(*data), OneStepHoeffding(*data)]
 
 
 def _for_control(at: Geometry, fusion: str) -> list[Bound]:

@@ -12,9 +12,15 @@ from numpy.typing import ArrayLike
 from ... import _gate
 from ...exceptions import InputError
 from ..moments._formulas import Axis, Fusion, Sizes, _one_each, _reciprocal
-from ._base import Bound, Rates, bousquet, bousquet_level, mcdiarmid, mcdiarmid_level
+from ._base import Bound, Rates
 from ._geometry import Geometry, largest_norm
-from .averages import chebyshev_level
+from ._inequalities import (
+    bousquet,
+    bousquet_level,
+    chebyshev_level,
+    mcdiarmid,
+    mcdiarmid_level,
+)
 
 Quantity: TypeAlias = Literal["state", "control"]
 

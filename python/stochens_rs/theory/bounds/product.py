@@ -14,8 +14,9 @@ from numpy.typing import ArrayLike
 
 from ... import _gate
 from ..moments._formulas import Array, Axis, Sizes, _others
-from ._base import Rates, bousquet, mcdiarmid
+from ._base import Rates
 from ._geometry import Geometry
+from ._inequalities import bousquet, mcdiarmid
 from .averages import McDiarmid
 from .fused import Fused, Quantity, _check_equal, largest_linear, top_eigenvalue
 from .norms import Weissman

@@ -11,9 +11,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ... import _gate
-from ...exceptions import NonFiniteError, ShapeError
+from ...exceptions import NonFiniteError
 from ..moments._formulas import _AXES, Array, Axis, _excess, _vector_covariance
-from ._base import Bound, Rates, mcdiarmid, mcdiarmid_level, unit_of
+from ._base import Bound, Rates, unit_of
+from ._inequalities import (
+    bousquet,
+    bousquet_level,
+    chebyshev_level,
+    mcdiarmid,
+    mcdiarmid_level,
+)
 
 
 class Trajectory(Bound):
@@ -89,10 +96,36 @@ class Trajectory(Bound):
             if self._sample_B:
                 S = S + _excess(B, np.outer(u, u), axis)
             mean = A @ mean + B @ u
-        return _finite(max(0.0, float(np.trace(S))))
+        self._mean, self._covariance = mean, S
+        return finite(max(0.0, float(np.trace(S))))
 
     def _rms(self, rates: Rates) -> float:
         return math.sqrt(self._mean_square * rates[0])
+
+    def _reach(self) -> float:
+        """``R_K``, a bound on ``||xhat(s, K)||_2``."""
+        return self._one_norm() if self._axis == "columns" else self._by_entries()
+
+    def _one_norm(self) -> float:
+        """``R_K``, columns: 1-norms."""
+        gain = float(np.abs(self._A).sum(axis=0).max())
+        h = np.abs(self._B).sum(axis=0)
+        radius = float(np.abs(self._x0).sum())
+        for k, u in enumerate(self._u):
+            exact = 0.0 if k == len(self._u) - 1 else float(np.abs(self._B @ u).sum())
+            radius = gain * radius + (float(h @ np.abs(u)) if self._sample_B else exact)
+        return radius
+
+    def _by_entries(self) -> float:
+        """``R_K``, rows: a bound for every entry."""
+        r = np.where(self._x0 != 0.0, np.abs(self._x0).sum(), 0.0)
+        for k, u in enumerate(self._u):
+            r = _row_range(self._A, r)
+            if self._sample_B:
+                r = r + _row_range(self._B, np.abs(u))
+            elif k < len(self._u) - 1:
+                r = r + np.abs(self._B @ u)
+        return float(np.linalg.norm(r))
 
 
 class TrajectoryMcDiarmid(Trajectory):
@@ -112,9 +145,10 @@ class TrajectoryMcDiarmid(Trajectory):
     -----
     ``S_K`` is the exact covariance of one run, and ``R_k`` bounds ``||xhat(s, k)||_1``:
     ``R_0 = g0``, ``R_{k+1} = gA R_k + sum_j |u_j(k)| h_j`` with ``h_j = ||b_j||_1``. (With B exact
-    the last control shifts all runs alike and does not count.) Rows: ``gA`` is the largest
-    1-norm of a realization, ``max_j sum_i rho_i [a_ij != 0]``, and B likewise. Lemma 4.3 has no K
-    in its bound, while ``tr S_K`` may grow geometrically.
+    the last control shifts all runs alike and does not count.) Rows: ``R_K = ||r(K)||_2``, where
+    ``r`` bounds every entry, ``r_i(k+1) = rho_i max_j r_j(k) + h_i max_j |u_j(k)|`` over the j that
+    row i of A, of B can hit. Lemma 4.3 has no K in its bound, while ``tr S_K`` may grow
+    geometrically.
 
     Examples
     --------
@@ -130,22 +164,8 @@ class TrajectoryMcDiarmid(Trajectory):
     source = "bounded differences 2 R_K / N in N independent runs; mean at most the exact rms"
 
     def _prepare(self) -> None:
-        gain = _largest_one_norm(self._A, self._axis)
-        radius = float(np.abs(self._x0).sum())
         with np.errstate(over="ignore"):
-            for k, u in enumerate(self._u):
-                last = k == len(self._u) - 1
-                radius = gain * radius + self._pushed(u, last)
-        self._spread = _finite(2.0 * radius * radius)
-
-    def _pushed(self, u: Array, last: bool) -> float:
-        """The largest 1-norm that the control adds to a run."""
-        if not self._sample_B:
-            return 0.0 if last else float(np.abs(self._B @ u).sum())
-        if self._axis == "columns":
-            return float(np.abs(self._B).sum(axis=0) @ np.abs(u))
-        largest = np.where(self._B != 0.0, np.abs(u), 0.0).max(axis=1)
-        return float(np.abs(self._B).sum(axis=1) @ largest)
+            self._spread = finite(2.0 * self._reach() ** 2)
 
     def _radius(self, rates: Rates, level: float) -> float:
         return mcdiarmid(self._rms(rates), self._spread * rates[0], level)
@@ -154,139 +174,99 @@ class TrajectoryMcDiarmid(Trajectory):
         return mcdiarmid_level(self._rms(rates), self._spread * rates[0], eps)
 
 
-class OneStepMcDiarmid(Trajectory):
-    """The sharp form for one step: ``sqrt(tr S_1 / N) + sqrt(V L / N)``.
+class TrajectoryBousquet(Trajectory):
+    """Bousquet's inequality after K steps: ``E + sqrt(2 L (lam + 2 U E)) + U L / 3``.
 
     Parameters
     ----------
-    A : (n, n) array_like
-        State matrix.
-    B : (n, m) array_like
-        Input matrix.
-    x0 : (n,) array_like
-        Initial state.
-    u : (1, m) array_like
-        The control.
-    sample_B : bool, default True
-        Whether ``B`` is sampled, too; else it is known exactly, and ``h = 0``.
+    A, B, x0, u, axis, sample_B
+        As in :class:`Trajectory`.
 
     Raises
     ------
     InputError, InputTypeError
-        As :class:`Trajectory`, or `u` has more than one step.
+        As :class:`Trajectory`.
 
     Notes
     -----
-    ``V = 2 g0^2 gA^2 + sum_j u_j^2 h_j^2``. The coordinates of one run are ``A^s x0^s``, one entry
-    of at most ``g0 gA``, and the columns of ``B^s``; ``gA`` is taken over the columns that ``x0``
-    reaches. Columns only.
+    ``E^2 = tr S_K / N``, ``lam = lambda_max(S_K) / N`` and ``U = (R_K + ||x(K)||) / N`` with the
+    exact covariance ``S_K`` of one run and ``R_K`` of :class:`TrajectoryMcDiarmid` (with B exact
+    both without ``B u(K - 1)``). For many runs
+    this is the best, as typical runs are far shorter than ``R_K``.
 
     Examples
     --------
+    >>> import numpy as np
     >>> from stochens_rs.theory import bounds
-    >>> A, B, x0, u = [[1.0, 0.0], [2.0, 5.0]], [[1.0], [1.0]], [1.0, 1.0], [[2.0]]
-    >>> bound = bounds.OneStepMcDiarmid(A, B, x0, u)
-    >>> round(bound.radius(10_000, 0.01), 4)
-    0.3664
+    >>> A = np.array([[1.0, 1.0], [1.0, -1.0]]) / np.sqrt(2.0)
+    >>> x0, u = np.full(2, 0.5**0.5), np.zeros((10, 1))
+    >>> round(bounds.TrajectoryBousquet(A, [[1.0], [0.0]], x0, u).radius(10_000, 0.01), 3)
+    1.45
     """
 
-    name = "McDiarmid, one step"
-    source = "bounded differences in A^s x0^s and in every column of B^s"
-
-    def __init__(
-        self, A: ArrayLike, B: ArrayLike, x0: ArrayLike, u: ArrayLike, *, sample_B: bool = True
-    ) -> None:
-        super().__init__(A, B, x0, u, sample_B=sample_B)
+    name = "Bousquet"
+    source = "supremum of <v, average of the runs - x(K)> over unit vectors v"
 
     def _prepare(self) -> None:
-        gA, g0, pushed = _one_step(self)
-        self._spread = _finite(2.0 * (g0 * gA) ** 2 + float((pushed**2).sum()))
+        with np.errstate(over="ignore"):
+            # an exact B shifts all runs alike, in the last step: neither R_K nor the mean has it
+            shift = 0.0 if self._sample_B else self._B @ self._u[-1]
+            self._largest = finite(self._reach() + float(np.linalg.norm(self._mean - shift)))
+        self._variance = max(0.0, float(np.linalg.eigvalsh(self._covariance)[-1]))
+
+    def _constants(self, rates: Rates) -> tuple[float, float, float]:
+        return self._rms(rates), self._variance * rates[0], self._largest * rates[0]
 
     def _radius(self, rates: Rates, level: float) -> float:
-        return mcdiarmid(self._rms(rates), self._spread * rates[0], level)
+        return bousquet(*self._constants(rates), level)
 
     def _level(self, rates: Rates, eps: float) -> float:
-        return mcdiarmid_level(self._rms(rates), self._spread * rates[0], eps)
+        return bousquet_level(*self._constants(rates), eps)
 
 
-class OneStepHoeffding(Trajectory):
-    """Lemma 4.3 for one step with the constants that make it true.
+class TrajectoryChebyshev(Trajectory):
+    """Chebyshev's inequality after K steps: ``sqrt(tr S_K / (N delta))``.
 
     Parameters
     ----------
-    A : (n, n) array_like
-        State matrix.
-    B : (n, m) array_like
-        Input matrix.
-    x0 : (n,) array_like
-        Initial state.
-    u : (1, m) array_like
-        The control.
-    sample_B : bool, default True
-        Whether ``B`` is sampled, too; else it is known exactly, and ``gB = 0``.
+    A, B, x0, u, axis, sample_B
+        As in :class:`Trajectory`.
 
     Raises
     ------
     InputError, InputTypeError
-        As :class:`Trajectory`, or `u` has more than one step.
+        As :class:`Trajectory`.
 
     Notes
     -----
-    ``P(error > eps) <= 4 [exp(-2 N eps^2 / (9 ||u||^2 gB^2)) + exp(-2 N eps^2 / (9 gA^2 g0^2))]``,
-    dimension-free, and implied by :class:`OneStepMcDiarmid`. The printed second exponent has
-    ``||A||`` for ``gA``, the printed third ``||x0||`` for ``g0``; both are false. Columns only.
+    ``S_K`` is the exact covariance of one run. This proves Lemma 3.1 for unbiased realizations.
 
     Examples
     --------
     >>> from stochens_rs.theory import bounds
-    >>> A, B, x0, u = [[1.0, 0.0], [2.0, 5.0]], [[1.0], [1.0]], [1.0, 1.0], [[2.0]]
-    >>> bound = bounds.OneStepHoeffding(A, B, x0, u)
-    >>> round(bound.radius(10_000, 0.01), 4)
-    0.5192
+    >>> bound = bounds.TrajectoryChebyshev([[1.0]], [[1.0], [1.0]][:1], [3.0], [[2.0]])
+    >>> bound.radius(10, 0.1)
+    0.0
     """
 
-    name = "Hoeffding, one step"
-    source = "implied by the sharp form: its exponent is at most 4/3 above, and e^(4/3) < 4"
+    name = "Chebyshev"
+    source = "Markov's inequality for the squared error"
 
-    def __init__(
-        self, A: ArrayLike, B: ArrayLike, x0: ArrayLike, u: ArrayLike, *, sample_B: bool = True
-    ) -> None:
-        super().__init__(A, B, x0, u, sample_B=sample_B)
-
-    def _prepare(self) -> None:
-        gA, g0, pushed = _one_step(self)
-        gB = float(np.abs(self._B).sum(axis=0).max()) if pushed.any() else 0.0
-        self._scales = (
-            4.5 * _finite((gA * g0) ** 2),
-            4.5 * _finite((float(np.linalg.norm(self._u)) * gB) ** 2),
-        )
+    def _radius(self, rates: Rates, level: float) -> float:
+        return self._rms(rates) * math.exp(level / 2.0)
 
     def _level(self, rates: Rates, eps: float) -> float:
-        exponents = [(eps / math.sqrt(s * rates[0])) ** 2 for s in self._scales if s * rates[0]]
-        least = min(exponents, default=math.inf)
-        if least == math.inf:
-            return math.inf
-        return least - math.log(4.0 * sum(math.exp(least - x) for x in exponents))
+        return chebyshev_level(self._rms(rates), eps)
 
 
-def _one_step(bound: Trajectory) -> tuple[float, float, Array]:
-    """``gA`` over the columns that x0 reaches, ``g0``, and ``|u_j| h_j``."""
-    if len(bound._u) != 1:
-        raise ShapeError(f"`u` must have shape (1, m): one step, got {len(bound._u)} steps")
-    reached = bound._A[:, bound._x0 != 0.0]
-    gA = float(np.abs(reached).sum(axis=0).max(initial=0.0))
-    pushed = np.abs(bound._u[0]) * np.abs(bound._B).sum(axis=0) * bound._sample_B
-    return gA, float(np.abs(bound._x0).sum()), pushed
+def _row_range(A: Array, r: Array) -> Array:
+    """``rho_i max_j r_j`` over the entries that row i can hit."""
+    largest = np.where(A != 0.0, r, 0.0).max(axis=1)
+    return np.asarray(np.abs(A).sum(axis=1) * largest, dtype=np.float64)
 
 
-def _largest_one_norm(A: Array, axis: str) -> float:
-    """Largest induced 1-norm of a realization."""
-    if axis == "columns":
-        return float(np.abs(A).sum(axis=0).max())
-    return float((np.abs(A).sum(axis=1) @ (A != 0.0)).max())
-
-
-def _finite(value: float) -> float:
+def finite(value: float) -> float:
+    """Refuse what overflowed."""
     if not math.isfinite(value):
         raise NonFiniteError("the moments of the trajectory overflow: scale the problem down")
     return value

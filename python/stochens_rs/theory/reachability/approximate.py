@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from ... import _gate
 from ...rng import Key, RngLike, as_key
 from ...sampling import sample
-from ..bounds.trajectories import OneStepMcDiarmid, Trajectory, TrajectoryMcDiarmid
+from ..bounds import candidates
+from ..bounds.trajectories import TrajectoryMcDiarmid
 from ..moments._formulas import Array
 from .steps import StepsReachability, several_steps
 
@@ -100,8 +101,8 @@ def approximately(
     columns, and the smallest u that takes the exact system to (or nearest to) ``xf``. Printed,
     Definition 2.3 asks that controls "drive the realization through the trajectory", which any
     control does; what is meant, and what the proof of Lemma 3.1 uses, is this choice. The runs
-    are independent with mean ``A^K x0 + C u``: with the radii of `TrajectoryMcDiarmid` (for one
-    step `OneStepMcDiarmid`). An experiment can contradict the notion, but not prove a limit: the
+    are independent with mean ``A^K x0 + C u``: with the smallest radii of
+    `bounds.candidates`. An experiment can contradict the notion, but not prove a limit: the
     verdict for a target out of reach is that of the exact residual, at which the errors level.
 
     Examples
@@ -116,10 +117,10 @@ def approximately(
     grid = _gate.sizes("sizes", sizes, maximum=2**31)
     key = as_key(rng)
     u, N = exact.controls, int(grid[-1])
-    kind: type[Trajectory] = OneStepMcDiarmid if len(u) == 1 else TrajectoryMcDiarmid
-    bound = kind(A, B, x0, u)
+    found = candidates("trajectory", A, B, x0, u)
+    bound = next(b for b in found if isinstance(b, TrajectoryMcDiarmid))
     goal = _gate.vector("xf", xf)
-    radii = np.array([bound.radius(int(k), delta / len(grid)) for k in grid])
+    radii = np.array([min(b.radius(int(k), delta / len(grid)) for b in found) for k in grid])
     variances = [bound._mean_square * bound._unit**2 / int(k) for k in grid]
     states = _runs(A, B, x0, u, N, key)
     averages = np.cumsum(states, axis=0)[grid - 1] / grid[:, None]

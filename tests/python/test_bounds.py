@@ -1,0 +1,765 @@
+"""Tail bounds: against exact distributions, against their formulas, and as inverses.
+
+No test here is random: small problems are enumerated, so that a bound is either valid for every
+eps or it is not. `test_bounds_coverage.py` has the larger systems.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import ClassVar
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError
+from stochens_rs.theory import bounds, moments
+from stochens_rs.theory.bounds import paper
+from stochens_rs.theory.bounds._inequalities import largest_eigenvalues
+
+AXES = ("columns", "rows")
+
+# -- exact distributions: (probability, value) -----------------------------------------------------
+
+
+def counts(p, N):
+    """All multinomial counts of N draws with their probabilities."""
+    hit = np.flatnonzero(p)
+    if hit.size == 0:
+        return [(1.0, np.zeros(len(p)))]
+    found = []
+    for parts in itertools.product(range(N + 1), repeat=len(hit) - 1):
+        if sum(parts) > N:
+            continue
+        full = (*parts, N - sum(parts))
+        log = math.lgamma(N + 1) - sum(math.lgamma(k + 1) for k in full)
+        log += sum(k * math.log(p[i]) for k, i in zip(full, hit, strict=True))
+        c = np.zeros(len(p))
+        c[hit] = full
+        found.append((math.exp(log), c))
+    return found
+
+
+def vector_law(w, N):
+    """The exact distribution of the average of N realizations."""
+    w = np.asarray(w, dtype=float)
+    g = np.abs(w).sum()
+    p = np.abs(w) / g if g else w
+    return [(q, g * np.sign(w) * c / N) for q, c in counts(p, N)]
+
+
+def matrix_law(A, N, axis="columns"):
+    A = np.asarray(A, dtype=float)
+    lines = A.T if axis == "columns" else A
+    laws = itertools.product(*(vector_law(line, N) for line in lines))
+    law = [(math.prod(q for q, _ in c), np.array([v for _, v in c])) for c in laws]
+    return [(q, v.T if axis == "columns" else v) for q, v in law]
+
+
+def tail(law, error):
+    """The errors and P(error >= error_i), both sorted."""
+    p = np.array([q for q, _ in law])
+    e = np.array([error(v) for _, v in law])
+    order = np.argsort(e)
+    return e[order], np.cumsum(p[order][::-1])[::-1]
+
+
+def assert_valid(bound, size, errors, exceeded):
+    """The bound holds just below the values that the error can take: the last ones and others."""
+    possible = np.unique(errors.round(12))
+    possible = possible[possible > 1e-9]
+    spread = np.linspace(0, len(possible) - 1, 10).astype(int) if len(possible) else []
+    for eps in {*possible[spread], *possible[-5:]}:
+        exact = exceeded[np.searchsorted(errors, eps * (1.0 - 1e-12))]
+        assert bound.probability(size, eps * (1.0 - 1e-9)) >= exact * (1.0 - 1e-6), (bound, eps)
+    for delta in (0.9, 0.5, 0.1, 1e-2, 1e-4, 1e-8):
+        radius = bound.radius(size, delta) * (1.0 + 1e-9) + 1e-12
+        where = np.searchsorted(errors, radius, side="right")
+        assert where == len(errors) or exceeded[where] <= delta
+
+
+# -- one vector and one matrix ---------------------------------------------------------------------
+
+VECTORS = (
+    [1.0, 1.0],
+    [3.0, -1.0],
+    [1.0, -0.01],
+    [2.0, 0.0, -1.0],
+    [1.0, 1.0, 1.0],
+    [5.0, 0.2, 0.1],
+)
+
+
+@pytest.mark.parametrize("w", VECTORS)
+@pytest.mark.parametrize("N", [1, 2, 5, 30])
+def test_vector_bounds_on_exact_distributions(w, N):
+    law = vector_law(w, N)
+    assert sum(q for q, _ in law) == pytest.approx(1.0)
+    errors, exceeded = tail(law, lambda v: np.linalg.norm(v - w))
+    for bound in bounds.candidates("vector", w):
+        assert_valid(bound, N, errors, exceeded)
+    errors, exceeded = tail(law, lambda v: np.abs(v - w).sum())
+    for bound in bounds.candidates("vector", w, norm="1"):
+        assert bound.norm == "1"
+        assert_valid(bound, N, errors, exceeded)
+
+
+def test_the_exact_distribution_catches_the_printed_exponent():
+    """What `assert_valid` is worth: exponents twice too large do not pass it."""
+    w, N = [0.5, 0.5], 200
+    errors, exceeded = tail(vector_law(w, N), lambda v: np.linalg.norm(v - w))
+    for C in (2.0, 4.0, 100.0):
+        with pytest.raises(AssertionError):
+            assert_valid(paper.OneVector(w, C=C), N, errors, exceeded)
+
+    class Halved(bounds.Weissman):
+        def _level(self, rates, eps):
+            return super()._level(rates, math.sqrt(2.0) * eps)
+
+    assert_valid(bounds.Weissman(w, norm="2"), N, errors, exceeded)
+    with pytest.raises(AssertionError):
+        assert_valid(Halved(w, norm="2"), N, errors, exceeded)
+    assert_valid(bounds.Hoeffding(w), N, errors, exceeded)
+
+
+MATRICES = ([[1.0, -2.0], [0.5, 3.0]], [[1.0, 0.0], [1.0, 2.0]], [[9.0, 0.1], [-1.0, 0.1]])
+
+
+@pytest.mark.parametrize("axis", AXES)
+@pytest.mark.parametrize("A", MATRICES)
+@pytest.mark.parametrize("N", [1, 3, 12])
+def test_matrix_bounds_on_exact_distributions(A, N, axis):
+    law = matrix_law(A, N, axis)
+    for norm, order in (("Frobenius", None), ("spectral", 2)):
+        errors, exceeded = tail(law, lambda v, k=order: np.linalg.norm(v - A, k))
+        for bound in bounds.candidates("matrix", A, norm=norm, axis=axis):
+            assert_valid(bound, N, errors, exceeded)
+
+
+def test_a_matrix_of_three_rows():
+    A = [[1.0, -2.0], [0.5, 3.0], [-1.0, 0.0]]
+    errors, exceeded = tail(matrix_law(A, 4), lambda v: np.linalg.norm(v - A, 2))
+    for bound in bounds.candidates("matrix", A):
+        assert_valid(bound, 4, errors, exceeded)
+
+
+@pytest.mark.parametrize("w", [[3.0, -1.0, 0.5, 0.0, 2.0], [1.0, 1e-8], [0.25] * 4])
+def test_systematic_samples_are_surely_within_the_bound(w):
+    bound = bounds.Systematic(w)
+    g, p = np.abs(w).sum(), np.abs(w) / np.abs(w).sum()
+    for N in (1, 7, 100):
+        for U in np.linspace(0.0, 1.0, 50, endpoint=False):
+            c = np.ceil(N * np.cumsum(p) - U)
+            c[-1] = N
+            error = np.linalg.norm(g * np.sign(w) * np.diff(c, prepend=0.0) / N - w)
+            assert error <= bound.radius(N, 0.5)
+    assert bound.probability(100, bound.radius(100, 0.5)) == 0.0
+    assert bound.probability(100, 0.99 * bound.radius(100, 0.5)) == 1.0
+
+
+# -- formulas --------------------------------------------------------------------------------------
+
+
+def test_vector_formulas():
+    w = np.array([3.0, -1.0, 0.5, 0.0, 2.0])
+    g, e, N, delta = 6.5, np.sqrt(6.5**2 - 14.25), 1000, 0.01
+    L = math.log(1.0 / delta)
+    Cv = g * np.diag(np.abs(w)) - np.outer(w, w)
+    lam = np.linalg.eigvalsh(Cv)[-1] / N
+    U = max(np.sqrt(g**2 - 2.0 * g * abs(x) + w @ w) for x in w if x) / N
+    E = e / np.sqrt(N)
+    expected = {
+        "McDiarmid": (e + g * np.sqrt(L)) / np.sqrt(N),
+        "Bousquet": E + np.sqrt(2.0 * L * (lam + 2.0 * U * E)) + U * L / 3.0,
+        "Weissman": g * np.sqrt((np.log(2.0**4 - 2.0) + L) / N),
+        "Hoeffding": g * np.sqrt(4.0 * np.log(2.0 * 4.0 / delta) / (2.0 * N)),
+        "Chebyshev": e / np.sqrt(N * delta),
+    }
+    for bound in bounds.candidates("vector", w):
+        assert bound.radius(N, delta) == pytest.approx(expected[bound.name], rel=1e-12)
+    one = bounds.Weissman(w).radius(N, delta)
+    assert one == pytest.approx(g * np.sqrt(2.0 * (np.log(14.0) + L) / N), rel=1e-12)
+
+
+@pytest.mark.parametrize("axis", AXES)
+def test_matrix_formulas(axis):
+    A = np.array([[1.0, -2.0, 0.5], [0.5, 3.0, 0.0], [-1.0, 0.0, 0.0]])
+    lines = A if axis == "columns" else A.T
+    N, delta = 500, 0.05
+    L = math.log(1.0 / delta)
+    random = lines[:, np.count_nonzero(lines, axis=0) > 1]  # the others are exact
+    g, squares = np.abs(random).sum(axis=0), (random**2).sum(axis=0)
+    E = np.sqrt((g**2 - squares).sum() / N)
+    top = [
+        np.linalg.eigvalsh(h * np.diag(np.abs(a)) - np.outer(a, a))[-1]
+        for h, a in zip(g, random.T, strict=True)
+    ]
+    far = [
+        max(h**2 - 2.0 * h * abs(x) + s for x in a if x)
+        for h, s, a in zip(g, squares, random.T, strict=True)
+    ]
+    U = np.sqrt(sum(far)) / N
+    found = {b.name: b.radius(N, delta) for b in bounds.candidates("matrix", A, axis=axis)}
+    assert found["McDiarmid"] == pytest.approx(E + np.sqrt(L * (g**2).sum() / N), rel=1e-12)
+    bousquet = E + np.sqrt(2.0 * L * (max(top) / N + 2.0 * U * E)) + U * L / 3.0
+    assert found["Bousquet"] == pytest.approx(bousquet, rel=1e-12)
+    used = random[random.any(axis=1)]
+    ell = math.log(sum(used.shape) / delta)
+    total = np.diag(np.abs(used) @ g) - used @ used.T
+    v = max(np.linalg.norm(total, 2), (g**2 - squares).max()) / N
+    linear = np.sqrt(max(far)) / N * ell / 3.0
+    assert found["Bernstein"] == pytest.approx(linear + np.sqrt(linear**2 + 2 * v * ell), rel=1e-12)
+    assert found["Chebyshev"] == pytest.approx(E / np.sqrt(delta), rel=1e-12)
+
+
+def test_largest_eigenvalue_of_a_multinomial_covariance(gen):
+    for n in (2, 3, 10):
+        p = gen.dirichlet(np.full(n, 0.5), size=20).T
+        p[:, 4] = 1.0 / n
+        if n > 2:  # at least two entries must be left
+            p[0, 3] = 0.0
+        p /= p.sum(axis=0)
+        expected = [np.linalg.eigvalsh(np.diag(q) - np.outer(q, q))[-1] for q in p.T]
+        found = largest_eigenvalues(p)
+        np.testing.assert_allclose(found, expected, rtol=1e-11)
+
+
+def required_size_example():
+    """A vector of length 10 with norm 1 whose McDiarmid size is near the middle."""
+    return np.array([1.0, -0.5, 0.25, 2.0, 0.75, -1.5, 0.1, 0.3, -0.9, 1.2])
+
+
+def test_required_sizes_are_the_closed_formulas():
+    w = required_size_example()
+    g, s = np.abs(w).sum(), w @ w
+    eps, delta = 0.05 * np.sqrt(s), 0.01
+    L = math.log(1.0 / delta)
+    expected = {
+        "McDiarmid": ((math.sqrt(g**2 - s) + g * math.sqrt(L)) / eps) ** 2,
+        "Hoeffding": 10.0 * g**2 * math.log(20.0 / delta) / (2.0 * eps**2),
+        "Chebyshev": (g**2 - s) / (delta * eps**2),
+        "Weissman": g**2 * (math.log(2.0**10 - 2.0) + L) / eps**2,
+    }
+    for bound in bounds.candidates("vector", w):
+        needed = bound.required_size(eps, delta)
+        if bound.name in expected:
+            assert needed == math.ceil(expected[bound.name])
+        assert bound.radius(needed, delta) <= eps < bound.radius(needed - 1, delta)
+    chosen = bounds.best("vector", w, eps=eps, delta=delta)
+    assert chosen.size == min(b.required_size(eps, delta) for b in bounds.candidates("vector", w))
+    assert chosen.radius == chosen.bound.radius(chosen.size, delta) <= eps
+
+
+# -- controls --------------------------------------------------------------------------------------
+
+# B, x0, xf, A
+CONTROLS = {
+    "square": ([[1.0, 0.5], [-1.0, 2.0]], [1.0, -0.5], [0.5, 2.0], [[1.0, -2.0], [0.5, 3.0]]),
+    "m < n": ([[1.0], [2.0]], [1.0, -0.5], [0.5, 2.0], [[1.0, -2.0], [0.5, 3.0]]),
+    "cancelling": ([[1.0], [1.0]], [1.0, 1.0], [1.0, -1.0], [[1.0, 1.0], [1.0, -1.0]]),
+    "zero column": ([[1.0], [2.0]], [1.0, -0.5], [0.0, 1.0], [[0.0, -2.0], [0.0, 3.0]]),
+    "zero x0": ([[1.0], [2.0]], [0.0, 0.0], [0.5, 2.0], [[1.0, -2.0], [0.5, 3.0]]),
+    "rank 1": ([[1.0, 2.0], [2.0, 4.0]], [1.0, -0.5], [0.5, 2.0], [[3.0, 0.0], [1.0, 0.1]]),
+}
+QUANTITIES = ("state", "control")
+
+
+def errors_of(quantity, B, y):
+    pinv = np.linalg.pinv(B)
+    return (
+        (lambda v: np.linalg.norm(pinv @ (v - y)))
+        if quantity == "control"
+        else (lambda v: np.linalg.norm(B @ pinv @ (v - y)))
+    )
+
+
+def product_law(x0, xf, A, sizes, axis):
+    x0s, xfs = (
+        [(1.0, np.asarray(w))] if N is None else vector_law(w, N)
+        for w, N in ((x0, sizes[0]), (xf, sizes[1]))
+    )
+    As = [(1.0, np.asarray(A))] if sizes[2] is None else matrix_law(A, sizes[2], axis)
+    return [(p * q * r, f - a @ z) for (p, z), (q, f), (r, a) in itertools.product(x0s, xfs, As)]
+
+
+@pytest.mark.parametrize("axis", AXES)
+@pytest.mark.parametrize("case", CONTROLS)
+def test_product_fusion_on_exact_distributions(case, axis):
+    B, x0, xf, A = (np.array(x) for x in CONTROLS[case])
+    y = xf - A @ x0
+    for size in (
+        1,
+        4,
+        (5, None, 5),
+        (None, None, 20),
+        (20, None, None),
+        (None, 20, None),
+        (2, 5, 3),
+    ):
+        sizes = size if isinstance(size, tuple) else (size, size, size)
+        law = product_law(x0, xf, A, sizes, axis)
+        for quantity in QUANTITIES:
+            errors, exceeded = tail(law, errors_of(quantity, B, y))
+            for bound in bounds.candidates(quantity, B, x0, xf, A, axis=axis):
+                if isinstance(bound, bounds.ProductBousquet) and size == (2, 5, 3):
+                    continue
+                assert_valid(bound, sizes, errors, exceeded)
+
+
+@pytest.mark.parametrize("axis", AXES)
+@pytest.mark.parametrize("case", CONTROLS)
+def test_diagonal_fusion_on_exact_distributions(case, axis):
+    B, x0, xf, A = (np.array(x) for x in CONTROLS[case])
+    y = xf - A @ x0
+    for sizes in ((1, 1, 1), (1, None, 1), (1, 1, None), (None, 1, 1)):
+        one = product_law(x0, xf, A, sizes, axis)
+        one = merged(one)
+        for N in (1, 3):
+            law = [
+                (math.prod(p for p, _ in draws), sum(v for _, v in draws) / N)
+                for draws in itertools.product(one, repeat=N)
+            ]
+            size = tuple(None if k is None else N for k in sizes)
+            for quantity in QUANTITIES:
+                errors, exceeded = tail(law, errors_of(quantity, B, y))
+                for bound in bounds.candidates(
+                    quantity, B, x0, xf, A, fusion="diagonal", axis=axis
+                ):
+                    assert_valid(bound, size, errors, exceeded)
+
+
+def merged(law):
+    """Equal values once."""
+    found = {}
+    for p, v in law:
+        key = tuple(np.round(v, 9))
+        found[key] = (found.get(key, (0.0, v))[0] + p, v)
+    return list(found.values())
+
+
+def test_fused_bounds_are_never_larger_than_those_with_norms():
+    B, x0, xf, A = (np.array(x) for x in CONTROLS["square"])  # B B+ = I: nothing is projected
+    N, delta = 400, 0.02
+    L, L3, L4 = (math.log(k / delta) for k in (1.0, 3.0, 4.0))
+    g0, gf, g = np.abs(x0).sum(), np.abs(xf).sum(), np.abs(A).sum(axis=0)
+    variances = g**2 - (A**2).sum(axis=0)
+    V = gf**2 - xf @ xf + g0 * np.abs(x0) @ g**2 - np.sum((A @ x0) ** 2)
+    diagonal = (np.sqrt(V) + np.sqrt(L * (gf**2 + 2 * g0**2 * g.max() ** 2))) / np.sqrt(N)
+    found = bounds.DiagonalMcDiarmid(B, x0, xf, A)
+    assert 0.7 * diagonal < found.radius(N, delta) <= diagonal * (1.0 + 1e-12)
+    rms = moments.state_rms(B, x0, xf, A, N)
+    product = rms + np.sqrt(L * (gf**2 + 3 * g0**2 * g.max() ** 2) / N)
+    found = bounds.ProductMcDiarmid(B, x0, xf, A)
+    assert 0.5 * product < found.radius(N, delta) <= product * (1.0 + 1e-12)
+
+    def parts(x_hat, level):
+        rho_f = np.sqrt(gf**2 - xf @ xf) + gf * np.sqrt(level)
+        D = np.linalg.norm(A[:, 0] * np.sign(x0[0]) - A[:, 1] * np.sign(x0[1]))
+        spread = g0 * np.abs(x0) @ (A**2).sum(axis=0) - np.sum((A @ x0) ** 2)
+        rho_0 = np.sqrt(spread) + g0 * D * np.sqrt(level / 2.0)
+        rho_A = np.sqrt(x_hat**2 @ variances) + np.sqrt(level * x_hat**2 @ g**2)
+        return (rho_f + rho_0 + rho_A) / np.sqrt(N)
+
+    x_hat = np.array([0.9, -0.6])
+    given_x0 = bounds.ProductParts(B, x0, xf, A, x0_hat=x_hat)
+    assert given_x0.radius(N, delta) == pytest.approx(parts(x_hat, L3), rel=1e-12)
+    # without it: four shares, and x0_hat may be this far from x0
+    r = min(b.radius(N, delta / 4.0) for b in bounds.candidates("vector", x0)[:3:2])
+    moved = np.sqrt(variances.max()) * r + g.max() * r * np.sqrt(L4)
+    limit = parts(x0, L4) + moved / np.sqrt(N)
+    found = bounds.ProductParts(B, x0, xf, A).radius(N, delta)
+    assert parts(x0, L4) < found <= limit * (1.0 + 1e-12)
+
+
+def test_product_hoeffding_is_its_formula():
+    B, x0, xf, A = (np.array(x) for x in CONTROLS["square"])
+    bound = bounds.ProductHoeffding(B, x0, xf, A)
+    g0, gf, gA = np.abs(x0).sum(), np.abs(xf).sum(), np.abs(A).sum(axis=0).max()
+    n, N, eps = 2.0, 5000, 1.7
+    norm = np.linalg.norm(A, 2)
+    expected = (
+        2 * n * np.exp(-2 * N * eps**2 / (9 * n * gf**2))
+        + 2 * n * np.exp(-2 * N * eps**2 / (9 * n * norm**2 * g0**2))
+        + 2 * n**2 * np.exp(-2 * N * eps**2 / (9 * n**2 * g0**2 * gA**2))
+    )
+    assert bound.probability(N, eps) == pytest.approx(expected, rel=1e-12)
+
+
+def test_diagonal_bousquet_is_its_formula_for_a_known_state_matrix():
+    B, x0, xf, A = (np.array(x) for x in CONTROLS["m < n"])
+    N, delta = 300, 0.1
+    L, M = math.log(10.0), np.linalg.pinv(B)
+    C = moments.vector_covariance(xf) + A @ moments.vector_covariance(x0) @ A.T
+    E, lam = np.sqrt(np.trace(M @ C @ M.T) / N), np.linalg.eigvalsh(M @ C @ M.T)[-1] / N
+    far_f = max(np.linalg.norm(M @ (2.5 * s - xf)) for s in np.eye(2))
+    atoms = 1.5 * np.diag([1.0, -1.0])
+    far_0 = max(np.linalg.norm(M @ A @ (s - x0)) for s in atoms.T)
+    U = (far_f + far_0) / N
+    expected = E + np.sqrt(2 * L * (lam + 2 * U * E)) + U * L / 3
+    found = bounds.DiagonalBousquet(B, x0, xf, A, quantity="control")
+    assert found.radius((N, N, None), delta) == pytest.approx(expected, rel=1e-12)
+    product = bounds.ProductBousquet(B, x0, xf, A, quantity="control")
+    assert product.radius((N, N, None), delta) == pytest.approx(expected, rel=1e-12)
+
+
+def test_best_is_the_smallest():
+    B, x0, xf, A = CONTROLS["square"]
+    for quantity, size in itertools.product(QUANTITIES, (5, 10**4, (10, 20, 30), (None, 7, None))):
+        for fusion in ("product", "diagonal"):
+            if fusion == "diagonal" and size == (10, 20, 30):
+                continue
+            found = bounds.candidates(quantity, B, x0, xf, A, fusion=fusion)
+            if size == (10, 20, 30):
+                found = [b for b in found if not isinstance(b, bounds.ProductBousquet)]
+            for delta in (0.5, 0.01, 1e-9):
+                chosen = bounds.best(quantity, B, x0, xf, A, size=size, delta=delta, fusion=fusion)
+                assert chosen.radius == min(b.radius(size, delta) for b in found)
+    names = {
+        bounds.best("vector", np.ones(30), size=N, delta=delta).bound.name
+        for N, delta in ((10**6, 0.01), (10**6, 0.9), (2, 1e-9))
+    }
+    assert names == {"Bousquet", "Chebyshev", "McDiarmid"}
+    assert bounds.best("vector", [1.0, 1.0], size=9, delta=0.01).bound.name == "Weissman"
+    assert (
+        bounds.best("matrix", np.ones((40, 40)), size=10**6, delta=0.01).bound.name == "Bernstein"
+    )
+
+
+def test_certificate_is_an_upper_bound_of_an_identity(gen):
+    for _ in range(50):
+        B, A, E = gen.normal(size=(4, 2)), gen.normal(size=(4, 4)), 0.1 * gen.normal(size=(4, 4))
+        x0, xf, e0, ef = gen.normal(size=(4, 4))
+        pinv = np.linalg.pinv(B)
+        wrong = pinv @ ((xf + ef) - (A + E) @ (x0 + e0)) - pinv @ (xf - A @ x0)
+        state, control = bounds.from_errors(
+            B, x0 + e0, A + E,
+            x0_error=np.linalg.norm(e0), xf_error=np.linalg.norm(ef), A_error=np.linalg.norm(E),
+        )  # fmt: skip
+        assert np.linalg.norm(B @ wrong) <= state * (1.0 + 1e-12)
+        assert np.linalg.norm(wrong) <= control * (1.0 + 1e-12)
+    # one error at a time it is an equality where the directions agree
+    only = bounds.from_errors(np.eye(2), [1.0, 0.0], [[2.0, 0.0], [0.0, 1.0]], x0_error=0.5)
+    assert only == (1.0, 1.0)
+    assert bounds.from_errors([[0.0]], [1.0], [[1.0]], x0_error=1.0) == (0.0, 0.0)
+
+
+# -- inverses --------------------------------------------------------------------------------------
+
+
+def all_bounds():
+    B, x0, xf, A = CONTROLS["square"]
+    w, u = [3.0, -1.0, 0.5, 2.0], [[1.0, -2.0]]
+    found = [*bounds.candidates("vector", w), *bounds.candidates("vector", w, norm="1")]
+    found += [*bounds.candidates("matrix", A), *bounds.candidates("matrix", A, axis="rows")]
+    for quantity, fusion, axis in itertools.product(QUANTITIES, ("product", "diagonal"), AXES):
+        found += bounds.candidates(quantity, B, x0, xf, A, fusion=fusion, axis=axis)
+    found += bounds.candidates("trajectory", A, B, x0, u)
+    found += bounds.candidates("trajectory", A, B, x0, u * 3)
+    found += [paper.OneVector(w), paper.Lemma42(x0, xf, A), paper.Lemma43(A, B, x0, u)]
+    return found
+
+
+ALL = all_bounds()
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    k=st.integers(0, len(ALL) - 1),
+    N=st.integers(1, 10**15),
+    log_delta=st.floats(-300.0, -0.01),
+)
+def test_radius_probability_and_required_size_are_inverse(k, N, log_delta):
+    bound, delta = ALL[k], math.exp(log_delta)
+    radius = bound.radius(N, delta)
+    assert radius > 0.0
+    found = bound.probability(N, radius)
+    assert math.log(found) == pytest.approx(log_delta, rel=1e-6, abs=1e-6)
+    assert bound.radius(float(2 * N), delta) < radius
+    assert bound.radius(N, delta / 2.0) > radius
+    assert bound.probability(N, 2.0 * radius) < found
+    needed = bound.required_size(radius, delta)
+    assert N - max(1, 1e-12 * N) <= needed <= N
+    if needed > 1:
+        assert bound.radius(needed, delta) <= radius < bound.radius(needed - 1, delta)
+
+
+def test_required_size_with_exact_entities():
+    B, x0, xf, A = CONTROLS["square"]
+    bound = bounds.ProductMcDiarmid(B, x0, xf, A)
+    everything = bound.required_size(0.5, 0.05)
+    only_xf = bound.required_size(0.5, 0.05, exact=("x0", "A"))
+    assert only_xf < everything
+    assert bound.radius((None, only_xf, None), 0.05) <= 0.5
+    assert bound.radius((None, only_xf - 1, None), 0.05) > 0.5
+    assert bound.required_size(0.5, 0.05, exact=("x0", "xf", "A")) == 1
+
+
+def test_without_randomness_every_radius_is_zero():
+    nothing = [0.0, 0.0]
+    for w in (nothing, [0.0, -3.0], [2.0]):
+        for norm in ("2", "1"):
+            for bound in bounds.candidates("vector", w, norm=norm):
+                assert bound.radius(1, 1e-12) == 0.0
+                assert bound.probability(1, 1e-300) == 0.0
+                assert bound.required_size(1e-300, 1e-12) == 1
+        assert bounds.Systematic(w).radius(1, 0.1) == 0.0
+    for A in (np.zeros((2, 2)), np.diag([1.0, -2.0])):
+        for bound in bounds.candidates("matrix", A):
+            assert bound.radius(1, 1e-12) == 0.0
+    B, x0, xf, A = CONTROLS["square"]
+    for quantity, fusion in itertools.product(QUANTITIES, ("product", "diagonal")):
+        for data in ((B, nothing, nothing, A), (B, nothing, nothing, np.zeros((2, 2)))):
+            for bound in bounds.candidates(quantity, *data, fusion=fusion):
+                assert bound.radius(3, 1e-6) == 0.0, bound
+        for bound in bounds.candidates(quantity, B, x0, xf, A, fusion=fusion):
+            assert bound.radius(None, 1e-6) == bound.radius((None, math.inf, None), 1e-6) == 0.0
+            assert bound.probability(None, 1e-12) == 0.0
+        for bound in bounds.candidates(quantity, np.zeros((2, 1)), x0, xf, A, fusion=fusion):
+            # no control, no error; Hoeffding's route does not look at B
+            assert bound.radius(3, 0.1) == 0.0 or bound.name == "Hoeffding"
+    for bound in bounds.candidates("trajectory", A, B, nothing, [[0.0, 0.0]]):
+        assert bound.radius(3, 0.1) == 0.0
+
+
+@pytest.mark.parametrize("scale", [1e-150, 1e150])
+def test_units(scale):
+    B, x0, xf, A = (np.array(x) for x in CONTROLS["square"])
+    for quantity, fusion in itertools.product(QUANTITIES, ("product", "diagonal")):
+        pairs = zip(
+            bounds.candidates(quantity, B, x0, xf, A, fusion=fusion),
+            bounds.candidates(quantity, B, scale * x0, scale * xf, A, fusion=fusion),
+            bounds.candidates(quantity, B * scale, x0, xf * scale, A * scale, fusion=fusion),
+            strict=True,
+        )
+        for plain, states, matrices in pairs:
+            radius = plain.radius(50, 0.1)
+            assert states.radius(50, 0.1) == pytest.approx(scale * radius, rel=1e-9)
+            factor = scale if quantity == "state" else 1.0
+            assert matrices.radius(50, 0.1) == pytest.approx(factor * radius, rel=1e-9)
+    for quantity, data in (("vector", x0), ("matrix", A)):
+        for plain, scaled in zip(
+            bounds.candidates(quantity, data),
+            bounds.candidates(quantity, scale * data),
+            strict=True,
+        ):
+            assert scaled.radius(7, 0.1) == pytest.approx(scale * plain.radius(7, 0.1), rel=1e-9)
+            assert scaled.probability(7, 3.0 * scale) == pytest.approx(plain.probability(7, 3.0))
+
+
+# -- the paper's formulas --------------------------------------------------------------------------
+
+
+def hadamard(n):
+    H = np.ones((1, 1))
+    while len(H) < n:
+        H = np.block([[H, H], [H, -H]])
+    return H
+
+
+def test_one_vector_as_printed_is_refuted_by_the_binomial_distribution():
+    exact = {}
+    for N, eps in ((200, 0.3), (20, 0.5)):
+        law = vector_law([0.5, 0.5], N)
+        exact[N] = sum(q for q, v in law if np.linalg.norm(v - 0.5) > eps)
+    printed = paper.OneVector([0.5, 0.5], C=4.0)
+    assert exact[200] == pytest.approx(1.03e-9, rel=0.01)
+    assert printed.probability(200, 0.3) == pytest.approx(1.9e-15, rel=0.05)
+    assert exact[20] == pytest.approx(4.0e-4, rel=0.02)
+    assert printed.probability(20, 0.5) == pytest.approx(3.6e-4, rel=0.02)
+    for N, eps in ((200, 0.3), (20, 0.5)):
+        assert printed.probability(N, eps) < exact[N]
+        for bound in bounds.candidates("vector", [0.5, 0.5]):
+            assert bound.probability(N, eps) >= exact[N]
+    # no C repairs it: the ratio grows geometrically
+    assert exact[200] / math.exp(-2 * 200 * 0.3**2) > 1e6
+
+
+def test_lemma_42_holds_with_two_for_paired_realizations():
+    """Implied by the sharp exponent: compared on a grid, for several systems."""
+    H = hadamard(16) / 4.0
+    cases = [(x0, xf, A) for _, x0, xf, A in CONTROLS.values()] + [
+        (np.full(16, 0.25), np.zeros(16), H),
+        (np.ones(16), np.arange(16.0), np.eye(16)),
+    ]
+    for x0, xf, A in cases:
+        B = np.eye(len(x0))
+        sharp = bounds.DiagonalMcDiarmid(B, x0, xf, A)
+        product = bounds.ProductMcDiarmid(B, x0, xf, A)
+        lemma, larger = paper.Lemma42(x0, xf, A, C=2.0), paper.Lemma42(x0, xf, A, C=28.0)
+        for N, eps in itertools.product((1, 10, 1000), np.geomspace(1e-3, 1e3, 40)):
+            assert sharp.probability(N, eps) <= lemma.probability(N, eps) * (1.0 + 1e-9)
+            claimed = larger.probability(N, eps)
+            assert product.probability(N, eps) <= claimed * (1.0 + 1e-9) or claimed < 1e-300
+
+
+def test_lemma_43_says_nothing_about_the_number_of_steps():
+    A, x0 = hadamard(2) / math.sqrt(2.0), np.full(2, math.sqrt(0.5))
+    for K in (1, 2, 4, 6, 8, 10):
+        bound = bounds.TrajectoryMcDiarmid(A, [[1.0], [0.0]], x0, np.zeros((K, 1)))
+        assert bound._mean_square * bound._unit**2 == pytest.approx(2.0 ** (K + 1) - 1.0)
+        printed = paper.Lemma43(A, [[1.0], [0.0]], x0, np.zeros((K, 1)))
+        assert printed.radius(100, 0.01) == pytest.approx(
+            paper.Lemma43(A, [[1.0], [0.0]], x0, np.zeros((1, 1))).radius(100, 0.01)
+        )
+
+
+@pytest.mark.parametrize("n", [16, 32])
+def test_lemma_43_exponent_is_beaten_by_one_atom(n):
+    """All N runs hit one atom n e_i: probability (2n - 2)(2n)^-N, deviation^2 = n^2 + 1."""
+    A, x0 = hadamard(n) / math.sqrt(n), np.full(n, 1.0 / math.sqrt(n))
+    eps = math.sqrt(n**2 + 1.0) * (1.0 - 1e-12)
+    rate = math.log(2.0 * n)
+    printed = paper.Lemma43(A, np.eye(n), x0, np.zeros((1, n)), C=1.0)
+    exponent = (printed._level((1e-4,), eps) + math.log(4.0)) / 10**4  # 2 C, two equal terms
+    assert exponent == pytest.approx(2.0 * (n**2 + 1) / (9.0 * n), rel=1e-6)
+    expected = {16: (3.466, 3.569), 32: (4.16, 7.12)}[n]
+    assert (rate, exponent) == pytest.approx(expected, abs=6e-3)
+    assert rate < exponent
+    corrected = bounds.OneStepMcDiarmid(A, np.eye(n), x0, np.zeros((1, n)))
+    for N in (1, 10, 100):
+        log_exact = math.log(2 * n - 2) - N * rate
+        level = corrected._level(corrected._rates(N), eps / corrected._unit)
+        assert -level >= log_exact
+    if n == 32:
+        ratio = math.exp(math.log(62.0) - 10 * rate + 10 * exponent) / 4.0
+        assert ratio == pytest.approx(1.1e14, rel=0.05)  # over C, the factor 4 = 2 * 2 equal terms
+
+
+def test_trajectory_bounds_on_exact_distributions():
+    """K = 1, 2 with n = 2: every run enumerated, averages of three runs."""
+    A, B, x0 = np.array([[1.0, -2.0], [0.5, 1.0]]), np.array([[1.0], [0.5]]), np.array([1.0, -0.5])
+    for K, sample_B, axis in ((1, True, "columns"), (1, False, "rows"), (2, False, "columns")):
+        u = np.array([[0.7], [-0.4]])[:K]
+        runs = vector_law(x0, 1)
+        mean = x0
+        for control in u:
+            mean = A @ mean + B @ control
+            Bs = matrix_law(B, 1) if sample_B else [(1.0, B)]
+            runs = merged([
+                (p * q * r, a @ x + b @ control)
+                for (p, x), (q, a), (r, b) in itertools.product(runs, matrix_law(A, 1, axis), Bs)
+            ])  # fmt: skip
+        assert np.allclose(sum(p * x for p, x in runs), mean)
+        variance = sum(p * np.sum((x - mean) ** 2) for p, x in runs)
+        law = [
+            (math.prod(p for p, _ in draws), sum(x for _, x in draws) / 2)
+            for draws in itertools.product(runs, repeat=2)
+        ]
+        errors, exceeded = tail(law, lambda x, m=mean: np.linalg.norm(x - m))
+        kinds = (bounds.TrajectoryMcDiarmid, bounds.TrajectoryBousquet, bounds.TrajectoryChebyshev)
+        found = [kind(A, B, x0, u, axis=axis, sample_B=sample_B) for kind in kinds]
+        if K == 1 and axis == "columns":
+            found += [kind(A, B, x0, u, sample_B=sample_B)
+                      for kind in (bounds.OneStepMcDiarmid, bounds.OneStepHoeffding)]  # fmt: skip
+        for bound in found:
+            assert bound._mean_square * bound._unit**2 == pytest.approx(variance, rel=1e-12)
+            assert_valid(bound, 2, errors, exceeded)
+
+
+def test_one_step_forms_are_ordered():
+    for A, B, x0 in (
+        (np.ones((3, 3)), np.eye(3), np.ones(3)),
+        (hadamard(4), np.eye(4), np.ones(4)),
+    ):
+        u = np.arange(len(x0), dtype=float)[None, :]
+        sharp, elementary = (
+            bounds.OneStepMcDiarmid(A, B, x0, u),
+            bounds.OneStepHoeffding(A, B, x0, u),
+        )
+        general = bounds.TrajectoryMcDiarmid(A, B, x0, u)
+        for N, eps in itertools.product((1, 100), np.geomspace(1e-2, 1e3, 60)):
+            assert sharp.probability(N, eps) <= elementary.probability(N, eps) * (1.0 + 1e-9)
+            assert sharp.probability(N, eps) <= general.probability(N, eps) * (1.0 + 1e-9)
+
+
+def test_every_printed_formula_says_what_is_wrong():
+    for name in ("OneVector", "Lemma42", "Lemma43"):
+        assert len(getattr(paper, name).wrong) > 100
+
+
+# -- input -----------------------------------------------------------------------------------------
+
+
+class TestInput:
+    B, x0, xf, A = CONTROLS["m < n"]
+    bound: ClassVar = bounds.McDiarmid([1.0, 2.0])
+
+    @pytest.mark.parametrize("delta", [0.0, 1.0, 1.5, -0.1, math.nan, "0.1", True, None])
+    def test_delta(self, delta):
+        with pytest.raises((InputError, InputTypeError), match="`delta`"):
+            self.bound.radius(10, delta)
+
+    @pytest.mark.parametrize("eps", [0.0, -1.0, math.inf, "1", None])
+    def test_eps(self, eps):
+        with pytest.raises((InputError, InputTypeError), match="`eps`"):
+            self.bound.probability(10, eps)
+        with pytest.raises((InputError, InputTypeError), match="`eps`"):
+            self.bound.required_size(eps, 0.1)
+
+    @pytest.mark.parametrize("size", [0, -1, 1.5, True, "2", 1e16])
+    def test_size(self, size):
+        with pytest.raises((InputError, InputTypeError), match="`size`"):
+            self.bound.radius(size, 0.1)
+        with pytest.raises((InputError, InputTypeError), match="`size`"):
+            bounds.FusedChebyshev(self.B, self.x0, self.xf, self.A).radius(size, 0.1)
+
+    def test_sizes_that_differ(self):
+        for kind in (bounds.DiagonalMcDiarmid, bounds.ProductBousquet):
+            with pytest.raises(InputError, match=r"N0, Nf, NA = 2, 3, 2"):
+                kind(self.B, self.x0, self.xf, self.A).radius((2, 3, 2), 0.1)
+
+    def test_more_realizations_than_can_be_counted(self):
+        with pytest.raises(InputError, match="2\\^53"):
+            self.bound.required_size(1e-12, 0.1)
+
+    def test_choices_and_shapes(self):
+        data = (self.B, self.x0, self.xf, self.A)
+        with pytest.raises(InputError, match="`quantity`"):
+            bounds.best("error", *data, size=3, delta=0.1)
+        with pytest.raises(InputError, match="`quantity`"):
+            bounds.ProductParts(*data, quantity="vector")
+        with pytest.raises(InputError, match="`norm`"):
+            bounds.best("state", *data, size=3, delta=0.1, norm="1")
+        with pytest.raises(InputTypeError, match="`data` must be B, x0, xf, A"):
+            bounds.best("state", self.B, size=3, delta=0.1)
+        with pytest.raises(InputError, match="not both"):
+            bounds.best("vector", self.x0, size=3, eps=1.0, delta=0.1)
+        with pytest.raises(InputError, match="not both"):
+            bounds.best("vector", self.x0, delta=0.1)
+        with pytest.raises(InputError, match="`axis`"):
+            bounds.McDiarmid(self.A, axis="row")
+        with pytest.raises(InputError, match="`exact`"):
+            bounds.ProductMcDiarmid(*data).required_size(1.0, 0.1, exact=("B",))
+        with pytest.raises(InputError, match="`x0_hat`"):
+            bounds.ProductParts(*data, x0_hat=[1.0])
+        with pytest.raises(InputError, match="one step"):
+            bounds.OneStepMcDiarmid(self.A, self.B, self.x0, [[1.0], [2.0]])
+        with pytest.raises(InputError, match="`target`"):
+            bounds.Bousquet([[[1.0]]])
+        with pytest.raises(InputError, match="`x0_error`"):
+            bounds.from_errors(self.B, self.x0, self.A, x0_error=-1.0)
+        with pytest.raises(InputTypeError, match="`A_error`"):
+            bounds.from_errors(self.B, self.x0, self.A, A_error=None)
+        with pytest.raises(InputError, match="`reading`"):
+            paper.Lemma42(self.x0, self.xf, self.A, reading="norm")
+
+    def test_what_overflows_is_refused(self):
+        big = np.full(2, 1e308)
+        with pytest.raises(NonFiniteError, match="scale"):
+            bounds.McDiarmid(big).radius(1, 1e-3)
+        with pytest.raises(NonFiniteError, match="scale"):
+            bounds.ProductMcDiarmid(self.B, big, self.xf, np.array(self.A) * 1e10)
+        with pytest.raises(NonFiniteError, match="scale"):
+            bounds.TrajectoryMcDiarmid(np.array(self.A) * 1e200, self.B, self.x0, [[1.0], [1.0]])
+        with pytest.raises(NonFiniteError, match="overflows"):
+            bounds.from_errors(self.B, big, np.ones((2, 2)) * 1e308, x0_error=1e300)
+
+    def test_arguments_are_not_modified(self):
+        data = [np.array(x, dtype=float) for x in (self.B, self.x0, self.xf, self.A)]
+        before = [x.copy() for x in data]
+        for fusion, axis in itertools.product(("product", "diagonal"), AXES):
+            bounds.best("control", *data, size=9, delta=0.1, fusion=fusion, axis=axis)
+        assert all(np.array_equal(x, y) for x, y in zip(data, before, strict=True))

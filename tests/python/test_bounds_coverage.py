@@ -1,0 +1,346 @@
+"""Coverage of every bound by Monte Carlo, on eight systems, three sizes and three deltas.
+
+Seeds are fixed. With R replicates a bound fails if it is exceeded in more than ``delta R`` cases
+plus 4 standard errors ``sqrt(delta (1 - delta) R)``. As every bound here is exceeded much more
+rarely than delta, a false alarm is far less likely than the nominal 3e-5 for each of the about
+2000 comparisons. The mutants at the end show what the comparison sees.
+"""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import pytest
+
+from stochens_rs.cases import ieee14, ieee39
+from stochens_rs.theory import bounds
+from stochens_rs.theory.bounds import paper
+
+DELTAS = (0.3, 0.1, 0.01)
+SIZES = (10, 100, 2000)
+R = 1500
+R_PAIRS = 300  # paired realizations are drawn one by one
+LOOSEST = 8.0  # times the empirical quantile, for the best bound
+
+
+def hadamard(n):
+    H = np.ones((1, 1))
+    while len(H) < n:
+        H = np.block([[H, H], [H, -H]])
+    return H
+
+
+@functools.cache
+def systems():
+    """A, B, x0, xf."""
+    gen = np.random.default_rng(20_250_101)
+    normal = gen.standard_normal
+    G = normal((10, 10))
+    sparse = normal((12, 12)) * (gen.random((12, 12)) < 0.3)
+    sparse[:, 0] = 0.0
+    big = normal((8, 8))
+    big[:, 2] *= 20.0
+    positive = gen.random((6, 6))
+    walk = 0.5 * (np.roll(np.eye(10), 1, axis=0) + np.roll(np.eye(10), -1, axis=0))
+    two, four = ieee14(), ieee39()
+    return {
+        "Gaussian": (G / abs(np.linalg.eigvals(G)).max(), normal((10, 5)), normal(10), normal(10)),
+        "Hadamard": (hadamard(16) / 4.0, np.eye(16), np.full(16, 0.25), np.zeros(16)),
+        "sparse": (sparse, normal((12, 4)), normal(12) * (gen.random(12) < 0.5), normal(12)),
+        "big column": (big, normal((8, 8)), normal(8), normal(8)),
+        "IEEE 14": (two.A, two.B, normal(two.n), np.zeros(two.n)),
+        "IEEE 39": (four.A, four.B, normal(four.n), normal(four.n)),
+        "random walk": (walk, np.eye(10)[:, :3], np.full(10, 0.1), np.eye(10)[0]),
+        "nonnegative": (positive / positive.sum(0), gen.random((6, 2)), *gen.random((2, 6))),
+    }
+
+
+# -- estimates, drawn from their definition --------------------------------------------------------
+
+
+def vectors(gen, w, N, replicates):
+    """Averages of N realizations, (replicates, n)."""
+    g = np.abs(w).sum()
+    if g == 0.0:
+        return np.zeros((replicates, len(w)))
+    p = np.abs(w) / g
+    return g * np.sign(w) * gen.multinomial(N, p / p.sum(), size=replicates) / N
+
+
+def matrices(gen, A, N, replicates, axis="columns"):
+    lines = A.T if axis == "columns" else A
+    drawn = np.stack([vectors(gen, line, N, replicates) for line in lines], axis=1)
+    return drawn.transpose(0, 2, 1) if axis == "columns" else drawn
+
+
+def indices(gen, w, shape):
+    g = np.abs(w).sum()
+    return gen.choice(len(w), size=shape, p=np.abs(w) / g), g * np.sign(w)
+
+
+def paired_products(gen, A, x0, N, replicates):
+    """Averages of A^s x0^s over N pairs, (replicates, n), columns."""
+    n = len(x0)
+    totals = np.zeros(replicates * n)
+    hit, values = indices(gen, x0, (replicates, N))
+    for j in range(n):
+        where = np.nonzero(hit == j)
+        if where[0].size == 0 or not A[:, j].any():
+            continue
+        rows, atoms = indices(gen, A[:, j], where[0].size)
+        flat = where[0] * n + rows
+        totals += np.bincount(flat, weights=values[j] * atoms[rows], minlength=totals.size)
+    return totals.reshape(replicates, n) / N
+
+
+def errors_by_quantity(gen, A, B, x0, xf, N, axis="columns"):
+    """What the bounds are about: errors of R estimates."""
+    U, s, _ = np.linalg.svd(B, full_matrices=False)
+    maps = {"state": U.T, "control": (U / s).T}
+    start, goal = vectors(gen, x0, N, R), vectors(gen, xf, N, R)
+    moved = matrices(gen, A, N, R, axis)
+    y = goal - xf - (np.einsum("rij,rj->ri", moved, start) - A @ x0)
+    yield "vector", {}, (x0,), np.linalg.norm(start - x0, axis=1)
+    yield "vector", {"norm": "1"}, (x0,), np.abs(start - x0).sum(axis=1)
+    off = moved - A
+    yield "matrix", {"norm": "Frobenius"}, (A,), np.linalg.norm(off, axis=(1, 2))
+    yield "matrix", {"norm": "spectral"}, (A,), np.linalg.norm(off[:500], 2, axis=(1, 2))
+    for quantity, M in maps.items():
+        yield quantity, {}, (B, x0, xf, A), np.linalg.norm(y @ M.T, axis=1)
+    if axis == "rows":
+        return
+    z = paired_products(gen, A, x0, N, R_PAIRS if N > 500 else R)
+    paired = goal[: len(z)] - xf - (z - A @ x0)
+    for quantity, M in maps.items():
+        error = np.linalg.norm(paired @ M.T, axis=1)
+        yield quantity, {"fusion": "diagonal"}, (B, x0, xf, A), error
+
+
+def exceeded_too_often(errors, radius, delta):
+    allowed = delta * len(errors) + 4.0 * np.sqrt(delta * (1.0 - delta) * len(errors))
+    # an error that is 0 but for rounding does not exceed a radius of 0
+    return int((errors > radius + 1e-12).sum()) > allowed
+
+
+@pytest.mark.parametrize("name", systems())
+def test_no_bound_is_exceeded_more_often_than_it_says(name):
+    A, B, x0, xf = systems()[name]
+    gen = np.random.default_rng(7)
+    for N in SIZES:
+        for quantity, options, data, errors in errors_by_quantity(gen, A, B, x0, xf, N):
+            found = bounds.candidates(quantity, *data, **options)
+            for delta in DELTAS:
+                radii = [bound.radius(N, delta) for bound in found]
+                for bound, radius in zip(found, radii, strict=True):
+                    failed = exceeded_too_often(errors, radius, delta)
+                    assert not failed, (name, N, quantity, options, bound, delta)
+                best = bounds.best(quantity, *data, size=N, delta=delta, **options)
+                assert best.radius == min(radii)
+                assert best.radius <= LOOSEST * np.quantile(errors, 1.0 - delta) + 1e-12
+
+
+@pytest.mark.parametrize("name", ["Gaussian", "sparse", "nonnegative"])
+def test_rows(name):
+    A, B, x0, xf = systems()[name]
+    gen = np.random.default_rng(8)
+    for N in SIZES:
+        for quantity, options, data, errors in errors_by_quantity(gen, A, B, x0, xf, N, "rows"):
+            lines = {} if quantity == "vector" else {"axis": "rows"}
+            for bound in bounds.candidates(quantity, *data, **options, **lines):
+                for delta in DELTAS:
+                    assert not exceeded_too_often(errors, bound.radius(N, delta), delta), bound
+
+
+def test_sizes_that_differ():
+    A, B, x0, xf = systems()["Gaussian"]
+    gen = np.random.default_rng(9)
+    for N0, Nf, NA in ((10, 1000, 100), (1000, 10, 30), (200, 50, 5)):
+        start, goal = vectors(gen, x0, N0, R), vectors(gen, xf, Nf, R)
+        y = goal - np.einsum("rij,rj->ri", matrices(gen, A, NA, R), start)
+        U = np.linalg.svd(B, full_matrices=False)[0]
+        errors = np.linalg.norm((y - (xf - A @ x0)) @ U, axis=1)
+        for delta in DELTAS:
+            for kind in (bounds.ProductMcDiarmid, bounds.ProductParts, bounds.FusedChebyshev):
+                radius = kind(B, x0, xf, A).radius((N0, Nf, NA), delta)
+                assert not exceeded_too_often(errors, radius, delta), kind
+
+
+def test_parts_given_the_average_of_x0():
+    """The radius is that of the x0_hat that was drawn; conditional on it, and so over all."""
+    A, B, x0, xf = systems()["nonnegative"]
+    gen, N, delta = np.random.default_rng(10), 50, 0.1
+    start, goal = vectors(gen, x0, N, 400), vectors(gen, xf, N, 400)
+    y = goal - np.einsum("rij,rj->ri", matrices(gen, A, N, 400), start) - (xf - A @ x0)
+    errors = np.linalg.norm(y @ np.linalg.svd(B, full_matrices=False)[0], axis=1)
+    radii = np.array([
+        bounds.ProductParts(B, x0, xf, A, x0_hat=x).radius(N, delta) for x in start
+    ])  # fmt: skip
+    assert not exceeded_too_often(errors - radii, 0.0, delta)
+    assert (radii < bounds.ProductParts(B, x0, xf, A).radius(N, delta)).all()
+
+
+# -- trajectories ----------------------------------------------------------------------------------
+
+
+def run_averages(gen, A, B, x0, u, N, replicates, axis="columns"):
+    """Averages of N runs with fresh draws, (replicates, n)."""
+    total = replicates * N
+    states = vectors(gen, x0, 1, total)
+    for control in u:
+        moved = apply(gen, A, states, axis)
+        states = moved + apply(gen, B, np.broadcast_to(control, (total, len(control))), axis)
+    return states.reshape(replicates, N, -1).mean(axis=1)
+
+
+def apply(gen, M, x, axis):
+    """One realization of M for every row of x, by the lines of M."""
+    out = np.zeros((len(x), len(M)))
+    if axis == "rows":
+        for i in range(len(M)):
+            hit, atoms = indices(gen, M[i], len(x))
+            out[:, i] = atoms[hit] * x[np.arange(len(x)), hit]
+        return out
+    for j in range(M.shape[1]):
+        hit, atoms = indices(gen, M[:, j], len(x))
+        out[np.arange(len(x)), hit] += atoms[hit] * x[:, j]
+    return out
+
+
+@pytest.mark.parametrize("axis", ["columns", "rows"])
+@pytest.mark.parametrize(("name", "K"), [("Gaussian", 1), ("Gaussian", 3), ("nonnegative", 2)])
+def test_trajectories(name, K, axis):
+    A, B, x0, _ = systems()[name]
+    gen = np.random.default_rng(11)
+    u = gen.standard_normal((K, B.shape[1]))
+    exact = x0
+    for control in u:
+        exact = A @ exact + B @ control
+    for N, replicates in ((5, 1000), (100, 200)):
+        errors = np.linalg.norm(run_averages(gen, A, B, x0, u, N, replicates, axis) - exact, axis=1)
+        found = bounds.candidates("trajectory", A, B, x0, u, axis=axis)
+        assert len(found) == (5 if K == 1 and axis == "columns" else 3)
+        for bound in found:
+            rms = np.sqrt(bound._mean_square / N) * bound._unit
+            assert np.sqrt((errors**2).mean()) == pytest.approx(rms, rel=0.25)
+            for delta in DELTAS:
+                assert not exceeded_too_often(errors, bound.radius(N, delta), delta)
+        for delta in DELTAS:
+            best = bounds.best("trajectory", A, B, x0, u, size=N, delta=delta, axis=axis)
+            assert best.radius < LOOSEST * np.quantile(errors, 1.0 - delta)
+
+
+# -- the paper's statements ------------------------------------------------------------------------
+
+
+def hadamard_errors(n, N, replicates, seed):
+    """||mean of A^s x0^s - A x0|| for A = H/sqrt(n), x0 = 1/sqrt(n): atoms +-n e_i.
+
+    The first row of H is positive, the others have as many plus as minus signs: +n e_1 with
+    probability 1/n, each +-n e_i with 1/(2n).
+    """
+    gen = np.random.default_rng(seed)
+    p = np.full(2 * n - 1, 0.5 / n)
+    p[0] = 1.0 / n
+    hits = gen.multinomial(N, p, size=replicates)
+    mean = n / N * np.hstack([hits[:, :1], hits[:, 1:n] - hits[:, n:]])
+    mean[:, 0] -= 1.0  # A x0 = e_1
+    return np.linalg.norm(mean, axis=1)
+
+
+def test_lemma_42_with_the_norm_of_A_is_refuted():
+    """n = 64, N = 50: C = n^2 = 4096 is too small by more than two orders of magnitude."""
+    n, N = 64, 50
+    A, x0 = hadamard(n) / 8.0, np.full(n, 0.125)
+    errors = hadamard_errors(n, N, 20_000, 12)
+    lemma = paper.Lemma42(x0, np.zeros(n), A, C=1.0, reading="matrix")
+    assert lemma.beta == pytest.approx(1.0)
+    grid = np.quantile(errors, [0.5, 0.9, 0.99, 0.999])
+    # x0 and A give one term each: 2 C (1 + 1) exp(.) = -level
+    needed = [np.log((errors > eps).mean()) + lemma._level((1.0 / N,), eps) for eps in grid]
+    assert max(needed) > np.log(1e6)
+    # all N runs hit one atom: no C that depends on n only
+    for size in (50, 100, 200):
+        log_exact = np.log(2 * n - 2) - size * np.log(2 * n)
+        log_needed = log_exact + lemma._level((1.0 / size,), np.sqrt(n**2 + 1.0) * (1.0 - 1e-12))
+        assert log_needed > 9.0 * size
+    valid = paper.Lemma42(x0, np.zeros(n), A, C=2.0)
+    assert valid.beta == pytest.approx(64.0)
+    sharp = bounds.DiagonalMcDiarmid(np.eye(n), x0, np.zeros(n), A)
+    for eps in grid:
+        share = (errors > eps).mean()
+        assert share <= sharp.probability(N, eps) <= valid.probability(N, eps)
+    for delta in DELTAS:
+        assert not exceeded_too_often(errors, sharp.radius(N, delta), delta)
+
+
+@pytest.mark.parametrize(("n", "share", "printed"), [(64, 0.86, 0.16), (128, 0.94, 6.5e-6)])
+def test_lemma_43_is_refuted_in_one_step(n, share, printed):
+    """N = 100, eps = 0.9 rms: the error is likely, C = n^2 and the bound small.
+
+    Shares of 5000 replicates: standard error below 0.005.
+    """
+    A, x0 = hadamard(n) / np.sqrt(n), np.full(n, n**-0.5)
+    errors = hadamard_errors(n, 100, 5000, 13)
+    eps = 0.9 * np.sqrt((n**2 - 1.0) / 100)
+    lemma = paper.Lemma43(A, np.eye(n), x0, np.zeros((1, n)), C=float(n**2))
+    assert (errors > eps).mean() == pytest.approx(share, abs=0.02)
+    assert lemma.probability(100, eps) == pytest.approx(printed, rel=0.1)
+    corrected = bounds.OneStepHoeffding(A, np.eye(n), x0, np.zeros((1, n)))
+    assert corrected.probability(100, eps) == 1.0
+
+
+def test_lemma_43_is_refuted_in_ten_steps():
+    """n = 2, N = 100: the error 0.9 ||..|| of one step, ten steps later, in 79 % of the cases."""
+    A, x0 = hadamard(2) / np.sqrt(2.0), np.full(2, 0.5**0.5)
+    gen, K, N = np.random.default_rng(14), 10, 100
+    B, u = np.array([[1.0], [1.0]]), np.zeros((K, 1))
+    exact = np.linalg.matrix_power(A, K) @ x0
+    errors = np.linalg.norm(run_averages(gen, A, B, x0, u, N, 1000) - exact, axis=1)
+    rms = np.sqrt((2.0 ** (K + 1) - 1.0) / N)
+    # heavy tails: the mean square of 1000 averages of 100 runs within 15 %
+    assert np.sqrt((errors**2).mean()) == pytest.approx(rms, rel=0.15)
+    lemma = paper.Lemma43(A, B, x0, u, C=4.0)
+    eps = 0.5 * rms
+    assert (errors > eps).mean() > 0.7
+    assert lemma.probability(N, eps) < 1e-20
+    for delta in DELTAS:
+        radius = bounds.TrajectoryMcDiarmid(A, B, x0, u).radius(N, delta)
+        assert not exceeded_too_often(errors, radius, delta)
+
+
+# -- what the comparison is worth ------------------------------------------------------------------
+
+
+def test_half_of_every_radius_is_caught():
+    """For each kind of bound there is a case in which half its radius is exceeded too often."""
+    caught = set()
+    for name, N in (
+        ("Hadamard", 2000),
+        ("nonnegative", 100),
+        ("IEEE 14", 100),
+        ("random walk", 2000),
+    ):
+        A, B, x0, xf = systems()[name]
+        gen = np.random.default_rng(15)
+        for quantity, options, data, errors in errors_by_quantity(gen, A, B, x0, xf, N):
+            for bound in bounds.candidates(quantity, *data, **options):
+                for delta in DELTAS:
+                    if exceeded_too_often(errors, bound.radius(N, delta) / 2.0, delta):
+                        caught.add(type(bound).__name__)
+    # one entity alone, two entries: where the others are nearly sharp (20 000 replicates)
+    xf, gen = np.array([1.0, 1.0]), np.random.default_rng(16)
+    errors = np.linalg.norm(vectors(gen, xf, 100, 20_000) - xf, axis=1)
+    found = bounds.candidates("vector", xf)
+    for fusion in ("product", "diagonal"):
+        data = (np.eye(2), [0.0, 0.0], xf, np.eye(2))
+        found += bounds.candidates("state", *data, fusion=fusion)
+    for bound in found:
+        assert not exceeded_too_often(errors, bound.radius(100, 0.01), 0.01)
+        if exceeded_too_often(errors, bound.radius(100, 0.01) / 2.0, 0.01):
+            caught.add(type(bound).__name__)
+    assert caught == {
+        "Bernstein", "Bousquet", "Chebyshev", "DiagonalBousquet", "DiagonalMcDiarmid",
+        "FusedChebyshev", "Hoeffding", "McDiarmid", "ProductBousquet", "ProductMcDiarmid",
+        "ProductParts", "Weissman",
+    }  # fmt: skip

@@ -36,10 +36,17 @@ from .estimates import (
     vector_covariance,
     vector_mse,
 )
+from .trajectories import (
+    growth_factor,
+    trajectory_covariance,
+    trajectory_mean,
+    trajectory_rms,
+)
 
 __all__ = [
     "control_covariance",
     "control_rms",
+    "growth_factor",
     "matrix_mse",
     "product_covariance",
     "realization_control_covariance",
@@ -47,6 +54,9 @@ __all__ = [
     "state_covariance",
     "state_rms",
     "systematic_mse",
+    "trajectory_covariance",
+    "trajectory_mean",
+    "trajectory_rms",
     "transition",
     "vector_covariance",
     "vector_mse",

@@ -230,8 +230,8 @@ class _Loop:
                 square = float(((states[k + 1] - r[k + 1]) ** 2).sum())
             if not math.isfinite(square):
                 raise NonFiniteError(
-                    f"the squared error overflows at step {k + 1}: is `size` above the threshold of "
-                    "stability, theory.tracking.stability_threshold(A, B)?"
+                    f"the squared error overflows at step {k + 1}: is `size` above the threshold "
+                    "of stability, theory.tracking.stability_threshold(A, B)?"
                 )
 
     def _estimate(self, target: Floats, key: Key) -> Floats:

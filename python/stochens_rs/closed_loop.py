@@ -15,7 +15,8 @@ from .fusing import METHODS, fuse
 from .rng import Key, RngLike, as_key
 from .sampling import sample, sample_counts
 from .system import System
-from .theory.tracking import checked_reference, flag, reference_residuals
+from .theory.tracking import reference_residuals
+from .theory.tracking._checks import checked_reference, flag
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray

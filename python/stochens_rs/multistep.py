@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from . import _gate
+from ._known import Known
 from ._lines import from_lines
 from .controls import _REACHABLE, _entities, _Entity, _worst, pseudoinverse
 from .ensembles import Counts, Ensemble
@@ -14,7 +15,7 @@ from .exceptions import NonFiniteError
 from .fusing import _norm
 from .results import Fit, Reachability
 from .theory.multistep import checked_steps, controllability, matrix_powers, states
-from .trajectory_plans import Known, TrajectoryPlan
+from .trajectory_plans import TrajectoryPlan
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -132,10 +133,11 @@ def _known(entity: _Entity) -> Known:
         drawn = value.ensemble
     elif isinstance(value, Ensemble):
         drawn = value
+    elif isinstance(value, Counts):  # they do not say what was counted
+        return Known(entity.name, estimate, "unknown")
     else:
-        law = "unknown" if isinstance(value, Counts) else "exact"
-        return Known(entity.name, estimate.copy(), "exact" if law == "exact" else "unknown")
+        return Known(entity.name, estimate.copy(), "exact")
     if drawn is None or drawn._draws is None or drawn.scheme is None or drawn.key is None:
         return Known(entity.name, estimate, "unknown")
     exact = from_lines(drawn._draws.values(), drawn.shape, drawn.axis)
-    return Known(entity.name, estimate, drawn.scheme, exact, drawn.size, drawn.axis)
+    return Known(entity.name, estimate, drawn.scheme, exact, drawn.size, drawn.axis, key=drawn.key)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from . import _gate, _radii
+from . import _gate
+from ._known import Known, grown, spectral_norms
 from .exceptions import InputError, NonFiniteError, ShapeError, SizeError
 from .fusing import _norm
 from .results import PlanError, Reachability
@@ -54,48 +55,6 @@ class TrajectoryBound:
     matrix: float
     residual: float
     delta: float
-
-
-@dataclass(frozen=True, eq=False)
-class Known:
-    """What a plan keeps of one entity: its estimate, and what is known of the error.
-
-    `law` is "exact", "iid" or "systematic" (uniform averages of `size` realizations of `value`,
-    drawn along `axis`), "fit" (weights fitted to a target, at the distance `error` from it) or
-    "unknown".
-    """
-
-    name: str
-    estimate: Floats
-    law: Literal["exact", "iid", "systematic", "fit", "unknown"]
-    value: Floats | None = None
-    size: int | None = None
-    axis: Literal["columns", "rows"] = "columns"
-    error: float | None = None
-
-    @property
-    def random(self) -> bool:
-        """Whether the radius takes a share of delta."""
-        return self.law == "iid"
-
-    def radius(self, delta: float) -> float:
-        """The distance of the estimate, with probability 1 - delta: 2-norm, spectral norm."""
-        if self.law == "exact":
-            return 0.0
-        if self.law == "fit" and self.error is not None:
-            return self.error
-        if self.value is None or self.size is None:
-            raise InputError(
-                f"`{self.name}`: nothing is known of the law behind these realizations, so there "
-                "is no radius; use error_bound(system, x0, xf) with nominal values"
-            )
-        # Rows of A are columns of A^T, which has the same norm.
-        value = self.value.T if self.axis == "rows" and self.value.ndim == 2 else self.value
-        if self.law == "systematic":
-            return _radii.systematic_radius(value if value.ndim == 2 else value[:, None], self.size)
-        if value.ndim == 1:
-            return _radii.vector_radius(value, self.size, delta)
-        return _radii.matrix_radius(value, self.size, delta)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -184,9 +143,9 @@ class TrajectoryPlan:
             e0, ef, eA = (one.radius(delta / max(random, 1)) for one in self._known)
         A = self._known[2]
         if A.value is not None and A.law in ("iid", "systematic"):
-            norms = _spectral_norms(matrix_powers(A.value, self.steps))
+            norms = spectral_norms(matrix_powers(A.value, self.steps))
         else:
-            norms = _grown(_spectral_norms(matrix_powers(A.estimate, self.steps, "A_hat")), eA)
+            norms = grown(spectral_norms(matrix_powers(A.estimate, self.steps, "A_hat")), eA)
         return self._sum(e0, ef, eA, norms, delta if random else 0.0)
 
     def error_bound(self, system: System, x0: ArrayLike, xf: ArrayLike) -> TrajectoryBound:
@@ -226,12 +185,15 @@ class TrajectoryPlan:
         checked, start, goal = self._fitting(system, x0, xf)
         if not np.array_equal(checked.B, self._B):
             raise InputError("`system` must have the B of this plan: the bound holds for exact B")
-        e0, ef = (
-            _norm(one.estimate - exact)
-            for one, exact in zip(self._known[:2], (start, goal), strict=True)
-        )
-        eA = float(np.linalg.norm(checked.A - self._known[2].estimate, 2))
-        return self._sum(e0, ef, eA, _spectral_norms(matrix_powers(checked.A, self.steps)), 0.0)
+        with np.errstate(over="ignore"):
+            wrong = [
+                one.estimate - exact
+                for one, exact in zip(self._known, (start, goal, checked.A), strict=True)
+            ]
+        if not all(np.isfinite(values).all() for values in wrong):
+            raise NonFiniteError("the error of an estimate overflows: scale the problem down")
+        e0, ef, eA = _norm(wrong[0]), _norm(wrong[1]), float(spectral_norms(wrong[2][None])[0])
+        return self._sum(e0, ef, eA, spectral_norms(matrix_powers(checked.A, self.steps)), 0.0)
 
     def covariance(self) -> Floats:
         """Leading-order covariance of the state after the last step, from the law of the draws.
@@ -246,7 +208,7 @@ class TrajectoryPlan:
         ------
         InputError
             If an entity is neither exact nor the uniform average of independent draws of
-            `sample`, or ``C_K`` has a rank below n.
+            `sample`, two entities share their draws, or ``C_K`` has a rank below n.
 
         Examples
         --------
@@ -264,6 +226,12 @@ class TrajectoryPlan:
                     f"`sample` for a covariance, got a law that is {one.law}"
                 )
             exact.append(one.estimate if one.value is None else one.value)
+        keys = [one.key for one in self._known if one.key is not None]
+        if len(set(keys)) < len(keys):
+            raise InputError(
+                "`x0`, `xf` and `A` must be drawn independently for a covariance, but two of them "
+                "have the same key: use rng=key.child(name)"
+            )
         x0, xf, A = exact
         sizes = (self._known[0].size, self._known[1].size, self._known[2].size)
         return final_state_covariance(
@@ -384,21 +352,3 @@ class TrajectoryPlan:
             f"<TrajectoryPlan: {K} steps, m={m}, {self.status}, "
             f"out of reach {100 * self.reachability.relative:.3g} %>"
         )
-
-
-def _spectral_norms(powers: Floats) -> Floats:
-    return np.asarray(np.linalg.norm(powers, ord=2, axis=(1, 2)), dtype=np.float64)
-
-
-def _grown(norms: Floats, eA: float) -> Floats:
-    """Bounds of ``||A^k||`` from ``norms[k] = ||A_hat^k||`` and ``||A - A_hat|| <= eA``.
-
-    ``A^k = A_hat^k + sum_{i<k} A^i (A - A_hat) A_hat^{k-1-i}``.
-    """
-    if eA == 0.0:
-        return norms
-    grown = np.empty_like(norms)
-    with np.errstate(over="ignore", invalid="ignore"):
-        for k in range(len(norms)):
-            grown[k] = norms[k] + eA * float(grown[:k] @ norms[:k][::-1])
-    return grown

@@ -164,6 +164,19 @@ def test_the_bound_holds_with_sampled_states_too(size):
         assert bound < 60.0 * run.mean_square.max()
 
 
+def test_the_bound_where_it_is_an_equality():
+    # A = 0: all of the error is that of the sampled r(k+1).
+    r = np.array([[1.0, 2.0], [3.0, -1.0], [0.5, 0.0]])
+    bound = tracking.tracking_bound(np.zeros((2, 2)), I2, r, 10, sample_states=True)
+    assert bound == pytest.approx(moments.vector_mse(r[1], 10), rel=1e-12)
+    # Equal columns, only A sampled: the first step has the mean square q r^2.
+    A = np.ones((2, 2))
+    first = tracking.tracking_rms(A, I2, r[[2, 2]], 10)[1] ** 2
+    q = 2.0 / 10.0
+    assert first == pytest.approx(q * 0.25, rel=1e-12)
+    assert tracking.tracking_bound(A, I2, r[[2, 2]], 10) == pytest.approx(first / (1 - q))
+
+
 # -- stability -----------------------------------------------------------------------------------
 
 
@@ -343,5 +356,10 @@ def test_wrong_input_is_refused():
         tracking.tracking_bound(A2, B1, REFERENCE, 10)
     with pytest.raises(ShapeError, match="`B`"):
         tracking.stability_threshold(A2, np.ones((3, 1)))
-    with pytest.raises(NonFiniteError, match="overflow"):
-        tracking.stability_radius(1e300 * A2, B1, 3)
+    for f in (tracking.stability_radius, tracking.stability_threshold):
+        with pytest.raises(NonFiniteError, match="squares of `A` overflow"):
+            f(1e200 * A2, I2)
+    with pytest.raises(NonFiniteError, match="`A` times `reference` overflows"):
+        tracking.reference_residuals(1e200 * A2, B1, 1e200 * REFERENCE)
+    huge = tracking.reference_residuals(A2, B1, 1e200 * REFERENCE)
+    np.testing.assert_allclose(huge, 1e200 * tracking.reference_residuals(A2, B1, REFERENCE))

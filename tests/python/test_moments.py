@@ -488,6 +488,14 @@ def test_wrong_input_is_refused():
         moments.control_covariance(B, x0, xf, A, (2, 3, 2), fusion="diagonal")
     with pytest.raises(InputError, match="`fusion` must be 'product'"):
         moments.control_rms(B, x0, xf, A, 2, fusion="diagonal", scheme="systematic")
+    for f in (moments.vector_covariance, moments.systematic_covariance):
+        with pytest.raises(InputError, match="covariance overflows"):
+            f([1e200, 1e200], 3)
+    with pytest.raises(InputError, match="covariance overflows"):
+        moments.matrix_covariance([[1e200], [1e200]])
+    for scheme in ("iid", "systematic"):
+        with pytest.raises(InputError, match="covariance overflows"):
+            moments.state_covariance(B, [1e200, 1e200], xf, A, 2, scheme=scheme)
     with pytest.raises(InputError, match="`scheme`"):
         moments.state_rms(B, x0, xf, A, 2, scheme="stratified")
     for size in (0, -1, -np.inf, np.nan, 1.5, True, "2"):

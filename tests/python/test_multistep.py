@@ -199,13 +199,27 @@ def test_the_bound_from_the_law(scheme, axis):
     assert plan.bound(0.01).state >= plan.bound(0.2).state
 
 
+def test_the_parts_of_the_bound_from_the_law():
+    system, x0, xf = case(3, 1, 15)
+    drawn = [se.sample(w, 500, rng=i) for i, w in enumerate((x0, xf, system.A))]
+    plan = se.control_steps(system.B, *drawn, 4)
+    bound = plan.bound(0.3)  # a third for each entity
+    norms = [np.linalg.norm(power(system.A, k), 2) for k in range(5)]
+    along = sum(norms[3 - k] * np.linalg.norm(plan.predicted_states[k]) for k in range(4))
+    assert bound.target == pytest.approx(_radii.vector_radius(xf, 500, 0.1), rel=1e-12)
+    assert bound.initial == pytest.approx(norms[4] * _radii.vector_radius(x0, 500, 0.1), rel=1e-12)
+    assert bound.matrix == pytest.approx(
+        along * _radii.matrix_radius(system.A, 500, 0.1), rel=1e-12
+    )
+
+
 def test_what_is_exact_takes_no_part_of_delta():
     system, x0, xf = case(4, 2, 7)
     drawn = se.sample(xf, 400, rng=1)
     plan = se.control_steps(system.B, x0, drawn, system.A, 4)
     bound = plan.bound(0.05)
     assert (bound.initial, bound.matrix) == (0.0, 0.0)
-    assert bound.target == _radii.vector_radius(xf, 400, 0.05)
+    assert bound.target == pytest.approx(_radii.vector_radius(xf, 400, 0.05), rel=1e-12)
     exact = se.control_steps(system.B, x0, xf, system.A, 4).bound(0.05)
     assert exact.delta == 0.0
     assert exact.state < 1e-9
@@ -225,16 +239,18 @@ def test_the_bound_of_fits_is_sure(method):
 
 
 def test_powers_of_a_matrix_that_is_not_known():
-    from stochens_rs.trajectory_plans import _grown
+    from stochens_rs._known import grown
 
     gen = np.random.default_rng(9)
     for _ in range(50):
         A, D = gen.standard_normal((3, 3)), 0.3 * gen.standard_normal((3, 3))
         hat = np.array([np.linalg.norm(power(A + D, k), 2) for k in range(6)])
-        bounds = _grown(hat, float(np.linalg.norm(D, 2)))
+        bounds = grown(hat, float(np.linalg.norm(D, 2)))
         true = np.array([np.linalg.norm(power(A, k), 2) for k in range(6)])
         assert (true <= bounds * (1.0 + 1e-12)).all()
         assert bounds[1] == pytest.approx(hat[1] + np.linalg.norm(D, 2), rel=1e-12)
+    # For numbers of one sign nothing is lost: |a|^k.
+    np.testing.assert_allclose(grown(0.7 ** np.arange(6.0), 0.5), 1.2 ** np.arange(6.0))
 
 
 def test_radii():
@@ -437,6 +453,11 @@ def test_a_plan_refuses_what_does_not_fit():
     for delta in (0.0, 1.0, -0.1, 2, math.nan, "0.1"):
         with pytest.raises((InputError, InputTypeError), match="`delta`"):
             plan.bound(delta)
+    far = se.System(1e308 * np.array([[1.0, 1.0], [1.0, 1.0]]), CART.B)
+    with pytest.raises(NonFiniteError, match="overflow"):
+        plan.error_bound(far, [1.0, 0.0], [0.0, 0.0])
+    large = se.steer((1e150 * CART.A, CART.B), [1.0, 0.0], [0.0, 0.0], 100, steps=2, rng=1)
+    assert 1e298 < large.bound(0.1).state < 1e308
     other = se.System(CART.A, 2.0 * CART.B)
     with pytest.raises(InputError, match="the B of this plan"):
         plan.error_bound(other, [1.0, 0.0], [0.0, 0.0])
@@ -455,6 +476,9 @@ def test_a_plan_refuses_what_does_not_fit():
     fitted = se.steer(CART, [1.0, 0.0], [0.0, 0.0], 100, steps=4, method="slse", rng=1)
     with pytest.raises(InputError, match="a law that is fit"):
         fitted.covariance()
+    shared = [se.sample(w, 20, rng=1) for w in ([1.0, 0.5], [0.0, 1.0], CART.A)]
+    with pytest.raises(InputError, match="have the same key"):
+        se.control_steps(CART.B, *shared, 4).covariance()
     # A part of a systematic sample is no systematic sample.
     part = se.sample([1.0, 0.5], 10, rng=1, scheme="systematic").prefix(5)
     with pytest.raises(InputError, match="nothing is known"):

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ... import _gate
-from ...exceptions import InputError, ShapeError
+from ...exceptions import InputError, NonFiniteError, ShapeError
 
 Array: TypeAlias = NDArray[np.float64]
 Axis: TypeAlias = Literal["columns", "rows"]
@@ -55,18 +55,22 @@ def _excess(A: Array, M: Array, axis: str) -> Array:
 
 def _systematic_covariance(w: Array, N: float) -> Array:
     """Covariance of the average of N systematic samples of a vector."""
-    g = float(np.abs(w).sum())
-    if g == 0.0:
+    largest, exponent = np.frexp(np.abs(w).max())
+    if largest == 0.0:
         return np.zeros((w.size, w.size))
+    # Scaled by a power of two, hence exactly, so that N |w_i| does not overflow.
+    absolute = np.ldexp(np.abs(w), -exponent)
+    g = float(absolute.sum())
     # f_i = frac(N |w_i| / g), without rounding; phi_i = frac(N (p_1 + ... + p_i)).
-    f = np.fmod(N * np.abs(w), g) / g
-    phi = np.fmod(N * np.cumsum(np.abs(w)), g) / g
+    f = np.fmod(N * absolute, g) / g
+    phi = np.fmod(N * np.cumsum(absolute), g) / g
     phi[-1] = 0.0
     both = np.minimum.outer(phi, phi) - np.outer(phi, phi)  # Cov(b_i, b_k)
     counts = np.diff(np.diff(both, axis=0, prepend=0.0), axis=1, prepend=0.0)
     np.fill_diagonal(counts, f * (1.0 - f))
     hit = np.sign(w) * (f > 0.0)  # where N p_i is an integer, so is N_i: no variance
-    return np.asarray((g / N) ** 2 * counts * np.outer(hit, hit), dtype=np.float64)
+    covariance = (g / N) * (g / N) * counts * np.outer(hit, hit)
+    return np.asarray(np.ldexp(covariance, 2 * exponent), dtype=np.float64)
 
 
 def _systematic_excess(A: Array, M: Array, N: float, axis: str) -> Array:
@@ -180,7 +184,13 @@ def _compact_svd(B: Array) -> tuple[Array, Array, Array]:
 def _symmetric_product(F: Array, C: Array) -> Array:
     """``F C F^T``, exactly symmetric."""
     product = F @ C @ F.T
-    return np.asarray((product + product.T) / 2.0, dtype=np.float64)
+    return _representable(np.asarray((product + product.T) / 2.0, dtype=np.float64))
+
+
+def _representable(covariance: Array) -> Array:
+    if not np.isfinite(covariance).all():
+        raise NonFiniteError("the covariance overflows: scale the problem down")
+    return covariance
 
 
 def _root_trace(C: Array) -> float:

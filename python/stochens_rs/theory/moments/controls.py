@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from ._formulas import (
@@ -109,8 +110,9 @@ def control_covariance(
     Raises
     ------
     InputError, InputTypeError
-        A shape does not fit, an entry is not finite, a choice is unknown, or the sizes differ
-        under ``fusion="diagonal"``, which does not go with systematic samples.
+        A shape does not fit, an entry is not finite, a choice is unknown, the covariance
+        overflows, or the sizes differ under ``fusion="diagonal"``, which does not go with
+        systematic samples.
 
     Notes
     -----
@@ -124,9 +126,10 @@ def control_covariance(
     >>> control_covariance(B, x0, xf, A, 10), control_covariance(B, x0, xf, A, (None, 10, None))
     (array([[0.72]]), array([[0.4]]))
     """
-    B, C = _fused(B, x0, xf, A, size, fusion, axis, scheme)
-    U, s, V = _compact_svd(B)
-    return _symmetric_product(V / s, U.T @ C @ U)
+    with np.errstate(over="ignore", invalid="ignore"):
+        B, C = _fused(B, x0, xf, A, size, fusion, axis, scheme)
+        U, s, V = _compact_svd(B)
+        return _symmetric_product(V / s, U.T @ C @ U)
 
 
 def state_covariance(
@@ -171,9 +174,10 @@ def state_covariance(
     array([[0.72, 0.  ],
            [0.  , 0.  ]])
     """
-    B, C = _fused(B, x0, xf, A, size, fusion, axis, scheme)
-    U, _, _ = _compact_svd(B)
-    return _symmetric_product(U, U.T @ C @ U)
+    with np.errstate(over="ignore", invalid="ignore"):
+        B, C = _fused(B, x0, xf, A, size, fusion, axis, scheme)
+        U, _, _ = _compact_svd(B)
+        return _symmetric_product(U, U.T @ C @ U)
 
 
 def control_rms(

@@ -16,6 +16,7 @@ from ._formulas import (
     _others,
     _product_covariance,
     _reciprocal,
+    _representable,
     _transition,
     _vector_covariance,
 )
@@ -39,7 +40,7 @@ def vector_covariance(w: ArrayLike, size: Size = 1) -> Array:
     Raises
     ------
     InputError, InputTypeError
-        `w` is not a finite vector, `size` is not a count.
+        `w` is not a finite vector, `size` is not a count, the covariance overflows.
     ResourceError
         The covariance does not fit into memory.
 
@@ -57,7 +58,8 @@ def vector_covariance(w: ArrayLike, size: Size = 1) -> Array:
     w = _gate.vector("w", w)
     reciprocal = _reciprocal("size", size)
     _gate.memory("the covariance", 3 * 8 * w.size**2)
-    return _vector_covariance(w) * reciprocal
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _representable(_vector_covariance(w) * reciprocal)
 
 
 def vector_mse(w: ArrayLike, size: Size = 1) -> float:
@@ -147,7 +149,8 @@ def matrix_covariance(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -
     Raises
     ------
     InputError, InputTypeError
-        `A` is not a finite matrix, `size` is not a count, `axis` is unknown.
+        `A` is not a finite matrix, `size` is not a count, `axis` is unknown, or a covariance
+        overflows.
     ResourceError
         The covariances do not fit into memory.
 
@@ -164,7 +167,9 @@ def matrix_covariance(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -
     lines = _lines(_gate.matrix("A", A), axis).T
     reciprocal = _reciprocal("size", size)
     _gate.memory("the covariances", 2 * 8 * lines.size * lines.shape[1])
-    return np.array([_vector_covariance(line) for line in lines]) * reciprocal
+    with np.errstate(over="ignore", invalid="ignore"):
+        covariances = np.array([_vector_covariance(line) for line in lines])
+        return _representable(covariances * reciprocal)
 
 
 def transition(A: ArrayLike, d: ArrayLike) -> Array:

@@ -6,7 +6,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ... import _gate
-from ._formulas import _AXES, Array, Axis, Size, _lines, _reciprocal, _systematic_covariance
+from ._formulas import (
+    _AXES,
+    Array,
+    Axis,
+    Size,
+    _lines,
+    _reciprocal,
+    _representable,
+    _systematic_covariance,
+)
 
 
 def systematic_mse(target: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> float:
@@ -83,7 +92,8 @@ def systematic_covariance(target: ArrayLike, size: Size = 1, *, axis: Axis = "co
     Raises
     ------
     InputError, InputTypeError
-        `target` is not a finite vector or matrix, `size` is not a count, `axis` is unknown.
+        `target` is not a finite vector or matrix, `size` is not a count, `axis` is unknown, or
+        a covariance overflows.
     ResourceError
         The covariances do not fit into memory.
 
@@ -109,5 +119,7 @@ def systematic_covariance(target: ArrayLike, size: Size = 1, *, axis: Axis = "co
         covariances = np.zeros((*rows.shape, rows.shape[1]))
     else:
         N = float(_gate.size("size", size))
-        covariances = np.array([_systematic_covariance(line, N) for line in rows])
+        with np.errstate(over="ignore"):
+            covariances = np.array([_systematic_covariance(line, N) for line in rows])
+        _representable(covariances)
     return np.asarray(covariances[0] if vector else covariances, dtype=np.float64)

@@ -1,17 +1,4 @@
-r"""Exact errors of tracking a reference with a fresh estimate of ``A`` in every step.
-
-With ``P = B B^+``, the reference ``r(k)``, ``e = x - r`` and ``D_k = A_hat_k - A``, where
-``A_hat_k`` averages N realizations drawn for step k alone:
-
-- feedback, ``u(k) = B^+ (r(k+1) - A_hat_k x(k))``:
-  ``e(k+1) = (I - P) A e(k) + d(k) - P D_k x(k)``;
-- no feedback, ``u(k) = B^+ (r(k+1) - A_hat_k r(k))``, section 5.2 of the paper:
-  ``e(k+1) = A e(k) + d(k) - P D_k r(k)``.
-
-``d(k) = (I - P)(A r(k) - r(k+1))`` is what no control can do; it is 0 for a *feasible* reference.
-With feedback an error is forgotten as far as the controls reach; without, it is carried on by
-``A``, so that errors accumulate. Means and second moments of both are exact recursions.
-"""
+"""Means and second moments of the tracking error."""
 
 from __future__ import annotations
 
@@ -20,10 +7,9 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .. import _gate
-from ..exceptions import InputError, InputTypeError, NonFiniteError
-from ._positive_maps import excitation_radius, map_radius
-from .moments._formulas import (
+from ... import _gate
+from ...exceptions import InputError, NonFiniteError
+from ..moments._formulas import (
     Array,
     Size,
     _compact_svd,
@@ -33,15 +19,7 @@ from .moments._formulas import (
     _transition,
     _vector_covariance,
 )
-
-__all__ = [
-    "reference_residuals",
-    "stability_radius",
-    "stability_threshold",
-    "tracking_bound",
-    "tracking_moments",
-    "tracking_rms",
-]
+from ._checks import checked_reference, flag
 
 
 def reference_residuals(A: ArrayLike, B: ArrayLike, reference: ArrayLike) -> Array:
@@ -78,8 +56,13 @@ def reference_residuals(A: ArrayLike, B: ArrayLike, reference: ArrayLike) -> Arr
     array([0., 3.])
     """
     A, B, r = _checked(A, B, reference)
-    U = _compact_svd(B)[0]
-    return np.asarray(np.linalg.norm(_unreachable(A, U, r), axis=1), dtype=np.float64)
+    with np.errstate(over="ignore", invalid="ignore"):
+        d = _unreachable(A, _compact_svd(B)[0], r)
+    largest = np.abs(d).max(axis=1)
+    if not np.isfinite(largest).all():
+        raise NonFiniteError("`A` times `reference` overflows: scale the problem down")
+    unit = np.where(largest > 0.0, largest, 1.0)
+    return np.asarray(unit * np.linalg.norm(d / unit[:, None], axis=1), dtype=np.float64)
 
 
 def tracking_moments(
@@ -222,82 +205,6 @@ def tracking_rms(
     return np.asarray(np.sqrt(np.maximum(np.trace(S, axis1=1, axis2=2), 0.0)), dtype=np.float64)
 
 
-def stability_threshold(A: ArrayLike, B: ArrayLike) -> float:
-    """Number of realizations per step above which tracking with feedback is stable.
-
-    Parameters
-    ----------
-    A : (n, n) array_like
-        State matrix.
-    B : (n, m) array_like
-        Input matrix, known exactly; any rank.
-
-    Returns
-    -------
-    float
-        The closed loop is stable in the mean square if and only if ``N`` exceeds it. With
-        ``P = I`` it is ``rho(Phi)``, ``Phi_ij = |A_ij| (g_j - |A_ij|)``; inf if ``(I - P) A`` has
-        an eigenvalue on or outside the unit circle, so that no N helps.
-
-    Raises
-    ------
-    InputError, InputTypeError, ResourceError
-        A shape does not fit, an entry is not finite, or ``4 n^3`` numbers do not fit into memory.
-
-    Notes
-    -----
-    The spectral radius of ``S -> (I-P) A S A^T (I-P) + (1/N) P T_A(diag S) P`` is below 1 if and
-    only if ``N > rho(Psi)`` with the nonnegative n x n matrix
-    ``Psi_ij = [sum_k F^k P Cv(a_j) P F^kT]_ii``, ``F = (I - P) A``: the second term of the map sees
-    the diagonal of S only. Costs O(n^4).
-
-    Examples
-    --------
-    >>> A = [[0.0, 3.0], [3.0, 1.0]]
-    >>> stability_threshold(A, [[1.0, 0.0], [0.0, 1.0]])
-    3.0
-    >>> stability_threshold([[2.0, 1.0], [0.0, 1.0]], [[0.0], [1.0]])
-    inf
-    """
-    A, F, P, scale = _loop(A, B)
-    return scale * excitation_radius(A, F, P)
-
-
-def stability_radius(A: ArrayLike, B: ArrayLike, size: Size = 1) -> float:
-    """By how much the mean square tracking error grows per step in the long run, with feedback.
-
-    Parameters
-    ----------
-    A : (n, n) array_like
-        State matrix.
-    B : (n, m) array_like
-        Input matrix, known exactly; any rank.
-    size : int or None, default 1
-        Number of realizations in every step; None or inf: the exact system.
-
-    Returns
-    -------
-    float
-        Spectral radius of ``S -> (I-P) A S A^T (I-P) + (1/N) P T_A(diag S) P``; the closed loop
-        is stable in the mean square if and only if it is below 1.
-
-    Raises
-    ------
-    InputError, InputTypeError, ResourceError
-        As :func:`stability_threshold`.
-
-    Examples
-    --------
-    >>> stability_radius([[0.0, 3.0], [3.0, 1.0]], [[1.0, 0.0], [0.0, 1.0]], 12)
-    0.25
-    """
-    A, F, P, scale = _loop(A, B)
-    radius = map_radius(A, F, P, scale * _reciprocal("size", size))
-    if radius == math.inf:
-        raise NonFiniteError("the squares of `A` overflow: scale the problem down")
-    return radius
-
-
 def tracking_bound(
     A: ArrayLike,
     B: ArrayLike,
@@ -366,39 +273,13 @@ def tracking_bound(
     return bound
 
 
-def flag(name: str, value: object) -> bool:
-    """Check a switch."""
-    if not isinstance(value, (bool, np.bool_)):
-        raise InputTypeError(f"`{name}` must be True or False, got {_gate.show(value)}")
-    return bool(value)
-
-
 def _checked(A: object, B: object, reference: object) -> tuple[Array, Array, Array]:
     A = _gate.matrix("A", A, square=True)
     B = _gate.matrix("B", B, rows=len(A))
     return A, B, checked_reference(reference, len(A))
 
 
-def checked_reference(reference: object, n: int) -> Array:
-    """Check that there is at least one step."""
-    r = _gate.matrix("reference", reference, cols=n)
-    if len(r) < 2:
-        raise InputError(f"`reference` must have shape (K + 1, {n}) with K >= 1, got {r.shape}")
-    return r
-
-
 def _unreachable(A: Array, U: Array, r: Array) -> Array:
     """``d(k) = (I - P)(A r(k) - r(k+1))``, (K, n)."""
     d = r[:-1] @ A.T - r[1:]
     return np.asarray(d - (d @ U) @ U.T, dtype=np.float64)
-
-
-def _loop(A: object, B: object) -> tuple[Array, Array, Array, float]:
-    """``A`` over its largest entry, ``F = (I - P) A``, ``P`` and the square of that entry."""
-    A = _gate.matrix("A", A, square=True)
-    U = _compact_svd(_gate.matrix("B", B, rows=len(A)))[0]
-    _gate.memory("the stability of the closed loop", 4 * 8 * len(A) ** 3)
-    scale = float(np.abs(A).max()) or 1.0
-    P = np.eye(len(A)) if U.shape[1] == len(A) else U @ U.T  # P = I exactly: then F = 0 exactly
-    F = A - P @ A
-    return A / scale, F, P, scale * scale

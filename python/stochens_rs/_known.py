@@ -23,8 +23,8 @@ class Known:
     """What a plan keeps of one entity: its estimate, and what is known of the error.
 
     `law` is "exact", "iid" or "systematic" (uniform averages of `size` realizations of `value`,
-    drawn with `key` along `axis`), "fit" (weights fitted to a target, at the distance `error` from it) or
-    "unknown".
+    drawn with `key` along `axis`), "fit" (weights fitted to a target, at the distance `error`
+    from it) or "unknown".
     """
 
     name: str

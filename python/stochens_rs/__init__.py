@@ -32,7 +32,8 @@ from .sampling import sample, sample_counts
 from .simulating import simulate, simulate_ensemble
 from .system import System
 from .trajectories import EnsembleTrajectory, Trajectory
-from .trajectory_plans import TrajectoryBound, TrajectoryPlan
+from .trajectory_bounds import TrajectoryBound
+from .trajectory_plans import TrajectoryPlan
 
 __version__ = _version()
 

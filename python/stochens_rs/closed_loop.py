@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from . import _gate
-from .controls import _worst, pseudoinverse
+from ._alse import worst
+from .controls import pseudoinverse
 from .exceptions import NonFiniteError
 from .fusing import METHODS, fuse
 from .rng import Key, RngLike, as_key
@@ -190,7 +191,7 @@ def track(
         residuals=residuals,
         feasible=bool((residuals <= _FEASIBLE * needed).all()),
         key=key,
-        status=_worst(["completed", *loop.statuses]),
+        status=worst(["completed", *loop.statuses]),
         info={
             "method": method,
             "size": count,

@@ -7,13 +7,11 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from . import _gate
-from ._known import Known
-from ._lines import from_lines
-from .controls import _REACHABLE, _entities, _Entity, _worst, pseudoinverse
-from .ensembles import Counts, Ensemble
+from ._alse import norm, worst
+from ._certificates import Basis, known
+from .controls import _REACHABLE, _entities, pseudoinverse
 from .exceptions import NonFiniteError
-from .fusing import _norm
-from .results import Fit, Reachability
+from .results import Reachability
 from .theory.multistep import checked_steps, controllability, matrix_powers, states
 from .trajectory_plans import TrajectoryPlan
 
@@ -94,19 +92,24 @@ def control_steps(
     if not all(np.isfinite(values).all() for values in (free, difference, u, missed)):
         raise NonFiniteError("`A^K x0` or the control overflows: scale the problem down")
     u = u.reshape(K, m)
-    needed = _norm(difference)
-    relative = _norm(missed) / needed if needed > 0.0 else 0.0
+    needed = norm(difference)
+    relative = norm(missed) / needed if needed > 0.0 else 0.0
     info: dict[str, Any] = {entity.name: entity.description for entity in entities}
     info["singular_values"] = singular_values
     info["warnings"] = _warnings(n, m, K, rank, exact=entities[2].size is None)
     plan = TrajectoryPlan(
         u=u,
         predicted_states=states(matrix, inputs, u, start),
-        reachability=Reachability(_norm(missed), relative, rank, condition, relative <= _REACHABLE),
-        status=_worst([entity.status for entity in entities]),
+        reachability=Reachability(norm(missed), relative, rank, condition, relative <= _REACHABLE),
+        status=worst([entity.status for entity in entities]),
         info=info,
     )
-    return plan._with(inputs.copy(), tuple(_known(entity) for entity in entities))
+    x0_known, xf_known, A_known = (
+        known(entity.name, entity.value, estimate.copy())
+        for entity, estimate in zip(entities, (start, goal, matrix), strict=True)
+    )
+    object.__setattr__(plan, "_basis", Basis(inputs.copy(), x0_known, xf_known, A_known))
+    return plan
 
 
 def _warnings(n: int, m: int, K: int, rank: int, *, exact: bool) -> tuple[str, ...]:
@@ -122,22 +125,3 @@ def _warnings(n: int, m: int, K: int, rank: int, *, exact: bool) -> tuple[str, .
             f"{K} steps, or regularise"
         )
     return tuple(found)
-
-
-def _known(entity: _Entity) -> Known:
-    """What is known of the error of an estimate; small arrays only, no realizations."""
-    value, estimate = entity.value, entity.estimate()
-    if isinstance(value, Fit):
-        if value.method != "uniform":
-            return Known(entity.name, estimate, "fit", error=value.error)
-        drawn = value.ensemble
-    elif isinstance(value, Ensemble):
-        drawn = value
-    elif isinstance(value, Counts):  # they do not say what was counted
-        return Known(entity.name, estimate, "unknown")
-    else:
-        return Known(entity.name, estimate.copy(), "exact")
-    if drawn is None or drawn._draws is None or drawn.scheme is None or drawn.key is None:
-        return Known(entity.name, estimate, "unknown")
-    exact = from_lines(drawn._draws.values(), drawn.shape, drawn.axis)
-    return Known(entity.name, estimate, drawn.scheme, exact, drawn.size, drawn.axis, key=drawn.key)

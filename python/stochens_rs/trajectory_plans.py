@@ -1,60 +1,34 @@
-"""A control over several steps as a record, and how far its end can be from the target."""
+"""A control over several steps as a record."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 from . import _gate
-from ._known import Known, grown, spectral_norms
+from ._alse import norm
+from ._certificates import Basis, Known
 from .exceptions import InputError, NonFiniteError, ShapeError, SizeError
-from .fusing import _norm
 from .results import PlanError, Reachability
 from .system import System
 from .theory.multistep import (
     controllability,
     final_state_covariance,
+    grown,
     matrix_powers,
+    spectral_norms,
     states,
 )
+from .trajectory_bounds import TrajectoryBound, hat, radius, total_bound
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     Floats: TypeAlias = NDArray[np.float64]
 
-__all__ = ["TrajectoryBound", "TrajectoryPlan"]
-
-
-@dataclass(frozen=True)
-class TrajectoryBound:
-    """A bound of the distance between the state after the last step and the target.
-
-    Attributes
-    ----------
-    state : float
-        The bound of ``||x(K) - xf||``: the sum of the four parts.
-    target : float
-        ``||xf_hat - xf||``, or its radius.
-    initial : float
-        ``||A^K|| ||x0 - x0_hat||``.
-    matrix : float
-        ``||A - A_hat|| sum_k ||A^{K-1-k}|| ||xh(k)||`` along the predicted states ``xh``.
-    residual : float
-        ``||xh(K) - xf_hat||``: what the model itself leaves.
-    delta : float
-        Probability with which the bound may fail; 0 if it holds surely.
-    """
-
-    state: float
-    target: float
-    initial: float
-    matrix: float
-    residual: float
-    delta: float
+__all__ = ["TrajectoryPlan"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -83,26 +57,19 @@ class TrajectoryPlan:
     reachability: Reachability
     status: str
     info: dict[str, Any] = field(default_factory=dict)
-    _B: Floats = field(init=False)
-    _known: tuple[Known, ...] = field(init=False)
-
-    def _with(self, B: Floats, known: tuple[Known, ...]) -> TrajectoryPlan:
-        """Enter what the bounds need: the input matrix, and what is known of x0, xf and A."""
-        object.__setattr__(self, "_B", B)
-        object.__setattr__(self, "_known", known)
-        return self
+    _basis: Basis | None = field(default=None, init=False)
 
     @property
     def steps(self) -> int:
         """Number of steps K."""
         return len(self.u)
 
-    def bound(self, delta: float) -> TrajectoryBound:
+    def bound(self, delta: float = 0.05) -> TrajectoryBound:
         """Bound ``||x(K) - xf||`` from what is known of the realizations, before any is simulated.
 
         Parameters
         ----------
-        delta : float
+        delta : float, default 0.05
             Probability with which the bound may fail, 0 < delta < 1.
 
         Returns
@@ -119,12 +86,12 @@ class TrajectoryPlan:
 
         Notes
         -----
-        Uniform averages of what `sample` drew: radii from the law, a bounded-difference bound for
-        x0 and xf and the matrix Bernstein inequality for ``||A - A_hat||_2``, the failure
-        probability shared equally; ``||A^k||`` from the law. Systematic samples: sure radii. Fits
-        to a target: their reported errors, hence *relative to these targets*, with ``||A^k||``
-        bounded by powers of ``A_hat``: ``a_k = p_k + eA sum_{i<k} a_i p_{k-1-i}``,
-        ``p_k = ||A_hat^k||``. The paper has no such statement for K > 1.
+        Uniform averages of what `sample` drew: the smallest radii of `theory.bounds.best`, for A in
+        the spectral norm, with the failure probability shared equally; ``||A^k||`` from the law.
+        Systematic samples: sure radii. Fits to a target: their reported errors, hence *relative to
+        these targets*, with ``||A^k||`` bounded by powers of ``A_hat``:
+        ``a_k = p_k + eA sum_{i<k} a_i p_{k-1-i}``, ``p_k = ||A_hat^k||``. The paper
+        has no such statement for K > 1.
 
         Examples
         --------
@@ -138,15 +105,15 @@ class TrajectoryPlan:
         delta = _gate.positive("delta", delta)
         if delta >= 1.0:
             raise SizeError(f"`delta` must be in (0, 1), got {_gate.show(delta)}")
-        random = sum(one.random for one in self._known)
-        with np.errstate(over="ignore", invalid="ignore"):
-            e0, ef, eA = (one.radius(delta / max(random, 1)) for one in self._known)
-        A = self._known[2]
-        if A.value is not None and A.law in ("iid", "systematic"):
-            norms = spectral_norms(matrix_powers(A.value, self.steps))
+        known = self._entities()
+        random = sum(one.kind == "iid" for one in known)
+        e0, ef, eA = (radius(one, delta / max(random, 1)) for one in known)
+        A = known[2]
+        if A.values is not None:
+            norms = spectral_norms(matrix_powers(A.values, self.steps))
         else:
-            norms = grown(spectral_norms(matrix_powers(A.estimate, self.steps, "A_hat")), eA)
-        return self._sum(e0, ef, eA, norms, delta if random else 0.0)
+            norms = grown(spectral_norms(matrix_powers(hat(A), self.steps, "A_hat")), eA)
+        return total_bound(self.predicted_states, hat(known[1]), e0, ef, eA, norms, delta if random else 0.0)
 
     def error_bound(self, system: System, x0: ArrayLike, xf: ArrayLike) -> TrajectoryBound:
         """Bound ``||x(K) - xf||`` by the errors of the estimates, for an exactly known system.
@@ -183,17 +150,26 @@ class TrajectoryPlan:
         True
         """
         checked, start, goal = self._fitting(system, x0, xf)
+        known = self._entities()
         if not np.array_equal(checked.B, self._B):
             raise InputError("`system` must have the B of this plan: the bound holds for exact B")
         with np.errstate(over="ignore"):
             wrong = [
-                one.estimate - exact
-                for one, exact in zip(self._known, (start, goal, checked.A), strict=True)
+                hat(one) - exact
+                for one, exact in zip(known, (start, goal, checked.A), strict=True)
             ]
         if not all(np.isfinite(values).all() for values in wrong):
             raise NonFiniteError("the error of an estimate overflows: scale the problem down")
-        e0, ef, eA = _norm(wrong[0]), _norm(wrong[1]), float(spectral_norms(wrong[2][None])[0])
-        return self._sum(e0, ef, eA, spectral_norms(matrix_powers(checked.A, self.steps)), 0.0)
+        e0, ef, eA = norm(wrong[0]), norm(wrong[1]), float(spectral_norms(wrong[2][None])[0])
+        return total_bound(
+            self.predicted_states,
+            hat(known[1]),
+            e0,
+            ef,
+            eA,
+            spectral_norms(matrix_powers(checked.A, self.steps)),
+            0.0,
+        )
 
     def covariance(self) -> Floats:
         """Leading-order covariance of the state after the last step, from the law of the draws.
@@ -218,24 +194,24 @@ class TrajectoryPlan:
         >>> plan.covariance().shape
         (2, 2)
         """
-        exact = []
-        for one in self._known:
-            if one.law not in ("iid", "exact"):
+        known, exact = self._entities(), []
+        for one in known:
+            if one.kind not in ("iid", "exact") or one.values is None:
                 raise InputError(
                     f"`{one.name}` must be exact or the uniform average of independent draws of "
-                    f"`sample` for a covariance, got a law that is {one.law}"
+                    f"`sample` for a covariance, got realizations of kind '{one.kind}'"
                 )
-            exact.append(one.estimate if one.value is None else one.value)
-        keys = [one.key for one in self._known if one.key is not None]
+            exact.append(one.values)
+        keys = [one.key for one in known if one.key is not None]
         if len(set(keys)) < len(keys):
             raise InputError(
                 "`x0`, `xf` and `A` must be drawn independently for a covariance, but two of them "
                 "have the same key: use rng=key.child(name)"
             )
         x0, xf, A = exact
-        sizes = (self._known[0].size, self._known[1].size, self._known[2].size)
+        N0, Nf, NA = (None if one.kind == "exact" else one.size for one in known)
         return final_state_covariance(
-            A, self._B, x0, xf, self.steps, sizes, axis=self._known[2].axis
+            A, self._B, x0, xf, self.steps, (N0, Nf, NA), axis=known[2].axis
         )
 
     def error(self, system: System, x0: ArrayLike, xf: ArrayLike) -> PlanError:
@@ -284,11 +260,11 @@ class TrajectoryPlan:
         if not all(np.isfinite(v).all() for v in (wrong, shift, reached)):
             raise NonFiniteError("the control or the last state overflows: scale the problem down")
         return PlanError(
-            control=_norm(wrong),
-            control_relative=_ratio(_norm(wrong), _norm(best)),
-            state=_norm(shift),
-            state_relative=_ratio(_norm(shift), _norm(reached)),
-            residual=_norm(difference - pushed),
+            control=norm(wrong),
+            control_relative=_ratio(norm(wrong), norm(best)),
+            state=norm(shift),
+            state_relative=_ratio(norm(shift), norm(reached)),
+            residual=norm(difference - pushed),
         )
 
     def states(self, system: System, x0: ArrayLike) -> Floats:
@@ -322,6 +298,18 @@ class TrajectoryPlan:
         checked, start, _ = self._fitting(system, x0, None)
         return states(checked.A, checked.B, self.u, start)
 
+    @property
+    def _B(self) -> Floats:
+        self._entities()
+        assert self._basis is not None
+        return self._basis.B
+
+    def _entities(self) -> tuple[Known, Known, Known]:
+        """What the plan knows of x0, xf and A."""
+        if self._basis is None:
+            raise InputError("this TrajectoryPlan was not made by `control_steps`: it has no bound")
+        return self._basis.entities
+
     def _fitting(self, system: object, x0: object, xf: object) -> tuple[System, Floats, Floats]:
         checked = System.from_any(system)
         n, m = self.predicted_states.shape[1], self.u.shape[1]
@@ -332,19 +320,6 @@ class TrajectoryPlan:
             )
         start = _gate.vector("x0", x0, length=n)
         return checked, start, start if xf is None else _gate.vector("xf", xf, length=n)
-
-    def _sum(self, e0: float, ef: float, eA: float, norms: Floats, delta: float) -> TrajectoryBound:
-        """The parts of the bound, ``norms[k] >= ||A^k||``."""
-        K = self.steps
-        along = np.array([_norm(state) for state in self.predicted_states[:K]])
-        with np.errstate(over="ignore", invalid="ignore"):
-            matrix = eA * float(norms[K - 1 :: -1] @ along) if eA > 0.0 else 0.0
-            initial = float(norms[K]) * e0 if e0 > 0.0 else 0.0
-            residual = _norm(self.predicted_states[K] - self._known[1].estimate)
-            total = ef + initial + matrix + residual
-        if not math.isfinite(total):
-            raise NonFiniteError("the bound overflows: take fewer steps, or more realizations")
-        return TrajectoryBound(total, ef, initial, matrix, residual, delta)
 
     def __repr__(self) -> str:
         K, m = self.u.shape

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from stochens_rs import _radii
 from stochens_rs.exceptions import (
     InputError,
     InputTypeError,
@@ -18,7 +17,7 @@ from stochens_rs.exceptions import (
     ResourceError,
     ShapeError,
 )
-from stochens_rs.theory import multistep
+from stochens_rs.theory import bounds, multistep
 
 CART = se.System([[1.0, 0.1], [0.0, 1.0]], [[0.0], [0.1]])
 
@@ -44,6 +43,10 @@ def plug_in(A, B, x0, xf, K):
     """C_K^+ (xf - A^K x0), written out; controls in the order of time."""
     C = np.hstack([power(A, K - 1 - k) @ B for k in range(K)])
     return (np.linalg.pinv(C) @ (xf - power(A, K) @ x0)).reshape(K, -1)
+
+
+def vector_radius(w, size, delta):
+    return bounds.best("vector", w, size=size, delta=delta).radius
 
 
 def counts(targets, size, key):
@@ -206,10 +209,11 @@ def test_the_parts_of_the_bound_from_the_law():
     bound = plan.bound(0.3)  # a third for each entity
     norms = [np.linalg.norm(power(system.A, k), 2) for k in range(5)]
     along = sum(norms[3 - k] * np.linalg.norm(plan.predicted_states[k]) for k in range(4))
-    assert bound.target == pytest.approx(_radii.vector_radius(xf, 500, 0.1), rel=1e-12)
-    assert bound.initial == pytest.approx(norms[4] * _radii.vector_radius(x0, 500, 0.1), rel=1e-12)
+    assert bound.target == pytest.approx(vector_radius(xf, 500, 0.1), rel=1e-12)
+    assert bound.initial == pytest.approx(norms[4] * vector_radius(x0, 500, 0.1), rel=1e-12)
     assert bound.matrix == pytest.approx(
-        along * _radii.matrix_radius(system.A, 500, 0.1), rel=1e-12
+        along * bounds.best("matrix", system.A, size=500, delta=0.1, norm="spectral").radius,
+        rel=1e-12,
     )
 
 
@@ -219,7 +223,7 @@ def test_what_is_exact_takes_no_part_of_delta():
     plan = se.control_steps(system.B, x0, drawn, system.A, 4)
     bound = plan.bound(0.05)
     assert (bound.initial, bound.matrix) == (0.0, 0.0)
-    assert bound.target == pytest.approx(_radii.vector_radius(xf, 400, 0.05), rel=1e-12)
+    assert bound.target == pytest.approx(vector_radius(xf, 400, 0.05), rel=1e-12)
     exact = se.control_steps(system.B, x0, xf, system.A, 4).bound(0.05)
     assert exact.delta == 0.0
     assert exact.state < 1e-9
@@ -239,50 +243,17 @@ def test_the_bound_of_fits_is_sure(method):
 
 
 def test_powers_of_a_matrix_that_is_not_known():
-    from stochens_rs._known import grown
 
     gen = np.random.default_rng(9)
     for _ in range(50):
         A, D = gen.standard_normal((3, 3)), 0.3 * gen.standard_normal((3, 3))
         hat = np.array([np.linalg.norm(power(A + D, k), 2) for k in range(6)])
-        bounds = grown(hat, float(np.linalg.norm(D, 2)))
+        bounds = multistep.grown(hat, float(np.linalg.norm(D, 2)))
         true = np.array([np.linalg.norm(power(A, k), 2) for k in range(6)])
         assert (true <= bounds * (1.0 + 1e-12)).all()
         assert bounds[1] == pytest.approx(hat[1] + np.linalg.norm(D, 2), rel=1e-12)
     # For numbers of one sign nothing is lost: |a|^k.
-    np.testing.assert_allclose(grown(0.7 ** np.arange(6.0), 0.5), 1.2 ** np.arange(6.0))
-
-
-def test_radii():
-    """R = 2000 draws at delta = 0.1: more than 280 failures have a probability below 1e-9."""
-    gen = np.random.default_rng(10)
-    w, A = gen.standard_normal(6), gen.standard_normal((5, 5))
-    A[:, 2], A[3, :4] = 0.0, 0.0
-    size, R, key = 60, 2000, se.rng.as_key(11)
-    vector, matrix = np.empty(R), np.empty(R)
-    for i in range(R):
-        found = counts((w, A), size, key.child(str(i)))
-        vector[i] = np.linalg.norm(found[0].estimate - w)
-        matrix[i] = np.linalg.norm(found[1].estimate - A, 2)
-    for errors, radius in (
-        (vector, _radii.vector_radius(w, size, 0.1)),
-        (matrix, _radii.matrix_radius(A, size, 0.1)),
-    ):
-        assert (errors > radius).sum() <= 280
-        assert radius < 4.0 * np.quantile(errors, 0.9)
-        assert (errors > radius / 4.0).sum() > 280  # the check sees a radius that is too small
-    # Systematic samples: surely, and nearly so for one line with equal probabilities.
-    for target in (w, A):
-        lines = target if target.ndim == 2 else target[:, None]
-        surely = _radii.systematic_radius(lines, 7)
-        for seed in range(100):
-            found = se.sample_counts(target, 7, rng=seed, scheme="systematic").estimate
-            assert np.linalg.norm(found - target) < surely
-    # What has one realization only is exact.
-    assert _radii.vector_radius(np.array([0.0, -3.0]), 1, 0.1) == 0.0
-    assert _radii.vector_radius(np.zeros(2), 1, 0.1) == 0.0
-    assert _radii.matrix_radius(np.array([[0.0, 2.0], [-1.0, 0.0]]), 1, 0.1) == 0.0
-    assert _radii.systematic_radius(np.array([[0.0, 2.0], [-1.0, 0.0]]), 1) == 0.0
+    np.testing.assert_allclose(multistep.grown(0.7 ** np.arange(6.0), 0.5), 1.2 ** np.arange(6.0))
 
 
 # -- the limit for large N -----------------------------------------------------------------------
@@ -466,22 +437,27 @@ def test_a_plan_refuses_what_does_not_fit():
     with pytest.raises(ShapeError, match="`xf`"):
         plan.error(CART, [1.0, 0.0], [0.0])
     brought = se.Ensemble.from_samples([[1.0, 0.0], [0.5, 0.5]])
-    for x0 in (brought, se.sample_counts([1.0, 0.5], 10, rng=1), se.fuse(brought)):
+    for x0 in (brought, se.fuse(brought)):
         unknown = se.control_steps(CART.B, x0, [0.0, 0.0], CART.A, 4)
-        with pytest.raises(InputError, match="`x0`: nothing is known of the law"):
+        with pytest.raises(InputError, match="the law of `x0` is unknown"):
             unknown.bound(0.1)
         with pytest.raises(InputError, match="`x0` must be exact or the uniform average"):
             unknown.covariance()
         assert unknown.error_bound(CART, [0.75, 0.25], [0.0, 0.0]).state >= 0.0
     fitted = se.steer(CART, [1.0, 0.0], [0.0, 0.0], 100, steps=4, method="slse", rng=1)
-    with pytest.raises(InputError, match="a law that is fit"):
+    with pytest.raises(InputError, match="of kind 'fitted'"):
         fitted.covariance()
+    # Counts know what was counted.
+    counted = counts(([1.0, 0.5], [0.0, 1.0], CART.A), 50, se.rng.as_key(1))
+    known = se.control_steps(CART.B, *counted, 4)
+    assert known.bound(0.1).delta == 0.1
+    assert known.covariance().shape == (2, 2)
     shared = [se.sample(w, 20, rng=1) for w in ([1.0, 0.5], [0.0, 1.0], CART.A)]
     with pytest.raises(InputError, match="have the same key"):
         se.control_steps(CART.B, *shared, 4).covariance()
     # A part of a systematic sample is no systematic sample.
     part = se.sample([1.0, 0.5], 10, rng=1, scheme="systematic").prefix(5)
-    with pytest.raises(InputError, match="nothing is known"):
+    with pytest.raises(InputError, match="is unknown"):
         se.control_steps(CART.B, part, [0.0, 0.0], CART.A, 4).bound(0.1)
 
 

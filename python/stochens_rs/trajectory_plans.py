@@ -113,7 +113,9 @@ class TrajectoryPlan:
             norms = spectral_norms(matrix_powers(A.values, self.steps))
         else:
             norms = grown(spectral_norms(matrix_powers(hat(A), self.steps, "A_hat")), eA)
-        return total_bound(self.predicted_states, hat(known[1]), e0, ef, eA, norms, delta if random else 0.0)
+        return total_bound(
+            self.predicted_states, hat(known[1]), e0, ef, eA, norms, delta if random else 0.0
+        )
 
     def error_bound(self, system: System, x0: ArrayLike, xf: ArrayLike) -> TrajectoryBound:
         """Bound ``||x(K) - xf||`` by the errors of the estimates, for an exactly known system.
@@ -155,8 +157,7 @@ class TrajectoryPlan:
             raise InputError("`system` must have the B of this plan: the bound holds for exact B")
         with np.errstate(over="ignore"):
             wrong = [
-                hat(one) - exact
-                for one, exact in zip(known, (start, goal, checked.A), strict=True)
+                hat(one) - exact for one, exact in zip(known, (start, goal, checked.A), strict=True)
             ]
         if not all(np.isfinite(values).all() for values in wrong):
             raise NonFiniteError("the error of an estimate overflows: scale the problem down")

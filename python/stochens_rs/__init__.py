@@ -12,6 +12,7 @@ import logging
 from . import cases, exceptions, experiments, theory
 from ._core import version as _version
 from ._threads import get_num_threads, set_num_threads
+from .closed_loop import Tracking, track
 from .controls import control, realization_controls, steer
 from .ensembles import Counts, Ensemble
 from .exceptions import (
@@ -24,12 +25,15 @@ from .exceptions import (
     StochensError,
 )
 from .fusing import fuse, fuse_path
+from .multistep import control_steps
 from .results import Fit, Path, Plan, PlanBound, PlanError, Reachability
 from .rng import Key
 from .sampling import sample, sample_counts
 from .simulating import simulate, simulate_ensemble
 from .system import System
 from .trajectories import EnsembleTrajectory, Trajectory
+from .trajectory_bounds import TrajectoryBound
+from .trajectory_plans import TrajectoryPlan
 
 __version__ = _version()
 
@@ -52,10 +56,14 @@ __all__ = [
     "SolverError",
     "StochensError",
     "System",
+    "Tracking",
     "Trajectory",
+    "TrajectoryBound",
+    "TrajectoryPlan",
     "__version__",
     "cases",
     "control",
+    "control_steps",
     "exceptions",
     "experiments",
     "fuse",
@@ -69,6 +77,7 @@ __all__ = [
     "simulate_ensemble",
     "steer",
     "theory",
+    "track",
 ]
 
 logging.getLogger("stochens").addHandler(logging.NullHandler())

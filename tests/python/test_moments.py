@@ -256,6 +256,85 @@ def test_systematic_mse(w, size):
     assert found <= moments.vector_mse(w, size) * (1.0 + 1e-15)
 
 
+def systematic_atoms(w, size):
+    """The distribution of the average of `size` systematic samples, by the offset U."""
+    w = [Fraction(x) for x in w]
+    gamma = sum(abs(x) for x in w)
+    if gamma == 0:
+        return [(1.0, np.zeros(len(w)))]
+    c = [size * sum(abs(x) for x in w[:i]) / gamma for i in range(len(w) + 1)]
+    breaks = sorted({Fraction(0), Fraction(1), *(x - x.__floor__() for x in c)})
+    atoms = []
+    for left, right in itertools.pairwise(breaks):
+        ceilings = [(x - (left + right) / 2).__ceil__() for x in c]
+        counts = [b - a for a, b in itertools.pairwise(ceilings)]
+        value = [gamma * k * (1 if x > 0 else -1) / size for x, k in zip(w, counts, strict=True)]
+        atoms.append((float(right - left), np.array([float(v) for v in value])))
+    return atoms
+
+
+def systematic_matrix_atoms(A, size, axis):
+    lines = np.transpose(A) if axis == "columns" else np.asarray(A)
+    atoms = []
+    for choice in itertools.product(*(systematic_atoms(line, size) for line in lines)):
+        value = np.array([atom for _, atom in choice])
+        atoms.append((np.prod([p for p, _ in choice]), value.T if axis == "columns" else value))
+    return atoms
+
+
+@pytest.mark.parametrize("w", SYSTEMATIC)
+@pytest.mark.parametrize("size", [1, 2, 3, 7, 50, 6500])
+def test_systematic_covariance(w, size):
+    mean, covariance = mean_and_covariance(systematic_atoms(w, size))
+    close(mean, np.array(w))
+    found = moments.systematic_covariance(w, size)
+    close(found, covariance)
+    assert np.trace(found) == pytest.approx(moments.systematic_mse(w, size), rel=1e-12, abs=0.0)
+    if size == 1:
+        close(found, moments.vector_covariance(w))
+    assert not moments.systematic_covariance(w, None).any()
+
+
+@axes
+@cases(MATRICES)
+def test_covariances_of_matrices_are_those_of_their_lines(case, axis):
+    lines = np.transpose(case) if axis == "columns" else np.asarray(case)
+    for found, of_a_line, mse in (
+        (moments.matrix_covariance(case, 5, axis=axis), moments.vector_covariance, "matrix_mse"),
+        (
+            moments.systematic_covariance(case, 5, axis=axis),
+            moments.systematic_covariance,
+            "systematic_mse",
+        ),
+    ):
+        close(found, np.array([of_a_line(line, 5) for line in lines]))
+        total = np.trace(found, axis1=1, axis2=2).sum()
+        close(getattr(moments, mse)(case, 5, axis=axis), total)
+
+
+@axes
+@cases(CONTROLS)
+@pytest.mark.parametrize("sizes", [(2, 2, 2), (3, 5, 4), (7, None, 3), (None, 3, 7), (5, 4, None)])
+def test_controls_from_systematic_samples(case, axis, sizes):
+    B, x0, xf, A = (np.asarray(x, dtype=float) for x in case)
+    N0, Nf, NA = sizes
+    y = differences(
+        [(1.0, x0)] if N0 is None else systematic_atoms(x0, N0),
+        [(1.0, xf)] if Nf is None else systematic_atoms(xf, Nf),
+        [(1.0, A)] if NA is None else systematic_matrix_atoms(A, NA, axis),
+    )
+    pinv = np.linalg.pinv(B)
+    options = {"size": sizes, "axis": axis, "scheme": "systematic"}
+    for found, F in (
+        (moments.control_covariance(*case, **options), pinv),
+        (moments.state_covariance(*case, **options), B @ pinv),
+    ):
+        close(found, mean_and_covariance([(p, F @ v) for p, v in y])[1])
+    rms = moments.control_rms(*case, **options), moments.state_rms(*case, **options)
+    close(rms[0] ** 2, np.trace(moments.control_covariance(*case, **options)))
+    close(rms[1] ** 2, np.trace(moments.state_covariance(*case, **options)))
+
+
 def test_systematic_mse_numbers():
     w = [3.0, -1.0, 0.5, 0.0, 2.0]
     assert moments.systematic_mse(w, 50) == pytest.approx(0.0110, abs=5e-5)
@@ -407,6 +486,18 @@ def test_wrong_input_is_refused():
         moments.control_covariance(B, x0, xf, A, (2, 0, 2))
     with pytest.raises(InputError, match="pairs the realizations"):
         moments.control_covariance(B, x0, xf, A, (2, 3, 2), fusion="diagonal")
+    with pytest.raises(InputError, match="`fusion` must be 'product'"):
+        moments.control_rms(B, x0, xf, A, 2, fusion="diagonal", scheme="systematic")
+    for f in (moments.vector_covariance, moments.systematic_covariance):
+        with pytest.raises(InputError, match="covariance overflows"):
+            f([1e200, 1e200], 3)
+    with pytest.raises(InputError, match="covariance overflows"):
+        moments.matrix_covariance([[1e200], [1e200]])
+    for scheme in ("iid", "systematic"):
+        with pytest.raises(InputError, match="covariance overflows"):
+            moments.state_covariance(B, [1e200, 1e200], xf, A, 2, scheme=scheme)
+    with pytest.raises(InputError, match="`scheme`"):
+        moments.state_rms(B, x0, xf, A, 2, scheme="stratified")
     for size in (0, -1, -np.inf, np.nan, 1.5, True, "2"):
         with pytest.raises((InputError, InputTypeError), match="`size`"):
             moments.vector_mse(x0, size)

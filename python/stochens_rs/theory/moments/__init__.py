@@ -4,8 +4,9 @@ Notation. ``w`` (n,) is a vector, ``g = ||w||_1``. One realization is ``w^s = g 
 with ``P(I = i) = |w_i| / g``; it has mean ``w``. A matrix ``A`` (n, m) is sampled line by line,
 independently: ``axis="columns"`` (the default) draws one entry of every column ``a_j``, with
 ``g_j = ||a_j||_1``; ``axis="rows"`` one entry of every row, with ``rho_i = ||row i||_1``. An
-estimate is the average of ``size`` independent realizations; ``size`` None (or inf) stands for
-an entity that is known exactly. A line of zeros is always exact: its realizations are 0.
+estimate is the average of ``size`` independent realizations (or of systematic samples, where a
+function says so); ``size`` None (or inf) stands for an entity that is known exactly. A line of
+zeros is always exact: its realizations are 0.
 
 Everything follows from two facts, the covariance of one realization of a vector and that of
 one column:
@@ -28,25 +29,38 @@ from .controls import (
     state_rms,
 )
 from .estimates import (
+    matrix_covariance,
     matrix_mse,
     product_covariance,
     second_moment,
-    systematic_mse,
     transition,
     vector_covariance,
     vector_mse,
+)
+from .systematic import systematic_covariance, systematic_mse
+from .trajectories import (
+    growth_factor,
+    trajectory_covariance,
+    trajectory_mean,
+    trajectory_rms,
 )
 
 __all__ = [
     "control_covariance",
     "control_rms",
+    "growth_factor",
+    "matrix_covariance",
     "matrix_mse",
     "product_covariance",
     "realization_control_covariance",
     "second_moment",
     "state_covariance",
     "state_rms",
+    "systematic_covariance",
     "systematic_mse",
+    "trajectory_covariance",
+    "trajectory_mean",
+    "trajectory_rms",
     "transition",
     "vector_covariance",
     "vector_mse",

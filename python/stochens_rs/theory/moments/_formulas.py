@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ... import _gate
-from ...exceptions import InputError, ShapeError
+from ...exceptions import InputError, NonFiniteError, ShapeError
 
 Array: TypeAlias = NDArray[np.float64]
 Axis: TypeAlias = Literal["columns", "rows"]
 Fusion: TypeAlias = Literal["product", "diagonal"]
+Scheme: TypeAlias = Literal["iid", "systematic"]
 Size: TypeAlias = "int | float | None"
 Sizes: TypeAlias = "Size | tuple[Size, Size, Size]"
 
@@ -52,6 +53,37 @@ def _excess(A: Array, M: Array, axis: str) -> Array:
     return np.diag(rho * (np.abs(A) @ diagonal) - ((A @ M) * A).sum(axis=1))
 
 
+def _systematic_covariance(w: Array, N: float) -> Array:
+    """Covariance of the average of N systematic samples of a vector."""
+    largest, exponent = np.frexp(np.abs(w).max())
+    if largest == 0.0:
+        return np.zeros((w.size, w.size))
+    # Scaled by a power of two, hence exactly, so that N |w_i| does not overflow.
+    absolute = np.ldexp(np.abs(w), -exponent)
+    g = float(absolute.sum())
+    # f_i = frac(N |w_i| / g), without rounding; phi_i = frac(N (p_1 + ... + p_i)).
+    f = np.fmod(N * absolute, g) / g
+    phi = np.fmod(N * np.cumsum(absolute), g) / g
+    phi[-1] = 0.0
+    both = np.minimum.outer(phi, phi) - np.outer(phi, phi)  # Cov(b_i, b_k)
+    counts = np.diff(np.diff(both, axis=0, prepend=0.0), axis=1, prepend=0.0)
+    np.fill_diagonal(counts, f * (1.0 - f))
+    hit = np.sign(w) * (f > 0.0)  # where N p_i is an integer, so is N_i: no variance
+    covariance = (g / N) * (g / N) * counts * np.outer(hit, hit)
+    return np.asarray(np.ldexp(covariance, 2 * exponent), dtype=np.float64)
+
+
+def _systematic_excess(A: Array, M: Array, N: float, axis: str) -> Array:
+    """``E[A_hat M A_hat^T] - A M A^T`` for the average of N systematic samples."""
+    lines = A.T if axis == "columns" else A
+    if axis == "columns":  # sum_j M_jj Cov(a_hat_j)
+        excess = np.zeros((A.shape[0], A.shape[0]))
+        for weight, line in zip(M.diagonal(), lines, strict=True):
+            excess += weight * _systematic_covariance(line, N)
+        return excess
+    return np.diag([float((_systematic_covariance(line, N) * M).sum()) for line in lines])
+
+
 def _product_covariance(x0: Array, A: Array, r0: float, rA: float, axis: str) -> Array:
     """``Cov(A_hat x0_hat)`` for ``1/r0`` realizations of ``x0`` and ``1/rA`` of ``A``."""
     Cv = _vector_covariance(x0)
@@ -61,8 +93,32 @@ def _product_covariance(x0: Array, A: Array, r0: float, rA: float, axis: str) ->
     return covariance
 
 
+def _systematic_difference(
+    x0: Array, xf: Array, A: Array, sizes: tuple[object, object, object], axis: str
+) -> Array:
+    """Covariance of ``xf_hat - A_hat x0_hat`` for independent averages of systematic samples."""
+    N0, Nf, NA = (
+        0.0 if _reciprocal(f"size[{k}]", N) == 0.0 else float(_gate.size(f"size[{k}]", N))
+        for k, N in enumerate(sizes)
+    )
+    n = x0.size
+    C = _systematic_covariance(xf, Nf) if Nf else np.zeros((n, n))
+    C0 = _systematic_covariance(x0, N0) if N0 else np.zeros((n, n))
+    # Given x0_hat, A_hat x0_hat has the covariance of A_hat at x0_hat; E[x0_hat x0_hat^T] = M.
+    if NA:
+        C = C + _systematic_excess(A, C0 + np.outer(x0, x0), NA, axis)
+    return np.asarray(C + A @ C0 @ A.T, dtype=np.float64)
+
+
 def _fused(
-    B: ArrayLike, x0: ArrayLike, xf: ArrayLike, A: ArrayLike, size: Sizes, fusion: str, axis: str
+    B: ArrayLike,
+    x0: ArrayLike,
+    xf: ArrayLike,
+    A: ArrayLike,
+    size: Sizes,
+    fusion: str,
+    axis: str,
+    scheme: str,
 ) -> tuple[Array, Array]:
     """The checked ``B`` and ``C``, the covariance of ``xf_hat - A_hat x0_hat`` (or its pairing)."""
     B = _gate.matrix("B", B)
@@ -73,7 +129,15 @@ def _fused(
     _gate.choice("axis", axis, _AXES)
     sizes = _one_each(size)
     r0, rf, rA = (_reciprocal(f"size[{k}]", N) for k, N in enumerate(sizes))
-    if _gate.choice("fusion", fusion, ("product", "diagonal")) == "product":
+    product = _gate.choice("fusion", fusion, ("product", "diagonal")) == "product"
+    if _gate.choice("scheme", scheme, ("iid", "systematic")) == "systematic":
+        if not product:
+            raise InputError(
+                "`fusion` must be 'product' with scheme='systematic', got 'diagonal': there is no "
+                "formula for pairs of dependent realizations"
+            )
+        return B, _systematic_difference(x0, xf, A, sizes, axis)
+    if product:
         return B, rf * _vector_covariance(xf) + _product_covariance(x0, A, r0, rA, axis)
     # N independent pairs: the covariance of one pair over N; exact entities stay exact.
     sampled = {r for r in (r0, rf, rA) if r > 0.0}
@@ -120,7 +184,13 @@ def _compact_svd(B: Array) -> tuple[Array, Array, Array]:
 def _symmetric_product(F: Array, C: Array) -> Array:
     """``F C F^T``, exactly symmetric."""
     product = F @ C @ F.T
-    return np.asarray((product + product.T) / 2.0, dtype=np.float64)
+    return _representable(np.asarray((product + product.T) / 2.0, dtype=np.float64))
+
+
+def _representable(covariance: Array) -> Array:
+    if not np.isfinite(covariance).all():
+        raise NonFiniteError("the covariance overflows: scale the problem down")
+    return covariance
 
 
 def _root_trace(C: Array) -> float:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from ._formulas import (
     Array,
     Axis,
     Fusion,
+    Scheme,
     Sizes,
     _compact_svd,
     _fused,
@@ -66,6 +68,7 @@ def control_covariance(
     *,
     fusion: Fusion = "product",
     axis: Axis = "columns",
+    scheme: Scheme = "iid",
 ) -> Array:
     """Covariance of the fused control under uniform weights.
 
@@ -86,6 +89,9 @@ def control_covariance(
         the sizes of the entities that are not exact must be equal.
     axis : {"columns", "rows"}, default "columns"
         Which lines of ``A`` are sampled.
+    scheme : {"iid", "systematic"}, default "iid"
+        Whether the realizations of an entity are independent, or systematic samples; these with
+        product fusion only.
 
     Returns
     -------
@@ -97,13 +103,16 @@ def control_covariance(
         - diagonal: ``C = (Cv(xf) + C_z) / N``, without the covariance of what is exact.
 
         Rows: ``T_A(diag M)`` is replaced by the diagonal matrix of :func:`second_moment`, with
-        ``M = x0 x0^T`` in the third and ``M = Cv(x0)`` in the last term.
+        ``M = x0 x0^T`` in the third and ``M = Cv(x0)`` in the last term. Systematic samples, with
+        ``V`` of :func:`systematic_covariance`: ``C = V(xf) + A V(x0) A^T + sum_j (x0_j^2 +
+        V(x0)_jj) V(a_j)``; rows: the last sum is the diagonal of ``<V(row i), x0 x0^T + V(x0)>``.
 
     Raises
     ------
     InputError, InputTypeError
-        A shape does not fit, an entry is not finite, a choice is unknown, or the sizes differ
-        under ``fusion="diagonal"``.
+        A shape does not fit, an entry is not finite, a choice is unknown, the covariance
+        overflows, or the sizes differ under ``fusion="diagonal"``, which does not go with
+        systematic samples.
 
     Notes
     -----
@@ -117,9 +126,10 @@ def control_covariance(
     >>> control_covariance(B, x0, xf, A, 10), control_covariance(B, x0, xf, A, (None, 10, None))
     (array([[0.72]]), array([[0.4]]))
     """
-    B, C = _fused(B, x0, xf, A, size, fusion, axis)
-    U, s, V = _compact_svd(B)
-    return _symmetric_product(V / s, U.T @ C @ U)
+    with np.errstate(over="ignore", invalid="ignore"):
+        B, C = _fused(B, x0, xf, A, size, fusion, axis, scheme)
+        U, s, V = _compact_svd(B)
+        return _symmetric_product(V / s, U.T @ C @ U)
 
 
 def state_covariance(
@@ -131,12 +141,13 @@ def state_covariance(
     *,
     fusion: Fusion = "product",
     axis: Axis = "columns",
+    scheme: Scheme = "iid",
 ) -> Array:
     """Covariance of the state ``x(1) = A x0 + B u`` that the fused control leads to.
 
     Parameters
     ----------
-    B, x0, xf, A, size, fusion, axis
+    B, x0, xf, A, size, fusion, axis, scheme
         As in :func:`control_covariance`; the control acts on the exact system.
 
     Returns
@@ -163,9 +174,10 @@ def state_covariance(
     array([[0.72, 0.  ],
            [0.  , 0.  ]])
     """
-    B, C = _fused(B, x0, xf, A, size, fusion, axis)
-    U, _, _ = _compact_svd(B)
-    return _symmetric_product(U, U.T @ C @ U)
+    with np.errstate(over="ignore", invalid="ignore"):
+        B, C = _fused(B, x0, xf, A, size, fusion, axis, scheme)
+        U, _, _ = _compact_svd(B)
+        return _symmetric_product(U, U.T @ C @ U)
 
 
 def control_rms(
@@ -177,12 +189,13 @@ def control_rms(
     *,
     fusion: Fusion = "product",
     axis: Axis = "columns",
+    scheme: Scheme = "iid",
 ) -> float:
     """Root mean square error ``sqrt(E||u - v*||_2^2)`` of the fused control.
 
     Parameters
     ----------
-    B, x0, xf, A, size, fusion, axis
+    B, x0, xf, A, size, fusion, axis, scheme
         As in :func:`control_covariance`.
 
     Returns
@@ -201,7 +214,9 @@ def control_rms(
     >>> round(control_rms(B, x0, xf, A, 10), 6)
     0.848528
     """
-    return _root_trace(control_covariance(B, x0, xf, A, size, fusion=fusion, axis=axis))
+    return _root_trace(
+        control_covariance(B, x0, xf, A, size, fusion=fusion, axis=axis, scheme=scheme)
+    )
 
 
 def state_rms(
@@ -213,12 +228,13 @@ def state_rms(
     *,
     fusion: Fusion = "product",
     axis: Axis = "columns",
+    scheme: Scheme = "iid",
 ) -> float:
     """Root mean square error ``sqrt(E||B (u - v*)||_2^2)`` of the state after one step.
 
     Parameters
     ----------
-    B, x0, xf, A, size, fusion, axis
+    B, x0, xf, A, size, fusion, axis, scheme
         As in :func:`control_covariance`.
 
     Returns
@@ -238,4 +254,6 @@ def state_rms(
     >>> round(state_rms(B, x0, xf, A, 10), 6)
     0.848528
     """
-    return _root_trace(state_covariance(B, x0, xf, A, size, fusion=fusion, axis=axis))
+    return _root_trace(
+        state_covariance(B, x0, xf, A, size, fusion=fusion, axis=axis, scheme=scheme)
+    )

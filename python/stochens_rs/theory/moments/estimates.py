@@ -16,6 +16,7 @@ from ._formulas import (
     _others,
     _product_covariance,
     _reciprocal,
+    _representable,
     _transition,
     _vector_covariance,
 )
@@ -39,7 +40,7 @@ def vector_covariance(w: ArrayLike, size: Size = 1) -> Array:
     Raises
     ------
     InputError, InputTypeError
-        `w` is not a finite vector, `size` is not a count.
+        `w` is not a finite vector, `size` is not a count, the covariance overflows.
     ResourceError
         The covariance does not fit into memory.
 
@@ -57,7 +58,8 @@ def vector_covariance(w: ArrayLike, size: Size = 1) -> Array:
     w = _gate.vector("w", w)
     reciprocal = _reciprocal("size", size)
     _gate.memory("the covariance", 3 * 8 * w.size**2)
-    return _vector_covariance(w) * reciprocal
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _representable(_vector_covariance(w) * reciprocal)
 
 
 def vector_mse(w: ArrayLike, size: Size = 1) -> float:
@@ -127,57 +129,47 @@ def matrix_mse(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> float
     return float((np.abs(lines) * _others(lines)).sum()) * _reciprocal("size", size)
 
 
-def systematic_mse(target: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> float:
-    """Mean squared error of the average of ``size`` systematic samples.
+def matrix_covariance(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> Array:
+    """Covariance of the average of ``size`` realizations of a matrix, line by line.
 
     Parameters
     ----------
-    target : (n,) or (n, m) array_like
-        The vector, or the matrix whose lines are sampled with one offset each.
+    A : (n, m) array_like
+        The matrix.
     size : int or None, default 1
-        Number of samples; None or inf: known exactly.
+        Number of independent realizations; None or inf: known exactly.
     axis : {"columns", "rows"}, default "columns"
-        Which lines of a matrix are sampled; without effect for a vector.
+        Which lines are sampled.
 
     Returns
     -------
-    float
-        ``sum_j (g_j / size)^2 sum_i f_ij (1 - f_ij)`` with ``f_ij = frac(size |a_ij| / g_j)``, the
-        square of the 2-norm (vector) or Frobenius norm (matrix). At most ``n g^2 / (4 size^2)``
-        per line, and 0 where every ``size |a_ij| / g_j`` is an integer.
+    (m, n, n) or (n, m, m) array
+        ``[j] = Cv(a_j) / size`` for the sampled line ``a_j``. Different lines are independent.
 
     Raises
     ------
     InputError, InputTypeError
-        `target` is not a finite vector or matrix, `size` is not a count, `axis` is unknown.
+        `A` is not a finite matrix, `size` is not a count, `axis` is unknown, or a covariance
+        overflows.
+    ResourceError
+        The covariances do not fit into memory.
 
     Notes
     -----
-    One ``U`` uniform on [0, 1) per line and ``c_i = size (p_1 + ... + p_i)`` give the counts
-    ``N_i = ceil(c_i - U) - ceil(c_{i-1} - U)``: each is ``floor`` or ``ceil`` of ``size p_i``, the
-    latter with probability ``f_i``. Compare ``1 / size`` in :func:`vector_mse`. The fractional
-    parts are meaningful while ``size`` is far below 2**53.
-
-    References
-    ----------
-    W. G. Madow and L. H. Madow, "On the theory of systematic sampling", Ann. Math. Stat. 15, 1944.
+    Lemma 4.1, one vector per line; the traces add up to :func:`matrix_mse`.
 
     Examples
     --------
-    >>> systematic_mse([3.0, -1.0], size=6), systematic_mse([3.0, -1.0], size=8)
-    (0.2222222222222222, 0.0)
+    >>> matrix_covariance([[3.0, 0.0], [-1.0, 5.0]], size=3)[0]
+    array([[1., 1.],
+           [1., 1.]])
     """
-    lines = _gate.array("target", target, ndim=(1, 2))
-    _gate.choice("axis", axis, _AXES)
-    lines = lines[:, None] if lines.ndim == 1 else _lines(lines, axis)
-    if _reciprocal("size", size) == 0.0:
-        return 0.0
-    N = float(_gate.size("size", size))
-    g = np.abs(lines).sum(axis=0)
-    lines, g = lines[:, g > 0.0], g[g > 0.0]
-    # A remainder is computed without rounding: where N |a| / g is an integer, f is exactly 0.
-    f = np.fmod(N * np.abs(lines), g) / g
-    return float(((g / N) ** 2 * (f * (1.0 - f)).sum(axis=0)).sum())
+    lines = _lines(_gate.matrix("A", A), axis).T
+    reciprocal = _reciprocal("size", size)
+    _gate.memory("the covariances", 2 * 8 * lines.size * lines.shape[1])
+    with np.errstate(over="ignore", invalid="ignore"):
+        covariances = np.array([_vector_covariance(line) for line in lines])
+        return _representable(covariances * reciprocal)
 
 
 def transition(A: ArrayLike, d: ArrayLike) -> Array:

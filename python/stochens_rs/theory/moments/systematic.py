@@ -1,0 +1,125 @@
+"""Systematic samples: one random offset per line instead of independent draws."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ... import _gate
+from ._formulas import (
+    _AXES,
+    Array,
+    Axis,
+    Size,
+    _lines,
+    _reciprocal,
+    _representable,
+    _systematic_covariance,
+)
+
+
+def systematic_mse(target: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> float:
+    """Mean squared error of the average of ``size`` systematic samples.
+
+    Parameters
+    ----------
+    target : (n,) or (n, m) array_like
+        The vector, or the matrix whose lines are sampled with one offset each.
+    size : int or None, default 1
+        Number of samples; None or inf: known exactly.
+    axis : {"columns", "rows"}, default "columns"
+        Which lines of a matrix are sampled; without effect for a vector.
+
+    Returns
+    -------
+    float
+        ``sum_j (g_j / size)^2 sum_i f_ij (1 - f_ij)`` with ``f_ij = frac(size |a_ij| / g_j)``, the
+        square of the 2-norm (vector) or Frobenius norm (matrix). At most ``n g^2 / (4 size^2)``
+        per line, and 0 where every ``size |a_ij| / g_j`` is an integer.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        `target` is not a finite vector or matrix, `size` is not a count, `axis` is unknown.
+
+    Notes
+    -----
+    One ``U`` uniform on [0, 1) per line and ``c_i = size (p_1 + ... + p_i)`` give the counts
+    ``N_i = ceil(c_i - U) - ceil(c_{i-1} - U)``: each is ``floor`` or ``ceil`` of ``size p_i``, the
+    latter with probability ``f_i``. Compare ``1 / size`` in :func:`vector_mse`. The fractional
+    parts are meaningful while ``size`` is far below 2**53.
+
+    References
+    ----------
+    W. G. Madow and L. H. Madow, "On the theory of systematic sampling", Ann. Math. Stat. 15, 1944.
+
+    Examples
+    --------
+    >>> systematic_mse([3.0, -1.0], size=6), systematic_mse([3.0, -1.0], size=8)
+    (0.2222222222222222, 0.0)
+    """
+    lines = _gate.array("target", target, ndim=(1, 2))
+    _gate.choice("axis", axis, _AXES)
+    lines = lines[:, None] if lines.ndim == 1 else _lines(lines, axis)
+    if _reciprocal("size", size) == 0.0:
+        return 0.0
+    N = float(_gate.size("size", size))
+    g = np.abs(lines).sum(axis=0)
+    lines, g = lines[:, g > 0.0], g[g > 0.0]
+    # A remainder is computed without rounding: where N |a| / g is an integer, f is exactly 0.
+    f = np.fmod(N * np.abs(lines), g) / g
+    return float(((g / N) ** 2 * (f * (1.0 - f)).sum(axis=0)).sum())
+
+
+def systematic_covariance(target: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> Array:
+    """Covariance of the average of ``size`` systematic samples.
+
+    Parameters
+    ----------
+    target : (n,) or (n, m) array_like
+        The vector, or the matrix whose lines are sampled with one offset each.
+    size : int or None, default 1
+        Number of samples; None or inf: known exactly.
+    axis : {"columns", "rows"}, default "columns"
+        Which lines of a matrix are sampled; without effect for a vector.
+
+    Returns
+    -------
+    (n, n), (m, n, n) or (n, m, m) array
+        For a vector, ``(g / size)^2 sign(w_i) sign(w_k) Cov(N_i, N_k)``. For a matrix one such
+        covariance per line; different lines are independent.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        `target` is not a finite vector or matrix, `size` is not a count, `axis` is unknown, or
+        a covariance overflows.
+    ResourceError
+        The covariances do not fit into memory.
+
+    Notes
+    -----
+    With ``c_i = size (p_1 + ... + p_i)`` and ``f_i = frac(c_i)``, the counts are
+    ``N_i = floor(c_i) - floor(c_{i-1}) + b_i - b_{i-1}`` with ``b_i = 1`` where the offset is
+    below ``f_i``; hence ``Cov(b_i, b_k) = min(f_i, f_k) - f_i f_k``. The traces add up to
+    :func:`systematic_mse`. ``size=1`` is a single independent draw.
+
+    Examples
+    --------
+    >>> systematic_covariance([3.0, -1.0], size=2)
+    array([[1., 1.],
+           [1., 1.]])
+    """
+    lines = _gate.array("target", target, ndim=(1, 2))
+    _gate.choice("axis", axis, _AXES)
+    vector = lines.ndim == 1
+    rows = lines[None, :] if vector else _lines(lines, axis).T
+    _gate.memory("the covariances", 8 * rows.shape[1] ** 2 * (rows.shape[0] + 5))
+    if _reciprocal("size", size) == 0.0:
+        covariances = np.zeros((*rows.shape, rows.shape[1]))
+    else:
+        N = float(_gate.size("size", size))
+        with np.errstate(over="ignore"):
+            covariances = np.array([_systematic_covariance(line, N) for line in rows])
+        _representable(covariances)
+    return np.asarray(covariances[0] if vector else covariances, dtype=np.float64)

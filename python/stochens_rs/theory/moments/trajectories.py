@@ -1,0 +1,284 @@
+"""Means and covariances of simulated ensembles over K steps, and how fast they grow."""
+
+from __future__ import annotations
+
+from typing import Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ... import _gate
+from ...exceptions import InputTypeError, NonFiniteError
+from .._positive_maps import map_radius, spectral_radius
+from ._formulas import _AXES, Array, Axis, Size, _excess, _reciprocal, _vector_covariance
+
+Averaging: TypeAlias = Literal["runs", "mean-field"]
+
+_AVERAGING = ("runs", "mean-field")
+
+
+def trajectory_mean(A: ArrayLike, B: ArrayLike, u: ArrayLike, x0: ArrayLike) -> Array:
+    """Mean of every realization, and of every average, of the state over K steps.
+
+    Parameters
+    ----------
+    A : (n, n) array_like
+        State matrix.
+    B : (n, m) array_like
+        Input matrix.
+    u : (K, m) array_like
+        The control; ``u[k]`` acts in the step from k to k + 1.
+    x0 : (n,) array_like
+        Initial state.
+
+    Returns
+    -------
+    (K + 1, n) array
+        ``mu_{k+1} = A mu_k + B u_k`` from ``mu_0 = x0``: the trajectory of the exact system.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        A shape does not fit, an entry is not finite, or the trajectory overflows.
+
+    Notes
+    -----
+    Behind Lemma 3.1. The realizations of ``A``, ``B`` and ``x0`` have to be independent of each
+    other and drawn afresh for every step: with one ``A^s`` used twice the mean of ``(A^s)^2`` is
+    ``A^2 + diag(g_j |a_jj|) - A diag(a_jj)``, not ``A^2``.
+
+    Examples
+    --------
+    >>> trajectory_mean([[0.5]], [[1.0]], [[1.0], [0.0]], [2.0])
+    array([[2.],
+           [2.],
+           [1.]])
+    """
+    return _mean(*_checked(A, B, u, x0))
+
+
+def trajectory_covariance(
+    A: ArrayLike,
+    B: ArrayLike,
+    u: ArrayLike,
+    x0: ArrayLike,
+    size: Size = 1,
+    *,
+    sample_A: bool = True,
+    sample_B: bool = True,
+    sample_x0: bool = True,
+    averaging: Averaging = "runs",
+    axis: Axis = "columns",
+) -> Array:
+    """Covariance of the averaged state of an ensemble, for every step.
+
+    Parameters
+    ----------
+    A : (n, n) array_like
+        State matrix.
+    B : (n, m) array_like
+        Input matrix.
+    u : (K, m) array_like
+        The control, the same for all runs; ``u[k]`` acts in the step from k to k + 1.
+    x0 : (n,) array_like
+        Initial state.
+    size : int or None, default 1
+        Number of runs, or of fresh realizations per step with ``averaging="mean-field"``. 1: the
+        covariance of one run. None or inf: no sampling error.
+    sample_A, sample_B, sample_x0 : bool, default True
+        Whether the entity is sampled, or known exactly.
+    averaging : {"runs", "mean-field"}, default "runs"
+        ``"runs"``: N runs ``x^s(k+1) = A^s_k x^s(k) + B^s_k u(k)`` are averaged at the end.
+        ``"mean-field"``: the realizations are averaged in every step,
+        ``F_{k+1} = A_hat_k F_k + B_hat_k u(k)``.
+    axis : {"columns", "rows"}, default "columns"
+        Which lines of ``A`` and ``B`` are sampled.
+
+    Returns
+    -------
+    (K + 1, n, n) array
+        ``[k]`` is the covariance of the average at step k, about :func:`trajectory_mean`. With
+        ``M_k = S_k + mu_k mu_k^T`` and the excess ``X_A(M) = E[A^s M A^sT] - A M A^T`` of
+        :func:`second_moment` (``T_A(diag M)`` for columns):
+
+        - one run: ``S_0 = Cv(x0)``, ``S_{k+1} = A S_k A^T + X_A(M_k) + X_B(u_k u_k^T)``; the
+          average of N runs has ``S_k / N``;
+        - mean-field: ``S_0``, ``X_A`` and ``X_B`` are divided by N in the recursion.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        A shape does not fit, an entry is not finite, a choice is unknown, or a covariance
+        overflows.
+    ResourceError
+        The covariances do not fit into memory.
+
+    Notes
+    -----
+    Exact for fresh, independent realizations in every run and step. It takes the place of
+    Lemma 4.3, which has no K in its bound: the trace grows by the factor :func:`growth_factor` per
+    step, whatever the signal does. Averaging in every step divides that by N; prefer it for K > 1.
+
+    Examples
+    --------
+    >>> A, B, x0 = [[1.0, 0.0], [2.0, 5.0]], [[1.0], [1.0]], [1.0, 0.0]
+    >>> S = trajectory_covariance(A, B, [[1.0]], x0, 10)
+    >>> S.shape, S[1]
+    ((2, 2, 2), array([[ 0.3, -0.3],
+           [-0.3,  0.3]]))
+    """
+    A, B, u, x0 = _checked(A, B, u, x0)
+    per_step = _gate.choice("averaging", averaging, _AVERAGING) == "mean-field"
+    _gate.choice("axis", axis, _AXES)
+    reciprocal = _reciprocal("size", size)
+    step = reciprocal if per_step else 1.0
+    rA, rB, r0 = (
+        step * _flag(name, flag)
+        for name, flag in (("sample_A", sample_A), ("sample_B", sample_B), ("sample_x0", sample_x0))
+    )
+    n = x0.size
+    _gate.memory("the covariances", (len(u) + 5) * n * n * 8)
+    mu = _mean(A, B, u, x0)
+    S = np.empty((len(u) + 1, n, n))
+    with np.errstate(over="ignore", invalid="ignore"):
+        S[0] = r0 * _vector_covariance(x0)
+        for k, u_k in enumerate(u):
+            M = S[k] + np.outer(mu[k], mu[k])
+            S[k + 1] = A @ S[k] @ A.T + rA * _excess(A, M, axis)
+            S[k + 1] += rB * _excess(B, np.outer(u_k, u_k), axis)
+    _finite("covariance", S)
+    return S if per_step else reciprocal * S
+
+
+def trajectory_rms(
+    A: ArrayLike,
+    B: ArrayLike,
+    u: ArrayLike,
+    x0: ArrayLike,
+    size: Size = 1,
+    *,
+    sample_A: bool = True,
+    sample_B: bool = True,
+    sample_x0: bool = True,
+    averaging: Averaging = "runs",
+    axis: Axis = "columns",
+) -> Array:
+    """Root mean square error of the averaged state of an ensemble, for every step.
+
+    Parameters
+    ----------
+    A, B, u, x0, size, sample_A, sample_B, sample_x0, averaging, axis
+        As in :func:`trajectory_covariance`.
+
+    Returns
+    -------
+    (K + 1,) array
+        ``sqrt(E||x_bar(k) - x(k)||_2^2)``, the root of the trace of the covariance at step k.
+
+    Raises
+    ------
+    InputError, InputTypeError, ResourceError
+        As :func:`trajectory_covariance`.
+
+    Examples
+    --------
+    A rotation: the state keeps its norm, the mean square error of one run is ``2^(k+1) - 1``.
+
+    >>> import numpy as np
+    >>> H = np.array([[1.0, 1.0], [1.0, -1.0]]) / np.sqrt(2)
+    >>> rms = trajectory_rms(H, np.zeros((2, 1)), np.zeros((3, 1)), [0.5**0.5, 0.5**0.5])
+    >>> (rms**2).round(6)
+    array([ 1.,  3.,  7., 15.])
+    """
+    S = trajectory_covariance(
+        A, B, u, x0, size, sample_A=sample_A, sample_B=sample_B, sample_x0=sample_x0,
+        averaging=averaging, axis=axis,
+    )  # fmt: skip
+    return np.asarray(np.sqrt(np.maximum(np.trace(S, axis1=1, axis2=2), 0.0)), dtype=np.float64)
+
+
+def growth_factor(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> float:
+    """By how much the mean square of a simulated state grows per step in the long run.
+
+    Parameters
+    ----------
+    A : (n, n) array_like
+        State matrix.
+    size : int or None, default 1
+        Realizations averaged in every step (mean-field); 1: single runs, and averages of runs,
+        whatever their number. None or inf: the exact system.
+    axis : {"columns", "rows"}, default "columns"
+        Which lines of ``A`` are sampled.
+
+    Returns
+    -------
+    float
+        Spectral radius of ``M -> A M A^T + X_A(M) / N``. For ``N = 1`` that of the nonnegative
+        matrix ``Q = |A| diag(g)`` (rows: ``diag(rho) |A|``); for the exact system ``rho(A)^2``.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        `A` is not a finite square matrix, `size` is not a count, `axis` is unknown.
+
+    Notes
+    -----
+    Without a control a run by columns stays a singleton, and
+    ``E[x(K) x(K)^T] = diag(g0 Q^K |x0|)`` exactly. The map is positive and the identity lies inside
+    the cone of positive semidefinite matrices, so that the growth from there is the spectral
+    radius. For ``N > 1`` it is the root of an equation in the spectral radius of an n x n matrix
+    (see :mod:`~stochens_rs.theory.tracking`), at O(n^4) a step of the search.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> H = np.array([[1.0, 1.0], [1.0, -1.0]]) / np.sqrt(2)
+    >>> round(growth_factor(H), 9), round(growth_factor(H, 100), 9)
+    (2.0, 1.01)
+    """
+    A = _gate.matrix("A", A, square=True)
+    # Sampling the rows of A is, in this respect, the same as sampling the columns of A^T.
+    A = A if _gate.choice("axis", axis, _AXES) == "columns" else A.T
+    reciprocal = _reciprocal("size", size)
+    scale = float(np.abs(A).max())
+    if scale == 0.0:
+        return 0.0
+    A = A / scale
+    if reciprocal == 1.0:
+        radius = spectral_radius(np.abs(A) * np.abs(A).sum(axis=0))  # rho(Q)
+    else:
+        _gate.memory("the growth factor", 4 * 8 * len(A) ** 3)
+        radius = map_radius(A, A, np.eye(len(A)), reciprocal)
+    with np.errstate(over="ignore"):
+        return float(_finite("growth factor", np.asarray(np.float64(radius) * scale * scale)))
+
+
+def _checked(A: object, B: object, u: object, x0: object) -> tuple[Array, Array, Array, Array]:
+    A = _gate.matrix("A", A, square=True)
+    B = _gate.matrix("B", B, rows=len(A))
+    return A, B, _gate.matrix("u", u, cols=B.shape[1]), _gate.vector("x0", x0, length=len(A))
+
+
+def _mean(A: Array, B: Array, u: Array, x0: Array) -> Array:
+    mu = np.empty((len(u) + 1, x0.size))
+    with np.errstate(over="ignore", invalid="ignore"):
+        mu[0] = x0
+        for k, u_k in enumerate(u):
+            mu[k + 1] = A @ mu[k] + B @ u_k
+    return _finite("trajectory", mu)
+
+
+def _flag(name: str, value: object) -> float:
+    if not isinstance(value, (bool, np.bool_)):
+        raise InputTypeError(f"`{name}` must be True or False, got {_gate.show(value)}")
+    return float(value)
+
+
+def _finite(what: str, values: Array) -> Array:
+    finite = np.isfinite(values)
+    if not finite.all():
+        step = f" at step {int(np.argwhere(~finite)[0, 0])}" if values.ndim else ""
+        raise NonFiniteError(
+            f"the {what} overflows{step}: scale the problem down or take K smaller"
+        )
+    return values

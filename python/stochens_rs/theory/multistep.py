@@ -1,0 +1,185 @@
+r"""Errors of a control over K steps that is computed from estimates.
+
+The control ``v = C_K(A_hat, B)^+ (xf_hat - A_hat^K x0_hat)`` drives the *model* along
+``xh(k+1) = A_hat xh(k) + B v(k)`` from ``x0_hat`` to ``xf_hat``, and the system to ``x(K)`` with
+
+``x(K) - xf = (xf_hat - xf) + A^K (x0 - x0_hat) + sum_{k<K} A^{K-1-k} (A - A_hat) xh(k)``,
+
+an identity wherever the model reaches its target. It is not linear in the errors, since ``xh``
+depends on them: what stands here holds to leading order in 1 / N.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .. import _gate
+from ..exceptions import InputError, NonFiniteError
+from .moments._formulas import (
+    _AXES,
+    Array,
+    Axis,
+    Sizes,
+    _compact_svd,
+    _one_each,
+    _reciprocal,
+    _vector_covariance,
+)
+
+__all__ = ["final_state_covariance"]
+
+
+def final_state_covariance(
+    A: ArrayLike,
+    B: ArrayLike,
+    x0: ArrayLike,
+    xf: ArrayLike,
+    steps: int,
+    size: Sizes = 1,
+    *,
+    axis: Axis = "columns",
+) -> Array:
+    """Covariance of the state after K steps of the estimated minimum-norm control, for large N.
+
+    Parameters
+    ----------
+    A : (n, n) array_like
+        State matrix.
+    B : (n, m) array_like
+        Input matrix, known exactly.
+    x0, xf : (n,) array_like
+        Initial state and target state.
+    steps : int
+        Number of steps K, at least 1.
+    size : int, None or (N0, Nf, NA), default 1
+        Number of independent realizations of ``x0``, ``xf`` and ``A`` behind the uniform
+        averages; one number for all three or one each. None or inf: that entity is exact.
+    axis : {"columns", "rows"}, default "columns"
+        Which lines of ``A`` are sampled.
+
+    Returns
+    -------
+    (n, n) array
+        The leading term of ``E[(x(K) - xf)(x(K) - xf)^T]``; its trace, times N, is the limit of
+        ``N E||x(K) - xf||^2``. With the states ``x(k)`` of the exact minimum-norm control and
+        ``G_j = sum_k x_j(k) A^{K-1-k}``:
+        ``Cv(xf) / Nf + A^K Cv(x0) A^KT / N0 + sum_j G_j Cv(a_j) G_j^T / NA``.
+        Rows: ``sum_i H_i Cv(row i) H_i^T / NA``, ``H_i = sum_k A^{K-1-k} e_i x(k)^T``.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        A shape does not fit, an entry is not finite, powers of ``A`` overflow, or the rank of
+        ``C_K = [A^{K-1} B, ..., A B, B]`` is below n, where the expansion does not hold.
+    ResourceError
+        ``C_K``, the powers of ``A`` or ``n^3`` numbers do not fit into memory.
+
+    Notes
+    -----
+    From the identity above by the delta method: exact in the limit only, where
+    :mod:`~stochens_rs.theory.moments` is exact for every N. For ``m K = n`` the inverse of the
+    estimated ``C_K`` has heavy tails, and N has to be very large before this is what one sees.
+
+    Examples
+    --------
+    >>> C = final_state_covariance([[1.0, 1.0], [0.5, 1.0]], [[0.0], [1.0]], [1.0, 0.0], [0.0, 1.0],
+    ...                            steps=3, size=1000)
+    >>> C.round(5)
+    array([[ 0.00015, -0.00018],
+           [-0.00018,  0.00143]])
+    """
+    A = _gate.matrix("A", A, square=True)
+    n = len(A)
+    B = _gate.matrix("B", B, rows=n)
+    x0, xf = _gate.vector("x0", x0, length=n), _gate.vector("xf", xf, length=n)
+    K = checked_steps(steps, n, B.shape[1])
+    _gate.choice("axis", axis, _AXES)
+    r0, rf, rA = (_reciprocal(f"size[{i}]", N) for i, N in enumerate(_one_each(size)))
+    _gate.memory("the covariance", (2 * n**3 + 2 * (K + 1) * n * n) * 8)
+    powers = matrix_powers(A, K)
+    U, s, V = _compact_svd(controllability(powers, B))
+    if s.size < n:
+        raise InputError(
+            f"`steps` must be large enough for C_K to have rank n={n}, got rank {s.size} with "
+            f"{K} steps: the expansion does not hold there"
+        )
+    with np.errstate(over="ignore", invalid="ignore"):
+        u = (V @ ((U.T @ (xf - powers[K] @ x0)) / s)).reshape(K, -1)
+        x = states(A, B, u, x0)[:K]
+        C = rf * _vector_covariance(xf) + r0 * powers[K] @ _vector_covariance(x0) @ powers[K].T
+        carry = powers[K - 1 :: -1]  # carry[k] = A^{K-1-k}
+        if axis == "columns":
+            G = np.tensordot(x.T, carry, axes=1)
+        else:
+            G = np.tensordot(carry, x, axes=(0, 0)).transpose(1, 0, 2)
+        for line, G_j in zip(A.T if axis == "columns" else A, G, strict=True):
+            C += rA * (G_j @ _vector_covariance(line) @ G_j.T)
+    if not np.isfinite(C).all():
+        raise NonFiniteError("the covariance overflows: scale the problem down")
+    return np.asarray((C + C.T) / 2.0, dtype=np.float64)
+
+
+def checked_steps(steps: object, n: int, m: int) -> int:
+    """Check the number of steps against what C_K and the powers of A take."""
+    K = _gate.size("steps", steps)
+    _gate.memory(f"a control over {K} steps", (8 * n * m + n * n + n + m) * K * 8)
+    return K
+
+
+def matrix_powers(A: Array, K: int, name: str = "A") -> Array:
+    """``[I, A, ..., A^K]``, (K + 1, n, n)."""
+    powers = np.empty((K + 1, *A.shape))
+    powers[0] = np.eye(len(A))
+    with np.errstate(over="ignore", invalid="ignore"):
+        for k in range(K):
+            powers[k + 1] = powers[k] @ A
+            if not np.isfinite(powers[k + 1]).all():
+                raise NonFiniteError(
+                    f"`{name}` to the power {k + 1} overflows: take fewer steps, or scale the "
+                    "time step down"
+                )
+    return powers
+
+
+def controllability(powers: Array, B: Array) -> Array:
+    """``C_K = [A^{K-1} B, ..., A B, B]``, (n, m K): its blocks meet u(0), ..., u(K-1)."""
+    K = len(powers) - 1
+    with np.errstate(over="ignore", invalid="ignore"):
+        blocks = powers[K - 1 :: -1] @ B
+        C = np.ascontiguousarray(blocks.transpose(1, 0, 2).reshape(len(B), -1))
+    if not np.isfinite(C).all():
+        raise NonFiniteError("`A` to a power times `B` overflows: take fewer steps")
+    return C
+
+
+def states(A: Array, B: Array, u: Array, x0: Array) -> Array:
+    """``x(k+1) = A x(k) + B u(k)`` from ``x(0) = x0``, (K + 1, n)."""
+    x = np.empty((len(u) + 1, x0.size))
+    x[0] = x0
+    with np.errstate(over="ignore", invalid="ignore"):
+        for k, u_k in enumerate(u):
+            x[k + 1] = A @ x[k] + B @ u_k
+    if not np.isfinite(x).all():
+        k = int(np.argwhere(~np.isfinite(x))[0, 0])
+        raise NonFiniteError(f"the state overflows at step {k}: scale the problem down")
+    return x
+
+
+def spectral_norms(powers: Array) -> Array:
+    """2-norm of every matrix of a stack."""
+    return np.asarray(np.linalg.norm(powers, ord=2, axis=(1, 2)), dtype=np.float64)
+
+
+def grown(norms: Array, eA: float) -> Array:
+    """Bounds of ``||A^k||`` from ``norms[k] = ||A_hat^k||`` and ``||A - A_hat|| <= eA``.
+
+    ``A^k = A_hat^k + sum_{i<k} A^i (A - A_hat) A_hat^{k-1-i}``.
+    """
+    if eA == 0.0:
+        return norms
+    found = np.empty_like(norms)
+    with np.errstate(over="ignore", invalid="ignore"):
+        for k in range(len(norms)):
+            found[k] = norms[k] + eA * float(found[:k] @ norms[:k][::-1])
+    return found

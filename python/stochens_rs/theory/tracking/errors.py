@@ -1,0 +1,285 @@
+"""Means and second moments of the tracking error."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ... import _gate
+from ...exceptions import InputError, NonFiniteError
+from ..moments._formulas import (
+    Array,
+    Size,
+    _compact_svd,
+    _others,
+    _product_covariance,
+    _reciprocal,
+    _transition,
+    _vector_covariance,
+)
+from ._checks import checked_reference, flag
+
+
+def reference_residuals(A: ArrayLike, B: ArrayLike, reference: ArrayLike) -> Array:
+    """How far each step of a reference is from what a control can do.
+
+    Parameters
+    ----------
+    A : (n, n) array_like
+        State matrix.
+    B : (n, m) array_like
+        Input matrix; any rank.
+    reference : (K + 1, n) array_like
+        The states to follow, time first; K >= 1.
+
+    Returns
+    -------
+    (K,) array
+        ``||(I - P)(r(k+1) - A r(k))||_2``. A reference is feasible if all are 0, to rounding: at
+        most 1.5e-8 of ``||r(k+1)|| + ||A r(k)||``.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        A shape does not fit, or an entry is not finite.
+
+    Notes
+    -----
+    Every reference is feasible where ``B`` has rank n.
+
+    Examples
+    --------
+    >>> reference_residuals([[1.0, 1.0], [0.0, 1.0]], [[0.0], [1.0]],
+    ...                     [[0.0, 1.0], [1.0, 1.0], [5.0, 1.0]])
+    array([0., 3.])
+    """
+    A, B, r = _checked(A, B, reference)
+    with np.errstate(over="ignore", invalid="ignore"):
+        d = _unreachable(A, _compact_svd(B)[0], r)
+    largest = np.abs(d).max(axis=1)
+    if not np.isfinite(largest).all():
+        raise NonFiniteError("`A` times `reference` overflows: scale the problem down")
+    unit = np.where(largest > 0.0, largest, 1.0)
+    return np.asarray(unit * np.linalg.norm(d / unit[:, None], axis=1), dtype=np.float64)
+
+
+def tracking_moments(
+    A: ArrayLike,
+    B: ArrayLike,
+    reference: ArrayLike,
+    size: Size = 1,
+    *,
+    feedback: bool = True,
+    sample_states: bool = False,
+    x0: ArrayLike | None = None,
+) -> tuple[Array, Array]:
+    """Mean and second moment of the tracking error, for every step.
+
+    Parameters
+    ----------
+    A : (n, n) array_like
+        State matrix.
+    B : (n, m) array_like
+        Input matrix, known exactly; any rank.
+    reference : (K + 1, n) array_like
+        The states to follow, time first; K >= 1, feasible or not.
+    size : int or None, default 1
+        Number of realizations in every step; None or inf: the exact system.
+    feedback : bool, default True
+        Whether the control uses the measured state or the reference in its place.
+    sample_states : bool, default False
+        Whether ``r(k)`` and ``r(k+1)`` are sampled too, with N realizations each and product
+        fusion, as in section 5.2 of the paper; with ``feedback=False`` only.
+    x0 : (n,) array_like, optional
+        The initial state; the first state of the reference by default.
+
+    Returns
+    -------
+    mean : (K + 1, n) array
+        ``E e(k)``; 0 for a feasible reference that starts at `x0`.
+    second : (K + 1, n, n) array
+        ``S_k = E[e(k) e(k)^T]``.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        A shape does not fit, an entry is not finite, or the moments overflow; sampled states
+        with feedback.
+
+    Notes
+    -----
+    Feedback and a feasible reference from ``x0 = r(0)``:
+    ``S_{k+1} = (I-P) A S_k A^T (I-P) + (1/N) P T_A(diag S_k + r_k * r_k) P``. In general, with
+    ``F = (I - P) A`` (no feedback: ``F = A``), ``m = E e`` and the noise covariance ``C_k``:
+    ``m_{k+1} = F m_k + d_k``,
+    ``S_{k+1} = F S_k F^T + F m_k d_k^T + d_k m_k^T F^T + d_k d_k^T + P C_k P``,
+    ``C_k = T_A(E[x_k * x_k]) / N`` with feedback and ``T_A(r_k * r_k) / N`` without; sampled states
+    add ``(Cv(r_{k+1}) + A Cv(r_k) A^T) / N + T_A(g |r_k| - r_k * r_k) / N^2``. With sampled states
+    and feedback no such recursion closes (it takes ``E|x_i x_j|``): see :func:`tracking_bound`.
+
+    Examples
+    --------
+    >>> A, B = [[1.0, 0.0], [2.0, 5.0]], [[1.0, 0.0], [0.0, 1.0]]
+    >>> mean, second = tracking_moments(A, B, [[1.0, 0.0], [0.0, 0.0], [0.0, 0.0]], 10)
+    >>> second[1]
+    array([[ 0.2, -0.2],
+           [-0.2,  0.2]])
+    """
+    A, B, r = _checked(A, B, reference)
+    start = r[0] if x0 is None else _gate.vector("x0", x0, length=r.shape[1])
+    reciprocal = _reciprocal("size", size)
+    fed = flag("feedback", feedback)
+    sampled = flag("sample_states", sample_states)
+    if fed and sampled:
+        raise InputError(
+            "`sample_states` must be False with feedback=True: the second moments of sampled, "
+            "measured states do not close in a recursion; see tracking_bound"
+        )
+    U = _compact_svd(B)[0]
+    K, n = len(r) - 1, r.shape[1]
+    _gate.memory("the second moments", (K + 6) * n * n * 8)
+    mean, S = np.empty((K + 1, n)), np.empty((K + 1, n, n))
+    with np.errstate(over="ignore", invalid="ignore"):
+        F = A - U @ (U.T @ A) if fed else A
+        d = _unreachable(A, U, r)
+        mean[0] = start - r[0]
+        S[0] = np.outer(mean[0], mean[0])
+        for k in range(K):
+            if sampled:
+                C = _product_covariance(r[k], A, reciprocal, reciprocal, "columns")
+                C += reciprocal * _vector_covariance(r[k + 1])
+            else:
+                squares = r[k] * r[k]
+                if fed:  # E[x_i^2]; rounding must not make it negative
+                    squares = np.maximum(S[k].diagonal() + 2.0 * mean[k] * r[k] + squares, 0.0)
+                C = reciprocal * _transition(A, squares)
+            carried = F @ mean[k]
+            cross = np.outer(carried, d[k])
+            mean[k + 1] = carried + d[k]
+            S[k + 1] = F @ S[k] @ F.T + cross + cross.T + np.outer(d[k], d[k])
+            S[k + 1] += U @ (U.T @ C @ U) @ U.T
+    if not (np.isfinite(S).all() and np.isfinite(mean).all()):
+        k = int(np.argwhere(~np.isfinite(S))[0, 0]) if not np.isfinite(S).all() else 0
+        raise NonFiniteError(f"the second moment of the tracking error overflows at step {k}")
+    return mean, S
+
+
+def tracking_rms(
+    A: ArrayLike,
+    B: ArrayLike,
+    reference: ArrayLike,
+    size: Size = 1,
+    *,
+    feedback: bool = True,
+    sample_states: bool = False,
+    x0: ArrayLike | None = None,
+) -> Array:
+    """Root mean square tracking error, for every step.
+
+    Parameters
+    ----------
+    A, B, reference, size, feedback, sample_states, x0
+        As in :func:`tracking_moments`.
+
+    Returns
+    -------
+    (K + 1,) array
+        ``sqrt(E||x(k) - r(k)||_2^2)``.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        As :func:`tracking_moments`.
+
+    Examples
+    --------
+    >>> A, B = [[1.0, 0.0], [2.0, 5.0]], [[1.0, 0.0], [0.0, 1.0]]
+    >>> (tracking_rms(A, B, [[1.0, 0.0]] * 3, 400) ** 2).round(6)
+    array([0.     , 0.01   , 0.01005])
+    """
+    _, S = tracking_moments(
+        A, B, reference, size, feedback=feedback, sample_states=sample_states, x0=x0
+    )
+    return np.asarray(np.sqrt(np.maximum(np.trace(S, axis1=1, axis2=2), 0.0)), dtype=np.float64)
+
+
+def tracking_bound(
+    A: ArrayLike,
+    B: ArrayLike,
+    reference: ArrayLike,
+    size: Size = 1,
+    *,
+    sample_states: bool = False,
+) -> float:
+    """Bound the mean square tracking error over all steps, with feedback and ``B`` of rank n.
+
+    Parameters
+    ----------
+    A : (n, n) array_like
+        State matrix.
+    B : (n, m) array_like
+        Input matrix of rank n.
+    reference : (K + 1, n) array_like
+        The states to follow from ``x(0) = r(0)``, time first.
+    size : int or None, default 1
+        Number of realizations in every step.
+    sample_states : bool, default False
+        Whether the measured ``x(k)`` and ``r(k+1)`` are sampled too, N realizations each.
+
+    Returns
+    -------
+    float
+        ``E||e(k)||^2 <= (q r^2 + c) / (1 - q)`` for all k, inf if ``q >= 1``; ``r`` is the largest
+        ``||r(k)||``. ``A`` sampled: ``q = max_j s_j^2 / N``, ``c = 0``, with ``s_j^2 = g_j^2 -
+        ||a_j||^2``. States sampled too: ``q = (n max_j ||a_j||^2 + s^2 + n s^2 / N) / N`` with
+        ``s = max_j s_j``, and ``c = max_k (||r(k)||_1^2 - ||r(k)||^2) / N``.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        A shape does not fit, an entry is not finite, or ``B`` has a rank below n.
+
+    Notes
+    -----
+    The error does not accumulate: it is O(1 / N) for any number of steps.
+
+    Examples
+    --------
+    >>> A, B = [[1.0, 0.0], [2.0, 5.0]], [[1.0, 0.0], [0.0, 1.0]]
+    >>> tracking_bound(A, B, [[1.0, 0.0]] * 3, 400)
+    0.010101010101010102
+    """
+    A, B, r = _checked(A, B, reference)
+    reciprocal = _reciprocal("size", size)
+    sampled = flag("sample_states", sample_states)
+    n = A.shape[0]
+    rank = _compact_svd(B)[1].size
+    if rank < n:
+        raise InputError(
+            f"`B` must have rank n={n} for this bound, got rank {rank}: use tracking_moments"
+        )
+    with np.errstate(over="ignore", invalid="ignore"):
+        variance = float((np.abs(A) * _others(A)).sum(axis=0).max())
+        q, c = variance * reciprocal, 0.0
+        if sampled:
+            column = float((A * A).sum(axis=0).max())
+            q = (n * column + variance + n * variance * reciprocal) * reciprocal
+            c = float((np.abs(r) * _others(r.T).T).sum(axis=1).max()) * reciprocal
+        bound = (q * float((r * r).sum(axis=1).max()) + c) / (1.0 - q) if q < 1.0 else math.inf
+    if math.isnan(bound):
+        raise NonFiniteError("the squares of `A` or `reference` overflow: scale the problem down")
+    return bound
+
+
+def _checked(A: object, B: object, reference: object) -> tuple[Array, Array, Array]:
+    A = _gate.matrix("A", A, square=True)
+    B = _gate.matrix("B", B, rows=len(A))
+    return A, B, checked_reference(reference, len(A))
+
+
+def _unreachable(A: Array, U: Array, r: Array) -> Array:
+    """``d(k) = (I - P)(A r(k) - r(k+1))``, (K, n)."""
+    d = r[:-1] @ A.T - r[1:]
+    return np.asarray(d - (d @ U) @ U.T, dtype=np.float64)

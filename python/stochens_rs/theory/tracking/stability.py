@@ -1,0 +1,106 @@
+"""How many realizations per step the closed loop needs to be stable in the mean square."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ... import _gate
+from ...exceptions import NonFiniteError
+from .._positive_maps import excitation_radius, map_radius
+from ..moments._formulas import Array, Size, _compact_svd, _reciprocal
+
+
+def stability_threshold(A: ArrayLike, B: ArrayLike) -> float:
+    """Number of realizations per step above which tracking with feedback is stable.
+
+    Parameters
+    ----------
+    A : (n, n) array_like
+        State matrix.
+    B : (n, m) array_like
+        Input matrix, known exactly; any rank.
+
+    Returns
+    -------
+    float
+        The closed loop is stable in the mean square if and only if ``N`` exceeds it. With
+        ``P = I`` it is ``rho(Phi)``, ``Phi_ij = |A_ij| (g_j - |A_ij|)``; inf if ``(I - P) A`` has
+        an eigenvalue on or outside the unit circle, so that no N helps.
+
+    Raises
+    ------
+    InputError, InputTypeError, ResourceError
+        A shape does not fit, an entry is not finite, or ``4 n^3`` numbers do not fit into memory.
+
+    Notes
+    -----
+    The spectral radius of ``S -> (I-P) A S A^T (I-P) + (1/N) P T_A(diag S) P`` is below 1 if and
+    only if ``N > rho(Psi)`` with the nonnegative n x n matrix
+    ``Psi_ij = [sum_k F^k P Cv(a_j) P F^kT]_ii``, ``F = (I - P) A``: the second term of the map sees
+    the diagonal of S only. Costs O(n^4).
+
+    Examples
+    --------
+    >>> A = [[0.0, 3.0], [3.0, 1.0]]
+    >>> stability_threshold(A, [[1.0, 0.0], [0.0, 1.0]])
+    3.0
+    >>> stability_threshold([[2.0, 1.0], [0.0, 1.0]], [[0.0], [1.0]])
+    inf
+    """
+    A, F, P, scale = _loop(A, B)
+    threshold = excitation_radius(A, scale * F, P)
+    if threshold in (0.0, math.inf):
+        return threshold
+    return _representable(threshold * scale * scale)
+
+
+def stability_radius(A: ArrayLike, B: ArrayLike, size: Size = 1) -> float:
+    """By how much the mean square tracking error grows per step in the long run, with feedback.
+
+    Parameters
+    ----------
+    A : (n, n) array_like
+        State matrix.
+    B : (n, m) array_like
+        Input matrix, known exactly; any rank.
+    size : int or None, default 1
+        Number of realizations in every step; None or inf: the exact system.
+
+    Returns
+    -------
+    float
+        Spectral radius of ``S -> (I-P) A S A^T (I-P) + (1/N) P T_A(diag S) P``; the closed loop
+        is stable in the mean square if and only if it is below 1.
+
+    Raises
+    ------
+    InputError, InputTypeError, ResourceError
+        As :func:`stability_threshold`.
+
+    Examples
+    --------
+    >>> stability_radius([[0.0, 3.0], [3.0, 1.0]], [[1.0, 0.0], [0.0, 1.0]], 12)
+    0.25
+    """
+    A, F, P, scale = _loop(A, B)
+    return _representable(map_radius(A, F, P, _reciprocal("size", size)) * scale * scale)
+
+
+def _representable(squared: float) -> float:
+    if not math.isfinite(squared):
+        raise NonFiniteError("the squares of `A` overflow: scale the problem down")
+    return squared
+
+
+def _loop(A: object, B: object) -> tuple[Array, Array, Array, float]:
+    """``A`` and ``F = (I - P) A`` over the largest entry of ``A``, ``P`` and that entry."""
+    A = _gate.matrix("A", A, square=True)
+    U = _compact_svd(_gate.matrix("B", B, rows=len(A)))[0]
+    _gate.memory("the stability of the closed loop", 4 * 8 * len(A) ** 3)
+    scale = float(np.abs(A).max()) or 1.0
+    P = np.eye(len(A)) if U.shape[1] == len(A) else U @ U.T  # P = I exactly: then F = 0 exactly
+    A = A / scale
+    return A, A - P @ A, P, scale

@@ -1,0 +1,330 @@
+"""A control over several steps as a record."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from . import _gate
+from ._alse import norm
+from ._certificates import Basis, Known
+from .exceptions import InputError, NonFiniteError, ShapeError, SizeError
+from .results import PlanError, Reachability
+from .system import System
+from .theory.multistep import (
+    controllability,
+    final_state_covariance,
+    grown,
+    matrix_powers,
+    spectral_norms,
+    states,
+)
+from .trajectory_bounds import TrajectoryBound, hat, radius, total_bound
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    Floats: TypeAlias = NDArray[np.float64]
+
+__all__ = ["TrajectoryPlan"]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class TrajectoryPlan:
+    """A control over K steps, and what is known about it.
+
+    Attributes
+    ----------
+    u : ndarray, shape (K, m)
+        The control; ``u[k]`` acts in the step from k to k + 1.
+    predicted_states : ndarray, shape (K + 1, n)
+        Trajectory of the model, ``xh(k+1) = A_hat xh(k) + B u(k)`` from ``x0_hat``.
+    reachability : Reachability
+        What K steps cannot reach, from the same estimates: residual and relative residual of
+        ``xf_hat - A_hat^K x0_hat``, rank and condition of
+        ``C_K = [A_hat^{K-1} B, ..., A_hat B, B]``.
+    status : str
+        The worst status among the entities' fits; "completed" if none was optimised.
+    info : dict
+        Per entity: method, number of realizations, gap; "singular_values" of C_K; "warnings", a
+        tuple of sentences.
+    """
+
+    u: Floats
+    predicted_states: Floats
+    reachability: Reachability
+    status: str
+    info: dict[str, Any] = field(default_factory=dict)
+    _basis: Basis | None = field(default=None, init=False)
+
+    @property
+    def steps(self) -> int:
+        """Number of steps K."""
+        return len(self.u)
+
+    def bound(self, delta: float = 0.05) -> TrajectoryBound:
+        """Bound ``||x(K) - xf||`` from what is known of the realizations, before any is simulated.
+
+        Parameters
+        ----------
+        delta : float, default 0.05
+            Probability with which the bound may fail, 0 < delta < 1.
+
+        Returns
+        -------
+        TrajectoryBound
+            With probability at least ``1 - delta`` over the draws,
+            ``||x(K) - xf|| <= ef + ||A^K|| e0 + eA sum_k ||A^{K-1-k}|| ||xh(k)|| + residual``.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If `delta` is not a probability, nothing is known of the law of an entity, or the bound
+            overflows.
+
+        Notes
+        -----
+        Uniform averages of what `sample` drew: the smallest radii of `theory.bounds.best`, for A in
+        the spectral norm, with the failure probability shared equally; ``||A^k||`` from the law.
+        Systematic samples: sure radii. Fits to a target: their reported errors, hence *relative to
+        these targets*, with ``||A^k||`` bounded by powers of ``A_hat``:
+        ``a_k = p_k + eA sum_{i<k} a_i p_{k-1-i}``, ``p_k = ||A_hat^k||``. The paper
+        has no such statement for K > 1.
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> system = se.System([[1.0, 0.1], [0.0, 1.0]], [[0.0], [0.1]])
+        >>> plan = se.steer(system, [1.0, 0.0], [0.0, 0.0], 10**6, steps=20, rng=1)
+        >>> bound, error = plan.bound(0.01), plan.error(system, [1.0, 0.0], [0.0, 0.0])
+        >>> error.state <= bound.state < 0.5
+        True
+        """
+        delta = _gate.positive("delta", delta)
+        if delta >= 1.0:
+            raise SizeError(f"`delta` must be in (0, 1), got {_gate.show(delta)}")
+        known = self._entities()
+        random = sum(one.kind == "iid" for one in known)
+        e0, ef, eA = (radius(one, delta / max(random, 1)) for one in known)
+        A = known[2]
+        if A.values is not None:
+            norms = spectral_norms(matrix_powers(A.values, self.steps))
+        else:
+            norms = grown(spectral_norms(matrix_powers(hat(A), self.steps, "A_hat")), eA)
+        return total_bound(
+            self.predicted_states, hat(known[1]), e0, ef, eA, norms, delta if random else 0.0
+        )
+
+    def error_bound(self, system: System, x0: ArrayLike, xf: ArrayLike) -> TrajectoryBound:
+        """Bound ``||x(K) - xf||`` by the errors of the estimates, for an exactly known system.
+
+        Parameters
+        ----------
+        system : System
+            The true or nominal system, with the same ``B``.
+        x0, xf : array_like, shape (n,)
+            The true initial state and the target.
+
+        Returns
+        -------
+        TrajectoryBound
+            The bound of `bound` with ``e0 = ||x0 - x0_hat||``, ``ef = ||xf_hat - xf||`` and
+            ``eA = ||A - A_hat||_2``; it holds surely, up to rounding.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If the arguments do not fit this plan, or the bound overflows.
+
+        Notes
+        -----
+        The triangle inequality for the identity in :mod:`~stochens_rs.theory.multistep`.
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> system = se.System([[1.0, 0.1], [0.0, 1.0]], [[0.0], [0.1]])
+        >>> plan = se.steer(system, [1.0, 0.0], [0.0, 0.0], 1000, steps=20, rng=1)
+        >>> error = plan.error(system, [1.0, 0.0], [0.0, 0.0])
+        >>> error.state <= plan.error_bound(system, [1.0, 0.0], [0.0, 0.0]).state
+        True
+        """
+        checked, start, goal = self._fitting(system, x0, xf)
+        known = self._entities()
+        if not np.array_equal(checked.B, self._B):
+            raise InputError("`system` must have the B of this plan: the bound holds for exact B")
+        with np.errstate(over="ignore"):
+            wrong = [
+                hat(one) - exact for one, exact in zip(known, (start, goal, checked.A), strict=True)
+            ]
+        if not all(np.isfinite(values).all() for values in wrong):
+            raise NonFiniteError("the error of an estimate overflows: scale the problem down")
+        e0, ef, eA = norm(wrong[0]), norm(wrong[1]), float(spectral_norms(wrong[2][None])[0])
+        return total_bound(
+            self.predicted_states,
+            hat(known[1]),
+            e0,
+            ef,
+            eA,
+            spectral_norms(matrix_powers(checked.A, self.steps)),
+            0.0,
+        )
+
+    def covariance(self) -> Floats:
+        """Leading-order covariance of the state after the last step, from the law of the draws.
+
+        Returns
+        -------
+        ndarray, shape (n, n)
+            `theory.multistep.final_state_covariance` of the exact entities and the numbers of
+            realizations of this plan; its trace approaches ``E||x(K) - xf||^2`` for large N.
+
+        Raises
+        ------
+        InputError
+            If an entity is neither exact nor the uniform average of independent draws of
+            `sample`, two entities share their draws, or ``C_K`` has a rank below n.
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> system = se.System([[1.0, 0.1], [0.0, 1.0]], [[0.0], [0.1]])
+        >>> plan = se.steer(system, [1.0, 0.0], [0.0, 0.0], 1000, steps=20, rng=1)
+        >>> plan.covariance().shape
+        (2, 2)
+        """
+        known, exact = self._entities(), []
+        for one in known:
+            if one.kind not in ("iid", "exact") or one.values is None:
+                raise InputError(
+                    f"`{one.name}` must be exact or the uniform average of independent draws of "
+                    f"`sample` for a covariance, got realizations of kind '{one.kind}'"
+                )
+            exact.append(one.values)
+        keys = [one.key for one in known if one.key is not None]
+        if len(set(keys)) < len(keys):
+            raise InputError(
+                "`x0`, `xf` and `A` must be drawn independently for a covariance, but two of them "
+                "have the same key: use rng=key.child(name)"
+            )
+        x0, xf, A = exact
+        N0, Nf, NA = (None if one.kind == "exact" else one.size for one in known)
+        return final_state_covariance(
+            A, self._B, x0, xf, self.steps, (N0, Nf, NA), axis=known[2].axis
+        )
+
+    def error(self, system: System, x0: ArrayLike, xf: ArrayLike) -> PlanError:
+        """Compare the control with the minimum-norm one for an exactly known system.
+
+        Parameters
+        ----------
+        system : System
+            The true system.
+        x0, xf : array_like, shape (n,)
+            The true initial state and the target.
+
+        Returns
+        -------
+        PlanError
+            With ``v = C_K^+ (xf - A^K x0)`` for all K steps in place of the one-step control and
+            ``C_K`` in place of B: the error of the control, the distance between the two last
+            states, and what K steps leave of the target. ``||x(K) - xf||`` is
+            ``sqrt(state^2 + residual^2)``.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If the arguments do not fit this plan, or something overflows.
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> system = se.System([[1.0, 0.1], [0.0, 1.0]], [[0.0], [0.1]])
+        >>> plan = se.control_steps(system.B, [1.0, 0.0], [0.0, 0.0], system.A, 5)
+        >>> plan.error(system, [1.0, 0.0], [0.0, 0.0]).control
+        0.0
+        """
+        from .controls import _ratio, pseudoinverse
+
+        checked, start, goal = self._fitting(system, x0, xf)
+        powers = matrix_powers(checked.A, self.steps)
+        C = controllability(powers, checked.B)
+        with np.errstate(over="ignore", invalid="ignore"):
+            difference = goal - powers[-1] @ start
+            best = pseudoinverse(C)[0] @ difference
+            wrong = self.u.ravel() - best
+            pushed = C @ best
+            shift = C @ wrong
+            reached = powers[-1] @ start + pushed
+        if not all(np.isfinite(v).all() for v in (wrong, shift, reached)):
+            raise NonFiniteError("the control or the last state overflows: scale the problem down")
+        return PlanError(
+            control=norm(wrong),
+            control_relative=_ratio(norm(wrong), norm(best)),
+            state=norm(shift),
+            state_relative=_ratio(norm(shift), norm(reached)),
+            residual=norm(difference - pushed),
+        )
+
+    def states(self, system: System, x0: ArrayLike) -> Floats:
+        """Trajectory of an exactly known system under this control.
+
+        Parameters
+        ----------
+        system : System
+            The true system.
+        x0 : array_like, shape (n,)
+            Its initial state.
+
+        Returns
+        -------
+        ndarray, shape (K + 1, n)
+            ``x(k+1) = A x(k) + B u(k)``.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If the arguments do not fit this plan, or a state overflows.
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> system = se.System([[1.0, 0.1], [0.0, 1.0]], [[0.0], [0.1]])
+        >>> plan = se.control_steps(system.B, [1.0, 0.0], [0.0, 0.0], system.A, 5)
+        >>> bool(abs(plan.states(system, [1.0, 0.0])[-1]).max() < 1e-12)
+        True
+        """
+        checked, start, _ = self._fitting(system, x0, None)
+        return states(checked.A, checked.B, self.u, start)
+
+    @property
+    def _B(self) -> Floats:
+        self._entities()
+        assert self._basis is not None
+        return self._basis.B
+
+    def _entities(self) -> tuple[Known, Known, Known]:
+        """What the plan knows of x0, xf and A."""
+        if self._basis is None:
+            raise InputError("this TrajectoryPlan was not made by `control_steps`: it has no bound")
+        return self._basis.entities
+
+    def _fitting(self, system: object, x0: object, xf: object) -> tuple[System, Floats, Floats]:
+        checked = System.from_any(system)
+        n, m = self.predicted_states.shape[1], self.u.shape[1]
+        if (checked.n, checked.m) != (n, m):
+            raise ShapeError(
+                f"`system` must have n={n} and m={m} as this plan, got n={checked.n} and "
+                f"m={checked.m}"
+            )
+        start = _gate.vector("x0", x0, length=n)
+        return checked, start, start if xf is None else _gate.vector("xf", xf, length=n)
+
+    def __repr__(self) -> str:
+        K, m = self.u.shape
+        return (
+            f"<TrajectoryPlan: {K} steps, m={m}, {self.status}, "
+            f"out of reach {100 * self.reachability.relative:.3g} %>"
+        )

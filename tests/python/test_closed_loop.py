@@ -1,0 +1,365 @@
+"""Closed-loop tracking: exact recursions against enumeration and runs, stability from both sides.
+
+Statistics with fixed seeds; each check states its number of runs R and its rate of false alarms.
+"""
+
+from __future__ import annotations
+
+import itertools
+import pickle
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
+from stochens_rs.theory import moments, tracking
+
+A2 = np.array([[1.0, -2.0], [0.5, 3.0]])
+B1 = np.array([[1.0], [-0.5]])
+I2 = np.eye(2)
+
+
+def vector_atoms(w):
+    w = np.asarray(w, dtype=float)
+    g = np.abs(w).sum()
+    if g == 0.0:
+        return [(1.0, w)]
+    return [(abs(v) / g, g * np.sign(v) * e) for v, e in zip(w, np.eye(w.size), strict=True) if v]
+
+
+def matrix_atoms(A):
+    return [
+        (np.prod([p for p, _ in choice]), np.array([v for _, v in choice]).T)
+        for choice in itertools.product(*(vector_atoms(column) for column in A.T))
+    ]
+
+
+def averages(atoms, size):
+    return [
+        (np.prod([p for p, _ in draws]), sum(v for _, v in draws) / size)
+        for draws in itertools.product(atoms, repeat=size)
+    ]
+
+
+def feasible(system, start, u):
+    """A reference that the exact system can follow."""
+    return moments.trajectory_mean(system.A, system.B, u, start)
+
+
+# -- the exact recursion -------------------------------------------------------------------------
+
+REFERENCES = {
+    "feasible": None,
+    "not feasible": np.array([[1.0, -0.5], [0.5, 2.0], [-1.0, 1.0], [0.0, 0.25]]),
+}
+
+
+@pytest.mark.parametrize("reference", REFERENCES.values(), ids=REFERENCES.keys())
+@pytest.mark.parametrize("B", [B1, I2, np.zeros((2, 1))], ids=["m=1", "m=2", "B=0"])
+@pytest.mark.parametrize("x0", [None, [0.25, 1.0]], ids=["from r(0)", "from elsewhere"])
+@pytest.mark.parametrize(("feedback", "sampled"), [(True, False), (False, False), (False, True)])
+def test_moments_against_the_enumeration_of_every_draw(reference, B, x0, feedback, sampled):
+    A, size = 0.5 * A2, 2 if not sampled else 1
+    steps = 3 if not sampled else 2
+    if reference is None:
+        u = np.array([[1.0] * B.shape[1], [-0.5] * B.shape[1], [2.0] * B.shape[1]])
+        reference = moments.trajectory_mean(A, B, u, [1.0, -0.5])
+    r = reference[: steps + 1]
+    pinv = np.linalg.pinv(B)
+    As = averages(matrix_atoms(A), size)
+    p, x = np.ones(1), (r[0] if x0 is None else np.array(x0))[None]
+    mean, second = tracking.tracking_moments(
+        A, B, r, size, feedback=feedback, sample_states=sampled, x0=x0
+    )
+    for k in range(steps + 1):
+        e = x - r[k]
+        np.testing.assert_allclose(mean[k], p @ e, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(second[k], (e.T * p) @ e, rtol=1e-12, atol=1e-12)
+        if k == steps:
+            break
+        states = averages(vector_atoms(r[k]), size) if sampled else [(1.0, r[k])]
+        goals = averages(vector_atoms(r[k + 1]), size) if sampled else [(1.0, r[k + 1])]
+        found = []
+        for (pA, S), (ps, s), (pg, goal) in itertools.product(As, states, goals):
+            now = x if feedback else s[None]
+            found.append((p * pA * ps * pg, x @ A.T + (goal - now @ S.T) @ pinv.T @ B.T))
+        p = np.concatenate([np.broadcast_to(q, len(x)) for q, _ in found])
+        x = np.concatenate([y for _, y in found])
+
+
+def test_rms_is_the_trace_and_shrinks_as_one_over_n():
+    r = REFERENCES["not feasible"]
+    _, second = tracking.tracking_moments(A2, I2, r, 40)
+    rms = tracking.tracking_rms(A2, I2, r, 40)
+    np.testing.assert_allclose(rms**2, np.trace(second, axis1=1, axis2=2), rtol=1e-13)
+    assert not tracking.tracking_rms(A2, I2, r, None).any()  # B = I reaches everything exactly
+    ratio = rms[1:] ** 2 / tracking.tracking_rms(A2, I2, r, 4000)[1:] ** 2
+    assert ratio[0] == pytest.approx(100.0, rel=1e-12)
+    assert (ratio > 100.0 - 1e-9).all()
+
+
+# -- runs ----------------------------------------------------------------------------------------
+
+
+def gaussian(n, m, seed):
+    return se.cases.random_system(n, m, rng=seed)
+
+
+@pytest.mark.parametrize(
+    ("m", "feedback", "sampled", "seed"),
+    [(6, True, False, 1), (3, True, False, 1), (6, False, False, 3), (6, False, True, 4)],
+)
+def test_runs_have_the_exact_mean_square(m, feedback, sampled, seed):
+    """R = 2500 runs of 5 steps, N = 100.
+
+    Compared is the mean over the steps of MSE / exact, within 4 standard errors (two-sided normal
+    tail 6e-5 per case), which the runs show to be below 2 %.
+    """
+    system = gaussian(6, m, 30 + m)
+    u = 0.5 * np.random.default_rng(5).standard_normal((5, m))
+    r = feasible(system, np.ones(6), u)
+    run = se.track(
+        system, r, 100, feedback=feedback, sample_states=sampled, rng=seed, replicates=2500
+    )
+    assert run.feasible
+    assert run.status == "completed"
+    exact = tracking.tracking_rms(
+        system.A, system.B, r, 100, feedback=feedback, sample_states=sampled
+    )
+    ratio = (run.errors[:, 1:] ** 2 / exact[1:] ** 2).mean(axis=1)
+    error = ratio.std() / np.sqrt(2500)
+    assert error < 0.02
+    assert abs(ratio.mean() - 1.0) < 4.0 * error
+    # The mutants: noise of N = 115, and the recursion of the other kind of control.
+    other = tracking.tracking_rms(system.A, system.B, r, 115, feedback=feedback)
+    assert abs((run.errors[:, 1:] ** 2 / other[1:] ** 2).mean() - 1.0) > 4.0 * error
+    swapped = tracking.tracking_rms(system.A, system.B, r, 100, feedback=not feedback)
+    assert abs((run.errors[:, 1:] ** 2 / swapped[1:] ** 2).mean() - 1.0) > 4.0 * error
+    np.testing.assert_allclose(run.mean_square, (run.errors**2).mean(axis=0), rtol=1e-13)
+
+
+def test_without_feedback_errors_accumulate():
+    system = gaussian(6, 6, 41)
+    r = np.broadcast_to(np.ones(6), (41, 6))
+    with_feedback = tracking.tracking_rms(system.A, system.B, r, 100)
+    without = tracking.tracking_rms(system.A, system.B, r, 100, feedback=False)
+    assert with_feedback[-1] == pytest.approx(with_feedback[3], rel=0.05)
+    assert without[-1] > 2.0 * with_feedback[-1]
+    assert (np.diff(without) > 0.0).all()
+    bound = tracking.tracking_bound(system.A, system.B, r, 100)
+    assert (with_feedback**2 <= bound).all()
+    assert bound < 20.0 * with_feedback[-1] ** 2
+
+
+@pytest.mark.parametrize("size", [100, 400, 2000])
+def test_the_bound_holds_with_sampled_states_too(size):
+    """R = 200 runs of 10 steps: the average is below the bound, which is loose by design."""
+    system = gaussian(5, 5, 42)
+    r = np.cumsum(np.random.default_rng(7).standard_normal((11, 5)), axis=0)
+    bound = tracking.tracking_bound(system.A, system.B, r, size, sample_states=True)
+    run = se.track(system, r, size, sample_states=True, rng=8, replicates=200)
+    assert 0.0 < run.mean_square.max() < bound
+    if size == 2000:
+        assert bound < 60.0 * run.mean_square.max()
+
+
+def test_the_bound_where_it_is_an_equality():
+    # A = 0: all of the error is that of the sampled r(k+1).
+    r = np.array([[1.0, 2.0], [3.0, -1.0], [0.5, 0.0]])
+    bound = tracking.tracking_bound(np.zeros((2, 2)), I2, r, 10, sample_states=True)
+    assert bound == pytest.approx(moments.vector_mse(r[1], 10), rel=1e-12)
+    # Equal columns, only A sampled: the first step has the mean square q r^2.
+    A = np.ones((2, 2))
+    first = tracking.tracking_rms(A, I2, r[[2, 2]], 10)[1] ** 2
+    q = 2.0 / 10.0
+    assert first == pytest.approx(q * 0.25, rel=1e-12)
+    assert tracking.tracking_bound(A, I2, r[[2, 2]], 10) == pytest.approx(first / (1 - q))
+
+
+# -- stability -----------------------------------------------------------------------------------
+
+
+def loop_map(A, B, size):
+    """S -> (I-P) A S A^T (I-P) + (1/N) P T_A(diag S) P as a matrix on n^2 entries."""
+    n = len(A)
+    P = B @ np.linalg.pinv(B)
+    F = A - P @ A
+    columns = []
+    for entry in np.eye(n * n):
+        S = entry.reshape(n, n)
+        noise = moments.transition(A, np.diag(S))
+        columns.append((F @ S @ F.T + P @ noise @ P / size).ravel())
+    return np.array(columns).T
+
+
+def test_stability_radius_and_threshold():
+    gen = np.random.default_rng(11)
+    stable = 0
+    for n, m in ((2, 1), (2, 2), (4, 2), (5, 4), (4, 4), (3, 5)):
+        for _ in range(4):
+            A, B = gen.standard_normal((n, n)), gen.standard_normal((n, m))
+            for size in (1, 10, 1000):
+                radius = np.abs(np.linalg.eigvals(loop_map(A, B, size))).max()
+                assert tracking.stability_radius(A, B, size) == pytest.approx(radius, rel=1e-8)
+            threshold = tracking.stability_threshold(A, B)
+            if not np.isfinite(threshold):
+                assert tracking.stability_radius(A, B, 1e15) >= 1.0
+                continue
+            stable += 1
+            assert tracking.stability_radius(A, B, int(threshold) + 1) < 1.0
+            if threshold >= 1.0:
+                assert tracking.stability_radius(A, B, int(threshold)) >= 1.0
+    assert stable >= 12
+
+
+def test_with_an_input_for_every_state_the_threshold_is_rho_of_phi():
+    gen = np.random.default_rng(12)
+    for B in (np.eye(5), gen.standard_normal((5, 5)), gen.standard_normal((5, 8))):
+        A = gen.standard_normal((5, 5))
+        g = np.abs(A).sum(axis=0)
+        rho = np.abs(np.linalg.eigvals(np.abs(A) * (g - np.abs(A)))).max()
+        assert tracking.stability_threshold(A, B) == pytest.approx(rho, rel=1e-12)
+        assert tracking.stability_radius(A, B, 8) == pytest.approx(rho / 8, rel=1e-12)
+
+
+def test_no_size_helps_where_the_rest_is_unstable():
+    assert tracking.stability_threshold(np.diag([2.0, 1.0]), [[0.0], [1.0]]) == np.inf
+    assert tracking.stability_threshold(np.diag([2.0, 1.0]), np.zeros((2, 1))) == np.inf
+    assert (
+        tracking.stability_threshold(np.diag([2.0, 1.0]), [[1.0], [0.0]]) == np.inf
+    )  # 1 is not < 1
+    assert tracking.stability_threshold(np.diag([2.0, 0.5]), [[1.0], [0.0]]) == 0.0
+    assert tracking.stability_radius(np.diag([2.0, 0.5]), [[1.0], [0.0]], 7) == 0.25
+
+
+def test_the_threshold_from_both_sides():
+    """Below rho(Phi) the mean square explodes, above it stays put: in theory and in runs.
+
+    R = 3000 runs of 8 steps, N = 3 below and N = 11 above; the last mean square is compared with
+    the exact one within 6 standard errors (heavy tails below the threshold).
+    """
+    A = np.array([[1.0, -1.5, 0.5], [1.5, 0.5, 1.0], [-0.5, 1.0, 1.5]])
+    threshold = tracking.stability_threshold(A, np.eye(3))
+    assert 5.0 < threshold < 6.0
+    r = np.ones((9, 3))
+    for size, grows in ((3, True), (11, False)):
+        exact = tracking.tracking_rms(A, np.eye(3), r, size) ** 2
+        assert (exact[-1] > 20.0 * exact[1]) == grows
+        run = se.track((A, np.eye(3)), r, size, rng=13, replicates=3000)
+        squares = run.errors[:, -1] ** 2
+        deviation = squares.std() / np.sqrt(len(squares))
+        assert abs(squares.mean() - exact[-1]) < 6.0 * deviation
+        assert (run.mean_square[-1] > 10.0 * run.mean_square[1]) == grows
+    far = np.ones((4001, 3))
+    assert np.isfinite(tracking.tracking_bound(A, np.eye(3), far, 20))
+    late = tracking.tracking_rms(A, np.eye(3), far, int(threshold) + 1)
+    assert late[-1] == pytest.approx(late[-2], rel=1e-6)
+    with pytest.raises(NonFiniteError, match="overflows at step"):
+        tracking.tracking_rms(A, np.eye(3), far, int(threshold) - 1)
+
+
+# -- the record ----------------------------------------------------------------------------------
+
+SYSTEM = se.System(0.5 * A2, B1)
+REFERENCE = REFERENCES["not feasible"]
+
+
+def test_shapes_and_definitions():
+    one = se.track(SYSTEM, REFERENCE, 50, rng=1)
+    many = se.track(SYSTEM, REFERENCE, 50, rng=1, replicates=3)
+    assert (one.states.shape, one.inputs.shape, one.errors.shape) == ((4, 2), (3, 1), (4,))
+    assert many.states.shape == (3, 4, 2)
+    assert many.inputs.shape == (3, 3, 1)
+    assert many.errors.shape == (3, 4)
+    assert one.mean_square.shape == many.mean_square.shape == (4,)
+    assert se.track(SYSTEM, REFERENCE, 50, rng=1, replicates=1).states.shape == (1, 4, 2)
+    # Replicate i is a pure function of the key and i.
+    np.testing.assert_array_equal(one.states, many.states[0])
+    again = se.track(SYSTEM, REFERENCE, 50, rng=many.key, replicates=2)
+    np.testing.assert_array_equal(again.states, many.states[:2])
+    # The system was followed exactly, from r(0), and the errors are what they say.
+    for x, u in zip(many.states, many.inputs, strict=True):
+        np.testing.assert_array_equal(x[0], REFERENCE[0])
+        np.testing.assert_allclose(x[1:], x[:-1] @ SYSTEM.A.T + u @ SYSTEM.B.T, rtol=1e-14)
+    np.testing.assert_allclose(many.errors, np.linalg.norm(many.states - REFERENCE, axis=2))
+    assert not one.feasible
+    P = SYSTEM.B @ np.linalg.pinv(SYSTEM.B)
+    missed = (REFERENCE[1:] - REFERENCE[:-1] @ SYSTEM.A.T) @ (np.eye(2) - P).T
+    np.testing.assert_allclose(one.residuals, np.linalg.norm(missed, axis=1), rtol=1e-12)
+    assert "not feasible" in repr(one)
+    assert "3 replicates" in repr(many)
+    assert pickle.loads(pickle.dumps(one)).states.tolist() == one.states.tolist()
+
+
+def test_the_estimates_are_those_of_the_named_streams():
+    run = se.track(SYSTEM, REFERENCE, 50, rng=1, sample_states=True, replicates=2)
+    step = run.key.child("replicate-1").child("step-2")
+    A, x, r = (
+        se.sample_counts(target, 50, rng=step.child(name)).estimate
+        for target, name in (
+            (SYSTEM.A, "A"), (run.states[1, 2], "state"), (REFERENCE[3], "target"),
+        )
+    )  # fmt: skip
+    expected = np.linalg.pinv(SYSTEM.B) @ (r - A @ x)
+    np.testing.assert_allclose(run.inputs[1, 2], expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("method", ["alse", "slse", "slse-safeguarded"])
+def test_other_methods(method):
+    system = se.System(0.5 * A2, I2)
+    r = feasible(system, [1.0, 2.0], np.zeros((10, 2)))
+    run = se.track(system, r, 200, method=method, rng=2)
+    assert run.status == ("optimal" if method == "alse" else "completed")
+    # Fits to the exact matrix are far better than averages (N = 200: rms 0.1 and more).
+    assert run.errors.max() < 0.02
+    assert se.track(system, r, 200, rng=2).errors.max() > 0.05
+
+
+def test_a_feasible_reference_is_recognised_to_rounding():
+    gen = np.random.default_rng(14)
+    A, B = gen.standard_normal((6, 6)), gen.standard_normal((6, 2))
+    for u in (np.zeros((8, 2)), gen.standard_normal((8, 2))):
+        r = moments.trajectory_mean(A, B, u, np.ones(6))
+        assert se.track((A, B), r, 10**15, rng=1).feasible
+        r[3] *= 1.0 + 1e-6
+        run = se.track((A, B), r, 10**15, rng=1)
+        assert not run.feasible
+        assert (run.residuals > 1e-8).sum() == 2  # the steps to and from r(3)
+    assert se.track(SYSTEM, np.zeros((3, 2)), 5, rng=1).feasible
+
+
+def test_wrong_input_is_refused():
+    with pytest.raises(ShapeError, match="`reference`"):
+        se.track(SYSTEM, np.ones((4, 3)), 10)
+    with pytest.raises(InputError, match=r"`reference` must have shape \(K \+ 1, 2\)"):
+        se.track(SYSTEM, np.ones((1, 2)), 10)
+    with pytest.raises(InputError, match="`size`"):
+        se.track(SYSTEM, REFERENCE, 0)
+    with pytest.raises(InputError, match="`replicates`"):
+        se.track(SYSTEM, REFERENCE, 10, replicates=0)
+    with pytest.raises(InputTypeError, match="`feedback`"):
+        se.track(SYSTEM, REFERENCE, 10, feedback="yes")
+    with pytest.raises(InputError, match="`method`"):
+        se.track(SYSTEM, REFERENCE, 10, method="als")
+    with pytest.raises(ShapeError, match="`x0`"):
+        se.track(SYSTEM, REFERENCE, 10, x0=[1.0])
+    with pytest.raises(InputTypeError, match="`rng`"):
+        se.track(SYSTEM, REFERENCE, 10, rng="1")
+    with pytest.raises(NonFiniteError, match="`A` times `reference` overflows"):
+        se.track(SYSTEM, 1e308 * np.array([[1.0, 1.0], [1.0, 1.0]]), 10, rng=1)
+    with pytest.raises(NonFiniteError, match="overflows at step"):
+        se.track((1e100 * A2, I2), np.ones((6, 2)), 1, rng=1)
+    with pytest.raises(InputError, match="do not close"):
+        tracking.tracking_moments(A2, I2, REFERENCE, 10, sample_states=True)
+    with pytest.raises(InputError, match="rank n=2"):
+        tracking.tracking_bound(A2, B1, REFERENCE, 10)
+    with pytest.raises(ShapeError, match="`B`"):
+        tracking.stability_threshold(A2, np.ones((3, 1)))
+    for f in (tracking.stability_radius, tracking.stability_threshold):
+        with pytest.raises(NonFiniteError, match="squares of `A` overflow"):
+            f(1e200 * A2, I2)
+    with pytest.raises(NonFiniteError, match="`A` times `reference` overflows"):
+        tracking.reference_residuals(1e200 * A2, B1, 1e200 * REFERENCE)
+    huge = tracking.reference_residuals(A2, B1, 1e200 * REFERENCE)
+    np.testing.assert_allclose(huge, 1e200 * tracking.reference_residuals(A2, B1, REFERENCE))

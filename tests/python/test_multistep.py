@@ -1,0 +1,482 @@
+"""Controls over several steps: the defining equations, bounds, the limit for large N."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import pickle
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from stochens_rs.exceptions import (
+    InputError,
+    InputTypeError,
+    NonFiniteError,
+    ResourceError,
+    ShapeError,
+)
+from stochens_rs.theory import bounds, multistep
+
+CART = se.System([[1.0, 0.1], [0.0, 1.0]], [[0.0], [0.1]])
+
+
+def case(n, m, seed):
+    """A Gaussian system of spectral radius 1 with a start and a target."""
+    gen = np.random.default_rng(1000 + seed)
+    return se.cases.random_system(n, m, rng=seed), gen.standard_normal(n), gen.standard_normal(n)
+
+
+def power(A, k):
+    return np.linalg.matrix_power(A, k)
+
+
+def roll(A, B, u, x):
+    states = [np.asarray(x, dtype=float)]
+    for u_k in u:
+        states.append(A @ states[-1] + B @ u_k)
+    return np.array(states)
+
+
+def plug_in(A, B, x0, xf, K):
+    """C_K^+ (xf - A^K x0), written out; controls in the order of time."""
+    C = np.hstack([power(A, K - 1 - k) @ B for k in range(K)])
+    return (np.linalg.pinv(C) @ (xf - power(A, K) @ x0)).reshape(K, -1)
+
+
+def vector_radius(w, size, delta):
+    return bounds.best("vector", w, size=size, delta=delta).radius
+
+
+def counts(targets, size, key):
+    return [se.sample_counts(w, size, rng=key.child(str(i))) for i, w in enumerate(targets)]
+
+
+# -- the control ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("n", "m", "K"), [(2, 1, 2), (6, 2, 4), (5, 1, 5), (4, 6, 1), (3, 1, 9)])
+def test_the_exact_system_gets_to_its_target(n, m, K):
+    system, x0, xf = case(n, m, n)
+    plan = se.control_steps(system.B, x0, xf, system.A, K)
+    assert plan.u.shape == (K, m)
+    assert plan.steps == K
+    assert plan.predicted_states.shape == (K + 1, n)
+    np.testing.assert_allclose(plan.u, plug_in(system.A, system.B, x0, xf, K), rtol=1e-9)
+    np.testing.assert_allclose(
+        plan.predicted_states, roll(system.A, system.B, plan.u, x0), rtol=1e-12, atol=1e-12
+    )
+    np.testing.assert_allclose(plan.predicted_states[-1], xf, rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(plan.states(system, x0), plan.predicted_states)
+    assert plan.reachability.reachable
+    assert plan.reachability.rank == n
+    assert plan.error(system, x0, xf).control <= 1e-12
+    # The minimum norm: u is orthogonal to every change that leads to the same state.
+    C = np.hstack([power(system.A, K - 1 - k) @ system.B for k in range(K)])
+    free = np.eye(K * m) - np.linalg.pinv(C) @ C
+    np.testing.assert_allclose(free @ plan.u.ravel(), 0.0, atol=1e-9)
+
+
+def test_one_step_is_control():
+    system, x0, xf = case(5, 3, 1)
+    fits = [se.fuse(se.sample(w, 100, rng=i)) for i, w in enumerate((x0, xf, system.A))]
+    one, several = se.control(system.B, *fits), se.control_steps(system.B, *fits, 1)
+    np.testing.assert_allclose(several.u, one.u[None], rtol=1e-12)
+    np.testing.assert_allclose(several.predicted_states[1], one.predicted_state, rtol=1e-12)
+    assert several.reachability.residual == pytest.approx(one.reachability.residual, rel=1e-12)
+    assert several.reachability.rank == one.reachability.rank == 3
+    found, expected = several.error(system, x0, xf), one.error(system, x0, xf)
+    for name in ("control", "control_relative", "state", "state_relative", "residual"):
+        assert getattr(found, name) == pytest.approx(getattr(expected, name), rel=1e-12)
+
+
+def test_steer_samples_fuses_and_controls():
+    system, x0, xf = case(4, 2, 2)
+    plan = se.steer(system, x0, xf, 500, steps=4, method="slse", rng=7)
+    key = se.rng.as_key(7)
+    targets = {"x0": x0, "xf": xf, "A": system.A}
+    fits = [
+        se.fuse(se.sample(w, 500, rng=key.child(name)), "slse", target=w)
+        for name, w in targets.items()
+    ]
+    np.testing.assert_array_equal(plan.u, se.control_steps(system.B, *fits, 4).u)
+    hats = [fit.estimate for fit in fits]
+    np.testing.assert_allclose(plan.u, plug_in(hats[2], system.B, *hats[:2], 4), rtol=1e-9)
+    assert plan.info["key"] == key
+    assert plan.info["A"]["size"] == 500
+    assert "4 steps" in repr(plan)
+    # Without steps, nothing has changed.
+    assert isinstance(se.steer(system, x0, xf, 500, rng=7), se.Plan)
+
+
+def test_a_target_out_of_reach():
+    # The second state decays on its own.
+    system = se.System(np.diag([0.5, 0.5]), [[1.0], [0.0]])
+    plan = se.control_steps(system.B, [1.0, 1.0], [2.0, 3.0], system.A, 3)
+    assert not plan.reachability.reachable
+    assert plan.reachability.rank == 1
+    assert plan.reachability.residual == pytest.approx(3.0 - 0.125, rel=1e-12)
+    assert any("rank 1 < n = 2" in text for text in plan.info["warnings"])
+    error = plan.error(system, [1.0, 1.0], [2.0, 3.0])
+    assert error.residual == pytest.approx(2.875, rel=1e-12)
+    bound = plan.error_bound(system, [1.0, 1.0], [2.0, 3.0])
+    assert bound.state == pytest.approx(2.875, rel=1e-12)
+    assert bound.residual == pytest.approx(2.875, rel=1e-12)
+
+
+def test_a_square_problem_warns():
+    system, x0, xf = case(4, 2, 3)
+    warned = se.steer(system, x0, xf, 100, steps=2, rng=1).info["warnings"]
+    assert len(warned) == 1
+    assert "heavy tails" in warned[0]
+    assert se.steer(system, x0, xf, 100, steps=3, rng=1).info["warnings"] == ()
+    assert se.control_steps(system.B, x0, xf, system.A, 2).info["warnings"] == ()  # nothing random
+
+
+# -- bounds --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("n", "m", "K", "size"), [(6, 2, 4, 1000), (3, 1, 4, 300), (4, 4, 1, 50)])
+def test_the_error_bound_always_holds(n, m, K, size):
+    """200 seeds, no exception allowed; and it says something: the median ratio is below 15."""
+    system, x0, xf = case(n, m, 4)
+    ratios, without_A = [], 0
+    for seed in range(200):
+        estimates = counts((x0, xf, system.A), size, se.rng.as_key(seed))
+        plan = se.control_steps(system.B, *estimates, K)
+        reached = roll(system.A, system.B, plan.u, x0)[-1]
+        error = np.linalg.norm(reached - xf)
+        bound = plan.error_bound(system, x0, xf)
+        parts = bound.target + bound.initial + bound.matrix + bound.residual
+        assert bound.state == pytest.approx(parts, rel=1e-15)
+        assert error <= bound.state
+        ratios.append(bound.state / error)
+        without_A += error > bound.state - bound.matrix
+        # Pythagoras for the two errors of the record.
+        record = plan.error(system, x0, xf)
+        assert math.hypot(record.state, record.residual) == pytest.approx(error, rel=1e-9)
+    assert np.median(ratios) < 15.0
+    assert without_A > 0  # the mutant: a bound that forgets the error of A
+
+
+def test_the_parts_of_the_bound():
+    system, x0, xf = case(3, 1, 5)
+    A, B, K = system.A, system.B, 4
+    estimates = counts((x0, xf, A), 200, se.rng.as_key(6))
+    plan = se.control_steps(B, *estimates, K)
+    start, goal, hat = (one.estimate for one in estimates)
+    model = roll(hat, B, plan.u, start)
+    bound = plan.error_bound(system, x0, xf)
+    norms = [np.linalg.norm(power(A, k), 2) for k in range(K + 1)]
+    assert bound.target == pytest.approx(np.linalg.norm(goal - xf), rel=1e-12)
+    assert bound.initial == pytest.approx(norms[K] * np.linalg.norm(start - x0), rel=1e-12)
+    along = sum(norms[K - 1 - k] * np.linalg.norm(model[k]) for k in range(K))
+    assert bound.matrix == pytest.approx(np.linalg.norm(A - hat, 2) * along, rel=1e-12)
+    # The identity behind it.
+    exact = (goal - xf) + power(A, K) @ (x0 - start)
+    exact += sum(power(A, K - 1 - k) @ (A - hat) @ model[k] for k in range(K))
+    np.testing.assert_allclose(roll(A, B, plan.u, x0)[-1] - xf, exact, rtol=1e-9)
+
+
+@pytest.mark.parametrize("scheme", ["iid", "systematic"])
+@pytest.mark.parametrize("axis", ["columns", "rows"])
+def test_the_bound_from_the_law(scheme, axis):
+    """100 seeds at delta = 0.2: more than 40 failures have a probability below 1e-5."""
+    system, x0, xf = case(4, 2, 6)
+    failures, ratios = 0, []
+    for seed in range(100):
+        key = se.rng.as_key(seed)
+        drawn = [
+            se.sample(w, 2000, rng=key.child(str(i)), scheme=scheme, axis=axis)
+            for i, w in enumerate((x0, xf, system.A))
+        ]
+        plan = se.control_steps(system.B, *drawn, 3)
+        error = np.linalg.norm(plan.states(system, x0)[-1] - xf)
+        bound = plan.bound(0.2)
+        assert bound.delta == (0.2 if scheme == "iid" else 0.0)
+        failures += error > bound.state
+        ratios.append(bound.state / error)
+    assert failures <= (40 if scheme == "iid" else 0)
+    assert np.median(ratios) < 60.0
+    assert plan.bound(0.01).state >= plan.bound(0.2).state
+
+
+def test_the_parts_of_the_bound_from_the_law():
+    system, x0, xf = case(3, 1, 15)
+    drawn = [se.sample(w, 500, rng=i) for i, w in enumerate((x0, xf, system.A))]
+    plan = se.control_steps(system.B, *drawn, 4)
+    bound = plan.bound(0.3)  # a third for each entity
+    norms = [np.linalg.norm(power(system.A, k), 2) for k in range(5)]
+    along = sum(norms[3 - k] * np.linalg.norm(plan.predicted_states[k]) for k in range(4))
+    assert bound.target == pytest.approx(vector_radius(xf, 500, 0.1), rel=1e-12)
+    assert bound.initial == pytest.approx(norms[4] * vector_radius(x0, 500, 0.1), rel=1e-12)
+    assert bound.matrix == pytest.approx(
+        along * bounds.best("matrix", system.A, size=500, delta=0.1, norm="spectral").radius,
+        rel=1e-12,
+    )
+
+
+def test_what_is_exact_takes_no_part_of_delta():
+    system, x0, xf = case(4, 2, 7)
+    drawn = se.sample(xf, 400, rng=1)
+    plan = se.control_steps(system.B, x0, drawn, system.A, 4)
+    bound = plan.bound(0.05)
+    assert (bound.initial, bound.matrix) == (0.0, 0.0)
+    assert bound.target == pytest.approx(vector_radius(xf, 400, 0.05), rel=1e-12)
+    exact = se.control_steps(system.B, x0, xf, system.A, 4).bound(0.05)
+    assert exact.delta == 0.0
+    assert exact.state < 1e-9
+
+
+@pytest.mark.parametrize("method", ["alse", "slse", "slse-safeguarded"])
+def test_the_bound_of_fits_is_sure(method):
+    system, x0, xf = case(4, 2, 8)
+    for seed in range(10):
+        plan = se.steer(system, x0, xf, 300, steps=4, method=method, rng=seed)
+        bound = plan.bound(0.5)
+        error = np.linalg.norm(plan.states(system, x0)[-1] - xf)
+        assert bound.delta == 0.0
+        assert error <= bound.state + 1e-12
+        if method == "slse":
+            assert bound.state < 40.0 * error
+
+
+def test_powers_of_a_matrix_that_is_not_known():
+
+    gen = np.random.default_rng(9)
+    for _ in range(50):
+        A, D = gen.standard_normal((3, 3)), 0.3 * gen.standard_normal((3, 3))
+        hat = np.array([np.linalg.norm(power(A + D, k), 2) for k in range(6)])
+        bounds = multistep.grown(hat, float(np.linalg.norm(D, 2)))
+        true = np.array([np.linalg.norm(power(A, k), 2) for k in range(6)])
+        assert (true <= bounds * (1.0 + 1e-12)).all()
+        assert bounds[1] == pytest.approx(hat[1] + np.linalg.norm(D, 2), rel=1e-12)
+    # For numbers of one sign nothing is lost: |a|^k.
+    np.testing.assert_allclose(multistep.grown(0.7 ** np.arange(6.0), 0.5), 1.2 ** np.arange(6.0))
+
+
+# -- the limit for large N -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("n", "m", "K"), [(6, 2, 4), (5, 3, 3)])
+def test_the_leading_order(n, m, K):
+    """R = 1500 plans, N = 1e5: N times the mean square of x(K) - xf, to 4 standard errors.
+
+    Two-sided normal tail 6e-5; a standard error is about 2 %.
+    """
+    system, x0, xf = case(n, m, 12)
+    key, size, R = se.rng.as_key(13), 10**5, 1500
+    squares = np.empty(R)
+    for i in range(R):
+        plan = se.control_steps(system.B, *counts((x0, xf, system.A), size, key.child(str(i))), K)
+        squares[i] = np.sum((roll(system.A, system.B, plan.u, x0)[-1] - xf) ** 2)
+    C = multistep.final_state_covariance(system.A, system.B, x0, xf, K, size)
+    error = squares.std() / np.sqrt(R)
+    assert error < 0.03 * squares.mean()
+    assert abs(squares.mean() - np.trace(C)) < 4.0 * error
+    # The mutants: one entity forgotten.
+    for sizes in ((None, size, size), (size, None, size), (size, size, None)):
+        less = multistep.final_state_covariance(system.A, system.B, x0, xf, K, sizes)
+        assert abs(squares.mean() - np.trace(less)) > 4.0 * error or np.trace(
+            C - less
+        ) < 0.1 * np.trace(C)
+
+
+def test_the_leading_order_is_a_derivative():
+    # sum over the atoms of p * (derivative of x(K) in the direction of the atom)^2, by differences
+    system, x0, xf = case(3, 2, 14)
+    A, B, K, h = system.A, system.B, 3, 1e-5
+
+    def end(start, goal, matrix):
+        return roll(A, B, plug_in(matrix, B, start, goal, K), x0)[-1]
+
+    for axis in ("columns", "rows"):
+        expected = np.zeros((3, 3))
+        for entity, w in enumerate((x0, xf, A)):
+            for line in range(1 if w.ndim == 1 else 3):
+                pick = slice(None) if w.ndim == 1 else (
+                    (slice(None), line) if axis == "columns" else (line, slice(None))
+                )  # fmt: skip
+                values = w[pick]
+                g = np.abs(values).sum()
+                for i in range(3):
+                    atom = g * np.sign(values[i]) * np.eye(3)[i] - values
+                    ends = []
+                    for sign in (1.0, -1.0):
+                        moved = [x0.copy(), xf.copy(), A.copy()]
+                        moved[entity][pick] += sign * h * atom
+                        ends.append(end(*moved))
+                    slope = (ends[0] - ends[1]) / (2.0 * h)
+                    expected += abs(values[i]) / g * np.outer(slope, slope)
+        found = multistep.final_state_covariance(A, B, x0, xf, K, axis=axis)
+        np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-6 * np.abs(expected).max())
+        np.testing.assert_allclose(
+            multistep.final_state_covariance(A, B, x0, xf, K, 50, axis=axis), found / 50
+        )
+        drawn = [se.sample(w, 50, rng=i, axis=axis) for i, w in enumerate((x0, xf, A))]
+        plan = se.control_steps(B, *drawn, K)
+        np.testing.assert_allclose(plan.covariance(), found / 50, rtol=1e-12)
+
+
+def test_the_error_shrinks_with_the_root_of_n():
+    """Medians over 40 seeds: consistent, where the average of controls is not (next tests)."""
+    system, x0, xf = case(6, 2, 3)
+    medians = []
+    for size in (10**4, 10**6):
+        errors = [
+            se.control_steps(
+                system.B, *counts((x0, xf, system.A), size, se.rng.as_key(seed)), 4
+            ).error(system, x0, xf).control_relative
+            for seed in range(40)
+        ]  # fmt: skip
+        medians.append(np.median(errors))
+    assert 6.0 < medians[0] / medians[1] < 16.0
+
+
+# -- the average of the controls of the realizations ---------------------------------------------
+
+
+def test_the_average_of_controls_has_another_mean():
+    # Exactly, over all realizations of A (n = 2, K = 2): it is unbiased for one step only.
+    A = np.array([[0.9, 0.4], [-0.3, 0.8]])
+    B, x0, xf = np.array([[1.0], [0.5]]), np.array([1.0, 2.0]), np.array([0.5, -1.0])
+    g = np.abs(A).sum(axis=0)
+    for K, unbiased in ((1, True), (2, False), (3, False)):
+        mean = 0.0
+        for rows in itertools.product(range(2), repeat=2):
+            S = np.zeros((2, 2))
+            p = 1.0
+            for j, i in enumerate(rows):
+                S[i, j] = g[j] * np.sign(A[i, j])
+                p *= abs(A[i, j]) / g[j]
+            mean = mean + p * plug_in(S, B, x0, xf, K)
+        best = plug_in(A, B, x0, xf, K)
+        bias = np.linalg.norm(mean - best) / np.linalg.norm(best)
+        assert bias < 1e-12 if unbiased else bias > 0.1
+
+
+@pytest.mark.parametrize(("batch", "low", "high"), [(5, 0.7, 1.1), (20, 0.5, 0.8)])
+def test_the_bias_does_not_shrink_with_the_number_of_samples(batch, low, high):
+    """Averages of batches of realizations of x0, xf, A; R = 1000 and 4000 controls averaged.
+
+    Standard errors of the relative bias: 0.08 and 0.04 (5), 0.06 and 0.04 (20).
+    """
+    n, m, K = 6, 2, 4
+    system = se.cases.random_system(n, m, rng=3)
+    gen = np.random.default_rng(0)
+    x0, xf = gen.standard_normal(n), gen.standard_normal(n)
+    best = plug_in(system.A, system.B, x0, xf, K).ravel()
+    R, key = 4000, se.rng.as_key(5).child(str(batch))
+    hats = []
+    for name, w in (("A", system.A), ("x0", x0), ("xf", xf)):
+        drawn = se.sample(w, batch * R, rng=key.child(name)).dense()
+        hats.append(drawn.reshape(R, batch, *w.shape).mean(axis=1))
+    As, starts, goals = hats
+    powers = [np.broadcast_to(np.eye(n), As.shape)]
+    for _ in range(K):
+        powers.append(powers[-1] @ As)
+    C = np.concatenate([powers[K - 1 - k] @ system.B for k in range(K)], axis=2)
+    d = goals - np.einsum("rij,rj->ri", powers[K], starts)
+    u = np.einsum("rij,rj->ri", np.linalg.pinv(C), d)
+    for R in (1000, 4000):
+        assert low < np.linalg.norm(u[:R].mean(axis=0) - best) / np.linalg.norm(best) < high
+
+
+def test_diagonal_fusion_over_several_steps_is_refused():
+    for steps, reason in ((2, "not linear in A"), (7, "biased"), (1, "leave out `steps`")):
+        with pytest.raises(InputError, match="`fusion` must be 'product'") as refused:
+            se.steer(CART, [1.0, 0.0], [0.0, 0.0], 10, fusion="diagonal", steps=steps)
+        assert reason in str(refused.value)
+        assert len(str(refused.value)) <= 300
+
+
+# -- input ---------------------------------------------------------------------------------------
+
+
+def test_wrong_input_is_refused():
+    A, B, x0, xf = CART.A, CART.B, [1.0, 0.0], [0.0, 0.0]
+    for steps in (0, -1, 1.5, "2", True):
+        with pytest.raises((InputError, InputTypeError), match="`steps`"):
+            se.control_steps(B, x0, xf, A, steps)
+        with pytest.raises((InputError, InputTypeError), match="`steps`"):
+            se.steer(CART, x0, xf, 10, steps=steps)
+    with pytest.raises(ShapeError, match="`x0`"):
+        se.control_steps(B, [1.0], xf, A, 2)
+    with pytest.raises(NonFiniteError, match="`A` to the power 3 overflows"):
+        se.control_steps(B, x0, xf, 1e150 * np.eye(2), 3)
+    with pytest.raises(NonFiniteError, match="`A_hat` to the power 3 overflows"):
+        se.control_steps(B, x0, xf, se.sample(1e150 * np.eye(2), 3, rng=1), 3)
+    with pytest.raises(NonFiniteError, match="`A` to a power times `B` overflows"):
+        se.control_steps(1e200 * B, x0, xf, 1e150 * np.eye(2), 2)
+    with pytest.raises(NonFiniteError, match="overflows"):
+        se.control_steps(B, [1e300, 0.0], xf, 1e100 * np.eye(2), 2)
+    with pytest.raises(ResourceError, match="control over"):
+        se.control_steps(B, x0, xf, A, 2**50)
+    with pytest.raises(InputError, match="rank n=2, got rank 1"):
+        multistep.final_state_covariance(A, B, x0, xf, 1)
+    with pytest.raises(InputError, match=r"`size\[1\]`"):
+        multistep.final_state_covariance(A, B, x0, xf, 2, (1, 0, 1))
+
+
+def test_a_plan_refuses_what_does_not_fit():
+    plan = se.steer(CART, [1.0, 0.0], [0.0, 0.0], 100, steps=4, rng=1)
+    for delta in (0.0, 1.0, -0.1, 2, math.nan, "0.1"):
+        with pytest.raises((InputError, InputTypeError), match="`delta`"):
+            plan.bound(delta)
+    far = se.System(1e308 * np.array([[1.0, 1.0], [1.0, 1.0]]), CART.B)
+    with pytest.raises(NonFiniteError, match="overflow"):
+        plan.error_bound(far, [1.0, 0.0], [0.0, 0.0])
+    large = se.steer((1e150 * CART.A, CART.B), [1.0, 0.0], [0.0, 0.0], 100, steps=2, rng=1)
+    assert 1e298 < large.bound(0.1).state < 1e308
+    other = se.System(CART.A, 2.0 * CART.B)
+    with pytest.raises(InputError, match="the B of this plan"):
+        plan.error_bound(other, [1.0, 0.0], [0.0, 0.0])
+    with pytest.raises(ShapeError, match="n=2 and m=1"):
+        plan.error((np.eye(3), np.ones((3, 1))), [1.0, 0.0], [0.0, 0.0])
+    with pytest.raises(ShapeError, match="`xf`"):
+        plan.error(CART, [1.0, 0.0], [0.0])
+    brought = se.Ensemble.from_samples([[1.0, 0.0], [0.5, 0.5]])
+    for x0 in (brought, se.fuse(brought)):
+        unknown = se.control_steps(CART.B, x0, [0.0, 0.0], CART.A, 4)
+        with pytest.raises(InputError, match="the law of `x0` is unknown"):
+            unknown.bound(0.1)
+        with pytest.raises(InputError, match="`x0` must be exact or the uniform average"):
+            unknown.covariance()
+        assert unknown.error_bound(CART, [0.75, 0.25], [0.0, 0.0]).state >= 0.0
+    fitted = se.steer(CART, [1.0, 0.0], [0.0, 0.0], 100, steps=4, method="slse", rng=1)
+    with pytest.raises(InputError, match="of kind 'fitted'"):
+        fitted.covariance()
+    # Counts know what was counted.
+    counted = counts(([1.0, 0.5], [0.0, 1.0], CART.A), 50, se.rng.as_key(1))
+    known = se.control_steps(CART.B, *counted, 4)
+    assert known.bound(0.1).delta == 0.1
+    assert known.covariance().shape == (2, 2)
+    shared = [se.sample(w, 20, rng=1) for w in ([1.0, 0.5], [0.0, 1.0], CART.A)]
+    with pytest.raises(InputError, match="have the same key"):
+        se.control_steps(CART.B, *shared, 4).covariance()
+    # A part of a systematic sample is no systematic sample.
+    part = se.sample([1.0, 0.5], 10, rng=1, scheme="systematic").prefix(5)
+    with pytest.raises(InputError, match="is unknown"):
+        se.control_steps(CART.B, part, [0.0, 0.0], CART.A, 4).bound(0.1)
+
+
+def test_a_plan_keeps_no_realizations_and_survives_pickling():
+    plan = se.steer(CART, [1.0, 0.5], [0.0, 0.0], 200_000, steps=4, rng=1)
+    stored = pickle.dumps(plan)
+    assert len(stored) < 5_000
+    again = pickle.loads(stored)
+    assert again.bound(0.1) == plan.bound(0.1)
+    np.testing.assert_array_equal(again.covariance(), plan.covariance())
+
+
+def test_input_is_not_modified_and_not_shared():
+    arrays = [np.array(v) for v in (CART.B, [1.0, 0.5], [0.0, 1.0], CART.A)]
+    before = [v.copy() for v in arrays]
+    B, x0, xf, A = arrays
+    plan = se.control_steps(B, x0, xf, A, 3)
+    bound = plan.error_bound(CART, x0, xf)
+    assert all(np.array_equal(v, w) for v, w in zip(arrays, before, strict=True))
+    for v in arrays:
+        v[:] = 7.0
+    assert plan.error_bound(CART, before[1], before[2]) == bound

@@ -1,0 +1,242 @@
+"""K-step moments against the enumeration of every combination of atoms, and growth factors."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
+from stochens_rs.theory import moments
+
+TOLERANCE = 1e-12
+AXES = ("columns", "rows")
+axes = pytest.mark.parametrize("axis", AXES)
+
+
+def vector_atoms(w):
+    """The realizations of a vector: ||w||_1 sign(w_i) e_i with probability |w_i| / ||w||_1."""
+    w = np.asarray(w, dtype=float)
+    gamma = np.abs(w).sum()
+    if gamma == 0.0:
+        return [(1.0, np.zeros_like(w))]
+    unit = np.eye(w.size)
+    return [(abs(x) / gamma, gamma * np.sign(x) * unit[i]) for i, x in enumerate(w) if x != 0.0]
+
+
+def matrix_atoms(A, axis="columns"):
+    """Every combination of one atom per line."""
+    lines = np.asarray(A, dtype=float).T if axis == "columns" else np.asarray(A, dtype=float)
+    atoms = []
+    for choice in itertools.product(*(vector_atoms(line) for line in lines)):
+        value = np.array([atom for _, atom in choice])
+        atoms.append((np.prod([p for p, _ in choice]), value.T if axis == "columns" else value))
+    return atoms
+
+
+def averages(atoms, size):
+    """The averages of `size` independent draws."""
+    return [
+        (np.prod([p for p, _ in draws]), sum(value for _, value in draws) / size)
+        for draws in itertools.product(atoms, repeat=size)
+    ]
+
+
+def push(p, x, As, Bs, u):
+    """One step of the whole distribution: fresh A and B for every state there is."""
+    pA, A = np.array([q for q, _ in As]), np.array([value for _, value in As])
+    pB, b = np.array([q for q, _ in Bs]), np.array([value @ u for _, value in Bs])
+    states = np.einsum("aij,sj->sai", A, x)[:, :, None, :] + b
+    weights = p[:, None, None] * pA[:, None] * pB
+    return weights.ravel(), states.reshape(-1, x.shape[1])
+
+
+def mean_and_covariance(p, x):
+    assert abs(p.sum() - 1.0) < TOLERANCE
+    mean = p @ x
+    return mean, ((x - mean).T * p) @ (x - mean)
+
+
+def close(found, expected):
+    scale = max(1.0, float(np.abs(expected).max()))
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=TOLERANCE * scale)
+
+
+A2, B2 = np.array([[1.0, -2.0], [0.5, 3.0]]), np.array([[1.0], [-0.5]])
+A3 = np.array([[1.0, -2.0, 0.5], [0.25, 1.0, 3.0], [-1.0, 0.5, 0.75]])
+# A, B, u, x0: n = 2 with K = 3, n = 3 with K = 2
+CASES = {
+    "n=2": (A2, B2, [[0.5], [-1.0], [2.0]], [1.0, -0.5]),
+    "n=2, m=2": (A2, np.array([[1.0, 0.5], [0.0, -2.0]]), [[0.5, 1.0], [-1.0, 0.0]], [1.0, -0.5]),
+    "n=3": (A3, np.array([[1.0], [0.0], [-0.5]]), [[0.5], [-1.0]], [1.0, 0.0, -0.5]),
+    "zero column, zero start": (np.array([[0.0, 2.0], [0.0, -1.0]]), B2, [[1.0]] * 3, [0.0, 0.0]),
+    "zero B": (A2, np.zeros((2, 1)), [[1.0]] * 3, [3.0, 1.0]),
+}
+cases = pytest.mark.parametrize("case", CASES.values(), ids=CASES.keys())
+
+
+@axes
+@cases
+@pytest.mark.parametrize("sampled", [(True, True, True), (True, False, True), (False, True, False)])
+def test_one_run(case, axis, sampled):
+    A, B, u, x0 = (np.asarray(v, dtype=float) for v in case)
+    As, Bs, x0s = (
+        atoms if flag else [(1.0, value)]
+        for atoms, value, flag in zip(
+            (matrix_atoms(A, axis), matrix_atoms(B, axis), vector_atoms(x0)),
+            (A, B, x0),
+            sampled,
+            strict=True,
+        )
+    )
+    flags = dict(zip(("sample_A", "sample_B", "sample_x0"), sampled, strict=True))
+    S = moments.trajectory_covariance(A, B, u, x0, axis=axis, **flags)
+    mu = moments.trajectory_mean(A, B, u, x0)
+    rms = moments.trajectory_rms(A, B, u, x0, 7, axis=axis, **flags)
+    p, x = np.array([q for q, _ in x0s]), np.array([value for _, value in x0s])
+    for k in range(len(u) + 1):
+        mean, covariance = mean_and_covariance(p, x)
+        close(mu[k], mean)
+        close(S[k], covariance)
+        close(rms[k] ** 2, np.trace(covariance) / 7)
+        if k < len(u):
+            p, x = push(p, x, As, Bs, u[k])
+    # Averages of runs: every covariance over N.
+    close(moments.trajectory_covariance(A, B, u, x0, 7, axis=axis, **flags), S / 7)
+
+
+@axes
+def test_mean_field(axis):
+    A, B, u, x0 = (np.asarray(v, dtype=float) for v in CASES["n=2"])
+    for sample_B in (True, False):
+        As = averages(matrix_atoms(A, axis), 2)
+        Bs = averages(matrix_atoms(B, axis), 2) if sample_B else [(1.0, B)]
+        start = averages(vector_atoms(x0), 2)
+        p, x = np.array([q for q, _ in start]), np.array([value for _, value in start])
+        S = moments.trajectory_covariance(
+            A, B, u[:2], x0, 2, sample_B=sample_B, averaging="mean-field", axis=axis
+        )
+        for k in range(3):
+            mean, covariance = mean_and_covariance(p, x)
+            close(mean, moments.trajectory_mean(A, B, u, x0)[k])
+            close(S[k], covariance)
+            if k < 2:
+                p, x = push(p, x, As, Bs, u[k])
+
+
+@cases
+def test_both_averages_agree_where_they_must(case):
+    # One run per step is one run; without sampling error nothing is left.
+    for size, expected in ((1, moments.trajectory_covariance(*case)), (None, 0.0)):
+        for averaging in ("runs", "mean-field"):
+            found = moments.trajectory_covariance(*case, size, averaging=averaging)
+            close(found, np.zeros_like(found) + expected)
+
+
+def test_a_realization_that_is_used_twice_is_biased():
+    # E[(A^s)^2] = A^2 + diag(g_j |a_jj|) - A diag(a_jj): the mean needs fresh draws per step.
+    expected = A3 @ A3 + np.diag(np.abs(A3).sum(axis=0) * np.abs(np.diag(A3)))
+    expected -= A3 @ np.diag(np.diag(A3))
+    close(sum(p * S @ S for p, S in matrix_atoms(A3)), expected)
+    assert np.abs(expected - A3 @ A3).max() > 1.0
+
+
+@axes
+@pytest.mark.parametrize("A", [A2, A3, [[0.0, 2.0], [0.0, -1.0]], -1.5 * np.eye(2)])
+def test_autonomous_closed_form(A, axis):
+    # Columns: x(K) stays a singleton, E[x x^T] = diag(g0 Q^K |x0|). Rows: its diagonal, likewise.
+    A, x0 = np.asarray(A, dtype=float), np.array([1.0, -0.5, 0.25])[: len(A)]
+    lines = np.abs(A).sum(axis=0 if axis == "columns" else 1, keepdims=True)
+    Q = np.abs(A) * lines
+    K = 5
+    zero = np.zeros((len(A), 1)), np.zeros((K, 1))
+    mu = moments.trajectory_mean(A, *zero, x0)
+    S = moments.trajectory_covariance(A, *zero, x0, axis=axis)
+    for k in range(K + 1):
+        second = S[k] + np.outer(mu[k], mu[k])
+        moment = np.abs(x0).sum() * np.linalg.matrix_power(Q, k) @ np.abs(x0)
+        close(second if axis == "columns" else np.diag(second), (
+            np.diag(moment) if axis == "columns" else moment
+        ))  # fmt: skip
+    rho = np.abs(np.linalg.eigvals(Q)).max()
+    assert moments.growth_factor(A, axis=axis) == pytest.approx(rho, rel=1e-12, abs=1e-300)
+
+
+def map_matrix(A, size, axis):
+    """M -> A M A^T + X_A(M) / N as a matrix on the n^2 entries of M (any M, also asymmetric)."""
+    n = len(A)
+    columns = []
+    for entry in np.eye(n * n):
+        M = entry.reshape(n, n)
+        M = (M + M.T) / 2.0
+        exact = A @ M @ A.T
+        columns.append((exact + (moments.second_moment(A, M, axis=axis) - exact) / size).ravel())
+    return np.array(columns).T
+
+
+@axes
+@pytest.mark.parametrize("size", [1, 2, 30, 10**6])
+def test_growth_factor_is_the_spectral_radius_of_the_map(axis, size):
+    gen = np.random.default_rng(20_260_101)
+    jordan = np.array([[0.5, 1.0, 0.0], [0.0, 0.5, 1.0], [0.0, 0.0, 0.5]])
+    for A in (A2, A3, jordan, gen.standard_normal((5, 5)), np.eye(2)[::-1], np.diag([1.0, 0.5])):
+        expected = np.abs(np.linalg.eigvals(map_matrix(A, size, axis))).max()
+        found = moments.growth_factor(A, size, axis=axis)
+        # An eigenvalue of a Jordan block of size k is found to eps^(1/k) by either method.
+        assert found == pytest.approx(expected, rel=1e-4 if A is jordan else 1e-9)
+
+
+def test_growth_factor_without_sampling_error_and_without_states():
+    assert moments.growth_factor(A3, None) == pytest.approx(
+        np.abs(np.linalg.eigvals(A3)).max() ** 2, rel=1e-12
+    )
+    assert moments.growth_factor(np.zeros((3, 3)), 5) == 0.0
+    assert moments.growth_factor([[0.0, 1.0], [0.0, 0.0]], 3) == 0.0
+    assert moments.growth_factor(1e-100 * A2) == pytest.approx(
+        1e-200 * moments.growth_factor(A2), rel=1e-12
+    )
+
+
+def test_the_growth_factor_is_what_variances_grow_by():
+    gen = np.random.default_rng(20_260_102)
+    A = gen.standard_normal((6, 6))
+    A /= np.abs(np.linalg.eigvals(A)).max()
+    zero = np.zeros((6, 1)), np.zeros((60, 1))
+    runs = moments.trajectory_rms(A, *zero, np.ones(6), 1000) ** 2
+    growth = moments.growth_factor(A)
+    assert growth > 3.0  # the signal itself does not grow
+    assert runs[-1] / runs[-2] == pytest.approx(growth, rel=1e-6)
+    field = moments.trajectory_rms(A, *zero, np.ones(6), 1000, averaging="mean-field") ** 2
+    assert 1.0 < field[-1] / field[-2] < 1.2
+    assert field[-1] < 1e-20 * runs[-1]
+
+
+def test_a_rotation_loses_its_signal_in_k_steps():
+    # No K in the bound of Lemma 4.3: here N times the mean square error is 2^(K+1) - 1.
+    H = np.array([[1.0, 1.0], [1.0, -1.0]]) / np.sqrt(2.0)
+    zero = np.zeros((2, 1)), np.zeros((10, 1))
+    rms = moments.trajectory_rms(H, *zero, np.full(2, np.sqrt(0.5)), 50)
+    np.testing.assert_allclose(50 * rms**2, 2.0 ** np.arange(1, 12) - 1.0, rtol=1e-12)
+
+
+def test_wrong_input_is_refused():
+    A, B, u, x0 = CASES["n=2"]
+    with pytest.raises(ShapeError, match="`u`"):
+        moments.trajectory_covariance(A, B, [[1.0, 2.0]], x0)
+    with pytest.raises(ShapeError, match="`x0`"):
+        moments.trajectory_mean(A, B, u, [1.0])
+    with pytest.raises(InputError, match=r"`averaging`.*did you mean 'mean-field'"):
+        moments.trajectory_covariance(A, B, u, x0, averaging="mean_field")
+    with pytest.raises(InputError, match="`size`"):
+        moments.trajectory_rms(A, B, u, x0, 0)
+    with pytest.raises(InputTypeError, match="`sample_B`"):
+        moments.trajectory_rms(A, B, u, x0, sample_B=1)
+    with pytest.raises(ShapeError, match="`A`"):
+        moments.growth_factor(B)
+    with pytest.raises(NonFiniteError, match="trajectory overflows at step 2"):
+        moments.trajectory_mean(1e200 * A, B, u, x0)
+    with pytest.raises(NonFiniteError, match="covariance overflows at step 1"):
+        moments.trajectory_covariance(1e160 * A, B, u[:1], x0)
+    with pytest.raises(NonFiniteError, match="growth factor overflows"):
+        moments.growth_factor(1e200 * A)

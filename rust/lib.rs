@@ -32,6 +32,7 @@ mod parallel;
 mod python;
 pub mod sample;
 mod stream;
+pub mod streaming;
 #[cfg(target_arch = "x86_64")]
 mod wide;
 

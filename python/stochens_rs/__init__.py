@@ -12,6 +12,7 @@ from . import cases, exceptions, experiments, theory
 from ._core import version as _version
 from ._threads import get_num_threads, set_num_threads
 from .controls import control, realization_controls, steer
+from .data_streaming import DataStream
 from .ensembles import Counts, Ensemble
 from .exceptions import (
     InputError,
@@ -26,12 +27,16 @@ from .fusing import fuse, fuse_path
 from .results import Fit, Path, Plan, PlanError, Reachability
 from .rng import Key
 from .sampling import sample, sample_counts
+from .stream_records import Confidence, StreamRun, Trace
+from .streaming import Stream
 from .system import System
 
 __version__ = _version()
 
 __all__ = [
+    "Confidence",
     "Counts",
+    "DataStream",
     "Ensemble",
     "Fit",
     "InputError",
@@ -46,7 +51,10 @@ __all__ = [
     "ShapeError",
     "SolverError",
     "StochensError",
+    "Stream",
+    "StreamRun",
     "System",
+    "Trace",
     "__version__",
     "cases",
     "control",

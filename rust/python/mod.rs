@@ -9,6 +9,7 @@ mod draws;
 mod error;
 mod fuse;
 mod run;
+mod streaming;
 
 use pyo3::prelude::*;
 
@@ -21,6 +22,8 @@ mod _core {
     use super::draws::{Draws, sample_counts};
     #[pymodule_export]
     use super::fuse::{alse, alse_path, alse_prefixes, closed_form, slse, uniform_path};
+    #[pymodule_export]
+    use super::streaming::{PyDataStream, PyStream};
     #[pymodule_export]
     use super::version;
 }

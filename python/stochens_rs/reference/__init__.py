@@ -7,7 +7,8 @@ them bit for bit where that is promised (random draws) and to rounding elsewhere
 * `streams`  - random words: ChaCha8, xoshiro256++, the alias table, the shuffle;
 * `sampling` - realizations as indices, and what is built from indices;
 * `fusing`   - weights: uniform, ALSE, SLSE;
-* `controls` - pseudoinverse, controls, and how wrong they are.
+* `controls` - pseudoinverse, controls, and how wrong they are;
+* `streaming` - the sequential algorithm, and what data say about their mean.
 
 Arrays go in and come out plain: `indices` is (N, lines), `samples` is (N, n) or (N, n, m), `key`
 is 32 bytes. Input is taken as finite and well shaped; nothing is checked.
@@ -47,6 +48,7 @@ from .sampling import (
     systematic_counts,
     to_lines,
 )
+from .streaming import Streamed, mean_radius, stream
 from .streams import (
     AliasTable,
     alias_table,
@@ -65,6 +67,7 @@ __all__ = [
     "Greedy",
     "PlanError",
     "Reachability",
+    "Streamed",
     "alias_table",
     "alse_dense",
     "alse_singleton",
@@ -81,6 +84,7 @@ __all__ = [
     "fuse_path",
     "iid_words",
     "masses",
+    "mean_radius",
     "pinv",
     "plan_error",
     "project_simplex",
@@ -91,6 +95,7 @@ __all__ = [
     "shuffle",
     "slse",
     "slse_safeguarded",
+    "stream",
     "systematic_counts",
     "to_lines",
     "uniform",

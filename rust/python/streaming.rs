@@ -180,7 +180,7 @@ impl PyStream {
 
     /// The bound on `||B (v - v*)||` (nan for variants without one) and the value itself.
     fn certificate(&self, py: Python<'_>) -> PyResult<(f64, f64)> {
-        self.read(py, |stream| Ok((stream.certificate(), stream.error())))
+        self.read(py, |stream| Ok(stream.certificate()))
     }
 
     /// The largest relative drift of `FA F0` found and repaired.

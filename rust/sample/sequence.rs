@@ -7,7 +7,7 @@ use super::law::Law;
 use crate::stream::{CHUNK, Key, Lanes};
 
 /// Realizations drawn at a time; divides [`CHUNK`] and is a multiple of the lanes.
-const BLOCK: usize = 64;
+const BLOCK: usize = 128;
 
 /// Independent realizations in order. Number `i` is realization `i` of `sample(law, N, Scheme::Iid, key, ..)`, `N > i`, so
 /// the position is all there is to save.
@@ -94,7 +94,7 @@ mod tests {
     fn equals_a_sample_and_can_begin_anywhere() {
         let law = Arc::new(Law::new(vec![1.0, -2.0, 0.5, 0.0, 0.0, 0.0, 3.0, 0.0, 1.0], 3, 3).unwrap());
         let key = Key([3; 32]);
-        let size = CHUNK + 3 * BLOCK + 5;
+        let size = CHUNK + 2 * BLOCK + 5;
         let all = indices(sample(&law, size, Scheme::Iid, &key, 1, &Stop::new()).unwrap().indices());
         let mut sequence = Sequence::new(&law, key);
         for expected in all.chunks_exact(3) {

@@ -61,7 +61,7 @@ impl Stream {
                 Some((Rule::Certificate, tolerance)) => {
                     self.step();
                     // the second part alone costs nothing
-                    if self.steps().is_multiple_of(n) && self.matrix_part() <= tolerance && self.certificate() <= tolerance {
+                    if self.steps().is_multiple_of(n) && self.matrix_part() <= tolerance && self.certificate().0 <= tolerance {
                         return Ok(End::Converged);
                     }
                 }

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use super::geometry::dot;
 use crate::error::{Error, Result};
 use crate::fuse::greedy::{Run, gather};
 use crate::fuse::power_of_two_scale;
@@ -11,6 +12,11 @@ use crate::stream::Key;
 /// Norm of a vector whose squares are representable.
 pub(super) fn norm(values: &[f64]) -> f64 {
     values.iter().map(|v| v * v).sum::<f64>().sqrt()
+}
+
+/// A magnitude with the sign of `w`; it is 0, not -0, off the support.
+fn signed(magnitude: f64, w: f64) -> f64 {
+    magnitude.copysign(w) + 0.0
 }
 
 /// An entity drawn from its own law and fitted to its mean. Everything is in units of `scale`, a power of two.
@@ -91,13 +97,13 @@ impl Slot {
         }
         let range = j * self.run.length..(j + 1) * self.run.length;
         let (c, b) = (self.run.c / g * factor, self.run.b * g * factor);
-        let (h, signs) = (&self.run.h[range.clone()], &self.signs[range.clone()]);
-        for ((out, h), sign) in out.iter_mut().zip(h).zip(signs) {
-            *out = f64::from(*sign) * (c * h);
+        let values = &self.law.values()[range.clone()];
+        for ((out, h), w) in out.iter_mut().zip(&self.run.h[range.clone()]).zip(values) {
+            *out = c * signed(*h, *w);
         }
         if b != 0.0 {
-            for ((out, hits), sign) in out.iter_mut().zip(&self.run.hits[range]).zip(signs) {
-                *out += f64::from(*sign) * (b * hits);
+            for ((out, hits), w) in out.iter_mut().zip(&self.run.hits[range]).zip(values) {
+                *out += b * signed(*hits, *w);
             }
         }
     }
@@ -106,44 +112,70 @@ impl Slot {
     pub(super) fn sum_line(&self, j: usize, factor: f64, out: &mut [f64]) {
         let range = j * self.run.length..(j + 1) * self.run.length;
         let g = self.run.gamma[j] * factor;
-        for ((out, hits), sign) in out.iter_mut().zip(&self.run.hits[range.clone()]).zip(&self.signs[range]) {
-            *out = f64::from(*sign) * (g * hits);
+        for ((out, hits), w) in out.iter_mut().zip(&self.run.hits[range.clone()]).zip(&self.law.values()[range]) {
+            *out = g * signed(*hits, *w);
         }
     }
 
-    /// Entry `(j, k)` of `F`, as it is handed out.
-    pub(super) fn entry(&self, j: usize, at: usize) -> f64 {
-        let sign = f64::from(self.signs[at]);
-        if sign == 0.0 || self.run.gamma[j] == 0.0 { 0.0 } else { sign * self.run.f(j, at) }
+    /// Line `j` of `F`, as it is handed out; with `literal`, of the latest realization.
+    pub(super) fn entries(&self, j: usize, literal: bool, out: &mut [f64]) {
+        let run = &self.run;
+        let range = j * run.length..(j + 1) * run.length;
+        let g = run.gamma[j];
+        if literal || g == 0.0 {
+            out.fill(0.0);
+            out[self.raw[j] as usize] = if literal { self.raw_value(j) } else { 0.0 };
+            return;
+        }
+        let values = &self.law.values()[range.clone()];
+        for ((out, h), w) in out.iter_mut().zip(&run.h[range.clone()]).zip(values) {
+            *out = signed(run.c * h / g, *w);
+        }
+        if run.b != 0.0 {
+            for (k, out) in out.iter_mut().enumerate() {
+                *out = signed(run.f(j, range.start + k), values[k]);
+            }
+        }
+    }
+
+    /// Calls `visit` for every line of `F` and its difference to the line of `E*`: neighbouring doubles have an exact
+    /// difference, so the second is exact once `F` is close.
+    pub(super) fn visit(&self, literal: bool, mut visit: impl FnMut(usize, &[f64], &[f64])) {
+        let length = self.run.length;
+        let (mut line, mut off) = (vec![0.0; length], vec![0.0; length]);
+        let unit = self.scale.recip(); // exact: a power of two
+        for (j, values) in self.law.values().chunks_exact(length).enumerate() {
+            self.entries(j, literal, &mut line);
+            for ((off, f), w) in off.iter_mut().zip(&line).zip(values) {
+                *off = f - w * unit;
+            }
+            visit(j, &line, &off);
+        }
     }
 
     /// `F`, or with `literal` the latest realization, line by line, in units of `scale`.
     pub(super) fn estimate(&self, literal: bool) -> Vec<f64> {
-        let length = self.run.length;
-        if literal {
-            let mut out = vec![0.0; self.run.h.len()];
-            for (j, r) in self.raw.iter().enumerate() {
-                out[j * length + *r as usize] = self.raw_value(j);
-            }
-            return out;
+        let mut out = vec![0.0; self.run.h.len()];
+        for (j, line) in out.chunks_exact_mut(self.run.length).enumerate() {
+            self.entries(j, literal, line);
         }
-        (0..self.run.h.len()).map(|at| self.entry(at / length, at)).collect()
+        out
     }
 
-    /// `F - E*`, entry by entry: differences of neighbouring doubles, so exact once `F` is close.
-    pub(super) fn deviation(&self, literal: bool) -> Vec<f64> {
-        let mut out = self.estimate(literal);
-        out.iter_mut().zip(self.law.values()).for_each(|(f, w)| *f -= w / self.scale);
-        out
+    /// `||F - E*||^2` and `<E* - F, F>`, summed from the entries.
+    pub(super) fn inner_products(&self, literal: bool) -> (f64, f64) {
+        let (mut er, mut al) = (0.0, 0.0);
+        self.visit(literal, |_, line, off| {
+            er += dot(off, off);
+            al -= dot(off, line);
+        });
+        (er, al)
     }
 
     /// Folds the scalings into `F` and recomputes every inner product from its entries.
     pub(super) fn refresh(&mut self) {
         self.run.fold();
-        let deviation = self.deviation(false);
-        let length = self.run.length;
-        self.run.state.er = deviation.iter().map(|d| d * d).sum();
-        self.run.state.al = deviation.iter().enumerate().map(|(at, d)| -d * self.entry(at / length, at)).sum();
+        (self.run.state.er, self.run.state.al) = self.inner_products(false);
     }
 
     /// `E ||E - E*||^2 = sum_j (g_j^2 - ||a_j||^2)`.
@@ -156,19 +188,21 @@ impl Slot {
     pub(super) fn check(&self) -> Result<()> {
         let (length, count) = (self.run.length, self.count() as f64);
         let largest = self.run.gamma.iter().fold(0.0f64, |m, g| m.max(*g));
+        let mut line = vec![0.0; length];
         for (j, g) in self.run.gamma.iter().enumerate() {
             let range = j * length..(j + 1) * length;
-            let line: f64 = range.clone().map(|at| self.entry(j, at).abs()).sum();
+            self.entries(j, false, &mut line);
+            let sum: f64 = line.iter().map(|f| f.abs()).sum();
             let off = range.clone().any(|at| self.run.h[at] < 0.0 || (self.signs[at] == 0 && *g > 0.0 && self.run.h[at] != 0.0));
             let counted = self.run.hits.is_empty() || {
                 let hits = &self.run.hits[range];
                 (hits.iter().sum::<f64>() - count).abs() <= 1e-9 * count && hits.iter().all(|h| *h >= 0.0)
             };
-            if off || !counted || (line - g).abs() > 1e-6 * largest {
+            if off || !counted || (sum - g).abs() > 1e-6 * largest {
                 return Err(damaged("estimates that are means of realizations", format!("another one in line {j}")));
             }
         }
-        let er: f64 = self.deviation(false).iter().map(|d| d * d).sum();
+        let er = self.inner_products(false).0;
         let slack = 1e-6 * er + 1e-9 * self.run.state.gg;
         if (er - self.run.state.er).abs() <= slack {
             return Ok(());

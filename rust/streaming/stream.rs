@@ -1,6 +1,6 @@
 //! The stream itself: which slot moves, what moves with it, and what can be read off.
 
-use super::geometry::Geometry;
+use super::geometry::{Geometry, dot};
 use super::products::{Products, Start};
 use super::slot::{Slot, norm};
 use super::trace::{Entry, on_grid};
@@ -211,7 +211,7 @@ impl Stream {
         if !gains.iter().any(|g| *g > 0.0 && g.is_finite()) {
             return (self.steps % 3) as usize; // nothing to gain, or not to be told in doubles
         }
-        (0..3).fold(0, |best, k| if gains[k] > gains[best] { k } else { best })
+        [1, 2].into_iter().fold(0, |best, k| if gains[k] > gains[best] { k } else { best })
     }
 
     /// Recomputes from the entries what is otherwise carried along, and notes how far that had drifted, relative to
@@ -244,7 +244,7 @@ impl Stream {
     }
 
     fn record(&mut self, size: f64) {
-        let (certificate, error) = (self.certificate(), self.error());
+        let (certificate, error) = self.certificate();
         self.trace.push(Entry { step: self.steps, certificate, error, size });
     }
 
@@ -270,7 +270,7 @@ impl Stream {
     /// `||F - E*||` for `x0`, `xf`, `A`, from the entries.
     pub fn residuals(&self) -> [f64; 3] {
         let literal = self.literal();
-        [0, 1, 2].map(|k| norm(&self.slots[k].deviation(literal)) * self.slots[k].scale)
+        [0, 1, 2].map(|k| self.slots[k].inner_products(literal).0.sqrt() * self.slots[k].scale)
     }
 
     /// `||FA - A|| ||F0||`, from the numbers that every step carries along.
@@ -279,36 +279,39 @@ impl Stream {
         a.run.state.er.max(0.0).sqrt() * a.scale * (norm(&self.start.f) * self.slots[0].scale)
     }
 
-    /// `||P [(Ff - xf) - A (F0 - x0)]|| + ||FA - A|| ||F0||`, a bound on `||B (v - v*)||`; NaN for the variants whose
-    /// control is not the one that their estimates give. `O(n^2)`.
-    pub fn certificate(&self) -> f64 {
-        if !self.consistent() {
-            return f64::NAN;
-        }
+    /// A bound on `||B (v - v*)||`, and that number itself, in `O(n^2)`. The bound is
+    /// `||P [(Ff - xf) - A (F0 - x0)]|| + ||FA - A|| ||F0||`, NaN for the variants whose control is not the one that their
+    /// estimates give; the number is `||P [(Ff - FA F0) - (xf - A x0)]||`, from differences that do not cancel.
+    pub fn certificate(&self) -> (f64, f64) {
         let [x0, xf, a] = &self.slots;
-        let moved = product(a.law.values(), &x0.deviation(false));
-        let goal = xf.deviation(false);
-        let apart: Vec<f64> = goal.iter().zip(&moved).map(|(f, y)| f * xf.scale - y * x0.scale).collect();
-        let matrix = norm(&a.deviation(false)) * a.scale * (norm(&x0.estimate(false)) * x0.scale);
-        self.geometry.projected_norm(&apart) + matrix
-    }
-
-    /// `||B (v - v*)|| = ||P [(Ff - FA F0) - (xf - A x0)]||`, from differences that do not cancel. `O(n^2)`.
-    pub fn error(&self) -> f64 {
-        let [x0, xf, a] = &self.slots;
+        let n = self.geometry.n;
         if !self.consistent() {
-            let free = product(a.law.values(), x0.law.values());
-            let off = self.difference().iter().zip(xf.law.values()).zip(free).map(|((z, f), y)| z - (f - y)).collect::<Vec<_>>();
-            return self.geometry.projected_norm(&off);
+            let mut off = self.difference();
+            for (column, x) in a.law.values().chunks_exact(n).zip(x0.law.values()) {
+                off.iter_mut().zip(column).for_each(|(off, a)| *off += a * x);
+            }
+            off.iter_mut().zip(xf.law.values()).for_each(|(off, f)| *off -= f);
+            return (f64::NAN, self.geometry.projected_norm(&off));
         }
-        // (Ff - xf) - (FA - A) F0 - A (F0 - x0)
-        let matrix = product(&a.deviation(false), &x0.estimate(false));
-        let moved = product(a.law.values(), &x0.deviation(false));
-        let goal = xf.deviation(false);
-        let off: Vec<f64> = (0..self.geometry.n)
-            .map(|i| goal[i] * xf.scale - (matrix[i] * a.scale + moved[i]) * x0.scale)
-            .collect();
-        self.geometry.projected_norm(&off)
+        let (mut start, mut moved) = (vec![0.0; n], vec![0.0; n]);
+        x0.visit(false, |_, line, off| {
+            start.copy_from_slice(line);
+            moved.copy_from_slice(off);
+        });
+        // (Ff - xf) - A (F0 - x0), and (FA - A) F0
+        let (mut apart, mut matrix, mut er) = (vec![0.0; n], vec![0.0; n], 0.0);
+        a.visit(false, |j, _, off| {
+            er += dot(off, off);
+            let (f, d) = (start[j], moved[j]);
+            matrix.iter_mut().zip(off).for_each(|(y, off)| *y += off * f);
+            apart.iter_mut().zip(&a.law.values()[j * n..(j + 1) * n]).for_each(|(y, a)| *y -= a * d);
+        });
+        xf.visit(false, |_, _, off| {
+            apart.iter_mut().zip(off).for_each(|(y, off)| *y = *y * x0.scale + off * xf.scale);
+        });
+        let bound = self.geometry.projected_norm(&apart) + er.sqrt() * a.scale * (norm(&start) * x0.scale);
+        apart.iter_mut().zip(&matrix).for_each(|(y, off)| *y -= off * a.scale * x0.scale);
+        (bound, self.geometry.projected_norm(&apart))
     }
 
     /// The estimates of `x0`, `xf`, `A` (column by column).
@@ -350,15 +353,6 @@ impl Stream {
     pub fn config(&self) -> Config {
         self.config
     }
-}
-
-/// `A x` for a square matrix given column by column.
-pub(super) fn product(columns: &[f64], x: &[f64]) -> Vec<f64> {
-    let mut y = vec![0.0; x.len()];
-    for (column, x) in columns.chunks_exact(x.len()).zip(x) {
-        y.iter_mut().zip(column).for_each(|(y, a)| *y += a * x);
-    }
-    y
 }
 
 fn spectral_norm(a: &[f64], n: usize) -> Result<f64> {

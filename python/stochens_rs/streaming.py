@@ -352,11 +352,11 @@ class Stream:
     def _from_sections(cls, sections: dict[str, Any]) -> Stream:
         """Make a stream of what `_to_sections` returned, after checking that it can be one."""
         state = dict(sections)
-        try:
-            key = Key(np.asarray(state.pop("key"), dtype=np.uint8).tobytes())
-            digest = np.asarray(state.pop("digest"), dtype=np.uint8).tobytes().hex()
-        except KeyError as error:
-            raise InputError(f"`state` must be complete, got no section {error}") from None
+        own = {name: np.asarray(state.pop(name, ())) for name in ("key", "digest")}
+        for name, array in own.items():
+            if array.dtype != np.uint8 or array.shape != (32,):
+                raise InputError(f"`state` must have 32 bytes in '{name}', got others or none")
+        key, digest = Key(own["key"].tobytes()), own["digest"].tobytes().hex()
         core = _core.Stream.from_sections(list(state.items()))
         n, m, variant, safeguard, order = (int(v) for v in state["format"][1:])
         options = (_VARIANTS[variant], bool(safeguard), _SLOTS[order])

@@ -14,9 +14,11 @@ pub(super) fn norm(values: &[f64]) -> f64 {
     values.iter().map(|v| v * v).sum::<f64>().sqrt()
 }
 
-/// A magnitude with the sign of `w`; it is 0, not -0, off the support.
-fn signed(magnitude: f64, w: f64) -> f64 {
-    magnitude.copysign(w) + 0.0
+/// `sign(w) value` by flipping a bit; 0, not -0, off the support, where `value` is 0.
+#[inline]
+fn signed(value: f64, w: f64) -> f64 {
+    const SIGN: u64 = 1 << 63;
+    f64::from_bits(value.to_bits() ^ (w.to_bits() & SIGN)) + 0.0
 }
 
 /// An entity drawn from its own law and fitted to its mean. Everything is in units of `scale`, a power of two.
@@ -193,7 +195,11 @@ impl Slot {
             let range = j * length..(j + 1) * length;
             self.entries(j, false, &mut line);
             let sum: f64 = line.iter().map(|f| f.abs()).sum();
-            let off = range.clone().any(|at| self.run.h[at] < 0.0 || (self.signs[at] == 0 && *g > 0.0 && self.run.h[at] != 0.0));
+            let off = range.clone().zip(&line).any(|(at, f)| {
+                // a mean of atoms has their sign; h alone may be negative with the safeguard
+                let against = f64::from(self.signs[at]) * f < -1e-9 * largest;
+                against || (self.signs[at] == 0 && *g > 0.0 && self.run.h[at] != 0.0)
+            });
             let counted = self.run.hits.is_empty() || {
                 let hits = &self.run.hits[range];
                 (hits.iter().sum::<f64>() - count).abs() <= 1e-9 * count && hits.iter().all(|h| *h >= 0.0)

@@ -437,7 +437,7 @@ def test_damaged_states_are_refused():
         changed("B", 0, 17.0),
         changed("x0", 1, 3.0),
         changed("A", 1, 3.0),
-        changed("A.fused", 3, -1.0),
+        changed("A.fused", 3, -100.0),
         changed("A.fused", 3, 100.0),
         changed("xf.hits", 3, 100.0),
         changed("x0.state", 0, 0.0),

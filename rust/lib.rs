@@ -35,6 +35,7 @@ pub mod sample;
 pub mod simulate;
 pub mod storage;
 mod stream;
+pub mod streaming;
 #[cfg(target_arch = "x86_64")]
 mod wide;
 

@@ -14,6 +14,7 @@ from ._core import version as _version
 from ._threads import get_num_threads, set_num_threads
 from .closed_loop import Tracking, track
 from .controls import control, realization_controls, steer
+from .data_streaming import DataStream
 from .ensembles import Counts, Ensemble
 from .exceptions import (
     InputError,
@@ -30,6 +31,8 @@ from .results import Fit, Path, Plan, PlanBound, PlanError, Reachability
 from .rng import Key
 from .sampling import sample, sample_counts
 from .simulating import simulate, simulate_ensemble
+from .stream_records import Confidence, StreamRun, Trace
+from .streaming import Stream
 from .system import System
 from .trajectories import EnsembleTrajectory, Trajectory
 from .trajectory_bounds import TrajectoryBound
@@ -38,7 +41,9 @@ from .trajectory_plans import TrajectoryPlan
 __version__ = _version()
 
 __all__ = [
+    "Confidence",
     "Counts",
+    "DataStream",
     "Ensemble",
     "EnsembleTrajectory",
     "Fit",
@@ -55,7 +60,10 @@ __all__ = [
     "ShapeError",
     "SolverError",
     "StochensError",
+    "Stream",
+    "StreamRun",
     "System",
+    "Trace",
     "Tracking",
     "Trajectory",
     "TrajectoryBound",

@@ -16,6 +16,8 @@ pub struct Pseudoinverse {
     pub singular_values: Vec<f64>,
     /// The largest over the smallest singular value above the cut-off; infinite for `B = 0`.
     pub condition: f64,
+    /// An orthonormal basis of the range of `B`, vector by vector (`rank x rows`).
+    pub basis: Vec<f64>,
 }
 
 /// `B^+` of a `rows x cols` matrix given row by row.
@@ -48,6 +50,7 @@ pub fn pseudoinverse(b: &[f64], rows: usize, cols: usize) -> Result<Pseudoinvers
         return Err(Error::Value { name: "B", expected: "large enough for its pseudoinverse to be finite", found });
     }
     Ok(Pseudoinverse {
+        basis: (0..rank).flat_map(|k| (0..rows).map(move |j| (j, k))).map(|at| u[at]).collect(),
         matrix,
         rank,
         condition: if rank > 0 { largest / s[rank - 1] } else { f64::INFINITY },

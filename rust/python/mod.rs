@@ -11,6 +11,7 @@ mod fuse;
 mod run;
 mod simulate;
 mod storage;
+mod streaming;
 
 use pyo3::prelude::*;
 
@@ -27,6 +28,8 @@ mod _core {
     use super::simulate::{simulate_mean_field, simulate_runs, trajectory};
     #[pymodule_export]
     use super::storage::{storage_load, storage_save};
+    #[pymodule_export]
+    use super::streaming::{PyDataStream, PyStream};
     #[pymodule_export]
     use super::version;
 }

@@ -8,6 +8,7 @@ mod categorical;
 mod counts;
 mod iid;
 mod law;
+mod sequence;
 mod singletons;
 #[cfg(test)]
 mod statistics;
@@ -16,6 +17,7 @@ mod systematic;
 pub use categorical::AliasTable;
 pub use counts::multinomial_counts;
 pub use law::Law;
+pub use sequence::Sequence;
 pub use singletons::{Index, Indices, Singletons};
 pub use systematic::systematic_counts;
 

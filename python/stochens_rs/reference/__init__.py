@@ -9,6 +9,7 @@ them bit for bit where that is promised (random draws) and to rounding elsewhere
 * `fusing`   - weights: uniform, ALSE, SLSE;
 * `controls` - pseudoinverse, controls, and how wrong they are;
 * `simulation` - trajectories: exact, random runs, mean fields.
+* `streaming` - the sequential algorithm, and what data say about their mean.
 
 Arrays go in and come out plain: `indices` is (N, lines), `samples` is (N, n) or (N, n, m), `key`
 is 32 bytes. Input is taken as finite and well shaped; nothing is checked.
@@ -49,6 +50,7 @@ from .sampling import (
     to_lines,
 )
 from .simulation import simulate, simulate_mean_field, simulate_runs
+from .streaming import Streamed, mean_radius, stream
 from .streams import (
     AliasTable,
     alias_table,
@@ -67,6 +69,7 @@ __all__ = [
     "Greedy",
     "PlanError",
     "Reachability",
+    "Streamed",
     "alias_table",
     "alse_dense",
     "alse_singleton",
@@ -83,6 +86,7 @@ __all__ = [
     "fuse_path",
     "iid_words",
     "masses",
+    "mean_radius",
     "pinv",
     "plan_error",
     "project_simplex",
@@ -96,6 +100,7 @@ __all__ = [
     "simulate_runs",
     "slse",
     "slse_safeguarded",
+    "stream",
     "systematic_counts",
     "to_lines",
     "uniform",

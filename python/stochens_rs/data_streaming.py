@@ -1,0 +1,345 @@
+"""The sequential algorithm on realizations that come from elsewhere, with or without a target."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from . import _core, _gate
+from ._lines import to_lines
+from .ensembles import Ensemble
+from .exceptions import InputError, InputTypeError, ShapeError, SizeError
+from .stream_records import Confidence, mean_radius
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    Floats: TypeAlias = NDArray[np.float64]
+    FeedLike: TypeAlias = ArrayLike | Ensemble | Iterable[ArrayLike]
+
+__all__ = ["DataStream"]
+
+_NAMES = ("x0", "xf", "A")
+_BLOCK = 2**18  # entries that are handed over at a time
+
+
+class DataStream:
+    """The control from realizations that are handed in, one by one or in batches.
+
+    Without a target an entity is averaged, with weights 1/N; nothing needs to be known, and
+    `confidence` says how far the control can be off. With a target it is fused towards it by one
+    exact line search per realization: ``t = clip(<T - F, E - F> / ||E - F||^2, 0, 1)``,
+    ``F <- (1 - t) F + t E``. The control is ``v = B^+ (Ff - FA F0)`` at any time.
+
+    Parameters
+    ----------
+    B : array_like, shape (n, m)
+        Input matrix, known.
+    x0, xf : array_like, shape (n,), optional
+        Targets, such as a nominal model or a held-out estimate.
+    A : array_like, shape (n, n), optional
+        Target for the system matrix.
+    ranges : mapping of str to float, optional
+        For "x0", "xf", "A": a bound R on ``||E - E'||`` for any two realizations (2-norm;
+        Frobenius for A). 0 says that all realizations are the same. `confidence` needs it for a
+        guarantee.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If an argument cannot be used; the message names it.
+
+    Notes
+    -----
+    Taking in a realization costs as much as reading it; `u` costs O(n^2 + n m). One by one or in
+    batches gives the same numbers, bit for bit.
+
+    Examples
+    --------
+    >>> import numpy as np, stochens_rs as se
+    >>> A, B = np.array([[0.9, 0.2], [-0.1, 0.8]]), np.array([[1.0, 0.0], [0.5, 1.0]])
+    >>> stream = DataStream(B, ranges={"xf": 0.0})
+    >>> stream.update(x0=se.sample([1.0, 2.0], 5000, rng=1), xf=[0.0, 0.0])
+    >>> stream.update(A=se.sample(A, 5000, rng=2))
+    >>> stream.counts
+    {'x0': 5000, 'xf': 1, 'A': 5000}
+    >>> bool(np.linalg.norm(B @ stream.u + A @ [1.0, 2.0]) < 0.1)
+    True
+    """
+
+    def __init__(
+        self,
+        B: ArrayLike,
+        *,
+        x0: ArrayLike | None = None,
+        xf: ArrayLike | None = None,
+        A: ArrayLike | None = None,
+        ranges: Mapping[str, float] | None = None,
+    ) -> None:
+        inputs = _gate.matrix("B", B)
+        n, m = inputs.shape
+        start = None if x0 is None else _gate.vector("x0", x0, length=n)
+        goal = None if xf is None else _gate.vector("xf", xf, length=n)
+        matrix = None if A is None else _gate.matrix("A", A, rows=n, cols=n)
+        self._ranges = _checked_ranges(ranges)
+        _gate.memory("a stream", 48 * n * n + 40 * n * m)
+        self._shape = (n, m)
+        self._targets = tuple(value is not None for value in (start, goal, matrix))
+        self._core = _core.DataStream(inputs, start, goal, matrix)
+
+    def update(
+        self,
+        *,
+        x0: FeedLike | None = None,
+        xf: FeedLike | None = None,
+        A: FeedLike | None = None,
+    ) -> None:
+        """Take in realizations.
+
+        Parameters
+        ----------
+        x0, xf : array_like, Ensemble or iterable, optional
+            One realization, shape (n,); a batch, shape (k, n); an Ensemble; or an iterator or
+            generator of single realizations, which is read to its end.
+        A : array_like, Ensemble or iterable, optional
+            The same with (n, n) and (k, n, n).
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If a realization cannot be used, or nothing is given. Those before it have been taken
+            in; `counts` says how many.
+        KeyboardInterrupt
+            On Ctrl-C, between two realizations.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> one, many = DataStream([[1.0]]), DataStream([[1.0]])
+        >>> many.update(x0=[[1.0], [2.0], [4.0]], xf=[0.0], A=[[2.0]])
+        >>> one.update(x0=([float(v)] for v in (1, 2, 4)), xf=[0.0], A=[[2.0]])
+        >>> bool(one.u == many.u)
+        True
+        """
+        given = [(k, v) for k, v in enumerate((x0, xf, A)) if v is not None]
+        if not given:
+            raise InputError("`x0`, `xf` or `A` must be given: there is nothing to take in")
+        for entity, value in given:
+            for block in self._blocks(_NAMES[entity], value):
+                self._core.update(entity, block)
+
+    def _blocks(self, name: str, value: Any) -> Iterator[Floats]:
+        """The realizations as rows, some at a time."""
+        n = self._shape[0]
+        shape = (n, n) if name == "A" else (n,)
+        entries = n ** len(shape)
+        rows = max(1, _BLOCK // entries)
+        if isinstance(value, Ensemble):
+            if value.shape != shape:
+                raise ShapeError(f"`{name}` must have shape {shape}, got {value.shape}")
+            for first in range(0, value.size, rows):
+                yield _dense(value, first, min(first + rows, value.size)).reshape(-1, entries)
+        elif isinstance(value, Iterator):
+            pending: list[Floats] = []
+            try:
+                for item in value:
+                    pending.append(_one(name, item, shape))
+                    if len(pending) == rows:
+                        yield np.stack(pending).reshape(-1, entries)
+                        pending = []
+            except Exception:  # what came before the faulty one counts
+                if pending:
+                    yield np.stack(pending).reshape(-1, entries)
+                raise
+            if pending:
+                yield np.stack(pending).reshape(-1, entries)
+        else:
+            array = _gate.array(name, value, ndim=(len(shape), len(shape) + 1))
+            if array.shape[-len(shape) :] != shape:
+                raise ShapeError(
+                    f"`{name}` must have shape {shape} or (k, {', '.join(map(str, shape))}), "
+                    f"got {array.shape}"
+                )
+            yield array.reshape(-1, entries)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Realizations taken in so far, for "x0", "xf" and "A"."""
+        return dict(zip(_NAMES, self._core.statistics()[0], strict=True))
+
+    @property
+    def u(self) -> Floats:
+        """The control v, shape (m,); it needs a realization of each entity."""
+        self._seen("u")
+        return self._core.control()
+
+    @property
+    def estimates(self) -> dict[str, Floats]:
+        """The estimates of "x0" (n,), "xf" (n,) and "A" (n, n) that have realizations."""
+        found = zip(_NAMES, self._core.estimates(), strict=True)
+        return {name: value for name, value in found if self.counts[name] > 0}
+
+    @property
+    def residuals(self) -> dict[str, float]:
+        """``||F - target||`` of the entities that have a target and a realization."""
+        found = dict(zip(_NAMES, self._core.statistics()[3], strict=True))
+        known = dict(zip(_NAMES, self._targets, strict=True))
+        return {k: v for k, v in found.items() if known[k] and self.counts[k] > 0}
+
+    @property
+    def certificate(self) -> float | None:
+        """``||P [(Ff - xf) - A (F0 - x0)]|| + ||FA - A|| ||F0||`` with the targets.
+
+        It bounds the error against the control that the targets give; None unless all three
+        entities have one.
+        """
+        self._seen("certificate")
+        found = self._core.certificate()
+        return None if found is None else found[0]
+
+    @property
+    def error(self) -> float | None:
+        """``||B (v - v*)||`` for the targets' control v*; None unless all three have one."""
+        self._seen("error")
+        found = self._core.certificate()
+        return None if found is None else found[1]
+
+    def confidence(self, delta: float = 0.05) -> Confidence:
+        """Say how far the control can be from the one that the true means give.
+
+        Parameters
+        ----------
+        delta : float, default 0.05
+            Probability of error, 0 < delta < 1.
+
+        Returns
+        -------
+        Confidence
+            Radii for the entities and for the state.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If `delta` cannot be used, an entity has no realization, or one has a target: what is
+            fitted to a target says nothing about the mean.
+
+        Notes
+        -----
+        *What is guaranteed*, if `ranges` holds for all three entities and the realizations are
+        independent with one law each: with probability at least 1 - delta, for **all** numbers
+        of realizations at once - so one may look as often as one likes, and stop when it is
+        good enough -, ``||F - E|| <= r`` for each entity and ``||B (v - v*)|| <= r_f +
+        (||FA|| + r_A) r_0 + r_A ||F0||``.
+
+        Empirical Bernstein bound for vectors, dimension-free: with the range R, the sample
+        variance ``V_hat = sum ||E_i - mean||^2 / (N - 1)``, ``L = log(2 N (N - 1) / delta_E)``
+        and delta_E = delta / 3, first ``sqrt(V) <= sqrt(V_hat + R^2 L / N) + R sqrt(L / N)``
+        (n V_hat / R^2 is a self-bounding function with a = 2), then ``r = a + sqrt(a^2 + 2 V (L +
+        log 2) / N)``, ``a = R (L + log 2) / (3 N)`` (Bernstein's inequality in a Hilbert space).
+
+        Without a range, twice the largest observed distance from the first realization takes its
+        place. That is an estimate and no guarantee (``guaranteed=False``): values that are rare
+        may not have been seen yet.
+
+        References
+        ----------
+        A. Maurer, M. Pontil, "Empirical Bernstein bounds and sample variance penalization" (2009).
+        I. Pinelis, "Optimum bounds for the distributions of martingales in Banach spaces" (1994).
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> data = np.random.default_rng(1).uniform(0.9, 1.1, (10_000, 1))
+        >>> stream = DataStream([[1.0]], ranges={"x0": 0.2, "xf": 0.0, "A": 0.0})
+        >>> stream.update(x0=data, xf=[0.0], A=[[2.0]])
+        >>> found = stream.confidence()
+        >>> found.guaranteed, abs(stream.u[0] + 2.0) <= found.state < 0.02
+        (True, True)
+        """
+        if not 0.0 < _gate.positive("delta", delta) < 1.0:
+            raise SizeError(f"`delta` must be in (0, 1), got {_gate.show(delta)}")
+        self._seen("confidence")
+        if any(self._targets):
+            named = [n for n, known in zip(_NAMES, self._targets, strict=True) if known]
+            raise InputError(
+                f"`confidence` needs running means, but {named[0]} is fitted to a target, which "
+                "says nothing about its mean"
+            )
+        counts, deviations, spreads, _ = self._core.statistics()
+        radii = []
+        for k, name in enumerate(_NAMES):
+            diameter = self._ranges.get(name, 2.0 * spreads[k] if counts[k] > 1 else np.inf)
+            radii.append(mean_radius(counts[k], deviations[k], diameter, float(delta) / 3.0))
+        x0, _, A = self._core.estimates()
+        r0, rf, rA = radii
+        # inf * 0 is no bound: a radius of infinity stays one
+        parts = [(float(np.linalg.norm(A, 2)) + rA, r0), (rA, float(np.linalg.norm(x0)))]
+        state = rf + sum(a * b if a > 0.0 and b > 0.0 else 0.0 for a, b in parts)
+        return Confidence(state, r0, rf, rA, float(delta), len(self._ranges) == len(_NAMES))
+
+    def _seen(self, what: str) -> None:
+        missing = [name for name, count in self.counts.items() if count == 0]
+        if missing:
+            raise InputError(f"`{what}` needs at least one realization of {', '.join(missing)}")
+
+    def _to_sections(self) -> dict[str, Any]:
+        """Return the state as named arrays of counters and numbers."""
+        ranges = [self._ranges.get(name, -1.0) for name in _NAMES]
+        return {"ranges": np.array(ranges)} | dict(self._core.to_sections())
+
+    @classmethod
+    def _from_sections(cls, sections: dict[str, Any]) -> DataStream:
+        """Make a stream of what `_to_sections` returned, after checking that it can be one."""
+        state = dict(sections)
+        ranges = np.asarray(state.pop("ranges", ()), dtype=np.float64)
+        if ranges.shape != (3,) or not np.isfinite(ranges).all():
+            raise InputError("`state` must have three finite ranges, got others")
+        made = cls.__new__(cls)
+        made._core = _core.DataStream.from_sections(list(state.items()))
+        known = zip(_NAMES, ranges.tolist(), strict=True)
+        made._ranges = {name: value for name, value in known if value >= 0.0}
+        _, n, m, *targets = (int(v) for v in state["format"])
+        made._shape, made._targets = (n, m), tuple(bool(v) for v in targets)
+        return made
+
+    def __repr__(self) -> str:
+        n, m = self._shape
+        seen = ", ".join(f"{count} of {name}" for name, count in self.counts.items())
+        return f"<DataStream: n={n}, m={m}, {seen}>"
+
+
+def _checked_ranges(ranges: object) -> dict[str, float]:
+    if ranges is None:
+        return {}
+    if not isinstance(ranges, Mapping):
+        raise InputTypeError(f"`ranges` must be a mapping of names, got {_gate.show(ranges)}")
+    checked = {}
+    for name, value in ranges.items():
+        key = _gate.choice("ranges", name, _NAMES)
+        zero = isinstance(value, (int, float)) and value == 0 and not isinstance(value, bool)
+        checked[key] = 0.0 if zero else _gate.positive(f"ranges['{key}']", value)
+    return checked
+
+
+def _one(name: str, item: object, shape: tuple[int, ...]) -> Floats:
+    if len(shape) == 1:
+        return _gate.vector(name, item, length=shape[0])
+    return _gate.matrix(name, item, rows=shape[0], cols=shape[1])
+
+
+def _dense(ensemble: Ensemble, first: int, last: int) -> Floats:
+    """Realizations first..last-1 of an ensemble, (last - first, ...)."""
+    if ensemble.samples is not None:
+        return np.ascontiguousarray(ensemble.samples[first:last])
+    assert ensemble.indices is not None
+    assert ensemble.atoms is not None
+    hits = ensemble.indices[first:last].astype(np.intp)
+    lines = to_lines(ensemble.atoms, ensemble.axis)
+    out = np.zeros((last - first, *lines.shape))
+    s, j = np.arange(last - first)[:, None], np.arange(len(lines))[None, :]
+    out[s, j, hits] = lines[j, hits]
+    if len(ensemble.shape) == 2 and ensemble.axis == "columns":
+        return np.ascontiguousarray(out.transpose(0, 2, 1))
+    return out

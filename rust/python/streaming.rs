@@ -1,0 +1,288 @@
+//! The sequential algorithm as two Python objects; a lock lets any thread use them.
+
+use std::sync::Mutex;
+use std::time::{Duration, Instant};
+
+use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::prelude::*;
+use pyo3::types::PyAny;
+
+use super::convert::{array1, array2, dense, key, slice};
+use super::error::InputError;
+use super::run::run;
+use crate::streaming::{
+    Config, Data, End, Geometry, Laws, Limits, Order, Rule, Section, Sections, Stream, Variant,
+};
+use crate::{Error, Key, Result, Stop};
+
+type Array1<'py> = Bound<'py, PyArray1<f64>>;
+type Array2<'py> = Bound<'py, PyArray2<f64>>;
+
+/// Elementary operations of one evaluation for `n` states.
+fn square(n: usize) -> f64 {
+    10.0 * (n * n) as f64
+}
+
+/// Runs `work` on what the lock guards, without the interpreter.
+fn with<S: Send, T: Send>(
+    py: Python<'_>,
+    inner: &Mutex<S>,
+    cost: f64,
+    work: impl FnOnce(&mut S, &Stop) -> Result<T> + Send,
+) -> PyResult<T> {
+    run(py, cost, |stop| {
+        let unusable = |_| Error::Numerical("a defect has left this stream unusable".into());
+        work(&mut *inner.lock().map_err(unusable)?, stop)
+    })
+}
+
+fn geometry(py: Python<'_>, b: &PyReadonlyArray2<'_, f64>) -> PyResult<Geometry> {
+    let (n, m) = b.as_array().dim();
+    let values = slice("B", b)?.to_vec();
+    run(py, 10.0 * (n * m * n.min(m)) as f64, |_| Geometry::new(values, n, m))
+}
+
+fn to_python<'py>(py: Python<'py>, sections: Sections) -> PyResult<Vec<(String, Bound<'py, PyAny>)>> {
+    let array = |section| match section {
+        Section::U8(values) => PyArray1::from_vec(py, values).into_any(),
+        Section::U64(values) => PyArray1::from_vec(py, values).into_any(),
+        Section::F64(values) => PyArray1::from_vec(py, values).into_any(),
+    };
+    Ok(sections.0.into_iter().map(|(name, section)| (name, array(section))).collect())
+}
+
+#[derive(FromPyObject)]
+enum Plain<'py> {
+    U8(PyReadonlyArray1<'py, u8>),
+    U64(PyReadonlyArray1<'py, u64>),
+    F64(PyReadonlyArray1<'py, f64>),
+}
+
+fn from_python(sections: Vec<(String, Plain<'_>)>) -> Sections {
+    let plain = |array| match array {
+        Plain::U8(values) => Section::U8(values.as_array().to_vec()),
+        Plain::U64(values) => Section::U64(values.as_array().to_vec()),
+        Plain::F64(values) => Section::F64(values.as_array().to_vec()),
+    };
+    Sections(sections.into_iter().map(|(name, array)| (name, plain(array))).collect())
+}
+
+/// The algorithm on realizations of its own.
+#[pyclass(frozen, name = "Stream", module = "stochens_rs._core")]
+pub(super) struct PyStream {
+    inner: Mutex<Stream>,
+    n: usize,
+}
+
+impl PyStream {
+    fn of(inner: Stream) -> Self {
+        Self { n: inner.n(), inner: Mutex::new(inner) }
+    }
+
+    fn read<T: Send>(&self, py: Python<'_>, work: impl FnOnce(&Stream) -> Result<T> + Send) -> PyResult<T> {
+        with(py, &self.inner, square(self.n), |stream, _| work(stream))
+    }
+}
+
+#[pymethods]
+impl PyStream {
+    /// `a` holds the columns of `A` as rows; `keys` are those of x0, xf, A and the choice of slots, 32 bytes each.
+    #[new]
+    #[expect(clippy::too_many_arguments, reason = "the arguments of one call")]
+    fn new(
+        py: Python<'_>,
+        b: PyReadonlyArray2<'_, f64>,
+        x0: PyReadonlyArray1<'_, f64>,
+        xf: PyReadonlyArray1<'_, f64>,
+        a: PyReadonlyArray2<'_, f64>,
+        keys: [Vec<u8>; 4],
+        variant: &str,
+        safeguard: bool,
+        slots: &str,
+    ) -> PyResult<Self> {
+        let variant = match variant {
+            "consistent" => Variant::Consistent,
+            "semi" => Variant::Semi,
+            "literal" => Variant::Literal,
+            other => return Err(InputError::new_err(format!("`variant` is unknown: '{other}'"))),
+        };
+        let order = match slots {
+            "random" => Order::Random,
+            "round-robin" => Order::RoundRobin,
+            "gain" => Order::Gain,
+            other => return Err(InputError::new_err(format!("`slots` is unknown: '{other}'"))),
+        };
+        let mut checked = [Key([0; 32]); 4];
+        for (to, bytes) in checked.iter_mut().zip(&keys) {
+            *to = key(bytes)?;
+        }
+        let laws = Laws {
+            x0: slice("x0", &x0)?.to_vec(),
+            xf: slice("xf", &xf)?.to_vec(),
+            a: slice("A", &a)?.to_vec(),
+            keys: checked,
+        };
+        let geometry = geometry(py, &b)?;
+        let cost = 50.0 * square(geometry.size().0);
+        run(py, cost, |_| Stream::new(geometry, laws, Config { variant, safeguard, order })).map(Self::of)
+    }
+
+    /// Up to `steps` steps: "converged", "max_steps" or "time_limit".
+    fn advance(
+        &self,
+        py: Python<'_>,
+        steps: u64,
+        rule: Option<&str>,
+        tol: f64,
+        seconds: Option<f64>,
+    ) -> PyResult<&'static str> {
+        let rule = match rule {
+            None => None,
+            Some("certificate") => Some(Rule::Certificate),
+            Some("printed") => Some(Rule::Printed),
+            Some(other) => return Err(InputError::new_err(format!("`rule` is unknown: '{other}'"))),
+        };
+        // a time beyond the clock is no limit
+        let deadline = seconds
+            .and_then(|s| Duration::try_from_secs_f64(s).ok())
+            .and_then(|time| Instant::now().checked_add(time));
+        let limits = Limits { steps, tolerance: rule.map(|rule| (rule, tol)), deadline };
+        let end = with(py, &self.inner, 10.0 * (steps as f64) * self.n as f64, |stream, stop| {
+            stream.advance(&limits, stop)
+        })?;
+        Ok(match end {
+            End::Converged => "converged",
+            End::Steps => "max_steps",
+            End::Time => "time_limit",
+        })
+    }
+
+    /// The control (m,).
+    fn control<'py>(&self, py: Python<'py>) -> PyResult<Array1<'py>> {
+        Ok(array1(py, self.read(py, Stream::control)?))
+    }
+
+    /// The estimates of x0 (n,), xf (n,) and of A, its columns as rows.
+    fn estimates<'py>(&self, py: Python<'py>) -> PyResult<(Array1<'py>, Array1<'py>, Array2<'py>)> {
+        let [x0, xf, a] = self.read(py, |stream| Ok(stream.estimates()))?;
+        Ok((array1(py, x0), array1(py, xf), array2(py, a, self.n, self.n)?))
+    }
+
+    /// Steps taken, and realizations used for x0, xf, A.
+    fn counts(&self, py: Python<'_>) -> PyResult<(u64, [u64; 3])> {
+        with(py, &self.inner, 1.0, |stream, _| Ok((stream.steps(), stream.counts())))
+    }
+
+    /// `||F - E*||` for x0, xf, A.
+    fn residuals(&self, py: Python<'_>) -> PyResult<[f64; 3]> {
+        self.read(py, |stream| Ok(stream.residuals()))
+    }
+
+    /// The bound on `||B (v - v*)||` (nan for variants without one) and the value itself.
+    fn certificate(&self, py: Python<'_>) -> PyResult<(f64, f64)> {
+        self.read(py, |stream| Ok(stream.certificate()))
+    }
+
+    /// The largest relative drift of `FA F0` found and repaired.
+    fn drift(&self, py: Python<'_>) -> PyResult<f64> {
+        with(py, &self.inner, 1.0, |stream, _| Ok(stream.drift()))
+    }
+
+    /// Steps written down (k,), and certificate, error, step size (k, 3).
+    fn trace<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyArray1<u64>>, Array2<'py>)> {
+        let trace = with(py, &self.inner, 1e4, |stream, _| Ok(stream.trace().to_vec()))?;
+        let values = trace.iter().flat_map(|e| [e.certificate, e.error, e.size]).collect();
+        let steps = trace.iter().map(|e| e.step).collect();
+        Ok((PyArray1::from_vec(py, steps), array2(py, values, trace.len(), 3)?))
+    }
+
+    /// The state as named arrays.
+    fn to_sections<'py>(&self, py: Python<'py>) -> PyResult<Vec<(String, Bound<'py, PyAny>)>> {
+        let sections = self.read(py, |stream| Ok(stream.to_sections()))?;
+        to_python(py, sections)
+    }
+
+    /// The object that `to_sections` wrote down.
+    #[staticmethod]
+    fn from_sections(py: Python<'_>, sections: Vec<(String, Plain<'_>)>) -> PyResult<Self> {
+        let sections = from_python(sections);
+        run(py, f64::INFINITY, |_| Stream::from_sections(sections)).map(Self::of)
+    }
+}
+
+/// The algorithm on realizations that are handed in.
+#[pyclass(frozen, name = "DataStream", module = "stochens_rs._core")]
+pub(super) struct PyDataStream {
+    inner: Mutex<Data>,
+    n: usize,
+}
+
+#[pymethods]
+impl PyDataStream {
+    /// `None` for an entity that is averaged.
+    #[new]
+    fn new(
+        py: Python<'_>,
+        b: PyReadonlyArray2<'_, f64>,
+        x0: Option<PyReadonlyArray1<'_, f64>>,
+        xf: Option<PyReadonlyArray1<'_, f64>>,
+        a: Option<PyReadonlyArray2<'_, f64>>,
+    ) -> PyResult<Self> {
+        let targets = [
+            x0.as_ref().map(|x0| slice("x0", x0).map(<[f64]>::to_vec)).transpose()?,
+            xf.as_ref().map(|xf| slice("xf", xf).map(<[f64]>::to_vec)).transpose()?,
+            a.as_ref().map(|a| slice("A", a).map(<[f64]>::to_vec)).transpose()?,
+        ];
+        let geometry = geometry(py, &b)?;
+        let n = geometry.size().0;
+        Ok(Self { inner: Mutex::new(Data::new(geometry, targets)?), n })
+    }
+
+    /// Realizations of entity 0, 1, 2, one per row, in order.
+    fn update(&self, py: Python<'_>, entity: usize, samples: PyReadonlyArray2<'_, f64>) -> PyResult<()> {
+        let samples = dense(&samples)?;
+        if entity > 2 {
+            return Err(InputError::new_err(format!("`entity` must be 0, 1 or 2, got {entity}")));
+        }
+        let cost = 5.0 * samples.values().len() as f64;
+        with(py, &self.inner, cost, |data, stop| data.update(entity, &samples, stop))
+    }
+
+    /// The control (m,).
+    fn control<'py>(&self, py: Python<'py>) -> PyResult<Array1<'py>> {
+        Ok(array1(py, with(py, &self.inner, square(self.n), |data, _| data.control())?))
+    }
+
+    /// The estimates of x0 (n,), xf (n,), A (n, n).
+    fn estimates<'py>(&self, py: Python<'py>) -> PyResult<(Array1<'py>, Array1<'py>, Array2<'py>)> {
+        let [x0, xf, a] = with(py, &self.inner, square(self.n), |data, _| Ok(data.estimates().map(<[f64]>::to_vec)))?;
+        Ok((array1(py, x0), array1(py, xf), array2(py, a, self.n, self.n)?))
+    }
+
+    /// Per entity: realizations, `sqrt(sum ||E - mean||^2)`, `max ||E - E_1||`, `||F - target||` (nan without one).
+    #[expect(clippy::type_complexity, reason = "one tuple per call, named in the stub")]
+    fn statistics(&self, py: Python<'_>) -> PyResult<([u64; 3], [f64; 3], [f64; 3], [f64; 3])> {
+        with(py, &self.inner, square(self.n), |data, _| {
+            Ok((data.counts(), data.deviations(), data.spreads(), data.residuals()))
+        })
+    }
+
+    /// The bound on `||B (v - v*)||` for the targets, and the value; None unless all three have a target.
+    fn certificate(&self, py: Python<'_>) -> PyResult<Option<(f64, f64)>> {
+        with(py, &self.inner, square(self.n), |data, _| Ok(data.certificate()))
+    }
+
+    /// The state as named arrays.
+    fn to_sections<'py>(&self, py: Python<'py>) -> PyResult<Vec<(String, Bound<'py, PyAny>)>> {
+        let sections = with(py, &self.inner, square(self.n), |data, _| Ok(data.to_sections()))?;
+        to_python(py, sections)
+    }
+
+    /// The object that `to_sections` wrote down.
+    #[staticmethod]
+    fn from_sections(py: Python<'_>, sections: Vec<(String, Plain<'_>)>) -> PyResult<Self> {
+        let sections = from_python(sections);
+        let data = run(py, f64::INFINITY, |_| Data::from_sections(sections))?;
+        Ok(Self { n: data.n(), inner: Mutex::new(data) })
+    }
+}

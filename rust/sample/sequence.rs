@@ -1,0 +1,110 @@
+//! Realizations of a law one after the other, without an end: the same ones that a sample of any size starts with.
+
+use std::sync::Arc;
+
+use super::categorical::AliasTable;
+use super::law::Law;
+use crate::stream::{CHUNK, Key, Lanes};
+
+/// Realizations drawn at a time; divides [`CHUNK`] and is a multiple of the lanes.
+const BLOCK: usize = 128;
+
+/// Independent realizations in order. Number `i` is realization `i` of `sample(law, N, Scheme::Iid, key, ..)`, `N > i`, so
+/// the position is all there is to save.
+#[derive(Clone)]
+pub struct Sequence {
+    tables: Vec<Option<AliasTable>>,
+    key: Key,
+    lanes: Vec<Lanes>,
+    /// `BLOCK` realizations, `lines` indices each
+    block: Vec<u32>,
+    lines: usize,
+    position: u64,
+}
+
+impl Sequence {
+    /// The sequence of `law` under `key`, at realization 0.
+    pub fn new(law: &Arc<Law>, key: Key) -> Self {
+        let lines = law.lines();
+        Self {
+            tables: (0..lines).map(|j| AliasTable::new(law.line(j))).collect(),
+            key,
+            lanes: Vec::new(),
+            block: vec![0; BLOCK * lines],
+            lines,
+            position: 0,
+        }
+    }
+
+    /// The number of the realization that comes next.
+    pub fn position(&self) -> u64 {
+        self.position
+    }
+
+    /// The next realization: one index per line, 0 for a line of zeros.
+    #[inline]
+    pub fn draw(&mut self) -> &[u32] {
+        let at = (self.position % BLOCK as u64) as usize;
+        if at == 0 {
+            self.fill();
+        }
+        self.position += 1;
+        &self.block[at * self.lines..(at + 1) * self.lines]
+    }
+
+    /// Goes to realization `position`: at most one chunk of words is passed over.
+    pub fn seek(&mut self, position: u64) {
+        let inside = (position % CHUNK as u64) as usize;
+        self.position = position - inside as u64;
+        for _ in 0..inside.div_ceil(BLOCK) {
+            self.fill();
+            self.position += BLOCK as u64;
+        }
+        self.position = position;
+    }
+
+    /// The block that starts at `position`.
+    fn fill(&mut self) {
+        if self.position.is_multiple_of(CHUNK as u64) {
+            let chunk = (self.position / CHUNK as u64) as usize;
+            self.lanes = (0..self.lines).map(|j| self.key.lanes(j, chunk)).collect();
+        }
+        let mut words = [0u64; BLOCK];
+        for (j, (table, lanes)) in self.tables.iter().zip(&mut self.lanes).enumerate() {
+            let Some(table) = table else { continue };
+            lanes.fill(&mut words);
+            for (index, &word) in self.block[j..].iter_mut().step_by(self.lines).zip(&words) {
+                *index = table.draw(word);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sample::{Indices, with_indices};
+    use crate::{Scheme, Stop, sample};
+
+    fn indices(draws: &Indices) -> Vec<u32> {
+        with_indices!(draws, v => v.iter().map(|&r| u32::from(r)).collect())
+    }
+
+    #[test]
+    fn equals_a_sample_and_can_begin_anywhere() {
+        let law = Arc::new(Law::new(vec![1.0, -2.0, 0.5, 0.0, 0.0, 0.0, 3.0, 0.0, 1.0], 3, 3).unwrap());
+        let key = Key([3; 32]);
+        let size = CHUNK + 2 * BLOCK + 5;
+        let all = indices(sample(&law, size, Scheme::Iid, &key, 1, &Stop::new()).unwrap().indices());
+        let mut sequence = Sequence::new(&law, key);
+        for expected in all.chunks_exact(3) {
+            assert_eq!(sequence.draw(), expected);
+        }
+        for start in [0, 1, BLOCK - 1, BLOCK, BLOCK + 1, CHUNK - 1, CHUNK, CHUNK + 1, CHUNK + BLOCK] {
+            sequence.seek(start as u64);
+            for expected in all[3 * start..].chunks_exact(3).take(BLOCK + 2) {
+                assert_eq!(sequence.draw(), expected);
+            }
+        }
+    }
+}

@@ -1,0 +1,81 @@
+//! Many steps with an end: a rule, a number of steps, a time, or a request to stop.
+
+use std::time::Instant;
+
+use super::stream::Stream;
+use crate::error::Result;
+use crate::fuse::distance;
+use crate::parallel::Stop;
+
+/// When the control counts as good enough.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Rule {
+    /// The certificate is at most the tolerance: then so is `||B (v - v*)||`. Looked at every `n` steps.
+    Certificate,
+    /// `||v_new - v_old||` is at most the tolerance, as printed in the paper. It is 0 whenever a realization is of no use,
+    /// which says nothing about the error.
+    Printed,
+}
+
+/// What ends a run.
+#[derive(Debug, Clone, Copy)]
+pub struct Limits {
+    /// Steps of this run.
+    pub steps: u64,
+    /// The rule and its tolerance.
+    pub tolerance: Option<(Rule, f64)>,
+    /// When to stop.
+    pub deadline: Option<Instant>,
+}
+
+/// How a run ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum End {
+    /// The rule is satisfied.
+    Converged,
+    /// All steps are taken.
+    Steps,
+    /// The deadline is over.
+    Time,
+}
+
+impl Stream {
+    /// Takes steps until a limit is met; between two steps the state is complete.
+    ///
+    /// # Errors
+    /// [`crate::Error::Interrupted`] after a stop, with the steps taken so far.
+    pub fn advance(&mut self, limits: &Limits, stop: &Stop) -> Result<End> {
+        let n = self.n() as u64;
+        let look_every = (1 << 17) / n + 1; // well below a millisecond
+        for taken in 0..limits.steps {
+            if taken.is_multiple_of(look_every) {
+                stop.check()?;
+                if limits.deadline.is_some_and(|deadline| Instant::now() >= deadline) {
+                    return Ok(End::Time);
+                }
+            }
+            match limits.tolerance {
+                None => {
+                    self.step();
+                }
+                Some((Rule::Certificate, tolerance)) => {
+                    self.step();
+                    // the second part alone costs nothing
+                    if self.steps().is_multiple_of(n) && self.matrix_part() <= tolerance && self.certificate().0 <= tolerance {
+                        return Ok(End::Converged);
+                    }
+                }
+                Some((Rule::Printed, tolerance)) => {
+                    let before = self.difference();
+                    self.step();
+                    let change: Vec<f64> = self.difference().iter().zip(&before).map(|(new, old)| new - old).collect();
+                    let moved = self.geometry.control(&change)?;
+                    if distance(&moved, &vec![0.0; moved.len()]) <= tolerance {
+                        return Ok(End::Converged);
+                    }
+                }
+            }
+        }
+        Ok(End::Steps)
+    }
+}

@@ -1,0 +1,261 @@
+//! A stream fed by realizations that come from elsewhere: running means, or line searches towards targets.
+
+use super::geometry::Geometry;
+use super::sections::Sections;
+use super::slot::damaged;
+use crate::error::{Error, Result};
+use crate::fuse::{Dense, distance};
+use crate::parallel::Stop;
+
+const FORMAT: u64 = 1;
+const LARGEST: u64 = 1 << 24;
+const NAMES: [&str; 3] = ["x0", "xf", "A"];
+
+/// One entity: its estimate and what its realizations say about their spread.
+#[derive(Debug, Clone, PartialEq)]
+struct Feed {
+    /// the mean of the realizations, or their fusion towards the target
+    estimate: Vec<f64>,
+    mean: Vec<f64>,
+    target: Option<Vec<f64>>,
+    first: Vec<f64>,
+    count: u64,
+    /// `sqrt(sum_i ||E_i - mean||^2)`
+    deviation: f64,
+    /// `max_i ||E_i - E_1||`
+    spread: f64,
+}
+
+impl Feed {
+    fn new(dim: usize, target: Option<Vec<f64>>) -> Self {
+        let kept = if target.is_some() { dim } else { 0 };
+        let zeros = vec![0.0; dim];
+        Self {
+            estimate: vec![0.0; kept],
+            mean: zeros.clone(),
+            target,
+            first: zeros,
+            count: 0,
+            deviation: 0.0,
+            spread: 0.0,
+        }
+    }
+
+    fn current(&self) -> &[f64] {
+        if self.target.is_some() { &self.estimate } else { &self.mean }
+    }
+
+    /// One realization; nothing has changed after an error.
+    fn push(&mut self, e: &[f64]) -> Result<()> {
+        const TOO_LARGE: Error = Error::Overflow { what: "the difference of two realizations" };
+        if self.count == 0 {
+            self.mean.copy_from_slice(e);
+            self.first.copy_from_slice(e);
+            if self.target.is_some() {
+                self.estimate.copy_from_slice(e);
+            }
+            self.count = 1;
+            return Ok(());
+        }
+        let n = (self.count + 1) as f64;
+        let apart = distance(e, &self.mean);
+        let spread = self.spread.max(distance(e, &self.first));
+        // sum_i ||E_i - mean||^2 grows by ||E - mean||^2 (n - 1) / n
+        let deviation = self.deviation.hypot(apart * ((n - 1.0) / n).sqrt());
+        if !spread.is_finite() || !deviation.is_finite() {
+            return Err(TOO_LARGE);
+        }
+        if let Some(target) = &self.target {
+            let t = line_search(&self.estimate, e, target).ok_or(TOO_LARGE)?;
+            self.estimate.iter_mut().zip(e).for_each(|(f, e)| *f += t * (e - *f));
+        }
+        self.mean.iter_mut().zip(e).for_each(|(mean, e)| *mean += (e - *mean) / n);
+        (self.spread, self.deviation, self.count) = (spread, deviation, self.count + 1);
+        Ok(())
+    }
+}
+
+/// `t = clip(<T - F, E - F> / ||E - F||^2, 0, 1)`, 0 if `E = F`; `None` if a difference is not representable.
+fn line_search(f: &[f64], e: &[f64], target: &[f64]) -> Option<f64> {
+    let (far, off) = (distance(e, f), distance(target, f));
+    if !far.is_finite() || !off.is_finite() {
+        return None;
+    }
+    if far == 0.0 || off == 0.0 {
+        return Some(0.0);
+    }
+    // the cosine of the two directions, in units in which nothing overflows
+    let cosine: f64 = f.iter().zip(e).zip(target).map(|((f, e), t)| ((t - f) / off) * ((e - f) / far)).sum();
+    Some((cosine * (off / far)).clamp(0.0, 1.0))
+}
+
+/// The sequential algorithm on realizations that are handed in.
+#[derive(Debug, Clone)]
+pub struct Data {
+    geometry: Geometry,
+    /// `x0`, `xf`, `A` (row by row)
+    feeds: [Feed; 3],
+}
+
+impl Data {
+    /// Nothing seen yet. An entity without a target is averaged.
+    ///
+    /// # Errors
+    /// [`Error::Shape`] if a target does not fit `B`.
+    pub fn new(geometry: Geometry, targets: [Option<Vec<f64>>; 3]) -> Result<Self> {
+        let n = geometry.n;
+        let dims = [n, n, crate::error::checked_len("A", n, n)?];
+        for ((name, dim), target) in NAMES.into_iter().zip(dims).zip(&targets) {
+            if let Some(target) = target.as_ref().filter(|target| target.len() != dim) {
+                return Err(Error::Shape { name, expected: format!("{dim} entries"), found: target.len().to_string() });
+            }
+        }
+        let [x0, xf, a] = targets;
+        let feeds = [Feed::new(dims[0], x0), Feed::new(dims[1], xf), Feed::new(dims[2], a)];
+        Ok(Self { geometry, feeds })
+    }
+
+    /// Takes in realizations of entity 0 (`x0`), 1 (`xf`) or 2 (`A`, row by row), in order.
+    ///
+    /// # Errors
+    /// [`Error::Overflow`] for a realization whose distance to the others is not representable, [`Error::Interrupted`] after
+    /// a stop; those before have been taken in.
+    pub fn update(&mut self, entity: usize, samples: &Dense<'_>, stop: &Stop) -> Result<()> {
+        let feed = &mut self.feeds[entity];
+        if samples.dim() != feed.mean.len() {
+            let (expected, found) = (format!("{} entries per realization", feed.mean.len()), samples.dim().to_string());
+            return Err(Error::Shape { name: NAMES[entity], expected, found });
+        }
+        let check_every = (1 << 17) / samples.dim() + 1;
+        for i in 0..samples.size() {
+            if i % check_every == 0 {
+                stop.check()?;
+            }
+            feed.push(samples.row(i))?;
+        }
+        Ok(())
+    }
+
+    /// States.
+    pub fn n(&self) -> usize {
+        self.geometry.n
+    }
+
+    /// Realizations taken in.
+    pub fn counts(&self) -> [u64; 3] {
+        [0, 1, 2].map(|k| self.feeds[k].count)
+    }
+
+    /// The estimates; zeros before the first realization.
+    pub fn estimates(&self) -> [&[f64]; 3] {
+        [0, 1, 2].map(|k| self.feeds[k].current())
+    }
+
+    /// `sqrt(sum_i ||E_i - mean||^2)`.
+    pub fn deviations(&self) -> [f64; 3] {
+        [0, 1, 2].map(|k| self.feeds[k].deviation)
+    }
+
+    /// `max_i ||E_i - E_1||`.
+    pub fn spreads(&self) -> [f64; 3] {
+        [0, 1, 2].map(|k| self.feeds[k].spread)
+    }
+
+    /// `||F - target||`; NaN without a target.
+    pub fn residuals(&self) -> [f64; 3] {
+        [0, 1, 2].map(|k| self.feeds[k].target.as_ref().map_or(f64::NAN, |t| distance(self.feeds[k].current(), t)))
+    }
+
+    /// `Ff - FA F0`.
+    fn difference(&self) -> Vec<f64> {
+        let [x0, xf, a] = self.estimates();
+        rows_times(a, x0).iter().zip(xf).map(|(y, f)| f - y).collect()
+    }
+
+    /// The control `v = B^+ (Ff - FA F0)`.
+    ///
+    /// # Errors
+    /// [`Error::Overflow`] if it is not representable.
+    pub fn control(&self) -> Result<Vec<f64>> {
+        self.geometry.control(&self.difference())
+    }
+
+    /// The certificate towards the targets, and the exact `||B (v - v*)||`; `None` unless all three have one.
+    pub fn certificate(&self) -> Option<(f64, f64)> {
+        let [x0, xf, a] = &self.feeds;
+        let (t0, tf, ta) = (x0.target.as_ref()?, xf.target.as_ref()?, a.target.as_ref()?);
+        let minus = |f: &[f64], t: &[f64]| -> Vec<f64> { f.iter().zip(t).map(|(f, t)| f - t).collect() };
+        let (d0, df, da) = (minus(x0.current(), t0), minus(xf.current(), tf), minus(a.current(), ta));
+        let apart = minus(&df, &rows_times(ta, &d0));
+        let off = minus(&apart, &rows_times(&da, x0.current()));
+        let size = |v: &[f64]| distance(v, &vec![0.0; v.len()]);
+        let matrix = size(&da) * size(x0.current());
+        Some((self.geometry.projected_norm(&apart) + matrix, self.geometry.projected_norm(&off)))
+    }
+
+    /// Everything that the next update depends on.
+    pub fn to_sections(&self) -> Sections {
+        let mut out = Sections::default();
+        let known = |feed: &Feed| u64::from(feed.target.is_some());
+        let [x0, xf, a] = &self.feeds;
+        out.put_u64("format", [FORMAT, self.geometry.n as u64, self.geometry.m as u64, known(x0), known(xf), known(a)]);
+        out.put_f64("B", self.geometry.b.clone());
+        for (name, feed) in NAMES.iter().zip(&self.feeds) {
+            out.put_u64(format!("{name}.count"), [feed.count]);
+            out.put_f64(format!("{name}.spread"), [feed.deviation, feed.spread]);
+            out.put_f64(format!("{name}.mean"), feed.mean.clone());
+            out.put_f64(format!("{name}.first"), feed.first.clone());
+            out.put_f64(format!("{name}.fused"), feed.estimate.clone());
+            out.put_f64(format!("{name}.target"), feed.target.clone().unwrap_or_default());
+        }
+        out
+    }
+
+    /// The stream that [`Data::to_sections`] wrote down.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for `state` if the sections cannot come from a stream.
+    pub fn from_sections(mut from: Sections) -> Result<Self> {
+        let format = from.take_u64("format", None)?;
+        let (n, m, known) = match format[..] {
+            [FORMAT, n, m, x0, xf, a]
+                if (1..=LARGEST).contains(&n) && (1..=LARGEST).contains(&m) && x0 < 2 && xf < 2 && a < 2 =>
+            {
+                (n as usize, m as usize, [x0, xf, a].map(|known| known == 1))
+            }
+            _ => return Err(damaged("of format 1", format!("{format:?}"))),
+        };
+        let geometry = Geometry::new(from.take_f64("B", Some(n * m))?, n, m)?;
+        let mut made = Self::new(geometry, [None, None, None])?;
+        for ((feed, name), known) in made.feeds.iter_mut().zip(NAMES).zip(known) {
+            let dim = feed.mean.len();
+            let kept = if known { dim } else { 0 };
+            feed.count = from.take_u64(&format!("{name}.count"), Some(1))?[0];
+            let spread = from.take_f64(&format!("{name}.spread"), Some(2))?;
+            (feed.deviation, feed.spread) = (spread[0], spread[1]);
+            feed.mean = from.take_f64(&format!("{name}.mean"), Some(dim))?;
+            feed.first = from.take_f64(&format!("{name}.first"), Some(dim))?;
+            feed.estimate = from.take_f64(&format!("{name}.fused"), Some(kept))?;
+            let target = from.take_f64(&format!("{name}.target"), Some(kept))?;
+            feed.target = known.then_some(target);
+            // ||E_i - E_1|| <= spread for all i, so the means are within it too, and the deviation below spread sqrt(N)
+            let slack = 1.0 + 1e-6;
+            let near = |v: &[f64]| distance(v, &feed.first) <= slack * feed.spread + 1e-6 * distance(v, &vec![0.0; dim]);
+            let fits = near(&feed.mean)
+                && (!known || near(&feed.estimate))
+                && (0.0..=slack * feed.spread * (feed.count as f64).sqrt()).contains(&feed.deviation)
+                && feed.count < 1 << 62
+                && (feed.count > 1 || feed.spread == 0.0);
+            if !fits {
+                return Err(damaged("means within the spread of their realizations", format!("others of {name:?}")));
+            }
+        }
+        from.finish()?;
+        Ok(made)
+    }
+}
+
+/// `A x` for a square matrix given row by row.
+fn rows_times(rows: &[f64], x: &[f64]) -> Vec<f64> {
+    rows.chunks_exact(x.len()).map(|row| super::geometry::dot(row, x)).collect()
+}

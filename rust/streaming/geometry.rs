@@ -1,0 +1,79 @@
+//! What `B` says: the pseudoinverse and the projector onto its range.
+
+use super::slot::norm;
+use crate::control::pseudoinverse;
+use crate::error::{Error, Result};
+use crate::fuse::power_of_two_scale;
+
+/// `B` with its pseudoinverse and an orthonormal basis of its range.
+#[derive(Debug, Clone)]
+pub struct Geometry {
+    pub(super) n: usize,
+    pub(super) m: usize,
+    pub(super) b: Vec<f64>,
+    pinv: Vec<f64>,
+    basis: Vec<f64>,
+}
+
+impl Geometry {
+    /// For `B` with `n` rows and `m` columns, row by row.
+    ///
+    /// # Errors
+    /// As [`pseudoinverse`]; [`Error::Shape`] if the entries are not `n m`.
+    pub fn new(b: Vec<f64>, n: usize, m: usize) -> Result<Self> {
+        if n == 0 || m == 0 || n.checked_mul(m) != Some(b.len()) {
+            let expected = format!("{n} x {m} entries, at least one");
+            return Err(Error::Shape { name: "B", expected, found: b.len().to_string() });
+        }
+        let p = pseudoinverse(&b, n, m)?;
+        Ok(Self { n, m, b, pinv: p.matrix, basis: p.basis })
+    }
+
+    /// States and inputs.
+    pub fn size(&self) -> (usize, usize) {
+        (self.n, self.m)
+    }
+
+    /// The rank of `B`.
+    pub fn rank(&self) -> usize {
+        self.basis.len() / self.n
+    }
+
+    /// `B^+ z`.
+    ///
+    /// # Errors
+    /// [`Error::Overflow`] if that is not representable.
+    pub fn control(&self, z: &[f64]) -> Result<Vec<f64>> {
+        let u: Vec<f64> = self.pinv.chunks_exact(self.n).map(|row| dot(row, z)).collect();
+        if u.iter().all(|u| u.is_finite()) { Ok(u) } else { Err(Error::Overflow { what: "the control" }) }
+    }
+
+    /// `||P z||`.
+    pub fn projected_norm(&self, z: &[f64]) -> f64 {
+        let scale = power_of_two_scale(z);
+        let z: Vec<f64> = z.iter().map(|z| z / scale).collect();
+        if self.rank() == self.n {
+            return norm(&z) * scale; // P = I
+        }
+        let coordinates: Vec<f64> = self.basis.chunks_exact(self.n).map(|q| dot(q, &z)).collect();
+        norm(&coordinates) * scale
+    }
+
+    /// The largest entry that `B^+ z` can have for `||z||_1 <= size`.
+    pub(super) fn largest_control(&self, size: f64) -> f64 {
+        self.pinv.iter().fold(0.0f64, |m, p| m.max(p.abs())) * size
+    }
+}
+
+/// `<a, b>`, four sums at a time.
+pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let mut sums = [0.0; 4];
+    let ((a4, a1), (b4, b1)) = (a.as_chunks::<4>(), b.as_chunks::<4>());
+    for (a, b) in a4.iter().zip(b4) {
+        for k in 0..4 {
+            sums[k] += a[k] * b[k];
+        }
+    }
+    let rest: f64 = a1.iter().zip(b1).map(|(a, b)| a * b).sum();
+    (sums[0] + sums[1]) + (sums[2] + sums[3]) + rest
+}

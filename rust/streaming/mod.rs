@@ -1,0 +1,32 @@
+//! The sequential algorithm: estimates of `x0`, `xf`, `A` that move with every realization, and the control they give.
+//!
+//! [`Stream`] draws its own realizations and fits them to their means by sequential least squares. In the *consistent*
+//! variant one slot `i` moves per step, `F_i <- (1 - t) F_i + t E`, and `v <- (1 - t) v + t v'` with `v'` from `E` in that
+//! slot and the fused values in the other two. Since `(xf, x0, A) -> B^+ (xf - A x0)` is affine in each slot, that is
+//!
+//! `v = B^+ (Ff - FA F0)`,
+//!
+//! so only `FA F0` is kept up to date, in `O(n)` per step, and `B^+` is applied when `v` is asked for. With
+//! `P = B B^+`, `v* = B^+ (xf - A x0)`,
+//!
+//! `||B (v - v*)|| <= ||P [(Ff - xf) - A (F0 - x0)]|| + ||FA - A|| ||F0||`
+//!
+//! is the certificate that the stream stops by. [`Data`] is fed by somebody else's realizations.
+
+mod advance;
+mod data;
+mod geometry;
+mod products;
+mod sections;
+mod slot;
+mod state;
+mod stream;
+mod trace;
+mod variants;
+
+pub use advance::{End, Limits, Rule};
+pub use data::Data;
+pub use geometry::Geometry;
+pub use sections::{Section, Sections};
+pub use stream::{Config, Laws, Order, Stream, Variant};
+pub use trace::Entry;

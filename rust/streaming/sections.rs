@@ -1,0 +1,84 @@
+//! A saved state as named arrays of plain numbers; whoever writes files needs to know no more.
+
+use super::slot::damaged;
+use crate::error::Result;
+
+/// One array of a saved state.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Section {
+    /// Bytes.
+    U8(Vec<u8>),
+    /// Counters.
+    U64(Vec<u64>),
+    /// Numbers; all finite unless said otherwise.
+    F64(Vec<f64>),
+}
+
+/// Named arrays, in a fixed order.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Sections(pub Vec<(String, Section)>);
+
+impl Sections {
+    pub(super) fn put_u64(&mut self, name: impl Into<String>, values: impl Into<Vec<u64>>) {
+        self.0.push((name.into(), Section::U64(values.into())));
+    }
+
+    pub(super) fn put_f64(&mut self, name: impl Into<String>, values: impl Into<Vec<f64>>) {
+        self.0.push((name.into(), Section::F64(values.into())));
+    }
+
+    pub(super) fn put_u8(&mut self, name: impl Into<String>, values: impl Into<Vec<u8>>) {
+        self.0.push((name.into(), Section::U8(values.into())));
+    }
+
+    fn take(&mut self, name: &str) -> Result<Section> {
+        let at = self.0.iter().position(|(known, _)| known == name);
+        let at = at.ok_or_else(|| damaged("complete", format!("no section {name:?}")))?;
+        Ok(self.0.remove(at).1)
+    }
+
+    pub(super) fn take_u64(&mut self, name: &str, len: Option<usize>) -> Result<Vec<u64>> {
+        match self.take(name)? {
+            Section::U64(values) if len.is_none_or(|len| len == values.len()) => Ok(values),
+            other => Err(misfit(name, "counters", len, &other)),
+        }
+    }
+
+    /// Numbers, all of them finite.
+    pub(super) fn take_f64(&mut self, name: &str, len: Option<usize>) -> Result<Vec<f64>> {
+        match self.take(name)? {
+            Section::F64(values) if len.is_none_or(|len| len == values.len()) => {
+                match values.iter().position(|v| !v.is_finite()) {
+                    None => Ok(values),
+                    Some(at) => Err(damaged("finite", format!("{} at index {at} of {name:?}", values[at]))),
+                }
+            }
+            other => Err(misfit(name, "numbers", len, &other)),
+        }
+    }
+
+    pub(super) fn take_u8(&mut self, name: &str, len: usize) -> Result<Vec<u8>> {
+        match self.take(name)? {
+            Section::U8(values) if len == values.len() => Ok(values),
+            other => Err(misfit(name, "bytes", Some(len), &other)),
+        }
+    }
+
+    /// Nothing may be left over.
+    pub(super) fn finish(self) -> Result<()> {
+        match self.0.first() {
+            None => Ok(()),
+            Some((name, _)) => Err(damaged("of known sections only", format!("{name:?}"))),
+        }
+    }
+}
+
+fn misfit(name: &str, kind: &str, len: Option<usize>, found: &Section) -> crate::Error {
+    let (is, has) = match found {
+        Section::U8(values) => ("bytes", values.len()),
+        Section::U64(values) => ("counters", values.len()),
+        Section::F64(values) => ("numbers", values.len()),
+    };
+    let wanted = len.map_or(String::new(), |len| format!("{len} "));
+    damaged("of the right shapes", format!("{has} {is} for {wanted}{kind} in {name:?}"))
+}

@@ -1,0 +1,172 @@
+//! A stream to sections and back, bit for bit. Nothing that is loaded is believed: shapes, ranges, and that the numbers
+//! belong together are checked before a stream is made of them.
+
+use super::geometry::Geometry;
+use super::products::Products;
+use super::sections::Sections;
+use super::slot::{Slot, damaged, norm};
+use super::stream::{Config, Laws, Order, Stream, Variant};
+use super::trace::{Entry, on_grid};
+use super::variants::Raw;
+use crate::error::Result;
+use crate::fuse::distance;
+use crate::stream::Key;
+
+/// Version of the sections; a reader refuses any other.
+const FORMAT: u64 = 1;
+
+/// Above this a dimension cannot be one: `n^2` entries would not fit into any memory.
+const LARGEST: u64 = 1 << 24;
+
+const NAMES: [&str; 3] = ["x0", "xf", "A"];
+const VARIANTS: [Variant; 3] = [Variant::Consistent, Variant::Semi, Variant::Literal];
+const ORDERS: [Order; 3] = [Order::Random, Order::RoundRobin, Order::Gain];
+
+impl Stream {
+    /// Everything that the next step depends on.
+    pub fn to_sections(&self) -> Sections {
+        let mut out = Sections::default();
+        let place = |found: Option<usize>| found.unwrap_or(0) as u64;
+        let variant = place(VARIANTS.iter().position(|v| *v == self.config.variant));
+        let order = place(ORDERS.iter().position(|o| *o == self.config.order));
+        let (n, m) = (self.geometry.n as u64, self.geometry.m as u64);
+        out.put_u64("format", [FORMAT, n, m, variant, u64::from(self.config.safeguard), order]);
+        out.put_u8("keys", self.keys.iter().flat_map(|key| key.0).collect::<Vec<u8>>());
+        out.put_f64("B", self.geometry.b.clone());
+        let [c0, cf, ca] = self.counts();
+        out.put_u64("steps", [self.steps, c0, cf, ca]);
+        for (name, slot) in NAMES.iter().zip(&self.slots) {
+            out.put_f64(*name, slot.law.values());
+            let s = &slot.run.state;
+            out.put_f64(format!("{name}.state"), [slot.run.c, slot.run.b, s.er, s.al, s.fs, s.ss, s.sa]);
+            out.put_f64(format!("{name}.fused"), slot.run.h.clone());
+            out.put_f64(format!("{name}.hits"), slot.run.hits.clone());
+        }
+        out.put_f64("products", self.products.ff.clone());
+        out.put_f64("products.sums", self.products.sums.as_flattened());
+        out.put_f64("raw", [self.raw.goal.as_slice(), &self.raw.free].concat());
+        out.put_f64("drift", [self.drift]);
+        out.put_u64("trace.steps", self.trace.iter().map(|e| e.step).collect::<Vec<_>>());
+        // NaN (no certificate) is written as -1
+        let certificate = |e: &Entry| if e.certificate.is_nan() { -1.0 } else { e.certificate };
+        let values: Vec<f64> = self.trace.iter().flat_map(|e| [certificate(e), e.error, e.size]).collect();
+        out.put_f64("trace.values", values);
+        out
+    }
+
+    /// The stream that [`Stream::to_sections`] wrote down.
+    ///
+    /// # Errors
+    /// [`crate::Error::Value`] for `state` if the sections cannot come from a stream; the message says which and why. What
+    /// `B` or the laws violate is named as when a stream is made.
+    pub fn from_sections(mut from: Sections) -> Result<Self> {
+        let format = from.take_u64("format", None)?;
+        let (n, m, config) = match format[..] {
+            [FORMAT, n, m, variant, safeguard, order]
+                if (1..=LARGEST).contains(&n)
+                    && (1..=LARGEST).contains(&m)
+                    && variant < 3
+                    && safeguard < 2
+                    && order < 3 =>
+            {
+                let (variant, order) = (VARIANTS[variant as usize], ORDERS[order as usize]);
+                (n as usize, m as usize, Config { variant, safeguard: safeguard == 1, order })
+            }
+            _ => return Err(damaged("of format 1", format!("{format:?}"))),
+        };
+        let bytes = from.take_u8("keys", 128)?;
+        let mut keys = [Key([0; 32]); 4];
+        keys.iter_mut().zip(bytes.as_chunks::<32>().0).for_each(|(key, bytes)| key.0 = *bytes);
+        let geometry = Geometry::new(from.take_f64("B", Some(n * m))?, n, m)?;
+        let [x0, xf, a] = [n, n, n * n];
+        let laws = Laws {
+            x0: from.take_f64("x0", Some(x0))?,
+            xf: from.take_f64("xf", Some(xf))?,
+            a: from.take_f64("A", Some(a))?,
+            keys,
+        };
+        let mut stream = Self::unstarted(geometry, laws, config)?;
+        let steps = from.take_u64("steps", Some(4))?;
+        let total = steps[1..].iter().try_fold(0u64, |sum, count| sum.checked_add(*count));
+        if steps[1..].contains(&0) || total != steps[0].checked_add(3) || steps[0] >= 1 << 62 {
+            return Err(damaged("one realization per step and three at the start", format!("{steps:?}")));
+        }
+        stream.steps = steps[0];
+        if config.order == Order::Random {
+            stream.choice.seek(stream.steps);
+        }
+        for (k, slot) in stream.slots.iter_mut().enumerate() {
+            load_slot(slot, NAMES[k], steps[k + 1], config, &mut from)?;
+        }
+        stream.start.update(&stream.slots[0]);
+        stream.load_products(&mut from)?;
+        stream.drift = from.take_f64("drift", Some(1))?[0];
+        if stream.drift < 0.0 {
+            return Err(damaged("of a drift that is not negative", stream.drift.to_string()));
+        }
+        stream.load_trace(&mut from)?;
+        from.finish()?;
+        Ok(stream)
+    }
+
+    fn load_products(&mut self, from: &mut Sections) -> Result<()> {
+        let (n, consistent) = (self.n(), self.consistent());
+        let sums = if self.config.safeguard { 3 * n } else { 0 };
+        let ff = from.take_f64("products", Some(n))?;
+        let sums = from.take_f64("products.sums", Some(sums))?;
+        let raw = from.take_f64("raw", Some(if consistent { 0 } else { 2 * n }))?;
+        if !consistent {
+            self.products.ff = ff;
+            let (goal, free) = raw.split_at(n);
+            self.raw = Raw { goal: goal.into(), free: free.into() };
+            return Ok(());
+        }
+        self.products = Products { ff, sums: sums.as_chunks::<3>().0.to_vec() };
+        let fresh = Products::direct(&self.slots[2], &self.start);
+        let size = norm(&self.slots[2].estimate(false)) * norm(&self.start.f);
+        let sizes = fresh.sums.iter().flatten().fold(0.0f64, |m, v| m.max(v.abs()));
+        let apart = distance(&fresh.ff, &self.products.ff) > 1e-6 * size
+            || distance(fresh.sums.as_flattened(), self.products.sums.as_flattened()) > 1e-6 * sizes;
+        if apart {
+            return Err(damaged("products that belong to the estimates", "others".into()));
+        }
+        Ok(())
+    }
+
+    fn load_trace(&mut self, from: &mut Sections) -> Result<()> {
+        let at = from.take_u64("trace.steps", None)?;
+        let values = from.take_f64("trace.values", Some(at.len().saturating_mul(3)))?;
+        let rising = at.windows(2).all(|pair| pair[0] < pair[1]);
+        let within = at.iter().all(|step| *step <= self.steps && on_grid(*step));
+        if !rising || !within || at.first() != Some(&0) {
+            return Err(damaged("of a trace at its own steps", format!("{} entries", at.len())));
+        }
+        self.trace = at
+            .iter()
+            .zip(values.as_chunks::<3>().0)
+            .map(|(&step, &[certificate, error, size])| {
+                let certificate = if certificate < 0.0 { f64::NAN } else { certificate };
+                Entry { step, certificate, error, size }
+            })
+            .collect();
+        Ok(())
+    }
+}
+
+fn load_slot(slot: &mut Slot, name: &str, count: u64, config: Config, from: &mut Sections) -> Result<()> {
+    let entries = slot.run.h.len();
+    let state = from.take_f64(&format!("{name}.state"), Some(7))?;
+    slot.run.h = from.take_f64(&format!("{name}.fused"), Some(entries))?;
+    slot.run.hits = from.take_f64(&format!("{name}.hits"), Some(if config.safeguard { entries } else { 0 }))?;
+    // the latest realization comes again from its number
+    slot.sequence.seek(count - 1);
+    slot.raw.copy_from_slice(slot.sequence.draw());
+    let run = &mut slot.run;
+    [run.c, run.b, run.state.er, run.state.al, run.state.fs, run.state.ss, run.state.sa] = state[..]
+        .try_into()
+        .map_err(|_| damaged("of the right shapes", format!("{} numbers in {name:?}", state.len())))?;
+    if !(run.c > 0.0 && run.c <= 1.0 && run.b >= 0.0) {
+        return Err(damaged("of scalings in (0, 1]", format!("{} and {}", run.c, run.b)));
+    }
+    if config.variant == Variant::Literal { Ok(()) } else { slot.check() }
+}

@@ -3,8 +3,9 @@
 From realizations of ``x0``, ``xf`` and ``A`` in ``x(k+1) = A x(k) + B u(k)`` to a control, and to
 what is known about it: `sample` (or `Ensemble.from_samples`) makes an ensemble, `fuse` turns it
 into an estimate, `control` into a control; `steer` does all three, `simulate` and
-`simulate_ensemble` show what a control does. `theory.moments` predicts how
-wrong the result is, `cases` brings systems to try, `experiments` the two of the paper.
+`simulate_ensemble` show what a control does. `theory` predicts how wrong the result is,
+`required_samples` how many realizations it takes; `cases` brings systems to try, `experiments`
+the two of the paper, and `claims` checks its statements one by one.
 """
 
 import logging
@@ -27,6 +28,7 @@ from .exceptions import (
 )
 from .fusing import fuse, fuse_path
 from .multistep import control_steps
+from .planning import SamplePlan, required_samples
 from .results import Fit, Path, Plan, PlanBound, PlanError, Reachability
 from .rng import Key
 from .sampling import sample, sample_counts
@@ -37,10 +39,12 @@ from .system import System
 from .trajectories import EnsembleTrajectory, Trajectory
 from .trajectory_bounds import TrajectoryBound
 from .trajectory_plans import TrajectoryPlan
+from .verdicts import Claims, claims
 
 __version__ = _version()
 
 __all__ = [
+    "Claims",
     "Confidence",
     "Counts",
     "DataStream",
@@ -57,6 +61,7 @@ __all__ = [
     "PlanError",
     "Reachability",
     "ResourceError",
+    "SamplePlan",
     "ShapeError",
     "SolverError",
     "StochensError",
@@ -70,6 +75,7 @@ __all__ = [
     "TrajectoryPlan",
     "__version__",
     "cases",
+    "claims",
     "control",
     "control_steps",
     "exceptions",
@@ -78,6 +84,7 @@ __all__ = [
     "fuse_path",
     "get_num_threads",
     "realization_controls",
+    "required_samples",
     "sample",
     "sample_counts",
     "set_num_threads",

@@ -17,8 +17,16 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from .experiments import Experiment
+    from .verdicts import Claims
 
-__all__ = ["figure", "figures", "panel", "require_matplotlib", "save_figures"]
+__all__ = [
+    "claims",
+    "figure",
+    "figures",
+    "panel",
+    "require_matplotlib",
+    "save_figures",
+]
 
 DPI = 200
 
@@ -156,3 +164,26 @@ def save_figures(
                 one.savefig(path, dpi=dpi, metadata=metadata, facecolor="white")
             paths.append(path)
     return paths
+
+
+def claims(found: Claims) -> Figure:
+    """Draw the tail bounds, and SLSE against uniform weights.
+
+    Parameters
+    ----------
+    found : Claims
+        What `stochens_rs.claims` returns.
+
+    Returns
+    -------
+    matplotlib Figure
+
+    Raises
+    ------
+    ImportError
+        matplotlib is not installed.
+    """
+    require_matplotlib()
+    from ._drawing_claims import draw_claims
+
+    return draw_claims(found)

@@ -19,11 +19,13 @@ from typing import TYPE_CHECKING, Any
 
 from . import experiments as _experiments
 from . import plots
+from ._report_claims import CAPTION, claims_table
 from ._report_text import agreements, caption, deviations, number
 from .experiments._common import versions, write_text
 
 if TYPE_CHECKING:
     from .experiments import Experiment
+    from .verdicts import Claims
 
 __all__ = ["final_errors", "write_report"]
 
@@ -57,6 +59,11 @@ tr.panel td { border-top: 1px solid #ddd; padding-top: .6rem; font-weight: 600; 
 pre { background: #f4f4f1; padding: .8rem 1rem; overflow-x: auto; font-size: .84rem;
   line-height: 1.45; }
 code { font-size: .88em; }
+.claims td { padding: .55rem 1.2rem .55rem 0; border-top: 1px solid #ddd; vertical-align: top;
+  max-width: 26rem; }
+.claims .evidence { color: #555; font-size: .94em; }
+.verdict { font-weight: 600; white-space: nowrap; }
+.holds { color: #00795a; } .corrected { color: #8a6100; } .false { color: #b03a00; }
 """
 
 
@@ -119,6 +126,7 @@ def write_report(
     experiments: Sequence[Experiment],
     outdir: str | os.PathLike[str],
     *,
+    claims: Claims | None = None,
     title: str = "Steering a linear system known only through random realizations",
 ) -> list[Path]:
     """Write the report, the data and the figures into one directory.
@@ -129,6 +137,8 @@ def write_report(
         What :func:`stochens_rs.experiments.power` and ``tracking`` return; any non-empty selection.
     outdir : path
         Directory; made if it does not exist. Files of the same name are replaced.
+    claims : Claims, optional
+        What :func:`stochens_rs.claims` returns: a section with one row per statement.
     title : str
         Heading of the page.
 
@@ -156,17 +166,23 @@ def write_report(
         "versions": versions(),
         "experiments": [experiment.to_dict() for experiment in experiments],
     }
+    if claims is not None:
+        results["claims"] = claims.to_dict()
     data = directory / "results.json"
     write_text(data, json.dumps(results, allow_nan=False) + "\n")
     written = [data]
     for experiment in experiments:
         written += plots.save_figures(experiment.plot(), directory)
+    if claims is not None:
+        written += plots.save_figures({"claims": claims.plot()}, directory)
     page = directory / "report.html"
-    write_text(page, _page(title, experiments, directory))
+    write_text(page, _page(title, experiments, claims, directory))
     return [*written, page]
 
 
-def _page(title: str, experiments: Sequence[Experiment], directory: Path) -> str:
+def _page(
+    title: str, experiments: Sequence[Experiment], claims: Claims | None, directory: Path
+) -> str:
     """The whole page; figures are read back from `directory`."""
     by_name = {experiment.name: experiment for experiment in experiments}
     parts = [
@@ -190,6 +206,7 @@ def _page(title: str, experiments: Sequence[Experiment], directory: Path) -> str
         *(f"<p>{text}</p>" for text in agreements(by_name)),
         "<h2>What cannot agree, and why</h2>",
         *(f"<h3>{escape(head)}</h3><p>{text}</p>" for head, text in deviations(by_name)),
+        *([] if claims is None else _claims(claims, directory)),
         "<h2>To repeat it</h2>",
         _repeat(experiments),
         "</body></html>",
@@ -234,12 +251,23 @@ def _names(experiment: Experiment) -> list[str]:
 
 def _figure(experiment: Experiment, name: str, directory: Path) -> str:
     """One inlined figure with its caption."""
-    svg = (directory / f"{experiment.name}-figure-{name}.svg").read_bytes()
-    text = caption(experiment, name)
-    source = "data:image/svg+xml;base64," + base64.b64encode(svg).decode("ascii")
+    path = directory / f"{experiment.name}-figure-{name}.svg"
+    return _inlined(path, f"Figure {name}: {experiment.title}", caption(experiment, name))
+
+
+def _claims(claims: Claims, directory: Path) -> list[str]:
+    """The section on the paper's statements."""
+    return [
+        "<h2>The paper, statement by statement</h2>",
+        _inlined(directory / "claims.svg", "Tail bounds, and SLSE against uniform", CAPTION),
+        claims_table(claims),
+    ]
+
+
+def _inlined(path: Path, alt: str, text: str) -> str:
+    source = "data:image/svg+xml;base64," + base64.b64encode(path.read_bytes()).decode("ascii")
     return (
-        f'<figure><img src="{source}" alt="{escape(f"Figure {name}: {experiment.title}")}">'
-        f"<figcaption>{text}</figcaption></figure>"
+        f'<figure><img src="{source}" alt="{escape(alt)}"><figcaption>{text}</figcaption></figure>'
     )
 
 

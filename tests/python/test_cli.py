@@ -14,7 +14,7 @@ import pytest
 from stochens_rs import cli, experiments
 from stochens_rs.exceptions import ResourceError, SolverError
 
-TINY = ["reproduce", "--quick", "--replicates", "2", "--samples", "12"]
+TINY = ["reproduce", "--quick", "--no-claims", "--replicates", "2", "--samples", "12"]
 
 
 def run(*args, **options):
@@ -61,7 +61,9 @@ def test_json_and_nothing_else_on_stdout(tmp_path):
 def test_seed_determines_the_numbers(tmp_path, capsys, monkeypatch):
     pytest.importorskip("matplotlib")
     # Drawing takes most of the time, and is not the question here.
-    monkeypatch.setattr(cli.report, "write_report", lambda done, out: [out / "report.html"])
+    monkeypatch.setattr(
+        cli._reproduce.report, "write_report", lambda done, out, claims: [out / "report.html"]
+    )
     seen = []
     for seed, folder in (("7", "a"), ("7", "b"), ("8", "c")):
         args = [*TINY, "--json", "--seed", seed, "--out", str(tmp_path / folder)]

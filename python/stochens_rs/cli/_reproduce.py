@@ -1,0 +1,131 @@
+"""``stochens reproduce``: the paper's two experiments, with a report."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import click
+
+from .. import experiments, plots, report
+from ..experiments._common import versions
+from ..rng import as_key
+from ..verdicts import claims as check_claims
+from ._output import show, writable
+
+# Small enough for a first look in seconds; the full run is the default.
+QUICK: dict[str, dict[str, Any]] = {
+    "power": {"replicates": 10, "samples": 100},
+    "tracking": {"replicates": 5, "samples": 100, "n": 30, "m": 24},
+}
+
+
+@click.command()
+@click.option(
+    "--out",
+    default="stochens-report",
+    show_default=True,
+    metavar="DIR",
+    help="Where report.html, results.json and the figures go; made if missing.",
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=1,
+    show_default=True,
+    help="Source of all randomness.",
+)
+@click.option(
+    "--replicates",
+    type=click.IntRange(min=1),
+    help="Independent repetitions of both experiments.  [default: 100 and 20]",
+)
+@click.option(
+    "--samples",
+    type=click.IntRange(min=1),
+    help="Realizations of each entity.  [default: 1000]",
+)
+@click.option(
+    "--quick",
+    is_flag=True,
+    help="A first look in seconds: few replicates and samples, n = 30 in tracking.",
+)
+@click.option(
+    "--claims/--no-claims",
+    "with_claims",
+    default=True,
+    show_default=True,
+    help="Also check the paper's statements, for a section of the report.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of the table.")
+def reproduce(
+    out: str,
+    seed: int,
+    replicates: int | None,
+    samples: int | None,
+    quick: bool,
+    with_claims: bool,
+    as_json: bool,
+) -> None:
+    """Repeat the two experiments of the paper and write a report with the figures."""
+    plots.require_matplotlib()
+    directory = writable(out)
+    key = as_key(seed)
+    given = {k: v for k, v in (("replicates", replicates), ("samples", samples)) if v is not None}
+    done = []
+    for name, run in (("power", experiments.power), ("tracking", experiments.tracking)):
+        options = {**(QUICK[name] if quick else {}), **given}
+        done.append(run(rng=key.child(name), progress=True, **options))
+    checked = None
+    if with_claims:
+        checked = check_claims(key.child("claims"), quick=quick, progress=True)
+    files = report.write_report(done, directory, claims=checked)
+    rows = report.final_errors(done)
+    if as_json:
+        summary = {
+            "schema": "stochens-reproduce/1",
+            "seed": seed,
+            "out": out,
+            "files": [str(path) for path in files],
+            "versions": versions(),
+            "claims": None if checked is None else checked.to_dict(),
+            "experiments": [
+                {
+                    "name": one.name,
+                    "key": one.key,
+                    "settings": one.settings,
+                    "facts": one.facts,
+                    "seconds": one.seconds,
+                    "final": [row for row in rows if row["experiment"] == one.name],
+                }
+                for one in done
+            ],
+        }
+        show(json.dumps(summary, allow_nan=False, indent=2))
+    else:
+        show(_table(rows))
+        if checked is not None:
+            show(f"\n{checked.summary}")
+    click.echo(f"report: {files[-1]}", err=True)
+
+
+def _table(rows: list[dict[str, Any]]) -> str:
+    """The final errors as text, one block per panel."""
+    lines = []
+    before = None
+    head = f"{'':<20}{'median':>11}{'10 %':>11}{'90 %':>11}{'rms':>11}{'exact rms':>11}{'z':>7}"
+    for row in rows:
+        if row["panel"] != before:
+            before = row["panel"]
+            lines += [
+                "",
+                f"{row['panel']}  relative error of the {row['quantity']}, N = {row['samples']}",
+                head,
+            ]
+        cells = "".join(
+            f"{'' if row[k] is None else format(row[k], '.3g'):>11}"
+            for k in ("median", "q10", "q90", "rms", "exact_rms")
+        )
+        z = "" if row["z"] is None else f"{row['z']:+.2f}"
+        lines.append(f"{row['method']:<20}{cells}{z:>7}")
+    return "\n".join(lines[1:])

@@ -1,0 +1,329 @@
+"""How many realizations for this accuracy at this confidence: bounds, moments, simulation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import ceil, inf
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+import numpy as np
+
+from . import _gate
+from .controls import pseudoinverse
+from .exceptions import InputError, SizeError
+from .rng import Key, RngLike, as_key
+from .sampling import sample_counts
+from .system import System
+from .theory import bounds, moments
+from .theory.bounds._base import level_of
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from .theory.bounds import Bound
+
+    Floats: TypeAlias = NDArray[np.float64]
+
+__all__ = ["Requirement", "SamplePlan", "required_samples"]
+
+Quantity: TypeAlias = Literal["state", "control"]
+Fusion: TypeAlias = Literal["product", "diagonal"]
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """What one bound asks for, and what happens then.
+
+    Attributes
+    ----------
+    name : str
+        The bound.
+    source : str
+        Where it comes from.
+    size : int or None
+        The smallest number of realizations it accepts; None if that is beyond 2^53.
+    rms : float
+        Exact root mean square error at `size`.
+    quantile : float
+        What a share `delta` of the simulated errors exceeds at `size`.
+    failures : int
+        Simulated errors above `error`.
+    """
+
+    name: str
+    source: str
+    size: int | None
+    rms: float
+    quantile: float
+    failures: int
+
+
+@dataclass(frozen=True, eq=False)
+class SamplePlan:
+    """How many realizations it takes; what `required_samples` returns.
+
+    Attributes
+    ----------
+    error : float
+        The error that may be exceeded with probability `delta`, absolute.
+    delta : float
+        The probability of failure.
+    reference : float
+        Norm of what the error is measured against: the state that the exact control leads to, or
+        that control.
+    quantity, fusion : str
+        What was asked for.
+    rows : tuple of Requirement
+        One per bound, smallest size first. All hold; the first is the one to use.
+    expected_size : int
+        Where the exact root mean square error comes down to `error`: no guarantee.
+    simulated_size : int
+        Where the simulated errors exceed `error` with probability `delta`: what is really
+        needed, up to the accuracy of the simulation.
+    runs : int
+        Simulated fusions per size.
+    key : Key
+        What repeats the simulation.
+    """
+
+    error: float
+    delta: float
+    reference: float
+    quantity: str
+    fusion: str
+    rows: tuple[Requirement, ...]
+    expected_size: int
+    simulated_size: int
+    runs: int
+    key: Key
+
+    @property
+    def size(self) -> int:
+        """The smallest size that a bound guarantees."""
+        smallest = self.rows[0].size
+        if smallest is None:
+            raise SizeError("no bound is satisfied by up to 2^53 realizations")
+        return smallest
+
+    def to_dict(self) -> dict[str, Any]:
+        """All of it as plain numbers and text."""
+        return {
+            "schema": "stochens-plan/1",
+            "error": self.error,
+            "relative_error": self.error / self.reference if self.reference else None,
+            "delta": self.delta,
+            "quantity": self.quantity,
+            "fusion": self.fusion,
+            "expected_size": self.expected_size,
+            "simulated_size": self.simulated_size,
+            "runs": self.runs,
+            "key": self.key.hex,
+            "bounds": [vars(row) for row in self.rows],
+        }
+
+    def __str__(self) -> str:
+        share = f" ({self.error / self.reference:.3g} relative)" if self.reference else ""
+        lines = [
+            f"error of the {self.quantity} at most {self.error:.4g}{share} with probability "
+            f"{1.0 - self.delta:g}, {self.fusion} fusion",
+            "",
+            f"{'bound':<24}{'N':>16}{'exact rms':>12}{'quantile':>12}{'failures':>18}",
+        ]
+        for row in self.rows:
+            size = "more than 2^53" if row.size is None else f"{row.size:,}".replace(",", " ")
+            if row.size is None:
+                lines.append(f"{row.name:<24}{size:>16}")
+                continue
+            failed = f"{row.failures} of {self.runs}"
+            lines.append(
+                f"{row.name:<24}{size:>16}{row.rms:>12.3g}{row.quantile:>12.3g}{failed:>18}"
+            )
+        lines += [
+            "",
+            f"rms error equal to the bound at N = {self.expected_size}; simulated need N = "
+            f"{self.simulated_size}",
+        ]
+        return "\n".join(lines)
+
+
+def required_samples(
+    system: System | Any,
+    x0: ArrayLike,
+    xf: ArrayLike,
+    error: float,
+    *,
+    delta: float = 0.05,
+    relative: bool = True,
+    quantity: Quantity = "state",
+    fusion: Fusion = "product",
+    runs: int = 1000,
+    rng: RngLike = None,
+) -> SamplePlan:
+    """Find how many realizations of x0, xf and A give a control of a given accuracy.
+
+    Parameters
+    ----------
+    system : System
+        The exact (or nominal) system, or anything `System.from_any` takes.
+    x0, xf : array_like, shape (n,)
+        Initial state and target.
+    error : float
+        The error that may be exceeded with probability `delta`.
+    delta : float, default 0.05
+        Probability of failure, in (0, 1).
+    relative : bool, default True
+        Whether `error` is relative: to the norm of the state that the exact control leads to
+        (of that control, for "control").
+    quantity : {"state", "control"}, default "state"
+        ``||B (u - v)||``, the distance from the state that the exact control ``v`` leads to, or
+        ``||u - v||``.
+    fusion : {"product", "diagonal"}, default "product"
+        How the realizations are fused, with uniform weights.
+    runs : int, default 1000
+        Simulated fusions per bound.
+    rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
+        Source of randomness for the simulation.
+
+    Returns
+    -------
+    SamplePlan
+        Every bound's number of realizations with the exact error and the simulated ones there.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If an argument cannot be used; the message names it.
+
+    Notes
+    -----
+    The bounds are those of `theory.bounds`, the exact root mean square that of `theory.moments`.
+    The simulation draws counts, not realizations, so that its cost does not depend on N.
+
+    Examples
+    --------
+    >>> import stochens_rs as se
+    >>> system = se.System([[0.9, 0.2], [-0.1, 0.8]], [[1.0, 0.0], [0.5, 1.0]])
+    >>> plan = se.required_samples(system, [1.0, 2.0], [1.0, 1.0], 0.1, rng=1, runs=100)
+    >>> plan.simulated_size < plan.size, plan.rows[0].failures
+    (True, 0)
+    """
+    checked = System.from_any(system)
+    start = _gate.vector("x0", x0, length=checked.n)
+    goal = _gate.vector("xf", xf, length=checked.n)
+    error = _gate.positive("error", error)
+    level_of(delta)
+    runs = _gate.size("runs", runs, maximum=10**6)
+    kind = _gate.choice("quantity", quantity, ("state", "control"))
+    how = _gate.choice("fusion", fusion, ("product", "diagonal"))
+    key = as_key(rng)
+    v = pseudoinverse(np.ascontiguousarray(checked.B))[0] @ (goal - checked.A @ start)
+    reached = v if kind == "control" else checked.A @ start + checked.B @ v
+    reference = float(np.linalg.norm(reached))
+    if relative and reference == 0.0:
+        raise InputError(
+            f"`error` cannot be relative here: the exact {kind} is zero (use relative=False)"
+        )
+    allowed = error * reference if relative else error
+
+    data = checked.B, start, goal, checked.A
+    rms_of = moments.control_rms if kind == "control" else moments.state_rms
+    simulate = _Simulation(checked, start, goal, v, kind, how, runs, key)
+    rows = []
+    for bound in bounds.candidates(kind, *data, fusion=how):  # type: ignore[arg-type]
+        size = _size(bound, allowed, delta)
+        if size is None:
+            rows.append(Requirement(bound.name, bound.source, None, 0.0, 0.0, 0))
+            continue
+        errors = simulate.errors(size)
+        rms = rms_of(*data, size, fusion=how)  # type: ignore[arg-type]
+        quantile = float(np.quantile(errors, 1.0 - delta))
+        failures = int((errors > allowed).sum())
+        rows.append(Requirement(bound.name, bound.source, size, rms, quantile, failures))
+    rows.sort(key=lambda row: inf if row.size is None else row.size)
+    expected = _smallest(lambda N: rms_of(*data, N, fusion=how) <= allowed)  # type: ignore[arg-type]
+    return SamplePlan(
+        error=allowed,
+        delta=delta,
+        reference=reference,
+        quantity=kind,
+        fusion=how,
+        rows=tuple(rows),
+        expected_size=expected,
+        simulated_size=simulate.needed(allowed, delta, expected),
+        runs=runs,
+        key=key,
+    )
+
+
+class _Simulation:
+    """Errors of fused controls, from counts."""
+
+    def __init__(
+        self,
+        system: System,
+        x0: Floats,
+        xf: Floats,
+        v: Floats,
+        quantity: str,
+        fusion: str,
+        runs: int,
+        key: Key,
+    ) -> None:
+        self.system, self.x0, self.xf, self.v = system, x0, xf, v
+        self.fusion, self.runs, self.key = fusion, runs, key
+        pinv = pseudoinverse(np.ascontiguousarray(system.B))[0]
+        self.map = pinv if quantity == "control" else system.B @ pinv
+
+    def errors(self, size: int) -> Floats:
+        """``||M (y - mu)||`` of every run, ``y`` the fused ``xf - A x0`` and ``M u = B^+ y``."""
+        mu = self.xf - self.system.A @ self.x0
+        fused = np.array([self._difference(size, r) for r in range(self.runs)])
+        return np.asarray(np.linalg.norm((fused - mu) @ self.map.T, axis=1))
+
+    def _difference(self, size: int, run: int) -> Floats:
+        key = self.key.child(f"{size}, {run}")
+        xf = sample_counts(self.xf, size, rng=key.child("xf")).estimate
+        if self.fusion == "product":
+            x0 = sample_counts(self.x0, size, rng=key.child("x0")).estimate
+            A = sample_counts(self.system.A, size, rng=key.child("A")).estimate
+            return np.asarray(xf - A @ x0)
+        # A^s x0^s has one entry, sign(a_ij x0_j) g0 g_j with probability |x0_j| / g0 |a_ij| / g_j;
+        # a column of zeros gives the zero vector
+        A, x0 = self.system.A, self.x0
+        g, g0 = np.abs(A).sum(axis=0), float(np.abs(x0).sum())
+        if g0 == 0.0:
+            return np.asarray(xf)
+        share = np.divide(np.abs(x0), g, out=np.zeros_like(g), where=g > 0.0)
+        masses = np.append(np.abs(A) * share, np.abs(x0[g == 0.0]).sum())
+        hits = sample_counts(masses, size, rng=key.child("pairs")).counts[:-1].reshape(A.shape)
+        return np.asarray(xf - g0 / size * ((hits * np.sign(A)) @ (g * np.sign(x0))))
+
+    def needed(self, allowed: float, delta: float, start: int) -> int:
+        """Where the simulated quantile meets the error: a few steps of ``N <- N (q / error)^2``."""
+        size = start
+        for _ in range(4):
+            ratio = float(np.quantile(self.errors(size), 1.0 - delta)) / allowed
+            size = int(min(max(1, ceil(size * ratio**2)), _gate.EXACT))
+        return size
+
+
+def _size(bound: Bound, error: float, delta: float) -> int | None:
+    try:
+        return bound.required_size(error, delta)
+    except SizeError:
+        return None
+
+
+def _smallest(enough: Any) -> int:
+    """The smallest size that is enough; the error falls with the size."""
+    if enough(1):
+        return 1
+    low, high = 1, 2
+    while not enough(high):
+        if high >= _gate.EXACT:
+            raise SizeError("`error` is so small that more than 2^53 realizations are needed")
+        low, high = high, min(2 * high, _gate.EXACT)
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if enough(middle) else (middle, high)
+    return high

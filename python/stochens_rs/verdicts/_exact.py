@@ -1,0 +1,92 @@
+"""Realizations in rational arithmetic, all of them with their probabilities: no rounding."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from fractions import Fraction
+from itertools import product
+from typing import TypeAlias
+
+Vector: TypeAlias = tuple[Fraction, ...]
+Matrix: TypeAlias = tuple[Vector, ...]  # rows
+
+ZERO, ONE = Fraction(0), Fraction(1)
+
+
+def vector(*entries: int | Fraction) -> Vector:
+    """Entries as fractions."""
+    return tuple(Fraction(entry) for entry in entries)
+
+
+def dot(a: Vector, b: Vector) -> Fraction:
+    """``<a, b>``."""
+    return sum((x * y for x, y in zip(a, b, strict=True)), ZERO)
+
+
+def combine(s: Fraction, a: Vector, t: Fraction, b: Vector) -> Vector:
+    """``s a + t b``."""
+    return tuple(s * x + t * y for x, y in zip(a, b, strict=True))
+
+
+def distance(a: Vector, b: Vector) -> Fraction:
+    """``||a - b||_2^2``."""
+    d = combine(ONE, a, -ONE, b)
+    return dot(d, d)
+
+
+def matmul(A: Matrix, B: Matrix) -> Matrix:
+    """``A B``."""
+    columns = tuple(zip(*B, strict=True))
+    return tuple(tuple(dot(row, column) for column in columns) for row in A)
+
+
+def atoms(w: Vector) -> list[tuple[Fraction, Vector]]:
+    """Every realization of a vector with its probability: ``g sign(w_i) e_i``, ``|w_i| / g``."""
+    g = sum((abs(x) for x in w), ZERO)
+    if g == 0:
+        return [(ONE, w)]
+    return [
+        (abs(x) / g, tuple(g * (1 if x > 0 else -1) if k == i else ZERO for k in range(len(w))))
+        for i, x in enumerate(w)
+        if x != 0
+    ]
+
+
+def matrix_atoms(A: Matrix) -> list[tuple[Fraction, Matrix]]:
+    """Every realization of a matrix, column by column, with its probability."""
+    columns = [atoms(column) for column in zip(*A, strict=True)]
+    realizations = []
+    for choice in product(*columns):
+        p = ONE
+        for q, _ in choice:
+            p *= q
+        realizations.append((p, tuple(zip(*(column for _, column in choice), strict=True))))
+    return realizations
+
+
+def sequences(w: Vector, size: int) -> Iterator[tuple[Fraction, list[Vector]]]:
+    """Every sequence of `size` realizations of a vector, with its probability."""
+    for choice in product(atoms(w), repeat=size):
+        p = ONE
+        for q, _ in choice:
+            p *= q
+        yield p, [sample for _, sample in choice]
+
+
+def mean(samples: Sequence[Vector]) -> Vector:
+    """The plain average."""
+    return tuple(sum(column, ZERO) / len(samples) for column in zip(*samples, strict=True))
+
+
+def slse(samples: Sequence[Vector], target: Vector) -> list[Fraction]:
+    """Squared errors of SLSE after each realization: one exact line search per realization."""
+    F = samples[0]
+    errors = [distance(F, target)]
+    for E in samples[1:]:
+        step = combine(ONE, E, -ONE, F)
+        length = dot(step, step)
+        t = dot(combine(ONE, target, -ONE, F), step) / length if length else ZERO
+        t = min(max(t, ZERO), ONE)
+        F = combine(ONE - t, F, t, E)
+        errors.append(distance(F, target))
+    return errors

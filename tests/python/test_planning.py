@@ -1,0 +1,179 @@
+"""How many realizations: every bound keeps its word, the simulation has the exact moments."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from stochens_rs import cli
+from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError, SizeError
+from stochens_rs.planning import _Simulation
+from stochens_rs.rng import as_key
+from stochens_rs.theory import bounds, moments
+
+GEN = np.random.default_rng(0)
+SYSTEM = se.System(GEN.standard_normal((4, 4)), GEN.standard_normal((4, 2)))
+X0, XF = GEN.standard_normal(4), GEN.standard_normal(4)
+
+
+@pytest.mark.parametrize("quantity", ["state", "control"])
+@pytest.mark.parametrize("fusion", ["product", "diagonal"])
+def test_bounds_keep_their_word(quantity: str, fusion: str) -> None:
+    plan = se.required_samples(
+        SYSTEM, X0, XF, 0.2, delta=0.05, quantity=quantity, fusion=fusion, runs=400, rng=1
+    )
+    sizes = [row.size for row in plan.rows]
+    assert sizes == sorted(sizes)
+    # 400 runs: 4 standard errors above 5 % are 37 failures
+    assert all(row.failures <= 37 for row in plan.rows)
+    data = SYSTEM.B, X0, XF, SYSTEM.A
+    best = bounds.best(quantity, *data, eps=plan.error, delta=0.05, fusion=fusion)
+    assert plan.size == best.size
+    rms_of = moments.control_rms if quantity == "control" else moments.state_rms
+    assert rms_of(*data, plan.expected_size, fusion=fusion) <= plan.error
+    assert rms_of(*data, plan.expected_size - 1, fusion=fusion) > plan.error
+    assert plan.expected_size < plan.simulated_size < plan.size
+    assert plan.rows[0].rms == rms_of(*data, plan.size, fusion=fusion)
+
+
+@pytest.mark.parametrize("quantity", ["state", "control"])
+@pytest.mark.parametrize("fusion", ["product", "diagonal"])
+def test_the_simulation_has_the_exact_moments(quantity: str, fusion: str) -> None:
+    A = SYSTEM.A.copy()
+    A[:, 1] = 0.0  # a column that is always exact
+    system = se.System(A, SYSTEM.B)
+    v = np.linalg.pinv(SYSTEM.B) @ (XF - A @ X0)
+    runs = 4000  # relative standard error of the mean square below 2.5 %; 10 % is 4 of them
+    simulation = _Simulation(system, X0, XF, v, quantity, fusion, runs, as_key(5))
+    rms_of = moments.control_rms if quantity == "control" else moments.state_rms
+    exact = rms_of(SYSTEM.B, X0, XF, A, 7, fusion=fusion)
+    square = float(np.mean(simulation.errors(7) ** 2))
+    assert square == pytest.approx(exact**2, rel=0.1)
+    other = rms_of(SYSTEM.B, X0, XF, A, 7, fusion="product" if fusion == "diagonal" else "diagonal")
+    assert square != pytest.approx(other**2, rel=0.1)
+
+
+def test_relative_and_absolute_errors_agree() -> None:
+    first = se.required_samples(SYSTEM, X0, XF, 0.1, runs=50, rng=1)
+    again = se.required_samples(SYSTEM, X0, XF, first.error, relative=False, runs=50, rng=1)
+    assert first.rows == again.rows
+    assert first.to_dict() == again.to_dict()
+    assert "Bousquet" in str(first)
+    json.dumps(first.to_dict(), allow_nan=False)
+
+
+def test_what_no_bound_can_promise_is_said() -> None:
+    plan = se.required_samples(SYSTEM, X0, XF, 1e-7, runs=20, rng=1)
+    assert plan.rows[-1].size is None
+    assert "more than 2^53" in str(plan)
+    with pytest.raises(SizeError, match="more than 2"):
+        se.required_samples(SYSTEM, X0, XF, 1e-12, runs=20, rng=1)
+
+
+def test_a_known_problem_needs_one_realization() -> None:
+    plan = se.required_samples(
+        se.System(np.eye(2), np.eye(2)), [0.0, 2.0], [1.0, 0.0], 0.1, runs=20, rng=1
+    )
+    assert plan.size == 1
+    assert plan.simulated_size == 1
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "words"),
+    [
+        ({"error": 0.0}, InputError, "`error` must be > 0"),
+        ({"delta": 1.0}, InputError, "`delta` must"),
+        ({"x0": [1.0]}, ShapeError, "`x0` must"),
+        ({"xf": [np.nan] * 4}, NonFiniteError, "xf"),
+        ({"quantity": "stat"}, InputError, "state"),
+        ({"fusion": "both"}, InputError, "`fusion`"),
+        ({"runs": 0}, SizeError, "`runs`"),
+    ],
+)
+def test_bad_input(change: dict[str, object], error: type[Exception], words: str) -> None:
+    arguments: dict[str, object] = {"x0": X0, "xf": XF, "error": 0.1, "runs": 20, **change}
+    with pytest.raises(error, match=words):
+        se.required_samples(SYSTEM, **arguments)
+
+
+def test_no_relative_error_of_zero() -> None:
+    with pytest.raises(InputError, match="relative=False"):
+        se.required_samples(SYSTEM, [0.0] * 4, [0.0] * 4, 0.1, runs=20)
+
+
+# -- files and the command line --------------------------------------------------------------------
+
+
+def test_problems_from_files(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", A=SYSTEM.A, B=SYSTEM.B, x0=X0, dt=0.5)
+    found = se.cases.from_file(tmp_path / "a.npz")
+    assert found.system == se.System(SYSTEM.A, SYSTEM.B, dt=0.5)
+    assert np.array_equal(found.x0, X0)
+    assert found.xf is None
+    text = json.dumps({"A": SYSTEM.A.tolist(), "B": SYSTEM.B.tolist(), "xf": XF.tolist()})
+    (tmp_path / "a.json").write_text(text)
+    found = se.cases.from_file(tmp_path / "a.json")
+    assert np.array_equal(found.xf, XF)
+    assert found.x0 is None
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("a.json", b"{", "JSON"),
+        ("a.json", b"[1]", "JSON object"),
+        ("a.json", b'{"A": [[1]]}', "B is missing"),
+        ("a.json", b'{"A": [[1]], "B": [[1]], "C": 1}', "'C'"),
+        ("a.json", b'{"A": [[1]], "B": [["x"]]}', "`B`"),
+        ("a.npz", b"not a zip", "archive of numeric arrays"),
+        ("a.json", b"\xff\xfe", "JSON"),
+        ("a.json", b"[" * 100_000, "JSON"),
+    ],
+)
+def test_bad_files_are_refused(tmp_path: Path, name: str, content: bytes, words: str) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises((InputError, InputTypeError), match=words):
+        se.cases.from_file(tmp_path / name)
+
+
+def test_pickled_arrays_are_refused(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", A=np.array([[object()]], dtype=object), B=np.eye(1))
+    with pytest.raises(InputError, match="numeric arrays"):
+        se.cases.from_file(tmp_path / "a.npz")
+
+
+def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    args = ["plan", "--case", "ieee14", "--error", "20%", "--runs", "20"]
+    assert cli.main(args) == 0
+    out = capsys.readouterr().out
+    assert "Bousquet" in out
+    assert "simulated need" in out
+    np.savez(tmp_path / "a.npz", A=SYSTEM.A, B=SYSTEM.B, x0=X0, xf=XF)
+    args = ["plan", "--file", str(tmp_path / "a.npz"), "--runs", "20", "--error", "0.2", "--json"]
+    assert cli.main(args) == 0
+    data = json.loads(capsys.readouterr().out)
+    direct = se.required_samples(SYSTEM, X0, XF, 0.2, runs=20, rng=1)
+    assert [row["size"] for row in data["bounds"]] == [row.size for row in direct.rows]
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        ([], "--case or --file"),
+        (["--case", "ieee14", "--error", "much"], "not a number"),
+        (["--case", "ieee14", "--delta", "2"], "delta"),
+        (["--case", "ieee15"], "ieee14"),
+    ],
+)
+def test_usage(args: list[str], words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["plan", *args]) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_a_missing_file(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["plan", "--file", "/nonexistent/a.npz"]) == 5
+    assert "a.npz" in capsys.readouterr().err

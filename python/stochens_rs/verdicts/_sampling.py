@@ -89,7 +89,7 @@ def lemma_42(tails: Tails) -> Claim:
         "P(error >= sqrt(V/N) + t) <= exp(-N t^2 / (g(xf)^2 + 2 g(x0)^2 g(A)^2)).",
         (
             Evidence("exact", one, printed < float(tail) <= held),
-            Evidence("Monte Carlo", many, broken[worst] > allowed and ours <= allowed),
+            Evidence("Monte Carlo", many, bool(broken[worst] > allowed and ours <= allowed)),
         ),
     )
 

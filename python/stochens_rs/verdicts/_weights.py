@@ -152,7 +152,14 @@ def algorithm_1(key: Key) -> Claim:
     stops: list[int] = []
     for r in range(runs):
         for variant, kept in errors.items():
-            stream = Stream(B, x0=x0, xf=np.zeros(n), A=A, rng=key.child(str(r)), variant=variant)
+            stream = Stream(
+                B,
+                x0=x0,
+                xf=np.zeros(n),
+                A=A,
+                rng=key.child(str(r)),
+                variant="consistent" if variant == "consistent" else "literal",
+            )
             stream.run(max_steps=steps)
             kept.append(float(np.linalg.norm(stream.u - v) / np.linalg.norm(v)))
         printed = Stream(B, x0=x0, xf=np.zeros(n), A=A, rng=key.child(str(r)), variant="literal")

@@ -188,7 +188,7 @@ def squared_distances(points: Array) -> Array:
     squares = (centred**2).sum(axis=0)
     distances = np.add.outer(squares, squares) - 2.0 * (centred.T @ centred)
     np.fill_diagonal(distances, 0.0)
-    return np.maximum(distances, 0.0)
+    return np.asarray(np.maximum(distances, 0.0), dtype=np.float64)
 
 
 def largest_norm(columns: Array) -> float:

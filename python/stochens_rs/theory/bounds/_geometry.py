@@ -37,6 +37,7 @@ class Geometry:
         x0 = _gate.vector("x0", x0, length=n)
         xf = _gate.vector("xf", xf, length=n)
         A = _gate.matrix("A", A, rows=n, cols=n)
+        _gate.memory("the moments of the control", 50 * A.nbytes)
         self.by_rows = _gate.choice("axis", axis, _AXES) == "rows"
         self.quantity = _gate.choice("quantity", quantity, ("state", "control"))
         self._scale(B, x0, xf, A)

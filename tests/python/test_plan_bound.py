@@ -98,7 +98,7 @@ def test_fits_are_bounded_by_their_own_errors(method):
     error = plan.error(nominal, targets["x0"], targets["xf"])
     assert error.state <= bound.state + 1e-12
     assert error.control <= bound.control + 1e-12
-    with pytest.raises(InputError, match="`x0`: its weights depend"):
+    with pytest.raises(InputError, match="weights of `x0` depend"):
         plan.covariance()
     # the paper's order of the terms, with A in place of A_hat, is at most a little smaller
     norms = np.linalg.norm(targets["A"], 2), np.linalg.norm(x0.estimate)
@@ -114,11 +114,16 @@ def test_systematic_samples_have_a_sure_bound():
     error = plan.error(SYSTEM, X0, XF)
     assert error.state <= bound.state
     assert error.control <= bound.control
-    with pytest.raises(InputError, match="systematic realizations are dependent"):
-        plan.covariance()
+    expected = moments.control_covariance(B, X0, XF, A, N, scheme="systematic")
+    np.testing.assert_array_equal(plan.covariance(), expected)
+    mixed = se.control(B, ensembles()[0], ensembles(scheme="systematic")[1], A)
+    with pytest.raises(InputError, match="iid and systematic samples together"):
+        mixed.covariance()
     paired = se.control(B, *ensembles(scheme="systematic"), fusion="diagonal")
     with pytest.raises(InputError, match="fusion='product'"):
         paired.bound()
+    with pytest.raises(InputError, match="systematic"):
+        paired.covariance()
 
 
 def test_mixed_entities_share_delta():

@@ -486,7 +486,7 @@ def all_bounds():
 ALL = all_bounds()
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=100, deadline=None, derandomize=True)
 @given(
     k=st.integers(0, len(ALL) - 1),
     N=st.integers(1, 10**15),
@@ -505,6 +505,16 @@ def test_radius_probability_and_required_size_are_inverse(k, N, log_delta):
     assert N - max(1, 1e-12 * N) <= needed <= N
     if needed > 1:
         assert bound.radius(needed, delta) <= radius < bound.radius(needed - 1, delta)
+
+
+@pytest.mark.parametrize("k", range(len(ALL)))
+def test_extreme_arguments(k):
+    bound = ALL[k]
+    for N in (1, 1000, 2**53):
+        assert bound.probability(N, 1e300) <= 1e-9 or bound.name == "Bernstein"
+        assert bound.probability(N, 5e-324) == 1.0
+        assert 0.0 < bound.radius(N, 1.0 - 1e-16) < bound.radius(N, 5e-324) < math.inf
+    assert bound.required_size(1e300, 5e-324) == 1
 
 
 def test_required_size_with_exact_entities():
@@ -775,6 +785,12 @@ class TestInput:
             bounds.ProductMcDiarmid(self.B, big, self.xf, np.array(self.A) * 1e10)
         with pytest.raises(NonFiniteError, match="scale"):
             bounds.TrajectoryMcDiarmid(np.array(self.A) * 1e200, self.B, self.x0, [[1.0], [1.0]])
+        with pytest.raises(NonFiniteError, match="scale"):
+            bounds.ProductMcDiarmid(
+                [[1e300], [1.0]], [0.0, 0.0], [1e-300, 0.0], self.A, quantity="control"
+            )
+        zero = np.zeros((2, 2))
+        assert bounds.ProductMcDiarmid(self.B, big, [0.0, 0.0], zero).radius(1, 0.1) == 0.0
         with pytest.raises(NonFiniteError, match="overflows"):
             bounds.from_errors(self.B, big, np.ones((2, 2)) * 1e308, x0_error=1e300)
 

@@ -48,13 +48,13 @@ class Geometry:
         unit_B, unit_A = unit_of(B), unit_of(A)
         unit_y = max(unit_A * unit_of(x0) if A.any() and x0.any() else 0.0, float(abs(xf).max()))
         unit_y = unit_y if unit_y > 0.0 else 1.0
-        if not math.isfinite(unit_y):
-            raise NonFiniteError("`A x0` overflows: scale the problem down")
         self.unit_x0 = unit_y / unit_A
         self.unit = unit_y if self.quantity == "state" else unit_y / unit_B
-        if not math.isfinite(self.unit) or not math.isfinite(self.unit_x0):
-            raise NonFiniteError("`xf - A x0` in units of `B` overflows: scale the problem")
-        self.x0, self.xf, self.A = x0 / self.unit_x0, xf / unit_y, A / unit_A
+        if not all(0.0 < unit < math.inf for unit in (unit_y, self.unit_x0, self.unit)):
+            raise NonFiniteError("`A x0`, or the control, over- or underflows: scale the problem")
+        # without A, x0 has no effect whatever its size
+        self.x0 = x0 / self.unit_x0 if A.any() else np.zeros_like(x0)
+        self.xf, self.A = xf / unit_y, A / unit_A
         U, s, _ = _compact_svd(B / unit_B)
         self.M = np.ascontiguousarray(U.T if self.quantity == "state" else (U / s).T)
         self.M_norm = (

@@ -21,6 +21,7 @@ from ._inequalities import (
     chebyshev_level,
     mcdiarmid,
     mcdiarmid_level,
+    square,
 )
 
 
@@ -162,7 +163,7 @@ class TrajectoryMcDiarmid(Trajectory):
 
     def _prepare(self) -> None:
         with np.errstate(over="ignore"):
-            self._spread = finite(2.0 * self._reach() ** 2)
+            self._spread = finite(2.0 * square(self._reach()))
 
     def _radius(self, rates: Rates, level: float) -> float:
         return mcdiarmid(self._rms(rates), self._spread * rates[0], level)

@@ -133,19 +133,23 @@ def plan_covariance(
 
     basis = _completed(plan, system, x0, xf, "covariance")
     for entity in basis.entities:
-        if entity.kind not in ("exact", "iid"):
-            why = (
-                "its weights depend on the realizations"
-                if entity.kind == "fitted"
-                else "systematic realizations are dependent"
+        if entity.kind == "fitted":
+            raise InputError(
+                f"no formula is known for the covariance: the weights of `{entity.name}` depend "
+                "on the realizations"
             )
-            raise InputError(f"no formula is known for the covariance: `{entity.name}`: {why}")
+    schemes = {entity.kind for entity in basis.entities} - {"exact"}
+    if len(schemes) > 1:
+        raise InputError(
+            "no formula is known for the covariance of iid and systematic samples together"
+        )
     return moments.control_covariance(
         basis.B,
         *_values(basis),
         _sizes(basis),
         fusion="diagonal" if plan.fusion == "diagonal" else "product",
         axis=basis.A.axis,
+        scheme="systematic" if "systematic" in schemes else "iid",
     )
 
 

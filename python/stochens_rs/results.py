@@ -306,14 +306,14 @@ class Plan:
         Returns
         -------
         ndarray, shape (m, m)
-            `theory.moments.control_covariance` for the sizes, the fusion and the axis of this
-            plan. That of the state is ``B @ covariance @ B.T``.
+            `theory.moments.control_covariance` for the sizes, the fusion, the scheme and the axis
+            of this plan. That of the state is ``B @ covariance @ B.T``.
 
         Raises
         ------
         InputError, InputTypeError
-            As `bound`; and if an entity was fitted with other than uniform weights or sampled
-            systematically: no formula is known.
+            As `bound`; and if an entity was fitted with other than uniform weights, or if iid and
+            systematic samples are mixed or the latter paired: no formula is known.
 
         Notes
         -----

@@ -405,6 +405,24 @@ def test_diagonal_bousquet_is_its_formula_for_a_known_state_matrix():
     assert product.radius((N, N, None), delta) == pytest.approx(expected, rel=1e-12)
 
 
+@pytest.mark.parametrize("quantity", QUANTITIES)
+@pytest.mark.parametrize("case", ["square", "m < n", "cancelling", "zero column"])
+def test_diagonal_bousquet_is_its_formula(case, quantity):
+    B, x0, xf, A = (np.array(x) for x in CONTROLS[case])
+    N, delta = 300, 0.1
+    L = math.log(10.0)
+    M = np.linalg.pinv(B) if quantity == "control" else B @ np.linalg.pinv(B)
+    C = M @ (moments.vector_covariance(xf) + moments.product_covariance(x0, A)) @ M.T
+    E, lam = np.sqrt(np.trace(C) / N), np.linalg.eigvalsh(C)[-1] / N
+    far_f = max(np.linalg.norm(M @ (v - xf)) for _, v in vector_law(xf, 1))
+    products = [a @ x for (_, a), (_, x) in itertools.product(matrix_law(A, 1), vector_law(x0, 1))]
+    far_z = max(np.linalg.norm(M @ (z - A @ x0)) for z in products)
+    U = (far_f + far_z) / N
+    expected = E + np.sqrt(2 * L * (lam + 2 * U * E)) + U * L / 3
+    found = bounds.DiagonalBousquet(B, x0, xf, A, quantity=quantity)
+    assert found.radius(N, delta) == pytest.approx(expected, rel=1e-12)
+
+
 def test_best_is_the_smallest():
     B, x0, xf, A = CONTROLS["square"]
     for quantity, size in itertools.product(QUANTITIES, (5, 10**4, (10, 20, 30), (None, 7, None))):
@@ -443,6 +461,9 @@ def test_certificate_is_an_upper_bound_of_an_identity(gen):
     # one error at a time it is an equality where the directions agree
     only = bounds.from_errors(np.eye(2), [1.0, 0.0], [[2.0, 0.0], [0.0, 1.0]], x0_error=0.5)
     assert only == (1.0, 1.0)
+    assert bounds.from_errors([[4.0]], [3.0], [[1.0]], A_error=0.5) == (1.5, 0.375)
+    assert bounds.from_errors([[4.0]], [3.0], [[1.0]], xf_error=0.5) == (0.5, 0.125)
+    assert bounds.from_errors([[1.0]], [3.0], [[2.0]], x0_error=1.0, A_error=0.5) == (4.0, 4.0)
     assert bounds.from_errors([[0.0]], [1.0], [[1.0]], x0_error=1.0) == (0.0, 0.0)
 
 
@@ -465,7 +486,7 @@ def all_bounds():
 ALL = all_bounds()
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=100, deadline=None, derandomize=True)
 @given(
     k=st.integers(0, len(ALL) - 1),
     N=st.integers(1, 10**15),
@@ -484,6 +505,16 @@ def test_radius_probability_and_required_size_are_inverse(k, N, log_delta):
     assert N - max(1, 1e-12 * N) <= needed <= N
     if needed > 1:
         assert bound.radius(needed, delta) <= radius < bound.radius(needed - 1, delta)
+
+
+@pytest.mark.parametrize("k", range(len(ALL)))
+def test_extreme_arguments(k):
+    bound = ALL[k]
+    for N in (1, 1000, 2**53):
+        assert bound.probability(N, 1e300) <= 1e-9 or bound.name == "Bernstein"
+        assert bound.probability(N, 5e-324) == 1.0
+        assert 0.0 < bound.radius(N, 1.0 - 1e-16) < bound.radius(N, 5e-324) < math.inf
+    assert bound.required_size(1e300, 5e-324) == 1
 
 
 def test_required_size_with_exact_entities():
@@ -754,6 +785,12 @@ class TestInput:
             bounds.ProductMcDiarmid(self.B, big, self.xf, np.array(self.A) * 1e10)
         with pytest.raises(NonFiniteError, match="scale"):
             bounds.TrajectoryMcDiarmid(np.array(self.A) * 1e200, self.B, self.x0, [[1.0], [1.0]])
+        with pytest.raises(NonFiniteError, match="scale"):
+            bounds.ProductMcDiarmid(
+                [[1e300], [1.0]], [0.0, 0.0], [1e-300, 0.0], self.A, quantity="control"
+            )
+        zero = np.zeros((2, 2))
+        assert bounds.ProductMcDiarmid(self.B, big, [0.0, 0.0], zero).radius(1, 0.1) == 0.0
         with pytest.raises(NonFiniteError, match="overflows"):
             bounds.from_errors(self.B, big, np.ones((2, 2)) * 1e308, x0_error=1e300)
 

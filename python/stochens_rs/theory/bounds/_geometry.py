@@ -37,6 +37,7 @@ class Geometry:
         x0 = _gate.vector("x0", x0, length=n)
         xf = _gate.vector("xf", xf, length=n)
         A = _gate.matrix("A", A, rows=n, cols=n)
+        _gate.memory("the moments of the control", 50 * A.nbytes)
         self.by_rows = _gate.choice("axis", axis, _AXES) == "rows"
         self.quantity = _gate.choice("quantity", quantity, ("state", "control"))
         self._scale(B, x0, xf, A)
@@ -47,13 +48,13 @@ class Geometry:
         unit_B, unit_A = unit_of(B), unit_of(A)
         unit_y = max(unit_A * unit_of(x0) if A.any() and x0.any() else 0.0, float(abs(xf).max()))
         unit_y = unit_y if unit_y > 0.0 else 1.0
-        if not math.isfinite(unit_y):
-            raise NonFiniteError("`A x0` overflows: scale the problem down")
         self.unit_x0 = unit_y / unit_A
         self.unit = unit_y if self.quantity == "state" else unit_y / unit_B
-        if not math.isfinite(self.unit) or not math.isfinite(self.unit_x0):
-            raise NonFiniteError("`xf - A x0` in units of `B` overflows: scale the problem")
-        self.x0, self.xf, self.A = x0 / self.unit_x0, xf / unit_y, A / unit_A
+        if not all(0.0 < unit < math.inf for unit in (unit_y, self.unit_x0, self.unit)):
+            raise NonFiniteError("`A x0`, or the control, over- or underflows: scale the problem")
+        # without A, x0 has no effect whatever its size
+        self.x0 = x0 / self.unit_x0 if A.any() else np.zeros_like(x0)
+        self.xf, self.A = xf / unit_y, A / unit_A
         U, s, _ = _compact_svd(B / unit_B)
         self.M = np.ascontiguousarray(U.T if self.quantity == "state" else (U / s).T)
         self.M_norm = (
@@ -188,7 +189,7 @@ def squared_distances(points: Array) -> Array:
     squares = (centred**2).sum(axis=0)
     distances = np.add.outer(squares, squares) - 2.0 * (centred.T @ centred)
     np.fill_diagonal(distances, 0.0)
-    return np.asarray(np.maximum(distances, 0.0))
+    return np.asarray(np.maximum(distances, 0.0), dtype=np.float64)
 
 
 def largest_norm(columns: Array) -> float:

@@ -21,7 +21,7 @@ def mcdiarmid_level(mean: float, spread: float, eps: float) -> float:
     """``(eps - E)^2 / V`` beyond E."""
     if eps <= mean:
         return 0.0
-    return ((eps - mean) / math.sqrt(spread)) ** 2 if spread > 0.0 else math.inf
+    return square((eps - mean) / math.sqrt(spread)) if spread > 0.0 else math.inf
 
 
 def bousquet(mean: float, variance: float, largest: float, level: float) -> float:
@@ -35,7 +35,12 @@ def bousquet_level(mean: float, variance: float, largest: float, eps: float) -> 
         return 0.0
     b = math.sqrt(2.0 * (variance + 2.0 * largest * mean))
     root = b + math.sqrt(b * b + 4.0 / 3.0 * largest * (eps - mean))
-    return (2.0 * (eps - mean) / root) ** 2 if root > 0.0 else math.inf
+    return square(2.0 * (eps - mean) / root) if root > 0.0 else math.inf
+
+
+def square(x: float) -> float:
+    """``x^2``, inf where it overflows (Python's power raises)."""
+    return x * x
 
 
 def chebyshev_level(rms: float, eps: float) -> float:

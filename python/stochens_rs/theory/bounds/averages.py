@@ -17,6 +17,7 @@ from ._inequalities import (
     largest_eigenvalues,
     mcdiarmid,
     mcdiarmid_level,
+    square,
 )
 
 
@@ -156,8 +157,8 @@ class Bousquet(Average):
         lines, g = self._lines, self._g
         self._variance = float((g**2 * largest_eigenvalues(np.abs(lines) / g)).max(initial=0.0))
         # ||g sign(a_i) e_i - a||^2 = (g - |a_i|)^2 + sum_{k != i} a_k^2
-        square = _others(lines) ** 2 + _others(lines**2)
-        farthest = np.where(lines != 0.0, square, 0.0).max(axis=0, initial=0.0)
+        deviations = _others(lines) ** 2 + _others(lines**2)
+        farthest = np.where(lines != 0.0, deviations, 0.0).max(axis=0, initial=0.0)
         self._largest = math.sqrt(float(farthest.sum()))
 
     def _constants(self, rate: float) -> tuple[float, float, float]:
@@ -254,7 +255,7 @@ class Hoeffding(Average):
 
     def _level(self, rates: Rates, eps: float) -> float:
         scale = math.sqrt(self._weight * rates[0] / 2.0)
-        return (eps / scale) ** 2 - self._log_terms if scale > 0.0 else math.inf
+        return square(eps / scale) - self._log_terms if scale > 0.0 else math.inf
 
 
 class Systematic(Average):

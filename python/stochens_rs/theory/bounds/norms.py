@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from ... import _gate
 from ..moments._formulas import Axis, _others, _transition
 from ._base import Rates
+from ._inequalities import square
 from .averages import Average
 
 
@@ -63,7 +64,7 @@ class Weissman(Average):
 
     def _level(self, rates: Rates, eps: float) -> float:
         scale = self._gamma * math.sqrt(self._factor * rates[0])
-        return (eps / scale) ** 2 - self._log_sets if scale > 0.0 else math.inf
+        return square(eps / scale) - self._log_sets if scale > 0.0 else math.inf
 
 
 class Bernstein(Average):
@@ -113,8 +114,8 @@ class Bernstein(Average):
         total = _transition(lines, np.ones(lines.shape[1]))  # sum_j Cv(a_j)
         top = float(np.linalg.eigvalsh(total)[-1])
         self._variance = max(top, float(self._variances.max()))
-        square = _others(lines) ** 2 + _others(lines**2)
-        self._largest = math.sqrt(float(np.where(lines != 0.0, square, 0.0).max()))
+        deviations = _others(lines) ** 2 + _others(lines**2)
+        self._largest = math.sqrt(float(np.where(lines != 0.0, deviations, 0.0).max()))
 
     def _radius(self, rates: Rates, level: float) -> float:
         exponent = level + self._log_sizes

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from ...exceptions import ShapeError
 from ..moments._formulas import Array
 from ._base import Rates
-from ._inequalities import mcdiarmid, mcdiarmid_level
+from ._inequalities import mcdiarmid, mcdiarmid_level, square
 from .trajectories import Trajectory, finite
 
 
@@ -60,7 +60,7 @@ class OneStepMcDiarmid(Trajectory):
 
     def _prepare(self) -> None:
         gA, g0, pushed = _one_step(self)
-        self._spread = finite(2.0 * (g0 * gA) ** 2 + float((pushed**2).sum()))
+        self._spread = finite(2.0 * square(g0 * gA) + float((pushed**2).sum()))
 
     def _radius(self, rates: Rates, level: float) -> float:
         return mcdiarmid(self._rms(rates), self._spread * rates[0], level)
@@ -117,12 +117,12 @@ class OneStepHoeffding(Trajectory):
         gA, g0, pushed = _one_step(self)
         gB = float(np.abs(self._B).sum(axis=0).max()) if pushed.any() else 0.0
         self._scales = (
-            4.5 * finite((gA * g0) ** 2),
-            4.5 * finite((float(np.linalg.norm(self._u)) * gB) ** 2),
+            4.5 * finite(square(gA * g0)),
+            4.5 * finite(square(float(np.linalg.norm(self._u)) * gB)),
         )
 
     def _level(self, rates: Rates, eps: float) -> float:
-        exponents = [(eps / math.sqrt(s * rates[0])) ** 2 for s in self._scales if s * rates[0]]
+        exponents = [square(eps / math.sqrt(s * rates[0])) for s in self._scales if s * rates[0]]
         least = min(exponents, default=math.inf)
         if least == math.inf:
             return math.inf

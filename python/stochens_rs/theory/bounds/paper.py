@@ -16,6 +16,7 @@ from ... import _gate
 from ...exceptions import NonFiniteError
 from ..moments._formulas import Array
 from ._base import Bound, Rates
+from ._inequalities import square
 
 __all__ = ["Lemma42", "Lemma43", "OneVector", "Printed"]
 
@@ -41,7 +42,7 @@ class Printed(Bound):
     _widths: tuple[float, ...]
 
     def _level(self, rates: Rates, eps: float) -> float:
-        exponents = [2.0 * (eps / c) ** 2 / rates[0] for c in self._widths if c * rates[0] > 0.0]
+        exponents = [2.0 * square(eps / c) / rates[0] for c in self._widths if c * rates[0] > 0.0]
         least = min(exponents, default=math.inf)
         if least == math.inf:
             return math.inf

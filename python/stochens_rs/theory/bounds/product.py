@@ -16,7 +16,7 @@ from ... import _gate
 from ..moments._formulas import Array, Axis, Sizes, _others
 from ._base import Rates
 from ._geometry import Geometry
-from ._inequalities import bousquet, mcdiarmid
+from ._inequalities import bousquet, mcdiarmid, square
 from .averages import McDiarmid
 from .fused import Fused, Quantity, _check_equal, largest_linear, top_eigenvalue
 from .norms import Weissman
@@ -269,7 +269,7 @@ class ProductHoeffding(Fused):
 
     def _level(self, rates: Rates, eps: float) -> float:
         exponents = [
-            math.log(count) - (eps / math.sqrt(scale * rate)) ** 2
+            math.log(count) - square(eps / math.sqrt(scale * rate))
             for (count, scale), rate in zip(self._terms, rates, strict=True)
             if scale * rate > 0.0
         ]

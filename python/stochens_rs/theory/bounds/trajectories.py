@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike
 
 from ... import _gate
 from ...exceptions import NonFiniteError
-from ..moments._formulas import _AXES, Array, Axis, _excess, _vector_covariance
+from ..moments import trajectory_covariance, trajectory_mean
+from ..moments._formulas import _AXES, Array, Axis
 from ._base import Bound, Rates, unit_of
 from ._inequalities import (
     bousquet,
@@ -20,6 +21,7 @@ from ._inequalities import (
     chebyshev_level,
     mcdiarmid,
     mcdiarmid_level,
+    square,
 )
 
 
@@ -80,24 +82,20 @@ class Trajectory(Bound):
         # linear in (x0, u), so that their unit is that of the result
         self._unit = max(unit_of(start) if start.any() else 0.0, float(np.abs(inputs).max())) or 1.0
         self._x0, self._u = start / self._unit, inputs / self._unit
-        with np.errstate(over="ignore", invalid="ignore"):
-            self._mean_square = self._trace()
+        self._mean = trajectory_mean(self._A, self._B, self._u, self._x0)[-1]
+        self._covariance = trajectory_covariance(
+            self._A,
+            self._B,
+            self._u,
+            self._x0,
+            sample_B=self._sample_B,
+            axis="rows" if self._axis == "rows" else "columns",
+        )[-1]
+        self._mean_square = finite(max(0.0, float(np.trace(self._covariance))))
         self._prepare()
 
     def _prepare(self) -> None:
         """Compute the constants of the bound."""
-
-    def _trace(self) -> float:
-        """``tr S_K``: ``S_{k+1} = A S_k A^T + E[A^s M A^sT] - A M A^T + T_B(u_k * u_k)``."""
-        A, B, axis = self._A, self._B, self._axis
-        mean, S = self._x0, _vector_covariance(self._x0)
-        for u in self._u:
-            S = A @ S @ A.T + _excess(A, S + np.outer(mean, mean), axis)
-            if self._sample_B:
-                S = S + _excess(B, np.outer(u, u), axis)
-            mean = A @ mean + B @ u
-        self._mean, self._covariance = mean, S
-        return finite(max(0.0, float(np.trace(S))))
 
     def _rms(self, rates: Rates) -> float:
         return math.sqrt(self._mean_square * rates[0])
@@ -165,7 +163,7 @@ class TrajectoryMcDiarmid(Trajectory):
 
     def _prepare(self) -> None:
         with np.errstate(over="ignore"):
-            self._spread = finite(2.0 * self._reach() ** 2)
+            self._spread = finite(2.0 * square(self._reach()))
 
     def _radius(self, rates: Rates, level: float) -> float:
         return mcdiarmid(self._rms(rates), self._spread * rates[0], level)

@@ -12,6 +12,7 @@ from ... import _gate
 from ...rng import Key, RngLike, as_key
 from ...sampling import sample
 from ..bounds import candidates
+from ..bounds._base import level_of
 from ..bounds.trajectories import TrajectoryMcDiarmid
 from ..moments._formulas import Array
 from .steps import StepsReachability, several_steps
@@ -113,6 +114,7 @@ def approximately(
     >>> found.verdict, bool(found.errors[-1] < 0.2)
     ('approximately reachable', True)
     """
+    level_of(delta)  # refuses what is no probability
     exact = several_steps(B, x0, xf, A, steps)
     grid = _gate.sizes("sizes", sizes, maximum=2**31)
     key = as_key(rng)

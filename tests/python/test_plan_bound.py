@@ -1,0 +1,234 @@
+"""`Plan.bound` and `Plan.covariance`: what a plan knows, and what it refuses to guess."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from stochens_rs.exceptions import InputError, ShapeError
+from stochens_rs.rng import as_key
+from stochens_rs.theory import bounds, moments
+
+A = np.array([[0.9, 0.2, -0.1], [-0.1, 0.8, 0.3], [0.0, 0.4, 0.5]])
+B = np.array([[1.0, 0.0], [0.5, 1.0], [0.0, -0.3]])
+X0, XF = np.array([1.0, 2.0, -0.5]), np.array([0.5, 0.0, 1.0])
+SYSTEM = se.System(A, B)
+N = 400
+
+
+def ensembles(seed=1, size=N, **options):
+    key = as_key(seed)
+    return [
+        se.sample(target, size, rng=key.child(name), **options)
+        for name, target in (("x0", X0), ("xf", XF), ("A", A))
+    ]
+
+
+@pytest.mark.parametrize("fusion", ["product", "diagonal"])
+@pytest.mark.parametrize("axis", ["columns", "rows"])
+def test_a_plan_of_drawn_ensembles_needs_nothing(fusion, axis):
+    plan = se.control(B, *ensembles(axis=axis), fusion=fusion)
+    bound = plan.bound(0.02)
+    sizes = (N, N, N)
+    for quantity in ("state", "control"):
+        best = bounds.best(quantity, B, X0, XF, A, size=sizes, delta=0.02, fusion=fusion, axis=axis)
+        assert getattr(bound, quantity) == best.radius
+        assert getattr(bound, f"{quantity}_bound") == best.bound.name
+    assert (bound.delta, bound.relative_to, bound.certain) == (0.02, "laws", False)
+    expected = moments.control_covariance(B, X0, XF, A, N, fusion=fusion, axis=axis)
+    np.testing.assert_array_equal(plan.covariance(), expected)
+    error = plan.error(SYSTEM, X0, XF)
+    assert error.state <= bound.state
+    assert error.control <= bound.control
+
+
+def test_counts_uniform_fits_and_exact_entities_know_their_law():
+    x0 = se.sample_counts(X0, 10**9, rng=1)
+    xf = se.fuse(se.sample(XF, N, rng=2))
+    plan = se.control(B, x0, xf, A)
+    sizes = (10**9, N, None)
+    best = bounds.best("state", B, X0, XF, A, size=sizes, delta=0.05)
+    assert plan.bound().state == best.radius
+    np.testing.assert_array_equal(
+        plan.covariance(), moments.control_covariance(B, X0, XF, A, sizes)
+    )
+    exact = se.control(B, X0, XF, A)
+    assert exact.bound(0.5) == se.PlanBound(
+        0.0, 0.0, 0.5, exact.bound().state_bound, exact.bound().control_bound, "laws", True
+    )
+    assert not exact.covariance().any()
+    prefix = se.control(B, X0, se.sample(XF, N, rng=2).prefix(50), A)
+    best = bounds.best("state", B, X0, XF, A, size=(None, 50, None), delta=0.05)
+    assert prefix.bound().state == best.radius
+
+
+def test_coverage_of_plans():
+    """300 plans each: a radius of delta = 0.2 may fail 60 + 4 standard errors (28) times.
+
+    Half the radius fails almost always: the mutant that this test sees.
+    """
+    for fusion in ("product", "diagonal"):
+        failed = halved = 0
+        plans = [se.steer(SYSTEM, X0, XF, 50, rng=seed, fusion=fusion) for seed in range(300)]
+        bound = plans[0].bound(0.2)
+        assert plans[1].bound(0.2) == bound  # no realization has a part in it
+        for plan in plans:
+            error = plan.error(SYSTEM, X0, XF)
+            failed += error.state > bound.state or error.control > bound.control
+            halved += error.state > bound.state / 2.0 or error.control > bound.control / 2.0
+        assert failed <= 88 < halved
+
+
+@pytest.mark.parametrize("method", ["alse", "slse", "slse-safeguarded"])
+def test_fits_are_bounded_by_their_own_errors(method):
+    targets = {"x0": X0 + 0.01, "xf": XF, "A": A - 0.02}
+    x0, xf, matrix = (
+        se.fuse(e, method, target=t) for e, t in zip(ensembles(), targets.values(), strict=True)
+    )
+    plan = se.control(B, x0, xf, matrix)
+    bound = plan.bound()
+    assert (bound.relative_to, bound.certain, bound.state_bound) == (
+        "targets", True, "sum of errors",
+    )  # fmt: skip
+    assert bound == plan.bound(0.9).__class__(**{**vars(plan.bound(0.9)), "delta": 0.05})
+    nominal = se.System(targets["A"], B)
+    error = plan.error(nominal, targets["x0"], targets["xf"])
+    assert error.state <= bound.state + 1e-12
+    assert error.control <= bound.control + 1e-12
+    with pytest.raises(InputError, match="weights of `x0` depend"):
+        plan.covariance()
+    # the paper's order of the terms, with A in place of A_hat, is at most a little smaller
+    norms = np.linalg.norm(targets["A"], 2), np.linalg.norm(x0.estimate)
+    direct = xf.error + norms[0] * x0.error + matrix.error * norms[1]
+    assert bound.state <= direct + 2.0 * matrix.error * x0.error + 1e-12
+
+
+def test_systematic_samples_have_a_sure_bound():
+    plan = se.control(B, *ensembles(scheme="systematic"))
+    bound = plan.bound(0.3)
+    assert bound.certain
+    assert bound.relative_to == "laws"
+    error = plan.error(SYSTEM, X0, XF)
+    assert error.state <= bound.state
+    assert error.control <= bound.control
+    expected = moments.control_covariance(B, X0, XF, A, N, scheme="systematic")
+    np.testing.assert_array_equal(plan.covariance(), expected)
+    mixed = se.control(B, ensembles()[0], ensembles(scheme="systematic")[1], A)
+    with pytest.raises(InputError, match="iid and systematic samples together"):
+        mixed.covariance()
+    paired = se.control(B, *ensembles(scheme="systematic"), fusion="diagonal")
+    with pytest.raises(InputError, match="fusion='product'"):
+        paired.bound()
+    with pytest.raises(InputError, match="systematic"):
+        paired.covariance()
+
+
+def test_mixed_entities_share_delta():
+    x0, xf, matrix = ensembles()
+    plan = se.control(B, x0, xf, se.fuse(matrix, "alse", target=A))
+    e0, ef = (bounds.best("vector", w, size=N, delta=0.05).radius for w in (X0, XF))
+    fit = se.fuse(matrix, "alse", target=A)
+    state, control = bounds.from_errors(
+        B, x0.mean(), fit.estimate, x0_error=e0, xf_error=ef, A_error=fit.error
+    )
+    bound = plan.bound(0.1)
+    assert (bound.state, bound.control) == (state, control)
+    assert not bound.certain
+    assert bound.relative_to == "targets"
+
+
+# -- unknown laws ----------------------------------------------------------------------------------
+
+
+def test_realizations_brought_by_the_user_need_a_declared_law():
+    x0, xf, matrix = ensembles()
+    known = se.control(B, x0, xf, matrix)
+    brought = [se.Ensemble.from_samples(e.dense()) for e in (x0, xf, matrix)]
+    plan = se.control(B, *brought)
+    for call in (plan.bound, plan.covariance):
+        with pytest.raises(InputError, match="law of `x0` is unknown"):
+            call()
+        with pytest.raises(InputError, match="law of `A` is unknown"):
+            call(x0=X0, xf=XF)
+    declared = plan.bound(system=SYSTEM, x0=X0, xf=XF)
+    assert declared == known.bound()
+    np.testing.assert_array_equal(plan.covariance(system=SYSTEM, x0=X0, xf=XF), known.covariance())
+    indices = se.Ensemble.from_indices(x0.indices, X0)
+    given = se.control(B, indices, xf, matrix)
+    with pytest.raises(InputError, match="law of `x0` is unknown"):
+        given.bound()
+    assert given.bound(x0=X0) == known.bound()
+    part = se.sample(X0, 100, rng=3, scheme="systematic").prefix(7)
+    with pytest.raises(InputError, match="law of `x0` is unknown"):
+        se.control(B, part, XF, A).bound()
+
+
+def test_a_declared_law_must_be_possible():
+    rng = np.random.default_rng(5)
+    noise = se.Ensemble.from_samples(X0 + rng.normal(size=(50, 3)))
+    plan = se.control(B, noise, XF, A)
+    with pytest.raises(InputError, match="`x0` cannot be what"):
+        plan.bound(x0=X0)
+    drawn = se.Ensemble.from_samples(ensembles()[0].dense())
+    with pytest.raises(InputError, match="`x0` cannot be what"):
+        se.control(B, drawn, XF, A).bound(x0=-X0)
+    with pytest.raises(InputError, match="`x0` cannot be what"):
+        se.control(B, drawn, XF, A).bound(x0=2.0 * X0)
+
+
+def test_arguments_that_contradict_the_plan():
+    plan = se.control(B, *ensembles())
+    with pytest.raises(InputError, match="`x0` differs"):
+        plan.bound(x0=X0 + 1.0)
+    with pytest.raises(InputError, match=r"`system.A` differs"):
+        plan.bound(system=se.System(A + 1.0, B))
+    with pytest.raises(InputError, match=r"`system.B` differs"):
+        plan.bound(system=se.System(A, 2.0 * B))
+    with pytest.raises(ShapeError, match=r"`system.B`"):
+        plan.bound(system=se.System(A, B[:, :1]))
+    with pytest.raises(ShapeError, match="`xf`"):
+        plan.bound(xf=[1.0])
+    assert plan.bound(x0=X0, xf=XF, system=SYSTEM) == plan.bound()
+    fitted = se.control(B, se.fuse(ensembles()[0], "alse", target=X0), XF, A)
+    with pytest.raises(InputError, match="`x0` must not be given"):
+        fitted.bound(x0=X0)
+    for delta in (0.0, 1.0, float("nan"), "0.1"):
+        with pytest.raises((InputError, se.InputTypeError), match="`delta`"):
+            plan.bound(delta)
+
+
+def test_entities_with_one_key_are_not_independent():
+    plan = se.control(B, se.sample(X0, N, rng=1), se.sample(XF, N, rng=1), A)
+    for call in (plan.bound, plan.covariance):
+        with pytest.raises(InputError, match="`x0` and `xf` were drawn with the same key"):
+            call()
+
+
+def test_a_plan_made_by_hand_knows_nothing():
+    plan = se.control(B, X0, XF, A)
+    bare = se.Plan(plan.u, plan.predicted_state, plan.reachability, "product", "completed")
+    with pytest.raises(InputError, match="not made by `control`"):
+        bare.bound()
+
+
+# -- what a plan keeps -----------------------------------------------------------------------------
+
+
+def test_plans_stay_small_and_picklable():
+    plan = se.control(B, *ensembles(size=100_000))
+    stored = pickle.dumps(plan)
+    assert len(stored) < 10_000
+    assert pickle.loads(stored).bound() == plan.bound()
+    counts = se.sample_counts(X0, 10**6, rng=1)
+    assert se.control(B, pickle.loads(pickle.dumps(counts)), XF, A).bound().state > 0.0
+
+
+def test_a_plan_does_not_see_later_changes():
+    inputs, target, matrix = B.copy(), XF.copy(), A.copy()
+    plan = se.control(inputs, ensembles()[0], target, matrix)
+    before = plan.bound()
+    inputs[:], target[:], matrix[:] = 0.0, 0.0, 0.0
+    assert plan.bound() == before

@@ -331,8 +331,7 @@ def reproduce() -> Iterator[Line]:
 
 
 GROUPS = {
-    f.__name__: f
-    for f in (sampling, closed_form, alse_path, slse, controls, simulate, reproduce)
+    f.__name__: f for f in (sampling, closed_form, alse_path, slse, controls, simulate, reproduce)
 }
 
 

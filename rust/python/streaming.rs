@@ -10,9 +10,7 @@ use pyo3::types::PyAny;
 use super::convert::{array1, array2, dense, key, slice};
 use super::error::InputError;
 use super::run::run;
-use crate::streaming::{
-    Config, Data, End, Geometry, Laws, Limits, Order, Rule, Section, Sections, Stream, Variant,
-};
+use crate::streaming::{Config, Data, End, Geometry, Laws, Limits, Order, Rule, Section, Sections, Stream, Variant};
 use crate::{Error, Key, Result, Stop};
 
 type Array1<'py> = Bound<'py, PyArray1<f64>>;
@@ -143,13 +141,11 @@ impl PyStream {
             Some(other) => return Err(InputError::new_err(format!("`rule` is unknown: '{other}'"))),
         };
         // a time beyond the clock is no limit
-        let deadline = seconds
-            .and_then(|s| Duration::try_from_secs_f64(s).ok())
-            .and_then(|time| Instant::now().checked_add(time));
+        let deadline =
+            seconds.and_then(|s| Duration::try_from_secs_f64(s).ok()).and_then(|time| Instant::now().checked_add(time));
         let limits = Limits { steps, tolerance: rule.map(|rule| (rule, tol)), deadline };
-        let end = with(py, &self.inner, 10.0 * (steps as f64) * self.n as f64, |stream, stop| {
-            stream.advance(&limits, stop)
-        })?;
+        let end =
+            with(py, &self.inner, 10.0 * (steps as f64) * self.n as f64, |stream, stop| stream.advance(&limits, stop))?;
         Ok(match end {
             End::Converged => "converged",
             End::Steps => "max_steps",

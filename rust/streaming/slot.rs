@@ -77,7 +77,8 @@ impl Slot {
         let before = gather(&self.run.ga, self.run.length, &self.raw);
         let sample = self.sequence.draw();
         // <E, E'>: two realizations have the same value where they hit the same entry, and nothing in common elsewhere
-        let common: f64 = sample.iter().zip(&self.raw).zip(&self.run.g2).map(|((a, b), g)| if a == b { *g } else { 0.0 }).sum();
+        let common: f64 =
+            sample.iter().zip(&self.raw).zip(&self.run.g2).map(|((a, b), g)| if a == b { *g } else { 0.0 }).sum();
         let after = gather(&self.run.ga, self.run.length, sample);
         let gg = self.run.state.gg;
         let (num, den) = (after - before - common + gg, 2.0 * (gg - common)); // <E* - E, E' - E>, ||E' - E||^2

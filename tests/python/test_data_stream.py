@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -198,6 +200,7 @@ def test_saved_and_restored_bit_for_bit(targets):
     whole.update(**DATA)
     assert same(restored, whole)
     np.testing.assert_array_equal(restored.u, whole.u)
+    assert same(pickle.loads(pickle.dumps(whole)), whole)
 
 
 def test_damaged_states_are_refused():

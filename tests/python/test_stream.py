@@ -355,3 +355,13 @@ def test_scales(exponent):
     scaled.step(300)
     np.testing.assert_array_equal(scaled.u, plain.u)
     assert scaled.residuals["A"] == plain.residuals["A"] * scale
+
+
+def test_columns_of_very_different_size():
+    """A column whose square is no number, beside one of order 1: it is left at zero, not at nan."""
+    matrix = np.array([[1.0, 1e-200], [-0.5, 2e-310]])
+    stream = se.Stream(np.eye(2), [1.0, 2.0], [0.0, 1.0], matrix, rng=1, safeguard=True)
+    stream.step(2000)
+    assert np.isfinite(stream.u).all()
+    assert stream.error < 1e-3
+    assert np.all(np.abs(stream.estimates["A"][:, 1]) <= 1e-199)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import os
+import pickle
 import subprocess
 import sys
 import textwrap
@@ -71,6 +73,15 @@ def test_saved_and_restored_bit_for_bit(variant, safeguard, slots, steps):
     restored.step(400)
     whole.step(400 + steps)
     assert same(restored._to_sections(), whole._to_sections())
+
+
+def test_copies_and_pickles_go_their_own_way():
+    one = make(2)
+    one.step(10)
+    for other in (copy.deepcopy(one), pickle.loads(pickle.dumps(one)), copy.copy(one)):
+        assert same(other._to_sections(), one._to_sections())
+        other.step(5)
+        assert (other.steps, one.steps) == (15, 10)
 
 
 def test_restored_across_chunks_of_the_random_stream():

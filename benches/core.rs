@@ -1,5 +1,5 @@
 //! Kernels of the core, timed by criterion: sampling, closed form, ALSE of matrices, SLSE, batched controls, simulated
-//! runs.
+//! runs, steps of a stream.
 
 use std::hint::black_box;
 use std::sync::Arc;
@@ -9,6 +9,7 @@ use stochens::control::{Entity, Realized, pseudoinverse};
 use stochens::fuse::{Settings, Status, Weights, alse, closed_form, slse};
 use stochens::sample::multinomial_counts;
 use stochens::simulate::{Drawn, Model, Second, mean_field, runs};
+use stochens::streaming::{Config, Geometry, Laws, Limits, Order, Stream, Variant};
 use stochens::{Key, Law, Scheme, Singletons, Stop, sample};
 
 /// Entries of both signs and unequal magnitudes, the same in every run.
@@ -128,9 +129,28 @@ fn simulating(c: &mut Criterion) {
     group.finish();
 }
 
+fn streaming(c: &mut Criterion) {
+    let mut group = c.benchmark_group("stream");
+    for (n, steps) in [(10, 20_000u64), (100, 2000), (1000, 200)] {
+        for safeguard in [false, true] {
+            let m = n / 2;
+            let geometry = Geometry::new(entries(n * m), n, m).expect("finite entries");
+            let keys = [1, 2, 3, 4].map(|k| Key([k; 32]));
+            let laws = Laws { x0: entries(n), xf: entries(n), a: entries(n * n), keys };
+            let config = Config { variant: Variant::Consistent, safeguard, order: Order::Random };
+            let mut stream = Stream::new(geometry, laws, config).expect("fitting shapes");
+            let limits = Limits { steps, tolerance: None, deadline: None };
+            group.throughput(Throughput::Elements(steps));
+            let name = if safeguard { "safeguarded" } else { "plain" };
+            group.bench_function(BenchmarkId::new(name, n), |b| b.iter(|| stream.advance(&limits, &Stop::new())));
+        }
+    }
+    group.finish();
+}
+
 criterion_group! {
     name = benches;
     config = Criterion::default().sample_size(20).measurement_time(std::time::Duration::from_secs(2));
-    targets = sampling, fusing, least_squares, controls, simulating
+    targets = sampling, fusing, least_squares, controls, simulating, streaming
 }
 criterion_main!(benches);

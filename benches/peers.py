@@ -178,6 +178,155 @@ def numba_slse() -> Callable[..., float] | None:
     return run
 
 
+def stream() -> Iterator[Line]:
+    """Steps of the sequential algorithm; the trace and the refreshes are in ours only."""
+    for n, steps, few in ((10, 1_000_000, 3000), (100, 200_000, 1000), (1000, 10_000, 30)):
+        gen = np.random.default_rng(0)
+        A = gen.standard_normal((n, n)) / np.sqrt(n)
+        B = gen.standard_normal((n, n // 2))
+        x0, xf = gen.standard_normal(n), gen.standard_normal(n)
+        key = se.Key(bytes(32))
+        keys = [bytes(key.child(name)) for name in ("x0", "xf", "A", "slots")]
+        ours = se.Stream(B, x0, xf, A, rng=key)
+        if n <= 100:
+            # the twin draws beforehand; that is a small part of its time
+            yield (
+                f"stream, n={n}, m={n // 2}",
+                "NumPy twin",
+                lambda s=ours, k=steps: s.step(k),
+                steps,
+                lambda a=(B, x0, xf, A), k=few, q=keys: reference.stream(*a, keys=q, steps=k),
+                few,
+            )
+        jitted = numba_stream()
+        if jitted is None:
+            continue
+        tables = [alias_arrays(w) for w in (x0, xf, A)]
+        flat = [array for table in tables for array in table]
+        if n == 10:
+            z = xf - A @ x0
+            off = jitted(A, x0, xf, *flat, steps, 1) - z
+            assert np.linalg.norm(off) < 1e-2 * np.linalg.norm(z), "not the same work"
+        yield (
+            f"stream, n={n}, m={n // 2}",
+            "Numba, same O(n) step",
+            lambda s=ours, k=steps: s.step(k),
+            steps,
+            lambda run=jitted, a=(A, x0, xf, *flat), k=steps: run(*a, k, 1),
+            steps,
+        )
+
+
+def alias_arrays(target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Thresholds and aliases of every column, (columns, cells)."""
+    columns = np.atleast_2d(target.T) if target.ndim > 1 else target[None, :]
+    made = [reference.alias_table(column) for column in columns]
+    thresholds = np.array([table.threshold for table in made], dtype=np.float64) / 2.0**32
+    return thresholds, np.array([table.alias for table in made], dtype=np.int32)
+
+
+def numba_stream() -> Callable[..., np.ndarray] | None:
+    """The same O(n) step with lazily scaled estimates and alias tables, compiled by Numba."""
+    try:
+        import numba
+    except ImportError:
+        return None
+
+    @numba.njit(fastmath=False)
+    def run(
+        A: np.ndarray,
+        x0: np.ndarray,
+        xf: np.ndarray,
+        t0: np.ndarray,
+        a0: np.ndarray,
+        tf: np.ndarray,
+        af: np.ndarray,
+        tA: np.ndarray,
+        aA: np.ndarray,
+        steps: int,
+        seed: int,
+    ) -> np.ndarray:
+        np.random.seed(seed)  # noqa: NPY002 (Numba's own generator)
+        n = len(x0)
+        gA = np.array([np.sum(np.abs(A[:, j])) for j in range(n)])
+        AT = np.ascontiguousarray(A.T)
+        g0, gf = np.sum(np.abs(x0)), np.sum(np.abs(xf))
+        eeA = np.sum(gA * gA)
+        F0, Ff, FA, y = np.zeros(n), np.zeros(n), np.zeros((n, n)), np.zeros(n)
+        R = np.empty(n, np.int64)
+        i0 = np.argmax(np.abs(x0))
+        F0[i0] = g0 * np.sign(x0[i0])
+        jf = np.argmax(np.abs(xf))
+        Ff[jf] = gf * np.sign(xf[jf])
+        for j in range(n):
+            r = np.argmax(np.abs(AT[j]))
+            FA[j, r] = gA[j] * np.sign(AT[j, r])
+            y[r] += FA[j, r] * F0[j]
+        c = 1.0
+        ff0, fa0, fff, faf = np.sum(F0 * F0), np.sum(F0 * x0), np.sum(Ff * Ff), np.sum(Ff * xf)
+        ffA, faA = np.sum(FA * FA), np.sum(FA * AT)
+        cells0, cellsA = t0.shape[1], tA.shape[1]
+        for s in range(steps):
+            slot = np.random.randint(3)  # noqa: NPY002
+            if slot < 2:
+                table, alias, w = (t0, a0, x0) if slot == 0 else (tf, af, xf)
+                F, g = (F0, g0) if slot == 0 else (Ff, gf)
+                ff, fa = (ff0, fa0) if slot == 0 else (fff, faf)
+                i = np.random.randint(cells0)  # noqa: NPY002
+                if np.random.random() >= table[0, i]:  # noqa: NPY002
+                    i = alias[0, i]
+                e = g * np.sign(w[i])
+                fe, ae = F[i] * e, w[i] * e
+                den = ff - 2.0 * fe + e * e
+                t = min(max((ae - fa - fe + ff) / den, 0.0), 1.0) if den > 0.0 else 0.0
+                if t > 0.0:
+                    u = 1.0 - t
+                    for k in range(n):
+                        F[k] *= u
+                    F[i] += t * e
+                    ff, fa = u * u * ff + 2.0 * u * t * fe + t * t * e * e, u * fa + t * ae
+                    if slot == 0:
+                        ff0, fa0 = ff, fa
+                        d = t * e * c
+                        for k in range(n):
+                            y[k] = u * y[k] + d * FA[i, k]
+                    else:
+                        fff, faf = ff, fa
+            else:
+                fe, ae = 0.0, 0.0
+                for j in range(n):
+                    i = np.random.randint(cellsA)  # noqa: NPY002
+                    if np.random.random() >= tA[j, i]:  # noqa: NPY002
+                        i = aA[j, i]
+                    R[j] = i
+                    e = gA[j] * np.sign(AT[j, i])
+                    fe += FA[j, i] * e
+                    ae += AT[j, i] * e
+                fe *= c
+                den = ffA - 2.0 * fe + eeA
+                t = min(max((ae - faA - fe + ffA) / den, 0.0), 1.0) if den > 0.0 else 0.0
+                if t > 0.0:
+                    u = 1.0 - t
+                    ffA = u * u * ffA + 2.0 * u * t * fe + t * t * eeA
+                    faA = u * faA + t * ae
+                    c *= u
+                    for k in range(n):
+                        y[k] *= u
+                    for j in range(n):
+                        e = t * gA[j] * np.sign(AT[j, R[j]])
+                        FA[j, R[j]] += e / c
+                        y[R[j]] += e * F0[j]
+            if s % (16 * n) == 16 * n - 1:
+                FA *= c
+                c = 1.0
+                ffA, faA = np.sum(FA * FA), np.sum(FA * AT)
+                ff0, fa0 = np.sum(F0 * F0), np.sum(F0 * x0)
+                fff, faf = np.sum(Ff * Ff), np.sum(Ff * xf)
+        return Ff - y
+
+    return run
+
+
 def controls() -> Iterator[Line]:
     gen = np.random.default_rng(0)
     for n, m, size in ((10, 2, 200_000), (100, 10, 200_000)):
@@ -331,7 +480,8 @@ def reproduce() -> Iterator[Line]:
 
 
 GROUPS = {
-    f.__name__: f for f in (sampling, closed_form, alse_path, slse, controls, simulate, reproduce)
+    f.__name__: f
+    for f in (sampling, closed_form, alse_path, slse, stream, controls, simulate, reproduce)
 }
 
 

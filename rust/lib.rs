@@ -8,7 +8,8 @@
 //! 2. **fuses** them with weights on the simplex ([`fuse`]): uniform, accumulated least squares (ALSE),
 //!    `min_w ||sum_i w_i E_i - E*||^2`, and sequential least squares (SLSE);
 //! 3. **computes controls** ([`control`]) `u = B^+ (xf - A x0)`, one per realization or fused;
-//! 4. **simulates** ([`simulate`]) what a control does, exactly and with fresh realizations at every step.
+//! 4. **simulates** ([`simulate`]) what a control does, exactly and with fresh realizations at every step;
+//! 5. does 1-3 as a **stream** ([`streaming`]), with a certificate to stop by, whose state is kept in files ([`storage`]).
 //!
 //! The module order is the order of the data: `stream -> sample -> fuse -> control -> simulate`; nothing below knows who stands above.
 //! Arrays of a law are stored line by line (see [`Law`]). The feature `python` adds the extension module.

@@ -109,8 +109,8 @@ class DataStream:
         Raises
         ------
         InputError, InputTypeError
-            If a realization cannot be used, or nothing is given. Those before it have been taken
-            in; `counts` says how many.
+            If a realization cannot be used, or nothing is given. An array is refused as a whole;
+            of an iterator, those before the faulty one have been taken in. `counts` says how many.
         KeyboardInterrupt
             On Ctrl-C, between two realizations.
 
@@ -149,7 +149,9 @@ class DataStream:
                     if len(pending) == rows:
                         yield np.stack(pending).reshape(-1, entries)
                         pending = []
-            except Exception:  # what came before the faulty one counts
+            except GeneratorExit:  # the core refused what it got
+                raise
+            except BaseException:  # what came before the fault, or before Ctrl-C, counts
                 if pending:
                     yield np.stack(pending).reshape(-1, entries)
                 raise
@@ -303,6 +305,9 @@ class DataStream:
         _, n, m, *targets = (int(v) for v in state["format"])
         made._shape, made._targets = (n, m), tuple(bool(v) for v in targets)
         return made
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return DataStream._from_sections, (self._to_sections(),)
 
     def __repr__(self) -> str:
         n, m = self._shape

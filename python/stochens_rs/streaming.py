@@ -82,7 +82,9 @@ class Stream:
     *Invariant* (corrected Algorithm 1): the control is affine in each slot, so in the consistent
     variant ``v = B^+ (Ff - FA F0)`` after every step. The stream keeps ``FA F0`` up to date in
     O(n) per step and applies ``B^+`` when `u` is asked for: a step costs O(n), reading `u`
-    O(n m), reading `certificate` or `error` O(n^2). Everything that is carried along is
+    O(n m), reading `certificate` or `error` O(n^2). (In time, more than O(n) once the estimate of A
+    no longer fits into the processor's caches, n > 300 or so: its entries are hit at random.)
+    Everything that is carried along is
     recomputed from the estimates every ``16 max(n, 16)`` steps; `drift` says how far it had gone.
 
     *Mean-square bound*, with ``n_i`` realizations in slot i that do not depend on the choice of
@@ -259,7 +261,8 @@ class Stream:
             "certificate": stop when `certificate` is at most `tol`; then so is `error`. It is
             looked at every n steps and at the start. "printed": stop when a step changes the
             control by at most `tol`, as in the paper. That is no sign of convergence: a useless
-            or repeated realization changes nothing, so it stops at the first one, with any error.
+            or repeated realization changes nothing, so it stops at the first one, with any error
+            (and a step costs O(n m)).
         progress : bool or callable, default False
             True: a bar on stderr. A callable is called as ``progress(steps, max_steps)`` about
             five times a second.
@@ -369,6 +372,9 @@ class Stream:
         made._key, made._shape, made._options = key, (n, m), options
         made._digest, made._core = digest, core
         return made
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Stream._from_sections, (self._to_sections(),)
 
     def __repr__(self) -> str:
         n, m = self._shape

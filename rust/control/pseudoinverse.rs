@@ -115,10 +115,18 @@ mod tests {
             let pb = product(&p.matrix, b, m, n, m);
             assert!(close(&product(&bp, b, n, n, m), b, 1e-13));
             assert!(close(&product(&pb, &p.matrix, m, m, n), &p.matrix, 1e-13));
+            // the basis is orthonormal and spans the range: B B^+ = sum_k q_k q_k^T
+            let q = |k: usize, i: usize| p.basis[k * n + i];
             for i in 0..n {
                 for j in 0..n {
                     assert!((bp[i * n + j] - bp[j * n + i]).abs() < 1e-13);
+                    let sum: f64 = (0..rank).map(|k| q(k, i) * q(k, j)).sum();
+                    assert!((bp[i * n + j] - sum).abs() < 1e-13);
                 }
+            }
+            for (k, l) in (0..rank).flat_map(|k| (0..rank).map(move |l| (k, l))) {
+                let sum: f64 = (0..n).map(|i| q(k, i) * q(l, i)).sum();
+                assert!((sum - f64::from(u8::from(k == l))).abs() < 1e-13);
             }
         }
     }

@@ -58,14 +58,13 @@ pub fn slse(
     let mut out = Sequential { weights: try_zeros("the weights", size)?, ..Sequential::default() };
     let mut safeguards = if safeguard { try_zeros("the safeguard steps", size)? } else { Vec::new() };
     let mut wanted = sizes.iter().copied().peekable();
-    let estimate =
-        |run: &Run| -> Vec<f64> {
-            (0..scaled.len())
-                .map(|k| {
-                    if on_support(k) && run.gamma[k / length] > 0.0 { signs[k] * run.f(k / length, k) * scale } else { 0.0 }
-                })
-                .collect()
-        };
+    let estimate = |run: &Run| -> Vec<f64> {
+        (0..scaled.len())
+            .map(|k| {
+                if on_support(k) && run.gamma[k / length] > 0.0 { signs[k] * run.f(k / length, k) * scale } else { 0.0 }
+            })
+            .collect()
+    };
     let refresh_every = 16 * length.max(16);
     let check_every = (1 << 18) / lines + 1; // about a millisecond
     with_indices!(&**draws.indices(), indices => {

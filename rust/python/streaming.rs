@@ -10,13 +10,15 @@ use pyo3::types::PyAny;
 use super::convert::{array1, array2, dense, key, slice};
 use super::error::InputError;
 use super::run::run;
-use crate::streaming::{
-    Config, Data, End, Geometry, Laws, Limits, Order, Rule, Section, Sections, Stream, Variant,
-};
+use crate::parallel::detached;
+use crate::streaming::{Config, Data, End, Geometry, Laws, Limits, Order, Rule, Section, Sections, Stream, Variant};
 use crate::{Error, Key, Result, Stop};
 
 type Array1<'py> = Bound<'py, PyArray1<f64>>;
 type Array2<'py> = Bound<'py, PyArray2<f64>>;
+
+/// Operations above which what cannot be stopped takes longer than an interrupt may.
+const LONG: f64 = 1e8;
 
 /// Elementary operations of one evaluation for `n` states.
 fn square(n: usize) -> f64 {
@@ -39,7 +41,17 @@ fn with<S: Send, T: Send>(
 fn geometry(py: Python<'_>, b: &PyReadonlyArray2<'_, f64>) -> PyResult<Geometry> {
     let (n, m) = b.as_array().dim();
     let values = slice("B", b)?.to_vec();
-    run(py, 10.0 * (n * m * n.min(m)) as f64, |_| Geometry::new(values, n, m))
+    let cost = 10.0 * (n * m * n.min(m)) as f64;
+    run(py, cost, |stop| unstoppable(cost, stop, move || Geometry::new(values, n, m)))
+}
+
+/// What cannot be stopped inside runs on a thread that an interrupted caller leaves behind, if it takes long.
+fn unstoppable<T: Send + 'static>(
+    cost: f64,
+    stop: &Stop,
+    work: impl FnOnce() -> Result<T> + Send + 'static,
+) -> Result<T> {
+    if cost < LONG { work() } else { detached("stochens-stream", stop, work) }
 }
 
 fn to_python<'py>(py: Python<'py>, sections: Sections) -> PyResult<Vec<(String, Bound<'py, PyAny>)>> {
@@ -123,8 +135,10 @@ impl PyStream {
             keys: checked,
         };
         let geometry = geometry(py, &b)?;
-        let cost = 50.0 * square(geometry.size().0);
-        run(py, cost, |_| Stream::new(geometry, laws, Config { variant, safeguard, order })).map(Self::of)
+        let n = geometry.size().0;
+        let cost = if order == Order::Gain { square(n) * n as f64 } else { 5.0 * square(n) };
+        let config = Config { variant, safeguard, order };
+        run(py, cost, |stop| unstoppable(cost, stop, move || Stream::new(geometry, laws, config))).map(Self::of)
     }
 
     /// Up to `steps` steps: "converged", "max_steps" or "time_limit".
@@ -143,13 +157,11 @@ impl PyStream {
             Some(other) => return Err(InputError::new_err(format!("`rule` is unknown: '{other}'"))),
         };
         // a time beyond the clock is no limit
-        let deadline = seconds
-            .and_then(|s| Duration::try_from_secs_f64(s).ok())
-            .and_then(|time| Instant::now().checked_add(time));
+        let deadline =
+            seconds.and_then(|s| Duration::try_from_secs_f64(s).ok()).and_then(|time| Instant::now().checked_add(time));
         let limits = Limits { steps, tolerance: rule.map(|rule| (rule, tol)), deadline };
-        let end = with(py, &self.inner, 10.0 * (steps as f64) * self.n as f64, |stream, stop| {
-            stream.advance(&limits, stop)
-        })?;
+        let end =
+            with(py, &self.inner, 10.0 * (steps as f64) * self.n as f64, |stream, stop| stream.advance(&limits, stop))?;
         Ok(match end {
             End::Converged => "converged",
             End::Steps => "max_steps",
@@ -206,7 +218,8 @@ impl PyStream {
     #[staticmethod]
     fn from_sections(py: Python<'_>, sections: Vec<(String, Plain<'_>)>) -> PyResult<Self> {
         let sections = from_python(sections);
-        run(py, f64::INFINITY, |_| Stream::from_sections(sections)).map(Self::of)
+        let all = f64::INFINITY;
+        run(py, all, |stop| unstoppable(all, stop, move || Stream::from_sections(sections))).map(Self::of)
     }
 }
 
@@ -282,7 +295,8 @@ impl PyDataStream {
     #[staticmethod]
     fn from_sections(py: Python<'_>, sections: Vec<(String, Plain<'_>)>) -> PyResult<Self> {
         let sections = from_python(sections);
-        let data = run(py, f64::INFINITY, |_| Data::from_sections(sections))?;
+        let all = f64::INFINITY;
+        let data = run(py, all, |stop| unstoppable(all, stop, move || Data::from_sections(sections)))?;
         Ok(Self { n: data.n(), inner: Mutex::new(data) })
     }
 }

@@ -83,11 +83,11 @@ impl Sequence {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sample::{Indices, with_indices};
+    use crate::sample::{Index as _, Indices, with_indices};
     use crate::{Scheme, Stop, sample};
 
     fn indices(draws: &Indices) -> Vec<u32> {
-        with_indices!(draws, v => v.iter().map(|&r| u32::from(r)).collect())
+        with_indices!(draws, v => v.iter().map(|r| r.get() as u32).collect())
     }
 
     #[test]

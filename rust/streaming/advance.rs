@@ -61,7 +61,10 @@ impl Stream {
                 Some((Rule::Certificate, tolerance)) => {
                     self.step();
                     // the second part alone costs nothing
-                    if self.steps().is_multiple_of(n) && self.matrix_part() <= tolerance && self.certificate().0 <= tolerance {
+                    if self.steps().is_multiple_of(n)
+                        && self.matrix_part() <= tolerance
+                        && self.certificate().0 <= tolerance
+                    {
                         return Ok(End::Converged);
                     }
                 }
@@ -77,5 +80,45 @@ impl Stream {
             }
         }
         Ok(End::Steps)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Error;
+    use crate::streaming::stream::tests::{every_config, stream};
+
+    #[test]
+    fn limits_end_a_run_and_a_stop_leaves_a_stream() {
+        for config in every_config() {
+            let (mut one, mut many) = (stream(5, config), stream(5, config));
+            let limits = Limits { steps: 300, tolerance: None, deadline: None };
+            assert_eq!(one.advance(&limits, &Stop::new()), Ok(End::Steps));
+            let stop = Stop::new();
+            stop.request();
+            assert_eq!(many.advance(&limits, &stop), Err(Error::Interrupted));
+            let late = Limits { deadline: Some(Instant::now()), ..limits };
+            assert_eq!(many.advance(&late, &Stop::new()), Ok(End::Time));
+            for steps in [0, 1, 99, 200] {
+                assert_eq!(many.advance(&Limits { steps, ..limits }, &Stop::new()), Ok(End::Steps));
+            }
+            assert_eq!(one.to_sections(), many.to_sections());
+        }
+    }
+
+    #[test]
+    fn the_certificate_is_met_and_the_printed_rule_means_nothing() {
+        let config = every_config()[0];
+        let mut sound = stream(5, config);
+        let tolerance = 1e-2 * sound.certificate().0;
+        let limits = Limits { steps: u64::MAX, tolerance: Some((Rule::Certificate, tolerance)), deadline: None };
+        assert_eq!(sound.advance(&limits, &Stop::new()), Ok(End::Converged));
+        let (certificate, error) = sound.certificate();
+        assert!(error <= certificate && certificate <= tolerance);
+        let mut printed = stream(5, config);
+        let limits = Limits { tolerance: Some((Rule::Printed, 1e-12)), ..limits };
+        assert_eq!(printed.advance(&limits, &Stop::new()), Ok(End::Converged));
+        assert!(printed.steps() < 100 && printed.certificate().1 > 10.0 * tolerance);
     }
 }

@@ -240,7 +240,8 @@ impl Data {
             feed.target = known.then_some(target);
             // ||E_i - E_1|| <= spread for all i, so the means are within it too, and the deviation below spread sqrt(N)
             let slack = 1.0 + 1e-6;
-            let near = |v: &[f64]| distance(v, &feed.first) <= slack * feed.spread + 1e-6 * distance(v, &vec![0.0; dim]);
+            let near =
+                |v: &[f64]| distance(v, &feed.first) <= slack * feed.spread + 1e-6 * distance(v, &vec![0.0; dim]);
             let fits = near(&feed.mean)
                 && (!known || near(&feed.estimate))
                 && (0.0..=slack * feed.spread * (feed.count as f64).sqrt()).contains(&feed.deviation)
@@ -258,4 +259,44 @@ impl Data {
 /// `A x` for a square matrix given row by row.
 fn rows_times(rows: &[f64], x: &[f64]) -> Vec<f64> {
     rows.chunks_exact(x.len()).map(|row| super::geometry::dot(row, x)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn means_spreads_and_line_searches() {
+        let geometry = Geometry::new(vec![1.0, 0.0, 0.0, 2.0], 2, 2).unwrap();
+        let mut data = Data::new(geometry, [None, Some(vec![0.0, 0.0]), None]).unwrap();
+        let feed = |data: &mut Data, entity, values: &[f64], dim| {
+            data.update(entity, &Dense::new(values, values.len() / dim, dim).unwrap(), &Stop::new())
+        };
+        // (1,0), (0,2), (-1,-2) towards 0: SLSE^2 = 4/25, while the mean is exact
+        let three = [1.0, 0.0, 0.0, 2.0, -1.0, -2.0];
+        feed(&mut data, 0, &three, 2).unwrap();
+        feed(&mut data, 1, &three, 2).unwrap();
+        feed(&mut data, 2, &[1.0, 2.0, 3.0, 4.0], 4).unwrap();
+        assert_eq!(data.counts(), [3, 3, 1]);
+        assert!(data.estimates()[0].iter().all(|f| f.abs() < 1e-15));
+        assert!((data.residuals()[1].powi(2) - 4.0 / 25.0).abs() < 1e-14);
+        assert!((data.deviations()[0].powi(2) - 10.0).abs() < 1e-13);
+        assert!((data.spreads()[0].powi(2) - 8.0).abs() < 1e-13);
+        assert_eq!(data.certificate(), None);
+        assert!(matches!(feed(&mut data, 2, &three, 2), Err(Error::Shape { name: "A", .. })));
+        let back = Data::from_sections(data.to_sections()).unwrap();
+        assert_eq!(back.to_sections(), data.to_sections());
+    }
+
+    #[test]
+    fn what_overflows_changes_nothing() {
+        let geometry = Geometry::new(vec![1.0], 1, 1).unwrap();
+        let mut data = Data::new(geometry, [None, None, None]).unwrap();
+        let far = [1.2e308, -1.2e308];
+        let before = |data: &Data| data.feeds[0].clone();
+        assert!(data.update(0, &Dense::new(&far[..1], 1, 1).unwrap(), &Stop::new()).is_ok());
+        let kept = before(&data);
+        assert!(data.update(0, &Dense::new(&far[1..], 1, 1).unwrap(), &Stop::new()).is_err());
+        assert_eq!(before(&data), kept);
+    }
 }

@@ -17,6 +17,7 @@ mod advance;
 mod data;
 mod geometry;
 mod products;
+mod read;
 mod sections;
 mod slot;
 mod state;

@@ -9,6 +9,9 @@ use crate::fuse::power_of_two_scale;
 use crate::sample::{Law, Sequence};
 use crate::stream::Key;
 
+/// A line with a smaller 1-norm, relative to the largest, counts as zero: its square is no number.
+const NEGLIGIBLE: f64 = 1e-150;
+
 /// Norm of a vector whose squares are representable.
 pub(super) fn norm(values: &[f64]) -> f64 {
     values.iter().map(|v| v * v).sum::<f64>().sqrt()
@@ -47,7 +50,8 @@ impl Slot {
     pub(super) fn new(values: Vec<f64>, lines: usize, length: usize, key: Key, safeguard: bool) -> Result<Self> {
         let law = Arc::new(Law::new(values, lines, length)?);
         let scale = power_of_two_scale(law.gamma());
-        let gamma: Vec<f64> = law.gamma().iter().map(|g| g / scale).collect();
+        let unit = |g: &f64| if g / scale < NEGLIGIBLE { 0.0 } else { g / scale };
+        let gamma: Vec<f64> = law.gamma().iter().map(unit).collect();
         let magnitudes: Vec<f64> = law.values().iter().map(|a| a.abs() / scale).collect();
         Ok(Self {
             scale,
@@ -77,7 +81,8 @@ impl Slot {
         let before = gather(&self.run.ga, self.run.length, &self.raw);
         let sample = self.sequence.draw();
         // <E, E'>: two realizations have the same value where they hit the same entry, and nothing in common elsewhere
-        let common: f64 = sample.iter().zip(&self.raw).zip(&self.run.g2).map(|((a, b), g)| if a == b { *g } else { 0.0 }).sum();
+        let common: f64 =
+            sample.iter().zip(&self.raw).zip(&self.run.g2).map(|((a, b), g)| if a == b { *g } else { 0.0 }).sum();
         let after = gather(&self.run.ga, self.run.length, sample);
         let gg = self.run.state.gg;
         let (num, den) = (after - before - common + gg, 2.0 * (gg - common)); // <E* - E, E' - E>, ||E' - E||^2

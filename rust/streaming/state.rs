@@ -170,3 +170,58 @@ fn load_slot(slot: &mut Slot, name: &str, count: u64, config: Config, from: &mut
     }
     if config.variant == Variant::Literal { Ok(()) } else { slot.check() }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::streaming::Section;
+    use crate::streaming::stream::tests::{every_config, stream};
+    use proptest::prelude::*;
+
+    #[test]
+    fn there_and_back_bit_for_bit() {
+        for config in every_config() {
+            for steps in [0, 1, 127, 128, 257, 400] {
+                let mut whole = stream(6, config);
+                (0..steps).for_each(|_| {
+                    whole.step();
+                });
+                let mut back = Stream::from_sections(whole.to_sections()).unwrap();
+                assert_eq!(back.to_sections(), whole.to_sections());
+                (0..300).for_each(|_| {
+                    assert_eq!(back.step(), whole.step());
+                });
+                assert_eq!(back.to_sections(), whole.to_sections());
+                assert_eq!(back.control(), whole.control());
+            }
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(300))]
+
+        /// One number of a good state replaced by anything: refused, or a stream that works.
+        #[test]
+        fn any_damage_is_survived(which in 0usize..1 << 20, at in 0usize..1 << 20, bits: u64, config in 0usize..10) {
+            let mut good = stream(4, every_config()[config]);
+            (0..50).for_each(|_| {
+                good.step();
+            });
+            let mut sections = good.to_sections();
+            let count = sections.0.len();
+            match &mut sections.0[which % count].1 {
+                Section::U8(values) => { let at = at % values.len(); values[at] = bits as u8; }
+                Section::U64(values) => { let at = at % values.len(); values[at] = bits; }
+                Section::F64(values) if values.is_empty() => values.push(1.0),
+                Section::F64(values) => { let at = at % values.len(); values[at] = f64::from_bits(bits); }
+            }
+            if let Ok(mut stream) = Stream::from_sections(sections) {
+                (0..600).for_each(|_| {
+                    stream.step();
+                });
+                prop_assert!(stream.residuals().iter().all(|r| r.is_finite()));
+                prop_assert!(stream.certificate().1.is_finite());
+            }
+        }
+    }
+}

@@ -1,6 +1,6 @@
 //! The stream itself: which slot moves, what moves with it, and what can be read off.
 
-use super::geometry::{Geometry, dot};
+use super::geometry::Geometry;
 use super::products::{Products, Start};
 use super::slot::{Slot, norm};
 use super::trace::{Entry, on_grid};
@@ -234,132 +234,86 @@ impl Stream {
         self.products = fresh;
     }
 
-    pub(super) fn literal(&self) -> bool {
-        self.config.variant == Variant::Literal
-    }
-
-    /// Whether the control is the one that the estimates give, `v = B^+ (Ff - FA F0)`.
-    pub fn consistent(&self) -> bool {
-        self.config.variant == Variant::Consistent
-    }
-
     fn record(&mut self, size: f64) {
         let (certificate, error) = self.certificate();
         self.trace.push(Entry { step: self.steps, certificate, error, size });
-    }
-
-    /// `z` with `v = B^+ z`: `Ff - FA F0`, or the running mean of the raw differences.
-    pub fn difference(&self) -> Vec<f64> {
-        let [x0, xf, a] = &self.slots;
-        let (goal, free) = if self.consistent() {
-            (xf.estimate(false), &self.products.ff)
-        } else {
-            (self.raw.goal.clone(), &self.raw.free)
-        };
-        goal.iter().zip(free).map(|(f, y)| f * xf.scale - y * x0.scale * a.scale).collect()
-    }
-
-    /// The control `v`.
-    ///
-    /// # Errors
-    /// [`Error::Overflow`] if it is not representable.
-    pub fn control(&self) -> Result<Vec<f64>> {
-        self.geometry.control(&self.difference())
-    }
-
-    /// `||F - E*||` for `x0`, `xf`, `A`, from the entries.
-    pub fn residuals(&self) -> [f64; 3] {
-        let literal = self.literal();
-        [0, 1, 2].map(|k| self.slots[k].inner_products(literal).0.sqrt() * self.slots[k].scale)
-    }
-
-    /// `||FA - A|| ||F0||`, from the numbers that every step carries along.
-    pub(super) fn matrix_part(&self) -> f64 {
-        let a = &self.slots[2];
-        a.run.state.er.max(0.0).sqrt() * a.scale * (norm(&self.start.f) * self.slots[0].scale)
-    }
-
-    /// A bound on `||B (v - v*)||`, and that number itself, in `O(n^2)`. The bound is
-    /// `||P [(Ff - xf) - A (F0 - x0)]|| + ||FA - A|| ||F0||`, NaN for the variants whose control is not the one that their
-    /// estimates give; the number is `||P [(Ff - FA F0) - (xf - A x0)]||`, from differences that do not cancel.
-    pub fn certificate(&self) -> (f64, f64) {
-        let [x0, xf, a] = &self.slots;
-        let n = self.geometry.n;
-        if !self.consistent() {
-            let mut off = self.difference();
-            for (column, x) in a.law.values().chunks_exact(n).zip(x0.law.values()) {
-                off.iter_mut().zip(column).for_each(|(off, a)| *off += a * x);
-            }
-            off.iter_mut().zip(xf.law.values()).for_each(|(off, f)| *off -= f);
-            return (f64::NAN, self.geometry.projected_norm(&off));
-        }
-        let (mut start, mut moved) = (vec![0.0; n], vec![0.0; n]);
-        x0.visit(false, |_, line, off| {
-            start.copy_from_slice(line);
-            moved.copy_from_slice(off);
-        });
-        // (Ff - xf) - A (F0 - x0), and (FA - A) F0
-        let (mut apart, mut matrix, mut er) = (vec![0.0; n], vec![0.0; n], 0.0);
-        a.visit(false, |j, _, off| {
-            er += dot(off, off);
-            let (f, d) = (start[j], moved[j]);
-            matrix.iter_mut().zip(off).for_each(|(y, off)| *y += off * f);
-            apart.iter_mut().zip(&a.law.values()[j * n..(j + 1) * n]).for_each(|(y, a)| *y -= a * d);
-        });
-        xf.visit(false, |_, _, off| {
-            apart.iter_mut().zip(off).for_each(|(y, off)| *y = *y * x0.scale + off * xf.scale);
-        });
-        let bound = self.geometry.projected_norm(&apart) + er.sqrt() * a.scale * (norm(&start) * x0.scale);
-        apart.iter_mut().zip(&matrix).for_each(|(y, off)| *y -= off * a.scale * x0.scale);
-        (bound, self.geometry.projected_norm(&apart))
-    }
-
-    /// The estimates of `x0`, `xf`, `A` (column by column).
-    pub fn estimates(&self) -> [Vec<f64>; 3] {
-        let literal = self.literal();
-        [0, 1, 2].map(|k| {
-            let mut values = self.slots[k].estimate(literal);
-            values.iter_mut().for_each(|v| *v *= self.slots[k].scale);
-            values
-        })
-    }
-
-    /// Realizations used so far, for `x0`, `xf`, `A`.
-    pub fn counts(&self) -> [u64; 3] {
-        [0, 1, 2].map(|k| self.slots[k].count())
-    }
-
-    /// Steps taken.
-    pub fn steps(&self) -> u64 {
-        self.steps
-    }
-
-    /// The largest relative drift of `FA F0` that was found and repaired.
-    pub fn drift(&self) -> f64 {
-        self.drift
-    }
-
-    /// What was written down on the way.
-    pub fn trace(&self) -> &[Entry] {
-        &self.trace
-    }
-
-    /// States.
-    pub fn n(&self) -> usize {
-        self.geometry.n
-    }
-
-    /// How the stream works.
-    pub fn config(&self) -> Config {
-        self.config
     }
 }
 
 fn spectral_norm(a: &[f64], n: usize) -> Result<f64> {
     let scale = crate::fuse::power_of_two_scale(a);
     let matrix = faer::Mat::from_fn(n, n, |i, j| a[j * n + i] / scale);
-    let sigma = matrix
-        .singular_values()
-        .map_err(|_| Error::Numerical("the singular values of `A` did not converge".into()))?;
+    let sigma =
+        matrix.singular_values().map_err(|_| Error::Numerical("the singular values of `A` did not converge".into()))?;
     Ok(sigma.first().copied().unwrap_or(0.0) * scale)
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+
+    /// A small problem with both signs and zeros.
+    pub(in crate::streaming) fn stream(n: usize, config: Config) -> Stream {
+        let entries = |count: usize, turn: f64| -> Vec<f64> {
+            (0..count).map(|i| if i % 7 == 5 { 0.0 } else { ((i as f64 + turn) * 2.399).sin() }).collect()
+        };
+        let m = n.div_ceil(2);
+        let geometry = Geometry::new(entries(n * m, 0.5), n, m).unwrap();
+        let keys = [1, 2, 3, 4].map(|k| Key([k; 32]));
+        let laws = Laws { x0: entries(n, 1.0), xf: entries(n, 2.0), a: entries(n * n, 3.0), keys };
+        Stream::new(geometry, laws, config).unwrap()
+    }
+
+    pub(in crate::streaming) fn every_config() -> Vec<Config> {
+        let mut all = Vec::new();
+        for order in [Order::Random, Order::RoundRobin, Order::Gain] {
+            for (variant, safeguard) in
+                [(Variant::Consistent, false), (Variant::Consistent, true), (Variant::Semi, false)]
+            {
+                all.push(Config { variant, safeguard, order });
+            }
+        }
+        all.push(Config { variant: Variant::Literal, safeguard: false, order: Order::Random });
+        all
+    }
+
+    /// What is carried along is what the entries say, also long after the last refresh.
+    #[test]
+    fn carried_numbers_agree_with_the_entries() {
+        for safeguard in [false, true] {
+            let config = Config { variant: Variant::Consistent, safeguard, order: Order::Random };
+            let mut stream = stream(12, config);
+            for _ in 0..60 {
+                for _ in 0..(stream.refresh_every - 1) {
+                    stream.step();
+                }
+                for slot in &stream.slots {
+                    let (er, al) = slot.inner_products(false);
+                    assert!((er - slot.run.state.er).abs() <= 1e-8 * er, "{er:e} {:e}", slot.run.state.er);
+                    assert!((al - slot.run.state.al).abs() <= 1e-10 * slot.run.state.aa);
+                    slot.check().unwrap();
+                }
+                let fresh = Products::direct(&stream.slots[2], &stream.start);
+                assert!(crate::fuse::distance(&fresh.ff, &stream.products.ff) < 1e-12);
+                stream.step();
+            }
+            assert!(stream.drift() < 1e-12 && stream.certificate().1 < 0.05);
+        }
+    }
+
+    /// For `n = 1` and an entity of a single atom the first realization is exact.
+    #[test]
+    fn scalars_are_exact_at_once() {
+        for config in every_config() {
+            let geometry = Geometry::new(vec![2.0], 1, 1).unwrap();
+            let keys = [Key([0; 32]); 4];
+            let laws = Laws { x0: vec![-3.0], xf: vec![5.0], a: vec![0.5], keys };
+            let mut stream = Stream::new(geometry, laws, config).unwrap();
+            for _ in 0..600 {
+                assert_eq!(stream.control().unwrap(), [3.25]);
+                assert_eq!(stream.residuals(), [0.0; 3]);
+                stream.step();
+            }
+        }
+    }
 }

@@ -3,11 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
-import subprocess
-import sys
-import textwrap
-import threading
 from fractions import Fraction
 
 import numpy as np
@@ -15,13 +10,6 @@ import pytest
 
 import stochens_rs as se
 from stochens_rs import reference
-from stochens_rs.exceptions import (
-    InputError,
-    InputTypeError,
-    NonFiniteError,
-    ShapeError,
-    SizeError,
-)
 from stochens_rs.rng import as_key
 
 SLOTS = ("x0", "xf", "A", "slots")
@@ -61,12 +49,6 @@ def twin(key, steps, **options):
 
 def relative_error(stream):
     return np.linalg.norm(stream.u - V_STAR) / np.linalg.norm(V_STAR)
-
-
-def same(a, b):
-    """Two saved states are equal, bit for bit."""
-    assert list(a) == list(b)
-    return all(a[k].dtype == b[k].dtype and a[k].tobytes() == b[k].tobytes() for k in a)
 
 
 # -- the twin ------------------------------------------------------------------------------------
@@ -375,271 +357,11 @@ def test_scales(exponent):
     assert scaled.residuals["A"] == plain.residuals["A"] * scale
 
 
-# -- state ---------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(("variant", "safeguard", "slots"), OPTIONS)
-@pytest.mark.parametrize("steps", [0, 1, 255, 256, 383])
-def test_saved_and_restored_bit_for_bit(variant, safeguard, slots, steps):
-    options = {"variant": variant, "safeguard": safeguard, "slots": slots}
-    whole, part = make(7, **options), make(7, **options)
-    if steps:
-        part.step(steps)
-    restored = se.Stream._from_sections(part._to_sections())
-    assert same(restored._to_sections(), part._to_sections())
-    assert (restored.digest, restored.key) == (part.digest, part.key)
-    restored.step(400)
-    whole.step(400 + steps)
-    assert same(restored._to_sections(), whole._to_sections())
-
-
-def test_restored_across_chunks_of_the_random_stream():
-    whole, part = make(7), make(7)
-    part.step(60_000)  # every slot has left its first chunk of 16 384 realizations
-    restored = se.Stream._from_sections(part._to_sections())
-    restored.step(5)
-    whole.step(60_005)
-    assert same(restored._to_sections(), whole._to_sections())
-
-
-def test_damaged_states_are_refused():
-    good = make(7, safeguard=True)
-    good.step(100)
-    state = good._to_sections()
-
-    def changed(name, at, value):
-        array = state[name].copy()
-        array[at] = value
-        return {**state, name: array}
-
-    broken = [{name: array for name, array in state.items() if name != gone} for gone in state]
-    broken += [{**state, name: array[:-1]} for name, array in state.items() if len(array)]
-    broken += [{**state, "more": np.zeros(1)}, {**state, "A": state["A"].astype(np.uint64)}]
-    broken += [
-        changed(name, 0, np.nan)
-        for name, array in state.items()
-        if array.dtype == np.float64
-        if len(array)
-    ]
-    broken += [
-        changed("format", 0, 2),
-        changed("format", 1, 0),
-        changed("format", 1, 2**40),
-        changed("format", 3, 7),
-        changed("format", 4, 0),
-        changed("steps", 0, 99),
-        changed("steps", 1, 0),
-        changed("steps", 1, 2**64 - 1),
-        changed("key", 0, state["key"][0] ^ 1),
-        changed("digest", 5, state["digest"][5] ^ 1),
-        changed("keys", 0, state["keys"][0] ^ 1),
-        changed("B", 0, 17.0),
-        changed("x0", 1, 3.0),
-        changed("A", 1, 3.0),
-        changed("A.fused", 3, -100.0),
-        changed("A.fused", 3, 100.0),
-        changed("xf.hits", 3, 100.0),
-        changed("x0.state", 0, 0.0),
-        changed("x0.state", 0, 1.5),
-        changed("x0.state", 2, 100.0),
-        changed("products", 0, 100.0),
-        changed("products.sums", 0, 1e5),
-        changed("drift", 0, -1.0),
-        changed("trace.steps", 0, 5),
-        changed("trace.steps", 3, 10**6),
-    ]
-    for sections in broken:
-        with pytest.raises(InputError, match=r"`(state|B|x0|xf|A|values)`"):
-            se.Stream._from_sections(sections)
-    assert same(se.Stream._from_sections(state)._to_sections(), state)
-
-
-def test_trace_is_thin_and_the_same_in_one_run_or_many():
-    one, many = make(3), make(3)
-    one.run(max_steps=10_000)
-    for count in (1, 9, 990, 9000):
-        many.run(max_steps=count)
-    assert same(one._to_sections(), many._to_sections())
-    trace = one.trace
-    assert list(trace.steps[:17]) == list(range(17))
-    assert len(trace) < 110
-    assert np.all(np.diff(trace.steps) > 0)
-    assert trace.steps[-1] == 9216
-    later = make(3)
-    later.step(256)
-    assert later.trace.errors[-1] == later.error == trace.errors[trace.steps == 256][0]
-    assert later.trace.certificates[-1] == later.certificate
-
-
-def test_trace_plot():
-    pytest.importorskip("matplotlib")
-    stream = make(3)
-    stream.step(100)
-    ax = stream.trace.plot()
-    lines = {line.get_label(): line.get_xydata() for line in ax.get_lines()}
-    assert set(lines) == {"certificate", "error"}
-    np.testing.assert_array_equal(lines["error"][:, 0], stream.trace.steps[1:])
-    np.testing.assert_array_equal(lines["error"][:, 1], stream.trace.errors[1:])
-    assert stream.trace.plot(ax=ax) is ax
-    literal = make(3, variant="literal")
-    assert literal.trace.plot().get_xscale() == "log"  # nothing to draw yet
-
-
-# -- runs ----------------------------------------------------------------------------------------
-
-
-def test_how_runs_end():
-    stream = make(1)
-    run = stream.run(max_steps=1234)
-    assert (run.status, run.steps, run.rule) == ("max_steps", 1234, None)
-    timed = stream.run(time_limit=0.05)
-    assert timed.status == "time_limit"
-    assert timed.steps > 0
-    assert 0.04 < timed.seconds < 2.0
-    late = make(1)
-    tol = late.certificate * 1e-3
-    late.step(0x7FFF)
-    done = late.run(tol=tol, max_steps=3)  # less than n steps: looked at after the last one
-    assert done.status == ("converged" if done.certificate <= tol else "max_steps")
-
-
-def test_progress(capsys):
-    seen = []
-    stream = make(1)
-    stream.run(time_limit=0.45, progress=lambda done, total: seen.append((done, total)))
-    assert len(seen) >= 2
-    assert seen[-1] == (stream.steps, None)
-    assert [done for done, _ in seen] == sorted(done for done, _ in seen)
-    stream.run(max_steps=1000, progress=True)
-    assert capsys.readouterr().out == ""
-
-
-def test_threads_share_a_stream():
-    shared, alone = make(1), make(1)
-    workers = [threading.Thread(target=lambda: [shared.step(7) for _ in range(200)]) for _ in "ab"]
-    [worker.start() for worker in workers]
-    for _ in range(100):
-        assert np.isfinite(shared.u).all()
-    [worker.join() for worker in workers]
-    alone.step(2800)
-    assert same(shared._to_sections(), alone._to_sections())
-
-
-INTERRUPTED = """
-import os, signal, sys, threading, time
-import numpy as np
-import stochens_rs as se
-
-def interrupt_after(seconds):
-    threading.Timer(seconds, os.kill, (os.getpid(), signal.SIGINT)).start()
-
-A = np.random.default_rng(0).standard_normal((30, 30)) / 6
-B, x = np.ones((30, 3)), np.ones(30)
-stream = se.Stream(B, x, x, A, rng=1)
-interrupt_after(0.2)
-run = stream.run(tol=1e-300, time_limit=60.0)
-assert run.status == "interrupted", run
-assert 0 < run.steps == stream.steps and run.seconds < 20, run
-interrupt_after(0.2)
-try:
-    stream.step(10**12)
-    sys.exit("not interrupted")
-except KeyboardInterrupt:
-    pass
-assert stream.steps > run.steps
-data = se.DataStream(B)
-def endless():
-    while True:
-        yield x
-interrupt_after(0.2)
-try:
-    data.update(x0=endless())
-    sys.exit("not interrupted")
-except KeyboardInterrupt:
-    pass
-data.update(x0=x)
-assert data.counts["x0"] > 0 and np.array_equal(data.estimates["x0"], x)
-again = se.Stream(B, x, x, A, rng=1)
-again.step(min(stream.steps, 200_000))
-if stream.steps <= 200_000:
-    assert np.array_equal(again.u, stream.u)
-state = stream._to_sections()
-one, two = se.Stream._from_sections(state), stream
-one.step(100); two.step(100)
-assert np.array_equal(one.u, two.u)
-print("good")
-"""
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="SIGINT cannot be sent to oneself on Windows")
-def test_interrupts_leave_a_complete_state():
-    done = subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(INTERRUPTED)],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        env={**os.environ, "PYTHONFAULTHANDLER": "1"},
-    )
-    assert done.stdout == "good\n", done.stderr
-
-
-# -- bad input -----------------------------------------------------------------------------------
-
-BAD = [
-    ({"B": B[:, 0]}, ShapeError, "`B`"),
-    ({"x0": X0[:5]}, ShapeError, "`x0`"),
-    ({"xf": np.full(10, np.nan)}, NonFiniteError, r"`xf\[0\]`"),
-    ({"A": A[:, :4]}, ShapeError, "`A`"),
-    ({"rng": -1}, InputError, "`rng`"),
-    ({"variant": "semy"}, InputError, "did you mean 'semi'"),
-    ({"slots": None}, InputTypeError, "`slots`"),
-    ({"safeguard": 1}, InputTypeError, "`safeguard`"),
-    ({"safeguard": True, "variant": "semi"}, InputError, "`safeguard`"),
-    ({"slots": "gain", "variant": "literal"}, InputError, "`slots`"),
-    ({"x0": X0 * 1e200, "A": A * 1e200}, NonFiniteError, "overflows"),
-    ({"x0": np.full(10, 1.7e308)}, NonFiniteError, "1-norm"),
-    ({"B": B * 1e-200, "xf": XF * 1e200}, NonFiniteError, "overflows"),
-]
-
-
-@pytest.mark.parametrize(("change", "error", "message"), BAD)
-def test_bad_arguments(change, error, message):
-    arguments = {"B": B, "x0": X0, "xf": XF, "A": A, "rng": 1} | change
-    with pytest.raises(error, match=message):
-        se.Stream(**arguments)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "error", "message"),
-    [
-        ({}, InputError, "nothing ends a run"),
-        ({"tol": 0.0}, SizeError, "`tol`"),
-        ({"tol": "small"}, InputTypeError, "`tol`"),
-        ({"max_steps": 0}, SizeError, "`max_steps`"),
-        ({"max_steps": 1.5}, InputTypeError, "`max_steps`"),
-        ({"time_limit": np.inf}, NonFiniteError, "`time_limit`"),
-        ({"tol": 1.0, "rule": "print"}, InputError, "did you mean 'printed'"),
-        ({"max_steps": 1, "progress": "yes"}, InputTypeError, "`progress`"),
-    ],
-)
-def test_bad_runs(arguments, error, message):
-    stream = make(1)
-    with pytest.raises(error, match=message):
-        stream.run(**arguments)
-    assert stream.steps == 0
-    with pytest.raises(InputError, match="`tol`"):
-        make(1, variant="semi").run(tol=1.0)
-
-
-def test_arguments_are_not_modified_and_not_kept():
-    inputs, x0, xf, matrix = (np.array(v) for v in (B, X0, XF, A))
-    stream = se.Stream(inputs, x0, xf, matrix, rng=1)
-    for array, value in ((inputs, B), (x0, X0), (xf, XF), (matrix, A)):
-        np.testing.assert_array_equal(array, value)
-        array[...] = np.nan
-    stream.step(50)
-    other = make(1)
-    other.step(50)
-    np.testing.assert_array_equal(stream.u, other.u)
-    with pytest.raises(SizeError):
-        stream.step(0)
+def test_columns_of_very_different_size():
+    """A column whose square is no number, beside one of order 1: it is left at zero, not at nan."""
+    matrix = np.array([[1.0, 1e-200], [-0.5, 2e-310]])
+    stream = se.Stream(np.eye(2), [1.0, 2.0], [0.0, 1.0], matrix, rng=1, safeguard=True)
+    stream.step(2000)
+    assert np.isfinite(stream.u).all()
+    assert stream.error < 1e-3
+    assert np.all(np.abs(stream.estimates["A"][:, 1]) <= 1e-199)

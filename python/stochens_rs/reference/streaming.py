@@ -36,7 +36,7 @@ def realizations(target: Array, size: int, key: bytes) -> Array:
 
 def gains(F: list[Array], targets: list[Array], A: Array) -> Array:
     """What one step is sure to gain in the mean: d^4 / (V + d^2), times its factor in the state."""
-    factors = [np.linalg.norm(A, 2), 1.0, np.linalg.norm(F[0])]
+    factors = np.array([np.linalg.norm(A, 2), 1.0, np.linalg.norm(F[0])])
     out = np.zeros(3)
     for i, (f, w) in enumerate(zip(F, targets, strict=True)):
         d2 = np.sum((f - w) ** 2)

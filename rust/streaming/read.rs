@@ -1,0 +1,124 @@
+//! What can be read off a stream: the control, the estimates, and how far they are from their targets.
+
+use super::geometry::dot;
+use super::slot::norm;
+use super::stream::{Config, Stream, Variant};
+use super::trace::Entry;
+use crate::error::Result;
+
+impl Stream {
+    pub(super) fn literal(&self) -> bool {
+        self.config.variant == Variant::Literal
+    }
+
+    /// Whether the control is the one that the estimates give, `v = B^+ (Ff - FA F0)`.
+    pub fn consistent(&self) -> bool {
+        self.config.variant == Variant::Consistent
+    }
+
+    /// `z` with `v = B^+ z`: `Ff - FA F0`, or the running mean of the raw differences.
+    pub fn difference(&self) -> Vec<f64> {
+        let [x0, xf, a] = &self.slots;
+        let (goal, free) = if self.consistent() {
+            (xf.estimate(false), &self.products.ff)
+        } else {
+            (self.raw.goal.clone(), &self.raw.free)
+        };
+        goal.iter().zip(free).map(|(f, y)| f * xf.scale - y * x0.scale * a.scale).collect()
+    }
+
+    /// The control `v`.
+    ///
+    /// # Errors
+    /// [`Error::Overflow`] if it is not representable.
+    pub fn control(&self) -> Result<Vec<f64>> {
+        self.geometry.control(&self.difference())
+    }
+
+    /// `||F - E*||` for `x0`, `xf`, `A`, from the entries.
+    pub fn residuals(&self) -> [f64; 3] {
+        let literal = self.literal();
+        [0, 1, 2].map(|k| self.slots[k].inner_products(literal).0.sqrt() * self.slots[k].scale)
+    }
+
+    /// `||FA - A|| ||F0||`, from the numbers that every step carries along.
+    pub(super) fn matrix_part(&self) -> f64 {
+        let a = &self.slots[2];
+        a.run.state.er.max(0.0).sqrt() * a.scale * (norm(&self.start.f) * self.slots[0].scale)
+    }
+
+    /// A bound on `||B (v - v*)||`, and that number itself, in `O(n^2)`. The bound is
+    /// `||P [(Ff - xf) - A (F0 - x0)]|| + ||FA - A|| ||F0||`, NaN for the variants whose control is not the one that their
+    /// estimates give; the number is `||P [(Ff - FA F0) - (xf - A x0)]||`, from differences that do not cancel.
+    pub fn certificate(&self) -> (f64, f64) {
+        let [x0, xf, a] = &self.slots;
+        let n = self.geometry.n;
+        if !self.consistent() {
+            let mut off = self.difference();
+            for (column, x) in a.law.values().chunks_exact(n).zip(x0.law.values()) {
+                off.iter_mut().zip(column).for_each(|(off, a)| *off += a * x);
+            }
+            off.iter_mut().zip(xf.law.values()).for_each(|(off, f)| *off -= f);
+            return (f64::NAN, self.geometry.projected_norm(&off));
+        }
+        let (mut start, mut moved) = (vec![0.0; n], vec![0.0; n]);
+        x0.visit(false, |_, line, off| {
+            start.copy_from_slice(line);
+            moved.copy_from_slice(off);
+        });
+        // (Ff - xf) - A (F0 - x0), and (FA - A) F0
+        let (mut apart, mut matrix, mut er) = (vec![0.0; n], vec![0.0; n], 0.0);
+        a.visit(false, |j, _, off| {
+            er += dot(off, off);
+            let (f, d) = (start[j], moved[j]);
+            matrix.iter_mut().zip(off).for_each(|(y, off)| *y += off * f);
+            apart.iter_mut().zip(&a.law.values()[j * n..(j + 1) * n]).for_each(|(y, a)| *y -= a * d);
+        });
+        xf.visit(false, |_, _, off| {
+            apart.iter_mut().zip(off).for_each(|(y, off)| *y = *y * x0.scale + off * xf.scale);
+        });
+        let bound = self.geometry.projected_norm(&apart) + er.sqrt() * a.scale * (norm(&start) * x0.scale);
+        apart.iter_mut().zip(&matrix).for_each(|(y, off)| *y -= off * a.scale * x0.scale);
+        (bound, self.geometry.projected_norm(&apart))
+    }
+
+    /// The estimates of `x0`, `xf`, `A` (column by column).
+    pub fn estimates(&self) -> [Vec<f64>; 3] {
+        let literal = self.literal();
+        [0, 1, 2].map(|k| {
+            let mut values = self.slots[k].estimate(literal);
+            values.iter_mut().for_each(|v| *v *= self.slots[k].scale);
+            values
+        })
+    }
+
+    /// Realizations used so far, for `x0`, `xf`, `A`.
+    pub fn counts(&self) -> [u64; 3] {
+        [0, 1, 2].map(|k| self.slots[k].count())
+    }
+
+    /// Steps taken.
+    pub fn steps(&self) -> u64 {
+        self.steps
+    }
+
+    /// The largest relative drift of `FA F0` that was found and repaired.
+    pub fn drift(&self) -> f64 {
+        self.drift
+    }
+
+    /// What was written down on the way.
+    pub fn trace(&self) -> &[Entry] {
+        &self.trace
+    }
+
+    /// States.
+    pub fn n(&self) -> usize {
+        self.geometry.n
+    }
+
+    /// How the stream works.
+    pub fn config(&self) -> Config {
+        self.config
+    }
+}

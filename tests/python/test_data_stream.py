@@ -1,0 +1,310 @@
+"""Streams of the user's realizations: running means, targets, and what the data say."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from stochens_rs import reference
+from stochens_rs.exceptions import (
+    InputError,
+    InputTypeError,
+    NonFiniteError,
+    ShapeError,
+    SizeError,
+)
+from stochens_rs.stream_records import mean_radius
+
+GEN = np.random.default_rng(11)
+N, INPUTS = 6, 4
+B = GEN.standard_normal((N, INPUTS))
+DATA = {
+    "x0": GEN.standard_normal((40, N)) + 1.0,
+    "xf": GEN.standard_normal((30, N)),
+    "A": GEN.standard_normal((50, N, N)),
+}
+MEANS = {name: data.mean(axis=0) for name, data in DATA.items()}
+PINV = np.linalg.pinv(B)
+
+
+def same(a, b):
+    one, two = a._to_sections(), b._to_sections()
+    assert list(one) == list(two)
+    return all(one[k].tobytes() == two[k].tobytes() for k in one)
+
+
+def test_running_means():
+    stream = se.DataStream(B)
+    assert stream.estimates == {}
+    stream.update(**DATA)
+    assert stream.counts == {"x0": 40, "xf": 30, "A": 50}
+    for name, mean in MEANS.items():
+        np.testing.assert_allclose(stream.estimates[name], mean, rtol=0, atol=1e-14)
+    v = PINV @ (MEANS["xf"] - MEANS["A"] @ MEANS["x0"])
+    np.testing.assert_allclose(stream.u, v, rtol=1e-12)
+    assert (stream.certificate, stream.error, stream.residuals) == (None, None, {})
+
+
+def test_a_million_realizations_have_the_weight_of_one_each():
+    data = np.random.default_rng(0).uniform(1.0, 3.0, (10**6, 1))
+    stream = se.DataStream([[1.0]])
+    stream.update(x0=data)
+    np.testing.assert_allclose(stream.estimates["x0"], data.mean(axis=0), rtol=1e-12)
+
+
+@pytest.mark.parametrize("targets", [{}, {"x0": MEANS["x0"] * 0.9, "A": MEANS["A"] + 0.01}])
+def test_one_by_one_batches_and_generators_are_the_same_bit_for_bit(targets):
+    batch, single, lazy, mixed = (se.DataStream(B, **targets) for _ in range(4))
+    batch.update(**DATA)
+    for name, data in DATA.items():
+        for realization in data:
+            single.update(**{name: realization})
+        lazy.update(**{name: (realization for realization in data)})
+        mixed.update(**{name: data[:7].tolist()})
+        mixed.update(**{name: iter(data[7:])})
+    for other in (single, lazy, mixed):
+        assert same(batch, other)
+        np.testing.assert_array_equal(batch.u, other.u)
+
+
+@pytest.mark.parametrize("axis", ["columns", "rows"])
+def test_ensembles(axis):
+    vector, matrix = se.sample(MEANS["x0"], 30, rng=1), se.sample(MEANS["A"], 30, rng=2, axis=axis)
+    user = se.Ensemble.from_samples(DATA["xf"])
+    one, two = se.DataStream(B), se.DataStream(B)
+    one.update(x0=vector, xf=user, A=matrix)
+    two.update(x0=vector.dense(), xf=DATA["xf"], A=matrix.dense())
+    assert same(one, two)
+    with pytest.raises(ShapeError, match="`x0`"):
+        one.update(x0=matrix)
+
+
+def test_targets_are_fitted_as_in_the_reference():
+    targets = {name: mean * 0.8 for name, mean in MEANS.items()}
+    stream = se.DataStream(B, **targets)
+    for size in (1, 2, 30):
+        fed = stream.counts["x0"]
+        stream.update(**{name: data[fed:size] for name, data in DATA.items()})
+        F = {name: reference.slse(data[:size], targets[name]) for name, data in DATA.items()}
+        for name, fused in F.items():
+            np.testing.assert_allclose(stream.estimates[name], fused.estimate, atol=1e-12)
+            assert stream.residuals[name] == pytest.approx(fused.errors[-1], rel=1e-9)
+        best = PINV @ (targets["xf"] - targets["A"] @ targets["x0"])
+        true = np.linalg.norm(B @ (stream.u - best))
+        assert stream.error == pytest.approx(true, rel=1e-9)
+        assert true <= stream.certificate
+        P = B @ PINV
+        apart = (F["xf"].estimate - targets["xf"]) - targets["A"] @ (
+            F["x0"].estimate - targets["x0"]
+        )
+        matrix = np.linalg.norm(F["A"].estimate - targets["A"])
+        expected = np.linalg.norm(P @ apart) + matrix * np.linalg.norm(F["x0"].estimate)
+        assert stream.certificate == pytest.approx(expected, rel=1e-9)
+
+
+# -- what the data say ---------------------------------------------------------------------------
+
+
+def test_radii_equal_the_reference():
+    ranges = {"x0": 9.0, "xf": 11.0, "A": 30.0}
+    stream = se.DataStream(B, ranges=ranges)
+    stream.update(**DATA)
+    found = stream.confidence(0.06)
+    assert found.guaranteed
+    radii = {n: reference.mean_radius(d, ranges[n], 0.02) for n, d in DATA.items()}
+    for name, radius in radii.items():
+        assert getattr(found, name) == pytest.approx(radius, rel=1e-9)
+    state = (
+        radii["xf"]
+        + (np.linalg.norm(MEANS["A"], 2) + radii["A"]) * radii["x0"]
+        + radii["A"] * np.linalg.norm(MEANS["x0"])
+    )
+    assert found.state == pytest.approx(state, rel=1e-9)
+
+
+def test_observed_ranges_are_named_as_such():
+    stream = se.DataStream(B, ranges={"xf": 0.0})
+    stream.update(x0=DATA["x0"], xf=MEANS["xf"], A=DATA["A"][0])
+    found = stream.confidence()
+    assert not found.guaranteed
+    assert found.xf == 0.0
+    assert found.A == found.state == np.inf  # one realization shows no range
+    spread = 2.0 * np.linalg.norm(DATA["x0"] - DATA["x0"][0], axis=1).max()
+    expected = reference.mean_radius(DATA["x0"], spread, 0.05 / 3)
+    assert found.x0 == pytest.approx(expected, rel=1e-9)
+
+
+def test_radius_holds_for_all_sizes_at_once():
+    """Rare large values, where the sample variance is 0 at first: 400 sequences, 150 sizes each.
+
+    With delta = 0.1 at most 40 sequences are expected to leave the radius at any time; the bound
+    is not tight, so more than 40 + 5 * 6 = 70 are no accident (below 1e-6). The usual interval
+    of two standard errors fails on most of the sequences: the test can tell.
+    """
+    gen = np.random.default_rng(5)
+    failed = naive = 0
+    for _ in range(400):
+        E = (gen.random(150) < 0.05).astype(float)
+        n = np.arange(1, 151)
+        mean = np.cumsum(E) / n
+        squares = np.maximum(np.cumsum(E**2) - n * mean**2, 0.0)
+        radius = [mean_radius(k, np.sqrt(s), 1.0, 0.1) for k, s in zip(n, squares, strict=True)]
+        failed += np.any(np.abs(mean - 0.05) > radius)
+        naive += np.any(
+            np.abs(mean - 0.05)[1:] > 2.0 * np.sqrt(squares / n)[1:] / np.sqrt(n - 1)[1:]
+        )
+    assert failed <= 70
+    assert naive > 200
+
+
+def test_radius_shrinks_like_the_standard_error():
+    """Small variance, large range: the variance decides, not the range."""
+    radii = [mean_radius(n, 0.01 * np.sqrt(n - 1.0), 1.0, 0.05) for n in (10**4, 10**6, 10**8)]
+    assert radii[0] / radii[1] > 30.0
+    for n, radius in zip((10**6, 10**8), radii[1:], strict=True):
+        assert 2.0 * 0.01 / np.sqrt(n) < radius < 20.0 * 0.01 / np.sqrt(n)
+    assert mean_radius(1, 0.0, 3.0, 0.05) == 3.0
+    assert mean_radius(0, 0.0, 3.0, 0.05) == np.inf
+
+
+def test_confidence_covers_the_control():
+    """200 data sets with known means: not one outside, for delta = 0.05 (and a loose bound)."""
+    A, x0, xf = MEANS["A"], MEANS["x0"], MEANS["xf"]
+    v = PINV @ (xf - A @ x0)
+    gen = np.random.default_rng(9)
+    ratios = []
+    for _ in range(200):
+        stream = se.DataStream(B, ranges={"x0": np.sqrt(N), "xf": 0.0, "A": float(N)})
+        stream.update(
+            x0=x0 + gen.uniform(-0.5, 0.5, (300, N)),
+            xf=xf,
+            A=A + gen.uniform(-0.5, 0.5, (300, N, N)),
+        )
+        ratios.append(np.linalg.norm(B @ (stream.u - v)) / stream.confidence().state)
+    assert 0.01 < max(ratios) <= 1.0
+
+
+# -- state and edges -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("targets", [{}, {"xf": np.zeros(N)}])
+def test_saved_and_restored_bit_for_bit(targets):
+    whole, part = (se.DataStream(B, ranges={"x0": 9.0}, **targets) for _ in range(2))
+    part.update(x0=DATA["x0"][:11], xf=DATA["xf"][:3])
+    restored = se.DataStream._from_sections(part._to_sections())
+    assert same(restored, part)
+    restored.update(x0=DATA["x0"][11:], xf=DATA["xf"][3:], A=DATA["A"])
+    whole.update(**DATA)
+    assert same(restored, whole)
+    np.testing.assert_array_equal(restored.u, whole.u)
+    assert same(pickle.loads(pickle.dumps(whole)), whole)
+
+
+def test_damaged_states_are_refused():
+    stream = se.DataStream(B, ranges={"x0": 9.0}, xf=np.zeros(N))
+    stream.update(**DATA)
+    state = stream._to_sections()
+    broken = [{k: v for k, v in state.items() if k != gone} for gone in state]
+    broken += [{**state, k: v[:-1]} for k, v in state.items() if len(v)]
+    broken += [
+        {**state, k: np.full_like(v, np.nan)}
+        for k, v in state.items()
+        if v.dtype == np.float64 and len(v)
+    ]
+    broken += [
+        {**state, "x0.spread": np.array([1e9, state["x0.spread"][1]])},
+        {**state, "x0.spread": np.array([-1.0, state["x0.spread"][1]])},
+        {**state, "A.mean": state["A.mean"] + 1e6},
+        {**state, "xf.fused": state["xf.fused"] + 1e6},
+        {**state, "x0.count": np.array([2**63], dtype=np.uint64)},
+        {**state, "format": np.array([1, N, INPUTS, 1, 1, 0], dtype=np.uint64)},
+        {**state, "format": np.array([1, 2**60, 2**60, 0, 1, 0], dtype=np.uint64)},
+        {**state, "more": np.zeros(3)},
+    ]
+    for sections in broken:
+        with pytest.raises(InputError, match=r"`(state|B)`"):
+            se.DataStream._from_sections(sections)
+
+
+def test_faulty_realizations_leave_those_before():
+    stream = se.DataStream(B)
+
+    def some():
+        yield DATA["x0"][0]
+        yield DATA["x0"][1]
+        yield np.full(N, np.inf)
+
+    with pytest.raises(NonFiniteError, match=r"`x0\[0\]`"):
+        stream.update(x0=some())
+    assert stream.counts["x0"] == 2
+    np.testing.assert_allclose(stream.estimates["x0"], DATA["x0"][:2].mean(axis=0), atol=1e-15)
+    # a difference that is not representable
+    far = se.DataStream([[1.0]])
+    far.update(x0=[1.5e308])
+    with pytest.raises(NonFiniteError, match="overflows"):
+        far.update(x0=[-1.5e308])
+    assert far.counts["x0"] == 1
+    assert far.estimates["x0"] == 1.5e308
+    far.update(xf=[0.0], A=[[1e10]])
+    with pytest.raises(NonFiniteError, match="overflows"):
+        _ = far.u
+
+
+@pytest.mark.parametrize("scale", [1e-300, 1e-160, 1e160])
+def test_scales(scale):
+    plain, scaled = se.DataStream(B, x0=MEANS["x0"]), se.DataStream(B, x0=MEANS["x0"] * scale)
+    plain.update(**DATA)
+    scaled.update(x0=DATA["x0"] * scale, xf=DATA["xf"] * scale, A=DATA["A"])
+    np.testing.assert_allclose(scaled.u / scale, plain.u, rtol=1e-9)
+    assert scaled.residuals["x0"] / scale == pytest.approx(plain.residuals["x0"], rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        ({}, InputError, "nothing to take in"),
+        ({"x0": np.zeros(N + 1)}, ShapeError, "`x0`"),
+        ({"x0": np.zeros((2, 2, N))}, ShapeError, "`x0`"),
+        ({"A": np.zeros((N, N + 1))}, ShapeError, "`A`"),
+        ({"A": np.zeros(N)}, ShapeError, "`A`"),
+        ({"xf": np.full(N, np.nan)}, NonFiniteError, "`xf"),
+        ({"xf": ["a"] * N}, InputTypeError, "`xf`"),
+        ({"x0": np.zeros((0, N))}, ShapeError, "`x0`"),
+    ],
+)
+def test_bad_realizations(arguments, error, message):
+    stream = se.DataStream(B)
+    with pytest.raises(error, match=message):
+        stream.update(**arguments)
+    assert stream.counts == {"x0": 0, "xf": 0, "A": 0}
+
+
+def test_bad_calls():
+    stream = se.DataStream(B, ranges={"x0": 1.0})
+    for read in ("u", "certificate", "error"):
+        with pytest.raises(InputError, match=f"`{read}` needs at least one realization of x0"):
+            getattr(stream, read)
+    with pytest.raises(InputError, match="needs at least one"):
+        stream.confidence()
+    stream.update(**DATA)
+    for delta in (0.0, 1.0, -1.0, 2):
+        with pytest.raises(SizeError, match="`delta`"):
+            stream.confidence(delta)
+    aimed = se.DataStream(B, A=MEANS["A"])
+    aimed.update(**DATA)
+    with pytest.raises(InputError, match="A is fitted to a target"):
+        aimed.confidence()
+    for ranges, error in (
+        ({"x1": 1.0}, InputError),
+        ({"x0": -1.0}, SizeError),
+        ({"x0": np.inf}, NonFiniteError),
+        ({"x0": True}, InputTypeError),
+        ([1.0], InputTypeError),
+    ):
+        with pytest.raises(error, match="`ranges"):
+            se.DataStream(B, ranges=ranges)
+    with pytest.raises(ShapeError, match="`xf`"):
+        se.DataStream(B, xf=np.zeros(N + 1))

@@ -13,23 +13,28 @@
 //! With `U = H_0^{-1} B` kept, a step costs one solve with the factor and a small dense system with `C - B^T U`.
 
 use super::budget::Budget;
-use super::factor::Factor;
-use super::hessian::{Hessian, LARGEST_FACTOR, factor_cost};
+use super::factor::{Factor, LARGEST_FACTOR, solve_cost};
+use super::hessian::Hessian;
 use super::newton_cg::{Iterate, Work};
 use super::operator::Operator;
 use super::vector::{axpy, dot, min, norm, sum};
 
+/// Steps after which the gradient is no longer scaled but solved for.
+const REUSE: usize = 10;
+
 /// One change since the factor was computed.
 struct Border {
     kind: Kind,
-    /// `H_0^{-1} b`
+    /// `U`'s column: `H_0^{-1} b`
     solved: Vec<f64>,
+    /// Row of `C - B^T U`, up to this border.
+    schur: Vec<f64>,
 }
 
 enum Kind {
     /// The member at this place of `F0` has left.
     Left(usize),
-    /// This sample has entered; its column of `H` on `F0`, and on all samples that entered before and after it.
+    /// This sample has entered: its column of `H` on `F0`, and `E - q`.
     Entered { sample: usize, column: Vec<f64>, image: Vec<f64> },
 }
 
@@ -41,36 +46,42 @@ struct Face<'a, O: Operator> {
     factor: Factor,
     members: Vec<usize>,
     borders: Vec<Border>,
+    /// `H_0^{-1} (-g)`, kept while it can be scaled from step to step, and for how many steps it has been.
+    plain: Option<(Vec<f64>, usize)>,
 }
 
 impl<'a, O: Operator> Face<'a, O> {
-    fn new(op: &'a O, q: &'a [f64], kappa: f64, images: &[f64], free: &[bool]) -> Option<Self> {
+    fn new(op: &'a O, q: &'a [f64], kappa: f64, images: &[f64], free: &[bool], budget: &mut Budget) -> Option<Self> {
         let members: Vec<usize> = (0..free.len()).filter(|&i| free[i]).collect();
         if members.len() > LARGEST_FACTOR {
             return None;
         }
         let sub = op.subset(&members);
         let images: Vec<f64> = members.iter().map(|&i| images[i]).collect();
-        let factor = Hessian { sub: &sub, q, kappa }.factor(&images, dot(q, q))?;
-        Some(Self { op, q, kappa, factor, members, borders: Vec::new() })
+        let factor = Hessian { sub: &sub, q, kappa }.factor(&images, dot(q, q), budget)?;
+        Some(Self { op, q, kappa, factor, members, borders: Vec::new(), plain: None })
     }
 
     fn leave(&mut self, sample: usize) {
         if let Some(k) =
             self.borders.iter().position(|b| matches!(&b.kind, Kind::Entered { sample: s, .. } if *s == sample))
         {
-            self.borders.remove(k);
+            self.remove(k);
         } else if let Ok(place) = self.members.binary_search(&sample) {
             let mut solved = vec![0.0; self.members.len()];
             solved[place] = 1.0;
             self.factor.solve(&mut solved);
-            self.borders.push(Border { kind: Kind::Left(place), solved });
+            self.border(Kind::Left(place), solved);
         }
     }
 
     fn enter(&mut self, sample: usize, budget: &mut Budget) {
         if let Ok(place) = self.members.binary_search(&sample) {
-            self.borders.retain(|b| !matches!(b.kind, Kind::Left(p) if p == place));
+            if let Some(k) = self.borders.iter().position(|b| matches!(b.kind, Kind::Left(p) if p == place)) {
+                self.remove(k);
+            }
+            // Its gradient was not followed while it was out.
+            self.plain = None;
             return;
         }
         // H_ia = <E_i - q, E_a - q> + kappa
@@ -87,41 +98,59 @@ impl<'a, O: Operator> Face<'a, O> {
         let column: Vec<f64> = self.members.iter().map(|&i| values[i] + constant).collect();
         let mut solved = column.clone();
         self.factor.solve(&mut solved);
-        self.borders.push(Border { kind: Kind::Entered { sample, column, image }, solved });
+        self.border(Kind::Entered { sample, column, image }, solved);
     }
 
-    /// `b_k^T x`
-    fn against(&self, kind: &Kind, x: &[f64]) -> f64 {
-        match kind {
-            Kind::Left(place) => x[*place],
-            Kind::Entered { column, .. } => dot(column, x),
+    fn border(&mut self, kind: Kind, solved: Vec<f64>) {
+        // Row of C - B^T U against the borders before, and itself
+        let mut schur: Vec<f64> =
+            self.borders.iter().map(|b| coupling(&kind, &b.kind, &b.solved, self.kappa)).collect();
+        schur.push(coupling(&kind, &kind, &solved, self.kappa));
+        self.borders.push(Border { kind, solved, schur });
+    }
+
+    fn remove(&mut self, k: usize) {
+        self.borders.remove(k);
+        for border in &mut self.borders[k..] {
+            border.schur.remove(k);
         }
+    }
+
+    /// A step of this length along `p` leaves `(1 - length) g`, exactly in theory; in the end, and now and then, from scratch.
+    fn stepped(&mut self, length: f64) {
+        self.plain = self.plain.take().filter(|(_, age)| length < 1.0 && *age < REUSE).map(|(mut x, age)| {
+            for v in &mut x {
+                *v *= 1.0 - length;
+            }
+            (x, age + 1)
+        });
     }
 
     /// `H_FF p = -g` on the present face; `p` is zero elsewhere.
-    fn newton(&self, gradient: &[f64], p: &mut [f64]) -> bool {
+    fn newton(&mut self, gradient: &[f64], p: &mut [f64]) -> bool {
         let c = self.borders.len();
-        let mut x: Vec<f64> = self.members.iter().map(|&i| -gradient[i]).collect();
-        for border in &self.borders {
-            if let Kind::Left(place) = border.kind {
-                x[place] = 0.0;
+        let (x, age) = match self.plain.take() {
+            Some(kept) => kept,
+            None => {
+                let mut x: Vec<f64> = self.members.iter().map(|&i| -gradient[i]).collect();
+                for border in &self.borders {
+                    if let Kind::Left(place) = border.kind {
+                        x[place] = 0.0;
+                    }
+                }
+                self.factor.solve(&mut x);
+                (x, 0)
             }
-        }
-        self.factor.solve(&mut x);
+        };
         // (C - B^T U) y = c - B^T x
         let mut matrix = vec![0.0; c * c];
         let mut y = vec![0.0; c];
         for (k, row) in self.borders.iter().enumerate() {
-            for (l, column) in self.borders.iter().enumerate() {
-                matrix[k * c + l] = -self.against(&row.kind, &column.solved);
-                if let (Kind::Entered { image: a, sample: s, .. }, Kind::Entered { image: b, sample: t, .. }) =
-                    (&row.kind, &column.kind)
-                {
-                    let lift = if s == t { 1e-13 * dot(a, a) } else { 0.0 };
-                    matrix[k * c + l] += dot(a, b) + self.kappa + lift;
-                }
+            for (l, v) in row.schur.iter().enumerate() {
+                matrix[k * c + l] = *v;
+                matrix[l * c + k] = *v;
             }
-            y[k] = -self.against(&row.kind, &x);
+            y[k] = -against(&row.kind, &x);
             if let Kind::Entered { sample, .. } = row.kind {
                 y[k] -= gradient[sample];
             }
@@ -130,11 +159,13 @@ impl<'a, O: Operator> Face<'a, O> {
             return false;
         }
         p.fill(0.0);
-        for (border, y) in self.borders.iter().zip(&y) {
-            axpy(-y, &border.solved, &mut x);
-        }
         for (&i, x) in self.members.iter().zip(&x) {
             p[i] = *x;
+        }
+        for (border, y) in self.borders.iter().zip(&y) {
+            for (&i, u) in self.members.iter().zip(&border.solved) {
+                p[i] -= y * u;
+            }
         }
         for (border, y) in self.borders.iter().zip(&y) {
             match border.kind {
@@ -142,8 +173,27 @@ impl<'a, O: Operator> Face<'a, O> {
                 Kind::Entered { sample, .. } => p[sample] = *y,
             }
         }
+        self.plain = Some((x, age));
         p.iter().all(|v| v.is_finite())
     }
+}
+
+/// `b^T x`
+fn against(kind: &Kind, x: &[f64]) -> f64 {
+    match kind {
+        Kind::Left(place) => x[*place],
+        Kind::Entered { column, .. } => dot(column, x),
+    }
+}
+
+/// Entry of `C - B^T U` for two borders, `solved` belonging to the second.
+fn coupling(row: &Kind, column: &Kind, solved: &[f64], kappa: f64) -> f64 {
+    let mut value = -against(row, solved);
+    if let (Kind::Entered { image: a, sample: s, .. }, Kind::Entered { image: b, sample: t, .. }) = (row, column) {
+        let lift = if s == t { 1e-13 * dot(a, a) } else { 0.0 };
+        value += dot(a, b) + kappa + lift;
+    }
+    value
 }
 
 /// Gaussian elimination with partial pivoting, `y <- M^{-1} y`; `false` if singular.
@@ -230,10 +280,9 @@ pub(crate) fn solve<O: Operator>(
         }
 
         let count = free.iter().filter(|f| **f).count();
-        if face.as_ref().is_none_or(|f| f.borders.len() > (count / 6).clamp(4, 96)) {
-            budget.charge(1, factor_cost(count, op.entries()) as usize, 1);
+        if face.as_ref().is_none_or(|f| f.borders.len() > (count / 6).clamp(4, 96.max(count / 25))) {
             work.factors += 1;
-            face = Face::new(op, q, kappa, &images, &free);
+            face = Face::new(op, q, kappa, &images, &free, budget);
         }
         let Some(face) = face.as_mut() else { break };
         // At the minimiser of the face: let the best sample in.
@@ -249,7 +298,7 @@ pub(crate) fn solve<O: Operator>(
             break;
         }
         work.newton += 1;
-        budget.charge(1, count * count, 1);
+        budget.charge(1, solve_cost(count) as usize, 1);
         // The longest step that keeps w >= 0
         let (mut length, mut blocking) = (1.0, None);
         for i in 0..n {
@@ -262,6 +311,7 @@ pub(crate) fn solve<O: Operator>(
                 *w = (*w + length * p).max(0.0);
             }
         }
+        face.stepped(length);
         barred = None;
         if let Some(i) = blocking {
             w[i] = 0.0;

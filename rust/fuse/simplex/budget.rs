@@ -36,15 +36,23 @@ impl<'a> Budget<'a> {
     pub fn charge(&mut self, half_passes: usize, samples: usize, entries: usize) -> bool {
         // A small constant for the vector operations around a product.
         self.spent += half_passes as f64 * (samples * entries) as f64;
-        if self.limit.is_none() && self.spent - self.polled > POLL {
+        if self.spent - self.polled > POLL {
             self.polled = self.spent;
             self.poll();
         }
         self.limit.is_some()
     }
 
-    fn poll(&mut self) {
-        self.limit = if self.stop.load(Ordering::Relaxed) {
+    /// Looks at the stop flag and the clock, without counting anything; `true` when a limit has been reached.
+    pub fn poll(&mut self) -> bool {
+        if self.limit.is_none() {
+            self.limit = self.reached();
+        }
+        self.limit.is_some()
+    }
+
+    fn reached(&self) -> Option<Limit> {
+        if self.stop.load(Ordering::Relaxed) {
             Some(Limit::Stop)
         } else if self.deadline.is_some_and(|d| Instant::now() >= d) {
             Some(Limit::Time)
@@ -52,7 +60,7 @@ impl<'a> Budget<'a> {
             Some(Limit::Work)
         } else {
             None
-        };
+        }
     }
 
     pub fn limit(&self) -> Option<Limit> {

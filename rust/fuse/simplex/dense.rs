@@ -1,10 +1,12 @@
 //! Ensembles given as dense samples: `rows` is `N x D`, one realization per row.
 
 use std::borrow::Cow;
+use std::ops::Range;
 
 use super::compensated::{Sum, dot as compensated_dot, two_product, two_sum};
 use super::operator::{Operator, Precondition, Residual};
 use super::parallel;
+use super::triangle::Triangle;
 use super::vector::{axpy, dot};
 
 /// A dense ensemble, possibly with the zero realization appended.
@@ -103,12 +105,11 @@ impl Operator for Dense<'_> {
         }
     }
 
-    fn add_outer(&self, matrix: &mut [f64]) {
-        for i in 0..self.stored {
-            let (row, mut start) = (self.row(i), 0);
+    fn add_outer(&self, samples: Range<usize>, matrix: &mut Triangle) {
+        for i in samples.start..samples.end.min(self.stored) {
+            let row = self.row(i);
             for (k, &v) in row.iter().enumerate() {
-                axpy(v, &row[..=k], &mut matrix[start..]);
-                start += k + 1;
+                axpy(v, &row[..=k], matrix.row_mut(k));
             }
         }
     }

@@ -1,16 +1,14 @@
 //! The Hessian of the homogenised problem on some of the samples: products, and a Cholesky factor when there are few of them.
 
-use super::factor::Factor;
+use super::budget::Budget;
+use super::factor::{self, Factor};
 use super::operator::Operator;
+use super::triangle::Triangle;
 use super::vector::{axpy, dot, sum};
 
-/// Free samples above which no factor is computed (64 MB of packed triangle).
-pub(crate) const LARGEST_FACTOR: usize = 4000;
-
-/// What a factor of size `k` costs, in entries touched by a pass: `k^3 / 3` fused operations and the Gram matrix.
+/// What the factor of `H` on `k` samples costs, the Gram matrix included, in indices touched by a pass.
 pub(crate) fn factor_cost(k: usize, entries: usize) -> f64 {
-    let k = k as f64;
-    k * k * (k / 12.0 + 0.5 * entries as f64)
+    factor::factor_cost(k) + 0.5 * (k * k) as f64 * entries as f64
 }
 
 /// `H = (S - q 1^T)^T (S - q 1^T) + kappa 11^T` on the free samples.
@@ -34,32 +32,36 @@ impl<O: Operator> Hessian<'_, O> {
         }
     }
 
-    /// Cholesky factor of `H`, lifted a little where it is singular; `images = S^T q`.
-    pub fn factor(&self, images: &[f64], qq: f64) -> Option<Factor> {
-        let k = images.len();
+    /// Cholesky factor of `H`, lifted a little where it is singular; `images = S^T q`. `None` also if a limit is reached.
+    pub fn factor(&self, images: &[f64], qq: f64, budget: &mut Budget) -> Option<Factor> {
+        for ridge in [1e-13, 1e-11, 1e-8] {
+            let mut matrix = self.matrix(images, qq, budget)?;
+            let largest = (0..matrix.size()).fold(0.0_f64, |m, i| m.max(matrix.row_mut(i)[i]));
+            for i in 0..matrix.size() {
+                matrix.row_mut(i)[i] += ridge * largest;
+            }
+            let factor = Factor::new(matrix, budget);
+            if factor.is_some() || budget.exhausted() {
+                return factor;
+            }
+        }
+        None
+    }
+
+    fn matrix(&self, images: &[f64], qq: f64, budget: &mut Budget) -> Option<Triangle> {
         let mut table = vec![0.0; self.sub.dim()];
-        let mut matrix = Vec::with_capacity(k * (k + 1) / 2);
-        let mut largest = 0.0_f64;
+        let mut matrix = Triangle::zeros(images.len());
         for (i, a) in images.iter().enumerate() {
             // H_ik = <E_i, E_k> - <E_i, q> - <E_k, q> + ||q||^2 + kappa
-            let start = matrix.len();
-            matrix.resize(start + i + 1, 0.0);
-            let line = &mut matrix[start..];
+            let line = matrix.row_mut(i);
             self.sub.gram_row(i, &mut table, line);
             for (h, b) in line.iter_mut().zip(images) {
                 *h += (qq - b) - a + self.kappa;
             }
-            largest = largest.max(line[i]);
-        }
-        for ridge in [1e-13, 1e-11, 1e-8] {
-            let mut lifted = matrix.clone();
-            for i in 0..k {
-                lifted[i * (i + 1) / 2 + i] += ridge * largest;
-            }
-            if let Some(factor) = Factor::new(lifted, k) {
-                return Some(factor);
+            if budget.charge(1, i, self.sub.entries()) {
+                return None;
             }
         }
-        None
+        Some(matrix)
     }
 }

@@ -27,10 +27,20 @@ pub(crate) fn gather<I: Index>(rows: &[I], lines: usize, length: usize, table: &
     }
 }
 
-/// `out[j * length + row_j] += w` for every line `j`
+/// `out[j * length + row_j] += w` for every line `j`, four lines together.
 #[inline]
 pub(crate) fn scatter<I: Index>(row: &[I], length: usize, w: f64, out: &mut [f64]) {
-    for (r, line) in row.iter().zip(out.chunks_exact_mut(length)) {
+    let (fours, tail) = row.as_chunks::<4>();
+    let mut lines = out.chunks_exact_mut(4 * length);
+    for (r, four) in fours.iter().zip(lines.by_ref()) {
+        let (ab, cd) = four.split_at_mut(2 * length);
+        let ((a, b), (c, d)) = (ab.split_at_mut(length), cd.split_at_mut(length));
+        a[r[0].get()] += w;
+        b[r[1].get()] += w;
+        c[r[2].get()] += w;
+        d[r[3].get()] += w;
+    }
+    for (r, line) in tail.iter().zip(lines.into_remainder().chunks_exact_mut(length)) {
         line[r.get()] += w;
     }
 }

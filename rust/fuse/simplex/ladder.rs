@@ -79,7 +79,7 @@ pub(crate) fn climb<O: Operator>(task: &Task<O>, warm: Option<&[f64]>, budget: &
         best.offer(found, Phase::Direct);
     }
     if !best.done(tol) && !budget.exhausted() {
-        let rough = proximal::augmented(&set, None, true, budget, &mut work);
+        let rough = proximal::augmented(&set, true, budget, &mut work);
         let from = rough.weights.clone();
         best.offer(rough, Phase::Augmented);
         if !best.done(tol) && !budget.exhausted() {
@@ -87,7 +87,7 @@ pub(crate) fn climb<O: Operator>(task: &Task<O>, warm: Option<&[f64]>, budget: &
         }
     }
     if !best.done(tol) && !budget.exhausted() {
-        best.offer(proximal::augmented(&set, None, false, budget, &mut work), Phase::Augmented);
+        best.offer(proximal::augmented(&set, false, budget, &mut work), Phase::Augmented);
     }
     if !best.done(tol) && !budget.exhausted() {
         let from = best.iterate.weights.clone();

@@ -32,6 +32,7 @@ mod singletons;
 #[cfg(test)]
 mod tests;
 mod threshold;
+mod triangle;
 mod vector;
 
 use std::sync::atomic::AtomicBool;

@@ -18,8 +18,9 @@
 use std::cell::RefCell;
 
 use super::budget::Budget;
-use super::factor::Factor;
-use super::hessian::{Hessian, LARGEST_FACTOR, factor_cost};
+use super::factor::{Factor, LARGEST_FACTOR, solve_cost};
+use super::hessian::{Hessian, factor_cost};
+use super::newton_system::is_crawling;
 use super::operator::Operator;
 use super::vector::{axpy, dot, min, norm, sum};
 
@@ -46,6 +47,8 @@ const MAX_CG: usize = 400;
 pub(crate) enum Effort {
     /// A bounded number of passes; a factor only once it has been earned.
     Passes(f64),
+    /// From nearly the right support: a bounded number of passes, Newton equations solved accurately, no factor.
+    Finish(f64),
     /// To the end, with a factor from the first step.
     Last,
 }
@@ -63,6 +66,7 @@ pub(crate) fn solve<O: Operator>(
     let (n, d) = (op.size(), op.dim());
     let (stop_at, patience, mut debt) = match effort {
         Effort::Passes(passes) => (budget.passes() + passes, 60, 0.0),
+        Effort::Finish(passes) => (budget.passes() + passes, 6, f64::NEG_INFINITY),
         Effort::Last => (f64::INFINITY, 200, 2.0),
     };
     let qq = dot(q, q);
@@ -81,6 +85,7 @@ pub(crate) fn solve<O: Operator>(
     let mut best = Iterate { weights: w.clone(), gap: f64::INFINITY };
     let mut free: Vec<usize> = Vec::new();
     let (mut settled, mut stalled) = (false, 0);
+    let mut crawling = debt > 1.0;
     let mut factored: Option<Stale> = None;
 
     for iteration in 0..10_000 {
@@ -117,7 +122,9 @@ pub(crate) fn solve<O: Operator>(
         free = (0..n).filter(|&i| w[i] > 0.0 || a[i] + shift < 0.0).collect();
         settled &= free == before;
         let sub = op.subset(&free);
-        let eta = if settled {
+        let eta = if matches!(effort, Effort::Finish(_)) {
+            1e-4
+        } else if settled {
             1e-3
         } else if iteration < 2 {
             0.1
@@ -127,19 +134,25 @@ pub(crate) fn solve<O: Operator>(
         let gradient: Vec<f64> = free.iter().map(|&i| a[i] + shift).collect();
         let inverse: Vec<f64> = free.iter().map(|&i| diagonal[i]).collect();
         let hessian = Hessian { sub: &sub, q, kappa };
-        if debt > 1.0 && free.len() <= LARGEST_FACTOR {
+        if debt > 1.0 && crawling && free.len() <= LARGEST_FACTOR {
             let images: Vec<f64> = free.iter().map(|&i| images[i]).collect();
             let cost = factor_cost(free.len(), op.entries());
-            budget.charge(1, (cost / 2.0) as usize, 1);
-            factored = hessian.factor(&images, qq).map(|factor| Stale { factor, members: free.clone() });
+            budget.charge(1, cost as usize, 1);
+            factored = hessian.factor(&images, qq, budget).map(|factor| Stale { factor, members: free.clone() });
             work.factors += 1;
             debt = 0.0;
         }
         let preconditioner = Preconditioner::new(&free, inverse, factored.as_ref());
         let before = work.cg;
-        let step = conjugate_gradients(&hessian, &gradient, &preconditioner, eta, budget, work);
+        let most = match effort {
+            Effort::Finish(_) => ((stop_at - budget.passes()) * n as f64 / free.len().max(1) as f64) as usize,
+            _ => MAX_CG,
+        };
+        let step = conjugate_gradients(&hessian, &gradient, &preconditioner, eta, most, budget, work);
         work.newton += 1;
-        debt += (work.cg - before) as f64 * preconditioner.cost(op.entries()) / factor_cost(free.len(), op.entries());
+        let cost = (work.cg - before) as f64 * preconditioner.cost(op.entries());
+        debt += cost / factor_cost(free.len(), op.entries());
+        crawling = is_crawling(cost, 2.0 * (free.len() * op.entries()) as f64, free.len());
 
         // Armijo on the projected arc; the decrease of the quadratic is evaluated from the step itself (no cancellation):
         //   f(w + dw) - f(w) = <g, dw> + 1/2 ||S dw - (1^T dw) q||^2 + kappa/2 (1^T dw)^2
@@ -232,7 +245,7 @@ impl<'a> Preconditioner<'a> {
     /// Entries touched per iteration, the product with `H` included.
     fn cost(&self, entries: usize) -> f64 {
         let k = self.inverse.len() as f64;
-        2.0 * k * entries as f64 + self.stale.as_ref().map_or(0.0, |s| (s.scratch.borrow().len() as f64).powi(2) * 0.5)
+        2.0 * k * entries as f64 + self.stale.as_ref().map_or(0.0, |s| solve_cost(s.scratch.borrow().len()))
     }
 }
 
@@ -242,6 +255,7 @@ fn conjugate_gradients<O: Operator>(
     gradient: &[f64],
     preconditioner: &Preconditioner,
     eta: f64,
+    most: usize,
     budget: &mut Budget,
     work: &mut Work,
 ) -> Vec<f64> {
@@ -254,7 +268,7 @@ fn conjugate_gradients<O: Operator>(
     let (mut h, mut image) = (vec![0.0; k], vec![0.0; hessian.q.len()]);
     let mut rz = dot(&residual, &z);
     let stop = eta * norm(gradient);
-    for _ in 0..MAX_CG.min(2 * k + 10) {
+    for _ in 0..most.min(2 * k + 10) {
         if norm(&residual) <= stop || rz <= 0.0 || budget.charge(2, k, hessian.sub.entries()) {
             break;
         }

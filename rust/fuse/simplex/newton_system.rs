@@ -4,14 +4,22 @@
 //! allows, by the Cholesky factor of an earlier system.
 
 use super::budget::Budget;
-use super::factor::Factor;
+use super::factor::{Factor, LARGEST_FACTOR, factor_cost, solve_cost};
 use super::newton_cg::Work;
 use super::operator::{Operator, Precondition};
 use super::threshold::normalise;
+use super::triangle::Triangle;
 use super::vector::{axpy, dot, norm};
 
-/// Entries of one realization above which no factor is computed (64 MB of packed triangle).
-pub(crate) const LARGEST_FACTOR: usize = 4000;
+/// Products added to a matrix between two looks at the limits.
+const CHUNK: usize = 10_000_000;
+/// Iterations a solve takes with the factor of an earlier system, about.
+const STEPS_WITH_FACTOR: f64 = 20.0;
+
+/// Has one solve cost more than it would with a factor of `size` rows? `pass` is the cost of one product with the matrix.
+pub(crate) fn is_crawling(cost: f64, pass: f64, size: usize) -> bool {
+    cost > STEPS_WITH_FACTOR * (pass + solve_cost(size))
+}
 
 /// A Cholesky factor of an earlier Newton matrix, and what conjugate gradients have cost since.
 ///
@@ -22,6 +30,8 @@ pub(crate) struct Memory {
     factor: Option<Factor>,
     /// Cost of conjugate gradients since the last factor, in units of a factor.
     pub debt: f64,
+    /// The last solve took so long that one with a factor would have been cheaper.
+    crawling: bool,
     patience: f64,
     /// No factor for supports up to this size: the active set method takes over there.
     pub spare: usize,
@@ -30,40 +40,44 @@ pub(crate) struct Memory {
 impl Memory {
     /// A factor only once `patience` times its cost has been spent, and only for supports above `spare`.
     pub fn new(patience: f64, spare: usize) -> Self {
-        Self { factor: None, debt: 0.0, patience, spare }
+        Self { factor: None, debt: 0.0, crawling: false, patience, spare }
     }
 
-    /// Costs in units of one index touched, measured: a fused pass 1.3 ns per index, a factor `d^3 / 3` flops at 4 GF/s.
+    /// A factor and the matrix before it, in indices touched by a pass.
     fn factor_cost(d: usize, k: usize, entries: usize) -> f64 {
-        let (d, m) = (d as f64, entries as f64);
-        0.12 * d * d * d + k as f64 * m * m
+        factor_cost(d) + k as f64 * (entries as f64).powi(2)
     }
 
     fn update<O: Operator>(&mut self, sub: &O, mu: f64, u: &[f64], budget: &mut Budget, work: &mut Work) {
         let (d, k) = (sub.dim(), sub.size());
-        if self.debt < self.patience || k <= self.spare || d > LARGEST_FACTOR || k == 0 {
+        if !self.crawling || self.debt < self.patience || k <= self.spare || d > LARGEST_FACTOR || k == 0 {
             return;
         }
         // S S^T - u u^T / K + mu I
-        let mut matrix = vec![0.0; d * (d + 1) / 2];
-        sub.add_outer(&mut matrix);
-        let mut start = 0;
+        let mut matrix = Triangle::zeros(d);
+        let chunk = (CHUNK / (sub.entries() * sub.entries())).max(1);
+        for first in (0..k).step_by(chunk) {
+            sub.add_outer(first..(first + chunk).min(k), &mut matrix);
+            if budget.poll() {
+                return;
+            }
+        }
         for (i, &a) in u.iter().enumerate() {
-            let line = &mut matrix[start..start + i + 1];
-            axpy(-a / k as f64, &u[..=i], line);
+            let line = matrix.row_mut(i);
+            axpy(-a / k as f64, u, line);
             line[i] += mu;
-            start += i + 1;
         }
         budget.charge(1, Self::factor_cost(d, k, sub.entries()) as usize, 1);
-        self.factor = Factor::new(matrix, d);
+        self.factor = Factor::new(matrix, budget);
         self.debt = 0.0;
         work.factors += 1;
     }
 
     fn spent<O: Operator>(&mut self, sub: &O, iterations: usize) {
-        let d = sub.dim() as f64;
-        let solve = if self.factor.is_some() { 1.4 * d * d } else { 0.0 };
-        let each = 2.0 * (sub.size() * sub.entries()) as f64 + solve;
+        let solve = if self.factor.is_some() { solve_cost(sub.dim()) } else { 0.0 };
+        let pass = 2.0 * (sub.size() * sub.entries()) as f64;
+        let each = pass + solve;
+        self.crawling = is_crawling(iterations as f64 * each, pass, sub.dim());
         self.debt += iterations as f64 * each / Self::factor_cost(sub.dim(), sub.size(), sub.entries());
     }
 }

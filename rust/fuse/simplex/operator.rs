@@ -1,5 +1,9 @@
 //! What the algorithms need to know about an ensemble: products, subsets, a preconditioner.
 
+use std::ops::Range;
+
+use super::triangle::Triangle;
+
 /// The linear map `S w = sum_i w_i E_i` of an ensemble of `size` realizations in a space of `dim` entries.
 ///
 /// The last realization may be the zero matrix (`weights = "subsimplex"`: `sum w <= 1` is the simplex with one more, empty,
@@ -36,8 +40,8 @@ pub(crate) trait Operator: Sized + Sync {
     /// `out[k] = <E_i, E_k>` for `k = 0..=i`, `out` holding `i + 1` entries; `table` is `dim` zeros, and is left so.
     fn gram_row(&self, i: usize, table: &mut [f64], out: &mut [f64]);
 
-    /// Adds `S S^T` to `matrix`, the lower triangle packed by rows.
-    fn add_outer(&self, matrix: &mut [f64]);
+    /// Adds `sum_i E_i E_i^T` over some of the realizations to `matrix`.
+    fn add_outer(&self, samples: Range<usize>, matrix: &mut Triangle);
 
     /// `||E_i||^2`
     fn squared_norm(&self, i: usize) -> f64;

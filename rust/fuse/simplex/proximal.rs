@@ -5,14 +5,24 @@
 //!   it identifies the support for any target, and is the safety net.
 
 use super::budget::Budget;
-use super::newton_cg::{Iterate, Work};
-use super::newton_system::{LARGEST_FACTOR, Memory};
+use super::factor::{LARGEST_FACTOR, solve_cost};
+use super::hessian::factor_cost;
+use super::newton_cg::{self, Effort, Iterate, Work};
+use super::newton_system::Memory;
 use super::operator::Operator;
 use super::semismooth::{Ended, Inner, Point, Rules, Setting, distance, measure};
 use super::vector::norm;
 
-/// Share of the cost of a factor after which [`augmented`] hands a support below the dimension to the active set method.
-const SWITCH: f64 = 0.5;
+/// A proximal step moves the centre by `1 + RELAXATION` times itself (below 2 it converges: Eckstein and Bertsekas, Math.
+/// Program. 55, 1992).
+const RELAXATION: f64 = 0.4;
+/// Changes of the support still to come, for one in the last proximal step (measured).
+const STEPS: f64 = 5.0;
+/// The active set method takes over when it is expected to cost at most this much of what has been spent.
+const EAGER: f64 = 1.5;
+/// What Newton-CG may spend on an unchanged support, in units of what has been spent, and when it may try again.
+const TRIAL: f64 = 0.5;
+const AGAIN: f64 = 1.3;
 
 /// One proximal step from the uniform weights with a tiny `mu`.
 ///
@@ -58,24 +68,24 @@ pub(crate) fn direct<O: Operator>(set: &Setting<O>, budget: &mut Budget, work: &
     best
 }
 
-/// The proximal point method with a decreasing sequence of `mu`; `start` is the first centre.
+/// The proximal point method with a decreasing sequence of `mu`, over-relaxed.
 ///
-/// With `early`, returns the last centre, not converged, as soon as the active set method is the cheaper way to finish: the support
-/// is not much larger than the dimension and conjugate gradients have begun to crawl.
-pub(crate) fn augmented<O: Operator>(
-    set: &Setting<O>,
-    start: Option<&[f64]>,
-    early: bool,
-    budget: &mut Budget,
-    work: &mut Work,
-) -> Iterate {
+/// The last steps, the support being known, are long and all alike, so they are left to others: Newton-CG has a try when the
+/// support has not changed, on a part of what has been spent. With `early` the last weights are returned, not converged, as soon
+/// as the active set method is expected to finish for what has been spent.
+pub(crate) fn augmented<O: Operator>(set: &Setting<O>, early: bool, budget: &mut Budget, work: &mut Work) -> Iterate {
     let n = set.op.size();
-    let mut center = start.map_or_else(|| vec![1.0 / n as f64; n], <[f64]>::to_vec);
+    let mut center = vec![1.0 / n as f64; n];
     let mut best = measure(set, center.clone(), budget);
     let mut point = Point::origin(n, set.op.dim());
     let mut mu = 3e-2 * set.scale();
     let nearly = (set.dimension + set.dimension / 20 + 2).min(LARGEST_FACTOR);
     let mut memory = Memory::new(1.0, if early { nearly } else { 0 });
+    // The safety net takes no risks.
+    let relaxation = if early { RELAXATION } else { 0.0 };
+    let started = budget.passes();
+    let mut next_trial = 0.0;
+    let mut support = vec![true; n];
     for _ in 0..100 {
         if best.gap <= set.tol || budget.exhausted() {
             break;
@@ -102,7 +112,28 @@ pub(crate) fn augmented<O: Operator>(
             }
             continue;
         }
-        center.copy_from_slice(&point.w);
+
+        let mut changed = 0;
+        for (known, w) in support.iter_mut().zip(&point.w) {
+            changed += usize::from(*known != (*w > 0.0));
+            *known = *w > 0.0;
+        }
+        let spent = budget.passes() - started;
+        if early && point.support <= nearly && rest(set, point.support, changed) <= EAGER * spent {
+            return measure(set, point.w, budget);
+        }
+        if changed == 0 && point.support <= set.dimension && spent >= next_trial {
+            let found =
+                newton_cg::solve(set.op, set.q, Some(&point.w), set.tol, Effort::Finish(TRIAL * spent), budget, work);
+            if found.gap < best.gap {
+                best = found;
+            }
+            next_trial = AGAIN * (budget.passes() - started);
+        }
+
+        for (c, w) in center.iter_mut().zip(&point.w) {
+            *c = w + relaxation * (w - *c);
+        }
         let shrink = match work.newton - before {
             0..=2 => 0.5,
             3..=12 => 0.75,
@@ -113,10 +144,13 @@ pub(crate) fn augmented<O: Operator>(
             *z *= mu / next;
         }
         mu = next;
-        if early && memory.debt > SWITCH && point.support <= nearly {
-            best = measure(set, center.clone(), budget);
-            break;
-        }
     }
     best
+}
+
+/// Passes the active set method is expected to take: a factor, and steps, one sample each.
+fn rest<O: Operator>(set: &Setting<O>, support: usize, changed: usize) -> f64 {
+    let pass = 2.0 * (set.op.size() * set.op.entries()) as f64;
+    let step = solve_cost(support) + pass;
+    (factor_cost(support, set.op.entries()) + STEPS * changed as f64 * step) / pass
 }

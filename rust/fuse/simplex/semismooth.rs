@@ -200,7 +200,8 @@ impl<O: Operator> Inner<'_, '_, O> {
                 self.evaluate(&mut trial, budget);
                 let remaining = dot(&trial.force, &dz);
                 let armijo = trial.phi <= point.phi - 1e-4 * length * slope - 1e-13 * point.phi.abs();
-                if remaining >= 0.0 && (remaining <= 0.9 * slope || length == 1.0)
+                if budget.exhausted()
+                    || remaining >= 0.0 && (remaining <= 0.9 * slope || length == 1.0)
                     || armijo
                     || norm(&trial.force) <= 0.5 * force
                 {

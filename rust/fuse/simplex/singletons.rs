@@ -7,11 +7,13 @@
 //! * `S w`: a scatter, `c[j * length + R_ij] += w_i`, multiplied by `g_j` once at the end.
 
 use std::borrow::Cow;
+use std::ops::Range;
 
 use super::compensated::{Sum, two_product, two_sum};
 use super::kernel::{gather, scatter};
 use super::operator::{Operator, Precondition, Residual};
 use super::parallel;
+use super::triangle::Triangle;
 use crate::sample::Index;
 
 /// Samples whose indices stay in the first cache between the gather and the scatter.
@@ -192,15 +194,16 @@ impl<I: Index> Operator for Singletons<'_, I> {
         }
     }
 
-    fn add_outer(&self, matrix: &mut [f64]) {
+    fn add_outer(&self, samples: Range<usize>, matrix: &mut Triangle) {
         // sum_i E_i E_i^T: one sample hits one entry per pair of lines
         let mut places = vec![0; self.g.len()];
-        for row in self.rows.chunks_exact(self.g.len()) {
+        for i in samples.start..samples.end.min(self.stored) {
+            let row = self.row(i);
             for (j, (place, r)) in places.iter_mut().zip(row).enumerate() {
                 *place = j * self.length + r.get();
             }
             for (j, &k) in places.iter().enumerate() {
-                let line = &mut matrix[k * (k + 1) / 2..][..=k];
+                let line = matrix.row_mut(k);
                 for (&l, h) in places[..=j].iter().zip(self.g) {
                     line[l] += self.g[j] * h;
                 }

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from . import _core, _gate
+from ._durable import Durable
 from ._lines import to_lines
 from .ensembles import Ensemble
 from .exceptions import InputError, InputTypeError, ShapeError, SizeError
@@ -25,7 +26,7 @@ _NAMES = ("x0", "xf", "A")
 _BLOCK = 2**18  # entries that are handed over at a time
 
 
-class DataStream:
+class DataStream(Durable):
     """The control from realizations that are handed in, one by one or in batches.
 
     Without a target an entity is averaged, with weights 1/N; nothing needs to be known, and
@@ -68,6 +69,8 @@ class DataStream:
     >>> bool(np.linalg.norm(B @ stream.u + A @ [1.0, 2.0]) < 0.1)
     True
     """
+
+    _kind = "means"
 
     def __init__(
         self,

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 
 from . import _core, _gate
+from ._durable import Checkpoints, Durable, PathLike
 from .exceptions import InputError, InputTypeError
 from .rng import Key, RngLike, as_key
 from .stream_records import StreamRun, Trace
@@ -38,7 +39,7 @@ _ENDLESS = 2**62
 _SLICE = 0.2  # seconds between two looks at the progress bar
 
 
-class Stream:
+class Stream(Durable):
     """Algorithm 1 of the paper on realizations that the stream draws itself.
 
     Every step draws one realization E for one slot (x0, xf or A), moves that slot's estimate F
@@ -92,7 +93,7 @@ class Stream:
     (VA / n_A) (||x0|| + sqrt(V0 / n_0))^2]``.
 
     A result is a function of the arguments, the key and the number of steps: not of how many
-    calls took them. Sections of the state (`_to_sections`) are what saving is built on.
+    calls took them, nor of whether the stream was saved and loaded between them.
 
     Examples
     --------
@@ -105,6 +106,8 @@ class Stream:
     >>> stream.u.shape
     (2,)
     """
+
+    _kind = "stream"
 
     def __init__(
         self,
@@ -245,6 +248,8 @@ class Stream:
         time_limit: float | None = None,
         rule: Rule = "certificate",
         progress: Progress = False,
+        checkpoint: PathLike | None = None,
+        every: float = 60.0,
     ) -> StreamRun:
         """Take steps until the control is good enough, or a limit is met.
 
@@ -266,6 +271,10 @@ class Stream:
         progress : bool or callable, default False
             True: a bar on stderr. A callable is called as ``progress(steps, max_steps)`` about
             five times a second.
+        checkpoint : path, optional
+            Where to `save` the stream on the way and at the end, however the run ends.
+        every : float, default 60
+            Seconds between two checkpoints [s].
 
         Returns
         -------
@@ -277,6 +286,8 @@ class Stream:
         InputError, InputTypeError
             If an argument cannot be used, or none of `tol`, `max_steps`, `time_limit` is given,
             or the variant has no certificate.
+        StateError, StateIOError
+            If a checkpoint cannot be saved; the stream itself is in order.
 
         Notes
         -----
@@ -305,13 +316,15 @@ class Stream:
                 "control has none"
             )
         checked = None if limit is None else rule_name
+        checkpoints = Checkpoints(self, checkpoint, every)
         started, first = time.monotonic(), self.steps
         status = "interrupted"
         try:
             with _reported(progress, most) as report:
-                status = self._run(checked, limit or 0.0, most, seconds, report)
+                status = self._run(checked, limit or 0.0, most, seconds, report, checkpoints)
         except KeyboardInterrupt:
             pass  # the core stops between two steps
+        checkpoints.save()
         certificate, error = self._core.certificate()
         return StreamRun(
             status=status,
@@ -329,6 +342,7 @@ class Stream:
         most: int | None,
         seconds: float | None,
         report: Callable[[int], object],
+        checkpoints: Checkpoints,
     ) -> str:
         def satisfied() -> bool:
             return rule == "certificate" and self._core.certificate()[0] <= tol
@@ -341,6 +355,7 @@ class Stream:
             rest = _SLICE if seconds is None else seconds - (time.monotonic() - started)
             end = self._core.advance(left, rule, tol, min(_SLICE, max(rest, 0.0)))
             report(self.steps - first)
+            checkpoints.due()
             if end == "max_steps":
                 return "converged" if satisfied() else end
             if end == "converged" or (seconds is not None and rest <= _SLICE):

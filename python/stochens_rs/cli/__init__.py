@@ -1,7 +1,7 @@
 """The command ``stochens``: one file per subcommand.
 
 Exit codes: 0 done, 1 internal error, 2 usage or input, 3 a verdict is contradicted (`claims`),
-5 reading or writing files, 130 interrupted.
+5 reading or writing files, 130 interrupted, 143 terminated.
 Results go to stdout, everything else (progress, the files written, errors) to stderr.
 """
 
@@ -13,7 +13,7 @@ import click
 
 from ..exceptions import InputError, InputTypeError, ResourceError
 from ..experiments._common import versions
-from . import _claims, _info, _plan, _reproduce
+from . import _claims, _info, _plan, _reproduce, _stream
 from ._output import show
 
 __all__ = ["main"]
@@ -35,7 +35,7 @@ def cli(context: click.Context) -> None:
         show(context.get_help())
 
 
-for _command in (_reproduce.reproduce, _claims.claims, _plan.plan, _info.info):
+for _command in (_reproduce.reproduce, _claims.claims, _plan.plan, _stream.stream, _info.info):
     cli.add_command(_command)
 
 

@@ -3,21 +3,13 @@
 from __future__ import annotations
 
 import json
-from typing import TypeAlias
 
 import click
-import numpy as np
-from numpy.typing import NDArray
 
-from .. import cases
 from ..planning import required_samples
-from ..rng import Key, as_key
-from ..system import System
+from ..rng import as_key
 from ._output import show
-
-Floats: TypeAlias = NDArray[np.float64]
-
-CASES = ("ieee14", "ieee39")
+from ._problem import CASES, problem, share
 
 
 @click.command()
@@ -77,12 +69,12 @@ def plan(
     with standard deviation 0.1), xf is the origin.
     """
     key = as_key(seed)
-    system, x0, xf = _problem(case, path, key)
+    system, x0, xf = problem(case, path, key)
     found = required_samples(
         system,
         x0,
         xf,
-        _share(error),
+        share(error, "--error"),
         delta=delta,
         relative=not absolute,
         quantity=quantity,  # type: ignore[arg-type]
@@ -91,27 +83,3 @@ def plan(
         rng=key.child("simulation"),
     )
     show(json.dumps(found.to_dict(), allow_nan=False, indent=2) if as_json else str(found))
-
-
-def _problem(case: str | None, path: str | None, key: Key) -> tuple[System, Floats, Floats]:
-    if (case is None) == (path is None):
-        raise click.UsageError("give either --case or --file")
-    if path is not None:
-        given = cases.from_file(path)
-        system, x0, xf, spread = given.system, given.x0, given.xf, 1.0
-    else:
-        system = cases.ieee14() if case == "ieee14" else cases.ieee39()
-        x0, xf, spread = None, None, 0.1  # radians and radians per second
-    if x0 is None:
-        x0 = spread * key.child("x0").generator().standard_normal(system.n)
-    return system, x0, np.zeros(system.n) if xf is None else xf
-
-
-def _share(text: str) -> float:
-    """``5%`` or ``0.05``."""
-    number = text.strip().removesuffix("%")
-    try:
-        value = float(number)
-    except ValueError:
-        raise click.BadParameter(f"{text!r} is not a number", param_hint="--error") from None
-    return value / 100.0 if text.strip().endswith("%") else value

@@ -1,0 +1,139 @@
+"""Streams in files: `save`, `load`, and checkpoints on the way."""
+
+from __future__ import annotations
+
+import os
+import time
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from . import _gate, _state
+from .exceptions import InputError, InputTypeError, StateError
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
+
+PathLike = str | os.PathLike[str]
+
+
+class Durable:
+    """What can be written down as named arrays of numbers, and made again from them."""
+
+    _kind: ClassVar[str]
+
+    def _to_sections(self) -> dict[str, Any]:
+        raise NotImplementedError
+
+    @classmethod
+    def _from_sections(cls, sections: dict[str, Any]) -> Self:
+        raise NotImplementedError
+
+    def save(self, path: PathLike) -> int:
+        """Save the state so that it survives whatever happens next.
+
+        Parameters
+        ----------
+        path : path
+            The file; the state that was there before is kept beside it as ``<path>.prev``.
+
+        Returns
+        -------
+        int
+            The generation: 1 for the first state at this path, then one more each time. When it
+            is returned, the state is on the disk.
+
+        Raises
+        ------
+        StateError
+            If something else than a stream's state is at `path`.
+        StateLockedError
+            If another process is saving there at this moment.
+        StateIOError
+            If the system refuses: no space, no permission. The states before are untouched.
+        InputError, InputTypeError
+            If `path` cannot be the name of a file.
+
+        Notes
+        -----
+        The format is raw little-endian numbers with a version and a SHA-256 digest; nothing in it
+        is ever executed (``docs/state-format.md``). The file is written beside its place, synced
+        and renamed, and the directory synced: one complete state is there at every moment.
+
+        Examples
+        --------
+        >>> import tempfile, pathlib, stochens_rs as se
+        >>> path = pathlib.Path(tempfile.mkdtemp()) / "a.state"
+        >>> stream = se.Stream([[1.0]], [1.0], [0.0], [[2.0]], rng=1)
+        >>> stream.step(1000)
+        >>> stream.save(path)
+        1
+        >>> se.Stream.load(path).steps
+        1000
+        """
+        return _state.save(path, self._kind, self._to_sections())
+
+    @classmethod
+    def load(cls, path: PathLike) -> Self:
+        """Load a state that `save` has written.
+
+        Parameters
+        ----------
+        path : path
+            The file.
+
+        Returns
+        -------
+        Stream or DataStream
+            It goes on exactly as the saved one would have, bit for bit.
+
+        Raises
+        ------
+        StateError
+            If neither `path` nor the generation before can be used: damaged, of another kind,
+            from a newer version, or numbers that cannot be such a state.
+        StateNotFoundError
+            If neither exists.
+        StateIOError
+            If the system refuses to read.
+        InputError, InputTypeError
+            If `path` cannot be the name of a file.
+
+        Warns
+        -----
+        StateRecoveredWarning
+            If the file is missing or damaged and the generation before was loaded.
+
+        Notes
+        -----
+        Nothing is written. Sizes are checked before memory is asked for, then the digest, then
+        what the numbers mean: finite, within the hull, and of the key and problem that they name.
+
+        Examples
+        --------
+        See `save`.
+        """
+        _, sections = _state.load(path, cls._kind)
+        try:
+            return cls._from_sections(sections)
+        except (InputError, InputTypeError, KeyError) as error:
+            raise StateError(f"{os.fspath(path)}: {error}") from error
+
+
+class Checkpoints:
+    """Saves a stream now and then while it runs."""
+
+    def __init__(self, stream: Durable, path: PathLike | None, every: float) -> None:
+        self._stream = stream
+        self._path = None if path is None else _state.checked_path("checkpoint", path)
+        self._every = _gate.positive("every", every)
+        self._last = time.monotonic()
+
+    def due(self) -> None:
+        """Save if it is time to."""
+        if self._path is not None and time.monotonic() - self._last >= self._every:
+            self.save()
+
+    def save(self) -> None:
+        """Save at once."""
+        if self._path is not None:
+            self._stream.save(self._path)
+            self._last = time.monotonic()

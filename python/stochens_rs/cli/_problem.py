@@ -1,0 +1,42 @@
+"""The control problem that `plan` and `stream` are asked about."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import click
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import cases
+from ..rng import Key
+from ..system import System
+
+Floats: TypeAlias = NDArray[np.float64]
+
+CASES = ("ieee14", "ieee39")
+
+
+def problem(case: str | None, path: str | None, key: Key) -> tuple[System, Floats, Floats]:
+    """System, x0 and xf; states that the file does not have are drawn (x0) or zero (xf)."""
+    if (case is None) == (path is None):
+        raise click.UsageError("give either --case or --file")
+    if path is not None:
+        given = cases.from_file(path)
+        system, x0, xf, spread = given.system, given.x0, given.xf, 1.0
+    else:
+        system = cases.ieee14() if case == "ieee14" else cases.ieee39()
+        x0, xf, spread = None, None, 0.1  # radians and radians per second
+    if x0 is None:
+        x0 = spread * key.child("x0").generator().standard_normal(system.n)
+    return system, x0, np.zeros(system.n) if xf is None else xf
+
+
+def share(text: str, option: str) -> float:
+    """``5%`` or ``0.05``."""
+    number = text.strip().removesuffix("%")
+    try:
+        value = float(number)
+    except ValueError:
+        raise click.BadParameter(f"{text!r} is not a number", param_hint=option) from None
+    return value / 100.0 if text.strip().endswith("%") else value

@@ -1,0 +1,172 @@
+"""``stochens stream``: the sequential algorithm with a live line and checkpoints."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+import click
+import numpy as np
+
+from ..exceptions import InputError
+from ..rng import as_key
+from ..streaming import Stream
+from ._output import show
+from ._problem import CASES, problem, share
+
+INTERRUPTED, TERMINATED = 130, 143
+
+
+@click.command()
+@click.option("--case", type=click.Choice(CASES), help="A system that comes with the package.")
+@click.option(
+    "--file",
+    "path",
+    metavar="FILE",
+    help="Your own: .npz or JSON with A, B and, if you have them, x0 and xf.",
+)
+@click.option(
+    "--tol",
+    default="5%",
+    show_default=True,
+    metavar="E",
+    help="Stop when the certificate is this small, relative to the state that is reached.",
+)
+@click.option("--max-steps", type=click.IntRange(min=1), help="Most steps of this run.")
+@click.option("--time-limit", type=float, metavar="S", help="Most seconds of this run.")
+@click.option("--safeguard", is_flag=True, help="Never worse than the plain means.")
+@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
+@click.option(
+    "--checkpoint", metavar="FILE", help="Save the state there on the way and at the end."
+)
+@click.option(
+    "--every", type=float, default=60.0, show_default=True, help="Seconds between checkpoints."
+)
+@click.option("--resume", is_flag=True, help="Go on from the checkpoint.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
+@click.pass_context
+def stream(
+    context: click.Context,
+    case: str | None,
+    path: str | None,
+    tol: str,
+    max_steps: int | None,
+    time_limit: float | None,
+    safeguard: bool,
+    seed: int,
+    checkpoint: str | None,
+    every: float,
+    resume: bool,
+    as_json: bool,
+) -> None:
+    """Refine a control one realization at a time, until it is certified.
+
+    Ctrl-C and SIGTERM save before leaving (exit codes 130 and 143); with --resume the run goes on
+    as if it had never stopped.
+    """
+    key = as_key(seed)
+    system, x0, xf = problem(case, path, key)
+    made = Stream(system.B, x0, xf, system.A, rng=key.child("stream"), safeguard=safeguard)
+    if resume:
+        made = _resumed(made, checkpoint)
+    elif checkpoint is not None and os.path.lexists(checkpoint):
+        raise click.UsageError(f"{checkpoint} exists: give --resume, or another name")
+    free = system.A @ x0
+    reached = free + system.B @ (np.linalg.pinv(system.B) @ (xf - free))
+    scale = float(np.linalg.norm(reached)) or 1.0
+    with _signals() as received:
+        run = made.run(
+            tol=share(tol, "--tol") * scale,
+            max_steps=max_steps,
+            time_limit=time_limit,
+            progress=_Line(made, scale) if sys.stderr.isatty() else False,
+            checkpoint=checkpoint,
+            every=every,
+        )
+    if sys.stderr.isatty():
+        click.echo(err=True)
+    facts = {
+        "schema": "stochens-stream/1",
+        "status": run.status,
+        "steps": made.steps,
+        "steps_of_this_run": run.steps,
+        "seconds": run.seconds,
+        "certificate": run.certificate,
+        "error": run.error,
+        "reached_norm": scale,
+        "u": made.u.tolist(),
+        "key": made.key.hex,
+        "digest": made.digest,
+        "checkpoint": checkpoint,
+    }
+    show(json.dumps(facts, allow_nan=False, indent=2) if as_json else _text(facts))
+    if run.status == "interrupted":
+        context.exit(TERMINATED if signal.SIGTERM in received else INTERRUPTED)
+
+
+def _resumed(made: Stream, checkpoint: str | None) -> Stream:
+    if checkpoint is None:
+        raise click.UsageError("--resume needs --checkpoint, the file to go on from")
+    found = Stream.load(checkpoint)
+    if found.digest != made.digest:
+        raise InputError(
+            f"{checkpoint} must be of this problem, seed and options (digest {made.digest[:12]}), "
+            f"got another ({found.digest[:12]})"
+        )
+    return found
+
+
+@contextmanager
+def _signals() -> Iterator[list[int]]:
+    """SIGTERM ends the run as Ctrl-C does; once it is ending, further signals wait for the save."""
+    received: list[int] = []
+
+    def end(number: int, _: FrameType | None) -> None:
+        received.append(number)
+        if len(received) == 1:
+            raise KeyboardInterrupt
+
+    before = {s: signal.signal(s, end) for s in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield received
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+class _Line:
+    """One line on a terminal that is written over: steps, certificate, rate."""
+
+    def __init__(self, stream: Stream, scale: float) -> None:
+        self._stream, self._scale = stream, scale
+        self._start, self._first = time.monotonic(), stream.steps
+
+    def __call__(self, done: int, _: int | None) -> None:
+        certificate = (self._stream.certificate or 0.0) / self._scale
+        rate = done / max(time.monotonic() - self._start, 1e-9)
+        text = (
+            f"step {self._first + done:>14,}   certificate {100 * certificate:>9.3g} %   "
+            f"{rate:>10,.0f} steps/s"
+        )
+        sys.stderr.write("\r" + text.replace(",", " "))
+        sys.stderr.flush()
+
+
+def _text(facts: dict[str, object]) -> str:
+    certificate, error = float(str(facts["certificate"])), float(str(facts["error"]))
+    scale = float(str(facts["reached_norm"]))
+    lines = [
+        f"{facts['status']} after {facts['steps']} steps ({facts['steps_of_this_run']} now, "
+        f"{float(str(facts['seconds'])):.3g} s)",
+        f"state off by {100 * error / scale:.3g} %, certified {100 * certificate / scale:.3g} %",
+        f"u = {facts['u']}",
+    ]
+    if facts["checkpoint"] is not None:
+        lines.append(f"saved: {facts['checkpoint']}")
+    return "\n".join(lines)

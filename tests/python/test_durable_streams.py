@@ -1,0 +1,282 @@
+"""Streams in files: resuming is as if never stopped, and nothing that is acknowledged gets lost."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import resource
+import signal
+import subprocess
+import sys
+import time
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from stochens_rs import cli
+from stochens_rs.exceptions import (
+    InputError,
+    StateError,
+    StateIOError,
+    StateNotFoundError,
+    StateRecoveredWarning,
+)
+
+GEN = np.random.default_rng(0)
+A, B = GEN.standard_normal((6, 6)), GEN.standard_normal((6, 3))
+X0, XF = GEN.standard_normal(6), GEN.standard_normal(6)
+
+
+def make(**options: object) -> se.Stream:
+    return se.Stream(B, X0, XF, A, rng=3, **options)
+
+
+def same(a: se.Stream, b: se.Stream) -> bool:
+    first, second = a._to_sections(), b._to_sections()
+    return first.keys() == second.keys() and all(
+        first[k].tobytes() == second[k].tobytes() for k in first
+    )
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"safeguard": True}, {"slots": "gain"}, {"variant": "semi"}, {"variant": "literal"}],
+)
+def test_resuming_is_never_having_stopped(tmp_path: Path, options: dict[str, object]) -> None:
+    whole, part = make(**options), make(**options)
+    whole.step(50_000)
+    for count in (1, 999, 20_000, 29_000):  # across chunks of the random streams
+        part.step(count)
+        part.save(tmp_path / "a.state")
+        se.set_num_threads(1 + count % 2)
+        part = se.Stream.load(tmp_path / "a.state")
+    assert same(whole, part)
+    assert np.array_equal(whole.u, part.u)
+
+
+def test_checkpoints_on_the_way(tmp_path: Path) -> None:
+    path = tmp_path / "a.state"
+    stream = make()
+    run = stream.run(time_limit=0.7, checkpoint=path, every=0.05)
+    assert run.status == "time_limit"
+    assert stream.save(path) >= 4  # every slice of 0.2 s, and the end
+    assert same(se.Stream.load(path), stream)
+    whole = make()
+    whole.step(stream.steps)
+    assert same(whole, stream)
+
+
+def test_data_streams_too(tmp_path: Path) -> None:
+    data = se.sample(A, 40, rng=1).dense()
+    whole, part = se.DataStream(B, x0=X0), se.DataStream(B, x0=X0)
+    for stream in (whole, part):
+        stream.update(x0=GEN.standard_normal((5, 6)) * 0 + X0, xf=np.tile(XF, (3, 1)), A=data[:15])
+    part.save(tmp_path / "d.state")
+    part = se.DataStream.load(tmp_path / "d.state")
+    for stream in (whole, part):
+        stream.update(A=data[15:])
+    assert np.array_equal(whole.u, part.u)
+    with pytest.raises(StateError, match="kind"):
+        se.Stream.load(tmp_path / "d.state")
+
+
+# -- damage ----------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def small(tmp_path: Path) -> Path:
+    stream = se.Stream([[1.0]], [2.0], [0.5], [[3.0]], rng=1)
+    stream.step(5)
+    stream.save(tmp_path / "s.state")
+    return tmp_path / "s.state"
+
+
+def test_every_flipped_bit_is_noticed(small: Path) -> None:
+    good = bytearray(small.read_bytes())
+    for at in range(len(good)):
+        for bit in range(8):
+            good[at] ^= 1 << bit
+            small.write_bytes(good)
+            good[at] ^= 1 << bit
+            with pytest.raises(StateError):
+                se.Stream.load(small)
+    small.write_bytes(good)
+    assert se.Stream.load(small).steps == 5
+
+
+def test_every_truncation_is_noticed(small: Path) -> None:
+    good = small.read_bytes()
+    for length in range(len(good)):
+        small.write_bytes(good[:length])
+        with pytest.raises(StateError):
+            se.Stream.load(small)
+
+
+def test_damage_is_recovered_from_the_generation_before(small: Path) -> None:
+    stream = se.Stream.load(small)
+    stream.step(10)
+    stream.save(small)
+    small.write_bytes(small.read_bytes()[:-1])
+    before = sorted((p.name, p.stat().st_mtime_ns) for p in small.parent.iterdir())
+    with pytest.warns(StateRecoveredWarning, match="generation 1"):
+        old = se.Stream.load(small)
+    assert old.steps == 5
+    assert before == sorted((p.name, p.stat().st_mtime_ns) for p in small.parent.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("x0", lambda a: a * 2),  # another problem: the digest names the old one
+        ("key", lambda a: a ^ 1),
+        ("digest", lambda a: a ^ 1),
+        ("x0.fused", lambda a: a * np.nan),
+        ("x0.fused", lambda a: a + 100.0),  # outside the hull of the realizations
+        ("steps", lambda a: a[:-1]),
+        ("x0.state", lambda a: a[:-1]),
+    ],
+)
+def test_numbers_that_cannot_be_a_stream_are_refused(
+    tmp_path: Path, name: str, change: object
+) -> None:
+    from stochens_rs import _state
+
+    sections = make()._to_sections()
+    sections[name] = change(sections[name])  # type: ignore[operator]
+    _state.save(tmp_path / "a.state", "stream", sections)  # sealed with a correct digest
+    with pytest.raises(StateError, match=r"a\.state"):
+        se.Stream.load(tmp_path / "a.state")
+
+
+def test_a_missing_file(tmp_path: Path) -> None:
+    with pytest.raises(StateNotFoundError):
+        se.Stream.load(tmp_path / "none.state")
+
+
+# -- kills and full disks --------------------------------------------------------------------------
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+def test_a_hundred_kills(tmp_path: Path) -> None:
+    """A run that is killed again and again ends where an undisturbed one does."""
+    path, moments = tmp_path / "a.state", random.Random(4)
+    make().save(path)
+    acknowledged = 0
+    for _ in range(100):
+        read, write = os.pipe()
+        child = os.fork()
+        if child == 0:
+            os.close(read)
+            stream = se.Stream.load(path)
+            while True:
+                stream.step(300)
+                stream.save(path)
+                os.write(write, stream.steps.to_bytes(8, "little"))
+        os.close(write)
+        time.sleep(moments.uniform(0.0, 0.03))
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+        told = b""
+        while block := os.read(read, 1 << 16):
+            told += block
+        os.close(read)
+        if len(told) >= 8:
+            acknowledged = int.from_bytes(told[-8:], "little")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", StateRecoveredWarning)
+            assert se.Stream.load(path).steps >= acknowledged
+    assert acknowledged > 1000
+    survived = se.Stream.load(path)
+    whole = make()
+    whole.step(survived.steps)
+    assert same(whole, survived)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+def test_a_full_disk_loses_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "a.state"
+    stream = make()
+    stream.save(path)
+    child = os.fork()
+    if child == 0:
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (200, 200))
+        stream.step(100)
+        try:
+            stream.save(path)
+        except StateIOError as error:
+            os._exit(0 if error.errno is not None and stream.steps == 100 else 2)
+        os._exit(1)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+    assert se.Stream.load(path).steps == 0
+
+
+def test_a_checkpoint_that_cannot_be_written_leaves_the_stream_in_order(tmp_path: Path) -> None:
+    stream = make()
+    with pytest.raises(StateIOError):
+        stream.run(max_steps=100, checkpoint=tmp_path / "none" / "a.state")
+    assert stream.steps == 100
+    with pytest.raises(InputError, match="`every`"):
+        stream.run(max_steps=1, checkpoint=tmp_path / "a.state", every=0.0)
+
+
+# -- the command -----------------------------------------------------------------------------------
+
+
+def test_the_command_stops_and_resumes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    state = str(tmp_path / "s.state")
+    args = ["stream", "--case", "ieee14", "--tol", "5%", "--json"]
+    assert cli.main(args) == 0
+    whole = json.loads(capsys.readouterr().out)
+    assert whole["status"] == "converged"
+    assert whole["error"] <= whole["certificate"] <= 0.05 * whole["reached_norm"]
+    assert cli.main([*args, "--checkpoint", state, "--max-steps", "100"]) == 0
+    first = json.loads(capsys.readouterr().out)
+    assert (first["status"], first["steps"]) == ("max_steps", 100)
+    assert cli.main([*args, "--checkpoint", state]) == 2  # it would be overwritten
+    assert "--resume" in capsys.readouterr().err
+    assert cli.main([*args, "--checkpoint", state, "--resume", "--seed", "2"]) == 2
+    assert "of this problem" in capsys.readouterr().err
+    assert cli.main([*args, "--checkpoint", state, "--resume"]) == 0
+    resumed = json.loads(capsys.readouterr().out)
+    assert resumed["u"] == whole["u"]
+    assert resumed["steps"] == whole["steps"]
+
+
+def test_usage(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["stream", "--case", "ieee14", "--resume"]) == 2
+    assert "--checkpoint" in capsys.readouterr().err
+    missing = str(tmp_path / "none.state")
+    assert cli.main(["stream", "--case", "ieee14", "--resume", "--checkpoint", missing]) == 5
+    assert cli.main(["stream", "--case", "ieee14", "--max-steps", "10"]) == 0
+    assert "max_steps after 10 steps" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+def test_a_signal_saves_before_leaving(tmp_path: Path, number: int, code: int) -> None:
+    state = tmp_path / "s.state"
+    child = subprocess.Popen(
+        [
+            *(sys.executable, "-m", "stochens_rs", "stream", "--case", "ieee39"),
+            *("--tol", "1e-12", "--checkpoint", str(state), "--every", "0.05", "--json"),
+        ],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    limit = time.monotonic() + 30.0
+    while not state.exists() and time.monotonic() < limit:
+        time.sleep(0.02)
+    child.send_signal(number)
+    out, err = child.communicate(timeout=30)
+    assert child.returncode == code, err
+    told = json.loads(out)
+    assert told["status"] == "interrupted"
+    found = se.Stream.load(state)
+    assert (found.steps, found.digest) == (told["steps"], told["digest"])

@@ -30,7 +30,7 @@ impl Stream {
     /// The control `v`.
     ///
     /// # Errors
-    /// [`Error::Overflow`] if it is not representable.
+    /// [`crate::Error::Overflow`] if it is not representable.
     pub fn control(&self) -> Result<Vec<f64>> {
         self.geometry.control(&self.difference())
     }

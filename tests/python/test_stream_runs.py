@@ -217,9 +217,11 @@ def test_threads_share_a_stream():
 
 
 INTERRUPTED = """
-import os, signal, sys, threading, time
+import faulthandler, os, signal, sys, threading, time
 import numpy as np
 import stochens_rs as se
+
+faulthandler.dump_traceback_later(40, exit=True)  # says where, should a signal get lost
 
 def interrupt_after(seconds):
     threading.Timer(seconds, os.kill, (os.getpid(), signal.SIGINT)).start()
@@ -227,11 +229,11 @@ def interrupt_after(seconds):
 A = np.random.default_rng(0).standard_normal((30, 30)) / 6
 B, x = np.ones((30, 3)), np.ones(30)
 stream = se.Stream(B, x, x, A, rng=1)
-interrupt_after(0.2)
+interrupt_after(0.3)
 run = stream.run(tol=1e-300, time_limit=60.0)
 assert run.status == "interrupted", run
 assert 0 < run.steps == stream.steps and run.seconds < 20, run
-interrupt_after(0.2)
+interrupt_after(0.3)
 try:
     stream.step(10**12)
     sys.exit("not interrupted")
@@ -242,7 +244,7 @@ data = se.DataStream(B)
 def endless():
     while True:
         yield x
-interrupt_after(0.2)
+interrupt_after(0.3)
 try:
     data.update(x0=endless())
     sys.exit("not interrupted")

@@ -202,11 +202,11 @@ impl Data {
         out.put_f64("B", self.geometry.b.clone());
         for (name, feed) in NAMES.iter().zip(&self.feeds) {
             out.put_u64(format!("{name}.count"), [feed.count]);
-            out.put_f64(format!("{name}.spread"), [feed.deviation, feed.spread]);
+            out.put_f64(format!("{name}.range"), [feed.deviation, feed.spread]);
             out.put_f64(format!("{name}.mean"), feed.mean.clone());
             out.put_f64(format!("{name}.first"), feed.first.clone());
             out.put_f64(format!("{name}.fused"), feed.estimate.clone());
-            out.put_f64(format!("{name}.target"), feed.target.clone().unwrap_or_default());
+            out.put_f64(format!("{name}.aim"), feed.target.clone().unwrap_or_default());
         }
         out
     }
@@ -231,12 +231,12 @@ impl Data {
             let dim = feed.mean.len();
             let kept = if known { dim } else { 0 };
             feed.count = from.take_u64(&format!("{name}.count"), Some(1))?[0];
-            let spread = from.take_f64(&format!("{name}.spread"), Some(2))?;
+            let spread = from.take_f64(&format!("{name}.range"), Some(2))?;
             (feed.deviation, feed.spread) = (spread[0], spread[1]);
             feed.mean = from.take_f64(&format!("{name}.mean"), Some(dim))?;
             feed.first = from.take_f64(&format!("{name}.first"), Some(dim))?;
             feed.estimate = from.take_f64(&format!("{name}.fused"), Some(kept))?;
-            let target = from.take_f64(&format!("{name}.target"), Some(kept))?;
+            let target = from.take_f64(&format!("{name}.aim"), Some(kept))?;
             feed.target = known.then_some(target);
             // ||E_i - E_1|| <= spread for all i, so the means are within it too, and the deviation below spread sqrt(N)
             let slack = 1.0 + 1e-6;

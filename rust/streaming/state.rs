@@ -43,14 +43,14 @@ impl Stream {
             out.put_f64(format!("{name}.hits"), slot.run.hits.clone());
         }
         out.put_f64("products", self.products.ff.clone());
-        out.put_f64("products.sums", self.products.sums.as_flattened());
+        out.put_f64("prod.sum", self.products.sums.as_flattened());
         out.put_f64("raw", [self.raw.goal.as_slice(), &self.raw.free].concat());
         out.put_f64("drift", [self.drift]);
-        out.put_u64("trace.steps", self.trace.iter().map(|e| e.step).collect::<Vec<_>>());
+        out.put_u64("trace.k", self.trace.iter().map(|e| e.step).collect::<Vec<_>>());
         // NaN (no certificate) is written as -1
         let certificate = |e: &Entry| if e.certificate.is_nan() { -1.0 } else { e.certificate };
         let values: Vec<f64> = self.trace.iter().flat_map(|e| [certificate(e), e.error, e.size]).collect();
-        out.put_f64("trace.values", values);
+        out.put_f64("trace.v", values);
         out
     }
 
@@ -113,7 +113,7 @@ impl Stream {
         let (n, consistent) = (self.n(), self.consistent());
         let sums = if self.config.safeguard { 3 * n } else { 0 };
         let ff = from.take_f64("products", Some(n))?;
-        let sums = from.take_f64("products.sums", Some(sums))?;
+        let sums = from.take_f64("prod.sum", Some(sums))?;
         let raw = from.take_f64("raw", Some(if consistent { 0 } else { 2 * n }))?;
         if !consistent {
             self.products.ff = ff;
@@ -134,8 +134,8 @@ impl Stream {
     }
 
     fn load_trace(&mut self, from: &mut Sections) -> Result<()> {
-        let at = from.take_u64("trace.steps", None)?;
-        let values = from.take_f64("trace.values", Some(at.len().saturating_mul(3)))?;
+        let at = from.take_u64("trace.k", None)?;
+        let values = from.take_f64("trace.v", Some(at.len().saturating_mul(3)))?;
         let rising = at.windows(2).all(|pair| pair[0] < pair[1]);
         let within = at.iter().all(|step| *step <= self.steps && on_grid(*step));
         if !rising || !within || at.first() != Some(&0) {

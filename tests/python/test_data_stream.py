@@ -215,8 +215,8 @@ def test_damaged_states_are_refused():
         if v.dtype == np.float64 and len(v)
     ]
     broken += [
-        {**state, "x0.spread": np.array([1e9, state["x0.spread"][1]])},
-        {**state, "x0.spread": np.array([-1.0, state["x0.spread"][1]])},
+        {**state, "x0.range": np.array([1e9, state["x0.range"][1]])},
+        {**state, "x0.range": np.array([-1.0, state["x0.range"][1]])},
         {**state, "A.mean": state["A.mean"] + 1e6},
         {**state, "xf.fused": state["xf.fused"] + 1e6},
         {**state, "x0.count": np.array([2**63], dtype=np.uint64)},

@@ -134,10 +134,10 @@ def test_damaged_states_are_refused():
         changed("x0.state", 0, 1.5),
         changed("x0.state", 2, 100.0),
         changed("products", 0, 100.0),
-        changed("products.sums", 0, 1e5),
+        changed("prod.sum", 0, 1e5),
         changed("drift", 0, -1.0),
-        changed("trace.steps", 0, 5),
-        changed("trace.steps", 3, 10**6),
+        changed("trace.k", 0, 5),
+        changed("trace.k", 3, 10**6),
     ]
     for sections in broken:
         with pytest.raises(InputError, match=r"`(state|B|x0|xf|A|values)`"):

@@ -98,7 +98,7 @@ mod tests {
     }
 
     fn matrix(size: usize) -> Triangle {
-        let mut matrix = Triangle::zeros(size);
+        let mut matrix = Triangle::zeros(size).unwrap();
         for i in 0..size {
             for (j, v) in matrix.row_mut(i).iter_mut().enumerate() {
                 *v = entry(size, i, j);

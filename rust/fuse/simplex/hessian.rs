@@ -50,7 +50,7 @@ impl<O: Operator> Hessian<'_, O> {
 
     fn matrix(&self, images: &[f64], qq: f64, budget: &mut Budget) -> Option<Triangle> {
         let mut table = vec![0.0; self.sub.dim()];
-        let mut matrix = Triangle::zeros(images.len());
+        let mut matrix = Triangle::zeros(images.len())?;
         for (i, a) in images.iter().enumerate() {
             // H_ik = <E_i, E_k> - <E_i, q> - <E_k, q> + ||q||^2 + kappa
             let line = matrix.row_mut(i);

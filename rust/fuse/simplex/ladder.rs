@@ -79,15 +79,14 @@ pub(crate) fn climb<O: Operator>(task: &Task<O>, warm: Option<&[f64]>, budget: &
         best.offer(found, Phase::Direct);
     }
     if !best.done(tol) && !budget.exhausted() {
-        let rough = proximal::augmented(&set, true, budget, &mut work);
-        let from = rough.weights.clone();
+        let (rough, from) = proximal::augmented(&set, true, budget, &mut work);
         best.offer(rough, Phase::Augmented);
         if !best.done(tol) && !budget.exhausted() {
             best.offer(active_set::solve(op, q, &from, tol, 2000, budget, &mut work), Phase::ActiveSet);
         }
     }
     if !best.done(tol) && !budget.exhausted() {
-        best.offer(proximal::augmented(&set, false, budget, &mut work), Phase::Augmented);
+        best.offer(proximal::augmented(&set, false, budget, &mut work).0, Phase::Augmented);
     }
     if !best.done(tol) && !budget.exhausted() {
         let from = best.iterate.weights.clone();

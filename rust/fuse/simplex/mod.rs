@@ -15,6 +15,7 @@ mod budget;
 mod certificate;
 mod compensated;
 mod dense;
+mod face;
 mod factor;
 mod hessian;
 mod kernel;

@@ -29,12 +29,12 @@ pub(crate) fn is_crawling(cost: f64, pass: f64, size: usize) -> bool {
 pub(crate) struct Memory {
     factor: Option<Factor>,
     /// Cost of conjugate gradients since the last factor, in units of a factor.
-    pub debt: f64,
+    debt: f64,
     /// The last solve took so long that one with a factor would have been cheaper.
     crawling: bool,
     patience: f64,
     /// No factor for supports up to this size: the active set method takes over there.
-    pub spare: usize,
+    spare: usize,
 }
 
 impl Memory {
@@ -54,7 +54,8 @@ impl Memory {
             return;
         }
         // S S^T - u u^T / K + mu I
-        let mut matrix = Triangle::zeros(d);
+        self.debt = 0.0;
+        let Some(mut matrix) = Triangle::zeros(d) else { return };
         let chunk = (CHUNK / (sub.entries() * sub.entries())).max(1);
         for first in (0..k).step_by(chunk) {
             sub.add_outer(first..(first + chunk).min(k), &mut matrix);
@@ -69,7 +70,6 @@ impl Memory {
         }
         budget.charge(1, Self::factor_cost(d, k, sub.entries()) as usize, 1);
         self.factor = Factor::new(matrix, budget);
-        self.debt = 0.0;
         work.factors += 1;
     }
 

@@ -71,9 +71,14 @@ pub(crate) fn direct<O: Operator>(set: &Setting<O>, budget: &mut Budget, work: &
 /// The proximal point method with a decreasing sequence of `mu`, over-relaxed.
 ///
 /// The last steps, the support being known, are long and all alike, so they are left to others: Newton-CG has a try when the
-/// support has not changed, on a part of what has been spent. With `early` the last weights are returned, not converged, as soon
-/// as the active set method is expected to finish for what has been spent.
-pub(crate) fn augmented<O: Operator>(set: &Setting<O>, early: bool, budget: &mut Budget, work: &mut Work) -> Iterate {
+/// support has not changed, on a part of what has been spent. With `early` it ends, not converged, as soon as the active set method
+/// is expected to finish for what has been spent. Returns the best weights and the last ones, where that would start.
+pub(crate) fn augmented<O: Operator>(
+    set: &Setting<O>,
+    early: bool,
+    budget: &mut Budget,
+    work: &mut Work,
+) -> (Iterate, Vec<f64>) {
     let n = set.op.size();
     let mut center = vec![1.0 / n as f64; n];
     let mut best = measure(set, center.clone(), budget);
@@ -120,7 +125,7 @@ pub(crate) fn augmented<O: Operator>(set: &Setting<O>, early: bool, budget: &mut
         }
         let spent = budget.passes() - started;
         if early && point.support <= nearly && rest(set, point.support, changed) <= EAGER * spent {
-            return measure(set, point.w, budget);
+            break;
         }
         if changed == 0 && point.support <= set.dimension && spent >= next_trial {
             let found =
@@ -145,7 +150,8 @@ pub(crate) fn augmented<O: Operator>(set: &Setting<O>, early: bool, budget: &mut
         }
         mu = next;
     }
-    best
+    let last = if super::threshold::normalise(&mut point.w) { point.w } else { best.weights.clone() };
+    (best, last)
 }
 
 /// Passes the active set method is expected to take: a factor, and steps, one sample each.

@@ -7,6 +7,8 @@ use std::ops::Range;
 
 use faer::{MatMut, MatRef};
 
+use crate::error::try_zeros;
+
 /// Rows of one panel.
 pub(crate) const PANEL: usize = 128;
 
@@ -17,14 +19,13 @@ pub(crate) struct Triangle {
 }
 
 impl Triangle {
-    pub fn zeros(size: usize) -> Self {
-        let panels = (0..size.div_ceil(PANEL))
-            .map(|p| {
-                let rows = rows(size, p);
-                vec![0.0; rows.len() * rows.end]
-            })
-            .collect();
-        Self { panels, size }
+    /// `None` if there is no memory for it.
+    pub fn zeros(size: usize) -> Option<Self> {
+        let panel = |p| {
+            let rows = rows(size, p);
+            try_zeros("a Cholesky factor", rows.len() * rows.end).ok()
+        };
+        Some(Self { panels: (0..size.div_ceil(PANEL)).map(panel).collect::<Option<_>>()?, size })
     }
 
     pub fn size(&self) -> usize {

@@ -229,6 +229,32 @@ fn corner_cases() {
 }
 
 #[test]
+fn two_realizations_per_dimension_are_solved() {
+    // The support is a nearly square random matrix; feasible and infeasible instances, by conjugate gradients and by factors.
+    let mut phases = Vec::new();
+    for seed in 0..12 {
+        let s = optimal(&Instance::gaussian(20, 700 + 10 * seed as usize, seed), "two per dimension");
+        phases.push(s.info.phase);
+    }
+    assert!(phases.contains(&Phase::ActiveSet) && phases.contains(&Phase::Direct), "{phases:?}");
+}
+
+#[test]
+fn a_time_limit_holds_where_factors_take_long() {
+    // A factor of 2430 rows takes 0.1 s, the whole solve several seconds.
+    let x = Instance::gaussian(50, 4900, 1);
+    for seconds in [0.05, 0.4] {
+        let limit = Duration::from_secs_f64(seconds);
+        let start = std::time::Instant::now();
+        let s = x.solve(&Options { time_limit: Some(limit), ..Options::default() });
+        assert!(start.elapsed() < limit + Duration::from_secs(1), "{:?}", start.elapsed());
+        assert_eq!(s.status, Status::UserLimit);
+        let (f, gap) = recompute(&x, &s.weights, false);
+        assert!((f - s.objective).abs() <= 1e-12 * f && (gap - s.gap).abs() <= 1e-9 * gap);
+    }
+}
+
+#[test]
 fn a_tolerance_below_rounding_is_reported_as_missed() {
     // tol ||t||^2 = 1e-29 sum g^2: the rounding of the weights' sum alone moves the gap by 1e-16 sum g^2 (for some seeds to zero)
     let mut x = Instance::gaussian(6, 40, 4);

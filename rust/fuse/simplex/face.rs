@@ -1,0 +1,238 @@
+//! A face of the homogenised problem with the Cholesky factor of an earlier one.
+//!
+//! The factor belongs to the face `F0`. Each change since borders the system, `H_0 x + B y = b`, `B^T x + C y = c`:
+//!
+//! * a sample that entered brings its column of `H` (and `C` the block among those that entered);
+//! * a sample that left brings a unit vector: its weight must not change.
+//!
+//! With `U = H_0^{-1} B` and `C - B^T U` kept, a change costs one solve with the factor and one new row. The right side costs none:
+//! a step of length `t` along the Newton direction scales the gradient on the face by `1 - t`.
+
+use super::budget::Budget;
+use super::factor::{Factor, LARGEST_FACTOR};
+use super::hessian::Hessian;
+use super::operator::Operator;
+use super::vector::{axpy, dot};
+
+/// Steps after which the gradient is no longer scaled but solved for.
+const REUSE: usize = 10;
+
+/// One change since the factor was computed.
+struct Border {
+    kind: Kind,
+    /// `U`'s column: `H_0^{-1} b`
+    solved: Vec<f64>,
+    /// Row of `C - B^T U`, up to this border.
+    schur: Vec<f64>,
+}
+
+enum Kind {
+    /// The member at this place of `F0` has left.
+    Left(usize),
+    /// This sample has entered: its column of `H` on `F0`, and `E - q`.
+    Entered { sample: usize, column: Vec<f64>, image: Vec<f64> },
+}
+
+/// A face with its bordered factor.
+pub(crate) struct Face<'a, O: Operator> {
+    op: &'a O,
+    q: &'a [f64],
+    kappa: f64,
+    factor: Factor,
+    members: Vec<usize>,
+    borders: Vec<Border>,
+    /// `H_0^{-1} (-g)`, kept while it can be scaled from step to step, and for how many steps it has been.
+    plain: Option<(Vec<f64>, usize)>,
+}
+
+impl<'a, O: Operator> Face<'a, O> {
+    /// The face of the samples `free`; `None` if it is too large or cannot be factored, or a limit is reached.
+    pub fn new(
+        op: &'a O,
+        q: &'a [f64],
+        kappa: f64,
+        images: &[f64],
+        free: &[bool],
+        budget: &mut Budget,
+    ) -> Option<Self> {
+        let members: Vec<usize> = (0..free.len()).filter(|&i| free[i]).collect();
+        if members.len() > LARGEST_FACTOR {
+            return None;
+        }
+        let sub = op.subset(&members);
+        let images: Vec<f64> = members.iter().map(|&i| images[i]).collect();
+        let factor = Hessian { sub: &sub, q, kappa }.factor(&images, dot(q, q), budget)?;
+        Some(Self { op, q, kappa, factor, members, borders: Vec::new(), plain: None })
+    }
+
+    /// How many changes since the factor was computed.
+    pub fn changes(&self) -> usize {
+        self.borders.len()
+    }
+
+    /// Takes a sample out of the face.
+    pub fn leave(&mut self, sample: usize) {
+        if let Some(k) =
+            self.borders.iter().position(|b| matches!(&b.kind, Kind::Entered { sample: s, .. } if *s == sample))
+        {
+            self.remove(k);
+        } else if let Ok(place) = self.members.binary_search(&sample) {
+            let mut solved = vec![0.0; self.members.len()];
+            solved[place] = 1.0;
+            self.factor.solve(&mut solved);
+            self.border(Kind::Left(place), solved);
+        }
+    }
+
+    /// Lets a sample in.
+    pub fn enter(&mut self, sample: usize, budget: &mut Budget) {
+        if let Ok(place) = self.members.binary_search(&sample) {
+            if let Some(k) = self.borders.iter().position(|b| matches!(b.kind, Kind::Left(p) if p == place)) {
+                self.remove(k);
+            }
+            // Its gradient was not followed while it was out.
+            self.plain = None;
+            return;
+        }
+        // H_ia = <E_i - q, E_a - q> + kappa
+        let n = self.op.size();
+        let mut unit = vec![0.0; n];
+        unit[sample] = 1.0;
+        let mut image = vec![0.0; self.q.len()];
+        self.op.apply(&unit, &mut image);
+        axpy(-1.0, self.q, &mut image);
+        let mut values = vec![0.0; n];
+        self.op.apply_transpose(&image, &mut values);
+        budget.charge(1, n, self.op.entries());
+        let constant = self.kappa - dot(self.q, &image);
+        let column: Vec<f64> = self.members.iter().map(|&i| values[i] + constant).collect();
+        let mut solved = column.clone();
+        self.factor.solve(&mut solved);
+        self.border(Kind::Entered { sample, column, image }, solved);
+    }
+
+    fn border(&mut self, kind: Kind, solved: Vec<f64>) {
+        // Row of C - B^T U against the borders before, and itself
+        let mut schur: Vec<f64> =
+            self.borders.iter().map(|b| coupling(&kind, &b.kind, &b.solved, self.kappa)).collect();
+        schur.push(coupling(&kind, &kind, &solved, self.kappa));
+        self.borders.push(Border { kind, solved, schur });
+    }
+
+    fn remove(&mut self, k: usize) {
+        self.borders.remove(k);
+        for border in &mut self.borders[k..] {
+            border.schur.remove(k);
+        }
+    }
+
+    /// A step of this length along `p` leaves `(1 - length) g`, exactly in theory; in the end, and now and then, from scratch.
+    pub fn stepped(&mut self, length: f64) {
+        self.plain = self.plain.take().filter(|(_, age)| length < 1.0 && *age < REUSE).map(|(mut x, age)| {
+            for v in &mut x {
+                *v *= 1.0 - length;
+            }
+            (x, age + 1)
+        });
+    }
+
+    /// `H_FF p = -g` on the present face; `p` is zero elsewhere.
+    pub fn newton(&mut self, gradient: &[f64], p: &mut [f64]) -> bool {
+        let c = self.borders.len();
+        let (x, age) = match self.plain.take() {
+            Some(kept) => kept,
+            None => {
+                let mut x: Vec<f64> = self.members.iter().map(|&i| -gradient[i]).collect();
+                for border in &self.borders {
+                    if let Kind::Left(place) = border.kind {
+                        x[place] = 0.0;
+                    }
+                }
+                self.factor.solve(&mut x);
+                (x, 0)
+            }
+        };
+        // (C - B^T U) y = c - B^T x
+        let mut matrix = vec![0.0; c * c];
+        let mut y = vec![0.0; c];
+        for (k, row) in self.borders.iter().enumerate() {
+            for (l, v) in row.schur.iter().enumerate() {
+                matrix[k * c + l] = *v;
+                matrix[l * c + k] = *v;
+            }
+            y[k] = -against(&row.kind, &x);
+            if let Kind::Entered { sample, .. } = row.kind {
+                y[k] -= gradient[sample];
+            }
+        }
+        if !eliminate(&mut matrix, &mut y) {
+            return false;
+        }
+        p.fill(0.0);
+        for (&i, x) in self.members.iter().zip(&x) {
+            p[i] = *x;
+        }
+        for (border, y) in self.borders.iter().zip(&y) {
+            for (&i, u) in self.members.iter().zip(&border.solved) {
+                p[i] -= y * u;
+            }
+        }
+        for (border, y) in self.borders.iter().zip(&y) {
+            match border.kind {
+                Kind::Left(place) => p[self.members[place]] = 0.0,
+                Kind::Entered { sample, .. } => p[sample] = *y,
+            }
+        }
+        self.plain = Some((x, age));
+        p.iter().all(|v| v.is_finite())
+    }
+}
+
+/// `b^T x`
+fn against(kind: &Kind, x: &[f64]) -> f64 {
+    match kind {
+        Kind::Left(place) => x[*place],
+        Kind::Entered { column, .. } => dot(column, x),
+    }
+}
+
+/// Entry of `C - B^T U` for two borders, `solved` belonging to the second.
+fn coupling(row: &Kind, column: &Kind, solved: &[f64], kappa: f64) -> f64 {
+    let mut value = -against(row, solved);
+    if let (Kind::Entered { image: a, sample: s, .. }, Kind::Entered { image: b, sample: t, .. }) = (row, column) {
+        let lift = if s == t { 1e-13 * dot(a, a) } else { 0.0 };
+        value += dot(a, b) + kappa + lift;
+    }
+    value
+}
+
+/// Gaussian elimination with partial pivoting, `y <- M^{-1} y`; `false` if singular.
+fn eliminate(matrix: &mut [f64], y: &mut [f64]) -> bool {
+    let n = y.len();
+    for k in 0..n {
+        let pivot = (k..n).max_by(|&a, &b| matrix[a * n + k].abs().total_cmp(&matrix[b * n + k].abs())).unwrap_or(k);
+        if matrix[pivot * n + k] == 0.0 {
+            return false;
+        }
+        if pivot != k {
+            for c in 0..n {
+                matrix.swap(k * n + c, pivot * n + c);
+            }
+            y.swap(k, pivot);
+        }
+        let (above, below) = matrix.split_at_mut((k + 1) * n);
+        let top = &above[k * n..];
+        for (i, row) in below.chunks_exact_mut(n).enumerate() {
+            let factor = row[k] / top[k];
+            if factor != 0.0 {
+                axpy(-factor, &top[k + 1..], &mut row[k + 1..]);
+                y[k + 1 + i] -= factor * y[k];
+            }
+        }
+    }
+    for k in (0..n).rev() {
+        let row = &matrix[k * n..(k + 1) * n];
+        y[k] = (y[k] - dot(&row[k + 1..], &y[k + 1..])) / row[k];
+    }
+    true
+}

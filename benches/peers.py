@@ -233,6 +233,31 @@ def numba_stream() -> Callable[..., np.ndarray] | None:
         return None
 
     @numba.njit(fastmath=False)
+    def vector_step(
+        F: np.ndarray,
+        g: float,
+        w: np.ndarray,
+        table: np.ndarray,
+        alias: np.ndarray,
+        ff: float,
+        fa: float,
+    ) -> tuple[float, int, float, float, float]:
+        i = np.random.randint(len(table))  # noqa: NPY002 (Numba's own generator)
+        if np.random.random() >= table[i]:  # noqa: NPY002
+            i = alias[i]
+        e = g * np.sign(w[i])
+        fe, ae = F[i] * e, w[i] * e
+        den = ff - 2.0 * fe + e * e
+        t = min(max((ae - fa - fe + ff) / den, 0.0), 1.0) if den > 0.0 else 0.0
+        if t > 0.0:
+            u = 1.0 - t
+            for k in range(len(F)):
+                F[k] *= u
+            F[i] += t * e
+            ff, fa = u * u * ff + 2.0 * u * t * fe + t * t * e * e, u * fa + t * ae
+        return t, i, e, ff, fa
+
+    @numba.njit(fastmath=False)
     def run(
         A: np.ndarray,
         x0: np.ndarray,
@@ -265,33 +290,17 @@ def numba_stream() -> Callable[..., np.ndarray] | None:
         c = 1.0
         ff0, fa0, fff, faf = np.sum(F0 * F0), np.sum(F0 * x0), np.sum(Ff * Ff), np.sum(Ff * xf)
         ffA, faA = np.sum(FA * FA), np.sum(FA * AT)
-        cells0, cellsA = t0.shape[1], tA.shape[1]
+        cellsA = tA.shape[1]
         for s in range(steps):
             slot = np.random.randint(3)  # noqa: NPY002
-            if slot < 2:
-                table, alias, w = (t0, a0, x0) if slot == 0 else (tf, af, xf)
-                F, g = (F0, g0) if slot == 0 else (Ff, gf)
-                ff, fa = (ff0, fa0) if slot == 0 else (fff, faf)
-                i = np.random.randint(cells0)  # noqa: NPY002
-                if np.random.random() >= table[0, i]:  # noqa: NPY002
-                    i = alias[0, i]
-                e = g * np.sign(w[i])
-                fe, ae = F[i] * e, w[i] * e
-                den = ff - 2.0 * fe + e * e
-                t = min(max((ae - fa - fe + ff) / den, 0.0), 1.0) if den > 0.0 else 0.0
+            if slot == 0:
+                t, i, e, ff0, fa0 = vector_step(F0, g0, x0, t0[0], a0[0], ff0, fa0)
                 if t > 0.0:
-                    u = 1.0 - t
+                    d = t * e * c
                     for k in range(n):
-                        F[k] *= u
-                    F[i] += t * e
-                    ff, fa = u * u * ff + 2.0 * u * t * fe + t * t * e * e, u * fa + t * ae
-                    if slot == 0:
-                        ff0, fa0 = ff, fa
-                        d = t * e * c
-                        for k in range(n):
-                            y[k] = u * y[k] + d * FA[i, k]
-                    else:
-                        fff, faf = ff, fa
+                        y[k] = (1.0 - t) * y[k] + d * FA[i, k]
+            elif slot == 1:
+                t, i, e, fff, faf = vector_step(Ff, gf, xf, tf[0], af[0], fff, faf)
             else:
                 fe, ae = 0.0, 0.0
                 for j in range(n):

@@ -222,6 +222,7 @@ import numpy as np
 import stochens_rs as se
 
 faulthandler.dump_traceback_later(40, exit=True)  # says where, should a signal get lost
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
 
 def interrupt_after(seconds):
     threading.Timer(seconds, os.kill, (os.getpid(), signal.SIGINT)).start()

@@ -28,6 +28,7 @@
 pub mod control;
 mod error;
 pub mod fuse;
+mod pages;
 mod parallel;
 #[cfg(feature = "python")]
 #[allow(missing_docs, reason = "the Python side is documented in the package")]

@@ -5,8 +5,13 @@
 //! distribution is known exactly: it differs from `|w| / ||w||_1` by at most `1/T` per component plus the rounding of the
 //! cumulative sums.
 
+use super::singletons::Index;
+
 /// The coin's range: a cell is split between itself and its alias in units of `2^-32`.
 const COIN: u64 = 1 << 32;
+
+/// Words treated together where the processor has no wide registers.
+const BLOCK: usize = 256;
 
 /// A categorical distribution over the components of one line.
 #[derive(Debug, Clone, PartialEq)]
@@ -21,24 +26,34 @@ impl AliasTable {
     ///
     /// The weights must be finite and their sum of magnitudes too (a [`super::Law`] has checked that).
     pub fn new(weights: &[f64]) -> Option<Self> {
-        let cells = weights.len().next_power_of_two();
-        let mut mass = integer_masses(weights, cells as u64 * COIN)?;
-        mass.resize(cells, 0);
-        let mut table = vec![0u64; cells];
-        let (mut small, mut large): (Vec<usize>, Vec<usize>) = (0..cells).partition(|&i| mass[i] < COIN);
+        let mut cells = integer_masses(weights)?;
+        let count = cells.len();
+        // Two stacks in one array: the cells below COIN from its front, the others from its back.
+        let mut order = vec![0u32; count];
+        let (mut small, mut large) = (0, 0);
+        for (i, &mass) in cells.iter().enumerate() {
+            // both places are free; a branch here would be guessed wrong half of the time
+            order[small] = i as u32;
+            order[count - 1 - large] = i as u32;
+            small += usize::from(mass < COIN);
+            large += usize::from(mass >= COIN);
+        }
         // The masses add up to cells * COIN: while a cell is below COIN, another is above.
-        while let (Some(s), Some(&l)) = (small.pop(), large.last()) {
-            table[s] = mass[s] << 32 | l as u64;
-            mass[l] -= COIN - mass[s];
-            if mass[l] < COIN {
-                large.pop();
-                small.push(l);
-            }
+        while small > 0 && large > 0 {
+            let (s, l) = (order[small - 1] as usize, order[count - large] as usize);
+            let mass = cells[s];
+            cells[s] = mass << 32 | l as u64;
+            let rest = cells[l] - (COIN - mass);
+            cells[l] = rest;
+            // a large cell that has become small takes the place of the one just filled
+            order[small - 1] = l as u32;
+            small -= usize::from(rest >= COIN);
+            large -= usize::from(rest < COIN);
         }
-        for l in large {
-            table[l] = l as u64; // a full cell is its own alias, whatever the coin says
+        for &l in &order[count - large..] {
+            cells[l as usize] = l.into(); // a full cell is its own alias, whatever the coin says
         }
-        Some(Self { mask: cells as u64 - 1, cells: table })
+        Some(Self { mask: count as u64 - 1, cells })
     }
 
     /// The index for one uniform word: its low bits choose the cell, its high half is the coin.
@@ -48,6 +63,29 @@ impl AliasTable {
         let entry = self.cells[cell as usize];
         // a coin: the branch predictor would lose half of the tosses
         std::hint::select_unpredictable(word >> 32 < entry >> 32, cell as u32, entry as u32)
+    }
+
+    /// [`AliasTable::draw`] for every word: `out[i]` is the index of `words[i]`.
+    pub(crate) fn draw_all<I: Index>(&self, words: &[u64], out: &mut [I]) {
+        #[cfg(target_arch = "x86_64")]
+        let done = crate::wide::lookup(&self.cells, words, out, I::new);
+        #[cfg(not(target_arch = "x86_64"))]
+        let done = 0;
+        self.draw_all_portable(&words[done..], &mut out[done..]);
+    }
+
+    /// First the loads, then the tosses: a loop that does both ends in branches, or in moves that wait for the loads.
+    fn draw_all_portable<I: Index>(&self, words: &[u64], out: &mut [I]) {
+        let mut entries = [0u64; BLOCK];
+        for (words, out) in words.chunks(BLOCK).zip(out.chunks_mut(BLOCK)) {
+            for (entry, &word) in entries.iter_mut().zip(words) {
+                *entry = self.cells[(word & self.mask) as usize];
+            }
+            for ((index, &word), &entry) in out.iter_mut().zip(words).zip(&entries) {
+                let keep = ((word >> 32) as u32) < (entry >> 32) as u32;
+                *index = I::new(if keep { (word & self.mask) as u32 } else { entry as u32 });
+            }
+        }
     }
 
     /// The exact probability of every component, as integers that add up to `2^32` times the number of cells.
@@ -71,34 +109,29 @@ impl AliasTable {
     }
 }
 
-/// `round(T cum_i / cum_n) - round(T cum_{i-1} / cum_n)`: integer masses with the exact sum `T`, zero for zeros.
-fn integer_masses(weights: &[f64], total: u64) -> Option<Vec<u64>> {
-    let cumulative = cumulative(weights);
-    let last = *cumulative.last().filter(|&&last| last > 0.0)?;
-    let mut previous = 0;
-    let round = |c: f64| (total as f64 * (c / last) + 0.5).floor() as u64;
-    Some(
-        cumulative
-            .iter()
-            .map(|&c| {
-                let below = previous;
-                previous = round(c).min(total);
-                previous - below
-            })
-            .collect(),
-    )
+/// `round(T cum_i / cum_n) - round(T cum_{i-1} / cum_n)` with `T` of `2^k >= n` cells: integers with the exact sum `T`,
+/// zero for zeros and for the cells beyond `n`.
+fn integer_masses(weights: &[f64]) -> Option<Vec<u64>> {
+    let last = running_sums(weights).last().filter(|&last| last > 0.0)?;
+    let mut masses = vec![0; weights.len().next_power_of_two()];
+    crate::pages::advise(&mut masses);
+    let total = masses.len() as u64 * COIN;
+    let mut below = 0;
+    for (mass, c) in masses.iter_mut().zip(running_sums(weights)) {
+        // a cast rounds down
+        let upper = ((total as f64 * (c / last) + 0.5) as u64).min(total);
+        *mass = upper - below;
+        below = upper;
+    }
+    Some(masses)
 }
 
 /// Running sums of the magnitudes, from left to right.
-pub(super) fn cumulative(weights: &[f64]) -> Vec<f64> {
-    let mut sum = 0.0;
-    weights
-        .iter()
-        .map(|w| {
-            sum += w.abs();
-            sum
-        })
-        .collect()
+pub(super) fn running_sums(weights: &[f64]) -> impl Iterator<Item = f64> {
+    weights.iter().scan(0.0, |sum, w| {
+        *sum += w.abs();
+        Some(*sum)
+    })
 }
 
 #[cfg(test)]
@@ -116,7 +149,8 @@ mod tests {
             (1..=300).map(|i| 1.0 / f64::from(i)).collect(),
         ] {
             let cells = weights.len().next_power_of_two() as u64;
-            let wanted = integer_masses(&weights, cells * COIN).unwrap();
+            let mut wanted = integer_masses(&weights).unwrap();
+            wanted.truncate(weights.len());
             let table = AliasTable::new(&weights).unwrap();
             assert_eq!(table.masses(weights.len()), wanted);
             assert_eq!(wanted.iter().sum::<u64>(), cells * COIN);
@@ -127,6 +161,40 @@ mod tests {
                 assert!(*w != 0.0 || *m == 0);
             }
         }
+    }
+
+    #[test]
+    fn many_words_at_once_give_the_indices_of_one_at_a_time() {
+        for n in [1, 2, 3, 10, 16, 17, 100, 256, 257, 1000, 70_000] {
+            let weights: Vec<f64> = (0..n).map(|i| if i % 5 == 4 { 0.0 } else { 1.0 + (37 * i % 101) as f64 }).collect();
+            let table = AliasTable::new(&weights).unwrap();
+            let mut words = vec![0; 1000];
+            crate::stream::Key([n as u8; 32]).lanes(n, 0).fill(&mut words);
+            // the coin's edges: equal to a threshold, one below it, and the ends of its range
+            for (at, word) in words.iter_mut().enumerate().take(200) {
+                let threshold = table.cells[(*word & table.mask) as usize] >> 32;
+                let coin = [threshold, threshold.saturating_sub(1), 0, COIN - 1, 1 << 31][at % 5];
+                *word = coin << 32 | (*word & (COIN - 1));
+            }
+            for len in [0, 1, 7, 8, 31, 32, 33, 71, 999, 1000] {
+                check::<u32>(&table, &words[..len]);
+                if n <= 1 << 16 {
+                    check::<u16>(&table, &words[..len]);
+                }
+                if n <= 1 << 8 {
+                    check::<u8>(&table, &words[..len]);
+                }
+            }
+        }
+    }
+
+    fn check<I: Index + PartialEq + std::fmt::Debug>(table: &AliasTable, words: &[u64]) {
+        let expected: Vec<I> = words.iter().map(|&word| I::new(table.draw(word))).collect();
+        let (mut any, mut portable) = (vec![I::default(); words.len()], vec![I::default(); words.len()]);
+        table.draw_all(words, &mut any);
+        table.draw_all_portable(words, &mut portable);
+        assert_eq!(any, expected);
+        assert_eq!(portable, expected);
     }
 
     #[test]

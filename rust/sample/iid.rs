@@ -10,35 +10,63 @@ use crate::stream::{CHUNK, Key, Lanes};
 /// Samples treated line by line before the next ones, so that their part of the output stays in the cache.
 const BLOCK: usize = 1024;
 
+/// Lines that are drawn before their indices are dealt out to the samples: one store of a few bytes, not one per line.
+const GROUP: usize = 8;
+
+/// The indices of [`GROUP`] lines in [`BLOCK`] samples, line by line.
+type Tile<I> = [[I; BLOCK]; GROUP];
+
 /// Fills `out` (`size * lines` indices): index `(i, j)` is draw `i` of line `j`.
 pub(super) fn fill<I: Index>(law: &Law, key: &Key, out: &mut [I], threads: usize, stop: &Stop) -> Result<()> {
     let lines = law.lines();
     let tables: Vec<_> =
         (0..lines).map(|j| stop.check().map(|()| AliasTable::new(law.line(j)))).collect::<Result<_>>()?;
     for_each_chunk(out.chunks_mut(CHUNK * lines).enumerate(), threads, stop, |(chunk, out)| {
-        // A zero line has no table: its index stays 0, where its value is 0.
-        let mut drawn: Vec<(usize, &AliasTable, Lanes)> = tables
+        // a zero line has no table: its index is 0, where its value is 0
+        let mut drawn: Vec<Option<(&AliasTable, Lanes)>> = tables
             .iter()
             .enumerate()
-            .filter_map(|(j, table)| table.as_ref().map(|table| (j, table, key.lanes(j, chunk))))
+            .map(|(j, table)| table.as_ref().map(|table| (table, key.lanes(j, chunk))))
             .collect();
-        let mut words = [0u64; BLOCK];
+        let mut tile: Tile<I> = [[I::default(); BLOCK]; GROUP];
         for block in out.chunks_mut(BLOCK * lines) {
             stop.check()?;
-            let words = &mut words[..block.len() / lines];
-            for (j, table, lanes) in &mut drawn {
-                lanes.fill(words);
-                if lines == 1 {
-                    for (index, &word) in block.iter_mut().zip(words.iter()) {
-                        *index = I::new(table.draw(word));
-                    }
-                } else {
-                    for (sample, &word) in block.chunks_exact_mut(lines).zip(words.iter()) {
-                        sample[*j] = I::new(table.draw(word));
-                    }
-                }
+            if let [line] = &mut drawn[..] {
+                draw(line, block);
+                continue;
+            }
+            let size = block.len() / lines;
+            for (group, drawn) in drawn.chunks_mut(GROUP).enumerate() {
+                drawn.iter_mut().zip(&mut tile).for_each(|(line, row)| draw(line, &mut row[..size]));
+                deal(&tile, drawn.len(), block, lines, GROUP * group);
             }
         }
         Ok(())
     })
+}
+
+/// The next indices of one line, at most [`BLOCK`] of them.
+fn draw<I: Index>(line: &mut Option<(&AliasTable, Lanes)>, out: &mut [I]) {
+    let Some((table, lanes)) = line else { return out.fill(I::default()) };
+    let mut words = [0u64; BLOCK];
+    let words = &mut words[..out.len()];
+    lanes.fill(words);
+    table.draw_all(words, out);
+}
+
+/// Gives every sample of `block` (`lines` indices each) its indices of the `count` lines from `first` on.
+fn deal<I: Index>(tile: &Tile<I>, count: usize, block: &mut [I], lines: usize, first: usize) {
+    let samples = block.chunks_exact_mut(lines).map(|sample| &mut sample[first..first + count]);
+    if count == GROUP {
+        for (at, sample) in (0..BLOCK).zip(samples) {
+            // the length known: eight stores side by side
+            if let Some(sample) = sample.first_chunk_mut::<GROUP>() {
+                *sample = std::array::from_fn(|j| tile[j][at]);
+            }
+        }
+    } else {
+        for (at, sample) in (0..BLOCK).zip(samples) {
+            sample.iter_mut().zip(tile).for_each(|(index, row)| *index = row[at]);
+        }
+    }
 }

@@ -60,13 +60,15 @@ impl Indices {
     /// `len` zeros of the width that lines of `length` entries need.
     pub fn zeros(length: usize, len: usize) -> Result<Self> {
         const WHAT: &str = "the indices of a sample";
-        Ok(if length <= 1 << 8 {
+        let mut indices = if length <= 1 << 8 {
             Self::U8(try_zeros(WHAT, len)?)
         } else if length <= 1 << 16 {
             Self::U16(try_zeros(WHAT, len)?)
         } else {
             Self::U32(try_zeros(WHAT, len)?)
-        })
+        };
+        with_indices!(&mut indices, memory => crate::pages::advise(memory));
+        Ok(indices)
     }
 
     /// How many indices there are.

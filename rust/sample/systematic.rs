@@ -7,7 +7,7 @@
 
 use rand::Rng;
 
-use super::categorical::cumulative;
+use super::categorical::running_sums;
 use super::law::Law;
 use super::singletons::Index;
 use crate::error::{Result, try_zeros};
@@ -18,7 +18,7 @@ use crate::stream::{Key, Purpose};
 pub fn systematic_counts(law: &Law, size: u64, key: &Key) -> Vec<u64> {
     let mut counts = Vec::with_capacity(law.values().len());
     for j in 0..law.lines() {
-        let cumulative = cumulative(law.line(j));
+        let cumulative: Vec<f64> = running_sums(law.line(j)).collect();
         let last = cumulative[law.length() - 1];
         // 53 bits, as every uniform double in [0, 1)
         let offset = (key.stream(Purpose::Offset, j).next_u64() >> 11) as f64 * 2f64.powi(-53);

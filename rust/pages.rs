@@ -1,30 +1,258 @@
-//! Large pages for large results: a fresh page costs the system about as much as filling it costs the sampler.
+//! Memory for large results: zeros that come from the system in large pages.
+//!
+//! A fresh page of 4 KiB costs the system about as much as filling it costs the sampler; one of 2 MiB costs a tenth for
+//! the same bytes. Large pages need a place of their own, which the allocator does not give; where there are none
+//! (small results, other systems, other settings of the system) this is a plain vector or plain pages. As an allocator
+//! would, it keeps a little of what is given back, for the next sample of the same size.
 
-#![allow(unsafe_code, reason = "one call to the system, which changes no byte of the memory it is told about")]
+#![allow(unsafe_code, reason = "pages are had from the system, by two calls, and given back by a third")]
 
-/// Asks for large pages where a result begins to need many (the system hands out pages of 2 MiB, or of 4 KiB).
-const MANY: usize = 4 << 20;
+use crate::error::{Result, try_zeros};
 
-/// Tells the system that `memory`, not written so far, will be filled as a whole. Only advice: it may be ignored.
-#[cfg(target_os = "linux")]
-pub(crate) fn advise<T>(memory: &mut [T]) {
-    use std::ffi::{c_int, c_void};
-    unsafe extern "C" {
-        fn madvise(address: *mut c_void, length: usize, advice: c_int) -> c_int;
-    }
-    const MADV_HUGEPAGE: c_int = 14;
-    const PAGE: usize = 1 << 16; // the largest page of any supported processor: an address has to be a multiple
-    let bytes = size_of_val(memory);
-    if bytes < MANY {
-        return;
-    }
-    let start = memory.as_mut_ptr().cast::<u8>();
-    let skip = start.align_offset(PAGE);
-    // SAFETY: skip < PAGE < bytes, hence the range lies inside `memory`, which is borrowed for the call; this advice changes
-    // neither contents nor validity of any address, and an error (an old system) leaves all as it was.
-    unsafe { madvise(start.add(skip).cast(), bytes - skip, MADV_HUGEPAGE) };
+/// Types for which any bytes, zeros in particular, are a value.
+pub trait Plain: Copy + Default + Send + Sync + 'static {}
+impl Plain for u8 {}
+impl Plain for u16 {}
+impl Plain for u32 {}
+impl Plain for u64 {}
+
+/// A fixed number of values; made of a vector, or of zeros.
+pub struct Buffer<T: Plain>(Memory<T>);
+
+enum Memory<T: Plain> {
+    Vector(Vec<T>),
+    #[cfg(all(target_os = "linux", target_pointer_width = "64"))]
+    Pages(linux::Pages<T>),
 }
 
-/// Tells the system that `memory`, not written so far, will be filled as a whole. Only advice: it may be ignored.
-#[cfg(not(target_os = "linux"))]
-pub(crate) fn advise<T>(_: &mut [T]) {}
+impl<T: Plain> Buffer<T> {
+    /// `len` zeros.
+    ///
+    /// # Errors
+    /// [`crate::Error::Memory`] if they cannot be had.
+    pub(crate) fn zeros(what: &'static str, len: usize) -> Result<Self> {
+        #[cfg(all(target_os = "linux", target_pointer_width = "64"))]
+        if let Some(pages) = linux::Pages::zeros(len) {
+            return Ok(Self(Memory::Pages(pages)));
+        }
+        try_zeros(what, len).map(|zeros| Self(Memory::Vector(zeros)))
+    }
+
+    /// `len` zeros; like `vec![0; len]` it ends the process where they cannot be had.
+    pub(crate) fn zeros_or_abort(len: usize) -> Self {
+        Self::zeros("", len).unwrap_or_else(|_| vec![T::default(); len].into())
+    }
+}
+
+impl<T: Plain> From<Vec<T>> for Buffer<T> {
+    fn from(values: Vec<T>) -> Self {
+        Self(Memory::Vector(values))
+    }
+}
+
+impl<T: Plain> std::ops::Deref for Buffer<T> {
+    type Target = [T];
+
+    fn deref(&self) -> &[T] {
+        match &self.0 {
+            Memory::Vector(values) => values,
+            #[cfg(all(target_os = "linux", target_pointer_width = "64"))]
+            Memory::Pages(pages) => pages.values(),
+        }
+    }
+}
+
+impl<T: Plain> std::ops::DerefMut for Buffer<T> {
+    fn deref_mut(&mut self) -> &mut [T] {
+        match &mut self.0 {
+            Memory::Vector(values) => values,
+            #[cfg(all(target_os = "linux", target_pointer_width = "64"))]
+            Memory::Pages(pages) => pages.values_mut(),
+        }
+    }
+}
+
+impl<T: Plain> Clone for Buffer<T> {
+    fn clone(&self) -> Self {
+        self.to_vec().into()
+    }
+}
+
+impl<T: Plain + PartialEq> PartialEq for Buffer<T> {
+    fn eq(&self, other: &Self) -> bool {
+        **self == **other
+    }
+}
+
+impl<T: Plain + Eq> Eq for Buffer<T> {}
+
+impl<T: Plain + std::fmt::Debug> std::fmt::Debug for Buffer<T> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        (**self).fmt(f)
+    }
+}
+
+#[cfg(all(target_os = "linux", target_pointer_width = "64"))]
+mod linux {
+    use std::ffi::{c_int, c_long, c_void};
+    use std::marker::PhantomData;
+    use std::ptr::NonNull;
+    use std::sync::Mutex;
+
+    use super::Plain;
+
+    /// Bytes of a large page, and the smallest result that is worth one.
+    const LARGE: usize = 2 << 20;
+    const WORTH: usize = LARGE / 4;
+
+    // the same on every 64-bit architecture of Rust's Linux targets but MIPS, which has no large pages to lose
+    const PROT_READ_WRITE: c_int = 1 | 2;
+    const MAP_PRIVATE_ANONYMOUS: c_int = 0x02 | 0x20;
+    const MADV_HUGEPAGE: c_int = 14;
+
+    unsafe extern "C" {
+        fn mmap(at: *mut c_void, len: usize, access: c_int, flags: c_int, file: c_int, offset: c_long) -> *mut c_void;
+        fn munmap(at: *mut c_void, len: usize) -> c_int;
+        fn madvise(at: *mut c_void, len: usize, advice: c_int) -> c_int;
+    }
+
+    /// Mappings that were given back, oldest first, at most [`KEEP`] bytes; only ever tried for, never waited for: the
+    /// process may have been forked while another thread held it.
+    static SPARE: Mutex<Vec<Mapping>> = Mutex::new(Vec::new());
+    const KEEP: usize = 32 << 20;
+
+    /// `bytes` bytes at `base` that nothing else knows: all of them initialized, for the system starts them as zeros.
+    struct Mapping {
+        base: NonNull<c_void>,
+        bytes: usize,
+    }
+
+    // SAFETY: the mapping is owned like the memory of a vector: plain bytes move and are shared between threads.
+    unsafe impl Send for Mapping {}
+    // SAFETY: as above; `&Mapping` gives access to nothing.
+    unsafe impl Sync for Mapping {}
+
+    impl Mapping {
+        fn new(bytes: usize) -> Option<Self> {
+            // SAFETY: a new private mapping, at a place the system chooses, touches nothing that exists.
+            let base = unsafe { mmap(std::ptr::null_mut(), bytes, PROT_READ_WRITE, MAP_PRIVATE_ANONYMOUS, -1, 0) };
+            if base.addr() == usize::MAX {
+                return None; // MAP_FAILED
+            }
+            NonNull::new(base).map(|base| Self { base, bytes })
+        }
+
+        /// One that was given back.
+        fn spare(bytes: usize) -> Option<Self> {
+            let mut spare = SPARE.try_lock().ok()?;
+            let at = spare.iter().position(|mapping| mapping.bytes == bytes)?;
+            Some(spare.remove(at))
+        }
+
+        /// Keeps it, in place of older ones, or gives it back to the system.
+        fn retire(self) {
+            if self.bytes > KEEP {
+                return;
+            }
+            if let Ok(mut spare) = SPARE.try_lock() {
+                spare.push(self);
+                while spare.iter().map(|mapping| mapping.bytes).sum::<usize>() > KEEP {
+                    drop(spare.remove(0));
+                }
+            }
+        }
+    }
+
+    impl Drop for Mapping {
+        fn drop(&mut self) {
+            // SAFETY: the whole mapping of `new`, given back once; whoever had access to it owned it and has given it up.
+            unsafe { munmap(self.base.as_ptr(), self.bytes) };
+        }
+    }
+
+    /// `len` values at `start`, inside a mapping of their own.
+    pub(super) struct Pages<T> {
+        mapping: Option<Mapping>, // taken when dropped
+        start: NonNull<T>,
+        len: usize,
+        values: PhantomData<T>,
+    }
+
+    // SAFETY: owned like a vector of plain `T`, which moves and is shared between threads.
+    unsafe impl<T: Plain> Send for Pages<T> {}
+    // SAFETY: as above; `&Pages` gives `&[T]` only.
+    unsafe impl<T: Plain> Sync for Pages<T> {}
+
+    impl<T: Plain> Pages<T> {
+        /// `len` zeros, or None where they are too few or the system has no such memory.
+        pub(super) fn zeros(len: usize) -> Option<Self> {
+            let used = len.checked_mul(size_of::<T>()).filter(|&used| used >= WORTH)?.checked_next_multiple_of(LARGE)?;
+            let bytes = used.checked_add(LARGE)?; // so that a multiple of LARGE with `used` bytes lies inside
+            if bytes > isize::MAX as usize {
+                return None;
+            }
+            let spare = Mapping::spare(bytes);
+            let used_before = spare.is_some();
+            let mapping = spare.or_else(|| Mapping::new(bytes))?;
+            let skip = mapping.base.addr().get().next_multiple_of(LARGE) - mapping.base.addr().get();
+            // SAFETY: skip < LARGE and skip + used <= bytes: inside the mapping.
+            let start = unsafe { mapping.base.byte_add(skip) };
+            let mut pages = Self { mapping: Some(mapping), start: start.cast(), len, values: PhantomData };
+            if used_before {
+                pages.values_mut().fill(T::default());
+            } else {
+                // SAFETY: the range lies in our mapping; the advice changes no contents, its refusal nothing at all.
+                unsafe { madvise(start.as_ptr(), used, MADV_HUGEPAGE) };
+            }
+            Some(pages)
+        }
+
+        pub(super) fn values(&self) -> &[T] {
+            // SAFETY: `len` values fit into the `used` bytes from `start` on, which is aligned to LARGE; the mapping is
+            // initialized, and any bytes are a value of plain `T`; it lives as long as `self`, and is written through `&mut self` only.
+            unsafe { std::slice::from_raw_parts(self.start.as_ptr(), self.len) }
+        }
+
+        pub(super) fn values_mut(&mut self) -> &mut [T] {
+            // SAFETY: as in `values`; `&mut self` makes the access exclusive.
+            unsafe { std::slice::from_raw_parts_mut(self.start.as_ptr(), self.len) }
+        }
+    }
+
+    impl<T> Drop for Pages<T> {
+        fn drop(&mut self) {
+            if let Some(mapping) = self.mapping.take() {
+                mapping.retire();
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn buffers_of_every_size_start_as_zeros_and_keep_what_is_written() {
+        for len in [0, 1, 1 << 10, (1 << 19) - 1, 1 << 19, (1 << 21) - 1, (1 << 21) + 1, 5_000_000] {
+            for _ in 0..3 {
+                let mut again = Buffer::<u16>::zeros("a test", len).unwrap(); // may have been another's before
+                assert!(again.len() == len && again.iter().all(|&v| v == 0));
+                again.fill(u16::MAX);
+            }
+            let mut buffer = Buffer::<u16>::zeros("a test", len).unwrap();
+            buffer.iter_mut().enumerate().for_each(|(at, v)| *v = at as u16);
+            let copy = std::thread::scope(|scope| scope.spawn(|| buffer.clone()).join().unwrap());
+            assert_eq!(copy, buffer);
+            drop(buffer);
+            assert!(copy.iter().enumerate().all(|(at, &v)| v == at as u16));
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_had_is_an_error() {
+        for len in [usize::MAX, usize::MAX / 4, isize::MAX as usize / 4, 1 << 50] {
+            assert!(matches!(Buffer::<u32>::zeros("a test", len), Err(crate::Error::Memory { what: "a test", .. })));
+        }
+    }
+}

@@ -6,6 +6,7 @@
 //! cumulative sums.
 
 use super::singletons::Index;
+use crate::pages::Buffer;
 
 /// The coin's range: a cell is split between itself and its alias in units of `2^-32`.
 const COIN: u64 = 1 << 32;
@@ -18,7 +19,7 @@ const BLOCK: usize = 256;
 pub struct AliasTable {
     mask: u64,
     /// `threshold << 32 | alias`
-    cells: Vec<u64>,
+    cells: Buffer<u64>,
 }
 
 impl AliasTable {
@@ -29,7 +30,7 @@ impl AliasTable {
         let mut cells = integer_masses(weights)?;
         let count = cells.len();
         // Two stacks in one array: the cells below COIN from its front, the others from its back.
-        let mut order = vec![0u32; count];
+        let mut order = Buffer::<u32>::zeros_or_abort(count);
         let (mut small, mut large) = (0, 0);
         for (i, &mass) in cells.iter().enumerate() {
             // both places are free; a branch here would be guessed wrong half of the time
@@ -111,10 +112,9 @@ impl AliasTable {
 
 /// `round(T cum_i / cum_n) - round(T cum_{i-1} / cum_n)` with `T` of `2^k >= n` cells: integers with the exact sum `T`,
 /// zero for zeros and for the cells beyond `n`.
-fn integer_masses(weights: &[f64]) -> Option<Vec<u64>> {
+fn integer_masses(weights: &[f64]) -> Option<Buffer<u64>> {
     let last = running_sums(weights).last().filter(|&last| last > 0.0)?;
-    let mut masses = vec![0; weights.len().next_power_of_two()];
-    crate::pages::advise(&mut masses);
+    let mut masses = Buffer::zeros_or_abort(weights.len().next_power_of_two());
     let total = masses.len() as u64 * COIN;
     let mut below = 0;
     for (mass, c) in masses.iter_mut().zip(running_sums(weights)) {
@@ -149,13 +149,12 @@ mod tests {
             (1..=300).map(|i| 1.0 / f64::from(i)).collect(),
         ] {
             let cells = weights.len().next_power_of_two() as u64;
-            let mut wanted = integer_masses(&weights).unwrap();
-            wanted.truncate(weights.len());
+            let wanted = &integer_masses(&weights).unwrap()[..weights.len()];
             let table = AliasTable::new(&weights).unwrap();
             assert_eq!(table.masses(weights.len()), wanted);
             assert_eq!(wanted.iter().sum::<u64>(), cells * COIN);
             let total: f64 = weights.iter().map(|w| w.abs()).sum();
-            for (w, m) in weights.iter().zip(&wanted) {
+            for (w, m) in weights.iter().zip(wanted) {
                 let p = w.abs() / total;
                 assert!((*m as f64 / (cells * COIN) as f64 - p).abs() <= 1e-9 / cells as f64 + 1e-15);
                 assert!(*w != 0.0 || *m == 0);

@@ -28,16 +28,17 @@ pub(super) fn fill<I: Index>(law: &Law, key: &Key, out: &mut [I], threads: usize
             .enumerate()
             .map(|(j, table)| table.as_ref().map(|table| (table, key.lanes(j, chunk))))
             .collect();
+        let mut words = [0u64; BLOCK];
         let mut tile: Tile<I> = [[I::default(); BLOCK]; GROUP];
         for block in out.chunks_mut(BLOCK * lines) {
             stop.check()?;
             if let [line] = &mut drawn[..] {
-                draw(line, block);
+                draw(line, &mut words, block);
                 continue;
             }
             let size = block.len() / lines;
             for (group, drawn) in drawn.chunks_mut(GROUP).enumerate() {
-                drawn.iter_mut().zip(&mut tile).for_each(|(line, row)| draw(line, &mut row[..size]));
+                drawn.iter_mut().zip(&mut tile).for_each(|(line, row)| draw(line, &mut words, &mut row[..size]));
                 deal(&tile, drawn.len(), block, lines, GROUP * group);
             }
         }
@@ -45,10 +46,9 @@ pub(super) fn fill<I: Index>(law: &Law, key: &Key, out: &mut [I], threads: usize
     })
 }
 
-/// The next indices of one line, at most [`BLOCK`] of them.
-fn draw<I: Index>(line: &mut Option<(&AliasTable, Lanes)>, out: &mut [I]) {
+/// The next indices of one line, at most [`BLOCK`] of them; `words` is room for their words.
+fn draw<I: Index>(line: &mut Option<(&AliasTable, Lanes)>, words: &mut [u64; BLOCK], out: &mut [I]) {
     let Some((table, lanes)) = line else { return out.fill(I::default()) };
-    let mut words = [0u64; BLOCK];
     let words = &mut words[..out.len()];
     lanes.fill(words);
     table.draw_all(words, out);

@@ -3,7 +3,8 @@
 use std::sync::Arc;
 
 use super::law::Law;
-use crate::error::{Error, Result, try_zeros};
+use crate::error::{Error, Result};
+use crate::pages::Buffer;
 use crate::parallel::Stop;
 
 /// Realizations between two looks at the stop flag: well below a millisecond per line.
@@ -37,11 +38,11 @@ impl_index!(u8, u16, u32);
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Indices {
     /// Lines of at most 256 entries.
-    U8(Vec<u8>),
+    U8(Buffer<u8>),
     /// Lines of at most 65 536 entries.
-    U16(Vec<u16>),
+    U16(Buffer<u16>),
     /// Longer lines.
-    U32(Vec<u32>),
+    U32(Buffer<u32>),
 }
 
 /// Runs one generic expression on whichever index slice is there.
@@ -60,15 +61,13 @@ impl Indices {
     /// `len` zeros of the width that lines of `length` entries need.
     pub fn zeros(length: usize, len: usize) -> Result<Self> {
         const WHAT: &str = "the indices of a sample";
-        let mut indices = if length <= 1 << 8 {
-            Self::U8(try_zeros(WHAT, len)?)
+        Ok(if length <= 1 << 8 {
+            Self::U8(Buffer::zeros(WHAT, len)?)
         } else if length <= 1 << 16 {
-            Self::U16(try_zeros(WHAT, len)?)
+            Self::U16(Buffer::zeros(WHAT, len)?)
         } else {
-            Self::U32(try_zeros(WHAT, len)?)
-        };
-        with_indices!(&mut indices, memory => crate::pages::advise(memory));
-        Ok(indices)
+            Self::U32(Buffer::zeros(WHAT, len)?)
+        })
     }
 
     /// How many indices there are.

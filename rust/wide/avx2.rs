@@ -1,45 +1,15 @@
-//! The kernels that need wider registers than the baseline wheel may assume, and the one place that asks for them.
-//!
-//! Eight xoshiro256++ lanes at once, and eight alias draws at once: the same integer operations as the portable loops of
-//! [`crate::stream`] and [`crate::sample::AliasTable`], hence the same words and indices; tests there compare them.
-
-#![allow(unsafe_code, reason = "vector loads and stores take pointers; every one stays inside an array it borrows")]
+//! Eight xoshiro256++ lanes and eight alias draws at once, in registers of 256 bits.
 
 use std::arch::x86_64::*;
 
 use crate::stream::LANES;
 
-/// The largest table that is kept in registers.
-const IN_REGISTERS: usize = 16;
+/// The largest table that [`lookup_in_registers`] takes.
+pub(super) const IN_REGISTERS: usize = 16;
 
-/// Fills `steps` and returns true, or returns false where the processor has no AVX2.
-pub(crate) fn fill(state: &mut [[u64; LANES]; 4], steps: &mut [[u64; LANES]]) -> bool {
-    if !std::arch::is_x86_feature_detected!("avx2") {
-        return false;
-    }
-    // SAFETY: the processor has just said that it knows the instructions.
-    unsafe { fill_avx2(state, steps) };
-    true
-}
-
-/// One index for each word of a table with `2^k` cells `threshold << 32 | alias`; returns how many are done: none where
-/// the processor has no AVX2, else all but a rest of fewer than eight.
-pub(crate) fn lookup<I: Copy>(cells: &[u64], words: &[u64], out: &mut [I], index: impl Fn(u32) -> I + Copy) -> usize {
-    if !std::arch::is_x86_feature_detected!("avx2") {
-        return 0;
-    }
-    let small = if cells.len() <= IN_REGISTERS {
-        // SAFETY: the processor has just said that it knows the instructions.
-        unsafe { lookup_in_registers(cells, words, out, index) }
-    } else {
-        0
-    };
-    // SAFETY: as above.
-    small + unsafe { lookup_in_memory(cells, &words[small..], &mut out[small..], index) }
-}
-
+/// The next words of eight lanes.
 #[target_feature(enable = "avx2")]
-fn fill_avx2(state: &mut [[u64; LANES]; 4], steps: &mut [[u64; LANES]]) {
+pub(super) fn fill(state: &mut [[u64; LANES]; 4], steps: &mut [[u64; LANES]]) {
     let [s0, s1, s2, s3] = state;
     let mut low = [load(s0, 0), load(s1, 0), load(s2, 0), load(s3, 0)];
     let mut high = [load(s0, 4), load(s1, 4), load(s2, 4), load(s3, 4)];
@@ -88,7 +58,7 @@ fn store(row: &mut [u64; LANES], at: usize, value: __m256i) {
 
 /// Scalar loads from the table, then eight comparisons at once. Gathers are no faster, and slow on patched processors.
 #[target_feature(enable = "avx2")]
-fn lookup_in_memory<I: Copy>(cells: &[u64], words: &[u64], out: &mut [I], index: impl Fn(u32) -> I + Copy) -> usize {
+pub(super) fn lookup<I: Copy>(cells: &[u64], words: &[u64], out: &mut [I], index: impl Fn(u32) -> I + Copy) -> usize {
     if cells.is_empty() {
         return 0;
     }
@@ -111,9 +81,9 @@ fn lookup_in_memory<I: Copy>(cells: &[u64], words: &[u64], out: &mut [I], index:
     done
 }
 
-/// [`lookup_in_memory`] without the memory: 16 thresholds in two registers, 16 aliases in one; 32 words at a time.
+/// [`lookup`] without the memory: 16 thresholds in two registers, 16 aliases in one; 32 words at a time.
 #[target_feature(enable = "avx2")]
-fn lookup_in_registers<I: Copy>(cells: &[u64], words: &[u64], out: &mut [I], index: impl Fn(u32) -> I + Copy) -> usize {
+pub(super) fn lookup_in_registers<I: Copy>(cells: &[u64], words: &[u64], out: &mut [I], index: impl Fn(u32) -> I + Copy) -> usize {
     if cells.is_empty() {
         return 0;
     }

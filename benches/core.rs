@@ -27,7 +27,8 @@ fn draw(law: &Arc<Law>, size: usize) -> Singletons {
 
 fn sampling(c: &mut Criterion) {
     let mut group = c.benchmark_group("sample");
-    for (lines, length, size) in [(1, 10, 1_000_000), (1, 100, 1_000_000), (1, 1000, 1_000_000), (100, 100, 10_000)] {
+    let vectors = [10, 100, 1000, 1_000_000].map(|length| (1, length, 1_000_000));
+    for (lines, length, size) in vectors.into_iter().chain([(10, 10, 100_000), (100, 100, 10_000), (300, 300, 3000)]) {
         let law = law(lines, length);
         group.throughput(Throughput::Elements((size * lines) as u64));
         group.bench_function(BenchmarkId::from_parameter(format!("{lines}x{length}")), |b| b.iter(|| draw(&law, size)));

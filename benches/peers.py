@@ -45,11 +45,14 @@ def pairs(ours: Work, theirs: Work, budget: float = 4.0) -> tuple[list[float], l
 
 
 def sampling() -> Iterator[Line]:
+    """Table and draws; 2^24 of them, so that the table of a million entries is a part, not all."""
     gen = np.random.default_rng(0)
-    size = 1_000_000
-    for n in (10, 100, 1000):
+    size = 1 << 24
+    for n in (10, 100, 1000, 1_000_000):
         w = gen.standard_normal(n)
         p = np.abs(w) / np.abs(w).sum()
+        if n <= 1000:
+            same_on_two_threads(w, 1_000_000)
         yield (
             f"sample a vector, n={n}",
             "Generator.choice",
@@ -60,6 +63,7 @@ def sampling() -> Iterator[Line]:
         )
     A = gen.standard_normal((100, 100))
     P = np.abs(A) / np.abs(A).sum(axis=0)
+    same_on_two_threads(A, 100_000)
     yield (
         "sample a matrix, 100x100",
         "Generator.choice per column",
@@ -68,6 +72,15 @@ def sampling() -> Iterator[Line]:
         lambda: np.stack([gen.choice(100, 10_000, p=P[:, j]) for j in range(100)], axis=1),
         10_000,
     )
+
+
+def same_on_two_threads(target: np.ndarray, size: int) -> None:
+    one = se.sample(target, size, rng=1).indices
+    se.set_num_threads(2)
+    try:
+        assert np.array_equal(se.sample(target, size, rng=1).indices, one), "threads change draws"
+    finally:
+        se.set_num_threads(1)
 
 
 def closed_form() -> Iterator[Line]:

@@ -21,7 +21,7 @@ pub struct Buffer<T: Plain>(Memory<T>);
 
 enum Memory<T: Plain> {
     Vector(Vec<T>),
-    #[cfg(all(target_os = "linux", target_pointer_width = "64"))]
+    #[cfg(all(target_os = "linux", any(target_arch = "x86_64", target_arch = "aarch64")))]
     Pages(linux::Pages<T>),
 }
 
@@ -31,7 +31,7 @@ impl<T: Plain> Buffer<T> {
     /// # Errors
     /// [`crate::Error::Memory`] if they cannot be had.
     pub(crate) fn zeros(what: &'static str, len: usize) -> Result<Self> {
-        #[cfg(all(target_os = "linux", target_pointer_width = "64"))]
+        #[cfg(all(target_os = "linux", any(target_arch = "x86_64", target_arch = "aarch64")))]
         if let Some(pages) = linux::Pages::zeros(len) {
             return Ok(Self(Memory::Pages(pages)));
         }
@@ -56,7 +56,7 @@ impl<T: Plain> std::ops::Deref for Buffer<T> {
     fn deref(&self) -> &[T] {
         match &self.0 {
             Memory::Vector(values) => values,
-            #[cfg(all(target_os = "linux", target_pointer_width = "64"))]
+            #[cfg(all(target_os = "linux", any(target_arch = "x86_64", target_arch = "aarch64")))]
             Memory::Pages(pages) => pages.values(),
         }
     }
@@ -66,7 +66,7 @@ impl<T: Plain> std::ops::DerefMut for Buffer<T> {
     fn deref_mut(&mut self) -> &mut [T] {
         match &mut self.0 {
             Memory::Vector(values) => values,
-            #[cfg(all(target_os = "linux", target_pointer_width = "64"))]
+            #[cfg(all(target_os = "linux", any(target_arch = "x86_64", target_arch = "aarch64")))]
             Memory::Pages(pages) => pages.values_mut(),
         }
     }
@@ -92,7 +92,7 @@ impl<T: Plain + std::fmt::Debug> std::fmt::Debug for Buffer<T> {
     }
 }
 
-#[cfg(all(target_os = "linux", target_pointer_width = "64"))]
+#[cfg(all(target_os = "linux", any(target_arch = "x86_64", target_arch = "aarch64")))]
 mod linux {
     use std::ffi::{c_int, c_long, c_void};
     use std::marker::PhantomData;
@@ -105,7 +105,7 @@ mod linux {
     const LARGE: usize = 2 << 20;
     const WORTH: usize = LARGE / 4;
 
-    // the same on every 64-bit architecture of Rust's Linux targets but MIPS, which has no large pages to lose
+    // the numbers of the two architectures this is compiled for
     const PROT_READ_WRITE: c_int = 1 | 2;
     const MAP_PRIVATE_ANONYMOUS: c_int = 0x02 | 0x20;
     const MADV_HUGEPAGE: c_int = 14;
@@ -186,7 +186,8 @@ mod linux {
     impl<T: Plain> Pages<T> {
         /// `len` zeros, or None where they are too few or the system has no such memory.
         pub(super) fn zeros(len: usize) -> Option<Self> {
-            let used = len.checked_mul(size_of::<T>()).filter(|&used| used >= WORTH)?.checked_next_multiple_of(LARGE)?;
+            let used =
+                len.checked_mul(size_of::<T>()).filter(|&used| used >= WORTH)?.checked_next_multiple_of(LARGE)?;
             let bytes = used.checked_add(LARGE)?; // so that a multiple of LARGE with `used` bytes lies inside
             if bytes > isize::MAX as usize {
                 return None;

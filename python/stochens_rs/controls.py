@@ -253,6 +253,9 @@ def steer(
     mean control from averages of 1, 5, 20 and 100 realizations is off by about 1.5, 0.9, 0.7 and
     0.3 times the exact control, however many of them are averaged.
 
+    The realizations are drawn. For more of them than fit into memory draw counts instead, at a
+    cost that does not depend on their number: `control` takes the results of `sample_counts`.
+
     Examples
     --------
     >>> import stochens_rs as se

@@ -125,7 +125,11 @@ def sample_counts(
     -----
     One multinomial draw per line, by conditional binomials. For "iid" the counts are *equal in
     distribution* to ``sample(...).counts()``, not equal draw by draw; for "systematic" they are
-    the same counts.
+    the same counts. So is what they are fused to: the uniform average, and the control with
+    product fusion that `control` computes from counts of x0, xf and A.
+
+    Nothing chooses between `sample` and `sample_counts` by itself: counts are cheaper from about
+    100 realizations per entry of a line on, and the only way beyond what fits into memory.
 
     Examples
     --------

@@ -165,7 +165,8 @@ mod tests {
     #[test]
     fn many_words_at_once_give_the_indices_of_one_at_a_time() {
         for n in [1, 2, 3, 10, 16, 17, 100, 256, 257, 1000, 70_000] {
-            let weights: Vec<f64> = (0..n).map(|i| if i % 5 == 4 { 0.0 } else { 1.0 + (37 * i % 101) as f64 }).collect();
+            let weights: Vec<f64> =
+                (0..n).map(|i| if i % 5 == 4 { 0.0 } else { 1.0 + (37 * i % 101) as f64 }).collect();
             let table = AliasTable::new(&weights).unwrap();
             let mut words = vec![0; 1000];
             crate::stream::Key([n as u8; 32]).lanes(n, 0).fill(&mut words);

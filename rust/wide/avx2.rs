@@ -83,7 +83,12 @@ pub(super) fn lookup<I: Copy>(cells: &[u64], words: &[u64], out: &mut [I], index
 
 /// [`lookup`] without the memory: 16 thresholds in two registers, 16 aliases in one; 32 words at a time.
 #[target_feature(enable = "avx2")]
-pub(super) fn lookup_in_registers<I: Copy>(cells: &[u64], words: &[u64], out: &mut [I], index: impl Fn(u32) -> I + Copy) -> usize {
+pub(super) fn lookup_in_registers<I: Copy>(
+    cells: &[u64],
+    words: &[u64],
+    out: &mut [I],
+    index: impl Fn(u32) -> I + Copy,
+) -> usize {
     if cells.is_empty() {
         return 0;
     }

@@ -67,7 +67,8 @@ mod tests {
 
         let words = steps.as_flattened();
         for bits in [0, 1, 3, 4, 5, 6, 9] {
-            let cells: Vec<u64> = (0..1u64 << bits).map(|c| words[c as usize] >> 32 << 32 | (c * 7 % (1 << bits))).collect();
+            let cells: Vec<u64> =
+                (0..1u64 << bits).map(|c| words[c as usize] >> 32 << 32 | (c * 7 % (1 << bits))).collect();
             let expected: Vec<u16> = words
                 .iter()
                 .map(|&word| {

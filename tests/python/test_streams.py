@@ -10,6 +10,9 @@ from __future__ import annotations
 import hashlib
 import itertools
 import os
+import subprocess
+import sys
+import textwrap
 from collections.abc import Iterator
 from fractions import Fraction
 from functools import cache
@@ -375,3 +378,25 @@ def test_draws_do_not_depend_on_threads(name: str, scheme: str) -> None:
     assert not np.array_equal(
         drawn[0], se.sample(target, 5 * CHUNK + 9, rng=4, scheme=scheme, axis=axis).indices
     )
+
+
+@pytest.mark.skipif(not os.path.exists("/proc/self/status"), reason="reads Linux's accounts")
+def test_a_million_matrices_take_their_bytes() -> None:
+    script = """
+        import numpy as np, stochens_rs as se
+        def kilobytes(name):
+            return int(next(line.split()[1] for line in open("/proc/self/status") if name in line))
+        A = np.random.default_rng(0).standard_normal((100, 100))
+        se.sample(A, 100, rng=1)
+        before = kilobytes("VmRSS")
+        E = se.sample(A, 1_000_000, rng=1)
+        assert E.nbytes == 10**8
+        print(kilobytes("VmRSS") - before, kilobytes("VmHWM") - before)
+    """
+    run = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(script)], capture_output=True, text=True, timeout=120
+    )
+    assert run.returncode == 0, run.stderr
+    resident, peak = (1024 * int(kilobytes) for kilobytes in run.stdout.split())
+    assert 10**8 <= resident <= 110 * 10**6
+    assert peak <= 110 * 10**6

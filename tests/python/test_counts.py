@@ -1,0 +1,147 @@
+"""Counts instead of realizations: the same distribution, at a cost that does not know N.
+
+The laws compared have few outcomes, so that whole distributions can be compared and not only their
+moments. Seeds are fixed; each test names its sample size and the probability of a false alarm, and
+is shown counts of another distribution that it must refuse.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from functools import partial
+from itertools import product
+from math import factorial, prod
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from stochens_rs import theory
+
+W = np.array([3.0, -1.0, 0.0, 2.0])
+SIZE, REPLICATES = 6, 5000
+QUANTILE = 77.2  # of chi-square, 27 degrees of freedom (the 28 outcomes) or fewer, at 1e-6
+
+Outcome = tuple[int, ...]
+
+
+def multinomial() -> dict[Outcome, float]:
+    """The exact law of the counts of SIZE draws: 28 outcomes."""
+    p = np.abs(W) / np.abs(W).sum()
+    outcomes = [k for k in product(range(SIZE + 1), repeat=4) if sum(k) == SIZE and k[2] == 0]
+    return {
+        k: factorial(SIZE) / prod(map(factorial, k)) * float(np.prod(p ** np.array(k)))
+        for k in outcomes
+    }
+
+
+def drawn(seed: int) -> Outcome:
+    return tuple(se.sample(W, SIZE, rng=seed).counts().tolist())
+
+
+def counted(seed: int, scheme: str = "iid") -> Outcome:
+    return tuple(se.sample_counts(W, SIZE, rng=seed, scheme=scheme).counts.tolist())
+
+
+def two_sample(first: list[Outcome], second: list[Outcome]) -> float:
+    """Chi-square of homogeneity over its quantile; outcomes expected less than 5 times pooled."""
+    a, b = Counter(first), Counter(second)
+    law = multinomial()
+    assert set(a) | set(b) <= set(law)
+    rare = {k for k in law if law[k] * REPLICATES < 5}
+    cells = [(a[k], b[k]) for k in law if k not in rare]
+    cells.append((sum(a[k] for k in rare), sum(b[k] for k in rare)))
+    return sum((x - y) ** 2 / (x + y) for x, y in cells if x + y) / QUANTILE
+
+
+def test_counts_have_the_distribution_of_counted_realizations() -> None:
+    # 2 x 5000 replicates, at most 27 degrees of freedom: a false alarm has probability 1e-6
+    sampled = [drawn(seed) for seed in range(REPLICATES)]
+    assert two_sample(sampled, [counted(10**6 + seed) for seed in range(REPLICATES)]) < 1.0
+    # refused: the right means with less spread, and five hundredths moved from one entry to another
+    assert two_sample(sampled, [counted(seed, "systematic") for seed in range(REPLICATES)]) > 1.0
+    gen = np.random.default_rng(0)
+    p = np.array([0.5, 1 / 6, 0.0, 1 / 3])
+    shifted = p + np.array([0.05, 0.0, 0.0, -0.05])
+    mutant = [tuple(k) for k in gen.multinomial(SIZE, shifted, REPLICATES).tolist()]
+    assert two_sample(sampled, mutant) > 1.0
+    # and an independent generator of the right law passes
+    right = [tuple(k) for k in gen.multinomial(SIZE, p, REPLICATES).tolist()]
+    assert two_sample(sampled, right) < 1.0
+
+
+def test_counts_have_the_exact_multinomial_law() -> None:
+    seen = Counter(counted(seed) for seed in range(REPLICATES))
+    law = multinomial()
+    assert set(seen) <= set(law)
+    rare = sum(p for p in law.values() if p * REPLICATES < 5)
+    cells = [(seen[k], p) for k, p in law.items() if p * REPLICATES >= 5]
+    cells.append((REPLICATES - sum(n for n, _ in cells), rare))
+    statistic = sum((n - REPLICATES * p) ** 2 / (REPLICATES * p) for n, p in cells)
+    assert statistic < QUANTILE  # false alarm 1e-6
+
+
+# --- controls -------------------------------------------------------------------------------------
+
+A = np.array([[0.9, 0.2], [-0.1, 0.8]])
+B = np.array([[1.0, 0.0], [0.5, 1.0]])
+X0, XF = np.array([1.0, 2.0]), np.array([0.5, -1.0])
+EXACT = np.linalg.solve(B, XF - A @ X0)
+Draw = Callable[..., "se.Ensemble | se.Counts"]
+
+
+def squared_error(draw: Draw, size: int, seed: int) -> float:
+    """Of the product fusion of x0, xf and A, which are drawn with three seeds of their own."""
+    x0, xf, fused = (draw(target, size, rng=3 * seed + k) for k, target in enumerate((X0, XF, A)))
+    error = se.control(B, x0, xf, fused).u - EXACT
+    return float(error @ error)
+
+
+def kolmogorov_smirnov(first: list[float], second: list[float]) -> float:
+    """The largest distance of two distribution functions over its critical value at 1e-6."""
+    x, y = np.sort(first), np.sort(second)
+    at = np.concatenate([x, y])
+    distance = np.abs(
+        np.searchsorted(x, at, "right") / x.size - np.searchsorted(y, at, "right") / y.size
+    ).max()
+    # two samples of equal size R: sqrt(log(2 / alpha) / R); smaller for a discrete law
+    return float(distance / np.sqrt(np.log(2e6) / x.size))
+
+
+def test_controls_from_counts_have_the_distribution_of_those_from_realizations() -> None:
+    # 2 x 1500 controls: a false alarm has probability 1e-6
+    size, replicates = 5, 1500
+    sampled = [squared_error(se.sample, size, seed) for seed in range(replicates)]
+    counted = [squared_error(se.sample_counts, size, 10**6 + s) for s in range(replicates)]
+    assert kolmogorov_smirnov(sampled, counted) < 1.0
+    other = partial(se.sample_counts, scheme="systematic")  # the same means
+    mutant = [squared_error(other, size, seed) for seed in range(replicates)]
+    assert kolmogorov_smirnov(sampled, mutant) > 1.0
+    fewer = [squared_error(se.sample_counts, size - 1, 10**7 + s) for s in range(replicates)]
+    assert kolmogorov_smirnov(sampled, fewer) > 1.0
+
+
+@pytest.mark.parametrize("size", [1000, 10**12])
+def test_controls_of_a_trillion_realizations_have_the_exact_mean_square(size: int) -> None:
+    # 1000 controls, six standard errors of their mean square: a false alarm has probability < 1e-7
+    expected = theory.moments.control_rms(B, X0, XF, A, size) ** 2
+
+    def excess(drawn: int) -> float:
+        ratios = [squared_error(se.sample_counts, drawn, s) / expected for s in range(1000)]
+        return float(abs(np.mean(ratios) - 1.0) / (6 * np.std(ratios) / np.sqrt(len(ratios))))
+
+    assert excess(size) < 1.0
+    assert excess(size * 2 // 3) > 1.0
+
+
+def test_the_cost_of_counts_does_not_know_the_number_of_realizations() -> None:
+    matrix = np.random.default_rng(1).standard_normal((100, 100))
+    for size in (10**6, 10**12, 2**53):
+        counts = se.sample_counts(matrix, size, rng=1)
+        assert np.array_equal(counts.counts.sum(axis=0), np.full(100, size))
+        # every entry within eight standard deviations: false alarm below 1e-10
+        gamma = np.abs(matrix).sum(axis=0)
+        deviation = np.sqrt(np.abs(matrix) * (gamma - np.abs(matrix)) / size)
+        rounding = 1e-15 * gamma
+        assert np.all(np.abs(counts.estimate - matrix) <= 8 * deviation + rounding)

@@ -524,7 +524,7 @@ def main() -> None:
             alse.run(arguments.full)
             continue
         for what, peer, ours, share, theirs, their_share in GROUPS[group]():
-            mine, others = pairs(ours, theirs)
+            mine, others = pairs(ours, theirs, 20.0 if group == "sampling" else 4.0)
             ratios = [(b / their_share) / (a / share) for a, b in zip(mine, others, strict=True)]
             print(
                 f"{what:<48} {peer:<28} {statistics.median(mine):>9.2e}s "

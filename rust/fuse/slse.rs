@@ -4,16 +4,18 @@
 //! recursion on the fused `F`). The *safeguarded* variant follows every step with one more line search, from `F` towards
 //! the running mean `U`; that makes the printed inequality SLSE <= uniform true for every sample path.
 //!
-//! Signs are absorbed (`f_k = sign_k F_k >= 0`), and what is stored is `h` with `g f = c h + b g^2 S`, where `S` counts the
-//! hits so far (`U = S / k` in units of the atoms) and `b = 0` without the safeguard: scaling `F` or adding a multiple of
-//! `U` costs `O(1)`. The squared error `er = ||E* - F||^2` and `al = <E* - F, F>` follow recursions of their own instead of
-//! being differences of large sums, and are recomputed from `F` every `16 length` steps, so that the reported error keeps
-//! its relative accuracy however small it becomes.
+//! One chain of steps is one thread's work, since each step starts where the last one ended; independent ensembles, as
+//! replicates of an experiment, are what [`slse_each`] spreads over threads.
 
+use super::slse_run::Run;
+use super::slse_tables::{Apart, Beside, Tables};
 use super::{distance, power_of_two_scale};
 use crate::error::{Result, try_zeros};
-use crate::parallel::Stop;
-use crate::sample::{Index, Singletons, with_indices};
+use crate::parallel::{Stop, for_each_chunk};
+use crate::sample::{Singletons, with_indices};
+
+/// Bytes of a first-level data cache that may be counted on: what the tables are laid out for.
+const CACHE: usize = 32 << 10;
 
 /// What a sequential fusion leaves behind.
 #[derive(Debug, Clone, Default)]
@@ -26,208 +28,6 @@ pub struct Sequential {
     pub errors: Vec<f64>,
     /// The estimates at the same places, one after the other, when asked for.
     pub estimates: Vec<f64>,
-}
-
-/// The scalars a step needs; `aa = ||E*||^2` and `gg = ||E||^2` do not change.
-struct State {
-    aa: f64,
-    gg: f64,
-    /// `||E* - F||^2`
-    er: f64,
-    /// `<E* - F, F>`
-    al: f64,
-    /// `<F, S>`, `<S, S>`, `<S, E*>`: only with the safeguard
-    fs: f64,
-    ss: f64,
-    sa: f64,
-}
-
-impl State {
-    /// `||F||^2`, from `||E*||^2 = ||E* - F||^2 + 2 <E* - F, F> + ||F||^2`.
-    fn ff(&self) -> f64 {
-        self.aa - self.er - 2.0 * self.al
-    }
-
-    /// The line search from `F` to a point `X` with `<F, X>`, `<E*, X>`, `<X, X>`; updates `er` and `al`.
-    fn line_search(&mut self, fx: f64, ax: f64, xx: f64) -> f64 {
-        let ff = self.ff();
-        let num = ax - fx - self.al; // <E* - F, X - F>
-        let den = ff - 2.0 * fx + xx; // ||X - F||^2
-        let t = if den > 0.0 { (num / den).clamp(0.0, 1.0) } else { 0.0 };
-        self.move_to(t, fx, ax, xx, ff, num, den);
-        t
-    }
-
-    #[expect(clippy::too_many_arguments, reason = "the inner products of one step")]
-    fn move_to(&mut self, t: f64, fx: f64, ax: f64, xx: f64, ff: f64, num: f64, den: f64) {
-        let u = 1.0 - t;
-        self.er -= t * (2.0 * num - t * den);
-        self.al += t * (u * (ff - fx) + (ax - u * fx) - t * xx - self.al);
-    }
-}
-
-struct Run<'a> {
-    lines: usize,
-    length: usize,
-    /// `g_j^2`
-    g2: Vec<f64>,
-    /// `g_j sign_k t_k`
-    ga: Vec<f64>,
-    gamma: &'a [f64],
-    h: Vec<f64>,
-    c: f64,
-    b: f64,
-    /// hits so far, with the safeguard only
-    hits: Vec<f64>,
-    state: State,
-}
-
-impl Run<'_> {
-    /// `f_k = (c h_k + b g^2 S_k) / g`
-    fn f(&self, j: usize, k: usize) -> f64 {
-        let hits = self.hits.get(k).map_or(0.0, |s| self.b * self.g2[j] * s);
-        (self.c * self.h[k] + hits) / self.gamma[j]
-    }
-
-    /// `||E* - F||^2` and `<E* - F, F>`, summed from the entries.
-    fn direct(&self) -> (f64, f64) {
-        let (mut er, mut al) = (0.0, 0.0);
-        for j in (0..self.lines).filter(|&j| self.gamma[j] > 0.0) {
-            for k in j * self.length..(j + 1) * self.length {
-                let f = self.f(j, k);
-                let p = self.ga[k] / self.gamma[j] - f;
-                er += p * p;
-                al += p * f;
-            }
-        }
-        (er, al)
-    }
-
-    /// Folds `c` and `b` into `h` and recomputes every inner product.
-    fn refresh(&mut self) {
-        for j in 0..self.lines {
-            for k in j * self.length..(j + 1) * self.length {
-                let hits = self.hits.get(k).map_or(0.0, |s| self.b * self.g2[j] * s);
-                self.h[k] = self.c * self.h[k] + hits;
-            }
-        }
-        (self.c, self.b) = (1.0, 0.0);
-        (self.state.er, self.state.al) = self.direct();
-        if !self.hits.is_empty() {
-            (self.state.fs, self.state.ss, self.state.sa) = (0.0, 0.0, 0.0);
-            for j in 0..self.lines {
-                for k in j * self.length..(j + 1) * self.length {
-                    self.state.fs += self.h[k] * self.hits[k];
-                    self.state.ss += self.g2[j] * self.hits[k] * self.hits[k];
-                    self.state.sa += self.ga[k] * self.hits[k];
-                }
-            }
-        }
-    }
-
-    /// `(sum_j h, sum_j g a, sum_j g^2 S)` over the entries that a realization hits.
-    #[inline]
-    fn gather<I: Index>(&self, sample: &[I]) -> (f64, f64, f64) {
-        let fe = gather(&self.h, self.length, sample);
-        let ae = gather(&self.ga, self.length, sample);
-        let mut se = 0.0;
-        if !self.hits.is_empty() {
-            let mut base = 0;
-            for (r, g2) in sample.iter().zip(&self.g2) {
-                se += g2 * self.hits[base + r.get()];
-                base += self.length;
-            }
-        }
-        (fe, ae, se)
-    }
-
-    /// Adds `step g^2` to `h` where the realization is.
-    #[inline]
-    fn scatter<I: Index>(&mut self, sample: &[I], step: f64) {
-        let mut base = 0;
-        for (r, g2) in sample.iter().zip(&self.g2) {
-            self.h[base + r.get()] += step * g2;
-            base += self.length;
-        }
-    }
-
-    /// One realization: the SLSE step and, with the safeguard, the step towards the mean of `n` realizations.
-    #[inline]
-    fn step<I: Index>(&mut self, sample: &[I], n: usize) -> (f64, f64) {
-        let (h_sum, ae, se) = self.gather(sample);
-        let fe = self.c * h_sum + self.b * se;
-        let gg = self.state.gg;
-        let t = if n == 1 {
-            self.state.er = self.state.aa - 2.0 * ae + gg;
-            self.state.al = ae - gg;
-            1.0
-        } else {
-            self.state.line_search(fe, ae, gg)
-        };
-        let u = 1.0 - t;
-        if self.hits.is_empty() {
-            self.replace(sample, t, u * self.c, 0.0, t);
-            return (t, 0.0);
-        }
-        // the mean now includes this realization
-        let mut base = 0;
-        for r in sample {
-            self.hits[base + r.get()] += 1.0;
-            base += self.length;
-        }
-        self.state.ss += 2.0 * se + gg;
-        self.state.sa += ae;
-        let fs = u * (self.state.fs + fe) + t * (se + gg); // <F', S>
-        let k = n as f64;
-        let (fu, ua, uu) = (fs / k, self.state.sa / k, self.state.ss / (k * k));
-        let s = self.state.line_search(fu, ua, uu);
-        self.state.fs = (1.0 - s) * fs + s * self.state.ss / k;
-        // F'' = (1-s) u c h + ((1-s) u b + s/k) S + (1-s)(t - u b) E, all in units of g
-        let v = 1.0 - s;
-        self.replace(sample, t, v * u * self.c, v * u * self.b + s / k, v * (t - u * self.b));
-        (t, s)
-    }
-
-    /// `F <- c h + b S + e E`; when nothing of the old `h` is left, `h` starts again.
-    #[inline]
-    fn replace<I: Index>(&mut self, sample: &[I], t: f64, c: f64, b: f64, e: f64) {
-        self.b = b;
-        if c > 0.0 {
-            self.c = c;
-            if e != 0.0 {
-                self.scatter(sample, e / c);
-            }
-        } else {
-            debug_assert!(t == 1.0 || self.b > 0.0);
-            self.h.fill(0.0);
-            self.c = 1.0;
-            self.scatter(sample, e);
-        }
-        if self.c < 1e-100 {
-            self.refresh();
-        }
-    }
-}
-
-/// `sum_j table[j][R_j]`, four lines at a time: one sum alone would wait for every addition.
-#[inline]
-fn gather<I: Index>(table: &[f64], length: usize, sample: &[I]) -> f64 {
-    let mut sums = [0.0; 4];
-    let mut base = 0;
-    let (fours, rest) = sample.as_chunks::<4>();
-    for [r0, r1, r2, r3] in fours {
-        let lines = &table[base..base + 4 * length];
-        sums[0] += lines[r0.get()];
-        sums[1] += lines[length + r1.get()];
-        sums[2] += lines[2 * length + r2.get()];
-        sums[3] += lines[3 * length + r3.get()];
-        base += 4 * length;
-    }
-    for r in rest {
-        sums[0] += table[base + r.get()];
-        base += length;
-    }
-    (sums[0] + sums[1]) + (sums[2] + sums[3])
 }
 
 /// Fuses the realizations one after the other towards `target`, recording the error after the first `k` for each `k` in
@@ -243,88 +43,109 @@ pub fn slse(
     keep_estimates: bool,
     stop: &Stop,
 ) -> Result<Sequential> {
-    let law = draws.law();
-    let (lines, length) = (law.lines(), law.length());
-    let signs = law.signs();
-    let on_support = |k: usize| signs[k] != 0.0;
-    // What no realization can change stays out of every inner product: a large part there would drown the rest.
-    let split = |on: bool| -> Vec<f64> {
-        target.iter().enumerate().map(|(k, &t)| if on_support(k) == on { t } else { 0.0 }).collect()
-    };
-    let reachable = split(true);
-    let off = distance(&split(false), &vec![0.0; target.len()]);
-    let scale = power_of_two_scale(law.gamma().iter().chain(&reachable));
-    let gamma: Vec<f64> = law.gamma().iter().map(|g| g / scale).collect();
-    let scaled: Vec<f64> = reachable.iter().map(|t| t / scale).collect();
-    let mut run = Run {
-        lines,
-        length,
-        g2: gamma.iter().map(|g| g * g).collect(),
-        ga: (0..scaled.len()).map(|k| gamma[k / length] * signs[k] * scaled[k]).collect(),
-        h: vec![0.0; scaled.len()],
-        c: 1.0,
-        b: 0.0,
-        hits: if safeguard { vec![0.0; scaled.len()] } else { Vec::new() },
-        state: State {
-            aa: scaled.iter().map(|t| t * t).sum(),
-            gg: gamma.iter().map(|g| g * g).sum(),
-            er: 0.0,
-            al: 0.0,
-            fs: 0.0,
-            ss: 0.0,
-            sa: 0.0,
-        },
-        gamma: &gamma,
-    };
-    let size = draws.size();
-    let mut out = Sequential { weights: try_zeros("the weights", size)?, ..Sequential::default() };
-    let mut safeguards = if safeguard { try_zeros("the safeguard steps", size)? } else { Vec::new() };
-    let mut wanted = sizes.iter().copied().peekable();
-    let estimate =
-        |run: &Run| -> Vec<f64> {
-            (0..scaled.len())
-                .map(|k| {
-                    if on_support(k) && gamma[k / length] > 0.0 { signs[k] * run.f(k / length, k) * scale } else { 0.0 }
-                })
-                .collect()
+    let ask = Ask { draws, target, safeguard, sizes, keep_estimates };
+    if 2 * size_of_val(draws.law().values()) <= CACHE { ask.answer::<Apart>(stop) } else { ask.answer::<Beside>(stop) }
+}
+
+/// [`slse`] of independent ensembles towards their targets, on up to `threads` threads.
+///
+/// Every result is that of [`slse`] alone, bit for bit, for any number of threads.
+///
+/// # Errors
+/// As for [`slse`]; the first error ends the others.
+pub fn slse_each(
+    ensembles: &[(Singletons, &[f64])],
+    safeguard: bool,
+    sizes: &[usize],
+    keep_estimates: bool,
+    threads: usize,
+    stop: &Stop,
+) -> Result<Vec<Sequential>> {
+    let mut fits = vec![Sequential::default(); ensembles.len()];
+    for_each_chunk(fits.iter_mut().zip(ensembles), threads, stop, |(fit, (draws, target))| {
+        *fit = slse(draws, target, safeguard, sizes, keep_estimates, stop)?;
+        Ok(())
+    })?;
+    Ok(fits)
+}
+
+/// The arguments of [`slse`].
+struct Ask<'a> {
+    draws: &'a Singletons,
+    target: &'a [f64],
+    safeguard: bool,
+    sizes: &'a [usize],
+    keep_estimates: bool,
+}
+
+impl Ask<'_> {
+    fn answer<T: Tables>(&self, stop: &Stop) -> Result<Sequential> {
+        let law = self.draws.law();
+        let (lines, length) = (law.lines(), law.length());
+        let signs = law.signs();
+        // What no realization can change stays out of every inner product: a large part there would drown the rest.
+        let split = |on: bool| -> Vec<f64> {
+            self.target.iter().zip(&signs).map(|(&t, &sign)| if (sign != 0.0) == on { t } else { 0.0 }).collect()
         };
-    let refresh_every = 16 * length.max(16);
-    let check_every = (1 << 18) / lines + 1; // about a millisecond
-    with_indices!(&**draws.indices(), indices => {
-        for (i, sample) in indices.chunks_exact(lines).take(size).enumerate() {
-            let (t, s) = run.step(sample, i + 1);
-            out.weights[i] = t;
-            if safeguard {
-                safeguards[i] = s;
-            }
-            if (i + 1) % refresh_every == 0 {
+        let reachable = split(true);
+        let off = distance(&split(false), &vec![0.0; self.target.len()]);
+        let scale = power_of_two_scale(law.gamma().iter().chain(&reachable));
+        let gamma: Vec<f64> = law.gamma().iter().map(|g| g / scale).collect();
+        let signed: Vec<f64> = reachable.iter().zip(&signs).map(|(t, sign)| sign * (t / scale)).collect();
+        let mut run: Run<'_, T> = Run::new(&gamma, length, &signed, self.safeguard);
+        let estimate = |run: &Run<'_, T>| -> Vec<f64> {
+            let entry = |k: usize| if signs[k] == 0.0 { 0.0 } else { signs[k] * run.f(k / length, k) * scale };
+            (0..signs.len()).map(entry).collect()
+        };
+        let size = self.draws.size();
+        let mut out = Sequential { weights: try_zeros("the weights", size)?, ..Sequential::default() };
+        let mut safeguards = if self.safeguard { try_zeros("the safeguard steps", size)? } else { Vec::new() };
+        let refresh_every = 16 * length.max(16);
+        let check_every = (1 << 18) / lines + 1; // about a millisecond
+        let mut wanted = self.sizes.iter().copied().peekable();
+        let mut done = 0;
+        with_indices!(&**self.draws.indices(), indices => while done < size {
+            // up to the next place where something else than a step is due
+            let due = |every: usize| done - done % every + every;
+            let next = due(refresh_every).min(due(check_every)).min(size);
+            let next = wanted.peek().map_or(next, |&k| next.min(k.max(done + 1)));
+            let block = &indices[done * lines..next * lines];
+            run.advance(block, done, &mut out.weights[done..next], safeguards.get_mut(done..next).unwrap_or_default());
+            done = next;
+            if done % refresh_every == 0 {
                 run.refresh();
             }
-            if (i + 1) % check_every == 0 {
-                stop.check()?;
-            }
-            if wanted.next_if_eq(&(i + 1)).is_some() {
-                out.errors.push((run.direct().0.max(0.0).sqrt() * scale).hypot(off));
-                stop.check()?;
-                if keep_estimates {
+            stop.check()?;
+            if wanted.next_if_eq(&done).is_some() {
+                out.errors.push((run.error(&signed) * scale).hypot(off));
+                if self.keep_estimates {
                     out.estimates.extend(estimate(&run));
                 }
             }
-        }
-    });
-    out.estimate = estimate(&run);
-    steps_to_weights(&mut out.weights, &safeguards);
-    Ok(out)
+        });
+        out.estimate = estimate(&run);
+        steps_to_weights(&mut out.weights, &safeguards);
+        Ok(out)
+    }
 }
 
 /// Turns the steps `t_k` (in place) and `s_k` into weights: `w_k = C_k (1 - s_k) t_k + sum_{i >= k} C_i s_i / i` with
 /// `C_k = prod_{i > k} (1 - s_i)(1 - t_i)`.
 pub(super) fn steps_to_weights(steps: &mut [f64], safeguards: &[f64]) {
-    let (mut carried, mut from_means) = (1.0, 0.0);
-    for k in (0..steps.len()).rev() {
-        let (t, s) = (steps[k], safeguards.get(k).copied().unwrap_or(0.0));
+    let mut carried = 1.0;
+    if safeguards.is_empty() {
+        for step in steps.iter_mut().rev() {
+            let t = *step;
+            *step = carried * t;
+            carried *= 1.0 - t;
+        }
+        return;
+    }
+    let mut from_means = 0.0;
+    for (k, (step, s)) in steps.iter_mut().zip(safeguards).enumerate().rev() {
+        let t = *step;
         from_means += carried * s / (k + 1) as f64;
-        steps[k] = from_means + carried * (1.0 - s) * t;
+        *step = from_means + carried * (1.0 - s) * t;
         carried *= (1.0 - s) * (1.0 - t);
     }
 }

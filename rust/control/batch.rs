@@ -10,8 +10,8 @@ use super::singleton_rows::Picks;
 use crate::error::{Error, Result, checked_len, try_zeros};
 use crate::parallel::{Stop, for_each_chunk};
 
-/// Realizations treated together: what is kept of them in between stays in a first- or second-level cache.
-pub(super) const BLOCK: usize = 256;
+/// Realizations treated together in the general case: their `y` stays in a second-level cache.
+const BLOCK: usize = 256;
 
 impl Realized<'_> {
     /// The controls `B^+ y^s`, one row of `m` per realization. `pinv` is `B^+`, row by row (`m x n`).

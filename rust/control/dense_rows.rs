@@ -42,7 +42,7 @@ fn differences(realized: &Realized<'_>, first: usize, y: &mut [f64], stop: &Stop
         (Entity::Dense(x0), Entity::Exact(a)) => {
             let count = y.len() / n;
             stop.check()?;
-            y.chunks_exact_mut(n).enumerate().for_each(|(at, y)| realized.goal(first + at, |i, v| y[i] += v));
+            y.chunks_exact_mut(n).enumerate().for_each(|(at, y)| set_goal(realized, first + at, y));
             // Y = Xf - X0 A^T
             matmul(
                 MatMut::from_row_major_slice_mut(y, count, n),
@@ -62,17 +62,24 @@ fn differences(realized: &Realized<'_>, first: usize, y: &mut [f64], stop: &Stop
             stop.check()?;
         }
         let s = first + at;
-        realized.goal(s, |i, v| y[i] += v);
+        set_goal(realized, s, y);
         let x = match &realized.x0 {
             Entity::Dense(x0) => x0.row(s),
             Entity::Exact(x0) => x0,
             Entity::Singletons { .. } => &[], // excluded above
         };
-        for (y, row) in y.iter_mut().zip(a.row(s).chunks_exact(n)) {
-            *y -= dot(row, x);
-        }
+        y.iter_mut().zip(a.row(s).chunks_exact(n)).for_each(|(y, row)| *y -= dot(row, x));
     }
     Ok(())
+}
+
+/// `y = xf^s`, over zeros.
+fn set_goal(realized: &Realized<'_>, s: usize, y: &mut [f64]) {
+    match &realized.xf {
+        Entity::Exact(xf) => y.copy_from_slice(xf),
+        Entity::Dense(xf) => y.copy_from_slice(xf.row(s)),
+        Entity::Singletons { .. } => realized.goal(s, |i, v| y[i] += v),
+    }
 }
 
 /// The same from the contributions one by one, where there are few of them.
@@ -84,25 +91,19 @@ fn few_differences(realized: &Realized<'_>, first: usize, y: &mut [f64], stop: &
     Ok(())
 }
 
-/// `<a, b>`, eight sums at a time: one sum alone would wait for every addition.
-#[inline]
+/// `<a, b>`, eight sums at a time: one sum alone would wait for every addition. (Four rows together read the memory in
+/// four places, which is slower.)
+#[inline(always)]
 fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let (a8, a) = a.as_chunks::<8>();
-    let (b8, b) = b.as_chunks::<8>();
+    let (a8, a_rest) = a.as_chunks::<8>();
+    let (b8, b_rest) = b.as_chunks::<8>();
     let mut sums = [0.0; 8];
     for (a, b) in a8.iter().zip(b8) {
         for k in 0..8 {
             sums[k] += a[k] * b[k];
         }
     }
-    let (a2, a) = a.as_chunks::<2>();
-    let (b2, b) = b.as_chunks::<2>();
-    for (a, b) in a2.iter().zip(b2) {
-        for k in 0..2 {
-            sums[k] += a[k] * b[k];
-        }
-    }
-    let last: f64 = a.iter().zip(b).map(|(a, b)| a * b).sum();
+    let last: f64 = a_rest.iter().zip(b_rest).map(|(a, b)| a * b).sum();
     let four = [0, 1, 2, 3].map(|k| sums[k] + sums[k + 4]);
     (four[0] + four[2]) + (four[1] + four[3]) + last
 }

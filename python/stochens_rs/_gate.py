@@ -88,12 +88,19 @@ def output(name: str, value: object, shape: tuple[int, ...], apart: dict[str, ob
         raise InputTypeError(f"`{name}` must have dtype float64, got {str(value.dtype)[:40]}")
     if value.shape != shape:
         raise ShapeError(f"`{name}` must have shape {shape}, got {_shape(value)}")
-    for flag, word in (("C", "C-contiguous"), ("A", "aligned"), ("W", "writeable")):
-        if not value.flags[flag]:
+    flags = value.flags
+    for good, word in (
+        (flags.c_contiguous, "C-contiguous"),
+        (flags.aligned, "aligned"),
+        (flags.writeable, "writeable"),
+    ):
+        if not good:
             raise InputError(f"`{name}` must be {word}, got an array that is not")
     for other, array in apart.items():
         if isinstance(array, np.ndarray) and np.shares_memory(value, array):
-            raise InputError(f"`{name}` must not share memory with `{other}`, which it would change")
+            raise InputError(
+                f"`{name}` must not share memory with `{other}`, which it would change"
+            )
     return value
 
 

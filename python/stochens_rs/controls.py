@@ -80,10 +80,9 @@ def realization_controls(
     >>> u.shape
     (5, 1)
     >>> again = np.empty((5, 1))
-    >>> se.realization_controls(B, [1.0, 2.0], [0.0, 0.0], se.sample(A, 5, rng=1), out=again) is again
-    True
-    >>> bool((again == u).all())
-    True
+    >>> v = se.realization_controls(B, [1.0, 2.0], [0.0, 0.0], se.sample(A, 5, rng=1), out=again)
+    >>> v is again, bool((v == u).all())
+    (True, True)
     """
     inputs = _gate.matrix("B", B)
     entities = _entities(x0, xf, A, n=inputs.shape[0])

@@ -10,8 +10,11 @@ use super::singleton_rows::Picks;
 use crate::error::{Error, Result, checked_len, try_zeros};
 use crate::parallel::{Stop, for_each_chunk};
 
-/// Realizations treated together in the general case: their `y` stays in a second-level cache.
+/// Realizations treated together.
 const BLOCK: usize = 256;
+
+/// Entries of `y` treated together in the general case: well within a second-level cache, and no new pages per block.
+const ENTRIES: usize = 8192;
 
 impl Realized<'_> {
     /// The controls `B^+ y^s`, one row of `m` per realization. `pinv` is `B^+`, row by row (`m x n`).
@@ -41,8 +44,9 @@ impl Realized<'_> {
         let transposed: Vec<f64> = (0..n * m).map(|k| pinv[(k % m) * n + k / m]).collect();
         let picks = Picks::new(self, &transposed, m);
         let unbounded = picks.as_ref().is_none_or(|picks| !picks.bound().is_finite());
-        for_each_chunk(out.chunks_mut(BLOCK * m).enumerate(), threads, stop, |(block, out)| {
-            let first = block * BLOCK;
+        let rows = if picks.is_some() { BLOCK } else { (ENTRIES / n).clamp(16, BLOCK) };
+        for_each_chunk(out.chunks_mut(rows * m).enumerate(), threads, stop, |(block, out)| {
+            let first = block * rows;
             match &picks {
                 Some(picks) => picks.controls(first, out),
                 None => dense_rows::controls(self, first, &transposed, m, out, stop)?,

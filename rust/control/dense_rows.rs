@@ -68,7 +68,7 @@ fn differences(realized: &Realized<'_>, first: usize, y: &mut [f64], stop: &Stop
             Entity::Exact(x0) => x0,
             Entity::Singletons { .. } => &[], // excluded above
         };
-        y.iter_mut().zip(a.row(s).chunks_exact(n)).for_each(|(y, row)| *y -= dot(row, x));
+        subtract_product(a.row(s), x, y);
     }
     Ok(())
 }
@@ -91,19 +91,28 @@ fn few_differences(realized: &Realized<'_>, first: usize, y: &mut [f64], stop: &
     Ok(())
 }
 
-/// `<a, b>`, eight sums at a time: one sum alone would wait for every addition. (Four rows together read the memory in
-/// four places, which is slower.)
+/// `y -= A x`, row after row. (Four rows together read the memory in four places, which is slower.)
+#[inline(never)]
+fn subtract_product(a: &[f64], x: &[f64], y: &mut [f64]) {
+    for (y, row) in y.iter_mut().zip(a.chunks_exact(x.len())) {
+        *y -= dot(row, x);
+    }
+}
+
+/// `<a, b>`, eight sums at a time: one sum alone would wait for every addition.
 #[inline(always)]
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     let (a8, a_rest) = a.as_chunks::<8>();
     let (b8, b_rest) = b.as_chunks::<8>();
-    let mut sums = [0.0; 8];
+    let mut s = [0.0; 8];
     for (a, b) in a8.iter().zip(b8) {
         for k in 0..8 {
-            sums[k] += a[k] * b[k];
+            s[k] += a[k] * b[k];
         }
     }
-    let last: f64 = a_rest.iter().zip(b_rest).map(|(a, b)| a * b).sum();
-    let four = [0, 1, 2, 3].map(|k| sums[k] + sums[k + 4]);
-    (four[0] + four[2]) + (four[1] + four[3]) + last
+    let mut last = 0.0;
+    for (a, b) in a_rest.iter().zip(b_rest) {
+        last += a * b;
+    }
+    ((s[0] + s[4]) + (s[2] + s[6])) + ((s[1] + s[5]) + (s[3] + s[7])) + last
 }

@@ -153,7 +153,7 @@ pub(super) fn steps_to_weights(steps: &mut [f64], safeguards: &[f64]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sample::{Indices, Law};
+    use crate::sample::{Index, Indices, Law};
     use crate::{Key, Scheme, sample};
     use std::sync::Arc;
 
@@ -188,5 +188,97 @@ mod tests {
             assert!(distance(&fit.estimate, &draws.combine(&fit.weights, &Stop::new()).unwrap()) < 1e-11);
             assert!((fit.errors[0] - distance(&fit.estimate, &w)).abs() <= 1e-12 * fit.errors[0] + 1e-300);
         }
+    }
+
+    /// A sum that carries its rounding errors along (Neumaier).
+    fn compensated(terms: impl Iterator<Item = f64>) -> f64 {
+        let (mut sum, mut lost) = (0.0_f64, 0.0);
+        for term in terms {
+            let next = sum + term;
+            lost += if sum.abs() >= term.abs() { (sum - next) + term } else { (term - next) + sum };
+            sum = next;
+        }
+        sum + lost
+    }
+
+    /// The error after `10^6` steps against a compensated norm of `sum_i w_i E_i - E*`, summed from weights and indices.
+    #[test]
+    fn the_reported_error_is_accurate_after_a_million_steps() {
+        for (lines, length) in [(1, 10), (5, 8), (2, 1100)] {
+            let size = if length > 1000 { 200_000 } else { 1_000_000 };
+            let entry = |k: usize| (1.0 + (k as f64 * 0.754_877).fract()) * if k % 3 == 0 { -1.0 } else { 1.0 };
+            let w: Vec<f64> = (0..lines * length).map(entry).collect();
+            let law = Arc::new(Law::new(w.clone(), lines, length).unwrap());
+            let draws = sample(&law, size, Scheme::Iid, &Key([6; 32]), 1, &Stop::new()).unwrap();
+            // a target that no finite fusion meets, so that the error stays well above rounding
+            let target: Vec<f64> = w.iter().enumerate().map(|(k, w)| w * (1.0 + 1e-3 * (k % 7) as f64)).collect();
+            for safeguard in [false, true] {
+                let fit = slse(&draws, &target, safeguard, &[size / 2, size], false, &Stop::new()).unwrap();
+                let mut terms = vec![Vec::new(); lines * length];
+                with_indices!(&**draws.indices(), indices => {
+                    for (sample, weight) in indices.chunks_exact(lines).zip(&fit.weights) {
+                        sample.iter().enumerate().for_each(|(j, r)| terms[j * length + r.get()].push(*weight));
+                    }
+                });
+                let atoms = law.atoms();
+                let squares = terms
+                    .into_iter()
+                    .enumerate()
+                    .map(|(k, weights)| (atoms[k] * compensated(weights.into_iter()) - target[k]).powi(2));
+                let direct = compensated(squares).sqrt();
+                let relative = (fit.errors[1] - direct).abs() / direct;
+                assert!(relative < 1e-10, "{lines} x {length}, safeguard {safeguard}: off by {relative:e}");
+                assert!(fit.errors[1] <= fit.errors[0] * (1.0 + 1e-12));
+            }
+        }
+    }
+
+    /// Small tables lie apart, large ones beside each other: the same steps, bit for bit.
+    #[test]
+    fn the_layout_of_the_tables_changes_nothing() {
+        let w: Vec<f64> = (1..=35).map(|i| f64::from(i % 9 - 4)).collect();
+        let law = Arc::new(Law::new(w.clone(), 5, 7).unwrap());
+        let draws = sample(&law, 3000, Scheme::Iid, &Key([7; 32]), 1, &Stop::new()).unwrap();
+        for safeguard in [false, true] {
+            let ask = Ask { draws: &draws, target: &w, safeguard, sizes: &[1, 2, 999, 3000], keep_estimates: true };
+            let (apart, beside) =
+                (ask.answer::<Apart>(&Stop::new()).unwrap(), ask.answer::<Beside>(&Stop::new()).unwrap());
+            assert_eq!(apart.weights, beside.weights);
+            assert_eq!(apart.errors, beside.errors);
+            assert_eq!(apart.estimates, beside.estimates);
+        }
+    }
+
+    /// `F = E` whenever all realizations are equal: every step but the first is zero, not a matter of rounding.
+    #[test]
+    fn equal_realizations_take_no_step() {
+        let mut w = vec![0.0; 49];
+        (0..7).for_each(|i| w[8 * i] = 0.1 + i as f64 / 3.0);
+        let fit = run(&w, 7, 7, &[0, 1, 2, 3, 4, 5, 6].repeat(50), false);
+        assert_eq!(fit.weights[0], 1.0);
+        assert!(fit.weights[1..].iter().all(|&t| t == 0.0));
+        assert!(fit.errors[0] < 1e-15);
+    }
+
+    #[test]
+    fn replicates_do_not_depend_on_threads() {
+        let w: Vec<f64> = (1..=12).map(|i| f64::from(i) - 4.5).collect();
+        let law = Arc::new(Law::new(w.clone(), 3, 4).unwrap());
+        let draw = |seed| sample(&law, 500, Scheme::Iid, &Key([seed; 32]), 1, &Stop::new()).unwrap();
+        let ensembles: Vec<(Singletons, &[f64])> = (0..9).map(|seed| (draw(seed), &w[..])).collect();
+        let each = |threads| slse_each(&ensembles, true, &[10, 500], true, threads, &Stop::new()).unwrap();
+        let one = each(1);
+        for (fits, (draws, target)) in one.iter().zip(&ensembles) {
+            let alone = slse(draws, target, true, &[10, 500], true, &Stop::new()).unwrap();
+            assert_eq!((&fits.errors, &fits.weights), (&alone.errors, &alone.weights));
+        }
+        for threads in [2, 5] {
+            for (a, b) in each(threads).iter().zip(&one) {
+                assert_eq!((&a.errors, &a.weights, &a.estimates), (&b.errors, &b.weights, &b.estimates));
+            }
+        }
+        let stop = Stop::new();
+        stop.request();
+        assert!(slse_each(&ensembles, true, &[500], false, 2, &stop).is_err());
     }
 }

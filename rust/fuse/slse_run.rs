@@ -100,7 +100,11 @@ impl<'a, T: Tables> Run<'a, T> {
     }
 
     /// One line search each; `b = 0` and there is no `S`.
-    fn plain_steps<'s, I: Index>(&mut self, steps: impl Iterator<Item = (Sample<'s, I>, &'s mut f64)>, mut first: bool) {
+    fn plain_steps<'s, I: Index>(
+        &mut self,
+        steps: impl Iterator<Item = (Sample<'s, I>, &'s mut f64)>,
+        mut first: bool,
+    ) {
         // in registers: what stays in `self` would be stored and loaded again within each step
         let (mut state, mut c, gg) = (self.state, self.c, self.gg);
         for (sample, step) in steps {
@@ -137,8 +141,7 @@ impl<'a, T: Tables> Run<'a, T> {
             self.hits[at] += 1.0; // the mean includes this realization
         }
         let fe = self.c * h_sum + self.b * se;
-        let Move { t, u, .. } =
-            if n == 1 { self.state.restart(ae, gg) } else { self.state.line_search(fe, ae, gg) };
+        let Move { t, u, .. } = if n == 1 { self.state.restart(ae, gg) } else { self.state.line_search(fe, ae, gg) };
         self.state.ss += 2.0 * se + gg;
         self.state.sa += ae;
         let fs = u * (self.state.fs + fe) + t * (se + gg); // <F', S>

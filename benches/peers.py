@@ -102,7 +102,7 @@ def alse_path() -> Iterator[Line]:
 
 
 def slse() -> Iterator[Line]:
-    for n, size in ((10, 100_000), (100, 20_000), (500, 2_000)):
+    for n, size in ((10, 100_000), (100, 20_000), (500, 10_000)):
         A = np.random.default_rng(0).standard_normal((n, n))
         ensemble = se.sample(A, size, rng=1)
         few = 300 if n < 500 else 20

@@ -206,7 +206,8 @@ mod tests {
     fn the_reported_error_is_accurate_after_a_million_steps() {
         for (lines, length) in [(1, 10), (5, 8), (2, 1100)] {
             let size = if length > 1000 { 200_000 } else { 1_000_000 };
-            let entry = |k: usize| (1.0 + (k as f64 * 0.754_877).fract()) * if k % 3 == 0 { -1.0 } else { 1.0 };
+            let entry =
+                |k: usize| (1.0 + (k as f64 * 0.754_877).fract()) * if k.is_multiple_of(3) { -1.0 } else { 1.0 };
             let w: Vec<f64> = (0..lines * length).map(entry).collect();
             let law = Arc::new(Law::new(w.clone(), lines, length).unwrap());
             let draws = sample(&law, size, Scheme::Iid, &Key([6; 32]), 1, &Stop::new()).unwrap();

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use stochens::control::{Entity, Realized, pseudoinverse};
-use stochens::fuse::{Settings, Status, Weights, alse, closed_form, slse};
+use stochens::fuse::{Settings, Status, Weights, alse, closed_form, slse, slse_each};
 use stochens::sample::multinomial_counts;
 use stochens::simulate::{Drawn, Model, Second, mean_field, runs};
 use stochens::streaming::{Config, Geometry, Laws, Limits, Order, Stream, Variant};
@@ -90,16 +90,36 @@ fn least_squares(c: &mut Criterion) {
     group.finish();
 }
 
+/// Independent ensembles on threads: how close two of them come to half the time.
+fn replicates(c: &mut Criterion) {
+    let mut group = c.benchmark_group("slse_replicates");
+    let law = law(30, 30);
+    let draw = |seed| sample(&law, 5000, Scheme::Iid, &Key([seed; 32]), 1, &Stop::new()).expect("fits into memory");
+    let ensembles: Vec<_> = (0..16).map(|seed| (draw(seed), law.values())).collect();
+    group.throughput(Throughput::Elements(16 * 5000));
+    for threads in [1, 2] {
+        group.bench_function(BenchmarkId::new("threads", threads), |b| {
+            b.iter(|| slse_each(&ensembles, false, &[5000], false, threads, &Stop::new()));
+        });
+    }
+    group.finish();
+}
+
+/// Into memory that was used before; `fill` is the same number of bytes and nothing else.
 fn controls(c: &mut Criterion) {
     let mut group = c.benchmark_group("controls");
-    for (n, m, size) in [(10, 2, 100_000), (100, 10, 100_000), (100, 80, 20_000)] {
+    for (n, m, size) in [(10, 2, 1_000_000), (10, 8, 500_000), (100, 10, 200_000), (100, 80, 50_000)] {
         let (vector, matrix) = (law(1, n), law(n, n));
         let p = pseudoinverse(&entries(n * m), n, m).expect("finite entries");
         let entity = |law| Entity::Singletons { draws: draw(law, size), rows: false };
         let realized = Realized::new(entity(&vector), entity(&vector), entity(&matrix), n).expect("fitting shapes");
+        let mut out = vec![1.0; size * m];
         group.throughput(Throughput::Bytes((size * m * 8) as u64));
         group.bench_function(BenchmarkId::from_parameter(format!("n={n} m={m}")), |b| {
-            b.iter(|| realized.controls(&p.matrix, m, 1, &Stop::new()));
+            b.iter(|| realized.controls_into(&p.matrix, m, &mut out, 1, &Stop::new()));
+        });
+        group.bench_function(BenchmarkId::new("fill", format!("m={m}")), |b| {
+            b.iter(|| black_box(&mut out).fill(1.0));
         });
     }
     group.finish();
@@ -152,6 +172,6 @@ fn streaming(c: &mut Criterion) {
 criterion_group! {
     name = benches;
     config = Criterion::default().sample_size(20).measurement_time(std::time::Duration::from_secs(2));
-    targets = sampling, fusing, least_squares, controls, simulating, streaming
+    targets = sampling, fusing, least_squares, replicates, controls, simulating, streaming
 }
 criterion_main!(benches);

@@ -15,6 +15,7 @@ import statistics
 import sys
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 
 import alse
 import numpy as np
@@ -114,10 +115,10 @@ def alse_path() -> Iterator[Line]:
 
 
 def slse() -> Iterator[Line]:
-    for n in (10, 100):
+    for n, size in ((10, 100_000), (100, 20_000), (500, 10_000)):
         A = np.random.default_rng(0).standard_normal((n, n))
-        ensemble = se.sample(A, 20_000, rng=1)
-        few = 300
+        ensemble = se.sample(A, size, rng=1)
+        few = 300 if n < 500 else 20
         dense = ensemble.prefix(few).dense()
         yield (
             f"SLSE of a matrix, {n}x{n}",
@@ -129,19 +130,23 @@ def slse() -> Iterator[Line]:
         )
         jitted = numba_slse()
         if jitted is not None:
-            indices = np.ascontiguousarray(ensemble.indices, dtype=np.int64)
             atoms = np.ascontiguousarray(ensemble.atoms)
-            ours = se.fuse(ensemble, "slse", target=A).error
-            theirs = jitted(indices, atoms, A)
-            assert abs(ours - theirs) <= 1e-6 * np.linalg.norm(A), "not the same work"
-            yield (
-                f"SLSE of a matrix, {n}x{n}",
-                "Numba, same O(n) update",
-                lambda e=ensemble, A=A: se.fuse(e, "slse", target=A),
-                ensemble.size,
-                lambda run=jitted, i=indices, a=atoms, A=A: run(i, a, A),
-                ensemble.size,
-            )
+            for width in (
+                np.int64,
+                ensemble.indices.dtype,
+            ):  # what NumPy indexes with; what we have
+                indices = np.ascontiguousarray(ensemble.indices, dtype=width)
+                ours = se.fuse(ensemble, "slse", target=A).error
+                theirs = jitted(indices, atoms, A)
+                assert abs(ours - theirs) <= 1e-6 * np.linalg.norm(A), "not the same work"
+                yield (
+                    f"SLSE of a matrix, {n}x{n}",
+                    f"Numba, O(n), {np.dtype(width).name}",
+                    lambda e=ensemble, A=A: se.fuse(e, "slse", target=A),
+                    ensemble.size,
+                    lambda run=jitted, i=indices, a=atoms, A=A: run(i, a, A),
+                    ensemble.size,
+                )
 
 
 def numba_slse() -> Callable[..., float] | None:
@@ -350,14 +355,21 @@ def numba_stream() -> Callable[..., np.ndarray] | None:
 
 
 def controls() -> Iterator[Line]:
+    """Into memory that was used before, where nothing is said; `fresh` is a new array each time."""
     gen = np.random.default_rng(0)
-    for n, m, size in ((10, 2, 200_000), (100, 10, 200_000)):
+    for n, m, size in (
+        (10, 2, 2_000_000),
+        (10, 8, 500_000),
+        (100, 10, 200_000),
+        (100, 100, 50_000),
+    ):
         A, B = gen.standard_normal((n, n)), gen.standard_normal((n, m))
         x0 = se.sample(gen.standard_normal(n), size, rng=1)
         xf = se.sample(gen.standard_normal(n), size, rng=2)
         EA = se.sample(A, size, rng=3)
         i0, iF, iA = (e.indices.astype(np.intp) for e in (x0, xf, EA))
         PT = np.ascontiguousarray(np.linalg.pinv(B).T)
+        out, theirs, y = np.zeros((size, m)), np.zeros((size, m)), gen.standard_normal((size, n))
 
         def fancy(i0=i0, iF=iF, iA=iA, x0=x0, xf=xf, EA=EA, PT=PT) -> np.ndarray:
             column = i0[:, 0]
@@ -365,11 +377,58 @@ def controls() -> Iterator[Line]:
             scale = EA.atoms[row, column] * x0.atoms[column]
             return xf.atoms[iF[:, 0], None] * PT[iF[:, 0]] - scale[:, None] * PT[row]
 
-        def ours(B=B, x0=x0, xf=xf, EA=EA) -> np.ndarray:
+        def fresh(B=B, x0=x0, xf=xf, EA=EA) -> np.ndarray:
             return se.realization_controls(B, x0, xf, EA)
 
+        def ours(B=B, x0=x0, xf=xf, EA=EA, out=out) -> np.ndarray:
+            return se.realization_controls(B, x0, xf, EA, out=out)
+
+        def product(y=y, PT=PT, theirs=theirs) -> np.ndarray:
+            return np.matmul(y, PT, out=theirs)
+
         assert np.allclose(fancy(), ours())
-        yield (f"controls, n={n} m={m}", "NumPy fancy indexing", ours, size, fancy, size)
+        what = f"controls, n={n} m={m}"
+        yield what, "NumPy fancy indexing", ours, size, fancy, size
+        yield f"{what}, fresh", "NumPy fancy indexing", fresh, size, fancy, size
+        yield what, "NumPy GEMM, out=", ours, size, product, size
+        # a ratio below one: the share of the bandwidth of stores that is reached
+        yield what, "store bandwidth, out.fill", ours, size, lambda out=theirs: out.fill(1.0), size
+    for n, m in ((10, 5), (30, 10), (100, 20), (300, 30)):
+        size = 8_000_000 // (n * n)
+        B = gen.standard_normal((n, m))
+        samples = [gen.standard_normal((size, *shape)) for shape in ((n,), (n,), (n, n))]
+        x0, xf, EA = (se.Ensemble.from_samples(values) for values in samples)
+        P, out, result = np.linalg.pinv(B), np.zeros((size, m)), np.zeros((size, m))
+
+        def ours(B=B, x0=x0, xf=xf, EA=EA, out=out) -> np.ndarray:
+            return se.realization_controls(B, x0, xf, EA, out=out)
+
+        def batched(samples=samples, P=P, out=result) -> np.ndarray:
+            x0, xf, A = samples
+            return np.matmul(xf - np.matmul(A, x0[:, :, None])[:, :, 0], P.T, out=out)
+
+        assert np.allclose(batched(), ours())
+        yield f"controls, dense, n={n} m={m}", "NumPy matmul, all of it", ours, size, batched, size
+
+
+def slse_replicates() -> Iterator[Line]:
+    """Threads over ensembles, the unit of work of an experiment: two threads against one."""
+    A = np.random.default_rng(0).standard_normal((30, 30))
+    ensembles = [se.sample(A, 5_000, rng=seed) for seed in range(16)]
+
+    def work(threads: int) -> list[float]:
+        with ThreadPoolExecutor(threads) as pool:
+            return list(pool.map(lambda e: se.fuse(e, "slse", target=A).error, ensembles))
+
+    assert work(1) == work(2)
+    yield (
+        "SLSE of 16 replicates, 2 threads",
+        "ours, 1 thread",
+        lambda: work(2),
+        1,
+        lambda: work(1),
+        1,
+    )
 
 
 def simulate() -> Iterator[Line]:
@@ -503,7 +562,10 @@ def reproduce() -> Iterator[Line]:
 
 GROUPS = {
     f.__name__: f
-    for f in (sampling, closed_form, alse_path, slse, stream, controls, simulate, reproduce)
+    for f in (
+        *(sampling, closed_form, alse_path, slse, slse_replicates, stream),
+        *(controls, simulate, reproduce),
+    )
 }
 
 
@@ -528,8 +590,8 @@ def main() -> None:
             ratios = [(b / their_share) / (a / share) for a, b in zip(mine, others, strict=True)]
             print(
                 f"{what:<48} {peer:<28} {statistics.median(mine):>9.2e}s "
-                f"{statistics.median(others):>9.2e}s {statistics.median(ratios):>7.1f}x"
-                f"   ({min(ratios):.1f} .. {max(ratios):.1f})",
+                f"{statistics.median(others):>9.2e}s {statistics.median(ratios):>7.2f}x"
+                f"   ({min(ratios):.2f} .. {max(ratios):.2f})",
                 flush=True,
             )
 

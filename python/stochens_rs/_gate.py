@@ -87,6 +87,34 @@ def array(name: str, value: object, *, ndim: tuple[int, ...]) -> Floats:
     return _finite(name, given)
 
 
+def output(name: str, value: object, shape: tuple[int, ...], apart: dict[str, object]) -> Floats:
+    """Return `value` if results of this shape can be written into it; `apart`: what it must spare.
+
+    It is an ndarray (no masked one) of native float64, C-contiguous, aligned, writeable, and shares
+    no memory with the arrays of `apart`, each under the name of its argument.
+    """
+    if not isinstance(value, np.ndarray) or isinstance(value, np.ma.MaskedArray):
+        raise InputTypeError(f"`{name}` must be a numpy.ndarray of float64, got {show(value)}")
+    if value.dtype != np.float64:
+        raise InputTypeError(f"`{name}` must have dtype float64, got {str(value.dtype)[:40]}")
+    if value.shape != shape:
+        raise ShapeError(f"`{name}` must have shape {shape}, got {_shape(value)}")
+    flags = value.flags
+    for good, word in (
+        (flags.c_contiguous, "C-contiguous"),
+        (flags.aligned, "aligned"),
+        (flags.writeable, "writeable"),
+    ):
+        if not good:
+            raise InputError(f"`{name}` must be {word}, got an array that is not")
+    for other, array in apart.items():
+        if isinstance(array, np.ndarray) and np.shares_memory(value, array):
+            raise InputError(
+                f"`{name}` must not share memory with `{other}`, which it would change"
+            )
+    return value
+
+
 def size(name: str, value: object, *, minimum: int = 1, maximum: int = EXACT) -> int:
     """Return a count as int: integers and whole floats such as 1e6, never bool or text."""
     count = _whole(value)

@@ -33,7 +33,14 @@ _FUSIONS = ("product", "diagonal")
 _REACHABLE = float(np.sqrt(np.finfo(float).eps))
 
 
-def realization_controls(B: ArrayLike, x0: EntityLike, xf: EntityLike, A: EntityLike) -> Floats:
+def realization_controls(
+    B: ArrayLike,
+    x0: EntityLike,
+    xf: EntityLike,
+    A: EntityLike,
+    *,
+    out: Floats | None = None,
+) -> Floats:
     """Compute one control per realization, ``u^s = B^+ (xf^s - A^s x0^s)``.
 
     Parameters
@@ -44,16 +51,21 @@ def realization_controls(B: ArrayLike, x0: EntityLike, xf: EntityLike, A: Entity
         Realizations of the initial state and the target; an array is the same for all.
     A : Ensemble or array_like, shape (n, n)
         Realizations of the system matrix; an array is the same for all.
+    out : ndarray of float64, shape (N, m), optional
+        Where to write the controls: C-contiguous, writeable, sharing no memory with the other
+        arguments. Memory that was used before saves more time than the controls take. After an
+        exception its entries mean nothing.
 
     Returns
     -------
     ndarray, shape (N, m)
-        ``u[s]`` belongs to realization s of every ensemble (N = 1 if all are arrays).
+        ``u[s]`` belongs to realization s of every ensemble (N = 1 if all are arrays); `out` itself
+        if it was given.
 
     Raises
     ------
     InputError, InputTypeError
-        If an argument cannot be used, or the ensembles differ in size.
+        If an argument cannot be used, the ensembles differ in size, or a control overflows.
     SolverError
         If the singular value decomposition of B does not converge.
 
@@ -69,16 +81,27 @@ def realization_controls(B: ArrayLike, x0: EntityLike, xf: EntityLike, A: Entity
     >>> u = se.realization_controls(B, [1.0, 2.0], [0.0, 0.0], se.sample(A, 5, rng=1))
     >>> u.shape
     (5, 1)
+    >>> again = np.empty((5, 1))
+    >>> v = se.realization_controls(B, [1.0, 2.0], [0.0, 0.0], se.sample(A, 5, rng=1), out=again)
+    >>> v is again, bool((v == u).all())
+    (True, True)
     """
     inputs = _gate.matrix("B", B)
     entities = _entities(x0, xf, A, n=inputs.shape[0])
     start, goal, matrix = (entity.realizations() for entity in entities)
     pinv = pseudoinverse(inputs)[0]
     size = max(entity.size or 1 for entity in entities)
-    _gate.memory("the controls", size * inputs.shape[1] * 8)
-    return _core.realization_controls(
-        pinv, start, goal, matrix, entities[2].by_rows, get_num_threads()
+    shape = (size, inputs.shape[1])
+    if out is None:
+        _gate.memory("the controls", size * inputs.shape[1] * 8)
+        # not from the core: NumPy asks the system for large pages, which are filled far sooner
+        controls = np.empty(shape)
+    else:
+        controls = _gate.output("out", out, shape, {"B": B, "x0": x0, "xf": xf, "A": A})
+    _core.realization_controls(
+        controls, pinv, start, goal, matrix, entities[2].by_rows, get_num_threads()
     )
+    return controls
 
 
 def control(

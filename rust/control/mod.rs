@@ -3,8 +3,11 @@
 //! *Product* fusion averages every entity first, `u = B^+ (xf_hat - A_hat x0_hat)`; *diagonal* fusion averages the
 //! per-realization controls. They are different estimators with the same mean; product fusion is never worse.
 
+mod batch;
+mod dense_rows;
 mod pseudoinverse;
 mod realizations;
+mod singleton_rows;
 
 pub use pseudoinverse::{Pseudoinverse, pseudoinverse};
 pub use realizations::{Entity, Realized};

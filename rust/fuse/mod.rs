@@ -13,12 +13,14 @@ mod path;
 mod simplex;
 mod slse;
 mod slse_dense;
+mod slse_run;
+mod slse_tables;
 
 pub use alse::{Realizations, Settings, Solution, Status, alse, alse_prefixes, second_opinion};
 pub use closed_form::{ClosedForm, Gap, closed_form, project_on_simplex};
 pub use dense::Dense;
 pub use path::{Path, alse_path, uniform_path};
-pub use slse::{Sequential, slse};
+pub use slse::{Sequential, slse, slse_each};
 pub use slse_dense::slse_dense;
 
 use crate::sample::Law;

@@ -4,14 +4,18 @@
 //! recursion on the fused `F`). The *safeguarded* variant follows every step with one more line search, from `F` towards
 //! the running mean `U`; that makes the printed inequality SLSE <= uniform true for every sample path.
 //!
-//! The step itself is in [`super::greedy`]; its inner products are recomputed from `F` every `16 length` steps, so that the
-//! reported error keeps its relative accuracy however small it becomes.
+//! One chain of steps is one thread's work, since each step starts where the last one ended; independent ensembles, as
+//! replicates of an experiment, are what [`slse_each`] spreads over threads.
 
-use super::greedy::Run;
+use super::slse_run::Run;
+use super::slse_tables::{Apart, Beside, Tables};
 use super::{distance, power_of_two_scale};
 use crate::error::{Result, try_zeros};
-use crate::parallel::Stop;
+use crate::parallel::{Stop, for_each_chunk};
 use crate::sample::{Singletons, with_indices};
+
+/// Bytes of a first-level data cache that may be counted on: what the tables are laid out for.
+const CACHE: usize = 32 << 10;
 
 /// What a sequential fusion leaves behind.
 #[derive(Debug, Clone, Default)]
@@ -39,69 +43,109 @@ pub fn slse(
     keep_estimates: bool,
     stop: &Stop,
 ) -> Result<Sequential> {
-    let law = draws.law();
-    let (lines, length) = (law.lines(), law.length());
-    let signs = law.signs();
-    let on_support = |k: usize| signs[k] != 0.0;
-    // What no realization can change stays out of every inner product: a large part there would drown the rest.
-    let split = |on: bool| -> Vec<f64> {
-        target.iter().enumerate().map(|(k, &t)| if on_support(k) == on { t } else { 0.0 }).collect()
-    };
-    let reachable = split(true);
-    let off = distance(&split(false), &vec![0.0; target.len()]);
-    let scale = power_of_two_scale(law.gamma().iter().chain(&reachable));
-    let gamma: Vec<f64> = law.gamma().iter().map(|g| g / scale).collect();
-    let scaled: Vec<f64> = reachable.iter().map(|t| t / scale).collect();
-    let magnitudes: Vec<f64> = scaled.iter().zip(&signs).map(|(t, sign)| sign * t).collect();
-    let mut run = Run::new(gamma, &magnitudes, safeguard);
-    let size = draws.size();
-    let mut out = Sequential { weights: try_zeros("the weights", size)?, ..Sequential::default() };
-    let mut safeguards = if safeguard { try_zeros("the safeguard steps", size)? } else { Vec::new() };
-    let mut wanted = sizes.iter().copied().peekable();
-    let estimate = |run: &Run| -> Vec<f64> {
-        (0..scaled.len())
-            .map(|k| {
-                if on_support(k) && run.gamma[k / length] > 0.0 { signs[k] * run.f(k / length, k) * scale } else { 0.0 }
-            })
-            .collect()
-    };
-    let refresh_every = 16 * length.max(16);
-    let check_every = (1 << 18) / lines + 1; // about a millisecond
-    with_indices!(&**draws.indices(), indices => {
-        for (i, sample) in indices.chunks_exact(lines).take(size).enumerate() {
-            let (t, s) = run.step(sample, i + 1);
-            out.weights[i] = t;
-            if safeguard {
-                safeguards[i] = s;
-            }
-            if (i + 1) % refresh_every == 0 {
+    let ask = Ask { draws, target, safeguard, sizes, keep_estimates };
+    if 2 * size_of_val(draws.law().values()) <= CACHE { ask.answer::<Apart>(stop) } else { ask.answer::<Beside>(stop) }
+}
+
+/// [`slse`] of independent ensembles towards their targets, on up to `threads` threads.
+///
+/// Every result is that of [`slse`] alone, bit for bit, for any number of threads.
+///
+/// # Errors
+/// As for [`slse`]; the first error ends the others.
+pub fn slse_each(
+    ensembles: &[(Singletons, &[f64])],
+    safeguard: bool,
+    sizes: &[usize],
+    keep_estimates: bool,
+    threads: usize,
+    stop: &Stop,
+) -> Result<Vec<Sequential>> {
+    let mut fits = vec![Sequential::default(); ensembles.len()];
+    for_each_chunk(fits.iter_mut().zip(ensembles), threads, stop, |(fit, (draws, target))| {
+        *fit = slse(draws, target, safeguard, sizes, keep_estimates, stop)?;
+        Ok(())
+    })?;
+    Ok(fits)
+}
+
+/// The arguments of [`slse`].
+struct Ask<'a> {
+    draws: &'a Singletons,
+    target: &'a [f64],
+    safeguard: bool,
+    sizes: &'a [usize],
+    keep_estimates: bool,
+}
+
+impl Ask<'_> {
+    fn answer<T: Tables>(&self, stop: &Stop) -> Result<Sequential> {
+        let law = self.draws.law();
+        let (lines, length) = (law.lines(), law.length());
+        let signs = law.signs();
+        // What no realization can change stays out of every inner product: a large part there would drown the rest.
+        let split = |on: bool| -> Vec<f64> {
+            self.target.iter().zip(&signs).map(|(&t, &sign)| if (sign != 0.0) == on { t } else { 0.0 }).collect()
+        };
+        let reachable = split(true);
+        let off = distance(&split(false), &vec![0.0; self.target.len()]);
+        let scale = power_of_two_scale(law.gamma().iter().chain(&reachable));
+        let gamma: Vec<f64> = law.gamma().iter().map(|g| g / scale).collect();
+        let signed: Vec<f64> = reachable.iter().zip(&signs).map(|(t, sign)| sign * (t / scale)).collect();
+        let mut run: Run<'_, T> = Run::new(&gamma, length, &signed, self.safeguard);
+        let estimate = |run: &Run<'_, T>| -> Vec<f64> {
+            let entry = |k: usize| if signs[k] == 0.0 { 0.0 } else { signs[k] * run.f(k / length, k) * scale };
+            (0..signs.len()).map(entry).collect()
+        };
+        let size = self.draws.size();
+        let mut out = Sequential { weights: try_zeros("the weights", size)?, ..Sequential::default() };
+        let mut safeguards = if self.safeguard { try_zeros("the safeguard steps", size)? } else { Vec::new() };
+        let refresh_every = 16 * length.max(16);
+        let check_every = (1 << 18) / lines + 1; // about a millisecond
+        let mut wanted = self.sizes.iter().copied().peekable();
+        let mut done = 0;
+        with_indices!(&**self.draws.indices(), indices => while done < size {
+            // up to the next place where something else than a step is due
+            let due = |every: usize| done - done % every + every;
+            let next = due(refresh_every).min(due(check_every)).min(size);
+            let next = wanted.peek().map_or(next, |&k| next.min(k.max(done + 1)));
+            let block = &indices[done * lines..next * lines];
+            run.advance(block, done, &mut out.weights[done..next], safeguards.get_mut(done..next).unwrap_or_default());
+            done = next;
+            if done % refresh_every == 0 {
                 run.refresh();
             }
-            if (i + 1) % check_every == 0 {
-                stop.check()?;
-            }
-            if wanted.next_if_eq(&(i + 1)).is_some() {
-                out.errors.push((run.direct().0.max(0.0).sqrt() * scale).hypot(off));
-                stop.check()?;
-                if keep_estimates {
+            stop.check()?;
+            if wanted.next_if_eq(&done).is_some() {
+                out.errors.push((run.error(&signed) * scale).hypot(off));
+                if self.keep_estimates {
                     out.estimates.extend(estimate(&run));
                 }
             }
-        }
-    });
-    out.estimate = estimate(&run);
-    steps_to_weights(&mut out.weights, &safeguards);
-    Ok(out)
+        });
+        out.estimate = estimate(&run);
+        steps_to_weights(&mut out.weights, &safeguards);
+        Ok(out)
+    }
 }
 
 /// Turns the steps `t_k` (in place) and `s_k` into weights: `w_k = C_k (1 - s_k) t_k + sum_{i >= k} C_i s_i / i` with
 /// `C_k = prod_{i > k} (1 - s_i)(1 - t_i)`.
 pub(super) fn steps_to_weights(steps: &mut [f64], safeguards: &[f64]) {
-    let (mut carried, mut from_means) = (1.0, 0.0);
-    for k in (0..steps.len()).rev() {
-        let (t, s) = (steps[k], safeguards.get(k).copied().unwrap_or(0.0));
+    let mut carried = 1.0;
+    if safeguards.is_empty() {
+        for step in steps.iter_mut().rev() {
+            let t = *step;
+            *step = carried * t;
+            carried *= 1.0 - t;
+        }
+        return;
+    }
+    let mut from_means = 0.0;
+    for (k, (step, s)) in steps.iter_mut().zip(safeguards).enumerate().rev() {
+        let t = *step;
         from_means += carried * s / (k + 1) as f64;
-        steps[k] = from_means + carried * (1.0 - s) * t;
+        *step = from_means + carried * (1.0 - s) * t;
         carried *= (1.0 - s) * (1.0 - t);
     }
 }
@@ -109,14 +153,14 @@ pub(super) fn steps_to_weights(steps: &mut [f64], safeguards: &[f64]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sample::{Indices, Law};
+    use crate::sample::{Index, Indices, Law};
     use crate::{Key, Scheme, sample};
     use std::sync::Arc;
 
     fn run(w: &[f64], lines: usize, length: usize, indices: &[u8], safeguard: bool) -> Sequential {
         let law = Arc::new(Law::new(w.to_vec(), lines, length).unwrap());
         let size = indices.len() / lines;
-        let draws = Singletons::new(law, Indices::U8(indices.to_vec().into()), size).unwrap();
+        let draws = Singletons::new(law, Indices::U8(indices.to_vec()), size).unwrap();
         slse(&draws, w, safeguard, &[size], false, &Stop::new()).unwrap()
     }
 
@@ -144,5 +188,97 @@ mod tests {
             assert!(distance(&fit.estimate, &draws.combine(&fit.weights, &Stop::new()).unwrap()) < 1e-11);
             assert!((fit.errors[0] - distance(&fit.estimate, &w)).abs() <= 1e-12 * fit.errors[0] + 1e-300);
         }
+    }
+
+    /// A sum that carries its rounding errors along (Neumaier).
+    fn compensated(terms: impl Iterator<Item = f64>) -> f64 {
+        let (mut sum, mut lost) = (0.0_f64, 0.0);
+        for term in terms {
+            let next = sum + term;
+            lost += if sum.abs() >= term.abs() { (sum - next) + term } else { (term - next) + sum };
+            sum = next;
+        }
+        sum + lost
+    }
+
+    /// The error after `10^6` steps against a compensated norm of `sum_i w_i E_i - E*`, summed from weights and indices.
+    #[test]
+    fn the_reported_error_is_accurate_after_a_million_steps() {
+        for (lines, length) in [(1, 10), (5, 8), (2, 1100)] {
+            let size = if length > 1000 { 200_000 } else { 1_000_000 };
+            let entry =
+                |k: usize| (1.0 + (k as f64 * 0.754_877).fract()) * if k.is_multiple_of(3) { -1.0 } else { 1.0 };
+            let w: Vec<f64> = (0..lines * length).map(entry).collect();
+            let law = Arc::new(Law::new(w.clone(), lines, length).unwrap());
+            let draws = sample(&law, size, Scheme::Iid, &Key([6; 32]), 1, &Stop::new()).unwrap();
+            // a target that no finite fusion meets, so that the error stays well above rounding
+            let target: Vec<f64> = w.iter().enumerate().map(|(k, w)| w * (1.0 + 1e-3 * (k % 7) as f64)).collect();
+            for safeguard in [false, true] {
+                let fit = slse(&draws, &target, safeguard, &[size / 2, size], false, &Stop::new()).unwrap();
+                let mut terms = vec![Vec::new(); lines * length];
+                with_indices!(&**draws.indices(), indices => {
+                    for (sample, weight) in indices.chunks_exact(lines).zip(&fit.weights) {
+                        sample.iter().enumerate().for_each(|(j, r)| terms[j * length + r.get()].push(*weight));
+                    }
+                });
+                let atoms = law.atoms();
+                let squares = terms
+                    .into_iter()
+                    .enumerate()
+                    .map(|(k, weights)| (atoms[k] * compensated(weights.into_iter()) - target[k]).powi(2));
+                let direct = compensated(squares).sqrt();
+                let relative = (fit.errors[1] - direct).abs() / direct;
+                assert!(relative < 1e-10, "{lines} x {length}, safeguard {safeguard}: off by {relative:e}");
+            }
+        }
+    }
+
+    /// Small tables lie apart, large ones beside each other: the same steps, bit for bit.
+    #[test]
+    fn the_layout_of_the_tables_changes_nothing() {
+        let w: Vec<f64> = (1..=35).map(|i| f64::from(i % 9 - 4)).collect();
+        let law = Arc::new(Law::new(w.clone(), 5, 7).unwrap());
+        let draws = sample(&law, 3000, Scheme::Iid, &Key([7; 32]), 1, &Stop::new()).unwrap();
+        for safeguard in [false, true] {
+            let ask = Ask { draws: &draws, target: &w, safeguard, sizes: &[1, 2, 999, 3000], keep_estimates: true };
+            let (apart, beside) =
+                (ask.answer::<Apart>(&Stop::new()).unwrap(), ask.answer::<Beside>(&Stop::new()).unwrap());
+            assert_eq!(apart.weights, beside.weights);
+            assert_eq!(apart.errors, beside.errors);
+            assert_eq!(apart.estimates, beside.estimates);
+        }
+    }
+
+    /// `F = E` whenever all realizations are equal: every step but the first is zero, not a matter of rounding.
+    #[test]
+    fn equal_realizations_take_no_step() {
+        let mut w = vec![0.0; 49];
+        (0..7).for_each(|i| w[8 * i] = 0.1 + i as f64 / 3.0);
+        let fit = run(&w, 7, 7, &[0, 1, 2, 3, 4, 5, 6].repeat(50), false);
+        assert_eq!(fit.weights[0], 1.0);
+        assert!(fit.weights[1..].iter().all(|&t| t == 0.0));
+        assert!(fit.errors[0] < 1e-15);
+    }
+
+    #[test]
+    fn replicates_do_not_depend_on_threads() {
+        let w: Vec<f64> = (1..=12).map(|i| f64::from(i) - 4.5).collect();
+        let law = Arc::new(Law::new(w.clone(), 3, 4).unwrap());
+        let draw = |seed| sample(&law, 500, Scheme::Iid, &Key([seed; 32]), 1, &Stop::new()).unwrap();
+        let ensembles: Vec<(Singletons, &[f64])> = (0..9).map(|seed| (draw(seed), &w[..])).collect();
+        let each = |threads| slse_each(&ensembles, true, &[10, 500], true, threads, &Stop::new()).unwrap();
+        let one = each(1);
+        for (fits, (draws, target)) in one.iter().zip(&ensembles) {
+            let alone = slse(draws, target, true, &[10, 500], true, &Stop::new()).unwrap();
+            assert_eq!((&fits.errors, &fits.weights), (&alone.errors, &alone.weights));
+        }
+        for threads in [2, 5] {
+            for (a, b) in each(threads).iter().zip(&one) {
+                assert_eq!((&a.errors, &a.weights, &a.estimates), (&b.errors, &b.weights, &b.estimates));
+            }
+        }
+        let stop = Stop::new();
+        stop.request();
+        assert!(slse_each(&ensembles, true, &[500], false, 2, &stop).is_err());
     }
 }

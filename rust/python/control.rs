@@ -1,9 +1,10 @@
 //! The pseudoinverse and the controls of realizations.
 
-use numpy::{PyArray1, PyArray2, PyReadonlyArray2};
+use numpy::{PyArray1, PyArray2, PyReadonlyArray2, PyReadwriteArray2};
 use pyo3::prelude::*;
 
 use super::convert::{EntityArgument, array1, array2, slice};
+use super::error::ShapeError;
 use super::run::run;
 use crate::control::{self, Realized};
 use crate::parallel::detached;
@@ -32,24 +33,25 @@ pub(super) fn pseudoinverse<'py>(
     Ok((array2(py, p.matrix, cols, rows)?, p.rank, array1(py, p.singular_values), p.condition))
 }
 
-/// `B^+ (xf^s - A^s x0^s)` for every realization (size, m), given `B^+` (m, n).
+/// `B^+ (xf^s - A^s x0^s)` for every realization, given `B^+` (m, n), into `out` (size, m).
 #[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "three entities and what belongs to them")]
 pub(super) fn realization_controls<'py>(
     py: Python<'py>,
+    mut out: PyReadwriteArray2<'py, f64>,
     pinv: PyReadonlyArray2<'py, f64>,
     x0: EntityArgument<'py>,
     xf: EntityArgument<'py>,
     a: EntityArgument<'py>,
     rows: bool,
     threads: usize,
-) -> PyResult<Bound<'py, PyArray2<f64>>> {
+) -> PyResult<()> {
     let (m, n) = pinv.as_array().dim();
     let values = slice("pinv", &pinv)?;
     let realized = Realized::new(x0.entity("x0", false)?, xf.entity("xf", false)?, a.entity("A", rows)?, n)?;
-    let size = realized.size();
-    let cost = size as f64 * ((m * n) as f64 + realized.cost());
-    let controls = run(py, cost, |stop| realized.controls(values, m, threads, stop))?;
-    array2(py, controls, size, m)
+    let cost = realized.size() as f64 * ((m * n) as f64 + realized.cost());
+    let out = out.as_slice_mut().map_err(|_| ShapeError::new_err("`out` must be C-contiguous"))?;
+    run(py, cost, |stop| realized.controls_into(values, m, out, threads, stop))
 }
 
 /// The mean of `xf^s - A^s x0^s` over the paired realizations (n,).

@@ -44,10 +44,14 @@ pub(super) enum Realizations<'py> {
 
 /// The rows of a two-dimensional array as dense realizations.
 pub(super) fn dense<'a>(array: &'a PyReadonlyArray2<'_, f64>) -> PyResult<Dense<'a>> {
-    let [size, dim] = *array.as_array().shape() else {
-        return Err(ShapeError::new_err("`samples` must have two dimensions"));
-    };
+    let (size, dim) = array.as_array().dim();
     Ok(Dense::new(slice("samples", array)?, size, dim)?)
+}
+
+/// [`dense`] without looking for NaN and infinity: the gate has, and controls are bound by reading the entries once.
+fn finite_dense<'a>(array: &'a PyReadonlyArray2<'_, f64>) -> PyResult<Dense<'a>> {
+    let (size, dim) = array.as_array().dim();
+    Ok(Dense::of_finite(slice("samples", array)?, size, dim)?)
 }
 
 /// An entity of a control problem: `Draws`, rows of a two-dimensional array, or exact (one-dimensional).
@@ -64,7 +68,7 @@ impl EntityArgument<'_> {
         Ok(match self {
             Self::Draws(draws) => Entity::Singletons { draws: draws.inner.clone(), rows },
             Self::Exact(values) => Entity::Exact(slice(name, values)?),
-            Self::Dense(samples) => Entity::Dense(dense(samples)?),
+            Self::Dense(samples) => Entity::Dense(finite_dense(samples)?),
         })
     }
 }

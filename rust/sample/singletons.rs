@@ -11,7 +11,7 @@ use crate::parallel::Stop;
 const BLOCK: usize = 1 << 14;
 
 /// An unsigned integer that stores the index of an entry in its line.
-pub trait Index: Copy + Clone + Default + Send + Sync + 'static {
+pub trait Index: Copy + Default + Ord + Send + Sync + 'static {
     /// The index as stored; the caller knows that it fits.
     fn new(index: u32) -> Self;
     /// The index as a position.

@@ -1,0 +1,240 @@
+//! The state of SLSE on singletons, and its step in `O(lines)`.
+//!
+//! Signs are absorbed (`f_k = sign_k F_k >= 0`), and what is stored is `h` with `g f = c h + b g^2 S`, where `S` counts the
+//! hits so far (`U = S / k` in units of the atoms) and `b = 0` without the safeguard: scaling `F` or adding a multiple of
+//! `U` costs `O(1)`. `al = <E* - F, F>` follows the error by a recursion of its own instead of being a difference of large
+//! sums; it and `ff = ||F||^2` are recomputed from `F` every `16 length` steps.
+
+use super::slse_tables::{Sample, Tables, squared_norm};
+use crate::sample::Index;
+
+/// What a step leaves of `F`: `F <- u F + t X`, `t + u = 1`.
+#[derive(Clone, Copy)]
+struct Move {
+    t: f64,
+    u: f64,
+    /// `t / u`, infinite for `u = 0`; not read off `u`, so that a step waits for one division only
+    ratio: (f64, f64),
+}
+
+/// The scalars of the line searches.
+#[derive(Clone, Copy, Default)]
+struct State {
+    /// `||F||^2`
+    ff: f64,
+    /// `<E* - F, F>`
+    al: f64,
+    /// `<F, S>`, `<S, S>`, `<S, E*>`: only with the safeguard
+    fs: f64,
+    ss: f64,
+    sa: f64,
+}
+
+impl State {
+    /// The best point of `[F, X]`, given `<F, X>`, `<E*, X>`, `<X, X>`; moves `ff` and `al` there.
+    #[inline(always)]
+    fn line_search(&mut self, fx: f64, ax: f64, xx: f64) -> Move {
+        let num = ((ax - self.al) - fx).max(0.0); // <E* - F, X - F>
+        let rest = ((self.ff + xx) + (self.al - ax)) - fx; // <X - E*, X - F> = ||X - F||^2 - num
+        let apart = (self.ff - fx) + (xx - fx); // ||X - F||^2, zero to the last bit for X = F
+        if apart > 0.0 && rest > 0.0 {
+            let den = num + rest;
+            let t = num / den;
+            let back = self.ff - fx; // <F, F - X>
+            // with F' = F + t (X - F) and <E* - F', X - F> = 0:
+            self.al += t * back;
+            self.ff += t * (num - 2.0 * back);
+            Move { t, u: rest / den, ratio: (num, rest) }
+        } else if apart > 0.0 && num > 0.0 {
+            self.restart(ax, xx)
+        } else {
+            Move { t: 0.0, u: 1.0, ratio: (0.0, 1.0) }
+        }
+    }
+
+    /// `F = X`
+    fn restart(&mut self, ax: f64, xx: f64) -> Move {
+        (self.ff, self.al) = (xx, ax - xx);
+        Move { t: 1.0, u: 0.0, ratio: (1.0, 0.0) }
+    }
+}
+
+/// `F`, how it is stored, and the inner products of the next step.
+pub(super) struct Run<'a, T> {
+    length: usize,
+    gamma: &'a [f64],
+    /// `1 / g_j`, and 0 for a zero line: nothing can be hit there
+    inverse: Vec<f64>,
+    /// `g_j^2`, and its sum `||E||^2`
+    g2: Vec<f64>,
+    gg: f64,
+    tables: T,
+    c: f64,
+    b: f64,
+    /// hits so far, with the safeguard only
+    hits: Vec<f64>,
+    state: State,
+}
+
+impl<'a, T: Tables> Run<'a, T> {
+    /// Before the first realization; `target` holds `sign_k t_k`.
+    pub(super) fn new(gamma: &'a [f64], length: usize, target: &[f64], safeguard: bool) -> Self {
+        let g2: Vec<f64> = gamma.iter().map(|g| g * g).collect();
+        let inverse = gamma.iter().map(|&g| if g > 0.0 { (1.0 / g).min(f64::MAX) } else { 0.0 }).collect();
+        let hits = vec![0.0; if safeguard { target.len() } else { 0 }];
+        let targets = target.iter().enumerate().map(|(k, t)| gamma[k / length] * t).collect();
+        let (gg, tables) = (squared_norm(&g2), T::new(targets));
+        Self { length, gamma, inverse, g2, gg, tables, c: 1.0, b: 0.0, hits, state: State::default() }
+    }
+
+    /// The realizations of `block`, `before` of which have gone before; their steps `t` and, with the safeguard, `s`.
+    pub(super) fn advance<I: Index>(&mut self, block: &[I], before: usize, steps: &mut [f64], safeguards: &mut [f64]) {
+        let samples = Sample::all(block, self.gamma.len(), self.length);
+        if self.hits.is_empty() {
+            self.plain_steps(samples.zip(steps), before == 0);
+        } else {
+            for (i, ((sample, step), safeguard)) in samples.zip(steps).zip(safeguards).enumerate() {
+                (*step, *safeguard) = self.safeguarded_step(sample, before + i + 1);
+            }
+        }
+    }
+
+    /// One line search each; `b = 0` and there is no `S`.
+    fn plain_steps<'s, I: Index>(
+        &mut self,
+        steps: impl Iterator<Item = (Sample<'s, I>, &'s mut f64)>,
+        mut first: bool,
+    ) {
+        // in registers: what stays in `self` would be stored and loaded again within each step
+        let (mut state, mut c, gg) = (self.state, self.c, self.gg);
+        for (sample, step) in steps {
+            let (h_sum, ae) = self.tables.gather(sample);
+            let Move { t, u, ratio: (num, rest) } =
+                if first { state.restart(ae, gg) } else { state.line_search(c * h_sum, ae, gg) };
+            first = false;
+            *step = t;
+            // F <- u c h + t E: h gains t / (u c) g^2
+            if u > 0.0 {
+                self.tables.scatter(sample, &self.g2, num / (rest * c));
+                c *= u;
+                if c < 1e-100 {
+                    (self.state, self.c) = (state, c);
+                    self.refresh();
+                    (state, c) = (self.state, self.c);
+                }
+            } else {
+                self.forget();
+                c = 1.0;
+                self.tables.scatter(sample, &self.g2, 1.0);
+            }
+        }
+        (self.state, self.c) = (state, c);
+    }
+
+    /// The step towards the `n`-th realization, then the one towards the mean of all `n`.
+    fn safeguarded_step<I: Index>(&mut self, sample: Sample<'_, I>, n: usize) -> (f64, f64) {
+        let (h_sum, ae) = self.tables.gather(sample);
+        let (gg, k) = (self.gg, n as f64);
+        let mut se = 0.0;
+        for (at, g2) in sample.positions().zip(&self.g2) {
+            se += g2 * self.hits[at];
+            self.hits[at] += 1.0; // the mean includes this realization
+        }
+        let fe = self.c * h_sum + self.b * se;
+        let Move { t, u, .. } = if n == 1 { self.state.restart(ae, gg) } else { self.state.line_search(fe, ae, gg) };
+        self.state.ss += 2.0 * se + gg;
+        self.state.sa += ae;
+        let fs = u * (self.state.fs + fe) + t * (se + gg); // <F', S>
+        let (ua, uu) = (self.state.sa / k, self.state.ss / (k * k));
+        let Move { t: s, u: v, .. } = self.state.line_search(fs / k, ua, uu);
+        self.state.fs = v * fs + s * self.state.ss / k;
+        // F'' = v u c h + (v u b + s/k) S + v (t - u b) E, all in units of g
+        let e = v * (t - u * self.b);
+        self.b = v * u * self.b + s / k;
+        let c = v * u * self.c;
+        if c > 0.0 {
+            self.c = c;
+            self.tables.scatter(sample, &self.g2, e / c);
+            if self.c < 1e-100 {
+                self.refresh();
+            }
+        } else {
+            self.forget();
+            self.tables.scatter(sample, &self.g2, e);
+        }
+        (t, s)
+    }
+
+    /// Nothing of the old `h` is left: it starts again.
+    #[cold]
+    fn forget(&mut self) {
+        (0..self.tables.len()).for_each(|k| *self.tables.h_mut(k) = 0.0);
+        self.c = 1.0;
+    }
+
+    /// Folds `c` and `b` into `h` and recomputes every inner product.
+    pub(super) fn refresh(&mut self) {
+        for (j, g2) in self.g2.iter().enumerate() {
+            for k in j * self.length..(j + 1) * self.length {
+                let hits = self.hits.get(k).map_or(0.0, |s| self.b * g2 * s);
+                let h = self.tables.h_mut(k);
+                *h = self.c * *h + hits;
+            }
+        }
+        (self.c, self.b) = (1.0, 0.0);
+        let (mut ff, mut al) = (0.0, 0.0);
+        for j in 0..self.gamma.len() {
+            let [line_ff, line_al] = self.line_sums(j, |f, p| [f * f, p * f]);
+            ff += line_ff;
+            al += line_al;
+        }
+        (self.state.ff, self.state.al) = (ff, al);
+        if !self.hits.is_empty() {
+            (self.state.fs, self.state.ss, self.state.sa) = (0.0, 0.0, 0.0);
+            for (j, g2) in self.g2.iter().enumerate() {
+                for k in j * self.length..(j + 1) * self.length {
+                    let ((h, a), s) = (self.tables.get(k), self.hits[k]);
+                    self.state.fs += h * s;
+                    self.state.ss += g2 * s * s;
+                    self.state.sa += a * s;
+                }
+            }
+        }
+    }
+
+    /// Sums over line `j` of two functions of `f_k` and `p_k = sign_k t_k - f_k`, four entries at a time.
+    fn line_sums(&self, j: usize, terms: impl Fn(f64, f64) -> [f64; 2]) -> [f64; 2] {
+        let (from, to) = (j * self.length, (j + 1) * self.length);
+        let mut sums = [[0.0; 2]; 4];
+        for four in (from..to).step_by(4) {
+            for (lane, sum) in sums.iter_mut().enumerate().take(to - four) {
+                let k = four + lane;
+                let hits = self.hits.get(k).map_or(0.0, |s| self.b * self.g2[j] * s);
+                let (h, a) = self.tables.get(k);
+                let gf = self.c * h + hits;
+                let [x, y] = terms(gf * self.inverse[j], (a - gf) * self.inverse[j]);
+                sum[0] += x;
+                sum[1] += y;
+            }
+        }
+        [0, 1].map(|i| (sums[0][i] + sums[1][i]) + (sums[2][i] + sums[3][i]))
+    }
+
+    /// `||E* - F||` for the `t_k sign_k` of the target, summed from the entries of `F` as they are reported.
+    pub(super) fn error(&self, target: &[f64]) -> f64 {
+        let mut sum = 0.0;
+        for j in (0..self.gamma.len()).filter(|&j| self.gamma[j] > 0.0) {
+            let from = j * self.length;
+            for (k, t) in (from..).zip(&target[from..from + self.length]) {
+                sum += (t - self.f(j, k)).powi(2);
+            }
+        }
+        sum.sqrt()
+    }
+
+    /// `f_k = (c h_k + b g^2 S_k) / g` in line `j`.
+    pub(super) fn f(&self, j: usize, k: usize) -> f64 {
+        let hits = self.hits.get(k).map_or(0.0, |s| self.b * self.g2[j] * s);
+        (self.c * self.tables.get(k).0 + hits) / self.gamma[j]
+    }
+}

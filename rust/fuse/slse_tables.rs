@@ -1,0 +1,172 @@
+//! The two numbers a step of SLSE needs of every entry it hits: `h_k` and `g a_k` (see [`super::slse_run`]).
+//!
+//! Apart while both tables fit into a first-level cache, where one load each is cheapest; beside each other when they do
+//! not, so that one cache line brings both.
+
+#![allow(unsafe_code, reason = "a bounds check per entry costs a fourth of a step; indices are checked block by block")]
+
+use crate::sample::Index;
+
+/// `h` and `g a`, entry by entry.
+pub(super) trait Tables {
+    /// `h = 0` and the given `g a`.
+    fn new(targets: Vec<f64>) -> Self;
+
+    /// How many entries there are.
+    fn len(&self) -> usize;
+
+    /// `(h_k, g a_k)`
+    fn get(&self, k: usize) -> (f64, f64);
+
+    /// `h_k`, to be changed.
+    fn h_mut(&mut self, k: usize) -> &mut f64;
+
+    /// `(sum_j h, sum_j g a)` over the entries that a realization hits.
+    fn gather<I: Index>(&self, sample: Sample<'_, I>) -> (f64, f64);
+
+    /// Adds `step g_j^2` to `h` where the realization is.
+    fn scatter<I: Index>(&mut self, sample: Sample<'_, I>, g2: &[f64], step: f64);
+}
+
+/// Two tables of equal length.
+pub(super) struct Apart {
+    h: Vec<f64>,
+    a: Vec<f64>,
+}
+
+impl Tables for Apart {
+    fn new(targets: Vec<f64>) -> Self {
+        Self { h: vec![0.0; targets.len()], a: targets }
+    }
+
+    fn len(&self) -> usize {
+        self.h.len()
+    }
+
+    fn get(&self, k: usize) -> (f64, f64) {
+        (self.h[k], self.a[k])
+    }
+
+    fn h_mut(&mut self, k: usize) -> &mut f64 {
+        &mut self.h[k]
+    }
+
+    #[inline(always)]
+    fn gather<I: Index>(&self, sample: Sample<'_, I>) -> (f64, f64) {
+        let (h, a) = (&self.h[..sample.reach()], &self.a[..sample.reach()]);
+        // SAFETY: the positions of a sample are below its reach, which is the length of both slices.
+        sample.sums(|k| unsafe { (*h.get_unchecked(k), *a.get_unchecked(k)) })
+    }
+
+    #[inline(always)]
+    fn scatter<I: Index>(&mut self, sample: Sample<'_, I>, g2: &[f64], step: f64) {
+        let h = &mut self.h[..sample.reach()];
+        // SAFETY: as in `gather`.
+        sample.positions().zip(g2).for_each(|(k, g2)| unsafe { *h.get_unchecked_mut(k) += step * g2 });
+    }
+}
+
+/// One table of pairs.
+pub(super) struct Beside(Vec<[f64; 2]>);
+
+impl Tables for Beside {
+    fn new(targets: Vec<f64>) -> Self {
+        Self(targets.into_iter().map(|a| [0.0, a]).collect())
+    }
+
+    fn len(&self) -> usize {
+        self.0.len()
+    }
+
+    fn get(&self, k: usize) -> (f64, f64) {
+        self.0[k].into()
+    }
+
+    fn h_mut(&mut self, k: usize) -> &mut f64 {
+        &mut self.0[k][0]
+    }
+
+    #[inline(always)]
+    fn gather<I: Index>(&self, sample: Sample<'_, I>) -> (f64, f64) {
+        let pairs = &self.0[..sample.reach()];
+        // SAFETY: the positions of a sample are below its reach, which is the length of the slice.
+        sample.sums(|k| unsafe { (*pairs.get_unchecked(k)).into() })
+    }
+
+    #[inline(always)]
+    fn scatter<I: Index>(&mut self, sample: Sample<'_, I>, g2: &[f64], step: f64) {
+        let pairs = &mut self.0[..sample.reach()];
+        // SAFETY: as in `gather`.
+        sample.positions().zip(g2).for_each(|(k, g2)| unsafe { pairs.get_unchecked_mut(k)[0] += step * g2 });
+    }
+}
+
+/// One realization in tables of lines with `length` entries: it hits the positions `j length + R_j`.
+///
+/// Only [`Sample::all`] makes one, after it has seen that every `R_j` is below `length`.
+#[derive(Clone, Copy)]
+pub(super) struct Sample<'a, I> {
+    indices: &'a [I],
+    length: usize,
+}
+
+impl<'a, I: Index> Sample<'a, I> {
+    /// The realizations of a block of indices, `lines` each.
+    pub(super) fn all(block: &'a [I], lines: usize, length: usize) -> impl Iterator<Item = Self> {
+        let max = block.iter().fold(I::default(), |max, &r| r.max(max)).get();
+        assert!(max < length, "an index of a sample is {max}, beyond a line of {length} entries");
+        block.chunks_exact(lines).map(move |indices| Self { indices, length })
+    }
+
+    /// `lines length`: above all positions, and no overflow on the way there.
+    #[inline(always)]
+    fn reach(self) -> usize {
+        self.indices.len() * self.length
+    }
+
+    /// The positions, line by line; all are below [`Self::reach`], which is why nothing wraps.
+    #[inline(always)]
+    pub(super) fn positions(self) -> impl Iterator<Item = usize> {
+        let mut base = 0_usize;
+        self.indices.iter().map(move |r| {
+            let k = base.wrapping_add(r.get());
+            base = base.wrapping_add(self.length);
+            k
+        })
+    }
+
+    /// Sums of a pair over the positions, four lines at a time: one sum would wait for every addition.
+    #[inline(always)]
+    fn sums(self, pair: impl Fn(usize) -> (f64, f64)) -> (f64, f64) {
+        let (mut x, mut y) = ([0.0; 4], [0.0; 4]);
+        let mut base = 0_usize;
+        let (fours, rest) = self.indices.as_chunks::<4>();
+        for four in fours {
+            for lane in 0..4 {
+                let (xk, yk) = pair(base.wrapping_add(four[lane].get()));
+                x[lane] += xk;
+                y[lane] += yk;
+                base = base.wrapping_add(self.length);
+            }
+        }
+        for r in rest {
+            let (xk, yk) = pair(base.wrapping_add(r.get()));
+            x[0] += xk;
+            y[0] += yk;
+            base = base.wrapping_add(self.length);
+        }
+        ((x[0] + x[1]) + (x[2] + x[3]), (y[0] + y[1]) + (y[2] + y[3]))
+    }
+}
+
+/// `sum_j g_j^2` in the order of [`Tables::gather`], so that the inner product of a realization with itself is its
+/// squared norm to the last bit.
+pub(super) fn squared_norm(g2: &[f64]) -> f64 {
+    let mut sums = [0.0; 4];
+    let (fours, rest) = g2.as_chunks::<4>();
+    for four in fours {
+        sums.iter_mut().zip(four).for_each(|(sum, g2)| *sum += g2);
+    }
+    rest.iter().for_each(|g2| sums[0] += g2);
+    (sums[0] + sums[1]) + (sums[2] + sums[3])
+}

@@ -1,0 +1,133 @@
+"""`realization_controls(..., out=)`: the same numbers where the caller wants them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from stochens_rs import reference as twin
+from stochens_rs.exceptions import InputError, InputTypeError, ShapeError
+
+N = 700  # more than two blocks, and not a whole number of them
+
+
+def problem(n: int, m: int, kind: str) -> tuple[Any, ...]:
+    gen = np.random.default_rng(n + 100 * m)
+    A, B = gen.standard_normal((n, n)), gen.standard_normal((n, m))
+    x0, xf = gen.standard_normal(n), gen.standard_normal(n)
+    if kind == "singletons":
+        return B, se.sample(x0, N, rng=1), se.sample(xf, N, rng=2), se.sample(A, N, rng=3)
+    if kind == "exact xf":
+        return B, se.sample(x0, N, rng=1), xf, se.sample(A, N, rng=3)
+    if kind == "rows":
+        ensembles = (se.sample(x0, N, rng=1), se.sample(xf, N, rng=2))
+        return B, *ensembles, se.sample(A, N, rng=3, axis="rows")
+    samples = [gen.standard_normal((N, *v.shape)) for v in (x0, xf, A)]
+    dense = [se.Ensemble.from_samples(v) for v in samples]
+    if kind == "exact A":
+        return B, dense[0], dense[1], A
+    if kind == "exact x0":
+        return B, x0, dense[1], dense[2]
+    return B, *dense
+
+
+def written_out(entity: Any) -> Any:
+    if isinstance(entity, se.Ensemble):
+        return entity.dense()
+    return np.broadcast_to(entity, (N, *entity.shape))
+
+
+KINDS = ["singletons", "exact xf", "rows", "dense", "exact A", "exact x0"]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    ("n", "m"), [(1, 1), (5, 2), (9, 4), (19, 10), (20, 13), (21, 16), (18, 20)]
+)
+def test_controls_equal_the_reference(n: int, m: int, kind: str) -> None:
+    B, x0, xf, A = problem(n, m, kind)
+    out = np.full((N, m), np.nan)
+    assert se.realization_controls(B, x0, xf, A, out=out) is out
+    expected = twin.realization_controls(B, *(written_out(v) for v in (x0, xf, A)))
+    assert np.abs(out - expected).max() <= 1e-12 * np.abs(expected).max()
+    assert np.array_equal(out, se.realization_controls(B, x0, xf, A))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_controls_do_not_depend_on_threads(kind: str) -> None:
+    given = problem(12, 3, kind)
+    try:
+        se.set_num_threads(1)
+        one = se.realization_controls(*given)
+        se.set_num_threads(3)
+        assert np.array_equal(se.realization_controls(*given), one)
+    finally:
+        se.set_num_threads(None)
+
+
+def unaligned(shape: tuple[int, int]) -> np.ndarray:
+    count = shape[0] * shape[1]
+    return np.frombuffer(bytearray(8 * count + 1), dtype=np.float64, count=count, offset=1).reshape(
+        shape
+    )
+
+
+def read_only(shape: tuple[int, int]) -> np.ndarray:
+    array = np.zeros(shape)
+    array.setflags(write=False)
+    return array
+
+
+@pytest.mark.parametrize(
+    ("out", "error", "message"),
+    [
+        ([[0.0, 0.0]] * N, InputTypeError, "`out` must be a numpy.ndarray of float64, got an obj"),
+        (np.ma.zeros((N, 2)), InputTypeError, "`out` must be a numpy.ndarray of float64"),
+        (
+            np.zeros((N, 2), np.float32),
+            InputTypeError,
+            "`out` must have dtype float64, got float32",
+        ),
+        (np.zeros((N, 2), ">f8"), InputTypeError, "`out` must have dtype float64, got >f8"),
+        (np.zeros((2, N)), ShapeError, r"`out` must have shape \(700, 2\), got \(2, 700\)"),
+        (np.zeros((N + 1, 2)), ShapeError, r"`out` must have shape \(700, 2\)"),
+        (np.zeros((2, N)).T, InputError, "`out` must be C-contiguous"),
+        (np.zeros((N, 4))[:, ::2], InputError, "`out` must be C-contiguous"),
+        (unaligned((N, 2)), InputError, "`out` must be aligned"),
+        (read_only((N, 2)), InputError, "`out` must be writeable"),
+    ],
+)
+def test_bad_output_is_refused(out: Any, error: type[Exception], message: str) -> None:
+    with pytest.raises(error, match=message):
+        se.realization_controls(*problem(5, 2, "singletons"), out=out)
+
+
+def test_output_must_not_be_an_input() -> None:
+    B, x0, xf, A = problem(5, 2, "singletons")
+    memory = np.arange(1.0, 2 * N + 1)
+    out = memory.reshape(N, 2)
+    for name, inputs in {
+        "B": (memory[:10].reshape(5, 2), x0, xf, A),
+        "x0": (B, memory[:5], xf, A),
+        "xf": (B, x0, memory[10:20:2], A),
+        "A": (B, x0, xf, memory[3:28].reshape(5, 5)),
+    }.items():
+        with pytest.raises(InputError, match=f"`out` must not share memory with `{name}`"):
+            se.realization_controls(*inputs, out=out)
+    assert np.array_equal(memory, np.arange(1.0, 2 * N + 1))
+
+
+def test_an_overflow_is_found_in_every_kind() -> None:
+    tiny = np.array([[1e-300]])
+    big, one = np.full((3, 1), 1e20), np.ones((3, 1, 1))
+    dense = se.Ensemble.from_samples(one)
+    for x0, A in [
+        (se.sample([1e20], 3, rng=1), se.sample([[1.0]], 3, rng=1)),
+        (se.Ensemble.from_samples(big), dense),
+        (se.Ensemble.from_samples(big), np.ones((1, 1))),
+    ]:
+        with pytest.raises(InputError, match="a control overflows"):
+            se.realization_controls(tiny, x0, [0.0], A, out=np.empty((3, 1)))

@@ -8,7 +8,6 @@
 mod alse;
 mod closed_form;
 mod dense;
-pub(crate) mod greedy;
 mod path;
 mod simplex;
 mod slse;

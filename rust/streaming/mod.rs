@@ -16,6 +16,7 @@
 mod advance;
 mod data;
 mod geometry;
+mod greedy;
 mod products;
 mod read;
 mod sections;

@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use super::geometry::dot;
+use super::greedy::{Run, gather};
 use crate::error::{Error, Result};
-use crate::fuse::greedy::{Run, gather};
 use crate::fuse::power_of_two_scale;
 use crate::sample::{Law, Sequence};
 use crate::stream::Key;

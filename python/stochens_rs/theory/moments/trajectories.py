@@ -227,7 +227,8 @@ def growth_factor(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> fl
     ``E[x(K) x(K)^T] = diag(g0 Q^K |x0|)`` exactly. The map is positive and the identity lies inside
     the cone of positive semidefinite matrices, so that the growth from there is the spectral
     radius. For ``N > 1`` it is the root of an equation in the spectral radius of an n x n matrix
-    (see :mod:`~stochens_rs.theory.tracking`), at O(n^4) a step of the search.
+    (see :mod:`~stochens_rs.theory.tracking`), found by power iteration, O(n^3) a step, and at
+    O(n^4) a step of the search where that does not converge (sparse or tiny ``A``).
 
     Examples
     --------

@@ -223,6 +223,13 @@ def test_with_an_input_for_every_state_the_threshold_is_rho_of_phi():
         assert tracking.stability_radius(A, B, 8) == pytest.approx(rho / 8, rel=1e-12)
 
 
+def test_a_bound_that_overflows_is_not_called_unstable():
+    A, reference = A2 / 10.0, np.outer([1.0, 2.0], [1e200, -1e200])
+    assert np.isfinite(tracking.tracking_bound(A, I2, 1e-100 * reference, 100))
+    with pytest.raises(NonFiniteError, match="overflow"):
+        tracking.tracking_bound(A, I2, reference, 100)
+
+
 def test_large_systems_need_no_n_sums(monkeypatch):
     """Power iteration between two bounds agrees with the eigenvalues of Psi, without forming it."""
     gen = np.random.default_rng(13)

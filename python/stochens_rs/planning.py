@@ -10,7 +10,7 @@ import numpy as np
 
 from . import _gate
 from ._alse import norm
-from .controls import pseudoinverse
+from .controls import _rounding, pseudoinverse
 from .exceptions import InputError, NonFiniteError, SizeError
 from .rng import Key, RngLike, as_key
 from .sampling import sample_counts
@@ -269,7 +269,7 @@ def _exact(system: System, x0: Floats, xf: Floats, quantity: str) -> tuple[Float
     if not all(np.isfinite(values).all() for values in (free, v, pushed, reached)):
         raise NonFiniteError("`A x0` or the control overflows: scale the problem down")
     gain = norm(pinv) if quantity == "control" else 1.0
-    return v, norm(reached), 1e-13 * gain * (norm(free) + norm(xf))
+    return v, norm(reached), gain * _rounding(free, xf)
 
 
 class _Simulation:

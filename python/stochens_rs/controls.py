@@ -333,7 +333,7 @@ def plan_error(u: Floats, system: System, x0: Floats, xf: Floats) -> PlanError:
         control=_alse.norm(wrong),
         control_relative=_ratio(_alse.norm(wrong), _alse.norm(best)),
         state=_alse.norm(shift),
-        state_relative=_ratio(_alse.norm(shift), _alse.norm(reached)),
+        state_relative=_ratio(_alse.norm(shift), _alse.norm(reached), _rounding(free, pushed)),
         residual=_alse.norm(difference - pushed),
     )
 
@@ -438,7 +438,12 @@ def _representable(*results: Floats) -> None:
         raise NonFiniteError("`A x0`, `xf - A x0` or the control overflows: scale the problem down")
 
 
-def _ratio(value: float, reference: float) -> float:
-    if reference > 0.0:
+def _ratio(value: float, reference: float, rounding: float = 0.0) -> float:
+    if reference > rounding:
         return value / reference
-    return 0.0 if value == 0.0 else float("inf")
+    return 0.0 if value <= rounding else float("inf")
+
+
+def _rounding(*terms: Floats) -> float:
+    """Norm up to which a sum that should be 0 may differ from it."""
+    return 1e-12 * sum(_alse.norm(term) for term in terms)

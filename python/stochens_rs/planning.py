@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 
 from . import _gate
-from .controls import pseudoinverse
-from .exceptions import InputError, SizeError
+from ._alse import norm
+from .controls import _rounding, pseudoinverse
+from .exceptions import InputError, NonFiniteError, SizeError
 from .rng import Key, RngLike, as_key
 from .sampling import sample_counts
 from .system import System
@@ -130,7 +131,7 @@ class SamplePlan:
             f"{'bound':<24}{'N':>16}{'exact rms':>12}{'quantile':>12}{'failures':>18}",
         ]
         for row in self.rows:
-            size = "more than 2^53" if row.size is None else f"{row.size:,}".replace(",", " ")
+            size = "more than 2^53" if row.size is None else _grouped(row.size)
             if row.size is None:
                 lines.append(f"{row.name:<24}{size:>16}")
                 continue
@@ -140,8 +141,9 @@ class SamplePlan:
             )
         lines += [
             "",
-            f"rms error equal to the bound at N = {self.expected_size}; simulated need N = "
-            f"{self.simulated_size}",
+            f"no guarantee: the exact rms comes down to this error at N = "
+            f"{_grouped(self.expected_size)},",
+            f"the simulated quantile at N = {_grouped(self.simulated_size)}",
         ]
         return "\n".join(lines)
 
@@ -216,17 +218,18 @@ def required_samples(
     kind = _gate.choice("quantity", quantity, ("state", "control"))
     how = _gate.choice("fusion", fusion, ("product", "diagonal"))
     key = as_key(rng)
-    v = pseudoinverse(np.ascontiguousarray(checked.B))[0] @ (goal - checked.A @ start)
-    reached = v if kind == "control" else checked.A @ start + checked.B @ v
-    reference = float(np.linalg.norm(reached))
-    if relative and reference == 0.0:
+    v, reference, rounding = _exact(checked, start, goal, kind)
+    if relative and reference <= rounding:
         raise InputError(
-            f"`error` cannot be relative here: the exact {kind} is zero (use relative=False)"
+            f"`error` cannot be relative here: the exact {kind} is zero, up to rounding "
+            "(use relative=False, on the command line --absolute)"
         )
     allowed = error * reference if relative else error
-
     data = checked.B, start, goal, checked.A
     rms_of = moments.control_rms if kind == "control" else moments.state_rms
+    rms_of(*data, 1, fusion=how)  # type: ignore[arg-type]  # refuses what overflows
+    if allowed * allowed < np.finfo(np.float64).tiny:
+        raise SizeError(f"`error` is {allowed:.3g}, its square underflows: scale the problem up")
     simulate = _Simulation(checked, start, goal, v, kind, how, runs, key)
     rows = []
     for bound in bounds.candidates(kind, *data, fusion=how):  # type: ignore[arg-type]
@@ -253,6 +256,20 @@ def required_samples(
         runs=runs,
         key=key,
     )
+
+
+def _exact(system: System, x0: Floats, xf: Floats, quantity: str) -> tuple[Floats, float, float]:
+    """The exact control, the norm of it or of the state it leads to, and what rounding makes."""
+    pinv = pseudoinverse(np.ascontiguousarray(system.B))[0]
+    with np.errstate(over="ignore", invalid="ignore"):
+        free = system.A @ x0
+        v = pinv @ (xf - free)
+        pushed = system.B @ v
+        reached = v if quantity == "control" else free + pushed
+    if not all(np.isfinite(values).all() for values in (free, v, pushed, reached)):
+        raise NonFiniteError("`A x0` or the control overflows: scale the problem down")
+    gain = norm(pinv) if quantity == "control" else 1.0
+    return v, norm(reached), gain * _rounding(free, xf)
 
 
 class _Simulation:
@@ -312,6 +329,11 @@ def _size(bound: Bound, error: float, delta: float) -> int | None:
         return bound.required_size(error, delta)
     except SizeError:
         return None
+
+
+def _grouped(size: int) -> str:
+    """Thousands apart."""
+    return f"{size:,}".replace(",", " ")
 
 
 def _smallest(enough: Any) -> int:

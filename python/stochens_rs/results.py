@@ -156,7 +156,8 @@ class PlanError:
     state : float
         ``||B (u - v)||``, the distance between the state reached and `x_actual`.
     state_relative : float
-        ``||B (u - v)|| / ||x_actual||``, with the same convention.
+        ``||B (u - v)|| / ||x_actual||``, with the same convention; both count as 0 where they are
+        so but for rounding.
     residual : float
         ``||(I - B B^+)(xf - A x0)||``: by Pythagoras the distance to `xf` is
         ``sqrt(state^2 + residual^2)``.

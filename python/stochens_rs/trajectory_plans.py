@@ -246,25 +246,26 @@ class TrajectoryPlan:
         >>> plan.error(system, [1.0, 0.0], [0.0, 0.0]).control
         0.0
         """
-        from .controls import _ratio, pseudoinverse
+        from .controls import _ratio, _rounding, pseudoinverse
 
         checked, start, goal = self._fitting(system, x0, xf)
         powers = matrix_powers(checked.A, self.steps)
         C = controllability(powers, checked.B)
         with np.errstate(over="ignore", invalid="ignore"):
-            difference = goal - powers[-1] @ start
+            free = powers[-1] @ start
+            difference = goal - free
             best = pseudoinverse(C)[0] @ difference
             wrong = self.u.ravel() - best
             pushed = C @ best
             shift = C @ wrong
-            reached = powers[-1] @ start + pushed
+            reached = free + pushed
         if not all(np.isfinite(v).all() for v in (wrong, shift, reached)):
             raise NonFiniteError("the control or the last state overflows: scale the problem down")
         return PlanError(
             control=norm(wrong),
             control_relative=_ratio(norm(wrong), norm(best)),
             state=norm(shift),
-            state_relative=_ratio(norm(shift), norm(reached)),
+            state_relative=_ratio(norm(shift), norm(reached), _rounding(free, pushed)),
             residual=norm(difference - pushed),
         )
 

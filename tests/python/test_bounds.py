@@ -776,6 +776,8 @@ class TestInput:
             bounds.from_errors(self.B, self.x0, self.A, A_error=None)
         with pytest.raises(InputError, match="`reading`"):
             paper.Lemma42(self.x0, self.xf, self.A, reading="norm")
+        with pytest.raises(InputTypeError, match="`sample_B` must be True or False"):
+            bounds.TrajectoryMcDiarmid(self.A, self.B, self.x0, [[1.0]], sample_B="no")
 
     def test_what_overflows_is_refused(self):
         big = np.full(2, 1e308)

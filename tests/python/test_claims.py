@@ -93,6 +93,22 @@ def test_it_can_be_printed_and_stored(found: se.Claims) -> None:
         found["Lemma 9.9"]
 
 
+def test_what_is_called_exact_is_rational(found: se.Claims) -> None:
+    assert "squared error 1/5, uniform weights at 0." in str(found["Lemma 4.5, second inequality"])
+    first, second = (one.text for one in found["Lemma 4.4"].evidence)
+    assert "sum to 7 and give ||S y - w||^2 = 900, the corrected 0." in first
+    assert "the printed minimum is 1, that of weights on the simplex 2." in second
+    # hitting every entry of a matrix is not enough
+    assert "weights on the simplex is 1." in found["Remark after Lemma 4.4"].evidence[0].text
+
+
+def test_the_corrected_lemma_is_checked_too() -> None:
+    measured = tails.measure(as_key(1), n=8, runs=300)
+    assert sampling.lemma_42(measured).evidence[2].confirms
+    above = replace(measured, empirical=100.0 * measured.empirical)
+    assert not sampling.lemma_42(above).evidence[2].confirms
+
+
 def test_the_figure_is_drawn(found: se.Claims) -> None:
     pytest.importorskip("matplotlib")
     left, right, _ = found.plot().axes

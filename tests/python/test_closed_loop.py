@@ -13,7 +13,7 @@ import pytest
 
 import stochens_rs as se
 from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
-from stochens_rs.theory import moments, tracking
+from stochens_rs.theory import _positive_maps, moments, tracking
 
 A2 = np.array([[1.0, -2.0], [0.5, 3.0]])
 B1 = np.array([[1.0], [-0.5]])
@@ -221,6 +221,39 @@ def test_with_an_input_for_every_state_the_threshold_is_rho_of_phi():
         rho = np.abs(np.linalg.eigvals(np.abs(A) * (g - np.abs(A)))).max()
         assert tracking.stability_threshold(A, B) == pytest.approx(rho, rel=1e-12)
         assert tracking.stability_radius(A, B, 8) == pytest.approx(rho / 8, rel=1e-12)
+
+
+def test_a_bound_that_overflows_is_not_called_unstable():
+    A, reference = A2 / 10.0, np.outer([1.0, 2.0], [1e200, -1e200])
+    assert np.isfinite(tracking.tracking_bound(A, I2, 1e-100 * reference, 100))
+    with pytest.raises(NonFiniteError, match="overflow"):
+        tracking.tracking_bound(A, I2, reference, 100)
+
+
+def test_large_systems_need_no_n_sums(monkeypatch):
+    """Power iteration between two bounds agrees with the eigenvalues of Psi, without forming it."""
+    gen = np.random.default_rng(13)
+    n = 12
+    A, B = gen.standard_normal((n, n)) / 6.0, gen.standard_normal((n, 5))
+    with monkeypatch.context() as patch:
+        patch.setattr(_positive_maps, "_perron", lambda *_: None)
+        slow = tracking.stability_threshold(A, B), tracking.stability_radius(A, B, 7)
+    formed = []
+    honest = _positive_maps._excitation
+    monkeypatch.setattr(
+        _positive_maps, "_excitation", lambda *data: formed.append(data[2]) or honest(*data)
+    )
+    fast = tracking.stability_threshold(A, B), tracking.stability_radius(A, B, 7)
+    assert fast == pytest.approx(slow, rel=1e-10)
+    assert all(powers == [] for powers in formed)  # one term only, to know where to look
+    # two blocks that do not meet: the iteration gives up, the eigenvalues do not
+    formed.clear()
+    blocks = np.zeros((4, 4))
+    blocks[:2, :2], blocks[2:, 2:] = [[0.5, 0.3], [0.2, 0.5]], [[0.1, 0.05], [0.02, 0.1]]
+    assert moments.growth_factor(blocks, 3) == pytest.approx(
+        moments.growth_factor(blocks[:2, :2], 3), rel=1e-9
+    )
+    assert any(powers for powers in formed)
 
 
 def test_no_size_helps_where_the_rest_is_unstable():

@@ -8,7 +8,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from stochens_rs.exceptions import InputError, InputTypeError, ShapeError
+from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 from stochens_rs.theory import moments
 
 TOLERANCE = 1e-12
@@ -576,3 +576,11 @@ def test_moments_through_the_sampler():
     u_atoms = [(p, pinv @ v) for p, v in y]
     close(mean_and_covariance(u_atoms)[1], moments.realization_control_covariance(B, x0, xf, A))
     assert largest_z(u, u_atoms) < Z_BOUND
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("mse", [moments.vector_mse, moments.systematic_mse])
+def test_a_square_that_overflows_is_refused(mse):
+    with pytest.raises(NonFiniteError, match="mean squared error overflows"):
+        mse([1e200, -2e200, 0.5e200], 7)
+    assert np.isfinite(mse([1e150, -2e150, 0.5e150], 7))

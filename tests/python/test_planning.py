@@ -105,6 +105,29 @@ def test_no_relative_error_of_zero() -> None:
         se.required_samples(SYSTEM, [0.0] * 4, [0.0] * 4, 0.1, runs=20)
 
 
+def test_the_origin_within_reach_is_zero_up_to_rounding() -> None:
+    system = se.System(SYSTEM.A, GEN.standard_normal((4, 4)))
+    with pytest.raises(InputError, match="relative=False"):
+        se.required_samples(system, X0, [0.0] * 4, 0.1, runs=20)
+    target = [float(sum(row[::-1] * X0[::-1])) for row in SYSTEM.A]  # A x0 in another order
+    with pytest.raises(InputError, match="the exact control is zero"):
+        se.required_samples(system, X0, target, 0.1, quantity="control", runs=20)
+    plan = se.required_samples(system, X0, [0.0] * 4, 0.5, relative=False, runs=20, rng=1)
+    assert plan.size > 1
+
+
+@pytest.mark.filterwarnings("error")
+def test_scales() -> None:
+    plan = se.required_samples(SYSTEM, X0, XF, 0.3, runs=20, rng=1)
+    for scale in (1e-150, 1e150):
+        scaled = se.required_samples(SYSTEM, scale * X0, scale * XF, 0.3, runs=20, rng=1)
+        assert scaled.size == plan.size
+        assert scaled.simulated_size == plan.simulated_size
+    for scale, words in ((1e-200, "underflow"), (1e200, "overflow")):
+        with pytest.raises(InputError, match=words):
+            se.required_samples(SYSTEM, scale * X0, scale * XF, 0.3, runs=20, rng=1)
+
+
 # -- files and the command line --------------------------------------------------------------------
 
 
@@ -132,12 +155,29 @@ def test_problems_from_files(tmp_path: Path) -> None:
         ("a.npz", b"not a zip", "archive of numeric arrays"),
         ("a.json", b"\xff\xfe", "JSON"),
         ("a.json", b"[" * 100_000, "JSON"),
+        ("a.json", b'{"A": [[' + b"1" * 5000 + b']], "B": [[1]]}', "JSON"),
     ],
 )
 def test_bad_files_are_refused(tmp_path: Path, name: str, content: bytes, words: str) -> None:
     (tmp_path / name).write_bytes(content)
     with pytest.raises((InputError, InputTypeError), match=words):
         se.cases.from_file(tmp_path / name)
+
+
+def test_damaged_archives_are_refused(tmp_path: Path) -> None:
+    np.savez_compressed(tmp_path / "a.npz", A=GEN.standard_normal((30, 30)), B=np.eye(30))
+    whole, gen = (tmp_path / "a.npz").read_bytes(), np.random.default_rng(1)
+    refused = 0
+    for _ in range(150):
+        data = bytearray(whole)
+        for k in gen.integers(-200, 200, 3):  # the headers are at both ends
+            data[k] = int(gen.integers(256))
+        (tmp_path / "b.npz").write_bytes(data)
+        try:
+            se.cases.from_file(tmp_path / "b.npz")
+        except (InputError, InputTypeError, OSError):
+            refused += 1
+    assert refused > 100
 
 
 def test_pickled_arrays_are_refused(tmp_path: Path) -> None:
@@ -151,7 +191,7 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert cli.main(args) == 0
     out = capsys.readouterr().out
     assert "Bousquet" in out
-    assert "simulated need" in out
+    assert "simulated quantile at N" in out
     np.savez(tmp_path / "a.npz", A=SYSTEM.A, B=SYSTEM.B, x0=X0, xf=XF)
     args = ["plan", "--file", str(tmp_path / "a.npz"), "--runs", "20", "--error", "0.2", "--json"]
     assert cli.main(args) == 0

@@ -251,6 +251,38 @@ def test_the_counterexamples_in_floating_point():
     assert se.control([[1.0]], [1.0], [0.0], [[1.0]]).u == [-1.0]
 
 
+def test_more_steps_need_not_reach_what_fewer_do():
+    A, B = [[0.5]], [[0.0]]
+    assert reachability.several_steps(B, [1.0], [0.5], A, 1).reachable
+    assert not reachability.several_steps(B, [1.0], [0.5], A, 2).reachable
+
+
+@pytest.mark.filterwarnings("error")
+def test_realizations_at_all_scales():
+    B, x0, xf, A = (np.array(x, dtype=float) for x in CASES["m < n"])
+    found = reachability.sample_reachability(B, x0, xf, A)
+    assert found.largest_residual > 0.0
+    for s in (1e-200, 1e-150, 1e150, 1e200):
+        scaled = reachability.sample_reachability(B, s * x0, s * xf, A)
+        assert scaled.reachable_atoms == found.reachable_atoms
+        assert scaled.largest_residual == pytest.approx(s * found.largest_residual, rel=1e-12)
+        assert scaled.rms_residual == pytest.approx(s * found.rms_residual, rel=1e-12)
+        split = reachability.sample_reachability(B, s * x0, xf, A / s)
+        assert split.rms_residual == pytest.approx(found.rms_residual, rel=1e-12)
+        run = reachability.approximately(np.eye(len(B)), s * x0, s * xf, A, 2, rng=1)
+        assert run.verdict == "approximately reachable"
+        assert (run.rms > 0.0).all()
+        assert (run.errors > 0.0).all()
+
+
+def test_equal_atoms_are_equal_in_spite_of_rounding():
+    # xf hits e_2 with 0.3, A x0 with 3 * 0.1 = 0.30000000000000004; B reaches e_1 only
+    found = reachability.sample_reachability(
+        [[1.0], [0.0]], [0.0, 3.0], [0.0, 0.3], [[0.0, 0.0], [0.0, 0.1]]
+    )
+    assert found.sample_reachable
+
+
 # -- input -----------------------------------------------------------------------------------------
 
 

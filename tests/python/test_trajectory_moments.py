@@ -240,3 +240,12 @@ def test_wrong_input_is_refused():
         moments.trajectory_covariance(1e160 * A, B, u[:1], x0)
     with pytest.raises(NonFiniteError, match="growth factor overflows"):
         moments.growth_factor(1e200 * A)
+
+
+def test_no_steps_at_all():
+    u = np.zeros((0, 1))
+    assert np.array_equal(
+        moments.trajectory_mean(A2, [[1.0], [0.0]], u, [3.0, -1.0]), [[3.0, -1.0]]
+    )
+    S = moments.trajectory_covariance(A2, [[1.0], [0.0]], u, [3.0, -1.0], 4)
+    assert np.array_equal(S, moments.vector_covariance([3.0, -1.0], 4)[None])

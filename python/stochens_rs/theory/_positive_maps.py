@@ -6,6 +6,11 @@
 matrix ``Psi_ij = [sum_k F^k G Cv(a_j) G^T F^kT]_ii``, nonnegative, the map is therefore stable,
 ``rho(L_r) < 1``, if and only if ``r rho(Psi) < 1``; and ``rho(L_r) = s`` if and only if the
 same holds with equality for ``L_r / s``.
+
+``Psi v`` is the diagonal of one sum over k, O(n^3), while Psi itself takes n of them. Its spectral
+radius is therefore found by power iteration between the bounds of Collatz and Wielandt,
+``min_i (Psi v)_i / v_i <= rho(Psi) <= max_i (Psi v)_i / v_i`` for every ``v > 0``; the eigenvalues
+of Psi are left for what does not converge so (reducible or periodic, most often tiny or sparse).
 """
 
 from __future__ import annotations
@@ -19,6 +24,9 @@ Array = NDArray[np.float64]
 
 # 2^50 terms: enough for every rho(F)^2 / s < 1 that float64 can tell from 1.
 _DOUBLINGS = 50
+# Power iteration: how close the two bounds have to be, relatively, and after how many steps.
+_CLOSE = 1e-11
+_ITERATIONS = 100
 
 
 def spectral_radius(M: Array) -> float:
@@ -26,31 +34,81 @@ def spectral_radius(M: Array) -> float:
     return float(np.abs(np.linalg.eigvals(M)).max())
 
 
-def excitation_radius(A: Array, F: Array, G: Array, s: float = 1.0) -> float:
-    """``rho(Psi)`` for ``L / s``: inf where ``rho(F)^2 >= s``, or beyond what a float can hold."""
+def excitation_radius(
+    A: Array, F: Array, G: Array, s: float = 1.0, start: Array | None = None
+) -> float:
+    """``rho(Psi)`` for ``L / s``: inf where ``rho(F)^2 >= s``, or beyond what a float can hold.
+
+    `start` (n,), if given, is where the power iteration starts; it is left at where it ends.
+    """
     if not spectral_radius(F) < math.sqrt(s):
         return math.inf
-    n = A.shape[0]
-    # Y_i = sum_k (F^k)^T e_i e_i^T F^k / s^k, by doubling the number of terms
-    Y = np.zeros((n, n, n))
-    Y[np.arange(n), np.arange(n), np.arange(n)] = 1.0
-    power = F / math.sqrt(s)
+    powers = _powers(F / math.sqrt(s))
+    if powers is None:
+        return math.inf
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        v = np.ones(len(A)) if start is None else start
+        found = _perron(A, G, powers, v) if powers else None
+        if found is not None:
+            return found / s
+        Psi = _excitation(A, G, powers)
+    return spectral_radius(np.maximum(Psi, 0.0)) / s if np.isfinite(Psi).all() else math.inf
+
+
+def _powers(power: Array) -> list[Array] | None:
+    """``power^(2^i)`` as long as they matter; None if they do not vanish."""
+    powers: list[Array] = []
     with np.errstate(over="ignore", invalid="ignore"):
         for _ in range(_DOUBLINGS):
             if np.abs(power).max() <= 1e-10:
-                break
-            Y += power.T @ Y @ power
+                return powers
+            powers.append(power)
             power = power @ power
             if not np.isfinite(power).all():  # the eigenvalues of a defective F are inexact
-                return math.inf
-        else:
-            return math.inf
-        # Psi_ij = <G^T Y_i G, Cv(a_j)>, Cv(a_j) = g_j diag|a_j| - a_j a_j^T
-        Z = G.T @ Y @ G
-        absolute = np.abs(A)
-        Psi = np.diagonal(Z, axis1=1, axis2=2) @ (absolute * absolute.sum(axis=0))
-        Psi -= (np.matmul(Z, A) * A).sum(axis=1)
-    return spectral_radius(np.maximum(Psi, 0.0)) / s if np.isfinite(Psi).all() else math.inf
+                return None
+    return None
+
+
+def _perron(A: Array, G: Array, powers: list[Array], v: Array) -> float | None:
+    """``rho(Psi)`` by power iteration from (and in) ``v > 0``; None if it does not converge."""
+    absolute = np.abs(A)
+    Phi = absolute * (absolute.sum(axis=0) - absolute)
+    for _ in range(_ITERATIONS):
+        T = -(A * v) @ A.T
+        np.fill_diagonal(T, Phi @ v)
+        X = G @ T @ G.T
+        for power in powers:  # sum_k F^k X F^kT, by doubling the number of terms
+            X = X + power @ X @ power.T
+        image = X.diagonal()
+        if not (np.isfinite(image).all() and image.min() > 0.0):
+            break
+        ratios = image / v
+        low, high = float(ratios.min()), float(ratios.max())
+        v[:] = image / image.max()
+        if high - low <= _CLOSE * high:
+            return math.sqrt(low) * math.sqrt(high)
+        if v.min() == 0.0:
+            break
+    v[:] = 1.0
+    return None
+
+
+def _excitation(A: Array, G: Array, powers: list[Array]) -> Array:
+    """Psi itself."""
+    absolute = np.abs(A)
+    weights = absolute * absolute.sum(axis=0)
+    if not powers:  # F = 0: one term
+        return np.asarray((G * G) @ weights - (G @ A) ** 2)
+    n = A.shape[0]
+    # Y_i = sum_k (F^k)^T e_i e_i^T F^k, by doubling the number of terms
+    Y = np.zeros((n, n, n))
+    Y[np.arange(n), np.arange(n), np.arange(n)] = 1.0
+    for power in powers:
+        Y += power.T @ Y @ power
+    # Psi_ij = <G^T Y_i G, Cv(a_j)>, Cv(a_j) = g_j diag|a_j| - a_j a_j^T
+    Z = G.T @ Y @ G
+    Psi = np.diagonal(Z, axis1=1, axis2=2) @ weights
+    return np.asarray(Psi - (np.matmul(Z, A) * A).sum(axis=1))
 
 
 def map_radius(A: Array, F: Array, G: Array, r: float) -> float:
@@ -62,27 +120,44 @@ def map_radius(A: Array, F: Array, G: Array, r: float) -> float:
     if not F.any():
         return r * excitation_radius(A, F, G)
 
-    def excess(s: float) -> float:
-        """``log(r rho(Psi))`` for ``L / s``: falls with s, 0 at ``s = rho(L_r)``."""
-        return math.log(max(r * excitation_radius(A, F, G, s), 1e-300))
+    v = np.ones(len(A))
 
-    low = floor * (1.0 + 1e-10) if floor > 0.0 else 1e-12 * float(np.sum(A**2))
-    at_low = excess(low)
-    if at_low <= 0.0:
+    def excess(gap: float) -> float:
+        """``log(r rho(Psi))`` for ``L / s``, ``s = floor + gap``: falls, 0 at ``s = rho(L_r)``."""
+        return math.log(max(r * excitation_radius(A, F, G, floor + gap, v), 1e-300))
+
+    # One term of Psi says where to look; if it is 0, the second term of the map is.
+    first = r * float(_excitation(A, G, []).max())
+    gap = max(floor, first)
+    if first <= 0.0:
         return floor
-    high, at_high = 2.0 * low, excess(2.0 * low)
+    least = max(1e-10 * floor, 1e-14 * gap)
+    value = excess(gap)
+    low = high = gap
+    at_low = at_high = value
     while at_high > 0.0:
         low, at_low, high = high, at_high, 4.0 * high
         at_high = excess(high)
-    # Regula falsi in logarithms (Illinois: an end that stays put counts half the next time).
+    while at_low <= 0.0:
+        if low <= least:
+            return floor
+        high, at_high, low = low, at_low, max(low / 16.0, least)
+        at_low = excess(low)
+    # Regula falsi in logarithms, in which rho(Psi) is nearly a straight line of slope -1, far from
+    # the floor and next to it (Illinois: an end that stays put twice counts half.
+    side = 0
     for _ in range(100):
         t = at_low / (at_low - at_high) if math.isfinite(at_low) else 0.5
-        middle = math.exp((1.0 - t) * math.log(low) + t * math.log(high))
-        value = excess(middle)
-        if abs(value) < 1e-12 or high - low < 1e-11 * high:
-            return middle
+        gap = math.exp((1.0 - t) * math.log(low) + t * math.log(high))
+        value = excess(gap)
+        if abs(value) < _CLOSE or high - low < _CLOSE * (floor + high):
+            break
         if value > 0.0:
-            low, at_low, at_high = middle, value, at_high / 2.0
+            low, at_low = gap, value
+            at_high /= 2.0 if side > 0 else 1.0
+            side = 1
         else:
-            high, at_high, at_low = middle, value, at_low / 2.0
-    return middle
+            high, at_high = gap, value
+            at_low /= 2.0 if side < 0 else 1.0
+            side = -1
+    return floor + gap

@@ -131,7 +131,7 @@ def lemma_31() -> Claim:
     found.append(reachability.lemma_3_1(5, weights=[1, 0, 2, 0, 7], controls=[1, 2, 3, 4, 5]))
     text = (
         "n = 2, m = 1, one good realization each of x0, A and B, zeros otherwise; xf is reached by "
-        f"the exact system. Every weighted final state misses it by {_least(found)}, for "
+        f"the exact system. Every weighted final state misses it by at least {_least(found)}, for "
         f"{len(found)} choices of N, weights and controls."
     )
     return Claim(

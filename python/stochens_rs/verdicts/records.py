@@ -22,7 +22,8 @@ class Evidence:
     Attributes
     ----------
     kind : str
-        "exact": a case in rational arithmetic; "enumeration": all cases, with their probabilities;
+        "exact": one case without sampling, in rational arithmetic or by a formula that is exact but
+        for rounding; "enumeration": all cases, with their probabilities;
         "Monte Carlo": random cases, with their number; "experiment": one of the paper's runs.
     text : str
         What was computed and what came out.

@@ -187,10 +187,11 @@ def _symmetric_product(F: Array, C: Array) -> Array:
     return _representable(np.asarray((product + product.T) / 2.0, dtype=np.float64))
 
 
-def _representable(covariance: Array) -> Array:
-    if not np.isfinite(covariance).all():
-        raise NonFiniteError("the covariance overflows: scale the problem down")
-    return covariance
+def _representable(moments: Array) -> Array:
+    if not np.isfinite(moments).all():
+        what = "covariance" if np.ndim(moments) else "mean squared error"
+        raise NonFiniteError(f"the {what} overflows: scale the problem down")
+    return moments
 
 
 def _root_trace(C: Array) -> float:

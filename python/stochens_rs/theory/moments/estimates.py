@@ -80,7 +80,7 @@ def vector_mse(w: ArrayLike, size: Size = 1) -> float:
     Raises
     ------
     InputError, InputTypeError
-        `w` is not a finite vector, `size` is not a count.
+        `w` is not a finite vector, `size` is not a count, or the error overflows.
 
     Notes
     -----
@@ -114,7 +114,8 @@ def matrix_mse(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> float
     Raises
     ------
     InputError, InputTypeError
-        `A` is not a finite matrix, `size` is not a count, `axis` is unknown.
+        `A` is not a finite matrix, `size` is not a count, `axis` is unknown, or the error
+        overflows.
 
     Notes
     -----
@@ -126,7 +127,9 @@ def matrix_mse(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> float
     4.0
     """
     lines = _lines(_gate.matrix("A", A), axis)
-    return float((np.abs(lines) * _others(lines)).sum()) * _reciprocal("size", size)
+    with np.errstate(over="ignore", invalid="ignore"):
+        mse = (np.abs(lines) * _others(lines)).sum() * _reciprocal("size", size)
+    return float(_representable(mse))
 
 
 def matrix_covariance(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> Array:

@@ -40,7 +40,8 @@ def systematic_mse(target: ArrayLike, size: Size = 1, *, axis: Axis = "columns")
     Raises
     ------
     InputError, InputTypeError
-        `target` is not a finite vector or matrix, `size` is not a count, `axis` is unknown.
+        `target` is not a finite vector or matrix, `size` is not a count, `axis` is unknown, or the
+        error overflows.
 
     Notes
     -----
@@ -67,8 +68,10 @@ def systematic_mse(target: ArrayLike, size: Size = 1, *, axis: Axis = "columns")
     g = np.abs(lines).sum(axis=0)
     lines, g = lines[:, g > 0.0], g[g > 0.0]
     # A remainder is computed without rounding: where N |a| / g is an integer, f is exactly 0.
-    f = np.fmod(N * np.abs(lines), g) / g
-    return float(((g / N) ** 2 * (f * (1.0 - f)).sum(axis=0)).sum())
+    with np.errstate(over="ignore", invalid="ignore"):
+        f = np.fmod(N * np.abs(lines), g) / g
+        mse = ((g / N) ** 2 * (f * (1.0 - f)).sum(axis=0)).sum()
+    return float(_representable(mse))
 
 
 def systematic_covariance(target: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> Array:

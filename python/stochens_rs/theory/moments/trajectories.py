@@ -27,7 +27,7 @@ def trajectory_mean(A: ArrayLike, B: ArrayLike, u: ArrayLike, x0: ArrayLike) -> 
     B : (n, m) array_like
         Input matrix.
     u : (K, m) array_like
-        The control; ``u[k]`` acts in the step from k to k + 1.
+        The control; ``u[k]`` acts in the step from k to k + 1. K = 0 is allowed.
     x0 : (n,) array_like
         Initial state.
 
@@ -227,7 +227,8 @@ def growth_factor(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> fl
     ``E[x(K) x(K)^T] = diag(g0 Q^K |x0|)`` exactly. The map is positive and the identity lies inside
     the cone of positive semidefinite matrices, so that the growth from there is the spectral
     radius. For ``N > 1`` it is the root of an equation in the spectral radius of an n x n matrix
-    (see :mod:`~stochens_rs.theory.tracking`), at O(n^4) a step of the search.
+    (see :mod:`~stochens_rs.theory.tracking`), found by power iteration, O(n^3) a step, and at
+    O(n^4) a step of the search where that does not converge (sparse or tiny ``A``).
 
     Examples
     --------
@@ -256,7 +257,7 @@ def growth_factor(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> fl
 def _checked(A: object, B: object, u: object, x0: object) -> tuple[Array, Array, Array, Array]:
     A = _gate.matrix("A", A, square=True)
     B = _gate.matrix("B", B, rows=len(A))
-    return A, B, _gate.matrix("u", u, cols=B.shape[1]), _gate.vector("x0", x0, length=len(A))
+    return A, B, _gate.inputs("u", u, cols=B.shape[1]), _gate.vector("x0", x0, length=len(A))
 
 
 def _mean(A: Array, B: Array, u: Array, x0: Array) -> Array:

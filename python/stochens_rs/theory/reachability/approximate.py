@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ... import _gate
+from ..._alse import norm
 from ...rng import Key, RngLike, as_key
 from ...sampling import sample
 from ..bounds import candidates
@@ -123,10 +124,10 @@ def approximately(
     bound = next(b for b in found if isinstance(b, TrajectoryMcDiarmid))
     goal = _gate.vector("xf", xf)
     radii = np.array([min(b.radius(int(k), delta / len(grid)) for b in found) for k in grid])
-    variances = [bound._mean_square * bound._unit**2 / int(k) for k in grid]
+    deviations = [bound._unit * math.sqrt(bound._mean_square / int(k)) for k in grid]
     states = _runs(A, B, x0, u, N, key)
     averages = np.cumsum(states, axis=0)[grid - 1] / grid[:, None]
-    errors = np.linalg.norm(averages - goal, axis=1)
+    errors = np.array([norm(average - goal) for average in averages])
     # by Pythagoras the error beyond the residual is at most that of the mean
     rounding = 1e-12 * float(np.abs(states).max(initial=1.0))
     consistent = bool((errors <= radii + exact.residual + rounding).all())
@@ -134,7 +135,7 @@ def approximately(
     return ApproximateReachability(
         sizes=grid,
         errors=errors,
-        rms=np.array([math.sqrt(v + exact.residual**2) for v in variances]),
+        rms=np.array([math.hypot(rms, exact.residual) for rms in deviations]),
         radii=radii,
         exact=exact,
         consistent=consistent,

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from ... import _gate
 from ...exceptions import NonFiniteError
+from ..bounds._base import unit_of
 from ..moments._formulas import Array, _product_covariance, _vector_covariance
 from .steps import TOLERANCE
 
@@ -74,10 +75,10 @@ def sample_reachability(
     Notes
     -----
     A realization needs ``(I - P)(gf sign(xf_k) e_k - c e_R) = 0``, ``c = g0 g_I sign(x0_I A_RI)``;
-    it counts as reachable if the left side is at most 1.5e-8 of the vector. A zero vector has the
-    one realization 0. Sample reachable implies reachable, as realizations are unbiased; the
-    converse is false, and with m < n it fails generically. Realizations that do not enter the
-    step (columns of ``A`` that ``x0^s`` does not hit) are not counted.
+    it counts as reachable if the left side is at most 1.5e-8 of the vector, or rounding. A zero
+    vector has the one realization 0. Sample reachable implies reachable, as realizations are
+    unbiased; the converse is false, and with m < n it fails generically. Realizations that do not
+    enter the step (columns of ``A`` that ``x0^s`` does not hit) are not counted.
 
     Examples
     --------
@@ -93,6 +94,7 @@ def sample_reachability(
     xf = _gate.vector("xf", xf, length=n)
     A = _gate.matrix("A", A, rows=n, cols=n)
     with np.errstate(over="ignore", invalid="ignore"):
+        unit, x0, xf, A = _in_units(x0, xf, A)
         goals, p_goals = _atoms_of_vector(xf)
         moved, p_moved = _atoms_of_product(x0, A)
         mu = xf - A @ x0
@@ -106,19 +108,34 @@ def sample_reachability(
     count, reached, largest, probability = 0, 0, 0.0, 0.0
     for goal, p in zip(goals, p_goals, strict=True):
         residuals = np.linalg.norm(goal @ W - projected, axis=1)
-        good = residuals <= TOLERANCE * np.linalg.norm(goal - moved, axis=1)
+        # the two may be equal but for the rounding of gf and g0 g_j
+        rounding = 1e-14 * (np.abs(goal).sum() + np.abs(moved).sum(axis=1))
+        good = residuals <= TOLERANCE * np.linalg.norm(goal - moved, axis=1) + rounding
         count, reached = count + good.size, reached + int(good.sum())
-        probability += p * float(p_moved[good].sum())
+        probability += float(p) * float(p_moved[good].sum())
         largest = max(largest, float(residuals.max()))
     return SampleReachability(
         atoms=count,
         reachable_atoms=reached,
         probability=1.0 if reached == count else min(1.0, probability),
         sample_reachable=reached == count,
-        rms_residual=float(np.sqrt(max(0.0, mean_square))),
-        largest_residual=largest,
-        residual=float(np.linalg.norm(mu @ W)),
+        rms_residual=unit * float(np.sqrt(max(0.0, mean_square))),
+        largest_residual=unit * largest,
+        residual=unit * float(np.linalg.norm(mu @ W)),
     )
+
+
+def _in_units(x0: Array, xf: Array, A: Array) -> tuple[float, Array, Array, Array]:
+    """The unit of ``xf`` and ``A x0``, in which squares neither overflow nor vanish, and all three.
+
+    ``A`` and ``x0`` share it: only their product matters.
+    """
+    unit_A = unit_of(A)
+    moved = unit_A * unit_of(x0) if A.any() and x0.any() else 0.0
+    unit = max(moved, float(np.abs(xf).max())) or 1.0
+    if not np.isfinite(unit):
+        raise NonFiniteError("the products overflow: scale the problem down")
+    return unit, x0 / (unit / unit_A) if moved else 0.0 * x0, xf / unit, A / unit_A
 
 
 def _atoms_of_vector(w: Array) -> tuple[Array, Array]:

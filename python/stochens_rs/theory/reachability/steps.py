@@ -118,7 +118,9 @@ def several_steps(
     Notes
     -----
     ``x(K) = A^K x0 + C [u(K-1); ...; u(0)]``. (The printed product of the paper, with K + 1
-    factors, has one too many.) More steps reach more; beyond ``K = n`` nothing is gained.
+    factors, has one too many.) The range of C grows with K up to ``K = n``; what has to lie in it,
+    ``xf - A^K x0``, changes with K, too, so that a target within reach of fewer steps need not be
+    within reach of more.
 
     Examples
     --------

@@ -239,7 +239,8 @@ def tracking_bound(
     Raises
     ------
     InputError, InputTypeError
-        A shape does not fit, an entry is not finite, or ``B`` has a rank below n.
+        A shape does not fit, an entry is not finite, ``B`` has a rank below n, or a square
+        overflows.
 
     Notes
     -----
@@ -268,7 +269,7 @@ def tracking_bound(
             q = (n * column + variance + n * variance * reciprocal) * reciprocal
             c = float((np.abs(r) * _others(r.T).T).sum(axis=1).max()) * reciprocal
         bound = (q * float((r * r).sum(axis=1).max()) + c) / (1.0 - q) if q < 1.0 else math.inf
-    if math.isnan(bound):
+    if math.isnan(bound) or not math.isfinite(q) or (q < 1.0 and bound == math.inf):
         raise NonFiniteError("the squares of `A` or `reference` overflow: scale the problem down")
     return bound
 

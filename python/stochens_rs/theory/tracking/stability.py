@@ -40,7 +40,7 @@ def stability_threshold(A: ArrayLike, B: ArrayLike) -> float:
     The spectral radius of ``S -> (I-P) A S A^T (I-P) + (1/N) P T_A(diag S) P`` is below 1 if and
     only if ``N > rho(Psi)`` with the nonnegative n x n matrix
     ``Psi_ij = [sum_k F^k P Cv(a_j) P F^kT]_ii``, ``F = (I - P) A``: the second term of the map sees
-    the diagonal of S only. Costs O(n^4).
+    the diagonal of S only. Power iteration, O(n^3) a step; O(n^4) where it does not converge.
 
     Examples
     --------

@@ -178,7 +178,8 @@ def control(
         missed = difference - inputs @ u
     _representable(free, difference, u, missed)
     needed = _alse.norm(difference)
-    relative = _alse.norm(missed) / needed if needed > 0.0 else 0.0
+    moves = needed > _rounding(free, free + difference)
+    relative = _alse.norm(missed) / needed if moves else 0.0
     info: dict[str, Any] = {entity.name: entity.description for entity in entities}
     info["singular_values"] = singular_values
     plan = Plan(

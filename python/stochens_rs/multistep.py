@@ -9,7 +9,7 @@ import numpy as np
 from . import _gate
 from ._alse import norm, worst
 from ._certificates import Basis, known
-from .controls import _REACHABLE, _entities, pseudoinverse
+from .controls import _REACHABLE, _entities, _rounding, pseudoinverse
 from .exceptions import NonFiniteError
 from .results import Reachability
 from .theory.multistep import checked_steps, controllability, matrix_powers, states
@@ -93,7 +93,7 @@ def control_steps(
         raise NonFiniteError("`A^K x0` or the control overflows: scale the problem down")
     u = u.reshape(K, m)
     needed = norm(difference)
-    relative = norm(missed) / needed if needed > 0.0 else 0.0
+    relative = norm(missed) / needed if needed > _rounding(free, goal) else 0.0
     info: dict[str, Any] = {entity.name: entity.description for entity in entities}
     info["singular_values"] = singular_values
     info["warnings"] = _warnings(n, m, K, rank, exact=entities[2].size is None)

@@ -125,7 +125,7 @@ class Reachability:
     residual : float
         ``||(I - B B^+)(xf - A x0)||``: what no control can do.
     relative : float
-        `residual` over ``||xf - A x0||``; 0 if that is 0.
+        `residual` over ``||xf - A x0||``; 0 if that is 0 but for rounding.
     rank : int
         Rank of B.
     condition : float

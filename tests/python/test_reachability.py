@@ -251,6 +251,22 @@ def test_the_counterexamples_in_floating_point():
     assert se.control([[1.0]], [1.0], [0.0], [[1.0]]).u == [-1.0]
 
 
+def test_where_the_system_goes_by_itself_is_reachable():
+    """xf = A^K x0 in another order of summation: what is needed is rounding, in any direction."""
+    gen = np.random.default_rng(3)
+    A, B, x0 = gen.standard_normal((4, 4)), gen.standard_normal((4, 1)), gen.standard_normal(4)
+    xf = np.array([sum(row[::-1] * x0[::-1]) for row in A])
+    assert 0.0 < np.linalg.norm(xf - A @ x0) < 1e-14
+    assert reachability.one_step(B, x0, xf, A).reachable
+    assert se.control(B, x0, xf, A).reachability.reachable
+    later = np.array([sum(row[::-1] * xf[::-1]) for row in A])
+    assert reachability.several_steps(B, x0, later, A, 2).reachable
+    assert se.control_steps(B, x0, later, A, 2).reachability.reachable
+    near = xf + 1e-9 * gen.standard_normal(4)
+    assert not reachability.one_step(B, x0, near, A).reachable
+    assert not se.control(B, x0, near, A).reachability.reachable
+
+
 def test_more_steps_need_not_reach_what_fewer_do():
     A, B = [[0.5]], [[0.0]]
     assert reachability.several_steps(B, [1.0], [0.5], A, 1).reachable

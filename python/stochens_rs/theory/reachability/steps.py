@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ... import _gate
+from ..._alse import norm
 from ...exceptions import NonFiniteError
 from ...results import Reachability
 from ..moments._formulas import Array, _compact_svd
@@ -25,7 +26,7 @@ class StepsReachability:
     residual : float
         ``||(I - C C+)(xf - A^K x0)||``, C the controllability matrix: what no control can do.
     relative : float
-        `residual` over ``||xf - A^K x0||``; 0 if that is 0.
+        `residual` over ``||xf - A^K x0||``; 0 if that is 0 but for rounding.
     rank : int
         Rank of C.
     condition : float
@@ -83,7 +84,7 @@ def one_step(B: ArrayLike, x0: ArrayLike, xf: ArrayLike, A: ArrayLike) -> Reacha
     A = _gate.matrix("A", A, rows=len(B), cols=len(B))
     with np.errstate(over="ignore", invalid="ignore"):
         needed = xf - A @ x0
-    residual, relative, rank, condition, _ = _solve(B, needed)
+    residual, relative, rank, condition, _ = _solve(B, needed, xf)
     return Reachability(residual, relative, rank, condition, relative <= TOLERANCE)
 
 
@@ -140,7 +141,7 @@ def several_steps(
         for _ in range(C.shape[1] // m):
             x0 = A @ x0
         needed = xf - x0
-    residual, relative, rank, condition, u = _solve(C, needed)
+    residual, relative, rank, condition, u = _solve(C, needed, xf)
     controls = u.reshape(-1, m)[::-1].copy()
     return StepsReachability(
         residual, relative, rank, condition, relative <= TOLERANCE, C, controls
@@ -230,7 +231,7 @@ def gramian(A: ArrayLike, B: ArrayLike, steps: int) -> Array:
     return W
 
 
-def _solve(C: Array, needed: Array) -> tuple[float, float, int, float, Array]:
+def _solve(C: Array, needed: Array, xf: Array) -> tuple[float, float, int, float, Array]:
     """Residual, relative residual, rank, condition, and the least-squares solution."""
     _finite(needed)
     # in units of their own, so that squares neither overflow nor vanish
@@ -244,7 +245,10 @@ def _solve(C: Array, needed: Array) -> tuple[float, float, int, float, Array]:
         u = (V @ (coordinates / s)) * (unit / unit_C)
     _finite(u)
     condition = float(s[0] / s[-1]) if s.size else math.inf
-    return missed * unit, missed / length if length else 0.0, int(s.size), condition, u
+    # what is left of xf - (xf - needed) where the two are equal but for rounding
+    rounding = 1e-12 * (norm(xf) + norm(xf - needed))
+    relative = missed / length if length * unit > rounding else 0.0
+    return missed * unit, relative, int(s.size), condition, u
 
 
 def _finite(values: Array) -> None:

@@ -41,9 +41,9 @@ lint: $(VENV)/.dev ## format, clippy, ruff, mypy --strict, stubs against the ext
 	"$(PY)" -m mypy
 	"$(PY)" -m mypy.stubtest stochens_rs._core
 
-bench: $(VENV)/.bench ## time the core, then the package against its peers
+bench: $(VENV)/.bench ## time the core and the package against its peers: docs/benchmarks.md
 	cargo bench --locked
-	"$(PY)" benches/peers.py
+	OPENBLAS_NUM_THREADS=1 "$(PY)" benches/peers.py --write
 
 docs: $(VENV)/.docs ## API pages of both languages in docs/build/
 	RUSTDOCFLAGS="-D warnings" cargo doc --release --locked --no-deps

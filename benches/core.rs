@@ -25,6 +25,32 @@ fn draw(law: &Arc<Law>, size: usize) -> Singletons {
     sample(law, size, Scheme::Iid, &Key([1; 32]), 1, &Stop::new()).expect("fits into memory")
 }
 
+/// What the machine allows, one operation each: words, stores to memory, gathers from a small table.
+fn limits(c: &mut Criterion) {
+    let mut group = c.benchmark_group("limits");
+    let mut words = vec![0u64; 1 << 14]; // stays in the first-level cache's neighbourhood, as in a chunk of draws
+    group.throughput(Throughput::Elements(words.len() as u64));
+    group.bench_function("words", |b| b.iter(|| Key([1; 32]).words(0, black_box(&mut words))));
+    let mut out = vec![0.0f64; 1 << 24]; // 128 MB: memory, not cache
+    group.throughput(Throughput::Bytes(8 * out.len() as u64));
+    group.bench_function("stores", |b| b.iter(|| black_box(&mut out).fill(black_box(1.5))));
+    let table: Vec<f64> = entries(256);
+    let indices: Vec<u8> = (0..1usize << 16).map(|i| (i * 167 % 256) as u8).collect();
+    group.throughput(Throughput::Elements(indices.len() as u64));
+    group.bench_function("gathers", |b| {
+        b.iter(|| {
+            let (table, mut sums) = (black_box(&table), [0.0; 4]);
+            for four in black_box(&indices).as_chunks::<4>().0 {
+                for (sum, &r) in sums.iter_mut().zip(four) {
+                    *sum += table[usize::from(r)];
+                }
+            }
+            sums
+        });
+    });
+    group.finish();
+}
+
 fn sampling(c: &mut Criterion) {
     let mut group = c.benchmark_group("sample");
     let vectors = [10, 100, 1000, 1_000_000].map(|length| (1, length, 1_000_000));
@@ -172,6 +198,6 @@ fn streaming(c: &mut Criterion) {
 criterion_group! {
     name = benches;
     config = Criterion::default().sample_size(20).measurement_time(std::time::Duration::from_secs(2));
-    targets = sampling, fusing, least_squares, replicates, controls, simulating, streaming
+    targets = limits, sampling, fusing, least_squares, replicates, controls, simulating, streaming
 }
 criterion_main!(benches);

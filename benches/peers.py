@@ -3,7 +3,11 @@
 Every line gives the median over repeated pairs (ours, then theirs) and the smallest and largest
 ratio seen. Ratios travel between machines, times do not.
 
-    python benches/peers.py [name ...]
+    python benches/peers.py [name ...] [--write]
+
+Ours is given in seconds per unit of work (a draw, a step, a control, a run, a problem). With
+--write the table goes to docs/benchmarks.md and docs/data/benchmarks.json; ratios more than 1.5
+times below the committed ones are pointed out in any case.
 
 The group "alse" has a table of its own (`alse.py`): there the gap a solver reaches counts as well.
 """
@@ -18,7 +22,10 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 
 import alse
+import cost
 import numpy as np
+import table
+from table import Row
 
 import stochens_rs as se
 from stochens_rs import reference
@@ -569,31 +576,56 @@ GROUPS = {
 }
 
 
+def measure(group: str) -> list[Row]:
+    """Run one group and print it."""
+    rows = []
+    for what, peer, ours, share, theirs, their_share in GROUPS[group]():
+        mine, others = pairs(ours, theirs, 20.0 if group == "sampling" else 4.0)
+        ratios = [(b / their_share) / (a / share) for a, b in zip(mine, others, strict=True)]
+        row = Row(
+            group=group,
+            what=what,
+            peer=peer,
+            seconds=statistics.median(mine) / share,
+            ratio=statistics.median(ratios),
+            low=min(ratios),
+            high=max(ratios),
+            pairs=len(ratios),
+        )
+        rows.append(row)
+        print(
+            f"{what:<48} {peer:<28} {row.seconds:>9.2e}s {row.ratio:>8.2f}x"
+            f"   ({row.low:.2f} .. {row.high:.2f})",
+            flush=True,
+        )
+    return rows
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    names = [*GROUPS, "alse"]
+    names = [*GROUPS, "cost", "alse"]
     parser.add_argument("group", nargs="*", help=f"of {', '.join(names)}; all by default")
     parser.add_argument("--full", action="store_true", help="alse: every peer at every size")
+    parser.add_argument("--write", action="store_true", help="write docs/benchmarks.md")
     arguments = parser.parse_args()
     chosen = arguments.group or names
     unknown = sorted(set(chosen) - set(names))
     if unknown:
         sys.exit(f"unknown group {unknown[0]!r}: choose from {', '.join(names)}")
     se.set_num_threads(1)
-    print(f"{'work':<48} {'peer':<28} {'ours':>10} {'theirs':>10} {'ratio':>8}   (min .. max)")
+    rows: list[Row] = []
+    print(f"{'work':<48} {'peer':<28} {'ours':>10} {'ratio':>9}   (min .. max)")
     for group in chosen:
-        if group == "alse":
-            alse.run(arguments.full)
-            continue
-        for what, peer, ours, share, theirs, their_share in GROUPS[group]():
-            mine, others = pairs(ours, theirs, 20.0 if group == "sampling" else 4.0)
-            ratios = [(b / their_share) / (a / share) for a, b in zip(mine, others, strict=True)]
-            print(
-                f"{what:<48} {peer:<28} {statistics.median(mine):>9.2e}s "
-                f"{statistics.median(others):>9.2e}s {statistics.median(ratios):>7.2f}x"
-                f"   ({min(ratios):.2f} .. {max(ratios):.2f})",
-                flush=True,
-            )
+        if group in GROUPS:
+            rows += measure(group)
+    costs = cost.run() if "cost" in chosen else None
+    if "alse" in chosen:
+        alse.run(arguments.full)
+    slower = table.regressions(rows)
+    if arguments.write:
+        table.write(rows, costs)
+    for line in slower:
+        print(f"SLOWER THAN THE COMMITTED TABLE: {line}")
 
 
 if __name__ == "__main__":

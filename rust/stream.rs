@@ -51,6 +51,13 @@ impl Key {
         rng
     }
 
+    /// Fills `out` with the words that the first draws of `line` are made of, one each: what drawing costs at least.
+    pub fn words(&self, line: usize, out: &mut [u64]) {
+        for (chunk, out) in out.chunks_mut(CHUNK).enumerate() {
+            self.lanes(line, chunk).fill(out);
+        }
+    }
+
     /// The word generator of one chunk of index draws of `line`.
     pub(crate) fn lanes(&self, line: usize, chunk: usize) -> Lanes {
         self.lanes_for(Purpose::Draws, line, chunk)

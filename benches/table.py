@@ -1,0 +1,238 @@
+"""The committed table of benchmarks: written for people, compared with by the next run."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+import stochens_rs as se
+
+if TYPE_CHECKING:
+    from cost import Costs
+
+ROOT = Path(__file__).resolve().parent.parent
+DATA = ROOT / "docs" / "data" / "benchmarks.json"
+PAGE = ROOT / "docs" / "benchmarks.md"
+ALSE = ROOT / "docs" / "data" / "alse.json"
+WORSE = 1.5  # a ratio this many times below the committed one is pointed out
+
+
+@dataclass(frozen=True)
+class Row:
+    """One comparison: seconds per unit of ours, and how many times longer the peer takes."""
+
+    group: str
+    what: str
+    peer: str
+    seconds: float
+    ratio: float
+    low: float
+    high: float
+    pairs: int
+
+
+TITLES = {
+    "sampling": (
+        "Sampling",
+        "Unbiased realizations of a vector or a matrix, per draw or per matrix. The limit is the "
+        "generator: a draw takes one 64-bit word.",
+    ),
+    "closed_form": ("ALSE of a vector", "The corrected Lemma 4.4 in closed form, per problem."),
+    "alse_path": ("ALSE of growing prefixes", "Warm starts against solving each from cold."),
+    "slse": (
+        "SLSE",
+        "One exact line search per realization, per step. Numba runs the same O(n) update, "
+        "compiled; NumPy the dense textbook one.",
+    ),
+    "slse_replicates": ("SLSE of replicates", "Independent ensembles on two threads against one."),
+    "stream": (
+        "Streams",
+        "One step of the sequential algorithm: draw, line search, control, per step.",
+    ),
+    "controls": (
+        "Batched controls",
+        "One control per realization, per control. The limit is the store bandwidth.",
+    ),
+    "simulate": ("Simulation", "Runs of 10 steps with fresh realizations at every step, per run."),
+    "reproduce": (
+        "The experiments",
+        "A stated subset of the paper's experiments against NumPy and CVXPY, per problem.",
+    ),
+}
+
+
+def regressions(rows: list[Row]) -> list[str]:
+    """Lines on ratios far below the committed ones."""
+    if not DATA.exists():
+        return []
+    before = {(r["what"], r["peer"]): r["ratio"] for r in json.loads(DATA.read_text())["rows"]}
+    found = []
+    for row in rows:
+        old = before.get((row.what, row.peer))
+        if old is not None and row.ratio < old / WORSE:
+            found.append(f"{row.what} against {row.peer}: {row.ratio:.2f}x, was {old:.2f}x")
+    return found
+
+
+def limits() -> dict[str, float]:
+    """Nanoseconds per word, per 8-byte store and per gather, as `cargo bench` has just found."""
+    target = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")) / "criterion" / "limits"
+    units = {"words": 1 << 14, "stores": 1 << 24, "gathers": 1 << 16}
+    found = {}
+    for name, count in units.items():
+        path = target / name / "new" / "estimates.json"
+        if path.exists():
+            found[name] = json.loads(path.read_text())["median"]["point_estimate"] / count
+    return found
+
+
+def write(rows: list[Row], costs: Costs | None) -> None:
+    """Write the page and the numbers behind it."""
+    data: dict[str, Any] = {
+        "machine": _machine(),
+        "limits_ns": limits(),
+        "rows": [asdict(row) for row in rows],
+        "costs": None if costs is None else costs.to_dict(),
+    }
+    DATA.parent.mkdir(exist_ok=True)
+    DATA.write_text(json.dumps(data, indent=1) + "\n")
+    PAGE.write_text("\n".join(_page(rows, costs, data)) + "\n")
+
+
+def _machine() -> dict[str, str]:
+    model = platform.processor() or platform.machine()
+    info = Path("/proc/cpuinfo")
+    if info.exists():
+        names = [
+            x.split(":", 1)[1].strip() for x in info.read_text().splitlines() if "model name" in x
+        ]
+        model = names[0] if names else model
+    return {
+        "processor": model,
+        "cores": str(os.cpu_count()),
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "stochens_rs": se.__version__,
+    }
+
+
+def _page(rows: list[Row], costs: Costs | None, data: dict[str, Any]) -> list[str]:
+    machine, found = data["machine"], data["limits_ns"]
+    lines = [
+        "# Benchmarks",
+        "",
+        "Written by `make bench` from one run, on one thread unless said otherwise. *Ratio* is the "
+        "peer's time divided by ours for the same work: the median over alternating pairs of "
+        "calls, with the smallest and the largest. Ratios travel between machines, times do not: "
+        f"these are of a {machine['processor']} with {machine['cores']} cores, Python "
+        f"{machine['python']}, NumPy {machine['numpy']}.",
+        "",
+    ]
+    if found:
+        lines += [
+            "What this machine allows, measured in the same run: "
+            + ", ".join(_limit(name, value) for name, value in found.items())
+            + ".",
+            "",
+        ]
+    for group, (title, text) in TITLES.items():
+        chosen = [row for row in rows if row.group == group]
+        if chosen:
+            lines += [f"## {title}", "", text, "", *_table(chosen, found), ""]
+    lines += _alse()
+    if costs is not None:
+        lines += _costs(costs)
+    return lines
+
+
+def _limit(name: str, nanoseconds: float) -> str:
+    texts = {
+        "words": f"{nanoseconds:.2f} ns a random 64-bit word",
+        "stores": f"{8.0 / nanoseconds:.1f} GB/s stored to memory",
+        "gathers": f"{nanoseconds:.2f} ns a load from a small table by index",
+    }
+    return texts[name]
+
+
+def _table(rows: list[Row], found: dict[str, float]) -> list[str]:
+    lines = [
+        "| work | peer | ours | ratio | smallest .. largest | pairs | share of the limit |",
+        "|---|---|---:|---:|---:|---:|---:|",
+    ]
+    for row in rows:
+        lines.append(
+            f"| {row.what} | {row.peer} | {_time(row.seconds)} | **{row.ratio:.3g}x** | "
+            f"{row.low:.3g} .. {row.high:.3g} | {row.pairs} | {_share(row, found)} |"
+        )
+    return lines
+
+
+def _share(row: Row, found: dict[str, float]) -> str:
+    """How much of the time the limit alone would take."""
+    if row.group == "sampling" and "vector" in row.what and "words" in found:
+        return f"{100 * found['words'] / (1e9 * row.seconds):.0f} % (words)"
+    if row.group == "controls" and "stores" in found and " m=" in row.what:
+        m = int(row.what.split(" m=")[1].split(",")[0].split()[0])
+        return f"{100 * m * found['stores'] / (1e9 * row.seconds):.0f} % (stores)"
+    if row.group == "slse" and "gathers" in found and "matrix" in row.what:
+        n = int(row.what.rsplit("x", 1)[1].split(",")[0])
+        return f"{100 * 3 * n * found['gathers'] / (1e9 * row.seconds):.0f} % (3 n gathers)"
+    return ""
+
+
+def _alse() -> list[str]:
+    if not ALSE.exists():
+        return []
+    rows = json.loads(ALSE.read_text())
+    ours = {(r["n"], r["N"]): r["seconds"] for r in rows if r["solver"] == "ours"}
+    peers = [s for s in dict.fromkeys(r["solver"] for r in rows) if s != "ours"]
+    lines = [
+        "## ALSE of matrices",
+        "",
+        "Optimal weights on the simplex for Gaussian n x n matrices: seconds and, in brackets, the "
+        "duality gap reached, recomputed from the data and relative to the squared norm of the "
+        "matrix. An empty cell: not run, it takes minutes to hours.",
+        "",
+        "| n | N | ours | " + " | ".join(peers) + " |",
+        "|---:|---:|---:|" + "---:|" * len(peers),
+    ]
+    for (n, N), seconds in ours.items():
+        gap = next(r["gap"] for r in rows if (r["n"], r["N"], r["solver"]) == (n, N, "ours"))
+        cells = [f"{_time(seconds)} ({gap:.0e})"]
+        for peer in peers:
+            found = [r for r in rows if (r["n"], r["N"], r["solver"]) == (n, N, peer)]
+            cells.append(
+                f"{_time(found[0]['seconds'])} ({found[0]['gap']:.0e}), "
+                f"**{found[0]['seconds'] / seconds:.3g}x**"
+                if found
+                else ""
+            )
+        lines.append(f"| {n} | {N} | " + " | ".join(cells) + " |")
+    lines += ["", "![Time against N for five solvers](images/alse-time.png)", ""]
+    return lines
+
+
+def _costs(costs: Costs) -> list[str]:
+    lines = ["## How the cost grows", "", "![Cost against n and against N](images/cost.png)", ""]
+    lines += [
+        "A second thread (one thread's time over two threads'; two cores of a shared machine):",
+        "",
+        "| work | ratio | smallest .. largest |",
+        "|---|---:|---:|",
+    ]
+    for name, (middle, low, high) in costs.two_threads.items():
+        lines.append(f"| {name} | {middle:.2f}x | {low:.2f} .. {high:.2f} |")
+    return [*lines, ""]
+
+
+def _time(seconds: float) -> str:
+    for unit, name in ((1.0, "s"), (1e-3, "ms"), (1e-6, "us"), (1e-9, "ns")):
+        if seconds >= unit:
+            return f"{seconds / unit:.3g} {name}"
+    return f"{seconds / 1e-9:.2g} ns"

@@ -43,20 +43,20 @@ class Requirement:
         Where it comes from.
     size : int or None
         The smallest number of realizations it accepts; None if that is beyond 2^53.
-    rms : float
+    rms : float or None
         Exact root mean square error at `size`.
-    quantile : float
+    quantile : float or None
         What a share `delta` of the simulated errors exceeds at `size`.
-    failures : int
+    failures : int or None
         Simulated errors above `error`.
     """
 
     name: str
     source: str
     size: int | None
-    rms: float
-    quantile: float
-    failures: int
+    rms: float | None
+    quantile: float | None
+    failures: int | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,7 +235,7 @@ def required_samples(
     for bound in bounds.candidates(kind, *data, fusion=how):  # type: ignore[arg-type]
         size = _size(bound, allowed, delta)
         if size is None:
-            rows.append(Requirement(bound.name, bound.source, None, 0.0, 0.0, 0))
+            rows.append(Requirement(bound.name, bound.source, None, None, None, None))
             continue
         errors = simulate.errors(size)
         rms = rms_of(*data, size, fusion=how)  # type: ignore[arg-type]

@@ -86,7 +86,9 @@ class EnsembleTrajectory:
     mean : ndarray, shape (K + 1, n)
         ``mean[k]`` is the average of ``x(k)`` over the trajectories.
     variance : ndarray, shape (K + 1, n), or None
-        Unbiased variance of one trajectory, entry by entry; None for a single trajectory.
+        Unbiased variance of one trajectory, entry by entry; None for a single trajectory. Over
+        many steps single runs have heavy tails, and a few thousand of them can show far too small
+        a variance; `theory.moments.trajectory_covariance` is exact.
     covariance : ndarray, shape (K + 1, n, n), or None
         ``covariance[k]`` is the unbiased covariance of one trajectory at step k; None unless
         asked for, and for a single trajectory.

@@ -13,7 +13,7 @@ from ._output import show, writable
 
 @click.command()
 @click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
-@click.option("--quick", is_flag=True, help="Fewer runs: seconds instead of half a minute.")
+@click.option("--quick", is_flag=True, help="Fewer runs: a second or two instead of ten.")
 @click.option("--out", metavar="DIR", help="Also write claims.json and the figure there.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of the table.")
 @click.pass_context

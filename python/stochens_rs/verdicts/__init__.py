@@ -39,7 +39,7 @@ def claims(rng: RngLike = 1, *, quick: bool = False, progress: bool = False) -> 
     rng : None, int, SeedSequence, Generator, BitGenerator or Key, default 1
         Source of randomness for the Monte Carlo part; the exact part has none.
     quick : bool, default False
-        Fewer runs: seconds instead of half a minute.
+        Fewer runs: a second or two instead of ten.
     progress : bool, default False
         Show a progress bar.
 

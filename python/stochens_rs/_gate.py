@@ -163,6 +163,13 @@ def choice(name: str, value: object, allowed: tuple[str, ...]) -> str:
     return value
 
 
+def flag(name: str, value: object) -> bool:
+    """Return True or False, which nothing but these stands for."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise InputTypeError(f"`{name}` must be True or False, got {show(value)}")
+    return bool(value)
+
+
 def positive(name: str, value: object) -> float:
     """Return a finite real number > 0 as float."""
     if isinstance(value, (bool, np.bool_)) or not isinstance(

@@ -17,7 +17,7 @@ from .rng import Key, RngLike, as_key
 from .sampling import sample, sample_counts
 from .system import System
 from .theory.tracking import reference_residuals
-from .theory.tracking._checks import checked_reference, flag
+from .theory.tracking._checks import checked_reference
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -164,7 +164,7 @@ def track(
     n, m = checked.n, checked.m
     r = checked_reference(reference, n).copy()
     count = _gate.size("size", size)
-    fed, sampled = flag("feedback", feedback), flag("sample_states", sample_states)
+    fed, sampled = _gate.flag("feedback", feedback), _gate.flag("sample_states", sample_states)
     start = r[0] if x0 is None else _gate.vector("x0", x0, length=n)
     _gate.choice("method", method, METHODS)
     R = None if replicates is None else _gate.size("replicates", replicates)

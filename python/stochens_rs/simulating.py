@@ -8,7 +8,7 @@ import numpy as np
 
 from . import _core, _gate
 from ._threads import get_num_threads
-from .exceptions import InputError, InputTypeError, NonFiniteError
+from .exceptions import InputError, NonFiniteError
 from .rng import RngLike, as_key
 from .system import System
 from .trajectories import EnsembleTrajectory, Trajectory
@@ -160,8 +160,8 @@ def simulate_ensemble(
     checked, inputs, start = _problem(system, u, x0)
     count = _gate.size("size", size)
     flags = {"A": sample_A, "B": sample_B, "x0": sample_x0}
-    drawn = tuple(_flag(f"sample_{name}", value) for name, value in flags.items())
-    keep = _flag("return_runs", return_runs)
+    drawn = tuple(_gate.flag(f"sample_{name}", value) for name, value in flags.items())
+    keep = _gate.flag("return_runs", return_runs)
     full = _gate.choice("covariance", covariance, _MOMENTS) == "full"
     mean_field = _gate.choice("averaging", averaging, _AVERAGINGS) == "mean-field"
     repeats = _gate.size("replicates", replicates)
@@ -216,12 +216,6 @@ def _lines(system: System) -> tuple[Floats, Floats]:
             j = int(np.argmin(np.isfinite(norms)))
             raise NonFiniteError(f"`{name}[:, {j}]` has a 1-norm that overflows: scale it down")
     return np.ascontiguousarray(system.A.T), np.ascontiguousarray(system.B.T)
-
-
-def _flag(name: str, value: object) -> bool:
-    if not isinstance(value, (bool, np.bool_)):
-        raise InputTypeError(f"`{name}` must be True or False, got {_gate.show(value)}")
-    return bool(value)
 
 
 def _dt(system: System) -> float | None:

@@ -13,7 +13,7 @@ import numpy as np
 
 from . import _core, _gate
 from ._durable import Checkpoints, Durable, PathLike
-from .exceptions import InputError, InputTypeError
+from .exceptions import InputError
 from .rng import Key, RngLike, as_key
 from .stream_records import StreamRun, Trace
 
@@ -127,7 +127,7 @@ class Stream(Durable):
         matrix = _gate.matrix("A", A, rows=n, cols=n)
         name = _gate.choice("variant", variant, _VARIANTS)
         order = _gate.choice("slots", slots, _SLOTS)
-        safe = _flag("safeguard", safeguard)
+        safe = _gate.flag("safeguard", safeguard)
         if safe and name != "consistent":
             raise InputError(f"`safeguard` must be False for variant '{name}', got True")
         if order == "gain" and name == "literal":
@@ -413,18 +413,12 @@ def _digest(key: Key, options: tuple[str, bool, str], *arrays: Floats) -> str:
     return made.hexdigest()
 
 
-def _flag(name: str, value: object) -> bool:
-    if not isinstance(value, (bool, np.bool_)):
-        raise InputTypeError(f"`{name}` must be True or False, got {_gate.show(value)}")
-    return bool(value)
-
-
 @contextmanager
 def _reported(progress: Progress, total: int | None) -> Iterator[Callable[[int], object]]:
     """Turn `progress` into a function of the steps taken."""
     if callable(progress):
         yield lambda done: progress(done, total)
-    elif not _flag("progress", progress):
+    elif not _gate.flag("progress", progress):
         yield lambda _: None
     else:
         from tqdm import tqdm

@@ -14,7 +14,6 @@ from ... import _gate
 from ...exceptions import NonFiniteError
 from ..moments import trajectory_covariance, trajectory_mean
 from ..moments._formulas import _AXES, Array, Axis
-from ..moments.trajectories import _flag
 from ._base import Bound, Rates, unit_of
 from ._inequalities import (
     bousquet,
@@ -79,7 +78,7 @@ class Trajectory(Bound):
         start = _gate.vector("x0", x0, length=len(self._A))
         inputs = _gate.matrix("u", u, cols=self._B.shape[1])
         self._axis = _gate.choice("axis", axis, _AXES)
-        self._sample_B = bool(_flag("sample_B", sample_B))
+        self._sample_B = _gate.flag("sample_B", sample_B)
         # linear in (x0, u), so that their unit is that of the result
         self._unit = max(unit_of(start) if start.any() else 0.0, float(np.abs(inputs).max())) or 1.0
         self._x0, self._u = start / self._unit, inputs / self._unit

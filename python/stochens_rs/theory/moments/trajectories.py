@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ... import _gate
-from ...exceptions import InputTypeError, NonFiniteError
+from ...exceptions import NonFiniteError
 from .._positive_maps import map_radius, spectral_radius
 from ._formulas import _AXES, Array, Axis, Size, _excess, _reciprocal, _vector_covariance
 
@@ -133,7 +133,7 @@ def trajectory_covariance(
     reciprocal = _reciprocal("size", size)
     step = reciprocal if per_step else 1.0
     rA, rB, r0 = (
-        step * _flag(name, flag)
+        step * _gate.flag(name, flag)
         for name, flag in (("sample_A", sample_A), ("sample_B", sample_B), ("sample_x0", sample_x0))
     )
     n = x0.size
@@ -267,12 +267,6 @@ def _mean(A: Array, B: Array, u: Array, x0: Array) -> Array:
         for k, u_k in enumerate(u):
             mu[k + 1] = A @ mu[k] + B @ u_k
     return _finite("trajectory", mu)
-
-
-def _flag(name: str, value: object) -> float:
-    if not isinstance(value, (bool, np.bool_)):
-        raise InputTypeError(f"`{name}` must be True or False, got {_gate.show(value)}")
-    return float(value)
 
 
 def _finite(what: str, values: Array) -> Array:

@@ -2,18 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from ... import _gate
-from ...exceptions import InputError, InputTypeError
+from ...exceptions import InputError
 from ..moments._formulas import Array
-
-
-def flag(name: str, value: object) -> bool:
-    """Check a switch."""
-    if not isinstance(value, (bool, np.bool_)):
-        raise InputTypeError(f"`{name}` must be True or False, got {_gate.show(value)}")
-    return bool(value)
 
 
 def checked_reference(reference: object, n: int) -> Array:

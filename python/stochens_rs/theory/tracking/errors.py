@@ -19,7 +19,7 @@ from ..moments._formulas import (
     _transition,
     _vector_covariance,
 )
-from ._checks import checked_reference, flag
+from ._checks import checked_reference
 
 
 def reference_residuals(A: ArrayLike, B: ArrayLike, reference: ArrayLike) -> Array:
@@ -130,8 +130,8 @@ def tracking_moments(
     A, B, r = _checked(A, B, reference)
     start = r[0] if x0 is None else _gate.vector("x0", x0, length=r.shape[1])
     reciprocal = _reciprocal("size", size)
-    fed = flag("feedback", feedback)
-    sampled = flag("sample_states", sample_states)
+    fed = _gate.flag("feedback", feedback)
+    sampled = _gate.flag("sample_states", sample_states)
     if fed and sampled:
         raise InputError(
             "`sample_states` must be False with feedback=True: the second moments of sampled, "
@@ -254,7 +254,7 @@ def tracking_bound(
     """
     A, B, r = _checked(A, B, reference)
     reciprocal = _reciprocal("size", size)
-    sampled = flag("sample_states", sample_states)
+    sampled = _gate.flag("sample_states", sample_states)
     n = A.shape[0]
     rank = _compact_svd(B)[1].size
     if rank < n:

@@ -41,7 +41,13 @@ INTERRUPTED, TERMINATED = 130, 143
 @click.option("--max-steps", type=click.IntRange(min=1), help="Most steps of this run.")
 @click.option("--time-limit", type=float, metavar="S", help="Most seconds of this run.")
 @click.option("--safeguard", is_flag=True, help="Never worse than the plain means.")
-@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=1,
+    show_default=True,
+    help="Source of all randomness.",
+)
 @click.option(
     "--checkpoint", metavar="FILE", help="Save the state there on the way and at the end."
 )
@@ -165,7 +171,7 @@ def _text(facts: dict[str, object]) -> str:
         f"{facts['status']} after {facts['steps']} steps ({facts['steps_of_this_run']} now, "
         f"{float(str(facts['seconds'])):.3g} s)",
         f"state off by {100 * error / scale:.3g} %, certified {100 * certificate / scale:.3g} %",
-        f"u = {facts['u']}",
+        "u = " + np.array2string(np.array(facts["u"]), precision=6, separator=", "),
     ]
     if facts["checkpoint"] is not None:
         lines.append(f"saved: {facts['checkpoint']}")

@@ -13,6 +13,7 @@ from types import FrameType
 
 import click
 import numpy as np
+from numpy.typing import NDArray
 
 from ..exceptions import InputError
 from ..rng import as_key
@@ -111,7 +112,7 @@ def stream(
         "digest": made.digest,
         "checkpoint": checkpoint,
     }
-    show(json.dumps(facts, allow_nan=False, indent=2) if as_json else _text(facts))
+    show(json.dumps(facts, allow_nan=False, indent=2) if as_json else _text(facts, made.u))
     if run.status == "interrupted":
         context.exit(TERMINATED if signal.SIGTERM in received else INTERRUPTED)
 
@@ -164,14 +165,14 @@ class _Line:
         sys.stderr.flush()
 
 
-def _text(facts: dict[str, object]) -> str:
+def _text(facts: dict[str, object], control: NDArray[np.float64]) -> str:
     certificate, error = float(str(facts["certificate"])), float(str(facts["error"]))
     scale = float(str(facts["reached_norm"]))
     lines = [
         f"{facts['status']} after {facts['steps']} steps ({facts['steps_of_this_run']} now, "
         f"{float(str(facts['seconds'])):.3g} s)",
         f"state off by {100 * error / scale:.3g} %, certified {100 * certificate / scale:.3g} %",
-        "u = " + np.array2string(np.array(facts["u"]), precision=6, separator=", "),
+        f"u = [{', '.join(f'{value:.6g}' for value in control)}]",
     ]
     if facts["checkpoint"] is not None:
         lines.append(f"saved: {facts['checkpoint']}")

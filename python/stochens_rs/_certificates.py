@@ -274,7 +274,7 @@ def _declare(entity: Known, values: Floats | None, what: str) -> Known:
             raise InputError(
                 f"the law of `{entity.name}` is unknown (realizations brought by the user), and "
                 f"the {what} depends on it: pass `{argument}=` if they are independent singletons "
-                "of a known mean, or see the covariance of realization_controls(...)"
+                "of a known mean; for other realizations see DataStream.confidence"
             )
         assert entity.estimate is not None
         if not _possible(entity.estimate, values, entity.axis):

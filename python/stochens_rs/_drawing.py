@@ -218,9 +218,9 @@ def _ticks(low: float, high: float, *, spread: float = 1.8) -> Floats:
 
 
 def _number(value: float) -> str:
-    """0.01 ... 1000 as they are, other powers of ten as such."""
+    """0.001 ... 1000 as they are, other powers of ten as such."""
     exponent = int(np.floor(np.log10(value) + 1e-9))
-    if -2 <= exponent <= 3:
+    if -3 <= exponent <= 3:
         return f"{value:g}"
     digit = f"{value / 10.0**exponent:.2g}"
     return f"$10^{{{exponent}}}$" if digit == "1" else rf"${digit} \cdot 10^{{{exponent}}}$"

@@ -45,6 +45,7 @@ def draw_states(
     ax.set_ylabel("state", fontsize=9.5, color=INK)
     ax.grid(True, color="#e4e4e4", linewidth=0.7)
     ax.set_axisbelow(True)
+    ax.spines[["top", "right"]].set_visible(False)
     ax.tick_params(labelsize=8.5, colors=INK, width=0.7)
     if states.shape[1] <= LISTED:
         ax.legend(fontsize=8.5, frameon=False, labelcolor=INK)

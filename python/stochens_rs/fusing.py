@@ -239,6 +239,7 @@ def _goal(ensemble: Ensemble, target: ArrayLike | None, method: str) -> NDArray[
 def _checked(ensemble: object, method: str) -> str:
     if not isinstance(ensemble, Ensemble):
         raise InputTypeError(
-            f"`ensemble` must be an Ensemble (see `sample`), got {type(ensemble).__name__}"
+            "`ensemble` must be an Ensemble (see `sample`, `Ensemble.from_samples`), "
+            f"got {type(ensemble).__name__}"
         )
     return _gate.choice("method", method, METHODS)

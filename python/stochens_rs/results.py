@@ -141,6 +141,11 @@ class Reachability:
     reachable: bool
 
 
+def reach_text(reach: Reachability) -> str:
+    """In a few words, for the one line that shows a plan."""
+    return "reachable" if reach.reachable else f"out of reach {100 * reach.relative:.3g} %"
+
+
 @dataclass(frozen=True)
 class PlanError:
     """How wrong a control is for a system that is known exactly.
@@ -274,8 +279,8 @@ class Plan:
         target; for a systematic sample it holds surely; independent realizations share delta.
 
         For realizations brought by the user, neither the law nor the exact values are known, and
-        no bound follows from the realizations alone. To compare with a nominal system, see
-        `Plan.error`.
+        no bound follows from a plan. With a bound on how far two realizations can be apart,
+        `DataStream.confidence` has one. To compare with a nominal system, see `Plan.error`.
 
         Examples
         --------
@@ -377,6 +382,5 @@ class Plan:
 
     def __repr__(self) -> str:
         return (
-            f"<Plan {self.fusion}: m={len(self.u)}, {self.status}, "
-            f"out of reach {100 * self.reachability.relative:.3g} %>"
+            f"<Plan {self.fusion}: m={len(self.u)}, {self.status}, {reach_text(self.reachability)}>"
         )

@@ -117,7 +117,8 @@ class Confidence:
     state : float
         Radius for the state: ``||B (v - v*)|| <= state``.
     x0, xf, A : float
-        Radii for the entities, 2-norm (Frobenius for A).
+        Radii for the entities, 2-norm (Frobenius for A). Infinite, and with it `state`, where
+        there is one realization and no range.
     delta : float
         The probability that one of them is exceeded, at any time, is at most this, if
         `guaranteed`.

@@ -11,7 +11,7 @@ from . import _gate
 from ._alse import norm
 from ._certificates import Basis, Known
 from .exceptions import InputError, NonFiniteError, ShapeError, SizeError
-from .results import PlanError, Reachability
+from .results import PlanError, Reachability, reach_text
 from .system import System
 from .theory.multistep import (
     controllability,
@@ -325,7 +325,4 @@ class TrajectoryPlan:
 
     def __repr__(self) -> str:
         K, m = self.u.shape
-        return (
-            f"<TrajectoryPlan: {K} steps, m={m}, {self.status}, "
-            f"out of reach {100 * self.reachability.relative:.3g} %>"
-        )
+        return f"<TrajectoryPlan: {K} steps, m={m}, {self.status}, {reach_text(self.reachability)}>"

@@ -72,7 +72,10 @@ def from_file(path: str | os.PathLike[str]) -> Problem:
     found = _npz(path) if path.suffix.lower() == ".npz" else _json(path)
     unknown = sorted(set(found) - set(_NAMES))
     if unknown:
-        raise InputError(f"{path.name} must have the entries {_NAMES}, got also {unknown[0]!r}")
+        raise InputError(
+            f"{path.name} must have the entries A, B and, if there are any, x0, xf, dt; "
+            f"got also {unknown[0]!r}"
+        )
     missing = [name for name in ("A", "B") if name not in found]
     if missing:
         raise InputError(f"{path.name} must have the entries A and B, {missing[0]} is missing")

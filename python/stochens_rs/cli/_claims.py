@@ -12,7 +12,13 @@ from ._output import show, writable
 
 
 @click.command()
-@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=1,
+    show_default=True,
+    help="Source of all randomness.",
+)
 @click.option("--quick", is_flag=True, help="Fewer runs: a second or two instead of ten.")
 @click.option("--out", metavar="DIR", help="Also write claims.json and the figure there.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of the table.")
@@ -29,7 +35,7 @@ def claims(context: click.Context, seed: int, quick: bool, out: str | None, as_j
         directory = writable(out)
     found = check(seed, quick=quick, progress=True)
     text = json.dumps(found.to_dict(), allow_nan=False, indent=2)
-    show(text if as_json else str(found))
+    show(text if as_json else f"{found}\n\n{found.summary}")
     if directory is not None:
         data = directory / "claims.json"
         data.write_text(text + "\n", encoding="utf-8")

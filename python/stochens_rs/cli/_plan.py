@@ -25,20 +25,28 @@ from ._problem import CASES, problem, share
     metavar="E",
     default="5%",
     show_default=True,
-    help="Error that may be exceeded, relative: 0.05 or 5%; with --absolute in units of the state.",
+    help="Error to stay below, relative: 0.05 or 5%; with --absolute in units of the quantity.",
 )
 @click.option(
     "--delta",
     type=float,
     default=0.05,
     show_default=True,
-    help="Probability with which it may be exceeded.",
+    help="Probability with which it may be exceeded all the same.",
 )
 @click.option(
-    "--quantity", type=click.Choice(["state", "control"]), default="state", show_default=True
+    "--quantity",
+    type=click.Choice(["state", "control"]),
+    default="state",
+    show_default=True,
+    help="Whose error: that of the state after the step, or of the control.",
 )
 @click.option(
-    "--fusion", type=click.Choice(["product", "diagonal"]), default="product", show_default=True
+    "--fusion",
+    type=click.Choice(["product", "diagonal"]),
+    default="product",
+    show_default=True,
+    help="Each entity averaged first, or one control per realization, then averaged.",
 )
 @click.option("--absolute", is_flag=True, help="The error is absolute.")
 @click.option(
@@ -48,7 +56,13 @@ from ._problem import CASES, problem, share
     show_default=True,
     help="Simulated fusions.",
 )
-@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=1,
+    show_default=True,
+    help="Source of all randomness.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of the table.")
 def plan(
     case: str | None,
@@ -64,9 +78,12 @@ def plan(
 ) -> None:
     """How many samples for this accuracy at this confidence.
 
-    Prints the number that every bound asks for, the exact root mean square error there, and what a
-    simulation says. States that the file does not have: x0 is drawn (standard normal; for a case
-    with standard deviation 0.1), xf is the origin.
+    Prints the number N that every bound asks for, the exact root mean square error there, and what
+    a simulation says: the error that all but the share delta of the runs stay below, and in how
+    many runs the error was too large.
+
+    States that the file does not have: x0 is drawn (standard normal; for a case with standard
+    deviation 0.1), xf is the origin.
     """
     key = as_key(seed)
     system, x0, xf = problem(case, path, key)

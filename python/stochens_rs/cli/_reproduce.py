@@ -67,7 +67,12 @@ def reproduce(
     with_claims: bool,
     as_json: bool,
 ) -> None:
-    """Repeat the two experiments of the paper and write a report with the figures."""
+    """Repeat the two experiments of the paper and write a report with the figures.
+
+    Prints the errors after all samples: quantiles and root mean square over the replicates, for
+    uniform weights also the exact root mean square, and z, the distance of the mean square from
+    its exact value in standard errors.
+    """
     plots.require_matplotlib()
     directory = writable(out)
     key = as_key(seed)

@@ -13,6 +13,7 @@ from types import FrameType
 
 import click
 import numpy as np
+from numpy.typing import NDArray
 
 from ..exceptions import InputError
 from ..rng import as_key
@@ -41,7 +42,13 @@ INTERRUPTED, TERMINATED = 130, 143
 @click.option("--max-steps", type=click.IntRange(min=1), help="Most steps of this run.")
 @click.option("--time-limit", type=float, metavar="S", help="Most seconds of this run.")
 @click.option("--safeguard", is_flag=True, help="Never worse than the plain means.")
-@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=1,
+    show_default=True,
+    help="Source of all randomness.",
+)
 @click.option(
     "--checkpoint", metavar="FILE", help="Save the state there on the way and at the end."
 )
@@ -105,7 +112,7 @@ def stream(
         "digest": made.digest,
         "checkpoint": checkpoint,
     }
-    show(json.dumps(facts, allow_nan=False, indent=2) if as_json else _text(facts))
+    show(json.dumps(facts, allow_nan=False, indent=2) if as_json else _text(facts, made.u))
     if run.status == "interrupted":
         context.exit(TERMINATED if signal.SIGTERM in received else INTERRUPTED)
 
@@ -158,14 +165,14 @@ class _Line:
         sys.stderr.flush()
 
 
-def _text(facts: dict[str, object]) -> str:
+def _text(facts: dict[str, object], control: NDArray[np.float64]) -> str:
     certificate, error = float(str(facts["certificate"])), float(str(facts["error"]))
     scale = float(str(facts["reached_norm"]))
     lines = [
         f"{facts['status']} after {facts['steps']} steps ({facts['steps_of_this_run']} now, "
         f"{float(str(facts['seconds'])):.3g} s)",
         f"state off by {100 * error / scale:.3g} %, certified {100 * certificate / scale:.3g} %",
-        f"u = {facts['u']}",
+        f"u = [{', '.join(f'{value:.6g}' for value in control)}]",
     ]
     if facts["checkpoint"] is not None:
         lines.append(f"saved: {facts['checkpoint']}")

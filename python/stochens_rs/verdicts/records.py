@@ -96,9 +96,12 @@ class Claims:
     def summary(self) -> str:
         """One line: how many statements hold, and whether the evidence supports that."""
         counts = {v: sum(row.verdict == v for row in self.rows) for v in _ORDER}
-        text = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
-        end = "all confirmed" if self.confirmed else "NOT ALL CONFIRMED"
-        return f"{len(self.rows)} statements of the paper: {text}; {end}"
+        end = "all verdicts confirmed" if self.confirmed else "NOT ALL VERDICTS CONFIRMED"
+        return (
+            f"{len(self.rows)} statements of the paper: {counts['holds']} true as printed, "
+            f"{counts['holds with a correction']} true with a correction, {counts['false']} false; "
+            f"{end}"
+        )
 
     def __getitem__(self, item: str) -> Claim:
         for row in self.rows:

@@ -67,6 +67,10 @@ class Clock:
         left = self._start + self._wish.time_limit - monotonic()
         return replace(self._wish, time_limit=max(left, 1e-9))
 
+    def end(self) -> None:
+        """Leave no time for what is still to come: the caller has asked to stop."""
+        self._wish = replace(self._wish, time_limit=0.0)
+
 
 def wishes(
     ensemble: Ensemble,
@@ -180,10 +184,13 @@ def _line_by_line(ensemble: Ensemble, goal: Floats, wish: Wishes, info: dict[str
     ):
         line = Ensemble.from_samples(own)
         fits.append(solve(line, np.ascontiguousarray(target), clock.left()))
+        if fits[-1].status == "interrupted":
+            clock.end()
     error = norm(np.array([fit.error for fit in fits]))
     gap = float(sum(fit.gap or 0.0 for fit in fits))
     statuses = [fit.status for fit in fits]
     within = gap <= wish.tol * norm(goal) ** 2 or set(statuses) == {"optimal"}
+    within = within and "interrupted" not in statuses  # Ctrl-C must not get lost
     info |= {"solver": [fit.info["solver"] for fit in fits]}
     return Fit(
         estimate=np.stack([fit.estimate for fit in fits], axis=axis - 1),

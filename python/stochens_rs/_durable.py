@@ -46,7 +46,7 @@ class Durable:
         StateError
             If something else than a stream's state is at `path`.
         StateLockedError
-            If another process is saving there at this moment.
+            If another thread or process is saving there at this moment.
         StateIOError
             If the system refuses: no space, no permission. The states before are untouched.
         InputError, InputTypeError

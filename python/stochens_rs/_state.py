@@ -72,7 +72,7 @@ def checked_path(name: str, value: object) -> str:
     if not isinstance(text, str):
         raise InputTypeError(f"`{name}` must be a path of type str, got {show(text)}")
     try:
-        usable = text != "" and b"\0" not in os.fsencode(text)
+        usable = os.path.basename(text) != "" and b"\0" not in os.fsencode(text)
     except UnicodeEncodeError:
         usable = False
     if not usable:

@@ -240,5 +240,7 @@ class _Loop:
         if self.method == "uniform":
             return sample_counts(target, self.size, rng=key).estimate
         fit = fuse(sample(target, self.size, rng=key), self.method, target=target)
+        if fit.status == "interrupted":
+            raise KeyboardInterrupt  # `fuse` has answered it; here, half a trajectory is of no use
         self.statuses.add(fit.status)
         return fit.estimate

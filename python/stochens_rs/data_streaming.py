@@ -112,8 +112,9 @@ class DataStream(Durable):
         Raises
         ------
         InputError, InputTypeError
-            If a realization cannot be used, or nothing is given. An array is refused as a whole;
-            of an iterator, those before the faulty one have been taken in. `counts` says how many.
+            If a realization cannot be used, or nothing is given. Arrays and ensembles are checked
+            before anything is taken in; of an iterator, or if the distance of two realizations
+            overflows, those before the faulty one have been taken in. `counts` says how many.
         KeyboardInterrupt
             On Ctrl-C, between two realizations.
 
@@ -129,12 +130,13 @@ class DataStream(Durable):
         given = [(k, v) for k, v in enumerate((x0, xf, A)) if v is not None]
         if not given:
             raise InputError("`x0`, `xf` or `A` must be given: there is nothing to take in")
-        for entity, value in given:
-            for block in self._blocks(_NAMES[entity], value):
+        blocks = [(entity, self._blocks(_NAMES[entity], value)) for entity, value in given]
+        for entity, rows in blocks:
+            for block in rows:
                 self._core.update(entity, block)
 
-    def _blocks(self, name: str, value: Any) -> Iterator[Floats]:
-        """The realizations as rows, some at a time."""
+    def _blocks(self, name: str, value: Any) -> Iterable[Floats]:
+        """The realizations as rows, some at a time; arrays and ensembles are checked at once."""
         n = self._shape[0]
         shape = (n, n) if name == "A" else (n,)
         entries = n ** len(shape)
@@ -142,32 +144,19 @@ class DataStream(Durable):
         if isinstance(value, Ensemble):
             if value.shape != shape:
                 raise ShapeError(f"`{name}` must have shape {shape}, got {value.shape}")
-            for first in range(0, value.size, rows):
-                yield _dense(value, first, min(first + rows, value.size)).reshape(-1, entries)
-        elif isinstance(value, Iterator):
-            pending: list[Floats] = []
-            try:
-                for item in value:
-                    pending.append(_one(name, item, shape))
-                    if len(pending) == rows:
-                        yield np.stack(pending).reshape(-1, entries)
-                        pending = []
-            except GeneratorExit:  # the core refused what it got
-                raise
-            except BaseException:  # what came before the fault, or before Ctrl-C, counts
-                if pending:
-                    yield np.stack(pending).reshape(-1, entries)
-                raise
-            if pending:
-                yield np.stack(pending).reshape(-1, entries)
-        else:
-            array = _gate.array(name, value, ndim=(len(shape), len(shape) + 1))
-            if array.shape[-len(shape) :] != shape:
-                raise ShapeError(
-                    f"`{name}` must have shape {shape} or (k, {', '.join(map(str, shape))}), "
-                    f"got {array.shape}"
-                )
-            yield array.reshape(-1, entries)
+            return (
+                _dense(value, first, min(first + rows, value.size)).reshape(-1, entries)
+                for first in range(0, value.size, rows)
+            )
+        if isinstance(value, Iterator):
+            return _gathered(name, value, shape, rows)
+        array = _gate.array(name, value, ndim=(len(shape), len(shape) + 1))
+        if array.shape[-len(shape) :] != shape:
+            raise ShapeError(
+                f"`{name}` must have shape {shape} or (k, {', '.join(map(str, shape))}), "
+                f"got {array.shape}"
+            )
+        return [array.reshape(-1, entries)]
 
     @property
     def counts(self) -> dict[str, int]:
@@ -228,7 +217,8 @@ class DataStream(Durable):
         ------
         InputError, InputTypeError
             If `delta` cannot be used, an entity has no realization, or one has a target: what is
-            fitted to a target says nothing about the mean.
+            fitted to a target says nothing about the mean. If two realizations are farther apart
+            than `ranges` says.
 
         Notes
         -----
@@ -275,6 +265,11 @@ class DataStream(Durable):
         counts, deviations, spreads, _ = self._core.statistics()
         radii = []
         for k, name in enumerate(_NAMES):
+            if spreads[k] > self._ranges.get(name, np.inf) * (1.0 + 1e-9):  # rounding
+                raise InputError(
+                    f"`ranges['{name}']` must bound the distance of any two realizations: there "
+                    f"are two {spreads[k]:.6g} apart, got {self._ranges[name]:.6g}"
+                )
             diameter = self._ranges.get(name, 2.0 * spreads[k] if counts[k] > 1 else np.inf)
             radii.append(mean_radius(counts[k], deviations[k], diameter, float(delta) / 3.0))
         x0, _, A = self._core.estimates()
@@ -329,6 +324,27 @@ def _checked_ranges(ranges: object) -> dict[str, float]:
         zero = isinstance(value, (int, float)) and value == 0 and not isinstance(value, bool)
         checked[key] = 0.0 if zero else _gate.positive(f"ranges['{key}']", value)
     return checked
+
+
+def _gathered(
+    name: str, items: Iterator[Any], shape: tuple[int, ...], rows: int
+) -> Iterator[Floats]:
+    """Single realizations as blocks of rows."""
+    pending: list[Floats] = []
+    try:
+        for item in items:
+            pending.append(_one(name, item, shape).ravel())
+            if len(pending) == rows:
+                yield np.stack(pending)
+                pending = []
+    except GeneratorExit:  # the core refused what it got
+        raise
+    except BaseException:  # what came before the fault, or before Ctrl-C, counts
+        if pending:
+            yield np.stack(pending)
+        raise
+    if pending:
+        yield np.stack(pending)
 
 
 def _one(name: str, item: object, shape: tuple[int, ...]) -> Floats:

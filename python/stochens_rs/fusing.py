@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
@@ -148,8 +149,8 @@ def fuse_path(
         As in `fuse`; `max_iter` holds for every size.
     time_limit : float, optional
         As in `fuse`, for all sizes together: those that come too late keep the weights of the
-        last one, with their error and gap, status "user_limit". Ctrl-C does the same, status
-        "interrupted".
+        last one (dense ensembles: those of a moment's work), with their error and gap, status
+        "user_limit". Ctrl-C does the same, status "interrupted".
     target : array_like, shape of a realization
         What the errors are measured against, and what the least-squares methods fit to.
     estimates : bool, default False
@@ -210,12 +211,18 @@ def _one_by_one(
     ensemble: Ensemble, goal: NDArray[np.float64], method: str, wish: _alse.Wishes, sizes: list[int]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, tuple[str, ...], NDArray[np.float64]]:
     """Dense realizations: every prefix by itself, all within one time limit."""
-    clock = _alse.Clock(wish)
+    clock, interrupted = _alse.Clock(wish), False
     fits = []
     for k in sizes:
         prefix = ensemble.prefix(k)
         if method == "alse":
-            fits.append(_alse.solve(prefix, goal, clock.left()))
+            fit = _alse.solve(prefix, goal, clock.left())
+            if interrupted and fit.status == "user_limit":
+                fit = replace(fit, status="interrupted")
+            elif fit.status == "interrupted":
+                interrupted = True
+                clock.end()
+            fits.append(fit)
         else:
             fits.append(fuse(prefix, "uniform", target=goal))
     errors = np.array([fit.error for fit in fits], dtype=np.float64)

@@ -13,7 +13,7 @@ import numpy as np
 
 from . import _core, _gate
 from ._durable import Checkpoints, Durable, PathLike
-from .exceptions import InputError
+from .exceptions import InputError, StateError, StateIOError
 from .rng import Key, RngLike, as_key
 from .stream_records import StreamRun, Trace
 
@@ -293,7 +293,8 @@ class Stream(Durable):
         -----
         Ctrl-C ends the run between two steps with status "interrupted" and raises nothing: the
         script goes on with its next line, and the stream with its next step whenever it is asked
-        to. For tol > 0 the rule "certificate" is met with probability one.
+        to. A second one, during the last save, raises. For tol > 0 the rule "certificate" is met
+        with probability one.
 
         Examples
         --------
@@ -315,6 +316,8 @@ class Stream(Durable):
                 f"`tol` must be None for variant '{self.variant}' with rule 'certificate': its "
                 "control has none"
             )
+        if not callable(progress):
+            _flag("progress", progress)
         checked = None if limit is None else rule_name
         checkpoints = Checkpoints(self, checkpoint, every)
         started, first = time.monotonic(), self.steps
@@ -324,7 +327,18 @@ class Stream(Durable):
                 status = self._run(checked, limit or 0.0, most, seconds, report, checkpoints)
         except KeyboardInterrupt:
             pass  # the core stops between two steps
-        checkpoints.save()
+        except (StateError, StateIOError):
+            raise  # of the checkpoints themselves
+        except BaseException:  # of the caller: from `progress` or a signal's handler
+            checkpoints.save()
+            raise
+        try:
+            checkpoints.save()
+        except KeyboardInterrupt:
+            if status == "interrupted":
+                raise  # the second one
+            status = "interrupted"
+            checkpoints.save()
         certificate, error = self._core.certificate()
         return StreamRun(
             status=status,
@@ -356,10 +370,8 @@ class Stream(Durable):
             end = self._core.advance(left, rule, tol, min(_SLICE, max(rest, 0.0)))
             report(self.steps - first)
             checkpoints.due()
-            if end == "max_steps":
+            if end != "time_limit" or (seconds is not None and rest <= _SLICE):
                 return "converged" if satisfied() else end
-            if end == "converged" or (seconds is not None and rest <= _SLICE):
-                return end
 
     def _to_sections(self) -> dict[str, Any]:
         """Return the state as named arrays of bytes, counters and numbers, digest included."""

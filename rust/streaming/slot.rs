@@ -14,7 +14,7 @@ const NEGLIGIBLE: f64 = 1e-150;
 
 /// Norm of a vector whose squares are representable.
 pub(super) fn norm(values: &[f64]) -> f64 {
-    values.iter().map(|v| v * v).sum::<f64>().sqrt()
+    values.iter().fold(0.0, |sum, v| sum + v * v).sqrt() // a sum of nothing would be -0
 }
 
 /// `sign(w) value` by flipping a bit; 0, not -0, off the support, where `value` is 0.

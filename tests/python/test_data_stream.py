@@ -308,3 +308,20 @@ def test_bad_calls():
             se.DataStream(B, ranges=ranges)
     with pytest.raises(ShapeError, match="`xf`"):
         se.DataStream(B, xf=np.zeros(N + 1))
+
+
+def test_arrays_are_checked_before_any_is_taken_in():
+    stream = se.DataStream(B)
+    for wrong in (DATA["xf"][0, :3], np.full(N, np.nan), se.sample(MEANS["A"], 3, rng=1)):
+        with pytest.raises(InputError, match="`xf"):
+            stream.update(x0=DATA["x0"], xf=wrong)
+    assert stream.counts == {"x0": 0, "xf": 0, "A": 0}
+
+
+def test_a_range_that_the_data_contradict_guarantees_nothing():
+    stream = se.DataStream([[1.0]], ranges={"x0": 0.1, "xf": 0.0, "A": 0.0})
+    stream.update(x0=[[1.0], [1.05]], xf=[0.0], A=[[2.0]])
+    assert stream.confidence().guaranteed
+    stream.update(x0=[3.0])
+    with pytest.raises(InputError, match=r"`ranges\['x0'\]` .* 2 apart, got 0.1"):
+        stream.confidence()

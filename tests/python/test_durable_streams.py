@@ -20,6 +20,7 @@ import stochens_rs as se
 from stochens_rs import cli
 from stochens_rs.exceptions import (
     InputError,
+    InputTypeError,
     StateError,
     StateIOError,
     StateNotFoundError,
@@ -226,6 +227,52 @@ def test_a_checkpoint_that_cannot_be_written_leaves_the_stream_in_order(tmp_path
         stream.run(max_steps=1, checkpoint=tmp_path / "a.state", every=0.0)
 
 
+def test_a_run_that_ends_by_an_exception_is_saved(tmp_path: Path) -> None:
+    """Somebody's `progress` raises, or a signal handler calls sys.exit."""
+    path, stream = tmp_path / "a.state", make()
+
+    def gone(done: int, total: int | None) -> None:
+        raise SystemExit(3)
+
+    with pytest.raises(SystemExit):
+        stream.run(max_steps=100, checkpoint=path, progress=gone)
+    assert same(se.Stream.load(path), stream)
+    with pytest.raises(InputTypeError, match="`progress`"):
+        make().run(max_steps=1, checkpoint=tmp_path / "b.state", progress=3)
+    assert not (tmp_path / "b.state").exists()
+
+
+@pytest.mark.parametrize("signals", [1, 2])
+def test_ctrl_c_during_the_last_save(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, signals: int
+) -> None:
+    """The first one ends the run, saved, and says so; the second one is not swallowed."""
+    from stochens_rs import _state
+
+    path, stream, left, real = tmp_path / "a.state", make(), [signals], _state.save
+
+    def interrupted(*args: object) -> int:
+        if left[0]:
+            left[0] -= 1
+            raise KeyboardInterrupt
+        return real(*args)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(_state, "save", interrupted)
+    if signals == 2:
+        with pytest.raises(KeyboardInterrupt):
+            stream.run(max_steps=100, checkpoint=path)
+        return
+    run = stream.run(max_steps=100, checkpoint=path)
+    assert (run.status, run.steps) == ("interrupted", 100)
+    assert same(se.Stream.load(path), stream)
+
+
+def test_a_name_that_ends_in_a_slash(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="`path`"):
+        make().save(f"{tmp_path}/a/")
+    assert list(tmp_path.iterdir()) == []
+
+
 # -- the command -----------------------------------------------------------------------------------
 
 
@@ -252,6 +299,14 @@ def test_the_command_stops_and_resumes(tmp_path: Path, capsys: pytest.CaptureFix
 def test_usage(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["stream", "--case", "ieee14", "--resume"]) == 2
     assert "--checkpoint" in capsys.readouterr().err
+    assert cli.main(["stream", "--case", "ieee14", "--tol", "-1"]) == 2
+    assert "`tol` must be > 0, got float -1.0" in capsys.readouterr().err  # as it was given
+    foreign = tmp_path / "text"
+    foreign.write_text("somebody else's")
+    assert cli.main(["stream", "--case", "ieee14", "--resume", "--checkpoint", str(foreign)]) == 5
+    said = capsys.readouterr().err
+    assert "is not a state file" in said
+    assert "internal error" not in said
     missing = str(tmp_path / "none.state")
     assert cli.main(["stream", "--case", "ieee14", "--resume", "--checkpoint", missing]) == 5
     assert cli.main(["stream", "--case", "ieee14", "--max-steps", "10"]) == 0

@@ -18,6 +18,9 @@ LONG_CALLS = {
     "slse": "se.fuse(big, 'slse-safeguarded', target=A)",
     "alse": "cut(se.fuse(hard, 'alse', target=A))",
     "alse path": "cut_path(se.fuse_path(hard, [18_900, 19_000], 'alse', target=A))",
+    "dense path": "cut_path(se.fuse_path(dense, [1840, 1850], 'alse', target=A30))",
+    "dense rows": "cut_rows(se.fuse(rows, 'alse', target=[A30.ravel()] * 4, weights='per-row'))",
+    "tracking": "se.track((A / 99, np.eye(100)), np.ones((3, 100)), 19_000, method='alse')",
     "exact matrices": "se.control(np.eye(600), x600, many600, A600, fusion='diagonal')",
     "wide path": "se.fuse_path(wide, np.arange(1, 3901), 'uniform', target=A300)",
     "pseudoinverse": "se.control(A1200, np.ones(1200), np.ones(1200), A1200)",
@@ -46,6 +49,10 @@ A600 = np.ones((600, 600))
 A300 = np.random.default_rng(3).standard_normal((300, 300))
 wide = se.sample(A300, 3900, rng=4)
 A1200 = np.random.default_rng(5).standard_normal((1200, 1200))
+A30 = np.random.default_rng(0).standard_normal((30, 30))
+written = se.sample(A30, 1850 if {needs_dense} else 2, rng=3).dense()  # more than a second
+dense = se.Ensemble.from_samples(written)
+rows = se.Ensemble.from_samples(np.tile(written.reshape(-1, 1, 900), (1, 4, 1)))
 sent = []
 
 def cut(fit):
@@ -58,6 +65,12 @@ def cut(fit):
 
 def cut_path(path):
     assert path.statuses == ("interrupted", "interrupted")
+    raise KeyboardInterrupt
+
+def cut_rows(fit):
+    # one Ctrl-C ends all of them, not only the row it meets
+    assert fit.status == "interrupted", fit
+    assert fit.weights.shape == (1850, 4) and abs(fit.weights.sum() - 4) < 1e-12
     raise KeyboardInterrupt
 
 def interrupt():
@@ -86,6 +99,7 @@ def test_interrupt(name: str) -> None:
         call=LONG_CALLS[name],
         needs_big=name in ("slse", "controls"),
         needs_hard=name.startswith("alse"),
+        needs_dense=name.startswith("dense"),
         needs_exact=name == "exact matrices",
     )
     run = subprocess.run(

@@ -194,6 +194,35 @@ def test_how_runs_end():
     assert done.status == ("converged" if done.certificate <= tol else "max_steps")
 
 
+def test_nothing_to_control_has_no_negative_error():
+    stream = se.Stream(np.zeros((2, 1)), [1.0, 2.0], [0.0, 0.0], np.eye(2), rng=1)
+    assert not np.signbit(stream.error)
+
+
+def test_a_time_limit_that_ends_below_the_tolerance_has_converged():
+    """The rule is looked at every n steps: within them a limit may be met with it satisfied."""
+    late = make(1)
+    late.step(0x7FFF)
+    tol = late.certificate * (1.0 + 1e-12)
+    met = []
+
+    class Core:  # the first look of the run is past
+        def certificate(self):
+            met.append(late._core.certificate())
+            return (np.inf, np.inf) if len(met) == 1 else met[-1]
+
+        def advance(self, *_):
+            return "time_limit"
+
+        def counts(self):
+            return late._core.counts()
+
+    other = make(1)
+    other._core = Core()
+    run = other.run(tol=tol, time_limit=1e-3)
+    assert (run.status, run.certificate <= tol) == ("converged", True)
+
+
 def test_progress(capsys):
     seen = []
     stream = make(1)

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import click
 
-from ..exceptions import InputError, InputTypeError, ResourceError
+from ..exceptions import InputError, InputTypeError, ResourceError, StateError
 from ..experiments._common import versions
 from . import _claims, _info, _plan, _reproduce, _stream
 from ._output import show
@@ -68,7 +68,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _fail("interrupted", INTERRUPTED)
     except SystemExit:  # click leaves so when whoever read the output has gone
         return IO
-    except OSError as error:
+    except (OSError, StateError) as error:
         return _fail(str(error), IO)
     except (InputError, InputTypeError, ResourceError, ImportError) as error:
         return _fail(str(error), USAGE)

@@ -15,6 +15,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import _gate
 from ..exceptions import InputError
 from ..rng import as_key
 from ..streaming import Stream
@@ -77,6 +78,7 @@ def stream(
     Ctrl-C and SIGTERM save before leaving (exit codes 130 and 143); with --resume the run goes on
     as if it had never stopped.
     """
+    relative = _gate.positive("tol", share(tol, "--tol"))
     key = as_key(seed)
     system, x0, xf = problem(case, path, key)
     made = Stream(system.B, x0, xf, system.A, rng=key.child("stream"), safeguard=safeguard)
@@ -89,7 +91,7 @@ def stream(
     scale = float(np.linalg.norm(reached)) or 1.0
     with _signals() as received:
         run = made.run(
-            tol=share(tol, "--tol") * scale,
+            tol=relative * scale,
             max_steps=max_steps,
             time_limit=time_limit,
             progress=_Line(made, scale) if sys.stderr.isatty() else False,

@@ -182,10 +182,11 @@ def algorithm_1(key: Key) -> Claim:
                 rng=key.child(str(r)),
                 variant="consistent" if variant == "consistent" else "literal",
             )
-            stream.run(max_steps=steps)
+            stream.step(steps)
             kept.append(error(stream))
         printed = Stream(B, x0=x0, xf=xf, A=A, rng=key.child(str(r)), variant="literal")
-        printed.run(tol=1e-9, max_steps=steps, rule="printed")
+        if printed.run(tol=1e-9, max_steps=steps, rule="printed").status == "interrupted":
+            raise KeyboardInterrupt  # half a run is of no use
         stops.append((printed.steps, error(printed)))
     stop, left = np.median(stops, axis=0)
     literal, consistent = (float(np.median(errors[k])) for k in ("literal", "consistent"))

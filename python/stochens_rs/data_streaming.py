@@ -294,8 +294,9 @@ class DataStream(Durable):
         """Make a stream of what `_to_sections` returned, after checking that it can be one."""
         state = dict(sections)
         ranges = np.asarray(state.pop("ranges", ()), dtype=np.float64)
-        if ranges.shape != (3,) or not np.isfinite(ranges).all():
-            raise InputError("`state` must have three finite ranges, got others")
+        possible = np.isfinite(ranges) & ((ranges >= 0.0) | (ranges == -1.0))
+        if ranges.shape != (3,) or not possible.all():
+            raise InputError("`state` must have three ranges, finite or -1 for none, got others")
         made = cls.__new__(cls)
         made._core = _core.DataStream.from_sections(list(state.items()))
         known = zip(_NAMES, ranges.tolist(), strict=True)

@@ -213,12 +213,24 @@ impl Slot {
                 return Err(damaged("estimates that are means of realizations", format!("another one in line {j}")));
             }
         }
-        let er = self.inner_products(false).0;
-        let slack = 1e-6 * er + 1e-9 * self.run.state.gg;
-        if (er - self.run.state.er).abs() <= slack {
-            return Ok(());
+        let (er, al) = self.inner_products(false);
+        let mut folded = self.run.clone();
+        folded.fold(); // the products with S, summed from the entries
+        let (found, fresh, gg) = (&self.run.state, &folded.state, self.run.state.gg);
+        let carried = [
+            (found.er, er, gg),
+            (found.al, al, gg),
+            (found.fs, fresh.fs, gg * count),
+            (found.ss, fresh.ss, gg * count * count),
+            (found.sa, fresh.sa, gg * count),
+        ];
+        for (found, fresh, size) in carried {
+            let slack = 1e-6 * fresh.abs() + 1e-9 * size;
+            if (fresh - found).abs() > slack {
+                return Err(damaged("inner products that belong to the estimates", format!("{found:e} for {fresh:e}")));
+            }
         }
-        Err(damaged("errors that belong to the estimates", format!("{:e} for {er:e}", self.run.state.er)))
+        Ok(())
     }
 }
 

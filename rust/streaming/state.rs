@@ -118,6 +118,14 @@ impl Stream {
         if !consistent {
             self.products.ff = ff;
             let (goal, free) = raw.split_at(n);
+            // means of realizations: a 1-norm of at most gf, and of at most g0 times the largest gA
+            let [x0, xf, a] = &self.slots;
+            let largest = a.run.gamma.iter().fold(0.0f64, |m, g| m.max(*g)) * x0.run.gamma[0];
+            let size = |v: &[f64]| v.iter().map(|v| v.abs()).sum::<f64>();
+            let slack = 1.0 + 1e-6;
+            if size(goal) > slack * xf.run.gamma[0] || size(free) > slack * largest {
+                return Err(damaged("running means of realizations", "larger ones".into()));
+            }
             self.raw = Raw { goal: goal.into(), free: free.into() };
             return Ok(());
         }
@@ -138,14 +146,19 @@ impl Stream {
         let values = from.take_f64("trace.v", Some(at.len().saturating_mul(3)))?;
         let rising = at.windows(2).all(|pair| pair[0] < pair[1]);
         let within = at.iter().all(|step| *step <= self.steps && on_grid(*step));
-        if !rising || !within || at.first() != Some(&0) {
+        let consistent = self.consistent();
+        let possible = values.as_chunks::<3>().0.iter().all(|&[certificate, error, size]| {
+            let known = if consistent { certificate >= 0.0 } else { certificate == -1.0 };
+            known && error >= 0.0 && (0.0..=1.0).contains(&size)
+        });
+        if !rising || !within || !possible || at.first() != Some(&0) {
             return Err(damaged("of a trace at its own steps", format!("{} entries", at.len())));
         }
         self.trace = at
             .iter()
             .zip(values.as_chunks::<3>().0)
             .map(|(&step, &[certificate, error, size])| {
-                let certificate = if certificate < 0.0 { f64::NAN } else { certificate };
+                let certificate = if consistent { certificate } else { f64::NAN };
                 Entry { step, certificate, error, size }
             })
             .collect();

@@ -325,3 +325,10 @@ def test_a_range_that_the_data_contradict_guarantees_nothing():
     stream.update(x0=[3.0])
     with pytest.raises(InputError, match=r"`ranges\['x0'\]` .* 2 apart, got 0.1"):
         stream.confidence()
+
+
+def test_a_saved_range_is_a_range_or_none():
+    sections = se.DataStream([[1.0]], ranges={"x0": 1.0})._to_sections()
+    sections["ranges"] = np.array([1.0, -1.0, -2.0])
+    with pytest.raises(InputError, match="ranges"):
+        se.DataStream._from_sections(sections)

@@ -132,7 +132,11 @@ def test_damaged_states_are_refused():
         changed("xf.hits", 3, 100.0),
         changed("x0.state", 0, 0.0),
         changed("x0.state", 0, 1.5),
-        changed("x0.state", 2, 100.0),
+        *(changed("x0.state", at, 100.0) for at in range(2, 7)),
+        *(changed("A.state", at, -1e300) for at in range(2, 7)),
+        changed("trace.v", 0, -1.0),
+        changed("trace.v", 1, -1e-3),
+        changed("trace.v", 2, 1.5),
         changed("products", 0, 100.0),
         changed("prod.sum", 0, 1e5),
         changed("drift", 0, -1.0),
@@ -143,6 +147,10 @@ def test_damaged_states_are_refused():
         with pytest.raises(InputError, match=r"`(state|B|x0|xf|A|values)`"):
             se.Stream._from_sections(sections)
     assert same(se.Stream._from_sections(state)._to_sections(), state)
+    raw = make(7, variant="semi")._to_sections()
+    for at in (0, len(raw["raw"]) - 1):
+        with pytest.raises(InputError, match="running means"):
+            se.Stream._from_sections({**raw, "raw": raw["raw"] + 1e3 * (np.arange(20) == at)})
 
 
 def test_trace_is_thin_and_the_same_in_one_run_or_many():

@@ -89,14 +89,12 @@ impl Ask<'_> {
         let unit = 1.0 / scale; // exact, as the products with it are: powers of two
         let gamma: Vec<f64> = law.gamma().iter().map(|g| g * unit).collect();
         let mut run: Run<'_, T> = Run::new(&gamma, length, self.safeguard, self.signed(unit));
-        let estimate = |run: &Run<'_, T>| -> Result<Vec<f64>> {
-            let mut estimate = try_zeros("the estimate", self.target.len())?;
-            for (j, line) in estimate.chunks_exact_mut(length).enumerate() {
-                for ((entry, f), &v) in line.iter_mut().zip(run.line(j)).zip(law.line(j)) {
-                    *entry = if v == 0.0 { 0.0 } else { v.signum() * f * scale };
-                }
+        // signs and units again
+        let reported = |mut f: Vec<f64>| -> Vec<f64> {
+            for (f, v) in f.iter_mut().zip(law.values()) {
+                *f = if *v == 0.0 { 0.0 } else { v.signum() * *f * scale };
             }
-            Ok(estimate)
+            f
         };
         let size = self.draws.size();
         let mut out = Sequential { weights: try_zeros("the weights", size)?, ..Sequential::default() };
@@ -120,11 +118,11 @@ impl Ask<'_> {
             if wanted.next_if_eq(&done).is_some() {
                 out.errors.push((run.error(self.signed(unit)) * scale).hypot(off));
                 if self.keep_estimates {
-                    out.estimates.append(&mut estimate(&run)?);
+                    out.estimates.append(&mut reported((0..lines).flat_map(|j| run.line(j)).collect()));
                 }
             }
         });
-        out.estimate = estimate(&run)?;
+        out.estimate = reported(run.into_f());
         steps_to_weights(&mut out.weights, &safeguards);
         Ok(out)
     }

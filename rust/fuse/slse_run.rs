@@ -235,12 +235,26 @@ impl<'a, T: Tables> Run<'a, T> {
 
     /// `f_k = (c h_k + b g^2 S_k) / g` in line `j`; 0 in a zero line.
     pub(super) fn line(&self, j: usize) -> impl Iterator<Item = f64> {
-        let (from, to, g) = (j * self.length, (j + 1) * self.length, self.gamma[j]);
-        let (b, g) = (self.b * self.g2[j], if g > 0.0 { g } else { 1.0 });
-        let hits = if self.hits.is_empty() { &[][..] } else { &self.hits[from..to] };
-        self.tables.line(from, to).enumerate().map(move |(k, (h, _))| {
-            let hits = hits.get(k).map_or(0.0, |s| b * s);
-            (self.c * h + hits) / g
-        })
+        let (from, to) = (j * self.length, (j + 1) * self.length);
+        let entry = self.entry(j);
+        self.tables.line(from, to).zip(from..).map(move |((h, _), k)| entry(h, self.hits.get(k)))
+    }
+
+    /// All lines, in memory that is there already.
+    pub(super) fn into_f(mut self) -> Vec<f64> {
+        let mut f = std::mem::replace(&mut self.tables, T::zeros(0)).into_h();
+        for (j, line) in f.chunks_exact_mut(self.length).enumerate() {
+            let entry = self.entry(j);
+            for (k, f) in (j * self.length..).zip(line) {
+                *f = entry(*f, self.hits.get(k));
+            }
+        }
+        f
+    }
+
+    /// From `h` and the hits to `f` in line `j`.
+    fn entry(&self, j: usize) -> impl Fn(f64, Option<&f64>) -> f64 + use<'a, T> {
+        let (c, b, g) = (self.c, self.b * self.g2[j], if self.gamma[j] > 0.0 { self.gamma[j] } else { 1.0 });
+        move |h, hits| (c * h + hits.map_or(0.0, |s| b * s)) / g
     }
 }

@@ -18,6 +18,9 @@ pub(super) trait Tables {
     /// `(h_k, g a_k)` from one entry up to another.
     fn line(&self, from: usize, to: usize) -> impl Iterator<Item = (f64, f64)>;
 
+    /// The `h` of all entries, in memory that is there already.
+    fn into_h(self) -> Vec<f64>;
+
     /// How many entries there are.
     fn len(&self) -> usize;
 
@@ -53,6 +56,10 @@ impl Tables for Apart {
 
     fn line(&self, from: usize, to: usize) -> impl Iterator<Item = (f64, f64)> {
         self.h[from..to].iter().copied().zip(self.a[from..to].iter().copied())
+    }
+
+    fn into_h(self) -> Vec<f64> {
+        self.h
     }
 
     fn len(&self) -> usize {
@@ -98,6 +105,14 @@ impl Tables for Beside {
 
     fn line(&self, from: usize, to: usize) -> impl Iterator<Item = (f64, f64)> {
         self.0[from..to].iter().map(|&pair| pair.into())
+    }
+
+    fn into_h(self) -> Vec<f64> {
+        let (entries, mut flat) = (self.0.len(), self.0.into_flattened());
+        (0..entries).for_each(|k| flat[k] = flat[2 * k]);
+        flat.truncate(entries);
+        flat.shrink_to_fit();
+        flat
     }
 
     fn len(&self) -> usize {

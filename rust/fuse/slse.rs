@@ -82,20 +82,19 @@ impl Ask<'_> {
     fn answer<T: Tables>(&self, stop: &Stop) -> Result<Sequential> {
         let law = self.draws.law();
         let (lines, length) = (law.lines(), law.length());
-        let signs = law.signs();
         // What no realization can change stays out of every inner product: a large part there would drown the rest.
-        let split = |on: bool| -> Vec<f64> {
-            self.target.iter().zip(&signs).map(|(&t, &sign)| if (sign != 0.0) == on { t } else { 0.0 }).collect()
-        };
-        let reachable = split(true);
-        let off = distance(&split(false), &vec![0.0; self.target.len()]);
-        let scale = power_of_two_scale(law.gamma().iter().chain(&reachable));
-        let gamma: Vec<f64> = law.gamma().iter().map(|g| g / scale).collect();
-        let signed: Vec<f64> = reachable.iter().zip(&signs).map(|(t, sign)| sign * (t / scale)).collect();
-        let mut run: Run<'_, T> = Run::new(&gamma, length, &signed, self.safeguard);
-        let estimate = |run: &Run<'_, T>| -> Vec<f64> {
-            let entry = |k: usize| if signs[k] == 0.0 { 0.0 } else { signs[k] * run.f(k / length, k) * scale };
-            (0..signs.len()).map(entry).collect()
+        let beyond: Vec<f64> = self.entries().filter(|(v, t)| *v == 0.0 && *t != 0.0).map(|(_, t)| t).collect();
+        let off = distance(&beyond, &vec![0.0; beyond.len()]);
+        let scale = power_of_two_scale(&[largest(law.gamma(), law.gamma()), largest(self.target, law.values())]);
+        let unit = 1.0 / scale; // exact, as the products with it are: powers of two
+        let gamma: Vec<f64> = law.gamma().iter().map(|g| g * unit).collect();
+        let mut run: Run<'_, T> = Run::new(&gamma, length, self.safeguard, self.signed(unit));
+        // signs and units again
+        let reported = |mut f: Vec<f64>| -> Vec<f64> {
+            for (f, v) in f.iter_mut().zip(law.values()) {
+                *f = if *v == 0.0 { 0.0 } else { v.signum() * *f * scale };
+            }
+            f
         };
         let size = self.draws.size();
         let mut out = Sequential { weights: try_zeros("the weights", size)?, ..Sequential::default() };
@@ -117,16 +116,38 @@ impl Ask<'_> {
             }
             stop.check()?;
             if wanted.next_if_eq(&done).is_some() {
-                out.errors.push((run.error(&signed) * scale).hypot(off));
+                out.errors.push((run.error(self.signed(unit)) * scale).hypot(off));
                 if self.keep_estimates {
-                    out.estimates.extend(estimate(&run));
+                    out.estimates.append(&mut reported((0..lines).flat_map(|j| run.line(j)).collect()));
                 }
             }
         });
-        out.estimate = estimate(&run);
+        out.estimate = reported(run.into_f());
         steps_to_weights(&mut out.weights, &safeguards);
         Ok(out)
     }
+
+    /// The entries of the mean and of the target.
+    fn entries(&self) -> impl Iterator<Item = (f64, f64)> {
+        self.draws.law().values().iter().copied().zip(self.target.iter().copied())
+    }
+
+    /// `unit sign_k t_k`, and 0 off the support.
+    fn signed(&self, unit: f64) -> impl Iterator<Item = f64> {
+        self.entries().map(move |(v, t)| if v == 0.0 { 0.0 } else { v.signum() * (t * unit) })
+    }
+}
+
+/// `max |v_k|` over the entries with `support_k != 0`, eight at a time: one maximum would wait for every other.
+fn largest(values: &[f64], support: &[f64]) -> f64 {
+    let mut lanes = [0.0_f64; 8];
+    for (values, support) in values.chunks(8).zip(support.chunks(8)) {
+        for ((lane, v), s) in lanes.iter_mut().zip(values).zip(support) {
+            let v = if *s == 0.0 { 0.0 } else { v.abs() };
+            *lane = if v > *lane { v } else { *lane };
+        }
+    }
+    lanes.into_iter().fold(0.0, f64::max)
 }
 
 /// Turns the steps `t_k` (in place) and `s_k` into weights: `w_k = C_k (1 - s_k) t_k + sum_{i >= k} C_i s_i / i` with

@@ -77,13 +77,14 @@ pub(super) struct Run<'a, T> {
 }
 
 impl<'a, T: Tables> Run<'a, T> {
-    /// Before the first realization; `target` holds `sign_k t_k`.
-    pub(super) fn new(gamma: &'a [f64], length: usize, target: &[f64], safeguard: bool) -> Self {
+    /// Before the first realization; `target` yields `sign_k t_k`.
+    pub(super) fn new(gamma: &'a [f64], length: usize, safeguard: bool, target: impl Iterator<Item = f64>) -> Self {
         let g2: Vec<f64> = gamma.iter().map(|g| g * g).collect();
         let inverse = gamma.iter().map(|&g| if g > 0.0 { (1.0 / g).min(f64::MAX) } else { 0.0 }).collect();
-        let hits = vec![0.0; if safeguard { target.len() } else { 0 }];
-        let targets = target.iter().enumerate().map(|(k, t)| gamma[k / length] * t).collect();
-        let (gg, tables) = (squared_norm(&g2), T::new(targets));
+        let entries = gamma.len() * length;
+        let hits = vec![0.0; if safeguard { entries } else { 0 }];
+        let (gg, mut tables) = (squared_norm(&g2), T::zeros(entries));
+        tables.set_targets(length, gamma, target);
         Self { length, gamma, inverse, g2, gg, tables, c: 1.0, b: 0.0, hits, state: State::default() }
     }
 
@@ -221,20 +222,39 @@ impl<'a, T: Tables> Run<'a, T> {
     }
 
     /// `||E* - F||` for the `t_k sign_k` of the target, summed from the entries of `F` as they are reported.
-    pub(super) fn error(&self, target: &[f64]) -> f64 {
-        let mut sum = 0.0;
-        for j in (0..self.gamma.len()).filter(|&j| self.gamma[j] > 0.0) {
-            let from = j * self.length;
-            for (k, t) in (from..).zip(&target[from..from + self.length]) {
-                sum += (t - self.f(j, k)).powi(2);
+    pub(super) fn error(&self, mut target: impl Iterator<Item = f64>) -> f64 {
+        // four sums: one alone would wait for every addition
+        let mut sums = [0.0; 4];
+        for j in 0..self.gamma.len() {
+            for (k, (f, t)) in self.line(j).zip(&mut target).enumerate() {
+                sums[k % 4] += (t - f).powi(2);
             }
         }
-        sum.sqrt()
+        ((sums[0] + sums[1]) + (sums[2] + sums[3])).sqrt()
     }
 
-    /// `f_k = (c h_k + b g^2 S_k) / g` in line `j`.
-    pub(super) fn f(&self, j: usize, k: usize) -> f64 {
-        let hits = self.hits.get(k).map_or(0.0, |s| self.b * self.g2[j] * s);
-        (self.c * self.tables.get(k).0 + hits) / self.gamma[j]
+    /// `f_k = (c h_k + b g^2 S_k) / g` in line `j`; 0 in a zero line.
+    pub(super) fn line(&self, j: usize) -> impl Iterator<Item = f64> {
+        let (from, to) = (j * self.length, (j + 1) * self.length);
+        let entry = self.entry(j);
+        self.tables.line(from, to).zip(from..).map(move |((h, _), k)| entry(h, self.hits.get(k)))
+    }
+
+    /// All lines, in memory that is there already.
+    pub(super) fn into_f(mut self) -> Vec<f64> {
+        let mut f = std::mem::replace(&mut self.tables, T::zeros(0)).into_h();
+        for (j, line) in f.chunks_exact_mut(self.length).enumerate() {
+            let entry = self.entry(j);
+            for (k, f) in (j * self.length..).zip(line) {
+                *f = entry(*f, self.hits.get(k));
+            }
+        }
+        f
+    }
+
+    /// From `h` and the hits to `f` in line `j`.
+    fn entry(&self, j: usize) -> impl Fn(f64, Option<&f64>) -> f64 + use<'a, T> {
+        let (c, b, g) = (self.c, self.b * self.g2[j], if self.gamma[j] > 0.0 { self.gamma[j] } else { 1.0 });
+        move |h, hits| (c * h + hits.map_or(0.0, |s| b * s)) / g
     }
 }

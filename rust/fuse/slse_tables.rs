@@ -9,8 +9,17 @@ use crate::sample::Index;
 
 /// `h` and `g a`, entry by entry.
 pub(super) trait Tables {
-    /// `h = 0` and the given `g a`.
-    fn new(targets: Vec<f64>) -> Self;
+    /// Zeros for so many entries.
+    fn zeros(len: usize) -> Self;
+
+    /// Sets `g a` from the `a` of all entries, line by line.
+    fn set_targets(&mut self, length: usize, gamma: &[f64], a: impl Iterator<Item = f64>);
+
+    /// `(h_k, g a_k)` from one entry up to another.
+    fn line(&self, from: usize, to: usize) -> impl Iterator<Item = (f64, f64)>;
+
+    /// The `h` of all entries, in memory that is there already.
+    fn into_h(self) -> Vec<f64>;
 
     /// How many entries there are.
     fn len(&self) -> usize;
@@ -35,8 +44,22 @@ pub(super) struct Apart {
 }
 
 impl Tables for Apart {
-    fn new(targets: Vec<f64>) -> Self {
-        Self { h: vec![0.0; targets.len()], a: targets }
+    fn zeros(len: usize) -> Self {
+        Self { h: vec![0.0; len], a: vec![0.0; len] }
+    }
+
+    fn set_targets(&mut self, length: usize, gamma: &[f64], mut a: impl Iterator<Item = f64>) {
+        for (line, g) in self.a.chunks_exact_mut(length).zip(gamma) {
+            line.iter_mut().zip(&mut a).for_each(|(ga, a)| *ga = g * a);
+        }
+    }
+
+    fn line(&self, from: usize, to: usize) -> impl Iterator<Item = (f64, f64)> {
+        self.h[from..to].iter().copied().zip(self.a[from..to].iter().copied())
+    }
+
+    fn into_h(self) -> Vec<f64> {
+        self.h
     }
 
     fn len(&self) -> usize {
@@ -70,8 +93,26 @@ impl Tables for Apart {
 pub(super) struct Beside(Vec<[f64; 2]>);
 
 impl Tables for Beside {
-    fn new(targets: Vec<f64>) -> Self {
-        Self(targets.into_iter().map(|a| [0.0, a]).collect())
+    fn zeros(len: usize) -> Self {
+        Self(vec![[0.0; 2]; len])
+    }
+
+    fn set_targets(&mut self, length: usize, gamma: &[f64], mut a: impl Iterator<Item = f64>) {
+        for (line, g) in self.0.chunks_exact_mut(length).zip(gamma) {
+            line.iter_mut().zip(&mut a).for_each(|([_, ga], a)| *ga = g * a);
+        }
+    }
+
+    fn line(&self, from: usize, to: usize) -> impl Iterator<Item = (f64, f64)> {
+        self.0[from..to].iter().map(|&pair| pair.into())
+    }
+
+    fn into_h(self) -> Vec<f64> {
+        let (entries, mut flat) = (self.0.len(), self.0.into_flattened());
+        (0..entries).for_each(|k| flat[k] = flat[2 * k]);
+        flat.truncate(entries);
+        flat.shrink_to_fit();
+        flat
     }
 
     fn len(&self) -> usize {

@@ -172,3 +172,44 @@ fn in_order_u8(eight: __m256i) -> [u8; 8] {
     let bytes = _mm_or_si128(_mm256_castsi256_si128(moved), _mm256_extracti128_si256::<1>(moved));
     _mm_cvtsi128_si64(bytes).to_le_bytes()
 }
+
+/// `y -= A x` in short rows, four at a time; see [`super::subtract_short`].
+#[target_feature(enable = "avx2")]
+pub(super) fn subtract_short<const FOURS: usize>(a: &[f64], n: usize, x: &[[f64; 4]; FOURS], y: &mut [f64]) -> usize {
+    let mut fours = [_mm256_setzero_pd(); FOURS];
+    for (four, x) in fours.iter_mut().zip(x) {
+        *four = four_of(x);
+    }
+    let ys = y.as_chunks_mut::<4>().0.iter_mut().zip(a.chunks_exact(4 * n));
+    let done = 4 * ys.len();
+    for (y, rows) in ys {
+        let mut sums = [_mm256_setzero_pd(); 4];
+        for (r, sum) in sums.iter_mut().enumerate() {
+            let row = &rows[r * n..][..n];
+            let (whole, last) = (&row.as_chunks::<4>().0[..FOURS - 1], row.last_chunk::<4>());
+            let Some(last) = last else { return 0 }; // n >= 4
+            let mut s = _mm256_setzero_pd();
+            for i in 0..FOURS {
+                let four = if i + 1 < FOURS { &whole[i] } else { last };
+                let product = _mm256_mul_pd(four_of(four), fours[i]);
+                s = if i == 0 { product } else { _mm256_add_pd(s, product) };
+            }
+            *sum = s;
+        }
+        // (s_0 + s_1), (s_2 + s_3) of every row, then their sums
+        let (low, high) = (_mm256_hadd_pd(sums[0], sums[1]), _mm256_hadd_pd(sums[2], sums[3]));
+        let (left, right) = (_mm256_permute2f128_pd::<0x20>(low, high), _mm256_permute2f128_pd::<0x31>(low, high));
+        let rest = _mm256_sub_pd(four_of(y), _mm256_add_pd(left, right));
+        // SAFETY: `y` has the 32 bytes that are written; the instruction asks for no alignment.
+        unsafe { _mm256_storeu_pd(y.as_mut_ptr(), rest) };
+    }
+    done
+}
+
+/// Four doubles.
+#[inline]
+#[target_feature(enable = "avx2")]
+fn four_of(values: &[f64; 4]) -> __m256d {
+    // SAFETY: `values` has the 32 bytes that are read; the instruction asks for no alignment.
+    unsafe { _mm256_loadu_pd(values.as_ptr()) }
+}

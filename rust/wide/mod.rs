@@ -1,7 +1,8 @@
 //! The kernels that need wider registers than the baseline wheel may assume, and the one place that asks for them.
 //!
 //! The same integer operations as the portable loops of [`crate::stream`] and [`crate::sample::AliasTable`], hence the same
-//! words and indices on every processor; tests here and there compare them.
+//! words and indices on every processor, and the same products and sums, in the same order, as those of
+//! [`crate::control`]; tests here and there compare them.
 
 #![allow(unsafe_code, reason = "vector loads and stores take pointers; every one stays inside an array it borrows")]
 
@@ -43,6 +44,18 @@ pub(crate) fn lookup<I: Copy>(cells: &[u64], words: &[u64], out: &mut [I], index
     };
     // SAFETY: as above.
     done + unsafe { avx2::lookup(cells, &words[done..], &mut out[done..], index) }
+}
+
+/// `y -= A x` for rows of `4 (FOURS - 1) < n <= 4 FOURS` entries, four rows at a time; returns how many are done: none
+/// where the processor has no AVX2, else all but a rest of fewer than four. `x` is laid out as the entries of a row are
+/// read: whole fours, then the last four, with zeros for those that were among the others.
+#[inline(always)]
+pub(crate) fn subtract_short<const FOURS: usize>(a: &[f64], n: usize, x: &[[f64; 4]; FOURS], y: &mut [f64]) -> usize {
+    if !is_x86_feature_detected!("avx2") {
+        return 0;
+    }
+    // SAFETY: the processor has just said that it knows the instructions.
+    unsafe { avx2::subtract_short(a, n, x, y) }
 }
 
 #[cfg(test)]

@@ -317,7 +317,7 @@ class Stream(Durable):
                 "control has none"
             )
         if not callable(progress):
-            _flag("progress", progress)
+            _gate.flag("progress", progress)
         checked = None if limit is None else rule_name
         checkpoints = Checkpoints(self, checkpoint, every)
         started, first = time.monotonic(), self.steps

@@ -125,7 +125,19 @@ class Checkpoints:
         self._stream = stream
         self._path = None if path is None else _state.checked_path("checkpoint", path)
         self._every = _gate.positive("every", every)
+        if self._path is not None and os.path.lexists(self._path):
+            self._same_problem(self._path)
         self._last = time.monotonic()
+
+    def _same_problem(self, path: str) -> None:
+        """A checkpoint takes the place of an earlier one of the same problem, and of nothing else."""
+        _, sections = _state.load(path, self._stream._kind)
+        theirs, ours = sections.get("digest"), self._stream._to_sections()["digest"]
+        if theirs is None or theirs.tobytes() != ours.tobytes():
+            raise StateError(
+                f"{path} must be a state of this problem, key and options, got another: it would "
+                "be replaced"
+            )
 
     def due(self) -> None:
         """Save if it is time to."""

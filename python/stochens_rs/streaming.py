@@ -272,7 +272,8 @@ class Stream(Durable):
             True: a bar on stderr. A callable is called as ``progress(steps, max_steps)`` about
             five times a second.
         checkpoint : path, optional
-            Where to `save` the stream on the way and at the end, however the run ends.
+            Where to `save` the stream on the way and at the end, however the run ends. What is
+            there already must be a state of the same problem, key and options.
         every : float, default 60
             Seconds between two checkpoints [s].
 

@@ -71,6 +71,22 @@ def test_checkpoints_on_the_way(tmp_path: Path) -> None:
     assert same(whole, stream)
 
 
+def test_a_checkpoint_does_not_replace_another_problem(tmp_path: Path) -> None:
+    path = tmp_path / "a.state"
+    other = se.Stream(B, X0, XF, A, rng=4)
+    other.save(path)
+    before = path.read_bytes()
+    stream = make()
+    with pytest.raises(StateError, match="of this problem"):
+        stream.run(max_steps=10, checkpoint=path)
+    assert stream.steps == 0
+    assert path.read_bytes() == before
+    path.write_bytes(b"a letter to a friend")
+    with pytest.raises(StateError):
+        stream.run(max_steps=10, checkpoint=path)
+    assert path.read_bytes() == b"a letter to a friend"
+
+
 def test_data_streams_too(tmp_path: Path) -> None:
     data = se.sample(A, 40, rng=1).dense()
     whole, part = se.DataStream(B, x0=X0), se.DataStream(B, x0=X0)

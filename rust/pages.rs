@@ -15,6 +15,7 @@ impl Plain for u8 {}
 impl Plain for u16 {}
 impl Plain for u32 {}
 impl Plain for u64 {}
+impl Plain for [f64; 2] {}
 
 /// A fixed number of values; made of a vector, or of zeros.
 pub struct Buffer<T: Plain>(Memory<T>);

@@ -240,7 +240,7 @@ impl<'a, T: Tables> Run<'a, T> {
         self.tables.line(from, to).zip(from..).map(move |((h, _), k)| entry(h, self.hits.get(k)))
     }
 
-    /// All lines, in memory that is there already.
+    /// All lines.
     pub(super) fn into_f(mut self) -> Vec<f64> {
         let mut f = std::mem::replace(&mut self.tables, T::zeros(0)).into_h();
         for (j, line) in f.chunks_exact_mut(self.length).enumerate() {

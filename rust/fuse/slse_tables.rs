@@ -5,6 +5,7 @@
 
 #![allow(unsafe_code, reason = "a bounds check per entry costs a fourth of a step; indices are checked block by block")]
 
+use crate::pages::Buffer;
 use crate::sample::Index;
 
 /// `h` and `g a`, entry by entry.
@@ -18,7 +19,7 @@ pub(super) trait Tables {
     /// `(h_k, g a_k)` from one entry up to another.
     fn line(&self, from: usize, to: usize) -> impl Iterator<Item = (f64, f64)>;
 
-    /// The `h` of all entries, in memory that is there already.
+    /// The `h` of all entries.
     fn into_h(self) -> Vec<f64>;
 
     /// How many entries there are.
@@ -89,12 +90,12 @@ impl Tables for Apart {
     }
 }
 
-/// One table of pairs.
-pub(super) struct Beside(Vec<[f64; 2]>);
+/// One table of pairs, in large pages where there are any: steps go all over it.
+pub(super) struct Beside(Buffer<[f64; 2]>);
 
 impl Tables for Beside {
     fn zeros(len: usize) -> Self {
-        Self(vec![[0.0; 2]; len])
+        Self(Buffer::zeros_or_abort(len))
     }
 
     fn set_targets(&mut self, length: usize, gamma: &[f64], mut a: impl Iterator<Item = f64>) {
@@ -108,11 +109,7 @@ impl Tables for Beside {
     }
 
     fn into_h(self) -> Vec<f64> {
-        let (entries, mut flat) = (self.0.len(), self.0.into_flattened());
-        (0..entries).for_each(|k| flat[k] = flat[2 * k]);
-        flat.truncate(entries);
-        flat.shrink_to_fit();
-        flat
+        self.0.iter().map(|pair| pair[0]).collect()
     }
 
     fn len(&self) -> usize {

@@ -130,7 +130,7 @@ class Checkpoints:
         self._last = time.monotonic()
 
     def _same_problem(self, path: str) -> None:
-        """A checkpoint takes the place of an earlier one of the same problem, and of nothing else."""
+        """A checkpoint takes the place of one of the same problem, and of nothing else."""
         _, sections = _state.load(path, self._stream._kind)
         theirs, ours = sections.get("digest"), self._stream._to_sections()["digest"]
         if theirs is None or theirs.tobytes() != ours.tobytes():

@@ -57,7 +57,8 @@ TITLES = {
     ),
     "controls": (
         "Batched controls",
-        "One control per realization, per control. The limit is the store bandwidth.",
+        "One control per realization, per control. The limit is the store "
+        "bandwidth: `out.fill` writes the same bytes, and its ratio is the share reached.",
     ),
     "simulate": ("Simulation", "Runs of 10 steps with fresh realizations at every step, per run."),
     "reproduce": (
@@ -130,7 +131,7 @@ def _page(rows: list[Row], costs: Costs | None, data: dict[str, Any]) -> list[st
         "Written by `make bench` from one run, on one thread unless said otherwise. *Ratio* is the "
         "peer's time divided by ours for the same work: the median over alternating pairs of "
         "calls, with the smallest and the largest. Ratios travel between machines, times do not: "
-        f"these are of a {machine['processor']} with {machine['cores']} cores, Python "
+        f"these are of one machine ({machine['processor']}) with {machine['cores']} cores, Python "
         f"{machine['python']}, NumPy {machine['numpy']}.",
         "",
     ]
@@ -167,8 +168,8 @@ def _table(rows: list[Row], found: dict[str, float]) -> list[str]:
     ]
     for row in rows:
         lines.append(
-            f"| {row.what} | {row.peer} | {_time(row.seconds)} | **{row.ratio:.3g}x** | "
-            f"{row.low:.3g} .. {row.high:.3g} | {row.pairs} | {_share(row, found)} |"
+            f"| {row.what} | {row.peer} | {_time(row.seconds)} | **{_digits(row.ratio)}x** | "
+            f"{_digits(row.low)} .. {_digits(row.high)} | {row.pairs} | {_share(row, found)} |"
         )
     return lines
 
@@ -177,7 +178,7 @@ def _share(row: Row, found: dict[str, float]) -> str:
     """How much of the time the limit alone would take."""
     if row.group == "sampling" and "vector" in row.what and "words" in found:
         return f"{100 * found['words'] / (1e9 * row.seconds):.0f} % (words)"
-    if row.group == "controls" and "stores" in found and " m=" in row.what:
+    if row.group == "controls" and "stores" in found and row.what.startswith("controls, n="):
         m = int(row.what.split(" m=")[1].split(",")[0].split()[0])
         return f"{100 * m * found['stores'] / (1e9 * row.seconds):.0f} % (stores)"
     if row.group == "slse" and "gathers" in found and "matrix" in row.what:
@@ -209,7 +210,7 @@ def _alse() -> list[str]:
             found = [r for r in rows if (r["n"], r["N"], r["solver"]) == (n, N, peer)]
             cells.append(
                 f"{_time(found[0]['seconds'])} ({found[0]['gap']:.0e}), "
-                f"**{found[0]['seconds'] / seconds:.3g}x**"
+                f"**{_digits(found[0]['seconds'] / seconds)}x**"
                 if found
                 else ""
             )
@@ -229,6 +230,11 @@ def _costs(costs: Costs) -> list[str]:
     for name, (middle, low, high) in costs.two_threads.items():
         lines.append(f"| {name} | {middle:.2f}x | {low:.2f} .. {high:.2f} |")
     return [*lines, ""]
+
+
+def _digits(ratio: float) -> str:
+    """Three digits, without a power of ten."""
+    return f"{ratio:.0f}" if ratio >= 100.0 else f"{ratio:.3g}"
 
 
 def _time(seconds: float) -> str:

@@ -135,7 +135,12 @@ def test_interrupt_ends_with_130(tmp_path):
     out = tmp_path / "made when the computation starts"
     command = [sys.executable, "-m", "stochens_rs", "reproduce", "--replicates", "100000"]
     process = subprocess.Popen(
-        [*command, "--out", str(out)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        [*command, "--out", str(out)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        # a shell's background jobs ignore SIGINT, and so would this one
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     try:
         deadline = time.monotonic() + 60

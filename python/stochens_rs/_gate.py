@@ -187,6 +187,14 @@ def positive(name: str, value: object) -> float:
     return number
 
 
+def probability(name: str, value: object) -> float:
+    """Return a real number in (0, 1) as float."""
+    number = positive(name, value)
+    if number >= 1.0:
+        raise SizeError(f"`{name}` must be in (0, 1), got {show(value)}")
+    return number
+
+
 def memory(what: str, needed_bytes: int) -> None:
     """Raise `ResourceError` if `what` needs more than 0.8 of the memory that is left."""
     if needed_bytes < 2**24:  # not worth asking the operating system

@@ -11,7 +11,7 @@ from . import _core, _gate
 from ._durable import Durable
 from ._lines import to_lines
 from .ensembles import Ensemble
-from .exceptions import InputError, InputTypeError, ShapeError, SizeError
+from .exceptions import InputError, InputTypeError, ShapeError
 from .stream_records import Confidence, mean_radius
 
 if TYPE_CHECKING:
@@ -253,8 +253,7 @@ class DataStream(Durable):
         >>> found.guaranteed, abs(stream.u[0] + 2.0) <= found.state < 0.02
         (True, True)
         """
-        if not 0.0 < _gate.positive("delta", delta) < 1.0:
-            raise SizeError(f"`delta` must be in (0, 1), got {_gate.show(delta)}")
+        delta = _gate.probability("delta", delta)
         self._seen("confidence")
         if any(self._targets):
             named = [n for n, known in zip(_NAMES, self._targets, strict=True) if known]

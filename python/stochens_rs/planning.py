@@ -16,7 +16,6 @@ from .rng import Key, RngLike, as_key
 from .sampling import sample_counts
 from .system import System
 from .theory import bounds, moments
-from .theory.bounds._base import level_of
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -213,7 +212,7 @@ def required_samples(
     start = _gate.vector("x0", x0, length=checked.n)
     goal = _gate.vector("xf", xf, length=checked.n)
     error = _gate.positive("error", error)
-    level_of(delta)
+    delta = _gate.probability("delta", delta)
     runs = _gate.size("runs", runs, maximum=10**6)
     kind = _gate.choice("quantity", quantity, ("state", "control"))
     how = _gate.choice("fusion", fusion, ("product", "diagonal"))

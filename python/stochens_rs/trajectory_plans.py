@@ -10,7 +10,7 @@ import numpy as np
 from . import _gate
 from ._alse import norm
 from ._certificates import Basis, Known
-from .exceptions import InputError, NonFiniteError, ShapeError, SizeError
+from .exceptions import InputError, NonFiniteError, ShapeError
 from .results import PlanError, Reachability, reach_text
 from .system import System
 from .theory.multistep import (
@@ -102,9 +102,7 @@ class TrajectoryPlan:
         >>> error.state <= bound.state < 0.5
         True
         """
-        delta = _gate.positive("delta", delta)
-        if delta >= 1.0:
-            raise SizeError(f"`delta` must be in (0, 1), got {_gate.show(delta)}")
+        delta = _gate.probability("delta", delta)
         known = self._entities()
         random = sum(one.kind == "iid" for one in known)
         e0, ef, eA = (radius(one, delta / max(random, 1)) for one in known)

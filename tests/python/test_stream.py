@@ -11,35 +11,9 @@ import pytest
 import stochens_rs as se
 from stochens_rs import reference
 from stochens_rs.rng import as_key
+from stream_problems import OPTIONS, SLOTS, X0, XF, A, B, make
 
-SLOTS = ("x0", "xf", "A", "slots")
-# variant, safeguard, slots
-OPTIONS = [
-    ("consistent", False, "random"),
-    ("consistent", True, "random"),
-    ("consistent", False, "round-robin"),
-    ("consistent", True, "gain"),
-    ("semi", False, "random"),
-    ("semi", False, "gain"),
-    ("literal", False, "random"),
-    ("literal", False, "round-robin"),
-]
-
-
-def system(seed, n=10, m=5):
-    """A Gaussian system with spectral radius 1: A, B, x0, xf."""
-    gen = np.random.default_rng(seed)
-    A = gen.standard_normal((n, n))
-    A /= np.abs(np.linalg.eigvals(A)).max()
-    return A, gen.standard_normal((n, m)), gen.standard_normal(n), gen.standard_normal(n)
-
-
-A, B, X0, XF = system(3)
 V_STAR = np.linalg.pinv(B) @ (XF - A @ X0)
-
-
-def make(seed, **options):
-    return se.Stream(B, X0, XF, A, rng=seed, **options)
 
 
 def twin(key, steps, **options):

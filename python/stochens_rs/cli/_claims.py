@@ -8,17 +8,12 @@ import click
 
 from .. import plots
 from ..verdicts import claims as check
+from ._options import seed_option
 from ._output import show, writable
 
 
 @click.command()
-@click.option(
-    "--seed",
-    type=click.IntRange(min=0),
-    default=1,
-    show_default=True,
-    help="Source of all randomness.",
-)
+@seed_option
 @click.option("--quick", is_flag=True, help="Fewer runs: a second or two instead of ten.")
 @click.option("--out", metavar="DIR", help="Also write claims.json and the figure there.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of the table.")

@@ -8,18 +8,14 @@ import click
 
 from ..planning import required_samples
 from ..rng import as_key
+from ._options import case_option, file_option, seed_option
 from ._output import show
-from ._problem import CASES, problem, share
+from ._problem import problem, share
 
 
 @click.command()
-@click.option("--case", type=click.Choice(CASES), help="A system that comes with the package.")
-@click.option(
-    "--file",
-    "path",
-    metavar="FILE",
-    help="Your own: .npz or JSON with A, B and, if you have them, x0 and xf.",
-)
+@case_option
+@file_option
 @click.option(
     "--error",
     metavar="E",
@@ -56,13 +52,7 @@ from ._problem import CASES, problem, share
     show_default=True,
     help="Simulated fusions.",
 )
-@click.option(
-    "--seed",
-    type=click.IntRange(min=0),
-    default=1,
-    show_default=True,
-    help="Source of all randomness.",
-)
+@seed_option
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of the table.")
 def plan(
     case: str | None,

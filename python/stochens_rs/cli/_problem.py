@@ -14,8 +14,6 @@ from ..system import System
 
 Floats: TypeAlias = NDArray[np.float64]
 
-CASES = ("ieee14", "ieee39")
-
 
 def problem(case: str | None, path: str | None, key: Key) -> tuple[System, Floats, Floats]:
     """System, x0 and xf; states that the file does not have are drawn (x0) or zero (xf)."""

@@ -11,6 +11,7 @@ from .. import experiments, plots, report
 from ..experiments._common import versions
 from ..rng import as_key
 from ..verdicts import claims as check_claims
+from ._options import seed_option
 from ._output import show, writable
 
 # Small enough for a first look in seconds; the full run is the default.
@@ -28,13 +29,7 @@ QUICK: dict[str, dict[str, Any]] = {
     metavar="DIR",
     help="Where report.html, results.json and the figures go; made if missing.",
 )
-@click.option(
-    "--seed",
-    type=click.IntRange(min=0),
-    default=1,
-    show_default=True,
-    help="Source of all randomness.",
-)
+@seed_option
 @click.option(
     "--replicates",
     type=click.IntRange(min=1),

@@ -19,20 +19,16 @@ from .. import _gate
 from ..exceptions import InputError
 from ..rng import as_key
 from ..streaming import Stream
+from ._options import case_option, file_option, seed_option
 from ._output import show
-from ._problem import CASES, problem, share
+from ._problem import problem, share
 
 INTERRUPTED, TERMINATED = 130, 143
 
 
 @click.command()
-@click.option("--case", type=click.Choice(CASES), help="A system that comes with the package.")
-@click.option(
-    "--file",
-    "path",
-    metavar="FILE",
-    help="Your own: .npz or JSON with A, B and, if you have them, x0 and xf.",
-)
+@case_option
+@file_option
 @click.option(
     "--tol",
     default="5%",
@@ -43,13 +39,7 @@ INTERRUPTED, TERMINATED = 130, 143
 @click.option("--max-steps", type=click.IntRange(min=1), help="Most steps of this run.")
 @click.option("--time-limit", type=float, metavar="S", help="Most seconds of this run.")
 @click.option("--safeguard", is_flag=True, help="Never worse than the plain means.")
-@click.option(
-    "--seed",
-    type=click.IntRange(min=0),
-    default=1,
-    show_default=True,
-    help="Source of all randomness.",
-)
+@seed_option
 @click.option(
     "--checkpoint", metavar="FILE", help="Save the state there on the way and at the end."
 )

@@ -201,10 +201,7 @@ class Bound:
 
 def level_of(delta: object) -> float:
     """``log(1 / delta)`` of a checked probability of failure."""
-    checked = _gate.positive("delta", delta)
-    if checked >= 1.0:
-        raise SizeError(f"`delta` must lie in (0, 1), got {_gate.show(delta)}")
-    return -math.log(checked)
+    return -math.log(_gate.probability("delta", delta))
 
 
 # -- units -------------------------------------------------------------------------------------

@@ -368,10 +368,10 @@ def controls() -> Iterator[Line]:
     """
     gen = np.random.default_rng(0)
     for n, m, size in (
-        (10, 2, 2_000_000),
-        (10, 8, 500_000),
-        (100, 10, 200_000),
-        (100, 100, 50_000),
+        (10, 2, 4_000_000),
+        (10, 8, 2_000_000),
+        (100, 10, 2_000_000),
+        (100, 100, 400_000),
     ):
         A, B = gen.standard_normal((n, n)), gen.standard_normal((n, m))
         x0 = se.sample(gen.standard_normal(n), size, rng=1)

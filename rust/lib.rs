@@ -25,11 +25,13 @@
 
 #![deny(missing_docs, unsafe_code)]
 
+mod ahead;
 pub mod control;
 mod error;
 pub mod fuse;
 mod pages;
 mod parallel;
+mod past_caches;
 #[cfg(feature = "python")]
 #[allow(missing_docs, reason = "the Python side is documented in the package")]
 mod python;

@@ -151,6 +151,7 @@ def alse_prefixes(
 def pseudoinverse(b: _Floats) -> tuple[_Floats, int, _Floats, float]: ...
 def realization_controls(
     out: _Floats,
+    fresh: bool,
     pinv: _Floats,
     x0: Draws | _Floats,
     xf: Draws | _Floats,

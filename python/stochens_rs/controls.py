@@ -99,7 +99,7 @@ def realization_controls(
     else:
         controls = _gate.output("out", out, shape, {"B": B, "x0": x0, "xf": xf, "A": A})
     _core.realization_controls(
-        controls, pinv, start, goal, matrix, entities[2].by_rows, get_num_threads()
+        controls, out is None, pinv, start, goal, matrix, entities[2].by_rows, get_num_threads()
     )
     return controls
 

@@ -9,9 +9,13 @@ use super::realizations::Realized;
 use super::singleton_rows::Picks;
 use crate::error::{Error, Result, checked_len, try_zeros};
 use crate::parallel::{Stop, for_each_chunk};
+use crate::past_caches::LARGE;
 
 /// Realizations treated together.
 const BLOCK: usize = 256;
+
+/// Bytes of controls that go past the caches together, at least: every block waits until its stores have left.
+const BYTES: usize = 1 << 16;
 
 /// Entries of `y` treated together in the general case: well within a second-level cache, and no new pages per block.
 const ENTRIES: usize = 8192;
@@ -23,16 +27,26 @@ impl Realized<'_> {
     /// [`Error::Memory`] if the controls do not fit, and as for [`Self::controls_into`].
     pub fn controls(&self, pinv: &[f64], m: usize, threads: usize, stop: &Stop) -> Result<Vec<f64>> {
         let mut out = try_zeros("the controls", checked_len("the controls", self.size(), m)?)?;
-        self.controls_into(pinv, m, &mut out, threads, stop)?;
+        self.controls_into(pinv, m, &mut out, true, threads, stop)?;
         Ok(out)
     }
 
-    /// [`Self::controls`] into `out`, whose entries are overwritten; after an error it holds a part of them.
+    /// [`Self::controls`] into `out`, whose entries are overwritten; after an error it holds a part of them. `fresh` memory
+    /// was never written: the system is about to clear its pages, in the cache, and the controls go there too. Large
+    /// memory that was used before is written past the caches.
     ///
     /// # Errors
     /// [`Error::Shape`] if `out` or `pinv` has another length, [`Error::Interrupted`] after a stop, [`Error::Overflow`]
     /// if a control is no finite number.
-    pub fn controls_into(&self, pinv: &[f64], m: usize, out: &mut [f64], threads: usize, stop: &Stop) -> Result<()> {
+    pub fn controls_into(
+        &self,
+        pinv: &[f64],
+        m: usize,
+        out: &mut [f64],
+        fresh: bool,
+        threads: usize,
+        stop: &Stop,
+    ) -> Result<()> {
         let n = self.n;
         for (name, found, rows, cols) in [("out", out.len(), self.size(), m), ("pinv", pinv.len(), m, n)] {
             if m == 0 || checked_len("the controls", rows, cols)? != found {
@@ -44,11 +58,16 @@ impl Realized<'_> {
         let transposed: Vec<f64> = (0..n * m).map(|k| pinv[(k % m) * n + k / m]).collect();
         let picks = Picks::new(self, &transposed, m);
         let unbounded = picks.as_ref().is_none_or(|picks| !picks.bound().is_finite());
-        let rows = if picks.is_some() { BLOCK } else { (ENTRIES / n).clamp(16, BLOCK) };
+        // a block that is looked at again had better stay in the cache
+        let past = !fresh && !unbounded && size_of_val(out) >= LARGE;
+        let rows = match picks {
+            Some(_) => BLOCK.max(if past { BYTES / (8 * m) } else { 0 }),
+            None => (ENTRIES / n).clamp(16, BLOCK),
+        };
         for_each_chunk(out.chunks_mut(rows * m).enumerate(), threads, stop, |(block, out)| {
             let first = block * rows;
             match &picks {
-                Some(picks) => picks.controls(first, out),
+                Some(picks) => picks.controls(first, out, past),
                 None => dense_rows::controls(self, first, &transposed, m, out, stop)?,
             }
             // while the block is in the cache, and only where no bound on the factors excludes it

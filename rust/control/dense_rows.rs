@@ -4,6 +4,7 @@ use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
 
 use super::realizations::{Entity, Realized};
+use crate::ahead::expect;
 use crate::error::Result;
 use crate::parallel::Stop;
 
@@ -91,6 +92,18 @@ fn few_differences(realized: &Realized<'_>, first: usize, y: &mut [f64], stop: &
     Ok(())
 }
 
+/// How far ahead the entries of `A` are asked for: across the page in which the processor looks ahead by itself.
+const AHEAD: usize = 512;
+
+/// Doubles that come together.
+const CACHE_LINE: usize = 8;
+
+/// The entries beyond these will be read next.
+#[inline(always)]
+fn expect_more(values: &[f64]) {
+    (0..values.len()).step_by(CACHE_LINE).for_each(|k| expect(values, AHEAD + k));
+}
+
 /// `y -= A x`. Rows that are short are taken four at a time; of long ones that would read the memory in four places,
 /// which is slower.
 #[inline(never)]
@@ -104,7 +117,10 @@ fn subtract_product(a: &[f64], x: &[f64], y: &mut [f64]) {
         21..=24 => subtract_short::<6>(a, x, y),
         25..=28 => subtract_short::<7>(a, x, y),
         29..=32 => subtract_short::<8>(a, x, y),
-        n => y.iter_mut().zip(a.chunks_exact(n)).for_each(|(y, row)| *y -= dot(row, x)),
+        n => y.iter_mut().zip(a.chunks_exact(n)).for_each(|(y, row)| {
+            expect_more(row);
+            *y -= dot(row, x);
+        }),
     }
 }
 
@@ -112,6 +128,7 @@ fn subtract_product(a: &[f64], x: &[f64], y: &mut [f64]) {
 /// may be among those already; there `x` counts as zero.
 #[inline(always)]
 fn subtract_short<const FOURS: usize>(a: &[f64], x: &[f64], y: &mut [f64]) {
+    expect_more(a);
     let n = x.len();
     let (whole, _) = x.as_chunks::<4>();
     let mut fours = [[0.0; 4]; FOURS];

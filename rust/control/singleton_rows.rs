@@ -1,10 +1,14 @@
 //! Controls of singletons: `u^s = Q[f] + w P[r]`, with `P` the columns of `B^+` and `Q` those scaled by the atoms of `xf`.
 //!
-//! One pass of additions: bound by how fast the indices of `A` come and `u` can be stored. (Asking for the indices ahead of
-//! time, and collecting the factors of a block first, were slower.)
+//! One pass of additions: bound by how fast the indices of `A` come and `u` can be stored. (Collecting the factors of a
+//! block first was slower.)
 
 use super::realizations::{Entity, Realized};
+use crate::past_caches::{Past, Through, Writer};
 use crate::sample::{Index, Indices};
+
+/// How many realizations ahead the index into `A^s` is asked for: the time memory takes for one, in controls.
+const AHEAD: usize = 64;
 
 /// What every control of singletons is made of.
 pub(super) struct Picks<'a> {
@@ -53,56 +57,80 @@ impl<'a> Picks<'a> {
         largest(&self.goals) + largest(&self.factors) * largest(self.columns)
     }
 
-    /// The controls of the realizations from `first` on, as many as `out` has rows for.
-    pub(super) fn controls(&self, first: usize, out: &mut [f64]) {
+    /// The controls of the realizations from `first` on, as many as `out` has rows for; `past` the caches if need be.
+    pub(super) fn controls(&self, first: usize, out: &mut [f64], past: bool) {
+        if past { self.by_index(first, out, &Past::new()) } else { self.by_index(first, out, &Through) }
+    }
+
+    fn by_index(&self, first: usize, out: &mut [f64], to: &impl Writer) {
         // lines of one length have indices of one width
         match (self.x0, self.xf, self.a) {
-            (Indices::U8(x0), Indices::U8(xf), Indices::U8(a)) => self.rows(first, x0, xf, a, out),
-            (Indices::U16(x0), Indices::U16(xf), Indices::U16(a)) => self.rows(first, x0, xf, a, out),
-            (Indices::U32(x0), Indices::U32(xf), Indices::U32(a)) => self.rows(first, x0, xf, a, out),
+            (Indices::U8(x0), Indices::U8(xf), Indices::U8(a)) => self.rows([x0, xf, a], first, out, to),
+            (Indices::U16(x0), Indices::U16(xf), Indices::U16(a)) => self.rows([x0, xf, a], first, out, to),
+            (Indices::U32(x0), Indices::U32(xf), Indices::U32(a)) => self.rows([x0, xf, a], first, out, to),
             _ => unreachable!("x0, xf and the columns of A have the same length"),
         }
     }
 
-    fn rows<I: Index>(&self, first: usize, x0: &[I], xf: &[I], a: &[I], out: &mut [f64]) {
-        let (x0, xf, a) = (&x0[first..], &xf[first..], &a[first * self.n..]);
+    fn rows<I: Index>(&self, [x0, xf, a]: [&[I]; 3], first: usize, out: &mut [f64], to: &impl Writer) {
+        let indices = [&x0[first..], &xf[first..], &a[first * self.n..]];
         macro_rules! by_width {
             ($($width:literal)*) => {
                 match self.m {
-                    $($width => self.sums::<I, $width>(x0, xf, a, out),)*
-                    _ => self.wide_sums(x0, xf, a, out),
+                    $($width => self.sums::<I, $width>(indices, out, to),)*
+                    _ => self.wide_sums(indices, out, to),
                 }
             };
         }
         by_width!(1 2 3 4 5 6 7 8 9 10 11 12 16);
     }
 
-    /// The sums, with the number of inputs known to the compiler.
-    fn sums<I: Index, const M: usize>(&self, x0: &[I], xf: &[I], a: &[I], out: &mut [f64]) {
-        let (goals, columns, n) = (self.goals.as_chunks::<M>().0, self.columns.as_chunks::<M>().0, self.n);
-        let indices = x0.iter().zip(xf).zip(a.chunks_exact(n));
-        for (u, ((i, f), line)) in out.as_chunks_mut::<M>().0.iter_mut().zip(indices) {
-            let r = line[i.get()].get();
-            let factor = self.factors[i.get() * n + r];
-            let (goal, column) = (&goals[f.get()], &columns[r]);
-            for j in 0..M {
-                u[j] = goal[j] + factor * column[j];
+    /// Which goal, which column of `B^+`, and by what to multiply it, for each `u`.
+    #[inline(always)]
+    fn each<I: Index, U>(
+        &self,
+        [x0, xf, a]: [&[I]; 3],
+        out: impl Iterator<Item = U>,
+        to: &impl Writer,
+        mut sum: impl FnMut(U, usize, usize, f64),
+    ) {
+        let (n, mut line) = (self.n, 0_usize);
+        for (s, u) in out.enumerate() {
+            let i = x0[s].get();
+            if let Some(next) = x0.get(s + AHEAD) {
+                // a hint: any position will do
+                to.expect(a, line.wrapping_add(AHEAD.wrapping_mul(n)).wrapping_add(next.get()));
             }
+            let r = a[line.wrapping_add(i)].get();
+            // all indices are below n, which the law was drawn with: nothing wraps, and if it did the slices would refuse it
+            sum(u, xf[s].get(), r, self.factors[i.wrapping_mul(n).wrapping_add(r)]);
+            line = line.wrapping_add(n);
         }
     }
 
+    /// The sums, with the number of inputs known to the compiler.
+    fn sums<I: Index, const M: usize>(&self, indices: [&[I]; 3], out: &mut [f64], to: &impl Writer) {
+        let (goals, columns) = (self.goals.as_chunks::<M>().0, self.columns.as_chunks::<M>().0);
+        self.each(indices, out.as_chunks_mut::<M>().0.iter_mut(), to, |u, f, r, factor| {
+            let (goal, column) = (&goals[f], &columns[r]);
+            to.write(u, std::array::from_fn(|j| goal[j] + factor * column[j]));
+        });
+    }
+
     /// The same for any number.
-    fn wide_sums<I: Index>(&self, x0: &[I], xf: &[I], a: &[I], out: &mut [f64]) {
-        let (m, n) = (self.m, self.n);
-        let indices = x0.iter().zip(xf).zip(a.chunks_exact(n));
-        for (u, ((i, f), line)) in out.chunks_exact_mut(m).zip(indices) {
-            let r = line[i.get()].get();
-            let factor = self.factors[i.get() * n + r];
-            let (goal, column) = (&self.goals[f.get() * m..][..m], &self.columns[r * m..][..m]);
-            for ((u, q), p) in u.iter_mut().zip(goal).zip(column) {
-                *u = q + factor * p;
+    fn wide_sums<I: Index>(&self, indices: [&[I]; 3], out: &mut [f64], to: &impl Writer) {
+        let m = self.m;
+        self.each(indices, out.chunks_exact_mut(m), to, |u, f, r, factor| {
+            let (goals, goal_rest) = self.goals[f * m..][..m].as_chunks::<8>();
+            let (columns, column_rest) = self.columns[r * m..][..m].as_chunks::<8>();
+            let (eights, rest) = u.as_chunks_mut::<8>();
+            for ((u, goal), column) in eights.iter_mut().zip(goals).zip(columns) {
+                to.write(u, std::array::from_fn(|j| goal[j] + factor * column[j]));
             }
-        }
+            for ((u, q), p) in rest.iter_mut().zip(goal_rest).zip(column_rest) {
+                to.write(std::array::from_mut(u), [q + factor * p]);
+            }
+        });
     }
 }
 

@@ -92,7 +92,7 @@ impl<'a, T: Tables> Run<'a, T> {
     pub(super) fn advance<I: Index>(&mut self, block: &[I], before: usize, steps: &mut [f64], safeguards: &mut [f64]) {
         let samples = Sample::all(block, self.gamma.len(), self.length);
         if self.hits.is_empty() {
-            self.plain_steps(samples.zip(steps), before == 0);
+            self.plain_steps(samples, steps, before == 0);
         } else {
             for (i, ((sample, step), safeguard)) in samples.zip(steps).zip(safeguards).enumerate() {
                 (*step, *safeguard) = self.safeguarded_step(sample, before + i + 1);
@@ -103,33 +103,43 @@ impl<'a, T: Tables> Run<'a, T> {
     /// One line search each; `b = 0` and there is no `S`.
     fn plain_steps<'s, I: Index>(
         &mut self,
-        steps: impl Iterator<Item = (Sample<'s, I>, &'s mut f64)>,
+        mut samples: impl Iterator<Item = Sample<'s, I>>,
+        steps: &mut [f64],
         mut first: bool,
     ) {
+        let Some(mut sample) = samples.next() else { return };
         // in registers: what stays in `self` would be stored and loaded again within each step
         let (mut state, mut c, gg) = (self.state, self.c, self.gg);
-        for (sample, step) in steps {
-            let (h_sum, ae) = self.tables.gather(sample);
+        let (mut h_sum, mut ae) = self.tables.gather(sample);
+        for step in steps {
             let Move { t, u, ratio: (num, rest) } =
                 if first { state.restart(ae, gg) } else { state.line_search(c * h_sum, ae, gg) };
             first = false;
             *step = t;
             // F <- u c h + t E: h gains t / (u c) g^2
-            if u > 0.0 {
-                self.tables.scatter(sample, &self.g2, num / (rest * c));
-                c *= u;
-                if c < 1e-100 {
-                    (self.state, self.c) = (state, c);
-                    self.refresh();
-                    (state, c) = (self.state, self.c);
-                }
-            } else {
+            let mut gain = num / (rest * c);
+            c *= u;
+            if u <= 0.0 {
                 self.forget();
-                c = 1.0;
-                self.tables.scatter(sample, &self.g2, 1.0);
+                (gain, c) = (1.0, 1.0);
+            }
+            let Some(next) = samples.next() else {
+                self.tables.scatter(sample, &self.g2, gain);
+                break;
+            };
+            (h_sum, ae) = self.tables.scatter_and_gather(sample, &self.g2, gain, next);
+            sample = next;
+            if c < 1e-100 {
+                (self.state, self.c) = (state, c);
+                self.refresh();
+                (state, c) = (self.state, self.c);
+                (h_sum, ae) = self.tables.gather(sample);
             }
         }
         (self.state, self.c) = (state, c);
+        if c < 1e-100 {
+            self.refresh();
+        }
     }
 
     /// The step towards the `n`-th realization, then the one towards the mean of all `n`.
@@ -256,5 +266,46 @@ impl<'a, T: Tables> Run<'a, T> {
     fn entry(&self, j: usize) -> impl Fn(f64, Option<&f64>) -> f64 + use<'a, T> {
         let (c, b, g) = (self.c, self.b * self.g2[j], if self.gamma[j] > 0.0 { self.gamma[j] } else { 1.0 });
         move |h, hits| (c * h + hits.map_or(0.0, |s| b * s)) / g
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::slse_tables::{Apart, Beside};
+    use super::*;
+
+    /// The same `F`, stored with a tiny `c`, takes the same steps: also across the refresh that this asks for, whether
+    /// the next realization is at hand or not.
+    #[test]
+    fn a_tiny_scale_is_folded_into_the_table_in_time() {
+        /// The steps, with a `c` just above the limit after ten of them; the others halve it.
+        fn steps<T: Tables>(c: Option<f64>, blocks: usize) -> Vec<f64> {
+            let gamma = [1.0, 2.0, 0.5, 1.5, 3.0];
+            let target = (0..15).map(|k| 0.1 + f64::from(k % 4) / 3.0);
+            let indices: Vec<u8> = (0..200_u32).map(|k| (k * k % 7 % 3) as u8).collect();
+            let mut run: Run<'_, T> = Run::new(&gamma, 3, false, target);
+            let mut steps = vec![0.0; 40];
+            run.advance(&indices[..50], 0, &mut steps[..10], &mut []);
+            let shrink = c.map_or(1.0, |c| c / run.c);
+            run.c *= shrink;
+            (0..run.tables.len()).for_each(|k| *run.tables.h_mut(k) /= shrink);
+            for block in 0..blocks {
+                let (from, to) = (10 + block * 30 / blocks, 10 + (block + 1) * 30 / blocks);
+                run.advance(&indices[5 * from..5 * to], from, &mut steps[from..to], &mut []);
+            }
+            assert!(run.c > 1e-3, "c = {:e} was never folded", run.c);
+            steps
+        }
+        for blocks in [1, 3, 30] {
+            let expected = steps::<Apart>(None, blocks);
+            assert!(expected[10..].iter().filter(|&&t| t > 0.0).count() > 10);
+            for c in [1.01e-100, 1.1e-100, 1.3e-100, 1.6e-100] {
+                for found in [steps::<Apart>(Some(c), blocks), steps::<Beside>(Some(c), blocks)] {
+                    for (found, expected) in found.iter().zip(&expected) {
+                        assert!((found - expected).abs() <= 1e-12, "{blocks} blocks: {found} and {expected}");
+                    }
+                }
+            }
+        }
     }
 }

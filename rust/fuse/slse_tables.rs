@@ -36,6 +36,16 @@ pub(super) trait Tables {
 
     /// Adds `step g_j^2` to `h` where the realization is.
     fn scatter<I: Index>(&mut self, sample: Sample<'_, I>, g2: &[f64], step: f64);
+
+    /// [`Self::scatter`] of one realization, then [`Self::gather`] of the next, in one pass: the loads of the second need
+    /// not wait for the last store of the first.
+    fn scatter_and_gather<I: Index>(
+        &mut self,
+        sample: Sample<'_, I>,
+        g2: &[f64],
+        step: f64,
+        next: Sample<'_, I>,
+    ) -> (f64, f64);
 }
 
 /// Two tables of equal length.
@@ -88,6 +98,25 @@ impl Tables for Apart {
         // SAFETY: as in `gather`.
         sample.positions().zip(g2).for_each(|(k, g2)| unsafe { *h.get_unchecked_mut(k) += step * g2 });
     }
+
+    #[inline(always)]
+    fn scatter_and_gather<I: Index>(
+        &mut self,
+        sample: Sample<'_, I>,
+        g2: &[f64],
+        step: f64,
+        next: Sample<'_, I>,
+    ) -> (f64, f64) {
+        let (h, a) = (&mut self.h[..sample.reach()], &self.a[..sample.reach()]);
+        // SAFETY: as in `gather`.
+        sample.add_and_sum(
+            next,
+            g2,
+            h,
+            |h, k, g2| unsafe { *h.get_unchecked_mut(k) += step * g2 },
+            |h, k| unsafe { (*h.get_unchecked(k), *a.get_unchecked(k)) },
+        )
+    }
 }
 
 /// One table of pairs, in large pages where there are any: steps go all over it.
@@ -136,6 +165,25 @@ impl Tables for Beside {
         let pairs = &mut self.0[..sample.reach()];
         // SAFETY: as in `gather`.
         sample.positions().zip(g2).for_each(|(k, g2)| unsafe { pairs.get_unchecked_mut(k)[0] += step * g2 });
+    }
+
+    #[inline(always)]
+    fn scatter_and_gather<I: Index>(
+        &mut self,
+        sample: Sample<'_, I>,
+        g2: &[f64],
+        step: f64,
+        next: Sample<'_, I>,
+    ) -> (f64, f64) {
+        let pairs = &mut self.0[..sample.reach()];
+        // SAFETY: as in `gather`.
+        sample.add_and_sum(
+            next,
+            g2,
+            pairs,
+            |pairs, k, g2| unsafe { pairs.get_unchecked_mut(k)[0] += step * g2 },
+            |pairs, k| unsafe { (*pairs.get_unchecked(k)).into() },
+        )
     }
 }
 
@@ -189,6 +237,44 @@ impl<'a, I: Index> Sample<'a, I> {
         }
         for r in rest {
             let (xk, yk) = pair(base.wrapping_add(r.get()));
+            x[0] += xk;
+            y[0] += yk;
+            base = base.wrapping_add(self.length);
+        }
+        ((x[0] + x[1]) + (x[2] + x[3]), (y[0] + y[1]) + (y[2] + y[3]))
+    }
+
+    /// `add` at the positions of this realization, and [`Self::sums`] of the next, which has as many lines: four lines of
+    /// the one, then four of the other, so that a line has its new values before it is read.
+    #[inline(always)]
+    fn add_and_sum<T: ?Sized>(
+        self,
+        next: Self,
+        g2: &[f64],
+        table: &mut T,
+        add: impl Fn(&mut T, usize, f64),
+        pair: impl Fn(&T, usize) -> (f64, f64),
+    ) -> (f64, f64) {
+        let (mut x, mut y) = ([0.0; 4], [0.0; 4]);
+        let mut base = 0_usize;
+        let (fours, rest) = self.indices.as_chunks::<4>();
+        let (next_fours, next_rest) = next.indices.as_chunks::<4>();
+        let (g2_fours, g2_rest) = g2.as_chunks::<4>();
+        for ((four, next), g2) in fours.iter().zip(next_fours).zip(g2_fours) {
+            let bases = [0, 1, 2, 3].map(|lane| base.wrapping_add(self.length.wrapping_mul(lane)));
+            for lane in 0..4 {
+                add(table, bases[lane].wrapping_add(four[lane].get()), g2[lane]);
+            }
+            for lane in 0..4 {
+                let (xk, yk) = pair(table, bases[lane].wrapping_add(next[lane].get()));
+                x[lane] += xk;
+                y[lane] += yk;
+            }
+            base = base.wrapping_add(self.length.wrapping_mul(4));
+        }
+        for ((r, next), g2) in rest.iter().zip(next_rest).zip(g2_rest) {
+            add(table, base.wrapping_add(r.get()), *g2);
+            let (xk, yk) = pair(table, base.wrapping_add(next.get()));
             x[0] += xk;
             y[0] += yk;
             base = base.wrapping_add(self.length);

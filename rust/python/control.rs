@@ -33,12 +33,13 @@ pub(super) fn pseudoinverse<'py>(
     Ok((array2(py, p.matrix, cols, rows)?, p.rank, array1(py, p.singular_values), p.condition))
 }
 
-/// `B^+ (xf^s - A^s x0^s)` for every realization, given `B^+` (m, n), into `out` (size, m).
+/// `B^+ (xf^s - A^s x0^s)` for every realization, given `B^+` (m, n), into `out` (size, m), which may be fresh memory.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "three entities and what belongs to them")]
 pub(super) fn realization_controls<'py>(
     py: Python<'py>,
     mut out: PyReadwriteArray2<'py, f64>,
+    fresh: bool,
     pinv: PyReadonlyArray2<'py, f64>,
     x0: EntityArgument<'py>,
     xf: EntityArgument<'py>,
@@ -51,7 +52,7 @@ pub(super) fn realization_controls<'py>(
     let realized = Realized::new(x0.entity("x0", false)?, xf.entity("xf", false)?, a.entity("A", rows)?, n)?;
     let cost = realized.size() as f64 * ((m * n) as f64 + realized.cost());
     let out = out.as_slice_mut().map_err(|_| ShapeError::new_err("`out` must be C-contiguous"))?;
-    run(py, cost, |stop| realized.controls_into(values, m, out, threads, stop))
+    run(py, cost, |stop| realized.controls_into(values, m, out, fresh, threads, stop))
 }
 
 /// The mean of `xf^s - A^s x0^s` over the paired realizations (n,).

@@ -131,3 +131,23 @@ def test_an_overflow_is_found_in_every_kind() -> None:
     ]:
         with pytest.raises(InputError, match="a control overflows"):
             se.realization_controls(tiny, x0, [0.0], A, out=np.empty((3, 1)))
+
+
+LARGE = 32 << 20  # bytes: from here on, memory that was used before is written past the caches
+
+
+@pytest.mark.parametrize("shift", [0, 1], ids=["aligned", "odd multiple of 8 bytes"])
+@pytest.mark.parametrize(("n", "m"), [(3, 1), (4, 2), (5, 3), (300, 27)])
+def test_large_outputs_hold_the_same_bits(n: int, m: int, shift: int) -> None:
+    gen = np.random.default_rng(n)
+    size = LARGE // (8 * m) + 3
+    B, x0, xf = gen.standard_normal((n, m)), gen.standard_normal(n), gen.standard_normal(n)
+    A = se.sample(gen.standard_normal((n, n)), size, rng=3)
+    given = (B, se.sample(x0, size, rng=1), se.sample(xf, size, rng=2), A)
+    memory = np.full(size * m + 8, np.nan)
+    start = (-memory.ctypes.data // 8) % 2 + shift  # 16-byte boundary, or 8 bytes beyond
+    out = memory[start : start + size * m].reshape(size, m)
+    se.realization_controls(*given, out=out)
+    assert np.array_equal(out, se.realization_controls(*given))
+    assert np.isnan(memory[:start]).all()
+    assert np.isnan(memory[start + size * m :]).all()

@@ -1,9 +1,10 @@
-//! Memory for large results: zeros that come from the system in large pages.
+//! Memory for large results, which comes from the system in large pages.
 //!
 //! A fresh page of 4 KiB costs the system about as much as filling it costs the sampler; one of 2 MiB costs a tenth for
 //! the same bytes. Large pages need a place of their own, which the allocator does not give; where there are none
 //! (small results, other systems, other settings of the system) this is a plain vector or plain pages. As an allocator
-//! would, it keeps a little of what is given back, for the next sample of the same size.
+//! would, it keeps a little of what is given back, for the next sample of the same size, and hands it out as it is: who
+//! asks for memory writes all of it.
 
 #![allow(unsafe_code, reason = "pages are had from the system, by two calls, and given back by a third")]
 
@@ -17,7 +18,7 @@ impl Plain for u32 {}
 impl Plain for u64 {}
 impl Plain for [f64; 2] {}
 
-/// A fixed number of values; made of a vector, or of zeros.
+/// A fixed number of values; made of a vector, or to be written.
 pub struct Buffer<T: Plain>(Memory<T>);
 
 enum Memory<T: Plain> {
@@ -27,21 +28,21 @@ enum Memory<T: Plain> {
 }
 
 impl<T: Plain> Buffer<T> {
-    /// `len` zeros.
+    /// `len` values, zeros or what was left there before.
     ///
     /// # Errors
     /// [`crate::Error::Memory`] if they cannot be had.
-    pub(crate) fn zeros(what: &'static str, len: usize) -> Result<Self> {
+    pub(crate) fn unset(what: &'static str, len: usize) -> Result<Self> {
         #[cfg(all(target_os = "linux", any(target_arch = "x86_64", target_arch = "aarch64")))]
-        if let Some(pages) = linux::Pages::zeros(len) {
+        if let Some(pages) = linux::Pages::unset(len) {
             return Ok(Self(Memory::Pages(pages)));
         }
         try_zeros(what, len).map(|zeros| Self(Memory::Vector(zeros)))
     }
 
-    /// `len` zeros; like `vec![0; len]` it ends the process where they cannot be had.
-    pub(crate) fn zeros_or_abort(len: usize) -> Self {
-        Self::zeros("", len).unwrap_or_else(|_| vec![T::default(); len].into())
+    /// The same; like `vec![0; len]` it ends the process where they cannot be had.
+    pub(crate) fn unset_or_abort(len: usize) -> Self {
+        Self::unset("", len).unwrap_or_else(|_| vec![T::default(); len].into())
     }
 }
 
@@ -120,7 +121,7 @@ mod linux {
     /// Mappings that were given back, oldest first, at most [`KEEP`] bytes; only ever tried for, never waited for: the
     /// process may have been forked while another thread held it.
     static SPARE: Mutex<Vec<Mapping>> = Mutex::new(Vec::new());
-    const KEEP: usize = 32 << 20;
+    const KEEP: usize = 72 << 20; // a result of 64 MiB and what belongs to it, about what C allocators keep at most
 
     /// `bytes` bytes at `base` that nothing else knows: all of them initialized, for the system starts them as zeros.
     struct Mapping {
@@ -185,8 +186,8 @@ mod linux {
     unsafe impl<T: Plain> Sync for Pages<T> {}
 
     impl<T: Plain> Pages<T> {
-        /// `len` zeros, or None where they are too few or the system has no such memory.
-        pub(super) fn zeros(len: usize) -> Option<Self> {
+        /// `len` values, or None where they are too few or the system has no such memory.
+        pub(super) fn unset(len: usize) -> Option<Self> {
             let used =
                 len.checked_mul(size_of::<T>()).filter(|&used| used >= WORTH)?.checked_next_multiple_of(LARGE)?;
             let bytes = used.checked_add(LARGE)?; // so that a multiple of LARGE with `used` bytes lies inside
@@ -199,14 +200,11 @@ mod linux {
             let skip = mapping.base.addr().get().next_multiple_of(LARGE) - mapping.base.addr().get();
             // SAFETY: skip < LARGE and skip + used <= bytes: inside the mapping.
             let start = unsafe { mapping.base.byte_add(skip) };
-            let mut pages = Self { mapping: Some(mapping), start: start.cast(), len, values: PhantomData };
-            if used_before {
-                pages.values_mut().fill(T::default());
-            } else {
+            if !used_before {
                 // SAFETY: the range lies in our mapping; the advice changes no contents, its refusal nothing at all.
                 unsafe { madvise(start.as_ptr(), used, MADV_HUGEPAGE) };
             }
-            Some(pages)
+            Some(Self { mapping: Some(mapping), start: start.cast(), len, values: PhantomData })
         }
 
         pub(super) fn values(&self) -> &[T] {
@@ -235,14 +233,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn buffers_of_every_size_start_as_zeros_and_keep_what_is_written() {
+    fn buffers_of_every_size_keep_what_is_written() {
         for len in [0, 1, 1 << 10, (1 << 19) - 1, 1 << 19, (1 << 21) - 1, (1 << 21) + 1, 5_000_000] {
             for _ in 0..3 {
-                let mut again = Buffer::<u16>::zeros("a test", len).unwrap(); // may have been another's before
-                assert!(again.len() == len && again.iter().all(|&v| v == 0));
+                let mut again = Buffer::<u16>::unset("a test", len).unwrap(); // may have been another's before
                 again.fill(u16::MAX);
+                assert!(again.len() == len && again.iter().all(|&v| v == u16::MAX));
             }
-            let mut buffer = Buffer::<u16>::zeros("a test", len).unwrap();
+            let mut buffer = Buffer::<u16>::unset("a test", len).unwrap();
             buffer.iter_mut().enumerate().for_each(|(at, v)| *v = at as u16);
             let copy = std::thread::scope(|scope| scope.spawn(|| buffer.clone()).join().unwrap());
             assert_eq!(copy, buffer);
@@ -254,7 +252,7 @@ mod tests {
     #[test]
     fn what_cannot_be_had_is_an_error() {
         for len in [usize::MAX, usize::MAX / 4, isize::MAX as usize / 4, 1 << 50] {
-            assert!(matches!(Buffer::<u32>::zeros("a test", len), Err(crate::Error::Memory { what: "a test", .. })));
+            assert!(matches!(Buffer::<u32>::unset("a test", len), Err(crate::Error::Memory { what: "a test", .. })));
         }
     }
 }

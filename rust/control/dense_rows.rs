@@ -98,10 +98,15 @@ const AHEAD: usize = 512;
 /// Doubles that come together.
 const CACHE_LINE: usize = 8;
 
-/// The entries beyond these will be read next.
+/// The most to ask for at once: more would be in the way of the loads that are due.
+const ASK: usize = 128;
+
+/// As many entries as these, further on, will be read soon. Of longer runs the processor takes care by itself.
 #[inline(always)]
 fn expect_more(values: &[f64]) {
-    (0..values.len()).step_by(CACHE_LINE).for_each(|k| expect(values, AHEAD + k));
+    if values.len() <= ASK {
+        (0..values.len()).step_by(CACHE_LINE).for_each(|k| expect(values, AHEAD + k));
+    }
 }
 
 /// `y -= A x`. Rows that are short are taken four at a time; of long ones that would read the memory in four places,

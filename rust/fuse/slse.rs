@@ -90,11 +90,11 @@ impl Ask<'_> {
         let gamma: Vec<f64> = law.gamma().iter().map(|g| g * unit).collect();
         let mut run: Run<'_, T> = Run::new(&gamma, length, self.safeguard, self.signed(unit));
         // signs and units again
-        let reported = |mut f: Vec<f64>| -> Vec<f64> {
-            for (f, v) in f.iter_mut().zip(law.values()) {
-                *f = if *v == 0.0 { 0.0 } else { v.signum() * *f * scale };
+        let report = |run: &Run<'_, T>, to: &mut Vec<f64>| {
+            for (j, values) in law.values().chunks_exact(length).enumerate() {
+                let signed = |(f, v): (f64, &f64)| if *v == 0.0 { 0.0 } else { 1.0_f64.copysign(*v) * f * scale };
+                to.extend(run.line(j).zip(values).map(signed));
             }
-            f
         };
         let size = self.draws.size();
         let mut out = Sequential { weights: try_zeros("the weights", size)?, ..Sequential::default() };
@@ -118,11 +118,12 @@ impl Ask<'_> {
             if wanted.next_if_eq(&done).is_some() {
                 out.errors.push((run.error(self.signed(unit)) * scale).hypot(off));
                 if self.keep_estimates {
-                    out.estimates.append(&mut reported((0..lines).flat_map(|j| run.line(j)).collect()));
+                    report(&run, &mut out.estimates);
                 }
             }
         });
-        out.estimate = reported(run.into_f());
+        out.estimate.reserve_exact(lines * length);
+        report(&run, &mut out.estimate);
         steps_to_weights(&mut out.weights, &safeguards);
         Ok(out)
     }
@@ -134,20 +135,25 @@ impl Ask<'_> {
 
     /// `unit sign_k t_k`, and 0 off the support.
     fn signed(&self, unit: f64) -> impl Iterator<Item = f64> {
-        self.entries().map(move |(v, t)| if v == 0.0 { 0.0 } else { v.signum() * (t * unit) })
+        self.entries().map(move |(v, t)| if v == 0.0 { 0.0 } else { 1.0_f64.copysign(v) * (t * unit) })
     }
 }
 
 /// `max |v_k|` over the entries with `support_k != 0`, eight at a time: one maximum would wait for every other.
 fn largest(values: &[f64], support: &[f64]) -> f64 {
+    let larger = |most: f64, v: f64, s: f64| {
+        let v = if s == 0.0 { 0.0 } else { v.abs() };
+        if v > most { v } else { most }
+    };
+    let ((eights, rest), (supports, support_rest)) = (values.as_chunks::<8>(), support.as_chunks::<8>());
     let mut lanes = [0.0_f64; 8];
-    for (values, support) in values.chunks(8).zip(support.chunks(8)) {
-        for ((lane, v), s) in lanes.iter_mut().zip(values).zip(support) {
-            let v = if *s == 0.0 { 0.0 } else { v.abs() };
-            *lane = if v > *lane { v } else { *lane };
+    for (values, support) in eights.iter().zip(supports) {
+        for k in 0..8 {
+            lanes[k] = larger(lanes[k], values[k], support[k]);
         }
     }
-    lanes.into_iter().fold(0.0, f64::max)
+    let most = lanes.into_iter().fold(0.0, f64::max);
+    rest.iter().zip(support_rest).fold(most, |most, (v, s)| larger(most, *v, *s))
 }
 
 /// Turns the steps `t_k` (in place) and `s_k` into weights: `w_k = C_k (1 - s_k) t_k + sum_{i >= k} C_i s_i / i` with

@@ -83,8 +83,7 @@ impl<'a, T: Tables> Run<'a, T> {
         let inverse = gamma.iter().map(|&g| if g > 0.0 { (1.0 / g).min(f64::MAX) } else { 0.0 }).collect();
         let entries = gamma.len() * length;
         let hits = vec![0.0; if safeguard { entries } else { 0 }];
-        let (gg, mut tables) = (squared_norm(&g2), T::zeros(entries));
-        tables.set_targets(length, gamma, target);
+        let (gg, tables) = (squared_norm(&g2), T::new(length, gamma, target));
         Self { length, gamma, inverse, g2, gg, tables, c: 1.0, b: 0.0, hits, state: State::default() }
     }
 
@@ -246,26 +245,9 @@ impl<'a, T: Tables> Run<'a, T> {
     /// `f_k = (c h_k + b g^2 S_k) / g` in line `j`; 0 in a zero line.
     pub(super) fn line(&self, j: usize) -> impl Iterator<Item = f64> {
         let (from, to) = (j * self.length, (j + 1) * self.length);
-        let entry = self.entry(j);
-        self.tables.line(from, to).zip(from..).map(move |((h, _), k)| entry(h, self.hits.get(k)))
-    }
-
-    /// All lines.
-    pub(super) fn into_f(mut self) -> Vec<f64> {
-        let mut f = std::mem::replace(&mut self.tables, T::zeros(0)).into_h();
-        for (j, line) in f.chunks_exact_mut(self.length).enumerate() {
-            let entry = self.entry(j);
-            for (k, f) in (j * self.length..).zip(line) {
-                *f = entry(*f, self.hits.get(k));
-            }
-        }
-        f
-    }
-
-    /// From `h` and the hits to `f` in line `j`.
-    fn entry(&self, j: usize) -> impl Fn(f64, Option<&f64>) -> f64 + use<'a, T> {
         let (c, b, g) = (self.c, self.b * self.g2[j], if self.gamma[j] > 0.0 { self.gamma[j] } else { 1.0 });
-        move |h, hits| (c * h + hits.map_or(0.0, |s| b * s)) / g
+        let hits = move |k: usize| self.hits.get(k).map_or(0.0, |hits| b * hits);
+        self.tables.h(from, to).zip(from..).map(move |(h, k)| (c * h + hits(k)) / g)
     }
 }
 

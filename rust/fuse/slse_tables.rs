@@ -10,17 +10,11 @@ use crate::sample::Index;
 
 /// `h` and `g a`, entry by entry.
 pub(super) trait Tables {
-    /// Zeros for so many entries.
-    fn zeros(len: usize) -> Self;
+    /// `h = 0`, and `g a` from the `a` of all entries in lines of `length`.
+    fn new(length: usize, gamma: &[f64], a: impl Iterator<Item = f64>) -> Self;
 
-    /// Sets `g a` from the `a` of all entries, line by line.
-    fn set_targets(&mut self, length: usize, gamma: &[f64], a: impl Iterator<Item = f64>);
-
-    /// `(h_k, g a_k)` from one entry up to another.
-    fn line(&self, from: usize, to: usize) -> impl Iterator<Item = (f64, f64)>;
-
-    /// The `h` of all entries.
-    fn into_h(self) -> Vec<f64>;
+    /// `h_k` from one entry up to another.
+    fn h(&self, from: usize, to: usize) -> impl Iterator<Item = f64>;
 
     /// How many entries there are.
     fn len(&self) -> usize;
@@ -55,22 +49,17 @@ pub(super) struct Apart {
 }
 
 impl Tables for Apart {
-    fn zeros(len: usize) -> Self {
-        Self { h: vec![0.0; len], a: vec![0.0; len] }
-    }
-
-    fn set_targets(&mut self, length: usize, gamma: &[f64], mut a: impl Iterator<Item = f64>) {
-        for (line, g) in self.a.chunks_exact_mut(length).zip(gamma) {
+    fn new(length: usize, gamma: &[f64], mut a: impl Iterator<Item = f64>) -> Self {
+        let len = gamma.len() * length;
+        let mut tables = Self { h: vec![0.0; len], a: vec![0.0; len] };
+        for (line, g) in tables.a.chunks_exact_mut(length).zip(gamma) {
             line.iter_mut().zip(&mut a).for_each(|(ga, a)| *ga = g * a);
         }
+        tables
     }
 
-    fn line(&self, from: usize, to: usize) -> impl Iterator<Item = (f64, f64)> {
-        self.h[from..to].iter().copied().zip(self.a[from..to].iter().copied())
-    }
-
-    fn into_h(self) -> Vec<f64> {
-        self.h
+    fn h(&self, from: usize, to: usize) -> impl Iterator<Item = f64> {
+        self.h[from..to].iter().copied()
     }
 
     fn len(&self) -> usize {
@@ -123,22 +112,17 @@ impl Tables for Apart {
 pub(super) struct Beside(Buffer<[f64; 2]>);
 
 impl Tables for Beside {
-    fn zeros(len: usize) -> Self {
-        Self(Buffer::zeros_or_abort(len))
-    }
-
-    fn set_targets(&mut self, length: usize, gamma: &[f64], mut a: impl Iterator<Item = f64>) {
-        for (line, g) in self.0.chunks_exact_mut(length).zip(gamma) {
-            line.iter_mut().zip(&mut a).for_each(|([_, ga], a)| *ga = g * a);
+    fn new(length: usize, gamma: &[f64], mut a: impl Iterator<Item = f64>) -> Self {
+        let mut pairs = Buffer::unset_or_abort(gamma.len() * length);
+        for (line, g) in pairs.chunks_exact_mut(length).zip(gamma) {
+            // every pair gets a value, also if there are too few targets
+            line.iter_mut().for_each(|pair| *pair = [0.0, g * a.next().unwrap_or(0.0)]);
         }
+        Self(pairs)
     }
 
-    fn line(&self, from: usize, to: usize) -> impl Iterator<Item = (f64, f64)> {
-        self.0[from..to].iter().map(|&pair| pair.into())
-    }
-
-    fn into_h(self) -> Vec<f64> {
-        self.0.iter().map(|pair| pair[0]).collect()
+    fn h(&self, from: usize, to: usize) -> impl Iterator<Item = f64> {
+        self.0[from..to].iter().map(|pair| pair[0])
     }
 
     fn len(&self) -> usize {

@@ -30,7 +30,7 @@ impl AliasTable {
         let mut cells = integer_masses(weights)?;
         let count = cells.len();
         // Two stacks in one array: the cells below COIN from its front, the others from its back.
-        let mut order = Buffer::<u32>::zeros_or_abort(count);
+        let mut order = Buffer::<u32>::unset_or_abort(count);
         let (mut small, mut large) = (0, 0);
         for (i, &mass) in cells.iter().enumerate() {
             // both places are free; a branch here would be guessed wrong half of the time
@@ -114,7 +114,8 @@ impl AliasTable {
 /// zero for zeros and for the cells beyond `n`.
 fn integer_masses(weights: &[f64]) -> Option<Buffer<u64>> {
     let last = running_sums(weights).last().filter(|&last| last > 0.0)?;
-    let mut masses = Buffer::zeros_or_abort(weights.len().next_power_of_two());
+    let mut masses = Buffer::unset_or_abort(weights.len().next_power_of_two());
+    masses[weights.len()..].fill(0);
     let total = masses.len() as u64 * COIN;
     let mut below = 0;
     for (mass, c) in masses.iter_mut().zip(running_sums(weights)) {

@@ -58,15 +58,18 @@ macro_rules! with_indices {
 pub(crate) use with_indices;
 
 impl Indices {
-    /// `len` zeros of the width that lines of `length` entries need.
-    pub fn zeros(length: usize, len: usize) -> Result<Self> {
+    /// `len` indices of the width that lines of `length` entries need, to be written.
+    ///
+    /// # Errors
+    /// [`crate::Error::Memory`] if they do not fit.
+    pub(crate) fn unset(length: usize, len: usize) -> Result<Self> {
         const WHAT: &str = "the indices of a sample";
         Ok(if length <= 1 << 8 {
-            Self::U8(Buffer::zeros(WHAT, len)?)
+            Self::U8(Buffer::unset(WHAT, len)?)
         } else if length <= 1 << 16 {
-            Self::U16(Buffer::zeros(WHAT, len)?)
+            Self::U16(Buffer::unset(WHAT, len)?)
         } else {
-            Self::U32(Buffer::zeros(WHAT, len)?)
+            Self::U32(Buffer::unset(WHAT, len)?)
         })
     }
 

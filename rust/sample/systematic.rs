@@ -44,6 +44,7 @@ pub(super) fn fill<I: Index>(law: &Law, key: &Key, out: &mut [I], size: usize, s
     for (j, counts) in counts.chunks_exact(law.length()).enumerate() {
         stop.check()?;
         if law.gamma()[j] == 0.0 {
+            out[j..].iter_mut().step_by(law.lines()).for_each(|to| *to = I::default());
             continue;
         }
         let mut at = 0;

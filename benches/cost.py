@@ -106,9 +106,9 @@ def _two_threads() -> dict[str, tuple[float, float, float]]:
     gen = np.random.default_rng(0)
     w, A = gen.standard_normal(100), gen.standard_normal((100, 100))
     system = se.System(A / 10.0, gen.standard_normal((100, 10)))
-    x0, xf, EA = se.sample(w, 200_000, rng=1), se.sample(w, 200_000, rng=2), None
-    EA = se.sample(A, 200_000, rng=3)
-    out = np.empty((200_000, 10))
+    size = 1_000_000  # 80 MB of controls: more than the caches hold
+    x0, xf, EA = se.sample(w, size, rng=1), se.sample(w, size, rng=2), se.sample(A, size, rng=3)
+    out = np.zeros((size, 10))
     works: dict[str, Callable[[], object]] = {
         "sampling a vector": lambda: se.sample(w, 1 << 24, rng=1),
         "sampling a matrix": lambda: se.sample(A, 100_000, rng=1),

@@ -1,6 +1,7 @@
 //! The Moore-Penrose inverse with its rank and condition.
 
-use faer::{Mat, MatRef};
+use faer::linalg::matmul::matmul;
+use faer::{Accum, Mat, MatMut, MatRef, Par};
 
 use crate::error::{Error, Result, require_finite};
 use crate::fuse::power_of_two_scale;
@@ -36,14 +37,14 @@ pub fn pseudoinverse(b: &[f64], rows: usize, cols: usize) -> Result<Pseudoinvers
     let rank = s.iter().filter(|&&sigma| sigma > cut).count();
     // B^+ = sum_{k < rank} v_k u_k^T / sigma_k; the factor 1/scale belongs to the result
     let mut matrix = vec![0.0; rows * cols];
-    for (k, sigma) in s.iter().enumerate().take(rank) {
-        for i in 0..cols {
-            let vi = v[(i, k)] / sigma;
-            for (j, entry) in matrix[i * rows..(i + 1) * rows].iter_mut().enumerate() {
-                *entry += vi * u[(j, k)];
-            }
-        }
-    }
+    matmul(
+        MatMut::from_row_major_slice_mut(&mut matrix, cols, rows),
+        Accum::Replace,
+        Mat::from_fn(cols, rank, |i, k| v[(i, k)] / s[k]),
+        u.subcols(0, rank).transpose(),
+        1.0,
+        Par::Seq,
+    );
     matrix.iter_mut().for_each(|entry| *entry /= scale);
     if matrix.iter().any(|entry| !entry.is_finite()) {
         let found = format!("a smallest singular value of {:e}", s[rank - 1] * scale);

@@ -5,7 +5,7 @@ use std::hint::black_box;
 use std::sync::Arc;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use stochens::control::{Entity, Realized, pseudoinverse};
+use stochens::control::{Entity, Memory, Realized, pseudoinverse};
 use stochens::fuse::{Settings, Status, Weights, alse, closed_form, slse, slse_each};
 use stochens::sample::multinomial_counts;
 use stochens::simulate::{Drawn, Model, Second, mean_field, runs};
@@ -158,7 +158,7 @@ fn controls(c: &mut Criterion) {
         let mut out = vec![1.0; size * m];
         group.throughput(Throughput::Bytes((size * m * 8) as u64));
         group.bench_function(BenchmarkId::from_parameter(format!("n={n} m={m}")), |b| {
-            b.iter(|| realized.controls_into(&p.matrix, m, &mut out, false, 1, &Stop::new()));
+            b.iter(|| realized.controls_into(&p.matrix, m, &mut out, Memory::Used, 1, &Stop::new()));
         });
         group.bench_function(BenchmarkId::new("fill", format!("m={m}")), |b| {
             b.iter(|| black_box(&mut out).fill(1.0));

@@ -106,7 +106,7 @@ def _two_threads() -> dict[str, tuple[float, float, float]]:
     gen = np.random.default_rng(0)
     w, A = gen.standard_normal(100), gen.standard_normal((100, 100))
     system = se.System(A / 10.0, gen.standard_normal((100, 10)))
-    size = 1_000_000  # 80 MB of controls: more than the caches hold
+    size = 1_000_000  # 80 MB of controls
     x0, xf, EA = se.sample(w, size, rng=1), se.sample(w, size, rng=2), se.sample(A, size, rng=3)
     out = np.zeros((size, 10))
     works: dict[str, Callable[[], object]] = {

@@ -57,9 +57,9 @@ TITLES = {
     ),
     "controls": (
         "Batched controls",
-        "One control per realization, per control, of results larger than the caches. `out.fill` "
-        "writes the same bytes, and its ratio is the share of its bandwidth that is reached; above "
-        "one where ours are stored past the caches. The limit is the faster kind of store.",
+        "One control per realization, per control, of results of 64 MB and more. `out.fill` writes "
+        "the same bytes, and its ratio is the share of its bandwidth that is reached; above one "
+        "where ours are stored past the caches. The limit is the faster kind of store.",
     ),
     "simulate": ("Simulation", "Runs of 10 steps with fresh realizations at every step, per run."),
     "reproduce": (

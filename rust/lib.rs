@@ -25,13 +25,13 @@
 
 #![deny(missing_docs, unsafe_code)]
 
-mod ahead;
 pub mod control;
 mod error;
 pub mod fuse;
 mod pages;
 mod parallel;
 mod past_caches;
+mod prefetch;
 #[cfg(feature = "python")]
 #[allow(missing_docs, reason = "the Python side is documented in the package")]
 mod python;

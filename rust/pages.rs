@@ -3,22 +3,30 @@
 //! A fresh page of 4 KiB costs the system about as much as filling it costs the sampler; one of 2 MiB costs a tenth for
 //! the same bytes. Large pages need a place of their own, which the allocator does not give; where there are none
 //! (small results, other systems, other settings of the system) this is a plain vector or plain pages. As an allocator
-//! would, it keeps a little of what is given back, for the next sample of the same size, and hands it out as it is: who
-//! asks for memory writes all of it.
+//! would, it keeps some of what is given back (72 MiB at most), for the next sample of the same size, and hands it out as
+//! it is: who asks for memory writes all of it.
 
 #![allow(unsafe_code, reason = "pages are had from the system, by two calls, and given back by a third")]
 
 use crate::error::{Result, try_zeros};
 
 /// Types for which any bytes, zeros in particular, are a value.
-pub trait Plain: Copy + Default + Send + Sync + 'static {}
-impl Plain for u8 {}
-impl Plain for u16 {}
-impl Plain for u32 {}
-impl Plain for u64 {}
-impl Plain for [f64; 2] {}
+///
+/// # Safety
+/// They are, and there is no padding between them.
+pub unsafe trait Plain: Copy + Default + Send + Sync + 'static {}
+// SAFETY: numbers.
+unsafe impl Plain for u8 {}
+// SAFETY: as above.
+unsafe impl Plain for u16 {}
+// SAFETY: as above.
+unsafe impl Plain for u32 {}
+// SAFETY: as above.
+unsafe impl Plain for u64 {}
+// SAFETY: as above.
+unsafe impl Plain for [f64; 2] {}
 
-/// A fixed number of values; made of a vector, or to be written.
+/// A fixed number of values: those of a vector, or memory that its maker has filled.
 pub struct Buffer<T: Plain>(Memory<T>);
 
 enum Memory<T: Plain> {
@@ -34,10 +42,18 @@ impl<T: Plain> Buffer<T> {
     /// [`crate::Error::Memory`] if they cannot be had.
     pub(crate) fn unset(what: &'static str, len: usize) -> Result<Self> {
         #[cfg(all(target_os = "linux", any(target_arch = "x86_64", target_arch = "aarch64")))]
-        if let Some(pages) = linux::Pages::unset(len) {
-            return Ok(Self(Memory::Pages(pages)));
+        let pages = linux::Pages::unset(len).map(Memory::Pages);
+        #[cfg(not(all(target_os = "linux", any(target_arch = "x86_64", target_arch = "aarch64"))))]
+        let pages = None;
+        let memory = pages.map_or_else(|| try_zeros(what, len).map(Memory::Vector), Ok)?;
+        #[cfg_attr(not(test), expect(unused_mut, reason = "tests fill it"))]
+        let mut buffer = Self(memory);
+        #[cfg(test)]
+        // SAFETY: as many values as there are, and any bytes are one.
+        unsafe {
+            buffer.as_mut_ptr().write_bytes(0x7f, len); // whoever relies on zeros will not get them
         }
-        try_zeros(what, len).map(|zeros| Self(Memory::Vector(zeros)))
+        Ok(buffer)
     }
 
     /// The same; like `vec![0; len]` it ends the process where they cannot be had.
@@ -123,7 +139,7 @@ mod linux {
     static SPARE: Mutex<Vec<Mapping>> = Mutex::new(Vec::new());
     const KEEP: usize = 72 << 20; // a result of 64 MiB and what belongs to it, about what C allocators keep at most
 
-    /// `bytes` bytes at `base` that nothing else knows: all of them initialized, for the system starts them as zeros.
+    /// `bytes` bytes at `base` that nothing else knows: all of them initialized, as zeros by the system, or with plain values since.
     struct Mapping {
         base: NonNull<c_void>,
         bytes: usize,

@@ -1,12 +1,15 @@
 //! Two ways of writing results to memory: as usual, or past the caches.
 //!
-//! A usual store first reads the line that it changes, and lines of a result larger than the caches are gone before
-//! anybody reads them: half of the traffic is for nothing. The loads that feed such stores are asked for ahead of time,
-//! because stores past the caches do not wait in a queue that hides them.
+//! A usual store first reads the line that it changes, and of a large result most lines have left the caches again before
+//! anybody reads them: half of the traffic is for nothing. Past the caches, what the stores are made of has to be asked
+//! for ahead of time: without that nothing was gained.
 
 #![allow(unsafe_code, reason = "these stores take pointers; every one stays inside an array it borrows")]
 
-/// From this many bytes on a result goes past the caches: more than most last-level caches keep.
+use std::marker::PhantomData;
+
+/// From this many bytes on a result goes past the caches. Above, writing the result and then reading it once was faster
+/// that way, below it was slower.
 pub(crate) const LARGE: usize = 32 << 20;
 
 /// Where the numbers of a result go.
@@ -14,8 +17,8 @@ pub(crate) trait Writer {
     /// `to = values`
     fn write<const K: usize>(&self, to: &mut [f64; K], values: [f64; K]);
 
-    /// `values[at]` will be read soon; any `at` will do.
-    fn expect<T>(&self, values: &[T], at: usize);
+    /// `values[at]` will be read for what is written soon; any `at` will do.
+    fn prefetch<T>(&self, values: &[T], at: usize);
 }
 
 /// Through the caches, as usual.
@@ -28,17 +31,16 @@ impl Writer for Through {
     }
 
     #[inline(always)]
-    fn expect<T>(&self, _: &[T], _: usize) {}
+    fn prefetch<T>(&self, _: &[T], _: usize) {}
 }
 
-/// Past the caches; usual stores where the processor's architecture has no others. What was written is seen by other
-/// threads, in order, once this is dropped.
-pub(crate) struct Past(());
+/// Past the caches; usual stores where the processor's architecture has no others. Of one thread, and only inside
+/// [`past`].
+pub(crate) struct Past(PhantomData<*const ()>);
 
-impl Past {
-    pub(crate) fn new() -> Self {
-        Self(())
-    }
+/// Runs `work`, which writes past the caches; nothing that it has written may be read before it is over.
+pub(crate) fn past(work: impl FnOnce(&Past)) {
+    work(&Past(PhantomData)); // dropped, hence fenced, also after a panic
 }
 
 #[cfg(not(target_arch = "x86_64"))]
@@ -49,35 +51,36 @@ impl Writer for Past {
     }
 
     #[inline(always)]
-    fn expect<T>(&self, _: &[T], _: usize) {}
+    fn prefetch<T>(&self, _: &[T], _: usize) {}
 }
 
 /// With SSE2, which every x86-64 has; wider registers are not faster here.
 #[cfg(target_arch = "x86_64")]
 mod x86_64 {
-    use std::arch::x86_64::*;
+    use std::arch::x86_64::{_mm_loadu_pd, _mm_sfence, _mm_stream_pd, _mm_stream_si64};
 
     use super::{Past, Writer};
+    use crate::prefetch::prefetch;
 
     impl Writer for Past {
         #[inline(always)]
         fn write<const K: usize>(&self, to: &mut [f64; K], values: [f64; K]) {
             if K.is_multiple_of(2) && to.as_ptr().addr().is_multiple_of(16) {
                 for k in 0..K / 2 {
-                    // SAFETY: 2 k + 1 < K, and the address is a multiple of 16; `Past` fences the stores when dropped.
+                    // SAFETY: 2 k + 1 < K, and the address is a multiple of 16; the drop of `Past` fences the stores.
                     unsafe { _mm_stream_pd(to.as_mut_ptr().add(2 * k), _mm_loadu_pd(values.as_ptr().add(2 * k))) };
                 }
             } else {
                 for (to, value) in to.iter_mut().zip(values) {
-                    // SAFETY: `to` has the 8 bytes that are written; `Past` fences them when dropped.
+                    // SAFETY: `to` has the 8 bytes that are written; the drop of `Past` fences them.
                     unsafe { _mm_stream_si64(std::ptr::from_mut(to).cast(), value.to_bits().cast_signed()) };
                 }
             }
         }
 
         #[inline(always)]
-        fn expect<T>(&self, values: &[T], at: usize) {
-            crate::ahead::expect(values, at);
+        fn prefetch<T>(&self, values: &[T], at: usize) {
+            prefetch(values, at);
         }
     }
 
@@ -95,13 +98,12 @@ mod tests {
 
     fn written<const K: usize>(offset: usize) -> Vec<f64> {
         let mut out = vec![-1.0; 4 * K + offset + 1];
-        {
-            let past = Past::new();
+        past(|past| {
             for (k, to) in out[offset..].as_chunks_mut::<K>().0.iter_mut().take(4).enumerate() {
-                past.expect(&[0.0], k * 1000);
+                past.prefetch(&[0.0], k * 1000);
                 past.write(to, std::array::from_fn(|j| (k * K + j) as f64));
             }
-        }
+        });
         assert!(out[..offset].iter().chain(&out[offset + 4 * K..]).all(|&v| v == -1.0));
         out[offset..][..4 * K].to_vec()
     }

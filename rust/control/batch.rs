@@ -20,6 +20,15 @@ const BYTES: usize = 1 << 16;
 /// Entries of `y` treated together in the general case: well within a second-level cache, and no new pages per block.
 const ENTRIES: usize = 8192;
 
+/// What results are written to. The controls are the same; the way there is not.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Memory {
+    /// Never written before: the system is about to clear its pages, in the cache, and the controls go there too.
+    Fresh,
+    /// Used before: controls of singletons (of the columns) go past the caches if they are 32 MiB or more.
+    Used,
+}
+
 impl Realized<'_> {
     /// The controls `B^+ y^s`, one row of `m` per realization. `pinv` is `B^+`, row by row (`m x n`).
     ///
@@ -27,13 +36,11 @@ impl Realized<'_> {
     /// [`Error::Memory`] if the controls do not fit, and as for [`Self::controls_into`].
     pub fn controls(&self, pinv: &[f64], m: usize, threads: usize, stop: &Stop) -> Result<Vec<f64>> {
         let mut out = try_zeros("the controls", checked_len("the controls", self.size(), m)?)?;
-        self.controls_into(pinv, m, &mut out, true, threads, stop)?;
+        self.controls_into(pinv, m, &mut out, Memory::Fresh, threads, stop)?;
         Ok(out)
     }
 
-    /// [`Self::controls`] into `out`, whose entries are overwritten; after an error it holds a part of them. `fresh` memory
-    /// was never written: the system is about to clear its pages, in the cache, and the controls go there too. Large
-    /// memory that was used before is written past the caches.
+    /// [`Self::controls`] into `out`, whose entries are overwritten; after an error it holds a part of them.
     ///
     /// # Errors
     /// [`Error::Shape`] if `out` or `pinv` has another length, [`Error::Interrupted`] after a stop, [`Error::Overflow`]
@@ -43,7 +50,7 @@ impl Realized<'_> {
         pinv: &[f64],
         m: usize,
         out: &mut [f64],
-        fresh: bool,
+        memory: Memory,
         threads: usize,
         stop: &Stop,
     ) -> Result<()> {
@@ -59,15 +66,15 @@ impl Realized<'_> {
         let picks = Picks::new(self, &transposed, m);
         let unbounded = picks.as_ref().is_none_or(|picks| !picks.bound().is_finite());
         // a block that is looked at again had better stay in the cache
-        let past = !fresh && !unbounded && size_of_val(out) >= LARGE;
+        let large = memory == Memory::Used && !unbounded && size_of_val(out) >= LARGE;
         let rows = match picks {
-            Some(_) => BLOCK.max(if past { BYTES / (8 * m) } else { 0 }),
+            Some(_) => BLOCK.max(if large { BYTES / (8 * m) } else { 0 }),
             None => (ENTRIES / n).clamp(16, BLOCK),
         };
         for_each_chunk(out.chunks_mut(rows * m).enumerate(), threads, stop, |(block, out)| {
             let first = block * rows;
             match &picks {
-                Some(picks) => picks.controls(first, out, past),
+                Some(picks) => picks.controls(first, out, large),
                 None => dense_rows::controls(self, first, &transposed, m, out, stop)?,
             }
             // while the block is in the cache, and only where no bound on the factors excludes it

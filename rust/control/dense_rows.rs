@@ -4,9 +4,9 @@ use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
 
 use super::realizations::{Entity, Realized};
-use crate::ahead::expect;
 use crate::error::Result;
 use crate::parallel::Stop;
+use crate::prefetch::prefetch;
 
 /// Entries of `A` between two looks at the stop flag: well below a millisecond.
 const STEP: usize = 1 << 18;
@@ -98,14 +98,15 @@ const AHEAD: usize = 512;
 /// Doubles that come together.
 const CACHE_LINE: usize = 8;
 
-/// The most to ask for at once: more would be in the way of the loads that are due.
+/// The most to ask for at once, be it of a row or of a whole small matrix: asking for more was slower than not asking, since
+/// it stands in the way of the loads that are due.
 const ASK: usize = 128;
 
-/// As many entries as these, further on, will be read soon. Of longer runs the processor takes care by itself.
+/// As many entries as these, further on, will be read soon.
 #[inline(always)]
-fn expect_more(values: &[f64]) {
+fn prefetch_as_many(values: &[f64]) {
     if values.len() <= ASK {
-        (0..values.len()).step_by(CACHE_LINE).for_each(|k| expect(values, AHEAD + k));
+        (0..values.len()).step_by(CACHE_LINE).for_each(|k| prefetch(values, AHEAD + k));
     }
 }
 
@@ -123,7 +124,7 @@ fn subtract_product(a: &[f64], x: &[f64], y: &mut [f64]) {
         25..=28 => subtract_short::<7>(a, x, y),
         29..=32 => subtract_short::<8>(a, x, y),
         n => y.iter_mut().zip(a.chunks_exact(n)).for_each(|(y, row)| {
-            expect_more(row);
+            prefetch_as_many(row);
             *y -= dot(row, x);
         }),
     }
@@ -133,7 +134,7 @@ fn subtract_product(a: &[f64], x: &[f64], y: &mut [f64]) {
 /// may be among those already; there `x` counts as zero.
 #[inline(always)]
 fn subtract_short<const FOURS: usize>(a: &[f64], x: &[f64], y: &mut [f64]) {
-    expect_more(a);
+    prefetch_as_many(a);
     let n = x.len();
     let (whole, _) = x.as_chunks::<4>();
     let mut fours = [[0.0; 4]; FOURS];

@@ -9,5 +9,6 @@ mod pseudoinverse;
 mod realizations;
 mod singleton_rows;
 
+pub use batch::Memory;
 pub use pseudoinverse::{Pseudoinverse, pseudoinverse};
 pub use realizations::{Entity, Realized};

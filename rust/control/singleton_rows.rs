@@ -4,10 +4,11 @@
 //! block first was slower.)
 
 use super::realizations::{Entity, Realized};
-use crate::past_caches::{Past, Through, Writer};
+use crate::past_caches::{Through, Writer, past};
 use crate::sample::{Index, Indices};
 
-/// How many realizations ahead the index into `A^s` is asked for: the time memory takes for one, in controls.
+/// How many realizations ahead the index into `A^s` is asked for: the controls that are computed while one load comes from
+/// memory, with some to spare.
 const AHEAD: usize = 64;
 
 /// What every control of singletons is made of.
@@ -57,9 +58,9 @@ impl<'a> Picks<'a> {
         largest(&self.goals) + largest(&self.factors) * largest(self.columns)
     }
 
-    /// The controls of the realizations from `first` on, as many as `out` has rows for; `past` the caches if need be.
-    pub(super) fn controls(&self, first: usize, out: &mut [f64], past: bool) {
-        if past { self.by_index(first, out, &Past::new()) } else { self.by_index(first, out, &Through) }
+    /// The controls of the realizations from `first` on, as many as `out` has rows for; `large` ones past the caches.
+    pub(super) fn controls(&self, first: usize, out: &mut [f64], large: bool) {
+        if large { past(|to| self.by_index(first, out, to)) } else { self.by_index(first, out, &Through) }
     }
 
     fn by_index(&self, first: usize, out: &mut [f64], to: &impl Writer) {
@@ -99,10 +100,10 @@ impl<'a> Picks<'a> {
             let i = x0[s].get();
             if let Some(next) = x0.get(s + AHEAD) {
                 // a hint: any position will do
-                to.expect(a, line.wrapping_add(AHEAD.wrapping_mul(n)).wrapping_add(next.get()));
+                to.prefetch(a, line.wrapping_add(AHEAD.wrapping_mul(n)).wrapping_add(next.get()));
             }
             let r = a[line.wrapping_add(i)].get();
-            // all indices are below n, which the law was drawn with: nothing wraps, and if it did the slices would refuse it
+            // nothing wraps, for all indices are below n
             sum(u, xf[s].get(), r, self.factors[i.wrapping_mul(n).wrapping_add(r)]);
             line = line.wrapping_add(n);
         }
@@ -141,4 +142,40 @@ fn combine_rows(rows: &[f64], m: usize, v: &[f64]) -> Vec<f64> {
         sum.iter_mut().zip(row).for_each(|(s, p)| *s += v * p);
     }
     sum
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::{Key, Law, Scheme, Stop, sample};
+
+    /// Past the caches go the same controls, for every number of inputs, both widths of indices and any first realization.
+    #[test]
+    fn large_controls_are_the_same() {
+        let size = 3 * AHEAD;
+        let number = |k: usize| 0.1 + (k as f64 * 0.754_877).fract();
+        for n in [3, 300] {
+            let draw = |lines: usize, seed| {
+                let law = Law::new((0..lines * n).map(number).collect(), lines, n).unwrap();
+                let draws = sample(&Arc::new(law), size, Scheme::Iid, &Key([seed; 32]), 1, &Stop::new()).unwrap();
+                Entity::Singletons { draws, rows: false }
+            };
+            let realized = Realized::new(draw(1, 1), draw(1, 2), draw(n, 3), n).unwrap();
+            for m in (1..=17).chain([27]) {
+                let columns: Vec<f64> = (0..n * m).map(number).collect();
+                let picks = Picks::new(&realized, &columns, m).unwrap();
+                for (first, count, shift) in [(0, size, 0), (5, size - 5, 1), (size - 7, 7, 0), (3, 1, 1)] {
+                    // one double further on is another place within a cache line
+                    let mut large = vec![f64::NAN; count * m + 1];
+                    let mut usual = vec![f64::NAN; count * m];
+                    picks.controls(first, &mut large[shift..][..count * m], true);
+                    picks.controls(first, &mut usual, false);
+                    assert_eq!(large[shift..][..count * m], usual, "n = {n}, m = {m}, first = {first}");
+                    assert!(large[if shift == 0 { count * m } else { 0 }].is_nan());
+                }
+            }
+        }
+    }
 }

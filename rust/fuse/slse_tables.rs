@@ -97,7 +97,7 @@ impl Tables for Apart {
         next: Sample<'_, I>,
     ) -> (f64, f64) {
         let (h, a) = (&mut self.h[..sample.reach()], &self.a[..sample.reach()]);
-        // SAFETY: as in `gather`.
+        // SAFETY: as in `gather`; `add_and_sum` makes sure that the next sample has the same lines.
         sample.add_and_sum(
             next,
             g2,
@@ -160,7 +160,7 @@ impl Tables for Beside {
         next: Sample<'_, I>,
     ) -> (f64, f64) {
         let pairs = &mut self.0[..sample.reach()];
-        // SAFETY: as in `gather`.
+        // SAFETY: as in `gather`; `add_and_sum` makes sure that the next sample has the same lines.
         sample.add_and_sum(
             next,
             g2,
@@ -229,7 +229,8 @@ impl<'a, I: Index> Sample<'a, I> {
     }
 
     /// `add` at the positions of this realization, and [`Self::sums`] of the next, which has as many lines: four lines of
-    /// the one, then four of the other, so that a line has its new values before it is read.
+    /// the one, then four of the other, so that a line has its new values before it is read. All positions are below
+    /// [`Self::reach`].
     #[inline(always)]
     fn add_and_sum<T: ?Sized>(
         self,
@@ -239,6 +240,7 @@ impl<'a, I: Index> Sample<'a, I> {
         add: impl Fn(&mut T, usize, f64),
         pair: impl Fn(&T, usize) -> (f64, f64),
     ) -> (f64, f64) {
+        assert!(next.length == self.length && next.indices.len() == self.indices.len());
         let (mut x, mut y) = ([0.0; 4], [0.0; 4]);
         let mut base = 0_usize;
         let (fours, rest) = self.indices.as_chunks::<4>();
@@ -277,4 +279,35 @@ pub(super) fn squared_norm(g2: &[f64]) -> f64 {
     }
     rest.iter().for_each(|g2| sums[0] += g2);
     (sums[0] + sums[1]) + (sums[2] + sums[3])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// One pass gives the bits of two, for every rest of lines, and where both realizations hit the same entries.
+    #[test]
+    fn one_pass_gives_the_bits_of_two() {
+        fn compare<T: Tables>(lines: usize) {
+            let length = 3;
+            let number = |k: usize| 0.1 + (k as f64 * 0.754_877).fract();
+            let gamma: Vec<f64> = (0..lines).map(number).collect();
+            let indices: Vec<u8> = (0..20 * lines).map(|k| (k * k % 11 % length) as u8).collect();
+            let samples: Vec<_> = Sample::all(&indices, lines, length).collect();
+            let tables = || T::new(length, &gamma, (0..lines * length).map(number));
+            let (mut one, mut two) = (tables(), tables());
+            for (at, &sample) in samples.iter().enumerate() {
+                let next = samples[if at % 3 == 0 { at } else { (at + 7) % samples.len() }];
+                let (x, y) = one.scatter_and_gather(sample, &gamma, number(at), next);
+                two.scatter(sample, &gamma, number(at));
+                let (u, v) = two.gather(next);
+                assert_eq!((x.to_bits(), y.to_bits()), (u.to_bits(), v.to_bits()), "{lines} lines, step {at}");
+                assert!((0..one.len()).all(|k| one.get(k) == two.get(k)));
+            }
+        }
+        for lines in 1..=9 {
+            compare::<Apart>(lines);
+            compare::<Beside>(lines);
+        }
+    }
 }

@@ -33,7 +33,8 @@ pub(super) fn pseudoinverse<'py>(
     Ok((array2(py, p.matrix, cols, rows)?, p.rank, array1(py, p.singular_values), p.condition))
 }
 
-/// `B^+ (xf^s - A^s x0^s)` for every realization, given `B^+` (m, n), into `out` (size, m), which may be fresh memory.
+/// `B^+ (xf^s - A^s x0^s)` for every realization, given `B^+` (m, n), into `out` (size, m); `fresh` says that it was
+/// never written before.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "three entities and what belongs to them")]
 pub(super) fn realization_controls<'py>(
@@ -52,7 +53,8 @@ pub(super) fn realization_controls<'py>(
     let realized = Realized::new(x0.entity("x0", false)?, xf.entity("xf", false)?, a.entity("A", rows)?, n)?;
     let cost = realized.size() as f64 * ((m * n) as f64 + realized.cost());
     let out = out.as_slice_mut().map_err(|_| ShapeError::new_err("`out` must be C-contiguous"))?;
-    run(py, cost, |stop| realized.controls_into(values, m, out, fresh, threads, stop))
+    let memory = if fresh { control::Memory::Fresh } else { control::Memory::Used };
+    run(py, cost, |stop| realized.controls_into(values, m, out, memory, threads, stop))
 }
 
 /// The mean of `xf^s - A^s x0^s` over the paired realizations (n,).

@@ -44,7 +44,7 @@ pub(super) fn fill<I: Index>(law: &Law, key: &Key, out: &mut [I], size: usize, s
     for (j, counts) in counts.chunks_exact(law.length()).enumerate() {
         stop.check()?;
         if law.gamma()[j] == 0.0 {
-            out[j..].iter_mut().step_by(law.lines()).for_each(|to| *to = I::default());
+            out.iter_mut().skip(j).step_by(law.lines()).for_each(|to| *to = I::default());
             continue;
         }
         let mut at = 0;
@@ -63,7 +63,7 @@ pub(super) fn fill<I: Index>(law: &Law, key: &Key, out: &mut [I], size: usize, s
             let k = (u128::from(rng.next_u64()) * (i as u128 + 1)) >> 64;
             order.swap(i, k as usize);
         }
-        out[j..].iter_mut().step_by(law.lines()).zip(&order).for_each(|(to, &from)| *to = from);
+        out.iter_mut().skip(j).step_by(law.lines()).zip(&order).for_each(|(to, &from)| *to = from);
     }
     Ok(())
 }

@@ -109,6 +109,20 @@ def test_inputs_are_neither_modified_nor_shared() -> None:
     assert np.array_equal(target, A)
 
 
+def test_memory_that_was_used_before_shows_nowhere() -> None:
+    size = 1 << 20  # memory of this size is kept for the next ensemble
+    for scheme in ("iid", "systematic"):
+        assert se.sample([1.0, 2.0, 3.0], size, rng=1).indices.any()
+        zeros = se.Ensemble.from_indices(np.zeros(size, dtype=np.uint8), [1.0, 2.0, 3.0])
+        assert not zeros.indices.any()
+        del zeros
+        assert se.sample([1.0, 2.0, 3.0], size, rng=1).indices.any()
+        matrix = np.array([[1.0, 0.0], [2.0, 0.0]])  # a column of zeros is at index 0
+        lines = se.sample(matrix, size // 2, rng=1, scheme=scheme).indices
+        assert lines[:, 0].any()
+        assert not lines[:, 1].any()
+
+
 def test_key_repeats_a_sample() -> None:
     ensemble = se.sample(A, 100, rng=np.random.default_rng(5))
     assert se.sample(A, 100, rng=ensemble.key) == ensemble

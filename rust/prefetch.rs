@@ -5,7 +5,7 @@
 
 /// `values[at]` will be read soon. A hint: any `at` will do, also beyond the end.
 #[inline(always)]
-pub(crate) fn expect<T>(values: &[T], at: usize) {
+pub(crate) fn prefetch<T>(values: &[T], at: usize) {
     #[cfg(target_arch = "x86_64")]
     // SAFETY: SSE, which every x86-64 has; nothing is read, for any address.
     unsafe {

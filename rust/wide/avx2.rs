@@ -56,7 +56,8 @@ fn store(row: &mut [u64; LANES], at: usize, value: __m256i) {
     unsafe { _mm256_storeu_si256(four.as_mut_ptr().cast(), value) }
 }
 
-/// Scalar loads from the table, then eight comparisons at once. Gathers are no faster, and slow on patched processors.
+/// Scalar loads from the table, then eight comparisons at once. Gathers are no faster, and slow on patched processors;
+/// asking for the cells of large tables ahead of time was slower.
 #[target_feature(enable = "avx2")]
 pub(super) fn lookup<I: Copy>(cells: &[u64], words: &[u64], out: &mut [I], index: impl Fn(u32) -> I + Copy) -> usize {
     if cells.is_empty() {

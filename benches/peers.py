@@ -42,11 +42,11 @@ def timed(work: Work) -> float:
 
 
 def pairs(ours: Work, theirs: Work, budget: float = 4.0) -> tuple[list[float], list[float]]:
-    """Seconds of alternating calls, as many as the budget allows: at least 1, at most 7."""
+    """Seconds of alternating calls, as many as the budget allows: at least 1, at most 15."""
     ours(), theirs()  # first calls pay for memory and compilation
     mine, peer = [], []
     start = time.perf_counter()
-    while len(mine) < 7 and (not mine or time.perf_counter() - start < budget):
+    while len(mine) < 15 and (not mine or time.perf_counter() - start < budget):
         mine.append(timed(ours))
         peer.append(timed(theirs))
     return mine, peer

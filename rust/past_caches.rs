@@ -6,8 +6,6 @@
 
 #![allow(unsafe_code, reason = "these stores take pointers; every one stays inside an array it borrows")]
 
-use std::marker::PhantomData;
-
 /// From this many bytes on a result goes past the caches. Above, writing the result and then reading it once was faster
 /// that way, below it was slower.
 pub(crate) const LARGE: usize = 32 << 20;
@@ -34,33 +32,31 @@ impl Writer for Through {
     fn prefetch<T>(&self, _: &[T], _: usize) {}
 }
 
-/// Past the caches; usual stores where the processor's architecture has no others. Of one thread, and only inside
-/// [`past`].
-pub(crate) struct Past(PhantomData<*const ()>);
+#[cfg(target_arch = "x86_64")]
+pub(crate) use x86_64::past;
 
-/// Runs `work`, which writes past the caches; nothing that it has written may be read before it is over.
-pub(crate) fn past(work: impl FnOnce(&Past)) {
-    work(&Past(PhantomData)); // dropped, hence fenced, also after a panic
-}
-
+/// Runs `work` with usual stores: other architectures have none that are known to be better.
 #[cfg(not(target_arch = "x86_64"))]
-impl Writer for Past {
-    #[inline(always)]
-    fn write<const K: usize>(&self, to: &mut [f64; K], values: [f64; K]) {
-        *to = values;
-    }
-
-    #[inline(always)]
-    fn prefetch<T>(&self, _: &[T], _: usize) {}
+pub(crate) fn past(work: impl FnOnce(&Through)) {
+    work(&Through);
 }
 
 /// With SSE2, which every x86-64 has; wider registers are not faster here.
 #[cfg(target_arch = "x86_64")]
 mod x86_64 {
     use std::arch::x86_64::{_mm_loadu_pd, _mm_sfence, _mm_stream_pd, _mm_stream_si64};
+    use std::marker::PhantomData;
 
-    use super::{Past, Writer};
+    use super::Writer;
     use crate::prefetch::prefetch;
+
+    /// Past the caches. Of one thread, and only inside [`past`].
+    pub(crate) struct Past(PhantomData<*const ()>);
+
+    /// Runs `work`, which writes past the caches; nothing that it has written may be read before it is over.
+    pub(crate) fn past(work: impl FnOnce(&Past)) {
+        work(&Past(PhantomData)); // dropped, hence fenced, also after a panic
+    }
 
     impl Writer for Past {
         #[inline(always)]

@@ -25,21 +25,88 @@ pub(super) trait Tables {
     /// `h_k`, to be changed.
     fn h_mut(&mut self, k: usize) -> &mut f64;
 
+    /// The first `reach` entries, without bounds checks.
+    fn view(&mut self, reach: usize) -> impl View;
+
     /// `(sum_j h, sum_j g a)` over the entries that a realization hits.
-    fn gather<I: Index>(&self, sample: Sample<'_, I>) -> (f64, f64);
+    #[inline(always)]
+    fn gather<I: Index>(&mut self, sample: Sample<'_, I>) -> (f64, f64) {
+        let view = self.view(sample.reach());
+        // SAFETY: the positions of a sample are below its reach.
+        sample.sums(|k| unsafe { view.get(k) })
+    }
 
     /// Adds `step g_j^2` to `h` where the realization is.
-    fn scatter<I: Index>(&mut self, sample: Sample<'_, I>, g2: &[f64], step: f64);
+    #[inline(always)]
+    fn scatter<I: Index>(&mut self, sample: Sample<'_, I>, g2: &[f64], step: f64) {
+        let mut view = self.view(sample.reach());
+        // SAFETY: as in `gather`.
+        sample.positions().zip(g2).for_each(|(k, g2)| unsafe { view.add(k, step * g2) });
+    }
 
     /// [`Self::scatter`] of one realization, then [`Self::gather`] of the next, in one pass: the loads of the second need
     /// not wait for the last store of the first.
+    #[inline(always)]
     fn scatter_and_gather<I: Index>(
         &mut self,
         sample: Sample<'_, I>,
         g2: &[f64],
         step: f64,
         next: Sample<'_, I>,
-    ) -> (f64, f64);
+    ) -> (f64, f64) {
+        let mut view = self.view(sample.reach());
+        // SAFETY: as in `gather`; `add_and_sum` makes sure that the next sample has the same lines.
+        sample.add_and_sum(
+            next,
+            g2,
+            &mut view,
+            |view, k, g2| unsafe { view.add(k, step * g2) },
+            |view, k| unsafe { view.get(k) },
+        )
+    }
+}
+
+/// The entries below some reach.
+pub(super) trait View {
+    /// `(h_k, g a_k)`
+    ///
+    /// # Safety
+    /// `k` is below the reach.
+    unsafe fn get(&self, k: usize) -> (f64, f64);
+
+    /// `h_k += value`
+    ///
+    /// # Safety
+    /// `k` is below the reach.
+    unsafe fn add(&mut self, k: usize, value: f64);
+}
+
+impl View for (&mut [f64], &[f64]) {
+    #[inline(always)]
+    unsafe fn get(&self, k: usize) -> (f64, f64) {
+        // SAFETY: both slices end at the reach.
+        unsafe { (*self.0.get_unchecked(k), *self.1.get_unchecked(k)) }
+    }
+
+    #[inline(always)]
+    unsafe fn add(&mut self, k: usize, value: f64) {
+        // SAFETY: as above.
+        unsafe { *self.0.get_unchecked_mut(k) += value };
+    }
+}
+
+impl View for &mut [[f64; 2]] {
+    #[inline(always)]
+    unsafe fn get(&self, k: usize) -> (f64, f64) {
+        // SAFETY: the slice ends at the reach.
+        unsafe { (*self.get_unchecked(k)).into() }
+    }
+
+    #[inline(always)]
+    unsafe fn add(&mut self, k: usize, value: f64) {
+        // SAFETY: as above.
+        unsafe { self.get_unchecked_mut(k)[0] += value };
+    }
 }
 
 /// Two tables of equal length.
@@ -75,36 +142,8 @@ impl Tables for Apart {
     }
 
     #[inline(always)]
-    fn gather<I: Index>(&self, sample: Sample<'_, I>) -> (f64, f64) {
-        let (h, a) = (&self.h[..sample.reach()], &self.a[..sample.reach()]);
-        // SAFETY: the positions of a sample are below its reach, which is the length of both slices.
-        sample.sums(|k| unsafe { (*h.get_unchecked(k), *a.get_unchecked(k)) })
-    }
-
-    #[inline(always)]
-    fn scatter<I: Index>(&mut self, sample: Sample<'_, I>, g2: &[f64], step: f64) {
-        let h = &mut self.h[..sample.reach()];
-        // SAFETY: as in `gather`.
-        sample.positions().zip(g2).for_each(|(k, g2)| unsafe { *h.get_unchecked_mut(k) += step * g2 });
-    }
-
-    #[inline(always)]
-    fn scatter_and_gather<I: Index>(
-        &mut self,
-        sample: Sample<'_, I>,
-        g2: &[f64],
-        step: f64,
-        next: Sample<'_, I>,
-    ) -> (f64, f64) {
-        let (h, a) = (&mut self.h[..sample.reach()], &self.a[..sample.reach()]);
-        // SAFETY: as in `gather`; `add_and_sum` makes sure that the next sample has the same lines.
-        sample.add_and_sum(
-            next,
-            g2,
-            h,
-            |h, k, g2| unsafe { *h.get_unchecked_mut(k) += step * g2 },
-            |h, k| unsafe { (*h.get_unchecked(k), *a.get_unchecked(k)) },
-        )
+    fn view(&mut self, reach: usize) -> impl View {
+        (&mut self.h[..reach], &self.a[..reach])
     }
 }
 
@@ -138,36 +177,8 @@ impl Tables for Beside {
     }
 
     #[inline(always)]
-    fn gather<I: Index>(&self, sample: Sample<'_, I>) -> (f64, f64) {
-        let pairs = &self.0[..sample.reach()];
-        // SAFETY: the positions of a sample are below its reach, which is the length of the slice.
-        sample.sums(|k| unsafe { (*pairs.get_unchecked(k)).into() })
-    }
-
-    #[inline(always)]
-    fn scatter<I: Index>(&mut self, sample: Sample<'_, I>, g2: &[f64], step: f64) {
-        let pairs = &mut self.0[..sample.reach()];
-        // SAFETY: as in `gather`.
-        sample.positions().zip(g2).for_each(|(k, g2)| unsafe { pairs.get_unchecked_mut(k)[0] += step * g2 });
-    }
-
-    #[inline(always)]
-    fn scatter_and_gather<I: Index>(
-        &mut self,
-        sample: Sample<'_, I>,
-        g2: &[f64],
-        step: f64,
-        next: Sample<'_, I>,
-    ) -> (f64, f64) {
-        let pairs = &mut self.0[..sample.reach()];
-        // SAFETY: as in `gather`; `add_and_sum` makes sure that the next sample has the same lines.
-        sample.add_and_sum(
-            next,
-            g2,
-            pairs,
-            |pairs, k, g2| unsafe { pairs.get_unchecked_mut(k)[0] += step * g2 },
-            |pairs, k| unsafe { (*pairs.get_unchecked(k)).into() },
-        )
+    fn view(&mut self, reach: usize) -> impl View {
+        &mut self.0[..reach]
     }
 }
 

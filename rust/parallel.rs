@@ -5,36 +5,65 @@
 //! stream and its part of the output, so results do not depend on the number of threads.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::sync::{Arc, Mutex};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use crate::error::{Error, Result};
 
 /// A request to stop, shared between the caller and a running computation.
-#[derive(Debug, Default)]
-pub struct Stop(AtomicBool);
+///
+/// The computation stays on the caller's thread, whose caches it finds warm, and starts none that it does not need: the
+/// system may move either to another core. So what only that thread can see meanwhile, such as Python's signals, is
+/// looked at within the checks, now and then.
+#[derive(Default)]
+pub struct Stop {
+    requested: AtomicBool,
+    watch: Option<Box<Watch>>,
+}
 
 impl Stop {
     /// No request yet.
     pub const fn new() -> Self {
-        Self(AtomicBool::new(false))
+        Self { requested: AtomicBool::new(false), watch: None }
+    }
+
+    /// No request yet; it is made when `look` says so, which this thread calls in its checks, at most once in `every`.
+    pub fn watching(every: Duration, look: impl Fn() -> bool + Send + Sync + 'static) -> Self {
+        let watch = Watch {
+            by: here(),
+            skip: AtomicU32::new(0),
+            looked: Mutex::new((Instant::now(), Instant::now())),
+            every,
+            look: Box::new(look),
+        };
+        Self { requested: AtomicBool::new(false), watch: Some(Box::new(watch)) }
     }
 
     /// Ask the computation to end at its next check.
     pub fn request(&self) {
-        self.0.store(true, Ordering::Relaxed);
+        self.requested.store(true, Ordering::Relaxed);
     }
 
     /// Whether a stop was asked for.
     pub fn requested(&self) -> bool {
-        self.0.load(Ordering::Relaxed)
+        let requested = || self.requested.load(Ordering::Relaxed);
+        if let Some(watch) = &self.watch
+            && !requested()
+            && watch.sees_a_reason()
+        {
+            self.request();
+        }
+        requested()
     }
 
-    /// The flag itself, for loops that want to poll it.
-    pub fn flag(&self) -> &AtomicBool {
-        &self.0
+    /// [`Self::requested`] of who has waited meanwhile, and so checks more seldom than who works.
+    fn requested_after_a_wait(&self) -> bool {
+        if let Some(watch) = self.watch.as_ref().filter(|watch| watch.by == here()) {
+            watch.skip.store(0, Ordering::Relaxed);
+        }
+        self.requested()
     }
 
     /// [`Error::Interrupted`] once a stop was asked for; loops call this every few milliseconds of work.
@@ -42,6 +71,55 @@ impl Stop {
         if self.requested() { Err(Error::Interrupted) } else { Ok(()) }
     }
 }
+
+/// What one thread looks at while it works.
+struct Watch {
+    by: usize,
+    /// Checks until the next one that looks at the clock: only `by` counts.
+    skip: AtomicU32,
+    /// When `by` looked at the clock, and when it last looked for a reason.
+    looked: Mutex<(Instant, Instant)>,
+    every: Duration,
+    look: Box<dyn Fn() -> bool + Send + Sync>,
+}
+
+impl Watch {
+    /// Checks to skip where they are closer than this: the clock takes several times as long as a check.
+    const SKIP: u32 = 15;
+    const CLOSE: Duration = Duration::from_micros(20);
+
+    fn sees_a_reason(&self) -> bool {
+        if here() != self.by {
+            return false;
+        }
+        let skip = self.skip.load(Ordering::Relaxed);
+        self.skip.store(skip.saturating_sub(1), Ordering::Relaxed);
+        skip == 0 && self.due() && (self.look)()
+    }
+
+    #[cold]
+    fn due(&self) -> bool {
+        let Ok(mut looked) = self.looked.lock() else { return false };
+        let now = Instant::now();
+        let close = now.duration_since(looked.0) < Self::CLOSE * (Self::SKIP + 1);
+        self.skip.store(if close { Self::SKIP } else { 0 }, Ordering::Relaxed);
+        looked.0 = now;
+        let due = now.duration_since(looked.1) >= self.every;
+        if due {
+            looked.1 = now;
+        }
+        due
+    }
+}
+
+/// A number that only this thread has, as long as it lives: cheaper than its `ThreadId`.
+fn here() -> usize {
+    thread_local!(static HERE: u8 = const { 0 });
+    HERE.with(|here| std::ptr::from_ref(here).addr())
+}
+
+/// How often who waits for other threads looks whether to stop.
+const WAIT: Duration = Duration::from_millis(20);
 
 /// Calls `work` once for every chunk, on up to `threads` threads; the first error wins and ends the others.
 pub fn for_each_chunk<T, I, F>(chunks: I, threads: usize, stop: &Stop, work: F) -> Result<()>
@@ -64,13 +142,24 @@ where
         }
     };
     std::thread::scope(|scope| {
+        let (working, done) = channel::<()>();
         for _ in 1..threads {
+            let working = working.clone();
+            let theirs = move || {
+                drain();
+                drop(working);
+            };
             // EAGAIN under a process limit is no reason to fail: this thread drains the queue below.
-            if std::thread::Builder::new().spawn_scoped(scope, drain).is_err() {
+            if std::thread::Builder::new().spawn_scoped(scope, theirs).is_err() {
                 break;
             }
         }
         drain();
+        drop(working);
+        // the others may be at it for long, and only this thread may be the one that looks
+        while done.recv_timeout(WAIT) == Err(RecvTimeoutError::Timeout) {
+            stop.requested_after_a_wait();
+        }
     });
     match failed.into_inner() {
         Ok(Some(error)) => Err(error),
@@ -103,9 +192,9 @@ where
         return take(&slot).map_or_else(|| Err(Error::Interrupted), |work| work());
     }
     loop {
-        match receive.recv_timeout(Duration::from_millis(20)) {
+        match receive.recv_timeout(WAIT) {
             Ok(Some(result)) => return result,
-            Err(RecvTimeoutError::Timeout) if stop.requested() => return Err(Error::Interrupted),
+            Err(RecvTimeoutError::Timeout) if stop.requested_after_a_wait() => return Err(Error::Interrupted),
             Err(RecvTimeoutError::Timeout) => {}
             Ok(None) | Err(RecvTimeoutError::Disconnected) => {
                 return Err(Error::Numerical("the solver's thread ended without a result".into()));
@@ -117,6 +206,7 @@ where
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::sync::atomic::AtomicUsize;
 
     #[test]
     fn every_chunk_is_visited_once_for_any_number_of_threads() {
@@ -129,6 +219,57 @@ mod tests {
             .unwrap();
             assert!(data.iter().all(|&v| v == 1));
         }
+    }
+
+    /// A look that counts itself, and says yes from the `n`-th time on.
+    fn nth_look(n: usize) -> (Arc<AtomicUsize>, impl Fn() -> bool) {
+        let looks = Arc::new(AtomicUsize::new(0));
+        (Arc::clone(&looks), move || looks.fetch_add(1, Ordering::Relaxed) + 1 >= n)
+    }
+
+    #[test]
+    fn one_thread_looks_now_and_then() {
+        let (looks, look) = nth_look(2);
+        let looks = || looks.load(Ordering::Relaxed);
+        let every = Duration::from_millis(30);
+        let (began, stop) = (Instant::now(), Stop::watching(every, look));
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                while began.elapsed() < 2 * every {
+                    assert!(!stop.requested());
+                }
+            });
+        });
+        assert_eq!(looks(), 0, "another thread looked");
+        while looks() < 1 {
+            assert!(!stop.requested());
+        }
+        let first = began.elapsed();
+        while !stop.requested() {}
+        assert!(first >= every && began.elapsed() >= 2 * every && looks() == 2);
+        assert_eq!(stop.check(), Err(Error::Interrupted));
+        std::thread::sleep(every);
+        assert!((0..100).all(|_| stop.requested()) && looks() == 2, "what is decided needs no look");
+    }
+
+    /// The thread that may look has nothing to do but to wait, here for one that only a stop can end.
+    #[test]
+    fn who_waits_for_the_others_looks() {
+        let stop = Stop::watching(WAIT, nth_look(1).1);
+        let caller = here();
+        let started = Mutex::new(0);
+        let result = for_each_chunk(0..2, 2, &stop, |_| {
+            *started.lock().unwrap() += 1;
+            while *started.lock().unwrap() < 2 {
+                std::thread::yield_now(); // one chunk each
+            }
+            while here() != caller {
+                stop.check()?;
+                std::thread::yield_now();
+            }
+            Ok(())
+        });
+        assert_eq!(result, Err(Error::Interrupted));
     }
 
     #[test]

@@ -9,6 +9,7 @@ mod draws;
 mod error;
 mod fuse;
 mod run;
+mod shared;
 mod simulate;
 mod storage;
 mod streaming;

@@ -1,18 +1,16 @@
 //! One door for all work: the interpreter is released, Ctrl-C is seen, a panic becomes an exception.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::Mutex;
-use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
 
 use super::error::from_panic;
-use crate::parallel::take;
 use crate::{Result, Stop};
 
-/// Elementary operations (about a nanosecond each) below which a call simply runs: a thread would cost more.
+/// Elementary operations (about a nanosecond each) below which a call simply runs: looking for signals would cost more.
 const SHORT: f64 = 1e7;
 
 /// How often a long call looks for signals.
@@ -20,82 +18,70 @@ const POLL: Duration = Duration::from_millis(50);
 
 /// Runs `work` without the interpreter lock; `cost` is its rough number of elementary operations.
 ///
-/// Long work runs on a thread of its own while this one waits and asks Python for signals, which only the main thread can
-/// see. After Ctrl-C the work is told to stop and joined: every loop of the core checks at least every few milliseconds.
+/// Every loop of the core checks for a stop at least every few milliseconds; in long work these checks ask Python for
+/// signals as well, now and then. After Ctrl-C the work ends.
 pub(super) fn run<T, F>(py: Python<'_>, cost: f64, work: F) -> PyResult<T>
 where
     T: Send,
     F: FnOnce(&Stop) -> Result<T> + Send,
 {
-    let stop = Stop::new();
     if cost < SHORT {
-        return py.detach(guarded(&stop, work));
+        return py.detach(|| guarded(&Stop::new(), work));
     }
-    attended(py, &stop, guarded(&stop, work), Err)
+    let (result, signal) = watched(py, work)?;
+    signal.map_or(result, Err)
 }
 
-/// [`run`] for long work that answers a stop with the best it has: after Ctrl-C that is returned, beside the exception. A
-/// second Ctrl-C, and whatever else a signal handler raises, ends the call as in [`run`].
+/// [`run`] for long work that answers a stop with the best it has: after Ctrl-C that is returned, beside the exception.
+/// Whatever else a signal handler raises ends the call as in [`run`], and so does Python after a second Ctrl-C.
 pub(super) fn run_to_best<T, F>(py: Python<'_>, work: F) -> PyResult<(T, Option<PyErr>)>
 where
     T: Send,
     F: FnOnce(&Stop) -> Result<T> + Send,
 {
-    let stop = Stop::new();
-    let mut kept = None;
-    let result = attended(py, &stop, guarded(&stop, work), |signal| {
-        let first = kept.is_none();
-        if !first || !Python::attach(|py| signal.is_instance_of::<PyKeyboardInterrupt>(py)) {
-            return Err(signal);
-        }
-        kept = Some(signal);
-        Ok(())
-    })?;
-    Ok((result, kept))
+    let (result, signal) = watched(py, work)?;
+    match signal {
+        Some(signal) if !signal.is_instance_of::<PyKeyboardInterrupt>(py) => Err(signal),
+        signal => result.map(|best| (best, signal)),
+    }
 }
 
-fn guarded<'a, T, F>(stop: &'a Stop, work: F) -> impl FnOnce() -> PyResult<T> + use<'a, T, F>
-where
-    F: FnOnce(&Stop) -> Result<T>,
-{
-    move || match catch_unwind(AssertUnwindSafe(|| work(stop))) {
+fn guarded<T>(stop: &Stop, work: impl FnOnce(&Stop) -> Result<T>) -> PyResult<T> {
+    match catch_unwind(AssertUnwindSafe(|| work(stop))) {
         Ok(result) => result.map_err(PyErr::from),
         Err(payload) => Err(from_panic(&*payload)),
     }
 }
 
-/// Runs `work` on a thread and looks for signals; one of them raises `stop`, and `after` says whether to wait for the
-/// result all the same.
-fn attended<T: Send>(
+/// The result of `work`, and the exception of a signal handler that asked it to stop.
+///
+/// The work stays on this thread: on another one it has been seen to take twice as long.
+fn watched<T: Send>(
     py: Python<'_>,
-    stop: &Stop,
-    work: impl FnOnce() -> PyResult<T> + Send,
-    mut after: impl FnMut(PyErr) -> PyResult<()> + Send,
-) -> PyResult<T> {
-    py.detach(|| {
-        let slot = Mutex::new(Some(work));
-        let (send, receive) = channel();
-        std::thread::scope(|scope| {
-            let slot = &slot;
-            let theirs = move || take(slot).map(|work| send.send(work()));
-            if std::thread::Builder::new().spawn_scoped(scope, theirs).is_err() {
-                // no thread to be had: do it here, and be deaf to signals for as long as it takes
-                return take(slot).map_or_else(|| Err(from_panic(&"the work vanished")), |work| work());
-            }
-            loop {
-                match receive.recv_timeout(POLL) {
-                    Ok(result) => return result,
-                    Err(RecvTimeoutError::Timeout) => {
-                        if let Err(signal) = Python::attach(|py| py.check_signals()) {
-                            stop.request();
-                            after(signal)?;
-                        }
-                    }
-                    Err(RecvTimeoutError::Disconnected) => {
-                        return Err(from_panic(&"the worker thread vanished"));
-                    }
-                }
-            }
-        })
-    })
+    work: impl FnOnce(&Stop) -> Result<T> + Send,
+) -> PyResult<(PyResult<T>, Option<PyErr>)> {
+    if !on_main_thread(py)? {
+        return Ok((py.detach(|| guarded(&Stop::new(), work)), None)); // no other thread is told of signals
+    }
+    let raised = Arc::new(Mutex::new(None));
+    let to = Arc::clone(&raised);
+    let stop = Stop::watching(POLL, move || {
+        let signal = Python::attach(|py| py.check_signals()).err();
+        let stop = signal.is_some();
+        if let Ok(mut to) = to.lock() {
+            *to = signal;
+        }
+        stop
+    });
+    let result = py.detach(|| guarded(&stop, work));
+    let signal = raised.lock().map_or(None, |mut raised| raised.take());
+    Ok((result, signal))
+}
+
+/// Whether Python calls its signal handlers on this thread.
+fn on_main_thread(py: Python<'_>) -> PyResult<bool> {
+    let threading = py.import("threading")?;
+    let here: u64 = threading.call_method0("get_ident")?.extract()?;
+    let main: Option<u64> = threading.call_method0("main_thread")?.getattr("ident")?.extract()?;
+    Ok(main == Some(here))
 }

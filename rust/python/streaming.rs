@@ -1,6 +1,5 @@
 //! The sequential algorithm as two Python objects; a lock lets any thread use them.
 
-use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
@@ -10,9 +9,10 @@ use pyo3::types::PyAny;
 use super::convert::{array1, array2, dense, key, slice};
 use super::error::InputError;
 use super::run::run;
+use super::shared::Shared;
 use crate::parallel::detached;
 use crate::streaming::{Config, Data, End, Geometry, Laws, Limits, Order, Rule, Section, Sections, Stream, Variant};
-use crate::{Error, Key, Result, Stop};
+use crate::{Key, Result, Stop};
 
 type Array1<'py> = Bound<'py, PyArray1<f64>>;
 type Array2<'py> = Bound<'py, PyArray2<f64>>;
@@ -23,19 +23,6 @@ const LONG: f64 = 1e8;
 /// Elementary operations of one evaluation for `n` states.
 fn square(n: usize) -> f64 {
     10.0 * (n * n) as f64
-}
-
-/// Runs `work` on what the lock guards, without the interpreter.
-fn with<S: Send, T: Send>(
-    py: Python<'_>,
-    inner: &Mutex<S>,
-    cost: f64,
-    work: impl FnOnce(&mut S, &Stop) -> Result<T> + Send,
-) -> PyResult<T> {
-    run(py, cost, |stop| {
-        let unusable = |_| Error::Numerical("a defect has left this stream unusable".into());
-        work(&mut *inner.lock().map_err(unusable)?, stop)
-    })
 }
 
 fn geometry(py: Python<'_>, b: &PyReadonlyArray2<'_, f64>) -> PyResult<Geometry> {
@@ -82,17 +69,17 @@ fn from_python(sections: Vec<(String, Plain<'_>)>) -> Sections {
 /// The algorithm on realizations of its own.
 #[pyclass(frozen, name = "Stream", module = "stochens_rs._core")]
 pub(super) struct PyStream {
-    inner: Mutex<Stream>,
+    inner: Shared<Stream>,
     n: usize,
 }
 
 impl PyStream {
     fn of(inner: Stream) -> Self {
-        Self { n: inner.n(), inner: Mutex::new(inner) }
+        Self { n: inner.n(), inner: Shared::new(inner) }
     }
 
     fn read<T: Send>(&self, py: Python<'_>, work: impl FnOnce(&Stream) -> Result<T> + Send) -> PyResult<T> {
-        with(py, &self.inner, square(self.n), |stream, _| work(stream))
+        self.inner.with(py, square(self.n), |stream, _| work(stream))
     }
 }
 
@@ -161,7 +148,7 @@ impl PyStream {
             seconds.and_then(|s| Duration::try_from_secs_f64(s).ok()).and_then(|time| Instant::now().checked_add(time));
         let limits = Limits { steps, tolerance: rule.map(|rule| (rule, tol)), deadline };
         let end =
-            with(py, &self.inner, 10.0 * (steps as f64) * self.n as f64, |stream, stop| stream.advance(&limits, stop))?;
+            self.inner.with(py, 10.0 * (steps as f64) * self.n as f64, |stream, stop| stream.advance(&limits, stop))?;
         Ok(match end {
             End::Converged => "converged",
             End::Steps => "max_steps",
@@ -182,7 +169,7 @@ impl PyStream {
 
     /// Steps taken, and realizations used for x0, xf, A.
     fn counts(&self, py: Python<'_>) -> PyResult<(u64, [u64; 3])> {
-        with(py, &self.inner, 1.0, |stream, _| Ok((stream.steps(), stream.counts())))
+        self.inner.with(py, 1.0, |stream, _| Ok((stream.steps(), stream.counts())))
     }
 
     /// `||F - E*||` for x0, xf, A.
@@ -197,12 +184,12 @@ impl PyStream {
 
     /// The largest relative drift of `FA F0` found and repaired.
     fn drift(&self, py: Python<'_>) -> PyResult<f64> {
-        with(py, &self.inner, 1.0, |stream, _| Ok(stream.drift()))
+        self.inner.with(py, 1.0, |stream, _| Ok(stream.drift()))
     }
 
     /// Steps written down (k,), and certificate, error, step size (k, 3).
     fn trace<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyArray1<u64>>, Array2<'py>)> {
-        let trace = with(py, &self.inner, 1e4, |stream, _| Ok(stream.trace().to_vec()))?;
+        let trace = self.inner.with(py, 1e4, |stream, _| Ok(stream.trace().to_vec()))?;
         let values = trace.iter().flat_map(|e| [e.certificate, e.error, e.size]).collect();
         let steps = trace.iter().map(|e| e.step).collect();
         Ok((PyArray1::from_vec(py, steps), array2(py, values, trace.len(), 3)?))
@@ -226,7 +213,7 @@ impl PyStream {
 /// The algorithm on realizations that are handed in.
 #[pyclass(frozen, name = "DataStream", module = "stochens_rs._core")]
 pub(super) struct PyDataStream {
-    inner: Mutex<Data>,
+    inner: Shared<Data>,
     n: usize,
 }
 
@@ -248,7 +235,7 @@ impl PyDataStream {
         ];
         let geometry = geometry(py, &b)?;
         let n = geometry.size().0;
-        Ok(Self { inner: Mutex::new(Data::new(geometry, targets)?), n })
+        Ok(Self { inner: Shared::new(Data::new(geometry, targets)?), n })
     }
 
     /// Realizations of entity 0, 1, 2, one per row, in order.
@@ -258,36 +245,36 @@ impl PyDataStream {
             return Err(InputError::new_err(format!("`entity` must be 0, 1 or 2, got {entity}")));
         }
         let cost = 5.0 * samples.values().len() as f64;
-        with(py, &self.inner, cost, |data, stop| data.update(entity, &samples, stop))
+        self.inner.with(py, cost, |data, stop| data.update(entity, &samples, stop))
     }
 
     /// The control (m,).
     fn control<'py>(&self, py: Python<'py>) -> PyResult<Array1<'py>> {
-        Ok(array1(py, with(py, &self.inner, square(self.n), |data, _| data.control())?))
+        Ok(array1(py, self.inner.with(py, square(self.n), |data, _| data.control())?))
     }
 
     /// The estimates of x0 (n,), xf (n,), A (n, n).
     fn estimates<'py>(&self, py: Python<'py>) -> PyResult<(Array1<'py>, Array1<'py>, Array2<'py>)> {
-        let [x0, xf, a] = with(py, &self.inner, square(self.n), |data, _| Ok(data.estimates().map(<[f64]>::to_vec)))?;
+        let [x0, xf, a] = self.inner.with(py, square(self.n), |data, _| Ok(data.estimates().map(<[f64]>::to_vec)))?;
         Ok((array1(py, x0), array1(py, xf), array2(py, a, self.n, self.n)?))
     }
 
     /// Per entity: realizations, `sqrt(sum ||E - mean||^2)`, `max ||E - E_1||`, `||F - target||` (nan without one).
     #[expect(clippy::type_complexity, reason = "one tuple per call, named in the stub")]
     fn statistics(&self, py: Python<'_>) -> PyResult<([u64; 3], [f64; 3], [f64; 3], [f64; 3])> {
-        with(py, &self.inner, square(self.n), |data, _| {
+        self.inner.with(py, square(self.n), |data, _| {
             Ok((data.counts(), data.deviations(), data.spreads(), data.residuals()))
         })
     }
 
     /// The bound on `||B (v - v*)||` for the targets, and the value; None unless all three have a target.
     fn certificate(&self, py: Python<'_>) -> PyResult<Option<(f64, f64)>> {
-        with(py, &self.inner, square(self.n), |data, _| Ok(data.certificate()))
+        self.inner.with(py, square(self.n), |data, _| Ok(data.certificate()))
     }
 
     /// The state as named arrays.
     fn to_sections<'py>(&self, py: Python<'py>) -> PyResult<Vec<(String, Bound<'py, PyAny>)>> {
-        let sections = with(py, &self.inner, square(self.n), |data, _| Ok(data.to_sections()))?;
+        let sections = self.inner.with(py, square(self.n), |data, _| Ok(data.to_sections()))?;
         to_python(py, sections)
     }
 
@@ -297,6 +284,6 @@ impl PyDataStream {
         let sections = from_python(sections);
         let all = f64::INFINITY;
         let data = run(py, all, |stop| unstoppable(all, stop, move || Data::from_sections(sections)))?;
-        Ok(Self { n: data.n(), inner: Mutex::new(data) })
+        Ok(Self { n: data.n(), inner: Shared::new(data) })
     }
 }

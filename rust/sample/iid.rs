@@ -31,7 +31,9 @@ pub(super) fn fill<I: Index>(law: &Law, key: &Key, out: &mut [I], threads: usize
         let mut words = [0u64; BLOCK];
         let mut tile: Tile<I> = [[I::default(); BLOCK]; GROUP];
         for block in out.chunks_mut(BLOCK * lines) {
-            stop.check()?;
+            if lines > 1 {
+                stop.check()?; // a chunk of one line is short
+            }
             if let [line] = &mut drawn[..] {
                 draw(line, &mut words, block);
                 continue;

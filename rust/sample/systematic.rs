@@ -50,13 +50,15 @@ pub(super) fn fill<I: Index>(law: &Law, key: &Key, out: &mut [I], size: usize, s
         let mut at = 0;
         for (i, &count) in counts.iter().enumerate() {
             let end = at + count as usize;
-            order[at..end].fill(I::new(i as u32));
+            for block in order[at..end].chunks_mut(1 << 20) {
+                block.fill(I::new(i as u32));
+                stop.check()?;
+            }
             at = end;
-            stop.check()?;
         }
         let mut rng = key.stream(Purpose::Permutation, j);
         for i in (1..size).rev() {
-            if i % (1 << 20) == 0 {
+            if i % (1 << 17) == 0 {
                 stop.check()?;
             }
             // floor(word (i + 1) / 2^64): uniform on 0..=i up to 2^-64 (i + 1)

@@ -118,3 +118,57 @@ def test_interrupt(name: str) -> None:
 
 def test_default_handler_is_left_alone() -> None:
     assert signal.getsignal(signal.SIGINT) in (signal.default_int_handler, signal.SIG_IGN)
+
+
+HANDLED = """
+import signal, threading
+import numpy as np
+import stochens_rs as se
+
+A = np.random.default_rng(0).standard_normal((100, 100))
+stream = se.Stream(np.eye(100), np.ones(100), np.ones(100), A / 99, rng=1)
+seen = []
+
+def handler(number, frame):
+    seen.append(number)
+    if number == signal.SIGUSR2:
+        stream.step(1)
+    assert se.sample([1.0, 2.0], 10**7, rng=1).size == 10**7  # anything else is at hand
+
+signal.signal(signal.SIGUSR1, handler)
+signal.signal(signal.SIGUSR2, handler)
+
+def raise_after(number):
+    threading.Timer(0.2, signal.raise_signal, [number]).start()
+
+raise_after(signal.SIGUSR1)
+stream.step(3_000_000)  # goes on after a handler that raises nothing
+assert (seen, stream.steps) == ([signal.SIGUSR1], 3_000_000)
+raise_after(signal.SIGUSR2)
+try:
+    stream.step(10**9)
+except se.InputError as error:
+    assert "`stream` is at work on this thread" in str(error), error
+assert seen[1:] == [signal.SIGUSR2]
+at = stream.steps
+assert 3_000_000 < at < 10**9
+stream.step(5)
+assert stream.steps == at + 5
+
+# handlers run on the main thread only: others work undisturbed, and so does who waits for them
+results = []
+worker = threading.Thread(target=lambda: results.append(stream.step(3_000_000)))
+raise_after(signal.SIGUSR1)
+worker.start()
+worker.join()
+assert stream.steps == at + 3_000_005 and len(seen) == 3
+print("fine")
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there are no such signals on Windows")
+def test_handlers_run_during_long_calls() -> None:
+    run = subprocess.run(
+        [sys.executable, "-c", HANDLED], capture_output=True, text=True, timeout=60
+    )
+    assert (run.returncode, run.stdout) == (0, "fine\n"), run.stderr

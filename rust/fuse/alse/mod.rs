@@ -178,7 +178,7 @@ impl Realizations for Singletons {
         Singletons::size(self) * self.law().lines()
     }
     fn solve(&self, target: &[f64], options: &Options, warm: Option<&[f64]>, stop: &Stop) -> Result<simplex::Solution> {
-        with_problem(self, target, |problem| simplex::solve(problem, options, warm, stop.flag()))
+        with_problem(self, target, |problem| simplex::solve(problem, options, warm, stop))
     }
 }
 
@@ -220,7 +220,7 @@ impl Realizations for Dense<'_> {
     }
     fn solve(&self, target: &[f64], options: &Options, warm: Option<&[f64]>, stop: &Stop) -> Result<simplex::Solution> {
         DenseProblem::new(self.values(), Dense::size(self), target)
-            .map(|problem| simplex::solve_dense(&problem, options, warm, stop.flag()))
+            .map(|problem| simplex::solve_dense(&problem, options, warm, stop))
             .map_err(refused)
     }
 }

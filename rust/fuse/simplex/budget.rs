@@ -1,7 +1,8 @@
-//! Work limits: passes over the data, wall time, and a stop flag, polled together.
+//! Work limits: passes over the data, wall time, and a request to stop, polled together.
 
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
+
+use crate::parallel::Stop;
 
 /// Why a computation ended before its tolerance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -16,7 +17,7 @@ const POLL: f64 = 2e5;
 
 /// Counts entries touched; one *pass* is one product with `S` and one with `S^T` over all samples.
 pub(crate) struct Budget<'a> {
-    stop: &'a AtomicBool,
+    stop: &'a Stop,
     deadline: Option<Instant>,
     pass: f64,
     max: f64,
@@ -26,7 +27,7 @@ pub(crate) struct Budget<'a> {
 }
 
 impl<'a> Budget<'a> {
-    pub fn new(stop: &'a AtomicBool, time: Option<Duration>, max_passes: usize, entries: usize) -> Self {
+    pub fn new(stop: &'a Stop, time: Option<Duration>, max_passes: usize, entries: usize) -> Self {
         let pass = 2.0 * entries.max(1) as f64;
         let deadline = time.and_then(|t| Instant::now().checked_add(t));
         Self { stop, deadline, pass, max: max_passes as f64 * pass, spent: 0.0, polled: f64::NEG_INFINITY, limit: None }
@@ -43,7 +44,7 @@ impl<'a> Budget<'a> {
         self.limit.is_some()
     }
 
-    /// Looks at the stop flag and the clock, without counting anything; `true` when a limit has been reached.
+    /// Looks at the stop and the clock, without counting anything; `true` when a limit has been reached.
     pub fn poll(&mut self) -> bool {
         if self.limit.is_none() {
             self.limit = self.reached();
@@ -52,7 +53,7 @@ impl<'a> Budget<'a> {
     }
 
     fn reached(&self) -> Option<Limit> {
-        if self.stop.load(Ordering::Relaxed) {
+        if self.stop.requested() {
             Some(Limit::Stop)
         } else if self.deadline.is_some_and(|d| Instant::now() >= d) {
             Some(Limit::Time)

@@ -90,7 +90,7 @@ impl Factor {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::sync::atomic::AtomicBool;
+    use crate::parallel::Stop;
     use std::time::Duration;
 
     fn entry(size: usize, i: usize, j: usize) -> f64 {
@@ -109,7 +109,7 @@ mod tests {
 
     #[test]
     fn a_random_matrix_is_solved_to_rounding() {
-        let stop = AtomicBool::new(false);
+        let stop = Stop::new();
         for size in [1, 2, 5, 127, 128, 129, 257, 301] {
             let x: Vec<f64> = (0..size).map(|i| (i as f64).sin()).collect();
             let mut b: Vec<f64> =
@@ -123,7 +123,7 @@ mod tests {
 
     #[test]
     fn an_indefinite_matrix_is_refused() {
-        let stop = AtomicBool::new(false);
+        let stop = Stop::new();
         let mut bad = matrix(200);
         bad.row_mut(170)[170] = 0.1;
         assert!(Factor::new(bad, &mut Budget::new(&stop, None, 1, 1)).is_none());
@@ -131,7 +131,7 @@ mod tests {
 
     #[test]
     fn a_limit_ends_a_factorization() {
-        let stop = AtomicBool::new(false);
+        let stop = Stop::new();
         let mut budget = Budget::new(&stop, Some(Duration::ZERO), 1, 1);
         assert!(Factor::new(matrix(300), &mut budget).is_none());
         assert!(budget.exhausted());

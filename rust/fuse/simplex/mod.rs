@@ -36,10 +36,9 @@ mod threshold;
 mod triangle;
 mod vector;
 
-use std::sync::atomic::AtomicBool;
-
 pub use problem::{DenseProblem, IndexView, Info, Invalid, Options, Phase, SingletonProblem, Solution, Status};
 
+use crate::parallel::Stop;
 use crate::sample::Index;
 use budget::{Budget, Limit};
 use dense::Dense;
@@ -52,9 +51,9 @@ use singletons::Singletons;
 
 /// Weights for realizations with one nonzero per line.
 ///
-/// `warm` are weights of a similar problem, shorter ones are padded with zeros. `stop` is polled; raising it returns the best
+/// `warm` are weights of a similar problem, shorter ones are padded with zeros. `stop` is polled; a request returns the best
 /// weights so far.
-pub fn solve(problem: &SingletonProblem, options: &Options, warm: Option<&[f64]>, stop: &AtomicBool) -> Solution {
+pub fn solve(problem: &SingletonProblem, options: &Options, warm: Option<&[f64]>, stop: &Stop) -> Solution {
     match problem.indices {
         IndexView::U8(rows) => solve_rows(rows, problem, options, warm, stop),
         IndexView::U16(rows) => solve_rows(rows, problem, options, warm, stop),
@@ -67,7 +66,7 @@ fn solve_rows<I: Index>(
     problem: &SingletonProblem,
     options: &Options,
     warm: Option<&[f64]>,
-    stop: &AtomicBool,
+    stop: &Stop,
 ) -> Solution {
     let scale = Scale::of(&[problem.g, problem.target]);
     let (g, target) = (scale.down(problem.g), scale.down(problem.target));
@@ -78,7 +77,7 @@ fn solve_rows<I: Index>(
 }
 
 /// Weights for dense realizations.
-pub fn solve_dense(problem: &DenseProblem, options: &Options, warm: Option<&[f64]>, stop: &AtomicBool) -> Solution {
+pub fn solve_dense(problem: &DenseProblem, options: &Options, warm: Option<&[f64]>, stop: &Stop) -> Solution {
     let scale = Scale::of(&[problem.samples, problem.target]);
     let target = scale.down(problem.target);
     let dim = target.len();
@@ -111,7 +110,7 @@ fn finish<O: Operator>(
     scale: Scale,
     options: &Options,
     start: Start,
-    stop: &AtomicBool,
+    stop: &Stop,
 ) -> Solution {
     let n = op.size();
     let entries = n * op.entries();

@@ -2,7 +2,6 @@
 #![allow(dead_code)]
 
 use crate::fuse::simplex::{IndexView, Options, SingletonProblem, Solution};
-use std::sync::atomic::AtomicBool;
 
 /// xoshiro256++ seeded by splitmix64.
 pub struct Rng([u64; 4]);
@@ -103,7 +102,7 @@ impl Instance {
     }
 
     pub fn solve(&self, options: &Options) -> Solution {
-        crate::fuse::simplex::solve(&self.problem(), options, None, &AtomicBool::new(false))
+        crate::fuse::simplex::solve(&self.problem(), options, None, &crate::parallel::Stop::new())
     }
 
     pub fn dense(&self) -> Vec<f64> {

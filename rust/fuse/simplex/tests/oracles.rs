@@ -3,7 +3,6 @@
 use super::common::{Instance, Rng, recompute};
 use super::peer;
 use crate::fuse::simplex::*;
-use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 /// `min f` over the simplex as a reduced pair `(numerator, denominator)`, by enumeration of the supports in integers.
@@ -291,7 +290,7 @@ fn index_types_and_the_dense_form_agree() {
     let x = Instance::gaussian(8, 150, 5);
     let narrow = x.narrow();
     let middle: Vec<u16> = x.indices.iter().map(|&r| r as u16).collect();
-    let stop = AtomicBool::new(false);
+    let stop = Stop::new();
     let wide = x.solve(&Options::default());
     for view in [IndexView::U8(&narrow), IndexView::U16(&middle)] {
         let p = SingletonProblem::new(view, x.size, 8, 8, &x.g, &x.target).unwrap();
@@ -319,12 +318,7 @@ fn dense_samples_of_every_shape_reach_the_tolerance() {
         let target: Vec<f64> = if seed % 4 == 0 { (0..dim).map(|_| 3.0 * rng.normal()).collect() } else { center };
         for subsimplex in [false, true] {
             let options = Options { subsimplex, ..Options::default() };
-            let s = solve_dense(
-                &DenseProblem::new(&samples, size, &target).unwrap(),
-                &options,
-                None,
-                &AtomicBool::new(false),
-            );
+            let s = solve_dense(&DenseProblem::new(&samples, size, &target).unwrap(), &options, None, &Stop::new());
             assert_eq!(s.status, Status::Optimal, "seed {seed} dim {dim} size {size}: {:?}", s.info);
         }
     }
@@ -338,7 +332,11 @@ fn limits_return_certified_weights_and_say_so() {
         (Options { max_passes: 5, ..Options::default() }, false, Status::UserLimit),
         (Options::default(), true, Status::Interrupted),
     ] {
-        let s = solve(&x.problem(), &options, None, &AtomicBool::new(stop));
+        let asked = Stop::new();
+        if stop {
+            asked.request();
+        }
+        let s = solve(&x.problem(), &options, None, &asked);
         assert_eq!(s.status, status);
         let (f, gap) = recompute(&x, &s.weights, false);
         assert!((f - s.objective).abs() < 1e-12 * f.max(1.0) && (gap - s.gap).abs() < 1e-10 * gap.max(1.0));
@@ -360,7 +358,7 @@ fn a_path_is_certified_at_every_point() {
     let (mut last, mut warm) = (f64::INFINITY, vec![]);
     for &size in &sizes {
         let prefix = Instance { indices: x.indices[..size * x.lines].to_vec(), size, ..x.clone() };
-        let s = solve(&prefix.problem(), &Options::default(), Some(&warm), &AtomicBool::new(false));
+        let s = solve(&prefix.problem(), &Options::default(), Some(&warm), &Stop::new());
         assert_eq!((s.status, s.weights.len()), (Status::Optimal, size));
         assert!(s.objective <= last + s.gap);
         (last, warm) = (s.objective, s.weights);

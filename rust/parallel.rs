@@ -168,7 +168,7 @@ where
 }
 
 /// Takes what only one of two threads may run: the new one, or the caller when no thread was to be had.
-pub(crate) fn take<F>(slot: &Mutex<Option<F>>) -> Option<F> {
+fn take<F>(slot: &Mutex<Option<F>>) -> Option<F> {
     slot.lock().ok().and_then(|mut work| work.take())
 }
 

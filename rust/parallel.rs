@@ -29,15 +29,12 @@ impl Stop {
         Self { requested: AtomicBool::new(false), watch: None }
     }
 
-    /// No request yet; it is made when `look` says so, which this thread calls in its checks, at most once in `every`.
+    /// No request yet; it is made when `look` says so, which this thread calls in its checks, at most once in `every`, to
+    /// the end of the computation.
     pub fn watching(every: Duration, look: impl Fn() -> bool + Send + Sync + 'static) -> Self {
-        let watch = Watch {
-            by: here(),
-            skip: AtomicU32::new(0),
-            looked: Mutex::new((Instant::now(), Instant::now())),
-            every,
-            look: Box::new(look),
-        };
+        let now = Instant::now();
+        let looks = Mutex::new(Looks { at_the_clock: now, for_a_reason: now, skipped: 0 });
+        let watch = Watch { by: here(), skip: AtomicU32::new(0), looks, every, look: Box::new(look) };
         Self { requested: AtomicBool::new(false), watch: Some(Box::new(watch)) }
     }
 
@@ -48,18 +45,14 @@ impl Stop {
 
     /// Whether a stop was asked for.
     pub fn requested(&self) -> bool {
-        let requested = || self.requested.load(Ordering::Relaxed);
-        if let Some(watch) = &self.watch
-            && !requested()
-            && watch.sees_a_reason()
-        {
+        if self.watch.as_ref().is_some_and(|watch| watch.sees_a_reason()) {
             self.request();
         }
-        requested()
+        self.requested.load(Ordering::Relaxed)
     }
 
-    /// [`Self::requested`] of who has waited meanwhile, and so checks more seldom than who works.
-    fn requested_after_a_wait(&self) -> bool {
+    /// [`Self::requested`] of who waits, and so checks more seldom than who works.
+    pub fn requested_after_a_wait(&self) -> bool {
         if let Some(watch) = self.watch.as_ref().filter(|watch| watch.by == here()) {
             watch.skip.store(0, Ordering::Relaxed);
         }
@@ -77,16 +70,23 @@ struct Watch {
     by: usize,
     /// Checks until the next one that looks at the clock: only `by` counts.
     skip: AtomicU32,
-    /// When `by` looked at the clock, and when it last looked for a reason.
-    looked: Mutex<(Instant, Instant)>,
+    looks: Mutex<Looks>,
     every: Duration,
     look: Box<dyn Fn() -> bool + Send + Sync>,
 }
 
+struct Looks {
+    at_the_clock: Instant,
+    for_a_reason: Instant,
+    /// Checks skipped between the last two at the clock.
+    skipped: u32,
+}
+
 impl Watch {
-    /// Checks to skip where they are closer than this: the clock takes several times as long as a check.
-    const SKIP: u32 = 15;
+    /// Checks closer than this need not all look at the clock, which takes several times as long as a check.
     const CLOSE: Duration = Duration::from_micros(20);
+    /// The most to skip. Where checks are close, more and more are skipped; one that is not, and all look again.
+    const MOST: u32 = 15;
 
     fn sees_a_reason(&self) -> bool {
         if here() != self.by {
@@ -99,14 +99,15 @@ impl Watch {
 
     #[cold]
     fn due(&self) -> bool {
-        let Ok(mut looked) = self.looked.lock() else { return false };
+        let Ok(mut looks) = self.looks.lock() else { return false };
         let now = Instant::now();
-        let close = now.duration_since(looked.0) < Self::CLOSE * (Self::SKIP + 1);
-        self.skip.store(if close { Self::SKIP } else { 0 }, Ordering::Relaxed);
-        looked.0 = now;
-        let due = now.duration_since(looked.1) >= self.every;
+        let close = now.duration_since(looks.at_the_clock) < Self::CLOSE * (looks.skipped + 1);
+        looks.at_the_clock = now;
+        looks.skipped = if close { (2 * looks.skipped + 1).min(Self::MOST) } else { 0 };
+        self.skip.store(looks.skipped, Ordering::Relaxed);
+        let due = now.duration_since(looks.for_a_reason) >= self.every;
         if due {
-            looked.1 = now;
+            looks.for_a_reason = now;
         }
         due
     }
@@ -248,8 +249,23 @@ mod tests {
         while !stop.requested() {}
         assert!(first >= every && began.elapsed() >= 2 * every && looks() == 2);
         assert_eq!(stop.check(), Err(Error::Interrupted));
-        std::thread::sleep(every);
-        assert!((0..100).all(|_| stop.requested()) && looks() == 2, "what is decided needs no look");
+    }
+
+    #[test]
+    fn close_checks_share_a_look_at_the_clock_and_others_do_not() {
+        let (looks, look) = nth_look(usize::MAX);
+        let stop = Stop::watching(Duration::ZERO, look);
+        let looks = || looks.swap(0, Ordering::Relaxed);
+        (0..16_000).for_each(|_| assert!(!stop.requested()));
+        let close = looks();
+        assert!((1000..2000).contains(&close), "{close} looks"); // a few more where the thread had to pause
+        for _ in 0..50 {
+            stop.requested();
+            stop.requested();
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        let mixed = looks();
+        assert!(mixed >= 40, "{mixed} looks in 50 ms");
     }
 
     /// The thread that may look has nothing to do but to wait, here for one that only a stop can end.

@@ -92,8 +92,9 @@ class Stream(Durable):
     slots, ``V = E ||E - E*||^2``: ``E ||B (v - v*)||^2 <= 3 [Vf / n_f + ||A||^2 V0 / n_0 +
     (VA / n_A) (||x0|| + sqrt(V0 / n_0))^2]``.
 
-    Any thread may use a stream; one waits for the other. A signal handler that uses one which its
-    own thread has at work gets InputError.
+    Any thread may use a stream; one waits for the other. Signal handlers run while it is at work:
+    one that uses the same stream gets InputError; one that waits for a thread that uses it waits
+    forever.
 
     A result is a function of the arguments, the key and the number of steps: not of how many
     calls took them, nor of whether the stream was saved and loaded between them.

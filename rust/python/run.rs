@@ -1,7 +1,7 @@
 //! One door for all work: the interpreter is released, Ctrl-C is seen, a panic becomes an exception.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use pyo3::exceptions::PyKeyboardInterrupt;
@@ -18,8 +18,8 @@ const POLL: Duration = Duration::from_millis(50);
 
 /// Runs `work` without the interpreter lock; `cost` is its rough number of elementary operations.
 ///
-/// Every loop of the core checks for a stop at least every few milliseconds; in long work these checks ask Python for
-/// signals as well, now and then. After Ctrl-C the work ends.
+/// The loops of the core check for a stop every few milliseconds; in long work these checks ask Python for signals as
+/// well, now and then. After Ctrl-C the work ends.
 pub(super) fn run<T, F>(py: Python<'_>, cost: f64, work: F) -> PyResult<T>
 where
     T: Send,
@@ -28,21 +28,22 @@ where
     if cost < SHORT {
         return py.detach(|| guarded(&Stop::new(), work));
     }
-    let (result, signal) = watched(py, work)?;
-    signal.map_or(result, Err)
+    let (result, signals) = watched(py, work);
+    signals.into_iter().next().map_or(result, Err)
 }
 
-/// [`run`] for long work that answers a stop with the best it has: after Ctrl-C that is returned, beside the exception.
-/// Whatever else a signal handler raises ends the call as in [`run`], and so does Python after a second Ctrl-C.
+/// [`run`] for long work that answers a stop with the best it has: after Ctrl-C that is returned, beside the exception. A
+/// second Ctrl-C, and whatever else a signal handler raises, ends the call as in [`run`].
 pub(super) fn run_to_best<T, F>(py: Python<'_>, work: F) -> PyResult<(T, Option<PyErr>)>
 where
     T: Send,
     F: FnOnce(&Stop) -> Result<T> + Send,
 {
-    let (result, signal) = watched(py, work)?;
-    match signal {
-        Some(signal) if !signal.is_instance_of::<PyKeyboardInterrupt>(py) => Err(signal),
-        signal => result.map(|best| (best, signal)),
+    let (result, mut signals) = watched(py, work);
+    let last = signals.pop();
+    match last {
+        Some(signal) if !signals.is_empty() || !signal.is_instance_of::<PyKeyboardInterrupt>(py) => Err(signal),
+        last => result.map(|best| (best, last)),
     }
 }
 
@@ -53,35 +54,20 @@ fn guarded<T>(stop: &Stop, work: impl FnOnce(&Stop) -> Result<T>) -> PyResult<T>
     }
 }
 
-/// The result of `work`, and the exception of a signal handler that asked it to stop.
+/// The result of `work`, and what signal handlers raised meanwhile; the first of these asked it to stop.
 ///
-/// The work stays on this thread: on another one it has been seen to take twice as long.
-fn watched<T: Send>(
-    py: Python<'_>,
-    work: impl FnOnce(&Stop) -> Result<T> + Send,
-) -> PyResult<(PyResult<T>, Option<PyErr>)> {
-    if !on_main_thread(py)? {
-        return Ok((py.detach(|| guarded(&Stop::new(), work)), None)); // no other thread is told of signals
-    }
-    let raised = Arc::new(Mutex::new(None));
+/// The work stays on this thread: on another one it has been seen to take twice as long. Each look takes the interpreter
+/// lock, which other threads may hold for some milliseconds. On any but Python's main thread it finds nothing.
+fn watched<T: Send>(py: Python<'_>, work: impl FnOnce(&Stop) -> Result<T> + Send) -> (PyResult<T>, Vec<PyErr>) {
+    let raised = Arc::new(Mutex::new(Vec::new()));
     let to = Arc::clone(&raised);
     let stop = Stop::watching(POLL, move || {
         let signal = Python::attach(|py| py.check_signals()).err();
         let stop = signal.is_some();
-        if let Ok(mut to) = to.lock() {
-            *to = signal;
-        }
+        to.lock().unwrap_or_else(PoisonError::into_inner).extend(signal);
         stop
     });
     let result = py.detach(|| guarded(&stop, work));
-    let signal = raised.lock().map_or(None, |mut raised| raised.take());
-    Ok((result, signal))
-}
-
-/// Whether Python calls its signal handlers on this thread.
-fn on_main_thread(py: Python<'_>) -> PyResult<bool> {
-    let threading = py.import("threading")?;
-    let here: u64 = threading.call_method0("get_ident")?.extract()?;
-    let main: Option<u64> = threading.call_method0("main_thread")?.getattr("ident")?.extract()?;
-    Ok(main == Some(here))
+    let signals = std::mem::take(&mut *raised.lock().unwrap_or_else(PoisonError::into_inner));
+    (result, signals)
 }

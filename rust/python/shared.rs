@@ -1,7 +1,8 @@
-//! An object that changes, behind a lock, so that any thread may use it.
+//! An object that changes, used by one thread at a time.
 
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::ThreadId;
+use std::time::Duration;
 
 use pyo3::prelude::*;
 
@@ -9,18 +10,22 @@ use super::error::InputError;
 use super::run::run;
 use crate::{Error, Result, Stop};
 
+/// How often who waits for another thread looks for signals.
+const WAIT: Duration = Duration::from_millis(20);
+
 pub(super) struct Shared<S> {
     inner: Mutex<S>,
-    /// The thread that has the lock.
-    holder: Mutex<Option<ThreadId>>,
+    /// The thread whose turn it is; `inner` is locked in its turn only, and so without waiting.
+    turn: Mutex<Option<ThreadId>>,
+    over: Condvar,
 }
 
 impl<S: Send> Shared<S> {
     pub(super) const fn new(inner: S) -> Self {
-        Self { inner: Mutex::new(inner), holder: Mutex::new(None) }
+        Self { inner: Mutex::new(inner), turn: Mutex::new(None), over: Condvar::new() }
     }
 
-    /// Runs `work`, of rough cost `cost`, on what the lock guards, without the interpreter.
+    /// Runs `work`, of rough cost `cost`, when this thread's turn has come, without the interpreter.
     ///
     /// Work that looks for signals runs their handlers on this thread: one that uses the same object would wait for
     /// itself, and gets an error.
@@ -31,32 +36,48 @@ impl<S: Send> Shared<S> {
         work: impl FnOnce(&mut S, &Stop) -> Result<T> + Send,
     ) -> PyResult<T> {
         let here = std::thread::current().id();
-        if *self.holder.lock().unwrap_or_else(PoisonError::into_inner) == Some(here) {
+        let turn = *self.turn();
+        if turn == Some(here) {
             return Err(InputError::new_err(
                 "`stream` is at work on this thread: a signal handler cannot use it meanwhile",
             ));
         }
+        // waiting may take long
+        let cost = if turn.is_some() { f64::INFINITY } else { cost };
         run(py, cost, |stop| {
+            let _turn = self.wait(here, stop)?;
             let unusable = |_| Error::Numerical("a defect has left this stream unusable".into());
-            let mut inner = self.inner.lock().map_err(unusable)?;
-            let _held = Held::new(&self.holder, here);
-            work(&mut inner, stop)
+            work(&mut *self.inner.lock().map_err(unusable)?, stop)
         })
     }
-}
 
-/// Notes who holds the lock, for as long as it lives.
-struct Held<'a>(&'a Mutex<Option<ThreadId>>);
+    fn turn(&self) -> MutexGuard<'_, Option<ThreadId>> {
+        self.turn.lock().unwrap_or_else(PoisonError::into_inner)
+    }
 
-impl<'a> Held<'a> {
-    fn new(holder: &'a Mutex<Option<ThreadId>>, thread: ThreadId) -> Self {
-        *holder.lock().unwrap_or_else(PoisonError::into_inner) = Some(thread);
-        Self(holder)
+    fn wait(&self, here: ThreadId, stop: &Stop) -> Result<Turn<'_, S>> {
+        let mut turn = self.turn();
+        while turn.is_some() {
+            turn = self.over.wait_timeout(turn, WAIT).unwrap_or_else(PoisonError::into_inner).0;
+            if turn.is_some() {
+                drop(turn); // handlers may want to know it
+                if stop.requested_after_a_wait() {
+                    return Err(Error::Interrupted);
+                }
+                turn = self.turn();
+            }
+        }
+        *turn = Some(here);
+        Ok(Turn(self))
     }
 }
 
-impl Drop for Held<'_> {
+/// It is over when this is dropped.
+struct Turn<'a, S: Send>(&'a Shared<S>);
+
+impl<S: Send> Drop for Turn<'_, S> {
     fn drop(&mut self) {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = None;
+        *self.0.turn() = None;
+        self.0.over.notify_one();
     }
 }

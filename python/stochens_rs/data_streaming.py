@@ -55,7 +55,7 @@ class DataStream(Durable):
     Notes
     -----
     Taking in a realization costs as much as reading it; `u` costs O(n^2 + n m). One by one or in
-    batches gives the same numbers, bit for bit.
+    batches gives the same numbers, bit for bit. Threads and signal handlers: as for `Stream`.
 
     Examples
     --------

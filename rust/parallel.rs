@@ -120,7 +120,7 @@ fn here() -> usize {
 }
 
 /// How often who waits for other threads looks whether to stop.
-const WAIT: Duration = Duration::from_millis(20);
+pub(crate) const WAIT: Duration = Duration::from_millis(20);
 
 /// Calls `work` once for every chunk, on up to `threads` threads; the first error wins and ends the others.
 pub fn for_each_chunk<T, I, F>(chunks: I, threads: usize, stop: &Stop, work: F) -> Result<()>

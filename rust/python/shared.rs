@@ -2,16 +2,13 @@
 
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::ThreadId;
-use std::time::Duration;
 
 use pyo3::prelude::*;
 
 use super::error::InputError;
 use super::run::run;
+use crate::parallel::WAIT;
 use crate::{Error, Result, Stop};
-
-/// How often who waits for another thread looks for signals.
-const WAIT: Duration = Duration::from_millis(20);
 
 pub(super) struct Shared<S> {
     inner: Mutex<S>,

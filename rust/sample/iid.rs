@@ -31,13 +31,11 @@ pub(super) fn fill<I: Index>(law: &Law, key: &Key, out: &mut [I], threads: usize
         let mut words = [0u64; BLOCK];
         let mut tile: Tile<I> = [[I::default(); BLOCK]; GROUP];
         for block in out.chunks_mut(BLOCK * lines) {
-            if lines > 1 {
-                stop.check()?; // a chunk of one line is short
-            }
             if let [line] = &mut drawn[..] {
                 draw(line, &mut words, block);
-                continue;
+                continue; // without a check: a chunk of one line is short
             }
+            stop.check()?;
             let size = block.len() / lines;
             for (group, drawn) in drawn.chunks_mut(GROUP).enumerate() {
                 drawn.iter_mut().zip(&mut tile).for_each(|(line, row)| draw(line, &mut words, &mut row[..size]));

@@ -2,6 +2,7 @@
 #![allow(dead_code)]
 
 use crate::fuse::simplex::{IndexView, Options, SingletonProblem, Solution};
+use crate::parallel::Stop;
 
 /// xoshiro256++ seeded by splitmix64.
 pub struct Rng([u64; 4]);
@@ -102,7 +103,7 @@ impl Instance {
     }
 
     pub fn solve(&self, options: &Options) -> Solution {
-        crate::fuse::simplex::solve(&self.problem(), options, None, &crate::parallel::Stop::new())
+        crate::fuse::simplex::solve(&self.problem(), options, None, &Stop::new())
     }
 
     pub fn dense(&self) -> Vec<f64> {

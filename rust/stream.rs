@@ -29,6 +29,8 @@ pub enum Purpose {
     Runs = 4,
     /// The counts of a mean-field trajectory; the line is the replicate.
     MeanField = 5,
+    /// The averages of a simulated plan; the line is the run.
+    Plans = 6,
 }
 
 /// 256 bits from which every stream of a call is derived.
@@ -166,6 +168,7 @@ mod tests {
                 Purpose::Counts,
                 Purpose::Runs,
                 Purpose::MeanField,
+                Purpose::Plans,
             ] {
                 words.extend((0..100).map(|line| first(key, purpose, line)));
             }

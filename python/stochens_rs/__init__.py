@@ -37,7 +37,6 @@ from .stream_records import Confidence, StreamRun, Trace
 from .streaming import Stream
 from .system import System
 from .trajectories import EnsembleTrajectory, Trajectory
-from .trajectory_bounds import TrajectoryBound
 from .trajectory_plans import TrajectoryPlan
 from .verdicts import Claims, claims
 
@@ -71,7 +70,6 @@ __all__ = [
     "Trace",
     "Tracking",
     "Trajectory",
-    "TrajectoryBound",
     "TrajectoryPlan",
     "__version__",
     "cases",

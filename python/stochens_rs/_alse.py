@@ -127,6 +127,7 @@ def solve(ensemble: Ensemble, goal: Floats, wish: Wishes) -> Fit:
         exact=found.exact,
         unseen=found.unseen,
         info=info,
+        target=goal,
         ensemble=ensemble,
     )
 
@@ -166,6 +167,7 @@ def _closed_form(
         exact=error <= _ROUNDING * norm(goal),
         unseen=unseen,
         info=info | {"solver": "closed form", "iterations": 0},
+        target=goal,
         ensemble=ensemble,
     )
 
@@ -203,6 +205,7 @@ def _line_by_line(ensemble: Ensemble, goal: Floats, wish: Wishes, info: dict[str
         exact=all(fit.exact for fit in fits),
         unseen=sum(fit.unseen or 0 for fit in fits),
         info=info | {"iterations": sum(fit.info["iterations"] for fit in fits)},
+        target=goal,
         ensemble=ensemble,
     )
 

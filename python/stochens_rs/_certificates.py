@@ -12,10 +12,16 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 import numpy as np
 
 from . import _gate
+from ._alse import norm
 from .ensembles import Counts, Ensemble
-from .exceptions import InputError, ShapeError
-from .results import Fit, Plan, PlanBound
+from .exceptions import InputError, NonFiniteError, ShapeError
+from .results import Fit, PlanBound
+from .rng import RngLike, as_key
 from .system import System
+from .theory import bounds, moments
+from .theory.bounds import _simulation
+from .theory.bounds._simulation import Entity, PlanErrors
+from .theory.multistep import matrix_powers, spectral_norms
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -23,6 +29,7 @@ if TYPE_CHECKING:
     from ._lines import Axis
     from .rng import Key
     from .theory.bounds import Best
+    from .theory.moments._formulas import Fusion
 
     Floats: TypeAlias = NDArray[np.float64]
 
@@ -34,7 +41,7 @@ class Known:
     """One entity: its estimate and how far that is from what.
 
     "iid", "systematic": the average of `size` realizations that `sample` drew from `values`.
-    "exact": `values` itself. "fitted": at the distance `error` from the target of a fit.
+    "exact": `values` itself. "fitted": fitted to `values`, the target.
     "unknown": the average of realizations that the user brought.
     """
 
@@ -44,7 +51,6 @@ class Known:
     values: Floats | None = None
     size: int | None = None
     axis: Axis = "columns"
-    error: float | None = None
     key: Key | None = None
 
 
@@ -75,10 +81,10 @@ def known(name: str, value: Fit | Ensemble | Counts | Floats, estimate: Floats |
     if isinstance(value, Fit):
         if value.method == "uniform" and value.ensemble is not None:
             drawn = _of_ensemble(name, value.ensemble, estimate)
-            if drawn.kind != "unknown" or value.error is None:
+            if drawn.kind != "unknown" or value.target is None:
                 return drawn
-        if value.error is not None:
-            return Known(name, "fitted", value.estimate, error=value.error)
+        if value.target is not None:
+            return Known(name, "fitted", value.estimate, value.target)
         return Known(name, "unknown", value.estimate, size=len(value.weights))
     return Known(name, "exact", estimate, value.copy())
 
@@ -95,43 +101,152 @@ def _of_ensemble(name: str, ensemble: Ensemble, estimate: Floats | None) -> Know
 
 
 def plan_bound(
-    plan: Plan,
+    basis: Basis,
+    u: Floats,
     delta: float,
-    system: System | None,
-    x0: ArrayLike | None,
-    xf: ArrayLike | None,
+    rng: RngLike,
+    *,
+    fusion: Fusion = "product",
+    predicted: Floats | None = None,
 ) -> PlanBound:
-    """Bound the error of a plan (see `Plan.bound`)."""
-    from .theory.bounds._base import level_of
+    """Bound the errors of the control `u` (see `Plan.bound`).
 
-    level_of(delta)  # refuses it here, before anything is computed
-    basis = _completed(plan, system, x0, xf, "bound")
-    if all(entity.kind in ("exact", "iid") for entity in basis.entities):
-        state, control = (_best(basis, quantity, plan.fusion, delta) for quantity in _QUANTITIES)
-        return PlanBound(
-            state=state.radius,
-            control=control.radius,
-            delta=delta,
-            state_bound=state.bound.name,
-            control_bound=control.bound.name,
-            relative_to="laws",
-            certain=all(entity.kind == "exact" for entity in basis.entities),
-        )
-    if plan.fusion == "diagonal":
+    `predicted` holds the predicted states of a control over several steps; None for one step.
+    """
+    key = as_key(rng).child("simulated bound")
+    errors = plan_errors(basis, None if predicted is None else len(u), fusion)
+    fitted = any(entity.kind == "fitted" for entity in basis.entities)
+    names = ("exact error",) * 2
+    if all(entity.kind == "exact" for entity in basis.entities):
+        radii: tuple[float, ...] | None = (0.0, 0.0)
+    elif not errors.random:
+        wrong = u.ravel() - errors.v
+        found = norm(errors.C @ wrong), norm(wrong)
+        radii = tuple(map(sum, zip(found, errors.rounding, strict=True)))
+    else:
+        names = ("simulated",) * 2
+        radii = _simulation.radii(errors, delta, key)
+    if radii is None:
+        radii, names = _formulas(basis, u, errors, delta, fusion, predicted)
+    if not np.isfinite(radii).all():
+        raise NonFiniteError("the bound overflows: scale the problem down")
+    state, control = radii
+    return PlanBound(
+        state=state,
+        control=control,
+        target=float(np.hypot(state, errors.residual)),
+        delta=delta,
+        state_bound=names[0],
+        control_bound=names[1],
+        relative_to="targets" if fitted else "laws",
+        certain=not errors.random,
+    )
+
+
+def plan_errors(basis: Basis, steps: int | None, fusion: Fusion) -> PlanErrors:
+    """The law of the errors of a plan whose entities are all known.
+
+    Fits are what they are: only averages of realizations are random.
+    """
+    entities = []
+    for entity in basis.entities:
+        assert entity.values is not None
+        if entity.kind == "iid" or entity.kind == "systematic":
+            entities.append(Entity(entity.values, None, entity.size, entity.kind))
+        else:
+            fitted = entity.kind == "fitted"
+            entities.append(Entity(entity.values, entity.estimate if fitted else None))
+    x0, xf, A = entities
+    rows = basis.A.axis == "rows"
+    if fusion == "diagonal" and basis.A.kind == "systematic" and rows:
         raise InputError(
-            "no bound is known for paired systematic realizations, which are dependent: use "
-            "fusion='product'"
+            "no bound is known for paired systematic realizations of rows: use fusion='product'"
         )
-    return _from_errors(basis, delta)
+    return PlanErrors(basis.B, x0, xf, A, steps=steps, paired=fusion == "diagonal", rows=rows)
 
 
-def plan_covariance(
-    plan: Plan, system: System | None, x0: ArrayLike | None, xf: ArrayLike | None
-) -> Floats:
+def _formulas(
+    basis: Basis,
+    u: Floats,
+    errors: PlanErrors,
+    delta: float,
+    fusion: Fusion,
+    predicted: Floats | None,
+) -> tuple[tuple[float, float], tuple[str, str]]:
+    """Bounds of the state and of the control where a simulation would take too many runs."""
+    if predicted is not None:
+        return _along_trajectory(basis, u, errors, delta, predicted), ("sum of errors",) * 2
+    if all(entity.kind in ("exact", "iid") for entity in basis.entities):
+        state, control = (_best(basis, quantity, fusion, delta) for quantity in _QUANTITIES)
+        return (state.radius, control.radius), (state.bound.name, control.bound.name)
+    if fusion == "diagonal":
+        raise InputError(
+            "no formula bounds paired systematic realizations, which are dependent, and this "
+            "`delta` is too small to simulate: use fusion='product'"
+        )
+    e0, ef, eA = _distances(basis, delta, "Frobenius")
+    assert basis.x0.estimate is not None
+    assert basis.A.estimate is not None  # product fusion
+    radii = bounds.from_errors(
+        basis.B, basis.x0.estimate, basis.A.estimate, x0_error=e0, xf_error=ef, A_error=eA
+    )
+    return radii, ("sum of errors",) * 2
+
+
+def _along_trajectory(
+    basis: Basis, u: Floats, errors: PlanErrors, delta: float, predicted: Floats
+) -> tuple[float, float]:
+    """``ef + ||A^K|| e0 + eA sum_k ||A^{K-1-k}|| ||xh(k)|| + ||xh(K) - xf_hat||``.
+
+    This bounds ``||x(K) - xf||`` along the predicted states ``xh``; by Pythagoras
+    ``||C (u - v)||^2`` is less by the square of what no control reaches.
+    """
+    assert basis.A.values is not None
+    assert basis.xf.estimate is not None
+    e0, ef, eA = _distances(basis, delta, "spectral")
+    norms = spectral_norms(matrix_powers(basis.A.values, len(u)))
+    with np.errstate(over="ignore", invalid="ignore"):
+        along = float(norms[-2::-1] @ np.linalg.norm(predicted[:-1], axis=1))
+        total = ef + norms[-1] * e0 + eA * along + norm(predicted[-1] - basis.xf.estimate)
+        state = float(np.sqrt(max(0.0, total**2 - errors.residual**2)))
+        # u - v = C^+ C (u - v) + (I - C^+ C) u
+        flat = u.ravel()
+        aside = norm(flat - errors.V @ (errors.V.T @ flat))
+        return state, float(np.hypot(state / errors.s[-1], aside)) if errors.s.size else aside
+
+
+def _distances(basis: Basis, delta: float, matrix_norm: str) -> tuple[float, float, float]:
+    """How far the three estimates are from their exact values, with probability 1 - delta."""
+    random = sum(entity.kind == "iid" for entity in basis.entities)
+    found = []
+    for entity in basis.entities:
+        assert entity.values is not None
+        matrix = entity.name == "A"
+        if entity.kind == "exact":
+            found.append(0.0)
+        elif entity.kind == "fitted":
+            wrong = entity.estimate - entity.values
+            found.append(float(np.linalg.norm(wrong, 2 if matrix else None)))
+        elif entity.kind == "systematic":
+            sure = bounds.Systematic(entity.values, axis=entity.axis)
+            found.append(sure.radius(entity.size, delta))
+        else:
+            found.append(
+                bounds.best(
+                    "matrix" if matrix else "vector",
+                    entity.values,
+                    size=entity.size,
+                    delta=delta / random,
+                    norm=matrix_norm if matrix else "2",
+                    axis=entity.axis,
+                ).radius
+            )
+    e0, ef, eA = found
+    return e0, ef, eA
+
+
+def plan_covariance(basis: Basis, fusion: Fusion) -> Floats:
     """Compute the covariance of a control (see `Plan.covariance`)."""
-    from .theory import moments
-
-    basis = _completed(plan, system, x0, xf, "covariance")
     for entity in basis.entities:
         if entity.kind == "fitted":
             raise InputError(
@@ -147,7 +262,7 @@ def plan_covariance(
         basis.B,
         *_values(basis),
         _sizes(basis),
-        fusion="diagonal" if plan.fusion == "diagonal" else "product",
+        fusion=fusion,
         axis=basis.A.axis,
         scheme="systematic" if "systematic" in schemes else "iid",
     )
@@ -156,64 +271,15 @@ def plan_covariance(
 _QUANTITIES: tuple[Literal["state"], Literal["control"]] = ("state", "control")
 
 
-def _best(basis: Basis, quantity: Literal["state", "control"], fusion: str, delta: float) -> Best:
-    from .theory import bounds
-
+def _best(basis: Basis, quantity: Literal["state", "control"], fusion: Fusion, delta: float) -> Best:
     return bounds.best(
         quantity,
         basis.B,
         *_values(basis),
         size=_sizes(basis),
         delta=delta,
-        fusion="diagonal" if fusion == "diagonal" else "product",
+        fusion=fusion,
         axis=basis.A.axis,
-    )
-
-
-def _from_errors(basis: Basis, delta: float) -> PlanBound:
-    """Add the errors of the entities; those with iid realizations share delta."""
-    from .theory import bounds
-
-    random = sum(entity.kind == "iid" for entity in basis.entities)
-    errors = {}
-    for entity in basis.entities:
-        if entity.kind == "fitted":
-            assert entity.error is not None
-            errors[entity.name] = entity.error
-        elif entity.kind == "exact":
-            errors[entity.name] = 0.0
-        else:
-            assert entity.values is not None
-            if entity.kind == "systematic":
-                sure = bounds.Systematic(entity.values, axis=entity.axis)
-                errors[entity.name] = sure.radius(entity.size, delta)
-            else:
-                errors[entity.name] = bounds.best(
-                    "matrix" if entity.name == "A" else "vector",
-                    entity.values,
-                    size=entity.size,
-                    delta=delta / random,
-                    axis=entity.axis,
-                ).radius
-    assert basis.x0.estimate is not None
-    assert basis.A.estimate is not None  # product fusion
-    state, control = bounds.from_errors(
-        basis.B,
-        basis.x0.estimate,
-        basis.A.estimate,
-        x0_error=errors["x0"],
-        xf_error=errors["xf"],
-        A_error=errors["A"],
-    )
-    fitted = any(entity.kind == "fitted" for entity in basis.entities)
-    return PlanBound(
-        state=state,
-        control=control,
-        delta=delta,
-        state_bound="sum of errors",
-        control_bound="sum of errors",
-        relative_to="targets" if fitted else "laws",
-        certain=random == 0,
     )
 
 
@@ -231,13 +297,16 @@ def _sizes(basis: Basis) -> tuple[int | None, int | None, int | None]:
 # -- what the user adds ------------------------------------------------------------------------
 
 
-def _completed(
-    plan: Plan, system: System | None, x0: ArrayLike | None, xf: ArrayLike | None, what: str
+def completed(
+    basis: Basis | None,
+    system: System | None,
+    x0: ArrayLike | None,
+    xf: ArrayLike | None,
+    what: str,
 ) -> Basis:
     """The basis of a plan with the declared laws in place of unknown ones."""
-    basis = plan._basis
     if basis is None:
-        raise InputError(f"this Plan was not made by `control`: it has no {what}")
+        raise InputError(f"this plan was not made by `control` or `control_steps`: it has no {what}")
     n = len(basis.B)
     declared: dict[str, Floats] = {}
     if x0 is not None:
@@ -285,7 +354,7 @@ def _declare(entity: Known, values: Floats | None, what: str) -> Known:
         return replace(entity, kind="iid", values=values)
     if values is None:
         return entity
-    if entity.values is None:
+    if entity.kind == "fitted":
         raise InputError(
             f"`{argument}` must not be given: `{entity.name}` is a fit, bounded by its own error"
         )

@@ -17,7 +17,9 @@ __all__ = [
     "pseudoinverse",
     "realization_controls",
     "sample_counts",
+    "simulate_estimates",
     "simulate_mean_field",
+    "simulate_plans",
     "simulate_runs",
     "slse",
     "storage_load",
@@ -29,6 +31,8 @@ __all__ = [
 
 _Floats: TypeAlias = NDArray[np.float64]
 _Status: TypeAlias = Literal["optimal", "optimal_inaccurate", "user_limit", "interrupted"]
+# lines and, for an average that is drawn anew in every run, (size, scheme)
+_Estimate: TypeAlias = tuple[_Floats, tuple[int, str] | None]
 # subsimplex, tol, time_limit in seconds, max_passes, threads
 _Limits: TypeAlias = tuple[bool, float, float | None, int | None, int]
 _Section: TypeAlias = NDArray[np.uint8] | NDArray[np.uint64] | NDArray[np.float64]
@@ -188,6 +192,29 @@ def simulate_mean_field(
     key: bytes,
     threads: int,
 ) -> tuple[_Floats, _Floats | None, _Floats | None, _Floats]: ...
+def simulate_plans(
+    x0: _Estimate,
+    xf: _Estimate,
+    a: _Estimate,
+    rows: bool,
+    paired: bool,
+    exact: tuple[_Floats, _Floats, _Floats],
+    several: bool,
+    runs: int,
+    cost: float,
+    key: bytes,
+    threads: int,
+) -> _Floats: ...
+def simulate_estimates(
+    values: _Floats,
+    size: int,
+    scheme: str,
+    norm: str,
+    runs: int,
+    cost: float,
+    key: bytes,
+    threads: int,
+) -> _Floats: ...
 def storage_save(
     path: str | os.PathLike[str], kind: str, sections: list[tuple[str, _Section]]
 ) -> int: ...

@@ -13,11 +13,13 @@ from ._alse import norm
 from .controls import _rounding, pseudoinverse
 from .exceptions import InputError, NonFiniteError, SizeError
 from .rng import Key, RngLike, as_key
-from .sampling import sample_counts
 from .system import System
 from .theory import bounds, moments
+from .theory.multistep import checked_steps, controllability, matrix_powers
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import ArrayLike, NDArray
 
     from .theory.bounds import Bound
@@ -41,9 +43,11 @@ class Requirement:
     source : str
         Where it comes from.
     size : int or None
-        The smallest number of realizations it accepts; None if that is beyond 2^53.
+        The smallest number of realizations it accepts (simulated: within 1 %, product and
+        diagonal fusion of independent realizations); None if that is beyond 2^53, or `delta` too
+        small to simulate.
     rms : float or None
-        Exact root mean square error at `size`.
+        Exact root mean square error at `size`; None over several steps.
     quantile : float or None
         What a share `delta` of the simulated errors exceeds at `size`.
     failures : int or None
@@ -73,10 +77,13 @@ class SamplePlan:
         that control.
     quantity, fusion : str
         What was asked for.
+    steps : int or None
+        Number of steps K; None: one step.
     rows : tuple of Requirement
         One per bound, smallest size first. All hold; the first is the one to use.
-    expected_size : int
-        Where the exact root mean square error comes down to `error`: no guarantee.
+    expected_size : int or None
+        Where the exact root mean square error comes down to `error`: no guarantee. None over
+        several steps.
     simulated_size : int
         Where the simulated errors exceed `error` with probability `delta`: what is really
         needed, up to the accuracy of the simulation.
@@ -91,8 +98,9 @@ class SamplePlan:
     reference: float
     quantity: str
     fusion: str
+    steps: int | None
     rows: tuple[Requirement, ...]
-    expected_size: int
+    expected_size: int | None
     simulated_size: int
     runs: int
     key: Key
@@ -114,6 +122,7 @@ class SamplePlan:
             "delta": self.delta,
             "quantity": self.quantity,
             "fusion": self.fusion,
+            "steps": self.steps,
             "expected_size": self.expected_size,
             "simulated_size": self.simulated_size,
             "runs": self.runs,
@@ -123,27 +132,26 @@ class SamplePlan:
 
     def __str__(self) -> str:
         share = f" ({self.error / self.reference:.3g} relative)" if self.reference else ""
+        over = "" if self.steps is None else f" over {self.steps} steps"
         lines = [
-            f"error of the {self.quantity} at most {self.error:.4g}{share} with probability "
+            f"error of the {self.quantity}{over} at most {self.error:.4g}{share} with probability "
             f"{1.0 - self.delta:g}, {self.fusion} fusion",
             "",
             f"{'bound':<24}{'N':>16}{'exact rms':>12}{'quantile':>12}{'failures':>18}",
         ]
         for row in self.rows:
-            size = "more than 2^53" if row.size is None else _grouped(row.size)
             if row.size is None:
-                lines.append(f"{row.name:<24}{size:>16}")
+                lines.append(f"{row.name:<24}{'none up to 2^53':>16}")
                 continue
-            failed = f"{row.failures} of {self.runs}"
+            size, failed = _grouped(row.size), f"{row.failures} of {self.runs}"
+            rms = "" if row.rms is None else f"{row.rms:.3g}"
+            lines.append(f"{row.name:<24}{size:>16}{rms:>12}{row.quantile:>12.3g}{failed:>18}")
+        lines += ["", "no guarantee:"]
+        if self.expected_size is not None:
             lines.append(
-                f"{row.name:<24}{size:>16}{row.rms:>12.3g}{row.quantile:>12.3g}{failed:>18}"
+                f"the exact rms comes down to this error at N = {_grouped(self.expected_size)},"
             )
-        lines += [
-            "",
-            f"no guarantee: the exact rms comes down to this error at N = "
-            f"{_grouped(self.expected_size)},",
-            f"the simulated quantile at N = {_grouped(self.simulated_size)}",
-        ]
+        lines.append(f"the simulated quantile at N = {_grouped(self.simulated_size)}")
         return "\n".join(lines)
 
 
@@ -157,6 +165,7 @@ def required_samples(
     relative: bool = True,
     quantity: Quantity = "state",
     fusion: Fusion = "product",
+    steps: int | None = None,
     runs: int = 1000,
     rng: RngLike = None,
 ) -> SamplePlan:
@@ -177,11 +186,13 @@ def required_samples(
         (of that control, for "control").
     quantity : {"state", "control"}, default "state"
         ``||B (u - v)||``, the distance from the state that the exact control ``v`` leads to, or
-        ``||u - v||``.
+        ``||u - v||``; over several steps with ``C_K`` in place of ``B``.
     fusion : {"product", "diagonal"}, default "product"
         How the realizations are fused, with uniform weights.
+    steps : int, optional
+        Number of steps K of the control, as in `control_steps`; None: one step, as in `control`.
     runs : int, default 1000
-        Simulated fusions per bound.
+        Simulated fusions per bound, for the columns `quantile` and `failures`.
     rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
         Source of randomness for the simulation.
 
@@ -198,7 +209,9 @@ def required_samples(
     Notes
     -----
     The bounds are those of `theory.bounds`, the exact root mean square that of `theory.moments`.
-    The simulation draws counts, not realizations, so that its cost does not depend on N.
+    "simulated" (`theory.bounds.Simulated`) asks for little more than what is needed; the formulas
+    hold for every delta. Over several steps there is the simulated bound only. The simulation
+    draws counts, not realizations, so that its cost does not depend on N.
 
     Examples
     --------
@@ -216,111 +229,94 @@ def required_samples(
     runs = _gate.size("runs", runs, maximum=10**6)
     kind = _gate.choice("quantity", quantity, ("state", "control"))
     how = _gate.choice("fusion", fusion, ("product", "diagonal"))
+    K = None if steps is None else checked_steps(steps, checked.n, checked.m)
+    if K is not None and how == "diagonal":
+        raise InputError("`fusion` must be 'product' over several steps, got 'diagonal'")
     key = as_key(rng)
-    v, reference, rounding = _exact(checked, start, goal, kind)
+    reference, rounding = _exact(checked, start, goal, kind, K)
     if relative and reference <= rounding:
         raise InputError(
             f"`error` cannot be relative here: the exact {kind} is zero, up to rounding "
             "(use relative=False, on the command line --absolute)"
         )
+    if reference <= rounding:
+        reference = 0.0
     allowed = error * reference if relative else error
     data = checked.B, start, goal, checked.A
     rms_of = moments.control_rms if kind == "control" else moments.state_rms
     rms_of(*data, 1, fusion=how)  # type: ignore[arg-type]  # refuses what overflows
     if allowed * allowed < np.finfo(np.float64).tiny:
         raise SizeError(f"`error` is {allowed:.3g}, its square underflows: scale the problem up")
-    simulate = _Simulation(checked, start, goal, v, kind, how, runs, key)
+    simulated = bounds.Simulated(
+        kind,  # type: ignore[arg-type]
+        *data,
+        fusion=how,  # type: ignore[arg-type]
+        steps=K,
+        rng=key.child("bound"),
+    )
+    which, law = int(kind == "control"), simulated.errors
+
+    def errors(size: int) -> Floats:
+        return law(size).draw(runs, key.child("runs"))[:, which]
+
+    found: list[Bound] = [simulated]
+    if K is None:
+        found += bounds.candidates(kind, *data, fusion=how)  # type: ignore[arg-type]
     rows = []
-    for bound in bounds.candidates(kind, *data, fusion=how):  # type: ignore[arg-type]
+    for bound in found:
         size = _size(bound, allowed, delta)
         if size is None:
             rows.append(Requirement(bound.name, bound.source, None, None, None, None))
             continue
-        errors = simulate.errors(size)
-        rms = rms_of(*data, size, fusion=how)  # type: ignore[arg-type]
-        quantile = float(np.quantile(errors, 1.0 - delta))
-        failures = int((errors > allowed).sum())
+        drawn = errors(size)
+        rms = rms_of(*data, size, fusion=how) if K is None else None  # type: ignore[arg-type]
+        quantile = float(np.quantile(drawn, 1.0 - delta))
+        failures = int((drawn > allowed).sum())
         rows.append(Requirement(bound.name, bound.source, size, rms, quantile, failures))
     rows.sort(key=lambda row: inf if row.size is None else row.size)
-    expected = _smallest(lambda N: rms_of(*data, N, fusion=how) <= allowed)  # type: ignore[arg-type]
+    expected = None
+    if K is None:
+        expected = _smallest(lambda N: rms_of(*data, N, fusion=how) <= allowed)  # type: ignore[arg-type]
     return SamplePlan(
         error=allowed,
         delta=delta,
         reference=reference,
         quantity=kind,
         fusion=how,
+        steps=K,
         rows=tuple(rows),
         expected_size=expected,
-        simulated_size=simulate.needed(allowed, delta, expected),
+        simulated_size=_needed(errors, allowed, delta, expected or rows[0].size or 1000),
         runs=runs,
         key=key,
     )
 
 
-def _exact(system: System, x0: Floats, xf: Floats, quantity: str) -> tuple[Floats, float, float]:
-    """The exact control, the norm of it or of the state it leads to, and what rounding makes."""
-    pinv = pseudoinverse(np.ascontiguousarray(system.B))[0]
+def _needed(errors: Callable[[int], Floats], allowed: float, delta: float, start: int) -> int:
+    """Where the simulated quantile meets the error: a few steps of ``N <- N (q / error)^2``."""
+    size = start
+    for _ in range(4):
+        ratio = float(np.quantile(errors(size), 1.0 - delta)) / allowed
+        size = int(min(max(1, ceil(size * ratio**2)), _gate.EXACT))
+    return size
+
+
+def _exact(
+    system: System, x0: Floats, xf: Floats, quantity: str, steps: int | None
+) -> tuple[float, float]:
+    """The norm of the exact control or of the state it leads to, and what rounding makes."""
+    powers = matrix_powers(np.asarray(system.A), steps or 1)
+    C = controllability(powers, np.asarray(system.B))
+    pinv = pseudoinverse(C)[0]
     with np.errstate(over="ignore", invalid="ignore"):
-        free = system.A @ x0
+        free = powers[-1] @ x0
         v = pinv @ (xf - free)
-        pushed = system.B @ v
+        pushed = C @ v
         reached = v if quantity == "control" else free + pushed
     if not all(np.isfinite(values).all() for values in (free, v, pushed, reached)):
         raise NonFiniteError("`A x0` or the control overflows: scale the problem down")
     gain = norm(pinv) if quantity == "control" else 1.0
-    return v, norm(reached), gain * _rounding(free, xf)
-
-
-class _Simulation:
-    """Errors of fused controls, from counts."""
-
-    def __init__(
-        self,
-        system: System,
-        x0: Floats,
-        xf: Floats,
-        v: Floats,
-        quantity: str,
-        fusion: str,
-        runs: int,
-        key: Key,
-    ) -> None:
-        self.system, self.x0, self.xf, self.v = system, x0, xf, v
-        self.fusion, self.runs, self.key = fusion, runs, key
-        pinv = pseudoinverse(np.ascontiguousarray(system.B))[0]
-        self.map = pinv if quantity == "control" else system.B @ pinv
-
-    def errors(self, size: int) -> Floats:
-        """``||M (y - mu)||`` of every run, ``y`` the fused ``xf - A x0`` and ``M u = B^+ y``."""
-        mu = self.xf - self.system.A @ self.x0
-        fused = np.array([self._difference(size, r) for r in range(self.runs)])
-        return np.asarray(np.linalg.norm((fused - mu) @ self.map.T, axis=1))
-
-    def _difference(self, size: int, run: int) -> Floats:
-        key = self.key.child(f"{size}, {run}")
-        xf = sample_counts(self.xf, size, rng=key.child("xf")).estimate
-        if self.fusion == "product":
-            x0 = sample_counts(self.x0, size, rng=key.child("x0")).estimate
-            A = sample_counts(self.system.A, size, rng=key.child("A")).estimate
-            return np.asarray(xf - A @ x0)
-        # A^s x0^s has one entry, sign(a_ij x0_j) g0 g_j with probability |x0_j| / g0 |a_ij| / g_j;
-        # a column of zeros gives the zero vector
-        A, x0 = self.system.A, self.x0
-        g, g0 = np.abs(A).sum(axis=0), float(np.abs(x0).sum())
-        if g0 == 0.0:
-            return np.asarray(xf)
-        share = np.divide(np.abs(x0), g, out=np.zeros_like(g), where=g > 0.0)
-        masses = np.append(np.abs(A) * share, np.abs(x0[g == 0.0]).sum())
-        hits = sample_counts(masses, size, rng=key.child("pairs")).counts[:-1].reshape(A.shape)
-        return np.asarray(xf - g0 / size * ((hits * np.sign(A)) @ (g * np.sign(x0))))
-
-    def needed(self, allowed: float, delta: float, start: int) -> int:
-        """Where the simulated quantile meets the error: a few steps of ``N <- N (q / error)^2``."""
-        size = start
-        for _ in range(4):
-            ratio = float(np.quantile(self.errors(size), 1.0 - delta)) / allowed
-            size = int(min(max(1, ceil(size * ratio**2)), _gate.EXACT))
-        return size
+    return norm(reached), gain * _rounding(free, xf)
 
 
 def _size(bound: Bound, error: float, delta: float) -> int | None:

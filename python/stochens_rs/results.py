@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from ._certificates import Basis
     from .ensembles import Ensemble
+    from .rng import RngLike
     from .system import System
 
 
@@ -55,6 +56,8 @@ class Fit:
         weights reach them: the error is at least their norm. None for other methods.
     info : dict
         For ALSE "solver", "iterations" and the settings; empty for other methods.
+    target : ndarray, shape of a realization, or None
+        What was fitted to, or what the error of a uniform average is measured against.
     ensemble : Ensemble
         The realizations.
     """
@@ -69,6 +72,7 @@ class Fit:
     exact: bool = False
     unseen: int | None = None
     info: dict[str, Any] = field(default_factory=dict)
+    target: NDArray[np.float64] | None = None
     ensemble: Ensemble | None = None
 
     @property
@@ -179,19 +183,25 @@ class PlanError:
 class PlanBound:
     """How wrong a control may be, for the exact values the plan's estimates stand for.
 
-    With ``v = B^+ (xf - A x0)``, the best control:
+    With the best control ``v`` and where it leads, ``x = A^K x0 + C_K v`` (one step: ``K = 1``,
+    ``C_1 = B``):
 
     Attributes
     ----------
     state : float
-        ``||B (u - v)||_2`` is at most this, the distance from the best state one step reaches.
+        The state that the control leads to is at most this far from ``x``, ``||C_K (u - v)||_2``.
     control : float
         ``||u - v||_2`` is at most this.
+    target : float
+        The state that the control leads to is at most this far from ``xf``: ``state`` and what no
+        control reaches, ``sqrt(state^2 + ||xf - x||^2)``. Fails only where `state` does.
     delta : float
-        Each of the two fails with at most this probability.
+        `state` and `control` each fail with at most this probability.
     state_bound, control_bound : str
-        The names of the bounds: the smallest of `theory.bounds.candidates`, or "sum of errors"
-        (`theory.bounds.from_errors`).
+        What gave them. "simulated": the order statistic of errors drawn from the laws
+        (`theory.bounds.Simulated`). "exact error": nothing is random, and this is the error, with
+        what rounding may add. "sum of errors": the triangle inequality, with the error of every
+        estimate (`theory.bounds.from_errors`). Others: a formula of `theory.bounds`.
     relative_to : str
         What the exact values are. "laws": those the realizations were drawn from. "targets":
         for the entities that were fitted, the target of the fit, whatever the truth is.
@@ -201,6 +211,7 @@ class PlanBound:
 
     state: float
     control: float
+    target: float
     delta: float
     state_bound: str
     control_bound: str
@@ -243,6 +254,7 @@ class Plan:
         system: System | None = None,
         x0: ArrayLike | None = None,
         xf: ArrayLike | None = None,
+        rng: RngLike = 0,
     ) -> PlanBound:
         """Bound the error of the control, from what the plan knows of its entities.
 
@@ -255,11 +267,13 @@ class Plan:
             independent singletons of, as `sample` draws them.
         x0, xf : array_like, shape (n,), optional
             The same for x0 and xf.
+        rng : None, int, SeedSequence, Generator, BitGenerator or Key, default 0
+            Source of randomness of the simulation; with the default the same bound in every call.
 
         Returns
         -------
         PlanBound
-            Radii for the state and for the control, and which bounds gave them.
+            Radii for the state and for the control, and what gave them.
 
         Raises
         ------
@@ -267,16 +281,17 @@ class Plan:
             If `delta` does not lie in (0, 1); the law of an entity is unknown (realizations
             brought by the user, a part of a systematic sample) and not declared, or a declared
             one contradicts the plan; two entities were drawn with the same key; systematic
-            realizations are paired.
+            realizations of rows are paired.
 
         Notes
         -----
-        Uniform weights and independent realizations: the smallest bound of
-        `theory.bounds.best`, before anything was drawn. As soon as one entity was fitted ("alse",
-        "slse") or sampled systematically, the errors of the entities are added up by the corrected
-        triangle inequality of Lemma 3.2, ``||B (u - v)|| <= ef + ||P A_hat|| e0
-        + eA (||x0_hat|| + e0)``. The error of a fit is the one it reports, hence relative to its
-        target; for a systematic sample it holds surely; independent realizations share delta.
+        The realizations are drawn again, thousands of times, and an order statistic of the errors
+        is the bound (`theory.bounds.Simulated`): it holds over the draws of the realizations, and
+        comes within a few percent of the error that is exceeded with probability `delta`. Fits
+        ("alse", "slse") are taken as they are: their distance from their targets is known. With
+        fits and exact values only, nothing is random and the bound is the error itself, relative
+        to the targets. Where a simulation would take too long (`delta` below about 1e-4, n of
+        several hundreds), the formulas of `theory.bounds`.
 
         For realizations brought by the user, neither the law nor the exact values are known, and
         no bound follows from a plan. With a bound on how far two realizations can be apart,
@@ -288,12 +303,14 @@ class Plan:
         >>> system = se.System([[0.9, 0.2], [-0.1, 0.8]], [[1.0, 0.0], [0.5, 1.0]])
         >>> plan = se.steer(system, [1.0, 2.0], [0.0, 0.0], 10_000, rng=1)
         >>> bound = plan.bound(0.01)
-        >>> plan.error(system, [1.0, 2.0], [0.0, 0.0]).state <= bound.state < 0.2
+        >>> plan.error(system, [1.0, 2.0], [0.0, 0.0]).state <= bound.state < 0.06
         True
         """
-        from ._certificates import plan_bound
+        from ._certificates import completed, plan_bound
 
-        return plan_bound(self, delta, system, x0, xf)
+        delta = _gate.probability("delta", delta)
+        basis = completed(self._basis, system, x0, xf, "bound")
+        return plan_bound(basis, self.u, delta, rng, fusion=self.fusion)  # type: ignore[arg-type]
 
     def covariance(
         self,
@@ -334,9 +351,10 @@ class Plan:
         >>> se.control(B, [1.0, 1.0], se.sample([2.0, 2.0], 10, rng=1), A).covariance()
         array([[0.4]])
         """
-        from ._certificates import plan_covariance
+        from ._certificates import completed, plan_covariance
 
-        return plan_covariance(self, system, x0, xf)
+        basis = completed(self._basis, system, x0, xf, "covariance")
+        return plan_covariance(basis, self.fusion)  # type: ignore[arg-type]
 
     def error(self, system: System, x0: ArrayLike, xf: ArrayLike) -> PlanError:
         """Compare the control with the best one for an exactly known system.

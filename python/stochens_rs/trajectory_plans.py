@@ -9,22 +9,21 @@ import numpy as np
 
 from . import _gate
 from ._alse import norm
-from ._certificates import Basis, Known
+from ._certificates import Basis, Known, completed, plan_bound
 from .exceptions import InputError, NonFiniteError, ShapeError
-from .results import PlanError, Reachability, reach_text
+from .results import PlanBound, PlanError, Reachability, reach_text
 from .system import System
 from .theory.multistep import (
     controllability,
     final_state_covariance,
-    grown,
     matrix_powers,
-    spectral_norms,
     states,
 )
-from .trajectory_bounds import TrajectoryBound, hat, radius, total_bound
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
+
+    from .rng import RngLike
 
     Floats: TypeAlias = NDArray[np.float64]
 
@@ -64,34 +63,37 @@ class TrajectoryPlan:
         """Number of steps K."""
         return len(self.u)
 
-    def bound(self, delta: float = 0.05) -> TrajectoryBound:
-        """Bound ``||x(K) - xf||`` from what is known of the realizations, before any is simulated.
+    def bound(
+        self,
+        delta: float = 0.05,
+        *,
+        system: System | None = None,
+        x0: ArrayLike | None = None,
+        xf: ArrayLike | None = None,
+        rng: RngLike = 0,
+    ) -> PlanBound:
+        """Bound the error of the control, as `Plan.bound` does, with ``C_K`` in place of ``B``.
 
         Parameters
         ----------
-        delta : float, default 0.05
-            Probability with which the bound may fail, 0 < delta < 1.
+        delta, system, x0, xf, rng
+            As in `Plan.bound`.
 
         Returns
         -------
-        TrajectoryBound
-            With probability at least ``1 - delta`` over the draws,
-            ``||x(K) - xf|| <= ef + ||A^K|| e0 + eA sum_k ||A^{K-1-k}|| ||xh(k)|| + residual``.
+        PlanBound
+            Radii for the last state and for the control, and what gave them.
 
         Raises
         ------
         InputError, InputTypeError
-            If `delta` is not a probability, nothing is known of the law of an entity, or the bound
-            overflows.
+            As `Plan.bound`; or a bound overflows.
 
         Notes
         -----
-        Uniform averages of what `sample` drew: the smallest radii of `theory.bounds.best`, for A in
-        the spectral norm, with the failure probability shared equally; ``||A^k||`` from the law.
-        Systematic samples: sure radii. Fits to a target: their reported errors, hence *relative to
-        these targets*, with ``||A^k||`` bounded by powers of ``A_hat``:
-        ``a_k = p_k + eA sum_{i<k} a_i p_{k-1-i}``, ``p_k = ||A_hat^k||``. The paper
-        has no such statement for K > 1.
+        Where a simulation would take too long, the triangle inequality along the predicted states
+        ``xh``: ``||x(K) - xf|| <= ef + ||A^K|| e0 + eA sum_k ||A^{K-1-k}|| ||xh(k)||
+        + ||xh(K) - xf_hat||``. The paper has no such statement for K > 1.
 
         Examples
         --------
@@ -99,76 +101,12 @@ class TrajectoryPlan:
         >>> system = se.System([[1.0, 0.1], [0.0, 1.0]], [[0.0], [0.1]])
         >>> plan = se.steer(system, [1.0, 0.0], [0.0, 0.0], 10**6, steps=20, rng=1)
         >>> bound, error = plan.bound(0.01), plan.error(system, [1.0, 0.0], [0.0, 0.0])
-        >>> error.state <= bound.state < 0.5
+        >>> error.state <= bound.state < 0.02
         True
         """
         delta = _gate.probability("delta", delta)
-        known = self._entities()
-        random = sum(one.kind == "iid" for one in known)
-        e0, ef, eA = (radius(one, delta / max(random, 1)) for one in known)
-        A = known[2]
-        if A.values is not None:
-            norms = spectral_norms(matrix_powers(A.values, self.steps))
-        else:
-            norms = grown(spectral_norms(matrix_powers(hat(A), self.steps, "A_hat")), eA)
-        return total_bound(
-            self.predicted_states, hat(known[1]), e0, ef, eA, norms, delta if random else 0.0
-        )
-
-    def error_bound(self, system: System, x0: ArrayLike, xf: ArrayLike) -> TrajectoryBound:
-        """Bound ``||x(K) - xf||`` by the errors of the estimates, for an exactly known system.
-
-        Parameters
-        ----------
-        system : System
-            The true or nominal system, with the same ``B``.
-        x0, xf : array_like, shape (n,)
-            The true initial state and the target.
-
-        Returns
-        -------
-        TrajectoryBound
-            The bound of `bound` with ``e0 = ||x0 - x0_hat||``, ``ef = ||xf_hat - xf||`` and
-            ``eA = ||A - A_hat||_2``; it holds surely, up to rounding.
-
-        Raises
-        ------
-        InputError, InputTypeError
-            If the arguments do not fit this plan, or the bound overflows.
-
-        Notes
-        -----
-        The triangle inequality for the identity in :mod:`~stochens_rs.theory.multistep`.
-
-        Examples
-        --------
-        >>> import stochens_rs as se
-        >>> system = se.System([[1.0, 0.1], [0.0, 1.0]], [[0.0], [0.1]])
-        >>> plan = se.steer(system, [1.0, 0.0], [0.0, 0.0], 1000, steps=20, rng=1)
-        >>> error = plan.error(system, [1.0, 0.0], [0.0, 0.0])
-        >>> error.state <= plan.error_bound(system, [1.0, 0.0], [0.0, 0.0]).state
-        True
-        """
-        checked, start, goal = self._fitting(system, x0, xf)
-        known = self._entities()
-        if not np.array_equal(checked.B, self._B):
-            raise InputError("`system` must have the B of this plan: the bound holds for exact B")
-        with np.errstate(over="ignore"):
-            wrong = [
-                hat(one) - exact for one, exact in zip(known, (start, goal, checked.A), strict=True)
-            ]
-        if not all(np.isfinite(values).all() for values in wrong):
-            raise NonFiniteError("the error of an estimate overflows: scale the problem down")
-        e0, ef, eA = norm(wrong[0]), norm(wrong[1]), float(spectral_norms(wrong[2][None])[0])
-        return total_bound(
-            self.predicted_states,
-            hat(known[1]),
-            e0,
-            ef,
-            eA,
-            spectral_norms(matrix_powers(checked.A, self.steps)),
-            0.0,
-        )
+        basis = completed(self._basis, system, x0, xf, "bound")
+        return plan_bound(basis, self.u, delta, rng, predicted=self.predicted_states)
 
     def covariance(self) -> Floats:
         """Leading-order covariance of the state after the last step, from the law of the draws.

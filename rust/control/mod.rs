@@ -8,7 +8,9 @@ mod dense_rows;
 mod pseudoinverse;
 mod realizations;
 mod singleton_rows;
+mod steps;
 
 pub use batch::Memory;
 pub use pseudoinverse::{Pseudoinverse, pseudoinverse};
 pub use realizations::{Entity, Realized};
+pub(crate) use steps::steps_control;

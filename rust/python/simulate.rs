@@ -4,8 +4,9 @@ use numpy::{PyArray1, PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
 
 use super::convert::{array1, array2, key, law, slice};
+use super::draws::scheme;
 use super::run::run;
-use crate::simulate::{self, Drawn, Ensemble, Model, Second};
+use crate::simulate::{self, Average, Drawn, Ensemble, Estimate, Exact, Model, Norm, Plans, Second};
 
 type Array1<'py> = Bound<'py, PyArray1<f64>>;
 type Array2<'py> = Bound<'py, PyArray2<f64>>;
@@ -102,4 +103,70 @@ pub(super) fn simulate_mean_field<'py>(
         simulate::mean_field(&model, drawn, size, replicates, second(full), keep, &key, threads, stop)
     })?;
     moments(py, ensemble, model.n())
+}
+
+/// What stands for an entity: its lines, and if every run draws an average of realizations of them, `(size, scheme)`.
+type EstimateArgument<'py> = (PyReadonlyArray2<'py, f64>, Option<(u64, String)>);
+
+fn estimate(name: &str, (lines, drawn): &EstimateArgument<'_>) -> PyResult<Estimate> {
+    Ok(match drawn {
+        None => Estimate::Fixed(slice(name, lines)?.to_vec()),
+        Some((size, scheme)) => Estimate::Drawn(Average::new(law(lines)?, *size, self::scheme(scheme)?)?),
+    })
+}
+
+/// `(state, control)` errors (runs, 2) of simulated plans: one step with `(basis, singular_values, y)`, several with
+/// `(B, C_K, v)`. A fixed `A` and lines of columns are transposed; `rows` says that the lines are rows.
+#[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "the arguments of one call")]
+pub(super) fn simulate_plans<'py>(
+    py: Python<'py>,
+    x0: EstimateArgument<'py>,
+    xf: EstimateArgument<'py>,
+    a: EstimateArgument<'py>,
+    rows: bool,
+    paired: bool,
+    exact: (PyReadonlyArray2<'py, f64>, PyReadonlyArray2<'py, f64>, PyReadonlyArray2<'py, f64>),
+    several: bool,
+    runs: usize,
+    cost: f64,
+    key: &[u8],
+    threads: usize,
+) -> PyResult<Array2<'py>> {
+    let plans = Plans::new(estimate("x0", &x0)?, estimate("xf", &xf)?, estimate("A", &a)?, rows, paired)?;
+    let (first, second, third) = (slice("exact", &exact.0)?, slice("exact", &exact.1)?, slice("exact", &exact.2)?);
+    let exact = if several {
+        Exact::Steps { b: first, c: second, v: third }
+    } else {
+        Exact::OneStep { basis: first, singular_values: second, y: third }
+    };
+    let key = self::key(key)?;
+    let errors = run(py, cost * runs as f64, |stop| plans.errors(exact, runs, &key, threads, stop))?;
+    array2(py, errors, runs, 2)
+}
+
+/// Errors (runs,) of simulated averages of `size` realizations; `norm` is "1", "2" or "spectral".
+#[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "the arguments of one call")]
+pub(super) fn simulate_estimates<'py>(
+    py: Python<'py>,
+    values: PyReadonlyArray2<'py, f64>,
+    size: u64,
+    scheme: &str,
+    norm: &str,
+    runs: usize,
+    cost: f64,
+    key: &[u8],
+    threads: usize,
+) -> PyResult<Array1<'py>> {
+    let average = Average::new(law(&values)?, size, self::scheme(scheme)?)?;
+    let norm = match norm {
+        "1" => Norm::One,
+        "2" => Norm::Two,
+        _ => Norm::Spectral,
+    };
+    let key = self::key(key)?;
+    let errors =
+        run(py, cost * runs as f64, |stop| simulate::estimate_errors(&average, norm, runs, &key, threads, stop))?;
+    Ok(array1(py, errors))
 }

@@ -34,31 +34,45 @@ pub fn multinomial_counts(law: &Law, size: u64, key: &Key, stop: &Stop) -> Resul
 
 /// One multinomial draw of a line with 1-norm `gamma`: `size` in total, or nothing in a zero line.
 pub(crate) fn line_counts(line: &[f64], gamma: f64, size: u64, rng: &mut impl Rng) -> Result<Vec<u64>> {
-    // tails[i] = (|w_i| + ... + |w_n|) / g: at the last nonzero entry the conditional probability is exactly one
+    let mut counts = vec![0; line.len()];
+    deal(&chances(line, gamma), size, rng, |i, count| counts[i] = count)?;
+    Ok(counts)
+}
+
+/// `|w_i| / (|w_i| + ... + |w_n|)`: the chance of entry `i` for a realization that no entry before it took; 0 in a zero line.
+pub(crate) fn chances(line: &[f64], gamma: f64) -> Vec<f64> {
+    // tail = (|w_i| + ... + |w_n|) / g: at the last nonzero entry the chance is exactly one
     let mut tail = 0.0;
-    let mut tails: Vec<f64> = line
+    let mut chances: Vec<f64> = line
         .iter()
         .rev()
         .map(|w| {
+            if *w == 0.0 {
+                return 0.0;
+            }
             tail += w.abs() / gamma;
-            tail
+            (w.abs() / gamma / tail).min(1.0)
         })
         .collect();
-    tails.reverse();
-    let mut left = if gamma > 0.0 { size } else { 0 };
-    line.iter()
-        .zip(tails)
-        .map(|(w, tail)| {
-            if left == 0 || *w == 0.0 {
-                return Ok(0);
-            }
-            let p = (w.abs() / gamma / tail).min(1.0);
-            let binomial = Binomial::new(left, p);
-            let count = binomial.map_err(|e| Error::Numerical(format!("binomial({left}, {p}): {e}")))?.sample(rng);
-            left -= count;
-            Ok(count)
-        })
-        .collect()
+    chances.reverse();
+    chances
+}
+
+/// Deals `size` realizations out to the entries of a line; `visit(i, count)` sees every entry that got some.
+pub(crate) fn deal(chances: &[f64], size: u64, rng: &mut impl Rng, mut visit: impl FnMut(usize, u64)) -> Result<()> {
+    let mut left = size;
+    for (i, &p) in chances.iter().enumerate().filter(|(_, p)| **p > 0.0) {
+        if left == 0 {
+            break;
+        }
+        let binomial = Binomial::new(left, p);
+        let count = binomial.map_err(|e| Error::Numerical(format!("binomial({left}, {p}): {e}")))?.sample(rng);
+        left -= count;
+        if count > 0 {
+            visit(i, count);
+        }
+    }
+    Ok(())
 }
 
 #[cfg(test)]

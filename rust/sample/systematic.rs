@@ -16,25 +16,29 @@ use crate::stream::{Key, Purpose};
 
 /// The counts of a systematic sample, line by line; a zero line has none.
 pub fn systematic_counts(law: &Law, size: u64, key: &Key) -> Vec<u64> {
-    let mut counts = Vec::with_capacity(law.values().len());
-    for j in 0..law.lines() {
-        let cumulative: Vec<f64> = running_sums(law.line(j)).collect();
-        let last = cumulative[law.length() - 1];
-        // 53 bits, as every uniform double in [0, 1)
-        let offset = (key.stream(Purpose::Offset, j).next_u64() >> 11) as f64 * 2f64.powi(-53);
-        let mut below = 0u64;
-        counts.extend(cumulative.iter().map(|&c| {
-            if last == 0.0 {
-                return 0;
-            }
-            // c = last is exactly N: no rounding may lose or invent a realization
-            let c = if c == last { size } else { (size as f64 * (c / last) - offset).ceil() as u64 }.min(size);
-            let count = c.saturating_sub(below);
-            below = below.max(c);
-            count
-        }));
+    let mut counts = vec![0; law.values().len()];
+    for (j, counts) in counts.chunks_exact_mut(law.length()).enumerate() {
+        let word = key.stream(Purpose::Offset, j).next_u64();
+        line_systematic(law.line(j), size, word, |i, count| counts[i] = count);
     }
     counts
+}
+
+/// Deals `size` realizations of a line out with the offset `U = word / 2^64`; `visit(i, count)` sees every entry.
+pub(crate) fn line_systematic(line: &[f64], size: u64, word: u64, mut visit: impl FnMut(usize, u64)) {
+    // 53 bits, as every uniform double in [0, 1)
+    let offset = (word >> 11) as f64 * 2f64.powi(-53);
+    let last = running_sums(line).last().unwrap_or(0.0);
+    if last == 0.0 {
+        return;
+    }
+    let mut below = 0u64;
+    for (i, c) in running_sums(line).enumerate() {
+        // c = last is exactly N: no rounding may lose or invent a realization
+        let c = if c == last { size } else { (size as f64 * (c / last) - offset).ceil() as u64 }.min(size);
+        visit(i, c.saturating_sub(below));
+        below = below.max(c);
+    }
 }
 
 /// Fills `out` with the counted indices, shuffled per line (Fisher-Yates from the end).

@@ -14,10 +14,12 @@ mod block;
 mod mean_field;
 mod model;
 mod moments;
+mod plans;
 mod runs;
 mod words;
 
 pub use mean_field::mean_field;
 pub use model::{Drawn, Model};
 pub use moments::{Ensemble, Second};
+pub use plans::{Average, Estimate, Exact, Norm, Plans, estimate_errors};
 pub use runs::runs;

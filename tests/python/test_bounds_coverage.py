@@ -135,9 +135,7 @@ def test_no_bound_is_exceeded_more_often_than_it_says(name):
                 for bound, radius in zip(found, radii, strict=True):
                     failed = exceeded_too_often(errors, radius, delta)
                     assert not failed, (name, N, quantity, options, bound, delta)
-                best = bounds.best(quantity, *data, size=N, delta=delta, **options)
-                assert best.radius == min(radii)
-                assert best.radius <= LOOSEST * np.quantile(errors, 1.0 - delta) + 1e-12
+                assert min(radii) <= LOOSEST * np.quantile(errors, 1.0 - delta) + 1e-12
 
 
 @pytest.mark.parametrize("name", ["Gaussian", "sparse", "nonnegative"])

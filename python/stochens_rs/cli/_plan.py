@@ -44,6 +44,9 @@ from ._problem import problem, share
     show_default=True,
     help="Each entity averaged first, or one control per realization, then averaged.",
 )
+@click.option(
+    "--steps", type=click.IntRange(min=1), help="Number of steps of the control; one if left out."
+)
 @click.option("--absolute", is_flag=True, help="The error is absolute.")
 @click.option(
     "--runs",
@@ -61,6 +64,7 @@ def plan(
     delta: float,
     quantity: str,
     fusion: str,
+    steps: int | None,
     absolute: bool,
     runs: int,
     seed: int,
@@ -86,6 +90,7 @@ def plan(
         relative=not absolute,
         quantity=quantity,  # type: ignore[arg-type]
         fusion=fusion,  # type: ignore[arg-type]
+        steps=steps,
         runs=runs,
         rng=key.child("simulation"),
     )

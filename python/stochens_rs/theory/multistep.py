@@ -169,17 +169,3 @@ def states(A: Array, B: Array, u: Array, x0: Array) -> Array:
 def spectral_norms(powers: Array) -> Array:
     """2-norm of every matrix of a stack."""
     return np.asarray(np.linalg.norm(powers, ord=2, axis=(1, 2)), dtype=np.float64)
-
-
-def grown(norms: Array, eA: float) -> Array:
-    """Bounds of ``||A^k||`` from ``norms[k] = ||A_hat^k||`` and ``||A - A_hat|| <= eA``.
-
-    ``A^k = A_hat^k + sum_{i<k} A^i (A - A_hat) A_hat^{k-1-i}``.
-    """
-    if eA == 0.0:
-        return norms
-    found = np.empty_like(norms)
-    with np.errstate(over="ignore", invalid="ignore"):
-        for k in range(len(norms)):
-            found[k] = norms[k] + eA * float(found[:k] @ norms[:k][::-1])
-    return found

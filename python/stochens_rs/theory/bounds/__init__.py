@@ -2,11 +2,14 @@ r"""Tail bounds that hold: with what probability an estimate, a control or a sta
 
 Every bound is an object made from the exact data, with three methods inverse to each other:
 ``radius(size, delta)``, ``probability(size, eps)``, ``required_size(eps, delta)``; see
-:class:`Bound`. :func:`best` picks the smallest. All of them hold for every size and every delta,
+:class:`Bound`. :func:`best` picks one. All of them hold for every size and every delta,
 not only in the limit, for independent realizations (``scheme="iid"``) under uniform weights;
-:class:`Systematic` is for the other scheme, :func:`from_errors` for all other weights.
+:class:`Systematic` and :class:`Simulated` are for the other scheme, too, :func:`from_errors` for
+all other weights. :class:`Simulated` draws errors from the law: within a few percent of the
+quantile, for delta of about 1e-4 and more; the others are formulas, several times larger.
 
 =============================  =====================================================================
+all but averages of runs       `Simulated`
 vector, matrix                 `McDiarmid`, `Bousquet`, `Hoeffding`, `Chebyshev`, `Systematic`
 vector, 1-norm                 `Weissman` (divided by ``sqrt(2)``: 2-norm)
 matrix, spectral norm          `Bernstein`
@@ -33,6 +36,7 @@ from .fused import DiagonalBousquet, DiagonalMcDiarmid, Fused, FusedChebyshev
 from .norms import Bernstein, Weissman
 from .one_step import OneStepHoeffding, OneStepMcDiarmid
 from .product import ProductBousquet, ProductHoeffding, ProductMcDiarmid, ProductParts
+from .simulated import Simulated
 from .trajectories import (
     Trajectory,
     TrajectoryBousquet,
@@ -59,6 +63,7 @@ __all__ = [
     "ProductHoeffding",
     "ProductMcDiarmid",
     "ProductParts",
+    "Simulated",
     "Systematic",
     "Trajectory",
     "TrajectoryBousquet",

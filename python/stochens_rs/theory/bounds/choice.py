@@ -15,6 +15,7 @@ from .fused import DiagonalBousquet, DiagonalMcDiarmid, Fused, FusedChebyshev
 from .norms import Bernstein, Weissman
 from .one_step import OneStepHoeffding, OneStepMcDiarmid
 from .product import ProductBousquet, ProductHoeffding, ProductMcDiarmid, ProductParts
+from .simulated import Simulated
 from .trajectories import (
     Trajectory,
     TrajectoryBousquet,
@@ -63,7 +64,7 @@ def candidates(
     fusion: Fusion = "product",
     axis: Axis = "columns",
 ) -> list[Bound]:
-    """All bounds that hold for a quantity, for independent realizations.
+    """All formulas that bound a quantity, for independent realizations.
 
     Parameters
     ----------
@@ -82,7 +83,8 @@ def candidates(
     Returns
     -------
     list of Bound
-        The valid ones, with the data checked and the moments computed.
+        The valid ones, with the data checked and the moments computed. :class:`Simulated` is not
+        among them: it is no formula, and needs a `delta` that can be simulated.
 
     Raises
     ------
@@ -149,8 +151,9 @@ def best(
 
     Notes
     -----
-    The choice depends on the arguments only, not on realizations, so that the smallest radius
-    holds with the same `delta`. There is no best one for all data: Weissman's wins for few
+    The choice depends on the arguments only, not on realizations: :class:`Simulated` where `delta`
+    and the size of the problem allow it, which no other bound can beat by more than a few percent
+    (not for trajectories); otherwise the smallest of :func:`candidates`: Weissman's wins for few
     entries, Bousquet's for many realizations, McDiarmid's for few, Chebyshev's for large delta.
 
     Examples
@@ -158,19 +161,39 @@ def best(
     >>> from stochens_rs.theory import bounds
     >>> chosen = bounds.best("vector", [3.0, -1.0, 0.5, 2.0], eps=0.1, delta=0.01)
     >>> chosen.bound.name, chosen.size, chosen.radius <= 0.1
-    ('Weissman', 30607, True)
+    ('simulated', 11111, True)
     """
     if (size is None) == (eps is None):
         raise InputError("`size` or `eps` must be given, and not both")
     found = candidates(quantity, *data, norm=norm, fusion=fusion, axis=axis)
     if eps is not None:
-        needed, bound = _smallest_size(found, eps, delta)
+        drawn = _simulated(quantity, data, 1, delta, norm, fusion, axis)
+        needed, bound = _smallest_size([drawn] if drawn else found, eps, delta)
         return Best(bound, bound.radius(needed, delta), needed, delta)
     if _differ(size):
         found = [bound for bound in found if not isinstance(bound, ProductBousquet)]
     radii = [bound.radius(size, delta) for bound in found]
     k = radii.index(min(radii))
-    return Best(found[k], radii[k], size, delta)
+    drawn = _simulated(quantity, data, size, delta, norm, fusion, axis)
+    if drawn is None or radii[k] == 0.0:
+        return Best(found[k], radii[k], size, delta)
+    return Best(drawn, drawn.radius(size, delta), size, delta)
+
+
+def _simulated(
+    quantity: Of,
+    data: tuple[Any, ...],
+    size: Sizes,
+    delta: float,
+    norm: str | None,
+    fusion: Fusion,
+    axis: Axis,
+) -> Simulated | None:
+    """The simulated bound, where there is one."""
+    if quantity == "trajectory":
+        return None
+    bound = Simulated(quantity, *data, norm=norm, fusion=fusion, axis=axis)
+    return bound if bound.possible(size, _gate.probability("delta", delta)) else None
 
 
 def _smallest_size(found: list[Bound], eps: float, delta: float) -> tuple[int, Bound]:

@@ -1,0 +1,310 @@
+"""Errors drawn from the law of the realizations, and the order statistic that is a bound.
+
+Of R independent simulated errors, sorted, the one that j of them exceed is a bound unless too few
+fell beyond the true quantile: with ``q`` the ``1 - d`` quantile of the error,
+``P(e_(R-j) < q) <= P(Bin(R, d) <= j)`` (Clopper and Pearson, 1934). With ``d = 0.9 delta`` and j
+the largest for which that probability is at most ``0.01 delta``, the error exceeds the bound with
+probability at most ``0.91 delta``; the rest of delta pays for a search that looks at ten sizes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, Literal, Protocol, TypeAlias
+
+import numpy as np
+
+from ... import _core, _gate
+from ..._threads import get_num_threads
+from ...exceptions import SizeError
+from ...rng import Key
+from ..moments._formulas import Array, _compact_svd
+from ..multistep import controllability, matrix_powers
+from ._base import unit_of
+
+Scheme: TypeAlias = Literal["iid", "systematic"]
+
+_QUANTILE = 0.9  # share of delta for the quantile
+_MISTAKE = 0.01  # ... and, at each size looked at, for taking too small an order statistic
+_LOOKS = 10  # sizes that a search may look at: 0.9 + 10 * 0.01 = 1
+_RUNS = 200.0  # simulated errors per 1 / delta: the bound is then 1.02 to 1.1 times the quantile
+_FEWEST, _MOST = 8192, 1 << 17
+_BUDGET = 1e9  # nanoseconds that are worth spending on more runs than a bound needs
+_LONGEST = 3e10  # nanoseconds beyond which there is no bound
+_DRAW = 100.0  # nanoseconds of one binomial draw
+_PILOT = 2048  # runs of a look that only guides a search
+_CLOSE = 1.01  # a search ends within 1 % of the smallest sufficient size
+_ROUNDING = 16.0 * float(np.finfo(np.float64).eps)  # of a sum, per term and unit
+
+
+class Errors(Protocol):
+    """The law of one or several errors."""
+
+    @property
+    def cost(self) -> float:
+        """Nanoseconds for one run, roughly."""
+
+    @property
+    def rounding(self) -> tuple[float, ...]:
+        """What rounding can add to each error."""
+
+    def draw(self, runs: int, key: Key) -> Array:
+        """Independent errors, (runs, number of errors)."""
+
+
+@dataclass(frozen=True, eq=False)
+class EstimateErrors:
+    """``||average - mean||`` for `size` realizations of the lines of a vector or a matrix."""
+
+    lines: Array
+    norm: str
+    size: int
+    scheme: Scheme
+
+    @property
+    def cost(self) -> float:
+        """Nanoseconds for one run, roughly."""
+        products = min(self.lines.shape) if self.norm == "spectral" else 0
+        return (_DRAW + 30.0 * products) * self.lines.size
+
+    @property
+    def rounding(self) -> tuple[float, ...]:
+        """What rounding can add to the error."""
+        return (_ROUNDING * float(np.abs(self.lines).sum()),)
+
+    def draw(self, runs: int, key: Key) -> Array:
+        """Independent errors, (runs, 1)."""
+        norm = {"1": "1", "spectral": "spectral"}.get(self.norm, "2")
+        return _core.simulate_estimates(
+            self.lines,
+            self.size,
+            self.scheme,
+            norm,
+            runs,
+            self.cost,
+            key.bytes32,
+            get_num_threads(),
+        )[:, None]
+
+
+@dataclass(frozen=True, eq=False)
+class Entity:
+    """One entity of a control: its exact values, and what stands for it.
+
+    A fixed `estimate`; or the average of `size` realizations of the values, drawn anew in every
+    run; or, with neither, the values themselves.
+    """
+
+    values: Array
+    estimate: Array | None = None
+    size: int | None = None
+    scheme: Scheme = "iid"
+
+    @property
+    def drawn(self) -> bool:
+        """Whether every run draws an average anew."""
+        return self.estimate is None and self.size is not None
+
+    def argument(self, transpose: bool = False) -> Any:
+        """What the core takes: lines, and how they are drawn."""
+        lines = np.atleast_2d(self.values if self.estimate is None else self.estimate)
+        drawn = (self.size, self.scheme) if self.drawn else None
+        return np.ascontiguousarray(lines.T if transpose else lines), drawn
+
+
+class PlanErrors:
+    """The errors of a fused control: ``||C (u - v)||`` and ``||u - v||``.
+
+    ``v = C^+ (xf - A^K x0)`` is the exact control, ``C = C_K = [A^{K-1} B, ..., A B, B]``, and
+    ``C = B`` for one step (``steps=None``).
+    """
+
+    def __init__(
+        self,
+        B: Array,
+        x0: Entity,
+        xf: Entity,
+        A: Entity,
+        *,
+        steps: int | None,
+        paired: bool,
+        rows: bool,
+    ) -> None:
+        self.B, self.entities, self.paired, self.rows = B, (x0, xf, A), paired, rows
+        self.several = steps is not None
+        K = 1 if steps is None else steps
+        powers = matrix_powers(A.values, K)
+        self.C = controllability(powers, B)
+        free = powers[K] @ x0.values
+        self.y = xf.values - free
+        self.U, self.s, self.V = _compact_svd(self.C)
+        self.v = self.V @ ((self.U.T @ self.y) / self.s)
+        # ||(I - C C^+)(xf - A^K x0)||: what no control reaches
+        self.residual = _norm(self.y - self.U @ (self.U.T @ self.y))
+        grown = float(np.abs(powers[K]).sum(axis=0).max()) * float(np.abs(x0.values).sum())
+        terms = grown + float(np.abs(xf.values).sum()) + _norm(self.C @ self.v)
+        state = _ROUNDING * len(B) * K * terms
+        self.rounding = (state, state / float(self.s[-1]) if self.s.size else 0.0)
+
+    def sized(self, sizes: tuple[int | None, ...]) -> PlanErrors:
+        """The same problem with other numbers of realizations ``(N0, Nf, NA)``."""
+        other = object.__new__(PlanErrors)
+        other.__dict__.update(self.__dict__)
+        entities = zip(self.entities, sizes, strict=True)
+        other.entities = tuple(replace(e, size=N) for e, N in entities)  # type: ignore[assignment]
+        return other
+
+    @property
+    def random(self) -> bool:
+        """Whether anything is drawn."""
+        return any(entity.drawn for entity in self.entities)
+
+    @property
+    def cost(self) -> float:
+        """Nanoseconds for one run, roughly."""
+        n, width = self.C.shape
+        cost = _DRAW * (n * n + 2 * n)
+        if self.several:  # powers of A_hat and a singular value decomposition
+            cost += 30.0 * n * n * width
+        x0, _, A = self.entities
+        if self.paired and x0.drawn and A.drawn and A.scheme == "systematic":
+            cost += 15.0 * float(A.size or 0)  # drawn one by one
+        return cost
+
+    def draw(self, runs: int, key: Key) -> Array:
+        """Independent errors of the state and of the control, (runs, 2)."""
+        if not self.s.size:
+            return np.zeros((runs, 2))
+        x0, xf, A = self.entities
+        exact = (self.B, self.C, self.v) if self.several else (self.U.T, self.s, self.y)
+        return _core.simulate_plans(
+            x0.argument(),
+            xf.argument(),
+            A.argument(transpose=not (self.rows and A.drawn)),
+            self.rows,
+            self.paired,
+            tuple(np.ascontiguousarray(np.atleast_2d(part)) for part in exact),
+            self.several,
+            runs,
+            self.cost,
+            key.bytes32,
+            get_num_threads(),
+        )
+
+
+def _norm(values: Array) -> float:
+    """2-norm in the unit of the largest entry: squares neither overflow nor vanish."""
+    unit = unit_of(values)
+    return unit * float(np.linalg.norm(values / unit))
+
+
+# -- from errors to bounds ---------------------------------------------------------------------
+
+
+def radii(errors: Errors, delta: float, key: Key) -> tuple[float, ...] | None:
+    """Bounds of the errors, each exceeded with probability `delta`; None: too many runs."""
+    runs = runs_for(delta, errors.cost)
+    if runs is None:
+        return None
+    found = errors.draw(runs, key)
+    return tuple(
+        order_statistic(column, delta) + rounding
+        for column, rounding in zip(found.T, errors.rounding, strict=True)
+    )
+
+
+def runs_for(delta: float, cost: float) -> int | None:
+    """How many errors to simulate, at a cost of each in nanoseconds; None: too many."""
+    threads = get_num_threads()
+    # (1 - p)^R <= 0.01 delta for p = 0.9 delta, and some to spare
+    fewest = math.ceil(1.5 * math.log(1.0 / (_MISTAKE * delta)) / (_QUANTILE * delta))
+    wanted = min(max(_FEWEST, math.ceil(_RUNS / delta)), _MOST)
+    runs = max(min(fewest, _MOST), min(wanted, int(_BUDGET * threads / cost)))
+    possible = exceedances(runs, delta) is not None and runs * cost <= _LONGEST * threads
+    return runs if possible else None
+
+
+def order_statistic(errors: Array, delta: float) -> float:
+    """The simulated error that is a bound for `delta`."""
+    beyond = exceedances(len(errors), delta)
+    assert beyond is not None  # `runs_for` sees to it
+    k = len(errors) - 1 - beyond
+    return float(np.partition(errors, k)[k])
+
+
+def exceedances(runs: int, delta: float) -> int | None:
+    """The largest j with ``P(Bin(runs, 0.9 delta) <= j) <= 0.01 delta``; None if 0 is too many."""
+    p = _QUANTILE * delta
+    k = np.arange(1, int(runs * p) + 1)  # up to the mean
+    # log P(k) = log P(k-1) + log((R - k + 1) / k) + log(p / (1 - p))
+    steps = np.log((runs - k + 1.0) / k) + math.log(p) - math.log1p(-p)
+    logs = runs * math.log1p(-p) + np.concatenate([[0.0], np.cumsum(steps)])
+    below = np.cumsum(np.exp(logs)) <= _MISTAKE * delta
+    return int(below.sum()) - 1 if below[0] else None
+
+
+def smallest_size(
+    errors_at: Callable[[int], Errors], which: int, eps: float, delta: float, key: Key
+) -> int | None:
+    """A size whose bound for error `which` is at most `eps`, within 1 % of the smallest.
+
+    A pilot with a stream of its own finds out where to look; at most ten sizes are looked at.
+    None: no size up to 2^53, or no bound for this `delta`.
+    """
+    pilot_key = key.child("pilot")
+
+    def pilot(size: int) -> float:
+        errors = errors_at(size)
+        runs = runs_for(delta, errors.cost)
+        if runs is None:
+            return math.inf
+        level = 1.0 - (exceedances(runs, delta) or 0) / runs
+        drawn = errors.draw(min(runs, _PILOT), pilot_key)[:, which]
+        return float(np.quantile(drawn, level)) + errors.rounding[which]
+
+    def bound(size: int) -> float:
+        found = radii(errors_at(size), delta, key)
+        return math.inf if found is None else found[which]
+
+    start, _ = _approach(pilot, eps, 1000, rounds=30, close=1.1)
+    if start is None:
+        return None
+    _, found = _approach(bound, eps, start, rounds=_LOOKS, close=_CLOSE)
+    return found
+
+
+def _approach(
+    radius: Callable[[int], float], eps: float, start: int, *, rounds: int, close: float
+) -> tuple[int | None, int | None]:
+    """The last size guessed, and the smallest one found with ``radius(size) <= eps``.
+
+    The radius is taken to fall like a power of the size, refitted in every round.
+    """
+    size, slope = start, -0.5
+    failing, passing, last = 0, None, None
+    for _ in range(rounds):
+        found = radius(size)
+        if found == math.inf:
+            return None, passing
+        if found <= eps:
+            passing = size if passing is None else min(passing, size)
+        else:
+            failing = max(failing, size)
+        if last is not None and last[0] != size and 0.0 < found != last[1] > 0.0:
+            fitted = math.log(found / last[1]) / math.log(size / last[0])
+            slope = min(max(fitted, -2.0), -0.3)
+        last = size, found
+        # a little beyond the size at which the fitted power meets eps
+        ratio = (eps / found) ** (1.0 / slope) if found > 0.0 else 0.0
+        aim = min(max(1, math.ceil(size * ratio * math.sqrt(close))), _gate.EXACT)
+        if passing is not None and (passing <= failing + 1 or passing <= aim * math.sqrt(close)):
+            return passing, passing
+        if failing >= _gate.EXACT:
+            return None, passing
+        if aim <= failing or (passing is not None and aim >= passing):
+            upper = passing if passing is not None else min(4 * failing, _gate.EXACT)
+            aim = (failing + upper + 1) // 2
+        size = aim
+    return size, passing

@@ -1,0 +1,381 @@
+//! Errors of estimates and of fused controls, simulated from the laws of their realizations.
+//!
+//! Every run draws the averages of `x0`, `xf` and `A` anew, as counts, so that its cost does not depend on their sizes
+//! (paired systematic samples excepted), and compares the control they give with the exact one, `v`:
+//!
+//! ```text
+//! one step:  t = U^T (y_hat - y),  ||B (u - v)|| = ||t||,  ||u - v|| = ||diag(1/s) t||,   y = xf - A x0,  B = U diag(s) V^T
+//! K steps:   u = C_K(A_hat)^+ (xf_hat - A_hat^K x0_hat),  ||C_K(A) (u - v)||,  ||u - v||
+//! ```
+
+use faer::linalg::matmul::matmul;
+use faer::{Accum, Mat, MatRef, Par};
+use rand::Rng;
+use rand::rngs::ChaCha8Rng;
+use rand_distr::{Binomial, Distribution};
+
+use crate::Scheme;
+use crate::control::steps_control;
+use crate::error::{Error, Result, checked_len, try_zeros};
+use crate::parallel::{Stop, for_each_chunk};
+use crate::sample::{Law, chances, deal, line_systematic};
+use crate::stream::{Key, Purpose};
+
+/// Runs that one thread takes at a time.
+const CHUNK: usize = 16;
+
+/// The law of an average of realizations, a vector or the lines of a matrix.
+#[derive(Debug, Clone)]
+pub struct Average {
+    law: Law,
+    chances: Vec<f64>,
+    size: u64,
+    scheme: Scheme,
+}
+
+impl Average {
+    /// The average of `size` realizations of `law`.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for a `size` outside `1 ..= 2^53`.
+    pub fn new(law: Law, size: u64, scheme: Scheme) -> Result<Self> {
+        if size == 0 || size > 1 << 53 {
+            return Err(Error::Value { name: "size", expected: "in [1, 2^53]", found: size.to_string() });
+        }
+        let chances = (0..law.lines()).flat_map(|j| chances(law.line(j), law.gamma()[j])).collect();
+        Ok(Self { law, chances, size, scheme })
+    }
+
+    fn chances(&self, j: usize) -> &[f64] {
+        &self.chances[j * self.law.length()..(j + 1) * self.law.length()]
+    }
+
+    /// `visit(i, value)` for the nonzero entries of the average of line `j`.
+    fn line(&self, j: usize, rng: &mut ChaCha8Rng, mut visit: impl FnMut(usize, f64)) -> Result<()> {
+        let (line, g, size) = (self.law.line(j), self.law.gamma()[j], self.size as f64);
+        let visit = |i: usize, count: u64| visit(i, g.copysign(line[i]) * (count as f64 / size));
+        match self.scheme {
+            Scheme::Iid => deal(self.chances(j), self.size, rng, visit),
+            Scheme::Systematic => {
+                line_systematic(line, self.size, rng.next_u64(), visit);
+                Ok(())
+            }
+        }
+    }
+
+    /// `visit(i, count)` for the entries that `some` of the `size` realizations of line `j` hit; which of them is random.
+    fn part(
+        &self,
+        j: usize,
+        some: u64,
+        rng: &mut ChaCha8Rng,
+        left: &mut [u64],
+        mut visit: impl FnMut(usize, u64),
+    ) -> Result<()> {
+        if self.scheme == Scheme::Iid {
+            return deal(self.chances(j), some, rng, visit);
+        }
+        // the realizations of a systematic sample are in random order: draw without replacement from its counts
+        left.fill(0);
+        line_systematic(self.law.line(j), self.size, rng.next_u64(), |i, count| left[i] = count);
+        let mut total: u64 = left.iter().sum();
+        for _ in 0..some.min(total) {
+            let mut at = ((u128::from(rng.next_u64()) * u128::from(total)) >> 64) as u64;
+            let Some(i) = left.iter().position(|&count| {
+                let here = at < count;
+                at = at.wrapping_sub(if here { 0 } else { count });
+                here
+            }) else {
+                break;
+            };
+            left[i] -= 1;
+            total -= 1;
+            visit(i, 1);
+        }
+        Ok(())
+    }
+}
+
+/// What stands for an entity in a control: the same in every run, or an average that every run draws anew.
+#[derive(Debug, Clone)]
+pub enum Estimate {
+    /// Entries, of a matrix column by column.
+    Fixed(Vec<f64>),
+    /// An average of realizations.
+    Drawn(Average),
+}
+
+impl Estimate {
+    fn len(&self) -> usize {
+        match self {
+            Self::Fixed(values) => values.len(),
+            Self::Drawn(average) => average.law.values().len(),
+        }
+    }
+
+    /// The vector of one run.
+    fn vector(&self, rng: &mut ChaCha8Rng, out: &mut [f64]) -> Result<()> {
+        match self {
+            Self::Fixed(values) => out.copy_from_slice(values),
+            Self::Drawn(average) => {
+                out.fill(0.0);
+                average.line(0, rng, |i, value| out[i] = value)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The fused control of a problem, whose realizations are drawn anew in every run.
+#[derive(Debug, Clone)]
+pub struct Plans {
+    x0: Estimate,
+    xf: Estimate,
+    a: Estimate,
+    rows: bool,
+    paired: bool,
+    n: usize,
+}
+
+/// What a control is compared with.
+#[derive(Debug, Clone, Copy)]
+pub enum Exact<'a> {
+    /// One step.
+    OneStep {
+        /// `U^T`, an orthonormal basis of the range of `B`, vector by vector.
+        basis: &'a [f64],
+        /// The singular values of `B` that belong to it.
+        singular_values: &'a [f64],
+        /// `xf - A x0`.
+        y: &'a [f64],
+    },
+    /// Several steps.
+    Steps {
+        /// `B`, row by row.
+        b: &'a [f64],
+        /// `C_K = [A^{K-1} B, ..., A B, B]`, row by row.
+        c: &'a [f64],
+        /// The exact control, step by step.
+        v: &'a [f64],
+    },
+}
+
+impl Plans {
+    /// `rows`: the lines of `A` are its rows. `paired`: diagonal fusion, realization by realization (one step).
+    ///
+    /// # Errors
+    /// [`Error::Shape`] if the entities do not fit together, [`Error::Value`] for systematic rows that are paired.
+    pub fn new(x0: Estimate, xf: Estimate, a: Estimate, rows: bool, paired: bool) -> Result<Self> {
+        let n = x0.len();
+        for (name, entity, len) in [("xf", &xf, n), ("A", &a, checked_len("A", n, n)?)] {
+            if entity.len() != len {
+                return Err(Error::Shape { name, expected: format!("{len} entries"), found: entity.len().to_string() });
+            }
+        }
+        let systematic = matches!(&a, Estimate::Drawn(average) if average.scheme == Scheme::Systematic);
+        if rows && paired && systematic {
+            let found = "systematic rows".into();
+            return Err(Error::Value { name: "fusion", expected: "'product' for systematic rows of `A`", found });
+        }
+        // without two random entities there is nothing to pair
+        let paired = paired && matches!((&x0, &a), (Estimate::Drawn(_), Estimate::Drawn(_)));
+        Ok(Self { x0, xf, a, rows, paired, n })
+    }
+
+    /// `(state, control)`: the errors of every run, which depends on `(key, run)` and the problem only.
+    ///
+    /// # Errors
+    /// [`Error::Overflow`] if an error is not finite, [`Error::Numerical`] if a factorization fails, [`Error::Memory`],
+    /// [`Error::Interrupted`] after a stop.
+    pub fn errors(&self, exact: Exact<'_>, runs: usize, key: &Key, threads: usize, stop: &Stop) -> Result<Vec<f64>> {
+        let mut errors: Vec<f64> = try_zeros("the simulated errors", checked_len("the errors", runs, 2)?)?;
+        for_each_chunk(errors.chunks_mut(2 * CHUNK).enumerate(), threads, stop, |(chunk, errors)| {
+            let mut scratch = Scratch::new(self.n)?;
+            for (at, errors) in errors.chunks_exact_mut(2).enumerate() {
+                stop.check()?;
+                let mut rng = key.stream(Purpose::Plans, chunk * CHUNK + at);
+                match exact {
+                    Exact::OneStep { basis, singular_values, y } => {
+                        self.difference(&mut rng, &mut scratch)?;
+                        let Scratch { y: found, t, .. } = &mut scratch;
+                        t.clear();
+                        t.extend(basis.chunks_exact(self.n).map(|u| {
+                            u.iter().zip(found.iter()).zip(y).map(|((u, found), y)| u * (found - y)).sum::<f64>()
+                        }));
+                        let state = norm(t.iter().copied());
+                        t.iter_mut().zip(singular_values).for_each(|(t, s)| *t /= s);
+                        errors.copy_from_slice(&[state, norm(t.iter().copied())]);
+                    }
+                    Exact::Steps { b, c, v } => errors.copy_from_slice(&self.steps(&mut rng, &mut scratch, b, c, v)?),
+                }
+            }
+            Ok(())
+        })?;
+        if errors.iter().any(|error| !error.is_finite()) {
+            return Err(Error::Overflow { what: "a simulated error" });
+        }
+        Ok(errors)
+    }
+
+    /// `y = xf_hat - A_hat x0_hat`, or the mean of `xf^s - A^s x0^s`, into the scratch space.
+    fn difference(&self, rng: &mut ChaCha8Rng, scratch: &mut Scratch) -> Result<()> {
+        let Scratch { x, y, left, .. } = scratch;
+        self.xf.vector(rng, y)?;
+        self.x0.vector(rng, x)?;
+        let n = self.n;
+        let a = match &self.a {
+            Estimate::Fixed(a) => {
+                for (column, x) in a.chunks_exact(n).zip(x.iter()) {
+                    y.iter_mut().zip(column).for_each(|(y, a)| *y -= a * x);
+                }
+                return Ok(());
+            }
+            Estimate::Drawn(a) => a,
+        };
+        for j in 0..n {
+            let (line, g, value) = (a.law.line(j), a.law.gamma()[j], x[j]);
+            match (self.rows, self.paired) {
+                (false, _) if value == 0.0 => {}
+                (false, false) => a.line(j, rng, |i, entry| y[i] -= value * entry)?,
+                (false, true) => {
+                    // x0^s hits j in `some` of the realizations: column j of the others does not enter
+                    let some = self.hits(j, value);
+                    let one = value * g / some as f64;
+                    a.part(j, some, rng, left, |i, count| y[i] -= one * line[i].signum() * count as f64)?;
+                }
+                (true, false) => {
+                    let mut sum = 0.0;
+                    a.line(j, rng, |k, entry| sum += entry * x[k])?;
+                    y[j] -= sum;
+                }
+                (true, true) => {
+                    for (k, (entry, value)) in line.iter().zip(x.iter()).enumerate() {
+                        let some = self.hits(k, *value);
+                        if some > 0 && *entry != 0.0 {
+                            // row j picks entry k in some of the realizations whose x0^s hits k
+                            let p = (entry.abs() / g).min(1.0);
+                            let binomial = Binomial::new(some, p)
+                                .map_err(|e| Error::Numerical(format!("binomial({some}, {p}): {e}")))?;
+                            let share = binomial.sample(rng) as f64 / some as f64;
+                            y[j] -= value * g.copysign(*entry) * share;
+                        }
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// How many realizations of `x0` hit entry `i`, whose average is `value = g0 sign(x0_i) hits / N`.
+    fn hits(&self, i: usize, value: f64) -> u64 {
+        match &self.x0 {
+            Estimate::Drawn(x0) if value != 0.0 => {
+                let share = value / x0.law.gamma()[0].copysign(x0.law.line(0)[i]);
+                (share * x0.size as f64).round() as u64
+            }
+            _ => 0,
+        }
+    }
+
+    /// The two errors of one control over several steps.
+    fn steps(&self, rng: &mut ChaCha8Rng, scratch: &mut Scratch, b: &[f64], c: &[f64], v: &[f64]) -> Result<[f64; 2]> {
+        let n = self.n;
+        let Scratch { x, y, a, .. } = scratch;
+        self.xf.vector(rng, y)?;
+        self.x0.vector(rng, x)?;
+        match &self.a {
+            Estimate::Fixed(columns) => *a = Mat::from_fn(n, n, |i, j| columns[j * n + i]),
+            Estimate::Drawn(average) => {
+                a.fill(0.0);
+                for j in 0..n {
+                    average.line(j, rng, |i, value| if self.rows { a[(j, i)] = value } else { a[(i, j)] = value })?;
+                }
+            }
+        }
+        let b = MatRef::from_row_major_slice(b, n, b.len() / n);
+        let u = steps_control(a.as_ref(), b, x, y, v.len() / b.ncols())?;
+        let wrong = Mat::from_fn(v.len(), 1, |i, _| u[i] - v[i]);
+        let mut shift = Mat::<f64>::zeros(n, 1);
+        let c = MatRef::from_row_major_slice(c, n, v.len());
+        matmul(&mut shift, Accum::Replace, c, &wrong, 1.0, Par::Seq);
+        Ok([&shift, &wrong].map(|error| norm(error.col(0).iter().copied())))
+    }
+}
+
+/// 2-norm, in the unit of the largest entry: squares neither overflow nor vanish.
+fn norm(values: impl Iterator<Item = f64> + Clone) -> f64 {
+    let largest = values.clone().fold(0.0_f64, |most, v| most.max(v.abs()));
+    if largest == 0.0 {
+        return 0.0;
+    }
+    largest * values.map(|v| (v / largest) * (v / largest)).sum::<f64>().sqrt()
+}
+
+/// Space for one run at a time.
+struct Scratch {
+    t: Vec<f64>,
+    x: Vec<f64>,
+    y: Vec<f64>,
+    left: Vec<u64>,
+    a: Mat<f64>,
+}
+
+impl Scratch {
+    fn new(n: usize) -> Result<Self> {
+        let what = "a simulated run";
+        let zeros = || try_zeros(what, n);
+        Ok(Self { t: Vec::with_capacity(n), x: zeros()?, y: zeros()?, left: try_zeros(what, n)?, a: Mat::zeros(n, n) })
+    }
+}
+
+/// The norm of an error.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Norm {
+    /// The sum of the magnitudes.
+    One,
+    /// The root of the sum of squares: Frobenius for a matrix.
+    Two,
+    /// The largest singular value.
+    Spectral,
+}
+
+/// `||average - mean||` of every run.
+///
+/// # Errors
+/// As [`Plans::errors`].
+pub fn estimate_errors(
+    average: &Average,
+    kind: Norm,
+    runs: usize,
+    key: &Key,
+    threads: usize,
+    stop: &Stop,
+) -> Result<Vec<f64>> {
+    let (lines, length) = (average.law.lines(), average.law.length());
+    let mut errors: Vec<f64> = try_zeros("the simulated errors", runs)?;
+    for_each_chunk(errors.chunks_mut(CHUNK).enumerate(), threads, stop, |(chunk, errors)| {
+        let mut wrong: Vec<f64> = try_zeros("a simulated estimate", average.law.values().len())?;
+        for (at, error) in errors.iter_mut().enumerate() {
+            stop.check()?;
+            let mut rng = key.stream(Purpose::Plans, chunk * CHUNK + at);
+            wrong.iter_mut().zip(average.law.values()).for_each(|(w, v)| *w = -v);
+            for (j, wrong) in wrong.chunks_exact_mut(length).enumerate() {
+                average.line(j, &mut rng, |i, value| wrong[i] += value)?;
+            }
+            *error = match kind {
+                Norm::One => wrong.iter().map(|w| w.abs()).sum(),
+                Norm::Two => norm(wrong.iter().copied()),
+                Norm::Spectral => {
+                    let values = MatRef::from_row_major_slice(&wrong, lines, length).singular_values();
+                    let values = values.map_err(|_| Error::Numerical("the singular values did not converge".into()))?;
+                    values.first().copied().unwrap_or(0.0)
+                }
+            };
+        }
+        Ok(())
+    })?;
+    if errors.iter().any(|error| !error.is_finite()) {
+        return Err(Error::Overflow { what: "a simulated error" });
+    }
+    Ok(errors)
+}

@@ -146,11 +146,16 @@ class Geometry:
         self.reach_A = min(
             float(self.m @ deviation), self.M_norm * float(np.linalg.norm(deviation))
         )
+        # entry i of A^s x0^s, where x0^s hits j: at most this far from (A x0)_i
+        hits = np.abs(self.g0 * rho[:, None] * np.sign(A) * np.sign(x0) - (A @ x0)[:, None])
+        misses = np.where(random, np.abs(A @ x0), 0.0)
+        away = np.maximum(hits, misses[:, None])[:, self.hit]
+        far = np.minimum(self.m @ away, self.M_norm * np.linalg.norm(away, axis=0))
+        self.reach_z = float(far.max(initial=0.0))
         # ||A^s x0^s|| <= g0 max_j (sum of rho_i^2 over the rows with a_ij != 0)^(1/2)
         hit = (A != 0.0)[:, self.hit]
         ball = self.M_norm * self.g0 * math.sqrt(float((rho**2 @ hit).max(initial=0.0)))
-        self.D_z = 2.0 * ball
-        self.reach_z = ball + float(np.linalg.norm(self.MA @ x0))
+        self.D_z = 2.0 * min(ball, self.reach_z)
 
     # -- by size ------------------------------------------------------------------------------
 

@@ -84,14 +84,14 @@ def _vector_excess(A: Array, x: Array, axis: str) -> Array:
     return np.diag(weights.sum(axis=1) * squares)
 
 
-def _fraction(N: float, part: Array, rest: Array, g: Array) -> tuple[Array, Array]:
+def _fraction(N: float, part: Array, rest: Array, g: Array | float) -> tuple[Array, Array]:
     """``f = frac(N part / g)`` and ``1 - f`` for ``part + rest = g``.
 
     A remainder is computed without rounding: where ``N part / g`` is an integer, f is exactly 0.
     Just below an integer, ``1 - f`` is the remainder of the rest.
     """
     f, other = np.fmod(N * part, g) / g, np.fmod(N * rest, g) / g
-    below = (0.0 < other) & (other < 0.5) & ((f > 0.5) | (N * rest < 0.5 * g))
+    below = (other > 0.0) & (other < 0.5) & ((f > 0.5) | (N * rest < 0.5 * g))
     return np.where(below, 1.0 - other, f), np.where(below, other, 1.0 - f)
 
 
@@ -104,9 +104,9 @@ def _systematic_covariance(w: Array, N: float) -> Array:
     absolute = np.ldexp(np.abs(w), -exponent)
     g = float(absolute.sum())
     # f_i = frac(N |w_i| / g), phi_i = frac(N (p_1 + ... + p_i)), psi = 1 - phi.
-    f, f_rest = _fraction(N, absolute, _others(absolute[:, None])[:, 0], np.float64(g))
+    f, f_rest = _fraction(N, absolute, _others(absolute[:, None])[:, 0], g)
     after = np.append(np.cumsum(absolute[:0:-1])[::-1], 0.0)
-    phi, psi = _fraction(N, np.cumsum(absolute), after, np.float64(g))
+    phi, psi = _fraction(N, np.cumsum(absolute), after, g)
     phi[-1] = 0.0
     both = np.minimum.outer(phi, phi) * np.minimum.outer(psi, psi)  # Cov(b_i, b_k)
     counts = np.diff(np.diff(both, axis=0, prepend=0.0), axis=1, prepend=0.0)

@@ -3,7 +3,8 @@ r"""Tail bounds that hold: with what probability an estimate, a control or a sta
 Every bound is an object made from the exact data, with three methods inverse to each other:
 ``radius(size, delta)``, ``probability(size, eps)``, ``required_size(eps, delta)``; see
 :class:`Bound`. :func:`best` picks the smallest. All of them hold for every size and every delta,
-not only in the limit, for independent realizations (``scheme="iid"``) under uniform weights;
+not only in the limit, for independent realizations (``scheme="iid"``) under uniform weights, and
+none is larger than the largest error that can happen at all;
 :class:`Systematic` is for the other scheme, :func:`from_errors` for all other weights.
 
 =============================  =====================================================================

@@ -6,6 +6,7 @@ eps or it is not. `test_bounds_coverage.py` has the larger systems.
 
 from __future__ import annotations
 
+import copy
 import itertools
 import math
 from typing import ClassVar
@@ -453,7 +454,7 @@ def test_each_formula_is_the_smallest_somewhere():
     assert smallest("vector", ones, 10**6, 0.01) == "Bousquet"
     assert smallest("vector", ones, 10**6, 0.9) == "Chebyshev"
     assert smallest("vector", ones, 2, 1e-9) == "McDiarmid"
-    assert smallest("vector", [1.0, 1.0], 9, 0.01) == "Weissman"
+    assert smallest("vector", [1.0, 1.0], 30, 0.01) == "Weissman"
     assert smallest("matrix", np.ones((40, 40)), 10**6, 0.01) == "Bernstein"
 
 
@@ -476,6 +477,76 @@ def test_certificate_is_an_upper_bound_of_an_identity(gen):
     assert bounds.from_errors([[4.0]], [3.0], [[1.0]], xf_error=0.5) == (0.5, 0.125)
     assert bounds.from_errors([[1.0]], [3.0], [[2.0]], x0_error=1.0, A_error=0.5) == (4.0, 4.0)
     assert bounds.from_errors([[0.0]], [1.0], [[1.0]], x0_error=1.0) == (0.0, 0.0)
+
+
+# -- the largest error that can happen at all ------------------------------------------------------
+
+
+def assert_capped(bound, size, largest, at_most=1.0):
+    """For a tiny delta the radius is the largest error, or up to `at_most` times that."""
+    radius = bound.radius(size, 5e-324)
+    assert largest <= radius <= at_most * largest * (1.0 + 1e-9) + 1e-12, bound
+    assert radius == 0.0 or bound.probability(size, radius) == 0.0
+    if not isinstance(size, tuple) or None not in size:
+        assert bound.required_size(radius or 1e-9, 5e-324) == 1
+
+
+@pytest.mark.parametrize("N", [1, 2, 3])
+def test_estimates_are_capped_at_their_largest_error(N):
+    for w in (*VECTORS, [0.0, -2.0]):
+        off = [v - w for _, v in vector_law(w, N)]
+        for norm, order in (("2", 2), ("1", 1)):
+            largest = max(np.linalg.norm(v, order) for v in off)
+            for bound in bounds.candidates("vector", w, norm=norm):
+                assert_capped(bound, N, largest)
+    for A, axis in itertools.product((*MATRICES, [[2.0, 0.0], [0.0, 1.0]]), AXES):
+        off = [v - A for _, v in matrix_law(A, N, axis)]
+        for norm, order in (("Frobenius", None), ("spectral", 2)):
+            largest = max(np.linalg.norm(v, order) for v in off)
+            for bound in bounds.candidates("matrix", A, norm=norm, axis=axis):
+                # spectral: capped by the Frobenius norm
+                assert_capped(bound, N, largest, 1.0 if order is None else math.sqrt(2.0))
+
+
+@pytest.mark.parametrize("axis", AXES)
+@pytest.mark.parametrize("case", CONTROLS)
+def test_controls_are_capped_near_their_largest_error(case, axis):
+    """xf and A x0 are bounded on their own, which costs a factor of 2 at most; by rows 4."""
+    B, x0, xf, A = (np.array(x) for x in CONTROLS[case])
+    y = xf - A @ x0
+    for sizes in (
+        (1, 1, 1), (2, 2, 2), (2, None, 2), (None, None, 3), (3, None, None), (None, 3, None),
+    ):  # fmt: skip
+        law = product_law(x0, xf, A, sizes, axis)
+        for quantity, fusion in itertools.product(QUANTITIES, ("product", "diagonal")):
+            # one realization of each is as far off as any average, for both fusions
+            largest = max(errors_of(quantity, B, y)(v) for _, v in law)
+            for bound in bounds.candidates(quantity, B, x0, xf, A, fusion=fusion, axis=axis):
+                if largest > 1e-9:
+                    assert_capped(bound, sizes, largest, 2.0 if axis == "columns" else 4.0)
+
+
+@pytest.mark.parametrize("axis", AXES)
+@pytest.mark.parametrize("sample_B", [True, False])
+def test_trajectories_are_capped(sample_B, axis):
+    A, B, x0 = np.array([[1.0, -2.0], [0.5, 1.0]]), np.array([[1.0], [0.5]]), np.array([1.0, -0.5])
+    u, runs, mean = np.array([[0.7], [-0.4]]), vector_law(x0, 1), x0
+    for control in u:
+        mean = A @ mean + B @ control
+        Bs = matrix_law(B, 1, axis) if sample_B else [(1.0, B)]
+        runs = [
+            (1.0, a @ x + b @ control)
+            for (_, x), (_, a), (_, b) in itertools.product(runs, matrix_law(A, 1, axis), Bs)
+        ]
+    largest = max(np.linalg.norm(x - mean) for _, x in runs)
+    kinds = (bounds.TrajectoryMcDiarmid, bounds.TrajectoryBousquet, bounds.TrajectoryChebyshev)
+    for kind in kinds:
+        assert_capped(kind(A, B, x0, u, axis=axis, sample_B=sample_B), 2, largest, 2.0)
+    if axis == "columns" and sample_B:
+        moved = [v for _, v in product_law(x0, B[:, 0] * 0.7, -A, (1, 1, 1), axis)]
+        largest = max(np.linalg.norm(v - A @ x0 - B[:, 0] * 0.7) for v in moved)
+        for bound in bounds.candidates("trajectory", A, B, x0, u[:1]):
+            assert_capped(bound, 1, largest, 2.0)
 
 
 # -- inverses --------------------------------------------------------------------------------------
@@ -507,11 +578,18 @@ def test_radius_probability_and_required_size_are_inverse(k, N, log_delta):
     bound, delta = ALL[k], math.exp(log_delta)
     radius = bound.radius(N, delta)
     assert radius > 0.0
+    largest = bound.radius(1, 5e-324)
+    if radius == largest:  # the largest error that can happen at all
+        assert bound.probability(N, radius) == 0.0 < bound.probability(N, 0.999 * radius)
+        assert bound.radius(N, delta / 2.0) == radius
+        assert bound.required_size(radius, delta) == 1
+        return
     found = bound.probability(N, radius)
     assert math.log(found) == pytest.approx(log_delta, rel=1e-6, abs=1e-6)
     assert bound.radius(float(2 * N), delta) < radius
     assert bound.radius(N, delta / 2.0) > radius
     assert bound.probability(N, 2.0 * radius) < found
+    assert radius < largest
     needed = bound.required_size(radius, delta)
     assert N - max(1, 1e-12 * N) <= needed <= N
     if needed > 1:
@@ -522,9 +600,10 @@ def test_radius_probability_and_required_size_are_inverse(k, N, log_delta):
 def test_extreme_arguments(k):
     bound = ALL[k]
     for N in (1, 1000, 2**53):
-        assert bound.probability(N, 1e300) <= 1e-9 or bound.name == "Bernstein"
+        assert bound.probability(N, 1e300) == 0.0
         assert bound.probability(N, 5e-324) == 1.0
-        assert 0.0 < bound.radius(N, 1.0 - 1e-16) < bound.radius(N, 5e-324) < math.inf
+        assert 0.0 < bound.radius(N, 1.0 - 1e-16) <= bound.radius(N, 5e-324) < math.inf
+    assert bound.radius(2**53, 1.0 - 1e-16) < bound.radius(2**53, 5e-324)
     assert bound.required_size(1e300, 5e-324) == 1
 
 
@@ -753,6 +832,23 @@ class TestInput:
             with pytest.raises(InputError, match=r"N0, Nf, NA = 2, 3, 2"):
                 kind(self.B, self.x0, self.xf, self.A).radius((2, 3, 2), 0.1)
 
+    def test_what_bounds_have_in_common_is_no_bound(self):
+        made = (
+            lambda: bounds.Average([1.0, 2.0]),
+            lambda: bounds.Fused(self.B, self.x0, self.xf, self.A),
+            lambda: bounds.Trajectory(self.A, self.B, self.x0, [[1.0]]),
+            bounds.Bound,
+            paper.Printed,
+        )
+        for make, usable in zip(
+            made,
+            ("McDiarmid", "ProductParts", "TrajectoryBousquet", "Weissman", "Lemma42"),
+            strict=True,
+        ):
+            with pytest.raises(InputTypeError, match=rf"no bound: use .*\b{usable}\b"):
+                make()
+        assert copy.deepcopy(self.bound).radius(10, 0.1) == self.bound.radius(10, 0.1)
+
     def test_more_realizations_than_can_be_counted(self):
         with pytest.raises(InputError, match="2\\^53"):
             self.bound.required_size(1e-12, 0.1)
@@ -793,7 +889,9 @@ class TestInput:
     def test_what_overflows_is_refused(self):
         big = np.full(2, 1e308)
         with pytest.raises(NonFiniteError, match="scale"):
-            bounds.McDiarmid(big).radius(1, 1e-3)
+            bounds.McDiarmid(1.7 * big).radius(1, 1e-3)
+        # the largest error, sqrt(2) 1e308, is a number; McDiarmid's own radius is not
+        assert 1.4e308 < bounds.McDiarmid(big).radius(1, 1e-3) < 1.5e308
         with pytest.raises(NonFiniteError, match="scale"):
             bounds.ProductMcDiarmid(self.B, big, self.xf, np.array(self.A) * 1e10)
         with pytest.raises(NonFiniteError, match="scale"):

@@ -6,7 +6,8 @@ Every bound is an object made from the exact data, with three methods inverse to
 not only in the limit, for independent realizations (``scheme="iid"``) under uniform weights;
 :class:`Systematic` and :class:`Simulated` are for the other scheme, too, :func:`from_errors` for
 all other weights. :class:`Simulated` draws errors from the law: within a few percent of the
-quantile, for delta of about 1e-4 and more; the others are formulas, several times larger.
+quantile, for delta of about 1e-4 and more; the others are formulas, several times larger, but none
+larger than the largest error that can happen at all.
 
 =============================  =====================================================================
 all but averages of runs       `Simulated`

@@ -4,22 +4,34 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import ClassVar, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 
 from ... import _gate
-from ...exceptions import NonFiniteError, SizeError
+from ...exceptions import InputTypeError, NonFiniteError, SizeError
 from ..moments._formulas import Array, Sizes, _reciprocal
 
 Rates: TypeAlias = "tuple[float, ...]"  # 1 / size of every entity; 0 for one known exactly
 
 _ROUNDS = 200  # halvings: more than a float64 can tell apart
 _LARGEST_LEVEL = 744.0  # log(1 / delta) for the smallest positive float64
+_ABOVE_ROUNDING = 1.0 + 1e-12  # an error that is attained must not exceed its bound by rounding
 
 
 class Bound:
     """A tail bound ``P(error > radius(size, delta)) <= delta`` for every size and every delta.
+
+    Parameters
+    ----------
+    *args, **kwargs
+        Those of the bound. What several bounds have in common (`Bound`, `Average`, `Fused`,
+        `Trajectory`, `paper.Printed`) is no bound and cannot be made.
+
+    Raises
+    ------
+    InputTypeError
+        The class is no bound; the message names those that are.
 
     Attributes
     ----------
@@ -35,8 +47,9 @@ class Bound:
     Notes
     -----
     The three methods are inverse to each other: ``probability(N, radius(N, delta)) = delta`` and
-    ``required_size(eps, delta)`` is the smallest N with ``radius(N, delta) <= eps``. A bound whose
-    data have no randomness (zero vectors, lines with one nonzero entry) has radius 0.
+    ``required_size(eps, delta)`` is the smallest N with ``radius(N, delta) <= eps``. No radius is
+    larger than the largest error that the data allow, whose probability to be exceeded is 0. A
+    bound whose data have no randomness (zero vectors, lines with one nonzero entry) has radius 0.
 
     Examples
     --------
@@ -51,6 +64,14 @@ class Bound:
     quantity: str
     norm: str
     _unit: float = 1.0  # everything below the public methods is computed in this unit
+
+    def __new__(cls, *args: Any, **kwargs: Any) -> Any:
+        if not hasattr(cls, "name"):
+            usable = ", ".join(sorted(kind.__name__ for kind in _usable(cls)))
+            raise InputTypeError(
+                f"{cls.__name__} is what several bounds have in common and no bound: use {usable}"
+            )
+        return super().__new__(cls)
 
     def radius(self, size: Sizes, delta: float) -> float:
         """Radius that the error exceeds with probability at most `delta`.
@@ -74,7 +95,7 @@ class Bound:
             `size` is not a count, `delta` does not lie in (0, 1), or the radius overflows.
         """
         rates = self._rates(size)
-        return self._in_units(self._radius(rates, level_of(delta)))
+        return self._in_units(self._capped(rates, level_of(delta)))
 
     def probability(self, size: Sizes, eps: float) -> float:
         """Bound on the probability that the error exceeds `eps`.
@@ -89,7 +110,7 @@ class Bound:
         Returns
         -------
         float
-            At most 1.
+            At most 1, and 0 where no error can be as large as `eps`.
 
         Raises
         ------
@@ -97,7 +118,10 @@ class Bound:
             `size` is not a count, or `eps` is not a positive number.
         """
         rates = self._rates(size)
-        level = self._level(rates, _gate.positive("eps", eps) / self._unit)
+        eps = _gate.positive("eps", eps)
+        if eps >= self._cap(rates) * self._unit:
+            return 0.0
+        level = self._level(rates, eps / self._unit)
         return 1.0 if level <= 0.0 else math.exp(-level)
 
     def required_size(self, eps: float, delta: float) -> int:
@@ -127,7 +151,7 @@ class Bound:
         eps, level = _gate.positive("eps", eps), level_of(delta)
 
         def enough(size: int) -> bool:
-            return self._in_units(self._radius(same(1.0 / size), level)) <= eps
+            return self._in_units(self._capped(same(1.0 / size), level)) <= eps
 
         if enough(1):
             return 1
@@ -141,6 +165,12 @@ class Bound:
             else:
                 too_few = middle
         return sufficient
+
+    def _capped(self, rates: Rates, level: float) -> float:
+        return min(self._radius(rates, level), self._cap(rates))
+
+    def _cap(self, rates: Rates) -> float:
+        return self._largest_error(rates) * _ABOVE_ROUNDING
 
     # -- what a bound defines: one of the first two, the other follows by inversion ------------
 
@@ -183,6 +213,10 @@ class Bound:
                 unknown = middle
         return known
 
+    def _largest_error(self, rates: Rates) -> float:
+        """The largest error that can happen at all, or more; for entities that are not exact."""
+        return math.inf
+
     def _rates(self, size: Sizes) -> Rates:
         return (_reciprocal("size", size),)
 
@@ -197,6 +231,12 @@ class Bound:
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: error of the {self.quantity}, {self.norm} norm>"
+
+
+def _usable(kind: type[Bound]) -> set[type[Bound]]:
+    """The bounds that are built on a common part."""
+    below: set[type[Bound]] = set().union(*(_usable(k) for k in kind.__subclasses__()))
+    return below | {kind} if hasattr(kind, "name") else below
 
 
 def level_of(delta: object) -> float:

@@ -21,7 +21,9 @@ from ..moments._formulas import (
     Array,
     _compact_svd,
     _excess,
+    _pushed,
     _vector_covariance,
+    _vector_excess,
 )
 from ._base import unit_of
 
@@ -41,8 +43,8 @@ class Geometry:
         self.by_rows = _gate.choice("axis", axis, _AXES) == "rows"
         self.quantity = _gate.choice("quantity", quantity, ("state", "control"))
         self._scale(B, x0, xf, A)
-        self._set_moments()
         self._set_ranges()
+        self._set_moments()
 
     def _scale(self, B: Array, x0: Array, xf: Array, A: Array) -> None:
         unit_B, unit_A = unit_of(B), unit_of(A)
@@ -66,23 +68,25 @@ class Geometry:
         axis = "rows" if self.by_rows else "columns"
         M, A, x0 = self.M, self.A, self.x0
         Cv = _vector_covariance(x0)
-        parts = (
-            A @ Cv @ A.T,
-            _vector_covariance(self.xf),
-            _excess(A, np.outer(x0, x0), axis),
-            _excess(A, Cv, axis),
-        )
-        self.covariances = tuple(M @ C @ M.T for C in parts)
-        self._traces = tuple(max(0.0, float(np.trace(C))) for C in self.covariances)
+        of_x0, of_xf = _pushed(self.MA, x0), _pushed(M, self.xf)
+        of_A, of_both = _vector_excess(A, x0, axis), _excess(A, Cv, axis)
+        self.covariances = (of_x0, of_xf, M @ of_A @ M.T, M @ of_both @ M.T)
+        if self.by_rows:  # diagonal matrices
+            from_A = self.m**2 @ of_A.diagonal(), self.m**2 @ of_both.diagonal()
+        else:
+            from_A = self.tau @ (x0 * x0), self.tau @ Cv.diagonal()
+        traces = np.trace(of_x0), np.trace(of_xf), *from_A
+        self._traces = tuple(max(0.0, float(trace)) for trace in traces)
 
     def _set_ranges(self) -> None:
         M, A, x0 = self.M, self.A, self.x0
+        self.MA = M @ A
         self.m = np.linalg.norm(M, axis=0)  # ||M e_i||
         self.g0, self.gf = float(abs(x0).sum()), float(abs(self.xf).sum())
         self.hit = np.flatnonzero(x0)
         # atoms of M xf^s and of M A x0^s, one per column
         self.atoms_f = self.gf * np.sign(self.xf[self.xf != 0.0]) * M[:, self.xf != 0.0]
-        self.atoms_0 = self.g0 * np.sign(x0[self.hit]) * (M @ A[:, self.hit])
+        self.atoms_0 = self.g0 * np.sign(x0[self.hit]) * self.MA[:, self.hit]
         self.D_f = math.sqrt(float(squared_distances(self.atoms_f).max(initial=0.0)))
         if self.by_rows:
             self._rows_of_A()
@@ -99,10 +103,12 @@ class Geometry:
         M, A, x0 = self.M, self.A, self.x0
         absolute, present = np.abs(A), A != 0.0
         g = absolute.sum(axis=0)
-        MA = M @ A
-        squares = (MA**2).sum(axis=0)
-        # tau_j = tr(M Cv(a_j) M^T) = g_j sum_i |a_ij| ||M e_i||^2 - ||M a_j||^2
-        self.tau = np.maximum(0.0, g * (self.m**2 @ absolute) - squares)
+        # sum_k |a_kj| ||M (s_i e_i - s_k e_k)||^2 for the atom i of column j, s the signs of a_j
+        up, down = np.maximum(A, 0.0), np.maximum(-A, 0.0)
+        alike, unlike = pair_distances(M, 1.0), pair_distances(M, -1.0)
+        apart = np.where(A > 0.0, alike @ up + unlike @ down, unlike @ up + alike @ down)
+        # tau_j = tr(M Cv(a_j) M^T)
+        self.tau = (absolute * apart).sum(axis=0) / 2.0
         # diameter of the atoms: two of them are at most sqrt(2) g ||M|| and g (m_1 + m_2) apart
         norms = np.where(present, self.m[:, None], 0.0)
         two = np.partition(norms, -2, axis=0)[-2:].sum(axis=0) if len(A) > 1 else 0.0 * g
@@ -110,16 +116,19 @@ class Geometry:
         self.D = np.where(random, g * np.minimum(math.sqrt(2.0) * self.M_norm, two), 0.0)
         self.cap_A = self.g0 * float(self.D[self.hit].max(initial=0.0))
         self.slope_A = float(self.D[self.hit].max(initial=0.0))
-        # ||M (atom - a_j)||^2 = g^2 m_i^2 - 2 g sign (M^T M a_j)_i + ||M a_j||^2
-        deviation = g**2 * (self.m**2)[:, None] - 2.0 * g * np.sign(A) * (M.T @ MA) + squares
-        farthest = np.sqrt(np.where(present, deviation, 0.0).max(axis=0, initial=0.0))
+        # ||M (atom - a_j)||^2 = g_j apart_ij - tau_j; the largest is at least tau_j
+        farthest = np.sqrt(np.where(present, g * apart - self.tau, 0.0).max(axis=0, initial=0.0))
         self.reach_A = float(np.abs(x0) @ np.where(random, farthest, 0.0))
-        # atoms of z = A^s x0^s: at each i the largest of each sign
-        moved = np.where(present & (x0 != 0.0), np.sign(A) * np.sign(x0) * self.g0 * g, 0.0)
-        up, down = moved.max(axis=1), moved.min(axis=1)
-        atoms = np.hstack([M[:, up > 0.0] * up[up > 0.0], M[:, down < 0.0] * down[down < 0.0]])
+        # atoms of z = A^s x0^s: at each i the ends, and 0 where x0 meets a zero column
+        moved = np.sign(A) * np.sign(x0) * self.g0 * g
+        met = present & (x0 != 0.0)
+        i = np.flatnonzero(met.any(axis=1))
+        low = np.where(met, moved, math.inf).min(axis=1)[i]
+        high = np.where(met, moved, -math.inf).max(axis=1)[i]
+        zero = np.zeros((len(M), int(((g == 0.0) & (x0 != 0.0)).any())))
+        atoms = np.hstack([M[:, i] * low, M[:, i] * high, zero])
         self.D_z = math.sqrt(float(squared_distances(atoms).max(initial=0.0)))
-        self.reach_z = largest_norm(atoms - (M @ (A @ x0))[:, None])
+        self.reach_z = largest_norm(atoms - (self.MA @ x0)[:, None])
 
     def _rows_of_A(self) -> None:
         """Entry (i, j) of A^s is ``rho_i sign(a_ij)`` for one j in each row i."""
@@ -137,11 +146,16 @@ class Geometry:
         self.reach_A = min(
             float(self.m @ deviation), self.M_norm * float(np.linalg.norm(deviation))
         )
+        # entry i of A^s x0^s, where x0^s hits j: at most this far from (A x0)_i
+        hits = np.abs(self.g0 * rho[:, None] * np.sign(A) * np.sign(x0) - (A @ x0)[:, None])
+        misses = np.where(random, np.abs(A @ x0), 0.0)
+        away = np.maximum(hits, misses[:, None])[:, self.hit]
+        far = np.minimum(self.m @ away, self.M_norm * np.linalg.norm(away, axis=0))
+        self.reach_z = float(far.max(initial=0.0))
         # ||A^s x0^s|| <= g0 max_j (sum of rho_i^2 over the rows with a_ij != 0)^(1/2)
         hit = (A != 0.0)[:, self.hit]
         ball = self.M_norm * self.g0 * math.sqrt(float((rho**2 @ hit).max(initial=0.0)))
-        self.D_z = 2.0 * ball
-        self.reach_z = ball + float(np.linalg.norm(self.M @ (A @ x0)))
+        self.D_z = 2.0 * min(ball, self.reach_z)
 
     # -- by size ------------------------------------------------------------------------------
 
@@ -179,6 +193,17 @@ class Geometry:
             return 0.0
         spread = np.nanmax(values, axis=1) - np.nanmin(values, axis=1)
         return float(np.linalg.norm(self._row_scale[random] * spread))
+
+
+def pair_distances(M: Array, sign: float) -> Array:
+    """``||M (e_i - sign e_k)||^2``, (n, n)."""
+    squares = (M**2).sum(axis=0)
+    total = np.add.outer(squares, squares)
+    distances = total - 2.0 * sign * (M.T @ M)
+    for i, column in enumerate(M.T):  # once more where most of it cancels
+        k = np.flatnonzero(distances[i] < 0.1 * total[i])
+        distances[i, k] = ((column[:, None] - sign * M[:, k]) ** 2).sum(axis=0)
+    return np.asarray(distances, dtype=np.float64)
 
 
 def squared_distances(points: Array) -> Array:

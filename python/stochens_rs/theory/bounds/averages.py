@@ -64,6 +64,12 @@ class Average(Bound):
         # sigma_j^2 = g_j^2 - ||a_j||^2, without cancellation
         self._variances = (np.abs(self._lines) * _others(self._lines)).sum(axis=0)
         self._rms = math.sqrt(float(self._variances.sum()))
+        # the largest ||g sign(a_i) e_i - a||^2 = (g - |a_i|)^2 + sum_{k != i} a_k^2 of each line
+        deviations = _others(self._lines) ** 2 + _others(self._lines**2)
+        self._farthest = np.where(self._lines != 0.0, deviations, 0.0).max(axis=0, initial=0.0)
+
+    def _largest_error(self, rates: Rates) -> float:
+        return math.sqrt(float(self._farthest.sum()))
 
 
 class McDiarmid(Average):
@@ -156,19 +162,17 @@ class Bousquet(Average):
         super().__init__(target, axis=axis)
         lines, g = self._lines, self._g
         self._variance = float((g**2 * largest_eigenvalues(np.abs(lines) / g)).max(initial=0.0))
-        # ||g sign(a_i) e_i - a||^2 = (g - |a_i|)^2 + sum_{k != i} a_k^2
-        deviations = _others(lines) ** 2 + _others(lines**2)
-        farthest = np.where(lines != 0.0, deviations, 0.0).max(axis=0, initial=0.0)
-        self._largest = math.sqrt(float(farthest.sum()))
 
-    def _constants(self, rate: float) -> tuple[float, float, float]:
-        return self._rms * math.sqrt(rate), self._variance * rate, self._largest * rate
+    def _constants(self, rates: Rates) -> tuple[float, float, float]:
+        rate = rates[0]
+        largest = self._largest_error(rates)
+        return self._rms * math.sqrt(rate), self._variance * rate, largest * rate
 
     def _radius(self, rates: Rates, level: float) -> float:
-        return bousquet(*self._constants(rates[0]), level)
+        return bousquet(*self._constants(rates), level)
 
     def _level(self, rates: Rates, eps: float) -> float:
-        return bousquet_level(*self._constants(rates[0]), eps)
+        return bousquet_level(*self._constants(rates), eps)
 
 
 class Chebyshev(Average):

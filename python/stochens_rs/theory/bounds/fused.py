@@ -123,6 +123,13 @@ class Fused(Bound):
     def _same(self, rate: float) -> Rates:
         return rate, rate, rate
 
+    def _largest_error(self, rates: Rates) -> float:
+        """Product fusion, too: convex in every line, so that the worst average is a realization."""
+        r0, rf, rA = rates
+        if r0 == 0.0 or rA == 0.0:
+            return largest_linear(self._at, rates)
+        return largest_linear(self._at, (0.0, rf, 0.0)) + self._at.reach_z
+
     def _linear_range(self, rates: Rates) -> float:
         """Half the summed squared ranges of ``xf_hat`` and ``x0_hat``."""
         r0, rf, rA = rates
@@ -266,12 +273,8 @@ class DiagonalBousquet(Fused):
     _paired = True
 
     def _constants(self, rates: Rates) -> tuple[float, float, float]:
-        r0, rf, rA = rates
         rate, at = max(rates), self._at
-        largest = largest_linear(at, (r0 if rA == 0.0 else 0.0, rf, rA if r0 == 0.0 else 0.0))
-        if r0 > 0.0 and rA > 0.0:
-            largest += at.reach_z
-        variance = top_eigenvalue(at, rates, both=True)
+        largest, variance = self._largest_error(rates), top_eigenvalue(at, rates, both=True)
         return math.sqrt(at.paired_mean_square(*rates)), variance * rate, largest * rate
 
     def _radius(self, rates: Rates, level: float) -> float:

@@ -59,6 +59,12 @@ class Weissman(Average):
         # log(2^n - 2), in which n = 0 stands for a vector without randomness
         self._log_sets = n * math.log(2.0) + math.log1p(-(2.0 ** (1 - n))) if n > 1 else 0.0
 
+    def _largest_error(self, rates: Rates) -> float:
+        if self.norm == "2":
+            return super()._largest_error(rates)
+        # ||g sign(w_i) e_i - w||_1 = 2 (g - |w_i|)
+        return 2.0 * float(_others(self._lines)[self._lines != 0.0].max(initial=0.0))
+
     def _radius(self, rates: Rates, level: float) -> float:
         return self._gamma * math.sqrt(self._factor * rates[0] * (self._log_sets + level))
 
@@ -114,8 +120,7 @@ class Bernstein(Average):
         total = _transition(lines, np.ones(lines.shape[1]))  # sum_j Cv(a_j)
         top = float(np.linalg.eigvalsh(total)[-1])
         self._variance = max(top, float(self._variances.max()))
-        deviations = _others(lines) ** 2 + _others(lines**2)
-        self._largest = math.sqrt(float(np.where(lines != 0.0, deviations, 0.0).max()))
+        self._largest = math.sqrt(float(self._farthest.max()))
 
     def _radius(self, rates: Rates, level: float) -> float:
         exponent = level + self._log_sizes

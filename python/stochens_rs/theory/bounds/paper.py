@@ -24,6 +24,11 @@ __all__ = ["Lemma42", "Lemma43", "OneVector", "Printed"]
 class Printed(Bound):
     """A sum of exponentials ``C sum_i exp(-2 N eps^2 / c_i^2)``, as printed.
 
+    Parameters
+    ----------
+    *args, **kwargs
+        As in :class:`Bound`.
+
     Attributes
     ----------
     wrong : str

@@ -33,7 +33,7 @@ class _Product(Fused):
 
     def _distance(self, r0: float, level: float) -> float:
         """Radius of ``||x0_hat - x0||_2``."""
-        return min(bound._unit * bound._radius((r0,), level) for bound in self._start)
+        return min(bound._unit * bound._capped((r0,), level) for bound in self._start)
 
 
 class ProductMcDiarmid(_Product):

@@ -92,10 +92,18 @@ class Trajectory(Bound):
             axis="rows" if self._axis == "rows" else "columns",
         )[-1]
         self._mean_square = finite(max(0.0, float(np.trace(self._covariance))))
+        with np.errstate(over="ignore", invalid="ignore"):
+            self._range = self._reach()
+            # an exact B shifts all runs alike, in the last step: neither R_K nor the mean has it
+            shift = 0.0 if self._sample_B else self._B @ self._u[-1]
+            self._farthest = self._range + float(np.linalg.norm(self._mean - shift))
         self._prepare()
 
     def _prepare(self) -> None:
         """Compute the constants of the bound."""
+
+    def _largest_error(self, rates: Rates) -> float:
+        return self._farthest if math.isfinite(self._farthest) else math.inf
 
     def _rms(self, rates: Rates) -> float:
         return math.sqrt(self._mean_square * rates[0])
@@ -162,8 +170,7 @@ class TrajectoryMcDiarmid(Trajectory):
     source = "bounded differences 2 R_K / N in N independent runs; mean at most the exact rms"
 
     def _prepare(self) -> None:
-        with np.errstate(over="ignore"):
-            self._spread = finite(2.0 * square(self._reach()))
+        self._spread = finite(2.0 * square(self._range))
 
     def _radius(self, rates: Rates, level: float) -> float:
         return mcdiarmid(self._rms(rates), self._spread * rates[0], level)
@@ -206,14 +213,11 @@ class TrajectoryBousquet(Trajectory):
     source = "supremum of <v, average of the runs - x(K)> over unit vectors v"
 
     def _prepare(self) -> None:
-        with np.errstate(over="ignore"):
-            # an exact B shifts all runs alike, in the last step: neither R_K nor the mean has it
-            shift = 0.0 if self._sample_B else self._B @ self._u[-1]
-            self._largest = finite(self._reach() + float(np.linalg.norm(self._mean - shift)))
+        finite(self._farthest)
         self._variance = max(0.0, float(np.linalg.eigvalsh(self._covariance)[-1]))
 
     def _constants(self, rates: Rates) -> tuple[float, float, float]:
-        return self._rms(rates), self._variance * rates[0], self._largest * rates[0]
+        return self._rms(rates), self._variance * rates[0], self._farthest * rates[0]
 
     def _radius(self, rates: Rates, level: float) -> float:
         return bousquet(*self._constants(rates), level)

@@ -43,14 +43,56 @@ def _transition(A: Array, d: Array) -> Array:
     return T
 
 
+def _centred(values: Array, weights: Array) -> Array:
+    """Values minus their weighted mean, row by row, and first minus the value of largest weight.
+
+    That makes the value that most of the mean is made of exactly 0, so that the squares
+    ``g sum_j w_j (v_j - mean)^2 = sum_{j<k} w_j w_k (v_j - v_k)^2`` keep their relative accuracy.
+    """
+    heaviest = weights.argmax(axis=1, keepdims=True)
+    y = values - np.take_along_axis(values, heaviest, axis=1)
+    total = weights.sum(axis=1, keepdims=True)
+    mean = (weights * y).sum(axis=1, keepdims=True) / np.where(total > 0.0, total, 1.0)
+    return np.asarray(y - mean, dtype=np.float64)
+
+
+def _pushed(F: Array, w: Array) -> Array:
+    """``F Cv(w) F^T``, in which all diagonal entries are sums of squares."""
+    absolute = np.abs(w)
+    Y = _centred(F * np.sign(w), np.broadcast_to(absolute, F.shape))
+    return np.asarray(absolute.sum() * ((Y * absolute) @ Y.T), dtype=np.float64)
+
+
 def _excess(A: Array, M: Array, axis: str) -> Array:
     """``E[A^s M A^sT] - A M A^T``."""
     diagonal = np.diagonal(M)
     if axis == "columns":
         return _transition(A, diagonal)
-    # Rows are independent of each other: only E[(A^s M A^sT)_ii] differs.
-    rho = np.abs(A).sum(axis=1)
-    return np.diag(rho * (np.abs(A) @ diagonal) - ((A @ M) * A).sum(axis=1))
+    # Rows are independent of each other: only E[(A^s M A^sT)_ii] differs. Without the terms of
+    # M_jj on both sides: sum_j |a_ij| (rho_i - |a_ij|) M_jj - sum_{j != k} a_ij a_ik M_jk.
+    apart = M - np.diag(diagonal)
+    return np.diag((np.abs(A) * _others(A.T).T) @ diagonal - ((A @ apart) * A).sum(axis=1))
+
+
+def _vector_excess(A: Array, x: Array, axis: str) -> Array:
+    """``Cov(A^s x)``, which is `_excess` for ``M = x x^T``."""
+    if axis == "columns":
+        return _transition(A, x * x)
+    # sum_{j<k} |a_ij| |a_ik| (s_ij x_j - s_ik x_k)^2
+    weights = np.abs(A)
+    squares = (weights * _centred(np.sign(A) * x, weights) ** 2).sum(axis=1)
+    return np.diag(weights.sum(axis=1) * squares)
+
+
+def _fraction(N: float, part: Array, rest: Array, g: Array | float) -> tuple[Array, Array]:
+    """``f = frac(N part / g)`` and ``1 - f`` for ``part + rest = g``.
+
+    A remainder is computed without rounding: where ``N part / g`` is an integer, f is exactly 0.
+    Just below an integer, ``1 - f`` is the remainder of the rest.
+    """
+    f, other = np.fmod(N * part, g) / g, np.fmod(N * rest, g) / g
+    below = (other > 0.0) & (other < 0.5) & ((f > 0.5) | (N * rest < 0.5 * g))
+    return np.where(below, 1.0 - other, f), np.where(below, other, 1.0 - f)
 
 
 def _systematic_covariance(w: Array, N: float) -> Array:
@@ -61,35 +103,41 @@ def _systematic_covariance(w: Array, N: float) -> Array:
     # Scaled by a power of two, hence exactly, so that N |w_i| does not overflow.
     absolute = np.ldexp(np.abs(w), -exponent)
     g = float(absolute.sum())
-    # f_i = frac(N |w_i| / g), without rounding; phi_i = frac(N (p_1 + ... + p_i)).
-    f = np.fmod(N * absolute, g) / g
-    phi = np.fmod(N * np.cumsum(absolute), g) / g
+    # f_i = frac(N |w_i| / g), phi_i = frac(N (p_1 + ... + p_i)), psi = 1 - phi.
+    f, f_rest = _fraction(N, absolute, _others(absolute[:, None])[:, 0], g)
+    after = np.append(np.cumsum(absolute[:0:-1])[::-1], 0.0)
+    phi, psi = _fraction(N, np.cumsum(absolute), after, g)
     phi[-1] = 0.0
-    both = np.minimum.outer(phi, phi) - np.outer(phi, phi)  # Cov(b_i, b_k)
+    both = np.minimum.outer(phi, phi) * np.minimum.outer(psi, psi)  # Cov(b_i, b_k)
     counts = np.diff(np.diff(both, axis=0, prepend=0.0), axis=1, prepend=0.0)
-    np.fill_diagonal(counts, f * (1.0 - f))
+    np.fill_diagonal(counts, f * f_rest)
     hit = np.sign(w) * (f > 0.0)  # where N p_i is an integer, so is N_i: no variance
     covariance = (g / N) * (g / N) * counts * np.outer(hit, hit)
     return np.asarray(np.ldexp(covariance, 2 * exponent), dtype=np.float64)
 
 
-def _systematic_excess(A: Array, M: Array, N: float, axis: str) -> Array:
-    """``E[A_hat M A_hat^T] - A M A^T`` for the average of N systematic samples."""
-    lines = A.T if axis == "columns" else A
+def _systematic_excess(A: Array, C0: Array, x: Array, N: float, axis: str) -> Array:
+    """``E[A_hat M A_hat^T] - A M A^T``, ``M = C0 + x x^T``, for N systematic samples."""
     if axis == "columns":  # sum_j M_jj Cov(a_hat_j)
         excess = np.zeros((A.shape[0], A.shape[0]))
-        for weight, line in zip(M.diagonal(), lines, strict=True):
+        for weight, line in zip(C0.diagonal() + x * x, A.T, strict=True):
             excess += weight * _systematic_covariance(line, N)
         return excess
-    return np.diag([float((_systematic_covariance(line, N) * M).sum()) for line in lines])
+    diagonal = np.empty(len(A))
+    signs = np.sign(A)
+    moved = signs * _centred(signs * x, np.abs(A))  # the covariance of a line times its signs is 0
+    for i, line in enumerate(A):
+        covariance = _systematic_covariance(line, N)
+        diagonal[i] = (covariance * C0).sum() + moved[i] @ covariance @ moved[i]
+    return np.diag(diagonal)
 
 
 def _product_covariance(x0: Array, A: Array, r0: float, rA: float, axis: str) -> Array:
     """``Cov(A_hat x0_hat)`` for ``1/r0`` realizations of ``x0`` and ``1/rA`` of ``A``."""
     Cv = _vector_covariance(x0)
     from_both = r0 * rA * _excess(A, Cv, axis)
-    from_A = rA * _excess(A, np.outer(x0, x0), axis)
-    covariance: Array = r0 * (A @ Cv @ A.T) + from_A + from_both
+    from_A = rA * _vector_excess(A, x0, axis)
+    covariance: Array = r0 * _pushed(A, x0) + from_A + from_both
     return covariance
 
 
@@ -106,7 +154,7 @@ def _systematic_difference(
     C0 = _systematic_covariance(x0, N0) if N0 else np.zeros((n, n))
     # Given x0_hat, A_hat x0_hat has the covariance of A_hat at x0_hat; E[x0_hat x0_hat^T] = M.
     if NA:
-        C = C + _systematic_excess(A, C0 + np.outer(x0, x0), NA, axis)
+        C = C + _systematic_excess(A, C0, x0, NA, axis)
     return np.asarray(C + A @ C0 @ A.T, dtype=np.float64)
 
 
@@ -177,6 +225,8 @@ def _one_each(size: object) -> tuple[object, object, object]:
 def _compact_svd(B: Array) -> tuple[Array, Array, Array]:
     """``B = U diag(s) V^T`` with the numerical rank as inner size, so ``B+ = V diag(1/s) U^T``."""
     U, s, Vt = np.linalg.svd(B, full_matrices=False)
+    if not np.isfinite(s).all():
+        raise NonFiniteError("the singular values of `B` overflow: scale the problem down")
     rank = int((s > s[0] * max(B.shape) * np.finfo(np.float64).eps).sum())
     return U[:, :rank], s[:rank], Vt[:rank].T
 
@@ -187,13 +237,14 @@ def _symmetric_product(F: Array, C: Array) -> Array:
     return _representable(np.asarray((product + product.T) / 2.0, dtype=np.float64))
 
 
-def _representable(moments: Array) -> Array:
+def _representable(moments: Array, what: str = "covariance") -> Array:
     if not np.isfinite(moments).all():
-        what = "covariance" if np.ndim(moments) else "mean squared error"
         raise NonFiniteError(f"the {what} overflows: scale the problem down")
     return moments
 
 
 def _root_trace(C: Array) -> float:
     """``sqrt(tr C)``; rounding may leave a trace that should be 0 slightly below it."""
-    return math.sqrt(max(0.0, float(np.trace(C))))
+    with np.errstate(over="ignore"):
+        trace = _representable(np.trace(C), "mean squared error")
+    return math.sqrt(max(0.0, float(trace)))

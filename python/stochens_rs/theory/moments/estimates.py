@@ -129,7 +129,7 @@ def matrix_mse(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> float
     lines = _lines(_gate.matrix("A", A), axis)
     with np.errstate(over="ignore", invalid="ignore"):
         mse = (np.abs(lines) * _others(lines)).sum() * _reciprocal("size", size)
-    return float(_representable(mse))
+    return float(_representable(mse, "mean squared error"))
 
 
 def matrix_covariance(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> Array:
@@ -194,7 +194,7 @@ def transition(A: ArrayLike, d: ArrayLike) -> Array:
     Raises
     ------
     InputError, InputTypeError
-        A shape does not fit, or an entry is not finite.
+        A shape does not fit, an entry is not finite, or the result overflows.
 
     Notes
     -----
@@ -208,7 +208,9 @@ def transition(A: ArrayLike, d: ArrayLike) -> Array:
            [-2.,  2.]])
     """
     A = _gate.matrix("A", A)
-    return _transition(A, _gate.vector("d", d, length=A.shape[1]))
+    d = _gate.vector("d", d, length=A.shape[1])
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _representable(_transition(A, d))
 
 
 def second_moment(A: ArrayLike, M: ArrayLike, *, axis: Axis = "columns") -> Array:
@@ -232,7 +234,7 @@ def second_moment(A: ArrayLike, M: ArrayLike, *, axis: Axis = "columns") -> Arra
     Raises
     ------
     InputError, InputTypeError
-        A shape does not fit, an entry is not finite, `axis` is unknown.
+        A shape does not fit, an entry is not finite, `axis` is unknown, or the result overflows.
 
     Notes
     -----
@@ -247,8 +249,8 @@ def second_moment(A: ArrayLike, M: ArrayLike, *, axis: Axis = "columns") -> Arra
     A = _gate.matrix("A", A)
     M = _gate.matrix("M", M, rows=A.shape[1], cols=A.shape[1])
     _gate.choice("axis", axis, _AXES)
-    moment: Array = A @ M @ A.T + _excess(A, M, axis)
-    return moment
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _representable(A @ M @ A.T + _excess(A, M, axis), "second moment")
 
 
 def product_covariance(x0: ArrayLike, A: ArrayLike, *, axis: Axis = "columns") -> Array:
@@ -272,7 +274,7 @@ def product_covariance(x0: ArrayLike, A: ArrayLike, *, axis: Axis = "columns") -
     Raises
     ------
     InputError, InputTypeError
-        A shape does not fit, an entry is not finite, `axis` is unknown.
+        A shape does not fit, an entry is not finite, `axis` is unknown, or the result overflows.
 
     Notes
     -----
@@ -287,4 +289,5 @@ def product_covariance(x0: ArrayLike, A: ArrayLike, *, axis: Axis = "columns") -
     A = _gate.matrix("A", A)
     x0 = _gate.vector("x0", x0, length=A.shape[1])
     _gate.choice("axis", axis, _AXES)
-    return _product_covariance(x0, A, 1.0, 1.0, axis)
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _representable(_product_covariance(x0, A, 1.0, 1.0, axis))

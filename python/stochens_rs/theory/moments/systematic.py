@@ -11,7 +11,9 @@ from ._formulas import (
     Array,
     Axis,
     Size,
+    _fraction,
     _lines,
+    _others,
     _reciprocal,
     _representable,
     _systematic_covariance,
@@ -65,13 +67,12 @@ def systematic_mse(target: ArrayLike, size: Size = 1, *, axis: Axis = "columns")
     if _reciprocal("size", size) == 0.0:
         return 0.0
     N = float(_gate.size("size", size))
-    g = np.abs(lines).sum(axis=0)
-    lines, g = lines[:, g > 0.0], g[g > 0.0]
-    # A remainder is computed without rounding: where N |a| / g is an integer, f is exactly 0.
+    lines = lines[:, lines.any(axis=0)]
     with np.errstate(over="ignore", invalid="ignore"):
-        f = np.fmod(N * np.abs(lines), g) / g
-        mse = ((g / N) ** 2 * (f * (1.0 - f)).sum(axis=0)).sum()
-    return float(_representable(mse))
+        g = np.abs(lines).sum(axis=0)
+        f, f_rest = _fraction(N, np.abs(lines), _others(lines), g)
+        mse = ((g / N) ** 2 * (f * f_rest).sum(axis=0)).sum()
+    return float(_representable(mse, "mean squared error"))
 
 
 def systematic_covariance(target: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> Array:
@@ -122,7 +123,7 @@ def systematic_covariance(target: ArrayLike, size: Size = 1, *, axis: Axis = "co
         covariances = np.zeros((*rows.shape, rows.shape[1]))
     else:
         N = float(_gate.size("size", size))
-        with np.errstate(over="ignore"):
+        with np.errstate(over="ignore", invalid="ignore"):
             covariances = np.array([_systematic_covariance(line, N) for line in rows])
         _representable(covariances)
     return np.asarray(covariances[0] if vector else covariances, dtype=np.float64)

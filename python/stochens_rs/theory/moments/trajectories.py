@@ -10,7 +10,16 @@ from numpy.typing import ArrayLike
 from ... import _gate
 from ...exceptions import NonFiniteError
 from .._positive_maps import map_radius, spectral_radius
-from ._formulas import _AXES, Array, Axis, Size, _excess, _reciprocal, _vector_covariance
+from ._formulas import (
+    _AXES,
+    Array,
+    Axis,
+    Size,
+    _excess,
+    _reciprocal,
+    _vector_covariance,
+    _vector_excess,
+)
 
 Averaging: TypeAlias = Literal["runs", "mean-field"]
 
@@ -143,9 +152,9 @@ def trajectory_covariance(
     with np.errstate(over="ignore", invalid="ignore"):
         S[0] = r0 * _vector_covariance(x0)
         for k, u_k in enumerate(u):
-            M = S[k] + np.outer(mu[k], mu[k])
-            S[k + 1] = A @ S[k] @ A.T + rA * _excess(A, M, axis)
-            S[k + 1] += rB * _excess(B, np.outer(u_k, u_k), axis)
+            # X_A(M_k) = X_A(S_k) + X_A(mu_k mu_k^T)
+            from_A = _excess(A, S[k], axis) + _vector_excess(A, mu[k], axis)
+            S[k + 1] = A @ S[k] @ A.T + rA * from_A + rB * _vector_excess(B, u_k, axis)
     _finite("covariance", S)
     return S if per_step else reciprocal * S
 
@@ -194,7 +203,9 @@ def trajectory_rms(
         A, B, u, x0, size, sample_A=sample_A, sample_B=sample_B, sample_x0=sample_x0,
         averaging=averaging, axis=axis,
     )  # fmt: skip
-    return np.asarray(np.sqrt(np.maximum(np.trace(S, axis1=1, axis2=2), 0.0)), dtype=np.float64)
+    with np.errstate(over="ignore"):
+        squares = _finite("mean squared error", np.trace(S, axis1=1, axis2=2))
+    return np.asarray(np.sqrt(np.maximum(squares, 0.0)), dtype=np.float64)
 
 
 def growth_factor(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> float:

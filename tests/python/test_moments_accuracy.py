@@ -1,0 +1,163 @@
+"""Variances against rational arithmetic, where differences of large terms would lose all digits.
+
+The oracle takes the float64 data as they are and computes in `Fraction`.
+"""
+
+from __future__ import annotations
+
+import itertools
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from stochens_rs.theory import moments
+from stochens_rs.theory.bounds._geometry import Geometry
+
+TOLERANCE = 1e-13
+AXES = ("columns", "rows")
+TINY = (1, 8, 12, 16, 40, 150)  # A = [[1, 10^-k], [0, 1]]
+VECTORS = ([1.0, 1.0], [1.0, -1.0], [1.0, 2.0], [3.0, 3.0 + 2.0**-45], [1.0, 1e-20])
+
+
+def fractions(array):
+    return np.vectorize(Fraction, otypes=[object])(np.asarray(array, dtype=float))
+
+
+def sign(x):
+    return (x > 0) - (x < 0)
+
+
+def vector_covariance(w):
+    """Cv(w) = g diag|w| - w w^T."""
+    return np.diag(abs(w)) * abs(w).sum() - np.outer(w, w)
+
+
+def systematic_covariance(w, N):
+    """By the fractional parts of the cumulated counts."""
+    g = abs(w).sum()
+    if g == 0:
+        return np.outer(w, w)
+    phi = [c - c.__floor__() for c in N * np.cumsum(abs(w)) / g]
+    both = np.array([[min(a, b) - a * b for a in phi] for b in phi])
+    both = np.pad(both, ((1, 0), (1, 0)), constant_values=Fraction(0))
+    counts = both[1:, 1:] - both[:-1, 1:] - both[1:, :-1] + both[:-1, :-1]
+    signs = np.array([sign(x) for x in w])
+    return (g / N) ** 2 * counts * np.outer(signs, signs)
+
+
+def excess(A, M, axis, covariance=vector_covariance):
+    """E[A^s M A^sT] - A M A^T."""
+    if axis == "columns":
+        return sum(M[j, j] * covariance(A[:, j]) for j in range(A.shape[1]))
+    return np.diag([(covariance(row) * M).sum() for row in A])
+
+
+def product_covariance(x0, A, r0, rA, axis):
+    Cv, M = r0 * vector_covariance(x0), np.outer(x0, x0)
+    return A.dot(Cv).dot(A.T) + rA * excess(A, M + Cv, axis)
+
+
+def relative_error(found, exact):
+    """Largest error of an entry, relative to the standard deviations of its row and column."""
+    roots = [float(v) ** 0.5 for v in np.diagonal(exact)]
+    error = 0.0
+    for (i, k), value in np.ndenumerate(exact):
+        if roots[i] * roots[k] > 1e-290:
+            difference = abs(Fraction(float(found[i, k])) - value)
+            error = max(error, float(difference / Fraction(roots[i]) / Fraction(roots[k])))
+        elif value == 0:
+            error = max(error, abs(found[i, k]) / 1e-290)
+    return error
+
+
+def graded_systems(count, seed):
+    """x0, A with entries of all sizes, entries that are nearly equal, and zeros."""
+    gen = np.random.default_rng(seed)
+    for _ in range(count):
+        n = int(gen.integers(2, 6))
+        A = gen.choice([-1.0, 1.0], (n, n)) * 10.0 ** -gen.choice([0, 0, 1, 9, 17, 30], (n, n))
+        A *= gen.random((n, n)) < 0.8
+        x0 = gen.choice([-1.0, 1.0], n) * (1.0 + gen.choice([0.0, 0.0, 2.0**-40, 0.5], n))
+        yield x0 * 10.0 ** -gen.choice([0, 0, 0, 12], n), A
+
+
+def systems():
+    for k, x0 in itertools.product(TINY, VECTORS):
+        yield np.array(x0), np.array([[1.0, 10.0**-k], [0.0, 1.0]])
+    yield from graded_systems(40, 1)
+
+
+SIZES = ((1, None, 1), (None, None, 1), (1, None, None), (10**6, None, 3))
+
+
+@pytest.mark.parametrize("axis", AXES)
+@pytest.mark.parametrize("size", SIZES)
+def test_product_fusion(size, axis):
+    rates = [Fraction(0) if N is None else Fraction(1, N) for N in size]
+    worst = 0.0
+    for x0, A in systems():
+        n = len(x0)
+        exact = product_covariance(fractions(x0), fractions(A), rates[0], rates[2], axis)
+        found = moments.state_covariance(np.eye(n), x0, np.zeros(n), A, size, axis=axis)
+        worst = max(worst, relative_error(found, exact))
+        if size == (1, None, 1):
+            found = moments.product_covariance(x0, A, axis=axis)
+            worst = max(worst, relative_error(found, exact))
+    assert worst < TOLERANCE
+
+
+@pytest.mark.parametrize("sample_x0", [True, False])
+def test_trajectories_by_rows(sample_x0):
+    B, u, worst = np.array([[1.0, 1e-14]]), np.array([[1.0, -1.0]]), 0.0
+    for x0, A in systems():
+        rows = np.repeat(B, len(x0), axis=0)
+        found = moments.trajectory_covariance(A, rows, u, x0, sample_x0=sample_x0, axis="rows")
+        F, G, w, v = (fractions(array) for array in (A, rows, x0, u[0]))
+        S = vector_covariance(w) * int(sample_x0)
+        grown = excess(F, S + np.outer(w, w), "rows") + excess(G, np.outer(v, v), "rows")
+        worst = max(worst, relative_error(found[1], F.dot(S).dot(F.T) + grown))
+    assert worst < TOLERANCE
+
+
+@pytest.mark.parametrize("axis", AXES)
+def test_systematic_samples(axis):
+    worst = 0.0
+    for (x0, A), N in itertools.product(list(systems())[: len(TINY) * len(VECTORS)], (1, 2, 3)):
+        F, w = fractions(A), fractions(x0)
+        C0 = systematic_covariance(w, N)
+        exact = excess(
+            F, C0 + np.outer(w, w), axis, lambda line, N=N: systematic_covariance(line, N)
+        )
+        exact = exact + F.dot(C0).dot(F.T)
+        found = moments.state_covariance(
+            np.eye(2), x0, np.zeros(2), A, N, axis=axis, scheme="systematic"
+        )
+        worst = max(worst, relative_error(found, exact))
+        for line in A:
+            mse, trace = moments.systematic_mse(line, N), systematic_covariance(fractions(line), N)
+            worst = max(worst, relative_error(np.diag([mse, 1.0]), np.diag([trace.trace(), 1])))
+    assert worst < TOLERANCE
+
+
+@pytest.mark.parametrize("quantity", ["state", "control"])
+def test_variances_behind_the_bounds(quantity):
+    """tau_j = sum_{i<k} |a_ij| |a_kj| ||M (s_i e_i - s_k e_k)||^2 for the M that was computed."""
+    worst = 0.0
+    for k, (x0, A) in enumerate(systems()):
+        n = len(x0)
+        # the images of two atoms far apart, and nearly the same
+        near = (1.0 + 2.0**-30 * np.eye(n), np.arange(n)[:, None] * 2.0**-30 + 1.0)[k % 2]
+        at = Geometry(near, x0, x0[::-1], A, "columns", quantity)
+        M, F = fractions(at.M), fractions(at.A)
+        tau = [(vector_covariance(column) * M.T.dot(M)).sum() for column in F.T]
+        worst = max(worst, relative_error(np.diag(at.tau), np.diag(tau)))
+        for axis in AXES:
+            at = Geometry(np.eye(n), x0, x0[::-1], A, axis, quantity)
+            F, w, goal = fractions(at.A), fractions(at.x0), fractions(at.xf)
+            for rates in ((1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1)):
+                C = rates[1] * vector_covariance(goal)
+                exact = (C + product_covariance(w, F, rates[0], rates[2], axis)).trace()
+                found = at.mean_square(*map(float, rates))
+                worst = max(worst, relative_error(np.diag([found]), np.diag([exact])))
+    assert worst < TOLERANCE

@@ -75,6 +75,17 @@ def apply(A: Matrix, x: Vector) -> Vector:
     return tuple(dot(row, x) for row in A)
 
 
+def spectral_at_most(M: Matrix, square: Fraction) -> bool:
+    """Whether ``||M||_2^2 <= square``, for M of order 2.
+
+    The larger root of ``z^2 - ||M||_F^2 z + det(M)^2``, the square of the norm, is at most
+    `square` if the polynomial is not negative there and no longer falls.
+    """
+    (a, b), (c, d) = M
+    trace, det = a * a + b * b + c * c + d * d, a * d - b * c
+    return 2 * square >= trace and square**2 - trace * square + det**2 >= 0
+
+
 def sequences(w: Vector, size: int) -> Iterator[tuple[Fraction, list[Vector]]]:
     """Every sequence of `size` realizations of a vector, with its probability."""
     for choice in product(atoms(w), repeat=size):

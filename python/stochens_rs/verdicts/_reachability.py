@@ -42,8 +42,9 @@ def remark_31() -> Claim:
     found.append(reachability.lemma_3_1(N))
     text = (
         f"The system of Lemma 3.1, N = {N}: each run alone, with the controls -1, 0 and 1, and "
-        f"the mean of all end at least {_least(found)} from xf. A control moves a run along the line of B only, and "
-        "weighted sums are convex: so do all weights and all controls. xf is reached by u = 0."
+        f"the mean of all end at least {_least(found)} from xf. A control moves a run along the "
+        "line of B only, and weighted sums are convex: so do all weights and all controls. xf is "
+        "reached by u = 0."
     )
     return Claim(
         "Remark after Lemma 3.1",

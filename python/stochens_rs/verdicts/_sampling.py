@@ -103,7 +103,7 @@ def sparsity() -> Claim:
     A = (exact.vector(1, 1, 0), exact.vector(1, 1, 1), exact.vector(0, 1, 1))
     whole = _pattern(A)
     atoms = exact.matrix_atoms(A)
-    law = {frozenset(): exact.ONE}
+    law: dict[frozenset[tuple[int, int]], Fraction] = {frozenset(): exact.ONE}
     complete = []
     for _ in range(4):  # pattern of the average of 1, 2, 3, 4 realizations
         longer: dict[frozenset[tuple[int, int]], Fraction] = {}

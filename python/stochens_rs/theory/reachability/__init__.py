@@ -11,7 +11,8 @@ Three notions, in the paper's order, each as a computation on given data:
   runs, the average of the runs approaches ``xf``: an experiment with a verdict.
 
 `lemma_3_1`, `lemma_3_2` and `remark_3_2` compute, in rational numbers, the counterexamples to the
-two lemmas and the remark that connect these notions. What they lack is that the realizations be unbiased; `sample`'s are.
+two lemmas and the remark that connect these notions. What they lack is that the realizations be
+unbiased; `sample`'s are.
 """
 
 from .approximate import ApproximateReachability, approximately

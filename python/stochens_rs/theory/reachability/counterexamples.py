@@ -107,7 +107,7 @@ def lemma_3_1(
         As, Bs, start = run(s)
         moved = _times(As, start)
         average = [a + y[s] * (z + b * u[s]) for a, z, b in zip(average, moved, Bs, strict=True)]
-    good_A, good_B, good_x0 = (run(_GOOD[name])[k] for k, name in enumerate(("A", "B", "x0")))
+    good_A, good_B, good_x0 = run(_GOOD["A"])[0], run(_GOOD["B"])[1], run(_GOOD["x0"])[2]
     errors = {
         "A": max(abs(a - b) for p, q in zip(good_A, A, strict=True) for a, b in _pairs(p, q)),
         "B": max(abs(a - b) for a, b in _pairs(good_B, B)),

@@ -2,7 +2,8 @@
 
 `claims` computes a table with one row for every definition, lemma, algorithm and figure, and for
 what the text says beside them: what the paper says, whether that holds, the corrected statement,
-and the evidence. The verdicts are written down; the evidence is computed by every call, and says itself whether it supports them.
+and the evidence. The verdicts are written down; the evidence is computed by every call, and says
+itself whether it supports them.
 """
 
 from __future__ import annotations

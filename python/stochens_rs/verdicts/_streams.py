@@ -125,7 +125,9 @@ def variance(streamed: Streamed) -> Claim:
         f"the bound for these is {allowed[0]:.3g} and {allowed[1]:.3g}.",
     )
     printed, fused = (list(means[k].values()) for k in ("printed", "fused"))
-    levels = min(printed) > limit > Fraction(1, 5) and 10 * fused[2] < fused[0]
+    levels = (
+        min(printed) > limit and abs(limit - Fraction(2, 9)) < 1e-6 and 10 * fused[2] < fused[0]
+    )
     holds = bool(
         np.all(square["consistent"] <= allowed)
         and np.all(square["literal"][1] > allowed[1])

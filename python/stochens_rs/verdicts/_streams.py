@@ -116,8 +116,8 @@ def variance(streamed: Streamed) -> Claim:
     texts = (
         "A = B = I, x0 = (1, 1), xf = 0, all sequences of N = 4, 6, 8 realizations of x0: mean "
         f"square error of the control {_list(means['printed'])} as printed, {_list(means['fused'])}"
-        f" with fused estimates. Where the realizations alternate the printed one tends to "
-        f"{float(limit):.4f}, 2/9.",
+        f" with fused estimates. Where the realizations alternate, the printed one is "
+        f"{float(limit):.6f} after 40 of them: it tends to 2/9.",
         f"n = {streamed.n}, m = {streamed.m}, {len(streamed.bound)} runs: mean square error of "
         f"the state after {streamed.steps[0]} and {streamed.steps[1]} steps "
         f"{square['literal'][0]:.3g} and {square['literal'][1]:.3g} as printed, "
@@ -130,7 +130,7 @@ def variance(streamed: Streamed) -> Claim:
     )
     holds = bool(
         np.all(square["consistent"] <= allowed)
-        and np.all(square["literal"][1] > allowed[1])
+        and square["literal"][1] > allowed[1]
         and square["literal"][1] > 0.5 * square["literal"][0]
     )
     return Claim(

@@ -135,7 +135,9 @@ def _sample_reachable() -> tuple[int, int]:
 def remark_32_any() -> Claim:
     """Not even plain averages of independent realizations are enough."""
     x0 = A = exact.ONE
-    least, averages, sizes = [], [], (2, 10, 1000)
+    sizes = (2, 10, 1000)
+    least: list[Fraction] = []
+    averages: list[Fraction] = []
     for N in sizes:
         starts, matrices = _alternating(N)
         averages += [abs(sum(starts) / N - x0), abs(sum(matrices) / N - A)]

@@ -140,7 +140,7 @@ def remark_32_any() -> Claim:
     averages: list[Fraction] = []
     for N in sizes:
         starts, matrices = _alternating(N)
-        averages += [abs(sum(starts) / N - x0), abs(sum(matrices) / N - A)]
+        averages += [abs(sum(s, exact.ZERO) / N - 1) for s in (starts, matrices)]
         # B = 1, xf = xf(s) = 0: u(s) = -A(s) x0(s) for each s, and v = -A x0; a convex sum of the
         # u(s) is no nearer to v than the nearest of them, if all are on one side of it
         controls = [-a * x for a, x in zip(matrices, starts, strict=True)]

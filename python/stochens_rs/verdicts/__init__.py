@@ -1,8 +1,9 @@
 """The paper's statements checked one by one, on the spot.
 
-`claims` computes a table with one row for every definition, lemma, algorithm and figure: what the
-paper says, whether that holds, the corrected statement, and the evidence. The verdicts are
-written down; the evidence is computed by every call, and says itself whether it supports them.
+`claims` computes a table with one row for every definition, lemma, algorithm and figure, and for
+what the text says beside them: what the paper says, whether that holds, the corrected statement,
+and the evidence. The verdicts are written down; the evidence is computed by every call, and says
+itself whether it supports them.
 """
 
 from __future__ import annotations
@@ -15,10 +16,13 @@ from tqdm.auto import tqdm
 
 from ..rng import RngLike, as_key
 from . import _definitions as definitions
+from . import _reachability as reachability
 from . import _sampling as sampling
+from . import _streams as streams
+from . import _tail_bounds as tail_bounds
 from . import _weights as weights
 from . import tails
-from ._figures import figures
+from ._figures import section_5
 from .comparison import Comparison, compare
 from .records import Claim, Claims, Evidence
 from .tails import Tails
@@ -65,24 +69,36 @@ def claims(rng: RngLike = 1, *, quick: bool = False, progress: bool = False) -> 
     runs = 400 if quick else 2000
     measured = tails.measure(key.child("tails"), runs=1000 if quick else 10_000)
     compared = compare(_vector(), key.child("comparison"), runs, 1000)
+    streamed = streams.measure(key.child("algorithm 1"))
     checks: list[Callable[[], Claim]] = [
+        lambda: streams.variance(streamed),
         definitions.solution_formula,
         definitions.index_maps,
         lambda: definitions.approximate_reachability(key.child("2.3")),
         lambda: definitions.sample_reachability(key.child("2.4")),
-        definitions.lemma_31,
-        definitions.lemma_32,
+        reachability.lemma_31,
+        reachability.remark_31,
+        reachability.lemma_32,
+        reachability.remark_32_reachable,
+        reachability.remark_32_any,
         sampling.lemma_41,
-        lambda: sampling.lemma_42(measured),
-        lambda: sampling.lemma_43(key.child("4.3")),
+        sampling.rows_or_columns,
+        sampling.sparsity,
+        sampling.bernoulli,
+        lambda: tail_bounds.lemma_42(measured),
+        tail_bounds.proof_of_lemma_42,
+        lambda: tail_bounds.lemma_43(key.child("4.3")),
         weights.lemma_44,
         lambda: weights.exact_recovery(key.child("recovery")),
-        lambda: weights.algorithm_1(key.child("algorithm 1")),
+        streams.lines_3_and_16,
+        lambda: streams.algorithm_1(streamed),
+        weights.recursion,
         lambda: weights.first_inequality(key.child("4.5")),
         lambda: weights.second_inequality(compared),
+        weights.norms,
     ]
     rows = [check() for check in tqdm(checks, disable=not progress, desc="claims")]
-    rows += figures(key.child("figures"), *((4, 300) if quick else (20, 1000)))
+    rows += section_5(key.child("figures"), *((4, 300) if quick else (20, 1000)))
     return Claims(tuple(rows), measured, compared, key.hex)
 
 

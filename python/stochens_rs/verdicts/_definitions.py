@@ -1,4 +1,4 @@
-"""Section 2 and 3 of the paper: the ensemble system, its definitions, Lemmas 3.1 and 3.2."""
+"""Section 2 of the paper: the ensemble system and its definitions."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ def solution_formula() -> Claim:
     K = 2
     state = x
     for k in range(K):
-        state = tuple(exact.dot(row, state) for row in A[k])
+        state = exact.apply(A[k], state)
     right, printed = A[0], A[0]
     for k in range(1, K):
         right = exact.matmul(A[k], right)
     for k in range(1, K + 1):
         printed = exact.matmul(A[k], printed)
-    by = [tuple(exact.dot(row, x) for row in product) for product in (right, printed)]
+    by = [exact.apply(product, x) for product in (right, printed)]
     text = (
         f"K = {K}, three integer matrices, u = 0: the recursion gives {_show(state)}, the product "
         f"of K factors {_show(by[0])}, the printed product of K + 1 factors {_show(by[1])}."
@@ -116,66 +116,12 @@ def sample_reachability(key: Key) -> Claim:
     return Claim(
         "Definition 2.4",
         "xf is sample reachable in unit time if for every realization a control leads from x0(s) "
-        "to xf(s); said to imply that xf is reachable.",
+        "to xf(s).",
         "holds with a correction",
-        "For realizations without bias it does imply it (the range of B is closed and convex). "
-        "The converse is false: with m < n almost no realization is reachable even if xf is, and "
-        "what holds of the controls is a statement about their least-squares projection.",
+        "With m < n almost no realization is reachable even if xf is: what holds of the controls "
+        "is a statement about their least-squares projection.",
         (Evidence("enumeration", text, one.reachable and every.reachable_atoms == 0),),
     )
-
-
-def lemma_31() -> Claim:
-    """Reachability does not imply approximate reachability as defined."""
-    found = [reachability.lemma_3_1(N) for N in (3, 10, 1000)]
-    found.append(reachability.lemma_3_1(5, weights=[1, 0, 2, 0, 7], controls=[1, 2, 3, 4, 5]))
-    text = (
-        "n = 2, m = 1, one good realization each of x0, A and B, zeros otherwise; xf is reached by "
-        f"the exact system. Every weighted final state misses it by at least {_least(found)}, for "
-        f"{len(found)} choices of N, weights and controls."
-    )
-    return Claim(
-        "Lemma 3.1",
-        "If xf is reachable in K steps, it is approximately reachable under every stochastic "
-        "ensemble approximation of x0, A and B.",
-        "false",
-        "True for independent, bounded realizations without bias: then the average of N runs has "
-        "the mean x(K) and the mean square error tr(S_K) / N. For approximations in general, "
-        "weights of their own for every step are needed: F(k+1) = A_hat F(k) + B_hat u(k).",
-        (Evidence("exact", text, _refutes(found)),),
-    )
-
-
-def lemma_32() -> Claim:
-    """Averaged controls need not approach the control."""
-    found = [reachability.lemma_3_2(N) for N in (2, 10, 1000)]
-    found.append(reachability.lemma_3_2(5, weights=[1, 0, 2, 0, 7]))
-    text = (
-        "Scalars x0 = A = B = 1, xf = 0, so that v = -1; one good realization each, zeros "
-        f"otherwise. Every realization is reachable with u(s) = 0: off by {_least(found)}, for "
-        f"{len(found)} choices of N and weights."
-    )
-    return Claim(
-        "Lemma 3.2",
-        "If xf is sample reachable, some weighted sums of the controls converge to the control v "
-        "in probability (as B v).",
-        "false",
-        "True with product weights: u = B^+ (xf_hat - A_hat x0_hat), each estimate with weights of "
-        "its own, for which B (v - u) = P [(xf - xf_hat) - A (x0 - x0_hat) - (A - A_hat) x0_hat]; "
-        "and with uniform weights for realizations without bias. The three weight vectors of the "
-        "proof cannot share one index, and its last inequality must read P1 + P2 + P3 - 2.",
-        (Evidence("exact", text, _refutes(found)),),
-    )
-
-
-def _least(found: list[reachability.Counterexample]) -> Fraction:
-    return min(one.claim for one in found)
-
-
-def _refutes(found: list[reachability.Counterexample]) -> bool:
-    """All that the lemma assumes holds exactly, and its claim fails by 1 or more."""
-    assumed = [x for one in found for x in (one.hypothesis, *one.approximation_errors.values())]
-    return not any(assumed) and _least(found) >= 1
 
 
 def _add(total: list[list[Fraction]], p: Fraction, matrix: exact.Matrix) -> None:
@@ -195,8 +141,6 @@ def _rows(matrix: list[list[Fraction]]) -> str:
 __all__ = [
     "approximate_reachability",
     "index_maps",
-    "lemma_31",
-    "lemma_32",
     "sample_reachability",
     "solution_formula",
 ]

@@ -64,6 +64,28 @@ def matrix_atoms(A: Matrix) -> list[tuple[Fraction, Matrix]]:
     return realizations
 
 
+def row_atoms(A: Matrix) -> list[tuple[Fraction, Matrix]]:
+    """Every realization of a matrix, row by row, with its probability."""
+    transposed = tuple(zip(*A, strict=True))
+    return [(p, tuple(zip(*one, strict=True))) for p, one in matrix_atoms(transposed)]
+
+
+def apply(A: Matrix, x: Vector) -> Vector:
+    """``A x``."""
+    return tuple(dot(row, x) for row in A)
+
+
+def spectral_at_most(M: Matrix, square: Fraction) -> bool:
+    """Whether ``||M||_2^2 <= square``, for M of order 2.
+
+    The larger root of ``z^2 - ||M||_F^2 z + det(M)^2``, the square of the norm, is at most
+    `square` if the polynomial is not negative there and no longer falls.
+    """
+    (a, b), (c, d) = M
+    trace, det = a * a + b * b + c * c + d * d, a * d - b * c
+    return 2 * square >= trace and square**2 - trace * square + det**2 >= 0
+
+
 def sequences(w: Vector, size: int) -> Iterator[tuple[Fraction, list[Vector]]]:
     """Every sequence of `size` realizations of a vector, with its probability."""
     for choice in product(atoms(w), repeat=size):
@@ -78,15 +100,42 @@ def mean(samples: Sequence[Vector]) -> Vector:
     return tuple(sum(column, ZERO) / len(samples) for column in zip(*samples, strict=True))
 
 
-def slse(samples: Sequence[Vector], target: Vector) -> list[Fraction]:
-    """Squared errors of SLSE after each realization: one exact line search per realization."""
+def slse_path(samples: Sequence[Vector], target: Vector) -> list[Vector]:
+    """Estimates of SLSE after each realization: one exact line search per realization."""
     F = samples[0]
-    errors = [distance(F, target)]
+    estimates = [F]
     for E in samples[1:]:
-        step = combine(ONE, E, -ONE, F)
-        length = dot(step, step)
-        t = dot(combine(ONE, target, -ONE, F), step) / length if length else ZERO
-        t = min(max(t, ZERO), ONE)
-        F = combine(ONE - t, F, t, E)
-        errors.append(distance(F, target))
-    return errors
+        F = towards(F, E, target)
+        estimates.append(F)
+    return estimates
+
+
+def slse(samples: Sequence[Vector], target: Vector) -> list[Fraction]:
+    """Squared errors of SLSE after each realization."""
+    return [distance(F, target) for F in slse_path(samples, target)]
+
+
+def towards(F: Vector, E: Vector, target: Vector) -> Vector:
+    """The point of the segment from F to E that is nearest to the target."""
+    t = weight(F, E, target)
+    return combine(ONE - t, F, t, E)
+
+
+def weight(F: Vector, E: Vector, target: Vector) -> Fraction:
+    """``clip(<target - F, E - F> / ||E - F||^2, 0, 1)``; 0 if E = F."""
+    step = combine(ONE, E, -ONE, F)
+    length = dot(step, step)
+    t = dot(combine(ONE, target, -ONE, F), step) / length if length else ZERO
+    return min(max(t, ZERO), ONE)
+
+
+def alse(samples: Sequence[Vector], w: Vector) -> Vector:
+    """The nearest average on the simplex to w of realizations of w, by the corrected Lemma 4.4.
+
+    ``sign(w_k) (|w_k| + d / #hit)`` on the entries hit, d the sum of ``|w_k|`` over the others.
+    """
+    hit = [k for k in range(len(w)) if any(sample[k] != 0 for sample in samples)]
+    missed = sum((abs(x) for k, x in enumerate(w) if k not in hit), ZERO)
+    return tuple(
+        x + (1 if x > 0 else -1) * missed / len(hit) if k in hit else ZERO for k, x in enumerate(w)
+    )

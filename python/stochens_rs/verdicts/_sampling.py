@@ -1,19 +1,13 @@
-"""Section 4.1 of the paper: the sampling scheme and the tail bounds of Lemmas 4.2 and 4.3."""
+"""Section 4 of the paper: the sampling scheme, Lemma 4.1, and what it says after it."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from fractions import Fraction
-from math import comb, exp, log
+from math import exp
 
-import numpy as np
-
-from ..rng import Key
-from ..simulating import simulate_ensemble
-from ..system import System
-from ..theory import bounds
 from . import _exact as exact
 from .records import Claim, Evidence
-from .tails import Tails, hadamard, hard_system
 
 
 def lemma_41() -> Claim:
@@ -54,97 +48,152 @@ def lemma_41() -> Claim:
     )
 
 
-def lemma_42(tails: Tails) -> Claim:
-    """The statement survives with the right constants; its proof does not."""
-    N, eps = 200, Fraction(3, 10)
-    # n = 2, w = (1/2, 1/2): the error is sqrt(2) |k/N - 1/2|
-    beyond = [k for k in range(N + 1) if 2 * (Fraction(k, N) - Fraction(1, 2)) ** 2 > eps**2]
-    tail = Fraction(sum(comb(N, k) for k in beyond), 2**N)
-    printed = bounds.paper.OneVector([0.5, 0.5], C=4.0).probability(N, float(eps))
-    held = bounds.McDiarmid([0.5, 0.5]).probability(N, float(eps))
-    one = (
-        f"w = (1/2, 1/2), N = {N}: P(error > {float(eps)}) = {float(tail):.2e} exactly; the "
-        f"proof's bound with C = n^2 says {printed:.1e}, ours {held:.1e}."
+def rows_or_columns() -> Claim:
+    """Rows serve as well, with constants of their own."""
+    A = (exact.vector(1, 1, 1), exact.vector(1, 0, 0), exact.vector(0, 1, 0))
+    gamma = max(_one_norms(zip(*A, strict=True)))  # as printed: the largest column sum
+    laws = {"columns": exact.matrix_atoms(A), "rows": exact.row_atoms(A)}
+    means, squares, largest = {}, {}, {}
+    for name, atoms in laws.items():
+        means[name] = _mean([(p, _flat(one)) for p, one in atoms])
+        squares[name] = sum(p * exact.distance(_flat(one), _flat(A)) for p, one in atoms)
+        largest[name] = max(abs(x) for _, one in atoms for x in _flat(one))
+    formulas = {  # sum of g_j^2 - ||a_j||^2 over the lines
+        name: sum(g**2 - exact.dot(line, line) for g, line in zip(sums, lines, strict=True))
+        for name, lines, sums in (
+            ("columns", list(zip(*A, strict=True)), _one_norms(zip(*A, strict=True))),
+            ("rows", A, _one_norms(A)),
+        )
+    }
+    N, eps = 10, 2
+    # a_11 is estimated by 3 in every realization, off by 2
+    every = sum(p for p, one in laws["rows"] if one[0][0] - A[0][0] >= eps) ** N
+    hoeffding = 2.0 * exp(-2.0 * N * eps**2 / float(gamma) ** 2)
+    texts = (
+        "A = [[1, 1, 1], [1, 0, 0], [0, 1, 0]], all realizations: drawn by columns and by rows, "
+        f"the mean is A; the mean square errors are {squares['columns']} and {squares['rows']}, "
+        "that is the sum of (sum of absolute values)^2 - (2-norm)^2 over the columns or rows.",
+        f"The same A, g(A) = {gamma} as printed: by columns no entry exceeds it, by rows one is "
+        f"{largest['rows']}. With N = {N} the mean of a_11 is off by {eps} with probability "
+        f"{float(every):.1e} at least; Hoeffding's inequality with the range g(A) says "
+        f"{hoeffding:.1e}.",
     )
-    broken = tails.failures[:, 1] / tails.runs
-    worst = int(np.argmax(broken))
-    allowed = tails.delta + 4.0 * np.sqrt(tails.delta / tails.runs)
-    ours = int(tails.failures[:, 0].max()) / tails.runs
-    many = (
-        f"A = H/sqrt(n), n = {tails.n}, delta = {tails.delta}, {tails.runs} runs for each of "
-        f"{len(tails.sizes)} sizes: with ||A|| in beta and C = n the printed radius is exceeded in "
-        f"{100 * broken[worst]:.3g} % of the runs at N = {tails.sizes[worst]}; the bound that "
-        f"holds in at most {100 * ours:.2g} %, and it is "
-        f"{float(np.min(tails.ours / tails.empirical)):.2g} to "
-        f"{float(np.max(tails.ours / tails.empirical)):.2g} times the empirical quantile."
-    )
-    A, x0 = hard_system(tails.n)
-    corrected = bounds.paper.Lemma42(x0, np.zeros(tails.n), A, C=2.0)
-    wide = np.array([corrected.radius(N, tails.delta) for N in tails.sizes.tolist()])
-    beyond_it = wide / tails.empirical
-    third = (
-        f"The same runs, with the largest norm {corrected.beta:g} of a realization in beta and "
-        f"C = 2: the radius of the lemma is {beyond_it.min():.3g} to {beyond_it.max():.3g} times "
-        "the empirical quantile."
-    )
+    exact_laws = all(mean == _flat(A) for mean in means.values()) and squares == formulas
     return Claim(
-        "Lemma 4.2",
-        "P(||B (v - mean u(s))|| > eps) <= 2 C [exp(-2 N eps^2 / (9 beta^2 g(xf)^2)) + the same "
-        "with g(x0) + the same with g(A)], C dependent on n only.",
+        "Remark after Lemma 4.1, rows",
+        '"for matrices, the same procedure can be performed via a similar transformation by '
+        'considering each row (or column) separately as vectors".',
         "holds with a correction",
-        "The norm constants of the proof belong into the exponent. The statement is nevertheless "
-        "true for the average of paired realizations, with C = 2 for every n, if beta = max(B_A, "
-        "1, ||x0||) with B_A >= ||A(s)||; with ||A|| in place of B_A it is false. Sharper: "
-        "P(error >= sqrt(V/N) + t) <= exp(-N t^2 / (g(xf)^2 + 2 g(x0)^2 g(A)^2)).",
+        "Both laws are without bias, but they are not the same law: the printed g(A), the largest "
+        "column sum, and all that follows from it belong to columns. By rows the largest row sum "
+        "takes its place, and the covariances are others.",
         (
-            Evidence("exact", one, printed < float(tail) <= held),
-            Evidence("Monte Carlo", many, bool(broken[worst] > allowed and ours <= allowed)),
-            Evidence("Monte Carlo", third, bool(beyond_it.min() >= 1.0)),
+            Evidence("enumeration", texts[0], exact_laws and squares["rows"] != squares["columns"]),
+            Evidence(
+                "exact",
+                texts[1],
+                largest["columns"] <= gamma < largest["rows"] and float(every) > hoeffding,
+            ),
         ),
     )
 
 
-def lemma_43(key: Key) -> Claim:
-    """Nothing in the bound depends on K, and its exponent is wrong at K = 1."""
-    n, N = 16, 10
-    # all N runs hit one and the same atom +-n e_i, i >= 2: deviation^2 = n^2 + 1
-    log_probability = log(2 * n - 2) - N * log(2 * n)
-    log_printed = log(4) - 2 * N * (n**2 + 1) / (9 * n)
-    rate = (log(2 * n), 2 * (n**2 + 1) / (9 * n))
-    one = (
-        f"A = H/sqrt(n), x0 = (1, .., 1)/sqrt(n), n = {n}, one step: all N runs hit one atom with "
-        f"probability (2n - 2)(2n)^-N = {exp(log_probability):.1e} at N = {N}, the bound is "
-        f"C {exp(log_printed):.1e}; per run the exponents are {rate[0]:.3f} and {rate[1]:.3f}, so "
-        "that no C is large enough for all N."
-    )
-    A, x0 = hadamard(2) / np.sqrt(2.0), np.full(2, np.sqrt(0.5))
-    system = System(A, np.zeros((2, 1)))
-    runs, steps = 200_000, 8
-    ran = simulate_ensemble(system, np.zeros((steps, 1)), x0, runs, rng=key)
-    assert ran.variance is not None  # more than one run
-    spread = ran.variance.sum(axis=1)
-    expected = 2.0 ** (np.arange(steps + 1) + 1) - 1.0
-    # tr S_k = 2^(k+1) - 1 and |xhat(k)|^2 = 2^(k+1) on every run: the sample value has an error
-    # from the mean only
-    close = bool(np.all(np.abs(spread - expected) <= 0.05 * expected))
-    many = (
-        f"n = 2, {runs} runs: N times the mean square error of the average grows as "
-        f"{', '.join(f'{v:.3g}' for v in spread[[0, 1, 2, 4, 8]])} for K = 0, 1, 2, 4, 8, that is "
-        "2^(K+1) - 1, while the bound does not depend on K."
+def sparsity() -> Claim:
+    """The pattern is kept from above only."""
+    A = (exact.vector(1, 1, 0), exact.vector(1, 1, 1), exact.vector(0, 1, 1))
+    whole = _pattern(A)
+    atoms = exact.matrix_atoms(A)
+    law: dict[frozenset[tuple[int, int]], Fraction] = {frozenset(): exact.ONE}
+    complete = []
+    for _ in range(4):  # pattern of the average of 1, 2, 3, 4 realizations
+        longer: dict[frozenset[tuple[int, int]], Fraction] = {}
+        for seen, p in law.items():
+            for q, one in atoms:
+                union = seen | _pattern(one)
+                longer[union] = longer.get(union, exact.ZERO) + p * q
+        law = longer
+        complete.append(law.get(whole, exact.ZERO))
+    inside = all(pattern <= whole for pattern in law)
+    signs = all(x * y >= 0 for _, one in atoms for x, y in zip(_flat(one), _flat(A), strict=True))
+    text = (
+        f"A = [[1, 1, 0], [1, 1, 1], [0, 1, 1]], all {len(atoms)} realizations: none has an entry "
+        "where A has none, or of another sign. Averages of 1, 2, 3, 4 of them have all the entries "
+        f"of A with probability {', '.join(map(str, complete))}."
     )
     return Claim(
-        "Lemma 4.3",
-        "P(||x(K) - mean of the runs|| > eps) <= 2 C [exp(..||u||^2 g(B)^2..) + exp(..||A||^2 "
-        "g(x0)^2..) + exp(..||x0||^2 g(A)^2..)], the same for every K.",
-        "false",
-        "For K = 1: P(error > eps) <= 4 [exp(-2 N eps^2 / (9 ||u||^2 g(B)^2)) + exp(-2 N eps^2 / "
-        "(9 g(A)^2 g(x0)^2))]. For K steps: P(error >= sqrt(tr S_K / N) + t) <= exp(-N t^2 / (2 "
-        "R_K^2)) with R_0 = g(x0), R_{k+1} = g(A) R_k + sum_j |u_j(k)| ||b_j||_1.",
+        "Remark after Lemma 4.1, sparsity",
+        '"it retains the sparsity structure of the DLTI system".',
+        "holds with a correction",
+        "No entry is ever added and no sign changed, but entries are missing: a realization has "
+        "one entry in every column, and an average has all the entries of A only when every one "
+        "was hit.",
         (
-            Evidence("exact", one, log_probability > log_printed and rate[0] < rate[1]),
-            Evidence("Monte Carlo", many, close),
+            Evidence(
+                "enumeration", text, inside and signs and complete[1] == 0 and 0 < complete[3] < 1
+            ),
         ),
     )
+
+
+def bernoulli() -> Claim:
+    """A component has two values, and depends on the others."""
+    w = exact.vector(3, -1, 0, 2)
+    g = _one_norms([w])[0]
+    atoms = exact.atoms(w)
+    n = len(w)
+    values = [sorted({atom[i] for _, atom in atoms}) for i in range(n)]
+    two = all(values[i] == sorted({exact.ZERO, g * _sign(x)}) for i, x in enumerate(w))
+    covariance = [
+        [sum(p * (a[i] - w[i]) * (a[j] - w[j]) for p, a in atoms) for j in range(n)]
+        for i in range(n)
+    ]
+    formula = [[(g * abs(w[i]) if i == j else 0) - w[i] * w[j] for j in range(n)] for i in range(n)]
+    nearest = min(exact.distance(atom, w) for _, atom in atoms)
+    text = (
+        f"w = (3, -1, 0, 2), all realizations: the values of the components are "
+        f"{', '.join('{' + ', '.join(map(str, v)) + '}' for v in values)}; the covariance of the "
+        f"first and the last is {covariance[0][3]}. No realization is nearer to w than "
+        f"||s - w||^2 = {nearest}."
+    )
+    return Claim(
+        "Remark after Lemma 4.1, Bernoulli",
+        '"since each component is a Bernoulli random variable, using known properties we can '
+        'provide convergence rates for each realization".',
+        "holds with a correction",
+        "Component i is g sign(w_i) times a Bernoulli variable with mean |w_i| / g: its range is "
+        "g, not 1, and the components are dependent, as exactly one is not 0. A realization does "
+        "not converge; its averages do.",
+        (
+            Evidence(
+                "enumeration",
+                text,
+                two and g != 1 and covariance == formula and covariance[0][3] < 0 < nearest,
+            ),
+        ),
+    )
+
+
+def _sign(x: Fraction) -> int:
+    return (x > 0) - (x < 0)
+
+
+def _one_norms(lines: Iterable[exact.Vector]) -> list[Fraction]:
+    return [sum((abs(x) for x in line), exact.ZERO) for line in lines]
+
+
+def _flat(A: exact.Matrix) -> exact.Vector:
+    return tuple(x for row in A for x in row)
+
+
+def _pattern(A: exact.Matrix) -> frozenset[tuple[int, int]]:
+    return frozenset((i, j) for i, row in enumerate(A) for j, x in enumerate(row) if x != 0)
+
+
+def _mean(law: list[tuple[Fraction, exact.Vector]]) -> exact.Vector:
+    mean = (exact.ZERO,) * len(law[0][1])
+    for p, one in law:
+        mean = exact.combine(exact.ONE, mean, p, one)
+    return mean
 
 
 def _second_moment(w: exact.Vector, q: list[Fraction]) -> Fraction:

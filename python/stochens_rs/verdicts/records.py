@@ -38,7 +38,7 @@ class Evidence:
 
 @dataclass(frozen=True)
 class Claim:
-    """One definition, lemma, algorithm or figure of the paper.
+    """One definition, lemma, remark, algorithm or figure of the paper.
 
     Attributes
     ----------

@@ -10,12 +10,13 @@ Three notions, in the paper's order, each as a computation on given data:
 - *approximately reachable* (Definition 2.3, `approximately`): with one open-loop control for all
   runs, the average of the runs approaches ``xf``: an experiment with a verdict.
 
-`lemma_3_1` and `lemma_3_2` compute, in rational numbers, the counterexamples to the two lemmas
-that connect these notions. What they lack is that the realizations be unbiased; `sample`'s are.
+`lemma_3_1`, `lemma_3_2` and `remark_3_2` compute, in rational numbers, the counterexamples to the
+two lemmas and the remark that connect these notions. What they lack is that the realizations be
+unbiased; `sample`'s are.
 """
 
 from .approximate import ApproximateReachability, approximately
-from .counterexamples import Counterexample, lemma_3_1, lemma_3_2
+from .counterexamples import Counterexample, lemma_3_1, lemma_3_2, remark_3_2
 from .samples import SampleReachability, sample_reachability
 from .steps import (
     StepsReachability,
@@ -36,6 +37,7 @@ __all__ = [
     "lemma_3_1",
     "lemma_3_2",
     "one_step",
+    "remark_3_2",
     "sample_reachability",
     "several_steps",
 ]

@@ -1,6 +1,6 @@
-"""Lemmas 3.1 and 3.2 are false as stated: two counterexamples, computed in rational numbers.
+"""Lemmas 3.1 and 3.2 and a remark are false as stated: counterexamples in rational numbers.
 
-Both use that Definition 2.2 allows weights of its own for every entity and realizations that are
+All use that Definition 2.2 allows weights of its own for every entity and realizations that are
 biased: a sequence with one good realization and zeros otherwise approximates its limit, with all
 weight on the good one. Where the good realizations sit at different indices, no run is good.
 """
@@ -15,6 +15,9 @@ from ... import _gate
 from ...exceptions import InputError
 
 _Row: TypeAlias = "list[Fraction]"
+
+# the index at which each entity has its one good realization
+_GOOD = {"x0": 0, "A": 1, "B": 2}
 
 
 @dataclass(frozen=True)
@@ -32,10 +35,11 @@ class Counterexample:
         approximated: all 0.
     hypothesis : Fraction
         What the lemma assumes to be 0 and is: the residual of the exact target (3.1), the largest
-        residual of a realization (3.2).
+        residual of a realization (3.2 and the remark).
     claim : Fraction
         What the lemma claims to tend to 0: the least distance of a weighted final state from the
-        target (3.1), of the weighted control from the exact one (3.2), for the given weights.
+        target (3.1), of the weighted control from the exact one (3.2), for the given weights. What
+        the remark claims to be 0: the distance of the target from the states in reach.
     """
 
     lemma: str
@@ -93,9 +97,9 @@ def lemma_3_1(
 
     def run(s: int) -> tuple[list[_Row], _Row, _Row]:
         return (
-            A if s == 1 else [nothing, nothing],
-            B if s == 2 else nothing,
-            x0 if s == 0 else nothing,
+            A if s == _GOOD["A"] else [nothing, nothing],
+            B if s == _GOOD["B"] else nothing,
+            x0 if s == _GOOD["x0"] else nothing,
         )
 
     average = [zero, zero]
@@ -103,7 +107,7 @@ def lemma_3_1(
         As, Bs, start = run(s)
         moved = _times(As, start)
         average = [a + y[s] * (z + b * u[s]) for a, z, b in zip(average, moved, Bs, strict=True)]
-    good_A, good_B, good_x0 = run(1)[0], run(2)[1], run(0)[2]
+    good_A, good_B, good_x0 = run(_GOOD["A"])[0], run(_GOOD["B"])[1], run(_GOOD["x0"])[2]
     errors = {
         "A": max(abs(a - b) for p, q in zip(good_A, A, strict=True) for a, b in _pairs(p, q)),
         "B": max(abs(a - b) for a, b in _pairs(good_B, B)),
@@ -152,8 +156,7 @@ def lemma_3_2(size: int = 10, *, weights: list[int] | None = None) -> Counterexa
     size = _gate.size("size", size, minimum=2, maximum=10**6)
     y = _weights(weights, size)
     zero, A, B, x0, xf = Fraction(0), Fraction(1), Fraction(1), Fraction(1), Fraction(0)
-    starts = [x0 if s == 0 else zero for s in range(size)]
-    matrices = [A if s == 1 else zero for s in range(size)]
+    starts, matrices = _one_good(x0, "x0", size), _one_good(A, "A", size)
     goals = [xf] * size
     u = [(f - a * z) / B for f, a, z in zip(goals, matrices, starts, strict=True)]
     residuals = [
@@ -161,8 +164,64 @@ def lemma_3_2(size: int = 10, *, weights: list[int] | None = None) -> Counterexa
     ]
     exact = (xf - A * x0) / B
     average = sum((w * v for w, v in zip(y, u, strict=True)), zero)
-    errors = {"x0": abs(starts[0] - x0), "A": abs(matrices[1] - A), "xf": abs(goals[0] - xf)}
+    errors = _errors(starts, matrices, goals, x0, A, xf)
     return Counterexample("3.2", size, errors, max(residuals), abs(B * (exact - average)))
+
+
+def remark_3_2(size: int = 10) -> Counterexample:
+    """Every realization is reachable, but the target is not: the remark after Lemma 3.2.
+
+    Parameters
+    ----------
+    size : int, default 10
+        Number of realizations, at least 2.
+
+    Returns
+    -------
+    Counterexample
+        ``claim`` is the distance of ``xf`` from the only state in reach, ``A x0``: 1.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        `size` is too small.
+
+    Notes
+    -----
+    The scalars of `lemma_3_2` with ``B = 0``: ``A^s x0^s = 0 = xf^s`` for every s, so that every
+    control takes every realization to its target, while ``A x0 = 1`` and ``xf = 0``.
+
+    Examples
+    --------
+    >>> from stochens_rs.theory import reachability
+    >>> found = reachability.remark_3_2(3)
+    >>> found.claim, found.hypothesis
+    (Fraction(1, 1), Fraction(0, 1))
+    """
+    size = _gate.size("size", size, minimum=2, maximum=10**6)
+    A, x0, xf = Fraction(1), Fraction(1), Fraction(0)
+    starts, matrices = _one_good(x0, "x0", size), _one_good(A, "A", size)
+    goals = [xf] * size
+    # B = 0: no control moves anything
+    residuals = [abs(f - a * z) for f, a, z in zip(goals, matrices, starts, strict=True)]
+    errors = _errors(starts, matrices, goals, x0, A, xf)
+    return Counterexample("remark after 3.2", size, errors, max(residuals), abs(xf - A * x0))
+
+
+def _one_good(value: Fraction, name: str, size: int) -> _Row:
+    """The value where the entity has its good realization, 0 elsewhere."""
+    return [value if s == _GOOD[name] else Fraction(0) for s in range(size)]
+
+
+def _errors(
+    starts: _Row, matrices: _Row, goals: _Row, x0: Fraction, A: Fraction, xf: Fraction
+) -> dict[str, Fraction]:
+    """Errors of the scalars under all weight on the good realization."""
+    return {
+        "x0": abs(starts[_GOOD["x0"]] - x0),
+        "A": abs(matrices[_GOOD["A"]] - A),
+        "xf": abs(goals[0] - xf),
+    }
 
 
 def _weights(weights: list[int] | None, size: int) -> list[Fraction]:

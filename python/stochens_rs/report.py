@@ -172,9 +172,9 @@ def write_report(
     write_text(data, json.dumps(results, allow_nan=False) + "\n")
     written = [data]
     for experiment in experiments:
-        written += plots.save_figures(experiment.plot(), directory)
+        written += plots.save_figures(plots.figures(experiment, shown=False), directory)
     if claims is not None:
-        written += plots.save_figures({"claims": claims.plot()}, directory)
+        written += plots.save_figures({"claims": plots.claims(claims, shown=False)}, directory)
     page = directory / "report.html"
     write_text(page, _page(title, experiments, claims, directory))
     return [*written, page]

@@ -1,0 +1,66 @@
+"""A notebook: figures and records are seen, each of them once."""
+
+from __future__ import annotations
+
+import pytest
+
+nbformat = pytest.importorskip("nbformat")
+nbclient = pytest.importorskip("nbclient")
+pytest.importorskip("ipykernel")
+pytest.importorskip("matplotlib")
+
+START = """
+import numpy as np, stochens_rs as se
+from stochens_rs import plots, report
+system = se.System([[0.9, 0.2], [-0.1, 0.8]], [[1.0, 0.0], [0.5, 1.0]], dt=0.1)
+x0, xf = [1.0, 2.0], [0.0, 0.0]
+way = se.simulate(system, np.zeros((20, 2)), x0)
+spread = se.simulate_ensemble(system, np.zeros((20, 2)), x0, 50, rng=1)
+stream = se.Stream(system.B, x0, xf, system.A, rng=1)
+stream.step(100)
+power = se.experiments.power(rng=1, replicates=2, samples=20)
+claims = se.claims(quick=True)
+"""
+
+# What a cell says, and how many pictures it shall show.
+CELLS = [
+    ("way.plot()", 1),
+    ("ax = way.plot()", 1),
+    ("ax = way.plot()\nax.set_title('changed later')\n1 + 1", 1),
+    ("way.plot(); way.plot()", 2),
+    ("spread.plot()", 1),
+    ("stream.trace.plot()", 1),
+    ("plots.panel(power, '1a')", 1),
+    ("plots.figure(power, '1')", 1),
+    ("drawn = plots.figure(power, '1')", 1),
+    ("power.plot()", 2),
+    ("claims.plot()", 1),
+    ("drawn = claims.plot()", 1),
+    ("drawn", 1),
+    ("import tempfile\nfiles = power.save(tempfile.mkdtemp())", 0),
+    ("files = report.write_report([power], tempfile.mkdtemp(), claims=claims)", 0),
+    ("import matplotlib.pyplot as plt\nfig, ax = plt.subplots()\nway.plot(ax=ax)", 1),
+    ("ax = plt.figure().add_subplot()\nspread.plot(ax=ax);", 1),
+    ("assert plt.get_fignums() == []", 0),
+]
+
+
+@pytest.fixture(scope="module")
+def outputs(request):
+    """Outputs of every cell, of one notebook that starts as a user's does: without pyplot."""
+    cells = [START, *(text for text, _ in CELLS)]
+    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(text) for text in cells])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv("MPLBACKEND", raising=False)  # the kernel sets it to its own
+        nbclient.NotebookClient(notebook, timeout=120, kernel_name="python3").execute()
+    return [cell.outputs for cell in notebook.cells]
+
+
+def pictures(cell):
+    return [one for one in cell if "image/png" in one.get("data", {})]
+
+
+@pytest.mark.parametrize("number", range(len(CELLS)))
+def test_every_figure_is_shown_once(number, outputs):
+    text, wanted = CELLS[number]
+    assert len(pictures(outputs[1 + number])) == wanted, text

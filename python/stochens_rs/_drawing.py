@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ._progress import in_ipython
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -86,9 +88,7 @@ def new_figure(
 
 def _pyplot_shows() -> bool:
     """Whether the user is in IPython or has loaded pyplot, and its backend shows figures."""
-    ipython = sys.modules.get("IPython")
-    inside = ipython is not None and ipython.get_ipython() is not None
-    if not inside and "matplotlib.pyplot" not in sys.modules:
+    if not in_ipython() and "matplotlib.pyplot" not in sys.modules:
         return False
     import matplotlib
 

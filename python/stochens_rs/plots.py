@@ -30,6 +30,7 @@ __all__ = [
 ]
 
 DPI = 200
+SUFFIXES = ("png", "svg")
 
 
 def require_matplotlib() -> None:
@@ -162,7 +163,7 @@ def save_figures(
 
     paths = []
     for name, one in figures.items():
-        for suffix in ("png", "svg"):
+        for suffix in SUFFIXES:
             path = Path(directory) / f"{name}.{suffix}"
             metadata = {"Date": None} if suffix == "svg" else {"Software": None}
             with matplotlib.rc_context({"svg.hashsalt": name, "svg.fonttype": "path"}):

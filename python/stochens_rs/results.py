@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from . import _gate
+from . import _gate, _html
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -76,6 +76,9 @@ class Fit:
         """Shape of the estimate."""
         return self.estimate.shape
 
+    def _repr_html_(self) -> str:
+        return _html.fit(self)
+
     def __repr__(self) -> str:
         error = "" if self.error is None else f", error {self.error:.3g}"
         gap = "" if self.gap is None else f", gap {self.gap:.1e}"
@@ -109,6 +112,9 @@ class Path:
     gaps: NDArray[np.float64] | None = None
     estimates: NDArray[np.float64] | None = None
 
+    def _repr_html_(self) -> str:
+        return _html.path(self)
+
     def __repr__(self) -> str:
         return (
             f"<Path {self.method}: {len(self.sizes)} sizes from {self.sizes[0]} to "
@@ -139,6 +145,9 @@ class Reachability:
     rank: int
     condition: float
     reachable: bool
+
+    def _repr_html_(self) -> str:
+        return _html.record(self)
 
 
 def reach_text(reach: Reachability) -> str:
@@ -174,6 +183,9 @@ class PlanError:
     state_relative: float
     residual: float
 
+    def _repr_html_(self) -> str:
+        return _html.record(self)
+
 
 @dataclass(frozen=True)
 class PlanBound:
@@ -206,6 +218,9 @@ class PlanBound:
     control_bound: str
     relative_to: str
     certain: bool
+
+    def _repr_html_(self) -> str:
+        return _html.record(self)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -294,6 +309,9 @@ class Plan:
         from ._certificates import plan_bound
 
         return plan_bound(self, delta, system, x0, xf)
+
+    def _repr_html_(self) -> str:
+        return _html.plan(self)
 
     def covariance(
         self,

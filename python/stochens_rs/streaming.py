@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
-from . import _core, _gate
+from . import _core, _gate, _html
 from ._durable import Checkpoints, Durable, PathLike
 from ._progress import Progress, progress_bar
 from .exceptions import InputError, StateError, StateIOError
@@ -373,6 +373,9 @@ class Stream(Durable):
             checkpoints.due()
             if end != "time_limit" or (seconds is not None and rest <= _SLICE):
                 return "converged" if satisfied() else end
+
+    def _repr_html_(self) -> str:
+        return _html.stream(self)
 
     def _to_sections(self) -> dict[str, Any]:
         """Return the state as named arrays of bytes, counters and numbers, digest included."""

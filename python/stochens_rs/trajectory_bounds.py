@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from . import _html
 from ._alse import norm
 from .exceptions import InputError, NonFiniteError
 from .theory import bounds
@@ -48,6 +49,9 @@ class TrajectoryBound:
     matrix: float
     residual: float
     delta: float
+
+    def _repr_html_(self) -> str:
+        return _html.record(self)
 
 
 def total_bound(

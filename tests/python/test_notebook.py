@@ -21,6 +21,7 @@ way = se.simulate(system, np.zeros((20, 2)), x0)
 spread = se.simulate_ensemble(system, np.zeros((20, 2)), x0, 50, rng=1)
 stream = se.Stream(system.B, x0, xf, system.A, rng=1)
 stream.step(100)
+plan = se.steer(system, x0, xf, 100, rng=1)
 power = se.experiments.power(rng=1, replicates=1, samples=5)
 key = se.rng.as_key(1)
 claims = Claims((), tails.measure(key, runs=50), compare(np.ones(2), key, 20, 30), key.hex)
@@ -49,22 +50,38 @@ CELLS = [
 ]
 
 
+RECORDS = ["way", "spread", "stream", "stream.trace", "plan", "plan.bound()"]
+TEXTS = [*(text for text, _ in CELLS), *RECORDS]
+
+
 @pytest.fixture(scope="module")
-def outputs(request):
+def outputs():
     """Outputs of every cell, of one notebook that starts as a user's does: without pyplot."""
-    cells = [START, *(text for text, _ in CELLS)]
-    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(text) for text in cells])
+    cells = [nbformat.v4.new_code_cell(text) for text in (START, *TEXTS)]
+    notebook = nbformat.v4.new_notebook(cells=cells)
     with pytest.MonkeyPatch.context() as patch:
         patch.delenv("MPLBACKEND", raising=False)  # the kernel sets it to its own
         nbclient.NotebookClient(notebook, timeout=120, kernel_name="python3").execute()
-    return [cell.outputs for cell in notebook.cells]
+    return {cell.source: cell.outputs for cell in notebook.cells}
 
 
 def pictures(cell):
     return [one for one in cell if "image/png" in one.get("data", {})]
 
 
-@pytest.mark.parametrize("number", range(len(CELLS)))
-def test_every_figure_is_shown_once(number, outputs):
-    text, wanted = CELLS[number]
-    assert len(pictures(outputs[1 + number])) == wanted, text
+@pytest.mark.parametrize(("text", "wanted"), CELLS)
+def test_every_figure_is_shown_once(text, wanted, outputs):
+    assert len(pictures(outputs[text])) == wanted
+    assert not [one for one in outputs[text] if one.output_type == "stream"]
+
+
+@pytest.mark.parametrize("name", RECORDS)
+def test_records_are_shown_as_tables(name, outputs):
+    (shown,) = outputs[name]
+    assert "<table" in shown["data"]["text/html"] or name == "stream.trace"
+    assert "<b>" in shown["data"]["text/html"]
+    assert "text/plain" in shown["data"]
+
+
+def test_nothing_is_printed_on_import(outputs):
+    assert outputs[START] == []

@@ -35,17 +35,6 @@ def one_line(text):
     return text.startswith("stochens: ") and text.count("\n") == 1 and "Traceback" not in text
 
 
-def test_quick_run_writes_a_report(tmp_path, monkeypatch, capsys):
-    pytest.importorskip("matplotlib")
-    monkeypatch.chdir(tmp_path)
-    assert cli.main(TINY) == 0
-    out = capsys.readouterr().out
-    assert (tmp_path / "stochens-report" / "report.html").stat().st_size > 50_000
-    assert (tmp_path / "stochens-report" / "results.json").exists()
-    for word in ("1a", "2b", "3b-alternative", "uniform (diagonal)", "exact rms", "N = 12"):
-        assert word in out
-
-
 def test_json_and_nothing_else_on_stdout(tmp_path):
     pytest.importorskip("matplotlib")
     out = tmp_path / "deep" / "er"
@@ -333,15 +322,18 @@ def test_an_entry_that_is_there_twice(text, tmp_path, capsys):
     assert "twice" in err
 
 
-def test_reproduce_replaces_only_its_own_report(tmp_path, capsys):
+def test_reproduce_replaces_only_its_own_report(tmp_path, monkeypatch, capsys):
     pytest.importorskip("matplotlib")
-    out = tmp_path / "report"
-    again = [*TINY, "--out", str(out)]
+    monkeypatch.chdir(tmp_path)
+    out, again = tmp_path / "stochens-report", TINY
     assert cli.main(again) == 0
+    said = capsys.readouterr().out
+    for word in ("1a", "2b", "3b-alternative", "uniform (diagonal)", "exact rms", "N = 12"):
+        assert word in said
+    assert (out / "report.html").stat().st_size > 50_000
     written = {path.name for path in out.iterdir()}
     listed = json.loads((out / "results.json").read_text())["files"]
     assert set(listed) == written
-    capsys.readouterr()
 
     (out / "notes.txt").write_text("mine")  # not in the way
     assert cli.main(again) == 0

@@ -72,6 +72,7 @@ def test_axes_of_pyplot_can_be_given():
 def test_pyplot_gets_the_figure_where_it_opens_windows():
     pytest.importorskip("tornado")
     before = plt.get_backend()
+    plt.close("all")
     plt.switch_backend("webagg")  # shows figures, and needs no display
     try:
         ax = plots.panel(made(), "1a")

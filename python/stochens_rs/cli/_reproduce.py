@@ -88,8 +88,8 @@ def reproduce(
         "quick": quick,
         "claims": with_claims,
     }
-    earlier = _earlier(Path(out), options, force)
     directory = writable(out)
+    earlier = _earlier(directory, options, force)
     key = as_key(seed)
     given = {k: v for k, v in (("replicates", replicates), ("samples", samples)) if v is not None}
     done = []

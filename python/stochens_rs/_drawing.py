@@ -7,11 +7,14 @@ extra.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ._progress import in_ipython
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -50,17 +53,46 @@ STYLES = {
 }
 
 
-def new_figure(width: float, height: float, *, header: float, footer: float) -> Figure:
-    """A figure that pyplot does not know; sizes in inches, `header` and `footer` are kept free."""
+# Backends that write files; pyplot would keep their figures and show them to nobody.
+_FILES = ("agg", "cairo", "pdf", "pgf", "ps", "svg", "template")
+
+
+def new_figure(
+    width: float, height: float, *, header: float, footer: float, shown: bool = True
+) -> Figure:
+    """A figure; sizes in inches, `header` and `footer` are kept free.
+
+    Where pyplot shows figures, in a notebook or on a screen, it gets to know this one, unless
+    `shown` is False. Elsewhere it does not: nobody would close it.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     free = (0, footer / height, 1, 1 - (header + footer) / height)
-    layout = ConstrainedLayoutEngine(w_pad=0.09, h_pad=0.06, wspace=0.05, rect=free)
-    made = Figure(figsize=(width, height), layout=layout, facecolor="white")
+    look: dict[str, Any] = {
+        "figsize": (width, height),
+        "layout": ConstrainedLayoutEngine(w_pad=0.09, h_pad=0.06, wspace=0.05, rect=free),
+        "facecolor": "white",
+    }
+    if shown and _pyplot_shows():
+        import matplotlib.pyplot as plt
+
+        from ._shown_figure import ShownFigure
+
+        return plt.figure(FigureClass=ShownFigure, **look)
+    made = Figure(**look)
     FigureCanvasAgg(made)
     return made
+
+
+def _pyplot_shows() -> bool:
+    """Whether the user is in IPython or has loaded pyplot, and its backend shows figures."""
+    if not in_ipython() and "matplotlib.pyplot" not in sys.modules:
+        return False
+    import matplotlib
+
+    return matplotlib.get_backend().lower() not in _FILES
 
 
 def prepare(ax: Axes, shown: Panel, sizes: NDArray[np.int64]) -> float:

@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 _PAPER, _OURS = "#D55E00", "#0072B2"
 
 
-def draw_claims(found: Claims) -> Figure:
+def draw_claims(found: Claims, shown: bool) -> Figure:
     """Both panels side by side."""
-    made = new_figure(10.0, 4.5, header=0.42, footer=0.0)
+    made = new_figure(10.0, 4.5, header=0.42, footer=0.0, shown=shown)
     left, right = made.subplots(1, 2)
     _tails(left, found.tails)
     _comparison(right, found.comparison)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from . import _core, _gate
+from . import _core, _gate, _html
 from ._durable import Durable
 from ._lines import to_lines
 from .ensembles import Ensemble
@@ -277,6 +277,9 @@ class DataStream(Durable):
         parts = [(float(np.linalg.norm(A, 2)) + rA, r0), (rA, float(np.linalg.norm(x0)))]
         state = rf + sum(a * b if a > 0.0 and b > 0.0 else 0.0 for a, b in parts)
         return Confidence(state, r0, rf, rA, float(delta), len(self._ranges) == len(_NAMES))
+
+    def _repr_html_(self) -> str:
+        return _html.data_stream(self)
 
     def _seen(self, what: str) -> None:
         missing = [name for name, count in self.counts.items() if count == 0]

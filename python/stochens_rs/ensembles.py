@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
-from . import _core, _gate
+from . import _core, _gate, _html
 from ._lines import Axis, checked_target, from_lines, stack_from_lines, to_lines
 from .exceptions import InputError, InputTypeError, ShapeError
 
@@ -407,6 +407,9 @@ class Ensemble:
             return (Ensemble._of_samples, (self._dense().copy(),))
         state = (self._draws.indices().astype(np.uint32), self._draws.values())
         return (_rebuild, (*state, self._shape, self._axis, self._scheme, self._key))
+
+    def _repr_html_(self) -> str:
+        return _html.ensemble(self)
 
     def __repr__(self) -> str:
         kind = "dense"

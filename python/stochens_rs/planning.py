@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
-from . import _gate
+from . import _gate, _html
 from ._alse import norm
 from .controls import _rounding, pseudoinverse
 from .exceptions import InputError, NonFiniteError, SizeError
@@ -129,6 +129,9 @@ class SamplePlan:
             "key": self.key.hex,
             "bounds": [vars(row) for row in self.rows],
         }
+
+    def _repr_html_(self) -> str:
+        return _html.sample_plan(self)
 
     def __str__(self) -> str:
         share = f" ({self.error / self.reference:.3g} relative)" if self.reference else ""

@@ -1,7 +1,8 @@
 """Figures of finished experiments: results in, matplotlib objects out.
 
-Nothing is computed here beyond quantiles, and no global state of matplotlib is touched: axes are
-either given or made on a figure of their own, which no window manager knows.
+Nothing is computed here beyond quantiles. Axes are either given or made on a figure of their own.
+In a notebook, and where pyplot has been loaded with a backend that opens windows, that figure is
+one of pyplot's, which shows and closes it; elsewhere no global state of matplotlib is touched.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ __all__ = [
 ]
 
 DPI = 200
+SUFFIXES = ("png", "svg")
 
 
 def require_matplotlib() -> None:
@@ -84,7 +86,7 @@ def panel(experiment: Experiment, name: str, *, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def figure(experiment: Experiment, number: str) -> Figure:
+def figure(experiment: Experiment, number: str, *, shown: bool = True) -> Figure:
     """One figure of the paper, its panels side by side under one title and over one legend.
 
     Parameters
@@ -92,6 +94,8 @@ def figure(experiment: Experiment, number: str) -> Figure:
     experiment : Experiment
     number : str
         "1" or "2" (power), "3" (tracking).
+    shown : bool, default True
+        Whether pyplot shows the figure where it can, as in a notebook; False: for files only.
 
     Returns
     -------
@@ -105,33 +109,35 @@ def figure(experiment: Experiment, number: str) -> Figure:
         The experiment has no such figure.
     """
     require_matplotlib()
-    shown = [p for p in experiment.panels if p.figure == number]
-    if not shown:
+    chosen = [p for p in experiment.panels if p.figure == number]
+    if not chosen:
         raise KeyError(f"experiment {experiment.name!r} has no figure {number!r}")
-    result = new_figure(5.0 * len(shown), 5.0, header=0.62, footer=0.55)
-    for position, one in enumerate(shown, start=1):
-        ax = panel(experiment, one.name, ax=result.add_subplot(1, len(shown), position))
+    result = new_figure(5.0 * len(chosen), 5.0, header=0.62, footer=0.55, shown=shown)
+    for position, one in enumerate(chosen, start=1):
+        ax = panel(experiment, one.name, ax=result.add_subplot(1, len(chosen), position))
         ax.set_title(
             f"({one.name[1:]}) {one.quantity}", loc="left", fontsize=10.5, color=INK, pad=7
         )
     heading(result, experiment, number)
-    legend(result, shown)
+    legend(result, chosen)
     return result
 
 
-def figures(experiment: Experiment) -> dict[str, Figure]:
+def figures(experiment: Experiment, *, shown: bool = True) -> dict[str, Figure]:
     """Every figure of an experiment, by file name: "power-figure-1", ...
 
     Parameters
     ----------
     experiment : Experiment
+    shown : bool, default True
+        As in :func:`figure`.
 
     Returns
     -------
     dict of str to matplotlib Figure
     """
     numbers = dict.fromkeys(p.figure for p in experiment.panels if p.figure is not None)
-    return {f"{experiment.name}-figure-{k}": figure(experiment, k) for k in numbers}
+    return {f"{experiment.name}-figure-{k}": figure(experiment, k, shown=shown) for k in numbers}
 
 
 def save_figures(
@@ -157,7 +163,7 @@ def save_figures(
 
     paths = []
     for name, one in figures.items():
-        for suffix in ("png", "svg"):
+        for suffix in SUFFIXES:
             path = Path(directory) / f"{name}.{suffix}"
             metadata = {"Date": None} if suffix == "svg" else {"Software": None}
             with matplotlib.rc_context({"svg.hashsalt": name, "svg.fonttype": "path"}):
@@ -166,13 +172,15 @@ def save_figures(
     return paths
 
 
-def claims(found: Claims) -> Figure:
+def claims(found: Claims, *, shown: bool = True) -> Figure:
     """Draw the tail bounds, and SLSE against uniform weights.
 
     Parameters
     ----------
     found : Claims
         What `stochens_rs.claims` returns.
+    shown : bool, default True
+        As in :func:`figure`.
 
     Returns
     -------
@@ -186,4 +194,4 @@ def claims(found: Claims) -> Figure:
     require_matplotlib()
     from ._drawing_claims import draw_claims
 
-    return draw_claims(found)
+    return draw_claims(found, shown)

@@ -12,7 +12,7 @@ import base64
 import inspect
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -127,6 +127,7 @@ def write_report(
     outdir: str | os.PathLike[str],
     *,
     claims: Claims | None = None,
+    options: Mapping[str, Any] | None = None,
     title: str = "Steering a linear system known only through random realizations",
 ) -> list[Path]:
     """Write the report, the data and the figures into one directory.
@@ -139,6 +140,8 @@ def write_report(
         Directory; made if it does not exist. Files of the same name are replaced.
     claims : Claims, optional
         What :func:`stochens_rs.claims` returns: a section with one row per statement.
+    options : mapping, optional
+        What the run was asked for: kept in ``results.json``, beside the names of all files.
     title : str
         Heading of the page.
 
@@ -161,23 +164,28 @@ def write_report(
     plots.require_matplotlib()
     directory = Path(outdir)
     directory.mkdir(parents=True, exist_ok=True)
+    drawn = {
+        name: made
+        for experiment in experiments
+        for name, made in plots.figures(experiment, shown=False).items()
+    }
+    if claims is not None:
+        drawn["claims"] = plots.claims(claims, shown=False)
+    data, page = directory / "results.json", directory / "report.html"
+    names = [f"{name}.{suffix}" for name in drawn for suffix in plots.SUFFIXES]
     results = {
         "schema": SCHEMA,
+        "files": [data.name, *names, page.name],
+        "options": dict(options or {}),
         "versions": versions(),
         "experiments": [experiment.to_dict() for experiment in experiments],
     }
     if claims is not None:
         results["claims"] = claims.to_dict()
-    data = directory / "results.json"
     write_text(data, json.dumps(results, allow_nan=False) + "\n")
-    written = [data]
-    for experiment in experiments:
-        written += plots.save_figures(experiment.plot(), directory)
-    if claims is not None:
-        written += plots.save_figures({"claims": claims.plot()}, directory)
-    page = directory / "report.html"
+    written = plots.save_figures(drawn, directory)
     write_text(page, _page(title, experiments, claims, directory))
-    return [*written, page]
+    return [data, *written, page]
 
 
 def _page(

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from . import _gate
+from . import _gate, _html
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -80,6 +80,9 @@ class Fit:
         """Shape of the estimate."""
         return self.estimate.shape
 
+    def _repr_html_(self) -> str:
+        return _html.fit(self)
+
     def __repr__(self) -> str:
         error = "" if self.error is None else f", error {self.error:.3g}"
         gap = "" if self.gap is None else f", gap {self.gap:.1e}"
@@ -113,6 +116,9 @@ class Path:
     gaps: NDArray[np.float64] | None = None
     estimates: NDArray[np.float64] | None = None
 
+    def _repr_html_(self) -> str:
+        return _html.path(self)
+
     def __repr__(self) -> str:
         return (
             f"<Path {self.method}: {len(self.sizes)} sizes from {self.sizes[0]} to "
@@ -143,6 +149,9 @@ class Reachability:
     rank: int
     condition: float
     reachable: bool
+
+    def _repr_html_(self) -> str:
+        return _html.record(self)
 
 
 def reach_text(reach: Reachability) -> str:
@@ -177,6 +186,9 @@ class PlanError:
     state: float
     state_relative: float
     residual: float
+
+    def _repr_html_(self) -> str:
+        return _html.record(self)
 
 
 @dataclass(frozen=True)
@@ -217,6 +229,9 @@ class PlanBound:
     control_bound: str
     relative_to: str
     certain: bool
+
+    def _repr_html_(self) -> str:
+        return _html.record(self)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -311,6 +326,9 @@ class Plan:
         delta = _gate.probability("delta", delta)
         basis = completed(self._basis, system, x0, xf, "bound")
         return plan_bound(basis, self.u, delta, rng, fusion=self.fusion)  # type: ignore[arg-type]
+
+    def _repr_html_(self) -> str:
+        return _html.plan(self)
 
     def covariance(
         self,

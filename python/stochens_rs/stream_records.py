@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from . import _html
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
@@ -41,6 +43,9 @@ class StreamRun:
     rule: str | None
     certificate: float | None
     error: float
+
+    def _repr_html_(self) -> str:
+        return _html.record(self)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -99,6 +104,9 @@ class Trace:
         require_matplotlib()
         return draw_trace(self, ax)
 
+    def _repr_html_(self) -> str:
+        return _html.trace(self)
+
     def __len__(self) -> int:
         return len(self.steps)
 
@@ -133,6 +141,9 @@ class Confidence:
     A: float
     delta: float
     guaranteed: bool
+
+    def _repr_html_(self) -> str:
+        return _html.record(self)
 
 
 def mean_radius(count: int, deviation: float, diameter: float, delta: float) -> float:

@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import hashlib
-import sys
 import time
 from collections.abc import Callable
-from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
-from . import _core, _gate
+from . import _core, _gate, _html
 from ._durable import Checkpoints, Durable, PathLike
+from ._progress import Progress, progress_bar
 from .exceptions import InputError, StateError, StateIOError
 from .rng import Key, RngLike, as_key
 from .stream_records import StreamRun, Trace
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from numpy.typing import ArrayLike, NDArray
 
     Floats: TypeAlias = NDArray[np.float64]
@@ -29,7 +26,6 @@ __all__ = ["Stream"]
 Variant: TypeAlias = Literal["consistent", "semi", "literal"]
 Slots: TypeAlias = Literal["random", "round-robin", "gain"]
 Rule: TypeAlias = Literal["certificate", "printed"]
-Progress: TypeAlias = bool | Callable[[int, int | None], object]
 
 _VARIANTS = ("consistent", "semi", "literal")
 _SLOTS = ("random", "round-robin", "gain")
@@ -273,8 +269,8 @@ class Stream(Durable):
             or repeated realization changes nothing, so it stops at the first one, with any error
             (and a step costs O(n m)).
         progress : bool or callable, default False
-            True: a bar on stderr. A callable is called as ``progress(steps, max_steps)`` about
-            five times a second.
+            True: a bar on a terminal or in a notebook. A callable is called as
+            ``progress(steps, max_steps)`` about five times a second.
         checkpoint : path, optional
             Where to `save` the stream on the way and at the end, however the run ends. What is
             there already must be a state of the same problem, key and options.
@@ -328,7 +324,7 @@ class Stream(Durable):
         started, first = time.monotonic(), self.steps
         status = "interrupted"
         try:
-            with _reported(progress, most) as report:
+            with progress_bar(progress, most, "stream", "step") as report:
                 status = self._run(checked, limit or 0.0, most, seconds, report, checkpoints)
         except KeyboardInterrupt:
             pass  # the core stops between two steps
@@ -377,6 +373,9 @@ class Stream(Durable):
             checkpoints.due()
             if end != "time_limit" or (seconds is not None and rest <= _SLICE):
                 return "converged" if satisfied() else end
+
+    def _repr_html_(self) -> str:
+        return _html.stream(self)
 
     def _to_sections(self) -> dict[str, Any]:
         """Return the state as named arrays of bytes, counters and numbers, digest included."""
@@ -428,17 +427,3 @@ def _digest(key: Key, options: tuple[str, bool, str], *arrays: Floats) -> str:
     for array in arrays:
         made.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
     return made.hexdigest()
-
-
-@contextmanager
-def _reported(progress: Progress, total: int | None) -> Iterator[Callable[[int], object]]:
-    """Turn `progress` into a function of the steps taken."""
-    if callable(progress):
-        yield lambda done: progress(done, total)
-    elif not _gate.flag("progress", progress):
-        yield lambda _: None
-    else:
-        from tqdm import tqdm
-
-        with tqdm(total=total, unit="step", unit_scale=True, leave=False, file=sys.stderr) as bar:
-            yield lambda done: bar.update(done - bar.n)

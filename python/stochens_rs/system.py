@@ -7,12 +7,11 @@ Everything that takes a system may rely on the checks made here.
 
 from __future__ import annotations
 
-import html
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from . import _gate
+from . import _gate, _html
 from .exceptions import InputError, InputTypeError
 
 if TYPE_CHECKING:
@@ -214,11 +213,7 @@ class System:
         return f"<System{label}: n={self.n} m={self.m} dt={self._dt}>"
 
     def _repr_html_(self) -> str:
-        step = f"{self._dt} s" if isinstance(self._dt, float) else str(self._dt)
-        rows = (("states n", self.n), ("inputs m", self.m), ("step dt", step))
-        cells = "".join(f"<tr><th>{what}</th><td>{value}</td></tr>" for what, value in rows)
-        title = html.escape(self._name or "System")
-        return f"<table><caption>{title}</caption><tbody>{cells}</tbody></table>"
+        return _html.system(self)
 
 
 _CONTINUOUS = (

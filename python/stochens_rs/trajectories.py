@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from . import _html
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
@@ -72,6 +74,9 @@ class Trajectory:
         from ._drawing_trajectories import draw_states
 
         return draw_states(self.times, self.states, None, timed=self.dt is not None, ax=ax)
+
+    def _repr_html_(self) -> str:
+        return _html.trajectory(self)
 
     def __repr__(self) -> str:
         return f"<Trajectory: n={self.states.shape[1]}, {self.steps} steps>"
@@ -171,6 +176,9 @@ class EnsembleTrajectory:
 
         timed = self.dt is not None
         return draw_states(self.times, self.mean, self.standard_error, timed=timed, ax=ax)
+
+    def _repr_html_(self) -> str:
+        return _html.ensemble_trajectory(self)
 
     def __repr__(self) -> str:
         return (

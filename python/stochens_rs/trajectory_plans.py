@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from . import _gate
+from . import _gate, _html
 from ._alse import norm
 from ._certificates import Basis, Known, completed, plan_bound
 from .exceptions import InputError, NonFiniteError, ShapeError
@@ -204,6 +204,9 @@ class TrajectoryPlan:
             state_relative=_ratio(norm(shift), norm(reached), _rounding(free, pushed)),
             residual=norm(difference - pushed),
         )
+
+    def _repr_html_(self) -> str:
+        return _html.trajectory_plan(self)
 
     def states(self, system: System, x0: ArrayLike) -> Floats:
         """Trajectory of an exactly known system under this control.

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import signal
 import subprocess
 import sys
 import time
+import zipfile
 
 import pytest
 
+import stochens_rs as se
 from stochens_rs import cli, experiments
 from stochens_rs.exceptions import ResourceError, SolverError
 
@@ -21,27 +24,15 @@ def run(*args, **options):
     """The program in a process of its own."""
     return subprocess.run(
         [sys.executable, "-m", "stochens_rs", *args],
-        capture_output=True,
+        **{"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **options},
         text=True,
         timeout=120,
         check=False,
-        **options,
     )
 
 
 def one_line(text):
     return text.startswith("stochens: ") and text.count("\n") == 1 and "Traceback" not in text
-
-
-def test_quick_run_writes_a_report(tmp_path, monkeypatch, capsys):
-    pytest.importorskip("matplotlib")
-    monkeypatch.chdir(tmp_path)
-    assert cli.main(TINY) == 0
-    out = capsys.readouterr().out
-    assert (tmp_path / "stochens-report" / "report.html").stat().st_size > 50_000
-    assert (tmp_path / "stochens-report" / "results.json").exists()
-    for word in ("1a", "2b", "3b-alternative", "uniform (diagonal)", "exact rms", "N = 12"):
-        assert word in out
 
 
 def test_json_and_nothing_else_on_stdout(tmp_path):
@@ -62,7 +53,7 @@ def test_seed_determines_the_numbers(tmp_path, capsys, monkeypatch):
     pytest.importorskip("matplotlib")
     # Drawing takes most of the time, and is not the question here.
     monkeypatch.setattr(
-        cli._reproduce.report, "write_report", lambda done, out, claims: [out / "report.html"]
+        cli._reproduce.report, "write_report", lambda done, out, **_: [out / "report.html"]
     )
     seen = []
     for seed, folder in (("7", "a"), ("7", "b"), ("8", "c")):
@@ -207,3 +198,171 @@ def test_module_runs_as_a_program():
     assert done.returncode == 0
     assert done.stdout.startswith("stochens ")
     assert run("nothing-like-this").returncode == 2
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_bars_are_for_terminals(terminal, monkeypatch):
+    class Stderr(io.StringIO):
+        def isatty(self):
+            return terminal
+
+    monkeypatch.setattr(sys, "stderr", Stderr())
+    experiments.power(rng=1, replicates=2, samples=5, progress=True)
+    se.claims(quick=True, progress=True)
+    stream = se.Stream([[1.0]], [1.0], [0.0], [[2.0]], rng=1)
+    stream.run(max_steps=10, progress=True)
+    seen = sys.stderr.getvalue()
+    for word in ("power network", "claims", "stream"):
+        assert (word in seen) == terminal
+    assert terminal or seen == ""
+
+
+def closed(*numbers):
+    """Options of `run` that start it with these descriptors closed, as ``2>&-`` does."""
+    return {
+        "preexec_fn": lambda: [os.close(number) for number in numbers],
+        "stdout": None if 1 in numbers else subprocess.PIPE,
+        "stderr": None if 2 in numbers else subprocess.PIPE,
+    }
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="descriptors differ")
+@pytest.mark.parametrize("numbers", [(1,), (1, 2), (0, 1)])
+def test_closed_stdout_is_refused_before_anything_is_done(numbers, tmp_path):
+    out = tmp_path / "out"
+    done = run(*TINY, "--out", str(out), **closed(*numbers))
+    assert done.returncode == 5
+    if 2 not in numbers:
+        assert done.stderr == "stochens: standard output is closed: nowhere to write results\n"
+    assert not out.exists()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="descriptors differ")
+@pytest.mark.parametrize("numbers", [(2,), (0, 2)])
+def test_closed_stderr_changes_nothing(numbers, tmp_path):
+    saved = tmp_path / "a.state"
+    done = run(
+        *("stream", "--case", "ieee14", "--max-steps", "10", "--checkpoint", str(saved)),
+        **closed(*numbers),
+    )
+    assert done.returncode == 0
+    assert "max_steps after 10 steps" in done.stdout
+    assert se.Stream.load(saved).steps == 10
+    assert run("nonsense", **closed(*numbers)).returncode == 2
+
+
+@pytest.mark.skipif(not os.path.exists("/proc/self/fd"), reason="needs /proc")
+def test_no_file_takes_the_place_of_a_closed_descriptor():
+    """What a library prints to descriptor 2 must not end up in a file of results."""
+    code = (
+        "import os; from stochens_rs.cli import main; main(['info'])\n"
+        "print(*(os.path.realpath(f'/proc/self/fd/{number}') for number in (0, 2)))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], text=True, check=True, timeout=60, **closed(0, 2)
+    )
+    assert done.stdout.splitlines()[-1] == "/dev/null /dev/null"
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
+def test_stderr_without_room_does_not_change_the_exit_code(tmp_path):
+    with open("/dev/full", "w") as full:
+        assert run("nonsense", stdout=subprocess.PIPE, stderr=full).returncode == 2
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="devices differ")
+def test_files_without_end(tmp_path):
+    import resource
+
+    os.mkfifo(tmp_path / "pipe")
+    for number, path in enumerate(("/dev/zero", tmp_path / "pipe", tmp_path)):
+        (tmp_path / f"{number}.npz").symlink_to(path)
+    with (tmp_path / "huge.json").open("wb") as file:
+        file.truncate(2**40)
+    os.link(tmp_path / "huge.json", tmp_path / "huge.npz")
+    names = ["/dev/zero", "pipe", "0.npz", "1.npz", "2.npz", "huge.json", "huge.npz"]
+    code = (
+        "import sys; from stochens_rs.cli import main\n"
+        "print([main(['plan', '--file', name]) for name in sys.argv[1:]])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, *names],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=20,
+        check=True,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (2**32, 2**32)),
+    )
+    assert done.stdout == f"{[2] * len(names)}\n"
+    said = done.stderr.splitlines()
+    assert all("must be a regular file, got a" in line for line in said[:5]), said
+    assert all("needs" in line and "GiB" in line for line in said[5:]), said
+
+
+def test_an_archive_that_unpacks_to_more_than_there_is(tmp_path, capsys):
+    with zipfile.ZipFile(tmp_path / "bomb.npz", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("A.npy", b"0" * 100)
+        archive.getinfo("A.npy").file_size = 2**50  # the directory, written on closing, says so
+    assert cli.main(["plan", "--file", str(tmp_path / "bomb.npz")]) == 2
+    err = capsys.readouterr().err
+    assert one_line(err)
+    assert "GiB" in err
+
+
+@pytest.mark.parametrize(
+    "text", ['{"A": [[1]], "B": [[1]], "A": [[2]]}', '{"A": {"b": 1, "b": 2}}']
+)
+def test_an_entry_that_is_there_twice(text, tmp_path, capsys):
+    path = tmp_path / "p.json"
+    path.write_text(text)
+    assert cli.main(["plan", "--file", str(path)]) == 2
+    err = capsys.readouterr().err
+    assert one_line(err)
+    assert "twice" in err
+
+
+def test_reproduce_replaces_only_its_own_report(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("matplotlib")
+    monkeypatch.chdir(tmp_path)
+    out, again = tmp_path / "stochens-report", TINY
+    assert cli.main(again) == 0
+    said = capsys.readouterr().out
+    for word in ("1a", "2b", "3b-alternative", "uniform (diagonal)", "exact rms", "N = 12"):
+        assert word in said
+    assert (out / "report.html").stat().st_size > 50_000
+    written = {path.name for path in out.iterdir()}
+    listed = json.loads((out / "results.json").read_text())["files"]
+    assert set(listed) == written
+
+    (out / "notes.txt").write_text("mine")  # not in the way
+    assert cli.main(again) == 0
+    assert "the report of a run with the same options" in capsys.readouterr().err
+
+    assert cli.main([*again, "--seed", "2"]) == 2
+    err = capsys.readouterr().err
+    assert one_line(err)
+    assert "--force" in err
+    assert "seed=1" in err
+
+    (out / "claims.png").write_text("mine, too")
+    for options in ([], ["--force"]):
+        assert cli.main([*again, "--claims", *options]) == 2
+        err = capsys.readouterr().err
+        assert one_line(err)
+        assert "claims.png" in err
+    assert (out / "claims.png").read_text() == "mine, too"
+
+    (out / "claims.png").unlink()
+    assert cli.main([*again, "--seed", "2", "--force"]) == 0
+    assert {path.name for path in out.iterdir()} == {*written, "notes.txt"}
+    assert json.loads((out / "results.json").read_text())["options"]["seed"] == 2
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"schema": "stochens-results/1"}', '{"files": 3}'])
+def test_reproduce_leaves_foreign_results_alone(text, tmp_path, capsys):
+    (tmp_path / "results.json").write_text(text)
+    assert cli.main([*TINY, "--out", str(tmp_path), "--force"]) == 2
+    assert "results.json" in capsys.readouterr().err
+    assert (tmp_path / "results.json").read_text() == text
+    assert len(list(tmp_path.iterdir())) == 1

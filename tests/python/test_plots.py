@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 
@@ -66,6 +67,37 @@ def test_axes_of_pyplot_can_be_given():
         assert figure.legends == []
     finally:
         plt.close(figure)
+
+
+def test_pyplot_gets_the_figure_where_it_opens_windows():
+    pytest.importorskip("tornado")
+    before = plt.get_backend()
+    plt.close("all")
+    plt.switch_backend("webagg")  # shows figures, and needs no display
+    try:
+        ax = plots.panel(made(), "1a")
+        assert [plt.figure(number) for number in plt.get_fignums()] == [ax.figure]
+        plots.figures(made(), shown=False)
+        assert len(plt.get_fignums()) == 1
+    finally:
+        plt.close("all")
+        plt.switch_backend(before)
+
+
+def test_a_script_that_does_not_use_pyplot_is_not_made_to():
+    code = (
+        "import sys, stochens_rs as se\n"
+        "se.simulate(([[0.5]], [[1.0]]), [[1.0]], [0.0]).plot().figure.savefig(sys.argv[1])\n"
+        "print('matplotlib.pyplot' in sys.modules)"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", code, os.devnull],
+        env={k: v for k, v in os.environ.items() if k not in ("MPLBACKEND", "DISPLAY")},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert run.stdout.strip() == "False"
 
 
 def test_no_style_is_changed():

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import stat
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,10 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _gate
-from ..exceptions import InputError
+from ..exceptions import InputError, ResourceError
 from ..system import System
 
 _NAMES = ("A", "B", "x0", "xf", "dt")
+_KINDS = {
+    stat.S_IFDIR: "directory",
+    stat.S_IFIFO: "pipe",
+    stat.S_IFCHR: "device",
+    stat.S_IFBLK: "device",
+    stat.S_IFSOCK: "socket",
+}
+# Bytes that Python needs for one byte of JSON: "{}," is an object of 80 and a pointer of 8.
+_PARSED = 36
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +63,10 @@ def from_file(path: str | os.PathLike[str]) -> Problem:
     Raises
     ------
     InputError
-        The file is not of this kind, an entry is missing, unknown or cannot be used.
+        The file is not of this kind, an entry is missing, unknown, there twice or cannot be used;
+        a directory, a pipe or a device.
+    ResourceError
+        What is in the file does not fit into the memory this process may use.
     OSError
         The file cannot be read.
 
@@ -69,7 +83,13 @@ def from_file(path: str | os.PathLike[str]) -> Problem:
     <System: n=1 m=1 dt=None>
     """
     path = Path(path)
-    found = _npz(path) if path.suffix.lower() == ".npz" else _json(path)
+    about = path.stat()
+    if not stat.S_ISREG(about.st_mode):  # /dev/zero has no end, a pipe may have no beginning
+        kind = _KINDS.get(stat.S_IFMT(about.st_mode), "special file")
+        raise InputError(f"{path.name} must be a regular file, got a {kind}")
+    archive = path.suffix.lower() == ".npz"
+    _gate.memory(f"to read {path.name}", about.st_size * (1 if archive else _PARSED))
+    found = _npz(path) if archive else _json(path, about.st_size)
     unknown = sorted(set(found) - set(_NAMES))
     if unknown:
         raise InputError(
@@ -93,18 +113,33 @@ def from_file(path: str | os.PathLike[str]) -> Problem:
 def _npz(path: Path) -> dict[str, Any]:
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+            unpacked = sum(entry.file_size for entry in archive.zip.infolist())
+            _gate.memory(f"{path.name}, unpacked,", unpacked)
+            _once(archive.files)
             return {name: archive[name] for name in archive.files}
-    except OSError:
+    except (OSError, ResourceError):
         raise
     except Exception as error:  # a damaged archive raises anything from three libraries
         raise InputError(f"{path.name} must be an archive of numeric arrays: {error}") from error
 
 
-def _json(path: Path) -> dict[str, Any]:
+def _json(path: Path, size: int) -> dict[str, Any]:
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        with path.open("rb") as file:
+            found = json.loads(file.read(size).decode("utf-8"), object_pairs_hook=_object)
     except (ValueError, RecursionError) as error:  # not text, not JSON, or numbers without end
         raise InputError(f"{path.name} must be a .npz archive or JSON: {error}") from error
     if not isinstance(found, dict):
         raise InputError(f"{path.name} must be a JSON object, got {type(found).__name__}")
     return found
+
+
+def _object(entries: list[tuple[str, Any]]) -> dict[str, Any]:
+    _once([name for name, _ in entries])
+    return dict(entries)
+
+
+def _once(names: list[str]) -> None:
+    twice = [name for name, count in Counter(names).items() if count > 1]
+    if twice:
+        raise ValueError(f"the entry {twice[0]!r} is there twice")

@@ -7,6 +7,7 @@ Results go to stdout, everything else (progress, the files written, errors) to s
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 
 import click
@@ -14,7 +15,7 @@ import click
 from ..exceptions import InputError, InputTypeError, ResourceError, StateError
 from ..experiments._common import versions
 from . import _claims, _info, _plan, _reproduce, _stream
-from ._output import show
+from ._output import note, occupy_standard_descriptors, show
 
 __all__ = ["main"]
 
@@ -58,6 +59,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     >>> main(["reproduce", "--samples", "0"])
     2
     """
+    occupy_standard_descriptors()
+    if sys.stdout is None:
+        return _fail("standard output is closed: nowhere to write results", IO)
     try:
         args = None if argv is None else list(argv)
         code = cli.main(args=args, prog_name="stochens", standalone_mode=False)
@@ -78,5 +82,5 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _fail(message: str, code: int) -> int:
     """One line on stderr."""
-    click.echo(f"stochens: {' '.join(message.split())}", err=True)
+    note(f"stochens: {' '.join(message.split())}")
     return code

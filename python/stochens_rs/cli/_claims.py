@@ -9,7 +9,7 @@ import click
 from .. import plots
 from ..verdicts import claims as check
 from ._options import seed_option
-from ._output import show, writable
+from ._output import note, show, writable
 
 
 @click.command()
@@ -35,6 +35,6 @@ def claims(context: click.Context, seed: int, quick: bool, out: str | None, as_j
         data = directory / "claims.json"
         data.write_text(text + "\n", encoding="utf-8")
         for path in (data, *plots.save_figures({"claims": found.plot()}, directory)):
-            click.echo(f"written: {path}", err=True)
+            note(f"written: {path}")
     if not found.confirmed:
         context.exit(3)

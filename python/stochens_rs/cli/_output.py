@@ -2,11 +2,28 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 import sys
 import tempfile
 from pathlib import Path
 
 import click
+
+
+def occupy_standard_descriptors() -> None:
+    """Open what was closed (``2>&-``), or the next file would be the standard error output."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # gets the lowest free number, this one
+
+
+def note(text: str) -> None:
+    """To stderr; that nobody can read it is no failure of the command."""
+    with contextlib.suppress(OSError):
+        click.echo(text, err=True)
 
 
 def show(text: str) -> None:

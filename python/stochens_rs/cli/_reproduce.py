@@ -3,22 +3,28 @@
 from __future__ import annotations
 
 import json
+import re
+from pathlib import Path
 from typing import Any
 
 import click
 
 from .. import experiments, plots, report
+from ..exceptions import InputError
 from ..experiments._common import versions
 from ..rng import as_key
 from ..verdicts import claims as check_claims
 from ._options import seed_option
-from ._output import show, writable
+from ._output import note, show, writable
 
 # Small enough for a first look in seconds; the full run is the default.
 QUICK: dict[str, dict[str, Any]] = {
     "power": {"replicates": 10, "samples": 100},
     "tracking": {"replicates": 5, "samples": 100, "n": 30, "m": 24},
 }
+
+# Every name that a report may have, whatever the options.
+_NAMES = re.compile(r"results\.json|report\.html|(claims|(power|tracking)-figure-\d)\.(png|svg)")
 
 
 @click.command()
@@ -29,6 +35,7 @@ QUICK: dict[str, dict[str, Any]] = {
     metavar="DIR",
     help="Where report.html, results.json and the figures go; made if missing.",
 )
+@click.option("--force", is_flag=True, help="Replace the report of a run with other options.")
 @seed_option
 @click.option(
     "--replicates",
@@ -55,6 +62,7 @@ QUICK: dict[str, dict[str, Any]] = {
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of the table.")
 def reproduce(
     out: str,
+    force: bool,
     seed: int,
     replicates: int | None,
     samples: int | None,
@@ -67,19 +75,33 @@ def reproduce(
     Prints the errors after all samples: quantiles and root mean square over the replicates, for
     uniform weights also the exact root mean square, and z, the distance of the mean square from
     its exact value in standard errors.
+
+    A report in DIR is replaced if the same options made it, or with --force. A file with the name
+    of one of the report's that this command did not write (results.json lists those it did) is
+    never replaced: nothing is done then.
     """
     plots.require_matplotlib()
+    options = {
+        "seed": seed,
+        "replicates": replicates,
+        "samples": samples,
+        "quick": quick,
+        "claims": with_claims,
+    }
     directory = writable(out)
+    earlier = _earlier(directory, options, force)
     key = as_key(seed)
     given = {k: v for k, v in (("replicates", replicates), ("samples", samples)) if v is not None}
     done = []
     for name, run in (("power", experiments.power), ("tracking", experiments.tracking)):
-        options = {**(QUICK[name] if quick else {}), **given}
-        done.append(run(rng=key.child(name), progress=True, **options))
+        chosen = {**(QUICK[name] if quick else {}), **given}
+        done.append(run(rng=key.child(name), progress=True, **chosen))
     checked = None
     if with_claims:
         checked = check_claims(key.child("claims"), quick=quick, progress=True)
-    files = report.write_report(done, directory, claims=checked)
+    for path in earlier:
+        path.unlink(missing_ok=True)
+    files = report.write_report(done, directory, claims=checked, options=options)
     rows = report.final_errors(done)
     if as_json:
         summary = {
@@ -106,7 +128,37 @@ def reproduce(
         show(_table(rows))
         if checked is not None:
             show(f"\n{checked.summary}")
-    click.echo(f"report: {files[-1]}", err=True)
+    note(f"report: {files[-1]}")
+
+
+def _earlier(directory: Path, options: dict[str, Any], force: bool) -> list[Path]:
+    """Files of an earlier report that this one replaces; refuses to replace any others."""
+    there = {path.name for path in directory.glob("*") if _NAMES.fullmatch(path.name)}
+    if not there:
+        return []
+    try:
+        found = json.loads((directory / "results.json").read_bytes())
+        listed, before = set(found["files"]), dict(found["options"])
+    except (OSError, ValueError, TypeError, KeyError):  # none, or not ours
+        listed, before = set(), {}
+    foreign = sorted(there - listed)
+    if foreign:
+        raise InputError(
+            f"{directory / foreign[0]} was not written by this command: move it away, or give "
+            "another --out"
+        )
+    if before != options:
+        other = ", ".join(f"{k}={v}" for k, v in before.items() if v != options.get(k))
+        if not force:
+            raise InputError(
+                f"{directory} has the report of a run with {other}: give another --out, or "
+                "--force to replace it"
+            )
+    else:
+        other = "the same options"
+    note(f"replacing the report of a run with {other} in {directory}")
+    # results.json goes last, by being written anew: it says whose the others are
+    return [directory / name for name in there - {"results.json"}]
 
 
 def _table(rows: list[dict[str, Any]]) -> str:

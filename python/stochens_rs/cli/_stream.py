@@ -20,7 +20,7 @@ from ..exceptions import InputError
 from ..rng import as_key
 from ..streaming import Stream
 from ._options import case_option, file_option, seed_option
-from ._output import show
+from ._output import note, show
 from ._problem import problem, share
 
 INTERRUPTED, TERMINATED = 130, 143
@@ -79,17 +79,18 @@ def stream(
     free = system.A @ x0
     reached = free + system.B @ (np.linalg.pinv(system.B) @ (xf - free))
     scale = float(np.linalg.norm(reached)) or 1.0
+    watched = sys.stderr is not None and sys.stderr.isatty()
     with _signals() as received:
         run = made.run(
             tol=relative * scale,
             max_steps=max_steps,
             time_limit=time_limit,
-            progress=_Line(made, scale) if sys.stderr.isatty() else False,
+            progress=_Line(made, scale) if watched else False,
             checkpoint=checkpoint,
             every=every,
         )
-    if sys.stderr.isatty():
-        click.echo(err=True)
+    if watched:
+        note("")
     facts = {
         "schema": "stochens-stream/1",
         "status": run.status,

@@ -163,7 +163,7 @@ class Experiment:
         write_text(data, json.dumps(self.to_dict(), allow_nan=False) + "\n")
         from .. import plots
 
-        return [data, *plots.save_figures(self.plot(), directory)]
+        return [data, *plots.save_figures(plots.figures(self, shown=False), directory)]
 
     def __repr__(self) -> str:
         return (

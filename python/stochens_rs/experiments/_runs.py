@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -27,8 +26,6 @@ FloatArray = NDArray[np.float64]
 Sizes = NDArray[np.int64]
 Exact = tuple[FloatArray, FloatArray]  # relative rms and spread, (k,) each
 Fusion = Literal["product", "diagonal"]
-Progress = bool | Callable[[int, int], None] | None
-
 METHODS: tuple[Method, ...] = ("uniform", "slse", "slse-safeguarded", "alse")
 # Every method with product fusion; for uniform weights also the paper's mean of per-realization
 # controls.
@@ -221,18 +218,3 @@ def slse_over_bound(panel: Panel, sizes: Sizes) -> float:
     assert exact is not None  # uniform weights have one
     later = sizes >= min(2, sizes[-1])
     return float(np.max((panel.curve("slse").rms[later] / exact[later]) ** 2))
-
-
-@contextmanager
-def progress_bar(progress: Progress, total: int, what: str) -> Iterator[Callable[[int], None]]:
-    """Turn `progress` (None, True or a callback ``f(done, total)``) into a callback ``f(done)``."""
-    if progress is None or progress is False:
-        yield lambda done: None
-    elif callable(progress):
-        call = progress
-        yield lambda done: call(done, total)
-    else:
-        from tqdm import tqdm
-
-        with tqdm(total=total, desc=what, unit="rep", leave=False, disable=None) as bar:
-            yield lambda done: (bar.update(done - bar.n), None)[1]

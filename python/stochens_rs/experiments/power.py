@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _gate
+from .._progress import Progress, progress_bar
 from ..cases import ieee14, ieee39
 from ..controls import pseudoinverse
 from ..exceptions import InputError
@@ -28,7 +29,6 @@ from ._runs import (
     Errors,
     Exact,
     Fusion,
-    Progress,
     Solves,
     agreement,
     both_orders,
@@ -36,7 +36,6 @@ from ._runs import (
     exact_moments,
     normal,
     ordering,
-    progress_bar,
     slse_over_bound,
     zero_from,
     zero_level,
@@ -95,8 +94,8 @@ def power(
         Relative duality gap asked of the ALSE solves; relative errors of A below ``sqrt(tol)``
         cannot be told from zero.
     progress : bool or callable, optional
-        True: a bar on stderr. A callable is called as ``progress(done, total)`` after each
-        replicate.
+        True: a bar on a terminal or in a notebook. A callable is called as
+        ``progress(done, total)`` after each replicate.
 
     Returns
     -------

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _gate
+from .._progress import Progress, progress_bar
 from ..cases import random_system
 from ..controls import pseudoinverse
 from ..fusing import Method
@@ -24,7 +25,6 @@ from ._runs import (
     Errors,
     Exact,
     Fusion,
-    Progress,
     Solves,
     agreement,
     both_orders,
@@ -32,7 +32,6 @@ from ._runs import (
     exact_moments,
     normal,
     ordering,
-    progress_bar,
     required_size,
     zero_level,
 )
@@ -84,8 +83,8 @@ def tracking(
     tol : float, default 1e-10
         Relative duality gap asked of the ALSE solves.
     progress : bool or callable, optional
-        True: a bar on stderr. A callable is called as ``progress(done, total)`` after each
-        replicate.
+        True: a bar on a terminal or in a notebook. A callable is called as
+        ``progress(done, total)`` after each replicate.
 
     Returns
     -------

@@ -12,8 +12,8 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
-from tqdm.auto import tqdm
 
+from .._progress import progress_bar
 from ..rng import RngLike, as_key
 from . import _definitions as definitions
 from . import _reachability as reachability
@@ -45,7 +45,7 @@ def claims(rng: RngLike = 1, *, quick: bool = False, progress: bool = False) -> 
     quick : bool, default False
         Fewer runs: a second or two instead of ten.
     progress : bool, default False
-        Show a progress bar.
+        A bar on a terminal or in a notebook.
 
     Returns
     -------
@@ -97,7 +97,11 @@ def claims(rng: RngLike = 1, *, quick: bool = False, progress: bool = False) -> 
         lambda: weights.second_inequality(compared),
         weights.norms,
     ]
-    rows = [check() for check in tqdm(checks, disable=not progress, desc="claims")]
+    rows = []
+    with progress_bar(progress, len(checks), "claims") as done:
+        for check in checks:
+            rows.append(check())
+            done(len(rows))
     rows += section_5(key.child("figures"), *((4, 300) if quick else (20, 1000)))
     return Claims(tuple(rows), measured, compared, key.hex)
 

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 
-from ... import _gate
+from ... import _gate, _html
 from ...exceptions import InputTypeError, NonFiniteError, SizeError
 from ..moments._formulas import Array, Sizes, _reciprocal
 
@@ -228,6 +228,9 @@ class Bound:
         if not math.isfinite(scaled):
             raise NonFiniteError("the radius overflows: scale the problem down")
         return scaled
+
+    def _repr_html_(self) -> str:
+        return _html.bound(self)
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: error of the {self.quantity}, {self.norm} norm>"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
-from ... import _gate
+from ... import _gate, _html
 from ...exceptions import InputError, InputTypeError
 from ..moments._formulas import Axis, Fusion, Sizes
 from ._base import Bound
@@ -55,6 +55,9 @@ class Best:
     radius: float
     size: Sizes
     delta: float
+
+    def _repr_html_(self) -> str:
+        return _html.record(self)
 
 
 def candidates(

@@ -1,0 +1,112 @@
+"""What notebooks show of records: well-formed, escaped, with the numbers that matter."""
+
+from __future__ import annotations
+
+import re
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from stochens_rs import _html
+from stochens_rs.theory import bounds
+
+SYSTEM = se.System([[0.9, 0.2], [-0.1, 0.8]], [[1.0, 0.0], [0.5, 1.0]], dt=0.1, name="a & <b>")
+X0, XF = [1.0, 2.0], [0.0, 0.0]
+
+
+def stream():
+    made = se.Stream(SYSTEM.B, X0, XF, SYSTEM.A, rng=1)
+    made.step(1000)
+    return made
+
+
+def data_stream():
+    made = se.DataStream(SYSTEM.B, ranges={"x0": 0.2, "xf": 0.0, "A": 0.0})
+    made.update(x0=[X0, [1.1, 2.0]], xf=XF, A=SYSTEM.A)
+    return made
+
+
+def plan(**options):
+    return se.steer(SYSTEM, X0, XF, 12345, rng=1, **options)
+
+
+def simulated():
+    return se.simulate_ensemble(SYSTEM, np.zeros((20, 2)), X0, 50, rng=1)
+
+
+# Each record, and what a person wants to find in it.
+RECORDS = {
+    "System": (lambda: SYSTEM, ["states n", "0.1 s", "a & <b>"]),
+    "Ensemble": (lambda: se.sample(SYSTEM.A, 1000, rng=1), ["1 000", "2 × 2", "iid", "columns"]),
+    "Fit": (
+        lambda: se.fuse(se.sample(SYSTEM.A, 99, rng=1), "alse", target=SYSTEM.A),
+        ["alse", "optimal", "99", "distance to the target", "gap"],
+    ),
+    "Path": (
+        lambda: se.fuse_path(se.sample([3, 2, 1], 64, rng=1), [4, 64], "slse", target=[3, 2, 1]),
+        ["slse", "to 64", "error", "<polyline"],
+    ),
+    "Plan": (plan, ["product", "largest |u|", "12 345 realizations", "control u"]),
+    "TrajectoryPlan": (lambda: plan(steps=5), ["5 steps", "largest |u|", "<polyline"]),
+    "PlanError": (lambda: plan().error(SYSTEM, X0, XF), ["control", "state", "residual"]),
+    "PlanBound": (lambda: plan().bound(), ["state", "0.05", "delta"]),
+    "TrajectoryBound": (lambda: plan(steps=5).bound(), ["state", "0.05"]),
+    "Reachability": (lambda: plan().reachability, ["rank", "condition", "yes"]),
+    "Trajectory": (
+        lambda: se.simulate(SYSTEM, np.ones((20, 2)), X0),
+        ["20 of 0.1 s", "2.236 at the start", "largest |u|", "<polyline"],
+    ),
+    "EnsembleTrajectory": (simulated, ["20 of 0.1 s", "standard error", "<polyline"]),
+    "Stream": (stream, ["1 000", "of A", "state off by", "certified", "<polyline"]),
+    "Trace": (lambda: stream().trace, ["<polyline"]),
+    "StreamRun": (lambda: stream().run(max_steps=10), ["max_steps", "seconds"]),
+    "DataStream": (data_stream, ["2 of x0", "control u"]),
+    "Confidence": (lambda: data_stream().confidence(), ["state", "delta"]),
+    "SamplePlan": (
+        lambda: se.required_samples(SYSTEM, X0, X0, 0.3, rng=1, runs=50),
+        ["with probability", "0.95", "exact rms", "failures", "of 50"],
+    ),
+    "McDiarmid": (lambda: bounds.McDiarmid(X0), ["vector", "2 norm", "from"]),
+    "Best": (lambda: bounds.best("vector", X0, size=9, delta=0.1), ["radius", "0.1"]),
+}
+
+
+@pytest.mark.parametrize("name", RECORDS)
+def test_a_notebook_shows_the_record(name):
+    make, words = RECORDS[name]
+    made = make()
+    page = made._repr_html_()
+    assert page == made._repr_html_()
+    tree = ElementTree.fromstring(page)
+    text = re.sub(r"\s", " ", "".join(tree.itertext()))
+    assert tree.find(".//b").text == type(made).__name__ == name
+    for word in words:
+        assert word in (page if word.startswith("<poly") else text), text
+    assert len(page) < 12_000
+    assert not re.search(r"<script|<style|<b>b|\son\w+=|https?:|nan|color:|background", page)
+
+
+def test_text_from_outside_is_escaped():
+    hostile = "<script>alert('\"&</script>"
+    system = se.System(SYSTEM.A, SYSTEM.B, name=hostile)
+    assert hostile not in system._repr_html_()
+    tree = ElementTree.fromstring(system._repr_html_())
+    assert hostile in "".join(tree.itertext())
+
+
+def test_extremes_can_be_drawn():
+    huge = np.array([[-1e308, 0.0], [1e308, np.inf], [np.nan, 0.0]])
+    zeros = np.zeros((3, 1))
+    x = np.arange(3.0)
+    for curves, log in ((huge.T, False), (zeros.T, False), (zeros.T, True), (huge.T[:, :0], True)):
+        drawn = _html._lines(x[: curves.shape[1]], list(curves), "text", log=log)
+        assert "nan" not in drawn
+        ElementTree.fromstring(f"<p>{drawn}</p>")
+    assert "<polyline" in _html._lines(x, list(huge.T), "text")
+    still = se.simulate(([[2.0]], [[1.0]]), [[0.0]] * 3, [0.0])
+    ElementTree.fromstring(still._repr_html_())
+    new = se.Stream([[1.0]], [1.0], [0.0], [[2.0]], rng=1)
+    ElementTree.fromstring(new._repr_html_())
+    ElementTree.fromstring(se.DataStream([[1.0]])._repr_html_())

@@ -271,7 +271,9 @@ def plan_covariance(basis: Basis, fusion: Fusion) -> Floats:
 _QUANTITIES: tuple[Literal["state"], Literal["control"]] = ("state", "control")
 
 
-def _best(basis: Basis, quantity: Literal["state", "control"], fusion: Fusion, delta: float) -> Best:
+def _best(
+    basis: Basis, quantity: Literal["state", "control"], fusion: Fusion, delta: float
+) -> Best:
     return bounds.best(
         quantity,
         basis.B,
@@ -306,7 +308,9 @@ def completed(
 ) -> Basis:
     """The basis of a plan with the declared laws in place of unknown ones."""
     if basis is None:
-        raise InputError(f"this plan was not made by `control` or `control_steps`: it has no {what}")
+        raise InputError(
+            f"this plan was not made by `control` or `control_steps`: it has no {what}"
+        )
     n = len(basis.B)
     declared: dict[str, Floats] = {}
     if x0 is not None:

@@ -109,9 +109,7 @@ def fuse(
         estimate = ensemble.mean()
         error = None if goal is None else _alse.norm(estimate - goal)
         equal = np.full(ensemble.size, 1.0 / ensemble.size)
-        return Fit(
-            estimate, equal, error, None, "completed", name, target=goal, ensemble=ensemble
-        )
+        return Fit(estimate, equal, error, None, "completed", name, target=goal, ensemble=ensemble)
     assert goal is not None
     if name == "alse":
         return _alse.solve(ensemble, goal, wish)
@@ -124,9 +122,7 @@ def fuse(
     )
     estimate = ensemble._from_core(steps[1])
     error = float(steps[2][0])
-    return Fit(
-        estimate, steps[0], error, None, "completed", name, target=goal, ensemble=ensemble
-    )
+    return Fit(estimate, steps[0], error, None, "completed", name, target=goal, ensemble=ensemble)
 
 
 def fuse_path(

@@ -52,7 +52,6 @@ RECORDS = {
     "TrajectoryPlan": (lambda: plan(steps=5), ["5 steps", "largest |u|", "<polyline"]),
     "PlanError": (lambda: plan().error(SYSTEM, X0, XF), ["control", "state", "residual"]),
     "PlanBound": (lambda: plan().bound(), ["state", "0.05", "delta"]),
-    "TrajectoryBound": (lambda: plan(steps=5).bound(), ["state", "0.05"]),
     "Reachability": (lambda: plan().reachability, ["rank", "condition", "yes"]),
     "Trajectory": (
         lambda: se.simulate(SYSTEM, np.ones((20, 2)), X0),

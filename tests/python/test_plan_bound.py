@@ -115,7 +115,7 @@ def test_the_error_of_fits_is_known(method):
         # the mutant: a bound relative to something else than the targets
         other = plan.error(SYSTEM, X0, XF)
         assert abs(other.state - bound.state) > 1e-3
-        with pytest.raises(InputError, match="weights of `x0` depend|of kind 'fitted'"):
+        with pytest.raises(InputError, match=r"weights of `x0` depend|of kind 'fitted'"):
             plan.covariance()
 
 
@@ -154,9 +154,7 @@ def test_fits_beside_samples():
     assert (bound.certain, bound.relative_to) == (False, "targets")
     e0, ef = (bounds.best("vector", w, size=N, delta=5e-10).radius for w in (X0, XF))
     eA = np.linalg.norm(fit.estimate - A, 2)
-    expected = bounds.from_errors(
-        B, x0.mean(), fit.estimate, x0_error=e0, xf_error=ef, A_error=eA
-    )
+    expected = bounds.from_errors(B, x0.mean(), fit.estimate, x0_error=e0, xf_error=ef, A_error=eA)
     rare = plan.bound(1e-9)
     assert (rare.state, rare.control) == pytest.approx(expected, rel=1e-12)
     # 400 other samples of x0 and xf beside the same fit: 40 failures expected, 64 = 4 standard

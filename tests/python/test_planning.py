@@ -11,7 +11,6 @@ import pytest
 import stochens_rs as se
 from stochens_rs import cli
 from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError, SizeError
-from stochens_rs.planning import _Simulation
 from stochens_rs.rng import as_key
 from stochens_rs.theory import bounds, moments
 
@@ -32,7 +31,8 @@ def test_bounds_keep_their_word(quantity: str, fusion: str) -> None:
     assert all(row.failures <= 37 for row in plan.rows)
     data = SYSTEM.B, X0, XF, SYSTEM.A
     best = bounds.best(quantity, *data, eps=plan.error, delta=0.05, fusion=fusion)
-    assert plan.size == best.size
+    assert (plan.rows[0].name, best.bound.name) == ("simulated", "simulated")
+    assert plan.size == pytest.approx(best.size, rel=0.1)  # another stream
     rms_of = moments.control_rms if quantity == "control" else moments.state_rms
     assert rms_of(*data, plan.expected_size, fusion=fusion) <= plan.error
     assert rms_of(*data, plan.expected_size - 1, fusion=fusion) > plan.error
@@ -45,16 +45,34 @@ def test_bounds_keep_their_word(quantity: str, fusion: str) -> None:
 def test_the_simulation_has_the_exact_moments(quantity: str, fusion: str) -> None:
     A = SYSTEM.A.copy()
     A[:, 1] = 0.0  # a column that is always exact
-    system = se.System(A, SYSTEM.B)
-    v = np.linalg.pinv(SYSTEM.B) @ (XF - A @ X0)
     runs = 4000  # relative standard error of the mean square below 2.5 %; 10 % is 4 of them
-    simulation = _Simulation(system, X0, XF, v, quantity, fusion, runs, as_key(5))
+    law = bounds.Simulated(quantity, SYSTEM.B, X0, XF, A, fusion=fusion).errors(7)
+    errors = law.draw(runs, as_key(5))[:, int(quantity == "control")]
     rms_of = moments.control_rms if quantity == "control" else moments.state_rms
     exact = rms_of(SYSTEM.B, X0, XF, A, 7, fusion=fusion)
-    square = float(np.mean(simulation.errors(7) ** 2))
+    square = float(np.mean(errors**2))
     assert square == pytest.approx(exact**2, rel=0.1)
     other = rms_of(SYSTEM.B, X0, XF, A, 7, fusion="product" if fusion == "diagonal" else "diagonal")
     assert square != pytest.approx(other**2, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"quantity": "control"}, {"fusion": "diagonal"}, {"steps": 3}]
+)
+@pytest.mark.parametrize("delta", [0.3, 0.05, 0.01])
+def test_the_answer_is_near_the_smallest_sufficient_size(options, delta) -> None:
+    """Within 1.3 times: at a size 1.3 times smaller the simulated quantile is too large.
+
+    40 000 errors: the share beyond the quantile is known to 5 % (one standard error, delta 0.01).
+    """
+    plan = se.required_samples(SYSTEM, X0, XF, 0.1, delta=delta, runs=100, rng=3, **options)
+    kind = options.pop("quantity", "state")
+    law = bounds.Simulated(kind, SYSTEM.B, X0, XF, SYSTEM.A, **options).errors
+    which = int(kind == "control")
+    drawn = law(plan.size).draw(40_000, as_key(9))[:, which]
+    assert np.mean(drawn > plan.error) <= delta * 1.1
+    drawn = law(round(plan.size / 1.3)).draw(40_000, as_key(10))[:, which]
+    assert np.mean(drawn > plan.error) > delta
 
 
 def test_relative_and_absolute_errors_agree() -> None:
@@ -69,7 +87,7 @@ def test_relative_and_absolute_errors_agree() -> None:
 def test_what_no_bound_can_promise_is_said() -> None:
     plan = se.required_samples(SYSTEM, X0, XF, 1e-7, runs=20, rng=1)
     assert plan.rows[-1].size is None
-    assert "more than 2^53" in str(plan)
+    assert "none up to 2^53" in str(plan)
     with pytest.raises(SizeError, match="more than 2"):
         se.required_samples(SYSTEM, X0, XF, 1e-12, runs=20, rng=1)
 
@@ -197,7 +215,13 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert cli.main(args) == 0
     data = json.loads(capsys.readouterr().out)
     direct = se.required_samples(SYSTEM, X0, XF, 0.2, runs=20, rng=1)
-    assert [row["size"] for row in data["bounds"]] == [row.size for row in direct.rows]
+    found = {row["name"]: row["size"] for row in data["bounds"]}
+    assert found.pop("simulated") == pytest.approx(direct.size, rel=0.1)  # another stream
+    assert found == {row.name: row.size for row in direct.rows if row.name != "simulated"}
+    assert cli.main([*args, "--steps", "3"]) == 0
+    several = json.loads(capsys.readouterr().out)
+    assert several["steps"] == 3
+    assert [row["name"] for row in several["bounds"]] == ["simulated"]
 
 
 @pytest.mark.parametrize(

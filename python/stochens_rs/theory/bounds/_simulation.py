@@ -18,7 +18,6 @@ import numpy as np
 
 from ... import _core, _gate
 from ..._threads import get_num_threads
-from ...exceptions import SizeError
 from ...rng import Key
 from ..moments._formulas import Array, _compact_svd
 from ..multistep import controllability, matrix_powers

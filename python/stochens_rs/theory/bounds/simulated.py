@@ -227,4 +227,6 @@ class Simulated(Bound):
 
 def _no_bound(delta: float | None) -> str:
     found = "" if delta is None else f", got {delta:.3g}"
-    return f"`delta` must be at least about 1e-4, and more for large systems, to be simulated{found}"
+    return (
+        f"`delta` must be at least about 1e-4, and more for large systems, to be simulated{found}"
+    )

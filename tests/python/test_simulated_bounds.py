@@ -1,0 +1,358 @@
+"""Simulated bounds: the errors have the right law, the order statistic keeps its word."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import stochens_rs as se
+from stochens_rs.exceptions import InputError, SizeError
+from stochens_rs.rng import as_key
+from stochens_rs.theory import bounds
+from stochens_rs.theory.bounds import _simulation
+from stochens_rs.theory.bounds._simulation import Entity, PlanErrors
+
+GEN = np.random.default_rng(3)
+
+
+# -- the order statistic ---------------------------------------------------------------------------
+
+
+def test_the_order_statistic_is_chosen_by_the_binomial_tail():
+    for runs, delta in itertools.product((100, 1000, 8192, 131072), (0.9, 0.3, 0.05, 0.01, 1e-3)):
+        allowed = _simulation.exceedances(runs, delta)
+        tail = stats.binom(runs, 0.9 * delta).cdf
+        if allowed is None:
+            assert tail(0) > 0.01 * delta
+        else:
+            assert tail(allowed) <= 0.01 * delta * (1 + 1e-9)
+            assert tail(allowed + 1) > 0.01 * delta * (1 - 1e-9)
+
+
+def test_the_order_statistic_fails_as_often_as_it_may():
+    """2000 simulated bounds on uniform errors: P(bound below the quantile) <= 0.01 delta.
+
+    Its mutant, the plain empirical quantile, is below in about half of the cases.
+    """
+    delta, runs = 0.1, 2000
+    draws = np.random.default_rng(1).random((2000, runs))
+    found = np.array([_simulation.order_statistic(errors, delta) for errors in draws])
+    # 0.001 each: 2 expected, 8 or more with probability 1e-3
+    assert (found < 1.0 - 0.9 * delta).sum() < 8
+    plain = np.quantile(draws, 1.0 - delta, axis=1)
+    assert (plain < 1.0 - 0.9 * delta).sum() > 1000
+    # the chance that a fresh error exceeds the bound, over everything
+    assert (1.0 - found).mean() < delta
+
+
+def test_runs_are_bought_within_limits():
+    assert _simulation.runs_for(0.05, 1e4) == 8192
+    assert _simulation.runs_for(0.001, 1e3) == 131072
+    assert _simulation.runs_for(1e-6, 1e3) is None
+    assert _simulation.runs_for(0.05, 1e12) is None
+    for delta in (0.5, 0.05, 0.01, 0.001):
+        for cost in (1e3, 1e5, 1e6):
+            runs = _simulation.runs_for(delta, cost)
+            assert runs is None or _simulation.exceedances(runs, delta) is not None
+
+
+# -- the law of the errors -------------------------------------------------------------------------
+
+
+def outcomes(w, N):
+    """All averages of N realizations of a vector with their probabilities."""
+    g = np.abs(w).sum()
+    if g == 0.0:
+        return [(1.0, np.zeros(len(w)))]
+    hit = np.flatnonzero(w)
+    found = []
+    for indices in itertools.product(hit, repeat=N):
+        average = np.zeros(len(w))
+        for i in indices:
+            average[i] += g * np.sign(w[i]) / N
+        found.append((math.prod(abs(w[i]) / g for i in indices), average))
+    return found
+
+
+def matrix_outcomes(A, N, axis):
+    lines = A.T if axis == "columns" else A
+    for parts in itertools.product(*(outcomes(line, N) for line in lines)):
+        M = np.array([value for _, value in parts])
+        yield math.prod(p for p, _ in parts), M.T if axis == "columns" else M
+
+
+def exact_distribution(B, x0, xf, A, N, axis, fusion, steps):
+    """State errors of every outcome, with probabilities."""
+    n, K = len(B), steps or 1
+    powers = [np.linalg.matrix_power(A, k) for k in range(K + 1)]
+    C = np.hstack([powers[K - 1 - k] @ B for k in range(K)])
+    v = np.linalg.pinv(C) @ (xf - powers[K] @ x0)
+    found = []
+    if fusion == "diagonal":
+        pairs = [
+            (p * q, M @ start)
+            for p, start in outcomes(x0, 1)
+            for q, M in matrix_outcomes(A, 1, axis)
+        ]
+        moved = [
+            (math.prod(p for p, _ in some), sum(z for _, z in some) / N)
+            for some in itertools.product(pairs, repeat=N)
+        ]
+        for (p, goal), (q, z) in itertools.product(outcomes(xf, N), moved):
+            u = np.linalg.pinv(B) @ (goal - z)
+            found.append((p * q, np.linalg.norm(B @ (u - v))))
+        return found
+    for (p, goal), (q, start), (r, M) in itertools.product(
+        outcomes(xf, N), outcomes(x0, N), list(matrix_outcomes(A, N, axis))
+    ):
+        D = np.hstack([np.linalg.matrix_power(M, K - 1 - k) @ B for k in range(K)])
+        u = np.linalg.pinv(D) @ (goal - np.linalg.matrix_power(M, K) @ start)
+        found.append((p * q * r, np.linalg.norm(C @ (u - v))))
+    assert n == 2
+    return found
+
+
+SMALL = {
+    "dense": ([[1.0, 0.4], [0.3, -1.0]], [[1.0], [0.5]], [1.0, -2.0], [0.5, 0.0]),
+    "zero column": ([[0.0, 0.4], [0.0, -1.0]], [[1.0, 0.0], [0.0, 1.0]], [1.0, 1.0], [0.0, 1.0]),
+    "zero start": ([[0.5, 0.4], [0.2, -1.0]], [[1.0], [0.0]], [0.0, 0.0], [2.0, 1.0]),
+}
+
+
+@pytest.mark.parametrize("name", SMALL)
+@pytest.mark.parametrize(
+    ("axis", "fusion", "steps"),
+    [
+        ("columns", "product", None),
+        ("rows", "product", None),
+        ("columns", "diagonal", None),
+        ("rows", "diagonal", None),
+        ("columns", "product", 2),
+        ("rows", "product", 2),
+    ],
+)
+def test_errors_against_every_outcome(name, axis, fusion, steps):
+    """Frequencies of 20 000 errors against exact probabilities: chi-squared at level 1e-4."""
+    A, B, x0, xf = (np.array(v) for v in SMALL[name])
+    exact = exact_distribution(B, x0, xf, A, 2, axis, fusion, steps)
+    law = bounds.Simulated("state", B, x0, xf, A, axis=axis, fusion=fusion, steps=steps).errors(2)
+    drawn = law.draw(20_000, as_key(4))[:, 0].round(6)
+    values = np.array([value for _, value in exact]).round(6)
+    levels, where = np.unique(values, return_inverse=True)
+    chances = np.bincount(where, weights=[p for p, _ in exact])
+    assert set(drawn) <= set(levels)
+    counts = np.array([(drawn == level).sum() for level in levels])
+    rare = chances * 20_000 < 5
+    if rare.any():
+        chances = np.append(chances[~rare], chances[rare].sum())
+        counts = np.append(counts[~rare], counts[rare].sum())
+    if len(chances) > 1:
+        assert stats.chisquare(counts, chances / chances.sum() * 20_000).pvalue > 1e-4
+        # the mutant: other probabilities
+        wrong = np.full(len(chances), 1.0 / len(chances)) * 20_000
+        assert len(chances) < 4 or stats.chisquare(counts, wrong).pvalue < 1e-4
+
+
+def p_value(first, second):
+    """Kolmogorov-Smirnov; rounded, as equal errors of discrete laws differ by rounding."""
+    return stats.ks_2samp(first.round(9), second.round(9)).pvalue
+
+
+def plans(system, x0, xf, size, count, *, steps=None, fusion="product", axis="columns", **options):
+    """Errors of plans from real samples, (count, 2)."""
+    found = []
+    for seed in range(count):
+        key = as_key(10_000 + seed)
+        drawn = [
+            se.sample(w, size, rng=key.child(name), axis=axis, **options)
+            for name, w in (("x0", x0), ("xf", xf), ("A", system.A))
+        ]
+        if steps is None:
+            plan = se.control(system.B, *drawn, fusion=fusion)
+        else:
+            plan = se.control_steps(system.B, *drawn, steps)
+        error = plan.error(system, x0, xf)
+        found.append((error.state, error.control))
+    return np.array(found)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"scheme": "systematic"},
+        {"scheme": "systematic", "axis": "rows"},
+        {"scheme": "systematic", "fusion": "diagonal"},
+        {"scheme": "systematic", "steps": 3},
+        {"steps": 3},
+        {"fusion": "diagonal", "axis": "rows"},
+    ],
+    ids=str,
+)
+def test_errors_against_real_samples(options):
+    """Two samples of 400 and 4000 errors of each kind: Kolmogorov-Smirnov at level 1e-4."""
+    gen = np.random.default_rng(6)
+    system = se.System(gen.standard_normal((3, 3)), gen.standard_normal((3, 2)))
+    x0, xf = gen.standard_normal(3), gen.standard_normal(3)
+    real = plans(system, x0, xf, 37, 400, **options)
+    law = bounds.Simulated("state", system.B, x0, xf, system.A, **options).errors(37)
+    drawn = law.draw(4000, as_key(5))
+    for k in range(2):
+        assert p_value(real[:, k], drawn[:, k]) > 1e-4
+        # the mutant: a sample larger by a half
+        assert p_value(real[:, k] / math.sqrt(1.5), drawn[:, k]) < 1e-4
+
+
+def test_estimates_against_numpy():
+    gen = np.random.default_rng(7)
+    w, A = np.array([3.0, 0.0, -1.0, 0.5]), gen.standard_normal((3, 4))
+    N, runs = 20, 4000
+
+    def averages(line):
+        g = np.abs(line).sum()
+        return g * np.sign(line) * gen.multinomial(N, np.abs(line) / g, size=runs) / N
+
+    off = averages(w) - w
+    matrices = np.stack([averages(column) for column in A.T], axis=2) - A
+    cases = [
+        ("vector", w, "2", np.linalg.norm(off, axis=1)),
+        ("vector", w, "1", np.abs(off).sum(axis=1)),
+        ("matrix", A, "Frobenius", np.linalg.norm(matrices, axis=(1, 2))),
+        ("matrix", A, "spectral", np.linalg.norm(matrices, 2, axis=(1, 2))),
+    ]
+    for quantity, data, norm, expected in cases:
+        drawn = bounds.Simulated(quantity, data, norm=norm).errors(N).draw(runs, as_key(6))[:, 0]
+        assert p_value(drawn, expected) > 1e-4
+        assert p_value(1.1 * drawn, expected) < 1e-4
+
+
+def test_errors_are_a_function_of_key_and_run():
+    law = bounds.Simulated("state", np.eye(3), np.ones(3), np.zeros(3), np.ones((3, 3))).errors(50)
+    drawn = law.draw(1000, as_key(1))
+    np.testing.assert_array_equal(law.draw(100, as_key(1)), drawn[:100])
+    assert (law.draw(1000, as_key(2)) != drawn).any()
+    try:
+        se.set_num_threads(1)
+        one = law.draw(1000, as_key(1))
+        se.set_num_threads(3)
+        np.testing.assert_array_equal(law.draw(1000, as_key(1)), one)
+    finally:
+        se.set_num_threads(None)
+    np.testing.assert_array_equal(one, drawn)
+
+
+# -- coverage --------------------------------------------------------------------------------------
+
+
+def strange_systems():
+    """Systems that look nothing like a Gaussian one."""
+    gen = np.random.default_rng(8)
+    sparse = gen.standard_normal((5, 5)) * (gen.random((5, 5)) < 0.3)
+    empty = gen.standard_normal((4, 4))
+    empty[:, 1] = 0.0
+    big = gen.standard_normal((4, 4))
+    big[:, 0] *= 1e6
+    stiff = gen.standard_normal((3, 3)) @ np.diag([1.0, 1e-5, 1e-9])
+    return {
+        "sparse": (sparse, gen.standard_normal((5, 3)), gen.standard_normal(5), np.zeros(5)),
+        "zero column": (empty, np.eye(4), np.ones(4), np.array([1.0, 0.0, 0.0, -1.0])),
+        "big column": (big, gen.standard_normal((4, 2)), np.array([1.0, 0, 0, 1.0]), np.ones(4)),
+        "ill-conditioned B": (gen.standard_normal((3, 3)), stiff, np.ones(3), np.ones(3)),
+        "rank 1": (np.ones((3, 3)), np.ones((3, 2)), np.array([0.0, 1.0, -1.0]), np.ones(3)),
+        "one entry": (np.diag([2.0, 0.0]), np.eye(2), np.array([1.0, 0.0]), np.array([0.0, 3.0])),
+    }
+
+
+@pytest.mark.parametrize("name", strange_systems())
+@pytest.mark.parametrize("options", [{}, {"fusion": "diagonal"}, {"steps": 2}], ids=str)
+def test_coverage(name, options):
+    """300 plans at delta 0.2: 60 failures expected at most, 88 = 4 standard errors more."""
+    A, B, x0, xf = strange_systems()[name]
+    system = se.System(A, B)
+    for size in (1, 40):
+        errors = plans(system, x0, xf, size, 300, **options)
+        for k, quantity in enumerate(("state", "control")):
+            bound = bounds.Simulated(quantity, B, x0, xf, A, **options)
+            failed = int((errors[:, k] > bound.radius(size, 0.2)).sum())
+            assert failed <= 88, (quantity, size)
+            # as near to the quantile as 300 errors can tell
+            assert bound.radius(size, 0.2) <= 1.5 * np.quantile(errors[:, k], 0.87) + 1e-9
+
+
+def test_a_wrong_law_is_no_bound():
+    """The assumption broken: realizations of another vector than the one that is declared."""
+    gen = np.random.default_rng(9)
+    A, B = gen.standard_normal((4, 4)), gen.standard_normal((4, 4))
+    x0, xf = gen.standard_normal(4), gen.standard_normal(4)
+    radius = bounds.Simulated("state", B, x0, xf, A).radius(500, 0.2)
+    errors = plans(se.System(A, B), 1.3 * x0, xf, 500, 300)[:, 0]
+    same = plans(se.System(A, B), x0, xf, 500, 300)[:, 0]
+    assert (same > radius).sum() <= 88 < (errors > radius).sum()
+
+
+def test_four_steps_of_the_grid_are_bounded_closely():
+    """Within 1.2 times the quantile of 20 000 other errors, at every size."""
+    system = se.cases.ieee14()
+    x0, xf = np.random.default_rng(0).standard_normal(10), np.zeros(10)
+    bound = bounds.Simulated("state", system.B, x0, xf, system.A, steps=4)
+    for size in (10**4, 10**6, 10**8):
+        drawn = bound.errors(size).draw(20_000, as_key(11))[:, 0]
+        ratio = bound.radius(size, 0.05) / np.quantile(drawn, 0.95)
+        assert 0.97 < ratio < 1.2
+    plan = se.steer(system, x0, xf, 10_000, steps=4, rng=2)
+    assert plan.bound().state == pytest.approx(bound.radius(10_000, 0.05), rel=1e-12)
+    assert plan.bound().target < 0.6  # the formulas give 29.7
+
+
+# -- the three methods -----------------------------------------------------------------------------
+
+
+def test_radius_probability_and_size_agree():
+    A, B, x0, xf = strange_systems()["sparse"]
+    for quantity, data in (("state", (B, x0, xf, A)), ("vector", (x0,)), ("matrix", (A,))):
+        bound = bounds.Simulated(quantity, *data)
+        for delta in (0.3, 0.02):
+            radius = bound.radius(300, delta)
+            assert bound.probability(300, radius) == pytest.approx(delta, rel=0.25)
+            size = bound.required_size(radius, delta)
+            assert bound.radius(size, delta) <= radius
+            assert size == pytest.approx(300, rel=0.05)
+        assert bound.radius(None, 0.1) == 0.0
+        assert bound.probability(300, 1e-9) == 1.0
+    with pytest.raises(SizeError, match="`delta` must be at least about 1e-4"):
+        bound.radius(100, 1e-7)
+    with pytest.raises(SizeError, match="`delta` must be at least about 1e-4"):
+        bound.required_size(1.0, 1e-7)
+    with pytest.raises(SizeError, match="more than 2"):
+        bound.required_size(1e-12, 0.1)
+
+
+def test_fixed_estimates_are_not_drawn_again():
+    A, B, x0, xf = strange_systems()["big column"]
+    fit = A + 0.1
+    errors = PlanErrors(
+        B, Entity(x0), Entity(xf, None, 20), Entity(A, fit), steps=None, paired=False, rows=False
+    )
+    assert errors.random
+    exact = PlanErrors(
+        B, Entity(x0), Entity(xf), Entity(A, fit), steps=None, paired=False, rows=False
+    )
+    assert not exact.random
+    P = B @ np.linalg.pinv(B)
+    found = exact.draw(3, as_key(1))[:, 0]
+    np.testing.assert_allclose(found, np.linalg.norm(P @ (fit - A) @ x0), rtol=1e-9)
+
+
+def test_bad_input():
+    B, x0, xf, A = np.eye(2), [1.0, 0.0], [0.0, 1.0], np.eye(2)
+    with pytest.raises(InputError, match="`fusion` must be 'product'"):
+        bounds.Simulated("state", B, x0, xf, A, fusion="diagonal", steps=2)
+    with pytest.raises(InputError, match="systematic rows"):
+        bounds.Simulated("state", B, x0, xf, A, fusion="diagonal", axis="rows", scheme="systematic")
+    with pytest.raises(se.InputTypeError, match="`data` must be 4 arrays"):
+        bounds.Simulated("state", B)
+    with pytest.raises(InputError, match="diagonal fusion pairs"):
+        bounds.Simulated("state", B, x0, xf, A, fusion="diagonal").radius((1, 2, 3), 0.1)

@@ -3,6 +3,8 @@
 
 PYTHON ?= python3
 OUT ?= results
+# Where the files of the repository can be fetched (https://.../raw/HEAD), for the links of a package.
+ADDRESS ?=
 VENV := .venv
 # Absolute, because some steps run in another directory.
 BIN := $(abspath $(VENV))/bin
@@ -17,7 +19,7 @@ DEVELOP := env -u CONDA_PREFIX VIRTUAL_ENV="$(abspath $(VENV))" \
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup reproduce test lint bench docs wheel clean
+.PHONY: help setup reproduce test lint bench docs wheel sdist licenses stage clean
 
 help: ## show this list
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1|\2/p' $(MAKEFILE_LIST) | \
@@ -52,19 +54,29 @@ docs: $(VENV)/.docs ## API pages of both languages in docs/build/
 	cp -R "$${CARGO_TARGET_DIR:-target}/doc" docs/build/rust
 	"$(PY)" -m pdoc --docformat numpy --math -o docs/build/python stochens_rs
 
-wheel: $(VENV)/.maturin ## build a wheel into dist/, then try it where there is no Rust
-	rm -rf dist/*.whl build/wheel-check
-	"$(BIN)/maturin" build --release --locked --interpreter "$(PY)" --out dist
-	"$(PY)" -m venv build/wheel-check
-	@# PATH holds the empty environment only: nothing can be compiled.
-	cd build/wheel-check && PATH="$$PWD/bin" "$$PWD/bin/python" -m pip install --quiet \
-	    --disable-pip-version-check --only-binary :all: ../../dist/*.whl
-	cd build/wheel-check && PATH="$$PWD/bin" "$$PWD/bin/python" -I -c "$$WHEEL_CHECK"
+wheel: stage $(VENV)/.maturin ## build a wheel into dist/, then try it where there is no Rust
+	rm -rf dist/*.whl
+	$(if $(MANYLINUX),"$(PY)" -m pip install --quiet --disable-pip-version-check "maturin[zig]")
+	cd build/stage && PATH="$(BIN):$$PATH" "$(BIN)/maturin" build --release --locked \
+	    --interpreter "$(PY)" --out ../../dist $(if $(MANYLINUX),--zig --compatibility $(MANYLINUX))
+	$(call try,dist/*.whl,$(MANYLINUX))
+
+sdist: stage $(VENV)/.maturin ## build a source package into dist/, then a wheel from it alone
+	rm -rf dist/*.tar.gz build/from-sdist
+	cd build/stage && "$(BIN)/maturin" sdist --out ../../dist
+	@# Packed files are from 1980 or so: -m makes them new (see tools/stage.py).
+	temp=$$(mktemp -d) && trap 'rm -rf "$$temp"' EXIT && tar -xzmf dist/*.tar.gz -C "$$temp" && \
+	    "$(PY)" -m pip wheel --quiet --disable-pip-version-check --no-deps \
+	        --wheel-dir build/from-sdist "$$temp"/*
+	$(call try,build/from-sdist/*.whl)
+
+licenses: $(VENV)/.created ## write THIRD-PARTY-LICENSES anew, after a change of Cargo.lock
+	"$(PY)" tools/third_party_licenses.py
 
 clean: ## remove everything that make made, .venv and results/ included
 	rm -rf $(VENV) results dist build docs/build target .mypy_cache .ruff_cache .pytest_cache \
 	    .hypothesis .benchmarks
-	find python tests benches docs -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true
+	find python tests benches docs tools -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true
 	rm -f python/stochens_rs/_core*.so python/stochens_rs/_core*.pyd
 
 # -- stamps: each says "this step was done after its prerequisites last changed" ---------------
@@ -101,13 +113,23 @@ $(VENV)/.docs: $(VENV)/.maturin $(SOURCES)
 	$(DEVELOP) plot,docs
 	@touch $(VENV)/.run $@
 
-define WHEEL_CHECK
-import shutil
-import stochens_rs as se
-assert shutil.which("cargo") is None
-A = [[0.9, 0.2], [-0.1, 0.8]]
-fit = se.fuse(se.sample(A, 1000, rng=1), "alse", target=A)
-assert fit.status == "optimal" and fit.error < 1e-3, (fit.status, fit.error)
-print("wheel works: sampled 1000 realizations and fused them, error", fit.error)
+# -- packages ----------------------------------------------------------------------------------
+
+# What is packed, with a README that stands alone.
+stage: $(VENV)/.created
+	"$(PY)" tools/stage.py build/stage --address "$(ADDRESS)"
+
+# With glibc, zig links against the symbols of an old one, so that the wheel also runs on old
+# systems; elsewhere the tag is that of the platform.
+MANYLINUX = $(if $(findstring linux-gnu,$(shell rustc -vV)),manylinux2014)
+
+# Not target/, where cargo would take the copies for the sources themselves.
+wheel sdist: export CARGO_TARGET_DIR := $(CURDIR)/build/target
+
+# $(call try,WHEEL,TAG): PATH holds an empty environment only, so nothing can be compiled.
+define try
+	rm -rf build/check && "$(PY)" -m venv build/check
+	cd build/check && PATH="$$PWD/bin" "$$PWD/bin/python" -m pip install --quiet \
+	    --disable-pip-version-check --only-binary :all: ../../$(1)
+	cd build/check && PATH="$$PWD/bin" "$$PWD/bin/python" -I ../../tools/check_wheel.py ../../$(1) $(2)
 endef
-export WHEEL_CHECK

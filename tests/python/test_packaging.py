@@ -1,0 +1,62 @@
+"""What is packed: metadata, licences, and a README that stands alone."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope="module")
+def stage():
+    spec = importlib.util.spec_from_file_location("stage", ROOT / "tools" / "stage.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_both_manifests_say_the_same():
+    tomllib = pytest.importorskip("tomllib")  # Python 3.11
+    crate = tomllib.loads((ROOT / "Cargo.toml").read_text("utf-8"))["package"]
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    for field in ("version", "description", "license", "readme", "keywords"):
+        assert crate[field] == project[field], field
+    assert crate["authors"] == [author["name"] for author in project["authors"]]
+    assert f"Copyright (c) 2026 {crate['authors'][0]}\n" in (ROOT / "LICENSE").read_text("utf-8")
+    assert project["license-files"] == ["LICENSE", "THIRD-PARTY-LICENSES"]
+
+
+def test_third_party_licenses_are_those_of_the_linked_crates():
+    tool = ROOT / "tools" / "third_party_licenses.py"
+    ended = subprocess.run([sys.executable, tool, "--check"], capture_output=True, text=True)
+    assert ended.returncode == 0, ended.stderr
+
+
+def test_packed_readme_has_no_relative_links(stage):
+    text = "a [b](https://example.org/c) d [e](#f) g [h](i/j.md) k ![l](m.png) n"
+    alone = "a [b](https://example.org/c) d [e](#f) g h k  n"
+    assert stage.standalone(text) == alone
+    absolute = text.replace("i/j.md", "https://example.org/i/j.md")
+    absolute = absolute.replace("m.png", "https://example.org/m.png")
+    assert stage.standalone(text, "https://example.org/") == absolute
+
+    readme = (ROOT / "README.md").read_text("utf-8")
+    linked = re.findall(r"\]\(((?!https?:|#)[^)]*)\)", readme)
+    assert "docs/images/first-example.png" in linked
+    assert [path for path in linked if not (ROOT / path).is_file()] == []
+    assert not re.search(r"\]\((?!https?:|#)", stage.standalone(readme))
+
+
+def test_staged_files_are_sources_only(stage, tmp_path):
+    stage.stage(tmp_path / "stage")
+    staged = {path.relative_to(tmp_path / "stage") for path in (tmp_path / "stage").rglob("*")}
+    assert Path("python/stochens_rs/py.typed") in staged
+    assert Path("rust/lib.rs") in staged
+    assert not [path for path in staged if path.suffix in (".so", ".pyc")]
+    assert "![" not in (tmp_path / "stage" / "README.md").read_text("utf-8")

@@ -1,0 +1,50 @@
+"""Copy what a package is built from into a folder, with a README that can stand alone.
+
+A package index shows README.md without the repository around it, so that relative links lead
+nowhere. With the address of the repository's files they become absolute; without one, the images
+are left out, and of a link its text stays. Times are those of the copy: cargo takes a file for
+unchanged when it is older than the last build, in whatever folder that was.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import shutil
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+FILES = ["Cargo.toml", "Cargo.lock", "pyproject.toml", "LICENSE", "THIRD-PARTY-LICENSES"]
+FILES += ["CHANGELOG.md", "benches/core.rs"]
+FOLDERS = ["rust", "python", "tests/rust"]
+
+# [text](path), ![text](path): neither scheme: nor #anchor
+RELATIVE = re.compile(r"(!?)\[([^\]]*)\]\((?![a-z]+:|#)([^)]*)\)")
+
+
+def standalone(readme: str, address: str = "") -> str:
+    """The README with absolute links (to `address`/path), or without those that are relative."""
+    if address:
+        return RELATIVE.sub(rf"\1[\2]({address.rstrip('/')}/\3)", readme)
+    return RELATIVE.sub(lambda link: "" if link[1] else link[2], readme)
+
+
+def stage(folder: Path, address: str = "") -> None:
+    """Make `folder` anew: the packed files and the standalone README."""
+    shutil.rmtree(folder, ignore_errors=True)
+    for name in FOLDERS:
+        built = shutil.ignore_patterns("__pycache__", "_core*.so", "_core*.pyd")
+        shutil.copytree(ROOT / name, folder / name, ignore=built, copy_function=shutil.copy)
+    for name in FILES:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(ROOT / name, folder / name)
+    readme = (ROOT / "README.md").read_text("utf-8")
+    (folder / "README.md").write_text(standalone(readme, address), "utf-8")
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--address", default="", help="where the repository's files can be fetched")
+    arguments = parser.parse_args()
+    stage(arguments.folder, arguments.address)

@@ -140,10 +140,7 @@ class Ensemble:
         """
         values, axis = checked_target(target, axis)
         lines = to_lines(values, axis)
-        try:
-            given = np.asarray(indices)
-        except ValueError:
-            raise InputTypeError("`indices` must be an array, got rows of unequal length") from None
+        given = _gate.read("indices", indices)
         if given.size == 0 or given.ndim not in (1, 2):
             raise ShapeError(f"`indices` must have shape (N, {lines.shape[0]}), got {given.shape}")
         if given.dtype.kind not in "ui":

@@ -216,6 +216,7 @@ def required_samples(
     runs = _gate.size("runs", runs, maximum=10**6)
     kind = _gate.choice("quantity", quantity, ("state", "control"))
     how = _gate.choice("fusion", fusion, ("product", "diagonal"))
+    relative = _gate.flag("relative", relative)
     key = as_key(rng)
     v, reference, rounding = _exact(checked, start, goal, kind)
     if relative and reference <= rounding:

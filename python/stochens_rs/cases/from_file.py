@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _gate
+from .._state import checked_path
 from ..exceptions import InputError
 from ..system import System
 
@@ -51,8 +52,8 @@ def from_file(path: str | os.PathLike[str]) -> Problem:
 
     Raises
     ------
-    InputError
-        The file is not of this kind, an entry is missing, unknown or cannot be used.
+    InputError, InputTypeError
+        `path` is none, the file is not of this kind, or an entry is missing, unknown or unusable.
     OSError
         The file cannot be read.
 
@@ -68,7 +69,7 @@ def from_file(path: str | os.PathLike[str]) -> Problem:
     >>> se.cases.from_file(path).system
     <System: n=1 m=1 dt=None>
     """
-    path = Path(path)
+    path = Path(checked_path("path", path))
     found = _npz(path) if path.suffix.lower() == ".npz" else _json(path)
     unknown = sorted(set(found) - set(_NAMES))
     if unknown:

@@ -20,6 +20,7 @@ from ._common import Experiment, Panel, log_grid
 from ._runs import (
     FUSED,
     FUSIONS,
+    LARGEST,
     Entity,
     Errors,
     Exact,
@@ -122,6 +123,7 @@ def tracking(
     tol = _gate.positive("tol", tol)
     _gate.choice("step_two", step_two, ("rolled", "reference"))
 
+    spectral_radius = _gate.positive("spectral_radius", spectral_radius, maximum=LARGEST)
     system = random_system(n, m, rng=key.child("system"), spectral_radius=spectral_radius)
     A, B = system.A, system.B
     x = [normal(key.child(f"x{t}"), n) for t in range(3)]

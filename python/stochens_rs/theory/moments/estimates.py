@@ -208,7 +208,9 @@ def transition(A: ArrayLike, d: ArrayLike) -> Array:
            [-2.,  2.]])
     """
     A = _gate.matrix("A", A)
-    return _transition(A, _gate.vector("d", d, length=A.shape[1]))
+    d = _gate.vector("d", d, length=A.shape[1])
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _representable(_transition(A, d))
 
 
 def second_moment(A: ArrayLike, M: ArrayLike, *, axis: Axis = "columns") -> Array:
@@ -247,8 +249,8 @@ def second_moment(A: ArrayLike, M: ArrayLike, *, axis: Axis = "columns") -> Arra
     A = _gate.matrix("A", A)
     M = _gate.matrix("M", M, rows=A.shape[1], cols=A.shape[1])
     _gate.choice("axis", axis, _AXES)
-    moment: Array = A @ M @ A.T + _excess(A, M, axis)
-    return moment
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _representable(A @ M @ A.T + _excess(A, M, axis))
 
 
 def product_covariance(x0: ArrayLike, A: ArrayLike, *, axis: Axis = "columns") -> Array:

@@ -37,9 +37,6 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-# Types in a list that have no labels.
-_PLAIN = {bool, int, float, complex, str, np.float64, np.int64, np.ndarray}
-
 # Largest whole number up to which every whole number is a float64.
 EXACT = 2**53
 
@@ -123,6 +120,25 @@ def output(name: str, value: object, shape: tuple[int, ...], apart: dict[str, ob
                 f"`{name}` must not share memory with `{other}`, which it would change"
             )
     return value
+
+
+def kept(
+    name: str,
+    value: object,
+    *,
+    ndim: tuple[int, ...] = (1, 2),
+    shape: tuple[int, ...] | None = None,
+) -> Floats:
+    """Return an array of a record, which is one of finite float64 already."""
+    if type(value) is not np.ndarray or value.dtype != np.float64:
+        raise InputTypeError(f"`{name}` must be a numpy.ndarray of float64, got {show(value)}")
+    if shape is not None and value.shape != shape:
+        raise ShapeError(f"`{name}` must have shape {shape}, got {_shape(value)}")
+    with np.errstate(all="ignore"):
+        total = value.sum()
+    if value.ndim in ndim and value.size and math.isfinite(total):
+        return value
+    return array(name, value, ndim=ndim)  # only the sum overflows, or this says what is wrong
 
 
 def size(name: str, value: object, *, minimum: int = 1, maximum: int = EXACT) -> int:
@@ -293,13 +309,14 @@ def show(value: object) -> str:
 
 def read(name: str, value: object) -> NDArray[Any]:
     """Return `np.asarray(value)`, or say why that would lose something."""
-    _refuse_labels(name, value)
+    if not isinstance(value, (np.ndarray, list, tuple)):
+        _refuse_labels(name, value)
     if isinstance(value, np.ma.MaskedArray):
         raise InputTypeError(f"`{name}` is a masked array: fill it first, e.g. {name}.filled(0.0)")
     if type(value).__module__.split(".")[:2] == ["scipy", "sparse"]:
         raise InputTypeError(f"`{name}` is a sparse matrix: pass {name}.toarray()")
     try:
-        return np.asarray(value)
+        given = np.asarray(value)
     except MemoryError:
         raise
     except Exception as error:  # a ragged list, or anything a foreign `__array__` raises
@@ -307,6 +324,18 @@ def read(name: str, value: object) -> NDArray[Any]:
             f"`{name}` cannot be read as an array of numbers: {show(value)} (rows of unequal "
             "length, or not in main memory?)"
         ) from error
+    _refuse_inner_labels(name, value, given.ndim)
+    return given
+
+
+def _refuse_inner_labels(name: str, value: object, ndim: int) -> None:
+    """Refuse labels in a list of `ndim` dimensions, whose innermost items are numbers."""
+    if ndim > 1 and isinstance(value, (list, tuple)):
+        for item in value:
+            if isinstance(item, (list, tuple)):
+                _refuse_inner_labels(name, item, ndim - 1)
+            elif not isinstance(item, np.ndarray):
+                _refuse_labels(name, item)
 
 
 def _refuse_labels(name: str, value: object) -> None:
@@ -315,16 +344,8 @@ def _refuse_labels(name: str, value: object) -> None:
     Found by what pandas, xarray, polars and pyarrow have in common, none of which is imported.
     Integers 0, 1, 2, ... in this order are no names, and neither are ``dim_0, dim_1, ...``.
     """
-    if isinstance(value, (list, tuple)):
-        for kind in set(map(type, value)) - _PLAIN:  # in C for a long list of numbers
-            for item in value:
-                if type(item) is kind:
-                    _refuse_labels(name, item)
-        return
-    if isinstance(value, (np.ndarray, str, bytes)):
-        return
     try:
-        labels = _labels(value)
+        labels = list(_labels(value))
     except Exception:  # `np.asarray` says what is wrong with it
         return
     for what, found in labels:

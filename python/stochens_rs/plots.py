@@ -10,7 +10,6 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from . import _gate
 from ._drawing import INK, draw, heading, legend, new_figure, prepare
 
 if TYPE_CHECKING:
@@ -102,13 +101,13 @@ def figure(experiment: Experiment, number: str) -> Figure:
     ------
     ImportError
         matplotlib is not installed.
-    InputError, InputTypeError
+    KeyError
         The experiment has no such figure.
     """
     require_matplotlib()
-    figures = tuple(dict.fromkeys(p.figure for p in experiment.panels if p.figure is not None))
-    _gate.choice("number of the figure", number, figures)
     shown = [p for p in experiment.panels if p.figure == number]
+    if not shown:
+        raise KeyError(f"experiment {experiment.name!r} has no figure {number!r}")
     result = new_figure(5.0 * len(shown), 5.0, header=0.62, footer=0.55)
     for position, one in enumerate(shown, start=1):
         ax = panel(experiment, one.name, ax=result.add_subplot(1, len(shown), position))

@@ -58,6 +58,8 @@ NEVER = {
     "object matrix": np.array([[1, 2], [3, 4]], object),
     "masked vector": np.ma.masked_array([1.0, 2.0], [False, True]),
     "masked matrix": np.ma.masked_array(np.eye(2), np.eye(2) > 0.0),
+    "masked integers": np.ma.masked_array([0, 1], [True, False]),
+    "structured": np.zeros(2, [("a", float)]),
     "mask": np.array([True, False]),
     "mask matrix": np.eye(2) > 0.0,
     "list of bool": [True, False],
@@ -280,3 +282,29 @@ def test_no_argument_lets_a_foreign_exception_out(label, tmp_path, monkeypatch):
                     wrong.append(f"{tried} = {what}: accepted")
     se.set_num_threads(None)
     assert not wrong, "\n".join(["", *wrong])
+
+
+TOLD_APART = {
+    "Experiment.from_dict": lambda value: se.experiments.Experiment.from_dict(value),
+    "Panel.from_dict": lambda value: se.experiments.Panel.from_dict(value),
+    "Curve.from_dict": lambda value: se.experiments.Curve.from_dict(value),
+    "Experiment.from_dict, an entry": lambda value: se.experiments.Experiment.from_dict(
+        experiment().to_dict() | {"panels": value}
+    ),
+    "Stream.load": se.Stream.load,
+    "Stream.save": lambda value: MADE["Stream"]().save(value),
+    "DataStream.save": lambda value: se.DataStream(B).save(value),
+    "claims(quick=)": lambda value: se.claims(quick=value),
+    "claims(rng=)": lambda value: se.claims(value),
+    "a mask of indices": lambda value: se.Ensemble.from_indices(value, X0),
+}
+
+
+@pytest.mark.parametrize("label", TOLD_APART)
+def test_what_is_not_swept_refuses_too(label, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for what, value in NEVER.items():
+        if label.endswith(".save") and what == "text":
+            continue
+        with pytest.raises(StochensError):
+            TOLD_APART[label](value)

@@ -174,7 +174,7 @@ def test_saved_figures_are_not_blank_and_do_not_change(tmp_path):
 def test_unknown_names():
     with pytest.raises(InputError, match="9z"):
         plots.panel(made(), "9z")
-    with pytest.raises(InputError, match="figure"):
+    with pytest.raises(KeyError, match="figure"):
         plots.figure(made(), "7")
 
 

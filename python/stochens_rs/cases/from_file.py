@@ -52,8 +52,10 @@ def from_file(path: str | os.PathLike[str]) -> Problem:
 
     Raises
     ------
-    InputError, InputTypeError
-        `path` is none, the file is not of this kind, or an entry is missing, unknown or unusable.
+    InputError
+        The file is not of this kind, an entry is missing, unknown or cannot be used.
+    InputTypeError
+        `path` is none.
     OSError
         The file cannot be read.
 

@@ -16,7 +16,6 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import _gate
 from ..controls import realization_controls
 from ..ensembles import Ensemble
 from ..fusing import Method, fuse_path
@@ -228,11 +227,11 @@ def slse_over_bound(panel: Panel, sizes: Sizes) -> float:
 @contextmanager
 def progress_bar(progress: Progress, total: int, what: str) -> Iterator[Callable[[int], None]]:
     """Turn `progress` (None, True or a callback ``f(done, total)``) into a callback ``f(done)``."""
-    if callable(progress):
+    if progress is None or progress is False:
+        yield lambda done: None
+    elif callable(progress):
         call = progress
         yield lambda done: call(done, total)
-    elif progress is None or not _gate.flag("progress", progress):
-        yield lambda done: None
     else:
         from tqdm import tqdm
 

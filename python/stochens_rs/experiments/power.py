@@ -134,6 +134,8 @@ def power(
         _gate.positive("speed_std", speed_std, maximum=LARGEST),
     )
     tol = _gate.positive("tol", tol)
+    if progress is not None and not callable(progress):
+        _gate.flag("progress", progress)
     system = _system(case, data, base, dt, method)
 
     x0 = normal(key.child("x0"), system.n) * np.repeat([angle_std, speed_std], system.n // 2)

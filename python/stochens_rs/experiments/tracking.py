@@ -121,6 +121,8 @@ def tracking(
     grid = log_grid(samples) if sizes is None else _gate.sizes("sizes", sizes, maximum=samples)
     n, m = _gate.size("n", n), _gate.size("m", m)
     tol = _gate.positive("tol", tol)
+    if progress is not None and not callable(progress):
+        _gate.flag("progress", progress)
     _gate.choice("step_two", step_two, ("rolled", "reference"))
 
     spectral_radius = _gate.positive("spectral_radius", spectral_radius, maximum=LARGEST)

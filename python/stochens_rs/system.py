@@ -45,11 +45,13 @@ class System:
     InputTypeError
         If `A` or `B` does not hold real numbers, or `dt` or `name` has a wrong type.
     InputError
-        If `dt` is 0 (continuous time) or negative.
+        If `dt` is 0 (continuous time) or negative, or a table has labels.
 
     Notes
     -----
-    `A` and `B` are copied. The arrays given back are read-only views of that copy.
+    `A` and `B` are copied. The arrays given back are read-only views of that copy. Here and
+    everywhere, tables with labels (pandas, xarray) are refused unless the labels are 0, 1, 2, ...
+    in order: they might be in another order than the states; ``.to_numpy()`` says they are not.
 
     Examples
     --------

@@ -321,7 +321,8 @@ def _checked_ranges(ranges: object) -> dict[str, float]:
     checked = {}
     for name, value in ranges.items():
         key = _gate.choice("ranges", name, _NAMES)
-        checked[key] = _gate.nonnegative(f"ranges['{key}']", value)
+        zero = isinstance(value, (int, float)) and value == 0 and not isinstance(value, bool)
+        checked[key] = 0.0 if zero else _gate.positive(f"ranges['{key}']", value)
     return checked
 
 

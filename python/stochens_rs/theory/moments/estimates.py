@@ -208,9 +208,7 @@ def transition(A: ArrayLike, d: ArrayLike) -> Array:
            [-2.,  2.]])
     """
     A = _gate.matrix("A", A)
-    d = _gate.vector("d", d, length=A.shape[1])
-    with np.errstate(over="ignore", invalid="ignore"):
-        return _representable(_transition(A, d))
+    return _transition(A, _gate.vector("d", d, length=A.shape[1]))
 
 
 def second_moment(A: ArrayLike, M: ArrayLike, *, axis: Axis = "columns") -> Array:
@@ -249,8 +247,8 @@ def second_moment(A: ArrayLike, M: ArrayLike, *, axis: Axis = "columns") -> Arra
     A = _gate.matrix("A", A)
     M = _gate.matrix("M", M, rows=A.shape[1], cols=A.shape[1])
     _gate.choice("axis", axis, _AXES)
-    with np.errstate(over="ignore", invalid="ignore"):
-        return _representable(A @ M @ A.T + _excess(A, M, axis))
+    moment: Array = A @ M @ A.T + _excess(A, M, axis)
+    return moment
 
 
 def product_covariance(x0: ArrayLike, A: ArrayLike, *, axis: Axis = "columns") -> Array:

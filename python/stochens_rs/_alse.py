@@ -13,7 +13,7 @@ from . import _core, _gate
 from ._threads import get_num_threads
 from .ensembles import Ensemble
 from .exceptions import InputError
-from .results import Fit
+from .results import STATUSES, Fit
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -191,7 +191,7 @@ def _line_by_line(ensemble: Ensemble, goal: Floats, wish: Wishes, info: dict[str
     error = norm(np.array([fit.error for fit in fits]))
     gap = float(sum(fit.gap or 0.0 for fit in fits))
     statuses = [fit.status for fit in fits]
-    within = gap <= wish.tol * norm(goal) ** 2 or set(statuses) == {"optimal"}
+    within = gap <= wish.tol * norm(goal) * norm(goal) or set(statuses) == {"optimal"}
     within = within and "interrupted" not in statuses  # Ctrl-C must not get lost
     info |= {"solver": [fit.info["solver"] for fit in fits]}
     return Fit(
@@ -217,8 +217,7 @@ def _least_error(error: float, gap: float) -> float:
 
 def worst(statuses: list[str]) -> str:
     """Pick the least reassuring of some statuses."""
-    order = ("completed", "optimal", "optimal_inaccurate", "user_limit", "interrupted")
-    return max(statuses, key=order.index)
+    return max(statuses, key=STATUSES.index)
 
 
 def norm(values: Floats) -> float:

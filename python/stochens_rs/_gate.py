@@ -12,7 +12,9 @@ import contextlib
 import difflib
 import math
 import operator
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from collections.abc import Set as AbstractSet
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -26,9 +28,14 @@ from .exceptions import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from typing import TypeGuard
+
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
+
+T = TypeVar("T")
 
 # Largest whole number up to which every whole number is a float64.
 EXACT = 2**53
@@ -69,7 +76,7 @@ def matrix(
 
 def inputs(name: str, value: object, *, cols: int) -> Floats:
     """Return inputs over time as C-contiguous float64 of shape (K, cols), K >= 0."""
-    given = _read(name, value)
+    given = read(name, value)
     if given.ndim != 2 or given.shape[1] != cols:
         hint = f"; use {name}.reshape(-1, {cols})" if given.ndim == 1 and given.size else ""
         raise ShapeError(
@@ -115,6 +122,25 @@ def output(name: str, value: object, shape: tuple[int, ...], apart: dict[str, ob
     return value
 
 
+def kept(
+    name: str,
+    value: object,
+    *,
+    ndim: tuple[int, ...] = (1, 2),
+    shape: tuple[int, ...] | None = None,
+) -> Floats:
+    """Return an array of a record, which is one of finite float64 already."""
+    if type(value) is not np.ndarray or value.dtype != np.float64:
+        raise InputTypeError(f"`{name}` must be a numpy.ndarray of float64, got {show(value)}")
+    if shape is not None and value.shape != shape:
+        raise ShapeError(f"`{name}` must have shape {shape}, got {_shape(value)}")
+    with np.errstate(all="ignore"):
+        total = value.sum()
+    if value.ndim in ndim and value.size and math.isfinite(total):
+        return value
+    return array(name, value, ndim=ndim)  # only the sum overflows, or this says what is wrong
+
+
 def size(name: str, value: object, *, minimum: int = 1, maximum: int = EXACT) -> int:
     """Return a count as int: integers and whole floats such as 1e6, never bool or text."""
     count = _whole(value)
@@ -127,7 +153,7 @@ def size(name: str, value: object, *, minimum: int = 1, maximum: int = EXACT) ->
 
 def sizes(name: str, value: object, *, maximum: int) -> NDArray[np.int64]:
     """Return strictly increasing counts, 1 <= sizes[k] <= maximum, as an int64 array."""
-    given = _read(name, value)
+    given = read(name, value)
     if given.ndim != 1 or given.size == 0:
         raise ShapeError(f"`{name}` must have shape (k,) with k >= 1, got {_shape(given)}")
     if given.dtype.kind in "iuf":
@@ -163,6 +189,18 @@ def choice(name: str, value: object, allowed: tuple[str, ...]) -> str:
     return value
 
 
+def items(name: str, value: object) -> list[Any]:
+    """Return what `value` holds, in order; text holds nothing."""
+    if not isinstance(value, (str, bytes, AbstractSet, Mapping)):
+        try:
+            return list(value)  # type: ignore[call-overload, no-any-return]
+        except MemoryError:
+            raise
+        except Exception:  # nothing to go through, or anything a foreign iterator raises
+            pass
+    raise InputTypeError(f"`{name}` must be a list, got {show(value)}")
+
+
 def flag(name: str, value: object) -> bool:
     """Return True or False, which nothing but these stands for."""
     if not isinstance(value, (bool, np.bool_)):
@@ -170,11 +208,9 @@ def flag(name: str, value: object) -> bool:
     return bool(value)
 
 
-def positive(name: str, value: object) -> float:
+def positive(name: str, value: object, *, maximum: float = math.inf) -> float:
     """Return a finite real number > 0 as float."""
-    if isinstance(value, (bool, np.bool_)) or not isinstance(
-        value, (int, float, np.integer, np.floating)
-    ):
+    if not is_real(value):
         raise InputTypeError(f"`{name}` must be a real number > 0, got {show(value)}")
     try:
         number = float(value)
@@ -184,7 +220,18 @@ def positive(name: str, value: object) -> float:
         raise NonFiniteError(f"`{name}` is {number}: it must be finite")
     if number <= 0.0:
         raise SizeError(f"`{name}` must be > 0, got {show(value)}")
+    if number > maximum:
+        raise SizeError(f"`{name}` must be at most {maximum:g}, got {show(value)}")
     return number
+
+
+def nonnegative(name: str, value: object) -> float:
+    """Return a finite real number >= 0 as float."""
+    if not is_real(value):
+        raise InputTypeError(f"`{name}` must be a real number >= 0, got {show(value)}")
+    if value < 0:
+        raise SizeError(f"`{name}` must be >= 0, got {show(value)}")
+    return positive(name, value) if value != 0 else 0.0
 
 
 def probability(name: str, value: object) -> float:
@@ -193,6 +240,37 @@ def probability(name: str, value: object) -> float:
     if number >= 1.0:
         raise SizeError(f"`{name}` must be in (0, 1), got {show(value)}")
     return number
+
+
+def instance(name: str, value: object, kind: type[T]) -> T:
+    """Return `value` if it is of this class of the package."""
+    if not isinstance(value, kind):
+        article = "an" if kind.__name__[0] in "AEIOU" else "a"
+        raise InputTypeError(f"`{name}` must be {article} {kind.__name__}, got {show(value)}")
+    return value
+
+
+def text(name: str, value: object) -> str:
+    """Return a string that can be encoded as UTF-8: lone surrogates are no text."""
+    if not isinstance(value, str):
+        raise InputTypeError(f"`{name}` must be a string, got {show(value)}")
+    try:
+        value.encode()
+    except UnicodeEncodeError:
+        raise InputError(f"`{name}` must be text that UTF-8 can write, got {show(value)}") from None
+    return value
+
+
+def is_real(value: object) -> TypeGuard[float]:
+    """Whether `value` is a real number; bool is none, and neither is a time span of NumPy's."""
+    numbers = (int, float, np.integer, np.floating)
+    return isinstance(value, numbers) and not isinstance(value, (bool, np.timedelta64))
+
+
+def frozen(checked: Floats) -> Floats:
+    """Copy into a `bytes` object: NumPy then refuses to make the array writeable again."""
+    copied: Floats = np.frombuffer(checked.tobytes(), dtype=np.float64).reshape(checked.shape)
+    return copied
 
 
 def memory(what: str, needed_bytes: int) -> None:
@@ -229,14 +307,16 @@ def show(value: object) -> str:
 # -- arrays ------------------------------------------------------------------------------------
 
 
-def _read(name: str, value: object) -> NDArray[Any]:
+def read(name: str, value: object) -> NDArray[Any]:
     """Return `np.asarray(value)`, or say why that would lose something."""
+    if not isinstance(value, (np.ndarray, list, tuple)):
+        _refuse_labels(name, value)
     if isinstance(value, np.ma.MaskedArray):
         raise InputTypeError(f"`{name}` is a masked array: fill it first, e.g. {name}.filled(0.0)")
     if type(value).__module__.split(".")[:2] == ["scipy", "sparse"]:
         raise InputTypeError(f"`{name}` is a sparse matrix: pass {name}.toarray()")
     try:
-        return np.asarray(value)
+        given = np.asarray(value)
     except MemoryError:
         raise
     except Exception as error:  # a ragged list, or anything a foreign `__array__` raises
@@ -244,11 +324,69 @@ def _read(name: str, value: object) -> NDArray[Any]:
             f"`{name}` cannot be read as an array of numbers: {show(value)} (rows of unequal "
             "length, or not in main memory?)"
         ) from error
+    _refuse_inner_labels(name, value, given.ndim)
+    return given
+
+
+def _refuse_inner_labels(name: str, value: object, ndim: int) -> None:
+    """Refuse labels in a list of `ndim` dimensions, whose innermost items are numbers."""
+    if ndim > 1 and isinstance(value, (list, tuple)):
+        for item in value:
+            if isinstance(item, (list, tuple)):
+                _refuse_inner_labels(name, item, ndim - 1)
+            elif not isinstance(item, np.ndarray):
+                _refuse_labels(name, item)
+
+
+def _refuse_labels(name: str, value: object) -> None:
+    """Refuse a table or series whose entries have names: they may be in another order.
+
+    Found by what pandas, xarray, polars and pyarrow have in common, none of which is imported.
+    Integers 0, 1, 2, ... in this order are no names, and neither are ``dim_0, dim_1, ...``.
+    """
+    try:
+        labels = list(_labels(value))
+    except Exception:  # `np.asarray` says what is wrong with it
+        return
+    for what, found in labels:
+        shown = ", ".join(show(label).partition(" ")[2] or "?" for label in found[:3])
+        more = ", ..." if len(found) > 3 else ""
+        raise InputError(
+            f"`{name}` has labels ({what}: {shown}{more}), which nothing here can be aligned with: "
+            f"pass {name}.to_numpy() if the order is right"
+        )
+
+
+def _labels(value: Any) -> Iterator[tuple[str, list[Any]]]:
+    """The names along every axis that has some."""
+    for what in ("index", "columns", "column_names"):
+        found = getattr(value, what, None)
+        if found is not None and not callable(found):
+            labels = list(found)
+            if not _counted(labels, "column_"):  # as polars calls columns without a name
+                yield what, labels
+    dims, coords = getattr(value, "dims", None), getattr(value, "coords", None)
+    if dims is not None and coords is not None:
+        if len(dims) > 1 and not _counted(list(dims), "dim_"):
+            yield "dims", list(dims)
+        for dim in dims:
+            labels = list(np.asarray(coords[dim])) if dim in coords else []
+            if not _counted(labels):
+                yield str(dim), labels
+
+
+def _counted(labels: list[Any], prefix: str | None = None) -> bool:
+    """Whether labels are but 0, 1, 2, ... (no floats: times), or these after the prefix."""
+    return all(
+        (not isinstance(label, (float, np.floating)) and _whole(label) == k)
+        or (prefix is not None and label == f"{prefix}{k}")
+        for k, label in enumerate(labels)
+    )
 
 
 def _numeric(name: str, value: object) -> NDArray[Any]:
     """Return `value` as an array of real numbers with at least one entry."""
-    given = _read(name, value)
+    given = read(name, value)
     if given.dtype.kind not in "iuf":
         hint = {"c": f"; pass {name}.real", "b": f"; pass {name}.astype(float)"}
         raise InputTypeError(
@@ -286,13 +424,13 @@ def _whole(value: object) -> int | None:
     """Return the whole number that `value` stands for, or None."""
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]
-    if isinstance(value, (bool, np.bool_, np.ndarray)):
+    if isinstance(value, (bool, np.bool_, np.timedelta64, np.ndarray)):
         return None
     if isinstance(value, (float, np.floating)):
         return int(value) if float(value).is_integer() else None
     try:
         return operator.index(value)  # type: ignore[arg-type]
-    except TypeError:
+    except Exception:  # not an integer, or anything a foreign `__index__` raises
         return None
 
 

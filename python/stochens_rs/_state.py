@@ -68,7 +68,10 @@ def checked_path(name: str, value: object) -> str:
     """Return a path as text that the system can take."""
     if not isinstance(value, (str, os.PathLike)):
         raise InputTypeError(f"`{name}` must be a path, got {show(value)}")
-    text = os.fspath(value)
+    try:
+        text = os.fspath(value)
+    except Exception as error:  # whatever a foreign path raises
+        raise InputTypeError(f"`{name}` must be a path, got {show(value)}") from error
     if not isinstance(text, str):
         raise InputTypeError(f"`{name}` must be a path of type str, got {show(text)}")
     try:

@@ -15,12 +15,11 @@ import numpy as np
 
 from . import _core, _gate, _html
 from ._lines import Axis, checked_target, from_lines, stack_from_lines, to_lines
-from .exceptions import InputError, InputTypeError, ShapeError
+from .exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
+from .rng import Key
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
-
-    from .rng import Key
 
 Scheme: TypeAlias = Literal["iid", "systematic"]
 
@@ -49,6 +48,31 @@ class Counts:
     _law: tuple[NDArray[np.float64], Axis, Scheme] | None = field(
         default=None, init=False, repr=False
     )
+
+    def __post_init__(self) -> None:
+        if type(self.counts) is not np.ndarray or self.counts.dtype != np.int64:
+            raise InputTypeError(
+                f"`counts` must be a numpy.ndarray of int64, got {_gate.show(self.counts)}"
+            )
+        _gate.kept("estimate", self.estimate, shape=self.counts.shape)
+        _gate.size("size", self.size)
+        _gate.instance("key", self.key, Key)
+        if self.counts.min() < 0:
+            raise InputError(f"`counts` must be >= 0, got {self.counts.min()}")
+
+    def _drawn_from(self, values: object, axis: Any, scheme: Any) -> Counts:
+        """Say what was drawn from, if it can be what these are the counts of."""
+        law = _gate.kept("law", values, shape=self.shape)
+        lines = to_lines(law, checked_target(law, axis)[1])
+        hits = to_lines(self.counts.astype(np.float64), axis)  # exact: at most 2^53
+        expected = np.where(lines.any(axis=1), self.size, 0)
+        if (hits.sum(axis=1) != expected).any() or hits[lines == 0.0].any():
+            raise InputError(f"`counts` must add up to {self.size} in every line that is drawn")
+        object.__setattr__(self, "_law", (law, axis, checked_scheme(scheme)))
+        return self
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _counted, (self.counts, self.estimate, self.size, self.key, self._law)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -103,7 +127,7 @@ class Ensemble:
         """
         values = _gate.array("samples", samples, ndim=(2, 3))
         _gate.memory("a copy of the samples", values.nbytes)
-        return cls._of_samples(values.copy())
+        return cls._of_samples(_gate.frozen(values))
 
     @classmethod
     def from_indices(
@@ -140,10 +164,7 @@ class Ensemble:
         """
         values, axis = checked_target(target, axis)
         lines = to_lines(values, axis)
-        try:
-            given = np.asarray(indices)
-        except ValueError:
-            raise InputTypeError("`indices` must be an array, got rows of unequal length") from None
+        given = _gate.read("indices", indices)
         if given.size == 0 or given.ndim not in (1, 2):
             raise ShapeError(f"`indices` must have shape (N, {lines.shape[0]}), got {given.shape}")
         if given.dtype.kind not in "ui":
@@ -171,7 +192,6 @@ class Ensemble:
 
     @classmethod
     def _of_samples(cls, samples: NDArray[np.float64]) -> Ensemble:
-        samples.flags.writeable = False
         self = object.__new__(cls)
         self._set(None, samples, samples.shape[1:], "columns", None, None)
         return self
@@ -240,8 +260,7 @@ class Ensemble:
     @property
     def samples(self) -> NDArray[np.float64] | None:
         """The realizations (N, ...) the user brought, read-only; None for singletons."""
-        # a view: NumPy does not let a view of read-only memory become writeable
-        return None if self._samples is None else self._samples.view()
+        return self._samples
 
     @property
     def nbytes(self) -> int:
@@ -328,12 +347,17 @@ class Ensemble:
         Raises
         ------
         ShapeError, NonFiniteError, InputTypeError
-            If the weights cannot be used.
+            If the weights cannot be used, or the sum overflows.
         """
         w = _gate.vector("weights", weights, length=self.size)
+        result: NDArray[np.float64]
         if self._draws is not None:
-            return from_lines(self._draws.combine(w), self._shape, self._axis)
-        result: NDArray[np.float64] = np.tensordot(w, self._dense(), axes=1)
+            result = from_lines(self._draws.combine(w), self._shape, self._axis)
+        else:
+            with np.errstate(over="ignore", invalid="ignore"):
+                result = np.tensordot(w, self._dense(), axes=1)
+        if not np.isfinite(result).all():
+            raise NonFiniteError("`weights` times the realizations overflows: scale them down")
         return result
 
     def mean(self) -> NDArray[np.float64]:
@@ -347,7 +371,11 @@ class Ensemble:
         if self._draws is not None:
             average = self._draws.atoms() * (self._draws.counts() / self.size)
             return from_lines(average, self._shape, self._axis)
-        result: NDArray[np.float64] = self._dense().mean(axis=0)
+        samples = self._dense()
+        with np.errstate(over="ignore", invalid="ignore"):
+            result: NDArray[np.float64] = samples.mean(axis=0)
+        if not np.isfinite(result).all():  # the sum overflows; an average never does
+            result = sum((row / self.size for row in samples), np.zeros(self._shape))
         return result
 
     def _law(self) -> NDArray[np.float64] | None:
@@ -404,9 +432,8 @@ class Ensemble:
 
     def __reduce__(self) -> tuple[Any, ...]:
         if self._draws is None:
-            return (Ensemble._of_samples, (self._dense().copy(),))
-        state = (self._draws.indices().astype(np.uint32), self._draws.values())
-        return (_rebuild, (*state, self._shape, self._axis, self._scheme, self._key))
+            return (Ensemble.from_samples, (self._dense(),))
+        return (_redrawn, (self.indices, self._law(), self._axis, self._scheme, self._key))
 
     def _repr_html_(self) -> str:
         return _html.ensemble(self)
@@ -419,13 +446,35 @@ class Ensemble:
         return f"<Ensemble: {self.size} {kind} realizations of shape {self._shape}>"
 
 
-def _rebuild(
-    indices: NDArray[np.uint32],
-    values: NDArray[np.float64],
-    shape: tuple[int, ...],
-    axis: Axis,
-    scheme: Scheme | None,
-    key: Key | None,
+def checked_scheme(scheme: str) -> Scheme:
+    """Return how realizations are drawn."""
+    name = _gate.choice("scheme", scheme, ("iid", "systematic"))
+    return "iid" if name == "iid" else "systematic"
+
+
+def _redrawn(
+    indices: ArrayLike, target: ArrayLike, axis: Axis, scheme: Scheme | None, key: Key | None
 ) -> Ensemble:
-    draws = _core.Draws.from_indices(values, indices)
-    return Ensemble._of_draws(draws, shape, axis, scheme, key)
+    """Unpickle."""
+    made = Ensemble.from_indices(indices, target, axis=axis)
+    if scheme is not None:
+        scheme = checked_scheme(scheme)
+    if key is not None:
+        key = _gate.instance("key", key, Key)
+    made._set(made._draws, None, made._shape, axis, scheme, key)
+    return made
+
+
+def _counted(
+    counts: NDArray[np.int64],
+    estimate: NDArray[np.float64],
+    size: int,
+    key: Key,
+    law: tuple[object, ...] | None,
+) -> Counts:
+    """Unpickle."""
+    made = Counts(counts, estimate, size, key)
+    if law is None:
+        return made
+    values, axis, scheme = _gate.items("law", law) if len(law) == 3 else (None, None, None)
+    return made._drawn_from(values, axis, scheme)

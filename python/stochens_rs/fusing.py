@@ -186,6 +186,7 @@ def fuse_path(
     wish = _alse.wishes(ensemble, name, weights, tol, time_limit, max_iter)
     grid = _gate.sizes("sizes", sizes, maximum=ensemble.size)
     goal = _goal(ensemble, target, name)
+    estimates = _gate.flag("estimates", estimates)
     if estimates:
         _gate.memory("the estimates of a path", 3 * grid.size * goal.nbytes)
     counts: list[int] = grid.tolist()

@@ -235,6 +235,7 @@ def required_samples(
     K = None if steps is None else checked_steps(steps, checked.n, checked.m)
     if K is not None and how == "diagonal":
         raise InputError("`fusion` must be 'product' over several steps, got 'diagonal'")
+    relative = _gate.flag("relative", relative)
     key = as_key(rng)
     reference, rounding = _exact(checked, start, goal, kind, K)
     if relative and reference <= rounding:

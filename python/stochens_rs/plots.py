@@ -63,7 +63,7 @@ def panel(experiment: Experiment, name: str, *, ax: Axes | None = None) -> Axes:
     ------
     ImportError
         matplotlib is not installed.
-    KeyError
+    InputError, InputTypeError
         There is no such panel.
 
     Notes

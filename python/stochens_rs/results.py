@@ -9,12 +9,14 @@ come with feasible weights, the best found, and a larger gap, which is reported:
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from . import _gate, _html
+from .exceptions import InputTypeError, NonFiniteError, ShapeError
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -23,6 +25,9 @@ if TYPE_CHECKING:
     from .ensembles import Ensemble
     from .rng import RngLike
     from .system import System
+
+# How a computation ended, the most reassuring first.
+STATUSES = ("completed", "optimal", "optimal_inaccurate", "user_limit", "interrupted")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -75,6 +80,31 @@ class Fit:
     target: NDArray[np.float64] | None = None
     ensemble: Ensemble | None = None
 
+    def __post_init__(self) -> None:
+        from .ensembles import Ensemble
+
+        _gate.kept("estimate", self.estimate)
+        _gate.kept("weights", self.weights)
+        if self.target is not None:
+            _gate.kept("target", self.target, shape=self.estimate.shape)
+        for name in ("error", "gap", "lower_bound"):
+            value = getattr(self, name)
+            if value is not None:
+                finite(name, value)
+        _gate.choice("status", self.status, STATUSES)
+        _gate.text("method", self.method)
+        _gate.flag("exact", self.exact)
+        if self.ensemble is None:
+            return
+        N, shape = _gate.instance("ensemble", self.ensemble, Ensemble).size, self.ensemble.shape
+        if shape != self.shape:
+            raise ShapeError(f"`ensemble` must have shape {self.shape}, got {shape}")
+        if len(self.weights) != N:
+            raise ShapeError(f"`weights` must have {N} rows, got {len(self.weights)}")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Fit, tuple(getattr(self, one.name) for one in fields(self))
+
     @property
     def shape(self) -> tuple[int, ...]:
         """Shape of the estimate."""
@@ -118,6 +148,11 @@ class Path:
 
     def _repr_html_(self) -> str:
         return _html.path(self)
+    def __post_init__(self) -> None:
+        for name in ("errors", "gaps"):
+            values = getattr(self, name)
+            if values is not None:
+                finite(name[:-1], float(values[int(np.argmin(np.isfinite(values)))]))
 
     def __repr__(self) -> str:
         return (
@@ -152,6 +187,14 @@ class Reachability:
 
     def _repr_html_(self) -> str:
         return _html.record(self)
+
+
+def finite(name: str, value: object) -> None:
+    """Refuse a figure of a fit that is no number, or too large for one."""
+    if not _gate.is_real(value):
+        raise InputTypeError(f"`{name}` must be a real number, got {_gate.show(value)}")
+    if not isfinite(value):
+        raise NonFiniteError(f"the {name} of the fit overflows ({value}): scale the problem down")
 
 
 def reach_text(reach: Reachability) -> str:
@@ -261,6 +304,18 @@ class Plan:
     status: str
     info: dict[str, Any] = field(default_factory=dict)
     _basis: Basis | None = field(default=None, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        _gate.kept("u", self.u, ndim=(1,))
+        _gate.kept("predicted_state", self.predicted_state, ndim=(1,))
+        _gate.instance("reachability", self.reachability, Reachability)
+        _gate.choice("fusion", self.fusion, ("product", "diagonal"))
+        _gate.choice("status", self.status, STATUSES)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        from ._pickles import reduced
+
+        return reduced(self)
 
     def bound(
         self,
@@ -407,8 +462,6 @@ class Plan:
 
         checked = System.from_any(system)
         if checked.m != len(self.u):
-            from .exceptions import ShapeError
-
             raise ShapeError(
                 f"`system` must have m={len(self.u)} inputs as this plan, got m={checked.m}"
             )

@@ -21,7 +21,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from ._gate import show
+from ._gate import show, text
 from .exceptions import InputTypeError, SeedError
 
 __all__ = ["Key", "RngLike", "as_key"]
@@ -61,6 +61,9 @@ class Key:
             raise InputTypeError(f"`bytes32` must be bytes, got {show(self.bytes32)}")
         if len(self.bytes32) != 32:
             raise SeedError(f"`bytes32` must have 32 bytes, got {len(self.bytes32)}")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Key, (self.bytes32,)
 
     @property
     def hex(self) -> str:
@@ -114,17 +117,16 @@ class Key:
 
         Raises
         ------
-        InputTypeError
-            If `name` is not a string.
+        InputError, InputTypeError
+            If `name` is not a string, or holds lone surrogates, which UTF-8 does not have.
 
         Examples
         --------
         >>> as_key(42).child("A") == as_key(42).child("x0")
         False
         """
-        if not isinstance(name, str):
-            raise InputTypeError(f"`name` must be a string, got {show(name)}")
-        return Key(_sha256(b"stochens child v1\0", self.bytes32, name.encode()))
+        utf8 = text("name", name).encode()
+        return Key(_sha256(b"stochens child v1\0", self.bytes32, utf8))
 
     def generator(self) -> np.random.Generator:
         """Return a NumPy generator for what the core does not draw, such as normal variates.
@@ -199,7 +201,7 @@ def as_key(rng: RngLike) -> Key:
         return rng
     if rng is None:
         return _root(b"bytes", os.urandom(32))
-    if isinstance(rng, (int, np.integer)) and not isinstance(rng, bool):
+    if isinstance(rng, (int, np.integer)) and not isinstance(rng, (bool, np.timedelta64)):
         seed = int(rng)
         if not 0 <= seed < _SEED_LIMIT:
             raise SeedError(f"`rng` must be an integer in [0, 2**4096), got {show(seed)}")

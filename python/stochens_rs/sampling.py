@@ -9,13 +9,11 @@ import numpy as np
 from . import _core, _gate
 from ._lines import Axis, checked_target, from_lines, to_lines
 from ._threads import get_num_threads
-from .ensembles import Counts, Ensemble, Scheme
+from .ensembles import Counts, Ensemble, Scheme, checked_scheme
 from .rng import RngLike, as_key
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
-
-_SCHEMES = ("iid", "systematic")
 
 
 def sample(
@@ -78,7 +76,7 @@ def sample(
     """
     values, axis = checked_target(target, axis)
     count = _gate.size("size", size)
-    scheme = _scheme(scheme)
+    scheme = checked_scheme(scheme)
     lines = to_lines(values, axis)
     width = 1 if lines.shape[1] <= 2**8 else 2 if lines.shape[1] <= 2**16 else 4
     # the indices, the law with its atoms, one table per line and the work of building one
@@ -141,9 +139,10 @@ def sample_counts(
     """
     values, axis = checked_target(target, axis)
     count = _gate.size("size", size)
+    scheme = checked_scheme(scheme)
     key = as_key(rng)
     lines = to_lines(values, axis)
-    hits = _core.sample_counts(lines, count, _scheme(scheme), bytes(key))
+    hits = _core.sample_counts(lines, count, scheme, bytes(key))
     atoms = np.sign(lines) * np.abs(lines).sum(axis=1, keepdims=True)
     drawn = Counts(
         counts=from_lines(hits, values.shape, axis),
@@ -151,9 +150,5 @@ def sample_counts(
         size=count,
         key=key,
     )
-    object.__setattr__(drawn, "_law", (values.copy(), axis, _scheme(scheme)))
+    object.__setattr__(drawn, "_law", (values.copy(), axis, scheme))
     return drawn
-
-
-def _scheme(scheme: str) -> Scheme:
-    return "iid" if _gate.choice("scheme", scheme, _SCHEMES) == "iid" else "systematic"

@@ -7,7 +7,7 @@ Everything that takes a system may rely on the checks made here.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -44,11 +44,13 @@ class System:
     InputTypeError
         If `A` or `B` does not hold real numbers, or `dt` or `name` has a wrong type.
     InputError
-        If `dt` is 0 (continuous time) or negative.
+        If `dt` is 0 (continuous time) or negative, or a table has labels.
 
     Notes
     -----
-    `A` and `B` are copied. The arrays given back are read-only views of that copy.
+    `A` and `B` are copied. The arrays given back are read-only views of that copy. Here and
+    everywhere, tables with labels (pandas, xarray) are refused unless the labels are 0, 1, 2, ...
+    in order: they might be in another order than the states; ``.to_numpy()`` says they are not.
 
     Examples
     --------
@@ -76,12 +78,10 @@ class System:
     ) -> None:
         checked_A = _gate.matrix("A", A, square=True)
         checked_B = _gate.matrix("B", B, rows=len(checked_A))
-        if name is not None and not isinstance(name, str):
-            raise InputTypeError(f"`name` must be a string, got {_gate.show(name)}")
-        label = None if name is None else " ".join(name.split())  # one line
+        label = None if name is None else " ".join(_gate.text("name", name).split())  # one line
         for slot, value in (
-            ("_A", _frozen(checked_A)),
-            ("_B", _frozen(checked_B)),
+            ("_A", _gate.frozen(checked_A)),
+            ("_B", _gate.frozen(checked_B)),
             ("_dt", _checked_dt(dt)),
             ("_name", label or None),
         ):
@@ -124,8 +124,10 @@ class System:
                     f"`obj` must be a tuple (A, B) or (A, B, dt), got {len(obj)} items"
                 )
             return cls(obj[0], obj[1], dt=obj[2] if len(obj) == 3 else None)
-        if not (hasattr(obj, "A") and hasattr(obj, "B")):
-            hint = "; call its to_ss() first" if hasattr(obj, "to_ss") else ""
+        found = {word: _attribute(obj, word) for word in ("A", "B", "dt", "name")}
+        if found["A"] is None or found["B"] is None:
+            transfer = _attribute(obj, "to_ss", ...) is not ...
+            hint = "; call its to_ss() first" if transfer else ""
             raise InputTypeError(
                 "`obj` must be a System, a tuple (A, B[, dt]) or an object with attributes A "
                 f"and B, got {_gate.show(obj)}{hint}"
@@ -136,11 +138,11 @@ class System:
             for kind in type(obj).__mro__
         ):
             raise InputError(_CONTINUOUS.format("`obj` is a scipy.signal.lti"))
-        name = getattr(obj, "name", None)
+        name: Any = found["name"]
         return cls(
-            obj.A,
-            obj.B,
-            dt=getattr(obj, "dt", None),
+            found["A"],
+            found["B"],
+            dt=found["dt"],
             # python-control numbers the systems that were given no name: sys[0], sys[1], ...
             name=name if isinstance(name, str) and not name.startswith("sys[") else None,
         )
@@ -222,19 +224,24 @@ _CONTINUOUS = (
 )
 
 
+def _attribute(obj: object, word: str, missing: object = None) -> Any:
+    """An attribute of a foreign object, or what stands for a missing one."""
+    try:
+        return getattr(obj, word, missing)
+    except Exception as error:  # whatever a foreign property raises
+        raise InputTypeError(
+            f"`obj` must be a system whose attribute {word} can be read, got {_gate.show(obj)}"
+        ) from error
+
+
 def _checked_dt(dt: object) -> float | bool | None:
     if dt is None:
         return None
     if isinstance(dt, (bool, np.bool_)) and dt:
         return True
-    if isinstance(dt, (int, float, np.integer, np.floating)) and dt is not False and dt == 0:
+    if _gate.is_real(dt) and dt == 0:
         raise InputError(_CONTINUOUS.format("`dt` is 0"))
     return _gate.positive("dt", dt)
-
-
-def _frozen(checked: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Copy into a `bytes` object: NumPy then refuses to make the array writeable again."""
-    return np.frombuffer(checked.tobytes(), dtype=np.float64).reshape(checked.shape)
 
 
 def _rebuild(A: ArrayLike, B: ArrayLike, dt: float | bool | None, name: str | None) -> System:

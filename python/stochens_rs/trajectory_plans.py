@@ -10,8 +10,9 @@ import numpy as np
 from . import _gate, _html
 from ._alse import norm
 from ._certificates import Basis, Known, completed, plan_bound
+from ._pickles import reduced
 from .exceptions import InputError, NonFiniteError, ShapeError
-from .results import PlanBound, PlanError, Reachability, reach_text
+from .results import STATUSES, PlanBound, PlanError, Reachability, reach_text
 from .system import System
 from .theory.multistep import (
     controllability,
@@ -57,6 +58,20 @@ class TrajectoryPlan:
     status: str
     info: dict[str, Any] = field(default_factory=dict)
     _basis: Basis | None = field(default=None, init=False)
+
+    def __post_init__(self) -> None:
+        _gate.kept("u", self.u, ndim=(2,))
+        _gate.kept("predicted_states", self.predicted_states, ndim=(2,))
+        if len(self.predicted_states) != len(self.u) + 1:
+            raise ShapeError(
+                f"`predicted_states` must have {len(self.u) + 1} rows, one more than `u`, got "
+                f"{len(self.predicted_states)}"
+            )
+        _gate.instance("reachability", self.reachability, Reachability)
+        _gate.choice("status", self.status, STATUSES)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return reduced(self)
 
     @property
     def steps(self) -> int:

@@ -1,10 +1,10 @@
 //! The pseudoinverse and the controls of realizations.
 
-use numpy::{PyArray1, PyArray2, PyReadonlyArray2, PyReadwriteArray2};
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
 
 use super::convert::{EntityArgument, array1, array2, slice};
-use super::error::ShapeError;
+use super::error::{InputError, ShapeError};
 use super::run::run;
 use crate::control::{self, Realized};
 use crate::parallel::detached;
@@ -39,7 +39,7 @@ pub(super) fn pseudoinverse<'py>(
 #[expect(clippy::too_many_arguments, reason = "three entities and what belongs to them")]
 pub(super) fn realization_controls<'py>(
     py: Python<'py>,
-    mut out: PyReadwriteArray2<'py, f64>,
+    out: &Bound<'py, PyArray2<f64>>,
     fresh: bool,
     pinv: PyReadonlyArray2<'py, f64>,
     x0: EntityArgument<'py>,
@@ -52,6 +52,8 @@ pub(super) fn realization_controls<'py>(
     let values = slice("pinv", &pinv)?;
     let realized = Realized::new(x0.entity("x0", false)?, xf.entity("xf", false)?, a.entity("A", rows)?, n)?;
     let cost = realized.size() as f64 * ((m * n) as f64 + realized.cost());
+    let taken = |_| InputError::new_err("`out` is in use by another call: every thread needs an array of its own");
+    let mut out = out.try_readwrite().map_err(taken)?;
     let out = out.as_slice_mut().map_err(|_| ShapeError::new_err("`out` must be C-contiguous"))?;
     let memory = if fresh { control::Memory::Fresh } else { control::Memory::Used };
     run(py, cost, |stop| realized.controls_into(values, m, out, memory, threads, stop))

@@ -16,7 +16,7 @@ import matplotlib.pyplot as plt
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
-from stochens_rs import plots
+from stochens_rs import InputError, plots
 from stochens_rs._drawing import STYLES, _number, _ticks
 from stochens_rs.experiments import Curve, Experiment, Panel
 
@@ -204,7 +204,7 @@ def test_saved_figures_are_not_blank_and_do_not_change(tmp_path):
 
 
 def test_unknown_names():
-    with pytest.raises(KeyError, match="9z"):
+    with pytest.raises(InputError, match="9z"):
         plots.panel(made(), "9z")
     with pytest.raises(KeyError, match="figure"):
         plots.figure(made(), "7")

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _gate
+from .._state import checked_path
 from ..exceptions import InputError, ResourceError
 from ..system import System
 
@@ -65,6 +66,8 @@ def from_file(path: str | os.PathLike[str]) -> Problem:
     InputError
         The file is not of this kind, an entry is missing, unknown, there twice or cannot be used;
         a directory, a pipe or a device.
+    InputTypeError
+        `path` is none.
     ResourceError
         What is in the file does not fit into the memory this process may use.
     OSError
@@ -82,7 +85,7 @@ def from_file(path: str | os.PathLike[str]) -> Problem:
     >>> se.cases.from_file(path).system
     <System: n=1 m=1 dt=None>
     """
-    path = Path(path)
+    path = Path(checked_path("path", path))
     about = path.stat()
     if not stat.S_ISREG(about.st_mode):  # /dev/zero has no end, a pipe may have no beginning
         kind = _KINDS.get(stat.S_IFMT(about.st_mode), "special file")

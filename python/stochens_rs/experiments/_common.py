@@ -14,7 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ._curves import Curve, Panel, quantiles
+from .. import _gate
+from ..exceptions import InputError
+from ._curves import Curve, Panel, quantiles, written_by
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -83,13 +85,11 @@ class Experiment:
 
         Raises
         ------
-        KeyError
+        InputError, InputTypeError
             There is no such panel.
         """
-        for panel in self.panels:
-            if panel.name == name:
-                return panel
-        raise KeyError(f"experiment {self.name!r} has no panel {name!r}")
+        named = {panel.name: panel for panel in self.panels}
+        return named[_gate.choice("name", name, tuple(named))]
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, ready for ``json.dumps``; `from_dict` restores every number bit for bit."""
@@ -117,19 +117,19 @@ class Experiment:
 
         Raises
         ------
-        ValueError
-            If the data were written with another schema.
+        InputError
+            If the data are something else, or were written with another schema.
         """
-        if data.get("schema") != SCHEMA:
-            raise ValueError(f"expected the schema {SCHEMA!r}, got {data.get('schema')!r}")
-        plain = {
-            k: data[k] for k in ("name", "title", "key", "settings", "facts", "seconds", "versions")
-        }
-        return cls(
-            **plain,
-            sizes=np.asarray(data["sizes"], dtype=np.int64),
-            panels=tuple(Panel.from_dict(p) for p in data["panels"]),
-        )
+        with written_by("Experiment"):
+            schema = data["schema"]
+            if schema != SCHEMA:
+                raise InputError(f"`data` must have schema '{SCHEMA}', got {_gate.show(schema)}")
+            names = ("name", "title", "key", "settings", "facts", "seconds", "versions")
+            return cls(
+                **{name: data[name] for name in names},
+                sizes=np.asarray(data["sizes"], dtype=np.int64),
+                panels=tuple(Panel.from_dict(p) for p in data["panels"]),
+            )
 
     def plot(self) -> dict[str, Figure]:
         """The figures of this experiment, by name ("power-figure-1", ...); needs matplotlib."""

@@ -7,12 +7,16 @@ mean square, z-score) can be recomputed from the saved file alone.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from .. import _gate
+from ..exceptions import InputError, StochensError
 
 __all__ = ["BAND", "Curve", "Panel", "quantiles"]
 
@@ -140,14 +144,20 @@ class Curve:
         ----------
         data : mapping
             What `to_dict` returned.
+
+        Raises
+        ------
+        InputError
+            If it is something else.
         """
-        return cls(
-            method=data["method"],
-            fusion=data["fusion"],
-            errors=np.asarray(data["errors"], dtype=np.float64),
-            exact_rms=_array(data["exact_rms"]),
-            exact_spread=_array(data["exact_spread"]),
-        )
+        with written_by("Curve"):
+            return cls(
+                method=data["method"],
+                fusion=data["fusion"],
+                errors=np.asarray(data["errors"], dtype=np.float64),
+                exact_rms=_array(data["exact_rms"]),
+                exact_spread=_array(data["exact_spread"]),
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,14 +209,17 @@ class Panel:
 
         Raises
         ------
-        KeyError
+        InputError, InputTypeError
             There is no such curve.
         """
+        _gate.choice("method", method, tuple(dict.fromkeys(one.method for one in self.curves)))
+        if fusion is not None:
+            _gate.choice("fusion", fusion, ("product", "diagonal"))
         for wanted in (fusion, "product") if fusion is None else (fusion,):
             for curve in self.curves:
                 if (curve.method, curve.fusion) == (method, wanted):
                     return curve
-        raise KeyError(f"panel {self.name} has no curve {method!r} with fusion {fusion!r}")
+        raise InputError(f"panel {self.name} has no curve {method!r} with fusion {fusion!r}")
 
     def to_dict(self) -> dict[str, Any]:
         """Plain lists and numbers."""
@@ -221,9 +234,29 @@ class Panel:
         ----------
         data : mapping
             What `to_dict` returned.
+
+        Raises
+        ------
+        InputError
+            If it is something else.
         """
-        plain = {k: v for k, v in data.items() if k != "curves"}
-        return cls(**plain, curves=tuple(Curve.from_dict(c) for c in data["curves"]))
+        with written_by("Panel"):
+            plain = {k: v for k, v in data.items() if k != "curves"}
+            return cls(**plain, curves=tuple(Curve.from_dict(c) for c in data["curves"]))
+
+
+@contextmanager
+def written_by(what: str) -> Iterator[None]:
+    """Say that data are no record, whichever way that shows."""
+    try:
+        yield
+    except (StochensError, MemoryError):
+        raise
+    except Exception as error:
+        raise InputError(
+            f"`data` must be what {what}.to_dict returned, got something else "
+            f"({type(error).__name__})"
+        ) from error
 
 
 def _listed(values: FloatArray | None) -> list[float] | None:

@@ -34,6 +34,7 @@ FUSED: tuple[tuple[Method, Fusion], ...] = (
     ("uniform", "diagonal"),
     *((method, "product") for method in METHODS),
 )
+LARGEST = 1e100  # of a scale: squares of what comes of it do not overflow
 ROUNDING = 1e-13  # relative errors up to here are zero to rounding
 
 

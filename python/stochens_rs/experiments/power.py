@@ -23,6 +23,7 @@ from ._common import Experiment, Panel, log_grid
 from ._runs import (
     FUSED,
     FUSIONS,
+    LARGEST,
     METHODS,
     ROUNDING,
     Entity,
@@ -128,10 +129,12 @@ def power(
     samples = _gate.size("samples", samples)
     grid = log_grid(samples) if sizes is None else _gate.sizes("sizes", sizes, maximum=samples)
     angle_std, speed_std = (
-        _gate.positive("angle_std", angle_std),
-        _gate.positive("speed_std", speed_std),
+        _gate.positive("angle_std", angle_std, maximum=LARGEST),
+        _gate.positive("speed_std", speed_std, maximum=LARGEST),
     )
     tol = _gate.positive("tol", tol)
+    if progress is not None and not callable(progress):
+        _gate.flag("progress", progress)
     system = _system(case, data, base, dt, method)
 
     x0 = normal(key.child("x0"), system.n) * np.repeat([angle_std, speed_std], system.n // 2)

@@ -21,6 +21,7 @@ from ._common import Experiment, Panel, log_grid
 from ._runs import (
     FUSED,
     FUSIONS,
+    LARGEST,
     Entity,
     Errors,
     Exact,
@@ -119,8 +120,11 @@ def tracking(
     grid = log_grid(samples) if sizes is None else _gate.sizes("sizes", sizes, maximum=samples)
     n, m = _gate.size("n", n), _gate.size("m", m)
     tol = _gate.positive("tol", tol)
+    if progress is not None and not callable(progress):
+        _gate.flag("progress", progress)
     _gate.choice("step_two", step_two, ("rolled", "reference"))
 
+    spectral_radius = _gate.positive("spectral_radius", spectral_radius, maximum=LARGEST)
     system = random_system(n, m, rng=key.child("system"), spectral_radius=spectral_radius)
     A, B = system.A, system.B
     x = [normal(key.child(f"x{t}"), n) for t in range(3)]

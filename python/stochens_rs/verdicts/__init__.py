@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .. import _gate
 from .._progress import progress_bar
 from ..rng import RngLike, as_key
 from . import _definitions as definitions
@@ -65,7 +66,8 @@ def claims(rng: RngLike = 1, *, quick: bool = False, progress: bool = False) -> 
     >>> found["Lemma 3.2"].verdict, found.confirmed
     ('false', True)
     """
-    key = as_key(rng)
+    key, quick = as_key(rng), _gate.flag("quick", quick)
+    _gate.flag("progress", progress)
     runs = 400 if quick else 2000
     measured = tails.measure(key.child("tails"), runs=1000 if quick else 10_000)
     compared = compare(_vector(), key.child("comparison"), runs, 1000)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ... import _gate
-from ...exceptions import InputTypeError, NonFiniteError, SizeError
+from ...exceptions import NonFiniteError
 from ..moments._formulas import _compact_svd
 
 
@@ -63,7 +63,7 @@ def from_errors(
     x0_hat = _gate.vector("x0_hat", x0_hat, length=len(B))
     A_hat = _gate.matrix("A_hat", A_hat, rows=len(B), cols=len(B))
     e0, ef, eA = (
-        _error(name, value)
+        _gate.nonnegative(name, value)
         for name, value in (("x0_error", x0_error), ("xf_error", xf_error), ("A_error", A_error))
     )
     U, s, _ = _compact_svd(B)
@@ -77,14 +77,3 @@ def from_errors(
     if not np.isfinite([state, control]).all():
         raise NonFiniteError("the bound overflows: scale the problem down")
     return state, control
-
-
-def _error(name: str, value: object) -> float:
-    """A finite number >= 0."""
-    if isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool):
-        if value == 0:
-            return 0.0
-        if value < 0:
-            raise SizeError(f"`{name}` must be >= 0, got {_gate.show(value)}")
-        return _gate.positive(name, value)
-    raise InputTypeError(f"`{name}` must be a real number >= 0, got {_gate.show(value)}")

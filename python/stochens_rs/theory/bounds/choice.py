@@ -173,7 +173,7 @@ def best(
         drawn = _simulated(quantity, data, 1, delta, norm, fusion, axis)
         needed, bound = _smallest_size([drawn] if drawn else found, eps, delta)
         return Best(bound, bound.radius(needed, delta), needed, delta)
-    if _differ(size):
+    if len({rate for rate in found[0]._rates(size) if rate > 0.0}) > 1:
         found = [bound for bound in found if not isinstance(bound, ProductBousquet)]
     radii = [bound.radius(size, delta) for bound in found]
     k = radii.index(min(radii))
@@ -241,9 +241,3 @@ def _for_control(at: Geometry, fusion: str) -> list[Bound]:
         if at.quantity == "state":
             kinds = (*kinds, ProductHoeffding)
     return [*(kind._sharing(at) for kind in kinds), chebyshev]
-
-
-def _differ(size: Sizes) -> bool:
-    if not isinstance(size, (tuple, list)):
-        return False
-    return len({float(N) for N in size if N is not None and float("inf") != N}) > 1

@@ -109,7 +109,8 @@ class Fused(Bound):
         InputError, InputTypeError
             An argument is out of range, or more than 2^53 realizations are needed.
         """
-        known = {_gate.choice("exact", name, _ENTITIES) for name in exact}
+        given = _gate.items("exact", exact)
+        known = {_gate.choice("exact", name, _ENTITIES) for name in given}
         sampled = tuple(float(name not in known) for name in _ENTITIES)
         return self._required(eps, delta, lambda rate: tuple(rate * flag for flag in sampled))
 

@@ -100,7 +100,8 @@ class OneVector(Printed):
     def __init__(self, w: ArrayLike, *, C: float | None = None) -> None:
         checked = _gate.vector("w", w)
         constant = float(checked.size) if C is None else _gate.positive("C", C)
-        self._keep(2.0 * constant, float(np.abs(checked).sum()))
+        with np.errstate(over="ignore"):
+            self._keep(2.0 * constant, float(np.abs(checked).sum()))
 
 
 class Lemma42(Printed):
@@ -159,10 +160,12 @@ class Lemma42(Printed):
         x0 = _gate.vector("x0", x0, length=len(A))
         xf = _gate.vector("xf", xf, length=len(A))
         _gate.choice("reading", reading, ("realizations", "matrix"))
-        norm = largest_realization(A) if reading == "realizations" else float(np.linalg.norm(A, 2))
-        self.beta = max(norm, 1.0, float(np.linalg.norm(x0)))
-        gammas = (np.abs(x).sum(axis=0).max() for x in (xf, x0, A))
         constant = float(len(A)) if C is None else _gate.positive("C", C)
+        with np.errstate(over="ignore"):
+            drawn = reading == "realizations"
+            norm = largest_realization(A) if drawn else float(np.linalg.norm(A, 2))
+            self.beta = max(norm, 1.0, float(np.linalg.norm(x0)))
+            gammas = [np.abs(x).sum(axis=0).max() for x in (xf, x0, A)]
         self._keep(2.0 * constant, *(3.0 * self.beta * float(gamma) for gamma in gammas))
 
 
@@ -221,13 +224,14 @@ class Lemma43(Printed):
         B = _gate.matrix("B", B, rows=len(A))
         x0 = _gate.vector("x0", x0, length=len(A))
         u = _gate.matrix("u", u, cols=B.shape[1])
-        gA, gB = (float(np.abs(x).sum(axis=0).max()) for x in (A, B))
-        widths = (
-            float(np.linalg.norm(u)) * gB,
-            float(np.linalg.norm(A, 2)) * float(np.abs(x0).sum()),
-            float(np.linalg.norm(x0)) * gA,
-        )
         constant = float(len(A)) if C is None else _gate.positive("C", C)
+        with np.errstate(over="ignore"):
+            gA, gB = (float(np.abs(x).sum(axis=0).max()) for x in (A, B))
+            widths = (
+                float(np.linalg.norm(u)) * gB,
+                float(np.linalg.norm(A, 2)) * float(np.abs(x0).sum()),
+                float(np.linalg.norm(x0)) * gA,
+            )
         self._keep(2.0 * constant, *(3.0 * d for d in widths))
 
 

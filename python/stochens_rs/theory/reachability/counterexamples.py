@@ -234,9 +234,10 @@ def _weights(weights: list[int] | None, size: int) -> list[Fraction]:
 
 
 def _integers(name: str, values: list[int], size: int) -> list[int]:
-    if len(values) != size:
-        raise InputError(f"`{name}` must have length {size}, got {len(values)}")
-    return [_gate.size(f"{name}[{k}]", v, minimum=-(2**53)) for k, v in enumerate(values)]
+    given = _gate.items(name, values)
+    if len(given) != size:
+        raise InputError(f"`{name}` must have length {size}, got {len(given)}")
+    return [_gate.size(f"{name}[{k}]", v, minimum=-(2**53)) for k, v in enumerate(given)]
 
 
 def _times(A: list[_Row], x: _Row) -> _Row:

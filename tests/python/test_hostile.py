@@ -1,0 +1,328 @@
+"""Every argument of every public callable meets values it was not made for.
+
+Whatever is given, nothing but an exception of this package comes out, and its message is one short
+line. The callables are found by walking the package: a new one is swept without being named here.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import datetime
+import inspect
+from decimal import Decimal
+from functools import cache
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from stochens_rs.exceptions import StochensError
+from test_docs import PUBLIC, unwrap
+from test_gate import Stubborn
+
+nan, inf = float("nan"), float("inf")
+
+
+class Refuses:
+    """An object that answers every question with an exception of its own."""
+
+    def _no(self, *_):
+        raise RuntimeError("no answer")
+
+    __index__ = __int__ = __float__ = __bool__ = __len__ = __iter__ = __fspath__ = __array__ = _no
+    __eq__ = __lt__ = __gt__ = __str__ = __repr__ = _no
+    __hash__ = None
+    A = B = to_ss = property(_no)
+
+
+def generator():
+    yield "x"
+
+
+# No argument of any callable stands for one of these.
+NEVER = {
+    "timedelta64": np.timedelta64(3, "s"),
+    "timedelta64 without unit": np.timedelta64(3),
+    "datetime64": np.datetime64("2020-01-01"),
+    "timedelta": datetime.timedelta(seconds=3),
+    "timedelta64 array": np.array([1, 1], "m8[s]"),
+    "timedelta64 matrix": np.ones((2, 2), "m8[s]"),
+    "timedelta64 0-d": np.array(3, "m8[s]"),
+    "set": {1, 2},
+    "frozenset": frozenset({1, 2}),
+    "dict": {"a": 1, "b": 2},
+    "complex": 1j,
+    "complex vector": np.ones(2, complex),
+    "complex matrix": np.ones((2, 2), complex),
+    "object vector": np.array([1, None], object),
+    "object matrix": np.array([[1, 2], [3, 4]], object),
+    "masked vector": np.ma.masked_array([1.0, 2.0], [False, True]),
+    "masked matrix": np.ma.masked_array(np.eye(2), np.eye(2) > 0.0),
+    "masked integers": np.ma.masked_array([0, 1], [True, False]),
+    "structured": np.zeros(2, [("a", float)]),
+    "mask": np.array([True, False]),
+    "mask matrix": np.eye(2) > 0.0,
+    "list of bool": [True, False],
+    "nan": nan,
+    "nan vector": np.array([nan, 1.0]),
+    "nan matrix": np.array([[nan, 1.0], [0.0, 1.0]]),
+    "bytes": b"x",
+    "Decimal": Decimal(1),
+    "text": "no such word",
+    "text array": np.array(["a", "b"]),
+    "lone surrogate": "\ud800",
+    "ragged": [[1.0], [1.0, 2.0]],
+    "deep": np.ones((1,) * 32),
+    "object": object(),
+    "refusing object": Refuses(),
+    "refusing array": Stubborn(),
+    "list of refusing objects": [Refuses(), Refuses()],
+    "class": int,
+    "list of None": [None, None],
+}
+# An argument may stand for one of these, or not.
+PERHAPS = {
+    "None": None,
+    "True": True,
+    "zero": 0,
+    "minus one": -1,
+    "half": 0.5,
+    "inf": inf,
+    "huge": 10**400,
+    "huge negative": -(10**5000),
+    "large float": 1e300,
+    "small float": 5e-324,
+    "large vector": np.full(2, 1.7e308),
+    "large matrix": np.full((2, 2), 1.7e308),
+    "small vector": np.full(2, 5e-324),
+    "small matrix": np.full((2, 2), 5e-324),
+    "zero vector": np.zeros(2),
+    "zero matrix": np.zeros((2, 2)),
+    "empty list": [],
+    "empty dict": {},
+    "empty tuple": (),
+    "empty text": "",
+    "no entries": np.ones(0),
+    "no rows": np.ones((0, 2)),
+    "too long": np.ones(7),
+    "too large": np.ones((3, 3)),
+    "one entry": np.ones(1),
+    "three items": (1, 2, 3),
+    "list of huge": [10**400, 1],
+    "function": generator,
+    "ensemble": se.sample([1.0, 2.0], 5, rng=1),
+    "matrix ensemble": se.sample(np.eye(2), 5, rng=1),
+    "larger ensemble": se.sample(np.eye(3), 4, rng=1),
+    "counts": se.sample_counts([1.0, 2.0], 5, rng=1),
+    "fit": se.fuse(se.sample([1.0, 2.0], 5, rng=1)),
+    "system": se.System(np.eye(2), np.eye(2)),
+    "larger system": se.System(np.eye(3), np.eye(3)),
+    "plan": se.control(np.eye(2), [1.0, 2.0], [0.0, 0.0], np.eye(2)),
+    "key": se.Key(bytes(32)),
+    "generator of random numbers": np.random.default_rng(1),
+    "range": range(5),
+    "memoryview": memoryview(b"ab"),
+    "lists": [[1.0, 0.0], [0.0, 1.0]],
+    "integers": np.array([0, 1], np.int8),
+    "unsigned": np.array([2**64 - 1, 0], np.uint64),
+    "float16": np.ones(2, np.float16),
+    "big-endian": np.ones(2, ">f8"),
+    "0-d": np.array(2.0),
+}
+
+A, B = np.array([[0.9, 0.2], [-0.1, 0.8]]), np.array([[1.0, 0.0], [0.5, 1.0]])
+X0, XF = np.array([1.0, 2.0]), np.array([0.5, 0.0])
+REFERENCE = np.outer(np.cos(0.3 * np.arange(4)), [1.0, 2.0])
+
+
+@cache
+def ensemble():
+    return se.sample(A, 5, rng=1)
+
+
+@cache
+def experiment():
+    return se.experiments.tracking(rng=1, replicates=2, samples=5, n=2, m=1)
+
+
+def data_stream():
+    stream = se.DataStream(B)
+    stream.update(x0=X0, xf=XF, A=A)
+    return stream
+
+
+# What each argument is when it is not the one that is tried, by its name.
+GOOD = {
+    "A": A, "A_hat": A, "B": B, "M": A, "x0": X0, "x0_hat": X0, "xf": XF, "w": X0, "d": X0,
+    "u": np.ones((1, 2)), "target": A, "reference": REFERENCE, "size": 5, "sizes": [2, 5],
+    "steps": 3, "delta": 0.1, "eps": 0.5, "error": 0.5, "weights": np.full(5, 0.2), "rng": 1,
+    "n": 2, "m": 1, "count": 2, "threads": 1, "indices": [[0, 0], [1, 0]], "obj": (A, B),
+    "system": (A, B), "samples": np.ones((4, 2)), "bytes32": bytes(32), "digits": "0" * 64,
+    "name": "x", "ensemble": ensemble, "quantity": "state", "method": "uniform",
+    "path": "no/such/file.npz", "experiment": experiment,
+}  # fmt: skip
+# The same where the name alone does not say it, and arguments that keep a call short.
+OWN = {
+    "best": {"size": 5, "data": [B, X0, XF, A]},
+    "candidates": {"data": [B, X0, XF, A]},
+    "fuse": {"method": "alse", "target": A},
+    "fuse_path": {"method": "alse"},
+    "from_indices": {"target": A},
+    "DataStream.update": {"A": A},
+    "approximately": {"sizes": (2, 5)},
+    "required_samples": {"runs": 5},
+    "power": {"replicates": 1, "samples": 5, "sizes": None, "method": "zoh"},
+    "tracking": {"replicates": 1, "samples": 5, "sizes": None, "n": 2, "m": 1},
+    "ieee14": {"method": "zoh"},
+    "ieee39": {"method": "zoh"},
+    "tracking_moments": {"feedback": False},
+    "tracking_rms": {"feedback": False},
+    "Stream.run": {"max_steps": 3},
+    "panel": {"name": "3a"},
+    "Experiment.panel": {"name": "3a"},
+}
+# Arguments that do take one of the values of NEVER.
+TAKEN = {
+    ("System", "name"): {"text"},
+    ("Key.child", "name"): {"text"},
+    ("Stream.run", "checkpoint"): {"text"},
+}
+CALLED = {"class", "function"}  # what `progress` does is its own affair
+MADE = {
+    "DataStream": data_stream,
+    "Ensemble": ensemble,
+    "Key": lambda: se.Key(bytes(32)),
+    "Plan": lambda: se.control(B, se.sample(X0, 5, rng=2), XF, ensemble()),
+    "Stream": lambda: se.Stream(B, X0, XF, A, rng=1),
+    "TrajectoryPlan": lambda: se.control_steps(B, X0, XF, ensemble(), 3),
+    "Bound": lambda: se.theory.bounds.McDiarmid(X0),
+    "Fused": lambda: se.theory.bounds.ProductMcDiarmid(B, X0, XF, A),
+    "Experiment": experiment,
+    "Panel": lambda: experiment().panels[0],
+}
+
+
+def swept():
+    """Name, callable and parameters of every public callable that takes what users give."""
+    found = {}
+    for name, obj in PUBLIC.items():
+        plain = unwrap(obj)
+        parts = name.removeprefix("stochens_rs.").split(".")
+        if isinstance(obj, property) or parts[0] in SEPARATE or is_record(plain):
+            continue
+        if inspect.isclass(plain) and issubclass(plain, BaseException):
+            continue
+        owner = parts[-2] if parts[-2][0].isupper() else None
+        label = f"{owner}.{parts[-1]}" if owner else parts[-1]
+        parameters = {
+            p.name: p
+            for p in inspect.signature(plain).parameters.values()
+            if p.name not in ("self", "cls", "ax") and p.name != "_"
+        }
+        if parameters and label not in SEPARATE:
+            found[label] = (name, obj, owner, parameters)
+    return found
+
+
+# Not swept: programs, pictures, long runs, abstract classes, and what the next tests try.
+SEPARATE = {"cli", "plots", "report", "verdicts", "printed_stopping_rule", "Ensemble"}
+SEPARATE |= {"Experiment.save", "Experiment.from_dict", "Panel.from_dict", "Curve.from_dict"}
+SEPARATE |= {"Stream.save", "DataStream.save", "Stream.load", "DataStream.load"}
+
+
+def is_record(obj):
+    return dataclasses.is_dataclass(obj) and obj is not se.Key
+
+
+def call(label, parameters, obj, owner, tried, value):
+    """Call with good arguments but for one."""
+    own = OWN.get(label, OWN.get(label.rpartition(".")[2], {}))
+    args, kwargs = [], {}
+    for p in parameters.values():
+        if p.name == tried:
+            given = value
+        elif p.name in own:
+            given = own[p.name]
+        elif p.default is not p.empty:
+            continue
+        else:
+            given = GOOD[p.name]
+            given = given() if callable(given) else given
+        if p.kind is p.VAR_POSITIONAL:
+            args += [value, *OWN[label][p.name][1:]] if p.name == tried else given
+        elif p.kind is p.KEYWORD_ONLY:
+            kwargs[p.name] = given
+        else:
+            args.append(given)
+    function = obj
+    if isinstance(obj, classmethod):
+        function = getattr(getattr(se, owner), obj.__func__.__name__)
+    elif owner is not None:
+        function = getattr(MADE[owner](), obj.__name__)
+    return function(*args, **kwargs)
+
+
+SWEPT = swept()
+
+
+@pytest.mark.parametrize("label", SWEPT)
+def test_good_arguments_pass(label):
+    _, obj, owner, parameters = SWEPT[label]
+    if label == "from_file":
+        return
+    call(label, parameters, obj, owner, None, None)
+
+
+@pytest.mark.parametrize("label", SWEPT)
+def test_no_argument_lets_a_foreign_exception_out(label, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    _, obj, owner, parameters = SWEPT[label]
+    wrong = []
+    for tried in parameters:
+        for what, value in (NEVER | PERHAPS).items():
+            if tried == "progress" and what in CALLED:
+                continue
+            taken = what in PERHAPS or what in TAKEN.get((label, tried), ())
+            try:
+                call(label, parameters, obj, owner, tried, value)
+            except StochensError as error:
+                if "\n" in str(error) or len(str(error)) > 300:
+                    wrong.append(f"{tried} = {what}: no short line: {error}"[:160])
+                if taken and what in NEVER:
+                    wrong.append(f"{tried} = {what}: refused: {error}"[:160])
+            except (FileNotFoundError, KeyboardInterrupt):
+                if label != "from_file":
+                    raise
+            except Exception as error:
+                wrong.append(f"{tried} = {what}: {type(error).__name__}: {error}"[:160])
+            else:
+                if not taken:
+                    wrong.append(f"{tried} = {what}: accepted")
+    se.set_num_threads(None)
+    assert not wrong, "\n".join(["", *wrong])
+
+
+TOLD_APART = {
+    "Experiment.from_dict": lambda value: se.experiments.Experiment.from_dict(value),
+    "Panel.from_dict": lambda value: se.experiments.Panel.from_dict(value),
+    "Curve.from_dict": lambda value: se.experiments.Curve.from_dict(value),
+    "Experiment.from_dict, an entry": lambda value: se.experiments.Experiment.from_dict(
+        experiment().to_dict() | {"panels": value}
+    ),
+    "Stream.load": se.Stream.load,
+    "Stream.save": lambda value: MADE["Stream"]().save(value),
+    "DataStream.save": lambda value: se.DataStream(B).save(value),
+    "claims(quick=)": lambda value: se.claims(quick=value),
+    "claims(rng=)": lambda value: se.claims(value),
+    "a mask of indices": lambda value: se.Ensemble.from_indices(value, X0),
+}
+
+
+@pytest.mark.parametrize("label", TOLD_APART)
+def test_what_is_not_swept_refuses_too(label, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for what, value in NEVER.items():
+        if label.endswith(".save") and what == "text":
+            continue
+        with pytest.raises(StochensError):
+            TOLD_APART[label](value)

@@ -1,0 +1,368 @@
+"""What was made by hand, unpickled, or is shared with the caller is no way around the gate."""
+
+from __future__ import annotations
+
+import contextlib
+import copy
+import pickle
+import threading
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
+
+nan, inf = float("nan"), float("inf")
+A, B = np.array([[0.9, 0.2], [-0.1, 0.8]]), np.array([[1.0, 0.0], [0.5, 1.0]])
+X0, XF = np.array([1.0, 2.0]), np.array([0.5, 0.0])
+BAD = np.array([[nan, 0.0], [0.0, 1.0]])
+
+
+def fit(**changed):
+    made = {"estimate": A, "weights": np.ones(1), "error": None, "gap": None}
+    return se.Fit(**made | {"status": "completed", "method": "uniform"} | changed)
+
+
+HAND_MADE = [
+    ({"estimate": "A"}, InputTypeError, "`estimate`"),
+    ({"estimate": A.tolist()}, InputTypeError, "`estimate`"),
+    ({"estimate": np.array([["a", "b"], ["c", "d"]])}, InputTypeError, "`estimate`"),
+    ({"estimate": A.astype(complex)}, InputTypeError, "`estimate`"),
+    ({"estimate": np.ma.masked_array(A, A < 0.0)}, InputTypeError, "`estimate`"),
+    ({"estimate": BAD}, NonFiniteError, r"`estimate\[0, 0\]` is nan"),
+    ({"estimate": np.ones((2, 2, 2))}, ShapeError, "`estimate`"),
+    ({"weights": None}, InputTypeError, "`weights`"),
+    ({"weights": np.array([nan])}, NonFiniteError, "`weights"),
+    ({"weights": np.array(1.0)}, ShapeError, "`weights`"),
+    ({"error": "small"}, InputTypeError, "`error`"),
+    ({"error": nan}, NonFiniteError, "error"),
+    ({"error": inf}, NonFiniteError, "error"),
+    ({"error": True}, InputTypeError, "`error`"),
+    ({"gap": inf}, NonFiniteError, "gap"),
+    ({"lower_bound": nan}, NonFiniteError, "lower_bound"),
+    ({"status": "fine"}, InputError, "`status`"),
+    ({"status": None}, InputTypeError, "`status`"),
+    ({"method": 1}, InputTypeError, "`method`"),
+    ({"exact": "no"}, InputTypeError, "`exact`"),
+    ({"ensemble": A}, InputTypeError, "`ensemble`"),
+    ({"ensemble": se.sample(X0, 1, rng=1)}, ShapeError, "`ensemble`"),
+    ({"ensemble": se.sample(A, 2, rng=1)}, ShapeError, "`weights`"),
+]
+
+
+@pytest.mark.parametrize(("changed", "error", "message"), HAND_MADE)
+def test_hand_made_fit_is_checked(changed, error, message):
+    with pytest.raises(error, match=message):
+        fit(**changed)
+
+
+@pytest.mark.parametrize("shape", [(2, 2), (3, 3), (2,)])
+def test_hand_made_fit_of_the_right_kind_is_used(shape):
+    made = fit(estimate=np.ones(shape))
+    if shape == (2, 2):
+        assert se.control(B, X0, XF, made).u.shape == (2,)
+    else:
+        with pytest.raises(ShapeError, match="`A` must have shape"):
+            se.control(B, X0, XF, made)
+
+
+COUNTS = {"counts": np.array([3, 2]), "estimate": X0, "size": 5, "key": se.Key(bytes(32))}
+
+
+@pytest.mark.parametrize(
+    ("changed", "error"),
+    [
+        ({"counts": "many"}, InputTypeError),
+        ({"counts": np.array([0.5, 1.0])}, InputTypeError),
+        ({"counts": np.array([-1, 2])}, InputError),
+        ({"counts": np.array([1, 2, 2])}, ShapeError),
+        ({"estimate": np.array([nan, 1.0])}, NonFiniteError),
+        ({"estimate": [1.0, 2.0]}, InputTypeError),
+        ({"size": 0}, InputError),
+        ({"size": "5"}, InputTypeError),
+        ({"key": bytes(32)}, InputTypeError),
+    ],
+)
+def test_hand_made_counts_are_checked(changed, error):
+    assert se.control(B, se.Counts(**COUNTS), XF, A).u.shape == (2,)
+    with pytest.raises(error):
+        se.Counts(**COUNTS | changed)
+
+
+# -- pickles -----------------------------------------------------------------------------------
+
+
+def drawn():
+    return se.sample(A, 4, rng=1, axis="rows")
+
+
+def dense():
+    return se.Ensemble.from_samples(np.arange(8.0).reshape(2, 2, 2))
+
+
+def counts():
+    return se.sample_counts(A, 5, rng=1)
+
+
+def plan():
+    return se.control(B, se.sample(X0, 5, rng=2), XF, se.sample(A, 5, rng=1))
+
+
+def steps():
+    return se.control_steps(B, X0, XF, se.sample(A, 5, rng=1), 3)
+
+
+MAKERS = (
+    drawn,
+    dense,
+    counts,
+    fit,
+    plan,
+    steps,
+    lambda: se.System(A, B),
+    lambda: se.Key(bytes(32)),
+)
+# What is in the pickle in place of one attribute.
+FORGED = [
+    (drawn, "_axis", "diagonal"),
+    (drawn, "_axis", None),
+    (drawn, "_scheme", "systematically"),
+    (drawn, "_key", "key"),
+    (dense, "_samples", np.full((2, 2, 2), nan)),
+    (dense, "_samples", np.ones(2)),
+    (dense, "_samples", np.array([["a"]])),
+    (dense, "_samples", np.ones((2, 2, 2), complex)),
+    (counts, "counts", np.array([[-1, 1], [1, 1]])),
+    (counts, "counts", np.array([[50, 1], [1, 1]])),
+    (counts, "estimate", BAD),
+    (counts, "estimate", X0),
+    (counts, "size", -5),
+    (counts, "key", None),
+    (counts, "_law", (BAD, "columns", "iid")),
+    (counts, "_law", (X0, "columns", "iid")),
+    (counts, "_law", (A, "diagonal", "iid")),
+    (counts, "_law", (A, "columns", "other")),
+    (counts, "_law", "law"),
+    (fit, "estimate", BAD),
+    (fit, "weights", np.array([inf])),
+    (fit, "ensemble", "ensemble"),
+    (plan, "u", np.array([nan, 0.0])),
+    (plan, "u", "u"),
+    (plan, "predicted_state", np.ones((2, 2))),
+    (plan, "fusion", "both"),
+    (plan, "status", "fine"),
+    (plan, "reachability", None),
+    (plan, "_basis", "basis"),
+    (steps, "u", np.ones(3)),
+    (steps, "u", np.full((3, 2), inf)),
+    (steps, "predicted_states", np.ones((3, 2))),
+    (steps, "status", None),
+    (steps, "_basis", 3),
+    (MAKERS[-2], "_A", BAD),
+    (MAKERS[-2], "_B", np.ones((3, 1))),
+    (MAKERS[-2], "_dt", "now"),
+    (MAKERS[-1], "bytes32", b"short"),
+    (MAKERS[-1], "bytes32", "0" * 32),
+]
+
+
+@pytest.mark.parametrize(("make", "attribute", "value"), FORGED)
+def test_unpickling_checks_what_it_finds(make, attribute, value):
+    forged = make()
+    object.__setattr__(forged, attribute, value)
+    with pytest.raises((InputError, InputTypeError)):
+        pickle.loads(pickle.dumps(forged))
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {0: np.array([[0, 2], [1, 0]])},
+        {0: np.array([[0, -1], [1, 0]])},
+        {0: np.array([[0.5, 0.5]])},
+        {0: np.array([[True, False]])},
+        {0: np.zeros((0, 2), int)},
+        {0: np.zeros((4, 3), int)},
+        {0: "indices"},
+        {1: BAD},
+        {1: X0},
+        {1: np.ones((2, 2, 2))},
+    ],
+)
+def test_unpickling_checks_the_realizations(changed):
+    """The values of the pickle of drawn realizations, one of them replaced."""
+    remake, values = drawn().__reduce__()
+    assert remake(*values) == drawn()
+    with pytest.raises((InputError, InputTypeError)):
+        remake(*(changed.get(k, value) for k, value in enumerate(values)))
+
+
+@pytest.mark.parametrize(
+    ("where", "changed"),
+    [
+        ("x0", {"estimate": np.array([nan, 1.0])}),
+        ("x0", {"values": np.ones(3)}),
+        ("A", {"values": X0}),
+        ("A", {"values": BAD}),
+        ("A", {"axis": "diagonal"}),
+        ("A", {"kind": "guessed"}),
+        ("A", {"size": -1}),
+        ("A", {"key": "key"}),
+        ("A", {"error": nan}),
+    ],
+)
+@pytest.mark.parametrize("make", [plan, steps])
+def test_unpickling_checks_what_a_plan_knows(make, where, changed):
+    forged = make()
+    basis = replace(forged._basis, **{where: replace(getattr(forged._basis, where), **changed)})
+    object.__setattr__(forged, "_basis", basis)
+    with pytest.raises((InputError, InputTypeError)):
+        pickle.loads(pickle.dumps(forged))
+
+
+@pytest.mark.parametrize("make", MAKERS)
+@pytest.mark.parametrize(
+    "way", [lambda it: pickle.loads(pickle.dumps(it)), copy.copy, copy.deepcopy]
+)
+def test_honest_pickles_and_copies_come_back(make, way):
+    again, made = way(make()), make()
+    assert type(again) is type(made)
+    assert repr(again) == repr(made)
+    if make in (drawn, dense):
+        assert again == made
+        assert (again.key, again.scheme, again.axis) == (made.key, made.scheme, made.axis)
+    if make is counts:
+        np.testing.assert_array_equal(again.counts, made.counts)
+        assert again._law[1:] == made._law[1:]
+    if make is plan:
+        assert again.bound() == made.bound()
+    if make is steps:
+        np.testing.assert_array_equal(again.covariance(), made.covariance())
+
+
+# -- shared memory -----------------------------------------------------------------------------
+
+
+def bases(array):
+    while isinstance(array, np.ndarray):
+        yield array
+        array = array.base
+
+
+@pytest.mark.parametrize("how", ["own", "prefix", "unpickled", "copied"])
+def test_dense_realizations_cannot_be_changed_from_outside(how):
+    given = np.arange(12.0).reshape(3, 2, 2)
+    made = se.Ensemble.from_samples(given)
+    made = {
+        "own": made,
+        "prefix": made.prefix(2),
+        "unpickled": pickle.loads(pickle.dumps(made)),
+        "copied": copy.deepcopy(made),
+    }[how]
+    before = made.dense()
+    given[:] = -1.0
+    made.dense()[:] = -1.0
+    made.mean()[:] = -1.0
+    for array in bases(made.samples):
+        with pytest.raises(ValueError, match=r"WRITEABLE|read-only"):
+            array.flags.writeable = True
+        with pytest.raises(ValueError, match="read-only"):
+            array[...] = -1.0
+        assert memoryview(array).readonly
+    np.testing.assert_array_equal(made.dense(), before)
+
+
+def test_two_threads_cannot_write_to_one_out():
+    """The second is told so; which one that is, nobody knows."""
+    n, m, N = 40, 40, 20_000
+    gen = np.random.default_rng(1)
+    big, inputs = gen.normal(size=(n, n)), gen.normal(size=(n, m))
+    entities = [se.sample(v, N, rng=k) for k, v in enumerate((big[0], big[1], big))]
+    x0, xf, matrix = entities
+    expected = se.realization_controls(inputs, x0, xf, matrix)
+    out, outcomes = np.empty((N, m)), []
+    start, end = threading.Barrier(2), time.monotonic() + 30.0
+
+    def work():
+        start.wait()
+        while not any(isinstance(one, Exception) for one in outcomes) and time.monotonic() < end:
+            try:
+                se.realization_controls(inputs, x0, xf, matrix, out=out)
+                outcomes.append("done")
+            except Exception as error:
+                outcomes.append(error)
+
+    threads = [threading.Thread(target=work) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    refused = [one for one in outcomes if isinstance(one, Exception)]
+    assert all(type(error) is InputError for error in refused), refused
+    assert refused, "the two never met: the test shows nothing"
+    assert all("`out` is in use by another call" in str(error) for error in refused)
+    np.testing.assert_array_equal(
+        se.realization_controls(inputs, x0, xf, matrix, out=out), expected
+    )
+
+
+# -- what is not finite ------------------------------------------------------------------------
+
+LARGE = 1.7e308
+
+
+def test_the_mean_of_large_realizations_is_right():
+    made = se.Ensemble.from_samples([[LARGE, -LARGE], [LARGE, LARGE], [LARGE, LARGE]])
+    np.testing.assert_allclose(made.mean(), [LARGE, LARGE / 3.0], rtol=1e-15)
+    np.testing.assert_array_equal(se.fuse(made).estimate, made.mean())
+
+
+@pytest.mark.parametrize(
+    "made",
+    [se.Ensemble.from_samples([[1e300], [1e300]]), se.sample([1e300], 2, rng=1)],
+    ids=["dense", "drawn"],
+)
+@pytest.mark.parametrize("weights", [[1e10, 1.0], [1e308, 1e308]])
+def test_a_combination_that_overflows_is_refused(made, weights):
+    with pytest.raises(NonFiniteError, match=r"overflows: scale"):
+        made.combine(weights)
+
+
+def every_way(made, target):
+    for method in ("uniform", "slse", "slse-safeguarded", "alse"):
+        yield lambda method=method: se.fuse(made, method, target=target)
+        yield lambda method=method: se.fuse_path(made, [1, made.size], method, target=target)
+    if made.shape == (2, 2):
+        yield lambda: se.fuse(made, "alse", target=target, weights="per-column")
+    yield lambda: se.fuse(made, "alse", target=target, weights="subsimplex")
+
+
+@pytest.mark.parametrize("scale", [1e150, 1e154, 1e160, 1e200, 1e300, 8e307])
+@pytest.mark.parametrize("kind", ["drawn vector", "drawn matrix", "dense vector", "dense matrix"])
+def test_no_result_of_fuse_is_silently_not_finite(kind, scale):
+    """Everything in it is a number, or the call ends with an error."""
+    target = scale * (X0 if "vector" in kind else A) / 4.0
+    made = se.sample(target, 5, rng=3)
+    if "dense" in kind:
+        made = se.Ensemble.from_samples(made.dense())
+    for call in every_way(made, target / 3.0):
+        with contextlib.suppress(NonFiniteError):
+            found = call()
+            for name, value in vars(found).items():
+                if isinstance(value, (float, np.ndarray)):
+                    assert np.isfinite(value).all(), f"{found}: {name} = {value}"
+
+
+def test_what_overflows_in_fuse_is_named():
+    """The squares do, the errors themselves do not; so "uniform" and "slse" have results."""
+    target = 1e200 * A
+    made = se.sample(target, 5, rng=3)
+    for method in ("uniform", "slse"):
+        assert np.isfinite(se.fuse(made, method, target=target).error)
+    with pytest.raises(NonFiniteError, match=r"the gap of the fit overflows \(inf\): scale"):
+        se.fuse(made, "alse", target=target)
+    with pytest.raises(NonFiniteError, match=r"gap of the fit overflows"):
+        se.fuse_path(made, [2, 5], "alse", target=target)

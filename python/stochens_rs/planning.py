@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
-from . import _gate
+from . import _exact, _gate
 from ._alse import norm
-from .controls import _rounding, pseudoinverse
-from .exceptions import InputError, NonFiniteError, SizeError
+from .exceptions import InputError, SizeError
 from .rng import Key, RngLike, as_key
 from .sampling import sample_counts
 from .system import System
@@ -217,8 +216,9 @@ def required_samples(
     kind = _gate.choice("quantity", quantity, ("state", "control"))
     how = _gate.choice("fusion", fusion, ("product", "diagonal"))
     key = as_key(rng)
-    v, reference, rounding = _exact(checked, start, goal, kind)
-    if relative and reference <= rounding:
+    best = _exact.one_step(checked.A, checked.B, start, goal)
+    reference = norm(best.u if kind == "control" else best.reached)
+    if relative and not (best.moves if kind == "control" else best.arrives):
         raise InputError(
             f"`error` cannot be relative here: the exact {kind} is zero, up to rounding "
             "(use relative=False, on the command line --absolute)"
@@ -229,7 +229,7 @@ def required_samples(
     rms_of(*data, 1, fusion=how)  # type: ignore[arg-type]  # refuses what overflows
     if allowed * allowed < np.finfo(np.float64).tiny:
         raise SizeError(f"`error` is {allowed:.3g}, its square underflows: scale the problem up")
-    simulate = _Simulation(checked, start, goal, v, kind, how, runs, key)
+    simulate = _Simulation(checked, start, goal, best.u, kind, how, runs, key)
     rows = []
     for bound in bounds.candidates(kind, *data, fusion=how):  # type: ignore[arg-type]
         size = _size(bound, allowed, delta)
@@ -257,20 +257,6 @@ def required_samples(
     )
 
 
-def _exact(system: System, x0: Floats, xf: Floats, quantity: str) -> tuple[Floats, float, float]:
-    """The exact control, the norm of it or of the state it leads to, and what rounding makes."""
-    pinv = pseudoinverse(np.ascontiguousarray(system.B))[0]
-    with np.errstate(over="ignore", invalid="ignore"):
-        free = system.A @ x0
-        v = pinv @ (xf - free)
-        pushed = system.B @ v
-        reached = v if quantity == "control" else free + pushed
-    if not all(np.isfinite(values).all() for values in (free, v, pushed, reached)):
-        raise NonFiniteError("`A x0` or the control overflows: scale the problem down")
-    gain = norm(pinv) if quantity == "control" else 1.0
-    return v, norm(reached), gain * _rounding(free, xf)
-
-
 class _Simulation:
     """Errors of fused controls, from counts."""
 
@@ -287,14 +273,14 @@ class _Simulation:
     ) -> None:
         self.system, self.x0, self.xf, self.v = system, x0, xf, v
         self.fusion, self.runs, self.key = fusion, runs, key
-        pinv = pseudoinverse(np.ascontiguousarray(system.B))[0]
-        self.map = pinv if quantity == "control" else system.B @ pinv
+        B = _exact.factors(system.B)
+        self.map = B.U / B.s if quantity == "control" else B.U
 
     def errors(self, size: int) -> Floats:
-        """``||M (y - mu)||`` of every run, ``y`` the fused ``xf - A x0`` and ``M u = B^+ y``."""
+        """``||M^T (y - mu)||`` of every run, ``y`` the fused ``xf - A x0``, ``B B^+ = U U^T``."""
         mu = self.xf - self.system.A @ self.x0
         fused = np.array([self._difference(size, r) for r in range(self.runs)])
-        return np.asarray(np.linalg.norm((fused - mu) @ self.map.T, axis=1))
+        return np.asarray(np.linalg.norm((fused - mu) @ self.map, axis=1))
 
     def _difference(self, size: int, run: int) -> Floats:
         key = self.key.child(f"{size}, {run}")

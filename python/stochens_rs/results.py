@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from .ensembles import Ensemble
     from .system import System
 
+_EPS = float(np.finfo(np.float64).eps)
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Fit:
@@ -125,13 +127,19 @@ class Reachability:
     residual : float
         ``||(I - B B^+)(xf - A x0)||``: what no control can do.
     relative : float
-        `residual` over ``||xf - A x0||``; 0 if that is 0 but for rounding.
+        `residual` over ``||xf - A x0||``; 0 if that is 0.
     rank : int
-        Rank of B.
+        Rank of B: singular values up to ``eta sigma_max``, ``eta = max(n, m) eps``, count as 0.
     condition : float
         Largest over smallest singular value of B above the rank cut-off.
     reachable : bool
-        Whether `relative` is at most 1e-8, the square root of the rounding unit.
+        Whether `relative` is at most 1.5e-8, the square root of the rounding unit ``eps``, or
+        `residual` at most `rounding`.
+    rounding : float
+        How large `residual` may come out for a target within reach,
+        ``(n + 1) eps || |A| |x0| + |xf| || + eta ||B|| ||u||`` with the control u for it; below it,
+        `residual` and `relative` say nothing. (Over several steps, with what rounding leaves in
+        ``A^K x0`` and ``C_K``. For fusion="diagonal" the averages count as exact.)
     """
 
     residual: float
@@ -139,11 +147,15 @@ class Reachability:
     rank: int
     condition: float
     reachable: bool
+    rounding: float
 
 
 def reach_text(reach: Reachability) -> str:
     """In a few words, for the one line that shows a plan."""
-    return "reachable" if reach.reachable else f"out of reach {100 * reach.relative:.3g} %"
+    if not reach.reachable:
+        return f"out of reach {100 * reach.relative:.3g} %"
+    certain = reach.relative * reach.relative <= _EPS
+    return "reachable" if certain else "reachable up to rounding"
 
 
 @dataclass(frozen=True)
@@ -157,15 +169,38 @@ class PlanError:
     control : float
         ``||u - v||``.
     control_relative : float
-        ``||u - v|| / ||v||``; 0 for 0/0, inf otherwise if ``v = 0``.
+        `control` over the norm of what `control_relative_to` names.
     state : float
         ``||B (u - v)||``, the distance between the state reached and `x_actual`.
     state_relative : float
-        ``||B (u - v)|| / ||x_actual||``, with the same convention; both count as 0 where they are
-        so but for rounding.
+        `state` over the norm of what `state_relative_to` names.
     residual : float
         ``||(I - B B^+)(xf - A x0)||``: by Pythagoras the distance to `xf` is
         ``sqrt(state^2 + residual^2)``.
+    control_rounding : float
+        The exact ``||u - v||`` lies within `control` plus or minus this; inf if rounding leaves no
+        figure of v.
+    state_rounding : float
+        The same for `state`, and for `residual`.
+    control_relative_to : str
+        "v"; or "B^+ A x0", the control that takes x0 to the origin, if v is 0 but for rounding; or
+        "nothing", if that is 0, too: `control_relative` is then 0 for 0, inf otherwise.
+    state_relative_to : str
+        "x_actual"; or "x0", if `x_actual` is 0 but for rounding; or "nothing", as above.
+
+    Notes
+    -----
+    Rounding: with ``eta = max(n, m) eps`` the factors of B are exact for a matrix ``B + E``,
+    ``||E|| <= eta ||B||``; ``xf - A x0`` is off by
+    ``rho = (n + 1) eps || |A| |x0| + |xf| ||`` at most. To first order in ``eta condition(B)``
+    (Wedin, BIT 13 (1973) 217-232), with ``g = sigma_min(B) - eta ||B||``, r the residual,
+    ``t = eta ||B|| ||r|| / g`` and B of the rank that the rule of `Reachability` finds:
+
+    - `control_rounding` = ``(rho + 2 eta ||B|| ||v|| + t) / g + eps (||u - v|| + ||v||)``;
+    - `state_rounding` = ``rho + eta ||B|| ||v|| + t + eta ||B||_F (||v|| + ||u - v||)``.
+
+    Over several steps ``C_K`` and ``A^K x0`` take the places of B and ``A x0``; what rounding
+    leaves in them is added to ``eta ||B||`` and ``rho``.
     """
 
     control: float
@@ -173,6 +208,10 @@ class PlanError:
     state: float
     state_relative: float
     residual: float
+    control_rounding: float
+    state_rounding: float
+    control_relative_to: str
+    state_relative_to: str
 
 
 @dataclass(frozen=True)
@@ -366,7 +405,7 @@ class Plan:
         >>> plan.error(system, [1.0, 1.0], [0.0, 0.0]).control
         0.0
         """
-        from .controls import plan_error
+        from . import _exact
         from .system import System
 
         checked = System.from_any(system)
@@ -378,9 +417,9 @@ class Plan:
             )
         start = _gate.vector("x0", x0, length=checked.n)
         goal = _gate.vector("xf", xf, length=checked.n)
-        return plan_error(self.u, checked, start, goal)
+        return _exact.one_step(checked.A, checked.B, start, goal).error(self.u, start)
 
     def __repr__(self) -> str:
-        return (
-            f"<Plan {self.fusion}: m={len(self.u)}, {self.status}, {reach_text(self.reachability)}>"
-        )
+        from ._expectations import expectation
+
+        return f"<Plan {self.fusion}: m={len(self.u)}, {self.status}, {expectation(self)}>"

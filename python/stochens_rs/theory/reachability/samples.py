@@ -86,7 +86,7 @@ def sample_reachability(
     >>> found = reachability.sample_reachability([[1.0], [1.0]], [1.0, 0.0], [2.0, 2.0],
     ...                                          [[1.0, 0.0], [1.0, 1.0]])
     >>> found.residual, found.atoms, found.reachable_atoms, found.sample_reachable
-    (1.1102230246251565e-16, 4, 0, False)
+    (0.0, 4, 0, False)
     """
     B = _gate.matrix("B", B)
     n = len(B)

@@ -137,7 +137,8 @@ class Reachability:
         `residual` at most `rounding`.
     rounding : float
         How large `residual` may come out for a target within reach,
-        ``(n + 1) eps || |A| |x0| + |xf| || + eta ||B|| ||u||`` with the control u for it; below it,
+        ``(n + 1) eps || |A| |x0| + |xf| || + theta ||B|| ||u||`` with the control u for it and
+        ``theta = (2 max(n, m) + 4) eps``; below it,
         `residual` and `relative` say nothing. (Over several steps, with what rounding leaves in
         ``A^K x0`` and ``C_K``. For fusion="diagonal" the averages count as exact.)
     """
@@ -190,17 +191,18 @@ class PlanError:
 
     Notes
     -----
-    Rounding: with ``eta = max(n, m) eps`` the factors of B are exact for a matrix ``B + E``,
-    ``||E|| <= eta ||B||``; ``xf - A x0`` is off by
-    ``rho = (n + 1) eps || |A| |x0| + |xf| ||`` at most. To first order in ``eta condition(B)``
-    (Wedin, BIT 13 (1973) 217-232), with ``g = sigma_min(B) - eta ||B||``, r the residual,
-    ``t = eta ||B|| ||r|| / g`` and B of the rank that the rule of `Reachability` finds:
+    Rounding: the factors of B are exact for a matrix ``B + E``, ``||E|| <= theta ||B||``,
+    ``theta = (2 max(n, m) + 4) eps`` (LAPACK Users' Guide, 4.9, and measured); ``xf - A x0``
+    is off by ``rho = (n + 1) eps || |A| |x0| + |xf| ||`` at most. To first order in
+    ``theta condition(B)`` (Wedin, BIT 13 (1973) 217-232), with ``g = sigma_min(B) - theta ||B||``, r the residual,
+    ``t = theta ||B|| ||r|| / g``, ``eta = max(n, m) eps``, and B of the rank that the rule of
+    `Reachability` finds:
 
-    - `control_rounding` = ``(rho + 2 eta ||B|| ||v|| + t) / g + eps (||u - v|| + ||v||)``;
-    - `state_rounding` = ``rho + eta ||B|| ||v|| + t + eta ||B||_F (||v|| + ||u - v||)``.
+    - `control_rounding` = ``(rho + 2 theta ||B|| ||v|| + t) / g + eps (||u - v|| + ||v||)``;
+    - `state_rounding` = ``rho + theta ||B|| ||v|| + t + eta ||B||_F (||v|| + ||u - v||)``.
 
     Over several steps ``C_K`` and ``A^K x0`` take the places of B and ``A x0``; what rounding
-    leaves in them is added to ``eta ||B||`` and ``rho``.
+    leaves in them is added to ``theta ||B||`` and ``rho``.
     """
 
     control: float

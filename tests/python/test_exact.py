@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from fractions import Fraction
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from stochens_rs._exact import one_step
+from stochens_rs._exact import factors, one_step
 from stochens_rs.exceptions import InputError
 from stochens_rs.theory import reachability
 
@@ -93,6 +94,30 @@ def reachable_problem(seed, shape, condition, generic):
     return B, x0, A @ x0 + y, A
 
 
+def outside(B):
+    """A vector orthogonal to the range of the tall B, whose row 5 is a multiple of row 0."""
+    d = np.zeros(len(B))
+    d[5], d[0] = 1.0, -B[5, 0] / B[0, 0]
+    return d
+
+
+# -- the factors ----------------------------------------------------------------------------------
+
+
+def test_the_factors_are_as_near_as_the_allowances_assume():
+    """Exactly multiplied, 300 matrices, every other one badly scaled."""
+    nearness = []
+    for seed in range(300):
+        gen = np.random.default_rng(seed)
+        n, m = gen.integers(1, 7, 2)
+        B = gen.standard_normal((n, m)) * 10.0 ** gen.uniform(-8, 8, (n if seed % 2 else 1, m))
+        found = factors(B)
+        exact = times(times(rational(found.U), rational(np.diag(found.s))), rational(found.V.T))
+        E = np.array([[float(x) for x in row] for row in minus(rational(B), exact)])
+        nearness.append(np.linalg.norm(E, 2) / found.off)
+    assert 0.1 < max(nearness) < 1.0
+
+
 # -- what is within reach -------------------------------------------------------------------------
 
 
@@ -101,15 +126,18 @@ def reachable_problem(seed, shape, condition, generic):
 @pytest.mark.parametrize("condition", CONDITIONS)
 def test_targets_within_reach_are_called_so(condition, shape, generic):
     """All 30 of them; with the explicit pseudoinverse 0 of 30 from condition 1e12 on."""
+    lost = []
     for seed in range(30):
         B, x0, xf, A = reachable_problem(seed, shape, condition, generic)
         plan = se.control(B, x0, xf, A)
         assert plan.reachability.reachable
         assert plan.reachability.rank == min(B.shape)
         assert plan.reachability.residual <= plan.reachability.rounding
-        if not generic:  # the control is of size 1, and leads there to the last digits
-            assert np.linalg.norm(plan.predicted_state - xf) < 3e-13
+        lost.append(np.linalg.norm(plan.predicted_state - xf) / np.linalg.norm(xf))
         assert reachability.one_step(B, x0, xf, A) == plan.reachability
+    if not generic:  # controls of size 1 lead there to the last digit: 2 to 4 eps without refining
+        assert np.median(lost) < np.finfo(float).eps
+        assert max(lost) < 1e-12
 
 
 @pytest.mark.parametrize("condition", CONDITIONS)
@@ -117,16 +145,14 @@ def test_targets_out_of_reach_are_not_called_reachable(condition):
     """By 1e-6 of the wish, for controls of size 1: far above what rounding does."""
     for seed in range(30):
         B, x0, xf, A = reachable_problem(seed, "tall", condition, False)
-        d = np.zeros(8)
-        d[5], d[0] = 1.0, -B[5, 0] / B[0, 0]  # orthogonal to B, whose row 5 is a multiple of row 0
-        xf = xf + 1e-6 * np.linalg.norm(xf) * d
+        xf = xf + 1e-6 * np.linalg.norm(xf) * outside(B)
         exact = rational(B)
         away = length(minus(column(xf), times(exact, best(exact, column(xf)))))
         found = se.control(B, x0, xf, A).reachability
         assert not found.reachable
-        assert found.rounding < 1e-2 * away
-        # the range is turned by eta condition at most
-        turned = 8.0 * np.finfo(float).eps * found.condition
+        assert found.rounding < 0.1 * away
+        # the range is turned by theta condition at most
+        turned = 20.0 * np.finfo(float).eps * found.condition
         assert abs(found.residual - away) <= found.rounding + turned / (1.0 - turned) * away
 
 
@@ -167,17 +193,18 @@ def check(error, B, wish, u):
     return control, length(v), length(wish)
 
 
-@pytest.mark.parametrize("kind", ["within", "any", "out"])
-@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize(
+    ("shape", "kind"), [*itertools.product(SHAPES, ["within", "any"]), ("tall", "out")]
+)
 @pytest.mark.parametrize("condition", CONDITIONS)
 def test_errors_hold_within_their_rounding(condition, shape, kind):
     """For the control of the plan itself, whose error comes out as 0, and for a wrong one."""
-    eta, largest = max(SHAPES[shape]) * np.finfo(float).eps * condition, 0.0
+    theta, largest = (2 * max(SHAPES[shape]) + 4) * np.finfo(float).eps * condition, 0.0
     for seed in range(8):
         gen = np.random.default_rng(seed)
         B, x0, xf, A = reachable_problem(seed, shape, condition, kind == "any")
         if kind == "out":
-            xf = xf + 1e-3 * gen.standard_normal(len(xf))
+            xf = xf + 10.0 * outside(B)
         system, exact = se.System(A, B), rational(B)
         wish = minus(column(xf), times(rational(A), column(x0)))
         plan = se.control(B, x0, xf, A)
@@ -187,7 +214,7 @@ def test_errors_hold_within_their_rounding(condition, shape, kind):
         largest = max(largest, true / size)
         # as small as the theory allows: the allowance says something
         widest = size + condition * error.residual
-        assert error.control_rounding <= 100.0 * eta / (1.0 - eta) ** 2 * widest
+        assert error.control_rounding <= 40.0 * theta / (1.0 - theta) ** 2 * widest
         u = plan.u + 1e-3 * np.linalg.norm(plan.u) * gen.standard_normal(len(plan.u))
         other = one_step(A, B, x0, xf).error(u, x0)
         check(other, exact, wish, u)
@@ -251,6 +278,7 @@ def test_a_plan_says_where_it_is_expected_to_end():
     """The rms distance from xf: exact over one step, leading order over several.
 
     400 runs: the standard error of the rms is below 4 %, the leading order is 6 % off at N = 2000.
+    With N = 20, most of the distance after one step is due to the draws.
     """
     system = se.cases.random_system(4, 2, rng=1)
     gen = np.random.default_rng(1)
@@ -258,7 +286,7 @@ def test_a_plan_says_where_it_is_expected_to_end():
     for steps in (None, 3):
         squares, words = [], set()
         for r in range(400):
-            plan = se.steer(system, x0, xf, 2000, rng=r, steps=steps)
+            plan = se.steer(system, x0, xf, 2000 if steps else 20, rng=r, steps=steps)
             if steps is None:
                 end = system.A @ x0 + system.B @ plan.u
             else:

@@ -17,6 +17,7 @@ const LONG: f64 = 1e8;
 /// `B` (n, m) of rank r factored: `(left (r, n), right (r, m), singular_values, condition, matrix (m, n))`, the singular
 /// vectors above the cut-off row by row, all singular values, and `B^+`.
 #[pyfunction]
+#[expect(clippy::type_complexity, reason = "one tuple per call, named in the stub")]
 pub(super) fn pseudoinverse<'py>(
     py: Python<'py>,
     b: PyReadonlyArray2<'py, f64>,

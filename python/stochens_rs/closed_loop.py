@@ -10,7 +10,7 @@ import numpy as np
 
 from . import _gate
 from ._alse import worst
-from .controls import pseudoinverse
+from ._exact import Factors, factors
 from .exceptions import NonFiniteError
 from .fusing import METHODS, fuse
 from .rng import Key, RngLike, as_key
@@ -177,7 +177,7 @@ def track(
     if not np.isfinite(needed).all():
         raise NonFiniteError("`A` times `reference` overflows: scale the problem down")
     key = as_key(rng)
-    loop = _Loop(checked, pseudoinverse(B)[0], r, count, method, fed, sampled)
+    loop = _Loop(checked, factors(B), r, count, method, fed, sampled)
     states, inputs = np.empty((R or 1, K + 1, n)), np.empty((R or 1, K, m))
     for i in range(R or 1):
         loop.run(start, key.child(f"replicate-{i}"), states[i], inputs[i])
@@ -207,7 +207,7 @@ class _Loop:
     """What all replicates share."""
 
     system: System
-    B_plus: Floats
+    inputs: Factors
     reference: Floats
     size: int
     method: Method
@@ -227,7 +227,7 @@ class _Loop:
                 now = self._estimate(now, step.child("state"))
                 goal = self._estimate(goal, step.child("target"))
             with np.errstate(over="ignore", invalid="ignore"):
-                inputs[k] = self.B_plus @ (goal - self._estimate(A, step.child("A")) @ now)
+                inputs[k] = self.inputs.solve(goal - self._estimate(A, step.child("A")) @ now)
                 states[k + 1] = A @ states[k] + B @ inputs[k]
                 square = float(((states[k + 1] - r[k + 1]) ** 2).sum())
             if not math.isfinite(square):

@@ -7,12 +7,10 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from . import _gate
-from ._alse import norm, worst
+from ._alse import worst
 from ._certificates import Basis, known
-from .controls import _REACHABLE, _entities, _rounding, pseudoinverse
-from .exceptions import NonFiniteError
-from .results import Reachability
-from .theory.multistep import checked_steps, controllability, matrix_powers, states
+from .controls import _entities
+from .theory.multistep import best_over_steps, checked_steps, matrix_powers, states
 from .trajectory_plans import TrajectoryPlan
 
 if TYPE_CHECKING:
@@ -82,25 +80,15 @@ def control_steps(
     entities = _entities(x0, xf, A, n=n)
     start, goal, matrix = (entity.estimate() for entity in entities)
     powers = matrix_powers(matrix, K, "A" if entities[2].size is None else "A_hat")
-    C = controllability(powers, inputs)
-    pinv, rank, singular_values, condition = pseudoinverse(C)
-    with np.errstate(over="ignore", invalid="ignore"):
-        free = powers[K] @ start
-        difference = goal - free
-        u = pinv @ difference
-        missed = difference - C @ u
-    if not all(np.isfinite(values).all() for values in (free, difference, u, missed)):
-        raise NonFiniteError("`A^K x0` or the control overflows: scale the problem down")
-    u = u.reshape(K, m)
-    needed = norm(difference)
-    relative = norm(missed) / needed if needed > _rounding(free, goal) else 0.0
+    best = best_over_steps(powers, inputs, start, goal)
+    u, reachability = best.u.reshape(K, m), best.reachability()
     info: dict[str, Any] = {entity.name: entity.description for entity in entities}
-    info["singular_values"] = singular_values
-    info["warnings"] = _warnings(n, m, K, rank, exact=entities[2].size is None)
+    info["singular_values"] = best.factors.singular_values
+    info["warnings"] = _warnings(n, m, K, reachability.rank, exact=entities[2].size is None)
     plan = TrajectoryPlan(
         u=u,
         predicted_states=states(matrix, inputs, u, start),
-        reachability=Reachability(norm(missed), relative, rank, condition, relative <= _REACHABLE),
+        reachability=reachability,
         status=worst([entity.status for entity in entities]),
         info=info,
     )

@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
-from . import _gate, _html
+from . import _exact, _gate, _html
 from ._alse import norm
-from .controls import _rounding, pseudoinverse
-from .exceptions import InputError, NonFiniteError, SizeError
+from .exceptions import InputError, SizeError
 from .rng import Key, RngLike, as_key
 from .system import System
 from .theory import bounds, moments
-from .theory.multistep import checked_steps, controllability, matrix_powers
+from .theory.multistep import best_over_steps, checked_steps, matrix_powers
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -237,14 +236,19 @@ def required_samples(
         raise InputError("`fusion` must be 'product' over several steps, got 'diagonal'")
     relative = _gate.flag("relative", relative)
     key = as_key(rng)
-    reference, rounding = _exact(checked, start, goal, kind, K)
-    if relative and reference <= rounding:
+    if K is None:
+        best = _exact.one_step(checked.A, checked.B, start, goal)
+    else:
+        best = best_over_steps(matrix_powers(checked.A, K), checked.B, start, goal)
+    reference = norm(best.u if kind == "control" else best.reached)
+    known = best.moves if kind == "control" else best.arrives
+    if relative and not known:
         raise InputError(
             f"`error` cannot be relative here: the exact {kind} is zero, up to rounding "
             "(use relative=False, on the command line --absolute)"
         )
-    if reference <= rounding:
-        reference = 0.0
+    if not known:
+        reference = 0.0  # but for rounding
     allowed = error * reference if relative else error
     data = checked.B, start, goal, checked.A
     rms_of = moments.control_rms if kind == "control" else moments.state_rms
@@ -303,24 +307,6 @@ def _needed(errors: Callable[[int], Floats], allowed: float, delta: float, start
         ratio = float(np.quantile(errors(size), 1.0 - delta)) / allowed
         size = int(min(max(1, ceil(size * ratio**2)), _gate.EXACT))
     return size
-
-
-def _exact(
-    system: System, x0: Floats, xf: Floats, quantity: str, steps: int | None
-) -> tuple[float, float]:
-    """The norm of the exact control or of the state it leads to, and what rounding makes."""
-    powers = matrix_powers(np.asarray(system.A), steps or 1)
-    C = controllability(powers, np.asarray(system.B))
-    pinv = pseudoinverse(C)[0]
-    with np.errstate(over="ignore", invalid="ignore"):
-        free = powers[-1] @ x0
-        v = pinv @ (xf - free)
-        pushed = C @ v
-        reached = v if quantity == "control" else free + pushed
-    if not all(np.isfinite(values).all() for values in (free, v, pushed, reached)):
-        raise NonFiniteError("`A x0` or the control overflows: scale the problem down")
-    gain = norm(pinv) if quantity == "control" else 1.0
-    return norm(reached), gain * _rounding(free, xf)
 
 
 def _size(bound: Bound, error: float, delta: float) -> int | None:

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 # How a computation ended, the most reassuring first.
 STATUSES = ("completed", "optimal", "optimal_inaccurate", "user_limit", "interrupted")
+_EPS = float(np.finfo(np.float64).eps)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -148,6 +149,7 @@ class Path:
 
     def _repr_html_(self) -> str:
         return _html.path(self)
+
     def __post_init__(self) -> None:
         for name in ("errors", "gaps"):
             values = getattr(self, name)
@@ -170,13 +172,20 @@ class Reachability:
     residual : float
         ``||(I - B B^+)(xf - A x0)||``: what no control can do.
     relative : float
-        `residual` over ``||xf - A x0||``; 0 if that is 0 but for rounding.
+        `residual` over ``||xf - A x0||``; 0 if that is 0.
     rank : int
-        Rank of B.
+        Rank of B: singular values up to ``eta sigma_max``, ``eta = max(n, m) eps``, count as 0.
     condition : float
         Largest over smallest singular value of B above the rank cut-off.
     reachable : bool
-        Whether `relative` is at most 1e-8, the square root of the rounding unit.
+        Whether `relative` is at most 1.5e-8, the square root of the rounding unit ``eps``, or
+        `residual` at most `rounding`.
+    rounding : float
+        How large `residual` may come out for a target within reach,
+        ``(n + 1) eps || |A| |x0| + |xf| || + theta ||B|| ||u||`` with the control u for it and
+        ``theta = (2 max(n, m) + 4) eps``; below it,
+        `residual` and `relative` say nothing. (Over several steps, with what rounding leaves in
+        ``A^K x0`` and ``C_K``. For fusion="diagonal" the averages count as exact.)
     """
 
     residual: float
@@ -184,6 +193,7 @@ class Reachability:
     rank: int
     condition: float
     reachable: bool
+    rounding: float
 
     def _repr_html_(self) -> str:
         return _html.record(self)
@@ -199,7 +209,10 @@ def finite(name: str, value: object) -> None:
 
 def reach_text(reach: Reachability) -> str:
     """In a few words, for the one line that shows a plan."""
-    return "reachable" if reach.reachable else f"out of reach {100 * reach.relative:.3g} %"
+    if not reach.reachable:
+        return f"out of reach {100 * reach.relative:.3g} %"
+    certain = reach.relative * reach.relative <= _EPS
+    return "reachable" if certain else "reachable up to rounding"
 
 
 @dataclass(frozen=True)
@@ -213,15 +226,39 @@ class PlanError:
     control : float
         ``||u - v||``.
     control_relative : float
-        ``||u - v|| / ||v||``; 0 for 0/0, inf otherwise if ``v = 0``.
+        `control` over the norm of what `control_relative_to` names.
     state : float
         ``||B (u - v)||``, the distance between the state reached and `x_actual`.
     state_relative : float
-        ``||B (u - v)|| / ||x_actual||``, with the same convention; both count as 0 where they are
-        so but for rounding.
+        `state` over the norm of what `state_relative_to` names.
     residual : float
         ``||(I - B B^+)(xf - A x0)||``: by Pythagoras the distance to `xf` is
         ``sqrt(state^2 + residual^2)``.
+    control_rounding : float
+        The exact ``||u - v||`` lies within `control` plus or minus this; inf if rounding leaves no
+        figure of v.
+    state_rounding : float
+        The same for `state`, and for `residual`.
+    control_relative_to : str
+        "v"; or "B^+ A x0", the control that takes x0 to the origin, if v is 0 but for rounding; or
+        "nothing", if that is 0, too: `control_relative` is then 0 for 0, inf otherwise.
+    state_relative_to : str
+        "x_actual"; or "x0", if `x_actual` is 0 but for rounding; or "nothing", as above.
+
+    Notes
+    -----
+    Rounding: the factors of B are exact for a matrix ``B + E``, ``||E|| <= theta ||B||``,
+    ``theta = (2 max(n, m) + 4) eps`` (LAPACK Users' Guide, 4.9, and measured); ``xf - A x0``
+    is off by ``rho = (n + 1) eps || |A| |x0| + |xf| ||`` at most. To first order in
+    ``theta condition(B)`` (Wedin, BIT 13 (1973) 217-232), with r the residual,
+    ``g = sigma_min(B) - theta ||B||``, ``t = theta ||B|| ||r|| / g``, ``eta = max(n, m) eps``, and
+    B of the rank that the rule of `Reachability` finds:
+
+    - `control_rounding` = ``(rho + 2 theta ||B|| ||v|| + t) / g + eps (||u - v|| + ||v||)``;
+    - `state_rounding` = ``rho + theta ||B|| ||v|| + t + eta ||B||_F (||v|| + ||u - v||)``.
+
+    Over several steps ``C_K`` and ``A^K x0`` take the places of B and ``A x0``; what rounding
+    leaves in them is added to ``theta ||B||`` and ``rho``.
     """
 
     control: float
@@ -229,6 +266,10 @@ class PlanError:
     state: float
     state_relative: float
     residual: float
+    control_rounding: float
+    state_rounding: float
+    control_relative_to: str
+    state_relative_to: str
 
     def _repr_html_(self) -> str:
         return _html.record(self)
@@ -457,7 +498,7 @@ class Plan:
         >>> plan.error(system, [1.0, 1.0], [0.0, 0.0]).control
         0.0
         """
-        from .controls import plan_error
+        from . import _exact
         from .system import System
 
         checked = System.from_any(system)
@@ -467,9 +508,9 @@ class Plan:
             )
         start = _gate.vector("x0", x0, length=checked.n)
         goal = _gate.vector("xf", xf, length=checked.n)
-        return plan_error(self.u, checked, start, goal)
+        return _exact.one_step(checked.A, checked.B, start, goal).error(self.u, start)
 
     def __repr__(self) -> str:
-        return (
-            f"<Plan {self.fusion}: m={len(self.u)}, {self.status}, {reach_text(self.reachability)}>"
-        )
+        from ._expectations import expectation
+
+        return f"<Plan {self.fusion}: m={len(self.u)}, {self.status}, {expectation(self)}>"

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from . import _gate, _html
-from ._alse import norm
 from ._certificates import Basis, Known, completed, plan_bound
+from ._expectations import expectation
 from ._pickles import reduced
-from .exceptions import InputError, NonFiniteError, ShapeError
-from .results import STATUSES, PlanBound, PlanError, Reachability, reach_text
+from .exceptions import InputError, ShapeError
+from .results import STATUSES, PlanBound, PlanError, Reachability
 from .system import System
 from .theory.multistep import (
-    controllability,
+    best_over_steps,
     final_state_covariance,
     matrix_powers,
     states,
@@ -197,28 +197,9 @@ class TrajectoryPlan:
         >>> plan.error(system, [1.0, 0.0], [0.0, 0.0]).control
         0.0
         """
-        from .controls import _ratio, _rounding, pseudoinverse
-
         checked, start, goal = self._fitting(system, x0, xf)
-        powers = matrix_powers(checked.A, self.steps)
-        C = controllability(powers, checked.B)
-        with np.errstate(over="ignore", invalid="ignore"):
-            free = powers[-1] @ start
-            difference = goal - free
-            best = pseudoinverse(C)[0] @ difference
-            wrong = self.u.ravel() - best
-            pushed = C @ best
-            shift = C @ wrong
-            reached = free + pushed
-        if not all(np.isfinite(v).all() for v in (wrong, shift, reached)):
-            raise NonFiniteError("the control or the last state overflows: scale the problem down")
-        return PlanError(
-            control=norm(wrong),
-            control_relative=_ratio(norm(wrong), norm(best)),
-            state=norm(shift),
-            state_relative=_ratio(norm(shift), norm(reached), _rounding(free, pushed)),
-            residual=norm(difference - pushed),
-        )
+        best = best_over_steps(matrix_powers(checked.A, self.steps), checked.B, start, goal)
+        return best.error(self.u.ravel(), start)
 
     def _repr_html_(self) -> str:
         return _html.trajectory_plan(self)
@@ -279,4 +260,4 @@ class TrajectoryPlan:
 
     def __repr__(self) -> str:
         K, m = self.u.shape
-        return f"<TrajectoryPlan: {K} steps, m={m}, {self.status}, {reach_text(self.reachability)}>"
+        return f"<TrajectoryPlan: {K} steps, m={m}, {self.status}, {expectation(self)}>"

@@ -3,7 +3,7 @@
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatMut, MatRef, Par};
 
-use crate::error::{Error, Result, require_finite};
+use crate::error::{Error, Result, require_finite, try_zeros};
 use crate::fuse::power_of_two_scale;
 
 /// `B^+` and what its singular values say.
@@ -17,8 +17,11 @@ pub struct Pseudoinverse {
     pub singular_values: Vec<f64>,
     /// The largest over the smallest singular value above the cut-off; infinite for `B = 0`.
     pub condition: f64,
-    /// An orthonormal basis of the range of `B`, vector by vector (`rank x rows`).
+    /// An orthonormal basis of the range of `B`, vector by vector (`rank x rows`): the left singular vectors.
     pub basis: Vec<f64>,
+    /// The right singular vectors that belong to it (`rank x cols`): `B^+ y = sum_k right_k <basis_k, y> / sigma_k`, whose
+    /// product with `B` is accurate where that of `matrix` is off by rounding times the condition.
+    pub right: Vec<f64>,
 }
 
 /// `B^+` of a `rows x cols` matrix given row by row.
@@ -51,12 +54,23 @@ pub fn pseudoinverse(b: &[f64], rows: usize, cols: usize) -> Result<Pseudoinvers
         return Err(Error::Value { name: "B", expected: "large enough for its pseudoinverse to be finite", found });
     }
     Ok(Pseudoinverse {
-        basis: (0..rank).flat_map(|k| (0..rows).map(move |j| (j, k))).map(|at| u[at]).collect(),
+        basis: by_vector("the basis of the range of B", &u, rank)?,
+        right: by_vector("the right singular vectors of B", &v, rank)?,
         matrix,
         rank,
         condition: if rank > 0 { largest / s[rank - 1] } else { f64::INFINITY },
         singular_values: s.into_iter().map(|sigma| sigma * scale).collect(),
     })
+}
+
+/// The first `rank` columns, one after the other.
+fn by_vector(what: &'static str, columns: &Mat<f64>, rank: usize) -> Result<Vec<f64>> {
+    let length = columns.nrows();
+    let mut out = try_zeros(what, rank * length)?;
+    for (k, vector) in out.chunks_exact_mut(length).enumerate() {
+        vector.iter_mut().enumerate().for_each(|(j, entry)| *entry = columns[(j, k)]);
+    }
+    Ok(out)
 }
 
 type Factors = (Mat<f64>, Vec<f64>, Mat<f64>);
@@ -124,6 +138,11 @@ mod tests {
                     let sum: f64 = (0..rank).map(|k| q(k, i) * q(k, j)).sum();
                     assert!((bp[i * n + j] - sum).abs() < 1e-13);
                 }
+            }
+            // B = sum_k sigma_k q_k r_k^T
+            for (i, j) in (0..n).flat_map(|i| (0..m).map(move |j| (i, j))) {
+                let sum: f64 = (0..rank).map(|k| p.singular_values[k] * q(k, i) * p.right[k * m + j]).sum();
+                assert!((sum - b[i * m + j]).abs() <= 1e-13 * p.singular_values[0]);
             }
             for (k, l) in (0..rank).flat_map(|k| (0..rank).map(move |l| (k, l))) {
                 let sum: f64 = (0..n).map(|i| q(k, i) * q(l, i)).sum();

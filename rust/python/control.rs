@@ -9,16 +9,19 @@ use super::run::run;
 use crate::control::{self, Realized};
 use crate::parallel::detached;
 
+type Matrix<'py> = Bound<'py, PyArray2<f64>>;
+
 /// Operations above which a factorization takes longer than an interrupt may.
 const LONG: f64 = 1e8;
 
-/// The Moore-Penrose inverse of `B` (n, m): `(matrix (m, n), rank, singular_values, condition)`.
+/// `B` (n, m) of rank r factored: `(left (r, n), right (r, m), singular_values, condition, matrix (m, n))`, the singular
+/// vectors above the cut-off row by row, all singular values, and `B^+`.
 #[pyfunction]
 #[expect(clippy::type_complexity, reason = "one tuple per call, named in the stub")]
 pub(super) fn pseudoinverse<'py>(
     py: Python<'py>,
     b: PyReadonlyArray2<'py, f64>,
-) -> PyResult<(Bound<'py, PyArray2<f64>>, usize, Bound<'py, PyArray1<f64>>, f64)> {
+) -> PyResult<(Matrix<'py>, Matrix<'py>, Bound<'py, PyArray1<f64>>, f64, Matrix<'py>)> {
     let (rows, cols) = b.as_array().dim();
     let values = slice("B", &b)?;
     // a factorization cannot be stopped inside: a long one runs on a thread that an interrupted caller leaves behind
@@ -30,7 +33,13 @@ pub(super) fn pseudoinverse<'py>(
         let owned = values.to_vec();
         detached("stochens-svd", stop, move || control::pseudoinverse(&owned, rows, cols))
     })?;
-    Ok((array2(py, p.matrix, cols, rows)?, p.rank, array1(py, p.singular_values), p.condition))
+    Ok((
+        array2(py, p.basis, p.rank, rows)?,
+        array2(py, p.right, p.rank, cols)?,
+        array1(py, p.singular_values),
+        p.condition,
+        array2(py, p.matrix, cols, rows)?,
+    ))
 }
 
 /// `B^+ (xf^s - A^s x0^s)` for every realization, given `B^+` (m, n), into `out` (size, m); `fresh` says that it was

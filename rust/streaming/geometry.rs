@@ -1,18 +1,21 @@
-//! What `B` says: the pseudoinverse and the projector onto its range.
+//! What `B` says: its pseudoinverse, applied through the singular vectors, and the projector onto its range.
 
 use super::slot::norm;
 use crate::control::pseudoinverse;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, try_zeros};
 use crate::fuse::power_of_two_scale;
 
-/// `B` with its pseudoinverse and an orthonormal basis of its range.
+/// `B` with its singular vectors: those of its range are an orthonormal basis of it.
 #[derive(Debug, Clone)]
 pub struct Geometry {
     pub(super) n: usize,
     pub(super) m: usize,
     pub(super) b: Vec<f64>,
-    pinv: Vec<f64>,
     basis: Vec<f64>,
+    /// The right singular vectors over their singular values, vector by vector.
+    inverse: Vec<f64>,
+    /// The largest entry of the pseudoinverse.
+    gain: f64,
 }
 
 impl Geometry {
@@ -26,7 +29,12 @@ impl Geometry {
             return Err(Error::Shape { name: "B", expected, found: b.len().to_string() });
         }
         let p = pseudoinverse(&b, n, m)?;
-        Ok(Self { n, m, b, pinv: p.matrix, basis: p.basis })
+        let gain = p.matrix.iter().fold(0.0f64, |largest, entry| largest.max(entry.abs()));
+        let mut inverse = p.right;
+        for (vector, sigma) in inverse.chunks_exact_mut(m).zip(&p.singular_values) {
+            vector.iter_mut().for_each(|entry| *entry /= sigma);
+        }
+        Ok(Self { n, m, b, basis: p.basis, inverse, gain })
     }
 
     /// States and inputs.
@@ -39,13 +47,17 @@ impl Geometry {
         self.basis.len() / self.n
     }
 
-    /// `B^+ z`.
+    /// `B^+ z = sum_k right_k <basis_k, z> / sigma_k`.
     ///
     /// # Errors
     /// [`Error::Overflow`] if that is not representable.
     pub fn control(&self, z: &[f64]) -> Result<Vec<f64>> {
-        let u: Vec<f64> = self.pinv.chunks_exact(self.n).map(|row| dot(row, z)).collect();
-        if u.iter().all(|u| u.is_finite()) { Ok(u) } else { Err(Error::Overflow { what: "the control" }) }
+        let mut u = try_zeros("the control", self.m)?;
+        for (vector, direction) in self.inverse.chunks_exact(self.m).zip(self.basis.chunks_exact(self.n)) {
+            let coordinate = dot(direction, z);
+            u.iter_mut().zip(vector).for_each(|(u, v)| *u += coordinate * v);
+        }
+        if u.iter().all(|u: &f64| u.is_finite()) { Ok(u) } else { Err(Error::Overflow { what: "the control" }) }
     }
 
     /// `||P z||`.
@@ -61,7 +73,7 @@ impl Geometry {
 
     /// The largest entry that `B^+ z` can have for `||z||_1 <= size`.
     pub(super) fn largest_control(&self, size: f64) -> f64 {
-        self.pinv.iter().fold(0.0f64, |m, p| m.max(p.abs())) * size
+        self.gain * size
     }
 }
 

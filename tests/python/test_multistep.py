@@ -421,14 +421,16 @@ def test_input_is_not_modified_and_not_shared():
     assert plan.bound() == bound
 
 
-def test_no_state_is_relative_to_the_origin():
-    """Within reach, the exact control leads to the origin but for rounding: no relative error."""
+def test_errors_at_the_origin_are_relative_to_the_start():
+    """Within reach, the exact control leads to the origin but for rounding."""
     gen = np.random.default_rng(5)
     system = se.System(gen.standard_normal((4, 4)), gen.standard_normal((4, 4)))
     x0, xf = gen.standard_normal(4), np.zeros(4)
     for steps in (None, 3):
         plan = se.steer(system, x0, xf, 50, steps=steps, rng=1)
-        assert plan.error(system, x0, xf).state_relative == np.inf
+        error = plan.error(system, x0, xf)
+        assert error.state_relative_to == "x0"
+        assert error.state_relative == pytest.approx(error.state / np.linalg.norm(x0), rel=1e-12)
     exact = se.control(system.B, x0, xf, system.A)
     assert exact.error(system, x0, xf).state_relative == 0.0
     assert se.steer(system, x0, xf + 1.0, 50, rng=1).error(system, x0, xf + 1.0).state_relative < 9

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _gate
+from .._exact import one_step
 from ..exceptions import InputError
 from ..rng import as_key
 from ..streaming import Stream
@@ -76,9 +77,7 @@ def stream(
         made = _resumed(made, checkpoint)
     elif checkpoint is not None and os.path.lexists(checkpoint):
         raise click.UsageError(f"{checkpoint} exists: give --resume, or another name")
-    free = system.A @ x0
-    reached = free + system.B @ (np.linalg.pinv(system.B) @ (xf - free))
-    scale = float(np.linalg.norm(reached)) or 1.0
+    scale = float(np.linalg.norm(one_step(system.A, system.B, x0, xf).reached)) or 1.0
     watched = sys.stderr is not None and sys.stderr.isatty()
     with _signals() as received:
         run = made.run(

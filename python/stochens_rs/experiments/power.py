@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _gate
+from .._exact import factors, one_step
 from .._progress import Progress, progress_bar
 from ..cases import ieee14, ieee39
-from ..controls import pseudoinverse
 from ..exceptions import InputError
 from ..rng import Key, RngLike, as_key
 from ..system import System
@@ -210,12 +210,12 @@ class _Problem:
     @cached_property
     def B_plus(self) -> Floats:
         """The pseudoinverse of B."""
-        return pseudoinverse(self.B)[0]
+        return factors(self.B).inverse
 
     @cached_property
     def v(self) -> Floats:
         """The exact control ``B+ (xf - A x0)``."""
-        return self.B_plus @ (self.xf - self.A @ self.x0)
+        return one_step(self.A, self.B, self.x0, self.xf).u
 
     @cached_property
     def x_actual(self) -> Floats:

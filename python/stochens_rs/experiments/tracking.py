@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _gate
+from .._exact import factors
 from .._progress import Progress, progress_bar
 from ..cases import random_system
-from ..controls import pseudoinverse
 from ..fusing import Method
 from ..rng import Key, RngLike, as_key
 from ..theory import moments
@@ -128,8 +128,8 @@ def tracking(
     system = random_system(n, m, rng=key.child("system"), spectral_radius=spectral_radius)
     A, B = system.A, system.B
     x = [normal(key.child(f"x{t}"), n) for t in range(3)]
-    B_plus = pseudoinverse(B)[0]
-    v = [B_plus @ (x[t + 1] - A @ x[t]) for t in range(2)]  # the exact controls
+    inputs = factors(B)
+    v = [inputs.solve(x[t + 1] - A @ x[t]) for t in range(2)]  # the exact controls
     steps = [(x[t], x[t + 1], v[t]) for t in range(2)]
     reached = A @ x[0] + B @ v[0]
     actual = {
@@ -144,7 +144,7 @@ def tracking(
             # e[t] is (k, n) for every (method, fusion): the state error that step t adds.
             replicate = key.child(f"replicate-{r}")
             e = [
-                _step(replicate.child(f"step-{t}"), A, B, B_plus, *ends, grid, tol, solves)
+                _step(replicate.child(f"step-{t}"), A, B, inputs.inverse, *ends, grid, tol, solves)
                 for t, ends in enumerate(steps)
             ]
             for pair in FUSED:

@@ -14,14 +14,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .. import _gate
+from .. import _exact, _gate
+from .._alse import norm
 from ..exceptions import InputError, NonFiniteError
 from .moments._formulas import (
     _AXES,
     Array,
     Axis,
     Sizes,
-    _compact_svd,
     _one_each,
     _reciprocal,
     _vector_covariance,
@@ -98,15 +98,15 @@ def final_state_covariance(
     r0, rf, rA = (_reciprocal(f"size[{i}]", N) for i, N in enumerate(_one_each(size)))
     _gate.memory("the covariance", (2 * n**3 + 2 * (K + 1) * n * n) * 8)
     powers = matrix_powers(A, K)
-    U, s, V = _compact_svd(controllability(powers, B))
-    if s.size < n:
+    best = best_over_steps(powers, B, x0, xf)
+    rank = len(best.factors.s)
+    if rank < n:
         raise InputError(
-            f"`steps` must be large enough for C_K to have rank n={n}, got rank {s.size} with "
+            f"`steps` must be large enough for C_K to have rank n={n}, got rank {rank} with "
             f"{K} steps: the expansion does not hold there"
         )
     with np.errstate(over="ignore", invalid="ignore"):
-        u = (V @ ((U.T @ (xf - powers[K] @ x0)) / s)).reshape(K, -1)
-        x = states(A, B, u, x0)[:K]
+        x = states(A, B, best.u.reshape(K, -1), x0)[:K]
         C = rf * _vector_covariance(xf) + r0 * powers[K] @ _vector_covariance(x0) @ powers[K].T
         carry = powers[K - 1 :: -1]  # carry[k] = A^{K-1-k}
         if axis == "columns":
@@ -151,6 +151,25 @@ def controllability(powers: Array, B: Array) -> Array:
     if not np.isfinite(C).all():
         raise NonFiniteError("`A` to a power times `B` overflows: take fewer steps")
     return C
+
+
+def best_over_steps(powers: Array, B: Array, x0: Array, xf: Array) -> _exact.Best:
+    """Solve ``A^K x0 + C_K u = xf``; the controls of all steps are one vector."""
+    K, A = len(powers) - 1, powers[1]
+    C = controllability(powers, B)
+    with np.errstate(over="ignore", invalid="ignore"):
+        free = powers[K] @ x0
+        # A^(k+1) = A^k A is rounded by n eps ||A^k|| ||A|| for k > 0, and that is carried on:
+        # ||error of A^k|| <= n eps ||A|| sum_{0 < i < k} ||A^i|| ||A^(k-1-i)||
+        unit = len(A) * _exact.EPS
+        size = np.linalg.norm(powers, axis=(1, 2))
+        size[0] = 1.0
+        rounded = np.append(0.0, size[1:])  # A^0 is exact
+        wrong = np.zeros(K + 1)
+        wrong[1:] = unit * size[1] * np.convolve(rounded, size)[:K]
+        off = norm(B) * norm(wrong[:K] + unit * rounded[:K])
+        unsure = norm(x0) * float(wrong[K]) + _exact.summed(powers[K], x0, xf)
+        return _exact.best(C, free, xf - free, unsure, off)
 
 
 def states(A: Array, B: Array, u: Array, x0: Array) -> Array:

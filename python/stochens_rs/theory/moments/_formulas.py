@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ... import _gate
+from ..._exact import factors
 from ...exceptions import InputError, NonFiniteError, ShapeError
 
 Array: TypeAlias = NDArray[np.float64]
@@ -224,11 +225,8 @@ def _one_each(size: object) -> tuple[object, object, object]:
 
 def _compact_svd(B: Array) -> tuple[Array, Array, Array]:
     """``B = U diag(s) V^T`` with the numerical rank as inner size, so ``B+ = V diag(1/s) U^T``."""
-    U, s, Vt = np.linalg.svd(B, full_matrices=False)
-    if not np.isfinite(s).all():
-        raise NonFiniteError("the singular values of `B` overflow: scale the problem down")
-    rank = int((s > s[0] * max(B.shape) * np.finfo(np.float64).eps).sum())
-    return U[:, :rank], s[:rank], Vt[:rank].T
+    found = factors(B)
+    return found.U, found.s, found.V
 
 
 def _symmetric_product(F: Array, C: Array) -> Array:

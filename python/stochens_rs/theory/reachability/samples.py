@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ... import _gate
+from ..._exact import REACHABLE, factors
 from ...exceptions import NonFiniteError
 from ..bounds._base import unit_of
 from ..moments._formulas import Array, _product_covariance, _vector_covariance
-from .steps import TOLERANCE
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ def sample_reachability(
         residuals = np.linalg.norm(goal @ W - projected, axis=1)
         # the two may be equal but for the rounding of gf and g0 g_j
         rounding = 1e-14 * (np.abs(goal).sum() + np.abs(moved).sum(axis=1))
-        good = residuals <= TOLERANCE * np.linalg.norm(goal - moved, axis=1) + rounding
+        good = residuals <= REACHABLE * np.linalg.norm(goal - moved, axis=1) + rounding
         count, reached = count + good.size, reached + int(good.sum())
         probability += float(p) * float(p_moved[good].sum())
         largest = max(largest, float(residuals.max()))
@@ -165,6 +165,5 @@ def _atoms_of_product(x0: Array, A: Array) -> tuple[Array, Array]:
 
 def _left_over(B: Array) -> Array:
     """An orthonormal basis (n, n - rank) of what B does not reach."""
-    U, s, _ = np.linalg.svd(B, full_matrices=True)
-    rank = int((s > s[0] * max(B.shape) * np.finfo(np.float64).eps).sum())
-    return np.asarray(U[:, rank:], dtype=np.float64)
+    U = np.linalg.svd(B, full_matrices=True)[0]
+    return np.asarray(U[:, len(factors(B).s) :], dtype=np.float64)

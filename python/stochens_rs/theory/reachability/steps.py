@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ... import _gate
-from ..._alse import norm
+from ..._exact import one_step as best_in_one_step
 from ...exceptions import NonFiniteError
 from ...results import Reachability
-from ..moments._formulas import Array, _compact_svd
-
-TOLERANCE = math.sqrt(np.finfo(np.float64).eps)  # as for a Plan
+from ..moments._formulas import Array
+from ..multistep import best_over_steps, checked_steps, matrix_powers
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,13 +24,16 @@ class StepsReachability:
     residual : float
         ``||(I - C C+)(xf - A^K x0)||``, C the controllability matrix: what no control can do.
     relative : float
-        `residual` over ``||xf - A^K x0||``; 0 if that is 0 but for rounding.
+        `residual` over ``||xf - A^K x0||``; 0 if that is 0.
     rank : int
         Rank of C.
     condition : float
         Largest over smallest singular value of C above the rank cut-off; inf if C is 0.
     reachable : bool
-        Whether `relative` is at most the square root of the rounding unit, about 1.5e-8.
+        Whether `relative` is at most 1.5e-8, the square root of the rounding unit, or `residual`
+        at most `rounding`.
+    rounding : float
+        How large `residual` may come out for a target within reach, as in `Reachability`.
     matrix : ndarray, shape (n, K m)
         ``C = [B, A B, ..., A^(K-1) B]``.
     controls : ndarray, shape (K, m)
@@ -44,6 +45,7 @@ class StepsReachability:
     rank: int
     condition: float
     reachable: bool
+    rounding: float
     matrix: Array
     controls: Array
 
@@ -82,10 +84,7 @@ def one_step(B: ArrayLike, x0: ArrayLike, xf: ArrayLike, A: ArrayLike) -> Reacha
     x0 = _gate.vector("x0", x0, length=len(B))
     xf = _gate.vector("xf", xf, length=len(B))
     A = _gate.matrix("A", A, rows=len(B), cols=len(B))
-    with np.errstate(over="ignore", invalid="ignore"):
-        needed = xf - A @ x0
-    residual, relative, rank, condition, _ = _solve(B, needed, xf)
-    return Reachability(residual, relative, rank, condition, relative <= TOLERANCE)
+    return best_in_one_step(A, B, x0, xf).reachability()
 
 
 def several_steps(
@@ -134,18 +133,12 @@ def several_steps(
     C = controllability_matrix(A, B, steps)
     B = _gate.matrix("B", B)
     n, m = B.shape
+    K = checked_steps(steps, n, m)
     x0 = _gate.vector("x0", x0, length=n)
     xf = _gate.vector("xf", xf, length=n)
     A = _gate.matrix("A", A)
-    with np.errstate(over="ignore", invalid="ignore"):
-        for _ in range(C.shape[1] // m):
-            x0 = A @ x0
-        needed = xf - x0
-    residual, relative, rank, condition, u = _solve(C, needed, xf)
-    controls = u.reshape(-1, m)[::-1].copy()
-    return StepsReachability(
-        residual, relative, rank, condition, relative <= TOLERANCE, C, controls
-    )
+    best = best_over_steps(matrix_powers(A, K), B, x0, xf)
+    return StepsReachability(**vars(best.reachability()), matrix=C, controls=best.u.reshape(K, m))
 
 
 def controllability_matrix(A: ArrayLike, B: ArrayLike, steps: int) -> Array:
@@ -229,26 +222,6 @@ def gramian(A: ArrayLike, B: ArrayLike, steps: int) -> Array:
         W: Array = C @ C.T
     _finite(W)
     return W
-
-
-def _solve(C: Array, needed: Array, xf: Array) -> tuple[float, float, int, float, Array]:
-    """Residual, relative residual, rank, condition, and the least-squares solution."""
-    _finite(needed)
-    # in units of their own, so that squares neither overflow nor vanish
-    unit_C, unit = float(np.abs(C).max()) or 1.0, float(np.abs(needed).max()) or 1.0
-    U, s, V = _compact_svd(C / unit_C)
-    d = needed / unit
-    coordinates = U.T @ d
-    missed = float(np.linalg.norm(d - U @ coordinates))
-    length = float(np.linalg.norm(d))
-    with np.errstate(over="ignore", invalid="ignore"):
-        u = (V @ (coordinates / s)) * (unit / unit_C)
-    _finite(u)
-    condition = float(s[0] / s[-1]) if s.size else math.inf
-    # what is left of xf - (xf - needed) where the two are equal but for rounding
-    rounding = 1e-12 * (norm(xf) + norm(xf - needed))
-    relative = missed / length if length * unit > rounding else 0.0
-    return missed * unit, relative, int(s.size), condition, u
 
 
 def _finite(values: Array) -> None:

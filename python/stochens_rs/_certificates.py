@@ -225,6 +225,7 @@ def _distances(basis: Basis, delta: float, matrix_norm: str) -> tuple[float, flo
         if entity.kind == "exact":
             found.append(0.0)
         elif entity.kind == "fitted":
+            assert entity.estimate is not None
             wrong = entity.estimate - entity.values
             found.append(float(np.linalg.norm(wrong, 2 if matrix else None)))
         elif entity.kind == "systematic":
@@ -362,7 +363,7 @@ def _declare(entity: Known, values: Floats | None, what: str) -> Known:
         raise InputError(
             f"`{argument}` must not be given: `{entity.name}` is a fit, bounded by its own error"
         )
-    if not np.array_equal(values, entity.values):
+    if entity.values is None or not np.array_equal(values, entity.values):
         raise InputError(f"`{label}` differs from what this plan knows of `{entity.name}`")
     return entity
 

@@ -163,7 +163,11 @@ def sample_plan(shown: SamplePlan) -> str:
         (f"error of the {shown.quantity}", f"at most {shown.error:.4g}{relative}"),
         ("with probability", f"{1.0 - shown.delta:g}"),
         ("fusion", shown.fusion),
-        ("no guarantee, exact rms", f"N = {_grouped(shown.expected_size)}"),
+        *(
+            []
+            if shown.expected_size is None
+            else [("no guarantee, exact rms", f"N = {_grouped(shown.expected_size)}")]
+        ),
         ("no guarantee, simulated", f"N = {_grouped(shown.simulated_size)}"),
     ]
     return _card(shown, rows, _grid(head, body))

@@ -8,8 +8,7 @@
 //! K steps:   u = C_K(A_hat)^+ (xf_hat - A_hat^K x0_hat),  ||C_K(A) (u - v)||,  ||u - v||
 //! ```
 
-use faer::linalg::matmul::matmul;
-use faer::{Accum, Mat, MatRef, Par};
+use faer::{Mat, MatRef};
 use rand::Rng;
 use rand::rngs::ChaCha8Rng;
 use rand_distr::{Binomial, Distribution};
@@ -202,9 +201,9 @@ impl Plans {
                         t.extend(basis.chunks_exact(self.n).map(|u| {
                             u.iter().zip(found.iter()).zip(y).map(|((u, found), y)| u * (found - y)).sum::<f64>()
                         }));
-                        let state = norm(t.iter().copied());
+                        let state = norm(t);
                         t.iter_mut().zip(singular_values).for_each(|(t, s)| *t /= s);
-                        errors.copy_from_slice(&[state, norm(t.iter().copied())]);
+                        errors.copy_from_slice(&[state, norm(t)]);
                     }
                     Exact::Steps { b, c, v } => errors.copy_from_slice(&self.steps(&mut rng, &mut scratch, b, c, v)?),
                 }
@@ -294,21 +293,20 @@ impl Plans {
         }
         let b = MatRef::from_row_major_slice(b, n, b.len() / n);
         let u = steps_control(a.as_ref(), b, x, y, v.len() / b.ncols())?;
-        let wrong = Mat::from_fn(v.len(), 1, |i, _| u[i] - v[i]);
-        let mut shift = Mat::<f64>::zeros(n, 1);
-        let c = MatRef::from_row_major_slice(c, n, v.len());
-        matmul(&mut shift, Accum::Replace, c, &wrong, 1.0, Par::Seq);
-        Ok([&shift, &wrong].map(|error| norm(error.col(0).iter().copied())))
+        let wrong: Vec<f64> = u.iter().zip(v).map(|(u, v)| u - v).collect();
+        let dot = |row: &[f64]| row.iter().zip(&wrong).map(|(c, w)| c * w).sum();
+        let shift: Vec<f64> = c.chunks_exact(v.len()).map(dot).collect();
+        Ok([norm(&shift), norm(&wrong)])
     }
 }
 
 /// 2-norm, in the unit of the largest entry: squares neither overflow nor vanish.
-fn norm(values: impl Iterator<Item = f64> + Clone) -> f64 {
-    let largest = values.clone().fold(0.0_f64, |most, v| most.max(v.abs()));
+fn norm(values: &[f64]) -> f64 {
+    let largest = values.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
     if largest == 0.0 {
         return 0.0;
     }
-    largest * values.map(|v| (v / largest) * (v / largest)).sum::<f64>().sqrt()
+    largest * values.iter().map(|v| (v / largest) * (v / largest)).sum::<f64>().sqrt()
 }
 
 /// Space for one run at a time.
@@ -364,7 +362,7 @@ pub fn estimate_errors(
             }
             *error = match kind {
                 Norm::One => wrong.iter().map(|w| w.abs()).sum(),
-                Norm::Two => norm(wrong.iter().copied()),
+                Norm::Two => norm(&wrong),
                 Norm::Spectral => {
                     let values = MatRef::from_row_major_slice(&wrong, lines, length).singular_values();
                     let values = values.map_err(|_| Error::Numerical("the singular values did not converge".into()))?;

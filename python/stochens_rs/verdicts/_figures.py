@@ -8,7 +8,8 @@ import numpy as np
 
 from .._exact import one_step
 from ..cases import ieee14, random_system
-from ..experiments import power, tracking
+from ..experiments.power import power
+from ..experiments.tracking import tracking
 from ..rng import Key
 from ..system import System
 from ..theory.moments import state_rms

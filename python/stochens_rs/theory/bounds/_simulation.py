@@ -17,11 +17,11 @@ from typing import Any, Literal, Protocol, TypeAlias
 import numpy as np
 
 from ... import _core, _gate
+from ..._alse import norm
 from ..._threads import get_num_threads
 from ...rng import Key
-from ..moments._formulas import Array, _compact_svd
-from ..multistep import controllability, matrix_powers
-from ._base import unit_of
+from ..moments._formulas import Array
+from ..multistep import best_over_steps, matrix_powers
 
 Scheme: TypeAlias = Literal["iid", "systematic"]
 
@@ -135,15 +135,17 @@ class PlanErrors:
         self.several = steps is not None
         K = 1 if steps is None else steps
         powers = matrix_powers(A.values, K)
-        self.C = controllability(powers, B)
-        free = powers[K] @ x0.values
-        self.y = xf.values - free
-        self.U, self.s, self.V = _compact_svd(self.C)
-        self.v = self.V @ ((self.U.T @ self.y) / self.s)
-        # ||(I - C C^+)(xf - A^K x0)||: what no control reaches
-        self.residual = _norm(self.y - self.U @ (self.U.T @ self.y))
+        best = best_over_steps(powers, B, x0.values, xf.values)
+        self.C, self.U, self.s, self.V = (
+            best.factors.B,
+            best.factors.U,
+            best.factors.s,
+            best.factors.V,
+        )
+        self.y, self.v = best.needed, best.u
+        self.residual = norm(best.missed)  # what no control reaches
         grown = float(np.abs(powers[K]).sum(axis=0).max()) * float(np.abs(x0.values).sum())
-        terms = grown + float(np.abs(xf.values).sum()) + _norm(self.C @ self.v)
+        terms = grown + float(np.abs(xf.values).sum()) + norm(best.pushed)
         state = _ROUNDING * len(B) * K * terms
         self.rounding = (state, state / float(self.s[-1]) if self.s.size else 0.0)
 
@@ -163,7 +165,7 @@ class PlanErrors:
     @property
     def cost(self) -> float:
         """Nanoseconds for one run, roughly."""
-        n, width = self.C.shape
+        n, width = len(self.C), self.v.size
         cost = _DRAW * (n * n + 2 * n)
         if self.several:  # powers of A_hat and a singular value decomposition
             cost += 30.0 * n * n * width
@@ -177,26 +179,21 @@ class PlanErrors:
         if not self.s.size:
             return np.zeros((runs, 2))
         x0, xf, A = self.entities
-        exact = (self.B, self.C, self.v) if self.several else (self.U.T, self.s, self.y)
+        parts = (self.B, self.C, self.v) if self.several else (self.U.T, self.s, self.y)
+        first, second, third = (np.ascontiguousarray(np.atleast_2d(part)) for part in parts)
         return _core.simulate_plans(
             x0.argument(),
             xf.argument(),
             A.argument(transpose=not (self.rows and A.drawn)),
             self.rows,
             self.paired,
-            tuple(np.ascontiguousarray(np.atleast_2d(part)) for part in exact),
+            (first, second, third),
             self.several,
             runs,
             self.cost,
             key.bytes32,
             get_num_threads(),
         )
-
-
-def _norm(values: Array) -> float:
-    """2-norm in the unit of the largest entry: squares neither overflow nor vanish."""
-    unit = unit_of(values)
-    return unit * float(np.linalg.norm(values / unit))
 
 
 # -- from errors to bounds ---------------------------------------------------------------------

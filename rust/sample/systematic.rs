@@ -37,6 +37,9 @@ pub fn systematic_counts(law: &Law, size: u64, key: &Key) -> Vec<u64> {
     counts
 }
 
+/// Realizations written between two checks for a stop: each may touch a new page of memory.
+const BLOCK: usize = 1 << 14;
+
 /// Fills `out` with the counted indices, shuffled per line (Fisher-Yates from the end).
 pub(super) fn fill<I: Index>(law: &Law, key: &Key, out: &mut [I], size: usize, stop: &Stop) -> Result<()> {
     let counts = systematic_counts(law, size as u64, key);
@@ -44,7 +47,10 @@ pub(super) fn fill<I: Index>(law: &Law, key: &Key, out: &mut [I], size: usize, s
     for (j, counts) in counts.chunks_exact(law.length()).enumerate() {
         stop.check()?;
         if law.gamma()[j] == 0.0 {
-            out.iter_mut().skip(j).step_by(law.lines()).for_each(|to| *to = I::default());
+            for rows in out.chunks_mut(BLOCK * law.lines()) {
+                stop.check()?;
+                rows.iter_mut().skip(j).step_by(law.lines()).for_each(|to| *to = I::default());
+            }
             continue;
         }
         let mut at = 0;
@@ -65,7 +71,10 @@ pub(super) fn fill<I: Index>(law: &Law, key: &Key, out: &mut [I], size: usize, s
             let k = (u128::from(rng.next_u64()) * (i as u128 + 1)) >> 64;
             order.swap(i, k as usize);
         }
-        out.iter_mut().skip(j).step_by(law.lines()).zip(&order).for_each(|(to, &from)| *to = from);
+        for (rows, order) in out.chunks_mut(BLOCK * law.lines()).zip(order.chunks(BLOCK)) {
+            stop.check()?;
+            rows.iter_mut().skip(j).step_by(law.lines()).zip(order).for_each(|(to, &from)| *to = from);
+        }
     }
     Ok(())
 }

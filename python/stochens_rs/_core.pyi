@@ -8,6 +8,7 @@ __all__ = [
     "Alse",
     "DataStream",
     "Draws",
+    "StateLock",
     "Stream",
     "alse",
     "alse_path",

@@ -156,7 +156,7 @@ class Checkpoints:
             self._lock.release()
 
     def _refuse_a_loss(self, path: str) -> None:
-        """A checkpoint takes the place of an earlier one of the same stream, and of nothing else."""
+        """A checkpoint replaces an earlier one of the same stream, and nothing else."""
         previous = path + ".prev"
         if not (os.path.lexists(path) or os.path.lexists(previous)):
             return

@@ -38,10 +38,10 @@ def save(
     """Save one-dimensional uint8, uint64 or float64 arrays as the next generation at `path`.
 
     When this returns, they are on the disk; after any exception the generation before can be
-    loaded. The arrays must not be changed by another thread meanwhile. Returns the generation:
-    1 for the first, then one more each time. `held`: the lock on `path`, if the caller has it. Raises `StateError` if something else than a state
-    of this `kind` is at `path`, `StateLockedError` if another writer is at work, `StateIOError`
-    for what the system refuses.
+    loaded. The arrays must not be changed by another thread meanwhile. `held` is the lock on
+    `path`, if the caller has it. Returns the generation: 1 for the first, then one more each
+    time. Raises `StateError` if something else than a state of this `kind` is at `path`,
+    `StateLockedError` if another writer is at work, `StateIOError` for what the system refuses.
     """
     checked = checked_path("path", path)
     arrays = [(name, _section(name, array)) for name, array in sections.items()]

@@ -237,8 +237,8 @@ class DataStream(Durable):
         entities whose range is not 0), ``x = ||mean - E|| <= R l / (3 N) + w sqrt(2 l V / N)`` with
         ``l = log(2 / (0.75 delta_k))``, and ``sqrt(V) <= b + sqrt(b^2 + D^2 / N + x^2)`` with
         ``b = w R sqrt(log(4 / delta_k) / (2 N))``. Without `sizes`, the numbers
-        ``4^k <= N < 4^(k + 1)`` share ``delta_k = delta_E / (k (k + 1))`` and w < 1.07. With a size m,
-        ``delta_k = delta_E`` and ``w = (sqrt(N / m) + sqrt(m / N)) / 2``, which is 1 at N = m.
+        ``4^k <= N < 4^(k + 1)`` share ``delta_k = delta_E / (k (k + 1))`` and w < 1.07. With a size
+        m, ``delta_k = delta_E`` and ``w = (sqrt(N / m) + sqrt(m / N)) / 2``, which is 1 at N = m.
 
         `ranges` is refuted by a distance from the first realization, by the range of an entry, or
         by ``D^2 > (N - 1) R^2 / 2``; other violations cannot be seen. Without a range, twice the

@@ -167,8 +167,9 @@ def mean_radius(
 
     *Variance.* ``Q_n = sum_i ||E_i - mu||^2`` has terms Y in [0, R^2] with ``E Y^2 <= R^2 V``,
     so ``E exp(-lam Y) <= exp(-lam V + lam^2 R^2 V / 2)``, and by Ville's inequality with
-    ``lam = sqrt(2 l / (m V R^2))``: ``V - Q_n / n < 2 beta sqrt(V)``, ``beta = w R sqrt(l / (2 n))``,
-    for all n, but for a probability ``e^-l``. And ``Q_n / n = D^2 / n + ||S_n / n||^2``.
+    ``lam = sqrt(2 l / (m V R^2))``: ``V - Q_n / n < 2 beta sqrt(V)`` for all n, but for a
+    probability ``e^-l``, with ``beta = w R sqrt(l / (2 n))``. And
+    ``Q_n / n = D^2 / n + ||S_n / n||^2``.
 
     *Both.* ``sigma = sqrt(V)`` and ``x = ||S_n / n||`` satisfy ``x <= alpha + gamma sigma`` and
     ``sigma^2 - 2 beta sigma <= D^2 / n + x^2``; the largest such sigma solves a quadratic

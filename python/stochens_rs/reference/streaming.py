@@ -131,8 +131,8 @@ def mean_radius(
     """||mean - E|| with probability 1 - delta for all N at once, from N independent realizations.
 
     The realizations are at most `diameter` =: R apart. The largest x <= R for which a
-    sigma <= R / sqrt(2) has x <= R l / (3 N) + w sqrt(2 l / N) sigma, l = log(2 / (0.75 delta)), and
-    sigma^2 - 2 b sigma <= D^2 / N + x^2, b = w R sqrt(log(4 / delta) / (2 N)): from above, by
+    sigma <= R / sqrt(2) has x <= R l / (3 N) + w sqrt(2 l / N) sigma, l = log(2 / (0.75 delta)),
+    and sigma^2 - 2 b sigma <= D^2 / N + x^2, b = w R sqrt(log(4 / delta) / (2 N)): from above, by
     turns. Without `size` for epochs 4^k <= N < 4^(k + 1) with m = 2 4^k and delta / (k (k + 1)).
     """
     E = np.asarray(samples, dtype=np.float64).reshape(len(np.asarray(samples)), -1)

@@ -59,7 +59,7 @@ class Durable:
         StateError
             If something else than a stream's state is at `path`.
         StateLockedError
-            If another thread or process is saving there at this moment.
+            If another thread or process is saving there, or a run has it as its checkpoint.
         StateIOError
             If the system refuses: no space, no permission. The states before are untouched.
         InputError, InputTypeError
@@ -148,7 +148,11 @@ class Checkpoints:
         if self._path is not None:
             self._lock = _core.StateLock(self._path)
             _held.add(self._lock)
-            self._refuse_a_loss(self._path)
+            try:
+                self._refuse_a_loss(self._path)
+            except BaseException:  # which may be answered by a run that goes on from there
+                self._lock.release()
+                raise
         return self
 
     def __exit__(self, *_: object) -> None:

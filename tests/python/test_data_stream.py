@@ -183,7 +183,7 @@ def paths(law):
 
 
 def left(law, diameter, size):
-    """How many of the paths leave the radius at any time, and the largest error / radius."""
+    """How many of the paths leave the radius at any time; the largest error / radius, N > 30."""
     errors, deviations = paths(law)
     ratios = np.array(
         [
@@ -194,7 +194,7 @@ def left(law, diameter, size):
             for path in zip(errors, deviations, strict=True)
         ]
     )
-    return np.sum(ratios.max(axis=1) > 1.0), ratios.max()
+    return np.sum(ratios.max(axis=1) > 1.0), ratios[:, 30:].max()
 
 
 @pytest.mark.parametrize("size", [None, 1, 40, 10**4])

@@ -114,7 +114,7 @@ impl Watch {
 }
 
 /// A number that only this thread has, as long as it lives: cheaper than its `ThreadId`.
-fn here() -> usize {
+pub(crate) fn here() -> usize {
     thread_local!(static HERE: u8 = const { 0 });
     HERE.with(|here| std::ptr::from_ref(here).addr())
 }

@@ -8,6 +8,7 @@ __all__ = [
     "Alse",
     "DataStream",
     "Draws",
+    "StateLock",
     "Stream",
     "alse",
     "alse_path",
@@ -98,6 +99,7 @@ class DataStream:
     def control(self) -> _Floats: ...
     def estimates(self) -> tuple[_Floats, _Floats, _Floats]: ...
     def statistics(self) -> tuple[list[int], list[float], list[float], list[float]]: ...
+    def evidence(self) -> tuple[list[float], list[float]]: ...
     def certificate(self) -> tuple[float, float] | None: ...
     def to_sections(self) -> _Sections: ...
     @staticmethod
@@ -215,8 +217,17 @@ def simulate_estimates(
     key: bytes,
     threads: int,
 ) -> _Floats: ...
+
+@final
+class StateLock:
+    def __new__(cls, path: str | os.PathLike[str]) -> StateLock: ...
+    def release(self) -> None: ...
+
 def storage_save(
-    path: str | os.PathLike[str], kind: str, sections: list[tuple[str, _Section]]
+    path: str | os.PathLike[str],
+    kind: str,
+    sections: list[tuple[str, _Section]],
+    held: StateLock | None = None,
 ) -> int: ...
 def storage_load(
     path: str | os.PathLike[str], kind: str

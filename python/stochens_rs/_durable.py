@@ -4,15 +4,28 @@ from __future__ import annotations
 
 import os
 import time
+import weakref
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from . import _gate, _state
+from . import _core, _gate, _state
 from .exceptions import InputError, InputTypeError, StateError
 
 if TYPE_CHECKING:
     from typing_extensions import Self
 
 PathLike = str | os.PathLike[str]
+
+_held: weakref.WeakSet[_core.StateLock] = weakref.WeakSet()
+
+
+def _let_go() -> None:
+    """In a forked child: its share of a lock would keep that locked after the parent's death."""
+    for lock in list(_held):
+        lock.release()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_let_go)
 
 
 class Durable:
@@ -46,7 +59,7 @@ class Durable:
         StateError
             If something else than a stream's state is at `path`.
         StateLockedError
-            If another thread or process is saving there at this moment.
+            If another thread or process is saving there, or a run has it as its checkpoint.
         StateIOError
             If the system refuses: no space, no permission. The states before are untouched.
         InputError, InputTypeError
@@ -119,24 +132,51 @@ class Durable:
 
 
 class Checkpoints:
-    """Saves a stream now and then while it runs."""
+    """Saves a stream now and then while it runs, as the only writer of its file.
+
+    The lock is held from the start of a run to its end; it ends with the process as well.
+    """
 
     def __init__(self, stream: Durable, path: PathLike | None, every: float) -> None:
         self._stream = stream
         self._path = None if path is None else _state.checked_path("checkpoint", path)
         self._every = _gate.positive("every", every)
-        if self._path is not None and os.path.lexists(self._path):
-            self._same_problem(self._path)
+        self._lock: _core.StateLock | None = None
         self._last = time.monotonic()
 
-    def _same_problem(self, path: str) -> None:
-        """A checkpoint takes the place of one of the same problem, and of nothing else."""
-        _, sections = _state.load(path, self._stream._kind)
-        theirs, ours = sections.get("digest"), self._stream._to_sections()["digest"]
-        if theirs is None or theirs.tobytes() != ours.tobytes():
+    def __enter__(self) -> Self:
+        if self._path is not None:
+            self._lock = _core.StateLock(self._path)
+            _held.add(self._lock)
+            try:
+                self._refuse_a_loss(self._path)
+            except BaseException:  # which may be answered by a run that goes on from there
+                self._lock.release()
+                raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._lock is not None:
+            self._lock.release()
+
+    def _refuse_a_loss(self, path: str) -> None:
+        """A checkpoint replaces an earlier one of the same stream, and nothing else."""
+        previous = path + ".prev"
+        if not (os.path.lexists(path) or os.path.lexists(previous)):
+            return
+        _, theirs = _state.load(path, self._stream._kind)
+        ours = self._stream._to_sections()
+        if "digest" not in theirs or theirs["digest"].tobytes() != ours["digest"].tobytes():
             raise StateError(
                 f"{path} must be a state of this problem, key and options, got another: it would "
                 "be replaced"
+            )
+        there, here = int(theirs["steps"][0]), int(ours["steps"][0])
+        if there > here:
+            raise StateError(
+                f"{path} is at step {there}, ahead of this stream at step {here}: load it to go "
+                "on from there (`Stream.load`, `stochens stream --resume`), choose another path, "
+                f"or remove it and {previous}"
             )
 
     def due(self) -> None:
@@ -147,5 +187,6 @@ class Checkpoints:
     def save(self) -> None:
         """Save at once."""
         if self._path is not None:
-            self._stream.save(self._path)
+            sections = self._stream._to_sections()
+            _state.save(self._path, self._stream._kind, sections, self._lock)
             self._last = time.monotonic()

@@ -29,19 +29,24 @@ PathLike: TypeAlias = "str | os.PathLike[str]"
 _ELEMENTS = (np.dtype(np.uint8), np.dtype(np.uint64), np.dtype(np.float64))
 
 
-def save(path: PathLike, kind: str, sections: Mapping[str, NDArray[Any]]) -> int:
+def save(
+    path: PathLike,
+    kind: str,
+    sections: Mapping[str, NDArray[Any]],
+    held: _core.StateLock | None = None,
+) -> int:
     """Save one-dimensional uint8, uint64 or float64 arrays as the next generation at `path`.
 
     When this returns, they are on the disk; after any exception the generation before can be
-    loaded. The arrays must not be changed by another thread meanwhile. Returns the generation:
-    1 for the first, then one more each time. Raises `StateError` if something else than a state
-    of this `kind` is at `path`, `StateLockedError` if another writer is at work, `StateIOError`
-    for what the system refuses.
+    loaded. The arrays must not be changed by another thread meanwhile. `held` is the lock on
+    `path`, if the caller has it. Returns the generation: 1 for the first, then one more each
+    time. Raises `StateError` if something else than a state of this `kind` is at `path`,
+    `StateLockedError` if another writer is at work, `StateIOError` for what the system refuses.
     """
     checked = checked_path("path", path)
     arrays = [(name, _section(name, array)) for name, array in sections.items()]
     _gate.memory("a state to be saved", sum(array.nbytes for _, array in arrays))
-    return _core.storage_save(checked, kind, arrays)
+    return _core.storage_save(checked, kind, arrays, held)
 
 
 def load(path: PathLike, kind: str) -> tuple[int, dict[str, Section]]:

@@ -1,10 +1,15 @@
-"""How many threads a call may use; results never depend on it."""
+"""Threads: how many a call may use, and one for work that cannot look for signals."""
 
 from __future__ import annotations
 
 import os
+import threading
+from collections.abc import Callable
+from typing import TypeVar
 
 from . import _gate
+
+T = TypeVar("T")
 
 _limit: int | None = None
 
@@ -55,3 +60,29 @@ def get_num_threads() -> int:
     if hasattr(os, "sched_getaffinity"):
         return max(1, len(os.sched_getaffinity(0)))
     return os.cpu_count() or 1
+
+
+def interruptible(work: Callable[[], T]) -> T:
+    """Return ``work()``, done on a thread that is left behind when a signal's handler raises.
+
+    For long calls of NumPy, which hear no signal before their end.
+    """
+    results: list[T] = []
+    errors: list[BaseException] = []
+
+    def run() -> None:
+        try:
+            results.append(work())
+        except BaseException as error:  # the caller raises it
+            errors.append(error)
+
+    worker = threading.Thread(target=run, daemon=True)
+    try:
+        worker.start()
+    except RuntimeError:  # no thread to be had
+        return work()
+    while worker.is_alive():
+        worker.join(0.05)  # on Windows a signal is heard between two of these
+    if errors:
+        raise errors[0]
+    return results[0]

@@ -9,7 +9,7 @@ import numpy as np
 
 from . import _core, _gate, _html
 from ._durable import Durable
-from ._lines import to_lines
+from ._threads import interruptible
 from .ensembles import Ensemble
 from .exceptions import InputError, InputTypeError, ShapeError
 from .stream_records import Confidence, mean_radius
@@ -44,8 +44,12 @@ class DataStream(Durable):
         Target for the system matrix.
     ranges : mapping of str to float, optional
         For "x0", "xf", "A": a bound R on ``||E - E'||`` for any two realizations (2-norm;
-        Frobenius for A). 0 says that all realizations are the same. `confidence` needs it for a
-        guarantee.
+        Frobenius for A). 0 says that all realizations are the same. `confidence` needs it for
+        radii that hold for any number of realizations.
+    sizes : mapping of str to int, optional
+        For "x0", "xf", "A": the number of realizations, fixed before any is seen, at which
+        `confidence` is to be tightest (about 0.65 of the radius without it). Its radii hold at
+        all other numbers too, but far from this one they are wider.
 
     Raises
     ------
@@ -80,13 +84,14 @@ class DataStream(Durable):
         xf: ArrayLike | None = None,
         A: ArrayLike | None = None,
         ranges: Mapping[str, float] | None = None,
+        sizes: Mapping[str, int] | None = None,
     ) -> None:
         inputs = _gate.matrix("B", B)
         n, m = inputs.shape
         start = None if x0 is None else _gate.vector("x0", x0, length=n)
         goal = None if xf is None else _gate.vector("xf", xf, length=n)
         matrix = None if A is None else _gate.matrix("A", A, rows=n, cols=n)
-        self._ranges = _checked_ranges(ranges)
+        self._ranges, self._sizes = _checked_ranges(ranges), _checked_sizes(sizes)
         _gate.memory("a stream", 48 * n * n + 40 * n * m)
         self._shape = (n, m)
         self._targets = tuple(value is not None for value in (start, goal, matrix))
@@ -144,10 +149,7 @@ class DataStream(Durable):
         if isinstance(value, Ensemble):
             if value.shape != shape:
                 raise ShapeError(f"`{name}` must have shape {shape}, got {value.shape}")
-            return (
-                _dense(value, first, min(first + rows, value.size)).reshape(-1, entries)
-                for first in range(0, value.size, rows)
-            )
+            return (block.reshape(-1, entries) for block in value._dense_blocks(rows))
         if isinstance(value, Iterator):
             return _gathered(name, value, shape, rows)
         array = _gate.array(name, value, ndim=(len(shape), len(shape) + 1))
@@ -217,31 +219,39 @@ class DataStream(Durable):
         ------
         InputError, InputTypeError
             If `delta` cannot be used, an entity has no realization, or one has a target: what is
-            fitted to a target says nothing about the mean. If two realizations are farther apart
-            than `ranges` says.
+            fitted to a target says nothing about the mean. If the realizations show that two of
+            them are farther apart than `ranges` says.
 
         Notes
         -----
-        *What is guaranteed*, if `ranges` holds for all three entities and the realizations are
+        *What holds*, if `ranges` is true for all three entities and the realizations are
         independent with one law each: with probability at least 1 - delta, for **all** numbers
         of realizations at once - so one may look as often as one likes, and stop when it is
         good enough -, ``||F - E|| <= r`` for each entity and ``||B (v - v*)|| <= r_f +
-        (||FA|| + r_A) r_0 + r_A ||F0||``.
+        (||FA|| + r_A) r_0 + r_A ||F0||``, where E are the means of the laws and v* is their
+        control. Realizations that are biased have another mean than what they are to estimate;
+        that difference is not covered.
 
-        Empirical Bernstein bound for vectors, dimension-free: with the range R, the sample
-        variance ``V_hat = sum ||E_i - mean||^2 / (N - 1)``, ``L = log(2 N (N - 1) / delta_E)``
-        and delta_E = delta / 3, first ``sqrt(V) <= sqrt(V_hat + R^2 L / N) + R sqrt(L / N)``
-        (n V_hat / R^2 is a self-bounding function with a = 2), then ``r = a + sqrt(a^2 + 2 V (L +
-        log 2) / N)``, ``a = R (L + log 2) / (3 N)`` (Bernstein's inequality in a Hilbert space).
+        *The radius* is Bernstein's inequality for vectors, dimension-free, with a bound on the
+        variance from the data: with ``D^2 = sum ||E_i - mean||^2`` and delta_E = delta / (number of
+        entities whose range is not 0), ``x = ||mean - E|| <= R l / (3 N) + w sqrt(2 l V / N)`` with
+        ``l = log(2 / (0.75 delta_k))``, and ``sqrt(V) <= b + sqrt(b^2 + D^2 / N + x^2)`` with
+        ``b = w R sqrt(log(4 / delta_k) / (2 N))``. Without `sizes`, the numbers
+        ``4^k <= N < 4^(k + 1)`` share ``delta_k = delta_E / (k (k + 1))`` and w < 1.07. With a size
+        m, ``delta_k = delta_E`` and ``w = (sqrt(N / m) + sqrt(m / N)) / 2``, which is 1 at N = m.
 
-        Without a range, twice the largest observed distance from the first realization takes its
-        place. That is an estimate and no guarantee (``guaranteed=False``): values that are rare
-        may not have been seen yet.
+        `ranges` is refuted by a distance from the first realization, by the range of an entry, or
+        by ``D^2 > (N - 1) R^2 / 2``; other violations cannot be seen. Without a range, twice the
+        largest observed distance from the first realization takes its place. That is an estimate
+        (``finite_sample=False``): values that are rare may not have been seen yet.
 
         References
         ----------
-        A. Maurer, M. Pontil, "Empirical Bernstein bounds and sample variance penalization" (2009).
         I. Pinelis, "Optimum bounds for the distributions of martingales in Banach spaces" (1994).
+        S. Howard, A. Ramdas, J. McAuliffe, J. Sekhon, "Time-uniform, nonparametric, nonasymptotic
+        confidence sequences" (2021), for the epochs.
+        J.-Y. Audibert, R. Munos, C. Szepesvari, "Exploration-exploitation tradeoff using variance
+        estimates in multi-armed bandits" (2009), for the variance from the data.
 
         Examples
         --------
@@ -250,10 +260,10 @@ class DataStream(Durable):
         >>> stream = DataStream([[1.0]], ranges={"x0": 0.2, "xf": 0.0, "A": 0.0})
         >>> stream.update(x0=data, xf=[0.0], A=[[2.0]])
         >>> found = stream.confidence()
-        >>> found.guaranteed, abs(stream.u[0] + 2.0) <= found.state < 0.02
+        >>> found.finite_sample, abs(stream.u[0] + 2.0) <= found.state < 0.006
         (True, True)
         """
-        delta = _gate.probability("delta", delta)
+        delta = float(_gate.probability("delta", delta))
         self._seen("confidence")
         if any(self._targets):
             named = [n for n, known in zip(_NAMES, self._targets, strict=True) if known]
@@ -262,21 +272,40 @@ class DataStream(Durable):
                 "says nothing about its mean"
             )
         counts, deviations, spreads, _ = self._core.statistics()
-        radii = []
+        apart, rounding = self._core.evidence()
+        uncertain = sum(self._ranges.get(name, np.inf) > 0.0 for name in _NAMES)
+        radii, bounds = [], {}
         for k, name in enumerate(_NAMES):
-            if spreads[k] > self._ranges.get(name, np.inf) * (1.0 + 1e-9):  # rounding
+            given, size = self._ranges.get(name), self._sizes.get(name)
+            if given is not None and apart[k] > given:
                 raise InputError(
                     f"`ranges['{name}']` must bound the distance of any two realizations: there "
-                    f"are two {spreads[k]:.6g} apart, got {self._ranges[name]:.6g}"
+                    f"are two at least {apart[k]:.6g} apart, got {given:.6g}"
                 )
-            diameter = self._ranges.get(name, 2.0 * spreads[k] if counts[k] > 1 else np.inf)
-            radii.append(mean_radius(counts[k], deviations[k], diameter, float(delta) / 3.0))
+            observed = 2.0 * spreads[k] if counts[k] > 1 else np.inf
+            diameter = observed if given is None else given
+            radius = mean_radius(
+                counts[k], deviations[k], diameter, delta / max(uncertain, 1), size
+            )
+            bounds[name] = _bound(radius, diameter, given, size)
+            radii.append(radius + 2.0 * rounding[k])  # of the mean, and through the deviation
         x0, _, A = self._core.estimates()
         r0, rf, rA = radii
         # inf * 0 is no bound: a radius of infinity stays one
-        parts = [(float(np.linalg.norm(A, 2)) + rA, r0), (rA, float(np.linalg.norm(x0)))]
-        state = rf + sum(a * b if a > 0.0 and b > 0.0 else 0.0 for a, b in parts)
-        return Confidence(state, r0, rf, rA, float(delta), len(self._ranges) == len(_NAMES))
+        norm = interruptible(lambda: float(np.linalg.norm(A, 2)))
+        parts = [(norm + rA, r0), (rA, float(np.linalg.norm(x0)))]
+        state = rf + sum(a * b if a != 0.0 and b != 0.0 else 0.0 for a, b in parts)
+        single = [name for name, r in zip(_NAMES, radii, strict=True) if not np.isfinite(r)]
+        reason = None
+        if single:
+            reason = (
+                f"one realization of {', '.join(single)} and no `ranges` for it: its spread is "
+                "unknown"
+            )
+        elif not np.isfinite(state):
+            state, reason = np.inf, "the radius of the state overflows"
+        complete = len(self._ranges) == len(_NAMES)
+        return Confidence(state, r0, rf, rA, delta, complete, bounds, reason)
 
     def _repr_html_(self) -> str:
         return _html.data_stream(self)
@@ -288,8 +317,9 @@ class DataStream(Durable):
 
     def _to_sections(self) -> dict[str, Any]:
         """Return the state as named arrays of counters and numbers."""
-        ranges = [self._ranges.get(name, -1.0) for name in _NAMES]
-        return {"ranges": np.array(ranges)} | dict(self._core.to_sections())
+        ranges = np.array([self._ranges.get(name, -1.0) for name in _NAMES])
+        sizes = np.array([self._sizes.get(name, 0) for name in _NAMES], dtype=np.uint64)
+        return {"ranges": ranges, "sizes": sizes} | dict(self._core.to_sections())
 
     @classmethod
     def _from_sections(cls, sections: dict[str, Any]) -> DataStream:
@@ -299,10 +329,15 @@ class DataStream(Durable):
         possible = np.isfinite(ranges) & ((ranges >= 0.0) | (ranges == -1.0))
         if ranges.shape != (3,) or not possible.all():
             raise InputError("`state` must have three ranges, finite or -1 for none, got others")
+        sizes = np.asarray(state.pop("sizes", ()))
+        if sizes.shape != (3,) or sizes.dtype != np.uint64 or (sizes > _gate.EXACT).any():
+            raise InputError("`state` must have three sizes, 0 for none, got others")
         made = cls.__new__(cls)
         made._core = _core.DataStream.from_sections(list(state.items()))
         known = zip(_NAMES, ranges.tolist(), strict=True)
         made._ranges = {name: value for name, value in known if value >= 0.0}
+        planned = zip(_NAMES, sizes.tolist(), strict=True)
+        made._sizes = {name: size for name, size in planned if size > 0}
         _, n, m, *targets = (int(v) for v in state["format"])
         made._shape, made._targets = (n, m), tuple(bool(v) for v in targets)
         return made
@@ -317,16 +352,34 @@ class DataStream(Durable):
 
 
 def _checked_ranges(ranges: object) -> dict[str, float]:
-    if ranges is None:
-        return {}
-    if not isinstance(ranges, Mapping):
-        raise InputTypeError(f"`ranges` must be a mapping of names, got {_gate.show(ranges)}")
     checked = {}
-    for name, value in ranges.items():
-        key = _gate.choice("ranges", name, _NAMES)
+    for key, value in _named("ranges", ranges):
         zero = isinstance(value, (int, float)) and value == 0 and not isinstance(value, bool)
         checked[key] = 0.0 if zero else _gate.positive(f"ranges['{key}']", value)
     return checked
+
+
+def _checked_sizes(sizes: object) -> dict[str, int]:
+    return {key: _gate.size(f"sizes['{key}']", value) for key, value in _named("sizes", sizes)}
+
+
+def _named(argument: str, values: object) -> Iterable[tuple[str, Any]]:
+    if values is None:
+        return []
+    if not isinstance(values, Mapping):
+        raise InputTypeError(f"`{argument}` must be a mapping of names, got {_gate.show(values)}")
+    return [(_gate.choice(argument, name, _NAMES), value) for name, value in values.items()]
+
+
+def _bound(radius: float, diameter: float, given: float | None, size: int | None) -> str:
+    """Which bound a radius comes from."""
+    if diameter == np.inf:
+        return "none"
+    source = "observed range, an estimate" if given is None else "given range"
+    if radius >= diameter:
+        return source
+    where = "epochs of sizes" if size is None else f"tightest at {size}"
+    return f"empirical Bernstein for all sizes, {where}; {source}"
 
 
 def _gathered(
@@ -354,19 +407,3 @@ def _one(name: str, item: object, shape: tuple[int, ...]) -> Floats:
     if len(shape) == 1:
         return _gate.vector(name, item, length=shape[0])
     return _gate.matrix(name, item, rows=shape[0], cols=shape[1])
-
-
-def _dense(ensemble: Ensemble, first: int, last: int) -> Floats:
-    """Realizations first..last-1 of an ensemble, (last - first, ...)."""
-    if ensemble.samples is not None:
-        return np.ascontiguousarray(ensemble.samples[first:last])
-    assert ensemble.indices is not None
-    assert ensemble.atoms is not None
-    hits = ensemble.indices[first:last].astype(np.intp)
-    lines = to_lines(ensemble.atoms, ensemble.axis)
-    out = np.zeros((last - first, *lines.shape))
-    s, j = np.arange(last - first)[:, None], np.arange(len(lines))[None, :]
-    out[s, j, hits] = lines[j, hits]
-    if len(ensemble.shape) == 2 and ensemble.axis == "columns":
-        return np.ascontiguousarray(out.transpose(0, 2, 1))
-    return out

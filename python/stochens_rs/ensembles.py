@@ -19,9 +19,12 @@ from .exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 from .rng import Key
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from numpy.typing import ArrayLike, NDArray
 
 Scheme: TypeAlias = Literal["iid", "systematic"]
+_BLOCK = 2**20  # entries that are written out at a time
 
 
 @dataclass(frozen=True, eq=False)
@@ -298,16 +301,29 @@ class Ensemble:
         ResourceError
             If the array does not fit into the memory this process may use.
         """
-        if self._draws is None:
-            return self._dense().copy()
-        draws = self._draws
-        lines, length = draws.lines, draws.length
-        _gate.memory("the dense realizations", self.size * lines * (2 * length + 3) * 8)
-        out = np.zeros((self.size, lines, length))
-        index = draws.indices().astype(np.intp)
-        picked = np.take_along_axis(draws.atoms()[None], index[:, :, None], axis=2)
-        np.put_along_axis(out, index[:, :, None], picked, axis=2)
-        return stack_from_lines(out.reshape(self.size, -1), self._shape, self._axis)
+        entries = int(np.prod(self._shape))
+        rows = max(1, _BLOCK // entries)
+        largest = min(rows, self.size) * entries
+        _gate.memory("the dense realizations", (self.size * entries + 4 * largest) * 8)
+        out = np.empty((self.size, *self._shape))
+        first = 0
+        for block in self._dense_blocks(rows):  # between two of them Ctrl-C is heard
+            out[first : first + len(block)] = block
+            first += len(block)
+        return out
+
+    def _dense_blocks(self, rows: int) -> Iterator[NDArray[np.float64]]:
+        """The realizations written out, `rows` at a time."""
+        for first in range(0, self.size, rows):
+            if self._draws is None:
+                yield self._dense()[first : first + rows]
+                continue
+            index = self._draws.indices()[first : first + rows].astype(np.intp)
+            atoms = self._draws.atoms()
+            out = np.zeros((len(index), *atoms.shape))
+            s, j = np.arange(len(index))[:, None], np.arange(len(atoms))[None, :]
+            out[s, j, index] = atoms[j, index]
+            yield stack_from_lines(out.reshape(len(index), -1), self._shape, self._axis)
 
     def prefix(self, size: int) -> Ensemble:
         """Return the first realizations, sharing their memory.

@@ -90,7 +90,7 @@ class Stream(Durable):
 
     Any thread may use a stream; one waits for the other. Signal handlers run while it is at work:
     one that uses the same stream gets InputError; one that waits for a thread that uses it waits
-    forever.
+    forever. A process that was forked while another thread used a stream gets InputError for it.
 
     A result is a function of the arguments, the key and the number of steps: not of how many
     calls took them, nor of whether the stream was saved and loaded between them.
@@ -273,7 +273,8 @@ class Stream(Durable):
             ``progress(steps, max_steps)`` about five times a second.
         checkpoint : path, optional
             Where to `save` the stream on the way and at the end, however the run ends. What is
-            there already must be a state of the same problem, key and options.
+            there already must be a state of the same problem, key and options that is not ahead
+            of this stream. Until the run ends, no other run or `save` can write there.
         every : float, default 60
             Seconds between two checkpoints [s].
 
@@ -287,7 +288,11 @@ class Stream(Durable):
         InputError, InputTypeError
             If an argument cannot be used, or none of `tol`, `max_steps`, `time_limit` is given,
             or the variant has no certificate.
-        StateError, StateIOError
+        StateError
+            If something else than an earlier state of this stream is at `checkpoint`.
+        StateLockedError
+            If another run has the same `checkpoint`; no step was taken.
+        StateIOError
             If a checkpoint cannot be saved; the stream itself is in order.
 
         Notes
@@ -320,26 +325,26 @@ class Stream(Durable):
         if not callable(progress):
             _gate.flag("progress", progress)
         checked = None if limit is None else rule_name
-        checkpoints = Checkpoints(self, checkpoint, every)
         started, first = time.monotonic(), self.steps
         status = "interrupted"
-        try:
-            with progress_bar(progress, most, "stream", "step") as report:
-                status = self._run(checked, limit or 0.0, most, seconds, report, checkpoints)
-        except KeyboardInterrupt:
-            pass  # the core stops between two steps
-        except (StateError, StateIOError):
-            raise  # of the checkpoints themselves
-        except BaseException:  # of the caller: from `progress` or a signal's handler
-            checkpoints.save()
-            raise
-        try:
-            checkpoints.save()
-        except KeyboardInterrupt:
-            if status == "interrupted":
-                raise  # the second one
-            status = "interrupted"
-            checkpoints.save()
+        with Checkpoints(self, checkpoint, every) as checkpoints:
+            try:
+                with progress_bar(progress, most, "stream", "step") as report:
+                    status = self._run(checked, limit or 0.0, most, seconds, report, checkpoints)
+            except KeyboardInterrupt:
+                pass  # the core stops between two steps
+            except (StateError, StateIOError):
+                raise  # of the checkpoints themselves
+            except BaseException:  # of the caller: from `progress` or a signal's handler
+                checkpoints.save()
+                raise
+            try:
+                checkpoints.save()
+            except KeyboardInterrupt:
+                if status == "interrupted":
+                    raise  # the second one
+                status = "interrupted"
+                checkpoints.save()
         certificate, error = self._core.certificate()
         return StreamRun(
             status=status,
@@ -408,8 +413,13 @@ class Stream(Durable):
         return Stream._from_sections, (self._to_sections(),)
 
     def __repr__(self) -> str:
-        n, m = self._shape
-        return f"<Stream {self.variant}: n={n}, m={m}, {self.steps} steps, error {self.error:.3g}>"
+        name = f"Stream ({self.variant}): n={self._shape[0]}, m={self._shape[1]}"
+        try:
+            certificate, error = self._core.certificate()
+            bound = "" if np.isnan(certificate) else f" <= {certificate:.3g}"
+            return f"<{name}, {self.steps} steps, ||B (v - v*)|| = {error:.3g}{bound}>"
+        except InputError:  # in a signal's handler, or in a child forked while a thread used it
+            return f"<{name}, in use>"
 
 
 def _keys(key: Key) -> list[bytes]:

@@ -28,7 +28,7 @@ mod _core {
     #[pymodule_export]
     use super::simulate::{simulate_estimates, simulate_mean_field, simulate_plans, simulate_runs, trajectory};
     #[pymodule_export]
-    use super::storage::{storage_load, storage_save};
+    use super::storage::{StateLock, storage_load, storage_save};
     #[pymodule_export]
     use super::streaming::{PyDataStream, PyStream};
     #[pymodule_export]

@@ -1,70 +1,75 @@
 //! An object that changes, used by one thread at a time.
 
-use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
-use std::thread::ThreadId;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU32, AtomicUsize, Ordering};
+use std::time::Duration;
 
 use pyo3::prelude::*;
 
 use super::error::InputError;
 use super::run::run;
-use crate::parallel::WAIT;
+use crate::parallel::here;
 use crate::{Error, Result, Stop};
 
+/// The longest pause between two looks of who waits for its turn.
+const PAUSE: Duration = Duration::from_millis(5);
+
+/// Whose turn it is stands in atomics: a forked child can read them whatever the threads of its parent were doing, while
+/// a lock that one of them held at the fork would stay locked in the child for ever.
 pub(super) struct Shared<S> {
     inner: Mutex<S>,
-    /// The thread whose turn it is; `inner` is locked in its turn only, and so without waiting.
-    turn: Mutex<Option<ThreadId>>,
-    over: Condvar,
+    /// The thread whose turn it is, 0 for none; `inner` is locked in its turn only, and so without waiting.
+    turn: AtomicUsize,
+    /// The process of that thread; written before the turn is taken.
+    process: AtomicU32,
 }
 
 impl<S: Send> Shared<S> {
     pub(super) const fn new(inner: S) -> Self {
-        Self { inner: Mutex::new(inner), turn: Mutex::new(None), over: Condvar::new() }
+        Self { inner: Mutex::new(inner), turn: AtomicUsize::new(0), process: AtomicU32::new(0) }
     }
 
     /// Runs `work`, of rough cost `cost`, when this thread's turn has come, without the interpreter.
     ///
     /// Work that looks for signals runs their handlers on this thread: one that uses the same object would wait for
-    /// itself, and gets an error.
+    /// itself, and gets an error. So does a child forked in another thread's turn, which never ends in the child.
     pub(super) fn with<T: Send>(
         &self,
         py: Python<'_>,
         cost: f64,
         work: impl FnOnce(&mut S, &Stop) -> Result<T> + Send,
     ) -> PyResult<T> {
-        let here = std::thread::current().id();
-        let turn = *self.turn();
-        if turn == Some(here) {
+        let turn = self.turn.load(Ordering::Acquire);
+        if turn != 0 && self.process.load(Ordering::Acquire) != std::process::id() {
+            return Err(InputError::new_err(
+                "`stream` was at work on a thread when this process was forked: use it in the parent process, or load a \
+                 saved state here",
+            ));
+        }
+        if turn == here() {
             return Err(InputError::new_err(
                 "`stream` is at work on this thread: a signal handler cannot use it meanwhile",
             ));
         }
         // waiting may take long
-        let cost = if turn.is_some() { f64::INFINITY } else { cost };
+        let cost = if turn == 0 { cost } else { f64::INFINITY };
         run(py, cost, |stop| {
-            let _turn = self.wait(here, stop)?;
+            let _turn = self.wait(stop)?;
             let unusable = |_| Error::Numerical("a defect has left this stream unusable".into());
             work(&mut *self.inner.lock().map_err(unusable)?, stop)
         })
     }
 
-    fn turn(&self) -> MutexGuard<'_, Option<ThreadId>> {
-        self.turn.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    fn wait(&self, here: ThreadId, stop: &Stop) -> Result<Turn<'_, S>> {
-        let mut turn = self.turn();
-        while turn.is_some() {
-            turn = self.over.wait_timeout(turn, WAIT).unwrap_or_else(PoisonError::into_inner).0;
-            if turn.is_some() {
-                drop(turn); // handlers may want to know it
-                if stop.requested_after_a_wait() {
-                    return Err(Error::Interrupted);
-                }
-                turn = self.turn();
+    fn wait(&self, stop: &Stop) -> Result<Turn<'_, S>> {
+        self.process.store(std::process::id(), Ordering::Release);
+        let mut pause = Duration::from_micros(20);
+        while self.turn.compare_exchange(0, here(), Ordering::AcqRel, Ordering::Acquire).is_err() {
+            if stop.requested_after_a_wait() {
+                return Err(Error::Interrupted);
             }
+            std::thread::sleep(pause);
+            pause = PAUSE.min(2 * pause);
         }
-        *turn = Some(here);
         Ok(Turn(self))
     }
 }
@@ -74,7 +79,6 @@ struct Turn<'a, S: Send>(&'a Shared<S>);
 
 impl<S: Send> Drop for Turn<'_, S> {
     fn drop(&mut self) {
-        *self.0.turn() = None;
-        self.0.over.notify_one();
+        self.0.turn.store(0, Ordering::Release);
     }
 }

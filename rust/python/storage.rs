@@ -1,33 +1,76 @@
 //! State files: named one-dimensional arrays to and from the disk.
 
 use std::path::PathBuf;
+use std::sync::{Mutex, PoisonError};
 
-use numpy::{PyArray1, PyReadonlyArray1};
+use numpy::{PyArray1, PyArrayDescrMethods, PyReadonlyArray1, PyUntypedArray, PyUntypedArrayMethods, dtype};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use super::error::ShapeError;
+use super::error::{InputTypeError, ShapeError};
 use super::run::run;
-use crate::storage::{self, Section, Tag, Values};
+use crate::Error;
+use crate::storage::{self, Lock, Section, Tag, Values};
 
 /// Elementary operations per byte: hashing, twice, and the disk.
 const PER_BYTE: f64 = 20.0;
 
 /// An array that can be a section.
-#[derive(FromPyObject)]
 pub(super) enum Array<'py> {
     Bytes(PyReadonlyArray1<'py, u8>),
     Integers(PyReadonlyArray1<'py, u64>),
     Reals(PyReadonlyArray1<'py, f64>),
 }
 
-/// Saves `sections` as the next generation of the state file at `path`; returns its number.
+/// By the element type. Trying one type after the other would have NumPy name the dtypes that do not fit, in Python code:
+/// signal handlers run there, and what they raise would be lost.
+impl<'py> FromPyObject<'_, 'py> for Array<'py> {
+    type Error = PyErr;
+
+    fn extract(object: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        let py = object.py();
+        if let Some(array) = object.cast::<PyUntypedArray>().ok().filter(|array| array.ndim() == 1) {
+            let found = array.dtype();
+            if found.is_equiv_to(&dtype::<u8>(py)) {
+                return Ok(Self::Bytes(object.extract()?));
+            } else if found.is_equiv_to(&dtype::<u64>(py)) {
+                return Ok(Self::Integers(object.extract()?));
+            } else if found.is_equiv_to(&dtype::<f64>(py)) {
+                return Ok(Self::Reals(object.extract()?));
+            }
+        }
+        Err(InputTypeError::new_err("`sections` must be one-dimensional arrays of uint8, uint64 or float64"))
+    }
+}
+
+/// A writer's lock on the state file at `path`, held until `release`, the end of this object or of the process.
+#[pyclass(frozen, weakref, module = "stochens_rs._core")]
+pub(super) struct StateLock(Mutex<Option<Lock>>);
+
+#[pymethods]
+impl StateLock {
+    #[new]
+    fn new(path: PathBuf) -> PyResult<Self> {
+        Ok(Self(Mutex::new(Some(storage::lock(&path)?))))
+    }
+
+    /// Ends the lock; in a forked child only its share of it, and nothing where a save was at work when it was forked.
+    fn release(&self) {
+        if let Ok(mut held) = self.0.try_lock() {
+            held.take();
+        }
+    }
+}
+
+/// Saves `sections` as the next generation of the state file at `path`; returns its number. `held`: a lock on that file.
 #[pyfunction]
+#[pyo3(signature = (path, kind, sections, held=None))]
 pub(super) fn storage_save(
     py: Python<'_>,
     path: PathBuf,
     kind: &str,
     sections: Vec<(String, Array<'_>)>,
+    held: Option<&Bound<'_, StateLock>>,
 ) -> PyResult<u64> {
     let kind = Tag::new(kind)?;
     let sections = sections.iter().map(|(name, array)| Ok(Section { tag: Tag::new(name)?, values: values(array)? }));
@@ -40,7 +83,15 @@ pub(super) fn storage_save(
             Values::Reals(values) => values.len() * 8,
         })
         .sum();
-    run(py, PER_BYTE * bytes as f64, |stop| storage::save(&path, kind, &sections, stop))
+    let held = held.map(Bound::get);
+    run(py, PER_BYTE * bytes as f64, |stop| match held {
+        None => storage::save(&path, kind, &sections, stop),
+        Some(held) => {
+            let lock = held.0.lock().unwrap_or_else(PoisonError::into_inner);
+            let lock = lock.as_ref().ok_or_else(|| Error::Locked { path: path.clone() })?;
+            storage::save_held(lock, &path, kind, &sections, stop)
+        }
+    })
 }
 
 fn values<'a>(array: &'a Array<'_>) -> PyResult<Values<'a>> {

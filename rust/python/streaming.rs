@@ -10,6 +10,7 @@ use super::convert::{array1, array2, dense, key, slice};
 use super::error::InputError;
 use super::run::run;
 use super::shared::Shared;
+use super::storage::Array;
 use crate::parallel::detached;
 use crate::streaming::{Config, Data, End, Geometry, Laws, Limits, Order, Rule, Section, Sections, Stream, Variant};
 use crate::{Key, Result, Stop};
@@ -50,18 +51,11 @@ fn to_python<'py>(py: Python<'py>, sections: Sections) -> PyResult<Vec<(String, 
     Ok(sections.0.into_iter().map(|(name, section)| (name, array(section))).collect())
 }
 
-#[derive(FromPyObject)]
-enum Plain<'py> {
-    U8(PyReadonlyArray1<'py, u8>),
-    U64(PyReadonlyArray1<'py, u64>),
-    F64(PyReadonlyArray1<'py, f64>),
-}
-
-fn from_python(sections: Vec<(String, Plain<'_>)>) -> Sections {
+fn from_python(sections: Vec<(String, Array<'_>)>) -> Sections {
     let plain = |array| match array {
-        Plain::U8(values) => Section::U8(values.as_array().to_vec()),
-        Plain::U64(values) => Section::U64(values.as_array().to_vec()),
-        Plain::F64(values) => Section::F64(values.as_array().to_vec()),
+        Array::Bytes(values) => Section::U8(values.as_array().to_vec()),
+        Array::Integers(values) => Section::U64(values.as_array().to_vec()),
+        Array::Reals(values) => Section::F64(values.as_array().to_vec()),
     };
     Sections(sections.into_iter().map(|(name, array)| (name, plain(array))).collect())
 }
@@ -203,7 +197,7 @@ impl PyStream {
 
     /// The object that `to_sections` wrote down.
     #[staticmethod]
-    fn from_sections(py: Python<'_>, sections: Vec<(String, Plain<'_>)>) -> PyResult<Self> {
+    fn from_sections(py: Python<'_>, sections: Vec<(String, Array<'_>)>) -> PyResult<Self> {
         let sections = from_python(sections);
         let all = f64::INFINITY;
         run(py, all, |stop| unstoppable(all, stop, move || Stream::from_sections(sections))).map(Self::of)
@@ -267,6 +261,11 @@ impl PyDataStream {
         })
     }
 
+    /// Per entity: a distance that two realizations have at least, and how far rounding can have moved the mean.
+    fn evidence(&self, py: Python<'_>) -> PyResult<([f64; 3], [f64; 3])> {
+        self.inner.with(py, square(self.n), |data, _| Ok((data.apart(), data.rounding())))
+    }
+
     /// The bound on `||B (v - v*)||` for the targets, and the value; None unless all three have a target.
     fn certificate(&self, py: Python<'_>) -> PyResult<Option<(f64, f64)>> {
         self.inner.with(py, square(self.n), |data, _| Ok(data.certificate()))
@@ -280,7 +279,7 @@ impl PyDataStream {
 
     /// The object that `to_sections` wrote down.
     #[staticmethod]
-    fn from_sections(py: Python<'_>, sections: Vec<(String, Plain<'_>)>) -> PyResult<Self> {
+    fn from_sections(py: Python<'_>, sections: Vec<(String, Array<'_>)>) -> PyResult<Self> {
         let sections = from_python(sections);
         let all = f64::INFINITY;
         let data = run(py, all, |stop| unstoppable(all, stop, move || Data::from_sections(sections)))?;

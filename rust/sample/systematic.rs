@@ -40,6 +40,8 @@ pub(crate) fn line_systematic(line: &[f64], size: u64, word: u64, mut visit: imp
         below = below.max(c);
     }
 }
+/// Realizations written between two checks for a stop: each may touch a new page of memory.
+const BLOCK: usize = 1 << 14;
 
 /// Fills `out` with the counted indices, shuffled per line (Fisher-Yates from the end).
 pub(super) fn fill<I: Index>(law: &Law, key: &Key, out: &mut [I], size: usize, stop: &Stop) -> Result<()> {
@@ -48,7 +50,10 @@ pub(super) fn fill<I: Index>(law: &Law, key: &Key, out: &mut [I], size: usize, s
     for (j, counts) in counts.chunks_exact(law.length()).enumerate() {
         stop.check()?;
         if law.gamma()[j] == 0.0 {
-            out.iter_mut().skip(j).step_by(law.lines()).for_each(|to| *to = I::default());
+            for rows in out.chunks_mut(BLOCK * law.lines()) {
+                stop.check()?;
+                rows.iter_mut().skip(j).step_by(law.lines()).for_each(|to| *to = I::default());
+            }
             continue;
         }
         let mut at = 0;
@@ -69,7 +74,10 @@ pub(super) fn fill<I: Index>(law: &Law, key: &Key, out: &mut [I], size: usize, s
             let k = (u128::from(rng.next_u64()) * (i as u128 + 1)) >> 64;
             order.swap(i, k as usize);
         }
-        out.iter_mut().skip(j).step_by(law.lines()).zip(&order).for_each(|(to, &from)| *to = from);
+        for (rows, order) in out.chunks_mut(BLOCK * law.lines()).zip(order.chunks(BLOCK)) {
+            stop.check()?;
+            rows.iter_mut().skip(j).step_by(law.lines()).zip(order).for_each(|(to, &from)| *to = from);
+        }
     }
     Ok(())
 }

@@ -73,7 +73,14 @@ pub(super) fn read(path: &Path, stop: &Stop) -> Result<Vec<u8>> {
 }
 
 /// A lock that ends with this object, with its process, and in no other way.
-pub(super) struct Lock(File);
+///
+/// A child forked meanwhile shares the open file: nothing it does ends the lock, but the lock lasts until it has dropped
+/// its copy as well, should the process be killed.
+#[derive(Debug)]
+pub struct Lock {
+    file: File,
+    process: u32,
+}
 
 impl Lock {
     /// Takes the lock, or [`Error::Locked`] at once; `path` is the file it protects, `lock` an empty file.
@@ -86,7 +93,7 @@ impl Lock {
         point("open").map_err(os("open", lock))?;
         let file = OpenOptions::new().write(true).create(true).truncate(false).open(lock).map_err(os("open", lock))?;
         match file.try_lock() {
-            Ok(()) => Ok(Self(file)),
+            Ok(()) => Ok(Self { file, process: std::process::id() }),
             Err(TryLockError::WouldBlock) => Err(Error::Locked { path: path.into() }),
             Err(TryLockError::Error(error)) => Err(os("lock", lock)(error)),
         }
@@ -96,8 +103,10 @@ impl Lock {
 impl Drop for Lock {
     fn drop(&mut self) {
         // Closing is not enough: a child forked in the meantime shares the open file. A failure leaves it locked until
-        // that child ends, which the next writer is told.
-        let _ = self.0.unlock();
+        // that child ends, which the next writer is told. The child itself must not unlock what its parent holds.
+        if self.process == std::process::id() {
+            let _ = self.file.unlock();
+        }
     }
 }
 

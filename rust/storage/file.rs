@@ -47,12 +47,25 @@ pub struct Loaded {
 /// Errors: [`Error::Locked`] if another writer is at work, [`Error::State`] if something else than a state of this kind
 /// is at `path` (nothing is overwritten), [`Error::Os`] for what the system refuses, [`Error::Interrupted`].
 pub fn save(path: &Path, kind: Tag, sections: &[Section<'_>], stop: &Stop) -> Result<u64> {
+    save_held(&lock(path)?, path, kind, sections, stop)
+}
+
+/// The lock of who writes to `path`, for several saves; [`Error::Locked`] if another writer has it.
+pub fn lock(path: &Path) -> Result<Lock> {
+    let place = Place::new(path)?;
+    if let Some(metadata) = disk::look(path)? {
+        disk::require_regular(path, &metadata)?;
+    }
+    Lock::take(&place.beside(".lock"), path) // 1
+}
+
+/// [`save`] by who holds the lock of `path`.
+pub fn save_held(_held: &Lock, path: &Path, kind: Tag, sections: &[Section<'_>], stop: &Stop) -> Result<u64> {
     let place = Place::new(path)?;
     let old = disk::look(path)?;
     if let Some(metadata) = &old {
         disk::require_regular(path, metadata)?;
     }
-    let _lock = Lock::take(&place.beside(".lock"), path)?; // 1
     place.sweep();
     let survey = survey(&place, kind, stop)?;
     let next = survey.generation.checked_add(1).ok_or_else(|| {

@@ -24,6 +24,7 @@ mod sha256;
 #[cfg(test)]
 mod tests;
 
+pub use disk::Lock;
 pub use fault::Fault;
-pub use file::{Loaded, load, save};
+pub use file::{Loaded, load, lock, save, save_held};
 pub use format::{Container, MAX_BYTES, MAX_SECTIONS, Section, Tag, VERSION, Values, decode, encode};

@@ -7,8 +7,10 @@ use crate::error::{Error, Result};
 use crate::fuse::{Dense, distance};
 use crate::parallel::Stop;
 
-const FORMAT: u64 = 1;
+const FORMAT: u64 = 2;
 const LARGEST: u64 = 1 << 24;
+/// Largest relative error of one rounding.
+const U: f64 = 0.5 * f64::EPSILON;
 const NAMES: [&str; 3] = ["x0", "xf", "A"];
 
 /// One entity: its estimate and what its realizations say about their spread.
@@ -24,6 +26,9 @@ struct Feed {
     deviation: f64,
     /// `max_i ||E_i - E_1||`
     spread: f64,
+    /// The smallest and the largest value of every entry; of means only, empty with a target.
+    low: Vec<f64>,
+    high: Vec<f64>,
 }
 
 impl Feed {
@@ -38,6 +43,8 @@ impl Feed {
             count: 0,
             deviation: 0.0,
             spread: 0.0,
+            low: vec![0.0; dim - kept],
+            high: vec![0.0; dim - kept],
         }
     }
 
@@ -53,6 +60,9 @@ impl Feed {
             self.first.copy_from_slice(e);
             if self.target.is_some() {
                 self.estimate.copy_from_slice(e);
+            } else {
+                self.low.copy_from_slice(e);
+                self.high.copy_from_slice(e);
             }
             self.count = 1;
             return Ok(());
@@ -70,8 +80,42 @@ impl Feed {
             self.estimate.iter_mut().zip(e).for_each(|(f, e)| *f += t * (e - *f));
         }
         self.mean.iter_mut().zip(e).for_each(|(mean, e)| *mean += (e - *mean) / n);
+        self.low.iter_mut().zip(e).for_each(|(low, e)| *low = low.min(*e));
+        self.high.iter_mut().zip(e).for_each(|(high, e)| *high = high.max(*e));
         (self.spread, self.deviation, self.count) = (spread, deviation, self.count + 1);
         Ok(())
+    }
+
+    /// How far the running mean can be from that of exact arithmetic, `u (N S + 4 spread)` with `u = 2^-53` and
+    /// `S = sqrt(sum_k max |E_k|^2)`: update i adds at most `u |mean| + 2 u |E - mean| / i` to what the one before left,
+    /// shrunk by `1 - 1 / i`, and `|E - mean| <= 2 spread`. 0 where all realizations are the same: then it is exact.
+    fn rounding(&self) -> f64 {
+        if self.spread == 0.0 {
+            return 0.0;
+        }
+        let corner: Vec<f64> = self.low.iter().zip(&self.high).map(|(l, h)| l.abs().max(h.abs())).collect();
+        let size = distance(&corner, &vec![0.0; corner.len()]);
+        U * (self.count as f64 * size + 4.0 * self.spread) + f64::MIN_POSITIVE
+    }
+
+    /// Two realizations of a mean are at least this far apart: the largest of
+    /// - `max_i ||E_i - E_1||`;
+    /// - `max - min` of an entry;
+    /// - the root mean square distance of a pair, `sqrt(2 / (N - 1))` times the deviation, since
+    ///   `sum_{i<j} ||E_i - E_j||^2 = N sum_i ||E_i - mean||^2`.
+    ///
+    /// Each is lowered by its rounding, so that no bound that the exact numbers satisfy is refuted: for d entries
+    /// `(d + 8) u` of a distance; for the deviation `4 N u` more, and `sqrt(N)` times the rounding of the mean. The
+    /// difference of two doubles needs no allowance: it is rounded monotonically.
+    fn apart(&self) -> f64 {
+        if self.spread == 0.0 {
+            return 0.0;
+        }
+        let (n, d) = (self.count as f64, self.first.len() as f64);
+        let width = self.low.iter().zip(&self.high).fold(0.0f64, |width, (low, high)| width.max(high - low));
+        let deviation = self.deviation * (1.0 - (4.0 * n + d + 8.0) * U) - n.sqrt() * self.rounding();
+        let pair = deviation * ((2.0 / (n - 1.0)).sqrt() * (1.0 - 4.0 * U));
+        (self.spread * (1.0 - (d + 8.0) * U) - f64::MIN_POSITIVE).max(width).max(pair)
     }
 }
 
@@ -161,6 +205,16 @@ impl Data {
         [0, 1, 2].map(|k| self.feeds[k].spread)
     }
 
+    /// A distance that two realizations have at least, as far as the data show.
+    pub fn apart(&self) -> [f64; 3] {
+        [0, 1, 2].map(|k| self.feeds[k].apart())
+    }
+
+    /// How far rounding can have moved the mean.
+    pub fn rounding(&self) -> [f64; 3] {
+        [0, 1, 2].map(|k| self.feeds[k].rounding())
+    }
+
     /// `||F - target||`; NaN without a target.
     pub fn residuals(&self) -> [f64; 3] {
         [0, 1, 2].map(|k| self.feeds[k].target.as_ref().map_or(f64::NAN, |t| distance(self.feeds[k].current(), t)))
@@ -205,6 +259,8 @@ impl Data {
             out.put_f64(format!("{name}.range"), [feed.deviation, feed.spread]);
             out.put_f64(format!("{name}.mean"), feed.mean.clone());
             out.put_f64(format!("{name}.first"), feed.first.clone());
+            out.put_f64(format!("{name}.low"), feed.low.clone());
+            out.put_f64(format!("{name}.high"), feed.high.clone());
             out.put_f64(format!("{name}.fused"), feed.estimate.clone());
             out.put_f64(format!("{name}.aim"), feed.target.clone().unwrap_or_default());
         }
@@ -223,7 +279,7 @@ impl Data {
             {
                 (n as usize, m as usize, [x0, xf, a].map(|known| known == 1))
             }
-            _ => return Err(damaged("of format 1", format!("{format:?}"))),
+            _ => return Err(damaged("of format 2", format!("{format:?}"))),
         };
         let geometry = Geometry::new(from.take_f64("B", Some(n * m))?, n, m)?;
         let mut made = Self::new(geometry, [None, None, None])?;
@@ -235,6 +291,8 @@ impl Data {
             (feed.deviation, feed.spread) = (spread[0], spread[1]);
             feed.mean = from.take_f64(&format!("{name}.mean"), Some(dim))?;
             feed.first = from.take_f64(&format!("{name}.first"), Some(dim))?;
+            feed.low = from.take_f64(&format!("{name}.low"), Some(dim - kept))?;
+            feed.high = from.take_f64(&format!("{name}.high"), Some(dim - kept))?;
             feed.estimate = from.take_f64(&format!("{name}.fused"), Some(kept))?;
             let target = from.take_f64(&format!("{name}.aim"), Some(kept))?;
             feed.target = known.then_some(target);
@@ -242,7 +300,12 @@ impl Data {
             let slack = 1.0 + 1e-6;
             let near =
                 |v: &[f64]| distance(v, &feed.first) <= slack * feed.spread + 1e-6 * distance(v, &vec![0.0; dim]);
+            // the edges are on both sides of the first realization, and within the spread of it
+            let inside = |((low, high), first): ((&f64, &f64), &f64)| {
+                (0.0..=feed.spread).contains(&(first - low)) && (0.0..=feed.spread).contains(&(high - first))
+            };
             let fits = near(&feed.mean)
+                && feed.low.iter().zip(&feed.high).zip(&feed.first).all(inside)
                 && (!known || near(&feed.estimate))
                 && (0.0..=slack * feed.spread * (feed.count as f64).sqrt()).contains(&feed.deviation)
                 && feed.count < 1 << 62
@@ -282,6 +345,8 @@ mod tests {
         assert!((data.residuals()[1].powi(2) - 4.0 / 25.0).abs() < 1e-14);
         assert!((data.deviations()[0].powi(2) - 10.0).abs() < 1e-13);
         assert!((data.spreads()[0].powi(2) - 8.0).abs() < 1e-13);
+        // sqrt(8) from the first one, entries that range over 2 and 4, and sqrt(10) for the root mean square of the pairs
+        assert_eq!([data.apart()[0], data.apart()[2]], [4.0, 0.0]);
         assert_eq!(data.certificate(), None);
         assert!(matches!(feed(&mut data, 2, &three, 2), Err(Error::Shape { name: "A", .. })));
         let back = Data::from_sections(data.to_sections()).unwrap();

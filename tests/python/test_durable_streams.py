@@ -23,6 +23,7 @@ from stochens_rs.exceptions import (
     InputTypeError,
     StateError,
     StateIOError,
+    StateLockedError,
     StateNotFoundError,
     StateRecoveredWarning,
 )
@@ -85,6 +86,109 @@ def test_a_checkpoint_does_not_replace_another_problem(tmp_path: Path) -> None:
     with pytest.raises(StateError):
         stream.run(max_steps=10, checkpoint=path)
     assert path.read_bytes() == b"a letter to a friend"
+
+
+def test_a_checkpoint_does_not_go_backwards(tmp_path: Path) -> None:
+    """A script that forgot to load what it had; the state before is no way around."""
+    path = tmp_path / "a.state"
+    far = make()
+    far.step(5000)
+    far.save(path)
+    far.step(1)
+    far.save(path)
+    before = {p.name: p.read_bytes() for p in tmp_path.iterdir()}
+    stream = make()
+    ahead = r"a\.state is at step 5001, ahead of this stream at step 0: load it .* or remove it"
+    with pytest.raises(StateError, match=ahead):
+        stream.run(max_steps=10, checkpoint=path)
+    assert stream.steps == 0
+    try:
+        stream.run(max_steps=10, checkpoint=path)
+    except StateError:  # the lock is free
+        with pytest.raises(StateError, match=ahead):
+            stream.run(max_steps=10, checkpoint=path)
+    assert before == {p.name: p.read_bytes() for p in tmp_path.iterdir()}
+    path.unlink()
+    with (
+        pytest.warns(StateRecoveredWarning),
+        pytest.raises(StateError, match=r"at step 5000, .*a\.state\.prev"),
+    ):
+        stream.run(max_steps=10, checkpoint=path)
+    (tmp_path / "a.state.prev").unlink()
+    assert stream.run(max_steps=10, checkpoint=path).steps == 10
+    # one that is behind, or the same, is replaced
+    assert stream.run(max_steps=10, checkpoint=path).steps == 10
+    assert se.Stream.load(path).run(max_steps=10, checkpoint=path).steps == 10
+    assert se.Stream.load(path).steps == 30
+
+
+def test_one_run_at_a_time_writes_a_checkpoint(tmp_path: Path) -> None:
+    path, stream = tmp_path / "a.state", make()
+    refused = []
+
+    def second(done: int, total: int | None) -> None:
+        other = make()
+        for attempt in (lambda: other.run(max_steps=1, checkpoint=path), lambda: other.save(path)):
+            with pytest.raises(StateLockedError, match=r"another writer.*a\.state"):
+                attempt()
+            refused.append(other.steps)
+
+    stream.run(max_steps=100, checkpoint=path, progress=second)
+    assert refused == [0, 0]
+    assert same(se.Stream.load(path), stream)
+    stream.save(path)  # the lock is free again
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+def test_a_lock_ends_with_its_process(tmp_path: Path) -> None:
+    """Killed in the middle of a run, with a child forked in that run still alive."""
+    path = tmp_path / "a.state"
+    read, write = os.pipe()
+    child = os.fork()
+    if child == 0:
+
+        def told(done: int, total: int | None) -> None:
+            grandchild = os.fork()
+            if grandchild == 0:
+                time.sleep(60)
+                os._exit(0)
+            os.write(write, grandchild.to_bytes(8, "little"))
+            time.sleep(60)
+
+        make().run(max_steps=10, checkpoint=path, progress=told)
+        os._exit(1)
+    grandchild = int.from_bytes(os.read(read, 8), "little")
+    try:
+        with pytest.raises(StateLockedError):
+            make().run(max_steps=10, checkpoint=path)
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+        assert make().run(max_steps=10, checkpoint=path).steps == 10
+    finally:
+        os.kill(grandchild, signal.SIGKILL)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+def test_a_child_forked_in_a_run_does_not_end_its_lock(tmp_path: Path) -> None:
+    path, locked = tmp_path / "a.state", []
+
+    def fork(done: int, total: int | None) -> None:
+        child = os.fork()
+        if child == 0:
+            from stochens_rs import _durable
+
+            for lock in list(_durable._held):
+                lock.release()
+            os._exit(0)
+        os.waitpid(child, 0)
+        with pytest.raises(StateLockedError):
+            make().save(path)
+        locked.append(True)
+
+    make().run(max_steps=10, checkpoint=path, progress=fork)
+    assert locked == [True]
 
 
 def test_data_streams_too(tmp_path: Path) -> None:
@@ -236,8 +340,15 @@ def test_a_full_disk_loses_nothing(tmp_path: Path) -> None:
 
 def test_a_checkpoint_that_cannot_be_written_leaves_the_stream_in_order(tmp_path: Path) -> None:
     stream = make()
-    with pytest.raises(StateIOError):
+    with pytest.raises(StateIOError):  # at once
         stream.run(max_steps=100, checkpoint=tmp_path / "none" / "a.state")
+    assert stream.steps == 0
+
+    def gone(done: int, total: int | None) -> None:
+        (tmp_path / "a.state").mkdir()
+
+    with pytest.raises(StateError, match="a directory"):  # at the end
+        stream.run(max_steps=100, checkpoint=tmp_path / "a.state", progress=gone)
     assert stream.steps == 100
     with pytest.raises(InputError, match="`every`"):
         stream.run(max_steps=1, checkpoint=tmp_path / "a.state", every=0.0)
@@ -256,6 +367,36 @@ def test_a_run_that_ends_by_an_exception_is_saved(tmp_path: Path) -> None:
     with pytest.raises(InputTypeError, match="`progress`"):
         make().run(max_steps=1, checkpoint=tmp_path / "b.state", progress=3)
     assert not (tmp_path / "b.state").exists()
+
+
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="timers of POSIX")
+def test_ctrl_c_is_not_lost_while_loading(small: Path) -> None:
+    """A handler that raises at some moment of a load: each exception arrives, none is swallowed."""
+    fired = caught = 0
+
+    def interrupt(*_: object) -> None:
+        nonlocal fired
+        fired += 1
+        raise KeyboardInterrupt
+
+    started = time.perf_counter()
+    for _ in range(50):
+        se.Stream.load(small)
+    usual = (time.perf_counter() - started) / 50
+    moments, before = random.Random(5), signal.signal(signal.SIGALRM, interrupt)
+    try:
+        for _ in range(1000):
+            try:
+                signal.setitimer(signal.ITIMER_REAL, moments.uniform(0.01, 0.99) * usual)
+                se.Stream.load(small)
+                signal.setitimer(signal.ITIMER_REAL, 0.0)
+            except KeyboardInterrupt:
+                caught += 1
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+    assert caught == fired
+    assert fired > 100
 
 
 @pytest.mark.parametrize("signals", [1, 2])
@@ -310,6 +451,23 @@ def test_the_command_stops_and_resumes(tmp_path: Path, capsys: pytest.CaptureFix
     resumed = json.loads(capsys.readouterr().out)
     assert resumed["u"] == whole["u"]
     assert resumed["steps"] == whole["steps"]
+
+
+def test_the_command_does_not_go_backwards(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Only the generation before is left, which --resume would have found."""
+    state = tmp_path / "s.state"
+    args = ["stream", "--case", "ieee14", "--checkpoint", str(state), "--json"]
+    assert cli.main([*args, "--max-steps", "100"]) == 0
+    state.rename(tmp_path / "s.state.prev")
+    with pytest.warns(StateRecoveredWarning):
+        assert cli.main([*args, "--max-steps", "10"]) == 5
+    said = capsys.readouterr().err
+    assert "at step 100, ahead of this stream at step 0" in said
+    assert "--resume" in said
+    with pytest.warns(StateRecoveredWarning):
+        assert cli.main([*args, "--max-steps", "10", "--resume"]) == 0
 
 
 def test_usage(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

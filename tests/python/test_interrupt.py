@@ -15,6 +15,11 @@ LONG_CALLS = {
     "sample": "se.sample(np.arange(1.0, 101.0), 2 * 10**9, rng=1)",
     "matrix sample": "se.sample(A, 2 * 10**7, rng=1)",
     "systematic": "se.sample(np.arange(1.0, 11.0), 5 * 10**8, rng=1, scheme='systematic')",
+    # nearly all of the time goes into writing the first line to new memory
+    "systematic writes": "se.sample(np.ones((9, 500)), 1_500_000, rng=1, scheme='systematic')",
+    "dense": "big.prefix(11_000).dense()",
+    "random system": "se.cases.random_system(1500, 1, rng=1)",
+    "confidence": "fed.confidence()",
     "slse": "se.fuse(big, 'slse-safeguarded', target=A)",
     "alse": "cut(se.fuse(hard, 'alse', target=A))",
     "alse path": "cut_path(se.fuse_path(hard, [18_900, 19_000], 'alse', target=A))",
@@ -53,6 +58,9 @@ A30 = np.random.default_rng(0).standard_normal((30, 30))
 written = se.sample(A30, 1850 if {needs_dense} else 2, rng=3).dense()  # more than a second
 dense = se.Ensemble.from_samples(written)
 rows = se.Ensemble.from_samples(np.tile(written.reshape(-1, 1, 900), (1, 4, 1)))
+if {needs_fed}:
+    fed = se.DataStream(np.ones((2500, 1)))
+    fed.update(x0=np.ones(2500), xf=np.ones(2500), A=np.random.default_rng(6).random((2500, 2500)))
 sent = []
 
 def cut(fit):
@@ -97,7 +105,8 @@ print("finished before the signal")
 def test_interrupt(name: str) -> None:
     script = textwrap.dedent(SCRIPT).format(
         call=LONG_CALLS[name],
-        needs_big=name in ("slse", "controls"),
+        needs_big=name in ("dense", "slse", "controls"),
+        needs_fed=name == "confidence",
         needs_hard=name.startswith("alse"),
         needs_dense=name.startswith("dense"),
         needs_exact=name == "exact matrices",

@@ -215,6 +215,58 @@ def test_progress(capsys):
     assert capsys.readouterr().out == ""
 
 
+FORKED = """
+import os, threading, time
+import numpy as np
+import stochens_rs as se
+
+B, x, A = np.eye(50), np.ones(50), np.random.default_rng(0).standard_normal((50, 50)) / 50
+busy, idle = se.Stream(B, x, x, A, rng=1), se.Stream(B, x, x, A, rng=1)
+threading.Thread(target=busy.step, args=(10**12,), daemon=True).start()
+time.sleep(0.2)
+child = os.fork()
+if child == 0:
+    for use in (lambda: busy.steps, busy.step, lambda: busy.save("/nowhere")):
+        try:
+            use()
+            os._exit(2)
+        except se.InputError as error:
+            assert "`stream` was at work on a thread when this process was forked" in str(error)
+    assert "in use" in repr(busy)
+    idle.step(1000)
+    workers = [threading.Thread(target=idle.step, args=(10**4,)) for _ in range(2)]
+    [worker.start() for worker in workers]
+    [worker.join() for worker in workers]
+    os._exit(0 if idle.steps == 21_000 else 3)
+limit = time.monotonic() + 20
+while time.monotonic() < limit:
+    done, status = os.waitpid(child, os.WNOHANG)
+    if done:
+        print("ended", os.waitstatus_to_exitcode(status), flush=True)
+        break
+    time.sleep(0.02)
+else:
+    os.kill(child, 9)
+    print("waits for ever", flush=True)
+os._exit(0)
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
+def test_a_child_forked_while_a_thread_steps():
+    run = subprocess.run([sys.executable, "-c", FORKED], capture_output=True, text=True, timeout=60)
+    assert run.stdout == "ended 0\n", run.stderr
+
+
+def test_repr_says_what_the_stream_is_and_how_far():
+    stream = se.Stream([[1.0], [0.5]], [1.0, 2.0], [0.0, 0.0], [[0.9, 0.2], [0, 1]], rng=1)
+    stream.step(100)
+    found = repr(stream)
+    assert found.startswith("<Stream (consistent): n=2, m=1, 100 steps, ||B (v - v*)|| = ")
+    assert f"{stream.error:.3g} <= {stream.certificate:.3g}>" in found
+    assert "<=" not in repr(se.Stream([[1.0]], [1.0], [0.0], [[2.0]], rng=1, variant="semi"))
+
+
 def test_threads_share_a_stream():
     shared, alone = make(1), make(1)
     workers = [threading.Thread(target=lambda: [shared.step(7) for _ in range(200)]) for _ in "ab"]

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from .. import _gate
+from .._threads import interruptible
 from ..rng import RngLike, as_key
 from ..system import System
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 __all__ = ["random_system"]
 
@@ -65,7 +71,11 @@ def random_system(
     # A and its copy inside the eigenvalue routine and the result, and B.
     _gate.memory("the random system", 8 * (3 * n * n + n * m))
     normal = as_key(rng).child("random_system").generator()
-    G = normal.standard_normal((n, n))
-    B = normal.standard_normal((n, m))
-    A = G * (spectral_radius / float(np.abs(np.linalg.eigvals(G)).max()))
+
+    def matrices() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        G = normal.standard_normal((n, n))
+        B = normal.standard_normal((n, m))
+        return G * (spectral_radius / float(np.abs(np.linalg.eigvals(G)).max())), B
+
+    A, B = interruptible(matrices)
     return System(A, B, dt=True, name=f"random ({n} x {n}, spectral radius {spectral_radius:g})")

@@ -125,21 +125,33 @@ def stream(
     )
 
 
-def mean_radius(samples: ArrayLike, diameter: float, delta: float) -> float:
+def mean_radius(
+    samples: ArrayLike, diameter: float, delta: float, size: int | None = None
+) -> float:
     """||mean - E|| with probability 1 - delta for all N at once, from N independent realizations.
 
-    The realizations are at most `diameter` =: R apart. With L = log(2 N (N - 1) / delta):
-    sqrt(V) <= sqrt(V_hat + R^2 L / N) + R sqrt(L / N), and with L' = L + log 2
-    ||mean - E|| <= a + sqrt(a^2 + 2 V L' / N), a = R L' / (3 N).
+    The realizations are at most `diameter` =: R apart. The largest x <= R for which a
+    sigma <= R / sqrt(2) has x <= R l / (3 N) + w sqrt(2 l / N) sigma, l = log(2 / (0.75 delta)),
+    and sigma^2 - 2 b sigma <= D^2 / N + x^2, b = w R sqrt(log(4 / delta) / (2 N)): from above, by
+    turns. Without `size` for epochs 4^k <= N < 4^(k + 1) with m = 2 4^k and delta / (k (k + 1)).
     """
     E = np.asarray(samples, dtype=np.float64).reshape(len(np.asarray(samples)), -1)
-    N = len(E)
-    if N == 1 or diameter == 0.0:
-        return diameter
-    V_hat = np.sum((E - E.mean(axis=0)) ** 2) / (N - 1)
-    L = np.log(2.0 * N * (N - 1) / delta)
-    sigma = np.sqrt(V_hat + diameter**2 * L / N) + diameter * np.sqrt(L / N)
-    sigma = min(sigma, diameter / np.sqrt(2.0))  # 2 V = E ||E - E'||^2 <= R^2
-    a = diameter * (L + np.log(2.0)) / (3.0 * N)
-    radius = a + np.sqrt(a * a + 2.0 * sigma**2 * (L + np.log(2.0)) / N)
-    return float(min(radius, diameter))
+    R, N = diameter, len(E)
+    if N == 1 or R == 0.0:
+        return R
+    if size is None:
+        k = max(k for k in range(64) if 4**k <= N)
+        if k == 0:
+            return R
+        size, delta = 2 * 4**k, delta / (k * (k + 1))
+    w = (np.sqrt(N / size) + np.sqrt(size / N)) / 2
+    mean, variance = np.log(2 / (0.75 * delta)), np.log(1 / (0.25 * delta))
+    b = w * R * np.sqrt(variance / (2 * N))
+    spread = np.mean(np.sum((E - E.mean(axis=0)) ** 2, axis=1))
+    x, sigma = R, R / np.sqrt(2.0)  # 2 V = E ||E - E'||^2 <= R^2
+    while True:
+        before = x, sigma
+        x = min(x, R * mean / (3 * N) + w * np.sqrt(2 * mean / N) * sigma)
+        sigma = min(sigma, b + np.sqrt(b * b + spread + x * x))
+        if (x, sigma) == before:
+            return float(x)

@@ -310,6 +310,14 @@ fn a_second_writer_is_told() {
     assert_eq!(generation(&state), 1); // readers need no lock
     lock.unlock().unwrap();
     assert_eq!(put(&state, 2).unwrap(), 2);
+    // several saves under one lock, which ends with its object
+    let held = crate::storage::lock(&state).unwrap();
+    assert_eq!(put(&state, 3), Err(Error::Locked { path: state.clone() }));
+    for next in 3..5 {
+        assert_eq!(crate::storage::save_held(&held, &state, tag("test"), &[], &go()), Ok(next));
+    }
+    drop(held);
+    assert_eq!(put(&state, 5).unwrap(), 5);
 }
 
 #[test]

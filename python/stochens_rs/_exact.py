@@ -75,6 +75,8 @@ def factors(B: Floats) -> Factors:
     B = np.ascontiguousarray(B)
     _gate.memory("the pseudoinverse of B", 8 * B.nbytes)
     left, right, singular_values, condition, inverse = _core.pseudoinverse(B)
+    if not np.isfinite(singular_values).all():
+        raise NonFiniteError("the singular values of `B` overflow: scale the problem down")
     s = singular_values[: len(left)]
     return Factors(B, left.T, s, right.T, singular_values, condition, inverse)
 

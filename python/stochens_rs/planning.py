@@ -220,8 +220,8 @@ def required_samples(
     >>> import stochens_rs as se
     >>> system = se.System([[0.9, 0.2], [-0.1, 0.8]], [[1.0, 0.0], [0.5, 1.0]])
     >>> plan = se.required_samples(system, [1.0, 2.0], [1.0, 1.0], 0.1, rng=1, runs=100)
-    >>> plan.simulated_size < plan.size, plan.rows[0].failures
-    (True, 0)
+    >>> plan.simulated_size < plan.size, plan.rows[0].name
+    (True, 'simulated')
     """
     checked = System.from_any(system)
     start = _gate.vector("x0", x0, length=checked.n)

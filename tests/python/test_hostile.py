@@ -165,6 +165,7 @@ GOOD = {
 OWN = {
     "best": {"size": 5, "data": [B, X0, XF, A]},
     "candidates": {"data": [B, X0, XF, A]},
+    "Simulated": {"data": [B, X0, XF, A]},
     "fuse": {"method": "alse", "target": A},
     "fuse_path": {"method": "alse"},
     "from_indices": {"target": A},
@@ -196,6 +197,7 @@ MADE = {
     "Stream": lambda: se.Stream(B, X0, XF, A, rng=1),
     "TrajectoryPlan": lambda: se.control_steps(B, X0, XF, ensemble(), 3),
     "Bound": lambda: se.theory.bounds.McDiarmid(X0),
+    "Simulated": lambda: se.theory.bounds.Simulated("vector", X0),
     "Fused": lambda: se.theory.bounds.ProductMcDiarmid(B, X0, XF, A),
     "Experiment": experiment,
     "Panel": lambda: experiment().panels[0],
@@ -227,6 +229,7 @@ def swept():
 # Not swept: programs, pictures, long runs, abstract classes, and what the next tests try.
 SEPARATE = {"cli", "plots", "report", "verdicts", "printed_stopping_rule", "Ensemble"}
 SEPARATE |= {"Experiment.save", "Experiment.from_dict", "Panel.from_dict", "Curve.from_dict"}
+SEPARATE |= {"Average", "Bound", "Fused", "Printed", "Trajectory"}
 SEPARATE |= {"Stream.save", "DataStream.save", "Stream.load", "DataStream.load"}
 
 

@@ -211,7 +211,6 @@ def test_unpickling_checks_the_realizations(changed):
         ("A", {"kind": "guessed"}),
         ("A", {"size": -1}),
         ("A", {"key": "key"}),
-        ("A", {"error": nan}),
     ],
 )
 @pytest.mark.parametrize("make", [plan, steps])

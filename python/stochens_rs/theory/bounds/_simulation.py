@@ -213,12 +213,13 @@ def radii(errors: Errors, delta: float, key: Key) -> tuple[float, ...] | None:
 
 def runs_for(delta: float, cost: float) -> int | None:
     """How many errors to simulate, at a cost of each in nanoseconds; None: too many."""
-    threads = get_num_threads()
+    if delta * _MOST < 1.0:
+        return None
     # (1 - p)^R <= 0.01 delta for p = 0.9 delta, and some to spare
     fewest = math.ceil(1.5 * math.log(1.0 / (_MISTAKE * delta)) / (_QUANTILE * delta))
     wanted = min(max(_FEWEST, math.ceil(_RUNS / delta)), _MOST)
-    runs = max(min(fewest, _MOST), min(wanted, int(_BUDGET * threads / cost)))
-    possible = exceedances(runs, delta) is not None and runs * cost <= _LONGEST * threads
+    runs = max(min(fewest, _MOST), min(wanted, int(_BUDGET / cost)))
+    possible = exceedances(runs, delta) is not None and runs * cost <= _LONGEST
     return runs if possible else None
 
 

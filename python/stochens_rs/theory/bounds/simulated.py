@@ -164,10 +164,18 @@ class Simulated(Bound):
         Errors
             ``errors.draw(runs, key)`` gives independent errors, (runs, 1); for a state or a
             control (runs, 2), of both.
-        """
-        return self._errors(self._rates(size))
 
-    def possible(self, size: Sizes, delta: float) -> bool:
+        Raises
+        ------
+        InputError, InputTypeError
+            As :meth:`radius`; or the size of a vector or matrix is None: nothing is random.
+        """
+        rates = self._rates(size)
+        if self._plan is None and not any(rates):
+            raise SizeError("`size` must be a number here: exact values have no errors")
+        return self._errors(rates)
+
+    def _possible(self, size: Sizes, delta: float) -> bool:
         """Whether there is a bound for this delta: not below about 1e-4, nor if a run is slow."""
         rates = self._rates(size)
         return not any(rates) or runs_for(delta, self._errors(rates).cost) is not None
@@ -199,7 +207,7 @@ class Simulated(Bound):
 
     def _required(self, eps: float, delta: float, same: Callable[[float], Rates]) -> int:
         eps, delta = _gate.positive("eps", eps), _gate.probability("delta", delta)
-        if not self.possible(1, delta):
+        if not self._possible(1, delta):
             raise SizeError(_no_bound(delta))
         found = smallest_size(
             lambda size: self._errors(same(1.0 / size)), self._which, eps, delta, self._key

@@ -10,13 +10,16 @@ the two of the paper, and `claims` checks its statements one by one.
 
 import logging
 
-from . import cases, exceptions, experiments, theory
+from . import cases, exceptions, theory
+from ._base.threads import get_num_threads, set_num_threads
 from ._core import version as _version
-from ._threads import get_num_threads, set_num_threads
-from .closed_loop import Tracking, track
-from .controls import control, realization_controls, steer
-from .data_streaming import DataStream
-from .ensembles import Counts, Ensemble
+from .controls.one_step import control, realization_controls, steer
+from .controls.plan import Fit, Path, Plan, PlanBound, PlanError, Reachability
+from .controls.planning import SamplePlan, required_samples
+from .controls.several_steps import control_steps
+from .controls.trajectory_plan import TrajectoryPlan
+from .ensembles.ensemble import Counts, Ensemble
+from .ensembles.sampling import sample, sample_counts
 from .exceptions import (
     InputError,
     InputTypeError,
@@ -26,19 +29,17 @@ from .exceptions import (
     SolverError,
     StochensError,
 )
-from .fusing import fuse, fuse_path
-from .multistep import control_steps
-from .planning import SamplePlan, required_samples
-from .results import Fit, Path, Plan, PlanBound, PlanError, Reachability
+from .fusion.fusing import fuse, fuse_path
+from .paper import experiments
+from .paper.verdicts.check import Claims, claims
 from .rng import Key
-from .sampling import sample, sample_counts
-from .simulating import simulate, simulate_ensemble
-from .stream_records import Confidence, StreamRun, Trace
-from .streaming import Stream
+from .simulation.closed_loop import Tracking, track
+from .simulation.records import EnsembleTrajectory, Trajectory
+from .simulation.simulating import simulate, simulate_ensemble
+from .streams.data_stream import DataStream
+from .streams.records import Confidence, StreamRun, Trace
+from .streams.stream import Stream
 from .system import System
-from .trajectories import EnsembleTrajectory, Trajectory
-from .trajectory_plans import TrajectoryPlan
-from .verdicts import Claims, claims
 
 __version__ = _version()
 

@@ -21,7 +21,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from ._gate import show, text
+from ._base.gate import show, text
 from .exceptions import InputTypeError, SeedError
 
 __all__ = ["Key", "RngLike", "as_key"]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from . import _gate, _html
+from ._base import gate, html
 from .exceptions import InputError, InputTypeError
 
 if TYPE_CHECKING:
@@ -76,12 +76,12 @@ class System:
         dt: float | bool | None = None,
         name: str | None = None,
     ) -> None:
-        checked_A = _gate.matrix("A", A, square=True)
-        checked_B = _gate.matrix("B", B, rows=len(checked_A))
-        label = None if name is None else " ".join(_gate.text("name", name).split())  # one line
+        checked_A = gate.matrix("A", A, square=True)
+        checked_B = gate.matrix("B", B, rows=len(checked_A))
+        label = None if name is None else " ".join(gate.text("name", name).split())  # one line
         for slot, value in (
-            ("_A", _gate.frozen(checked_A)),
-            ("_B", _gate.frozen(checked_B)),
+            ("_A", gate.frozen(checked_A)),
+            ("_B", gate.frozen(checked_B)),
             ("_dt", _checked_dt(dt)),
             ("_name", label or None),
         ):
@@ -130,7 +130,7 @@ class System:
             hint = "; call its to_ss() first" if transfer else ""
             raise InputTypeError(
                 "`obj` must be a System, a tuple (A, B[, dt]) or an object with attributes A "
-                f"and B, got {_gate.show(obj)}{hint}"
+                f"and B, got {gate.show(obj)}{hint}"
             )
         # scipy.signal gives its continuous systems dt = None: only their class tells.
         if any(
@@ -215,7 +215,7 @@ class System:
         return f"<System{label}: n={self.n} m={self.m} dt={self._dt}>"
 
     def _repr_html_(self) -> str:
-        return _html.system(self)
+        return html.system(self)
 
 
 _CONTINUOUS = (
@@ -230,7 +230,7 @@ def _attribute(obj: object, word: str, missing: object = None) -> Any:
         return getattr(obj, word, missing)
     except Exception as error:  # whatever a foreign property raises
         raise InputTypeError(
-            f"`obj` must be a system whose attribute {word} can be read, got {_gate.show(obj)}"
+            f"`obj` must be a system whose attribute {word} can be read, got {gate.show(obj)}"
         ) from error
 
 
@@ -239,9 +239,9 @@ def _checked_dt(dt: object) -> float | bool | None:
         return None
     if isinstance(dt, (bool, np.bool_)) and dt:
         return True
-    if _gate.is_real(dt) and dt == 0:
+    if gate.is_real(dt) and dt == 0:
         raise InputError(_CONTINUOUS.format("`dt` is 0"))
-    return _gate.positive("dt", dt)
+    return gate.positive("dt", dt)
 
 
 def _rebuild(A: ArrayLike, B: ArrayLike, dt: float | bool | None, name: str | None) -> System:

@@ -15,24 +15,25 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from stochens_rs.experiments import _runs, power, tracking
-from stochens_rs.rng import as_key
-from stochens_rs.system import System
-from stochens_rs.theory import bounds
-from stochens_rs.theory.reachability import approximate, counterexamples, samples
-from stochens_rs.verdicts import (
-    _definitions,
-    _exact,
-    _figures,
-    _reachability,
-    _sampling,
-    _streams,
-    _tail_bounds,
-    _tracking,
-    _weights,
+from stochens_rs.paper.experiments import power, tracking
+from stochens_rs.paper.reachability import approximate, counterexamples, samples
+from stochens_rs.paper.verdicts import (
+    algorithm_1,
     comparison,
+    definitions,
+    lemmas_on_reachability,
+    lemmas_on_sampling,
+    lemmas_on_tails,
+    lemmas_on_weights,
+    printed_figures,
+    rationals,
+    section_5_2,
     tails,
 )
+from stochens_rs.rng import as_key
+from stochens_rs.studies import replicate
+from stochens_rs.system import System
+from stochens_rs.theory import bounds
 
 KEY = as_key(1)
 W = np.array([2.0, 1.0, 1.0])
@@ -41,39 +42,39 @@ Patch: TypeAlias = "Callable[[pytest.MonkeyPatch], None]"
 
 # each row on its own, as small as its evidence allows
 ROWS: dict[str, Callable[[], se.verdicts.Claim]] = {
-    "Contribution vi": lambda: _streams.variance(_streams.measure(KEY)),
-    "Definition 2.1, eq. (3)": _definitions.solution_formula,
-    "Definition 2.2": _definitions.index_maps,
-    "Definition 2.3": lambda: _definitions.approximate_reachability(KEY),
-    "Definition 2.4": lambda: _definitions.sample_reachability(KEY),
-    "Lemma 3.1": _reachability.lemma_31,
-    "Remark after Lemma 3.1": _reachability.remark_31,
-    "Lemma 3.2": _reachability.lemma_32,
-    "Remark after Lemma 3.2, reachable": _reachability.remark_32_reachable,
-    "Remark after Lemma 3.2, any sequence": _reachability.remark_32_any,
-    "Lemma 4.1": _sampling.lemma_41,
-    "Remark after Lemma 4.1, rows": _sampling.rows_or_columns,
-    "Remark after Lemma 4.1, sparsity": _sampling.sparsity,
-    "Remark after Lemma 4.1, Bernoulli": _sampling.bernoulli,
-    "Lemma 4.2": lambda: _tail_bounds.lemma_42(tails.measure(KEY, runs=300)),
-    "Proof of Lemma 4.2, norm": _tail_bounds.proof_of_lemma_42,
-    "Lemma 4.3": lambda: _tail_bounds.lemma_43(KEY),
-    "Lemma 4.4": _weights.lemma_44,
-    "Remark after Lemma 4.4": lambda: _weights.exact_recovery(KEY),
-    "Algorithm 1, lines 3 and 16": _streams.lines_3_and_16,
-    "Algorithm 1": lambda: _streams.algorithm_1(_streams.measure(KEY)),
-    "Lemma 4.5, recursion": _weights.recursion,
-    "Lemma 4.5, first inequality": lambda: _weights.first_inequality(KEY),
-    "Lemma 4.5, second inequality": lambda: _weights.second_inequality(
+    "Contribution vi": lambda: algorithm_1.variance(algorithm_1.measure(KEY)),
+    "Definition 2.1, eq. (3)": definitions.solution_formula,
+    "Definition 2.2": definitions.index_maps,
+    "Definition 2.3": lambda: definitions.approximate_reachability(KEY),
+    "Definition 2.4": lambda: definitions.sample_reachability(KEY),
+    "Lemma 3.1": lemmas_on_reachability.lemma_31,
+    "Remark after Lemma 3.1": lemmas_on_reachability.remark_31,
+    "Lemma 3.2": lemmas_on_reachability.lemma_32,
+    "Remark after Lemma 3.2, reachable": lemmas_on_reachability.remark_32_reachable,
+    "Remark after Lemma 3.2, any sequence": lemmas_on_reachability.remark_32_any,
+    "Lemma 4.1": lemmas_on_sampling.lemma_41,
+    "Remark after Lemma 4.1, rows": lemmas_on_sampling.rows_or_columns,
+    "Remark after Lemma 4.1, sparsity": lemmas_on_sampling.sparsity,
+    "Remark after Lemma 4.1, Bernoulli": lemmas_on_sampling.bernoulli,
+    "Lemma 4.2": lambda: lemmas_on_tails.lemma_42(tails.measure(KEY, runs=300)),
+    "Proof of Lemma 4.2, norm": lemmas_on_tails.proof_of_lemma_42,
+    "Lemma 4.3": lambda: lemmas_on_tails.lemma_43(KEY),
+    "Lemma 4.4": lemmas_on_weights.lemma_44,
+    "Remark after Lemma 4.4": lambda: lemmas_on_weights.exact_recovery(KEY),
+    "Algorithm 1, lines 3 and 16": algorithm_1.lines_3_and_16,
+    "Algorithm 1": lambda: algorithm_1.algorithm_1(algorithm_1.measure(KEY)),
+    "Lemma 4.5, recursion": lemmas_on_weights.recursion,
+    "Lemma 4.5, first inequality": lambda: lemmas_on_weights.first_inequality(KEY),
+    "Lemma 4.5, second inequality": lambda: lemmas_on_weights.second_inequality(
         comparison.compare(W, KEY, 200, 50)
     ),
-    "Lemma 4.5, norm": _weights.norms,
-    "Figure 1": lambda: _figures._estimates(power(rng=1, replicates=4, samples=300)),
-    "Figure 2": lambda: _figures._controls(power(rng=1, replicates=4, samples=300)),
-    "Section 5.2, one step": lambda: _tracking.one_step_only(KEY),
-    "Figure 3": lambda: _figures._states(KEY, _large()),
-    "Figure 3, order": lambda: _tracking.ordering(_large()),
-    "Section 5.2, computed states": _tracking.computed_states,
+    "Lemma 4.5, norm": lemmas_on_weights.norms,
+    "Figure 1": lambda: printed_figures._estimates(power(rng=1, replicates=4, samples=300)),
+    "Figure 2": lambda: printed_figures._controls(power(rng=1, replicates=4, samples=300)),
+    "Section 5.2, one step": lambda: section_5_2.one_step_only(KEY),
+    "Figure 3": lambda: printed_figures._states(KEY, _large()),
+    "Figure 3, order": lambda: section_5_2.ordering(_large()),
+    "Section 5.2, computed states": section_5_2.computed_states,
 }
 
 
@@ -106,7 +107,7 @@ def both(*patches: Patch) -> Patch:
 def scaled_atoms(factor: Callable[[Any], Any]) -> Patch:
     """Realizations of another length."""
     return change(
-        _exact,
+        rationals,
         "atoms",
         lambda honest, w: [(p, tuple(factor(w) * x for x in atom)) for p, atom in honest(w)],
     )
@@ -134,12 +135,12 @@ def stream(variant: str | None = None, rule: str | None = None) -> Patch:
         def run(self, *args: Any, **kwargs: Any) -> Any:
             return super().run(*args, **(kwargs | ({"rule": rule} if rule else {})))
 
-    return put(_streams, "Stream", Other)
+    return put(algorithm_1, "Stream", Other)
 
 
 def certain(w: Any) -> Any:
     """No randomness: the only realization is the vector or matrix itself."""
-    return [(_exact.ONE, w)]
+    return [(rationals.ONE, w)]
 
 
 def exact_path(*methods: str) -> Patch:
@@ -152,32 +153,32 @@ def exact_path(*methods: str) -> Patch:
         right = np.broadcast_to(kwargs["target"], path.estimates.shape)
         return replace(path, estimates=right, errors=0.0 * path.errors)
 
-    return change(_runs, "fuse_path", exact)
+    return change(replicate, "fuse_path", exact)
 
 
 aligned = put(counterexamples, "_GOOD", {"x0": 0, "A": 0, "B": 0})
-deterministic = both(put(_exact, "atoms", certain), put(_exact, "matrix_atoms", certain))
+deterministic = both(put(rationals, "atoms", certain), put(rationals, "matrix_atoms", certain))
 unsigned = change(
-    _exact,
+    rationals,
     "atoms",
     lambda honest, w: [(p, tuple(abs(x) for x in atom)) for p, atom in honest(w)],
 )
 double = scaled_atoms(lambda w: 2)
-unit = scaled_atoms(lambda w: 1 / (sum(map(abs, w)) or _exact.ONE))
-rows_like_columns = put(_exact, "row_atoms", _exact.matrix_atoms)
-alse_is_the_mean = put(_exact, "alse", lambda samples, w: _exact.mean(samples))
+unit = scaled_atoms(lambda w: 1 / (sum(map(abs, w)) or rationals.ONE))
+rows_like_columns = put(rationals, "row_atoms", rationals.matrix_atoms)
+alse_is_the_mean = put(rationals, "alse", lambda samples, w: rationals.mean(samples))
 slse_no_worse_than_the_mean = change(
-    _exact,
+    rationals,
     "slse",
     lambda honest, samples, w: [
-        min(error, _exact.distance(_exact.mean(samples[: k + 1]), w))
+        min(error, rationals.distance(rationals.mean(samples[: k + 1]), w))
         for k, error in enumerate(honest(samples, w))
     ],
 )
 printed_recursion = put(
-    _exact,
+    rationals,
     "slse",
-    lambda samples, w: [_exact.distance(_exact.towards(samples[1], samples[0], w), w)],
+    lambda samples, w: [rationals.distance(rationals.towards(samples[1], samples[0], w), w)],
 )
 
 
@@ -188,23 +189,25 @@ def _scaled_best(honest: Any, *args: Any, **kwargs: Any) -> Any:
 MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
     ("Contribution vi", 0): {
         "the printed loop has fused estimates": put(
-            _streams, "_printed", lambda samples, w: _exact.slse_path(samples, w)[-1]
+            algorithm_1, "_printed", lambda samples, w: rationals.slse_path(samples, w)[-1]
         ),
         "SLSE is the printed loop": put(
-            _exact, "slse", lambda s, w: [_exact.distance(_streams._printed(s, w), w)]
+            rationals, "slse", lambda s, w: [rationals.distance(algorithm_1._printed(s, w), w)]
         ),
     },
     ("Contribution vi", 1): {
         "both with fused estimates": stream("consistent"),
         "both as printed": stream("literal"),
         "a bound that is too small": change(
-            _streams, "mean_square_bound", lambda honest, *args: 1e-4 * honest(*args)
+            algorithm_1, "mean_square_bound", lambda honest, *args: 1e-4 * honest(*args)
         ),
     },
     ("Definition 2.1, eq. (3)", 0): {
-        "products from left to right": change(_exact, "matmul", lambda honest, A, B: honest(B, A)),
+        "products from left to right": change(
+            rationals, "matmul", lambda honest, A, B: honest(B, A)
+        ),
     },
-    ("Definition 2.2", 0): {"no randomness": put(_exact, "matrix_atoms", certain)},
+    ("Definition 2.2", 0): {"no randomness": put(rationals, "matrix_atoms", certain)},
     ("Definition 2.3", 0): {
         "biased realizations": change(
             approximate,
@@ -225,16 +228,18 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
     ("Remark after Lemma 3.2, reachable", 1): {"biased realizations": double},
     ("Remark after Lemma 3.2, any sequence", 0): {
         "realizations in phase": change(
-            _reachability, "_alternating", lambda honest, N: (honest(N)[0],) * 2
+            lemmas_on_reachability, "_alternating", lambda honest, N: (honest(N)[0],) * 2
         ),
         "realizations with another average": change(
-            _reachability, "_alternating", lambda honest, N: (honest(N)[0], [_exact.ZERO] * N)
+            lemmas_on_reachability,
+            "_alternating",
+            lambda honest, N: (honest(N)[0], [rationals.ZERO] * N),
         ),
     },
     ("Lemma 4.1", 0): {"no signs": unsigned, "another length": double},
     ("Lemma 4.1", 1): {
         "another mean square": put(
-            _sampling,
+            lemmas_on_sampling,
             "_second_moment",
             lambda w, q: sum(abs(x) / p for x, p in zip(w, q, strict=True) if x),
         ),
@@ -246,21 +251,21 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
     ("Remark after Lemma 4.1, rows", 1): {"rows drawn by columns": rows_like_columns},
     ("Remark after Lemma 4.1, sparsity", 0): {
         "entries where A has none": put(
-            _exact, "matrix_atoms", lambda A: [(_exact.ONE, ((_exact.ONE,) * 3,) * 3)]
+            rationals, "matrix_atoms", lambda A: [(rationals.ONE, ((rationals.ONE,) * 3,) * 3)]
         ),
-        "no randomness": put(_exact, "matrix_atoms", certain),
+        "no randomness": put(rationals, "matrix_atoms", certain),
         "other signs": scaled_atoms(lambda w: -1),
     },
     ("Remark after Lemma 4.1, Bernoulli", 0): {
         "values 0 and 1": unit,
-        "no randomness": put(_exact, "atoms", certain),
+        "no randomness": put(rationals, "atoms", certain),
     },
     ("Lemma 4.2", 0): {
         "a printed bound that holds": put(
             bounds.paper, "OneVector", lambda w, C: bounds.McDiarmid(w)
         ),
         "a bound of ours that does not": put(
-            _tail_bounds.bounds, "McDiarmid", lambda w: bounds.paper.OneVector(w, C=4.0)
+            lemmas_on_tails.bounds, "McDiarmid", lambda w: bounds.paper.OneVector(w, C=4.0)
         ),
     },
     ("Lemma 4.2", 1): {
@@ -278,10 +283,10 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
     },
     ("Proof of Lemma 4.2, norm", 0): {
         "the largest entry for a sum": put(
-            _tail_bounds, "_row_sums", lambda M: max(abs(x) for row in M for x in row)
+            lemmas_on_tails, "_row_sums", lambda M: max(abs(x) for row in M for x in row)
         ),
         "a smaller constant": change(
-            _exact, "spectral_at_most", lambda honest, M, square: honest(M, square * 3 / 4)
+            rationals, "spectral_at_most", lambda honest, M, square: honest(M, square * 3 / 4)
         ),
     },
     ("Lemma 4.3", 0): {
@@ -291,7 +296,7 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
     },
     ("Lemma 4.3", 1): {
         "a system without randomness": change(
-            _tail_bounds,
+            lemmas_on_tails,
             "simulate_ensemble",
             lambda honest, system, *args, **kwargs: honest(
                 System(np.eye(2), system.B), *args, **kwargs
@@ -301,10 +306,10 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
     ("Lemma 4.4", 0): {"realizations of length 1": unit},
     ("Lemma 4.4", 1): {"realizations of length 1": unit},
     ("Remark after Lemma 4.4", 0): {
-        "weights for every column": put(_exact, "slse", lambda samples, w: [_exact.ZERO]),
+        "weights for every column": put(rationals, "slse", lambda samples, w: [rationals.ZERO]),
     },
     ("Remark after Lemma 4.4", 1): {
-        "ALSE is the mean": as_method(_weights, "fuse", "alse", "uniform"),
+        "ALSE is the mean": as_method(lemmas_on_weights, "fuse", "alse", "uniform"),
     },
     ("Algorithm 1, lines 3 and 16", 0): {
         "no randomness": deterministic,
@@ -318,18 +323,18 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
     ("Lemma 4.5, recursion", 0): {"the corrected recursion is the printed one": printed_recursion},
     ("Lemma 4.5, recursion", 1): {
         "the corrected recursion is the printed one": printed_recursion,
-        "the segment contains the target": put(_exact, "towards", lambda F, E, target: target),
+        "the segment contains the target": put(rationals, "towards", lambda F, E, target: target),
     },
     ("Lemma 4.5, first inequality", 0): {
-        "ALSE is the mean": as_method(_weights, "fuse", "alse", "uniform"),
-        "ALSE is SLSE": as_method(_weights, "fuse", "alse", "slse"),
+        "ALSE is the mean": as_method(lemmas_on_weights, "fuse", "alse", "uniform"),
+        "ALSE is SLSE": as_method(lemmas_on_weights, "fuse", "alse", "slse"),
         "the closed form is the mean": alse_is_the_mean,
-        "the closed form is off the simplex": put(_exact, "alse", lambda samples, w: w),
+        "the closed form is off the simplex": put(rationals, "alse", lambda samples, w: w),
     },
     ("Lemma 4.5, first inequality", 1): {
-        "ALSE is the mean": as_method(_weights, "fuse", "alse", "uniform"),
-        "ALSE is SLSE": as_method(_weights, "fuse", "alse", "slse"),
-        "SLSE is ALSE": as_method(_weights, "fuse", "slse", "alse"),
+        "ALSE is the mean": as_method(lemmas_on_weights, "fuse", "alse", "uniform"),
+        "ALSE is SLSE": as_method(lemmas_on_weights, "fuse", "alse", "slse"),
+        "SLSE is ALSE": as_method(lemmas_on_weights, "fuse", "slse", "alse"),
     },
     ("Lemma 4.5, second inequality", 0): {
         "SLSE is no worse than the mean": slse_no_worse_than_the_mean,
@@ -344,41 +349,43 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
     },
     ("Lemma 4.5, norm", 0): {
         "Frobenius norms": put(
-            _exact,
+            rationals,
             "spectral_at_most",
             lambda M, square: sum(x * x for row in M for x in row) <= square,
         ),
-        "ALSE is not the optimum": put(_exact, "towards", lambda F, E, target: F),
+        "ALSE is not the optimum": put(rationals, "towards", lambda F, E, target: F),
     },
     ("Lemma 4.5, norm", 1): {"ALSE is the mean": alse_is_the_mean},
     ("Figure 1", 0): {
-        "ALSE is the mean": as_method(_runs, "fuse_path", "alse", "uniform"),
-        "SLSE is ALSE": as_method(_runs, "fuse_path", "slse", "alse"),
+        "ALSE is the mean": as_method(replicate, "fuse_path", "alse", "uniform"),
+        "SLSE is ALSE": as_method(replicate, "fuse_path", "slse", "alse"),
     },
     ("Figure 2", 0): {"ALSE is exact from the first realization on": exact_path("alse")},
-    ("Section 5.2, one step", 0): {"no randomness": put(_exact, "matrix_atoms", certain)},
+    ("Section 5.2, one step", 0): {"no randomness": put(rationals, "matrix_atoms", certain)},
     ("Section 5.2, one step", 1): {
         "no more realizations": change(
-            _tracking,
+            section_5_2,
             "sample_counts",
             lambda honest, A, N, **kwargs: honest(A, 100, **kwargs),
         ),
     },
     ("Figure 3", 0): {
         "the same error in all dimensions": put(
-            _figures, "state_rms", lambda B, x0, xf, A, N, **_: 0.2 * float(np.linalg.norm(A @ x0))
+            printed_figures,
+            "state_rms",
+            lambda B, x0, xf, A, N, **_: 0.2 * float(np.linalg.norm(A @ x0)),
         ),
     },
     ("Figure 3", 1): {
         "longer realizations": change(
-            _runs, "sample", lambda honest, M, *args, **kwargs: honest(2.0 * M, *args, **kwargs)
+            replicate, "sample", lambda honest, M, *args, **kwargs: honest(2.0 * M, *args, **kwargs)
         ),
     },
-    ("Figure 3, order", 0): {"A = I": put(_tracking, "_scaled", lambda a, e: e)},
+    ("Figure 3, order", 0): {"A = I": put(section_5_2, "_scaled", lambda a, e: e)},
     ("Figure 3, order", 1): {"ALSE and SLSE are exact": exact_path("alse", "slse")},
     ("Section 5.2, computed states", 0): {"good realizations at one index": aligned},
     ("Section 5.2, computed states", 1): {
-        "the same realization twice": put(_tracking, "_average_of_two", lambda law: law),
+        "the same realization twice": put(section_5_2, "_average_of_two", lambda law: law),
         "another length": double,
     },
 }

@@ -17,8 +17,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError
+from stochens_rs.paper import bounds as paper
 from stochens_rs.theory import bounds, moments
-from stochens_rs.theory.bounds import paper
 from stochens_rs.theory.bounds._inequalities import largest_eigenvalues
 
 AXES = ("columns", "rows")

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from stochens_rs.cases import ieee14, ieee39
+from stochens_rs.paper import bounds as paper
 from stochens_rs.theory import bounds
-from stochens_rs.theory.bounds import paper
 
 DELTAS = (0.3, 0.1, 0.01)
 SIZES = (10, 100, 2000)

@@ -11,16 +11,15 @@ import pytest
 import stochens_rs as se
 from claim_mutants import MUTANTS, ROWS, Patch
 from stochens_rs import reference
+from stochens_rs.paper.verdicts import algorithm_1 as streams
+from stochens_rs.paper.verdicts import definitions, tails
+from stochens_rs.paper.verdicts import lemmas_on_tails as tail_bounds
+from stochens_rs.paper.verdicts import lemmas_on_weights as weights
+from stochens_rs.paper.verdicts import rationals as exact
+from stochens_rs.paper.verdicts.comparison import compare
+from stochens_rs.paper.verdicts.printed_figures import section_5
 from stochens_rs.rng import as_key
 from stochens_rs.theory import moments
-from stochens_rs.verdicts import _definitions as definitions
-from stochens_rs.verdicts import _exact as exact
-from stochens_rs.verdicts import _streams as streams
-from stochens_rs.verdicts import _tail_bounds as tail_bounds
-from stochens_rs.verdicts import _weights as weights
-from stochens_rs.verdicts import tails
-from stochens_rs.verdicts._figures import section_5
-from stochens_rs.verdicts.comparison import compare
 
 FALSE = {
     "Contribution vi",

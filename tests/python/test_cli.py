@@ -14,8 +14,9 @@ import zipfile
 import pytest
 
 import stochens_rs as se
-from stochens_rs import cli, experiments
+from stochens_rs import cli
 from stochens_rs.exceptions import ResourceError, SolverError
+from stochens_rs.paper import experiments
 
 TINY = ["reproduce", "--quick", "--no-claims", "--replicates", "2", "--samples", "12"]
 

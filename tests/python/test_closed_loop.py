@@ -13,7 +13,7 @@ import pytest
 
 import stochens_rs as se
 from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
-from stochens_rs.theory import _positive_maps, moments, tracking
+from stochens_rs.theory import moments, positive_maps, tracking
 
 A2 = np.array([[1.0, -2.0], [0.5, 3.0]])
 B1 = np.array([[1.0], [-0.5]])
@@ -236,12 +236,12 @@ def test_large_systems_need_no_n_sums(monkeypatch):
     n = 12
     A, B = gen.standard_normal((n, n)) / 6.0, gen.standard_normal((n, 5))
     with monkeypatch.context() as patch:
-        patch.setattr(_positive_maps, "_perron", lambda *_: None)
+        patch.setattr(positive_maps, "_perron", lambda *_: None)
         slow = tracking.stability_threshold(A, B), tracking.stability_radius(A, B, 7)
     formed = []
-    honest = _positive_maps._excitation
+    honest = positive_maps._excitation
     monkeypatch.setattr(
-        _positive_maps, "_excitation", lambda *data: formed.append(data[2]) or honest(*data)
+        positive_maps, "_excitation", lambda *data: formed.append(data[2]) or honest(*data)
     )
     fast = tracking.stability_threshold(A, B), tracking.stability_radius(A, B, 7)
     assert fast == pytest.approx(slow, rel=1e-10)

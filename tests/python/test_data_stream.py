@@ -9,14 +9,8 @@ import pytest
 
 import stochens_rs as se
 from stochens_rs import reference
-from stochens_rs.exceptions import (
-    InputError,
-    InputTypeError,
-    NonFiniteError,
-    ShapeError,
-    SizeError,
-)
-from stochens_rs.stream_records import mean_radius
+from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError, SizeError
+from stochens_rs.streams.records import mean_radius
 
 GEN = np.random.default_rng(11)
 N, INPUTS = 6, 4

@@ -177,9 +177,9 @@ def test_a_child_forked_in_a_run_does_not_end_its_lock(tmp_path: Path) -> None:
     def fork(done: int, total: int | None) -> None:
         child = os.fork()
         if child == 0:
-            from stochens_rs import _durable
+            from stochens_rs.streams import durable
 
-            for lock in list(_durable._held):
+            for lock in list(durable._held):
                 lock.release()
             os._exit(0)
         os.waitpid(child, 0)
@@ -264,11 +264,11 @@ def test_damage_is_recovered_from_the_generation_before(small: Path) -> None:
 def test_numbers_that_cannot_be_a_stream_are_refused(
     tmp_path: Path, name: str, change: object
 ) -> None:
-    from stochens_rs import _state
+    from stochens_rs.streams import state_file
 
     sections = make()._to_sections()
     sections[name] = change(sections[name])  # type: ignore[operator]
-    _state.save(tmp_path / "a.state", "stream", sections)  # sealed with a correct digest
+    state_file.save(tmp_path / "a.state", "stream", sections)  # sealed with a correct digest
     with pytest.raises(StateError, match=r"a\.state"):
         se.Stream.load(tmp_path / "a.state")
 
@@ -404,9 +404,9 @@ def test_ctrl_c_during_the_last_save(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, signals: int
 ) -> None:
     """The first one ends the run, saved, and says so; the second one is not swallowed."""
-    from stochens_rs import _state
+    from stochens_rs.streams import state_file
 
-    path, stream, left, real = tmp_path / "a.state", make(), [signals], _state.save
+    path, stream, left, real = tmp_path / "a.state", make(), [signals], state_file.save
 
     def interrupted(*args: object) -> int:
         if left[0]:
@@ -414,7 +414,7 @@ def test_ctrl_c_during_the_last_save(
             raise KeyboardInterrupt
         return real(*args)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(_state, "save", interrupted)
+    monkeypatch.setattr(state_file, "save", interrupted)
     if signals == 2:
         with pytest.raises(KeyboardInterrupt):
             stream.run(max_steps=100, checkpoint=path)

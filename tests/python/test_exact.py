@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from stochens_rs._exact import factors, one_step
 from stochens_rs.exceptions import InputError
 from stochens_rs.theory import reachability
+from stochens_rs.theory.exact import factors, one_step
 
 CONDITIONS = (1e2, 1e6, 1e10, 1e12, 1e14)
 SHAPES = {"square": (6, 6), "tall": (8, 5), "wide": (5, 8)}

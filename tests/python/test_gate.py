@@ -12,7 +12,8 @@ from functools import partial
 import numpy as np
 import pytest
 
-from stochens_rs import _gate, exceptions
+from stochens_rs import exceptions
+from stochens_rs._base import gate
 from stochens_rs.exceptions import (
     InputError,
     InputTypeError,
@@ -29,7 +30,7 @@ nan, inf = float("nan"), float("inf")
 
 def label(value):
     """Test ids: pytest's own would print a million characters, or fail on a huge integer."""
-    return value.__name__ if isinstance(value, type) else _gate.show(value)[:40]
+    return value.__name__ if isinstance(value, type) else gate.show(value)[:40]
 
 
 def spoiled(shape, index, value):
@@ -53,11 +54,11 @@ class Fickle:
         return np.ones((self.readings, self.readings))
 
 
-vector, matrix = _gate.vector, _gate.matrix
-vector10 = partial(_gate.vector, length=10)
-rows3, cols3 = partial(_gate.matrix, rows=3), partial(_gate.matrix, cols=3)
-square, square4 = partial(_gate.matrix, square=True), partial(_gate.matrix, rows=4, square=True)
-batch, batch3 = partial(_gate.array, ndim=(2, 3)), partial(_gate.array, ndim=(3,))
+vector, matrix = gate.vector, gate.matrix
+vector10 = partial(gate.vector, length=10)
+rows3, cols3 = partial(gate.matrix, rows=3), partial(gate.matrix, cols=3)
+square, square4 = partial(gate.matrix, square=True), partial(gate.matrix, rows=4, square=True)
+batch, batch3 = partial(gate.array, ndim=(2, 3)), partial(gate.array, ndim=(3,))
 
 # Rows: what is wrong, the check, the value given for `X`, a pattern of the message.
 NOT_FINITE = [
@@ -130,12 +131,12 @@ def test_sparse_matrix_is_refused_with_a_hint():
     sparse = pytest.importorskip("scipy.sparse")
     for kind in (sparse.csc_matrix, sparse.csr_array):
         with pytest.raises(InputTypeError, match=r"sparse matrix: pass X\.toarray\(\)"):
-            _gate.matrix("X", kind(np.eye(3)))
+            gate.matrix("X", kind(np.eye(3)))
 
 
 def test_the_cause_of_a_foreign_failure_is_kept():
     with pytest.raises(InputTypeError) as caught:
-        _gate.vector("X", Stubborn())
+        gate.vector("X", Stubborn())
     assert isinstance(caught.value.__cause__, RuntimeError)
 
 
@@ -145,12 +146,12 @@ def test_running_out_of_memory_is_not_called_a_wrong_type():
             raise MemoryError
 
     with pytest.raises(MemoryError):
-        _gate.vector("X", Huge())
+        gate.vector("X", Huge())
 
 
 def test_input_is_read_once():
     fickle = Fickle()
-    assert _gate.matrix("X", fickle).shape == (1, 1)
+    assert gate.matrix("X", fickle).shape == (1, 1)
     assert fickle.readings == 1
 
 
@@ -192,7 +193,7 @@ UNUSUAL = {
 
 @pytest.mark.parametrize("value", UNUSUAL.values(), ids=UNUSUAL.keys())
 def test_unusual_array_equals_the_plain_one(value):
-    got = _gate.matrix("X", value)
+    got = gate.matrix("X", value)
     np.testing.assert_array_equal(got, PLAIN)
     assert type(got) is np.ndarray
     assert got.dtype == np.float64
@@ -203,16 +204,16 @@ def test_unusual_array_equals_the_plain_one(value):
 
 def test_broadcast_and_memmap(tmp_path):
     wide = np.broadcast_to(np.arange(4.0), (3, 4))
-    got = _gate.matrix("X", wide)
+    got = gate.matrix("X", wide)
     assert got.flags.c_contiguous
     np.testing.assert_array_equal(got, wide)
     mapped = np.memmap(tmp_path / "m", dtype=float, mode="w+", shape=(3, 4))
     mapped[:] = PLAIN
-    np.testing.assert_array_equal(_gate.matrix("X", mapped), PLAIN)
+    np.testing.assert_array_equal(gate.matrix("X", mapped), PLAIN)
 
 
 def test_no_copy_when_none_is_needed():
-    assert np.shares_memory(_gate.matrix("X", PLAIN), PLAIN)
+    assert np.shares_memory(gate.matrix("X", PLAIN), PLAIN)
 
 
 @pytest.mark.parametrize(
@@ -226,7 +227,7 @@ def test_no_copy_when_none_is_needed():
     ],
 )
 def test_extreme_but_finite_values_pass_unchanged(value):
-    np.testing.assert_array_equal(_gate.matrix("X", value), value.astype(float))
+    np.testing.assert_array_equal(gate.matrix("X", value), value.astype(float))
 
 
 def test_long_double_beyond_float64_is_not_finite():
@@ -234,7 +235,7 @@ def test_long_double_beyond_float64_is_not_finite():
     if beyond[1] == np.finfo(np.float64).max:
         pytest.skip("long double is float64 here")
     with pytest.raises(NonFiniteError, match=r"`X\[1\]` is inf"):
-        _gate.vector("X", beyond)
+        gate.vector("X", beyond)
 
 
 # -- scalars -----------------------------------------------------------------------------------
@@ -246,7 +247,7 @@ def test_long_double_beyond_float64_is_not_finite():
      (np.array(5), 5), (2**53, 2**53), (9.0e9, 9 * 10**9)],
 )  # fmt: skip
 def test_size_accepts_whole_numbers(value, count):
-    got = _gate.size("size", value)
+    got = gate.size("size", value)
     assert got == count
     assert type(got) is int
 
@@ -282,27 +283,27 @@ def test_size_accepts_whole_numbers(value, count):
 )
 def test_size_refuses(value, error, message):
     with pytest.raises(error, match=message) as caught:
-        _gate.size("size", value)
+        gate.size("size", value)
     assert_one_short_line(caught.value)
 
 
 def test_size_range_is_the_callers():
-    assert _gate.size("k", 0, minimum=0) == 0
+    assert gate.size("k", 0, minimum=0) == 0
     with pytest.raises(SizeError, match=r"`k` must be in \[0, 5\], got int 6"):
-        _gate.size("k", 6, minimum=0, maximum=5)
+        gate.size("k", 6, minimum=0, maximum=5)
 
 
 @pytest.mark.parametrize(
     "value", [[1, 2, 10], (1, 2, 10), np.array([1.0, 2.0, 10.0]), np.array([1, 2, 10], np.uint8)]
 )
 def test_sizes_accepts(value):
-    got = _gate.sizes("sizes", value, maximum=10)
+    got = gate.sizes("sizes", value, maximum=10)
     assert got.dtype == np.int64
     assert got.tolist() == [1, 2, 10]
 
 
 def test_sizes_accepts_a_range():
-    assert _gate.sizes("sizes", range(1, 6), maximum=5).tolist() == [1, 2, 3, 4, 5]
+    assert gate.sizes("sizes", range(1, 6), maximum=5).tolist() == [1, 2, 3, 4, 5]
 
 
 @pytest.mark.parametrize(
@@ -328,7 +329,7 @@ def test_sizes_accepts_a_range():
 )
 def test_sizes_refuses(value, error, message):
     with pytest.raises(error, match=message) as caught:
-        _gate.sizes("sizes", value, maximum=10)
+        gate.sizes("sizes", value, maximum=10)
     assert_one_short_line(caught.value)
 
 
@@ -336,7 +337,7 @@ METHODS = ("uniform", "alse", "slse")
 
 
 def test_choice():
-    assert _gate.choice("method", "alse", METHODS) == "alse"
+    assert gate.choice("method", "alse", METHODS) == "alse"
 
 
 @pytest.mark.parametrize(
@@ -353,13 +354,13 @@ def test_choice():
 )  # fmt: skip
 def test_choice_refuses(value, error, message):
     with pytest.raises(error, match=message) as caught:
-        _gate.choice("method", value, METHODS)
+        gate.choice("method", value, METHODS)
     assert_one_short_line(caught.value)
 
 
 @pytest.mark.parametrize("value", [1, 1e-300, 5e-324, np.float32(0.5), np.int64(3), 1e308])
 def test_positive_accepts(value):
-    got = _gate.positive("tol", value)
+    got = gate.positive("tol", value)
     assert got == float(value)
     assert type(got) is float
 
@@ -382,7 +383,7 @@ def test_positive_accepts(value):
 )
 def test_positive_refuses(value, error, message):
     with pytest.raises(error, match=message) as caught:
-        _gate.positive("tol", value)
+        gate.positive("tol", value)
     assert_one_short_line(caught.value)
 
 
@@ -390,12 +391,12 @@ def test_positive_refuses(value, error, message):
 
 
 def test_memory_refuses_what_no_machine_has():
-    if _gate.memory_left() is None:
+    if gate.memory_left() is None:
         pytest.skip("this system does not tell how much memory is left")
     with pytest.raises(
         ResourceError, match=r"^Ensemble\.dense\(\) needs .* GiB, but only"
     ) as caught:
-        _gate.memory("Ensemble.dense()", 2**62)
+        gate.memory("Ensemble.dense()", 2**62)
     assert_one_short_line(caught.value)
     assert caught.value.needed_bytes == 2**62
     assert 0 <= caught.value.limit_bytes < 2**62
@@ -404,19 +405,19 @@ def test_memory_refuses_what_no_machine_has():
 
 @pytest.mark.parametrize(("needed", "refused"), [(800 * 2**20, False), (800 * 2**20 + 1, True)])
 def test_memory_leaves_a_fifth_free(monkeypatch, needed, refused):
-    monkeypatch.setattr(_gate, "memory_left", lambda: 1000 * 2**20)
+    monkeypatch.setattr(gate, "memory_left", lambda: 1000 * 2**20)
     if refused:
         with pytest.raises(ResourceError):
-            _gate.memory("it", needed)
+            gate.memory("it", needed)
     else:
-        _gate.memory("it", needed)
+        gate.memory("it", needed)
 
 
 def test_memory_passes_where_nothing_is_known(monkeypatch):
-    monkeypatch.setattr(_gate, "_text", lambda path: "")
-    monkeypatch.setattr(_gate, "_address_space_left", list)
-    assert _gate.memory_left() is None
-    _gate.memory("it", 2**62)
+    monkeypatch.setattr(gate, "_text", lambda path: "")
+    monkeypatch.setattr(gate, "_address_space_left", list)
+    assert gate.memory_left() is None
+    gate.memory("it", 2**62)
 
 
 GIB = 2**30
@@ -450,18 +451,18 @@ V1 = {
     ids=["cgroup v2", "cgroup v1", "no cgroup", "unreadable"],
 )
 def test_memory_left_reads_the_least_limit(monkeypatch, files, left):
-    monkeypatch.setattr(_gate, "_text", lambda path: files.get(path, ""))
-    monkeypatch.setattr(_gate, "_address_space_left", list)
-    assert _gate.memory_left() == left
+    monkeypatch.setattr(gate, "_text", lambda path: files.get(path, ""))
+    monkeypatch.setattr(gate, "_address_space_left", list)
+    assert gate.memory_left() == left
 
 
 def test_address_space_limit_counts(monkeypatch):
     resource = pytest.importorskip("resource")
     monkeypatch.setattr(resource, "getrlimit", lambda which: (5 * GIB, 6 * GIB))
     monkeypatch.setattr(
-        _gate, "_text", lambda path: f"{GIB // resource.getpagesize()} 1 1" * ("statm" in path)
+        gate, "_text", lambda path: f"{GIB // resource.getpagesize()} 1 1" * ("statm" in path)
     )
-    assert _gate.memory_left() == 4 * GIB
+    assert gate.memory_left() == 4 * GIB
 
 
 # -- the family of exceptions ------------------------------------------------------------------

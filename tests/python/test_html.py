@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from stochens_rs import _html
+from stochens_rs._base import html
 from stochens_rs.theory import bounds
 
 SYSTEM = se.System([[0.9, 0.2], [-0.1, 0.8]], [[1.0, 0.0], [0.5, 1.0]], dt=0.1, name="a & <b>")
@@ -100,10 +100,10 @@ def test_extremes_can_be_drawn():
     zeros = np.zeros((3, 1))
     x = np.arange(3.0)
     for curves, log in ((huge.T, False), (zeros.T, False), (zeros.T, True), (huge.T[:, :0], True)):
-        drawn = _html._lines(x[: curves.shape[1]], list(curves), "text", log=log)
+        drawn = html._lines(x[: curves.shape[1]], list(curves), "text", log=log)
         assert "nan" not in drawn
         ElementTree.fromstring(f"<p>{drawn}</p>")
-    assert "<polyline" in _html._lines(x, list(huge.T), "text")
+    assert "<polyline" in html._lines(x, list(huge.T), "text")
     still = se.simulate(([[2.0]], [[1.0]]), [[0.0]] * 3, [0.0])
     ElementTree.fromstring(still._repr_html_())
     new = se.Stream([[1.0]], [1.0], [0.0], [[2.0]], rng=1)

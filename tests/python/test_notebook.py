@@ -13,8 +13,8 @@ START = """
 import numpy as np, stochens_rs as se
 import dataclasses, tempfile
 from stochens_rs import plots, report
-from stochens_rs.verdicts import Claims, tails
-from stochens_rs.verdicts.comparison import compare
+from stochens_rs.paper.verdicts.check import Claims, tails
+from stochens_rs.paper.verdicts.comparison import compare
 system = se.System([[0.9, 0.2], [-0.1, 0.8]], [[1.0, 0.0], [0.5, 1.0]], dt=0.1)
 x0, xf = [1.0, 2.0], [0.0, 0.0]
 way = se.simulate(system, np.zeros((20, 2)), x0)

@@ -16,9 +16,10 @@ import matplotlib.pyplot as plt
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
-from stochens_rs import InputError, plots
-from stochens_rs._drawing import STYLES, _number, _ticks
-from stochens_rs.experiments import Curve, Experiment, Panel
+from stochens_rs import InputError
+from stochens_rs.paper.experiments import Curve, Experiment, Panel
+from stochens_rs.plots import files as plots
+from stochens_rs.studies.figures import STYLES, _number, _ticks
 
 
 def made(*, zeros=False, name="power"):
@@ -243,6 +244,6 @@ def test_missing_matplotlib_names_the_extra():
 
 
 def test_import_does_not_load_matplotlib():
-    code = "import sys, stochens_rs.plots, stochens_rs.report; print('matplotlib' in sys.modules)"
+    code = "import sys, stochens_rs.paper.report.page; print('matplotlib' in sys.modules)"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "False"

@@ -11,9 +11,9 @@ import pytest
 
 pytest.importorskip("matplotlib")
 
-from stochens_rs import report
-from stochens_rs._report_text import agreements, deviations, number, percent
-from stochens_rs.experiments import Experiment, power, tracking
+from stochens_rs.paper.experiments import Experiment, power, tracking
+from stochens_rs.paper.report import page as report
+from stochens_rs.paper.report.text import agreements, deviations, number, percent
 
 VOID = {"meta", "img", "br", "hr", "link", "input"}
 

@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from stochens_rs import _state, exceptions
+from stochens_rs import exceptions
 from stochens_rs.exceptions import (
     InputError,
     InputTypeError,
@@ -29,6 +29,7 @@ from stochens_rs.exceptions import (
     StateNotFoundError,
     StateRecoveredWarning,
 )
+from stochens_rs.streams import state_file
 
 POSIX = pytest.mark.skipif(os.name != "posix", reason="signals, limits and users of POSIX")
 
@@ -90,12 +91,12 @@ def independent_reader(data: bytes) -> tuple[str, int, dict[str, np.ndarray]]:
 def test_an_independent_reader_agrees(tmp_path: Path) -> None:
     path = tmp_path / "state"
     for generation in (1, 2, 3):
-        assert _state.save(path, "example", example()) == generation
+        assert state_file.save(path, "example", example()) == generation
     kind, generation, found = independent_reader(path.read_bytes())
     assert (kind, generation) == ("example", 3)
     assert same(found, example())
     assert independent_reader((tmp_path / "state.prev").read_bytes())[1] == 2
-    loaded = _state.load(path, "example")
+    loaded = state_file.load(path, "example")
     assert loaded[0] == 3
     assert same(loaded[1], example())
 
@@ -103,7 +104,7 @@ def test_an_independent_reader_agrees(tmp_path: Path) -> None:
 def test_the_bytes_are_those_of_version_1(tmp_path: Path) -> None:
     """A change here means that files of earlier releases are read no more."""
     path = tmp_path / "state"
-    _state.save(path, "example", example())
+    state_file.save(path, "example", example())
     # the file, without its checksum, as docs/state-format.md says
     bits = example()["reals"].tobytes()
     expected = bytes.fromhex("8953544f0d0a1a0a") + struct.pack("<QII", 240, 1, 4)
@@ -123,8 +124,8 @@ def test_the_bytes_are_those_of_version_1(tmp_path: Path) -> None:
 def test_large_arrays_and_every_thread(tmp_path: Path) -> None:
     """Above ten million operations the core works on a thread of its own."""
     values = np.arange(300_000, dtype=np.float64)
-    _state.save(tmp_path / "a", "large", {"u": values, "strided": values[::2]})
-    _, found = _state.load(tmp_path / "a", "large")
+    state_file.save(tmp_path / "a", "large", {"u": values, "strided": values[::2]})
+    _, found = state_file.load(tmp_path / "a", "large")
     assert same(found, {"u": values, "strided": values[::2].copy()})
 
 
@@ -166,24 +167,24 @@ def test_a_full_disk_raises_and_the_old_state_loads(tmp_path: Path) -> None:
 
     path = tmp_path / "state"
     small = {"u": np.arange(10.0)}
-    _state.save(path, "full", small)
+    state_file.save(path, "full", small)
     before = snapshot(tmp_path)
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     for limit in (0, 1, 4096, 80_000):
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limits[1]))
         try:
             with pytest.raises(StateIOError, match="cannot write: file too large") as caught:
-                _state.save(path, "full", {"u": np.arange(10_000.0)})
+                state_file.save(path, "full", {"u": np.arange(10_000.0)})
         finally:
             resource.setrlimit(resource.RLIMIT_FSIZE, limits)
         assert caught.value.errno == errno.EFBIG
         assert isinstance(caught.value, OSError)
         assert str(caught.value.filename).startswith(str(path))
         assert snapshot(tmp_path) == before  # no rest of the temporary file
-    generation, found = _state.load(path, "full")
+    generation, found = state_file.load(path, "full")
     assert generation == 1
     assert same(found, small)
-    assert _state.save(path, "full", small) == 2
+    assert state_file.save(path, "full", small) == 2
 
 
 @POSIX
@@ -193,9 +194,9 @@ def test_devices_and_pipes_are_neither_read_nor_written(tmp_path: Path) -> None:
     (tmp_path / "folder").mkdir()
     for path in ("/dev/full", "/dev/zero", tmp_path / "pipe", tmp_path / "folder"):
         with pytest.raises(StateError, match="not a regular file"):
-            _state.save(path, "k", {})
+            state_file.save(path, "k", {})
         with pytest.raises(StateError, match="not a regular file"):
-            _state.load(path, "k")
+            state_file.load(path, "k")
     assert sorted(os.listdir(tmp_path)) == ["folder", "pipe"]
     assert not os.path.exists("/dev/full.lock")
 
@@ -208,15 +209,15 @@ def test_a_directory_that_cannot_be_written_to() -> None:
             os.seteuid(65534)  # root may write everywhere
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "state"
-            _state.save(path, "k", {"u": np.ones(3)})
+            state_file.save(path, "k", {"u": np.ones(3)})
             os.chmod(folder, 0o500)
             try:
                 with pytest.raises(StateIOError) as caught:
-                    _state.save(path, "k", {"u": np.zeros(3)})
+                    state_file.save(path, "k", {"u": np.zeros(3)})
                 assert caught.value.errno == errno.EACCES
-                assert _state.load(path, "k")[1]["u"].tolist() == [1.0, 1.0, 1.0]
+                assert state_file.load(path, "k")[1]["u"].tolist() == [1.0, 1.0, 1.0]
                 with pytest.raises(StateIOError) as caught:
-                    _state.save(Path(folder) / "new", "k", {})
+                    state_file.save(Path(folder) / "new", "k", {})
                 assert caught.value.errno == errno.EACCES
             finally:
                 os.chmod(folder, 0o700)
@@ -227,12 +228,12 @@ def test_a_directory_that_cannot_be_written_to() -> None:
 
 def test_no_directory_no_file_a_long_name(tmp_path: Path) -> None:
     with pytest.raises(StateNotFoundError) as caught:
-        _state.save(tmp_path / "none" / "state", "k", {})
+        state_file.save(tmp_path / "none" / "state", "k", {})
     assert caught.value.errno == errno.ENOENT
     with pytest.raises(FileNotFoundError):
-        _state.load(tmp_path / "state", "k")
+        state_file.load(tmp_path / "state", "k")
     with pytest.raises(StateIOError) as caught:
-        _state.save(tmp_path / ("x" * 256), "k", {})
+        state_file.save(tmp_path / ("x" * 256), "k", {})
     assert caught.value.errno == errno.ENAMETOOLONG
     assert os.listdir(tmp_path) == []
 
@@ -245,16 +246,16 @@ def test_a_second_writer_is_refused_by_name(tmp_path: Path) -> None:
     import fcntl
 
     path = tmp_path / "state"
-    _state.save(path, "k", {"u": np.ones(1)})
+    state_file.save(path, "k", {"u": np.ones(1)})
     with open(tmp_path / "state.lock") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         with pytest.raises(StateLockedError, match="another writer") as caught:
-            _state.save(path, "k", {"u": np.zeros(1)})
+            state_file.save(path, "k", {"u": np.zeros(1)})
         assert caught.value.errno == errno.EAGAIN
         assert caught.value.filename == str(path)
         assert isinstance(caught.value, BlockingIOError)
-        assert _state.load(path, "k")[1]["u"] == 1.0
-    assert _state.save(path, "k", {"u": np.zeros(1)}) == 2
+        assert state_file.load(path, "k")[1]["u"] == 1.0
+    assert state_file.save(path, "k", {"u": np.zeros(1)}) == 2
 
 
 def test_four_threads_never_mix(tmp_path: Path) -> None:
@@ -265,7 +266,7 @@ def test_four_threads_never_mix(tmp_path: Path) -> None:
         while done < 10:
             values = np.full(1000 + number, float(100 * number + done))
             try:
-                saved.append((_state.save(path, "k", {"u": values}), values[0]))
+                saved.append((state_file.save(path, "k", {"u": values}), values[0]))
                 done += 1
             except StateLockedError:
                 time.sleep(0.001)
@@ -282,7 +283,7 @@ def test_four_threads_never_mix(tmp_path: Path) -> None:
     # every success is a generation of its own, and the last one is there
     generations = dict(saved)
     assert sorted(generations) == list(range(1, 41))
-    generation, found = _state.load(path, "k")
+    generation, found = state_file.load(path, "k")
     assert generation == 40
     assert set(found["u"]) == {generations[generation]}
     assert sorted(os.listdir(tmp_path)) == ["state", "state.lock", "state.prev"]
@@ -294,39 +295,39 @@ def test_four_threads_never_mix(tmp_path: Path) -> None:
 def test_damage_is_recovered_with_a_warning(tmp_path: Path) -> None:
     path = tmp_path / "state"
     for value in (1.0, 2.0):
-        _state.save(path, "k", {"u": np.array([value])})
+        state_file.save(path, "k", {"u": np.array([value])})
     flip(path)
     with pytest.warns(StateRecoveredWarning, match=r"checksum.*generation 1") as caught:
-        generation, found = _state.load(path, "k")
+        generation, found = state_file.load(path, "k")
     assert len(caught) == 1
     assert (generation, found["u"][0]) == (1, 1.0)
     path.unlink()
     with pytest.warns(StateRecoveredWarning, match="no such file"):
-        assert _state.load(path, "k")[0] == 1
+        assert state_file.load(path, "k")[0] == 1
     flip(tmp_path / "state.prev", 100)
     with pytest.raises(StateError, match=r"state\.prev.*checksum"):
-        _state.load(path, "k")
+        state_file.load(path, "k")
 
 
 def test_both_generations_damaged(tmp_path: Path) -> None:
     path = tmp_path / "state"
     for _ in range(2):
-        _state.save(path, "k", {"u": np.ones(2)})
+        state_file.save(path, "k", {"u": np.ones(2)})
     flip(path)
     flip(tmp_path / "state.prev")
     with pytest.raises(StateError, match=r"state\" is damaged.*state\.prev\" is damaged"):
-        _state.load(path, "k")
+        state_file.load(path, "k")
 
 
 def test_a_version_of_the_future_is_no_damage(tmp_path: Path) -> None:
     path = tmp_path / "state"
     for _ in range(2):
-        _state.save(path, "k", {"u": np.ones(2)})
+        state_file.save(path, "k", {"u": np.ones(2)})
     data = bytearray(path.read_bytes())
     data[16] = 2
     data[-32:] = hashlib.sha256(data[:-32]).digest()
     path.write_bytes(data)
-    for call in (lambda: _state.load(path, "k"), lambda: _state.save(path, "k", {})):
+    for call in (lambda: state_file.load(path, "k"), lambda: state_file.save(path, "k", {})):
         with pytest.raises(StateError, match="version 2, and this release reads version 1"):
             call()
     assert path.read_bytes() == data
@@ -337,16 +338,16 @@ def test_other_files_are_neither_believed_nor_replaced(tmp_path: Path) -> None:
     for data in (b"Dear diary", pickle.dumps({"u": 1}), b"\x93NUMPY\x01\x00", b"PK\x03\x04" * 99):
         path.write_bytes(data)
         with pytest.raises(StateError, match="is not a state file"):
-            _state.load(path, "k")
+            state_file.load(path, "k")
         with pytest.raises(StateError, match="is not a state file"):
-            _state.save(path, "k", {})
+            state_file.save(path, "k", {})
         assert path.read_bytes() == data
     path.unlink()
-    _state.save(path, "other", {})
+    state_file.save(path, "other", {})
     with pytest.raises(StateError, match="kind 'other', and 'k' was asked for"):
-        _state.load(path, "k")
+        state_file.load(path, "k")
     with pytest.raises(StateError, match="kind 'other'"):
-        _state.save(path, "k", {})
+        state_file.save(path, "k", {})
 
 
 # -- paths and arguments -----------------------------------------------------------------------
@@ -355,7 +356,7 @@ def test_other_files_are_neither_believed_nor_replaced(tmp_path: Path) -> None:
 def test_load_never_writes(tmp_path: Path) -> None:
     path = tmp_path / "state"
     for _ in range(2):
-        _state.save(path, "k", {"u": np.ones(2)})
+        state_file.save(path, "k", {"u": np.ones(2)})
     (tmp_path / "state.0123456789abcdef.tmp").write_bytes(b"left over")
     outcomes = []
     for broken in (None, path, tmp_path / "state.prev"):
@@ -365,7 +366,7 @@ def test_load_never_writes(tmp_path: Path) -> None:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             try:
-                outcomes.append((_state.load(path, "k")[0], len(caught)))
+                outcomes.append((state_file.load(path, "k")[0], len(caught)))
             except StateError:
                 outcomes.append("refused")
         assert (snapshot(tmp_path), tmp_path.stat().st_mtime_ns) == before
@@ -375,31 +376,31 @@ def test_load_never_writes(tmp_path: Path) -> None:
 @POSIX
 def test_a_symbolic_link_is_read_and_not_written_through(tmp_path: Path) -> None:
     path, link = tmp_path / "state", tmp_path / "link"
-    _state.save(path, "k", {"u": np.ones(2)})
+    state_file.save(path, "k", {"u": np.ones(2)})
     link.symlink_to(path)
-    assert _state.load(link, "k")[0] == 1
+    assert state_file.load(link, "k")[0] == 1
     before = snapshot(tmp_path)
     with pytest.raises(StateError, match="is a symbolic link"):
-        _state.save(link, "k", {"u": np.zeros(2)})
+        state_file.save(link, "k", {"u": np.zeros(2)})
     assert snapshot(tmp_path) == before
     (tmp_path / "dangling").symlink_to(tmp_path / "none")
     with pytest.raises(StateError, match="is a symbolic link"):
-        _state.save(tmp_path / "dangling", "k", {})
+        state_file.save(tmp_path / "dangling", "k", {})
     with pytest.raises(StateNotFoundError):
-        _state.load(tmp_path / "dangling", "k")
+        state_file.load(tmp_path / "dangling", "k")
 
 
 @pytest.mark.parametrize("name", ["état \u6f22 \U0001f600", "a\nb", "a.b.c", "-x", "state%s{}"])
 def test_unusual_names(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     for path in (Path(name), tmp_path / name):  # relative and absolute, text and object
-        _state.save(str(path), "k", {"u": np.ones(2)})
-        assert _state.load(path, "k")[1]["u"].tolist() == [1.0, 1.0]
+        state_file.save(str(path), "k", {"u": np.ones(2)})
+        assert state_file.load(path, "k")[1]["u"].tolist() == [1.0, 1.0]
     assert sorted(os.listdir()) == sorted([name, name + ".lock", name + ".prev"])
     flip(Path(name), 0)
     Path(name + ".prev").unlink()
     with pytest.raises(StateError) as caught:
-        _state.load(name, "k")
+        state_file.load(name, "k")
     assert "\n" not in str(caught.value)
 
 
@@ -407,23 +408,23 @@ def test_wrong_arguments(tmp_path: Path) -> None:
     path = tmp_path / "state"
     for wrong in (None, 3, b"state", object()):
         with pytest.raises(InputTypeError, match="`path` must be a path"):
-            _state.save(wrong, "k", {})
+            state_file.save(wrong, "k", {})
     for wrong in ("", "a\0b", "\ud800"):
         with pytest.raises(InputError, match="`path` must be the name of a file"):
-            _state.load(wrong, "k")
+            state_file.load(wrong, "k")
     for wrong in ("a.prev", "a.lock", "a.tmp", "..", "/"):
         with pytest.raises((InputError, StateError)):
-            _state.save(wrong, "k", {})
+            state_file.save(wrong, "k", {})
     for wrong in ("", "ninechars", "a b", "é"):
         with pytest.raises(InputError, match="`tag` must be 1 to 8 letters"):
-            _state.save(path, wrong, {})
+            state_file.save(path, wrong, {})
         with pytest.raises(InputError, match="`tag` must be 1 to 8 letters"):
-            _state.save(path, "k", {wrong: np.ones(1)})
+            state_file.save(path, "k", {wrong: np.ones(1)})
     for wrong in ([1.0], np.ones((2, 2)), np.ones(2, dtype=np.float32), np.array(["a"])):
         with pytest.raises(InputTypeError, match="uint8, uint64 or float64"):
-            _state.save(path, "k", {"u": wrong})
+            state_file.save(path, "k", {"u": wrong})
     with pytest.raises(InputTypeError):
-        _state.save(path, "k", {"u": np.ones(2).astype(">f8")})
+        state_file.save(path, "k", {"u": np.ones(2).astype(">f8")})
     assert os.listdir(tmp_path) == []
 
 

@@ -14,13 +14,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from stochens_rs.exceptions import (
-    InputError,
-    InputTypeError,
-    NonFiniteError,
-    ShapeError,
-    SizeError,
-)
+from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError, SizeError
 from stream_problems import OPTIONS, X0, XF, A, B, make
 
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import _gate
+from .._base import gate
 from ..exceptions import InputError
 
 Array = NDArray[np.float64]
@@ -93,10 +93,10 @@ def discretize(A: Array, B: Array, dt: float, method: str) -> tuple[Array, Array
         ``dt`` is not a positive number, or so large that the result would not be finite or, with
         ``"zoh"``, would have no correct digits; ``method`` is unknown.
     """
-    dt = _gate.positive("dt", dt)
+    dt = gate.positive("dt", dt)
     n, m = B.shape
     with np.errstate(over="ignore"):
-        if _gate.choice("method", method, ("zoh", "euler")) == "euler":
+        if gate.choice("method", method, ("zoh", "euler")) == "euler":
             A_d, B_d = np.eye(n) + dt * A, dt * B
         else:
             augmented = np.zeros((n + m, n + m))

@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from .. import _gate
+from .._base import gate
 from ..system import System
 from ._discretize import discretize
 from ._swing import SYSTEM_MVA, Array, reduced_stiffness, swing
@@ -109,8 +109,8 @@ def ieee14(
     >>> system.A.shape, system.B.shape
     ((10, 10), (10, 5))
     """
-    _gate.choice("data", data, ("classic", "andes"))
-    _gate.choice("base", base, ("system", "machine"))
+    gate.choice("data", data, ("classic", "andes"))
+    gate.choice("base", base, ("system", "machine"))
     A_c, B_c, _ = _continuous(data, base)
     A, B = discretize(A_c, B_c, dt, method)
     return System(A, B, dt=dt, name=f"IEEE 14-bus ({data} data, {base} base, {method})")

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .. import _gate
-from .._threads import interruptible
+from .._base import gate
+from .._base.threads import interruptible
 from ..rng import RngLike, as_key
 from ..system import System
 
@@ -65,11 +65,11 @@ def random_system(
     >>> bool(np.isclose(np.abs(np.linalg.eigvals(system.A)).max(), 0.9))
     True
     """
-    n = _gate.size("n", n)
-    m = _gate.size("m", m)
-    spectral_radius = _gate.positive("spectral_radius", spectral_radius)
+    n = gate.size("n", n)
+    m = gate.size("m", m)
+    spectral_radius = gate.positive("spectral_radius", spectral_radius)
     # A and its copy inside the eigenvalue routine and the result, and B.
-    _gate.memory("the random system", 8 * (3 * n * n + n * m))
+    gate.memory("the random system", 8 * (3 * n * n + n * m))
     normal = as_key(rng).child("random_system").generator()
 
     def matrices() -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import click
 
 from ..exceptions import InputError, InputTypeError, ResourceError, StateError
-from ..experiments._common import versions
+from ..studies.experiment import versions
 from . import _claims, _info, _plan, _reproduce, _stream
 from ._output import note, occupy_standard_descriptors, show
 

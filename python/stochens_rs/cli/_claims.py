@@ -6,8 +6,8 @@ import json
 
 import click
 
-from .. import plots
-from ..verdicts import claims as check
+from ..paper.verdicts.check import claims as check
+from ..plots import files as plots
 from ._options import seed_option
 from ._output import note, show, writable
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import click
 
-from .._threads import get_num_threads
-from ..experiments._common import versions
+from .._base.threads import get_num_threads
+from ..studies.experiment import versions
 from ._output import show
 
 

@@ -6,7 +6,7 @@ import json
 
 import click
 
-from ..planning import required_samples
+from ..controls.planning import required_samples
 from ..rng import as_key
 from ._options import case_option, file_option, seed_option
 from ._output import show

@@ -15,11 +15,11 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import _gate
-from .._exact import one_step
+from .._base import gate
 from ..exceptions import InputError
 from ..rng import as_key
-from ..streaming import Stream
+from ..streams.stream import Stream
+from ..theory.exact import one_step
 from ._options import case_option, file_option, seed_option
 from ._output import note, show
 from ._problem import problem, share
@@ -69,7 +69,7 @@ def stream(
     Ctrl-C and SIGTERM save before leaving (exit codes 130 and 143); with --resume the run goes on
     as if it had never stopped.
     """
-    relative = _gate.positive("tol", share(tol, "--tol"))
+    relative = gate.positive("tol", share(tol, "--tol"))
     key = as_key(seed)
     system, x0, xf = problem(case, path, key)
     made = Stream(system.B, x0, xf, system.A, rng=key.child("stream"), safeguard=safeguard)

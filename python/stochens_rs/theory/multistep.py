@@ -14,18 +14,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .. import _exact, _gate
-from .._alse import norm
+from .._base import gate
 from ..exceptions import InputError, NonFiniteError
-from .moments._formulas import (
-    _AXES,
-    Array,
-    Axis,
-    Sizes,
-    _one_each,
-    _reciprocal,
-    _vector_covariance,
-)
+from ..fusion.alse import norm
+from . import exact as _exact
+from .formulas import _AXES, Array, Axis, Sizes, _one_each, _reciprocal, _vector_covariance
 
 __all__ = ["final_state_covariance"]
 
@@ -89,14 +82,14 @@ def final_state_covariance(
     array([[ 0.00015, -0.00018],
            [-0.00018,  0.00143]])
     """
-    A = _gate.matrix("A", A, square=True)
+    A = gate.matrix("A", A, square=True)
     n = len(A)
-    B = _gate.matrix("B", B, rows=n)
-    x0, xf = _gate.vector("x0", x0, length=n), _gate.vector("xf", xf, length=n)
+    B = gate.matrix("B", B, rows=n)
+    x0, xf = gate.vector("x0", x0, length=n), gate.vector("xf", xf, length=n)
     K = checked_steps(steps, n, B.shape[1])
-    _gate.choice("axis", axis, _AXES)
+    gate.choice("axis", axis, _AXES)
     r0, rf, rA = (_reciprocal(f"size[{i}]", N) for i, N in enumerate(_one_each(size)))
-    _gate.memory("the covariance", (2 * n**3 + 2 * (K + 1) * n * n) * 8)
+    gate.memory("the covariance", (2 * n**3 + 2 * (K + 1) * n * n) * 8)
     powers = matrix_powers(A, K)
     best = best_over_steps(powers, B, x0, xf)
     rank = len(best.factors.s)
@@ -122,8 +115,8 @@ def final_state_covariance(
 
 def checked_steps(steps: object, n: int, m: int) -> int:
     """Check the number of steps against what C_K and the powers of A take."""
-    K = _gate.size("steps", steps)
-    _gate.memory(f"a control over {K} steps", (8 * n * m + n * n + n + m) * K * 8)
+    K = gate.size("steps", steps)
+    gate.memory(f"a control over {K} steps", (8 * n * m + n * n + n + m) * K * 8)
     return K
 
 

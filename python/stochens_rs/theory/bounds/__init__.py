@@ -28,7 +28,7 @@ that says what is wrong with it.
 Notation: ``g = ||w||_1``, ``g_j`` for line j of a matrix, ``L = log(1/delta)``.
 """
 
-from . import paper
+from ...paper import bounds as paper
 from ._base import Bound
 from .averages import Average, Bousquet, Chebyshev, Hoeffding, McDiarmid, Systematic
 from .certificate import from_errors
@@ -38,12 +38,7 @@ from .norms import Bernstein, Weissman
 from .one_step import OneStepHoeffding, OneStepMcDiarmid
 from .product import ProductBousquet, ProductHoeffding, ProductMcDiarmid, ProductParts
 from .simulated import Simulated
-from .trajectories import (
-    Trajectory,
-    TrajectoryBousquet,
-    TrajectoryChebyshev,
-    TrajectoryMcDiarmid,
-)
+from .trajectories import Trajectory, TrajectoryBousquet, TrajectoryChebyshev, TrajectoryMcDiarmid
 
 __all__ = [
     "Average",

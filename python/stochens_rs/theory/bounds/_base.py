@@ -8,9 +8,9 @@ from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 
-from ... import _gate, _html
+from ..._base import gate, html
 from ...exceptions import InputTypeError, NonFiniteError, SizeError
-from ..moments._formulas import Array, Sizes, _reciprocal
+from ..formulas import Array, Sizes, _reciprocal
 
 Rates: TypeAlias = "tuple[float, ...]"  # 1 / size of every entity; 0 for one known exactly
 
@@ -118,7 +118,7 @@ class Bound:
             `size` is not a count, or `eps` is not a positive number.
         """
         rates = self._rates(size)
-        eps = _gate.positive("eps", eps)
+        eps = gate.positive("eps", eps)
         if eps >= self._cap(rates) * self._unit:
             return 0.0
         level = self._level(rates, eps / self._unit)
@@ -148,14 +148,14 @@ class Bound:
 
     def _required(self, eps: float, delta: float, same: Callable[[float], Rates]) -> int:
         """Bisect over the integers; the radius falls with the size."""
-        eps, level = _gate.positive("eps", eps), level_of(delta)
+        eps, level = gate.positive("eps", eps), level_of(delta)
 
         def enough(size: int) -> bool:
             return self._in_units(self._capped(same(1.0 / size), level)) <= eps
 
         if enough(1):
             return 1
-        too_few, sufficient = 1, _gate.EXACT
+        too_few, sufficient = 1, gate.EXACT
         if not enough(sufficient):
             raise SizeError(f"`eps` is {eps:.3g}: more than 2^53 realizations would be needed")
         while sufficient - too_few > 1:
@@ -230,7 +230,7 @@ class Bound:
         return scaled
 
     def _repr_html_(self) -> str:
-        return _html.bound(self)
+        return html.bound(self)
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: error of the {self.quantity}, {self.norm} norm>"
@@ -244,7 +244,7 @@ def _usable(kind: type[Bound]) -> set[type[Bound]]:
 
 def level_of(delta: object) -> float:
     """``log(1 / delta)`` of a checked probability of failure."""
-    return -math.log(_gate.probability("delta", delta))
+    return -math.log(gate.probability("delta", delta))
 
 
 # -- units -------------------------------------------------------------------------------------

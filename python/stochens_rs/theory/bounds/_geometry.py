@@ -14,9 +14,9 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ... import _gate
+from ..._base import gate
 from ...exceptions import NonFiniteError
-from ..moments._formulas import (
+from ..formulas import (
     _AXES,
     Array,
     _compact_svd,
@@ -34,14 +34,14 @@ class Geometry:
     def __init__(
         self, B: ArrayLike, x0: ArrayLike, xf: ArrayLike, A: ArrayLike, axis: str, quantity: str
     ) -> None:
-        B = _gate.matrix("B", B)
+        B = gate.matrix("B", B)
         n = B.shape[0]
-        x0 = _gate.vector("x0", x0, length=n)
-        xf = _gate.vector("xf", xf, length=n)
-        A = _gate.matrix("A", A, rows=n, cols=n)
-        _gate.memory("the moments of the control", 50 * A.nbytes)
-        self.by_rows = _gate.choice("axis", axis, _AXES) == "rows"
-        self.quantity = _gate.choice("quantity", quantity, ("state", "control"))
+        x0 = gate.vector("x0", x0, length=n)
+        xf = gate.vector("xf", xf, length=n)
+        A = gate.matrix("A", A, rows=n, cols=n)
+        gate.memory("the moments of the control", 50 * A.nbytes)
+        self.by_rows = gate.choice("axis", axis, _AXES) == "rows"
+        self.quantity = gate.choice("quantity", quantity, ("state", "control"))
         self._scale(B, x0, xf, A)
         self._set_ranges()
         self._set_moments()

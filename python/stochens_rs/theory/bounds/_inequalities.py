@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from ..moments._formulas import Array
+from ..formulas import Array
 
 
 def mcdiarmid(mean: float, spread: float, level: float) -> float:

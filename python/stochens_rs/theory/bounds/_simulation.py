@@ -16,11 +16,12 @@ from typing import Any, Literal, Protocol, TypeAlias
 
 import numpy as np
 
-from ... import _core, _gate
-from ..._alse import norm
-from ..._threads import get_num_threads
+from ... import _core
+from ..._base import gate
+from ..._base.threads import get_num_threads
+from ...fusion.alse import norm
 from ...rng import Key
-from ..moments._formulas import Array
+from ..formulas import Array
 from ..multistep import best_over_steps, matrix_powers
 
 Scheme: TypeAlias = Literal["iid", "systematic"]
@@ -295,13 +296,13 @@ def _approach(
         last = size, found
         # a little beyond the size at which the fitted power meets eps
         ratio = (eps / found) ** (1.0 / slope) if found > 0.0 else 0.0
-        aim = min(max(1, math.ceil(size * ratio * math.sqrt(close))), _gate.EXACT)
+        aim = min(max(1, math.ceil(size * ratio * math.sqrt(close))), gate.EXACT)
         if passing is not None and (passing <= failing + 1 or passing <= aim * math.sqrt(close)):
             return passing, passing
-        if failing >= _gate.EXACT:
+        if failing >= gate.EXACT:
             return None, passing
         if aim <= failing or (passing is not None and aim >= passing):
-            upper = passing if passing is not None else min(4 * failing, _gate.EXACT)
+            upper = passing if passing is not None else min(4 * failing, gate.EXACT)
             aim = (failing + upper + 1) // 2
         size = aim
     return size, passing

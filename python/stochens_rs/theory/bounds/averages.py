@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ... import _gate
-from ..moments._formulas import _AXES, Array, Axis, _lines, _others
+from ..._base import gate
+from ..formulas import _AXES, Array, Axis, _lines, _others
 from ._base import Bound, Rates, unit_of
 from ._inequalities import (
     bousquet,
@@ -50,8 +50,8 @@ class Average(Bound):
     """
 
     def __init__(self, target: ArrayLike, *, axis: Axis = "columns") -> None:
-        checked = _gate.array("target", target, ndim=(1, 2))
-        _gate.choice("axis", axis, _AXES)
+        checked = gate.array("target", target, ndim=(1, 2))
+        gate.choice("axis", axis, _AXES)
         self._set(checked[:, None] if checked.ndim == 1 else _lines(checked, axis))
         self.quantity, self.norm = ("vector", "2") if checked.ndim == 1 else ("matrix", "Frobenius")
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ... import _gate
+from ..._base import gate
 from ...exceptions import NonFiniteError
-from ..moments._formulas import _compact_svd
+from ..formulas import _compact_svd
 
 
 def from_errors(
@@ -59,11 +59,11 @@ def from_errors(
     >>> bounds.from_errors([[2.0]], [3.0], [[0.5]], x0_error=0.1, A_error=0.01)
     (0.081, 0.0405)
     """
-    B = _gate.matrix("B", B)
-    x0_hat = _gate.vector("x0_hat", x0_hat, length=len(B))
-    A_hat = _gate.matrix("A_hat", A_hat, rows=len(B), cols=len(B))
+    B = gate.matrix("B", B)
+    x0_hat = gate.vector("x0_hat", x0_hat, length=len(B))
+    A_hat = gate.matrix("A_hat", A_hat, rows=len(B), cols=len(B))
     e0, ef, eA = (
-        _gate.nonnegative(name, value)
+        gate.nonnegative(name, value)
         for name, value in (("x0_error", x0_error), ("xf_error", xf_error), ("A_error", A_error))
     )
     U, s, _ = _compact_svd(B)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
-from ... import _gate, _html
+from ..._base import gate, html
 from ...exceptions import InputError, InputTypeError
-from ..moments._formulas import Axis, Fusion, Sizes
+from ..formulas import Axis, Fusion, Sizes
 from ._base import Bound
 from ._geometry import Geometry
 from .averages import Bousquet, Chebyshev, Hoeffding, McDiarmid
@@ -16,12 +16,7 @@ from .norms import Bernstein, Weissman
 from .one_step import OneStepHoeffding, OneStepMcDiarmid
 from .product import ProductBousquet, ProductHoeffding, ProductMcDiarmid, ProductParts
 from .simulated import Simulated
-from .trajectories import (
-    Trajectory,
-    TrajectoryBousquet,
-    TrajectoryChebyshev,
-    TrajectoryMcDiarmid,
-)
+from .trajectories import Trajectory, TrajectoryBousquet, TrajectoryChebyshev, TrajectoryMcDiarmid
 
 Of: TypeAlias = Literal["vector", "matrix", "state", "control", "trajectory"]
 
@@ -57,7 +52,7 @@ class Best:
     delta: float
 
     def _repr_html_(self) -> str:
-        return _html.record(self)
+        return html.record(self)
 
 
 def candidates(
@@ -100,15 +95,15 @@ def candidates(
     >>> [bound.name for bound in bounds.candidates("vector", [3.0, -1.0, 0.5])]
     ['McDiarmid', 'Bousquet', 'Weissman', 'Hoeffding', 'Chebyshev']
     """
-    name = _gate.choice("quantity", quantity, tuple(_DATA))
+    name = gate.choice("quantity", quantity, tuple(_DATA))
     if len(data) != len(_DATA[name].split(", ")):
         raise InputTypeError(f"`data` must be {_DATA[name]} for a {name}, got {len(data)} arrays")
     allowed = _NORMS.get(name, ("2",))
-    chosen = allowed[0] if norm is None else _gate.choice("norm", norm, allowed)
+    chosen = allowed[0] if norm is None else gate.choice("norm", norm, allowed)
     if name == "vector":
         return _for_vector(data[0], chosen)
     if name == "matrix":
-        A = _gate.matrix("A", data[0])
+        A = gate.matrix("A", data[0])
         found: list[Bound] = [kind(A, axis=axis) for kind in (McDiarmid, Bousquet)]
         found += [kind(A, axis=axis) for kind in (Hoeffding, Chebyshev)]
         return [Bernstein(A, axis=axis), *found] if chosen == "spectral" else found
@@ -196,7 +191,7 @@ def _simulated(
     if quantity == "trajectory":
         return None
     bound = Simulated(quantity, *data, norm=norm, fusion=fusion, axis=axis)
-    return bound if bound._possible(size, _gate.probability("delta", delta)) else None
+    return bound if bound._possible(size, gate.probability("delta", delta)) else None
 
 
 def _smallest_size(found: list[Bound], eps: float, delta: float) -> tuple[int, Bound]:
@@ -209,7 +204,7 @@ def _smallest_size(found: list[Bound], eps: float, delta: float) -> tuple[int, B
 
 
 def _for_vector(w: Any, norm: str) -> list[Bound]:
-    checked = _gate.vector("w", w)
+    checked = gate.vector("w", w)
     if norm == "1":
         return [Weissman(checked)]
     return [
@@ -233,7 +228,7 @@ def _for_trajectory(data: tuple[Any, ...], axis: Axis) -> list[Bound]:
 def _for_control(at: Geometry, fusion: str) -> list[Bound]:
     chebyshev = FusedChebyshev._sharing(at)
     kinds: tuple[type[Fused], ...]
-    if _gate.choice("fusion", fusion, ("product", "diagonal")) == "diagonal":
+    if gate.choice("fusion", fusion, ("product", "diagonal")) == "diagonal":
         chebyshev._paired = True
         kinds = (DiagonalMcDiarmid, DiagonalBousquet)
     else:

@@ -9,18 +9,12 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ... import _gate
+from ..._base import gate
 from ...exceptions import InputError
-from ..moments._formulas import Axis, Fusion, Sizes, _one_each, _reciprocal
+from ..formulas import Axis, Fusion, Sizes, _one_each, _reciprocal
 from ._base import Bound, Rates
 from ._geometry import Geometry, largest_norm
-from ._inequalities import (
-    bousquet,
-    bousquet_level,
-    chebyshev_level,
-    mcdiarmid,
-    mcdiarmid_level,
-)
+from ._inequalities import bousquet, bousquet_level, chebyshev_level, mcdiarmid, mcdiarmid_level
 
 Quantity: TypeAlias = Literal["state", "control"]
 
@@ -109,8 +103,8 @@ class Fused(Bound):
         InputError, InputTypeError
             An argument is out of range, or more than 2^53 realizations are needed.
         """
-        given = _gate.items("exact", exact)
-        known = {_gate.choice("exact", name, _ENTITIES) for name in given}
+        given = gate.items("exact", exact)
+        known = {gate.choice("exact", name, _ENTITIES) for name in given}
         sampled = tuple(float(name not in known) for name in _ENTITIES)
         return self._required(eps, delta, lambda rate: tuple(rate * flag for flag in sampled))
 
@@ -178,7 +172,7 @@ class FusedChebyshev(Fused):
         axis: Axis = "columns",
         fusion: Fusion = "product",
     ) -> None:
-        self._paired = _gate.choice("fusion", fusion, ("product", "diagonal")) == "diagonal"
+        self._paired = gate.choice("fusion", fusion, ("product", "diagonal")) == "diagonal"
         super().__init__(B, x0, xf, A, quantity=quantity, axis=axis)
 
     def _rms(self, rates: Rates) -> float:

@@ -8,8 +8,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ... import _gate
-from ..moments._formulas import Axis, _others, _transition
+from ..._base import gate
+from ..formulas import Axis, _others, _transition
 from ._base import Rates
 from ._inequalities import square
 from .averages import Average
@@ -51,8 +51,8 @@ class Weissman(Average):
     source = "union bound over all sets of atoms, Hoeffding for each"
 
     def __init__(self, w: ArrayLike, *, norm: Literal["1", "2"] = "1") -> None:
-        super().__init__(_gate.vector("w", w))
-        self.norm = _gate.choice("norm", norm, ("1", "2"))
+        super().__init__(gate.vector("w", w))
+        self.norm = gate.choice("norm", norm, ("1", "2"))
         self._factor = 2.0 if self.norm == "1" else 1.0
         self._gamma = float(self._g.sum())
         n = int(np.count_nonzero(self._lines))
@@ -110,7 +110,7 @@ class Bernstein(Average):
     source = "N m independent matrices of rank one, matrix Bernstein"
 
     def __init__(self, A: ArrayLike, *, axis: Axis = "columns") -> None:
-        super().__init__(_gate.matrix("A", A), axis=axis)
+        super().__init__(gate.matrix("A", A), axis=axis)
         self.norm = "spectral"
         lines = self._lines[self._lines.any(axis=1)]
         self._log_sizes = math.log(max(1, sum(lines.shape)))

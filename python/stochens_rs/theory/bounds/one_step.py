@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...exceptions import ShapeError
-from ..moments._formulas import Array
+from ..formulas import Array
 from ._base import Rates
 from ._inequalities import mcdiarmid, mcdiarmid_level, square
 from .trajectories import Trajectory, finite

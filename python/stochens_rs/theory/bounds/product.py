@@ -12,8 +12,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ... import _gate
-from ..moments._formulas import Array, Axis, Sizes, _others
+from ..._base import gate
+from ..formulas import Array, Axis, Sizes, _others
 from ._base import Rates
 from ._geometry import Geometry
 from ._inequalities import bousquet, mcdiarmid, square
@@ -187,7 +187,7 @@ class ProductParts(_Product):
     ) -> None:
         super().__init__(B, x0, xf, A, quantity=quantity, axis=axis)
         if x0_hat is not None:
-            checked = _gate.vector("x0_hat", x0_hat, length=self._at.x0.size)
+            checked = gate.vector("x0_hat", x0_hat, length=self._at.x0.size)
             self._x0_hat = checked / self._at.unit_x0
 
     def _radius(self, rates: Rates, level: float) -> float:

@@ -9,10 +9,10 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ... import _gate
+from ..._base import gate
 from ...exceptions import InputError, InputTypeError, SizeError
 from ...rng import RngLike, as_key
-from ..moments._formulas import _AXES, Axis, Fusion, Sizes, _one_each, _reciprocal
+from ..formulas import _AXES, Axis, Fusion, Sizes, _one_each, _reciprocal
 from ._base import Bound, Rates
 from ._simulation import (
     Entity,
@@ -99,13 +99,13 @@ class Simulated(Bound):
         steps: int | None = None,
         rng: RngLike = 0,
     ) -> None:
-        self.quantity = _gate.choice("quantity", quantity, tuple(_NORMS))
+        self.quantity = gate.choice("quantity", quantity, tuple(_NORMS))
         norms = _NORMS[self.quantity]
-        self.norm = norms[0] if norm is None else _gate.choice("norm", norm, norms)
-        self._rows = _gate.choice("axis", axis, _AXES) == "rows"
-        iid = _gate.choice("scheme", scheme, ("iid", "systematic")) == "iid"
+        self.norm = norms[0] if norm is None else gate.choice("norm", norm, norms)
+        self._rows = gate.choice("axis", axis, _AXES) == "rows"
+        iid = gate.choice("scheme", scheme, ("iid", "systematic")) == "iid"
         self._scheme: Scheme = "iid" if iid else "systematic"
-        paired = _gate.choice("fusion", fusion, ("product", "diagonal")) == "diagonal"
+        paired = gate.choice("fusion", fusion, ("product", "diagonal")) == "diagonal"
         self._key = as_key(rng).child("simulated bound")
         self._plan: PlanErrors | None = None
         expected = 4 if self.quantity in ("state", "control") else 1
@@ -113,18 +113,18 @@ class Simulated(Bound):
             raise InputTypeError(f"`data` must be {expected} arrays here, got {len(data)}")
         if expected == 1:
             if self.quantity == "vector":
-                lines = _gate.vector("w", data[0])[None]
+                lines = gate.vector("w", data[0])[None]
             else:
-                A = _gate.matrix("A", data[0])
+                A = gate.matrix("A", data[0])
                 lines = A if self._rows else A.T
             self._lines = np.ascontiguousarray(lines)
             return
-        B = _gate.matrix("B", data[0])
+        B = gate.matrix("B", data[0])
         x0, xf = (
-            _gate.vector(name, value, length=len(B))
+            gate.vector(name, value, length=len(B))
             for name, value in zip(("x0", "xf"), data[1:3], strict=True)
         )
-        A = _gate.matrix("A", data[3], rows=len(B), cols=len(B))
+        A = gate.matrix("A", data[3], rows=len(B), cols=len(B))
         if paired and (steps is not None or (self._rows and not iid)):
             raise InputError(
                 "`fusion` must be 'product' over several steps and for systematic rows, got "
@@ -135,7 +135,7 @@ class Simulated(Bound):
             Entity(x0, scheme=self._scheme),
             Entity(xf, scheme=self._scheme),
             Entity(A, scheme=self._scheme),
-            steps=None if steps is None else _gate.size("steps", steps),
+            steps=None if steps is None else gate.size("steps", steps),
             paired=paired,
             rows=self._rows,
         )
@@ -206,7 +206,7 @@ class Simulated(Bound):
         return known
 
     def _required(self, eps: float, delta: float, same: Callable[[float], Rates]) -> int:
-        eps, delta = _gate.positive("eps", eps), _gate.probability("delta", delta)
+        eps, delta = gate.positive("eps", eps), gate.probability("delta", delta)
         if not self._possible(1, delta):
             raise SizeError(_no_bound(delta))
         found = smallest_size(

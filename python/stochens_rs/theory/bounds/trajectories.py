@@ -10,10 +10,10 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ... import _gate
+from ..._base import gate
 from ...exceptions import NonFiniteError
+from ..formulas import _AXES, Array, Axis
 from ..moments import trajectory_covariance, trajectory_mean
-from ..moments._formulas import _AXES, Array, Axis
 from ._base import Bound, Rates, unit_of
 from ._inequalities import (
     bousquet,
@@ -73,12 +73,12 @@ class Trajectory(Bound):
         axis: Axis = "columns",
         sample_B: bool = True,
     ) -> None:
-        self._A = _gate.matrix("A", A, square=True)
-        self._B = _gate.matrix("B", B, rows=len(self._A))
-        start = _gate.vector("x0", x0, length=len(self._A))
-        inputs = _gate.matrix("u", u, cols=self._B.shape[1])
-        self._axis = _gate.choice("axis", axis, _AXES)
-        self._sample_B = _gate.flag("sample_B", sample_B)
+        self._A = gate.matrix("A", A, square=True)
+        self._B = gate.matrix("B", B, rows=len(self._A))
+        start = gate.vector("x0", x0, length=len(self._A))
+        inputs = gate.matrix("u", u, cols=self._B.shape[1])
+        self._axis = gate.choice("axis", axis, _AXES)
+        self._sample_B = gate.flag("sample_B", sample_B)
         # linear in (x0, u), so that their unit is that of the result
         self._unit = max(unit_of(start) if start.any() else 0.0, float(np.abs(inputs).max())) or 1.0
         self._x0, self._u = start / self._unit, inputs / self._unit

@@ -39,12 +39,7 @@ from .estimates import (
     vector_mse,
 )
 from .systematic import systematic_covariance, systematic_mse
-from .trajectories import (
-    growth_factor,
-    trajectory_covariance,
-    trajectory_mean,
-    trajectory_rms,
-)
+from .trajectories import growth_factor, trajectory_covariance, trajectory_mean, trajectory_rms
 
 __all__ = [
     "control_covariance",

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ... import _gate
-from ._formulas import (
+from ..._base import gate
+from ..formulas import (
     _AXES,
     Array,
     Axis,
@@ -55,9 +55,9 @@ def vector_covariance(w: ArrayLike, size: Size = 1) -> Array:
     array([[1.5, 1.5],
            [1.5, 1.5]])
     """
-    w = _gate.vector("w", w)
+    w = gate.vector("w", w)
     reciprocal = _reciprocal("size", size)
-    _gate.memory("the covariance", 3 * 8 * w.size**2)
+    gate.memory("the covariance", 3 * 8 * w.size**2)
     with np.errstate(over="ignore", invalid="ignore"):
         return _representable(_vector_covariance(w) * reciprocal)
 
@@ -91,7 +91,7 @@ def vector_mse(w: ArrayLike, size: Size = 1) -> float:
     >>> vector_mse([3.0, -1.0], size=2)
     3.0
     """
-    return matrix_mse(_gate.vector("w", w)[:, None], size)
+    return matrix_mse(gate.vector("w", w)[:, None], size)
 
 
 def matrix_mse(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> float:
@@ -126,7 +126,7 @@ def matrix_mse(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> float
     >>> matrix_mse([[1.0, 0.0], [2.0, 5.0]])
     4.0
     """
-    lines = _lines(_gate.matrix("A", A), axis)
+    lines = _lines(gate.matrix("A", A), axis)
     with np.errstate(over="ignore", invalid="ignore"):
         mse = (np.abs(lines) * _others(lines)).sum() * _reciprocal("size", size)
     return float(_representable(mse, "mean squared error"))
@@ -167,9 +167,9 @@ def matrix_covariance(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -
     array([[1., 1.],
            [1., 1.]])
     """
-    lines = _lines(_gate.matrix("A", A), axis).T
+    lines = _lines(gate.matrix("A", A), axis).T
     reciprocal = _reciprocal("size", size)
-    _gate.memory("the covariances", 2 * 8 * lines.size * lines.shape[1])
+    gate.memory("the covariances", 2 * 8 * lines.size * lines.shape[1])
     with np.errstate(over="ignore", invalid="ignore"):
         covariances = np.array([_vector_covariance(line) for line in lines])
         return _representable(covariances * reciprocal)
@@ -207,8 +207,8 @@ def transition(A: ArrayLike, d: ArrayLike) -> Array:
     array([[ 2., -2.],
            [-2.,  2.]])
     """
-    A = _gate.matrix("A", A)
-    d = _gate.vector("d", d, length=A.shape[1])
+    A = gate.matrix("A", A)
+    d = gate.vector("d", d, length=A.shape[1])
     with np.errstate(over="ignore", invalid="ignore"):
         return _representable(_transition(A, d))
 
@@ -246,9 +246,9 @@ def second_moment(A: ArrayLike, M: ArrayLike, *, axis: Axis = "columns") -> Arra
     array([[ 3.,  0.],
            [ 0., 31.]])
     """
-    A = _gate.matrix("A", A)
-    M = _gate.matrix("M", M, rows=A.shape[1], cols=A.shape[1])
-    _gate.choice("axis", axis, _AXES)
+    A = gate.matrix("A", A)
+    M = gate.matrix("M", M, rows=A.shape[1], cols=A.shape[1])
+    gate.choice("axis", axis, _AXES)
     with np.errstate(over="ignore", invalid="ignore"):
         return _representable(A @ M @ A.T + _excess(A, M, axis), "second moment")
 
@@ -286,8 +286,8 @@ def product_covariance(x0: ArrayLike, A: ArrayLike, *, axis: Axis = "columns") -
     array([[ 5., -7.],
            [-7., 13.]])
     """
-    A = _gate.matrix("A", A)
-    x0 = _gate.vector("x0", x0, length=A.shape[1])
-    _gate.choice("axis", axis, _AXES)
+    A = gate.matrix("A", A)
+    x0 = gate.vector("x0", x0, length=A.shape[1])
+    gate.choice("axis", axis, _AXES)
     with np.errstate(over="ignore", invalid="ignore"):
         return _representable(_product_covariance(x0, A, 1.0, 1.0, axis))

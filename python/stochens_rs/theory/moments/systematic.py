@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ... import _gate
-from ._formulas import (
+from ..._base import gate
+from ..formulas import (
     _AXES,
     Array,
     Axis,
@@ -61,12 +61,12 @@ def systematic_mse(target: ArrayLike, size: Size = 1, *, axis: Axis = "columns")
     >>> systematic_mse([3.0, -1.0], size=6), systematic_mse([3.0, -1.0], size=8)
     (0.2222222222222222, 0.0)
     """
-    lines = _gate.array("target", target, ndim=(1, 2))
-    _gate.choice("axis", axis, _AXES)
+    lines = gate.array("target", target, ndim=(1, 2))
+    gate.choice("axis", axis, _AXES)
     lines = lines[:, None] if lines.ndim == 1 else _lines(lines, axis)
     if _reciprocal("size", size) == 0.0:
         return 0.0
-    N = float(_gate.size("size", size))
+    N = float(gate.size("size", size))
     lines = lines[:, lines.any(axis=0)]
     with np.errstate(over="ignore", invalid="ignore"):
         g = np.abs(lines).sum(axis=0)
@@ -114,15 +114,15 @@ def systematic_covariance(target: ArrayLike, size: Size = 1, *, axis: Axis = "co
     array([[1., 1.],
            [1., 1.]])
     """
-    lines = _gate.array("target", target, ndim=(1, 2))
-    _gate.choice("axis", axis, _AXES)
+    lines = gate.array("target", target, ndim=(1, 2))
+    gate.choice("axis", axis, _AXES)
     vector = lines.ndim == 1
     rows = lines[None, :] if vector else _lines(lines, axis).T
-    _gate.memory("the covariances", 8 * rows.shape[1] ** 2 * (rows.shape[0] + 5))
+    gate.memory("the covariances", 8 * rows.shape[1] ** 2 * (rows.shape[0] + 5))
     if _reciprocal("size", size) == 0.0:
         covariances = np.zeros((*rows.shape, rows.shape[1]))
     else:
-        N = float(_gate.size("size", size))
+        N = float(gate.size("size", size))
         with np.errstate(over="ignore", invalid="ignore"):
             covariances = np.array([_systematic_covariance(line, N) for line in rows])
         _representable(covariances)

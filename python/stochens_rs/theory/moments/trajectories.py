@@ -7,10 +7,9 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ... import _gate
+from ..._base import gate
 from ...exceptions import NonFiniteError
-from .._positive_maps import map_radius, spectral_radius
-from ._formulas import (
+from ..formulas import (
     _AXES,
     Array,
     Axis,
@@ -20,6 +19,7 @@ from ._formulas import (
     _vector_covariance,
     _vector_excess,
 )
+from ..positive_maps import map_radius, spectral_radius
 
 Averaging: TypeAlias = Literal["runs", "mean-field"]
 
@@ -137,16 +137,16 @@ def trajectory_covariance(
            [-0.3,  0.3]]))
     """
     A, B, u, x0 = _checked(A, B, u, x0)
-    per_step = _gate.choice("averaging", averaging, _AVERAGING) == "mean-field"
-    _gate.choice("axis", axis, _AXES)
+    per_step = gate.choice("averaging", averaging, _AVERAGING) == "mean-field"
+    gate.choice("axis", axis, _AXES)
     reciprocal = _reciprocal("size", size)
     step = reciprocal if per_step else 1.0
     rA, rB, r0 = (
-        step * _gate.flag(name, flag)
+        step * gate.flag(name, flag)
         for name, flag in (("sample_A", sample_A), ("sample_B", sample_B), ("sample_x0", sample_x0))
     )
     n = x0.size
-    _gate.memory("the covariances", (len(u) + 5) * n * n * 8)
+    gate.memory("the covariances", (len(u) + 5) * n * n * 8)
     mu = _mean(A, B, u, x0)
     S = np.empty((len(u) + 1, n, n))
     with np.errstate(over="ignore", invalid="ignore"):
@@ -248,9 +248,9 @@ def growth_factor(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> fl
     >>> round(growth_factor(H), 9), round(growth_factor(H, 100), 9)
     (2.0, 1.01)
     """
-    A = _gate.matrix("A", A, square=True)
+    A = gate.matrix("A", A, square=True)
     # Sampling the rows of A is, in this respect, the same as sampling the columns of A^T.
-    A = A if _gate.choice("axis", axis, _AXES) == "columns" else A.T
+    A = A if gate.choice("axis", axis, _AXES) == "columns" else A.T
     reciprocal = _reciprocal("size", size)
     scale = float(np.abs(A).max())
     if scale == 0.0:
@@ -259,16 +259,16 @@ def growth_factor(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> fl
     if reciprocal == 1.0:
         radius = spectral_radius(np.abs(A) * np.abs(A).sum(axis=0))  # rho(Q)
     else:
-        _gate.memory("the growth factor", 4 * 8 * len(A) ** 3)
+        gate.memory("the growth factor", 4 * 8 * len(A) ** 3)
         radius = map_radius(A, A, np.eye(len(A)), reciprocal)
     with np.errstate(over="ignore"):
         return float(_finite("growth factor", np.asarray(np.float64(radius) * scale * scale)))
 
 
 def _checked(A: object, B: object, u: object, x0: object) -> tuple[Array, Array, Array, Array]:
-    A = _gate.matrix("A", A, square=True)
-    B = _gate.matrix("B", B, rows=len(A))
-    return A, B, _gate.inputs("u", u, cols=B.shape[1]), _gate.vector("x0", x0, length=len(A))
+    A = gate.matrix("A", A, square=True)
+    B = gate.matrix("B", B, rows=len(A))
+    return A, B, gate.inputs("u", u, cols=B.shape[1]), gate.vector("x0", x0, length=len(A))
 
 
 def _mean(A: Array, B: Array, u: Array, x0: Array) -> Array:

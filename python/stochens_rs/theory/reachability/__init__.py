@@ -15,16 +15,10 @@ two lemmas and the remark that connect these notions. What they lack is that the
 unbiased; `sample`'s are.
 """
 
-from .approximate import ApproximateReachability, approximately
-from .counterexamples import Counterexample, lemma_3_1, lemma_3_2, remark_3_2
-from .samples import SampleReachability, sample_reachability
-from .steps import (
-    StepsReachability,
-    controllability_matrix,
-    gramian,
-    one_step,
-    several_steps,
-)
+from ...paper.reachability.approximate import ApproximateReachability, approximately
+from ...paper.reachability.counterexamples import Counterexample, lemma_3_1, lemma_3_2, remark_3_2
+from ...paper.reachability.samples import SampleReachability, sample_reachability
+from .steps import StepsReachability, controllability_matrix, gramian, one_step, several_steps
 
 __all__ = [
     "ApproximateReachability",

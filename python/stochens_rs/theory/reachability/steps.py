@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ... import _gate
-from ..._exact import one_step as best_in_one_step
+from ..._base import gate
+from ...controls.plan import Reachability
 from ...exceptions import NonFiniteError
-from ...results import Reachability
-from ..moments._formulas import Array
+from ..exact import one_step as best_in_one_step
+from ..formulas import Array
 from ..multistep import best_over_steps, checked_steps, matrix_powers
 
 
@@ -80,10 +80,10 @@ def one_step(B: ArrayLike, x0: ArrayLike, xf: ArrayLike, A: ArrayLike) -> Reacha
     >>> found.reachable, found.residual, found.rank
     (False, 1.0, 1)
     """
-    B = _gate.matrix("B", B)
-    x0 = _gate.vector("x0", x0, length=len(B))
-    xf = _gate.vector("xf", xf, length=len(B))
-    A = _gate.matrix("A", A, rows=len(B), cols=len(B))
+    B = gate.matrix("B", B)
+    x0 = gate.vector("x0", x0, length=len(B))
+    xf = gate.vector("xf", xf, length=len(B))
+    A = gate.matrix("A", A, rows=len(B), cols=len(B))
     return best_in_one_step(A, B, x0, xf).reachability()
 
 
@@ -131,12 +131,12 @@ def several_steps(
     (True, [[1.0], [-1.0]])
     """
     C = controllability_matrix(A, B, steps)
-    B = _gate.matrix("B", B)
+    B = gate.matrix("B", B)
     n, m = B.shape
     K = checked_steps(steps, n, m)
-    x0 = _gate.vector("x0", x0, length=n)
-    xf = _gate.vector("xf", xf, length=n)
-    A = _gate.matrix("A", A)
+    x0 = gate.vector("x0", x0, length=n)
+    xf = gate.vector("xf", xf, length=n)
+    A = gate.matrix("A", A)
     best = best_over_steps(matrix_powers(A, K), B, x0, xf)
     return StepsReachability(**vars(best.reachability()), matrix=C, controls=best.u.reshape(K, m))
 
@@ -172,10 +172,10 @@ def controllability_matrix(A: ArrayLike, B: ArrayLike, steps: int) -> Array:
     array([[0., 1., 2.],
            [1., 1., 1.]])
     """
-    A = _gate.matrix("A", A, square=True)
-    B = _gate.matrix("B", B, rows=len(A))
-    steps = _gate.size("steps", steps)
-    _gate.memory("the controllability matrix", 4 * steps * B.nbytes)
+    A = gate.matrix("A", A, square=True)
+    B = gate.matrix("B", B, rows=len(A))
+    steps = gate.size("steps", steps)
+    gate.memory("the controllability matrix", 4 * steps * B.nbytes)
     blocks = [B]
     with np.errstate(over="ignore", invalid="ignore"):
         for _ in range(steps - 1):

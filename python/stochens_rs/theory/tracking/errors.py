@@ -7,9 +7,9 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ... import _gate
+from ..._base import gate
 from ...exceptions import InputError, NonFiniteError
-from ..moments._formulas import (
+from ..formulas import (
     Array,
     Size,
     _compact_svd,
@@ -128,10 +128,10 @@ def tracking_moments(
            [-0.2,  0.2]])
     """
     A, B, r = _checked(A, B, reference)
-    start = r[0] if x0 is None else _gate.vector("x0", x0, length=r.shape[1])
+    start = r[0] if x0 is None else gate.vector("x0", x0, length=r.shape[1])
     reciprocal = _reciprocal("size", size)
-    fed = _gate.flag("feedback", feedback)
-    sampled = _gate.flag("sample_states", sample_states)
+    fed = gate.flag("feedback", feedback)
+    sampled = gate.flag("sample_states", sample_states)
     if fed and sampled:
         raise InputError(
             "`sample_states` must be False with feedback=True: the second moments of sampled, "
@@ -139,7 +139,7 @@ def tracking_moments(
         )
     U = _compact_svd(B)[0]
     K, n = len(r) - 1, r.shape[1]
-    _gate.memory("the second moments", (K + 6) * n * n * 8)
+    gate.memory("the second moments", (K + 6) * n * n * 8)
     mean, S = np.empty((K + 1, n)), np.empty((K + 1, n, n))
     with np.errstate(over="ignore", invalid="ignore"):
         F = A - U @ (U.T @ A) if fed else A
@@ -254,7 +254,7 @@ def tracking_bound(
     """
     A, B, r = _checked(A, B, reference)
     reciprocal = _reciprocal("size", size)
-    sampled = _gate.flag("sample_states", sample_states)
+    sampled = gate.flag("sample_states", sample_states)
     n = A.shape[0]
     rank = _compact_svd(B)[1].size
     if rank < n:
@@ -275,8 +275,8 @@ def tracking_bound(
 
 
 def _checked(A: object, B: object, reference: object) -> tuple[Array, Array, Array]:
-    A = _gate.matrix("A", A, square=True)
-    B = _gate.matrix("B", B, rows=len(A))
+    A = gate.matrix("A", A, square=True)
+    B = gate.matrix("B", B, rows=len(A))
     return A, B, checked_reference(reference, len(A))
 
 

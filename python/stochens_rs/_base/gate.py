@@ -1,0 +1,505 @@
+"""The one place where input is checked: whatever passes here is trusted further down.
+
+Each function takes the argument's name first, so that a message can say which argument was
+wrong, where, what was found and what was expected: one line, at most 300 characters. Nothing
+here modifies its input; a copy is made only when the memory cannot be used as it is, so a
+returned array may be the caller's own and must not be written to.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import difflib
+import math
+import operator
+from collections.abc import Mapping
+from collections.abc import Set as AbstractSet
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+
+from ..exceptions import (
+    InputError,
+    InputTypeError,
+    NonFiniteError,
+    ResourceError,
+    ShapeError,
+    SizeError,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from typing import TypeGuard
+
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+T = TypeVar("T")
+
+# Largest whole number up to which every whole number is a float64.
+EXACT = 2**53
+
+
+def vector(name: str, value: object, *, length: int | None = None) -> Floats:
+    """Return `value` as a C-contiguous float64 array of shape (length,), length >= 1."""
+    given = _numeric(name, value)
+    wanted = f"({'n' if length is None else length},)"
+    if given.ndim != 1 or (length is not None and len(given) != length):
+        hint = f"; use {name}.ravel()" if given.ndim == 2 and 1 in given.shape else ""
+        raise ShapeError(f"`{name}` must have shape {wanted}, got {_shape(given)}{hint}")
+    return _finite(name, given)
+
+
+def matrix(
+    name: str,
+    value: object,
+    *,
+    rows: int | None = None,
+    cols: int | None = None,
+    square: bool = False,
+) -> Floats:
+    """Return `value` as a C-contiguous float64 array of shape (rows, cols), both >= 1."""
+    given = _numeric(name, value)
+    wanted = (
+        "n" if rows is None else str(rows),
+        ("n" if rows is None else str(rows)) if square else "m" if cols is None else str(cols),
+    )
+    good = given.ndim == 2 and rows in (None, given.shape[0]) and cols in (None, given.shape[1])
+    if not good or (square and given.shape[0] != given.shape[1]):
+        hint = f"; use {name}.reshape(-1, 1) for one column" if given.ndim == 1 else ""
+        raise ShapeError(
+            f"`{name}` must have shape ({wanted[0]}, {wanted[1]}), got {_shape(given)}{hint}"
+        )
+    return _finite(name, given)
+
+
+def inputs(name: str, value: object, *, cols: int) -> Floats:
+    """Return inputs over time as C-contiguous float64 of shape (K, cols), K >= 0."""
+    given = read(name, value)
+    if given.ndim != 2 or given.shape[1] != cols:
+        hint = f"; use {name}.reshape(-1, {cols})" if given.ndim == 1 and given.size else ""
+        raise ShapeError(
+            f"`{name}` must have shape (K, {cols}), one row per step, got {_shape(given)}{hint}"
+        )
+    return matrix(name, given, cols=cols) if len(given) else np.zeros((0, cols))
+
+
+def array(name: str, value: object, *, ndim: tuple[int, ...]) -> Floats:
+    """Return `value` as a C-contiguous float64 array with one of the numbers of dimensions."""
+    given = _numeric(name, value)
+    if given.ndim not in ndim:
+        wanted = " or ".join(str(k) for k in ndim)
+        raise ShapeError(f"`{name}` must have {wanted} dimensions, got shape {_shape(given)}")
+    return _finite(name, given)
+
+
+def output(name: str, value: object, shape: tuple[int, ...], apart: dict[str, object]) -> Floats:
+    """Return `value` if results of this shape can be written into it; `apart`: what it must spare.
+
+    It is an ndarray (no masked one) of native float64, C-contiguous, aligned, writeable, and shares
+    no memory with the arrays of `apart`, each under the name of its argument.
+    """
+    if not isinstance(value, np.ndarray) or isinstance(value, np.ma.MaskedArray):
+        raise InputTypeError(f"`{name}` must be a numpy.ndarray of float64, got {show(value)}")
+    if value.dtype != np.float64:
+        raise InputTypeError(f"`{name}` must have dtype float64, got {str(value.dtype)[:40]}")
+    if value.shape != shape:
+        raise ShapeError(f"`{name}` must have shape {shape}, got {_shape(value)}")
+    flags = value.flags
+    for good, word in (
+        (flags.c_contiguous, "C-contiguous"),
+        (flags.aligned, "aligned"),
+        (flags.writeable, "writeable"),
+    ):
+        if not good:
+            raise InputError(f"`{name}` must be {word}, got an array that is not")
+    for other, array in apart.items():
+        if isinstance(array, np.ndarray) and np.shares_memory(value, array):
+            raise InputError(
+                f"`{name}` must not share memory with `{other}`, which it would change"
+            )
+    return value
+
+
+def kept(
+    name: str,
+    value: object,
+    *,
+    ndim: tuple[int, ...] = (1, 2),
+    shape: tuple[int, ...] | None = None,
+) -> Floats:
+    """Return an array of a record, which is one of finite float64 already."""
+    if type(value) is not np.ndarray or value.dtype != np.float64:
+        raise InputTypeError(f"`{name}` must be a numpy.ndarray of float64, got {show(value)}")
+    if shape is not None and value.shape != shape:
+        raise ShapeError(f"`{name}` must have shape {shape}, got {_shape(value)}")
+    with np.errstate(all="ignore"):
+        total = value.sum()
+    if value.ndim in ndim and value.size and math.isfinite(total):
+        return value
+    return array(name, value, ndim=ndim)  # only the sum overflows, or this says what is wrong
+
+
+def size(name: str, value: object, *, minimum: int = 1, maximum: int = EXACT) -> int:
+    """Return a count as int: integers and whole floats such as 1e6, never bool or text."""
+    count = _whole(value)
+    if count is None:
+        raise InputTypeError(f"`{name}` must be a whole number, got {show(value)}")
+    if not minimum <= count <= maximum:
+        raise SizeError(f"`{name}` must be in [{minimum}, {maximum}], got {show(count)}")
+    return count
+
+
+def sizes(name: str, value: object, *, maximum: int) -> NDArray[np.int64]:
+    """Return strictly increasing counts, 1 <= sizes[k] <= maximum, as an int64 array."""
+    given = read(name, value)
+    if given.ndim != 1 or given.size == 0:
+        raise ShapeError(f"`{name}` must have shape (k,) with k >= 1, got {_shape(given)}")
+    if given.dtype.kind in "iuf":
+        with np.errstate(all="ignore"):
+            bad = ~((given >= 1) & (given <= maximum) & (np.floor(given) == given))
+        if bad.any():  # `size` words the message
+            k = int(np.argmax(bad))
+            size(f"{name}[{k}]", given[k].item(), maximum=maximum)
+        counts = given.astype(np.int64)
+    else:  # Python integers beyond 64 bits, or not numbers at all
+        counts = np.array(
+            [size(f"{name}[{k}]", item, maximum=maximum) for k, item in enumerate(given)],
+            dtype=np.int64,
+        )
+    falls = np.diff(counts) <= 0
+    if falls.any():
+        k = int(np.argmax(falls)) + 1
+        raise InputError(
+            f"`{name}[{k}]` is {counts[k]} after {counts[k - 1]}: sizes must increase strictly"
+        )
+    return counts
+
+
+def choice(name: str, value: object, allowed: tuple[str, ...]) -> str:
+    """Return `value` if it is one of `allowed`; the message names the nearest one."""
+    listed = ", ".join(f"'{word}'" for word in allowed)
+    if not isinstance(value, str):
+        raise InputTypeError(f"`{name}` must be one of {listed}, got {show(value)}")
+    if value not in allowed:
+        near = difflib.get_close_matches(value[:40].lower(), allowed, n=1)
+        hint = f"; did you mean '{near[0]}'?" if near else ""
+        raise InputError(f"`{name}` must be one of {listed}, got {show(value)}{hint}")
+    return value
+
+
+def items(name: str, value: object) -> list[Any]:
+    """Return what `value` holds, in order; text holds nothing."""
+    if not isinstance(value, (str, bytes, AbstractSet, Mapping)):
+        try:
+            return list(value)  # type: ignore[call-overload, no-any-return]
+        except MemoryError:
+            raise
+        except Exception:  # nothing to go through, or anything a foreign iterator raises
+            pass
+    raise InputTypeError(f"`{name}` must be a list, got {show(value)}")
+
+
+def flag(name: str, value: object) -> bool:
+    """Return True or False, which nothing but these stands for."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise InputTypeError(f"`{name}` must be True or False, got {show(value)}")
+    return bool(value)
+
+
+def positive(name: str, value: object, *, maximum: float = math.inf) -> float:
+    """Return a finite real number > 0 as float."""
+    if not is_real(value):
+        raise InputTypeError(f"`{name}` must be a real number > 0, got {show(value)}")
+    try:
+        number = float(value)
+    except OverflowError:
+        raise SizeError(f"`{name}` is too large for a float: {show(value)}") from None
+    if not math.isfinite(number):
+        raise NonFiniteError(f"`{name}` is {number}: it must be finite")
+    if number <= 0.0:
+        raise SizeError(f"`{name}` must be > 0, got {show(value)}")
+    if number > maximum:
+        raise SizeError(f"`{name}` must be at most {maximum:g}, got {show(value)}")
+    return number
+
+
+def nonnegative(name: str, value: object) -> float:
+    """Return a finite real number >= 0 as float."""
+    if not is_real(value):
+        raise InputTypeError(f"`{name}` must be a real number >= 0, got {show(value)}")
+    if value < 0:
+        raise SizeError(f"`{name}` must be >= 0, got {show(value)}")
+    return positive(name, value) if value != 0 else 0.0
+
+
+def probability(name: str, value: object) -> float:
+    """Return a real number in (0, 1) as float."""
+    number = positive(name, value)
+    if number >= 1.0:
+        raise SizeError(f"`{name}` must be in (0, 1), got {show(value)}")
+    return number
+
+
+def instance(name: str, value: object, kind: type[T]) -> T:
+    """Return `value` if it is of this class of the package."""
+    if not isinstance(value, kind):
+        article = "an" if kind.__name__[0] in "AEIOU" else "a"
+        raise InputTypeError(f"`{name}` must be {article} {kind.__name__}, got {show(value)}")
+    return value
+
+
+def text(name: str, value: object) -> str:
+    """Return a string that can be encoded as UTF-8: lone surrogates are no text."""
+    if not isinstance(value, str):
+        raise InputTypeError(f"`{name}` must be a string, got {show(value)}")
+    try:
+        value.encode()
+    except UnicodeEncodeError:
+        raise InputError(f"`{name}` must be text that UTF-8 can write, got {show(value)}") from None
+    return value
+
+
+def is_real(value: object) -> TypeGuard[float]:
+    """Whether `value` is a real number; bool is none, and neither is a time span of NumPy's."""
+    numbers = (int, float, np.integer, np.floating)
+    return isinstance(value, numbers) and not isinstance(value, (bool, np.timedelta64))
+
+
+def frozen(checked: Floats) -> Floats:
+    """Copy into a `bytes` object: NumPy then refuses to make the array writeable again."""
+    copied: Floats = np.frombuffer(checked.tobytes(), dtype=np.float64).reshape(checked.shape)
+    return copied
+
+
+def memory(what: str, needed_bytes: int) -> None:
+    """Raise `ResourceError` if `what` needs more than 0.8 of the memory that is left."""
+    if needed_bytes < 2**24:  # not worth asking the operating system
+        return
+    left = memory_left()
+    if left is None or needed_bytes <= 0.8 * left:
+        return
+    limit = int(0.8 * left)
+    raise ResourceError(
+        f"{what} needs {_gib(needed_bytes)} GiB, but only {_gib(limit)} GiB may be used",
+        needed_bytes,
+        limit,
+    )
+
+
+def show(value: object) -> str:
+    """Describe any object in at most 60 characters, on one line, and never fail."""
+    kind = type(value).__name__[:24]
+    if isinstance(value, int) and value.bit_length() > 100:
+        return f"{'-' if value < 0 else ''}int of {value.bit_length()} bits"
+    if isinstance(value, np.ndarray):
+        return f"{kind} of shape {_shape(value)}"
+    if value is None:
+        return "None"
+    if isinstance(value, (str, bytes)):
+        return f"{kind} {value[:30]!r:.34}"
+    if isinstance(value, (bool, int, float, np.generic)):
+        return f"{kind} {value!s:.34}"
+    return f"an object of type {kind}"
+
+
+# -- arrays ------------------------------------------------------------------------------------
+
+
+def read(name: str, value: object) -> NDArray[Any]:
+    """Return `np.asarray(value)`, or say why that would lose something."""
+    if not isinstance(value, (np.ndarray, list, tuple)):
+        _refuse_labels(name, value)
+    if isinstance(value, np.ma.MaskedArray):
+        raise InputTypeError(f"`{name}` is a masked array: fill it first, e.g. {name}.filled(0.0)")
+    if type(value).__module__.split(".")[:2] == ["scipy", "sparse"]:
+        raise InputTypeError(f"`{name}` is a sparse matrix: pass {name}.toarray()")
+    try:
+        given = np.asarray(value)
+    except MemoryError:
+        raise
+    except Exception as error:  # a ragged list, or anything a foreign `__array__` raises
+        raise InputTypeError(
+            f"`{name}` cannot be read as an array of numbers: {show(value)} (rows of unequal "
+            "length, or not in main memory?)"
+        ) from error
+    _refuse_inner_labels(name, value, given.ndim)
+    return given
+
+
+def _refuse_inner_labels(name: str, value: object, ndim: int) -> None:
+    """Refuse labels in a list of `ndim` dimensions, whose innermost items are numbers."""
+    if ndim > 1 and isinstance(value, (list, tuple)):
+        for item in value:
+            if isinstance(item, (list, tuple)):
+                _refuse_inner_labels(name, item, ndim - 1)
+            elif not isinstance(item, np.ndarray):
+                _refuse_labels(name, item)
+
+
+def _refuse_labels(name: str, value: object) -> None:
+    """Refuse a table or series whose entries have names: they may be in another order.
+
+    Found by what pandas, xarray, polars and pyarrow have in common, none of which is imported.
+    Integers 0, 1, 2, ... in this order are no names, and neither are ``dim_0, dim_1, ...``.
+    """
+    try:
+        labels = list(_labels(value))
+    except Exception:  # `np.asarray` says what is wrong with it
+        return
+    for what, found in labels:
+        shown = ", ".join(show(label).partition(" ")[2] or "?" for label in found[:3])
+        more = ", ..." if len(found) > 3 else ""
+        raise InputError(
+            f"`{name}` has labels ({what}: {shown}{more}), which nothing here can be aligned with: "
+            f"pass {name}.to_numpy() if the order is right"
+        )
+
+
+def _labels(value: Any) -> Iterator[tuple[str, list[Any]]]:
+    """The names along every axis that has some."""
+    for what in ("index", "columns", "column_names"):
+        found = getattr(value, what, None)
+        if found is not None and not callable(found):
+            labels = list(found)
+            if not _counted(labels, "column_"):  # as polars calls columns without a name
+                yield what, labels
+    dims, coords = getattr(value, "dims", None), getattr(value, "coords", None)
+    if dims is not None and coords is not None:
+        if len(dims) > 1 and not _counted(list(dims), "dim_"):
+            yield "dims", list(dims)
+        for dim in dims:
+            labels = list(np.asarray(coords[dim])) if dim in coords else []
+            if not _counted(labels):
+                yield str(dim), labels
+
+
+def _counted(labels: list[Any], prefix: str | None = None) -> bool:
+    """Whether labels are but 0, 1, 2, ... (no floats: times), or these after the prefix."""
+    return all(
+        (not isinstance(label, (float, np.floating)) and _whole(label) == k)
+        or (prefix is not None and label == f"{prefix}{k}")
+        for k, label in enumerate(labels)
+    )
+
+
+def _numeric(name: str, value: object) -> NDArray[Any]:
+    """Return `value` as an array of real numbers with at least one entry."""
+    given = read(name, value)
+    if given.dtype.kind not in "iuf":
+        hint = {"c": f"; pass {name}.real", "b": f"; pass {name}.astype(float)"}
+        raise InputTypeError(
+            f"`{name}` must contain integers or real floats, got {_origin(value, given)}"
+            f"{hint.get(given.dtype.kind, '') if isinstance(value, np.ndarray) else ''}"
+        )
+    if given.ndim > 0 and given.size == 0:
+        raise ShapeError(f"`{name}` must have at least one entry, got shape {_shape(given)}")
+    return given
+
+
+def _origin(value: object, given: NDArray[Any]) -> str:
+    if given.ndim == 0 and not isinstance(value, (np.ndarray, np.generic)):
+        return show(value)
+    return f"dtype {str(given.dtype)[:40]}"
+
+
+def _finite(name: str, given: NDArray[Any]) -> Floats:
+    """Return `given` as C-contiguous, aligned, native float64 after looking for nan and inf."""
+    with np.errstate(all="ignore"):  # a long double may overflow; the check below names it
+        floats: Floats = np.require(given, np.float64, ["C_CONTIGUOUS", "ALIGNED"])
+    finite = np.isfinite(floats)
+    if not finite.all():
+        where = np.unravel_index(int(np.argmin(finite)), floats.shape)
+        index = ", ".join(str(int(i)) for i in where)
+        raise NonFiniteError(f"`{name}[{index}]` is {floats[where]}: entries must be finite")
+    return floats
+
+
+def _shape(given: NDArray[Any]) -> str:
+    return str(given.shape) if given.ndim <= 5 else f"{given.ndim} dimensions"
+
+
+def _whole(value: object) -> int | None:
+    """Return the whole number that `value` stands for, or None."""
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value[()]
+    if isinstance(value, (bool, np.bool_, np.timedelta64, np.ndarray)):
+        return None
+    if isinstance(value, (float, np.floating)):
+        return int(value) if float(value).is_integer() else None
+    try:
+        return operator.index(value)  # type: ignore[arg-type]
+    except Exception:  # not an integer, or anything a foreign `__index__` raises
+        return None
+
+
+# -- memory ------------------------------------------------------------------------------------
+
+
+def memory_left() -> int | None:
+    """Return how many more bytes this process may use, None where nothing can be found out.
+
+    The least of: address-space limit minus what is mapped; the limits of the control groups
+    (versions 1 and 2, with all parents) minus their use; what the machine has available. Each
+    source is optional: on macOS and Windows most of them do not exist and are skipped.
+    """
+    found: list[int] = []
+    for source in (_address_space_left, _cgroups_left, _machine_left):
+        with contextlib.suppress(OSError, ValueError):  # a kernel that words its files otherwise
+            found += source()
+    return max(0, min(found)) if found else None
+
+
+def _address_space_left() -> list[int]:
+    try:
+        import resource
+    except ImportError:  # Windows
+        return []
+    soft, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if soft == resource.RLIM_INFINITY:
+        return []
+    pages = _text("/proc/self/statm").split()
+    mapped = int(pages[0]) * resource.getpagesize() if pages else 0
+    return [soft - mapped]
+
+
+def _cgroups_left() -> list[int]:
+    found = []
+    for line in _text("/proc/self/cgroup").splitlines():
+        _, controllers, group = line.split(":", 2)
+        if controllers == "":
+            root, names = "/sys/fs/cgroup", ("memory.max", "memory.current", "inactive_file")
+        elif "memory" in controllers.split(","):
+            root = "/sys/fs/cgroup/memory"
+            names = ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")
+        else:
+            continue
+        parts = [part for part in group.split("/") if part]
+        # Inside a container the named group may not be visible; then only the root remains.
+        for depth in range(len(parts), -1, -1):
+            folder = "/".join([root, *parts[:depth]])
+            limit, used = _text(f"{folder}/{names[0]}"), _text(f"{folder}/{names[1]}")
+            if not (limit.strip().isdigit() and used.strip().isdigit()):
+                continue  # "max", or no such file
+            stat = dict(s.split() for s in _text(f"{folder}/memory.stat").splitlines())
+            # Files in the page cache count as use, but are given back when memory is short.
+            found.append(int(limit) - int(used) + int(stat.get(names[2], 0)))
+    return found
+
+
+def _machine_left() -> list[int]:
+    for line in _text("/proc/meminfo").splitlines():
+        if line.startswith("MemAvailable:"):
+            return [int(line.split()[1]) * 1024]
+    return []
+
+
+def _text(path: str) -> str:
+    with contextlib.suppress(OSError), open(path, encoding="ascii", errors="replace") as file:
+        return file.read()
+    return ""
+
+
+def _gib(count: int) -> str:
+    return f"{count / 2**30:.4g}"

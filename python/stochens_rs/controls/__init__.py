@@ -1,0 +1,1 @@
+"""Controls from estimates, and what is known about their errors."""

@@ -1,0 +1,337 @@
+"""How many realizations for this accuracy at this confidence: bounds, moments, simulation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import ceil, inf
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+import numpy as np
+
+from .._base import gate, html
+from ..exceptions import InputError, SizeError
+from ..fusion.alse import norm
+from ..rng import Key, RngLike, as_key
+from ..system import System
+from ..theory import bounds, moments
+from ..theory import exact as _exact
+from ..theory.multistep import best_over_steps, checked_steps, matrix_powers
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from ..theory.bounds import Bound
+
+    Floats: TypeAlias = NDArray[np.float64]
+
+__all__ = ["Requirement", "SamplePlan", "required_samples"]
+
+Quantity: TypeAlias = Literal["state", "control"]
+Fusion: TypeAlias = Literal["product", "diagonal"]
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """What one bound asks for, and what happens then.
+
+    Attributes
+    ----------
+    name : str
+        The bound.
+    source : str
+        Where it comes from.
+    size : int or None
+        The smallest number of realizations it accepts (simulated: within 1 %, product and
+        diagonal fusion of independent realizations); None if that is beyond 2^53, or `delta` too
+        small to simulate.
+    rms : float or None
+        Exact root mean square error at `size`; None over several steps.
+    quantile : float or None
+        What a share `delta` of the simulated errors exceeds at `size`.
+    failures : int or None
+        Simulated errors above `error`.
+    """
+
+    name: str
+    source: str
+    size: int | None
+    rms: float | None
+    quantile: float | None
+    failures: int | None
+
+
+@dataclass(frozen=True, eq=False)
+class SamplePlan:
+    """How many realizations it takes; what `required_samples` returns.
+
+    Attributes
+    ----------
+    error : float
+        The error that may be exceeded with probability `delta`, absolute.
+    delta : float
+        The probability of failure.
+    reference : float
+        Norm of what the error is measured against: the state that the exact control leads to, or
+        that control.
+    quantity, fusion : str
+        What was asked for.
+    steps : int or None
+        Number of steps K; None: one step.
+    rows : tuple of Requirement
+        One per bound, smallest size first. All hold; the first is the one to use.
+    expected_size : int or None
+        Where the exact root mean square error comes down to `error`: no guarantee. None over
+        several steps.
+    simulated_size : int
+        Where the simulated errors exceed `error` with probability `delta`: what is really
+        needed, up to the accuracy of the simulation.
+    runs : int
+        Simulated fusions per size.
+    key : Key
+        What repeats the simulation.
+    """
+
+    error: float
+    delta: float
+    reference: float
+    quantity: str
+    fusion: str
+    steps: int | None
+    rows: tuple[Requirement, ...]
+    expected_size: int | None
+    simulated_size: int
+    runs: int
+    key: Key
+
+    @property
+    def size(self) -> int:
+        """The smallest size that a bound guarantees."""
+        smallest = self.rows[0].size
+        if smallest is None:
+            raise SizeError("no bound is satisfied by up to 2^53 realizations")
+        return smallest
+
+    def to_dict(self) -> dict[str, Any]:
+        """All of it as plain numbers and text."""
+        return {
+            "schema": "stochens-plan/1",
+            "error": self.error,
+            "relative_error": self.error / self.reference if self.reference else None,
+            "delta": self.delta,
+            "quantity": self.quantity,
+            "fusion": self.fusion,
+            "steps": self.steps,
+            "expected_size": self.expected_size,
+            "simulated_size": self.simulated_size,
+            "runs": self.runs,
+            "key": self.key.hex,
+            "bounds": [vars(row) for row in self.rows],
+        }
+
+    def _repr_html_(self) -> str:
+        return html.sample_plan(self)
+
+    def __str__(self) -> str:
+        share = f" ({self.error / self.reference:.3g} relative)" if self.reference else ""
+        over = "" if self.steps is None else f" over {self.steps} steps"
+        lines = [
+            f"error of the {self.quantity}{over} at most {self.error:.4g}{share} with probability "
+            f"{1.0 - self.delta:g}, {self.fusion} fusion",
+            "",
+            f"{'bound':<24}{'N':>16}{'exact rms':>12}{'quantile':>12}{'failures':>18}",
+        ]
+        for row in self.rows:
+            if row.size is None:
+                lines.append(f"{row.name:<24}{'none up to 2^53':>16}")
+                continue
+            size, failed = _grouped(row.size), f"{row.failures} of {self.runs}"
+            rms = "" if row.rms is None else f"{row.rms:.3g}"
+            lines.append(f"{row.name:<24}{size:>16}{rms:>12}{row.quantile:>12.3g}{failed:>18}")
+        lines += ["", "no guarantee:"]
+        if self.expected_size is not None:
+            lines.append(
+                f"the exact rms comes down to this error at N = {_grouped(self.expected_size)},"
+            )
+        lines.append(f"the simulated quantile at N = {_grouped(self.simulated_size)}")
+        return "\n".join(lines)
+
+
+def required_samples(
+    system: System | Any,
+    x0: ArrayLike,
+    xf: ArrayLike,
+    error: float,
+    *,
+    delta: float = 0.05,
+    relative: bool = True,
+    quantity: Quantity = "state",
+    fusion: Fusion = "product",
+    steps: int | None = None,
+    runs: int = 1000,
+    rng: RngLike = None,
+) -> SamplePlan:
+    """Find how many realizations of x0, xf and A give a control of a given accuracy.
+
+    Parameters
+    ----------
+    system : System
+        The exact (or nominal) system, or anything `System.from_any` takes.
+    x0, xf : array_like, shape (n,)
+        Initial state and target.
+    error : float
+        The error that may be exceeded with probability `delta`.
+    delta : float, default 0.05
+        Probability of failure, in (0, 1).
+    relative : bool, default True
+        Whether `error` is relative: to the norm of the state that the exact control leads to
+        (of that control, for "control").
+    quantity : {"state", "control"}, default "state"
+        ``||B (u - v)||``, the distance from the state that the exact control ``v`` leads to, or
+        ``||u - v||``; over several steps with ``C_K`` in place of ``B``.
+    fusion : {"product", "diagonal"}, default "product"
+        How the realizations are fused, with uniform weights.
+    steps : int, optional
+        Number of steps K of the control, as in `control_steps`; None: one step, as in `control`.
+    runs : int, default 1000
+        Simulated fusions per bound, for the columns `quantile` and `failures`.
+    rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
+        Source of randomness for the simulation.
+
+    Returns
+    -------
+    SamplePlan
+        Every bound's number of realizations with the exact error and the simulated ones there.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If an argument cannot be used; the message names it.
+
+    Notes
+    -----
+    The bounds are those of `theory.bounds`, the exact root mean square that of `theory.moments`.
+    "simulated" (`theory.bounds.Simulated`) asks for little more than what is needed; the formulas
+    hold for every delta. Over several steps there is the simulated bound only. The simulation
+    draws counts, not realizations, so that its cost does not depend on N.
+
+    Examples
+    --------
+    >>> import stochens_rs as se
+    >>> system = se.System([[0.9, 0.2], [-0.1, 0.8]], [[1.0, 0.0], [0.5, 1.0]])
+    >>> plan = se.required_samples(system, [1.0, 2.0], [1.0, 1.0], 0.1, rng=1, runs=100)
+    >>> plan.simulated_size < plan.size, plan.rows[0].name
+    (True, 'simulated')
+    """
+    checked = System.from_any(system)
+    start = gate.vector("x0", x0, length=checked.n)
+    goal = gate.vector("xf", xf, length=checked.n)
+    error = gate.positive("error", error)
+    delta = gate.probability("delta", delta)
+    runs = gate.size("runs", runs, maximum=10**6)
+    kind = gate.choice("quantity", quantity, ("state", "control"))
+    how = gate.choice("fusion", fusion, ("product", "diagonal"))
+    K = None if steps is None else checked_steps(steps, checked.n, checked.m)
+    if K is not None and how == "diagonal":
+        raise InputError("`fusion` must be 'product' over several steps, got 'diagonal'")
+    relative = gate.flag("relative", relative)
+    key = as_key(rng)
+    if K is None:
+        best = _exact.one_step(checked.A, checked.B, start, goal)
+    else:
+        best = best_over_steps(matrix_powers(checked.A, K), checked.B, start, goal)
+    reference = norm(best.u if kind == "control" else best.reached)
+    known = best.moves if kind == "control" else best.arrives
+    if relative and not known:
+        raise InputError(
+            f"`error` cannot be relative here: the exact {kind} is zero, up to rounding "
+            "(use relative=False, on the command line --absolute)"
+        )
+    if not known:
+        reference = 0.0  # but for rounding
+    allowed = error * reference if relative else error
+    data = checked.B, start, goal, checked.A
+    rms_of = moments.control_rms if kind == "control" else moments.state_rms
+    rms_of(*data, 1, fusion=how)  # type: ignore[arg-type]  # refuses what overflows
+    if allowed * allowed < np.finfo(np.float64).tiny:
+        raise SizeError(f"`error` is {allowed:.3g}, its square underflows: scale the problem up")
+    simulated = bounds.Simulated(
+        kind,  # type: ignore[arg-type]
+        *data,
+        fusion=how,  # type: ignore[arg-type]
+        steps=K,
+        rng=key.child("bound"),
+    )
+    which, law = int(kind == "control"), simulated.errors
+
+    def errors(size: int) -> Floats:
+        return law(size).draw(runs, key.child("runs"))[:, which]
+
+    found: list[Bound] = [simulated]
+    if K is None:
+        found += bounds.candidates(kind, *data, fusion=how)  # type: ignore[arg-type]
+    rows = []
+    for bound in found:
+        size = _size(bound, allowed, delta)
+        if size is None:
+            rows.append(Requirement(bound.name, bound.source, None, None, None, None))
+            continue
+        drawn = errors(size)
+        rms = rms_of(*data, size, fusion=how) if K is None else None  # type: ignore[arg-type]
+        quantile = float(np.quantile(drawn, 1.0 - delta))
+        failures = int((drawn > allowed).sum())
+        rows.append(Requirement(bound.name, bound.source, size, rms, quantile, failures))
+    rows.sort(key=lambda row: inf if row.size is None else row.size)
+    expected = None
+    if K is None:
+        expected = _smallest(lambda N: rms_of(*data, N, fusion=how) <= allowed)  # type: ignore[arg-type]
+    return SamplePlan(
+        error=allowed,
+        delta=delta,
+        reference=reference,
+        quantity=kind,
+        fusion=how,
+        steps=K,
+        rows=tuple(rows),
+        expected_size=expected,
+        simulated_size=_needed(errors, allowed, delta, expected or rows[0].size or 1000),
+        runs=runs,
+        key=key,
+    )
+
+
+def _needed(errors: Callable[[int], Floats], allowed: float, delta: float, start: int) -> int:
+    """Where the simulated quantile meets the error: a few steps of ``N <- N (q / error)^2``."""
+    size = start
+    for _ in range(4):
+        ratio = float(np.quantile(errors(size), 1.0 - delta)) / allowed
+        size = int(min(max(1, ceil(size * ratio**2)), gate.EXACT))
+    return size
+
+
+def _size(bound: Bound, error: float, delta: float) -> int | None:
+    try:
+        return bound.required_size(error, delta)
+    except SizeError:
+        return None
+
+
+def _grouped(size: int) -> str:
+    """Thousands apart."""
+    return f"{size:,}".replace(",", " ")
+
+
+def _smallest(enough: Any) -> int:
+    """The smallest size that is enough; the error falls with the size."""
+    if enough(1):
+        return 1
+    low, high = 1, 2
+    while not enough(high):
+        if high >= gate.EXACT:
+            raise SizeError("`error` is so small that more than 2^53 realizations are needed")
+        low, high = high, min(2 * high, gate.EXACT)
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if enough(middle) else (middle, high)
+    return high

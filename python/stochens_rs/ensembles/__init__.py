@@ -1,0 +1,1 @@
+"""Realizations of vectors and matrices: drawn, counted, or brought by the user."""

@@ -1,0 +1,46 @@
+"""How vectors and matrices are laid out as independent lines, the form the core works on.
+
+A vector is one line; a matrix has its columns (or its rows) as lines. The core's arrays are
+``(lines, length)``: for columns that is the transpose.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+import numpy as np
+
+from .._base import gate
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+Axis: TypeAlias = Literal["columns", "rows"]
+
+
+def checked_target(target: ArrayLike, axis: str) -> tuple[NDArray[np.float64], Axis]:
+    """Check a vector or matrix to be sampled, and the axis of its lines."""
+    name = gate.choice("axis", axis, ("columns", "rows"))
+    checked: Axis = "rows" if name == "rows" else "columns"
+    return gate.array("target", target, ndim=(1, 2)), checked
+
+
+def to_lines(values: NDArray[np.float64], axis: Axis) -> NDArray[np.float64]:
+    """Lay out a vector as one row, a matrix with its independent lines as rows."""
+    if values.ndim == 1:
+        return values.reshape(1, -1)
+    return np.ascontiguousarray(values.T) if axis == "columns" else values
+
+
+def from_lines(values: NDArray[Any], shape: tuple[int, ...], axis: Axis) -> NDArray[Any]:
+    """Undo `to_lines`."""
+    if len(shape) == 1:
+        return values.reshape(shape)
+    return np.ascontiguousarray(values.T) if axis == "columns" else values
+
+
+def stack_from_lines(values: NDArray[Any], shape: tuple[int, ...], axis: Axis) -> NDArray[Any]:
+    """Undo `to_lines` for every row of (k, entries)."""
+    if len(shape) == 1 or axis == "rows":
+        return values.reshape(-1, *shape)
+    return np.ascontiguousarray(values.reshape(-1, shape[1], shape[0]).transpose(0, 2, 1))

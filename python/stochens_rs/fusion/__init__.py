@@ -1,0 +1,1 @@
+"""Realizations fused into one estimate."""

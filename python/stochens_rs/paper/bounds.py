@@ -1,0 +1,241 @@
+"""The bounds as the paper prints them, and what is wrong with each.
+
+They have the interface of the bounds that hold, so that the two can be compared, and an attribute
+``wrong``. `best` never uses them.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._base import gate
+from ..exceptions import NonFiniteError
+from ..theory.bounds._base import Bound, Rates
+from ..theory.bounds._inequalities import square
+from ..theory.formulas import Array
+
+__all__ = ["Lemma42", "Lemma43", "OneVector", "Printed"]
+
+
+class Printed(Bound):
+    """A sum of exponentials ``C sum_i exp(-2 N eps^2 / c_i^2)``, as printed.
+
+    Parameters
+    ----------
+    *args, **kwargs
+        As in :class:`Bound`.
+
+    Attributes
+    ----------
+    wrong : str
+        What is wrong with it, and under which reading it holds.
+
+    Examples
+    --------
+    >>> from stochens_rs.theory.bounds import paper
+    >>> isinstance(paper.OneVector([1.0, 1.0]), paper.Printed)
+    True
+    """
+
+    wrong: ClassVar[str]
+    norm = "2"
+    _constant: float
+    _widths: tuple[float, ...]
+
+    def _level(self, rates: Rates, eps: float) -> float:
+        exponents = [2.0 * square(eps / c) / rates[0] for c in self._widths if c * rates[0] > 0.0]
+        least = min(exponents, default=math.inf)
+        if least == math.inf:
+            return math.inf
+        terms = sum(math.exp(least - x) for x in exponents)
+        return least - math.log(self._constant * terms)
+
+    def _keep(self, constant: float, *widths: float) -> None:
+        if not all(math.isfinite(c) for c in widths):
+            raise NonFiniteError("a constant of the lemma overflows: scale the problem down")
+        self._constant, self._widths = constant, widths
+
+
+class OneVector(Printed):
+    """Behind Lemma 4.2: ``P(||w_hat - w||_2 > eps) <= 2 C exp(-2 N eps^2 / g^2)``.
+
+    Parameters
+    ----------
+    w : (n,) array_like
+        The vector.
+    C : float, optional
+        "A constant dependent only on n"; n if not given.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        `w` is not a finite vector, `C` is not a positive number.
+
+    Notes
+    -----
+    False for every C: see ``wrong``. What holds is `McDiarmid`.
+
+    Examples
+    --------
+    >>> from stochens_rs.theory.bounds import paper
+    >>> printed = paper.OneVector([0.5, 0.5], C=4.0)
+    >>> f"{printed.probability(200, 0.3):.1e}"  # exactly 1.0e-9
+    '1.9e-15'
+    """
+
+    name = "one vector, as printed"
+    source = "paper, proof of Lemma 4.2 (Hoeffding for each entry)"
+    quantity = "vector"
+    wrong = (
+        "The constant eta(n) with ||w|| <= eta(n) ||w||_inf belongs into the exponent, as "
+        "eps / eta(n); in front of it no constant C(n) is large enough. For n = 2 and equal "
+        "entries the exact rate is N eps^2 / g^2, half the printed one. With exponent "
+        "N eps^2 / g^2 and eps measured from the rms on, the bound holds for all n."
+    )
+
+    def __init__(self, w: ArrayLike, *, C: float | None = None) -> None:
+        checked = gate.vector("w", w)
+        constant = float(checked.size) if C is None else gate.positive("C", C)
+        with np.errstate(over="ignore"):
+            self._keep(2.0 * constant, float(np.abs(checked).sum()))
+
+
+class Lemma42(Printed):
+    """Lemma 4.2: ``2 C sum_i exp(-2 N eps^2 / (9 beta^2 gamma_i^2))`` over ``xf``, ``x0``, ``A``.
+
+    Parameters
+    ----------
+    x0, xf : (n,) array_like
+        Initial state and target state.
+    A : (n, n) array_like
+        State matrix, sampled by columns.
+    C : float, optional
+        "A constant dependent only on n"; n if not given.
+    reading : {"realizations", "matrix"}, default "realizations"
+        ``beta = max(B_A, 1, ||x0||)`` with ``B_A`` the largest 2-norm of a realization of A, as
+        the proof has it, or with ``||A||_2`` in its place.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        A shape does not fit, an entry is not finite, `C` is not positive, `reading` is unknown.
+
+    Notes
+    -----
+    See ``wrong``. What holds, and is smaller, is in `best`.
+
+    Examples
+    --------
+    >>> from stochens_rs.theory.bounds import paper
+    >>> lemma = paper.Lemma42([1.0, 1.0], [2.0, 2.0], [[1.0, 0.0], [2.0, 5.0]], C=2.0)
+    >>> round(lemma.radius(1000, 0.01), 3)
+    4.8
+    """
+
+    name = "Lemma 4.2, as printed"
+    source = "paper, Lemma 4.2"
+    quantity = "state"
+    wrong = (
+        "The proof is wrong (see OneVector). The statement happens to hold for the average of "
+        "paired realizations, in every p-norm with p >= 2, with C = 2 whatever n is, if beta "
+        "contains the largest norm B_A of a realization of A, as in the proof of Lemma 3.2; for "
+        "product fusion with C = 28. With ||A|| for B_A it is false: A = H/8 with the Hadamard "
+        "matrix of order 64, x0 = (1, ..., 1)/8, N = 50 needs C > 10^7."
+    )
+
+    def __init__(
+        self,
+        x0: ArrayLike,
+        xf: ArrayLike,
+        A: ArrayLike,
+        *,
+        C: float | None = None,
+        reading: Literal["realizations", "matrix"] = "realizations",
+    ) -> None:
+        A = gate.matrix("A", A, square=True)
+        x0 = gate.vector("x0", x0, length=len(A))
+        xf = gate.vector("xf", xf, length=len(A))
+        gate.choice("reading", reading, ("realizations", "matrix"))
+        constant = float(len(A)) if C is None else gate.positive("C", C)
+        with np.errstate(over="ignore"):
+            drawn = reading == "realizations"
+            norm = largest_realization(A) if drawn else float(np.linalg.norm(A, 2))
+            self.beta = max(norm, 1.0, float(np.linalg.norm(x0)))
+            gammas = [np.abs(x).sum(axis=0).max() for x in (xf, x0, A)]
+        self._keep(2.0 * constant, *(3.0 * self.beta * float(gamma) for gamma in gammas))
+
+
+class Lemma43(Printed):
+    """Lemma 4.3: ``2 C (e^c1 + e^c2 + e^c3)`` for the average of the runs after K steps.
+
+    Parameters
+    ----------
+    A : (n, n) array_like
+        State matrix.
+    B : (n, m) array_like
+        Input matrix.
+    x0 : (n,) array_like
+        Initial state.
+    u : (K, m) array_like
+        The controls.
+    C : float, optional
+        "C only depends on n"; n if not given.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        A shape does not fit, an entry is not finite, or `C` is not positive.
+
+    Notes
+    -----
+    ``c_i = -2 N eps^2 / (9 d_i^2)`` with ``d = (||u|| gB, ||A|| g0, ||x0|| gA)``, ``||u||`` the
+    2-norm of all controls. See ``wrong``; what holds is `OneStepHoeffding` and
+    `TrajectoryMcDiarmid`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from stochens_rs.theory.bounds import paper
+    >>> A = np.array([[1.0, 1.0], [1.0, -1.0]]) / np.sqrt(2.0)
+    >>> x0, B = np.full(2, 0.5**0.5), [[1.0], [0.0]]
+    >>> one, ten = (paper.Lemma43(A, B, x0, np.zeros((K, 1))).radius(100, 0.01) for K in (1, 10))
+    >>> one == ten  # while the variance grows 2000-fold
+    True
+    """
+
+    name = "Lemma 4.3, as printed"
+    source = "paper, Lemma 4.3"
+    quantity = "trajectory"
+    wrong = (
+        "False for every C(n). One step: with A = H/sqrt(n), x0 = (1, ..., 1)/sqrt(n) and u = 0 "
+        "the error 0.9 rms is likely while the bound falls with n; ||A|| g0 and ||x0|| gA must "
+        "be gA g0. K steps: nothing in the bound depends on K, while N times the mean square "
+        "error is 2^(K+1) - 1 for n = 2. For K = 1 it holds with gA g0 and the factor 4."
+    )
+
+    def __init__(
+        self, A: ArrayLike, B: ArrayLike, x0: ArrayLike, u: ArrayLike, *, C: float | None = None
+    ) -> None:
+        A = gate.matrix("A", A, square=True)
+        B = gate.matrix("B", B, rows=len(A))
+        x0 = gate.vector("x0", x0, length=len(A))
+        u = gate.matrix("u", u, cols=B.shape[1])
+        constant = float(len(A)) if C is None else gate.positive("C", C)
+        with np.errstate(over="ignore"):
+            gA, gB = (float(np.abs(x).sum(axis=0).max()) for x in (A, B))
+            widths = (
+                float(np.linalg.norm(u)) * gB,
+                float(np.linalg.norm(A, 2)) * float(np.abs(x0).sum()),
+                float(np.linalg.norm(x0)) * gA,
+            )
+        self._keep(2.0 * constant, *(3.0 * d for d in widths))
+
+
+def largest_realization(A: Array) -> float:
+    """``B_A = max_i sqrt(sum of g_j^2 over a_ij != 0)``: all that can hit row i do so."""
+    squares = np.abs(A).sum(axis=0) ** 2
+    return math.sqrt(float(((A != 0.0) @ squares).max()))

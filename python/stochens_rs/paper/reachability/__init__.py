@@ -1,0 +1,1 @@
+"""The paper's definitions of reachability, and counterexamples to its lemmas."""

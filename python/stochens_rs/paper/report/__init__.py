@@ -1,0 +1,1 @@
+"""A page on the experiments and the statements."""

@@ -1,0 +1,84 @@
+"""SLSE against uniform weights: better in the mean square, not on every run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...ensembles.sampling import sample
+from ...fusion.fusing import fuse_path
+from ...rng import Key
+from ...theory.moments import vector_mse
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Squared errors of SLSE and of uniform weights on the same runs.
+
+    Attributes
+    ----------
+    target : ndarray, shape (n,)
+        The vector that is sampled.
+    sizes : ndarray of int, shape (k,)
+        Numbers of realizations.
+    slse, uniform : ndarray, shape (R, k)
+        Squared errors of every run.
+    bound : ndarray, shape (k,)
+        ``V / sizes``, the mean square error of uniform weights, which bounds that of SLSE.
+    """
+
+    target: Floats
+    sizes: NDArray[np.int64]
+    slse: Floats
+    uniform: Floats
+    bound: Floats
+
+    @property
+    def mean_square(self) -> Floats:
+        """Mean of the squared errors of SLSE, (k,)."""
+        return np.asarray(self.slse.mean(axis=0))
+
+    @property
+    def standard_error(self) -> Floats:
+        """Standard error of `mean_square`, (k,)."""
+        return np.asarray(self.slse.std(axis=0, ddof=1) / np.sqrt(len(self.slse)))
+
+    @property
+    def worse(self) -> Floats:
+        """Share of the runs in which SLSE is worse than uniform weights, (k,)."""
+        # equal up to rounding is not worse
+        rounding = 1e-12 * float(self.target @ self.target)
+        return np.asarray((self.slse > self.uniform + rounding).mean(axis=0))
+
+    def to_dict(self) -> dict[str, Any]:
+        """What the figure shows, as plain lists."""
+        return {
+            "target": self.target.tolist(),
+            "runs": len(self.slse),
+            "sizes": self.sizes.tolist(),
+            "slse_mean_square": self.mean_square.tolist(),
+            "slse_standard_error": self.standard_error.tolist(),
+            "uniform_mean_square": self.uniform.mean(axis=0).tolist(),
+            "bound": self.bound.tolist(),
+            "share_worse": self.worse.tolist(),
+        }
+
+
+def compare(target: Floats, key: Key, runs: int, size: int) -> Comparison:
+    """Fuse the same realizations both ways, `runs` times."""
+    sizes = np.unique(np.geomspace(1, size, 40).astype(np.int64))
+    squares: dict[str, list[Floats]] = {"slse": [], "uniform": []}
+    for r in range(runs):
+        ensemble = sample(target, size, rng=key.child(str(r)))
+        for method, rows in squares.items():
+            path = fuse_path(ensemble, sizes, method, target=target)  # type: ignore[arg-type]
+            rows.append(path.errors**2)
+    bound = np.array([vector_mse(target, int(k)) for k in sizes])
+    return Comparison(target, sizes, np.array(squares["slse"]), np.array(squares["uniform"]), bound)

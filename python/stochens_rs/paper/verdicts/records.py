@@ -1,0 +1,148 @@
+"""A statement of the paper, what is true of it, and the evidence, as records."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+from .comparison import Comparison
+from .tails import Tails
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Verdict: TypeAlias = Literal["holds", "holds with a correction", "false"]
+Kind: TypeAlias = Literal["exact", "enumeration", "Monte Carlo", "experiment"]
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """One computation that bears on a statement.
+
+    Attributes
+    ----------
+    kind : str
+        "exact": one case without sampling, in rational arithmetic or by a formula that is exact but
+        for rounding; "enumeration": all cases, with their probabilities;
+        "Monte Carlo": random cases, with their number; "experiment": one of the paper's runs.
+    text : str
+        What was computed and what came out.
+    confirms : bool
+        Whether the numbers that came out support the verdict. Decided by the computation.
+    """
+
+    kind: Kind
+    text: str
+    confirms: bool
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One definition, lemma, remark, algorithm or figure of the paper.
+
+    Attributes
+    ----------
+    item : str
+        "Lemma 4.2" and the like.
+    says : str
+        What the paper says.
+    verdict : str
+        "holds", "holds with a correction" or "false".
+    corrected : str
+        The statement that is true instead; empty if it holds as it stands.
+    evidence : tuple of Evidence
+        What was computed.
+    """
+
+    item: str
+    says: str
+    verdict: Verdict
+    corrected: str
+    evidence: tuple[Evidence, ...]
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether all the evidence supports the verdict."""
+        return all(one.confirms for one in self.evidence)
+
+
+@dataclass(frozen=True)
+class Claims:
+    """The paper's statements, checked one by one; what `claims` returns.
+
+    Attributes
+    ----------
+    rows : tuple of Claim
+        In the order of the paper.
+    tails : Tails
+        Empirical quantiles of an error beside the bounds, for a figure.
+    comparison : Comparison
+        SLSE against uniform weights, run by run and in the mean square, for a figure.
+    key : str
+        Hexadecimal key of all randomness.
+    """
+
+    rows: tuple[Claim, ...]
+    tails: Tails
+    comparison: Comparison
+    key: str
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether every verdict is supported by what was computed."""
+        return all(row.confirmed for row in self.rows)
+
+    @property
+    def summary(self) -> str:
+        """One line: how many statements hold, and whether the evidence supports that."""
+        counts = {v: sum(row.verdict == v for row in self.rows) for v in _ORDER}
+        end = "all verdicts confirmed" if self.confirmed else "NOT ALL VERDICTS CONFIRMED"
+        return (
+            f"{len(self.rows)} statements of the paper: {counts['holds']} true as printed, "
+            f"{counts['holds with a correction']} true with a correction, {counts['false']} false; "
+            f"{end}"
+        )
+
+    def __getitem__(self, item: str) -> Claim:
+        for row in self.rows:
+            if row.item == item:
+                return row
+        raise KeyError(item)
+
+    def to_dict(self) -> dict[str, Any]:
+        """All of it as plain lists, numbers and text."""
+        return {
+            "schema": "stochens-claims/1",
+            "key": self.key,
+            "confirmed": self.confirmed,
+            "claims": [asdict(row) | {"confirmed": row.confirmed} for row in self.rows],
+            "tails": self.tails.to_dict(),
+            "comparison": self.comparison.to_dict(),
+        }
+
+    def plot(self) -> Figure:
+        """Both figures side by side.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+
+        Raises
+        ------
+        ImportError
+            matplotlib is not installed.
+        """
+        from ...plots import files as plots
+
+        return plots.claims(self)
+
+    def __str__(self) -> str:
+        from .text import table
+
+        return table(self.rows)
+
+    def __repr__(self) -> str:
+        return f"<Claims: {self.summary}>"
+
+
+_ORDER: tuple[Verdict, ...] = ("holds", "holds with a correction", "false")

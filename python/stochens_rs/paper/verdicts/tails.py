@@ -1,0 +1,125 @@
+"""How large an error really gets, beside what the bounds say: Lemma 4.2 on a hard system.
+
+The system is ``A = H / sqrt(n)`` with a Hadamard matrix H, ``x0 = (1, .., 1) / sqrt(n)``,
+``xf = 0`` and ``B = I``: all norms that the paper uses are 1, while a realization of A has the
+2-norm n. The error is that of the state under the averaged controls of paired realizations,
+``||B (v - u)||``, the quantity of Lemma 4.2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...rng import Key
+from ...theory import bounds
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Tails:
+    """Radii at one probability of failure.
+
+    Attributes
+    ----------
+    n : int
+        Order of the Hadamard matrix.
+    delta : float
+        Probability of failure.
+    runs : int
+        Runs behind the empirical quantile.
+    sizes : ndarray of int, shape (k,)
+        Numbers of realizations.
+    empirical : ndarray, shape (k,)
+        What a share `delta` of the runs exceeds.
+    ours : ndarray, shape (k,)
+        The smallest bound that holds.
+    printed : ndarray, shape (k,)
+        Lemma 4.2 with ``beta = max(||A||, 1, ||x0||)`` and ``C = n``.
+    failures : ndarray of int, shape (k, 2)
+        Runs beyond the bound that holds, and beyond the printed one.
+    """
+
+    n: int
+    delta: float
+    runs: int
+    sizes: NDArray[np.int64]
+    empirical: Floats
+    ours: Floats
+    printed: Floats
+    failures: NDArray[np.int64]
+
+    def to_dict(self) -> dict[str, Any]:
+        """The fields as plain numbers and lists."""
+        return {
+            "n": self.n,
+            "delta": self.delta,
+            "runs": self.runs,
+            "sizes": self.sizes.tolist(),
+            "empirical": self.empirical.tolist(),
+            "ours": self.ours.tolist(),
+            "printed": self.printed.tolist(),
+            "failures": self.failures.tolist(),
+        }
+
+
+def hadamard(n: int) -> Floats:
+    """Sylvester's Hadamard matrix of order n, a power of two."""
+    H = np.ones((1, 1))
+    while len(H) < n:
+        H = np.block([[H, H], [H, -H]])
+    return H
+
+
+def hard_system(n: int) -> tuple[Floats, Floats]:
+    """``A = H / sqrt(n)`` and ``x0 = (1, .., 1) / sqrt(n)``."""
+    return hadamard(n) / np.sqrt(n), np.full(n, 1.0 / np.sqrt(n))
+
+
+def drift_errors(A: Floats, x0: Floats, size: int, runs: int, gen: np.random.Generator) -> Floats:
+    """``||mean of A^s x0^s - A x0||`` of `runs` independent averages over `size` pairs.
+
+    ``A^s x0^s`` has one nonzero entry: with probability ``|x0_j| / g0 |a_ij| / g_j`` it is
+    ``g0 g_j sign(a_ij x0_j)`` in place i. Equal atoms are counted together, by one multinomial.
+    """
+    g, g0 = np.abs(A).sum(axis=0), np.abs(x0).sum()
+    p = np.abs(A) / g * np.abs(x0) / g0
+    value = g0 * g * np.sign(A * x0)
+    place = np.broadcast_to(np.arange(len(A))[:, None], A.shape)
+    atoms, which = np.unique(
+        np.stack([place[p > 0], value[p > 0]], axis=1), axis=0, return_inverse=True
+    )
+    masses = np.bincount(which.ravel(), weights=p[p > 0])
+    hits = gen.multinomial(size, masses / masses.sum(), size=runs)
+    means = np.zeros((runs, len(A)))
+    for k, (i, v) in enumerate(atoms):
+        means[:, int(i)] += v / size * hits[:, k]
+    return np.asarray(np.linalg.norm(means - A @ x0, axis=1))
+
+
+def measure(key: Key, *, n: int = 64, runs: int = 4000, delta: float = 0.01) -> Tails:
+    """Simulate the error and evaluate the bounds on a grid of sizes."""
+    A, x0 = hard_system(n)
+    xf, B = np.zeros(n), np.eye(n)
+    printed = bounds.paper.Lemma42(x0, xf, A, reading="matrix")
+    gen = key.generator()
+    sizes = np.array([10, 30, 100, 300, 1000, 3000])
+    rows = []
+    for size in sizes.tolist():
+        errors = drift_errors(A, x0, size, runs, gen)
+        ours = bounds.best("state", B, x0, xf, A, size=size, delta=delta, fusion="diagonal").radius
+        theirs = printed.radius(size, delta)
+        quantile = float(np.quantile(errors, 1.0 - delta))
+        rows.append(
+            (quantile, ours, theirs, int((errors > ours).sum()), int((errors > theirs).sum()))
+        )
+    table = np.array(rows)
+    return Tails(
+        n, delta, runs, sizes, table[:, 0], table[:, 1], table[:, 2], table[:, 3:].astype(np.int64)
+    )

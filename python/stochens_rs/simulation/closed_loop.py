@@ -1,0 +1,246 @@
+"""Tracking a reference with a fresh estimate of A in every step."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from .._base import gate
+from ..ensembles.sampling import sample, sample_counts
+from ..exceptions import NonFiniteError
+from ..fusion.alse import worst
+from ..fusion.fusing import METHODS, fuse
+from ..rng import Key, RngLike, as_key
+from ..system import System
+from ..theory.exact import Factors, factors
+from ..theory.tracking import reference_residuals
+from ..theory.tracking._checks import checked_reference
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from ..fusion.fusing import Method
+
+    Floats: TypeAlias = NDArray[np.float64]
+
+__all__ = ["Tracking", "track"]
+
+_FEASIBLE = float(np.sqrt(np.finfo(float).eps))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Tracking:
+    """A reference, and what followed it.
+
+    Replicates, if any, are the first axis of `states`, `inputs` and `errors`; time is the next.
+
+    Attributes
+    ----------
+    states : ndarray, shape (K + 1, n) or (R, K + 1, n)
+        ``x(k)``, of the exact system under the computed controls.
+    inputs : ndarray, shape (K, m) or (R, K, m)
+        ``u(k)``, acting in the step from k to k + 1.
+    errors : ndarray, shape (K + 1,) or (R, K + 1)
+        ``||x(k) - r(k)||_2``.
+    reference : ndarray, shape (K + 1, n)
+        ``r(k)``.
+    residuals : ndarray, shape (K,)
+        ``||(I - B B^+)(r(k+1) - A r(k))||_2``: what no control can do in each step.
+    feasible : bool
+        Whether each residual is at most 1.5e-8 of ``||r(k+1)|| + ||A r(k)||``.
+    key : Key
+        Repeats the draws.
+    status : str
+        The worst status among the fits; "completed" if none was optimised.
+    info : dict
+        "method", "size", "feedback", "sample_states" and "replicates" (None or R).
+    """
+
+    states: Floats
+    inputs: Floats
+    errors: Floats
+    reference: Floats
+    residuals: Floats
+    feasible: bool
+    key: Key
+    status: str
+    info: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def mean_square(self) -> Floats:
+        """``||x(k) - r(k)||^2`` averaged over the replicates, shape (K + 1,)."""
+        squares = self.errors.reshape(-1, self.errors.shape[-1]) ** 2
+        return np.asarray(squares.mean(axis=0), dtype=np.float64)
+
+    def __repr__(self) -> str:
+        K, m = self.inputs.shape[-2:]
+        times = "" if self.states.ndim == 2 else f"{len(self.states)} replicates of "
+        last = float(np.sqrt(self.mean_square[-1]))
+        feasible = "" if self.feasible else ", reference not feasible"
+        return (
+            f"<Tracking: {times}{K} steps, m={m}, {self.status}, last error {last:.3g}{feasible}>"
+        )
+
+
+def track(
+    system: System | Any,
+    reference: ArrayLike,
+    size: int,
+    *,
+    feedback: bool = True,
+    sample_states: bool = False,
+    x0: ArrayLike | None = None,
+    method: Method = "uniform",
+    rng: RngLike = None,
+    replicates: int | None = None,
+) -> Tracking:
+    """Let a system follow a reference, with a fresh estimate of A from realizations in every step.
+
+    Parameters
+    ----------
+    system : System
+        The system, or anything `System.from_any` takes; it is simulated exactly, while the
+        controls know ``B`` and realizations of ``A``.
+    reference : array_like, shape (K + 1, n)
+        The states ``r(0), ..., r(K)`` to follow, time first; K >= 1.
+    size : int
+        Number of realizations N in every step.
+    feedback : bool, default True
+        Whether the control uses the measured state ``x(k)``, or ``r(k)`` in its place, as in
+        section 5.2 of the paper: errors then accumulate.
+    sample_states : bool, default False
+        Whether ``x(k)`` (without feedback ``r(k)``) and ``r(k+1)`` are sampled too, with N
+        realizations each and product fusion.
+    x0 : array_like, shape (n,), optional
+        The initial state; ``r(0)`` by default.
+    method : {"uniform", "alse", "slse", "slse-safeguarded"}, default "uniform"
+        How to fuse; the least-squares methods fit to the exact entity, as in the paper's analysis.
+        "uniform" draws counts instead of realizations: O(n^2) a step for every `size`.
+    rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
+        Source of randomness. Replicate i draws from the child "replicate-i" (i = 0 without
+        replicates), its step k from the child "step-k" of that, and the entities from the
+        children "A", "state" and "target" of that.
+    replicates : int, optional
+        Number R of independent repetitions; None: one, without an axis for it.
+
+    Returns
+    -------
+    Tracking
+        States, inputs and errors, and whether the reference is feasible.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If an argument cannot be used, or an error overflows, as it may where `size` does not exceed
+        the threshold of stability.
+    ResourceError
+        If the states do not fit into the memory this process may use.
+
+    Notes
+    -----
+    ``u(k) = B^+ (r(k+1) - A_hat_k x(k))``, ``x(k+1) = A x(k) + B u(k)``, hence
+    ``e(k+1) = (I - P)(A x(k) - r(k+1)) - P (A_hat_k - A) x(k)`` for ``e = x - r``,
+    ``P = B B^+``. `theory.tracking` has the exact mean squares for uniform weights (without
+    sampled states, or without feedback) and `stability_threshold`: the closed loop is stable in
+    the mean square if and only if N exceeds it. A reference that is not feasible is followed as
+    well as the controls can; ``residuals`` says what they leave in each step.
+
+    Examples
+    --------
+    >>> import numpy as np, stochens_rs as se
+    >>> system = se.System([[0.9, 0.2], [-0.1, 0.8]], [[1.0, 0.0], [0.5, 1.0]])
+    >>> reference = np.outer(np.cos(0.3 * np.arange(21)), [1.0, 2.0])
+    >>> run = se.track(system, reference, 1000, rng=1, replicates=50)
+    >>> run.states.shape, run.inputs.shape, run.feasible
+    ((50, 21, 2), (50, 20, 2), True)
+    >>> rms = se.theory.tracking.tracking_rms(system.A, system.B, reference, 1000)
+    >>> bool(abs(np.sqrt(run.mean_square.mean()) / np.sqrt((rms**2).mean()) - 1) < 0.1)
+    True
+    """
+    checked = System.from_any(system)
+    n, m = checked.n, checked.m
+    r = checked_reference(reference, n).copy()
+    count = gate.size("size", size)
+    fed, sampled = gate.flag("feedback", feedback), gate.flag("sample_states", sample_states)
+    start = r[0] if x0 is None else gate.vector("x0", x0, length=n)
+    gate.choice("method", method, METHODS)
+    R = None if replicates is None else gate.size("replicates", replicates)
+    K = len(r) - 1
+    gate.memory("the trajectories", (R or 1) * ((K + 1) * (n + 1) + K * m) * 8)
+    B = np.ascontiguousarray(checked.B)
+    with np.errstate(over="ignore", invalid="ignore"):
+        residuals = reference_residuals(checked.A, B, r)
+        needed = np.linalg.norm(r[1:], axis=1) + np.linalg.norm(r[:-1] @ checked.A.T, axis=1)
+    if not np.isfinite(needed).all():
+        raise NonFiniteError("`A` times `reference` overflows: scale the problem down")
+    key = as_key(rng)
+    loop = _Loop(checked, factors(B), r, count, method, fed, sampled)
+    states, inputs = np.empty((R or 1, K + 1, n)), np.empty((R or 1, K, m))
+    for i in range(R or 1):
+        loop.run(start, key.child(f"replicate-{i}"), states[i], inputs[i])
+    errors = np.linalg.norm(states - r, axis=2)
+    first = 0 if R is None else slice(None)  # without replicates, there is no axis for them
+    return Tracking(
+        states=states[first],
+        inputs=inputs[first],
+        errors=errors[first],
+        reference=r,
+        residuals=residuals,
+        feasible=bool((residuals <= _FEASIBLE * needed).all()),
+        key=key,
+        status=worst(["completed", *loop.statuses]),
+        info={
+            "method": method,
+            "size": count,
+            "feedback": fed,
+            "sample_states": sampled,
+            "replicates": R,
+        },
+    )
+
+
+@dataclass
+class _Loop:
+    """What all replicates share."""
+
+    system: System
+    inputs: Factors
+    reference: Floats
+    size: int
+    method: Method
+    feedback: bool
+    sample_states: bool
+    statuses: set[str] = field(default_factory=set)
+
+    def run(self, x0: Floats, key: Key, states: Floats, inputs: Floats) -> None:
+        """Fill one trajectory and its inputs."""
+        A, B, r = self.system.A, self.system.B, self.reference
+        states[0] = x0
+        for k in range(len(inputs)):
+            step = key.child(f"step-{k}")
+            now = states[k] if self.feedback else r[k]
+            goal = r[k + 1]
+            if self.sample_states:
+                now = self._estimate(now, step.child("state"))
+                goal = self._estimate(goal, step.child("target"))
+            with np.errstate(over="ignore", invalid="ignore"):
+                inputs[k] = self.inputs.solve(goal - self._estimate(A, step.child("A")) @ now)
+                states[k + 1] = A @ states[k] + B @ inputs[k]
+                square = float(((states[k + 1] - r[k + 1]) ** 2).sum())
+            if not math.isfinite(square):
+                raise NonFiniteError(
+                    f"the squared error overflows at step {k + 1}: is `size` above the threshold "
+                    "of stability, theory.tracking.stability_threshold(A, B)?"
+                )
+
+    def _estimate(self, target: Floats, key: Key) -> Floats:
+        if self.method == "uniform":
+            return sample_counts(target, self.size, rng=key).estimate
+        fit = fuse(sample(target, self.size, rng=key), self.method, target=target)
+        if fit.status == "interrupted":
+            raise KeyboardInterrupt  # `fuse` has answered it; here, half a trajectory is of no use
+        self.statuses.add(fit.status)
+        return fit.estimate

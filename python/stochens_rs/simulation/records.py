@@ -1,0 +1,187 @@
+"""What simulations return: frozen records, time first, every field with its shape and meaning.
+
+``times[k]`` is ``k dt`` where the system states a step length, otherwise the step number k.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .._base import html
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from numpy.typing import NDArray
+
+    from ..rng import Key
+
+__all__ = ["EnsembleTrajectory", "Trajectory"]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Trajectory:
+    """The exact way of a system under given inputs.
+
+    Attributes
+    ----------
+    states : ndarray, shape (K + 1, n)
+        ``states[k]`` is ``x(k)``; the first is the initial state.
+    inputs : ndarray, shape (K, m)
+        ``inputs[k]`` is ``u(k)``, which leads from ``x(k)`` to ``x(k + 1)``.
+    times : ndarray, shape (K + 1,)
+        ``k dt`` [s], or k if the system states no step length.
+    dt : float or None
+        The step length [s]; None if the system states none.
+    """
+
+    states: NDArray[np.float64]
+    inputs: NDArray[np.float64]
+    times: NDArray[np.float64]
+    dt: float | None = None
+
+    @property
+    def steps(self) -> int:
+        """The number of steps K."""
+        return len(self.inputs)
+
+    def plot(self, *, ax: Axes | None = None) -> Axes:
+        """Draw every state over time.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+            Where to draw. Default: new axes on a figure of their own (``ax.figure``).
+
+        Returns
+        -------
+        matplotlib Axes
+
+        Raises
+        ------
+        ImportError
+            matplotlib is not installed.
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> path = se.simulate(([[0.5]], [[1.0]]), [[1.0], [0.0]], [0.0])
+        >>> path.plot().get_ylabel()
+        'state'
+        """
+        from ..plots.states import draw_states
+
+        return draw_states(self.times, self.states, None, timed=self.dt is not None, ax=ax)
+
+    def _repr_html_(self) -> str:
+        return html.trajectory(self)
+
+    def __repr__(self) -> str:
+        return f"<Trajectory: n={self.states.shape[1]}, {self.steps} steps>"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class EnsembleTrajectory:
+    """Mean and covariance of random trajectories of a system under given inputs.
+
+    Attributes
+    ----------
+    mean : ndarray, shape (K + 1, n)
+        ``mean[k]`` is the average of ``x(k)`` over the trajectories.
+    variance : ndarray, shape (K + 1, n), or None
+        Unbiased variance of one trajectory, entry by entry; None for a single trajectory. Over
+        many steps single runs have heavy tails, and a few thousand of them can show far too small
+        a variance; `theory.moments.trajectory_covariance` is exact.
+    covariance : ndarray, shape (K + 1, n, n), or None
+        ``covariance[k]`` is the unbiased covariance of one trajectory at step k; None unless
+        asked for, and for a single trajectory.
+    runs : ndarray, shape (replicates, K + 1, n), or None
+        The trajectories themselves; None unless asked for.
+    inputs : ndarray, shape (K, m)
+        ``inputs[k]`` is ``u(k)``.
+    times : ndarray, shape (K + 1,)
+        ``k dt`` [s], or k if the system states no step length.
+    size : int
+        Realizations N of every entity at every step.
+    replicates : int
+        Independent trajectories behind the moments: N for "runs".
+    averaging : str
+        "runs" or "mean-field".
+    sampled : tuple of str
+        Which of "A", "B", "x0" were drawn; the others were exact.
+    dt : float or None
+        The step length [s]; None if the system states none.
+    key : Key
+        The same key, with the same other arguments, repeats the result.
+    status : str
+        "completed".
+    """
+
+    mean: NDArray[np.float64]
+    variance: NDArray[np.float64] | None
+    covariance: NDArray[np.float64] | None
+    runs: NDArray[np.float64] | None
+    inputs: NDArray[np.float64]
+    times: NDArray[np.float64]
+    size: int
+    replicates: int
+    averaging: str
+    sampled: tuple[str, ...]
+    dt: float | None
+    key: Key
+    status: str = "completed"
+
+    @property
+    def steps(self) -> int:
+        """The number of steps K."""
+        return len(self.inputs)
+
+    @property
+    def standard_error(self) -> NDArray[np.float64] | None:
+        """``sqrt(variance / replicates)``, the estimated rms error of `mean`, shape (K + 1, n);
+        None for a single trajectory.
+        """
+        if self.variance is None:
+            return None
+        error: NDArray[np.float64] = np.sqrt(self.variance / self.replicates)
+        return error
+
+    def plot(self, *, ax: Axes | None = None) -> Axes:
+        """Draw the mean of every state over time, with a band of two standard errors.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+            Where to draw. Default: new axes on a figure of their own (``ax.figure``).
+
+        Returns
+        -------
+        matplotlib Axes
+
+        Raises
+        ------
+        ImportError
+            matplotlib is not installed.
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> path = se.simulate_ensemble(([[0.5]], [[1.0]]), [[1.0]], [2.0], 100, rng=1)
+        >>> path.plot().get_xlabel()
+        'step k'
+        """
+        from ..plots.states import draw_states
+
+        timed = self.dt is not None
+        return draw_states(self.times, self.mean, self.standard_error, timed=timed, ax=ax)
+
+    def _repr_html_(self) -> str:
+        return html.ensemble_trajectory(self)
+
+    def __repr__(self) -> str:
+        return (
+            f"<EnsembleTrajectory {self.averaging}: n={self.mean.shape[1]}, {self.steps} steps, "
+            f"N={self.size}, {self.replicates} trajectories>"
+        )

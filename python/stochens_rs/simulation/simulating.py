@@ -1,0 +1,243 @@
+"""What a control does: ``x(k+1) = A x(k) + B u(k)``, exactly and with random realizations."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+import numpy as np
+
+from .. import _core
+from .._base import gate
+from .._base.threads import get_num_threads
+from ..exceptions import InputError, NonFiniteError
+from ..rng import RngLike, as_key
+from ..system import System
+from .records import EnsembleTrajectory, Trajectory
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    Floats: TypeAlias = NDArray[np.float64]
+
+__all__ = ["simulate", "simulate_ensemble"]
+
+Averaging: TypeAlias = Literal["runs", "mean-field"]
+Moments: TypeAlias = Literal["diagonal", "full"]
+
+_AVERAGINGS = ("runs", "mean-field")
+_MOMENTS = ("diagonal", "full")
+
+
+def simulate(system: System | Any, u: ArrayLike, x0: ArrayLike) -> Trajectory:
+    """Follow the exact system under given inputs.
+
+    Parameters
+    ----------
+    system : System
+        The system, or anything `System.from_any` takes.
+    u : array_like, shape (K, m)
+        ``u[k]`` is the input between step k and step k + 1; K = 0 is allowed.
+    x0 : array_like, shape (n,)
+        Initial state ``x(0)``.
+
+    Returns
+    -------
+    Trajectory
+        States ``x(0), ..., x(K)``, inputs and times.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If an argument cannot be used; the message names it.
+    NonFiniteError
+        If a state overflows.
+    ResourceError
+        If the states do not fit into the memory this process may use.
+
+    Notes
+    -----
+    ``x(k) = A^k x(0) + sum_{i<k} A^(k-1-i) B u(i)``, evaluated by the recursion (paper,
+    Definition 2.1, where the printed products have one factor too many). O(n (n + m)) per step.
+
+    Examples
+    --------
+    >>> import stochens_rs as se
+    >>> system = se.System([[1.0, 0.1], [0.0, 1.0]], [[0.0], [0.1]], dt=0.1)
+    >>> se.simulate(system, [[10.0], [-10.0]], [0.0, 0.0]).states
+    array([[0. , 0. ],
+           [0. , 1. ],
+           [0.1, 0. ]])
+    """
+    checked, inputs, start = _problem(system, u, x0)
+    gate.memory("the trajectory", 2 * 8 * (len(inputs) + 1) * checked.n)
+    states = _core.trajectory(*_lines(checked), start.reshape(1, -1), inputs)
+    return Trajectory(states, inputs.copy(), _times(checked, len(inputs)), _dt(checked))
+
+
+def simulate_ensemble(
+    system: System | Any,
+    u: ArrayLike,
+    x0: ArrayLike,
+    size: int,
+    *,
+    sample_A: bool = True,
+    sample_B: bool = True,
+    sample_x0: bool = True,
+    averaging: Averaging = "runs",
+    replicates: int = 1,
+    covariance: Moments = "diagonal",
+    return_runs: bool = False,
+    rng: RngLike = None,
+) -> EnsembleTrajectory:
+    """Follow random realizations of a system under given inputs.
+
+    Parameters
+    ----------
+    system : System
+        The system, or anything `System.from_any` takes.
+    u : array_like, shape (K, m)
+        ``u[k]`` is the input between step k and step k + 1, the same for all; K = 0 is allowed.
+    x0 : array_like, shape (n,)
+        Initial state.
+    size : int
+        Number of realizations N of every entity at every step, at least 1.
+    sample_A, sample_B, sample_x0 : bool, default True
+        Whether an entity is drawn, column by column; otherwise it is exact.
+    averaging : {"runs", "mean-field"}, default "runs"
+        "runs": N independent runs, averaged at the end. "mean-field": the N realizations of a
+        step are averaged before they are applied, one trajectory of averages; for K > 1 its error
+        grows far more slowly.
+    replicates : int, default 1
+        Independent trajectories of a mean field; with at least 2 their variance is known.
+    covariance : {"diagonal", "full"}, default "diagonal"
+        "full" keeps ``n (K + 1)`` times n numbers and costs ``n^2`` operations per run and step
+        instead of n.
+    return_runs : bool, default False
+        Keep the trajectories, ``8 N (K + 1) n`` bytes. Otherwise the memory does not grow with N.
+    rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
+        Source of randomness; it becomes a 256-bit key that is kept as ``.key``.
+
+    Returns
+    -------
+    EnsembleTrajectory
+        Mean, variance (and covariance) at every step.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If an argument cannot be used; the message names it.
+    NonFiniteError
+        If a state or a second moment overflows.
+    ResourceError
+        If the result does not fit into the memory this process may use.
+
+    Notes
+    -----
+    "runs": ``x^s(k+1) = A_k^s x^s(k) + B_k^s u(k)`` with fresh realizations for every run s and
+    every step k (paper, Definition 2.1, corrected: the index maps must be injective in both; one
+    realization kept over time gives a biased mean). "mean-field":
+    ``F(k+1) = A_hat_k F(k) + B_hat_k u(k)`` with averages of N fresh realizations at each step.
+    The mean of both is the exact trajectory. With ``g_j = ||a_j||_1``,
+    ``T_A(d) = diag(|A| (g d)) - A diag(d) A^T`` and ``d_k = diag S_k + x(k)^2``, the covariance
+    follows ``S_{k+1} = A S_k A^T + c (T_A(d_k) + T_B(u(k)^2))``, ``S_0 = c Cov(x0)``, where c = 1
+    for one run and c = 1/N for a mean field. A run's variance grows by about ``rho(|A| diag g)``
+    per step, the signal by ``rho(A)^2``.
+
+    A run takes one draw per step for every nonzero state and input: O(n + m) per run and step, and
+    O(1) as long as no input acts, because a singleton stays one. A mean field costs O(n (n + m))
+    per step for any N. Run s depends on (key, s) only, for any number of threads; ``size`` runs
+    are the first of more.
+
+    Examples
+    --------
+    >>> import numpy as np, stochens_rs as se
+    >>> system = se.System([[0.9, 0.2], [-0.1, 0.8]], [[1.0], [0.5]])
+    >>> u, x0 = [[1.0], [0.0], [-1.0]], [1.0, 2.0]
+    >>> exact = se.simulate(system, u, x0).states
+    >>> found = se.simulate_ensemble(system, u, x0, 100_000, rng=1)
+    >>> bool(np.all(abs(found.mean - exact) <= 5 * found.standard_error))
+    True
+    """
+    checked, inputs, start = _problem(system, u, x0)
+    count = gate.size("size", size)
+    flags = {"A": sample_A, "B": sample_B, "x0": sample_x0}
+    drawn = tuple(gate.flag(f"sample_{name}", value) for name, value in flags.items())
+    keep = gate.flag("return_runs", return_runs)
+    full = gate.choice("covariance", covariance, _MOMENTS) == "full"
+    mean_field = gate.choice("averaging", averaging, _AVERAGINGS) == "mean-field"
+    repeats = gate.size("replicates", replicates)
+    if not mean_field and repeats != 1:
+        raise InputError(
+            f"`replicates` must be 1 for averaging='runs', got {repeats}: there the runs "
+            "themselves are the independent trajectories, and `size` is their number"
+        )
+    trajectories = repeats if mean_field else count
+    threads = get_num_threads()
+    _check_memory(checked, len(inputs), trajectories, full=full, keep=keep, threads=threads)
+    key = as_key(rng)
+    problem = (*_lines(checked), start.reshape(1, -1), inputs)
+    A, B, first = drawn
+    if mean_field:
+        result = _core.simulate_mean_field(
+            *problem, (A, B, first), count, repeats, full, keep, bytes(key), threads
+        )
+    else:
+        result = _core.simulate_runs(
+            *problem, (A, B, first), count, full, keep, bytes(key), threads
+        )
+    mean, variance, flat, runs = result
+    return EnsembleTrajectory(
+        mean=mean,
+        variance=variance,
+        covariance=None if flat is None else flat.reshape(-1, checked.n, checked.n),
+        runs=runs.reshape(trajectories, *mean.shape) if keep else None,
+        inputs=inputs.copy(),
+        times=_times(checked, len(inputs)),
+        size=count,
+        replicates=trajectories,
+        averaging="mean-field" if mean_field else "runs",
+        sampled=tuple(name for name, flag in zip(flags, drawn, strict=True) if flag),
+        dt=_dt(checked),
+        key=key,
+    )
+
+
+def _problem(system: object, u: object, x0: object) -> tuple[System, Floats, Floats]:
+    checked = System.from_any(system)
+    inputs = gate.inputs("u", u, cols=checked.m)
+    return checked, inputs, gate.vector("x0", x0, length=checked.n)
+
+
+def _lines(system: System) -> tuple[Floats, Floats]:
+    """The columns of A and B as rows; their 1-norms must be numbers."""
+    for name, matrix in (("A", system.A), ("B", system.B)):
+        with np.errstate(over="ignore"):
+            norms = np.abs(matrix).sum(axis=0)
+        if not np.isfinite(norms).all():
+            j = int(np.argmin(np.isfinite(norms)))
+            raise NonFiniteError(f"`{name}[:, {j}]` has a 1-norm that overflows: scale it down")
+    return np.ascontiguousarray(system.A.T), np.ascontiguousarray(system.B.T)
+
+
+def _dt(system: System) -> float | None:
+    return system.dt if isinstance(system.dt, float) else None
+
+
+def _times(system: System, steps: int) -> Floats:
+    times: Floats = (_dt(system) or 1.0) * np.arange(steps + 1, dtype=np.float64)
+    return times
+
+
+def _check_memory(
+    system: System, steps: int, trajectories: int, *, full: bool, keep: bool, threads: int
+) -> None:
+    """Sums wait in a tree: one per level and thread; the runs only if they are kept."""
+    n, m = system.n, system.m
+    sums = 8 * (steps + 1) * n * (1 + (n if full else 1))
+    waiting = threads + trajectories.bit_length() + 2
+    tables = 8 * (n + m) * (n + (1 << (n - 1).bit_length()))
+    kept = 8 * trajectories * (steps + 1) * n if keep else 0
+    gate.memory(
+        f"the moments{' and the runs' if keep else ''} of {trajectories} trajectories",
+        sums * waiting + 2 * tables + kept + 1024 * n * threads,
+    )

@@ -1,0 +1,1 @@
+"""Repeated runs: their errors, curves and figures."""

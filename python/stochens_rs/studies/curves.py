@@ -1,0 +1,267 @@
+"""Curves of errors against the number of samples, and the panels that hold them.
+
+The errors of every replicate are kept, so that each number shown anywhere (median, band, root
+mean square, z-score) can be recomputed from the saved file alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._base import gate
+from ..exceptions import InputError, StochensError
+
+__all__ = ["BAND", "Curve", "Panel", "quantiles"]
+
+BAND = (0.1, 0.9)  # the shaded band holds the middle 80 % of the replicates
+
+FloatArray = NDArray[np.float64]
+
+
+def quantiles(errors: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The 10 %, 50 % and 90 % quantiles over the replicates.
+
+    Parameters
+    ----------
+    errors : (replicates, k) array
+        ``errors[r, i]`` is the error of replicate r after ``sizes[i]`` samples.
+
+    Returns
+    -------
+    low, median, high : (k,) arrays
+    """
+    low, median, high = np.quantile(errors, (BAND[0], 0.5, BAND[1]), axis=0)
+    return low, median, high
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """The relative error of one method against the number of samples.
+
+    Attributes
+    ----------
+    method : str
+        "uniform", "slse", "slse-safeguarded" or "alse".
+    fusion : str or None
+        "product" or "diagonal" for a control or a state, None for the estimate of one entity.
+    errors : (replicates, k) array
+        ``errors[r, i]``: relative error of replicate r after ``sizes[i]`` samples.
+    exact_rms : (k,) array or None
+        Root mean square relative error by the exact second moments; known for uniform weights only.
+    exact_spread : (k,) array or None
+        ``sqrt(2 tr C^2)`` with the exact (relative) error covariance C: the standard deviation of
+        the squared error if the error were Gaussian, which a mean of many samples nearly is.
+    """
+
+    method: str
+    fusion: str | None
+    errors: FloatArray
+    exact_rms: FloatArray | None = None
+    exact_spread: FloatArray | None = None
+
+    @property
+    def name(self) -> str:
+        """The method, followed by "(diagonal)" for diagonal fusion."""
+        return f"{self.method} (diagonal)" if self.fusion == "diagonal" else self.method
+
+    @property
+    def median(self) -> FloatArray:
+        """(k,) median over the replicates."""
+        return quantiles(self.errors)[1]
+
+    @property
+    def band(self) -> tuple[FloatArray, FloatArray]:
+        """The 10 % and the 90 % quantile over the replicates, (k,) each."""
+        low, _, high = quantiles(self.errors)
+        return low, high
+
+    @property
+    def single(self) -> FloatArray:
+        """(k,) errors of replicate 0: one run, as the paper shows it."""
+        single: FloatArray = self.errors[0]
+        return single
+
+    @property
+    def rms(self) -> FloatArray:
+        """(k,) root mean square over the replicates."""
+        rms: FloatArray = np.sqrt(np.mean(self.errors**2, axis=0))
+        return rms
+
+    @property
+    def z(self) -> FloatArray | None:
+        r"""(k,) distance of the mean square from its exact value, in standard errors of that mean.
+
+        ``z = (mean(e^2) - exact^2) / (max(std(e^2), exact_spread) / sqrt(replicates))``; None
+        without an exact value. The sample standard deviation alone would be far too small
+        whenever a rare large error has not occurred yet. For many replicates \|z\| is at most
+        standard normal; the sizes of one curve are prefixes of the same samples, so their z are
+        correlated.
+        """
+        if self.exact_rms is None or self.exact_spread is None:
+            return None
+        squares = self.errors**2
+        replicates = squares.shape[0]
+        spread = np.maximum(squares.std(axis=0, ddof=min(1, replicates - 1)), self.exact_spread)
+        # An error that cannot vary (samples of a vector with one entry) must hit its value to
+        # rounding.
+        rounding = 1e-12 * self.exact_rms**2 + 1e-300
+        z: FloatArray = (squares.mean(axis=0) - self.exact_rms**2) / np.maximum(
+            spread / math.sqrt(replicates), rounding
+        )
+        return z
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain lists and numbers; the key "statistics" is derived from the others."""
+        low, median, high = quantiles(self.errors)
+        z = self.z
+        return {
+            "method": self.method,
+            "fusion": self.fusion,
+            "errors": self.errors.tolist(),
+            "exact_rms": _listed(self.exact_rms),
+            "exact_spread": _listed(self.exact_spread),
+            "statistics": {
+                "q10": low.tolist(),
+                "median": median.tolist(),
+                "q90": high.tolist(),
+                "rms": self.rms.tolist(),
+                "z": _listed(z),
+            },
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Curve:
+        """The inverse of :meth:`to_dict`.
+
+        Parameters
+        ----------
+        data : mapping
+            What `to_dict` returned.
+
+        Raises
+        ------
+        InputError
+            If it is something else.
+        """
+        with written_by("Curve"):
+            return cls(
+                method=data["method"],
+                fusion=data["fusion"],
+                errors=np.asarray(data["errors"], dtype=np.float64),
+                exact_rms=_array(data["exact_rms"]),
+                exact_spread=_array(data["exact_spread"]),
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """One axes of a figure: the same quantity by every method.
+
+    Attributes
+    ----------
+    name : str
+        "1a", "1b", ...: the paper's figure and letter.
+    figure : str or None
+        Number of the figure that shows it; None if it appears in the table only.
+    quantity : str
+        What is estimated, in words.
+    symbol : str
+        The relative error as a formula (mathtext).
+    norm : float
+        What the errors were divided by.
+    zero_level : float
+        Relative errors up to here cannot be told from zero.
+    zero_label : str
+        Why not: rounding, or the solver's tolerance.
+    curves : tuple of Curve
+        One per method (and fusion).
+    """
+
+    name: str
+    figure: str | None
+    quantity: str
+    symbol: str
+    norm: float
+    zero_level: float
+    zero_label: str
+    curves: tuple[Curve, ...]
+
+    def curve(self, method: str, fusion: str | None = None) -> Curve:
+        """The curve of one method.
+
+        Parameters
+        ----------
+        method : str
+            "uniform", "slse", "slse-safeguarded" or "alse".
+        fusion : str, optional
+            "product" or "diagonal"; default: product where the panel distinguishes them.
+
+        Returns
+        -------
+        Curve
+
+        Raises
+        ------
+        InputError, InputTypeError
+            There is no such curve.
+        """
+        gate.choice("method", method, tuple(dict.fromkeys(one.method for one in self.curves)))
+        if fusion is not None:
+            gate.choice("fusion", fusion, ("product", "diagonal"))
+        for wanted in (fusion, "product") if fusion is None else (fusion,):
+            for curve in self.curves:
+                if (curve.method, curve.fusion) == (method, wanted):
+                    return curve
+        raise InputError(f"panel {self.name} has no curve {method!r} with fusion {fusion!r}")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain lists and numbers."""
+        plain = {k: v for k, v in vars(self).items() if k != "curves"}
+        return {**plain, "curves": [curve.to_dict() for curve in self.curves]}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Panel:
+        """The inverse of :meth:`to_dict`.
+
+        Parameters
+        ----------
+        data : mapping
+            What `to_dict` returned.
+
+        Raises
+        ------
+        InputError
+            If it is something else.
+        """
+        with written_by("Panel"):
+            plain = {k: v for k, v in data.items() if k != "curves"}
+            return cls(**plain, curves=tuple(Curve.from_dict(c) for c in data["curves"]))
+
+
+@contextmanager
+def written_by(what: str) -> Iterator[None]:
+    """Say that data are no record, whichever way that shows."""
+    try:
+        yield
+    except (StochensError, MemoryError):
+        raise
+    except Exception as error:
+        raise InputError(
+            f"`data` must be what {what}.to_dict returned, got something else "
+            f"({type(error).__name__})"
+        ) from error
+
+
+def _listed(values: FloatArray | None) -> list[float] | None:
+    return None if values is None else values.tolist()
+
+
+def _array(values: list[float] | None) -> FloatArray | None:
+    return None if values is None else np.asarray(values, dtype=np.float64)

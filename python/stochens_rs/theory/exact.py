@@ -1,0 +1,230 @@
+"""The best control of known data, where it leads, and what rounding may have made of both.
+
+``y = xf - x_free`` is what a control has to add to the free motion, ``v = B^+ y`` the one of
+smallest norm that comes nearest to it. ``B^+`` is never formed here: ``v = V (1/s) (U^T y)`` with
+one step of refinement leaves ``B v`` right to rounding times ``||B|| ||v||``, a product with the
+explicit matrix only to rounding times ``condition ||y||``.
+
+One rank rule for everything: singular values up to ``eta sigma_max``, ``eta = max(n, m) eps``,
+count as 0. Allowances for rounding: the computed factors are those of a matrix at a distance of at
+most ``theta ||B||`` (LAPACK Users' Guide, 4.9), with ``theta = (2 max(n, m) + 4) eps`` (measured:
+``2.41 max(n, m) eps`` at most, for 2 700 matrices of up to 300 rows, half of them badly scaled).
+What such a distance does to ``v`` and ``B v`` is in Wedin, BIT 13 (1973) 217-232.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import inf, sqrt
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from .. import _core
+from .._base import gate
+from ..controls.plan import PlanError, Reachability
+from ..exceptions import NonFiniteError
+from ..fusion.alse import norm
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats: TypeAlias = NDArray[np.float64]
+
+EPS = float(np.finfo(np.float64).eps)
+REACHABLE = sqrt(EPS)
+
+
+@dataclass(frozen=True, eq=False)
+class Factors:
+    """``B = U diag(s) V^T`` with the numerical rank as inner size."""
+
+    B: Floats
+    U: Floats
+    s: Floats
+    V: Floats
+    singular_values: Floats
+    condition: float
+    inverse: Floats
+
+    def solve(self, y: Floats) -> Floats:
+        """``B^+ y``, refined once: that brings ``B v`` 3 to 5 times nearer, at any condition."""
+        v = self._apply(y)
+        return v + self._apply(y - self.B @ v)
+
+    def missed(self, y: Floats) -> Floats:
+        """``(I - B B^+) y``."""
+        return np.zeros_like(y) if len(self.s) == len(y) else y - self.U @ (self.U.T @ y)
+
+    @property
+    def off(self) -> float:
+        """``theta ||B||``."""
+        return float((2 * max(self.B.shape) + 4) * EPS * self.singular_values[0])
+
+    @property
+    def spread(self) -> float:
+        """``eta ||B||_F``: rounding of a product ``B w`` with ``||w|| = 1``."""
+        return float(max(self.B.shape) * EPS * norm(self.singular_values))
+
+    def _apply(self, y: Floats) -> Floats:
+        return np.asarray(self.V @ ((self.U.T @ y) / self.s))
+
+
+def factors(B: Floats) -> Factors:
+    """Factor a matrix; the work space is checked against memory."""
+    B = np.ascontiguousarray(B)
+    gate.memory("the pseudoinverse of B", 8 * B.nbytes)
+    left, right, singular_values, condition, inverse = _core.pseudoinverse(B)
+    if not np.isfinite(singular_values).all():
+        raise NonFiniteError("the singular values of `B` overflow: scale the problem down")
+    s = singular_values[: len(left)]
+    return Factors(B, left.T, s, right.T, singular_values, condition, inverse)
+
+
+@dataclass(frozen=True, eq=False)
+class Best:
+    """The best control for one right-hand side.
+
+    `unsure` bounds the rounding in the norm of `needed` (``y``), `off` how far the matrix that was
+    factored can be from the exact one, its factors included.
+    """
+
+    factors: Factors
+    free: Floats
+    needed: Floats
+    u: Floats
+    missed: Floats
+    unsure: float
+    off: float
+
+    @cached_property
+    def pushed(self) -> Floats:
+        """``B v``."""
+        return np.asarray(self.factors.B @ self.u)
+
+    @property
+    def reached(self) -> Floats:
+        """Where the control leads."""
+        return np.asarray(self.free + self.pushed)
+
+    def reachability(self) -> Reachability:
+        """What no control can do."""
+        residual, needed = norm(self.missed), norm(self.needed)
+        relative = residual / needed if needed else 0.0
+        # if y = B v, then ||(I - P_hat) y|| = ||(I - P_hat) (B - B_hat) v|| <= off ||v||
+        rounding = self.unsure + self.off * norm(self.u)
+        return Reachability(
+            residual=residual,
+            relative=relative,
+            rank=len(self.factors.s),
+            condition=self.factors.condition,
+            reachable=relative <= REACHABLE or residual <= rounding,
+            rounding=rounding,
+        )
+
+    @property
+    def _gap(self) -> float:
+        """A lower bound of the smallest singular value of the exact matrix; inf for rank 0."""
+        return float(self.factors.s[-1]) - self.off if len(self.factors.s) else inf
+
+    @property
+    def _turned(self) -> float:
+        """``||P_hat (I - P) y|| <= off / sigma_min ||(I - P) y||``: the range is turned by that."""
+        residual = norm(self.missed)
+        if not residual:
+            return 0.0
+        return self.off / self._gap * residual if self._gap > 0.0 else inf
+
+    @property
+    def state_rounding(self) -> float:
+        """Up to which ``||B v||``, the state and the residual may be off."""
+        return self.unsure + (self.off + self.factors.spread) * norm(self.u) + self._turned
+
+    @property
+    def control_rounding(self) -> float:
+        """Up to which ``||v||`` may be off: ``(unsure + 2 off ||v|| + turned) / sigma_min``."""
+        if self._gap <= 0.0:
+            return inf
+        size = norm(self.u)
+        return (self.unsure + 2.0 * self.off * size + self._turned) / self._gap + EPS * size
+
+    @property
+    def moves(self) -> bool:
+        """Whether ``B v`` can be told apart from 0."""
+        return norm(self.pushed) > self.unsure + self._turned
+
+    @property
+    def arrives(self) -> bool:
+        """Whether the state reached can be told apart from 0."""
+        return norm(self.reached) > self.state_rounding
+
+    def error(self, u: Floats, x0: Floats) -> PlanError:
+        """Compare another control with this one."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            wrong = u - self.u
+            shift = self.factors.B @ wrong
+        representable(wrong, shift)
+        control, state = norm(wrong), norm(shift)
+        to, size = "v", norm(self.u)
+        if not self.moves:
+            to, size = "B^+ A x0", norm(self.factors.solve(self.free))
+        where, length = "x_actual", norm(self.reached)
+        if not self.arrives:
+            where, length = "x0", norm(x0)
+        return PlanError(
+            control=control,
+            control_relative=_ratio(control, size),
+            state=state,
+            state_relative=_ratio(state, length),
+            residual=norm(self.missed),
+            control_rounding=self.control_rounding + EPS * control,
+            state_rounding=self.state_rounding + self.factors.spread * control,
+            control_relative_to=to if size else "nothing",
+            state_relative_to=where if length else "nothing",
+        )
+
+
+def best(B: Floats, free: Floats, needed: Floats, unsure: float, off: float = 0.0) -> Best:
+    """Solve for the control that adds `needed` to `free`.
+
+    `off` bounds the rounding in `B` itself.
+    """
+    representable(free, needed)
+    found = factors(B)
+    with np.errstate(over="ignore", invalid="ignore"):
+        u, missed = found.solve(needed), found.missed(needed)
+        made = Best(found, free, needed, u, missed, unsure, off + found.off)
+        representable(u, missed, made.pushed, made.reached)
+    return made
+
+
+def one_step(A: Floats, B: Floats, x0: Floats, xf: Floats) -> Best:
+    """Solve for the control from x0 to xf."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        free = A @ x0
+        return best(B, free, xf - free, summed(A, x0, xf))
+
+
+def summed(A: Floats, x: Floats, other: Floats) -> float:
+    """Bound of the rounding in ``other - A x``: ``(n + 1) eps || |A| |x| + |other| ||``.
+
+    Higham, Accuracy and Stability of Numerical Algorithms (2002), 3.5.
+    """
+    unit = (len(x) + 1) * EPS
+    return norm(np.abs(A) @ (unit * np.abs(x)) + unit * np.abs(other))
+
+
+def representable(*results: Floats) -> None:
+    """Refuse magnitudes whose products overflow: no control can be told from them."""
+    if not all(np.isfinite(result).all() for result in results):
+        raise NonFiniteError(
+            "`A x0`, `xf - A x0`, the control or the state it leads to overflows: scale the "
+            "problem down"
+        )
+
+
+def _ratio(value: float, reference: float) -> float:
+    if reference:
+        return value / reference
+    return inf if value else 0.0

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from stochens_rs import exceptions
-from stochens_rs._base import gate
+from stochens_rs._base import gate, memory
 from stochens_rs.exceptions import (
     InputError,
     InputTypeError,
@@ -391,12 +391,12 @@ def test_positive_refuses(value, error, message):
 
 
 def test_memory_refuses_what_no_machine_has():
-    if gate.memory_left() is None:
+    if memory.memory_left() is None:
         pytest.skip("this system does not tell how much memory is left")
     with pytest.raises(
         ResourceError, match=r"^Ensemble\.dense\(\) needs .* GiB, but only"
     ) as caught:
-        gate.memory("Ensemble.dense()", 2**62)
+        memory.need("Ensemble.dense()", 2**62)
     assert_one_short_line(caught.value)
     assert caught.value.needed_bytes == 2**62
     assert 0 <= caught.value.limit_bytes < 2**62
@@ -405,19 +405,19 @@ def test_memory_refuses_what_no_machine_has():
 
 @pytest.mark.parametrize(("needed", "refused"), [(800 * 2**20, False), (800 * 2**20 + 1, True)])
 def test_memory_leaves_a_fifth_free(monkeypatch, needed, refused):
-    monkeypatch.setattr(gate, "memory_left", lambda: 1000 * 2**20)
+    monkeypatch.setattr(memory, "memory_left", lambda: 1000 * 2**20)
     if refused:
         with pytest.raises(ResourceError):
-            gate.memory("it", needed)
+            memory.need("it", needed)
     else:
-        gate.memory("it", needed)
+        memory.need("it", needed)
 
 
 def test_memory_passes_where_nothing_is_known(monkeypatch):
-    monkeypatch.setattr(gate, "_text", lambda path: "")
-    monkeypatch.setattr(gate, "_address_space_left", list)
-    assert gate.memory_left() is None
-    gate.memory("it", 2**62)
+    monkeypatch.setattr(memory, "_text", lambda path: "")
+    monkeypatch.setattr(memory, "_address_space_left", list)
+    assert memory.memory_left() is None
+    memory.need("it", 2**62)
 
 
 GIB = 2**30
@@ -451,9 +451,9 @@ V1 = {
     ids=["cgroup v2", "cgroup v1", "no cgroup", "unreadable"],
 )
 def test_memory_left_reads_the_least_limit(monkeypatch, files, left):
-    monkeypatch.setattr(gate, "_text", lambda path: files.get(path, ""))
-    monkeypatch.setattr(gate, "_address_space_left", list)
-    assert gate.memory_left() == left
+    monkeypatch.setattr(memory, "_text", lambda path: files.get(path, ""))
+    monkeypatch.setattr(memory, "_address_space_left", list)
+    assert memory.memory_left() == left
 
 
 def test_address_space_limit_counts(monkeypatch):
@@ -462,7 +462,7 @@ def test_address_space_limit_counts(monkeypatch):
     monkeypatch.setattr(
         gate, "_text", lambda path: f"{GIB // resource.getpagesize()} 1 1" * ("statm" in path)
     )
-    assert gate.memory_left() == 4 * GIB
+    assert memory.memory_left() == 4 * GIB
 
 
 # -- the family of exceptions ------------------------------------------------------------------

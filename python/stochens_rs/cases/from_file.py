@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._base import gate
+from .._base import gate, memory
+from .._base.files import checked_path
 from ..exceptions import InputError, ResourceError
-from ..streams.state_file import checked_path
 from ..system import System
 
 _NAMES = ("A", "B", "x0", "xf", "dt")
@@ -91,7 +91,7 @@ def from_file(path: str | os.PathLike[str]) -> Problem:
         kind = _KINDS.get(stat.S_IFMT(about.st_mode), "special file")
         raise InputError(f"{path.name} must be a regular file, got a {kind}")
     archive = path.suffix.lower() == ".npz"
-    gate.memory(f"to read {path.name}", about.st_size * (1 if archive else _PARSED))
+    memory.need(f"to read {path.name}", about.st_size * (1 if archive else _PARSED))
     found = _npz(path) if archive else _json(path, about.st_size)
     unknown = sorted(set(found) - set(_NAMES))
     if unknown:
@@ -117,7 +117,7 @@ def _npz(path: Path) -> dict[str, Any]:
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             unpacked = sum(entry.file_size for entry in archive.zip.infolist())
-            gate.memory(f"{path.name}, unpacked,", unpacked)
+            memory.need(f"{path.name}, unpacked,", unpacked)
             _once(archive.files)
             return {name: archive[name] for name in archive.files}
     except (OSError, ResourceError):

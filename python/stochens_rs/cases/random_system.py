@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .._base import gate
+from .._base import gate, memory
 from .._base.threads import interruptible
 from ..rng import RngLike, as_key
 from ..system import System
@@ -69,7 +69,7 @@ def random_system(
     m = gate.size("m", m)
     spectral_radius = gate.positive("spectral_radius", spectral_radius)
     # A and its copy inside the eigenvalue routine and the result, and B.
-    gate.memory("the random system", 8 * (3 * n * n + n * m))
+    memory.need("the random system", 8 * (3 * n * n + n * m))
     normal = as_key(rng).child("random_system").generator()
 
     def matrices() -> tuple[NDArray[np.float64], NDArray[np.float64]]:

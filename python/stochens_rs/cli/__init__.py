@@ -12,8 +12,8 @@ from collections.abc import Sequence
 
 import click
 
+from .._base.files import versions
 from ..exceptions import InputError, InputTypeError, ResourceError, StateError
-from ..studies.experiment import versions
 from . import _claims, _info, _plan, _reproduce, _stream
 from ._output import note, occupy_standard_descriptors, show
 

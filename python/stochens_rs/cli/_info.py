@@ -8,8 +8,8 @@ from typing import Any
 
 import click
 
+from .._base.files import versions
 from .._base.threads import get_num_threads
-from ..studies.experiment import versions
 from ._output import show
 
 

@@ -9,13 +9,13 @@ from typing import Any
 
 import click
 
+from .._base.files import versions
 from ..exceptions import InputError
 from ..paper import experiments
 from ..paper.report import page as report
 from ..paper.verdicts.check import claims as check_claims
 from ..plots import files as plots
 from ..rng import as_key
-from ..studies.experiment import versions
 from ._options import seed_option
 from ._output import note, show, writable
 

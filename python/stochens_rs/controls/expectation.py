@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._base.numbers import norm
 from ..exceptions import StochensError
-from ..fusion.alse import norm
 from ..theory.exact import one_step
 from .plan import Plan, reach_text
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, overload
 import numpy as np
 
 from .. import _core
-from .._base import gate
+from .._base import gate, memory, numbers
 from .._base.threads import get_num_threads
 from ..ensembles.ensemble import Counts, Ensemble
 from ..ensembles.sampling import sample
@@ -99,7 +99,7 @@ def realization_controls(
     size = max(entity.size or 1 for entity in entities)
     shape = (size, inputs.shape[1])
     if out is None:
-        gate.memory("the controls", size * inputs.shape[1] * 8)
+        memory.need("the controls", size * inputs.shape[1] * 8)
         # not from the core: NumPy asks the system for large pages, which are filled far sooner
         controls = np.empty(shape)
     else:
@@ -174,7 +174,9 @@ def control(
         goal = entities[1].estimate()
         free = goal - difference  # the average of A^s x0^s
         estimates = None, goal, None
-        unsure = _exact.EPS * (alse.norm(free) + alse.norm(goal))  # the averages count as exact
+        unsure = _exact.EPS * (
+            numbers.norm(free) + numbers.norm(goal)
+        )  # the averages count as exact
     else:
         start, goal, matrix = (entity.estimate() for entity in entities)
         estimates = start, goal, matrix

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 import numpy as np
 
 from .._base import gate
+from .._base.numbers import norm
 from ..ensembles.ensemble import Counts, Ensemble
 from ..exceptions import InputError, NonFiniteError, ShapeError
-from ..fusion.alse import norm
 from ..rng import RngLike, as_key
 from ..system import System
 from ..theory import bounds, moments

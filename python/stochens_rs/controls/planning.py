@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 
 from .._base import gate, html
+from .._base.numbers import norm
 from ..exceptions import InputError, SizeError
-from ..fusion.alse import norm
 from ..rng import Key, RngLike, as_key
 from ..system import System
 from ..theory import bounds, moments

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 
 from .. import _core
-from .._base import gate, html
+from .._base import gate, html, memory
 from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 from ..rng import Key
 from .lines import Axis, checked_target, from_lines, stack_from_lines, to_lines
@@ -130,7 +130,7 @@ class Ensemble:
         array([0.5, 1.5])
         """
         values = gate.array("samples", samples, ndim=(2, 3))
-        gate.memory("a copy of the samples", values.nbytes)
+        memory.need("a copy of the samples", values.nbytes)
         return cls._of_samples(gate.frozen(values))
 
     @classmethod
@@ -305,7 +305,7 @@ class Ensemble:
         entries = int(np.prod(self._shape))
         rows = max(1, _BLOCK // entries)
         largest = min(rows, self.size) * entries
-        gate.memory("the dense realizations", (self.size * entries + 4 * largest) * 8)
+        memory.need("the dense realizations", (self.size * entries + 4 * largest) * 8)
         out = np.empty((self.size, *self._shape))
         first = 0
         for block in self._dense_blocks(rows):  # between two of them Ctrl-C is heard

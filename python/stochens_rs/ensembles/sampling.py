@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import _core
-from .._base import gate
+from .._base import gate, memory
 from .._base.threads import get_num_threads
 from ..rng import RngLike, as_key
 from .ensemble import Counts, Ensemble, Scheme, checked_scheme
@@ -83,7 +83,7 @@ def sample(
     # the indices, the law with its atoms, one table per line and the work of building one
     cells = 8 << (lines.shape[1] - 1).bit_length()
     needed = count * lines.shape[0] * width + 4 * lines.nbytes + (lines.shape[0] + 5) * cells
-    gate.memory(f"a sample of {count} realizations", needed)
+    memory.need(f"a sample of {count} realizations", needed)
     key = as_key(rng)
     draws = _core.Draws.sample(lines, count, scheme, bytes(key), get_num_threads())
     return Ensemble._of_draws(draws, values.shape, axis, scheme, key)

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import _core
-from .._base import gate
+from .._base import gate, memory
+from .._base.numbers import norm
 from .._base.threads import get_num_threads
 from ..controls.plan import STATUSES, Fit
 from ..ensembles.ensemble import Ensemble
@@ -153,7 +154,7 @@ def path(
 def _closed_form(
     ensemble: Ensemble, draws: _core.Draws, goal: Floats, wish: Wishes, info: dict[str, Any]
 ) -> Fit:
-    gate.memory("the weights", 2 * 8 * draws.size * draws.lines)
+    memory.need("the weights", 2 * 8 * draws.size * draws.lines)
     weights, estimate, error, gap, relative, unseen = _core.closed_form(
         draws, ensemble._lines_of(goal), wish.subsimplex
     )
@@ -219,9 +220,3 @@ def _least_error(error: float, gap: float) -> float:
 def worst(statuses: list[str]) -> str:
     """Pick the least reassuring of some statuses."""
     return max(statuses, key=STATUSES.index)
-
-
-def norm(values: Floats) -> float:
-    """2-norm of all entries, scaled so that squares neither overflow nor vanish."""
-    largest = float(np.abs(values).max())
-    return largest and largest * float(np.linalg.norm((values / largest).ravel()))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 import numpy as np
 
 from .. import _core
-from .._base import gate
+from .._base import gate, memory, numbers
 from ..controls.plan import Fit, Path
 from ..ensembles.ensemble import Ensemble
 from ..exceptions import InputError, InputTypeError, ShapeError
@@ -106,10 +106,10 @@ def fuse(
     name = _checked(ensemble, method)
     wish = alse.wishes(ensemble, name, weights, tol, time_limit, max_iter)
     goal = None if target is None and name == "uniform" else _goal(ensemble, target, name)
-    gate.memory("the weights", 3 * 8 * ensemble.size)
+    memory.need("the weights", 3 * 8 * ensemble.size)
     if name == "uniform":
         estimate = ensemble.mean()
-        error = None if goal is None else alse.norm(estimate - goal)
+        error = None if goal is None else numbers.norm(estimate - goal)
         equal = np.full(ensemble.size, 1.0 / ensemble.size)
         return Fit(estimate, equal, error, None, "completed", name, target=goal, ensemble=ensemble)
     assert goal is not None
@@ -190,7 +190,7 @@ def fuse_path(
     goal = _goal(ensemble, target, name)
     estimates = gate.flag("estimates", estimates)
     if estimates:
-        gate.memory("the estimates of a path", 3 * grid.size * goal.nbytes)
+        memory.need("the estimates of a path", 3 * grid.size * goal.nbytes)
     counts: list[int] = grid.tolist()
     draws, lines = ensemble._draws, ensemble._lines_of(goal)
     gaps: NDArray[np.float64] | None = None

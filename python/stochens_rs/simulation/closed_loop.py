@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from .._base import gate
+from .._base import gate, memory
 from ..ensembles.sampling import sample, sample_counts
 from ..exceptions import NonFiniteError
 from ..fusion.alse import worst
@@ -169,7 +169,7 @@ def track(
     gate.choice("method", method, METHODS)
     R = None if replicates is None else gate.size("replicates", replicates)
     K = len(r) - 1
-    gate.memory("the trajectories", (R or 1) * ((K + 1) * (n + 1) + K * m) * 8)
+    memory.need("the trajectories", (R or 1) * ((K + 1) * (n + 1) + K * m) * 8)
     B = np.ascontiguousarray(checked.B)
     with np.errstate(over="ignore", invalid="ignore"):
         residuals = reference_residuals(checked.A, B, r)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 
 from .. import _core
-from .._base import gate
+from .._base import gate, memory
 from .._base.threads import get_num_threads
 from ..exceptions import InputError, NonFiniteError
 from ..rng import RngLike, as_key
@@ -69,7 +69,7 @@ def simulate(system: System | Any, u: ArrayLike, x0: ArrayLike) -> Trajectory:
            [0.1, 0. ]])
     """
     checked, inputs, start = _problem(system, u, x0)
-    gate.memory("the trajectory", 2 * 8 * (len(inputs) + 1) * checked.n)
+    memory.need("the trajectory", 2 * 8 * (len(inputs) + 1) * checked.n)
     states = _core.trajectory(*_lines(checked), start.reshape(1, -1), inputs)
     return Trajectory(states, inputs.copy(), _times(checked, len(inputs)), _dt(checked))
 
@@ -237,7 +237,7 @@ def _check_memory(
     waiting = threads + trajectories.bit_length() + 2
     tables = 8 * (n + m) * (n + (1 << (n - 1).bit_length()))
     kept = 8 * trajectories * (steps + 1) * n if keep else 0
-    gate.memory(
+    memory.need(
         f"the moments{' and the runs' if keep else ''} of {trajectories} trajectories",
         sums * waiting + 2 * tables + kept + 1024 * n * threads,
     )

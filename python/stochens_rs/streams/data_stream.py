@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from .. import _core
-from .._base import gate, html
+from .._base import gate, html, memory
 from .._base.threads import interruptible
 from ..ensembles.ensemble import Ensemble
 from ..exceptions import InputError, InputTypeError, ShapeError
@@ -93,7 +93,7 @@ class DataStream(Durable):
         goal = None if xf is None else gate.vector("xf", xf, length=n)
         matrix = None if A is None else gate.matrix("A", A, rows=n, cols=n)
         self._ranges, self._sizes = _checked_ranges(ranges), _checked_sizes(sizes)
-        gate.memory("a stream", 48 * n * n + 40 * n * m)
+        memory.need("a stream", 48 * n * n + 40 * n * m)
         self._shape = (n, m)
         self._targets = tuple(value is not None for value in (start, goal, matrix))
         self._core = _core.DataStream(inputs, start, goal, matrix)

@@ -8,7 +8,7 @@ import weakref
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from .. import _core
-from .._base import gate
+from .._base import files, gate
 from ..exceptions import InputError, InputTypeError, StateError
 from . import state_file
 
@@ -141,7 +141,7 @@ class Checkpoints:
 
     def __init__(self, stream: Durable, path: PathLike | None, every: float) -> None:
         self._stream = stream
-        self._path = None if path is None else state_file.checked_path("checkpoint", path)
+        self._path = None if path is None else files.checked_path("checkpoint", path)
         self._every = gate.positive("every", every)
         self._lock: _core.StateLock | None = None
         self._last = time.monotonic()

@@ -16,16 +16,16 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from .. import _core
-from .._base import gate
+from .._base import memory
+from .._base.files import PathLike, checked_path
 from .._base.gate import show
-from ..exceptions import InputError, InputTypeError, StateRecoveredWarning
+from ..exceptions import InputTypeError, StateRecoveredWarning
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Section: TypeAlias = NDArray[np.uint8] | NDArray[np.uint64] | NDArray[np.float64]
 
-PathLike: TypeAlias = "str | os.PathLike[str]"
 
 _ELEMENTS = (np.dtype(np.uint8), np.dtype(np.uint64), np.dtype(np.float64))
 
@@ -46,7 +46,7 @@ def save(
     """
     checked = checked_path("path", path)
     arrays = [(name, _section(name, array)) for name, array in sections.items()]
-    gate.memory("a state to be saved", sum(array.nbytes for _, array in arrays))
+    memory.need("a state to be saved", sum(array.nbytes for _, array in arrays))
     return _core.storage_save(checked, kind, arrays, held)
 
 
@@ -59,7 +59,7 @@ def load(path: PathLike, kind: str) -> tuple[int, dict[str, Section]]:
     """
     checked = checked_path("path", path)
     with contextlib.suppress(OSError):  # the core says what is wrong with the path
-        gate.memory("a state to be loaded", 2 * os.stat(checked).st_size)  # the bytes, the arrays
+        memory.need("a state to be loaded", 2 * os.stat(checked).st_size)  # the bytes, the arrays
     generation, sections, recovered = _core.storage_load(checked, kind)
     if recovered is not None:
         warnings.warn(
@@ -68,25 +68,6 @@ def load(path: PathLike, kind: str) -> tuple[int, dict[str, Section]]:
             stacklevel=3,
         )
     return generation, sections
-
-
-def checked_path(name: str, value: object) -> str:
-    """Return a path as text that the system can take."""
-    if not isinstance(value, (str, os.PathLike)):
-        raise InputTypeError(f"`{name}` must be a path, got {show(value)}")
-    try:
-        text = os.fspath(value)
-    except Exception as error:  # whatever a foreign path raises
-        raise InputTypeError(f"`{name}` must be a path, got {show(value)}") from error
-    if not isinstance(text, str):
-        raise InputTypeError(f"`{name}` must be a path of type str, got {show(text)}")
-    try:
-        usable = os.path.basename(text) != "" and b"\0" not in os.fsencode(text)
-    except UnicodeEncodeError:
-        usable = False
-    if not usable:
-        raise InputError(f"`{name}` must be the name of a file, got {show(text)}")
-    return text
 
 
 def _section(name: str, array: NDArray[Any]) -> NDArray[Any]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 
 from .. import _core
-from .._base import gate, html
+from .._base import gate, html, memory
 from .._base.progress import Progress, progress_bar
 from ..exceptions import InputError, StateError, StateIOError
 from ..rng import Key, RngLike, as_key
@@ -137,7 +137,7 @@ class Stream(Durable):
                 "nothing, got 'gain'"
             )
         # laws, estimates, sums, tables of both matrices, and the pseudoinverse
-        gate.memory("a stream", (80 if safe else 64) * n * n + 40 * n * m)
+        memory.need("a stream", (80 if safe else 64) * n * n + 40 * n * m)
         key = as_key(rng)
         columns = np.ascontiguousarray(matrix.T)
         self._key = key

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-import platform
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,13 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._base import gate
+from .._base.files import versions, write_text
 from ..exceptions import InputError
 from .curves import Curve, Panel, quantiles, written_by
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Curve", "Experiment", "Panel", "log_grid", "quantiles", "versions", "write_text"]
+__all__ = ["Curve", "Experiment", "Panel", "log_grid", "quantiles"]
 
 SCHEMA = "stochens-experiment/1"
 
@@ -170,24 +169,3 @@ class Experiment:
             f"<Experiment {self.name}: {len(self.panels)} panels, {self.replicates} replicates, "
             f"N={int(self.sizes[-1])}, key={self.key[:16]}>"
         )
-
-
-def versions() -> dict[str, str]:
-    """Versions of the package, Python, NumPy and the platform, as strings."""
-    try:
-        package = metadata.version("stochens_rs")
-    except metadata.PackageNotFoundError:  # run from a source tree that was never installed
-        package = "not installed"
-    return {
-        "stochens_rs": package,
-        "python": platform.python_version(),
-        "numpy": np.__version__,
-        "platform": f"{platform.system()} {platform.machine()}",
-    }
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a file so that a reader sees either the old or the whole new one."""
-    part = path.with_name(path.name + ".part")
-    part.write_text(text, encoding="utf-8")
-    part.replace(path)

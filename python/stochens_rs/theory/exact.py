@@ -22,10 +22,10 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from .. import _core
-from .._base import gate
+from .._base import memory
+from .._base.numbers import norm
 from ..controls.plan import PlanError, Reachability
 from ..exceptions import NonFiniteError
-from ..fusion.alse import norm
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -74,7 +74,7 @@ class Factors:
 def factors(B: Floats) -> Factors:
     """Factor a matrix; the work space is checked against memory."""
     B = np.ascontiguousarray(B)
-    gate.memory("the pseudoinverse of B", 8 * B.nbytes)
+    memory.need("the pseudoinverse of B", 8 * B.nbytes)
     left, right, singular_values, condition, inverse = _core.pseudoinverse(B)
     if not np.isfinite(singular_values).all():
         raise NonFiniteError("the singular values of `B` overflow: scale the problem down")

@@ -14,9 +14,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._base import gate
+from .._base import gate, memory
+from .._base.numbers import norm
 from ..exceptions import InputError, NonFiniteError
-from ..fusion.alse import norm
 from . import exact as _exact
 from .formulas import _AXES, Array, Axis, Sizes, _one_each, _reciprocal, _vector_covariance
 
@@ -89,7 +89,7 @@ def final_state_covariance(
     K = checked_steps(steps, n, B.shape[1])
     gate.choice("axis", axis, _AXES)
     r0, rf, rA = (_reciprocal(f"size[{i}]", N) for i, N in enumerate(_one_each(size)))
-    gate.memory("the covariance", (2 * n**3 + 2 * (K + 1) * n * n) * 8)
+    memory.need("the covariance", (2 * n**3 + 2 * (K + 1) * n * n) * 8)
     powers = matrix_powers(A, K)
     best = best_over_steps(powers, B, x0, xf)
     rank = len(best.factors.s)
@@ -116,7 +116,7 @@ def final_state_covariance(
 def checked_steps(steps: object, n: int, m: int) -> int:
     """Check the number of steps against what C_K and the powers of A take."""
     K = gate.size("steps", steps)
-    gate.memory(f"a control over {K} steps", (8 * n * m + n * n + n + m) * K * 8)
+    memory.need(f"a control over {K} steps", (8 * n * m + n * n + n + m) * K * 8)
     return K
 
 

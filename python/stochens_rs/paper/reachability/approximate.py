@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..._base import gate
+from ..._base import gate, memory
+from ..._base.numbers import norm
 from ...ensembles.sampling import sample
-from ...fusion.alse import norm
 from ...rng import Key, RngLike, as_key
 from ...theory.bounds import candidates
 from ...theory.bounds._base import level_of
@@ -147,7 +147,7 @@ def approximately(
 def _runs(A: ArrayLike, B: ArrayLike, x0: ArrayLike, u: Array, N: int, key: Key) -> Array:
     """Final states (N, n) of N runs; every step of every run has draws of its own."""
     n = len(np.asarray(x0))
-    gate.memory("the runs", 8 * N * (6 * n + u.shape[1]))
+    memory.need("the runs", 8 * N * (6 * n + u.shape[1]))
     states = sample(x0, N, rng=key.child("x0")).dense()
     for k, control in enumerate(u):
         moved = _apply(A, states, N, key.child(f"A {k}"))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..._base import gate
+from ..._base import gate, memory
 from ...exceptions import NonFiniteError
 from ...theory.bounds._base import unit_of
 from ...theory.exact import REACHABLE, factors
@@ -103,7 +103,7 @@ def sample_reachability(
         mean_square = float(((W.T @ C_y) * W.T).sum()) + float(((W.T @ mu) ** 2).sum())
     if not (np.isfinite(mean_square) and np.isfinite(moved).all() and np.isfinite(goals).all()):
         raise NonFiniteError("the products overflow: scale the problem down")
-    gate.memory("the list of realizations", 4 * 8 * n * len(moved))
+    memory.need("the list of realizations", 4 * 8 * n * len(moved))
     projected = moved @ W
     count, reached, largest, probability = 0, 0, 0.0, 0.0
     for goal, p in zip(goals, p_goals, strict=True):
@@ -152,7 +152,7 @@ def _atoms_of_product(x0: Array, A: Array) -> tuple[Array, Array]:
     g0, g = np.abs(x0).sum(), np.abs(A).sum(axis=0)
     rows, columns = np.nonzero((A != 0.0) & (x0 != 0.0))
     values = g0 * g[columns] * np.sign(A[rows, columns]) * np.sign(x0[columns])
-    gate.memory("the list of realizations", 8 * rows.size * x0.size)
+    memory.need("the list of realizations", 8 * rows.size * x0.size)
     atoms = np.zeros((rows.size, x0.size))
     atoms[np.arange(rows.size), rows] = values
     p = np.abs(A[rows, columns]) / g[columns] * np.abs(x0[columns]) / (g0 or 1.0)

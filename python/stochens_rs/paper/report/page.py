@@ -17,8 +17,8 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..._base.files import versions, write_text
 from ...plots import files as plots
-from ...studies.experiment import versions, write_text
 from .. import experiments as _experiments
 from .claims import CAPTION, claims_table
 from .text import agreements, caption, deviations, number

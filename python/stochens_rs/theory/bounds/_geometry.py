@@ -14,7 +14,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..._base import gate
+from ..._base import gate, memory
 from ...exceptions import NonFiniteError
 from ..formulas import (
     _AXES,
@@ -39,7 +39,7 @@ class Geometry:
         x0 = gate.vector("x0", x0, length=n)
         xf = gate.vector("xf", xf, length=n)
         A = gate.matrix("A", A, rows=n, cols=n)
-        gate.memory("the moments of the control", 50 * A.nbytes)
+        memory.need("the moments of the control", 50 * A.nbytes)
         self.by_rows = gate.choice("axis", axis, _AXES) == "rows"
         self.quantity = gate.choice("quantity", quantity, ("state", "control"))
         self._scale(B, x0, xf, A)

@@ -18,8 +18,8 @@ import numpy as np
 
 from ... import _core
 from ..._base import gate
+from ..._base.numbers import norm
 from ..._base.threads import get_num_threads
-from ...fusion.alse import norm
 from ...rng import Key
 from ..formulas import Array
 from ..multistep import best_over_steps, matrix_powers

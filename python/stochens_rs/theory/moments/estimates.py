@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..._base import gate
+from ..._base import gate, memory
 from ..formulas import (
     _AXES,
     Array,
@@ -57,7 +57,7 @@ def vector_covariance(w: ArrayLike, size: Size = 1) -> Array:
     """
     w = gate.vector("w", w)
     reciprocal = _reciprocal("size", size)
-    gate.memory("the covariance", 3 * 8 * w.size**2)
+    memory.need("the covariance", 3 * 8 * w.size**2)
     with np.errstate(over="ignore", invalid="ignore"):
         return _representable(_vector_covariance(w) * reciprocal)
 
@@ -169,7 +169,7 @@ def matrix_covariance(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -
     """
     lines = _lines(gate.matrix("A", A), axis).T
     reciprocal = _reciprocal("size", size)
-    gate.memory("the covariances", 2 * 8 * lines.size * lines.shape[1])
+    memory.need("the covariances", 2 * 8 * lines.size * lines.shape[1])
     with np.errstate(over="ignore", invalid="ignore"):
         covariances = np.array([_vector_covariance(line) for line in lines])
         return _representable(covariances * reciprocal)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..._base import gate
+from ..._base import gate, memory
 from ..formulas import (
     _AXES,
     Array,
@@ -118,7 +118,7 @@ def systematic_covariance(target: ArrayLike, size: Size = 1, *, axis: Axis = "co
     gate.choice("axis", axis, _AXES)
     vector = lines.ndim == 1
     rows = lines[None, :] if vector else _lines(lines, axis).T
-    gate.memory("the covariances", 8 * rows.shape[1] ** 2 * (rows.shape[0] + 5))
+    memory.need("the covariances", 8 * rows.shape[1] ** 2 * (rows.shape[0] + 5))
     if _reciprocal("size", size) == 0.0:
         covariances = np.zeros((*rows.shape, rows.shape[1]))
     else:

@@ -7,7 +7,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..._base import gate
+from ..._base import gate, memory
 from ...exceptions import NonFiniteError
 from ..formulas import (
     _AXES,
@@ -146,7 +146,7 @@ def trajectory_covariance(
         for name, flag in (("sample_A", sample_A), ("sample_B", sample_B), ("sample_x0", sample_x0))
     )
     n = x0.size
-    gate.memory("the covariances", (len(u) + 5) * n * n * 8)
+    memory.need("the covariances", (len(u) + 5) * n * n * 8)
     mu = _mean(A, B, u, x0)
     S = np.empty((len(u) + 1, n, n))
     with np.errstate(over="ignore", invalid="ignore"):
@@ -259,7 +259,7 @@ def growth_factor(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> fl
     if reciprocal == 1.0:
         radius = spectral_radius(np.abs(A) * np.abs(A).sum(axis=0))  # rho(Q)
     else:
-        gate.memory("the growth factor", 4 * 8 * len(A) ** 3)
+        memory.need("the growth factor", 4 * 8 * len(A) ** 3)
         radius = map_radius(A, A, np.eye(len(A)), reciprocal)
     with np.errstate(over="ignore"):
         return float(_finite("growth factor", np.asarray(np.float64(radius) * scale * scale)))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..._base import gate
+from ..._base import gate, memory
 from ...controls.plan import Reachability
 from ...exceptions import NonFiniteError
 from ..exact import one_step as best_in_one_step
@@ -175,7 +175,7 @@ def controllability_matrix(A: ArrayLike, B: ArrayLike, steps: int) -> Array:
     A = gate.matrix("A", A, square=True)
     B = gate.matrix("B", B, rows=len(A))
     steps = gate.size("steps", steps)
-    gate.memory("the controllability matrix", 4 * steps * B.nbytes)
+    memory.need("the controllability matrix", 4 * steps * B.nbytes)
     blocks = [B]
     with np.errstate(over="ignore", invalid="ignore"):
         for _ in range(steps - 1):

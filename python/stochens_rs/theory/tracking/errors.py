@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..._base import gate
+from ..._base import gate, memory
 from ...exceptions import InputError, NonFiniteError
 from ..formulas import (
     Array,
@@ -139,7 +139,7 @@ def tracking_moments(
         )
     U = _compact_svd(B)[0]
     K, n = len(r) - 1, r.shape[1]
-    gate.memory("the second moments", (K + 6) * n * n * 8)
+    memory.need("the second moments", (K + 6) * n * n * 8)
     mean, S = np.empty((K + 1, n)), np.empty((K + 1, n, n))
     with np.errstate(over="ignore", invalid="ignore"):
         F = A - U @ (U.T @ A) if fed else A

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..._base import gate
+from ..._base import gate, memory
 from ...exceptions import NonFiniteError
 from ..formulas import Array, Size, _compact_svd, _reciprocal
 from ..positive_maps import excitation_radius, map_radius
@@ -99,7 +99,7 @@ def _loop(A: object, B: object) -> tuple[Array, Array, Array, float]:
     """``A`` and ``F = (I - P) A`` over the largest entry of ``A``, ``P`` and that entry."""
     A = gate.matrix("A", A, square=True)
     U = _compact_svd(gate.matrix("B", B, rows=len(A)))[0]
-    gate.memory("the stability of the closed loop", 4 * 8 * len(A) ** 3)
+    memory.need("the stability of the closed loop", 4 * 8 * len(A) ** 3)
     scale = float(np.abs(A).max()) or 1.0
     P = np.eye(len(A)) if U.shape[1] == len(A) else U @ U.T  # P = I exactly: then F = 0 exactly
     A = A / scale

@@ -1,0 +1,18 @@
+"""Arithmetic that neither overflows nor vanishes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+
+def norm(values: Floats) -> float:
+    """2-norm of all entries, scaled so that squares neither overflow nor vanish."""
+    largest = float(np.abs(values).max())
+    return largest and largest * float(np.linalg.norm((values / largest).ravel()))

@@ -13,12 +13,15 @@ import logging
 from . import cases, exceptions, theory
 from ._base.threads import get_num_threads, set_num_threads
 from ._core import version as _version
-from .controls.one_step import control, realization_controls, steer
-from .controls.plan import Fit, Path, Plan, PlanBound, PlanError, Reachability
+from .controls.one_step import control, realization_controls
+from .controls.plan import Plan
+from .controls.plan_bound import PlanBound
 from .controls.planning import SamplePlan, required_samples
 from .controls.several_steps import control_steps
+from .controls.steering import steer
 from .controls.trajectory_plan import TrajectoryPlan
-from .ensembles.ensemble import Counts, Ensemble
+from .ensembles.counts import Counts
+from .ensembles.ensemble import Ensemble
 from .ensembles.sampling import sample, sample_counts
 from .exceptions import (
     InputError,
@@ -29,6 +32,7 @@ from .exceptions import (
     SolverError,
     StochensError,
 )
+from .fusion.fits import Fit, Path
 from .fusion.fusing import fuse, fuse_path
 from .paper import experiments
 from .paper.verdicts.check import Claims, claims
@@ -40,6 +44,7 @@ from .streams.data_stream import DataStream
 from .streams.records import Confidence, StreamRun, Trace
 from .streams.stream import Stream
 from .system import System
+from .theory.records import PlanError, Reachability
 
 __version__ = _version()
 

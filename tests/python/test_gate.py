@@ -460,7 +460,7 @@ def test_address_space_limit_counts(monkeypatch):
     resource = pytest.importorskip("resource")
     monkeypatch.setattr(resource, "getrlimit", lambda which: (5 * GIB, 6 * GIB))
     monkeypatch.setattr(
-        gate, "_text", lambda path: f"{GIB // resource.getpagesize()} 1 1" * ("statm" in path)
+        memory, "_text", lambda path: f"{GIB // resource.getpagesize()} 1 1" * ("statm" in path)
     )
     assert memory.memory_left() == 4 * GIB
 

@@ -15,10 +15,11 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from ..controls.plan import Fit, Path, Plan
+    from ..controls.plan import Plan
     from ..controls.planning import SamplePlan
     from ..controls.trajectory_plan import TrajectoryPlan
     from ..ensembles.ensemble import Ensemble
+    from ..fusion.fits import Fit, Path
     from ..simulation.records import EnsembleTrajectory, Trajectory
     from ..streams.data_stream import DataStream
     from ..streams.records import Trace

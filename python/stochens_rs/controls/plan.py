@@ -1,321 +1,27 @@
-"""What the functions return: frozen records, each field with its shape and meaning.
-
-A ``status`` says how a computation ended; wrong input raises instead. "completed": a method with
-nothing to optimise ran through. "optimal": the recomputed gap is within the tolerance. The others
-come with feasible weights, the best found, and a larger gap, which is reported:
-"optimal_inaccurate": no solver got further; "user_limit": the time or the passes granted ran out;
-"interrupted": Ctrl-C.
-"""
+"""A control for one step as a record."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
-from math import isfinite
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .._base import gate, html
-from ..exceptions import InputTypeError, NonFiniteError, ShapeError
+from .._base.records import by_constructor
+from ..exceptions import ShapeError
+from ..fusion.fits import STATUSES
+from ..system import System
+from ..theory.exact import one_step
+from ..theory.records import PlanError, Reachability
+from .basis import Basis, completed
+from .plan_bound import PlanBound, plan_bound, plan_covariance
+from .shown import expectation, made_from
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from ..ensembles.ensemble import Ensemble
     from ..rng import RngLike
-    from ..system import System
-    from .plan_bound import Basis
-
-# How a computation ended, the most reassuring first.
-STATUSES = ("completed", "optimal", "optimal_inaccurate", "user_limit", "interrupted")
-_EPS = float(np.finfo(np.float64).eps)
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Fit:
-    """Fused realizations of one vector or matrix.
-
-    Attributes
-    ----------
-    estimate : ndarray, shape of a realization
-        ``sum_s weights[s] E_s``.
-    weights : ndarray, shape (N,)
-        Nonnegative; their sum is 1 (at most 1 for ``weights="subsimplex"``). Shape (N, m) for
-        ``weights="per-column"``: ``weights[:, j]`` belongs to column j; (N, n) for "per-row".
-    error : float or None
-        ``||estimate - target||`` (2-norm; Frobenius for matrices); None without a target.
-    gap : float or None
-        For ALSE: ``max_v <f', w - v>`` over the weight set, ``f = ||sum w E - target||^2``,
-        recomputed from the realizations; ``f - min f <= gap``. None for other methods.
-    status : str
-        "completed", "optimal", "optimal_inaccurate", "user_limit" or "interrupted".
-    method : str
-        The method asked for.
-    lower_bound : float or None
-        For ALSE: no weights of the set have an error below this one; from the gap, or from the
-        entries that no realization hits, whichever says more. None for other methods.
-    exact : bool
-        For ALSE: the target lies in the hull of the realizations; what is left of the error is
-        rounding.
-    unseen : int or None
-        For ALSE: entries of the target that are not zero while they are in every realization. No
-        weights reach them: the error is at least their norm. None for other methods.
-    info : dict
-        For ALSE "solver", "iterations" and the settings; empty for other methods.
-    target : ndarray, shape of a realization, or None
-        What was fitted to, or what the error of a uniform average is measured against.
-    ensemble : Ensemble
-        The realizations.
-    """
-
-    estimate: NDArray[np.float64]
-    weights: NDArray[np.float64]
-    error: float | None
-    gap: float | None
-    status: str
-    method: str
-    lower_bound: float | None = None
-    exact: bool = False
-    unseen: int | None = None
-    info: dict[str, Any] = field(default_factory=dict)
-    target: NDArray[np.float64] | None = None
-    ensemble: Ensemble | None = None
-
-    def __post_init__(self) -> None:
-        from ..ensembles.ensemble import Ensemble
-
-        gate.kept("estimate", self.estimate)
-        gate.kept("weights", self.weights)
-        if self.target is not None:
-            gate.kept("target", self.target, shape=self.estimate.shape)
-        for name in ("error", "gap", "lower_bound"):
-            value = getattr(self, name)
-            if value is not None:
-                finite(name, value)
-        gate.choice("status", self.status, STATUSES)
-        gate.text("method", self.method)
-        gate.flag("exact", self.exact)
-        if self.ensemble is None:
-            return
-        N, shape = gate.instance("ensemble", self.ensemble, Ensemble).size, self.ensemble.shape
-        if shape != self.shape:
-            raise ShapeError(f"`ensemble` must have shape {self.shape}, got {shape}")
-        if len(self.weights) != N:
-            raise ShapeError(f"`weights` must have {N} rows, got {len(self.weights)}")
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Fit, tuple(getattr(self, one.name) for one in fields(self))
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Shape of the estimate."""
-        return self.estimate.shape
-
-    def _repr_html_(self) -> str:
-        return html.fit(self)
-
-    def __repr__(self) -> str:
-        error = "" if self.error is None else f", error {self.error:.3g}"
-        gap = "" if self.gap is None else f", gap {self.gap:.1e}"
-        return f"<Fit {self.method}: {len(self.weights)} realizations, {self.status}{error}{gap}>"
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Path:
-    """A fusion after the first k realizations, for a grid of k.
-
-    Attributes
-    ----------
-    sizes : ndarray of int64, shape (k,)
-        The prefix sizes, increasing.
-    errors : ndarray, shape (k,)
-        ``||estimate - target||`` after the first ``sizes[i]`` realizations.
-    method : str
-        The method asked for.
-    statuses : tuple of str
-        One status per size.
-    gaps : ndarray, shape (k,), or None
-        The gap of each ALSE solution; None for other methods.
-    estimates : ndarray, shape (k, ...), or None
-        The estimates, if they were asked for.
-    """
-
-    sizes: NDArray[np.int64]
-    errors: NDArray[np.float64]
-    method: str
-    statuses: tuple[str, ...]
-    gaps: NDArray[np.float64] | None = None
-    estimates: NDArray[np.float64] | None = None
-
-    def _repr_html_(self) -> str:
-        return html.path(self)
-
-    def __post_init__(self) -> None:
-        for name in ("errors", "gaps"):
-            values = getattr(self, name)
-            if values is not None:
-                finite(name[:-1], float(values[int(np.argmin(np.isfinite(values)))]))
-
-    def __repr__(self) -> str:
-        return (
-            f"<Path {self.method}: {len(self.sizes)} sizes from {self.sizes[0]} to "
-            f"{self.sizes[-1]}, last error {self.errors[-1]:.3g}>"
-        )
-
-
-@dataclass(frozen=True)
-class Reachability:
-    """Whether one step can reach the (estimated) target, as far as the data say.
-
-    Attributes
-    ----------
-    residual : float
-        ``||(I - B B^+)(xf - A x0)||``: what no control can do.
-    relative : float
-        `residual` over ``||xf - A x0||``; 0 if that is 0.
-    rank : int
-        Rank of B: singular values up to ``eta sigma_max``, ``eta = max(n, m) eps``, count as 0.
-    condition : float
-        Largest over smallest singular value of B above the rank cut-off.
-    reachable : bool
-        Whether `relative` is at most 1.5e-8, the square root of the rounding unit ``eps``, or
-        `residual` at most `rounding`.
-    rounding : float
-        How large `residual` may come out for a target within reach,
-        ``(n + 1) eps || |A| |x0| + |xf| || + theta ||B|| ||u||`` with the control u for it and
-        ``theta = (2 max(n, m) + 4) eps``; below it,
-        `residual` and `relative` say nothing. (Over several steps, with what rounding leaves in
-        ``A^K x0`` and ``C_K``. For fusion="diagonal" the averages count as exact.)
-    """
-
-    residual: float
-    relative: float
-    rank: int
-    condition: float
-    reachable: bool
-    rounding: float
-
-    def _repr_html_(self) -> str:
-        return html.record(self)
-
-
-def finite(name: str, value: object) -> None:
-    """Refuse a figure of a fit that is no number, or too large for one."""
-    if not gate.is_real(value):
-        raise InputTypeError(f"`{name}` must be a real number, got {gate.show(value)}")
-    if not isfinite(value):
-        raise NonFiniteError(f"the {name} of the fit overflows ({value}): scale the problem down")
-
-
-def reach_text(reach: Reachability) -> str:
-    """In a few words, for the one line that shows a plan."""
-    if not reach.reachable:
-        return f"out of reach {100 * reach.relative:.3g} %"
-    certain = reach.relative * reach.relative <= _EPS
-    return "reachable" if certain else "reachable up to rounding"
-
-
-@dataclass(frozen=True)
-class PlanError:
-    """How wrong a control is for a system that is known exactly.
-
-    With ``v = B^+ (xf - A x0)``, the best control, and ``x_actual = A x0 + B v``, where it leads:
-
-    Attributes
-    ----------
-    control : float
-        ``||u - v||``.
-    control_relative : float
-        `control` over the norm of what `control_relative_to` names.
-    state : float
-        ``||B (u - v)||``, the distance between the state reached and `x_actual`.
-    state_relative : float
-        `state` over the norm of what `state_relative_to` names.
-    residual : float
-        ``||(I - B B^+)(xf - A x0)||``: by Pythagoras the distance to `xf` is
-        ``sqrt(state^2 + residual^2)``.
-    control_rounding : float
-        The exact ``||u - v||`` lies within `control` plus or minus this; inf if rounding leaves no
-        figure of v.
-    state_rounding : float
-        The same for `state`, and for `residual`.
-    control_relative_to : str
-        "v"; or "B^+ A x0", the control that takes x0 to the origin, if v is 0 but for rounding; or
-        "nothing", if that is 0, too: `control_relative` is then 0 for 0, inf otherwise.
-    state_relative_to : str
-        "x_actual"; or "x0", if `x_actual` is 0 but for rounding; or "nothing", as above.
-
-    Notes
-    -----
-    Rounding: the factors of B are exact for a matrix ``B + E``, ``||E|| <= theta ||B||``,
-    ``theta = (2 max(n, m) + 4) eps`` (LAPACK Users' Guide, 4.9, and measured); ``xf - A x0``
-    is off by ``rho = (n + 1) eps || |A| |x0| + |xf| ||`` at most. To first order in
-    ``theta condition(B)`` (Wedin, BIT 13 (1973) 217-232), with r the residual,
-    ``g = sigma_min(B) - theta ||B||``, ``t = theta ||B|| ||r|| / g``, ``eta = max(n, m) eps``, and
-    B of the rank that the rule of `Reachability` finds:
-
-    - `control_rounding` = ``(rho + 2 theta ||B|| ||v|| + t) / g + eps (||u - v|| + ||v||)``;
-    - `state_rounding` = ``rho + theta ||B|| ||v|| + t + eta ||B||_F (||v|| + ||u - v||)``.
-
-    Over several steps ``C_K`` and ``A^K x0`` take the places of B and ``A x0``; what rounding
-    leaves in them is added to ``theta ||B||`` and ``rho``.
-    """
-
-    control: float
-    control_relative: float
-    state: float
-    state_relative: float
-    residual: float
-    control_rounding: float
-    state_rounding: float
-    control_relative_to: str
-    state_relative_to: str
-
-    def _repr_html_(self) -> str:
-        return html.record(self)
-
-
-@dataclass(frozen=True)
-class PlanBound:
-    """How wrong a control may be, for the exact values the plan's estimates stand for.
-
-    With the best control ``v`` and where it leads, ``x = A^K x0 + C_K v`` (one step: ``K = 1``,
-    ``C_1 = B``):
-
-    Attributes
-    ----------
-    state : float
-        The state that the control leads to is at most this far from ``x``, ``||C_K (u - v)||_2``.
-    control : float
-        ``||u - v||_2`` is at most this.
-    target : float
-        The state that the control leads to is at most this far from ``xf``: ``state`` and what no
-        control reaches, ``sqrt(state^2 + ||xf - x||^2)``. Fails only where `state` does.
-    delta : float
-        `state` and `control` each fail with at most this probability.
-    state_bound, control_bound : str
-        What gave them. "simulated": the order statistic of errors drawn from the laws
-        (`theory.bounds.Simulated`). "exact error": nothing is random, and this is the error, with
-        what rounding may add. "sum of errors": the triangle inequality, with the error of every
-        estimate (`theory.bounds.from_errors`). Others: a formula of `theory.bounds`.
-    relative_to : str
-        What the exact values are. "laws": those the realizations were drawn from. "targets":
-        for the entities that were fitted, the target of the fit, whatever the truth is.
-    certain : bool
-        Whether the radii hold surely, with no probability of failure.
-    """
-
-    state: float
-    control: float
-    target: float
-    delta: float
-    state_bound: str
-    control_bound: str
-    relative_to: str
-    certain: bool
-
-    def _repr_html_(self) -> str:
-        return html.record(self)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -336,6 +42,9 @@ class Plan:
         The worst status among the entities' fits; "completed" if none was optimised.
     info : dict
         Per entity: method, number of realizations, gap; singular values of B.
+    basis : Basis or None
+        What is known of B, x0, xf and A, for `bound` and `covariance`; None for a plan that was
+        made by hand.
     """
 
     u: NDArray[np.float64]
@@ -344,7 +53,7 @@ class Plan:
     fusion: str
     status: str
     info: dict[str, Any] = field(default_factory=dict)
-    _basis: Basis | None = field(default=None, init=False, repr=False)
+    basis: Basis | None = None
 
     def __post_init__(self) -> None:
         gate.kept("u", self.u, ndim=(1,))
@@ -352,11 +61,11 @@ class Plan:
         gate.instance("reachability", self.reachability, Reachability)
         gate.choice("fusion", self.fusion, ("product", "diagonal"))
         gate.choice("status", self.status, STATUSES)
+        if self.basis is not None:
+            gate.instance("basis", self.basis, Basis)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        from .pickles import reduced
-
-        return reduced(self)
+        return by_constructor(self)
 
     def bound(
         self,
@@ -417,14 +126,12 @@ class Plan:
         >>> plan.error(system, [1.0, 2.0], [0.0, 0.0]).state <= bound.state < 0.06
         True
         """
-        from .plan_bound import completed, plan_bound
-
         delta = gate.probability("delta", delta)
-        basis = completed(self._basis, system, x0, xf, "bound")
+        basis = completed(self.basis, system, x0, xf, "bound")
         return plan_bound(basis, self.u, delta, rng, fusion=self.fusion)  # type: ignore[arg-type]
 
     def _repr_html_(self) -> str:
-        return html.plan(self)
+        return html.card(self, [("control u", html.vector(self.u)), *made_from(self.u, self.info)])
 
     def covariance(
         self,
@@ -465,9 +172,7 @@ class Plan:
         >>> se.control(B, [1.0, 1.0], se.sample([2.0, 2.0], 10, rng=1), A).covariance()
         array([[0.4]])
         """
-        from .plan_bound import completed, plan_covariance
-
-        basis = completed(self._basis, system, x0, xf, "covariance")
+        basis = completed(self.basis, system, x0, xf, "covariance")
         return plan_covariance(basis, self.fusion)  # type: ignore[arg-type]
 
     def error(self, system: System, x0: ArrayLike, xf: ArrayLike) -> PlanError:
@@ -498,9 +203,6 @@ class Plan:
         >>> plan.error(system, [1.0, 1.0], [0.0, 0.0]).control
         0.0
         """
-        from ..system import System
-        from ..theory import exact as _exact
-
         checked = System.from_any(system)
         if checked.m != len(self.u):
             raise ShapeError(
@@ -508,9 +210,10 @@ class Plan:
             )
         start = gate.vector("x0", x0, length=checked.n)
         goal = gate.vector("xf", xf, length=checked.n)
-        return _exact.one_step(checked.A, checked.B, start, goal).error(self.u, start)
+        return one_step(checked.A, checked.B, start, goal).error(self.u, start)
 
     def __repr__(self) -> str:
-        from .expectation import expectation
-
-        return f"<Plan {self.fusion}: m={len(self.u)}, {self.status}, {expectation(self)}>"
+        text = expectation(
+            self.reachability, self.basis, self.predicted_state, None, self.covariance
+        )
+        return f"<Plan {self.fusion}: m={len(self.u)}, {self.status}, {text}>"

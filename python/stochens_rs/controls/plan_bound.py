@@ -1,103 +1,72 @@
-"""What a plan knows of its entities, and what follows for the error of its control.
-
-`control` keeps, of every entity, the small arrays only: the vector or matrix that the
-realizations were drawn from, never the realizations.
-"""
+"""How wrong the control of a plan can be: its bound and its covariance."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
-from .._base import gate
+from .._base import html
 from .._base.numbers import norm
-from ..ensembles.ensemble import Counts, Ensemble
-from ..exceptions import InputError, NonFiniteError, ShapeError
+from ..exceptions import InputError, NonFiniteError
 from ..rng import RngLike, as_key
-from ..system import System
 from ..theory import bounds, moments
 from ..theory.bounds import _simulation
 from ..theory.bounds._simulation import Entity, PlanErrors
-from ..theory.multistep import matrix_powers, spectral_norms
-from .plan import Fit, PlanBound
+from ..theory.dynamics import matrix_powers, spectral_norms
+from .basis import Basis
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import NDArray
 
-    from ..ensembles.lines import Axis
-    from ..rng import Key
     from ..theory.bounds import Best
     from ..theory.formulas import Fusion
 
     Floats: TypeAlias = NDArray[np.float64]
 
-Kind: TypeAlias = Literal["exact", "iid", "systematic", "fitted", "unknown"]
 
+@dataclass(frozen=True)
+class PlanBound:
+    """How wrong a control may be, for the exact values the plan's estimates stand for.
 
-@dataclass(frozen=True, eq=False)
-class Known:
-    """One entity: its estimate and how far that is from what.
+    With the best control ``v`` and where it leads, ``x = A^K x0 + C_K v`` (one step: ``K = 1``,
+    ``C_1 = B``):
 
-    "iid", "systematic": the average of `size` realizations that `sample` drew from `values`.
-    "exact": `values` itself. "fitted": fitted to `values`, the target.
-    "unknown": the average of realizations that the user brought.
+    Attributes
+    ----------
+    state : float
+        The state that the control leads to is at most this far from ``x``, ``||C_K (u - v)||_2``.
+    control : float
+        ``||u - v||_2`` is at most this.
+    target : float
+        The state that the control leads to is at most this far from ``xf``: ``state`` and what no
+        control reaches, ``sqrt(state^2 + ||xf - x||^2)``. Fails only where `state` does.
+    delta : float
+        `state` and `control` each fail with at most this probability.
+    state_bound, control_bound : str
+        What gave them. "simulated": the order statistic of errors drawn from the laws
+        (`theory.bounds.Simulated`). "exact error": nothing is random, and this is the error, with
+        what rounding may add. "sum of errors": the triangle inequality, with the error of every
+        estimate (`theory.bounds.from_errors`). Others: a formula of `theory.bounds`.
+    relative_to : str
+        What the exact values are. "laws": those the realizations were drawn from. "targets":
+        for the entities that were fitted, the target of the fit, whatever the truth is.
+    certain : bool
+        Whether the radii hold surely, with no probability of failure.
     """
 
-    name: str
-    kind: Kind
-    estimate: Floats | None  # None where no formula needs it
-    values: Floats | None = None
-    size: int | None = None
-    axis: Axis = "columns"
-    key: Key | None = None
+    state: float
+    control: float
+    target: float
+    delta: float
+    state_bound: str
+    control_bound: str
+    relative_to: str
+    certain: bool
 
-
-@dataclass(frozen=True, eq=False)
-class Basis:
-    """Everything that a bound on the control needs."""
-
-    B: Floats
-    x0: Known
-    xf: Known
-    A: Known
-
-    @property
-    def entities(self) -> tuple[Known, Known, Known]:
-        """In the order of the sizes ``(N0, Nf, NA)``."""
-        return self.x0, self.xf, self.A
-
-
-def known(name: str, value: Fit | Ensemble | Counts | Floats, estimate: Floats | None) -> Known:
-    """Write down what an argument of `control` knows of itself."""
-    if isinstance(value, Counts):
-        if value._law is None:
-            return Known(name, "unknown", value.estimate, size=value.size)
-        values, axis, scheme = value._law
-        return Known(name, scheme, estimate, values, value.size, axis, key=value.key)
-    if isinstance(value, Ensemble):
-        return _of_ensemble(name, value, estimate)
-    if isinstance(value, Fit):
-        if value.method == "uniform" and value.ensemble is not None:
-            drawn = _of_ensemble(name, value.ensemble, estimate)
-            if drawn.kind != "unknown" or value.target is None:
-                return drawn
-        if value.target is not None:
-            return Known(name, "fitted", value.estimate, value.target)
-        return Known(name, "unknown", value.estimate, size=len(value.weights))
-    return Known(name, "exact", estimate, value.copy())
-
-
-def _of_ensemble(name: str, ensemble: Ensemble, estimate: Floats | None) -> Known:
-    values, scheme = ensemble._law(), ensemble.scheme
-    if values is None or scheme is None:
-        mean = ensemble.mean() if estimate is None else estimate
-        return Known(name, "unknown", mean, size=ensemble.size, axis=ensemble.axis)
-    return Known(name, scheme, estimate, values, ensemble.size, ensemble.axis, key=ensemble.key)
-
-
-# -- the bound and the covariance -----------------------------------------------------------------
+    def _repr_html_(self) -> str:
+        return html.record(self)
 
 
 def plan_bound(
@@ -295,82 +264,3 @@ def _values(basis: Basis) -> tuple[Floats, Floats, Floats]:
 def _sizes(basis: Basis) -> tuple[int | None, int | None, int | None]:
     N0, Nf, NA = (None if e.kind == "exact" else e.size for e in basis.entities)
     return N0, Nf, NA
-
-
-# -- what the user adds ------------------------------------------------------------------------
-
-
-def completed(
-    basis: Basis | None,
-    system: System | None,
-    x0: ArrayLike | None,
-    xf: ArrayLike | None,
-    what: str,
-) -> Basis:
-    """The basis of a plan with the declared laws in place of unknown ones."""
-    if basis is None:
-        raise InputError(
-            f"this plan was not made by `control` or `control_steps`: it has no {what}"
-        )
-    n = len(basis.B)
-    declared: dict[str, Floats] = {}
-    if x0 is not None:
-        declared["x0"] = gate.vector("x0", x0, length=n)
-    if xf is not None:
-        declared["xf"] = gate.vector("xf", xf, length=n)
-    if system is not None:
-        checked = System.from_any(system)
-        if checked.B.shape != basis.B.shape:
-            raise ShapeError(f"`system.B` must have shape {basis.B.shape}, got {checked.B.shape}")
-        if not np.array_equal(checked.B, basis.B):
-            raise InputError("`system.B` differs from the `B` of this plan")
-        declared["A"] = np.asarray(checked.A)
-    entities = {e.name: _declare(e, declared.get(e.name), what) for e in basis.entities}
-    seen: dict[Key, str] = {}
-    for entity in entities.values():
-        if entity.key is None or entity.kind not in ("iid", "systematic"):
-            continue
-        if entity.key in seen:
-            raise InputError(
-                f"`{seen[entity.key]}` and `{entity.name}` were drawn with the same key, so they "
-                "are not independent: draw with key.child(name), or with one Generator"
-            )
-        seen[entity.key] = entity.name
-    return Basis(basis.B, entities["x0"], entities["xf"], entities["A"])
-
-
-def _declare(entity: Known, values: Floats | None, what: str) -> Known:
-    """Replace an unknown law by the declared one; refuse what contradicts the plan."""
-    label = "system.A" if entity.name == "A" else entity.name
-    argument = "system" if entity.name == "A" else entity.name
-    if entity.kind == "unknown":
-        if values is None:
-            raise InputError(
-                f"the law of `{entity.name}` is unknown (realizations brought by the user), and "
-                f"the {what} depends on it: pass `{argument}=` if they are independent singletons "
-                "of a known mean; for other realizations see DataStream.confidence"
-            )
-        assert entity.estimate is not None
-        if not _possible(entity.estimate, values, entity.axis):
-            raise InputError(
-                f"`{label}` cannot be what the realizations of `{entity.name}` were drawn from: "
-                "their average has other signs, zeros or 1-norms"
-            )
-        return replace(entity, kind="iid", values=values)
-    if values is None:
-        return entity
-    if entity.kind == "fitted":
-        raise InputError(
-            f"`{argument}` must not be given: `{entity.name}` is a fit, bounded by its own error"
-        )
-    if entity.values is None or not np.array_equal(values, entity.values):
-        raise InputError(f"`{label}` differs from what this plan knows of `{entity.name}`")
-    return entity
-
-
-def _possible(estimate: Floats, values: Floats, axis: Axis) -> bool:
-    """Say whether an average of singletons drawn from `values` can be `estimate`."""
-    along = 0 if values.ndim == 1 or axis == "columns" else 1
-    found, wanted = np.abs(estimate).sum(axis=along), np.abs(values).sum(axis=along)
-    signs = (estimate == 0.0) | (np.sign(estimate) == np.sign(values))
-    return bool(signs.all() and (np.abs(found - wanted) <= 1e-9 * wanted).all())

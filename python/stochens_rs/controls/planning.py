@@ -14,8 +14,8 @@ from ..exceptions import InputError, SizeError
 from ..rng import Key, RngLike, as_key
 from ..system import System
 from ..theory import bounds, moments
-from ..theory import exact as _exact
-from ..theory.multistep import best_over_steps, checked_steps, matrix_powers
+from ..theory.dynamics import checked_steps, matrix_powers
+from ..theory.exact import best_over_steps, one_step
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -238,7 +238,7 @@ def required_samples(
     relative = gate.flag("relative", relative)
     key = as_key(rng)
     if K is None:
-        best = _exact.one_step(checked.A, checked.B, start, goal)
+        best = one_step(checked.A, checked.B, start, goal)
     else:
         best = best_over_steps(matrix_powers(checked.A, K), checked.B, start, goal)
     reference = norm(best.u if kind == "control" else best.reached)

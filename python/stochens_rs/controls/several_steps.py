@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, TypeAlias
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from .._base import gate
-from ..fusion.alse import worst
-from ..theory.multistep import best_over_steps, checked_steps, matrix_powers, states
-from .one_step import _entities
-from .plan_bound import Basis, known
+from ..fusion.fits import worst
+from ..theory.dynamics import checked_steps, matrix_powers, states
+from ..theory.exact import best_over_steps
+from .basis import Basis, known
+from .entities import entities
 from .trajectory_plan import TrajectoryPlan
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
-    from .one_step import EntityLike
-
-    Floats: TypeAlias = NDArray[np.float64]
+    from .entities import EntityLike
 
 __all__ = ["control_steps"]
 
@@ -77,27 +74,26 @@ def control_steps(
     inputs = gate.matrix("B", B)
     n, m = inputs.shape
     K = checked_steps(steps, n, m)
-    entities = _entities(x0, xf, A, n=n)
-    start, goal, matrix = (entity.estimate() for entity in entities)
-    powers = matrix_powers(matrix, K, "A" if entities[2].size is None else "A_hat")
+    given = entities(x0, xf, A, n=n)
+    start, goal, matrix = (entity.estimate() for entity in given)
+    powers = matrix_powers(matrix, K, "A" if given[2].size is None else "A_hat")
     best = best_over_steps(powers, inputs, start, goal)
     u, reachability = best.u.reshape(K, m), best.reachability()
-    info: dict[str, Any] = {entity.name: entity.description for entity in entities}
+    info: dict[str, Any] = {entity.name: entity.description for entity in given}
     info["singular_values"] = best.factors.singular_values
-    info["warnings"] = _warnings(n, m, K, reachability.rank, exact=entities[2].size is None)
-    plan = TrajectoryPlan(
+    info["warnings"] = _warnings(n, m, K, reachability.rank, exact=given[2].size is None)
+    x0_known, xf_known, A_known = (
+        known(entity.name, entity.value, estimate.copy())
+        for entity, estimate in zip(given, (start, goal, matrix), strict=True)
+    )
+    return TrajectoryPlan(
         u=u,
         predicted_states=states(matrix, inputs, u, start),
         reachability=reachability,
-        status=worst([entity.status for entity in entities]),
+        status=worst([entity.status for entity in given]),
         info=info,
+        basis=Basis(inputs.copy(), x0_known, xf_known, A_known),
     )
-    x0_known, xf_known, A_known = (
-        known(entity.name, entity.value, estimate.copy())
-        for entity, estimate in zip(entities, (start, goal, matrix), strict=True)
-    )
-    object.__setattr__(plan, "_basis", Basis(inputs.copy(), x0_known, xf_known, A_known))
-    return plan
 
 
 def _warnings(n: int, m: int, K: int, rank: int, *, exact: bool) -> tuple[str, ...]:

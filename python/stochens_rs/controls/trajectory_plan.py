@@ -8,13 +8,17 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from .._base import gate, html
+from .._base.records import by_constructor
 from ..exceptions import InputError, ShapeError
+from ..fusion.fits import STATUSES
 from ..system import System
-from ..theory.multistep import best_over_steps, final_state_covariance, matrix_powers, states
-from .expectation import expectation
-from .pickles import reduced
-from .plan import STATUSES, PlanBound, PlanError, Reachability
-from .plan_bound import Basis, Known, completed, plan_bound
+from ..theory.dynamics import matrix_powers, states
+from ..theory.exact import best_over_steps
+from ..theory.multistep import final_state_covariance
+from ..theory.records import PlanError, Reachability
+from .basis import Basis, Known, completed
+from .plan_bound import PlanBound, plan_bound
+from .shown import expectation, made_from
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -45,6 +49,8 @@ class TrajectoryPlan:
     info : dict
         Per entity: method, number of realizations, gap; "singular_values" of C_K; "warnings", a
         tuple of sentences.
+    basis : Basis or None
+        As that of a `Plan`.
     """
 
     u: Floats
@@ -52,7 +58,7 @@ class TrajectoryPlan:
     reachability: Reachability
     status: str
     info: dict[str, Any] = field(default_factory=dict)
-    _basis: Basis | None = field(default=None, init=False)
+    basis: Basis | None = None
 
     def __post_init__(self) -> None:
         gate.kept("u", self.u, ndim=(2,))
@@ -64,9 +70,11 @@ class TrajectoryPlan:
             )
         gate.instance("reachability", self.reachability, Reachability)
         gate.choice("status", self.status, STATUSES)
+        if self.basis is not None:
+            gate.instance("basis", self.basis, Basis)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return reduced(self)
+        return by_constructor(self)
 
     @property
     def steps(self) -> int:
@@ -115,7 +123,7 @@ class TrajectoryPlan:
         True
         """
         delta = gate.probability("delta", delta)
-        basis = completed(self._basis, system, x0, xf, "bound")
+        basis = completed(self.basis, system, x0, xf, "bound")
         return plan_bound(basis, self.u, delta, rng, predicted=self.predicted_states)
 
     def covariance(self) -> Floats:
@@ -197,7 +205,11 @@ class TrajectoryPlan:
         return best.error(self.u.ravel(), start)
 
     def _repr_html_(self) -> str:
-        return html.trajectory_plan(self)
+        warnings = [("warning", text) for text in self.info.get("warnings", ())]
+        drawn = html.states(
+            np.arange(self.steps + 1), self.predicted_states, "states of the model over the steps"
+        )
+        return html.card(self, [*made_from(self.u, self.info), *warnings], drawn)
 
     def states(self, system: System, x0: ArrayLike) -> Floats:
         """Trajectory of an exactly known system under this control.
@@ -233,14 +245,14 @@ class TrajectoryPlan:
     @property
     def _B(self) -> Floats:
         self._entities()
-        assert self._basis is not None
-        return self._basis.B
+        assert self.basis is not None
+        return self.basis.B
 
     def _entities(self) -> tuple[Known, Known, Known]:
         """What the plan knows of x0, xf and A."""
-        if self._basis is None:
+        if self.basis is None:
             raise InputError("this TrajectoryPlan was not made by `control_steps`: it has no bound")
-        return self._basis.entities
+        return self.basis.entities
 
     def _fitting(self, system: object, x0: object, xf: object) -> tuple[System, Floats, Floats]:
         checked = System.from_any(system)
@@ -255,4 +267,7 @@ class TrajectoryPlan:
 
     def __repr__(self) -> str:
         K, m = self.u.shape
-        return f"<TrajectoryPlan: {K} steps, m={m}, {self.status}, {expectation(self)}>"
+        text = expectation(
+            self.reachability, self.basis, self.predicted_states[-1], K, self.covariance
+        )
+        return f"<TrajectoryPlan: {K} steps, m={m}, {self.status}, {text}>"

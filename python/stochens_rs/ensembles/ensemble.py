@@ -8,8 +8,7 @@ independently of the others. What is stored is the indices, never the dense real
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,71 +16,15 @@ from .. import _core
 from .._base import gate, html, memory
 from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 from ..rng import Key
-from .lines import Axis, checked_target, from_lines, stack_from_lines, to_lines
+from .law import Axis, Law, Scheme, checked_scheme
+from .lines import checked_target, from_lines, stack_from_lines, to_lines
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from numpy.typing import ArrayLike, NDArray
 
-Scheme: TypeAlias = Literal["iid", "systematic"]
 _BLOCK = 2**20  # entries that are written out at a time
-
-
-@dataclass(frozen=True, eq=False)
-class Counts:
-    """Hits of every entry in N realizations that were not drawn one by one.
-
-    Attributes
-    ----------
-    counts : ndarray of int64, shape (n,) or (n, m)
-        ``counts[i, j]``: realizations that hit entry (i, j). Zero in a zero line.
-    estimate : ndarray, same shape
-        The uniform average ``g_j sign(A_ij) counts[i, j] / N``.
-    size : int
-        Number of realizations N.
-    key : Key
-        The key the draw can be repeated with.
-    """
-
-    counts: NDArray[np.int64]
-    estimate: NDArray[np.float64]
-    size: int
-    key: Key
-    # what was drawn from: the values, the axis of their lines, the scheme
-    _law: tuple[NDArray[np.float64], Axis, Scheme] | None = field(
-        default=None, init=False, repr=False
-    )
-
-    def __post_init__(self) -> None:
-        if type(self.counts) is not np.ndarray or self.counts.dtype != np.int64:
-            raise InputTypeError(
-                f"`counts` must be a numpy.ndarray of int64, got {gate.show(self.counts)}"
-            )
-        gate.kept("estimate", self.estimate, shape=self.counts.shape)
-        gate.size("size", self.size)
-        gate.instance("key", self.key, Key)
-        if self.counts.min() < 0:
-            raise InputError(f"`counts` must be >= 0, got {self.counts.min()}")
-
-    def _drawn_from(self, values: object, axis: Any, scheme: Any) -> Counts:
-        """Say what was drawn from, if it can be what these are the counts of."""
-        law = gate.kept("law", values, shape=self.shape)
-        lines = to_lines(law, checked_target(law, axis)[1])
-        hits = to_lines(self.counts.astype(np.float64), axis)  # exact: at most 2^53
-        expected = np.where(lines.any(axis=1), self.size, 0)
-        if (hits.sum(axis=1) != expected).any() or hits[lines == 0.0].any():
-            raise InputError(f"`counts` must add up to {self.size} in every line that is drawn")
-        object.__setattr__(self, "_law", (law, axis, checked_scheme(scheme)))
-        return self
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _counted, (self.counts, self.estimate, self.size, self.key, self._law)
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Shape of the vector or matrix."""
-        return self.counts.shape
 
 
 class Ensemble:
@@ -235,6 +178,16 @@ class Ensemble:
     def scheme(self) -> Scheme | None:
         """How the realizations were drawn; None if the user brought them."""
         return self._scheme
+
+    @property
+    def law(self) -> Law | None:
+        """What the realizations were drawn from; None if the user brought them."""
+        values = self._values()
+        return (
+            None
+            if values is None or self._scheme is None
+            else Law(values, self._axis, self._scheme)
+        )
 
     @property
     def key(self) -> Key | None:
@@ -395,8 +348,8 @@ class Ensemble:
             result = sum((row / self.size for row in samples), np.zeros(self._shape))
         return result
 
-    def _law(self) -> NDArray[np.float64] | None:
-        """The vector or matrix that singletons are drawn from; a copy."""
+    def _values(self) -> NDArray[np.float64] | None:
+        """The vector or matrix whose 1-norms and signs singletons have; a copy."""
         if self._draws is None:
             return None
         return from_lines(self._draws.values(), self._shape, self._axis)
@@ -450,7 +403,7 @@ class Ensemble:
     def __reduce__(self) -> tuple[Any, ...]:
         if self._draws is None:
             return (Ensemble.from_samples, (self._dense(),))
-        return (_redrawn, (self.indices, self._law(), self._axis, self._scheme, self._key))
+        return (_redrawn, (self.indices, self._values(), self._axis, self._scheme, self._key))
 
     def _repr_html_(self) -> str:
         return html.ensemble(self)
@@ -463,12 +416,6 @@ class Ensemble:
         return f"<Ensemble: {self.size} {kind} realizations of shape {self._shape}>"
 
 
-def checked_scheme(scheme: str) -> Scheme:
-    """Return how realizations are drawn."""
-    name = gate.choice("scheme", scheme, ("iid", "systematic"))
-    return "iid" if name == "iid" else "systematic"
-
-
 def _redrawn(
     indices: ArrayLike, target: ArrayLike, axis: Axis, scheme: Scheme | None, key: Key | None
 ) -> Ensemble:
@@ -478,20 +425,5 @@ def _redrawn(
         scheme = checked_scheme(scheme)
     if key is not None:
         key = gate.instance("key", key, Key)
-    made._set(made._draws, None, made._shape, axis, scheme, key)
-    return made
-
-
-def _counted(
-    counts: NDArray[np.int64],
-    estimate: NDArray[np.float64],
-    size: int,
-    key: Key,
-    law: tuple[object, ...] | None,
-) -> Counts:
-    """Unpickle."""
-    made = Counts(counts, estimate, size, key)
-    if law is None:
-        return made
-    values, axis, scheme = gate.items("law", law) if len(law) == 3 else (None, None, None)
-    return made._drawn_from(values, axis, scheme)
+    assert made._draws is not None
+    return Ensemble._of_draws(made._draws, made._shape, axis, scheme, key)

@@ -6,22 +6,20 @@ A vector is one line; a matrix has its columns (or its rows) as lines. The core'
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .._base import gate
+from .law import Axis, checked_axis
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-Axis: TypeAlias = Literal["columns", "rows"]
-
 
 def checked_target(target: ArrayLike, axis: str) -> tuple[NDArray[np.float64], Axis]:
     """Check a vector or matrix to be sampled, and the axis of its lines."""
-    name = gate.choice("axis", axis, ("columns", "rows"))
-    checked: Axis = "rows" if name == "rows" else "columns"
+    checked = checked_axis(axis)
     return gate.array("target", target, ndim=(1, 2)), checked
 
 

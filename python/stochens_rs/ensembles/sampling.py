@@ -10,8 +10,10 @@ from .. import _core
 from .._base import gate, memory
 from .._base.threads import get_num_threads
 from ..rng import RngLike, as_key
-from .ensemble import Counts, Ensemble, Scheme, checked_scheme
-from .lines import Axis, checked_target, from_lines, to_lines
+from .counts import Counts
+from .ensemble import Ensemble
+from .law import Axis, Law, Scheme, checked_scheme
+from .lines import checked_target, from_lines, to_lines
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -145,11 +147,10 @@ def sample_counts(
     lines = to_lines(values, axis)
     hits = _core.sample_counts(lines, count, scheme, bytes(key))
     atoms = np.sign(lines) * np.abs(lines).sum(axis=1, keepdims=True)
-    drawn = Counts(
+    return Counts(
         counts=from_lines(hits, values.shape, axis),
         estimate=from_lines(atoms * (hits / count), values.shape, axis),
         size=count,
         key=key,
+        law=Law(values.copy(), axis, scheme),
     )
-    object.__setattr__(drawn, "_law", (values.copy(), axis, scheme))
-    return drawn

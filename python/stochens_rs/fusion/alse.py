@@ -13,9 +13,9 @@ from .. import _core
 from .._base import gate, memory
 from .._base.numbers import norm
 from .._base.threads import get_num_threads
-from ..controls.plan import STATUSES, Fit
 from ..ensembles.ensemble import Ensemble
 from ..exceptions import InputError
+from .fits import Fit, worst
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -215,8 +215,3 @@ def _line_by_line(ensemble: Ensemble, goal: Floats, wish: Wishes, info: dict[str
 def _least_error(error: float, gap: float) -> float:
     """``sqrt(error^2 - gap)``, 0 where the gap is larger; no square overflows or vanishes."""
     return 0.0 if error == 0.0 else error * sqrt(max(0.0, 1.0 - gap / error / error))
-
-
-def worst(statuses: list[str]) -> str:
-    """Pick the least reassuring of some statuses."""
-    return max(statuses, key=STATUSES.index)

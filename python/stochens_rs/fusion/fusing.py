@@ -9,10 +9,10 @@ import numpy as np
 
 from .. import _core
 from .._base import gate, memory, numbers
-from ..controls.plan import Fit, Path
 from ..ensembles.ensemble import Ensemble
 from ..exceptions import InputError, InputTypeError, ShapeError
 from . import alse
+from .fits import Fit, Path
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray

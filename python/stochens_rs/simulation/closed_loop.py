@@ -11,7 +11,7 @@ import numpy as np
 from .._base import gate, memory
 from ..ensembles.sampling import sample, sample_counts
 from ..exceptions import NonFiniteError
-from ..fusion.alse import worst
+from ..fusion.fits import worst
 from ..fusion.fusing import METHODS, fuse
 from ..rng import Key, RngLike, as_key
 from ..system import System

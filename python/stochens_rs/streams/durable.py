@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from .. import _core
 from .._base import files, gate
+from .._base.files import PathLike
 from ..exceptions import InputError, InputTypeError, StateError
 from . import state_file
 
 if TYPE_CHECKING:
     from typing_extensions import Self
-
-PathLike = str | os.PathLike[str]
 
 _held: weakref.WeakSet[_core.StateLock] = weakref.WeakSet()
 

@@ -11,10 +11,11 @@ import numpy as np
 
 from .. import _core
 from .._base import gate, html, memory
+from .._base.files import PathLike
 from .._base.progress import Progress, progress_bar
 from ..exceptions import InputError, StateError, StateIOError
 from ..rng import Key, RngLike, as_key
-from .durable import Checkpoints, Durable, PathLike
+from .durable import Checkpoints, Durable
 from .records import StreamRun, Trace
 
 if TYPE_CHECKING:

@@ -24,8 +24,9 @@ import numpy as np
 from .. import _core
 from .._base import memory
 from .._base.numbers import norm
-from ..controls.plan import PlanError, Reachability
 from ..exceptions import NonFiniteError
+from .dynamics import controllability
+from .records import PlanError, Reachability
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -204,6 +205,25 @@ def one_step(A: Floats, B: Floats, x0: Floats, xf: Floats) -> Best:
     with np.errstate(over="ignore", invalid="ignore"):
         free = A @ x0
         return best(B, free, xf - free, summed(A, x0, xf))
+
+
+def best_over_steps(powers: Floats, B: Floats, x0: Floats, xf: Floats) -> Best:
+    """Solve ``A^K x0 + C_K u = xf``; the controls of all steps are one vector."""
+    K, A = len(powers) - 1, powers[1]
+    C = controllability(powers, B)
+    with np.errstate(over="ignore", invalid="ignore"):
+        free = powers[K] @ x0
+        # A^(k+1) = A^k A is rounded by n eps ||A^k|| ||A|| for k > 0, and that is carried on:
+        # ||error of A^k|| <= n eps ||A|| sum_{0 < i < k} ||A^i|| ||A^(k-1-i)||
+        unit = len(A) * EPS
+        size = np.linalg.norm(powers, axis=(1, 2))
+        size[0] = 1.0
+        rounded = np.append(0.0, size[1:])  # A^0 is exact
+        wrong = np.zeros(K + 1)
+        wrong[1:] = unit * size[1] * np.convolve(rounded, size)[:K]
+        off = norm(B) * norm(wrong[:K] + unit * rounded[:K])
+        unsure = norm(x0) * float(wrong[K]) + summed(powers[K], x0, xf)
+        return best(C, free, xf - free, unsure, off)
 
 
 def summed(A: Floats, x: Floats, other: Floats) -> float:

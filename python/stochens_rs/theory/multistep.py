@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._base import gate, memory
-from .._base.numbers import norm
 from ..exceptions import InputError, NonFiniteError
-from . import exact as _exact
+from .dynamics import checked_steps, matrix_powers, states
+from .exact import best_over_steps
 from .formulas import _AXES, Array, Axis, Sizes, _one_each, _reciprocal, _vector_covariance
 
 __all__ = ["final_state_covariance"]
@@ -111,73 +111,3 @@ def final_state_covariance(
     if not np.isfinite(C).all():
         raise NonFiniteError("the covariance overflows: scale the problem down")
     return np.asarray((C + C.T) / 2.0, dtype=np.float64)
-
-
-def checked_steps(steps: object, n: int, m: int) -> int:
-    """Check the number of steps against what C_K and the powers of A take."""
-    K = gate.size("steps", steps)
-    memory.need(f"a control over {K} steps", (8 * n * m + n * n + n + m) * K * 8)
-    return K
-
-
-def matrix_powers(A: Array, K: int, name: str = "A") -> Array:
-    """``[I, A, ..., A^K]``, (K + 1, n, n)."""
-    powers = np.empty((K + 1, *A.shape))
-    powers[0] = np.eye(len(A))
-    with np.errstate(over="ignore", invalid="ignore"):
-        for k in range(K):
-            powers[k + 1] = powers[k] @ A
-            if not np.isfinite(powers[k + 1]).all():
-                raise NonFiniteError(
-                    f"`{name}` to the power {k + 1} overflows: take fewer steps, or scale the "
-                    "time step down"
-                )
-    return powers
-
-
-def controllability(powers: Array, B: Array) -> Array:
-    """``C_K = [A^{K-1} B, ..., A B, B]``, (n, m K): its blocks meet u(0), ..., u(K-1)."""
-    K = len(powers) - 1
-    with np.errstate(over="ignore", invalid="ignore"):
-        blocks = powers[K - 1 :: -1] @ B
-        C = np.ascontiguousarray(blocks.transpose(1, 0, 2).reshape(len(B), -1))
-    if not np.isfinite(C).all():
-        raise NonFiniteError("`A` to a power times `B` overflows: take fewer steps")
-    return C
-
-
-def best_over_steps(powers: Array, B: Array, x0: Array, xf: Array) -> _exact.Best:
-    """Solve ``A^K x0 + C_K u = xf``; the controls of all steps are one vector."""
-    K, A = len(powers) - 1, powers[1]
-    C = controllability(powers, B)
-    with np.errstate(over="ignore", invalid="ignore"):
-        free = powers[K] @ x0
-        # A^(k+1) = A^k A is rounded by n eps ||A^k|| ||A|| for k > 0, and that is carried on:
-        # ||error of A^k|| <= n eps ||A|| sum_{0 < i < k} ||A^i|| ||A^(k-1-i)||
-        unit = len(A) * _exact.EPS
-        size = np.linalg.norm(powers, axis=(1, 2))
-        size[0] = 1.0
-        rounded = np.append(0.0, size[1:])  # A^0 is exact
-        wrong = np.zeros(K + 1)
-        wrong[1:] = unit * size[1] * np.convolve(rounded, size)[:K]
-        off = norm(B) * norm(wrong[:K] + unit * rounded[:K])
-        unsure = norm(x0) * float(wrong[K]) + _exact.summed(powers[K], x0, xf)
-        return _exact.best(C, free, xf - free, unsure, off)
-
-
-def states(A: Array, B: Array, u: Array, x0: Array) -> Array:
-    """``x(k+1) = A x(k) + B u(k)`` from ``x(0) = x0``, (K + 1, n)."""
-    x = np.empty((len(u) + 1, x0.size))
-    x[0] = x0
-    with np.errstate(over="ignore", invalid="ignore"):
-        for k, u_k in enumerate(u):
-            x[k + 1] = A @ x[k] + B @ u_k
-    if not np.isfinite(x).all():
-        k = int(np.argwhere(~np.isfinite(x))[0, 0])
-        raise NonFiniteError(f"the state overflows at step {k}: scale the problem down")
-    return x
-
-
-def spectral_norms(powers: Array) -> Array:
-    """2-norm of every matrix of a stack."""
-    return np.asarray(np.linalg.norm(powers, ord=2, axis=(1, 2)), dtype=np.float64)

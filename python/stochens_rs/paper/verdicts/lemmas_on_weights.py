@@ -6,9 +6,9 @@ from fractions import Fraction
 
 import numpy as np
 
-from ...controls.plan import Fit
 from ...ensembles.ensemble import Ensemble
 from ...ensembles.sampling import sample
+from ...fusion.fits import Fit
 from ...fusion.fusing import fuse
 from ...rng import Key
 from . import rationals as exact

@@ -21,8 +21,9 @@ from ..._base import gate
 from ..._base.numbers import norm
 from ..._base.threads import get_num_threads
 from ...rng import Key
+from ..dynamics import matrix_powers
+from ..exact import best_over_steps
 from ..formulas import Array
-from ..multistep import best_over_steps, matrix_powers
 
 Scheme: TypeAlias = Literal["iid", "systematic"]
 

@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._base import gate, memory
-from ...controls.plan import Reachability
 from ...exceptions import NonFiniteError
+from ..dynamics import checked_steps, matrix_powers
+from ..exact import best_over_steps
 from ..exact import one_step as best_in_one_step
 from ..formulas import Array
-from ..multistep import best_over_steps, checked_steps, matrix_powers
+from ..records import Reachability
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,193 @@
+"""What a plan knows of its entities.
+
+`control` keeps, of every entity, the small arrays only: the vector or matrix that the
+realizations were drawn from, never the realizations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+import numpy as np
+
+from .._base import gate
+from .._base.records import by_constructor
+from ..ensembles.counts import Counts
+from ..ensembles.ensemble import Ensemble
+from ..exceptions import InputError, ShapeError
+from ..fusion.fits import Fit
+from ..rng import Key
+from ..system import System
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from ..ensembles.law import Axis
+
+    Floats: TypeAlias = NDArray[np.float64]
+
+Kind: TypeAlias = Literal["exact", "iid", "systematic", "fitted", "unknown"]
+
+_KINDS = ("exact", "iid", "systematic", "fitted", "unknown")
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """One entity: its estimate and how far that is from what.
+
+    "iid", "systematic": the average of `size` realizations that `sample` drew from `values`.
+    "exact": `values` itself. "fitted": fitted to `values`, the target.
+    "unknown": the average of realizations that the user brought.
+    """
+
+    name: str
+    kind: Kind
+    estimate: Floats | None  # None where no formula needs it
+    values: Floats | None = None
+    size: int | None = None
+    axis: Axis = "columns"
+    key: Key | None = None
+
+    def __post_init__(self) -> None:
+        gate.choice("kind", self.kind, _KINDS)
+        gate.choice("axis", self.axis, ("columns", "rows"))
+        for what in ("estimate", "values"):
+            if getattr(self, what) is not None:
+                gate.kept(f"{what} of {self.name}", getattr(self, what))
+        if self.size is not None:
+            gate.size("size", self.size)
+        if self.key is not None:
+            gate.instance("key", self.key, Key)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return by_constructor(self)
+
+
+@dataclass(frozen=True, eq=False)
+class Basis:
+    """Everything that a bound on the control needs."""
+
+    B: Floats
+    x0: Known
+    xf: Known
+    A: Known
+
+    def __post_init__(self) -> None:
+        n = len(gate.kept("B", self.B, ndim=(2,)))
+        for name, shape in (("x0", (n,)), ("xf", (n,)), ("A", (n, n))):
+            one = gate.instance(name, getattr(self, name), Known)
+            for what, array in (("estimate", one.estimate), ("values", one.values)):
+                if array is not None and array.shape != shape:
+                    raise ShapeError(
+                        f"`{what} of {name}` must have shape {shape}, got {array.shape}"
+                    )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return by_constructor(self)
+
+    @property
+    def entities(self) -> tuple[Known, Known, Known]:
+        """In the order of the sizes ``(N0, Nf, NA)``."""
+        return self.x0, self.xf, self.A
+
+
+def known(name: str, value: Fit | Ensemble | Counts | Floats, estimate: Floats | None) -> Known:
+    """Write down what an argument of `control` knows of itself."""
+    if isinstance(value, Ensemble | Counts):
+        return _drawn(name, value, estimate)
+    if isinstance(value, Fit):
+        if value.method == "uniform" and value.ensemble is not None:
+            drawn = _drawn(name, value.ensemble, estimate)
+            if drawn.kind != "unknown" or value.target is None:
+                return drawn
+        if value.target is not None:
+            return Known(name, "fitted", value.estimate, value.target)
+        return Known(name, "unknown", value.estimate, size=len(value.weights))
+    return Known(name, "exact", estimate, value.copy())
+
+
+def _drawn(name: str, value: Ensemble | Counts, estimate: Floats | None) -> Known:
+    law = value.law
+    if law is not None:
+        return Known(name, law.scheme, estimate, law.values, value.size, law.axis, value.key)
+    if isinstance(value, Counts):
+        return Known(name, "unknown", value.estimate, size=value.size)
+    mean = value.mean() if estimate is None else estimate
+    return Known(name, "unknown", mean, size=value.size, axis=value.axis)
+
+
+def completed(
+    basis: Basis | None,
+    system: System | None,
+    x0: ArrayLike | None,
+    xf: ArrayLike | None,
+    what: str,
+) -> Basis:
+    """The basis of a plan with the declared laws in place of unknown ones."""
+    if basis is None:
+        raise InputError(
+            f"this plan was not made by `control` or `control_steps`: it has no {what}"
+        )
+    n = len(basis.B)
+    declared: dict[str, Floats] = {}
+    if x0 is not None:
+        declared["x0"] = gate.vector("x0", x0, length=n)
+    if xf is not None:
+        declared["xf"] = gate.vector("xf", xf, length=n)
+    if system is not None:
+        checked = System.from_any(system)
+        if checked.B.shape != basis.B.shape:
+            raise ShapeError(f"`system.B` must have shape {basis.B.shape}, got {checked.B.shape}")
+        if not np.array_equal(checked.B, basis.B):
+            raise InputError("`system.B` differs from the `B` of this plan")
+        declared["A"] = np.asarray(checked.A)
+    entities = {e.name: _declare(e, declared.get(e.name), what) for e in basis.entities}
+    seen: dict[Key, str] = {}
+    for entity in entities.values():
+        if entity.key is None or entity.kind not in ("iid", "systematic"):
+            continue
+        if entity.key in seen:
+            raise InputError(
+                f"`{seen[entity.key]}` and `{entity.name}` were drawn with the same key, so they "
+                "are not independent: draw with key.child(name), or with one Generator"
+            )
+        seen[entity.key] = entity.name
+    return Basis(basis.B, entities["x0"], entities["xf"], entities["A"])
+
+
+def _declare(entity: Known, values: Floats | None, what: str) -> Known:
+    """Replace an unknown law by the declared one; refuse what contradicts the plan."""
+    label = "system.A" if entity.name == "A" else entity.name
+    argument = "system" if entity.name == "A" else entity.name
+    if entity.kind == "unknown":
+        if values is None:
+            raise InputError(
+                f"the law of `{entity.name}` is unknown (realizations brought by the user), and "
+                f"the {what} depends on it: pass `{argument}=` if they are independent singletons "
+                "of a known mean; for other realizations see DataStream.confidence"
+            )
+        assert entity.estimate is not None
+        if not _possible(entity.estimate, values, entity.axis):
+            raise InputError(
+                f"`{label}` cannot be what the realizations of `{entity.name}` were drawn from: "
+                "their average has other signs, zeros or 1-norms"
+            )
+        return replace(entity, kind="iid", values=values)
+    if values is None:
+        return entity
+    if entity.kind == "fitted":
+        raise InputError(
+            f"`{argument}` must not be given: `{entity.name}` is a fit, bounded by its own error"
+        )
+    if entity.values is None or not np.array_equal(values, entity.values):
+        raise InputError(f"`{label}` differs from what this plan knows of `{entity.name}`")
+    return entity
+
+
+def _possible(estimate: Floats, values: Floats, axis: Axis) -> bool:
+    """Say whether an average of singletons drawn from `values` can be `estimate`."""
+    along = 0 if values.ndim == 1 or axis == "columns" else 1
+    found, wanted = np.abs(estimate).sum(axis=along), np.abs(values).sum(axis=along)
+    signs = (estimate == 0.0) | (np.sign(estimate) == np.sign(values))
+    return bool(signs.all() and (np.abs(found - wanted) <= 1e-9 * wanted).all())

@@ -1,0 +1,66 @@
+"""``x(k+1) = A x(k) + B u(k)`` over K steps: powers of A, ``C_K``, the states."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from .._base import gate, memory
+from ..exceptions import NonFiniteError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array: TypeAlias = NDArray[np.float64]
+
+
+def checked_steps(steps: object, n: int, m: int) -> int:
+    """Check the number of steps against what C_K and the powers of A take."""
+    K = gate.size("steps", steps)
+    memory.need(f"a control over {K} steps", (8 * n * m + n * n + n + m) * K * 8)
+    return K
+
+
+def matrix_powers(A: Array, K: int, name: str = "A") -> Array:
+    """``[I, A, ..., A^K]``, (K + 1, n, n)."""
+    powers = np.empty((K + 1, *A.shape))
+    powers[0] = np.eye(len(A))
+    with np.errstate(over="ignore", invalid="ignore"):
+        for k in range(K):
+            powers[k + 1] = powers[k] @ A
+            if not np.isfinite(powers[k + 1]).all():
+                raise NonFiniteError(
+                    f"`{name}` to the power {k + 1} overflows: take fewer steps, or scale the "
+                    "time step down"
+                )
+    return powers
+
+
+def controllability(powers: Array, B: Array) -> Array:
+    """``C_K = [A^{K-1} B, ..., A B, B]``, (n, m K): its blocks meet u(0), ..., u(K-1)."""
+    K = len(powers) - 1
+    with np.errstate(over="ignore", invalid="ignore"):
+        blocks = powers[K - 1 :: -1] @ B
+        C = np.ascontiguousarray(blocks.transpose(1, 0, 2).reshape(len(B), -1))
+    if not np.isfinite(C).all():
+        raise NonFiniteError("`A` to a power times `B` overflows: take fewer steps")
+    return C
+
+
+def states(A: Array, B: Array, u: Array, x0: Array) -> Array:
+    """``x(k+1) = A x(k) + B u(k)`` from ``x(0) = x0``, (K + 1, n)."""
+    x = np.empty((len(u) + 1, x0.size))
+    x[0] = x0
+    with np.errstate(over="ignore", invalid="ignore"):
+        for k, u_k in enumerate(u):
+            x[k + 1] = A @ x[k] + B @ u_k
+    if not np.isfinite(x).all():
+        k = int(np.argwhere(~np.isfinite(x))[0, 0])
+        raise NonFiniteError(f"the state overflows at step {k}: scale the problem down")
+    return x
+
+
+def spectral_norms(powers: Array) -> Array:
+    """2-norm of every matrix of a stack."""
+    return np.asarray(np.linalg.norm(powers, ord=2, axis=(1, 2)), dtype=np.float64)

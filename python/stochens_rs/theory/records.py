@@ -1,0 +1,103 @@
+"""What is known exactly about a target and about a control: frozen records."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from .._base import html
+
+
+@dataclass(frozen=True)
+class Reachability:
+    """Whether one step can reach the (estimated) target, as far as the data say.
+
+    Attributes
+    ----------
+    residual : float
+        ``||(I - B B^+)(xf - A x0)||``: what no control can do.
+    relative : float
+        `residual` over ``||xf - A x0||``; 0 if that is 0.
+    rank : int
+        Rank of B: singular values up to ``eta sigma_max``, ``eta = max(n, m) eps``, count as 0.
+    condition : float
+        Largest over smallest singular value of B above the rank cut-off.
+    reachable : bool
+        Whether `relative` is at most 1.5e-8, the square root of the rounding unit ``eps``, or
+        `residual` at most `rounding`.
+    rounding : float
+        How large `residual` may come out for a target within reach,
+        ``(n + 1) eps || |A| |x0| + |xf| || + theta ||B|| ||u||`` with the control u for it and
+        ``theta = (2 max(n, m) + 4) eps``; below it,
+        `residual` and `relative` say nothing. (Over several steps, with what rounding leaves in
+        ``A^K x0`` and ``C_K``. For fusion="diagonal" the averages count as exact.)
+    """
+
+    residual: float
+    relative: float
+    rank: int
+    condition: float
+    reachable: bool
+    rounding: float
+
+    def _repr_html_(self) -> str:
+        return html.record(self)
+
+
+@dataclass(frozen=True)
+class PlanError:
+    """How wrong a control is for a system that is known exactly.
+
+    With ``v = B^+ (xf - A x0)``, the best control, and ``x_actual = A x0 + B v``, where it leads:
+
+    Attributes
+    ----------
+    control : float
+        ``||u - v||``.
+    control_relative : float
+        `control` over the norm of what `control_relative_to` names.
+    state : float
+        ``||B (u - v)||``, the distance between the state reached and `x_actual`.
+    state_relative : float
+        `state` over the norm of what `state_relative_to` names.
+    residual : float
+        ``||(I - B B^+)(xf - A x0)||``: by Pythagoras the distance to `xf` is
+        ``sqrt(state^2 + residual^2)``.
+    control_rounding : float
+        The exact ``||u - v||`` lies within `control` plus or minus this; inf if rounding leaves no
+        figure of v.
+    state_rounding : float
+        The same for `state`, and for `residual`.
+    control_relative_to : str
+        "v"; or "B^+ A x0", the control that takes x0 to the origin, if v is 0 but for rounding; or
+        "nothing", if that is 0, too: `control_relative` is then 0 for 0, inf otherwise.
+    state_relative_to : str
+        "x_actual"; or "x0", if `x_actual` is 0 but for rounding; or "nothing", as above.
+
+    Notes
+    -----
+    Rounding: the factors of B are exact for a matrix ``B + E``, ``||E|| <= theta ||B||``,
+    ``theta = (2 max(n, m) + 4) eps`` (LAPACK Users' Guide, 4.9, and measured); ``xf - A x0``
+    is off by ``rho = (n + 1) eps || |A| |x0| + |xf| ||`` at most. To first order in
+    ``theta condition(B)`` (Wedin, BIT 13 (1973) 217-232), with r the residual,
+    ``g = sigma_min(B) - theta ||B||``, ``t = theta ||B|| ||r|| / g``, ``eta = max(n, m) eps``, and
+    B of the rank that the rule of `Reachability` finds:
+
+    - `control_rounding` = ``(rho + 2 theta ||B|| ||v|| + t) / g + eps (||u - v|| + ||v||)``;
+    - `state_rounding` = ``rho + theta ||B|| ||v|| + t + eta ||B||_F (||v|| + ||u - v||)``.
+
+    Over several steps ``C_K`` and ``A^K x0`` take the places of B and ``A x0``; what rounding
+    leaves in them is added to ``theta ||B||`` and ``rho``.
+    """
+
+    control: float
+    control_relative: float
+    state: float
+    state_relative: float
+    residual: float
+    control_rounding: float
+    state_rounding: float
+    control_relative_to: str
+    state_relative_to: str
+
+    def _repr_html_(self) -> str:
+        return html.record(self)

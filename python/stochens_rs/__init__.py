@@ -4,25 +4,27 @@ From realizations of ``x0``, ``xf`` and ``A`` in ``x(k+1) = A x(k) + B u(k)`` to
 what is known about it: `sample` (or `Ensemble.from_samples`) makes an ensemble, `fuse` turns it
 into an estimate, `control` into a control; `steer` does all three, `simulate` and
 `simulate_ensemble` show what a control does. `theory` predicts how wrong the result is,
-`required_samples` how many realizations it takes; `cases` brings systems to try, `experiments`
-the two of the paper, and `claims` checks its statements one by one.
+`required_samples` how many realizations it takes; `cases` brings systems to try, and `paper` has
+the experiments of the paper and checks its statements one by one.
 """
 
 import logging
 
-from . import cases, exceptions, theory
+from . import cases, exceptions, paper, theory
 from ._base.threads import get_num_threads, set_num_threads
 from ._core import version as _version
-from .controls.one_step import control, realization_controls
-from .controls.plan import Plan
-from .controls.plan_bound import PlanBound
-from .controls.planning import SamplePlan, required_samples
-from .controls.several_steps import control_steps
-from .controls.steering import steer
-from .controls.trajectory_plan import TrajectoryPlan
-from .ensembles.counts import Counts
-from .ensembles.ensemble import Ensemble
-from .ensembles.sampling import sample, sample_counts
+from .controls import (
+    Plan,
+    PlanBound,
+    SamplePlan,
+    TrajectoryPlan,
+    control,
+    control_steps,
+    realization_controls,
+    required_samples,
+    steer,
+)
+from .ensembles import Counts, Ensemble, sample, sample_counts
 from .exceptions import (
     InputError,
     InputTypeError,
@@ -32,24 +34,23 @@ from .exceptions import (
     SolverError,
     StochensError,
 )
-from .fusion.fits import Fit, Path
-from .fusion.fusing import fuse, fuse_path
-from .paper import experiments
-from .paper.verdicts.check import Claims, claims
+from .fusion import Fit, Path, fuse, fuse_path
 from .rng import Key
-from .simulation.closed_loop import Tracking, track
-from .simulation.records import EnsembleTrajectory, Trajectory
-from .simulation.simulating import simulate, simulate_ensemble
-from .streams.data_stream import DataStream
-from .streams.records import Confidence, StreamRun, Trace
-from .streams.stream import Stream
+from .simulation import (
+    EnsembleTrajectory,
+    Tracking,
+    Trajectory,
+    simulate,
+    simulate_ensemble,
+    track,
+)
+from .streams import Confidence, DataStream, Stream, StreamRun, Trace
 from .system import System
 from .theory.records import PlanError, Reachability
 
 __version__ = _version()
 
 __all__ = [
-    "Claims",
     "Confidence",
     "Counts",
     "DataStream",
@@ -79,14 +80,13 @@ __all__ = [
     "TrajectoryPlan",
     "__version__",
     "cases",
-    "claims",
     "control",
     "control_steps",
     "exceptions",
-    "experiments",
     "fuse",
     "fuse_path",
     "get_num_threads",
+    "paper",
     "realization_controls",
     "required_samples",
     "sample",

@@ -215,7 +215,8 @@ class System:
         return f"<System{label}: n={self.n} m={self.m} dt={self._dt}>"
 
     def _repr_html_(self) -> str:
-        return html.system(self)
+        dt = f"{self.dt} s" if isinstance(self.dt, float) else str(self.dt)
+        return html.card(self, [("states n", self.n), ("inputs m", self.m), ("step dt", dt)])
 
 
 _CONTINUOUS = (

@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from stochens_rs.paper.experiments import power, tracking
+from stochens_rs.paper import bounds as printed_bounds
+from stochens_rs.paper import power, tracking
 from stochens_rs.paper.reachability import approximate, counterexamples, samples
 from stochens_rs.paper.verdicts import (
     algorithm_1,
@@ -41,7 +42,7 @@ W = np.array([2.0, 1.0, 1.0])
 Patch: TypeAlias = "Callable[[pytest.MonkeyPatch], None]"
 
 # each row on its own, as small as its evidence allows
-ROWS: dict[str, Callable[[], se.verdicts.Claim]] = {
+ROWS: dict[str, Callable[[], se.paper.Claim]] = {
     "Contribution vi": lambda: algorithm_1.variance(algorithm_1.measure(KEY)),
     "Definition 2.1, eq. (3)": definitions.solution_formula,
     "Definition 2.2": definitions.index_maps,
@@ -262,15 +263,15 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
     },
     ("Lemma 4.2", 0): {
         "a printed bound that holds": put(
-            bounds.paper, "OneVector", lambda w, C: bounds.McDiarmid(w)
+            printed_bounds, "OneVector", lambda w, C: bounds.McDiarmid(w)
         ),
         "a bound of ours that does not": put(
-            lemmas_on_tails.bounds, "McDiarmid", lambda w: bounds.paper.OneVector(w, C=4.0)
+            lemmas_on_tails.bounds, "McDiarmid", lambda w: printed_bounds.OneVector(w, C=4.0)
         ),
     },
     ("Lemma 4.2", 1): {
         "a printed bound that holds": change(
-            bounds.paper,
+            printed_bounds,
             "Lemma42",
             lambda honest, *args, **kwargs: honest(*args, **(kwargs | {"reading": "realizations"})),
         ),
@@ -278,7 +279,7 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
     },
     ("Lemma 4.2", 2): {
         "||A|| for the largest realization": put(
-            bounds.paper, "largest_realization", lambda A: float(np.linalg.norm(A, 2))
+            printed_bounds, "largest_realization", lambda A: float(np.linalg.norm(A, 2))
         ),
     },
     ("Proof of Lemma 4.2, norm", 0): {
@@ -291,7 +292,7 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
     },
     ("Lemma 4.3", 0): {
         "a bound that holds": put(
-            bounds.paper, "Lemma43", lambda A, B, x0, u, C: bounds.OneStepHoeffding(A, B, x0, u)
+            printed_bounds, "Lemma43", lambda A, B, x0, u, C: bounds.OneStepHoeffding(A, B, x0, u)
         ),
     },
     ("Lemma 4.3", 1): {

@@ -37,18 +37,18 @@ FALSE = {
 
 
 @pytest.fixture(scope="module")
-def found() -> se.Claims:
-    return se.claims(quick=True)
+def found() -> se.paper.Claims:
+    return se.paper.claims(quick=True)
 
 
-def test_every_statement_has_its_row_and_its_evidence(found: se.Claims) -> None:
+def test_every_statement_has_its_row_and_its_evidence(found: se.paper.Claims) -> None:
     assert {row.item for row in found.rows if row.verdict == "false"} == FALSE
     for row in found.rows:
         assert row.evidence
         assert (row.corrected == "") == (row.verdict == "holds")
 
 
-def test_the_evidence_supports_every_verdict(found: se.Claims) -> None:
+def test_the_evidence_supports_every_verdict(found: se.paper.Claims) -> None:
     assert [row.item for row in found.rows if not row.confirmed] == []
     assert found.confirmed
 
@@ -74,7 +74,7 @@ def test_another_seed_gives_the_same_verdicts() -> None:
     assert [row.item for row in rows if not row.confirmed] == []
 
 
-def test_it_can_be_printed_and_stored(found: se.Claims) -> None:
+def test_it_can_be_printed_and_stored(found: se.paper.Claims) -> None:
     text = str(found)
     assert all(item in text for item in ROWS)
     assert "CONTRARY" not in text
@@ -87,7 +87,7 @@ def test_it_can_be_printed_and_stored(found: se.Claims) -> None:
         found["Lemma 9.9"]
 
 
-def test_what_is_called_exact_is_rational(found: se.Claims) -> None:
+def test_what_is_called_exact_is_rational(found: se.paper.Claims) -> None:
     assert "squared error 1/5, uniform weights at 0." in str(found["Lemma 4.5, second inequality"])
     first, second = (one.text for one in found["Lemma 4.4"].evidence)
     assert "sum to 7 and give ||S y - w||^2 = 900, the corrected 0." in first
@@ -96,7 +96,7 @@ def test_what_is_called_exact_is_rational(found: se.Claims) -> None:
     assert "weights on the simplex is 1." in found["Remark after Lemma 4.4"].evidence[0].text
 
 
-def test_the_figure_is_drawn(found: se.Claims) -> None:
+def test_the_figure_is_drawn(found: se.paper.Claims) -> None:
     pytest.importorskip("matplotlib")
     left, right, _ = found.plot().axes
     assert len(left.get_lines()) == 3
@@ -107,7 +107,7 @@ def test_the_figure_is_drawn(found: se.Claims) -> None:
 # -- the evidence could be contrary ----------------------------------------------------------------
 
 
-def test_no_evidence_is_without_a_mutant(found: se.Claims) -> None:
+def test_no_evidence_is_without_a_mutant(found: se.paper.Claims) -> None:
     assert [row.item for row in found.rows] == list(ROWS)
     evidence = [(row.item, k) for row in found.rows for k in range(len(row.evidence))]
     assert evidence == list(MUTANTS)

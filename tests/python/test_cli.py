@@ -14,9 +14,8 @@ import zipfile
 import pytest
 
 import stochens_rs as se
-from stochens_rs import cli
+from stochens_rs import cli, paper
 from stochens_rs.exceptions import ResourceError, SolverError
-from stochens_rs.paper import experiments
 
 TINY = ["reproduce", "--quick", "--no-claims", "--replicates", "2", "--samples", "12"]
 
@@ -54,7 +53,7 @@ def test_seed_determines_the_numbers(tmp_path, capsys, monkeypatch):
     pytest.importorskip("matplotlib")
     # Drawing takes most of the time, and is not the question here.
     monkeypatch.setattr(
-        cli._reproduce.report, "write_report", lambda done, out, **_: [out / "report.html"]
+        cli._reproduce.paper, "write_report", lambda done, out, **_: [out / "report.html"]
     )
     seen = []
     for seed, folder in (("7", "a"), ("7", "b"), ("8", "c")):
@@ -115,7 +114,7 @@ def test_failures_become_exit_codes(raised, code, monkeypatch, capsys, tmp_path)
     def fail(**options):
         raise raised
 
-    monkeypatch.setattr(experiments, "power", fail)
+    monkeypatch.setattr(paper, "power", fail)
     assert cli.main(["reproduce", "--quick", "--out", str(tmp_path)]) == code
     err = capsys.readouterr().err.lstrip("\n")
     assert one_line(err), err
@@ -208,8 +207,8 @@ def test_bars_are_for_terminals(terminal, monkeypatch):
             return terminal
 
     monkeypatch.setattr(sys, "stderr", Stderr())
-    experiments.power(rng=1, replicates=2, samples=5, progress=True)
-    se.claims(quick=True, progress=True)
+    paper.power(rng=1, replicates=2, samples=5, progress=True)
+    se.paper.claims(quick=True, progress=True)
     stream = se.Stream([[1.0]], [1.0], [0.0], [[2.0]], rng=1)
     stream.run(max_steps=10, progress=True)
     seen = sys.stderr.getvalue()

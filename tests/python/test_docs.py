@@ -99,11 +99,7 @@ def parameters(obj):
 def is_made_by_the_package(obj):
     """Say whether `obj` is a class that users get and do not make; its fields need names too."""
     home = obj.__module__.rpartition(".")[2]
-    return (
-        inspect.isclass(obj)
-        and not dataclasses.is_dataclass(obj)
-        and home in ("controls", "ensembles", "results")
-    )
+    return inspect.isclass(obj) and not dataclasses.is_dataclass(obj) and home == "ensemble"
 
 
 def sections(text):

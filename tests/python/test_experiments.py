@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from stochens_rs.paper.experiments import Curve, Experiment, counterexamples, power, tracking
+from stochens_rs.paper import counterexamples, power, tracking
 from stochens_rs.rng import as_key
+from stochens_rs.studies import Curve, Experiment
 from stochens_rs.studies.experiment import log_grid
 
 SMALL_POWER = {"rng": 5, "replicates": 6, "samples": 120}

@@ -100,10 +100,10 @@ def test_extremes_can_be_drawn():
     zeros = np.zeros((3, 1))
     x = np.arange(3.0)
     for curves, log in ((huge.T, False), (zeros.T, False), (zeros.T, True), (huge.T[:, :0], True)):
-        drawn = html._lines(x[: curves.shape[1]], list(curves), "text", log=log)
+        drawn = html.lines(x[: curves.shape[1]], list(curves), "text", log=log)
         assert "nan" not in drawn
         ElementTree.fromstring(f"<p>{drawn}</p>")
-    assert "<polyline" in html._lines(x, list(huge.T), "text")
+    assert "<polyline" in html.lines(x, list(huge.T), "text")
     still = se.simulate(([[2.0]], [[1.0]]), [[0.0]] * 3, [0.0])
     ElementTree.fromstring(still._repr_html_())
     new = se.Stream([[1.0]], [1.0], [0.0], [[2.0]], rng=1)

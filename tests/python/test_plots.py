@@ -17,8 +17,8 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 from stochens_rs import InputError
-from stochens_rs.paper.experiments import Curve, Experiment, Panel
 from stochens_rs.plots import files as plots
+from stochens_rs.studies import Curve, Experiment, Panel
 from stochens_rs.studies.figures import STYLES, _number, _ticks
 
 
@@ -52,9 +52,9 @@ def made(*, zeros=False, name="power"):
 def test_given_axes_are_used_and_pyplot_sees_nothing():
     ax = Figure().add_subplot()
     before = plt.get_fignums()
-    assert plots.panel(made(), "1a", ax=ax) is ax
-    plots.panel(made(), "1b")
-    plots.figures(made())
+    assert made().plot_panel("1a", ax=ax) is ax
+    made().plot_panel("1b")
+    made().plot()
     assert plt.get_fignums() == before
     assert len(ax.lines) > 0
 
@@ -63,7 +63,7 @@ def test_axes_of_pyplot_can_be_given():
     figure, ax = plt.subplots()
     try:
         before = plt.get_fignums()
-        plots.panel(made(), "1a", ax=ax)
+        made().plot_panel("1a", ax=ax)
         assert plt.get_fignums() == before
         assert figure.legends == []
     finally:
@@ -76,9 +76,9 @@ def test_pyplot_gets_the_figure_where_it_opens_windows():
     plt.close("all")
     plt.switch_backend("webagg")  # shows figures, and needs no display
     try:
-        ax = plots.panel(made(), "1a")
+        ax = made().plot_panel("1a")
         assert [plt.figure(number) for number in plt.get_fignums()] == [ax.figure]
-        plots.figures(made(), shown=False)
+        made().plot(shown=False)
         assert len(plt.get_fignums()) == 1
     finally:
         plt.close("all")
@@ -105,12 +105,12 @@ def test_no_style_is_changed():
     import matplotlib
 
     before = dict(matplotlib.rcParams)
-    plots.figures(made())
+    made().plot()
     assert dict(matplotlib.rcParams) == before
 
 
 def test_everything_is_labelled():
-    figure = plots.figure(made(), "1")
+    figure = made().plot_figure("1")
     assert len(figure.axes) == 2
     for ax, title in zip(figure.axes, ("(a) initial state", "(b) system matrix"), strict=True):
         assert ax.get_title(loc="left") == title
@@ -128,7 +128,7 @@ def test_everything_is_labelled():
 
 def test_curves_hold_the_medians_and_the_exact_values():
     experiment = made()
-    ax = plots.panel(experiment, "1a")
+    ax = experiment.plot_panel("1a")
     by_label = {line.get_label(): line for line in ax.lines}
     panel = experiment.panel("1a")
     for curve in panel.curves:
@@ -144,7 +144,7 @@ def test_curves_hold_the_medians_and_the_exact_values():
 
 
 def test_zero_is_drawn_inside_the_axes_and_labelled():
-    ax = plots.panel(made(zeros=True), "1a")
+    ax = made(zeros=True).plot_panel("1a")
     alse = next(line for line in ax.lines if line.get_label() == "ALSE")
     y = np.asarray(alse.get_ydata())
     low, _ = ax.get_ylim()
@@ -155,7 +155,7 @@ def test_zero_is_drawn_inside_the_axes_and_labelled():
     labels = [label.get_text() for label in ax.get_yticklabels()]
     assert labels.count("0") == 1
     assert any("zero to rounding" in text.get_text() for text in ax.texts)
-    without = plots.panel(made(), "1a")
+    without = made().plot_panel("1a")
     assert "0" not in [label.get_text() for label in without.get_yticklabels()]
     assert len(without.texts) == 0
 
@@ -175,7 +175,7 @@ def test_an_experiment_with_nothing_but_zeros_can_be_drawn():
         {},
         0.0,
     )
-    figure = plots.figure(experiment, "1")
+    figure = experiment.plot_figure("1")
     figure.canvas.draw()
     assert np.all(np.isfinite(figure.axes[0].get_ylim()))
 
@@ -188,8 +188,8 @@ def test_styles_differ_without_colour():
 
 def test_saved_figures_are_not_blank_and_do_not_change(tmp_path):
     (tmp_path / "again").mkdir()
-    paths = plots.save_figures(plots.figures(made(zeros=True)), tmp_path)
-    again = plots.save_figures(plots.figures(made(zeros=True)), tmp_path / "again")
+    paths = plots.save_figures(made(zeros=True).plot(), tmp_path)
+    again = plots.save_figures(made(zeros=True).plot(), tmp_path / "again")
     assert [p.name for p in paths] == ["power-figure-1.png", "power-figure-1.svg"]
     for one, two in zip(paths, again, strict=True):
         assert one.read_bytes() == two.read_bytes()
@@ -206,9 +206,9 @@ def test_saved_figures_are_not_blank_and_do_not_change(tmp_path):
 
 def test_unknown_names():
     with pytest.raises(InputError, match="9z"):
-        plots.panel(made(), "9z")
+        made().plot_panel("9z")
     with pytest.raises(KeyError, match="figure"):
-        plots.figure(made(), "7")
+        made().plot_figure("7")
 
 
 @pytest.mark.parametrize(
@@ -234,16 +234,15 @@ def test_tick_labels(value, text):
 def test_missing_matplotlib_names_the_extra():
     code = (
         "import sys; sys.modules['matplotlib'] = None\n"
-        "from stochens_rs import plots\n"
-        "try:\n    plots.figures(None)\n"
+        "import stochens_rs as se\n"
+        "try:\n    se.simulate(([[0.5]], [[1.0]]), [[1.0]], [0.0]).plot()\n"
         "except ImportError as error:\n    print(error)\n"
     )
-    code = code.replace("plots.figures(None)", "plots.panel(None, '1a')")
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert "stochens_rs[plot]" in run.stdout
 
 
 def test_import_does_not_load_matplotlib():
-    code = "import sys, stochens_rs.paper.report.page; print('matplotlib' in sys.modules)"
+    code = "import sys, stochens_rs; print('matplotlib' in sys.modules)"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "False"

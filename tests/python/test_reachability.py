@@ -10,6 +10,7 @@ import pytest
 
 import stochens_rs as se
 from stochens_rs.exceptions import InputError, NonFiniteError
+from stochens_rs.paper import reachability as notions
 from stochens_rs.theory import moments, reachability
 
 # -- the exact system ------------------------------------------------------------------------------
@@ -119,7 +120,7 @@ CASES = {
 def test_sample_reachability_by_enumeration(case):
     B, x0, xf, A = (np.array(x) for x in CASES[case])
     probability, rms, largest = by_enumeration(B, x0, xf, A)
-    found = reachability.sample_reachability(B, x0, xf, A)
+    found = notions.sample_reachability(B, x0, xf, A)
     assert found.probability == pytest.approx(probability, abs=1e-12)
     assert found.rms_residual == pytest.approx(rms, rel=1e-12, abs=1e-7)
     assert found.largest_residual == pytest.approx(largest, rel=1e-12, abs=1e-12)
@@ -140,7 +141,7 @@ def test_sample_reachability_fails_for_a_reachable_target(gen):
     A, B = gen.normal(size=(10, 10)), gen.normal(size=(10, 5))
     x0 = gen.normal(size=10)
     xf = A @ x0 + B @ gen.normal(size=5)
-    found = reachability.sample_reachability(B, x0, xf, A)
+    found = notions.sample_reachability(B, x0, xf, A)
     assert reachability.one_step(B, x0, xf, A).reachable
     assert (found.atoms, found.reachable_atoms, found.probability) == (1000, 0, 0.0)
     Q = np.eye(10) - B @ np.linalg.pinv(B)
@@ -166,7 +167,7 @@ A2, B2 = np.array([[0.5, 0.4], [0.1, 0.6]]), np.array([[0.0], [1.0]])
 
 @pytest.mark.parametrize(("steps", "xf"), [(1, [0.9, 0.3]), (2, [0.0, 0.5]), (4, [0.1, 0.1])])
 def test_a_reachable_target_is_approximately_reachable(steps, xf):
-    found = reachability.approximately(
+    found = notions.approximately(
         B2, [1.0, 1.0], xf, A2, steps, sizes=[20, 500, 20_000], delta=1e-4, rng=5
     )
     assert found.exact.reachable
@@ -176,7 +177,7 @@ def test_a_reachable_target_is_approximately_reachable(steps, xf):
     # the error over its rms: between 1e-3 and 5 in all three sizes
     ratio = found.errors / found.rms
     assert ((ratio > 1e-3) & (ratio < 5.0)).all()
-    again = reachability.approximately(
+    again = notions.approximately(
         B2, [1.0, 1.0], xf, A2, steps, sizes=[20, 500], delta=1e-4, rng=found.key
     )
     np.testing.assert_allclose(again.errors, found.errors[:2], rtol=1e-12)
@@ -185,7 +186,7 @@ def test_a_reachable_target_is_approximately_reachable(steps, xf):
 def test_the_rms_of_an_experiment_is_that_of_its_errors():
     """200 experiments of 50 runs: mean square of the errors within 30 % (about 3 se)."""
     runs = [
-        reachability.approximately(B2, [1.0, 1.0], [0.0, 0.5], A2, 2, sizes=[50], rng=seed)
+        notions.approximately(B2, [1.0, 1.0], [0.0, 0.5], A2, 2, sizes=[50], rng=seed)
         for seed in range(200)
     ]
     square = np.mean([float(run.errors[0]) ** 2 for run in runs])
@@ -195,7 +196,7 @@ def test_the_rms_of_an_experiment_is_that_of_its_errors():
 
 def test_an_unreachable_target_is_not():
     xf = [2.0, 0.0]  # one step moves the second state only: x_1 = 0.9
-    found = reachability.approximately(B2, [1.0, 1.0], xf, A2, 1, sizes=[10, 50_000], rng=6)
+    found = notions.approximately(B2, [1.0, 1.0], xf, A2, 1, sizes=[10, 50_000], rng=6)
     assert found.verdict == "not approximately reachable"
     assert found.errors[-1] == pytest.approx(1.1, abs=0.02)
     assert found.rms[-1] == pytest.approx(np.hypot(1.1, 0.0), abs=0.01)
@@ -206,9 +207,9 @@ def test_a_biased_experiment_is_called_inconsistent(monkeypatch):
     """The check sees realizations that are reused from step to step, whose mean is wrong."""
     A, x0 = np.array([[0.0, 1.0], [1.0, 1.0]]), [1.0, 1.0]
     data = (np.eye(2), x0, [2.0, 1.0], A, 3)
-    assert reachability.approximately(*data, sizes=[50_000], rng=7).consistent
+    assert notions.approximately(*data, sizes=[50_000], rng=7).consistent
     monkeypatch.setattr(se.Key, "child", lambda self, name: self)
-    assert reachability.approximately(*data, sizes=[50_000], rng=7).verdict == "inconsistent"
+    assert notions.approximately(*data, sizes=[50_000], rng=7).verdict == "inconsistent"
 
 
 # -- counterexamples -------------------------------------------------------------------------------
@@ -222,7 +223,7 @@ def test_lemma_3_1_is_refuted(size):
         ([1] + [0] * (size - 1), [5] * size),
         (rng.integers(1, 9, size).tolist(), rng.integers(-50, 50, size).tolist()),
     ):
-        found = reachability.lemma_3_1(size, weights=weights, controls=controls)
+        found = notions.lemma_3_1(size, weights=weights, controls=controls)
         assert set(found.approximation_errors.values()) == {Fraction(0)}
         assert set(found.approximation_errors) == {"A", "B", "x0"}
         assert found.hypothesis == Fraction(0)
@@ -233,7 +234,7 @@ def test_lemma_3_1_is_refuted(size):
 def test_lemma_3_2_is_refuted(size):
     rng = np.random.default_rng(size)
     for weights in (None, [0, 1] + [0] * (size - 2), rng.integers(1, 9, size).tolist()):
-        found = reachability.lemma_3_2(size, weights=weights)
+        found = notions.lemma_3_2(size, weights=weights)
         assert set(found.approximation_errors.values()) == {Fraction(0)}
         assert found.hypothesis == Fraction(0)
         assert found.claim == Fraction(1)
@@ -276,16 +277,16 @@ def test_more_steps_need_not_reach_what_fewer_do():
 @pytest.mark.filterwarnings("error")
 def test_realizations_at_all_scales():
     B, x0, xf, A = (np.array(x, dtype=float) for x in CASES["m < n"])
-    found = reachability.sample_reachability(B, x0, xf, A)
+    found = notions.sample_reachability(B, x0, xf, A)
     assert found.largest_residual > 0.0
     for s in (1e-200, 1e-150, 1e150, 1e200):
-        scaled = reachability.sample_reachability(B, s * x0, s * xf, A)
+        scaled = notions.sample_reachability(B, s * x0, s * xf, A)
         assert scaled.reachable_atoms == found.reachable_atoms
         assert scaled.largest_residual == pytest.approx(s * found.largest_residual, rel=1e-12)
         assert scaled.rms_residual == pytest.approx(s * found.rms_residual, rel=1e-12)
-        split = reachability.sample_reachability(B, s * x0, xf, A / s)
+        split = notions.sample_reachability(B, s * x0, xf, A / s)
         assert split.rms_residual == pytest.approx(found.rms_residual, rel=1e-12)
-        run = reachability.approximately(np.eye(len(B)), s * x0, s * xf, A, 2, rng=1)
+        run = notions.approximately(np.eye(len(B)), s * x0, s * xf, A, 2, rng=1)
         assert run.verdict == "approximately reachable"
         assert (run.rms > 0.0).all()
         assert (run.errors > 0.0).all()
@@ -293,7 +294,7 @@ def test_realizations_at_all_scales():
 
 def test_equal_atoms_are_equal_in_spite_of_rounding():
     # xf hits e_2 with 0.3, A x0 with 3 * 0.1 = 0.30000000000000004; B reaches e_1 only
-    found = reachability.sample_reachability(
+    found = notions.sample_reachability(
         [[1.0], [0.0]], [0.0, 3.0], [0.0, 0.3], [[0.0, 0.0], [0.0, 0.1]]
     )
     assert found.sample_reachable
@@ -315,16 +316,16 @@ def test_wrong_input_is_refused():
     with pytest.raises(NonFiniteError, match="overflow"):
         reachability.one_step(B, [1e200, 1e200], xf, np.array(A) * 1e200)
     with pytest.raises(NonFiniteError, match="overflow"):
-        reachability.sample_reachability(B, [1e200, 1e200], xf, np.array(A) * 1e200)
+        notions.sample_reachability(B, [1e200, 1e200], xf, np.array(A) * 1e200)
     with pytest.raises(InputError, match="`sizes"):
-        reachability.approximately(B, x0, xf, A, 1, sizes=[3, 2])
+        notions.approximately(B, x0, xf, A, 1, sizes=[3, 2])
     with pytest.raises(InputError, match="`delta`"):
-        reachability.approximately(B, x0, xf, A, 1, delta=1.0)
+        notions.approximately(B, x0, xf, A, 1, delta=1.0)
     with pytest.raises(InputError, match="`size`"):
-        reachability.lemma_3_1(2)
+        notions.lemma_3_1(2)
     with pytest.raises(InputError, match="`weights` must have length 3"):
-        reachability.lemma_3_2(3, weights=[1])
+        notions.lemma_3_2(3, weights=[1])
     with pytest.raises(InputError, match="`weights` must be nonnegative"):
-        reachability.lemma_3_2(2, weights=[1, -1])
+        notions.lemma_3_2(2, weights=[1, -1])
     with pytest.raises(InputError, match="`controls`"):
-        reachability.lemma_3_1(3, controls=[1])
+        notions.lemma_3_1(3, controls=[1])

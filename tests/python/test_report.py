@@ -11,9 +11,10 @@ import pytest
 
 pytest.importorskip("matplotlib")
 
-from stochens_rs.paper.experiments import Experiment, power, tracking
-from stochens_rs.paper.report import page as report
+from stochens_rs import paper
+from stochens_rs.paper import power, tracking
 from stochens_rs.paper.report.text import agreements, deviations, number, percent
+from stochens_rs.studies import Experiment
 
 VOID = {"meta", "img", "br", "hr", "link", "input"}
 
@@ -29,7 +30,7 @@ def experiments():
 @pytest.fixture(scope="module")
 def written(experiments, tmp_path_factory):
     directory = tmp_path_factory.mktemp("report") / "new" / "folder"
-    return directory, report.write_report(experiments, directory)
+    return directory, paper.write_report(experiments, directory)
 
 
 class Page(HTMLParser):
@@ -119,7 +120,7 @@ def test_text_quotes_the_results(page, experiments):
     for experiment in experiments:
         assert experiment.key in page.text
         assert experiment.title in page.text
-    for row in report.final_errors(experiments):
+    for row in paper.final_errors(experiments):
         assert number(row["median"]) in page.text
     assert percent(first.facts["reachability"]["relative"]) in page.text
     needed = second.facts["samples_for_ten_percent"]["product"]
@@ -149,13 +150,13 @@ def test_sentences_change_with_the_numbers(experiments):
 
 
 def test_one_experiment_is_enough(experiments, tmp_path):
-    paths = report.write_report(experiments[1:], tmp_path, title="<b> & co")
+    paths = paper.write_report(experiments[1:], tmp_path, title="<b> & co")
     text = paths[-1].read_text(encoding="utf-8")
     assert Page(text).faults == []
     assert "<h1>&lt;b&gt; &amp; co</h1>" in text
     assert "Lemma 4.4" not in text
     with pytest.raises(ValueError, match="at least one"):
-        report.write_report([], tmp_path)
+        paper.write_report([], tmp_path)
 
 
 def test_code_to_repeat_gives_the_same_numbers(page, experiments, tmp_path):
@@ -163,7 +164,7 @@ def test_code_to_repeat_gives_the_same_numbers(page, experiments, tmp_path):
 
     source = page.text[page.text.index("import stochens_rs as se") :]
     source = source[: source.index("The same key gives")]
-    calls = [f"se.experiments.{part}" for part in source.split("se.experiments.")[1:]]
+    calls = [f"se.paper.{part}" for part in source.split("se.paper.")[1:]]
     for call, experiment in zip(calls, experiments, strict=True):
         again = eval(call, {"se": se})
         for a, b in zip(again.panels, experiment.panels, strict=True):
@@ -171,7 +172,7 @@ def test_code_to_repeat_gives_the_same_numbers(page, experiments, tmp_path):
 
 
 def test_final_errors_are_the_last_column(experiments):
-    rows = report.final_errors(experiments)
+    rows = paper.final_errors(experiments)
     assert len(rows) == 4 + 4 + 5 + 5 + 3 * 5
     row = next(r for r in rows if (r["panel"], r["method"]) == ("2a", "uniform (diagonal)"))
     curve = experiments[0].panel("2a").curve("uniform", "diagonal")

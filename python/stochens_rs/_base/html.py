@@ -15,18 +15,6 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from ..controls.plan import Plan
-    from ..controls.planning import SamplePlan
-    from ..controls.trajectory_plan import TrajectoryPlan
-    from ..ensembles.ensemble import Ensemble
-    from ..fusion.fits import Fit, Path
-    from ..simulation.records import EnsembleTrajectory, Trajectory
-    from ..streams.data_stream import DataStream
-    from ..streams.records import Trace
-    from ..streams.stream import Stream
-    from ..system import System
-    from ..theory.bounds import Bound
-
     Floats = NDArray[np.float64]
 
 Rows = Iterable[tuple[str, object]]
@@ -37,211 +25,15 @@ _TABLE = "border:0;border-collapse:collapse;margin:3px 0;font-variant-numeric:ta
 _CELL = "border:0;padding:1px 14px 1px 0;vertical-align:top;text-align:{}"
 
 
-def system(shown: System) -> str:
-    """Sizes and step length."""
-    dt = f"{shown.dt} s" if isinstance(shown.dt, float) else str(shown.dt)
-    return _card(shown, [("states n", shown.n), ("inputs m", shown.m), ("step dt", dt)])
-
-
-def ensemble(shown: Ensemble) -> str:
-    """What the realizations are."""
-    rows = [
-        ("realizations N", _grouped(shown.size)),
-        ("shape of each", _shape(shown.shape)),
-        ("entries kept", f"one in each of the {shown.axis}" if shown.is_singleton else "all"),
-        ("drawn here", shown.scheme or "no"),
-    ]
-    return _card(shown, rows)
-
-
-def fit(shown: Fit) -> str:
-    """How near the estimate is, and how well that is known."""
-    rows = [
-        ("realizations N", _grouped(len(shown.weights))),
-        ("shape", _shape(shown.shape)),
-        ("distance to the target", shown.error),
-        ("no weights come nearer than", shown.lower_bound),
-        ("gap of the squared distance", shown.gap),
-        ("entries never seen", shown.unseen or None),
-    ]
-    return _card(shown, rows)
-
-
-def path(shown: Path) -> str:
-    """The error over the sizes."""
-    first, last = (_grouped(int(shown.sizes[k])) for k in (0, -1))
-    rows = [
-        ("realizations N", f"{first} to {last}, {len(shown.sizes)} sizes"),
-        ("error", f"{shown.errors[0]:.4g} at the first, {shown.errors[-1]:.4g} at the last"),
-    ]
-    text = "error over N, both logarithmic"
-    return _card(shown, rows, _lines(shown.sizes, [shown.errors], text, log=True))
-
-
-def plan(shown: Plan) -> str:
-    """The control, and what it comes from."""
-    return _card(shown, [("control u", _vector(shown.u)), *_made_from(shown)])
-
-
-def trajectory_plan(shown: TrajectoryPlan) -> str:
-    """The same over several steps, with the states of the model."""
-    warnings = [("warning", text) for text in shown.info.get("warnings", ())]
-    steps = np.arange(shown.steps + 1)
-    drawn = _states(steps, shown.predicted_states, "states of the model over the steps")
-    return _card(shown, [*_made_from(shown), *warnings], drawn)
-
-
-def trajectory(shown: Trajectory) -> str:
-    """From where to where, and how."""
-    rows = [
-        ("steps", _duration(shown.steps, shown.dt)),
-        _ends(shown.states),
-        _largest(shown.inputs),
-    ]
-    return _card(shown, rows, _states(shown.times, shown.states, "states over time"))
-
-
-def ensemble_trajectory(shown: EnsembleTrajectory) -> str:
-    """The mean, how well it is known, and how it was obtained."""
-    error = shown.standard_error
-    rows = [
-        ("steps", _duration(shown.steps, shown.dt)),
-        ("trajectories", _grouped(shown.replicates)),
-        ("realizations N per step", _grouped(shown.size)),
-        ("drawn", ", ".join(shown.sampled)),
-        _ends(shown.mean),
-        ("standard error at the end", None if error is None else f"at most {error[-1].max():.4g}"),
-    ]
-    return _card(shown, rows, _states(shown.times, shown.mean, "mean states over time"))
-
-
-def stream(shown: Stream) -> str:
-    """How far it is, and how near."""
-    rows = [
-        ("steps", _grouped(shown.steps)),
-        ("realizations", _counts(shown.counts)),
-        ("state off by", shown.error),
-        ("certified", shown.certificate),
-        ("control u", _vector(shown.u)),
-    ]
-    return _card(shown, rows, _errors(shown.trace))
-
-
-def trace(shown: Trace) -> str:
-    """The curve of the errors."""
-    return _card(shown, [], _errors(shown))
-
-
-def data_stream(shown: DataStream) -> str:
-    """What has come in, and the control where there is one."""
-    counts = shown.counts
-    known = all(counts.values())
-    rows = [
-        ("realizations", _counts(counts)),
-        ("control u", _vector(shown.u) if known else "none: an entity has no realization"),
-        ("certified", shown.certificate if known else None),
-    ]
-    return _card(shown, rows)
-
-
-def sample_plan(shown: SamplePlan) -> str:
-    """One row per bound, as in the text."""
-    head = ("bound", "N", "exact rms", "quantile", "failures")
-    body = [
-        (
-            one.name,
-            "more than 2^53" if one.size is None else _grouped(one.size),
-            _text(one.rms),
-            _text(one.quantile),
-            "" if one.failures is None else f"{one.failures} of {shown.runs}",
-        )
-        for one in shown.rows
-    ]
-    relative = f" ({shown.error / shown.reference:.3g} relative)" if shown.reference else ""
-    size = shown.rows[0].size
-    rows = [
-        ("enough", "nothing up to 2^53" if size is None else f"N = {_grouped(size)}"),
-        (f"error of the {shown.quantity}", f"at most {shown.error:.4g}{relative}"),
-        ("with probability", f"{1.0 - shown.delta:g}"),
-        ("fusion", shown.fusion),
-        *(
-            []
-            if shown.expected_size is None
-            else [("no guarantee, exact rms", f"N = {_grouped(shown.expected_size)}")]
-        ),
-        ("no guarantee, simulated", f"N = {_grouped(shown.simulated_size)}"),
-    ]
-    return _card(shown, rows, _grid(head, body))
-
-
-def bound(shown: Bound) -> str:
-    """What is bounded, and by what."""
-    return _card(shown, [("inequality", shown.name), ("from", shown.source)])
-
-
-def record(shown: object) -> str:
-    """Every field of a small record, by its name."""
-    return _card(shown, [(name.replace("_", " "), value) for name, value in vars(shown).items()])
-
-
-def _made_from(shown: Plan | TrajectoryPlan) -> Rows:
-    """How large the control is, and the realizations behind each entity."""
-    yield _largest(shown.u)
-    for name in ("x0", "xf", "A"):
-        one = shown.info.get(name)
-        if one is not None:
-            size = "" if one.get("size") is None else f", {_grouped(one['size'])} realizations"
-            yield name, f"{one['method']}{size}"
-
-
-def _largest(inputs: Floats) -> tuple[str, object]:
-    return "largest |u|", float(np.abs(inputs).max()) if inputs.size else None
-
-
-def _ends(states: Floats) -> tuple[str, object]:
-    start, end = np.linalg.norm(states[[0, -1]], axis=1)
-    return "norm of the state", f"{start:.4g} at the start, {end:.4g} at the end"
-
-
-def _shape(shape: tuple[int, ...]) -> str:
-    return " × ".join(map(str, shape))
-
-
-def _duration(steps: int, dt: float | None) -> str:
-    return f"{steps}" if dt is None else f"{steps} of {dt:g} s"
-
-
-def _counts(counts: dict[str, int]) -> str:
-    return ", ".join(f"{_grouped(count)} of {name}" for name, count in counts.items())
-
-
-def _grouped(count: int) -> str:
-    return f"{count:,}".replace(",", "\u2009")
-
-
-def _vector(values: Floats) -> str:
-    """At most six entries."""
-    some = ", ".join(f"{value:.4g}" for value in values[:6])
-    return f"({some}{', …' if len(values) > 6 else ''})"
-
-
-def _text(value: object) -> str:
-    if value is None:
-        return ""
-    if isinstance(value, (bool, np.bool_)):
-        return "yes" if value else "no"
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
-def _card(shown: object, rows: Rows, below: str = "") -> str:
+def card(shown: object, rows: Rows, below: str = "") -> str:
     """Title line, one row per fact that is known, and what comes below."""
     title = type(shown).__name__
-    text = repr(shown)
-    about = text[len(title) + 1 : -1].strip(" :") if text.startswith("<") else ""
+    said = repr(shown)
+    about = said[len(title) + 1 : -1].strip(" :") if said.startswith("<") else ""
     label, cell = _CELL.format("left") + ";font-weight:normal;opacity:.75", _CELL.format("left")
     body = "".join(
         f'<tr><th style="{label}">{escape(what)}</th>'
-        f'<td style="{cell};overflow-wrap:anywhere">{escape(_text(value))}</td></tr>'
+        f'<td style="{cell};overflow-wrap:anywhere">{escape(text(value))}</td></tr>'
         for what, value in rows
         if value is not None
     )
@@ -253,36 +45,89 @@ def _card(shown: object, rows: Rows, below: str = "") -> str:
     )
 
 
-def _grid(head: Sequence[str], body: Sequence[Sequence[str]]) -> str:
+def record(shown: object) -> str:
+    """Every field of a small record, by its name."""
+    return card(shown, [(name.replace("_", " "), value) for name, value in vars(shown).items()])
+
+
+def largest(inputs: Floats) -> tuple[str, object]:
+    """The row for the size of a control."""
+    return "largest |u|", float(np.abs(inputs).max()) if inputs.size else None
+
+
+def ends(states: Floats) -> tuple[str, object]:
+    """The row for where a trajectory begins and ends."""
+    start, end = np.linalg.norm(states[[0, -1]], axis=1)
+    return "norm of the state", f"{start:.4g} at the start, {end:.4g} at the end"
+
+
+def shape(sizes: tuple[int, ...]) -> str:
+    """``2 × 3``."""
+    return " × ".join(map(str, sizes))
+
+
+def duration(steps: int, dt: float | None) -> str:
+    """Number of steps, and their length where it is known."""
+    return f"{steps}" if dt is None else f"{steps} of {dt:g} s"
+
+
+def counts(seen: dict[str, int]) -> str:
+    """How many realizations of each entity."""
+    return ", ".join(f"{grouped(count)} of {name}" for name, count in seen.items())
+
+
+def grouped(count: int) -> str:
+    """Thousands apart."""
+    return f"{count:,}".replace(",", "\u2009")
+
+
+def vector(values: Floats) -> str:
+    """At most six entries."""
+    some = ", ".join(f"{value:.4g}" for value in values[:6])
+    return f"({some}{', …' if len(values) > 6 else ''})"
+
+
+def text(value: object) -> str:
+    """A cell: nothing for None, four digits for a number."""
+    if value is None:
+        return ""
+    if isinstance(value, (bool, np.bool_)):
+        return "yes" if value else "no"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def grid(head: Sequence[str], body: Sequence[Sequence[str]]) -> str:
     """A table with a column of names and columns of numbers."""
 
     def row(tag: str, cells: Sequence[str]) -> str:
         sides = ["left", *["right"] * (len(cells) - 1)]
         return "".join(
-            f'<{tag} style="{_CELL.format(side)};white-space:nowrap">{escape(text)}</{tag}>'
-            for side, text in zip(sides, cells, strict=True)
+            f'<{tag} style="{_CELL.format(side)};white-space:nowrap">{escape(cell)}</{tag}>'
+            for side, cell in zip(sides, cells, strict=True)
         )
 
-    lines = "".join(f"<tr>{row('td', cells)}</tr>" for cells in body)
+    written = "".join(f"<tr>{row('td', cells)}</tr>" for cells in body)
     return (
         f'<table style="{_TABLE}">'
-        f"<thead><tr>{row('th', head)}</tr></thead><tbody>{lines}</tbody></table>"
+        f"<thead><tr>{row('th', head)}</tr></thead><tbody>{written}</tbody></table>"
     )
 
 
-def _states(times: Floats | NDArray[np.int64], states: Floats, text: str) -> str:
-    shown = states.T[: len(_COLORS)]
-    some = "" if len(shown) == states.shape[1] else f", the first {len(shown)}"
-    return _lines(times, list(shown), text + some)
+def states(times: Floats | NDArray[np.int64], values: Floats, about: str) -> str:
+    """A curve for each of the first states, (K + 1, n)."""
+    shown = values.T[: len(_COLORS)]
+    some = "" if len(shown) == values.shape[1] else f", the first {len(shown)}"
+    return lines(times, list(shown), about + some)
 
 
-def _errors(shown: Trace) -> str:
-    late = shown.steps > 0
-    return _lines(shown.steps[late], [shown.errors[late]], "error over the steps, log", log=True)
+def errors(steps: NDArray[np.int64], values: Floats) -> str:
+    """A curve of errors over the steps of a stream."""
+    late = steps > 0
+    return lines(steps[late], [values[late]], "error over the steps, log", log=True)
 
 
-def _lines(
-    x: Floats | NDArray[np.int64], curves: Sequence[Floats], text: str, *, log: bool = False
+def lines(
+    x: Floats | NDArray[np.int64], curves: Sequence[Floats], about: str, *, log: bool = False
 ) -> str:
     """Curves over a common axis as a small drawing; "" if there is nothing finite to draw."""
     across, heights = np.asarray(x, dtype=np.float64), np.array(curves, dtype=np.float64)
@@ -305,7 +150,7 @@ def _lines(
         + '"/>'
         for color, row in zip(_COLORS, down, strict=False)
     )
-    note = f"{text}, from {values[0]:.3g} to {values[1]:.3g}"
+    note = f"{about}, from {values[0]:.3g} to {values[1]:.3g}"
     return (
         f'<svg viewBox="-2 -2 {_WIDTH + 4} {_HEIGHT + 4}" width="{_WIDTH + 4}" '
         f'height="{_HEIGHT + 4}" role="img" style="display:block;max-width:100%">'

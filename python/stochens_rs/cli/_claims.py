@@ -6,8 +6,7 @@ import json
 
 import click
 
-from ..paper.verdicts.check import claims as check
-from ..plots import files as plots
+from .. import paper, plots
 from ._options import seed_option
 from ._output import note, show, writable
 
@@ -28,7 +27,7 @@ def claims(context: click.Context, seed: int, quick: bool, out: str | None, as_j
     if out is not None:
         plots.require_matplotlib()
         directory = writable(out)
-    found = check(seed, quick=quick, progress=True)
+    found = paper.claims(seed, quick=quick, progress=True)
     text = json.dumps(found.to_dict(), allow_nan=False, indent=2)
     show(text if as_json else f"{found}\n\n{found.summary}")
     if directory is not None:

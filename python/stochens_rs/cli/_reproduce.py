@@ -9,12 +9,9 @@ from typing import Any
 
 import click
 
+from .. import paper, plots
 from .._base.files import versions
 from ..exceptions import InputError
-from ..paper import experiments
-from ..paper.report import page as report
-from ..paper.verdicts.check import claims as check_claims
-from ..plots import files as plots
 from ..rng import as_key
 from ._options import seed_option
 from ._output import note, show, writable
@@ -95,16 +92,16 @@ def reproduce(
     key = as_key(seed)
     given = {k: v for k, v in (("replicates", replicates), ("samples", samples)) if v is not None}
     done = []
-    for name, run in (("power", experiments.power), ("tracking", experiments.tracking)):
+    for name, run in (("power", paper.power), ("tracking", paper.tracking)):
         chosen = {**(QUICK[name] if quick else {}), **given}
         done.append(run(rng=key.child(name), progress=True, **chosen))
     checked = None
     if with_claims:
-        checked = check_claims(key.child("claims"), quick=quick, progress=True)
+        checked = paper.claims(key.child("claims"), quick=quick, progress=True)
     for path in earlier:
         path.unlink(missing_ok=True)
-    files = report.write_report(done, directory, claims=checked, options=options)
-    rows = report.final_errors(done)
+    files = paper.write_report(done, directory, claims=checked, options=options)
+    rows = paper.final_errors(done)
     if as_json:
         summary = {
             "schema": "stochens-reproduce/1",

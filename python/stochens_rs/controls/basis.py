@@ -34,16 +34,31 @@ _KINDS = ("exact", "iid", "systematic", "fitted", "unknown")
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """One entity: its estimate and how far that is from what.
+    """What is known of one entity: its estimate, and what that stands for.
 
-    "iid", "systematic": the average of `size` realizations that `sample` drew from `values`.
-    "exact": `values` itself. "fitted": fitted to `values`, the target.
-    "unknown": the average of realizations that the user brought.
+    Attributes
+    ----------
+    name : str
+        "x0", "xf" or "A".
+    kind : str
+        "iid", "systematic": the average of `size` realizations that `sample` drew from `values`.
+        "exact": `values` itself. "fitted": fitted to `values`, the target. "unknown": the average
+        of `size` realizations that the user brought.
+    estimate : ndarray, shape (n,) or (n, n), or None
+        What the control was computed from; None where no formula needs it.
+    values : ndarray, shape (n,) or (n, n), or None
+        What `kind` says; None if that is not known.
+    size : int or None
+        Number of realizations.
+    axis : str
+        "columns" or "rows": which lines of a matrix were drawn independently.
+    key : Key or None
+        The key of the draw.
     """
 
     name: str
     kind: Kind
-    estimate: Floats | None  # None where no formula needs it
+    estimate: Floats | None
     values: Floats | None = None
     size: int | None = None
     axis: Axis = "columns"
@@ -66,7 +81,15 @@ class Known:
 
 @dataclass(frozen=True, eq=False)
 class Basis:
-    """Everything that a bound on the control needs."""
+    """Everything that a bound on the control needs.
+
+    Attributes
+    ----------
+    B : ndarray, shape (n, m)
+        The input matrix.
+    x0, xf, A : Known
+        What is known of the other entities.
+    """
 
     B: Floats
     x0: Known

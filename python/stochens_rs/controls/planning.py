@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 
     Floats: TypeAlias = NDArray[np.float64]
 
-__all__ = ["Requirement", "SamplePlan", "required_samples"]
-
 Quantity: TypeAlias = Literal["state", "control"]
 Fusion: TypeAlias = Literal["product", "diagonal"]
 
@@ -131,7 +129,31 @@ class SamplePlan:
         }
 
     def _repr_html_(self) -> str:
-        return html.sample_plan(self)
+        head = ("bound", "N", "exact rms", "quantile", "failures")
+        body = [
+            (
+                one.name,
+                "more than 2^53" if one.size is None else html.grouped(one.size),
+                html.text(one.rms),
+                html.text(one.quantile),
+                "" if one.failures is None else f"{one.failures} of {self.runs}",
+            )
+            for one in self.rows
+        ]
+        relative = f" ({self.error / self.reference:.3g} relative)" if self.reference else ""
+        size, expected = self.rows[0].size, self.expected_size
+        rows = [
+            ("enough", "nothing up to 2^53" if size is None else f"N = {html.grouped(size)}"),
+            (f"error of the {self.quantity}", f"at most {self.error:.4g}{relative}"),
+            ("with probability", f"{1.0 - self.delta:g}"),
+            ("fusion", self.fusion),
+            (
+                "no guarantee, exact rms",
+                None if expected is None else f"N = {html.grouped(expected)}",
+            ),
+            ("no guarantee, simulated", f"N = {html.grouped(self.simulated_size)}"),
+        ]
+        return html.card(self, rows, html.grid(head, body))
 
     def __str__(self) -> str:
         share = f" ({self.error / self.reference:.3g} relative)" if self.reference else ""

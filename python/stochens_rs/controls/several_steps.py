@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     from .entities import EntityLike
 
-__all__ = ["control_steps"]
-
 
 def control_steps(
     B: ArrayLike, x0: EntityLike, xf: EntityLike, A: EntityLike, steps: int

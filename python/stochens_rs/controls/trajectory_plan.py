@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 
     Floats: TypeAlias = NDArray[np.float64]
 
-__all__ = ["TrajectoryPlan"]
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TrajectoryPlan:

@@ -1,1 +1,8 @@
 """Realizations of vectors and matrices: drawn, counted, or brought by the user."""
+
+from .counts import Counts
+from .ensemble import Ensemble
+from .law import Law
+from .sampling import sample, sample_counts
+
+__all__ = ["Counts", "Ensemble", "Law", "sample", "sample_counts"]

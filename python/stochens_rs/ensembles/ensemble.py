@@ -406,7 +406,13 @@ class Ensemble:
         return (_redrawn, (self.indices, self._values(), self._axis, self._scheme, self._key))
 
     def _repr_html_(self) -> str:
-        return html.ensemble(self)
+        rows = [
+            ("realizations N", html.grouped(self.size)),
+            ("shape of each", html.shape(self.shape)),
+            ("entries kept", f"one in each of the {self.axis}" if self.is_singleton else "all"),
+            ("drawn here", self.scheme or "no"),
+        ]
+        return html.card(self, rows)
 
     def __repr__(self) -> str:
         kind = "dense"

@@ -1,1 +1,6 @@
 """Realizations fused into one estimate."""
+
+from .fits import Fit, Path
+from .fusing import fuse, fuse_path
+
+__all__ = ["Fit", "Path", "fuse", "fuse_path"]

@@ -106,7 +106,15 @@ class Fit:
         return self.estimate.shape
 
     def _repr_html_(self) -> str:
-        return html.fit(self)
+        rows = [
+            ("realizations N", html.grouped(len(self.weights))),
+            ("shape", html.shape(self.shape)),
+            ("distance to the target", self.error),
+            ("no weights come nearer than", self.lower_bound),
+            ("gap of the squared distance", self.gap),
+            ("entries never seen", self.unseen or None),
+        ]
+        return html.card(self, rows)
 
     def __repr__(self) -> str:
         error = "" if self.error is None else f", error {self.error:.3g}"
@@ -142,7 +150,13 @@ class Path:
     estimates: NDArray[np.float64] | None = None
 
     def _repr_html_(self) -> str:
-        return html.path(self)
+        first, last = (html.grouped(int(self.sizes[k])) for k in (0, -1))
+        rows = [
+            ("realizations N", f"{first} to {last}, {len(self.sizes)} sizes"),
+            ("error", f"{self.errors[0]:.4g} at the first, {self.errors[-1]:.4g} at the last"),
+        ]
+        about = "error over N, both logarithmic"
+        return html.card(self, rows, html.lines(self.sizes, [self.errors], about, log=True))
 
     def __post_init__(self) -> None:
         for name in ("errors", "gaps"):

@@ -36,8 +36,8 @@ class Printed(Bound):
 
     Examples
     --------
-    >>> from stochens_rs.theory.bounds import paper
-    >>> isinstance(paper.OneVector([1.0, 1.0]), paper.Printed)
+    >>> from stochens_rs.paper import bounds
+    >>> isinstance(bounds.OneVector([1.0, 1.0]), bounds.Printed)
     True
     """
 
@@ -81,8 +81,8 @@ class OneVector(Printed):
 
     Examples
     --------
-    >>> from stochens_rs.theory.bounds import paper
-    >>> printed = paper.OneVector([0.5, 0.5], C=4.0)
+    >>> from stochens_rs.paper import bounds
+    >>> printed = bounds.OneVector([0.5, 0.5], C=4.0)
     >>> f"{printed.probability(200, 0.3):.1e}"  # exactly 1.0e-9
     '1.9e-15'
     """
@@ -130,8 +130,8 @@ class Lemma42(Printed):
 
     Examples
     --------
-    >>> from stochens_rs.theory.bounds import paper
-    >>> lemma = paper.Lemma42([1.0, 1.0], [2.0, 2.0], [[1.0, 0.0], [2.0, 5.0]], C=2.0)
+    >>> from stochens_rs.paper import bounds
+    >>> lemma = bounds.Lemma42([1.0, 1.0], [2.0, 2.0], [[1.0, 0.0], [2.0, 5.0]], C=2.0)
     >>> round(lemma.radius(1000, 0.01), 3)
     4.8
     """
@@ -199,10 +199,10 @@ class Lemma43(Printed):
     Examples
     --------
     >>> import numpy as np
-    >>> from stochens_rs.theory.bounds import paper
+    >>> from stochens_rs.paper import bounds
     >>> A = np.array([[1.0, 1.0], [1.0, -1.0]]) / np.sqrt(2.0)
     >>> x0, B = np.full(2, 0.5**0.5), [[1.0], [0.0]]
-    >>> one, ten = (paper.Lemma43(A, B, x0, np.zeros((K, 1))).radius(100, 0.01) for K in (1, 10))
+    >>> one, ten = (bounds.Lemma43(A, B, x0, np.zeros((K, 1))).radius(100, 0.01) for K in (1, 10))
     >>> one == ten  # while the variance grows 2000-fold
     True
     """

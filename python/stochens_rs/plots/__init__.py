@@ -1,1 +1,6 @@
 """How arrays become figures; knows no record."""
+
+from .files import save_figures
+from .style import require_matplotlib
+
+__all__ = ["require_matplotlib", "save_figures"]

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ..studies.figures import INK, new_figure
+from .style import INK, new_figure, require_matplotlib
 
 if TYPE_CHECKING:
     import numpy as np
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
-
-__all__ = ["draw_states"]
 
 # Okabe and Ito's palette, distinct for any colour vision; more states repeat it with other dashes.
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#E69F00", "#56B4E9", "#CC79A7", "#222222")
@@ -28,8 +26,6 @@ def draw_states(
     ax: Axes | None,
 ) -> Axes:
     """Draw `states` (K + 1, n) over `times`, and twice `error` around them."""
-    from .files import require_matplotlib
-
     require_matplotlib()
     if ax is None:
         ax = new_figure(5.6, 4.2, header=0.0, footer=0.0).add_subplot()

@@ -1,31 +1,37 @@
-"""The figure of a trace. Used by `Trace.plot` alone."""
+"""How the errors of a stream over its steps look."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ..studies.figures import INK, new_figure
+import numpy as np
+
+from .style import INK, new_figure, require_matplotlib
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from numpy.typing import NDArray
 
-    from ..streams.records import Trace
+    Floats = NDArray[np.float64]
 
 
-def draw_trace(trace: Trace, ax: Axes | None) -> Axes:
-    """Error and certificate over the steps."""
+def draw_trace(
+    steps: NDArray[np.int64], errors: Floats, certificates: Floats, ax: Axes | None
+) -> Axes:
+    """Draw errors and certificates over the steps; a logarithmic axis has no place for zeros."""
+    require_matplotlib()
     if ax is None:
         ax = new_figure(5.6, 4.2, header=0.0, footer=0.0).add_subplot()
     ax.set_xscale("log")
     ax.set_yscale("log")
     curves = (  # where they agree, the dashes of the certificate show both
-        (trace.errors, "error", "#0072B2", "-"),
-        (trace.certificates, "certificate", "#D55E00", "--"),
+        (errors, "error", "#0072B2", "-"),
+        (certificates, "certificate", "#D55E00", "--"),
     )
     for values, label, color, line in curves:
-        shown = (trace.steps > 0) & (values > 0.0)  # nan is not
+        shown = (steps > 0) & (values > 0.0)  # nan is not
         if shown.any():
-            ax.plot(trace.steps[shown], values[shown], line, color=color, label=label, lw=1.6)
+            ax.plot(steps[shown], values[shown], line, color=color, label=label, lw=1.6)
     ax.set_xlabel("step", color=INK)
     ax.set_ylabel(r"$\|B(v - v^*)\|$", color=INK)
     ax.grid(True, which="major", color="#e4e4e4", linewidth=0.7)

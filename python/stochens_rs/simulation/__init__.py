@@ -1,1 +1,14 @@
 """What a control does to a system."""
+
+from .closed_loop import Tracking, track
+from .records import EnsembleTrajectory, Trajectory
+from .simulating import simulate, simulate_ensemble
+
+__all__ = [
+    "EnsembleTrajectory",
+    "Tracking",
+    "Trajectory",
+    "simulate",
+    "simulate_ensemble",
+    "track",
+]

@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 
     Floats: TypeAlias = NDArray[np.float64]
 
-__all__ = ["Tracking", "track"]
-
 _FEASIBLE = float(np.sqrt(np.finfo(float).eps))
 
 

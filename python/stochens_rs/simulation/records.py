@@ -11,14 +11,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .._base import html
+from ..plots.states import draw_states
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
     from ..rng import Key
-
-__all__ = ["EnsembleTrajectory", "Trajectory"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -71,12 +70,15 @@ class Trajectory:
         >>> path.plot().get_ylabel()
         'state'
         """
-        from ..plots.states import draw_states
-
         return draw_states(self.times, self.states, None, timed=self.dt is not None, ax=ax)
 
     def _repr_html_(self) -> str:
-        return html.trajectory(self)
+        rows = [
+            ("steps", html.duration(self.steps, self.dt)),
+            html.ends(self.states),
+            html.largest(self.inputs),
+        ]
+        return html.card(self, rows, html.states(self.times, self.states, "states over time"))
 
     def __repr__(self) -> str:
         return f"<Trajectory: n={self.states.shape[1]}, {self.steps} steps>"
@@ -172,13 +174,21 @@ class EnsembleTrajectory:
         >>> path.plot().get_xlabel()
         'step k'
         """
-        from ..plots.states import draw_states
-
         timed = self.dt is not None
         return draw_states(self.times, self.mean, self.standard_error, timed=timed, ax=ax)
 
     def _repr_html_(self) -> str:
-        return html.ensemble_trajectory(self)
+        error = self.standard_error
+        end = None if error is None else f"at most {error[-1].max():.4g}"
+        rows = [
+            ("steps", html.duration(self.steps, self.dt)),
+            ("trajectories", html.grouped(self.replicates)),
+            ("realizations N per step", html.grouped(self.size)),
+            ("drawn", ", ".join(self.sampled)),
+            html.ends(self.mean),
+            ("standard error at the end", end),
+        ]
+        return html.card(self, rows, html.states(self.times, self.mean, "mean states over time"))
 
     def __repr__(self) -> str:
         return (

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
     Floats: TypeAlias = NDArray[np.float64]
 
-__all__ = ["simulate", "simulate_ensemble"]
-
 Averaging: TypeAlias = Literal["runs", "mean-field"]
 Moments: TypeAlias = Literal["diagonal", "full"]
 

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     Floats: TypeAlias = NDArray[np.float64]
     FeedLike: TypeAlias = ArrayLike | Ensemble | Iterable[ArrayLike]
 
-__all__ = ["DataStream"]
-
 _NAMES = ("x0", "xf", "A")
 _BLOCK = 2**18  # entries that are handed over at a time
 
@@ -309,7 +307,14 @@ class DataStream(Durable):
         return Confidence(state, r0, rf, rA, delta, complete, bounds, reason)
 
     def _repr_html_(self) -> str:
-        return html.data_stream(self)
+        counts = self.counts
+        known = all(counts.values())
+        rows = [
+            ("realizations", html.counts(counts)),
+            ("control u", html.vector(self.u) if known else "none: an entity has no realization"),
+            ("certified", self.certificate if known else None),
+        ]
+        return html.card(self, rows)
 
     def _seen(self, what: str) -> None:
         missing = [name for name, count in self.counts.items() if count == 0]

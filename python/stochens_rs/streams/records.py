@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .._base import html
+from ..plots.trace import draw_trace
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
-
-__all__ = ["Confidence", "StreamRun", "Trace"]
 
 
 @dataclass(frozen=True)
@@ -98,14 +97,10 @@ class Trace:
         >>> stream.trace.plot().get_xlabel()
         'step'
         """
-        from ..plots.files import require_matplotlib
-        from ..plots.trace import draw_trace
-
-        require_matplotlib()
-        return draw_trace(self, ax)
+        return draw_trace(self.steps, self.errors, self.certificates, ax)
 
     def _repr_html_(self) -> str:
-        return html.trace(self)
+        return html.card(self, [], html.errors(self.steps, self.errors))
 
     def __len__(self) -> int:
         return len(self.steps)

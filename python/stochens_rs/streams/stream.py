@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
     Floats: TypeAlias = NDArray[np.float64]
 
-__all__ = ["Stream"]
-
 Variant: TypeAlias = Literal["consistent", "semi", "literal"]
 Slots: TypeAlias = Literal["random", "round-robin", "gain"]
 Rule: TypeAlias = Literal["certificate", "printed"]
@@ -382,7 +380,14 @@ class Stream(Durable):
                 return "converged" if satisfied() else end
 
     def _repr_html_(self) -> str:
-        return html.stream(self)
+        rows = [
+            ("steps", html.grouped(self.steps)),
+            ("realizations", html.counts(self.counts)),
+            ("state off by", self.error),
+            ("certified", self.certificate),
+            ("control u", html.vector(self.u)),
+        ]
+        return html.card(self, rows, html.errors(self.trace.steps, self.trace.errors))
 
     def _to_sections(self) -> dict[str, Any]:
         """Return the state as named arrays of bytes, counters and numbers, digest included."""

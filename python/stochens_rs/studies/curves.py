@@ -18,8 +18,6 @@ from numpy.typing import NDArray
 from .._base import gate
 from ..exceptions import InputError, StochensError
 
-__all__ = ["BAND", "Curve", "Panel", "quantiles"]
-
 BAND = (0.1, 0.9)  # the shaded band holds the middle 80 % of the replicates
 
 FloatArray = NDArray[np.float64]

@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 from .._base import gate
 from .._base.files import versions, write_text
 from ..exceptions import InputError
-from .curves import Curve, Panel, quantiles, written_by
+from ..plots.files import save_figures
+from .curves import Panel, written_by
+from .figures import figure, panel
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-__all__ = ["Curve", "Experiment", "Panel", "log_grid", "quantiles"]
 
 SCHEMA = "stochens-experiment/1"
 
@@ -130,11 +131,87 @@ class Experiment:
                 panels=tuple(Panel.from_dict(p) for p in data["panels"]),
             )
 
-    def plot(self) -> dict[str, Figure]:
-        """The figures of this experiment, by name ("power-figure-1", ...); needs matplotlib."""
-        from ..plots import files as plots
+    def plot(self, *, shown: bool = True) -> dict[str, Figure]:
+        """The figures of this experiment, by file name: "power-figure-1", ...
 
-        return plots.figures(self)
+        Parameters
+        ----------
+        shown : bool, default True
+            As in `plot_figure`.
+
+        Returns
+        -------
+        dict of str to matplotlib Figure
+
+        Raises
+        ------
+        ImportError
+            matplotlib is not installed.
+        """
+        numbers = dict.fromkeys(p.figure for p in self.panels if p.figure is not None)
+        return {f"{self.name}-figure-{k}": self.plot_figure(k, shown=shown) for k in numbers}
+
+    def plot_figure(self, number: str, *, shown: bool = True) -> Figure:
+        """One figure of the paper, its panels side by side under one title and over one legend.
+
+        Parameters
+        ----------
+        number : str
+            "1" or "2" (power), "3" (tracking).
+        shown : bool, default True
+            Whether pyplot shows the figure where it can, as in a notebook; False: for files only.
+
+        Returns
+        -------
+        matplotlib Figure
+
+        Raises
+        ------
+        ImportError
+            matplotlib is not installed.
+        KeyError
+            The experiment has no such figure.
+        """
+        chosen = [p for p in self.panels if p.figure == number]
+        if not chosen:
+            raise KeyError(f"experiment {self.name!r} has no figure {number!r}")
+        s = self.settings
+        ran = (
+            f"{s['system']}:  n = {s['n']},  m = {s['m']},  N ≤ {s['samples']};  "
+            f"thick lines: medians of {self.replicates} replicates"
+        )
+        return figure(chosen, self.sizes, f"Figure {number}   {self.title}", ran, shown=shown)
+
+    def plot_panel(self, name: str, *, ax: Axes | None = None) -> Axes:
+        """Draw one panel: median and 10-90 % band of every method, one single run, and the exact
+        values.
+
+        Parameters
+        ----------
+        name : str
+            Which panel ("1a", "2b", ...).
+        ax : matplotlib Axes, optional
+            Where to draw. Default: new axes on a figure of their own (``ax.figure``), with a
+            legend.
+
+        Returns
+        -------
+        matplotlib Axes
+
+        Raises
+        ------
+        ImportError
+            matplotlib is not installed.
+        InputError, InputTypeError
+            There is no such panel.
+
+        Notes
+        -----
+        Both axes are logarithmic. Errors that cannot be told from zero (``panel.zero_level``) have
+        no place on a logarithmic axis; they are drawn in a shaded strip below it, on the tick
+        labelled 0.
+        """
+        return panel(self.panel(name), self.sizes, ax=ax)
 
     def save(self, directory: str | os.PathLike[str]) -> list[Path]:
         """Write ``<name>.json`` and every figure as PNG and SVG; returns the paths written.
@@ -160,9 +237,7 @@ class Experiment:
         directory.mkdir(parents=True, exist_ok=True)
         data = directory / f"{self.name}.json"
         write_text(data, json.dumps(self.to_dict(), allow_nan=False) + "\n")
-        from ..plots import files as plots
-
-        return [data, *plots.save_figures(plots.figures(self, shown=False), directory)]
+        return [data, *save_figures(self.plot(shown=False), directory)]
 
     def __repr__(self) -> str:
         return (

@@ -1,34 +1,27 @@
-"""How a panel looks: colours, axes, curves, legend. Used by `plots` alone.
+"""How a panel looks: axes, curves, legend, and several panels in one figure.
 
-Curves differ in colour (Okabe and Ito's palette), marker and line style, so that they can be told
-apart in print and with any colour vision. matplotlib is imported inside the functions: it is an
-extra.
+Nothing is computed here beyond quantiles. Curves differ in colour (Okabe and Ito's palette),
+marker and line style, so that they can be told apart in print and with any colour vision.
+matplotlib is imported inside the functions: it is an extra.
 """
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .._base.progress import in_ipython
+from ..plots.style import INK, PALE, new_figure, require_matplotlib
+from .curves import Curve, Panel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from ..paper.experiments import Curve, Experiment, Panel
-
-__all__ = ["INK", "STYLES", "draw", "heading", "legend", "new_figure", "prepare"]
 
 Floats = NDArray[np.float64]
-
-INK = "#222222"
-PALE = "#6b6b6b"
-
 
 # The exact root mean square error, and the same over the replicates.
 EXACT: dict[str, Any] = {"color": INK, "linewidth": 1.0, "linestyle": (0, (2, 2))}
@@ -53,46 +46,35 @@ STYLES = {
 }
 
 
-# Backends that write files; pyplot would keep their figures and show them to nobody.
-_FILES = ("agg", "cairo", "pdf", "pgf", "ps", "svg", "template")
+def panel(shown: Panel, sizes: NDArray[np.int64], *, ax: Axes | None = None) -> Axes:
+    """Draw one panel; without `ax` on a figure of its own, with a legend."""
+    require_matplotlib()
+    own = None
+    if ax is None:
+        own = new_figure(5.6, 5.0, header=0.0, footer=1.15)
+        ax = own.add_subplot()
+    floor = prepare(ax, shown, sizes)
+    for curve in shown.curves:
+        draw(ax, curve, sizes, shown.zero_level, floor)
+    if own is not None:
+        legend(own, [shown], columns=2)
+    return ax
 
 
-def new_figure(
-    width: float, height: float, *, header: float, footer: float, shown: bool = True
+def figure(
+    panels: Sequence[Panel], sizes: NDArray[np.int64], title: str, ran: str, *, shown: bool
 ) -> Figure:
-    """A figure; sizes in inches, `header` and `footer` are kept free.
-
-    Where pyplot shows figures, in a notebook or on a screen, it gets to know this one, unless
-    `shown` is False. Elsewhere it does not: nobody would close it.
-    """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-    from matplotlib.layout_engine import ConstrainedLayoutEngine
-
-    free = (0, footer / height, 1, 1 - (header + footer) / height)
-    look: dict[str, Any] = {
-        "figsize": (width, height),
-        "layout": ConstrainedLayoutEngine(w_pad=0.09, h_pad=0.06, wspace=0.05, rect=free),
-        "facecolor": "white",
-    }
-    if shown and _pyplot_shows():
-        import matplotlib.pyplot as plt
-
-        from ..plots.shown_figure import ShownFigure
-
-        return plt.figure(FigureClass=ShownFigure, **look)
-    made = Figure(**look)
-    FigureCanvasAgg(made)
-    return made
-
-
-def _pyplot_shows() -> bool:
-    """Whether the user is in IPython or has loaded pyplot, and its backend shows figures."""
-    if not in_ipython() and "matplotlib.pyplot" not in sys.modules:
-        return False
-    import matplotlib
-
-    return matplotlib.get_backend().lower() not in _FILES
+    """Draw panels side by side under one title, with what was `ran`, and over one legend."""
+    require_matplotlib()
+    result = new_figure(5.0 * len(panels), 5.0, header=0.62, footer=0.55, shown=shown)
+    for position, one in enumerate(panels, start=1):
+        ax = panel(one, sizes, ax=result.add_subplot(1, len(panels), position))
+        ax.set_title(
+            f"({one.name[1:]}) {one.quantity}", loc="left", fontsize=10.5, color=INK, pad=7
+        )
+    heading(result, title, ran)
+    legend(result, panels)
+    return result
 
 
 def prepare(ax: Axes, shown: Panel, sizes: NDArray[np.int64]) -> float:
@@ -164,15 +146,11 @@ def draw(ax: Axes, curve: Curve, sizes: NDArray[np.int64], zero_level: float, fl
         ax.plot(sizes, shown(curve.rms), zorder=4, **MEASURED)
 
 
-def heading(result: Figure, experiment: Experiment, number: str) -> None:
+def heading(result: Figure, title: str, ran: str) -> None:
     """Title and, in smaller type, what was run."""
-    s, height = experiment.settings, result.get_figheight()
-    ran = (
-        f"{s['system']}:  n = {s['n']},  m = {s['m']},  N ≤ {s['samples']};  "
-        f"thick lines: medians of {experiment.replicates} replicates"
-    )
+    height = result.get_figheight()
     for inches, text, size, color, weight in (
-        (0.10, f"Figure {number}   {experiment.title}", 13, INK, "bold"),
+        (0.10, title, 13, INK, "bold"),
         (0.40, ran, 9.5, PALE, "normal"),
     ):
         result.text(

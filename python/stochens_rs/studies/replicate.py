@@ -20,7 +20,7 @@ from ..ensembles.ensemble import Ensemble
 from ..ensembles.sampling import sample
 from ..fusion.fusing import Method, fuse_path
 from ..rng import Key
-from .experiment import Curve, Panel
+from .curves import Curve, Panel
 
 FloatArray = NDArray[np.float64]
 Sizes = NDArray[np.int64]

@@ -7,7 +7,7 @@
 :mod:`~stochens_rs.theory.multistep`
     Leading-order covariance of the state that a control over several steps leads to.
 :mod:`~stochens_rs.theory.reachability`
-    What one step or several steps can reach, exactly, for every realization, and on average.
+    What one step or several steps can reach.
 :mod:`~stochens_rs.theory.tracking`
     Exact errors and stability of tracking a reference with fresh estimates in every step.
 """

@@ -2,16 +2,14 @@
 
 `power` is the experiment of section 5.1 (a power network steered to the origin in one step,
 figures 1 and 2), `tracking` the one of section 5.2 (a reference of two states tracked in
-dimension 100, figure 3). Both return an :class:`Experiment`: every error of every replicate, the
-exact values theory predicts for uniform weights, and what is needed to repeat the run. Drawing is
-left to ``stochens_rs.plots``.
+dimension 100, figure 3). Both return an `Experiment`: every error of every replicate, the
+exact values theory predicts for uniform weights, and what is needed to repeat the run.
 """
 
 from __future__ import annotations
 
-from ...studies.experiment import Curve, Experiment, Panel
 from .facts import counterexamples
 from .power import power
 from .tracking import tracking
 
-__all__ = ["Curve", "Experiment", "Panel", "counterexamples", "power", "tracking"]
+__all__ = ["counterexamples", "power", "tracking"]

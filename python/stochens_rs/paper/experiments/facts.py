@@ -16,8 +16,6 @@ from ...ensembles.sampling import sample
 from ...fusion.fusing import fuse, fuse_path
 from ...rng import Key
 
-__all__ = ["counterexamples", "printed_stopping_rule"]
-
 
 def counterexamples() -> dict[str, Any]:
     """Lemma 4.4 (the closed form's scale) and Lemma 4.5 (its second inequality), in numbers.
@@ -34,7 +32,7 @@ def counterexamples() -> dict[str, Any]:
 
     Examples
     --------
-    >>> from stochens_rs.experiments import counterexamples
+    >>> from stochens_rs.paper import counterexamples
     >>> round(counterexamples()["closed_form"]["printed"])
     900
     """

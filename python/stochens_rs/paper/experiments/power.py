@@ -16,7 +16,8 @@ from ..._base.progress import Progress, progress_bar
 from ...cases import ieee14, ieee39
 from ...exceptions import InputError
 from ...rng import Key, RngLike, as_key
-from ...studies.experiment import Experiment, Panel, log_grid
+from ...studies.curves import Panel
+from ...studies.experiment import Experiment, log_grid
 from ...studies.replicate import (
     FUSED,
     FUSIONS,
@@ -42,8 +43,6 @@ from ...system import System
 from ...theory import moments
 from ...theory.exact import factors, one_step
 from .facts import counterexamples, printed_stopping_rule
-
-__all__ = ["power"]
 
 Floats = NDArray[np.float64]
 
@@ -118,7 +117,7 @@ def power(
 
     Examples
     --------
-    >>> from stochens_rs.experiments import power
+    >>> from stochens_rs.paper import power
     >>> result = power(rng=1, replicates=2, samples=50)
     >>> [panel.name for panel in result.panels]
     ['1a', '1b', '2a', '2b']

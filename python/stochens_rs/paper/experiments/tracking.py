@@ -15,7 +15,8 @@ from ..._base.progress import Progress, progress_bar
 from ...cases import random_system
 from ...fusion.fusing import Method
 from ...rng import Key, RngLike, as_key
-from ...studies.experiment import Experiment, Panel, log_grid
+from ...studies.curves import Panel
+from ...studies.experiment import Experiment, log_grid
 from ...studies.replicate import (
     FUSED,
     FUSIONS,
@@ -36,8 +37,6 @@ from ...studies.replicate import (
 )
 from ...theory import moments
 from ...theory.exact import factors
-
-__all__ = ["tracking"]
 
 Floats = NDArray[np.float64]
 
@@ -109,7 +108,7 @@ def tracking(
 
     Examples
     --------
-    >>> from stochens_rs.experiments import tracking
+    >>> from stochens_rs.paper import tracking
     >>> tracking(rng=1, replicates=2, samples=20, n=12, m=9).panel("3a").quantity
     'state x(1)'
     """

@@ -109,7 +109,7 @@ def approximately(
 
     Examples
     --------
-    >>> from stochens_rs.theory import reachability
+    >>> from stochens_rs.paper import reachability
     >>> A, B = [[0.5, 0.4], [0.1, 0.6]], [[0.0], [1.0]]
     >>> found = reachability.approximately(B, [1.0, 1.0], [0.0, 0.5], A, 2, rng=1)
     >>> found.verdict, bool(found.errors[-1] < 0.2)

@@ -82,7 +82,7 @@ def lemma_3_1(
 
     Examples
     --------
-    >>> from stochens_rs.theory import reachability
+    >>> from stochens_rs.paper import reachability
     >>> found = reachability.lemma_3_1(5, weights=[1, 2, 3, 4, 5])
     >>> found.hypothesis, found.claim, set(found.approximation_errors.values())
     (Fraction(0, 1), Fraction(1, 1), {Fraction(0, 1)})
@@ -148,7 +148,7 @@ def lemma_3_2(size: int = 10, *, weights: list[int] | None = None) -> Counterexa
 
     Examples
     --------
-    >>> from stochens_rs.theory import reachability
+    >>> from stochens_rs.paper import reachability
     >>> found = reachability.lemma_3_2(3, weights=[1, 1, 7])
     >>> found.claim, found.hypothesis, found.approximation_errors["A"]
     (Fraction(1, 1), Fraction(0, 1), Fraction(0, 1))
@@ -193,7 +193,7 @@ def remark_3_2(size: int = 10) -> Counterexample:
 
     Examples
     --------
-    >>> from stochens_rs.theory import reachability
+    >>> from stochens_rs.paper import reachability
     >>> found = reachability.remark_3_2(3)
     >>> found.claim, found.hypothesis
     (Fraction(1, 1), Fraction(0, 1))

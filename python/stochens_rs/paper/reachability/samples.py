@@ -82,7 +82,7 @@ def sample_reachability(
 
     Examples
     --------
-    >>> from stochens_rs.theory import reachability
+    >>> from stochens_rs.paper import reachability
     >>> found = reachability.sample_reachability([[1.0], [1.0]], [1.0, 0.0], [2.0, 2.0],
     ...                                          [[1.0, 0.0], [1.0, 1.0]])
     >>> found.residual < 1e-15, found.atoms, found.reachable_atoms, found.sample_reachable

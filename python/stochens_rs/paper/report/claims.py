@@ -6,9 +6,7 @@ from html import escape
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ..verdicts.check import Claim, Claims
-
-__all__ = ["CAPTION", "claims_table"]
+    from ..verdicts.records import Claim, Claims
 
 CAPTION = """<b>Left:</b> the error of the state that all but a given share of the runs stay
 below, beside the bound that holds and Lemma 4.2 with ‖A‖ in its constant: in the shaded range the

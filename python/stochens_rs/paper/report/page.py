@@ -18,16 +18,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..._base.files import versions, write_text
-from ...plots import files as plots
+from ...plots.files import SUFFIXES, save_figures
+from ...plots.style import require_matplotlib
 from .. import experiments as _experiments
 from .claims import CAPTION, claims_table
 from .text import agreements, caption, deviations, number
 
 if TYPE_CHECKING:
-    from ..experiments import Experiment
-    from ..verdicts.check import Claims
-
-__all__ = ["final_errors", "write_report"]
+    from ...studies import Experiment
+    from ..verdicts.records import Claims
 
 SCHEMA = "stochens-results/1"
 
@@ -92,8 +91,8 @@ def final_errors(experiments: Sequence[Experiment]) -> list[dict[str, Any]]:
 
     Examples
     --------
-    >>> from stochens_rs.experiments import power
-    >>> from stochens_rs.report import final_errors
+    >>> from stochens_rs.paper import power
+    >>> from stochens_rs.paper import final_errors
     >>> final_errors([power(rng=1, replicates=2, samples=20)])[0]["method"]
     'uniform'
     """
@@ -135,11 +134,11 @@ def write_report(
     Parameters
     ----------
     experiments : sequence of Experiment
-        What :func:`stochens_rs.experiments.power` and ``tracking`` return; any non-empty selection.
+        What :func:`stochens_rs.paper.power` and ``tracking`` return; any non-empty selection.
     outdir : path
         Directory; made if it does not exist. Files of the same name are replaced.
     claims : Claims, optional
-        What :func:`stochens_rs.claims` returns: a section with one row per statement.
+        What :func:`stochens_rs.paper.claims` returns: a section with one row per statement.
     options : mapping, optional
         What the run was asked for: kept in ``results.json``, beside the names of all files.
     title : str
@@ -161,18 +160,18 @@ def write_report(
     """
     if not experiments:
         raise ValueError("`experiments` must contain at least one experiment")
-    plots.require_matplotlib()
+    require_matplotlib()
     directory = Path(outdir)
     directory.mkdir(parents=True, exist_ok=True)
     drawn = {
         name: made
         for experiment in experiments
-        for name, made in plots.figures(experiment, shown=False).items()
+        for name, made in experiment.plot(shown=False).items()
     }
     if claims is not None:
-        drawn["claims"] = plots.claims(claims, shown=False)
+        drawn["claims"] = claims.plot(shown=False)
     data, page = directory / "results.json", directory / "report.html"
-    names = [f"{name}.{suffix}" for name in drawn for suffix in plots.SUFFIXES]
+    names = [f"{name}.{suffix}" for name in drawn for suffix in SUFFIXES]
     results = {
         "schema": SCHEMA,
         "files": [data.name, *names, page.name],
@@ -183,7 +182,7 @@ def write_report(
     if claims is not None:
         results["claims"] = claims.to_dict()
     write_text(data, json.dumps(results, allow_nan=False) + "\n")
-    written = plots.save_figures(drawn, directory)
+    written = save_figures(drawn, directory)
     write_text(page, _page(title, experiments, claims, directory))
     return [data, *written, page]
 
@@ -313,6 +312,6 @@ def _repeat(experiments: Sequence[Experiment]) -> str:
         lines = [f"rng=se.Key.from_hex({experiment.key!r})"]
         lines += [f"{name}={value!r}" for name, value in options.items()]
         body = "".join(f"    {line},\n" for line in lines)
-        calls.append(f"se.experiments.{experiment.name}(\n{body})")
+        calls.append(f"se.paper.{experiment.name}(\n{body})")
     code = escape("import stochens_rs as se\n\n" + "\n".join(calls))
     return f"<pre>{code}</pre><p>{_SAME}</p>"

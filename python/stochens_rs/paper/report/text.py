@@ -9,9 +9,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ..experiments import Experiment, Panel
-
-__all__ = ["agreements", "caption", "deviations", "number", "percent"]
+    from ...studies import Experiment, Panel
 
 _SHOWN = {
     "1": """Relative error of the estimates (a) of the initial state, (b) of the system matrix

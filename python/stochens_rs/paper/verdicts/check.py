@@ -22,17 +22,14 @@ from . import lemmas_on_reachability as reachability
 from . import lemmas_on_sampling as sampling
 from . import lemmas_on_tails as tail_bounds
 from . import lemmas_on_weights as weights
-from .comparison import Comparison, compare
+from .comparison import compare
 from .printed_figures import section_5
-from .records import Claim, Claims, Evidence
-from .tails import Tails
+from .records import Claim, Claims
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
-
-__all__ = ["Claim", "Claims", "Comparison", "Evidence", "Tails", "claims"]
 
 
 def claims(rng: RngLike = 1, *, quick: bool = False, progress: bool = False) -> Claims:
@@ -61,7 +58,7 @@ def claims(rng: RngLike = 1, *, quick: bool = False, progress: bool = False) -> 
     Examples
     --------
     >>> import stochens_rs as se
-    >>> found = se.claims(quick=True)
+    >>> found = se.paper.claims(quick=True)
     >>> found["Lemma 3.2"].verdict, found.confirmed
     ('false', True)
     """

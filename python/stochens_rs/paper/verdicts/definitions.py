@@ -6,7 +6,8 @@ from fractions import Fraction
 
 from ...cases import random_system
 from ...rng import Key
-from ...theory import reachability
+from ...theory.reachability import one_step
+from .. import reachability
 from . import rationals as exact
 from .records import Claim, Evidence
 
@@ -106,7 +107,7 @@ def sample_reachability(key: Key) -> Claim:
     gen = key.generator()
     A, B, x0 = gen.standard_normal((n, n)), gen.standard_normal((n, m)), gen.standard_normal(n)
     xf = A @ x0 + B @ gen.standard_normal(m)
-    one = reachability.one_step(B, x0, xf, A)
+    one = one_step(B, x0, xf, A)
     every = reachability.sample_reachability(B, x0, xf, A)
     text = (
         f"Random system, n = {n}, m = {m}, xf = A x0 + B u: reachable (relative residual "
@@ -136,11 +137,3 @@ def _show(values: exact.Vector) -> str:
 
 def _rows(matrix: list[list[Fraction]]) -> str:
     return "[" + ", ".join("[" + ", ".join(map(str, row)) + "]" for row in matrix) + "]"
-
-
-__all__ = [
-    "approximate_reachability",
-    "index_maps",
-    "sample_reachability",
-    "solution_formula",
-]

@@ -4,23 +4,26 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ...studies.figures import INK, PALE, STYLES, new_figure
+from ...plots.style import INK, PALE, new_figure, require_matplotlib
+from ...studies.figures import STYLES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from .check import Claims, Comparison, Tails
+    from .comparison import Comparison
+    from .tails import Tails
 
 _PAPER, _OURS = "#D55E00", "#0072B2"
 
 
-def draw_claims(found: Claims, shown: bool) -> Figure:
+def draw_claims(tails: Tails, compared: Comparison, shown: bool) -> Figure:
     """Both panels side by side."""
+    require_matplotlib()
     made = new_figure(10.0, 4.5, header=0.42, footer=0.0, shown=shown)
     left, right = made.subplots(1, 2)
-    _tails(left, found.tails)
-    _comparison(right, found.comparison)
+    _tails(left, tails)
+    _comparison(right, compared)
     made.text(0.012, 0.985, "What the lemmas say, and what happens", size=13, va="top", color=INK)
     return made
 

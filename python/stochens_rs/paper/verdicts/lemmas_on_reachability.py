@@ -5,7 +5,7 @@ from __future__ import annotations
 from fractions import Fraction
 from itertools import product
 
-from ...theory import reachability
+from .. import reachability
 from . import rationals as exact
 from .records import Claim, Evidence
 

@@ -13,6 +13,7 @@ from ...rng import Key
 from ...simulation.simulating import simulate_ensemble
 from ...system import System
 from ...theory import bounds
+from .. import bounds as printed_bounds
 from . import rationals as exact
 from .records import Claim, Evidence
 from .tails import Tails, hadamard, hard_system
@@ -29,7 +30,7 @@ def lemma_42(tails: Tails) -> Claim:
     # n = 2, w = (1/2, 1/2): the error is sqrt(2) |k/N - 1/2|
     beyond = [k for k in range(N + 1) if 2 * (Fraction(k, N) - Fraction(1, 2)) ** 2 > eps**2]
     tail = Fraction(sum(comb(N, k) for k in beyond), 2**N)
-    printed = bounds.paper.OneVector([0.5, 0.5], C=4.0).probability(N, float(eps))
+    printed = printed_bounds.OneVector([0.5, 0.5], C=4.0).probability(N, float(eps))
     held = bounds.McDiarmid([0.5, 0.5]).probability(N, float(eps))
     one = (
         f"w = (1/2, 1/2), N = {N}: P(error > {float(eps)}) = {float(tail):.2e} exactly; the "
@@ -48,7 +49,7 @@ def lemma_42(tails: Tails) -> Claim:
         f"{float(np.max(tails.ours / tails.empirical)):.2g} times the empirical quantile."
     )
     A, x0 = hard_system(tails.n)
-    corrected = bounds.paper.Lemma42(x0, np.zeros(tails.n), A, C=2.0)
+    corrected = printed_bounds.Lemma42(x0, np.zeros(tails.n), A, C=2.0)
     wide = np.array([corrected.radius(N, tails.delta) for N in tails.sizes.tolist()])
     beyond_it = wide / tails.empirical
     third = (
@@ -112,7 +113,7 @@ def lemma_43(key: Key) -> Claim:
     n, N = 16, 10
     # all N runs hit one and the same atom +-n e_i, i >= 2: deviation^2 = n^2 + 1
     log_probability = log(2 * n - 2) - N * log(2 * n)
-    lemma = bounds.paper.Lemma43(*_one_step(n), C=1.0)
+    lemma = printed_bounds.Lemma43(*_one_step(n), C=1.0)
     printed, later = (lemma.probability(k, sqrt(n**2 + 1)) for k in (N, 2 * N))
     rate = log(2 * n), log(printed / later) / N
     one = (

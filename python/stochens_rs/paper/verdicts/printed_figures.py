@@ -17,7 +17,7 @@ from . import section_5_2
 from .records import Claim, Evidence
 
 if TYPE_CHECKING:
-    from ..experiments import Experiment
+    from ...studies import Experiment
 
 
 def section_5(key: Key, replicates: int, samples: int) -> list[Claim]:

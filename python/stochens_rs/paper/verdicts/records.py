@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from textwrap import wrap
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from .comparison import Comparison
+from .drawing import draw_claims
 from .tails import Tails
 
 if TYPE_CHECKING:
@@ -120,8 +122,13 @@ class Claims:
             "comparison": self.comparison.to_dict(),
         }
 
-    def plot(self) -> Figure:
-        """Both figures side by side.
+    def plot(self, *, shown: bool = True) -> Figure:
+        """Draw the tail bounds, and SLSE against uniform weights, side by side.
+
+        Parameters
+        ----------
+        shown : bool, default True
+            Whether pyplot shows the figure where it can, as in a notebook; False: for files only.
 
         Returns
         -------
@@ -132,17 +139,32 @@ class Claims:
         ImportError
             matplotlib is not installed.
         """
-        from ...plots import files as plots
-
-        return plots.claims(self)
+        return draw_claims(self.tails, self.comparison, shown)
 
     def __str__(self) -> str:
-        from .text import table
-
-        return table(self.rows)
+        return "\n\n".join(map(_block, self.rows))
 
     def __repr__(self) -> str:
         return f"<Claims: {self.summary}>"
 
 
 _ORDER: tuple[Verdict, ...] = ("holds", "holds with a correction", "false")
+
+WIDTH = 96
+_HANG = 11
+
+
+def _block(row: Claim) -> str:
+    mark = "" if row.confirmed else "  [NOT CONFIRMED]"
+    lines = [f"{row.item}: {row.verdict.upper()}{mark}"]
+    lines += _part("paper", row.says)
+    if row.corrected:
+        lines += _part("true", row.corrected)
+    for one in row.evidence:
+        lines += _part("evidence" if one.confirms else "CONTRARY", f"[{one.kind}] {one.text}")
+    return "\n".join(lines)
+
+
+def _part(name: str, text: str) -> list[str]:
+    first, *rest = wrap(text, WIDTH - _HANG) or [""]
+    return [f"  {name:<9}{first}", *(" " * _HANG + line for line in rest)]

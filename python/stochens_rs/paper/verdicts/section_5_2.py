@@ -12,12 +12,13 @@ from ...cases import random_system
 from ...controls.several_steps import control_steps
 from ...ensembles.sampling import sample_counts
 from ...rng import Key
-from ...theory import dynamics, reachability
+from ...theory import dynamics
+from .. import reachability
 from . import rationals as exact
 from .records import Claim, Evidence
 
 if TYPE_CHECKING:
-    from ..experiments import Experiment
+    from ...studies import Experiment
 
     Law = dict[exact.Vector, Fraction]
 

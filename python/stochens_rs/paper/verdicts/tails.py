@@ -15,6 +15,7 @@ import numpy as np
 
 from ...rng import Key
 from ...theory import bounds
+from .. import bounds as printed_bounds
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -107,7 +108,7 @@ def measure(key: Key, *, n: int = 64, runs: int = 4000, delta: float = 0.01) -> 
     """Simulate the error and evaluate the bounds on a grid of sizes."""
     A, x0 = hard_system(n)
     xf, B = np.zeros(n), np.eye(n)
-    printed = bounds.paper.Lemma42(x0, xf, A, reading="matrix")
+    printed = printed_bounds.Lemma42(x0, xf, A, reading="matrix")
     gen = key.generator()
     sizes = np.array([10, 30, 100, 300, 1000, 3000])
     rows = []

@@ -22,13 +22,12 @@ average of runs over K steps   `TrajectoryMcDiarmid`, `TrajectoryBousquet`, `Tra
 =============================  =====================================================================
 
 Rows (``axis="rows"``) are covered wherever the argument `axis` exists; the bounds for one step of
-a trajectory are for columns only. The paper's own formulas are in :mod:`paper`, each with a text
-that says what is wrong with it.
+a trajectory are for columns only. The paper's own formulas are in :mod:`stochens_rs.paper.bounds`,
+each with a text that says what is wrong with it.
 
 Notation: ``g = ||w||_1``, ``g_j`` for line j of a matrix, ``L = log(1/delta)``.
 """
 
-from ...paper import bounds as paper
 from ._base import Bound
 from .averages import Average, Bousquet, Chebyshev, Hoeffding, McDiarmid, Systematic
 from .certificate import from_errors
@@ -69,5 +68,4 @@ __all__ = [
     "best",
     "candidates",
     "from_errors",
-    "paper",
 ]

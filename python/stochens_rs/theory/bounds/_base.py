@@ -26,7 +26,7 @@ class Bound:
     ----------
     *args, **kwargs
         Those of the bound. What several bounds have in common (`Bound`, `Average`, `Fused`,
-        `Trajectory`, `paper.Printed`) is no bound and cannot be made.
+        `Trajectory`, `stochens_rs.paper.bounds.Printed`) is no bound and cannot be made.
 
     Raises
     ------
@@ -230,7 +230,7 @@ class Bound:
         return scaled
 
     def _repr_html_(self) -> str:
-        return html.bound(self)
+        return html.card(self, [("inequality", self.name), ("from", self.source)])
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: error of the {self.quantity}, {self.norm} norm>"

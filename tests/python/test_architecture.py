@@ -1,0 +1,257 @@
+"""Who may import whom: the rooms of the package have an order, and each knows only lower ones."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import stochens_rs
+
+# Lowest first. Rooms in one row do not know each other; "" is the face, `stochens_rs/__init__.py`.
+LAYERS = (
+    ("exceptions",),
+    ("_base",),
+    ("plots",),
+    ("rng", "system"),
+    ("cases", "theory"),
+    ("ensembles",),
+    ("fusion", "streams"),
+    ("controls",),
+    ("simulation", "studies"),
+    ("paper",),
+    ("",),
+    ("cli",),
+    ("__main__",),
+)
+HEIGHT = {room: height for height, rooms in enumerate(LAYERS) for room in rooms}
+APART = "reference"  # knows nothing of the package, and nothing knows it
+COMPILED = "_core"
+
+
+class Package:
+    """The modules of a package by their dotted names, from the sources of its files."""
+
+    def __init__(self, sources: dict[str, str]) -> None:
+        self.trees: dict[str, ast.Module] = {}
+        self.folders = {""}
+        for path, source in sources.items():
+            parts = path.removesuffix(".py").split("/")
+            if parts[-1] == "__init__":
+                self.folders.add(".".join(parts[:-1]))
+                parts = parts[:-1]
+            self.trees[".".join(parts)] = ast.parse(source)
+
+    def imports(self, module: str) -> Iterator[tuple[int, str, bool]]:
+        """Line, imported module of the package, and whether that is inside a function.
+
+        `if TYPE_CHECKING` makes no difference: who needs a name knows where it is from.
+        """
+        here = module.split(".") if module else []
+        package = here if module in self.folders else here[:-1]
+        for node, inside in walk(self.trees[module], inside=False):
+            if isinstance(node, ast.Import):
+                for alias in node.names:
+                    if alias.name.partition(".")[0] == "stochens_rs":
+                        yield node.lineno, alias.name.partition(".")[2], inside
+            elif isinstance(node, ast.ImportFrom):
+                base = (node.module or "").split(".") if node.module else []
+                if node.level:
+                    base = package[: len(package) - node.level + 1] + base
+                elif base[:1] == ["stochens_rs"]:
+                    base = base[1:]
+                else:
+                    continue
+                for alias in node.names:
+                    longer = ".".join([*base, alias.name])
+                    if longer.split(".")[0] == COMPILED:
+                        continue
+                    yield node.lineno, longer if longer in self.trees else ".".join(base), inside
+
+    def needs(self, module: str) -> set[str]:
+        """What must be imported before this module can be, the packages around it included."""
+        around = set(packages_of(module))
+        found = set()
+        for _, target, _ in self.imports(module):
+            found |= {target, *packages_of(target)} - around - {module}
+        return found
+
+
+def packages_of(module: str) -> list[str]:
+    parts = module.split(".") if module else []
+    return [".".join(parts[:k]) for k in range(len(parts))]
+
+
+def walk(node: ast.AST, *, inside: bool) -> Iterator[tuple[ast.AST, bool]]:
+    """All nodes below, and whether they are in the body of a function."""
+    for child in ast.iter_child_nodes(node):
+        yield child, inside
+        function = isinstance(child, (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda))
+        yield from walk(child, inside=inside or function)
+
+
+def order_faults(package: Package) -> Iterator[str]:
+    """Imports of a higher room, of one beside, or of what stands apart."""
+    for module in package.trees:
+        room = module.partition(".")[0]
+        if room != APART and room not in HEIGHT:
+            yield f"{module}: give the room {room!r} a place in LAYERS"
+            continue
+        for line, target, _ in package.imports(module):
+            other = target.partition(".")[0]
+            if other == room:
+                continue
+            if APART in (room, other) or HEIGHT.get(other, len(LAYERS)) >= HEIGHT[room]:
+                yield f"{module}:{line}: must not import {target or 'the package itself'}"
+
+
+def circles(package: Package) -> list[str]:
+    """Modules that need themselves, through whatever they import."""
+    needs = {module: package.needs(module) for module in package.trees}
+
+    def all_needed(module: str) -> set[str]:
+        seen: set[str] = set()
+        left = [module]
+        while left:
+            new = needs.get(left.pop(), set()) - seen
+            seen |= new
+            left += new
+        return seen
+
+    return [f"{module}: is in a circle" for module in needs if module in all_needed(module)]
+
+
+def hidden_faults(package: Package) -> Iterator[str]:
+    """Imports of the package where the first two checks, or a reader, would not look for them."""
+    for module, tree in package.trees.items():
+        for line, target, inside in package.imports(module):
+            if inside:
+                yield f"{module}:{line}: imports {target} inside a function"
+        for node in ast.walk(tree):
+            if isinstance(node, (ast.Name, ast.Attribute)):
+                name = node.id if isinstance(node, ast.Name) else node.attr
+                if name in ("import_module", "__import__"):
+                    yield f"{module}:{node.lineno}: imports by the name of a module"
+
+
+def attached_faults(package: Package) -> Iterator[str]:
+    """``object.__setattr__`` on anything but the object whose own method this is."""
+    for module, tree in package.trees.items():
+        own = {
+            call
+            for kind in ast.walk(tree)
+            if isinstance(kind, ast.ClassDef)
+            for method in kind.body
+            if isinstance(method, ast.FunctionDef) and method.args.args
+            for call in ast.walk(method)
+            if isinstance(call, ast.Call)
+            and call.args
+            and isinstance(call.args[0], ast.Name)
+            and call.args[0].id == method.args.args[0].arg == "self"
+        }
+        for node, _ in walk(tree, inside=False):
+            if isinstance(node, ast.Call) and ast.unparse(node.func) == "object.__setattr__":
+                if node not in own:
+                    yield f"{module}:{node.lineno}: sets an attribute from outside"
+            elif (
+                isinstance(node, ast.Attribute)
+                and node.attr == "__setattr__"
+                and ast.unparse(node.value) != "object"
+            ):
+                yield f"{module}:{node.lineno}: sets an attribute in a hidden way"
+
+
+CHECKS = {
+    "order": order_faults,
+    "circles": circles,
+    "hidden": hidden_faults,
+    "attached": attached_faults,
+}
+
+
+@pytest.fixture(scope="module")
+def ours() -> Package:
+    root = Path(stochens_rs.__file__).parent
+    found = {p.relative_to(root).as_posix(): p.read_text("utf-8") for p in root.rglob("*.py")}
+    assert len(found) > 100
+    return Package(found)
+
+
+@pytest.mark.parametrize("check", CHECKS)
+def test_the_house_stands(check: str, ours: Package) -> None:
+    assert list(CHECKS[check](ours)) == []
+
+
+def test_the_graph_is_seen(ours: Package) -> None:
+    """The reader of imports finds the known ones, of every kind."""
+    needs = ours.needs("controls.plan")
+    assert {"system", "theory.exact", "theory", "controls.basis", "fusion.fits", "rng"} <= needs
+    assert "controls" not in needs  # runs before it in any case
+    assert "paper" in ours.needs("cli._claims")
+    assert all(len(ours.needs(room)) > 1 for room in ("controls", "paper", "theory", ""))
+
+
+# What each check must see, in a package of two files; and what it must let pass.
+FAULTS = [
+    ("order", {"_base/gate.py": "from ..controls import plan", "controls/plan.py": ""}),
+    ("order", {"fusion/fits.py": "from ..streams.records import Trace", "streams/records.py": ""}),
+    ("order", {"controls/plan.py": "from .. import sample", "__init__.py": ""}),
+    ("order", {"reference/fusing.py": "from ..rng import Key", "rng.py": ""}),
+    ("order", {"paper/x.py": "from ..reference import control", "reference/__init__.py": ""}),
+    ("order", {"attic/x.py": ""}),
+    (
+        "order",
+        {
+            "theory/x.py": "from typing import TYPE_CHECKING\n"
+            "if TYPE_CHECKING:\n    from ..ensembles.law import Law",
+            "ensembles/law.py": "",
+        },
+    ),
+    ("order", {"plots/x.py": "import stochens_rs.paper", "paper/__init__.py": ""}),
+    ("circles", {"theory/a.py": "from .b import x", "theory/b.py": "from . import a"}),
+    (
+        "circles",
+        {
+            "theory/a/__init__.py": "from .x import y",
+            "theory/a/x.py": "from ..b import z",
+            "theory/b.py": "from .a.free import w",  # runs a/__init__.py first
+            "theory/a/free.py": "",
+        },
+    ),
+    ("hidden", {"cli/x.py": "def f():\n    from ..rng import Key", "rng.py": ""}),
+    ("hidden", {"cli/x.py": "def f():\n    import stochens_rs.rng", "rng.py": ""}),
+    ("hidden", {"cli/x.py": "import importlib\nimportlib.import_module('stochens_rs.rng')"}),
+    ("attached", {"rng.py": "def f(plan):\n    object.__setattr__(plan, 'basis', 1)"}),
+    (
+        "attached",
+        {"rng.py": "class A:\n def f(self, b):\n  object.__setattr__(b, 'c', 1)"},
+    ),
+    ("attached", {"rng.py": "def f(self):\n    object.__setattr__(self, 'basis', 1)"}),
+    ("attached", {"rng.py": "def f(plan):\n    super(Plan, plan).__setattr__('basis', 1)"}),
+]
+SOUND = {
+    "rng.py": "from . import _core\nfrom .exceptions import X",
+    "exceptions.py": "",
+    "plots/style.py": "def f():\n    import matplotlib",
+    "theory/__init__.py": "from . import a\nfrom .b import x",
+    "theory/a.py": "from .b import x",
+    "theory/b.py": "from ..rng import Key",
+    "reference/__init__.py": "from .streams import draw",
+    "reference/streams.py": "import numpy",
+    "system.py": "class A:\n    def f(self):\n        object.__setattr__(self, 'a', 1)",
+    "cli/__init__.py": "from .. import theory, sample",
+    "__init__.py": "from .theory import x",
+}
+
+
+@pytest.mark.parametrize(("check", "sources"), FAULTS)
+def test_every_fault_is_seen(check: str, sources: dict[str, str]) -> None:
+    assert len(list(CHECKS[check](Package(sources)))) >= 1
+    others = [name for name in CHECKS if name != check and list(CHECKS[name](Package(sources)))]
+    assert others == []  # one fault each
+
+
+def test_a_sound_package_has_no_faults() -> None:
+    assert [fault for check in CHECKS.values() for fault in check(Package(SOUND))] == []

@@ -28,6 +28,7 @@
 pub mod control;
 mod error;
 pub mod fuse;
+mod memory;
 mod pages;
 mod parallel;
 mod past_caches;

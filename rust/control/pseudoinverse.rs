@@ -5,6 +5,7 @@ use faer::{Accum, Mat, MatMut, MatRef, Par};
 
 use crate::error::{Error, Result, require_finite};
 use crate::fuse::power_of_two_scale;
+use crate::memory::covered;
 
 /// `B^+` and what its singular values say.
 #[derive(Debug, Clone)]
@@ -26,9 +27,17 @@ pub struct Pseudoinverse {
 /// Singular values up to `eps max(rows, cols) sigma_max` count as zero (the rule of `scipy.linalg.pinv`).
 ///
 /// # Errors
-/// [`Error::NonFinite`] for NaN or infinity, [`Error::Numerical`] if the SVD fails on the matrix and on its transpose.
+/// [`Error::NonFinite`] for NaN or infinity, [`Error::Numerical`] if the SVD fails on the matrix and on its transpose,
+/// [`Error::Memory`].
 pub fn pseudoinverse(b: &[f64], rows: usize, cols: usize) -> Result<Pseudoinverse> {
     require_finite("B", b)?;
+    // copies of the matrix, of its factors and of the small one between them, and blocks of reflections
+    let (large, small) = (rows.max(cols) as u128, rows.min(cols) as u128);
+    let bytes = 8 * (8 * (large + 64) * (small + 8) + 8 * (small + 8) * (small + 8)) + (1 << 16);
+    covered("the pseudoinverse of `B`", bytes, || from_svd(b, rows, cols))?
+}
+
+fn from_svd(b: &[f64], rows: usize, cols: usize) -> Result<Pseudoinverse> {
     let scale = power_of_two_scale(b);
     let scaled = Mat::from_fn(rows, cols, |i, j| b[i * cols + j] / scale);
     let (u, s, v) = thin_svd(scaled.as_ref())?;

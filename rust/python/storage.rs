@@ -8,6 +8,7 @@ use pyo3::types::PyDict;
 
 use super::error::ShapeError;
 use super::run::run;
+use crate::memory::try_room;
 use crate::storage::{self, Section, Tag, Values};
 
 /// Elementary operations per byte: hashing, twice, and the disk.
@@ -30,8 +31,11 @@ pub(super) fn storage_save(
     sections: Vec<(String, Array<'_>)>,
 ) -> PyResult<u64> {
     let kind = Tag::new(kind)?;
-    let sections = sections.iter().map(|(name, array)| Ok(Section { tag: Tag::new(name)?, values: values(array)? }));
-    let sections: Vec<Section<'_>> = sections.collect::<PyResult<_>>()?;
+    let mut checked = try_room("the sections", sections.len())?;
+    for (name, array) in &sections {
+        checked.push(Section { tag: Tag::new(name)?, values: values(array)? });
+    }
+    let sections: Vec<Section<'_>> = checked;
     let bytes: usize = sections
         .iter()
         .map(|section| match &section.values {

@@ -9,11 +9,17 @@ use rand_distr::Binomial;
 
 use super::law::Law;
 use crate::error::{Error, Result};
+use crate::memory::{try_collect, try_extend, try_room};
 use crate::parallel::Stop;
 use crate::stream::{Key, Purpose};
 
 /// The largest number of realizations: beyond it, doubles no longer count by one.
 const MAX_SIZE: u64 = 1 << 53;
+
+const WHAT: &str = "the counts of a sample";
+
+/// Below this `1 - p` may be wrong by more than `2^-27` of itself.
+const FEW_DIGITS: f64 = 1.0 / (1u64 << 26) as f64;
 
 /// One multinomial draw per line: `counts[j * length + i]` realizations out of `size` hit entry `i` of line `j`.
 ///
@@ -23,42 +29,48 @@ pub fn multinomial_counts(law: &Law, size: u64, key: &Key, stop: &Stop) -> Resul
     if size > MAX_SIZE {
         return Err(Error::Value { name: "size", expected: "at most 2^53", found: size.to_string() });
     }
-    let mut counts = Vec::with_capacity(law.values().len());
+    let mut counts = try_room(WHAT, law.values().len())?;
     for j in 0..law.lines() {
         stop.check()?;
         let mut rng = key.stream(Purpose::Counts, j);
-        counts.extend(line_counts(law.line(j), law.gamma()[j], size, &mut rng)?);
+        let line = line_counts(law.line(j), law.gamma()[j], size, &mut rng)?;
+        try_extend(WHAT, &mut counts, line)?;
     }
     Ok(counts)
 }
 
 /// One multinomial draw of a line with 1-norm `gamma`: `size` in total, or nothing in a zero line.
 pub(crate) fn line_counts(line: &[f64], gamma: f64, size: u64, rng: &mut impl Rng) -> Result<Vec<u64>> {
-    // tails[i] = (|w_i| + ... + |w_n|) / g: at the last nonzero entry the conditional probability is exactly one
+    // tails[i] = (|w_i| + ... + |w_n|) / g, added from the end: what is left keeps its digits, however small
     let mut tail = 0.0;
-    let mut tails: Vec<f64> = line
-        .iter()
-        .rev()
-        .map(|w| {
-            tail += w.abs() / gamma;
-            tail
-        })
-        .collect();
+    let sums = line.iter().rev().map(|w| {
+        tail += w.abs() / gamma;
+        tail
+    });
+    let mut tails = try_collect(WHAT, sums)?;
     tails.reverse();
     let mut left = if gamma > 0.0 { size } else { 0 };
-    line.iter()
-        .zip(tails)
-        .map(|(w, tail)| {
-            if left == 0 || *w == 0.0 {
-                return Ok(0);
-            }
-            let p = (w.abs() / gamma / tail).min(1.0);
-            let binomial = Binomial::new(left, p);
-            let count = binomial.map_err(|e| Error::Numerical(format!("binomial({left}, {p}): {e}")))?.sample(rng);
-            left -= count;
-            Ok(count)
-        })
-        .collect()
+    let mut counts = try_room(WHAT, line.len())?;
+    for (i, w) in line.iter().enumerate() {
+        let count = if left == 0 || *w == 0.0 {
+            0
+        } else {
+            let p = (w.abs() / gamma / tails[i]).min(1.0);
+            // q = (|w_{i+1}| + ... + |w_n|) / (|w_i| + ... + |w_n|), zero at the last nonzero entry
+            let q = tails.get(i + 1).map_or(0.0, |rest| rest / tails[i]);
+            // 1 - p has few digits of a small q, or none
+            if q < FEW_DIGITS { left - binomial(left, q, rng)? } else { binomial(left, p, rng)? }
+        };
+        left -= count;
+        counts.push(count);
+    }
+    Ok(counts)
+}
+
+/// Successes in `trials` of probability `p` each.
+fn binomial(trials: u64, p: f64, rng: &mut impl Rng) -> Result<u64> {
+    let law = Binomial::new(trials, p).map_err(|e| Error::Numerical(format!("binomial({trials}, {p}): {e}")))?;
+    Ok(law.sample(rng))
 }
 
 #[cfg(test)]
@@ -75,6 +87,30 @@ mod tests {
                 assert_eq!(counts[3], 0);
                 assert_eq!(counts[4], size, "the only nonzero entry gets everything");
             }
+        }
+    }
+
+    /// `N q` hits are expected where `1 - q` rounds to one: a sum of 2000 counts is normal, `|z| < 5.6` (false alarm 2e-8).
+    /// With `1 - p` in place of `q` there are none, or twice as many.
+    #[test]
+    fn an_entry_too_small_to_change_the_sum_has_its_probability() {
+        for (values, q, at) in [
+            (vec![1.0, 1e-16], 1e-16, 1),
+            (vec![1.0, 0.0, 1.6e-16, 0.0], 1.6e-16, 2),
+            (vec![1e-16, 1.0], 1e-16, 0),
+            (vec![0.5, 0.5, 1e-16], 1e-16, 2),
+        ] {
+            let law = Law::new(values.clone(), 1, values.len()).unwrap();
+            let mut hits = 0;
+            for seed in 0..2000u64 {
+                let mut key = [0; 32];
+                key[..8].copy_from_slice(&seed.to_le_bytes());
+                let counts = multinomial_counts(&law, MAX_SIZE, &Key(key), &Stop::new()).unwrap();
+                assert_eq!(counts.iter().sum::<u64>(), MAX_SIZE);
+                hits += counts[at];
+            }
+            let mean = 2000.0 * MAX_SIZE as f64 * q;
+            assert!((hits as f64 - mean).abs() < 5.6 * mean.sqrt(), "{values:?}: {hits} hits, {mean} expected");
         }
     }
 

@@ -25,7 +25,8 @@ pub use systematic::systematic_counts;
 pub(crate) use counts::line_counts;
 pub(crate) use singletons::with_indices;
 
-use crate::error::{Result, checked_len};
+use crate::error::Result;
+use crate::memory::checked_len;
 use crate::parallel::Stop;
 use crate::stream::Key;
 use std::sync::Arc;

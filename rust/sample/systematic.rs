@@ -10,15 +10,21 @@ use rand::Rng;
 use super::categorical::running_sums;
 use super::law::Law;
 use super::singletons::Index;
-use crate::error::{Result, try_zeros};
+use crate::error::Result;
+use crate::memory::{try_collect, try_room, try_zeros};
 use crate::parallel::Stop;
 use crate::stream::{Key, Purpose};
 
+const WHAT: &str = "the counts of a systematic sample";
+
 /// The counts of a systematic sample, line by line; a zero line has none.
-pub fn systematic_counts(law: &Law, size: u64, key: &Key) -> Vec<u64> {
-    let mut counts = Vec::with_capacity(law.values().len());
+///
+/// # Errors
+/// [`crate::Error::Memory`].
+pub fn systematic_counts(law: &Law, size: u64, key: &Key) -> Result<Vec<u64>> {
+    let mut counts = try_room(WHAT, law.values().len())?;
     for j in 0..law.lines() {
-        let cumulative: Vec<f64> = running_sums(law.line(j)).collect();
+        let cumulative = try_collect(WHAT, running_sums(law.line(j)))?;
         let last = cumulative[law.length() - 1];
         // 53 bits, as every uniform double in [0, 1)
         let offset = (key.stream(Purpose::Offset, j).next_u64() >> 11) as f64 * 2f64.powi(-53);
@@ -34,12 +40,12 @@ pub fn systematic_counts(law: &Law, size: u64, key: &Key) -> Vec<u64> {
             count
         }));
     }
-    counts
+    Ok(counts)
 }
 
 /// Fills `out` with the counted indices, shuffled per line (Fisher-Yates from the end).
 pub(super) fn fill<I: Index>(law: &Law, key: &Key, out: &mut [I], size: usize, stop: &Stop) -> Result<()> {
-    let counts = systematic_counts(law, size as u64, key);
+    let counts = systematic_counts(law, size as u64, key)?;
     let mut order: Vec<I> = try_zeros("the order of a systematic sample", size)?;
     for (j, counts) in counts.chunks_exact(law.length()).enumerate() {
         stop.check()?;

@@ -5,6 +5,11 @@
 //! [`covered`].
 
 use std::alloc::{Layout, alloc_zeroed};
+use std::cell::Cell;
+use std::sync::OnceLock;
+
+use faer::linalg::matmul::matmul;
+use faer::{Accum, MatMut, MatRef, Par};
 
 use crate::error::{Error, Result};
 use crate::pages::Plain;
@@ -99,6 +104,32 @@ pub(crate) fn covered<T>(what: &'static str, bytes: u128, work: impl FnOnce() ->
     #[cfg(test)]
     let _watch = tests::Cover::watch(len);
     Ok(work())
+}
+
+/// After this, products of matrices on this thread allocate nothing: `faer` keeps what it packs them in per thread.
+pub(crate) fn room_for_products() -> Result<()> {
+    thread_local!(static THERE: Cell<bool> = const { Cell::new(false) });
+    const SIDE: usize = 64; // the smallest products are made without packing
+    if THERE.get() {
+        return Ok(());
+    }
+    let what = "the product of matrices";
+    let (factor, mut out) = (try_zeros::<f64>(what, SIDE * SIDE)?, try_zeros::<f64>(what, SIDE * SIDE)?);
+    let factor = MatRef::from_row_major_slice(&factor, SIDE, SIDE);
+    let out = MatMut::from_row_major_slice_mut(&mut out, SIDE, SIDE);
+    covered(what, 2 * last_cache() + (4 << 20), || matmul(out, Accum::Replace, factor, factor, 1.0, Par::Seq))?;
+    THERE.set(true);
+    Ok(())
+}
+
+/// Bytes of the last cache: `faer` takes twice as much, or less where it knows a smaller one.
+fn last_cache() -> u128 {
+    static BYTES: OnceLock<u128> = OnceLock::new();
+    *BYTES.get_or_init(|| {
+        let size = std::fs::read_to_string("/sys/devices/system/cpu/cpu0/cache/index3/size").unwrap_or_default();
+        let kib = size.trim().strip_suffix('K').and_then(|kib| kib.parse::<u128>().ok());
+        kib.map_or(32 << 20, |kib| kib << 10)
+    })
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@ use faer::{Accum, MatMut, MatRef, Par};
 
 use super::realizations::{Entity, Realized};
 use crate::error::Result;
-use crate::memory::try_zeros;
+use crate::memory::{room_for_products, try_zeros};
 use crate::parallel::Stop;
 use crate::prefetch::prefetch;
 
@@ -23,6 +23,7 @@ pub(super) fn controls(
 ) -> Result<()> {
     let n = realized.n;
     let count = out.len() / m;
+    room_for_products()?;
     let mut y = try_zeros("the controls", count * n)?;
     differences(realized, first, &mut y, stop)?;
     // U = Y (B^+)^T

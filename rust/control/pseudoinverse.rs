@@ -5,7 +5,7 @@ use faer::{Accum, Mat, MatMut, MatRef, Par};
 
 use crate::error::{Error, Result, require_finite};
 use crate::fuse::power_of_two_scale;
-use crate::memory::covered;
+use crate::memory::{covered, room_for_products};
 
 /// `B^+` and what its singular values say.
 #[derive(Debug, Clone)]
@@ -34,6 +34,7 @@ pub fn pseudoinverse(b: &[f64], rows: usize, cols: usize) -> Result<Pseudoinvers
     // copies of the matrix, of its factors and of the small one between them, and blocks of reflections
     let (large, small) = (rows.max(cols) as u128, rows.min(cols) as u128);
     let bytes = 8 * (8 * (large + 64) * (small + 8) + 8 * (small + 8) * (small + 8)) + (1 << 16);
+    room_for_products()?;
     covered("the pseudoinverse of `B`", bytes, || from_svd(b, rows, cols))?
 }
 

@@ -176,7 +176,7 @@ mod tests {
             let realized = Realized::new(draw(1, 1), draw(1, 2), draw(n, 3), n).unwrap();
             for m in (1..=17).chain([27]) {
                 let columns: Vec<f64> = (0..n * m).map(number).collect();
-                let picks = Picks::new(&realized, &columns, m).unwrap();
+                let picks = Picks::new(&realized, &columns, m).unwrap().unwrap();
                 for (first, count, shift) in [(0, size, 0), (5, size - 5, 1), (size - 7, 7, 0), (3, 1, 1)] {
                     // one double further on is another place within a cache line
                     let mut large = vec![f64::NAN; count * m + 1];

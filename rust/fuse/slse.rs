@@ -183,6 +183,7 @@ pub(super) fn steps_to_weights(steps: &mut [f64], safeguards: &[f64]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fuse::distance;
     use crate::sample::{Index, Indices, Law};
     use crate::{Key, Scheme, sample};
     use std::sync::Arc;
@@ -251,7 +252,7 @@ mod tests {
                         sample.iter().enumerate().for_each(|(j, r)| terms[j * length + r.get()].push(*weight));
                     }
                 });
-                let atoms = law.atoms();
+                let atoms = law.atoms().unwrap();
                 let squares = terms
                     .into_iter()
                     .enumerate()

@@ -339,7 +339,7 @@ const CALLS: [&str; 28] = [
 
 /// The first of many [`entries`], which are made before any allocation fails.
 fn entries_of(len: usize) -> &'static [f64] {
-    static ALL: std::sync::OnceLock<Vec<f64>> = std::sync::OnceLock::new();
+    static ALL: OnceLock<Vec<f64>> = OnceLock::new();
     &ALL.get_or_init(|| entries(50_000))[..len]
 }
 
@@ -369,7 +369,7 @@ fn ladder() {
             // a solver goes on without a factor it has no memory for
             assert!(matches!(result, Ok(()) | Err(Error::Memory { .. })), "{name}, {at}: {result:?}");
             // every one of the first, then ever fewer: solvers allocate in loops
-            at += 1 + at / 40;
+            at += 1 + at / 20;
         }
     }
     println!("rungs: {rungs}");

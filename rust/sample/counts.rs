@@ -5,7 +5,7 @@
 
 use rand::Rng;
 use rand::distr::Distribution;
-use rand_distr::Binomial;
+use rand_distr::{Binomial, Poisson};
 
 use super::law::Law;
 use crate::error::{Error, Result};
@@ -20,6 +20,9 @@ const WHAT: &str = "the counts of a sample";
 
 /// Below this `1 - p` may be wrong by more than `2^-27` of itself.
 const FEW_DIGITS: f64 = 1.0 / (1u64 << 26) as f64;
+
+/// From this many trials on `(1 - p)^N` may be wrong by `2^-13` of itself, because `1 - p` is rounded.
+const MANY: u64 = 1 << 40;
 
 /// One multinomial draw per line: `counts[j * length + i]` realizations out of `size` hit entry `i` of line `j`.
 ///
@@ -69,6 +72,12 @@ pub(crate) fn line_counts(line: &[f64], gamma: f64, size: u64, rng: &mut impl Rn
 
 /// Successes in `trials` of probability `p` each.
 fn binomial(trials: u64, p: f64, rng: &mut impl Rng) -> Result<u64> {
+    let mean = trials as f64 * p;
+    if trials >= MANY && mean > 0.0 && mean < 10.0 {
+        // the inversion that `Binomial` makes here rounds 1 - p; the total variation distance to Poisson is at most p < 1e-11
+        let law = Poisson::new(mean).map_err(|e| Error::Numerical(format!("poisson({mean}): {e}")))?;
+        return Ok((law.sample(rng) as u64).min(trials));
+    }
     let law = Binomial::new(trials, p).map_err(|e| Error::Numerical(format!("binomial({trials}, {p}): {e}")))?;
     Ok(law.sample(rng))
 }

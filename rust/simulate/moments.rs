@@ -12,7 +12,7 @@ use faer::{Accum, MatMut, MatRef, Par};
 
 use super::block::{RUNS, Row, States};
 use crate::error::{Error, Result};
-use crate::memory::{checked_len, try_collect, try_zeros};
+use crate::memory::{checked_len, room_for_products, try_collect, try_zeros};
 
 /// Which second moments are wanted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -50,6 +50,9 @@ pub(super) struct Sums<'a> {
 impl<'a> Sums<'a> {
     /// Nothing yet; `center` has n entries for every time.
     pub(super) fn new(center: &'a [f64], n: usize, second: Second) -> Result<Self> {
+        if second == Second::Full {
+            room_for_products()?;
+        }
         let (what, width) = ("the sums over the runs", if second == Second::Full { n } else { 1 });
         Ok(Self {
             center,

@@ -2,7 +2,7 @@
 
 use super::slot::damaged;
 use crate::error::Result;
-use crate::memory::try_copy;
+use crate::memory::{try_copy, try_push};
 
 const WHAT: &str = "a state";
 
@@ -23,18 +23,18 @@ pub struct Sections(pub Vec<(String, Section)>);
 
 impl Sections {
     pub(super) fn put_u64(&mut self, name: impl Into<String>, values: &[u64]) -> Result<()> {
-        self.0.push((name.into(), Section::U64(try_copy(WHAT, values)?)));
-        Ok(())
+        let section = Section::U64(try_copy(WHAT, values)?);
+        try_push(WHAT, &mut self.0, (name.into(), section))
     }
 
     pub(super) fn put_f64(&mut self, name: impl Into<String>, values: &[f64]) -> Result<()> {
-        self.0.push((name.into(), Section::F64(try_copy(WHAT, values)?)));
-        Ok(())
+        let section = Section::F64(try_copy(WHAT, values)?);
+        try_push(WHAT, &mut self.0, (name.into(), section))
     }
 
     pub(super) fn put_u8(&mut self, name: impl Into<String>, values: &[u8]) -> Result<()> {
-        self.0.push((name.into(), Section::U8(try_copy(WHAT, values)?)));
-        Ok(())
+        let section = Section::U8(try_copy(WHAT, values)?);
+        try_push(WHAT, &mut self.0, (name.into(), section))
     }
 
     fn take(&mut self, name: &str) -> Result<Section> {

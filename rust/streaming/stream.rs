@@ -6,7 +6,7 @@ use super::slot::{Slot, norm};
 use super::trace::{Entry, on_grid};
 use super::variants::Raw;
 use crate::error::{Error, Result};
-use crate::memory::{checked_len, covered, try_filled, try_room, try_zeros};
+use crate::memory::{checked_len, covered, room_for_products, try_filled, try_room, try_zeros};
 use crate::sample::{Law, Sequence};
 use crate::stream::Key;
 
@@ -277,6 +277,7 @@ fn spectral_norm(a: &[f64], n: usize) -> Result<f64> {
     let scale = crate::fuse::power_of_two_scale(a);
     // the matrix, a copy, and the blocks of reflections
     let bytes = 8 * 3 * (n as u128 + 64).pow(2) + (1 << 16);
+    room_for_products()?;
     let largest = covered("the norm of `A`", bytes, || {
         let matrix = faer::Mat::from_fn(n, n, |i, j| a[j * n + i] / scale);
         matrix.singular_values().map(|sigma| sigma.first().copied().unwrap_or(0.0))

@@ -13,6 +13,7 @@ use super::budget::Budget;
 use super::operator::SEARCH;
 use super::triangle::{PANEL, Triangle};
 use crate::error::{Error, Result};
+use crate::memory::room_for_products;
 
 /// Rows above which no factor is computed (400 MB).
 pub(crate) const LARGEST_FACTOR: usize = 10_000;
@@ -37,6 +38,7 @@ pub(crate) struct Factor {
 impl Factor {
     /// Factors `matrix` in place; `None` if a pivot is not positive or a limit is reached.
     pub fn new(mut matrix: Triangle, budget: &mut Budget) -> Result<Option<Self>> {
+        room_for_products()?;
         let parameters: Spec<LltParams, f64> = Spec::default();
         let scratch = cholesky_in_place_scratch::<f64>(PANEL, Par::Seq, parameters);
         let bytes = scratch.unaligned_bytes_required() as u128;

@@ -24,6 +24,7 @@
 //! ```
 
 #![deny(missing_docs, unsafe_code)]
+#![cfg_attr(test, allow(clippy::disallowed_methods, clippy::disallowed_macros))]
 
 pub mod control;
 mod error;

@@ -38,6 +38,7 @@ pub fn pseudoinverse(b: &[f64], rows: usize, cols: usize) -> Result<Pseudoinvers
     covered("the pseudoinverse of `B`", bytes, || from_svd(b, rows, cols))?
 }
 
+#[expect(clippy::disallowed_methods, clippy::disallowed_macros, reason = "called under `covered`")]
 fn from_svd(b: &[f64], rows: usize, cols: usize) -> Result<Pseudoinverse> {
     let scale = power_of_two_scale(b);
     let scaled = Mat::from_fn(rows, cols, |i, j| b[i * cols + j] / scale);
@@ -72,6 +73,7 @@ fn from_svd(b: &[f64], rows: usize, cols: usize) -> Result<Pseudoinverse> {
 type Factors = (Mat<f64>, Vec<f64>, Mat<f64>);
 
 /// `U, S, V` with `B = U S V^T`; the transpose is tried where the iteration does not converge.
+#[expect(clippy::disallowed_methods, reason = "called under `covered`")]
 fn thin_svd(b: MatRef<'_, f64>) -> Result<Factors> {
     let factors = |m: MatRef<'_, f64>| {
         let svd = m.thin_svd().ok()?;

@@ -106,7 +106,9 @@ pub(super) struct Cover(usize);
 
 impl Cover {
     pub(super) fn watch(bytes: usize) -> Self {
-        (HELD.set(0), PEAK.set(0), COVERED.set(true));
+        HELD.set(0);
+        PEAK.set(0);
+        COVERED.set(true);
         Self(bytes)
     }
 }
@@ -149,13 +151,13 @@ fn call(name: &str) -> Option<Call> {
         let stop = Stop::new();
         Box::new(move || fuse::alse(&draws, draws.law().values(), &settings(set), &stop).map(drop))
     };
-    let model = || -> Model {
+    let model = |steps: usize| -> Model {
         let law = |lines: usize| Law::new(entries(lines * N), lines, N).unwrap();
-        Model::new(law(N), law(2), law(1), entries(2 * 70)).unwrap()
+        Model::new(law(N), law(2), law(1), entries(2 * steps)).unwrap()
     };
     let all = Drawn { a: true, b: true, x0: true };
     let simulated = |second, drawn| -> Call {
-        let (model, stop) = (model(), Stop::new());
+        let (model, stop) = (model(70), Stop::new());
         Box::new(move || runs(&model, drawn, 5, second, true, &key, 2, &stop).map(drop))
     };
     let stream = |variant, safeguard, order| -> Call {
@@ -168,7 +170,7 @@ fn call(name: &str) -> Option<Call> {
             let limits = Limits { steps: 2500, tolerance: Some((Rule::Certificate, 0.0)), deadline: None };
             stream.advance(&limits, &stop)?;
             stream.advance(&Limits { steps: 3, tolerance: Some((Rule::Printed, 0.0)), deadline: None }, &stop)?;
-            (stream.control()?, stream.estimates()?, stream.residuals()?, stream.certificate()?);
+            let _ = (stream.control()?, stream.estimates()?, stream.residuals()?, stream.certificate()?);
             Stream::from_sections(stream.to_sections()?).map(drop)
         })
     };
@@ -268,14 +270,14 @@ fn call(name: &str) -> Option<Call> {
             })
         }
         "trajectory" => {
-            let model = model();
+            let model = model(70);
             Box::new(move || model.trajectory(&stop).map(drop))
         }
         "runs" => simulated(Second::Diagonal, all),
         "runs with covariance" => simulated(Second::Full, Drawn { b: false, ..all }),
         "mean field" => {
-            let model = model();
-            Box::new(move || mean_field(&model, all, 100, 3, Second::Diagonal, true, &key, 2, &stop).map(drop))
+            let model = model(2);
+            Box::new(move || mean_field(&model, all, 100, 2, Second::Diagonal, true, &key, 2, &stop).map(drop))
         }
         "stream" => stream(Variant::Consistent, false, Order::Gain),
         "stream safeguarded" => stream(Variant::Consistent, true, Order::Random),
@@ -289,7 +291,7 @@ fn call(name: &str) -> Option<Call> {
             data.update(0, &Dense::new(samples, 2 * N, N)?, &stop)?;
             data.update(1, &Dense::new(samples, 2 * N, N)?, &stop)?;
             data.update(2, &Dense::new(samples, 2, N * N)?, &stop)?;
-            (data.control()?, data.certificate()?);
+            let _ = (data.control()?, data.certificate()?);
             Data::from_sections(data.to_sections()?).map(drop)
         }),
         "storage" => {
@@ -357,7 +359,8 @@ fn ladder() {
     for alone in [true, false] {
         let mut at = 1;
         loop {
-            (SEEN.store(0, Ordering::Relaxed), LAST.store(if alone { at } else { usize::MAX }, Ordering::Relaxed));
+            SEEN.store(0, Ordering::Relaxed);
+            LAST.store(if alone { at } else { usize::MAX }, Ordering::Relaxed);
             FIRST.store(at, Ordering::Relaxed);
             let result = call();
             FIRST.store(usize::MAX, Ordering::Relaxed);
@@ -372,7 +375,7 @@ fn ladder() {
             at += 1 + at / 20;
         }
     }
-    println!("rungs: {rungs}");
+    std::io::Write::write_all(&mut std::io::stdout(), format!("rungs: {rungs}\n").as_bytes()).unwrap();
 }
 
 #[test]

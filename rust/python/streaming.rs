@@ -48,7 +48,7 @@ fn to_python<'py>(py: Python<'py>, sections: Sections) -> PyResult<Vec<(String, 
         Section::U64(values) => PyArray1::from_vec(py, values).into_any(),
         Section::F64(values) => PyArray1::from_vec(py, values).into_any(),
     };
-    Ok(sections.0.into_iter().map(|(name, section)| (name, array(section))).collect())
+    Ok(try_collect("the sections", sections.0.into_iter().map(|(name, section)| (name, array(section))))?)
 }
 
 #[derive(FromPyObject)]

@@ -236,8 +236,8 @@ impl<'a> Tree<'a> {
 
     /// What is left over are the binary digits of the number of leaves: they are added from the right.
     pub(super) fn finish(self, count: usize, runs: Vec<f64>) -> Result<Ensemble> {
-        let mut nodes: Vec<_> = self.0.into_inner().unwrap_or_default().into_iter().collect();
-        nodes.sort_by_key(|((level, _), _)| *level);
+        let mut nodes = try_collect("the sums over the runs", self.0.into_inner().unwrap_or_default())?;
+        nodes.sort_unstable_by_key(|((level, _), _)| *level);
         let total = nodes.into_iter().map(|(_, sums)| sums).reduce(|right, mut left| {
             left.merge(&right);
             left

@@ -93,7 +93,8 @@ impl Stream {
         });
         // (Ff - xf) - A (F0 - x0), and (FA - A) F0
         let mut er = 0.0;
-        (apart.fill(0.0), matrix.fill(0.0));
+        apart.fill(0.0);
+        matrix.fill(0.0);
         a.visit(false, [line, off], |j, _, off| {
             er += dot(off, off);
             let (f, d) = (start[j], moved[j]);

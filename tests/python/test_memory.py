@@ -9,8 +9,8 @@ import pytest
 
 pytest.importorskip("resource")
 
-# Every call runs in children of one process that has made its inputs: each child may map so many more bytes than are
-# mapped, from nothing to enough. The parent counts how they end.
+# Every call runs in children of one process that has made its inputs: each child may map so many
+# more bytes than are mapped, from nothing to enough. The parent says how they end.
 LADDER = r"""
 import json, os, resource, signal, sys
 import numpy as np, stochens_rs as se
@@ -27,7 +27,6 @@ dense = se.Ensemble.from_samples(rng.normal(size=(size // 2, n)))
 counts = se.sample_counts(A, 10**6, rng=3)
 system = se.System(A, B)
 weights = np.full(size, 1 / size)
-plan = se.control(B, x0, xf, A)
 u = rng.normal(size=(3, 2))
 stream = se.Stream(B, x0, xf, A, rng=4)
 stream.step(5)
@@ -53,7 +52,9 @@ calls = {
     "combine": lambda: draws.combine(weights),
     "fuse uniform": lambda: se.fuse(draws, "uniform", target=A),
     "fuse alse": lambda: se.fuse(draws, "alse", target=A, max_iter=200),
-    "fuse alse subsimplex": lambda: se.fuse(draws, "alse", target=A, weights="subsimplex", max_iter=200),
+    "fuse alse subsimplex": lambda: se.fuse(
+        draws, "alse", target=A, weights="subsimplex", max_iter=200
+    ),
     "fuse alse per column": lambda: se.fuse(draws, "alse", target=A, weights="per-column"),
     "fuse alse many": lambda: se.fuse(few, "alse", target=A[:20, :20]),
     "fuse alse vector": lambda: se.fuse(states, "alse", target=x0),
@@ -62,7 +63,9 @@ calls = {
     "fuse slse safeguarded": lambda: se.fuse(draws, "slse-safeguarded", target=A),
     "fuse slse dense": lambda: se.fuse(dense, "slse", target=x0),
     "fuse_path uniform": lambda: se.fuse_path(draws, [5, size], target=A, estimates=True),
-    "fuse_path alse": lambda: se.fuse_path(draws, [5, size // 4], "alse", target=A, max_iter=20, estimates=True),
+    "fuse_path alse": lambda: se.fuse_path(
+        draws, [5, size // 4], "alse", target=A, max_iter=20, estimates=True
+    ),
     "fuse_path slse": lambda: se.fuse_path(draws, [5, size], "slse", target=A, estimates=True),
     "control": lambda: se.control(B, states, xf, draws),
     "control counts": lambda: se.control(B, x0, xf, counts),
@@ -71,7 +74,9 @@ calls = {
     "control_steps": lambda: se.control_steps(B, x0, xf, draws, 3),
     "simulate": lambda: se.simulate(system, u, x0),
     "simulate_ensemble": lambda: se.simulate_ensemble(system, u, x0, 40, rng=1),
-    "simulate_ensemble mean-field": lambda: se.simulate_ensemble(system, u, x0, 40, averaging="mean-field", rng=1, replicates=3),
+    "simulate_ensemble mean-field": lambda: se.simulate_ensemble(
+        system, u, x0, 40, averaging="mean-field", rng=1, replicates=3
+    ),
     "Stream": run_stream,
     "Stream pickled": lambda: __import__("pickle").loads(__import__("pickle").dumps(stream)),
     "DataStream": feed,
@@ -106,7 +111,7 @@ for name, call in calls.items():
 print(json.dumps(ends))
 """
 
-# Arrays of a page and more come from the system and go back to it, so that the limit is felt at once.
+# Arrays of a page and more come from the system and go back to it: the limit is felt at once.
 ALLOCATOR = {
     "MALLOC_MMAP_THRESHOLD_": "4096",
     "MALLOC_TOP_PAD_": "0",

@@ -153,10 +153,12 @@ def sample_counts(
     key = as_key(rng)
     lines = to_lines(values, axis)
     hits = _core.sample_counts(lines, count, _scheme(scheme), bytes(key))
+    # cast at once: short of memory, NumPy's buffered loops crash
+    shares = hits.astype(float) / count
     atoms = np.sign(lines) * np.abs(lines).sum(axis=1, keepdims=True)
     drawn = Counts(
         counts=from_lines(hits, values.shape, axis),
-        estimate=from_lines(atoms * (hits / count), values.shape, axis),
+        estimate=from_lines(atoms * shares, values.shape, axis),
         size=count,
         key=key,
     )

@@ -20,7 +20,11 @@ use std::path::{Path, PathBuf};
 use super::fault::Fault;
 use super::sha256::sha256;
 use crate::error::{Error, Result};
+use crate::memory::{try_collect, try_room};
 use crate::parallel::Stop;
+
+/// What messages say that memory is for.
+pub(super) const WHAT: &str = "a state";
 
 /// The format's version that is written, and the only one that is read.
 pub const VERSION: u32 = 1;
@@ -197,7 +201,7 @@ pub(super) fn refusal(source: &Path, fault: Fault) -> Error {
 
 /// The bytes of a file with these contents.
 pub fn encode(kind: Tag, generation: u64, sections: &[Section<'_>], stop: &Stop) -> Result<Vec<u8>> {
-    let mut tags: Vec<Tag> = sections.iter().map(|section| section.tag).collect();
+    let mut tags = try_collect(WHAT, sections.iter().map(|section| section.tag))?;
     tags.sort_unstable();
     if let Some(pair) = tags.windows(2).find(|pair| pair[0] == pair[1]) {
         let found = format!("'{}' twice", pair[0]);
@@ -214,7 +218,7 @@ pub fn encode(kind: Tag, generation: u64, sections: &[Section<'_>], stop: &Stop)
         let found = format!("{length} bytes");
         return Err(Error::Value { name: "sections", expected: "at most 16 GiB (1 GiB on 32 bits)", found });
     }
-    let mut out = empty(length as usize)?;
+    let mut out = try_room(WHAT, length as usize)?;
     out.extend_from_slice(&MAGIC);
     out.extend_from_slice(&length.to_le_bytes());
     out.extend_from_slice(&VERSION.to_le_bytes());
@@ -270,8 +274,8 @@ pub fn decode(source: &Path, bytes: &[u8], kind: Tag, stop: &Stop) -> Result<Con
         return Err(refuse(Fault::Kind { found: own.to_string(), expected: kind.to_string() }));
     }
     let generation = cursor.u64().ok_or_else(truncated)?;
-    let table = table(&mut cursor, count).map_err(refuse)?;
-    let mut sections = empty(table.len())?;
+    let table = table(source, &mut cursor, count)?;
+    let mut sections = try_room(WHAT, table.len())?;
     for entry in &table {
         stop.check()?;
         // the table has been found to fill the file exactly
@@ -296,24 +300,25 @@ struct Entry {
 }
 
 /// Reads the table and checks that the sections fill what remains, no more and no less.
-fn table(cursor: &mut Cursor<'_>, count: u32) -> std::result::Result<Vec<Entry>, Fault> {
-    let too_many = || Fault::Sections { found: count };
+fn table(source: &Path, cursor: &mut Cursor<'_>, count: u32) -> Result<Vec<Entry>> {
+    let refuse = |fault| refusal(source, fault);
+    let too_many = || refuse(Fault::Sections { found: count });
     if count > MAX_SECTIONS {
         return Err(too_many());
     }
     let mut raw = Cursor(cursor.split(count as usize * ENTRY).ok_or_else(too_many)?);
-    let mut table = Vec::with_capacity(count as usize);
+    let mut table = try_room(WHAT, count as usize)?;
     let mut left = cursor.0.len() as u64;
     for _ in 0..count {
         let name = raw.array::<8>().ok_or_else(too_many)?;
-        let tag = Tag::read(name).ok_or(Fault::Name { bytes: name })?;
+        let tag = Tag::read(name).ok_or_else(|| refuse(Fault::Name { bytes: name }))?;
         let [code, zero] = [raw.u32().ok_or_else(too_many)?, raw.u32().ok_or_else(too_many)?];
         let count = raw.u64().ok_or_else(too_many)?;
-        let width = width(code).ok_or_else(|| Fault::Element { tag: tag.to_string(), code })?;
+        let width = width(code).ok_or_else(|| refuse(Fault::Element { tag: tag.to_string(), code }))?;
         if zero != 0 {
-            return Err(Fault::Padding { tag: tag.to_string() });
+            return Err(refuse(Fault::Padding { tag: tag.to_string() }));
         }
-        let sizes = || Fault::Sizes { tag: tag.to_string() };
+        let sizes = || refuse(Fault::Sizes { tag: tag.to_string() });
         let size = padded(code, count).filter(|&size| size <= left).ok_or_else(sizes)?;
         left -= size;
         // both fit: they are at most `left`, which is the length of a slice
@@ -321,12 +326,12 @@ fn table(cursor: &mut Cursor<'_>, count: u32) -> std::result::Result<Vec<Entry>,
     }
     if left != 0 {
         let tag = table.last().map_or_else(|| "none".into(), |entry| entry.tag.to_string());
-        return Err(Fault::Sizes { tag });
+        return Err(refuse(Fault::Sizes { tag }));
     }
-    let mut tags: Vec<Tag> = table.iter().map(|entry| entry.tag).collect();
+    let mut tags = try_collect(WHAT, table.iter().map(|entry| entry.tag))?;
     tags.sort_unstable();
     match tags.windows(2).find(|pair| pair[0] == pair[1]) {
-        Some(pair) => Err(Fault::Duplicate { tag: pair[0].to_string() }),
+        Some(pair) => Err(refuse(Fault::Duplicate { tag: pair[0].to_string() })),
         None => Ok(table),
     }
 }
@@ -349,29 +354,21 @@ fn values_of(code: u32, raw: &[u8]) -> Result<Values<'static>> {
     let (eights, _) = raw.as_chunks::<8>();
     Ok(match code {
         1 => {
-            let mut values = empty(raw.len())?;
+            let mut values = try_room(WHAT, raw.len())?;
             values.extend_from_slice(raw);
             Values::Bytes(values.into())
         }
         2 => {
-            let mut values = empty(eights.len())?;
+            let mut values = try_room(WHAT, eights.len())?;
             values.extend(eights.iter().map(|eight| u64::from_le_bytes(*eight)));
             Values::Integers(values.into())
         }
         _ => {
-            let mut values = empty(eights.len())?;
+            let mut values = try_room(WHAT, eights.len())?;
             values.extend(eights.iter().map(|eight| f64::from_le_bytes(*eight)));
             Values::Reals(values.into())
         }
     })
-}
-
-/// Room for `len` elements.
-pub(super) fn empty<T>(len: usize) -> Result<Vec<T>> {
-    let mut room = Vec::new();
-    let bytes = len as u128 * size_of::<T>() as u128;
-    room.try_reserve_exact(len).map_err(|_| Error::Memory { what: "a state", bytes })?;
-    Ok(room)
 }
 
 /// Reads forwards and never beyond the end.

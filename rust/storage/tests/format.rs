@@ -6,8 +6,8 @@ use proptest::prelude::*;
 
 use super::super::format::{MAX_BYTES, SMALLEST};
 use super::super::sha256::sha256;
-use super::memory::counted;
 use super::*;
+use crate::memory::tests::counted;
 use crate::storage::{Container, Fault, MAX_SECTIONS, VERSION, decode, encode};
 use crate::{Error, Result};
 

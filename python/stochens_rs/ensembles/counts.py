@@ -12,7 +12,6 @@ from .._base.records import by_constructor
 from ..exceptions import InputError, InputTypeError, ShapeError
 from ..rng import Key
 from .law import Law
-from .lines import to_lines
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -61,10 +60,12 @@ class Counts:
             raise ShapeError(
                 f"`law` must have values of shape {self.shape}, got {law.values.shape}"
             )
-        lines = to_lines(law.values, law.axis)
-        hits = to_lines(self.counts.astype(np.float64), law.axis)  # exact: at most 2^53
-        expected = np.where(lines.any(axis=1), self.size, 0)
-        if (hits.sum(axis=1) != expected).any() or hits[lines == 0.0].any():
+        along = 1 if law.axis == "rows" and law.values.ndim == 2 else 0
+        # exact: at most 2^53; cast at once: short of memory, NumPy's buffered loops crash
+        hits = self.counts.astype(np.float64).sum(axis=along)
+        expected = np.where(law.values.any(axis=along), float(self.size), 0.0)
+        beside = (law.values == 0.0) & (self.counts != 0)
+        if (hits != expected).any() or beside.any():
             raise InputError(f"`counts` must add up to {self.size} in every line that is drawn")
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -23,7 +23,7 @@ from ..system import System
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from ..ensembles.law import Axis
+    from .._base.types import Axis
 
     Floats: TypeAlias = NDArray[np.float64]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from .. import _core
 from .._base import gate, memory
 from .._base.numbers import norm
 from .._base.threads import get_num_threads
+from .._base.types import Fusion
 from ..fusion.fits import worst
 from ..theory.exact import EPS, best, factors, summed
 from .basis import Basis, known
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
 
     Floats: TypeAlias = NDArray[np.float64]
 
-Fusion: TypeAlias = Literal["product", "diagonal"]
 
 FUSIONS = ("product", "diagonal")
 

@@ -20,8 +20,8 @@ from .basis import Basis
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from .._base.types import Fusion
     from ..theory.bounds import Best
-    from ..theory.formulas import Fusion
 
     Floats: TypeAlias = NDArray[np.float64]
 

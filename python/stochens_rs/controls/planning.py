@@ -10,6 +10,7 @@ import numpy as np
 
 from .._base import gate, html
 from .._base.numbers import norm
+from .._base.types import Fusion
 from ..exceptions import InputError, SizeError
 from ..rng import Key, RngLike, as_key
 from ..system import System
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
     Floats: TypeAlias = NDArray[np.float64]
 
 Quantity: TypeAlias = Literal["state", "control"]
-Fusion: TypeAlias = Literal["product", "diagonal"]
 
 
 @dataclass(frozen=True)

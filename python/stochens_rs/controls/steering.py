@@ -6,12 +6,13 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, overload
 
 from .._base import gate
+from .._base.types import Fusion
 from ..ensembles.sampling import sample
 from ..exceptions import InputError
 from ..fusion.fusing import METHODS, fuse
 from ..rng import RngLike, as_key
 from ..system import System
-from .one_step import FUSIONS, Fusion, control
+from .one_step import FUSIONS, control
 from .several_steps import control_steps
 
 if TYPE_CHECKING:

@@ -14,9 +14,10 @@ import numpy as np
 
 from .. import _core
 from .._base import gate, html, memory
+from .._base.types import Axis, Scheme
 from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 from ..rng import Key
-from .law import Axis, Law, Scheme, checked_scheme
+from .law import Law, checked_scheme
 from .lines import checked_target, from_lines, stack_from_lines, to_lines
 
 if TYPE_CHECKING:

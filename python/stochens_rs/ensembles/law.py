@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .._base import gate
 from .._base.records import by_constructor
+from .._base.types import Axis, Scheme
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-Axis: TypeAlias = Literal["columns", "rows"]
-Scheme: TypeAlias = Literal["iid", "systematic"]
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._base import gate
-from .law import Axis, checked_axis
+from .._base.types import Axis
+from .law import checked_axis
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray

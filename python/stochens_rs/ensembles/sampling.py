@@ -9,10 +9,11 @@ import numpy as np
 from .. import _core
 from .._base import gate, memory
 from .._base.threads import get_num_threads
+from .._base.types import Axis, Scheme
 from ..rng import RngLike, as_key
 from .counts import Counts
 from .ensemble import Ensemble
-from .law import Axis, Law, Scheme, checked_scheme
+from .law import Law, checked_scheme
 from .lines import checked_target, from_lines, to_lines
 
 if TYPE_CHECKING:

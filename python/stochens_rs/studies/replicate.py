@@ -10,11 +10,12 @@ import math
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .._base.types import Fusion
 from ..controls.one_step import realization_controls
 from ..ensembles.ensemble import Ensemble
 from ..ensembles.sampling import sample
@@ -25,7 +26,6 @@ from .curves import Curve, Panel
 FloatArray = NDArray[np.float64]
 Sizes = NDArray[np.int64]
 Exact = tuple[FloatArray, FloatArray]  # relative rms and spread, (k,) each
-Fusion = Literal["product", "diagonal"]
 METHODS: tuple[Method, ...] = ("uniform", "slse", "slse-safeguarded", "alse")
 # Every method with product fusion; for uniform weights also the paper's mean of per-realization
 # controls.

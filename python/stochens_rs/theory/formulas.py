@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Literal, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,9 +13,6 @@ from ..exceptions import InputError, NonFiniteError, ShapeError
 from .exact import factors
 
 Array: TypeAlias = NDArray[np.float64]
-Axis: TypeAlias = Literal["columns", "rows"]
-Fusion: TypeAlias = Literal["product", "diagonal"]
-Scheme: TypeAlias = Literal["iid", "systematic"]
 Size: TypeAlias = "int | float | None"
 Sizes: TypeAlias = "Size | tuple[Size, Size, Size]"
 

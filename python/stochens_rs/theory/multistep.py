@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._base import gate, memory
+from .._base.types import Axis
 from ..exceptions import InputError, NonFiniteError
 from .dynamics import checked_steps, matrix_powers, states
 from .exact import best_over_steps
-from .formulas import _AXES, Array, Axis, Sizes, _one_each, _reciprocal, _vector_covariance
+from .formulas import _AXES, Array, Sizes, _one_each, _reciprocal, _vector_covariance
 
 __all__ = ["final_state_covariance"]
 

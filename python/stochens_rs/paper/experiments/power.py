@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..._base import gate
 from ..._base.progress import Progress, progress_bar
+from ..._base.types import Fusion
 from ...cases import ieee14, ieee39
 from ...exceptions import InputError
 from ...rng import Key, RngLike, as_key
@@ -27,7 +28,6 @@ from ...studies.replicate import (
     Entity,
     Errors,
     Exact,
-    Fusion,
     Solves,
     agreement,
     both_orders,

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..._base import gate
 from ..._base.progress import Progress, progress_bar
+from ..._base.types import Fusion
 from ...cases import random_system
 from ...fusion.fusing import Method
 from ...rng import Key, RngLike, as_key
@@ -24,7 +25,6 @@ from ...studies.replicate import (
     Entity,
     Errors,
     Exact,
-    Fusion,
     Solves,
     agreement,
     both_orders,

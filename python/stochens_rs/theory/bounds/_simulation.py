@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Literal, Protocol, TypeAlias
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -20,12 +20,11 @@ from ... import _core
 from ..._base import gate
 from ..._base.numbers import norm
 from ..._base.threads import get_num_threads
+from ..._base.types import Scheme
 from ...rng import Key
 from ..dynamics import matrix_powers
 from ..exact import best_over_steps
 from ..formulas import Array
-
-Scheme: TypeAlias = Literal["iid", "systematic"]
 
 _QUANTILE = 0.9  # share of delta for the quantile
 _MISTAKE = 0.01  # ... and, at each size looked at, for taking too small an order statistic

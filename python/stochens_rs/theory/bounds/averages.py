@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._base import gate
-from ..formulas import _AXES, Array, Axis, _lines, _others
+from ..._base.types import Axis
+from ..formulas import _AXES, Array, _lines, _others
 from ._base import Bound, Rates, unit_of
 from ._inequalities import (
     bousquet,

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
 from ..._base import gate, html
+from ..._base.types import Axis, Fusion
 from ...exceptions import InputError, InputTypeError
-from ..formulas import Axis, Fusion, Sizes
+from ..formulas import Sizes
 from ._base import Bound
 from ._geometry import Geometry
 from .averages import Bousquet, Chebyshev, Hoeffding, McDiarmid

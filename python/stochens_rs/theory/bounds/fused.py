@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._base import gate
+from ..._base.types import Axis, Fusion
 from ...exceptions import InputError
-from ..formulas import Axis, Fusion, Sizes, _one_each, _reciprocal
+from ..formulas import Sizes, _one_each, _reciprocal
 from ._base import Bound, Rates
 from ._geometry import Geometry, largest_norm
 from ._inequalities import bousquet, bousquet_level, chebyshev_level, mcdiarmid, mcdiarmid_level

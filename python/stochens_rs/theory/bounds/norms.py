@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._base import gate
-from ..formulas import Axis, _others, _transition
+from ..._base.types import Axis
+from ..formulas import _others, _transition
 from ._base import Rates
 from ._inequalities import square
 from .averages import Average

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._base import gate
-from ..formulas import Array, Axis, Sizes, _others
+from ..._base.types import Axis
+from ..formulas import Array, Sizes, _others
 from ._base import Rates
 from ._geometry import Geometry
 from ._inequalities import bousquet, mcdiarmid, square

@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._base import gate
+from ..._base.types import Axis, Fusion, Scheme
 from ...exceptions import InputError, InputTypeError, SizeError
 from ...rng import RngLike, as_key
-from ..formulas import _AXES, Axis, Fusion, Sizes, _one_each, _reciprocal
+from ..formulas import _AXES, Sizes, _one_each, _reciprocal
 from ._base import Bound, Rates
 from ._simulation import (
     Entity,
     Errors,
     EstimateErrors,
     PlanErrors,
-    Scheme,
     exceedances,
     radii,
     runs_for,

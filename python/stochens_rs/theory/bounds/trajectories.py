@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._base import gate
+from ..._base.types import Axis
 from ...exceptions import NonFiniteError
-from ..formulas import _AXES, Array, Axis
+from ..formulas import _AXES, Array
 from ..moments import trajectory_covariance, trajectory_mean
 from ._base import Bound, Rates, unit_of
 from ._inequalities import (

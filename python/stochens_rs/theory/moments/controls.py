@@ -5,17 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..formulas import (
-    Array,
-    Axis,
-    Fusion,
-    Scheme,
-    Sizes,
-    _compact_svd,
-    _fused,
-    _root_trace,
-    _symmetric_product,
-)
+from ..._base.types import Axis, Fusion, Scheme
+from ..formulas import Array, Sizes, _compact_svd, _fused, _root_trace, _symmetric_product
 
 
 def realization_control_covariance(

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._base import gate, memory
+from ..._base.types import Axis
 from ..formulas import (
     _AXES,
     Array,
-    Axis,
     Size,
     _fraction,
     _lines,

@@ -8,17 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._base import gate, memory
+from ..._base.types import Axis
 from ...exceptions import NonFiniteError
-from ..formulas import (
-    _AXES,
-    Array,
-    Axis,
-    Size,
-    _excess,
-    _reciprocal,
-    _vector_covariance,
-    _vector_excess,
-)
+from ..formulas import _AXES, Array, Size, _excess, _reciprocal, _vector_covariance, _vector_excess
 from ..positive_maps import map_radius, spectral_radius
 
 Averaging: TypeAlias = Literal["runs", "mean-field"]

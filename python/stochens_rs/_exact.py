@@ -123,7 +123,7 @@ class Best:
         )
 
     @property
-    def _gap(self) -> float:
+    def gap(self) -> float:
         """A lower bound of the smallest singular value of the exact matrix; inf for rank 0."""
         return float(self.factors.s[-1]) - self.off if len(self.factors.s) else inf
 
@@ -133,7 +133,7 @@ class Best:
         residual = norm(self.missed)
         if not residual:
             return 0.0
-        return self.off / self._gap * residual if self._gap > 0.0 else inf
+        return self.off / self.gap * residual if self.gap > 0.0 else inf
 
     @property
     def state_rounding(self) -> float:
@@ -143,10 +143,10 @@ class Best:
     @property
     def control_rounding(self) -> float:
         """Up to which ``||v||`` may be off: ``(unsure + 2 off ||v|| + turned) / sigma_min``."""
-        if self._gap <= 0.0:
+        if self.gap <= 0.0:
             return inf
         size = norm(self.u)
-        return (self.unsure + 2.0 * self.off * size + self._turned) / self._gap + EPS * size
+        return (self.unsure + 2.0 * self.off * size + self._turned) / self.gap + EPS * size
 
     @property
     def moves(self) -> bool:

@@ -156,11 +156,10 @@ def sample_plan(shown: SamplePlan) -> str:
         )
         for one in shown.rows
     ]
-    relative = f" ({shown.error / shown.reference:.3g} relative)" if shown.reference else ""
     size = shown.rows[0].size
     rows = [
         ("enough", "nothing up to 2^53" if size is None else f"N = {_grouped(size)}"),
-        (f"error of the {shown.quantity}", f"at most {shown.error:.4g}{relative}"),
+        (f"error of the {shown.quantity}", shown._limit),
         ("with probability", f"{1.0 - shown.delta:g}"),
         ("fusion", shown.fusion),
         *(

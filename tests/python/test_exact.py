@@ -11,7 +11,6 @@ import pytest
 
 import stochens_rs as se
 from stochens_rs._exact import factors, one_step
-from stochens_rs.exceptions import InputError
 from stochens_rs.theory import reachability
 
 CONDITIONS = (1e2, 1e6, 1e10, 1e12, 1e14)

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import base64
 import inspect
-import json
 import os
+import tempfile
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
@@ -21,7 +21,7 @@ from . import experiments as _experiments
 from . import plots
 from ._report_claims import CAPTION, claims_table
 from ._report_text import agreements, caption, deviations, number
-from .experiments._common import versions, write_text
+from .experiments._common import versions, write_listed
 
 if TYPE_CHECKING:
     from .experiments import Experiment
@@ -141,7 +141,8 @@ def write_report(
     claims : Claims, optional
         What :func:`stochens_rs.claims` returns: a section with one row per statement.
     options : mapping, optional
-        What the run was asked for: kept in ``results.json``, beside the names of all files.
+        What the run was asked for: kept in ``results.json``, beside the SHA-256 of every
+        file.
     title : str
         Heading of the page.
 
@@ -171,21 +172,19 @@ def write_report(
     }
     if claims is not None:
         drawn["claims"] = plots.claims(claims, shown=False)
-    data, page = directory / "results.json", directory / "report.html"
-    names = [f"{name}.{suffix}" for name in drawn for suffix in plots.SUFFIXES]
     results = {
         "schema": SCHEMA,
-        "files": [data.name, *names, page.name],
         "options": dict(options or {}),
         "versions": versions(),
         "experiments": [experiment.to_dict() for experiment in experiments],
     }
     if claims is not None:
         results["claims"] = claims.to_dict()
-    write_text(data, json.dumps(results, allow_nan=False) + "\n")
-    written = plots.save_figures(drawn, directory)
-    write_text(page, _page(title, experiments, claims, directory))
-    return [data, *written, page]
+    with tempfile.TemporaryDirectory(dir=directory) as made:
+        page = Path(made, "report.html")
+        figures = plots.save_figures(drawn, made)
+        page.write_text(_page(title, experiments, claims, page.parent), encoding="utf-8")
+        return write_listed(directory, "results.json", results, [*figures, page])
 
 
 def _page(

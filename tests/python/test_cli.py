@@ -337,7 +337,7 @@ def test_reproduce_replaces_only_its_own_report(tmp_path, monkeypatch, capsys):
 
     (out / "notes.txt").write_text("mine")  # not in the way
     assert cli.main(again) == 0
-    assert "the report of a run with the same options" in capsys.readouterr().err
+    assert "the results of a run with the same options" in capsys.readouterr().err
 
     assert cli.main([*again, "--seed", "2"]) == 2
     err = capsys.readouterr().err
@@ -354,9 +354,47 @@ def test_reproduce_replaces_only_its_own_report(tmp_path, monkeypatch, capsys):
     assert (out / "claims.png").read_text() == "mine, too"
 
     (out / "claims.png").unlink()
+    page = out / "report.html"
+    edited = page.read_text() + "<!-- my remark -->"
+    page.write_text(edited)
+    for options in ([], ["--force"]):
+        assert cli.main([*again, "--seed", "2", *options]) == 2
+        err = capsys.readouterr().err
+        assert one_line(err)
+        assert "report.html was changed since this command wrote it" in err
+    assert page.read_text() == edited
+    page.unlink()  # a part of the report may be gone
     assert cli.main([*again, "--seed", "2", "--force"]) == 0
     assert {path.name for path in out.iterdir()} == {*written, "notes.txt"}
     assert json.loads((out / "results.json").read_text())["options"]["seed"] == 2
+
+
+def test_claims_replaces_only_its_own_files(tmp_path, capsys):
+    pytest.importorskip("matplotlib")
+    claims = ["claims", "--quick", "--out", str(tmp_path)]
+    (tmp_path / "claims.svg").write_text("mine")
+    assert cli.main(claims) == 2
+    assert "claims.svg was not written by this command" in capsys.readouterr().err
+    (tmp_path / "claims.svg").unlink()
+
+    assert cli.main(claims) == 0
+    index = json.loads((tmp_path / "claims.json").read_text())
+    written = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    assert set(index["files"]) == set(written) == {"claims.json", "claims.png", "claims.svg"}
+    assert index["confirmed"] is True
+    capsys.readouterr()
+
+    assert cli.main([*claims, "--seed", "2"]) == 2
+    err = capsys.readouterr().err
+    assert one_line(err)
+    assert "seed=1" in err
+    assert "--force" in err
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == written
+
+    assert cli.main([*claims, "--seed", "2", "--force"]) == 0
+    (tmp_path / "claims.png").write_text("mine")
+    assert cli.main([*claims, "--seed", "2", "--force"]) == 2
+    assert "claims.png was changed" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("text", ["", "[]", '{"schema": "stochens-results/1"}', '{"files": 3}'])

@@ -369,6 +369,40 @@ def test_reproduce_replaces_only_its_own_report(tmp_path, monkeypatch, capsys):
     assert json.loads((out / "results.json").read_text())["options"]["seed"] == 2
 
 
+@pytest.mark.parametrize(
+    ("args", "said"),
+    [
+        (["plan", "--error", "5"], "--error: 5 is 500 %: give 5%"),
+        (["plan", "--error", "1"], "--error: 1 is 100 %: give 1%"),
+        (["plan", "--delta", "5"], "--delta: 5 is 500 %: give 5%"),
+        (["plan", "--delta", "100%"], "`delta` must be in (0, 1)"),
+        (["stream", "--tol", "5"], "--tol: 5 is 500 %: give 5%"),
+    ],
+)
+def test_a_share_of_one_and_more_needs_its_percent(args, said, capsys):
+    assert cli.main([*args, "--case", "ieee14"]) == 2
+    err = capsys.readouterr().err
+    assert one_line(err)
+    assert said in err
+
+
+def test_shares_in_percent(capsys):
+    plan = ["plan", "--case", "ieee14", "--runs", "20", "--json"]
+    said = []
+    for options in (
+        ["--error", "5%", "--delta", "1%"],
+        ["--error", "0.05", "--delta", "0.01"],
+        ["--error", "500%"],
+        ["--error", "5", "--absolute"],
+    ):
+        assert cli.main([*plan, *options]) == 0
+        said.append(json.loads(capsys.readouterr().out))
+    assert said[0] == said[1]
+    assert said[0]["delta"] == 0.01
+    assert said[2]["relative_error"] == pytest.approx(5.0)
+    assert said[3]["error"] == 5.0
+
+
 def test_claims_replaces_only_its_own_files(tmp_path, capsys):
     pytest.importorskip("matplotlib")
     claims = ["claims", "--quick", "--out", str(tmp_path)]

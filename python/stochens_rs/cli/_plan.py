@@ -25,8 +25,8 @@ from ._problem import problem, share
 )
 @click.option(
     "--delta",
-    type=float,
-    default=0.05,
+    metavar="P",
+    default="5%",
     show_default=True,
     help="Probability with which it may be exceeded all the same.",
 )
@@ -61,7 +61,7 @@ def plan(
     case: str | None,
     path: str | None,
     error: str,
-    delta: float,
+    delta: str,
     quantity: str,
     fusion: str,
     steps: int | None,
@@ -85,8 +85,8 @@ def plan(
         system,
         x0,
         xf,
-        share(error, "--error"),
-        delta=delta,
+        share(error, "--error", relative=not absolute),
+        delta=share(delta, "--delta"),
         relative=not absolute,
         quantity=quantity,  # type: ignore[arg-type]
         fusion=fusion,  # type: ignore[arg-type]

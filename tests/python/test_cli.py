@@ -170,6 +170,35 @@ def test_a_reader_who_leaves_early_causes_no_traceback():
     assert "BrokenPipe" not in done.stderr
 
 
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no full device")
+def test_a_full_disk_behind_standard_output_is_named():
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "stochens_rs", "info"],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            timeout=60,
+            check=False,
+        )
+    assert done.returncode == 5
+    assert done.stderr == ("stochens: cannot write to standard output: No space left on device\n")
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/zero"), reason="no such files")
+def test_what_is_no_regular_file_is_named_as_given(tmp_path, capsys):
+    os.mkfifo(tmp_path / "pipe")
+    for path, said in (
+        ("/dev/zero", "/dev/zero must be a regular file, got a device"),
+        (str(tmp_path), f"{tmp_path} must be a regular file, got a directory"),
+        (str(tmp_path / "pipe"), "got a pipe: save it to a file first"),
+    ):
+        assert cli.main(["plan", "--file", path]) == 2
+        err = capsys.readouterr().err
+        assert one_line(err)
+        assert said in err
+
+
 def test_info(capsys):
     assert cli.main(["info"]) == 0
     text = capsys.readouterr().out

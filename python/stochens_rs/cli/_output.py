@@ -34,8 +34,13 @@ def note(text: str) -> None:
 
 def show(text: str) -> None:
     """To stdout, at once, so that a reader who has gone is noticed here."""
-    sys.stdout.write(text + "\n")
-    sys.stdout.flush()
+    try:
+        sys.stdout.write(text + "\n")
+        sys.stdout.flush()
+    except BrokenPipeError:  # who read it has gone: click ends the command
+        raise
+    except OSError as error:
+        raise OSError(f"cannot write to standard output: {error.strerror}") from None
 
 
 def writable(out: str) -> Path:

@@ -41,5 +41,7 @@ def share(text: str, option: str, *, relative: bool = True) -> float:
     if text.strip().endswith("%"):
         return value / 100.0
     if relative and 1.0 <= value < math.inf:
-        raise click.UsageError(f"{option}: {number} is {100 * value:g} %: give {number}%, or a number below 1")
+        raise click.UsageError(
+            f"{option}: {number} is {100 * value:g} %: give {number}%, or a number below 1"
+        )
     return value

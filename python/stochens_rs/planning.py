@@ -26,13 +26,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Requirement", "SamplePlan", "required_samples"]
 
-_RELATIVE_TO = {
-    "x_actual": "the state that the exact control leads to",
-    "x0": "x0, as the exact control leads to the origin",
-    "v": "the exact control",
-    "B^+ A x0": "the control that takes x0 to the origin, as the exact one is zero",
-}
-
 Quantity: TypeAlias = Literal["state", "control"]
 Fusion: TypeAlias = Literal["product", "diagonal"]
 
@@ -146,7 +139,7 @@ class SamplePlan:
     @property
     def _limit(self) -> str:
         """The error, and what it is relative to."""
-        words = _RELATIVE_TO.get(self.relative_to)
+        words = _html.RELATIVE_TO.get(self.relative_to)
         text = f"at most {self.error:.2g}"
         if words is None:
             return text
@@ -154,7 +147,7 @@ class SamplePlan:
         return f"{text} ({share:.3g} % of {self.reference:.3g}, the norm of {words})"
 
     def __str__(self) -> str:
-        over = "" if self.steps is None else f" over {self.steps} steps"
+        over = "" if self.steps is None else f" over {_html.counted(self.steps)}"
         lines = [
             f"error of the {self.quantity}{over}: {self._limit},",
             f"with probability {1.0 - self.delta:g}, {self.fusion} fusion",

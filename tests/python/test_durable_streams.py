@@ -472,7 +472,15 @@ def test_the_command_says_what_is_out_of_reach(
 def test_the_help_has_the_exit_codes_and_the_lock(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["stream", "--help"]) == 0
     text = " ".join(capsys.readouterr().out.split())
-    for word in ("Exit codes: 0 ", "2 usage", "5 read", "130 in", "143 te", "FILE.lock", "FILE.prev"):
+    for word in (
+        "Exit codes: 0 ",
+        "2 usage",
+        "5 read",
+        "130 in",
+        "143 te",
+        "FILE.lock",
+        "FILE.prev",
+    ):
         assert word in text
 
 

@@ -142,9 +142,11 @@ def _table(rows: list[dict[str, Any]]) -> str:
                 f"{row['panel']}  relative error of the {row['quantity']}, N = {row['samples']}",
                 head,
             ]
-        cells = "".join(
-            f"{'' if row[k] is None else format(row[k], '.3g'):>11}"
-            for k in ("median", "q10", "q90", "rms", "exact_rms")
+        figures = [row[k] for k in ("median", "q10", "q90", "rms", "exact_rms")]
+        cells = "" if row["zero"] is None else f"{row['zero']:>44}"
+        cells += "".join(
+            f"{'' if value is None else format(value, '.3g'):>11}"
+            for value in (figures if row["zero"] is None else figures[4:])
         )
         z = "" if row["z"] is None else f"{row['z']:+.2f}"
         lines.append(f"{row['method']:<20}{cells}{z:>7}")

@@ -21,7 +21,8 @@ from ._problem import problem, share
     metavar="E",
     default="5%",
     show_default=True,
-    help="Error to stay below, relative: 0.05 or 5%; with --absolute in units of the quantity.",
+    help="Error to stay below, 5% or 0.05 of what the table says; with --absolute in units of the "
+    "quantity.",
 )
 @click.option(
     "--delta",

@@ -140,7 +140,7 @@ class SamplePlan:
     def _limit(self) -> str:
         """The error, and what it is relative to."""
         words = _html.RELATIVE_TO.get(self.relative_to)
-        text = f"at most {self.error:.2g}"
+        text = f"at most {self.error:.3g}"
         if words is None:
             return text
         share = 100 * self.error / self.reference

@@ -82,7 +82,7 @@ def test_relative_and_absolute_errors_agree() -> None:
     assert first.to_dict() == again.to_dict()
     assert "Bousquet" in str(first)
     assert first.relative_to == "x_actual"
-    said = f"at most {first.error:.2g} (10 % of {first.reference:.3g}, the norm of the state that"
+    said = f"at most {first.error:.3g} (10 % of {first.reference:.3g}, the norm of the state that"
     assert said in str(first)
     assert said in first._repr_html_()
     json.dumps(first.to_dict(), allow_nan=False)

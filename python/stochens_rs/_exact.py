@@ -165,12 +165,7 @@ class Best:
             shift = self.factors.B @ wrong
         representable(wrong, shift)
         control, state = norm(wrong), norm(shift)
-        to, size = "v", norm(self.u)
-        if not self.moves:
-            to, size = "B^+ A x0", norm(self.factors.solve(self.free))
-        where, length = "x_actual", norm(self.reached)
-        if not self.arrives:
-            where, length = "x0", norm(x0)
+        (to, size), (where, length) = self.compared("control", x0), self.compared("state", x0)
         return PlanError(
             control=control,
             control_relative=_ratio(control, size),
@@ -179,9 +174,21 @@ class Best:
             residual=norm(self.missed),
             control_rounding=self.control_rounding + EPS * control,
             state_rounding=self.state_rounding + self.factors.spread * control,
-            control_relative_to=to if size else "nothing",
-            state_relative_to=where if length else "nothing",
+            control_relative_to=to,
+            state_relative_to=where,
         )
+
+    def compared(self, quantity: str, x0: Floats) -> tuple[str, float]:
+        """What a relative error of the quantity is relative to, as in `PlanError`, and its norm."""
+        if quantity == "control":
+            if self.moves:
+                return "v", norm(self.u)
+            name, size = "B^+ A x0", norm(self.factors.solve(self.free))
+        elif self.arrives:
+            return "x_actual", norm(self.reached)
+        else:
+            name, size = "x0", norm(x0)
+        return (name, size) if size else ("nothing", 0.0)
 
 
 def best(B: Floats, free: Floats, needed: Floats, unsure: float, off: float = 0.0) -> Best:

@@ -73,8 +73,8 @@ class Simulated(Bound):
     ``P(Bin(R, 0.9 delta) <= j) <= 0.01 delta`` (Clopper and Pearson, 1934). It fails with
     probability delta at most, over the realizations and the simulation together. R is at most
     131072: as many as take about half a second, and more where delta needs them. There is no bound
-    for delta below about 1e-4, nor where the runs would take longer than 10 seconds of one thread. `required_size` looks at ten sizes at most and ends within 1 % of
-    the smallest sufficient one.
+    for delta below about 1e-4, nor where the runs would take more than 10 seconds of one thread.
+    `required_size` looks at ten sizes at most and ends within 1 % of the smallest sufficient one.
 
     Examples
     --------

@@ -134,7 +134,7 @@ class PlanErrors:
         powers = matrix_powers(A.values, K)
         self.best = best_over_steps(powers, B, x0.values, xf.values)
 
-    def rounded(self, radii: tuple[float, ...]) -> tuple[float, ...]:
+    def rounded(self, radii: tuple[float, ...]) -> tuple[float, float]:
         """The radii with what rounding can add: that of the exact control and of a fused one."""
         state, control = radii
         best = self.best
@@ -161,7 +161,7 @@ class PlanErrors:
     def cost(self) -> float:
         """Nanoseconds for one run, roughly."""
         n, width = self.best.factors.B.shape
-        cost = _DRAW * (n * n + 2 * n)
+        cost: float = _DRAW * (n * n + 2 * n)
         if self.several:  # powers of A_hat and a singular value decomposition
             cost += 3e4 + 6.0 * n * n * width
         x0, _, A = self.entities

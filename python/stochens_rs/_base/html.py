@@ -55,10 +55,15 @@ def largest(inputs: Floats) -> tuple[str, object]:
     return "largest |u|", float(np.abs(inputs).max()) if inputs.size else None
 
 
-def ends(states: Floats) -> tuple[str, object]:
+def counted(steps: int) -> str:
+    """``1 step``, ``2 steps``."""
+    return "1 step" if steps == 1 else f"{steps} steps"
+
+
+def ends(states: Floats, what: str = "state") -> tuple[str, object]:
     """The row for where a trajectory begins and ends."""
     start, end = np.linalg.norm(states[[0, -1]], axis=1)
-    return "norm of the state", f"{start:.4g} at the start, {end:.4g} at the end"
+    return f"norm of the {what}", f"{start:.4g} at the start, {end:.4g} at the end"
 
 
 def shape(sizes: tuple[int, ...]) -> str:
@@ -114,10 +119,13 @@ def grid(head: Sequence[str], body: Sequence[Sequence[str]]) -> str:
 
 
 def states(times: Floats | NDArray[np.int64], values: Floats, about: str) -> str:
-    """A curve for each of the first states, (K + 1, n)."""
-    shown = values.T[: len(_COLORS)]
-    some = "" if len(shown) == values.shape[1] else f", the first {len(shown)}"
-    return lines(times, list(shown), about + some)
+    """A curve for each of the states (K + 1, n), at most six: those that change most."""
+    if values.shape[1] <= len(_COLORS):
+        return lines(times, list(values.T), about)
+    with np.errstate(over="ignore", invalid="ignore"):
+        order = np.argsort(-np.ptp(values, axis=0), kind="stable")[: len(_COLORS)]
+    most = list(values.T[np.sort(order)])
+    return lines(times, most, f"{about}, the {len(most)} that change most")
 
 
 def errors(steps: NDArray[np.int64], values: Floats) -> str:

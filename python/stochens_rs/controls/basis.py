@@ -125,7 +125,8 @@ def known(name: str, value: Fit | Ensemble | Counts | Floats, estimate: Floats |
             if drawn.kind != "unknown" or value.target is None:
                 return drawn
         if value.target is not None:
-            return Known(name, "fitted", value.estimate, value.target)
+            key = None if value.ensemble is None else value.ensemble.key
+            return Known(name, "fitted", value.estimate, value.target, key=key)
         return Known(name, "unknown", value.estimate, size=len(value.weights))
     return Known(name, "exact", estimate, value.copy())
 
@@ -168,7 +169,7 @@ def completed(
     entities = {e.name: _declare(e, declared.get(e.name), what) for e in basis.entities}
     seen: dict[Key, str] = {}
     for entity in entities.values():
-        if entity.key is None or entity.kind not in ("iid", "systematic"):
+        if entity.key is None:
             continue
         if entity.key in seen:
             raise InputError(

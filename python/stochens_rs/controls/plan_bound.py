@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     Floats: TypeAlias = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class PlanBound:
     """How wrong a control may be, for the exact values the plan's estimates stand for.
 
@@ -65,8 +65,38 @@ class PlanBound:
     relative_to: str
     certain: bool
 
+    @property
+    def covers(self) -> str:
+        """Over what the radii hold, in words."""
+        how = (
+            "surely, as nothing was drawn"
+            if self.certain
+            else f"each of the two with {self._share} at least, over the draws of the realizations"
+        )
+        what = (
+            "the exact values are those that the realizations were drawn from"
+            if self.relative_to == "laws"
+            else "in place of exact values that were fitted stand the targets of the fits"
+        )
+        return f"{how}; {what}"
+
+    @property
+    def _share(self) -> str:
+        return f"probability {100 * (1 - self.delta):.6g} %"
+
+    def __repr__(self) -> str:
+        return (
+            f"<PlanBound: state within {self.state:.3g}, {self.target:.3g} from xf, control within "
+            f"{self.control:.3g}, {'surely' if self.certain else f'with {self._share}'}>"
+        )
+
     def _repr_html_(self) -> str:
-        return html.record(self)
+        state = (
+            f"within {self.state:.4g} of where the exact control leads ({self.state_bound}), "
+            f"within {self.target:.4g} of xf"
+        )
+        control = f"within {self.control:.4g} of the exact one ({self.control_bound})"
+        return html.card(self, [("state", state), ("control", control), ("holds", self.covers)])
 
 
 def plan_bound(
@@ -87,11 +117,10 @@ def plan_bound(
     fitted = any(entity.kind == "fitted" for entity in basis.entities)
     names = ("exact error",) * 2
     if all(entity.kind == "exact" for entity in basis.entities):
-        radii: tuple[float, ...] | None = (0.0, 0.0)
+        radii: tuple[float, ...] | None = errors.rounded((0.0, 0.0))
     elif not errors.random:
-        wrong = u.ravel() - errors.v
-        found = norm(errors.C @ wrong), norm(wrong)
-        radii = tuple(map(sum, zip(found, errors.rounding, strict=True)))
+        wrong = u.ravel() - errors.best.u
+        radii = errors.rounded((norm(errors.best.factors.B @ wrong), norm(wrong)))
     else:
         names = ("simulated",) * 2
         radii = _simulation.radii(errors, delta, key)
@@ -103,7 +132,7 @@ def plan_bound(
     return PlanBound(
         state=state,
         control=control,
-        target=float(np.hypot(state, errors.residual)),
+        target=float(np.hypot(state, norm(errors.best.missed))) + errors.best.state_rounding,
         delta=delta,
         state_bound=names[0],
         control_bound=names[1],
@@ -177,11 +206,14 @@ def _along_trajectory(
     with np.errstate(over="ignore", invalid="ignore"):
         along = float(norms[-2::-1] @ np.linalg.norm(predicted[:-1], axis=1))
         total = ef + norms[-1] * e0 + eA * along + norm(predicted[-1] - basis.xf.estimate)
-        state = float(np.sqrt(max(0.0, total**2 - errors.residual**2)))
+        state = float(np.sqrt(max(0.0, total**2 - norm(errors.best.missed) ** 2)))
         # u - v = C^+ C (u - v) + (I - C^+ C) u
         flat = u.ravel()
-        aside = norm(flat - errors.V @ (errors.V.T @ flat))
-        return state, float(np.hypot(state / errors.s[-1], aside)) if errors.s.size else aside
+        C = errors.best.factors
+        aside = norm(flat - C.V @ (C.V.T @ flat))
+        return errors.rounded(
+            (state, float(np.hypot(state / C.s[-1], aside)) if C.s.size else aside)
+        )
 
 
 def _distances(basis: Basis, delta: float, matrix_norm: str) -> tuple[float, float, float]:

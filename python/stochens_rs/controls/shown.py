@@ -42,9 +42,13 @@ def expectation(
     text = reach_text(reach)
     if basis is None or basis.xf.estimate is None:
         return text
-    text += f"; the model ends {norm(basis.xf.estimate - end):.2g} from its target"
+    exact = all(entity.kind == "exact" for entity in basis.entities)
+    text += (
+        f"; {'' if exact else 'with the estimates: '}ends {norm(basis.xf.estimate - end):.2g} from "
+        f"{'' if basis.xf.kind == 'exact' else 'the estimated '}xf"
+    )
     rms = _expected(basis, steps, covariance)
-    return text if rms is None else f"{text}, the system about {rms:.2g} from xf (rms)"
+    return text if rms is None else f"{text}; true system: about {rms:.2g} from xf (rms)"
 
 
 def _expected(basis: Basis, steps: int | None, covariance: Callable[[], Floats]) -> float | None:

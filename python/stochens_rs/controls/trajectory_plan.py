@@ -268,4 +268,4 @@ class TrajectoryPlan:
         text = expectation(
             self.reachability, self.basis, self.predicted_states[-1], K, self.covariance
         )
-        return f"<TrajectoryPlan: {K} steps, m={m}, {self.status}, {text}>"
+        return f"<TrajectoryPlan: {html.counted(K)}, m={m}, {self.status}, {text}>"

@@ -409,10 +409,13 @@ class Ensemble:
         return (_redrawn, (self.indices, self._values(), self._axis, self._scheme, self._key))
 
     def _repr_html_(self) -> str:
+        kept = "all"
+        if self.is_singleton:
+            kept = "one" if len(self.shape) == 1 else f"one in each of the {self.axis}"
         rows = [
             ("realizations N", html.grouped(self.size)),
             ("shape of each", html.shape(self.shape)),
-            ("entries kept", f"one in each of the {self.axis}" if self.is_singleton else "all"),
+            ("entries kept", kept),
             ("drawn here", self.scheme or "no"),
         ]
         return html.card(self, rows)

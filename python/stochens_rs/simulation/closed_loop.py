@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from .._base import gate, memory
+from .._base import gate, html, memory
 from ..ensembles.sampling import sample, sample_counts
 from ..exceptions import NonFiniteError
 from ..fusion.fits import worst
 from ..fusion.fusing import METHODS, fuse
+from ..plots.states import draw_tracking
 from ..rng import Key, RngLike, as_key
 from ..system import System
 from ..theory.exact import Factors, factors
@@ -20,6 +21,7 @@ from ..theory.tracking import reference_residuals
 from ..theory.tracking._checks import checked_reference
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from numpy.typing import ArrayLike, NDArray
 
     from ..fusion.fusing import Method
@@ -79,8 +81,47 @@ class Tracking:
         last = float(np.sqrt(self.mean_square[-1]))
         feasible = "" if self.feasible else ", reference not feasible"
         return (
-            f"<Tracking: {times}{K} steps, m={m}, {self.status}, last error {last:.3g}{feasible}>"
+            f"<Tracking: {times}{html.counted(K)}, m={m}, {self.status}, last error "
+            f"{last:.3g}{feasible}>"
         )
+
+    def plot(self, *, ax: Axes | None = None) -> Axes:
+        """Draw the distance from the reference over the steps, root mean square over replicates.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+            Where to draw, as for `Trajectory.plot`.
+
+        Returns
+        -------
+        matplotlib Axes
+
+        Raises
+        ------
+        ImportError
+            matplotlib is not installed.
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> run = se.track(([[0.5]], [[1.0]]), [[0.0], [1.0], [2.0]], 100, rng=1)
+        >>> run.plot().get_xlabel()
+        'step k'
+        """
+        return draw_tracking(np.sqrt(self.mean_square), self.residuals, ax=ax)
+
+    def _repr_html_(self) -> str:
+        distance = np.sqrt(self.mean_square)
+        rows = [
+            ("steps", html.grouped(len(self.residuals))),
+            ("realizations N per step", html.grouped(self.info["size"])),
+            ("replicates", self.info["replicates"]),
+            ("off by (rms)", f"{distance[-1]:.4g} at the end, {distance.max():.4g} at most"),
+            ("out of reach in one step", f"{self.residuals.max():.4g} at most"),
+        ]
+        about = "distance from the reference (rms) over the steps"
+        return html.card(self, rows, html.lines(np.arange(len(distance)), [distance], about))
 
 
 def track(

@@ -52,7 +52,9 @@ class Trajectory:
         Parameters
         ----------
         ax : matplotlib Axes, optional
-            Where to draw. Default: new axes on a figure of their own (``ax.figure``).
+            Where to draw. Default: new axes on a figure of their own, which a notebook shows. In a
+            script ``path.plot().figure.savefig("path.png")`` saves it; for a window, pass
+            ``ax=plt.subplots()[1]`` and call ``plt.show()``.
 
         Returns
         -------
@@ -81,7 +83,7 @@ class Trajectory:
         return html.card(self, rows, html.states(self.times, self.states, "states over time"))
 
     def __repr__(self) -> str:
-        return f"<Trajectory: n={self.states.shape[1]}, {self.steps} steps>"
+        return f"<Trajectory: n={self.states.shape[1]}, {html.counted(self.steps)}>"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -156,7 +158,9 @@ class EnsembleTrajectory:
         Parameters
         ----------
         ax : matplotlib Axes, optional
-            Where to draw. Default: new axes on a figure of their own (``ax.figure``).
+            Where to draw. Default: new axes on a figure of their own, which a notebook shows. In a
+            script ``path.plot().figure.savefig("path.png")`` saves it; for a window, pass
+            ``ax=plt.subplots()[1]`` and call ``plt.show()``.
 
         Returns
         -------
@@ -185,13 +189,13 @@ class EnsembleTrajectory:
             ("trajectories", html.grouped(self.replicates)),
             ("realizations N per step", html.grouped(self.size)),
             ("drawn", ", ".join(self.sampled)),
-            html.ends(self.mean),
+            html.ends(self.mean, "mean state"),
             ("standard error at the end", end),
         ]
         return html.card(self, rows, html.states(self.times, self.mean, "mean states over time"))
 
     def __repr__(self) -> str:
         return (
-            f"<EnsembleTrajectory {self.averaging}: n={self.mean.shape[1]}, {self.steps} steps, "
-            f"N={self.size}, {self.replicates} trajectories>"
+            f"<EnsembleTrajectory {self.averaging}: n={self.mean.shape[1]}, "
+            f"{html.counted(self.steps)}, N={self.size}, {self.replicates} trajectories>"
         )

@@ -148,7 +148,19 @@ class Confidence:
     covers: str = "the means of the laws that the realizations come from"
 
     def _repr_html_(self) -> str:
-        return html.record(self)
+        radii = [
+            (f"{name} within", f"{getattr(self, name):.4g} ({self.bounds[name]})")
+            for name in ("x0", "xf", "A")
+        ]
+        observed = "" if self.finite_sample else ": an estimate, from the ranges observed so far"
+        rows = [
+            ("state within", self.state),
+            *radii,
+            ("all of them", f"with probability {100 * (1 - self.delta):.6g} % at least{observed}"),
+            ("of", self.covers),
+            ("infinite, because", self.reason),
+        ]
+        return html.card(self, rows)
 
 
 _SHARE = 0.75  # of delta for the mean, the rest for its variance: about the best for N > 100

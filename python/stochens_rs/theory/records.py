@@ -6,6 +6,14 @@ from dataclasses import dataclass
 
 from .._base import html
 
+# What a relative error is relative to, by the names of `PlanError`.
+RELATIVE_TO = {
+    "x_actual": "the state that the exact control leads to",
+    "x0": "x0, as the exact control leads to the origin",
+    "v": "the exact control",
+    "B^+ A x0": "the control that takes x0 to the origin, as the exact one is zero",
+}
+
 
 @dataclass(frozen=True)
 class Reachability:
@@ -100,4 +108,21 @@ class PlanError:
     state_relative_to: str
 
     def _repr_html_(self) -> str:
-        return html.record(self)
+        control = _share(self.control, self.control_relative, self.control_relative_to)
+        rounding = (
+            f"{self.control_rounding:.1g} of the control, {self.state_rounding:.1g} of the state "
+            "at most"
+        )
+        rows = [
+            ("control off by", control),
+            ("state off by", _share(self.state, self.state_relative, self.state_relative_to)),
+            ("out of reach of any control", self.residual),
+            ("rounding", rounding),
+        ]
+        return html.card(self, rows)
+
+
+def _share(value: float, relative: float, relative_to: str) -> str:
+    words = RELATIVE_TO.get(relative_to)
+    share = "" if words is None else f" ({100 * relative:.3g} % of the norm of {words})"
+    return f"{value:.4g}{share}"

@@ -15,7 +15,7 @@ use super::*;
 use crate::control::{Entity, Realized, pseudoinverse};
 use crate::fuse::{self, Dense, Settings, Weights};
 use crate::sample::{multinomial_counts, systematic_counts};
-use crate::simulate::{Drawn, Model, Second, mean_field, runs};
+use crate::simulate::{self, Average, Drawn, Estimate, Exact, Model, Norm, Plans, Second, mean_field, runs};
 use crate::storage::{self, Section, Tag};
 use crate::streaming::{Config, Data, Geometry, Laws, Limits, Order, Rule, Stream, Variant};
 use crate::{Key, Law, Scheme, Singletons, Stop, sample};
@@ -279,6 +279,35 @@ fn call(name: &str) -> Option<Call> {
             let model = model(2);
             Box::new(move || mean_field(&model, all, 100, 2, Second::Diagonal, true, &key, 2, &stop).map(drop))
         }
+        "estimate errors" => {
+            let (b, scheme) = (entries(N * N), Scheme::Iid);
+            Box::new(move || {
+                let law = Law::new(try_copy("an input", &b)?, N, N)?;
+                let average = Average::new(law, 100, scheme)?;
+                simulate::estimate_errors(&average, Norm::Two, 200, &key, 2, &stop)?;
+                simulate::estimate_errors(&average, Norm::Spectral, 2, &key, 2, &stop).map(drop)
+            })
+        }
+        "plan errors" => {
+            let (x, a, b, c) = (entries(N), entries(N * N), entries(2 * N), entries(4 * N));
+            Box::new(move || {
+                let copy = |values: &[f64]| try_copy("an input", values);
+                let average = |values: &[f64], lines| -> Result<Estimate> {
+                    Ok(Estimate::Drawn(Average::new(Law::new(copy(values)?, lines, N)?, 100, Scheme::Systematic)?))
+                };
+                for (several, paired) in [(false, true), (true, false)] {
+                    let fixed = Estimate::Fixed(copy(&x)?);
+                    let plans = Plans::new(average(&x, 1)?, fixed, average(&a, N)?, false, paired)?;
+                    let exact = if several {
+                        Exact::Steps { b: &b, c: &c, v: &x[..4] }
+                    } else {
+                        Exact::OneStep { basis: &b, singular_values: &[1.0, 2.0], y: &x }
+                    };
+                    plans.errors(exact, 200 / (1 + 99 * usize::from(several)), &key, 2, &stop)?;
+                }
+                Ok(())
+            })
+        }
         "stream" => stream(Variant::Consistent, false, Order::Gain),
         "stream safeguarded" => stream(Variant::Consistent, true, Order::Random),
         "stream semi" => stream(Variant::Semi, false, Order::Random),
@@ -308,7 +337,7 @@ fn call(name: &str) -> Option<Call> {
     })
 }
 
-const CALLS: [&str; 28] = [
+const CALLS: [&str; 30] = [
     "sample",
     "systematic",
     "counts",
@@ -331,6 +360,8 @@ const CALLS: [&str; 28] = [
     "runs",
     "runs with covariance",
     "mean field",
+    "estimate errors",
+    "plan errors",
     "stream",
     "stream safeguarded",
     "stream semi",

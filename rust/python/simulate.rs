@@ -111,7 +111,7 @@ type EstimateArgument<'py> = (PyReadonlyArray2<'py, f64>, Option<(u64, String)>)
 
 fn estimate(name: &str, (lines, drawn): &EstimateArgument<'_>) -> PyResult<Estimate> {
     Ok(match drawn {
-        None => Estimate::Fixed(slice(name, lines)?.to_vec()),
+        None => Estimate::Fixed(try_copy("an estimate", slice(name, lines)?)?),
         Some((size, scheme)) => Estimate::Drawn(Average::new(law(lines)?, *size, self::scheme(scheme)?)?),
     })
 }

@@ -94,8 +94,9 @@ impl Feed {
         if self.spread == 0.0 {
             return 0.0;
         }
-        let corner: Vec<f64> = self.low.iter().zip(&self.high).map(|(l, h)| l.abs().max(h.abs())).collect();
-        let size = distance(&corner, &vec![0.0; corner.len()]);
+        let corner = || self.low.iter().zip(&self.high).map(|(l, h)| l.abs().max(h.abs()));
+        let unit = corner().fold(f64::MIN_POSITIVE, f64::max); // squares neither overflow nor vanish
+        let size = unit * corner().map(|entry| (entry / unit).powi(2)).sum::<f64>().sqrt();
         U * (self.count as f64 * size + 4.0 * self.spread) + f64::MIN_POSITIVE
     }
 

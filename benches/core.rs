@@ -1,6 +1,8 @@
 //! Kernels of the core, timed by criterion: sampling, closed form, ALSE of matrices, SLSE, batched controls, simulated
 //! runs, steps of a stream.
 
+#![allow(clippy::disallowed_methods, clippy::disallowed_macros, reason = "benches may end where there is no memory")]
+
 use std::hint::black_box;
 use std::sync::Arc;
 

@@ -9,7 +9,8 @@ Ours is given in seconds per unit of work (a draw, a step, a control, a run, a p
 --write the table goes to docs/benchmarks.md and docs/data/benchmarks.json; ratios more than 1.5
 times below the committed ones are pointed out in any case.
 
-The group "alse" has a table of its own (`alse.py`): there the gap a solver reaches counts as well.
+The group "alse" has a table of its own (`alse.py`): there the gap a solver reaches counts as well;
+the group "tightness" compares bounds with quantiles (`tightness.py`).
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ import alse
 import cost
 import numpy as np
 import table
+import tightness
 from table import Row
 
 import stochens_rs as se
@@ -608,7 +610,7 @@ def measure(group: str) -> list[Row]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    names = [*GROUPS, "cost", "alse"]
+    names = [*GROUPS, "cost", "alse", "tightness"]
     parser.add_argument("group", nargs="*", help=f"of {', '.join(names)}; all by default")
     parser.add_argument("--full", action="store_true", help="alse: every peer at every size")
     parser.add_argument("--write", action="store_true", help="write docs/benchmarks.md")
@@ -626,6 +628,8 @@ def main() -> None:
     costs = cost.run() if "cost" in chosen else None
     if "alse" in chosen:
         alse.run(arguments.full)
+    if "tightness" in chosen:
+        tightness.run()
     slower = table.regressions(rows)
     if arguments.write:
         table.write(rows, costs)

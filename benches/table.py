@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import tightness
 
 import stochens_rs as se
 
@@ -153,6 +154,7 @@ def _page(rows: list[Row], costs: Costs | None, data: dict[str, Any]) -> list[st
         if chosen:
             lines += [f"## {title}", "", text, "", *_table(chosen, found), ""]
     lines += _alse()
+    lines += tightness.page()
     if costs is not None:
         lines += _costs(costs)
     return lines

@@ -57,22 +57,6 @@ pub enum Error {
     Interrupted,
 }
 
-/// A zero-filled vector, or [`Error::Memory`] where the allocator would abort the process.
-pub(crate) fn try_zeros<T: Clone + Default>(what: &'static str, len: usize) -> Result<Vec<T>> {
-    let bytes = len as u128 * size_of::<T>() as u128;
-    // A refusal by the allocator must be an error, and zeros must come from the system: writing gigabytes of them would
-    // keep the caller from being stopped. `vec![]` does the second, a reservation given back does the first.
-    let mut probe: Vec<T> = Vec::new();
-    probe.try_reserve_exact(len).map_err(|_| Error::Memory { what, bytes })?;
-    drop(probe);
-    Ok(vec![T::default(); len])
-}
-
-/// `a * b` as a length, or [`Error::Memory`] when it does not fit into the address space.
-pub(crate) fn checked_len(what: &'static str, a: usize, b: usize) -> Result<usize> {
-    a.checked_mul(b).ok_or(Error::Memory { what, bytes: a as u128 * b as u128 })
-}
-
 /// The index of the first NaN or infinity becomes an error that names `name`.
 pub(crate) fn require_finite(name: &'static str, values: &[f64]) -> Result<()> {
     match values.iter().position(|v| !v.is_finite()) {

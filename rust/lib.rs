@@ -24,10 +24,12 @@
 //! ```
 
 #![deny(missing_docs, unsafe_code)]
+#![cfg_attr(test, allow(clippy::disallowed_methods, clippy::disallowed_macros))]
 
 pub mod control;
 mod error;
 pub mod fuse;
+mod memory;
 mod pages;
 mod parallel;
 mod past_caches;

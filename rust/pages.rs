@@ -8,7 +8,8 @@
 
 #![allow(unsafe_code, reason = "pages are had from the system, by two calls, and given back by a third")]
 
-use crate::error::{Result, try_zeros};
+use crate::error::Result;
+use crate::memory::try_zeros;
 
 /// Types for which any bytes, zeros in particular, are a value.
 ///
@@ -24,7 +25,13 @@ unsafe impl Plain for u32 {}
 // SAFETY: as above.
 unsafe impl Plain for u64 {}
 // SAFETY: as above.
+unsafe impl Plain for usize {}
+// SAFETY: as above.
+unsafe impl Plain for f64 {}
+// SAFETY: as above.
 unsafe impl Plain for [f64; 2] {}
+// SAFETY: as above.
+unsafe impl Plain for [f64; 3] {}
 
 /// A fixed number of values: those of a vector, or memory that its maker has filled.
 pub struct Buffer<T: Plain>(Memory<T>);
@@ -55,11 +62,6 @@ impl<T: Plain> Buffer<T> {
         }
         Ok(buffer)
     }
-
-    /// The same; like `vec![0; len]` it ends the process where they cannot be had.
-    pub(crate) fn unset_or_abort(len: usize) -> Self {
-        Self::unset("", len).unwrap_or_else(|_| vec![T::default(); len].into())
-    }
 }
 
 impl<T: Plain> From<Vec<T>> for Buffer<T> {
@@ -87,12 +89,6 @@ impl<T: Plain> std::ops::DerefMut for Buffer<T> {
             #[cfg(all(target_os = "linux", any(target_arch = "x86_64", target_arch = "aarch64")))]
             Memory::Pages(pages) => pages.values_mut(),
         }
-    }
-}
-
-impl<T: Plain> Clone for Buffer<T> {
-    fn clone(&self) -> Self {
-        self.to_vec().into()
     }
 }
 
@@ -258,8 +254,8 @@ mod tests {
             }
             let mut buffer = Buffer::<u16>::unset("a test", len).unwrap();
             buffer.iter_mut().enumerate().for_each(|(at, v)| *v = at as u16);
-            let copy = std::thread::scope(|scope| scope.spawn(|| buffer.clone()).join().unwrap());
-            assert_eq!(copy, buffer);
+            let copy = std::thread::scope(|scope| scope.spawn(|| buffer.to_vec()).join().unwrap());
+            assert_eq!(copy, *buffer);
             drop(buffer);
             assert!(copy.iter().enumerate().all(|(at, &v)| v == at as u16));
         }

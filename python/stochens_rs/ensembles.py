@@ -285,8 +285,10 @@ class Ensemble:
         """
         if self._draws is None:
             raise InputTypeError("counts() needs singleton realizations; these are dense samples")
-        nonzero = (self._draws.gamma() > 0.0)[:, None]
-        return from_lines(self._draws.counts() * nonzero, self._shape, self._axis)
+        counts = self._draws.counts()
+        # not a product of two types: short of memory, NumPy's buffered loops crash
+        counts[self._draws.gamma() == 0.0] = 0
+        return from_lines(counts, self._shape, self._axis)
 
     def dense(self) -> NDArray[np.float64]:
         """Write the realizations out.

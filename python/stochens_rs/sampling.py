@@ -62,8 +62,13 @@ def sample(
     -----
     ``E[s] = w`` and ``Cov(s) = g diag|w| - w w^T`` (Lemma 4.1, where the printed mean of the *sum*
     is ``w``: a factor 1/N is missing). A zero vector or zero line gives zero realizations. Draw i
-    of a line depends on (key, i) only, for any number of threads. Probabilities are exact
-    integers out of ``2^32`` times a power of two: zero entries are never drawn.
+    of a line depends on (key, i) only, for any number of threads.
+
+    Unbiased up to a known resolution: with n entries in a line, probabilities are integers out
+    of ``T = 2^(32 + ceil(log2 n))``, each within ``1 / T`` of ``|w_i| / g`` (and the rounding of
+    running sums), so the mean is within ``g / T`` of w in every entry. Zero entries are never
+    drawn; those below ``g / T`` may never be either. "systematic" has ``T = 2^53``, and
+    `sample_counts` no such limit.
 
     Examples
     --------
@@ -118,13 +123,17 @@ def sample_counts(
     ------
     InputError, InputTypeError
         If an argument cannot be used; the message names it.
+    ResourceError
+        If the counts do not fit into the memory this process may use.
 
     Notes
     -----
-    One multinomial draw per line, by conditional binomials. For "iid" the counts are *equal in
-    distribution* to ``sample(...).counts()``, not equal draw by draw; for "systematic" they are
-    the same counts. So is what they are fused to: the uniform average, and the control with
-    product fusion that `control` computes from counts of x0, xf and A.
+    One multinomial draw per line, by conditional binomials, whose probabilities have the digits
+    of doubles however small they are: an entry of 1e-18 is hit as often as it should be. For
+    "iid" the counts are *equal in distribution* to ``sample(...).counts()`` (but for the
+    resolution of `sample`), not equal draw by draw; for "systematic" they are the same counts.
+    So is what they are fused to: the uniform average, and the control with product fusion that
+    `control` computes from counts of x0, xf and A.
 
     Nothing chooses between `sample` and `sample_counts` by itself: counts are cheaper from about
     100 realizations per entry of a line on, and the only way beyond what fits into memory.
@@ -143,10 +152,12 @@ def sample_counts(
     key = as_key(rng)
     lines = to_lines(values, axis)
     hits = _core.sample_counts(lines, count, scheme, bytes(key))
+    # cast at once: short of memory, NumPy's buffered loops crash
+    shares = hits.astype(float) / count
     atoms = np.sign(lines) * np.abs(lines).sum(axis=1, keepdims=True)
     drawn = Counts(
         counts=from_lines(hits, values.shape, axis),
-        estimate=from_lines(atoms * (hits / count), values.shape, axis),
+        estimate=from_lines(atoms * shares, values.shape, axis),
         size=count,
         key=key,
     )

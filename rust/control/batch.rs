@@ -7,7 +7,8 @@
 use super::dense_rows;
 use super::realizations::Realized;
 use super::singleton_rows::Picks;
-use crate::error::{Error, Result, checked_len, try_zeros};
+use crate::error::{Error, Result};
+use crate::memory::{checked_len, try_collect, try_zeros};
 use crate::parallel::{Stop, for_each_chunk};
 use crate::past_caches::LARGE;
 
@@ -62,8 +63,8 @@ impl Realized<'_> {
             }
         }
         // rows of the transpose are the contiguous columns of B^+
-        let transposed: Vec<f64> = (0..n * m).map(|k| pinv[(k % m) * n + k / m]).collect();
-        let picks = Picks::new(self, &transposed, m);
+        let transposed: Vec<f64> = try_collect("the controls", (0..n * m).map(|k| pinv[(k % m) * n + k / m]))?;
+        let picks = Picks::new(self, &transposed, m)?;
         let unbounded = picks.as_ref().is_none_or(|picks| !picks.bound().is_finite());
         // a block that is looked at again had better stay in the cache
         let large = memory == Memory::Used && !unbounded && size_of_val(out) >= LARGE;

@@ -5,6 +5,7 @@ use faer::{Accum, MatMut, MatRef, Par};
 
 use super::realizations::{Entity, Realized};
 use crate::error::Result;
+use crate::memory::{room_for_products, try_zeros};
 use crate::parallel::Stop;
 use crate::prefetch::prefetch;
 
@@ -22,7 +23,8 @@ pub(super) fn controls(
 ) -> Result<()> {
     let n = realized.n;
     let count = out.len() / m;
-    let mut y = vec![0.0; count * n];
+    room_for_products()?;
+    let mut y = try_zeros("the controls", count * n)?;
     differences(realized, first, &mut y, stop)?;
     // U = Y (B^+)^T
     matmul(

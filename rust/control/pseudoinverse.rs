@@ -3,8 +3,9 @@
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatMut, MatRef, Par};
 
-use crate::error::{Error, Result, require_finite, try_zeros};
+use crate::error::{Error, Result, require_finite};
 use crate::fuse::power_of_two_scale;
+use crate::memory::{covered, room_for_products, try_zeros};
 
 /// `B^+` and what its singular values say.
 #[derive(Debug, Clone)]
@@ -29,9 +30,19 @@ pub struct Pseudoinverse {
 /// Singular values up to `eps max(rows, cols) sigma_max` count as zero (the rule of `scipy.linalg.pinv`).
 ///
 /// # Errors
-/// [`Error::NonFinite`] for NaN or infinity, [`Error::Numerical`] if the SVD fails on the matrix and on its transpose.
+/// [`Error::NonFinite`] for NaN or infinity, [`Error::Numerical`] if the SVD fails on the matrix and on its transpose,
+/// [`Error::Memory`].
 pub fn pseudoinverse(b: &[f64], rows: usize, cols: usize) -> Result<Pseudoinverse> {
     require_finite("B", b)?;
+    // copies of the matrix, of its factors and of the small one between them, and blocks of reflections
+    let (large, small) = (rows.max(cols) as u128, rows.min(cols) as u128);
+    let bytes = 8 * (8 * (large + 64) * (small + 8) + 8 * (small + 8) * (small + 8)) + (1 << 16);
+    room_for_products()?;
+    covered("the pseudoinverse of `B`", bytes, || from_svd(b, rows, cols))?
+}
+
+#[expect(clippy::disallowed_methods, clippy::disallowed_macros, reason = "called under `covered`")]
+fn from_svd(b: &[f64], rows: usize, cols: usize) -> Result<Pseudoinverse> {
     let scale = power_of_two_scale(b);
     let scaled = Mat::from_fn(rows, cols, |i, j| b[i * cols + j] / scale);
     let (u, s, v) = thin_svd(scaled.as_ref())?;
@@ -76,6 +87,7 @@ fn by_vector(what: &'static str, columns: &Mat<f64>, rank: usize) -> Result<Vec<
 type Factors = (Mat<f64>, Vec<f64>, Mat<f64>);
 
 /// `U, S, V` with `B = U S V^T`; the transpose is tried where the iteration does not converge.
+#[expect(clippy::disallowed_methods, reason = "called under `covered`")]
 fn thin_svd(b: MatRef<'_, f64>) -> Result<Factors> {
     let factors = |m: MatRef<'_, f64>| {
         let svd = m.thin_svd().ok()?;

@@ -1,7 +1,8 @@
 //! The paired realizations of a control problem, and what they say together: `y^s = xf^s - A^s x0^s`.
 
-use crate::error::{Error, Result, checked_len};
+use crate::error::{Error, Result};
 use crate::fuse::Dense;
+use crate::memory::{checked_len, try_collect, try_zeros};
 use crate::parallel::Stop;
 use crate::sample::{Index, Singletons, with_indices};
 
@@ -65,7 +66,7 @@ impl<'a> Realized<'a> {
             }
         }
         let mut sizes = [("x0", &x0), ("xf", &xf), ("A", &a)].map(|(name, e)| (name, e.size()));
-        sizes.sort_by_key(|(_, size)| size.is_none());
+        sizes.sort_unstable_by_key(|(_, size)| size.is_none());
         let size = sizes[0].1.unwrap_or(1);
         if let Some((name, Some(other))) = sizes.into_iter().find(|(_, s)| s.is_some_and(|s| s != size)) {
             return Err(Error::Shape {
@@ -74,13 +75,15 @@ impl<'a> Realized<'a> {
                 found: other.to_string(),
             });
         }
-        let atoms = [&x0, &xf, &a].map(|entity| match entity {
+        let atoms = |entity: &Entity| match entity {
             Entity::Singletons { draws, .. } => draws.law().atoms(),
-            _ => Vec::new(),
-        });
+            _ => Ok(Vec::new()),
+        };
+        let atoms = [atoms(&x0)?, atoms(&xf)?, atoms(&a)?];
         let free = match (&x0, &a) {
             (Entity::Exact(x0), Entity::Exact(a)) => {
-                Some(a.chunks_exact(n).map(|row| row.iter().zip(*x0).map(|(a, x)| a * x).sum()).collect())
+                let product = |row: &[f64]| row.iter().zip(*x0).map(|(a, x)| a * x).sum();
+                Some(try_collect("`A x0`", a.chunks_exact(n).map(product))?)
             }
             _ => None,
         };
@@ -156,7 +159,7 @@ impl<'a> Realized<'a> {
     /// # Errors
     /// [`Error::Interrupted`] after a stop.
     pub fn mean(&self, stop: &Stop) -> Result<Vec<f64>> {
-        let mut sum = vec![0.0; self.n];
+        let mut sum = try_zeros("the mean", self.n)?;
         let check_every = ((1 << 14) as f64 / self.cost()) as usize + 1;
         for s in 0..self.size {
             if s % check_every == 0 {

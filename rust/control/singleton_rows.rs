@@ -4,12 +4,16 @@
 //! block first was slower.)
 
 use super::realizations::{Entity, Realized};
+use crate::error::Result;
+use crate::memory::{try_copy, try_zeros};
 use crate::past_caches::{Through, Writer, past};
 use crate::sample::{Index, Indices};
 
 /// How many realizations ahead the index into `A^s` is asked for: the controls that are computed while one load comes from
 /// memory, with some to spare.
 const AHEAD: usize = 64;
+
+const WHAT: &str = "the tables of the controls";
 
 /// What every control of singletons is made of.
 pub(super) struct Picks<'a> {
@@ -29,26 +33,35 @@ pub(super) struct Picks<'a> {
 
 impl<'a> Picks<'a> {
     /// None where `x0` or `A` has other realizations than singletons (of the columns), or `xf` is dense.
-    pub(super) fn new(realized: &'a Realized<'_>, columns: &'a [f64], m: usize) -> Option<Self> {
+    pub(super) fn new(realized: &'a Realized<'_>, columns: &'a [f64], m: usize) -> Result<Option<Self>> {
         let (Entity::Singletons { draws: x0, rows: false }, Entity::Singletons { draws: a, rows: false }) =
             (&realized.x0, &realized.a)
         else {
-            return None;
+            return Ok(None);
         };
         let (xf, goals) = match &realized.xf {
-            Entity::Dense(_) => return None,
+            Entity::Dense(_) => return Ok(None),
             // any index will do: all rows are the same
-            Entity::Exact(goal) => (x0, combine_rows(columns, m, goal).repeat(realized.n)),
+            Entity::Exact(goal) => {
+                let mut goals = try_zeros(WHAT, columns.len())?;
+                let (first, others) = goals.split_at_mut(m);
+                combine_rows(columns, goal, first);
+                others.chunks_exact_mut(m).for_each(|other| other.copy_from_slice(first));
+                (x0, goals)
+            }
             Entity::Singletons { draws, .. } => {
-                let rows = columns.chunks_exact(m).zip(&realized.atoms[1]);
-                (draws, rows.flat_map(|(row, atom)| row.iter().map(move |p| atom * p)).collect())
+                let mut goals = try_copy(WHAT, columns)?;
+                let rows = goals.chunks_exact_mut(m).zip(&realized.atoms[1]);
+                rows.for_each(|(row, atom)| row.iter_mut().for_each(|p| *p *= atom));
+                (draws, goals)
             }
         };
         // column i of A^s has its one nonzero in row r
         let n = realized.n;
-        let columns_of_a = realized.atoms[2].chunks_exact(n).zip(&realized.atoms[0]);
-        let factors = columns_of_a.flat_map(|(column, x)| column.iter().map(move |a| -x * a)).collect();
-        Some(Self { x0: x0.indices(), a: a.indices(), xf: xf.indices(), factors, goals, columns, n, m })
+        let mut factors = try_copy(WHAT, &realized.atoms[2])?;
+        let columns_of_a = factors.chunks_exact_mut(n).zip(&realized.atoms[0]);
+        columns_of_a.for_each(|(column, x)| column.iter_mut().for_each(|a| *a *= -x));
+        Ok(Some(Self { x0: x0.indices(), a: a.indices(), xf: xf.indices(), factors, goals, columns, n, m }))
     }
 
     /// A bound on the entries of all controls: where it is finite, so are they.
@@ -135,13 +148,11 @@ impl<'a> Picks<'a> {
     }
 }
 
-/// `sum_i v_i P[i]`
-fn combine_rows(rows: &[f64], m: usize, v: &[f64]) -> Vec<f64> {
-    let mut sum = vec![0.0; m];
-    for (row, v) in rows.chunks_exact(m).zip(v) {
+/// Adds `sum_i v_i P[i]`.
+fn combine_rows(rows: &[f64], v: &[f64], sum: &mut [f64]) {
+    for (row, v) in rows.chunks_exact(sum.len()).zip(v) {
         sum.iter_mut().zip(row).for_each(|(s, p)| *s += v * p);
     }
-    sum
 }
 
 #[cfg(test)]
@@ -165,7 +176,7 @@ mod tests {
             let realized = Realized::new(draw(1, 1), draw(1, 2), draw(n, 3), n).unwrap();
             for m in (1..=17).chain([27]) {
                 let columns: Vec<f64> = (0..n * m).map(number).collect();
-                let picks = Picks::new(&realized, &columns, m).unwrap();
+                let picks = Picks::new(&realized, &columns, m).unwrap().unwrap();
                 for (first, count, shift) in [(0, size, 0), (5, size - 5, 1), (size - 7, 7, 0), (3, 1, 1)] {
                     // one double further on is another place within a cache line
                     let mut large = vec![f64::NAN; count * m + 1];

@@ -1,39 +1,50 @@
 //! The minimum-norm control over several steps.
 
 use faer::linalg::matmul::matmul;
-use faer::{Accum, Mat, MatRef, Par};
+use faer::{Accum, MatMut, MatRef, Par};
 
 use super::pseudoinverse::pseudoinverse;
 use crate::error::Result;
+use crate::memory::{checked_len, room_for_products, try_collect, try_copy, try_zeros};
 
-/// `u = C_K^+ (xf - A^K x0)` with `C_K = [A^{K-1} B, ..., A B, B]`: the controls of the `steps` steps, in time.
+/// `u = C_K^+ (xf - A^K x0)` with `C_K = [A^{K-1} B, ..., A B, B]`: the controls of the `steps` steps, in time. The
+/// matrices are given row by row.
 ///
 /// # Errors
 /// As [`pseudoinverse`](super::pseudoinverse()).
-pub(crate) fn steps_control(
-    a: MatRef<'_, f64>,
-    b: MatRef<'_, f64>,
-    x0: &[f64],
-    xf: &[f64],
-    steps: usize,
-) -> Result<Vec<f64>> {
-    let (n, m) = (b.nrows(), b.ncols());
-    let mut c = Mat::<f64>::zeros(n, m * steps);
-    let mut free = Mat::from_fn(n, 1, |i, _| x0[i]);
+pub(crate) fn steps_control(a: &[f64], b: &[f64], x0: &[f64], xf: &[f64], steps: usize) -> Result<Vec<f64>> {
+    let what = "a control over several steps";
+    let n = x0.len();
+    let m = b.len() / n;
+    let width = checked_len(what, m, steps)?;
+    room_for_products()?;
+    let a = MatRef::from_row_major_slice(a, n, n);
+    let mut c: Vec<f64> = try_zeros(what, checked_len(what, n, width)?)?;
+    let (mut block, mut next) = (try_copy(what, b)?, try_zeros(what, b.len())?);
+    let (mut free, mut moved) = (try_copy(what, x0)?, try_zeros(what, n)?);
     for k in (0..steps).rev() {
-        let mut block = Mat::<f64>::zeros(n, m);
-        if k + 1 == steps {
-            block.copy_from(b);
-        } else {
-            matmul(&mut block, Accum::Replace, a, c.as_ref().subcols((k + 1) * m, m), 1.0, Par::Seq);
+        for (row, block) in c.chunks_exact_mut(width).zip(block.chunks_exact(m)) {
+            row[k * m..(k + 1) * m].copy_from_slice(block);
         }
-        c.as_mut().subcols_mut(k * m, m).copy_from(&block);
-        let mut next = Mat::<f64>::zeros(n, 1);
-        matmul(&mut next, Accum::Replace, a, &free, 1.0, Par::Seq);
-        free = next;
+        let product = |x: &[f64], out: &mut [f64], cols| {
+            let out = MatMut::from_row_major_slice_mut(out, n, cols);
+            matmul(out, Accum::Replace, a, MatRef::from_row_major_slice(x, n, cols), 1.0, Par::Seq);
+        };
+        product(&free, &mut moved, 1);
+        std::mem::swap(&mut free, &mut moved);
+        if k > 0 {
+            product(&block, &mut next, m);
+            std::mem::swap(&mut block, &mut next);
+        }
     }
-    let rows: Vec<f64> = (0..n).flat_map(|i| (0..m * steps).map(move |j| (i, j))).map(|at| c[at]).collect();
-    let inverse = pseudoinverse(&rows, n, m * steps)?.matrix;
-    let missing: Vec<f64> = xf.iter().enumerate().map(|(i, xf)| xf - free[(i, 0)]).collect();
-    Ok(inverse.chunks_exact(n).map(|row| row.iter().zip(&missing).map(|(p, d)| p * d).sum()).collect())
+    let factors = pseudoinverse(&c, n, width)?;
+    let needed = try_collect(what, xf.iter().zip(&free).map(|(xf, free)| xf - free))?;
+    let mut u: Vec<f64> = try_zeros(what, width)?;
+    // C^+ y = sum_k v_k <u_k, y> / sigma_k
+    let directions = factors.basis.chunks_exact(n).zip(factors.right.chunks_exact(width));
+    for ((left, right), sigma) in directions.zip(&factors.singular_values) {
+        let size: f64 = left.iter().zip(&needed).map(|(l, y)| l * y).sum::<f64>() / sigma;
+        u.iter_mut().zip(right).for_each(|(u, v)| *u += size * v);
+    }
+    Ok(u)
 }

@@ -14,9 +14,12 @@ use std::ops::Range;
 
 use super::simplex::project;
 use super::{Weights, distance, power_of_two_scale};
-use crate::error::{Result, try_zeros};
+use crate::error::Result;
+use crate::memory::{try_collect, try_extend, try_room, try_zeros};
 use crate::parallel::Stop;
 use crate::sample::{Index as _, Law, Singletons, with_indices};
+
+const WHAT: &str = "a fit";
 
 /// The solution of the least-squares problem of every line.
 #[derive(Debug, Clone)]
@@ -45,9 +48,9 @@ pub fn closed_form(draws: &Singletons, target: &[f64], set: Weights, stop: &Stop
     let law = draws.law();
     let (lines, length) = (law.lines(), law.length());
     let counts = draws.counts(stop)?;
-    let totals = totals(law, &counts, target, set);
-    let share: Vec<f64> =
-        totals.iter().zip(&counts).map(|(total, &count)| if count > 0 { total / count as f64 } else { 0.0 }).collect();
+    let totals = totals(law, &counts, target, set)?;
+    let equal = |(total, &count): (&f64, &u64)| if count > 0 { total / count as f64 } else { 0.0 };
+    let share = try_collect(WHAT, totals.iter().zip(&counts).map(equal))?;
     let mut weights = try_zeros("the weights", draws.size() * lines)?;
     let chunk = ((1 << 16) / lines).max(1) * lines; // whole realizations
     with_indices!(&**draws.indices(), indices => {
@@ -63,11 +66,11 @@ pub fn closed_form(draws: &Singletons, target: &[f64], set: Weights, stop: &Stop
             }
         }
     });
-    let estimate = estimate(law, &totals);
+    let estimate = estimate(law, &totals)?;
     let error = distance(&estimate, target);
     Ok(ClosedForm {
         weights,
-        gap: gap(law, &counts, &totals, &estimate, target, set),
+        gap: gap(law, &counts, &totals, &estimate, target, set)?,
         objective: error * error,
         error,
         estimate,
@@ -84,34 +87,41 @@ fn by_line(law: &Law) -> impl Iterator<Item = (f64, Range<usize>)> {
 }
 
 /// `Y`: the total weight of every component of every line, zero where nothing was seen.
-pub(super) fn totals(law: &Law, counts: &[u64], target: &[f64], set: Weights) -> Vec<f64> {
-    let signs = law.signs();
-    by_line(law).flat_map(|(g, k)| line_totals(g, &signs[k.clone()], &counts[k.clone()], &target[k], set)).collect()
+pub(super) fn totals(law: &Law, counts: &[u64], target: &[f64], set: Weights) -> Result<Vec<f64>> {
+    let signs = law.signs()?;
+    let mut totals = try_room(WHAT, counts.len())?;
+    for (g, k) in by_line(law) {
+        let line = line_totals(g, &signs[k.clone()], &counts[k.clone()], &target[k], set)?;
+        try_extend(WHAT, &mut totals, line)?;
+    }
+    Ok(totals)
 }
 
-fn line_totals(g: f64, signs: &[f64], counts: &[u64], target: &[f64], set: Weights) -> Vec<f64> {
+fn line_totals(g: f64, signs: &[f64], counts: &[u64], target: &[f64], set: Weights) -> Result<Vec<f64>> {
     let size: u64 = counts.iter().sum();
     if g == 0.0 {
         // every realization is zero: any weights do, the uniform ones are the smallest
-        return counts.iter().map(|&count| count as f64 / size.max(1) as f64).collect();
+        return try_collect(WHAT, counts.iter().map(|&count| count as f64 / size.max(1) as f64));
     }
-    let seen: Vec<usize> = (0..counts.len()).filter(|&k| counts[k] > 0).collect();
-    let tau: Vec<f64> = seen.iter().map(|&k| (signs[k] * (target[k] / g)).clamp(-1e300, 1e300)).collect();
+    let seen = try_collect(WHAT, (0..counts.len()).filter(|&k| counts[k] > 0))?;
+    let tau: Vec<f64> = try_collect(WHAT, seen.iter().map(|&k| (signs[k] * (target[k] / g)).clamp(-1e300, 1e300)))?;
     let clipped: f64 = tau.iter().map(|t| t.max(0.0)).sum();
     let projected = match set {
-        Weights::Subsimplex if clipped <= 1.0 => tau.iter().map(|t| t.max(0.0)).collect(),
-        _ => project_on_simplex(&tau),
+        Weights::Subsimplex if clipped <= 1.0 => try_collect(WHAT, tau.iter().map(|t| t.max(0.0)))?,
+        _ => project_on_simplex(&tau)?,
     };
-    let mut totals = vec![0.0; counts.len()];
+    let mut totals = try_zeros(WHAT, counts.len())?;
     for (&k, y) in seen.iter().zip(projected) {
         totals[k] = y;
     }
-    totals
+    Ok(totals)
 }
 
 /// `sum_i w_ij E_i` from the totals.
-pub(super) fn estimate(law: &Law, totals: &[f64]) -> Vec<f64> {
-    law.atoms().iter().zip(totals).map(|(atom, total)| atom * total).collect()
+pub(super) fn estimate(law: &Law, totals: &[f64]) -> Result<Vec<f64>> {
+    let mut sum = law.atoms()?;
+    sum.iter_mut().zip(totals).for_each(|(sum, total)| *sum *= total);
+    Ok(sum)
 }
 
 /// The gap of a squared error, absolute and relative to the squared target (to a squared realization if that is zero).
@@ -125,9 +135,16 @@ pub struct Gap {
 
 /// `max_v <f'(w), w - v>` over the vertices `v` of the weight set, `f'_i = 2 <E_i, sum w E - t>`; a sum over the lines,
 /// each of which has a vertex of its own.
-pub(super) fn gap(law: &Law, counts: &[u64], totals: &[f64], estimate: &[f64], target: &[f64], set: Weights) -> Gap {
+pub(super) fn gap(
+    law: &Law,
+    counts: &[u64],
+    totals: &[f64],
+    estimate: &[f64],
+    target: &[f64],
+    set: Weights,
+) -> Result<Gap> {
     let scale = power_of_two_scale(law.gamma().iter().chain(target));
-    let atoms = law.atoms();
+    let atoms = law.atoms()?;
     let gradient = |k: usize| 2.0 * (atoms[k] / scale) * ((estimate[k] - target[k]) / scale);
     let mut gap = 0.0;
     for (_, line) in by_line(law) {
@@ -142,16 +159,19 @@ pub(super) fn gap(law: &Law, counts: &[u64], totals: &[f64], estimate: &[f64], t
     let square = |values: &[f64]| values.iter().map(|v| (v / scale).powi(2)).sum::<f64>();
     let squared_target = square(target);
     let reference = if squared_target > 0.0 { squared_target } else { square(law.gamma()) };
-    Gap { absolute: gap * scale * scale, relative: if gap > 0.0 { gap / reference } else { 0.0 } }
+    Ok(Gap { absolute: gap * scale * scale, relative: if gap > 0.0 { gap / reference } else { 0.0 } })
 }
 
 /// The Euclidean projection on `{y >= 0, sum y = 1}`.
-pub fn project_on_simplex(tau: &[f64]) -> Vec<f64> {
+///
+/// # Errors
+/// [`crate::Error::Memory`].
+pub fn project_on_simplex(tau: &[f64]) -> Result<Vec<f64>> {
     // a common shift changes nothing: with the largest at zero, no rounding of a large tau can swallow the 1
     let largest = tau.iter().fold(f64::NEG_INFINITY, |m, t| m.max(*t));
-    let mut y: Vec<f64> = tau.iter().map(|t| t - largest).collect();
-    project(&mut y);
-    y
+    let mut y: Vec<f64> = try_collect(WHAT, tau.iter().map(|t| t - largest))?;
+    project(&mut y)?;
+    Ok(y)
 }
 
 #[cfg(test)]
@@ -213,8 +233,8 @@ mod tests {
 
     #[test]
     fn projection_of_huge_and_equal_values() {
-        assert_eq!(project_on_simplex(&[1e300, 0.0]), [1.0, 0.0]);
-        assert_eq!(project_on_simplex(&[7.0, 7.0]), [0.5, 0.5]);
-        assert_eq!(project_on_simplex(&[-5.0]), [1.0]);
+        assert_eq!(project_on_simplex(&[1e300, 0.0]).unwrap(), [1.0, 0.0]);
+        assert_eq!(project_on_simplex(&[7.0, 7.0]).unwrap(), [0.5, 0.5]);
+        assert_eq!(project_on_simplex(&[-5.0]).unwrap(), [1.0]);
     }
 }

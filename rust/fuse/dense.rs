@@ -1,6 +1,7 @@
 //! Realizations without structure: rows of an `N x dimension` array.
 
-use crate::error::{Error, Result, checked_len, require_finite};
+use crate::error::{Error, Result, require_finite};
+use crate::memory::{checked_len, try_collect, try_zeros};
 
 /// A borrowed sample of `size` realizations with `dim` entries each, one after the other.
 #[derive(Debug, Clone, Copy)]
@@ -65,16 +66,23 @@ impl<'a> Dense<'a> {
     }
 
     /// `sum_i w_i E_i`.
-    pub fn combine(&self, weights: &[f64]) -> Vec<f64> {
-        let mut sum = vec![0.0; self.dim];
+    ///
+    /// # Errors
+    /// [`Error::Memory`].
+    pub fn combine(&self, weights: &[f64]) -> Result<Vec<f64>> {
+        let mut sum = try_zeros("a combination", self.dim)?;
         for (i, &w) in weights.iter().enumerate().take(self.size) {
             sum.iter_mut().zip(self.row(i)).for_each(|(s, e)| *s += w * e);
         }
-        sum
+        Ok(sum)
     }
 
     /// `<r, E_i>` for every realization.
-    pub fn correlate(&self, r: &[f64]) -> Vec<f64> {
-        (0..self.size).map(|i| self.row(i).iter().zip(r).map(|(e, r)| e * r).sum()).collect()
+    ///
+    /// # Errors
+    /// [`Error::Memory`].
+    pub fn correlate(&self, r: &[f64]) -> Result<Vec<f64>> {
+        let product = |i| self.row(i).iter().zip(r).map(|(e, r)| e * r).sum();
+        try_collect("the inner products", (0..self.size).map(product))
     }
 }

@@ -22,6 +22,7 @@ pub use path::{Path, alse_path, uniform_path};
 pub use slse::{Sequential, slse, slse_each};
 pub use slse_dense::slse_dense;
 
+use crate::error::Result;
 use crate::sample::Law;
 
 /// The set the weights live in.
@@ -34,18 +35,28 @@ pub enum Weights {
 }
 
 /// The uniform average `(1/N) sum_i E_i` of `size` realizations with the given hits per entry.
-pub fn uniform(law: &Law, counts: &[u64], size: u64) -> Vec<f64> {
+///
+/// # Errors
+/// [`crate::Error::Memory`].
+pub fn uniform(law: &Law, counts: &[u64], size: u64) -> Result<Vec<f64>> {
     let n = size.max(1) as f64;
-    law.atoms().iter().zip(counts).map(|(atom, &count)| atom * (count as f64 / n)).collect()
+    let mut mean = law.atoms()?;
+    mean.iter_mut().zip(counts).for_each(|(mean, &count)| *mean *= count as f64 / n);
+    Ok(mean)
 }
 
 /// `||a - b||_2`, without overflow or underflow for any finite input whose result is representable.
 pub fn distance(a: &[f64], b: &[f64]) -> f64 {
-    let scale = a.iter().zip(b).fold(0.0f64, |m, (a, b)| m.max((a - b).abs()));
+    norm(a.iter().zip(b).map(|(a, b)| a - b))
+}
+
+/// `||v||_2`, in the same way.
+pub(crate) fn norm(values: impl Iterator<Item = f64> + Clone) -> f64 {
+    let scale = values.clone().fold(0.0f64, |m, v| m.max(v.abs()));
     if scale == 0.0 || !scale.is_finite() {
         return scale;
     }
-    let sum: f64 = a.iter().zip(b).map(|(a, b)| ((a - b) / scale).powi(2)).sum();
+    let sum: f64 = values.map(|v| (v / scale).powi(2)).sum();
     scale * sum.sqrt()
 }
 

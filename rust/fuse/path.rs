@@ -3,8 +3,11 @@
 use super::closed_form::{Gap, estimate, gap, totals};
 use super::{Weights, distance, uniform};
 use crate::error::Result;
+use crate::memory::{try_extend, try_push, try_zeros};
 use crate::parallel::Stop;
 use crate::sample::Singletons;
+
+const WHAT: &str = "a path";
 
 /// What a fusion is worth after the first `k` realizations, for increasing `k`.
 #[derive(Debug, Clone, Default)]
@@ -18,14 +21,19 @@ pub struct Path {
 }
 
 /// Calls `visit(k, counts)` with the hits of the first `k` realizations, for every `k` in the increasing `sizes`.
-fn with_counts(draws: &Singletons, sizes: &[usize], stop: &Stop, mut visit: impl FnMut(usize, &[u64])) -> Result<()> {
-    let mut counts = vec![0u64; draws.law().values().len()];
+fn with_counts(
+    draws: &Singletons,
+    sizes: &[usize],
+    stop: &Stop,
+    mut visit: impl FnMut(usize, &[u64]) -> Result<()>,
+) -> Result<()> {
+    let mut counts = try_zeros(WHAT, draws.law().values().len())?;
     let mut done = 0;
     for &size in sizes {
         stop.check()?;
         draws.add_counts(done, size, &mut counts, stop)?;
         done = size;
-        visit(size, &counts);
+        visit(size, &counts)?;
     }
     Ok(())
 }
@@ -37,11 +45,12 @@ fn with_counts(draws: &Singletons, sizes: &[usize], stop: &Stop, mut visit: impl
 pub fn uniform_path(draws: &Singletons, target: &[f64], sizes: &[usize], keep: bool, stop: &Stop) -> Result<Path> {
     let mut path = Path::default();
     with_counts(draws, sizes, stop, |size, counts| {
-        let mean = uniform(draws.law(), counts, size as u64);
-        path.errors.push(distance(&mean, target));
+        let mean = uniform(draws.law(), counts, size as u64)?;
+        try_push(WHAT, &mut path.errors, distance(&mean, target))?;
         if keep {
-            path.estimates.extend(mean);
+            try_extend(WHAT, &mut path.estimates, mean)?;
         }
+        Ok(())
     })?;
     Ok(path)
 }
@@ -61,13 +70,14 @@ pub fn alse_path(
     let law = draws.law();
     let mut path = Path::default();
     with_counts(draws, sizes, stop, |_, counts| {
-        let totals = totals(law, counts, target, set);
-        let fit = estimate(law, &totals);
-        path.errors.push(distance(&fit, target));
-        path.gaps.push(gap(law, counts, &totals, &fit, target, set));
+        let totals = totals(law, counts, target, set)?;
+        let fit = estimate(law, &totals)?;
+        try_push(WHAT, &mut path.errors, distance(&fit, target))?;
+        try_push(WHAT, &mut path.gaps, gap(law, counts, &totals, &fit, target, set)?)?;
         if keep {
-            path.estimates.extend(fit);
+            try_extend(WHAT, &mut path.estimates, fit)?;
         }
+        Ok(())
     })?;
     Ok(path)
 }

@@ -9,13 +9,16 @@
 
 use super::slse_run::Run;
 use super::slse_tables::{Apart, Beside, Tables};
-use super::{distance, power_of_two_scale};
-use crate::error::{Result, try_zeros};
+use super::{norm, power_of_two_scale};
+use crate::error::Result;
+use crate::memory::{try_collect, try_extend, try_push, try_room, try_zeros};
 use crate::parallel::{Stop, for_each_chunk};
 use crate::sample::{Singletons, with_indices};
 
 /// Bytes of a first-level data cache that may be counted on: what the tables are laid out for.
 const CACHE: usize = 32 << 10;
+
+pub(super) const WHAT: &str = "a sequential fit";
 
 /// What a sequential fusion leaves behind.
 #[derive(Debug, Clone, Default)]
@@ -61,7 +64,7 @@ pub fn slse_each(
     threads: usize,
     stop: &Stop,
 ) -> Result<Vec<Sequential>> {
-    let mut fits = vec![Sequential::default(); ensembles.len()];
+    let mut fits = try_collect(WHAT, ensembles.iter().map(|_| Sequential::default()))?;
     for_each_chunk(fits.iter_mut().zip(ensembles), threads, stop, |(fit, (draws, target))| {
         *fit = slse(draws, target, safeguard, sizes, keep_estimates, stop)?;
         Ok(())
@@ -83,18 +86,18 @@ impl Ask<'_> {
         let law = self.draws.law();
         let (lines, length) = (law.lines(), law.length());
         // What no realization can change stays out of every inner product: a large part there would drown the rest.
-        let beyond: Vec<f64> = self.entries().filter(|(v, t)| *v == 0.0 && *t != 0.0).map(|(_, t)| t).collect();
-        let off = distance(&beyond, &vec![0.0; beyond.len()]);
+        let off = norm(self.entries().filter(|(v, t)| *v == 0.0 && *t != 0.0).map(|(_, t)| t));
         let scale = power_of_two_scale(&[largest(law.gamma(), law.gamma()), largest(self.target, law.values())]);
         let unit = 1.0 / scale; // exact, as the products with it are: powers of two
-        let gamma: Vec<f64> = law.gamma().iter().map(|g| g * unit).collect();
-        let mut run: Run<'_, T> = Run::new(&gamma, length, self.safeguard, self.signed(unit));
+        let gamma: Vec<f64> = try_collect(WHAT, law.gamma().iter().map(|g| g * unit))?;
+        let mut run: Run<'_, T> = Run::new(&gamma, length, self.safeguard, self.signed(unit))?;
         // signs and units again
-        let report = |run: &Run<'_, T>, to: &mut Vec<f64>| {
+        let report = |run: &Run<'_, T>, to: &mut Vec<f64>| -> Result<()> {
             for (j, values) in law.values().chunks_exact(length).enumerate() {
                 let signed = |(f, v): (f64, &f64)| if *v == 0.0 { 0.0 } else { 1.0_f64.copysign(*v) * f * scale };
-                to.extend(run.line(j).zip(values).map(signed));
+                try_extend(WHAT, to, run.line(j).zip(values).map(signed))?;
             }
+            Ok(())
         };
         let size = self.draws.size();
         let mut out = Sequential { weights: try_zeros("the weights", size)?, ..Sequential::default() };
@@ -116,20 +119,20 @@ impl Ask<'_> {
             }
             stop.check()?;
             if wanted.next_if_eq(&done).is_some() {
-                out.errors.push((run.error(self.signed(unit)) * scale).hypot(off));
+                try_push(WHAT, &mut out.errors, (run.error(self.signed(unit)) * scale).hypot(off))?;
                 if self.keep_estimates {
-                    report(&run, &mut out.estimates);
+                    report(&run, &mut out.estimates)?;
                 }
             }
         });
-        out.estimate.reserve_exact(lines * length);
-        report(&run, &mut out.estimate);
+        out.estimate = try_room(WHAT, law.values().len())?;
+        report(&run, &mut out.estimate)?;
         steps_to_weights(&mut out.weights, &safeguards);
         Ok(out)
     }
 
     /// The entries of the mean and of the target.
-    fn entries(&self) -> impl Iterator<Item = (f64, f64)> {
+    fn entries(&self) -> impl Iterator<Item = (f64, f64)> + Clone {
         self.draws.law().values().iter().copied().zip(self.target.iter().copied())
     }
 
@@ -180,6 +183,7 @@ pub(super) fn steps_to_weights(steps: &mut [f64], safeguards: &[f64]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fuse::distance;
     use crate::sample::{Index, Indices, Law};
     use crate::{Key, Scheme, sample};
     use std::sync::Arc;
@@ -248,7 +252,7 @@ mod tests {
                         sample.iter().enumerate().for_each(|(j, r)| terms[j * length + r.get()].push(*weight));
                     }
                 });
-                let atoms = law.atoms();
+                let atoms = law.atoms().unwrap();
                 let squares = terms
                     .into_iter()
                     .enumerate()

@@ -1,8 +1,9 @@
 //! SLSE for dense realizations: the same two line searches, with inner products summed anew at every step.
 
-use super::slse::{Sequential, steps_to_weights};
+use super::slse::{Sequential, WHAT, steps_to_weights};
 use super::{Dense, distance, power_of_two_scale};
-use crate::error::{Result, try_zeros};
+use crate::error::Result;
+use crate::memory::{try_collect, try_extend, try_push, try_zeros};
 use crate::parallel::Stop;
 
 /// `t = clip(<E* - F, X - F> / ||X - F||^2, 0, 1)` and `F <- (1 - t) F + t X`.
@@ -33,9 +34,9 @@ pub fn slse_dense(
     stop: &Stop,
 ) -> Result<Sequential> {
     let scale = power_of_two_scale(samples.values().iter().chain(target));
-    let scaled: Vec<f64> = target.iter().map(|t| t / scale).collect();
-    let mut f = vec![0.0; target.len()];
-    let mut sum = vec![0.0; if safeguard { target.len() } else { 0 }];
+    let scaled: Vec<f64> = try_collect(WHAT, target.iter().map(|t| t / scale))?;
+    let mut f = try_zeros(WHAT, target.len())?;
+    let mut sum: Vec<f64> = try_zeros(WHAT, if safeguard { target.len() } else { 0 })?;
     let mut out = Sequential::default();
     let mut safeguards = if safeguard { try_zeros("the safeguard steps", samples.size())? } else { Vec::new() };
     let mut wanted = sizes.iter().copied().peekable();
@@ -55,13 +56,14 @@ pub fn slse_dense(
             safeguards[i] = line_search(&mut f, |k| sum[k] / n, &scaled);
         }
         if wanted.next_if_eq(&(i + 1)).is_some() {
-            out.errors.push(distance(&f, &scaled) * scale);
+            try_push(WHAT, &mut out.errors, distance(&f, &scaled) * scale)?;
             if keep_estimates {
-                out.estimates.extend(f.iter().map(|f| f * scale));
+                try_extend(WHAT, &mut out.estimates, f.iter().map(|f| f * scale))?;
             }
         }
     }
-    out.estimate = f.iter().map(|f| f * scale).collect();
+    f.iter_mut().for_each(|f| *f *= scale);
+    out.estimate = f;
     steps_to_weights(&mut steps, &safeguards);
     out.weights = steps;
     Ok(out)

@@ -5,7 +5,10 @@
 //! `U` costs `O(1)`. `al = <E* - F, F>` follows the error by a recursion of its own instead of being a difference of large
 //! sums; it and `ff = ||F||^2` are recomputed from `F` every `16 length` steps.
 
+use super::slse::WHAT;
 use super::slse_tables::{Sample, Tables, squared_norm};
+use crate::error::Result;
+use crate::memory::{try_collect, try_zeros};
 use crate::sample::Index;
 
 /// What a step leaves of `F`: `F <- u F + t X`, `t + u = 1`.
@@ -78,13 +81,19 @@ pub(super) struct Run<'a, T> {
 
 impl<'a, T: Tables> Run<'a, T> {
     /// Before the first realization; `target` yields `sign_k t_k`.
-    pub(super) fn new(gamma: &'a [f64], length: usize, safeguard: bool, target: impl Iterator<Item = f64>) -> Self {
-        let g2: Vec<f64> = gamma.iter().map(|g| g * g).collect();
-        let inverse = gamma.iter().map(|&g| if g > 0.0 { (1.0 / g).min(f64::MAX) } else { 0.0 }).collect();
+    pub(super) fn new(
+        gamma: &'a [f64],
+        length: usize,
+        safeguard: bool,
+        target: impl Iterator<Item = f64>,
+    ) -> Result<Self> {
+        let g2: Vec<f64> = try_collect(WHAT, gamma.iter().map(|g| g * g))?;
+        let inverse = |&g: &f64| if g > 0.0 { (1.0 / g).min(f64::MAX) } else { 0.0 };
+        let inverse = try_collect(WHAT, gamma.iter().map(inverse))?;
         let entries = gamma.len() * length;
-        let hits = vec![0.0; if safeguard { entries } else { 0 }];
-        let (gg, tables) = (squared_norm(&g2), T::new(length, gamma, target));
-        Self { length, gamma, inverse, g2, gg, tables, c: 1.0, b: 0.0, hits, state: State::default() }
+        let hits = try_zeros(WHAT, if safeguard { entries } else { 0 })?;
+        let (gg, tables) = (squared_norm(&g2), T::new(length, gamma, target)?);
+        Ok(Self { length, gamma, inverse, g2, gg, tables, c: 1.0, b: 0.0, hits, state: State::default() })
     }
 
     /// The realizations of `block`, `before` of which have gone before; their steps `t` and, with the safeguard, `s`.
@@ -265,7 +274,7 @@ mod tests {
             let gamma = [1.0, 2.0, 0.5, 1.5, 3.0];
             let target = (0..15).map(|k| 0.1 + f64::from(k % 4) / 3.0);
             let indices: Vec<u8> = (0..200_u32).map(|k| (k * k % 7 % 3) as u8).collect();
-            let mut run: Run<'_, T> = Run::new(&gamma, 3, false, target);
+            let mut run: Run<'_, T> = Run::new(&gamma, 3, false, target).unwrap();
             let mut steps = vec![0.0; 40];
             run.advance(&indices[..50], 0, &mut steps[..10], &mut []);
             let shrink = c.map_or(1.0, |c| c / run.c);

@@ -5,13 +5,16 @@
 
 #![allow(unsafe_code, reason = "a bounds check per entry costs a fourth of a step; indices are checked block by block")]
 
+use super::slse::WHAT;
+use crate::error::Result;
+use crate::memory::try_zeros;
 use crate::pages::Buffer;
 use crate::sample::Index;
 
 /// `h` and `g a`, entry by entry.
-pub(super) trait Tables {
+pub(super) trait Tables: Sized {
     /// `h = 0`, and `g a` from the `a` of all entries in lines of `length`.
-    fn new(length: usize, gamma: &[f64], a: impl Iterator<Item = f64>) -> Self;
+    fn new(length: usize, gamma: &[f64], a: impl Iterator<Item = f64>) -> Result<Self>;
 
     /// `h_k` from one entry up to another.
     fn h(&self, from: usize, to: usize) -> impl Iterator<Item = f64>;
@@ -116,13 +119,13 @@ pub(super) struct Apart {
 }
 
 impl Tables for Apart {
-    fn new(length: usize, gamma: &[f64], mut a: impl Iterator<Item = f64>) -> Self {
+    fn new(length: usize, gamma: &[f64], mut a: impl Iterator<Item = f64>) -> Result<Self> {
         let len = gamma.len() * length;
-        let mut tables = Self { h: vec![0.0; len], a: vec![0.0; len] };
+        let mut tables = Self { h: try_zeros(WHAT, len)?, a: try_zeros(WHAT, len)? };
         for (line, g) in tables.a.chunks_exact_mut(length).zip(gamma) {
             line.iter_mut().zip(&mut a).for_each(|(ga, a)| *ga = g * a);
         }
-        tables
+        Ok(tables)
     }
 
     fn h(&self, from: usize, to: usize) -> impl Iterator<Item = f64> {
@@ -151,13 +154,13 @@ impl Tables for Apart {
 pub(super) struct Beside(Buffer<[f64; 2]>);
 
 impl Tables for Beside {
-    fn new(length: usize, gamma: &[f64], mut a: impl Iterator<Item = f64>) -> Self {
-        let mut pairs = Buffer::unset_or_abort(gamma.len() * length);
+    fn new(length: usize, gamma: &[f64], mut a: impl Iterator<Item = f64>) -> Result<Self> {
+        let mut pairs = Buffer::unset(WHAT, gamma.len() * length)?;
         for (line, g) in pairs.chunks_exact_mut(length).zip(gamma) {
             // every pair gets a value, also if there are too few targets
             line.iter_mut().for_each(|pair| *pair = [0.0, g * a.next().unwrap_or(0.0)]);
         }
-        Self(pairs)
+        Ok(Self(pairs))
     }
 
     fn h(&self, from: usize, to: usize) -> impl Iterator<Item = f64> {
@@ -305,7 +308,7 @@ mod tests {
             let gamma: Vec<f64> = (0..lines).map(number).collect();
             let indices: Vec<u8> = (0..20 * lines).map(|k| (k * k % 11 % length) as u8).collect();
             let samples: Vec<_> = Sample::all(&indices, lines, length).collect();
-            let tables = || T::new(length, &gamma, (0..lines * length).map(number));
+            let tables = || T::new(length, &gamma, (0..lines * length).map(number)).unwrap();
             let (mut one, mut two) = (tables(), tables());
             for (at, &sample) in samples.iter().enumerate() {
                 let next = samples[if at % 3 == 0 { at } else { (at + 7) % samples.len() }];

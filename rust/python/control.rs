@@ -7,6 +7,7 @@ use super::convert::{EntityArgument, array1, array2, slice};
 use super::error::{InputError, ShapeError};
 use super::run::run;
 use crate::control::{self, Realized};
+use crate::memory::try_copy;
 use crate::parallel::detached;
 
 type Matrix<'py> = Bound<'py, PyArray2<f64>>;
@@ -30,7 +31,7 @@ pub(super) fn pseudoinverse<'py>(
         if cost < LONG {
             return control::pseudoinverse(values, rows, cols);
         }
-        let owned = values.to_vec();
+        let owned = try_copy("B", values)?;
         detached("stochens-svd", stop, move || control::pseudoinverse(&owned, rows, cols))
     })?;
     Ok((

@@ -2,12 +2,14 @@
 
 use numpy::{PyArray1, PyArray2, PyReadonlyArray, PyReadonlyArray2, ndarray};
 use pyo3::prelude::*;
+use pyo3::types::PyList;
 
 use super::draws::Draws;
 use super::error::{InputError, ShapeError};
+use crate::Key;
 use crate::control::Entity;
 use crate::fuse::Dense;
-use crate::{Key, Result};
+use crate::memory::{try_copy, try_room};
 
 /// A read-only view of a contiguous array of doubles.
 pub(super) fn slice<'a, D: ndarray::Dimension>(
@@ -83,17 +85,21 @@ pub(super) fn target<'a>(array: &'a PyReadonlyArray2<'_, f64>, len: usize) -> Py
 }
 
 /// Growing prefix sizes between 1 and `max`.
-pub(super) fn sizes(sizes: &[usize], max: usize) -> PyResult<()> {
+pub(super) fn sizes(sizes: &Bound<'_, PyList>, max: usize) -> PyResult<Vec<usize>> {
+    let mut given = try_room("the sizes", sizes.len())?;
+    for size in sizes {
+        given.push(size.extract()?);
+    }
+    let sizes: Vec<usize> = given;
     let rising = sizes.windows(2).all(|pair| pair[0] < pair[1]);
     if !rising || sizes.first() == Some(&0) || sizes.last().is_some_and(|&last| last > max) {
         return Err(InputError::new_err(format!("`sizes` must increase strictly from at least 1 to at most {max}")));
     }
-    Ok(())
+    Ok(sizes)
 }
 
 /// The law of `values`, one line per row.
 pub(super) fn law(values: &PyReadonlyArray2<'_, f64>) -> PyResult<crate::Law> {
     let (lines, length) = values.as_array().dim();
-    let law: Result<_> = crate::Law::new(slice("target", values)?.to_vec(), lines, length);
-    Ok(law?)
+    Ok(crate::Law::new(try_copy("a law", slice("target", values)?)?, lines, length)?)
 }

@@ -8,6 +8,7 @@ use pyo3::prelude::*;
 use super::convert::{array2, key, law, slice};
 use super::error::{InputError, ShapeError};
 use super::run::run;
+use crate::memory::{checked_len, try_collect, try_copy};
 use crate::sample::{Indices, multinomial_counts, sample, systematic_counts, with_indices};
 use crate::{Scheme, Singletons};
 
@@ -52,7 +53,7 @@ impl Draws {
         if lines != law.lines() {
             return Err(ShapeError::new_err(format!("`indices` must have {} columns, got {lines}", law.lines())));
         }
-        let mut narrow = Indices::unset(law.length(), size * lines)?;
+        let mut narrow = Indices::unset(law.length(), checked_len("the indices", size, lines)?)?;
         let given = indices.as_array();
         if let Some(found) = given.iter().find(|&&r| r as usize >= law.length()) {
             return Err(InputError::new_err(format!("`indices` must be below {}, got {found}", law.length())));
@@ -93,17 +94,17 @@ impl Draws {
 
     /// The mean of the law (lines, length).
     fn values<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        array2(py, self.inner.law().values().to_vec(), self.lines(), self.length())
+        array2(py, try_copy("the values", self.inner.law().values())?, self.lines(), self.length())
     }
 
     /// The value of a realization where it hits an entry (lines, length); zero off the support.
     fn atoms<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        array2(py, self.inner.law().atoms(), self.lines(), self.length())
+        array2(py, self.inner.law().atoms()?, self.lines(), self.length())
     }
 
     /// The 1-norm of every line.
-    fn gamma<'py>(&self, py: Python<'py>) -> Bound<'py, numpy::PyArray1<f64>> {
-        super::convert::array1(py, self.inner.law().gamma().to_vec())
+    fn gamma<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, numpy::PyArray1<f64>>> {
+        Ok(super::convert::array1(py, try_copy("the 1-norms", self.inner.law().gamma())?))
     }
 
     /// The indices (size, lines), a read-only view that keeps this object alive.
@@ -157,7 +158,7 @@ impl Draws {
 
 fn counts_array(py: Python<'_>, counts: Vec<u64>, lines: usize, length: usize) -> PyResult<Bound<'_, PyArray2<i64>>> {
     // at most 2^53 realizations: every count fits
-    let counts: Vec<i64> = counts.into_iter().map(|c| c as i64).collect();
+    let counts: Vec<i64> = try_collect("the counts", counts.into_iter().map(|c| c as i64))?;
     let array =
         ndarray::Array2::from_shape_vec((lines, length), counts).map_err(|e| ShapeError::new_err(e.to_string()))?;
     Ok(PyArray2::from_owned_array(py, array))
@@ -175,7 +176,7 @@ pub(super) fn sample_counts<'py>(
     let (law, scheme, key) = (law(&values)?, self::scheme(scheme)?, self::key(key)?);
     let counts = run(py, 200.0 * law.values().len() as f64, |stop| match scheme {
         Scheme::Iid => multinomial_counts(&law, size, &key, stop),
-        Scheme::Systematic => Ok(systematic_counts(&law, size, &key)),
+        Scheme::Systematic => systematic_counts(&law, size, &key),
     })?;
     counts_array(py, counts, law.lines(), law.length())
 }

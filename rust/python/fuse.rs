@@ -4,11 +4,13 @@ use std::time::Duration;
 
 use numpy::{PyArray1, PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
+use pyo3::types::PyList;
 
 use super::convert::{Realizations, array1, array2, dense, sizes, target};
 use super::draws::Draws;
 use super::run::{run, run_to_best};
 use crate::fuse::{self, Settings, Weights};
+use crate::memory::{try_collect, try_extend, try_room};
 
 type Array1<'py> = Bound<'py, PyArray1<f64>>;
 type Array2<'py> = Bound<'py, PyArray2<f64>>;
@@ -109,21 +111,21 @@ pub(super) fn slse<'py>(
     realizations: Realizations<'py>,
     target: PyReadonlyArray2<'py, f64>,
     safeguard: bool,
-    sizes: Vec<usize>,
+    sizes: &Bound<'py, PyList>,
     keep_estimates: bool,
 ) -> PyResult<(Array1<'py>, Array2<'py>, Array1<'py>, Array2<'py>)> {
     let (lines, length) = target.as_array().dim();
     let fit = match &realizations {
         Realizations::Draws(draws) => {
             let inner = draws.inner.clone();
-            self::sizes(&sizes, inner.size())?;
+            let sizes = self::sizes(sizes, inner.size())?;
             let values = self::target(&target, inner.law().values().len())?;
             let cost = 5.0 * inner.size() as f64 * inner.law().lines() as f64 + (sizes.len() * values.len()) as f64;
             run(py, cost, |stop| fuse::slse(&inner, values, safeguard, &sizes, keep_estimates, stop))?
         }
         Realizations::Dense(samples) => {
             let samples = dense(samples)?;
-            self::sizes(&sizes, samples.size())?;
+            let sizes = self::sizes(sizes, samples.size())?;
             let values = self::target(&target, samples.dim())?;
             let cost = 5.0 * samples.values().len() as f64 + (sizes.len() * values.len()) as f64;
             run(py, cost, |stop| fuse::slse_dense(&samples, values, safeguard, &sizes, keep_estimates, stop))?
@@ -144,11 +146,11 @@ pub(super) fn uniform_path<'py>(
     py: Python<'py>,
     draws: PyRef<'py, Draws>,
     target: PyReadonlyArray2<'py, f64>,
-    sizes: Vec<usize>,
+    sizes: &Bound<'py, PyList>,
     keep_estimates: bool,
 ) -> PyResult<(Array1<'py>, Array2<'py>)> {
     let inner = draws.inner.clone();
-    self::sizes(&sizes, inner.size())?;
+    let sizes = self::sizes(sizes, inner.size())?;
     let values = self::target(&target, inner.law().values().len())?;
     let cost = (inner.size() * inner.law().lines()) as f64 + 5.0 * (sizes.len() * values.len()) as f64;
     let path = run(py, cost, |stop| fuse::uniform_path(&inner, values, &sizes, keep_estimates, stop))?;
@@ -163,17 +165,17 @@ pub(super) fn alse_path<'py>(
     draws: PyRef<'py, Draws>,
     target: PyReadonlyArray2<'py, f64>,
     subsimplex: bool,
-    sizes: Vec<usize>,
+    sizes: &Bound<'py, PyList>,
     keep_estimates: bool,
 ) -> PyResult<(Array1<'py>, Array1<'py>, Array1<'py>, Array2<'py>)> {
     let inner = draws.inner.clone();
-    self::sizes(&sizes, inner.size())?;
+    let sizes = self::sizes(sizes, inner.size())?;
     let values = self::target(&target, inner.law().values().len())?;
     let cost = (inner.size() * inner.law().lines()) as f64 + 50.0 * (sizes.len() * values.len()) as f64;
     let path = run(py, cost, |stop| fuse::alse_path(&inner, values, set(subsimplex), &sizes, keep_estimates, stop))?;
     let kept = if keep_estimates { sizes.len() } else { 0 };
-    let gaps = path.gaps.iter().map(|gap| gap.absolute).collect();
-    let relative = path.gaps.iter().map(|gap| gap.relative).collect();
+    let gaps = try_collect("the gaps", path.gaps.iter().map(|gap| gap.absolute))?;
+    let relative = try_collect("the gaps", path.gaps.iter().map(|gap| gap.relative))?;
     let estimates = array2(py, path.estimates, kept, values.len())?;
     Ok((array1(py, path.errors), array1(py, gaps), array1(py, relative), estimates))
 }
@@ -185,27 +187,30 @@ pub(super) fn alse_prefixes<'py>(
     draws: PyRef<'py, Draws>,
     target: PyReadonlyArray2<'py, f64>,
     limits: Wishes,
-    sizes: Vec<usize>,
+    sizes: &Bound<'py, PyList>,
     keep_estimates: bool,
 ) -> PyResult<(Array1<'py>, Array1<'py>, Vec<&'static str>, Array2<'py>)> {
     let inner = draws.inner.clone();
-    self::sizes(&sizes, inner.size())?;
+    let sizes = self::sizes(sizes, inner.size())?;
     let values = self::target(&target, inner.law().values().len())?;
     let settings = settings(limits);
     let ended = run_to_best(py, |stop| {
-        let (mut errors, mut gaps, mut statuses, mut estimates) = (vec![], vec![], vec![], vec![]);
+        const WHAT: &str = "a path";
+        let (mut errors, mut gaps) = (try_room(WHAT, sizes.len())?, try_room(WHAT, sizes.len())?);
+        let (mut statuses, mut estimates) = (try_room(WHAT, sizes.len())?, Vec::new());
         fuse::alse_prefixes(&inner, values, &settings, &sizes, stop, |fit| {
             errors.push(fit.error);
             gaps.push(fit.gap);
             statuses.push(fit.status);
             if keep_estimates {
-                estimates.extend_from_slice(&fit.estimate);
+                try_extend(WHAT, &mut estimates, fit.estimate.iter().copied())?;
             }
+            Ok(())
         })?;
         Ok((errors, gaps, statuses, estimates))
     })?;
     let (errors, gaps, statuses, estimates) = told(ended, |path| path.2.contains(&fuse::Status::Interrupted))?;
     let kept = if keep_estimates { sizes.len() } else { 0 };
-    let statuses = statuses.iter().map(|status| status.as_str()).collect();
+    let statuses = try_collect("the statuses", statuses.iter().map(|status| status.as_str()))?;
     Ok((array1(py, errors), array1(py, gaps), statuses, array2(py, estimates, kept, values.len())?))
 }

@@ -6,6 +6,7 @@ use pyo3::prelude::*;
 use super::convert::{array1, array2, key, law, slice};
 use super::draws::scheme;
 use super::run::run;
+use crate::memory::try_copy;
 use crate::simulate::{self, Average, Drawn, Ensemble, Estimate, Exact, Model, Norm, Plans, Second};
 
 type Array1<'py> = Bound<'py, PyArray1<f64>>;
@@ -19,7 +20,7 @@ fn model(
     x0: &PyReadonlyArray2<'_, f64>,
     u: &PyReadonlyArray2<'_, f64>,
 ) -> PyResult<Model> {
-    Ok(Model::new(law(a)?, law(b)?, law(x0)?, slice("u", u)?.to_vec())?)
+    Ok(Model::new(law(a)?, law(b)?, law(x0)?, try_copy("the inputs", slice("u", u)?)?)?)
 }
 
 fn second(full: bool) -> Second {

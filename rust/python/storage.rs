@@ -10,6 +10,7 @@ use pyo3::types::PyDict;
 use super::error::{InputTypeError, ShapeError};
 use super::run::run;
 use crate::Error;
+use crate::memory::try_room;
 use crate::storage::{self, Lock, Section, Values};
 
 /// Elementary operations per byte: hashing, twice, and the disk.
@@ -72,8 +73,11 @@ pub(super) fn storage_save(
     sections: Vec<(String, Array<'_>)>,
     held: Option<&Bound<'_, StateLock>>,
 ) -> PyResult<u64> {
-    let sections = sections.iter().map(|(name, array)| Ok(Section { name: name.into(), values: values(array)? }));
-    let sections: Vec<Section<'_>> = sections.collect::<PyResult<_>>()?;
+    let mut checked = try_room("the sections", sections.len())?;
+    for (name, array) in &sections {
+        checked.push(Section { name: name.into(), values: values(array)? });
+    }
+    let sections: Vec<Section<'_>> = checked;
     let bytes: usize = sections
         .iter()
         .map(|section| match &section.values {

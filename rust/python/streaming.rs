@@ -11,6 +11,7 @@ use super::error::InputError;
 use super::run::run;
 use super::shared::Shared;
 use super::storage::Array;
+use crate::memory::{try_collect, try_copy, try_room};
 use crate::parallel::detached;
 use crate::streaming::{Config, Data, End, Geometry, Laws, Limits, Order, Rule, Section, Sections, Stream, Variant};
 use crate::{Key, Result, Stop};
@@ -28,7 +29,7 @@ fn square(n: usize) -> f64 {
 
 fn geometry(py: Python<'_>, b: &PyReadonlyArray2<'_, f64>) -> PyResult<Geometry> {
     let (n, m) = b.as_array().dim();
-    let values = slice("B", b)?.to_vec();
+    let values = try_copy("B", slice("B", b)?)?;
     let cost = 10.0 * (n * m * n.min(m)) as f64;
     run(py, cost, |stop| unstoppable(cost, stop, move || Geometry::new(values, n, m)))
 }
@@ -48,16 +49,21 @@ fn to_python<'py>(py: Python<'py>, sections: Sections) -> PyResult<Vec<(String, 
         Section::U64(values) => PyArray1::from_vec(py, values).into_any(),
         Section::F64(values) => PyArray1::from_vec(py, values).into_any(),
     };
-    Ok(sections.0.into_iter().map(|(name, section)| (name, array(section))).collect())
+    Ok(try_collect("the sections", sections.0.into_iter().map(|(name, section)| (name, array(section))))?)
 }
 
-fn from_python(sections: Vec<(String, Array<'_>)>) -> Sections {
-    let plain = |array| match array {
-        Array::Bytes(values) => Section::U8(values.as_array().to_vec()),
-        Array::Integers(values) => Section::U64(values.as_array().to_vec()),
-        Array::Reals(values) => Section::F64(values.as_array().to_vec()),
-    };
-    Sections(sections.into_iter().map(|(name, array)| (name, plain(array))).collect())
+fn from_python(sections: Vec<(String, Array<'_>)>) -> PyResult<Sections> {
+    const WHAT: &str = "a state";
+    let mut plain = try_room(WHAT, sections.len())?;
+    for (name, array) in sections {
+        let section = match array {
+            Array::Bytes(values) => Section::U8(try_collect(WHAT, values.as_array().iter().copied())?),
+            Array::Integers(values) => Section::U64(try_collect(WHAT, values.as_array().iter().copied())?),
+            Array::Reals(values) => Section::F64(try_collect(WHAT, values.as_array().iter().copied())?),
+        };
+        plain.push((name, section));
+    }
+    Ok(Sections(plain))
 }
 
 /// The algorithm on realizations of its own.
@@ -110,9 +116,9 @@ impl PyStream {
             *to = key(bytes)?;
         }
         let laws = Laws {
-            x0: slice("x0", &x0)?.to_vec(),
-            xf: slice("xf", &xf)?.to_vec(),
-            a: slice("A", &a)?.to_vec(),
+            x0: try_copy("x0", slice("x0", &x0)?)?,
+            xf: try_copy("xf", slice("xf", &xf)?)?,
+            a: try_copy("A", slice("A", &a)?)?,
             keys: checked,
         };
         let geometry = geometry(py, &b)?;
@@ -157,7 +163,7 @@ impl PyStream {
 
     /// The estimates of x0 (n,), xf (n,) and of A, its columns as rows.
     fn estimates<'py>(&self, py: Python<'py>) -> PyResult<(Array1<'py>, Array1<'py>, Array2<'py>)> {
-        let [x0, xf, a] = self.read(py, |stream| Ok(stream.estimates()))?;
+        let [x0, xf, a] = self.read(py, |stream| stream.estimates())?;
         Ok((array1(py, x0), array1(py, xf), array2(py, a, self.n, self.n)?))
     }
 
@@ -168,12 +174,12 @@ impl PyStream {
 
     /// `||F - E*||` for x0, xf, A.
     fn residuals(&self, py: Python<'_>) -> PyResult<[f64; 3]> {
-        self.read(py, |stream| Ok(stream.residuals()))
+        self.read(py, |stream| stream.residuals())
     }
 
     /// The bound on `||B (v - v*)||` (nan for variants without one) and the value itself.
     fn certificate(&self, py: Python<'_>) -> PyResult<(f64, f64)> {
-        self.read(py, |stream| Ok(stream.certificate()))
+        self.read(py, |stream| stream.certificate())
     }
 
     /// The largest relative drift of `FA F0` found and repaired.
@@ -183,22 +189,22 @@ impl PyStream {
 
     /// Steps written down (k,), and certificate, error, step size (k, 3).
     fn trace<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyArray1<u64>>, Array2<'py>)> {
-        let trace = self.inner.with(py, 1e4, |stream, _| Ok(stream.trace().to_vec()))?;
-        let values = trace.iter().flat_map(|e| [e.certificate, e.error, e.size]).collect();
-        let steps = trace.iter().map(|e| e.step).collect();
-        Ok((PyArray1::from_vec(py, steps), array2(py, values, trace.len(), 3)?))
+        let trace = self.inner.with(py, 1e4, |stream, _| try_copy("the trace", stream.trace()))?;
+        let values = try_collect("the trace", trace.iter().map(|e| [e.certificate, e.error, e.size]))?;
+        let steps = try_collect("the trace", trace.iter().map(|e| e.step))?;
+        Ok((PyArray1::from_vec(py, steps), array2(py, values.into_flattened(), trace.len(), 3)?))
     }
 
     /// The state as named arrays.
     fn to_sections<'py>(&self, py: Python<'py>) -> PyResult<Vec<(String, Bound<'py, PyAny>)>> {
-        let sections = self.read(py, |stream| Ok(stream.to_sections()))?;
+        let sections = self.read(py, |stream| stream.to_sections())?;
         to_python(py, sections)
     }
 
     /// The object that `to_sections` wrote down.
     #[staticmethod]
     fn from_sections(py: Python<'_>, sections: Vec<(String, Array<'_>)>) -> PyResult<Self> {
-        let sections = from_python(sections);
+        let sections = from_python(sections)?;
         let all = f64::INFINITY;
         run(py, all, |stop| unstoppable(all, stop, move || Stream::from_sections(sections))).map(Self::of)
     }
@@ -223,9 +229,9 @@ impl PyDataStream {
         a: Option<PyReadonlyArray2<'_, f64>>,
     ) -> PyResult<Self> {
         let targets = [
-            x0.as_ref().map(|x0| slice("x0", x0).map(<[f64]>::to_vec)).transpose()?,
-            xf.as_ref().map(|xf| slice("xf", xf).map(<[f64]>::to_vec)).transpose()?,
-            a.as_ref().map(|a| slice("A", a).map(<[f64]>::to_vec)).transpose()?,
+            x0.as_ref().map(|x0| Ok::<_, PyErr>(try_copy("x0", slice("x0", x0)?)?)).transpose()?,
+            xf.as_ref().map(|xf| Ok::<_, PyErr>(try_copy("xf", slice("xf", xf)?)?)).transpose()?,
+            a.as_ref().map(|a| Ok::<_, PyErr>(try_copy("A", slice("A", a)?)?)).transpose()?,
         ];
         let geometry = geometry(py, &b)?;
         let n = geometry.size().0;
@@ -249,7 +255,10 @@ impl PyDataStream {
 
     /// The estimates of x0 (n,), xf (n,), A (n, n).
     fn estimates<'py>(&self, py: Python<'py>) -> PyResult<(Array1<'py>, Array1<'py>, Array2<'py>)> {
-        let [x0, xf, a] = self.inner.with(py, square(self.n), |data, _| Ok(data.estimates().map(<[f64]>::to_vec)))?;
+        let [x0, xf, a] = self.inner.with(py, square(self.n), |data, _| {
+            let [x0, xf, a] = data.estimates();
+            Ok([try_copy("x0", x0)?, try_copy("xf", xf)?, try_copy("A", a)?])
+        })?;
         Ok((array1(py, x0), array1(py, xf), array2(py, a, self.n, self.n)?))
     }
 
@@ -268,19 +277,19 @@ impl PyDataStream {
 
     /// The bound on `||B (v - v*)||` for the targets, and the value; None unless all three have a target.
     fn certificate(&self, py: Python<'_>) -> PyResult<Option<(f64, f64)>> {
-        self.inner.with(py, square(self.n), |data, _| Ok(data.certificate()))
+        self.inner.with(py, square(self.n), |data, _| data.certificate())
     }
 
     /// The state as named arrays.
     fn to_sections<'py>(&self, py: Python<'py>) -> PyResult<Vec<(String, Bound<'py, PyAny>)>> {
-        let sections = self.inner.with(py, square(self.n), |data, _| Ok(data.to_sections()))?;
+        let sections = self.inner.with(py, square(self.n), |data, _| data.to_sections())?;
         to_python(py, sections)
     }
 
     /// The object that `to_sections` wrote down.
     #[staticmethod]
     fn from_sections(py: Python<'_>, sections: Vec<(String, Array<'_>)>) -> PyResult<Self> {
-        let sections = from_python(sections);
+        let sections = from_python(sections)?;
         let all = f64::INFINITY;
         let data = run(py, all, |stop| unstoppable(all, stop, move || Data::from_sections(sections)))?;
         Ok(Self { n: data.n(), inner: Shared::new(data) })

@@ -6,16 +6,20 @@
 //! cumulative sums.
 
 use super::singletons::Index;
+use crate::error::Result;
+use crate::memory::try_zeros;
 use crate::pages::Buffer;
 
 /// The coin's range: a cell is split between itself and its alias in units of `2^-32`.
 const COIN: u64 = 1 << 32;
 
+const WHAT: &str = "an alias table";
+
 /// Words treated together where the processor has no wide registers.
 const BLOCK: usize = 256;
 
 /// A categorical distribution over the components of one line.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, PartialEq)]
 pub struct AliasTable {
     mask: u64,
     /// `threshold << 32 | alias`
@@ -26,11 +30,14 @@ impl AliasTable {
     /// The table for probabilities proportional to `|weights|`; `None` when they are all zero.
     ///
     /// The weights must be finite and their sum of magnitudes too (a [`super::Law`] has checked that).
-    pub fn new(weights: &[f64]) -> Option<Self> {
-        let mut cells = integer_masses(weights)?;
+    ///
+    /// # Errors
+    /// [`crate::Error::Memory`].
+    pub fn new(weights: &[f64]) -> Result<Option<Self>> {
+        let Some(mut cells) = integer_masses(weights)? else { return Ok(None) };
         let count = cells.len();
         // Two stacks in one array: the cells below COIN from its front, the others from its back.
-        let mut order = Buffer::<u32>::unset_or_abort(count);
+        let mut order = Buffer::<u32>::unset(WHAT, count)?;
         let (mut small, mut large) = (0, 0);
         for (i, &mass) in cells.iter().enumerate() {
             // both places are free; a branch here would be guessed wrong half of the time
@@ -54,7 +61,7 @@ impl AliasTable {
         for &l in &order[count - large..] {
             cells[l as usize] = l.into(); // a full cell is its own alias, whatever the coin says
         }
-        Some(Self { mask: count as u64 - 1, cells })
+        Ok(Some(Self { mask: count as u64 - 1, cells }))
     }
 
     /// The index for one uniform word: its low bits choose the cell, its high half is the coin.
@@ -90,8 +97,11 @@ impl AliasTable {
     }
 
     /// The exact probability of every component, as integers that add up to `2^32` times the number of cells.
-    pub fn masses(&self, n: usize) -> Vec<u64> {
-        let mut mass = vec![0u64; n];
+    ///
+    /// # Errors
+    /// [`crate::Error::Memory`].
+    pub fn masses(&self, n: usize) -> Result<Vec<u64>> {
+        let mut mass = try_zeros(WHAT, n)?;
         for (cell, entry) in self.cells.iter().enumerate() {
             let threshold = entry >> 32;
             if threshold > 0 {
@@ -99,7 +109,7 @@ impl AliasTable {
             }
             mass[(entry & (COIN - 1)) as usize] += COIN - threshold;
         }
-        mass
+        Ok(mass)
     }
 
     #[cfg(test)]
@@ -112,9 +122,9 @@ impl AliasTable {
 
 /// `round(T cum_i / cum_n) - round(T cum_{i-1} / cum_n)` with `T` of `2^k >= n` cells: integers with the exact sum `T`,
 /// zero for zeros and for the cells beyond `n`.
-fn integer_masses(weights: &[f64]) -> Option<Buffer<u64>> {
-    let last = running_sums(weights).last().filter(|&last| last > 0.0)?;
-    let mut masses = Buffer::unset_or_abort(weights.len().next_power_of_two());
+fn integer_masses(weights: &[f64]) -> Result<Option<Buffer<u64>>> {
+    let Some(last) = running_sums(weights).last().filter(|&last| last > 0.0) else { return Ok(None) };
+    let mut masses = Buffer::unset(WHAT, weights.len().next_power_of_two())?;
     masses[weights.len()..].fill(0);
     let total = masses.len() as u64 * COIN;
     let mut below = 0;
@@ -124,7 +134,7 @@ fn integer_masses(weights: &[f64]) -> Option<Buffer<u64>> {
         *mass = upper - below;
         below = upper;
     }
-    Some(masses)
+    Ok(Some(masses))
 }
 
 /// Running sums of the magnitudes, from left to right.
@@ -150,9 +160,9 @@ mod tests {
             (1..=300).map(|i| 1.0 / f64::from(i)).collect(),
         ] {
             let cells = weights.len().next_power_of_two() as u64;
-            let wanted = &integer_masses(&weights).unwrap()[..weights.len()];
-            let table = AliasTable::new(&weights).unwrap();
-            assert_eq!(table.masses(weights.len()), wanted);
+            let wanted = &integer_masses(&weights).unwrap().unwrap()[..weights.len()];
+            let table = AliasTable::new(&weights).unwrap().unwrap();
+            assert_eq!(table.masses(weights.len()).unwrap(), wanted);
             assert_eq!(wanted.iter().sum::<u64>(), cells * COIN);
             let total: f64 = weights.iter().map(|w| w.abs()).sum();
             for (w, m) in weights.iter().zip(wanted) {
@@ -168,7 +178,7 @@ mod tests {
         for n in [1, 2, 3, 10, 16, 17, 100, 256, 257, 1000, 70_000] {
             let weights: Vec<f64> =
                 (0..n).map(|i| if i % 5 == 4 { 0.0 } else { 1.0 + (37 * i % 101) as f64 }).collect();
-            let table = AliasTable::new(&weights).unwrap();
+            let table = AliasTable::new(&weights).unwrap().unwrap();
             let mut words = vec![0; 1000];
             crate::stream::Key([n as u8; 32]).lanes(n, 0).fill(&mut words);
             // the coin's edges: equal to a threshold, one below it, and the ends of its range
@@ -200,6 +210,6 @@ mod tests {
 
     #[test]
     fn all_zero_has_no_table() {
-        assert!(AliasTable::new(&[0.0, -0.0]).is_none());
+        assert!(AliasTable::new(&[0.0, -0.0]).unwrap().is_none());
     }
 }

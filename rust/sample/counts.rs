@@ -5,15 +5,24 @@
 
 use rand::Rng;
 use rand::distr::Distribution;
-use rand_distr::Binomial;
+use rand_distr::{Binomial, Poisson};
 
 use super::law::Law;
 use crate::error::{Error, Result};
+use crate::memory::{try_collect, try_extend, try_room, try_zeros};
 use crate::parallel::Stop;
 use crate::stream::{Key, Purpose};
 
 /// The largest number of realizations: beyond it, doubles no longer count by one.
 const MAX_SIZE: u64 = 1 << 53;
+
+const WHAT: &str = "the counts of a sample";
+
+/// Below this `1 - p` may be wrong by more than `2^-27` of itself.
+const FEW_DIGITS: f64 = 1.0 / (1u64 << 26) as f64;
+
+/// From this many trials on `(1 - p)^N` may be wrong by `2^-13` of itself, because `1 - p` is rounded.
+const MANY: u64 = 1 << 40;
 
 /// One multinomial draw per line: `counts[j * length + i]` realizations out of `size` hit entry `i` of line `j`.
 ///
@@ -23,56 +32,81 @@ pub fn multinomial_counts(law: &Law, size: u64, key: &Key, stop: &Stop) -> Resul
     if size > MAX_SIZE {
         return Err(Error::Value { name: "size", expected: "at most 2^53", found: size.to_string() });
     }
-    let mut counts = Vec::with_capacity(law.values().len());
+    let mut counts = try_room(WHAT, law.values().len())?;
     for j in 0..law.lines() {
         stop.check()?;
         let mut rng = key.stream(Purpose::Counts, j);
-        counts.extend(line_counts(law.line(j), law.gamma()[j], size, &mut rng)?);
+        let line = line_counts(law.line(j), law.gamma()[j], size, &mut rng)?;
+        try_extend(WHAT, &mut counts, line)?;
     }
     Ok(counts)
 }
 
 /// One multinomial draw of a line with 1-norm `gamma`: `size` in total, or nothing in a zero line.
 pub(crate) fn line_counts(line: &[f64], gamma: f64, size: u64, rng: &mut impl Rng) -> Result<Vec<u64>> {
-    let mut counts = vec![0; line.len()];
-    deal(&chances(line, gamma), size, rng, |i, count| counts[i] = count)?;
+    let mut counts = try_zeros(WHAT, line.len())?;
+    deal(&chances(line, gamma)?, size, rng, |i, count| counts[i] = count)?;
     Ok(counts)
 }
 
-/// `|w_i| / (|w_i| + ... + |w_n|)`: the chance of entry `i` for a realization that no entry before it took; 0 in a zero line.
-pub(crate) fn chances(line: &[f64], gamma: f64) -> Vec<f64> {
-    // tail = (|w_i| + ... + |w_n|) / g: at the last nonzero entry the chance is exactly one
-    let mut tail = 0.0;
-    let mut chances: Vec<f64> = line
-        .iter()
-        .rev()
-        .map(|w| {
-            if *w == 0.0 {
-                return 0.0;
-            }
-            tail += w.abs() / gamma;
-            (w.abs() / gamma / tail).min(1.0)
-        })
-        .collect();
+/// The chances of one entry for a realization that no entry before it took.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Chance {
+    /// To be taken by this entry: `|w_i| / (|w_i| + ... + |w_n|)`, 0 in a zero line.
+    taken: f64,
+    /// To be left for a later one: `(|w_{i+1}| + ... + |w_n|) / (|w_i| + ... + |w_n|)`, 0 at the last nonzero entry.
+    left: f64,
+}
+
+/// The chances of the entries of a line with 1-norm `gamma`.
+pub(crate) fn chances(line: &[f64], gamma: f64) -> Result<Vec<Chance>> {
+    // tail = (|w_i| + ... + |w_n|) / g, added from the end: what is left keeps its digits, however small
+    let mut rest = 0.0;
+    let from_the_end = line.iter().rev().map(|w| {
+        if *w == 0.0 {
+            return Chance { taken: 0.0, left: 1.0 };
+        }
+        let tail = rest + w.abs() / gamma;
+        let chance = Chance { taken: (w.abs() / gamma / tail).min(1.0), left: rest / tail };
+        rest = tail;
+        chance
+    });
+    let mut chances = try_collect(WHAT, from_the_end)?;
     chances.reverse();
-    chances
+    Ok(chances)
 }
 
 /// Deals `size` realizations out to the entries of a line; `visit(i, count)` sees every entry that got some.
-pub(crate) fn deal(chances: &[f64], size: u64, rng: &mut impl Rng, mut visit: impl FnMut(usize, u64)) -> Result<()> {
+pub(crate) fn deal(chances: &[Chance], size: u64, rng: &mut impl Rng, mut visit: impl FnMut(usize, u64)) -> Result<()> {
     let mut left = size;
-    for (i, &p) in chances.iter().enumerate().filter(|(_, p)| **p > 0.0) {
+    for (i, chance) in chances.iter().enumerate().filter(|(_, chance)| chance.taken > 0.0) {
         if left == 0 {
             break;
         }
-        let binomial = Binomial::new(left, p);
-        let count = binomial.map_err(|e| Error::Numerical(format!("binomial({left}, {p}): {e}")))?.sample(rng);
+        // 1 - taken has few digits of a small rest, or none
+        let count = if chance.left < FEW_DIGITS {
+            left - binomial(left, chance.left, rng)?
+        } else {
+            binomial(left, chance.taken, rng)?
+        };
         left -= count;
         if count > 0 {
             visit(i, count);
         }
     }
     Ok(())
+}
+
+/// Successes in `trials` of probability `p` each.
+fn binomial(trials: u64, p: f64, rng: &mut impl Rng) -> Result<u64> {
+    let mean = trials as f64 * p;
+    if trials >= MANY && mean > 0.0 && mean < 10.0 {
+        // the inversion that `Binomial` makes here rounds 1 - p; the total variation distance to Poisson is at most p < 1e-11
+        let law = Poisson::new(mean).map_err(|e| Error::Numerical(format!("poisson({mean}): {e}")))?;
+        return Ok((law.sample(rng) as u64).min(trials));
+    }
+    let law = Binomial::new(trials, p).map_err(|e| Error::Numerical(format!("binomial({trials}, {p}): {e}")))?;
+    Ok(law.sample(rng))
 }
 
 #[cfg(test)]
@@ -89,6 +123,30 @@ mod tests {
                 assert_eq!(counts[3], 0);
                 assert_eq!(counts[4], size, "the only nonzero entry gets everything");
             }
+        }
+    }
+
+    /// `N q` hits are expected where `1 - q` rounds to one: a sum of 2000 counts is normal, `|z| < 5.6` (false alarm 2e-8).
+    /// With `1 - p` in place of `q` there are none, or twice as many.
+    #[test]
+    fn an_entry_too_small_to_change_the_sum_has_its_probability() {
+        for (values, q, at) in [
+            (vec![1.0, 1e-16], 1e-16, 1),
+            (vec![1.0, 0.0, 1.6e-16, 0.0], 1.6e-16, 2),
+            (vec![1e-16, 1.0], 1e-16, 0),
+            (vec![0.5, 0.5, 1e-16], 1e-16, 2),
+        ] {
+            let law = Law::new(values.clone(), 1, values.len()).unwrap();
+            let mut hits = 0;
+            for seed in 0..2000u64 {
+                let mut key = [0; 32];
+                key[..8].copy_from_slice(&seed.to_le_bytes());
+                let counts = multinomial_counts(&law, MAX_SIZE, &Key(key), &Stop::new()).unwrap();
+                assert_eq!(counts.iter().sum::<u64>(), MAX_SIZE);
+                hits += counts[at];
+            }
+            let mean = 2000.0 * MAX_SIZE as f64 * q;
+            assert!((hits as f64 - mean).abs() < 5.6 * mean.sqrt(), "{values:?}: {hits} hits, {mean} expected");
         }
     }
 

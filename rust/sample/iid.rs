@@ -4,6 +4,7 @@ use super::categorical::AliasTable;
 use super::law::Law;
 use super::singletons::Index;
 use crate::error::Result;
+use crate::memory::{try_collect, try_collect_all};
 use crate::parallel::{Stop, for_each_chunk};
 use crate::stream::{CHUNK, Key, Lanes};
 
@@ -13,21 +14,20 @@ const BLOCK: usize = 1024;
 /// Lines that are drawn before their indices are dealt out to the samples: one store of a few bytes, not one per line.
 const GROUP: usize = 8;
 
+const WHAT: &str = "the tables of a sampler";
+
 /// The indices of [`GROUP`] lines in [`BLOCK`] samples, line by line.
 type Tile<I> = [[I; BLOCK]; GROUP];
 
 /// Fills `out` (`size * lines` indices): index `(i, j)` is draw `i` of line `j`.
 pub(super) fn fill<I: Index>(law: &Law, key: &Key, out: &mut [I], threads: usize, stop: &Stop) -> Result<()> {
     let lines = law.lines();
-    let tables: Vec<_> =
-        (0..lines).map(|j| stop.check().map(|()| AliasTable::new(law.line(j)))).collect::<Result<_>>()?;
+    let table = |j| stop.check().and_then(|()| AliasTable::new(law.line(j)));
+    let tables = try_collect_all(WHAT, (0..lines).map(table))?;
     for_each_chunk(out.chunks_mut(CHUNK * lines).enumerate(), threads, stop, |(chunk, out)| {
         // a zero line has no table: its index is 0, where its value is 0
-        let mut drawn: Vec<Option<(&AliasTable, Lanes)>> = tables
-            .iter()
-            .enumerate()
-            .map(|(j, table)| table.as_ref().map(|table| (table, key.lanes(j, chunk))))
-            .collect();
+        let begun = tables.iter().enumerate().map(|(j, table)| table.as_ref().map(|t| (t, key.lanes(j, chunk))));
+        let mut drawn = try_collect(WHAT, begun)?;
         let mut words = [0u64; BLOCK];
         let mut tile: Tile<I> = [[I::default(); BLOCK]; GROUP];
         for block in out.chunks_mut(BLOCK * lines) {

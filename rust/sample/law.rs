@@ -1,6 +1,7 @@
 //! The law of a singleton realization: independent lines with their 1-norms and atoms.
 
-use crate::error::{Error, Result, checked_len, require_finite};
+use crate::error::{Error, Result, require_finite};
+use crate::memory::{checked_len, try_collect};
 
 /// The largest number of entries in a line: a table index and a coin share one 64-bit word.
 const MAX_LENGTH: usize = 1 << 31;
@@ -31,7 +32,8 @@ impl Law {
         }
         require_finite("values", &values)?;
         // g_j = ||line j||_1
-        let gamma: Vec<f64> = values.chunks_exact(length).map(|line| line.iter().map(|v| v.abs()).sum()).collect();
+        let norm = |line: &[f64]| line.iter().map(|v| v.abs()).sum();
+        let gamma: Vec<f64> = try_collect("a law", values.chunks_exact(length).map(norm))?;
         if let Some(index) = gamma.iter().position(|g| !g.is_finite()) {
             return Err(Error::NonFinite { name: "values", what: "1-norm", index: index * length });
         }
@@ -64,17 +66,23 @@ impl Law {
     }
 
     /// The sign of every entry: `1`, `-1`, or `0` off the support.
-    pub fn signs(&self) -> Vec<f64> {
-        self.values.iter().map(|&v| if v == 0.0 { 0.0 } else { v.signum() }).collect()
+    ///
+    /// # Errors
+    /// [`Error::Memory`].
+    pub fn signs(&self) -> Result<Vec<f64>> {
+        try_collect("the signs", self.values.iter().map(|&v| if v == 0.0 { 0.0 } else { v.signum() }))
     }
 
     /// The value `g_j sign(w_i)` a realization has where it hits entry `(j, i)`; 0 off the support.
-    pub fn atoms(&self) -> Vec<f64> {
-        let mut atoms = self.signs();
+    ///
+    /// # Errors
+    /// [`Error::Memory`].
+    pub fn atoms(&self) -> Result<Vec<f64>> {
+        let mut atoms = self.signs()?;
         for (line, g) in atoms.chunks_exact_mut(self.length).zip(&self.gamma) {
             line.iter_mut().for_each(|a| *a *= g);
         }
-        atoms
+        Ok(atoms)
     }
 
     /// `sum_j g_j^2`, the squared Frobenius norm that every realization has.

@@ -22,11 +22,12 @@ pub use sequence::Sequence;
 pub use singletons::{Index, Indices, Singletons};
 pub use systematic::systematic_counts;
 
-pub(crate) use counts::{chances, deal, line_counts};
+pub(crate) use counts::{Chance, chances, deal, line_counts};
 pub(crate) use singletons::with_indices;
 pub(crate) use systematic::line_systematic;
 
-use crate::error::{Result, checked_len};
+use crate::error::Result;
+use crate::memory::checked_len;
 use crate::parallel::Stop;
 use crate::stream::Key;
 use std::sync::Arc;

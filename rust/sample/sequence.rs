@@ -4,6 +4,8 @@ use std::sync::Arc;
 
 use super::categorical::AliasTable;
 use super::law::Law;
+use crate::error::Result;
+use crate::memory::{checked_len, try_collect, try_collect_all, try_zeros};
 use crate::stream::{CHUNK, Key, Lanes};
 
 /// Realizations drawn at a time; divides [`CHUNK`] and is a multiple of the lanes.
@@ -11,7 +13,6 @@ const BLOCK: usize = 128;
 
 /// Independent realizations in order. Number `i` is realization `i` of `sample(law, N, Scheme::Iid, key, ..)`, `N > i`, so
 /// the position is all there is to save.
-#[derive(Clone)]
 pub struct Sequence {
     tables: Vec<Option<AliasTable>>,
     key: Key,
@@ -24,16 +25,20 @@ pub struct Sequence {
 
 impl Sequence {
     /// The sequence of `law` under `key`, at realization 0.
-    pub fn new(law: &Arc<Law>, key: Key) -> Self {
+    ///
+    /// # Errors
+    /// [`crate::Error::Memory`].
+    pub fn new(law: &Arc<Law>, key: Key) -> Result<Self> {
+        const WHAT: &str = "a sequence of realizations";
         let lines = law.lines();
-        Self {
-            tables: (0..lines).map(|j| AliasTable::new(law.line(j))).collect(),
+        Ok(Self {
+            tables: try_collect_all(WHAT, (0..lines).map(|j| AliasTable::new(law.line(j))))?,
             key,
-            lanes: Vec::new(),
-            block: vec![0; BLOCK * lines],
+            lanes: try_collect(WHAT, (0..lines).map(|j| key.lanes(j, 0)))?,
+            block: try_zeros(WHAT, checked_len(WHAT, BLOCK, lines)?)?,
             lines,
             position: 0,
-        }
+        })
     }
 
     /// The number of the realization that comes next.
@@ -67,7 +72,7 @@ impl Sequence {
     fn fill(&mut self) {
         if self.position.is_multiple_of(CHUNK as u64) {
             let chunk = (self.position / CHUNK as u64) as usize;
-            self.lanes = (0..self.lines).map(|j| self.key.lanes(j, chunk)).collect();
+            self.lanes.iter_mut().enumerate().for_each(|(j, lanes)| *lanes = self.key.lanes(j, chunk));
         }
         let mut words = [0u64; BLOCK];
         for (j, (table, lanes)) in self.tables.iter().zip(&mut self.lanes).enumerate() {
@@ -96,7 +101,7 @@ mod tests {
         let key = Key([3; 32]);
         let size = CHUNK + 2 * BLOCK + 5;
         let all = indices(sample(&law, size, Scheme::Iid, &key, 1, &Stop::new()).unwrap().indices());
-        let mut sequence = Sequence::new(&law, key);
+        let mut sequence = Sequence::new(&law, key).unwrap();
         for expected in all.chunks_exact(3) {
             assert_eq!(sequence.draw(), expected);
         }

@@ -4,14 +4,15 @@ use std::sync::Arc;
 
 use super::law::Law;
 use crate::error::{Error, Result};
-use crate::pages::Buffer;
+use crate::memory::{try_collect, try_zeros};
+use crate::pages::{Buffer, Plain};
 use crate::parallel::Stop;
 
 /// Realizations between two looks at the stop flag: well below a millisecond per line.
 const BLOCK: usize = 1 << 14;
 
 /// An unsigned integer that stores the index of an entry in its line.
-pub trait Index: Copy + Default + Ord + Send + Sync + 'static {
+pub trait Index: Plain + Ord {
     /// The index as stored; the caller knows that it fits.
     fn new(index: u32) -> Self;
     /// The index as a position.
@@ -35,7 +36,7 @@ macro_rules! impl_index {
 impl_index!(u8, u16, u32);
 
 /// The indices of a sample in the narrowest of three widths; entry `i * lines + j` belongs to sample `i`, line `j`.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, PartialEq, Eq)]
 pub enum Indices {
     /// Lines of at most 256 entries.
     U8(Buffer<u8>),
@@ -168,7 +169,7 @@ impl Singletons {
     /// # Errors
     /// [`Error::Interrupted`] after a stop.
     pub fn counts(&self, stop: &Stop) -> Result<Vec<u64>> {
-        let mut counts = vec![0u64; self.law.values().len()];
+        let mut counts = try_zeros("the counts", self.law.values().len())?;
         self.add_counts(0, self.size, &mut counts, stop)?;
         Ok(counts)
     }
@@ -197,7 +198,7 @@ impl Singletons {
     /// [`Error::Interrupted`] after a stop.
     pub fn combine(&self, weights: &[f64], stop: &Stop) -> Result<Vec<f64>> {
         let (lines, length) = (self.law.lines(), self.law.length());
-        let mut sums = vec![0.0; self.law.values().len()];
+        let mut sums: Vec<f64> = try_zeros("a combination", self.law.values().len())?;
         with_indices!(&*self.indices, indices => {
             for (block, weights) in indices.chunks(BLOCK * lines).zip(weights.chunks(BLOCK)) {
                 stop.check()?;
@@ -210,20 +211,24 @@ impl Singletons {
                 }
             }
         });
-        for (sum, atom) in sums.iter_mut().zip(self.law.atoms()) {
+        for (sum, atom) in sums.iter_mut().zip(self.law.atoms()?) {
             *sum *= atom;
         }
         Ok(sums)
     }
 
     /// `<r, E_i>` for every realization, given `r` line by line.
-    pub fn correlate(&self, r: &[f64]) -> Vec<f64> {
+    ///
+    /// # Errors
+    /// [`Error::Memory`].
+    pub fn correlate(&self, r: &[f64]) -> Result<Vec<f64>> {
         let (lines, length) = (self.law.lines(), self.law.length());
-        let table: Vec<f64> = r.iter().zip(self.law.atoms()).map(|(r, atom)| r * atom).collect();
-        with_indices!(&*self.indices, indices => indices
-            .chunks_exact(lines)
-            .take(self.size)
-            .map(|sample| table.chunks_exact(length).zip(sample).map(|(line, r)| line[r.get()]).sum())
-            .collect())
+        let mut table = self.law.atoms()?;
+        table.iter_mut().zip(r).for_each(|(to, r)| *to *= r);
+        with_indices!(&*self.indices, indices => {
+            let samples = indices.chunks_exact(lines).take(self.size);
+            let product = samples.map(|sample| table.chunks_exact(length).zip(sample).map(|(line, r)| line[r.get()]).sum());
+            try_collect("the inner products", product)
+        })
     }
 }

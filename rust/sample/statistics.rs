@@ -64,7 +64,7 @@ fn excess(draws: impl Iterator<Item = u32>, weights: &[f64]) -> f64 {
 fn the_sampler_follows_its_weights() {
     for (at, n) in [10, 100, 1000].into_iter().enumerate() {
         for (shape, (name, weights)) in shapes(n).into_iter().enumerate() {
-            let table = AliasTable::new(&weights).unwrap();
+            let table = AliasTable::new(&weights).unwrap().unwrap();
             let key = Key([(10 * at + shape) as u8; 32]);
             let excess = excess(words(&key).map(|word| table.draw(word)), &weights);
             assert!(excess < 1.0, "{name}, n = {n}: {excess} of the critical value");
@@ -86,7 +86,7 @@ fn wrong_tables_are_caught() {
         ("threshold and its complement are swapped", &|_, entry| ((COIN - 1 - (entry >> 32)) << 32) | low(entry)),
     ];
     for (name, mutant) in mutants {
-        let mut table = AliasTable::new(weights).unwrap();
+        let mut table = AliasTable::new(weights).unwrap().unwrap();
         table.mutate(mutant);
         // cells beyond n would index out of range: such a draw counts as component 0
         let draws = words(&Key([1; 32])).map(|word| if table.draw(word) < n as u32 { table.draw(word) } else { 0 });

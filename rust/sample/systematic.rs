@@ -10,18 +10,24 @@ use rand::Rng;
 use super::categorical::running_sums;
 use super::law::Law;
 use super::singletons::Index;
-use crate::error::{Result, try_zeros};
+use crate::error::Result;
+use crate::memory::try_zeros;
 use crate::parallel::Stop;
 use crate::stream::{Key, Purpose};
 
+const WHAT: &str = "the counts of a systematic sample";
+
 /// The counts of a systematic sample, line by line; a zero line has none.
-pub fn systematic_counts(law: &Law, size: u64, key: &Key) -> Vec<u64> {
-    let mut counts = vec![0; law.values().len()];
+///
+/// # Errors
+/// [`crate::Error::Memory`].
+pub fn systematic_counts(law: &Law, size: u64, key: &Key) -> Result<Vec<u64>> {
+    let mut counts = try_zeros(WHAT, law.values().len())?;
     for (j, counts) in counts.chunks_exact_mut(law.length()).enumerate() {
         let word = key.stream(Purpose::Offset, j).next_u64();
         line_systematic(law.line(j), size, word, |i, count| counts[i] = count);
     }
-    counts
+    Ok(counts)
 }
 
 /// Deals `size` realizations of a line out with the offset `U = word / 2^64`; `visit(i, count)` sees every entry.
@@ -40,12 +46,13 @@ pub(crate) fn line_systematic(line: &[f64], size: u64, word: u64, mut visit: imp
         below = below.max(c);
     }
 }
+
 /// Realizations written between two checks for a stop: each may touch a new page of memory.
 const BLOCK: usize = 1 << 14;
 
 /// Fills `out` with the counted indices, shuffled per line (Fisher-Yates from the end).
 pub(super) fn fill<I: Index>(law: &Law, key: &Key, out: &mut [I], size: usize, stop: &Stop) -> Result<()> {
-    let counts = systematic_counts(law, size as u64, key);
+    let counts = systematic_counts(law, size as u64, key)?;
     let mut order: Vec<I> = try_zeros("the order of a systematic sample", size)?;
     for (j, counts) in counts.chunks_exact(law.length()).enumerate() {
         stop.check()?;
@@ -91,7 +98,7 @@ mod tests {
         for (seed, size) in [(0, 1), (1, 7), (2, 50), (3, 1000), (4, 1_000_000_000_000)] {
             let w = vec![3.0, -1.0, 0.5, 0.0, 2.0];
             let law = Law::new(w.clone(), 1, 5).unwrap();
-            let counts = systematic_counts(&law, size, &Key([seed; 32]));
+            let counts = systematic_counts(&law, size, &Key([seed; 32])).unwrap();
             assert_eq!(counts.iter().sum::<u64>(), size);
             for (w, &count) in w.iter().zip(&counts) {
                 let expected = size as f64 * w.abs() / 6.5;
@@ -105,7 +112,7 @@ mod tests {
     fn whole_expectations_are_met_exactly() {
         let law = Law::new(vec![3.0, -1.0, 0.5, 0.0, 2.0], 1, 5).unwrap();
         for seed in 0..20 {
-            assert_eq!(systematic_counts(&law, 6500, &Key([seed; 32])), [3000, 1000, 500, 0, 2000]);
+            assert_eq!(systematic_counts(&law, 6500, &Key([seed; 32])).unwrap(), [3000, 1000, 500, 0, 2000]);
         }
     }
 }

@@ -12,7 +12,8 @@ use faer::{Accum, MatMut, MatRef, Par};
 
 use super::model::{Drawn, Model, add_product};
 use super::words::{MOST, Words};
-use crate::error::{Result, checked_len, try_zeros};
+use crate::error::Result;
+use crate::memory::{checked_len, try_collect_all, try_zeros};
 use crate::parallel::Stop;
 use crate::sample::{AliasTable, Law};
 
@@ -76,17 +77,19 @@ fn present(row: &Row) -> u64 {
     })
 }
 
+const WHAT: &str = "the tables of a simulation";
+
 /// A table for every line that is not zero.
 fn lines(law: &Law, stop: &Stop) -> Result<Vec<Option<Line>>> {
     let line = |j: usize| {
         stop.check()?;
-        let mut negative = vec![0; law.length().div_ceil(64)];
+        let mut negative = try_zeros(WHAT, law.length().div_ceil(64))?;
         for (i, _) in law.line(j).iter().enumerate().filter(|(_, v)| **v < 0.0) {
             negative[i / 64] |= 1 << (i % 64);
         }
-        Ok(AliasTable::new(law.line(j)).map(|table| Line { table, gamma: law.gamma()[j], negative }))
+        Ok(AliasTable::new(law.line(j))?.map(|table| Line { table, gamma: law.gamma()[j], negative }))
     };
-    (0..law.lines()).map(line).collect()
+    try_collect_all(WHAT, (0..law.lines()).map(line))
 }
 
 /// What all blocks share.

@@ -7,7 +7,8 @@ use rand::rngs::ChaCha8Rng;
 
 use super::model::{Drawn, Model, add_product};
 use super::moments::{Ensemble, Second, Sums, Tree};
-use crate::error::{Error, Result, checked_len, try_zeros};
+use crate::error::{Error, Result};
+use crate::memory::{checked_len, try_zeros};
 use crate::parallel::{Stop, for_each_chunk};
 use crate::sample::{Law, line_counts};
 use crate::stream::{Key, Purpose};
@@ -51,7 +52,7 @@ pub fn mean_field(
     for_each_chunk(leaves, threads, stop, |(leaf, part)| {
         let mut sums = Sums::new(&center, n, second)?;
         let mut parts = part.chunks_mut(one);
-        let (mut x, mut next) = (vec![0.0; n], vec![0.0; n]);
+        let (mut x, mut next) = (try_zeros(what, n)?, try_zeros(what, n)?);
         for replicate in leaf * LEAF..replicates.min((leaf + 1) * LEAF) {
             let mut rng = key.stream(Purpose::MeanField, replicate);
             let part = parts.next().unwrap_or_default();

@@ -1,6 +1,7 @@
 //! The problem that is simulated, and its exact solution.
 
-use crate::error::{Error, Result, checked_len, require_finite, try_zeros};
+use crate::error::{Error, Result, require_finite};
+use crate::memory::{checked_len, try_zeros};
 use crate::parallel::Stop;
 use crate::sample::Law;
 

@@ -11,7 +11,8 @@ use faer::linalg::matmul::triangular::{BlockStructure, matmul};
 use faer::{Accum, MatMut, MatRef, Par};
 
 use super::block::{RUNS, Row, States};
-use crate::error::{Error, Result, checked_len, try_zeros};
+use crate::error::{Error, Result};
+use crate::memory::{checked_len, room_for_products, try_collect, try_zeros};
 
 /// Which second moments are wanted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -42,13 +43,16 @@ pub(super) struct Sums<'a> {
     second: Second,
     sum: Vec<f64>,
     squares: Vec<f64>,
-    /// deviations of one block
+    /// deviations of one block, or of one run
     scratch: Vec<f64>,
 }
 
 impl<'a> Sums<'a> {
     /// Nothing yet; `center` has n entries for every time.
     pub(super) fn new(center: &'a [f64], n: usize, second: Second) -> Result<Self> {
+        if second == Second::Full {
+            room_for_products()?;
+        }
         let (what, width) = ("the sums over the runs", if second == Second::Full { n } else { 1 });
         Ok(Self {
             center,
@@ -56,7 +60,7 @@ impl<'a> Sums<'a> {
             second,
             sum: try_zeros(what, center.len())?,
             squares: try_zeros(what, checked_len(what, center.len(), width)?)?,
-            scratch: try_zeros(what, if second == Second::Full { checked_len(what, n, RUNS)? } else { 0 })?,
+            scratch: try_zeros(what, if second == Second::Full { checked_len(what, n, RUNS)? } else { n })?,
         })
     }
 
@@ -143,10 +147,11 @@ impl<'a> Sums<'a> {
     pub(super) fn add_one(&mut self, k: usize, x: &[f64]) {
         let n = self.n;
         let center = &self.center[k * n..(k + 1) * n];
-        let d: Vec<f64> = x.iter().zip(center).map(|(x, c)| x - c).collect();
-        self.sum[k * n..].iter_mut().zip(&d).for_each(|(sum, d)| *sum += d);
+        let d = &mut self.scratch[..n];
+        d.iter_mut().zip(x.iter().zip(center)).for_each(|(d, (x, c))| *d = x - c);
+        self.sum[k * n..].iter_mut().zip(&*d).for_each(|(sum, d)| *sum += d);
         match self.second {
-            Second::Diagonal => self.squares[k * n..].iter_mut().zip(&d).for_each(|(sum, d)| *sum += d * d),
+            Second::Diagonal => self.squares[k * n..].iter_mut().zip(&*d).for_each(|(sum, d)| *sum += d * d),
             Second::Full => {
                 for (j, column) in self.squares[k * n * n..].chunks_exact_mut(n).take(n).enumerate() {
                     column[j..].iter_mut().zip(&d[j..]).for_each(|(sum, di)| *sum += di * d[j]);
@@ -167,7 +172,7 @@ impl<'a> Sums<'a> {
         if !finite(&self.sum) {
             return Err(Error::Overflow { what: "a state of the ensemble" });
         }
-        let mean: Vec<f64> = self.center.iter().zip(&self.sum).map(|(c, sum)| c + sum / size).collect();
+        let mean: Vec<f64> = try_collect("the mean", self.center.iter().zip(&self.sum).map(|(c, sum)| c + sum / size))?;
         if count == 1 {
             return Ok(Ensemble { mean, variance: None, covariance: None, runs });
         }
@@ -177,7 +182,7 @@ impl<'a> Sums<'a> {
         }
         // (sum d d^T - (sum d)(sum d)^T / N) / (N - 1); the second term is what the mean still is off the center
         let unbiased = |square: f64, a: f64, b: f64| (square - a * (b / size)) / (size - 1.0);
-        let mut variance = vec![0.0; mean.len()];
+        let mut variance: Vec<f64> = try_zeros("the variance", mean.len())?;
         for (k, (variance, sum)) in variance.chunks_exact_mut(n).zip(self.sum.chunks_exact(n)).enumerate() {
             if self.second == Second::Diagonal {
                 let squares = &self.squares[k * n..];
@@ -231,8 +236,8 @@ impl<'a> Tree<'a> {
 
     /// What is left over are the binary digits of the number of leaves: they are added from the right.
     pub(super) fn finish(self, count: usize, runs: Vec<f64>) -> Result<Ensemble> {
-        let mut nodes: Vec<_> = self.0.into_inner().unwrap_or_default().into_iter().collect();
-        nodes.sort_by_key(|((level, _), _)| *level);
+        let mut nodes = try_collect("the sums over the runs", self.0.into_inner().unwrap_or_default())?;
+        nodes.sort_unstable_by_key(|((level, _), _)| *level);
         let total = nodes.into_iter().map(|(_, sums)| sums).reduce(|right, mut left| {
             left.merge(&right);
             left

@@ -8,17 +8,20 @@
 //! K steps:   u = C_K(A_hat)^+ (xf_hat - A_hat^K x0_hat),  ||C_K(A) (u - v)||,  ||u - v||
 //! ```
 
-use faer::{Mat, MatRef};
+use faer::MatRef;
 use rand::Rng;
 use rand::rngs::ChaCha8Rng;
 use rand_distr::{Binomial, Distribution};
 
 use crate::Scheme;
 use crate::control::steps_control;
-use crate::error::{Error, Result, checked_len, try_zeros};
+use crate::error::{Error, Result};
+use crate::memory::{checked_len, covered, room_for_products, try_collect, try_extend, try_room, try_zeros};
 use crate::parallel::{Stop, for_each_chunk};
-use crate::sample::{Law, chances, deal, line_systematic};
+use crate::sample::{Chance, Law, chances, deal, line_systematic};
 use crate::stream::{Key, Purpose};
+
+const WHAT: &str = "a simulated run";
 
 /// Runs that one thread takes at a time.
 const CHUNK: usize = 16;
@@ -27,7 +30,7 @@ const CHUNK: usize = 16;
 #[derive(Debug, Clone)]
 pub struct Average {
     law: Law,
-    chances: Vec<f64>,
+    chances: Vec<Chance>,
     size: u64,
     scheme: Scheme,
 }
@@ -36,16 +39,19 @@ impl Average {
     /// The average of `size` realizations of `law`.
     ///
     /// # Errors
-    /// [`Error::Value`] for a `size` outside `1 ..= 2^53`.
+    /// [`Error::Value`] for a `size` outside `1 ..= 2^53`, [`Error::Memory`].
     pub fn new(law: Law, size: u64, scheme: Scheme) -> Result<Self> {
         if size == 0 || size > 1 << 53 {
             return Err(Error::Value { name: "size", expected: "in [1, 2^53]", found: size.to_string() });
         }
-        let chances = (0..law.lines()).flat_map(|j| chances(law.line(j), law.gamma()[j])).collect();
-        Ok(Self { law, chances, size, scheme })
+        let mut all = try_room(WHAT, law.values().len())?;
+        for j in 0..law.lines() {
+            try_extend(WHAT, &mut all, chances(law.line(j), law.gamma()[j])?)?;
+        }
+        Ok(Self { law, chances: all, size, scheme })
     }
 
-    fn chances(&self, j: usize) -> &[f64] {
+    fn chances(&self, j: usize) -> &[Chance] {
         &self.chances[j * self.law.length()..(j + 1) * self.law.length()]
     }
 
@@ -189,7 +195,7 @@ impl Plans {
     pub fn errors(&self, exact: Exact<'_>, runs: usize, key: &Key, threads: usize, stop: &Stop) -> Result<Vec<f64>> {
         let mut errors: Vec<f64> = try_zeros("the simulated errors", checked_len("the errors", runs, 2)?)?;
         for_each_chunk(errors.chunks_mut(2 * CHUNK).enumerate(), threads, stop, |(chunk, errors)| {
-            let mut scratch = Scratch::new(self.n)?;
+            let mut scratch = Scratch::new(self.n, matches!(exact, Exact::Steps { .. }))?;
             for (at, errors) in errors.chunks_exact_mut(2).enumerate() {
                 stop.check()?;
                 let mut rng = key.stream(Purpose::Plans, chunk * CHUNK + at);
@@ -283,19 +289,22 @@ impl Plans {
         self.xf.vector(rng, y)?;
         self.x0.vector(rng, x)?;
         match &self.a {
-            Estimate::Fixed(columns) => *a = Mat::from_fn(n, n, |i, j| columns[j * n + i]),
+            Estimate::Fixed(columns) => {
+                for (j, column) in columns.chunks_exact(n).enumerate() {
+                    column.iter().enumerate().for_each(|(i, value)| a[i * n + j] = *value);
+                }
+            }
             Estimate::Drawn(average) => {
                 a.fill(0.0);
                 for j in 0..n {
-                    average.line(j, rng, |i, value| if self.rows { a[(j, i)] = value } else { a[(i, j)] = value })?;
+                    average.line(j, rng, |i, value| a[if self.rows { j * n + i } else { i * n + j }] = value)?;
                 }
             }
         }
-        let b = MatRef::from_row_major_slice(b, n, b.len() / n);
-        let u = steps_control(a.as_ref(), b, x, y, v.len() / b.ncols())?;
-        let wrong: Vec<f64> = u.iter().zip(v).map(|(u, v)| u - v).collect();
+        let u = steps_control(a, b, x, y, v.len() * n / b.len())?;
+        let wrong = try_collect(WHAT, u.iter().zip(v).map(|(u, v)| u - v))?;
         let dot = |row: &[f64]| row.iter().zip(&wrong).map(|(c, w)| c * w).sum();
-        let shift: Vec<f64> = c.chunks_exact(v.len()).map(dot).collect();
+        let shift: Vec<f64> = try_collect(WHAT, c.chunks_exact(v.len()).map(dot))?;
         Ok([norm(&shift), norm(&wrong)])
     }
 }
@@ -315,14 +324,14 @@ struct Scratch {
     x: Vec<f64>,
     y: Vec<f64>,
     left: Vec<u64>,
-    a: Mat<f64>,
+    a: Vec<f64>,
 }
 
 impl Scratch {
-    fn new(n: usize) -> Result<Self> {
-        let what = "a simulated run";
-        let zeros = || try_zeros(what, n);
-        Ok(Self { t: Vec::with_capacity(n), x: zeros()?, y: zeros()?, left: try_zeros(what, n)?, a: Mat::zeros(n, n) })
+    fn new(n: usize, several: bool) -> Result<Self> {
+        let zeros = || try_zeros(WHAT, n);
+        let a = try_zeros(WHAT, if several { checked_len(WHAT, n, n)? } else { 0 })?;
+        Ok(Self { t: try_room(WHAT, n)?, x: zeros()?, y: zeros()?, left: try_zeros(WHAT, n)?, a })
     }
 }
 
@@ -364,7 +373,11 @@ pub fn estimate_errors(
                 Norm::One => wrong.iter().map(|w| w.abs()).sum(),
                 Norm::Two => norm(&wrong),
                 Norm::Spectral => {
-                    let values = MatRef::from_row_major_slice(&wrong, lines, length).singular_values();
+                    let found = MatRef::from_row_major_slice(&wrong, lines, length);
+                    // copies of the matrix, and blocks of reflections
+                    let bytes = 64 * (lines as u128 + 64) * (length as u128 + 64);
+                    room_for_products()?;
+                    let values = covered(WHAT, bytes, || found.singular_values())?;
                     let values = values.map_err(|_| Error::Numerical("the singular values did not converge".into()))?;
                     values.first().copied().unwrap_or(0.0)
                 }

@@ -4,7 +4,8 @@ use super::block::{Block, RUNS, States, Stepper};
 use super::model::{Drawn, Model};
 use super::moments::{Ensemble, Second, Sums, Tree};
 use super::words::Words;
-use crate::error::{Error, Result, checked_len, try_zeros};
+use crate::error::{Error, Result};
+use crate::memory::{checked_len, try_zeros};
 use crate::parallel::{Stop, for_each_chunk};
 use crate::stream::Key;
 

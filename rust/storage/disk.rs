@@ -7,10 +7,11 @@ use std::io::{self, ErrorKind, Read, Write};
 use std::path::Path;
 
 use super::fault::Fault;
-use super::format::{MAX_BYTES, empty, refusal};
+use super::format::{MAX_BYTES, WHAT, refusal};
 #[cfg(test)]
 use super::tests::disk_point as point;
 use crate::error::{Error, Result};
+use crate::memory::try_room;
 use crate::parallel::Stop;
 
 /// Bytes between two looks at the stop flag.
@@ -61,7 +62,7 @@ pub(super) fn read(path: &Path, stop: &Stop) -> Result<Vec<u8>> {
     if found > MAX_BYTES {
         return Err(refusal(path, Fault::TooLarge { found }));
     }
-    let mut bytes = empty(found as usize)?;
+    let mut bytes = try_room(WHAT, found as usize)?;
     loop {
         stop.check()?;
         // the file may have been cut or may be growing: never more than it had

@@ -198,10 +198,12 @@ impl Place {
     /// Removes the temporaries of this state. Their writers are dead: a living one would hold the lock.
     fn sweep(&self) {
         let Ok(entries) = std::fs::read_dir(&self.directory) else { return };
-        let start = [self.name.as_encoded_bytes(), b"."].concat();
+        let mut start = self.name.clone();
+        start.push(".");
+        let start = start.as_encoded_bytes();
         for entry in entries.flatten() {
             let name = entry.file_name();
-            let middle = name.as_encoded_bytes().strip_prefix(&start[..]).and_then(|rest| rest.strip_suffix(b".tmp"));
+            let middle = name.as_encoded_bytes().strip_prefix(start).and_then(|rest| rest.strip_suffix(b".tmp"));
             if middle.is_some_and(|digits| digits.len() == 16 && digits.iter().all(u8::is_ascii_hexdigit)) {
                 disk::remove(&entry.path());
             }

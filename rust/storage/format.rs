@@ -22,7 +22,11 @@ use sha2::{Digest, Sha256};
 
 use super::fault::Fault;
 use crate::error::{Error, Result};
+use crate::memory::{covered, try_collect, try_room};
 use crate::parallel::Stop;
+
+/// What messages say that memory is for.
+pub(super) const WHAT: &str = "a state";
 
 /// The format's version that is written, and the only one that is read.
 pub const VERSION: u64 = 2;
@@ -33,8 +37,9 @@ pub const MAX_BYTES: u64 = if usize::BITS < 64 { 1 << 30 } else { 1 << 34 };
 /// No header is longer than this, so that what the parser makes of it has bounds.
 pub const MAX_HEADER: u64 = 1 << 20;
 
-/// Bytes that the parser asks for per byte of a header, at most: 32 for each zero of `[0,0,...]`, grown by doubling.
-pub(super) const PARSED: usize = 64;
+/// More bytes than the parser asks for per byte of a header: for `[[[...]]]` these are 64, as each
+/// pair of brackets gets room for four entries of 32 bytes.
+pub(super) const PARSED: usize = 96;
 
 /// The beginning of every header, then the digest.
 pub(super) const BEGINNING: &str = r#"{"__metadata__":{"format":"stochens","sha256":""#;
@@ -88,9 +93,7 @@ impl Values<'_> {
 
 fn array<T: Clone, const N: usize>(raw: &[u8], one: fn([u8; N]) -> T) -> Result<Cow<'static, [T]>> {
     let (chunks, _) = raw.as_chunks();
-    let mut values = empty(chunks.len())?;
-    values.extend(chunks.iter().map(|chunk| one(*chunk)));
-    Ok(values.into())
+    Ok(try_collect(WHAT, chunks.iter().map(|chunk| one(*chunk)))?.into())
 }
 
 /// A named array.
@@ -130,13 +133,12 @@ pub(super) fn refusal(source: &Path, fault: Fault) -> Error {
 pub(super) fn check_names(kind: &str, sections: &[Section<'_>]) -> Result<()> {
     let wrong = |argument, name: &str| {
         let expected = "1 to 64 letters, digits, '_', '-' or '.', the first no '_'";
-        Err(Error::Value { name: argument, expected, found: format!("{:.80}", format!("{name:?}")) })
+        Err(Error::Value { name: argument, expected, found: format!("\"{}\"", one_line(name)) })
     };
     if !is_name(kind) {
         return wrong("kind", kind);
     }
-    let mut names = empty(sections.len())?;
-    names.extend(sections.iter().map(|section| &*section.name));
+    let mut names = try_collect(WHAT, sections.iter().map(|section| &*section.name))?;
     names.sort_unstable();
     if let Some(name) = names.iter().find(|name| !is_name(name)) {
         return wrong("name", name);
@@ -165,7 +167,7 @@ fn order(a: &Section<'_>, b: &Section<'_>) -> Ordering {
 fn header<'a, S: Borrow<Section<'a>>>(kind: &str, generation: u64, seal: &[u8], sections: &[S]) -> Result<Vec<u8>> {
     // three numbers of 20 digits and 49 other characters
     let room = sections.iter().map(|section| section.borrow().name.len() + 109).sum::<usize>();
-    let mut out = empty(8 + BEGINNING.len() + seal.len() + kind.len() + 100 + room)?;
+    let mut out = try_room(WHAT, 8 + BEGINNING.len() + seal.len() + kind.len() + 100 + room)?;
     out.extend_from_slice(&[0; 8]);
     out.extend_from_slice(BEGINNING.as_bytes());
     out.extend_from_slice(seal);
@@ -194,7 +196,7 @@ pub(super) fn digest(bytes: &[u8], stop: &Stop) -> Result<Vec<u8>> {
         stop.check()?;
         hash.update(block);
     }
-    let mut digits = empty(ZEROS.len())?;
+    let mut digits = try_room(WHAT, ZEROS.len())?;
     hash.finalize().iter().for_each(|byte| digits.extend_from_slice(format!("{byte:02x}").as_bytes()));
     Ok(digits)
 }
@@ -202,8 +204,7 @@ pub(super) fn digest(bytes: &[u8], stop: &Stop) -> Result<Vec<u8>> {
 /// The bytes of a file with these contents.
 pub fn encode(kind: &str, generation: u64, sections: &[Section<'_>], stop: &Stop) -> Result<Vec<u8>> {
     check_names(kind, sections)?;
-    let mut sorted = empty(sections.len())?;
-    sorted.extend(sections);
+    let mut sorted = try_collect(WHAT, sections)?;
     sorted.sort_unstable_by(|a, b| order(a, b));
     let header = header(kind, generation, ZEROS, &sorted)?;
     let length =
@@ -215,7 +216,7 @@ pub fn encode(kind: &str, generation: u64, sections: &[Section<'_>], stop: &Stop
     if length > MAX_BYTES {
         return wrong("at most 16 GiB (1 GiB on 32 bits)", format!("{length} bytes"));
     }
-    let mut out = empty(length as usize)?;
+    let mut out = try_room(WHAT, length as usize)?;
     out.extend_from_slice(&header);
     for section in sorted {
         stop.check()?;
@@ -250,9 +251,8 @@ pub fn decode(source: &Path, bytes: &[u8], kind: &str, stop: &Stop) -> Result<Co
         Some(found) => return Err(refuse(Fault::Version { found })),
         None => return Err(refuse(Fault::Header("no version".into()))),
     }
-    let (metadata, data) = parse(source, bytes)?;
-    let names = metadata.offset_keys();
-    let mut sections = empty(names.len())?;
+    let (metadata, names, data) = parse(source, bytes)?;
+    let mut sections = try_room(WHAT, names.len())?;
     for name in names {
         stop.check()?;
         let Some(info) = metadata.info(&name) else { continue };
@@ -283,8 +283,8 @@ fn version(bytes: &[u8]) -> Option<u64> {
     str::from_utf8(digits.get(..20).unwrap_or(digits)).ok()?.parse().ok()
 }
 
-/// What the header says, and the data that it speaks of, which fill the file exactly.
-fn parse<'a>(source: &Path, bytes: &'a [u8]) -> Result<(Metadata, &'a [u8])> {
+/// What the header says, the names in it, and the data, which fill the file exactly.
+fn parse<'a>(source: &Path, bytes: &'a [u8]) -> Result<(Metadata, Vec<String>, &'a [u8])> {
     let refuse = |fault| refusal(source, fault);
     let found = bytes.len();
     let (length, rest) = bytes.split_first_chunk().ok_or_else(|| refuse(Fault::Truncated { found }))?;
@@ -293,25 +293,20 @@ fn parse<'a>(source: &Path, bytes: &'a [u8]) -> Result<(Metadata, &'a [u8])> {
         return Err(refuse(Fault::Header(format!("{length} bytes, and at most {MAX_HEADER} are allowed"))));
     }
     let (header, data) = rest.split_at_checked(length as usize).ok_or_else(|| refuse(Fault::Truncated { found }))?;
-    drop(empty::<u8>(PARSED * header.len())?); // the parser ends the process where it gets no memory
-    let metadata: Metadata =
-        serde_json::from_slice(header).map_err(|error| refuse(Fault::Header(one_line(&error.to_string()))))?;
+    let read = covered(WHAT, PARSED as u128 * u128::from(length), || {
+        let metadata: Metadata = serde_json::from_slice(header).map_err(|error| one_line(&error.to_string()))?;
+        let names = metadata.offset_keys();
+        Ok((metadata, names))
+    })?;
+    let (metadata, names) = read.map_err(|why| refuse(Fault::Header(why)))?;
     if metadata.data_len() != data.len() {
         let declared = (8 + length).saturating_add(metadata.data_len() as u64);
         return Err(refuse(Fault::Length { declared, found }));
     }
-    Ok((metadata, data))
+    Ok((metadata, names, data))
 }
 
 /// What a message can show of a text from a file.
 fn one_line(text: &str) -> String {
-    text.chars().take(100).flat_map(char::escape_debug).collect()
-}
-
-/// Room for `len` elements.
-pub(super) fn empty<T>(len: usize) -> Result<Vec<T>> {
-    let mut room = Vec::new();
-    let bytes = len as u128 * size_of::<T>() as u128;
-    room.try_reserve_exact(len).map_err(|_| Error::Memory { what: "a state", bytes })?;
-    Ok(room)
+    String::from_iter(text.chars().take(100).flat_map(char::escape_debug))
 }

@@ -4,9 +4,11 @@ use super::geometry::Geometry;
 use super::sections::Sections;
 use super::slot::damaged;
 use crate::error::{Error, Result};
-use crate::fuse::{Dense, distance};
+use crate::fuse::{Dense, distance, norm};
+use crate::memory::{checked_len, try_collect, try_zeros};
 use crate::parallel::Stop;
 
+const WHAT: &str = "a stream";
 const FORMAT: u64 = 2;
 const LARGEST: u64 = 1 << 24;
 /// Largest relative error of one rounding.
@@ -32,20 +34,19 @@ struct Feed {
 }
 
 impl Feed {
-    fn new(dim: usize, target: Option<Vec<f64>>) -> Self {
+    fn new(dim: usize, target: Option<Vec<f64>>) -> Result<Self> {
         let kept = if target.is_some() { dim } else { 0 };
-        let zeros = vec![0.0; dim];
-        Self {
-            estimate: vec![0.0; kept],
-            mean: zeros.clone(),
+        Ok(Self {
+            estimate: try_zeros(WHAT, kept)?,
+            mean: try_zeros(WHAT, dim)?,
             target,
-            first: zeros,
+            first: try_zeros(WHAT, dim)?,
             count: 0,
             deviation: 0.0,
             spread: 0.0,
-            low: vec![0.0; dim - kept],
-            high: vec![0.0; dim - kept],
-        }
+            low: try_zeros(WHAT, dim - kept)?,
+            high: try_zeros(WHAT, dim - kept)?,
+        })
     }
 
     fn current(&self) -> &[f64] {
@@ -134,7 +135,7 @@ fn line_search(f: &[f64], e: &[f64], target: &[f64]) -> Option<f64> {
 }
 
 /// The sequential algorithm on realizations that are handed in.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub struct Data {
     geometry: Geometry,
     /// `x0`, `xf`, `A` (row by row)
@@ -148,14 +149,14 @@ impl Data {
     /// [`Error::Shape`] if a target does not fit `B`.
     pub fn new(geometry: Geometry, targets: [Option<Vec<f64>>; 3]) -> Result<Self> {
         let n = geometry.n;
-        let dims = [n, n, crate::error::checked_len("A", n, n)?];
+        let dims = [n, n, checked_len("A", n, n)?];
         for ((name, dim), target) in NAMES.into_iter().zip(dims).zip(&targets) {
             if let Some(target) = target.as_ref().filter(|target| target.len() != dim) {
                 return Err(Error::Shape { name, expected: format!("{dim} entries"), found: target.len().to_string() });
             }
         }
         let [x0, xf, a] = targets;
-        let feeds = [Feed::new(dims[0], x0), Feed::new(dims[1], xf), Feed::new(dims[2], a)];
+        let feeds = [Feed::new(dims[0], x0)?, Feed::new(dims[1], xf)?, Feed::new(dims[2], a)?];
         Ok(Self { geometry, feeds })
     }
 
@@ -221,9 +222,9 @@ impl Data {
     }
 
     /// `Ff - FA F0`.
-    fn difference(&self) -> Vec<f64> {
+    fn difference(&self) -> Result<Vec<f64>> {
         let [x0, xf, a] = self.estimates();
-        rows_times(a, x0).iter().zip(xf).map(|(y, f)| f - y).collect()
+        minus(xf, &rows_times(a, x0)?)
     }
 
     /// The control `v = B^+ (Ff - FA F0)`.
@@ -231,40 +232,47 @@ impl Data {
     /// # Errors
     /// [`Error::Overflow`] if it is not representable.
     pub fn control(&self) -> Result<Vec<f64>> {
-        self.geometry.control(&self.difference())
+        self.geometry.control(&self.difference()?)
     }
 
     /// The certificate towards the targets, and the exact `||B (v - v*)||`; `None` unless all three have one.
-    pub fn certificate(&self) -> Option<(f64, f64)> {
+    ///
+    /// # Errors
+    /// [`Error::Memory`].
+    pub fn certificate(&self) -> Result<Option<(f64, f64)>> {
         let [x0, xf, a] = &self.feeds;
-        let (t0, tf, ta) = (x0.target.as_ref()?, xf.target.as_ref()?, a.target.as_ref()?);
-        let minus = |f: &[f64], t: &[f64]| -> Vec<f64> { f.iter().zip(t).map(|(f, t)| f - t).collect() };
-        let (d0, df, da) = (minus(x0.current(), t0), minus(xf.current(), tf), minus(a.current(), ta));
-        let apart = minus(&df, &rows_times(ta, &d0));
-        let off = minus(&apart, &rows_times(&da, x0.current()));
-        let size = |v: &[f64]| distance(v, &vec![0.0; v.len()]);
+        let (Some(t0), Some(tf), Some(ta)) = (&x0.target, &xf.target, &a.target) else { return Ok(None) };
+        let (d0, df, da) = (minus(x0.current(), t0)?, minus(xf.current(), tf)?, minus(a.current(), ta)?);
+        let apart = minus(&df, &rows_times(ta, &d0)?)?;
+        let off = minus(&apart, &rows_times(&da, x0.current())?)?;
         let matrix = size(&da) * size(x0.current());
-        Some((self.geometry.projected_norm(&apart) + matrix, self.geometry.projected_norm(&off)))
+        let mut room = try_zeros(WHAT, self.geometry.n)?;
+        let mut projected = |z: &[f64]| self.geometry.projected_norm(z, &mut room);
+        Ok(Some((projected(&apart) + matrix, projected(&off))))
     }
 
     /// Everything that the next update depends on.
-    pub fn to_sections(&self) -> Sections {
+    ///
+    /// # Errors
+    /// [`Error::Memory`].
+    pub fn to_sections(&self) -> Result<Sections> {
         let mut out = Sections::default();
         let known = |feed: &Feed| u64::from(feed.target.is_some());
         let [x0, xf, a] = &self.feeds;
-        out.put_u64("format", [FORMAT, self.geometry.n as u64, self.geometry.m as u64, known(x0), known(xf), known(a)]);
-        out.put_f64("B", self.geometry.b.clone());
+        let (n, m) = (self.geometry.n as u64, self.geometry.m as u64);
+        out.put_u64("format", &[FORMAT, n, m, known(x0), known(xf), known(a)])?;
+        out.put_f64("B", &self.geometry.b)?;
         for (name, feed) in NAMES.iter().zip(&self.feeds) {
-            out.put_u64(format!("{name}.count"), [feed.count]);
-            out.put_f64(format!("{name}.range"), [feed.deviation, feed.spread]);
-            out.put_f64(format!("{name}.mean"), feed.mean.clone());
-            out.put_f64(format!("{name}.first"), feed.first.clone());
-            out.put_f64(format!("{name}.low"), feed.low.clone());
-            out.put_f64(format!("{name}.high"), feed.high.clone());
-            out.put_f64(format!("{name}.fused"), feed.estimate.clone());
-            out.put_f64(format!("{name}.aim"), feed.target.clone().unwrap_or_default());
+            out.put_u64(format!("{name}.count"), &[feed.count])?;
+            out.put_f64(format!("{name}.range"), &[feed.deviation, feed.spread])?;
+            out.put_f64(format!("{name}.mean"), &feed.mean)?;
+            out.put_f64(format!("{name}.first"), &feed.first)?;
+            out.put_f64(format!("{name}.low"), &feed.low)?;
+            out.put_f64(format!("{name}.high"), &feed.high)?;
+            out.put_f64(format!("{name}.fused"), &feed.estimate)?;
+            out.put_f64(format!("{name}.aim"), feed.target.as_deref().unwrap_or_default())?;
         }
-        out
+        Ok(out)
     }
 
     /// The stream that [`Data::to_sections`] wrote down.
@@ -298,8 +306,7 @@ impl Data {
             feed.target = known.then_some(target);
             // ||E_i - E_1|| <= spread for all i, so the means are within it too, and the deviation below spread sqrt(N)
             let slack = 1.0 + 1e-6;
-            let near =
-                |v: &[f64]| distance(v, &feed.first) <= slack * feed.spread + 1e-6 * distance(v, &vec![0.0; dim]);
+            let near = |v: &[f64]| distance(v, &feed.first) <= slack * feed.spread + 1e-6 * size(v);
             // the edges are on both sides of the first realization, and within the spread of it
             let inside = |((low, high), first): ((&f64, &f64), &f64)| {
                 (0.0..=feed.spread).contains(&(first - low)) && (0.0..=feed.spread).contains(&(high - first))
@@ -320,8 +327,16 @@ impl Data {
 }
 
 /// `A x` for a square matrix given row by row.
-fn rows_times(rows: &[f64], x: &[f64]) -> Vec<f64> {
-    rows.chunks_exact(x.len()).map(|row| super::geometry::dot(row, x)).collect()
+fn rows_times(rows: &[f64], x: &[f64]) -> Result<Vec<f64>> {
+    try_collect(WHAT, rows.chunks_exact(x.len()).map(|row| super::geometry::dot(row, x)))
+}
+
+fn minus(a: &[f64], b: &[f64]) -> Result<Vec<f64>> {
+    try_collect(WHAT, a.iter().zip(b).map(|(a, b)| a - b))
+}
+
+fn size(v: &[f64]) -> f64 {
+    norm(v.iter().copied())
 }
 
 #[cfg(test)]
@@ -347,9 +362,9 @@ mod tests {
         assert!((data.spreads()[0].powi(2) - 8.0).abs() < 1e-13);
         // sqrt(8) from the first one, entries that range over 2 and 4, and sqrt(10) for the root mean square of the pairs
         assert_eq!([data.apart()[0], data.apart()[2]], [4.0, 0.0]);
-        assert_eq!(data.certificate(), None);
+        assert_eq!(data.certificate(), Ok(None));
         assert!(matches!(feed(&mut data, 2, &three, 2), Err(Error::Shape { name: "A", .. })));
-        let back = Data::from_sections(data.to_sections()).unwrap();
+        let back = Data::from_sections(data.to_sections().unwrap()).unwrap();
         assert_eq!(back.to_sections(), data.to_sections());
     }
 

@@ -2,11 +2,12 @@
 
 use super::slot::norm;
 use crate::control::pseudoinverse;
-use crate::error::{Error, Result, try_zeros};
+use crate::error::{Error, Result};
 use crate::fuse::power_of_two_scale;
+use crate::memory::try_zeros;
 
 /// `B` with its singular vectors: those of its range are an orthonormal basis of it.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub struct Geometry {
     pub(super) n: usize,
     pub(super) m: usize,
@@ -61,14 +62,16 @@ impl Geometry {
     }
 
     /// `||P z||`.
-    pub fn projected_norm(&self, z: &[f64]) -> f64 {
+    ///
+    /// `room` has as many entries as `z`, and is written to.
+    pub fn projected_norm(&self, z: &[f64], room: &mut [f64]) -> f64 {
         let scale = power_of_two_scale(z);
-        let z: Vec<f64> = z.iter().map(|z| z / scale).collect();
+        room.iter_mut().zip(z).for_each(|(to, z)| *to = z / scale);
         if self.rank() == self.n {
-            return norm(&z) * scale; // P = I
+            return norm(room) * scale; // P = I
         }
-        let coordinates: Vec<f64> = self.basis.chunks_exact(self.n).map(|q| dot(q, &z)).collect();
-        norm(&coordinates) * scale
+        let squares = self.basis.chunks_exact(self.n).map(|q| dot(q, room)).fold(0.0, |sum, c| sum + c * c);
+        squares.sqrt() * scale
     }
 
     /// The largest entry that `B^+ z` can have for `||z||_1 <= size`.

@@ -5,7 +5,11 @@
 //! `U` costs `O(1)`. The squared error `er = ||E* - F||^2` and `al = <E* - F, F>` follow recursions of their own instead of
 //! being differences of large sums; whoever steps has to refresh them now and then.
 
+use crate::error::Result;
+use crate::memory::{try_collect, try_copy, try_zeros};
 use crate::sample::Index;
+
+const WHAT: &str = "a stream";
 
 /// The scalars a step needs; `aa = ||E*||^2` and `gg = ||E||^2` do not change.
 #[derive(Debug, Clone, Default)]
@@ -47,7 +51,7 @@ impl State {
 }
 
 /// `F` and what its next step needs.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub(crate) struct Run {
     pub(crate) lines: usize,
     pub(crate) length: usize,
@@ -67,24 +71,31 @@ pub(crate) struct Run {
 impl Run {
     /// No realization yet. Everything is in units in which squares are representable: `gamma` holds the 1-norm of each
     /// line, `magnitudes` the entries `sign_k E*_k` of what is fitted to.
-    pub(crate) fn new(gamma: Vec<f64>, magnitudes: &[f64], safeguard: bool) -> Self {
+    pub(crate) fn new(gamma: Vec<f64>, magnitudes: &[f64], safeguard: bool) -> Result<Self> {
         let length = magnitudes.len() / gamma.len();
-        Self {
+        Ok(Self {
             lines: gamma.len(),
             length,
-            g2: gamma.iter().map(|g| g * g).collect(),
-            ga: magnitudes.iter().enumerate().map(|(k, a)| gamma[k / length] * a).collect(),
-            h: vec![0.0; magnitudes.len()],
+            g2: try_collect(WHAT, gamma.iter().map(|g| g * g))?,
+            ga: try_collect(WHAT, magnitudes.iter().enumerate().map(|(k, a)| gamma[k / length] * a))?,
+            h: try_zeros(WHAT, magnitudes.len())?,
             c: 1.0,
             b: 0.0,
-            hits: if safeguard { vec![0.0; magnitudes.len()] } else { Vec::new() },
+            hits: try_zeros(WHAT, if safeguard { magnitudes.len() } else { 0 })?,
             state: State {
                 aa: magnitudes.iter().map(|a| a * a).sum(),
                 gg: gamma.iter().map(|g| g * g).sum(),
                 ..State::default()
             },
             gamma,
-        }
+        })
+    }
+
+    pub(crate) fn copy(&self) -> Result<Self> {
+        let copy = |values: &[f64]| try_copy(WHAT, values);
+        let (g2, ga, gamma) = (copy(&self.g2)?, copy(&self.ga)?, copy(&self.gamma)?);
+        let (h, hits, state) = (copy(&self.h)?, copy(&self.hits)?, self.state.clone());
+        Ok(Self { g2, ga, gamma, h, hits, state, ..*self })
     }
 
     /// `f_k = (c h_k + b g^2 S_k) / g`

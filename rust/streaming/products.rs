@@ -4,6 +4,10 @@
 //! realizations are kept as well: the product is linear in each factor, and each factor moves as its [`Move`] says.
 
 use super::slot::{Move, Slot};
+use crate::error::Result;
+use crate::memory::try_zeros;
+
+const WHAT: &str = "a stream";
 
 /// `FA F0` and, with the safeguard, `FA S0`, `SA F0`, `SA S0`; in units of both scales.
 #[derive(Debug, Clone, PartialEq)]
@@ -21,10 +25,10 @@ pub(super) struct Start {
 }
 
 impl Start {
-    pub(super) fn of(x0: &Slot) -> Self {
-        let mut start = Self { f: vec![0.0; x0.run.length], s: vec![0.0; x0.run.hits.len()] };
+    pub(super) fn of(x0: &Slot) -> Result<Self> {
+        let mut start = Self { f: try_zeros(WHAT, x0.run.length)?, s: try_zeros(WHAT, x0.run.hits.len())? };
         start.update(x0);
-        start
+        Ok(start)
     }
 
     pub(super) fn update(&mut self, x0: &Slot) {
@@ -36,25 +40,36 @@ impl Start {
 }
 
 impl Products {
+    /// Zeros.
+    pub(super) fn none(n: usize, x0: &Slot) -> Result<Self> {
+        Ok(Self { ff: try_zeros(WHAT, n)?, sums: try_zeros(WHAT, x0.run.hits.len())? })
+    }
+
     /// All of them, summed from the entries: `O(n^2)`.
-    pub(super) fn direct(a: &Slot, start: &Start) -> Self {
+    pub(super) fn direct(a: &Slot, start: &Start) -> Result<Self> {
         let n = a.run.length;
-        let mut line = vec![0.0; n];
-        let mut made = Self { ff: vec![0.0; n], sums: vec![[0.0; 3]; start.s.len()] };
-        for j in 0..n {
-            a.line(j, 1.0, &mut line);
-            made.ff.iter_mut().zip(&line).for_each(|(y, a)| *y += a * start.f[j]);
-            if made.sums.is_empty() {
+        let mut made = Self { ff: try_zeros(WHAT, n)?, sums: try_zeros(WHAT, start.s.len())? };
+        made.sum_up(a, start, &mut try_zeros(WHAT, n)?);
+        Ok(made)
+    }
+
+    /// The same; `line` is room for a line of `A`.
+    pub(super) fn sum_up(&mut self, a: &Slot, start: &Start, line: &mut [f64]) {
+        self.ff.fill(0.0);
+        self.sums.fill([0.0; 3]);
+        for j in 0..a.run.length {
+            a.line(j, 1.0, line);
+            self.ff.iter_mut().zip(&*line).for_each(|(y, a)| *y += a * start.f[j]);
+            if self.sums.is_empty() {
                 continue;
             }
-            made.sums.iter_mut().zip(&line).for_each(|(y, a)| y[0] += a * start.s[j]);
-            a.sum_line(j, 1.0, &mut line);
-            for (y, a) in made.sums.iter_mut().zip(&line) {
+            self.sums.iter_mut().zip(&*line).for_each(|(y, a)| y[0] += a * start.s[j]);
+            a.sum_line(j, 1.0, line);
+            for (y, a) in self.sums.iter_mut().zip(&*line) {
                 y[1] += a * start.f[j];
                 y[2] += a * start.s[j];
             }
         }
-        made
     }
 
     /// `F0` and `S0` have moved by a realization that hits entry `i` with `value`.

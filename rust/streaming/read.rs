@@ -1,10 +1,11 @@
 //! What can be read off a stream: the control, the estimates, and how far they are from their targets.
 
 use super::geometry::dot;
-use super::slot::norm;
-use super::stream::{Config, Stream, Variant};
+use super::slot::{Slot, norm};
+use super::stream::{Config, Lines, Room, Stream, Variant};
 use super::trace::Entry;
 use crate::error::Result;
+use crate::memory::try_zeros;
 
 impl Stream {
     pub(super) fn literal(&self) -> bool {
@@ -17,14 +18,25 @@ impl Stream {
     }
 
     /// `z` with `v = B^+ z`: `Ff - FA F0`, or the running mean of the raw differences.
-    pub fn difference(&self) -> Vec<f64> {
+    ///
+    /// # Errors
+    /// [`crate::Error::Memory`].
+    pub fn difference(&self) -> Result<Vec<f64>> {
+        let mut out = try_zeros("the difference", self.geometry.n)?;
+        self.difference_in(&mut out);
+        Ok(out)
+    }
+
+    fn difference_in(&self, out: &mut [f64]) {
         let [x0, xf, a] = &self.slots;
-        let (goal, free) = if self.consistent() {
-            (xf.estimate(false), &self.products.ff)
+        let free = if self.consistent() {
+            xf.entries(0, false, out);
+            &self.products.ff
         } else {
-            (self.raw.goal.clone(), &self.raw.free)
+            out.copy_from_slice(&self.raw.goal);
+            &self.raw.free
         };
-        goal.iter().zip(free).map(|(f, y)| f * xf.scale - y * x0.scale * a.scale).collect()
+        out.iter_mut().zip(free).for_each(|(f, y)| *f = *f * xf.scale - y * x0.scale * a.scale);
     }
 
     /// The control `v`.
@@ -32,13 +44,18 @@ impl Stream {
     /// # Errors
     /// [`crate::Error::Overflow`] if it is not representable.
     pub fn control(&self) -> Result<Vec<f64>> {
-        self.geometry.control(&self.difference())
+        self.geometry.control(&self.difference()?)
     }
 
     /// `||F - E*||` for `x0`, `xf`, `A`, from the entries.
-    pub fn residuals(&self) -> [f64; 3] {
+    ///
+    /// # Errors
+    /// [`crate::Error::Memory`].
+    pub fn residuals(&self) -> Result<[f64; 3]> {
         let literal = self.literal();
-        [0, 1, 2].map(|k| self.slots[k].inner_products(literal).0.sqrt() * self.slots[k].scale)
+        let [mut line, mut off, ..] = Room::lines(self.geometry.n)?;
+        let mut residual = |slot: &Slot| slot.inner_products(literal, [&mut line, &mut off]).0.sqrt() * slot.scale;
+        Ok([0, 1, 2].map(|k| residual(&self.slots[k])))
     }
 
     /// `||FA - A|| ||F0||`, from the numbers that every step carries along.
@@ -50,46 +67,60 @@ impl Stream {
     /// A bound on `||B (v - v*)||`, and that number itself, in `O(n^2)`. The bound is
     /// `||P [(Ff - xf) - A (F0 - x0)]|| + ||FA - A|| ||F0||`, NaN for the variants whose control is not the one that their
     /// estimates give; the number is `||P [(Ff - FA F0) - (xf - A x0)]||`, from differences that do not cancel.
-    pub fn certificate(&self) -> (f64, f64) {
+    ///
+    /// # Errors
+    /// [`crate::Error::Memory`].
+    pub fn certificate(&self) -> Result<(f64, f64)> {
+        Ok(self.certificate_in(&mut Room::lines(self.geometry.n)?))
+    }
+
+    /// The same, with room for what it is made of.
+    pub(super) fn certificate_in(&self, room: &mut Lines) -> (f64, f64) {
         let [x0, xf, a] = &self.slots;
         let n = self.geometry.n;
+        let [line, off, start, moved, apart, matrix] = room;
         if !self.consistent() {
-            let mut off = self.difference();
+            self.difference_in(off);
             for (column, x) in a.law.values().chunks_exact(n).zip(x0.law.values()) {
                 off.iter_mut().zip(column).for_each(|(off, a)| *off += a * x);
             }
             off.iter_mut().zip(xf.law.values()).for_each(|(off, f)| *off -= f);
-            return (f64::NAN, self.geometry.projected_norm(&off));
+            return (f64::NAN, self.geometry.projected_norm(off, line));
         }
-        let (mut start, mut moved) = (vec![0.0; n], vec![0.0; n]);
-        x0.visit(false, |_, line, off| {
+        x0.visit(false, [line, off], |_, line, off| {
             start.copy_from_slice(line);
             moved.copy_from_slice(off);
         });
         // (Ff - xf) - A (F0 - x0), and (FA - A) F0
-        let (mut apart, mut matrix, mut er) = (vec![0.0; n], vec![0.0; n], 0.0);
-        a.visit(false, |j, _, off| {
+        let mut er = 0.0;
+        apart.fill(0.0);
+        matrix.fill(0.0);
+        a.visit(false, [line, off], |j, _, off| {
             er += dot(off, off);
             let (f, d) = (start[j], moved[j]);
             matrix.iter_mut().zip(off).for_each(|(y, off)| *y += off * f);
             apart.iter_mut().zip(&a.law.values()[j * n..(j + 1) * n]).for_each(|(y, a)| *y -= a * d);
         });
-        xf.visit(false, |_, _, off| {
+        xf.visit(false, [line, off], |_, _, off| {
             apart.iter_mut().zip(off).for_each(|(y, off)| *y = *y * x0.scale + off * xf.scale);
         });
-        let bound = self.geometry.projected_norm(&apart) + er.sqrt() * a.scale * (norm(&start) * x0.scale);
-        apart.iter_mut().zip(&matrix).for_each(|(y, off)| *y -= off * a.scale * x0.scale);
-        (bound, self.geometry.projected_norm(&apart))
+        let bound = self.geometry.projected_norm(apart, line) + er.sqrt() * a.scale * (norm(start) * x0.scale);
+        apart.iter_mut().zip(&*matrix).for_each(|(y, off)| *y -= off * a.scale * x0.scale);
+        (bound, self.geometry.projected_norm(apart, line))
     }
 
     /// The estimates of `x0`, `xf`, `A` (column by column).
-    pub fn estimates(&self) -> [Vec<f64>; 3] {
-        let literal = self.literal();
-        [0, 1, 2].map(|k| {
-            let mut values = self.slots[k].estimate(literal);
-            values.iter_mut().for_each(|v| *v *= self.slots[k].scale);
-            values
-        })
+    ///
+    /// # Errors
+    /// [`crate::Error::Memory`].
+    pub fn estimates(&self) -> Result<[Vec<f64>; 3]> {
+        let estimate = |slot: &Slot| -> Result<Vec<f64>> {
+            let mut values = slot.estimate(self.literal())?;
+            values.iter_mut().for_each(|v| *v *= slot.scale);
+            Ok(values)
+        };
+        let [x0, xf, a] = &self.slots;
+        Ok([estimate(x0)?, estimate(xf)?, estimate(a)?])
     }
 
     /// Realizations used so far, for `x0`, `xf`, `A`.

@@ -2,6 +2,9 @@
 
 use super::slot::damaged;
 use crate::error::Result;
+use crate::memory::{try_copy, try_push};
+
+const WHAT: &str = "a state";
 
 /// One array of a saved state.
 #[derive(Debug, Clone, PartialEq)]
@@ -19,16 +22,19 @@ pub enum Section {
 pub struct Sections(pub Vec<(String, Section)>);
 
 impl Sections {
-    pub(super) fn put_u64(&mut self, name: impl Into<String>, values: impl Into<Vec<u64>>) {
-        self.0.push((name.into(), Section::U64(values.into())));
+    pub(super) fn put_u64(&mut self, name: impl Into<String>, values: &[u64]) -> Result<()> {
+        let section = Section::U64(try_copy(WHAT, values)?);
+        try_push(WHAT, &mut self.0, (name.into(), section))
     }
 
-    pub(super) fn put_f64(&mut self, name: impl Into<String>, values: impl Into<Vec<f64>>) {
-        self.0.push((name.into(), Section::F64(values.into())));
+    pub(super) fn put_f64(&mut self, name: impl Into<String>, values: &[f64]) -> Result<()> {
+        let section = Section::F64(try_copy(WHAT, values)?);
+        try_push(WHAT, &mut self.0, (name.into(), section))
     }
 
-    pub(super) fn put_u8(&mut self, name: impl Into<String>, values: impl Into<Vec<u8>>) {
-        self.0.push((name.into(), Section::U8(values.into())));
+    pub(super) fn put_u8(&mut self, name: impl Into<String>, values: &[u8]) -> Result<()> {
+        let section = Section::U8(try_copy(WHAT, values)?);
+        try_push(WHAT, &mut self.0, (name.into(), section))
     }
 
     fn take(&mut self, name: &str) -> Result<Section> {

@@ -6,8 +6,11 @@ use super::geometry::dot;
 use super::greedy::{Run, gather};
 use crate::error::{Error, Result};
 use crate::fuse::power_of_two_scale;
+use crate::memory::{try_collect, try_zeros};
 use crate::sample::{Law, Sequence};
 use crate::stream::Key;
+
+const WHAT: &str = "a stream";
 
 /// A line with a smaller 1-norm, relative to the largest, counts as zero: its square is no number.
 const NEGLIGIBLE: f64 = 1e-150;
@@ -25,7 +28,6 @@ fn signed(value: f64, w: f64) -> f64 {
 }
 
 /// An entity drawn from its own law and fitted to its mean. Everything is in units of `scale`, a power of two.
-#[derive(Clone)]
 pub(super) struct Slot {
     pub(super) law: Arc<Law>,
     pub(super) scale: f64,
@@ -51,14 +53,15 @@ impl Slot {
         let law = Arc::new(Law::new(values, lines, length)?);
         let scale = power_of_two_scale(law.gamma());
         let unit = |g: &f64| if g / scale < NEGLIGIBLE { 0.0 } else { g / scale };
-        let gamma: Vec<f64> = law.gamma().iter().map(unit).collect();
-        let magnitudes: Vec<f64> = law.values().iter().map(|a| a.abs() / scale).collect();
+        let gamma = try_collect(WHAT, law.gamma().iter().map(unit))?;
+        let magnitudes = try_collect(WHAT, law.values().iter().map(|a| a.abs() / scale))?;
+        let sign = |v: &f64| i8::from(*v > 0.0) - i8::from(*v < 0.0);
         Ok(Self {
             scale,
-            run: Run::new(gamma, &magnitudes, safeguard),
-            sequence: Sequence::new(&law, key),
-            signs: law.signs().iter().map(|&s| s as i8).collect(),
-            raw: vec![0; lines],
+            run: Run::new(gamma, &magnitudes, safeguard)?,
+            sequence: Sequence::new(&law, key)?,
+            signs: try_collect(WHAT, law.values().iter().map(sign))?,
+            raw: try_zeros(WHAT, lines)?,
             law,
         })
     }
@@ -146,33 +149,37 @@ impl Slot {
     }
 
     /// Calls `visit` for every line of `F` and its difference to the line of `E*`: neighbouring doubles have an exact
-    /// difference, so the second is exact once `F` is close.
-    pub(super) fn visit(&self, literal: bool, mut visit: impl FnMut(usize, &[f64], &[f64])) {
+    /// difference, so the second is exact once `F` is close. `room` is where the two are made.
+    pub(super) fn visit(
+        &self,
+        literal: bool,
+        [line, off]: [&mut Vec<f64>; 2],
+        mut visit: impl FnMut(usize, &[f64], &[f64]),
+    ) {
         let length = self.run.length;
-        let (mut line, mut off) = (vec![0.0; length], vec![0.0; length]);
         let unit = self.scale.recip(); // exact: a power of two
         for (j, values) in self.law.values().chunks_exact(length).enumerate() {
-            self.entries(j, literal, &mut line);
-            for ((off, f), w) in off.iter_mut().zip(&line).zip(values) {
+            self.entries(j, literal, line);
+            for ((off, f), w) in off.iter_mut().zip(&*line).zip(values) {
                 *off = f - w * unit;
             }
-            visit(j, &line, &off);
+            visit(j, line, off);
         }
     }
 
     /// `F`, or with `literal` the latest realization, line by line, in units of `scale`.
-    pub(super) fn estimate(&self, literal: bool) -> Vec<f64> {
-        let mut out = vec![0.0; self.run.h.len()];
+    pub(super) fn estimate(&self, literal: bool) -> Result<Vec<f64>> {
+        let mut out = try_zeros(WHAT, self.run.h.len())?;
         for (j, line) in out.chunks_exact_mut(self.run.length).enumerate() {
             self.entries(j, literal, line);
         }
-        out
+        Ok(out)
     }
 
     /// `||F - E*||^2` and `<E* - F, F>`, summed from the entries.
-    pub(super) fn inner_products(&self, literal: bool) -> (f64, f64) {
+    pub(super) fn inner_products(&self, literal: bool, room: [&mut Vec<f64>; 2]) -> (f64, f64) {
         let (mut er, mut al) = (0.0, 0.0);
-        self.visit(literal, |_, line, off| {
+        self.visit(literal, room, |_, line, off| {
             er += dot(off, off);
             al -= dot(off, line);
         });
@@ -180,9 +187,9 @@ impl Slot {
     }
 
     /// Folds the scalings into `F` and recomputes every inner product from its entries.
-    pub(super) fn refresh(&mut self) {
+    pub(super) fn refresh(&mut self, room: [&mut Vec<f64>; 2]) {
         self.run.fold();
-        (self.run.state.er, self.run.state.al) = self.inner_products(false);
+        (self.run.state.er, self.run.state.al) = self.inner_products(false, room);
     }
 
     /// `E ||E - E*||^2 = sum_j (g_j^2 - ||a_j||^2)`.
@@ -195,7 +202,7 @@ impl Slot {
     pub(super) fn check(&self) -> Result<()> {
         let (length, count) = (self.run.length, self.count() as f64);
         let largest = self.run.gamma.iter().fold(0.0f64, |m, g| m.max(*g));
-        let mut line = vec![0.0; length];
+        let (mut line, mut off_line) = (try_zeros(WHAT, length)?, try_zeros(WHAT, length)?);
         for (j, g) in self.run.gamma.iter().enumerate() {
             let range = j * length..(j + 1) * length;
             self.entries(j, false, &mut line);
@@ -213,8 +220,8 @@ impl Slot {
                 return Err(damaged("estimates that are means of realizations", format!("another one in line {j}")));
             }
         }
-        let (er, al) = self.inner_products(false);
-        let mut folded = self.run.clone();
+        let (er, al) = self.inner_products(false, [&mut line, &mut off_line]);
+        let mut folded = self.run.copy()?;
         folded.fold(); // the products with S, summed from the entries
         let (found, fresh, gg) = (&self.run.state, &folded.state, self.run.state.gg);
         let carried = [

@@ -10,6 +10,7 @@ use super::trace::{Entry, on_grid};
 use super::variants::Raw;
 use crate::error::Result;
 use crate::fuse::distance;
+use crate::memory::{try_collect, try_copy};
 use crate::stream::Key;
 
 /// Version of the sections; a reader refuses any other.
@@ -24,34 +25,38 @@ const ORDERS: [Order; 3] = [Order::Random, Order::RoundRobin, Order::Gain];
 
 impl Stream {
     /// Everything that the next step depends on.
-    pub fn to_sections(&self) -> Sections {
+    ///
+    /// # Errors
+    /// [`crate::Error::Memory`].
+    pub fn to_sections(&self) -> Result<Sections> {
         let mut out = Sections::default();
         let place = |found: Option<usize>| found.unwrap_or(0) as u64;
         let variant = place(VARIANTS.iter().position(|v| *v == self.config.variant));
         let order = place(ORDERS.iter().position(|o| *o == self.config.order));
         let (n, m) = (self.geometry.n as u64, self.geometry.m as u64);
-        out.put_u64("format", [FORMAT, n, m, variant, u64::from(self.config.safeguard), order]);
-        out.put_u8("keys", self.keys.iter().flat_map(|key| key.0).collect::<Vec<u8>>());
-        out.put_f64("B", self.geometry.b.clone());
+        out.put_u64("format", &[FORMAT, n, m, variant, u64::from(self.config.safeguard), order])?;
+        out.put_u8("keys", self.keys.map(|key| key.0).as_flattened())?;
+        out.put_f64("B", &self.geometry.b)?;
         let [c0, cf, ca] = self.counts();
-        out.put_u64("steps", [self.steps, c0, cf, ca]);
+        out.put_u64("steps", &[self.steps, c0, cf, ca])?;
         for (name, slot) in NAMES.iter().zip(&self.slots) {
-            out.put_f64(*name, slot.law.values());
+            out.put_f64(*name, slot.law.values())?;
             let s = &slot.run.state;
-            out.put_f64(format!("{name}.state"), [slot.run.c, slot.run.b, s.er, s.al, s.fs, s.ss, s.sa]);
-            out.put_f64(format!("{name}.fused"), slot.run.h.clone());
-            out.put_f64(format!("{name}.hits"), slot.run.hits.clone());
+            out.put_f64(format!("{name}.state"), &[slot.run.c, slot.run.b, s.er, s.al, s.fs, s.ss, s.sa])?;
+            out.put_f64(format!("{name}.fused"), &slot.run.h)?;
+            out.put_f64(format!("{name}.hits"), &slot.run.hits)?;
         }
-        out.put_f64("products", self.products.ff.clone());
-        out.put_f64("prod.sum", self.products.sums.as_flattened());
-        out.put_f64("raw", [self.raw.goal.as_slice(), &self.raw.free].concat());
-        out.put_f64("drift", [self.drift]);
-        out.put_u64("trace.k", self.trace.iter().map(|e| e.step).collect::<Vec<_>>());
+        out.put_f64("products", &self.products.ff)?;
+        out.put_f64("prod.sum", self.products.sums.as_flattened())?;
+        let raw = self.raw.goal.iter().chain(&self.raw.free).copied();
+        out.put_f64("raw", &try_collect("a state", raw)?)?;
+        out.put_f64("drift", &[self.drift])?;
+        out.put_u64("trace.k", &try_collect("a state", self.trace.iter().map(|e| e.step))?)?;
         // NaN (no certificate) is written as -1
         let certificate = |e: &Entry| if e.certificate.is_nan() { -1.0 } else { e.certificate };
-        let values: Vec<f64> = self.trace.iter().flat_map(|e| [certificate(e), e.error, e.size]).collect();
-        out.put_f64("trace.v", values);
-        out
+        let values = try_collect("a state", self.trace.iter().map(|e| [certificate(e), e.error, e.size]))?;
+        out.put_f64("trace.v", values.as_flattened())?;
+        Ok(out)
     }
 
     /// The stream that [`Stream::to_sections`] wrote down.
@@ -126,12 +131,12 @@ impl Stream {
             if size(goal) > slack * xf.run.gamma[0] || size(free) > slack * largest {
                 return Err(damaged("running means of realizations", "larger ones".into()));
             }
-            self.raw = Raw { goal: goal.into(), free: free.into() };
+            self.raw = Raw { goal: try_copy("a state", goal)?, free: try_copy("a state", free)? };
             return Ok(());
         }
-        self.products = Products { ff, sums: sums.as_chunks::<3>().0.to_vec() };
-        let fresh = Products::direct(&self.slots[2], &self.start);
-        let size = norm(&self.slots[2].estimate(false)) * norm(&self.start.f);
+        self.products = Products { ff, sums: try_copy("a state", sums.as_chunks::<3>().0)? };
+        let fresh = Products::direct(&self.slots[2], &self.start)?;
+        let size = norm(&self.slots[2].estimate(false)?) * norm(&self.start.f);
         let sizes = fresh.sums.iter().flatten().fold(0.0f64, |m, v| m.max(v.abs()));
         let apart = distance(&fresh.ff, &self.products.ff) > 1e-6 * size
             || distance(fresh.sums.as_flattened(), self.products.sums.as_flattened()) > 1e-6 * sizes;
@@ -154,14 +159,11 @@ impl Stream {
         if !rising || !within || !possible || at.first() != Some(&0) {
             return Err(damaged("of a trace at its own steps", format!("{} entries", at.len())));
         }
-        self.trace = at
-            .iter()
-            .zip(values.as_chunks::<3>().0)
-            .map(|(&step, &[certificate, error, size])| {
-                let certificate = if consistent { certificate } else { f64::NAN };
-                Entry { step, certificate, error, size }
-            })
-            .collect();
+        // rising steps on the grid: no more than there is room for
+        self.trace.extend(at.iter().zip(values.as_chunks::<3>().0).map(|(&step, &[certificate, error, size])| {
+            let certificate = if consistent { certificate } else { f64::NAN };
+            Entry { step, certificate, error, size }
+        }));
         Ok(())
     }
 }
@@ -199,12 +201,12 @@ mod tests {
                 (0..steps).for_each(|_| {
                     whole.step();
                 });
-                let mut back = Stream::from_sections(whole.to_sections()).unwrap();
-                assert_eq!(back.to_sections(), whole.to_sections());
+                let mut back = Stream::from_sections(whole.to_sections().unwrap()).unwrap();
+                assert_eq!(back.to_sections().unwrap(), whole.to_sections().unwrap());
                 (0..300).for_each(|_| {
                     assert_eq!(back.step(), whole.step());
                 });
-                assert_eq!(back.to_sections(), whole.to_sections());
+                assert_eq!(back.to_sections().unwrap(), whole.to_sections().unwrap());
                 assert_eq!(back.control(), whole.control());
             }
         }
@@ -220,7 +222,7 @@ mod tests {
             (0..50).for_each(|_| {
                 good.step();
             });
-            let mut sections = good.to_sections();
+            let mut sections = good.to_sections().unwrap();
             let count = sections.0.len();
             match &mut sections.0[which % count].1 {
                 Section::U8(values) => { let at = at % values.len(); values[at] = bits as u8; }
@@ -232,8 +234,8 @@ mod tests {
                 (0..600).for_each(|_| {
                     stream.step();
                 });
-                prop_assert!(stream.residuals().iter().all(|r| r.is_finite()));
-                prop_assert!(stream.certificate().1.is_finite());
+                prop_assert!(stream.residuals().unwrap().iter().all(|r| r.is_finite()));
+                prop_assert!(stream.certificate().unwrap().1.is_finite());
             }
         }
     }

@@ -5,7 +5,8 @@ use super::products::{Products, Start};
 use super::slot::{Slot, norm};
 use super::trace::{Entry, on_grid};
 use super::variants::Raw;
-use crate::error::{Error, Result, checked_len};
+use crate::error::{Error, Result};
+use crate::memory::{checked_len, covered, room_for_products, try_filled, try_room, try_zeros};
 use crate::sample::{Law, Sequence};
 use crate::stream::Key;
 
@@ -56,7 +57,6 @@ pub struct Laws {
 }
 
 /// The sequential algorithm on its own realizations.
-#[derive(Clone)]
 pub struct Stream {
     pub(super) config: Config,
     pub(super) geometry: Geometry,
@@ -75,6 +75,35 @@ pub struct Stream {
     /// `||A||_2`, needed for [`Order::Gain`]
     norm_a: f64,
     work: [Vec<f64>; 2],
+    room: Room,
+}
+
+const WHAT: &str = "a stream";
+
+/// Entries of the longest trace: `0..=16`, and eight per octave up to `2^64`.
+const MOST_ENTRIES: usize = 17 + 8 * 60;
+
+/// What steps compute with now and then, had beforehand: none can fail halfway.
+pub(super) struct Room {
+    lines: Lines,
+    fresh: Products,
+}
+
+/// Vectors as long as a state.
+pub(super) type Lines = [Vec<f64>; 6];
+
+impl Room {
+    fn new(n: usize, x0: &Slot) -> Result<Self> {
+        Ok(Self { lines: Self::lines(n)?, fresh: Products::none(n, x0)? })
+    }
+
+    pub(super) fn lines(n: usize) -> Result<Lines> {
+        let mut lines = Lines::default();
+        for line in &mut lines {
+            *line = try_zeros(WHAT, n)?;
+        }
+        Ok(lines)
+    }
 }
 
 impl Stream {
@@ -92,9 +121,9 @@ impl Stream {
             }
         }
         stream.start.update(&stream.slots[0]);
-        stream.products = Products::direct(&stream.slots[2], &stream.start);
+        stream.products = Products::direct(&stream.slots[2], &stream.start)?;
         if config.variant != Variant::Consistent {
-            stream.raw = Raw::of(&stream.slots);
+            stream.raw = Raw::of(&stream.slots)?;
         }
         stream.record(1.0);
         Ok(stream)
@@ -126,20 +155,21 @@ impl Stream {
         if !(size * 4.0).is_finite() || !geometry.largest_control(size * 4.0).is_finite() {
             return Err(Error::Overflow { what: "`xf - A x0` or the control" });
         }
-        let thirds = Law::new(vec![1.0; 3], 1, 3)?;
+        let thirds = Law::new(try_filled("a law", 1.0, 3)?, 1, 3)?;
         Ok(Self {
             config,
             keys: laws.keys,
-            choice: Sequence::new(&thirds.into(), laws.keys[3]),
-            start: Start::of(&slots[0]),
-            products: Products { ff: vec![0.0; n], sums: Vec::new() },
+            choice: Sequence::new(&thirds.into(), laws.keys[3])?,
+            start: Start::of(&slots[0])?,
+            products: Products::none(n, &slots[0])?,
             raw: Raw::none(),
             steps: 0,
             drift: 0.0,
-            trace: Vec::new(),
+            trace: try_room(WHAT, MOST_ENTRIES)?,
             refresh_every: 16 * n.max(16) as u64,
             norm_a,
-            work: [vec![0.0; n], vec![0.0; n]],
+            work: [try_zeros(WHAT, n)?, try_zeros(WHAT, n)?],
+            room: Room::new(n, &slots[0])?,
             slots,
             geometry,
         })
@@ -220,32 +250,39 @@ impl Stream {
         if self.config.variant == Variant::Literal {
             return;
         }
-        self.slots.iter_mut().for_each(Slot::refresh);
+        let Room { lines: [line, off, ..], fresh } = &mut self.room;
+        self.slots.iter_mut().for_each(|slot| slot.refresh([line, off]));
         self.start.update(&self.slots[0]);
         if self.config.variant != Variant::Consistent {
             return;
         }
-        let fresh = Products::direct(&self.slots[2], &self.start);
+        fresh.sum_up(&self.slots[2], &self.start, line);
         let size = self.slots[2].run.state.ff().max(0.0).sqrt() * norm(&self.start.f);
-        let off: Vec<f64> = fresh.ff.iter().zip(&self.products.ff).map(|(a, b)| a - b).collect();
+        off.iter_mut().zip(&fresh.ff).zip(&self.products.ff).for_each(|((off, a), b)| *off = a - b);
         if size > 0.0 {
-            self.drift = self.drift.max(norm(&off) / size);
+            self.drift = self.drift.max(norm(off) / size);
         }
-        self.products = fresh;
+        std::mem::swap(&mut self.products, fresh);
     }
 
     fn record(&mut self, size: f64) {
-        let (certificate, error) = self.certificate();
+        let mut lines = std::mem::take(&mut self.room.lines);
+        let (certificate, error) = self.certificate_in(&mut lines);
+        self.room.lines = lines;
         self.trace.push(Entry { step: self.steps, certificate, error, size });
     }
 }
 
 fn spectral_norm(a: &[f64], n: usize) -> Result<f64> {
     let scale = crate::fuse::power_of_two_scale(a);
-    let matrix = faer::Mat::from_fn(n, n, |i, j| a[j * n + i] / scale);
-    let sigma =
-        matrix.singular_values().map_err(|_| Error::Numerical("the singular values of `A` did not converge".into()))?;
-    Ok(sigma.first().copied().unwrap_or(0.0) * scale)
+    // the matrix, a copy, and the blocks of reflections
+    let bytes = 8 * 3 * (n as u128 + 64).pow(2) + (1 << 16);
+    room_for_products()?;
+    let largest = covered("the norm of `A`", bytes, || {
+        let matrix = faer::Mat::from_fn(n, n, |i, j| a[j * n + i] / scale);
+        matrix.singular_values().map(|sigma| sigma.first().copied().unwrap_or(0.0))
+    })?;
+    Ok(largest.map_err(|_| Error::Numerical("the singular values of `A` did not converge".into()))? * scale)
 }
 
 #[cfg(test)]
@@ -283,23 +320,24 @@ pub(super) mod tests {
         for safeguard in [false, true] {
             let config = Config { variant: Variant::Consistent, safeguard, order: Order::Random };
             let mut stream = stream(12, config);
+            let [mut line, mut off, ..] = Room::lines(12).unwrap();
             for _ in 0..60 {
                 for _ in 0..(stream.refresh_every - 1) {
                     stream.step();
                 }
                 for slot in &stream.slots {
-                    let (er, al) = slot.inner_products(false);
+                    let (er, al) = slot.inner_products(false, [&mut line, &mut off]);
                     // a step adds rounding errors of order eps t ||E||^2, and t is of order d / ||E||
                     let slack = 1e-12 * (er * slot.run.state.gg).sqrt();
                     assert!((er - slot.run.state.er).abs() <= slack, "{er:e} {:e}", slot.run.state.er);
                     assert!((al - slot.run.state.al).abs() <= 1e-10 * slot.run.state.aa);
                     slot.check().unwrap();
                 }
-                let fresh = Products::direct(&stream.slots[2], &stream.start);
+                let fresh = Products::direct(&stream.slots[2], &stream.start).unwrap();
                 assert!(crate::fuse::distance(&fresh.ff, &stream.products.ff) < 1e-12);
                 stream.step();
             }
-            assert!(stream.drift() < 1e-12 && stream.certificate().1 < 0.05);
+            assert!(stream.drift() < 1e-12 && stream.certificate().unwrap().1 < 0.05);
         }
     }
 
@@ -313,7 +351,7 @@ pub(super) mod tests {
             let mut stream = Stream::new(geometry, laws, config).unwrap();
             for _ in 0..600 {
                 assert_eq!(stream.control().unwrap(), [3.25]);
-                assert_eq!(stream.residuals(), [0.0; 3]);
+                assert_eq!(stream.residuals().unwrap(), [0.0; 3]);
                 stream.step();
             }
         }

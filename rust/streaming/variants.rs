@@ -2,6 +2,8 @@
 //! *realizations*, `v <- (1 - t) v + t B^+ (Ef - EA E0)`.
 
 use super::slot::Slot;
+use crate::error::Result;
+use crate::memory::try_zeros;
 
 /// `v = B^+ (goal - free)`, the running averages of `Ef` and of `EA E0`, in the units of the slots.
 #[derive(Debug, Clone, PartialEq)]
@@ -16,11 +18,11 @@ impl Raw {
     }
 
     /// From the first realizations.
-    pub(super) fn of(slots: &[Slot; 3]) -> Self {
+    pub(super) fn of(slots: &[Slot; 3]) -> Result<Self> {
         let n = slots[0].run.length;
-        let mut made = Self { goal: vec![0.0; n], free: vec![0.0; n] };
+        let mut made = Self { goal: try_zeros("a stream", n)?, free: try_zeros("a stream", n)? };
         made.average(1.0, slots);
-        made
+        Ok(made)
     }
 
     /// One step; a triple of realizations has two nonzero numbers.

@@ -101,25 +101,25 @@ def test_an_independent_reader_agrees(tmp_path: Path) -> None:
 def test_any_safetensors_reader_agrees(tmp_path: Path) -> None:
     """The package that defines the format finds every array, bit for bit, and the metadata."""
     safetensors = pytest.importorskip("safetensors")
-    path = tmp_path / "a.state"
     stream = se.Stream([[1.0]], [2.0], [0.5], [[3.0]], rng=1)
     stream.step(5)
-    stream.save(path)
-    for at, kind, sections in (
-        (path, "stream", stream._to_sections()),
-        (tmp_path / "b.state", "example", example()),
-        (tmp_path / "c.state", "none", {}),
+    stream.save(tmp_path / "stream")
+    _state.save(tmp_path / "example", "example", example())
+    _state.save(tmp_path / "empty", "empty", {})
+    for kind, sections in (
+        ("stream", stream._to_sections()),
+        ("example", example()),
+        ("empty", {}),
     ):
-        if at is not path:
-            _state.save(at, kind, sections)
-        with safetensors.safe_open(at, framework="numpy") as file:
-            metadata = file.metadata()
-            digest = metadata.pop("sha256")
-            own = {"format": "stochens", "version": "2", "kind": kind, "generation": "1"}
-            assert metadata == own
-            unsealed = at.read_bytes().replace(digest.encode(), b"0" * 64, 1)
-            assert hashlib.sha256(unsealed).hexdigest() == digest
-            assert same({name: file.get_tensor(name) for name in file.keys()}, sections)
+        data = (tmp_path / kind).read_bytes()
+        with safetensors.safe_open(tmp_path / kind, framework="numpy") as file:
+            metadata, names = file.metadata(), file.keys()
+            found = {name: file.get_tensor(name) for name in names}
+        digest = metadata.pop("sha256")
+        expected = {"format": "stochens", "version": "2", "kind": kind, "generation": "1"}
+        assert metadata == expected
+        assert hashlib.sha256(data.replace(digest.encode(), b"0" * 64, 1)).hexdigest() == digest
+        assert same(found, sections)
 
 
 def test_the_bytes_are_those_of_version_2(tmp_path: Path) -> None:

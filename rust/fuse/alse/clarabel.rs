@@ -8,12 +8,15 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use clarabel::algebra::CscMatrix;
-use clarabel::solver::{DefaultSettings, DefaultSettingsBuilder, DefaultSolver, IPSolver, SupportedConeT};
+use clarabel::solver::{DefaultSettings, DefaultSettingsBuilder, DefaultSolver, IPSolver, SolverError, SupportedConeT};
 
 use super::{Proposal, Realizations, Settings};
 use crate::error::{Error, Result};
 use crate::fuse::Weights;
+use crate::memory::{covered, try_collect, try_copy, try_filled, try_room, try_zeros};
 use crate::parallel::{Stop, detached};
+
+const WHAT: &str = "the problem for Clarabel";
 
 /// The conic data, owned, so that the solve can outlive an interrupted caller.
 struct Conic {
@@ -32,30 +35,31 @@ pub(super) fn propose(
     norm: f64,
     stop: &Stop,
 ) -> Result<Proposal> {
-    run(conic(realizations, target, settings.set, norm), settings.time_limit, stop)
+    run(conic(realizations, target, settings.set, norm)?, settings.time_limit, stop)
 }
 
-fn conic(realizations: &impl Realizations, target: &[f64], set: Weights, norm: f64) -> Conic {
+fn conic(realizations: &impl Realizations, target: &[f64], set: Weights, norm: f64) -> Result<Conic> {
     let size = realizations.size();
-    let mut columns = Vec::with_capacity(size);
-    let mut row_of = vec![usize::MAX; target.len()];
-    let mut hit: Vec<usize> = Vec::new();
+    let mut row_of = try_filled(WHAT, usize::MAX, target.len())?;
+    let mut hit: Vec<usize> = try_room(WHAT, target.len())?;
     for i in 0..size {
-        let mut entries = Vec::new();
-        realizations.entries(i, &mut entries);
-        for &(k, _) in &entries {
+        realizations.entries(i, |k, _| {
             if row_of[k] == usize::MAX {
                 row_of[k] = hit.len();
                 hit.push(k);
             }
-        }
-        columns.push(entries);
+        });
     }
     // rows: the hit entries of S w - y = E*, then the sum, then -w <= 0
     let d = hit.len();
-    let (mut start, mut rows, mut values) = (vec![0], Vec::new(), Vec::new());
-    for (i, entries) in columns.into_iter().enumerate() {
-        let mut column: Vec<(usize, f64)> = entries.into_iter().map(|(k, v)| (row_of[k], v / norm)).collect();
+    let nonzeros = realizations.nonzeros() + 2 * size + d;
+    let (mut rows, mut values) = (try_room(WHAT, nonzeros)?, try_room(WHAT, nonzeros)?);
+    let mut start = try_room(WHAT, size + d + 1)?;
+    start.push(0);
+    let mut column: Vec<(usize, f64)> = try_room(WHAT, d + 2)?;
+    for i in 0..size {
+        column.clear();
+        realizations.entries(i, |k, v| column.push((row_of[k], v / norm)));
         column.sort_unstable_by_key(|&(row, _)| row);
         column.extend([(d, 1.0), (d + 1 + i, -1.0)]);
         rows.extend(column.iter().map(|c| c.0));
@@ -67,20 +71,37 @@ fn conic(realizations: &impl Realizations, target: &[f64], set: Weights, norm: f
         values.push(-1.0);
         start.push(rows.len());
     }
-    let mut right: Vec<f64> = hit.iter().map(|&k| target[k] / norm).collect();
-    right.push(1.0);
-    right.resize(d + 1 + size, 0.0);
+    let mut right = try_zeros(WHAT, d + 1 + size)?;
+    right.iter_mut().zip(&hit).for_each(|(right, &k)| *right = target[k] / norm);
+    right[d] = 1.0;
     let sum_cone = match set {
         Weights::Simplex => SupportedConeT::ZeroConeT(1),
         Weights::Subsimplex => SupportedConeT::NonnegativeConeT(1),
     };
-    let quadratic_start = (0..=size + d).map(|j| j.saturating_sub(size)).collect();
-    Conic {
+    let quadratic_start = try_collect(WHAT, (0..=size + d).map(|j| j.saturating_sub(size)))?;
+    let diagonal = (try_collect(WHAT, size..size + d)?, try_filled(WHAT, 1.0, d)?);
+    let mut cones = try_room(WHAT, 3)?;
+    cones.extend([SupportedConeT::ZeroConeT(d), sum_cone, SupportedConeT::NonnegativeConeT(size)]);
+    Ok(Conic {
         size,
-        quadratic: CscMatrix::new(size + d, size + d, quadratic_start, (size..size + d).collect(), vec![1.0; d]),
+        quadratic: CscMatrix::new(size + d, size + d, quadratic_start, diagonal.0, diagonal.1),
         constraints: CscMatrix::new(d + 1 + size, size + d, start, rows, values),
         right,
-        cones: vec![SupportedConeT::ZeroConeT(d), sum_cone, SupportedConeT::NonnegativeConeT(size)],
+        cones,
+    })
+}
+
+impl Conic {
+    /// Bytes that Clarabel allocates for it, at most.
+    ///
+    /// The factor has `2 (size + d) + d + 1` rows. Eliminating the weights first, as an ordering for little fill does,
+    /// leaves columns of the entries of a realization, and a full triangle for the rows they hit or, if these are more,
+    /// for the realizations. The rest are vectors and copies of the constraints, a bounded number of them.
+    fn bytes(&self) -> u128 {
+        let (rows, columns) = (self.constraints.m as u128, self.constraints.n as u128);
+        let side = (columns - self.size as u128).min(self.size as u128) + 1;
+        let factor = self.constraints.nzval.len() as u128 + side * side;
+        16 * (3 * factor + 60 * (rows + columns)) + (1 << 16)
     }
 }
 
@@ -108,15 +129,18 @@ fn solve(problem: &Conic, time_limit: Option<Duration>, cancelled: Arc<Stop>) ->
         .presolve_enable(false)
         .build()
         .map_err(|e| refused(&e))?;
-    let linear = vec![0.0; problem.quadratic.n];
-    let mut solver =
-        DefaultSolver::new(&problem.quadratic, &linear, &problem.constraints, &problem.right, &problem.cones, settings)
-            .map_err(|e| refused(&e))?;
-    solver.set_termination_callback(move |_| cancelled.requested());
-    solver.solve();
+    let linear = try_zeros(WHAT, problem.quadratic.n)?;
+    let Conic { quadratic, constraints, right, cones, size } = problem;
+    let solved = covered("Clarabel", problem.bytes(), || {
+        let mut solver = DefaultSolver::new(quadratic, &linear, constraints, right, cones, settings)?;
+        solver.set_termination_callback(move |_| cancelled.requested());
+        solver.solve();
+        Ok(solver.solution)
+    })?;
+    let solution = solved.map_err(|e: SolverError| refused(&e))?;
     Ok(Proposal {
-        weights: solver.solution.x[..problem.size].to_vec(),
+        weights: try_copy(WHAT, &solution.x[..*size])?,
         solver: "clarabel",
-        iterations: u64::from(solver.solution.iterations),
+        iterations: u64::from(solution.iterations),
     })
 }

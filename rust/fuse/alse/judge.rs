@@ -3,6 +3,7 @@
 use super::{Proposal, Realizations, Settings, Solution, Status};
 use crate::error::Result;
 use crate::fuse::{Weights, distance, power_of_two_scale};
+use crate::memory::try_collect;
 use crate::parallel::Stop;
 
 /// Makes `weights` feasible and certifies them.
@@ -23,8 +24,8 @@ pub(super) fn judge(
     // in units of a power of two near the realizations' norm: squares neither overflow nor vanish, and it is exact
     let norm = realizations.norm();
     let scale = power_of_two_scale(target.iter().chain([&norm]));
-    let residual: Vec<f64> = estimate.iter().zip(target).map(|(s, t)| (s - t) / scale).collect();
-    let gradient = realizations.correlate(&residual); // in units of scale: f' / 2 = S^T r
+    let residual: Vec<f64> = try_collect("a residual", estimate.iter().zip(target).map(|(s, t)| (s - t) / scale))?;
+    let gradient = realizations.correlate(&residual)?; // in units of scale: f' / 2 = S^T r
     let vertex = if set == Weights::Subsimplex { 0.0 } else { f64::INFINITY };
     let smallest = gradient.iter().fold(vertex, |m, g| m.min(g / scale));
     let at_solution: f64 = gradient.iter().zip(&weights).map(|(g, w)| g / scale * w).sum();

@@ -12,6 +12,7 @@ use std::time::{Duration, Instant};
 use super::simplex::{self, DenseProblem, IndexView, Options, SingletonProblem};
 use super::{Dense, Weights, distance};
 use crate::error::{Error, Result};
+use crate::memory::{try_copy, try_filled};
 use crate::parallel::Stop;
 use crate::sample::{Indices, Singletons};
 
@@ -132,11 +133,14 @@ pub trait Realizations {
     /// `sum_i w_i E_i`.
     fn combine(&self, weights: &[f64], stop: &Stop) -> Result<Vec<f64>>;
     /// `<r, E_i>` for every `i`.
-    fn correlate(&self, r: &[f64]) -> Vec<f64>;
+    ///
+    /// # Errors
+    /// [`Error::Memory`].
+    fn correlate(&self, r: &[f64]) -> Result<Vec<f64>>;
     /// The largest norm of a realization.
     fn norm(&self) -> f64;
-    /// Appends the nonzero entries of realization `i`, by increasing position.
-    fn entries(&self, i: usize, out: &mut Vec<(usize, f64)>);
+    /// Visits the nonzero entries of realization `i`, by increasing position.
+    fn entries(&self, i: usize, visit: impl FnMut(usize, f64));
     /// Nonzero entries of all realizations together, at most.
     fn nonzeros(&self) -> usize;
     /// Weights and certificate of our own solver, from the weights of fewer realizations if there are any.
@@ -155,13 +159,13 @@ impl Realizations for Singletons {
     fn combine(&self, weights: &[f64], stop: &Stop) -> Result<Vec<f64>> {
         Singletons::combine(self, weights, stop)
     }
-    fn correlate(&self, r: &[f64]) -> Vec<f64> {
+    fn correlate(&self, r: &[f64]) -> Result<Vec<f64>> {
         Singletons::correlate(self, r)
     }
     fn norm(&self) -> f64 {
         self.law().gamma().iter().fold(0.0, |norm: f64, &g| norm.hypot(g))
     }
-    fn entries(&self, i: usize, out: &mut Vec<(usize, f64)>) {
+    fn entries(&self, i: usize, mut visit: impl FnMut(usize, f64)) {
         use crate::sample::Index as _;
         let (lines, length) = (self.law().lines(), self.law().length());
         crate::sample::with_indices!(&**self.indices(), indices => {
@@ -169,7 +173,7 @@ impl Realizations for Singletons {
                 let k = j * length + r.get();
                 let value = self.law().gamma()[j].copysign(self.law().values()[k]);
                 if value != 0.0 {
-                    out.push((k, value));
+                    visit(k, value);
                 }
             }
         });
@@ -178,22 +182,23 @@ impl Realizations for Singletons {
         Singletons::size(self) * self.law().lines()
     }
     fn solve(&self, target: &[f64], options: &Options, warm: Option<&[f64]>, stop: &Stop) -> Result<simplex::Solution> {
-        with_problem(self, target, |problem| simplex::solve(problem, options, warm, stop))
+        with_problem(self, target, |problem| simplex::solve(problem, options, warm, stop))?
     }
 }
 
 /// Poses the problem of `draws` in the solver's terms: sign-free, the law's signs divided out of the target.
 fn with_problem<T>(draws: &Singletons, target: &[f64], work: impl FnOnce(&SingletonProblem<'_>) -> T) -> Result<T> {
     let law = draws.law();
-    let signs = law.signs();
-    let target: Vec<f64> = target.iter().zip(&signs).map(|(t, s)| if *s == 0.0 { *t } else { t * s }).collect();
+    let mut signed = try_copy("the target", target)?;
+    let signs = law.values().iter().map(|&v| if v == 0.0 { 1.0 } else { v.signum() });
+    signed.iter_mut().zip(signs).for_each(|(t, s)| *t *= s);
     let used = draws.size() * law.lines();
     let indices = match &**draws.indices() {
         Indices::U8(v) => IndexView::U8(&v[..used]),
         Indices::U16(v) => IndexView::U16(&v[..used]),
         Indices::U32(v) => IndexView::U32(&v[..used]),
     };
-    SingletonProblem::new(indices, draws.size(), law.lines(), law.length(), law.gamma(), &target)
+    SingletonProblem::new(indices, draws.size(), law.lines(), law.length(), law.gamma(), &signed)
         .map(|problem| work(&problem))
         .map_err(refused)
 }
@@ -203,25 +208,25 @@ impl Realizations for Dense<'_> {
         Dense::size(self)
     }
     fn combine(&self, weights: &[f64], _: &Stop) -> Result<Vec<f64>> {
-        Ok(Dense::combine(self, weights))
+        Dense::combine(self, weights)
     }
-    fn correlate(&self, r: &[f64]) -> Vec<f64> {
+    fn correlate(&self, r: &[f64]) -> Result<Vec<f64>> {
         Dense::correlate(self, r)
     }
     fn norm(&self) -> f64 {
         let norm = |i| self.row(i).iter().fold(0.0, |norm: f64, &e| norm.hypot(e));
         (0..Dense::size(self)).map(norm).fold(0.0, f64::max)
     }
-    fn entries(&self, i: usize, out: &mut Vec<(usize, f64)>) {
-        out.extend(self.row(i).iter().enumerate().filter(|(_, e)| **e != 0.0).map(|(k, e)| (k, *e)));
+    fn entries(&self, i: usize, mut visit: impl FnMut(usize, f64)) {
+        self.row(i).iter().enumerate().filter(|(_, e)| **e != 0.0).for_each(|(k, e)| visit(k, *e));
     }
     fn nonzeros(&self) -> usize {
         self.values().len()
     }
     fn solve(&self, target: &[f64], options: &Options, warm: Option<&[f64]>, stop: &Stop) -> Result<simplex::Solution> {
         DenseProblem::new(self.values(), Dense::size(self), target)
-            .map(|problem| simplex::solve_dense(&problem, options, warm, stop))
             .map_err(refused)
+            .and_then(|problem| simplex::solve_dense(&problem, options, warm, stop))
     }
 }
 
@@ -231,7 +236,7 @@ impl Realizations for Dense<'_> {
 /// says so.
 ///
 /// # Errors
-/// [`Error::Numerical`] if a solver refuses the problem.
+/// [`Error::Numerical`] if a solver refuses the problem, [`Error::Memory`].
 pub fn alse(realizations: &impl Realizations, target: &[f64], settings: &Settings, stop: &Stop) -> Result<Solution> {
     let clock = Clock::start(settings);
     let own = realizations.solve(target, &settings.options(&clock), None, stop)?;
@@ -245,14 +250,14 @@ pub fn alse(realizations: &impl Realizations, target: &[f64], settings: &Setting
 /// The time limit is that of all prefixes together, the limit on passes that of each.
 ///
 /// # Errors
-/// As [`alse`].
+/// As [`alse`], and those of `visit`.
 pub fn alse_prefixes(
     draws: &Singletons,
     target: &[f64],
     settings: &Settings,
     sizes: &[usize],
     stop: &Stop,
-    mut visit: impl FnMut(&Solution),
+    mut visit: impl FnMut(&Solution) -> Result<()>,
 ) -> Result<()> {
     let clock = Clock::start(settings);
     let mut warm: Option<Vec<f64>> = None;
@@ -260,7 +265,7 @@ pub fn alse_prefixes(
         let prefix = draws.prefix(size);
         let own = prefix.solve(target, &settings.options(&clock), warm.as_deref(), stop)?;
         let solution = certified(&prefix, own, target, settings, &clock, stop)?;
-        visit(&solution);
+        visit(&solution)?;
         warm = Some(solution.weights);
     }
     Ok(())
@@ -326,7 +331,7 @@ pub fn second_opinion(
     let norm = realizations.norm();
     let proposal = if norm == 0.0 {
         // every realization is zero: all weights give the same estimate
-        Proposal { weights: vec![1.0 / size as f64; size], solver: "none", iterations: 0 }
+        Proposal { weights: try_filled("the weights", 1.0 / size as f64, size)?, solver: "none", iterations: 0 }
     } else {
         clarabel::propose(realizations, target, settings, norm, stop)?
     };

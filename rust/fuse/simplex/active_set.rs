@@ -11,8 +11,10 @@ use super::budget::Budget;
 use super::face::Face;
 use super::factor::solve_cost;
 use super::newton_cg::{Iterate, Work};
-use super::operator::Operator;
+use super::operator::{Operator, SEARCH};
 use super::vector::{axpy, dot, min, norm, sum};
+use crate::error::Result;
+use crate::memory::{try_collect, try_copy, try_filled, try_zeros};
 
 /// Walks from `start` (on the simplex) until the gap is below `tol`, no step helps, or `steps` have been made.
 pub(crate) fn solve<O: Operator>(
@@ -23,25 +25,25 @@ pub(crate) fn solve<O: Operator>(
     steps: usize,
     budget: &mut Budget,
     work: &mut Work,
-) -> Iterate {
+) -> Result<Iterate> {
     let (n, d) = (op.size(), op.dim());
     let qq = dot(q, q);
-    let mut images = vec![0.0; n];
-    op.apply_transpose(q, &mut images);
+    let mut images = try_zeros(SEARCH, n)?;
+    op.apply_transpose(q, &mut images)?;
     let spread = (0..n).map(|i| (op.squared_norm(i) - 2.0 * images[i] + qq).max(0.0)).sum::<f64>() / n as f64;
     let kappa = (spread / (d as f64).sqrt()).max(f64::MIN_POSITIVE);
 
-    let mut w = start.to_vec();
-    let mut free: Vec<bool> = w.iter().map(|w| *w > 0.0).collect();
-    let mut best = Iterate { weights: w.clone(), gap: f64::INFINITY };
-    let (mut r, mut a, mut p) = (vec![0.0; d], vec![0.0; n], vec![0.0; n]);
+    let mut w = try_copy(SEARCH, start)?;
+    let mut free: Vec<bool> = try_collect(SEARCH, w.iter().map(|w| *w > 0.0))?;
+    let mut best = Iterate { weights: try_copy(SEARCH, &w)?, gap: f64::INFINITY };
+    let (mut r, mut a, mut p) = (try_zeros(SEARCH, d)?, try_zeros(SEARCH, n)?, try_zeros(SEARCH, n)?);
     let mut face: Option<Face<O>> = None;
     let mut barred: Option<usize> = None;
     for _ in 0..steps {
         let s = sum(&w);
-        op.apply(&w, &mut r);
+        op.apply(&w, &mut r)?;
         axpy(-s, q, &mut r);
-        op.apply_transpose(&r, &mut a);
+        op.apply_transpose(&r, &mut a)?;
         let rq = dot(q, &r);
         for v in &mut a {
             *v -= rq;
@@ -69,7 +71,7 @@ pub(crate) fn solve<O: Operator>(
         let count = free.iter().filter(|f| **f).count();
         if face.as_ref().is_none_or(|f| f.changes() > (count / 6).clamp(4, 96.max(count / 25))) {
             work.factors += 1;
-            face = Face::new(op, q, kappa, &images, &free, budget);
+            face = Face::new(op, q, kappa, &images, &free, budget)?;
         }
         let Some(face) = face.as_mut() else { break };
         // At the minimiser of the face: let the best sample in.
@@ -77,11 +79,11 @@ pub(crate) fn solve<O: Operator>(
             && let Some(i) = enter
         {
             free[i] = true;
-            face.enter(i, budget);
+            face.enter(i, budget)?;
         } else if enter.is_none() && residual <= 1e-3 * tol {
             break;
         }
-        if !face.newton(&a, &mut p) {
+        if !face.newton(&a, &mut p)? {
             break;
         }
         work.newton += 1;
@@ -103,7 +105,7 @@ pub(crate) fn solve<O: Operator>(
         if let Some(i) = blocking {
             w[i] = 0.0;
             free[i] = false;
-            face.leave(i);
+            face.leave(i)?;
             if length == 0.0 {
                 barred = Some(i);
             }
@@ -112,7 +114,7 @@ pub(crate) fn solve<O: Operator>(
         }
     }
     if !super::threshold::normalise(&mut best.weights) {
-        best = Iterate { weights: vec![1.0 / n as f64; n], gap: f64::INFINITY };
+        best = Iterate { weights: try_filled(SEARCH, 1.0 / n as f64, n)?, gap: f64::INFINITY };
     }
-    best
+    Ok(best)
 }

@@ -10,7 +10,9 @@
 //! arithmetic and every candidate within rounding of it is evaluated again in twice the precision: the cost of one pass.
 
 use super::compensated::{Sum, dot};
-use super::operator::{Operator, Residual};
+use super::operator::{Operator, Residual, SEARCH};
+use crate::error::Result;
+use crate::memory::try_zeros;
 
 /// What is known for certain about given weights.
 #[derive(Clone, Copy, Debug)]
@@ -24,10 +26,10 @@ pub(crate) struct Certificate {
 }
 
 /// Certifies `w` against `target`.
-pub(crate) fn certify<O: Operator>(op: &O, target: &[f64], w: &[f64]) -> Certificate {
-    let Residual { residual, image } = op.residual_compensated(w, target);
-    let mut values = vec![0.0; op.size()];
-    op.apply_transpose(&residual, &mut values);
+pub(crate) fn certify<O: Operator>(op: &O, target: &[f64], w: &[f64]) -> Result<Certificate> {
+    let Residual { residual, image } = op.residual_compensated(w, target)?;
+    let mut values = try_zeros(SEARCH, op.size())?;
+    op.apply_transpose(&residual, &mut values)?;
     let low = super::vector::min(&values);
 
     // |fl(<r, E_i>) - <r, E_i>| <= eps (entries + 2) ||r|| ||E_i||
@@ -51,9 +53,9 @@ pub(crate) fn certify<O: Operator>(op: &O, target: &[f64], w: &[f64]) -> Certifi
 
     // Each entry of S w is a sum of products rounded at most once per factor: a few units in the last place of the target.
     let size = super::vector::norm(target).max(super::vector::norm(&image));
-    Certificate {
+    Ok(Certificate {
         objective: objective + rest,
         gap: (2.0 * gap.value()).max(0.0),
         exact: objective.sqrt() <= 16.0 * f64::EPSILON * size,
-    }
+    })
 }

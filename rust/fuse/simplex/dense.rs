@@ -4,10 +4,12 @@ use std::borrow::Cow;
 use std::ops::Range;
 
 use super::compensated::{Sum, dot as compensated_dot, two_product, two_sum};
-use super::operator::{Operator, Precondition, Residual};
+use super::operator::{Operator, Precondition, Residual, SEARCH};
 use super::parallel;
 use super::triangle::Triangle;
 use super::vector::{axpy, dot};
+use crate::error::Result;
+use crate::memory::{checked_len, try_collect, try_room, try_zeros};
 
 /// A dense ensemble, possibly with the zero realization appended.
 #[derive(Clone)]
@@ -47,7 +49,7 @@ impl Operator for Dense<'_> {
         self.dim
     }
 
-    fn apply(&self, w: &[f64], out: &mut [f64]) {
+    fn apply(&self, w: &[f64], out: &mut [f64]) -> Result<()> {
         out.fill(0.0);
         parallel::accumulate(self.threads, self.stored, self.dim, out, |range, out| {
             for i in range {
@@ -55,20 +57,21 @@ impl Operator for Dense<'_> {
                     axpy(w[i], self.row(i), out);
                 }
             }
-        });
+        })
     }
 
-    fn apply_transpose(&self, y: &[f64], out: &mut [f64]) {
+    fn apply_transpose(&self, y: &[f64], out: &mut [f64]) -> Result<()> {
         let (stored, rest) = out.split_at_mut(self.stored);
         parallel::fill(self.threads, self.dim, stored, |first, out| {
             for (i, out) in out.iter_mut().enumerate() {
                 *out = dot(self.row(first + i), y);
             }
-        });
+        })?;
         rest.fill(0.0);
+        Ok(())
     }
 
-    fn normal(&self, y: &[f64], out: &mut [f64]) -> f64 {
+    fn normal(&self, y: &[f64], out: &mut [f64]) -> Result<f64> {
         out.fill(0.0);
         parallel::accumulate(self.threads, self.stored, self.dim, out, |range, out| {
             let mut total = 0.0;
@@ -81,8 +84,8 @@ impl Operator for Dense<'_> {
         })
     }
 
-    fn subset(&self, keep: &[usize]) -> Self {
-        let mut rows = Vec::with_capacity(keep.len() * self.dim);
+    fn subset(&self, keep: &[usize]) -> Result<Self> {
+        let mut rows = try_room(SEARCH, checked_len(SEARCH, keep.len(), self.dim)?)?;
         let mut zero = false;
         for &i in keep {
             if i < self.stored {
@@ -92,11 +95,11 @@ impl Operator for Dense<'_> {
             }
         }
         let stored = rows.len() / self.dim;
-        Self { rows: Cow::Owned(rows), stored, dim: self.dim, zero, threads: self.threads }
+        Ok(Self { rows: Cow::Owned(rows), stored, dim: self.dim, zero, threads: self.threads })
     }
 
-    fn covering(&self, first: usize, _copies: f64, _counts: &[f64]) -> Vec<usize> {
-        (0..first.min(self.stored)).chain(self.stored..self.size()).collect()
+    fn covering(&self, first: usize, _copies: f64, _counts: &[f64]) -> Result<Vec<usize>> {
+        try_collect(SEARCH, (0..first.min(self.stored)).chain(self.stored..self.size()))
     }
 
     fn gram_row(&self, i: usize, _table: &mut [f64], out: &mut [f64]) {
@@ -105,23 +108,25 @@ impl Operator for Dense<'_> {
         }
     }
 
-    fn add_outer(&self, samples: Range<usize>, matrix: &mut Triangle) {
+    fn add_outer(&self, samples: Range<usize>, matrix: &mut Triangle) -> Result<()> {
         for i in samples.start..samples.end.min(self.stored) {
             let row = self.row(i);
             for (k, &v) in row.iter().enumerate() {
                 axpy(v, &row[..=k], matrix.row_mut(k));
             }
         }
+        Ok(())
     }
 
     fn squared_norm(&self, i: usize) -> f64 {
         if i < self.stored { dot(self.row(i), self.row(i)) } else { 0.0 }
     }
 
-    fn block(&self, mu: f64) -> Jacobi {
+    fn block(&self, mu: f64) -> Result<Jacobi> {
         // D_k = sum_i (E_ik - mean_k)^2 + mu
         let size = self.size() as f64;
-        let (mut squares, mut sums) = (vec![0.0; self.dim], vec![0.0; self.dim]);
+        let (mut squares, mut sums): (Vec<f64>, Vec<f64>) =
+            (try_zeros(SEARCH, self.dim)?, try_zeros(SEARCH, self.dim)?);
         for i in 0..self.stored {
             for ((s, m), v) in squares.iter_mut().zip(&mut sums).zip(self.row(i)) {
                 *s += v * v;
@@ -132,11 +137,11 @@ impl Operator for Dense<'_> {
         for (s, m) in squares.iter_mut().zip(&sums) {
             *s = 1.0 / ((*s - m * m / size).max(1e-12 * largest) + mu);
         }
-        Jacobi { inverse: squares }
+        Ok(Jacobi { inverse: squares })
     }
 
-    fn residual_compensated(&self, w: &[f64], target: &[f64]) -> Residual {
-        let (mut high, mut low) = (vec![0.0; self.dim], vec![0.0; self.dim]);
+    fn residual_compensated(&self, w: &[f64], target: &[f64]) -> Result<Residual> {
+        let (mut high, mut low) = (try_zeros(SEARCH, self.dim)?, try_zeros(SEARCH, self.dim)?);
         for (i, &weight) in w.iter().enumerate().take(self.stored) {
             if weight != 0.0 {
                 for ((h, l), &v) in high.iter_mut().zip(&mut low).zip(self.row(i)) {
@@ -155,7 +160,7 @@ impl Operator for Dense<'_> {
             *r = s + (e + rest);
             *x = p + rest;
         }
-        Residual { residual, image }
+        Ok(Residual { residual, image })
     }
 
     fn value_compensated(&self, i: usize, y: &[f64]) -> (f64, f64) {

@@ -11,8 +11,10 @@
 use super::budget::Budget;
 use super::factor::{Factor, LARGEST_FACTOR};
 use super::hessian::Hessian;
-use super::operator::Operator;
+use super::operator::{Operator, SEARCH};
 use super::vector::{axpy, dot};
+use crate::error::Result;
+use crate::memory::{checked_len, try_collect, try_copy, try_push, try_room, try_zeros};
 
 /// Steps after which the gradient is no longer scaled but solved for.
 const REUSE: usize = 10;
@@ -54,15 +56,15 @@ impl<'a, O: Operator> Face<'a, O> {
         images: &[f64],
         free: &[bool],
         budget: &mut Budget,
-    ) -> Option<Self> {
-        let members: Vec<usize> = (0..free.len()).filter(|&i| free[i]).collect();
+    ) -> Result<Option<Self>> {
+        let members: Vec<usize> = try_collect(SEARCH, (0..free.len()).filter(|&i| free[i]))?;
         if members.len() > LARGEST_FACTOR {
-            return None;
+            return Ok(None);
         }
-        let sub = op.subset(&members);
-        let images: Vec<f64> = members.iter().map(|&i| images[i]).collect();
+        let sub = op.subset(&members)?;
+        let images: Vec<f64> = try_collect(SEARCH, members.iter().map(|&i| images[i]))?;
         let factor = Hessian { sub: &sub, q, kappa }.factor(&images, dot(q, q), budget)?;
-        Some(Self { op, q, kappa, factor, members, borders: Vec::new(), plain: None })
+        Ok(factor.map(|factor| Self { op, q, kappa, factor, members, borders: Vec::new(), plain: None }))
     }
 
     /// How many changes since the factor was computed.
@@ -71,52 +73,53 @@ impl<'a, O: Operator> Face<'a, O> {
     }
 
     /// Takes a sample out of the face.
-    pub fn leave(&mut self, sample: usize) {
+    pub fn leave(&mut self, sample: usize) -> Result<()> {
         if let Some(k) =
             self.borders.iter().position(|b| matches!(&b.kind, Kind::Entered { sample: s, .. } if *s == sample))
         {
             self.remove(k);
         } else if let Ok(place) = self.members.binary_search(&sample) {
-            let mut solved = vec![0.0; self.members.len()];
+            let mut solved = try_zeros(SEARCH, self.members.len())?;
             solved[place] = 1.0;
             self.factor.solve(&mut solved);
-            self.border(Kind::Left(place), solved);
+            self.border(Kind::Left(place), solved)?;
         }
+        Ok(())
     }
 
     /// Lets a sample in.
-    pub fn enter(&mut self, sample: usize, budget: &mut Budget) {
+    pub fn enter(&mut self, sample: usize, budget: &mut Budget) -> Result<()> {
         if let Ok(place) = self.members.binary_search(&sample) {
             if let Some(k) = self.borders.iter().position(|b| matches!(b.kind, Kind::Left(p) if p == place)) {
                 self.remove(k);
             }
             // Its gradient was not followed while it was out.
             self.plain = None;
-            return;
+            return Ok(());
         }
         // H_ia = <E_i - q, E_a - q> + kappa
         let n = self.op.size();
-        let mut unit = vec![0.0; n];
+        let mut unit = try_zeros(SEARCH, n)?;
         unit[sample] = 1.0;
-        let mut image = vec![0.0; self.q.len()];
-        self.op.apply(&unit, &mut image);
+        let mut image = try_zeros(SEARCH, self.q.len())?;
+        self.op.apply(&unit, &mut image)?;
         axpy(-1.0, self.q, &mut image);
-        let mut values = vec![0.0; n];
-        self.op.apply_transpose(&image, &mut values);
+        let mut values = try_zeros(SEARCH, n)?;
+        self.op.apply_transpose(&image, &mut values)?;
         budget.charge(1, n, self.op.entries());
         let constant = self.kappa - dot(self.q, &image);
-        let column: Vec<f64> = self.members.iter().map(|&i| values[i] + constant).collect();
-        let mut solved = column.clone();
+        let column: Vec<f64> = try_collect(SEARCH, self.members.iter().map(|&i| values[i] + constant))?;
+        let mut solved = try_copy(SEARCH, &column)?;
         self.factor.solve(&mut solved);
-        self.border(Kind::Entered { sample, column, image }, solved);
+        self.border(Kind::Entered { sample, column, image }, solved)
     }
 
-    fn border(&mut self, kind: Kind, solved: Vec<f64>) {
+    fn border(&mut self, kind: Kind, solved: Vec<f64>) -> Result<()> {
         // Row of C - B^T U against the borders before, and itself
-        let mut schur: Vec<f64> =
-            self.borders.iter().map(|b| coupling(&kind, &b.kind, &b.solved, self.kappa)).collect();
+        let mut schur = try_room(SEARCH, self.borders.len() + 1)?;
+        schur.extend(self.borders.iter().map(|b| coupling(&kind, &b.kind, &b.solved, self.kappa)));
         schur.push(coupling(&kind, &kind, &solved, self.kappa));
-        self.borders.push(Border { kind, solved, schur });
+        try_push(SEARCH, &mut self.borders, Border { kind, solved, schur })
     }
 
     fn remove(&mut self, k: usize) {
@@ -137,12 +140,12 @@ impl<'a, O: Operator> Face<'a, O> {
     }
 
     /// `H_FF p = -g` on the present face; `p` is zero elsewhere.
-    pub fn newton(&mut self, gradient: &[f64], p: &mut [f64]) -> bool {
+    pub fn newton(&mut self, gradient: &[f64], p: &mut [f64]) -> Result<bool> {
         let c = self.borders.len();
         let (x, age) = match self.plain.take() {
             Some(kept) => kept,
             None => {
-                let mut x: Vec<f64> = self.members.iter().map(|&i| -gradient[i]).collect();
+                let mut x: Vec<f64> = try_collect(SEARCH, self.members.iter().map(|&i| -gradient[i]))?;
                 for border in &self.borders {
                     if let Kind::Left(place) = border.kind {
                         x[place] = 0.0;
@@ -153,8 +156,8 @@ impl<'a, O: Operator> Face<'a, O> {
             }
         };
         // (C - B^T U) y = c - B^T x
-        let mut matrix = vec![0.0; c * c];
-        let mut y = vec![0.0; c];
+        let mut matrix = try_zeros(SEARCH, checked_len(SEARCH, c, c)?)?;
+        let mut y = try_zeros(SEARCH, c)?;
         for (k, row) in self.borders.iter().enumerate() {
             for (l, v) in row.schur.iter().enumerate() {
                 matrix[k * c + l] = *v;
@@ -166,7 +169,7 @@ impl<'a, O: Operator> Face<'a, O> {
             }
         }
         if !eliminate(&mut matrix, &mut y) {
-            return false;
+            return Ok(false);
         }
         p.fill(0.0);
         for (&i, x) in self.members.iter().zip(&x) {
@@ -184,7 +187,7 @@ impl<'a, O: Operator> Face<'a, O> {
             }
         }
         self.plain = Some((x, age));
-        p.iter().all(|v| v.is_finite())
+        Ok(p.iter().all(|v| v.is_finite()))
     }
 }
 

@@ -10,7 +10,10 @@ use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_uppe
 use faer::{Accum, ColMut, ColRef, Par, Spec};
 
 use super::budget::Budget;
+use super::operator::SEARCH;
 use super::triangle::{PANEL, Triangle};
+use crate::error::{Error, Result};
+use crate::memory::room_for_products;
 
 /// Rows above which no factor is computed (400 MB).
 pub(crate) const LARGEST_FACTOR: usize = 10_000;
@@ -34,14 +37,17 @@ pub(crate) struct Factor {
 
 impl Factor {
     /// Factors `matrix` in place; `None` if a pivot is not positive or a limit is reached.
-    pub fn new(mut matrix: Triangle, budget: &mut Budget) -> Option<Self> {
+    pub fn new(mut matrix: Triangle, budget: &mut Budget) -> Result<Option<Self>> {
+        room_for_products()?;
         let parameters: Spec<LltParams, f64> = Spec::default();
-        let mut memory = MemBuffer::new(cholesky_in_place_scratch::<f64>(PANEL, Par::Seq, parameters));
+        let scratch = cholesky_in_place_scratch::<f64>(PANEL, Par::Seq, parameters);
+        let bytes = scratch.unaligned_bytes_required() as u128;
+        let mut memory = MemBuffer::try_new(scratch).map_err(|_| Error::Memory { what: SEARCH, bytes })?;
         for (p, rows) in matrix.panels().enumerate() {
             let (before, mut panel) = matrix.split(p);
             for q in 0..p {
                 if budget.poll() {
-                    return None;
+                    return Ok(None);
                 }
                 // A_pq <- (A_pq - sum_{r < q} L_pr L_qr^T) L_qq^{-T}
                 let other = before(q);
@@ -55,12 +61,12 @@ impl Factor {
             let (known, mut block) = panel.split_at_col_mut(rows.start);
             matmul(block.as_mut(), Accum::Add, known.as_ref(), known.as_ref().transpose(), -1.0, Par::Seq);
             let stack = MemStack::new(&mut memory);
-            cholesky_in_place(block.as_mut(), Default::default(), Par::Seq, stack, parameters).ok()?;
-            if !(0..rows.len()).all(|i| block[(i, i)] > 0.0 && block[(i, i)].is_finite()) {
-                return None;
+            let done = cholesky_in_place(block.as_mut(), Default::default(), Par::Seq, stack, parameters);
+            if done.is_err() || !(0..rows.len()).all(|i| block[(i, i)] > 0.0 && block[(i, i)].is_finite()) {
+                return Ok(None);
             }
         }
-        Some(Self { lower: matrix })
+        Ok(Some(Self { lower: matrix }))
     }
 
     /// `x <- M^{-1} x`
@@ -114,7 +120,7 @@ mod tests {
             let x: Vec<f64> = (0..size).map(|i| (i as f64).sin()).collect();
             let mut b: Vec<f64> =
                 (0..size).map(|i| (0..size).map(|j| entry(size, i.max(j), i.min(j)) * x[j]).sum()).collect();
-            Factor::new(matrix(size), &mut Budget::new(&stop, None, 1, 1)).unwrap().solve(&mut b);
+            Factor::new(matrix(size), &mut Budget::new(&stop, None, 1, 1)).unwrap().unwrap().solve(&mut b);
             for (b, x) in b.iter().zip(&x) {
                 assert!((b - x).abs() < 1e-12, "size {size}: {b} {x}");
             }
@@ -126,14 +132,14 @@ mod tests {
         let stop = Stop::new();
         let mut bad = matrix(200);
         bad.row_mut(170)[170] = 0.1;
-        assert!(Factor::new(bad, &mut Budget::new(&stop, None, 1, 1)).is_none());
+        assert!(Factor::new(bad, &mut Budget::new(&stop, None, 1, 1)).unwrap().is_none());
     }
 
     #[test]
     fn a_limit_ends_a_factorization() {
         let stop = Stop::new();
         let mut budget = Budget::new(&stop, Some(Duration::ZERO), 1, 1);
-        assert!(Factor::new(matrix(300), &mut budget).is_none());
+        assert!(Factor::new(matrix(300), &mut budget).unwrap().is_none());
         assert!(budget.exhausted());
     }
 }

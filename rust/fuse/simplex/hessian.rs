@@ -2,9 +2,11 @@
 
 use super::budget::Budget;
 use super::factor::{self, Factor};
-use super::operator::Operator;
+use super::operator::{Operator, SEARCH};
 use super::triangle::Triangle;
 use super::vector::{axpy, dot, sum};
+use crate::error::Result;
+use crate::memory::try_zeros;
 
 /// What the factor of `H` on `k` samples costs, the Gram matrix included, in indices touched by a pass.
 pub(crate) fn factor_cost(k: usize, entries: usize) -> f64 {
@@ -20,37 +22,38 @@ pub(crate) struct Hessian<'a, O: Operator> {
 
 impl<O: Operator> Hessian<'_, O> {
     /// `out = H v`; `image` is scratch space.
-    pub fn apply(&self, v: &[f64], image: &mut [f64], out: &mut [f64]) {
+    pub fn apply(&self, v: &[f64], image: &mut [f64], out: &mut [f64]) -> Result<()> {
         // H v = S^T x - <q, x> 1 + kappa (1^T v) 1,   x = S v - (1^T v) q
         let total = sum(v);
-        self.sub.apply(v, image);
+        self.sub.apply(v, image)?;
         axpy(-total, self.q, image);
-        self.sub.apply_transpose(image, out);
+        self.sub.apply_transpose(image, out)?;
         let constant = self.kappa * total - dot(self.q, image);
         for h in out {
             *h += constant;
         }
+        Ok(())
     }
 
     /// Cholesky factor of `H`, lifted a little where it is singular; `images = S^T q`. `None` also if a limit is reached.
-    pub fn factor(&self, images: &[f64], qq: f64, budget: &mut Budget) -> Option<Factor> {
+    pub fn factor(&self, images: &[f64], qq: f64, budget: &mut Budget) -> Result<Option<Factor>> {
         for ridge in [1e-13, 1e-11, 1e-8] {
-            let mut matrix = self.matrix(images, qq, budget)?;
+            let Some(mut matrix) = self.matrix(images, qq, budget)? else { return Ok(None) };
             let largest = (0..matrix.size()).fold(0.0_f64, |m, i| m.max(matrix.row_mut(i)[i]));
             for i in 0..matrix.size() {
                 matrix.row_mut(i)[i] += ridge * largest;
             }
-            let factor = Factor::new(matrix, budget);
+            let factor = Factor::new(matrix, budget)?;
             if factor.is_some() || budget.exhausted() {
-                return factor;
+                return Ok(factor);
             }
         }
-        None
+        Ok(None)
     }
 
-    fn matrix(&self, images: &[f64], qq: f64, budget: &mut Budget) -> Option<Triangle> {
-        let mut table = vec![0.0; self.sub.dim()];
-        let mut matrix = Triangle::zeros(images.len())?;
+    fn matrix(&self, images: &[f64], qq: f64, budget: &mut Budget) -> Result<Option<Triangle>> {
+        let mut table = try_zeros(SEARCH, self.sub.dim())?;
+        let Some(mut matrix) = Triangle::zeros(images.len()) else { return Ok(None) };
         for (i, a) in images.iter().enumerate() {
             // H_ik = <E_i, E_k> - <E_i, q> - <E_k, q> + ||q||^2 + kappa
             let line = matrix.row_mut(i);
@@ -59,9 +62,9 @@ impl<O: Operator> Hessian<'_, O> {
                 *h += (qq - b) - a + self.kappa;
             }
             if budget.charge(1, i, self.sub.entries()) {
-                return None;
+                return Ok(None);
             }
         }
-        Some(matrix)
+        Ok(Some(matrix))
     }
 }

@@ -5,7 +5,7 @@ use super::budget::Budget;
 use super::certificate::{Certificate, certify};
 use super::newton_cg::{self, Effort, Iterate, Work};
 use super::newton_system;
-use super::operator::Operator;
+use super::operator::{Operator, SEARCH};
 use super::problem::Phase;
 use super::proximal;
 use super::relaxed_target::Relaxed;
@@ -13,19 +13,21 @@ use super::semismooth::{self, Setting};
 use super::sifting::sift;
 use super::singletons::Singletons;
 use super::threshold::project;
+use crate::error::Result;
+use crate::memory::{try_collect, try_copy, try_extend, try_filled, try_zeros};
 
 /// Warm weights if they already do; else on a subset first where that pays, then on all realizations.
-pub(crate) fn run<O: Operator>(task: &Task<O>, warm: Option<&[f64]>, budget: &mut Budget) -> (Found, bool) {
+pub(crate) fn run<O: Operator>(task: &Task<O>, warm: Option<&[f64]>, budget: &mut Budget) -> Result<(Found, bool)> {
     if let Some(weights) = warm {
-        let iterate = semismooth::measure(&Setting::of(task), weights.to_vec(), budget);
+        let iterate = semismooth::measure(&Setting::of(task), try_copy(SEARCH, weights)?, budget)?;
         if iterate.gap <= task.tol {
-            return (Found { weights: iterate.weights, phase: Phase::Start, work: Work::default() }, false);
+            return Ok((Found { weights: iterate.weights, phase: Phase::Start, work: Work::default() }, false));
         }
     }
-    match sift(task, budget) {
+    Ok(match sift(task, budget)? {
         Some(found) => (found, true),
-        None => (climb(task, warm, budget), false),
-    }
+        None => (climb(task, warm, budget)?, false),
+    })
 }
 
 /// The scaled problem with its relaxed target and absolute tolerance.
@@ -53,50 +55,55 @@ const DIRECT_FROM: f64 = 1.9;
 const NEWTON_CG_PASSES: f64 = 700.0;
 
 /// Projected Newton-CG or the direct semismooth solve, then SSNAL, then Newton-CG without limit; the best weights of all.
-pub(crate) fn climb<O: Operator>(task: &Task<O>, warm: Option<&[f64]>, budget: &mut Budget) -> Found {
+pub(crate) fn climb<O: Operator>(task: &Task<O>, warm: Option<&[f64]>, budget: &mut Budget) -> Result<Found> {
     let (op, q, tol) = (task.op, &task.relaxed.q[..], task.tol);
     let n = op.size();
     let set = Setting::of(task);
     let mut work = Work::default();
 
     // The warm weights, or the uniform ones, may already do.
-    let start = semismooth::measure(&set, warm.map_or_else(|| vec![1.0 / n as f64; n], <[f64]>::to_vec), budget);
+    let start = semismooth::measure(&set, start_or_uniform(warm, n)?, budget)?;
     let mut best = Best { iterate: start, phase: Phase::Start };
     if best.done(tol) || budget.exhausted() {
-        return best.found(work);
+        return Ok(best.found(work));
     }
 
     let few = (n as f64) < NEWTON_CG_TO * task.relaxed.dimension as f64;
     if few {
         best.offer(
-            newton_cg::solve(op, q, warm, tol, Effort::Passes(NEWTON_CG_PASSES), budget, &mut work),
+            newton_cg::solve(op, q, warm, tol, Effort::Passes(NEWTON_CG_PASSES), budget, &mut work)?,
             Phase::NewtonCg,
         );
     } else if n as f64 > DIRECT_FROM * task.relaxed.dimension as f64
         && !task.relaxed.unreachable
-        && let Some(found) = proximal::direct(&set, budget, &mut work)
+        && let Some(found) = proximal::direct(&set, budget, &mut work)?
     {
         best.offer(found, Phase::Direct);
     }
     if !best.done(tol) && !budget.exhausted() {
-        let (rough, from) = proximal::augmented(&set, true, budget, &mut work);
+        let (rough, from) = proximal::augmented(&set, true, budget, &mut work)?;
         best.offer(rough, Phase::Augmented);
         if !best.done(tol) && !budget.exhausted() {
-            best.offer(active_set::solve(op, q, &from, tol, 2000, budget, &mut work), Phase::ActiveSet);
+            best.offer(active_set::solve(op, q, &from, tol, 2000, budget, &mut work)?, Phase::ActiveSet);
         }
     }
     if !best.done(tol) && !budget.exhausted() {
-        best.offer(proximal::augmented(&set, false, budget, &mut work).0, Phase::Augmented);
+        best.offer(proximal::augmented(&set, false, budget, &mut work)?.0, Phase::Augmented);
     }
     if !best.done(tol) && !budget.exhausted() {
-        let from = best.iterate.weights.clone();
-        best.offer(active_set::solve(op, q, &from, tol, 20_000, budget, &mut work), Phase::ActiveSet);
+        let from = try_copy(SEARCH, &best.iterate.weights)?;
+        best.offer(active_set::solve(op, q, &from, tol, 20_000, budget, &mut work)?, Phase::ActiveSet);
     }
     if !best.done(tol) && !budget.exhausted() {
-        let from = best.iterate.weights.clone();
-        best.offer(newton_cg::solve(op, q, Some(&from), tol, Effort::Last, budget, &mut work), Phase::NewtonCg);
+        let from = try_copy(SEARCH, &best.iterate.weights)?;
+        best.offer(newton_cg::solve(op, q, Some(&from), tol, Effort::Last, budget, &mut work)?, Phase::NewtonCg);
     }
-    best.found(work)
+    Ok(best.found(work))
+}
+
+/// Weights to start from: the uniform ones if there are none.
+pub(crate) fn start_or_uniform(start: Option<&[f64]>, n: usize) -> Result<Vec<f64>> {
+    start.map_or_else(|| try_filled(SEARCH, 1.0 / n as f64, n), |start| try_copy(SEARCH, start))
 }
 
 struct Best {
@@ -130,31 +137,32 @@ pub(crate) fn polish<O: Operator>(
     weights: &mut Vec<f64>,
     certificate: Certificate,
     budget: &mut Budget,
-) -> Certificate {
+) -> Result<Certificate> {
     let op = task.op;
     if certificate.exact || certificate.objective > 1e-10 * task.gamma {
-        return certificate;
+        return Ok(certificate);
     }
-    let mut trial = weights.clone();
+    let mut trial = try_copy(SEARCH, weights)?;
     let mut last = certificate.objective;
     for round in 0..6 {
         if budget.exhausted() {
             break;
         }
-        let force: Vec<f64> = op.residual_compensated(&trial, target).residual.iter().map(|r| -r).collect();
-        let support: Vec<usize> = (0..op.size()).filter(|&i| trial[i] > 0.0).collect();
-        trial = newton_system::corrected(op, &trial, &support, &force, budget);
-        let after = certify(op, target, &trial);
+        let mut force = op.residual_compensated(&trial, target)?.residual;
+        force.iter_mut().for_each(|r| *r = -*r);
+        let support: Vec<usize> = try_collect(SEARCH, (0..op.size()).filter(|&i| trial[i] > 0.0))?;
+        trial = newton_system::corrected(op, &trial, &support, &force, budget)?;
+        let after = certify(op, target, &trial)?;
         if after.exact {
             *weights = trial;
-            return after;
+            return Ok(after);
         }
         if round > 1 && after.objective > 0.25 * last {
             break;
         }
         last = after.objective;
     }
-    certificate
+    Ok(certificate)
 }
 
 /// The answer when only one line has a nonzero weight (in particular one line in all).
@@ -166,35 +174,35 @@ pub(crate) fn closed_form<I: crate::sample::Index>(
     target: &[f64],
     g: &[f64],
     subsimplex: bool,
-) -> Option<Vec<f64>> {
+) -> Result<Option<Vec<f64>>> {
     let n = op.size();
     let mut active = g.iter().enumerate().filter(|(_, g)| **g > 0.0);
     let Some((j, &g)) = active.next() else {
-        return Some(vec![1.0 / n as f64; n]);
+        return start_or_uniform(None, n).map(Some);
     };
     if active.next().is_some() {
-        return None;
+        return Ok(None);
     }
-    let place = op.line(j);
+    let place = op.line(j)?;
     let length = target.len() / op.entries();
-    let mut counts = vec![0.0; length];
+    let mut counts: Vec<f64> = try_zeros(SEARCH, length)?;
     for &r in &place {
         counts[r] += 1.0;
     }
-    let hit: Vec<usize> = (0..length).filter(|&r| counts[r] > 0.0).collect();
-    let mut marginal: Vec<f64> = hit.iter().map(|&r| target[j * length + r] / g).collect();
+    let hit: Vec<usize> = try_collect(SEARCH, (0..length).filter(|&r| counts[r] > 0.0))?;
+    let mut marginal: Vec<f64> = try_collect(SEARCH, hit.iter().map(|&r| target[j * length + r] / g))?;
     let positive: f64 = marginal.iter().map(|v| v.max(0.0)).sum();
     let whole = !subsimplex || positive > 1.0;
     if whole {
-        project(&mut marginal);
+        project(&mut marginal)?;
     }
-    let mut share = vec![0.0; length];
+    let mut share = try_zeros(SEARCH, length)?;
     for (&r, y) in hit.iter().zip(&marginal) {
         share[r] = y.max(0.0) / counts[r];
     }
-    let mut w: Vec<f64> = place.iter().map(|&r| share[r]).collect();
+    let mut w: Vec<f64> = try_collect(SEARCH, place.iter().map(|&r| share[r]))?;
     if subsimplex {
-        w.push(if whole { 0.0 } else { 1.0 - positive });
+        try_extend(SEARCH, &mut w, [if whole { 0.0 } else { 1.0 - positive }])?;
     }
-    Some(w)
+    Ok(Some(w))
 }

@@ -38,12 +38,14 @@ mod vector;
 
 pub use problem::{DenseProblem, IndexView, Info, Invalid, Options, Phase, SingletonProblem, Solution, Status};
 
+use crate::error::Result;
+use crate::memory::{try_collect, try_filled, try_room};
 use crate::parallel::Stop;
 use crate::sample::Index;
 use budget::{Budget, Limit};
 use dense::Dense;
 use ladder::{Found, Task};
-use operator::Operator;
+use operator::{Operator, SEARCH};
 pub(crate) use threshold::project;
 
 use relaxed_target::{Relaxed, relax};
@@ -53,7 +55,7 @@ use singletons::Singletons;
 ///
 /// `warm` are weights of a similar problem, shorter ones are padded with zeros. `stop` is polled; a request returns the best
 /// weights so far.
-pub fn solve(problem: &SingletonProblem, options: &Options, warm: Option<&[f64]>, stop: &Stop) -> Solution {
+pub fn solve(problem: &SingletonProblem, options: &Options, warm: Option<&[f64]>, stop: &Stop) -> Result<Solution> {
     match problem.indices {
         IndexView::U8(rows) => solve_rows(rows, problem, options, warm, stop),
         IndexView::U16(rows) => solve_rows(rows, problem, options, warm, stop),
@@ -67,32 +69,39 @@ fn solve_rows<I: Index>(
     options: &Options,
     warm: Option<&[f64]>,
     stop: &Stop,
-) -> Solution {
+) -> Result<Solution> {
     let scale = Scale::of(&[problem.g, problem.target]);
-    let (g, target) = (scale.down(problem.g), scale.down(problem.target));
+    let (g, target) = (scale.down(problem.g)?, scale.down(problem.target)?);
     let op = Singletons::new(rows, problem.length, &g, options.subsimplex, options.threads);
-    let relaxed = relax(&target, op.counts(), &g, problem.length, options.subsimplex);
-    let line = ladder::closed_form(&op, &target, &g, options.subsimplex);
+    let relaxed = relax(&target, op.counts()?, &g, problem.length, options.subsimplex)?;
+    let line = ladder::closed_form(&op, &target, &g, options.subsimplex)?;
     finish(&op, &target, relaxed, scale, options, Start { warm, line }, stop)
 }
 
 /// Weights for dense realizations.
-pub fn solve_dense(problem: &DenseProblem, options: &Options, warm: Option<&[f64]>, stop: &Stop) -> Solution {
+pub fn solve_dense(problem: &DenseProblem, options: &Options, warm: Option<&[f64]>, stop: &Stop) -> Result<Solution> {
     let scale = Scale::of(&[problem.samples, problem.target]);
-    let target = scale.down(problem.target);
+    let target = scale.down(problem.target)?;
     let dim = target.len();
     let op = if scale.is_one() {
         Dense::new(problem.samples, dim, options.subsimplex, options.threads)
     } else {
-        Dense::new(scale.down(problem.samples), dim, options.subsimplex, options.threads)
+        Dense::new(scale.down(problem.samples)?, dim, options.subsimplex, options.threads)
     };
     let dimension = dim.min(problem.size.saturating_sub(1)).max(1);
-    let mut hit = vec![false; dim];
+    let mut hit = try_filled(SEARCH, false, dim)?;
     for sample in problem.samples.chunks_exact(dim) {
         hit.iter_mut().zip(sample).for_each(|(hit, e)| *hit |= *e != 0.0);
     }
     let unseen = target.iter().zip(&hit).filter(|(t, hit)| **t != 0.0 && !**hit).count();
-    let relaxed = Relaxed { q: target.clone(), floor: 0.0, dimension, unseen, unreachable: false, counts: Vec::new() };
+    let relaxed = Relaxed {
+        q: try_collect(SEARCH, target.iter().copied())?,
+        floor: 0.0,
+        dimension,
+        unseen,
+        unreachable: false,
+        counts: Vec::new(),
+    };
     finish(&op, &target, relaxed, scale, options, Start { warm, line: None }, stop)
 }
 
@@ -111,7 +120,7 @@ fn finish<O: Operator>(
     options: &Options,
     start: Start,
     stop: &Stop,
-) -> Solution {
+) -> Result<Solution> {
     let n = op.size();
     let entries = n * op.entries();
     let mut budget = Budget::new(stop, options.time_limit, options.max_passes, entries);
@@ -121,14 +130,14 @@ fn finish<O: Operator>(
         reference = gamma;
     }
     let task = Task { op, relaxed: &relaxed, tol: 0.5 * options.tol * reference, gamma };
-    let warm = start.warm.map(|w| padded(w, n, options.subsimplex));
+    let warm = start.warm.map(|w| padded(w, n, options.subsimplex)).transpose()?;
     let (Found { mut weights, phase, work }, sifted) = match start.line {
         Some(weights) => (Found { weights, phase: Phase::ClosedForm, work: newton_cg::Work::default() }, false),
-        None => ladder::run(&task, warm.as_deref(), &mut budget),
+        None => ladder::run(&task, warm.as_deref(), &mut budget)?,
     };
-    let mut certificate = certificate::certify(op, target, &weights);
+    let mut certificate = certificate::certify(op, target, &weights)?;
     if !certificate.exact && relaxed.unseen == 0 && relaxed.floor <= 1e-24 * reference && phase != Phase::ClosedForm {
-        certificate = ladder::polish(&task, target, &mut weights, certificate, &mut budget);
+        certificate = ladder::polish(&task, target, &mut weights, certificate, &mut budget)?;
     }
     let relative_gap = if reference > 0.0 { certificate.gap / reference } else { 0.0 };
     let status = if relative_gap <= options.tol {
@@ -146,7 +155,7 @@ fn finish<O: Operator>(
     if options.subsimplex {
         weights.truncate(n - 1);
     }
-    Solution {
+    Ok(Solution {
         weights,
         gap: scale.up_square(certificate.gap),
         objective: scale.up_square(certificate.objective),
@@ -164,13 +173,14 @@ fn finish<O: Operator>(
             dimension: relaxed.dimension,
         },
         unseen: relaxed.unseen,
-    }
+    })
 }
 
 /// Warm weights of the right length: padded with zeros, the zero realization takes what is missing.
-fn padded(warm: &[f64], n: usize, subsimplex: bool) -> Vec<f64> {
+fn padded(warm: &[f64], n: usize, subsimplex: bool) -> Result<Vec<f64>> {
     let given = n - usize::from(subsimplex);
-    let mut w: Vec<f64> = warm.iter().take(given).map(|v| if v.is_finite() { v.max(0.0) } else { 0.0 }).collect();
+    let mut w = try_room(SEARCH, n)?;
+    w.extend(warm.iter().take(given).map(|v| if v.is_finite() { v.max(0.0) } else { 0.0 }));
     w.resize(n, 0.0);
     if subsimplex && let Some(rest) = w.last_mut() {
         *rest = (1.0 - warm.iter().take(given).sum::<f64>()).max(0.0);
@@ -178,7 +188,7 @@ fn padded(warm: &[f64], n: usize, subsimplex: bool) -> Vec<f64> {
     if !threshold::normalise(&mut w) {
         w.fill(1.0 / n as f64);
     }
-    w
+    Ok(w)
 }
 
 /// A power of two that brings the largest number to `[1, 2)`; multiplication by it is exact.
@@ -198,11 +208,11 @@ impl Scale {
         self.exponent == 0
     }
 
-    fn down(self, values: &[f64]) -> Vec<f64> {
+    fn down(self, values: &[f64]) -> Result<Vec<f64>> {
         // Two factors: one alone can overflow for subnormal input.
         let half = -self.exponent / 2;
         let (a, b) = (power(half), power(-self.exponent - half));
-        values.iter().map(|v| v * a * b).collect()
+        try_collect(SEARCH, values.iter().map(|v| v * a * b))
     }
 
     fn up(self, value: f64) -> f64 {

@@ -20,9 +20,12 @@ use std::cell::RefCell;
 use super::budget::Budget;
 use super::factor::{Factor, LARGEST_FACTOR, solve_cost};
 use super::hessian::{Hessian, factor_cost};
+use super::ladder::start_or_uniform;
 use super::newton_system::is_crawling;
-use super::operator::Operator;
+use super::operator::{Operator, SEARCH};
 use super::vector::{axpy, dot, min, norm, sum};
+use crate::error::Result;
+use crate::memory::{try_collect, try_copy, try_zeros};
 
 /// Weights on the simplex and their gap in plain arithmetic.
 #[derive(Clone)]
@@ -62,7 +65,7 @@ pub(crate) fn solve<O: Operator>(
     effort: Effort,
     budget: &mut Budget,
     work: &mut Work,
-) -> Iterate {
+) -> Result<Iterate> {
     let (n, d) = (op.size(), op.dim());
     let (stop_at, patience, mut debt) = match effort {
         Effort::Passes(passes) => (budget.passes() + passes, 60, 0.0),
@@ -71,18 +74,19 @@ pub(crate) fn solve<O: Operator>(
     };
     let qq = dot(q, q);
     // ||E_i - q||^2 = ||E_i||^2 - 2 <E_i, q> + ||q||^2
-    let mut images = vec![0.0; n];
-    op.apply_transpose(q, &mut images);
-    let mut diagonal: Vec<f64> = (0..n).map(|i| (op.squared_norm(i) - 2.0 * images[i] + qq).max(0.0)).collect();
+    let mut images = try_zeros(SEARCH, n)?;
+    op.apply_transpose(q, &mut images)?;
+    let mut diagonal: Vec<f64> =
+        try_collect(SEARCH, (0..n).map(|i| (op.squared_norm(i) - 2.0 * images[i] + qq).max(0.0)))?;
     let spread = sum(&diagonal) / n as f64;
     let kappa = (spread / (d as f64).sqrt()).max(f64::MIN_POSITIVE);
     for v in &mut diagonal {
         *v = 1.0 / (*v + kappa).max(1e-10 * spread);
     }
 
-    let mut w = start.map_or_else(|| vec![1.0 / n as f64; n], <[f64]>::to_vec);
-    let (mut r, mut a, mut s_dw) = (vec![0.0; d], vec![0.0; n], vec![0.0; d]);
-    let mut best = Iterate { weights: w.clone(), gap: f64::INFINITY };
+    let mut w = start_or_uniform(start, n)?;
+    let (mut r, mut a, mut s_dw) = (try_zeros(SEARCH, d)?, try_zeros(SEARCH, n)?, try_zeros(SEARCH, d)?);
+    let mut best = Iterate { weights: try_copy(SEARCH, &w)?, gap: f64::INFINITY };
     let mut free: Vec<usize> = Vec::new();
     let (mut settled, mut stalled) = (false, 0);
     let mut crawling = debt > 1.0;
@@ -92,12 +96,12 @@ pub(crate) fn solve<O: Operator>(
         // r = S w - s q, from scratch now and then
         let s = sum(&w);
         if iteration % 10 == 0 {
-            op.apply(&w, &mut r);
+            op.apply(&w, &mut r)?;
             axpy(-s, q, &mut r);
             budget.charge(1, n, op.entries());
         }
         // a_i = <E_i - q, r>; the gradient is a + kappa (s - 1)
-        op.apply_transpose(&r, &mut a);
+        op.apply_transpose(&r, &mut a)?;
         budget.charge(1, n, op.entries());
         let rq = dot(q, &r);
         for v in &mut a {
@@ -119,9 +123,9 @@ pub(crate) fn solve<O: Operator>(
 
         let shift = kappa * (s - 1.0);
         let before = std::mem::take(&mut free);
-        free = (0..n).filter(|&i| w[i] > 0.0 || a[i] + shift < 0.0).collect();
+        free = try_collect(SEARCH, (0..n).filter(|&i| w[i] > 0.0 || a[i] + shift < 0.0))?;
         settled &= free == before;
-        let sub = op.subset(&free);
+        let sub = op.subset(&free)?;
         let eta = if matches!(effort, Effort::Finish(_)) {
             1e-4
         } else if settled {
@@ -131,24 +135,25 @@ pub(crate) fn solve<O: Operator>(
         } else {
             0.03
         };
-        let gradient: Vec<f64> = free.iter().map(|&i| a[i] + shift).collect();
-        let inverse: Vec<f64> = free.iter().map(|&i| diagonal[i]).collect();
+        let gradient: Vec<f64> = try_collect(SEARCH, free.iter().map(|&i| a[i] + shift))?;
+        let inverse: Vec<f64> = try_collect(SEARCH, free.iter().map(|&i| diagonal[i]))?;
         let hessian = Hessian { sub: &sub, q, kappa };
         if debt > 1.0 && crawling && free.len() <= LARGEST_FACTOR {
-            let images: Vec<f64> = free.iter().map(|&i| images[i]).collect();
+            let images: Vec<f64> = try_collect(SEARCH, free.iter().map(|&i| images[i]))?;
             let cost = factor_cost(free.len(), op.entries());
             budget.charge(1, cost as usize, 1);
-            factored = hessian.factor(&images, qq, budget).map(|factor| Stale { factor, members: free.clone() });
+            let members = try_copy(SEARCH, &free)?;
+            factored = hessian.factor(&images, qq, budget)?.map(|factor| Stale { factor, members });
             work.factors += 1;
             debt = 0.0;
         }
-        let preconditioner = Preconditioner::new(&free, inverse, factored.as_ref());
+        let preconditioner = Preconditioner::new(&free, inverse, factored.as_ref())?;
         let before = work.cg;
         let most = match effort {
             Effort::Finish(_) => ((stop_at - budget.passes()) * n as f64 / free.len().max(1) as f64) as usize,
             _ => MAX_CG,
         };
-        let step = conjugate_gradients(&hessian, &gradient, &preconditioner, eta, most, budget, work);
+        let step = conjugate_gradients(&hessian, &gradient, &preconditioner, eta, most, budget, work)?;
         work.newton += 1;
         let cost = (work.cg - before) as f64 * preconditioner.cost(op.entries());
         debt += cost / factor_cost(free.len(), op.entries());
@@ -157,13 +162,13 @@ pub(crate) fn solve<O: Operator>(
         // Armijo on the projected arc; the decrease of the quadratic is evaluated from the step itself (no cancellation):
         //   f(w + dw) - f(w) = <g, dw> + 1/2 ||S dw - (1^T dw) q||^2 + kappa/2 (1^T dw)^2
         let mut length = 1.0;
-        let mut dw = vec![0.0; free.len()];
+        let mut dw = try_zeros(SEARCH, free.len())?;
         let mut accepted = false;
         for _ in 0..30 {
             for ((dw, &i), p) in dw.iter_mut().zip(&free).zip(&step) {
                 *dw = (w[i] + length * p).max(0.0) - w[i];
             }
-            sub.apply(&dw, &mut s_dw);
+            sub.apply(&dw, &mut s_dw)?;
             budget.charge(1, free.len(), op.entries());
             let ds = sum(&dw);
             axpy(-ds, q, &mut s_dw);
@@ -187,9 +192,9 @@ pub(crate) fn solve<O: Operator>(
         axpy(1.0, &s_dw, &mut r);
     }
     if !super::threshold::normalise(&mut best.weights) {
-        best = Iterate { weights: vec![1.0 / n as f64; n], gap: f64::INFINITY };
+        best = Iterate { weights: start_or_uniform(None, n)?, gap: f64::INFINITY };
     }
-    best
+    Ok(best)
 }
 
 /// A factor of `H` on the samples `members`, which may no longer be the free ones.
@@ -213,12 +218,13 @@ struct Preconditioner<'a> {
 }
 
 impl<'a> Preconditioner<'a> {
-    fn new(free: &[usize], inverse: Vec<f64>, stale: Option<&'a Stale>) -> Self {
-        let stale = stale.map(|s| {
-            let places = free.iter().map(|i| s.members.binary_search(i).ok()).collect();
-            Mapped { factor: &s.factor, places, scratch: RefCell::new(vec![0.0; s.members.len()]) }
-        });
-        Self { inverse, stale }
+    fn new(free: &[usize], inverse: Vec<f64>, stale: Option<&'a Stale>) -> Result<Self> {
+        let map = |s: &'a Stale| {
+            let places = try_collect(SEARCH, free.iter().map(|i| s.members.binary_search(i).ok()))?;
+            let scratch = RefCell::new(try_zeros(SEARCH, s.members.len())?);
+            Ok(Mapped { factor: &s.factor, places, scratch })
+        };
+        Ok(Self { inverse, stale: stale.map(map).transpose()? })
     }
 
     fn solve(&self, r: &[f64], z: &mut [f64]) {
@@ -258,14 +264,14 @@ fn conjugate_gradients<O: Operator>(
     most: usize,
     budget: &mut Budget,
     work: &mut Work,
-) -> Vec<f64> {
+) -> Result<Vec<f64>> {
     let k = gradient.len();
-    let mut p = vec![0.0; k];
-    let mut residual: Vec<f64> = gradient.iter().map(|g| -g).collect();
-    let mut z = vec![0.0; k];
+    let mut p = try_zeros(SEARCH, k)?;
+    let mut residual: Vec<f64> = try_collect(SEARCH, gradient.iter().map(|g| -g))?;
+    let mut z = try_zeros(SEARCH, k)?;
     preconditioner.solve(&residual, &mut z);
-    let mut direction = z.clone();
-    let (mut h, mut image) = (vec![0.0; k], vec![0.0; hessian.q.len()]);
+    let mut direction = try_copy(SEARCH, &z)?;
+    let (mut h, mut image) = (try_zeros(SEARCH, k)?, try_zeros(SEARCH, hessian.q.len())?);
     let mut rz = dot(&residual, &z);
     let stop = eta * norm(gradient);
     for _ in 0..most.min(2 * k + 10) {
@@ -273,7 +279,7 @@ fn conjugate_gradients<O: Operator>(
             break;
         }
         work.cg += 1;
-        hessian.apply(&direction, &mut image, &mut h);
+        hessian.apply(&direction, &mut image, &mut h)?;
         let curvature = dot(&direction, &h);
         if curvature <= 0.0 {
             break;
@@ -289,5 +295,5 @@ fn conjugate_gradients<O: Operator>(
             *d = z + beta * *d;
         }
     }
-    p
+    Ok(p)
 }

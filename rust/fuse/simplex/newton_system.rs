@@ -6,10 +6,12 @@
 use super::budget::Budget;
 use super::factor::{Factor, LARGEST_FACTOR, factor_cost, solve_cost};
 use super::newton_cg::Work;
-use super::operator::{Operator, Precondition};
+use super::operator::{Operator, Precondition, SEARCH};
 use super::threshold::normalise;
 use super::triangle::Triangle;
 use super::vector::{axpy, dot, norm};
+use crate::error::Result;
+use crate::memory::{try_copy, try_filled, try_zeros};
 
 /// Products added to a matrix between two looks at the limits.
 const CHUNK: usize = 10_000_000;
@@ -48,19 +50,19 @@ impl Memory {
         factor_cost(d) + k as f64 * (entries as f64).powi(2)
     }
 
-    fn update<O: Operator>(&mut self, sub: &O, mu: f64, u: &[f64], budget: &mut Budget, work: &mut Work) {
+    fn update<O: Operator>(&mut self, sub: &O, mu: f64, u: &[f64], budget: &mut Budget, work: &mut Work) -> Result<()> {
         let (d, k) = (sub.dim(), sub.size());
         if !self.crawling || self.debt < self.patience || k <= self.spare || d > LARGEST_FACTOR || k == 0 {
-            return;
+            return Ok(());
         }
         // S S^T - u u^T / K + mu I
         self.debt = 0.0;
-        let Some(mut matrix) = Triangle::zeros(d) else { return };
+        let Some(mut matrix) = Triangle::zeros(d) else { return Ok(()) };
         let chunk = (CHUNK / (sub.entries() * sub.entries())).max(1);
         for first in (0..k).step_by(chunk) {
-            sub.add_outer(first..(first + chunk).min(k), &mut matrix);
+            sub.add_outer(first..(first + chunk).min(k), &mut matrix)?;
             if budget.poll() {
-                return;
+                return Ok(());
             }
         }
         for (i, &a) in u.iter().enumerate() {
@@ -69,8 +71,9 @@ impl Memory {
             line[i] += mu;
         }
         budget.charge(1, Self::factor_cost(d, k, sub.entries()) as usize, 1);
-        self.factor = Factor::new(matrix, budget);
+        self.factor = Factor::new(matrix, budget)?;
         work.factors += 1;
+        Ok(())
     }
 
     fn spent<O: Operator>(&mut self, sub: &O, iterations: usize) {
@@ -91,10 +94,10 @@ pub(crate) struct NewtonSystem<'a, O: Operator> {
 }
 
 impl<'a, O: Operator> NewtonSystem<'a, O> {
-    pub fn new(sub: &'a O, mu: f64) -> Self {
-        let mut u = vec![0.0; sub.dim()];
-        sub.apply(&vec![1.0; sub.size()], &mut u);
-        Self { sub, mu, u }
+    pub fn new(sub: &'a O, mu: f64) -> Result<Self> {
+        let mut u = try_zeros(SEARCH, sub.dim())?;
+        sub.apply(&try_filled(SEARCH, 1.0, sub.size())?, &mut u)?;
+        Ok(Self { sub, mu, u })
     }
 
     /// To `||residual|| <= accuracy`, in at most `most` iterations.
@@ -106,10 +109,10 @@ impl<'a, O: Operator> NewtonSystem<'a, O> {
         memory: &mut Memory,
         budget: &mut Budget,
         work: &mut Work,
-    ) -> Vec<f64> {
+    ) -> Result<Vec<f64>> {
         let (k, d) = (self.sub.size(), self.sub.dim());
-        memory.update(self.sub, self.mu, &self.u, budget, work);
-        let block = if memory.factor.is_none() { Some(self.sub.block(self.mu)) } else { None };
+        memory.update(self.sub, self.mu, &self.u, budget, work)?;
+        let block = if memory.factor.is_none() { Some(self.sub.block(self.mu)?) } else { None };
         let precondition = |r: &[f64], z: &mut [f64]| match (&memory.factor, &block) {
             (Some(factor), _) => {
                 z.copy_from_slice(r);
@@ -118,11 +121,11 @@ impl<'a, O: Operator> NewtonSystem<'a, O> {
             (None, Some(block)) => block.solve(r, z),
             (None, None) => z.copy_from_slice(r),
         };
-        let mut dz = vec![0.0; d];
-        let mut residual = force.to_vec();
-        let (mut z, mut h) = (vec![0.0; d], vec![0.0; d]);
+        let mut dz = try_zeros(SEARCH, d)?;
+        let mut residual = try_copy(SEARCH, force)?;
+        let (mut z, mut h) = (try_zeros(SEARCH, d)?, try_zeros(SEARCH, d)?);
         precondition(&residual, &mut z);
-        let mut direction = z.clone();
+        let mut direction = try_copy(SEARCH, &z)?;
         let mut rz = dot(&residual, &z);
         let before = work.cg;
         for _ in 0..most {
@@ -131,7 +134,7 @@ impl<'a, O: Operator> NewtonSystem<'a, O> {
             }
             work.cg += 1;
             // H v = S (S^T v - mean) + mu v = S S^T v - mean u + mu v
-            let mean = self.sub.normal(&direction, &mut h) / k.max(1) as f64;
+            let mean = self.sub.normal(&direction, &mut h)? / k.max(1) as f64;
             let mut curvature = 0.0;
             for ((h, u), v) in h.iter_mut().zip(&self.u).zip(&direction) {
                 *h += self.mu * v - mean * u;
@@ -152,7 +155,7 @@ impl<'a, O: Operator> NewtonSystem<'a, O> {
             }
         }
         memory.spent(self.sub, work.cg - before);
-        dz
+        Ok(dz)
     }
 }
 
@@ -163,19 +166,19 @@ pub(crate) fn corrected<O: Operator>(
     support: &[usize],
     force: &[f64],
     budget: &mut Budget,
-) -> Vec<f64> {
-    let sub = op.subset(support);
+) -> Result<Vec<f64>> {
+    let sub = op.subset(support)?;
     let mu = 1e-14 * op.squared_norm(0).max(f64::MIN_POSITIVE) * support.len() as f64 / op.dim() as f64;
     let accuracy = 1e-2 * norm(force);
-    let system = NewtonSystem::new(&sub, mu);
-    let dz = system.solve(force, accuracy, 500, &mut Memory::new(f64::INFINITY, 0), budget, &mut Work::default());
-    let mut dw = vec![0.0; sub.size()];
-    sub.apply_transpose(&dz, &mut dw);
+    let system = NewtonSystem::new(&sub, mu)?;
+    let dz = system.solve(force, accuracy, 500, &mut Memory::new(f64::INFINITY, 0), budget, &mut Work::default())?;
+    let mut dw = try_zeros(SEARCH, sub.size())?;
+    sub.apply_transpose(&dz, &mut dw)?;
     let mean = super::vector::sum(&dw) / dw.len().max(1) as f64;
-    let mut out = w.to_vec();
+    let mut out = try_copy(SEARCH, w)?;
     for (&i, dw) in support.iter().zip(&dw) {
         out[i] = (out[i] + dw - mean).max(0.0);
     }
     normalise(&mut out);
-    out
+    Ok(out)
 }

@@ -3,6 +3,10 @@
 use std::ops::Range;
 
 use super::triangle::Triangle;
+use crate::error::Result;
+
+/// What messages say that memory is for.
+pub(crate) const SEARCH: &str = "the search for weights";
 
 /// The linear map `S w = sum_i w_i E_i` of an ensemble of `size` realizations in a space of `dim` entries.
 ///
@@ -22,35 +26,35 @@ pub(crate) trait Operator: Sized + Sync {
     fn entries(&self) -> usize;
 
     /// `out = S w`; entries of `w` that are zero cost nothing.
-    fn apply(&self, w: &[f64], out: &mut [f64]);
+    fn apply(&self, w: &[f64], out: &mut [f64]) -> Result<()>;
 
     /// `out = S^T y`
-    fn apply_transpose(&self, y: &[f64], out: &mut [f64]);
+    fn apply_transpose(&self, y: &[f64], out: &mut [f64]) -> Result<()>;
 
     /// `out = S S^T y`, returning `1^T S^T y`; one pass over the data where possible.
-    fn normal(&self, y: &[f64], out: &mut [f64]) -> f64;
+    fn normal(&self, y: &[f64], out: &mut [f64]) -> Result<f64>;
 
     /// The ensemble of the realizations `keep` (increasing), copied so that it is contiguous.
-    fn subset(&self, keep: &[usize]) -> Self;
+    fn subset(&self, keep: &[usize]) -> Result<Self>;
 
     /// The first `first` realizations and as many more as it takes to hit every entry `min(copies, counts)` times; increasing,
     /// the zero realization included.
-    fn covering(&self, first: usize, copies: f64, counts: &[f64]) -> Vec<usize>;
+    fn covering(&self, first: usize, copies: f64, counts: &[f64]) -> Result<Vec<usize>>;
 
     /// `out[k] = <E_i, E_k>` for `k = 0..=i`, `out` holding `i + 1` entries; `table` is `dim` zeros, and is left so.
     fn gram_row(&self, i: usize, table: &mut [f64], out: &mut [f64]);
 
     /// Adds `sum_i E_i E_i^T` over some of the realizations to `matrix`.
-    fn add_outer(&self, samples: Range<usize>, matrix: &mut Triangle);
+    fn add_outer(&self, samples: Range<usize>, matrix: &mut Triangle) -> Result<()>;
 
     /// `||E_i||^2`
     fn squared_norm(&self, i: usize) -> f64;
 
     /// The preconditioner built from all realizations of this ensemble (`K = size`).
-    fn block(&self, mu: f64) -> Self::Block;
+    fn block(&self, mu: f64) -> Result<Self::Block>;
 
     /// `S w - target` in compensated arithmetic, and `S w` rounded.
-    fn residual_compensated(&self, w: &[f64], target: &[f64]) -> Residual;
+    fn residual_compensated(&self, w: &[f64], target: &[f64]) -> Result<Residual>;
 
     /// `<E_i, y>` as an unevaluated sum of two floating point numbers.
     fn value_compensated(&self, i: usize, y: &[f64]) -> (f64, f64);

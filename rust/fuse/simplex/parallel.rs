@@ -2,6 +2,9 @@
 
 use std::ops::Range;
 
+use super::operator::SEARCH;
+use crate::error::Result;
+use crate::memory::{try_collect_all, try_zeros};
 use crate::parallel::{Stop, for_each_chunk};
 
 /// Entries below which one more thread costs more than it saves.
@@ -12,14 +15,19 @@ fn parts(threads: usize, samples: usize, entries: usize) -> usize {
 }
 
 /// Fills `out` in chunks, `value(first, chunk)` each; chunks start at multiples of four.
-pub(crate) fn fill(threads: usize, entries: usize, out: &mut [f64], value: impl Fn(usize, &mut [f64]) + Sync) {
+pub(crate) fn fill(
+    threads: usize,
+    entries: usize,
+    out: &mut [f64],
+    value: impl Fn(usize, &mut [f64]) + Sync,
+) -> Result<()> {
     let parts = parts(threads, out.len(), entries);
     if parts == 1 {
         value(0, out);
-        return;
+        return Ok(());
     }
     let length = out.len().div_ceil(parts).next_multiple_of(4);
-    every(out.chunks_mut(length).enumerate(), parts, |(p, chunk)| value(p * length, chunk));
+    every(out.chunks_mut(length).enumerate(), parts, |(p, chunk)| value(p * length, chunk))
 }
 
 /// Adds the contributions of the samples `0..samples` to `out`, one private copy of `out` per thread, summed in order: the
@@ -30,31 +38,31 @@ pub(crate) fn accumulate<T: Total>(
     entries: usize,
     out: &mut [f64],
     add: impl Fn(Range<usize>, &mut [f64]) -> T + Sync,
-) -> T {
+) -> Result<T> {
     let parts = parts(threads, samples, entries);
     if parts == 1 {
-        return add(0..samples, out);
+        return Ok(add(0..samples, out));
     }
     let length = samples.div_ceil(parts);
-    let mut results: Vec<_> = (0..parts).map(|_| (vec![0.0; out.len()], T::default())).collect();
+    let private = |_| Ok((try_zeros(SEARCH, out.len())?, T::default()));
+    let mut results = try_collect_all(SEARCH, (0..parts).map(private))?;
     every(results.iter_mut().enumerate(), parts, |(p, (private, total))| {
         *total = add(p * length..((p + 1) * length).min(samples), private);
-    });
+    })?;
     let mut total = T::default();
     for (private, part) in results {
         super::vector::axpy(1.0, &private, out);
         total.add(part);
     }
-    total
+    Ok(total)
 }
 
 /// Works through the chunks; a pass over the data is too short to be stopped inside.
-fn every<C: Send>(chunks: impl Iterator<Item = C> + Send, threads: usize, work: impl Fn(C) + Sync) {
-    let done = for_each_chunk(chunks, threads, &Stop::new(), |chunk| {
+fn every<C: Send>(chunks: impl Iterator<Item = C> + Send, threads: usize, work: impl Fn(C) + Sync) -> Result<()> {
+    for_each_chunk(chunks, threads, &Stop::new(), |chunk| {
         work(chunk);
         Ok(())
-    });
-    debug_assert!(done.is_ok(), "nothing stops or fails here");
+    })
 }
 
 /// What one part of an accumulation returns besides the vector.

@@ -9,9 +9,11 @@ use super::factor::{LARGEST_FACTOR, solve_cost};
 use super::hessian::factor_cost;
 use super::newton_cg::{self, Effort, Iterate, Work};
 use super::newton_system::Memory;
-use super::operator::Operator;
+use super::operator::{Operator, SEARCH};
 use super::semismooth::{Ended, Inner, Point, Rules, Setting, distance, measure};
 use super::vector::norm;
+use crate::error::Result;
+use crate::memory::{try_copy, try_filled, try_room};
 
 /// A proximal step moves the centre by `1 + RELAXATION` times itself (below 2 it converges: Eckstein and Bertsekas, Math.
 /// Program. 55, 1992).
@@ -28,10 +30,10 @@ const AGAIN: f64 = 1.3;
 ///
 /// At the solution `gap <= 2 mu max_i (w_i - c_i) + 2 reach ||F||`, which fixes `mu` beforehand. `None` if the target turns out
 /// to be out of reach (support below the dimension) or the steps become short.
-pub(crate) fn direct<O: Operator>(set: &Setting<O>, budget: &mut Budget, work: &mut Work) -> Option<Iterate> {
+pub(crate) fn direct<O: Operator>(set: &Setting<O>, budget: &mut Budget, work: &mut Work) -> Result<Option<Iterate>> {
     let n = set.op.size();
-    let center = vec![1.0 / n as f64; n];
-    let mut point = Point::origin(n, set.op.dim());
+    let center = try_filled(SEARCH, 1.0 / n as f64, n)?;
+    let mut point = Point::origin(n, set.op.dim())?;
     let least_support = (1.05 * set.dimension as f64) as usize;
 
     let goal = set.residual_goal();
@@ -41,21 +43,22 @@ pub(crate) fn direct<O: Operator>(set: &Setting<O>, budget: &mut Budget, work: &
     // A rough solve with a larger mu first: it finds the support cheaply.
     let rough = |p: &Point| 1e-2 * distance(&p.image, set.q);
     let mut memory = Memory::new(2.0, 0);
-    let mut inner = Inner { set, center: &center, mu: 1e-6 * set.scale(), memory: &mut memory, scratch: Vec::new() };
+    let mut inner =
+        Inner { set, center: &center, mu: 1e-6 * set.scale(), memory: &mut memory, scratch: try_room(SEARCH, n)? };
     if matches!(
-        inner.run(&mut point, &Rules { stop: &rough, ..direct_rules }, budget, work),
+        inner.run(&mut point, &Rules { stop: &rough, ..direct_rules }, budget, work)?,
         Ended::Infeasible | Ended::Limit
     ) {
-        return None;
+        return Ok(None);
     }
     inner.mu = set.tol * n as f64 / 40.0;
     let mut best: Option<Iterate> = None;
     for _ in 0..8 {
-        let ended = inner.run(&mut point, &direct_rules, budget, work);
+        let ended = inner.run(&mut point, &direct_rules, budget, work)?;
         if ended == Ended::Infeasible {
             break;
         }
-        let found = measure(set, point.w.clone(), budget);
+        let found = measure(set, try_copy(SEARCH, &point.w)?, budget)?;
         let gap = found.gap;
         if best.as_ref().is_none_or(|b| gap < b.gap) {
             best = Some(found);
@@ -65,7 +68,7 @@ pub(crate) fn direct<O: Operator>(set: &Setting<O>, budget: &mut Budget, work: &
         }
         inner.mu *= (0.4 * set.tol / gap).clamp(1e-3, 0.5);
     }
-    best
+    Ok(best)
 }
 
 /// The proximal point method with a decreasing sequence of `mu`, over-relaxed.
@@ -78,11 +81,11 @@ pub(crate) fn augmented<O: Operator>(
     early: bool,
     budget: &mut Budget,
     work: &mut Work,
-) -> (Iterate, Vec<f64>) {
+) -> Result<(Iterate, Vec<f64>)> {
     let n = set.op.size();
-    let mut center = vec![1.0 / n as f64; n];
-    let mut best = measure(set, center.clone(), budget);
-    let mut point = Point::origin(n, set.op.dim());
+    let mut center = try_filled(SEARCH, 1.0 / n as f64, n)?;
+    let mut best = measure(set, try_copy(SEARCH, &center)?, budget)?;
+    let mut point = Point::origin(n, set.op.dim())?;
     let mut mu = 3e-2 * set.scale();
     let nearly = (set.dimension + set.dimension / 20 + 2).min(LARGEST_FACTOR);
     let mut memory = Memory::new(1.0, if early { nearly } else { 0 });
@@ -90,7 +93,7 @@ pub(crate) fn augmented<O: Operator>(
     let relaxation = if early { RELAXATION } else { 0.0 };
     let started = budget.passes();
     let mut next_trial = 0.0;
-    let mut support = vec![true; n];
+    let mut support = try_filled(SEARCH, true, n)?;
     for _ in 0..100 {
         if best.gap <= set.tol || budget.exhausted() {
             break;
@@ -100,18 +103,18 @@ pub(crate) fn augmented<O: Operator>(
             let moved: f64 = p.w.iter().zip(&center).map(|(w, c)| (w - c) * (w - c)).sum();
             (0.3 * distance(&p.image, set.q).min((mu * moved).sqrt())).max(floor)
         };
-        let mut inner = Inner { set, center: &center, mu, memory: &mut memory, scratch: Vec::new() };
+        let mut inner = Inner { set, center: &center, mu, memory: &mut memory, scratch: try_room(SEARCH, n)? };
         let rules = Rules { stop: &stop, newton: 25, cg: 2000, least_support: 0 };
         let before = work.newton;
-        let ended = inner.run(&mut point, &rules, budget, work);
-        let found = measure(set, point.w.clone(), budget);
+        let ended = inner.run(&mut point, &rules, budget, work)?;
+        let found = measure(set, try_copy(SEARCH, &point.w)?, budget)?;
         if found.gap < best.gap {
             best = found;
         }
         if ended == Ended::Stuck && norm(&point.force) > 0.5 * distance(&point.image, set.q) {
             // Too far for one proximal step: stay at the centre, with a larger mu.
             mu *= 5.0;
-            set.op.apply(&center, &mut point.image);
+            set.op.apply(&center, &mut point.image)?;
             for ((z, q), x) in point.z.iter_mut().zip(set.q).zip(&point.image) {
                 *z = (q - x) / mu;
             }
@@ -129,7 +132,7 @@ pub(crate) fn augmented<O: Operator>(
         }
         if changed == 0 && point.support <= set.dimension && spent >= next_trial {
             let found =
-                newton_cg::solve(set.op, set.q, Some(&point.w), set.tol, Effort::Finish(TRIAL * spent), budget, work);
+                newton_cg::solve(set.op, set.q, Some(&point.w), set.tol, Effort::Finish(TRIAL * spent), budget, work)?;
             if found.gap < best.gap {
                 best = found;
             }
@@ -150,8 +153,8 @@ pub(crate) fn augmented<O: Operator>(
         }
         mu = next;
     }
-    let last = if super::threshold::normalise(&mut point.w) { point.w } else { best.weights.clone() };
-    (best, last)
+    let last = if super::threshold::normalise(&mut point.w) { point.w } else { try_copy(SEARCH, &best.weights)? };
+    Ok((best, last))
 }
 
 /// Passes the active set method is expected to take: a factor, and steps, one sample each.

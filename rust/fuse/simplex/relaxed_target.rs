@@ -15,6 +15,10 @@
 //! For `sum w <= 1` the line sums are `s g_j` with one free `s`, so the set is a linear space and
 //! `s = (sum_j g_j sigma_j / h_j) / (sum_j g_j^2 / h_j)`; then `S^T (q - e) = 0`.
 
+use super::operator::SEARCH;
+use crate::error::Result;
+use crate::memory::{try_room, try_zeros};
+
 /// The projected target and what it tells about the problem.
 pub(crate) struct Relaxed {
     pub q: Vec<f64>,
@@ -31,9 +35,9 @@ pub(crate) struct Relaxed {
 }
 
 /// Projects `target` given the hit `counts` (both line-major) and the line weights `g`.
-pub(crate) fn relax(target: &[f64], counts: Vec<f64>, g: &[f64], length: usize, subsimplex: bool) -> Relaxed {
-    let mut q = vec![0.0; target.len()];
-    let mut lines = Vec::with_capacity(g.len());
+pub(crate) fn relax(target: &[f64], counts: Vec<f64>, g: &[f64], length: usize, subsimplex: bool) -> Result<Relaxed> {
+    let mut q = try_zeros(SEARCH, target.len())?;
+    let mut lines = try_room(SEARCH, g.len())?;
     let (mut dimension, mut unseen) = (0, 0);
     for (j, &g) in g.iter().enumerate() {
         let line = j * length..(j + 1) * length;
@@ -71,5 +75,5 @@ pub(crate) fn relax(target: &[f64], counts: Vec<f64>, g: &[f64], length: usize, 
         }
     }
     let floor = q.iter().zip(target).map(|(q, t)| (q - t) * (q - t)).sum::<f64>();
-    Relaxed { q, floor, dimension: dimension.max(1), unseen, unreachable, counts }
+    Ok(Relaxed { q, floor, dimension: dimension.max(1), unseen, unreachable, counts })
 }

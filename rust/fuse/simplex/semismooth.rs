@@ -15,9 +15,11 @@ use super::budget::Budget;
 use super::ladder::Task;
 use super::newton_cg::{Iterate, Work};
 use super::newton_system::{Memory, NewtonSystem};
-use super::operator::Operator;
+use super::operator::{Operator, SEARCH};
 use super::threshold::{normalise, threshold};
 use super::vector::{dot, min, norm};
+use crate::error::Result;
+use crate::memory::{try_collect, try_copy, try_filled, try_zeros};
 
 /// The problem and its scales, shared by both methods.
 pub(crate) struct Setting<'a, O: Operator> {
@@ -56,29 +58,28 @@ impl<'a, O: Operator> Setting<'a, O> {
 }
 
 /// The gap of `w` on the simplex, and `<r, E_i>` for all `i`, in plain arithmetic.
-pub(crate) fn gap_and_values<O: Operator>(set: &Setting<O>, w: &[f64], budget: &mut Budget) -> (f64, Vec<f64>) {
+pub(crate) fn gap_and_values<O: Operator>(set: &Setting<O>, w: &[f64], budget: &mut Budget) -> Result<(f64, Vec<f64>)> {
     let n = set.op.size();
-    let mut image = vec![0.0; set.op.dim()];
-    set.op.apply(w, &mut image);
+    let mut image = try_zeros(SEARCH, set.op.dim())?;
+    set.op.apply(w, &mut image)?;
     // gap = 2 (<r, S w> - min_i <r, E_i>)
-    let r: Vec<f64> = image.iter().zip(set.q).map(|(x, q)| x - q).collect();
-    let mut values = vec![0.0; n];
-    set.op.apply_transpose(&r, &mut values);
+    let r: Vec<f64> = try_collect(SEARCH, image.iter().zip(set.q).map(|(x, q)| x - q))?;
+    let mut values = try_zeros(SEARCH, n)?;
+    set.op.apply_transpose(&r, &mut values)?;
     budget.charge(2, n, set.op.entries());
-    (2.0 * (dot(&r, &image) - min(&values)), values)
+    Ok((2.0 * (dot(&r, &image) - min(&values)), values))
 }
 
 /// Normalises `w` and measures it from scratch.
-pub(crate) fn measure<O: Operator>(set: &Setting<O>, mut w: Vec<f64>, budget: &mut Budget) -> Iterate {
+pub(crate) fn measure<O: Operator>(set: &Setting<O>, mut w: Vec<f64>, budget: &mut Budget) -> Result<Iterate> {
     if !normalise(&mut w) {
-        return Iterate { weights: vec![1.0 / w.len() as f64; w.len()], gap: f64::INFINITY };
+        return Ok(Iterate { weights: try_filled(SEARCH, 1.0 / w.len() as f64, w.len())?, gap: f64::INFINITY });
     }
-    let (gap, _) = gap_and_values(set, &w, budget);
-    Iterate { weights: w, gap }
+    let (gap, _) = gap_and_values(set, &w, budget)?;
+    Ok(Iterate { weights: w, gap })
 }
 
 /// The dual point and everything that belongs to it.
-#[derive(Clone)]
 pub(crate) struct Point {
     pub z: Vec<f64>,
     /// `S^T z`
@@ -93,9 +94,15 @@ pub(crate) struct Point {
 }
 
 impl Point {
-    pub fn origin(n: usize, d: usize) -> Self {
-        let (zn, zd) = (vec![0.0; n], vec![0.0; d]);
-        Self { z: zd.clone(), pull: zn.clone(), w: zn, image: zd.clone(), force: zd, phi: f64::INFINITY, support: n }
+    pub fn origin(n: usize, d: usize) -> Result<Self> {
+        let (z, image, force) = (try_zeros(SEARCH, d)?, try_zeros(SEARCH, d)?, try_zeros(SEARCH, d)?);
+        let (pull, w) = (try_zeros(SEARCH, n)?, try_zeros(SEARCH, n)?);
+        Ok(Self { z, pull, w, image, force, phi: f64::INFINITY, support: n })
+    }
+
+    fn copy(&self) -> Result<Self> {
+        let [z, pull, w] = [try_copy(SEARCH, &self.z)?, try_copy(SEARCH, &self.pull)?, try_copy(SEARCH, &self.w)?];
+        Ok(Self { z, pull, w, image: try_copy(SEARCH, &self.image)?, force: try_copy(SEARCH, &self.force)?, ..*self })
     }
 }
 
@@ -124,12 +131,13 @@ pub(crate) struct Inner<'a, 'b, O: Operator> {
     pub center: &'b [f64],
     pub mu: f64,
     pub memory: &'b mut Memory,
+    /// Room for as many numbers as there are realizations.
     pub scratch: Vec<f64>,
 }
 
 impl<O: Operator> Inner<'_, '_, O> {
     /// Completes `point` from its `z` and `pull`.
-    fn evaluate(&mut self, point: &mut Point, budget: &mut Budget) {
+    fn evaluate(&mut self, point: &mut Point, budget: &mut Budget) -> Result<()> {
         let op = self.set.op;
         for ((w, c), a) in point.w.iter_mut().zip(self.center).zip(&point.pull) {
             *w = c + a;
@@ -142,7 +150,7 @@ impl<O: Operator> Inner<'_, '_, O> {
             support += usize::from(*w > 0.0);
             moved += (*w - c) * (*w - c);
         }
-        op.apply(&point.w, &mut point.image);
+        op.apply(&point.w, &mut point.image)?;
         budget.charge(1, support, op.entries());
         let (mut zx, mut zq, mut zz) = (0.0, 0.0, 0.0);
         for (((f, x), q), z) in point.force.iter_mut().zip(&point.image).zip(self.set.q).zip(&point.z) {
@@ -153,36 +161,37 @@ impl<O: Operator> Inner<'_, '_, O> {
         }
         point.phi = zx - 0.5 * moved - zq + 0.5 * self.mu * zz;
         point.support = support;
+        Ok(())
     }
 
-    pub fn run(&mut self, point: &mut Point, rules: &Rules, budget: &mut Budget, work: &mut Work) -> Ended {
+    pub fn run(&mut self, point: &mut Point, rules: &Rules, budget: &mut Budget, work: &mut Work) -> Result<Ended> {
         let op = self.set.op;
-        op.apply_transpose(&point.z, &mut point.pull);
+        op.apply_transpose(&point.z, &mut point.pull)?;
         budget.charge(1, op.size(), op.entries());
-        self.evaluate(point, budget);
-        let mut trial = point.clone();
+        self.evaluate(point, budget)?;
+        let mut trial = point.copy()?;
         let mut short = 0;
         for _ in 0..rules.newton {
             let (force, goal) = (norm(&point.force), (rules.stop)(point));
             if force <= goal {
-                return Ended::Converged;
+                return Ok(Ended::Converged);
             }
             if budget.exhausted() {
-                return Ended::Limit;
+                return Ok(Ended::Limit);
             }
             if point.support < rules.least_support {
-                return Ended::Infeasible;
+                return Ok(Ended::Infeasible);
             }
-            let support: Vec<usize> = (0..op.size()).filter(|&i| point.w[i] > 0.0).collect();
-            let sub = op.subset(&support);
+            let support: Vec<usize> = try_collect(SEARCH, (0..op.size()).filter(|&i| point.w[i] > 0.0))?;
+            let sub = op.subset(&support)?;
             // ||residual|| <= min(0.1, ||F|| / ||r||) ||F||, not below 0.3 of what is asked for
             let r = point.image.iter().zip(self.set.q).map(|(x, q)| (x - q) * (x - q)).sum::<f64>().sqrt();
             let accuracy = (force * (force / r.max(f64::MIN_POSITIVE)).min(0.1)).max(0.3 * goal);
-            let system = NewtonSystem::new(&sub, self.mu);
-            let dz = system.solve(&point.force, accuracy, rules.cg, self.memory, budget, work);
+            let system = NewtonSystem::new(&sub, self.mu)?;
+            let dz = system.solve(&point.force, accuracy, rules.cg, self.memory, budget, work)?;
             work.newton += 1;
-            let mut push = vec![0.0; op.size()];
-            op.apply_transpose(&dz, &mut push);
+            let mut push = try_zeros(SEARCH, op.size())?;
+            op.apply_transpose(&dz, &mut push)?;
             budget.charge(1, op.size(), op.entries());
 
             // Slope of phi along dz: -<F, dz>. A step that does not pass the minimum on the ray (slope still <= 0) decreases the
@@ -197,7 +206,7 @@ impl<O: Operator> Inner<'_, '_, O> {
                 for ((t, a), p) in trial.pull.iter_mut().zip(&point.pull).zip(&push) {
                     *t = a + length * p;
                 }
-                self.evaluate(&mut trial, budget);
+                self.evaluate(&mut trial, budget)?;
                 let remaining = dot(&trial.force, &dz);
                 let armijo = trial.phi <= point.phi - 1e-4 * length * slope - 1e-13 * point.phi.abs();
                 if budget.exhausted()
@@ -217,10 +226,10 @@ impl<O: Operator> Inner<'_, '_, O> {
             std::mem::swap(point, &mut trial);
             short = if length < 0.2 { short + 1 } else { 0 };
             if short >= 3 && rules.least_support > 0 {
-                return Ended::Stuck;
+                return Ok(Ended::Stuck);
             }
         }
-        Ended::Stuck
+        Ok(Ended::Stuck)
     }
 }
 

@@ -6,8 +6,10 @@
 
 use super::budget::Budget;
 use super::ladder::{Found, Task, climb};
-use super::operator::Operator;
+use super::operator::{Operator, SEARCH};
 use super::semismooth::{Setting, gap_and_values};
+use crate::error::Result;
+use crate::memory::{try_collect, try_extend, try_zeros};
 
 /// Realizations per dimension from which sifting pays.
 const WORTH: usize = 6;
@@ -18,43 +20,43 @@ const COPIES: f64 = 4.0;
 const ROUNDS: usize = 8;
 
 /// Weights of all realizations, found on a subset; `None` if sifting does not apply or does not succeed.
-pub(crate) fn sift<O: Operator>(task: &Task<O>, budget: &mut Budget) -> Option<Found> {
+pub(crate) fn sift<O: Operator>(task: &Task<O>, budget: &mut Budget) -> Result<Option<Found>> {
     let n = task.op.size();
     let dimension = task.relaxed.dimension;
     if n <= WORTH * dimension || n < 100 {
-        return None;
+        return Ok(None);
     }
-    let mut keep = task.op.covering((FIRST * dimension).max(32), COPIES, &task.relaxed.counts);
+    let mut keep = task.op.covering((FIRST * dimension).max(32), COPIES, &task.relaxed.counts)?;
     let set = Setting::of(task);
     let mut warm: Option<Vec<f64>> = None;
     for _ in 0..ROUNDS {
         if keep.len() > n / 2 || budget.exhausted() {
-            return None;
+            return Ok(None);
         }
-        let sub = task.op.subset(&keep);
+        let sub = task.op.subset(&keep)?;
         let small = Task { op: &sub, ..*task };
-        let mut found = climb(&small, warm.as_deref(), budget);
-        let mut weights = vec![0.0; n];
+        let mut found = climb(&small, warm.as_deref(), budget)?;
+        let mut weights = try_zeros(SEARCH, n)?;
         for (&i, w) in keep.iter().zip(&found.weights) {
             weights[i] = *w;
         }
-        let (gap, values) = gap_and_values(&set, &weights, budget);
+        let (gap, values) = gap_and_values(&set, &weights, budget)?;
         if gap <= task.tol {
             found.weights = weights;
-            return Some(found);
+            return Ok(Some(found));
         }
         // Worst violators first; <r, E_i> below the smallest value in the subset.
         let level = keep.iter().map(|&i| values[i]).fold(f64::INFINITY, f64::min);
-        let mut worse: Vec<usize> = (0..n).filter(|&i| values[i] < level).collect();
+        let mut worse: Vec<usize> = try_collect(SEARCH, (0..n).filter(|&i| values[i] < level))?;
         if worse.is_empty() {
-            return None;
+            return Ok(None);
         }
-        worse.sort_by(|&a, &b| values[a].total_cmp(&values[b]));
+        worse.sort_unstable_by(|&a, &b| values[a].total_cmp(&values[b]).then(a.cmp(&b))); // in place
         worse.truncate(dimension.max(8));
-        keep.extend(worse);
+        try_extend(SEARCH, &mut keep, worse)?;
         keep.sort_unstable();
         keep.dedup();
-        warm = Some(keep.iter().map(|&i| weights[i]).collect());
+        warm = Some(try_collect(SEARCH, keep.iter().map(|&i| weights[i]))?);
     }
-    None
+    Ok(None)
 }

@@ -11,9 +11,11 @@ use std::ops::Range;
 
 use super::compensated::{Sum, two_product, two_sum};
 use super::kernel::{gather, scatter};
-use super::operator::{Operator, Precondition, Residual};
+use super::operator::{Operator, Precondition, Residual, SEARCH};
 use super::parallel;
 use super::triangle::Triangle;
+use crate::error::Result;
+use crate::memory::{checked_len, try_collect, try_extend, try_push, try_room, try_zeros};
 use crate::sample::Index;
 
 /// Samples whose indices stay in the first cache between the gather and the scatter.
@@ -46,17 +48,17 @@ impl<'a, I: Index> Singletons<'a, I> {
     }
 
     /// The places of line `j` over all stored realizations.
-    pub fn line(&self, j: usize) -> Vec<usize> {
-        self.rows.iter().skip(j).step_by(self.g.len()).map(|r| r.get()).collect()
+    pub fn line(&self, j: usize) -> Result<Vec<usize>> {
+        try_collect(SEARCH, self.rows.iter().skip(j).step_by(self.g.len()).map(|r| r.get()))
     }
 
-    fn premultiplied(&self, y: &[f64]) -> Vec<f64> {
+    fn premultiplied(&self, y: &[f64]) -> Result<Vec<f64>> {
         // T_jr = g_j y_jr
-        let mut table = Vec::with_capacity(y.len());
+        let mut table = try_room(SEARCH, y.len())?;
         for (&g, line) in self.g.iter().zip(y.chunks_exact(self.length)) {
             table.extend(line.iter().map(|v| g * v));
         }
-        table
+        Ok(table)
     }
 
     fn postmultiply(&self, out: &mut [f64]) {
@@ -68,14 +70,14 @@ impl<'a, I: Index> Singletons<'a, I> {
     }
 
     /// How often each entry is hit.
-    pub fn counts(&self) -> Vec<f64> {
-        let mut counts = vec![0.0; self.dim()];
-        self.scatter_all(|_| 1.0, &mut counts);
-        counts
+    pub fn counts(&self) -> Result<Vec<f64>> {
+        let mut counts = try_zeros(SEARCH, self.dim())?;
+        self.scatter_all(|_| 1.0, &mut counts)?;
+        Ok(counts)
     }
 
     /// `out[k] = sum_{i: R_i hits k} weight(i)`
-    fn scatter_all(&self, weight: impl Fn(usize) -> f64 + Sync, out: &mut [f64]) {
+    fn scatter_all(&self, weight: impl Fn(usize) -> f64 + Sync, out: &mut [f64]) -> Result<()> {
         let m = self.g.len();
         parallel::accumulate(self.threads, self.stored, m, out, |range, out| {
             for i in range {
@@ -84,7 +86,7 @@ impl<'a, I: Index> Singletons<'a, I> {
                     scatter(self.row(i), self.length, w, out);
                 }
             }
-        });
+        })
     }
 }
 
@@ -103,24 +105,26 @@ impl<I: Index> Operator for Singletons<'_, I> {
         self.g.len()
     }
 
-    fn apply(&self, w: &[f64], out: &mut [f64]) {
+    fn apply(&self, w: &[f64], out: &mut [f64]) -> Result<()> {
         out.fill(0.0);
-        self.scatter_all(|i| w[i], out);
+        self.scatter_all(|i| w[i], out)?;
         self.postmultiply(out);
+        Ok(())
     }
 
-    fn apply_transpose(&self, y: &[f64], out: &mut [f64]) {
-        let table = self.premultiplied(y);
+    fn apply_transpose(&self, y: &[f64], out: &mut [f64]) -> Result<()> {
+        let table = self.premultiplied(y)?;
         let (stored, rest) = out.split_at_mut(self.stored);
         let m = self.g.len();
         parallel::fill(self.threads, m, stored, |first, out| {
             gather(&self.rows[first * m..(first + out.len()) * m], m, self.length, &table, out);
-        });
+        })?;
         rest.fill(0.0);
+        Ok(())
     }
 
-    fn normal(&self, y: &[f64], out: &mut [f64]) -> f64 {
-        let table = self.premultiplied(y);
+    fn normal(&self, y: &[f64], out: &mut [f64]) -> Result<f64> {
+        let table = self.premultiplied(y)?;
         out.fill(0.0);
         let total = parallel::accumulate(self.threads, self.stored, self.g.len(), out, |range, out| {
             let (m, mut total, mut values) = (self.g.len(), 0.0, [0.0; BLOCK]);
@@ -133,14 +137,14 @@ impl<I: Index> Operator for Singletons<'_, I> {
                 }
             }
             total
-        });
+        })?;
         self.postmultiply(out);
-        total
+        Ok(total)
     }
 
-    fn subset(&self, keep: &[usize]) -> Self {
+    fn subset(&self, keep: &[usize]) -> Result<Self> {
         let m = self.g.len();
-        let mut rows = Vec::with_capacity(keep.len() * m);
+        let mut rows = try_room(SEARCH, checked_len(SEARCH, keep.len(), m)?)?;
         let mut zero = false;
         for &i in keep {
             if i < self.stored {
@@ -150,13 +154,13 @@ impl<I: Index> Operator for Singletons<'_, I> {
             }
         }
         let stored = rows.len() / m;
-        Self { rows: Cow::Owned(rows), stored, zero, ..*self }
+        Ok(Self { rows: Cow::Owned(rows), stored, zero, ..*self })
     }
 
-    fn covering(&self, first: usize, copies: f64, counts: &[f64]) -> Vec<usize> {
+    fn covering(&self, first: usize, copies: f64, counts: &[f64]) -> Result<Vec<usize>> {
         let first = first.min(self.stored);
-        let mut keep: Vec<usize> = (0..first).collect();
-        let mut missing: Vec<f64> = counts.iter().map(|c| c.min(copies)).collect();
+        let mut keep: Vec<usize> = try_collect(SEARCH, 0..first)?;
+        let mut missing: Vec<f64> = try_collect(SEARCH, counts.iter().map(|c| c.min(copies)))?;
         let mut open: f64 = super::vector::sum(&missing);
         for i in 0..self.stored {
             if open <= 0.0 {
@@ -171,11 +175,11 @@ impl<I: Index> Operator for Singletons<'_, I> {
                 }
             }
             if useful && i >= first {
-                keep.push(i);
+                try_push(SEARCH, &mut keep, i)?;
             }
         }
-        keep.extend(self.stored..self.size());
-        keep
+        try_extend(SEARCH, &mut keep, self.stored..self.size())?;
+        Ok(keep)
     }
 
     fn gram_row(&self, i: usize, table: &mut [f64], out: &mut [f64]) {
@@ -194,9 +198,9 @@ impl<I: Index> Operator for Singletons<'_, I> {
         }
     }
 
-    fn add_outer(&self, samples: Range<usize>, matrix: &mut Triangle) {
+    fn add_outer(&self, samples: Range<usize>, matrix: &mut Triangle) -> Result<()> {
         // sum_i E_i E_i^T: one sample hits one entry per pair of lines
-        let mut places = vec![0; self.g.len()];
+        let mut places = try_zeros(SEARCH, self.g.len())?;
         for i in samples.start..samples.end.min(self.stored) {
             let row = self.row(i);
             for (j, (place, r)) in places.iter_mut().zip(row).enumerate() {
@@ -209,19 +213,20 @@ impl<I: Index> Operator for Singletons<'_, I> {
                 }
             }
         }
+        Ok(())
     }
 
     fn squared_norm(&self, i: usize) -> f64 {
         if i < self.stored { self.square } else { 0.0 }
     }
 
-    fn block(&self, mu: f64) -> CountBlock {
-        CountBlock::new(self.counts(), self.g, self.length, self.size(), self.stored, mu)
+    fn block(&self, mu: f64) -> Result<CountBlock> {
+        CountBlock::new(self.counts()?, self.g, self.length, self.size(), self.stored, mu)
     }
 
-    fn residual_compensated(&self, w: &[f64], target: &[f64]) -> Residual {
+    fn residual_compensated(&self, w: &[f64], target: &[f64]) -> Result<Residual> {
         // q_k = sum_{i: R_i hits k} w_i as high + low
-        let (mut high, mut low) = (vec![0.0; self.dim()], vec![0.0; self.dim()]);
+        let (mut high, mut low) = (try_zeros(SEARCH, self.dim())?, try_zeros(SEARCH, self.dim())?);
         for (i, &weight) in w.iter().enumerate().take(self.stored) {
             if weight != 0.0 {
                 for (j, r) in self.row(i).iter().enumerate() {
@@ -242,7 +247,7 @@ impl<I: Index> Operator for Singletons<'_, I> {
             residual[k] = s + (e + rest);
             image[k] = p + rest;
         }
-        Residual { residual, image }
+        Ok(Residual { residual, image })
     }
 
     fn value_compensated(&self, i: usize, y: &[f64]) -> (f64, f64) {
@@ -271,10 +276,10 @@ pub(crate) struct CountBlock {
 }
 
 impl CountBlock {
-    fn new(counts: Vec<f64>, g: &[f64], length: usize, size: usize, stored: usize, mu: f64) -> Self {
+    fn new(counts: Vec<f64>, g: &[f64], length: usize, size: usize, stored: usize, mu: f64) -> Result<Self> {
         let mut inverse = counts;
-        let mut scaled = vec![0.0; inverse.len()];
-        let mut pivot = Vec::with_capacity(g.len());
+        let mut scaled = try_zeros(SEARCH, inverse.len())?;
+        let mut pivot = try_room(SEARCH, g.len())?;
         let (size, empty) = (size as f64, (size - stored) as f64);
         for (j, &g) in g.iter().enumerate() {
             let line = j * length..(j + 1) * length;
@@ -288,7 +293,7 @@ impl CountBlock {
             }
             pivot.push(1.0 / pivot_j.max(1e-8 * size));
         }
-        Self { inverse, scaled, pivot, length }
+        Ok(Self { inverse, scaled, pivot, length })
     }
 }
 

@@ -4,7 +4,11 @@
 //! iteration (J. Optim. Theory Appl. 50, 1986): `theta` is the mean excess over the entries still above the last `theta`;
 //! it only grows, so entries that fall below never come back. A handful of passes in practice.
 
-/// `theta` with `sum_i max(u_i - theta, 0) = 1`; `alive` is scratch space, reused between calls.
+use crate::error::Result;
+use crate::memory::try_room;
+
+/// `theta` with `sum_i max(u_i - theta, 0) = 1`; `alive` is scratch space with room for as many numbers, reused between
+/// calls.
 pub(crate) fn threshold(u: &[f64], alive: &mut Vec<f64>) -> f64 {
     // A cheap lower bound first: theta >= max(u) - 1, so everything below it can be dropped at once.
     let top = u.iter().fold(f64::NEG_INFINITY, |m, &v| if v > m { v } else { m });
@@ -23,12 +27,13 @@ pub(crate) fn threshold(u: &[f64], alive: &mut Vec<f64>) -> f64 {
 }
 
 /// Projects `u` on the simplex in place.
-pub(crate) fn project(u: &mut [f64]) {
-    let theta = threshold(u, &mut Vec::new());
+pub(crate) fn project(u: &mut [f64]) -> Result<()> {
+    let theta = threshold(u, &mut try_room("a projection", u.len())?);
     for v in u.iter_mut() {
         *v = (*v - theta).max(0.0);
     }
     normalise(u);
+    Ok(())
 }
 
 /// Clips to `w >= 0` and divides by the sum, so that the weights sum to one to rounding. `false` if nothing is left.
@@ -54,7 +59,7 @@ mod tests {
     fn the_projection_sums_to_one_and_satisfies_the_variational_inequality() {
         let u = [0.3, -2.0, 0.9, 0.55, 0.1];
         let mut w = u;
-        project(&mut w);
+        project(&mut w).unwrap();
         assert!((w.iter().sum::<f64>() - 1.0).abs() < 1e-15);
         // <u - w, e_i - w> <= 0 for every vertex e_i
         for i in 0..u.len() {
@@ -66,7 +71,7 @@ mod tests {
     #[test]
     fn one_huge_entry_takes_everything() {
         let mut w = [1e9, 0.0, 1.0];
-        project(&mut w);
+        project(&mut w).unwrap();
         assert_eq!(w, [1.0, 0.0, 0.0]);
     }
 }

@@ -7,7 +7,8 @@ use std::ops::Range;
 
 use faer::{MatMut, MatRef};
 
-use crate::error::try_zeros;
+use super::operator::SEARCH;
+use crate::memory::{checked_len, try_collect_all, try_zeros};
 
 /// Rows of one panel.
 pub(crate) const PANEL: usize = 128;
@@ -23,9 +24,9 @@ impl Triangle {
     pub fn zeros(size: usize) -> Option<Self> {
         let panel = |p| {
             let rows = rows(size, p);
-            try_zeros("a Cholesky factor", rows.len() * rows.end).ok()
+            try_zeros(SEARCH, checked_len(SEARCH, rows.len(), rows.end)?)
         };
-        Some(Self { panels: (0..size.div_ceil(PANEL)).map(panel).collect::<Option<_>>()?, size })
+        Some(Self { panels: try_collect_all(SEARCH, (0..size.div_ceil(PANEL)).map(panel)).ok()?, size })
     }
 
     pub fn size(&self) -> usize {

@@ -2,7 +2,6 @@
 
 mod file;
 mod format;
-mod memory;
 
 pub(super) use file::disk_point;
 

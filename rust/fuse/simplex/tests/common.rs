@@ -103,7 +103,7 @@ impl Instance {
     }
 
     pub fn solve(&self, options: &Options) -> Solution {
-        crate::fuse::simplex::solve(&self.problem(), options, None, &Stop::new())
+        crate::fuse::simplex::solve(&self.problem(), options, None, &Stop::new()).unwrap()
     }
 
     pub fn dense(&self) -> Vec<f64> {

@@ -294,13 +294,13 @@ fn index_types_and_the_dense_form_agree() {
     let wide = x.solve(&Options::default());
     for view in [IndexView::U8(&narrow), IndexView::U16(&middle)] {
         let p = SingletonProblem::new(view, x.size, 8, 8, &x.g, &x.target).unwrap();
-        assert_eq!(solve(&p, &Options::default(), None, &stop).weights, wide.weights);
+        assert_eq!(solve(&p, &Options::default(), None, &stop).unwrap().weights, wide.weights);
     }
     for subsimplex in [false, true] {
         let options = Options { subsimplex, ..Options::default() };
         let wide = x.solve(&options);
         let dense = x.dense();
-        let s = solve_dense(&DenseProblem::new(&dense, x.size, &x.target).unwrap(), &options, None, &stop);
+        let s = solve_dense(&DenseProblem::new(&dense, x.size, &x.target).unwrap(), &options, None, &stop).unwrap();
         assert_eq!(s.status, Status::Optimal);
         assert!((s.objective - wide.objective).abs() <= s.gap + wide.gap + 1e-13);
     }
@@ -318,7 +318,8 @@ fn dense_samples_of_every_shape_reach_the_tolerance() {
         let target: Vec<f64> = if seed % 4 == 0 { (0..dim).map(|_| 3.0 * rng.normal()).collect() } else { center };
         for subsimplex in [false, true] {
             let options = Options { subsimplex, ..Options::default() };
-            let s = solve_dense(&DenseProblem::new(&samples, size, &target).unwrap(), &options, None, &Stop::new());
+            let s = solve_dense(&DenseProblem::new(&samples, size, &target).unwrap(), &options, None, &Stop::new())
+                .unwrap();
             assert_eq!(s.status, Status::Optimal, "seed {seed} dim {dim} size {size}: {:?}", s.info);
         }
     }
@@ -336,7 +337,7 @@ fn limits_return_certified_weights_and_say_so() {
         if stop {
             asked.request();
         }
-        let s = solve(&x.problem(), &options, None, &asked);
+        let s = solve(&x.problem(), &options, None, &asked).unwrap();
         assert_eq!(s.status, status);
         let (f, gap) = recompute(&x, &s.weights, false);
         assert!((f - s.objective).abs() < 1e-12 * f.max(1.0) && (gap - s.gap).abs() < 1e-10 * gap.max(1.0));
@@ -358,7 +359,7 @@ fn a_path_is_certified_at_every_point() {
     let (mut last, mut warm) = (f64::INFINITY, vec![]);
     for &size in &sizes {
         let prefix = Instance { indices: x.indices[..size * x.lines].to_vec(), size, ..x.clone() };
-        let s = solve(&prefix.problem(), &Options::default(), Some(&warm), &Stop::new());
+        let s = solve(&prefix.problem(), &Options::default(), Some(&warm), &Stop::new()).unwrap();
         assert_eq!((s.status, s.weights.len()), (Status::Optimal, size));
         assert!(s.objective <= last + s.gap);
         (last, warm) = (s.objective, s.weights);

@@ -1,0 +1,195 @@
+"""How much larger the bounds are than the quantiles they bound: formulas beside simulation.
+
+Radius over empirical quantile at delta, the quantile from 40 000 errors of a stream of its own;
+median and maximum over five systems and delta = 0.05, 0.01. The formulas: the smallest of
+`theory.bounds.candidates`; for systematic samples and for K steps the triangle inequality with the
+error of every estimate. `required_samples`: its size over the size at which the quantile meets the
+error, and seconds for a call.
+
+    python benches/tightness.py
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import statistics
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+import stochens_rs as se
+from stochens_rs.theory import bounds
+
+DATA = Path(__file__).resolve().parents[1] / "docs" / "data" / "tightness.json"
+DELTAS = (0.05, 0.01)
+SIZES = (100, 10_000, 1_000_000)
+STEPS = 4
+Floats = np.ndarray
+Problem = tuple[Floats, Floats, Floats, Floats]
+
+
+def systems() -> dict[str, Problem]:
+    """``A, B, x0, xf`` of systems unlike each other."""
+    gen = np.random.default_rng(0)
+    found = {}
+    for name, case in (("ieee14", se.cases.ieee14()), ("ieee39", se.cases.ieee39())):
+        found[name] = case.A, case.B, 0.1 * gen.standard_normal(case.n), np.zeros(case.n)
+    A = gen.standard_normal((6, 6))
+    found["Gaussian"] = A, gen.standard_normal((6, 3)), *gen.standard_normal((2, 6))
+    sparse = A * (gen.random((6, 6)) < 0.4)
+    found["sparse"] = sparse, gen.standard_normal((6, 3)), *gen.standard_normal((2, 6))
+    walk = np.abs(A) / np.abs(A).sum(axis=0)
+    found["random walk"] = walk, np.eye(6)[:, :4], np.full(6, 1 / 6), np.eye(6)[0]
+    return {name: tuple(np.array(part) for part in problem) for name, problem in found.items()}
+
+
+def formula(quantity: str, data: tuple[Floats, ...], N: int, delta: float, **options: str) -> float:
+    return min(b.radius(N, delta) for b in bounds.candidates(quantity, *data, **options))
+
+
+def sum_of_errors(problem: Problem, N: int, delta: float) -> float:
+    """Triangle inequality for one step, systematic samples: their errors are sure."""
+    A, B, x0, xf = problem
+    e0, ef, eA = (bounds.Systematic(w).radius(N, delta) for w in (x0, xf, A))
+    return bounds.from_errors(B, x0, A, x0_error=e0, xf_error=ef, A_error=eA)[0]
+
+
+def along_trajectory(problem: Problem, N: int, delta: float) -> float:
+    """``ef + ||A^K|| e0 + eA sum_k ||A^{K-1-k}|| ||x(k)||`` along the exact trajectory."""
+    A, B, x0, xf = problem
+    u = se.control_steps(B, x0, xf, A, STEPS)
+    norms = [np.linalg.norm(np.linalg.matrix_power(A, k), 2) for k in range(STEPS + 1)]
+    along = sum(norms[STEPS - 1 - k] * np.linalg.norm(u.predicted_states[k]) for k in range(STEPS))
+    e0, ef = (formula("vector", (w,), N, delta / 3) for w in (x0, xf))
+    return ef + norms[STEPS] * e0 + formula("matrix", (A,), N, delta / 3) * along
+
+
+def quantities(problem: Problem) -> Iterator[tuple[str, bounds.Simulated, int, object]]:
+    """What the error is of, the simulated bound, its column, and the formula for N and delta."""
+    A, B, x0, xf = problem
+    data = B, x0, xf, A
+
+    def of(quantity: str, *some: Floats, **options: str) -> object:
+        return lambda N, delta: formula(quantity, some, N, delta, **options)
+
+    yield "vector", bounds.Simulated("vector", x0), 0, of("vector", x0)
+    matrix = bounds.Simulated("matrix", A, norm="Frobenius")
+    yield "matrix, Frobenius", matrix, 0, of("matrix", A, norm="Frobenius")
+    for fusion in ("product", "diagonal"):
+        for which, quantity in enumerate(("state", "control")):
+            simulated = bounds.Simulated(quantity, *data, fusion=fusion)
+            yield f"{quantity}, {fusion}", simulated, which, of(quantity, *data, fusion=fusion)
+    systematic = bounds.Simulated("state", *data, scheme="systematic")
+    yield "state, systematic", systematic, 0, lambda N, d: sum_of_errors(problem, N, d)
+    several = bounds.Simulated("state", *data, steps=STEPS)
+    yield f"state, {STEPS} steps", several, 0, lambda N, d: along_trajectory(problem, N, d)
+
+
+def measure() -> list[dict[str, object]]:
+    found: dict[tuple[str, int], list[tuple[float, float]]] = {}
+    for name, problem in systems().items():
+        for quantity, simulated, which, other in quantities(problem):
+            for N in SIZES:
+                drawn = simulated.errors(N).draw(40_000, se.rng.as_key(7))[:, which]
+                for delta in DELTAS:
+                    quantile = float(np.quantile(drawn, 1.0 - delta))
+                    if quantile < 1e-9:  # nothing but rounding
+                        continue
+                    ratios = other(N, delta) / quantile, simulated.radius(N, delta) / quantile
+                    found.setdefault((quantity, N), []).append(ratios)
+        print(name, flush=True)
+    rows = []
+    for (quantity, N), ratios in found.items():
+        before, after = zip(*ratios, strict=True)
+        rows.append(
+            {
+                "quantity": quantity,
+                "N": N,
+                "formula": (statistics.median(before), max(before)),
+                "simulated": (statistics.median(after), max(after)),
+            }
+        )
+    return rows
+
+
+def sizes() -> list[dict[str, object]]:
+    rows = []
+    for name, (A, B, x0, xf) in systems().items():
+        for options in ({}, {"fusion": "diagonal"}, {"steps": STEPS}):
+            seconds = []
+            # where the exact control leads may be the origin: absolute, a tenth of what is moved
+            error = 0.1 * float(np.linalg.norm(xf - A @ x0))
+            for _ in range(3):
+                start = time.perf_counter()
+                plan = se.required_samples((A, B), x0, xf, error, relative=False, rng=1, **options)
+                seconds.append(time.perf_counter() - start)
+            law = bounds.Simulated("state", B, x0, xf, A, **options).errors
+
+            def quantile(N: int, law: object = law) -> float:
+                return float(np.quantile(law(N).draw(20_000, se.rng.as_key(8))[:, 0], 0.95))
+
+            low, high = 1, plan.size
+            while high / low > 1.005 and high - low > 1:
+                middle = max(math.isqrt(low * high), low + 1)
+                low, high = (low, middle) if quantile(middle) <= plan.error else (middle, high)
+            others = [row.size for row in plan.rows if row.name != "simulated" and row.size]
+            rows.append(
+                {
+                    "system": name,
+                    "what": ", ".join(f"{k} {v}" for k, v in options.items()) or "product",
+                    "needed": high,
+                    "simulated": plan.size / high,
+                    "formula": min(others) / high if others else None,
+                    "seconds": statistics.median(seconds),
+                }
+            )
+        print(name, "sizes", flush=True)
+    return rows
+
+
+def page() -> list[str]:
+    """The section of docs/benchmarks.md."""
+    if not DATA.exists():
+        return []
+    data = json.loads(DATA.read_text())
+    lines = [
+        "## How tight the bounds are",
+        "",
+        "Radius over empirical quantile, median and, in brackets, maximum over five systems (IEEE "
+        "14 and 39 buses, Gaussian, sparse, random walk) at delta = 0.05 and 0.01. *Formula*: the "
+        "smallest of `theory.bounds.candidates`, for systematic samples and several steps the sum "
+        "of the errors of the estimates. *Simulated*: `theory.bounds.Simulated`.",
+        "",
+        "| error of | N | formula | simulated |",
+        "|---|---:|---:|---:|",
+    ]
+    for row in data["radii"]:
+        cells = [f"{row[k][0]:.3g} ({row[k][1]:.3g})" for k in ("formula", "simulated")]
+        lines.append(f"| {row['quantity']} | {row['N']:,} | {cells[0]} | **{cells[1]}** |")
+    lines += [
+        "",
+        "`required_samples` for an error of a tenth of ||xf - A x0||, delta = 0.05: its size over "
+        "the smallest that is enough (where the quantile of 20 000 errors meets the error).",
+        "",
+        "| system | fusion | enough | formula | simulated | one call |",
+        "|---|---|---:|---:|---:|---:|",
+    ]
+    for row in data["sizes"]:
+        other = "" if row["formula"] is None else f"{row['formula']:.3g}"
+        lines.append(
+            f"| {row['system']} | {row['what']} | {row['needed']:,} | {other} | "
+            f"**{row['simulated']:.3g}** | {row['seconds']:.2f} s |"
+        )
+    return [*lines, ""]
+
+
+def run() -> None:
+    DATA.write_text(json.dumps({"radii": measure(), "sizes": sizes()}, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    run()
+    print("\n".join(page()))

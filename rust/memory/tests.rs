@@ -1,0 +1,395 @@
+//! An allocator that counts, and that fails when told to: no call may end the process because an array could not be had.
+//!
+//! As SQLite is tested: the k-th allocation fails, for k = 1, 2, 3, ..., until the call succeeds. A failure that is not
+//! handled aborts, so every ladder is climbed in a process of its own.
+
+#![allow(unsafe_code, reason = "an allocator is unsafe by its trait; this one hands everything to the system's")]
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+use std::process::Command;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use super::*;
+use crate::control::{Entity, Realized, pseudoinverse};
+use crate::fuse::{self, Dense, Settings, Weights};
+use crate::sample::{multinomial_counts, systematic_counts};
+use crate::simulate::{Drawn, Model, Second, mean_field, runs};
+use crate::storage::{self, Section, Values};
+use crate::streaming::{Config, Data, Geometry, Laws, Limits, Order, Rule, Stream, Variant};
+use crate::{Key, Law, Scheme, Singletons, Stop, sample};
+
+/// Bytes of the smallest allocation that fails. The arrays of the ladder are larger, and what does not grow with the
+/// input (messages, names, channels and handles of threads) is smaller.
+const SMALLEST: usize = 1000;
+
+struct Failing;
+
+#[global_allocator]
+static FAILING: Failing = Failing;
+
+/// Allocations of at least [`SMALLEST`] bytes so far, and the first and last of them that fail.
+static SEEN: AtomicUsize = AtomicUsize::new(0);
+static FIRST: AtomicUsize = AtomicUsize::new(usize::MAX);
+static LAST: AtomicUsize = AtomicUsize::new(0);
+
+thread_local! {
+    static BYTES: Cell<usize> = const { Cell::new(0) };
+    /// inside of [`covered`]: what is held more than at its beginning, and the most that was
+    static HELD: Cell<isize> = const { Cell::new(0) };
+    static PEAK: Cell<isize> = const { Cell::new(0) };
+    static COVERED: Cell<bool> = const { Cell::new(false) };
+}
+
+fn asked(bytes: usize) -> bool {
+    BYTES.set(BYTES.get().saturating_add(bytes));
+    if COVERED.get() {
+        HELD.set(HELD.get().saturating_add_unsigned(bytes));
+        PEAK.set(PEAK.get().max(HELD.get()));
+        return true;
+    }
+    let first = FIRST.load(Ordering::Relaxed);
+    if bytes < SMALLEST || first == usize::MAX {
+        return true;
+    }
+    let number = SEEN.fetch_add(1, Ordering::Relaxed) + 1;
+    number < first || number > LAST.load(Ordering::Relaxed)
+}
+
+fn returned(bytes: usize) {
+    if COVERED.get() {
+        HELD.set(HELD.get().saturating_sub_unsigned(bytes));
+    }
+}
+
+// SAFETY: every call goes to the system's allocator as it came, or fails.
+unsafe impl GlobalAlloc for Failing {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        if asked(layout.size()) { unsafe { System.alloc(layout) } } else { std::ptr::null_mut() }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        returned(layout.size());
+        unsafe { System.dealloc(pointer, layout) }
+    }
+
+    unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
+        if asked(layout.size()) { unsafe { System.alloc_zeroed(layout) } } else { std::ptr::null_mut() }
+    }
+
+    unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        if !asked(size) {
+            return std::ptr::null_mut();
+        }
+        returned(layout.size());
+        unsafe { System.realloc(pointer, layout, size) }
+    }
+}
+
+/// The result of `work`, and the bytes it asked for on this thread, given back or not.
+pub(crate) fn counted<T>(work: impl FnOnce() -> T) -> (T, usize) {
+    let before = BYTES.get();
+    let result = work();
+    (result, BYTES.get() - before)
+}
+
+#[test]
+fn the_count_counts() {
+    let (bytes, asked) = counted(|| vec![1u8; 1000]);
+    assert_eq!((bytes.len(), asked), (1000, 1000));
+}
+
+/// While it lives, allocations of this thread do not fail; it ends with a panic if they were more than foreseen, in
+/// whatever test that happens.
+pub(super) struct Cover(usize);
+
+impl Cover {
+    pub(super) fn watch(bytes: usize) -> Self {
+        HELD.set(0);
+        PEAK.set(0);
+        COVERED.set(true);
+        Self(bytes)
+    }
+}
+
+impl Drop for Cover {
+    fn drop(&mut self) {
+        COVERED.set(false);
+        let (peak, foreseen) = (PEAK.get(), self.0);
+        assert!(std::thread::panicking() || peak <= foreseen as isize, "{peak} bytes where {foreseen} were foreseen");
+    }
+}
+
+#[test]
+#[should_panic(expected = "bytes where 100 were foreseen")]
+fn a_cover_that_is_too_small_is_noticed() {
+    covered("a test", 100, || vec![1u8; 101]).unwrap();
+}
+
+/// Entries of both signs, every fifth zero.
+fn entries(len: usize) -> Vec<f64> {
+    (0..len).map(|i| if i % 5 == 3 { 0.0 } else { (i as f64 * 2.399).sin() }).collect()
+}
+
+fn draws(lines: usize, length: usize, size: usize) -> Singletons {
+    let law = Law::new(entries(lines * length), lines, length).unwrap();
+    sample(&law.into(), size, Scheme::Iid, &Key([7; 32]), 1, &Stop::new()).unwrap()
+}
+
+type Call = Box<dyn Fn() -> Result<()>>;
+
+/// Every public function of the core, with arrays above [`SMALLEST`].
+fn call(name: &str) -> Option<Call> {
+    const N: usize = 150;
+    let (key, stop) = (Key([3; 32]), Stop::new());
+    let square = || Arc::new(Law::new(entries(N * N), N, N).unwrap());
+    let settings = |set| Settings { max_passes: Some(60), threads: 2, ..Settings::new(set, 1e-12) };
+    // few realizations per dimension, some, and many
+    let (few, some, many) = (|| draws(8, 150, 1001), || draws(6, 40, 1001), || draws(2, 40, 1003));
+    let alse = |draws: Singletons, set| -> Call {
+        let stop = Stop::new();
+        Box::new(move || fuse::alse(&draws, draws.law().values(), &settings(set), &stop).map(drop))
+    };
+    let model = |steps: usize| -> Model {
+        let law = |lines: usize| Law::new(entries(lines * N), lines, N).unwrap();
+        Model::new(law(N), law(2), law(1), entries(2 * steps)).unwrap()
+    };
+    let all = Drawn { a: true, b: true, x0: true };
+    let simulated = |second, drawn| -> Call {
+        let (model, stop) = (model(70), Stop::new());
+        Box::new(move || runs(&model, drawn, 5, second, true, &key, 2, &stop).map(drop))
+    };
+    let stream = |variant, safeguard, order| -> Call {
+        let stop = Stop::new();
+        Box::new(move || {
+            let copy = |len| try_copy("an input", entries_of(len));
+            let laws = Laws { x0: copy(N)?, xf: copy(N)?, a: copy(N * N)?, keys: [key; 4] };
+            let geometry = Geometry::new(copy(2 * N)?, N, 2)?;
+            let mut stream = Stream::new(geometry, laws, Config { variant, safeguard, order })?;
+            let limits = Limits { steps: 2500, tolerance: Some((Rule::Certificate, 0.0)), deadline: None };
+            stream.advance(&limits, &stop)?;
+            stream.advance(&Limits { steps: 3, tolerance: Some((Rule::Printed, 0.0)), deadline: None }, &stop)?;
+            let _ = (stream.control()?, stream.estimates()?, stream.residuals()?, stream.certificate()?);
+            Stream::from_sections(stream.to_sections()?).map(drop)
+        })
+    };
+    Some(match name {
+        "sample" => {
+            let law = square();
+            Box::new(move || sample(&law, 200, Scheme::Iid, &key, 2, &stop).map(drop))
+        }
+        "systematic" => {
+            let law = square();
+            Box::new(move || sample(&law, 1001, Scheme::Systematic, &key, 2, &stop).map(drop))
+        }
+        "counts" => {
+            let law = square();
+            Box::new(move || {
+                systematic_counts(&law, 1 << 40, &key)?;
+                multinomial_counts(&law, 1 << 40, &key, &stop).map(drop)
+            })
+        }
+        "combine" => {
+            let (draws, weights) = (few(), vec![1e-3; 1001]);
+            Box::new(move || {
+                draws.combine(&weights, &stop)?;
+                draws.correlate(draws.law().values())?;
+                fuse::uniform(draws.law(), &draws.counts(&stop)?, 1001).map(drop)
+            })
+        }
+        "closed form" => {
+            let draws = few();
+            Box::new(move || {
+                fuse::closed_form(&draws, draws.law().values(), Weights::Subsimplex, &stop)?;
+                fuse::closed_form(&draws, draws.law().values(), Weights::Simplex, &stop).map(drop)
+            })
+        }
+        "alse of few" => alse(few(), Weights::Simplex),
+        "alse of some" => alse(some(), Weights::Simplex),
+        "alse of many" => alse(many(), Weights::Subsimplex),
+        "alse of one line" => alse(draws(1, 150, 1001), Weights::Subsimplex),
+        "alse dense" => {
+            let samples = entries(300 * 150);
+            Box::new(move || {
+                let dense = Dense::new(&samples, 300, 150)?;
+                fuse::alse(&dense, &samples[..150], &settings(Weights::Simplex), &stop).map(drop)
+            })
+        }
+        "alse of prefixes" => {
+            let draws = some();
+            Box::new(move || {
+                let settings = settings(Weights::Simplex);
+                fuse::alse_prefixes(&draws, draws.law().values(), &settings, &[300, 600], &stop, |_| Ok(()))
+            })
+        }
+        "second opinion" => {
+            let draws = draws(6, 40, 200);
+            Box::new(move || {
+                let settings = settings(Weights::Simplex);
+                fuse::second_opinion(&draws, draws.law().values(), &settings, &stop).map(drop)
+            })
+        }
+        "slse" | "slse safeguarded" => {
+            let (small, large, safeguard) = (some(), few(), name != "slse");
+            Box::new(move || {
+                fuse::slse(&small, small.law().values(), safeguard, &[5, 1001], true, &stop)?;
+                fuse::slse(&large, large.law().values(), safeguard, &[1001], false, &stop).map(drop)
+            })
+        }
+        "slse dense" => {
+            let samples = entries(200 * 150);
+            Box::new(move || {
+                let dense = Dense::new(&samples, 200, 150)?;
+                fuse::slse_dense(&dense, &samples[..150], true, &[5, 200], true, &stop).map(drop)
+            })
+        }
+        "paths" => {
+            let draws = few();
+            Box::new(move || {
+                let values = draws.law().values();
+                fuse::uniform_path(&draws, values, &[5, 1001], true, &stop)?;
+                fuse::alse_path(&draws, values, Weights::Simplex, &[5, 1001], true, &stop).map(drop)
+            })
+        }
+        "pseudoinverse" => {
+            let b = entries(150 * 20);
+            Box::new(move || pseudoinverse(&b, 150, 20).map(drop))
+        }
+        "controls" => {
+            let (a, x0, xf, pinv) = (draws(150, 150, 130), draws(1, 150, 130), entries(150), entries(2 * 150));
+            let dense = entries(130 * 150);
+            Box::new(move || {
+                let picks = |draws: &Singletons| Entity::Singletons { draws: draws.clone(), rows: false };
+                let realized = Realized::new(picks(&x0), Entity::Exact(&xf), picks(&a), 150)?;
+                realized.controls(&pinv, 2, 2, &stop)?;
+                realized.mean(&stop)?;
+                let states = Entity::Dense(Dense::new(&dense, 130, 150)?);
+                let realized = Realized::new(states, Entity::Exact(&xf), picks(&a), 150)?;
+                realized.controls(&pinv, 2, 2, &stop).map(drop)
+            })
+        }
+        "trajectory" => {
+            let model = model(70);
+            Box::new(move || model.trajectory(&stop).map(drop))
+        }
+        "runs" => simulated(Second::Diagonal, all),
+        "runs with covariance" => simulated(Second::Full, Drawn { b: false, ..all }),
+        "mean field" => {
+            let model = model(2);
+            Box::new(move || mean_field(&model, all, 100, 2, Second::Diagonal, true, &key, 2, &stop).map(drop))
+        }
+        "stream" => stream(Variant::Consistent, false, Order::Gain),
+        "stream safeguarded" => stream(Variant::Consistent, true, Order::Random),
+        "stream semi" => stream(Variant::Semi, false, Order::Random),
+        "stream literal" => stream(Variant::Literal, false, Order::RoundRobin),
+        "data stream" => Box::new(move || {
+            let copy = |len| try_copy("an input", entries_of(len));
+            let geometry = Geometry::new(copy(2 * N)?, N, 2)?;
+            let mut data = Data::new(geometry, [Some(copy(N)?), Some(copy(N)?), Some(copy(N * N)?)])?;
+            let samples = entries_of(2 * N * N);
+            data.update(0, &Dense::new(samples, 2 * N, N)?, &stop)?;
+            data.update(1, &Dense::new(samples, 2 * N, N)?, &stop)?;
+            data.update(2, &Dense::new(samples, 2, N * N)?, &stop)?;
+            let _ = (data.control()?, data.certificate()?);
+            Data::from_sections(data.to_sections()?).map(drop)
+        }),
+        "storage" => {
+            let values = entries(1000);
+            Box::new(move || {
+                let section =
+                    |at: usize| Section { name: format!("s{at}").into(), values: Values::Reals(values[..].into()) };
+                let sections = try_collect("a test", (0..50).map(section))?;
+                let bytes = storage::encode("test", 1, &sections, &stop)?;
+                storage::decode("x".as_ref(), &bytes, "test", &stop).map(drop)
+            })
+        }
+        _ => return None,
+    })
+}
+
+const CALLS: [&str; 28] = [
+    "sample",
+    "systematic",
+    "counts",
+    "combine",
+    "closed form",
+    "alse of few",
+    "alse of some",
+    "alse of many",
+    "alse of one line",
+    "alse dense",
+    "alse of prefixes",
+    "second opinion",
+    "slse",
+    "slse safeguarded",
+    "slse dense",
+    "paths",
+    "pseudoinverse",
+    "controls",
+    "trajectory",
+    "runs",
+    "runs with covariance",
+    "mean field",
+    "stream",
+    "stream safeguarded",
+    "stream semi",
+    "stream literal",
+    "data stream",
+    "storage",
+];
+
+/// The first of many [`entries`], which are made before any allocation fails.
+fn entries_of(len: usize) -> &'static [f64] {
+    static ALL: OnceLock<Vec<f64>> = OnceLock::new();
+    &ALL.get_or_init(|| entries(50_000))[..len]
+}
+
+const CASE: &str = "STOCHENS_LADDER";
+
+#[test]
+#[ignore = "a process of its own, started by the test below"]
+fn ladder() {
+    let Ok(name) = std::env::var(CASE) else { return };
+    let call = call(&name).unwrap();
+    entries_of(1);
+    call().unwrap();
+    let mut rungs = 0;
+    // one failure, or all from there on
+    for alone in [true, false] {
+        let mut at = 1;
+        loop {
+            SEEN.store(0, Ordering::Relaxed);
+            LAST.store(if alone { at } else { usize::MAX }, Ordering::Relaxed);
+            FIRST.store(at, Ordering::Relaxed);
+            let result = call();
+            FIRST.store(usize::MAX, Ordering::Relaxed);
+            rungs += 1;
+            if SEEN.load(Ordering::Relaxed) < at {
+                result.unwrap();
+                break;
+            }
+            // a solver goes on without a factor it has no memory for
+            assert!(matches!(result, Ok(()) | Err(Error::Memory { .. })), "{name}, {at}: {result:?}");
+            // every one of the first, then ever fewer: solvers allocate in loops
+            at += 1 + at / 20;
+        }
+    }
+    std::io::Write::write_all(&mut std::io::stdout(), format!("rungs: {rungs}\n").as_bytes()).unwrap();
+}
+
+#[test]
+fn no_failed_allocation_ends_the_process() {
+    let program = std::env::current_exe().unwrap();
+    for name in CALLS {
+        let child = Command::new(&program)
+            .args(["memory::tests::ladder", "--exact", "--include-ignored", "--nocapture", "--test-threads=1"])
+            .env(CASE, name)
+            .output()
+            .unwrap();
+        let said = String::from_utf8_lossy(&child.stdout);
+        assert!(child.status.success() && said.contains("rungs: "), "{name}: {:?} {said} {}", child.status, {
+            String::from_utf8_lossy(&child.stderr)
+        });
+    }
+}

@@ -1,0 +1,143 @@
+"""Calls that run out of memory raise `ResourceError`; none ends the process."""
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+pytest.importorskip("resource")
+
+# Every call runs in children of one process that has made its inputs: each child may map so many
+# more bytes than are mapped, from nothing to enough. The parent says how they end.
+LADDER = r"""
+import json, os, resource, signal, sys
+import numpy as np, stochens_rs as se
+
+n, size, rungs = map(int, sys.argv[1:])
+se.set_num_threads(2)
+rng = np.random.default_rng(5)
+# OpenBLAS ends the process where it finds no buffer: one thread, and the buffer beforehand
+np.ones((n, n)) @ np.ones((n, n))
+A, B = rng.normal(size=(n, n)) * (rng.random((n, n)) < 0.5) / n, rng.normal(size=(n, 2))
+x0, xf = rng.normal(size=n), np.zeros(n)
+draws = se.sample(A, size, rng=1)
+states = se.sample(x0, size, rng=2)
+few = se.sample(A[:20, :20], 8 * size, rng=1)
+dense = se.Ensemble.from_samples(rng.normal(size=(size // 2, n)))
+counts = se.sample_counts(A, 10**6, rng=3)
+system = se.System(A, B)
+weights = np.full(size, 1 / size)
+u = rng.normal(size=(3, 2))
+stream = se.Stream(B, x0, xf, A, rng=4)
+stream.step(5)
+
+def run_stream():
+    stream = se.Stream(B, x0, xf, A, rng=4)
+    stream.step(50)
+    return stream.u, stream.certificate, stream.estimates
+
+def feed():
+    data = se.DataStream(B, x0=x0)
+    data.update(x0=states.dense() if n < 500 else dense)
+    return data.estimates
+
+calls = {
+    "sample": lambda: se.sample(A, size, rng=1),
+    "sample systematic": lambda: se.sample(A, size, rng=1, scheme="systematic"),
+    "sample_counts": lambda: se.sample_counts(A, 10**9, rng=1),
+    "sample_counts systematic": lambda: se.sample_counts(A, 10**9, rng=1, scheme="systematic"),
+    "dense": lambda: states.dense(),
+    "counts": lambda: draws.counts(),
+    "mean": lambda: draws.mean(),
+    "combine": lambda: draws.combine(weights),
+    "fuse uniform": lambda: se.fuse(draws, "uniform", target=A),
+    "fuse alse": lambda: se.fuse(draws, "alse", target=A, max_iter=200),
+    "fuse alse subsimplex": lambda: se.fuse(
+        draws, "alse", target=A, weights="subsimplex", max_iter=200
+    ),
+    "fuse alse per column": lambda: se.fuse(draws, "alse", target=A, weights="per-column"),
+    "fuse alse many": lambda: se.fuse(few, "alse", target=A[:20, :20]),
+    "fuse alse vector": lambda: se.fuse(states, "alse", target=x0),
+    "fuse alse dense": lambda: se.fuse(dense, "alse", target=x0, max_iter=200),
+    "fuse slse": lambda: se.fuse(draws, "slse", target=A),
+    "fuse slse safeguarded": lambda: se.fuse(draws, "slse-safeguarded", target=A),
+    "fuse slse dense": lambda: se.fuse(dense, "slse", target=x0),
+    "fuse_path uniform": lambda: se.fuse_path(draws, [5, size], target=A, estimates=True),
+    "fuse_path alse": lambda: se.fuse_path(
+        draws, [5, size // 4], "alse", target=A, max_iter=20, estimates=True
+    ),
+    "fuse_path slse": lambda: se.fuse_path(draws, [5, size], "slse", target=A, estimates=True),
+    "control": lambda: se.control(B, states, xf, draws),
+    "control counts": lambda: se.control(B, x0, xf, counts),
+    "control diagonal": lambda: se.control(B, states, xf, draws, fusion="diagonal"),
+    "realization_controls": lambda: se.realization_controls(B, states, xf, draws),
+    "control_steps": lambda: se.control_steps(B, x0, xf, draws, 3),
+    "simulate": lambda: se.simulate(system, u, x0),
+    "simulate_ensemble": lambda: se.simulate_ensemble(system, u, x0, 40, rng=1),
+    "simulate_ensemble mean-field": lambda: se.simulate_ensemble(
+        system, u, x0, 40, averaging="mean-field", rng=1, replicates=3
+    ),
+    "Stream": run_stream,
+    "Stream pickled": lambda: __import__("pickle").loads(__import__("pickle").dumps(stream)),
+    "DataStream": feed,
+}
+
+def mapped():
+    return int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
+
+def child(call, more):
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+    signal.alarm(20)  # whoever hangs is ended by a signal, too
+    limit = mapped() + more
+    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+    try:
+        call()
+    except MemoryError:
+        os._exit(1)
+    except BaseException as error:
+        os._exit(3)
+    os._exit(0)
+
+ends = {}
+largest = 40 * 8 * n * n + (1 << 28)  # products of matrices take twice the last cache
+for name, call in calls.items():
+    ends[name] = []
+    for rung in range(rungs):
+        more = int(2**14 * (largest / 2**14) ** (rung / (rungs - 1)))
+        pid = os.fork()
+        if pid == 0:
+            child(call, more)
+        ends[name].append(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]))
+print(json.dumps(ends))
+"""
+
+# Arrays of a page and more come from the system and go back to it: the limit is felt at once.
+ENVIRONMENT = {
+    "MALLOC_MMAP_THRESHOLD_": "4096",
+    "MALLOC_TOP_PAD_": "0",
+    "MALLOC_TRIM_THRESHOLD_": "0",
+    "MALLOC_ARENA_MAX": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+}
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux counts what is mapped")
+def test_every_call_under_a_shrinking_limit() -> None:
+    run = subprocess.run(
+        [sys.executable, "-c", LADDER, "300", "400", "10"],
+        capture_output=True,
+        text=True,
+        env={**os.environ, **ENVIRONMENT, "PYTHONPATH": os.pathsep.join(sys.path)},
+        timeout=300,
+        check=False,
+    )
+    assert run.returncode == 0, run.stderr
+    ends = json.loads(run.stdout)
+    assert len(ends) == 32
+    for name, codes in ends.items():
+        assert set(codes) <= {0, 1}, f"{name}: {codes} (0 done, 1 MemoryError, negative: a signal)"
+        assert codes[-1] == 0, f"{name}: {codes}"
+    # the limits are felt: most calls are refused at the lowest
+    assert sum(codes[0] for codes in ends.values()) >= 24

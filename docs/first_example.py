@@ -42,6 +42,7 @@ def controls(ax: Axes) -> None:
     ax.bar(inputs, high - low, bottom=low, width=0.5, color=PALE, label="one realization, 90 %")
     ax.hlines(EXACT, inputs - 0.34, inputs + 0.34, color=INK, linewidth=2, label="exact control")
     ax.plot(inputs, plan.u, "o", color=FUSED, label=f"{SIZE:,} realizations fused")
+    ax.use_sticky_edges = False  # or the axis ends where the longest bar does
     ax.set(
         xlabel="generator",
         ylabel="mechanical power [pu of 100 MVA]",

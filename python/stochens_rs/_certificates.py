@@ -84,7 +84,8 @@ def known(name: str, value: Fit | Ensemble | Counts | Floats, estimate: Floats |
             if drawn.kind != "unknown" or value.target is None:
                 return drawn
         if value.target is not None:
-            return Known(name, "fitted", value.estimate, value.target)
+            key = None if value.ensemble is None else value.ensemble.key
+            return Known(name, "fitted", value.estimate, value.target, key=key)
         return Known(name, "unknown", value.estimate, size=len(value.weights))
     return Known(name, "exact", estimate, value.copy())
 
@@ -118,11 +119,10 @@ def plan_bound(
     fitted = any(entity.kind == "fitted" for entity in basis.entities)
     names = ("exact error",) * 2
     if all(entity.kind == "exact" for entity in basis.entities):
-        radii: tuple[float, ...] | None = (0.0, 0.0)
+        radii: tuple[float, ...] | None = errors.rounded((0.0, 0.0))
     elif not errors.random:
-        wrong = u.ravel() - errors.v
-        found = norm(errors.C @ wrong), norm(wrong)
-        radii = tuple(map(sum, zip(found, errors.rounding, strict=True)))
+        wrong = u.ravel() - errors.best.u
+        radii = errors.rounded((norm(errors.best.factors.B @ wrong), norm(wrong)))
     else:
         names = ("simulated",) * 2
         radii = _simulation.radii(errors, delta, key)
@@ -134,7 +134,7 @@ def plan_bound(
     return PlanBound(
         state=state,
         control=control,
-        target=float(np.hypot(state, errors.residual)),
+        target=float(np.hypot(state, norm(errors.best.missed))) + errors.best.state_rounding,
         delta=delta,
         state_bound=names[0],
         control_bound=names[1],
@@ -208,11 +208,14 @@ def _along_trajectory(
     with np.errstate(over="ignore", invalid="ignore"):
         along = float(norms[-2::-1] @ np.linalg.norm(predicted[:-1], axis=1))
         total = ef + norms[-1] * e0 + eA * along + norm(predicted[-1] - basis.xf.estimate)
-        state = float(np.sqrt(max(0.0, total**2 - errors.residual**2)))
+        state = float(np.sqrt(max(0.0, total**2 - norm(errors.best.missed) ** 2)))
         # u - v = C^+ C (u - v) + (I - C^+ C) u
         flat = u.ravel()
-        aside = norm(flat - errors.V @ (errors.V.T @ flat))
-        return state, float(np.hypot(state / errors.s[-1], aside)) if errors.s.size else aside
+        C = errors.best.factors
+        aside = norm(flat - C.V @ (C.V.T @ flat))
+        return errors.rounded(
+            (state, float(np.hypot(state / C.s[-1], aside)) if C.s.size else aside)
+        )
 
 
 def _distances(basis: Basis, delta: float, matrix_norm: str) -> tuple[float, float, float]:
@@ -328,7 +331,7 @@ def completed(
     entities = {e.name: _declare(e, declared.get(e.name), what) for e in basis.entities}
     seen: dict[Key, str] = {}
     for entity in entities.values():
-        if entity.key is None or entity.kind not in ("iid", "systematic"):
+        if entity.key is None:
             continue
         if entity.key in seen:
             raise InputError(

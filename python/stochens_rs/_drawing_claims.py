@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ._drawing import INK, PALE, STYLES, new_figure
 
 if TYPE_CHECKING:
@@ -27,7 +29,7 @@ def draw_claims(found: Claims, shown: bool) -> Figure:
 
 def _tails(ax: Axes, tails: Tails) -> None:
     percent = f"{100 * (1 - tails.delta):g} %"
-    ax.loglog(tails.sizes, tails.ours, "-", color=_OURS, lw=2, label="bound that holds")
+    ax.loglog(tails.sizes, tails.ours, "-", color=_OURS, lw=2, label=f"{tails.bound} bound (holds)")
     ax.loglog(tails.sizes, tails.empirical, "o", color=INK, ms=5, label=f"{percent} of the runs")
     ax.loglog(
         tails.sizes, tails.printed, "--", color=_PAPER, lw=2, label="Lemma 4.2 with ||A||, C = n"
@@ -58,9 +60,9 @@ def _comparison(ax: Axes, compared: Comparison) -> None:
     ax.set_xlabel("realizations N")
     ax.set_ylabel("squared error")
     share = ax.twinx()
-    share.bar(
-        sizes, 100 * compared.worse, width=0.12 * sizes, color=PALE, alpha=0.55, lw=0, zorder=0
-    )
+    gaps = np.diff(sizes, prepend=0, append=2 * sizes[-1])
+    width = np.minimum(0.12 * sizes, 0.8 * np.minimum(gaps[:-1], gaps[1:]))
+    share.bar(sizes, 100 * compared.worse, width=width, color=PALE, alpha=0.55, lw=0, zorder=0)
     top = max(1.0, 100 * float(compared.worse.max()))
     share.set_ylim(0, 5 * top)
     share.set_yticks([0, round(top)])

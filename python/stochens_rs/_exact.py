@@ -123,7 +123,7 @@ class Best:
         )
 
     @property
-    def _gap(self) -> float:
+    def gap(self) -> float:
         """A lower bound of the smallest singular value of the exact matrix; inf for rank 0."""
         return float(self.factors.s[-1]) - self.off if len(self.factors.s) else inf
 
@@ -133,7 +133,7 @@ class Best:
         residual = norm(self.missed)
         if not residual:
             return 0.0
-        return self.off / self._gap * residual if self._gap > 0.0 else inf
+        return self.off / self.gap * residual if self.gap > 0.0 else inf
 
     @property
     def state_rounding(self) -> float:
@@ -143,10 +143,10 @@ class Best:
     @property
     def control_rounding(self) -> float:
         """Up to which ``||v||`` may be off: ``(unsure + 2 off ||v|| + turned) / sigma_min``."""
-        if self._gap <= 0.0:
+        if self.gap <= 0.0:
             return inf
         size = norm(self.u)
-        return (self.unsure + 2.0 * self.off * size + self._turned) / self._gap + EPS * size
+        return (self.unsure + 2.0 * self.off * size + self._turned) / self.gap + EPS * size
 
     @property
     def moves(self) -> bool:
@@ -165,12 +165,7 @@ class Best:
             shift = self.factors.B @ wrong
         representable(wrong, shift)
         control, state = norm(wrong), norm(shift)
-        to, size = "v", norm(self.u)
-        if not self.moves:
-            to, size = "B^+ A x0", norm(self.factors.solve(self.free))
-        where, length = "x_actual", norm(self.reached)
-        if not self.arrives:
-            where, length = "x0", norm(x0)
+        (to, size), (where, length) = self.compared("control", x0), self.compared("state", x0)
         return PlanError(
             control=control,
             control_relative=_ratio(control, size),
@@ -179,9 +174,21 @@ class Best:
             residual=norm(self.missed),
             control_rounding=self.control_rounding + EPS * control,
             state_rounding=self.state_rounding + self.factors.spread * control,
-            control_relative_to=to if size else "nothing",
-            state_relative_to=where if length else "nothing",
+            control_relative_to=to,
+            state_relative_to=where,
         )
+
+    def compared(self, quantity: str, x0: Floats) -> tuple[str, float]:
+        """What a relative error of the quantity is relative to, as in `PlanError`, and its norm."""
+        if quantity == "control":
+            if self.moves:
+                return "v", norm(self.u)
+            name, size = "B^+ A x0", norm(self.factors.solve(self.free))
+        elif self.arrives:
+            return "x_actual", norm(self.reached)
+        else:
+            name, size = "x0", norm(x0)
+        return (name, size) if size else ("nothing", 0.0)
 
 
 def best(B: Floats, free: Floats, needed: Floats, unsure: float, off: float = 0.0) -> Best:

@@ -27,12 +27,14 @@ def expectation(plan: Plan | TrajectoryPlan) -> str:
     if basis is None or basis.xf.estimate is None:
         return reach_text(plan.reachability)
     ends = plan.predicted_state if isinstance(plan, Plan) else plan.predicted_states[-1]
+    exact = all(entity.kind == "exact" for entity in basis.entities)
     text = (
-        f"{reach_text(plan.reachability)}; the model ends {norm(basis.xf.estimate - ends):.2g} "
-        "from its target"
+        f"{reach_text(plan.reachability)}; {'' if exact else 'with the estimates: '}ends "
+        f"{norm(basis.xf.estimate - ends):.2g} from "
+        f"{'' if basis.xf.kind == 'exact' else 'the estimated '}xf"
     )
     rms = _expected(plan)
-    return text if rms is None else f"{text}, the system about {rms:.2g} from xf (rms)"
+    return text if rms is None else f"{text}; true system: about {rms:.2g} from xf (rms)"
 
 
 def _expected(plan: Plan | TrajectoryPlan) -> float | None:

@@ -348,12 +348,17 @@ def _refuse_labels(name: str, value: object) -> None:
         labels = list(_labels(value))
     except Exception:  # `np.asarray` says what is wrong with it
         return
-    for what, found in labels:
-        shown = ", ".join(show(label).partition(" ")[2] or "?" for label in found[:3])
-        more = ", ..." if len(found) > 3 else ""
+    shown = "; ".join(
+        f"{what}: {', '.join(show(label).partition(' ')[2] or '?' for label in found[:3])}"
+        f"{', ...' if len(found) > 3 else ''}"
+        for what, found in labels
+    )
+    if shown:
+        shown = shown if len(shown) <= 100 else shown[:96] + " ..."
         raise InputError(
-            f"`{name}` has labels ({what}: {shown}{more}), which nothing here can be aligned with: "
-            f"pass {name}.to_numpy() if the order is right"
+            f"`{name}` has labels ({shown}), but goes in by position: bring all arguments into one "
+            "order, A.loc[states, states].to_numpy(), x0[states].to_numpy() in pandas, or pass "
+            f"{name}.to_numpy() if the order is right"
         )
 
 

@@ -15,11 +15,12 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from .closed_loop import Tracking
     from .data_streaming import DataStream
     from .ensembles import Ensemble
     from .planning import SamplePlan
-    from .results import Fit, Path, Plan
-    from .stream_records import Trace
+    from .results import Fit, Path, Plan, PlanBound, PlanError
+    from .stream_records import Confidence, Trace
     from .streaming import Stream
     from .system import System
     from .theory.bounds import Bound
@@ -29,6 +30,14 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 Rows = Iterable[tuple[str, object]]
+
+# What a relative error is relative to, by the names of `PlanError`.
+RELATIVE_TO = {
+    "x_actual": "the state that the exact control leads to",
+    "x0": "x0, as the exact control leads to the origin",
+    "v": "the exact control",
+    "B^+ A x0": "the control that takes x0 to the origin, as the exact one is zero",
+}
 
 _COLORS = ("#3b8fd4", "#e0701a", "#1fa37a", "#c78a00", "#b56b99", "#888888")
 _WIDTH, _HEIGHT, _POINTS = 240, 56, 120
@@ -47,10 +56,16 @@ def ensemble(shown: Ensemble) -> str:
     rows = [
         ("realizations N", _grouped(shown.size)),
         ("shape of each", _shape(shown.shape)),
-        ("entries kept", f"one in each of the {shown.axis}" if shown.is_singleton else "all"),
+        ("entries kept", _kept(shown)),
         ("drawn here", shown.scheme or "no"),
     ]
     return _card(shown, rows)
+
+
+def _kept(shown: Ensemble) -> str:
+    if not shown.is_singleton:
+        return "all"
+    return "one" if len(shown.shape) == 1 else f"one in each of the {shown.axis}"
 
 
 def fit(shown: Fit) -> str:
@@ -108,10 +123,24 @@ def ensemble_trajectory(shown: EnsembleTrajectory) -> str:
         ("trajectories", _grouped(shown.replicates)),
         ("realizations N per step", _grouped(shown.size)),
         ("drawn", ", ".join(shown.sampled)),
-        _ends(shown.mean),
+        _ends(shown.mean, "mean state"),
         ("standard error at the end", None if error is None else f"at most {error[-1].max():.4g}"),
     ]
     return _card(shown, rows, _states(shown.times, shown.mean, "mean states over time"))
+
+
+def tracking(shown: Tracking) -> str:
+    """How far from the reference, and what no control could have done."""
+    distance = np.sqrt(shown.mean_square)
+    rows = [
+        ("steps", _grouped(len(shown.residuals))),
+        ("realizations N per step", _grouped(shown.info["size"])),
+        ("replicates", shown.info["replicates"]),
+        ("off by (rms)", f"{distance[-1]:.4g} at the end, {distance.max():.4g} at most"),
+        ("out of reach in one step", f"{shown.residuals.max():.4g} at most"),
+    ]
+    text = "distance from the reference (rms) over the steps"
+    return _card(shown, rows, _lines(np.arange(len(distance)), [distance], text))
 
 
 def stream(shown: Stream) -> str:
@@ -156,11 +185,10 @@ def sample_plan(shown: SamplePlan) -> str:
         )
         for one in shown.rows
     ]
-    relative = f" ({shown.error / shown.reference:.3g} relative)" if shown.reference else ""
     size = shown.rows[0].size
     rows = [
         ("enough", "nothing up to 2^53" if size is None else f"N = {_grouped(size)}"),
-        (f"error of the {shown.quantity}", f"at most {shown.error:.4g}{relative}"),
+        (f"error of the {shown.quantity}", shown._limit),
         ("with probability", f"{1.0 - shown.delta:g}"),
         ("fusion", shown.fusion),
         *(
@@ -176,6 +204,66 @@ def sample_plan(shown: SamplePlan) -> str:
 def bound(shown: Bound) -> str:
     """What is bounded, and by what."""
     return _card(shown, [("inequality", shown.name), ("from", shown.source)])
+
+
+def plan_bound(shown: PlanBound) -> str:
+    """What each radius is measured from, and over what it holds."""
+    rows = [
+        (
+            "state",
+            f"within {shown.state:.4g} of where the exact control leads ({shown.state_bound}), "
+            f"within {shown.target:.4g} of xf",
+        ),
+        ("control", f"within {shown.control:.4g} of the exact one ({shown.control_bound})"),
+        ("holds", shown.covers),
+    ]
+    return _card(shown, rows)
+
+
+def plan_error(shown: PlanError) -> str:
+    """How far off, and of what that is a share."""
+    rows = [
+        (
+            "control off by",
+            _share(shown.control, shown.control_relative, shown.control_relative_to),
+        ),
+        ("state off by", _share(shown.state, shown.state_relative, shown.state_relative_to)),
+        ("out of reach of any control", shown.residual),
+        (
+            "rounding",
+            f"{shown.control_rounding:.1g} of the control, {shown.state_rounding:.1g} of the state "
+            "at most",
+        ),
+    ]
+    return _card(shown, rows)
+
+
+def _share(value: float, relative: float, relative_to: str) -> str:
+    words = RELATIVE_TO.get(relative_to)
+    share = "" if words is None else f" ({100 * relative:.3g} % of the norm of {words})"
+    return f"{value:.4g}{share}"
+
+
+def confidence(shown: Confidence) -> str:
+    """Each radius with the bound that gave it."""
+    radii = [
+        (f"{name} within", f"{getattr(shown, name):.4g} ({shown.bounds[name]})")
+        for name in ("x0", "xf", "A")
+    ]
+    observed = "" if shown.finite_sample else ": an estimate, from the ranges observed so far"
+    rows = [
+        ("state within", shown.state),
+        *radii,
+        ("all of them", f"with probability {100 * (1 - shown.delta):.6g} % at least{observed}"),
+        ("of", shown.covers),
+        ("infinite, because", shown.reason),
+    ]
+    return _card(shown, rows)
+
+
+def counted(steps: int) -> str:
+    """``1 step``, ``2 steps``."""
+    return "1 step" if steps == 1 else f"{steps} steps"
 
 
 def record(shown: object) -> str:
@@ -197,9 +285,9 @@ def _largest(inputs: Floats) -> tuple[str, object]:
     return "largest |u|", float(np.abs(inputs).max()) if inputs.size else None
 
 
-def _ends(states: Floats) -> tuple[str, object]:
+def _ends(states: Floats, what: str = "state") -> tuple[str, object]:
     start, end = np.linalg.norm(states[[0, -1]], axis=1)
-    return "norm of the state", f"{start:.4g} at the start, {end:.4g} at the end"
+    return f"norm of the {what}", f"{start:.4g} at the start, {end:.4g} at the end"
 
 
 def _shape(shape: tuple[int, ...]) -> str:
@@ -270,9 +358,12 @@ def _grid(head: Sequence[str], body: Sequence[Sequence[str]]) -> str:
 
 
 def _states(times: Floats | NDArray[np.int64], states: Floats, text: str) -> str:
-    shown = states.T[: len(_COLORS)]
-    some = "" if len(shown) == states.shape[1] else f", the first {len(shown)}"
-    return _lines(times, list(shown), text + some)
+    if states.shape[1] <= len(_COLORS):
+        return _lines(times, list(states.T), text)
+    with np.errstate(over="ignore", invalid="ignore"):
+        order = np.argsort(-np.ptp(states, axis=0), kind="stable")[: len(_COLORS)]
+    most = list(states.T[np.sort(order)])
+    return _lines(times, most, f"{text}, the {len(most)} that change most")
 
 
 def _errors(shown: Trace) -> str:

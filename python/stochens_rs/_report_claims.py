@@ -11,9 +11,10 @@ if TYPE_CHECKING:
 __all__ = ["CAPTION", "claims_table"]
 
 CAPTION = """<b>Left:</b> the error of the state that all but a given share of the runs stay
-below, beside the bound that holds and Lemma 4.2 with ‖A‖ in its constant: in the shaded range the
-lemma promises what does not happen. <b>Right:</b> mean squared errors of one vector; SLSE stays
-below V/N in the mean, while on single runs (bars) it can be worse than uniform weights."""
+below, beside a bound that holds, named in the legend, and Lemma 4.2 with ‖A‖ in its constant: in
+the shaded range the lemma promises what does not happen. <b>Right:</b> mean squared errors of one
+vector; SLSE stays below V/N in the mean, while on single runs (bars) it can be worse than uniform
+weights."""
 
 _CLASSES = {"holds": "holds", "holds with a correction": "corrected", "false": "false"}
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from . import _gate
+from . import _gate, _html
 from ._alse import worst
 from ._exact import Factors, factors
 from .exceptions import NonFiniteError
@@ -20,6 +20,7 @@ from .theory.tracking import reference_residuals
 from .theory.tracking._checks import checked_reference
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from numpy.typing import ArrayLike, NDArray
 
     from .fusing import Method
@@ -81,8 +82,40 @@ class Tracking:
         last = float(np.sqrt(self.mean_square[-1]))
         feasible = "" if self.feasible else ", reference not feasible"
         return (
-            f"<Tracking: {times}{K} steps, m={m}, {self.status}, last error {last:.3g}{feasible}>"
+            f"<Tracking: {times}{_html.counted(K)}, m={m}, {self.status}, last error "
+            f"{last:.3g}{feasible}>"
         )
+
+    def plot(self, *, ax: Axes | None = None) -> Axes:
+        """Draw the distance from the reference over the steps, root mean square over replicates.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+            Where to draw, as for `Trajectory.plot`.
+
+        Returns
+        -------
+        matplotlib Axes
+
+        Raises
+        ------
+        ImportError
+            matplotlib is not installed.
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> run = se.track(([[0.5]], [[1.0]]), [[0.0], [1.0], [2.0]], 100, rng=1)
+        >>> run.plot().get_xlabel()
+        'step k'
+        """
+        from ._drawing_trajectories import draw_tracking
+
+        return draw_tracking(np.sqrt(self.mean_square), self.residuals, ax=ax)
+
+    def _repr_html_(self) -> str:
+        return _html.tracking(self)
 
 
 def track(

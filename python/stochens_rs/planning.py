@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 
 from . import _exact, _gate, _html
-from ._alse import norm
 from .exceptions import InputError, SizeError
 from .rng import Key, RngLike, as_key
 from .system import System
@@ -72,8 +71,11 @@ class SamplePlan:
     delta : float
         The probability of failure.
     reference : float
-        Norm of what the error is measured against: the state that the exact control leads to, or
-        that control.
+        Norm of what a relative error is relative to.
+    relative_to : str
+        What that is, as in `PlanError`: "x_actual", the state that the exact control leads to, or
+        "x0", if that is the origin; for the control "v", the exact one, or "B^+ A x0", the one that
+        takes x0 to the origin, if v is zero; "nothing", if all of these are zero.
     quantity, fusion : str
         What was asked for.
     steps : int or None
@@ -95,6 +97,7 @@ class SamplePlan:
     error: float
     delta: float
     reference: float
+    relative_to: str
     quantity: str
     fusion: str
     steps: int | None
@@ -118,6 +121,7 @@ class SamplePlan:
             "schema": "stochens-plan/1",
             "error": self.error,
             "relative_error": self.error / self.reference if self.reference else None,
+            "relative_to": self.relative_to,
             "delta": self.delta,
             "quantity": self.quantity,
             "fusion": self.fusion,
@@ -132,12 +136,21 @@ class SamplePlan:
     def _repr_html_(self) -> str:
         return _html.sample_plan(self)
 
+    @property
+    def _limit(self) -> str:
+        """The error, and what it is relative to."""
+        words = _html.RELATIVE_TO.get(self.relative_to)
+        text = f"at most {self.error:.3g}"
+        if words is None:
+            return text
+        share = 100 * self.error / self.reference
+        return f"{text} ({share:.3g} % of {self.reference:.3g}, the norm of {words})"
+
     def __str__(self) -> str:
-        share = f" ({self.error / self.reference:.3g} relative)" if self.reference else ""
-        over = "" if self.steps is None else f" over {self.steps} steps"
+        over = "" if self.steps is None else f" over {_html.counted(self.steps)}"
         lines = [
-            f"error of the {self.quantity}{over} at most {self.error:.4g}{share} with probability "
-            f"{1.0 - self.delta:g}, {self.fusion} fusion",
+            f"error of the {self.quantity}{over}: {self._limit},",
+            f"with probability {1.0 - self.delta:g}, {self.fusion} fusion",
             "",
             f"{'bound':<24}{'N':>16}{'exact rms':>12}{'quantile':>12}{'failures':>18}",
         ]
@@ -185,7 +198,8 @@ def required_samples(
         Probability of failure, in (0, 1).
     relative : bool, default True
         Whether `error` is relative: to the norm of the state that the exact control leads to
-        (of that control, for "control").
+        (of that control, for "control"), or where that is zero, to that of x0 (of the control that
+        takes x0 to the origin); the result says which.
     quantity : {"state", "control"}, default "state"
         ``||B (u - v)||``, the distance from the state that the exact control ``v`` leads to, or
         ``||u - v||``; over several steps with ``C_K`` in place of ``B``.
@@ -240,15 +254,12 @@ def required_samples(
         best = _exact.one_step(checked.A, checked.B, start, goal)
     else:
         best = best_over_steps(matrix_powers(checked.A, K), checked.B, start, goal)
-    reference = norm(best.u if kind == "control" else best.reached)
-    known = best.moves if kind == "control" else best.arrives
-    if relative and not known:
+    relative_to, reference = best.compared(kind, start)
+    if relative and not reference:
         raise InputError(
-            f"`error` cannot be relative here: the exact {kind} is zero, up to rounding "
-            "(use relative=False, on the command line --absolute)"
+            f"`error` cannot be relative here: the exact {kind} is zero, and so is what x0 would "
+            "be compared with (use relative=False, on the command line --absolute)"
         )
-    if not known:
-        reference = 0.0  # but for rounding
     allowed = error * reference if relative else error
     data = checked.B, start, goal, checked.A
     rms_of = moments.control_rms if kind == "control" else moments.state_rms
@@ -289,6 +300,7 @@ def required_samples(
         error=allowed,
         delta=delta,
         reference=reference,
+        relative_to=relative_to,
         quantity=kind,
         fusion=how,
         steps=K,

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import base64
 import inspect
-import json
 import os
+import tempfile
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
@@ -21,7 +21,7 @@ from . import experiments as _experiments
 from . import plots
 from ._report_claims import CAPTION, claims_table
 from ._report_text import agreements, caption, deviations, number
-from .experiments._common import versions, write_text
+from .experiments._common import versions, write_listed
 
 if TYPE_CHECKING:
     from .experiments import Experiment
@@ -35,7 +35,7 @@ _STYLE = """
 :root { color-scheme: light; }
 body { font: 17px/1.6 "Charter", "Bitstream Charter", "Georgia", serif; color: #222;
   background: #fff; max-width: 62rem; margin: 0 auto; padding: 2.5rem 1.5rem 5rem; }
-h1, h2, h3, th, figcaption, .lead, .settings {
+h1, h2, h3, table, figcaption, .lead {
   font-family: "Inter", "Helvetica Neue", "Arial", sans-serif; }
 h1 { font-size: 1.9rem; line-height: 1.2; margin: 0 0 .4rem; }
 h2 { font-size: 1.25rem; margin: 2.8rem 0 .8rem; padding-top: .9rem; border-top: 1px solid #ddd; }
@@ -54,7 +54,7 @@ th, td { padding: .22rem 1.4rem .22rem 0; vertical-align: baseline; }
 td.n, th.n { text-align: right; white-space: nowrap; }
 tr.panel td { border-top: 1px solid #ddd; padding-top: .6rem; font-weight: 600; }
 .settings th { border: 0; color: #555; font-weight: 500; white-space: nowrap; }
-.settings td { word-break: break-all; }
+.settings td { overflow-wrap: anywhere; }
 .wide { overflow-x: auto; }
 pre { background: #f4f4f1; padding: .8rem 1rem; overflow-x: auto; font-size: .84rem;
   line-height: 1.45; }
@@ -87,8 +87,8 @@ def final_errors(experiments: Sequence[Experiment]) -> list[dict[str, Any]]:
     -------
     list of dict
         Keys "experiment", "panel", "quantity", "method", "samples", "replicates"; "median",
-        "q10", "q90", "rms" over the replicates; "exact_rms" and "z" (None where no exact value is
-        known).
+        "q10", "q90", "rms" over the replicates; "zero", why all of them count as zero, or None;
+        "exact_rms" and "z" (None where no exact value is known).
 
     Examples
     --------
@@ -102,7 +102,7 @@ def final_errors(experiments: Sequence[Experiment]) -> list[dict[str, Any]]:
         for panel in experiment.panels:
             for curve in panel.curves:
                 low, high = curve.band
-                exact, z = curve.exact_rms, curve.z
+                exact, z, worst = curve.exact_rms, curve.z, curve.errors[:, -1].max()
                 rows.append(
                     {
                         "experiment": experiment.name,
@@ -115,6 +115,7 @@ def final_errors(experiments: Sequence[Experiment]) -> list[dict[str, Any]]:
                         "q10": float(low[-1]),
                         "q90": float(high[-1]),
                         "rms": float(curve.rms[-1]),
+                        "zero": panel.zero_label if worst <= panel.zero_level else None,
                         "exact_rms": None if exact is None else float(exact[-1]),
                         "z": None if z is None else float(z[-1]),
                     }
@@ -141,7 +142,8 @@ def write_report(
     claims : Claims, optional
         What :func:`stochens_rs.claims` returns: a section with one row per statement.
     options : mapping, optional
-        What the run was asked for: kept in ``results.json``, beside the names of all files.
+        What the run was asked for: kept in ``results.json``, beside the SHA-256 of every
+        file.
     title : str
         Heading of the page.
 
@@ -171,21 +173,19 @@ def write_report(
     }
     if claims is not None:
         drawn["claims"] = plots.claims(claims, shown=False)
-    data, page = directory / "results.json", directory / "report.html"
-    names = [f"{name}.{suffix}" for name in drawn for suffix in plots.SUFFIXES]
     results = {
         "schema": SCHEMA,
-        "files": [data.name, *names, page.name],
         "options": dict(options or {}),
         "versions": versions(),
         "experiments": [experiment.to_dict() for experiment in experiments],
     }
     if claims is not None:
         results["claims"] = claims.to_dict()
-    write_text(data, json.dumps(results, allow_nan=False) + "\n")
-    written = plots.save_figures(drawn, directory)
-    write_text(page, _page(title, experiments, claims, directory))
-    return [data, *written, page]
+    with tempfile.TemporaryDirectory(dir=directory) as made:
+        page = Path(made, "report.html")
+        figures = plots.save_figures(drawn, made)
+        page.write_text(_page(title, experiments, claims, page.parent), encoding="utf-8")
+        return write_listed(directory, "results.json", results, [*figures, page])
 
 
 def _page(
@@ -234,7 +234,7 @@ def _settings(experiment: Experiment) -> str:
         "ALSE": f"{solves}; tolerance {number(s['tol'])}",
         "key": experiment.key,
         "versions": ", ".join(f"{k} {v}" for k, v in experiment.versions.items()),
-        "time": f"{experiment.seconds:.1f} s",
+        "time": "< 0.1 s" if experiment.seconds < 0.1 else f"{experiment.seconds:.1f} s",
     }
     if "angle_std" in s:
         rows["initial state"] = (
@@ -289,9 +289,11 @@ def _table(rows: list[dict[str, Any]]) -> str:
         if row["panel"] != before:
             before = row["panel"]
             body.append(f'<tr class="panel"><td colspan="7">{escape(_heading(row))}</td></tr>')
-        cells = "".join(
-            f'<td class="n">{"" if row[k] is None else number(row[k])}</td>'
-            for k in ("median", "q10", "q90", "rms", "exact_rms")
+        figures = [row[k] for k in ("median", "q10", "q90", "rms", "exact_rms")]
+        cells = "" if row["zero"] is None else f'<td class="n" colspan="4">{row["zero"]}</td>'
+        cells += "".join(
+            f'<td class="n">{"" if value is None else number(value)}</td>'
+            for value in (figures if row["zero"] is None else figures[4:])
         )
         z = "" if row["z"] is None else f"{row['z']:+.2f}"
         body.append(f'<tr><td>{escape(row["method"])}</td>{cells}<td class="n">{z}</td></tr>')

@@ -272,10 +272,10 @@ class PlanError:
     state_relative_to: str
 
     def _repr_html_(self) -> str:
-        return _html.record(self)
+        return _html.plan_error(self)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class PlanBound:
     """How wrong a control may be, for the exact values the plan's estimates stand for.
 
@@ -314,8 +314,33 @@ class PlanBound:
     relative_to: str
     certain: bool
 
+    @property
+    def covers(self) -> str:
+        """Over what the radii hold, in words."""
+        how = (
+            "surely, as nothing was drawn"
+            if self.certain
+            else f"each of the two with {self._share} at least, over the draws of the realizations"
+        )
+        what = (
+            "the exact values are those that the realizations were drawn from"
+            if self.relative_to == "laws"
+            else "in place of exact values that were fitted stand the targets of the fits"
+        )
+        return f"{how}; {what}"
+
+    @property
+    def _share(self) -> str:
+        return f"probability {100 * (1 - self.delta):.6g} %"
+
+    def __repr__(self) -> str:
+        return (
+            f"<PlanBound: state within {self.state:.3g}, {self.target:.3g} from xf, control within "
+            f"{self.control:.3g}, {'surely' if self.certain else f'with {self._share}'}>"
+        )
+
     def _repr_html_(self) -> str:
-        return _html.record(self)
+        return _html.plan_bound(self)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

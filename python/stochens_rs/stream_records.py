@@ -153,7 +153,7 @@ class Confidence:
     covers: str = "the means of the laws that the realizations come from"
 
     def _repr_html_(self) -> str:
-        return _html.record(self)
+        return _html.confidence(self)
 
 
 _SHARE = 0.75  # of delta for the mean, the rest for its variance: about the best for N > 100

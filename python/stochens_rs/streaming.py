@@ -417,7 +417,7 @@ class Stream(Durable):
         try:
             certificate, error = self._core.certificate()
             bound = "" if np.isnan(certificate) else f" <= {certificate:.3g}"
-            return f"<{name}, {self.steps} steps, ||B (v - v*)|| = {error:.3g}{bound}>"
+            return f"<{name}, {_html.counted(self.steps)}, ||B (v - v*)|| = {error:.3g}{bound}>"
         except InputError:  # in a signal's handler, or in a child forked while a thread used it
             return f"<{name}, in use>"
 

@@ -50,7 +50,8 @@ class System:
     -----
     `A` and `B` are copied. The arrays given back are read-only views of that copy. Here and
     everywhere, tables with labels (pandas, xarray) are refused unless the labels are 0, 1, 2, ...
-    in order: they might be in another order than the states; ``.to_numpy()`` says they are not.
+    in order: their rows might be in another order than the states. Bring all of them into one
+    order of the states, and pass plain numbers: ``A.loc[states, states].to_numpy()``.
 
     Examples
     --------

@@ -53,7 +53,9 @@ class Trajectory:
         Parameters
         ----------
         ax : matplotlib Axes, optional
-            Where to draw. Default: new axes on a figure of their own (``ax.figure``).
+            Where to draw. Default: new axes on a figure of their own, which a notebook shows. In a
+            script ``path.plot().figure.savefig("path.png")`` saves it; for a window, pass
+            ``ax=plt.subplots()[1]`` and call ``plt.show()``.
 
         Returns
         -------
@@ -79,7 +81,7 @@ class Trajectory:
         return _html.trajectory(self)
 
     def __repr__(self) -> str:
-        return f"<Trajectory: n={self.states.shape[1]}, {self.steps} steps>"
+        return f"<Trajectory: n={self.states.shape[1]}, {_html.counted(self.steps)}>"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -154,7 +156,9 @@ class EnsembleTrajectory:
         Parameters
         ----------
         ax : matplotlib Axes, optional
-            Where to draw. Default: new axes on a figure of their own (``ax.figure``).
+            Where to draw. Default: new axes on a figure of their own, which a notebook shows. In a
+            script ``path.plot().figure.savefig("path.png")`` saves it; for a window, pass
+            ``ax=plt.subplots()[1]`` and call ``plt.show()``.
 
         Returns
         -------
@@ -182,6 +186,6 @@ class EnsembleTrajectory:
 
     def __repr__(self) -> str:
         return (
-            f"<EnsembleTrajectory {self.averaging}: n={self.mean.shape[1]}, {self.steps} steps, "
-            f"N={self.size}, {self.replicates} trajectories>"
+            f"<EnsembleTrajectory {self.averaging}: n={self.mean.shape[1]}, "
+            f"{_html.counted(self.steps)}, N={self.size}, {self.replicates} trajectories>"
         )

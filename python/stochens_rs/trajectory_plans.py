@@ -260,4 +260,4 @@ class TrajectoryPlan:
 
     def __repr__(self) -> str:
         K, m = self.u.shape
-        return f"<TrajectoryPlan: {K} steps, m={m}, {self.status}, {expectation(self)}>"
+        return f"<TrajectoryPlan: {_html.counted(K)}, m={m}, {self.status}, {expectation(self)}>"

@@ -154,20 +154,26 @@ impl<'a> Realized<'a> {
         }
     }
 
-    /// `(1/N) sum_s y^s`, in one pass and without a dense realization.
+    /// `(1/N) sum_s y^s`, in one pass and without a dense realization; its rounding does not grow with `N`.
     ///
     /// # Errors
     /// [`Error::Interrupted`] after a stop.
     pub fn mean(&self, stop: &Stop) -> Result<Vec<f64>> {
-        let mut sum = try_zeros("the mean", self.n)?;
+        let (mut sum, mut lost): (Vec<f64>, Vec<f64>) =
+            (try_zeros("the mean", self.n)?, try_zeros("the mean", self.n)?);
         let check_every = ((1 << 14) as f64 / self.cost()) as usize + 1;
         for s in 0..self.size {
             if s % check_every == 0 {
                 stop.check()?;
             }
-            self.contributions(s, |i, v| sum[i] += v);
+            // Neumaier: what each sum loses is added up beside it
+            self.contributions(s, |i, v| {
+                let total = sum[i] + v;
+                lost[i] += if sum[i].abs() >= v.abs() { (sum[i] - total) + v } else { (v - total) + sum[i] };
+                sum[i] = total;
+            });
         }
-        sum.iter_mut().for_each(|v| *v /= self.size as f64);
+        sum.iter_mut().zip(&lost).for_each(|(v, lost)| *v = (*v + lost) / self.size as f64);
         Ok(sum)
     }
 }

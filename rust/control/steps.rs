@@ -7,12 +7,15 @@ use super::pseudoinverse::pseudoinverse;
 use crate::error::Result;
 use crate::memory::{checked_len, room_for_products, try_collect, try_copy, try_zeros};
 
-/// `u = C_K^+ (xf - A^K x0)` with `C_K = [A^{K-1} B, ..., A B, B]`: the controls of the `steps` steps, in time. The
-/// matrices are given row by row.
+/// `u = C_K^+ (xf - A^K x0)` with `C_K = [A^{K-1} B, ..., A B, B]`: the controls of the `steps` steps, in time; and how
+/// far rounding may have moved them. The matrices are given row by row.
+///
+/// Rounding: `K theta condition ||u||`, `theta = (2 max(n, m K) + 4) eps`, the backward error of the factors and of the
+/// powers of `A` (Wedin, BIT 13 (1973) 217-232).
 ///
 /// # Errors
 /// As [`pseudoinverse`](super::pseudoinverse()).
-pub(crate) fn steps_control(a: &[f64], b: &[f64], x0: &[f64], xf: &[f64], steps: usize) -> Result<Vec<f64>> {
+pub(crate) fn steps_control(a: &[f64], b: &[f64], x0: &[f64], xf: &[f64], steps: usize) -> Result<(Vec<f64>, f64)> {
     let what = "a control over several steps";
     let n = x0.len();
     let m = b.len() / n;
@@ -46,5 +49,8 @@ pub(crate) fn steps_control(a: &[f64], b: &[f64], x0: &[f64], xf: &[f64], steps:
         let size: f64 = left.iter().zip(&needed).map(|(l, y)| l * y).sum::<f64>() / sigma;
         u.iter_mut().zip(right).for_each(|(u, v)| *u += size * v);
     }
-    Ok(u)
+    let theta = (2 * n.max(width) + 4) as f64 * f64::EPSILON;
+    let size = u.iter().map(|u| u * u).sum::<f64>().sqrt();
+    let rounding = if size > 0.0 { steps as f64 * theta * factors.condition * size } else { 0.0 };
+    Ok((u, rounding))
 }

@@ -194,6 +194,7 @@ impl Plans {
     /// [`Error::Interrupted`] after a stop.
     pub fn errors(&self, exact: Exact<'_>, runs: usize, key: &Key, threads: usize, stop: &Stop) -> Result<Vec<f64>> {
         let mut errors: Vec<f64> = try_zeros("the simulated errors", checked_len("the errors", runs, 2)?)?;
+        let size = if let Exact::Steps { c, .. } = exact { norm(c) } else { 0.0 }; // ||C_K||_F
         for_each_chunk(errors.chunks_mut(2 * CHUNK).enumerate(), threads, stop, |(chunk, errors)| {
             let mut scratch = Scratch::new(self.n, matches!(exact, Exact::Steps { .. }))?;
             for (at, errors) in errors.chunks_exact_mut(2).enumerate() {
@@ -211,7 +212,9 @@ impl Plans {
                         t.iter_mut().zip(singular_values).for_each(|(t, s)| *t /= s);
                         errors.copy_from_slice(&[state, norm(t)]);
                     }
-                    Exact::Steps { b, c, v } => errors.copy_from_slice(&self.steps(&mut rng, &mut scratch, b, c, v)?),
+                    Exact::Steps { b, c, v } => {
+                        errors.copy_from_slice(&self.steps(&mut rng, &mut scratch, b, c, v, size)?);
+                    }
                 }
             }
             Ok(())
@@ -282,8 +285,16 @@ impl Plans {
         }
     }
 
-    /// The two errors of one control over several steps.
-    fn steps(&self, rng: &mut ChaCha8Rng, scratch: &mut Scratch, b: &[f64], c: &[f64], v: &[f64]) -> Result<[f64; 2]> {
+    /// The two errors of one control over several steps, each with what rounding may have made of it.
+    fn steps(
+        &self,
+        rng: &mut ChaCha8Rng,
+        scratch: &mut Scratch,
+        b: &[f64],
+        c: &[f64],
+        v: &[f64],
+        size: f64,
+    ) -> Result<[f64; 2]> {
         let n = self.n;
         let Scratch { x, y, a, .. } = scratch;
         self.xf.vector(rng, y)?;
@@ -301,11 +312,11 @@ impl Plans {
                 }
             }
         }
-        let u = steps_control(a, b, x, y, v.len() * n / b.len())?;
+        let (u, rounding) = steps_control(a, b, x, y, v.len() * n / b.len())?;
         let wrong = try_collect(WHAT, u.iter().zip(v).map(|(u, v)| u - v))?;
         let dot = |row: &[f64]| row.iter().zip(&wrong).map(|(c, w)| c * w).sum();
         let shift: Vec<f64> = try_collect(WHAT, c.chunks_exact(v.len()).map(dot))?;
-        Ok([norm(&shift), norm(&wrong)])
+        Ok([norm(&shift) + size * rounding, norm(&wrong) + rounding])
     }
 }
 

@@ -182,7 +182,8 @@ printed_recursion = put(
 
 
 def _scaled_best(honest: Any, *args: Any, **kwargs: Any) -> Any:
-    return SimpleNamespace(radius=0.2 * honest(*args, **kwargs).radius)
+    found = honest(*args, **kwargs)
+    return SimpleNamespace(radius=0.2 * found.radius, bound=found.bound)
 
 
 MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {

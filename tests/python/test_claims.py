@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from fractions import Fraction
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -99,10 +100,22 @@ def test_what_is_called_exact_is_rational(found: se.Claims) -> None:
 
 def test_the_figure_is_drawn(found: se.Claims) -> None:
     pytest.importorskip("matplotlib")
-    left, right, _ = found.plot().axes
+    left, right, share = found.plot().axes
     assert len(left.get_lines()) == 3
     assert "Hadamard" in left.get_title(loc="left")
     assert len(right.get_lines()) == 3
+    labels = [line.get_label() for line in left.get_lines()]
+    assert labels[0] == "simulated bound (holds)"
+    assert found.tails.bounds == ("simulated",) * len(found.tails.sizes)
+    bars = sorted((bar.get_x(), bar.get_x() + bar.get_width()) for bar in share.patches)
+    assert len(bars) > 20
+    assert all(before[1] < after[0] for before, after in pairwise(bars))
+
+
+def test_the_row_of_the_figure_names_the_bound_that_is_drawn(found: se.Claims) -> None:
+    row = found["Lemma 4.2"]
+    assert "the simulated bound in at most" in row.evidence[1].text
+    assert "Sharper, among formulas: P(" in row.corrected
 
 
 # -- the evidence could be contrary ----------------------------------------------------------------

@@ -170,6 +170,35 @@ def test_a_reader_who_leaves_early_causes_no_traceback():
     assert "BrokenPipe" not in done.stderr
 
 
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no full device")
+def test_a_full_disk_behind_standard_output_is_named():
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "stochens_rs", "info"],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            timeout=60,
+            check=False,
+        )
+    assert done.returncode == 5
+    assert done.stderr == ("stochens: cannot write to standard output: No space left on device\n")
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/zero"), reason="no such files")
+def test_what_is_no_regular_file_is_named_as_given(tmp_path, capsys):
+    os.mkfifo(tmp_path / "pipe")
+    for path, said in (
+        ("/dev/zero", "/dev/zero must be a regular file, got a device"),
+        (str(tmp_path), f"{tmp_path} must be a regular file, got a directory"),
+        (str(tmp_path / "pipe"), "got a pipe: save it to a file first"),
+    ):
+        assert cli.main(["plan", "--file", path]) == 2
+        err = capsys.readouterr().err
+        assert one_line(err)
+        assert said in err
+
+
 def test_info(capsys):
     assert cli.main(["info"]) == 0
     text = capsys.readouterr().out
@@ -337,7 +366,7 @@ def test_reproduce_replaces_only_its_own_report(tmp_path, monkeypatch, capsys):
 
     (out / "notes.txt").write_text("mine")  # not in the way
     assert cli.main(again) == 0
-    assert "the report of a run with the same options" in capsys.readouterr().err
+    assert "the results of a run with the same options" in capsys.readouterr().err
 
     assert cli.main([*again, "--seed", "2"]) == 2
     err = capsys.readouterr().err
@@ -354,9 +383,81 @@ def test_reproduce_replaces_only_its_own_report(tmp_path, monkeypatch, capsys):
     assert (out / "claims.png").read_text() == "mine, too"
 
     (out / "claims.png").unlink()
+    page = out / "report.html"
+    edited = page.read_text() + "<!-- my remark -->"
+    page.write_text(edited)
+    for options in ([], ["--force"]):
+        assert cli.main([*again, "--seed", "2", *options]) == 2
+        err = capsys.readouterr().err
+        assert one_line(err)
+        assert "report.html was changed since this command wrote it" in err
+    assert page.read_text() == edited
+    page.unlink()  # a part of the report may be gone
     assert cli.main([*again, "--seed", "2", "--force"]) == 0
     assert {path.name for path in out.iterdir()} == {*written, "notes.txt"}
     assert json.loads((out / "results.json").read_text())["options"]["seed"] == 2
+
+
+@pytest.mark.parametrize(
+    ("args", "said"),
+    [
+        (["plan", "--error", "5"], "--error: 5 is 500 %: give 5%"),
+        (["plan", "--error", "1"], "--error: 1 is 100 %: give 1%"),
+        (["plan", "--delta", "5"], "--delta: 5 is 500 %: give 5%"),
+        (["plan", "--delta", "100%"], "`delta` must be in (0, 1)"),
+        (["stream", "--tol", "5"], "--tol: 5 is 500 %: give 5%"),
+    ],
+)
+def test_a_share_of_one_and_more_needs_its_percent(args, said, capsys):
+    assert cli.main([*args, "--case", "ieee14"]) == 2
+    err = capsys.readouterr().err
+    assert one_line(err)
+    assert said in err
+
+
+def test_shares_in_percent(capsys):
+    plan = ["plan", "--case", "ieee14", "--runs", "20", "--json"]
+    said = []
+    for options in (
+        ["--error", "5%", "--delta", "1%"],
+        ["--error", "0.05", "--delta", "0.01"],
+        ["--error", "500%"],
+        ["--error", "5", "--absolute"],
+    ):
+        assert cli.main([*plan, *options]) == 0
+        said.append(json.loads(capsys.readouterr().out))
+    assert said[0] == said[1]
+    assert said[0]["delta"] == 0.01
+    assert said[2]["relative_error"] == pytest.approx(5.0)
+    assert said[3]["error"] == 5.0
+
+
+def test_claims_replaces_only_its_own_files(tmp_path, capsys):
+    pytest.importorskip("matplotlib")
+    claims = ["claims", "--quick", "--out", str(tmp_path)]
+    (tmp_path / "claims.svg").write_text("mine")
+    assert cli.main(claims) == 2
+    assert "claims.svg was not written by this command" in capsys.readouterr().err
+    (tmp_path / "claims.svg").unlink()
+
+    assert cli.main(claims) == 0
+    index = json.loads((tmp_path / "claims.json").read_text())
+    written = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    assert set(index["files"]) == set(written) == {"claims.json", "claims.png", "claims.svg"}
+    assert index["confirmed"] is True
+    capsys.readouterr()
+
+    assert cli.main([*claims, "--seed", "2"]) == 2
+    err = capsys.readouterr().err
+    assert one_line(err)
+    assert "seed=1" in err
+    assert "--force" in err
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == written
+
+    assert cli.main([*claims, "--seed", "2", "--force"]) == 0
+    (tmp_path / "claims.png").write_text("mine")
+    assert cli.main([*claims, "--seed", "2", "--force"]) == 2
+    assert "claims.png was changed" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("text", ["", "[]", '{"schema": "stochens-results/1"}', '{"files": 3}'])

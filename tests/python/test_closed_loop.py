@@ -396,3 +396,13 @@ def test_wrong_input_is_refused():
         tracking.reference_residuals(1e200 * A2, B1, 1e200 * REFERENCE)
     huge = tracking.reference_residuals(A2, B1, 1e200 * REFERENCE)
     np.testing.assert_allclose(huge, 1e200 * tracking.reference_residuals(A2, B1, REFERENCE))
+
+
+def test_the_distance_is_drawn():
+    pytest.importorskip("matplotlib")
+    run = se.track(([[0.5]], [[1.0]]), [[0.0], [1.0], [2.0]], 50, replicates=3, rng=1)
+    ax = run.plot()
+    distance, residuals = ax.get_lines()
+    np.testing.assert_array_equal(distance.get_ydata(), np.sqrt(run.mean_square))
+    np.testing.assert_array_equal(residuals.get_xdata(), [1, 2])
+    assert run.plot(ax=ax) is ax

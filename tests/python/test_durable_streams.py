@@ -453,6 +453,37 @@ def test_the_command_stops_and_resumes(tmp_path: Path, capsys: pytest.CaptureFix
     assert resumed["steps"] == whole["steps"]
 
 
+def test_the_command_says_what_is_out_of_reach(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    problem = {"A": [[1.0, 0.0], [0.0, 1.0]], "B": [[1.0], [0.0]], "x0": [0.0, 0.0]}
+    path = tmp_path / "p.json"
+    for xf, said in (([0.0, 1.0], "out of reach: 1 (100 % of xf - A x0)"), ([1.0, 0.0], None)):
+        path.write_text(json.dumps({**problem, "xf": xf}))
+        args = ["stream", "--file", str(path), "--max-steps", "10"]
+        assert cli.main(args) == 0
+        text = capsys.readouterr().out
+        assert said is None or said in text
+        assert ("out of reach" in text) == (said is not None)
+        assert cli.main([*args, "--json"]) == 0
+        assert json.loads(capsys.readouterr().out)["out_of_reach"] == (1.0 if said else 0.0)
+
+
+def test_the_help_has_the_exit_codes_and_the_lock(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["stream", "--help"]) == 0
+    text = " ".join(capsys.readouterr().out.split())
+    for word in (
+        "Exit codes: 0 ",
+        "2 usage",
+        "5 read",
+        "130 in",
+        "143 te",
+        "FILE.lock",
+        "FILE.prev",
+    ):
+        assert word in text
+
+
 def test_the_command_does_not_go_backwards(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -11,7 +11,6 @@ import pytest
 
 import stochens_rs as se
 from stochens_rs._exact import factors, one_step
-from stochens_rs.exceptions import InputError
 from stochens_rs.theory import reachability
 
 CONDITIONS = (1e2, 1e6, 1e10, 1e12, 1e14)
@@ -291,17 +290,20 @@ def test_a_plan_says_where_it_is_expected_to_end():
                 end = plan.states(system, x0)[-1]
             squares.append(float(((end - xf) ** 2).sum()))
             if r < 5:
-                words.add(repr(plan).partition("the system about ")[2].partition(" from xf")[0])
+                words.add(repr(plan).partition("true system: about ")[2].partition(" from xf")[0])
         assert len(words) == 1
         assert float(words.pop()) == pytest.approx(math.sqrt(np.mean(squares)), rel=0.15)
-    assert "the model ends 1.5 from its target" in repr(
+    assert "; ends 1.5 from xf>" in repr(
         se.control([[1.0], [0.0]], [0.0, 0.0], [2.0, 1.5], np.eye(2))
     )
+    assert "; with the estimates: ends " in repr(plan)
+    assert " from the estimated xf; true system: about" in repr(plan)
     exact = repr(se.control_steps(system.B, x0, xf, system.A, 3))
-    assert "the model ends" in exact
-    assert "the system" not in exact  # they are the same
+    assert "; ends " in exact
+    assert "estimate" not in exact  # all of it is exact
+    assert "true system" not in exact
     fit = se.fuse(se.sample(system.A, 100, rng=1), "alse", target=system.A)
-    assert "the system" not in repr(se.control(system.B, x0, xf, fit))  # its law is not known
+    assert "true system" not in repr(se.control(system.B, x0, xf, fit))  # its law is not known
 
 
 def test_a_target_that_rounding_makes_is_no_relative_measure():
@@ -309,5 +311,5 @@ def test_a_target_that_rounding_makes_is_no_relative_measure():
     x0 = np.array([1.0, 2.0, 3.0])
     xf = np.array([0.3 * 3.0 + 0.2 * 2.0 + 0.1] * 3)  # A x0 in another order
     assert (xf != A @ x0).any() or (xf == A @ x0).all()
-    with pytest.raises(InputError, match="the exact control is zero"):
-        se.required_samples(se.System(A, B), x0, xf, 0.1, quantity="control", runs=20)
+    plan = se.required_samples(se.System(A, B), x0, xf, 0.1, quantity="control", runs=20, rng=1)
+    assert (plan.relative_to, plan.reference) == ("B^+ A x0", pytest.approx(np.linalg.norm(xf)))

@@ -40,6 +40,7 @@ def simulated():
 RECORDS = {
     "System": (lambda: SYSTEM, ["states n", "0.1 s", "a & <b>"]),
     "Ensemble": (lambda: se.sample(SYSTEM.A, 1000, rng=1), ["1 000", "2 × 2", "iid", "columns"]),
+    "Ensemble of vectors": (lambda: se.sample(X0, 10, rng=1), ["entries keptonedrawn"]),
     "Fit": (
         lambda: se.fuse(se.sample(SYSTEM.A, 99, rng=1), "alse", target=SYSTEM.A),
         ["alse", "optimal", "99", "distance to the target", "gap"],
@@ -50,19 +51,35 @@ RECORDS = {
     ),
     "Plan": (plan, ["product", "largest |u|", "12 345 realizations", "control u"]),
     "TrajectoryPlan": (lambda: plan(steps=5), ["5 steps", "largest |u|", "<polyline"]),
-    "PlanError": (lambda: plan().error(SYSTEM, X0, XF), ["control", "state", "residual"]),
-    "PlanBound": (lambda: plan().bound(), ["state", "0.05", "delta"]),
+    "PlanError": (
+        lambda: plan().error(SYSTEM, X0, XF),
+        ["control off by", "% of the norm of the exact control", "state off by", "out of reach"],
+    ),
+    "PlanBound": (
+        lambda: plan().bound(),
+        ["of where the exact control leads (simulated)", "of xf", "95 %", "drawn from"],
+    ),
     "Reachability": (lambda: plan().reachability, ["rank", "condition", "yes"]),
     "Trajectory": (
         lambda: se.simulate(SYSTEM, np.ones((20, 2)), X0),
         ["20 of 0.1 s", "2.236 at the start", "largest |u|", "<polyline"],
     ),
-    "EnsembleTrajectory": (simulated, ["20 of 0.1 s", "standard error", "<polyline"]),
+    "EnsembleTrajectory": (
+        simulated,
+        ["20 of 0.1 s", "norm of the mean state", "standard error", "<polyline"],
+    ),
     "Stream": (stream, ["1 000", "of A", "state off by", "certified", "<polyline"]),
     "Trace": (lambda: stream().trace, ["<polyline"]),
     "StreamRun": (lambda: stream().run(max_steps=10), ["max_steps", "seconds"]),
     "DataStream": (data_stream, ["2 of x0", "control u"]),
-    "Confidence": (lambda: data_stream().confidence(), ["state", "delta"]),
+    "Confidence": (
+        lambda: data_stream().confidence(),
+        ["state within", "x0 within", "95 %", "the means of the laws"],
+    ),
+    "Tracking": (
+        lambda: se.track(SYSTEM, [X0, XF, X0], 99, rng=1),
+        ["2", "realizations N per step", "off by", "<polyline"],
+    ),
     "SamplePlan": (
         lambda: se.required_samples(SYSTEM, X0, X0, 0.3, rng=1, runs=50),
         ["with probability", "0.95", "exact rms", "failures", "of 50"],
@@ -80,11 +97,48 @@ def test_a_notebook_shows_the_record(name):
     assert page == made._repr_html_()
     tree = ElementTree.fromstring(page)
     text = re.sub(r"\s", " ", "".join(tree.itertext()))
-    assert tree.find(".//b").text == type(made).__name__ == name
+    assert tree.find(".//b").text == type(made).__name__ == name.partition(" ")[0]
+    assert "{" not in text
     for word in words:
         assert word in (page if word.startswith("<poly") else text), text
     assert len(page) < 12_000
     assert not re.search(r"<script|<style|<b>b|\son\w+=|https?:|nan|color:|background", page)
+
+
+def test_the_states_with_the_largest_range_are_drawn():
+    states = np.outer([0.0, 1.0], np.arange(8.0))
+    page = _html._states(np.arange(2), states, "states")
+    assert page.count("<polyline") == 6
+    assert "the 6 that change most, from 0 to 7" in page
+
+
+def test_one_step_is_no_steps():
+    system, key = SYSTEM, 1
+    one = [
+        se.steer(system, X0, XF, 9, steps=1, rng=key),
+        se.simulate(system, [[1.0, 0.0]], X0),
+        se.simulate_ensemble(system, [[1.0, 0.0]], X0, 5, rng=key),
+        se.track(system, [X0, XF], 9, rng=key),
+        se.required_samples(system, X0, X0, 0.9, steps=1, runs=20, rng=key),
+    ]
+    assert [text for text in map(str, one) if "1 step" not in text or "1 steps" in text] == []
+
+
+def test_a_bound_says_what_it_covers_in_short():
+    bound = plan().bound()
+    assert str(bound) == repr(bound)
+    assert re.fullmatch(
+        r"<PlanBound: state within [\d.]+, [\d.]+ from xf, control within [\d.]+, with "
+        r"probability 95 %>",
+        repr(bound),
+    )
+    assert f"state within {bound.state:.3g}," in repr(bound)
+    assert bound.covers.startswith("each of the two with probability 95 % at least, over the draws")
+    exact = se.control(SYSTEM.B, X0, XF, SYSTEM.A).bound()
+    assert "surely" in repr(exact)
+    assert "surely" in exact.covers
+    fit = se.fuse(se.sample(SYSTEM.A, 9, rng=1), "slse", target=SYSTEM.A)
+    assert "targets of the fits" in se.control(SYSTEM.B, X0, XF, fit).bound().covers
 
 
 def test_text_from_outside_is_escaped():

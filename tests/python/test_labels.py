@@ -33,6 +33,18 @@ LABELLED = {
     "time as a column": (
         pd.DataFrame({"t": [0.0, 0.1], "x": [1.0, 2.0]}), "columns: 't', 'x'"
     ),
+    "rows and columns": (
+        pd.DataFrame(A, index=["b", "a"], columns=["x", "y"]),
+        "index: 'b', 'a'; columns: 'x', 'y'",
+    ),
+    "long names": (
+        pd.DataFrame(A, index=["b" * 99, "a" * 99], columns=["x" * 99, "y" * 99]),
+        f"index: '{'b' * 29}",
+    ),
+    "all coordinates": (
+        xr.DataArray(A, coords={"to": ["a", "b"], "from": ["b", "a"]}, dims=["to", "from"]),
+        "dims: 'to', 'from'; to: 'a', 'b'; from: 'b', 'a'",
+    ),
     "dates": (pd.Series(X0, index=pd.date_range("2020", periods=2)), "index: "),
     "two levels": (pd.Series(X0, index=pd.MultiIndex.from_tuples([(0, 0), (1, 0)])), "index: "),
     "bool": (pd.Series(X0, index=[False, True]), "index: False, True"),
@@ -58,6 +70,7 @@ def test_labels_are_refused_with_the_cure(what):
     with pytest.raises(InputError, match=r"pass X\.to_numpy\(\) if the order is right") as caught:
         _gate.array("X", value, ndim=(1, 2, 3))
     assert f"has labels ({said}" in str(caught.value)
+    assert "A.loc[states, states].to_numpy(), x0[states].to_numpy()" in str(caught.value)
     assert_one_short_line(caught.value)
 
 
@@ -122,6 +135,15 @@ ENTRIES = {
 def test_every_entry_refuses_labels(where):
     with pytest.raises(InputError, match=r"has labels .*\.to_numpy\(\) if the order is right"):
         ENTRIES[where]()
+
+
+def test_the_cure_of_the_message_cures():
+    """Tables in three different orders give the control of the plain arrays."""
+    states = ["speed", "angle"]
+    shuffled = pd.DataFrame(A, index=states, columns=states).loc[states[::-1], states]
+    start = x0[states[::-1]]
+    cured = se.control(B, start[states].to_numpy(), XF, shuffled.loc[states, states].to_numpy())
+    np.testing.assert_array_equal(cured.u, se.control(B, X0, XF, A).u)
 
 
 def test_what_has_no_labels_gives_the_same_control():

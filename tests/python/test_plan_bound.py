@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -65,9 +66,12 @@ def test_counts_uniform_fits_and_exact_entities_know_their_law():
     exact = se.control(B, X0, XF, A)
     residual = exact.bound().target
     assert residual == pytest.approx(exact.reachability.residual, rel=1e-12)
-    assert exact.bound(0.5) == se.PlanBound(
-        0.0, 0.0, residual, 0.5, "exact error", "exact error", "laws", True
-    )
+    bound = exact.bound(0.5)
+    assert (bound.state_bound, bound.relative_to, bound.certain) == ("exact error", "laws", True)
+    # an exact control is wrong by rounding
+    known = exact.error(SYSTEM, X0, XF)
+    assert known.state_rounding <= bound.state < 1e-13
+    assert known.control_rounding <= bound.control < 1e-13
     assert not exact.covariance().any()
     prefix = se.control(B, X0, se.sample(XF, N, rng=2).prefix(50), A)
     best = bounds.best("state", B, X0, XF, A, size=(None, 50, None), delta=0.05)
@@ -233,6 +237,43 @@ def test_entities_with_one_key_are_not_independent():
     for call in (plan.bound, plan.covariance):
         with pytest.raises(InputError, match="`x0` and `xf` were drawn with the same key"):
             call()
+
+
+def test_a_fit_and_a_sample_with_one_key_are_not_independent():
+    """With one key for both, 64 of 300 bounds of delta 0.05 failed: refused."""
+    fit = se.fuse(se.sample(X0, N, rng=1), "alse", target=X0)
+    with pytest.raises(InputError, match="`x0` and `A` were drawn with the same key"):
+        se.control(B, fit, XF, se.sample(A, N, rng=1)).bound()
+    assert se.control(B, fit, XF, se.sample(A, N, rng=2)).bound().state > 0.0
+
+
+@pytest.mark.parametrize("condition", [1e4, 1e8, 1e12])
+@pytest.mark.parametrize("kind", ["exact", "fitted"])
+def test_the_known_error_covers_rounding(condition, kind):
+    """Against rational arithmetic, as `PlanError`: no bound below the error, ``certain`` or not."""
+    gen = np.random.default_rng(int(np.log10(condition)))
+    for _ in range(10):
+        Q, V = (np.linalg.qr(gen.standard_normal((3, 3)))[0] for _ in range(2))
+        inputs = Q @ np.diag([1.0, condition**-0.5, 1.0 / condition]) @ V
+        matrix, start, goal = gen.standard_normal((3, 3)), *gen.standard_normal((2, 3))
+        x0 = start
+        if kind == "fitted":
+            x0 = se.fuse(se.sample(start, 100, rng=1), "alse", target=start)
+        plan = se.control(inputs, x0, goal, matrix)
+        # the exact control solves B v = xf - A x0: the residual of u, in rationals, is B (u - v)
+        u = [Fraction(float(value)) for value in plan.u]
+        residual = []
+        for i in range(3):
+            value = -Fraction(float(goal[i]))
+            value += sum(
+                Fraction(float(a)) * Fraction(float(x))
+                for a, x in zip(matrix[i], start, strict=True)
+            )
+            residual.append(
+                value + sum(Fraction(float(b)) * v for b, v in zip(inputs[i], u, strict=True))
+            )
+        truth = float(sum(value * value for value in residual)) ** 0.5
+        assert truth <= plan.bound().state
 
 
 def test_a_plan_made_by_hand_knows_nothing():

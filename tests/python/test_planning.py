@@ -81,6 +81,10 @@ def test_relative_and_absolute_errors_agree() -> None:
     assert first.rows == again.rows
     assert first.to_dict() == again.to_dict()
     assert "Bousquet" in str(first)
+    assert first.relative_to == "x_actual"
+    said = f"at most {first.error:.3g} (10 % of {first.reference:.3g}, the norm of the state that"
+    assert said in str(first)
+    assert said in first._repr_html_()
     json.dumps(first.to_dict(), allow_nan=False)
 
 
@@ -124,12 +128,19 @@ def test_no_relative_error_of_zero() -> None:
 
 
 def test_the_origin_within_reach_is_zero_up_to_rounding() -> None:
+    """The error is then relative to x0, or the control that leads it to the origin."""
     system = se.System(SYSTEM.A, GEN.standard_normal((4, 4)))
-    with pytest.raises(InputError, match="relative=False"):
-        se.required_samples(system, X0, [0.0] * 4, 0.1, runs=20)
+    for steps in (None, 2):
+        state = se.required_samples(system, X0, [0.0] * 4, 0.1, steps=steps, runs=20, rng=1)
+        assert (state.relative_to, state.reference) == ("x0", pytest.approx(np.linalg.norm(X0)))
+        assert state.error == pytest.approx(0.1 * np.linalg.norm(X0))
+        assert "(10 % of 1.49, the norm of x0, as the exact control leads to" in str(state)
     target = [float(sum(row[::-1] * X0[::-1])) for row in SYSTEM.A]  # A x0 in another order
-    with pytest.raises(InputError, match="the exact control is zero"):
-        se.required_samples(system, X0, target, 0.1, quantity="control", runs=20)
+    same = se.required_samples(system, X0, target, 0.1, quantity="control", runs=20, rng=1)
+    back = np.linalg.norm(np.linalg.solve(system.B, system.A @ X0))
+    assert (same.relative_to, same.reference) == ("B^+ A x0", pytest.approx(back))
+    plan = se.steer(system, X0, [0.0] * 4, 100, rng=1)
+    assert plan.error(system, X0, [0.0] * 4).state_relative_to == state.relative_to
     plan = se.required_samples(system, X0, [0.0] * 4, 0.5, relative=False, runs=20, rng=1)
     assert plan.size > 1
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import dataclasses
 import json
 from html.parser import HTMLParser
 
@@ -126,6 +127,25 @@ def test_text_quotes_the_results(page, experiments):
     assert f"{needed:,}".replace(",", "\u2009") in page.text
     for word in ("Lemma 4.4", "Lemma 4.5", "Algorithm 1", "Section 5.2"):
         assert word in page.text
+
+
+def test_rounding_is_no_figure():
+    rows = report.final_errors([power(rng=1, replicates=2, samples=400)])
+    assert [(row["panel"], row["method"]) for row in rows if row["zero"]] == [("1a", "alse")]
+    table = report._table(rows)
+    assert table.count('<td class="n" colspan="4">zero to rounding</td>') == 1
+    assert "e-1" not in table
+
+
+def test_the_time_of_a_short_run(experiments):
+    quick = dataclasses.replace(experiments[0], seconds=0.04)
+    assert "<td>&lt; 0.1 s</td>" in report._settings(quick)
+
+
+def test_words_are_not_broken(written):
+    source = (written[0] / "report.html").read_text(encoding="utf-8")
+    assert "break-all" not in source
+    assert "h1, h2, h3, table, figcaption" in source  # one typeface for heads and cells
 
 
 def test_sentences_change_with_the_numbers(experiments):

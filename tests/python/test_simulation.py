@@ -588,6 +588,9 @@ def test_plots_show_every_state() -> None:
     assert ax.get_xlabel() == "time [s]"
     assert len(ax.collections) == 0
     found = se.simulate_ensemble((A, B), u, x0, 50, rng=1)
+    legend = [text.get_text() for text in found.plot().get_legend().get_texts()]
+    assert legend[-1] == "± 2 standard errors"
+    assert not [text for text in ax.get_legend().get_texts() if "standard" in text.get_text()]
     again = found.plot(ax=ax)
     assert again is ax
     assert len(ax.collections) == 5

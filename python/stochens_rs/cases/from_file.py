@@ -89,19 +89,20 @@ def from_file(path: str | os.PathLike[str]) -> Problem:
     about = path.stat()
     if not stat.S_ISREG(about.st_mode):  # /dev/zero has no end, a pipe may have no beginning
         kind = _KINDS.get(stat.S_IFMT(about.st_mode), "special file")
-        raise InputError(f"{path.name} must be a regular file, got a {kind}")
+        cure = ": save it to a file first" if kind == "pipe" else ""
+        raise InputError(f"{path} must be a regular file, got a {kind}{cure}")
     archive = path.suffix.lower() == ".npz"
-    _gate.memory(f"to read {path.name}", about.st_size * (1 if archive else _PARSED))
+    _gate.memory(f"to read {path}", about.st_size * (1 if archive else _PARSED))
     found = _npz(path) if archive else _json(path, about.st_size)
     unknown = sorted(set(found) - set(_NAMES))
     if unknown:
         raise InputError(
-            f"{path.name} must have the entries A, B and, if there are any, x0, xf, dt; "
+            f"{path} must have the entries A, B and, if there are any, x0, xf, dt; "
             f"got also {unknown[0]!r}"
         )
     missing = [name for name in ("A", "B") if name not in found]
     if missing:
-        raise InputError(f"{path.name} must have the entries A and B, {missing[0]} is missing")
+        raise InputError(f"{path} must have the entries A and B, {missing[0]} is missing")
     dt: Any = found.get("dt")
     if isinstance(dt, np.ndarray):
         dt = dt.item() if dt.size == 1 else dt
@@ -117,13 +118,13 @@ def _npz(path: Path) -> dict[str, Any]:
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             unpacked = sum(entry.file_size for entry in archive.zip.infolist())
-            _gate.memory(f"{path.name}, unpacked,", unpacked)
+            _gate.memory(f"{path}, unpacked,", unpacked)
             _once(archive.files)
             return {name: archive[name] for name in archive.files}
     except (OSError, ResourceError):
         raise
     except Exception as error:  # a damaged archive raises anything from three libraries
-        raise InputError(f"{path.name} must be an archive of numeric arrays: {error}") from error
+        raise InputError(f"{path} must be an archive of numeric arrays: {error}") from error
 
 
 def _json(path: Path, size: int) -> dict[str, Any]:
@@ -131,9 +132,9 @@ def _json(path: Path, size: int) -> dict[str, Any]:
         with path.open("rb") as file:
             found = json.loads(file.read(size).decode("utf-8"), object_pairs_hook=_object)
     except (ValueError, RecursionError) as error:  # not text, not JSON, or numbers without end
-        raise InputError(f"{path.name} must be a .npz archive or JSON: {error}") from error
+        raise InputError(f"{path} must be a .npz archive or JSON: {error}") from error
     if not isinstance(found, dict):
-        raise InputError(f"{path.name} must be a JSON object, got {type(found).__name__}")
+        raise InputError(f"{path} must be a JSON object, got {type(found).__name__}")
     return found
 
 

@@ -21,12 +21,13 @@ from ._problem import problem, share
     metavar="E",
     default="5%",
     show_default=True,
-    help="Error to stay below, relative: 0.05 or 5%; with --absolute in units of the quantity.",
+    help="Error to stay below, 5% or 0.05 of what the table says; with --absolute in units of the "
+    "quantity.",
 )
 @click.option(
     "--delta",
-    type=float,
-    default=0.05,
+    metavar="P",
+    default="5%",
     show_default=True,
     help="Probability with which it may be exceeded all the same.",
 )
@@ -61,7 +62,7 @@ def plan(
     case: str | None,
     path: str | None,
     error: str,
-    delta: float,
+    delta: str,
     quantity: str,
     fusion: str,
     steps: int | None,
@@ -85,8 +86,8 @@ def plan(
         system,
         x0,
         xf,
-        share(error, "--error"),
-        delta=delta,
+        share(error, "--error", relative=not absolute),
+        delta=share(delta, "--delta"),
         relative=not absolute,
         quantity=quantity,  # type: ignore[arg-type]
         fusion=fusion,  # type: ignore[arg-type]

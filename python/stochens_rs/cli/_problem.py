@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TypeAlias
 
 import click
@@ -30,11 +31,17 @@ def problem(case: str | None, path: str | None, key: Key) -> tuple[System, Float
     return system, x0, np.zeros(system.n) if xf is None else xf
 
 
-def share(text: str, option: str) -> float:
-    """``5%`` or ``0.05``."""
+def share(text: str, option: str, *, relative: bool = True) -> float:
+    """``5%`` or ``0.05``; a relative one of 1 and more needs its percent sign: 5 is a slip."""
     number = text.strip().removesuffix("%")
     try:
         value = float(number)
     except ValueError:
         raise click.BadParameter(f"{text!r} is not a number", param_hint=option) from None
-    return value / 100.0 if text.strip().endswith("%") else value
+    if text.strip().endswith("%"):
+        return value / 100.0
+    if relative and 1.0 <= value < math.inf:
+        raise click.UsageError(
+            f"{option}: {number} is {100 * value:g} %: give {number}%, or a number below 1"
+        )
+    return value

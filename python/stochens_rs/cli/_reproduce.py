@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import json
 import re
-from pathlib import Path
 from typing import Any
 
 import click
 
 from .. import experiments, plots, report
-from ..exceptions import InputError
 from ..experiments._common import versions
 from ..rng import as_key
 from ..verdicts import claims as check_claims
 from ._options import seed_option
-from ._output import note, show, writable
+from ._output import note, replaceable, show, writable
 
 # Small enough for a first look in seconds; the full run is the default.
 QUICK: dict[str, dict[str, Any]] = {
@@ -77,8 +75,8 @@ def reproduce(
     its exact value in standard errors.
 
     A report in DIR is replaced if the same options made it, or with --force. A file with the name
-    of one of the report's that this command did not write (results.json lists those it did) is
-    never replaced: nothing is done then.
+    of one of the report's that this command did not write, or that was changed since (results.json
+    has the SHA-256 of the others), is never replaced: nothing is done then.
     """
     plots.require_matplotlib()
     options = {
@@ -89,7 +87,7 @@ def reproduce(
         "claims": with_claims,
     }
     directory = writable(out)
-    earlier = _earlier(directory, options, force)
+    earlier = replaceable(directory, "results.json", _NAMES, options, force)
     key = as_key(seed)
     given = {k: v for k, v in (("replicates", replicates), ("samples", samples)) if v is not None}
     done = []
@@ -131,36 +129,6 @@ def reproduce(
     note(f"report: {files[-1]}")
 
 
-def _earlier(directory: Path, options: dict[str, Any], force: bool) -> list[Path]:
-    """Files of an earlier report that this one replaces; refuses to replace any others."""
-    there = {path.name for path in directory.glob("*") if _NAMES.fullmatch(path.name)}
-    if not there:
-        return []
-    try:
-        found = json.loads((directory / "results.json").read_bytes())
-        listed, before = set(found["files"]), dict(found["options"])
-    except (OSError, ValueError, TypeError, KeyError):  # none, or not ours
-        listed, before = set(), {}
-    foreign = sorted(there - listed)
-    if foreign:
-        raise InputError(
-            f"{directory / foreign[0]} was not written by this command: move it away, or give "
-            "another --out"
-        )
-    if before != options:
-        other = ", ".join(f"{k}={v}" for k, v in before.items() if v != options.get(k))
-        if not force:
-            raise InputError(
-                f"{directory} has the report of a run with {other}: give another --out, or "
-                "--force to replace it"
-            )
-    else:
-        other = "the same options"
-    note(f"replacing the report of a run with {other} in {directory}")
-    # results.json goes last, by being written anew: it says whose the others are
-    return [directory / name for name in there - {"results.json"}]
-
-
 def _table(rows: list[dict[str, Any]]) -> str:
     """The final errors as text, one block per panel."""
     lines = []
@@ -174,9 +142,11 @@ def _table(rows: list[dict[str, Any]]) -> str:
                 f"{row['panel']}  relative error of the {row['quantity']}, N = {row['samples']}",
                 head,
             ]
-        cells = "".join(
-            f"{'' if row[k] is None else format(row[k], '.3g'):>11}"
-            for k in ("median", "q10", "q90", "rms", "exact_rms")
+        figures = [row[k] for k in ("median", "q10", "q90", "rms", "exact_rms")]
+        cells = "" if row["zero"] is None else f"{row['zero']:>44}"
+        cells += "".join(
+            f"{'' if value is None else format(value, '.3g'):>11}"
+            for value in (figures if row["zero"] is None else figures[4:])
         )
         z = "" if row["z"] is None else f"{row['z']:+.2f}"
         lines.append(f"{row['method']:<20}{cells}{z:>7}")

@@ -66,8 +66,12 @@ def stream(
 ) -> None:
     """Refine a control one realization at a time, until it is certified.
 
-    Ctrl-C and SIGTERM save before leaving (exit codes 130 and 143); with --resume the run goes on
-    as if it had never stopped.
+    Ctrl-C and SIGTERM save before leaving; with --resume the run goes on as if it had never
+    stopped. Beside the checkpoint FILE are FILE.prev, the state before it, and FILE.lock, which
+    keeps two runs apart and may be deleted when none is going on.
+
+    Exit codes: 0 done (certified, or as many steps or seconds as allowed), 1 internal error,
+    2 usage or input, 5 reading or writing files, 130 interrupted, 143 terminated.
     """
     relative = _gate.positive("tol", share(tol, "--tol"))
     key = as_key(seed)
@@ -77,7 +81,8 @@ def stream(
         made = _resumed(made, checkpoint)
     elif checkpoint is not None and os.path.lexists(checkpoint):
         raise click.UsageError(f"{checkpoint} exists: give --resume, or another name")
-    scale = float(np.linalg.norm(one_step(system.A, system.B, x0, xf).reached)) or 1.0
+    best = one_step(system.A, system.B, x0, xf)
+    scale, reach = float(np.linalg.norm(best.reached)) or 1.0, best.reachability()
     watched = sys.stderr is not None and sys.stderr.isatty()
     with _signals() as received:
         run = made.run(
@@ -99,6 +104,8 @@ def stream(
         "certificate": run.certificate,
         "error": run.error,
         "reached_norm": scale,
+        "out_of_reach": 0.0 if reach.reachable else reach.residual,
+        "out_of_reach_relative": 0.0 if reach.reachable else reach.relative,
         "u": made.u.tolist(),
         "key": made.key.hex,
         "digest": made.digest,
@@ -166,6 +173,9 @@ def _text(facts: dict[str, object], control: NDArray[np.float64]) -> str:
         f"state off by {100 * error / scale:.3g} %, certified {100 * certificate / scale:.3g} %",
         f"u = [{', '.join(f'{value:.6g}' for value in control)}]",
     ]
+    if facts["out_of_reach"]:
+        share = 100 * float(str(facts["out_of_reach_relative"]))
+        lines.append(f"out of reach: {facts['out_of_reach']:.3g} ({share:.3g} % of xf - A x0)")
     if facts["checkpoint"] is not None:
         lines.append(f"saved: {facts['checkpoint']}")
     return "\n".join(lines)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import platform
@@ -21,7 +22,7 @@ from ._curves import Curve, Panel, quantiles, written_by
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Curve", "Experiment", "Panel", "log_grid", "quantiles", "versions", "write_text"]
+__all__ = ["Curve", "Experiment", "Panel", "log_grid", "quantiles", "versions", "write_listed"]
 
 SCHEMA = "stochens-experiment/1"
 
@@ -191,3 +192,13 @@ def write_text(path: Path, text: str) -> None:
     part = path.with_name(path.name + ".part")
     part.write_text(text, encoding="utf-8")
     part.replace(path)
+
+
+def write_listed(
+    directory: Path, index: str, facts: dict[str, Any], made: list[Path]
+) -> list[Path]:
+    """Write an index with the SHA-256 of each file made elsewhere, then move these beside it."""
+    digests = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in made}
+    listed = {**facts, "files": {index: None, **digests}}
+    write_text(directory / index, json.dumps(listed, allow_nan=False) + "\n")
+    return [directory / index, *(path.replace(directory / path.name) for path in made)]

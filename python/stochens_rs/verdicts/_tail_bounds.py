@@ -42,8 +42,8 @@ def lemma_42(tails: Tails) -> Claim:
     many = (
         f"A = H/sqrt(n), n = {tails.n}, delta = {tails.delta}, {tails.runs} runs for each of "
         f"{len(tails.sizes)} sizes: with ||A|| in beta and C = n the printed radius is exceeded in "
-        f"{100 * broken[worst]:.3g} % of the runs at N = {tails.sizes[worst]}; the bound that "
-        f"holds in at most {100 * ours:.2g} %, and it is "
+        f"{100 * broken[worst]:.3g} % of the runs at N = {tails.sizes[worst]}; the {tails.bound} "
+        f"bound in at most {100 * ours:.2g} %, and that is "
         f"{float(np.min(tails.ours / tails.empirical)):.2g} to "
         f"{float(np.max(tails.ours / tails.empirical)):.2g} times the empirical quantile."
     )
@@ -63,8 +63,8 @@ def lemma_42(tails: Tails) -> Claim:
         "holds with a correction",
         "The norm constants of the proof belong into the exponent. The statement is nevertheless "
         "true for the average of paired realizations, with C = 2 for every n, if beta = max(B_A, "
-        "1, ||x0||) with B_A >= ||A(s)||; with ||A|| in place of B_A it is false. Sharper: "
-        "P(error >= sqrt(V/N) + t) <= exp(-N t^2 / (g(xf)^2 + 2 g(x0)^2 g(A)^2)).",
+        "1, ||x0||) with B_A >= ||A(s)||; with ||A|| in place of B_A it is false. Sharper, among "
+        "formulas: P(error >= sqrt(V/N) + t) <= exp(-N t^2 / (g(xf)^2 + 2 g(x0)^2 g(A)^2)).",
         (
             Evidence("exact", one, printed < float(tail) <= held),
             Evidence("Monte Carlo", many, bool(broken[worst] > allowed and ours <= allowed)),

@@ -40,6 +40,8 @@ class Tails:
         What a share `delta` of the runs exceeds.
     ours : ndarray, shape (k,)
         The smallest bound that holds.
+    bounds : tuple of str, length k
+        Which that is, by its name in `theory.bounds`.
     printed : ndarray, shape (k,)
         Lemma 4.2 with ``beta = max(||A||, 1, ||x0||)`` and ``C = n``.
     failures : ndarray of int, shape (k, 2)
@@ -52,8 +54,14 @@ class Tails:
     sizes: NDArray[np.int64]
     empirical: Floats
     ours: Floats
+    bounds: tuple[str, ...]
     printed: Floats
     failures: NDArray[np.int64]
+
+    @property
+    def bound(self) -> str:
+        """The names of `bounds`, each once."""
+        return ", ".join(dict.fromkeys(self.bounds))
 
     def to_dict(self) -> dict[str, Any]:
         """The fields as plain numbers and lists."""
@@ -64,6 +72,7 @@ class Tails:
             "sizes": self.sizes.tolist(),
             "empirical": self.empirical.tolist(),
             "ours": self.ours.tolist(),
+            "bounds": list(self.bounds),
             "printed": self.printed.tolist(),
             "failures": self.failures.tolist(),
         }
@@ -110,16 +119,17 @@ def measure(key: Key, *, n: int = 64, runs: int = 4000, delta: float = 0.01) -> 
     printed = bounds.paper.Lemma42(x0, xf, A, reading="matrix")
     gen = key.generator()
     sizes = np.array([10, 30, 100, 300, 1000, 3000])
-    rows = []
+    rows, names = [], []
     for size in sizes.tolist():
         errors = drift_errors(A, x0, size, runs, gen)
-        ours = bounds.best("state", B, x0, xf, A, size=size, delta=delta, fusion="diagonal").radius
+        ours = bounds.best("state", B, x0, xf, A, size=size, delta=delta, fusion="diagonal")
+        names.append(ours.bound.name)
         theirs = printed.radius(size, delta)
         quantile = float(np.quantile(errors, 1.0 - delta))
         rows.append(
-            (quantile, ours, theirs, int((errors > ours).sum()), int((errors > theirs).sum()))
+            (quantile, ours.radius, theirs, (errors > ours.radius).sum(), (errors > theirs).sum())
         )
     table = np.array(rows)
-    return Tails(
-        n, delta, runs, sizes, table[:, 0], table[:, 1], table[:, 2], table[:, 3:].astype(np.int64)
-    )
+    empirical, radii, printed_radii = table[:, :3].T
+    failures = table[:, 3:].astype(np.int64)
+    return Tails(n, delta, runs, sizes, empirical, radii, tuple(names), printed_radii, failures)

@@ -17,7 +17,6 @@ from typing import Any, Literal, Protocol, TypeAlias
 import numpy as np
 
 from ... import _core, _gate
-from ..._alse import norm
 from ..._threads import get_num_threads
 from ...rng import Key
 from ..moments._formulas import Array
@@ -30,8 +29,8 @@ _MISTAKE = 0.01  # ... and, at each size looked at, for taking too small an orde
 _LOOKS = 10  # sizes that a search may look at: 0.9 + 10 * 0.01 = 1
 _RUNS = 200.0  # simulated errors per 1 / delta: the bound is then 1.02 to 1.1 times the quantile
 _FEWEST, _MOST = 8192, 1 << 17
-_BUDGET = 1e9  # nanoseconds that are worth spending on more runs than a bound needs
-_LONGEST = 3e10  # nanoseconds beyond which there is no bound
+_BUDGET = 5e8  # nanoseconds that are worth spending on more runs than a bound needs
+_LONGEST = 1e10  # nanoseconds beyond which there is no bound
 _DRAW = 100.0  # nanoseconds of one binomial draw
 _PILOT = 2048  # runs of a look that only guides a search
 _CLOSE = 1.01  # a search ends within 1 % of the smallest sufficient size
@@ -45,9 +44,8 @@ class Errors(Protocol):
     def cost(self) -> float:
         """Nanoseconds for one run, roughly."""
 
-    @property
-    def rounding(self) -> tuple[float, ...]:
-        """What rounding can add to each error."""
+    def rounded(self, radii: tuple[float, ...]) -> tuple[float, ...]:
+        """The radii with what rounding can add to each."""
 
     def draw(self, runs: int, key: Key) -> Array:
         """Independent errors, (runs, number of errors)."""
@@ -68,10 +66,9 @@ class EstimateErrors:
         products = min(self.lines.shape) if self.norm == "spectral" else 0
         return (_DRAW + 30.0 * products) * self.lines.size
 
-    @property
-    def rounding(self) -> tuple[float, ...]:
-        """What rounding can add to the error."""
-        return (_ROUNDING * float(np.abs(self.lines).sum()),)
+    def rounded(self, radii: tuple[float, ...]) -> tuple[float, ...]:
+        """The radius with what rounding can add to it."""
+        return (radii[0] + _ROUNDING * float(np.abs(self.lines).sum()),)
 
     def draw(self, runs: int, key: Key) -> Array:
         """Independent errors, (runs, 1)."""
@@ -135,19 +132,17 @@ class PlanErrors:
         self.several = steps is not None
         K = 1 if steps is None else steps
         powers = matrix_powers(A.values, K)
-        best = best_over_steps(powers, B, x0.values, xf.values)
-        self.C, self.U, self.s, self.V = (
-            best.factors.B,
-            best.factors.U,
-            best.factors.s,
-            best.factors.V,
-        )
-        self.y, self.v = best.needed, best.u
-        self.residual = norm(best.missed)  # what no control reaches
-        grown = float(np.abs(powers[K]).sum(axis=0).max()) * float(np.abs(x0.values).sum())
-        terms = grown + float(np.abs(xf.values).sum()) + norm(best.pushed)
-        state = _ROUNDING * len(B) * K * terms
-        self.rounding = (state, state / float(self.s[-1]) if self.s.size else 0.0)
+        self.best = best_over_steps(powers, B, x0.values, xf.values)
+
+    def rounded(self, radii: tuple[float, ...]) -> tuple[float, ...]:
+        """The radii with what rounding can add: that of the exact control and of a fused one."""
+        state, control = radii
+        best = self.best
+        # a control u is rounded like the exact one, times ||u|| <= ||v|| + ||u - v||
+        state += 2.0 * best.state_rounding + (best.off + best.factors.spread) * control
+        gain = 2.0 * best.off / best.gap if best.gap > 0.0 else math.inf
+        control += 2.0 * best.control_rounding + (gain * control if control else 0.0)
+        return state, control
 
     def sized(self, sizes: tuple[int | None, ...]) -> PlanErrors:
         """The same problem with other numbers of realizations ``(N0, Nf, NA)``."""
@@ -165,10 +160,10 @@ class PlanErrors:
     @property
     def cost(self) -> float:
         """Nanoseconds for one run, roughly."""
-        n, width = len(self.C), self.v.size
+        n, width = self.best.factors.B.shape
         cost = _DRAW * (n * n + 2 * n)
         if self.several:  # powers of A_hat and a singular value decomposition
-            cost += 30.0 * n * n * width
+            cost += 3e4 + 6.0 * n * n * width
         x0, _, A = self.entities
         if self.paired and x0.drawn and A.drawn and A.scheme == "systematic":
             cost += 15.0 * float(A.size or 0)  # drawn one by one
@@ -176,10 +171,12 @@ class PlanErrors:
 
     def draw(self, runs: int, key: Key) -> Array:
         """Independent errors of the state and of the control, (runs, 2)."""
-        if not self.s.size:
+        C = self.best.factors
+        if not C.s.size:
             return np.zeros((runs, 2))
         x0, xf, A = self.entities
-        parts = (self.B, self.C, self.v) if self.several else (self.U.T, self.s, self.y)
+        several = self.B, C.B, self.best.u
+        parts = several if self.several else (C.U.T, C.s, self.best.needed)
         first, second, third = (np.ascontiguousarray(np.atleast_2d(part)) for part in parts)
         return _core.simulate_plans(
             x0.argument(),
@@ -205,10 +202,7 @@ def radii(errors: Errors, delta: float, key: Key) -> tuple[float, ...] | None:
     if runs is None:
         return None
     found = errors.draw(runs, key)
-    return tuple(
-        order_statistic(column, delta) + rounding
-        for column, rounding in zip(found.T, errors.rounding, strict=True)
-    )
+    return errors.rounded(tuple(order_statistic(column, delta) for column in found.T))
 
 
 def runs_for(delta: float, cost: float) -> int | None:
@@ -258,8 +252,8 @@ def smallest_size(
         if runs is None:
             return math.inf
         level = 1.0 - (exceedances(runs, delta) or 0) / runs
-        drawn = errors.draw(min(runs, _PILOT), pilot_key)[:, which]
-        return float(np.quantile(drawn, level)) + errors.rounding[which]
+        drawn = errors.draw(min(runs, _PILOT), pilot_key)
+        return errors.rounded(tuple(float(np.quantile(one, level)) for one in drawn.T))[which]
 
     def bound(size: int) -> float:
         found = radii(errors_at(size), delta, key)

@@ -16,7 +16,7 @@ use crate::control::{Entity, Realized, pseudoinverse};
 use crate::fuse::{self, Dense, Settings, Weights};
 use crate::sample::{multinomial_counts, systematic_counts};
 use crate::simulate::{self, Average, Drawn, Estimate, Exact, Model, Norm, Plans, Second, mean_field, runs};
-use crate::storage::{self, Section, Tag};
+use crate::storage::{self, Section, Values};
 use crate::streaming::{Config, Data, Geometry, Laws, Limits, Order, Rule, Stream, Variant};
 use crate::{Key, Law, Scheme, Singletons, Stop, sample};
 
@@ -327,10 +327,10 @@ fn call(name: &str) -> Option<Call> {
             let values = entries(1000);
             Box::new(move || {
                 let section =
-                    |at: usize| Section { tag: Tag::new(&format!("s{at}")).unwrap(), values: values[..].into() };
+                    |at: usize| Section { name: format!("s{at}").into(), values: Values::Reals(values[..].into()) };
                 let sections = try_collect("a test", (0..50).map(section))?;
-                let bytes = storage::encode(Tag::new("test")?, 1, &sections, &stop)?;
-                storage::decode("x".as_ref(), &bytes, Tag::new("test")?, &stop).map(drop)
+                let bytes = storage::encode("test", 1, &sections, &stop)?;
+                storage::decode("x".as_ref(), &bytes, "test", &stop).map(drop)
             })
         }
         _ => return None,

@@ -11,7 +11,7 @@ use super::error::{InputTypeError, ShapeError};
 use super::run::run;
 use crate::Error;
 use crate::memory::try_room;
-use crate::storage::{self, Lock, Section, Tag, Values};
+use crate::storage::{self, Lock, Section, Values};
 
 /// Elementary operations per byte: hashing, twice, and the disk.
 const PER_BYTE: f64 = 20.0;
@@ -73,10 +73,9 @@ pub(super) fn storage_save(
     sections: Vec<(String, Array<'_>)>,
     held: Option<&Bound<'_, StateLock>>,
 ) -> PyResult<u64> {
-    let kind = Tag::new(kind)?;
     let mut checked = try_room("the sections", sections.len())?;
     for (name, array) in &sections {
-        checked.push(Section { tag: Tag::new(name)?, values: values(array)? });
+        checked.push(Section { name: name.into(), values: values(array)? });
     }
     let sections: Vec<Section<'_>> = checked;
     let bytes: usize = sections
@@ -114,12 +113,11 @@ pub(super) fn storage_load<'py>(
     path: PathBuf,
     kind: &str,
 ) -> PyResult<(u64, Bound<'py, PyDict>, Option<String>)> {
-    let kind = Tag::new(kind)?;
     let bytes = std::fs::metadata(&path).map_or(0, |metadata| metadata.len());
     let loaded = run(py, PER_BYTE * bytes as f64, |stop| storage::load(&path, kind, stop))?;
     let sections = PyDict::new(py);
     for section in loaded.container.sections {
-        let name = section.tag.to_string();
+        let name = section.name;
         match section.values {
             Values::Bytes(values) => sections.set_item(name, PyArray1::from_vec(py, values.into_owned()))?,
             Values::Integers(values) => sections.set_item(name, PyArray1::from_vec(py, values.into_owned()))?,

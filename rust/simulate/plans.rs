@@ -16,6 +16,7 @@ use rand_distr::{Binomial, Distribution};
 use crate::Scheme;
 use crate::control::steps_control;
 use crate::error::{Error, Result};
+use crate::fuse::norm;
 use crate::memory::{checked_len, covered, room_for_products, try_collect, try_extend, try_room, try_zeros};
 use crate::parallel::{Stop, for_each_chunk};
 use crate::sample::{Chance, Law, chances, deal, line_systematic};
@@ -194,7 +195,7 @@ impl Plans {
     /// [`Error::Interrupted`] after a stop.
     pub fn errors(&self, exact: Exact<'_>, runs: usize, key: &Key, threads: usize, stop: &Stop) -> Result<Vec<f64>> {
         let mut errors: Vec<f64> = try_zeros("the simulated errors", checked_len("the errors", runs, 2)?)?;
-        let size = if let Exact::Steps { c, .. } = exact { norm(c) } else { 0.0 }; // ||C_K||_F
+        let size = if let Exact::Steps { c, .. } = exact { norm(c.iter().copied()) } else { 0.0 }; // ||C_K||_F
         for_each_chunk(errors.chunks_mut(2 * CHUNK).enumerate(), threads, stop, |(chunk, errors)| {
             let mut scratch = Scratch::new(self.n, matches!(exact, Exact::Steps { .. }))?;
             for (at, errors) in errors.chunks_exact_mut(2).enumerate() {
@@ -208,9 +209,9 @@ impl Plans {
                         t.extend(basis.chunks_exact(self.n).map(|u| {
                             u.iter().zip(found.iter()).zip(y).map(|((u, found), y)| u * (found - y)).sum::<f64>()
                         }));
-                        let state = norm(t);
+                        let state = norm(t.iter().copied());
                         t.iter_mut().zip(singular_values).for_each(|(t, s)| *t /= s);
-                        errors.copy_from_slice(&[state, norm(t)]);
+                        errors.copy_from_slice(&[state, norm(t.iter().copied())]);
                     }
                     Exact::Steps { b, c, v } => {
                         errors.copy_from_slice(&self.steps(&mut rng, &mut scratch, b, c, v, size)?);
@@ -316,17 +317,8 @@ impl Plans {
         let wrong = try_collect(WHAT, u.iter().zip(v).map(|(u, v)| u - v))?;
         let dot = |row: &[f64]| row.iter().zip(&wrong).map(|(c, w)| c * w).sum();
         let shift: Vec<f64> = try_collect(WHAT, c.chunks_exact(v.len()).map(dot))?;
-        Ok([norm(&shift) + size * rounding, norm(&wrong) + rounding])
+        Ok([norm(shift.iter().copied()) + size * rounding, norm(wrong.iter().copied()) + rounding])
     }
-}
-
-/// 2-norm, in the unit of the largest entry: squares neither overflow nor vanish.
-fn norm(values: &[f64]) -> f64 {
-    let largest = values.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
-    if largest == 0.0 {
-        return 0.0;
-    }
-    largest * values.iter().map(|v| (v / largest) * (v / largest)).sum::<f64>().sqrt()
 }
 
 /// Space for one run at a time.
@@ -382,7 +374,7 @@ pub fn estimate_errors(
             }
             *error = match kind {
                 Norm::One => wrong.iter().map(|w| w.abs()).sum(),
-                Norm::Two => norm(&wrong),
+                Norm::Two => norm(wrong.iter().copied()),
                 Norm::Spectral => {
                     let found = MatRef::from_row_major_slice(&wrong, lines, length);
                     // copies of the matrix, and blocks of reflections

@@ -27,7 +27,7 @@ use std::time::SystemTime;
 
 use super::disk::{self, Lock};
 use super::fault::Fault;
-use super::format::{Container, Section, Tag, decode, encode};
+use super::format::{Container, Section, check_names, decode, encode};
 use crate::error::{Error, Result};
 use crate::parallel::Stop;
 
@@ -46,7 +46,8 @@ pub struct Loaded {
 /// loaded. The file that is there is read and checked first, because only a good one may become the previous generation.
 /// Errors: [`Error::Locked`] if another writer is at work, [`Error::State`] if something else than a state of this kind
 /// is at `path` (nothing is overwritten), [`Error::Os`] for what the system refuses, [`Error::Interrupted`].
-pub fn save(path: &Path, kind: Tag, sections: &[Section<'_>], stop: &Stop) -> Result<u64> {
+pub fn save(path: &Path, kind: &str, sections: &[Section<'_>], stop: &Stop) -> Result<u64> {
+    check_names(kind, sections)?; // before anything is there
     save_held(&lock(path)?, path, kind, sections, stop)
 }
 
@@ -60,7 +61,7 @@ pub fn lock(path: &Path) -> Result<Lock> {
 }
 
 /// [`save`] by who holds the lock of `path`.
-pub fn save_held(_held: &Lock, path: &Path, kind: Tag, sections: &[Section<'_>], stop: &Stop) -> Result<u64> {
+pub fn save_held(_held: &Lock, path: &Path, kind: &str, sections: &[Section<'_>], stop: &Stop) -> Result<u64> {
     let place = Place::new(path)?;
     let old = disk::look(path)?;
     if let Some(metadata) = &old {
@@ -87,7 +88,7 @@ pub fn save_held(_held: &Lock, path: &Path, kind: Tag, sections: &[Section<'_>],
 /// If the file is missing or damaged, the previous generation is loaded and the result says why. Errors: [`Error::State`]
 /// if neither can be used, [`Error::Os`] for what the system refuses (also if there is no file at all),
 /// [`Error::Interrupted`].
-pub fn load(path: &Path, kind: Tag, stop: &Stop) -> Result<Loaded> {
+pub fn load(path: &Path, kind: &str, stop: &Stop) -> Result<Loaded> {
     let why = match read(path, kind, stop) {
         Ok(container) => return Ok(Loaded { container, recovered: None }),
         Err(error) if is_lost(&error) => error,
@@ -110,7 +111,7 @@ pub fn load(path: &Path, kind: Tag, stop: &Stop) -> Result<Loaded> {
 }
 
 /// The container in a file.
-fn read(path: &Path, kind: Tag, stop: &Stop) -> Result<Container> {
+fn read(path: &Path, kind: &str, stop: &Stop) -> Result<Container> {
     decode(path, &disk::read(path, stop)?, kind, stop)
 }
 
@@ -137,7 +138,7 @@ struct Survey {
 }
 
 /// Judges what a save would replace; refuses to replace anything but a state of this kind, good or damaged.
-fn survey(place: &Place, kind: Tag, stop: &Stop) -> Result<Survey> {
+fn survey(place: &Place, kind: &str, stop: &Stop) -> Result<Survey> {
     let why = match read(&place.path, kind, stop) {
         Ok(container) => return Ok(Survey { generation: container.generation, keep: true }),
         Err(error) if is_lost(&error) => error,

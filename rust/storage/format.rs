@@ -1,126 +1,74 @@
-//! The container of a state: named arrays of bytes, integers and reals, sealed with a checksum.
-//!
-//! Everything is little-endian, everything begins at a multiple of 8, and the same contents always give the same bytes
-//! (all of it exact in `docs/state-format.md`):
+//! The container of a state: named arrays of bytes, integers and reals as a safetensors file, sealed with a digest.
 //!
 //! ```text
-//! 0   magic, 8 bytes             16  version, u32         24  kind, 8 bytes
-//! 8   length of the file, u64    20  sections, u32        32  generation, u64
-//! 40  table, 24 bytes a section: name (8 bytes), element type u32, zero u32, number of elements u64
-//!     the arrays in the order of the table, each padded with zeros to a multiple of 8
-//! end SHA-256 of all that precedes, 32 bytes
+//! 0    length of the header, u64
+//! 8    the header, JSON, padded with spaces to a multiple of 8:
+//!      {"__metadata__":{"format":"stochens","sha256":"...","version":"2","kind":"...","generation":"7"},
+//!       "name":{"dtype":"F64","shape":[5],"data_offsets":[0,40]}, ...}
+//! then the arrays, little-endian, without gaps
 //! ```
 //!
-//! There are no offsets in the file, so no two sections can overlap. Magic, length and checksum keep their places in all
-//! versions: damage can be told from a file of the future.
+//! The digest is that of the whole file with 64 zeros in its own place. Everything up to the version keeps its place in
+//! all versions: damage can be told from a file of the future. The same contents always give the same bytes, and a reader
+//! refuses any others: no name can occur twice, and nothing can be hidden between the arrays.
 
-use std::borrow::Cow;
+use std::borrow::{Borrow, Cow};
+use std::cmp::Ordering;
 use std::path::{Path, PathBuf};
 
+use safetensors::Dtype;
+use safetensors::tensor::Metadata;
+use sha2::{Digest, Sha256};
+
 use super::fault::Fault;
-use super::sha256::sha256;
 use crate::error::{Error, Result};
-use crate::memory::{try_collect, try_room};
+use crate::memory::{covered, try_collect, try_room};
 use crate::parallel::Stop;
 
 /// What messages say that memory is for.
 pub(super) const WHAT: &str = "a state";
 
 /// The format's version that is written, and the only one that is read.
-pub const VERSION: u32 = 1;
+pub const VERSION: u64 = 2;
 
 /// No file is longer than this; less where addresses are short.
 pub const MAX_BYTES: u64 = if usize::BITS < 64 { 1 << 30 } else { 1 << 34 };
 
-/// No file has more sections than this.
-pub const MAX_SECTIONS: u32 = 4096;
+/// No header is longer than this, so that what the parser makes of it has bounds.
+pub const MAX_HEADER: u64 = 1 << 20;
 
-// A byte above 127 and both kinds of line ends: whoever treats the file as text breaks it visibly.
-const MAGIC: [u8; 8] = *b"\x89STO\r\n\x1a\n";
-const HEADER: usize = 40;
-const ENTRY: usize = 24;
-const DIGEST: usize = 32;
-pub(super) const SMALLEST: usize = HEADER + DIGEST;
+/// More bytes than the parser asks for per byte of a header: for `[[[...]]]` these are 64, as each
+/// pair of brackets gets room for four entries of 32 bytes.
+pub(super) const PARSED: usize = 96;
 
-/// A name of 1 to 8 letters, digits, `_`, `-` or `.`, in the file padded with spaces.
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct Tag([u8; 8]);
+/// The beginning of every header, then the digest.
+pub(super) const BEGINNING: &str = r#"{"__metadata__":{"format":"stochens","sha256":""#;
+/// Where the digest begins, in hexadecimal digits.
+pub(super) const SEAL: usize = 8 + BEGINNING.len();
+pub(super) const ZEROS: &[u8] = &[b'0'; 64];
+const SEALED: usize = SEAL + ZEROS.len();
 
-impl Tag {
-    /// The tag called `name`.
-    pub fn new(name: &str) -> Result<Self> {
-        let mut bytes = [b' '; 8];
-        let fits = name.len() <= bytes.len();
-        bytes.iter_mut().zip(name.bytes()).for_each(|(to, from)| *to = from);
-        Self::read(bytes).filter(|tag| fits && tag.to_string() == name).ok_or_else(|| Error::Value {
-            name: "tag",
-            expected: "1 to 8 letters, digits, '_', '-' or '.'",
-            found: format!("{:.40}", format!("{name:?}")),
-        })
-    }
-
-    fn read(bytes: [u8; 8]) -> Option<Self> {
-        let end = bytes.iter().rposition(|&byte| byte != b' ')? + 1;
-        let good = |byte: &u8| byte.is_ascii_alphanumeric() || b"_-.".contains(byte);
-        bytes[..end].iter().all(good).then_some(Self(bytes))
-    }
-}
-
-impl std::fmt::Display for Tag {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(self.0.escape_ascii().to_string().trim_end_matches(' '))
-    }
-}
-
-impl std::fmt::Debug for Tag {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "Tag({self})")
-    }
-}
+/// Bytes between two looks at the stop flag: a few milliseconds of work.
+const BLOCK: usize = 1 << 20;
 
 /// The elements of a section.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Values<'a> {
-    /// Unsigned 8-bit integers, element type 1.
+    /// Unsigned 8-bit integers.
     Bytes(Cow<'a, [u8]>),
-    /// Unsigned 64-bit integers, element type 2.
+    /// Unsigned 64-bit integers.
     Integers(Cow<'a, [u64]>),
-    /// Doubles, bit for bit, element type 3.
+    /// Doubles, bit for bit.
     Reals(Cow<'a, [f64]>),
 }
 
-impl<'a> From<&'a [u8]> for Values<'a> {
-    fn from(values: &'a [u8]) -> Self {
-        Self::Bytes(values.into())
-    }
-}
-
-impl<'a> From<&'a [u64]> for Values<'a> {
-    fn from(values: &'a [u64]) -> Self {
-        Self::Integers(values.into())
-    }
-}
-
-impl<'a> From<&'a [f64]> for Values<'a> {
-    fn from(values: &'a [f64]) -> Self {
-        Self::Reals(values.into())
-    }
-}
-
 impl Values<'_> {
-    fn code(&self) -> u32 {
+    /// Type, number of elements, bytes.
+    fn size(&self) -> (Dtype, usize, usize) {
         match self {
-            Self::Bytes(_) => 1,
-            Self::Integers(_) => 2,
-            Self::Reals(_) => 3,
-        }
-    }
-
-    fn len(&self) -> usize {
-        match self {
-            Self::Bytes(values) => values.len(),
-            Self::Integers(values) => values.len(),
-            Self::Reals(values) => values.len(),
+            Self::Bytes(values) => (Dtype::U8, values.len(), size_of_val(&values[..])),
+            Self::Integers(values) => (Dtype::U64, values.len(), size_of_val(&values[..])),
+            Self::Reals(values) => (Dtype::F64, values.len(), size_of_val(&values[..])),
         }
     }
 
@@ -130,15 +78,29 @@ impl Values<'_> {
             Self::Integers(values) => values.iter().for_each(|value| out.extend_from_slice(&value.to_le_bytes())),
             Self::Reals(values) => values.iter().for_each(|value| out.extend_from_slice(&value.to_le_bytes())),
         }
-        out.resize(out.len().next_multiple_of(8), 0);
     }
+
+    /// The elements of this type that have these bytes; `None` for other types.
+    fn read(dtype: Dtype, raw: &[u8]) -> Result<Option<Values<'static>>> {
+        Ok(match dtype {
+            Dtype::U8 => Some(Values::Bytes(array(raw, u8::from_le_bytes)?)),
+            Dtype::U64 => Some(Values::Integers(array(raw, u64::from_le_bytes)?)),
+            Dtype::F64 => Some(Values::Reals(array(raw, f64::from_le_bytes)?)),
+            _ => None,
+        })
+    }
+}
+
+fn array<T: Clone, const N: usize>(raw: &[u8], one: fn([u8; N]) -> T) -> Result<Cow<'static, [T]>> {
+    let (chunks, _) = raw.as_chunks();
+    Ok(try_collect(WHAT, chunks.iter().map(|chunk| one(*chunk)))?.into())
 }
 
 /// A named array.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Section<'a> {
-    /// Its name, unique in the file.
-    pub tag: Tag,
+    /// Its name, unique in the file: 1 to 64 letters, digits, `_`, `-` or `.`, the first no `_`.
+    pub name: Cow<'a, str>,
     /// Its elements.
     pub values: Values<'a>,
 }
@@ -149,49 +111,17 @@ pub struct Container {
     /// Which file it was, for messages.
     pub source: PathBuf,
     /// What the state is of.
-    pub kind: Tag,
+    pub kind: String,
     /// 1 for the first state saved under a path, then one more each time.
     pub generation: u64,
-    /// The arrays, in the order in which they were saved.
+    /// The arrays: integers, doubles, bytes, and each of these by name.
     pub sections: Vec<Section<'static>>,
 }
 
 impl Container {
-    /// The bytes called `name`.
-    pub fn bytes(&self, name: &str) -> Result<&[u8]> {
-        match self.values(name) {
-            Some(Values::Bytes(values)) => Ok(values),
-            _ => Err(self.missing(name, "bytes")),
-        }
-    }
-
-    /// The integers called `name`.
-    pub fn integers(&self, name: &str) -> Result<&[u64]> {
-        match self.values(name) {
-            Some(Values::Integers(values)) => Ok(values),
-            _ => Err(self.missing(name, "64-bit integers")),
-        }
-    }
-
-    /// The doubles called `name`.
-    pub fn reals(&self, name: &str) -> Result<&[f64]> {
-        match self.values(name) {
-            Some(Values::Reals(values)) => Ok(values),
-            _ => Err(self.missing(name, "doubles")),
-        }
-    }
-
-    /// The error of a reader to whom the well-sealed contents make no sense.
-    pub fn refuse(&self, why: impl Into<String>) -> Error {
-        refusal(&self.source, Fault::Content(why.into()))
-    }
-
-    fn values(&self, name: &str) -> Option<&Values<'static>> {
-        self.sections.iter().find(|section| section.tag.to_string() == name).map(|section| &section.values)
-    }
-
-    fn missing(&self, name: &str, expected: &'static str) -> Error {
-        refusal(&self.source, Fault::Missing { tag: name.into(), expected })
+    /// The elements of the section called `name`, if there is one.
+    pub fn values(&self, name: &str) -> Option<&Values<'static>> {
+        self.sections.iter().find(|section| section.name == name).map(|section| &section.values)
     }
 }
 
@@ -199,197 +129,184 @@ pub(super) fn refusal(source: &Path, fault: Fault) -> Error {
     Error::State { path: source.into(), fault, previous: None }
 }
 
+/// Refuses names that cannot be written.
+pub(super) fn check_names(kind: &str, sections: &[Section<'_>]) -> Result<()> {
+    let wrong = |argument, name: &str| {
+        let expected = "1 to 64 letters, digits, '_', '-' or '.', the first no '_'";
+        Err(Error::Value { name: argument, expected, found: format!("\"{}\"", one_line(name)) })
+    };
+    if !is_name(kind) {
+        return wrong("kind", kind);
+    }
+    let mut names = try_collect(WHAT, sections.iter().map(|section| &*section.name))?;
+    names.sort_unstable();
+    if let Some(name) = names.iter().find(|name| !is_name(name)) {
+        return wrong("name", name);
+    }
+    match names.windows(2).find(|pair| pair[0] == pair[1]) {
+        Some(pair) => {
+            let found = format!("'{}' twice", pair[0]);
+            Err(Error::Value { name: "sections", expected: "of different names", found })
+        }
+        None => Ok(()),
+    }
+}
+
+fn is_name(name: &str) -> bool {
+    let good = |byte: u8| byte.is_ascii_alphanumeric() || b"_-.".contains(&byte);
+    // "__metadata__" has a meaning
+    (1..=64).contains(&name.len()) && name.bytes().all(good) && !name.starts_with('_')
+}
+
+/// The order in a file: eights before bytes, so that all begin at a multiple of their size; then by name.
+fn order(a: &Section<'_>, b: &Section<'_>) -> Ordering {
+    b.values.size().0.cmp(&a.values.size().0).then_with(|| a.name.cmp(&b.name))
+}
+
+/// The one header of a file with these contents, its length included.
+fn header<'a, S: Borrow<Section<'a>>>(kind: &str, generation: u64, seal: &[u8], sections: &[S]) -> Result<Vec<u8>> {
+    // three numbers of 20 digits and 49 other characters
+    let room = sections.iter().map(|section| section.borrow().name.len() + 109).sum::<usize>();
+    let mut out = try_room(WHAT, 8 + BEGINNING.len() + seal.len() + kind.len() + 100 + room)?;
+    out.extend_from_slice(&[0; 8]);
+    out.extend_from_slice(BEGINNING.as_bytes());
+    out.extend_from_slice(seal);
+    let own = format!(r#"","version":"{VERSION}","kind":"{kind}","generation":"{generation}"}}"#);
+    out.extend_from_slice(own.as_bytes());
+    let mut start = 0;
+    for Section { name, values } in sections.iter().map(Borrow::borrow) {
+        let (dtype, len, bytes) = values.size();
+        let end = start + bytes as u64;
+        let entry = format!(r#","{name}":{{"dtype":"{dtype}","shape":[{len}],"data_offsets":[{start},{end}]}}"#);
+        out.extend_from_slice(entry.as_bytes());
+        start = end;
+    }
+    out.push(b'}');
+    out.resize(out.len().next_multiple_of(8), b' ');
+    let length = out.len() as u64 - 8;
+    out[..8].copy_from_slice(&length.to_le_bytes());
+    Ok(out)
+}
+
+/// SHA-256 of a file with zeros in the place of the digest, in hexadecimal digits.
+pub(super) fn digest(bytes: &[u8], stop: &Stop) -> Result<Vec<u8>> {
+    let mut hash = Sha256::new_with_prefix(&bytes[..SEAL]);
+    hash.update(ZEROS);
+    for block in bytes[SEALED..].chunks(BLOCK) {
+        stop.check()?;
+        hash.update(block);
+    }
+    let mut digits = try_room(WHAT, ZEROS.len())?;
+    hash.finalize().iter().for_each(|byte| digits.extend_from_slice(format!("{byte:02x}").as_bytes()));
+    Ok(digits)
+}
+
 /// The bytes of a file with these contents.
-pub fn encode(kind: Tag, generation: u64, sections: &[Section<'_>], stop: &Stop) -> Result<Vec<u8>> {
-    let mut tags = try_collect(WHAT, sections.iter().map(|section| section.tag))?;
-    tags.sort_unstable();
-    if let Some(pair) = tags.windows(2).find(|pair| pair[0] == pair[1]) {
-        let found = format!("'{}' twice", pair[0]);
-        return Err(Error::Value { name: "sections", expected: "of different names", found });
+pub fn encode(kind: &str, generation: u64, sections: &[Section<'_>], stop: &Stop) -> Result<Vec<u8>> {
+    check_names(kind, sections)?;
+    let mut sorted = try_collect(WHAT, sections)?;
+    sorted.sort_unstable_by(|a, b| order(a, b));
+    let header = header(kind, generation, ZEROS, &sorted)?;
+    let length =
+        sorted.iter().map(|section| section.values.size().2 as u64).fold(header.len() as u64, u64::saturating_add);
+    let wrong = |expected, found| Err(Error::Value { name: "sections", expected, found });
+    if header.len() as u64 - 8 > MAX_HEADER {
+        return wrong("few enough for a header of 1 MiB", format!("{} in {} bytes", sections.len(), header.len()));
     }
-    if sections.len() > MAX_SECTIONS as usize {
-        let found = sections.len().to_string();
-        return Err(Error::Value { name: "sections", expected: "at most 4096", found });
-    }
-    let sizes = sections.iter().map(|section| padded(section.values.code(), section.values.len() as u64));
-    let length = sizes.map(|size| size.unwrap_or(u64::MAX)).fold(0, u64::saturating_add);
-    let length = length.saturating_add((SMALLEST + ENTRY * sections.len()) as u64);
     if length > MAX_BYTES {
-        let found = format!("{length} bytes");
-        return Err(Error::Value { name: "sections", expected: "at most 16 GiB (1 GiB on 32 bits)", found });
+        return wrong("at most 16 GiB (1 GiB on 32 bits)", format!("{length} bytes"));
     }
     let mut out = try_room(WHAT, length as usize)?;
-    out.extend_from_slice(&MAGIC);
-    out.extend_from_slice(&length.to_le_bytes());
-    out.extend_from_slice(&VERSION.to_le_bytes());
-    out.extend_from_slice(&(sections.len() as u32).to_le_bytes());
-    out.extend_from_slice(&kind.0);
-    out.extend_from_slice(&generation.to_le_bytes());
-    for section in sections {
-        out.extend_from_slice(&section.tag.0);
-        out.extend_from_slice(&section.values.code().to_le_bytes());
-        out.extend_from_slice(&[0; 4]);
-        out.extend_from_slice(&(section.values.len() as u64).to_le_bytes());
-    }
-    for section in sections {
+    out.extend_from_slice(&header);
+    for section in sorted {
         stop.check()?;
         section.values.write(&mut out);
     }
-    let digest = sha256(&out, stop)?;
-    out.extend_from_slice(&digest);
+    let seal = digest(&out, stop)?;
+    out[SEAL..SEALED].copy_from_slice(&seal);
     Ok(out)
 }
 
 /// The contents of a file with these bytes, which must be of this `kind`; `source` is how messages call it.
 ///
 /// What is allocated is bounded by the number of bytes: every size is checked before it is used.
-pub fn decode(source: &Path, bytes: &[u8], kind: Tag, stop: &Stop) -> Result<Container> {
+pub fn decode(source: &Path, bytes: &[u8], kind: &str, stop: &Stop) -> Result<Container> {
     let refuse = |fault| refusal(source, fault);
     let found = bytes.len();
-    let start = &bytes[..found.min(MAGIC.len())];
-    if !MAGIC.starts_with(start) {
-        return Err(refuse(if start.iter().all(|&byte| byte == 0) { Fault::Blank } else { Fault::Foreign }));
+    let start = &bytes[..found.min(SEAL)];
+    if start.iter().all(|&byte| byte == 0) {
+        return Err(refuse(Fault::Blank));
     }
-    let Some((sealed, digest)) = bytes.split_last_chunk::<DIGEST>().filter(|(sealed, _)| sealed.len() >= HEADER) else {
-        return Err(refuse(Fault::Truncated { found }));
-    };
-    let mut cursor = Cursor(&sealed[MAGIC.len()..]);
-    let truncated = || refuse(Fault::Truncated { found });
-    let declared = cursor.u64().ok_or_else(truncated)?;
-    if declared != found as u64 {
-        return Err(refuse(Fault::Length { declared, found }));
+    if start.get(8..) != Some(BEGINNING.as_bytes()) {
+        return Err(refuse(Fault::Foreign));
     }
-    if sha256(sealed, stop)? != *digest {
-        return Err(refuse(Fault::Checksum));
+    let Some(seal) = bytes.get(SEAL..SEALED) else { return Err(refuse(Fault::Truncated { found })) };
+    if digest(bytes, stop)? != seal {
+        // the digest says that it is damaged, the header perhaps where
+        return Err(parse(source, bytes).err().unwrap_or_else(|| refuse(Fault::Checksum)));
     }
     // From here on the file is as its writer made it, who may be of the future or malicious.
-    let version = cursor.u32().ok_or_else(truncated)?;
-    if version != VERSION {
-        return Err(refuse(Fault::Version { found: version }));
+    match version(&bytes[SEALED..]) {
+        Some(VERSION) => {}
+        Some(found) => return Err(refuse(Fault::Version { found })),
+        None => return Err(refuse(Fault::Header("no version".into()))),
     }
-    let count = cursor.u32().ok_or_else(truncated)?;
-    let name = cursor.array::<8>().ok_or_else(truncated)?;
-    let own = Tag::read(name).ok_or_else(|| refuse(Fault::Name { bytes: name }))?;
-    if own != kind {
-        return Err(refuse(Fault::Kind { found: own.to_string(), expected: kind.to_string() }));
-    }
-    let generation = cursor.u64().ok_or_else(truncated)?;
-    let table = table(source, &mut cursor, count)?;
-    let mut sections = try_room(WHAT, table.len())?;
-    for entry in &table {
+    let (metadata, names, data) = parse(source, bytes)?;
+    let mut sections = try_room(WHAT, names.len())?;
+    for name in names {
         stop.check()?;
-        // the table has been found to fill the file exactly
-        let raw = cursor.split(entry.size).ok_or_else(|| refuse(Fault::Sizes { tag: entry.tag.to_string() }))?;
-        let (values, rest) = raw.split_at(entry.bytes);
-        if rest.iter().any(|&byte| byte != 0) {
-            return Err(refuse(Fault::Padding { tag: entry.tag.to_string() }));
-        }
-        sections.push(Section { tag: entry.tag, values: values_of(entry.code, values)? });
+        let Some(info) = metadata.info(&name) else { continue };
+        // the offsets have been found to lie within the data, one behind the other, and to fit type and shape
+        let raw = &data[info.data_offsets.0..info.data_offsets.1];
+        let Some(values) = Values::read(info.dtype, raw)?.filter(|_| info.shape.len() == 1) else {
+            let (dtype, dimensions) = (info.dtype, info.shape.len());
+            return Err(refuse(Fault::Element { name: one_line(&name), dtype, dimensions }));
+        };
+        sections.push(Section { name: name.into(), values });
     }
-    Ok(Container { source: source.into(), kind, generation, sections })
+    sections.sort_unstable_by(order);
+    let own = |key| metadata.metadata().as_ref().and_then(|own| own.get(key)).map_or("", String::as_str);
+    let (found, generation) = (own("kind"), own("generation").parse().unwrap_or(0));
+    let named = is_name(found) && sections.iter().all(|section| is_name(&section.name));
+    if !named || !bytes.starts_with(&header(found, generation, seal, &sections)?) {
+        return Err(refuse(Fault::Canonical));
+    }
+    if found != kind {
+        return Err(refuse(Fault::Kind { found: found.into(), expected: kind.into() }));
+    }
+    Ok(Container { source: source.into(), kind: kind.into(), generation, sections })
 }
 
-/// One line of the table.
-struct Entry {
-    tag: Tag,
-    code: u32,
-    /// Bytes of the elements.
-    bytes: usize,
-    /// The same with the padding.
-    size: usize,
+/// The version, right behind the digest.
+fn version(bytes: &[u8]) -> Option<u64> {
+    let digits = bytes.strip_prefix(br#"","version":""#)?.split(|&byte| byte == b'"').next()?;
+    str::from_utf8(digits.get(..20).unwrap_or(digits)).ok()?.parse().ok()
 }
 
-/// Reads the table and checks that the sections fill what remains, no more and no less.
-fn table(source: &Path, cursor: &mut Cursor<'_>, count: u32) -> Result<Vec<Entry>> {
+/// What the header says, the names in it, and the data, which fill the file exactly.
+fn parse<'a>(source: &Path, bytes: &'a [u8]) -> Result<(Metadata, Vec<String>, &'a [u8])> {
     let refuse = |fault| refusal(source, fault);
-    let too_many = || refuse(Fault::Sections { found: count });
-    if count > MAX_SECTIONS {
-        return Err(too_many());
+    let found = bytes.len();
+    let (length, rest) = bytes.split_first_chunk().ok_or_else(|| refuse(Fault::Truncated { found }))?;
+    let length = u64::from_le_bytes(*length);
+    if length > MAX_HEADER {
+        return Err(refuse(Fault::Header(format!("{length} bytes, and at most {MAX_HEADER} are allowed"))));
     }
-    let mut raw = Cursor(cursor.split(count as usize * ENTRY).ok_or_else(too_many)?);
-    let mut table = try_room(WHAT, count as usize)?;
-    let mut left = cursor.0.len() as u64;
-    for _ in 0..count {
-        let name = raw.array::<8>().ok_or_else(too_many)?;
-        let tag = Tag::read(name).ok_or_else(|| refuse(Fault::Name { bytes: name }))?;
-        let [code, zero] = [raw.u32().ok_or_else(too_many)?, raw.u32().ok_or_else(too_many)?];
-        let count = raw.u64().ok_or_else(too_many)?;
-        let width = width(code).ok_or_else(|| refuse(Fault::Element { tag: tag.to_string(), code }))?;
-        if zero != 0 {
-            return Err(refuse(Fault::Padding { tag: tag.to_string() }));
-        }
-        let sizes = || refuse(Fault::Sizes { tag: tag.to_string() });
-        let size = padded(code, count).filter(|&size| size <= left).ok_or_else(sizes)?;
-        left -= size;
-        // both fit: they are at most `left`, which is the length of a slice
-        table.push(Entry { tag, code, bytes: (count * width) as usize, size: size as usize });
+    let (header, data) = rest.split_at_checked(length as usize).ok_or_else(|| refuse(Fault::Truncated { found }))?;
+    let read = covered(WHAT, PARSED as u128 * u128::from(length), || {
+        let metadata: Metadata = serde_json::from_slice(header).map_err(|error| one_line(&error.to_string()))?;
+        let names = metadata.offset_keys();
+        Ok((metadata, names))
+    })?;
+    let (metadata, names) = read.map_err(|why| refuse(Fault::Header(why)))?;
+    if metadata.data_len() != data.len() {
+        let declared = (8 + length).saturating_add(metadata.data_len() as u64);
+        return Err(refuse(Fault::Length { declared, found }));
     }
-    if left != 0 {
-        let tag = table.last().map_or_else(|| "none".into(), |entry| entry.tag.to_string());
-        return Err(refuse(Fault::Sizes { tag }));
-    }
-    let mut tags = try_collect(WHAT, table.iter().map(|entry| entry.tag))?;
-    tags.sort_unstable();
-    match tags.windows(2).find(|pair| pair[0] == pair[1]) {
-        Some(pair) => Err(refuse(Fault::Duplicate { tag: pair[0].to_string() })),
-        None => Ok(table),
-    }
+    Ok((metadata, names, data))
 }
 
-/// Bytes of an element.
-fn width(code: u32) -> Option<u64> {
-    match code {
-        1 => Some(1),
-        2 | 3 => Some(8),
-        _ => None,
-    }
-}
-
-/// Bytes of a section with its padding, `None` for an unknown type or if they cannot be counted.
-fn padded(code: u32, count: u64) -> Option<u64> {
-    width(code)?.checked_mul(count)?.checked_next_multiple_of(8)
-}
-
-fn values_of(code: u32, raw: &[u8]) -> Result<Values<'static>> {
-    let (eights, _) = raw.as_chunks::<8>();
-    Ok(match code {
-        1 => {
-            let mut values = try_room(WHAT, raw.len())?;
-            values.extend_from_slice(raw);
-            Values::Bytes(values.into())
-        }
-        2 => {
-            let mut values = try_room(WHAT, eights.len())?;
-            values.extend(eights.iter().map(|eight| u64::from_le_bytes(*eight)));
-            Values::Integers(values.into())
-        }
-        _ => {
-            let mut values = try_room(WHAT, eights.len())?;
-            values.extend(eights.iter().map(|eight| f64::from_le_bytes(*eight)));
-            Values::Reals(values.into())
-        }
-    })
-}
-
-/// Reads forwards and never beyond the end.
-struct Cursor<'a>(&'a [u8]);
-
-impl<'a> Cursor<'a> {
-    fn split(&mut self, len: usize) -> Option<&'a [u8]> {
-        let (head, rest) = self.0.split_at_checked(len)?;
-        self.0 = rest;
-        Some(head)
-    }
-
-    fn array<const N: usize>(&mut self) -> Option<[u8; N]> {
-        self.split(N)?.try_into().ok()
-    }
-
-    fn u32(&mut self) -> Option<u32> {
-        self.array().map(u32::from_le_bytes)
-    }
-
-    fn u64(&mut self) -> Option<u64> {
-        self.array().map(u64::from_le_bytes)
-    }
+/// What a message can show of a text from a file.
+fn one_line(text: &str) -> String {
+    String::from_iter(text.chars().take(100).flat_map(char::escape_debug))
 }

@@ -94,9 +94,7 @@ impl Feed {
         if self.spread == 0.0 {
             return 0.0;
         }
-        let corner = || self.low.iter().zip(&self.high).map(|(l, h)| l.abs().max(h.abs()));
-        let unit = corner().fold(f64::MIN_POSITIVE, f64::max); // squares neither overflow nor vanish
-        let size = unit * corner().map(|entry| (entry / unit).powi(2)).sum::<f64>().sqrt();
+        let size = norm(self.low.iter().zip(&self.high).map(|(l, h)| l.abs().max(h.abs())));
         U * (self.count as f64 * size + 4.0 * self.spread) + f64::MIN_POSITIVE
     }
 

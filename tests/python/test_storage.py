@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import hashlib
+import json
 import os
 import pickle
 import struct
@@ -45,7 +46,7 @@ def example() -> dict[str, np.ndarray]:
 
 
 def same(a: dict[str, np.ndarray], b: dict[str, np.ndarray]) -> bool:
-    return list(a) == list(b) and all(
+    return a.keys() == b.keys() and all(
         a[k].dtype == b[k].dtype and a[k].tobytes() == b[k].tobytes() for k in a
     )
 
@@ -67,58 +68,79 @@ def flip(path: Path, byte: int = -1) -> None:
 # -- the format --------------------------------------------------------------------------------
 
 
-def independent_reader(data: bytes) -> tuple[str, int, dict[str, np.ndarray]]:
+def independent_reader(data: bytes) -> tuple[dict[str, str], dict[str, np.ndarray]]:
     """Read a file by docs/state-format.md alone, with nothing of the package."""
-    magic, length, version, count, kind, generation = struct.unpack_from("<8sQII8sQ", data)
-    assert magic == bytes.fromhex("8953544F0D0A1A0A")
-    assert length == len(data)
-    assert hashlib.sha256(data[:-32]).digest() == data[-32:]
-    assert version == 1
-    at, found = 40 + 24 * count, {}
-    for i in range(count):
-        name, element, zero, size = struct.unpack_from("<8sIIQ", data, 40 + 24 * i)
-        dtype = np.dtype({1: "u1", 2: "<u8", 3: "<f8"}[element])
-        assert zero == 0
-        end = at + size * dtype.itemsize
-        found[name.rstrip(b" ").decode("ascii")] = np.frombuffer(data[at:end], dtype)
-        padding = data[end : end + -end % 8]
-        assert padding == bytes(len(padding))
-        at = end + len(padding)
-    assert at == length - 32
-    return kind.rstrip(b" ").decode("ascii"), generation, found
+    (length,) = struct.unpack_from("<Q", data)
+    header = json.loads(data[8 : 8 + length])
+    metadata = header.pop("__metadata__")
+    unsealed = data.replace(metadata["sha256"].encode(), b"0" * 64, 1)
+    assert hashlib.sha256(unsealed).hexdigest() == metadata["sha256"]
+    at, found = 8 + length, {}
+    for name, entry in header.items():
+        dtype = np.dtype({"U8": "u1", "U64": "<u8", "F64": "<f8"}[entry["dtype"]])
+        (size,), (start, end) = entry["shape"], entry["data_offsets"]
+        assert (8 + length + start, end - start) == (at, size * dtype.itemsize)
+        found[name] = np.frombuffer(data[at : at + end - start], dtype)
+        at += end - start
+    assert at == len(data)
+    return metadata, found
 
 
 def test_an_independent_reader_agrees(tmp_path: Path) -> None:
     path = tmp_path / "state"
     for generation in (1, 2, 3):
         assert state_file.save(path, "example", example()) == generation
-    kind, generation, found = independent_reader(path.read_bytes())
-    assert (kind, generation) == ("example", 3)
+    metadata, found = independent_reader(path.read_bytes())
+    assert (metadata["kind"], metadata["generation"]) == ("example", "3")
     assert same(found, example())
-    assert independent_reader((tmp_path / "state.prev").read_bytes())[1] == 2
+    assert independent_reader((tmp_path / "state.prev").read_bytes())[0]["generation"] == "2"
     loaded = state_file.load(path, "example")
     assert loaded[0] == 3
     assert same(loaded[1], example())
 
 
-def test_the_bytes_are_those_of_version_1(tmp_path: Path) -> None:
+def test_any_safetensors_reader_agrees(tmp_path: Path) -> None:
+    """The package that defines the format finds every array, bit for bit, and the metadata."""
+    safetensors = pytest.importorskip("safetensors")
+    stream = se.Stream([[1.0]], [2.0], [0.5], [[3.0]], rng=1)
+    stream.step(5)
+    stream.save(tmp_path / "stream")
+    state_file.save(tmp_path / "example", "example", example())
+    state_file.save(tmp_path / "empty", "empty", {})
+    for kind, sections in (
+        ("stream", stream._to_sections()),
+        ("example", example()),
+        ("empty", {}),
+    ):
+        data = (tmp_path / kind).read_bytes()
+        with safetensors.safe_open(tmp_path / kind, framework="numpy") as file:
+            metadata, names = file.metadata(), file.keys()
+            found = {name: file.get_tensor(name) for name in names}
+        digest = metadata.pop("sha256")
+        expected = {"format": "stochens", "version": "2", "kind": kind, "generation": "1"}
+        assert metadata == expected
+        assert hashlib.sha256(data.replace(digest.encode(), b"0" * 64, 1)).hexdigest() == digest
+        assert same(found, sections)
+
+
+def test_the_bytes_are_those_of_version_2(tmp_path: Path) -> None:
     """A change here means that files of earlier releases are read no more."""
     path = tmp_path / "state"
     state_file.save(path, "example", example())
-    # the file, without its checksum, as docs/state-format.md says
+    # the file, with zeros for its digest, as docs/state-format.md says
+    header = (
+        '{"__metadata__":{"format":"stochens","sha256":"' + "0" * 64 + '","version":"2",'
+        '"kind":"example","generation":"1"},'
+        '"count":{"dtype":"U64","shape":[2],"data_offsets":[0,16]},'
+        '"none":{"dtype":"F64","shape":[0],"data_offsets":[16,16]},'
+        '"reals":{"dtype":"F64","shape":[6],"data_offsets":[16,64]},'
+        '"note":{"dtype":"U8","shape":[3],"data_offsets":[64,67]}}'
+    ).encode()
+    header += b" " * (-len(header) % 8)
     bits = example()["reals"].tobytes()
-    expected = bytes.fromhex("8953544f0d0a1a0a") + struct.pack("<QII", 240, 1, 4)
-    expected += b"example " + struct.pack("<Q", 1)
-    for name, element, size in (
-        (b"reals", 3, 6),
-        (b"count", 2, 2),
-        (b"note", 1, 3),
-        (b"none", 3, 0),
-    ):
-        expected += name.ljust(8) + struct.pack("<IIQ", element, 0, size)
-    expected += bits + b"\xff" * 8 + bytes(8) + b"abc" + bytes(5)
-    expected += hashlib.sha256(expected).digest()
-    assert path.read_bytes() == expected
+    expected = struct.pack("<Q", len(header)) + header + b"\xff" * 8 + bytes(8) + bits + b"abc"
+    digest = hashlib.sha256(expected).hexdigest().encode()
+    assert path.read_bytes() == expected.replace(b"0" * 64, digest, 1)
 
 
 def test_large_arrays_and_every_thread(tmp_path: Path) -> None:
@@ -324,18 +346,24 @@ def test_a_version_of_the_future_is_no_damage(tmp_path: Path) -> None:
     for _ in range(2):
         state_file.save(path, "k", {"u": np.ones(2)})
     data = bytearray(path.read_bytes())
-    data[16] = 2
-    data[-32:] = hashlib.sha256(data[:-32]).digest()
+    digest = data[55:119]
+    data[55:119] = b"0" * 64
+    data = data.replace(b'"version":"2"', b'"version":"3"', 1)
+    data[55:119] = hashlib.sha256(data).hexdigest().encode()
+    assert data[55:119] != digest
     path.write_bytes(data)
     for call in (lambda: state_file.load(path, "k"), lambda: state_file.save(path, "k", {})):
-        with pytest.raises(StateError, match="version 2, and this release reads version 1"):
+        with pytest.raises(StateError, match="version 3, and this release reads version 2"):
             call()
     assert path.read_bytes() == data
 
 
 def test_other_files_are_neither_believed_nor_replaced(tmp_path: Path) -> None:
     path = tmp_path / "state"
-    for data in (b"Dear diary", pickle.dumps({"u": 1}), b"\x93NUMPY\x01\x00", b"PK\x03\x04" * 99):
+    table = b'{"__metadata__":{"format":"pt"},"u":{"dtype":"F64","shape":[1],"data_offsets":[0,8]}}'
+    weights = struct.pack("<Q", len(table)) + table + bytes(8)  # safetensors of somebody else
+    pickled = pickle.dumps({"u": 1})
+    for data in (b"Dear diary", b"hi", weights, pickled, b"\x93NUMPY\x01\x00", b"PK\x03\x04" * 99):
         path.write_bytes(data)
         with pytest.raises(StateError, match="is not a state file"):
             state_file.load(path, "k")
@@ -415,10 +443,10 @@ def test_wrong_arguments(tmp_path: Path) -> None:
     for wrong in ("a.prev", "a.lock", "a.tmp", "..", "/"):
         with pytest.raises((InputError, StateError)):
             state_file.save(wrong, "k", {})
-    for wrong in ("", "ninechars", "a b", "é"):
-        with pytest.raises(InputError, match="`tag` must be 1 to 8 letters"):
+    for wrong in ("", "x" * 65, "a b", "é", "__metadata__", 'a"'):
+        with pytest.raises(InputError, match="`kind` must be 1 to 64 letters"):
             state_file.save(path, wrong, {})
-        with pytest.raises(InputError, match="`tag` must be 1 to 8 letters"):
+        with pytest.raises(InputError, match="`name` must be 1 to 64 letters"):
             state_file.save(path, "k", {wrong: np.ones(1)})
     for wrong in ([1.0], np.ones((2, 2)), np.ones(2, dtype=np.float32), np.array(["a"])):
         with pytest.raises(InputTypeError, match="uint8, uint64 or float64"):

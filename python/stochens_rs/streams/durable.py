@@ -68,9 +68,10 @@ class Durable:
 
         Notes
         -----
-        The format is raw little-endian numbers with a version and a SHA-256 digest; nothing in it
-        is ever executed (``docs/state-format.md``). The file is written beside its place, synced
-        and renamed, and the directory synced: one complete state is there at every moment.
+        The file is one of safetensors, readable by any tool for that format, with a version and a
+        SHA-256 digest; nothing in it is ever executed (``docs/state-format.md``). It is written
+        beside its place, synced and renamed, and the directory synced: one complete state is
+        there at every moment.
 
         Examples
         --------

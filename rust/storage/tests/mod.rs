@@ -5,7 +5,7 @@ mod format;
 
 pub(super) use file::disk_point;
 
-use super::{Section, Tag, Values};
+use super::{Container, Section, Values};
 use crate::Stop;
 
 /// A state with all element types, an empty section, and values whose bits are easily lost.
@@ -20,11 +20,14 @@ fn example() -> Vec<Section<'static>> {
 }
 
 fn section(name: &str, values: Values<'static>) -> Section<'static> {
-    Section { tag: tag(name), values }
+    Section { name: name.to_owned().into(), values }
 }
 
-fn tag(name: &str) -> Tag {
-    Tag::new(name).unwrap()
+fn reals<'a>(container: &'a Container, name: &str) -> &'a [f64] {
+    match container.values(name) {
+        Some(Values::Reals(values)) => values,
+        other => panic!("{other:?}"),
+    }
 }
 
 fn go() -> Stop {

@@ -96,6 +96,11 @@ def test_what_no_bound_can_promise_is_said() -> None:
         se.required_samples(SYSTEM, X0, XF, 1e-12, runs=20, rng=1)
 
 
+def test_several_steps_need_a_delta_that_can_be_simulated() -> None:
+    with pytest.raises(SizeError, match="`delta` must be at least about 1e-4"):
+        se.required_samples(SYSTEM, X0, XF, 0.1, delta=1e-7, steps=3, runs=20, rng=1)
+
+
 def test_a_known_problem_needs_one_realization() -> None:
     plan = se.required_samples(
         se.System(np.eye(2), np.eye(2)), [0.0, 2.0], [1.0, 0.0], 0.1, runs=20, rng=1

@@ -296,6 +296,8 @@ def required_samples(
         steps=K,
         rng=key.child("bound"),
     )
+    if K is not None:
+        simulated.require(delta)  # there is no formula
     which, law = int(kind == "control"), simulated.errors
 
     def errors(size: int) -> Floats:

@@ -175,6 +175,22 @@ class Simulated(Bound):
             raise SizeError("`size` must be a number here: exact values have no errors")
         return self._errors(rates)
 
+    def require(self, delta: float) -> None:
+        """Refuse a probability of failure that cannot be simulated.
+
+        Parameters
+        ----------
+        delta : float
+            Probability of failure, in (0, 1).
+
+        Raises
+        ------
+        InputError, InputTypeError
+            `delta` is none, or too small: below about 1e-4, more where one run is slow.
+        """
+        if not self._possible(1, gate.probability("delta", delta)):
+            raise SizeError(_no_bound(delta))
+
     def _possible(self, size: Sizes, delta: float) -> bool:
         """Whether there is a bound for this delta: not below about 1e-4, nor if a run is slow."""
         rates = self._rates(size)
@@ -209,8 +225,7 @@ class Simulated(Bound):
 
     def _required(self, eps: float, delta: float, same: Callable[[float], Rates]) -> int:
         eps, delta = gate.positive("eps", eps), gate.probability("delta", delta)
-        if not self._possible(1, delta):
-            raise SizeError(_no_bound(delta))
+        self.require(delta)
         found = smallest_size(
             lambda size: self._errors(same(1.0 / size)), self._which, eps, delta, self._key
         )

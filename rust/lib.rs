@@ -29,10 +29,12 @@
 pub mod control;
 mod error;
 pub mod fuse;
+mod lanes;
 mod memory;
 mod pages;
 mod parallel;
 mod past_caches;
+mod plain;
 mod prefetch;
 #[cfg(feature = "python")]
 #[allow(missing_docs, reason = "the Python side is documented in the package")]
@@ -46,6 +48,7 @@ pub mod streaming;
 mod wide;
 
 pub use error::{Error, Result};
+pub use lanes::LANES;
 pub use parallel::Stop;
 pub use sample::{Law, Scheme, Singletons, sample};
-pub use stream::{CHUNK, Key, LANES, Purpose};
+pub use stream::{CHUNK, Key, Purpose};

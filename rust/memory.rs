@@ -12,7 +12,7 @@ use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
 
 use crate::error::{Error, Result};
-use crate::pages::Plain;
+use crate::plain::Plain;
 
 fn refused<T>(what: &'static str, len: usize) -> Error {
     Error::Memory { what, bytes: len as u128 * size_of::<T>() as u128 }

@@ -8,11 +8,10 @@
 use rand::rngs::ChaCha8Rng;
 use rand::{Rng, SeedableRng};
 
+use crate::lanes::LANES;
+
 /// Words (= draws) in a chunk of one line. Part of the stream's definition.
 pub const CHUNK: usize = 16_384;
-
-/// Interleaved xoshiro256++ generators per chunk. Part of the stream's definition.
-pub const LANES: usize = 8;
 
 /// What a stream is used for; part of its identity, so that no two uses share words.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -8,7 +8,7 @@
 //! replicates of an experiment, are what [`slse_each`] spreads over threads.
 
 use super::slse_run::Run;
-use super::slse_tables::{Apart, Beside, Tables};
+use super::slse_tables::{Apart, Beside, Tables, WHAT};
 use super::{norm, power_of_two_scale};
 use crate::error::Result;
 use crate::memory::{try_collect, try_extend, try_push, try_room, try_zeros};
@@ -17,8 +17,6 @@ use crate::sample::{Singletons, with_indices};
 
 /// Bytes of a first-level data cache that may be counted on: what the tables are laid out for.
 const CACHE: usize = 32 << 10;
-
-pub(super) const WHAT: &str = "a sequential fit";
 
 /// What a sequential fusion leaves behind.
 #[derive(Debug, Clone, Default)]

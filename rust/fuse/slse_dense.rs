@@ -1,6 +1,7 @@
 //! SLSE for dense realizations: the same two line searches, with inner products summed anew at every step.
 
-use super::slse::{Sequential, WHAT, steps_to_weights};
+use super::slse::{Sequential, steps_to_weights};
+use super::slse_tables::WHAT;
 use super::{Dense, distance, power_of_two_scale};
 use crate::error::Result;
 use crate::memory::{try_collect, try_extend, try_push, try_zeros};

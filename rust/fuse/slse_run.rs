@@ -5,8 +5,7 @@
 //! `U` costs `O(1)`. `al = <E* - F, F>` follows the error by a recursion of its own instead of being a difference of large
 //! sums; it and `ff = ||F||^2` are recomputed from `F` every `16 length` steps.
 
-use super::slse::WHAT;
-use super::slse_tables::{Sample, Tables, squared_norm};
+use super::slse_tables::{Sample, Tables, WHAT, squared_norm};
 use crate::error::Result;
 use crate::memory::{try_collect, try_zeros};
 use crate::sample::Index;

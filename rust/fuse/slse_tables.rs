@@ -5,11 +5,12 @@
 
 #![allow(unsafe_code, reason = "a bounds check per entry costs a fourth of a step; indices are checked block by block")]
 
-use super::slse::WHAT;
 use crate::error::Result;
 use crate::memory::try_zeros;
 use crate::pages::Buffer;
 use crate::sample::Index;
+
+pub(super) const WHAT: &str = "a sequential fit";
 
 /// `h` and `g a`, entry by entry.
 pub(super) trait Tables: Sized {

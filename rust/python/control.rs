@@ -3,8 +3,9 @@
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
 
-use super::convert::{EntityArgument, array1, array2, slice};
+use super::convert::{array1, array2, slice};
 use super::error::{InputError, ShapeError};
+use super::realizations::EntityArgument;
 use super::run::run;
 use crate::control::{self, Realized};
 use crate::memory::try_copy;

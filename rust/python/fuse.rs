@@ -6,8 +6,9 @@ use numpy::{PyArray1, PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyList;
 
-use super::convert::{Realizations, array1, array2, dense, sizes, target};
+use super::convert::{array1, array2, sizes, target};
 use super::draws::Draws;
+use super::realizations::{Realizations, dense};
 use super::run::{run, run_to_best};
 use crate::fuse::{self, Settings, Weights};
 use crate::memory::{try_collect, try_extend, try_room};

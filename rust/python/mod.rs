@@ -8,6 +8,7 @@ mod convert;
 mod draws;
 mod error;
 mod fuse;
+mod realizations;
 mod run;
 mod shared;
 mod simulate;

@@ -6,8 +6,9 @@ use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyAny;
 
-use super::convert::{array1, array2, dense, key, slice};
+use super::convert::{array1, array2, key, slice};
 use super::error::InputError;
+use super::realizations::dense;
 use super::run::run;
 use super::shared::Shared;
 use super::storage::Array;

@@ -5,8 +5,9 @@ use std::sync::Arc;
 use super::law::Law;
 use crate::error::{Error, Result};
 use crate::memory::{try_collect, try_zeros};
-use crate::pages::{Buffer, Plain};
+use crate::pages::Buffer;
 use crate::parallel::Stop;
+use crate::plain::Plain;
 
 /// Realizations between two looks at the stop flag: well below a millisecond per line.
 const BLOCK: usize = 1 << 14;

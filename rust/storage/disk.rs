@@ -7,7 +7,8 @@ use std::io::{self, ErrorKind, Read, Write};
 use std::path::Path;
 
 use super::fault::Fault;
-use super::format::{MAX_BYTES, WHAT, refusal};
+use super::format::{WHAT, refusal};
+use super::limits::MAX_BYTES;
 #[cfg(test)]
 use super::tests::disk_point as point;
 use crate::error::{Error, Result};

@@ -2,7 +2,7 @@
 
 use safetensors::Dtype;
 
-use super::format::{MAX_BYTES, VERSION};
+use super::limits::{MAX_BYTES, VERSION};
 
 /// Why a file is not accepted as a state file.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]

@@ -21,18 +21,13 @@ use safetensors::tensor::Metadata;
 use sha2::{Digest, Sha256};
 
 use super::fault::Fault;
+use super::limits::{MAX_BYTES, VERSION};
 use crate::error::{Error, Result};
 use crate::memory::{covered, try_collect, try_room};
 use crate::parallel::Stop;
 
 /// What messages say that memory is for.
 pub(super) const WHAT: &str = "a state";
-
-/// The format's version that is written, and the only one that is read.
-pub const VERSION: u64 = 2;
-
-/// No file is longer than this; less where addresses are short.
-pub const MAX_BYTES: u64 = if usize::BITS < 64 { 1 << 30 } else { 1 << 34 };
 
 /// No header is longer than this, so that what the parser makes of it has bounds.
 pub const MAX_HEADER: u64 = 1 << 20;

@@ -327,7 +327,7 @@ impl Data {
 
 /// `A x` for a square matrix given row by row.
 fn rows_times(rows: &[f64], x: &[f64]) -> Result<Vec<f64>> {
-    try_collect(WHAT, rows.chunks_exact(x.len()).map(|row| super::geometry::dot(row, x)))
+    try_collect(WHAT, rows.chunks_exact(x.len()).map(|row| super::vector::dot(row, x)))
 }
 
 fn minus(a: &[f64], b: &[f64]) -> Result<Vec<f64>> {

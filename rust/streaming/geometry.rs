@@ -1,6 +1,6 @@
 //! What `B` says: its pseudoinverse, applied through the singular vectors, and the projector onto its range.
 
-use super::slot::norm;
+use super::vector::{dot, norm};
 use crate::control::pseudoinverse;
 use crate::error::{Error, Result};
 use crate::fuse::power_of_two_scale;
@@ -78,17 +78,4 @@ impl Geometry {
     pub(super) fn largest_control(&self, size: f64) -> f64 {
         self.gain * size
     }
-}
-
-/// `<a, b>`, four sums at a time.
-pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let mut sums = [0.0; 4];
-    let ((a4, a1), (b4, b1)) = (a.as_chunks::<4>(), b.as_chunks::<4>());
-    for (a, b) in a4.iter().zip(b4) {
-        for k in 0..4 {
-            sums[k] += a[k] * b[k];
-        }
-    }
-    let rest: f64 = a1.iter().zip(b1).map(|(a, b)| a * b).sum();
-    (sums[0] + sums[1]) + (sums[2] + sums[3]) + rest
 }

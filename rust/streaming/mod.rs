@@ -25,6 +25,7 @@ mod state;
 mod stream;
 mod trace;
 mod variants;
+mod vector;
 
 pub use advance::{End, Limits, Rule};
 pub use data::Data;

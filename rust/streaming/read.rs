@@ -1,9 +1,9 @@
 //! What can be read off a stream: the control, the estimates, and how far they are from their targets.
 
-use super::geometry::dot;
-use super::slot::{Slot, norm};
+use super::slot::Slot;
 use super::stream::{Config, Lines, Room, Stream, Variant};
 use super::trace::Entry;
+use super::vector::{dot, norm};
 use crate::error::Result;
 use crate::memory::try_zeros;
 

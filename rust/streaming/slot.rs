@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use super::geometry::dot;
 use super::greedy::{Run, gather};
+use super::vector::dot;
 use crate::error::{Error, Result};
 use crate::fuse::power_of_two_scale;
 use crate::memory::{try_collect, try_zeros};
@@ -14,11 +14,6 @@ const WHAT: &str = "a stream";
 
 /// A line with a smaller 1-norm, relative to the largest, counts as zero: its square is no number.
 const NEGLIGIBLE: f64 = 1e-150;
-
-/// Norm of a vector whose squares are representable.
-pub(super) fn norm(values: &[f64]) -> f64 {
-    values.iter().fold(0.0, |sum, v| sum + v * v).sqrt() // a sum of nothing would be -0
-}
 
 /// `sign(w) value` by flipping a bit; 0, not -0, off the support, where `value` is 0.
 #[inline]

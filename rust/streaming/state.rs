@@ -4,10 +4,11 @@
 use super::geometry::Geometry;
 use super::products::Products;
 use super::sections::Sections;
-use super::slot::{Slot, damaged, norm};
+use super::slot::{Slot, damaged};
 use super::stream::{Config, Laws, Order, Stream, Variant};
 use super::trace::{Entry, on_grid};
 use super::variants::Raw;
+use super::vector::norm;
 use crate::error::Result;
 use crate::fuse::distance;
 use crate::memory::{try_collect, try_copy};

@@ -2,9 +2,10 @@
 
 use super::geometry::Geometry;
 use super::products::{Products, Start};
-use super::slot::{Slot, norm};
+use super::slot::Slot;
 use super::trace::{Entry, on_grid};
 use super::variants::Raw;
+use super::vector::norm;
 use crate::error::{Error, Result};
 use crate::memory::{checked_len, covered, room_for_products, try_filled, try_room, try_zeros};
 use crate::sample::{Law, Sequence};

@@ -2,7 +2,7 @@
 
 use std::arch::x86_64::*;
 
-use crate::stream::LANES;
+use crate::lanes::LANES;
 
 /// The largest table that [`lookup_in_registers`] takes.
 pub(super) const IN_REGISTERS: usize = 32;

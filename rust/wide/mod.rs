@@ -11,7 +11,7 @@ mod avx512;
 
 use std::arch::is_x86_feature_detected;
 
-use crate::stream::LANES;
+use crate::lanes::LANES;
 
 /// Fills `steps` and returns true, or returns false where the processor has no AVX2.
 pub(crate) fn fill(state: &mut [[u64; LANES]; 4], steps: &mut [[u64; LANES]]) -> bool {

@@ -10,8 +10,9 @@
 use super::budget::Budget;
 use super::face::Face;
 use super::factor::solve_cost;
-use super::newton_cg::{Iterate, Work};
-use super::operator::{Operator, SEARCH};
+use super::operator::Operator;
+use super::task::{Iterate, Work};
+use super::vector::SEARCH;
 use super::vector::{axpy, dot, min, norm, sum};
 use crate::error::Result;
 use crate::memory::{try_collect, try_copy, try_filled, try_zeros};

@@ -10,7 +10,8 @@
 //! arithmetic and every candidate within rounding of it is evaluated again in twice the precision: the cost of one pass.
 
 use super::compensated::{Sum, dot};
-use super::operator::{Operator, Residual, SEARCH};
+use super::operator::{Operator, Residual};
+use super::vector::SEARCH;
 use crate::error::Result;
 use crate::memory::try_zeros;
 

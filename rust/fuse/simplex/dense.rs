@@ -4,9 +4,10 @@ use std::borrow::Cow;
 use std::ops::Range;
 
 use super::compensated::{Sum, dot as compensated_dot, two_product, two_sum};
-use super::operator::{Operator, Precondition, Residual, SEARCH};
+use super::operator::{Operator, Precondition, Residual};
 use super::parallel;
 use super::triangle::Triangle;
+use super::vector::SEARCH;
 use super::vector::{axpy, dot};
 use crate::error::Result;
 use crate::memory::{checked_len, try_collect, try_room, try_zeros};

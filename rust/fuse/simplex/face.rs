@@ -11,7 +11,8 @@
 use super::budget::Budget;
 use super::factor::{Factor, LARGEST_FACTOR};
 use super::hessian::Hessian;
-use super::operator::{Operator, SEARCH};
+use super::operator::Operator;
+use super::vector::SEARCH;
 use super::vector::{axpy, dot};
 use crate::error::Result;
 use crate::memory::{checked_len, try_collect, try_copy, try_push, try_room, try_zeros};

@@ -2,8 +2,9 @@
 
 use super::budget::Budget;
 use super::factor::{self, Factor};
-use super::operator::{Operator, SEARCH};
+use super::operator::Operator;
 use super::triangle::Triangle;
+use super::vector::SEARCH;
 use super::vector::{axpy, dot, sum};
 use crate::error::Result;
 use crate::memory::try_zeros;

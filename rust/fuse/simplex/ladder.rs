@@ -1,20 +1,19 @@
 //! Which algorithm when, and what to do when it fails.
 
-use super::active_set;
 use super::budget::Budget;
 use super::certificate::{Certificate, certify};
-use super::newton_cg::{self, Effort, Iterate, Work};
+use super::climb::climb;
 use super::newton_system;
-use super::operator::{Operator, SEARCH};
+use super::operator::Operator;
 use super::problem::Phase;
-use super::proximal;
-use super::relaxed_target::Relaxed;
 use super::semismooth::{self, Setting};
 use super::sifting::sift;
 use super::singletons::Singletons;
+use super::task::{Found, Task, Work, start_or_uniform};
 use super::threshold::project;
+use super::vector::SEARCH;
 use crate::error::Result;
-use crate::memory::{try_collect, try_copy, try_extend, try_filled, try_zeros};
+use crate::memory::{try_collect, try_copy, try_extend, try_zeros};
 
 /// Warm weights if they already do; else on a subset first where that pays, then on all realizations.
 pub(crate) fn run<O: Operator>(task: &Task<O>, warm: Option<&[f64]>, budget: &mut Budget) -> Result<(Found, bool)> {
@@ -28,103 +27,6 @@ pub(crate) fn run<O: Operator>(task: &Task<O>, warm: Option<&[f64]>, budget: &mu
         Some(found) => (found, true),
         None => (climb(task, warm, budget)?, false),
     })
-}
-
-/// The scaled problem with its relaxed target and absolute tolerance.
-pub(crate) struct Task<'a, O: Operator> {
-    pub op: &'a O,
-    pub relaxed: &'a Relaxed,
-    pub tol: f64,
-    /// `max_i ||E_i||^2`
-    pub gamma: f64,
-}
-
-/// Weights on the simplex and how they were found.
-pub(crate) struct Found {
-    pub weights: Vec<f64>,
-    pub phase: Phase,
-    pub work: Work,
-}
-
-/// Realizations per dimension up to which projected Newton-CG is well conditioned.
-const NEWTON_CG_TO: f64 = 1.25;
-/// Realizations per dimension from which `S w = q` is worth a try: half of all centred point clouds of `2 d` points contain their
-/// centre (Wendel, Math. Scand. 11, 1962), hardly any below.
-const DIRECT_FROM: f64 = 1.9;
-/// Passes PNCG may spend before the safety net takes over.
-const NEWTON_CG_PASSES: f64 = 700.0;
-
-/// Projected Newton-CG or the direct semismooth solve, then SSNAL, then Newton-CG without limit; the best weights of all.
-pub(crate) fn climb<O: Operator>(task: &Task<O>, warm: Option<&[f64]>, budget: &mut Budget) -> Result<Found> {
-    let (op, q, tol) = (task.op, &task.relaxed.q[..], task.tol);
-    let n = op.size();
-    let set = Setting::of(task);
-    let mut work = Work::default();
-
-    // The warm weights, or the uniform ones, may already do.
-    let start = semismooth::measure(&set, start_or_uniform(warm, n)?, budget)?;
-    let mut best = Best { iterate: start, phase: Phase::Start };
-    if best.done(tol) || budget.exhausted() {
-        return Ok(best.found(work));
-    }
-
-    let few = (n as f64) < NEWTON_CG_TO * task.relaxed.dimension as f64;
-    if few {
-        best.offer(
-            newton_cg::solve(op, q, warm, tol, Effort::Passes(NEWTON_CG_PASSES), budget, &mut work)?,
-            Phase::NewtonCg,
-        );
-    } else if n as f64 > DIRECT_FROM * task.relaxed.dimension as f64
-        && !task.relaxed.unreachable
-        && let Some(found) = proximal::direct(&set, budget, &mut work)?
-    {
-        best.offer(found, Phase::Direct);
-    }
-    if !best.done(tol) && !budget.exhausted() {
-        let (rough, from) = proximal::augmented(&set, true, budget, &mut work)?;
-        best.offer(rough, Phase::Augmented);
-        if !best.done(tol) && !budget.exhausted() {
-            best.offer(active_set::solve(op, q, &from, tol, 2000, budget, &mut work)?, Phase::ActiveSet);
-        }
-    }
-    if !best.done(tol) && !budget.exhausted() {
-        best.offer(proximal::augmented(&set, false, budget, &mut work)?.0, Phase::Augmented);
-    }
-    if !best.done(tol) && !budget.exhausted() {
-        let from = try_copy(SEARCH, &best.iterate.weights)?;
-        best.offer(active_set::solve(op, q, &from, tol, 20_000, budget, &mut work)?, Phase::ActiveSet);
-    }
-    if !best.done(tol) && !budget.exhausted() {
-        let from = try_copy(SEARCH, &best.iterate.weights)?;
-        best.offer(newton_cg::solve(op, q, Some(&from), tol, Effort::Last, budget, &mut work)?, Phase::NewtonCg);
-    }
-    Ok(best.found(work))
-}
-
-/// Weights to start from: the uniform ones if there are none.
-pub(crate) fn start_or_uniform(start: Option<&[f64]>, n: usize) -> Result<Vec<f64>> {
-    start.map_or_else(|| try_filled(SEARCH, 1.0 / n as f64, n), |start| try_copy(SEARCH, start))
-}
-
-struct Best {
-    iterate: Iterate,
-    phase: Phase,
-}
-
-impl Best {
-    fn offer(&mut self, iterate: Iterate, phase: Phase) {
-        if iterate.gap < self.iterate.gap {
-            (self.iterate, self.phase) = (iterate, phase);
-        }
-    }
-
-    fn done(&self, tol: f64) -> bool {
-        self.iterate.gap <= tol
-    }
-
-    fn found(self, work: Work) -> Found {
-        Found { weights: self.iterate.weights, phase: self.phase, work }
-    }
 }
 
 /// Drives a small residual of a reachable target down to rounding, if that can be done.

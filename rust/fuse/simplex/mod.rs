@@ -13,6 +13,7 @@
 mod active_set;
 mod budget;
 mod certificate;
+mod climb;
 mod compensated;
 mod dense;
 mod face;
@@ -30,6 +31,7 @@ mod relaxed_target;
 mod semismooth;
 mod sifting;
 mod singletons;
+mod task;
 #[cfg(test)]
 mod tests;
 mod threshold;
@@ -44,9 +46,10 @@ use crate::parallel::Stop;
 use crate::sample::Index;
 use budget::{Budget, Limit};
 use dense::Dense;
-use ladder::{Found, Task};
-use operator::{Operator, SEARCH};
+use operator::Operator;
+use task::{Found, Task};
 pub(crate) use threshold::project;
+use vector::SEARCH;
 
 use relaxed_target::{Relaxed, relax};
 use singletons::Singletons;
@@ -132,7 +135,7 @@ fn finish<O: Operator>(
     let task = Task { op, relaxed: &relaxed, tol: 0.5 * options.tol * reference, gamma };
     let warm = start.warm.map(|w| padded(w, n, options.subsimplex)).transpose()?;
     let (Found { mut weights, phase, work }, sifted) = match start.line {
-        Some(weights) => (Found { weights, phase: Phase::ClosedForm, work: newton_cg::Work::default() }, false),
+        Some(weights) => (Found { weights, phase: Phase::ClosedForm, work: task::Work::default() }, false),
         None => ladder::run(&task, warm.as_deref(), &mut budget)?,
     };
     let mut certificate = certificate::certify(op, target, &weights)?;

@@ -20,27 +20,13 @@ use std::cell::RefCell;
 use super::budget::Budget;
 use super::factor::{Factor, LARGEST_FACTOR, solve_cost};
 use super::hessian::{Hessian, factor_cost};
-use super::ladder::start_or_uniform;
 use super::newton_system::is_crawling;
-use super::operator::{Operator, SEARCH};
+use super::operator::Operator;
+use super::task::{Iterate, Work, start_or_uniform};
+use super::vector::SEARCH;
 use super::vector::{axpy, dot, min, norm, sum};
 use crate::error::Result;
 use crate::memory::{try_collect, try_copy, try_zeros};
-
-/// Weights on the simplex and their gap in plain arithmetic.
-#[derive(Clone)]
-pub(crate) struct Iterate {
-    pub weights: Vec<f64>,
-    pub gap: f64,
-}
-
-/// Counters for the report.
-#[derive(Clone, Copy, Default)]
-pub(crate) struct Work {
-    pub newton: usize,
-    pub cg: usize,
-    pub factors: usize,
-}
 
 /// Inner iterations per Newton step.
 const MAX_CG: usize = 400;

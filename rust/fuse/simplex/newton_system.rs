@@ -5,10 +5,11 @@
 
 use super::budget::Budget;
 use super::factor::{Factor, LARGEST_FACTOR, factor_cost, solve_cost};
-use super::newton_cg::Work;
-use super::operator::{Operator, Precondition, SEARCH};
+use super::operator::{Operator, Precondition};
+use super::task::Work;
 use super::threshold::normalise;
 use super::triangle::Triangle;
+use super::vector::SEARCH;
 use super::vector::{axpy, dot, norm};
 use crate::error::Result;
 use crate::memory::{try_copy, try_filled, try_zeros};

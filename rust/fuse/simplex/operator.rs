@@ -5,9 +5,6 @@ use std::ops::Range;
 use super::triangle::Triangle;
 use crate::error::Result;
 
-/// What messages say that memory is for.
-pub(crate) const SEARCH: &str = "the search for weights";
-
 /// The linear map `S w = sum_i w_i E_i` of an ensemble of `size` realizations in a space of `dim` entries.
 ///
 /// The last realization may be the zero matrix (`weights = "subsimplex"`: `sum w <= 1` is the simplex with one more, empty,

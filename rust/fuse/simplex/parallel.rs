@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::operator::SEARCH;
+use super::vector::SEARCH;
 use crate::error::Result;
 use crate::memory::{try_collect_all, try_zeros};
 use crate::parallel::{Stop, for_each_chunk};

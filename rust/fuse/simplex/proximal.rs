@@ -7,10 +7,12 @@
 use super::budget::Budget;
 use super::factor::{LARGEST_FACTOR, solve_cost};
 use super::hessian::factor_cost;
-use super::newton_cg::{self, Effort, Iterate, Work};
+use super::newton_cg::{self, Effort};
 use super::newton_system::Memory;
-use super::operator::{Operator, SEARCH};
+use super::operator::Operator;
 use super::semismooth::{Ended, Inner, Point, Rules, Setting, distance, measure};
+use super::task::{Iterate, Work};
+use super::vector::SEARCH;
 use super::vector::norm;
 use crate::error::Result;
 use crate::memory::{try_copy, try_filled, try_room};

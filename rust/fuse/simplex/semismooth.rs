@@ -12,11 +12,12 @@
 //! whatever `N` is (`newton_system`). The outer methods that choose `c` and `mu` are in `proximal`.
 
 use super::budget::Budget;
-use super::ladder::Task;
-use super::newton_cg::{Iterate, Work};
 use super::newton_system::{Memory, NewtonSystem};
-use super::operator::{Operator, SEARCH};
+use super::operator::Operator;
+use super::task::Task;
+use super::task::{Iterate, Work};
 use super::threshold::{normalise, threshold};
+use super::vector::SEARCH;
 use super::vector::{dot, min, norm};
 use crate::error::Result;
 use crate::memory::{try_collect, try_copy, try_filled, try_zeros};

@@ -5,9 +5,11 @@
 //! or if the subset grows to half of all, the caller solves without sifting.
 
 use super::budget::Budget;
-use super::ladder::{Found, Task, climb};
-use super::operator::{Operator, SEARCH};
+use super::climb::climb;
+use super::operator::Operator;
 use super::semismooth::{Setting, gap_and_values};
+use super::task::{Found, Task};
+use super::vector::SEARCH;
 use crate::error::Result;
 use crate::memory::{try_collect, try_extend, try_zeros};
 

@@ -5,7 +5,8 @@ use std::path::Path;
 use proptest::prelude::*;
 use safetensors::{Dtype, SafeTensors};
 
-use super::super::format::{BEGINNING, MAX_BYTES, PARSED, SEAL, ZEROS, digest};
+use super::super::format::{BEGINNING, PARSED, SEAL, ZEROS, digest};
+use super::super::limits::MAX_BYTES;
 use super::*;
 use crate::memory::tests::counted;
 use crate::storage::{Container, Fault, MAX_HEADER, VERSION, decode, encode};

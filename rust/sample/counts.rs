@@ -98,7 +98,7 @@ pub(crate) fn deal(chances: &[Chance], size: u64, rng: &mut impl Rng, mut visit:
 }
 
 /// Successes in `trials` of probability `p` each.
-fn binomial(trials: u64, p: f64, rng: &mut impl Rng) -> Result<u64> {
+pub(crate) fn binomial(trials: u64, p: f64, rng: &mut impl Rng) -> Result<u64> {
     let mean = trials as f64 * p;
     if trials >= MANY && mean > 0.0 && mean < 10.0 {
         // the inversion that `Binomial` makes here rounds 1 - p; the total variation distance to Poisson is at most p < 1e-11

@@ -22,7 +22,7 @@ pub use sequence::Sequence;
 pub use singletons::{Index, Indices, Singletons};
 pub use systematic::systematic_counts;
 
-pub(crate) use counts::{Chance, chances, deal, line_counts};
+pub(crate) use counts::{Chance, binomial, chances, deal, line_counts};
 pub(crate) use singletons::with_indices;
 pub(crate) use systematic::line_systematic;
 

@@ -11,7 +11,6 @@
 use faer::MatRef;
 use rand::Rng;
 use rand::rngs::ChaCha8Rng;
-use rand_distr::{Binomial, Distribution};
 
 use crate::Scheme;
 use crate::control::steps_control;
@@ -19,7 +18,7 @@ use crate::error::{Error, Result};
 use crate::fuse::norm;
 use crate::memory::{checked_len, covered, room_for_products, try_collect, try_extend, try_room, try_zeros};
 use crate::parallel::{Stop, for_each_chunk};
-use crate::sample::{Chance, Law, chances, deal, line_systematic};
+use crate::sample::{Chance, Law, binomial, chances, deal, line_systematic};
 use crate::stream::{Key, Purpose};
 
 const WHAT: &str = "a simulated run";
@@ -263,9 +262,7 @@ impl Plans {
                         if some > 0 && *entry != 0.0 {
                             // row j picks entry k in some of the realizations whose x0^s hits k
                             let p = (entry.abs() / g).min(1.0);
-                            let binomial = Binomial::new(some, p)
-                                .map_err(|e| Error::Numerical(format!("binomial({some}, {p}): {e}")))?;
-                            let share = binomial.sample(rng) as f64 / some as f64;
+                            let share = binomial(some, p, rng)? as f64 / some as f64;
                             y[j] -= value * g.copysign(*entry) * share;
                         }
                     }

@@ -116,10 +116,9 @@ def plan_bound(
     errors = plan_errors(basis, None if predicted is None else len(u), fusion)
     fitted = any(entity.kind == "fitted" for entity in basis.entities)
     names = ("exact error",) * 2
-    if all(entity.kind == "exact" for entity in basis.entities):
-        radii: tuple[float, ...] | None = errors.rounded((0.0, 0.0))
-    elif not errors.random:
+    if not errors.random:
         wrong = u.ravel() - errors.best.u
+        radii: tuple[float, ...] | None
         radii = errors.rounded((norm(errors.best.factors.B @ wrong), norm(wrong)))
     else:
         names = ("simulated",) * 2
@@ -152,8 +151,9 @@ def plan_errors(basis: Basis, steps: int | None, fusion: Fusion) -> PlanErrors:
         if entity.kind == "iid" or entity.kind == "systematic":
             entities.append(Entity(entity.values, None, entity.size, entity.kind))
         else:
-            fitted = entity.kind == "fitted"
-            entities.append(Entity(entity.values, entity.estimate if fitted else None))
+            # exact values stand for themselves
+            estimate = entity.estimate if entity.kind == "fitted" else None
+            entities.append(Entity(entity.values, estimate))
     x0, xf, A = entities
     rows = basis.A.axis == "rows"
     if fusion == "diagonal" and basis.A.kind == "systematic" and rows:

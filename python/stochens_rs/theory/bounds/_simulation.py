@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
@@ -73,12 +74,11 @@ class EstimateErrors:
 
     def draw(self, runs: int, key: Key) -> Array:
         """Independent errors, (runs, 1)."""
-        norm = {"1": "1", "spectral": "spectral"}.get(self.norm, "2")
         return _core.simulate_estimates(
             self.lines,
             self.size,
             self.scheme,
-            norm,
+            "2" if self.norm == "Frobenius" else self.norm,
             runs,
             self.cost,
             key.bytes32,
@@ -147,8 +147,7 @@ class PlanErrors:
 
     def sized(self, sizes: tuple[int | None, ...]) -> PlanErrors:
         """The same problem with other numbers of realizations ``(N0, Nf, NA)``."""
-        other = object.__new__(PlanErrors)
-        other.__dict__.update(self.__dict__)
+        other = copy(self)  # what was factored is shared
         entities = zip(self.entities, sizes, strict=True)
         other.entities = tuple(replace(e, size=N) for e, N in entities)  # type: ignore[assignment]
         return other

@@ -210,6 +210,7 @@ class Simulated(Bound):
         if runs is None:
             return 0.0
         drawn = errors.draw(runs, self._key)
+        # what rounding adds to an error in the middle
         off = errors.rounded(tuple(float(np.median(one)) for one in drawn.T))[self._which]
         drawn = drawn[:, self._which]
         beyond = int((drawn + (off - float(np.median(drawn))) > eps).sum())

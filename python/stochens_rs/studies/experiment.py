@@ -26,11 +26,6 @@ if TYPE_CHECKING:
 SCHEMA = "stochens-experiment/1"
 
 
-def log_grid(samples: int, points: int = 16) -> NDArray[np.int64]:
-    """At most `points` sample counts, evenly spaced on a log axis, from 1 to `samples`."""
-    return np.unique(np.rint(np.geomspace(1, samples, points)).astype(np.int64))
-
-
 @dataclass(frozen=True, eq=False)
 class Experiment:
     """One experiment, finished: settings, key, errors of every replicate, and facts derived from

@@ -8,8 +8,9 @@ from typing import Any
 
 import click
 
-from .. import paper, plots
+from .. import paper
 from .._base.files import versions
+from ..paper.report.page import require_report
 from ..rng import as_key
 from ._options import seed_option
 from ._output import note, replaceable, show, writable
@@ -77,7 +78,7 @@ def reproduce(
     of one of the report's that this command did not write, or that was changed since (results.json
     has the SHA-256 of the others), is never replaced: nothing is done then.
     """
-    plots.require_matplotlib()
+    require_report()
     options = {
         "seed": seed,
         "replicates": replicates,

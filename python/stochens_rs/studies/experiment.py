@@ -66,6 +66,11 @@ class Experiment:
         """Number of independent repetitions."""
         return int(self.panels[0].curves[0].errors.shape[0])
 
+    @property
+    def figures(self) -> list[str]:
+        """Numbers of the figures, in order."""
+        return list(dict.fromkeys(p.figure for p in self.panels if p.figure is not None))
+
     def panel(self, name: str) -> Panel:
         """One panel by name.
 
@@ -143,8 +148,7 @@ class Experiment:
         ImportError
             matplotlib is not installed.
         """
-        numbers = dict.fromkeys(p.figure for p in self.panels if p.figure is not None)
-        return {f"{self.name}-figure-{k}": self.plot_figure(k, shown=shown) for k in numbers}
+        return {f"{self.name}-figure-{k}": self.plot_figure(k, shown=shown) for k in self.figures}
 
     def plot_figure(self, number: str, *, shown: bool = True) -> Figure:
         """One figure of the paper, its panels side by side under one title and over one legend.

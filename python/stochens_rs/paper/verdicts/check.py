@@ -2,8 +2,8 @@
 
 `claims` computes a table with one row for every definition, lemma, algorithm and figure, and for
 what the text says beside them: what the paper says, whether that holds, the corrected statement,
-and the evidence. The verdicts are written down; the evidence is computed by every call, and says
-itself whether it supports them.
+and the evidence. The verdicts are fixed; every call computes the evidence anew and says
+whether it supports them.
 """
 
 from __future__ import annotations
@@ -115,5 +115,5 @@ def claims(rng: RngLike = 1, *, quick: bool = False, progress: Progress = None) 
 
 
 def _vector() -> Floats:
-    """A vector with entries of all sizes, so that the last one is hit late."""
+    """A vector with large and small entries, so that the smallest is drawn late."""
     return np.array([5.0, -3.0, 2.0, -1.0, 1.0, 0.5, -0.2, 0.1])

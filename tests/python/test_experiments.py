@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from stochens_rs.paper import counterexamples, power, tracking
+from stochens_rs.paper import power, tracking
 from stochens_rs.rng import as_key
 from stochens_rs.studies import Curve, Experiment
-from stochens_rs.studies.experiment import log_grid
+from stochens_rs.studies.study import log_grid
 
 SMALL_POWER = {"rng": 5, "replicates": 6, "samples": 120}
 SMALL_TRACKING = {"rng": 5, "replicates": 3, "samples": 40, "n": 12, "m": 9}
@@ -208,17 +208,6 @@ def test_every_alse_solve_is_kept(small_power):
         assert 0 <= alse["A"]["worst_relative_gap"] <= small_power.settings["tol"]
 
 
-def test_counterexamples_have_their_exact_values():
-    found = counterexamples()
-    assert found["closed_form"]["printed_sum"] == 7.0
-    assert found["closed_form"]["printed"] == pytest.approx(900.0, rel=1e-12)
-    assert found["closed_form"]["corrected"] < 1e-24
-    assert found["one_sample"]["true"] == pytest.approx(2.0, rel=1e-9)
-    assert found["ordering"]["uniform"] < 1e-24
-    assert found["ordering"]["slse"] == pytest.approx(1 / 5, rel=1e-9)
-    assert found["ordering"]["slse-safeguarded"] < 1e-20
-
-
 def test_the_printed_stopping_rule_stops_far_away(small_power):
     rule = small_power.facts["stopping_rule"]
     assert rule["stopped"] > 0.5
@@ -317,6 +306,13 @@ def test_other_cases_run():
 def test_wrong_options_are_named(run, options, word):
     with pytest.raises(se.InputError, match=re.escape(f"`{word}`")):
         run(rng=1, **options)
+
+
+@pytest.mark.parametrize("run", [power, tracking])
+@pytest.mark.parametrize("progress", [1, "yes"])
+def test_progress_is_a_flag_or_a_function(run, progress):
+    with pytest.raises(se.InputTypeError, match="`progress` must be None, True, False or a"):
+        run(rng=1, replicates=1, samples=2, progress=progress)
 
 
 def errors_of(experiment):

@@ -12,6 +12,7 @@ import sys
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from .._base.extras import extra
 from .._base.progress import in_ipython
 
 if TYPE_CHECKING:
@@ -23,12 +24,8 @@ PALE = "#6b6b6b"
 
 def require_matplotlib() -> None:
     """Raise an ImportError that names the extra if matplotlib is missing."""
-    try:
+    with extra("figures need matplotlib"):
         import matplotlib  # noqa: F401
-    except ImportError as error:
-        raise ImportError(
-            "figures need matplotlib: install the extra with `pip install 'stochens_rs[plot]'`"
-        ) from error
 
 
 # Backends that write files; pyplot would keep their figures and show them to nobody.

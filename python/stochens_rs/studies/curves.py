@@ -23,22 +23,6 @@ BAND = (0.1, 0.9)  # the shaded band holds the middle 80 % of the replicates
 FloatArray = NDArray[np.float64]
 
 
-def quantiles(errors: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The 10 %, 50 % and 90 % quantiles over the replicates.
-
-    Parameters
-    ----------
-    errors : (replicates, k) array
-        ``errors[r, i]`` is the error of replicate r after ``sizes[i]`` samples.
-
-    Returns
-    -------
-    low, median, high : (k,) arrays
-    """
-    low, median, high = np.quantile(errors, (BAND[0], 0.5, BAND[1]), axis=0)
-    return low, median, high
-
-
 @dataclass(frozen=True, eq=False)
 class Curve:
     """The relative error of one method against the number of samples.
@@ -70,14 +54,19 @@ class Curve:
         return f"{self.method} (diagonal)" if self.fusion == "diagonal" else self.method
 
     @property
+    def _quantiles(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        low, median, high = np.quantile(self.errors, (BAND[0], 0.5, BAND[1]), axis=0)
+        return low, median, high
+
+    @property
     def median(self) -> FloatArray:
         """(k,) median over the replicates."""
-        return quantiles(self.errors)[1]
+        return self._quantiles[1]
 
     @property
     def band(self) -> tuple[FloatArray, FloatArray]:
         """The 10 % and the 90 % quantile over the replicates, (k,) each."""
-        low, _, high = quantiles(self.errors)
+        low, _, high = self._quantiles
         return low, high
 
     @property
@@ -117,8 +106,7 @@ class Curve:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain lists and numbers; the key "statistics" is derived from the others."""
-        low, median, high = quantiles(self.errors)
-        z = self.z
+        low, median, high = self._quantiles
         return {
             "method": self.method,
             "fusion": self.fusion,
@@ -130,7 +118,7 @@ class Curve:
                 "median": median.tolist(),
                 "q90": high.tolist(),
                 "rms": self.rms.tolist(),
-                "z": _listed(z),
+                "z": _listed(self.z),
             },
         }
 

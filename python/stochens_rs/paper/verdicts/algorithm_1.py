@@ -37,8 +37,7 @@ class Streamed:
     state : dict of str to ndarray, shape (runs, 2)
         ``||B (v - v*)||``.
     bound : ndarray, shape (runs, 2)
-        What the mean of ``state^2`` is at most for "consistent", from how often each entity was
-        drawn.
+        Bound on the mean of ``state^2`` for "consistent", from how often each entity was drawn.
     stops : ndarray, shape (runs, 2)
         Steps after which the printed rule stops with errorBound 1e-9, and the relative error of the
         control then.
@@ -89,7 +88,7 @@ def mean_square_bound(x0: Floats, xf: Floats, A: Floats, drawn: dict[str, int]) 
     """Bound on ``E||B (v - v*)||^2`` after so many draws of each entity, with fused estimates.
 
     ``3 [Vf / nf + ||A||^2 V0 / n0 + (VA / nA) (||x0|| + sqrt(V0 / n0))^2]``, V the mean square
-    error of one realization: SLSE after n realizations has at most V / n, whenever it is served.
+    error of one realization. SLSE after n realizations has at most V / n.
     """
     V0, Vf, VA = (
         float((np.abs(E).sum(axis=0) ** 2 - (E**2).sum(axis=0)).sum())
@@ -101,7 +100,7 @@ def mean_square_bound(x0: Floats, xf: Floats, A: Floats, drawn: dict[str, int]) 
 
 
 def variance(streamed: Streamed) -> Claim:
-    """The paper has no result, and for the printed loop there is none to have."""
+    """The paper has no result; the mean square error of its loop does not tend to 0."""
     w = exact.vector(1, 1)
     # A = B = I, xf = 0: v' = -x0(s), whose atoms differ in sign only
     means: dict[str, dict[int, Fraction]] = {"printed": {}, "fused": {}}
@@ -157,7 +156,7 @@ def _printed(samples: list[exact.Vector], w: exact.Vector) -> exact.Vector:
 
 
 def lines_3_and_16() -> Claim:
-    """With fewer inputs than states the lines ask for what does not exist."""
+    """With fewer inputs than states the control of these lines does not exist."""
     A, x0, xf = (exact.vector(1, 1), exact.vector(1, 2)), exact.vector(1, 1), exact.vector(3, 4)
     b = exact.vector(1, 1)
     # B = (1, 1): B^+ = (1/2, 1/2), and y is in reach if its entries are equal
@@ -182,7 +181,7 @@ def lines_3_and_16() -> Claim:
         "Algorithm 1, lines 3 and 16",
         "\"v <- v' such that xf^ = A^ x0^ + B v'\".",
         "holds with a correction",
-        "For m < n there is in general no such v', even where xf can be reached: it has to be the "
+        "For m < n there is in general no such v', even where xf can be reached. Use the "
         "least-squares solution B^+ (xf^ - A^ x0^), as in the paper's simulations. With B square "
         "and invertible the lines can be carried out.",
         (
@@ -216,7 +215,8 @@ def algorithm_1(streamed: Streamed) -> Claim:
         "Keep the fused estimates and put the new sample into its slot, with the fused values in "
         "the other two: then v = B^+ (Ff - FA F0) holds exactly after every step, and v "
         "converges. The printed error is the length of the last change, which is 0 after every "
-        "sample that does not help; sound is ||P [(Ff - xf) - A (F0 - x0)]|| + ||FA - A|| ||F0||.",
+        "sample that does not help. A bound of the error is ||P [(Ff - xf) - A (F0 - x0)]|| + "
+        "||FA - A|| ||F0||.",
         (
             Evidence("Monte Carlo", texts[0], literal > 0.5 and consistent < 0.2 * literal),
             Evidence("Monte Carlo", texts[1], bool(stop <= 50 and left > 0.5)),

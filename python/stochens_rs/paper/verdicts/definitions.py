@@ -119,8 +119,8 @@ def sample_reachability(key: Key) -> Claim:
         "xf is sample reachable in unit time if for every realization a control leads from x0(s) "
         "to xf(s).",
         "holds with a correction",
-        "With m < n almost no realization is reachable even if xf is: what holds of the controls "
-        "is a statement about their least-squares projection.",
+        "With m < n almost no realization is reachable even if xf is. The results on "
+        "controls hold for least-squares controls.",
         (Evidence("enumeration", text, one.reachable and every.reachable_atoms == 0),),
     )
 

@@ -62,7 +62,7 @@ def lemma_42(tails: Tails) -> Claim:
         "P(||B (v - mean u(s))|| > eps) <= 2 C [exp(-2 N eps^2 / (9 beta^2 g(xf)^2)) + the same "
         "with g(x0) + the same with g(A)], C dependent on n only.",
         "holds with a correction",
-        "The norm constants of the proof belong into the exponent. The statement is nevertheless "
+        "The norm constants of the proof belong in the exponent. The statement is nevertheless "
         "true for the average of paired realizations, with C = 2 for every n, if beta = max(B_A, "
         "1, ||x0||) with B_A >= ||A(s)||; with ||A|| in place of B_A it is false. Sharper, among "
         "formulas: P(error >= sqrt(V/N) + t) <= exp(-N t^2 / (g(xf)^2 + 2 g(x0)^2 g(A)^2)).",

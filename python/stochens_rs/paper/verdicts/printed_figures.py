@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,19 +22,25 @@ if TYPE_CHECKING:
     from ...studies import Experiment
 
 
-def section_5(key: Key, replicates: int, samples: int) -> list[Claim]:
-    """Run both experiments once, small, and judge the three figures and the text."""
-    small = power(rng=key.child("power"), replicates=replicates, samples=samples)
-    large = tracking(
-        rng=key.child("tracking"), replicates=max(2, replicates // 2), samples=samples, n=40, m=32
-    )
+def section_5(key: Key, replicates: int, samples: int) -> list[Callable[[], Claim]]:
+    """One call for each statement; the first that needs one of the two experiments runs it."""
+
+    @cache
+    def small() -> Experiment:
+        return power(rng=key.child("power"), replicates=replicates, samples=samples)
+
+    @cache
+    def large() -> Experiment:
+        half = max(2, replicates // 2)
+        return tracking(rng=key.child("tracking"), replicates=half, samples=samples, n=40, m=32)
+
     return [
-        _estimates(small),
-        _controls(small),
-        section_5_2.one_step_only(key.child("one step")),
-        _states(key.child("states"), large),
-        section_5_2.ordering(large),
-        section_5_2.computed_states(),
+        lambda: _estimates(small()),
+        lambda: _controls(small()),
+        lambda: section_5_2.one_step_only(key.child("one step")),
+        lambda: _states(key.child("states"), large()),
+        lambda: section_5_2.ordering(large()),
+        section_5_2.computed_states,
     ]
 
 

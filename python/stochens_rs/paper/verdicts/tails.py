@@ -1,4 +1,4 @@
-"""How large an error really gets, beside what the bounds say: Lemma 4.2 on a hard system.
+"""Simulated errors beside the bounds on them: Lemma 4.2 on a hard system.
 
 The system is ``A = H / sqrt(n)`` with a Hadamard matrix H, ``x0 = (1, .., 1) / sqrt(n)``,
 ``xf = 0`` and ``B = I``: all norms that the paper uses are 1, while a realization of A has the
@@ -38,11 +38,11 @@ class Tails:
     sizes : ndarray of int, shape (k,)
         Numbers of realizations.
     empirical : ndarray, shape (k,)
-        What a share `delta` of the runs exceeds.
+        The error that a share `delta` of the runs exceeds.
     ours : ndarray, shape (k,)
         The smallest bound that holds.
     bounds : tuple of str, length k
-        Which that is, by its name in `theory.bounds`.
+        Its name in `theory.bounds`, for each size.
     printed : ndarray, shape (k,)
         Lemma 4.2 with ``beta = max(||A||, 1, ||x0||)`` and ``C = n``.
     failures : ndarray of int, shape (k, 2)

@@ -346,8 +346,8 @@ def every_way(made, target):
         yield lambda method=method: se.fuse(made, method, target=target)
         yield lambda method=method: se.fuse_path(made, [1, made.size], method, target=target)
     if made.shape == (2, 2):
-        yield lambda: se.fuse(made, "alse", target=target, weights="per-column")
-    yield lambda: se.fuse(made, "alse", target=target, weights="subsimplex")
+        yield lambda: se.fuse(made, "alse", target=target, weight_set="per-column")
+    yield lambda: se.fuse(made, "alse", target=target, weight_set="subsimplex")
 
 
 @pytest.mark.parametrize("scale", [1e150, 1e154, 1e160, 1e200, 1e300, 8e307])

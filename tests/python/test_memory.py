@@ -55,9 +55,9 @@ calls = {
     "fuse uniform": lambda: se.fuse(draws, "uniform", target=A),
     "fuse alse": lambda: se.fuse(draws, "alse", target=A, max_iter=200),
     "fuse alse subsimplex": lambda: se.fuse(
-        draws, "alse", target=A, weights="subsimplex", max_iter=200
+        draws, "alse", target=A, weight_set="subsimplex", max_iter=200
     ),
-    "fuse alse per column": lambda: se.fuse(draws, "alse", target=A, weights="per-column"),
+    "fuse alse per column": lambda: se.fuse(draws, "alse", target=A, weight_set="per-column"),
     "fuse alse many": lambda: se.fuse(few, "alse", target=A[:20, :20]),
     "fuse alse vector": lambda: se.fuse(states, "alse", target=x0),
     "fuse alse dense": lambda: se.fuse(dense, "alse", target=x0, max_iter=200),

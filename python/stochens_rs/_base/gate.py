@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 T = TypeVar("T")
+W = TypeVar("W", bound=str)
 
 # Largest whole number up to which every whole number is a float64.
 EXACT = 2**53
@@ -175,16 +176,16 @@ def sizes(name: str, value: object, *, maximum: int) -> NDArray[np.int64]:
     return counts
 
 
-def choice(name: str, value: object, allowed: tuple[str, ...]) -> str:
+def choice(name: str, value: object, allowed: tuple[W, ...]) -> W:
     """Return `value` if it is one of `allowed`; the message names the nearest one."""
     listed = ", ".join(f"'{word}'" for word in allowed)
     if not isinstance(value, str):
         raise InputTypeError(f"`{name}` must be one of {listed}, got {show(value)}")
-    if value not in allowed:
-        near = difflib.get_close_matches(value[:40].lower(), allowed, n=1)
-        hint = f"; did you mean '{near[0]}'?" if near else ""
-        raise InputError(f"`{name}` must be one of {listed}, got {show(value)}{hint}")
-    return value
+    if value in allowed:
+        return value
+    near = difflib.get_close_matches(value[:40].lower(), allowed, n=1)
+    hint = f"; did you mean '{near[0]}'?" if near else ""
+    raise InputError(f"`{name}` must be one of {listed}, got {show(value)}{hint}")
 
 
 def items(name: str, value: object) -> list[Any]:

@@ -135,7 +135,7 @@ import numpy as np
 import stochens_rs as se
 
 A = np.random.default_rng(0).standard_normal((100, 100))
-stream = se.Stream(np.eye(100), np.ones(100), np.ones(100), A / 99, rng=1)
+stream = se.Stream((A / 99, np.eye(100)), np.ones(100), np.ones(100), rng=1)
 seen = []
 
 def handler(number, frame):

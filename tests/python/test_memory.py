@@ -30,11 +30,11 @@ counts = se.sample_counts(A, 10**6, rng=3)
 system = se.System(A, B)
 weights = np.full(size, 1 / size)
 u = rng.normal(size=(3, 2))
-stream = se.Stream(B, x0, xf, A, rng=4)
+stream = se.Stream((A, B), x0, xf, rng=4)
 stream.step(5)
 
 def run_stream():
-    stream = se.Stream(B, x0, xf, A, rng=4)
+    stream = se.Stream((A, B), x0, xf, rng=4)
     stream.step(50)
     return stream.u, stream.certificate, stream.estimates
 

@@ -77,7 +77,7 @@ class Durable:
         --------
         >>> import tempfile, pathlib, stochens_rs as se
         >>> path = pathlib.Path(tempfile.mkdtemp()) / "a.state"
-        >>> stream = se.Stream([[1.0]], [1.0], [0.0], [[2.0]], rng=1)
+        >>> stream = se.Stream(([[2.0]], [[1.0]]), [1.0], [0.0], rng=1)
         >>> stream.step(1000)
         >>> stream.save(path)
         1

@@ -132,7 +132,8 @@ def hidden_faults(package: Package) -> Iterator[str]:
         for node in ast.walk(tree):
             if isinstance(node, (ast.Name, ast.Attribute)):
                 name = node.id if isinstance(node, ast.Name) else node.attr
-                if name in ("import_module", "__import__"):
+                # the face imports `reference` at its first use
+                if name in ("import_module", "__import__") and module:
                     yield f"{module}:{node.lineno}: imports by the name of a module"
 
 

@@ -154,7 +154,7 @@ raise_after(0.2, signal.SIGUSR1)  # goes on after a handler that raises nothing
 raise_after(0.5, signal.SIGUSR2)
 try:
     stream.step(10**10)
-except se.InputError as error:
+except se.exceptions.InputError as error:
     assert "`stream` is at work on this thread" in str(error), error
 assert seen == [signal.SIGUSR1, signal.SIGUSR2], seen
 at = stream.steps

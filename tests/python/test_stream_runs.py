@@ -224,7 +224,7 @@ if child == 0:
         try:
             use()
             os._exit(2)
-        except se.InputError as error:
+        except se.exceptions.InputError as error:
             assert "`stream` was at work on a thread when this process was forked" in str(error)
     assert "in use" in repr(busy)
     idle.step(1000)

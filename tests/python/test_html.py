@@ -40,7 +40,7 @@ def simulated():
 RECORDS = {
     "System": (lambda: SYSTEM, ["states n", "0.1 s", "a & <b>"]),
     "Ensemble": (lambda: se.sample(SYSTEM.A, 1000, rng=1), ["1 000", "2 × 2", "iid", "columns"]),
-    "Ensemble of vectors": (lambda: se.sample(X0, 10, rng=1), ["entries keptonedrawn"]),
+    "Ensemble of vectors": (lambda: se.sample(X0, 10, rng=1), ["nonzero entriesonescheme"]),
     "Fit": (
         lambda: se.fuse(se.sample(SYSTEM.A, 99, rng=1), "alse", target=SYSTEM.A),
         ["alse", "optimal", "99", "distance to the target", "gap"],

@@ -337,7 +337,7 @@ def test_the_mean_of_large_realizations_is_right():
 )
 @pytest.mark.parametrize("weights", [[1e10, 1.0], [1e308, 1e308]])
 def test_a_combination_that_overflows_is_refused(made, weights):
-    with pytest.raises(NonFiniteError, match=r"overflows: scale"):
+    with pytest.raises(NonFiniteError, match="overflows: scale"):
         made.combine(weights)
 
 

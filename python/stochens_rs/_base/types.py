@@ -9,6 +9,9 @@ Axis: TypeAlias = Literal["columns", "rows"]
 Scheme: TypeAlias = Literal["iid", "systematic"]
 Fusion: TypeAlias = Literal["product", "diagonal"]
 
+AXES: tuple[Axis, ...] = get_args(Axis)
+SCHEMES: tuple[Scheme, ...] = get_args(Scheme)
+
 # How a computation ended, from best to worst. Wrong input raises an exception instead.
 Status: TypeAlias = Literal[
     "completed",  # there was nothing to optimise

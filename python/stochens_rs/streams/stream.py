@@ -45,9 +45,9 @@ class Stream(Durable):
         Source of randomness. Realization k of x0 is realization k of
         ``sample(x0, ..., rng=key.child("x0"))``; "xf" and "A" alike.
     variant : {"consistent", "semi", "literal"}, default "consistent"
-        Three readings of the printed algorithm; only "consistent" converges. "semi": v' is
-        computed from the latest *realizations* of all slots. "literal": also, the line search
-        starts at the previous realization instead of the estimate.
+        Three readings of the printed algorithm; only "consistent" converges. "semi": v' comes
+        from the latest *realizations* of all slots. "literal": also, the line search starts at
+        the previous realization instead of the estimate.
     safeguard : bool, default False
         For "consistent": a second line search per step, towards the mean of the realizations of
         the slot. The error of each estimate is then never larger than that of this mean.
@@ -67,11 +67,10 @@ class Stream(Durable):
     Notes
     -----
     *Invariant* (corrected Algorithm 1): in the consistent variant, ``v = B^+ (Ff - FA F0)`` after
-    every step, because the control is affine in each slot. The stream updates ``FA F0`` in O(n)
-    per step; reading `u` costs O(n m), reading `certificate` or `error` O(n^2). Above n = 300 or
-    so, a step takes longer than O(n), because the estimate of A is larger than the caches of the
-    processor. Every ``16 max(n, 16)`` steps, all running sums are computed again from the
-    estimates; `drift` is the largest correction so far.
+    every step. A step costs O(n) (above n = 300 or so, more time: A leaves the caches of the
+    processor), reading `u` O(n m), reading `certificate` or `error` O(n^2). All running sums are
+    computed again from the estimates every ``16 max(n, 16)`` steps; `drift` is the largest
+    correction so far.
 
     *Mean-square bound*, with ``n_i`` realizations in slot i that do not depend on the choice of
     slots and ``V = E ||E - T||^2``: ``E ||B (v - v*)||^2 <= 3 [Vf / n_f + ||A||^2 V0 / n_0 +
@@ -81,8 +80,8 @@ class Stream(Durable):
     at work gets an InputError, as does a process that was forked while another thread used it. A
     signal handler that waits for another thread's call on the stream deadlocks.
 
-    *Reproducibility.* The result depends on the arguments, the key and the number of steps. It
-    does not depend on the calls that took the steps, or on saving and loading in between.
+    *Reproducibility.* The result depends on the arguments, the key and the number of steps only,
+    not on the calls that took them, or on saving and loading in between.
 
     Examples
     --------
@@ -174,8 +173,7 @@ class Stream(Durable):
     def certificate(self) -> float | None:
         """Upper bound on `error`: ``||P [(Ff - xf) - A (F0 - x0)]|| + ||FA - A|| ||F0||``.
 
-        ``P = B B^+``. None for "semi" and "literal", whose control does not follow from the
-        estimates.
+        ``P = B B^+``. None for the variants "semi" and "literal".
         """
         value = self._core.certificate()[0]
         return None if np.isnan(value) else value
@@ -245,9 +243,9 @@ class Stream(Durable):
             Maximum time of this run [s].
         rule : {"certificate", "printed"}, default "certificate"
             "certificate": stop when `certificate` is at most `tol`, and therefore `error` too.
-            Checked at the start and every n steps. "printed": stop when a step changes the
-            control by at most `tol`, as in the paper. This is no sign of convergence, because a
-            repeated realization changes nothing; a step then costs O(n m).
+            Checked at the start and every n steps. "printed": stop when a step, at O(n m), changes
+            the control by at most `tol`, as in the paper. This is no sign of convergence: a
+            repeated realization changes nothing.
         progress : bool or callable, default False
             True: a progress bar on a terminal or in a notebook. A callable is called as
             ``progress(steps, max_steps)`` about five times a second.
@@ -267,10 +265,8 @@ class Stream(Durable):
         InputError, InputTypeError
             If an argument cannot be used, none of `tol`, `max_steps`, `time_limit` is given, or
             the variant has no certificate.
-        StateError
-            If `checkpoint` is anything else than an earlier state of this stream.
-        StateLockedError
-            If another run has the same `checkpoint`; no step was taken.
+        StateError, StateLockedError
+            If `checkpoint` is not an earlier state of this stream, or is in use by another run.
         StateIOError
             If a checkpoint cannot be saved; the stream can still be used.
 
@@ -283,12 +279,9 @@ class Stream(Durable):
         Examples
         --------
         >>> import stochens_rs as se
-        >>> system = ([[0.9, 0.2], [0.0, 1.0]], [[1.0], [0.5]])
-        >>> stream = se.Stream(system, [1.0, 2.0], [0.0, 0.0], rng=1)
+        >>> stream = se.Stream(([[0.9, 0.2], [0.0, 1.0]], [[1.0], [0.5]]), [1.0, 2.0], [0.0, 0.0])
         >>> stream.run(max_steps=1000).status
         'max_steps'
-        >>> stream.run(tol=1e-9, rule="printed").steps < 20
-        True
         """
         stop = checked_stop(tol, max_steps, time_limit, rule, self.variant)
         if not callable(progress):

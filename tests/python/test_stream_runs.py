@@ -363,7 +363,7 @@ def test_bad_arguments(change, error, message):
 @pytest.mark.parametrize(
     ("arguments", "error", "message"),
     [
-        ({}, InputError, "nothing ends a run"),
+        ({}, InputError, "one of `tol`, `max_steps` and"),
         ({"tol": 0.0}, SizeError, "`tol`"),
         ({"tol": "small"}, InputTypeError, "`tol`"),
         ({"max_steps": 0}, SizeError, "`max_steps`"),

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 class Realizations:
     """Draws of the core, or dense samples (N, ...); immutable."""
 
-    __slots__ = ("_axis", "_draws", "_key", "_samples", "_scheme", "_shape")
+    __slots__ = ("_draws", "_samples", "_shape", "_axis", "_scheme", "_key")  # noqa: RUF023
 
     _draws: _core.Draws | None
     _samples: NDArray[np.float64] | None
@@ -51,8 +51,7 @@ class Realizations:
         return self
 
     def _set(self, *values: Any) -> None:
-        names = ("_draws", "_samples", "_shape", "_axis", "_scheme", "_key")
-        for name, value in zip(names, values, strict=True):
+        for name, value in zip(Realizations.__slots__, values, strict=True):
             object.__setattr__(self, name, value)
 
     def __setattr__(self, name: str, value: object) -> None:

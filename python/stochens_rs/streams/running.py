@@ -40,7 +40,7 @@ def checked_stop(
     most = None if max_steps is None else gate.size("max_steps", max_steps)
     seconds = None if time_limit is None else gate.positive("time_limit", time_limit)
     if limit is None and most is None and seconds is None:
-        raise InputError("`tol`, `max_steps` or `time_limit` must be given: nothing ends a run")
+        raise InputError("one of `tol`, `max_steps` and `time_limit` must be given")
     if limit is not None and name == "certificate" and variant != "consistent":
         raise InputError(
             f"`tol` must be None with rule 'certificate': variant '{variant}' has no certificate"

@@ -61,7 +61,7 @@ def load(path: PathLike, kind: str) -> tuple[int, dict[str, Section]]:
     generation, sections, recovered = _core.storage_load(checked, kind)
     if recovered is not None:
         warnings.warn(
-            f"{recovered}: generation {generation} was loaded from the file beside it",
+            f"{recovered}: generation {generation} was loaded instead",
             StateRecoveredWarning,
             stacklevel=3,
         )

@@ -72,7 +72,7 @@ def _against_n() -> dict[str, list[tuple[int, float]]]:
             (n, median(lambda A=A, e=ensemble: se.fuse(e, "slse", target=A)) / size)
         )
         B = gen.standard_normal((n, max(1, n // 2)))
-        stream = se.Stream(B, gen.standard_normal(n), gen.standard_normal(n), A, rng=1)
+        stream = se.Stream((A, B), gen.standard_normal(n), gen.standard_normal(n), rng=1)
         points["a step of a stream"].append((n, median(lambda s=stream, k=size: s.step(k)) / size))
     return points
 

@@ -214,7 +214,7 @@ def stream() -> Iterator[Line]:
         x0, xf = gen.standard_normal(n), gen.standard_normal(n)
         key = se.Key(bytes(32))
         keys = [bytes(key.child(name)) for name in ("x0", "xf", "A", "slots")]
-        ours = se.Stream(B, x0, xf, A, rng=key)
+        ours = se.Stream((A, B), x0, xf, rng=key)
         if n <= 100:
             # the twin draws beforehand; that is a small part of its time
             yield (

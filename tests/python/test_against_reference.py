@@ -183,19 +183,19 @@ def test_sample_counts(problem: Problem, scheme: str, axis: str) -> None:
 # --- fusing ---------------------------------------------------------------------------------------
 
 
-def check_feasible(y: Array, weights: str) -> None:
+def check_feasible(y: Array, weight_set: str) -> None:
     assert np.all(y >= 0)
     total = y.sum()
     assert total <= 1 + 1e-12
-    if weights == "simplex":
+    if weight_set == "simplex":
         assert total >= 1 - 1e-12
 
 
-def check_alse(fit: Any, samples: Array, target: Array, weights: str) -> None:
+def check_alse(fit: Any, samples: Array, target: Array, weight_set: str) -> None:
     """Feasible, consistent, within the tolerance of the exact minimum, and honest about the gap."""
-    exact = twin.alse_dense(samples, target, weights)
+    exact = twin.alse_dense(samples, target, weight_set)
     unit = scale_of(target, samples)
-    check_feasible(fit.weights, weights)
+    check_feasible(fit.weights, weight_set)
     assert fit.status == "optimal"
     assert_allclose(
         fit.estimate, np.tensordot(fit.weights, samples, axes=1), atol=1e-12 * unit**0.5
@@ -204,17 +204,17 @@ def check_alse(fit: Any, samples: Array, target: Array, weights: str) -> None:
     assert fit.error**2 >= exact.error**2 - 1e-12 * unit
     assert fit.error**2 - exact.error**2 <= fit.gap + 1e-12 * unit
     assert fit.gap <= TOL * unit
-    honest = twin.frank_wolfe_gap(samples, fit.weights, target, weights)
+    honest = twin.frank_wolfe_gap(samples, fit.weights, target, weight_set)
     assert_allclose(fit.gap, honest, atol=1e-12 * unit)
 
 
-def check_fit(fit: Any, samples: Array, target: Array, method: str, weights: str) -> None:
+def check_fit(fit: Any, samples: Array, target: Array, method: str, weight_set: str) -> None:
     unit = scale_of(target, samples) ** 0.5
     assert fit.method == method
     assert fit.estimate.shape == target.shape
     assert_allclose(fit.error, np.linalg.norm(fit.estimate - target), atol=1e-13 * unit)
     if method == "alse":
-        check_alse(fit, samples, target, weights)
+        check_alse(fit, samples, target, weight_set)
         return
     if method == "uniform":
         expected = twin.uniform(samples, target)
@@ -232,35 +232,35 @@ def check_fit(fit: Any, samples: Array, target: Array, method: str, weights: str
 
 
 @pytest.mark.parametrize(
-    ("method", "weights"), [*((m, "simplex") for m in METHODS), ("alse", "subsimplex")]
+    ("method", "weight_set"), [*((m, "simplex") for m in METHODS), ("alse", "subsimplex")]
 )
-def test_fuse(problem: Problem, method: str, weights: str) -> None:
+def test_fuse(problem: Problem, method: str, weight_set: str) -> None:
     for name in ("x0", "xf", "A"):
         target: Array = getattr(problem, name)
         ens = se.sample(problem.given[name], problem.N, rng=2)
         samples = twin.dense(ens.indices, ens.atoms)
         shifted = target * 0.7 + 0.4 * np.cos(np.arange(target.size)).reshape(target.shape)
         for goal, given in ((target, problem.given[name]), (shifted, shifted)):
-            fit = se.fuse(ens, method, target=given, weights=weights)
-            check_fit(fit, samples, goal, method, weights)
+            fit = se.fuse(ens, method, target=given, weight_set=weight_set)
+            check_fit(fit, samples, goal, method, weight_set)
             # a combination on the simplex keeps the zeros and the signs of what was sampled
             assert np.all(fit.estimate[target == 0] == 0)
             assert np.all(fit.estimate * np.sign(target) >= 0)
             from_dense = se.fuse(
-                se.Ensemble.from_samples(samples), method, target=given, weights=weights
+                se.Ensemble.from_samples(samples), method, target=given, weight_set=weight_set
             )
-            check_fit(from_dense, samples, goal, method, weights)
+            check_fit(from_dense, samples, goal, method, weight_set)
 
 
-@pytest.mark.parametrize("weights", ["simplex", "subsimplex"])
-def test_alse_of_a_vector_is_the_closed_form(problem: Problem, weights: str) -> None:
+@pytest.mark.parametrize("weight_set", ["simplex", "subsimplex"])
+def test_alse_of_a_vector_is_the_closed_form(problem: Problem, weight_set: str) -> None:
     for name in ("x0", "xf"):
         target: Array = getattr(problem, name)
         ens = se.sample(problem.given[name], problem.N, rng=2)
         unit = float(np.abs(target).sum()) + 1.0
         for goal in (target, 0.6 * target, -target, np.ones_like(target)):
-            fit = se.fuse(ens, "alse", target=goal, weights=weights)
-            exact = twin.alse_singleton(ens.indices, ens.atoms, goal, weights)
+            fit = se.fuse(ens, "alse", target=goal, weight_set=weight_set)
+            exact = twin.alse_singleton(ens.indices, ens.atoms, goal, weight_set)
             assert_allclose(fit.weights, exact.weights, atol=1e-13)
             assert_allclose(fit.estimate, exact.estimate, atol=1e-13 * unit)
             assert_allclose(fit.error, exact.error, atol=1e-13 * unit)

@@ -161,9 +161,9 @@ def test_key_repeats_a_sample() -> None:
         (lambda: se.fuse(W), ex.InputTypeError, "Ensemble"),
         (lambda: se.fuse(se.sample(W, 5), "alse", target=W[:2]), ex.ShapeError, r"\(4,\)"),
         (
-            lambda: se.fuse(se.sample(W, 5), "slse", target=W, weights="subsimplex"),
+            lambda: se.fuse(se.sample(W, 5), "slse", target=W, weight_set="subsimplex"),
             ex.InputError,
-            "weights",
+            "weight_set",
         ),
         (lambda: se.fuse(se.sample(W, 5), "alse", target=W, tol=0.0), ex.InputError, "`tol`"),
         (lambda: se.fuse_path(se.sample(W, 5), [3, 6], target=W), ex.InputError, "`sizes"),

@@ -304,7 +304,7 @@ def test_other_cases_run():
     ],
 )
 def test_wrong_options_are_named(run, options, word):
-    with pytest.raises(se.InputError, match=re.escape(f"`{word}`")):
+    with pytest.raises(se.exceptions.InputError, match=re.escape(f"`{word}`")):
         run(rng=1, **options)
 
 

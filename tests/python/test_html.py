@@ -17,7 +17,7 @@ X0, XF = [1.0, 2.0], [0.0, 0.0]
 
 
 def stream():
-    made = se.Stream(SYSTEM.B, X0, XF, SYSTEM.A, rng=1)
+    made = se.Stream(SYSTEM, X0, XF, rng=1)
     made.step(1000)
     return made
 
@@ -40,7 +40,7 @@ def simulated():
 RECORDS = {
     "System": (lambda: SYSTEM, ["states n", "0.1 s", "a & <b>"]),
     "Ensemble": (lambda: se.sample(SYSTEM.A, 1000, rng=1), ["1 000", "2 × 2", "iid", "columns"]),
-    "Ensemble of vectors": (lambda: se.sample(X0, 10, rng=1), ["entries keptonedrawn"]),
+    "Ensemble of vectors": (lambda: se.sample(X0, 10, rng=1), ["nonzero entriesonescheme"]),
     "Fit": (
         lambda: se.fuse(se.sample(SYSTEM.A, 99, rng=1), "alse", target=SYSTEM.A),
         ["alse", "optimal", "99", "distance to the target", "gap"],
@@ -68,7 +68,7 @@ RECORDS = {
         simulated,
         ["20 of 0.1 s", "norm of the mean state", "standard error", "<polyline"],
     ),
-    "Stream": (stream, ["1 000", "of A", "state off by", "certified", "<polyline"]),
+    "Stream": (stream, ["1 000", "of A", "error of the state", "certificate", "<polyline"]),
     "Trace": (lambda: stream().trace, ["<polyline"]),
     "StreamRun": (lambda: stream().run(max_steps=10), ["max_steps", "seconds"]),
     "DataStream": (data_stream, ["2 of x0", "control u"]),
@@ -160,6 +160,6 @@ def test_extremes_can_be_drawn():
     assert "<polyline" in html.lines(x, list(huge.T), "text")
     still = se.simulate(([[2.0]], [[1.0]]), [[0.0]] * 3, [0.0])
     ElementTree.fromstring(still._repr_html_())
-    new = se.Stream([[1.0]], [1.0], [0.0], [[2.0]], rng=1)
+    new = se.Stream(([[2.0]], [[1.0]]), [1.0], [0.0], rng=1)
     ElementTree.fromstring(new._repr_html_())
     ElementTree.fromstring(se.DataStream([[1.0]])._repr_html_())

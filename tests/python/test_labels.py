@@ -122,7 +122,7 @@ ENTRIES = {
     "steer": lambda: se.steer((A, B), x0, XF, 5),
     "simulate": lambda: se.simulate((A, B), pd.DataFrame(B, index=[0.0, 0.1]), X0),
     "track": lambda: se.track((A, B), pd.DataFrame(A, columns=["t", "x"]), 5),
-    "Stream": lambda: se.Stream(B, x0, XF, A),
+    "Stream": lambda: se.Stream((A, B), x0, XF),
     "DataStream": lambda: se.DataStream(B, A=frame),
     "DataStream.update": lambda: se.DataStream(B).update(x0=x0),
     "DataStream.update, one by one": lambda: se.DataStream(B).update(x0=iter([X0, x0])),

@@ -337,7 +337,7 @@ def test_the_mean_of_large_realizations_is_right():
 )
 @pytest.mark.parametrize("weights", [[1e10, 1.0], [1e308, 1e308]])
 def test_a_combination_that_overflows_is_refused(made, weights):
-    with pytest.raises(NonFiniteError, match=r"overflows: scale"):
+    with pytest.raises(NonFiniteError, match="overflows: scale"):
         made.combine(weights)
 
 
@@ -346,8 +346,8 @@ def every_way(made, target):
         yield lambda method=method: se.fuse(made, method, target=target)
         yield lambda method=method: se.fuse_path(made, [1, made.size], method, target=target)
     if made.shape == (2, 2):
-        yield lambda: se.fuse(made, "alse", target=target, weights="per-column")
-    yield lambda: se.fuse(made, "alse", target=target, weights="subsimplex")
+        yield lambda: se.fuse(made, "alse", target=target, weight_set="per-column")
+    yield lambda: se.fuse(made, "alse", target=target, weight_set="subsimplex")
 
 
 @pytest.mark.parametrize("scale", [1e150, 1e154, 1e160, 1e200, 1e300, 8e307])

@@ -30,11 +30,11 @@ counts = se.sample_counts(A, 10**6, rng=3)
 system = se.System(A, B)
 weights = np.full(size, 1 / size)
 u = rng.normal(size=(3, 2))
-stream = se.Stream(B, x0, xf, A, rng=4)
+stream = se.Stream((A, B), x0, xf, rng=4)
 stream.step(5)
 
 def run_stream():
-    stream = se.Stream(B, x0, xf, A, rng=4)
+    stream = se.Stream((A, B), x0, xf, rng=4)
     stream.step(50)
     return stream.u, stream.certificate, stream.estimates
 
@@ -55,9 +55,9 @@ calls = {
     "fuse uniform": lambda: se.fuse(draws, "uniform", target=A),
     "fuse alse": lambda: se.fuse(draws, "alse", target=A, max_iter=200),
     "fuse alse subsimplex": lambda: se.fuse(
-        draws, "alse", target=A, weights="subsimplex", max_iter=200
+        draws, "alse", target=A, weight_set="subsimplex", max_iter=200
     ),
-    "fuse alse per column": lambda: se.fuse(draws, "alse", target=A, weights="per-column"),
+    "fuse alse per column": lambda: se.fuse(draws, "alse", target=A, weight_set="per-column"),
     "fuse alse many": lambda: se.fuse(few, "alse", target=A[:20, :20]),
     "fuse alse vector": lambda: se.fuse(states, "alse", target=x0),
     "fuse alse dense": lambda: se.fuse(dense, "alse", target=x0, max_iter=200),

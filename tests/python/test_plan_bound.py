@@ -228,7 +228,7 @@ def test_arguments_that_contradict_the_plan():
     with pytest.raises(InputError, match="`x0` must not be given"):
         fitted.bound(x0=X0)
     for delta in (0.0, 1.0, float("nan"), "0.1"):
-        with pytest.raises((InputError, se.InputTypeError), match="`delta`"):
+        with pytest.raises((InputError, se.exceptions.InputTypeError), match="`delta`"):
             plan.bound(delta)
 
 

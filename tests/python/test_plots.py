@@ -16,7 +16,7 @@ import matplotlib.pyplot as plt
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
-from stochens_rs import InputError
+from stochens_rs.exceptions import InputError
 from stochens_rs.plots import files as plots
 from stochens_rs.studies import Curve, Experiment, Panel
 from stochens_rs.studies.figures import STYLES, _number, _ticks

@@ -352,7 +352,7 @@ def test_bad_input():
         bounds.Simulated("state", B, x0, xf, A, fusion="diagonal", steps=2)
     with pytest.raises(InputError, match="systematic rows"):
         bounds.Simulated("state", B, x0, xf, A, fusion="diagonal", axis="rows", scheme="systematic")
-    with pytest.raises(se.InputTypeError, match="`data` must be 4 arrays"):
+    with pytest.raises(se.exceptions.InputTypeError, match="`data` must be 4 arrays"):
         bounds.Simulated("state", B)
     with pytest.raises(InputError, match="diagonal fusion pairs"):
         bounds.Simulated("state", B, x0, xf, A, fusion="diagonal").radius((1, 2, 3), 0.1)

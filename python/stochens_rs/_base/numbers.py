@@ -1,4 +1,4 @@
-"""Arithmetic that neither overflows nor vanishes."""
+"""Arithmetic without overflow and underflow."""
 
 from __future__ import annotations
 
@@ -13,6 +13,6 @@ if TYPE_CHECKING:
 
 
 def norm(values: Floats) -> float:
-    """2-norm of all entries, scaled so that squares neither overflow nor vanish."""
+    """Return the 2-norm of all entries, scaled so that no square overflows or underflows."""
     largest = float(np.abs(values).max())
     return largest and largest * float(np.linalg.norm((values / largest).ravel()))

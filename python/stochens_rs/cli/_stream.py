@@ -76,7 +76,7 @@ def stream(
     relative = gate.positive("tol", share(tol, "--tol"))
     key = as_key(seed)
     system, x0, xf = problem(case, path, key)
-    made = Stream(system.B, x0, xf, system.A, rng=key.child("stream"), safeguard=safeguard)
+    made = Stream(system, x0, xf, rng=key.child("stream"), safeguard=safeguard)
     if resume:
         made = _resumed(made, checkpoint)
     elif checkpoint is not None and os.path.lexists(checkpoint):

@@ -1,5 +1,6 @@
 """Controls from estimates, and what is known about their errors."""
 
+from ..theory.records import PlanError, Reachability
 from .basis import Basis, Known
 from .one_step import control, realization_controls
 from .plan import Plan
@@ -14,6 +15,8 @@ __all__ = [
     "Known",
     "Plan",
     "PlanBound",
+    "PlanError",
+    "Reachability",
     "Requirement",
     "SamplePlan",
     "TrajectoryPlan",

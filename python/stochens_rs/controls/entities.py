@@ -9,6 +9,7 @@ import numpy as np
 
 from .. import _core
 from .._base import gate
+from .._base.types import Status
 from ..ensembles.counts import Counts
 from ..ensembles.ensemble import Ensemble
 from ..exceptions import InputError, InputTypeError, ShapeError
@@ -70,7 +71,7 @@ class Entity:
         return self.value.size if isinstance(self.value, Ensemble | Counts) else None
 
     @property
-    def status(self) -> str:
+    def status(self) -> Status:
         """How the fit ended."""
         return self.value.status if isinstance(self.value, Fit) else "completed"
 

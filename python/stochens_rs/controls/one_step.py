@@ -10,8 +10,7 @@ from .. import _core
 from .._base import gate, memory
 from .._base.numbers import norm
 from .._base.threads import get_num_threads
-from .._base.types import Fusion
-from ..fusion.fits import worst
+from .._base.types import Fusion, worst
 from ..theory.exact import EPS, best, factors, summed
 from .basis import Basis, known
 from .entities import entities

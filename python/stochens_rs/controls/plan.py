@@ -9,8 +9,8 @@ import numpy as np
 
 from .._base import gate, html
 from .._base.records import by_constructor
+from .._base.types import STATUSES, Status
 from ..exceptions import ShapeError
-from ..fusion.fits import STATUSES
 from ..system import System
 from ..theory.exact import one_step
 from ..theory.records import PlanError, Reachability
@@ -51,7 +51,7 @@ class Plan:
     predicted_state: NDArray[np.float64]
     reachability: Reachability
     fusion: str
-    status: str
+    status: Status
     info: dict[str, Any] = field(default_factory=dict)
     basis: Basis | None = None
 

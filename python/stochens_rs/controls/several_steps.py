@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from .._base import gate
-from ..fusion.fits import worst
+from .._base.types import worst
 from ..theory.dynamics import checked_steps, matrix_powers, states
 from ..theory.exact import best_over_steps
 from .basis import Basis, known

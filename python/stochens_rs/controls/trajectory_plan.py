@@ -9,8 +9,8 @@ import numpy as np
 
 from .._base import gate, html
 from .._base.records import by_constructor
+from .._base.types import STATUSES, Status
 from ..exceptions import InputError, ShapeError
-from ..fusion.fits import STATUSES
 from ..system import System
 from ..theory.dynamics import matrix_powers, states
 from ..theory.exact import best_over_steps
@@ -54,7 +54,7 @@ class TrajectoryPlan:
     u: Floats
     predicted_states: Floats
     reachability: Reachability
-    status: str
+    status: Status
     info: dict[str, Any] = field(default_factory=dict)
     basis: Basis | None = None
 

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from .._base import gate, html, memory
+from .._base.types import Status, worst
 from ..ensembles.sampling import sample, sample_counts
 from ..exceptions import NonFiniteError
-from ..fusion.fits import worst
 from ..fusion.fusing import METHODS, fuse
 from ..plots.states import draw_tracking
 from ..rng import Key, RngLike, as_key
@@ -66,7 +66,7 @@ class Tracking:
     residuals: Floats
     feasible: bool
     key: Key
-    status: str
+    status: Status
     info: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -252,7 +252,7 @@ class _Loop:
     method: Method
     feedback: bool
     sample_states: bool
-    statuses: set[str] = field(default_factory=set)
+    statuses: set[Status] = field(default_factory=set)
 
     def run(self, x0: Floats, key: Key, states: Floats, inputs: Floats) -> None:
         """Fill one trajectory and its inputs."""

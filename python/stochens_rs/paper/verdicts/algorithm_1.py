@@ -70,14 +70,14 @@ def measure(key: Key, *, runs: int = 40, steps: tuple[int, int] = (200, 2000)) -
     for r in range(runs):
         child = key.child(str(r))
         for variant in VARIANTS:
-            stream = Stream(B, x0=x0, xf=xf, A=A, rng=child, variant=variant)
+            stream = Stream((A, B), x0, xf, rng=child, variant=variant)
             for k, upto in enumerate(steps):
                 stream.step(upto - stream.steps)
                 control[variant][r, k] = error(stream)
                 state[variant][r, k] = np.linalg.norm(B @ (stream.u - v))
                 if variant == "consistent":
                     bound[r, k] = mean_square_bound(x0, xf, A, stream.counts)
-        printed = Stream(B, x0=x0, xf=xf, A=A, rng=child, variant="literal")
+        printed = Stream((A, B), x0, xf, rng=child, variant="literal")
         if printed.run(tol=1e-9, max_steps=steps[1], rule="printed").status == "interrupted":
             raise KeyboardInterrupt  # half a run is of no use
         stops[r] = printed.steps, error(printed)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
 from .. import _core
 from .._base import gate
-from .._base.progress import Progress, progress_bar
 from .._base.types import Status
 from ..exceptions import InputError, StateError, StateIOError
 from .durable import Checkpoints
@@ -49,18 +49,21 @@ def checked_stop(
 
 
 def run_until(
-    core: _core.Stream, stop: Stop, progress: Progress, checkpoints: Checkpoints
+    core: _core.Stream,
+    stop: Stop,
+    bar: AbstractContextManager[Callable[[int], object]],
+    checkpoints: Checkpoints,
 ) -> Status:
     """Take steps until `stop`, and save at the end, also after an exception of the caller."""
     status: Status = "interrupted"
     try:
-        with progress_bar(progress, stop.max_steps, "stream", "step") as report:
+        with bar as report:
             status = _take_steps(core, stop, report, checkpoints)
     except KeyboardInterrupt:
         pass  # the core stops between two steps
     except (StateError, StateIOError):
         raise  # from a checkpoint
-    except BaseException:  # from `progress` or a signal handler
+    except BaseException:  # from `bar` or a signal handler
         checkpoints.save()
         raise
     try:

@@ -10,7 +10,7 @@ import numpy as np
 from .. import _core
 from .._base import gate, html, memory
 from .._base.files import PathLike
-from .._base.progress import Progress
+from .._base.progress import Progress, progress_bar
 from ..exceptions import InputError
 from ..rng import Key, RngLike, as_key
 from ..system import System
@@ -284,11 +284,10 @@ class Stream(Durable):
         'max_steps'
         """
         stop = checked_stop(tol, max_steps, time_limit, rule, self.variant)
-        if not callable(progress):
-            gate.flag("progress", progress)
+        bar = progress_bar(progress, stop.max_steps, "stream", "step")
         started, first = time.monotonic(), self.steps
         with Checkpoints(self, checkpoint, every) as checkpoints:
-            status = run_until(self._core, stop, progress, checkpoints)
+            status = run_until(self._core, stop, bar, checkpoints)
         certificate, error = self._core.certificate()
         return StreamRun(
             status=status,

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._base import gate
 from ..exceptions import InputError, NonFiniteError, ShapeError
+from ..system import System
 from .exact import factors
 
 Array: TypeAlias = NDArray[np.float64]
@@ -130,7 +131,7 @@ def _systematic_excess(A: Array, C0: Array, x: Array, N: float, axis: str) -> Ar
     return np.diag(diagonal)
 
 
-def _product_covariance(x0: Array, A: Array, r0: float, rA: float, axis: str) -> Array:
+def _product_covariance(A: Array, x0: Array, r0: float, rA: float, axis: str) -> Array:
     """``Cov(A_hat x0_hat)`` for ``1/r0`` realizations of ``x0`` and ``1/rA`` of ``A``."""
     Cv = _vector_covariance(x0)
     from_both = r0 * rA * _excess(A, Cv, axis)
@@ -140,7 +141,7 @@ def _product_covariance(x0: Array, A: Array, r0: float, rA: float, axis: str) ->
 
 
 def _systematic_difference(
-    x0: Array, xf: Array, A: Array, sizes: tuple[object, object, object], axis: str
+    A: Array, x0: Array, xf: Array, sizes: tuple[object, object, object], axis: str
 ) -> Array:
     """Covariance of ``xf_hat - A_hat x0_hat`` for independent averages of systematic samples."""
     N0, Nf, NA = (
@@ -157,21 +158,19 @@ def _systematic_difference(
 
 
 def _fused(
-    B: ArrayLike,
+    system: System | Any,
     x0: ArrayLike,
     xf: ArrayLike,
-    A: ArrayLike,
     size: Sizes,
     fusion: str,
     axis: str,
     scheme: str,
 ) -> tuple[Array, Array]:
-    """The checked ``B`` and ``C``, the covariance of ``xf_hat - A_hat x0_hat`` (or its pairing)."""
-    B = gate.matrix("B", B)
-    n = B.shape[0]
-    x0 = gate.vector("x0", x0, length=n)
-    xf = gate.vector("xf", xf, length=n)
-    A = gate.matrix("A", A, rows=n, cols=n)
+    """``B`` and ``C``, the covariance of ``xf_hat - A_hat x0_hat`` (or its pairing)."""
+    checked = System.from_any(system)
+    A, B = checked.A, checked.B
+    x0 = gate.vector("x0", x0, length=checked.n)
+    xf = gate.vector("xf", xf, length=checked.n)
     gate.choice("axis", axis, _AXES)
     sizes = _one_each(size)
     r0, rf, rA = (_reciprocal(f"size[{k}]", N) for k, N in enumerate(sizes))
@@ -182,9 +181,9 @@ def _fused(
                 "`fusion` must be 'product' with scheme='systematic', got 'diagonal': there is no "
                 "formula for pairs of dependent realizations"
             )
-        return B, _systematic_difference(x0, xf, A, sizes, axis)
+        return B, _systematic_difference(A, x0, xf, sizes, axis)
     if product:
-        return B, rf * _vector_covariance(xf) + _product_covariance(x0, A, r0, rA, axis)
+        return B, rf * _vector_covariance(xf) + _product_covariance(A, x0, r0, rA, axis)
     # N independent pairs: the covariance of one pair over N; exact entities stay exact.
     sampled = {r for r in (r0, rf, rA) if r > 0.0}
     if len(sampled) > 1:
@@ -193,7 +192,7 @@ def _fused(
             f"got N0, Nf, NA = {', '.join(gate.show(N) for N in sizes)}"
         )
     one0, onef, oneA = (float(r > 0.0) for r in (r0, rf, rA))
-    one_pair = onef * _vector_covariance(xf) + _product_covariance(x0, A, one0, oneA, axis)
+    one_pair = onef * _vector_covariance(xf) + _product_covariance(A, x0, one0, oneA, axis)
     return B, max(sampled, default=0.0) * one_pair
 
 

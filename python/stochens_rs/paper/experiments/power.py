@@ -41,7 +41,7 @@ from ...studies.replicate import (
 )
 from ...system import System
 from ...theory import moments
-from ...theory.exact import factors, one_step
+from ...theory.exact import Best, best_control
 from .facts import counterexamples, printed_stopping_rule
 
 Floats = NDArray[np.float64]
@@ -137,7 +137,7 @@ def power(
     system = _system(case, data, base, dt, method)
 
     x0 = normal(key.child("x0"), system.n) * np.repeat([angle_std, speed_std], system.n // 2)
-    problem = _Problem(system.A, system.B, x0, np.zeros(system.n))
+    problem = _Problem(system, x0, np.zeros(system.n))
 
     errors, solves = Errors(replicates, grid), {"x0": Solves(), "A": Solves()}
     keys = [key.child(f"replicate-{r}") for r in range(replicates)]
@@ -151,8 +151,8 @@ def power(
     facts: dict[str, Any] = {
         "reachability": {
             "residual": residual,
-            "relative": residual / float(np.linalg.norm(problem.xf - problem.A @ x0)),
-            "rank": int(np.linalg.matrix_rank(problem.B)),
+            "relative": residual / float(np.linalg.norm(problem.best.needed)),
+            "rank": len(problem.best.factors.s),
         },
         "alse": {name: s.to_dict(tol) for name, s in solves.items()},
         "ordering": {panel.name: ordering(panel) for panel in panels},
@@ -183,7 +183,7 @@ def power(
         "speed_std": speed_std,
         "tol": tol,
         "x0": x0.tolist(),
-        "system_sha256": hashlib.sha256(problem.A.tobytes() + problem.B.tobytes()).hexdigest(),
+        "system_sha256": hashlib.sha256(system.A.tobytes() + system.B.tobytes()).hexdigest(),
     }
     return Experiment(
         name="power",
@@ -201,25 +201,24 @@ def power(
 class _Problem:
     """The exact one-step problem and its solution."""
 
-    A: Floats
-    B: Floats
+    system: System
     x0: Floats
     xf: Floats
 
     @cached_property
-    def B_plus(self) -> Floats:
-        """The pseudoinverse of B."""
-        return factors(self.B).inverse
+    def best(self) -> Best:
+        """The exact control ``v = B+ (xf - A x0)``, and what it does."""
+        return best_control(self.system.A, self.system.B, self.x0, self.xf)
 
-    @cached_property
+    @property
     def v(self) -> Floats:
-        """The exact control ``B+ (xf - A x0)``."""
-        return one_step(self.A, self.B, self.x0, self.xf).u
+        """The exact control."""
+        return self.best.u
 
-    @cached_property
+    @property
     def x_actual(self) -> Floats:
         """Where it leads, ``A x0 + B v``: the reachable state nearest to xf."""
-        return self.A @ self.x0 + self.B @ self.v
+        return self.best.reached
 
 
 def _system(case: str, data: str, base: str, dt: float, method: str) -> System:
@@ -245,17 +244,18 @@ def _run(
 ) -> None:
     """Replicate r: draw and fuse the three entities, enter the errors of all four panels."""
     p = problem
+    exact_A, B = p.system.A, p.system.B
     x0 = Entity.draw(p.x0, sizes, key.child("x0"), tol, solves["x0"])
     xf = Entity.draw(p.xf, sizes, key.child("xf"), tol, Solves())  # zero: so is every sample
-    A = Entity.draw(p.A, sizes, key.child("A"), tol, solves["A"])
+    A = Entity.draw(exact_A, sizes, key.child("A"), tol, solves["A"])
     for method in METHODS:
         errors.put(r, "1a", method, None, x0.errors[method] / np.linalg.norm(p.x0))
-        errors.put(r, "1b", method, None, A.errors[method] / np.linalg.norm(p.A))
-    u = controls(p.B, p.B_plus, x0, xf, A, sizes)
+        errors.put(r, "1b", method, None, A.errors[method] / np.linalg.norm(exact_A))
+    u = controls(B, p.best.factors.inverse, x0, xf, A, sizes)
     for method, fusion in FUSED:
         difference = u[method, fusion] - p.v
         control = np.linalg.norm(difference, axis=1) / np.linalg.norm(p.v)
-        state = np.linalg.norm(difference @ p.B.T, axis=1) / np.linalg.norm(p.x_actual)
+        state = np.linalg.norm(difference @ B.T, axis=1) / np.linalg.norm(p.x_actual)
         errors.put(r, "2a", method, fusion, control)
         errors.put(r, "2b", method, fusion, state)
 
@@ -269,17 +269,17 @@ def _panels(
         return moments.vector_covariance(p.x0, N)
 
     def A(_: Fusion, N: int) -> Floats:  # its columns are independent: one block each
-        return np.array([moments.vector_covariance(column, N) for column in p.A.T])
+        return np.array([moments.vector_covariance(column, N) for column in p.system.A.T])
 
     def control(fusion: Fusion, N: int) -> Floats:
-        return moments.control_covariance(p.B, p.x0, p.xf, p.A, N, fusion=fusion)
+        return moments.control_covariance(p.system, p.x0, p.xf, N, fusion=fusion)
 
     def state(fusion: Fusion, N: int) -> Floats:
-        return moments.state_covariance(p.B, p.x0, p.xf, p.A, N, fusion=fusion)
+        return moments.state_covariance(p.system, p.x0, p.xf, N, fusion=fusion)
 
     rows = (
         ("1a", "initial state", r"$\|\hat x_0 - x_0\| \,/\, \|x_0\|$", p.x0, x0),
-        ("1b", "system matrix", r"$\|\hat A - A\|_F \,/\, \|A\|_F$", p.A, A),
+        ("1b", "system matrix", r"$\|\hat A - A\|_F \,/\, \|A\|_F$", p.system.A, A),
         ("2a", "control", r"$\|u - v^*\| \,/\, \|v^*\|$", p.v, control),
         (
             "2b",

@@ -35,8 +35,9 @@ from ...studies.replicate import (
     required_size,
     zero_level,
 )
+from ...system import System
 from ...theory import moments
-from ...theory.exact import factors
+from ...theory.exact import Best, best_control
 
 Floats = NDArray[np.float64]
 
@@ -127,14 +128,11 @@ def tracking(
     system = random_system(n, m, rng=key.child("system"), spectral_radius=spectral_radius)
     A, B = system.A, system.B
     x = [normal(key.child(f"x{t}"), n) for t in range(3)]
-    inputs = factors(B)
-    v = [inputs.solve(x[t + 1] - A @ x[t]) for t in range(2)]  # the exact controls
-    steps = [(x[t], x[t + 1], v[t]) for t in range(2)]
-    reached = A @ x[0] + B @ v[0]
+    best = [best_control(A, B, x[t], x[t + 1]) for t in range(2)]  # the exact controls
     actual = {
-        "x1": reached,
-        "rolled": A @ reached + B @ v[1],
-        "reference": A @ x[1] + B @ v[1],
+        "x1": best[0].reached,
+        "rolled": A @ best[0].reached + best[1].pushed,
+        "reference": best[1].reached,
     }
 
     errors, solves = Errors(replicates, grid), Solves()
@@ -143,8 +141,8 @@ def tracking(
             # e[t] is (k, n) for every (method, fusion): the state error that step t adds.
             replicate = key.child(f"replicate-{r}")
             e = [
-                _step(replicate.child(f"step-{t}"), A, B, inputs.inverse, *ends, grid, tol, solves)
-                for t, ends in enumerate(steps)
+                _step(replicate.child(f"step-{t}"), A, best[t], x[t], x[t + 1], grid, tol, solves)
+                for t in range(2)
             ]
             for pair in FUSED:
                 first, second = e[0][pair], e[1][pair]
@@ -154,7 +152,7 @@ def tracking(
                     errors.put(r, name, *pair, relative)
             done(r + 1)
 
-    orders = _orders(A, B, steps)
+    orders = _orders(system, x)
     exact: dict[str, dict[str | None, Exact]] = {
         name: {
             fusion: exact_moments(both, grid, float(np.linalg.norm(actual[name])))
@@ -165,7 +163,7 @@ def tracking(
     panels = _panels(errors, exact, actual, step_two, zero_level(tol, solves))
     ten_percent = 0.1 * float(np.linalg.norm(actual["x1"]))
     facts: dict[str, Any] = {
-        "reachability": [_reachability(A, B, *ends) for ends in steps],
+        "reachability": [_reachability(one) for one in best],
         "alse": {"x(t), x(t+1), A": solves.to_dict(tol)},
         "ordering": {panel.name: ordering(panel) for panel in panels},
         "theory": agreement(panels, grid),
@@ -201,11 +199,9 @@ def tracking(
 def _step(
     key: Key,
     A: Floats,
-    B: Floats,
-    B_plus: Floats,
+    best: Best,
     start: Floats,
     end: Floats,
-    v: Floats,
     sizes: NDArray[np.int64],
     tol: float,
     solves: Solves,
@@ -214,21 +210,20 @@ def _step(
     x0 = Entity.draw(start, sizes, key.child("x0"), tol, solves)
     xf = Entity.draw(end, sizes, key.child("xf"), tol, solves)
     sampled_A = Entity.draw(A, sizes, key.child("A"), tol, solves)
-    u = controls(B, B_plus, x0, xf, sampled_A, sizes)
-    return {pair: (u[pair] - v) @ B.T for pair in FUSED}
+    B = best.factors.B
+    u = controls(B, best.factors.inverse, x0, xf, sampled_A, sizes)
+    return {pair: (u[pair] - best.u) @ B.T for pair in FUSED}
 
 
-def _reachability(A: Floats, B: Floats, start: Floats, end: Floats, v: Floats) -> dict[str, float]:
+def _reachability(best: Best) -> dict[str, float]:
     """What the exact control leaves of ``x(t+1) - A x(t)``, absolute and relative."""
-    mu = end - A @ start
-    residual = float(np.linalg.norm(mu - B @ v))
-    return {"residual": residual, "relative": residual / float(np.linalg.norm(mu))}
+    residual = float(np.linalg.norm(best.needed - best.pushed))
+    return {"residual": residual, "relative": residual / float(np.linalg.norm(best.needed))}
 
 
-def _orders(
-    A: Floats, B: Floats, steps: list[tuple[Floats, Floats, Floats]]
-) -> dict[str, dict[Fusion, tuple[Floats, Floats]]]:
+def _orders(system: System, x: list[Floats]) -> dict[str, dict[Fusion, tuple[Floats, Floats]]]:
     """``C1`` and ``C2`` of the state error ``C1 / N + C2 / N^2``: name -> fusion -> both."""
+    A = system.A
     orders: dict[str, dict[Fusion, tuple[Floats, Floats]]] = {
         "x1": {},
         "rolled": {},
@@ -236,7 +231,7 @@ def _orders(
     }
     for fusion in FUSIONS:
         first, second = (
-            both_orders(partial(_state, A, B, start, end, fusion)) for start, end, _ in steps
+            both_orders(partial(_state, system, x[t], x[t + 1], fusion)) for t in range(2)
         )
         orders["x1"][fusion] = first
         orders["rolled"][fusion] = (
@@ -247,9 +242,9 @@ def _orders(
     return orders
 
 
-def _state(A: Floats, B: Floats, start: Floats, end: Floats, fusion: Fusion, N: int) -> Floats:
+def _state(system: System, start: Floats, end: Floats, fusion: Fusion, N: int) -> Floats:
     """Covariance of the state error that one step adds."""
-    return moments.state_covariance(B, start, end, A, N, fusion=fusion)
+    return moments.state_covariance(system, start, end, N, fusion=fusion)
 
 
 def _panels(

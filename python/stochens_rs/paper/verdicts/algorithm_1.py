@@ -10,6 +10,7 @@ import numpy as np
 
 from ...rng import Key
 from ...streams.stream import Stream
+from ...theory.exact import best_control
 from . import rationals as exact
 from .records import Claim, Evidence
 
@@ -60,7 +61,7 @@ def measure(key: Key, *, runs: int = 40, steps: tuple[int, int] = (200, 2000)) -
     A, B, x0 = gen.standard_normal((n, n)), gen.standard_normal((n, m)), gen.standard_normal(n)
     A /= np.abs(np.linalg.eigvals(A)).max()
     xf = gen.standard_normal(n)
-    v = np.linalg.pinv(B) @ (xf - A @ x0)
+    v = best_control(A, B, x0, xf).u
     control = {variant: np.zeros((runs, 2)) for variant in VARIANTS}
     state = {variant: np.zeros((runs, 2)) for variant in VARIANTS}
     bound, stops = np.zeros((runs, 2)), np.zeros((runs, 2))

@@ -83,12 +83,11 @@ class Trajectory(Bound):
         # linear in (x0, u), so that their unit is that of the result
         self._unit = max(unit_of(start) if start.any() else 0.0, float(np.abs(inputs).max())) or 1.0
         self._x0, self._u = start / self._unit, inputs / self._unit
-        self._mean = trajectory_mean(self._A, self._B, self._u, self._x0)[-1]
+        self._mean = trajectory_mean((self._A, self._B), self._x0, self._u)[-1]
         self._covariance = trajectory_covariance(
-            self._A,
-            self._B,
-            self._u,
+            (self._A, self._B),
             self._x0,
+            self._u,
             sample_B=self._sample_B,
             axis="rows" if self._axis == "rows" else "columns",
         )[-1]

@@ -253,15 +253,15 @@ def second_moment(A: ArrayLike, M: ArrayLike, *, axis: Axis = "columns") -> Arra
         return _representable(A @ M @ A.T + _excess(A, M, axis), "second moment")
 
 
-def product_covariance(x0: ArrayLike, A: ArrayLike, *, axis: Axis = "columns") -> Array:
+def product_covariance(A: ArrayLike, x0: ArrayLike, *, axis: Axis = "columns") -> Array:
     """``C_z``: covariance of ``z^s = A^s x0^s``, one realization of each.
 
     Parameters
     ----------
-    x0 : (m,) array_like
-        The vector.
     A : (n, m) array_like
         The matrix.
+    x0 : (m,) array_like
+        The vector.
     axis : {"columns", "rows"}, default "columns"
         Which lines of ``A`` are sampled.
 
@@ -282,7 +282,7 @@ def product_covariance(x0: ArrayLike, A: ArrayLike, *, axis: Axis = "columns") -
 
     Examples
     --------
-    >>> product_covariance([1.0, 1.0], [[1.0, 0.0], [2.0, 5.0]])
+    >>> product_covariance([[1.0, 0.0], [2.0, 5.0]], [1.0, 1.0])
     array([[ 5., -7.],
            [-7., 13.]])
     """
@@ -290,4 +290,4 @@ def product_covariance(x0: ArrayLike, A: ArrayLike, *, axis: Axis = "columns") -
     x0 = gate.vector("x0", x0, length=A.shape[1])
     gate.choice("axis", axis, _AXES)
     with np.errstate(over="ignore", invalid="ignore"):
-        return _representable(_product_covariance(x0, A, 1.0, 1.0, axis))
+        return _representable(_product_covariance(A, x0, 1.0, 1.0, axis))

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._base import gate, memory
 from ...exceptions import InputError, NonFiniteError
+from ...system import System
 from ..formulas import (
     Array,
     Size,
@@ -19,18 +21,16 @@ from ..formulas import (
     _transition,
     _vector_covariance,
 )
-from ._checks import checked_reference
 
 
-def reference_residuals(A: ArrayLike, B: ArrayLike, reference: ArrayLike) -> Array:
+def reference_residuals(system: System | Any, reference: ArrayLike) -> Array:
     """How far each step of a reference is from what a control can do.
 
     Parameters
     ----------
-    A : (n, n) array_like
-        State matrix.
-    B : (n, m) array_like
-        Input matrix; any rank.
+    system : System
+        The system, or anything `System.from_any` takes, such as ``(A, B)``; ``B`` may have any
+        rank.
     reference : (K + 1, n) array_like
         The states to follow, time first; K >= 1.
 
@@ -51,11 +51,11 @@ def reference_residuals(A: ArrayLike, B: ArrayLike, reference: ArrayLike) -> Arr
 
     Examples
     --------
-    >>> reference_residuals([[1.0, 1.0], [0.0, 1.0]], [[0.0], [1.0]],
-    ...                     [[0.0, 1.0], [1.0, 1.0], [5.0, 1.0]])
+    >>> system = [[1.0, 1.0], [0.0, 1.0]], [[0.0], [1.0]]
+    >>> reference_residuals(system, [[0.0, 1.0], [1.0, 1.0], [5.0, 1.0]])
     array([0., 3.])
     """
-    A, B, r = _checked(A, B, reference)
+    A, B, r = _checked(system, reference)
     with np.errstate(over="ignore", invalid="ignore"):
         d = _unreachable(A, _compact_svd(B)[0], r)
     largest = np.abs(d).max(axis=1)
@@ -66,8 +66,7 @@ def reference_residuals(A: ArrayLike, B: ArrayLike, reference: ArrayLike) -> Arr
 
 
 def tracking_moments(
-    A: ArrayLike,
-    B: ArrayLike,
+    system: System | Any,
     reference: ArrayLike,
     size: Size = 1,
     *,
@@ -79,10 +78,9 @@ def tracking_moments(
 
     Parameters
     ----------
-    A : (n, n) array_like
-        State matrix.
-    B : (n, m) array_like
-        Input matrix, known exactly; any rank.
+    system : System
+        The system, or anything `System.from_any` takes, such as ``(A, B)``. ``B`` is known exactly
+        and may have any rank.
     reference : (K + 1, n) array_like
         The states to follow, time first; K >= 1, feasible or not.
     size : int or None, default 1
@@ -121,13 +119,13 @@ def tracking_moments(
 
     Examples
     --------
-    >>> A, B = [[1.0, 0.0], [2.0, 5.0]], [[1.0, 0.0], [0.0, 1.0]]
-    >>> mean, second = tracking_moments(A, B, [[1.0, 0.0], [0.0, 0.0], [0.0, 0.0]], 10)
+    >>> system = [[1.0, 0.0], [2.0, 5.0]], [[1.0, 0.0], [0.0, 1.0]]
+    >>> mean, second = tracking_moments(system, [[1.0, 0.0], [0.0, 0.0], [0.0, 0.0]], 10)
     >>> second[1]
     array([[ 0.2, -0.2],
            [-0.2,  0.2]])
     """
-    A, B, r = _checked(A, B, reference)
+    A, B, r = _checked(system, reference)
     start = r[0] if x0 is None else gate.vector("x0", x0, length=r.shape[1])
     reciprocal = _reciprocal("size", size)
     fed = gate.flag("feedback", feedback)
@@ -148,7 +146,7 @@ def tracking_moments(
         S[0] = np.outer(mean[0], mean[0])
         for k in range(K):
             if sampled:
-                C = _product_covariance(r[k], A, reciprocal, reciprocal, "columns")
+                C = _product_covariance(A, r[k], reciprocal, reciprocal, "columns")
                 C += reciprocal * _vector_covariance(r[k + 1])
             else:
                 squares = r[k] * r[k]
@@ -167,8 +165,7 @@ def tracking_moments(
 
 
 def tracking_rms(
-    A: ArrayLike,
-    B: ArrayLike,
+    system: System | Any,
     reference: ArrayLike,
     size: Size = 1,
     *,
@@ -180,7 +177,7 @@ def tracking_rms(
 
     Parameters
     ----------
-    A, B, reference, size, feedback, sample_states, x0
+    system, reference, size, feedback, sample_states, x0
         As in :func:`tracking_moments`.
 
     Returns
@@ -195,19 +192,18 @@ def tracking_rms(
 
     Examples
     --------
-    >>> A, B = [[1.0, 0.0], [2.0, 5.0]], [[1.0, 0.0], [0.0, 1.0]]
-    >>> (tracking_rms(A, B, [[1.0, 0.0]] * 3, 400) ** 2).round(6)
+    >>> system = [[1.0, 0.0], [2.0, 5.0]], [[1.0, 0.0], [0.0, 1.0]]
+    >>> (tracking_rms(system, [[1.0, 0.0]] * 3, 400) ** 2).round(6)
     array([0.     , 0.01   , 0.01005])
     """
     _, S = tracking_moments(
-        A, B, reference, size, feedback=feedback, sample_states=sample_states, x0=x0
+        system, reference, size, feedback=feedback, sample_states=sample_states, x0=x0
     )
     return np.asarray(np.sqrt(np.maximum(np.trace(S, axis1=1, axis2=2), 0.0)), dtype=np.float64)
 
 
 def tracking_bound(
-    A: ArrayLike,
-    B: ArrayLike,
+    system: System | Any,
     reference: ArrayLike,
     size: Size = 1,
     *,
@@ -217,10 +213,8 @@ def tracking_bound(
 
     Parameters
     ----------
-    A : (n, n) array_like
-        State matrix.
-    B : (n, m) array_like
-        Input matrix of rank n.
+    system : System
+        The system, or anything `System.from_any` takes, such as ``(A, B)``; ``B`` has rank n.
     reference : (K + 1, n) array_like
         The states to follow from ``x(0) = r(0)``, time first.
     size : int or None, default 1
@@ -248,11 +242,11 @@ def tracking_bound(
 
     Examples
     --------
-    >>> A, B = [[1.0, 0.0], [2.0, 5.0]], [[1.0, 0.0], [0.0, 1.0]]
-    >>> tracking_bound(A, B, [[1.0, 0.0]] * 3, 400)
+    >>> system = [[1.0, 0.0], [2.0, 5.0]], [[1.0, 0.0], [0.0, 1.0]]
+    >>> tracking_bound(system, [[1.0, 0.0]] * 3, 400)
     0.010101010101010102
     """
-    A, B, r = _checked(A, B, reference)
+    A, B, r = _checked(system, reference)
     reciprocal = _reciprocal("size", size)
     sampled = gate.flag("sample_states", sample_states)
     n = A.shape[0]
@@ -274,10 +268,17 @@ def tracking_bound(
     return bound
 
 
-def _checked(A: object, B: object, reference: object) -> tuple[Array, Array, Array]:
-    A = gate.matrix("A", A, square=True)
-    B = gate.matrix("B", B, rows=len(A))
-    return A, B, checked_reference(reference, len(A))
+def checked_reference(reference: object, n: int) -> Array:
+    """Check that there is at least one step."""
+    r = gate.matrix("reference", reference, cols=n)
+    if len(r) < 2:
+        raise InputError(f"`reference` must have shape (K + 1, {n}) with K >= 1, got {r.shape}")
+    return r
+
+
+def _checked(system: object, reference: object) -> tuple[Array, Array, Array]:
+    checked = System.from_any(system)
+    return checked.A, checked.B, checked_reference(reference, checked.n)
 
 
 def _unreachable(A: Array, U: Array, r: Array) -> Array:

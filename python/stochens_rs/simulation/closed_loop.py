@@ -16,7 +16,7 @@ from ..fusion.fusing import METHODS, fuse
 from ..plots.states import draw_tracking
 from ..rng import Key, RngLike, as_key
 from ..system import System
-from ..theory.exact import Factors, factors
+from ..theory.exact import REACHABLE, Factors, factors
 from ..theory.tracking import reference_residuals
 from ..theory.tracking.errors import checked_reference
 
@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from ..fusion.fusing import Method
 
     Floats: TypeAlias = NDArray[np.float64]
-
-_FEASIBLE = float(np.sqrt(np.finfo(float).eps))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -228,7 +226,7 @@ def track(
         errors=errors[first],
         reference=r,
         residuals=residuals,
-        feasible=bool((residuals <= _FEASIBLE * needed).all()),
+        feasible=bool((residuals <= REACHABLE * needed).all()),
         key=key,
         status=worst(["completed", *loop.statuses]),
         info={

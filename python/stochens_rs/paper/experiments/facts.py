@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..._base.numbers import ROUNDING
 from ...ensembles.ensemble import Ensemble
 from ...ensembles.sampling import sample
 from ...fusion.fusing import fuse, fuse_path
@@ -92,7 +93,7 @@ def printed_stopping_rule(x0: NDArray[np.float64], keys: list[Key], steps: int) 
         path = fuse_path(sample(x0, steps, rng=key), sizes, "slse", target=x0, estimates=True)
         assert path.estimates is not None  # estimates=True
         change = np.linalg.norm(np.diff(path.estimates, axis=0), axis=1)
-        still = np.flatnonzero(change <= 1e-12 * norm)
+        still = np.flatnonzero(change <= ROUNDING * norm)
         if still.size:
             stop = int(still[0]) + 1  # index of the size whose step changed nothing
             stops.append(int(sizes[stop]))

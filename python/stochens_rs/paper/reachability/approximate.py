@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..._base import gate, memory
-from ..._base.numbers import norm
+from ..._base.numbers import ROUNDING, norm
 from ...ensembles.sampling import sample
 from ...rng import Key, RngLike, as_key
 from ...system import System
@@ -21,9 +21,6 @@ from ...theory.dynamics import checked_steps
 from ...theory.exact import best_control
 from ...theory.formulas import Array
 from ...theory.records import Reachability
-
-# of an average of runs, per largest entry of a state: 4500 eps, far below any sampling error
-_ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +138,7 @@ def approximately(
     averages = np.cumsum(states, axis=0)[grid - 1] / grid[:, None]
     errors = np.array([norm(average - goal) for average in averages])
     # by Pythagoras the error beyond the residual is at most that of the mean
-    rounding = _ROUNDING * float(np.abs(states).max(initial=1.0))
+    rounding = ROUNDING * float(np.abs(states).max(initial=1.0))
     consistent = bool((errors <= radii + exact.residual + rounding).all())
     verdict = "approximately reachable" if consistent else "inconsistent"
     return ApproximateReachability(

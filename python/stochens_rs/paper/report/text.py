@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
+from ..._base.numbers import ROUNDING
+
 if TYPE_CHECKING:
     from ...studies import Experiment, Panel
 
@@ -229,7 +231,7 @@ def _or_zero(value: float, panel: Panel | None = None) -> str:
     if value == 0:
         return "0"
     level, label = (
-        (1e-24, "zero to rounding") if panel is None else (panel.zero_level, panel.zero_label)
+        (ROUNDING**2, "zero to rounding") if panel is None else (panel.zero_level, panel.zero_label)
     )
     return label if value <= level else number(value)
 

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
     Variant = Literal["consistent", "literal"]
 
+ERROR_BOUND = 1e-9  # of the printed stopping rule
 VARIANTS: tuple[Variant, ...] = ("consistent", "literal")
 
 
@@ -41,7 +42,7 @@ class Streamed:
         What the mean of ``state^2`` is at most for "consistent", from how often each entity was
         drawn.
     stops : ndarray, shape (runs, 2)
-        Steps after which the printed rule stops with errorBound 1e-9, and the relative error of the
+        Steps after which the printed rule stops with `ERROR_BOUND`, and the relative error of the
         control then.
     """
 
@@ -80,7 +81,7 @@ def measure(key: Key, *, runs: int = 40, steps: tuple[int, int] = (200, 2000)) -
                 if variant == "consistent":
                     bound[r, k] = mean_square_bound(x0, xf, A, stream.counts)
         printed = Stream(B, x0=x0, xf=xf, A=A, rng=child, variant="literal")
-        if printed.run(tol=1e-9, max_steps=steps[1], rule="printed").status == "interrupted":
+        if printed.run(tol=ERROR_BOUND, max_steps=steps[1], rule="printed").status == "interrupted":
             raise KeyboardInterrupt  # half a run is of no use
         stops[r] = printed.steps, error(printed)
     return Streamed(n, m, steps, control, state, bound, stops)

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..system import System
 from .dynamics import checked_steps, controllability, matrix_powers
-from .formulas import Array, _representable
+from .formulas import Array, checked_finite
 
 __all__ = ["controllability_matrix", "gramian"]
 
@@ -90,4 +90,4 @@ def gramian(system: System | Any, steps: int) -> Array:
     """
     C = controllability_matrix(system, steps)
     with np.errstate(over="ignore", invalid="ignore"):
-        return _representable(C @ C.T, "Gramian")
+        return checked_finite(C @ C.T, "Gramian")

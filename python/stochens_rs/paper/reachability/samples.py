@@ -13,7 +13,7 @@ from ...exceptions import NonFiniteError
 from ...system import System
 from ...theory.bounds._base import unit_of
 from ...theory.exact import REACHABLE, factors
-from ...theory.formulas import Array, _product_covariance, _vector_covariance
+from ...theory.formulas import Array, fused_product_covariance, realization_covariance
 
 # of the sums g0 g_j and gf, about 45 eps per unit: those of up to 45 terms, and longer ones in
 # practice (Higham, Accuracy and Stability of Numerical Algorithms (2002), 4.2)
@@ -100,7 +100,7 @@ def sample_reachability(system: System | Any, x0: ArrayLike, xf: ArrayLike) -> S
         moved, p_moved = _atoms_of_product(A, x0)
         mu = xf - A @ x0
         W = _left_over(checked.B)
-        C_y = _vector_covariance(xf) + _product_covariance(A, x0, 1.0, 1.0, "columns")
+        C_y = realization_covariance(xf) + fused_product_covariance(A, x0, 1.0, 1.0, "columns")
         mean_square = float(((W.T @ C_y) * W.T).sum()) + float(((W.T @ mu) ** 2).sum())
     if not (np.isfinite(mean_square) and np.isfinite(moved).all() and np.isfinite(goals).all()):
         raise NonFiniteError("the products overflow: scale the problem down")

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from ..._base.types import Axis, Fusion, Scheme
 from ...system import System
-from ..formulas import Array, Sizes, _compact_svd, _fused, _root_trace, _symmetric_product
+from ..formulas import Array, Sizes, compact_svd, fused_covariance, root_trace, symmetric_product
 
 
 def realization_control_covariance(
@@ -120,9 +120,9 @@ def control_covariance(
     array([[0.4]])
     """
     with np.errstate(over="ignore", invalid="ignore"):
-        B, C = _fused(system, x0, xf, size, fusion, axis, scheme)
-        U, s, V = _compact_svd(B)
-        return _symmetric_product(V / s, U.T @ C @ U)
+        B, C = fused_covariance(system, x0, xf, size, fusion, axis, scheme)
+        U, s, V = compact_svd(B)
+        return symmetric_product(V / s, U.T @ C @ U)
 
 
 def state_covariance(
@@ -167,9 +167,9 @@ def state_covariance(
            [0.  , 0.  ]])
     """
     with np.errstate(over="ignore", invalid="ignore"):
-        B, C = _fused(system, x0, xf, size, fusion, axis, scheme)
-        U, _, _ = _compact_svd(B)
-        return _symmetric_product(U, U.T @ C @ U)
+        B, C = fused_covariance(system, x0, xf, size, fusion, axis, scheme)
+        U, _, _ = compact_svd(B)
+        return symmetric_product(U, U.T @ C @ U)
 
 
 def control_rms(
@@ -205,7 +205,7 @@ def control_rms(
     >>> round(control_rms(system, x0, xf, 10), 6)
     0.848528
     """
-    return _root_trace(
+    return root_trace(
         control_covariance(system, x0, xf, size, fusion=fusion, axis=axis, scheme=scheme)
     )
 
@@ -244,6 +244,6 @@ def state_rms(
     >>> round(state_rms(system, x0, xf, 10), 6)
     0.848528
     """
-    return _root_trace(
+    return root_trace(
         state_covariance(system, x0, xf, size, fusion=fusion, axis=axis, scheme=scheme)
     )

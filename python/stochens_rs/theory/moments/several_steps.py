@@ -14,13 +14,13 @@ from ...system import System
 from ..dynamics import checked_steps, matrix_powers, states
 from ..exact import best_control
 from ..formulas import (
-    _AXES,
+    AXES,
     Array,
     Sizes,
-    _one_each,
-    _reciprocal,
-    _representable,
-    _vector_covariance,
+    checked_finite,
+    inverse_size,
+    one_each,
+    realization_covariance,
 )
 
 
@@ -87,8 +87,8 @@ def final_state_covariance(
     A, B, n = checked.A, checked.B, checked.n
     x0, xf = gate.vector("x0", x0, length=n), gate.vector("xf", xf, length=n)
     K = checked_steps(steps, n, checked.m)
-    gate.choice("axis", axis, _AXES)
-    r0, rf, rA = (_reciprocal(f"size[{i}]", N) for i, N in enumerate(_one_each(size)))
+    gate.choice("axis", axis, AXES)
+    r0, rf, rA = (inverse_size(f"size[{i}]", N) for i, N in enumerate(one_each(size)))
     memory.need("the covariance", (2 * n**3 + 2 * (K + 1) * n * n) * 8)
     best = best_control(A, B, x0, xf, K)
     rank = len(best.factors.s)
@@ -100,12 +100,15 @@ def final_state_covariance(
     powers = matrix_powers(A, K)
     with np.errstate(over="ignore", invalid="ignore"):
         x = states(A, B, x0, best.u.reshape(K, -1))[:K]
-        C = rf * _vector_covariance(xf) + r0 * powers[K] @ _vector_covariance(x0) @ powers[K].T
+        C = (
+            rf * realization_covariance(xf)
+            + r0 * powers[K] @ realization_covariance(x0) @ powers[K].T
+        )
         carry = powers[K - 1 :: -1]  # carry[k] = A^{K-1-k}
         if axis == "columns":
             G = np.tensordot(x.T, carry, axes=1)
         else:
             G = np.tensordot(carry, x, axes=(0, 0)).transpose(1, 0, 2)
         for line, G_j in zip(A.T if axis == "columns" else A, G, strict=True):
-            C += rA * (G_j @ _vector_covariance(line) @ G_j.T)
-    return _representable(np.asarray((C + C.T) / 2.0, dtype=np.float64))
+            C += rA * (G_j @ realization_covariance(line) @ G_j.T)
+    return checked_finite(np.asarray((C + C.T) / 2.0, dtype=np.float64))

@@ -12,7 +12,15 @@ from ..._base.types import Axis
 from ...exceptions import NonFiniteError
 from ...system import System
 from ..dynamics import states
-from ..formulas import _AXES, Array, Size, _excess, _reciprocal, _vector_covariance, _vector_excess
+from ..formulas import (
+    AXES,
+    Array,
+    Size,
+    inverse_size,
+    matrix_excess,
+    realization_covariance,
+    vector_excess,
+)
 from ..positive_maps import map_radius, spectral_radius
 
 Averaging: TypeAlias = Literal["runs", "mean-field"]
@@ -128,8 +136,8 @@ def trajectory_covariance(
     """
     A, B, x0, u = _checked(system, x0, u)
     per_step = gate.choice("averaging", averaging, _AVERAGING) == "mean-field"
-    gate.choice("axis", axis, _AXES)
-    reciprocal = _reciprocal("size", size)
+    gate.choice("axis", axis, AXES)
+    reciprocal = inverse_size("size", size)
     step = reciprocal if per_step else 1.0
     rA, rB, r0 = (
         step * gate.flag(name, flag)
@@ -140,11 +148,11 @@ def trajectory_covariance(
     mu = states(A, B, x0, u)
     S = np.empty((len(u) + 1, n, n))
     with np.errstate(over="ignore", invalid="ignore"):
-        S[0] = r0 * _vector_covariance(x0)
+        S[0] = r0 * realization_covariance(x0)
         for k, u_k in enumerate(u):
             # X_A(M_k) = X_A(S_k) + X_A(mu_k mu_k^T)
-            from_A = _excess(A, S[k], axis) + _vector_excess(A, mu[k], axis)
-            S[k + 1] = A @ S[k] @ A.T + rA * from_A + rB * _vector_excess(B, u_k, axis)
+            from_A = matrix_excess(A, S[k], axis) + vector_excess(A, mu[k], axis)
+            S[k + 1] = A @ S[k] @ A.T + rA * from_A + rB * vector_excess(B, u_k, axis)
     _finite("covariance", S)
     return S if per_step else reciprocal * S
 
@@ -239,8 +247,8 @@ def growth_factor(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> fl
     """
     A = gate.matrix("A", A, square=True)
     # Sampling the rows of A is, in this respect, the same as sampling the columns of A^T.
-    A = A if gate.choice("axis", axis, _AXES) == "columns" else A.T
-    reciprocal = _reciprocal("size", size)
+    A = A if gate.choice("axis", axis, AXES) == "columns" else A.T
+    reciprocal = inverse_size("size", size)
     scale = float(np.abs(A).max())
     if scale == 0.0:
         return 0.0

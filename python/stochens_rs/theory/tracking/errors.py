@@ -14,12 +14,12 @@ from ...system import System
 from ..formulas import (
     Array,
     Size,
-    _compact_svd,
-    _others,
-    _product_covariance,
-    _reciprocal,
-    _transition,
-    _vector_covariance,
+    column_excess,
+    compact_svd,
+    fused_product_covariance,
+    inverse_size,
+    realization_covariance,
+    sum_of_others,
 )
 
 
@@ -57,7 +57,7 @@ def reference_residuals(system: System | Any, reference: ArrayLike) -> Array:
     """
     A, B, r = _checked(system, reference)
     with np.errstate(over="ignore", invalid="ignore"):
-        d = _unreachable(A, _compact_svd(B)[0], r)
+        d = _unreachable(A, compact_svd(B)[0], r)
     largest = np.abs(d).max(axis=1)
     if not np.isfinite(largest).all():
         raise NonFiniteError("`A` times `reference` overflows: scale the problem down")
@@ -127,7 +127,7 @@ def tracking_moments(
     """
     A, B, r = _checked(system, reference)
     start = r[0] if x0 is None else gate.vector("x0", x0, length=r.shape[1])
-    reciprocal = _reciprocal("size", size)
+    reciprocal = inverse_size("size", size)
     fed = gate.flag("feedback", feedback)
     sampled = gate.flag("sample_states", sample_states)
     if fed and sampled:
@@ -135,7 +135,7 @@ def tracking_moments(
             "`sample_states` must be False with feedback=True: the second moments of sampled, "
             "measured states do not close in a recursion; see tracking_bound"
         )
-    U = _compact_svd(B)[0]
+    U = compact_svd(B)[0]
     K, n = len(r) - 1, r.shape[1]
     memory.need("the second moments", (K + 6) * n * n * 8)
     mean, S = np.empty((K + 1, n)), np.empty((K + 1, n, n))
@@ -146,13 +146,13 @@ def tracking_moments(
         S[0] = np.outer(mean[0], mean[0])
         for k in range(K):
             if sampled:
-                C = _product_covariance(A, r[k], reciprocal, reciprocal, "columns")
-                C += reciprocal * _vector_covariance(r[k + 1])
+                C = fused_product_covariance(A, r[k], reciprocal, reciprocal, "columns")
+                C += reciprocal * realization_covariance(r[k + 1])
             else:
                 squares = r[k] * r[k]
                 if fed:  # E[x_i^2]; rounding must not make it negative
                     squares = np.maximum(S[k].diagonal() + 2.0 * mean[k] * r[k] + squares, 0.0)
-                C = reciprocal * _transition(A, squares)
+                C = reciprocal * column_excess(A, squares)
             carried = F @ mean[k]
             cross = np.outer(carried, d[k])
             mean[k + 1] = carried + d[k]
@@ -247,21 +247,21 @@ def tracking_bound(
     0.010101010101010102
     """
     A, B, r = _checked(system, reference)
-    reciprocal = _reciprocal("size", size)
+    reciprocal = inverse_size("size", size)
     sampled = gate.flag("sample_states", sample_states)
     n = A.shape[0]
-    rank = _compact_svd(B)[1].size
+    rank = compact_svd(B)[1].size
     if rank < n:
         raise InputError(
             f"`B` must have rank n={n} for this bound, got rank {rank}: use tracking_moments"
         )
     with np.errstate(over="ignore", invalid="ignore"):
-        variance = float((np.abs(A) * _others(A)).sum(axis=0).max())
+        variance = float((np.abs(A) * sum_of_others(A)).sum(axis=0).max())
         q, c = variance * reciprocal, 0.0
         if sampled:
             column = float((A * A).sum(axis=0).max())
             q = (n * column + variance + n * variance * reciprocal) * reciprocal
-            c = float((np.abs(r) * _others(r.T).T).sum(axis=1).max()) * reciprocal
+            c = float((np.abs(r) * sum_of_others(r.T).T).sum(axis=1).max()) * reciprocal
         bound = (q * float((r * r).sum(axis=1).max()) + c) / (1.0 - q) if q < 1.0 else math.inf
     if math.isnan(bound) or not math.isfinite(q) or (q < 1.0 and bound == math.inf):
         raise NonFiniteError("the squares of `A` or `reference` overflow: scale the problem down")

@@ -10,7 +10,7 @@ import numpy as np
 from ..._base import memory
 from ...exceptions import NonFiniteError
 from ...system import System
-from ..formulas import Array, Size, _compact_svd, _reciprocal
+from ..formulas import Array, Size, compact_svd, inverse_size
 from ..positive_maps import excitation_radius, map_radius
 
 
@@ -84,7 +84,7 @@ def stability_radius(system: System | Any, size: Size = 1) -> float:
     0.25
     """
     A, F, P, scale = _loop(system)
-    return _representable(map_radius(A, F, P, _reciprocal("size", size)) * scale * scale)
+    return _representable(map_radius(A, F, P, inverse_size("size", size)) * scale * scale)
 
 
 def _representable(squared: float) -> float:
@@ -96,7 +96,7 @@ def _representable(squared: float) -> float:
 def _loop(system: object) -> tuple[Array, Array, Array, float]:
     """``A`` and ``F = (I - P) A`` over the largest entry of ``A``, ``P`` and that entry."""
     checked = System.from_any(system)
-    A, U = checked.A, _compact_svd(checked.B)[0]
+    A, U = checked.A, compact_svd(checked.B)[0]
     memory.need("the stability of the closed loop", 4 * 8 * len(A) ** 3)
     scale = float(np.abs(A).max()) or 1.0
     P = np.eye(len(A)) if U.shape[1] == len(A) else U @ U.T  # P = I exactly: then F = 0 exactly

@@ -65,10 +65,7 @@ def errors(ax: Axes) -> None:
             plan = se.control(SYSTEM.B, x0, xf, A)
             seen.append(plan.error(SYSTEM, X0, XF).control_relative)
         ax.loglog(sizes, seen, "o", color=colour, label=f"{label}, one run")
-    rms = [
-        se.theory.moments.control_rms(SYSTEM.B, X0, XF, SYSTEM.A, int(size)) / norm
-        for size in sizes
-    ]
+    rms = [se.theory.moments.control_rms(SYSTEM, X0, XF, int(size)) / norm for size in sizes]
     ax.loglog(sizes, rms, color=FUSED, label="independent draws, predicted rms")
     ax.set(xlabel="realizations", ylabel="relative error", title="Its error")
     ax.legend(frameon=False, loc="lower left")

@@ -117,7 +117,7 @@ fn estimate(name: &str, (lines, drawn): &EstimateArgument<'_>) -> PyResult<Estim
 }
 
 /// `(state, control)` errors (runs, 2) of simulated plans: one step with `(basis, singular_values, y)`, several with
-/// `(B, C_K, v)`. A fixed `A` and lines of columns are transposed; `rows` says that the lines are rows.
+/// `(B, C_K, v)`, v in the order of `C_K`. A fixed `A` and lines of columns are transposed; `rows` says that the lines are rows.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "the arguments of one call")]
 pub(super) fn simulate_plans<'py>(

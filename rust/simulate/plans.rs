@@ -158,9 +158,9 @@ pub enum Exact<'a> {
     Steps {
         /// `B`, row by row.
         b: &'a [f64],
-        /// `C_K = [A^{K-1} B, ..., A B, B]`, row by row.
+        /// `C_K = [B, A B, ..., A^{K-1} B]`, row by row.
         c: &'a [f64],
-        /// The exact control, step by step.
+        /// The exact control in its order, `u(K-1), ..., u(0)`.
         v: &'a [f64],
     },
 }
@@ -422,7 +422,7 @@ mod tests {
     fn threads_change_nothing_and_more_runs_start_with_the_fewer() {
         let (a, x0, stop) = ([0.5, -1.0, 0.25, 2.0], [1.0, -2.0], Stop::new());
         let plans = Plans::new(drawn(&x0, 1, 40), drawn(&x0, 1, 40), drawn(&a, 2, 40), true, false).unwrap();
-        let (b, c, v) = ([1.0, 0.5], [0.75, 1.0, 0.0, 0.5], [1.0, -1.0]);
+        let (b, c, v) = ([1.0, 0.5], [1.0, 0.75, 0.5, 0.0], [-1.0, 1.0]);
         let exact = Exact::Steps { b: &b, c: &c, v: &v };
         let errors = |runs, threads| plans.errors(exact, runs, &Key([2; 32]), threads, &stop).unwrap();
         let whole = errors(100, 1);

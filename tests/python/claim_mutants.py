@@ -220,7 +220,7 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
     ("Definition 2.4", 0): {
         "no randomness": both(
             put(samples, "_atoms_of_vector", lambda x: (x[None], np.ones(1))),
-            put(samples, "_atoms_of_product", lambda x0, A: ((A @ x0)[None], np.ones(1))),
+            put(samples, "_atoms_of_product", lambda A, x0: ((A @ x0)[None], np.ones(1))),
         ),
     },
     ("Lemma 3.1", 0): {"good realizations in one run": aligned},
@@ -375,7 +375,7 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
         "the same error in all dimensions": put(
             printed_figures,
             "state_rms",
-            lambda B, x0, xf, A, N, **_: 0.2 * float(np.linalg.norm(A @ x0)),
+            lambda system, x0, xf, N, **_: 0.2 * float(np.linalg.norm(system.A @ x0)),
         ),
     },
     ("Figure 3", 1): {

@@ -354,7 +354,7 @@ def test_fused_bounds_are_never_larger_than_those_with_norms():
     diagonal = (np.sqrt(V) + np.sqrt(L * (gf**2 + 2 * g0**2 * g.max() ** 2))) / np.sqrt(N)
     found = bounds.DiagonalMcDiarmid(B, x0, xf, A)
     assert 0.7 * diagonal < found.radius(N, delta) <= diagonal * (1.0 + 1e-12)
-    rms = moments.state_rms(B, x0, xf, A, N)
+    rms = moments.state_rms((A, B), x0, xf, N)
     product = rms + np.sqrt(L * (gf**2 + 3 * g0**2 * g.max() ** 2) / N)
     found = bounds.ProductMcDiarmid(B, x0, xf, A)
     assert 0.5 * product < found.radius(N, delta) <= product * (1.0 + 1e-12)
@@ -416,7 +416,7 @@ def test_diagonal_bousquet_is_its_formula(case, quantity):
     N, delta = 300, 0.1
     L = math.log(10.0)
     M = np.linalg.pinv(B) if quantity == "control" else B @ np.linalg.pinv(B)
-    C = M @ (moments.vector_covariance(xf) + moments.product_covariance(x0, A)) @ M.T
+    C = M @ (moments.vector_covariance(xf) + moments.product_covariance(A, x0)) @ M.T
     E, lam = np.sqrt(np.trace(C) / N), np.linalg.eigvalsh(C)[-1] / N
     far_f = max(np.linalg.norm(M @ (v - xf)) for _, v in vector_law(xf, 1))
     products = [a @ x for (_, a), (_, x) in itertools.product(matrix_law(A, 1), vector_law(x0, 1))]

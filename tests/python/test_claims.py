@@ -229,9 +229,9 @@ def test_simulated_drift_has_the_exact_mean_square() -> None:
     gen = np.random.default_rng(3)
     A, x0 = gen.standard_normal((5, 5)), np.array([1.0, -2.0, 0.5, 0.0, 1.0])
     errors = tails.drift_errors(A, x0, 30, 20_000, gen)
-    exact_rms = moments.state_rms(np.eye(5), x0, np.zeros(5), A, 30, fusion="diagonal")
+    exact_rms = moments.state_rms((A, np.eye(5)), x0, np.zeros(5), 30, fusion="diagonal")
     assert np.mean(errors**2) == pytest.approx(exact_rms**2, rel=0.05)
-    product = moments.state_rms(np.eye(5), x0, np.zeros(5), A, 30)
+    product = moments.state_rms((A, np.eye(5)), x0, np.zeros(5), 30)
     assert np.mean(errors**2) != pytest.approx(
         product**2, rel=0.2
     )  # the other fusion is told apart

@@ -125,7 +125,7 @@ def test_controls_from_counts_have_the_distribution_of_those_from_realizations()
 @pytest.mark.parametrize("size", [1000, 10**12])
 def test_controls_of_a_trillion_realizations_have_the_exact_mean_square(size: int) -> None:
     # 1000 controls, six standard errors of their mean square: a false alarm has probability < 1e-7
-    expected = theory.moments.control_rms(B, X0, XF, A, size) ** 2
+    expected = theory.moments.control_rms((A, B), X0, XF, size) ** 2
 
     def excess(drawn: int) -> float:
         ratios = [squared_error(se.sample_counts, drawn, s) / expected for s in range(1000)]

@@ -144,10 +144,7 @@ def test_exact_rms_is_the_theory_module(small_power):
     )
     for fusion in ("product", "diagonal"):
         exact = small_power.panel("2a").curve("uniform", fusion).exact_rms
-        rms = [
-            moments.control_rms(system.B, x0, np.zeros(10), system.A, int(N), fusion=fusion)
-            for N in sizes
-        ]
+        rms = [moments.control_rms(system, x0, np.zeros(10), int(N), fusion=fusion) for N in sizes]
         v = np.linalg.pinv(system.B) @ (-system.A @ x0)
         assert exact == pytest.approx(np.array(rms) / np.linalg.norm(v), rel=1e-9)
 

@@ -17,7 +17,7 @@ from stochens_rs.exceptions import (
     ResourceError,
     ShapeError,
 )
-from stochens_rs.theory import bounds, multistep
+from stochens_rs.theory import bounds, moments
 
 CART = se.System([[1.0, 0.1], [0.0, 1.0]], [[0.0], [0.1]])
 
@@ -209,13 +209,13 @@ def test_the_leading_order(n, m, K):
     for i in range(R):
         plan = se.control_steps(system.B, *counts((x0, xf, system.A), size, key.child(str(i))), K)
         squares[i] = np.sum((roll(system.A, system.B, plan.u, x0)[-1] - xf) ** 2)
-    C = multistep.final_state_covariance(system.A, system.B, x0, xf, K, size)
+    C = moments.final_state_covariance(system, x0, xf, K, size)
     error = squares.std() / np.sqrt(R)
     assert error < 0.03 * squares.mean()
     assert abs(squares.mean() - np.trace(C)) < 4.0 * error
     # The mutants: one entity forgotten.
     for sizes in ((None, size, size), (size, None, size), (size, size, None)):
-        less = multistep.final_state_covariance(system.A, system.B, x0, xf, K, sizes)
+        less = moments.final_state_covariance(system, x0, xf, K, sizes)
         assert abs(squares.mean() - np.trace(less)) > 4.0 * error or np.trace(
             C - less
         ) < 0.1 * np.trace(C)
@@ -247,10 +247,10 @@ def test_the_leading_order_is_a_derivative():
                         ends.append(end(*moved))
                     slope = (ends[0] - ends[1]) / (2.0 * h)
                     expected += abs(values[i]) / g * np.outer(slope, slope)
-        found = multistep.final_state_covariance(A, B, x0, xf, K, axis=axis)
+        found = moments.final_state_covariance((A, B), x0, xf, K, axis=axis)
         np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-6 * np.abs(expected).max())
         np.testing.assert_allclose(
-            multistep.final_state_covariance(A, B, x0, xf, K, 50, axis=axis), found / 50
+            moments.final_state_covariance((A, B), x0, xf, K, 50, axis=axis), found / 50
         )
         drawn = [se.sample(w, 50, rng=i, axis=axis) for i, w in enumerate((x0, xf, A))]
         plan = se.control_steps(B, *drawn, K)
@@ -352,9 +352,9 @@ def test_wrong_input_is_refused():
     with pytest.raises(ResourceError, match="control over"):
         se.control_steps(B, x0, xf, A, 2**50)
     with pytest.raises(InputError, match="rank n=2, got rank 1"):
-        multistep.final_state_covariance(A, B, x0, xf, 1)
+        moments.final_state_covariance((A, B), x0, xf, 1)
     with pytest.raises(InputError, match=r"`size\[1\]`"):
-        multistep.final_state_covariance(A, B, x0, xf, 2, (1, 0, 1))
+        moments.final_state_covariance((A, B), x0, xf, 2, (1, 0, 1))
 
 
 def test_a_plan_refuses_what_does_not_fit():

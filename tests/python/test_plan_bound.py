@@ -46,7 +46,7 @@ def test_a_plan_of_drawn_ensembles_needs_nothing(fusion, axis):
     assert bound.state_bound == "simulated" != rare.state_bound
     residual = plan.error(SYSTEM, X0, XF).residual
     assert bound.target == pytest.approx(np.hypot(bound.state, residual), rel=1e-12)
-    expected = moments.control_covariance(B, X0, XF, A, N, fusion=fusion, axis=axis)
+    expected = moments.control_covariance((A, B), X0, XF, N, fusion=fusion, axis=axis)
     np.testing.assert_array_equal(plan.covariance(), expected)
     error = plan.error(SYSTEM, X0, XF)
     assert error.state <= bound.state
@@ -61,7 +61,7 @@ def test_counts_uniform_fits_and_exact_entities_know_their_law():
     best = bounds.best("state", B, X0, XF, A, size=sizes, delta=0.05)
     assert plan.bound().state == best.radius
     np.testing.assert_array_equal(
-        plan.covariance(), moments.control_covariance(B, X0, XF, A, sizes)
+        plan.covariance(), moments.control_covariance((A, B), X0, XF, sizes)
     )
     exact = se.control(B, X0, XF, A)
     residual = exact.bound().target
@@ -133,7 +133,7 @@ def test_systematic_samples():
     assert error.state <= rare.state
     assert error.control <= rare.control
     assert bound.state < rare.state
-    expected = moments.control_covariance(B, X0, XF, A, N, scheme="systematic")
+    expected = moments.control_covariance((A, B), X0, XF, N, scheme="systematic")
     np.testing.assert_array_equal(plan.covariance(), expected)
     mixed = se.control(B, ensembles()[0], ensembles(scheme="systematic")[1], A)
     with pytest.raises(InputError, match="iid and systematic samples together"):

@@ -34,10 +34,10 @@ def test_bounds_keep_their_word(quantity: str, fusion: str) -> None:
     assert (plan.rows[0].name, best.bound.name) == ("simulated", "simulated")
     assert plan.size == pytest.approx(best.size, rel=0.1)  # another stream
     rms_of = moments.control_rms if quantity == "control" else moments.state_rms
-    assert rms_of(*data, plan.expected_size, fusion=fusion) <= plan.error
-    assert rms_of(*data, plan.expected_size - 1, fusion=fusion) > plan.error
+    assert rms_of(SYSTEM, X0, XF, plan.expected_size, fusion=fusion) <= plan.error
+    assert rms_of(SYSTEM, X0, XF, plan.expected_size - 1, fusion=fusion) > plan.error
     assert plan.expected_size < plan.simulated_size < plan.size
-    assert plan.rows[0].rms == rms_of(*data, plan.size, fusion=fusion)
+    assert plan.rows[0].rms == rms_of(SYSTEM, X0, XF, plan.size, fusion=fusion)
 
 
 @pytest.mark.parametrize("quantity", ["state", "control"])
@@ -49,10 +49,10 @@ def test_the_simulation_has_the_exact_moments(quantity: str, fusion: str) -> Non
     law = bounds.Simulated(quantity, SYSTEM.B, X0, XF, A, fusion=fusion).errors(7)
     errors = law.draw(runs, as_key(5))[:, int(quantity == "control")]
     rms_of = moments.control_rms if quantity == "control" else moments.state_rms
-    exact = rms_of(SYSTEM.B, X0, XF, A, 7, fusion=fusion)
+    exact = rms_of(SYSTEM, X0, XF, 7, fusion=fusion)
     square = float(np.mean(errors**2))
     assert square == pytest.approx(exact**2, rel=0.1)
-    other = rms_of(SYSTEM.B, X0, XF, A, 7, fusion="product" if fusion == "diagonal" else "diagonal")
+    other = rms_of(SYSTEM, X0, XF, 7, fusion="product" if fusion == "diagonal" else "diagonal")
     assert square != pytest.approx(other**2, rel=0.1)
 
 

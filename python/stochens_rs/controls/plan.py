@@ -12,7 +12,7 @@ from .._base.records import by_constructor
 from .._base.types import STATUSES, Status
 from ..exceptions import ShapeError
 from ..system import System
-from ..theory.exact import one_step
+from ..theory.exact import best_control
 from ..theory.records import PlanError, Reachability
 from .basis import Basis, completed
 from .plan_bound import PlanBound, plan_bound, plan_covariance
@@ -210,7 +210,7 @@ class Plan:
             )
         start = gate.vector("x0", x0, length=checked.n)
         goal = gate.vector("xf", xf, length=checked.n)
-        return one_step(checked.A, checked.B, start, goal).error(self.u, start)
+        return best_control(checked.A, checked.B, start, goal).error(self.u, start)
 
     def __repr__(self) -> str:
         text = expectation(

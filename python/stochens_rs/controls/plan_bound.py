@@ -117,9 +117,10 @@ def plan_bound(
     fitted = any(entity.kind == "fitted" for entity in basis.entities)
     names = ("exact error",) * 2
     if not errors.random:
-        wrong = u.ravel() - errors.best.u
         radii: tuple[float, ...] | None
-        radii = errors.rounded((norm(errors.best.factors.B @ wrong), norm(wrong)))
+        assert basis.x0.values is not None
+        found = errors.best.error(u, basis.x0.values)
+        radii = errors.rounded((found.state, found.control))
     else:
         names = ("simulated",) * 2
         radii = _simulation.radii(errors, delta, key)
@@ -208,12 +209,8 @@ def _along_trajectory(
         total = ef + norms[-1] * e0 + eA * along + norm(predicted[-1] - basis.xf.estimate)
         state = float(np.sqrt(max(0.0, total**2 - norm(errors.best.missed) ** 2)))
         # u - v = C^+ C (u - v) + (I - C^+ C) u
-        flat = u.ravel()
-        C = errors.best.factors
-        aside = norm(flat - C.V @ (C.V.T @ flat))
-        return errors.rounded(
-            (state, float(np.hypot(state / C.s[-1], aside)) if C.s.size else aside)
-        )
+        aside, s = norm(errors.best.aside(u)), errors.best.factors.s
+        return errors.rounded((state, float(np.hypot(state / s[-1], aside)) if s.size else aside))
 
 
 def _distances(basis: Basis, delta: float, matrix_norm: str) -> tuple[float, float, float]:
@@ -260,9 +257,11 @@ def plan_covariance(basis: Basis, fusion: Fusion) -> Floats:
         raise InputError(
             "no formula is known for the covariance of iid and systematic samples together"
         )
+    x0, xf, A = _values(basis)
     return moments.control_covariance(
-        basis.B,
-        *_values(basis),
+        (A, basis.B),
+        x0,
+        xf,
         _sizes(basis),
         fusion=fusion,
         axis=basis.A.axis,

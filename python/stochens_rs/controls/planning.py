@@ -14,8 +14,8 @@ from ..exceptions import InputError, SizeError
 from ..rng import Key, RngLike, as_key
 from ..system import System
 from ..theory import bounds, moments
-from ..theory.dynamics import checked_steps, matrix_powers
-from ..theory.exact import best_over_steps, one_step
+from ..theory.dynamics import checked_steps
+from ..theory.exact import best_control
 from ..theory.records import RELATIVE_TO
 
 if TYPE_CHECKING:
@@ -273,10 +273,7 @@ def required_samples(
         raise InputError("`fusion` must be 'product' over several steps, got 'diagonal'")
     relative = gate.flag("relative", relative)
     key = as_key(rng)
-    if K is None:
-        best = one_step(checked.A, checked.B, start, goal)
-    else:
-        best = best_over_steps(matrix_powers(checked.A, K), checked.B, start, goal)
+    best = best_control(checked.A, checked.B, start, goal, K or 1)
     relative_to, reference = best.compared(kind, start)
     if relative and not reference:
         raise InputError(
@@ -286,7 +283,7 @@ def required_samples(
     allowed = error * reference if relative else error
     data = checked.B, start, goal, checked.A
     rms_of = moments.control_rms if kind == "control" else moments.state_rms
-    rms_of(*data, 1, fusion=how)  # type: ignore[arg-type]  # refuses what overflows
+    rms_of(checked, start, goal, 1, fusion=how)  # type: ignore[arg-type]  # refuses what overflows
     if allowed * allowed < np.finfo(np.float64).tiny:
         raise SizeError(f"`error` is {allowed:.3g}, its square underflows: scale the problem up")
     simulated = bounds.Simulated(
@@ -313,14 +310,16 @@ def required_samples(
             rows.append(Requirement(bound.name, bound.source, None, None, None, None))
             continue
         drawn = errors(size)
-        rms = rms_of(*data, size, fusion=how) if K is None else None  # type: ignore[arg-type]
+        rms = rms_of(checked, start, goal, size, fusion=how) if K is None else None  # type: ignore[arg-type]
         quantile = float(np.quantile(drawn, 1.0 - delta))
         failures = int((drawn > allowed).sum())
         rows.append(Requirement(bound.name, bound.source, size, rms, quantile, failures))
     rows.sort(key=lambda row: inf if row.size is None else row.size)
     expected = None
     if K is None:
-        expected = _smallest(lambda N: rms_of(*data, N, fusion=how) <= allowed)  # type: ignore[arg-type]
+        expected = _smallest(
+            lambda N: rms_of(checked, start, goal, N, fusion=how) <= allowed  # type: ignore[arg-type]
+        )
     return SamplePlan(
         error=allowed,
         delta=delta,

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 from .._base import gate
 from .._base.types import worst
-from ..theory.dynamics import checked_steps, matrix_powers, states
-from ..theory.exact import best_over_steps
+from ..theory.dynamics import checked_steps, states
+from ..theory.exact import best_control
 from .basis import Basis, known
 from .entities import entities
 from .trajectory_plan import TrajectoryPlan
@@ -52,7 +52,7 @@ def control_steps(
 
     Notes
     -----
-    ``C_K = [A_hat^{K-1} B, ..., A_hat B, B]`` meets the controls in the order of time. The
+    ``C_K = [B, A_hat B, ..., A_hat^{K-1} B]`` meets u(K-1), ..., u(0). The
     entities are fused first (product fusion). The other way round, the average of one control per
     realization of A, is not offered: for K >= 2 the control is not linear in A, so that its
     mean over the realizations is not the control of the mean, and more samples do not help. The
@@ -74,8 +74,8 @@ def control_steps(
     K = checked_steps(steps, n, m)
     given = entities(x0, xf, A, n=n)
     start, goal, matrix = (entity.estimate() for entity in given)
-    powers = matrix_powers(matrix, K, "A" if given[2].size is None else "A_hat")
-    best = best_over_steps(powers, inputs, start, goal)
+    name = "A" if given[2].size is None else "A_hat"
+    best = best_control(matrix, inputs, start, goal, K, name)
     u, reachability = best.u.reshape(K, m), best.reachability()
     info: dict[str, Any] = {entity.name: entity.description for entity in given}
     info["singular_values"] = best.factors.singular_values
@@ -86,7 +86,7 @@ def control_steps(
     )
     return TrajectoryPlan(
         u=u,
-        predicted_states=states(matrix, inputs, u, start),
+        predicted_states=states(matrix, inputs, start, u),
         reachability=reachability,
         status=worst([entity.status for entity in given]),
         info=info,

@@ -10,7 +10,7 @@ import numpy as np
 from .._base import html
 from .._base.numbers import norm
 from ..exceptions import StochensError
-from ..theory.exact import one_step
+from ..theory.exact import best_control
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -67,7 +67,7 @@ def _expected(basis: Basis, steps: int | None, covariance: Callable[[], Floats])
             assert x0 is not None
             assert xf is not None
             assert A is not None
-            missed = norm(one_step(A, basis.B, x0, xf).missed)
+            missed = norm(best_control(A, basis.B, x0, xf).missed)
             return hypot(sqrt(max(0.0, float(np.trace(basis.B @ C @ basis.B.T)))), missed)
         return sqrt(max(0.0, float(np.trace(C))))
     except StochensError:

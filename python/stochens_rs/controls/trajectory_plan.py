@@ -12,9 +12,9 @@ from .._base.records import by_constructor
 from .._base.types import STATUSES, Status
 from ..exceptions import InputError, ShapeError
 from ..system import System
-from ..theory.dynamics import matrix_powers, states
-from ..theory.exact import best_over_steps
-from ..theory.multistep import final_state_covariance
+from ..theory.dynamics import states
+from ..theory.exact import best_control
+from ..theory.moments import final_state_covariance
 from ..theory.records import PlanError, Reachability
 from .basis import Basis, Known, completed
 from .plan_bound import PlanBound, plan_bound
@@ -41,7 +41,7 @@ class TrajectoryPlan:
     reachability : Reachability
         What K steps cannot reach, from the same estimates: residual and relative residual of
         ``xf_hat - A_hat^K x0_hat``, rank and condition of
-        ``C_K = [A_hat^{K-1} B, ..., A_hat B, B]``.
+        ``C_K = [B, A_hat B, ..., A_hat^{K-1} B]``.
     status : str
         The worst status among the entities' fits; "completed" if none was optimised.
     info : dict
@@ -130,7 +130,7 @@ class TrajectoryPlan:
         Returns
         -------
         ndarray, shape (n, n)
-            `theory.multistep.final_state_covariance` of the exact entities and the numbers of
+            `theory.moments.final_state_covariance` of the exact entities and the numbers of
             realizations of this plan; its trace approaches ``E||x(K) - xf||^2`` for large N.
 
         Raises
@@ -164,7 +164,7 @@ class TrajectoryPlan:
         x0, xf, A = exact
         N0, Nf, NA = (None if one.kind == "exact" else one.size for one in known)
         return final_state_covariance(
-            A, self._B, x0, xf, self.steps, (N0, Nf, NA), axis=known[2].axis
+            (A, self._B), x0, xf, self.steps, (N0, Nf, NA), axis=known[2].axis
         )
 
     def error(self, system: System, x0: ArrayLike, xf: ArrayLike) -> PlanError:
@@ -199,7 +199,7 @@ class TrajectoryPlan:
         0.0
         """
         checked, start, goal = self._fitting(system, x0, xf)
-        best = best_over_steps(matrix_powers(checked.A, self.steps), checked.B, start, goal)
+        best = best_control(checked.A, checked.B, start, goal, self.steps)
         return best.error(self.u.ravel(), start)
 
     def _repr_html_(self) -> str:
@@ -238,7 +238,7 @@ class TrajectoryPlan:
         True
         """
         checked, start, _ = self._fitting(system, x0, None)
-        return states(checked.A, checked.B, self.u, start)
+        return states(checked.A, checked.B, start, self.u)
 
     @property
     def _B(self) -> Floats:

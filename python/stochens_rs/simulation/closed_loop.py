@@ -16,9 +16,9 @@ from ..fusion.fusing import METHODS, fuse
 from ..plots.states import draw_tracking
 from ..rng import Key, RngLike, as_key
 from ..system import System
-from ..theory.exact import Factors, factors
+from ..theory.exact import REACHABLE, Factors, factors
 from ..theory.tracking import reference_residuals
-from ..theory.tracking._checks import checked_reference
+from ..theory.tracking.errors import checked_reference
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from ..fusion.fusing import Method
 
     Floats: TypeAlias = NDArray[np.float64]
-
-_FEASIBLE = float(np.sqrt(np.finfo(float).eps))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -195,7 +193,7 @@ def track(
     >>> run = se.track(system, reference, 1000, rng=1, replicates=50)
     >>> run.states.shape, run.inputs.shape, run.feasible
     ((50, 21, 2), (50, 20, 2), True)
-    >>> rms = se.theory.tracking.tracking_rms(system.A, system.B, reference, 1000)
+    >>> rms = se.theory.tracking.tracking_rms(system, reference, 1000)
     >>> bool(abs(np.sqrt(run.mean_square.mean()) / np.sqrt((rms**2).mean()) - 1) < 0.1)
     True
     """
@@ -211,7 +209,7 @@ def track(
     memory.need("the trajectories", (R or 1) * ((K + 1) * (n + 1) + K * m) * 8)
     B = np.ascontiguousarray(checked.B)
     with np.errstate(over="ignore", invalid="ignore"):
-        residuals = reference_residuals(checked.A, B, r)
+        residuals = reference_residuals(checked, r)
         needed = np.linalg.norm(r[1:], axis=1) + np.linalg.norm(r[:-1] @ checked.A.T, axis=1)
     if not np.isfinite(needed).all():
         raise NonFiniteError("`A` times `reference` overflows: scale the problem down")
@@ -228,7 +226,7 @@ def track(
         errors=errors[first],
         reference=r,
         residuals=residuals,
-        feasible=bool((residuals <= _FEASIBLE * needed).all()),
+        feasible=bool((residuals <= REACHABLE * needed).all()),
         key=key,
         status=worst(["completed", *loop.statuses]),
         info={
@@ -272,7 +270,7 @@ class _Loop:
             if not math.isfinite(square):
                 raise NonFiniteError(
                     f"the squared error overflows at step {k + 1}: is `size` above the threshold "
-                    "of stability, theory.tracking.stability_threshold(A, B)?"
+                    "of stability, theory.tracking.stability_threshold(system)?"
                 )
 
     def _estimate(self, target: Floats, key: Key) -> Floats:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._base import gate
+from .._base.numbers import ROUNDING, TINY
 from ..exceptions import InputError, StochensError
 
 BAND = (0.1, 0.9)  # the shaded band holds the middle 80 % of the replicates
@@ -98,7 +99,7 @@ class Curve:
         spread = np.maximum(squares.std(axis=0, ddof=min(1, replicates - 1)), self.exact_spread)
         # An error that cannot vary (samples of a vector with one entry) must hit its value to
         # rounding.
-        rounding = 1e-12 * self.exact_rms**2 + 1e-300
+        rounding = ROUNDING * self.exact_rms**2 + TINY
         z: FloatArray = (squares.mean(axis=0) - self.exact_rms**2) / np.maximum(
             spread / math.sqrt(replicates), rounding
         )

@@ -19,7 +19,7 @@ from ..ensembles.ensemble import Ensemble
 from ..ensembles.sampling import sample
 from ..fusion.fusing import Method, fuse_path
 from ..rng import Key
-from ..theory.exact import Best, one_step
+from ..theory.exact import Best, best_control
 
 Floats = NDArray[np.float64]
 Sizes = NDArray[np.int64]
@@ -93,7 +93,7 @@ class Step:
     @cached_property
     def exact(self) -> Best:
         """The exact control ``v = B+ (xf - A x0)``, and where it leads."""
-        return one_step(self.A, self.B, self.x0, self.xf)
+        return best_control(self.A, self.B, self.x0, self.xf)
 
     def unreachable(self) -> dict[str, float]:
         """``||xf - A x0 - B v||``, which no control avoids; also divided by ``||xf - A x0||``."""

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..._base import gate
+from ..._base.numbers import ROUNDING
 from ..._base.progress import Progress
 from ...cases import ieee14, ieee39
 from ...ensembles.sampling import sample
@@ -126,7 +127,7 @@ def power(
         return np.array([moments.vector_covariance(column, N) for column in A.T])
 
     def fused(covariance: Any) -> dict[Any, Any]:
-        return {f: both_orders(partial(covariance, B, x0, xf, A, fusion=f)) for f in FUSIONS}
+        return {f: both_orders(partial(covariance, system, x0, xf, fusion=f)) for f in FUSIONS}
 
     v, reached = step.exact.u, step.exact.reached
     vector = {None: both_orders(partial(moments.vector_covariance, x0))}
@@ -223,7 +224,7 @@ def _printed_stopping_rule(x0: Floats, keys: list[Key], steps: int) -> dict[str,
         path = fuse_path(sample(x0, steps, rng=key), sizes, "slse", target=x0, estimates=True)
         assert path.estimates is not None  # estimates=True
         change = np.linalg.norm(np.diff(path.estimates, axis=0), axis=1)
-        still = np.flatnonzero(change <= 1e-12 * norm)
+        still = np.flatnonzero(change <= ROUNDING * norm)
         if still.size:
             stop = int(still[0]) + 1  # index of the size whose step changed nothing
             stops.append(int(sizes[stop]))

@@ -130,7 +130,7 @@ def tracking(
     orders: dict[str, dict[Fusion, Orders]] = {"x1": {}, "rolled": {}, "reference": {}}
     for fusion in FUSIONS:
         first, second = (
-            both_orders(partial(moments.state_covariance, B, s.x0, s.xf, A, fusion=fusion))
+            both_orders(partial(moments.state_covariance, system, s.x0, s.xf, fusion=fusion))
             for s in steps
         )
         orders["x1"][fusion], orders["reference"][fusion] = first, second

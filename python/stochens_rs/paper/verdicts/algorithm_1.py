@@ -10,6 +10,7 @@ import numpy as np
 
 from ...rng import Key
 from ...streams.stream import Stream
+from ...theory.exact import best_control
 from . import rationals as exact
 from .records import Claim, Evidence
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
     Variant = Literal["consistent", "literal"]
 
+ERROR_BOUND = 1e-9  # of the printed stopping rule
 VARIANTS: tuple[Variant, ...] = ("consistent", "literal")
 
 
@@ -39,7 +41,7 @@ class Streamed:
     bound : ndarray, shape (runs, 2)
         Bound on the mean of ``state^2`` for "consistent", from how often each entity was drawn.
     stops : ndarray, shape (runs, 2)
-        Steps after which the printed rule stops with errorBound 1e-9, and the relative error of the
+        Steps after which the printed rule stops with `ERROR_BOUND`, and the relative error of the
         control then.
     """
 
@@ -59,7 +61,7 @@ def measure(key: Key, *, runs: int = 40, steps: tuple[int, int] = (200, 2000)) -
     A, B, x0 = gen.standard_normal((n, n)), gen.standard_normal((n, m)), gen.standard_normal(n)
     A /= np.abs(np.linalg.eigvals(A)).max()
     xf = gen.standard_normal(n)
-    v = np.linalg.pinv(B) @ (xf - A @ x0)
+    v = best_control(A, B, x0, xf).u
     control = {variant: np.zeros((runs, 2)) for variant in VARIANTS}
     state = {variant: np.zeros((runs, 2)) for variant in VARIANTS}
     bound, stops = np.zeros((runs, 2)), np.zeros((runs, 2))
@@ -78,7 +80,7 @@ def measure(key: Key, *, runs: int = 40, steps: tuple[int, int] = (200, 2000)) -
                 if variant == "consistent":
                     bound[r, k] = mean_square_bound(x0, xf, A, stream.counts)
         printed = Stream((A, B), x0, xf, rng=child, variant="literal")
-        if printed.run(tol=1e-9, max_steps=steps[1], rule="printed").status == "interrupted":
+        if printed.run(tol=ERROR_BOUND, max_steps=steps[1], rule="printed").status == "interrupted":
             raise KeyboardInterrupt  # half a run is of no use
         stops[r] = printed.steps, error(printed)
     return Streamed(n, m, steps, control, state, bound, stops)

@@ -11,7 +11,7 @@ import numpy as np
 from ...cases import ieee14, random_system
 from ...rng import Key
 from ...system import System
-from ...theory.exact import one_step
+from ...theory.exact import best_control
 from ...theory.moments import state_rms
 from ..experiments.power import power
 from ..experiments.tracking import tracking
@@ -139,8 +139,8 @@ def _exact_error(system: System, spread: float, key: Key) -> float:
     gen = key.generator()
     x0 = spread * gen.standard_normal(system.n)
     xf = gen.standard_normal(system.n) if spread == 1.0 else np.zeros(system.n)
-    rms = state_rms(system.B, x0, xf, system.A, 1000, fusion="diagonal")
-    return rms / float(np.linalg.norm(one_step(system.A, system.B, x0, xf).reached))
+    rms = state_rms(system, x0, xf, 1000, fusion="diagonal")
+    return rms / float(np.linalg.norm(best_control(system.A, system.B, x0, xf).reached))
 
 
 def _last(experiment: Experiment, panel: str, method: str) -> float:

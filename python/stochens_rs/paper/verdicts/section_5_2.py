@@ -54,7 +54,7 @@ def one_step_only(key: Key) -> Claim:
             ends = child.child("ends").generator().standard_normal((2, 4))
             A_hat = sample_counts(system.A, N, rng=child.child(f"A {N}"))
             plan = control_steps(system.B, ends[0], ends[1], A_hat, 3)
-            last = dynamics.states(system.A, system.B, plan.u, ends[0])[-1]
+            last = dynamics.states(system.A, system.B, ends[0], plan.u)[-1]
             relative.append(float(np.linalg.norm(last - ends[1]) / np.linalg.norm(ends[1])))
         misses.append(float(np.median(relative)))
     fused = (

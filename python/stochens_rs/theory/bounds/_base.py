@@ -10,7 +10,7 @@ import numpy as np
 
 from ..._base import gate, html
 from ...exceptions import InputTypeError, NonFiniteError, SizeError
-from ..formulas import Array, Sizes, _reciprocal
+from ..formulas import Array, Sizes, inverse_size
 
 Rates: TypeAlias = "tuple[float, ...]"  # 1 / size of every entity; 0 for one known exactly
 
@@ -218,7 +218,7 @@ class Bound:
         return math.inf
 
     def _rates(self, size: Sizes) -> Rates:
-        return (_reciprocal("size", size),)
+        return (inverse_size("size", size),)
 
     def _same(self, rate: float) -> Rates:
         return (rate,)

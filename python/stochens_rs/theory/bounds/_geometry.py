@@ -17,13 +17,13 @@ from numpy.typing import ArrayLike
 from ..._base import gate, memory
 from ...exceptions import NonFiniteError
 from ..formulas import (
-    _AXES,
+    AXES,
     Array,
-    _compact_svd,
-    _excess,
-    _pushed,
-    _vector_covariance,
-    _vector_excess,
+    compact_svd,
+    matrix_excess,
+    pushed_covariance,
+    realization_covariance,
+    vector_excess,
 )
 from ._base import unit_of
 
@@ -40,7 +40,7 @@ class Geometry:
         xf = gate.vector("xf", xf, length=n)
         A = gate.matrix("A", A, rows=n, cols=n)
         memory.need("the moments of the control", 50 * A.nbytes)
-        self.by_rows = gate.choice("axis", axis, _AXES) == "rows"
+        self.by_rows = gate.choice("axis", axis, AXES) == "rows"
         self.quantity = gate.choice("quantity", quantity, ("state", "control"))
         self._scale(B, x0, xf, A)
         self._set_ranges()
@@ -57,7 +57,7 @@ class Geometry:
         # without A, x0 has no effect whatever its size
         self.x0 = x0 / self.unit_x0 if A.any() else np.zeros_like(x0)
         self.xf, self.A = xf / unit_y, A / unit_A
-        U, s, _ = _compact_svd(B / unit_B)
+        U, s, _ = compact_svd(B / unit_B)
         self.M = np.ascontiguousarray(U.T if self.quantity == "state" else (U / s).T)
         self.M_norm = (
             0.0 if s.size == 0 else 1.0 if self.quantity == "state" else 1.0 / float(s[-1])
@@ -67,9 +67,9 @@ class Geometry:
         """Covariances of ``M`` times ``A x0^s``, ``xf^s``, ``A^s x0``, ``(A^s - A)(x0^s - x0)``."""
         axis = "rows" if self.by_rows else "columns"
         M, A, x0 = self.M, self.A, self.x0
-        Cv = _vector_covariance(x0)
-        of_x0, of_xf = _pushed(self.MA, x0), _pushed(M, self.xf)
-        of_A, of_both = _vector_excess(A, x0, axis), _excess(A, Cv, axis)
+        Cv = realization_covariance(x0)
+        of_x0, of_xf = pushed_covariance(self.MA, x0), pushed_covariance(M, self.xf)
+        of_A, of_both = vector_excess(A, x0, axis), matrix_excess(A, Cv, axis)
         self.covariances = (of_x0, of_xf, M @ of_A @ M.T, M @ of_both @ M.T)
         if self.by_rows:  # diagonal matrices
             from_A = self.m**2 @ of_A.diagonal(), self.m**2 @ of_both.diagonal()

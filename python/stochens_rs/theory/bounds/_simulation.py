@@ -22,8 +22,7 @@ from ..._base import gate
 from ..._base.threads import get_num_threads
 from ..._base.types import Scheme
 from ...rng import Key
-from ..dynamics import matrix_powers
-from ..exact import best_over_steps
+from ..exact import best_control
 from ..formulas import Array
 
 _QUANTILE = 0.9  # share of delta for the quantile
@@ -114,7 +113,7 @@ class Entity:
 class PlanErrors:
     """The errors of a fused control: ``||C (u - v)||`` and ``||u - v||``.
 
-    ``v = C^+ (xf - A^K x0)`` is the exact control, ``C = C_K = [A^{K-1} B, ..., A B, B]``, and
+    ``v = C^+ (xf - A^K x0)`` is the exact control, ``C = C_K = [B, A B, ..., A^{K-1} B]``, and
     ``C = B`` for one step (``steps=None``).
     """
 
@@ -131,9 +130,7 @@ class PlanErrors:
     ) -> None:
         self.B, self.entities, self.paired, self.rows = B, (x0, xf, A), paired, rows
         self.several = steps is not None
-        K = 1 if steps is None else steps
-        powers = matrix_powers(A.values, K)
-        self.best = best_over_steps(powers, B, x0.values, xf.values)
+        self.best = best_control(A.values, B, x0.values, xf.values, steps or 1)
 
     def rounded(self, radii: tuple[float, ...]) -> tuple[float, float]:
         """The radii with what rounding can add: that of the exact control and of a fused one."""
@@ -175,7 +172,7 @@ class PlanErrors:
         if not C.s.size:
             return np.zeros((runs, 2))
         x0, xf, A = self.entities
-        several = self.B, C.B, self.best.u
+        several = self.B, C.B, self.best.v  # in the order of C_K
         parts = several if self.several else (C.U.T, C.s, self.best.needed)
         first, second, third = (np.ascontiguousarray(np.atleast_2d(part)) for part in parts)
         return _core.simulate_plans(

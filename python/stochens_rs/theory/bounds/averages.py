@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from ..._base import gate
 from ..._base.types import Axis
-from ..formulas import _AXES, Array, _lines, _others
+from ..formulas import AXES, Array, lines_of, sum_of_others
 from ._base import Bound, Rates, unit_of
 from ._inequalities import (
     bousquet,
@@ -52,8 +52,8 @@ class Average(Bound):
 
     def __init__(self, target: ArrayLike, *, axis: Axis = "columns") -> None:
         checked = gate.array("target", target, ndim=(1, 2))
-        gate.choice("axis", axis, _AXES)
-        self._set(checked[:, None] if checked.ndim == 1 else _lines(checked, axis))
+        gate.choice("axis", axis, AXES)
+        self._set(checked[:, None] if checked.ndim == 1 else lines_of(checked, axis))
         self.quantity, self.norm = ("vector", "2") if checked.ndim == 1 else ("matrix", "Frobenius")
 
     def _set(self, lines: Array) -> None:
@@ -63,10 +63,10 @@ class Average(Bound):
         self._lines = lines / self._unit
         self._g = np.abs(self._lines).sum(axis=0)
         # sigma_j^2 = g_j^2 - ||a_j||^2, without cancellation
-        self._variances = (np.abs(self._lines) * _others(self._lines)).sum(axis=0)
+        self._variances = (np.abs(self._lines) * sum_of_others(self._lines)).sum(axis=0)
         self._rms = math.sqrt(float(self._variances.sum()))
         # the largest ||g sign(a_i) e_i - a||^2 = (g - |a_i|)^2 + sum_{k != i} a_k^2 of each line
-        deviations = _others(self._lines) ** 2 + _others(self._lines**2)
+        deviations = sum_of_others(self._lines) ** 2 + sum_of_others(self._lines**2)
         self._farthest = np.where(self._lines != 0.0, deviations, 0.0).max(axis=0, initial=0.0)
 
     def _largest_error(self, rates: Rates) -> float:

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from ..._base import gate
 from ...exceptions import NonFiniteError
-from ..formulas import _compact_svd
+from ..formulas import compact_svd
 
 
 def from_errors(
@@ -66,7 +66,7 @@ def from_errors(
         gate.nonnegative(name, value)
         for name, value in (("x0_error", x0_error), ("xf_error", xf_error), ("A_error", A_error))
     )
-    U, s, _ = _compact_svd(B)
+    U, s, _ = compact_svd(B)
     if s.size == 0:
         return 0.0, 0.0
     with np.errstate(over="ignore", invalid="ignore"):

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from ..._base import gate
 from ..._base.types import Axis, Fusion
 from ...exceptions import InputError
-from ..formulas import Sizes, _one_each, _reciprocal
+from ..formulas import Sizes, inverse_size, one_each
 from ._base import Bound, Rates
 from ._geometry import Geometry, largest_norm
 from ._inequalities import bousquet, bousquet_level, chebyshev_level, mcdiarmid, mcdiarmid_level
@@ -110,8 +110,8 @@ class Fused(Bound):
         return self._required(eps, delta, lambda rate: tuple(rate * flag for flag in sampled))
 
     def _rates(self, size: Sizes) -> Rates:
-        sizes = _one_each(size)
-        rates = tuple(_reciprocal(f"size[{k}]", N) for k, N in enumerate(sizes))
+        sizes = one_each(size)
+        rates = tuple(inverse_size(f"size[{k}]", N) for k, N in enumerate(sizes))
         if self._paired:
             _check_equal(rates, "diagonal fusion pairs the realizations")
         return rates

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from ..._base import gate
 from ..._base.types import Axis
-from ..formulas import _others, _transition
+from ..formulas import column_excess, sum_of_others
 from ._base import Rates
 from ._inequalities import square
 from .averages import Average
@@ -64,7 +64,7 @@ class Weissman(Average):
         if self.norm == "2":
             return super()._largest_error(rates)
         # ||g sign(w_i) e_i - w||_1 = 2 (g - |w_i|)
-        return 2.0 * float(_others(self._lines)[self._lines != 0.0].max(initial=0.0))
+        return 2.0 * float(sum_of_others(self._lines)[self._lines != 0.0].max(initial=0.0))
 
     def _radius(self, rates: Rates, level: float) -> float:
         return self._gamma * math.sqrt(self._factor * rates[0] * (self._log_sets + level))
@@ -118,7 +118,7 @@ class Bernstein(Average):
         self._variance = self._largest = 0.0
         if lines.size == 0:
             return
-        total = _transition(lines, np.ones(lines.shape[1]))  # sum_j Cv(a_j)
+        total = column_excess(lines, np.ones(lines.shape[1]))  # sum_j Cv(a_j)
         top = float(np.linalg.eigvalsh(total)[-1])
         self._variance = max(top, float(self._variances.max()))
         self._largest = math.sqrt(float(self._farthest.max()))

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from ..._base import gate
 from ..._base.types import Axis
-from ..formulas import Array, Sizes, _others
+from ..formulas import Array, Sizes, sum_of_others
 from ._base import Rates
 from ._geometry import Geometry
 from ._inequalities import bousquet, mcdiarmid, square
@@ -259,7 +259,7 @@ class ProductHoeffding(Fused):
         super()._use(geometry)
         at, n = geometry, len(geometry.xf)
         lines = at.A.T if at.by_rows else at.A
-        gamma = float(np.abs(lines).sum(axis=0).max()) if _others(lines).any() else 0.0
+        gamma = float(np.abs(lines).sum(axis=0).max()) if sum_of_others(lines).any() else 0.0
         norm = float(np.linalg.norm(at.A, 2))
         # P <= sum of count * exp(-eps^2 / (scale * rate)), in the order x0, xf, A
         self._terms = (

@@ -13,7 +13,7 @@ from ..._base import gate
 from ..._base.types import Axis, Fusion, Scheme
 from ...exceptions import InputError, InputTypeError, SizeError
 from ...rng import RngLike, as_key
-from ..formulas import _AXES, Sizes, _one_each, _reciprocal
+from ..formulas import AXES, Sizes, inverse_size, one_each
 from ._base import Bound, Rates
 from ._simulation import (
     Entity,
@@ -102,7 +102,7 @@ class Simulated(Bound):
         self.quantity = gate.choice("quantity", quantity, tuple(_NORMS))
         norms = _NORMS[self.quantity]
         self.norm = norms[0] if norm is None else gate.choice("norm", norm, norms)
-        self._rows = gate.choice("axis", axis, _AXES) == "rows"
+        self._rows = gate.choice("axis", axis, AXES) == "rows"
         iid = gate.choice("scheme", scheme, ("iid", "systematic")) == "iid"
         self._scheme: Scheme = "iid" if iid else "systematic"
         paired = gate.choice("fusion", fusion, ("product", "diagonal")) == "diagonal"
@@ -236,8 +236,8 @@ class Simulated(Bound):
 
     def _rates(self, size: Sizes) -> Rates:
         if self._plan is None:
-            return (_reciprocal("size", size),)
-        rates = tuple(_reciprocal(f"size[{k}]", N) for k, N in enumerate(_one_each(size)))
+            return (inverse_size("size", size),)
+        rates = tuple(inverse_size(f"size[{k}]", N) for k, N in enumerate(one_each(size)))
         if self._plan.paired:
             _check_equal(rates, "diagonal fusion pairs the realizations")
         return rates

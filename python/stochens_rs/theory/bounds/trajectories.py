@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from ..._base import gate
 from ..._base.types import Axis
 from ...exceptions import NonFiniteError
-from ..formulas import _AXES, Array
+from ..formulas import AXES, Array
 from ..moments import trajectory_covariance, trajectory_mean
 from ._base import Bound, Rates, unit_of
 from ._inequalities import (
@@ -78,17 +78,16 @@ class Trajectory(Bound):
         self._B = gate.matrix("B", B, rows=len(self._A))
         start = gate.vector("x0", x0, length=len(self._A))
         inputs = gate.matrix("u", u, cols=self._B.shape[1])
-        self._axis = gate.choice("axis", axis, _AXES)
+        self._axis = gate.choice("axis", axis, AXES)
         self._sample_B = gate.flag("sample_B", sample_B)
         # linear in (x0, u), so that their unit is that of the result
         self._unit = max(unit_of(start) if start.any() else 0.0, float(np.abs(inputs).max())) or 1.0
         self._x0, self._u = start / self._unit, inputs / self._unit
-        self._mean = trajectory_mean(self._A, self._B, self._u, self._x0)[-1]
+        self._mean = trajectory_mean((self._A, self._B), self._x0, self._u)[-1]
         self._covariance = trajectory_covariance(
-            self._A,
-            self._B,
-            self._u,
+            (self._A, self._B),
             self._x0,
+            self._u,
             sample_B=self._sample_B,
             axis="rows" if self._axis == "rows" else "columns",
         )[-1]

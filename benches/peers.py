@@ -484,6 +484,26 @@ def simulate() -> Iterator[Line]:
             lambda B=B, u=u: runs_at_once(A, B, u, x0, few, gen),
             few,
         )
+    yield from track()
+
+
+def track() -> Iterator[Line]:
+    """A closed loop, 50 runs of 100 steps; the peer does one run, with NumPy's multinomial."""
+    system, gen = se.cases.ieee39(), np.random.default_rng(0)
+    u, x0 = 0.1 * gen.standard_normal((100, system.m)), 0.1 * gen.standard_normal(system.n)
+    r = reference.simulate(system.A, system.B, u, x0)
+
+    def estimate(target: np.ndarray, key: bytes) -> np.ndarray:
+        return reference.average(target, 10_000, gen)
+
+    yield (
+        f"track, n={system.n} m={system.m}, K=100",
+        "NumPy twin, run by run",
+        lambda: se.track(system, r, 10_000, rng=1, runs=50),
+        50,
+        lambda: reference.track(system.A, system.B, r, x0, estimate, key=bytes(32)),
+        1,
+    )
 
 
 def run_by_run(A, B, u, x0, size, gen) -> np.ndarray:

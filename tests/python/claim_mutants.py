@@ -213,8 +213,8 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
     ("Definition 2.3", 0): {
         "biased realizations": change(
             approximate,
-            "sample",
-            lambda honest, M, *args, **kwargs: honest(1.5 * np.asarray(M), *args, **kwargs),
+            "simulate_ensemble",
+            lambda honest, system, **kwargs: honest((1.5 * system[0], system[1]), **kwargs),
         ),
     },
     ("Definition 2.4", 0): {

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from stochens_rs import reference as twin
 from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 from stochens_rs.theory import moments, positive_maps, tracking
 
@@ -119,9 +120,7 @@ def test_runs_have_the_exact_mean_square(m, feedback, sampled, seed):
     system = gaussian(6, m, 30 + m)
     u = 0.5 * np.random.default_rng(5).standard_normal((5, m))
     r = feasible(system, np.ones(6), u)
-    run = se.track(
-        system, r, 100, feedback=feedback, sample_states=sampled, rng=seed, replicates=2500
-    )
+    run = se.track(system, r, 100, feedback=feedback, sample_states=sampled, rng=seed, runs=2500)
     assert run.feasible
     assert run.status == "completed"
     exact = tracking.tracking_rms(system, r, 100, feedback=feedback, sample_states=sampled)
@@ -156,7 +155,7 @@ def test_the_bound_holds_with_sampled_states_too(size):
     system = gaussian(5, 5, 42)
     r = np.cumsum(np.random.default_rng(7).standard_normal((11, 5)), axis=0)
     bound = tracking.tracking_bound(system, r, size, sample_states=True)
-    run = se.track(system, r, size, sample_states=True, rng=8, replicates=200)
+    run = se.track(system, r, size, sample_states=True, rng=8, runs=200)
     assert 0.0 < run.mean_square.max() < bound
     if size == 2000:
         assert bound < 60.0 * run.mean_square.max()
@@ -277,7 +276,7 @@ def test_the_threshold_from_both_sides():
     for size, grows in ((3, True), (11, False)):
         exact = tracking.tracking_rms((A, np.eye(3)), r, size) ** 2
         assert (exact[-1] > 20.0 * exact[1]) == grows
-        run = se.track((A, np.eye(3)), r, size, rng=13, replicates=3000)
+        run = se.track((A, np.eye(3)), r, size, rng=13, runs=3000)
         squares = run.errors[:, -1] ** 2
         deviation = squares.std() / np.sqrt(len(squares))
         assert abs(squares.mean() - exact[-1]) < 6.0 * deviation
@@ -298,16 +297,16 @@ REFERENCE = REFERENCES["not feasible"]
 
 def test_shapes_and_definitions():
     one = se.track(SYSTEM, REFERENCE, 50, rng=1)
-    many = se.track(SYSTEM, REFERENCE, 50, rng=1, replicates=3)
+    many = se.track(SYSTEM, REFERENCE, 50, rng=1, runs=3)
     assert (one.states.shape, one.inputs.shape, one.errors.shape) == ((4, 2), (3, 1), (4,))
     assert many.states.shape == (3, 4, 2)
     assert many.inputs.shape == (3, 3, 1)
     assert many.errors.shape == (3, 4)
     assert one.mean_square.shape == many.mean_square.shape == (4,)
-    assert se.track(SYSTEM, REFERENCE, 50, rng=1, replicates=1).states.shape == (1, 4, 2)
-    # Replicate i is a pure function of the key and i.
+    assert se.track(SYSTEM, REFERENCE, 50, rng=1, runs=1).states.shape == (1, 4, 2)
+    # Run i is a pure function of the key and i.
     np.testing.assert_array_equal(one.states, many.states[0])
-    again = se.track(SYSTEM, REFERENCE, 50, rng=many.key, replicates=2)
+    again = se.track(SYSTEM, REFERENCE, 50, rng=many.key, runs=2)
     np.testing.assert_array_equal(again.states, many.states[:2])
     # The system was followed exactly, from r(0), and the errors are what they say.
     for x, u in zip(many.states, many.inputs, strict=True):
@@ -319,12 +318,12 @@ def test_shapes_and_definitions():
     missed = (REFERENCE[1:] - REFERENCE[:-1] @ SYSTEM.A.T) @ (np.eye(2) - P).T
     np.testing.assert_allclose(one.residuals, np.linalg.norm(missed, axis=1), rtol=1e-12)
     assert "not feasible" in repr(one)
-    assert "3 replicates" in repr(many)
+    assert "3 runs" in repr(many)
     assert pickle.loads(pickle.dumps(one)).states.tolist() == one.states.tolist()
 
 
 def test_the_estimates_are_those_of_the_named_streams():
-    run = se.track(SYSTEM, REFERENCE, 50, rng=1, sample_states=True, replicates=2)
+    run = se.track(SYSTEM, REFERENCE, 50, rng=1, sample_states=True, runs=2)
     step = run.key.child("replicate-1").child("step-2")
     A, x, r = (
         se.sample_counts(target, 50, rng=step.child(name)).estimate
@@ -334,6 +333,49 @@ def test_the_estimates_are_those_of_the_named_streams():
     )  # fmt: skip
     expected = np.linalg.pinv(SYSTEM.B) @ (r - A @ x)
     np.testing.assert_allclose(run.inputs[1, 2], expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("method", ["uniform", "alse", "slse", "slse-safeguarded"])
+@pytest.mark.parametrize("feedback", [True, False])
+@pytest.mark.parametrize("sampled", [True, False])
+@pytest.mark.parametrize("m", [6, 3])
+def test_runs_are_those_of_the_twin(method, feedback, sampled, m):
+    """The loop in NumPy, with the estimates of `sample_counts` and `fuse`."""
+    system, start = se.cases.random_system(6, m, rng=m), np.arange(6.0)
+    r = np.random.default_rng(m).standard_normal((6, 6))
+
+    def estimate(target, key):
+        if method == "uniform":
+            return se.sample_counts(target, 40, rng=se.Key(key)).estimate
+        return se.fuse(se.sample(target, 40, rng=se.Key(key)), method, target=target).estimate
+
+    flags = {"feedback": feedback, "sample_states": sampled}
+    run = se.track(system, r, 40, x0=start, method=method, rng=1, runs=3, **flags)
+    for i in range(3):
+        key = twin.child(bytes(run.key), f"replicate-{i}")
+        states, inputs = twin.track(system.A, system.B, r, start, estimate, key=key, **flags)
+        scale = np.abs(states).max()
+        np.testing.assert_allclose(run.states[i], states, rtol=0, atol=1e-13 * scale)
+        np.testing.assert_allclose(run.inputs[i], inputs, rtol=0, atol=1e-12 * np.abs(inputs).max())
+
+
+def test_threads_change_nothing_and_the_first_run_that_overflows_is_reported():
+    def run(threads, *args, **kwargs):
+        se.set_num_threads(threads)
+        try:
+            return se.track(*args, rng=1, runs=5, **kwargs)
+        finally:
+            se.set_num_threads(before)
+
+    before = se.get_num_threads()
+    one, three = (run(k, SYSTEM, REFERENCE, 50, sample_states=True) for k in (1, 3))
+    np.testing.assert_array_equal(one.states, three.states)
+    steps = set()
+    for threads in (1, 2, 3):
+        with pytest.raises(NonFiniteError, match="overflows at step") as told:
+            run(threads, ([[0.0, 9.0], [6.0, 3.0]], I2), np.ones((900, 2)), 1)
+        steps.add(str(told.value))
+    assert len(steps) == 1
 
 
 @pytest.mark.parametrize("method", ["alse", "slse", "slse-safeguarded"])
@@ -367,8 +409,8 @@ def test_wrong_input_is_refused():
         se.track(SYSTEM, np.ones((1, 2)), 10)
     with pytest.raises(InputError, match="`size`"):
         se.track(SYSTEM, REFERENCE, 0)
-    with pytest.raises(InputError, match="`replicates`"):
-        se.track(SYSTEM, REFERENCE, 10, replicates=0)
+    with pytest.raises(InputError, match="`runs`"):
+        se.track(SYSTEM, REFERENCE, 10, runs=0)
     with pytest.raises(InputTypeError, match="`feedback`"):
         se.track(SYSTEM, REFERENCE, 10, feedback="yes")
     with pytest.raises(InputError, match="`method`"):
@@ -398,7 +440,7 @@ def test_wrong_input_is_refused():
 
 def test_the_distance_is_drawn():
     pytest.importorskip("matplotlib")
-    run = se.track(([[0.5]], [[1.0]]), [[0.0], [1.0], [2.0]], 50, replicates=3, rng=1)
+    run = se.track(([[0.5]], [[1.0]]), [[0.0], [1.0], [2.0]], 50, runs=3, rng=1)
     ax = run.plot()
     distance, residuals = ax.get_lines()
     np.testing.assert_array_equal(distance.get_ydata(), np.sqrt(run.mean_square))

@@ -11,6 +11,7 @@ import pytest
 import stochens_rs as se
 from stochens_rs.exceptions import InputError, NonFiniteError
 from stochens_rs.paper import reachability as notions
+from stochens_rs.paper.reachability import approximate
 from stochens_rs.theory import moments, reachability
 from stochens_rs.theory.exact import best_control
 
@@ -217,11 +218,16 @@ def test_an_unreachable_target_is_not():
 
 
 def test_a_biased_experiment_is_called_inconsistent(monkeypatch):
-    """The check sees realizations that are reused from step to step, whose mean is wrong."""
+    """The check sees runs whose mean is wrong, here by one per cent of A."""
     A, x0 = np.array([[0.0, 1.0], [1.0, 1.0]]), [1.0, 1.0]
     data = ((A, np.eye(2)), x0, [2.0, 1.0], 3)
     assert notions.approximately(*data, sizes=[50_000], rng=7).consistent
-    monkeypatch.setattr(se.Key, "child", lambda self, name: self)
+    honest = approximate.simulate_ensemble
+    monkeypatch.setattr(
+        approximate,
+        "simulate_ensemble",
+        lambda system, **kwargs: honest((1.01 * system[0], system[1]), **kwargs),
+    )
     assert notions.approximately(*data, sizes=[50_000], rng=7).verdict == "inconsistent"
 
 

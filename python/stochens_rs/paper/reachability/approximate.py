@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..._base import gate, memory
+from ..._base import gate
 from ..._base.numbers import ROUNDING, norm
-from ...ensembles.sampling import sample
 from ...rng import Key, RngLike, as_key
+from ...simulation.simulating import simulate_ensemble
 from ...system import System
 from ...theory.bounds import candidates
 from ...theory.bounds._base import level_of
@@ -87,7 +87,7 @@ def approximately(
     delta : float, default 0.01
         Probability, in (0, 1), with which a reachable target may be called inconsistent.
     rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
-        Source of randomness; ``x0`` and, for every step, ``A`` and ``B`` draw from its children.
+        Source of randomness of `simulate_ensemble`, which draws the runs.
 
     Returns
     -------
@@ -99,7 +99,7 @@ def approximately(
     InputError, InputTypeError
         If an argument cannot be used; the message names it.
     ResourceError
-        The runs do not fit into memory.
+        The moments of the runs do not fit into memory.
 
     Notes
     -----
@@ -129,16 +129,19 @@ def approximately(
     exact, u = best.reachability(), best.u.reshape(K, -1)
     grid = gate.sizes("sizes", sizes, maximum=2**31)
     key = as_key(rng)
-    N = int(grid[-1])
     found = candidates("trajectory", A, B, start, u)
     bound = next(b for b in found if isinstance(b, TrajectoryMcDiarmid))
     radii = np.array([min(b.radius(int(k), delta / len(grid)) for b in found) for k in grid])
     deviations = [bound._unit * math.sqrt(bound._mean_square / int(k)) for k in grid]
-    states = _runs(A, B, start, u, N, key)
-    averages = np.cumsum(states, axis=0)[grid - 1] / grid[:, None]
-    errors = np.array([norm(average - goal) for average in averages])
+    unit = bound._unit  # squares of states in this unit do not overflow
+    # run s depends on (key, s) only: k runs are the first of more
+    averages = [
+        unit * simulate_ensemble((A, B), u=u / unit, x0=start / unit, size=int(k), rng=key).mean
+        for k in grid
+    ]
+    errors = np.array([norm(average[-1] - goal) for average in averages])
     # by Pythagoras the error beyond the residual is at most that of the mean
-    rounding = ROUNDING * float(np.abs(states).max(initial=1.0))
+    rounding = ROUNDING * float(np.abs(averages[-1]).max(initial=1.0))
     consistent = bool((errors <= radii + exact.residual + rounding).all())
     verdict = "approximately reachable" if consistent else "inconsistent"
     return ApproximateReachability(
@@ -152,28 +155,3 @@ def approximately(
         verdict=verdict if exact.reachable else "not approximately reachable",
         key=key,
     )
-
-
-def _runs(A: Array, B: Array, x0: Array, u: Array, N: int, key: Key) -> Array:
-    """Final states (N, n) of N runs; every step of every run has draws of its own."""
-    memory.need("the runs", 8 * N * (6 * x0.size + u.shape[1]))
-    states = sample(x0, N, rng=key.child("x0")).dense()
-    for k, control in enumerate(u):
-        moved = _apply(A, states, N, key.child(f"A {k}"))
-        states = moved + _apply(
-            B, np.broadcast_to(control, (N, len(control))), N, key.child(f"B {k}")
-        )
-    return states
-
-
-def _apply(M: Array, x: Array, N: int, key: Key) -> Array:
-    """``M^s x_s`` for N realizations: every entry of x_s goes where its column points."""
-    drawn = sample(M, N, rng=key)
-    indices, atoms = drawn.indices, drawn.atoms
-    assert indices is not None
-    assert atoms is not None  # drawn as singletons
-    rows = indices.astype(np.intp)
-    values = x * atoms[rows, np.arange(atoms.shape[1])]
-    flat = rows + len(atoms) * np.arange(N)[:, None]
-    totals = np.bincount(flat.ravel(), weights=values.ravel(), minlength=N * len(atoms))
-    return np.asarray(totals.reshape(N, len(atoms)), dtype=np.float64)

@@ -14,7 +14,6 @@ from ...ensembles.sampling import sample
 from ...rng import Key, RngLike, as_key
 from ...theory.bounds import candidates
 from ...theory.bounds._base import level_of
-from ...theory.bounds.trajectories import TrajectoryMcDiarmid
 from ...theory.formulas import Array
 from ...theory.reachability.steps import StepsReachability, several_steps
 
@@ -120,11 +119,11 @@ def approximately(
     grid = gate.sizes("sizes", sizes, maximum=2**31)
     key = as_key(rng)
     u, N = exact.controls, int(grid[-1])
-    found = candidates("trajectory", A, B, x0, u)
-    bound = next(b for b in found if isinstance(b, TrajectoryMcDiarmid))
+    found = candidates("trajectory", (A, B), x0, u)
+    runs = found[0]._setting
     goal = gate.vector("xf", xf)
     radii = np.array([min(b.radius(int(k), delta / len(grid)) for b in found) for k in grid])
-    deviations = [bound._unit * math.sqrt(bound._mean_square / int(k)) for k in grid]
+    deviations = [runs.unit * math.sqrt(runs.mean_square / int(k)) for k in grid]
     states = _runs(A, B, x0, u, N, key)
     averages = np.cumsum(states, axis=0)[grid - 1] / grid[:, None]
     errors = np.array([norm(average - goal) for average in averages])

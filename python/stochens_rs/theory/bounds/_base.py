@@ -16,7 +16,7 @@ from ..formulas import Array, Sizes, _one_each, _reciprocal
 
 Rates: TypeAlias = "tuple[float, ...]"  # 1 / size of every entity; 0 for one known exactly
 
-_ROUNDS = 200  # halvings: more than the 64 bits of a float can tell apart
+_ROUNDS = 200  # halvings: more than a float64 can tell apart
 _LARGEST_LEVEL = 744.0  # log(1 / delta) for the smallest positive float64, 4.9e-324
 _ABOVE_ROUNDING = 1.0 + 1e-12  # an error that is attained must not exceed its bound by rounding
 
@@ -78,15 +78,7 @@ class Inequality:
         inside = outside / 2.0
         while inside > 0.0 and self.level(rates, inside) >= level:
             outside, inside = inside, inside / 2.0
-        for _ in range(_ROUNDS):
-            middle = inside + (outside - inside) / 2.0
-            if not inside < middle < outside:
-                break
-            if self.level(rates, middle) >= level:
-                outside = middle
-            else:
-                inside = middle
-        return outside
+        return halved(inside, outside, lambda eps: self.level(rates, eps) < level)[1]
 
     def level(self, rates: Rates, eps: float) -> float:
         """Largest known level with ``P(error > eps) <= exp(-level)``; by inversion of `radius`."""
@@ -95,15 +87,7 @@ class Inequality:
             return 0.0
         if self.radius(rates, unknown) <= eps:
             return math.inf if self.radius(rates, unknown) == 0.0 else unknown
-        for _ in range(_ROUNDS):
-            middle = (known + unknown) / 2.0
-            if not known < middle < unknown:
-                break
-            if self.radius(rates, middle) <= eps:
-                known = middle
-            else:
-                unknown = middle
-        return known
+        return halved(known, unknown, lambda level: self.radius(rates, level) <= eps)[0]
 
     def cap(self, rates: Rates) -> float:
         """The largest error, and what rounding may add to it."""
@@ -271,6 +255,18 @@ class Bound:
 def differ(rates: Rates) -> bool:
     """Whether the entities that are not exact have different sizes."""
     return len({rate for rate in rates if rate > 0.0}) > 1
+
+
+def halved(
+    low: float, high: float, holds: Callable[[float], bool], rounds: int = _ROUNDS
+) -> tuple[float, float]:
+    """Bisect between `low`, where `holds` is true, and `high`, where it is not."""
+    for _ in range(rounds):
+        middle = low + (high - low) / 2.0
+        if not low < middle < high:
+            break
+        low, high = (middle, high) if holds(middle) else (low, middle)
+    return low, high
 
 
 def level_of(delta: object) -> float:

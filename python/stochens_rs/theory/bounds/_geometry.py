@@ -12,9 +12,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from ..._base import gate, memory
+from ..._base import memory
 from ..._base.types import Axis
 from ...exceptions import NonFiniteError
 from ...system import System
@@ -32,13 +31,9 @@ from ._base import unit_of
 class Geometry:
     """What the bounds need to know of ``M (y_hat - y)``, in units in which nothing overflows."""
 
-    def __init__(
-        self, system: System, x0: ArrayLike, xf: ArrayLike, axis: Axis, quantity: str
-    ) -> None:
-        x0 = gate.vector("x0", x0, length=system.n)
-        xf = gate.vector("xf", xf, length=system.n)
+    def __init__(self, system: System, x0: Array, xf: Array, axis: Axis, quantity: str) -> None:
         memory.need("the moments of the control", 50 * system.A.nbytes)
-        self.by_rows, self.quantity = axis == "rows", quantity
+        self.by_rows, self.quantity, self.norm = axis == "rows", quantity, "2"
         self._scale(system.B, x0, xf, system.A)
         self._set_ranges()
         self._set_moments()

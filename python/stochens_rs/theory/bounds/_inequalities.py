@@ -1,4 +1,4 @@
-r"""The inequalities, each with its formula, its source and where it is best.
+"""The inequalities, each with its formula, its source and where it is best.
 
 ``L = log(1/delta)`` is called the level. `McDiarmid`, `Bousquet` and `Chebyshev` hold for every
 setting with moments, the others for the one they name.

@@ -1,4 +1,4 @@
-"""What the error can be of: the data checked, and the numbers that inequalities need of them.
+"""What the error can be of: the checked data, and the numbers that inequalities need of them.
 
 Notation: ``g = ||w||_1``, ``g_j`` for line j of a matrix, ``L = log(1/delta)``.
 """
@@ -9,9 +9,7 @@ import math
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from ..._base import gate
 from ..._base.types import Axis
 from ...exceptions import InputError, NonFiniteError, ShapeError
 from ...system import System
@@ -78,12 +76,6 @@ class Control(Geometry, Moments):
     """
 
     entities = ("x0", "xf", "A")
-
-    def __init__(
-        self, system: System, x0: ArrayLike, xf: ArrayLike, axis: Axis, quantity: str
-    ) -> None:
-        Moments.__init__(self, quantity)
-        Geometry.__init__(self, system, x0, xf, axis, quantity)
 
     def farthest(self, rates: Rates) -> float:
         """Product fusion, too: convex in every line, so that the worst average is a realization."""
@@ -183,16 +175,12 @@ class Runs(Moments):
     mean of the runs biased, and no bound on the distance to ``x(K)`` can hold.
     """
 
-    def __init__(
-        self, system: System, x0: ArrayLike, u: ArrayLike, axis: Axis, sample_B: bool
-    ) -> None:
+    def __init__(self, system: System, x0: Array, u: Array, axis: Axis, sample_B: bool) -> None:
         super().__init__("trajectory")
         self.A, self.B, self.axis, self.sample_B = system.A, system.B, axis, sample_B
-        start = gate.vector("x0", x0, length=system.n)
-        inputs = gate.matrix("u", u, cols=system.m)
         # linear in (x0, u), so that their unit is that of the result
-        self.unit = max(unit_of(start) if start.any() else 0.0, float(np.abs(inputs).max())) or 1.0
-        self.x0, self.u = start / self.unit, inputs / self.unit
+        self.unit = max(unit_of(x0) if x0.any() else 0.0, float(np.abs(u).max())) or 1.0
+        self.x0, self.u = x0 / self.unit, u / self.unit
         self.mean = trajectory_mean(self.A, self.B, self.u, self.x0)[-1]
         self.covariance = trajectory_covariance(
             self.A, self.B, self.u, self.x0, sample_B=sample_B, axis=axis
@@ -258,9 +246,7 @@ class OneStep(Runs):
     the columns that ``x0`` reaches.
     """
 
-    def __init__(
-        self, system: System, x0: ArrayLike, u: ArrayLike, axis: Axis, sample_B: bool
-    ) -> None:
+    def __init__(self, system: System, x0: Array, u: Array, axis: Axis, sample_B: bool) -> None:
         if axis != "columns":
             raise InputError("`axis` must be 'columns' for the bounds of one step, got 'rows'")
         super().__init__(system, x0, u, axis, sample_B)

@@ -12,7 +12,7 @@ from ..._base.types import Scheme
 from ...exceptions import SizeError
 from ...rng import Key
 from ..formulas import Array, Sizes
-from ._base import Bound, Inequality, Rates, Setting
+from ._base import Bound, Inequality, Rates, Setting, halved
 from ._settings import Control, Paired
 from ._simulation import (
     Errors,
@@ -75,15 +75,12 @@ class OrderStatistic(Inequality):
         off = errors.rounded(tuple(float(np.median(one)) for one in drawn.T))[which]
         drawn = drawn[:, which]
         beyond = int((drawn + (off - float(np.median(drawn))) > eps).sum())
-        known, unknown = 0.0, math.log(runs)
-        for _ in range(40):  # halvings: a level to 1e-11
-            middle = (known + unknown) / 2.0
-            allowed = exceedances(runs, math.exp(-middle))
-            if allowed is not None and beyond <= allowed:
-                known = middle
-            else:
-                unknown = middle
-        return known
+
+        def enough(level: float) -> bool:
+            allowed = exceedances(runs, math.exp(-level))
+            return allowed is not None and beyond <= allowed
+
+        return halved(0.0, math.log(runs), enough, rounds=40)[0]  # a level to 1e-11
 
 
 class Simulated(Bound):

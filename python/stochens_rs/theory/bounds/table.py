@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias, overload
 
@@ -29,20 +28,15 @@ _DATA = {
     "control": "system, x0, xf",
     "trajectory": "system, x0, u",
 }
-_NORMS = {"vector": ("2", "1"), "matrix": ("spectral", "Frobenius")}
 
-# The settings in which an error can be bounded, by quantity and norm or fusion. A matrix is in
-# the spectral norm nowhere farther off than in the Frobenius norm.
-_SETTINGS: dict[tuple[str, str], tuple[str, ...]] = {
-    ("vector", "2"): ("vector",),
-    ("vector", "1"): ("1-norm",),
-    ("matrix", "spectral"): ("spectral norm", "matrix"),
-    ("matrix", "Frobenius"): ("matrix",),
-    ("state", "product"): ("product", "product, state"),
-    ("control", "product"): ("product",),
-    ("state", "diagonal"): ("diagonal",),
-    ("control", "diagonal"): ("diagonal",),
-    ("trajectory", "2"): ("runs", "one step"),
+# The settings in which an error can be bounded, by quantity and norm or fusion; the first is the
+# default. The spectral norm of a matrix is at most its Frobenius norm.
+_SETTINGS: dict[str, dict[str, tuple[str, ...]]] = {
+    "vector": {"2": ("vector",), "1": ("1-norm",)},
+    "matrix": {"spectral": ("spectral norm", "matrix"), "Frobenius": ("matrix",)},
+    "state": {"product": ("product", "product, state"), "diagonal": ("diagonal",)},
+    "control": {"product": ("product",), "diagonal": ("diagonal",)},
+    "trajectory": {"2": ("runs", "one step")},
 }
 
 
@@ -140,37 +134,35 @@ class _Problem:
             raise InputTypeError(
                 f"`data` must be {expected} for a {self.quantity}, got {len(data)} arguments"
             )
-        norms = _NORMS.get(self.quantity, ("2",))
+        control, settings = self.quantity in ("state", "control"), _SETTINGS[self.quantity]
+        norms = ("2",) if control else tuple(settings)
         self.norm = norms[0] if norm is None else gate.choice("norm", norm, norms)
         self.fusion = gate.choice("fusion", fusion, ("product", "diagonal"))
         self.axis: Axis = "rows" if gate.choice("axis", axis, _AXES) == "rows" else "columns"
         self.sample_B = gate.flag("sample_B", sample_B)
+        self.settings = settings[self.fusion if control else self.norm]
+        self._made: dict[str, Setting] = {}
         self.system: System | None = None
-        self.states: tuple[Any, ...] = data[1:]
         if self.quantity == "vector":
             self.lines = gate.vector("w", data[0])[:, None]
         elif self.quantity == "matrix":
             self.lines = _lines(gate.matrix("A", data[0]), self.axis)
         else:
-            self.system = System.from_any(data[0])
-        self._made: dict[str, Setting] = {}
+            system = self.system = System.from_any(data[0])
+            self.x0 = gate.vector("x0", data[1], length=system.n)
+            if control:
+                self.xf = gate.vector("xf", data[2], length=system.n)
+            else:
+                self.u = gate.matrix("u", data[2], cols=system.m)
 
-    @property
-    def settings(self) -> tuple[str, ...]:
-        """Those of the table that this is."""
-        choice = self.fusion if self.quantity in ("state", "control") else self.norm
-        return _SETTINGS[self.quantity, choice]
-
-    def rows(self, table: tuple[Row, ...]) -> Iterator[tuple[Row, str]]:
-        """The rows that apply, each with its setting."""
-        for row in table:
-            for setting in row.settings:
-                if setting in self.settings:
-                    yield row, setting
+    def rows(self, table: tuple[Row, ...]) -> dict[str, tuple[Row, str]]:
+        """The rows that apply, by name, each with its setting."""
+        pairs = ((row, setting) for row in table for setting in row.settings)
+        return {row.name: (row, setting) for row, setting in pairs if setting in self.settings}
 
     def bound(self, row: Row, setting: str) -> Bound:
         """Make one."""
-        setting = setting.removesuffix(", state")
+        setting = setting.removesuffix(", state")  # the same, but its row is for the state only
         if setting not in self._made:
             self._made[setting] = self._make(setting)
         return Bound(row.name, row.source, row.inequality(self._made[setting]))
@@ -179,48 +171,34 @@ class _Problem:
         if self.system is None:
             norm = "Frobenius" if setting == "matrix" else self.norm
             return Lines(self.lines, self.quantity, norm)
-        x0, second = self.states
         if self.quantity == "trajectory":
             runs = OneStep if setting == "one step" else Runs
-            return runs(self.system, x0, second, self.axis, self.sample_B)
+            return runs(self.system, self.x0, self.u, self.axis, self.sample_B)
         control = Paired if setting == "diagonal" else Product
-        return control(self.system, x0, second, self.axis, self.quantity)
+        return control(self.system, self.x0, self.xf, self.axis, self.quantity)
 
     def formulas(self) -> list[Bound]:
         """All that hold for independent realizations."""
-        return [
-            self.bound(row, setting)
-            for row, setting in self.rows(TABLE)
-            if setting != "one step" or (self.axis == "columns" and self._one_step)
-        ]
-
-    @property
-    def _one_step(self) -> bool:
-        runs = self._made["runs"]
-        return isinstance(runs, Runs) and len(runs.u) == 1
+        several = self.quantity == "trajectory" and (self.axis == "rows" or len(self.u) > 1)
+        pairs = self.rows(TABLE).values()
+        return [self.bound(row, at) for row, at in pairs if not (several and at == "one step")]
 
     def simulated(self, scheme: Scheme = "iid", steps: int = 1, rng: RngLike = 0) -> Simulated:
         """The order statistic of errors drawn from the law."""
-        key = as_key(rng).child("simulated bound")
         law: Array | PlanErrors
         if self.system is None:
             law = np.ascontiguousarray(self.lines.T)
         else:
-            system, rows, paired = self.system, self.axis == "rows", self.fusion == "diagonal"
+            rows, paired = self.axis == "rows", self.fusion == "diagonal"
             if paired and (steps > 1 or (rows and scheme == "systematic")):
                 raise InputError(
                     "`fusion` must be 'product' over several steps and for systematic rows, got "
                     "'diagonal'"
                 )
-            x0, xf, A = (
-                Entity(value, scheme=scheme)
-                for value in (
-                    gate.vector("x0", self.states[0], length=system.n),
-                    gate.vector("xf", self.states[1], length=system.n),
-                    system.A,
-                )
-            )
-            law = PlanErrors(system.B, x0, xf, A, steps=steps, paired=paired, rows=rows)
+            A, B = self.system.A, self.system.B
+            x0, xf, of_A = (Entity(value, scheme=scheme) for value in (self.x0, self.xf, A))
+            law = PlanErrors(B, x0, xf, of_A, steps=steps, paired=paired, rows=rows)
+        key = as_key(rng).child("simulated bound")
         return Simulated(Law(self.quantity, self.norm, scheme, law), key)
 
 
@@ -281,7 +259,7 @@ def bound(
     problem = _Problem(quantity, data, norm, fusion, axis, sample_B)
     systematic = gate.choice("scheme", scheme, ("iid", "systematic")) == "systematic"
     K, key = gate.size("steps", steps), as_key(rng)
-    found = {row.name: (row, at) for row, at in problem.rows(TABLE + DEPENDENT)}
+    found = problem.rows(TABLE + DEPENDENT)
     drawn = () if problem.quantity == "trajectory" else ("simulated",)
     if gate.choice("name", name, (*found, *drawn)) == "simulated":
         return problem.simulated("systematic" if systematic else "iid", K, key)

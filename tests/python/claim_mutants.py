@@ -264,10 +264,12 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
     },
     ("Lemma 4.2", 0): {
         "a printed bound that holds": put(
-            printed_bounds, "OneVector", lambda w, C: bounds.McDiarmid(w)
+            printed_bounds, "OneVector", lambda w, C: bounds.bound("McDiarmid", "vector", w)
         ),
         "a bound of ours that does not": put(
-            lemmas_on_tails.bounds, "McDiarmid", lambda w: printed_bounds.OneVector(w, C=4.0)
+            lemmas_on_tails.bounds,
+            "bound",
+            lambda name, quantity, w: printed_bounds.OneVector(w, C=4.0),
         ),
     },
     ("Lemma 4.2", 1): {
@@ -293,7 +295,11 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
     },
     ("Lemma 4.3", 0): {
         "a bound that holds": put(
-            printed_bounds, "Lemma43", lambda A, B, x0, u, C: bounds.OneStepHoeffding(A, B, x0, u)
+            printed_bounds,
+            "Lemma43",
+            lambda system, x0, u, C: bounds.bound(
+                "Hoeffding, one step", "trajectory", system, x0, u
+            ),
         ),
     },
     ("Lemma 4.3", 1): {

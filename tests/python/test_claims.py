@@ -58,7 +58,9 @@ def test_progress_counts_the_statements() -> None:
     seen: list[tuple[int, int | None]] = []
     found = se.paper.claims(quick=True, progress=lambda *told: seen.append(told))
     assert seen == [(k, len(found.rows)) for k in range(1, len(found.rows) + 1)]
-    with pytest.raises(se.exceptions.InputTypeError, match="`progress` must be None, True, False or a"):
+    with pytest.raises(
+        se.exceptions.InputTypeError, match="`progress` must be None, True, False or a"
+    ):
         se.paper.claims(quick=True, progress=3)
 
 

@@ -308,7 +308,9 @@ def test_wrong_options_are_named(run, options, word):
 @pytest.mark.parametrize("run", [power, tracking])
 @pytest.mark.parametrize("progress", [1, "yes"])
 def test_progress_is_a_flag_or_a_function(run, progress):
-    with pytest.raises(se.exceptions.InputTypeError, match="`progress` must be None, True, False or a"):
+    with pytest.raises(
+        se.exceptions.InputTypeError, match="`progress` must be None, True, False or a"
+    ):
         run(rng=1, replicates=1, samples=2, progress=progress)
 
 

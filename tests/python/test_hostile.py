@@ -163,9 +163,9 @@ GOOD = {
 }  # fmt: skip
 # The same where the name alone does not say it, and arguments that keep a call short.
 OWN = {
-    "best": {"size": 5, "data": [B, X0, XF, A]},
-    "candidates": {"data": [B, X0, XF, A]},
-    "Simulated": {"data": [B, X0, XF, A]},
+    "best": {"size": 5, "data": [(A, B), X0, XF]},
+    "candidates": {"data": [(A, B), X0, XF]},
+    "bound": {"name": "simulated", "data": [(A, B), X0, XF]},
     "fuse": {"method": "alse", "target": A},
     "fuse_path": {"method": "alse"},
     "from_indices": {"target": A},
@@ -196,9 +196,8 @@ MADE = {
     "Plan": lambda: se.control(B, se.sample(X0, 5, rng=2), XF, ensemble()),
     "Stream": lambda: se.Stream((A, B), X0, XF, rng=1),
     "TrajectoryPlan": lambda: se.control_steps(B, X0, XF, ensemble(), 3),
-    "Bound": lambda: se.theory.bounds.McDiarmid(X0),
-    "Simulated": lambda: se.theory.bounds.Simulated("vector", X0),
-    "Fused": lambda: se.theory.bounds.ProductMcDiarmid(B, X0, XF, A),
+    "Bound": lambda: se.theory.bounds.bound("McDiarmid", "state", (A, B), X0, XF),
+    "Simulated": lambda: se.theory.bounds.bound("simulated", "vector", X0),
     "Experiment": experiment,
     "Panel": lambda: experiment().panels[0],
 }
@@ -234,7 +233,7 @@ def swept():
 SEPARATE = {"cli", "plots", "paper.report", "paper.verdicts", "Ensemble"}
 SEPARATE |= {"Experiment.save", "Experiment.from_dict", "Panel.from_dict", "Curve.from_dict"}
 SEPARATE |= {"Experiment.plot", "Experiment.plot_figure", "Experiment.plot_panel"}
-SEPARATE |= {"Average", "Bound", "Fused", "Printed", "Trajectory"}
+SEPARATE |= {"Bound", "Printed", "Simulated"}
 SEPARATE |= {"Stream.save", "DataStream.save", "Stream.load", "DataStream.load"}
 
 

@@ -84,7 +84,10 @@ RECORDS = {
         lambda: se.required_samples(SYSTEM, X0, X0, 0.3, rng=1, runs=50),
         ["with probability", "0.95", "exact rms", "failures", "of 50"],
     ),
-    "McDiarmid": (lambda: bounds.McDiarmid(X0), ["vector", "2 norm", "from"]),
+    "Bound": (
+        lambda: bounds.bound("McDiarmid", "vector", X0),
+        ["McDiarmid", "vector", "2 norm", "from"],
+    ),
     "Best": (lambda: bounds.best("vector", X0, size=9, delta=0.1), ["radius", "0.1"]),
 }
 

@@ -11,6 +11,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
+from stochens_rs.system import System
 from stochens_rs.theory import moments
 from stochens_rs.theory.bounds._geometry import Geometry
 
@@ -148,12 +149,12 @@ def test_variances_behind_the_bounds(quantity):
         n = len(x0)
         # the images of two atoms far apart, and nearly the same
         near = (1.0 + 2.0**-30 * np.eye(n), np.arange(n)[:, None] * 2.0**-30 + 1.0)[k % 2]
-        at = Geometry(near, x0, x0[::-1], A, "columns", quantity)
+        at = Geometry(System(A, near), x0, x0[::-1], "columns", quantity)
         M, F = fractions(at.M), fractions(at.A)
         tau = [(vector_covariance(column) * M.T.dot(M)).sum() for column in F.T]
         worst = max(worst, relative_error(np.diag(at.tau), np.diag(tau)))
         for axis in AXES:
-            at = Geometry(np.eye(n), x0, x0[::-1], A, axis, quantity)
+            at = Geometry(System(A, np.eye(n)), x0, x0[::-1], axis, quantity)
             F, w, goal = fractions(at.A), fractions(at.x0), fractions(at.xf)
             for rates in ((1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1)):
                 C = rates[1] * vector_covariance(goal)

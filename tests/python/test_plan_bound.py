@@ -38,7 +38,7 @@ def test_a_plan_of_drawn_ensembles_needs_nothing(fusion, axis):
     for quantity in ("state", "control"):
         for found in (bound, rare):
             best = bounds.best(
-                quantity, B, X0, XF, A, size=sizes, delta=found.delta, fusion=fusion, axis=axis
+                quantity, (A, B), X0, XF, size=sizes, delta=found.delta, fusion=fusion, axis=axis
             )
             assert getattr(found, quantity) == best.radius
             assert getattr(found, f"{quantity}_bound") == best.bound.name
@@ -58,7 +58,7 @@ def test_counts_uniform_fits_and_exact_entities_know_their_law():
     xf = se.fuse(se.sample(XF, N, rng=2))
     plan = se.control(B, x0, xf, A)
     sizes = (10**9, N, None)
-    best = bounds.best("state", B, X0, XF, A, size=sizes, delta=0.05)
+    best = bounds.best("state", (A, B), X0, XF, size=sizes, delta=0.05)
     assert plan.bound().state == best.radius
     np.testing.assert_array_equal(
         plan.covariance(), moments.control_covariance((A, B), X0, XF, sizes)
@@ -74,7 +74,7 @@ def test_counts_uniform_fits_and_exact_entities_know_their_law():
     assert known.control_rounding <= bound.control < 1e-13
     assert not exact.covariance().any()
     prefix = se.control(B, X0, se.sample(XF, N, rng=2).prefix(50), A)
-    best = bounds.best("state", B, X0, XF, A, size=(None, 50, None), delta=0.05)
+    best = bounds.best("state", (A, B), X0, XF, size=(None, 50, None), delta=0.05)
     assert prefix.bound().state == best.radius
 
 
@@ -158,7 +158,9 @@ def test_fits_beside_samples():
     assert (bound.certain, bound.relative_to) == (False, "targets")
     e0, ef = (bounds.best("vector", w, size=N, delta=5e-10).radius for w in (X0, XF))
     eA = np.linalg.norm(fit.estimate - A, 2)
-    expected = bounds.from_errors(B, x0.mean(), fit.estimate, x0_error=e0, xf_error=ef, A_error=eA)
+    expected = bounds.from_errors(
+        (fit.estimate, B), x0.mean(), x0_error=e0, xf_error=ef, A_error=eA
+    )
     rare = plan.bound(1e-9)
     assert (rare.state, rare.control) == pytest.approx(expected, rel=1e-12)
     # 400 other samples of x0 and xf beside the same fit: 40 failures expected, 64 = 4 standard

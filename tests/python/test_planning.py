@@ -29,8 +29,7 @@ def test_bounds_keep_their_word(quantity: str, fusion: str) -> None:
     assert sizes == sorted(sizes)
     # 400 runs: 4 standard errors above 5 % are 37 failures
     assert all(row.failures <= 37 for row in plan.rows)
-    data = SYSTEM.B, X0, XF, SYSTEM.A
-    best = bounds.best(quantity, *data, eps=plan.error, delta=0.05, fusion=fusion)
+    best = bounds.best(quantity, SYSTEM, X0, XF, eps=plan.error, delta=0.05, fusion=fusion)
     assert (plan.rows[0].name, best.bound.name) == ("simulated", "simulated")
     assert plan.size == pytest.approx(best.size, rel=0.1)  # another stream
     rms_of = moments.control_rms if quantity == "control" else moments.state_rms
@@ -46,7 +45,7 @@ def test_the_simulation_has_the_exact_moments(quantity: str, fusion: str) -> Non
     A = SYSTEM.A.copy()
     A[:, 1] = 0.0  # a column that is always exact
     runs = 4000  # relative standard error of the mean square below 2.5 %; 10 % is 4 of them
-    law = bounds.Simulated(quantity, SYSTEM.B, X0, XF, A, fusion=fusion).errors(7)
+    law = bounds.bound("simulated", quantity, (A, SYSTEM.B), X0, XF, fusion=fusion).errors(7)
     errors = law.draw(runs, as_key(5))[:, int(quantity == "control")]
     rms_of = moments.control_rms if quantity == "control" else moments.state_rms
     exact = rms_of(SYSTEM, X0, XF, 7, fusion=fusion)
@@ -67,7 +66,7 @@ def test_the_answer_is_near_the_smallest_sufficient_size(options, delta) -> None
     """
     plan = se.required_samples(SYSTEM, X0, XF, 0.1, delta=delta, runs=100, rng=3, **options)
     kind = options.pop("quantity", "state")
-    law = bounds.Simulated(kind, SYSTEM.B, X0, XF, SYSTEM.A, **options).errors
+    law = bounds.bound("simulated", kind, SYSTEM, X0, XF, **options).errors
     which = int(kind == "control")
     drawn = law(plan.size).draw(40_000, as_key(9))[:, which]
     assert np.mean(drawn > plan.error) <= delta * 1.1

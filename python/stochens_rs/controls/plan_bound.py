@@ -113,7 +113,7 @@ def plan_bound(
     `predicted` holds the predicted states of a control over several steps; None for one step.
     """
     key = as_key(rng).child("simulated bound")
-    errors = plan_errors(basis, None if predicted is None else len(u), fusion)
+    errors = plan_errors(basis, 1 if predicted is None else len(u), fusion)
     fitted = any(entity.kind == "fitted" for entity in basis.entities)
     names = ("exact error",) * 2
     if not errors.random:
@@ -141,7 +141,7 @@ def plan_bound(
     )
 
 
-def plan_errors(basis: Basis, steps: int | None, fusion: Fusion) -> PlanErrors:
+def plan_errors(basis: Basis, steps: int, fusion: Fusion) -> PlanErrors:
     """The law of the errors of a plan whose entities are all known.
 
     Fits are what they are: only averages of realizations are random.
@@ -187,7 +187,7 @@ def _formulas(
     assert basis.x0.estimate is not None
     assert basis.A.estimate is not None  # product fusion
     radii = bounds.from_errors(
-        basis.B, basis.x0.estimate, basis.A.estimate, x0_error=e0, xf_error=ef, A_error=eA
+        (basis.A.estimate, basis.B), basis.x0.estimate, x0_error=e0, xf_error=ef, A_error=eA
     )
     return radii, ("sum of errors",) * 2
 
@@ -220,6 +220,7 @@ def _distances(basis: Basis, delta: float, matrix_norm: str) -> tuple[float, flo
     for entity in basis.entities:
         assert entity.values is not None
         matrix = entity.name == "A"
+        what: Literal["matrix", "vector"] = "matrix" if matrix else "vector"
         if entity.kind == "exact":
             found.append(0.0)
         elif entity.kind == "fitted":
@@ -227,12 +228,12 @@ def _distances(basis: Basis, delta: float, matrix_norm: str) -> tuple[float, flo
             wrong = entity.estimate - entity.values
             found.append(float(np.linalg.norm(wrong, 2 if matrix else None)))
         elif entity.kind == "systematic":
-            sure = bounds.Systematic(entity.values, axis=entity.axis)
+            sure = bounds.bound("systematic", what, entity.values, axis=entity.axis)
             found.append(sure.radius(entity.size, delta))
         else:
             found.append(
                 bounds.best(
-                    "matrix" if matrix else "vector",
+                    what,
                     entity.values,
                     size=entity.size,
                     delta=delta / random,
@@ -275,10 +276,12 @@ _QUANTITIES: tuple[Literal["state"], Literal["control"]] = ("state", "control")
 def _best(
     basis: Basis, quantity: Literal["state", "control"], fusion: Fusion, delta: float
 ) -> Best:
+    x0, xf, A = _values(basis)
     return bounds.best(
         quantity,
-        basis.B,
-        *_values(basis),
+        (A, basis.B),
+        x0,
+        xf,
         size=_sizes(basis),
         delta=delta,
         fusion=fusion,

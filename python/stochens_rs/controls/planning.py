@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     Floats: TypeAlias = NDArray[np.float64]
 
 Quantity: TypeAlias = Literal["state", "control"]
+_QUANTITIES = "state", "control"
 
 
 @dataclass(frozen=True)
@@ -248,9 +249,9 @@ def required_samples(
     Notes
     -----
     The bounds are those of `theory.bounds`, the exact root mean square that of `theory.moments`.
-    "simulated" (`theory.bounds.Simulated`) asks for little more than what is needed; the formulas
-    hold for every delta. Over several steps there is the simulated bound only. The simulation
-    draws counts, not realizations, so that its cost does not depend on N.
+    "simulated" asks for little more than what is needed; the formulas hold for every delta. Over
+    several steps there is the simulated bound only. The simulation draws counts, not realizations,
+    so that its cost does not depend on N.
 
     Examples
     --------
@@ -266,7 +267,8 @@ def required_samples(
     error = gate.positive("error", error)
     delta = gate.probability("delta", delta)
     runs = gate.size("runs", runs, maximum=10**6)
-    kind = gate.choice("quantity", quantity, ("state", "control"))
+    kind: Quantity
+    kind = "control" if gate.choice("quantity", quantity, _QUANTITIES) == "control" else "state"
     how = gate.choice("fusion", fusion, ("product", "diagonal"))
     K = None if steps is None else checked_steps(steps, checked.n, checked.m)
     if K is not None and how == "diagonal":
@@ -281,16 +283,18 @@ def required_samples(
             "be compared with (use relative=False, on the command line --absolute)"
         )
     allowed = error * reference if relative else error
-    data = checked.B, start, goal, checked.A
     rms_of = moments.control_rms if kind == "control" else moments.state_rms
     rms_of(checked, start, goal, 1, fusion=how)  # type: ignore[arg-type]  # refuses what overflows
     if allowed * allowed < np.finfo(np.float64).tiny:
         raise SizeError(f"`error` is {allowed:.3g}, its square underflows: scale the problem up")
-    simulated = bounds.Simulated(
-        kind,  # type: ignore[arg-type]
-        *data,
-        fusion=how,  # type: ignore[arg-type]
-        steps=K,
+    simulated = bounds.bound(
+        "simulated",
+        kind,
+        checked,
+        start,
+        goal,
+        fusion=how,
+        steps=1 if K is None else K,
         rng=key.child("bound"),
     )
     if K is not None:
@@ -302,7 +306,7 @@ def required_samples(
 
     found: list[Bound] = [simulated]
     if K is None:
-        found += bounds.candidates(kind, *data, fusion=how)  # type: ignore[arg-type]
+        found += bounds.candidates(kind, checked, start, goal, fusion=how)  # type: ignore[arg-type]
     rows = []
     for bound in found:
         size = _size(bound, allowed, delta)

@@ -16,7 +16,6 @@ from ...simulation.simulating import simulate_ensemble
 from ...system import System
 from ...theory.bounds import candidates
 from ...theory.bounds._base import level_of
-from ...theory.bounds.trajectories import TrajectoryMcDiarmid
 from ...theory.dynamics import checked_steps
 from ...theory.exact import best_control
 from ...theory.formulas import Array
@@ -129,11 +128,11 @@ def approximately(
     exact, u = best.reachability(), best.u.reshape(K, -1)
     grid = gate.sizes("sizes", sizes, maximum=2**31)
     key = as_key(rng)
-    found = candidates("trajectory", A, B, start, u)
-    bound = next(b for b in found if isinstance(b, TrajectoryMcDiarmid))
+    found = candidates("trajectory", checked, start, u)
+    runs = found[0]._setting
     radii = np.array([min(b.radius(int(k), delta / len(grid)) for b in found) for k in grid])
-    deviations = [bound._unit * math.sqrt(bound._mean_square / int(k)) for k in grid]
-    unit = bound._unit  # squares of states in this unit do not overflow
+    deviations = [runs.unit * math.sqrt(runs.mean_square / int(k)) for k in grid]
+    unit = runs.unit  # squares of states in this unit do not overflow
     # run s depends on (key, s) only: k runs are the first of more
     averages = [
         unit * simulate_ensemble((A, B), u=u / unit, x0=start / unit, size=int(k), rng=key).mean

@@ -12,12 +12,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from ..._base import gate, memory
+from ..._base import memory
+from ..._base.types import Axis
 from ...exceptions import NonFiniteError
+from ...system import System
 from ..formulas import (
-    AXES,
     Array,
     compact_svd,
     matrix_excess,
@@ -31,18 +31,10 @@ from ._base import unit_of
 class Geometry:
     """What the bounds need to know of ``M (y_hat - y)``, in units in which nothing overflows."""
 
-    def __init__(
-        self, B: ArrayLike, x0: ArrayLike, xf: ArrayLike, A: ArrayLike, axis: str, quantity: str
-    ) -> None:
-        B = gate.matrix("B", B)
-        n = B.shape[0]
-        x0 = gate.vector("x0", x0, length=n)
-        xf = gate.vector("xf", xf, length=n)
-        A = gate.matrix("A", A, rows=n, cols=n)
-        memory.need("the moments of the control", 50 * A.nbytes)
-        self.by_rows = gate.choice("axis", axis, AXES) == "rows"
-        self.quantity = gate.choice("quantity", quantity, ("state", "control"))
-        self._scale(B, x0, xf, A)
+    def __init__(self, system: System, x0: Array, xf: Array, axis: Axis, quantity: str) -> None:
+        memory.need("the moments of the control", 50 * system.A.nbytes)
+        self.by_rows, self.quantity, self.norm = axis == "rows", quantity, "2"
+        self._scale(system.B, x0, xf, system.A)
         self._set_ranges()
         self._set_moments()
 
@@ -76,7 +68,7 @@ class Geometry:
         else:
             from_A = self.tau @ (x0 * x0), self.tau @ Cv.diagonal()
         traces = np.trace(of_x0), np.trace(of_xf), *from_A
-        self._traces = tuple(max(0.0, float(trace)) for trace in traces)
+        self.traces = tuple(max(0.0, float(trace)) for trace in traces)
 
     def _set_ranges(self) -> None:
         M, A, x0 = self.M, self.A, self.x0
@@ -161,13 +153,13 @@ class Geometry:
 
     def mean_square(self, r0: float, rf: float, rA: float) -> float:
         """``E||M (y_hat - y)||^2`` of product fusion."""
-        t0, tf, tA, tA0 = self._traces
+        t0, tf, tA, tA0 = self.traces
         return r0 * t0 + rf * tf + rA * tA + r0 * rA * tA0
 
     def paired_mean_square(self, r0: float, rf: float, rA: float) -> float:
         """The same for diagonal fusion; the rates are equal or 0."""
         # r (C0 + CA + CA0) where both are sampled: the last term does not get r^2
-        return self.mean_square(r0, rf, rA) + self._traces[3] * (min(r0, rA) - r0 * rA)
+        return self.mean_square(r0, rf, rA) + self.traces[3] * (min(r0, rA) - r0 * rA)
 
     def covariance(self, r0: float, rf: float, rA: float, *, both: bool) -> Array:
         """``M C M^T`` of one pair or, without what both x0 and A contribute, of its linear part."""

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._base.types import Fusion
-from ..controls.one_step import realization_controls
+from ..controls.fused import realization_controls
 from ..ensembles.ensemble import Ensemble
 from ..ensembles.sampling import sample
 from ..fusion.fusing import Method, fuse_path
@@ -98,7 +98,7 @@ def controls(
     for method in METHODS:
         drift = np.einsum("kij,kj->ki", A.estimates[method], x0.estimates[method])
         fused[method, "product"] = (xf.estimates[method] - drift) @ B_plus.T
-    u = realization_controls(B, x0.ensemble, xf.ensemble, A.ensemble)
+    u = realization_controls((A.ensemble, B), x0.ensemble, xf.ensemble)
     fused["uniform", "diagonal"] = np.cumsum(u, axis=0)[sizes - 1] / sizes[:, None]
     return fused
 

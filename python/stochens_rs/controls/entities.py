@@ -19,6 +19,8 @@ from ..theory import dynamics
 from ..theory.exact import Best, best_over_steps, one_step
 
 if TYPE_CHECKING:
+    from typing import TypeGuard
+
     from numpy.typing import ArrayLike, NDArray
 
     Floats: TypeAlias = NDArray[np.float64]
@@ -99,18 +101,19 @@ def problem(
 
     `system` is a system, or a pair (A, B) whose A may be a Fit, an Ensemble or Counts.
     """
-    if isinstance(system, tuple) and len(system) == 2 and _estimated(system[0]):
-        A, n = system[0], system[0].shape[0]
+    A, inputs = system if isinstance(system, tuple) and len(system) == 2 else (None, None)
+    if _estimated(A):
+        n = A.shape[0]
         if A.shape != (n, n):
             raise ShapeError(f"`A` must have shape (n, n), got {A.shape}")
-        B = gate.matrix("B", system[1], rows=n).copy()
+        B, matrix = gate.matrix("B", inputs, rows=n).copy(), Entity("A", A)
     else:
         exact = System.from_any(system)
-        A, B, n = exact.A, exact.B, exact.n
-    return B, (_end("x0", x0, n), _end("xf", xf, n), Entity("A", A))
+        n, B, matrix = exact.n, exact.B, Entity("A", exact.A)
+    return B, (_end("x0", x0, n), _end("xf", xf, n), matrix)
 
 
-def _end(name: str, value: Any, n: int) -> Entity:
+def _end(name: str, value: object, n: int) -> Entity:
     if not _estimated(value):
         return Entity(name, gate.vector(name, value, length=n).copy())
     if value.shape != (n,):
@@ -118,7 +121,7 @@ def _end(name: str, value: Any, n: int) -> Entity:
     return Entity(name, value)
 
 
-def _estimated(value: object) -> bool:
+def _estimated(value: object) -> TypeGuard[Fit | Ensemble | Counts]:
     return isinstance(value, Fit | Ensemble | Counts)
 
 
@@ -137,9 +140,7 @@ def fusion_over(steps: object, fusion: object, n: int, m: int) -> tuple[int, Fus
     return K, "diagonal"
 
 
-def best_control(
-    A: Floats, B: Floats, x0: Floats, xf: Floats, steps: int, name: str = "A"
-) -> Best:
+def best_control(A: Floats, B: Floats, x0: Floats, xf: Floats, steps: int, name: str = "A") -> Best:
     """The smallest control from x0 as near to xf as possible; messages call the matrix `name`."""
     if steps == 1:
         return one_step(A, B, x0, xf)

@@ -167,13 +167,13 @@ def control(
     inputs, given = problem(system, x0, xf)
     n, m = inputs.shape
     K, how = fusion_over(steps, fusion, n, m)
-    estimates: tuple[Floats | None, ...]
+    start, goal = given[0].estimate(), given[1].estimate()
+    matrix: Floats | None = None
     if how == "diagonal":
-        found, start = _paired(inputs, given)
+        found = _paired(inputs, given, goal)
         predicted = np.stack([start, found.reached])
-        estimates = start, given[1].estimate(), None
     else:
-        start, goal, matrix = estimates = tuple(entity.estimate() for entity in given)
+        matrix = given[2].estimate()
         name = "A" if given[2].size is None else "A_hat"
         found = best_control(matrix, inputs, start, goal, K, name)
         predicted = states(matrix, inputs, found.u.reshape(K, m), start)
@@ -183,7 +183,7 @@ def control(
     info["warnings"] = _warnings(n, m, K, reachability.rank, exact=given[2].size is None)
     x0_known, xf_known, A_known = (
         known(entity.name, entity.value, None if estimate is None else estimate.copy())
-        for entity, estimate in zip(given, estimates, strict=True)
+        for entity, estimate in zip(given, (start, goal, matrix), strict=True)
     )
     return Plan(
         u=found.u.reshape(K, m),
@@ -196,14 +196,13 @@ def control(
     )
 
 
-def _paired(B: Floats, given: tuple[Entity, Entity, Entity]) -> tuple[Best, Floats]:
-    """The average of ``B^+ (xf^s - A^s x0^s)``, and the average of x0."""
+def _paired(B: Floats, given: tuple[Entity, Entity, Entity], goal: Floats) -> Best:
+    """The average of ``B^+ (xf^s - A^s x0^s)``; `goal` is that of xf."""
     first, last, matrices = (entity.realizations() for entity in given)
     difference = _core.mean_difference(len(B), first, last, matrices, given[2].by_rows)
-    goal = given[1].estimate()
     free = goal - difference  # the average of A^s x0^s
     unsure = EPS * (norm(free) + norm(goal))  # the averages count as exact
-    return best(B, free, difference, unsure), given[0].estimate()
+    return best(B, free, difference, unsure)
 
 
 def _warnings(n: int, m: int, K: int, rank: int, *, exact: bool) -> tuple[str, ...]:

@@ -134,7 +134,7 @@ def required_samples(
 
     found: list[Bound] = [simulated]
     if K == 1:
-        found += bounds.candidates(kind, *data, fusion=how)
+        found += bounds.candidates(kind, *data, fusion=how)  # type: ignore[arg-type]
     rows = []
     for bound in found:
         size = _size(bound, allowed, delta)

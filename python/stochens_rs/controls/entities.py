@@ -38,9 +38,9 @@ class Entity:
     value: Fit | Ensemble | Counts | Floats
 
     def estimate(self) -> Floats:
-        """What product fusion uses."""
+        """What product fusion uses, in an array that nobody else can change."""
         if isinstance(self.value, Fit | Counts):
-            return self.value.estimate
+            return self.value.estimate.copy("K")  # in the same memory order: the same last bits
         return self.value.mean() if isinstance(self.value, Ensemble) else self.value
 
     def _ensemble(self) -> Ensemble | None:

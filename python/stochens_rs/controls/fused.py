@@ -182,7 +182,7 @@ def control(
     info["singular_values"] = found.factors.singular_values
     info["warnings"] = _warnings(n, m, K, reachability.rank, exact=given[2].size is None)
     x0_known, xf_known, A_known = (
-        known(entity.name, entity.value, None if estimate is None else estimate.copy())
+        known(entity.name, entity.value, estimate)
         for entity, estimate in zip(given, (start, goal, matrix), strict=True)
     )
     return Plan(

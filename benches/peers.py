@@ -391,10 +391,10 @@ def controls() -> Iterator[Line]:
             return xf.atoms[iF[:, 0], None] * PT[iF[:, 0]] - scale[:, None] * PT[row]
 
         def fresh(B=B, x0=x0, xf=xf, EA=EA) -> np.ndarray:
-            return se.realization_controls(B, x0, xf, EA)
+            return se.realization_controls((EA, B), x0, xf)
 
         def ours(B=B, x0=x0, xf=xf, EA=EA, out=out) -> np.ndarray:
-            return se.realization_controls(B, x0, xf, EA, out=out)
+            return se.realization_controls((EA, B), x0, xf, out=out)
 
         def product(y=y, B=B, theirs=theirs) -> np.ndarray:
             return np.matmul(y, np.ascontiguousarray(np.linalg.pinv(B).T), out=theirs)
@@ -414,7 +414,7 @@ def controls() -> Iterator[Line]:
         out, result = np.zeros((size, m)), np.zeros((size, m))
 
         def ours(B=B, x0=x0, xf=xf, EA=EA, out=out) -> np.ndarray:
-            return se.realization_controls(B, x0, xf, EA, out=out)
+            return se.realization_controls((EA, B), x0, xf, out=out)
 
         def batched(samples=samples, B=B, out=result) -> np.ndarray:
             x0, xf, A = samples
@@ -458,14 +458,14 @@ def simulate() -> Iterator[Line]:
         B, u = gen.standard_normal((n, m)), strength * gen.standard_normal((K, m))
 
         def ours(B=B, u=u) -> np.ndarray:
-            return se.simulate_ensemble((A, B), u, x0, size, rng=1).mean
+            return se.simulate_ensemble((A, B), x0, u, size, rng=1).mean
 
         yield (
             f"simulate, n=100 {name}, K=10",
             "NumPy twin, 32 runs at a time",
             ours,
             size,
-            lambda B=B, u=u: reference.simulate_runs(A, B, u, x0, twin_runs, key=bytes(32)),
+            lambda B=B, u=u: reference.simulate_runs(A, B, x0, u, twin_runs, key=bytes(32)),
             twin_runs,
         )
         yield (

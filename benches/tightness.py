@@ -63,7 +63,7 @@ def sum_of_errors(problem: Problem, N: int, delta: float) -> float:
 def along_trajectory(problem: Problem, N: int, delta: float) -> float:
     """``ef + ||A^K|| e0 + eA sum_k ||A^{K-1-k}|| ||x(k)||`` along the exact trajectory."""
     A, B, x0, xf = problem
-    u = se.control_steps(B, x0, xf, A, STEPS)
+    u = se.control((A, B), x0, xf, steps=STEPS)
     norms = [np.linalg.norm(np.linalg.matrix_power(A, k), 2) for k in range(STEPS + 1)]
     along = sum(norms[STEPS - 1 - k] * np.linalg.norm(u.predicted_states[k]) for k in range(STEPS))
     e0, ef = (formula("vector", (w,), N, delta / 3) for w in (x0, xf))

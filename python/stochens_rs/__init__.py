@@ -16,9 +16,7 @@ from ._base.threads import get_num_threads, set_num_threads
 from ._core import version as _version
 from .controls import (
     Plan,
-    TrajectoryPlan,
     control,
-    control_steps,
     realization_controls,
     required_samples,
     steer,
@@ -53,11 +51,9 @@ __all__ = [
     "System",
     "Tracking",
     "Trajectory",
-    "TrajectoryPlan",
     "__version__",
     "cases",
     "control",
-    "control_steps",
     "exceptions",
     "fuse",
     "fuse_path",

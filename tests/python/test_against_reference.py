@@ -321,36 +321,36 @@ def test_pinv_cutoff_is_clear(problem: Problem) -> None:
 
 def test_realization_controls(problem: Problem) -> None:
     e = ensembles(problem)
-    u = se.realization_controls(problem.given["B"], e["x0"], e["xf"], e["A"])
+    u = se.realization_controls((e["A"], problem.given["B"]), e["x0"], e["xf"])
     d = {k: twin.dense(v.indices, v.atoms) for k, v in e.items()}
-    expected = twin.realization_controls(problem.B, d["x0"], d["xf"], d["A"])
+    expected = twin.realization_controls(d["A"], problem.B, d["x0"], d["xf"])
     for s in (0, problem.N - 1):
         y = d["xf"][s] - d["A"][s] @ d["x0"][s]
         assert_allclose(expected[s], twin.pinv(problem.B) @ y, atol=1e-12 * size_of(expected))
     assert u.shape == (problem.N, problem.B.shape[1])
     assert_allclose(u, expected, atol=1e-12 * size_of(expected))
     dense = {k: se.Ensemble.from_samples(v) for k, v in d.items()}
-    v = se.realization_controls(problem.given["B"], dense["x0"], dense["xf"], dense["A"])
+    v = se.realization_controls((dense["A"], problem.given["B"]), dense["x0"], dense["xf"])
     assert_allclose(v, expected, atol=1e-12 * size_of(expected))
 
 
 @pytest.mark.parametrize("fusion", ["product", "diagonal"])
 def test_control_from_ensembles(problem: Problem, fusion: str) -> None:
     e = ensembles(problem)
-    plan = se.control(problem.given["B"], e["x0"], e["xf"], e["A"], fusion=fusion)
+    plan = se.control((e["A"], problem.given["B"]), e["x0"], e["xf"], fusion=fusion)
     d = {k: twin.dense(v.indices, v.atoms) for k, v in e.items()}
-    expected = twin.control(problem.B, d["x0"], d["xf"], d["A"], fusion=fusion)
+    expected = twin.control(d["A"], problem.B, d["x0"], d["xf"], fusion=fusion)
     assert plan.fusion == fusion
-    assert plan.u.shape == (problem.B.shape[1],)
-    assert_allclose(plan.u, expected, atol=1e-12 * size_of(expected))
+    assert plan.u.shape == (1, problem.B.shape[1])
+    assert_allclose(plan.u[0], expected, atol=1e-12 * size_of(expected))
 
 
-def check_product(plan: Any, B: Array, x0: Array, xf: Array, A: Array) -> None:
-    expected = twin.control(B, x0, xf, A)
-    assert_allclose(plan.u, expected, atol=1e-11 * size_of(expected))
+def check_product(plan: Any, A: Array, B: Array, x0: Array, xf: Array) -> None:
+    expected = twin.control(A, B, x0, xf)
+    assert_allclose(plan.u[0], expected, atol=1e-11 * size_of(expected))
     state = A @ x0 + B @ expected
-    assert_allclose(plan.predicted_state, state, atol=1e-11 * size_of(state))
-    reach = twin.reachability(B, x0, xf, A)
+    assert_allclose(plan.predicted_states[-1], state, atol=1e-11 * size_of(state))
+    reach = twin.reachability(A, B, x0, xf)
     unit = size_of(xf - A @ x0)
     assert_allclose(plan.reachability.residual, reach.residual, atol=1e-11 * unit)
     assert plan.reachability.rank == reach.rank
@@ -360,20 +360,20 @@ def check_product(plan: Any, B: Array, x0: Array, xf: Array, A: Array) -> None:
 
 def test_control_from_arrays_and_fits(problem: Problem) -> None:
     g = problem.given
-    plan = se.control(g["B"], g["x0"], g["xf"], g["A"])
-    check_product(plan, problem.B, problem.x0, problem.xf, problem.A)
+    plan = se.control((g["A"], g["B"]), g["x0"], g["xf"])
+    check_product(plan, problem.A, problem.B, problem.x0, problem.xf)
     fits = {k: se.fuse(v, "slse-safeguarded", target=g[k]) for k, v in ensembles(problem).items()}
-    plan = se.control(g["B"], fits["x0"], fits["xf"], fits["A"])
-    estimates = (fits[k].estimate for k in ("x0", "xf", "A"))
-    check_product(plan, problem.B, *estimates)
+    plan = se.control((fits["A"], g["B"]), fits["x0"], fits["xf"])
+    A, x0, xf = (fits[k].estimate for k in ("A", "x0", "xf"))
+    check_product(plan, A, problem.B, x0, xf)
 
 
 def test_plan_error(problem: Problem) -> None:
     g, e = problem.given, ensembles(problem)
     for fusion in ("product", "diagonal"):
-        plan = se.control(g["B"], e["x0"], e["xf"], e["A"], fusion=fusion)
+        plan = se.control((e["A"], g["B"]), e["x0"], e["xf"], fusion=fusion)
         got = plan.error(se.System(g["A"], g["B"]), g["x0"], g["xf"])
-        want = twin.plan_error(plan.u, problem.A, problem.B, problem.x0, problem.xf)
+        want = twin.plan_error(problem.A, problem.B, problem.x0, problem.xf, plan.u[0])
         unit = size_of(plan.u) * size_of(problem.B) + size_of(problem.xf)
         for field in ("control", "state", "residual"):
             assert_allclose(getattr(got, field), getattr(want, field), atol=1e-11 * unit)
@@ -381,7 +381,7 @@ def test_plan_error(problem: Problem) -> None:
             if want.control > 1e-9 and np.isfinite(getattr(want, field)):
                 assert_allclose(getattr(got, field), getattr(want, field), rtol=1e-7)
         # Pythagoras: what is missed in range(B) and what no control can reach are orthogonal
-        x1 = problem.A @ problem.x0 + problem.B @ plan.u
+        x1 = problem.A @ problem.x0 + problem.B @ plan.u[0]
         missed = np.sum((x1 - problem.xf) ** 2)
         assert_allclose(got.state**2 + got.residual**2, missed, atol=1e-11 * unit**2)
 
@@ -402,8 +402,8 @@ def test_product_weights(problem: Problem) -> None:
         plain = total**2 * hat["xf"] - total * hat["A"] @ hat["x0"]
         assert_allclose(Bp @ plain, triple, atol=1e-12 * size_of(triple))
         if total == 1.0:
-            plan = se.control(problem.given["B"], hat["x0"], hat["xf"], hat["A"])
-            assert_allclose(plan.u, triple, atol=1e-11 * size_of(triple))
+            plan = se.control((hat["A"], problem.given["B"]), hat["x0"], hat["xf"])
+            assert_allclose(plan.u[0], triple, atol=1e-11 * size_of(triple))
 
 
 @pytest.mark.parametrize("fusion", ["product", "diagonal"])
@@ -416,8 +416,8 @@ def test_steer(problem: Problem, fusion: str) -> None:
         target = getattr(problem, name)
         indices = twin.sample_indices(target, problem.N, key=key)
         samples[name] = twin.dense(indices, twin.atoms(target))
-    expected = twin.control(problem.B, samples["x0"], samples["xf"], samples["A"], fusion=fusion)
+    expected = twin.control(samples["A"], problem.B, samples["x0"], samples["xf"], fusion=fusion)
     g = problem.given
     plan = se.steer(se.System(g["A"], g["B"]), g["x0"], g["xf"], problem.N, fusion=fusion, rng=12)
     assert plan.fusion == fusion
-    assert_allclose(plan.u, expected, atol=1e-12 * size_of(expected))
+    assert_allclose(plan.u[0], expected, atol=1e-12 * size_of(expected))

@@ -160,10 +160,10 @@ def test_weights_per_column_go_with_product_fusion_only() -> None:
     ensemble = se.sample(system.A, 50, rng=1)
     fit = se.fuse(ensemble, "alse", target=system.A, weight_set="per-column")
     x0 = se.sample(np.ones(5), 50, rng=2)
-    plan = se.control(system.B, x0, np.zeros(5), fit)
-    assert plan.u == pytest.approx(-(fit.estimate @ x0.mean()), abs=1e-12)
+    plan = se.control((fit, system.B), x0, np.zeros(5))
+    assert plan.u[0] == pytest.approx(-(fit.estimate @ x0.mean()), abs=1e-12)
     with pytest.raises(InputError, match="fusion='product'"):
-        se.control(system.B, x0, np.zeros(5), fit, fusion="diagonal")
+        se.control((fit, system.B), x0, np.zeros(5), fusion="diagonal")
 
 
 @pytest.mark.parametrize(

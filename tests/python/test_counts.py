@@ -94,7 +94,7 @@ Draw = Callable[..., "se.Ensemble | se.Counts"]
 def squared_error(draw: Draw, size: int, seed: int) -> float:
     """Of the product fusion of x0, xf and A, which are drawn with three seeds of their own."""
     x0, xf, fused = (draw(target, size, rng=3 * seed + k) for k, target in enumerate((X0, XF, A)))
-    error = se.control(B, x0, xf, fused).u - EXACT
+    error = se.control((fused, B), x0, xf).u[0] - EXACT
     return float(error @ error)
 
 

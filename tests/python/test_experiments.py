@@ -185,10 +185,10 @@ def test_errors_are_those_of_the_public_functions(small_power):
         "xf": se.fuse(sampled["xf"], "slse", target=xf),
         "A": se.fuse(sampled["A"], "slse", target=system.A),
     }
-    plan = se.control(system.B, fits["x0"], fits["xf"], fits["A"])
-    error = np.linalg.norm(plan.u - v) / np.linalg.norm(v)
+    plan = se.control((fits["A"], system.B), fits["x0"], fits["xf"])
+    error = np.linalg.norm(plan.u[0] - v) / np.linalg.norm(v)
     assert small_power.panel("2a").curve("slse").errors[2, -1] == pytest.approx(error, rel=1e-8)
-    u = se.realization_controls(system.B, sampled["x0"], sampled["xf"], sampled["A"]).mean(axis=0)
+    u = se.realization_controls((sampled["A"], system.B), sampled["x0"], sampled["xf"]).mean(axis=0)
     error = np.linalg.norm(u - v) / np.linalg.norm(v)
     curve = small_power.panel("2a").curve("uniform", "diagonal")
     assert curve.errors[2, -1] == pytest.approx(error, rel=1e-8)

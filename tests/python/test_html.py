@@ -33,7 +33,7 @@ def plan(**options):
 
 
 def simulated():
-    return se.simulate_ensemble(SYSTEM, np.zeros((20, 2)), X0, 50, rng=1)
+    return se.simulate_ensemble(SYSTEM, X0, np.zeros((20, 2)), 50, rng=1)
 
 
 # Each record, and what a person wants to find in it.
@@ -49,8 +49,8 @@ RECORDS = {
         lambda: se.fuse_path(se.sample([3, 2, 1], 64, rng=1), [4, 64], "slse", target=[3, 2, 1]),
         ["slse", "to 64", "error", "<polyline"],
     ),
-    "Plan": (plan, ["product", "largest |u|", "12 345 realizations", "control u"]),
-    "TrajectoryPlan": (lambda: plan(steps=5), ["5 steps", "largest |u|", "<polyline"]),
+    "Plan": (plan, ["product", "largest |u|", "12 345 realizations", "control u(0)", "<polyline"]),
+    "Plan of steps": (lambda: plan(steps=5), ["5 steps", "largest |u|", "<polyline"]),
     "PlanError": (
         lambda: plan().error(SYSTEM, X0, XF),
         ["control off by", "% of the norm of the exact control", "state off by", "out of reach"],
@@ -61,7 +61,7 @@ RECORDS = {
     ),
     "Reachability": (lambda: plan().reachability, ["rank", "condition", "yes"]),
     "Trajectory": (
-        lambda: se.simulate(SYSTEM, np.ones((20, 2)), X0),
+        lambda: se.simulate(SYSTEM, X0, np.ones((20, 2))),
         ["20 of 0.1 s", "2.236 at the start", "largest |u|", "<polyline"],
     ),
     "EnsembleTrajectory": (
@@ -119,10 +119,9 @@ def test_one_step_is_no_steps():
     system, key = SYSTEM, 1
     one = [
         se.steer(system, X0, XF, 9, steps=1, rng=key),
-        se.simulate(system, [[1.0, 0.0]], X0),
-        se.simulate_ensemble(system, [[1.0, 0.0]], X0, 5, rng=key),
+        se.simulate(system, X0, [[1.0, 0.0]]),
+        se.simulate_ensemble(system, X0, [[1.0, 0.0]], 5, rng=key),
         se.track(system, [X0, XF], 9, rng=key),
-        se.required_samples(system, X0, X0, 0.9, steps=1, runs=20, rng=key),
     ]
     assert [text for text in map(str, one) if "1 step" not in text or "1 steps" in text] == []
 
@@ -137,11 +136,11 @@ def test_a_bound_says_what_it_covers_in_short():
     )
     assert f"state within {bound.state:.3g}," in repr(bound)
     assert bound.covers.startswith("each of the two with probability 95 % at least, over the draws")
-    exact = se.control(SYSTEM.B, X0, XF, SYSTEM.A).bound()
+    exact = se.control(SYSTEM, X0, XF).bound()
     assert "surely" in repr(exact)
     assert "surely" in exact.covers
     fit = se.fuse(se.sample(SYSTEM.A, 9, rng=1), "slse", target=SYSTEM.A)
-    assert "targets of the fits" in se.control(SYSTEM.B, X0, XF, fit).bound().covers
+    assert "targets of the fits" in se.control((fit, SYSTEM.B), X0, XF).bound().covers
 
 
 def test_text_from_outside_is_escaped():
@@ -161,7 +160,7 @@ def test_extremes_can_be_drawn():
         assert "nan" not in drawn
         ElementTree.fromstring(f"<p>{drawn}</p>")
     assert "<polyline" in html.lines(x, list(huge.T), "text")
-    still = se.simulate(([[2.0]], [[1.0]]), [[0.0]] * 3, [0.0])
+    still = se.simulate(([[2.0]], [[1.0]]), [0.0], [[0.0]] * 3)
     ElementTree.fromstring(still._repr_html_())
     new = se.Stream(([[2.0]], [[1.0]]), [1.0], [0.0], rng=1)
     ElementTree.fromstring(new._repr_html_())

@@ -69,15 +69,15 @@ calls = {
         draws, [5, size // 4], "alse", target=A, max_iter=20, estimates=True
     ),
     "fuse_path slse": lambda: se.fuse_path(draws, [5, size], "slse", target=A, estimates=True),
-    "control": lambda: se.control(B, states, xf, draws),
-    "control counts": lambda: se.control(B, x0, xf, counts),
-    "control diagonal": lambda: se.control(B, states, xf, draws, fusion="diagonal"),
-    "realization_controls": lambda: se.realization_controls(B, states, xf, draws),
-    "control_steps": lambda: se.control_steps(B, x0, xf, draws, 3),
-    "simulate": lambda: se.simulate(system, u, x0),
-    "simulate_ensemble": lambda: se.simulate_ensemble(system, u, x0, 40, rng=1),
+    "control": lambda: se.control((draws, B), states, xf),
+    "control counts": lambda: se.control((counts, B), x0, xf),
+    "control diagonal": lambda: se.control((draws, B), states, xf, fusion="diagonal"),
+    "realization_controls": lambda: se.realization_controls((draws, B), states, xf),
+    "control over steps": lambda: se.control((draws, B), x0, xf, steps=3),
+    "simulate": lambda: se.simulate(system, x0, u),
+    "simulate_ensemble": lambda: se.simulate_ensemble(system, x0, u, 40, rng=1),
     "simulate_ensemble mean-field": lambda: se.simulate_ensemble(
-        system, u, x0, 40, averaging="mean-field", rng=1, replicates=3
+        system, x0, u, 40, averaging="mean-field", rng=1, replicates=3
     ),
     "Stream": run_stream,
     "Stream pickled": lambda: __import__("pickle").loads(__import__("pickle").dumps(stream)),

@@ -10,6 +10,7 @@ import pytest
 
 import stochens_rs as se
 from stochens_rs import cli
+from stochens_rs._base.numbers import smallest_size
 from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError, SizeError
 from stochens_rs.rng import as_key
 from stochens_rs.theory import bounds, moments
@@ -100,6 +101,19 @@ def test_several_steps_need_a_delta_that_can_be_simulated() -> None:
         se.required_samples(SYSTEM, X0, XF, 0.1, delta=1e-7, steps=3, runs=20, rng=1)
 
 
+def test_the_smallest_size_is_found() -> None:
+    for wanted in (*range(1, 70), 2**40 + 1, 2**53 - 1, 2**53, 2**53 + 1):
+        looks: list[int] = []
+
+        def enough(N: int, wanted: int = wanted, looks: list[int] = looks) -> bool:
+            looks.append(N)
+            return wanted <= N
+
+        assert smallest_size(enough) == (None if wanted > 2**53 else wanted)
+        assert max(looks) <= 2**53
+        assert len(looks) <= 2 * wanted.bit_length() + 1
+
+
 def test_a_known_problem_needs_one_realization() -> None:
     plan = se.required_samples(
         se.System(np.eye(2), np.eye(2)), [0.0, 2.0], [1.0, 0.0], 0.1, runs=20, rng=1
@@ -134,7 +148,7 @@ def test_no_relative_error_of_zero() -> None:
 def test_the_origin_within_reach_is_zero_up_to_rounding() -> None:
     """The error is then relative to x0, or the control that leads it to the origin."""
     system = se.System(SYSTEM.A, GEN.standard_normal((4, 4)))
-    for steps in (None, 2):
+    for steps in (1, 2):
         state = se.required_samples(system, X0, [0.0] * 4, 0.1, steps=steps, runs=20, rng=1)
         assert (state.relative_to, state.reference) == ("x0", pytest.approx(np.linalg.norm(X0)))
         assert state.error == pytest.approx(0.1 * np.linalg.norm(X0))

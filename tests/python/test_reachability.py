@@ -31,7 +31,7 @@ def test_one_step_is_what_a_plan_says(gen):
     for n, m in ((4, 2), (3, 3), (2, 5), (1, 1)):
         A, B = gen.normal(size=(n, n)), gen.normal(size=(n, m))
         x0, xf = gen.normal(size=(2, n))
-        found, plan = reach((A, B), x0, xf), se.control(B, x0, xf, A).reachability
+        found, plan = reach((A, B), x0, xf), se.control((A, B), x0, xf).reachability
         assert (found.rank, found.reachable) == (plan.rank, plan.reachable)
         assert found.residual == pytest.approx(plan.residual, rel=1e-9, abs=1e-12)
         assert found.relative == pytest.approx(plan.relative, rel=1e-9, abs=1e-12)
@@ -265,10 +265,10 @@ def test_the_counterexamples_in_floating_point():
     x0, A = np.zeros((N, 1)), np.zeros((N, 1, 1))
     x0[0], A[1] = 1.0, 1.0
     u = se.realization_controls(
-        [[1.0]], se.Ensemble.from_samples(x0), [0.0], se.Ensemble.from_samples(A)
+        (se.Ensemble.from_samples(A), [[1.0]]), se.Ensemble.from_samples(x0), [0.0]
     )
     assert not u.any()
-    assert se.control([[1.0]], [1.0], [0.0], [[1.0]]).u == [-1.0]
+    assert se.control(([[1.0]], [[1.0]]), [1.0], [0.0]).u == [-1.0]
 
 
 def test_where_the_system_goes_by_itself_is_reachable():
@@ -278,13 +278,13 @@ def test_where_the_system_goes_by_itself_is_reachable():
     xf = np.array([sum(row[::-1] * x0[::-1]) for row in A])
     assert 0.0 < np.linalg.norm(xf - A @ x0) < 1e-14
     assert reach((A, B), x0, xf).reachable
-    assert se.control(B, x0, xf, A).reachability.reachable
+    assert se.control((A, B), x0, xf).reachability.reachable
     later = np.array([sum(row[::-1] * xf[::-1]) for row in A])
     assert reach((A, B), x0, later, 2).reachable
-    assert se.control_steps(B, x0, later, A, 2).reachability.reachable
+    assert se.control((A, B), x0, later, steps=2).reachability.reachable
     near = xf + 1e-9 * gen.standard_normal(4)
     assert not reach((A, B), x0, near).reachable
-    assert not se.control(B, x0, near, A).reachability.reachable
+    assert not se.control((A, B), x0, near).reachability.reachable
 
 
 def test_more_steps_need_not_reach_what_fewer_do():

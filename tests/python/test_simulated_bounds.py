@@ -164,7 +164,7 @@ def p_value(first, second):
     return stats.ks_2samp(first.round(9), second.round(9)).pvalue
 
 
-def plans(system, x0, xf, size, count, *, steps=None, fusion="product", axis="columns", **options):
+def plans(system, x0, xf, size, count, *, steps=1, fusion="product", axis="columns", **options):
     """Errors of plans from real samples, (count, 2)."""
     found = []
     for seed in range(count):
@@ -173,10 +173,7 @@ def plans(system, x0, xf, size, count, *, steps=None, fusion="product", axis="co
             se.sample(w, size, rng=key.child(name), axis=axis, **options)
             for name, w in (("x0", x0), ("xf", xf), ("A", system.A))
         ]
-        if steps is None:
-            plan = se.control(system.B, *drawn, fusion=fusion)
-        else:
-            plan = se.control_steps(system.B, *drawn, steps)
+        plan = se.control((drawn[2], system.B), *drawn[:2], steps=steps, fusion=fusion)
         error = plan.error(system, x0, xf)
         found.append((error.state, error.control))
     return np.array(found)
@@ -383,6 +380,6 @@ def test_the_mean_of_pairs_is_rounded_once():
     """A law with one outcome: the error is rounding, at any number of realizations."""
     for size in (10**3, 10**6):
         drawn = [se.sample(w, size, rng=k) for k, w in enumerate(([0.3], [0.7], [[0.1]]))]
-        plan = se.control([[1.0]], *drawn, fusion="diagonal")
+        plan = se.control((drawn[2], [[1.0]]), *drawn[:2], fusion="diagonal")
         error = plan.error(se.System([[0.1]], [[1.0]]), [0.3], [0.7])
         assert error.state <= plan.bound().state < 1e-14

@@ -28,18 +28,16 @@ def norm(values: Floats) -> float:
 
 
 def smallest_size(enough: Callable[[int], bool]) -> int | None:
-    """Smallest size in 1 .. 2^53 for which `enough` is true; None if 2^53 is not enough.
+    """The smallest size in 1 .. 2^53 that is enough, as all larger ones must be; None: none is.
 
-    Doubling from 1, then bisection: what is enough must stay enough for larger sizes.
+    Doubles from 1 on, then bisects.
     """
-    if enough(1):
-        return 1
-    too_few, sufficient = 1, 2
-    while not enough(sufficient):
-        if sufficient >= gate.EXACT:
+    too_few, size = 0, 1
+    while not enough(size):
+        if size >= gate.EXACT:
             return None
-        too_few, sufficient = sufficient, 2 * sufficient
-    while sufficient - too_few > 1:
-        middle = (too_few + sufficient) // 2
-        too_few, sufficient = (too_few, middle) if enough(middle) else (middle, sufficient)
-    return sufficient
+        too_few, size = size, 2 * size
+    while size - too_few > 1:
+        middle = (too_few + size) // 2
+        too_few, size = (too_few, middle) if enough(middle) else (middle, size)
+    return size

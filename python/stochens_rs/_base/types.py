@@ -7,10 +7,13 @@ from typing import Literal, TypeAlias, get_args
 
 Axis: TypeAlias = Literal["columns", "rows"]
 Scheme: TypeAlias = Literal["iid", "systematic"]
+Quantity: TypeAlias = Literal["state", "control"]
 Fusion: TypeAlias = Literal["product", "diagonal"]
 
 AXES: tuple[Axis, ...] = get_args(Axis)
 SCHEMES: tuple[Scheme, ...] = get_args(Scheme)
+QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
+FUSIONS: tuple[Fusion, ...] = get_args(Fusion)
 
 # How a computation ended, from best to worst. Wrong input raises an exception instead.
 Status: TypeAlias = Literal[

@@ -2,13 +2,12 @@
 
 from ..theory.records import PlanError, Reachability
 from .basis import Basis, Known
-from .one_step import control, realization_controls
+from .fused import control, realization_controls
 from .plan import Plan
 from .plan_bound import PlanBound
-from .planning import Requirement, SamplePlan, required_samples
-from .several_steps import control_steps
+from .planning import required_samples
+from .sample_plan import Requirement, SamplePlan
 from .steering import steer
-from .trajectory_plan import TrajectoryPlan
 
 __all__ = [
     "Basis",
@@ -19,9 +18,7 @@ __all__ = [
     "Reachability",
     "Requirement",
     "SamplePlan",
-    "TrajectoryPlan",
     "control",
-    "control_steps",
     "realization_controls",
     "required_samples",
     "steer",

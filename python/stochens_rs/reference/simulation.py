@@ -24,7 +24,7 @@ Estimate = Callable[[Array, bytes], Array]
 BLOCK = 32  # runs that share one line of words; part of the stream's definition
 
 
-def simulate(A: ArrayLike, B: ArrayLike, u: ArrayLike, x0: ArrayLike) -> Array:
+def simulate(A: ArrayLike, B: ArrayLike, x0: ArrayLike, u: ArrayLike) -> Array:
     """The exact states x(0), ..., x(K), (K + 1, n), for inputs u (K, m)."""
     A, B = np.asarray(A, dtype=np.float64), np.asarray(B, dtype=np.float64)
     states = [np.asarray(x0, dtype=np.float64)]
@@ -36,8 +36,8 @@ def simulate(A: ArrayLike, B: ArrayLike, u: ArrayLike, x0: ArrayLike) -> Array:
 def simulate_runs(
     A: ArrayLike,
     B: ArrayLike,
-    u: ArrayLike,
     x0: ArrayLike,
+    u: ArrayLike,
     size: int,
     *,
     key: bytes,
@@ -125,8 +125,8 @@ def _apply(
 def simulate_mean_field(
     A: ArrayLike,
     B: ArrayLike,
-    u: ArrayLike,
     x0: ArrayLike,
+    u: ArrayLike,
     size: int,
     *,
     generator: np.random.Generator,

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from .._base import gate
 from .._base.numbers import ROUNDING, TINY
+from .._base.types import FUSIONS
 from ..exceptions import InputError, StochensError
 
 BAND = (0.1, 0.9)  # the shaded band holds the middle 80 % of the replicates
@@ -201,7 +202,7 @@ class Panel:
         """
         gate.choice("method", method, tuple(dict.fromkeys(one.method for one in self.curves)))
         if fusion is not None:
-            gate.choice("fusion", fusion, ("product", "diagonal"))
+            gate.choice("fusion", fusion, FUSIONS)
         for wanted in (fusion, "product") if fusion is None else (fusion,):
             for curve in self.curves:
                 if (curve.method, curve.fusion) == (method, wanted):

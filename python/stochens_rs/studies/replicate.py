@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._base.types import Fusion
-from ..controls.one_step import realization_controls
+from ..controls.fused import realization_controls
 from ..ensembles.ensemble import Ensemble
 from ..ensembles.sampling import sample
 from ..fusion.fusing import Method, fuse_path
@@ -26,7 +26,6 @@ Sizes = NDArray[np.int64]
 METHODS: tuple[Method, ...] = ("uniform", "slse", "slse-safeguarded", "alse")
 # Every method with product fusion; for uniform weights also the paper's mean of per-realization
 # controls.
-FUSIONS: tuple[Fusion, ...] = ("product", "diagonal")
 FUSED: tuple[tuple[Method, Fusion], ...] = (
     ("uniform", "diagonal"),
     *((method, "product") for method in METHODS),
@@ -118,7 +117,7 @@ class Step:
         x0, xf, A = drawn["x0"], drawn["xf"], drawn["A"]
         errors: dict[tuple[Method, Fusion], Floats] = {}
         # Diagonal fusion: u = mean_s B+ (xf^s - A^s x0^s)
-        u = realization_controls(self.B, x0.ensemble, xf.ensemble, A.ensemble)
+        u = realization_controls((A.ensemble, self.B), x0.ensemble, xf.ensemble)
         average = np.cumsum(u, axis=0)[sizes - 1] / sizes[:, None]
         errors["uniform", "diagonal"] = average - self.exact.u
         for method in METHODS:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._base import gate
+from .._base.types import AXES, FUSIONS, SCHEMES
 from ..exceptions import InputError, NonFiniteError, ShapeError
 from ..system import System
 from .exact import factors
@@ -16,8 +17,6 @@ from .exact import factors
 Array: TypeAlias = NDArray[np.float64]
 Size: TypeAlias = "int | float | None"
 Sizes: TypeAlias = "Size | tuple[Size, Size, Size]"
-
-AXES = ("columns", "rows")
 
 
 def sum_of_others(lines: Array) -> Array:
@@ -174,8 +173,8 @@ def fused_covariance(
     gate.choice("axis", axis, AXES)
     sizes = one_each(size)
     r0, rf, rA = (inverse_size(f"size[{k}]", N) for k, N in enumerate(sizes))
-    product = gate.choice("fusion", fusion, ("product", "diagonal")) == "product"
-    if gate.choice("scheme", scheme, ("iid", "systematic")) == "systematic":
+    product = gate.choice("fusion", fusion, FUSIONS) == "product"
+    if gate.choice("scheme", scheme, SCHEMES) == "systematic":
         if not product:
             raise InputError(
                 "`fusion` must be 'product' with scheme='systematic', got 'diagonal': there is no "

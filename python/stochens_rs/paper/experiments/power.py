@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..._base import gate
 from ..._base.numbers import ROUNDING
 from ..._base.progress import Progress
+from ..._base.types import FUSIONS
 from ...cases import ieee14, ieee39
 from ...ensembles.sampling import sample
 from ...exceptions import InputError
@@ -18,7 +19,7 @@ from ...fusion.fusing import fuse_path
 from ...rng import Key, RngLike
 from ...studies.curves import Panel
 from ...studies.experiment import Experiment
-from ...studies.replicate import FUSIONS, METHODS, Solves, Step
+from ...studies.replicate import METHODS, Solves, Step
 from ...studies.study import LARGEST, Errors, Quantity, Study, both_orders
 from ...system import System
 from ...theory import moments

@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike
 
 from ..._base import gate
 from ..._base.progress import Progress
-from ..._base.types import Fusion
+from ..._base.types import FUSIONS, Fusion
 from ...cases import random_system
 from ...rng import Key, RngLike
 from ...studies.experiment import Experiment
-from ...studies.replicate import FUSIONS, Solves, Step
+from ...studies.replicate import Solves, Step
 from ...studies.study import LARGEST, Errors, Orders, Quantity, Study, both_orders
 from ...theory import moments
 

@@ -125,7 +125,7 @@ def lemma_43(key: Key) -> Claim:
     A, x0 = hadamard(2) / np.sqrt(2.0), np.full(2, np.sqrt(0.5))
     system = System(A, np.zeros((2, 1)))
     runs, steps = 200_000, 8
-    ran = simulate_ensemble(system, np.zeros((steps, 1)), x0, runs, rng=key)
+    ran = simulate_ensemble(system, x0, np.zeros((steps, 1)), runs, rng=key)
     assert ran.variance is not None  # more than one run
     spread = ran.variance.sum(axis=1)
     expected = 2.0 ** (np.arange(steps + 1) + 1) - 1.0

@@ -8,11 +8,11 @@ from typing import Any, Literal, TypeAlias, overload
 import numpy as np
 
 from ..._base import gate, html
-from ..._base.types import Axis, Fusion, Scheme
+from ..._base.types import AXES, FUSIONS, QUANTITIES, SCHEMES, Axis, Fusion, Scheme
 from ...exceptions import InputError, InputTypeError
 from ...rng import RngLike, as_key
 from ...system import System
-from ..formulas import AXES, Array, Sizes, lines_of
+from ..formulas import Array, Sizes, lines_of
 from . import _inequalities as of
 from ._base import Bound, Inequality, Setting, differ
 from ._settings import Lines, OneStep, Paired, Product, Runs
@@ -134,10 +134,10 @@ class _Problem:
             raise InputTypeError(
                 f"`data` must be {expected} for a {self.quantity}, got {len(data)} arguments"
             )
-        control, settings = self.quantity in ("state", "control"), _SETTINGS[self.quantity]
+        control, settings = self.quantity in QUANTITIES, _SETTINGS[self.quantity]
         norms = ("2",) if control else tuple(settings)
         self.norm = norms[0] if norm is None else gate.choice("norm", norm, norms)
-        self.fusion = gate.choice("fusion", fusion, ("product", "diagonal"))
+        self.fusion = gate.choice("fusion", fusion, FUSIONS)
         self.axis: Axis = "rows" if gate.choice("axis", axis, AXES) == "rows" else "columns"
         self.sample_B = gate.flag("sample_B", sample_B)
         self.settings = settings[self.fusion if control else self.norm]
@@ -257,7 +257,7 @@ def bound(
     16955
     """
     problem = _Problem(quantity, data, norm, fusion, axis, sample_B)
-    systematic = gate.choice("scheme", scheme, ("iid", "systematic")) == "systematic"
+    systematic = gate.choice("scheme", scheme, SCHEMES) == "systematic"
     K, key = gate.size("steps", steps), as_key(rng)
     found = problem.rows(TABLE + DEPENDENT)
     drawn = () if problem.quantity == "trajectory" else ("simulated",)

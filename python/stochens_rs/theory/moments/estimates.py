@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._base import gate, memory
-from ..._base.types import Axis
+from ..._base.types import AXES, Axis
 from ..formulas import (
-    AXES,
     Array,
     Size,
     checked_finite,

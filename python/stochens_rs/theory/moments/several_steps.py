@@ -8,13 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._base import gate, memory
-from ..._base.types import Axis
+from ..._base.types import AXES, Axis
 from ...exceptions import InputError
 from ...system import System
 from ..dynamics import checked_steps, matrix_powers, states
 from ..exact import best_control
 from ..formulas import (
-    AXES,
     Array,
     Sizes,
     checked_finite,

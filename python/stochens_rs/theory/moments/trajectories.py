@@ -8,12 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._base import gate, memory
-from ..._base.types import Axis
+from ..._base.types import AXES, Axis
 from ...exceptions import NonFiniteError
 from ...system import System
 from ..dynamics import states
 from ..formulas import (
-    AXES,
     Array,
     Size,
     inverse_size,

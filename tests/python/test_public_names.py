@@ -14,7 +14,7 @@ import stochens_rs as se
 
 TOP = """
     Counts DataStream Ensemble EnsembleTrajectory Fit Key Plan StochensError Stream System Tracking
-    Trajectory TrajectoryPlan __version__ cases control control_steps exceptions fuse fuse_path
+    Trajectory __version__ cases control exceptions fuse fuse_path
     get_num_threads paper plots realization_controls reference required_samples sample
     sample_counts set_num_threads simulate simulate_ensemble steer theory track
 """

@@ -175,7 +175,7 @@ def control(
         matrix = given[2].estimate()
         name = "A" if given[2].size is None else "A_hat"
         found = best_control(matrix, inputs, start, goal, K, name)
-        predicted = states(matrix, inputs, found.u.reshape(K, m), start)
+        predicted = states(matrix, inputs, start, found.u.reshape(K, m))
     reachability = found.reachability()
     info: dict[str, Any] = {entity.name: entity.description for entity in given}
     info["singular_values"] = found.factors.singular_values

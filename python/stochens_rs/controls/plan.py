@@ -264,7 +264,7 @@ class Plan:
         True
         """
         checked = self._fitting(system)
-        return states(checked.A, checked.B, self.u, gate.vector("x0", x0, length=checked.n))
+        return states(checked.A, checked.B, gate.vector("x0", x0, length=checked.n), self.u)
 
     def _fitting(self, system: object) -> System:
         checked = System.from_any(system)

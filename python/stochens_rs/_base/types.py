@@ -9,11 +9,13 @@ Axis: TypeAlias = Literal["columns", "rows"]
 Scheme: TypeAlias = Literal["iid", "systematic"]
 Quantity: TypeAlias = Literal["state", "control"]
 Fusion: TypeAlias = Literal["product", "diagonal"]
+Averaging: TypeAlias = Literal["runs", "mean-field"]
 
 AXES: tuple[Axis, ...] = get_args(Axis)
 SCHEMES: tuple[Scheme, ...] = get_args(Scheme)
 QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
 FUSIONS: tuple[Fusion, ...] = get_args(Fusion)
+AVERAGINGS: tuple[Averaging, ...] = get_args(Averaging)
 
 # How a computation ended, from best to worst. Wrong input raises an exception instead.
 Status: TypeAlias = Literal[

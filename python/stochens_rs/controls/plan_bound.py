@@ -13,8 +13,8 @@ from .._base.types import QUANTITIES
 from ..exceptions import InputError, NonFiniteError
 from ..rng import RngLike, as_key
 from ..theory import bounds
-from ..theory.bounds import _simulation
-from ..theory.bounds._simulation import Entity, PlanErrors
+from ..theory.bounds import drawn_errors
+from ..theory.bounds.drawn_errors import Entity, PlanErrors
 from ..theory.dynamics import matrix_powers, spectral_norms
 from .basis import Basis
 
@@ -115,7 +115,7 @@ def plan_bound(
         radii = errors.rounded((found.state, found.control))
     else:
         names = ("simulated",) * 2
-        radii = _simulation.radii(errors, delta, key)
+        radii = drawn_errors.radii(errors, delta, key)
     if radii is None:
         radii, names = _formulas(basis, u, predicted, errors, delta, fusion)
     if not np.isfinite(radii).all():

@@ -16,8 +16,8 @@ from .._base import gate
 from ..exceptions import NonFiniteError
 from ..system import System
 from ..theory.bounds import Bound
-from ..theory.bounds._base import Inequality, Rates, Setting
-from ..theory.bounds._inequalities import square, union
+from ..theory.bounds.base import Inequality, Rates, Setting
+from ..theory.bounds.inequalities import square, union
 from ..theory.formulas import Array
 
 __all__ = ["Lemma42", "Lemma43", "OneVector", "Printed"]

@@ -1,4 +1,4 @@
-"""``x(k+1) = A x(k) + B u(k)`` over K steps: powers of A, ``C_K``, the states."""
+"""``x(k+1) = A x(k) + B u(k)`` over K steps: checked arguments, powers of A, ``C_K``, states."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from .._base import gate, memory
 from ..exceptions import NonFiniteError
+from ..system import System
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -15,9 +16,24 @@ if TYPE_CHECKING:
     Array: TypeAlias = NDArray[np.float64]
 
 
+def checked_ends(system: object, x0: object, xf: object) -> tuple[System, Array, Array]:
+    """Check a system, its initial state and its target."""
+    checked = System.from_any(system)
+    n = checked.n
+    return checked, gate.vector("x0", x0, length=n), gate.vector("xf", xf, length=n)
+
+
+def checked_motion(system: object, x0: object, u: object) -> tuple[System, Array, Array]:
+    """Check a system, its initial state and its inputs."""
+    checked = System.from_any(system)
+    start = gate.vector("x0", x0, length=checked.n)
+    return checked, start, gate.inputs("u", u, cols=checked.m)
+
+
 def checked_steps(steps: object, n: int, m: int) -> int:
-    """Check the number of steps against what C_K and the powers of A take."""
+    """Check the number of steps against the memory that C_K and the powers of A take."""
     K = gate.size("steps", steps)
+    # C_K with the work space of its factors, the powers of A, the states and the control
     memory.need(f"a control over {K} steps", (8 * n * m + n * n + n + m) * K * 8)
     return K
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from ..._base import gate, memory
 from ...exceptions import NonFiniteError
 from ...system import System
-from ...theory.bounds._base import unit_of
+from ...theory.bounds.base import unit_of
 from ...theory.exact import REACHABLE, factors
 from ...theory.formulas import Array, fused_product_covariance, realization_covariance
 

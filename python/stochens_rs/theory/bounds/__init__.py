@@ -45,7 +45,7 @@ paper's own formulas are in :mod:`stochens_rs.paper.bounds`, each with a text th
 wrong with it.
 """
 
-from ._base import Bound
+from .base import Bound
 from .certificate import from_errors
 from .simulated import Simulated
 from .table import Best, best, bound, candidates

@@ -12,9 +12,9 @@ from ..._base.types import Scheme
 from ...exceptions import SizeError
 from ...rng import Key
 from ..formulas import Array, Sizes
-from ._base import Bound, Inequality, Rates, Setting, halved
-from ._settings import Control, Paired
-from ._simulation import (
+from .base import Bound, Inequality, Rates, Setting, halved
+from .settings import Control, Paired
+from .drawn_errors import (
     Errors,
     EstimateErrors,
     PlanErrors,
@@ -47,7 +47,7 @@ class Law(Setting):
 
 
 class OrderStatistic(Inequality):
-    """The error that so few of the simulated ones exceed that it is a bound (`_simulation`)."""
+    """The error that so few of the simulated ones exceed that it is a bound (`drawn_errors`)."""
 
     at: Law
 

@@ -13,10 +13,10 @@ from ...exceptions import InputError, InputTypeError
 from ...rng import RngLike, as_key
 from ...system import System
 from ..formulas import Array, Sizes, lines_of
-from . import _inequalities as of
-from ._base import Bound, Inequality, Setting, differ
-from ._settings import Lines, OneStep, Paired, Product, Runs
-from ._simulation import Entity, PlanErrors
+from . import inequalities as of
+from .base import Bound, Inequality, Setting, differ
+from .settings import Lines, OneStep, Paired, Product, Runs
+from .drawn_errors import Entity, PlanErrors
 from .simulated import Law, Simulated
 
 Of: TypeAlias = Literal["vector", "matrix", "state", "control", "trajectory"]
@@ -371,7 +371,7 @@ def best(
         needed, chosen = _smallest_size([drawn] if drawn else found, eps, delta)
         return Best(chosen, chosen.radius(needed, delta), needed, delta)
     if differ(found[0]._rates(size)):
-        found = [one for one in found if not one._inequality.equal]
+        found = [one for one in found if not one.inequality.equal]
     radii = [one.radius(size, delta) for one in found]
     k = radii.index(min(radii))
     if drawn is None or radii[k] == 0.0:

@@ -138,8 +138,8 @@ class Bound:
 
     def __init__(self, name: str, source: str, inequality: Inequality) -> None:
         self.name, self.source = name, source
-        self._inequality, self._setting = inequality, inequality.at
-        self.quantity, self.norm = self._setting.quantity, self._setting.norm
+        self.inequality, self.setting = inequality, inequality.at
+        self.quantity, self.norm = self.setting.quantity, self.setting.norm
 
     def radius(self, size: Sizes, delta: float) -> float:
         """Radius that the error exceeds with probability at most `delta`.
@@ -163,7 +163,7 @@ class Bound:
             `size` is not a count, `delta` does not lie in (0, 1), or the radius overflows.
         """
         rates = self._rates(size)
-        return self._in_units(self._inequality.capped(rates, level_of(delta)))
+        return self._in_units(self.inequality.capped(rates, level_of(delta)))
 
     def probability(self, size: Sizes, eps: float) -> float:
         """Bound on the probability that the error exceeds `eps`.
@@ -186,10 +186,10 @@ class Bound:
             `size` is not a count, or `eps` is not a positive number.
         """
         rates = self._rates(size)
-        eps, unit = gate.positive("eps", eps), self._setting.unit
-        if eps >= self._inequality.cap(rates) * unit:
+        eps, unit = gate.positive("eps", eps), self.setting.unit
+        if eps >= self.inequality.cap(rates) * unit:
             return 0.0
-        level = self._inequality.level(rates, eps / unit)
+        level = self.inequality.level(rates, eps / unit)
         return 1.0 if level <= 0.0 else math.exp(-level)
 
     def required_size(self, eps: float, delta: float, *, exact: Sequence[str] = ()) -> int:
@@ -214,7 +214,7 @@ class Bound:
         InputError, InputTypeError
             An argument is out of range, or more than 2^53 realizations are needed.
         """
-        entities, given = self._setting.entities, gate.items("exact", exact)
+        entities, given = self.setting.entities, gate.items("exact", exact)
         if given and not entities:
             raise InputError(f"`exact` must be empty for a {self.quantity}: it is one entity")
         known = {gate.choice("exact", name, entities) for name in given}
@@ -228,19 +228,19 @@ class Bound:
     def _smallest(self, eps: float, delta: float, rates: Callable[[int], Rates]) -> int | None:
         level = level_of(delta)
         return smallest_size(
-            lambda N: self._in_units(self._inequality.capped(rates(N), level)) <= eps
+            lambda N: self._in_units(self.inequality.capped(rates(N), level)) <= eps
         )
 
     def _rates(self, size: Sizes) -> Rates:
-        rates: Rates = self._setting.rates(size)
-        why = self._inequality.equal or self._setting.equal
+        rates: Rates = self.setting.rates(size)
+        why = self.inequality.equal or self.setting.equal
         if why and differ(rates):
             sizes = ", ".join(f"{1.0 / rate:g}" if rate else "None" for rate in rates)
             raise InputError(f"`size` must be one number here ({why}), got N0, Nf, NA = {sizes}")
         return rates
 
     def _in_units(self, radius: float) -> float:
-        scaled: float = radius * self._setting.unit
+        scaled: float = radius * self.setting.unit
         if not math.isfinite(scaled):
             raise NonFiniteError("the radius overflows: scale the problem down")
         return scaled

@@ -25,7 +25,7 @@ from ..formulas import (
     realization_covariance,
     vector_excess,
 )
-from ._base import unit_of
+from .base import unit_of
 
 
 class Geometry:

@@ -12,8 +12,8 @@ from itertools import cycle
 import numpy as np
 
 from ..formulas import column_excess, sum_of_others
-from ._base import Inequality, Moments, Rates
-from ._settings import Lines, OneStep, Product, finite
+from .base import Inequality, Moments, Rates
+from .settings import Lines, OneStep, Product, finite
 
 _SHARE = math.log(10.0)  # a tenth of delta for an event that is not the main one
 

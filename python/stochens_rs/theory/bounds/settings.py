@@ -15,8 +15,8 @@ from ...exceptions import InputError, NonFiniteError, ShapeError
 from ...system import System
 from ..formulas import Array, sum_of_others
 from ..moments import trajectory_covariance, trajectory_mean
-from ._base import Moments, Rates, unit_of
-from ._geometry import Geometry, largest_norm
+from .base import Moments, Rates, unit_of
+from .geometry import Geometry, largest_norm
 
 
 class Lines(Moments):

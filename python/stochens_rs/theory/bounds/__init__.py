@@ -48,6 +48,6 @@ wrong with it.
 from .base import Bound
 from .certificate import from_errors
 from .simulated import Simulated
-from .table import Best, best, bound, candidates
+from .choosing import Best, best, bound, candidates
 
 __all__ = ["Best", "Bound", "Simulated", "best", "bound", "candidates", "from_errors"]

@@ -146,8 +146,7 @@ class Bound:
 
     def __init__(self, name: str, source: str, inequality: Inequality) -> None:
         self.name, self.source = name, source
-        self.inequality = inequality
-        self.setting: Setting = inequality.at
+        self.inequality, self.setting = inequality, inequality.at
         self.quantity, self.norm = self.setting.quantity, self.setting.norm
 
     def radius(self, size: Sizes, delta: float) -> float:
@@ -241,7 +240,7 @@ class Bound:
         )
 
     def _rates(self, size: Sizes) -> Rates:
-        rates = self.setting.rates(size)
+        rates: Rates = self.setting.rates(size)
         why = self.inequality.equal or self.setting.equal
         if why and differ(rates):
             sizes = ", ".join(f"{1.0 / rate:g}" if rate else "None" for rate in rates)

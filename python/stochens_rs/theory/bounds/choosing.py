@@ -12,6 +12,7 @@ from ..._base.types import AXES, FUSIONS, QUANTITIES, SCHEMES, Axis, Fusion, Sch
 from ...exceptions import InputError, InputTypeError
 from ...rng import RngLike, as_key
 from ...system import System
+from ..dynamics import checked_ends
 from ..formulas import Array, Sizes, lines_of
 from .base import Bound, Setting, differ
 from .drawn_errors import Entity, PlanErrors
@@ -32,7 +33,7 @@ _DATA = {
 
 @dataclass(frozen=True)
 class Best:
-    """The smallest bound and what it gives.
+    """The smallest bound, with its radius and size.
 
     Attributes
     ----------
@@ -41,9 +42,9 @@ class Best:
     radius : float
         Its radius for `size` and `delta`.
     size : int, None or (N0, Nf, NA)
-        The size that was given, or the smallest sufficient one.
+        The given size, or the smallest sufficient one.
     delta : float
-        The probability of failure that was given.
+        The given probability of failure.
     """
 
     bound: Bound
@@ -56,7 +57,7 @@ class Best:
 
 
 class _Problem:
-    """A quantity with its data and choices, checked; settings are made once."""
+    """A quantity with its data and choices, checked; every setting is made once."""
 
     def __init__(
         self,
@@ -77,7 +78,7 @@ class _Problem:
         norms = ("2",) if control else tuple(settings)
         self.norm = norms[0] if norm is None else gate.choice("norm", norm, norms)
         self.fusion = gate.choice("fusion", fusion, FUSIONS)
-        self.axis: Axis = "rows" if gate.choice("axis", axis, AXES) == "rows" else "columns"
+        self.axis = gate.choice("axis", axis, AXES)
         self.sample_B = gate.flag("sample_B", sample_B)
         self.settings = settings[self.fusion if control else self.norm]
         self._made: dict[str, Setting] = {}
@@ -86,22 +87,21 @@ class _Problem:
             self.lines = gate.vector("w", data[0])[:, None]
         elif self.quantity == "matrix":
             self.lines = lines_of(gate.matrix("A", data[0]), self.axis)
+        elif control:
+            self.system, self.x0, self.xf = checked_ends(*data)
         else:
             system = self.system = System.from_any(data[0])
             self.x0 = gate.vector("x0", data[1], length=system.n)
-            if control:
-                self.xf = gate.vector("xf", data[2], length=system.n)
-            else:
-                self.u = gate.matrix("u", data[2], cols=system.m)
+            self.u = gate.matrix("u", data[2], cols=system.m)  # K >= 1
 
     def rows(self, table: tuple[Row, ...]) -> dict[str, tuple[Row, str]]:
-        """The rows that apply, by name, each with its setting."""
+        """The rows of the table that apply, by name, each with its setting."""
         pairs = ((row, setting) for row in table for setting in row.settings)
         return {row.name: (row, setting) for row, setting in pairs if setting in self.settings}
 
     def bound(self, row: Row, setting: str) -> Bound:
-        """Make one."""
-        setting = setting.removesuffix(", state")  # the same, but its row is for the state only
+        """Make the bound of a row."""
+        setting = setting.removesuffix(", state")  # the setting is the same; the row is for states
         if setting not in self._made:
             self._made[setting] = self._make(setting)
         return Bound(row.name, row.source, row.inequality(self._made[setting]))
@@ -117,7 +117,7 @@ class _Problem:
         return control(self.system, self.x0, self.xf, self.axis, self.quantity)
 
     def formulas(self) -> list[Bound]:
-        """All that hold for independent realizations."""
+        """All bounds for independent realizations that are formulas."""
         several = self.quantity == "trajectory" and (self.axis == "rows" or len(self.u) > 1)
         pairs = self.rows(TABLE).values()
         return [self.bound(row, at) for row, at in pairs if not (several and at == "one step")]
@@ -130,10 +130,8 @@ class _Problem:
         else:
             rows, paired = self.axis == "rows", self.fusion == "diagonal"
             if paired and (steps > 1 or (rows and scheme == "systematic")):
-                raise InputError(
-                    "`fusion` must be 'product' over several steps and for systematic rows, got "
-                    "'diagonal'"
-                )
+                text = "`fusion` must be 'product' over several steps and for systematic rows"
+                raise InputError(f"{text}, got 'diagonal'")
             A, B = self.system.A, self.system.B
             x0, xf, of_A = (Entity(value, scheme=scheme) for value in (self.x0, self.xf, A))
             law = PlanErrors(B, x0, xf, of_A, steps=steps, paired=paired, rows=rows)
@@ -168,12 +166,11 @@ def bound(
     sample_B : bool, default True
         For a trajectory: whether ``B`` is sampled, too; else it is known exactly.
     scheme : {"iid", "systematic"}, default "iid"
-        Simulated: how the realizations are drawn.
+        For "simulated": how the realizations are drawn.
     steps : int, default 1
-        Simulated, for a state or a control: over so many steps; product fusion beyond 1.
+        For "simulated" and a state or a control: number of steps K; K > 1 with product fusion.
     rng : None, int, SeedSequence, Generator, BitGenerator or Key, default 0
-        Simulated: source of randomness, in streams of its own; with the default the same errors in
-        every call.
+        For "simulated": source of randomness; with the default equal errors in every call.
 
     Returns
     -------
@@ -184,8 +181,7 @@ def bound(
     ------
     InputError, InputTypeError
         There is no such bound for the quantity (the message lists those that exist), a choice is
-        unknown, the data do not fit it, or diagonal fusion is asked for where it is not defined:
-        over several steps, and for systematic rows.
+        unknown, the data do not fit, or "diagonal" goes with several steps or systematic rows.
 
     Examples
     --------
@@ -196,13 +192,13 @@ def bound(
     16955
     """
     problem = _Problem(quantity, data, norm, fusion, axis, sample_B)
-    systematic = gate.choice("scheme", scheme, SCHEMES) == "systematic"
+    how = gate.choice("scheme", scheme, SCHEMES)
     K, key = gate.size("steps", steps), as_key(rng)
     found = problem.rows(TABLE + DEPENDENT)
     drawn = () if problem.quantity == "trajectory" else ("simulated",)
     if gate.choice("name", name, (*found, *drawn)) == "simulated":
-        return problem.simulated("systematic" if systematic else "iid", K, key)
-    if systematic or K > 1:
+        return problem.simulated(how, K, key)
+    if how == "systematic" or K > 1:
         raise InputError("`scheme` and `steps` are for the bound 'simulated' only")
     return problem.bound(*found[name])
 
@@ -219,7 +215,7 @@ def candidates(
     Parameters
     ----------
     quantity : {"vector", "matrix", "state", "control", "trajectory"}
-        What the error is of.
+        The quantity whose error is bounded.
     *data : System or array_like
         ``w``; ``A``; ``system, x0, xf`` for the state or the control; ``system, x0, u``. `system`
         is a System or what `System.from_any` takes, such as ``(A, B)``; u (K, m).
@@ -234,13 +230,12 @@ def candidates(
     Returns
     -------
     list of Bound
-        The valid ones, with the data checked and the moments computed. :class:`Simulated` is not
-        among them: it is no formula, and needs a `delta` that can be simulated.
+        In the order of the table, without "simulated" (see :func:`bound`), which is no formula.
 
     Raises
     ------
     InputError, InputTypeError
-        A choice is unknown, or the data do not fit it.
+        A choice is unknown, or the data do not fit.
 
     Examples
     --------
@@ -272,7 +267,7 @@ def best(
     size : int or (N0, Nf, NA), optional
         Number of realizations; give either this or `eps`.
     eps : float, optional
-        Error that may be exceeded with probability `delta` only.
+        Error that may be exceeded with probability `delta`.
 
     Returns
     -------
@@ -283,13 +278,13 @@ def best(
     ------
     InputError, InputTypeError
         As :func:`candidates`; both or none of `size` and `eps` are given; an argument is out of
-        range; more than 2^53 realizations would be needed.
+        range; more than 2^53 realizations are needed.
 
     Notes
     -----
-    The choice depends on the arguments only, not on realizations: :class:`Simulated` where `delta`
-    and the size of the problem allow it, which no other bound can beat by more than a few percent
-    (not for trajectories); otherwise the smallest of :func:`candidates`.
+    The choice depends on the arguments only, not on realizations: :class:`Simulated` if `delta` and
+    the size of the problem allow it (not for trajectories), as it is within a few percent of the
+    quantile; otherwise the smallest of :func:`candidates`.
 
     Examples
     --------
@@ -304,12 +299,12 @@ def best(
     found = problem.formulas()
     delta = gate.probability("delta", delta)
     drawn = None if problem.quantity == "trajectory" else problem.simulated()
-    if drawn is not None and not drawn._possible(1 if size is None else size, delta):
+    if drawn is not None and not drawn.possible(1 if size is None else size, delta):
         drawn = None
     if eps is not None:
         needed, chosen = _smallest_size([drawn] if drawn else found, eps, delta)
         return Best(chosen, chosen.radius(needed, delta), needed, delta)
-    if differ(found[0]._rates(size)):
+    if differ(found[0].setting.rates(size)):
         found = [one for one in found if not one.inequality.equal]
     radii = [one.radius(size, delta) for one in found]
     k = radii.index(min(radii))
@@ -319,9 +314,9 @@ def best(
 
 
 def _smallest_size(found: list[Bound], eps: float, delta: float) -> tuple[int, Bound]:
-    """Search each bound in turn; one that fails below the record need not be bisected."""
-    best_size, best_bound = found[0].required_size(eps, delta), found[0]
+    """Search the bounds in turn; only those that allow a smaller size are bisected."""
+    least, smallest = found[0].required_size(eps, delta), found[0]
     for one in found[1:]:
-        if best_size > 1 and one.radius(best_size - 1, delta) <= eps:
-            best_size, best_bound = one.required_size(eps, delta), one
-    return best_size, best_bound
+        if least > 1 and one.radius(least - 1, delta) <= eps:
+            least, smallest = one.required_size(eps, delta), one
+    return least, smallest

@@ -165,4 +165,6 @@ class OneStepHoeffding(_Exponentials):
 
     def __init__(self, at: OneStep) -> None:
         super().__init__(at)
-        self._terms = tuple((1.0, 4.5 * checked_finite(square(part), MOMENT)) for part in (at.moved, at.pushed))
+        self._terms = tuple(
+            (1.0, 4.5 * checked_finite(square(part), MOMENT)) for part in (at.moved, at.pushed)
+        )

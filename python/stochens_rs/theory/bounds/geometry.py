@@ -1,4 +1,4 @@
-"""Moments, atoms and diameters of a control problem under a linear map, once for all bounds.
+"""Moments, atoms and diameters of a control problem under a linear map, for all its bounds.
 
 The error of a fused control is ``u - v* = M (y_hat - y)`` with ``y = xf - A x0``; that of the
 state it leads to has the same form. In an orthonormal basis of the rows of ``B^+``:
@@ -29,9 +29,10 @@ from .base import unit_of
 
 
 class Geometry:
-    """What the bounds need to know of ``M (y_hat - y)``, in units in which nothing overflows."""
+    """Numbers of ``M (y_hat - y)`` for the bounds, in units in which nothing overflows."""
 
     def __init__(self, system: System, x0: Array, xf: Array, axis: Axis, quantity: str) -> None:
+        # some 50 arrays of the size of A live at once in the methods below
         memory.need("the moments of the control", 50 * system.A.nbytes)
         self.by_rows, self.quantity, self.norm = axis == "rows", quantity, "2"
         self._scale(system.B, x0, xf, system.A)
@@ -162,7 +163,7 @@ class Geometry:
         return self.mean_square(r0, rf, rA) + self.traces[3] * (min(r0, rA) - r0 * rA)
 
     def covariance(self, r0: float, rf: float, rA: float, *, both: bool) -> Array:
-        """``M C M^T`` of one pair or, without what both x0 and A contribute, of its linear part."""
+        """``M C M^T`` of one pair; both=False: without the product of the errors of x0 and A."""
         C0, Cf, CA, CA0 = self.covariances
         total = (r0 > 0.0) * C0 + (rf > 0.0) * Cf + (rA > 0.0) * CA
         if both and r0 > 0.0 and rA > 0.0:
@@ -170,7 +171,7 @@ class Geometry:
         return np.asarray(total, dtype=np.float64)
 
     def D_0(self, rA: float) -> float:
-        """How far apart two realizations of x0 put the mean, beside an average of ``1/rA`` A^s."""
+        """The largest ``sqrt(||M A d||^2 + E||M (A_hat - A) d||^2)``, d of two atoms of x0."""
         pairs, extra = self._pairs_0
         return math.sqrt(float((pairs + rA * extra).max(initial=0.0)))
 

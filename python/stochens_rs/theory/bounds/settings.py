@@ -122,8 +122,8 @@ class Product(Control):
         """``2 V = D_f^2 / Nf + D_0^2 / N0 + sum_j xhat_j^2 D_j^2 / NA``, for every ``xhat``.
 
         These are the squared ranges of the martingale differences, for realizations revealed in
-        the order ``xf``, ``x0``, ``A``. ``D_f`` and ``D_j`` are the diameters of the atoms of ``xf`` and of
-        column j, ``D_0^2`` is the largest ``||M (A d)||^2 + E||M (A_hat - A) d||^2`` for the
+        the order ``xf``, ``x0``, ``A``. ``D_f`` and ``D_j`` are the diameters of the atoms of
+        ``xf`` and of column j, ``D_0^2`` is the largest ``||M (A d)||^2 + E||M (A_hat - A) d||^2`` for the
         difference d of two atoms of ``x0``. The last sum is at most ``g0^2 max_j D_j^2``.
         """
         r0, _, rA = rates
@@ -191,7 +191,9 @@ class Runs(Moments):
             largest = self._one_norm() if axis == "columns" else self._by_entries()
             # an exact B shifts all runs by the same B u(K - 1), which is left out of both terms
             shift = 0.0 if sample_B else self.B @ self.u[-1]
-            self._farthest = checked_finite(largest + float(np.linalg.norm(self.mean - shift)), MOMENT)
+            self._farthest = checked_finite(
+                largest + float(np.linalg.norm(self.mean - shift)), MOMENT
+            )
         self.spread = checked_finite(2.0 * largest * largest, MOMENT)
 
     def rms(self, rates: Rates) -> float:

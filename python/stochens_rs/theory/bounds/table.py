@@ -8,7 +8,7 @@ from . import fused_inequalities as fused
 from . import inequalities as of
 from .base import Inequality
 
-# The settings in which an error can be bounded, by quantity, and by its norm or fusion; the first is
+# The settings in which an error can be bounded, by its quantity and by norm or fusion; the first is
 # the default. A bound on the Frobenius norm of a matrix is one on its spectral norm, too.
 SETTINGS: dict[str, dict[str, tuple[str, ...]]] = {
     "vector": {"2": ("vector",), "1": ("1-norm",)},

@@ -25,13 +25,13 @@ from ..exceptions import (
 from .reading import read as read
 from .reading import show as show
 from .reading import shown_shape, whole
+from .types import Floats
 
 if TYPE_CHECKING:
     from typing import TypeGuard
 
     from numpy.typing import NDArray
 
-    Floats = NDArray[np.float64]
 
 T = TypeVar("T")
 W = TypeVar("W", bound=str)

@@ -1,10 +1,14 @@
-"""Choices that several parts of the package offer, each under one name."""
+"""Types and choices that several parts of the package share, each under one name."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from typing import Literal, TypeAlias, get_args
 
+import numpy as np
+from numpy.typing import NDArray
+
+Floats: TypeAlias = NDArray[np.float64]
 Axis: TypeAlias = Literal["columns", "rows"]
 Scheme: TypeAlias = Literal["iid", "systematic"]
 Quantity: TypeAlias = Literal["state", "control"]

@@ -14,7 +14,7 @@ import numpy as np
 
 from .._base import gate
 from .._base.records import by_constructor
-from .._base.types import AXES
+from .._base.types import AXES, Floats
 from ..ensembles.counts import Counts
 from ..ensembles.ensemble import Ensemble
 from ..exceptions import InputError, ShapeError
@@ -23,11 +23,10 @@ from ..rng import Key
 from ..system import System
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from .._base.types import Axis
 
-    Floats: TypeAlias = NDArray[np.float64]
 
 Kind: TypeAlias = Literal["exact", "iid", "systematic", "fitted", "unknown"]
 

@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-import numpy as np
-
 from .. import _core
 from .._base import gate
-from .._base.types import FUSIONS, Fusion, Status
+from .._base.types import FUSIONS, Floats, Fusion, Status
 from ..ensembles.counts import Counts
 from ..ensembles.ensemble import Ensemble
 from ..exceptions import InputError, InputTypeError, ShapeError
@@ -20,9 +18,8 @@ from ..theory import dynamics
 if TYPE_CHECKING:
     from typing import TypeGuard
 
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
-    Floats: TypeAlias = NDArray[np.float64]
     EntityLike: TypeAlias = Fit | Ensemble | Counts | ArrayLike
     SystemLike: TypeAlias = System | tuple[EntityLike, ArrayLike] | Any
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from .. import _core
 from .._base import gate, memory
 from .._base.numbers import norm
 from .._base.threads import get_num_threads
-from .._base.types import Fusion, worst
+from .._base.types import Floats, Fusion, worst
 from ..theory.dynamics import states
 from ..theory.exact import EPS, best, best_control, factors
 from .basis import Basis, known
@@ -18,12 +18,8 @@ from .entities import fusion_over, problem
 from .plan import Plan
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from ..theory.exact import Best
     from .entities import Entity, EntityLike, SystemLike
-
-    Floats: TypeAlias = NDArray[np.float64]
 
 
 def realization_controls(

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .._base import gate, html
 from .._base.records import by_constructor
-from .._base.types import FUSIONS, STATUSES, Fusion, Quantity, Status
+from .._base.types import FUSIONS, STATUSES, Floats, Fusion, Quantity, Status
 from ..exceptions import ShapeError
 from ..system import System
 from ..theory.dynamics import states
@@ -21,11 +21,9 @@ from .plan_covariance import plan_covariance
 from .shown import expectation, made_from
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from ..rng import RngLike
-
-    Floats: TypeAlias = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from .._base import html
 from .._base.numbers import norm
-from .._base.types import QUANTITIES
+from .._base.types import QUANTITIES, Floats
 from ..exceptions import InputError
 from ..rng import RngLike, as_key
 from ..theory import bounds
@@ -19,12 +19,8 @@ from ..theory.formulas import checked_finite
 from .basis import Basis
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from .._base.types import Fusion, Quantity
     from ..theory.bounds import Best
-
-    Floats: TypeAlias = NDArray[np.float64]
 
 
 @dataclass(frozen=True, repr=False)

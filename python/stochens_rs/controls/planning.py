@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from math import ceil, inf
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .._base import gate
 from .._base.numbers import smallest_size
-from .._base.types import QUANTITIES, Fusion, Quantity
+from .._base.types import QUANTITIES, Floats, Fusion, Quantity
 from ..exceptions import InputError, SizeError
 from ..rng import RngLike, as_key
 from ..system import System
@@ -21,11 +21,9 @@ from .sample_plan import Requirement, SamplePlan
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from ..theory.bounds import Bound
-
-    Floats: TypeAlias = NDArray[np.float64]
 
 
 def required_samples(

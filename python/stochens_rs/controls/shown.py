@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 from math import hypot, sqrt
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .._base import html
 from .._base.numbers import norm
+from .._base.types import Floats
 from ..exceptions import StochensError
 from ..theory.exact import EPS, best_control
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from numpy.typing import NDArray
-
     from ..theory.records import Reachability
     from .basis import Basis
 
-    Floats: TypeAlias = NDArray[np.float64]
 
 # operations that a line of text may cost: some 20 ms
 _CHEAP = 1e7

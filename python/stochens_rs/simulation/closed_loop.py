@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .. import _core
 from .._base import gate, html, memory
 from .._base.threads import get_num_threads
-from .._base.types import Status
+from .._base.types import Floats, Status
 from ..exceptions import NonFiniteError
 from ..fusion.fusing import METHODS
 from ..plots.states import draw_tracking
@@ -23,11 +23,9 @@ from .simulating import _lines
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from ..fusion.fusing import Method
-
-    Floats: TypeAlias = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

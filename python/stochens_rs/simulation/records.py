@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .._base import html
+from .._base.types import Floats
 from ..plots.states import draw_states
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from numpy.typing import NDArray
 
     from ..rng import Key
 
@@ -36,9 +36,9 @@ class Trajectory:
         The step length [s]; None if the system states none.
     """
 
-    states: NDArray[np.float64]
-    inputs: NDArray[np.float64]
-    times: NDArray[np.float64]
+    states: Floats
+    inputs: Floats
+    times: Floats
     dt: float | None = None
 
     @property
@@ -123,12 +123,12 @@ class EnsembleTrajectory:
         "completed".
     """
 
-    mean: NDArray[np.float64]
-    variance: NDArray[np.float64] | None
-    covariance: NDArray[np.float64] | None
-    runs: NDArray[np.float64] | None
-    inputs: NDArray[np.float64]
-    times: NDArray[np.float64]
+    mean: Floats
+    variance: Floats | None
+    covariance: Floats | None
+    runs: Floats | None
+    inputs: Floats
+    times: Floats
     size: int
     replicates: int
     averaging: str
@@ -143,13 +143,13 @@ class EnsembleTrajectory:
         return len(self.inputs)
 
     @property
-    def standard_error(self) -> NDArray[np.float64] | None:
+    def standard_error(self) -> Floats | None:
         """``sqrt(variance / replicates)``, the estimated rms error of `mean`, shape (K + 1, n);
         None for a single trajectory.
         """
         if self.variance is None:
             return None
-        error: NDArray[np.float64] = np.sqrt(self.variance / self.replicates)
+        error: Floats = np.sqrt(self.variance / self.replicates)
         return error
 
     def plot(self, *, ax: Axes | None = None) -> Axes:

@@ -9,15 +9,15 @@ import numpy as np
 from .. import _core
 from .._base import gate, memory
 from .._base.threads import get_num_threads
+from .._base.types import Floats
 from ..exceptions import InputError, NonFiniteError
 from ..rng import RngLike, as_key
 from ..system import System
 from .records import EnsembleTrajectory, Trajectory
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
-    Floats: TypeAlias = NDArray[np.float64]
 
 Averaging: TypeAlias = Literal["runs", "mean-field"]
 Moments: TypeAlias = Literal["diagonal", "full"]

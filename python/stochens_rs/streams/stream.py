@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from .. import _core
 from .._base import gate, html, memory
 from .._base.files import PathLike
 from .._base.progress import Progress, progress_bar
+from .._base.types import Floats
 from ..exceptions import InputError
 from ..rng import Key, RngLike, as_key
 from ..system import System
@@ -20,9 +21,7 @@ from .running import Rule, checked_stop, run_until
 from .state import ENTITIES, SLOTS, VARIANTS, Identity, Slots, Variant, from_sections, to_sections
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    Floats: TypeAlias = NDArray[np.float64]
+    from numpy.typing import ArrayLike
 
 
 class Stream(Durable):

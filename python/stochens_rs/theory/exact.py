@@ -18,21 +18,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from math import inf, sqrt
-from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from .. import _core
 from .._base import memory
 from .._base.numbers import norm
+from .._base.types import Floats
 from ..exceptions import NonFiniteError
 from .dynamics import controllability, matrix_powers
 from .records import PlanError, Reachability
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats: TypeAlias = NDArray[np.float64]
 
 EPS = float(np.finfo(np.float64).eps)
 REACHABLE = sqrt(EPS)  # 1.5e-8: a residual of up to half the digits of what is needed is none

@@ -18,11 +18,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .._base.numbers import TINY
-
-Array = NDArray[np.float64]
+from .._base.types import Floats
 
 # 2^50 terms: enough for every rho(F)^2 / s < 1 that float64 can tell from 1.
 _DOUBLINGS = 50
@@ -36,13 +34,13 @@ _CLOSE = 1e-11
 _ITERATIONS = 100
 
 
-def spectral_radius(M: Array) -> float:
+def spectral_radius(M: Floats) -> float:
     """The largest modulus of an eigenvalue."""
     return float(np.abs(np.linalg.eigvals(M)).max())
 
 
 def excitation_radius(
-    A: Array, F: Array, G: Array, s: float = 1.0, start: Array | None = None
+    A: Floats, F: Floats, G: Floats, s: float = 1.0, start: Floats | None = None
 ) -> float:
     """``rho(Psi)`` for ``L / s``: inf where ``rho(F)^2 >= s``, or beyond what a float can hold.
 
@@ -62,9 +60,9 @@ def excitation_radius(
     return spectral_radius(np.maximum(Psi, 0.0)) / s if np.isfinite(Psi).all() else math.inf
 
 
-def _powers(power: Array) -> list[Array] | None:
+def _powers(power: Floats) -> list[Floats] | None:
     """``power^(2^i)`` as long as they matter; None if they do not vanish."""
-    powers: list[Array] = []
+    powers: list[Floats] = []
     with np.errstate(over="ignore", invalid="ignore"):
         for _ in range(_DOUBLINGS):
             if np.abs(power).max() <= _VANISHED:
@@ -76,7 +74,7 @@ def _powers(power: Array) -> list[Array] | None:
     return None
 
 
-def _perron(A: Array, G: Array, powers: list[Array], v: Array) -> float | None:
+def _perron(A: Floats, G: Floats, powers: list[Floats], v: Floats) -> float | None:
     """``rho(Psi)`` by power iteration from (and in) ``v > 0``; None if it does not converge."""
     absolute = np.abs(A)
     Phi = absolute * (absolute.sum(axis=0) - absolute)
@@ -100,7 +98,7 @@ def _perron(A: Array, G: Array, powers: list[Array], v: Array) -> float | None:
     return None
 
 
-def _excitation(A: Array, G: Array, powers: list[Array]) -> Array:
+def _excitation(A: Floats, G: Floats, powers: list[Floats]) -> Floats:
     """Psi itself."""
     absolute = np.abs(A)
     weights = absolute * absolute.sum(axis=0)
@@ -118,7 +116,7 @@ def _excitation(A: Array, G: Array, powers: list[Array]) -> Array:
     return np.asarray(Psi - (np.matmul(Z, A) * A).sum(axis=1))
 
 
-def map_radius(A: Array, F: Array, G: Array, r: float) -> float:
+def map_radius(A: Floats, F: Floats, G: Floats, r: float) -> float:
     """``rho(L_r)``, to about ten digits."""
     slowest = spectral_radius(F)
     floor = slowest * slowest

@@ -10,14 +10,15 @@ from typing import Any
 
 import numpy as np
 
+from .._base.types import Floats
 from ..system import System
 from .dynamics import checked_steps, controllability, matrix_powers
-from .formulas import Array, checked_finite
+from .formulas import checked_finite
 
 __all__ = ["controllability_matrix", "gramian"]
 
 
-def controllability_matrix(system: System | Any, steps: int) -> Array:
+def controllability_matrix(system: System | Any, steps: int) -> Floats:
     """The controllability matrix ``C_K = [B, A B, ..., A^{K-1} B]``.
 
     Parameters
@@ -58,7 +59,7 @@ def controllability_matrix(system: System | Any, steps: int) -> Array:
     return controllability(matrix_powers(checked.A, K - 1), checked.B)
 
 
-def gramian(system: System | Any, steps: int) -> Array:
+def gramian(system: System | Any, steps: int) -> Floats:
     """The reachability Gramian of K steps, ``W = sum_{k<K} A^k B B^T (A^k)^T = C_K C_K^T``.
 
     Parameters

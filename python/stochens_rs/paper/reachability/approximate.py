@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..._base import gate
 from ..._base.numbers import ROUNDING, norm
+from ..._base.types import Floats
 from ...rng import Key, RngLike, as_key
 from ...simulation.simulating import simulate_ensemble
 from ...system import System
@@ -18,7 +19,6 @@ from ...theory.bounds import candidates
 from ...theory.bounds.base import level_of
 from ...theory.dynamics import checked_steps
 from ...theory.exact import best_control
-from ...theory.formulas import Array
 from ...theory.records import Reachability
 
 
@@ -51,11 +51,11 @@ class ApproximateReachability:
     """
 
     sizes: NDArray[np.int64]
-    errors: Array
-    rms: Array
-    radii: Array
+    errors: Floats
+    rms: Floats
+    radii: Floats
     exact: Reachability
-    controls: Array
+    controls: Floats
     consistent: bool
     verdict: str
     key: Key

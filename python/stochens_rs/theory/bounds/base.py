@@ -11,8 +11,9 @@ import numpy as np
 
 from ..._base import gate, html
 from ..._base.numbers import ROUNDING, smallest_size
+from ..._base.types import Floats
 from ...exceptions import InputError, SizeError
-from ..formulas import Array, Sizes, checked_finite, inverse_size, one_each
+from ..formulas import Sizes, checked_finite, inverse_size, one_each
 
 Rates: TypeAlias = "tuple[float, ...]"  # 1 / size of every entity; 0 for one known exactly
 
@@ -279,7 +280,7 @@ def level_of(delta: object) -> float:
     return -math.log(gate.probability("delta", delta))
 
 
-def unit_of(*arrays: Array) -> float:
+def unit_of(*arrays: Floats) -> float:
     """Largest absolute entry, 1 if all are 0: in this unit squares do not overflow or vanish."""
     largest = max(float(np.abs(array).max(initial=0.0)) for array in arrays)
     return largest if largest > 0.0 else 1.0

@@ -8,12 +8,12 @@ from typing import Any, Literal, TypeAlias, overload
 import numpy as np
 
 from ..._base import gate, html
-from ..._base.types import AXES, FUSIONS, QUANTITIES, SCHEMES, Axis, Fusion, Scheme
+from ..._base.types import AXES, FUSIONS, QUANTITIES, SCHEMES, Axis, Floats, Fusion, Scheme
 from ...exceptions import InputError, InputTypeError
 from ...rng import RngLike, as_key
 from ...system import System
 from ..dynamics import checked_ends
-from ..formulas import Array, Sizes, lines_of
+from ..formulas import Sizes, lines_of
 from .base import Bound, Setting, differ
 from .drawn_errors import Entity, PlanErrors
 from .settings import Lines, OneStep, Paired, Product, Runs
@@ -124,7 +124,7 @@ class _Problem:
 
     def simulated(self, scheme: Scheme = "iid", steps: int = 1, rng: RngLike = 0) -> Simulated:
         """The order statistic of errors drawn from the law."""
-        law: Array | PlanErrors
+        law: Floats | PlanErrors
         if self.system is None:
             law = np.ascontiguousarray(self.lines.T)
         else:

@@ -21,10 +21,9 @@ import numpy as np
 from ... import _core
 from ..._base import gate
 from ..._base.threads import get_num_threads
-from ..._base.types import Scheme
+from ..._base.types import Floats, Scheme
 from ...rng import Key
 from ..exact import best_control
-from ..formulas import Array
 
 # Shares of delta: see above.
 _QUANTILE = 0.9
@@ -64,7 +63,7 @@ class Errors(Protocol):
     def rounded(self, radii: tuple[float, ...]) -> tuple[float, ...]:
         """The radii with what rounding can add to each."""
 
-    def draw(self, runs: int, key: Key) -> Array:
+    def draw(self, runs: int, key: Key) -> Floats:
         """Independent errors, (runs, number of errors)."""
 
 
@@ -72,7 +71,7 @@ class Errors(Protocol):
 class EstimateErrors:
     """``||average - mean||`` for `size` realizations of the lines of a vector or a matrix."""
 
-    lines: Array
+    lines: Floats
     norm: str
     size: int
     scheme: Scheme
@@ -87,7 +86,7 @@ class EstimateErrors:
         """As `Errors.rounded`."""
         return (radii[0] + _ROUNDING * float(np.abs(self.lines).sum()),)
 
-    def draw(self, runs: int, key: Key) -> Array:
+    def draw(self, runs: int, key: Key) -> Floats:
         """Independent errors, (runs, 1)."""
         return _core.simulate_estimates(
             self.lines,
@@ -109,8 +108,8 @@ class Entity:
     in every run; or, without both, the values themselves.
     """
 
-    values: Array
-    estimate: Array | None = None
+    values: Floats
+    estimate: Floats | None = None
     size: int | None = None
     scheme: Scheme = "iid"
 
@@ -135,7 +134,7 @@ class PlanErrors:
 
     def __init__(
         self,
-        B: Array,
+        B: Floats,
         x0: Entity,
         xf: Entity,
         A: Entity,
@@ -183,7 +182,7 @@ class PlanErrors:
             cost += _PER_PAIR * float(A.size or 0)
         return cost
 
-    def draw(self, runs: int, key: Key) -> Array:
+    def draw(self, runs: int, key: Key) -> Floats:
         """Independent errors of the state and of the control, (runs, 2)."""
         C = self.best.factors
         if not C.s.size:
@@ -231,7 +230,7 @@ def runs_for(delta: float, cost: float) -> int | None:
     return runs if possible else None
 
 
-def order_statistic(errors: Array, delta: float) -> float:
+def order_statistic(errors: Floats, delta: float) -> float:
     """The simulated error that is a bound for `delta`."""
     beyond = exceedances(len(errors), delta)
     assert beyond is not None  # `runs_for` sees to it

@@ -10,10 +10,10 @@ from functools import cached_property
 
 import numpy as np
 
-from ..._base.types import Axis
+from ..._base.types import Axis, Floats
 from ...exceptions import InputError, ShapeError
 from ...system import System
-from ..formulas import Array, checked_finite, sum_of_others
+from ..formulas import checked_finite, sum_of_others
 from ..moments import trajectory_covariance, trajectory_mean
 from .base import Moments, Rates, unit_of
 from .geometry import Geometry, largest_norm
@@ -29,7 +29,7 @@ class Lines(Moments):
     one line.
     """
 
-    def __init__(self, lines: Array, quantity: str, norm: str) -> None:
+    def __init__(self, lines: Floats, quantity: str, norm: str) -> None:
         super().__init__(quantity, norm)
         lines = lines[:, np.count_nonzero(lines, axis=0) >= 2]
         self.unit = unit_of(lines)
@@ -123,8 +123,8 @@ class Product(Control):
 
         These are the squared ranges of the martingale differences, for realizations revealed in
         the order ``xf``, ``x0``, ``A``. ``D_f`` and ``D_j`` are the diameters of the atoms of
-        ``xf`` and of column j, ``D_0^2`` is the largest ``||M (A d)||^2 + E||M (A_hat - A) d||^2`` for the
-        difference d of two atoms of ``x0``. The last sum is at most ``g0^2 max_j D_j^2``.
+        ``xf`` and of column j, ``D_0^2`` is the largest ``||M (A d)||^2 + E||M (A_hat - A) d||^2``
+        for the difference d of two atoms of ``x0``. The last sum is at most ``g0^2 max_j D_j^2``.
         """
         r0, _, rA = rates
         largest = self.range_A(self.x0) if r0 == 0.0 or rA == 0.0 else self.cap_A
@@ -176,7 +176,7 @@ class Runs(Moments):
     that no bound on the distance to ``x(K)`` can hold.
     """
 
-    def __init__(self, system: System, x0: Array, u: Array, axis: Axis, sample_B: bool) -> None:
+    def __init__(self, system: System, x0: Floats, u: Floats, axis: Axis, sample_B: bool) -> None:
         super().__init__("trajectory")
         self.A, self.B, self.axis, self.sample_B = system.A, system.B, axis, sample_B
         # linear in (x0, u), so that their unit is that of the result
@@ -249,7 +249,7 @@ class OneStep(Runs):
     is the maximum over the columns that ``x0`` reaches.
     """
 
-    def __init__(self, system: System, x0: Array, u: Array, axis: Axis, sample_B: bool) -> None:
+    def __init__(self, system: System, x0: Floats, u: Floats, axis: Axis, sample_B: bool) -> None:
         if axis != "columns":
             raise InputError("`axis` must be 'columns' for the bounds of one step, got 'rows'")
         super().__init__(system, x0, u, axis, sample_B)
@@ -265,13 +265,13 @@ class OneStep(Runs):
         )
 
 
-def _row_range(A: Array, r: Array) -> Array:
+def _row_range(A: Floats, r: Floats) -> Floats:
     """``rho_i max_j r_j`` over the entries that row i can hit."""
     largest = np.where(A != 0.0, r, 0.0).max(axis=1)
     return np.asarray(np.abs(A).sum(axis=1) * largest, dtype=np.float64)
 
 
-def largest_eigenvalues(p: Array) -> Array:
+def largest_eigenvalues(p: Floats) -> Floats:
     """Largest eigenvalue of ``diag(p) - p p^T`` for each column p, from above.
 
     Interlacing puts it between the two largest entries, where ``sum_i p_i^2 / (p_i - x)`` grows

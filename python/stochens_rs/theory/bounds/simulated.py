@@ -8,10 +8,10 @@ from collections.abc import Callable
 import numpy as np
 
 from ..._base import gate
-from ..._base.types import Scheme
+from ..._base.types import Floats, Scheme
 from ...exceptions import SizeError
 from ...rng import Key
-from ..formulas import Array, Sizes
+from ..formulas import Sizes
 from .base import Bound, Inequality, Rates, Setting, halved
 from .drawn_errors import (
     Errors,
@@ -30,7 +30,7 @@ _TYPICAL = 0.01  # delta for which errors are drawn to bound a probability: R is
 class Law(Setting):
     """A setting whose errors can be drawn: lines of a vector or a matrix, or a control."""
 
-    def __init__(self, quantity: str, norm: str, scheme: Scheme, of: Array | PlanErrors) -> None:
+    def __init__(self, quantity: str, norm: str, scheme: Scheme, of: Floats | PlanErrors) -> None:
         super().__init__(quantity, norm)
         self._scheme, self._of = scheme, of
         self.which = int(quantity == "control")  # column of the errors

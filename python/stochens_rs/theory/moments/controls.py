@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..._base.types import Axis, Fusion, Scheme
+from ..._base.types import Axis, Floats, Fusion, Scheme
 from ...system import System
-from ..formulas import Array, Sizes, compact_svd, fused_covariance, root_trace, symmetric_product
+from ..formulas import Sizes, compact_svd, fused_covariance, root_trace, symmetric_product
 
 
 def realization_control_covariance(
     system: System | Any, x0: ArrayLike, xf: ArrayLike, *, axis: Axis = "columns"
-) -> Array:
+) -> Floats:
     """Covariance of the control ``u^s = B+ (xf^s - A^s x0^s)`` of one realization.
 
     Parameters
@@ -61,7 +61,7 @@ def control_covariance(
     fusion: Fusion = "product",
     axis: Axis = "columns",
     scheme: Scheme = "iid",
-) -> Array:
+) -> Floats:
     """Covariance of the fused control under uniform weights.
 
     Parameters
@@ -134,7 +134,7 @@ def state_covariance(
     fusion: Fusion = "product",
     axis: Axis = "columns",
     scheme: Scheme = "iid",
-) -> Array:
+) -> Floats:
     """Covariance of the state ``x(1) = A x0 + B u`` that the fused control leads to.
 
     Parameters

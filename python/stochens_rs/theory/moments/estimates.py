@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._base import gate, memory
-from ..._base.types import AXES, Axis
+from ..._base.types import AXES, Axis, Floats
 from ..formulas import (
-    Array,
     Size,
     checked_finite,
     column_excess,
@@ -21,7 +20,7 @@ from ..formulas import (
 )
 
 
-def vector_covariance(w: ArrayLike, size: Size = 1) -> Array:
+def vector_covariance(w: ArrayLike, size: Size = 1) -> Floats:
     """Covariance of the average of ``size`` realizations of a vector.
 
     Parameters
@@ -131,7 +130,7 @@ def matrix_mse(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> float
     return float(checked_finite(mse, "mean squared error"))
 
 
-def matrix_covariance(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> Array:
+def matrix_covariance(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> Floats:
     """Covariance of the average of ``size`` realizations of a matrix, line by line.
 
     Parameters
@@ -174,7 +173,7 @@ def matrix_covariance(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -
         return checked_finite(covariances * reciprocal)
 
 
-def transition(A: ArrayLike, d: ArrayLike) -> Array:
+def transition(A: ArrayLike, d: ArrayLike) -> Floats:
     """``T_A(d)``: what the sampling of the columns of ``A`` adds to a second moment.
 
     Parameters
@@ -212,7 +211,7 @@ def transition(A: ArrayLike, d: ArrayLike) -> Array:
         return checked_finite(column_excess(A, d))
 
 
-def second_moment(A: ArrayLike, M: ArrayLike, *, axis: Axis = "columns") -> Array:
+def second_moment(A: ArrayLike, M: ArrayLike, *, axis: Axis = "columns") -> Floats:
     """``E[A^s M A^sT]`` for one realization of a matrix.
 
     Parameters
@@ -252,7 +251,7 @@ def second_moment(A: ArrayLike, M: ArrayLike, *, axis: Axis = "columns") -> Arra
         return checked_finite(A @ M @ A.T + matrix_excess(A, M, axis), "second moment")
 
 
-def product_covariance(A: ArrayLike, x0: ArrayLike, *, axis: Axis = "columns") -> Array:
+def product_covariance(A: ArrayLike, x0: ArrayLike, *, axis: Axis = "columns") -> Floats:
     """``C_z``: covariance of ``z^s = A^s x0^s``, one realization of each.
 
     Parameters

@@ -8,13 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._base import gate, memory
-from ..._base.types import AXES, Axis
+from ..._base.types import AXES, Axis, Floats
 from ...exceptions import InputError
 from ...system import System
 from ..dynamics import checked_ends, checked_steps, matrix_powers, states
 from ..exact import best_control
 from ..formulas import (
-    Array,
     Sizes,
     checked_finite,
     inverse_size,
@@ -31,7 +30,7 @@ def final_state_covariance(
     size: Sizes = 1,
     *,
     axis: Axis = "columns",
-) -> Array:
+) -> Floats:
     """Covariance of the state after K steps of the estimated minimum-norm control, for large N.
 
     Parameters

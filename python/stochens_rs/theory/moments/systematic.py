@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._base import gate, memory
-from ..._base.types import AXES, Axis
+from ..._base.types import AXES, Axis, Floats
 from ..formulas import (
-    Array,
     Size,
     checked_finite,
     count,
@@ -73,7 +72,7 @@ def systematic_mse(target: ArrayLike, size: Size = 1, *, axis: Axis = "columns")
     return float(checked_finite(mse, "mean squared error"))
 
 
-def systematic_covariance(target: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> Array:
+def systematic_covariance(target: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> Floats:
     """Covariance of the average of ``size`` systematic samples.
 
     Parameters
@@ -117,7 +116,7 @@ def systematic_covariance(target: ArrayLike, size: Size = 1, *, axis: Axis = "co
     return np.asarray(covariances[0] if vector else covariances, dtype=np.float64)
 
 
-def _checked(target: object, axis: str) -> tuple[bool, Array]:
+def _checked(target: object, axis: str) -> tuple[bool, Floats]:
     """Check a vector or matrix; return whether it is a vector, and its lines as columns."""
     values = gate.array("target", target, ndim=(1, 2))
     gate.choice("axis", axis, AXES)

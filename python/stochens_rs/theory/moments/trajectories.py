@@ -8,12 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._base import gate, memory
-from ..._base.types import AVERAGINGS, AXES, Averaging, Axis
+from ..._base.types import AVERAGINGS, AXES, Averaging, Axis, Floats
 from ...exceptions import NonFiniteError
 from ...system import System
 from ..dynamics import checked_motion, states
 from ..formulas import (
-    Array,
     Size,
     inverse_size,
     matrix_excess,
@@ -23,7 +22,7 @@ from ..formulas import (
 from ..positive_maps import map_radius, spectral_radius
 
 
-def trajectory_mean(system: System | Any, x0: ArrayLike, u: ArrayLike) -> Array:
+def trajectory_mean(system: System | Any, x0: ArrayLike, u: ArrayLike) -> Floats:
     """Mean of every realization, and of every average, of the state over K steps.
 
     Parameters
@@ -73,7 +72,7 @@ def trajectory_covariance(
     sample_x0: bool = True,
     averaging: Averaging = "runs",
     axis: Axis = "columns",
-) -> Array:
+) -> Floats:
     """Covariance of the averaged state of an ensemble, for every step.
 
     Parameters
@@ -163,7 +162,7 @@ def trajectory_rms(
     sample_x0: bool = True,
     averaging: Averaging = "runs",
     axis: Axis = "columns",
-) -> Array:
+) -> Floats:
     """Root mean square error of the averaged state of an ensemble, for every step.
 
     Parameters
@@ -256,7 +255,7 @@ def growth_factor(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> fl
         return float(_finite("growth factor", np.asarray(np.float64(radius) * scale * scale)))
 
 
-def _finite(what: str, values: Array) -> Array:
+def _finite(what: str, values: Floats) -> Floats:
     finite = np.isfinite(values)
     if not finite.all():
         step = f" at step {int(np.argwhere(~finite)[0, 0])}" if values.ndim else ""

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._base import gate, memory
+from ..._base.types import Floats
 from ...exceptions import InputError, NonFiniteError
 from ...system import System
 from ..formulas import (
-    Array,
     Size,
     column_excess,
     compact_svd,
@@ -23,7 +23,7 @@ from ..formulas import (
 )
 
 
-def reference_residuals(system: System | Any, reference: ArrayLike) -> Array:
+def reference_residuals(system: System | Any, reference: ArrayLike) -> Floats:
     """How far each step of a reference is from what a control can do.
 
     Parameters
@@ -73,7 +73,7 @@ def tracking_moments(
     feedback: bool = True,
     sample_states: bool = False,
     x0: ArrayLike | None = None,
-) -> tuple[Array, Array]:
+) -> tuple[Floats, Floats]:
     """Mean and second moment of the tracking error, for every step.
 
     Parameters
@@ -172,7 +172,7 @@ def tracking_rms(
     feedback: bool = True,
     sample_states: bool = False,
     x0: ArrayLike | None = None,
-) -> Array:
+) -> Floats:
     """Root mean square tracking error, for every step.
 
     Parameters
@@ -268,7 +268,7 @@ def tracking_bound(
     return bound
 
 
-def checked_reference(reference: object, n: int) -> Array:
+def checked_reference(reference: object, n: int) -> Floats:
     """Check that there is at least one step."""
     r = gate.matrix("reference", reference, cols=n)
     if len(r) < 2:
@@ -276,12 +276,12 @@ def checked_reference(reference: object, n: int) -> Array:
     return r
 
 
-def _checked(system: object, reference: object) -> tuple[Array, Array, Array]:
+def _checked(system: object, reference: object) -> tuple[Floats, Floats, Floats]:
     checked = System.from_any(system)
     return checked.A, checked.B, checked_reference(reference, checked.n)
 
 
-def _unreachable(A: Array, U: Array, r: Array) -> Array:
+def _unreachable(A: Floats, U: Floats, r: Floats) -> Floats:
     """``d(k) = (I - P)(A r(k) - r(k+1))``, (K, n)."""
     d = r[:-1] @ A.T - r[1:]
     return np.asarray(d - (d @ U) @ U.T, dtype=np.float64)

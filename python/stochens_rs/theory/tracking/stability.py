@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from ..._base import memory
+from ..._base.types import Floats
 from ...exceptions import NonFiniteError
 from ...system import System
-from ..formulas import Array, Size, compact_svd, inverse_size
+from ..formulas import Size, compact_svd, inverse_size
 from ..positive_maps import excitation_radius, map_radius
 
 
@@ -93,7 +94,7 @@ def _representable(squared: float) -> float:
     return squared
 
 
-def _loop(system: object) -> tuple[Array, Array, Array, float]:
+def _loop(system: object) -> tuple[Floats, Floats, Floats, float]:
     """``A`` and ``F = (I - P) A`` over the largest entry of ``A``, ``P`` and that entry."""
     checked = System.from_any(system)
     A, U = checked.A, compact_svd(checked.B)[0]

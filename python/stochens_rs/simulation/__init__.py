@@ -1,4 +1,4 @@
-"""What a control does to a system."""
+"""Simulation of systems under controls: open loop, and tracking of a reference."""
 
 from .closed_loop import Tracking, track
 from .records import EnsembleTrajectory, Trajectory

@@ -1,4 +1,4 @@
-"""What simulations return: frozen records, time first, every field with its shape and meaning.
+"""The records that simulations return.
 
 ``times[k]`` is ``k dt`` where the system states a step length, otherwise the step number k.
 """
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Trajectory:
-    """The exact way of a system under given inputs.
+    """The trajectory of an exact system under given inputs.
 
     Attributes
     ----------
@@ -158,9 +158,7 @@ class EnsembleTrajectory:
         Parameters
         ----------
         ax : matplotlib Axes, optional
-            Where to draw. Default: new axes on a figure of their own, which a notebook shows. In a
-            script ``path.plot().figure.savefig("path.png")`` saves it; for a window, pass
-            ``ax=plt.subplots()[1]`` and call ``plt.show()``.
+            Where to draw, as for `Trajectory.plot`.
 
         Returns
         -------

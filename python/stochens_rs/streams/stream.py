@@ -15,6 +15,7 @@ from .._base.types import Floats
 from ..exceptions import InputError
 from ..rng import Key, RngLike, as_key
 from ..system import System
+from ..theory.dynamics import checked_ends
 from .durable import Checkpoints, Durable
 from .records import StreamRun, Trace
 from .running import Rule, checked_stop, run_until
@@ -39,7 +40,7 @@ class Stream(Durable):
         The system, or anything `System.from_any` takes; A is exact or nominal. Realizations of A
         are drawn column by column.
     x0, xf : array_like, shape (n,)
-        Exact or nominal initial state and target state.
+        Exact or nominal initial state and target.
     rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
         Source of randomness. Realization k of x0 is realization k of
         ``sample(x0, ..., rng=key.child("x0"))``; "xf" and "A" alike.
@@ -66,21 +67,19 @@ class Stream(Durable):
     Notes
     -----
     *Invariant* (corrected Algorithm 1): in the consistent variant, ``v = B^+ (Ff - FA F0)`` after
-    every step. A step costs O(n) (above n = 300 or so, more time: A leaves the caches of the
-    processor), reading `u` O(n m), reading `certificate` or `error` O(n^2). All running sums are
-    computed again from the estimates every ``16 max(n, 16)`` steps; `drift` is the largest
-    correction so far.
+    every step. A step costs O(n) (more above n = 300 or so, where A leaves the processor's caches),
+    `u` O(n m), `certificate` and `error` O(n^2). All running sums are computed again every
+    ``16 max(n, 16)`` steps; `drift` is the largest correction so far.
 
     *Mean-square bound*, with ``n_i`` realizations in slot i that do not depend on the choice of
     slots and ``V = E ||E - T||^2``: ``E ||B (v - v*)||^2 <= 3 [Vf / n_f + ||A||^2 V0 / n_0 +
     (VA / n_A) (||x0|| + sqrt(V0 / n_0))^2]``.
 
     *Threads.* Threads can share a stream; each call locks it. A signal handler that uses a stream
-    at work gets an InputError, as does a process that was forked while another thread used it. A
-    signal handler that waits for another thread's call on the stream deadlocks.
+    during a call gets an InputError, as does a process that was forked during one. A signal handler
+    that waits for another thread's call on the stream deadlocks.
 
-    *Reproducibility.* The result depends on the arguments, the key and the number of steps only,
-    not on the calls that took them, or on saving and loading in between.
+    *Reproducibility.* The result depends on the arguments, the key and the number of steps only.
 
     Examples
     --------
@@ -107,9 +106,8 @@ class Stream(Durable):
         safeguard: bool = False,
         slots: Slots = "random",
     ) -> None:
-        checked = System.from_any(system)
+        checked, start, goal = checked_ends(system, x0, xf)
         inputs, n, m = checked.B, checked.n, checked.m
-        start, goal = gate.vector("x0", x0, length=n), gate.vector("xf", xf, length=n)
         name = gate.choice("variant", variant, VARIANTS)
         order = gate.choice("slots", slots, SLOTS)
         safe = gate.flag("safeguard", safeguard)
@@ -159,7 +157,7 @@ class Stream(Durable):
 
     @property
     def estimates(self) -> dict[str, Floats]:
-        """Estimates of "x0" (n,), "xf" (n,), "A" (n, n); for "literal" the latest realizations."""
+        """Estimates of "x0" (n,), "xf" (n,), "A" (n, n); "literal": the latest realizations."""
         x0, xf, columns = self._core.estimates()
         return {"x0": x0, "xf": xf, "A": np.ascontiguousarray(columns.T)}
 
@@ -241,16 +239,15 @@ class Stream(Durable):
         time_limit : float, optional
             Maximum time of this run [s].
         rule : {"certificate", "printed"}, default "certificate"
-            "certificate": stop when `certificate` is at most `tol`, and therefore `error` too.
-            Checked at the start and every n steps. "printed": stop when a step, at O(n m), changes
-            the control by at most `tol`, as in the paper. This is no sign of convergence: a
-            repeated realization changes nothing.
+            "certificate": stop when `certificate` is at most `tol`, and therefore `error` too;
+            checked every n steps. "printed": stop when a step, at O(n m), changes the control by at
+            most `tol`, as in the paper. That is not convergence: a repeated realization changes
+            nothing.
         progress : bool or callable, default False
-            True: a progress bar on a terminal or in a notebook. A callable is called as
-            ``progress(steps, max_steps)`` about five times a second.
+            True: a progress bar. A callable: ``progress(steps, max_steps)``, five times a second.
         checkpoint : path, optional
-            File to `save` the stream to during the run and at its end. An existing file must be
-            an earlier state of this stream. Other runs and `save` cannot write there meanwhile.
+            File to `save` the stream to during the run and at its end, locked meanwhile. An
+            existing file must be an earlier state of this stream.
         every : float, default 60
             Time between two checkpoints [s].
 
@@ -262,8 +259,7 @@ class Stream(Durable):
         Raises
         ------
         InputError, InputTypeError
-            If an argument cannot be used, none of `tol`, `max_steps`, `time_limit` is given, or
-            the variant has no certificate.
+            If an argument cannot be used, or none of `tol`, `max_steps`, `time_limit` is given.
         StateError, StateLockedError
             If `checkpoint` is not an earlier state of this stream, or is in use by another run.
         StateIOError
@@ -271,9 +267,9 @@ class Stream(Durable):
 
         Notes
         -----
-        Ctrl-C ends the run between two steps with status "interrupted" and raises nothing; the
-        stream can be run again. A second Ctrl-C during the last save raises KeyboardInterrupt.
-        With rule "certificate" and tol > 0, a run without limits ends with probability one.
+        Ctrl-C ends the run between two steps with status "interrupted"; the stream can be run
+        again. A second Ctrl-C during the last save raises KeyboardInterrupt. With rule
+        "certificate" and tol > 0, a run without limits ends with probability one.
 
         Examples
         --------

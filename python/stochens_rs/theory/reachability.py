@@ -1,7 +1,7 @@
 """Which states the exact system can reach in K steps.
 
-Whether one target is within reach, and of which control: `stochens_rs.control`. The paper's other
-notions are in :mod:`stochens_rs.paper.reachability`.
+`stochens_rs.control` computes whether a target is within reach, and the control. The paper's
+notions of reachability are in :mod:`stochens_rs.paper.reachability`.
 """
 
 from __future__ import annotations
@@ -43,9 +43,9 @@ def controllability_matrix(system: System | Any, steps: int) -> Floats:
 
     Notes
     -----
-    (The printed product of the paper, with K + 1 factors, has one too many.) The range of ``C_K``
-    grows with K up to ``K = n``; what has to lie in it, ``xf - A^K x0``, changes with K, too, so
-    that a target within reach of fewer steps need not be within reach of more.
+    (The product printed in the paper has K + 1 factors, one too many.) The range of ``C_K`` grows
+    with K up to ``K = n``. As ``xf - A^K x0``, which must lie in it, depends on K, a target within
+    reach in K steps may be out of reach in more.
 
     Examples
     --------

@@ -102,8 +102,7 @@ class _Problem:
     def bound(self, row: Row, setting: str) -> Bound:
         """Make the bound of a row."""
         setting = setting.removesuffix(", state")  # the setting is the same; the row is for states
-        if setting not in self._made:
-            self._made[setting] = self._make(setting)
+        self._made[setting] = self._made.get(setting) or self._make(setting)
         return Bound(row.name, row.source, row.inequality(self._made[setting]))
 
     def _make(self, setting: str) -> Setting:
@@ -133,8 +132,8 @@ class _Problem:
                 text = "`fusion` must be 'product' over several steps and for systematic rows"
                 raise InputError(f"{text}, got 'diagonal'")
             A, B = self.system.A, self.system.B
-            x0, xf, of_A = (Entity(value, scheme=scheme) for value in (self.x0, self.xf, A))
-            law = PlanErrors(B, x0, xf, of_A, steps=steps, paired=paired, rows=rows)
+            entities = (Entity(value, scheme=scheme) for value in (self.x0, self.xf, A))
+            law = PlanErrors(B, *entities, steps=steps, paired=paired, rows=rows)
         key = as_key(rng).child("simulated bound")
         return Simulated(Law(self.quantity, self.norm, scheme, law), key)
 
@@ -180,8 +179,8 @@ def bound(
     Raises
     ------
     InputError, InputTypeError
-        There is no such bound for the quantity (the message lists those that exist), a choice is
-        unknown, the data do not fit, or "diagonal" goes with several steps or systematic rows.
+        There is no such bound (the message lists those that exist), a choice is unknown, the data
+        do not fit, or fusion="diagonal" goes with several steps or systematic rows.
 
     Examples
     --------
@@ -195,8 +194,8 @@ def bound(
     how = gate.choice("scheme", scheme, SCHEMES)
     K, key = gate.size("steps", steps), as_key(rng)
     found = problem.rows(TABLE + DEPENDENT)
-    drawn = () if problem.quantity == "trajectory" else ("simulated",)
-    if gate.choice("name", name, (*found, *drawn)) == "simulated":
+    simulated = () if problem.quantity == "trajectory" else ("simulated",)
+    if gate.choice("name", name, (*found, *simulated)) == "simulated":
         return problem.simulated(how, K, key)
     if how == "systematic" or K > 1:
         raise InputError("`scheme` and `steps` are for the bound 'simulated' only")
@@ -217,8 +216,8 @@ def candidates(
     quantity : {"vector", "matrix", "state", "control", "trajectory"}
         The quantity whose error is bounded.
     *data : System or array_like
-        ``w``; ``A``; ``system, x0, xf`` for the state or the control; ``system, x0, u``. `system`
-        is a System or what `System.from_any` takes, such as ``(A, B)``; u (K, m).
+        ``w``; ``A``; ``system, x0, xf`` for a state or a control; ``system, x0, u`` with u (K, m).
+        `system` is a System or what `System.from_any` takes, such as ``(A, B)``.
     norm : str, optional
         Vector: "2" (default) or "1". Matrix: "spectral" (default) or "Frobenius". The others
         are in the 2-norm.
@@ -296,10 +295,9 @@ def best(
     if (size is None) == (eps is None):
         raise InputError("`size` or `eps` must be given, and not both")
     problem = _Problem(quantity, data, norm, fusion, axis)
-    found = problem.formulas()
-    delta = gate.probability("delta", delta)
+    found, delta = problem.formulas(), gate.probability("delta", delta)
     drawn = None if problem.quantity == "trajectory" else problem.simulated()
-    if drawn is not None and not drawn.possible(1 if size is None else size, delta):
+    if drawn and not drawn.possible(1 if size is None else size, delta):
         drawn = None
     if eps is not None:
         needed, chosen = _smallest_size([drawn] if drawn else found, eps, delta)

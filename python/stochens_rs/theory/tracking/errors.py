@@ -24,7 +24,7 @@ from ..formulas import (
 
 
 def reference_residuals(system: System | Any, reference: ArrayLike) -> Floats:
-    """How far each step of a reference is from what a control can do.
+    """Distance of each step of a reference from the nearest state that a control reaches.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ def reference_residuals(system: System | Any, reference: ArrayLike) -> Floats:
         The system, or anything `System.from_any` takes, such as ``(A, B)``; ``B`` may have any
         rank.
     reference : (K + 1, n) array_like
-        The states to follow, time first; K >= 1.
+        The states to track; K >= 1.
 
     Returns
     -------
@@ -82,11 +82,11 @@ def tracking_moments(
         The system, or anything `System.from_any` takes, such as ``(A, B)``. ``B`` is known exactly
         and may have any rank.
     reference : (K + 1, n) array_like
-        The states to follow, time first; K >= 1, feasible or not.
+        The states to track; K >= 1, feasible or not.
     size : int or None, default 1
         Number of realizations in every step; None or inf: the exact system.
     feedback : bool, default True
-        Whether the control uses the measured state or the reference in its place.
+        Whether the control uses the measured state; else it uses the reference in its place.
     sample_states : bool, default False
         Whether ``r(k)`` and ``r(k+1)`` are sampled too, with N realizations each and product
         fusion, as in section 5.2 of the paper; with ``feedback=False`` only.
@@ -115,7 +115,7 @@ def tracking_moments(
     ``S_{k+1} = F S_k F^T + F m_k d_k^T + d_k m_k^T F^T + d_k d_k^T + P C_k P``,
     ``C_k = T_A(E[x_k * x_k]) / N`` with feedback and ``T_A(r_k * r_k) / N`` without; sampled states
     add ``(Cv(r_{k+1}) + A Cv(r_k) A^T) / N + T_A(g |r_k| - r_k * r_k) / N^2``. With sampled states
-    and feedback no such recursion closes (it takes ``E|x_i x_j|``): see :func:`tracking_bound`.
+    and feedback there is no such recursion (it needs ``E|x_i x_j|``): see :func:`tracking_bound`.
 
     Examples
     --------
@@ -132,8 +132,8 @@ def tracking_moments(
     sampled = gate.flag("sample_states", sample_states)
     if fed and sampled:
         raise InputError(
-            "`sample_states` must be False with feedback=True: the second moments of sampled, "
-            "measured states do not close in a recursion; see tracking_bound"
+            "`sample_states` must be False with feedback=True: no recursion is known for the "
+            "second moments of sampled, measured states; see tracking_bound"
         )
     U = compact_svd(B)[0]
     K, n = len(r) - 1, r.shape[1]
@@ -216,7 +216,7 @@ def tracking_bound(
     system : System
         The system, or anything `System.from_any` takes, such as ``(A, B)``; ``B`` has rank n.
     reference : (K + 1, n) array_like
-        The states to follow from ``x(0) = r(0)``, time first.
+        The states to track, from ``x(0) = r(0)``.
     size : int or None, default 1
         Number of realizations in every step.
     sample_states : bool, default False
@@ -269,7 +269,7 @@ def tracking_bound(
 
 
 def checked_reference(reference: object, n: int) -> Floats:
-    """Check that there is at least one step."""
+    """Check a reference of at least one step."""
     r = gate.matrix("reference", reference, cols=n)
     if len(r) < 2:
         raise InputError(f"`reference` must have shape (K + 1, {n}) with K >= 1, got {r.shape}")

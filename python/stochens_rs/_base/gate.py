@@ -15,13 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from ..exceptions import (
-    InputError,
-    InputTypeError,
-    NonFiniteError,
-    ShapeError,
-    SizeError,
-)
+from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError, SizeError
 from .reading import read as read
 from .reading import show as show
 from .reading import shown_shape, whole

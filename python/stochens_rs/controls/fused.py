@@ -23,11 +23,7 @@ if TYPE_CHECKING:
 
 
 def realization_controls(
-    system: SystemLike,
-    x0: EntityLike,
-    xf: EntityLike,
-    *,
-    out: Floats | None = None,
+    system: SystemLike, x0: EntityLike, xf: EntityLike, *, out: Floats | None = None
 ) -> Floats:
     """Compute one control per realization, ``u^s = B^+ (xf^s - A^s x0^s)``.
 

@@ -217,11 +217,7 @@ def fuse_path(
 
 
 def _one_by_one(
-    ensemble: Ensemble,
-    goal: Floats,
-    method: str,
-    options: alse.AlseOptions,
-    sizes: list[int],
+    ensemble: Ensemble, goal: Floats, method: str, options: alse.AlseOptions, sizes: list[int]
 ) -> tuple[Floats, Floats | None, tuple[Status, ...], Floats]:
     """Fuse every prefix separately, all within one time limit."""
     clock, interrupted = alse.Clock(options), False

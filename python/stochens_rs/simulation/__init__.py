@@ -4,11 +4,4 @@ from .closed_loop import Tracking, track
 from .records import EnsembleTrajectory, Trajectory
 from .simulating import simulate, simulate_ensemble
 
-__all__ = [
-    "EnsembleTrajectory",
-    "Tracking",
-    "Trajectory",
-    "simulate",
-    "simulate_ensemble",
-    "track",
-]
+__all__ = ["EnsembleTrajectory", "Tracking", "Trajectory", "simulate", "simulate_ensemble", "track"]

@@ -249,11 +249,5 @@ def track(
         feasible=bool((residuals <= REACHABLE * needed).all()),
         key=key,
         status=status if optimal else "optimal_inaccurate",
-        info={
-            "method": name,
-            "size": count,
-            "feedback": fed,
-            "sample_states": sampled,
-            "runs": R,
-        },
+        info={"method": name, "size": count, "feedback": fed, "sample_states": sampled, "runs": R},
     )

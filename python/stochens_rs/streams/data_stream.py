@@ -95,11 +95,7 @@ class DataStream(Durable):
         self._core = _core.DataStream(inputs, start, goal, matrix)
 
     def update(
-        self,
-        *,
-        x0: FeedLike | None = None,
-        xf: FeedLike | None = None,
-        A: FeedLike | None = None,
+        self, *, x0: FeedLike | None = None, xf: FeedLike | None = None, A: FeedLike | None = None
     ) -> None:
         """Take in realizations.
 

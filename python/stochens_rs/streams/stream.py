@@ -54,15 +54,15 @@ class Stream(Durable):
     slots : {"random", "round-robin", "gain"}, default "random"
         Which slot the step is for. "random": each with probability 1/3, as in the paper.
         "round-robin": in turn. "gain": the slot with the largest guaranteed decrease of the mean
-        squared error, ``d^4 / (V + d^2)`` times the squared factor by which the error d of the
-        slot enters the state (``||A||`` for x0, 1 for xf, ``||F0||`` for A).
+        squared error of the state, ``c^2 d^4 / (V + d^2)`` for an error d of the slot, with
+        ``c = ||A||`` for x0, 1 for xf, ``||F0||`` for A.
 
     Raises
     ------
     InputError, InputTypeError
         If an argument cannot be used; the message names it.
     ResourceError
-        If the stream does not fit into the memory this process may use.
+        If the stream does not fit into memory.
 
     Notes
     -----
@@ -71,8 +71,8 @@ class Stream(Durable):
     `u` O(n m), `certificate` and `error` O(n^2). All running sums are computed again every
     ``16 max(n, 16)`` steps; `drift` is the largest correction so far.
 
-    *Mean-square bound*, with ``n_i`` realizations in slot i that do not depend on the choice of
-    slots and ``V = E ||E - T||^2``: ``E ||B (v - v*)||^2 <= 3 [Vf / n_f + ||A||^2 V0 / n_0 +
+    *Mean-square bound*, for ``n_i`` realizations in slot i, chosen independently of them, and
+    ``V = E ||E - T||^2``: ``E ||B (v - v*)||^2 <= 3 [Vf / n_f + ||A||^2 V0 / n_0 +
     (VA / n_A) (||x0|| + sqrt(V0 / n_0))^2]``.
 
     *Threads.* Threads can share a stream; each call locks it. A signal handler that uses a stream
@@ -87,10 +87,8 @@ class Stream(Durable):
     >>> A, B = [[0.9, 0.2], [-0.1, 0.8]], [[1.0, 0.0], [0.5, 1.0]]
     >>> stream = se.Stream((A, B), [1.0, 2.0], [0.0, 0.0], rng=1)
     >>> run = stream.run(tol=1e-3)
-    >>> run.status, run.certificate <= 1e-3, run.error <= run.certificate
-    ('converged', True, True)
-    >>> stream.u.shape
-    (2,)
+    >>> run.status, run.error <= run.certificate <= 1e-3, stream.u.shape
+    ('converged', True, (2,))
     """
 
     _kind = "stream"
@@ -114,9 +112,8 @@ class Stream(Durable):
         if safe and name != "consistent":
             raise InputError(f"`safeguard` must be False for variant '{name}', got True")
         if order == "gain" and name == "literal":
-            raise InputError(
-                "`slots` must be 'random' or 'round-robin' for variant 'literal', got 'gain'"
-            )
+            expected = "'random' or 'round-robin' for variant 'literal'"
+            raise InputError(f"`slots` must be {expected}, got 'gain'")
         # laws, estimates, sums, tables of both matrices, and the pseudoinverse
         memory.need("a stream", (80 if safe else 64) * n * n + 40 * n * m)
         columns = np.ascontiguousarray(checked.A.T)
@@ -204,7 +201,7 @@ class Stream(Durable):
         InputTypeError, SizeError
             If `count` is not such a number.
         KeyboardInterrupt
-            On Ctrl-C, between two steps; `steps` says how many were taken.
+            On Ctrl-C, between two steps; `steps` has the number taken.
 
         Examples
         --------
@@ -239,10 +236,9 @@ class Stream(Durable):
         time_limit : float, optional
             Maximum time of this run [s].
         rule : {"certificate", "printed"}, default "certificate"
-            "certificate": stop when `certificate` is at most `tol`, and therefore `error` too;
-            checked every n steps. "printed": stop when a step, at O(n m), changes the control by at
-            most `tol`, as in the paper. That is not convergence: a repeated realization changes
-            nothing.
+            "certificate": stop when `certificate` is at most `tol`; checked every n steps.
+            "printed", as in the paper: stop when a step, at O(n m), changes the control by at most
+            `tol`. That is not convergence: a repeated realization changes nothing.
         progress : bool or callable, default False
             True: a progress bar. A callable: ``progress(steps, max_steps)``, five times a second.
         checkpoint : path, optional
@@ -260,16 +256,15 @@ class Stream(Durable):
         ------
         InputError, InputTypeError
             If an argument cannot be used, or none of `tol`, `max_steps`, `time_limit` is given.
-        StateError, StateLockedError
-            If `checkpoint` is not an earlier state of this stream, or is in use by another run.
-        StateIOError
-            If a checkpoint cannot be saved; the stream can still be used.
+        StateError, StateLockedError, StateIOError
+            If `checkpoint` is not an earlier state of this stream, is in use by another run, or
+            cannot be saved; the stream can still be used.
 
         Notes
         -----
-        Ctrl-C ends the run between two steps with status "interrupted"; the stream can be run
-        again. A second Ctrl-C during the last save raises KeyboardInterrupt. With rule
-        "certificate" and tol > 0, a run without limits ends with probability one.
+        Ctrl-C ends the run between two steps with status "interrupted"; a second one during the
+        last save raises KeyboardInterrupt. The stream can be run again. With rule "certificate" and
+        tol > 0, a run without limits ends with probability one.
 
         Examples
         --------

@@ -133,15 +133,7 @@ class PlanErrors:
     """
 
     def __init__(
-        self,
-        B: Floats,
-        x0: Entity,
-        xf: Entity,
-        A: Entity,
-        *,
-        steps: int,
-        paired: bool,
-        rows: bool,
+        self, B: Floats, x0: Entity, xf: Entity, A: Entity, *, steps: int, paired: bool, rows: bool
     ) -> None:
         self.B, self.paired, self.rows = B, paired, rows
         self.entities = x0, xf, A

@@ -13,13 +13,7 @@ from ...exceptions import InputError
 from ...system import System
 from ..dynamics import checked_ends, checked_steps, matrix_powers, states
 from ..exact import best_control
-from ..formulas import (
-    Sizes,
-    checked_finite,
-    inverse_size,
-    one_each,
-    realization_covariance,
-)
+from ..formulas import Sizes, checked_finite, inverse_size, one_each, realization_covariance
 
 
 def final_state_covariance(

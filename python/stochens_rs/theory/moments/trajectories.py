@@ -12,13 +12,7 @@ from ..._base.types import AVERAGINGS, AXES, Averaging, Axis, Floats
 from ...exceptions import NonFiniteError
 from ...system import System
 from ..dynamics import checked_motion, states
-from ..formulas import (
-    Size,
-    inverse_size,
-    matrix_excess,
-    realization_covariance,
-    vector_excess,
-)
+from ..formulas import Size, inverse_size, matrix_excess, realization_covariance, vector_excess
 from ..positive_maps import map_radius, spectral_radius
 
 

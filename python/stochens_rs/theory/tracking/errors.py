@@ -203,11 +203,7 @@ def tracking_rms(
 
 
 def tracking_bound(
-    system: System | Any,
-    reference: ArrayLike,
-    size: Size = 1,
-    *,
-    sample_states: bool = False,
+    system: System | Any, reference: ArrayLike, size: Size = 1, *, sample_states: bool = False
 ) -> float:
     """Bound the mean square tracking error over all steps, with feedback and ``B`` of rank n.
 

@@ -160,7 +160,7 @@ class Simulated(Bound):
         InputError, InputTypeError
             `delta` is no probability, or too small: below about 1e-4, or more if runs are slow.
         """
-        if not self.possible(1, gate.probability("delta", delta)):
+        if not self.possible(1, delta):
             raise SizeError(_no_bound(delta))
 
     def possible(self, size: Sizes, delta: float) -> bool:
@@ -175,8 +175,13 @@ class Simulated(Bound):
         -------
         bool
             Whether :meth:`radius` has a result.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            `size` is not a count, or `delta` does not lie in (0, 1).
         """
-        rates = self._rates(size)
+        rates, delta = self._rates(size), gate.probability("delta", delta)
         return not any(rates) or runs_for(delta, self.setting.errors(rates).cost) is not None
 
     def _smallest(self, eps: float, delta: float, rates: Callable[[int], Rates]) -> int | None:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import click
 
+from ..cases import CASES
+
 case_option = click.option(
     "--case",
-    type=click.Choice(("ieee14", "ieee39")),
+    type=click.Choice(tuple(CASES)),
     help="A system that comes with the package.",
 )
 file_option = click.option(

@@ -24,8 +24,8 @@ def problem(case: str | None, path: str | None, key: Key) -> tuple[System, Float
         given = cases.from_file(path)
         system, x0, xf, spread = given.system, given.x0, given.xf, 1.0
     else:
-        system = cases.ieee14() if case == "ieee14" else cases.ieee39()
-        x0, xf, spread = None, None, 0.1  # radians and radians per second
+        system = cases.CASES[str(case)]()
+        x0, xf, spread = None, None, 0.1  # rad and rad/s
     if x0 is None:
         x0 = spread * key.child("x0").generator().standard_normal(system.n)
     return system, x0, np.zeros(system.n) if xf is None else xf

@@ -10,7 +10,7 @@ import click
 
 from .. import paper
 from .._base.files import versions
-from ..paper.report.page import require_report
+from ..paper.report.page import COLUMNS, require_report
 from ..rng import as_key
 from ._options import seed_option
 from ._output import note, prepared, show
@@ -132,7 +132,9 @@ def _table(rows: list[dict[str, Any]]) -> str:
     """The final errors as text, one block per panel."""
     lines = []
     before = None
-    head = f"{'':<20}{'median':>11}{'10 %':>11}{'90 %':>11}{'rms':>11}{'exact rms':>11}{'z':>7}"
+    head = (
+        " " * 20 + "".join(f"{name:>11}" for name in [*COLUMNS.values(), "exact rms"]) + f"{'z':>7}"
+    )
     for row in rows:
         if row["panel"] != before:
             before = row["panel"]
@@ -141,7 +143,7 @@ def _table(rows: list[dict[str, Any]]) -> str:
                 f"{row['panel']}  relative error of the {row['quantity']}, N = {row['samples']}",
                 head,
             ]
-        cells = "".join(f"{row[k]:>11.3g}" for k in ("median", "q10", "q90", "rms"))
+        cells = "".join(f"{row[k]:>11.3g}" for k in COLUMNS)
         exact = "" if row["z"] is None else f"{row['exact_rms']:>11.3g}{row['z']:>+7.2f}"
-        lines.append(f"{row['method']:<20}{row['zero'] or cells:>44}{exact}")
+        lines.append(f"{row['method']:<20}{row['zero'] or cells:>{len(cells)}}{exact}")
     return "\n".join(lines[1:])

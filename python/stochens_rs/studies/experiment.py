@@ -59,7 +59,7 @@ class Experiment:
     panels: tuple[Panel, ...]
     facts: dict[str, Any]
     seconds: float
-    versions: dict[str, str] = field(default_factory=lambda: versions())
+    versions: dict[str, str] = field(default_factory=versions)
 
     @property
     def replicates(self) -> int:
@@ -95,15 +95,9 @@ class Experiment:
         """Plain data, ready for ``json.dumps``; `from_dict` restores every number bit for bit."""
         return {
             "schema": SCHEMA,
-            "name": self.name,
-            "title": self.title,
-            "key": self.key,
-            "settings": self.settings,
+            **vars(self),
             "sizes": self.sizes.tolist(),
             "panels": [panel.to_dict() for panel in self.panels],
-            "facts": self.facts,
-            "seconds": self.seconds,
-            "versions": self.versions,
         }
 
     @classmethod

@@ -20,16 +20,10 @@ from ..ensembles.sampling import sample
 from ..fusion.fusing import Method, fuse_path
 from ..rng import Key
 from ..theory.exact import Best, best_control
+from .methods import METHODS
 
 Floats = NDArray[np.float64]
 Sizes = NDArray[np.int64]
-METHODS: tuple[Method, ...] = ("uniform", "slse", "slse-safeguarded", "alse")
-# Every method with product fusion; for uniform weights also the paper's mean of per-realization
-# controls.
-FUSED: tuple[tuple[Method, Fusion], ...] = (
-    ("uniform", "diagonal"),
-    *((method, "product") for method in METHODS),
-)
 
 
 @dataclass

@@ -20,6 +20,7 @@ from ..._base.extras import extra
 from ..._base.files import versions, write_listed
 from ...plots.files import save_figures
 from ...plots.style import require_matplotlib
+from ...studies.methods import STYLES
 from .. import experiments as _experiments
 
 if TYPE_CHECKING:
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
     from ..verdicts.records import Claims
 
 SCHEMA = "stochens-results/1"
+# Columns of the table of final errors that hold numbers: key in `final_errors`, heading.
+COLUMNS = {"median": "median", "q10": "10 %", "q90": "90 %", "rms": "rms"}
 
 
 def final_errors(experiments: Sequence[Experiment]) -> list[dict[str, Any]]:
@@ -176,6 +179,8 @@ def render(
             "power": named.get("power"),
             "tracking": named.get("tracking"),
             "rows": final_errors(experiments),
+            "columns": COLUMNS,
+            "methods": [one for (_, fusion), one in STYLES.items() if fusion == "product"],
             "code": _code(experiments),
             "source": source,
             "last": last,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...plots.style import INK, PALE, new_figure, require_matplotlib
-from ...studies.figures import STYLES
+from ...studies.methods import STYLES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

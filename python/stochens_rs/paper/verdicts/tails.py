@@ -67,17 +67,8 @@ class Tails:
 
     def to_dict(self) -> dict[str, Any]:
         """The fields as plain numbers and lists."""
-        return {
-            "n": self.n,
-            "delta": self.delta,
-            "runs": self.runs,
-            "sizes": self.sizes.tolist(),
-            "empirical": self.empirical.tolist(),
-            "ours": self.ours.tolist(),
-            "bounds": list(self.bounds),
-            "printed": self.printed.tolist(),
-            "failures": self.failures.tolist(),
-        }
+        plain = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in vars(self).items()}
+        return {**plain, "bounds": list(self.bounds)}
 
 
 def hadamard(n: int) -> Floats:

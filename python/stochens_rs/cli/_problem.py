@@ -1,4 +1,4 @@
-"""The control problem that `plan` and `stream` are asked about."""
+"""The control problem of `plan` and `stream`, and numbers given in percent."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Floats: TypeAlias = NDArray[np.float64]
 
 
 def problem(case: str | None, path: str | None, key: Key) -> tuple[System, Floats, Floats]:
-    """System, x0 and xf; states that the file does not have are drawn (x0) or zero (xf)."""
+    """System, x0 and xf; an x0 that is not in the file is drawn, and such an xf is 0."""
     if (case is None) == (path is None):
         raise click.UsageError("give either --case or --file")
     if path is not None:
@@ -32,7 +32,7 @@ def problem(case: str | None, path: str | None, key: Key) -> tuple[System, Float
 
 
 def share(text: str, option: str, *, relative: bool = True) -> float:
-    """``5%`` or ``0.05``; a relative one of 1 and more needs its percent sign: 5 is a slip."""
+    """Read ``5%`` or ``0.05``; refuse a relative 5 without percent sign as a likely mistake."""
     number = text.strip().removesuffix("%")
     try:
         value = float(number)

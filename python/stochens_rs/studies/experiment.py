@@ -1,4 +1,4 @@
-"""What an experiment leaves behind: its panels, and all that is needed to repeat it."""
+"""The record of a finished experiment: its panels, and all that is needed to repeat it."""
 
 from __future__ import annotations
 
@@ -28,8 +28,7 @@ SCHEMA = "stochens-experiment/1"
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    """One experiment, finished: settings, key, errors of every replicate, and facts derived from
-    them.
+    """A finished experiment: settings, key, errors of every replicate, and facts derived from them.
 
     Attributes
     ----------

@@ -76,7 +76,7 @@ def power(
         common factor changes no relative error.
     tol : float, default 1e-10
         Relative duality gap asked of the ALSE solves; relative errors of A below ``sqrt(tol)``
-        cannot be told from zero.
+        count as zero.
     progress : None, bool or callable, optional
         True: a bar on a terminal or in a notebook. A callable is called as
         ``progress(done, total)`` after each replicate.

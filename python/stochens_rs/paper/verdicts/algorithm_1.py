@@ -1,4 +1,4 @@
-"""Algorithm 1 of the paper: its lines, its convergence, and the variance it is said to have."""
+"""Algorithm 1 of the paper: its lines, its convergence, and the variance the paper mentions."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def measure(key: Key, *, runs: int = 40, steps: tuple[int, int] = (200, 2000)) -
                     bound[r, k] = mean_square_bound(x0, xf, A, stream.counts)
         printed = Stream((A, B), x0, xf, rng=child, variant="literal")
         if printed.run(tol=ERROR_BOUND, max_steps=steps[1], rule="printed").status == "interrupted":
-            raise KeyboardInterrupt  # half a run is of no use
+            raise KeyboardInterrupt  # an incomplete run is not evidence
         stops[r] = printed.steps, error(printed)
     return Streamed(n, m, steps, control, state, bound, stops)
 

@@ -1,4 +1,4 @@
-"""Section 5 of the paper: what its figures show and its text says, in runs of our own."""
+"""Section 5 of the paper: what its figures show, checked by repeated experiments."""
 
 from __future__ import annotations
 

@@ -73,7 +73,7 @@ class Claim:
 
 @cache
 def statements() -> ConfigParser:
-    """What the paper says, the verdict, and what is true: the text beside this file."""
+    """What the paper says, the verdict, and what is true, from ``statements.ini``."""
     parser = ConfigParser(delimiters=("=",), interpolation=None)
     parser.read_string(Path(__file__).with_name("statements.ini").read_text("utf-8"))
     return parser
@@ -97,7 +97,7 @@ class Claims:
     rows : tuple of Claim
         In the order of the paper.
     tails : Tails
-        Empirical quantiles of an error beside the bounds, for a figure.
+        Empirical quantiles of an error and the bounds on it, for a figure.
     comparison : Comparison
         SLSE against uniform weights, run by run and in the mean square, for a figure.
     key : str

@@ -1,4 +1,4 @@
-"""Section 5.2 of the paper: what its text says of several steps, of the states, of their order."""
+"""Section 5.2 of the paper: its statements on several steps, on the states and on their order."""
 
 from __future__ import annotations
 

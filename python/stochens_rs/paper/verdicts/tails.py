@@ -1,4 +1,4 @@
-"""Simulated errors beside the bounds on them: Lemma 4.2 on a hard system.
+"""Simulated errors and the bounds on them: Lemma 4.2 on a hard system.
 
 The system is ``A = H / sqrt(n)`` with a Hadamard matrix H, ``x0 = (1, .., 1) / sqrt(n)``,
 ``xf = 0`` and ``B = I``: all norms that the paper uses are 1, while a realization of A has the

@@ -44,6 +44,7 @@ pub mod simulate;
 pub mod storage;
 mod stream;
 pub mod streaming;
+mod vector;
 #[cfg(target_arch = "x86_64")]
 mod wide;
 

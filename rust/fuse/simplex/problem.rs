@@ -3,6 +3,9 @@
 use std::fmt;
 use std::time::Duration;
 
+/// What messages say that memory is for.
+pub(crate) const SEARCH: &str = "the search for weights";
+
 /// Sample indices, sample-major: entry `i * lines + j` is the place of the nonzero of realization `i` in line `j`.
 #[derive(Clone, Copy, Debug)]
 pub enum IndexView<'a> {

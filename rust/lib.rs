@@ -28,6 +28,7 @@
 
 pub mod control;
 mod error;
+mod fault;
 pub mod fuse;
 mod lanes;
 mod memory;

@@ -14,7 +14,7 @@ impl Data {
     /// Everything that the next update depends on.
     ///
     /// # Errors
-    /// [`Error::Memory`].
+    /// [`crate::Error::Memory`].
     pub fn to_sections(&self) -> Result<Sections> {
         let mut out = Sections::default();
         let known = |feed: &Feed| u64::from(feed.target.is_some());
@@ -38,7 +38,7 @@ impl Data {
     /// The stream that [`Data::to_sections`] wrote down.
     ///
     /// # Errors
-    /// [`Error::Value`] for `state` if the sections cannot come from a stream.
+    /// [`crate::Error::Value`] for `state` if the sections cannot come from a stream.
     pub fn from_sections(mut from: Sections) -> Result<Self> {
         let format = from.take_u64("format", None)?;
         let (n, m, known) = match format[..] {

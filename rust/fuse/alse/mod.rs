@@ -17,35 +17,11 @@ use crate::memory::try_filled;
 use crate::parallel::Stop;
 use crate::sample::Singletons;
 
+pub use super::simplex::Status;
 pub use realizations::Realizations;
 
 /// Nonzero entries up to which Clarabel is asked: about a minute on one core.
 const SECOND_OPINION: usize = 200_000;
-
-/// How a solution ended; judged by the recomputed gap.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Status {
-    /// The gap is at most `tol ||E*||^2` (`tol` times the squared norm of a realization where `E* = 0`).
-    Optimal,
-    /// The best weights found, with a larger gap.
-    OptimalInaccurate,
-    /// The best weights when the caller's time or passes ran out.
-    UserLimit,
-    /// The best weights when the caller asked to stop.
-    Interrupted,
-}
-
-impl Status {
-    /// The status as a word of the convex-optimization world.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Optimal => "optimal",
-            Self::OptimalInaccurate => "optimal_inaccurate",
-            Self::UserLimit => "user_limit",
-            Self::Interrupted => "interrupted",
-        }
-    }
-}
 
 /// Which weights are wanted, how well, and what may be spent on them.
 #[derive(Debug, Clone, Copy)]
@@ -114,7 +90,7 @@ pub struct Solution {
     pub unseen: usize,
     /// The target lies in the hull of the realizations: the error is rounding.
     pub exact: bool,
-    /// What the gap says.
+    /// What the recomputed gap says.
     pub status: Status,
     /// Which solver proposed the weights, and its number of iterations.
     pub solver: &'static str,
@@ -181,10 +157,8 @@ fn certified(
 ) -> Result<Solution> {
     let spent = settings.max_passes.is_some_and(|most| own.info.passes >= most as f64);
     let status = match own.status {
-        simplex::Status::Optimal => Status::Optimal,
-        simplex::Status::Interrupted => Status::Interrupted,
-        simplex::Status::UserLimit if spent || clock.over() => Status::UserLimit,
-        simplex::Status::UserLimit | simplex::Status::OptimalInaccurate => Status::OptimalInaccurate,
+        Status::UserLimit if !spent && !clock.over() => Status::OptimalInaccurate,
+        status => status,
     };
     // one pass, done even after a stop: without the estimate the weights are worth little
     let estimate = realizations.combine(&own.weights, &Stop::new())?;

@@ -10,7 +10,7 @@ use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_m
 use stochens::control::{Entity, Memory, Realized, pseudoinverse};
 use stochens::fuse::{Settings, Status, Weights, alse, closed_form, slse, slse_each};
 use stochens::sample::multinomial_counts;
-use stochens::simulate::{Drawn, Model, Second, mean_field, runs};
+use stochens::simulate::{ClosedLoop, Drawn, Method, Model, Second, mean_field, runs};
 use stochens::streaming::{Config, Geometry, Laws, Limits, Order, Stream, Variant};
 use stochens::{Key, Law, Scheme, Singletons, Stop, sample};
 
@@ -194,6 +194,36 @@ fn simulating(c: &mut Criterion) {
     group.finish();
 }
 
+/// 16 runs along a reference of 100 steps with n = 20 states: counts of `A` at every step; throughput in runs and steps.
+fn following(c: &mut Criterion) {
+    let (n, m, steps, runs) = (20, 10, 100, 16);
+    let matrix = |lines| Law::new(entries(lines * n).iter().map(|v| v / 10.0).collect(), lines, n).expect("finite");
+    let (b, reference) = (matrix(m), entries((steps + 1) * n));
+    let rows: Vec<f64> = (0..n * m).map(|at| b.line(at % m)[at / m]).collect();
+    let factors = pseudoinverse(&rows, n, m).expect("finite entries");
+    let given = ClosedLoop {
+        a: matrix(n).into(),
+        b,
+        x0: &reference[..n],
+        reference: &reference,
+        basis: &factors.basis,
+        right: &factors.right,
+        singular_values: &factors.singular_values[..factors.rank],
+        size: 10_000,
+        method: Method::Uniform,
+        feedback: false,
+        sample_states: false,
+    };
+    let mut group = c.benchmark_group("closed loop");
+    group.throughput(Throughput::Elements((runs * steps) as u64));
+    for threads in [1, 2] {
+        group.bench_function(BenchmarkId::new("threads", threads), |bench| {
+            bench.iter(|| given.run(runs, &Key([1; 32]), threads, &Stop::new()));
+        });
+    }
+    group.finish();
+}
+
 fn streaming(c: &mut Criterion) {
     let mut group = c.benchmark_group("stream");
     for (n, steps) in [(10, 20_000u64), (100, 2000), (1000, 200)] {
@@ -216,6 +246,6 @@ fn streaming(c: &mut Criterion) {
 criterion_group! {
     name = benches;
     config = Criterion::default().sample_size(20).measurement_time(std::time::Duration::from_secs(2));
-    targets = limits, sampling, fusing, least_squares, replicates, controls, simulating, streaming
+    targets = limits, sampling, fusing, least_squares, replicates, controls, simulating, following, streaming
 }
 criterion_main!(benches);

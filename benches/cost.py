@@ -72,7 +72,7 @@ def _against_n() -> dict[str, list[tuple[int, float]]]:
             (n, median(lambda A=A, e=ensemble: se.fuse(e, "slse", target=A)) / size)
         )
         B = gen.standard_normal((n, max(1, n // 2)))
-        stream = se.Stream(B, gen.standard_normal(n), gen.standard_normal(n), A, rng=1)
+        stream = se.Stream((A, B), gen.standard_normal(n), gen.standard_normal(n), rng=1)
         points["a step of a stream"].append((n, median(lambda s=stream, k=size: s.step(k)) / size))
     return points
 
@@ -112,8 +112,8 @@ def _two_threads() -> dict[str, tuple[float, float, float]]:
     works: dict[str, Callable[[], object]] = {
         "sampling a vector": lambda: se.sample(w, 1 << 24, rng=1),
         "sampling a matrix": lambda: se.sample(A, 100_000, rng=1),
-        "batched controls": lambda: se.realization_controls(system.B, x0, xf, EA, out=out),
-        "simulated runs": lambda: se.simulate_ensemble(system, np.ones((10, 10)), w, 20_000, rng=1),
+        "batched controls": lambda: se.realization_controls((EA, system.B), x0, xf, out=out),
+        "simulated runs": lambda: se.simulate_ensemble(system, w, np.ones((10, 10)), 20_000, rng=1),
         "ALSE, 100x100, N = 1e5": lambda: se.fuse(EA.prefix(100_000), "alse", target=A),
     }
     found = {}

@@ -214,7 +214,7 @@ def stream() -> Iterator[Line]:
         x0, xf = gen.standard_normal(n), gen.standard_normal(n)
         key = se.Key(bytes(32))
         keys = [bytes(key.child(name)) for name in ("x0", "xf", "A", "slots")]
-        ours = se.Stream(B, x0, xf, A, rng=key)
+        ours = se.Stream((A, B), x0, xf, rng=key)
         if n <= 100:
             # the twin draws beforehand; that is a small part of its time
             yield (
@@ -391,10 +391,10 @@ def controls() -> Iterator[Line]:
             return xf.atoms[iF[:, 0], None] * PT[iF[:, 0]] - scale[:, None] * PT[row]
 
         def fresh(B=B, x0=x0, xf=xf, EA=EA) -> np.ndarray:
-            return se.realization_controls(B, x0, xf, EA)
+            return se.realization_controls((EA, B), x0, xf)
 
         def ours(B=B, x0=x0, xf=xf, EA=EA, out=out) -> np.ndarray:
-            return se.realization_controls(B, x0, xf, EA, out=out)
+            return se.realization_controls((EA, B), x0, xf, out=out)
 
         def product(y=y, B=B, theirs=theirs) -> np.ndarray:
             return np.matmul(y, np.ascontiguousarray(np.linalg.pinv(B).T), out=theirs)
@@ -414,7 +414,7 @@ def controls() -> Iterator[Line]:
         out, result = np.zeros((size, m)), np.zeros((size, m))
 
         def ours(B=B, x0=x0, xf=xf, EA=EA, out=out) -> np.ndarray:
-            return se.realization_controls(B, x0, xf, EA, out=out)
+            return se.realization_controls((EA, B), x0, xf, out=out)
 
         def batched(samples=samples, B=B, out=result) -> np.ndarray:
             x0, xf, A = samples
@@ -458,14 +458,14 @@ def simulate() -> Iterator[Line]:
         B, u = gen.standard_normal((n, m)), strength * gen.standard_normal((K, m))
 
         def ours(B=B, u=u) -> np.ndarray:
-            return se.simulate_ensemble((A, B), u, x0, size, rng=1).mean
+            return se.simulate_ensemble((A, B), x0, u, size, rng=1).mean
 
         yield (
             f"simulate, n=100 {name}, K=10",
             "NumPy twin, 32 runs at a time",
             ours,
             size,
-            lambda B=B, u=u: reference.simulate_runs(A, B, u, x0, twin_runs, key=bytes(32)),
+            lambda B=B, u=u: reference.simulate_runs(A, B, x0, u, twin_runs, key=bytes(32)),
             twin_runs,
         )
         yield (
@@ -484,6 +484,26 @@ def simulate() -> Iterator[Line]:
             lambda B=B, u=u: runs_at_once(A, B, u, x0, few, gen),
             few,
         )
+    yield from track()
+
+
+def track() -> Iterator[Line]:
+    """A closed loop, 50 runs of 100 steps; the peer does one run, with NumPy's multinomial."""
+    system, gen = se.cases.ieee39(), np.random.default_rng(0)
+    u, x0 = 0.1 * gen.standard_normal((100, system.m)), 0.1 * gen.standard_normal(system.n)
+    r = reference.simulate(system.A, system.B, u, x0)
+
+    def estimate(target: np.ndarray, key: bytes) -> np.ndarray:
+        return reference.average(target, 10_000, gen)
+
+    yield (
+        f"track, n={system.n} m={system.m}, K=100",
+        "NumPy twin, run by run",
+        lambda: se.track(system, r, 10_000, rng=1, runs=50),
+        50,
+        lambda: reference.track(system.A, system.B, r, x0, estimate, key=bytes(32)),
+        1,
+    )
 
 
 def run_by_run(A, B, u, x0, size, gen) -> np.ndarray:

@@ -62,7 +62,7 @@ TITLES = {
         "the same bytes, and its ratio is the share of its bandwidth that is reached; above one "
         "where ours are stored past the caches. The limit is the faster kind of store.",
     ),
-    "simulate": ("Simulation", "Runs of 10 steps with fresh realizations at every step, per run."),
+    "simulate": ("Simulation", "Runs with fresh realizations at every step, per run."),
     "reproduce": (
         "The experiments",
         "A stated subset of the paper's experiments against NumPy and CVXPY, per problem.",

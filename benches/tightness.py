@@ -53,14 +53,17 @@ def formula(quantity: str, data: tuple[Floats, ...], N: int, delta: float, **opt
 def sum_of_errors(problem: Problem, N: int, delta: float) -> float:
     """Triangle inequality for one step, systematic samples: their errors are sure."""
     A, B, x0, xf = problem
-    e0, ef, eA = (bounds.Systematic(w).radius(N, delta) for w in (x0, xf, A))
-    return bounds.from_errors(B, x0, A, x0_error=e0, xf_error=ef, A_error=eA)[0]
+    e0, ef, eA = (
+        bounds.bound("systematic", quantity, w).radius(N, delta)
+        for quantity, w in (("vector", x0), ("vector", xf), ("matrix", A))
+    )
+    return bounds.from_errors((A, B), x0, x0_error=e0, xf_error=ef, A_error=eA)[0]
 
 
 def along_trajectory(problem: Problem, N: int, delta: float) -> float:
     """``ef + ||A^K|| e0 + eA sum_k ||A^{K-1-k}|| ||x(k)||`` along the exact trajectory."""
     A, B, x0, xf = problem
-    u = se.control_steps(B, x0, xf, A, STEPS)
+    u = se.control((A, B), x0, xf, steps=STEPS)
     norms = [np.linalg.norm(np.linalg.matrix_power(A, k), 2) for k in range(STEPS + 1)]
     along = sum(norms[STEPS - 1 - k] * np.linalg.norm(u.predicted_states[k]) for k in range(STEPS))
     e0, ef = (formula("vector", (w,), N, delta / 3) for w in (x0, xf))
@@ -70,21 +73,21 @@ def along_trajectory(problem: Problem, N: int, delta: float) -> float:
 def quantities(problem: Problem) -> Iterator[tuple[str, bounds.Simulated, int, object]]:
     """What the error is of, the simulated bound, its column, and the formula for N and delta."""
     A, B, x0, xf = problem
-    data = B, x0, xf, A
+    data = (A, B), x0, xf
 
     def of(quantity: str, *some: Floats, **options: str) -> object:
         return lambda N, delta: formula(quantity, some, N, delta, **options)
 
-    yield "vector", bounds.Simulated("vector", x0), 0, of("vector", x0)
-    matrix = bounds.Simulated("matrix", A, norm="Frobenius")
+    yield "vector", bounds.bound("simulated", "vector", x0), 0, of("vector", x0)
+    matrix = bounds.bound("simulated", "matrix", A, norm="Frobenius")
     yield "matrix, Frobenius", matrix, 0, of("matrix", A, norm="Frobenius")
     for fusion in ("product", "diagonal"):
         for which, quantity in enumerate(("state", "control")):
-            simulated = bounds.Simulated(quantity, *data, fusion=fusion)
+            simulated = bounds.bound("simulated", quantity, *data, fusion=fusion)
             yield f"{quantity}, {fusion}", simulated, which, of(quantity, *data, fusion=fusion)
-    systematic = bounds.Simulated("state", *data, scheme="systematic")
+    systematic = bounds.bound("simulated", "state", *data, scheme="systematic")
     yield "state, systematic", systematic, 0, lambda N, d: sum_of_errors(problem, N, d)
-    several = bounds.Simulated("state", *data, steps=STEPS)
+    several = bounds.bound("simulated", "state", *data, steps=STEPS)
     yield f"state, {STEPS} steps", several, 0, lambda N, d: along_trajectory(problem, N, d)
 
 
@@ -126,7 +129,7 @@ def sizes() -> list[dict[str, object]]:
                 start = time.perf_counter()
                 plan = se.required_samples((A, B), x0, xf, error, relative=False, rng=1, **options)
                 seconds.append(time.perf_counter() - start)
-            law = bounds.Simulated("state", B, x0, xf, A, **options).errors
+            law = bounds.bound("simulated", "state", (A, B), x0, xf, **options).errors
 
             def quantile(N: int, law: object = law) -> float:
                 return float(np.quantile(law(N).draw(20_000, se.rng.as_key(8))[:, 0], 0.95))
@@ -161,7 +164,7 @@ def page() -> list[str]:
         "Radius over empirical quantile, median and, in brackets, maximum over five systems (IEEE "
         "14 and 39 buses, Gaussian, sparse, random walk) at delta = 0.05 and 0.01. *Formula*: the "
         "smallest of `theory.bounds.candidates`, for systematic samples and several steps the sum "
-        "of the errors of the estimates. *Simulated*: `theory.bounds.Simulated`.",
+        "of the errors of the estimates. *Simulated*: its bound 'simulated'.",
         "",
         "| error of | N | formula | simulated |",
         "|---|---:|---:|---:|",

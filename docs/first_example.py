@@ -34,14 +34,14 @@ def controls(ax: Axes) -> None:
     """One realization is useless, and 10 000 fused ones are not."""
     rng = np.random.default_rng(2)
     x0, xf, A = (se.sample(target, SIZE, rng=rng) for target in TARGETS)
-    single = se.realization_controls(SYSTEM.B, x0, xf, A)  # (SIZE, m)
-    plan = se.control(SYSTEM.B, x0, xf, A)
+    single = se.realization_controls((A, SYSTEM.B), x0, xf)  # (SIZE, m)
+    plan = se.control((A, SYSTEM.B), x0, xf)
 
     inputs = np.arange(1, SYSTEM.m + 1)
     low, high = np.quantile(single, [0.05, 0.95], axis=0)
     ax.bar(inputs, high - low, bottom=low, width=0.5, color=PALE, label="one realization, 90 %")
     ax.hlines(EXACT, inputs - 0.34, inputs + 0.34, color=INK, linewidth=2, label="exact control")
-    ax.plot(inputs, plan.u, "o", color=FUSED, label=f"{SIZE:,} realizations fused")
+    ax.plot(inputs, plan.u[0], "o", color=FUSED, label=f"{SIZE:,} realizations fused")
     ax.use_sticky_edges = False  # or the axis ends where the longest bar does
     ax.set(
         xlabel="generator",
@@ -62,13 +62,10 @@ def errors(ax: Axes) -> None:
         seen = []
         for size in sizes:
             x0, xf, A = (se.sample(t, size, rng=rng, scheme=scheme) for t in TARGETS)
-            plan = se.control(SYSTEM.B, x0, xf, A)
+            plan = se.control((A, SYSTEM.B), x0, xf)
             seen.append(plan.error(SYSTEM, X0, XF).control_relative)
         ax.loglog(sizes, seen, "o", color=colour, label=f"{label}, one run")
-    rms = [
-        se.theory.moments.control_rms(SYSTEM.B, X0, XF, SYSTEM.A, int(size)) / norm
-        for size in sizes
-    ]
+    rms = [se.theory.moments.control_rms(SYSTEM, X0, XF, int(size)) / norm for size in sizes]
     ax.loglog(sizes, rms, color=FUSED, label="independent draws, predicted rms")
     ax.set(xlabel="realizations", ylabel="relative error", title="Its error")
     ax.legend(frameon=False, loc="lower left")

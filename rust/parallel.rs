@@ -129,6 +129,7 @@ where
     I: Iterator<Item = T> + Send,
     F: Fn(T) -> Result<()> + Sync,
 {
+    let threads = threads.min(chunks.size_hint().1.unwrap_or(threads)); // one that finds no chunk is not worth its start
     let queue = Mutex::new(chunks);
     let failed: Mutex<Option<Error>> = Mutex::new(None);
     let drain = || loop {

@@ -7,6 +7,7 @@
 
 use rand::rngs::ChaCha8Rng;
 use rand::{Rng, SeedableRng};
+use sha2::{Digest, Sha256};
 
 use crate::lanes::LANES;
 
@@ -45,6 +46,18 @@ impl std::fmt::Debug for Key {
 }
 
 impl Key {
+    /// The key of the independent stream called `name`: `sha256("stochens child v1\0" + key + utf8(name))`.
+    pub fn child(&self, name: &str) -> Self {
+        Self(
+            Sha256::new()
+                .chain_update(b"stochens child v1\0")
+                .chain_update(self.0)
+                .chain_update(name)
+                .finalize()
+                .into(),
+        )
+    }
+
     /// The ChaCha8 stream of `line` for `purpose`, at position 0.
     pub fn stream(&self, purpose: Purpose, line: usize) -> ChaCha8Rng {
         let mut rng = ChaCha8Rng::from_seed(self.0);
@@ -176,6 +189,17 @@ mod tests {
         words.sort_unstable();
         words.dedup();
         assert_eq!(words.len(), total);
+    }
+
+    /// What `Key.child` of the Python package gives.
+    #[test]
+    fn children_are_those_of_the_package() {
+        let first = |key: Key, name| key.child(name).0[..8].to_vec();
+        assert_eq!(
+            first(Key(std::array::from_fn(|i| i as u8)), "step-12"),
+            [0xc3, 0x93, 0x14, 0x57, 0x5d, 0xa4, 0x10, 0x83]
+        );
+        assert_eq!(first(Key([0; 32]), ""), [0xca, 0x9e, 0xd4, 0xfa, 0xff, 0x3d, 0xa6, 0x48]);
     }
 
     /// The known first words of the stream of the zero key: a change here breaks every stored result.

@@ -1,40 +1,29 @@
-"""Control of a linear system that is known only through random realizations.
+"""Control of a linear system from random realizations of ``x0``, ``xf`` and ``A``.
 
-From realizations of ``x0``, ``xf`` and ``A`` in ``x(k+1) = A x(k) + B u(k)`` to a control, and to
-what is known about it: `sample` (or `Ensemble.from_samples`) makes an ensemble, `fuse` turns it
-into an estimate, `control` into a control; `steer` does all three, `simulate` and
-`simulate_ensemble` show what a control does. `theory` predicts how wrong the result is,
-`required_samples` how many realizations it takes; `cases` brings systems to try, and `paper` has
-the experiments of the paper and checks its statements one by one.
+The system is ``x(k+1) = A x(k) + B u(k)``. `sample` (or `Ensemble.from_samples`) makes an ensemble
+of realizations, `fuse` an estimate from an ensemble, `control` a control from estimates; `steer`
+does all three. `simulate` and `simulate_ensemble` apply a control. `required_samples` says how many
+realizations a given error takes; `theory` has the error formulas, `cases` example systems, `paper`
+the experiments and statements of the paper, `reference` the algorithms in plain NumPy.
 """
 
+import importlib
 import logging
+from typing import Any
 
-from . import cases, exceptions, paper, theory
+from . import cases, exceptions, paper, plots, theory
 from ._base.threads import get_num_threads, set_num_threads
 from ._core import version as _version
 from .controls import (
     Plan,
-    PlanBound,
-    SamplePlan,
-    TrajectoryPlan,
     control,
-    control_steps,
     realization_controls,
     required_samples,
     steer,
 )
 from .ensembles import Counts, Ensemble, sample, sample_counts
-from .exceptions import (
-    InputError,
-    InputTypeError,
-    InternalError,
-    ResourceError,
-    ShapeError,
-    SolverError,
-    StochensError,
-)
-from .fusion import Fit, Path, fuse, fuse_path
+from .exceptions import StochensError
+from .fusion import Fit, fuse, fuse_path
 from .rng import Key
 from .simulation import (
     EnsembleTrajectory,
@@ -44,50 +33,35 @@ from .simulation import (
     simulate_ensemble,
     track,
 )
-from .streams import Confidence, DataStream, Stream, StreamRun, Trace
+from .streams import DataStream, Stream
 from .system import System
-from .theory.records import PlanError, Reachability
 
 __version__ = _version()
 
 __all__ = [
-    "Confidence",
     "Counts",
     "DataStream",
     "Ensemble",
     "EnsembleTrajectory",
     "Fit",
-    "InputError",
-    "InputTypeError",
-    "InternalError",
     "Key",
-    "Path",
     "Plan",
-    "PlanBound",
-    "PlanError",
-    "Reachability",
-    "ResourceError",
-    "SamplePlan",
-    "ShapeError",
-    "SolverError",
     "StochensError",
     "Stream",
-    "StreamRun",
     "System",
-    "Trace",
     "Tracking",
     "Trajectory",
-    "TrajectoryPlan",
     "__version__",
     "cases",
     "control",
-    "control_steps",
     "exceptions",
     "fuse",
     "fuse_path",
     "get_num_threads",
     "paper",
+    "plots",
     "realization_controls",
+    "reference",
     "required_samples",
     "sample",
     "sample_counts",
@@ -98,5 +72,16 @@ __all__ = [
     "theory",
     "track",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name == "reference":  # imported at its first use: the package does not need it
+        return importlib.import_module(".reference", __name__)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
+
 
 logging.getLogger("stochens").addHandler(logging.NullHandler())

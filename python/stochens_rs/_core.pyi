@@ -25,6 +25,7 @@ __all__ = [
     "slse",
     "storage_load",
     "storage_save",
+    "track",
     "trajectory",
     "uniform_path",
     "version",
@@ -194,6 +195,20 @@ def simulate_mean_field(
     key: bytes,
     threads: int,
 ) -> tuple[_Floats, _Floats | None, _Floats | None, _Floats]: ...
+def track(
+    a: _Floats,
+    b: _Floats,
+    x0: _Floats,
+    reference: _Floats,
+    factors: tuple[_Floats, _Floats, _Floats],
+    size: int,
+    method: str,
+    feedback: bool,
+    sample_states: bool,
+    runs: int,
+    key: bytes,
+    threads: int,
+) -> tuple[_Floats, _Floats, bool]: ...
 def simulate_plans(
     x0: _Estimate,
     xf: _Estimate,

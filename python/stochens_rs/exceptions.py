@@ -1,7 +1,7 @@
-"""Every exception of the package: one family, each member also a built-in error.
+"""The exceptions of the package. Each is a `StochensError` and also a built-in exception.
 
-Wrong input raises an `InputError` or `InputTypeError`; how a computation ended is a *status*
-on its result and raises nothing. All of them can be pickled, so they survive a worker process.
+Wrong input raises an `InputError` or an `InputTypeError`. How a computation ended is the ``status``
+of its result instead. All exceptions can be pickled.
 """
 
 from __future__ import annotations
@@ -22,16 +22,15 @@ __all__ = [
     "StateNotFoundError",
     "StateRecoveredWarning",
     "StochensError",
-    "WeightError",
 ]
 
 
 class StochensError(Exception):
-    """Base class of everything this package raises on purpose."""
+    """Base class of the exceptions of this package."""
 
 
 class InputError(StochensError, ValueError):
-    """An argument has a permitted type but a value that cannot be used."""
+    """An argument has a value that cannot be used."""
 
 
 class ShapeError(InputError):
@@ -39,36 +38,32 @@ class ShapeError(InputError):
 
 
 class NonFiniteError(InputError):
-    """An argument contains nan or an infinity; the message names the first one."""
-
-
-class WeightError(InputError):
-    """Weights are negative, not finite, do not sum as required, or all are zero."""
+    """An argument contains nan or infinity; the message names the first one."""
 
 
 class SeedError(InputError):
-    """A seed is negative, too large, or a key does not have 32 bytes."""
+    """A seed is negative or too large, or a key does not have 32 bytes."""
 
 
 class SizeError(InputError, OverflowError):
-    """A count, or another scalar parameter, lies outside its permitted range."""
+    """A scalar argument lies outside its permitted range."""
 
 
 class InputTypeError(StochensError, TypeError):
-    """An argument has a type (or an array a dtype) that is not accepted."""
+    """An argument has a type, or an array a dtype, that is not accepted."""
 
 
 class ResourceError(StochensError, MemoryError):
-    """A result would need more memory than this process may use; nothing was allocated.
+    """A result needs more memory than this process may use; it was not computed.
 
     Parameters
     ----------
     message : str
-        One line for the reader.
+        The message.
     needed_bytes : int, optional
-        What the result would need [bytes]; None if unknown.
+        Memory that the result needs [bytes]; None if unknown.
     limit_bytes : int, optional
-        What may be used [bytes]; None if unknown.
+        Memory that may be used [bytes]; None if unknown.
     """
 
     def __init__(
@@ -83,43 +78,31 @@ class ResourceError(StochensError, MemoryError):
 
 
 class SolverError(StochensError, RuntimeError):
-    """A solver ended without a usable answer; what it had is not thrown away.
-
-    Parameters
-    ----------
-    message : str
-        One line for the reader.
-    result : object, optional
-        The best iterate and its diagnostics; None if there is nothing.
-    """
-
-    def __init__(self, message: str = "", result: object = None) -> None:
-        super().__init__(message)
-        self.result = result
+    """A solver ended without a usable result."""
 
 
 class StateError(StochensError, ValueError):
-    """A file is not a usable state file: foreign, damaged, of another kind, version or content."""
+    """A file is not a usable state file: damaged, or of another kind, version or problem."""
 
 
 class StateIOError(StochensError, OSError):
-    """The system refused an operation on a state file; `errno` and `filename` say which and where.
+    """An operation on a state file failed; see `errno` and `filename`.
 
-    Whatever had been saved before can still be loaded.
+    The state saved before can still be loaded.
     """
 
 
 class StateNotFoundError(StateIOError, FileNotFoundError):
-    """There is no state file at this path, and no previous generation of one."""
+    """There is neither a state file at this path nor a previous generation."""
 
 
 class StateLockedError(StateIOError, BlockingIOError):
-    """Another writer is saving to the same path; nothing was written."""
+    """Another thread or process is saving to the same path; nothing was written."""
 
 
 class StateRecoveredWarning(StochensError, UserWarning):
-    """A state file was missing or damaged, and the generation before it was loaded instead."""
+    """A state file was missing or damaged; the previous generation was loaded instead."""
 
 
 class InternalError(StochensError, RuntimeError):
-    """A defect of this package (a panic caught in the Rust core): please report it."""
+    """A defect of this package: a panic in the Rust core. Please report it."""

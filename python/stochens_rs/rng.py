@@ -1,10 +1,8 @@
-r"""Random streams begin here: whatever the user gives as `rng` becomes one 256-bit key.
+r"""Keys of random streams: every `rng` argument is converted to one 256-bit key.
 
-The rest of the package draws nothing. It hands the key (or a named child of it) to the Rust
-core, where draw i of line j is a pure function of (key, j, i). Therefore a result is the same
-for every number of threads, and the key kept on a result repeats it.
-
-The derivation is fixed as stream version 1::
+The Rust core draws from the key or a named child of it; draw i of line j is a function of
+(key, j, i). A result is therefore the same with any number of threads, and can be repeated with its
+key. The derivation of keys is fixed as stream version 1::
 
     root  = sha256(b"stochens key v1\0" + tag + b"\0" + payload)
     child = sha256(b"stochens child v1\0" + key + utf8(name))
@@ -26,12 +24,14 @@ from .exceptions import InputTypeError, SeedError
 
 __all__ = ["Key", "RngLike", "as_key"]
 
+# Larger integers are refused: their decimal digits are hashed, and Python limits the conversion to
+# 4300 digits.
 _SEED_LIMIT = 2**4096
 
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Key:
-    """The 256-bit name of a random stream: immutable, comparable, hashable, picklable.
+    """The 256-bit key of a random stream; immutable and hashable.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ class Key:
 
     @classmethod
     def from_hex(cls, digits: str) -> Key:
-        """Return the key that `hex` wrote down.
+        """Return the key with these hexadecimal digits.
 
         Parameters
         ----------
@@ -82,7 +82,7 @@ class Key:
         Returns
         -------
         Key
-            The same key.
+            The key.
 
         Raises
         ------
@@ -108,7 +108,7 @@ class Key:
         Parameters
         ----------
         name : str
-            Any text; equal names give equal children, different names different ones.
+            Any text; different names give different keys.
 
         Returns
         -------
@@ -118,7 +118,7 @@ class Key:
         Raises
         ------
         InputError, InputTypeError
-            If `name` is not a string, or holds lone surrogates, which UTF-8 does not have.
+            If `name` is not a string, or cannot be encoded as UTF-8.
 
         Examples
         --------
@@ -129,13 +129,13 @@ class Key:
         return Key(_sha256(b"stochens child v1\0", self.bytes32, utf8))
 
     def generator(self) -> np.random.Generator:
-        """Return a NumPy generator for what the core does not draw, such as normal variates.
+        """Return a NumPy generator with this key, for example for normal variates.
 
         Returns
         -------
         numpy.random.Generator
-            Philox with the first 16 bytes of the key, little endian; its distributions are stable
-            for one version of NumPy.
+            Philox with the first 16 bytes of the key, little endian. Other versions of NumPy may
+            draw other numbers.
 
         Examples
         --------
@@ -150,7 +150,7 @@ class Key:
         return self.bytes32
 
     def __repr__(self) -> str:
-        """Return the first 16 digits: enough to tell two runs apart."""
+        """Return the first 16 hexadecimal digits."""
         return f"Key('{self.hex[:16]}...')"
 
 
@@ -166,25 +166,25 @@ RngLike: TypeAlias = (
 
 
 def as_key(rng: RngLike) -> Key:
-    """Turn what the user gave as `rng` into a key.
+    """Convert an `rng` argument to a key.
 
     Parameters
     ----------
     rng : None, int, SeedSequence, Generator, BitGenerator or Key
-        None takes 32 bytes from the operating system. An integer, 0 <= rng < 2**4096, and a
-        ``SeedSequence`` (entropy, spawn key and pool size; it is not modified) always give the
-        same key. A ``Generator`` or ``BitGenerator`` is advanced by exactly 32 bytes, so two
-        calls give two keys. A `Key` is returned as it is.
+        None: 32 bytes from the operating system. An integer, 0 <= rng < 2**4096, or a
+        ``SeedSequence`` (which is not modified): the same key every time. A ``Generator`` or
+        ``BitGenerator``: its next 32 bytes, so that two calls give two keys. A `Key` is returned
+        as it is.
 
     Returns
     -------
     Key
-        The key. 0, ``SeedSequence(0)`` and ``SeedSequence([0])`` give three different ones.
+        The key. 0, ``SeedSequence(0)`` and ``SeedSequence([0])`` give three different keys.
 
     Raises
     ------
     InputTypeError
-        For every other type, also bool, float, str, bytes, list and ``RandomState``.
+        If `rng` has another type, such as bool, float, str, bytes, list or ``RandomState``.
     SeedError
         If an integer is negative or too large.
 
@@ -221,7 +221,7 @@ def as_key(rng: RngLike) -> Key:
 
 
 def _root(tag: bytes, payload: bytes) -> Key:
-    # The zero bytes keep tag and payload apart, so that no two inputs share one hashed text.
+    # The zero byte separates tag and payload: different inputs give different hashed texts.
     return Key(_sha256(b"stochens key v1\0", tag, b"\0", payload))
 
 
@@ -230,7 +230,7 @@ def _sha256(*parts: bytes) -> bytes:
 
 
 def _plain(entropy: object) -> str:
-    """Write a SeedSequence's numbers without NumPy's types: ``5`` or ``[1,2,3]``."""
+    """Return the numbers of a SeedSequence as text: ``5`` or ``[1,2,3]``."""
     if isinstance(entropy, str):  # NumPy also takes "17" and "0x11" inside a list
         return str(int(entropy, 16 if entropy.startswith("0x") else 10))
     if isinstance(entropy, Iterable):

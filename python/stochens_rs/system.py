@@ -1,8 +1,6 @@
-"""A discrete-time linear system, checked once and never changed afterwards::
+"""A discrete-time linear system, checked when it is made::
 
 x(k+1) = A x(k) + B u(k),    x(k) in R^n,  u(k) in R^m
-
-Everything that takes a system may rely on the checks made here.
 """
 
 from __future__ import annotations
@@ -21,7 +19,7 @@ __all__ = ["System"]
 
 
 class System:
-    """The system ``x(k+1) = A x(k) + B u(k)``: immutable, comparable, hashable, picklable.
+    """The system ``x(k+1) = A x(k) + B u(k)``; immutable and hashable.
 
     Parameters
     ----------
@@ -30,10 +28,10 @@ class System:
     B : array_like, shape (n, m)
         ``B[i, j]`` is the effect of input j at step k on state i at step k + 1.
     dt : float or True, optional
-        The time between two steps [s], > 0. True, or None (the default), means discrete time
-        whose step length is not stated.
+        The time between two steps [s], > 0. True or None (the default): discrete time with an
+        unspecified step.
     name : str, optional
-        A label for people: it is shown, and plays no part in ``==``.
+        A label that is shown; ``==`` ignores it.
 
     Raises
     ------
@@ -44,14 +42,14 @@ class System:
     InputTypeError
         If `A` or `B` does not hold real numbers, or `dt` or `name` has a wrong type.
     InputError
-        If `dt` is 0 (continuous time) or negative, or a table has labels.
+        If `dt` is 0 (continuous time) or negative, or `A` or `B` has labels.
 
     Notes
     -----
-    `A` and `B` are copied. The arrays given back are read-only views of that copy. Here and
-    everywhere, tables with labels (pandas, xarray) are refused unless the labels are 0, 1, 2, ...
-    in order: their rows might be in another order than the states. Bring all of them into one
-    order of the states, and pass plain numbers: ``A.loc[states, states].to_numpy()``.
+    `A` and `B` are copied; the attributes are read-only. Here and in all other functions, tables
+    with labels (pandas, xarray) are refused unless the labels are 0, 1, 2, ... in order, because
+    their rows may be in another order than the states. Bring all tables into the same order and
+    pass plain arrays: ``A.loc[states, states].to_numpy()``.
 
     Examples
     --------
@@ -89,62 +87,62 @@ class System:
             object.__setattr__(self, slot, value)
 
     @classmethod
-    def from_any(cls, obj: object) -> System:
-        """Take a system from whatever the user already holds.
+    def from_any(cls, system: object) -> System:
+        """Convert a pair (A, B), or a system of another package.
 
         Parameters
         ----------
-        obj : object
+        system : object
             A `System` (returned as it is), a tuple ``(A, B)`` or ``(A, B, dt)``, a discrete
             ``control.StateSpace``, a discrete ``scipy.signal`` system in state-space form, or
-            any object with attributes ``A``, ``B`` and perhaps ``dt`` and ``name``. None of
+            any object with attributes ``A``, ``B`` and optionally ``dt`` and ``name``. None of
             these packages is imported.
 
         Returns
         -------
         System
-            A copy that holds plain arrays only.
+            With copies of A and B.
 
         Raises
         ------
         InputTypeError
-            If `obj` is none of these.
+            If `system` is none of these.
         InputError
-            If the system is a continuous-time one, or a matrix does not pass.
+            If the system is in continuous time, or A or B cannot be used.
 
         Examples
         --------
         >>> System.from_any(([[0.5]], [[1.0]], 0.01))
         <System: n=1 m=1 dt=0.01>
         """
-        if isinstance(obj, cls):
-            return obj
-        if isinstance(obj, tuple):
-            if len(obj) not in (2, 3):
+        if isinstance(system, cls):
+            return system
+        if isinstance(system, tuple):
+            if len(system) not in (2, 3):
                 raise InputTypeError(
-                    f"`obj` must be a tuple (A, B) or (A, B, dt), got {len(obj)} items"
+                    f"`system` must be a tuple (A, B) or (A, B, dt), got {len(system)} items"
                 )
-            return cls(obj[0], obj[1], dt=obj[2] if len(obj) == 3 else None)
-        found = {word: _attribute(obj, word) for word in ("A", "B", "dt", "name")}
+            return cls(system[0], system[1], dt=system[2] if len(system) == 3 else None)
+        found = {word: _attribute(system, word) for word in ("A", "B", "dt", "name")}
         if found["A"] is None or found["B"] is None:
-            transfer = _attribute(obj, "to_ss", ...) is not ...
+            transfer = _attribute(system, "to_ss", ...) is not ...
             hint = "; call its to_ss() first" if transfer else ""
             raise InputTypeError(
-                "`obj` must be a System, a tuple (A, B[, dt]) or an object with attributes A "
-                f"and B, got {gate.show(obj)}{hint}"
+                "`system` must be a System, a tuple (A, B[, dt]) or an object with attributes A "
+                f"and B, got {gate.show(system)}{hint}"
             )
-        # scipy.signal gives its continuous systems dt = None: only their class tells.
+        # scipy.signal sets dt = None for continuous systems; only their class says so.
         if any(
             kind.__name__ == "lti" and kind.__module__.startswith("scipy.signal")
-            for kind in type(obj).__mro__
+            for kind in type(system).__mro__
         ):
-            raise InputError(_CONTINUOUS.format("`obj` is a scipy.signal.lti"))
+            raise InputError(_CONTINUOUS.format("`system` is a scipy.signal.lti"))
         name: Any = found["name"]
         return cls(
             found["A"],
             found["B"],
             dt=found["dt"],
-            # python-control numbers the systems that were given no name: sys[0], sys[1], ...
+            # python-control names systems without a name sys[0], sys[1], ...
             name=name if isinstance(name, str) and not name.startswith("sys[") else None,
         )
 
@@ -170,7 +168,7 @@ class System:
 
     @property
     def dt(self) -> float | bool | None:
-        """The time between two steps [s]; True or None if it is not stated."""
+        """The time between two steps [s]; True or None if unspecified."""
         return self._dt
 
     @property
@@ -194,7 +192,7 @@ class System:
         )
 
     def __hash__(self) -> int:
-        # Adding 0.0 turns -0.0 into 0.0: they are equal, so their hashes must be.
+        # Adding 0.0 turns -0.0 into 0.0: they are equal, so their hashes must be equal.
         return hash(
             (self._B.shape, (self._A + 0.0).tobytes(), (self._B + 0.0).tobytes(), self._step())
         )
@@ -226,13 +224,13 @@ _CONTINUOUS = (
 )
 
 
-def _attribute(obj: object, word: str, missing: object = None) -> Any:
-    """An attribute of a foreign object, or what stands for a missing one."""
+def _attribute(system: object, word: str, missing: object = None) -> Any:
+    """Return an attribute of any object, or `missing`."""
     try:
-        return getattr(obj, word, missing)
-    except Exception as error:  # whatever a foreign property raises
+        return getattr(system, word, missing)
+    except Exception as error:  # a property can raise anything
         raise InputTypeError(
-            f"`obj` must be a system whose attribute {word} can be read, got {gate.show(obj)}"
+            f"`system` must be a system whose attribute {word} can be read, got {gate.show(system)}"
         ) from error
 
 

@@ -7,8 +7,8 @@ use super::pseudoinverse::pseudoinverse;
 use crate::error::Result;
 use crate::memory::{checked_len, room_for_products, try_collect, try_copy, try_zeros};
 
-/// `u = C_K^+ (xf - A^K x0)` with `C_K = [A^{K-1} B, ..., A B, B]`: the controls of the `steps` steps, in time; and how
-/// far rounding may have moved them. The matrices are given row by row.
+/// `C_K^+ (xf - A^K x0)` with `C_K = [B, A B, ..., A^{K-1} B]`: the controls of the `steps` steps in its order,
+/// u(K-1), ..., u(0); and how far rounding may have moved them. The matrices are given row by row.
 ///
 /// Rounding: `K theta condition ||u||`, `theta = (2 max(n, m K) + 4) eps`, the backward error of the factors and of the
 /// powers of `A` (Wedin, BIT 13 (1973) 217-232).
@@ -25,7 +25,7 @@ pub(crate) fn steps_control(a: &[f64], b: &[f64], x0: &[f64], xf: &[f64], steps:
     let mut c: Vec<f64> = try_zeros(what, checked_len(what, n, width)?)?;
     let (mut block, mut next) = (try_copy(what, b)?, try_zeros(what, b.len())?);
     let (mut free, mut moved) = (try_copy(what, x0)?, try_zeros(what, n)?);
-    for k in (0..steps).rev() {
+    for k in 0..steps {
         for (row, block) in c.chunks_exact_mut(width).zip(block.chunks_exact(m)) {
             row[k * m..(k + 1) * m].copy_from_slice(block);
         }
@@ -35,7 +35,7 @@ pub(crate) fn steps_control(a: &[f64], b: &[f64], x0: &[f64], xf: &[f64], steps:
         };
         product(&free, &mut moved, 1);
         std::mem::swap(&mut free, &mut moved);
-        if k > 0 {
+        if k + 1 < steps {
             product(&block, &mut next, m);
             std::mem::swap(&mut block, &mut next);
         }

@@ -27,7 +27,7 @@ mod _core {
     #[pymodule_export]
     use super::fuse::{Alse, alse, alse_path, alse_prefixes, closed_form, slse, uniform_path};
     #[pymodule_export]
-    use super::simulate::{simulate_estimates, simulate_mean_field, simulate_plans, simulate_runs, trajectory};
+    use super::simulate::{simulate_estimates, simulate_mean_field, simulate_plans, simulate_runs, track, trajectory};
     #[pymodule_export]
     use super::storage::{StateLock, storage_load, storage_save};
     #[pymodule_export]

@@ -1,13 +1,15 @@
-//! The exact trajectory and ensembles of random ones. Matrices come as lines: `a` and `b` are transposed.
+//! The exact trajectory, ensembles of random ones, and the closed loop. Matrices come as lines: `a` and `b` are transposed.
 
-use numpy::{PyArray1, PyArray2, PyReadonlyArray2};
+use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 
 use super::convert::{array1, array2, key, law, slice};
 use super::draws::scheme;
 use super::run::run;
 use crate::memory::try_copy;
-use crate::simulate::{self, Average, Drawn, Ensemble, Estimate, Exact, Model, Norm, Plans, Second};
+use crate::simulate::{
+    self, Average, ClosedLoop, Drawn, Ensemble, Estimate, Exact, Method, Model, Norm, Plans, Second,
+};
 
 type Array1<'py> = Bound<'py, PyArray1<f64>>;
 type Array2<'py> = Bound<'py, PyArray2<f64>>;
@@ -106,6 +108,52 @@ pub(super) fn simulate_mean_field<'py>(
     moments(py, ensemble, model.n())
 }
 
+/// `(states (runs (K + 1), n), inputs (runs K, m), optimal)` of `runs` runs after a reference; `factors` are `(U^T, V^T, s)`
+/// of `B`. Zeros follow the first state of a run whose squared error is not finite.
+#[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "the arguments of one call")]
+pub(super) fn track<'py>(
+    py: Python<'py>,
+    a: PyReadonlyArray2<'py, f64>,
+    b: PyReadonlyArray2<'py, f64>,
+    x0: PyReadonlyArray1<'py, f64>,
+    reference: PyReadonlyArray2<'py, f64>,
+    factors: (PyReadonlyArray2<'py, f64>, PyReadonlyArray2<'py, f64>, PyReadonlyArray1<'py, f64>),
+    size: u64,
+    method: &str,
+    feedback: bool,
+    sample_states: bool,
+    runs: usize,
+    key: &[u8],
+    threads: usize,
+) -> PyResult<(Array2<'py>, Array2<'py>, bool)> {
+    let key = self::key(key)?;
+    let method = match method {
+        "uniform" => Method::Uniform,
+        "alse" => Method::Alse,
+        other => Method::Slse { safeguard: other == "slse-safeguarded" },
+    };
+    let given = ClosedLoop {
+        a: law(&a)?.into(),
+        b: law(&b)?,
+        x0: slice("x0", &x0)?,
+        reference: slice("reference", &reference)?,
+        basis: slice("factors", &factors.0)?,
+        right: slice("factors", &factors.1)?,
+        singular_values: slice("factors", &factors.2)?,
+        size,
+        method,
+        feedback,
+        sample_states,
+    };
+    let (n, m, times) = (a.as_array().dim().0, b.as_array().dim().0, reference.as_array().dim().0);
+    let draws = if method == Method::Uniform { 100.0 } else { f64::INFINITY };
+    let cost = draws * (runs * times) as f64 * products(&a, &b);
+    let found = run(py, cost, |stop| given.run(runs, &key, threads, stop))?;
+    let states = array2(py, found.states, runs * times, n)?;
+    Ok((states, array2(py, found.inputs, runs * (times - 1), m)?, found.optimal))
+}
+
 /// What stands for an entity: its lines, and if every run draws an average of realizations of them, `(size, scheme)`.
 type EstimateArgument<'py> = (PyReadonlyArray2<'py, f64>, Option<(u64, String)>);
 
@@ -117,7 +165,7 @@ fn estimate(name: &str, (lines, drawn): &EstimateArgument<'_>) -> PyResult<Estim
 }
 
 /// `(state, control)` errors (runs, 2) of simulated plans: one step with `(basis, singular_values, y)`, several with
-/// `(B, C_K, v)`. A fixed `A` and lines of columns are transposed; `rows` says that the lines are rows.
+/// `(B, C_K, v)`, v in the order of `C_K`. A fixed `A` and lines of columns are transposed; `rows` says that the lines are rows.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "the arguments of one call")]
 pub(super) fn simulate_plans<'py>(

@@ -1,4 +1,4 @@
-//! What a control does: the exact trajectory, and ensembles of random ones.
+//! What a control does: the exact trajectory, ensembles of random ones, and a loop closed over estimates.
 //!
 //! ```text
 //! x(k+1) = A x(k) + B u(k),                  k = 0 .. K-1
@@ -11,6 +11,7 @@
 //! realization kept over time would give a biased mean).
 
 mod block;
+mod closed_loop;
 mod mean_field;
 mod model;
 mod moments;
@@ -18,6 +19,7 @@ mod plans;
 mod runs;
 mod words;
 
+pub use closed_loop::{ClosedLoop, Followed, Method};
 pub use mean_field::mean_field;
 pub use model::{Drawn, Model};
 pub use moments::{Ensemble, Second};

@@ -158,9 +158,9 @@ pub enum Exact<'a> {
     Steps {
         /// `B`, row by row.
         b: &'a [f64],
-        /// `C_K = [A^{K-1} B, ..., A B, B]`, row by row.
+        /// `C_K = [B, A B, ..., A^{K-1} B]`, row by row.
         c: &'a [f64],
-        /// The exact control, step by step.
+        /// The exact control in its order, `u(K-1), ..., u(0)`.
         v: &'a [f64],
     },
 }

@@ -213,14 +213,14 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
     ("Definition 2.3", 0): {
         "biased realizations": change(
             approximate,
-            "sample",
-            lambda honest, M, *args, **kwargs: honest(1.5 * np.asarray(M), *args, **kwargs),
+            "simulate_ensemble",
+            lambda honest, system, **kwargs: honest((1.5 * system[0], system[1]), **kwargs),
         ),
     },
     ("Definition 2.4", 0): {
         "no randomness": both(
             put(samples, "_atoms_of_vector", lambda x: (x[None], np.ones(1))),
-            put(samples, "_atoms_of_product", lambda x0, A: ((A @ x0)[None], np.ones(1))),
+            put(samples, "_atoms_of_product", lambda A, x0: ((A @ x0)[None], np.ones(1))),
         ),
     },
     ("Lemma 3.1", 0): {"good realizations in one run": aligned},
@@ -264,10 +264,12 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
     },
     ("Lemma 4.2", 0): {
         "a printed bound that holds": put(
-            printed_bounds, "OneVector", lambda w, C: bounds.McDiarmid(w)
+            printed_bounds, "OneVector", lambda w, C: bounds.bound("McDiarmid", "vector", w)
         ),
         "a bound of ours that does not": put(
-            lemmas_on_tails.bounds, "McDiarmid", lambda w: printed_bounds.OneVector(w, C=4.0)
+            lemmas_on_tails.bounds,
+            "bound",
+            lambda name, quantity, w: printed_bounds.OneVector(w, C=4.0),
         ),
     },
     ("Lemma 4.2", 1): {
@@ -293,7 +295,11 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
     },
     ("Lemma 4.3", 0): {
         "a bound that holds": put(
-            printed_bounds, "Lemma43", lambda A, B, x0, u, C: bounds.OneStepHoeffding(A, B, x0, u)
+            printed_bounds,
+            "Lemma43",
+            lambda system, x0, u, C: bounds.bound(
+                "Hoeffding, one step", "trajectory", system, x0, u
+            ),
         ),
     },
     ("Lemma 4.3", 1): {
@@ -375,7 +381,7 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
         "the same error in all dimensions": put(
             printed_figures,
             "state_rms",
-            lambda B, x0, xf, A, N, **_: 0.2 * float(np.linalg.norm(A @ x0)),
+            lambda system, x0, xf, N, **_: 0.2 * float(np.linalg.norm(system.A @ x0)),
         ),
     },
     ("Figure 3", 1): {

@@ -32,4 +32,4 @@ A, B, X0, XF = system(3)
 
 
 def make(seed, **options):
-    return se.Stream(B, X0, XF, A, rng=seed, **options)
+    return se.Stream((A, B), X0, XF, rng=seed, **options)

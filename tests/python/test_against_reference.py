@@ -183,19 +183,19 @@ def test_sample_counts(problem: Problem, scheme: str, axis: str) -> None:
 # --- fusing ---------------------------------------------------------------------------------------
 
 
-def check_feasible(y: Array, weights: str) -> None:
+def check_feasible(y: Array, weight_set: str) -> None:
     assert np.all(y >= 0)
     total = y.sum()
     assert total <= 1 + 1e-12
-    if weights == "simplex":
+    if weight_set == "simplex":
         assert total >= 1 - 1e-12
 
 
-def check_alse(fit: Any, samples: Array, target: Array, weights: str) -> None:
+def check_alse(fit: Any, samples: Array, target: Array, weight_set: str) -> None:
     """Feasible, consistent, within the tolerance of the exact minimum, and honest about the gap."""
-    exact = twin.alse_dense(samples, target, weights)
+    exact = twin.alse_dense(samples, target, weight_set)
     unit = scale_of(target, samples)
-    check_feasible(fit.weights, weights)
+    check_feasible(fit.weights, weight_set)
     assert fit.status == "optimal"
     assert_allclose(
         fit.estimate, np.tensordot(fit.weights, samples, axes=1), atol=1e-12 * unit**0.5
@@ -204,17 +204,17 @@ def check_alse(fit: Any, samples: Array, target: Array, weights: str) -> None:
     assert fit.error**2 >= exact.error**2 - 1e-12 * unit
     assert fit.error**2 - exact.error**2 <= fit.gap + 1e-12 * unit
     assert fit.gap <= TOL * unit
-    honest = twin.frank_wolfe_gap(samples, fit.weights, target, weights)
+    honest = twin.frank_wolfe_gap(samples, fit.weights, target, weight_set)
     assert_allclose(fit.gap, honest, atol=1e-12 * unit)
 
 
-def check_fit(fit: Any, samples: Array, target: Array, method: str, weights: str) -> None:
+def check_fit(fit: Any, samples: Array, target: Array, method: str, weight_set: str) -> None:
     unit = scale_of(target, samples) ** 0.5
     assert fit.method == method
     assert fit.estimate.shape == target.shape
     assert_allclose(fit.error, np.linalg.norm(fit.estimate - target), atol=1e-13 * unit)
     if method == "alse":
-        check_alse(fit, samples, target, weights)
+        check_alse(fit, samples, target, weight_set)
         return
     if method == "uniform":
         expected = twin.uniform(samples, target)
@@ -232,35 +232,35 @@ def check_fit(fit: Any, samples: Array, target: Array, method: str, weights: str
 
 
 @pytest.mark.parametrize(
-    ("method", "weights"), [*((m, "simplex") for m in METHODS), ("alse", "subsimplex")]
+    ("method", "weight_set"), [*((m, "simplex") for m in METHODS), ("alse", "subsimplex")]
 )
-def test_fuse(problem: Problem, method: str, weights: str) -> None:
+def test_fuse(problem: Problem, method: str, weight_set: str) -> None:
     for name in ("x0", "xf", "A"):
         target: Array = getattr(problem, name)
         ens = se.sample(problem.given[name], problem.N, rng=2)
         samples = twin.dense(ens.indices, ens.atoms)
         shifted = target * 0.7 + 0.4 * np.cos(np.arange(target.size)).reshape(target.shape)
         for goal, given in ((target, problem.given[name]), (shifted, shifted)):
-            fit = se.fuse(ens, method, target=given, weights=weights)
-            check_fit(fit, samples, goal, method, weights)
+            fit = se.fuse(ens, method, target=given, weight_set=weight_set)
+            check_fit(fit, samples, goal, method, weight_set)
             # a combination on the simplex keeps the zeros and the signs of what was sampled
             assert np.all(fit.estimate[target == 0] == 0)
             assert np.all(fit.estimate * np.sign(target) >= 0)
             from_dense = se.fuse(
-                se.Ensemble.from_samples(samples), method, target=given, weights=weights
+                se.Ensemble.from_samples(samples), method, target=given, weight_set=weight_set
             )
-            check_fit(from_dense, samples, goal, method, weights)
+            check_fit(from_dense, samples, goal, method, weight_set)
 
 
-@pytest.mark.parametrize("weights", ["simplex", "subsimplex"])
-def test_alse_of_a_vector_is_the_closed_form(problem: Problem, weights: str) -> None:
+@pytest.mark.parametrize("weight_set", ["simplex", "subsimplex"])
+def test_alse_of_a_vector_is_the_closed_form(problem: Problem, weight_set: str) -> None:
     for name in ("x0", "xf"):
         target: Array = getattr(problem, name)
         ens = se.sample(problem.given[name], problem.N, rng=2)
         unit = float(np.abs(target).sum()) + 1.0
         for goal in (target, 0.6 * target, -target, np.ones_like(target)):
-            fit = se.fuse(ens, "alse", target=goal, weights=weights)
-            exact = twin.alse_singleton(ens.indices, ens.atoms, goal, weights)
+            fit = se.fuse(ens, "alse", target=goal, weight_set=weight_set)
+            exact = twin.alse_singleton(ens.indices, ens.atoms, goal, weight_set)
             assert_allclose(fit.weights, exact.weights, atol=1e-13)
             assert_allclose(fit.estimate, exact.estimate, atol=1e-13 * unit)
             assert_allclose(fit.error, exact.error, atol=1e-13 * unit)
@@ -321,36 +321,36 @@ def test_pinv_cutoff_is_clear(problem: Problem) -> None:
 
 def test_realization_controls(problem: Problem) -> None:
     e = ensembles(problem)
-    u = se.realization_controls(problem.given["B"], e["x0"], e["xf"], e["A"])
+    u = se.realization_controls((e["A"], problem.given["B"]), e["x0"], e["xf"])
     d = {k: twin.dense(v.indices, v.atoms) for k, v in e.items()}
-    expected = twin.realization_controls(problem.B, d["x0"], d["xf"], d["A"])
+    expected = twin.realization_controls(d["A"], problem.B, d["x0"], d["xf"])
     for s in (0, problem.N - 1):
         y = d["xf"][s] - d["A"][s] @ d["x0"][s]
         assert_allclose(expected[s], twin.pinv(problem.B) @ y, atol=1e-12 * size_of(expected))
     assert u.shape == (problem.N, problem.B.shape[1])
     assert_allclose(u, expected, atol=1e-12 * size_of(expected))
     dense = {k: se.Ensemble.from_samples(v) for k, v in d.items()}
-    v = se.realization_controls(problem.given["B"], dense["x0"], dense["xf"], dense["A"])
+    v = se.realization_controls((dense["A"], problem.given["B"]), dense["x0"], dense["xf"])
     assert_allclose(v, expected, atol=1e-12 * size_of(expected))
 
 
 @pytest.mark.parametrize("fusion", ["product", "diagonal"])
 def test_control_from_ensembles(problem: Problem, fusion: str) -> None:
     e = ensembles(problem)
-    plan = se.control(problem.given["B"], e["x0"], e["xf"], e["A"], fusion=fusion)
+    plan = se.control((e["A"], problem.given["B"]), e["x0"], e["xf"], fusion=fusion)
     d = {k: twin.dense(v.indices, v.atoms) for k, v in e.items()}
-    expected = twin.control(problem.B, d["x0"], d["xf"], d["A"], fusion=fusion)
+    expected = twin.control(d["A"], problem.B, d["x0"], d["xf"], fusion=fusion)
     assert plan.fusion == fusion
-    assert plan.u.shape == (problem.B.shape[1],)
-    assert_allclose(plan.u, expected, atol=1e-12 * size_of(expected))
+    assert plan.u.shape == (1, problem.B.shape[1])
+    assert_allclose(plan.u[0], expected, atol=1e-12 * size_of(expected))
 
 
-def check_product(plan: Any, B: Array, x0: Array, xf: Array, A: Array) -> None:
-    expected = twin.control(B, x0, xf, A)
-    assert_allclose(plan.u, expected, atol=1e-11 * size_of(expected))
+def check_product(plan: Any, A: Array, B: Array, x0: Array, xf: Array) -> None:
+    expected = twin.control(A, B, x0, xf)
+    assert_allclose(plan.u[0], expected, atol=1e-11 * size_of(expected))
     state = A @ x0 + B @ expected
-    assert_allclose(plan.predicted_state, state, atol=1e-11 * size_of(state))
-    reach = twin.reachability(B, x0, xf, A)
+    assert_allclose(plan.predicted_states[-1], state, atol=1e-11 * size_of(state))
+    reach = twin.reachability(A, B, x0, xf)
     unit = size_of(xf - A @ x0)
     assert_allclose(plan.reachability.residual, reach.residual, atol=1e-11 * unit)
     assert plan.reachability.rank == reach.rank
@@ -360,20 +360,20 @@ def check_product(plan: Any, B: Array, x0: Array, xf: Array, A: Array) -> None:
 
 def test_control_from_arrays_and_fits(problem: Problem) -> None:
     g = problem.given
-    plan = se.control(g["B"], g["x0"], g["xf"], g["A"])
-    check_product(plan, problem.B, problem.x0, problem.xf, problem.A)
+    plan = se.control((g["A"], g["B"]), g["x0"], g["xf"])
+    check_product(plan, problem.A, problem.B, problem.x0, problem.xf)
     fits = {k: se.fuse(v, "slse-safeguarded", target=g[k]) for k, v in ensembles(problem).items()}
-    plan = se.control(g["B"], fits["x0"], fits["xf"], fits["A"])
-    estimates = (fits[k].estimate for k in ("x0", "xf", "A"))
-    check_product(plan, problem.B, *estimates)
+    plan = se.control((fits["A"], g["B"]), fits["x0"], fits["xf"])
+    A, x0, xf = (fits[k].estimate for k in ("A", "x0", "xf"))
+    check_product(plan, A, problem.B, x0, xf)
 
 
 def test_plan_error(problem: Problem) -> None:
     g, e = problem.given, ensembles(problem)
     for fusion in ("product", "diagonal"):
-        plan = se.control(g["B"], e["x0"], e["xf"], e["A"], fusion=fusion)
+        plan = se.control((e["A"], g["B"]), e["x0"], e["xf"], fusion=fusion)
         got = plan.error(se.System(g["A"], g["B"]), g["x0"], g["xf"])
-        want = twin.plan_error(plan.u, problem.A, problem.B, problem.x0, problem.xf)
+        want = twin.plan_error(problem.A, problem.B, problem.x0, problem.xf, plan.u[0])
         unit = size_of(plan.u) * size_of(problem.B) + size_of(problem.xf)
         for field in ("control", "state", "residual"):
             assert_allclose(getattr(got, field), getattr(want, field), atol=1e-11 * unit)
@@ -381,7 +381,7 @@ def test_plan_error(problem: Problem) -> None:
             if want.control > 1e-9 and np.isfinite(getattr(want, field)):
                 assert_allclose(getattr(got, field), getattr(want, field), rtol=1e-7)
         # Pythagoras: what is missed in range(B) and what no control can reach are orthogonal
-        x1 = problem.A @ problem.x0 + problem.B @ plan.u
+        x1 = problem.A @ problem.x0 + problem.B @ plan.u[0]
         missed = np.sum((x1 - problem.xf) ** 2)
         assert_allclose(got.state**2 + got.residual**2, missed, atol=1e-11 * unit**2)
 
@@ -402,8 +402,8 @@ def test_product_weights(problem: Problem) -> None:
         plain = total**2 * hat["xf"] - total * hat["A"] @ hat["x0"]
         assert_allclose(Bp @ plain, triple, atol=1e-12 * size_of(triple))
         if total == 1.0:
-            plan = se.control(problem.given["B"], hat["x0"], hat["xf"], hat["A"])
-            assert_allclose(plan.u, triple, atol=1e-11 * size_of(triple))
+            plan = se.control((hat["A"], problem.given["B"]), hat["x0"], hat["xf"])
+            assert_allclose(plan.u[0], triple, atol=1e-11 * size_of(triple))
 
 
 @pytest.mark.parametrize("fusion", ["product", "diagonal"])
@@ -416,8 +416,8 @@ def test_steer(problem: Problem, fusion: str) -> None:
         target = getattr(problem, name)
         indices = twin.sample_indices(target, problem.N, key=key)
         samples[name] = twin.dense(indices, twin.atoms(target))
-    expected = twin.control(problem.B, samples["x0"], samples["xf"], samples["A"], fusion=fusion)
+    expected = twin.control(samples["A"], problem.B, samples["x0"], samples["xf"], fusion=fusion)
     g = problem.given
     plan = se.steer(se.System(g["A"], g["B"]), g["x0"], g["xf"], problem.N, fusion=fusion, rng=12)
     assert plan.fusion == fusion
-    assert_allclose(plan.u, expected, atol=1e-12 * size_of(expected))
+    assert_allclose(plan.u[0], expected, atol=1e-12 * size_of(expected))

@@ -107,14 +107,14 @@ def errors_by_quantity(gen, A, B, x0, xf, N, axis="columns"):
     yield "matrix", {"norm": "Frobenius"}, (A,), np.linalg.norm(off, axis=(1, 2))
     yield "matrix", {"norm": "spectral"}, (A,), np.linalg.norm(off[:500], 2, axis=(1, 2))
     for quantity, M in maps.items():
-        yield quantity, {}, (B, x0, xf, A), np.linalg.norm(y @ M.T, axis=1)
+        yield quantity, {}, ((A, B), x0, xf), np.linalg.norm(y @ M.T, axis=1)
     if axis == "rows":
         return
     z = paired_products(gen, A, x0, N, R_PAIRS if N > 500 else R)
     paired = goal[: len(z)] - xf - (z - A @ x0)
     for quantity, M in maps.items():
         error = np.linalg.norm(paired @ M.T, axis=1)
-        yield quantity, {"fusion": "diagonal"}, (B, x0, xf, A), error
+        yield quantity, {"fusion": "diagonal"}, ((A, B), x0, xf), error
 
 
 def exceeded_too_often(errors, radius, delta):
@@ -159,23 +159,10 @@ def test_sizes_that_differ():
         U = np.linalg.svd(B, full_matrices=False)[0]
         errors = np.linalg.norm((y - (xf - A @ x0)) @ U, axis=1)
         for delta in DELTAS:
-            for kind in (bounds.ProductMcDiarmid, bounds.ProductParts, bounds.FusedChebyshev):
-                radius = kind(B, x0, xf, A).radius((N0, Nf, NA), delta)
-                assert not exceeded_too_often(errors, radius, delta), kind
-
-
-def test_parts_given_the_average_of_x0():
-    """The radius is that of the x0_hat that was drawn; conditional on it, and so over all."""
-    A, B, x0, xf = systems()["nonnegative"]
-    gen, N, delta = np.random.default_rng(10), 50, 0.1
-    start, goal = vectors(gen, x0, N, 400), vectors(gen, xf, N, 400)
-    y = goal - np.einsum("rij,rj->ri", matrices(gen, A, N, 400), start) - (xf - A @ x0)
-    errors = np.linalg.norm(y @ np.linalg.svd(B, full_matrices=False)[0], axis=1)
-    radii = np.array([
-        bounds.ProductParts(B, x0, xf, A, x0_hat=x).radius(N, delta) for x in start
-    ])  # fmt: skip
-    assert not exceeded_too_often(errors - radii, 0.0, delta)
-    assert (radii < bounds.ProductParts(B, x0, xf, A).radius(N, delta)).all()
+            for name in ("McDiarmid", "sum of parts", "Chebyshev"):
+                bound = bounds.bound(name, "state", (A, B), x0, xf)
+                radius = bound.radius((N0, Nf, NA), delta)
+                assert not exceeded_too_often(errors, radius, delta), name
 
 
 # -- trajectories ----------------------------------------------------------------------------------
@@ -216,15 +203,15 @@ def test_trajectories(name, K, axis):
         exact = A @ exact + B @ control
     for N, replicates in ((5, 1000), (100, 200)):
         errors = np.linalg.norm(run_averages(gen, A, B, x0, u, N, replicates, axis) - exact, axis=1)
-        found = bounds.candidates("trajectory", A, B, x0, u, axis=axis)
+        found = bounds.candidates("trajectory", (A, B), x0, u, axis=axis)
         assert len(found) == (5 if K == 1 and axis == "columns" else 3)
         for bound in found:
-            rms = np.sqrt(bound._mean_square / N) * bound._unit
+            rms = bound._setting.rms((1.0 / N,)) * bound._setting.unit
             assert np.sqrt((errors**2).mean()) == pytest.approx(rms, rel=0.25)
             for delta in DELTAS:
                 assert not exceeded_too_often(errors, bound.radius(N, delta), delta)
         for delta in DELTAS:
-            best = bounds.best("trajectory", A, B, x0, u, size=N, delta=delta, axis=axis)
+            best = bounds.best("trajectory", (A, B), x0, u, size=N, delta=delta, axis=axis)
             assert best.radius < LOOSEST * np.quantile(errors, 1.0 - delta)
 
 
@@ -251,20 +238,24 @@ def test_lemma_42_with_the_norm_of_A_is_refuted():
     n, N = 64, 50
     A, x0 = hadamard(n) / 8.0, np.full(n, 0.125)
     errors = hadamard_errors(n, N, 20_000, 12)
-    lemma = paper.Lemma42(x0, np.zeros(n), A, C=1.0, reading="matrix")
+    lemma = paper.Lemma42((A, np.eye(n)), x0, np.zeros(n), C=1.0, reading="matrix")
     assert lemma.beta == pytest.approx(1.0)
     grid = np.quantile(errors, [0.5, 0.9, 0.99, 0.999])
     # x0 and A give one term each: 2 C (1 + 1) exp(.) = -level
-    needed = [np.log((errors > eps).mean()) + lemma._level((1.0 / N,), eps) for eps in grid]
+    needed = [
+        np.log((errors > eps).mean()) + lemma._inequality.level((1.0 / N,), eps) for eps in grid
+    ]
     assert max(needed) > np.log(1e6)
     # all N runs hit one atom: no C that depends on n only
     for size in (50, 100, 200):
         log_exact = np.log(2 * n - 2) - size * np.log(2 * n)
-        log_needed = log_exact + lemma._level((1.0 / size,), np.sqrt(n**2 + 1.0) * (1.0 - 1e-12))
+        log_needed = log_exact + lemma._inequality.level(
+            (1.0 / size,), np.sqrt(n**2 + 1.0) * (1.0 - 1e-12)
+        )
         assert log_needed > 9.0 * size
-    valid = paper.Lemma42(x0, np.zeros(n), A, C=2.0)
+    valid = paper.Lemma42((A, np.eye(n)), x0, np.zeros(n), C=2.0)
     assert valid.beta == pytest.approx(64.0)
-    sharp = bounds.DiagonalMcDiarmid(np.eye(n), x0, np.zeros(n), A)
+    sharp = bounds.bound("McDiarmid", "state", (A, np.eye(n)), x0, np.zeros(n), fusion="diagonal")
     for eps in grid:
         share = (errors > eps).mean()
         assert share <= sharp.probability(N, eps) <= valid.probability(N, eps)
@@ -281,10 +272,11 @@ def test_lemma_43_is_refuted_in_one_step(n, share, printed):
     A, x0 = hadamard(n) / np.sqrt(n), np.full(n, n**-0.5)
     errors = hadamard_errors(n, 100, 5000, 13)
     eps = 0.9 * np.sqrt((n**2 - 1.0) / 100)
-    lemma = paper.Lemma43(A, np.eye(n), x0, np.zeros((1, n)), C=float(n**2))
+    lemma = paper.Lemma43((A, np.eye(n)), x0, np.zeros((1, n)), C=float(n**2))
     assert (errors > eps).mean() == pytest.approx(share, abs=0.02)
     assert lemma.probability(100, eps) == pytest.approx(printed, rel=0.1)
-    corrected = bounds.OneStepHoeffding(A, np.eye(n), x0, np.zeros((1, n)))
+    data = "trajectory", (A, np.eye(n)), x0, np.zeros((1, n))
+    corrected = bounds.bound("Hoeffding, one step", *data)
     assert corrected.probability(100, eps) == 1.0
 
 
@@ -298,12 +290,12 @@ def test_lemma_43_is_refuted_in_ten_steps():
     rms = np.sqrt((2.0 ** (K + 1) - 1.0) / N)
     # heavy tails: the mean square of 1000 averages of 100 runs within 15 %
     assert np.sqrt((errors**2).mean()) == pytest.approx(rms, rel=0.15)
-    lemma = paper.Lemma43(A, B, x0, u, C=4.0)
+    lemma = paper.Lemma43((A, B), x0, u, C=4.0)
     eps = 0.5 * rms
     assert (errors > eps).mean() > 0.7
     assert lemma.probability(N, eps) < 1e-20
     for delta in DELTAS:
-        radius = bounds.TrajectoryMcDiarmid(A, B, x0, u).radius(N, delta)
+        radius = bounds.bound("McDiarmid", "trajectory", (A, B), x0, u).radius(N, delta)
         assert not exceeded_too_often(errors, radius, delta)
 
 
@@ -312,6 +304,10 @@ def test_lemma_43_is_refuted_in_ten_steps():
 
 def test_half_of_every_radius_is_caught():
     """For each kind of bound there is a case in which half its radius is exceeded too often."""
+
+    def kind(bound):
+        return f"{type(bound._inequality).__name__}, {type(bound._setting).__name__}"
+
     caught = set()
     for name, N in (
         ("Hadamard", 2000),
@@ -325,20 +321,21 @@ def test_half_of_every_radius_is_caught():
             for bound in bounds.candidates(quantity, *data, **options):
                 for delta in DELTAS:
                     if exceeded_too_often(errors, bound.radius(N, delta) / 2.0, delta):
-                        caught.add(type(bound).__name__)
+                        caught.add(kind(bound))
     # one entity alone, two entries: where the others are nearly sharp (20 000 replicates)
     xf, gen = np.array([1.0, 1.0]), np.random.default_rng(16)
     errors = np.linalg.norm(vectors(gen, xf, 100, 20_000) - xf, axis=1)
+    data = (np.eye(2), np.eye(2)), [0.0, 0.0], xf
     found = bounds.candidates("vector", xf)
     for fusion in ("product", "diagonal"):
-        data = (np.eye(2), [0.0, 0.0], xf, np.eye(2))
         found += bounds.candidates("state", *data, fusion=fusion)
     for bound in found:
         assert not exceeded_too_often(errors, bound.radius(100, 0.01), 0.01)
         if exceeded_too_often(errors, bound.radius(100, 0.01) / 2.0, 0.01):
-            caught.add(type(bound).__name__)
+            caught.add(kind(bound))
     assert caught == {
-        "Bernstein", "Bousquet", "Chebyshev", "DiagonalBousquet", "DiagonalMcDiarmid",
-        "FusedChebyshev", "Hoeffding", "McDiarmid", "ProductBousquet", "ProductMcDiarmid",
-        "ProductParts", "Weissman",
+        "Bernstein, Lines", "Bousquet, Lines", "Bousquet, Paired", "Chebyshev, Lines",
+        "Chebyshev, Paired", "Chebyshev, Product", "Hoeffding, Lines", "McDiarmid, Lines",
+        "McDiarmid, Paired", "ProductBousquet, Product", "ProductMcDiarmid, Product",
+        "SumOfParts, Product", "Weissman, Lines",
     }  # fmt: skip

@@ -11,6 +11,7 @@ import itertools
 import numpy as np
 import pytest
 
+from stochens_rs.system import System
 from stochens_rs.theory import bounds
 from stochens_rs.theory.bounds._geometry import Geometry
 
@@ -91,7 +92,7 @@ def wrong_ranges(systems, axis, mutate=None):
     wrong = dict.fromkeys(("D_f", "D_z", "reach_z"), 0)
     for k, (B, x0, xf, A) in enumerate(systems):
         quantity = QUANTITIES[k % 2]
-        M, at = image(B, quantity), Geometry(B, x0, xf, A, axis, quantity)
+        M, at = image(B, quantity), Geometry(System(A, B), x0, xf, axis, quantity)
         if mutate is not None:
             mutate(at)
         z = M @ products(x0, A, axis)[0]
@@ -125,7 +126,7 @@ def test_ranges_of_A(axis, quantity):
     """reach_A, range_A and its cap and slope, D_0 and the mean squares: every realization of A."""
     gen = np.random.default_rng(2)
     for B, x0, xf, A in small_systems(150, 3):
-        M, at = image(B, quantity), Geometry(B, x0, xf, A, axis, quantity)
+        M, at = image(B, quantity), Geometry(System(A, B), x0, xf, axis, quantity)
         unit_A = at.unit_x0 / at.unit  # of ||M A|| where x0 has its unit
         lines = A.T if axis == "columns" else A
         drawn = [atoms(line) for line in lines]
@@ -213,7 +214,7 @@ def test_coverage(fusion, axis):
     draw = paired_errors if fusion == "diagonal" else fused_errors
     for B, x0, xf, A in (COUNTEREXAMPLE, *small_systems(24, 5)):
         found = {
-            quantity: bounds.candidates(quantity, B, x0, xf, A, fusion=fusion, axis=axis)
+            quantity: bounds.candidates(quantity, (A, B), x0, xf, fusion=fusion, axis=axis)
             for quantity in QUANTITIES
         }
         for N in SIZES:
@@ -230,12 +231,12 @@ def test_the_zero_atom_and_the_smaller_ones_count():
     B, x0, xf, A = COUNTEREXAMPLE
     y = paired_errors(np.random.default_rng(6), x0, xf, A, 100, "columns")
     errors = np.linalg.norm(y, axis=1)
-    at = Geometry(B, x0, xf, A, "columns", "state")
-    radius = bounds.DiagonalMcDiarmid._sharing(at).radius(100, 1e-3)
+    bound = bounds.bound("McDiarmid", "state", (A, B), x0, xf, fusion="diagonal")
+    radius = bound.radius(100, 1e-3)
     assert not exceeded_too_often(errors, radius, 1e-3)
-    largest_of_each_sign(at)
-    radius = bounds.DiagonalMcDiarmid._sharing(at).radius(100, 1e-3)
+    largest_of_each_sign(bound._setting)
+    radius = bound.radius(100, 1e-3)
     assert (errors > radius - 1e-9).mean() == pytest.approx(0.368, abs=0.04)  # 5 standard errors
-    chosen = bounds.best("state", *COUNTEREXAMPLE, size=100, delta=1e-6, fusion="diagonal")
+    chosen = bounds.best("state", (A, B), x0, xf, size=100, delta=1e-6, fusion="diagonal")
     # |Bin(100, 1/2) - 50| > 24 has probability 7e-7, > 23 has 1.9e-6: the quantile is 24 / 25
     assert 24 / 25 <= chosen.radius < 2.0

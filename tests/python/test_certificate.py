@@ -119,7 +119,7 @@ def test_every_line_is_its_own_vector_problem(axis: str) -> None:
     A[:, 1] = 0.0
     target = A + 0.1 * gen.standard_normal(A.shape)
     ensemble = se.sample(A, 12, rng=5, axis=axis)
-    fit = se.fuse(ensemble, "alse", target=target, weights=f"per-{axis[:-1]}")
+    fit = se.fuse(ensemble, "alse", target=target, weight_set=f"per-{axis[:-1]}")
     lines = range(4) if axis == "columns" else range(6)
     assert fit.weights.shape == (12, len(lines))
     assert np.allclose(fit.weights.sum(axis=0), 1.0, atol=1e-12)
@@ -133,7 +133,7 @@ def test_every_line_is_its_own_vector_problem(axis: str) -> None:
     assert fit.status == "optimal"
     assert fit.error == pytest.approx(np.linalg.norm(fit.estimate - target), rel=1e-12)
     written = se.Ensemble.from_samples(dense)
-    same = se.fuse(written, "alse", target=target, weights=f"per-{axis[:-1]}")
+    same = se.fuse(written, "alse", target=target, weight_set=f"per-{axis[:-1]}")
     assert np.allclose(same.estimate, fit.estimate, atol=1e-6)
     assert same.unseen == fit.unseen
     # one weight per realization is a special case, so it cannot do better
@@ -144,50 +144,63 @@ def test_columns_are_exact_once_every_entry_was_hit() -> None:
     A = np.random.default_rng(6).uniform(0.5, 1.0, (8, 8))
     ensemble = se.sample(A, 120, rng=7)
     assert (ensemble.counts() > 0).all()
-    fit = se.fuse(ensemble, "alse", target=A, weights="per-column")
+    fit = se.fuse(ensemble, "alse", target=A, weight_set="per-column")
     assert fit.exact
-    path = se.fuse_path(ensemble, [1, 10, 120], "alse", target=A, weights="per-column")
+    path = se.fuse_path(ensemble, [1, 10, 120], "alse", target=A, weight_set="per-column")
     assert path.errors[-1] == fit.error
     assert path.errors[0] > path.errors[1] > 1e-3
     assert (
-        path.errors[1] == se.fuse(ensemble.prefix(10), "alse", target=A, weights="per-column").error
+        path.errors[1]
+        == se.fuse(ensemble.prefix(10), "alse", target=A, weight_set="per-column").error
     )
 
 
 def test_weights_per_column_go_with_product_fusion_only() -> None:
     system = se.System(A30[:5, :5], np.eye(5))
     ensemble = se.sample(system.A, 50, rng=1)
-    fit = se.fuse(ensemble, "alse", target=system.A, weights="per-column")
+    fit = se.fuse(ensemble, "alse", target=system.A, weight_set="per-column")
     x0 = se.sample(np.ones(5), 50, rng=2)
-    plan = se.control(system.B, x0, np.zeros(5), fit)
-    assert plan.u == pytest.approx(-(fit.estimate @ x0.mean()), abs=1e-12)
+    plan = se.control((fit, system.B), x0, np.zeros(5))
+    assert plan.u[0] == pytest.approx(-(fit.estimate @ x0.mean()), abs=1e-12)
     with pytest.raises(InputError, match="fusion='product'"):
-        se.control(system.B, x0, np.zeros(5), fit, fusion="diagonal")
+        se.control((fit, system.B), x0, np.zeros(5), fusion="diagonal")
 
 
 @pytest.mark.parametrize(
     ("change", "error", "words"),
     [
         (
-            {"weights": "per-row"},
+            {"weight_set": "per-row"},
             InputError,
             "must be 'per-column' for realizations sampled by col",
         ),
         ({"time_limit": 0.0}, SizeError, "`time_limit` must be > 0"),
         ({"max_iter": 0}, SizeError, "`max_iter` must be in"),
-        ({"method": "slse", "time_limit": 1.0}, InputError, "`time_limit` is for method 'alse'"),
-        ({"method": "slse", "max_iter": 5}, InputError, "`max_iter` is for method 'alse'"),
-        ({"method": "uniform", "weights": "per-column"}, InputError, "`weights` must be 'simplex'"),
+        (
+            {"method": "slse", "time_limit": 1.0},
+            InputError,
+            "`time_limit` must be None for method 'slse'",
+        ),
+        (
+            {"method": "slse", "max_iter": 5},
+            InputError,
+            "`max_iter` must be None for method 'slse'",
+        ),
+        (
+            {"method": "uniform", "weight_set": "per-column"},
+            InputError,
+            "`weight_set` must be 'simplex'",
+        ),
     ],
 )
-def test_bad_wishes(change: dict[str, object], error: type[Exception], words: str) -> None:
+def test_bad_options(change: dict[str, object], error: type[Exception], words: str) -> None:
     with pytest.raises(error, match=words):
         se.fuse(HARD, **{"method": "alse", "target": A30, **change})
 
 
 def test_a_vector_has_one_column() -> None:
-    with pytest.raises(InputError, match="a vector is one line"):
-        se.fuse(se.sample([1.0, 2.0], 3, rng=1), "alse", target=[1.0, 2.0], weights="per-column")
+    with pytest.raises(InputError, match="or 'subsimplex' for vectors"):
+        se.fuse(se.sample([1.0, 2.0], 3, rng=1), "alse", target=[1.0, 2.0], weight_set="per-column")
 
 
 # -- memory ---------------------------------------------------------------------------------------

@@ -54,6 +54,16 @@ def test_the_evidence_supports_every_verdict(found: se.paper.Claims) -> None:
     assert found.confirmed
 
 
+def test_progress_counts_the_statements() -> None:
+    seen: list[tuple[int, int | None]] = []
+    found = se.paper.claims(quick=True, progress=lambda *told: seen.append(told))
+    assert seen == [(k, len(found.rows)) for k in range(1, len(found.rows) + 1)]
+    with pytest.raises(
+        se.exceptions.InputTypeError, match="`progress` must be None, True, False or a"
+    ):
+        se.paper.claims(quick=True, progress=3)
+
+
 def test_another_seed_gives_the_same_verdicts() -> None:
     # the Monte Carlo parts decide at 4 standard errors or at margins of factors
     key = as_key(12345)
@@ -70,7 +80,7 @@ def test_another_seed_gives_the_same_verdicts() -> None:
         weights.second_inequality(compared),
         streams.variance(streamed),
         streams.algorithm_1(streamed),
-        *section_5(key, 4, 300),
+        *(row() for row in section_5(key, 4, 300)),
     ]
     assert [row.item for row in rows if not row.confirmed] == []
 
@@ -95,6 +105,21 @@ def test_what_is_called_exact_is_rational(found: se.paper.Claims) -> None:
     assert "the printed minimum is 1, that of weights on the simplex 2." in second
     # hitting every entry of a matrix is not enough
     assert "weights on the simplex is 1." in found["Remark after Lemma 4.4"].evidence[0].text
+
+
+def test_the_library_gives_the_numbers_of_lemmas_44_and_45() -> None:
+    def square(samples: list[list[float]], target: list[float], method: str = "alse") -> float:
+        ensemble = se.Ensemble.from_samples(np.array(samples, dtype=float))
+        return se.fuse(ensemble, method, target=np.array(target, dtype=float)).error ** 2
+
+    assert square([[7, 0], [0, 7]], [3, 4]) < 1e-24
+    assert square([[2, 0]], [1, 1]) == pytest.approx(2.0, rel=1e-9)
+    three = [[[0, 0], [3, 3]], [[3, 0], [0, 3]], [[0, 3], [3, 0]]]
+    A = [[1, 1], [2, 2]]
+    assert square(three, A, "uniform") < 1e-24
+    assert square(three, A, "slse") == pytest.approx(1 / 5, rel=1e-9)
+    assert square(three, A, "slse-safeguarded") < 1e-20
+    assert square(three, A) < 1e-20
 
 
 def test_the_figure_is_drawn(found: se.paper.Claims) -> None:
@@ -206,9 +231,9 @@ def test_simulated_drift_has_the_exact_mean_square() -> None:
     gen = np.random.default_rng(3)
     A, x0 = gen.standard_normal((5, 5)), np.array([1.0, -2.0, 0.5, 0.0, 1.0])
     errors = tails.drift_errors(A, x0, 30, 20_000, gen)
-    exact_rms = moments.state_rms(np.eye(5), x0, np.zeros(5), A, 30, fusion="diagonal")
+    exact_rms = moments.state_rms((A, np.eye(5)), x0, np.zeros(5), 30, fusion="diagonal")
     assert np.mean(errors**2) == pytest.approx(exact_rms**2, rel=0.05)
-    product = moments.state_rms(np.eye(5), x0, np.zeros(5), A, 30)
+    product = moments.state_rms((A, np.eye(5)), x0, np.zeros(5), 30)
     assert np.mean(errors**2) != pytest.approx(
         product**2, rel=0.2
     )  # the other fusion is told apart

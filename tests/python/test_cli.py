@@ -238,7 +238,7 @@ def test_bars_are_for_terminals(terminal, monkeypatch):
     monkeypatch.setattr(sys, "stderr", Stderr())
     paper.power(rng=1, replicates=2, samples=5, progress=True)
     se.paper.claims(quick=True, progress=True)
-    stream = se.Stream([[1.0]], [1.0], [0.0], [[2.0]], rng=1)
+    stream = se.Stream(([[2.0]], [[1.0]]), [1.0], [0.0], rng=1)
     stream.run(max_steps=10, progress=True)
     seen = sys.stderr.getvalue()
     for word in ("power network", "claims", "stream"):

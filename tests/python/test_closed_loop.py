@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from stochens_rs import reference as twin
 from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 from stochens_rs.theory import moments, positive_maps, tracking
 
@@ -44,7 +45,7 @@ def averages(atoms, size):
 
 def feasible(system, start, u):
     """A reference that the exact system can follow."""
-    return moments.trajectory_mean(system.A, system.B, u, start)
+    return moments.trajectory_mean(system, start, u)
 
 
 # -- the exact recursion -------------------------------------------------------------------------
@@ -64,13 +65,13 @@ def test_moments_against_the_enumeration_of_every_draw(reference, B, x0, feedbac
     steps = 3 if not sampled else 2
     if reference is None:
         u = np.array([[1.0] * B.shape[1], [-0.5] * B.shape[1], [2.0] * B.shape[1]])
-        reference = moments.trajectory_mean(A, B, u, [1.0, -0.5])
+        reference = moments.trajectory_mean((A, B), [1.0, -0.5], u)
     r = reference[: steps + 1]
     pinv = np.linalg.pinv(B)
     As = averages(matrix_atoms(A), size)
     p, x = np.ones(1), (r[0] if x0 is None else np.array(x0))[None]
     mean, second = tracking.tracking_moments(
-        A, B, r, size, feedback=feedback, sample_states=sampled, x0=x0
+        (A, B), r, size, feedback=feedback, sample_states=sampled, x0=x0
     )
     for k in range(steps + 1):
         e = x - r[k]
@@ -90,11 +91,11 @@ def test_moments_against_the_enumeration_of_every_draw(reference, B, x0, feedbac
 
 def test_rms_is_the_trace_and_shrinks_as_one_over_n():
     r = REFERENCES["not feasible"]
-    _, second = tracking.tracking_moments(A2, I2, r, 40)
-    rms = tracking.tracking_rms(A2, I2, r, 40)
+    _, second = tracking.tracking_moments((A2, I2), r, 40)
+    rms = tracking.tracking_rms((A2, I2), r, 40)
     np.testing.assert_allclose(rms**2, np.trace(second, axis1=1, axis2=2), rtol=1e-13)
-    assert not tracking.tracking_rms(A2, I2, r, None).any()  # B = I reaches everything exactly
-    ratio = rms[1:] ** 2 / tracking.tracking_rms(A2, I2, r, 4000)[1:] ** 2
+    assert not tracking.tracking_rms((A2, I2), r, None).any()  # B = I reaches everything exactly
+    ratio = rms[1:] ** 2 / tracking.tracking_rms((A2, I2), r, 4000)[1:] ** 2
     assert ratio[0] == pytest.approx(100.0, rel=1e-12)
     assert (ratio > 100.0 - 1e-9).all()
 
@@ -119,22 +120,18 @@ def test_runs_have_the_exact_mean_square(m, feedback, sampled, seed):
     system = gaussian(6, m, 30 + m)
     u = 0.5 * np.random.default_rng(5).standard_normal((5, m))
     r = feasible(system, np.ones(6), u)
-    run = se.track(
-        system, r, 100, feedback=feedback, sample_states=sampled, rng=seed, replicates=2500
-    )
+    run = se.track(system, r, 100, feedback=feedback, sample_states=sampled, rng=seed, runs=2500)
     assert run.feasible
     assert run.status == "completed"
-    exact = tracking.tracking_rms(
-        system.A, system.B, r, 100, feedback=feedback, sample_states=sampled
-    )
+    exact = tracking.tracking_rms(system, r, 100, feedback=feedback, sample_states=sampled)
     ratio = (run.errors[:, 1:] ** 2 / exact[1:] ** 2).mean(axis=1)
     error = ratio.std() / np.sqrt(2500)
     assert error < 0.02
     assert abs(ratio.mean() - 1.0) < 4.0 * error
     # The mutants: noise of N = 115, and the recursion of the other kind of control.
-    other = tracking.tracking_rms(system.A, system.B, r, 115, feedback=feedback)
+    other = tracking.tracking_rms(system, r, 115, feedback=feedback)
     assert abs((run.errors[:, 1:] ** 2 / other[1:] ** 2).mean() - 1.0) > 4.0 * error
-    swapped = tracking.tracking_rms(system.A, system.B, r, 100, feedback=not feedback)
+    swapped = tracking.tracking_rms(system, r, 100, feedback=not feedback)
     assert abs((run.errors[:, 1:] ** 2 / swapped[1:] ** 2).mean() - 1.0) > 4.0 * error
     np.testing.assert_allclose(run.mean_square, (run.errors**2).mean(axis=0), rtol=1e-13)
 
@@ -142,12 +139,12 @@ def test_runs_have_the_exact_mean_square(m, feedback, sampled, seed):
 def test_without_feedback_errors_accumulate():
     system = gaussian(6, 6, 41)
     r = np.broadcast_to(np.ones(6), (41, 6))
-    with_feedback = tracking.tracking_rms(system.A, system.B, r, 100)
-    without = tracking.tracking_rms(system.A, system.B, r, 100, feedback=False)
+    with_feedback = tracking.tracking_rms(system, r, 100)
+    without = tracking.tracking_rms(system, r, 100, feedback=False)
     assert with_feedback[-1] == pytest.approx(with_feedback[3], rel=0.05)
     assert without[-1] > 2.0 * with_feedback[-1]
     assert (np.diff(without) > 0.0).all()
-    bound = tracking.tracking_bound(system.A, system.B, r, 100)
+    bound = tracking.tracking_bound(system, r, 100)
     assert (with_feedback**2 <= bound).all()
     assert bound < 20.0 * with_feedback[-1] ** 2
 
@@ -157,8 +154,8 @@ def test_the_bound_holds_with_sampled_states_too(size):
     """R = 200 runs of 10 steps: the average is below the bound, which is loose by design."""
     system = gaussian(5, 5, 42)
     r = np.cumsum(np.random.default_rng(7).standard_normal((11, 5)), axis=0)
-    bound = tracking.tracking_bound(system.A, system.B, r, size, sample_states=True)
-    run = se.track(system, r, size, sample_states=True, rng=8, replicates=200)
+    bound = tracking.tracking_bound(system, r, size, sample_states=True)
+    run = se.track(system, r, size, sample_states=True, rng=8, runs=200)
     assert 0.0 < run.mean_square.max() < bound
     if size == 2000:
         assert bound < 60.0 * run.mean_square.max()
@@ -167,14 +164,14 @@ def test_the_bound_holds_with_sampled_states_too(size):
 def test_the_bound_where_it_is_an_equality():
     # A = 0: all of the error is that of the sampled r(k+1).
     r = np.array([[1.0, 2.0], [3.0, -1.0], [0.5, 0.0]])
-    bound = tracking.tracking_bound(np.zeros((2, 2)), I2, r, 10, sample_states=True)
+    bound = tracking.tracking_bound((np.zeros((2, 2)), I2), r, 10, sample_states=True)
     assert bound == pytest.approx(moments.vector_mse(r[1], 10), rel=1e-12)
     # Equal columns, only A sampled: the first step has the mean square q r^2.
     A = np.ones((2, 2))
-    first = tracking.tracking_rms(A, I2, r[[2, 2]], 10)[1] ** 2
+    first = tracking.tracking_rms((A, I2), r[[2, 2]], 10)[1] ** 2
     q = 2.0 / 10.0
     assert first == pytest.approx(q * 0.25, rel=1e-12)
-    assert tracking.tracking_bound(A, I2, r[[2, 2]], 10) == pytest.approx(first / (1 - q))
+    assert tracking.tracking_bound((A, I2), r[[2, 2]], 10) == pytest.approx(first / (1 - q))
 
 
 # -- stability -----------------------------------------------------------------------------------
@@ -201,15 +198,15 @@ def test_stability_radius_and_threshold():
             A, B = gen.standard_normal((n, n)), gen.standard_normal((n, m))
             for size in (1, 10, 1000):
                 radius = np.abs(np.linalg.eigvals(loop_map(A, B, size))).max()
-                assert tracking.stability_radius(A, B, size) == pytest.approx(radius, rel=1e-8)
-            threshold = tracking.stability_threshold(A, B)
+                assert tracking.stability_radius((A, B), size) == pytest.approx(radius, rel=1e-8)
+            threshold = tracking.stability_threshold((A, B))
             if not np.isfinite(threshold):
-                assert tracking.stability_radius(A, B, 1e15) >= 1.0
+                assert tracking.stability_radius((A, B), 1e15) >= 1.0
                 continue
             stable += 1
-            assert tracking.stability_radius(A, B, int(threshold) + 1) < 1.0
+            assert tracking.stability_radius((A, B), int(threshold) + 1) < 1.0
             if threshold >= 1.0:
-                assert tracking.stability_radius(A, B, int(threshold)) >= 1.0
+                assert tracking.stability_radius((A, B), int(threshold)) >= 1.0
     assert stable >= 12
 
 
@@ -219,15 +216,15 @@ def test_with_an_input_for_every_state_the_threshold_is_rho_of_phi():
         A = gen.standard_normal((5, 5))
         g = np.abs(A).sum(axis=0)
         rho = np.abs(np.linalg.eigvals(np.abs(A) * (g - np.abs(A)))).max()
-        assert tracking.stability_threshold(A, B) == pytest.approx(rho, rel=1e-12)
-        assert tracking.stability_radius(A, B, 8) == pytest.approx(rho / 8, rel=1e-12)
+        assert tracking.stability_threshold((A, B)) == pytest.approx(rho, rel=1e-12)
+        assert tracking.stability_radius((A, B), 8) == pytest.approx(rho / 8, rel=1e-12)
 
 
 def test_a_bound_that_overflows_is_not_called_unstable():
     A, reference = A2 / 10.0, np.outer([1.0, 2.0], [1e200, -1e200])
-    assert np.isfinite(tracking.tracking_bound(A, I2, 1e-100 * reference, 100))
+    assert np.isfinite(tracking.tracking_bound((A, I2), 1e-100 * reference, 100))
     with pytest.raises(NonFiniteError, match="overflow"):
-        tracking.tracking_bound(A, I2, reference, 100)
+        tracking.tracking_bound((A, I2), reference, 100)
 
 
 def test_large_systems_need_no_n_sums(monkeypatch):
@@ -237,13 +234,13 @@ def test_large_systems_need_no_n_sums(monkeypatch):
     A, B = gen.standard_normal((n, n)) / 6.0, gen.standard_normal((n, 5))
     with monkeypatch.context() as patch:
         patch.setattr(positive_maps, "_perron", lambda *_: None)
-        slow = tracking.stability_threshold(A, B), tracking.stability_radius(A, B, 7)
+        slow = tracking.stability_threshold((A, B)), tracking.stability_radius((A, B), 7)
     formed = []
     honest = positive_maps._excitation
     monkeypatch.setattr(
         positive_maps, "_excitation", lambda *data: formed.append(data[2]) or honest(*data)
     )
-    fast = tracking.stability_threshold(A, B), tracking.stability_radius(A, B, 7)
+    fast = tracking.stability_threshold((A, B)), tracking.stability_radius((A, B), 7)
     assert fast == pytest.approx(slow, rel=1e-10)
     assert all(powers == [] for powers in formed)  # one term only, to know where to look
     # two blocks that do not meet: the iteration gives up, the eigenvalues do not
@@ -257,13 +254,13 @@ def test_large_systems_need_no_n_sums(monkeypatch):
 
 
 def test_no_size_helps_where_the_rest_is_unstable():
-    assert tracking.stability_threshold(np.diag([2.0, 1.0]), [[0.0], [1.0]]) == np.inf
-    assert tracking.stability_threshold(np.diag([2.0, 1.0]), np.zeros((2, 1))) == np.inf
+    assert tracking.stability_threshold((np.diag([2.0, 1.0]), [[0.0], [1.0]])) == np.inf
+    assert tracking.stability_threshold((np.diag([2.0, 1.0]), np.zeros((2, 1)))) == np.inf
     assert (
-        tracking.stability_threshold(np.diag([2.0, 1.0]), [[1.0], [0.0]]) == np.inf
+        tracking.stability_threshold((np.diag([2.0, 1.0]), [[1.0], [0.0]])) == np.inf
     )  # 1 is not < 1
-    assert tracking.stability_threshold(np.diag([2.0, 0.5]), [[1.0], [0.0]]) == 0.0
-    assert tracking.stability_radius(np.diag([2.0, 0.5]), [[1.0], [0.0]], 7) == 0.25
+    assert tracking.stability_threshold((np.diag([2.0, 0.5]), [[1.0], [0.0]])) == 0.0
+    assert tracking.stability_radius((np.diag([2.0, 0.5]), [[1.0], [0.0]]), 7) == 0.25
 
 
 def test_the_threshold_from_both_sides():
@@ -273,23 +270,23 @@ def test_the_threshold_from_both_sides():
     the exact one within 6 standard errors (heavy tails below the threshold).
     """
     A = np.array([[1.0, -1.5, 0.5], [1.5, 0.5, 1.0], [-0.5, 1.0, 1.5]])
-    threshold = tracking.stability_threshold(A, np.eye(3))
+    threshold = tracking.stability_threshold((A, np.eye(3)))
     assert 5.0 < threshold < 6.0
     r = np.ones((9, 3))
     for size, grows in ((3, True), (11, False)):
-        exact = tracking.tracking_rms(A, np.eye(3), r, size) ** 2
+        exact = tracking.tracking_rms((A, np.eye(3)), r, size) ** 2
         assert (exact[-1] > 20.0 * exact[1]) == grows
-        run = se.track((A, np.eye(3)), r, size, rng=13, replicates=3000)
+        run = se.track((A, np.eye(3)), r, size, rng=13, runs=3000)
         squares = run.errors[:, -1] ** 2
         deviation = squares.std() / np.sqrt(len(squares))
         assert abs(squares.mean() - exact[-1]) < 6.0 * deviation
         assert (run.mean_square[-1] > 10.0 * run.mean_square[1]) == grows
     far = np.ones((4001, 3))
-    assert np.isfinite(tracking.tracking_bound(A, np.eye(3), far, 20))
-    late = tracking.tracking_rms(A, np.eye(3), far, int(threshold) + 1)
+    assert np.isfinite(tracking.tracking_bound((A, np.eye(3)), far, 20))
+    late = tracking.tracking_rms((A, np.eye(3)), far, int(threshold) + 1)
     assert late[-1] == pytest.approx(late[-2], rel=1e-6)
     with pytest.raises(NonFiniteError, match="overflows at step"):
-        tracking.tracking_rms(A, np.eye(3), far, int(threshold) - 1)
+        tracking.tracking_rms((A, np.eye(3)), far, int(threshold) - 1)
 
 
 # -- the record ----------------------------------------------------------------------------------
@@ -300,16 +297,16 @@ REFERENCE = REFERENCES["not feasible"]
 
 def test_shapes_and_definitions():
     one = se.track(SYSTEM, REFERENCE, 50, rng=1)
-    many = se.track(SYSTEM, REFERENCE, 50, rng=1, replicates=3)
+    many = se.track(SYSTEM, REFERENCE, 50, rng=1, runs=3)
     assert (one.states.shape, one.inputs.shape, one.errors.shape) == ((4, 2), (3, 1), (4,))
     assert many.states.shape == (3, 4, 2)
     assert many.inputs.shape == (3, 3, 1)
     assert many.errors.shape == (3, 4)
     assert one.mean_square.shape == many.mean_square.shape == (4,)
-    assert se.track(SYSTEM, REFERENCE, 50, rng=1, replicates=1).states.shape == (1, 4, 2)
-    # Replicate i is a pure function of the key and i.
+    assert se.track(SYSTEM, REFERENCE, 50, rng=1, runs=1).states.shape == (1, 4, 2)
+    # Run i is a pure function of the key and i.
     np.testing.assert_array_equal(one.states, many.states[0])
-    again = se.track(SYSTEM, REFERENCE, 50, rng=many.key, replicates=2)
+    again = se.track(SYSTEM, REFERENCE, 50, rng=many.key, runs=2)
     np.testing.assert_array_equal(again.states, many.states[:2])
     # The system was followed exactly, from r(0), and the errors are what they say.
     for x, u in zip(many.states, many.inputs, strict=True):
@@ -321,12 +318,12 @@ def test_shapes_and_definitions():
     missed = (REFERENCE[1:] - REFERENCE[:-1] @ SYSTEM.A.T) @ (np.eye(2) - P).T
     np.testing.assert_allclose(one.residuals, np.linalg.norm(missed, axis=1), rtol=1e-12)
     assert "not feasible" in repr(one)
-    assert "3 replicates" in repr(many)
+    assert "3 runs" in repr(many)
     assert pickle.loads(pickle.dumps(one)).states.tolist() == one.states.tolist()
 
 
 def test_the_estimates_are_those_of_the_named_streams():
-    run = se.track(SYSTEM, REFERENCE, 50, rng=1, sample_states=True, replicates=2)
+    run = se.track(SYSTEM, REFERENCE, 50, rng=1, sample_states=True, runs=2)
     step = run.key.child("replicate-1").child("step-2")
     A, x, r = (
         se.sample_counts(target, 50, rng=step.child(name)).estimate
@@ -336,6 +333,49 @@ def test_the_estimates_are_those_of_the_named_streams():
     )  # fmt: skip
     expected = np.linalg.pinv(SYSTEM.B) @ (r - A @ x)
     np.testing.assert_allclose(run.inputs[1, 2], expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("method", ["uniform", "alse", "slse", "slse-safeguarded"])
+@pytest.mark.parametrize("feedback", [True, False])
+@pytest.mark.parametrize("sampled", [True, False])
+@pytest.mark.parametrize("m", [6, 3])
+def test_runs_are_those_of_the_twin(method, feedback, sampled, m):
+    """The loop in NumPy, with the estimates of `sample_counts` and `fuse`."""
+    system, start = se.cases.random_system(6, m, rng=m), np.arange(6.0)
+    r = np.random.default_rng(m).standard_normal((6, 6))
+
+    def estimate(target, key):
+        if method == "uniform":
+            return se.sample_counts(target, 40, rng=se.Key(key)).estimate
+        return se.fuse(se.sample(target, 40, rng=se.Key(key)), method, target=target).estimate
+
+    flags = {"feedback": feedback, "sample_states": sampled}
+    run = se.track(system, r, 40, x0=start, method=method, rng=1, runs=3, **flags)
+    for i in range(3):
+        key = twin.child(bytes(run.key), f"replicate-{i}")
+        states, inputs = twin.track(system.A, system.B, r, start, estimate, key=key, **flags)
+        scale = np.abs(states).max()
+        np.testing.assert_allclose(run.states[i], states, rtol=0, atol=1e-13 * scale)
+        np.testing.assert_allclose(run.inputs[i], inputs, rtol=0, atol=1e-12 * np.abs(inputs).max())
+
+
+def test_threads_change_nothing_and_the_first_run_that_overflows_is_reported():
+    def run(threads, *args, **kwargs):
+        se.set_num_threads(threads)
+        try:
+            return se.track(*args, rng=1, runs=5, **kwargs)
+        finally:
+            se.set_num_threads(before)
+
+    before = se.get_num_threads()
+    one, three = (run(k, SYSTEM, REFERENCE, 50, sample_states=True) for k in (1, 3))
+    np.testing.assert_array_equal(one.states, three.states)
+    steps = set()
+    for threads in (1, 2, 3):
+        with pytest.raises(NonFiniteError, match="overflows at step") as told:
+            run(threads, ([[0.0, 9.0], [6.0, 3.0]], I2), np.ones((900, 2)), 1)
+        steps.add(str(told.value))
+    assert len(steps) == 1
 
 
 @pytest.mark.parametrize("method", ["alse", "slse", "slse-safeguarded"])
@@ -353,7 +393,7 @@ def test_a_feasible_reference_is_recognised_to_rounding():
     gen = np.random.default_rng(14)
     A, B = gen.standard_normal((6, 6)), gen.standard_normal((6, 2))
     for u in (np.zeros((8, 2)), gen.standard_normal((8, 2))):
-        r = moments.trajectory_mean(A, B, u, np.ones(6))
+        r = moments.trajectory_mean((A, B), np.ones(6), u)
         assert se.track((A, B), r, 10**15, rng=1).feasible
         r[3] *= 1.0 + 1e-6
         run = se.track((A, B), r, 10**15, rng=1)
@@ -369,8 +409,8 @@ def test_wrong_input_is_refused():
         se.track(SYSTEM, np.ones((1, 2)), 10)
     with pytest.raises(InputError, match="`size`"):
         se.track(SYSTEM, REFERENCE, 0)
-    with pytest.raises(InputError, match="`replicates`"):
-        se.track(SYSTEM, REFERENCE, 10, replicates=0)
+    with pytest.raises(InputError, match="`runs`"):
+        se.track(SYSTEM, REFERENCE, 10, runs=0)
     with pytest.raises(InputTypeError, match="`feedback`"):
         se.track(SYSTEM, REFERENCE, 10, feedback="yes")
     with pytest.raises(InputError, match="`method`"):
@@ -384,23 +424,23 @@ def test_wrong_input_is_refused():
     with pytest.raises(NonFiniteError, match="overflows at step"):
         se.track((1e100 * A2, I2), np.ones((6, 2)), 1, rng=1)
     with pytest.raises(InputError, match="do not close"):
-        tracking.tracking_moments(A2, I2, REFERENCE, 10, sample_states=True)
+        tracking.tracking_moments((A2, I2), REFERENCE, 10, sample_states=True)
     with pytest.raises(InputError, match="rank n=2"):
-        tracking.tracking_bound(A2, B1, REFERENCE, 10)
+        tracking.tracking_bound((A2, B1), REFERENCE, 10)
     with pytest.raises(ShapeError, match="`B`"):
-        tracking.stability_threshold(A2, np.ones((3, 1)))
+        tracking.stability_threshold((A2, np.ones((3, 1))))
     for f in (tracking.stability_radius, tracking.stability_threshold):
         with pytest.raises(NonFiniteError, match="squares of `A` overflow"):
-            f(1e200 * A2, I2)
+            f((1e200 * A2, I2))
     with pytest.raises(NonFiniteError, match="`A` times `reference` overflows"):
-        tracking.reference_residuals(1e200 * A2, B1, 1e200 * REFERENCE)
-    huge = tracking.reference_residuals(A2, B1, 1e200 * REFERENCE)
-    np.testing.assert_allclose(huge, 1e200 * tracking.reference_residuals(A2, B1, REFERENCE))
+        tracking.reference_residuals((1e200 * A2, B1), 1e200 * REFERENCE)
+    huge = tracking.reference_residuals((A2, B1), 1e200 * REFERENCE)
+    np.testing.assert_allclose(huge, 1e200 * tracking.reference_residuals((A2, B1), REFERENCE))
 
 
 def test_the_distance_is_drawn():
     pytest.importorskip("matplotlib")
-    run = se.track(([[0.5]], [[1.0]]), [[0.0], [1.0], [2.0]], 50, replicates=3, rng=1)
+    run = se.track(([[0.5]], [[1.0]]), [[0.0], [1.0], [2.0]], 50, runs=3, rng=1)
     ax = run.plot()
     distance, residuals = ax.get_lines()
     np.testing.assert_array_equal(distance.get_ydata(), np.sqrt(run.mean_square))

@@ -19,19 +19,19 @@ def problem(n: int, m: int, kind: str) -> tuple[Any, ...]:
     A, B = gen.standard_normal((n, n)), gen.standard_normal((n, m))
     x0, xf = gen.standard_normal(n), gen.standard_normal(n)
     if kind == "singletons":
-        return B, se.sample(x0, N, rng=1), se.sample(xf, N, rng=2), se.sample(A, N, rng=3)
+        return (se.sample(A, N, rng=3), B), se.sample(x0, N, rng=1), se.sample(xf, N, rng=2)
     if kind == "exact xf":
-        return B, se.sample(x0, N, rng=1), xf, se.sample(A, N, rng=3)
+        return (se.sample(A, N, rng=3), B), se.sample(x0, N, rng=1), xf
     if kind == "rows":
         ensembles = (se.sample(x0, N, rng=1), se.sample(xf, N, rng=2))
-        return B, *ensembles, se.sample(A, N, rng=3, axis="rows")
+        return (se.sample(A, N, rng=3, axis="rows"), B), *ensembles
     samples = [gen.standard_normal((N, *v.shape)) for v in (x0, xf, A)]
     dense = [se.Ensemble.from_samples(v) for v in samples]
     if kind == "exact A":
-        return B, dense[0], dense[1], A
+        return (A, B), dense[0], dense[1]
     if kind == "exact x0":
-        return B, x0, dense[1], dense[2]
-    return B, *dense
+        return (dense[2], B), x0, dense[1]
+    return (dense[2], B), *dense[:2]
 
 
 def written_out(entity: Any) -> Any:
@@ -48,12 +48,12 @@ KINDS = ["singletons", "exact xf", "rows", "dense", "exact A", "exact x0"]
     ("n", "m"), [(1, 1), (5, 2), (9, 4), (19, 10), (20, 13), (21, 16), (18, 20)]
 )
 def test_controls_equal_the_reference(n: int, m: int, kind: str) -> None:
-    B, x0, xf, A = problem(n, m, kind)
+    (A, B), x0, xf = problem(n, m, kind)
     out = np.full((N, m), np.nan)
-    assert se.realization_controls(B, x0, xf, A, out=out) is out
-    expected = twin.realization_controls(B, *(written_out(v) for v in (x0, xf, A)))
+    assert se.realization_controls((A, B), x0, xf, out=out) is out
+    expected = twin.realization_controls(written_out(A), B, written_out(x0), written_out(xf))
     assert np.abs(out - expected).max() <= 1e-12 * np.abs(expected).max()
-    assert np.array_equal(out, se.realization_controls(B, x0, xf, A))
+    assert np.array_equal(out, se.realization_controls((A, B), x0, xf))
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -106,14 +106,14 @@ def test_bad_output_is_refused(out: Any, error: type[Exception], message: str) -
 
 
 def test_output_must_not_be_an_input() -> None:
-    B, x0, xf, A = problem(5, 2, "singletons")
+    (A, B), x0, xf = problem(5, 2, "singletons")
     memory = np.arange(1.0, 2 * N + 1)
     out = memory.reshape(N, 2)
     for name, inputs in {
-        "B": (memory[:10].reshape(5, 2), x0, xf, A),
-        "x0": (B, memory[:5], xf, A),
-        "xf": (B, x0, memory[10:20:2], A),
-        "A": (B, x0, xf, memory[3:28].reshape(5, 5)),
+        "B": ((A, memory[:10].reshape(5, 2)), x0, xf),
+        "x0": ((A, B), memory[:5], xf),
+        "xf": ((A, B), x0, memory[10:20:2]),
+        "A": ((memory[3:28].reshape(5, 5), B), x0, xf),
     }.items():
         with pytest.raises(InputError, match=f"`out` must not share memory with `{name}`"):
             se.realization_controls(*inputs, out=out)
@@ -130,7 +130,7 @@ def test_an_overflow_is_found_in_every_kind() -> None:
         (se.Ensemble.from_samples(big), np.ones((1, 1))),
     ]:
         with pytest.raises(InputError, match="a control overflows"):
-            se.realization_controls(tiny, x0, [0.0], A, out=np.empty((3, 1)))
+            se.realization_controls((A, tiny), x0, [0.0], out=np.empty((3, 1)))
 
 
 LARGE = 32 << 20  # bytes: from here on, memory that was used before is written past the caches
@@ -143,7 +143,7 @@ def test_large_outputs_hold_the_same_bits(n: int, m: int, shift: int) -> None:
     size = LARGE // (8 * m) + 3
     B, x0, xf = gen.standard_normal((n, m)), gen.standard_normal(n), gen.standard_normal(n)
     A = se.sample(gen.standard_normal((n, n)), size, rng=3)
-    given = (B, se.sample(x0, size, rng=1), se.sample(xf, size, rng=2), A)
+    given = ((A, B), se.sample(x0, size, rng=1), se.sample(xf, size, rng=2))
     memory = np.full(size * m + 8, np.nan)
     start = (-memory.ctypes.data // 8) % 2 + shift  # 16-byte boundary, or 8 bytes beyond
     out = memory[start : start + size * m].reshape(size, m)

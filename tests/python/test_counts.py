@@ -94,7 +94,7 @@ Draw = Callable[..., "se.Ensemble | se.Counts"]
 def squared_error(draw: Draw, size: int, seed: int) -> float:
     """Of the product fusion of x0, xf and A, which are drawn with three seeds of their own."""
     x0, xf, fused = (draw(target, size, rng=3 * seed + k) for k, target in enumerate((X0, XF, A)))
-    error = se.control(B, x0, xf, fused).u - EXACT
+    error = se.control((fused, B), x0, xf).u[0] - EXACT
     return float(error @ error)
 
 
@@ -125,7 +125,7 @@ def test_controls_from_counts_have_the_distribution_of_those_from_realizations()
 @pytest.mark.parametrize("size", [1000, 10**12])
 def test_controls_of_a_trillion_realizations_have_the_exact_mean_square(size: int) -> None:
     # 1000 controls, six standard errors of their mean square: a false alarm has probability < 1e-7
-    expected = theory.moments.control_rms(B, X0, XF, A, size) ** 2
+    expected = theory.moments.control_rms((A, B), X0, XF, size) ** 2
 
     def excess(drawn: int) -> float:
         ratios = [squared_error(se.sample_counts, drawn, s) / expected for s in range(1000)]

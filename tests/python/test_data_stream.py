@@ -10,7 +10,7 @@ import pytest
 import stochens_rs as se
 from stochens_rs import reference
 from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError, SizeError
-from stochens_rs.streams.records import mean_radius
+from stochens_rs.streams.confidence import mean_radius
 
 GEN = np.random.default_rng(11)
 N, INPUTS = 6, 4
@@ -129,7 +129,7 @@ def test_observed_ranges_are_named_as_such():
     assert found.xf == 0.0
     assert found.A == found.state == np.inf  # one realization shows no range
     assert found.reason is not None
-    assert "one realization of A and no `ranges`" in found.reason
+    assert "one realization of A, and `ranges`" in found.reason
     assert found.bounds["A"] == "none"
     assert "an estimate" in found.bounds["x0"]
     spread = 2.0 * np.linalg.norm(DATA["x0"] - DATA["x0"][0], axis=1).max()
@@ -375,7 +375,7 @@ def test_scales(scale):
 @pytest.mark.parametrize(
     ("arguments", "error", "message"),
     [
-        ({}, InputError, "nothing to take in"),
+        ({}, InputError, "`x0`, `xf` or `A` must be given"),
         ({"x0": np.zeros(N + 1)}, ShapeError, "`x0`"),
         ({"x0": np.zeros((2, 2, N))}, ShapeError, "`x0`"),
         ({"A": np.zeros((N, N + 1))}, ShapeError, "`A`"),
@@ -405,7 +405,7 @@ def test_bad_calls():
             stream.confidence(delta)
     aimed = se.DataStream(B, A=MEANS["A"])
     aimed.update(**DATA)
-    with pytest.raises(InputError, match="A is fitted to a target"):
+    with pytest.raises(InputError, match="the mean of A, but this stream fits it"):
         aimed.confidence()
     for ranges, error in (
         ({"x1": 1.0}, InputError),

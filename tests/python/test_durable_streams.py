@@ -34,7 +34,7 @@ X0, XF = GEN.standard_normal(6), GEN.standard_normal(6)
 
 
 def make(**options: object) -> se.Stream:
-    return se.Stream(B, X0, XF, A, rng=3, **options)
+    return se.Stream((A, B), X0, XF, rng=3, **options)
 
 
 def same(a: se.Stream, b: se.Stream) -> bool:
@@ -74,7 +74,7 @@ def test_checkpoints_on_the_way(tmp_path: Path) -> None:
 
 def test_a_checkpoint_does_not_replace_another_problem(tmp_path: Path) -> None:
     path = tmp_path / "a.state"
-    other = se.Stream(B, X0, XF, A, rng=4)
+    other = se.Stream((A, B), X0, XF, rng=4)
     other.save(path)
     before = path.read_bytes()
     stream = make()
@@ -210,7 +210,7 @@ def test_data_streams_too(tmp_path: Path) -> None:
 
 @pytest.fixture
 def small(tmp_path: Path) -> Path:
-    stream = se.Stream([[1.0]], [2.0], [0.5], [[3.0]], rng=1)
+    stream = se.Stream(([[3.0]], [[1.0]]), [2.0], [0.5], rng=1)
     stream.step(5)
     stream.save(tmp_path / "s.state")
     return tmp_path / "s.state"

@@ -6,6 +6,7 @@ import copy
 import multiprocessing
 import pickle
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from stochens_rs import exceptions as ex
 
 W = np.array([3.0, -1.0, 0.0, 2.0])
 A = np.array([[0.9, 0.0, 0.2], [-0.1, 0.0, 0.8]])
+SQUARE = np.outer(W, W + 1.0)
 
 
 def ensembles() -> dict[str, se.Ensemble]:
@@ -152,7 +154,7 @@ def test_key_repeats_a_sample() -> None:
         (lambda: se.Ensemble.from_indices([], [1.0]), ex.ShapeError, "`indices`"),
         (lambda: se.Ensemble.from_indices([[0], [0, 0]], [1.0]), ex.InputTypeError, "unequal"),
         (
-            lambda: se.realization_controls([[1e-300]], [1e20], [0.0], [[1.0]]),
+            lambda: se.realization_controls(([[1.0]], [[1e-300]]), [1e20], [0.0]),
             ex.NonFiniteError,
             "overflows",
         ),
@@ -161,9 +163,9 @@ def test_key_repeats_a_sample() -> None:
         (lambda: se.fuse(W), ex.InputTypeError, "Ensemble"),
         (lambda: se.fuse(se.sample(W, 5), "alse", target=W[:2]), ex.ShapeError, r"\(4,\)"),
         (
-            lambda: se.fuse(se.sample(W, 5), "slse", target=W, weights="subsimplex"),
+            lambda: se.fuse(se.sample(W, 5), "slse", target=W, weight_set="subsimplex"),
             ex.InputError,
-            "weights",
+            "weight_set",
         ),
         (lambda: se.fuse(se.sample(W, 5), "alse", target=W, tol=0.0), ex.InputError, "`tol`"),
         (lambda: se.fuse_path(se.sample(W, 5), [3, 6], target=W), ex.InputError, "`sizes"),
@@ -171,17 +173,27 @@ def test_key_repeats_a_sample() -> None:
         (lambda: se.sample(W, 5).prefix(6), ex.InputError, "`size`"),
         (lambda: se.sample(W, 5).combine([1.0]), ex.ShapeError, "`weights`"),
         (lambda: se.Ensemble.from_samples([[1.0]]).counts(), ex.InputTypeError, "singleton"),
-        (lambda: se.control(np.eye(2), [1.0], [1.0, 2.0], np.eye(2)), ex.ShapeError, "`x0`"),
-        (lambda: se.control(np.eye(4), se.sample(A, 3), W, np.eye(4)), ex.ShapeError, "`x0`"),
+        (lambda: se.control((np.eye(2), np.eye(2)), [1.0], [1.0, 2.0]), ex.ShapeError, "`x0`"),
+        (lambda: se.control((np.eye(4), np.eye(4)), W, [1.0]), ex.ShapeError, "`xf`"),
+        (lambda: se.control((np.ones((4, 3)), np.eye(4)), W, W), ex.ShapeError, "`A`"),
+        (lambda: se.control((se.sample(A, 3), np.eye(4)), W, W), ex.ShapeError, "`A`"),
+        (lambda: se.control((np.eye(4), np.eye(3)), W, W), ex.ShapeError, "`B`"),
+        (lambda: se.control((se.sample(SQUARE, 3), np.eye(3)), W, W), ex.ShapeError, "`B`"),
+        (lambda: se.control((SQUARE, se.sample(SQUARE, 3)), W, W), ex.InputTypeError, "`B`"),
+        (lambda: se.control((se.fuse(se.sample(SQUARE, 3)), "B"), W, W), ex.InputTypeError, "`B`"),
+        (lambda: se.control(se.sample(A, 3), W, W), ex.InputTypeError, "must be a System"),
+        (lambda: se.control((np.eye(4), np.eye(4)), se.sample(A, 3), W), ex.ShapeError, "`x0`"),
         (
             lambda: se.control(
-                np.eye(4), se.sample(W, 3), se.sample(W, 4), np.eye(4), fusion="diagonal"
+                (np.eye(4), np.eye(4)), se.sample(W, 3), se.sample(W, 4), fusion="diagonal"
             ),
             ex.ShapeError,
             "as many realizations",
         ),
         (
-            lambda: se.control(np.eye(4), se.sample_counts(W, 3), W, np.eye(4), fusion="diagonal"),
+            lambda: se.control(
+                (np.eye(4), np.eye(4)), se.sample_counts(W, 3), W, fusion="diagonal"
+            ),
             ex.InputTypeError,
             "counts",
         ),
@@ -198,6 +210,23 @@ def test_refusals(call: object, error: type[Exception], message: str) -> None:
     assert isinstance(caught.value, ex.StochensError)
     assert len(str(caught.value)) <= 300
     assert "\n" not in str(caught.value)
+
+
+def test_a_system_goes_in_in_any_form() -> None:
+    B = np.eye(4)[:, :2]
+    forms = (
+        se.System(SQUARE, B),
+        (SQUARE, B),
+        (SQUARE.tolist(), B.tolist(), 0.1),
+        SimpleNamespace(A=SQUARE, B=B, dt=1.0),
+        (se.Ensemble.from_samples([SQUARE]), B),
+        (se.fuse(se.Ensemble.from_samples([SQUARE])), B),
+    )
+    plans = [se.control(form, W, -W, steps=2) for form in forms]
+    assert all(np.array_equal(plan.u, plans[0].u) for plan in plans)
+    assert [plan.info["A"]["method"] for plan in plans] == ["exact"] * 4 + ["uniform"] * 2
+    controls = [se.realization_controls(form, W, -W) for form in forms[:5]]
+    assert all(np.array_equal(one, controls[0]) for one in controls)
 
 
 def test_extreme_scales_are_exact_up_to_the_scale() -> None:
@@ -260,9 +289,9 @@ def test_squares_may_overflow_but_results_do_not() -> None:
     path = se.fuse_path(ensemble, [25, 50], "alse", target=w)
     assert path.statuses == ("optimal", "optimal")
     with pytest.raises(ex.NonFiniteError, match="overflows"):
-        se.control(np.eye(2), [1e200, 1.0], [0.0, 0.0], np.eye(2) * 1e200)
+        se.control((np.eye(2) * 1e200, np.eye(2)), [1e200, 1.0], [0.0, 0.0])
     with pytest.raises(ex.InputError, match="pseudoinverse"):
-        se.control(np.eye(2) * 1e-320, [1.0, 1.0], [0.0, 0.0], np.eye(2))
+        se.control((np.eye(2), np.eye(2) * 1e-320), [1.0, 1.0], [0.0, 0.0])
 
 
 def test_threads_are_a_setting_not_a_result() -> None:

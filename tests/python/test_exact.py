@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from stochens_rs.theory import reachability
-from stochens_rs.theory.exact import factors, one_step
+from stochens_rs.theory.exact import best_control, factors
 
 CONDITIONS = (1e2, 1e6, 1e10, 1e12, 1e14)
 SHAPES = {"square": (6, 6), "tall": (8, 5), "wide": (5, 8)}
@@ -128,12 +127,12 @@ def test_targets_within_reach_are_called_so(condition, shape, generic):
     lost = []
     for seed in range(30):
         B, x0, xf, A = reachable_problem(seed, shape, condition, generic)
-        plan = se.control(B, x0, xf, A)
+        plan = se.control((A, B), x0, xf)
         assert plan.reachability.reachable
         assert plan.reachability.rank == min(B.shape)
         assert plan.reachability.residual <= plan.reachability.rounding
-        lost.append(np.linalg.norm(plan.predicted_state - xf) / np.linalg.norm(xf))
-        assert reachability.one_step(B, x0, xf, A) == plan.reachability
+        lost.append(np.linalg.norm(plan.predicted_states[-1] - xf) / np.linalg.norm(xf))
+        assert best_control(A, B, x0, xf).reachability() == plan.reachability
     if not generic:  # controls of size 1 lead there to the last digit: 2 to 4 eps without refining
         assert np.median(lost) < np.finfo(float).eps
         assert max(lost) < 1e-12
@@ -147,7 +146,7 @@ def test_targets_out_of_reach_are_not_called_reachable(condition):
         xf = xf + 1e-6 * np.linalg.norm(xf) * outside(B)
         exact = rational(B)
         away = length(minus(column(xf), times(exact, best(exact, column(xf)))))
-        found = se.control(B, x0, xf, A).reachability
+        found = se.control((A, B), x0, xf).reachability
         assert not found.reachable
         assert found.rounding < 0.1 * away
         assert abs(found.residual - away) <= found.rounding + 1e-3 * away
@@ -161,9 +160,9 @@ def test_a_small_wish_is_not_lost_in_the_free_motion(gen, tiny):
     d = tiny * np.array([3.0, 0.0, 4.0, 0.0, 0.0, 0.0]) * np.linalg.norm(A @ x0)
     for steps in (None, 1):
         if steps is None:
-            plan = se.control(B, x0, A @ x0 + d, A)
+            plan = se.control((A, B), x0, A @ x0 + d)
         else:
-            plan = se.control_steps(B, x0, A @ x0 + d, A, steps)
+            plan = se.control((A, B), x0, A @ x0 + d, steps=steps)
         found = plan.reachability
         if tiny > 1e-14:
             assert found.relative == pytest.approx(0.8, rel=1e-3)
@@ -204,16 +203,17 @@ def test_errors_hold_within_their_rounding(condition, shape, kind):
             xf = xf + 10.0 * outside(B)
         system, exact = se.System(A, B), rational(B)
         wish = minus(column(xf), times(rational(A), column(x0)))
-        plan = se.control(B, x0, xf, A)
+        plan = se.control((A, B), x0, xf)
         error = plan.error(system, x0, xf)
         assert error.control == 0.0
-        true, size, wanted = check(error, exact, wish, plan.u)
+        v = plan.u[0]
+        true, size, wanted = check(error, exact, wish, v)
         largest = max(largest, true / size)
         # as small as the theory allows: the allowance says something
         widest = size + condition * error.residual
         assert error.control_rounding <= 40.0 * theta / (1.0 - theta) ** 2 * widest
-        u = plan.u + 1e-3 * np.linalg.norm(plan.u) * gen.standard_normal(len(plan.u))
-        other = one_step(A, B, x0, xf).error(u, x0)
+        u = v + 1e-3 * np.linalg.norm(v) * gen.standard_normal(len(v))
+        other = best_control(A, B, x0, xf).error(u, x0)
         check(other, exact, wish, u)
         assert wanted > 0.0
     if condition >= 1e12:  # there is something to be covered
@@ -227,7 +227,7 @@ def test_errors_over_several_steps(n, m, K):
         A, B = gen.standard_normal((n, n)), gen.standard_normal((n, m))
         A *= 10.0 ** gen.uniform(-1, 1)
         x0, xf = gen.standard_normal(n), gen.standard_normal(n)
-        plan = se.control_steps(B, x0, xf, A, K)
+        plan = se.control((A, B), x0, xf, steps=K)
         M, power, blocks = rational(A), rational(np.eye(n)), []
         for _ in range(K):
             blocks.insert(0, times(power, rational(B)))
@@ -237,9 +237,9 @@ def test_errors_over_several_steps(n, m, K):
         error = plan.error(se.System(A, B), x0, xf)
         check(error, C, wish, plan.u.ravel())
         assert error.control_rounding < 1e-3 * np.linalg.norm(plan.u)
-        found = reachability.several_steps(B, x0, xf, A, K)
-        np.testing.assert_array_equal(found.controls, plan.u)
-        assert found.reachable == plan.reachability.reachable == (m * K >= n)
+        found = best_control(A, B, x0, xf, K)
+        np.testing.assert_array_equal(found.u, plan.u.ravel())
+        assert found.reachability().reachable == plan.reachability.reachable == (m * K >= n)
 
 
 def test_a_relative_error_names_what_it_is_relative_to():
@@ -247,7 +247,7 @@ def test_a_relative_error_names_what_it_is_relative_to():
     gen = np.random.default_rng(5)
     A, B, x0 = gen.standard_normal((4, 4)), gen.standard_normal((4, 4)), gen.standard_normal(4)
     system = se.System(A, B)
-    for steps in (None, 3):
+    for steps in (1, 3):
         error = se.steer(system, x0, np.zeros(4), 50, steps=steps, rng=1).error(
             system, x0, np.zeros(4)
         )
@@ -264,7 +264,7 @@ def test_a_relative_error_names_what_it_is_relative_to():
     error = plan.error(system, np.zeros(4), np.zeros(4))
     assert (error.control_relative_to, error.state_relative_to) == ("nothing", "nothing")
     assert error.control_relative == error.state_relative == math.inf
-    plan = se.control(B, np.zeros(4), np.zeros(4), A)
+    plan = se.control((A, B), np.zeros(4), np.zeros(4))
     assert plan.error(system, np.zeros(4), np.zeros(4)).control_relative == 0.0
 
 
@@ -280,30 +280,27 @@ def test_a_plan_says_where_it_is_expected_to_end():
     system = se.cases.random_system(4, 2, rng=1)
     gen = np.random.default_rng(1)
     x0, xf = gen.standard_normal(4), gen.standard_normal(4)
-    for steps in (None, 3):
+    for steps in (1, 3):
         squares, words = [], set()
         for r in range(400):
-            plan = se.steer(system, x0, xf, 2000 if steps else 20, rng=r, steps=steps)
-            if steps is None:
-                end = system.A @ x0 + system.B @ plan.u
-            else:
-                end = plan.states(system, x0)[-1]
+            plan = se.steer(system, x0, xf, 20 if steps == 1 else 2000, rng=r, steps=steps)
+            end = plan.states(system, x0)[-1]
             squares.append(float(((end - xf) ** 2).sum()))
             if r < 5:
                 words.add(repr(plan).partition("true system: about ")[2].partition(" from xf")[0])
         assert len(words) == 1
         assert float(words.pop()) == pytest.approx(math.sqrt(np.mean(squares)), rel=0.15)
     assert "; ends 1.5 from xf>" in repr(
-        se.control([[1.0], [0.0]], [0.0, 0.0], [2.0, 1.5], np.eye(2))
+        se.control((np.eye(2), [[1.0], [0.0]]), [0.0, 0.0], [2.0, 1.5])
     )
     assert "; with the estimates: ends " in repr(plan)
     assert " from the estimated xf; true system: about" in repr(plan)
-    exact = repr(se.control_steps(system.B, x0, xf, system.A, 3))
+    exact = repr(se.control(system, x0, xf, steps=3))
     assert "; ends " in exact
     assert "estimate" not in exact  # all of it is exact
     assert "true system" not in exact
     fit = se.fuse(se.sample(system.A, 100, rng=1), "alse", target=system.A)
-    assert "true system" not in repr(se.control(system.B, x0, xf, fit))  # its law is not known
+    assert "true system" not in repr(se.control((fit, system.B), x0, xf))  # its law is not known
 
 
 def test_a_target_that_rounding_makes_is_no_relative_measure():

@@ -35,23 +35,23 @@ class Result(NamedTuple):
 class Twin:
     """The reference, under the two calls used below."""
 
-    def dense(self, samples: Any, method: str, target: Any, weights: str = "simplex") -> Result:
+    def dense(self, samples: Any, method: str, target: Any, weight_set: str = "simplex") -> Result:
         E = np.asarray(samples, dtype=float)
         if method in SLSE:
             path = SLSE[method](E, target)
             return Result(path.estimate, path.weights, float(path.errors[-1]))
         fused = twin.uniform(E, target) if method == "uniform" else None
-        fused = fused or twin.alse_dense(E, target, weights)
+        fused = fused or twin.alse_dense(E, target, weight_set)
         return Result(fused.estimate, fused.weights, fused.error)
 
     def singleton(
-        self, indices: Any, w: Any, method: str, target: Any = None, weights: str = "simplex"
+        self, indices: Any, w: Any, method: str, target: Any = None, weight_set: str = "simplex"
     ) -> Result:
         atoms, goal = twin.atoms(w), np.asarray(w if target is None else target, dtype=float)
         if method == "alse" and np.ndim(w) == 1:
-            fused = twin.alse_singleton(indices, atoms, goal, weights)
+            fused = twin.alse_singleton(indices, atoms, goal, weight_set)
             return Result(fused.estimate, fused.weights, fused.error)
-        return self.dense(twin.dense(indices, atoms), method, goal, weights)
+        return self.dense(twin.dense(indices, atoms), method, goal, weight_set)
 
     def errors(self, samples: Any, method: str, target: Any) -> Array:
         return twin.fuse_path(samples, np.arange(1, len(samples) + 1), method, target=target)
@@ -63,17 +63,17 @@ class Twin:
 class Api:
     """The same calls through the package."""
 
-    def dense(self, samples: Any, method: str, target: Any, weights: str = "simplex") -> Result:
+    def dense(self, samples: Any, method: str, target: Any, weight_set: str = "simplex") -> Result:
         ensemble = se.Ensemble.from_samples(np.asarray(samples, dtype=float))
-        fit = se.fuse(ensemble, method, target=target, weights=weights)
+        fit = se.fuse(ensemble, method, target=target, weight_set=weight_set)
         return Result(fit.estimate, fit.weights, fit.error)
 
     def singleton(
-        self, indices: Any, w: Any, method: str, target: Any = None, weights: str = "simplex"
+        self, indices: Any, w: Any, method: str, target: Any = None, weight_set: str = "simplex"
     ) -> Result:
         ensemble = se.Ensemble.from_indices(np.asarray(indices), w)
         goal = w if target is None else target
-        fit = se.fuse(ensemble, method, target=goal, weights=weights)
+        fit = se.fuse(ensemble, method, target=goal, weight_set=weight_set)
         return Result(fit.estimate, fit.weights, fit.error)
 
     def errors(self, samples: Any, method: str, target: Any) -> Array:
@@ -309,13 +309,13 @@ def test_safeguard_holds_where_slse_fails(engine: Any) -> None:
 # --- ALSE: closed form and certificate against quadratic programs ---------------------------------
 
 
-def brute_force(points: Array, weights: str) -> float:
+def brute_force(points: Array, weight_set: str) -> float:
     """min ||y P||^2 by trying every support: solve the equality-constrained problem on each.
 
     Exact for a handful of points; the subsimplex is the simplex with the sample 0 added, that is
     with the last row of `points` (the caller passes -target there).
     """
-    P = points if weights == "subsimplex" else points[:-1]
+    P = points if weight_set == "subsimplex" else points[:-1]
     best = np.inf
     for size in range(1, min(len(P), P.shape[1] + 1) + 1):
         for support in itertools.combinations(range(len(P)), size):
@@ -342,18 +342,18 @@ def singleton_cases(count: int) -> Iterator[tuple[list[int], Array, Array]]:
             yield indices, w, target
 
 
-@pytest.mark.parametrize("weights", ["simplex", "subsimplex"])
-def test_closed_form_solves_the_quadratic_program(engine: Any, weights: str) -> None:
+@pytest.mark.parametrize("weight_set", ["simplex", "subsimplex"])
+def test_closed_form_solves_the_quadratic_program(engine: Any, weight_set: str) -> None:
     for indices, w, target in singleton_cases(200):
-        result = engine.singleton(indices, w, "alse", target, weights)
+        result = engine.singleton(indices, w, "alse", target, weight_set)
         atoms = twin.atoms(w)
         points = np.vstack([np.diag(atoms)[np.unique(indices)] - target, -target])
-        best, unit = brute_force(points, weights), float(np.sum(atoms**2) + np.sum(target**2))
+        best, unit = brute_force(points, weight_set), float(np.sum(atoms**2) + np.sum(target**2))
         assert abs(result.error**2 - best) <= 1e-9 * max(best, 1e-3 * unit)
         y = result.weights
         assert y.min() >= 0
         assert y.sum() <= 1 + 1e-13
-        assert weights == "subsimplex" or y.sum() >= 1 - 1e-13
+        assert weight_set == "subsimplex" or y.sum() >= 1 - 1e-13
         # equal samples share equally: the solution of least norm
         for k in set(indices):
             assert np.ptp(y[np.array(indices) == k]) <= 1e-15
@@ -375,14 +375,14 @@ def test_closed_form_for_the_exact_target(engine: Any) -> None:
         assert_allclose(result.estimate, expected, atol=1e-14 * np.abs(w).sum())
         J = np.sum(w[~seen] ** 2) + lost**2 / seen.sum()
         assert_allclose(result.error**2, J, rtol=1e-12, atol=1e-28 * np.sum(w**2))
-        sub = engine.singleton(indices, w, "alse", weights="subsimplex")
+        sub = engine.singleton(indices, w, "alse", weight_set="subsimplex")
         assert_allclose(sub.error**2, np.sum(w[~seen] ** 2), rtol=1e-12, atol=1e-28 * np.sum(w**2))
 
 
 def test_the_printed_formula_is_wrong_and_ours_is_not(engine: Any) -> None:
     # w = (1, 1), one sample: the printed minimum is 1, on the simplex it is 2.
     assert abs(engine.singleton([0], np.array([1.0, 1.0]), "alse").error ** 2 - 2.0) < 1e-14
-    sub = engine.singleton([0], np.array([1.0, 1.0]), "alse", weights="subsimplex")
+    sub = engine.singleton([0], np.array([1.0, 1.0]), "alse", weight_set="subsimplex")
     assert abs(sub.error**2 - 1.0) < 1e-14
     assert_allclose(sub.weights, [0.5], atol=1e-15)
     both = engine.singleton([0, 1], np.array([3.0, 4.0]), "alse")
@@ -398,26 +398,26 @@ def test_alse_of_nothing(engine: Any) -> None:
     assert_allclose(result.weights, np.full(3, 1 / 3), rtol=1e-15)
 
 
-@pytest.mark.parametrize("weights", ["simplex", "subsimplex"])
-def test_dense_alse_against_every_support(engine: Any, weights: str) -> None:
+@pytest.mark.parametrize("weight_set", ["simplex", "subsimplex"])
+def test_dense_alse_against_every_support(engine: Any, weight_set: str) -> None:
     rng = np.random.default_rng(12)
     for k in range(24):
         N, shape = int(rng.integers(1, 8)), [(2,), (3,), (2, 2)][k % 3]
         samples = rng.normal(size=(N, *shape)) + rng.normal(size=shape)
         target = rng.normal(size=shape)
-        result = engine.dense(samples, "alse", target, weights)
+        result = engine.dense(samples, "alse", target, weight_set)
         P = np.vstack([samples.reshape(N, -1) - target.ravel(), -target.ravel()])
-        best, unit = brute_force(P, weights), float(np.sum(target**2))
+        best, unit = brute_force(P, weight_set), float(np.sum(target**2))
         assert -1e-12 * unit <= result.error**2 - best <= 1.1e-9 * unit
 
 
-@pytest.mark.parametrize("weights", ["simplex", "subsimplex"])
-def test_dense_alse_against_clarabel(engine: Any, weights: str) -> None:
+@pytest.mark.parametrize("weight_set", ["simplex", "subsimplex"])
+def test_dense_alse_against_clarabel(engine: Any, weight_set: str) -> None:
     clarabel, sparse = pytest.importorskip("clarabel"), pytest.importorskip("scipy.sparse")
     rng = np.random.default_rng(13)
     for N, d in ((5, 3), (40, 6), (120, 20)):
         samples, target = rng.normal(size=(N, d)), 0.5 * rng.normal(size=d)
-        cones = [clarabel.ZeroConeT(1) if weights == "simplex" else clarabel.NonnegativeConeT(1)]
+        cones = [clarabel.ZeroConeT(1) if weight_set == "simplex" else clarabel.NonnegativeConeT(1)]
         settings = clarabel.DefaultSettings()
         settings.verbose = False
         settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-12
@@ -431,7 +431,7 @@ def test_dense_alse_against_clarabel(engine: Any, weights: str) -> None:
         )
         y = np.array(solver.solve().x)
         best = float(np.sum((y @ samples - target) ** 2))
-        result = engine.dense(samples, "alse", target, weights)
+        result = engine.dense(samples, "alse", target, weight_set)
         assert abs(result.error**2 - best) <= 1e-8 * np.sum(target**2)
 
 
@@ -439,14 +439,14 @@ def test_gap_bounds_the_loss_of_any_weights() -> None:
     """0 <= f(y) - min f <= gap, and the gap of weights that are not optimal is not small."""
     rng = np.random.default_rng(14)
     for samples, target in random_cases(30, seed=15):
-        for weights in ("simplex", "subsimplex"):
-            best = twin.alse_dense(samples, target, weights)
+        for weight_set in ("simplex", "subsimplex"):
+            best = twin.alse_dense(samples, target, weight_set)
             unit = max(float(np.sum((E - target) ** 2)) for E in samples)
             unit += float(np.sum(target**2))
             assert -1e-13 * unit <= best.gap <= 1e-12 * unit
             y = rng.dirichlet(np.ones(len(samples)))
             loss = float(np.sum((np.tensordot(y, samples, axes=1) - target) ** 2)) - best.error**2
-            gap = twin.frank_wolfe_gap(samples, y, target, weights)
+            gap = twin.frank_wolfe_gap(samples, y, target, weight_set)
             assert -1e-12 * unit <= loss <= gap + 1e-12 * unit
 
 
@@ -482,7 +482,7 @@ def test_coupon_law(engine: Any, w: list[int]) -> None:
         exact_hits, mean = Fraction(0), 0.0
         for idx, p in sequences(w, N):
             exact_hits += p * (engine.singleton(idx, np.array(w), "alse").error < 1e-12)
-            sub = engine.singleton(idx, np.array(w), "alse", weights="subsimplex")
+            sub = engine.singleton(idx, np.array(w), "alse", weight_set="subsimplex")
             mean += float(p) * sub.error**2
         assert exact_hits == law
         expected = sum(x * x * (1 - Fraction(abs(x), gamma)) ** N for x in w)

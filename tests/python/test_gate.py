@@ -21,7 +21,6 @@ from stochens_rs.exceptions import (
     ResourceError,
     ShapeError,
     SizeError,
-    SolverError,
     StochensError,
 )
 
@@ -483,13 +482,12 @@ def test_exceptions_are_one_documented_picklable_family(error):
 def test_exceptions_keep_what_they_carry():
     assert pickle.loads(pickle.dumps(ResourceError("m", 7, 5))).needed_bytes == 7
     assert pickle.loads(pickle.dumps(ResourceError("m", 7, 5))).limit_bytes == 5
-    assert pickle.loads(pickle.dumps(SolverError("m", [1.0]))).result == [1.0]
 
 
 @pytest.mark.parametrize(
     ("name", "builtin"),
     [("InputError", ValueError), ("ShapeError", ValueError), ("NonFiniteError", ValueError),
-     ("WeightError", ValueError), ("SeedError", ValueError), ("SizeError", ValueError),
+     ("SeedError", ValueError), ("SizeError", ValueError),
      ("SizeError", OverflowError), ("InputTypeError", TypeError), ("ResourceError", MemoryError),
      ("SolverError", RuntimeError), ("InternalError", RuntimeError)],
 )  # fmt: skip

@@ -117,7 +117,7 @@ PERHAPS = {
     "fit": se.fuse(se.sample([1.0, 2.0], 5, rng=1)),
     "system": se.System(np.eye(2), np.eye(2)),
     "larger system": se.System(np.eye(3), np.eye(3)),
-    "plan": se.control(np.eye(2), [1.0, 2.0], [0.0, 0.0], np.eye(2)),
+    "plan": se.control((np.eye(2), np.eye(2)), [1.0, 2.0], [0.0, 0.0]),
     "key": se.Key(bytes(32)),
     "generator of random numbers": np.random.default_rng(1),
     "range": range(5),
@@ -156,16 +156,16 @@ GOOD = {
     "A": A, "A_hat": A, "B": B, "M": A, "x0": X0, "x0_hat": X0, "xf": XF, "w": X0, "d": X0,
     "u": np.ones((1, 2)), "target": A, "reference": REFERENCE, "size": 5, "sizes": [2, 5],
     "steps": 3, "delta": 0.1, "eps": 0.5, "error": 0.5, "weights": np.full(5, 0.2), "rng": 1,
-    "n": 2, "m": 1, "count": 2, "threads": 1, "indices": [[0, 0], [1, 0]], "obj": (A, B),
+    "n": 2, "m": 1, "count": 2, "threads": 1, "indices": [[0, 0], [1, 0]],
     "system": (A, B), "samples": np.ones((4, 2)), "bytes32": bytes(32), "digits": "0" * 64,
     "name": "x", "ensemble": ensemble, "quantity": "state", "method": "uniform",
     "path": "no/such/file.npz", "experiment": experiment,
 }  # fmt: skip
 # The same where the name alone does not say it, and arguments that keep a call short.
 OWN = {
-    "best": {"size": 5, "data": [B, X0, XF, A]},
-    "candidates": {"data": [B, X0, XF, A]},
-    "Simulated": {"data": [B, X0, XF, A]},
+    "best": {"size": 5, "data": [(A, B), X0, XF]},
+    "candidates": {"data": [(A, B), X0, XF]},
+    "bound": {"name": "simulated", "data": [(A, B), X0, XF]},
     "fuse": {"method": "alse", "target": A},
     "fuse_path": {"method": "alse"},
     "from_indices": {"target": A},
@@ -193,12 +193,10 @@ MADE = {
     "DataStream": data_stream,
     "Ensemble": ensemble,
     "Key": lambda: se.Key(bytes(32)),
-    "Plan": lambda: se.control(B, se.sample(X0, 5, rng=2), XF, ensemble()),
-    "Stream": lambda: se.Stream(B, X0, XF, A, rng=1),
-    "TrajectoryPlan": lambda: se.control_steps(B, X0, XF, ensemble(), 3),
-    "Bound": lambda: se.theory.bounds.McDiarmid(X0),
-    "Simulated": lambda: se.theory.bounds.Simulated("vector", X0),
-    "Fused": lambda: se.theory.bounds.ProductMcDiarmid(B, X0, XF, A),
+    "Plan": lambda: se.control((ensemble(), B), se.sample(X0, 5, rng=2), XF),
+    "Stream": lambda: se.Stream((A, B), X0, XF, rng=1),
+    "Bound": lambda: se.theory.bounds.bound("McDiarmid", "state", (A, B), X0, XF),
+    "Simulated": lambda: se.theory.bounds.bound("simulated", "vector", X0),
     "Experiment": experiment,
     "Panel": lambda: experiment().panels[0],
 }
@@ -234,7 +232,7 @@ def swept():
 SEPARATE = {"cli", "plots", "paper.report", "paper.verdicts", "Ensemble"}
 SEPARATE |= {"Experiment.save", "Experiment.from_dict", "Panel.from_dict", "Curve.from_dict"}
 SEPARATE |= {"Experiment.plot", "Experiment.plot_figure", "Experiment.plot_panel"}
-SEPARATE |= {"Average", "Bound", "Fused", "Printed", "Trajectory"}
+SEPARATE |= {"Bound", "Printed", "Simulated"}
 SEPARATE |= {"Stream.save", "DataStream.save", "Stream.load", "DataStream.load"}
 
 

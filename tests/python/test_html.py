@@ -17,7 +17,7 @@ X0, XF = [1.0, 2.0], [0.0, 0.0]
 
 
 def stream():
-    made = se.Stream(SYSTEM.B, X0, XF, SYSTEM.A, rng=1)
+    made = se.Stream(SYSTEM, X0, XF, rng=1)
     made.step(1000)
     return made
 
@@ -33,14 +33,14 @@ def plan(**options):
 
 
 def simulated():
-    return se.simulate_ensemble(SYSTEM, np.zeros((20, 2)), X0, 50, rng=1)
+    return se.simulate_ensemble(SYSTEM, X0, np.zeros((20, 2)), 50, rng=1)
 
 
 # Each record, and what a person wants to find in it.
 RECORDS = {
     "System": (lambda: SYSTEM, ["states n", "0.1 s", "a & <b>"]),
     "Ensemble": (lambda: se.sample(SYSTEM.A, 1000, rng=1), ["1 000", "2 × 2", "iid", "columns"]),
-    "Ensemble of vectors": (lambda: se.sample(X0, 10, rng=1), ["entries keptonedrawn"]),
+    "Ensemble of vectors": (lambda: se.sample(X0, 10, rng=1), ["nonzero entriesonescheme"]),
     "Fit": (
         lambda: se.fuse(se.sample(SYSTEM.A, 99, rng=1), "alse", target=SYSTEM.A),
         ["alse", "optimal", "99", "distance to the target", "gap"],
@@ -49,8 +49,8 @@ RECORDS = {
         lambda: se.fuse_path(se.sample([3, 2, 1], 64, rng=1), [4, 64], "slse", target=[3, 2, 1]),
         ["slse", "to 64", "error", "<polyline"],
     ),
-    "Plan": (plan, ["product", "largest |u|", "12 345 realizations", "control u"]),
-    "TrajectoryPlan": (lambda: plan(steps=5), ["5 steps", "largest |u|", "<polyline"]),
+    "Plan": (plan, ["product", "largest |u|", "12 345 realizations", "control u(0)", "<polyline"]),
+    "Plan of steps": (lambda: plan(steps=5), ["5 steps", "largest |u|", "<polyline"]),
     "PlanError": (
         lambda: plan().error(SYSTEM, X0, XF),
         ["control off by", "% of the norm of the exact control", "state off by", "out of reach"],
@@ -61,14 +61,14 @@ RECORDS = {
     ),
     "Reachability": (lambda: plan().reachability, ["rank", "condition", "yes"]),
     "Trajectory": (
-        lambda: se.simulate(SYSTEM, np.ones((20, 2)), X0),
+        lambda: se.simulate(SYSTEM, X0, np.ones((20, 2))),
         ["20 of 0.1 s", "2.236 at the start", "largest |u|", "<polyline"],
     ),
     "EnsembleTrajectory": (
         simulated,
         ["20 of 0.1 s", "norm of the mean state", "standard error", "<polyline"],
     ),
-    "Stream": (stream, ["1 000", "of A", "state off by", "certified", "<polyline"]),
+    "Stream": (stream, ["1 000", "of A", "error of the state", "certificate", "<polyline"]),
     "Trace": (lambda: stream().trace, ["<polyline"]),
     "StreamRun": (lambda: stream().run(max_steps=10), ["max_steps", "seconds"]),
     "DataStream": (data_stream, ["2 of x0", "control u"]),
@@ -84,7 +84,10 @@ RECORDS = {
         lambda: se.required_samples(SYSTEM, X0, X0, 0.3, rng=1, runs=50),
         ["with probability", "0.95", "exact rms", "failures", "of 50"],
     ),
-    "McDiarmid": (lambda: bounds.McDiarmid(X0), ["vector", "2 norm", "from"]),
+    "Bound": (
+        lambda: bounds.bound("McDiarmid", "vector", X0),
+        ["McDiarmid", "vector", "2 norm", "from"],
+    ),
     "Best": (lambda: bounds.best("vector", X0, size=9, delta=0.1), ["radius", "0.1"]),
 }
 
@@ -116,10 +119,9 @@ def test_one_step_is_no_steps():
     system, key = SYSTEM, 1
     one = [
         se.steer(system, X0, XF, 9, steps=1, rng=key),
-        se.simulate(system, [[1.0, 0.0]], X0),
-        se.simulate_ensemble(system, [[1.0, 0.0]], X0, 5, rng=key),
+        se.simulate(system, X0, [[1.0, 0.0]]),
+        se.simulate_ensemble(system, X0, [[1.0, 0.0]], 5, rng=key),
         se.track(system, [X0, XF], 9, rng=key),
-        se.required_samples(system, X0, X0, 0.9, steps=1, runs=20, rng=key),
     ]
     assert [text for text in map(str, one) if "1 step" not in text or "1 steps" in text] == []
 
@@ -134,11 +136,11 @@ def test_a_bound_says_what_it_covers_in_short():
     )
     assert f"state within {bound.state:.3g}," in repr(bound)
     assert bound.covers.startswith("each of the two with probability 95 % at least, over the draws")
-    exact = se.control(SYSTEM.B, X0, XF, SYSTEM.A).bound()
+    exact = se.control(SYSTEM, X0, XF).bound()
     assert "surely" in repr(exact)
     assert "surely" in exact.covers
     fit = se.fuse(se.sample(SYSTEM.A, 9, rng=1), "slse", target=SYSTEM.A)
-    assert "targets of the fits" in se.control(SYSTEM.B, X0, XF, fit).bound().covers
+    assert "targets of the fits" in se.control((fit, SYSTEM.B), X0, XF).bound().covers
 
 
 def test_text_from_outside_is_escaped():
@@ -158,8 +160,8 @@ def test_extremes_can_be_drawn():
         assert "nan" not in drawn
         ElementTree.fromstring(f"<p>{drawn}</p>")
     assert "<polyline" in html.lines(x, list(huge.T), "text")
-    still = se.simulate(([[2.0]], [[1.0]]), [[0.0]] * 3, [0.0])
+    still = se.simulate(([[2.0]], [[1.0]]), [0.0], [[0.0]] * 3)
     ElementTree.fromstring(still._repr_html_())
-    new = se.Stream([[1.0]], [1.0], [0.0], [[2.0]], rng=1)
+    new = se.Stream(([[2.0]], [[1.0]]), [1.0], [0.0], rng=1)
     ElementTree.fromstring(new._repr_html_())
     ElementTree.fromstring(se.DataStream([[1.0]])._repr_html_())

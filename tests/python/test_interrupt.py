@@ -24,18 +24,18 @@ LONG_CALLS = {
     "alse": "cut(se.fuse(hard, 'alse', target=A))",
     "alse path": "cut_path(se.fuse_path(hard, [18_900, 19_000], 'alse', target=A))",
     "dense path": "cut_path(se.fuse_path(dense, [1840, 1850], 'alse', target=A30))",
-    "dense rows": "cut_rows(se.fuse(rows, 'alse', target=[A30.ravel()] * 4, weights='per-row'))",
+    "dense rows": "cut_rows(se.fuse(rows, 'alse', target=[A30.ravel()] * 4, weight_set='per-row'))",
     "tracking": "se.track((A / 99, np.eye(100)), np.ones((3, 100)), 19_000, method='alse')",
-    "exact matrices": "se.control(np.eye(600), x600, many600, A600, fusion='diagonal')",
+    "exact matrices": "se.control((A600, np.eye(600)), x600, many600, fusion='diagonal')",
     "wide path": "se.fuse_path(wide, np.arange(1, 3901), 'uniform', target=A300)",
-    "pseudoinverse": "se.control(A1200, np.ones(1200), np.ones(1200), A1200)",
-    "trajectory": "se.simulate((A1200 / 100, A1200), np.ones((9000, 1200)), np.ones(1200))",
-    "runs": "se.simulate_ensemble((A / 99, A), np.ones((50, 100)), np.ones(100), 10**8, rng=1)",
-    "full covariance": "se.simulate_ensemble((A1200 / 100, A1200), np.ones((3, 1200)), "
-    "np.ones(1200), 10**6, covariance='full', rng=1)",
-    "mean field": "se.simulate_ensemble((A / 99, A), np.ones((9999, 100)), np.ones(100), 10**6, "
+    "pseudoinverse": "se.control((A1200, A1200), np.ones(1200), np.ones(1200))",
+    "trajectory": "se.simulate((A1200 / 100, A1200), np.ones(1200), np.ones((9000, 1200)))",
+    "runs": "se.simulate_ensemble((A / 99, A), np.ones(100), np.ones((50, 100)), 10**8, rng=1)",
+    "full covariance": "se.simulate_ensemble((A1200 / 100, A1200), np.ones(1200), "
+    "np.ones((3, 1200)), 10**6, covariance='full', rng=1)",
+    "mean field": "se.simulate_ensemble((A / 99, A), np.ones(100), np.ones((9999, 100)), 10**6, "
     "averaging='mean-field', rng=1)",
-    "controls": "se.control(np.eye(100), np.ones(100), np.ones(100), big, fusion='diagonal')",
+    "controls": "se.control((big, np.eye(100)), np.ones(100), np.ones(100), fusion='diagonal')",
 }
 
 SCRIPT = """
@@ -135,7 +135,7 @@ import numpy as np
 import stochens_rs as se
 
 A = np.random.default_rng(0).standard_normal((100, 100))
-stream = se.Stream(np.eye(100), np.ones(100), np.ones(100), A / 99, rng=1)
+stream = se.Stream((A / 99, np.eye(100)), np.ones(100), np.ones(100), rng=1)
 seen = []
 
 def handler(number, frame):
@@ -154,7 +154,7 @@ raise_after(0.2, signal.SIGUSR1)  # goes on after a handler that raises nothing
 raise_after(0.5, signal.SIGUSR2)
 try:
     stream.step(10**10)
-except se.InputError as error:
+except se.exceptions.InputError as error:
     assert "`stream` is at work on this thread" in str(error), error
 assert seen == [signal.SIGUSR1, signal.SIGUSR2], seen
 at = stream.steps

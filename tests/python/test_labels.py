@@ -117,12 +117,12 @@ ENTRIES = {
     "fuse": lambda: se.fuse(ensemble, target=frame),
     "fuse_path": lambda: se.fuse_path(ensemble, pd.Series([1, 2], index=[2, 1]), target=A),
     "combine": lambda: ensemble.combine(pd.Series(np.ones(5), index=list("abcde"))),
-    "control": lambda: se.control(B, x0, XF, A),
-    "control_steps": lambda: se.control_steps(B, X0, x0, A, 3),
+    "control": lambda: se.control((A, B), x0, XF),
+    "control over steps": lambda: se.control((A, B), X0, x0, steps=3),
     "steer": lambda: se.steer((A, B), x0, XF, 5),
-    "simulate": lambda: se.simulate((A, B), pd.DataFrame(B, index=[0.0, 0.1]), X0),
+    "simulate": lambda: se.simulate((A, B), X0, pd.DataFrame(B, index=[0.0, 0.1])),
     "track": lambda: se.track((A, B), pd.DataFrame(A, columns=["t", "x"]), 5),
-    "Stream": lambda: se.Stream(B, x0, XF, A),
+    "Stream": lambda: se.Stream((A, B), x0, XF),
     "DataStream": lambda: se.DataStream(B, A=frame),
     "DataStream.update": lambda: se.DataStream(B).update(x0=x0),
     "DataStream.update, one by one": lambda: se.DataStream(B).update(x0=iter([X0, x0])),
@@ -142,13 +142,13 @@ def test_the_cure_of_the_message_cures():
     states = ["speed", "angle"]
     shuffled = pd.DataFrame(A, index=states, columns=states).loc[states[::-1], states]
     start = x0[states[::-1]]
-    cured = se.control(B, start[states].to_numpy(), XF, shuffled.loc[states, states].to_numpy())
-    np.testing.assert_array_equal(cured.u, se.control(B, X0, XF, A).u)
+    cured = se.control((shuffled.loc[states, states].to_numpy(), B), start[states].to_numpy(), XF)
+    np.testing.assert_array_equal(cured.u, se.control((A, B), X0, XF).u)
 
 
 def test_what_has_no_labels_gives_the_same_control():
-    plain = se.control(B, X0, XF, A)
-    framed = se.control(pd.DataFrame(B), pd.Series(X0), xr.DataArray(XF), pd.DataFrame(A))
+    plain = se.control((A, B), X0, XF)
+    framed = se.control((pd.DataFrame(A), pd.DataFrame(B)), pd.Series(X0), xr.DataArray(XF))
     np.testing.assert_array_equal(framed.u, plain.u)
 
 

@@ -62,10 +62,11 @@ def test_hand_made_fit_is_checked(changed, error, message):
 def test_hand_made_fit_of_the_right_kind_is_used(shape):
     made = fit(estimate=np.ones(shape))
     if shape == (2, 2):
-        assert se.control(B, X0, XF, made).u.shape == (2,)
-    else:
-        with pytest.raises(ShapeError, match="`A` must have shape"):
-            se.control(B, X0, XF, made)
+        assert se.control((made, B), X0, XF).u.shape == (1, 2)
+        return
+    wrong = "A" if len(shape) == 1 else "B"  # has not as many rows as A
+    with pytest.raises(ShapeError, match=f"`{wrong}` must have shape"):
+        se.control((made, B), X0, XF)
 
 
 COUNTS = {"counts": np.array([3, 2]), "estimate": X0, "size": 5, "key": se.Key(bytes(32))}
@@ -86,7 +87,7 @@ COUNTS = {"counts": np.array([3, 2]), "estimate": X0, "size": 5, "key": se.Key(b
     ],
 )
 def test_hand_made_counts_are_checked(changed, error):
-    assert se.control(B, se.Counts(**COUNTS), XF, A).u.shape == (2,)
+    assert se.control((A, B), se.Counts(**COUNTS), XF).u.shape == (1, 2)
     with pytest.raises(error):
         se.Counts(**COUNTS | changed)
 
@@ -107,11 +108,11 @@ def counts():
 
 
 def plan():
-    return se.control(B, se.sample(X0, 5, rng=2), XF, se.sample(A, 5, rng=1))
+    return se.control((se.sample(A, 5, rng=1), B), se.sample(X0, 5, rng=2), XF)
 
 
 def steps():
-    return se.control_steps(B, X0, XF, se.sample(A, 5, rng=1), 3)
+    return se.control((se.sample(A, 5, rng=1), B), X0, XF, steps=3)
 
 
 def forged(record, **changed):
@@ -161,9 +162,9 @@ FORGED = [
     (fit, "estimate", BAD),
     (fit, "weights", np.array([inf])),
     (fit, "ensemble", "ensemble"),
-    (plan, "u", np.array([nan, 0.0])),
+    (plan, "u", np.array([[nan, 0.0]])),
     (plan, "u", "u"),
-    (plan, "predicted_state", np.ones((2, 2))),
+    (plan, "predicted_states", np.ones((3, 2))),
     (plan, "fusion", "both"),
     (plan, "status", "fine"),
     (plan, "reachability", None),
@@ -292,7 +293,7 @@ def test_two_threads_cannot_write_to_one_out():
     big, inputs = gen.normal(size=(n, n)), gen.normal(size=(n, m))
     entities = [se.sample(v, N, rng=k) for k, v in enumerate((big[0], big[1], big))]
     x0, xf, matrix = entities
-    expected = se.realization_controls(inputs, x0, xf, matrix)
+    expected = se.realization_controls((matrix, inputs), x0, xf)
     out, outcomes = np.empty((N, m)), []
     start, end = threading.Barrier(2), time.monotonic() + 30.0
 
@@ -300,7 +301,7 @@ def test_two_threads_cannot_write_to_one_out():
         start.wait()
         while not any(isinstance(one, Exception) for one in outcomes) and time.monotonic() < end:
             try:
-                se.realization_controls(inputs, x0, xf, matrix, out=out)
+                se.realization_controls((matrix, inputs), x0, xf, out=out)
                 outcomes.append("done")
             except Exception as error:
                 outcomes.append(error)
@@ -315,7 +316,7 @@ def test_two_threads_cannot_write_to_one_out():
     assert refused, "the two never met: the test shows nothing"
     assert all("`out` is in use by another call" in str(error) for error in refused)
     np.testing.assert_array_equal(
-        se.realization_controls(inputs, x0, xf, matrix, out=out), expected
+        se.realization_controls((matrix, inputs), x0, xf, out=out), expected
     )
 
 
@@ -337,7 +338,7 @@ def test_the_mean_of_large_realizations_is_right():
 )
 @pytest.mark.parametrize("weights", [[1e10, 1.0], [1e308, 1e308]])
 def test_a_combination_that_overflows_is_refused(made, weights):
-    with pytest.raises(NonFiniteError, match=r"overflows: scale"):
+    with pytest.raises(NonFiniteError, match="overflows: scale"):
         made.combine(weights)
 
 
@@ -346,8 +347,8 @@ def every_way(made, target):
         yield lambda method=method: se.fuse(made, method, target=target)
         yield lambda method=method: se.fuse_path(made, [1, made.size], method, target=target)
     if made.shape == (2, 2):
-        yield lambda: se.fuse(made, "alse", target=target, weights="per-column")
-    yield lambda: se.fuse(made, "alse", target=target, weights="subsimplex")
+        yield lambda: se.fuse(made, "alse", target=target, weight_set="per-column")
+    yield lambda: se.fuse(made, "alse", target=target, weight_set="subsimplex")
 
 
 @pytest.mark.parametrize("scale", [1e150, 1e154, 1e160, 1e200, 1e300, 8e307])

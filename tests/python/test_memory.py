@@ -30,11 +30,11 @@ counts = se.sample_counts(A, 10**6, rng=3)
 system = se.System(A, B)
 weights = np.full(size, 1 / size)
 u = rng.normal(size=(3, 2))
-stream = se.Stream(B, x0, xf, A, rng=4)
+stream = se.Stream((A, B), x0, xf, rng=4)
 stream.step(5)
 
 def run_stream():
-    stream = se.Stream(B, x0, xf, A, rng=4)
+    stream = se.Stream((A, B), x0, xf, rng=4)
     stream.step(50)
     return stream.u, stream.certificate, stream.estimates
 
@@ -55,9 +55,9 @@ calls = {
     "fuse uniform": lambda: se.fuse(draws, "uniform", target=A),
     "fuse alse": lambda: se.fuse(draws, "alse", target=A, max_iter=200),
     "fuse alse subsimplex": lambda: se.fuse(
-        draws, "alse", target=A, weights="subsimplex", max_iter=200
+        draws, "alse", target=A, weight_set="subsimplex", max_iter=200
     ),
-    "fuse alse per column": lambda: se.fuse(draws, "alse", target=A, weights="per-column"),
+    "fuse alse per column": lambda: se.fuse(draws, "alse", target=A, weight_set="per-column"),
     "fuse alse many": lambda: se.fuse(few, "alse", target=A[:20, :20]),
     "fuse alse vector": lambda: se.fuse(states, "alse", target=x0),
     "fuse alse dense": lambda: se.fuse(dense, "alse", target=x0, max_iter=200),
@@ -69,15 +69,15 @@ calls = {
         draws, [5, size // 4], "alse", target=A, max_iter=20, estimates=True
     ),
     "fuse_path slse": lambda: se.fuse_path(draws, [5, size], "slse", target=A, estimates=True),
-    "control": lambda: se.control(B, states, xf, draws),
-    "control counts": lambda: se.control(B, x0, xf, counts),
-    "control diagonal": lambda: se.control(B, states, xf, draws, fusion="diagonal"),
-    "realization_controls": lambda: se.realization_controls(B, states, xf, draws),
-    "control_steps": lambda: se.control_steps(B, x0, xf, draws, 3),
-    "simulate": lambda: se.simulate(system, u, x0),
-    "simulate_ensemble": lambda: se.simulate_ensemble(system, u, x0, 40, rng=1),
+    "control": lambda: se.control((draws, B), states, xf),
+    "control counts": lambda: se.control((counts, B), x0, xf),
+    "control diagonal": lambda: se.control((draws, B), states, xf, fusion="diagonal"),
+    "realization_controls": lambda: se.realization_controls((draws, B), states, xf),
+    "control over steps": lambda: se.control((draws, B), x0, xf, steps=3),
+    "simulate": lambda: se.simulate(system, x0, u),
+    "simulate_ensemble": lambda: se.simulate_ensemble(system, x0, u, 40, rng=1),
     "simulate_ensemble mean-field": lambda: se.simulate_ensemble(
-        system, u, x0, 40, averaging="mean-field", rng=1, replicates=3
+        system, x0, u, 40, averaging="mean-field", rng=1, replicates=3
     ),
     "Stream": run_stream,
     "Stream pickled": lambda: __import__("pickle").loads(__import__("pickle").dumps(stream)),

@@ -90,23 +90,23 @@ MATRICES = {
 }
 A2 = [[1.0, -2.0], [0.5, 3.0]]
 A3 = MATRICES["full"]
-# B, x0, xf, A
+# (A, B), x0, xf
 CONTROLS = {
-    "n=1": ([[2.0]], [3.0], [-1.0], [[0.5]]),
-    "m < n": ([[1.0], [2.0]], [1.0, -0.5], [0.5, 2.0], A2),
-    "m = n": ([[1.0, 0.5], [-1.0, 2.0]], [1.0, -0.5], [0.5, 2.0], A2),
-    "m > n": ([[1.0, 0.5, -1.0], [0.0, 2.0, 1.0]], [1.0, -0.5], [0.5, 2.0], A2),
-    "rank-deficient B": ([[1.0, 2.0], [2.0, 4.0]], [1.0, -0.5], [0.5, 2.0], A2),
-    "zero B": ([[0.0], [0.0]], [1.0, -0.5], [0.5, 2.0], A2),
-    "zero xf": ([[1.0], [2.0]], [1.0, -0.5], [0.0, 0.0], A2),
-    "zero x0": ([[1.0], [2.0]], [0.0, 0.0], [0.5, 2.0], A2),
-    "zero column": ([[1.0], [2.0]], [1.0, -0.5], [0.5, 2.0], [[0.0, -2.0], [0.0, 3.0]]),
-    "zero row": ([[1.0], [2.0]], [1.0, -0.5], [0.5, 2.0], [[0.0, 0.0], [1.0, 3.0]]),
+    "n=1": (([[0.5]], [[2.0]]), [3.0], [-1.0]),
+    "m < n": ((A2, [[1.0], [2.0]]), [1.0, -0.5], [0.5, 2.0]),
+    "m = n": ((A2, [[1.0, 0.5], [-1.0, 2.0]]), [1.0, -0.5], [0.5, 2.0]),
+    "m > n": ((A2, [[1.0, 0.5, -1.0], [0.0, 2.0, 1.0]]), [1.0, -0.5], [0.5, 2.0]),
+    "rank-deficient B": ((A2, [[1.0, 2.0], [2.0, 4.0]]), [1.0, -0.5], [0.5, 2.0]),
+    "zero B": ((A2, [[0.0], [0.0]]), [1.0, -0.5], [0.5, 2.0]),
+    "zero xf": ((A2, [[1.0], [2.0]]), [1.0, -0.5], [0.0, 0.0]),
+    "zero x0": ((A2, [[1.0], [2.0]]), [0.0, 0.0], [0.5, 2.0]),
+    "zero column": (([[0.0, -2.0], [0.0, 3.0]], [[1.0], [2.0]]), [1.0, -0.5], [0.5, 2.0]),
+    "zero row": (([[0.0, 0.0], [1.0, 3.0]], [[1.0], [2.0]]), [1.0, -0.5], [0.5, 2.0]),
 }
 CONTROLS_3 = {
-    "n=3, m=2": ([[1.0, 0.0], [0.5, 1.0], [-1.0, 2.0]], [1.0, -2.0, 0.5], [0.0, 1.0, -1.0], A3),
+    "n=3, m=2": ((A3, [[1.0, 0.0], [0.5, 1.0], [-1.0, 2.0]]), [1.0, -2.0, 0.5], [0.0, 1.0, -1.0]),
     "n=3, rank 1": (
-        np.outer([1.0, -2.0, 0.5], [1.0, 3.0, 0.0]), [1.0, 0.0, 0.5], [2.0, 1.0, -1.0], A3,
+        (A3, np.outer([1.0, -2.0, 0.5], [1.0, 3.0, 0.0])), [1.0, 0.0, 0.5], [2.0, 1.0, -1.0],
     ),
 }  # fmt: skip
 
@@ -190,7 +190,7 @@ def test_product_covariance(case, axis):
         z = [(p * q, S @ s) for p, s in vector_atoms(x0) for q, S in matrix_atoms(case, axis)]
         mean, covariance = mean_and_covariance(z)
         close(mean, np.asarray(case) @ x0)
-        found = moments.product_covariance(x0, case, axis=axis)
+        found = moments.product_covariance(case, x0, axis=axis)
         close(found, covariance)
         if axis == "columns":  # the closed form C_z of the documentation
             Z, g = np.abs(case), np.abs(case).sum(axis=0)
@@ -317,7 +317,7 @@ def test_covariances_of_matrices_are_those_of_their_lines(case, axis):
 @cases(CONTROLS)
 @pytest.mark.parametrize("sizes", [(2, 2, 2), (3, 5, 4), (7, None, 3), (None, 3, 7), (5, 4, None)])
 def test_controls_from_systematic_samples(case, axis, sizes):
-    B, x0, xf, A = (np.asarray(x, dtype=float) for x in case)
+    A, B, x0, xf = (np.asarray(x, dtype=float) for x in (*case[0], *case[1:]))
     N0, Nf, NA = sizes
     y = differences(
         [(1.0, x0)] if N0 is None else systematic_atoms(x0, N0),
@@ -356,7 +356,7 @@ def test_systematic_mse_of_a_matrix_is_the_sum_over_its_lines(axis):
 
 def check_controls(case, axis, sizes, fusion):
     """Compare control and state with the distribution of all averages (or pairs)."""
-    B, x0, xf, A = (np.asarray(x, dtype=float) for x in case)
+    A, B, x0, xf = (np.asarray(x, dtype=float) for x in (*case[0], *case[1:]))
     sampled = vector_atoms(x0), vector_atoms(xf), matrix_atoms(A, axis)
     exact = [(1.0, x0)], [(1.0, xf)], [(1.0, A)]
     entities = list(zip(sampled, exact, sizes, strict=True))
@@ -370,10 +370,10 @@ def check_controls(case, axis, sizes, fusion):
     mean_x, covariance_x = mean_and_covariance([(p, A @ x0 + B @ (pinv @ v)) for p, v in y])
     options = {"size": sizes, "fusion": fusion, "axis": axis}
     close(mean_u, pinv @ (xf - A @ x0))
-    close(moments.control_covariance(B, x0, xf, A, **options), covariance_u)
-    close(moments.state_covariance(B, x0, xf, A, **options), covariance_x)
-    close(moments.control_rms(B, x0, xf, A, **options) ** 2, np.trace(covariance_u))
-    close(moments.state_rms(B, x0, xf, A, **options) ** 2, np.trace(covariance_x))
+    close(moments.control_covariance(*case, **options), covariance_u)
+    close(moments.state_covariance(*case, **options), covariance_x)
+    close(moments.control_rms(*case, **options) ** 2, np.trace(covariance_u))
+    close(moments.state_rms(*case, **options) ** 2, np.trace(covariance_x))
     # E||x(1) - xf||^2 = trace + what cannot be reached
     miss = sum(p * np.sum((A @ x0 + B @ (pinv @ v) - xf) ** 2) for p, v in y)
     unreached = xf - A @ x0 - B @ (pinv @ (xf - A @ x0))
@@ -426,7 +426,7 @@ def test_product_fusion_is_never_worse(case, axis):
         if size == 1:
             close(gain, np.zeros_like(gain))
         if axis == "columns":
-            B, x0, _, A = (np.asarray(x, dtype=float) for x in case)
+            A, B, x0 = (np.asarray(x, dtype=float) for x in (*case[0], case[1]))
             T = moments.transition(A, np.abs(x0).sum() * np.abs(x0) - x0 * x0)
             pinv = np.linalg.pinv(B)
             close(gain, (1.0 / size) * (1.0 - 1.0 / size) * pinv @ T @ pinv.T)
@@ -445,8 +445,8 @@ def test_ratio_of_the_fusions_on_a_hadamard_matrix():
     A, x0, xf = H / 8.0, np.full(64, 0.125), np.zeros(64)
     # C_z: 64 * 64 - 1. A Cv(x0) A^T and T_A(x0^2): 63 each. The last term: 63^2 / N^2.
     for N in (1, 50, 10**6):
-        product = moments.control_rms(np.eye(64), x0, xf, A, N) ** 2
-        diagonal = moments.control_rms(np.eye(64), x0, xf, A, N, fusion="diagonal") ** 2
+        product = moments.control_rms((A, np.eye(64)), x0, xf, N) ** 2
+        diagonal = moments.control_rms((A, np.eye(64)), x0, xf, N, fusion="diagonal") ** 2
         assert N * diagonal == pytest.approx(4095.0, rel=1e-12)
         assert N * product == pytest.approx(126.0 + 63.0**2 / N, rel=1e-12)
 
@@ -458,11 +458,11 @@ def test_everything_exact_gives_no_variance():
 
 
 def test_scale_of_B_does_not_change_its_rank():
-    B, x0, xf, A = CONTROLS["rank-deficient B"]
+    (A, B), x0, xf = CONTROLS["rank-deficient B"]
     for scale in (1e-100, 1e-3, 1e100):
         close(
-            moments.state_covariance(np.array(B) * scale, x0, xf, A),
-            moments.state_covariance(B, x0, xf, A),
+            moments.state_covariance((A, np.array(B) * scale), x0, xf),
+            moments.state_covariance((A, B), x0, xf),
         )
 
 
@@ -470,7 +470,8 @@ def test_scale_of_B_does_not_change_its_rank():
 
 
 def test_wrong_input_is_refused():
-    B, x0, xf, A = CONTROLS["m < n"]
+    system, x0, xf = CONTROLS["m < n"]
+    A = system[0]
     with pytest.raises(ShapeError, match="`d`"):
         moments.transition(A, [1.0, 2.0, 3.0])
     with pytest.raises(ShapeError, match="`M`"):
@@ -480,15 +481,15 @@ def test_wrong_input_is_refused():
     with pytest.raises(InputError, match="`axis`"):
         moments.systematic_mse(x0, 3, axis="column")
     with pytest.raises(InputError, match="`fusion`"):
-        moments.control_covariance(B, x0, xf, A, 2, fusion="sum")
+        moments.control_covariance(system, x0, xf, 2, fusion="sum")
     with pytest.raises(ShapeError, match="N0, Nf, NA"):
-        moments.control_covariance(B, x0, xf, A, (2, 2))
+        moments.control_covariance(system, x0, xf, (2, 2))
     with pytest.raises(InputError, match=r"`size\[1\]`"):
-        moments.control_covariance(B, x0, xf, A, (2, 0, 2))
+        moments.control_covariance(system, x0, xf, (2, 0, 2))
     with pytest.raises(InputError, match="pairs the realizations"):
-        moments.control_covariance(B, x0, xf, A, (2, 3, 2), fusion="diagonal")
+        moments.control_covariance(system, x0, xf, (2, 3, 2), fusion="diagonal")
     with pytest.raises(InputError, match="`fusion` must be 'product'"):
-        moments.control_rms(B, x0, xf, A, 2, fusion="diagonal", scheme="systematic")
+        moments.control_rms(system, x0, xf, 2, fusion="diagonal", scheme="systematic")
     for f in (moments.vector_covariance, moments.systematic_covariance):
         with pytest.raises(InputError, match="covariance overflows"):
             f([1e200, 1e200], 3)
@@ -496,22 +497,23 @@ def test_wrong_input_is_refused():
         moments.matrix_covariance([[1e200], [1e200]])
     for scheme in ("iid", "systematic"):
         with pytest.raises(InputError, match="covariance overflows"):
-            moments.state_covariance(B, [1e200, 1e200], xf, A, 2, scheme=scheme)
+            moments.state_covariance(system, [1e200, 1e200], xf, 2, scheme=scheme)
     with pytest.raises(InputError, match="`scheme`"):
-        moments.state_rms(B, x0, xf, A, 2, scheme="stratified")
+        moments.state_rms(system, x0, xf, 2, scheme="stratified")
     for size in (0, -1, -np.inf, np.nan, 1.5, True, "2"):
         with pytest.raises((InputError, InputTypeError), match="`size`"):
             moments.vector_mse(x0, size)
     with pytest.raises(InputError, match="`x0`"):
-        moments.control_covariance(B, [1.0], xf, A, 2)
+        moments.control_covariance(system, [1.0], xf, 2)
 
 
 def test_input_is_not_modified():
-    arrays = [np.array(x, dtype=float) for x in CONTROLS["m < n"]]
+    (A, B), x0, xf = CONTROLS["m < n"]
+    arrays = [np.array(x, dtype=float) for x in (A, B, x0, xf)]
     before = [x.copy() for x in arrays]
     for fusion, axis in itertools.product(("product", "diagonal"), AXES):
-        moments.state_covariance(*arrays, 3, fusion=fusion, axis=axis)
-    moments.systematic_mse(arrays[3], 3, axis="rows")
+        moments.state_covariance((arrays[0], arrays[1]), *arrays[2:], 3, fusion=fusion, axis=axis)
+    moments.systematic_mse(arrays[0], 3, axis="rows")
     assert all(np.array_equal(x, y) for x, y in zip(arrays, before, strict=True))
 
 
@@ -567,7 +569,7 @@ def test_moments_through_the_sampler():
         assert largest_z(samples, matrix_atoms(A, other)) > Z_BOUND
 
     # One control per realization, against Cov(u^s).
-    B, x0, xf, _ = (np.array(x) for x in CONTROLS["m = n"])
+    (_, B), x0, xf = CONTROLS["m = n"]
     x0s = se.sample(x0, N, rng=1).dense()
     xfs = se.sample(xf, N, rng=2).dense()
     As = se.sample(A, N, rng=3).dense()
@@ -575,7 +577,7 @@ def test_moments_through_the_sampler():
     u = (xfs - np.einsum("sij,sj->si", As, x0s)) @ pinv.T
     y = differences(vector_atoms(x0), vector_atoms(xf), matrix_atoms(A, "columns"))
     u_atoms = [(p, pinv @ v) for p, v in y]
-    close(mean_and_covariance(u_atoms)[1], moments.realization_control_covariance(B, x0, xf, A))
+    close(mean_and_covariance(u_atoms)[1], moments.realization_control_covariance((A, B), x0, xf))
     assert largest_z(u, u_atoms) < Z_BOUND
 
 
@@ -590,7 +592,7 @@ def test_a_square_that_overflows_is_refused(mse):
 BIG = [1e200, -1e200]
 BIG_A = [[1e200, -1e200], [1e200, 1e200]]
 OVERFLOWING = {
-    "product_covariance": lambda axis: moments.product_covariance(BIG, BIG_A, axis=axis),
+    "product_covariance": lambda axis: moments.product_covariance(BIG_A, BIG, axis=axis),
     "second_moment": lambda axis: moments.second_moment(BIG_A, np.eye(2), axis=axis),
     "transition": lambda axis: moments.transition(BIG_A, [1.0, -1.0]),
     "vector_covariance": lambda axis: moments.vector_covariance(BIG),
@@ -599,17 +601,17 @@ OVERFLOWING = {
     "systematic_covariance": lambda axis: moments.systematic_covariance(BIG_A, axis=axis),
     "systematic_mse": lambda axis: moments.systematic_mse(BIG_A, axis=axis),
     "singular values": lambda axis: moments.state_covariance(
-        np.full((2, 2), 1e308), [1.0, 1.0], [1.0, 1.0], np.eye(2), axis=axis
+        (np.eye(2), np.full((2, 2), 1e308)), [1.0, 1.0], [1.0, 1.0], axis=axis
     ),
     # every entry of the covariance is finite, their sum is not
     "state_rms": lambda axis: moments.state_rms(
-        np.eye(3), [0.0] * 3, [6e153] * 3, np.eye(3), axis=axis
+        (np.eye(3), np.eye(3)), [0.0] * 3, [6e153] * 3, axis=axis
     ),
     "trajectory_rms": lambda axis: moments.trajectory_rms(
-        np.eye(3), np.eye(3), np.zeros((1, 3)), [6e153] * 3, axis=axis
+        (np.eye(3), np.eye(3)), [6e153] * 3, np.zeros((1, 3)), axis=axis
     ),
     "control_covariance": lambda axis: moments.control_covariance(
-        np.eye(2), BIG, BIG, BIG_A, scheme="systematic", axis=axis
+        (BIG_A, np.eye(2)), BIG, BIG, scheme="systematic", axis=axis
     ),
 }
 

@@ -11,6 +11,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
+from stochens_rs.system import System
 from stochens_rs.theory import moments
 from stochens_rs.theory.bounds._geometry import Geometry
 
@@ -53,7 +54,7 @@ def excess(A, M, axis, covariance=vector_covariance):
     return np.diag([(covariance(row) * M).sum() for row in A])
 
 
-def product_covariance(x0, A, r0, rA, axis):
+def product_covariance(A, x0, r0, rA, axis):
     Cv, M = r0 * vector_covariance(x0), np.outer(x0, x0)
     return A.dot(Cv).dot(A.T) + rA * excess(A, M + Cv, axis)
 
@@ -98,11 +99,11 @@ def test_product_fusion(size, axis):
     worst = 0.0
     for x0, A in systems():
         n = len(x0)
-        exact = product_covariance(fractions(x0), fractions(A), rates[0], rates[2], axis)
-        found = moments.state_covariance(np.eye(n), x0, np.zeros(n), A, size, axis=axis)
+        exact = product_covariance(fractions(A), fractions(x0), rates[0], rates[2], axis)
+        found = moments.state_covariance((A, np.eye(n)), x0, np.zeros(n), size, axis=axis)
         worst = max(worst, relative_error(found, exact))
         if size == (1, None, 1):
-            found = moments.product_covariance(x0, A, axis=axis)
+            found = moments.product_covariance(A, x0, axis=axis)
             worst = max(worst, relative_error(found, exact))
     assert worst < TOLERANCE
 
@@ -112,7 +113,7 @@ def test_trajectories_by_rows(sample_x0):
     B, u, worst = np.array([[1.0, 1e-14]]), np.array([[1.0, -1.0]]), 0.0
     for x0, A in systems():
         rows = np.repeat(B, len(x0), axis=0)
-        found = moments.trajectory_covariance(A, rows, u, x0, sample_x0=sample_x0, axis="rows")
+        found = moments.trajectory_covariance((A, rows), x0, u, sample_x0=sample_x0, axis="rows")
         F, G, w, v = (fractions(array) for array in (A, rows, x0, u[0]))
         S = vector_covariance(w) * int(sample_x0)
         grown = excess(F, S + np.outer(w, w), "rows") + excess(G, np.outer(v, v), "rows")
@@ -131,7 +132,7 @@ def test_systematic_samples(axis):
         )
         exact = exact + F.dot(C0).dot(F.T)
         found = moments.state_covariance(
-            np.eye(2), x0, np.zeros(2), A, N, axis=axis, scheme="systematic"
+            (A, np.eye(2)), x0, np.zeros(2), N, axis=axis, scheme="systematic"
         )
         worst = max(worst, relative_error(found, exact))
         for line in A:
@@ -148,16 +149,16 @@ def test_variances_behind_the_bounds(quantity):
         n = len(x0)
         # the images of two atoms far apart, and nearly the same
         near = (1.0 + 2.0**-30 * np.eye(n), np.arange(n)[:, None] * 2.0**-30 + 1.0)[k % 2]
-        at = Geometry(near, x0, x0[::-1], A, "columns", quantity)
+        at = Geometry(System(A, near), x0, x0[::-1], "columns", quantity)
         M, F = fractions(at.M), fractions(at.A)
         tau = [(vector_covariance(column) * M.T.dot(M)).sum() for column in F.T]
         worst = max(worst, relative_error(np.diag(at.tau), np.diag(tau)))
         for axis in AXES:
-            at = Geometry(np.eye(n), x0, x0[::-1], A, axis, quantity)
+            at = Geometry(System(A, np.eye(n)), x0, x0[::-1], axis, quantity)
             F, w, goal = fractions(at.A), fractions(at.x0), fractions(at.xf)
             for rates in ((1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1)):
                 C = rates[1] * vector_covariance(goal)
-                exact = (C + product_covariance(w, F, rates[0], rates[2], axis)).trace()
+                exact = (C + product_covariance(F, w, rates[0], rates[2], axis)).trace()
                 found = at.mean_square(*map(float, rates))
                 worst = max(worst, relative_error(np.diag([found]), np.diag([exact])))
     assert worst < TOLERANCE

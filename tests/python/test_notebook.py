@@ -16,9 +16,9 @@ from stochens_rs.paper.verdicts import Claims, tails
 from stochens_rs.paper.verdicts.comparison import compare
 system = se.System([[0.9, 0.2], [-0.1, 0.8]], [[1.0, 0.0], [0.5, 1.0]], dt=0.1)
 x0, xf = [1.0, 2.0], [0.0, 0.0]
-way = se.simulate(system, np.zeros((20, 2)), x0)
-spread = se.simulate_ensemble(system, np.zeros((20, 2)), x0, 50, rng=1)
-stream = se.Stream(system.B, x0, xf, system.A, rng=1)
+way = se.simulate(system, x0, np.zeros((20, 2)))
+spread = se.simulate_ensemble(system, x0, np.zeros((20, 2)), 50, rng=1)
+stream = se.Stream(system, x0, xf, rng=1)
 stream.step(100)
 plan = se.steer(system, x0, xf, 100, rng=1)
 power = se.paper.power(rng=1, replicates=1, samples=5)

@@ -10,6 +10,7 @@ import pytest
 
 import stochens_rs as se
 from stochens_rs import cli
+from stochens_rs._base.numbers import smallest_size
 from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError, SizeError
 from stochens_rs.rng import as_key
 from stochens_rs.theory import bounds, moments
@@ -29,15 +30,14 @@ def test_bounds_keep_their_word(quantity: str, fusion: str) -> None:
     assert sizes == sorted(sizes)
     # 400 runs: 4 standard errors above 5 % are 37 failures
     assert all(row.failures <= 37 for row in plan.rows)
-    data = SYSTEM.B, X0, XF, SYSTEM.A
-    best = bounds.best(quantity, *data, eps=plan.error, delta=0.05, fusion=fusion)
+    best = bounds.best(quantity, SYSTEM, X0, XF, eps=plan.error, delta=0.05, fusion=fusion)
     assert (plan.rows[0].name, best.bound.name) == ("simulated", "simulated")
     assert plan.size == pytest.approx(best.size, rel=0.1)  # another stream
     rms_of = moments.control_rms if quantity == "control" else moments.state_rms
-    assert rms_of(*data, plan.expected_size, fusion=fusion) <= plan.error
-    assert rms_of(*data, plan.expected_size - 1, fusion=fusion) > plan.error
+    assert rms_of(SYSTEM, X0, XF, plan.expected_size, fusion=fusion) <= plan.error
+    assert rms_of(SYSTEM, X0, XF, plan.expected_size - 1, fusion=fusion) > plan.error
     assert plan.expected_size < plan.simulated_size < plan.size
-    assert plan.rows[0].rms == rms_of(*data, plan.size, fusion=fusion)
+    assert plan.rows[0].rms == rms_of(SYSTEM, X0, XF, plan.size, fusion=fusion)
 
 
 @pytest.mark.parametrize("quantity", ["state", "control"])
@@ -46,13 +46,13 @@ def test_the_simulation_has_the_exact_moments(quantity: str, fusion: str) -> Non
     A = SYSTEM.A.copy()
     A[:, 1] = 0.0  # a column that is always exact
     runs = 4000  # relative standard error of the mean square below 2.5 %; 10 % is 4 of them
-    law = bounds.Simulated(quantity, SYSTEM.B, X0, XF, A, fusion=fusion).errors(7)
+    law = bounds.bound("simulated", quantity, (A, SYSTEM.B), X0, XF, fusion=fusion).errors(7)
     errors = law.draw(runs, as_key(5))[:, int(quantity == "control")]
     rms_of = moments.control_rms if quantity == "control" else moments.state_rms
-    exact = rms_of(SYSTEM.B, X0, XF, A, 7, fusion=fusion)
+    exact = rms_of(SYSTEM, X0, XF, 7, fusion=fusion)
     square = float(np.mean(errors**2))
     assert square == pytest.approx(exact**2, rel=0.1)
-    other = rms_of(SYSTEM.B, X0, XF, A, 7, fusion="product" if fusion == "diagonal" else "diagonal")
+    other = rms_of(SYSTEM, X0, XF, 7, fusion="product" if fusion == "diagonal" else "diagonal")
     assert square != pytest.approx(other**2, rel=0.1)
 
 
@@ -67,7 +67,7 @@ def test_the_answer_is_near_the_smallest_sufficient_size(options, delta) -> None
     """
     plan = se.required_samples(SYSTEM, X0, XF, 0.1, delta=delta, runs=100, rng=3, **options)
     kind = options.pop("quantity", "state")
-    law = bounds.Simulated(kind, SYSTEM.B, X0, XF, SYSTEM.A, **options).errors
+    law = bounds.bound("simulated", kind, SYSTEM, X0, XF, **options).errors
     which = int(kind == "control")
     drawn = law(plan.size).draw(40_000, as_key(9))[:, which]
     assert np.mean(drawn > plan.error) <= delta * 1.1
@@ -99,6 +99,19 @@ def test_what_no_bound_can_promise_is_said() -> None:
 def test_several_steps_need_a_delta_that_can_be_simulated() -> None:
     with pytest.raises(SizeError, match="`delta` must be at least about 1e-4"):
         se.required_samples(SYSTEM, X0, XF, 0.1, delta=1e-7, steps=3, runs=20, rng=1)
+
+
+def test_the_smallest_size_is_found() -> None:
+    for wanted in (*range(1, 70), 2**40 + 1, 2**53 - 1, 2**53, 2**53 + 1):
+        looks: list[int] = []
+
+        def enough(N: int, wanted: int = wanted, looks: list[int] = looks) -> bool:
+            looks.append(N)
+            return wanted <= N
+
+        assert smallest_size(enough) == (None if wanted > 2**53 else wanted)
+        assert max(looks) <= 2**53
+        assert len(looks) <= 2 * wanted.bit_length() + 1
 
 
 def test_a_known_problem_needs_one_realization() -> None:
@@ -135,7 +148,7 @@ def test_no_relative_error_of_zero() -> None:
 def test_the_origin_within_reach_is_zero_up_to_rounding() -> None:
     """The error is then relative to x0, or the control that leads it to the origin."""
     system = se.System(SYSTEM.A, GEN.standard_normal((4, 4)))
-    for steps in (None, 2):
+    for steps in (1, 2):
         state = se.required_samples(system, X0, [0.0] * 4, 0.1, steps=steps, runs=20, rng=1)
         assert (state.relative_to, state.reference) == ("x0", pytest.approx(np.linalg.norm(X0)))
         assert state.error == pytest.approx(0.1 * np.linalg.norm(X0))

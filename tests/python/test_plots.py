@@ -16,7 +16,7 @@ import matplotlib.pyplot as plt
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
-from stochens_rs import InputError
+from stochens_rs.exceptions import InputError
 from stochens_rs.plots import files as plots
 from stochens_rs.studies import Curve, Experiment, Panel
 from stochens_rs.studies.figures import STYLES, _number, _ticks
@@ -88,7 +88,7 @@ def test_pyplot_gets_the_figure_where_it_opens_windows():
 def test_a_script_that_does_not_use_pyplot_is_not_made_to():
     code = (
         "import sys, stochens_rs as se\n"
-        "se.simulate(([[0.5]], [[1.0]]), [[1.0]], [0.0]).plot().figure.savefig(sys.argv[1])\n"
+        "se.simulate(([[0.5]], [[1.0]]), [0.0], [[1.0]]).plot().figure.savefig(sys.argv[1])\n"
         "print('matplotlib.pyplot' in sys.modules)"
     )
     run = subprocess.run(
@@ -235,7 +235,7 @@ def test_missing_matplotlib_names_the_extra():
     code = (
         "import sys; sys.modules['matplotlib'] = None\n"
         "import stochens_rs as se\n"
-        "try:\n    se.simulate(([[0.5]], [[1.0]]), [[1.0]], [0.0]).plot()\n"
+        "try:\n    se.simulate(([[0.5]], [[1.0]]), [0.0], [[1.0]]).plot()\n"
         "except ImportError as error:\n    print(error)\n"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

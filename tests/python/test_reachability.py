@@ -11,21 +11,32 @@ import pytest
 import stochens_rs as se
 from stochens_rs.exceptions import InputError, NonFiniteError
 from stochens_rs.paper import reachability as notions
+from stochens_rs.paper.reachability import approximate
 from stochens_rs.theory import moments, reachability
+from stochens_rs.theory.exact import best_control
 
 # -- the exact system ------------------------------------------------------------------------------
+
+
+def best(system, x0, xf, steps=1):
+    A, B, x0, xf = (np.asarray(values, dtype=float) for values in (*system, x0, xf))
+    return best_control(A, B, x0, xf, steps)
+
+
+def reach(system, x0, xf, steps=1):
+    return best(system, x0, xf, steps).reachability()
 
 
 def test_one_step_is_what_a_plan_says(gen):
     for n, m in ((4, 2), (3, 3), (2, 5), (1, 1)):
         A, B = gen.normal(size=(n, n)), gen.normal(size=(n, m))
         x0, xf = gen.normal(size=(2, n))
-        found, plan = reachability.one_step(B, x0, xf, A), se.control(B, x0, xf, A).reachability
+        found, plan = reach((A, B), x0, xf), se.control((A, B), x0, xf).reachability
         assert (found.rank, found.reachable) == (plan.rank, plan.reachable)
         assert found.residual == pytest.approx(plan.residual, rel=1e-9, abs=1e-12)
         assert found.relative == pytest.approx(plan.relative, rel=1e-9, abs=1e-12)
         assert found.condition == pytest.approx(plan.condition, rel=1e-9)
-        reached = reachability.one_step(B, x0, A @ x0 + B @ gen.normal(size=m), A)
+        reached = reach((A, B), x0, A @ x0 + B @ gen.normal(size=m))
         assert reached.reachable
         assert reached.residual < 1e-12
 
@@ -34,38 +45,40 @@ def test_several_steps(gen):
     n, m, K = 5, 2, 4
     A, B = gen.normal(size=(n, n)), gen.normal(size=(n, m))
     x0, xf = gen.normal(size=(2, n))
-    C = reachability.controllability_matrix(A, B, K)
+    C = reachability.controllability_matrix((A, B), K)
     blocks = [np.linalg.matrix_power(A, k) @ B for k in range(K)]
     np.testing.assert_allclose(C, np.hstack(blocks), rtol=1e-12)
-    W = reachability.gramian(A, B, K)
+    W = reachability.gramian((A, B), K)
     np.testing.assert_allclose(W, sum(b @ b.T for b in blocks), rtol=1e-10)
     for steps in (1, 2, K):
-        found = reachability.several_steps(B, x0, xf, A, steps)
+        control = best((A, B), x0, xf, steps)
+        found, controls = control.reachability(), control.u.reshape(steps, m)
         x = x0
-        for u in found.controls:
+        for u in controls:
             x = A @ x + B @ u
         assert np.linalg.norm(x - xf) == pytest.approx(found.residual, abs=1e-10)
         assert found.reachable == (steps > 2)  # 2 m < n <= 3 m
         assert found.rank == min(n, steps * m)
-        assert found.matrix.shape == (n, steps * m)
+        assert control.factors.B.shape == (n, steps * m)
     moved = xf - np.linalg.matrix_power(A, K) @ x0
-    energy = float((found.controls**2).sum())
+    energy = float((controls**2).sum())
     assert energy == pytest.approx(moved @ np.linalg.pinv(W) @ moved, rel=1e-8)
     # what is reachable after three steps stays so: the rank does not fall
-    ranks = [reachability.several_steps(B, x0, xf, A, k).rank for k in range(1, 7)]
+    ranks = [reach((A, B), x0, xf, k).rank for k in range(1, 7)]
     assert ranks == sorted(ranks)
 
 
 def test_uncontrollable_and_empty_problems():
     A, B = np.diag([0.5, 2.0]), [[1.0], [0.0]]
     for steps in (1, 2, 5):
-        found = reachability.several_steps(B, [0.0, 1.0], [3.0, 0.0], A, steps)
+        found = reach((A, B), [0.0, 1.0], [3.0, 0.0], steps)
         assert (found.rank, found.reachable) == (1, False)
         assert found.residual == pytest.approx(2.0**steps)
-    nothing = reachability.several_steps([[0.0], [0.0]], [1.0, 1.0], [0.5, 2.0], A, 1)
+    unmoved = best((A, [[0.0], [0.0]]), [1.0, 1.0], [0.5, 2.0])
+    nothing = unmoved.reachability()
     assert (nothing.rank, nothing.reachable, nothing.condition) == (0, True, np.inf)
-    assert not nothing.controls.any()
-    tiny = reachability.one_step(np.array(B) * 1e-200, [0.0, 0.0], [1e-170, 0.0], A)
+    assert not unmoved.u.any()
+    tiny = reach((A, np.array(B) * 1e-200), [0.0, 0.0], [1e-170, 0.0])
     assert tiny.reachable
     assert tiny.rank == 1
 
@@ -101,31 +114,32 @@ def by_enumeration(B, x0, xf, A):
 
 
 CASES = {
-    "m < n": ([[1.0], [2.0]], [1.0, -0.5], [0.5, 2.0], [[1.0, -2.0], [0.5, 3.0]]),
-    "some": ([[1.0], [0.0]], [1.0, -0.5], [0.5, 2.0], [[1.0, 0.0], [0.5, 1.5]]),
-    "all": ([[1.0], [0.0]], [1.0, -0.5], [3.0, 0.0], [[1.0, -2.0], [0.0, 0.0]]),
-    "zero xf": ([[1.0], [0.0]], [1.0, -0.5], [0.0, 0.0], [[1.0, -2.0], [0.5, 3.0]]),
-    "zero x0": ([[1.0], [0.0]], [0.0, 0.0], [1.0, 1.0], [[1.0, -2.0], [0.5, 3.0]]),
-    "zero column": ([[1.0], [0.0]], [1.0, -0.5], [1.0, 0.0], [[0.0, -2.0], [0.0, 3.0]]),
+    "m < n": (([[1.0, -2.0], [0.5, 3.0]], [[1.0], [2.0]]), [1.0, -0.5], [0.5, 2.0]),
+    "some": (([[1.0, 0.0], [0.5, 1.5]], [[1.0], [0.0]]), [1.0, -0.5], [0.5, 2.0]),
+    "all": (([[1.0, -2.0], [0.0, 0.0]], [[1.0], [0.0]]), [1.0, -0.5], [3.0, 0.0]),
+    "zero xf": (([[1.0, -2.0], [0.5, 3.0]], [[1.0], [0.0]]), [1.0, -0.5], [0.0, 0.0]),
+    "zero x0": (([[1.0, -2.0], [0.5, 3.0]], [[1.0], [0.0]]), [0.0, 0.0], [1.0, 1.0]),
+    "zero column": (([[0.0, -2.0], [0.0, 3.0]], [[1.0], [0.0]]), [1.0, -0.5], [1.0, 0.0]),
     "n = 3": (
-        [[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]], [1.0, 0.0, 2.0], [1.0, 1.0, 0.0],
-        [[1.0, 0.0, 2.0], [0.0, 1.0, -1.0], [3.0, 0.0, 1.0]],
+        ([[1.0, 0.0, 2.0], [0.0, 1.0, -1.0], [3.0, 0.0, 1.0]], [[1.0, 0], [0, 1.0], [1.0, 1.0]]),
+        [1.0, 0.0, 2.0], [1.0, 1.0, 0.0],
     ),
-    "invertible": ([[1.0, 0.3], [0.2, 1.0]], [1.0, -0.5], [0.5, 2.0], [[1.0, -2.0], [0.5, 3.0]]),
-    "B = 0": ([[0.0], [0.0]], [1.0, -0.5], [0.5, 2.0], [[1.0, -2.0], [0.5, 3.0]]),
+    "invertible": (([[1.0, -2.0], [0.5, 3.0]], [[1.0, 0.3], [0.2, 1.0]]), [1.0, -0.5], [0.5, 2.0]),
+    "B = 0": (([[1.0, -2.0], [0.5, 3.0]], [[0.0], [0.0]]), [1.0, -0.5], [0.5, 2.0]),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("case", CASES)
 def test_sample_reachability_by_enumeration(case):
-    B, x0, xf, A = (np.array(x) for x in CASES[case])
+    system, x0, xf = CASES[case]
+    A, B, x0, xf = (np.array(x) for x in (*system, x0, xf))
     probability, rms, largest = by_enumeration(B, x0, xf, A)
-    found = notions.sample_reachability(B, x0, xf, A)
+    found = notions.sample_reachability(system, x0, xf)
     assert found.probability == pytest.approx(probability, abs=1e-12)
     assert found.rms_residual == pytest.approx(rms, rel=1e-12, abs=1e-7)
     assert found.largest_residual == pytest.approx(largest, rel=1e-12, abs=1e-12)
     assert found.sample_reachable == (probability > 1.0 - 1e-12)
-    assert found.residual == pytest.approx(reachability.one_step(B, x0, xf, A).residual, abs=1e-12)
+    assert found.residual == pytest.approx(reach(system, x0, xf).residual, abs=1e-12)
     hit = np.count_nonzero(A[:, x0 != 0.0], axis=0)
     products = hit.sum() + bool((hit == 0).any() or not hit.size)
     assert found.atoms == max(1, np.count_nonzero(xf)) * products
@@ -141,11 +155,11 @@ def test_sample_reachability_fails_for_a_reachable_target(gen):
     A, B = gen.normal(size=(10, 10)), gen.normal(size=(10, 5))
     x0 = gen.normal(size=10)
     xf = A @ x0 + B @ gen.normal(size=5)
-    found = notions.sample_reachability(B, x0, xf, A)
-    assert reachability.one_step(B, x0, xf, A).reachable
+    found = notions.sample_reachability((A, B), x0, xf)
+    assert reach((A, B), x0, xf).reachable
     assert (found.atoms, found.reachable_atoms, found.probability) == (1000, 0, 0.0)
     Q = np.eye(10) - B @ np.linalg.pinv(B)
-    C = moments.vector_covariance(xf) + moments.product_covariance(x0, A)
+    C = moments.vector_covariance(xf) + moments.product_covariance(A, x0)
     assert found.rms_residual == pytest.approx(np.sqrt(np.trace(Q @ C @ Q)), rel=1e-9)
     assert found.rms_residual > 1.0
     # and through the sampler: 4000 realizations, mean square within 5 standard errors
@@ -168,7 +182,7 @@ A2, B2 = np.array([[0.5, 0.4], [0.1, 0.6]]), np.array([[0.0], [1.0]])
 @pytest.mark.parametrize(("steps", "xf"), [(1, [0.9, 0.3]), (2, [0.0, 0.5]), (4, [0.1, 0.1])])
 def test_a_reachable_target_is_approximately_reachable(steps, xf):
     found = notions.approximately(
-        B2, [1.0, 1.0], xf, A2, steps, sizes=[20, 500, 20_000], delta=1e-4, rng=5
+        (A2, B2), [1.0, 1.0], xf, steps, sizes=[20, 500, 20_000], delta=1e-4, rng=5
     )
     assert found.exact.reachable
     assert found.consistent
@@ -178,7 +192,7 @@ def test_a_reachable_target_is_approximately_reachable(steps, xf):
     ratio = found.errors / found.rms
     assert ((ratio > 1e-3) & (ratio < 5.0)).all()
     again = notions.approximately(
-        B2, [1.0, 1.0], xf, A2, steps, sizes=[20, 500], delta=1e-4, rng=found.key
+        (A2, B2), [1.0, 1.0], xf, steps, sizes=[20, 500], delta=1e-4, rng=found.key
     )
     np.testing.assert_allclose(again.errors, found.errors[:2], rtol=1e-12)
 
@@ -186,7 +200,7 @@ def test_a_reachable_target_is_approximately_reachable(steps, xf):
 def test_the_rms_of_an_experiment_is_that_of_its_errors():
     """200 experiments of 50 runs: mean square of the errors within 30 % (about 3 se)."""
     runs = [
-        notions.approximately(B2, [1.0, 1.0], [0.0, 0.5], A2, 2, sizes=[50], rng=seed)
+        notions.approximately((A2, B2), [1.0, 1.0], [0.0, 0.5], 2, sizes=[50], rng=seed)
         for seed in range(200)
     ]
     square = np.mean([float(run.errors[0]) ** 2 for run in runs])
@@ -196,7 +210,7 @@ def test_the_rms_of_an_experiment_is_that_of_its_errors():
 
 def test_an_unreachable_target_is_not():
     xf = [2.0, 0.0]  # one step moves the second state only: x_1 = 0.9
-    found = notions.approximately(B2, [1.0, 1.0], xf, A2, 1, sizes=[10, 50_000], rng=6)
+    found = notions.approximately((A2, B2), [1.0, 1.0], xf, 1, sizes=[10, 50_000], rng=6)
     assert found.verdict == "not approximately reachable"
     assert found.errors[-1] == pytest.approx(1.1, abs=0.02)
     assert found.rms[-1] == pytest.approx(np.hypot(1.1, 0.0), abs=0.01)
@@ -204,11 +218,16 @@ def test_an_unreachable_target_is_not():
 
 
 def test_a_biased_experiment_is_called_inconsistent(monkeypatch):
-    """The check sees realizations that are reused from step to step, whose mean is wrong."""
+    """The check sees runs whose mean is wrong, here by one per cent of A."""
     A, x0 = np.array([[0.0, 1.0], [1.0, 1.0]]), [1.0, 1.0]
-    data = (np.eye(2), x0, [2.0, 1.0], A, 3)
+    data = ((A, np.eye(2)), x0, [2.0, 1.0], 3)
     assert notions.approximately(*data, sizes=[50_000], rng=7).consistent
-    monkeypatch.setattr(se.Key, "child", lambda self, name: self)
+    honest = approximate.simulate_ensemble
+    monkeypatch.setattr(
+        approximate,
+        "simulate_ensemble",
+        lambda system, **kwargs: honest((1.01 * system[0], system[1]), **kwargs),
+    )
     assert notions.approximately(*data, sizes=[50_000], rng=7).verdict == "inconsistent"
 
 
@@ -246,10 +265,10 @@ def test_the_counterexamples_in_floating_point():
     x0, A = np.zeros((N, 1)), np.zeros((N, 1, 1))
     x0[0], A[1] = 1.0, 1.0
     u = se.realization_controls(
-        [[1.0]], se.Ensemble.from_samples(x0), [0.0], se.Ensemble.from_samples(A)
+        (se.Ensemble.from_samples(A), [[1.0]]), se.Ensemble.from_samples(x0), [0.0]
     )
     assert not u.any()
-    assert se.control([[1.0]], [1.0], [0.0], [[1.0]]).u == [-1.0]
+    assert se.control(([[1.0]], [[1.0]]), [1.0], [0.0]).u == [-1.0]
 
 
 def test_where_the_system_goes_by_itself_is_reachable():
@@ -258,35 +277,36 @@ def test_where_the_system_goes_by_itself_is_reachable():
     A, B, x0 = gen.standard_normal((4, 4)), gen.standard_normal((4, 1)), gen.standard_normal(4)
     xf = np.array([sum(row[::-1] * x0[::-1]) for row in A])
     assert 0.0 < np.linalg.norm(xf - A @ x0) < 1e-14
-    assert reachability.one_step(B, x0, xf, A).reachable
-    assert se.control(B, x0, xf, A).reachability.reachable
+    assert reach((A, B), x0, xf).reachable
+    assert se.control((A, B), x0, xf).reachability.reachable
     later = np.array([sum(row[::-1] * xf[::-1]) for row in A])
-    assert reachability.several_steps(B, x0, later, A, 2).reachable
-    assert se.control_steps(B, x0, later, A, 2).reachability.reachable
+    assert reach((A, B), x0, later, 2).reachable
+    assert se.control((A, B), x0, later, steps=2).reachability.reachable
     near = xf + 1e-9 * gen.standard_normal(4)
-    assert not reachability.one_step(B, x0, near, A).reachable
-    assert not se.control(B, x0, near, A).reachability.reachable
+    assert not reach((A, B), x0, near).reachable
+    assert not se.control((A, B), x0, near).reachability.reachable
 
 
 def test_more_steps_need_not_reach_what_fewer_do():
-    A, B = [[0.5]], [[0.0]]
-    assert reachability.several_steps(B, [1.0], [0.5], A, 1).reachable
-    assert not reachability.several_steps(B, [1.0], [0.5], A, 2).reachable
+    system = [[0.5]], [[0.0]]
+    assert reach(system, [1.0], [0.5], 1).reachable
+    assert not reach(system, [1.0], [0.5], 2).reachable
 
 
 @pytest.mark.filterwarnings("error")
 def test_realizations_at_all_scales():
-    B, x0, xf, A = (np.array(x, dtype=float) for x in CASES["m < n"])
-    found = notions.sample_reachability(B, x0, xf, A)
+    (A, B), x0, xf = CASES["m < n"]
+    A, x0, xf = np.array(A), np.array(x0), np.array(xf)
+    found = notions.sample_reachability((A, B), x0, xf)
     assert found.largest_residual > 0.0
     for s in (1e-200, 1e-150, 1e150, 1e200):
-        scaled = notions.sample_reachability(B, s * x0, s * xf, A)
+        scaled = notions.sample_reachability((A, B), s * x0, s * xf)
         assert scaled.reachable_atoms == found.reachable_atoms
         assert scaled.largest_residual == pytest.approx(s * found.largest_residual, rel=1e-12)
         assert scaled.rms_residual == pytest.approx(s * found.rms_residual, rel=1e-12)
-        split = notions.sample_reachability(B, s * x0, xf, A / s)
+        split = notions.sample_reachability((A / s, B), s * x0, xf)
         assert split.rms_residual == pytest.approx(found.rms_residual, rel=1e-12)
-        run = notions.approximately(np.eye(len(B)), s * x0, s * xf, A, 2, rng=1)
+        run = notions.approximately((A, np.eye(len(B))), s * x0, s * xf, 2, rng=1)
         assert run.verdict == "approximately reachable"
         assert (run.rms > 0.0).all()
         assert (run.errors > 0.0).all()
@@ -295,7 +315,7 @@ def test_realizations_at_all_scales():
 def test_equal_atoms_are_equal_in_spite_of_rounding():
     # xf hits e_2 with 0.3, A x0 with 3 * 0.1 = 0.30000000000000004; B reaches e_1 only
     found = notions.sample_reachability(
-        [[1.0], [0.0]], [0.0, 3.0], [0.0, 0.3], [[0.0, 0.0], [0.0, 0.1]]
+        ([[0.0, 0.0], [0.0, 0.1]], [[1.0], [0.0]]), [0.0, 3.0], [0.0, 0.3]
     )
     assert found.sample_reachable
 
@@ -304,23 +324,29 @@ def test_equal_atoms_are_equal_in_spite_of_rounding():
 
 
 def test_wrong_input_is_refused():
-    B, x0, xf, A = CASES["m < n"]
-    with pytest.raises(InputError, match="`xf`"):
-        reachability.one_step(B, x0, [1.0], A)
+    (A, B), x0, xf = CASES["m < n"]
     with pytest.raises(InputError, match="`A`"):
-        reachability.several_steps(B, x0, xf, [[1.0, 2.0]], 2)
+        reachability.gramian(([[1.0, 2.0]], B), 2)
+    with pytest.raises(InputError, match="`B`"):
+        reachability.gramian((A, [[1.0]]), 2)
     with pytest.raises(InputError, match="`steps`"):
-        reachability.controllability_matrix(A, B, 0)
+        reachability.controllability_matrix((A, B), 0)
     with pytest.raises(NonFiniteError, match="overflow"):
-        reachability.gramian(np.array(A) * 1e200, B, 3)
+        reachability.gramian((np.array(A) * 1e200, B), 3)
     with pytest.raises(NonFiniteError, match="overflow"):
-        reachability.one_step(B, [1e200, 1e200], xf, np.array(A) * 1e200)
+        reachability.gramian((A, np.array(B) * 1e200), 1)
     with pytest.raises(NonFiniteError, match="overflow"):
-        notions.sample_reachability(B, [1e200, 1e200], xf, np.array(A) * 1e200)
+        best((np.array(A) * 1e200, B), [1e200, 1e200], xf)
+    with pytest.raises(NonFiniteError, match="overflow"):
+        notions.sample_reachability((np.array(A) * 1e200, B), [1e200, 1e200], xf)
+    with pytest.raises(InputError, match="`xf`"):
+        notions.sample_reachability((A, B), x0, [1.0])
+    with pytest.raises(InputError, match="`x0`"):
+        notions.approximately((A, B), [1.0], xf, 1)
     with pytest.raises(InputError, match="`sizes"):
-        notions.approximately(B, x0, xf, A, 1, sizes=[3, 2])
+        notions.approximately((A, B), x0, xf, 1, sizes=[3, 2])
     with pytest.raises(InputError, match="`delta`"):
-        notions.approximately(B, x0, xf, A, 1, delta=1.0)
+        notions.approximately((A, B), x0, xf, 1, delta=1.0)
     with pytest.raises(InputError, match="`size`"):
         notions.lemma_3_1(2)
     with pytest.raises(InputError, match="`weights` must have length 3"):

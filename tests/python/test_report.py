@@ -5,17 +5,19 @@ from __future__ import annotations
 import base64
 import dataclasses
 import json
+import subprocess
+import sys
 from html.parser import HTMLParser
 
 import numpy as np
 import pytest
 
 pytest.importorskip("matplotlib")
+pytest.importorskip("jinja2")
 
 from stochens_rs import paper
 from stochens_rs.paper import power, tracking
-from stochens_rs.paper.report.page import _settings, _table
-from stochens_rs.paper.report.text import agreements, deviations, number, percent
+from stochens_rs.paper.report.page import number, percent, render
 from stochens_rs.studies import Experiment
 
 VOID = {"meta", "img", "br", "hr", "link", "input"}
@@ -132,16 +134,17 @@ def test_text_quotes_the_results(page, experiments):
 
 
 def test_rounding_is_no_figure():
-    rows = paper.final_errors([power(rng=1, replicates=2, samples=400)])
+    experiment = power(rng=1, replicates=2, samples=400)
+    rows = paper.final_errors([experiment])
     assert [(row["panel"], row["method"]) for row in rows if row["zero"]] == [("1a", "alse")]
-    table = _table(rows)
+    table = render("errors.html.j2", [experiment])
     assert table.count('<td class="n" colspan="4">zero to rounding</td>') == 1
     assert "e-1" not in table
 
 
 def test_the_time_of_a_short_run(experiments):
     quick = dataclasses.replace(experiments[0], seconds=0.04)
-    assert "<td>&lt; 0.1 s</td>" in _settings(quick)
+    assert "<td>&lt; 0.1 s</td>" in render("settings.html.j2", [], experiment=quick)
 
 
 def test_words_are_not_broken(written):
@@ -160,14 +163,45 @@ def test_sentences_change_with_the_numbers(experiments):
     swapped["facts"]["zero_from"]["1a"] = 17
     swapped["facts"]["theory"]["largest_abs_z"] = 9.5
     swapped["facts"]["stopping_rule"]["median_stop"] = None
-    before = " ".join(agreements({"power": experiments[0]}))
-    after = " ".join(agreements({"power": Experiment.from_dict(swapped)}))
+    before = render("agreements.html.j2", experiments[:1])
+    after = render("agreements.html.j2", [Experiment.from_dict(swapped)])
     assert "is not reproduced" not in before
     assert after.count("is not reproduced") == 2
     assert "from N = 17 on" in after
     assert "deviate from" in after
-    texts = dict(deviations({"power": Experiment.from_dict(swapped)}))
-    assert "no run met" in texts["Algorithm 1: the stopping rule"]
+    text = render("deviations.html.j2", [Experiment.from_dict(swapped)], claims=None)
+    assert "no run met such a sample" in text.partition("Algorithm 1: the stopping rule")[2]
+
+
+def test_hostile_names_are_escaped(experiments, tmp_path):
+    hostile = "<script>alert('1')</script> & \"x\""
+    panels = tuple(dataclasses.replace(p, quantity=hostile) for p in experiments[0].panels)
+    settings = {**experiments[0].settings, "system": hostile}
+    one = dataclasses.replace(experiments[0], title=hostile, settings=settings, panels=panels)
+    claim = paper.Claim(hostile, hostile, "false", hostile, ())
+    found = paper.claims(quick=True)
+    claims = dataclasses.replace(found, rows=(claim, *found.rows))
+    text = paper.write_report([one], tmp_path, claims=claims)[-1].read_text(encoding="utf-8")
+    page = Page(text)
+    assert page.faults == []
+    assert hostile in page.text
+    assert f"Figure 1: {hostile}" in [image["alt"] for image in page.images]
+    assert text.count("<script>") == 0
+    assert all(row.says in page.text for row in claims.rows)
+
+
+@pytest.mark.parametrize("missing", ["matplotlib", "jinja2"])
+def test_what_is_missing_is_named_before_anything_runs(missing, tmp_path):
+    code = (
+        f"import sys; sys.modules['{missing}'] = None\n"
+        "from stochens_rs.cli import main\n"
+        f"sys.argv[1:] = ['reproduce', '--out', {str(tmp_path / 'new')!r}]\nsys.exit(main())\n"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert run.returncode != 0
+    assert f"need {missing}" in run.stderr.lower()
+    assert "stochens_rs[plot]" in run.stderr
+    assert not (tmp_path / "new").exists()
 
 
 def test_one_experiment_is_enough(experiments, tmp_path):

@@ -87,7 +87,7 @@ def matrix_outcomes(A, N, axis):
 
 def exact_distribution(B, x0, xf, A, N, axis, fusion, steps):
     """State errors of every outcome, with probabilities."""
-    n, K = len(B), steps or 1
+    n, K = len(B), steps
     powers = [np.linalg.matrix_power(A, k) for k in range(K + 1)]
     C = np.hstack([powers[K - 1 - k] @ B for k in range(K)])
     v = np.linalg.pinv(C) @ (xf - powers[K] @ x0)
@@ -127,10 +127,10 @@ SMALL = {
 @pytest.mark.parametrize(
     ("axis", "fusion", "steps"),
     [
-        ("columns", "product", None),
-        ("rows", "product", None),
-        ("columns", "diagonal", None),
-        ("rows", "diagonal", None),
+        ("columns", "product", 1),
+        ("rows", "product", 1),
+        ("columns", "diagonal", 1),
+        ("rows", "diagonal", 1),
         ("columns", "product", 2),
         ("rows", "product", 2),
     ],
@@ -139,7 +139,9 @@ def test_errors_against_every_outcome(name, axis, fusion, steps):
     """Frequencies of 20 000 errors against exact probabilities: chi-squared at level 1e-4."""
     A, B, x0, xf = (np.array(v) for v in SMALL[name])
     exact = exact_distribution(B, x0, xf, A, 2, axis, fusion, steps)
-    law = bounds.Simulated("state", B, x0, xf, A, axis=axis, fusion=fusion, steps=steps).errors(2)
+    law = bounds.bound(
+        "simulated", "state", (A, B), x0, xf, axis=axis, fusion=fusion, steps=steps
+    ).errors(2)
     drawn = law.draw(20_000, as_key(4))[:, 0].round(6)
     values = np.array([value for _, value in exact]).round(6)
     levels, where = np.unique(values, return_inverse=True)
@@ -162,7 +164,7 @@ def p_value(first, second):
     return stats.ks_2samp(first.round(9), second.round(9)).pvalue
 
 
-def plans(system, x0, xf, size, count, *, steps=None, fusion="product", axis="columns", **options):
+def plans(system, x0, xf, size, count, *, steps=1, fusion="product", axis="columns", **options):
     """Errors of plans from real samples, (count, 2)."""
     found = []
     for seed in range(count):
@@ -171,10 +173,7 @@ def plans(system, x0, xf, size, count, *, steps=None, fusion="product", axis="co
             se.sample(w, size, rng=key.child(name), axis=axis, **options)
             for name, w in (("x0", x0), ("xf", xf), ("A", system.A))
         ]
-        if steps is None:
-            plan = se.control(system.B, *drawn, fusion=fusion)
-        else:
-            plan = se.control_steps(system.B, *drawn, steps)
+        plan = se.control((drawn[2], system.B), *drawn[:2], steps=steps, fusion=fusion)
         error = plan.error(system, x0, xf)
         found.append((error.state, error.control))
     return np.array(found)
@@ -198,7 +197,7 @@ def test_errors_against_real_samples(options):
     system = se.System(gen.standard_normal((3, 3)), gen.standard_normal((3, 2)))
     x0, xf = gen.standard_normal(3), gen.standard_normal(3)
     real = plans(system, x0, xf, 37, 400, **options)
-    law = bounds.Simulated("state", system.B, x0, xf, system.A, **options).errors(37)
+    law = bounds.bound("simulated", "state", system, x0, xf, **options).errors(37)
     drawn = law.draw(4000, as_key(5))
     for k in range(2):
         assert p_value(real[:, k], drawn[:, k]) > 1e-4
@@ -224,13 +223,19 @@ def test_estimates_against_numpy():
         ("matrix", A, "spectral", np.linalg.norm(matrices, 2, axis=(1, 2))),
     ]
     for quantity, data, norm, expected in cases:
-        drawn = bounds.Simulated(quantity, data, norm=norm).errors(N).draw(runs, as_key(6))[:, 0]
+        drawn = (
+            bounds.bound("simulated", quantity, data, norm=norm)
+            .errors(N)
+            .draw(runs, as_key(6))[:, 0]
+        )
         assert p_value(drawn, expected) > 1e-4
         assert p_value(1.1 * drawn, expected) < 1e-4
 
 
 def test_errors_are_a_function_of_key_and_run():
-    law = bounds.Simulated("state", np.eye(3), np.ones(3), np.zeros(3), np.ones((3, 3))).errors(50)
+    law = bounds.bound(
+        "simulated", "state", (np.ones((3, 3)), np.eye(3)), np.ones(3), np.zeros(3)
+    ).errors(50)
     drawn = law.draw(1000, as_key(1))
     np.testing.assert_array_equal(law.draw(100, as_key(1)), drawn[:100])
     assert (law.draw(1000, as_key(2)) != drawn).any()
@@ -275,7 +280,7 @@ def test_coverage(name, options):
     for size in (1, 40):
         errors = plans(system, x0, xf, size, 300, **options)
         for k, quantity in enumerate(("state", "control")):
-            bound = bounds.Simulated(quantity, B, x0, xf, A, **options)
+            bound = bounds.bound("simulated", quantity, system, x0, xf, **options)
             failed = int((errors[:, k] > bound.radius(size, 0.2)).sum())
             assert failed <= 88, (quantity, size)
             # as near to the quantile as 300 errors can tell
@@ -287,7 +292,7 @@ def test_a_wrong_law_is_no_bound():
     gen = np.random.default_rng(9)
     A, B = gen.standard_normal((4, 4)), gen.standard_normal((4, 4))
     x0, xf = gen.standard_normal(4), gen.standard_normal(4)
-    radius = bounds.Simulated("state", B, x0, xf, A).radius(500, 0.2)
+    radius = bounds.bound("simulated", "state", (A, B), x0, xf).radius(500, 0.2)
     errors = plans(se.System(A, B), 1.3 * x0, xf, 500, 300)[:, 0]
     same = plans(se.System(A, B), x0, xf, 500, 300)[:, 0]
     assert (same > radius).sum() <= 88 < (errors > radius).sum()
@@ -297,7 +302,7 @@ def test_four_steps_of_the_grid_are_bounded_closely():
     """Within 1.2 times the quantile of 20 000 other errors, at every size."""
     system = se.cases.ieee14()
     x0, xf = np.random.default_rng(0).standard_normal(10), np.zeros(10)
-    bound = bounds.Simulated("state", system.B, x0, xf, system.A, steps=4)
+    bound = bounds.bound("simulated", "state", system, x0, xf, steps=4)
     for size in (10**4, 10**6, 10**8):
         drawn = bound.errors(size).draw(20_000, as_key(11))[:, 0]
         ratio = bound.radius(size, 0.05) / np.quantile(drawn, 0.95)
@@ -312,8 +317,8 @@ def test_four_steps_of_the_grid_are_bounded_closely():
 
 def test_radius_probability_and_size_agree():
     A, B, x0, xf = strange_systems()["sparse"]
-    for quantity, data in (("state", (B, x0, xf, A)), ("vector", (x0,)), ("matrix", (A,))):
-        bound = bounds.Simulated(quantity, *data)
+    for quantity, data in (("state", ((A, B), x0, xf)), ("vector", (x0,)), ("matrix", (A,))):
+        bound = bounds.bound("simulated", quantity, *data)
         for delta in (0.3, 0.02):
             radius = bound.radius(300, delta)
             assert bound.probability(300, radius) == pytest.approx(delta, rel=0.25)
@@ -334,12 +339,10 @@ def test_fixed_estimates_are_not_drawn_again():
     A, B, x0, xf = strange_systems()["big column"]
     fit = A + 0.1
     errors = PlanErrors(
-        B, Entity(x0), Entity(xf, None, 20), Entity(A, fit), steps=None, paired=False, rows=False
+        B, Entity(x0), Entity(xf, None, 20), Entity(A, fit), steps=1, paired=False, rows=False
     )
     assert errors.random
-    exact = PlanErrors(
-        B, Entity(x0), Entity(xf), Entity(A, fit), steps=None, paired=False, rows=False
-    )
+    exact = PlanErrors(B, Entity(x0), Entity(xf), Entity(A, fit), steps=1, paired=False, rows=False)
     assert not exact.random
     P = B @ np.linalg.pinv(B)
     found = exact.draw(3, as_key(1))[:, 0]
@@ -349,19 +352,34 @@ def test_fixed_estimates_are_not_drawn_again():
 def test_bad_input():
     B, x0, xf, A = np.eye(2), [1.0, 0.0], [0.0, 1.0], np.eye(2)
     with pytest.raises(InputError, match="`fusion` must be 'product'"):
-        bounds.Simulated("state", B, x0, xf, A, fusion="diagonal", steps=2)
+        bounds.bound("simulated", "state", (A, B), x0, xf, fusion="diagonal", steps=2)
     with pytest.raises(InputError, match="systematic rows"):
-        bounds.Simulated("state", B, x0, xf, A, fusion="diagonal", axis="rows", scheme="systematic")
-    with pytest.raises(se.InputTypeError, match="`data` must be 4 arrays"):
-        bounds.Simulated("state", B)
+        bounds.bound(
+            "simulated",
+            "state",
+            (A, B),
+            x0,
+            xf,
+            fusion="diagonal",
+            axis="rows",
+            scheme="systematic",
+        )
+    with pytest.raises(se.exceptions.InputTypeError, match="`data` must be system, x0, xf"):
+        bounds.bound("simulated", "state", B)
+    with pytest.raises(InputError, match="`steps`"):
+        bounds.bound("simulated", "state", (A, B), x0, xf, steps=0)
+    with pytest.raises(InputError, match=r"`name` must be one of .* got str 'simulated'"):
+        bounds.bound("simulated", "trajectory", (A, B), x0, [[1.0, 0.0]])
+    with pytest.raises(InputError, match="for the bound 'simulated' only"):
+        bounds.bound("McDiarmid", "state", (A, B), x0, xf, steps=2)
     with pytest.raises(InputError, match="diagonal fusion pairs"):
-        bounds.Simulated("state", B, x0, xf, A, fusion="diagonal").radius((1, 2, 3), 0.1)
+        bounds.bound("simulated", "state", (A, B), x0, xf, fusion="diagonal").radius((1, 2, 3), 0.1)
 
 
 def test_the_mean_of_pairs_is_rounded_once():
     """A law with one outcome: the error is rounding, at any number of realizations."""
     for size in (10**3, 10**6):
         drawn = [se.sample(w, size, rng=k) for k, w in enumerate(([0.3], [0.7], [[0.1]]))]
-        plan = se.control([[1.0]], *drawn, fusion="diagonal")
+        plan = se.control((drawn[2], [[1.0]]), *drawn[:2], fusion="diagonal")
         error = plan.error(se.System([[0.1]], [[1.0]]), [0.3], [0.7])
         assert error.state <= plan.bound().state < 1e-14

@@ -46,19 +46,19 @@ def test_recursion_equals_the_product_formula(
 ) -> None:
     A, B = gen.standard_normal((n, n)) / np.sqrt(n), gen.standard_normal((n, m))
     u, x0 = gen.standard_normal((K, m)), gen.standard_normal(n)
-    states = se.simulate((A, B), u, x0).states
+    states = se.simulate((A, B), x0, u).states
     power = np.linalg.matrix_power
     for k in range(K + 1):
         formula = power(A, k) @ x0 + sum(
             (power(A, k - 1 - i) @ B @ u[i] for i in range(k)), np.zeros(n)
         )
         assert_allclose(states[k], formula, rtol=0, atol=1e-12 * max(1.0, np.abs(formula).max()))
-    assert_allclose(states, twin.simulate(A, B, u, x0), rtol=0, atol=1e-12 * np.abs(states).max())
+    assert_allclose(states, twin.simulate(A, B, x0, u), rtol=0, atol=1e-12 * np.abs(states).max())
 
 
 def test_fields_of_a_trajectory() -> None:
     u = np.array([[1.0], [2.0]])
-    path = se.simulate(se.System([[0.5, 0.0], [1.0, 0.0]], [[1.0], [0.0]], dt=0.25), u, [4.0, 0.0])
+    path = se.simulate(se.System([[0.5, 0.0], [1.0, 0.0]], [[1.0], [0.0]], dt=0.25), [4.0, 0.0], u)
     assert path.states.tolist() == [[4.0, 0.0], [3.0, 4.0], [3.5, 3.0]]
     assert path.times.tolist() == [0.0, 0.25, 0.5]
     assert (path.dt, path.steps) == (0.25, 2)
@@ -66,19 +66,19 @@ def test_fields_of_a_trajectory() -> None:
     u[0, 0] = 9.0  # the record has its own copy
     assert path.inputs[0, 0] == 1.0
     for dt in (None, True):
-        unstated = se.simulate(se.System([[0.5]], [[1.0]], dt=dt), [[1.0]], [0.0])
+        unstated = se.simulate(se.System([[0.5]], [[1.0]], dt=dt), [0.0], [[1.0]])
         assert unstated.times.tolist() == [0.0, 1.0]
         assert unstated.dt is None
 
 
 def test_no_steps() -> None:
     none = np.zeros((0, 2))
-    path = se.simulate((np.eye(3), np.ones((3, 2))), none, [1.0, -2.0, 0.0])
+    path = se.simulate((np.eye(3), np.ones((3, 2))), [1.0, -2.0, 0.0], none)
     assert path.states.tolist() == [[1.0, -2.0, 0.0]]
     assert path.inputs.shape == (0, 2)
     for averaging in ("runs", "mean-field"):
         found = se.simulate_ensemble(
-            (np.eye(3), np.ones((3, 2))), none, [1.0, -2.0, 0.0], 50, averaging=averaging, rng=1
+            (np.eye(3), np.ones((3, 2))), [1.0, -2.0, 0.0], none, 50, averaging=averaging, rng=1
         )
         assert found.mean.shape == (1, 3)
         assert np.abs(found.mean).sum() == pytest.approx(3.0)  # 1-norm of x0: every sample has it
@@ -128,8 +128,8 @@ def test_runs_equal_the_twin(name: str) -> None:
     A, B, u, x0 = problem(name)
     for A_, B_, x0_ in FLAGS if len(A) < 20 else [(True, True, True)]:
         flags = {"sample_A": A_, "sample_B": B_, "sample_x0": x0_}
-        found = se.simulate_ensemble((A, B), u, x0, 70, rng=7, return_runs=True, **flags)
-        expected = twin.simulate_runs(A, B, u, x0, 70, key=root_key(7), **flags)
+        found = se.simulate_ensemble((A, B), x0, u, 70, rng=7, return_runs=True, **flags)
+        expected = twin.simulate_runs(A, B, x0, u, 70, key=root_key(7), **flags)
         assert found.runs.shape == (70, len(u) + 1, len(A))
         if A_ and B_:
             assert np.array_equal(found.runs, expected)
@@ -141,7 +141,7 @@ def test_runs_equal_the_twin(name: str) -> None:
 def test_golden_runs() -> None:
     """A change here changes every ensemble ever simulated: it needs a new stream version."""
     A, B, u, x0 = problem("first inputs zero")
-    runs = se.simulate_ensemble((A, B), u, x0, 40, rng=2024, return_runs=True).runs
+    runs = se.simulate_ensemble((A, B), x0, u, 40, rng=2024, return_runs=True).runs
     found = hashlib.sha256((runs + 0.0).astype("<f8").tobytes()).hexdigest()
     assert found == "5f47907b500f59f55a208a990b642ff24e03add23fdfbb9e62ac389474b76f14"
 
@@ -151,14 +151,14 @@ def test_the_twin_of_the_mean_field_has_its_moments() -> None:
     A, B, u, x0 = integers(1, 3, 3), integers(2, 3, 2), integers(3, 5, 2), integers(4, 3)
     gen = np.random.default_rng(5)
     theirs = np.array(
-        [twin.simulate_mean_field(A, B, u, x0, 30, generator=gen) for _ in range(4000)]
+        [twin.simulate_mean_field(A, B, x0, u, 30, generator=gen) for _ in range(4000)]
     )
     ours = se.simulate_ensemble(
-        (A, B), u, x0, 30, averaging="mean-field", replicates=4000, return_runs=True, rng=5
+        (A, B), x0, u, 30, averaging="mean-field", replicates=4000, return_runs=True, rng=5
     )
     for values in (theirs, ours.runs):
         error = values.std(axis=0) / np.sqrt(4000)
-        assert np.all(np.abs(values.mean(axis=0) - twin.simulate(A, B, u, x0)) <= 6 * error)
+        assert np.all(np.abs(values.mean(axis=0) - twin.simulate(A, B, x0, u)) <= 6 * error)
     ratio = theirs.var(axis=0) / ours.variance
     assert np.all(
         np.abs(ratio - 1.0) < 0.25
@@ -172,7 +172,7 @@ def test_the_twin_of_the_mean_field_has_its_moments() -> None:
 @pytest.mark.parametrize("name", ["plain", "first inputs zero"])
 def test_moments_are_those_of_the_runs(name: str, size: int) -> None:
     A, B, u, x0 = problem(name)
-    full = se.simulate_ensemble((A, B), u, x0, size, rng=3, return_runs=True, covariance="full")
+    full = se.simulate_ensemble((A, B), x0, u, size, rng=3, return_runs=True, covariance="full")
     covariance = np.array([np.cov(x.T) for x in full.runs.transpose(1, 0, 2)])
     scale = np.abs(covariance).max(axis=(1, 2), keepdims=True)
     mean = full.runs.mean(axis=0)
@@ -180,7 +180,7 @@ def test_moments_are_those_of_the_runs(name: str, size: int) -> None:
     assert np.all(np.abs(full.covariance - covariance) <= 1e-12 * scale)
     assert np.array_equal(full.covariance, full.covariance.transpose(0, 2, 1))
     assert np.array_equal(full.variance, np.einsum("kii->ki", full.covariance))
-    diagonal = se.simulate_ensemble((A, B), u, x0, size, rng=3)
+    diagonal = se.simulate_ensemble((A, B), x0, u, size, rng=3)
     assert diagonal.covariance is None
     assert diagonal.runs is None
     assert_allclose(diagonal.mean, full.mean, rtol=0, atol=1e-13 * np.abs(full.runs).max())
@@ -191,9 +191,16 @@ def test_moments_are_those_of_the_runs(name: str, size: int) -> None:
 def test_moments_of_a_mean_field_are_those_of_its_replicates() -> None:
     A, B, u, x0 = problem("plain")
     found = se.simulate_ensemble(
-        (A, B), u, x0, 9, averaging="mean-field", replicates=37, covariance="full",
-        return_runs=True, rng=3,
-    )  # fmt: skip
+        (A, B),
+        x0,
+        u,
+        9,
+        averaging="mean-field",
+        replicates=37,
+        covariance="full",
+        return_runs=True,
+        rng=3,
+    )
     assert found.runs.shape == (37, 7, 5)
     covariance = np.array([np.cov(x.T) for x in found.runs.transpose(1, 0, 2)])
     scale = np.abs(covariance).max(axis=(1, 2), keepdims=True)
@@ -208,7 +215,7 @@ def test_one_trajectory_has_no_variance() -> None:
     A, B, u, x0 = problem("plain")
     for options in ({}, {"averaging": "mean-field"}):
         found = se.simulate_ensemble(
-            (A, B), u, x0, 1, covariance="full", return_runs=True, rng=1, **options
+            (A, B), x0, u, 1, covariance="full", return_runs=True, rng=1, **options
         )
         assert (found.variance, found.covariance, found.standard_error) == (None, None, None)
         largest = np.abs(found.runs).max()
@@ -220,7 +227,7 @@ def test_a_large_mean_does_not_hide_the_variance() -> None:
     A, B = np.eye(2), np.array([[1.0, -0.5], [0.25, 1.0]])
     u, x0 = np.ones((3, 2)), np.array([1e9, -1e9])
     found = se.simulate_ensemble(
-        (A, B), u, x0, 5000, sample_A=False, sample_x0=False, return_runs=True, rng=1
+        (A, B), x0, u, 5000, sample_A=False, sample_x0=False, return_runs=True, rng=1
     )
     expected = found.runs.var(axis=0, ddof=1)
     assert_allclose(found.variance, expected, rtol=1e-6, atol=1e-12)
@@ -231,12 +238,20 @@ def test_nothing_drawn_is_the_exact_trajectory() -> None:
     gen = np.random.default_rng(1)
     A, B = gen.standard_normal((300, 300)) / 20, gen.standard_normal((300, 4))
     u, x0 = gen.standard_normal((6, 4)), gen.standard_normal(300)
-    exact = se.simulate((A, B), u, x0).states
+    exact = se.simulate((A, B), x0, u).states
     for averaging in ("runs", "mean-field"):
         found = se.simulate_ensemble(
-            (A, B), u, x0, 40, sample_A=False, sample_B=False, sample_x0=False,
-            averaging=averaging, replicates=1 if averaging == "runs" else 3, rng=1,
-        )  # fmt: skip
+            (A, B),
+            x0,
+            u,
+            40,
+            sample_A=False,
+            sample_B=False,
+            sample_x0=False,
+            averaging=averaging,
+            replicates=1 if averaging == "runs" else 3,
+            rng=1,
+        )
         assert_allclose(found.mean, exact, rtol=0, atol=1e-13 * np.abs(exact).max())
         assert np.all(found.variance <= 1e-26 * np.abs(exact).max() ** 2)
 
@@ -260,7 +275,7 @@ def test_threads_do_not_change_a_bit(averaging: str) -> None:
     results = []
     for threads in (1, 2, 3):
         se.set_num_threads(threads)
-        found = se.simulate_ensemble((A, B), u, x0, 7000, rng=1, **options)
+        found = se.simulate_ensemble((A, B), x0, u, 7000, rng=1, **options)
         results.append([found.mean, found.variance, found.covariance, found.runs])
     for other in results[1:]:
         assert all(np.array_equal(a, b) for a, b in zip(results[0], other, strict=True))
@@ -268,18 +283,18 @@ def test_threads_do_not_change_a_bit(averaging: str) -> None:
 
 def test_a_larger_ensemble_starts_with_the_smaller_one() -> None:
     A, B, u, x0 = problem("plain")
-    whole = se.simulate_ensemble((A, B), u, x0, 2100, rng=1, return_runs=True).runs
+    whole = se.simulate_ensemble((A, B), x0, u, 2100, rng=1, return_runs=True).runs
     for size in (1, 31, 33, 1024, 1025):
-        part = se.simulate_ensemble((A, B), u, x0, size, rng=1, return_runs=True).runs
+        part = se.simulate_ensemble((A, B), x0, u, size, rng=1, return_runs=True).runs
         assert np.array_equal(part, whole[:size])
 
 
 def test_the_key_repeats_the_result() -> None:
     A, B, u, x0 = problem("plain")
     for options in ({}, {"averaging": "mean-field", "replicates": 5}):
-        first = se.simulate_ensemble((A, B), u, x0, 100, **options)
-        again = se.simulate_ensemble((A, B), u, x0, 100, rng=first.key, **options)
-        other = se.simulate_ensemble((A, B), u, x0, 100, **options)
+        first = se.simulate_ensemble((A, B), x0, u, 100, **options)
+        again = se.simulate_ensemble((A, B), x0, u, 100, rng=first.key, **options)
+        other = se.simulate_ensemble((A, B), x0, u, 100, **options)
         assert np.array_equal(first.mean, again.mean)
         assert np.array_equal(first.variance, again.variance)
         assert not np.array_equal(first.mean, other.mean)
@@ -289,9 +304,14 @@ def test_the_key_repeats_the_result() -> None:
 def test_zero_in_zero_out() -> None:
     for averaging in ("runs", "mean-field"):
         found = se.simulate_ensemble(
-            (integers(1, 4, 4), np.ones((4, 2))), np.zeros((3, 2)), np.zeros(4), 100,
-            averaging=averaging, replicates=1 if averaging == "runs" else 4, rng=1,
-        )  # fmt: skip
+            (integers(1, 4, 4), np.ones((4, 2))),
+            np.zeros(4),
+            np.zeros((3, 2)),
+            100,
+            averaging=averaging,
+            replicates=1 if averaging == "runs" else 4,
+            rng=1,
+        )
         assert not found.mean.any()
         assert not found.variance.any()
 
@@ -395,7 +415,7 @@ def test_runs_have_the_law(name: str) -> None:
     n, m, K = SMALL[name]
     A, B, u, x0 = integers(11, n, n), integers(12, n, m), integers(13, K, m), integers(14, n)
     laws = enumerate_runs(A, B, u, x0)
-    runs = se.simulate_ensemble((A, B), u, x0, 200_000, return_runs=True, rng=1).runs
+    runs = se.simulate_ensemble((A, B), x0, u, 200_000, return_runs=True, rng=1).runs
     for k, law in enumerate(laws):
         if len(law) > 1:
             assert excess(hits(runs[:, k], law), np.array(list(law.values()))) < 1.0
@@ -430,7 +450,7 @@ def test_runs_are_unbiased_and_reused_realizations_are_not() -> None:
     N = 200_000
     mu, S = recursion(A, B, u, x0)
     rms = np.sqrt(np.einsum("kii->k", S) / N)
-    found = se.simulate_ensemble((A, B), u, x0, N, rng=1)
+    found = se.simulate_ensemble((A, B), x0, u, N, rng=1)
     assert np.all(np.linalg.norm(found.mean - mu, axis=1) / rms < 3.0)
     variance = np.einsum("kii->ki", S).sum(axis=1)
     assert_allclose(found.variance.sum(axis=1), variance, rtol=0.1)
@@ -467,7 +487,7 @@ def test_covariances_follow_the_recursion(averaging: str) -> None:
         size, options = 1.0, {"size": count}
     else:
         size, options = float(N), {"size": N, "averaging": averaging, "replicates": count}
-    runs = se.simulate_ensemble((A, B), u, x0, rng=1, return_runs=True, **options).runs
+    runs = se.simulate_ensemble((A, B), x0, u, rng=1, return_runs=True, **options).runs
     mu, S = recursion(A, B, u, x0, size)
     assert np.all(z_scores(runs, mu, S) < 6.0)
     _, wrong = recursion(A, B, u, x0, 1.1 * size)
@@ -484,7 +504,7 @@ def test_growth_of_the_error() -> None:
     assert_allclose(np.einsum("kii->k", S), exact, rtol=1e-12)
     key = se.rng.as_key(1)
     found = [
-        se.simulate_ensemble((A, B), u, x0, N, rng=key.child(str(i)), return_runs=i == 0)
+        se.simulate_ensemble((A, B), x0, u, N, rng=key.child(str(i)), return_runs=i == 0)
         for i in range(seeds)
     ]
     squares = (found[0].runs ** 2).sum(axis=2)
@@ -500,7 +520,7 @@ def test_a_mean_field_beats_runs_over_several_steps() -> None:
     A, B, x0 = gaussian(10, 5, 1)
     u = np.random.default_rng(2).standard_normal((6, 5))
     N = 200
-    found = se.simulate_ensemble((A, B), u, x0, N, averaging="mean-field", replicates=500, rng=1)
+    found = se.simulate_ensemble((A, B), x0, u, N, averaging="mean-field", replicates=500, rng=1)
     mu, S = recursion(A, B, u, x0, N)
     expected = np.einsum("kii->k", S)
     assert_allclose(found.variance.sum(axis=1), expected, rtol=0.4)  # 10 % standard deviation
@@ -569,10 +589,10 @@ def test_overflow_of_runs_is_named() -> None:
     u = np.zeros((8, 1))  # the exact trajectory of (1, 1) is 0; a run reaches (2e60)^8
     for averaging in ("runs", "mean-field"):
         with pytest.raises(NonFiniteError, match="a state of the ensemble overflows"):
-            se.simulate_ensemble(grows, u, [1.0, 1.0], 10, averaging=averaging, rng=1)
+            se.simulate_ensemble(grows, [1.0, 1.0], u, 10, averaging=averaging, rng=1)
     for covariance in ("diagonal", "full"):
         with pytest.raises(NonFiniteError, match="a second moment of the ensemble overflows"):
-            se.simulate_ensemble(grows, u[:3], [1.0, 1.0], 10, covariance=covariance, rng=1)
+            se.simulate_ensemble(grows, [1.0, 1.0], u[:3], 10, covariance=covariance, rng=1)
 
 
 # -- figures ---------------------------------------------------------------------------------------
@@ -581,13 +601,13 @@ def test_overflow_of_runs_is_named() -> None:
 def test_plots_show_every_state() -> None:
     pytest.importorskip("matplotlib")
     A, B, u, x0 = problem("plain")
-    timed = se.simulate(se.System(A, B, dt=0.5), u, x0)
+    timed = se.simulate(se.System(A, B, dt=0.5), x0, u)
     ax = timed.plot()
     assert len(ax.lines) == 5
     assert np.array_equal(ax.lines[2].get_ydata(), timed.states[:, 2])
     assert ax.get_xlabel() == "time [s]"
     assert len(ax.collections) == 0
-    found = se.simulate_ensemble((A, B), u, x0, 50, rng=1)
+    found = se.simulate_ensemble((A, B), x0, u, 50, rng=1)
     legend = [text.get_text() for text in found.plot().get_legend().get_texts()]
     assert legend[-1] == "± 2 standard errors"
     assert not [text for text in ax.get_legend().get_texts() if "standard" in text.get_text()]
@@ -596,5 +616,5 @@ def test_plots_show_every_state() -> None:
     assert len(ax.collections) == 5
     assert ax.get_xlabel() == "step k"
     assert "5" in repr(found)
-    single = se.simulate_ensemble((A, B), u, x0, 1, rng=1)
+    single = se.simulate_ensemble((A, B), x0, u, 1, rng=1)
     assert len(single.plot().collections) == 0

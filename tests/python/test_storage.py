@@ -102,7 +102,7 @@ def test_an_independent_reader_agrees(tmp_path: Path) -> None:
 def test_any_safetensors_reader_agrees(tmp_path: Path) -> None:
     """The package that defines the format finds every array, bit for bit, and the metadata."""
     safetensors = pytest.importorskip("safetensors")
-    stream = se.Stream([[1.0]], [2.0], [0.5], [[3.0]], rng=1)
+    stream = se.Stream(([[3.0]], [[1.0]]), [2.0], [0.5], rng=1)
     stream.step(5)
     stream.save(tmp_path / "stream")
     state_file.save(tmp_path / "example", "example", example())

@@ -170,7 +170,7 @@ def test_how_runs_end():
 
 
 def test_nothing_to_control_has_no_negative_error():
-    stream = se.Stream(np.zeros((2, 1)), [1.0, 2.0], [0.0, 0.0], np.eye(2), rng=1)
+    stream = se.Stream((np.eye(2), np.zeros((2, 1))), [1.0, 2.0], [0.0, 0.0], rng=1)
     assert not np.signbit(stream.error)
 
 
@@ -215,7 +215,7 @@ import numpy as np
 import stochens_rs as se
 
 B, x, A = np.eye(50), np.ones(50), np.random.default_rng(0).standard_normal((50, 50)) / 50
-busy, idle = se.Stream(B, x, x, A, rng=1), se.Stream(B, x, x, A, rng=1)
+busy, idle = se.Stream((A, B), x, x, rng=1), se.Stream((A, B), x, x, rng=1)
 threading.Thread(target=busy.step, args=(10**12,), daemon=True).start()
 time.sleep(0.2)
 child = os.fork()
@@ -224,7 +224,7 @@ if child == 0:
         try:
             use()
             os._exit(2)
-        except se.InputError as error:
+        except se.exceptions.InputError as error:
             assert "`stream` was at work on a thread when this process was forked" in str(error)
     assert "in use" in repr(busy)
     idle.step(1000)
@@ -253,12 +253,12 @@ def test_a_child_forked_while_a_thread_steps():
 
 
 def test_repr_says_what_the_stream_is_and_how_far():
-    stream = se.Stream([[1.0], [0.5]], [1.0, 2.0], [0.0, 0.0], [[0.9, 0.2], [0, 1]], rng=1)
+    stream = se.Stream(([[0.9, 0.2], [0, 1]], [[1.0], [0.5]]), [1.0, 2.0], [0.0, 0.0], rng=1)
     stream.step(100)
     found = repr(stream)
     assert found.startswith("<Stream (consistent): n=2, m=1, 100 steps, ||B (v - v*)|| = ")
     assert f"{stream.error:.3g} <= {stream.certificate:.3g}>" in found
-    assert "<=" not in repr(se.Stream([[1.0]], [1.0], [0.0], [[2.0]], rng=1, variant="semi"))
+    assert "<=" not in repr(se.Stream(([[2.0]], [[1.0]]), [1.0], [0.0], rng=1, variant="semi"))
 
 
 def test_threads_share_a_stream():
@@ -285,7 +285,7 @@ def interrupt_after(seconds):
 
 A = np.random.default_rng(0).standard_normal((30, 30)) / 6
 B, x = np.ones((30, 3)), np.ones(30)
-stream = se.Stream(B, x, x, A, rng=1)
+stream = se.Stream((A, B), x, x, rng=1)
 interrupt_after(0.3)
 run = stream.run(tol=1e-300, time_limit=60.0)
 assert run.status == "interrupted", run
@@ -309,7 +309,7 @@ except KeyboardInterrupt:
     pass
 data.update(x0=x)
 assert data.counts["x0"] > 0 and np.array_equal(data.estimates["x0"], x)
-again = se.Stream(B, x, x, A, rng=1)
+again = se.Stream((A, B), x, x, rng=1)
 again.step(min(stream.steps, 200_000))
 if stream.steps <= 200_000:
     assert np.array_equal(again.u, stream.u)
@@ -355,14 +355,15 @@ BAD = [
 @pytest.mark.parametrize(("change", "error", "message"), BAD)
 def test_bad_arguments(change, error, message):
     arguments = {"B": B, "x0": X0, "xf": XF, "A": A, "rng": 1} | change
+    system = (arguments.pop("A"), arguments.pop("B"))
     with pytest.raises(error, match=message):
-        se.Stream(**arguments)
+        se.Stream(system, **arguments)
 
 
 @pytest.mark.parametrize(
     ("arguments", "error", "message"),
     [
-        ({}, InputError, "nothing ends a run"),
+        ({}, InputError, "one of `tol`, `max_steps` and"),
         ({"tol": 0.0}, SizeError, "`tol`"),
         ({"tol": "small"}, InputTypeError, "`tol`"),
         ({"max_steps": 0}, SizeError, "`max_steps`"),
@@ -383,7 +384,7 @@ def test_bad_runs(arguments, error, message):
 
 def test_arguments_are_not_modified_and_not_kept():
     inputs, x0, xf, matrix = (np.array(v) for v in (B, X0, XF, A))
-    stream = se.Stream(inputs, x0, xf, matrix, rng=1)
+    stream = se.Stream((matrix, inputs), x0, xf, rng=1)
     for array, value in ((inputs, B), (x0, X0), (xf, XF), (matrix, A)):
         np.testing.assert_array_equal(array, value)
         array[...] = np.nan

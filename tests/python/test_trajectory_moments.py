@@ -65,13 +65,13 @@ def close(found, expected):
 
 A2, B2 = np.array([[1.0, -2.0], [0.5, 3.0]]), np.array([[1.0], [-0.5]])
 A3 = np.array([[1.0, -2.0, 0.5], [0.25, 1.0, 3.0], [-1.0, 0.5, 0.75]])
-# A, B, u, x0: n = 2 with K = 3, n = 3 with K = 2
+# (A, B), x0, u: n = 2 with K = 3, n = 3 with K = 2
 CASES = {
-    "n=2": (A2, B2, [[0.5], [-1.0], [2.0]], [1.0, -0.5]),
-    "n=2, m=2": (A2, np.array([[1.0, 0.5], [0.0, -2.0]]), [[0.5, 1.0], [-1.0, 0.0]], [1.0, -0.5]),
-    "n=3": (A3, np.array([[1.0], [0.0], [-0.5]]), [[0.5], [-1.0]], [1.0, 0.0, -0.5]),
-    "zero column, zero start": (np.array([[0.0, 2.0], [0.0, -1.0]]), B2, [[1.0]] * 3, [0.0, 0.0]),
-    "zero B": (A2, np.zeros((2, 1)), [[1.0]] * 3, [3.0, 1.0]),
+    "n=2": ((A2, B2), [1.0, -0.5], [[0.5], [-1.0], [2.0]]),
+    "n=2, m=2": ((A2, np.array([[1.0, 0.5], [0.0, -2.0]])), [1.0, -0.5], [[0.5, 1.0], [-1.0, 0.0]]),
+    "n=3": ((A3, np.array([[1.0], [0.0], [-0.5]])), [1.0, 0.0, -0.5], [[0.5], [-1.0]]),
+    "zero column, zero start": ((np.array([[0.0, 2.0], [0.0, -1.0]]), B2), [0.0, 0.0], [[1.0]] * 3),
+    "zero B": ((A2, np.zeros((2, 1))), [3.0, 1.0], [[1.0]] * 3),
 }
 cases = pytest.mark.parametrize("case", CASES.values(), ids=CASES.keys())
 
@@ -80,7 +80,9 @@ cases = pytest.mark.parametrize("case", CASES.values(), ids=CASES.keys())
 @cases
 @pytest.mark.parametrize("sampled", [(True, True, True), (True, False, True), (False, True, False)])
 def test_one_run(case, axis, sampled):
-    A, B, u, x0 = (np.asarray(v, dtype=float) for v in case)
+    system, x0, u = case
+    A, B = system
+    x0, u = np.asarray(x0), np.asarray(u)
     As, Bs, x0s = (
         atoms if flag else [(1.0, value)]
         for atoms, value, flag in zip(
@@ -91,9 +93,9 @@ def test_one_run(case, axis, sampled):
         )
     )
     flags = dict(zip(("sample_A", "sample_B", "sample_x0"), sampled, strict=True))
-    S = moments.trajectory_covariance(A, B, u, x0, axis=axis, **flags)
-    mu = moments.trajectory_mean(A, B, u, x0)
-    rms = moments.trajectory_rms(A, B, u, x0, 7, axis=axis, **flags)
+    S = moments.trajectory_covariance(system, x0, u, axis=axis, **flags)
+    mu = moments.trajectory_mean(system, x0, u)
+    rms = moments.trajectory_rms(system, x0, u, 7, axis=axis, **flags)
     p, x = np.array([q for q, _ in x0s]), np.array([value for _, value in x0s])
     for k in range(len(u) + 1):
         mean, covariance = mean_and_covariance(p, x)
@@ -103,23 +105,25 @@ def test_one_run(case, axis, sampled):
         if k < len(u):
             p, x = push(p, x, As, Bs, u[k])
     # Averages of runs: every covariance over N.
-    close(moments.trajectory_covariance(A, B, u, x0, 7, axis=axis, **flags), S / 7)
+    close(moments.trajectory_covariance(system, x0, u, 7, axis=axis, **flags), S / 7)
 
 
 @axes
 def test_mean_field(axis):
-    A, B, u, x0 = (np.asarray(v, dtype=float) for v in CASES["n=2"])
+    system, x0, u = CASES["n=2"]
+    A, B = system
+    x0, u = np.asarray(x0), np.asarray(u)
     for sample_B in (True, False):
         As = averages(matrix_atoms(A, axis), 2)
         Bs = averages(matrix_atoms(B, axis), 2) if sample_B else [(1.0, B)]
         start = averages(vector_atoms(x0), 2)
         p, x = np.array([q for q, _ in start]), np.array([value for _, value in start])
         S = moments.trajectory_covariance(
-            A, B, u[:2], x0, 2, sample_B=sample_B, averaging="mean-field", axis=axis
+            system, x0, u[:2], 2, sample_B=sample_B, averaging="mean-field", axis=axis
         )
         for k in range(3):
             mean, covariance = mean_and_covariance(p, x)
-            close(mean, moments.trajectory_mean(A, B, u, x0)[k])
+            close(mean, moments.trajectory_mean(system, x0, u)[k])
             close(S[k], covariance)
             if k < 2:
                 p, x = push(p, x, As, Bs, u[k])
@@ -150,9 +154,9 @@ def test_autonomous_closed_form(A, axis):
     lines = np.abs(A).sum(axis=0 if axis == "columns" else 1, keepdims=True)
     Q = np.abs(A) * lines
     K = 5
-    zero = np.zeros((len(A), 1)), np.zeros((K, 1))
-    mu = moments.trajectory_mean(A, *zero, x0)
-    S = moments.trajectory_covariance(A, *zero, x0, axis=axis)
+    system, u = (A, np.zeros((len(A), 1))), np.zeros((K, 1))
+    mu = moments.trajectory_mean(system, x0, u)
+    S = moments.trajectory_covariance(system, x0, u, axis=axis)
     for k in range(K + 1):
         second = S[k] + np.outer(mu[k], mu[k])
         moment = np.abs(x0).sum() * np.linalg.matrix_power(Q, k) @ np.abs(x0)
@@ -202,12 +206,12 @@ def test_the_growth_factor_is_what_variances_grow_by():
     gen = np.random.default_rng(20_260_102)
     A = gen.standard_normal((6, 6))
     A /= np.abs(np.linalg.eigvals(A)).max()
-    zero = np.zeros((6, 1)), np.zeros((60, 1))
-    runs = moments.trajectory_rms(A, *zero, np.ones(6), 1000) ** 2
+    system, u = (A, np.zeros((6, 1))), np.zeros((60, 1))
+    runs = moments.trajectory_rms(system, np.ones(6), u, 1000) ** 2
     growth = moments.growth_factor(A)
     assert growth > 3.0  # the signal itself does not grow
     assert runs[-1] / runs[-2] == pytest.approx(growth, rel=1e-6)
-    field = moments.trajectory_rms(A, *zero, np.ones(6), 1000, averaging="mean-field") ** 2
+    field = moments.trajectory_rms(system, np.ones(6), u, 1000, averaging="mean-field") ** 2
     assert 1.0 < field[-1] / field[-2] < 1.2
     assert field[-1] < 1e-20 * runs[-1]
 
@@ -215,29 +219,30 @@ def test_the_growth_factor_is_what_variances_grow_by():
 def test_a_rotation_loses_its_signal_in_k_steps():
     # No K in the bound of Lemma 4.3: here N times the mean square error is 2^(K+1) - 1.
     H = np.array([[1.0, 1.0], [1.0, -1.0]]) / np.sqrt(2.0)
-    zero = np.zeros((2, 1)), np.zeros((10, 1))
-    rms = moments.trajectory_rms(H, *zero, np.full(2, np.sqrt(0.5)), 50)
+    system, x0 = (H, np.zeros((2, 1))), np.full(2, np.sqrt(0.5))
+    rms = moments.trajectory_rms(system, x0, np.zeros((10, 1)), 50)
     np.testing.assert_allclose(50 * rms**2, 2.0 ** np.arange(1, 12) - 1.0, rtol=1e-12)
 
 
 def test_wrong_input_is_refused():
-    A, B, u, x0 = CASES["n=2"]
+    system, x0, u = CASES["n=2"]
+    A, B = system
     with pytest.raises(ShapeError, match="`u`"):
-        moments.trajectory_covariance(A, B, [[1.0, 2.0]], x0)
+        moments.trajectory_covariance(system, x0, [[1.0, 2.0]])
     with pytest.raises(ShapeError, match="`x0`"):
-        moments.trajectory_mean(A, B, u, [1.0])
+        moments.trajectory_mean(system, [1.0], u)
     with pytest.raises(InputError, match=r"`averaging`.*did you mean 'mean-field'"):
-        moments.trajectory_covariance(A, B, u, x0, averaging="mean_field")
+        moments.trajectory_covariance(system, x0, u, averaging="mean_field")
     with pytest.raises(InputError, match="`size`"):
-        moments.trajectory_rms(A, B, u, x0, 0)
+        moments.trajectory_rms(system, x0, u, 0)
     with pytest.raises(InputTypeError, match="`sample_B`"):
-        moments.trajectory_rms(A, B, u, x0, sample_B=1)
+        moments.trajectory_rms(system, x0, u, sample_B=1)
     with pytest.raises(ShapeError, match="`A`"):
         moments.growth_factor(B)
-    with pytest.raises(NonFiniteError, match="trajectory overflows at step 2"):
-        moments.trajectory_mean(1e200 * A, B, u, x0)
+    with pytest.raises(NonFiniteError, match="state overflows at step 2"):
+        moments.trajectory_mean((1e200 * A, B), x0, u)
     with pytest.raises(NonFiniteError, match="covariance overflows at step 1"):
-        moments.trajectory_covariance(1e160 * A, B, u[:1], x0)
+        moments.trajectory_covariance((1e160 * A, B), x0, u[:1])
     with pytest.raises(NonFiniteError, match="growth factor overflows"):
         moments.growth_factor(1e200 * A)
 
@@ -245,7 +250,7 @@ def test_wrong_input_is_refused():
 def test_no_steps_at_all():
     u = np.zeros((0, 1))
     assert np.array_equal(
-        moments.trajectory_mean(A2, [[1.0], [0.0]], u, [3.0, -1.0]), [[3.0, -1.0]]
+        moments.trajectory_mean((A2, [[1.0], [0.0]]), [3.0, -1.0], u), [[3.0, -1.0]]
     )
-    S = moments.trajectory_covariance(A2, [[1.0], [0.0]], u, [3.0, -1.0], 4)
+    S = moments.trajectory_covariance((A2, [[1.0], [0.0]]), [3.0, -1.0], u, 4)
     assert np.array_equal(S, moments.vector_covariance([3.0, -1.0], 4)[None])

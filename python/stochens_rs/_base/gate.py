@@ -1,16 +1,14 @@
-"""The one place where input is checked: whatever passes here is trusted further down.
+"""All checks of arguments; other modules rely on them.
 
-Each function takes the argument's name first, so that a message can say which argument was
-wrong, where, what was found and what was expected: one line, at most 300 characters. Nothing
-here modifies its input; a copy is made only when the memory cannot be used as it is, so a
-returned array may be the caller's own and must not be written to.
+Each function takes the name of the argument first. Messages are one line of at most 300 characters:
+the argument, what was expected, what was found. No input is modified. A returned array may be the
+caller's own, so it must not be written to.
 """
 
 from __future__ import annotations
 
 import difflib
 import math
-import operator
 from collections.abc import Mapping
 from collections.abc import Set as AbstractSet
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -24,9 +22,11 @@ from ..exceptions import (
     ShapeError,
     SizeError,
 )
+from .reading import read as read
+from .reading import show as show
+from .reading import shown_shape, whole
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
     from typing import TypeGuard
 
     from numpy.typing import NDArray
@@ -34,8 +34,9 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 T = TypeVar("T")
+W = TypeVar("W", bound=str)
 
-# Largest whole number up to which every whole number is a float64.
+# Every whole number up to this one is a float64 (53 bits of mantissa).
 EXACT = 2**53
 
 
@@ -45,7 +46,7 @@ def vector(name: str, value: object, *, length: int | None = None) -> Floats:
     wanted = f"({'n' if length is None else length},)"
     if given.ndim != 1 or (length is not None and len(given) != length):
         hint = f"; use {name}.ravel()" if given.ndim == 2 and 1 in given.shape else ""
-        raise ShapeError(f"`{name}` must have shape {wanted}, got {_shape(given)}{hint}")
+        raise ShapeError(f"`{name}` must have shape {wanted}, got {shown_shape(given)}{hint}")
     return _finite(name, given)
 
 
@@ -67,7 +68,7 @@ def matrix(
     if not good or (square and given.shape[0] != given.shape[1]):
         hint = f"; use {name}.reshape(-1, 1) for one column" if given.ndim == 1 else ""
         raise ShapeError(
-            f"`{name}` must have shape ({wanted[0]}, {wanted[1]}), got {_shape(given)}{hint}"
+            f"`{name}` must have shape ({wanted[0]}, {wanted[1]}), got {shown_shape(given)}{hint}"
         )
     return _finite(name, given)
 
@@ -78,7 +79,8 @@ def inputs(name: str, value: object, *, cols: int) -> Floats:
     if given.ndim != 2 or given.shape[1] != cols:
         hint = f"; use {name}.reshape(-1, {cols})" if given.ndim == 1 and given.size else ""
         raise ShapeError(
-            f"`{name}` must have shape (K, {cols}), one row per step, got {_shape(given)}{hint}"
+            f"`{name}` must have shape (K, {cols}), one row per step, "
+            f"got {shown_shape(given)}{hint}"
         )
     return matrix(name, given, cols=cols) if len(given) else np.zeros((0, cols))
 
@@ -88,22 +90,22 @@ def array(name: str, value: object, *, ndim: tuple[int, ...]) -> Floats:
     given = _numeric(name, value)
     if given.ndim not in ndim:
         wanted = " or ".join(str(k) for k in ndim)
-        raise ShapeError(f"`{name}` must have {wanted} dimensions, got shape {_shape(given)}")
+        raise ShapeError(f"`{name}` must have {wanted} dimensions, got shape {shown_shape(given)}")
     return _finite(name, given)
 
 
 def output(name: str, value: object, shape: tuple[int, ...], apart: dict[str, object]) -> Floats:
-    """Return `value` if results of this shape can be written into it; `apart`: what it must spare.
+    """Return `value` if results of this shape can be written into it.
 
-    It is an ndarray (no masked one) of native float64, C-contiguous, aligned, writeable, and shares
-    no memory with the arrays of `apart`, each under the name of its argument.
+    It must be an ndarray of native float64, C-contiguous, aligned and writeable, and share no
+    memory with the arrays of `apart`, whose keys are the names of their arguments.
     """
     if not isinstance(value, np.ndarray) or isinstance(value, np.ma.MaskedArray):
         raise InputTypeError(f"`{name}` must be a numpy.ndarray of float64, got {show(value)}")
     if value.dtype != np.float64:
         raise InputTypeError(f"`{name}` must have dtype float64, got {str(value.dtype)[:40]}")
     if value.shape != shape:
-        raise ShapeError(f"`{name}` must have shape {shape}, got {_shape(value)}")
+        raise ShapeError(f"`{name}` must have shape {shape}, got {shown_shape(value)}")
     flags = value.flags
     for good, word in (
         (flags.c_contiguous, "C-contiguous"),
@@ -127,21 +129,21 @@ def kept(
     ndim: tuple[int, ...] = (1, 2),
     shape: tuple[int, ...] | None = None,
 ) -> Floats:
-    """Return an array of a record, which is one of finite float64 already."""
+    """Return `value` if it is an ndarray of finite float64, as the fields of records are."""
     if type(value) is not np.ndarray or value.dtype != np.float64:
         raise InputTypeError(f"`{name}` must be a numpy.ndarray of float64, got {show(value)}")
     if shape is not None and value.shape != shape:
-        raise ShapeError(f"`{name}` must have shape {shape}, got {_shape(value)}")
+        raise ShapeError(f"`{name}` must have shape {shape}, got {shown_shape(value)}")
     with np.errstate(all="ignore"):
         total = value.sum()
     if value.ndim in ndim and value.size and math.isfinite(total):
         return value
-    return array(name, value, ndim=ndim)  # only the sum overflows, or this says what is wrong
+    return array(name, value, ndim=ndim)  # only the sum overflows, or `array` raises
 
 
 def size(name: str, value: object, *, minimum: int = 1, maximum: int = EXACT) -> int:
     """Return a count as int: integers and whole floats such as 1e6, never bool or text."""
-    count = _whole(value)
+    count = whole(value)
     if count is None:
         raise InputTypeError(f"`{name}` must be a whole number, got {show(value)}")
     if not minimum <= count <= maximum:
@@ -153,11 +155,11 @@ def sizes(name: str, value: object, *, maximum: int) -> NDArray[np.int64]:
     """Return strictly increasing counts, 1 <= sizes[k] <= maximum, as an int64 array."""
     given = read(name, value)
     if given.ndim != 1 or given.size == 0:
-        raise ShapeError(f"`{name}` must have shape (k,) with k >= 1, got {_shape(given)}")
+        raise ShapeError(f"`{name}` must have shape (k,) with k >= 1, got {shown_shape(given)}")
     if given.dtype.kind in "iuf":
         with np.errstate(all="ignore"):
             bad = ~((given >= 1) & (given <= maximum) & (np.floor(given) == given))
-        if bad.any():  # `size` words the message
+        if bad.any():  # `size` raises
             k = int(np.argmax(bad))
             size(f"{name}[{k}]", given[k].item(), maximum=maximum)
         counts = given.astype(np.int64)
@@ -175,32 +177,32 @@ def sizes(name: str, value: object, *, maximum: int) -> NDArray[np.int64]:
     return counts
 
 
-def choice(name: str, value: object, allowed: tuple[str, ...]) -> str:
+def choice(name: str, value: object, allowed: tuple[W, ...]) -> W:
     """Return `value` if it is one of `allowed`; the message names the nearest one."""
     listed = ", ".join(f"'{word}'" for word in allowed)
     if not isinstance(value, str):
         raise InputTypeError(f"`{name}` must be one of {listed}, got {show(value)}")
-    if value not in allowed:
-        near = difflib.get_close_matches(value[:40].lower(), allowed, n=1)
-        hint = f"; did you mean '{near[0]}'?" if near else ""
-        raise InputError(f"`{name}` must be one of {listed}, got {show(value)}{hint}")
-    return value
+    if value in allowed:
+        return value
+    near = difflib.get_close_matches(value[:40].lower(), allowed, n=1)
+    hint = f"; did you mean '{near[0]}'?" if near else ""
+    raise InputError(f"`{name}` must be one of {listed}, got {show(value)}{hint}")
 
 
 def items(name: str, value: object) -> list[Any]:
-    """Return what `value` holds, in order; text holds nothing."""
+    """Return the items of `value` as a list; text, sets and mappings are refused."""
     if not isinstance(value, (str, bytes, AbstractSet, Mapping)):
         try:
             return list(value)  # type: ignore[call-overload, no-any-return]
         except MemoryError:
             raise
-        except Exception:  # nothing to go through, or anything a foreign iterator raises
+        except Exception:  # not iterable, or its iterator raises
             pass
     raise InputTypeError(f"`{name}` must be a list, got {show(value)}")
 
 
 def flag(name: str, value: object) -> bool:
-    """Return True or False, which nothing but these stands for."""
+    """Return a bool; 0, 1 and text are refused."""
     if not isinstance(value, (bool, np.bool_)):
         raise InputTypeError(f"`{name}` must be True or False, got {show(value)}")
     return bool(value)
@@ -241,7 +243,7 @@ def probability(name: str, value: object) -> float:
 
 
 def instance(name: str, value: object, kind: type[T]) -> T:
-    """Return `value` if it is of this class of the package."""
+    """Return `value` if it is an instance of `kind`."""
     if not isinstance(value, kind):
         article = "an" if kind.__name__[0] in "AEIOU" else "a"
         raise InputTypeError(f"`{name}` must be {article} {kind.__name__}, got {show(value)}")
@@ -249,127 +251,26 @@ def instance(name: str, value: object, kind: type[T]) -> T:
 
 
 def text(name: str, value: object) -> str:
-    """Return a string that can be encoded as UTF-8: lone surrogates are no text."""
+    """Return a string that can be encoded as UTF-8 (without lone surrogates)."""
     if not isinstance(value, str):
         raise InputTypeError(f"`{name}` must be a string, got {show(value)}")
     try:
         value.encode()
     except UnicodeEncodeError:
-        raise InputError(f"`{name}` must be text that UTF-8 can write, got {show(value)}") from None
+        raise InputError(f"`{name}` must be valid UTF-8 text, got {show(value)}") from None
     return value
 
 
 def is_real(value: object) -> TypeGuard[float]:
-    """Whether `value` is a real number; bool is none, and neither is a time span of NumPy's."""
+    """Whether `value` is a real number; not for bool and numpy.timedelta64."""
     numbers = (int, float, np.integer, np.floating)
     return isinstance(value, numbers) and not isinstance(value, (bool, np.timedelta64))
 
 
 def frozen(checked: Floats) -> Floats:
-    """Copy into a `bytes` object: NumPy then refuses to make the array writeable again."""
+    """Return a copy that cannot be made writeable, because its memory is a `bytes` object."""
     copied: Floats = np.frombuffer(checked.tobytes(), dtype=np.float64).reshape(checked.shape)
     return copied
-
-
-def show(value: object) -> str:
-    """Describe any object in at most 60 characters, on one line, and never fail."""
-    kind = type(value).__name__[:24]
-    if isinstance(value, int) and value.bit_length() > 100:
-        return f"{'-' if value < 0 else ''}int of {value.bit_length()} bits"
-    if isinstance(value, np.ndarray):
-        return f"{kind} of shape {_shape(value)}"
-    if value is None:
-        return "None"
-    if isinstance(value, (str, bytes)):
-        return f"{kind} {value[:30]!r:.34}"
-    if isinstance(value, (bool, int, float, np.generic)):
-        return f"{kind} {value!s:.34}"
-    return f"an object of type {kind}"
-
-
-# -- arrays ------------------------------------------------------------------------------------
-
-
-def read(name: str, value: object) -> NDArray[Any]:
-    """Return `np.asarray(value)`, or say why that would lose something."""
-    if not isinstance(value, (np.ndarray, list, tuple)):
-        _refuse_labels(name, value)
-    if isinstance(value, np.ma.MaskedArray):
-        raise InputTypeError(f"`{name}` is a masked array: fill it first, e.g. {name}.filled(0.0)")
-    if type(value).__module__.split(".")[:2] == ["scipy", "sparse"]:
-        raise InputTypeError(f"`{name}` is a sparse matrix: pass {name}.toarray()")
-    try:
-        given = np.asarray(value)
-    except MemoryError:
-        raise
-    except Exception as error:  # a ragged list, or anything a foreign `__array__` raises
-        raise InputTypeError(
-            f"`{name}` cannot be read as an array of numbers: {show(value)} (rows of unequal "
-            "length, or not in main memory?)"
-        ) from error
-    _refuse_inner_labels(name, value, given.ndim)
-    return given
-
-
-def _refuse_inner_labels(name: str, value: object, ndim: int) -> None:
-    """Refuse labels in a list of `ndim` dimensions, whose innermost items are numbers."""
-    if ndim > 1 and isinstance(value, (list, tuple)):
-        for item in value:
-            if isinstance(item, (list, tuple)):
-                _refuse_inner_labels(name, item, ndim - 1)
-            elif not isinstance(item, np.ndarray):
-                _refuse_labels(name, item)
-
-
-def _refuse_labels(name: str, value: object) -> None:
-    """Refuse a table or series whose entries have names: they may be in another order.
-
-    Found by what pandas, xarray, polars and pyarrow have in common, none of which is imported.
-    Integers 0, 1, 2, ... in this order are no names, and neither are ``dim_0, dim_1, ...``.
-    """
-    try:
-        labels = list(_labels(value))
-    except Exception:  # `np.asarray` says what is wrong with it
-        return
-    shown = "; ".join(
-        f"{what}: {', '.join(show(label).partition(' ')[2] or '?' for label in found[:3])}"
-        f"{', ...' if len(found) > 3 else ''}"
-        for what, found in labels
-    )
-    if shown:
-        shown = shown if len(shown) <= 100 else shown[:96] + " ..."
-        raise InputError(
-            f"`{name}` has labels ({shown}), but goes in by position: bring all arguments into one "
-            "order, A.loc[states, states].to_numpy(), x0[states].to_numpy() in pandas, or pass "
-            f"{name}.to_numpy() if the order is right"
-        )
-
-
-def _labels(value: Any) -> Iterator[tuple[str, list[Any]]]:
-    """The names along every axis that has some."""
-    for what in ("index", "columns", "column_names"):
-        found = getattr(value, what, None)
-        if found is not None and not callable(found):
-            labels = list(found)
-            if not _counted(labels, "column_"):  # as polars calls columns without a name
-                yield what, labels
-    dims, coords = getattr(value, "dims", None), getattr(value, "coords", None)
-    if dims is not None and coords is not None:
-        if len(dims) > 1 and not _counted(list(dims), "dim_"):
-            yield "dims", list(dims)
-        for dim in dims:
-            labels = list(np.asarray(coords[dim])) if dim in coords else []
-            if not _counted(labels):
-                yield str(dim), labels
-
-
-def _counted(labels: list[Any], prefix: str | None = None) -> bool:
-    """Whether labels are but 0, 1, 2, ... (no floats: times), or these after the prefix."""
-    return all(
-        (not isinstance(label, (float, np.floating)) and _whole(label) == k)
-        or (prefix is not None and label == f"{prefix}{k}")
-        for k, label in enumerate(labels)
-    )
 
 
 def _numeric(name: str, value: object) -> NDArray[Any]:
@@ -382,7 +283,7 @@ def _numeric(name: str, value: object) -> NDArray[Any]:
             f"{hint.get(given.dtype.kind, '') if isinstance(value, np.ndarray) else ''}"
         )
     if given.ndim > 0 and given.size == 0:
-        raise ShapeError(f"`{name}` must have at least one entry, got shape {_shape(given)}")
+        raise ShapeError(f"`{name}` must have at least one entry, got shape {shown_shape(given)}")
     return given
 
 
@@ -393,8 +294,8 @@ def _origin(value: object, given: NDArray[Any]) -> str:
 
 
 def _finite(name: str, given: NDArray[Any]) -> Floats:
-    """Return `given` as C-contiguous, aligned, native float64 after looking for nan and inf."""
-    with np.errstate(all="ignore"):  # a long double may overflow; the check below names it
+    """Return `given` as C-contiguous, aligned, native float64 without nan and inf."""
+    with np.errstate(all="ignore"):  # a long double may overflow; the check below finds it
         floats: Floats = np.require(given, np.float64, ["C_CONTIGUOUS", "ALIGNED"])
     finite = np.isfinite(floats)
     if not finite.all():
@@ -402,21 +303,3 @@ def _finite(name: str, given: NDArray[Any]) -> Floats:
         index = ", ".join(str(int(i)) for i in where)
         raise NonFiniteError(f"`{name}[{index}]` is {floats[where]}: entries must be finite")
     return floats
-
-
-def _shape(given: NDArray[Any]) -> str:
-    return str(given.shape) if given.ndim <= 5 else f"{given.ndim} dimensions"
-
-
-def _whole(value: object) -> int | None:
-    """Return the whole number that `value` stands for, or None."""
-    if isinstance(value, np.ndarray) and value.ndim == 0:
-        value = value[()]
-    if isinstance(value, (bool, np.bool_, np.timedelta64, np.ndarray)):
-        return None
-    if isinstance(value, (float, np.floating)):
-        return int(value) if float(value).is_integer() else None
-    try:
-        return operator.index(value)  # type: ignore[arg-type]
-    except Exception:  # not an integer, or anything a foreign `__index__` raises
-        return None

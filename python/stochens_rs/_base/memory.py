@@ -1,4 +1,4 @@
-"""How much memory this process may still use, and the refusal of work that needs more."""
+"""The memory that this process may still use; work that needs more is refused."""
 
 from __future__ import annotations
 
@@ -6,15 +6,20 @@ import contextlib
 
 from ..exceptions import ResourceError
 
+# Share of the memory left that one result may take; the rest is for what else the process does.
+_SHARE = 0.8
+# Bytes below which the operating system is not asked: asking takes longer than allocating them.
+_SMALL = 2**24
+
 
 def need(what: str, needed_bytes: int) -> None:
     """Raise `ResourceError` if `what` needs more than 0.8 of the memory that is left."""
-    if needed_bytes < 2**24:  # not worth asking the operating system
+    if needed_bytes < _SMALL:
         return
     left = memory_left()
-    if left is None or needed_bytes <= 0.8 * left:
+    if left is None or needed_bytes <= _SHARE * left:
         return
-    limit = int(0.8 * left)
+    limit = int(_SHARE * left)
     raise ResourceError(
         f"{what} needs {_gib(needed_bytes)} GiB, but only {_gib(limit)} GiB may be used",
         needed_bytes,
@@ -23,15 +28,15 @@ def need(what: str, needed_bytes: int) -> None:
 
 
 def memory_left() -> int | None:
-    """Return how many more bytes this process may use, None where nothing can be found out.
+    """Return how many more bytes this process may use, or None if that cannot be determined.
 
-    The least of: address-space limit minus what is mapped; the limits of the control groups
-    (versions 1 and 2, with all parents) minus their use; what the machine has available. Each
-    source is optional: on macOS and Windows most of them do not exist and are skipped.
+    The minimum of: the address-space limit minus what is mapped; the limits of the control groups
+    (versions 1 and 2, with all parents) minus their use; the available memory of the machine.
+    Sources that do not exist, as on macOS and Windows, are skipped.
     """
     found: list[int] = []
     for source in (_address_space_left, _cgroups_left, _machine_left):
-        with contextlib.suppress(OSError, ValueError):  # a kernel that words its files otherwise
+        with contextlib.suppress(OSError, ValueError):  # another format of these files
             found += source()
     return max(0, min(found)) if found else None
 
@@ -61,14 +66,14 @@ def _cgroups_left() -> list[int]:
         else:
             continue
         parts = [part for part in group.split("/") if part]
-        # Inside a container the named group may not be visible; then only the root remains.
+        # Inside a container the named group may not be visible, only the root.
         for depth in range(len(parts), -1, -1):
             folder = "/".join([root, *parts[:depth]])
             limit, used = _text(f"{folder}/{names[0]}"), _text(f"{folder}/{names[1]}")
             if not (limit.strip().isdigit() and used.strip().isdigit()):
                 continue  # "max", or no such file
             stat = dict(s.split() for s in _text(f"{folder}/memory.stat").splitlines())
-            # Files in the page cache count as use, but are given back when memory is short.
+            # Inactive files in the page cache count as use, but the kernel frees them if needed.
             found.append(int(limit) - int(used) + int(stat.get(names[2], 0)))
     return found
 

@@ -4,11 +4,17 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from typing import TypeAlias
+
+import numpy as np
+
+from ..exceptions import InputTypeError
+from .gate import show
 
 __all__ = ["Progress", "in_ipython", "progress_bar"]
 
+# None, a flag, or a function f(done, total).
 Progress: TypeAlias = bool | Callable[[int, int | None], object] | None
 
 
@@ -18,14 +24,30 @@ def in_ipython() -> bool:
     return ipython is not None and ipython.get_ipython() is not None
 
 
-@contextmanager
 def progress_bar(
     progress: Progress, total: int | None, what: str, unit: str = "it"
-) -> Iterator[Callable[[int], object]]:
-    """Turn `progress` (None, a flag or a callable ``f(done, total)``) into a callable ``f(done)``.
+) -> AbstractContextManager[Callable[[int], object]]:
+    """Turn `progress` into a context that gives a function ``f(done)``.
 
     A pipe or a file on stderr gets no bar: nobody watches it.
+
+    Raises
+    ------
+    InputTypeError
+        At once, if `progress` is neither None, True, False nor callable.
     """
+    if not (progress is None or callable(progress) or isinstance(progress, (bool, np.bool_))):
+        raise InputTypeError(
+            "`progress` must be None, True, False or a function of (done, total), "
+            f"got {show(progress)}"
+        )
+    return _bar(progress, total, what, unit)
+
+
+@contextmanager
+def _bar(
+    progress: Progress, total: int | None, what: str, unit: str
+) -> Iterator[Callable[[int], object]]:
     if callable(progress):
         call = progress
         yield lambda done: call(done, total)

@@ -1,4 +1,4 @@
-"""What frozen records have in common."""
+"""Pickling of frozen records."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import Any
 
 
 def by_constructor(record: Any) -> tuple[Any, ...]:
-    """What `pickle` and `copy` keep of a dataclass: its fields, for the constructor to check.
+    """Return what `__reduce__` needs to rebuild a dataclass with its constructor.
 
-    A pickle may come from anywhere; what is wrong with it is said when it is loaded.
+    The constructor checks the fields, because a pickle can come from anywhere.
     """
     return type(record), tuple(getattr(record, one.name) for one in fields(record))

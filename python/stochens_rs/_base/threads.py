@@ -1,4 +1,4 @@
-"""Threads: how many a call may use, and one for work that cannot look for signals."""
+"""The number of threads of a call, and long NumPy calls that Ctrl-C can interrupt."""
 
 from __future__ import annotations
 
@@ -11,21 +11,24 @@ from . import gate
 
 T = TypeVar("T")
 
+# Seconds between two looks for signals: on Windows, waiting for a thread does not notice them.
+_PAUSE = 0.05
+
+_MOST = 1024  # threads of one call
 _limit: int | None = None
 
 
 def set_num_threads(threads: int | None) -> None:
     """Set how many threads one call may use.
 
-    Threads are started and joined inside a call; there is no pool, so forking is safe. The
-    results are the same for any number, bit for bit.
+    The results are the same bits with any number of threads. Each call starts and joins its own
+    threads, so the process can be forked between calls.
 
     Parameters
     ----------
     threads : int or None
-        At least 1 and at most 1024; None goes back to the default: the environment variable
-        ``STOCHENS_NUM_THREADS`` if that is a whole number, otherwise the processors this
-        process may use.
+        1 to 1024. None for the default: the environment variable ``STOCHENS_NUM_THREADS`` if it
+        is a whole number, otherwise the number of processors this process may use.
 
     Raises
     ------
@@ -41,7 +44,7 @@ def set_num_threads(threads: int | None) -> None:
     >>> se.set_num_threads(None)
     """
     global _limit
-    _limit = None if threads is None else gate.size("threads", threads, maximum=1024)
+    _limit = None if threads is None else gate.size("threads", threads, maximum=_MOST)
 
 
 def get_num_threads() -> int:
@@ -56,16 +59,17 @@ def get_num_threads() -> int:
         return _limit
     asked = os.environ.get("STOCHENS_NUM_THREADS", "")
     if asked.isdecimal() and len(asked) <= 4 and int(asked) > 0:
-        return min(int(asked), 1024)
+        return min(int(asked), _MOST)
     if hasattr(os, "sched_getaffinity"):
         return max(1, len(os.sched_getaffinity(0)))
     return os.cpu_count() or 1
 
 
 def interruptible(work: Callable[[], T]) -> T:
-    """Return ``work()``, done on a thread that is left behind when a signal's handler raises.
+    """Return ``work()``, computed on a second thread so that Ctrl-C is noticed meanwhile.
 
-    For long calls of NumPy, which hear no signal before their end.
+    For long NumPy calls, which handle no signal before their end. If a signal handler raises, the
+    thread goes on in the background until its work is done.
     """
     results: list[T] = []
     errors: list[BaseException] = []
@@ -79,10 +83,10 @@ def interruptible(work: Callable[[], T]) -> T:
     worker = threading.Thread(target=run, daemon=True)
     try:
         worker.start()
-    except RuntimeError:  # no thread to be had
+    except RuntimeError:  # no thread can be started
         return work()
     while worker.is_alive():
-        worker.join(0.05)  # on Windows a signal is heard between two of these
+        worker.join(_PAUSE)
     if errors:
         raise errors[0]
     return results[0]

@@ -1,9 +1,35 @@
-"""Choices that many rooms offer, under one name each."""
+"""Choices that several parts of the package offer, each under one name."""
 
 from __future__ import annotations
 
-from typing import Literal, TypeAlias
+from collections.abc import Iterable
+from typing import Literal, TypeAlias, get_args
 
 Axis: TypeAlias = Literal["columns", "rows"]
 Scheme: TypeAlias = Literal["iid", "systematic"]
+Quantity: TypeAlias = Literal["state", "control"]
 Fusion: TypeAlias = Literal["product", "diagonal"]
+
+AXES: tuple[Axis, ...] = get_args(Axis)
+SCHEMES: tuple[Scheme, ...] = get_args(Scheme)
+QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
+FUSIONS: tuple[Fusion, ...] = get_args(Fusion)
+
+# How a computation ended, from best to worst. Wrong input raises an exception instead.
+Status: TypeAlias = Literal[
+    "completed",  # there was nothing to optimise
+    "optimal",  # the gap is within the tolerance
+    "converged",  # the stopping rule is satisfied
+    # The others return the best result so far:
+    "optimal_inaccurate",  # the gap is above the tolerance, and no solver got further
+    "max_steps",  # the limit on the number of steps was reached
+    "time_limit",  # the limit on the time of a run was reached
+    "user_limit",  # the limit on the time or the passes of a solver was reached
+    "interrupted",  # Ctrl-C
+]
+STATUSES: tuple[Status, ...] = get_args(Status)
+
+
+def worst(statuses: Iterable[Status]) -> Status:
+    """Return the status that comes last in `STATUSES`."""
+    return max(statuses, key=STATUSES.index)

@@ -1,7 +1,7 @@
-"""Systems to try things on: two power networks from public data, random systems, your own file.
+"""Example systems: two power networks from public data, random systems, and systems from files.
 
-Every function but `from_file` returns a :class:`stochens_rs.System` whose ``name`` says which data,
-base and discretization were used.
+`ieee14`, `ieee39` and `random_system` return a :class:`stochens_rs.System` whose ``name`` states
+the data, the base and the discretization.
 """
 
 from __future__ import annotations

@@ -20,8 +20,8 @@ _PADE = tuple(
 _PADE_13 = tuple(float(c // _PADE[13]) for c in _PADE)
 _THETA_13 = 5.371920351148152
 
-# Each squaring doubles the relative error of an eigenvalue: beyond this norm fewer than about
-# six digits would be left.
+# Each squaring doubles the relative error of an eigenvalue: above this norm, fewer than about six
+# digits would be correct.
 _NORM_LIMIT = 2.0**30
 
 
@@ -36,7 +36,7 @@ def expm(X: Array) -> Array:
     -------
     (n, n) array
         ``exp(X) = r_13(X / 2^s)^(2^s)`` with the smallest ``s`` such that
-        ``||X||_1 / 2^s <= theta_13``. Entries too large for a float come out as inf or nan.
+        ``||X||_1 / 2^s <= theta_13``. Entries that overflow are inf or nan.
 
     References
     ----------
@@ -90,8 +90,8 @@ def discretize(A: Array, B: Array, dt: float, method: str) -> tuple[Array, Array
     Raises
     ------
     InputError
-        ``dt`` is not a positive number, or so large that the result would not be finite or, with
-        ``"zoh"``, would have no correct digits; ``method`` is unknown.
+        ``dt`` is not a positive number, or is so large that the result overflows or (``"zoh"``)
+        has no correct digits; ``method`` is unknown.
     """
     dt = gate.positive("dt", dt)
     n, m = B.shape
@@ -104,8 +104,8 @@ def discretize(A: Array, B: Array, dt: float, method: str) -> tuple[Array, Array
             augmented[:n, n:] = dt * B
             if not float(np.abs(augmented).sum(axis=0).max()) <= _NORM_LIMIT:
                 raise InputError(
-                    f"`dt` is too large ({dt:g} s) for the time scales of the system, "
-                    "which would be lost to rounding"
+                    f"`dt` is too large ({dt:g} s) for the time scales of the system: the result "
+                    "would be rounding only"
                 )
             whole = expm(augmented)
             A_d, B_d = whole[:n, :n], whole[:n, n:]

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Branch = tuple[int, int, float]
 
-SYSTEM_MVA = 100.0
-FREQUENCY_HZ = 60.0
+SYSTEM_MVA = 100.0  # base power of the IEEE test networks
+FREQUENCY_HZ = 60.0  # North America
 
 
 def reduced_stiffness(
@@ -72,7 +72,7 @@ def swing(L_red: Array, H: Array, D: Array) -> tuple[Array, Array]:
         Inertia constants in seconds.
     D : (g,) array
         Damping in per unit power per per-unit speed. (The state holds rad/s, so it enters as
-        ``D / w0``: forgetting this makes every mode overdamped.)
+        ``D / w0``.)
 
     Returns
     -------

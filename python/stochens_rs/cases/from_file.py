@@ -1,4 +1,4 @@
-"""A control problem from a file: matrices and, where the file has them, the two states."""
+"""A control problem from a file: A, B and, if the file has them, x0 and xf."""
 
 from __future__ import annotations
 
@@ -26,20 +26,21 @@ _KINDS = {
     stat.S_IFBLK: "device",
     stat.S_IFSOCK: "socket",
 }
-# Bytes that Python needs for one byte of JSON: "{}," is an object of 80 and a pointer of 8.
+# Bytes of memory per byte of JSON in the worst case: the 3 bytes "{}," become a dict of 80 bytes
+# and a pointer of 8, 29 per byte; the text itself is in memory too.
 _PARSED = 36
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """A system with the states that were in the same file.
+    """A system, with x0 and xf if the file has them.
 
     Attributes
     ----------
     system : System
         ``A``, ``B`` and ``dt``.
     x0, xf : ndarray, shape (n,), or None
-        Initial state and target; None where the file has none.
+        Initial state and target; None if the file does not have it.
     """
 
     system: System
@@ -53,8 +54,8 @@ def from_file(path: str | os.PathLike[str]) -> Problem:
     Parameters
     ----------
     path : path
-        A ``.npz`` file, or any other name for a JSON object. Entries: ``A`` (n, n), ``B`` (n, m),
-        and, if there are any, ``x0`` (n,), ``xf`` (n,) and the sampling time ``dt``.
+        A ``.npz`` file; a file with any other name is read as JSON. Entries: ``A`` (n, n),
+        ``B`` (n, m), and optionally ``x0`` (n,), ``xf`` (n,) and the step ``dt`` [s].
 
     Returns
     -------
@@ -64,18 +65,18 @@ def from_file(path: str | os.PathLike[str]) -> Problem:
     Raises
     ------
     InputError
-        The file is not of this kind, an entry is missing, unknown, there twice or cannot be used;
-        a directory, a pipe or a device.
+        If the file has another format, or an entry is missing, unknown, duplicate or not usable;
+        or `path` is a directory, a pipe or a device.
     InputTypeError
-        `path` is none.
+        If `path` is not a path.
     ResourceError
-        What is in the file does not fit into the memory this process may use.
+        If the content does not fit into the memory this process may use.
     OSError
-        The file cannot be read.
+        If the file cannot be read.
 
     Notes
     -----
-    Nothing in the file is executed: arrays of Python objects are refused.
+    Reading executes nothing: arrays of Python objects are refused.
 
     Examples
     --------
@@ -87,7 +88,7 @@ def from_file(path: str | os.PathLike[str]) -> Problem:
     """
     path = Path(checked_path("path", path))
     about = path.stat()
-    if not stat.S_ISREG(about.st_mode):  # /dev/zero has no end, a pipe may have no beginning
+    if not stat.S_ISREG(about.st_mode):  # a device or a pipe may block or never end
         kind = _KINDS.get(stat.S_IFMT(about.st_mode), "special file")
         cure = ": save it to a file first" if kind == "pipe" else ""
         raise InputError(f"{path} must be a regular file, got a {kind}{cure}")
@@ -97,7 +98,7 @@ def from_file(path: str | os.PathLike[str]) -> Problem:
     unknown = sorted(set(found) - set(_NAMES))
     if unknown:
         raise InputError(
-            f"{path} must have the entries A, B and, if there are any, x0, xf, dt; "
+            f"{path} must have the entries A and B, and optionally x0, xf and dt, "
             f"got also {unknown[0]!r}"
         )
     missing = [name for name in ("A", "B") if name not in found]
@@ -131,7 +132,7 @@ def _json(path: Path, size: int) -> dict[str, Any]:
     try:
         with path.open("rb") as file:
             found = json.loads(file.read(size).decode("utf-8"), object_pairs_hook=_object)
-    except (ValueError, RecursionError) as error:  # not text, not JSON, or numbers without end
+    except (ValueError, RecursionError) as error:  # not text, not JSON, or nested too deeply
         raise InputError(f"{path} must be a .npz archive or JSON: {error}") from error
     if not isinstance(found, dict):
         raise InputError(f"{path} must be a JSON object, got {type(found).__name__}")
@@ -146,4 +147,4 @@ def _object(entries: list[tuple[str, Any]]) -> dict[str, Any]:
 def _once(names: list[str]) -> None:
     twice = [name for name, count in Counter(names).items() if count > 1]
     if twice:
-        raise ValueError(f"the entry {twice[0]!r} is there twice")
+        raise ValueError(f"the entry {twice[0]!r} appears twice")

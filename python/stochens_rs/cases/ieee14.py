@@ -61,17 +61,16 @@ def ieee14(
     Parameters
     ----------
     data : {"classic", "andes"}, default "classic"
-        Machine parameters (see Notes). The network is the same for both.
+        Machine parameters (see References). The network is the same for both.
     base : {"system", "machine"}, default "system"
-        ``"system"`` converts them from the rating of each machine to 100 MVA, as they should be.
-        ``"machine"`` uses the numbers as printed, as if every machine were rated 100 MVA: not
-        physical for the classic data, but found in published models. The ratings of the
-        ``"andes"`` data are 100 MVA, so that both choices give the same system.
+        ``"system"`` converts the machine parameters from the rating of each machine to 100 MVA.
+        ``"machine"`` does not: unphysical for the classic data, but found in published models.
+        All ratings of the ``"andes"`` data are 100 MVA, so both choices give the same system.
     dt : float, default 0.01
         Step in seconds.
     method : {"zoh", "euler"}, default "zoh"
         ``"zoh"`` is exact for inputs held over a step and fills all 100 entries of ``A``;
-        ``"euler"`` (``I + dt A``) leaves 40, which changes the sampling variance considerably.
+        ``"euler"`` (``I + dt A``) has 40 nonzero entries, with another sampling variance.
 
     Returns
     -------
@@ -87,10 +86,10 @@ def ieee14(
 
     Notes
     -----
-    The common angle of all generators is free, so that ``A`` has the eigenvalue 1. That is its
-    spectral radius with ``"zoh"``; ``"euler"`` pushes the lightly damped modes outside the unit
-    circle (1.006 at 0.01 s). ``B`` has rank 5: one step reaches a 5-dimensional subspace only, and
-    a random target is missed by about ``sqrt(1/2)`` of its length; two steps reach everything.
+    Only angle differences matter, so ``A`` has the eigenvalue 1. This is the spectral radius with
+    ``"zoh"``; with ``"euler"`` the lightly damped modes are unstable (1.006 at 0.01 s). ``B`` has
+    rank 5: one step reaches a 5-dimensional subspace, with a distance to a random target of about
+    ``sqrt(1/2)`` of its norm; two steps reach every state.
 
     References
     ----------

@@ -24,7 +24,7 @@ def random_system(
     *,
     spectral_radius: float = 1.0,
 ) -> System:
-    """A random system: Gaussian ``A`` scaled to a spectral radius, Gaussian ``B``.
+    """Draw a Gaussian ``A`` with a given spectral radius and a Gaussian ``B``.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def random_system(
     m : int
         Number of inputs. With ``m < n`` a random target is not reachable in one step.
     rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
-        Source of randomness; None takes fresh entropy.
+        Source of randomness.
     spectral_radius : float, default 1.0
         Largest modulus of an eigenvalue of ``A``, positive.
 
@@ -47,15 +47,14 @@ def random_system(
     Raises
     ------
     InputError, InputTypeError
-        A size below 1, a spectral radius that is not a positive number, an unusable ``rng``.
+        If an argument cannot be used; the message names it.
     ResourceError
-        The matrices do not fit into memory.
+        If the matrices do not fit into the memory this process may use.
 
     Notes
     -----
-    The normal variates are NumPy's (``Generator(Philox).standard_normal``): the same ``rng``
-    gives the same system for one version of NumPy. NumPy does not promise this across versions;
-    save ``A`` and ``B`` where they must be kept.
+    The normal variates are NumPy's (``Generator(Philox).standard_normal``). Another version of
+    NumPy may give another system for the same ``rng``; save ``A`` and ``B`` to keep them.
 
     Examples
     --------
@@ -68,7 +67,7 @@ def random_system(
     n = gate.size("n", n)
     m = gate.size("m", m)
     spectral_radius = gate.positive("spectral_radius", spectral_radius)
-    # A and its copy inside the eigenvalue routine and the result, and B.
+    # A, its copy in the eigenvalue routine, the scaled A, and B
     memory.need("the random system", 8 * (3 * n * n + n * m))
     normal = as_key(rng).child("random_system").generator()
 

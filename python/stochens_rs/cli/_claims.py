@@ -11,7 +11,7 @@ import click
 from .. import paper, plots
 from .._base.files import write_listed
 from ._options import seed_option
-from ._output import note, replaceable, show, writable
+from ._output import note, prepared, show
 
 _NAMES = re.compile(r"claims\.(json|png|svg)")
 
@@ -38,8 +38,7 @@ def claims(
     directory, options = None, {"seed": seed, "quick": quick}
     if out is not None:
         plots.require_matplotlib()
-        directory = writable(out)
-        earlier = replaceable(directory, "claims.json", _NAMES, options, force)
+        directory, earlier = prepared(out, "claims.json", _NAMES, options, force)
     found = paper.claims(seed, quick=quick, progress=True)
     text = json.dumps(found.to_dict(), allow_nan=False, indent=2)
     show(text if as_json else f"{found}\n\n{found.summary}")

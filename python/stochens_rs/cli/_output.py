@@ -43,23 +43,26 @@ def show(text: str) -> None:
         raise OSError(f"cannot write to standard output: {error.strerror}") from None
 
 
-def writable(out: str) -> Path:
-    """Make the directory and try it before anything is computed."""
+def prepared(
+    out: str, index: str, names: re.Pattern[str], options: dict[str, Any], force: bool
+) -> tuple[Path, list[Path]]:
+    """Make the directory and try it before anything is computed.
+
+    Also returns the files of an earlier run that this one replaces; refuses to replace any others.
+    The index lists each file with its SHA-256, and the options of the run (`write_listed`).
+    """
     if not out.strip():
         raise click.BadParameter("the directory has no name", param_hint="--out")
     directory = Path(out)
     directory.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryFile(dir=directory):
-        return directory
+        pass
+    return directory, _replaceable(directory, index, names, options, force)
 
 
-def replaceable(
+def _replaceable(
     directory: Path, index: str, names: re.Pattern[str], options: dict[str, Any], force: bool
 ) -> list[Path]:
-    """Files of an earlier run that this one replaces; refuses to replace any others.
-
-    The index lists each file with its SHA-256, and the options of the run (`write_listed`).
-    """
     there = {path.name for path in directory.glob("*") if names.fullmatch(path.name)}
     if not there:
         return []

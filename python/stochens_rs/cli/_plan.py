@@ -46,7 +46,11 @@ from ._problem import problem, share
     help="Each entity averaged first, or one control per realization, then averaged.",
 )
 @click.option(
-    "--steps", type=click.IntRange(min=1), help="Number of steps of the control; one if left out."
+    "--steps",
+    type=click.IntRange(min=1),
+    default=1,
+    show_default=True,
+    help="Number of steps of the control.",
 )
 @click.option("--absolute", is_flag=True, help="The error is absolute.")
 @click.option(
@@ -65,7 +69,7 @@ def plan(
     delta: str,
     quantity: str,
     fusion: str,
-    steps: int | None,
+    steps: int,
     absolute: bool,
     runs: int,
     seed: int,
@@ -87,11 +91,11 @@ def plan(
         x0,
         xf,
         share(error, "--error", relative=not absolute),
+        steps=steps,
         delta=share(delta, "--delta"),
         relative=not absolute,
         quantity=quantity,  # type: ignore[arg-type]
         fusion=fusion,  # type: ignore[arg-type]
-        steps=steps,
         runs=runs,
         rng=key.child("simulation"),
     )

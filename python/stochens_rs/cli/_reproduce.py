@@ -8,11 +8,12 @@ from typing import Any
 
 import click
 
-from .. import paper, plots
+from .. import paper
 from .._base.files import versions
+from ..paper.report.page import require_report
 from ..rng import as_key
 from ._options import seed_option
-from ._output import note, replaceable, show, writable
+from ._output import note, prepared, show
 
 # Small enough for a first look in seconds; the full run is the default.
 QUICK: dict[str, dict[str, Any]] = {
@@ -77,7 +78,7 @@ def reproduce(
     of one of the report's that this command did not write, or that was changed since (results.json
     has the SHA-256 of the others), is never replaced: nothing is done then.
     """
-    plots.require_matplotlib()
+    require_report()
     options = {
         "seed": seed,
         "replicates": replicates,
@@ -85,8 +86,7 @@ def reproduce(
         "quick": quick,
         "claims": with_claims,
     }
-    directory = writable(out)
-    earlier = replaceable(directory, "results.json", _NAMES, options, force)
+    directory, earlier = prepared(out, "results.json", _NAMES, options, force)
     key = as_key(seed)
     given = {k: v for k, v in (("replicates", replicates), ("samples", samples)) if v is not None}
     done = []
@@ -141,12 +141,7 @@ def _table(rows: list[dict[str, Any]]) -> str:
                 f"{row['panel']}  relative error of the {row['quantity']}, N = {row['samples']}",
                 head,
             ]
-        figures = [row[k] for k in ("median", "q10", "q90", "rms", "exact_rms")]
-        cells = "" if row["zero"] is None else f"{row['zero']:>44}"
-        cells += "".join(
-            f"{'' if value is None else format(value, '.3g'):>11}"
-            for value in (figures if row["zero"] is None else figures[4:])
-        )
-        z = "" if row["z"] is None else f"{row['z']:+.2f}"
-        lines.append(f"{row['method']:<20}{cells}{z:>7}")
+        cells = "".join(f"{row[k]:>11.3g}" for k in ("median", "q10", "q90", "rms"))
+        exact = "" if row["z"] is None else f"{row['exact_rms']:>11.3g}{row['z']:>+7.2f}"
+        lines.append(f"{row['method']:<20}{row['zero'] or cells:>44}{exact}")
     return "\n".join(lines[1:])

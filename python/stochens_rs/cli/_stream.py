@@ -19,7 +19,7 @@ from .._base import gate
 from ..exceptions import InputError
 from ..rng import as_key
 from ..streams.stream import Stream
-from ..theory.exact import one_step
+from ..theory.exact import best_control
 from ._options import case_option, file_option, seed_option
 from ._output import note, show
 from ._problem import problem, share
@@ -76,12 +76,12 @@ def stream(
     relative = gate.positive("tol", share(tol, "--tol"))
     key = as_key(seed)
     system, x0, xf = problem(case, path, key)
-    made = Stream(system.B, x0, xf, system.A, rng=key.child("stream"), safeguard=safeguard)
+    made = Stream(system, x0, xf, rng=key.child("stream"), safeguard=safeguard)
     if resume:
         made = _resumed(made, checkpoint)
     elif checkpoint is not None and os.path.lexists(checkpoint):
         raise click.UsageError(f"{checkpoint} exists: give --resume, or another name")
-    best = one_step(system.A, system.B, x0, xf)
+    best = best_control(system.A, system.B, x0, xf)
     scale, reach = float(np.linalg.norm(best.reached)) or 1.0, best.reachability()
     watched = sys.stderr is not None and sys.stderr.isatty()
     with _signals() as received:

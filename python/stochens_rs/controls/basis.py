@@ -1,7 +1,8 @@
-"""What a plan knows of its entities.
+"""What a plan keeps about its arguments, so that it can bound its own error later.
 
-`control` keeps, of every entity, the small arrays only: the vector or matrix that the
-realizations were drawn from, never the realizations.
+`Known` is what is known about one of x0, xf and A: its estimate, the exact values behind it where
+they are known, and how many realizations were drawn how. `Basis` is B with the three of them. Both
+hold arrays of the size of the problem, never the realizations.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import numpy as np
 
 from .._base import gate
 from .._base.records import by_constructor
+from .._base.types import AXES
 from ..ensembles.counts import Counts
 from ..ensembles.ensemble import Ensemble
 from ..exceptions import InputError, ShapeError
@@ -34,7 +36,7 @@ _KINDS = ("exact", "iid", "systematic", "fitted", "unknown")
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """What is known of one entity: its estimate, and what that stands for.
+    """What is known about x0, xf or A: the estimate, and the exact values it stands for.
 
     Attributes
     ----------
@@ -66,7 +68,7 @@ class Known:
 
     def __post_init__(self) -> None:
         gate.choice("kind", self.kind, _KINDS)
-        gate.choice("axis", self.axis, ("columns", "rows"))
+        gate.choice("axis", self.axis, AXES)
         for what in ("estimate", "values"):
             if getattr(self, what) is not None:
                 gate.kept(f"{what} of {self.name}", getattr(self, what))
@@ -81,14 +83,14 @@ class Known:
 
 @dataclass(frozen=True, eq=False)
 class Basis:
-    """Everything that a bound on the control needs.
+    """B and what is known about x0, xf and A: all that a bound on the control needs.
 
     Attributes
     ----------
     B : ndarray, shape (n, m)
         The input matrix.
     x0, xf, A : Known
-        What is known of the other entities.
+        What is known about the others.
     """
 
     B: Floats
@@ -114,6 +116,18 @@ class Basis:
         """In the order of the sizes ``(N0, Nf, NA)``."""
         return self.x0, self.xf, self.A
 
+    @property
+    def values(self) -> tuple[Floats, Floats, Floats]:
+        """The exact values of x0, xf and A, once all of them are known."""
+        x0, xf, A = (entity.values for entity in self.entities if entity.values is not None)
+        return x0, xf, A
+
+    @property
+    def sizes(self) -> tuple[int | None, int | None, int | None]:
+        """Numbers of realizations ``(N0, Nf, NA)``; None for what is exact."""
+        N0, Nf, NA = (None if e.kind == "exact" else e.size for e in self.entities)
+        return N0, Nf, NA
+
 
 def known(name: str, value: Fit | Ensemble | Counts | Floats, estimate: Floats | None) -> Known:
     """Write down what an argument of `control` knows of itself."""
@@ -128,7 +142,7 @@ def known(name: str, value: Fit | Ensemble | Counts | Floats, estimate: Floats |
             key = None if value.ensemble is None else value.ensemble.key
             return Known(name, "fitted", value.estimate, value.target, key=key)
         return Known(name, "unknown", value.estimate, size=len(value.weights))
-    return Known(name, "exact", estimate, value.copy())
+    return Known(name, "exact", estimate, value)
 
 
 def _drawn(name: str, value: Ensemble | Counts, estimate: Floats | None) -> Known:
@@ -150,9 +164,7 @@ def completed(
 ) -> Basis:
     """The basis of a plan with the declared laws in place of unknown ones."""
     if basis is None:
-        raise InputError(
-            f"this plan was not made by `control` or `control_steps`: it has no {what}"
-        )
+        raise InputError(f"this plan was not made by `control`: it has no {what}")
     n = len(basis.B)
     declared: dict[str, Floats] = {}
     if x0 is not None:

@@ -1,4 +1,4 @@
-"""The arguments x0, xf and A of a control problem, in whatever way they are known."""
+"""The arguments of a control problem: checked here, whatever they are known from."""
 
 from __future__ import annotations
 
@@ -9,29 +9,35 @@ import numpy as np
 
 from .. import _core
 from .._base import gate
+from .._base.types import FUSIONS, Fusion, Status
 from ..ensembles.counts import Counts
 from ..ensembles.ensemble import Ensemble
 from ..exceptions import InputError, InputTypeError, ShapeError
 from ..fusion.fits import Fit
+from ..system import System
+from ..theory import dynamics
 
 if TYPE_CHECKING:
+    from typing import TypeGuard
+
     from numpy.typing import ArrayLike, NDArray
 
     Floats: TypeAlias = NDArray[np.float64]
     EntityLike: TypeAlias = Fit | Ensemble | Counts | ArrayLike
+    SystemLike: TypeAlias = System | tuple[EntityLike, ArrayLike] | Any
 
 
 @dataclass(frozen=True)
 class Entity:
-    """One argument of a control problem: a fit, an ensemble, counts, or exact values."""
+    """x0, xf or A: a fit, an ensemble, counts, or exact values that nobody else can change."""
 
     name: str
     value: Fit | Ensemble | Counts | Floats
 
     def estimate(self) -> Floats:
-        """What product fusion uses."""
+        """What product fusion uses, in an array that nobody else can change."""
         if isinstance(self.value, Fit | Counts):
-            return self.value.estimate
+            return self.value.estimate.copy("K")  # in the same memory order: the same last bits
         return self.value.mean() if isinstance(self.value, Ensemble) else self.value
 
     def _ensemble(self) -> Ensemble | None:
@@ -70,7 +76,7 @@ class Entity:
         return self.value.size if isinstance(self.value, Ensemble | Counts) else None
 
     @property
-    def status(self) -> str:
+    def status(self) -> Status:
         """How the fit ended."""
         return self.value.status if isinstance(self.value, Fit) else "completed"
 
@@ -85,18 +91,47 @@ class Entity:
         return {"method": "exact", "size": None}
 
 
-def entities(x0: object, xf: object, A: object, *, n: int) -> tuple[Entity, Entity, Entity]:
-    """Check the three arguments against the number of states."""
-    checked = []
-    for name, value, shape in (("x0", x0, (n,)), ("xf", xf, (n,)), ("A", A, (n, n))):
-        if isinstance(value, Fit | Ensemble | Counts):
-            if value.shape != shape:
-                raise ShapeError(
-                    f"`{name}` must have shape {shape} to fit `B` with {n} rows, got {value.shape}"
-                )
-            checked.append(Entity(name, value))
-        elif len(shape) == 1:
-            checked.append(Entity(name, gate.vector(name, value, length=n)))
-        else:
-            checked.append(Entity(name, gate.matrix(name, value, rows=n, cols=n)))
-    return checked[0], checked[1], checked[2]
+def problem(
+    system: SystemLike, x0: EntityLike, xf: EntityLike
+) -> tuple[Floats, tuple[Entity, Entity, Entity]]:
+    """Check all arguments of a control problem: B, and the entities x0, xf and A.
+
+    `system` is a system, or a pair (A, B) whose A may be a Fit, an Ensemble or Counts.
+    """
+    A, inputs = system if isinstance(system, tuple) and len(system) == 2 else (None, None)
+    if _estimated(A):
+        n = A.shape[0]
+        if A.shape != (n, n):
+            raise ShapeError(f"`A` must have shape (n, n), got {A.shape}")
+        B, matrix = gate.matrix("B", inputs, rows=n).copy(), Entity("A", A)
+    else:
+        exact = System.from_any(system)
+        n, B, matrix = exact.n, exact.B, Entity("A", exact.A)
+    return B, (_end("x0", x0, n), _end("xf", xf, n), matrix)
+
+
+def _end(name: str, value: object, n: int) -> Entity:
+    if not _estimated(value):
+        return Entity(name, gate.vector(name, value, length=n).copy())
+    if value.shape != (n,):
+        raise ShapeError(f"`{name}` must have shape ({n},), got {value.shape}")
+    return Entity(name, value)
+
+
+def _estimated(value: object) -> TypeGuard[Fit | Ensemble | Counts]:
+    return isinstance(value, Fit | Ensemble | Counts)
+
+
+def fusion_over(steps: object, fusion: object, n: int, m: int) -> tuple[int, Fusion]:
+    """Check the number of steps, and that the fusion goes with it."""
+    K = gate.size("steps", steps)
+    if gate.choice("fusion", fusion, FUSIONS) == "product":
+        # one step needs no powers of A
+        return K if K == 1 else dynamics.checked_steps(K, n, m), "product"
+    if K > 1:
+        raise InputError(
+            f"`fusion` must be 'product' with steps={K}, got 'diagonal': the control over K >= 2 "
+            "steps is not linear in A, so the average of the controls of the realizations is "
+            "biased, and more of them do not help"
+        )
+    return K, "diagonal"

@@ -1,21 +1,23 @@
-"""A control for one step as a record."""
+"""A control and what is known about it, as a record."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 from .._base import gate, html
 from .._base.records import by_constructor
+from .._base.types import FUSIONS, STATUSES, Fusion, Quantity, Status
 from ..exceptions import ShapeError
-from ..fusion.fits import STATUSES
 from ..system import System
-from ..theory.exact import one_step
+from ..theory.dynamics import states
+from ..theory.exact import best_control
 from ..theory.records import PlanError, Reachability
 from .basis import Basis, completed
-from .plan_bound import PlanBound, plan_bound, plan_covariance
+from .plan_bound import PlanBound, plan_bound
+from .plan_covariance import plan_covariance
 from .shown import expectation, made_from
 
 if TYPE_CHECKING:
@@ -23,49 +25,65 @@ if TYPE_CHECKING:
 
     from ..rng import RngLike
 
+    Floats: TypeAlias = NDArray[np.float64]
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Plan:
-    """A control for one step, and what is known about it.
+    """A control over K steps, and what is known about it.
 
     Attributes
     ----------
-    u : ndarray, shape (m,)
-        The control.
-    predicted_state : ndarray, shape (n,)
-        ``A x0 + B u`` with the fused (product) or averaged (diagonal) realizations.
+    u : ndarray, shape (K, m)
+        The control; ``u[k]`` acts in the step from k to k + 1.
+    predicted_states : ndarray, shape (K + 1, n)
+        Trajectory of the model, ``xh(k+1) = A_hat xh(k) + B u(k)`` from ``x0_hat``; for
+        fusion="diagonal" the average of ``A^s x0^s`` takes the place of ``A_hat x0_hat``.
     reachability : Reachability
-        What is out of reach, from the same estimates.
+        What K steps cannot reach, from the same estimates: residual and relative residual of
+        ``xf_hat - A_hat^K x0_hat``, rank and condition of
+        ``C_K = [A_hat^{K-1} B, ..., A_hat B, B]`` (one step: ``C_1 = B``).
     fusion : str
         "product" or "diagonal".
     status : str
         The worst status among the entities' fits; "completed" if none was optimised.
     info : dict
-        Per entity: method, number of realizations, gap; singular values of B.
+        "x0", "xf", "A": method, number of realizations, gap; "singular_values" of ``C_K``;
+        "warnings", a tuple of sentences.
     basis : Basis or None
-        What is known of B, x0, xf and A, for `bound` and `covariance`; None for a plan that was
+        What is known about B, x0, xf and A, for `bound` and `covariance`; None for a plan that was
         made by hand.
     """
 
-    u: NDArray[np.float64]
-    predicted_state: NDArray[np.float64]
+    u: Floats
+    predicted_states: Floats
     reachability: Reachability
-    fusion: str
-    status: str
+    fusion: Fusion
+    status: Status
     info: dict[str, Any] = field(default_factory=dict)
     basis: Basis | None = None
 
     def __post_init__(self) -> None:
-        gate.kept("u", self.u, ndim=(1,))
-        gate.kept("predicted_state", self.predicted_state, ndim=(1,))
+        gate.kept("u", self.u, ndim=(2,))
+        gate.kept("predicted_states", self.predicted_states, ndim=(2,))
+        if len(self.predicted_states) != len(self.u) + 1:
+            raise ShapeError(
+                f"`predicted_states` must have {len(self.u) + 1} rows, one more than `u`, got "
+                f"{len(self.predicted_states)}"
+            )
         gate.instance("reachability", self.reachability, Reachability)
-        gate.choice("fusion", self.fusion, ("product", "diagonal"))
+        gate.choice("fusion", self.fusion, FUSIONS)
         gate.choice("status", self.status, STATUSES)
         if self.basis is not None:
             gate.instance("basis", self.basis, Basis)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return by_constructor(self)
+
+    @property
+    def steps(self) -> int:
+        """Number of steps K."""
+        return len(self.u)
 
     def bound(
         self,
@@ -93,7 +111,7 @@ class Plan:
         Returns
         -------
         PlanBound
-            Radii for the state and for the control, and what gave them.
+            Radii for the last state and for the control, and what gave them.
 
         Raises
         ------
@@ -101,7 +119,7 @@ class Plan:
             If `delta` does not lie in (0, 1); the law of an entity is unknown (realizations
             brought by the user, a part of a systematic sample) and not declared, or a declared
             one contradicts the plan; two entities were drawn with the same key; systematic
-            realizations of rows are paired.
+            realizations of rows are paired; or the bound overflows.
 
         Notes
         -----
@@ -111,7 +129,9 @@ class Plan:
         ("alse", "slse") are taken as they are: their distance from their targets is known. With
         fits and exact values only, nothing is random and the bound is the error itself, relative
         to the targets. Where a simulation would take too long (`delta` below about 1e-4, n of
-        several hundreds), the formulas of `theory.bounds`.
+        several hundreds), the formulas of `theory.bounds`; over several steps the triangle
+        inequality along the predicted states ``xh``, ``||x(K) - xf|| <= ef + ||A^K|| e0
+        + eA sum_k ||A^{K-1-k}|| ||xh(k)|| + ||xh(K) - xf_hat||``.
 
         For realizations brought by the user, neither the law nor the exact values are known, and
         no bound follows from a plan. With a bound on how far two realizations can be apart,
@@ -120,60 +140,64 @@ class Plan:
         Examples
         --------
         >>> import stochens_rs as se
-        >>> system = se.System([[0.9, 0.2], [-0.1, 0.8]], [[1.0, 0.0], [0.5, 1.0]])
-        >>> plan = se.steer(system, [1.0, 2.0], [0.0, 0.0], 10_000, rng=1)
-        >>> bound = plan.bound(0.01)
-        >>> plan.error(system, [1.0, 2.0], [0.0, 0.0]).state <= bound.state < 0.06
+        >>> system = se.System([[1.0, 0.1], [0.0, 1.0]], [[0.0], [0.1]])
+        >>> plan = se.steer(system, [1.0, 0.0], [0.0, 0.0], 10**6, steps=20, rng=1)
+        >>> bound, error = plan.bound(0.01), plan.error(system, [1.0, 0.0], [0.0, 0.0])
+        >>> error.state <= bound.state < 0.02
         True
         """
         delta = gate.probability("delta", delta)
         basis = completed(self.basis, system, x0, xf, "bound")
-        return plan_bound(basis, self.u, delta, rng, fusion=self.fusion)  # type: ignore[arg-type]
-
-    def _repr_html_(self) -> str:
-        return html.card(self, [("control u", html.vector(self.u)), *made_from(self.u, self.info)])
+        return plan_bound(basis, self.u, self.predicted_states, self.fusion, delta, rng)
 
     def covariance(
         self,
+        quantity: Quantity = "state",
         *,
         system: System | None = None,
         x0: ArrayLike | None = None,
         xf: ArrayLike | None = None,
-    ) -> NDArray[np.float64]:
-        """Compute the exact covariance of the control, over draws of the realizations.
+    ) -> Floats:
+        """Compute the covariance of the state reached or of the control, over the draws.
 
         Parameters
         ----------
+        quantity : {"state", "control"}, default "state"
+            The true system's state after the last step, or the control (one step only).
         system, x0, xf
             As in `bound`: needed only for entities whose law is unknown.
 
         Returns
         -------
-        ndarray, shape (m, m)
-            `theory.moments.control_covariance` for the sizes, the fusion, the scheme and the axis
-            of this plan. That of the state is ``B @ covariance @ B.T``.
+        ndarray, shape (n, n) for the state, (m, m) for the control
+            One step: exact, `theory.moments.state_covariance` or `control_covariance` for the
+            sizes, the fusion, the scheme and the axis of this plan. Several steps: the leading
+            order for many realizations, `theory.multistep.final_state_covariance`.
 
         Raises
         ------
         InputError, InputTypeError
-            As `bound`; and if an entity was fitted with other than uniform weights, or if iid and
-            systematic samples are mixed or the latter paired: no formula is known.
+            As `bound`; and where no formula is known: an entity was fitted with other than uniform
+            weights, iid and systematic samples are mixed, systematic ones are paired; over several
+            steps the control, systematic samples, and ``C_K`` with a rank below n.
 
         Notes
         -----
         For realizations of another law, brought by the user and independent of each other,
-        ``np.cov(se.realization_controls(B, x0, xf, A), rowvar=False) / N`` estimates the
-        covariance for fusion="diagonal"; a plan does not keep the realizations.
+        ``np.cov(se.realization_controls((A, B), x0, xf), rowvar=False) / N`` estimates the
+        covariance of the control for fusion="diagonal"; a plan does not keep the realizations.
 
         Examples
         --------
         >>> import stochens_rs as se
-        >>> A, B = [[1.0, 0.0], [2.0, 5.0]], [[1.0], [0.0]]
-        >>> se.control(B, [1.0, 1.0], se.sample([2.0, 2.0], 10, rng=1), A).covariance()
-        array([[0.4]])
+        >>> system = [[1.0, 0.0], [2.0, 5.0]], [[1.0], [0.0]]
+        >>> plan = se.control(system, [1.0, 1.0], se.sample([2.0, 2.0], 10, rng=1))
+        >>> plan.covariance("control"), plan.covariance()
+        (array([[0.4]]), array([[0.4, 0. ],
+               [0. , 0. ]]))
         """
         basis = completed(self.basis, system, x0, xf, "covariance")
-        return plan_covariance(basis, self.fusion)  # type: ignore[arg-type]
+        return plan_covariance(basis, self.steps, self.fusion, quantity)
 
     def error(self, system: System, x0: ArrayLike, xf: ArrayLike) -> PlanError:
         """Compare the control with the best one for an exactly known system.
@@ -188,32 +212,80 @@ class Plan:
         Returns
         -------
         PlanError
-            Errors of the control and of the state it leads to.
+            With ``v = C_K^+ (xf - A^K x0)``, the smallest control that comes nearest to the
+            target: the error of the control, the distance between the two last states, and what K
+            steps leave of the target. ``||x(K) - xf||`` is ``sqrt(state^2 + residual^2)``.
 
         Raises
         ------
-        ShapeError, NonFiniteError, InputTypeError
-            If the arguments do not fit this plan.
+        InputError, InputTypeError
+            If the arguments do not fit this plan, or something overflows.
 
         Examples
         --------
         >>> import stochens_rs as se
         >>> system = se.System([[1.0, 0.1], [0.0, 1.0]], [[0.0], [0.1]])
-        >>> plan = se.control(system.B, [1.0, 1.0], [0.0, 0.0], system.A)
+        >>> plan = se.control(system, [1.0, 1.0], [0.0, 0.0], steps=5)
         >>> plan.error(system, [1.0, 1.0], [0.0, 0.0]).control
         0.0
         """
-        checked = System.from_any(system)
-        if checked.m != len(self.u):
-            raise ShapeError(
-                f"`system` must have m={len(self.u)} inputs as this plan, got m={checked.m}"
-            )
+        checked = self._fitting(system)
         start = gate.vector("x0", x0, length=checked.n)
         goal = gate.vector("xf", xf, length=checked.n)
-        return one_step(checked.A, checked.B, start, goal).error(self.u, start)
+        best = best_control(checked.A, checked.B, start, goal, self.steps)
+        return best.error(self.u.ravel(), start)
+
+    def states(self, system: System, x0: ArrayLike) -> Floats:
+        """Trajectory of an exactly known system under this control.
+
+        Parameters
+        ----------
+        system : System
+            The true system.
+        x0 : array_like, shape (n,)
+            Its initial state.
+
+        Returns
+        -------
+        ndarray, shape (K + 1, n)
+            ``x(k+1) = A x(k) + B u(k)``.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If the arguments do not fit this plan, or a state overflows.
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> system = se.System([[1.0, 0.1], [0.0, 1.0]], [[0.0], [0.1]])
+        >>> plan = se.control(system, [1.0, 0.0], [0.0, 0.0], steps=5)
+        >>> bool(abs(plan.states(system, [1.0, 0.0])[-1]).max() < 1e-12)
+        True
+        """
+        checked = self._fitting(system)
+        return states(checked.A, checked.B, gate.vector("x0", x0, length=checked.n), self.u)
+
+    def _fitting(self, system: object) -> System:
+        checked = System.from_any(system)
+        n, m = self.predicted_states.shape[1], self.u.shape[1]
+        if (checked.n, checked.m) != (n, m):
+            raise ShapeError(
+                f"`system` must have n={n} and m={m} as this plan, got n={checked.n} and "
+                f"m={checked.m}"
+            )
+        return checked
+
+    def _repr_html_(self) -> str:
+        first = ("control u(0)", html.vector(self.u[0]))
+        drawn = html.states(
+            np.arange(self.steps + 1), self.predicted_states, "states of the model over the steps"
+        )
+        return html.card(self, [first, html.largest(self.u), *made_from(self.info)], drawn)
 
     def __repr__(self) -> str:
+        K, m = self.u.shape
         text = expectation(
-            self.reachability, self.basis, self.predicted_state, None, self.covariance
+            self.reachability, self.basis, self.predicted_states[-1], K, self.covariance
         )
-        return f"<Plan {self.fusion}: m={len(self.u)}, {self.status}, {text}>"
+        return f"<Plan {self.fusion}: {html.counted(K)}, m={m}, {self.status}, {text}>"

@@ -1,4 +1,4 @@
-"""How wrong the control of a plan can be: its bound and its covariance."""
+"""A bound on the error of a plan."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ import numpy as np
 
 from .._base import html
 from .._base.numbers import norm
+from .._base.types import QUANTITIES
 from ..exceptions import InputError, NonFiniteError
 from ..rng import RngLike, as_key
-from ..theory import bounds, moments
+from ..theory import bounds
 from ..theory.bounds import _simulation
 from ..theory.bounds._simulation import Entity, PlanErrors
 from ..theory.dynamics import matrix_powers, spectral_norms
@@ -20,7 +21,7 @@ from .basis import Basis
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from .._base.types import Fusion
+    from .._base.types import Fusion, Quantity
     from ..theory.bounds import Best
 
     Floats: TypeAlias = NDArray[np.float64]
@@ -100,31 +101,23 @@ class PlanBound:
 
 
 def plan_bound(
-    basis: Basis,
-    u: Floats,
-    delta: float,
-    rng: RngLike,
-    *,
-    fusion: Fusion = "product",
-    predicted: Floats | None = None,
+    basis: Basis, u: Floats, predicted: Floats, fusion: Fusion, delta: float, rng: RngLike
 ) -> PlanBound:
-    """Bound the errors of the control `u` (see `Plan.bound`).
-
-    `predicted` holds the predicted states of a control over several steps; None for one step.
-    """
+    """Bound the errors of the control `u`, which leads the model along `predicted`."""
     key = as_key(rng).child("simulated bound")
-    errors = plan_errors(basis, None if predicted is None else len(u), fusion)
+    errors = plan_errors(basis, len(u), fusion)
     fitted = any(entity.kind == "fitted" for entity in basis.entities)
     names = ("exact error",) * 2
     if not errors.random:
-        wrong = u.ravel() - errors.best.u
         radii: tuple[float, ...] | None
-        radii = errors.rounded((norm(errors.best.factors.B @ wrong), norm(wrong)))
+        assert basis.x0.values is not None
+        found = errors.best.error(u.ravel(), basis.x0.values)
+        radii = errors.rounded((found.state, found.control))
     else:
         names = ("simulated",) * 2
         radii = _simulation.radii(errors, delta, key)
     if radii is None:
-        radii, names = _formulas(basis, u, errors, delta, fusion, predicted)
+        radii, names = _formulas(basis, u, predicted, errors, delta, fusion)
     if not np.isfinite(radii).all():
         raise NonFiniteError("the bound overflows: scale the problem down")
     state, control = radii
@@ -140,7 +133,7 @@ def plan_bound(
     )
 
 
-def plan_errors(basis: Basis, steps: int | None, fusion: Fusion) -> PlanErrors:
+def plan_errors(basis: Basis, steps: int, fusion: Fusion) -> PlanErrors:
     """The law of the errors of a plan whose entities are all known.
 
     Fits are what they are: only averages of realizations are random.
@@ -164,18 +157,13 @@ def plan_errors(basis: Basis, steps: int | None, fusion: Fusion) -> PlanErrors:
 
 
 def _formulas(
-    basis: Basis,
-    u: Floats,
-    errors: PlanErrors,
-    delta: float,
-    fusion: Fusion,
-    predicted: Floats | None,
+    basis: Basis, u: Floats, predicted: Floats, errors: PlanErrors, delta: float, fusion: Fusion
 ) -> tuple[tuple[float, float], tuple[str, str]]:
     """Bounds of the state and of the control where a simulation would take too many runs."""
-    if predicted is not None:
-        return _along_trajectory(basis, u, errors, delta, predicted), ("sum of errors",) * 2
+    if len(u) > 1:
+        return _along_trajectory(basis, u, predicted, errors, delta), ("sum of errors",) * 2
     if all(entity.kind in ("exact", "iid") for entity in basis.entities):
-        state, control = (_best(basis, quantity, fusion, delta) for quantity in _QUANTITIES)
+        state, control = (_best(basis, quantity, fusion, delta) for quantity in QUANTITIES)
         return (state.radius, control.radius), (state.bound.name, control.bound.name)
     if fusion == "diagonal":
         raise InputError(
@@ -186,13 +174,13 @@ def _formulas(
     assert basis.x0.estimate is not None
     assert basis.A.estimate is not None  # product fusion
     radii = bounds.from_errors(
-        basis.B, basis.x0.estimate, basis.A.estimate, x0_error=e0, xf_error=ef, A_error=eA
+        (basis.A.estimate, basis.B), basis.x0.estimate, x0_error=e0, xf_error=ef, A_error=eA
     )
     return radii, ("sum of errors",) * 2
 
 
 def _along_trajectory(
-    basis: Basis, u: Floats, errors: PlanErrors, delta: float, predicted: Floats
+    basis: Basis, u: Floats, predicted: Floats, errors: PlanErrors, delta: float
 ) -> tuple[float, float]:
     """``ef + ||A^K|| e0 + eA sum_k ||A^{K-1-k}|| ||xh(k)|| + ||xh(K) - xf_hat||``.
 
@@ -208,12 +196,8 @@ def _along_trajectory(
         total = ef + norms[-1] * e0 + eA * along + norm(predicted[-1] - basis.xf.estimate)
         state = float(np.sqrt(max(0.0, total**2 - norm(errors.best.missed) ** 2)))
         # u - v = C^+ C (u - v) + (I - C^+ C) u
-        flat = u.ravel()
-        C = errors.best.factors
-        aside = norm(flat - C.V @ (C.V.T @ flat))
-        return errors.rounded(
-            (state, float(np.hypot(state / C.s[-1], aside)) if C.s.size else aside)
-        )
+        aside, s = norm(errors.best.aside(u.ravel())), errors.best.factors.s
+        return errors.rounded((state, float(np.hypot(state / s[-1], aside)) if s.size else aside))
 
 
 def _distances(basis: Basis, delta: float, matrix_norm: str) -> tuple[float, float, float]:
@@ -223,6 +207,7 @@ def _distances(basis: Basis, delta: float, matrix_norm: str) -> tuple[float, flo
     for entity in basis.entities:
         assert entity.values is not None
         matrix = entity.name == "A"
+        what: Literal["matrix", "vector"] = "matrix" if matrix else "vector"
         if entity.kind == "exact":
             found.append(0.0)
         elif entity.kind == "fitted":
@@ -230,12 +215,12 @@ def _distances(basis: Basis, delta: float, matrix_norm: str) -> tuple[float, flo
             wrong = entity.estimate - entity.values
             found.append(float(np.linalg.norm(wrong, 2 if matrix else None)))
         elif entity.kind == "systematic":
-            sure = bounds.Systematic(entity.values, axis=entity.axis)
+            sure = bounds.bound("systematic", what, entity.values, axis=entity.axis)
             found.append(sure.radius(entity.size, delta))
         else:
             found.append(
                 bounds.best(
-                    "matrix" if matrix else "vector",
+                    what,
                     entity.values,
                     size=entity.size,
                     delta=delta / random,
@@ -247,52 +232,15 @@ def _distances(basis: Basis, delta: float, matrix_norm: str) -> tuple[float, flo
     return e0, ef, eA
 
 
-def plan_covariance(basis: Basis, fusion: Fusion) -> Floats:
-    """Compute the covariance of a control (see `Plan.covariance`)."""
-    for entity in basis.entities:
-        if entity.kind == "fitted":
-            raise InputError(
-                f"no formula is known for the covariance: the weights of `{entity.name}` depend "
-                "on the realizations"
-            )
-    schemes = {entity.kind for entity in basis.entities} - {"exact"}
-    if len(schemes) > 1:
-        raise InputError(
-            "no formula is known for the covariance of iid and systematic samples together"
-        )
-    return moments.control_covariance(
-        basis.B,
-        *_values(basis),
-        _sizes(basis),
-        fusion=fusion,
-        axis=basis.A.axis,
-        scheme="systematic" if "systematic" in schemes else "iid",
-    )
-
-
-_QUANTITIES: tuple[Literal["state"], Literal["control"]] = ("state", "control")
-
-
-def _best(
-    basis: Basis, quantity: Literal["state", "control"], fusion: Fusion, delta: float
-) -> Best:
+def _best(basis: Basis, quantity: Quantity, fusion: Fusion, delta: float) -> Best:
+    x0, xf, A = basis.values
     return bounds.best(
         quantity,
-        basis.B,
-        *_values(basis),
-        size=_sizes(basis),
+        (A, basis.B),
+        x0,
+        xf,
+        size=basis.sizes,
         delta=delta,
         fusion=fusion,
         axis=basis.A.axis,
     )
-
-
-def _values(basis: Basis) -> tuple[Floats, Floats, Floats]:
-    values = [entity.values for entity in basis.entities if entity.values is not None]
-    x0, xf, A = values
-    return x0, xf, A
-
-
-def _sizes(basis: Basis) -> tuple[int | None, int | None, int | None]:
-    N0, Nf, NA = (None if e.kind == "exact" else e.size for e in basis.entities)
-    return N0, Nf, NA

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import ceil, inf
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from .._base import gate, html
-from .._base.types import Fusion
+from .._base import gate
+from .._base.numbers import smallest_size
+from .._base.types import QUANTITIES, Fusion, Quantity
 from ..exceptions import InputError, SizeError
-from ..rng import Key, RngLike, as_key
+from ..rng import RngLike, as_key
 from ..system import System
 from ..theory import bounds, moments
-from ..theory.dynamics import checked_steps, matrix_powers
-from ..theory.exact import best_over_steps, one_step
-from ..theory.records import RELATIVE_TO
+from ..theory.exact import best_control
+from .entities import fusion_over
+from .sample_plan import Requirement, SamplePlan
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -27,171 +27,6 @@ if TYPE_CHECKING:
 
     Floats: TypeAlias = NDArray[np.float64]
 
-Quantity: TypeAlias = Literal["state", "control"]
-
-
-@dataclass(frozen=True)
-class Requirement:
-    """What one bound asks for, and what happens then.
-
-    Attributes
-    ----------
-    name : str
-        The bound.
-    source : str
-        Where it comes from.
-    size : int or None
-        The smallest number of realizations it accepts (simulated: within 1 %, product and
-        diagonal fusion of independent realizations); None if that is beyond 2^53, or `delta` too
-        small to simulate.
-    rms : float or None
-        Exact root mean square error at `size`; None over several steps.
-    quantile : float or None
-        What a share `delta` of the simulated errors exceeds at `size`.
-    failures : int or None
-        Simulated errors above `error`.
-    """
-
-    name: str
-    source: str
-    size: int | None
-    rms: float | None
-    quantile: float | None
-    failures: int | None
-
-
-@dataclass(frozen=True, eq=False)
-class SamplePlan:
-    """How many realizations it takes; what `required_samples` returns.
-
-    Attributes
-    ----------
-    error : float
-        The error that may be exceeded with probability `delta`, absolute.
-    delta : float
-        The probability of failure.
-    reference : float
-        Norm of what a relative error is relative to.
-    relative_to : str
-        What that is, as in `PlanError`: "x_actual", the state that the exact control leads to, or
-        "x0", if that is the origin; for the control "v", the exact one, or "B^+ A x0", the one that
-        takes x0 to the origin, if v is zero; "nothing", if all of these are zero.
-    quantity, fusion : str
-        What was asked for.
-    steps : int or None
-        Number of steps K; None: one step.
-    rows : tuple of Requirement
-        One per bound, smallest size first. All hold; the first is the one to use.
-    expected_size : int or None
-        Where the exact root mean square error comes down to `error`: no guarantee. None over
-        several steps.
-    simulated_size : int
-        Where the simulated errors exceed `error` with probability `delta`: what is really
-        needed, up to the accuracy of the simulation.
-    runs : int
-        Simulated fusions per size.
-    key : Key
-        What repeats the simulation.
-    """
-
-    error: float
-    delta: float
-    reference: float
-    relative_to: str
-    quantity: str
-    fusion: str
-    steps: int | None
-    rows: tuple[Requirement, ...]
-    expected_size: int | None
-    simulated_size: int
-    runs: int
-    key: Key
-
-    @property
-    def size(self) -> int:
-        """The smallest size that a bound guarantees."""
-        smallest = self.rows[0].size
-        if smallest is None:
-            raise SizeError("no bound is satisfied by up to 2^53 realizations")
-        return smallest
-
-    def to_dict(self) -> dict[str, Any]:
-        """All of it as plain numbers and text."""
-        return {
-            "schema": "stochens-plan/1",
-            "error": self.error,
-            "relative_error": self.error / self.reference if self.reference else None,
-            "relative_to": self.relative_to,
-            "delta": self.delta,
-            "quantity": self.quantity,
-            "fusion": self.fusion,
-            "steps": self.steps,
-            "expected_size": self.expected_size,
-            "simulated_size": self.simulated_size,
-            "runs": self.runs,
-            "key": self.key.hex,
-            "bounds": [vars(row) for row in self.rows],
-        }
-
-    def _repr_html_(self) -> str:
-        head = ("bound", "N", "exact rms", "quantile", "failures")
-        body = [
-            (
-                one.name,
-                "more than 2^53" if one.size is None else html.grouped(one.size),
-                html.text(one.rms),
-                html.text(one.quantile),
-                "" if one.failures is None else f"{one.failures} of {self.runs}",
-            )
-            for one in self.rows
-        ]
-        size, expected = self.rows[0].size, self.expected_size
-        rows = [
-            ("enough", "nothing up to 2^53" if size is None else f"N = {html.grouped(size)}"),
-            (f"error of the {self.quantity}", self._limit),
-            ("with probability", f"{1.0 - self.delta:g}"),
-            ("fusion", self.fusion),
-            (
-                "no guarantee, exact rms",
-                None if expected is None else f"N = {html.grouped(expected)}",
-            ),
-            ("no guarantee, simulated", f"N = {html.grouped(self.simulated_size)}"),
-        ]
-        return html.card(self, rows, html.grid(head, body))
-
-    @property
-    def _limit(self) -> str:
-        """The error, and what it is relative to."""
-        words = RELATIVE_TO.get(self.relative_to)
-        text = f"at most {self.error:.3g}"
-        if words is None:
-            return text
-        share = 100 * self.error / self.reference
-        return f"{text} ({share:.3g} % of {self.reference:.3g}, the norm of {words})"
-
-    def __str__(self) -> str:
-        over = "" if self.steps is None else f" over {html.counted(self.steps)}"
-        lines = [
-            f"error of the {self.quantity}{over}: {self._limit},",
-            f"with probability {1.0 - self.delta:g}, {self.fusion} fusion",
-            "",
-            f"{'bound':<24}{'N':>16}{'exact rms':>12}{'quantile':>12}{'failures':>18}",
-        ]
-        for row in self.rows:
-            if row.size is None:
-                lines.append(f"{row.name:<24}{'none up to 2^53':>16}")
-                continue
-            size, failed = _grouped(row.size), f"{row.failures} of {self.runs}"
-            rms = "" if row.rms is None else f"{row.rms:.3g}"
-            lines.append(f"{row.name:<24}{size:>16}{rms:>12}{row.quantile:>12.3g}{failed:>18}")
-        lines += ["", "no guarantee:"]
-        if self.expected_size is not None:
-            lines.append(
-                f"the exact rms comes down to this error at N = {_grouped(self.expected_size)},"
-            )
-        lines.append(f"the simulated quantile at N = {_grouped(self.simulated_size)}")
-        return "\n".join(lines)
-
 
 def required_samples(
     system: System | Any,
@@ -199,11 +34,11 @@ def required_samples(
     xf: ArrayLike,
     error: float,
     *,
+    steps: int = 1,
     delta: float = 0.05,
     relative: bool = True,
     quantity: Quantity = "state",
     fusion: Fusion = "product",
-    steps: int | None = None,
     runs: int = 1000,
     rng: RngLike = None,
 ) -> SamplePlan:
@@ -217,6 +52,8 @@ def required_samples(
         Initial state and target.
     error : float
         The error that may be exceeded with probability `delta`.
+    steps : int, default 1
+        Number of steps K of the control.
     delta : float, default 0.05
         Probability of failure, in (0, 1).
     relative : bool, default True
@@ -227,9 +64,7 @@ def required_samples(
         ``||B (u - v)||``, the distance from the state that the exact control ``v`` leads to, or
         ``||u - v||``; over several steps with ``C_K`` in place of ``B``.
     fusion : {"product", "diagonal"}, default "product"
-        How the realizations are fused, with uniform weights.
-    steps : int, optional
-        Number of steps K of the control, as in `control_steps`; None: one step, as in `control`.
+        How the realizations are fused, with uniform weights; "diagonal" for one step only.
     runs : int, default 1000
         Simulated fusions per bound, for the columns `quantile` and `failures`.
     rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
@@ -248,9 +83,9 @@ def required_samples(
     Notes
     -----
     The bounds are those of `theory.bounds`, the exact root mean square that of `theory.moments`.
-    "simulated" (`theory.bounds.Simulated`) asks for little more than what is needed; the formulas
-    hold for every delta. Over several steps there is the simulated bound only. The simulation
-    draws counts, not realizations, so that its cost does not depend on N.
+    "simulated" asks for little more than what is needed; the formulas hold for every delta. Over
+    several steps there is the simulated bound only. The simulation draws counts, not realizations,
+    so that its cost does not depend on N.
 
     Examples
     --------
@@ -266,17 +101,11 @@ def required_samples(
     error = gate.positive("error", error)
     delta = gate.probability("delta", delta)
     runs = gate.size("runs", runs, maximum=10**6)
-    kind = gate.choice("quantity", quantity, ("state", "control"))
-    how = gate.choice("fusion", fusion, ("product", "diagonal"))
-    K = None if steps is None else checked_steps(steps, checked.n, checked.m)
-    if K is not None and how == "diagonal":
-        raise InputError("`fusion` must be 'product' over several steps, got 'diagonal'")
+    kind = gate.choice("quantity", quantity, QUANTITIES)
+    K, how = fusion_over(steps, fusion, checked.n, checked.m)
     relative = gate.flag("relative", relative)
     key = as_key(rng)
-    if K is None:
-        best = one_step(checked.A, checked.B, start, goal)
-    else:
-        best = best_over_steps(matrix_powers(checked.A, K), checked.B, start, goal)
+    best = best_control(checked.A, checked.B, start, goal, K)
     relative_to, reference = best.compared(kind, start)
     if relative and not reference:
         raise InputError(
@@ -284,19 +113,14 @@ def required_samples(
             "be compared with (use relative=False, on the command line --absolute)"
         )
     allowed = error * reference if relative else error
-    data = checked.B, start, goal, checked.A
     rms_of = moments.control_rms if kind == "control" else moments.state_rms
-    rms_of(*data, 1, fusion=how)  # type: ignore[arg-type]  # refuses what overflows
+    rms_of(checked, start, goal, 1, fusion=how)  # refuses what overflows
     if allowed * allowed < np.finfo(np.float64).tiny:
         raise SizeError(f"`error` is {allowed:.3g}, its square underflows: scale the problem up")
-    simulated = bounds.Simulated(
-        kind,  # type: ignore[arg-type]
-        *data,
-        fusion=how,  # type: ignore[arg-type]
-        steps=K,
-        rng=key.child("bound"),
+    simulated = bounds.bound(
+        "simulated", kind, checked, start, goal, fusion=how, steps=K, rng=key.child("bound")
     )
-    if K is not None:
+    if K > 1:
         simulated.require(delta)  # there is no formula
     which, law = int(kind == "control"), simulated.errors
 
@@ -304,8 +128,8 @@ def required_samples(
         return law(size).draw(runs, key.child("runs"))[:, which]
 
     found: list[Bound] = [simulated]
-    if K is None:
-        found += bounds.candidates(kind, *data, fusion=how)  # type: ignore[arg-type]
+    if K == 1:
+        found += bounds.candidates(kind, checked, start, goal, fusion=how)
     rows = []
     for bound in found:
         size = _size(bound, allowed, delta)
@@ -313,14 +137,16 @@ def required_samples(
             rows.append(Requirement(bound.name, bound.source, None, None, None, None))
             continue
         drawn = errors(size)
-        rms = rms_of(*data, size, fusion=how) if K is None else None  # type: ignore[arg-type]
+        rms = rms_of(checked, start, goal, size, fusion=how) if K == 1 else None
         quantile = float(np.quantile(drawn, 1.0 - delta))
         failures = int((drawn > allowed).sum())
         rows.append(Requirement(bound.name, bound.source, size, rms, quantile, failures))
     rows.sort(key=lambda row: inf if row.size is None else row.size)
     expected = None
-    if K is None:
-        expected = _smallest(lambda N: rms_of(*data, N, fusion=how) <= allowed)  # type: ignore[arg-type]
+    if K == 1:
+        expected = smallest_size(lambda N: rms_of(checked, start, goal, N, fusion=how) <= allowed)
+        if expected is None:
+            raise SizeError("`error` is so small that more than 2^53 realizations are needed")
     return SamplePlan(
         error=allowed,
         delta=delta,
@@ -351,23 +177,3 @@ def _size(bound: Bound, error: float, delta: float) -> int | None:
         return bound.required_size(error, delta)
     except SizeError:
         return None
-
-
-def _grouped(size: int) -> str:
-    """Thousands apart."""
-    return f"{size:,}".replace(",", " ")
-
-
-def _smallest(enough: Any) -> int:
-    """The smallest size that is enough; the error falls with the size."""
-    if enough(1):
-        return 1
-    low, high = 1, 2
-    while not enough(high):
-        if high >= gate.EXACT:
-            raise SizeError("`error` is so small that more than 2^53 realizations are needed")
-        low, high = high, min(2 * high, gate.EXACT)
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (low, middle) if enough(middle) else (middle, high)
-    return high

@@ -10,7 +10,7 @@ import numpy as np
 from .._base import html
 from .._base.numbers import norm
 from ..exceptions import StochensError
-from ..theory.exact import one_step
+from ..theory.exact import EPS, best_control
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
     Floats: TypeAlias = NDArray[np.float64]
 
-_EPS = float(np.finfo(np.float64).eps)
 # operations that a line of text may cost: some 20 ms
 _CHEAP = 1e7
 
@@ -31,13 +30,12 @@ def expectation(
     reach: Reachability,
     basis: Basis | None,
     end: Floats,
-    steps: int | None,
+    steps: int,
     covariance: Callable[[], Floats],
 ) -> str:
-    """Describe how far the model is from reaching its target, and the system from the true one.
+    """Describe how far the model ends from its target, and the true system from xf.
 
-    The model ends at `end`. `covariance` is that of the plan: of the control for one step
-    (`steps` is None), of the last state for several.
+    The model ends at `end`; `covariance` computes that of the true system's last state.
     """
     text = reach_text(reach)
     if basis is None or basis.xf.estimate is None:
@@ -51,25 +49,19 @@ def expectation(
     return text if rms is None else f"{text}; true system: about {rms:.2g} from xf (rms)"
 
 
-def _expected(basis: Basis, steps: int | None, covariance: Callable[[], Floats]) -> float | None:
+def _expected(basis: Basis, K: int, covariance: Callable[[], Floats]) -> float | None:
     """Root mean square distance from xf over the draws; None unknown, without draws, or costly.
 
     Exact over one step, to leading order in 1 / N over several.
     """
+    n, m = basis.B.shape
     kinds = {entity.kind for entity in basis.entities}
-    (n, m), K = basis.B.shape, steps or 1
     if kinds == {"exact"} or n**4 + K * n * (n * n + K * m) > _CHEAP:
         return None
     try:
-        C = covariance()
-        if steps is None:
-            x0, xf, A = (entity.values for entity in basis.entities)
-            assert x0 is not None
-            assert xf is not None
-            assert A is not None
-            missed = norm(one_step(A, basis.B, x0, xf).missed)
-            return hypot(sqrt(max(0.0, float(np.trace(basis.B @ C @ basis.B.T)))), missed)
-        return sqrt(max(0.0, float(np.trace(C))))
+        spread = sqrt(max(0.0, float(np.trace(covariance()))))
+        x0, xf, A = basis.values
+        return hypot(spread, norm(best_control(A, basis.B, x0, xf, K).missed))
     except StochensError:
         return None
 
@@ -78,15 +70,16 @@ def reach_text(reach: Reachability) -> str:
     """In a few words, for the one line that shows a plan."""
     if not reach.reachable:
         return f"out of reach {100 * reach.relative:.3g} %"
-    certain = reach.relative * reach.relative <= _EPS
+    certain = reach.relative * reach.relative <= EPS
     return "reachable" if certain else "reachable up to rounding"
 
 
-def made_from(u: Floats, info: dict[str, Any]) -> Iterator[tuple[str, object]]:
-    """How large the control is, and the realizations behind each entity."""
-    yield html.largest(u)
+def made_from(info: dict[str, Any]) -> Iterator[tuple[str, object]]:
+    """The realizations behind each entity, and the warnings."""
     for name in ("x0", "xf", "A"):
         one = info.get(name)
         if one is not None:
             size = "" if one.get("size") is None else f", {html.grouped(one['size'])} realizations"
             yield name, f"{one['method']}{size}"
+    for text in info.get("warnings", ()):
+        yield "warning", text

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any
 
 from .._base import gate
 from .._base.types import Fusion
@@ -12,43 +12,14 @@ from ..exceptions import InputError
 from ..fusion.fusing import METHODS, fuse
 from ..rng import RngLike, as_key
 from ..system import System
-from .one_step import FUSIONS, control
-from .several_steps import control_steps
+from .entities import fusion_over
+from .fused import control
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from ..fusion.fusing import Method
     from .plan import Plan
-    from .trajectory_plan import TrajectoryPlan
-
-
-@overload
-def steer(
-    system: System | Any,
-    x0: ArrayLike,
-    xf: ArrayLike,
-    size: int,
-    *,
-    method: Method = "uniform",
-    fusion: Fusion = "product",
-    rng: RngLike = None,
-    steps: None = None,
-) -> Plan: ...
-
-
-@overload
-def steer(
-    system: System | Any,
-    x0: ArrayLike,
-    xf: ArrayLike,
-    size: int,
-    *,
-    method: Method = "uniform",
-    fusion: Fusion = "product",
-    rng: RngLike = None,
-    steps: int,
-) -> TrajectoryPlan: ...
 
 
 def steer(
@@ -57,11 +28,11 @@ def steer(
     xf: ArrayLike,
     size: int,
     *,
+    steps: int = 1,
     method: Method = "uniform",
     fusion: Fusion = "product",
     rng: RngLike = None,
-    steps: int | None = None,
-) -> Plan | TrajectoryPlan:
+) -> Plan:
     """Sample x0, xf and A, fuse them, and compute the control: all in one call.
 
     Parameters
@@ -72,20 +43,19 @@ def steer(
         Initial state and target.
     size : int
         Number of realizations of each entity.
+    steps : int, default 1
+        Number of steps K to reach the target in.
     method : {"uniform", "alse", "slse", "slse-safeguarded"}, default "uniform"
         How to fuse; the least-squares methods fit to the exact entity, as in the paper's analysis.
     fusion : {"product", "diagonal"}, default "product"
-        As in `control`; "diagonal" goes with method "uniform" only.
+        As in `control`; "diagonal" goes with one step and method "uniform" only.
     rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
         Source of randomness; the entities draw from its children "x0", "xf" and "A".
-    steps : int, optional
-        Number of steps K to reach the target in, as in `control_steps`; None: one step, as in
-        `control`.
 
     Returns
     -------
-    Plan or TrajectoryPlan
-        The fused control, a TrajectoryPlan if `steps` is given; ``info["key"]`` repeats it.
+    Plan
+        The fused control; ``info["key"]`` repeats it.
 
     Raises
     ------
@@ -113,13 +83,12 @@ def steer(
     """
     checked = System.from_any(system)
     gate.choice("method", method, METHODS)
-    if gate.choice("fusion", fusion, FUSIONS) == "diagonal" and method != "uniform":
+    _, how = fusion_over(steps, fusion, checked.n, checked.m)
+    if how == "diagonal" and method != "uniform":
         raise InputError(
             f"`fusion` must be 'product' for method '{method}', got 'diagonal': paired "
             "realizations share one weight vector, so weights of their own cannot be paired"
         )
-    if steps is not None:
-        _refuse_diagonal(fusion, gate.size("steps", steps))
     key = as_key(rng)
     targets = {
         "x0": gate.vector("x0", x0, length=checked.n),
@@ -130,20 +99,6 @@ def steer(
         name: fuse(sample(target, size, rng=key.child(name)), method, target=target)
         for name, target in targets.items()
     }
-    plan: Plan | TrajectoryPlan
-    if steps is None:
-        plan = control(checked.B, fits["x0"], fits["xf"], fits["A"], fusion=fusion)
-    else:
-        plan = control_steps(checked.B, fits["x0"], fits["xf"], fits["A"], steps)
+    pair = fits["A"], checked.B
+    plan = control(pair, fits["x0"], fits["xf"], steps=steps, fusion=how)
     return replace(plan, info={**plan.info, "key": key})
-
-
-def _refuse_diagonal(fusion: str, steps: int) -> None:
-    if fusion == "diagonal":
-        reason = (
-            "leave out `steps` for one step"
-            if steps == 1
-            else "the control over K >= 2 steps is not linear in A, so the average of the controls "
-            "of the realizations is biased, and more of them do not help"
-        )
-        raise InputError(f"`fusion` must be 'product' with steps={steps}, got 'diagonal': {reason}")

@@ -1,4 +1,4 @@
-"""Realizations of vectors and matrices: drawn, counted, or brought by the user."""
+"""Realizations of vectors and matrices, and counts of realizations."""
 
 from .counts import Counts
 from .ensemble import Ensemble

@@ -1,4 +1,4 @@
-"""How often every entry was hit, without the realizations."""
+"""`Counts`: how many realizations hit each entry, without the realizations."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Counts:
-    """Hits of every entry in N realizations that were not drawn one by one.
+    """How many of N realizations hit each entry.
 
     Attributes
     ----------
     counts : ndarray of int64, shape (n,) or (n, m)
-        ``counts[i, j]``: realizations that hit entry (i, j). Zero in a zero line.
+        ``counts[i, j]``: how many realizations hit entry (i, j); 0 in a zero line.
     estimate : ndarray, same shape
         The uniform average ``g_j sign(A_ij) counts[i, j] / N``.
     size : int
         Number of realizations N.
     key : Key
-        The key the draw can be repeated with.
+        The key to repeat the draw.
     law : Law or None
-        What was drawn from; None if that is not known.
+        The law of the realizations; None if unknown.
     """
 
     counts: NDArray[np.int64]
@@ -55,18 +55,19 @@ class Counts:
             self._check_law(gate.instance("law", self.law, Law))
 
     def _check_law(self, law: Law) -> None:
-        """Refuse a law that these cannot be the counts of."""
+        """Refuse a law that cannot give these counts."""
         if law.values.shape != self.shape:
             raise ShapeError(
                 f"`law` must have values of shape {self.shape}, got {law.values.shape}"
             )
         along = 1 if law.axis == "rows" and law.values.ndim == 2 else 0
-        # exact: at most 2^53; cast at once: short of memory, NumPy's buffered loops crash
+        # Sums up to 2^53 are exact. Converted in one step: NumPy's buffered loops, which mix
+        # types, crash if memory runs out.
         hits = self.counts.astype(np.float64).sum(axis=along)
         expected = np.where(law.values.any(axis=along), float(self.size), 0.0)
-        beside = (law.values == 0.0) & (self.counts != 0)
-        if (hits != expected).any() or beside.any():
-            raise InputError(f"`counts` must add up to {self.size} in every line that is drawn")
+        outside = (law.values == 0.0) & (self.counts != 0)
+        if (hits != expected).any() or outside.any():
+            raise InputError(f"`counts` must add up to {self.size} in every nonzero line")
 
     def __reduce__(self) -> tuple[Any, ...]:
         return by_constructor(self)

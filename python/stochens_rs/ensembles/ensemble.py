@@ -1,9 +1,9 @@
-"""Realizations of vectors and matrices: drawn as singletons, or brought by the user.
+"""`Ensemble`: realizations of a vector or matrix, drawn as singletons or passed by the user.
 
 A singleton realization of a vector ``w`` has one nonzero entry: index ``I`` is drawn with
-probability ``|w_i| / g``, ``g = ||w||_1``, and the realization is ``g sign(w_I) e_I``, so that its
-mean is ``w`` (paper, Lemma 4.1). A matrix is drawn line by line, each column (or each row)
-independently of the others. What is stored is the indices, never the dense realizations.
+probability ``|w_i| / g``, ``g = ||w||_1``, and the realization is ``g sign(w_I) e_I``, with mean
+``w`` (paper, Lemma 4.1). The columns (or rows) of a matrix are drawn independently of each other.
+Only the indices are stored.
 """
 
 from __future__ import annotations
@@ -17,31 +17,22 @@ from .._base import gate, html, memory
 from .._base.types import Axis, Scheme
 from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 from ..rng import Key
+from .dense import dense
 from .law import Law, checked_scheme
-from .lines import checked_target, from_lines, stack_from_lines, to_lines
+from .lines import checked_target, from_lines, to_lines
+from .realizations import Realizations
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from numpy.typing import ArrayLike, NDArray
 
-_BLOCK = 2**20  # entries that are written out at a time
 
-
-class Ensemble:
-    """Realizations of one vector or matrix; immutable.
+class Ensemble(Realizations):
+    """N realizations of one vector or matrix; immutable.
 
     Made by `sample`, `Ensemble.from_samples` or `Ensemble.from_indices`.
     """
 
-    __slots__ = ("_axis", "_draws", "_key", "_samples", "_scheme", "_shape")
-
-    _draws: _core.Draws | None
-    _samples: NDArray[np.float64] | None
-    _shape: tuple[int, ...]
-    _axis: Axis
-    _scheme: Scheme | None
-    _key: Key | None
+    __slots__ = ()
 
     def __init__(self, *_: object, **__: object) -> None:
         raise InputTypeError(
@@ -50,7 +41,7 @@ class Ensemble:
 
     @classmethod
     def from_samples(cls, samples: ArrayLike) -> Ensemble:
-        """Make an ensemble of any realizations.
+        """Make an ensemble from dense realizations.
 
         Parameters
         ----------
@@ -60,7 +51,7 @@ class Ensemble:
         Returns
         -------
         Ensemble
-            With the same methods as a drawn one, except that there are no indices to count.
+            Dense realizations; it has no `indices`, `atoms` and `counts`.
 
         Raises
         ------
@@ -81,16 +72,16 @@ class Ensemble:
     def from_indices(
         cls, indices: ArrayLike, target: ArrayLike, *, axis: Axis = "columns"
     ) -> Ensemble:
-        """Make an ensemble of singletons with given indices.
+        """Make an ensemble of singleton realizations from their indices.
 
         Parameters
         ----------
         indices : array_like of int, shape (N,) or (N, lines)
             ``indices[s, j]`` is the entry that realization s hits in line j.
         target : array_like, shape (n,) or (n, m)
-            The vector or matrix whose 1-norms and signs the realizations have.
+            The vector or matrix that gives the 1-norms and signs.
         axis : {"columns", "rows"}, default "columns"
-            Which lines of a matrix the indices belong to.
+            Whether the lines of a matrix are its columns or its rows.
 
         Returns
         -------
@@ -100,7 +91,7 @@ class Ensemble:
         Raises
         ------
         InputError, InputTypeError
-            If the indices do not belong to the target.
+            If an index is not one of an entry of the target.
 
         Examples
         --------
@@ -112,92 +103,35 @@ class Ensemble:
         """
         values, axis = checked_target(target, axis)
         lines = to_lines(values, axis)
-        given = gate.read("indices", indices)
-        if given.size == 0 or given.ndim not in (1, 2):
-            raise ShapeError(f"`indices` must have shape (N, {lines.shape[0]}), got {given.shape}")
-        if given.dtype.kind not in "ui":
-            raise InputTypeError(f"`indices` must be integers, got dtype {given.dtype}")
-        given = given.reshape(-1, 1) if given.ndim == 1 else given
-        if given.shape[1] != lines.shape[0]:
-            raise ShapeError(f"`indices` must have shape (N, {lines.shape[0]}), got {given.shape}")
-        if given.min() < 0 or given.max() >= lines.shape[1]:
-            raise InputError(f"`indices` must lie in [0, {lines.shape[1]})")
-        draws = _core.Draws.from_indices(lines, np.ascontiguousarray(given, dtype=np.uint32))
+        draws = _core.Draws.from_indices(lines, _checked_indices(indices, lines.shape))
         return cls._of_draws(draws, values.shape, axis, None, None)
-
-    @classmethod
-    def _of_draws(
-        cls,
-        draws: _core.Draws,
-        shape: tuple[int, ...],
-        axis: Axis,
-        scheme: Scheme | None,
-        key: Key | None,
-    ) -> Ensemble:
-        self = object.__new__(cls)
-        self._set(draws, None, shape, axis, scheme, key)
-        return self
-
-    @classmethod
-    def _of_samples(cls, samples: NDArray[np.float64]) -> Ensemble:
-        self = object.__new__(cls)
-        self._set(None, samples, samples.shape[1:], "columns", None, None)
-        return self
-
-    def _set(self, *values: Any) -> None:
-        names = ("_draws", "_samples", "_shape", "_axis", "_scheme", "_key")
-        for name, value in zip(names, values, strict=True):
-            object.__setattr__(self, name, value)
-
-    def __setattr__(self, name: str, value: object) -> None:
-        raise AttributeError(f"an Ensemble is immutable: cannot set `{name}`")
-
-    def __delattr__(self, name: str) -> None:
-        raise AttributeError(f"an Ensemble is immutable: cannot delete `{name}`")
-
-    @property
-    def size(self) -> int:
-        """Number of realizations N."""
-        return self._draws.size if self._draws is not None else len(self._dense())
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Shape of a realization: (n,) or (n, m)."""
-        return self._shape
-
-    @property
-    def is_singleton(self) -> bool:
-        """Whether the realizations have one nonzero entry per line."""
-        return self._draws is not None
 
     @property
     def axis(self) -> Axis:
-        """Which lines of a matrix were drawn independently."""
+        """Which lines of a matrix were drawn independently: "columns" or "rows"."""
         return self._axis
 
     @property
     def scheme(self) -> Scheme | None:
-        """How the realizations were drawn; None if the user brought them."""
+        """How the realizations were drawn; None if they were not drawn here."""
         return self._scheme
 
     @property
     def law(self) -> Law | None:
-        """What the realizations were drawn from; None if the user brought them."""
+        """The law of the realizations; None if they were not drawn here."""
         values = self._values()
-        return (
-            None
-            if values is None or self._scheme is None
-            else Law(values, self._axis, self._scheme)
-        )
+        if values is None or self._scheme is None:
+            return None
+        return Law(values, self._axis, self._scheme)
 
     @property
     def key(self) -> Key | None:
-        """The key the sample can be repeated with (``rng=key``); None if it was not drawn."""
+        """The key to repeat the sample (``rng=key``); None if it was not drawn here."""
         return self._key
 
     @property
     def gamma(self) -> float:
-        """``||w||_1``, for a matrix the largest 1-norm of a line; for samples the largest seen."""
+        """Largest 1-norm of a line of the target; of a realization if they are dense."""
         if self._draws is not None:
             return float(self._draws.gamma().max())
         norms = np.abs(self._dense()).sum(axis=1)
@@ -205,25 +139,20 @@ class Ensemble:
 
     @property
     def indices(self) -> NDArray[Any] | None:
-        """Indices (N, lines), read-only, without a copy; None for samples brought by the user."""
+        """Indices (N, lines), read-only, not copied; None for dense realizations."""
         return None if self._draws is None else self._draws.indices()
 
     @property
     def atoms(self) -> NDArray[np.float64] | None:
-        """The value ``g_j sign(A_ij)`` of a realization that hits an entry; None for samples."""
+        """``g_j sign(A_ij)``, the value of an entry that is hit; None for dense realizations."""
         if self._draws is None:
             return None
         return from_lines(self._draws.atoms(), self._shape, self._axis)
 
     @property
     def samples(self) -> NDArray[np.float64] | None:
-        """The realizations (N, ...) the user brought, read-only; None for singletons."""
+        """Dense realizations (N, ...), read-only; None for singletons."""
         return self._samples
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes that the realizations take."""
-        return self._draws.nbytes if self._draws is not None else self._dense().nbytes
 
     def counts(self) -> NDArray[np.int64]:
         """Count how many realizations hit each entry.
@@ -231,7 +160,7 @@ class Ensemble:
         Returns
         -------
         ndarray of int64
-            In the shape of a realization; N in total per line, none in a zero line.
+            In the shape of a realization. The sum of a line is N, or 0 for a zero line.
 
         Raises
         ------
@@ -239,14 +168,14 @@ class Ensemble:
             If the realizations are not singletons.
         """
         if self._draws is None:
-            raise InputTypeError("counts() needs singleton realizations; these are dense samples")
+            raise InputTypeError("counts() needs singleton realizations, got dense ones")
         counts = self._draws.counts()
-        # not a product of two types: short of memory, NumPy's buffered loops crash
+        # not as a product: NumPy's buffered loops, which mix types, crash if memory runs out
         counts[self._draws.gamma() == 0.0] = 0
         return from_lines(counts, self._shape, self._axis)
 
     def dense(self) -> NDArray[np.float64]:
-        """Write the realizations out.
+        """Return all realizations as one dense array.
 
         Returns
         -------
@@ -258,43 +187,24 @@ class Ensemble:
         ResourceError
             If the array does not fit into the memory this process may use.
         """
-        entries = int(np.prod(self._shape))
-        rows = max(1, _BLOCK // entries)
-        largest = min(rows, self.size) * entries
-        memory.need("the dense realizations", (self.size * entries + 4 * largest) * 8)
-        out = np.empty((self.size, *self._shape))
-        first = 0
-        for block in self._dense_blocks(rows):  # between two of them Ctrl-C is heard
-            out[first : first + len(block)] = block
-            first += len(block)
-        return out
-
-    def _dense_blocks(self, rows: int) -> Iterator[NDArray[np.float64]]:
-        """The realizations written out, `rows` at a time."""
-        for first in range(0, self.size, rows):
-            if self._draws is None:
-                yield self._dense()[first : first + rows]
-                continue
-            index = self._draws.indices()[first : first + rows].astype(np.intp)
-            atoms = self._draws.atoms()
-            out = np.zeros((len(index), *atoms.shape))
-            s, j = np.arange(len(index))[:, None], np.arange(len(atoms))[None, :]
-            out[s, j, index] = atoms[j, index]
-            yield stack_from_lines(out.reshape(len(index), -1), self._shape, self._axis)
+        if self._draws is not None:
+            return dense(self._draws, self._shape, self._axis)
+        memory.need("the dense realizations", self._dense().nbytes)
+        return self._dense().copy()
 
     def prefix(self, size: int) -> Ensemble:
-        """Return the first realizations, sharing their memory.
+        """Return the first realizations; the memory is shared.
 
         Parameters
         ----------
         size : int
-            How many, from 1 to N.
+            Number of realizations, from 1 to N.
 
         Returns
         -------
         Ensemble
-            For an iid sample the same as a sample of that size with the same key. A part of a
-            systematic sample is none: it has no key and no scheme.
+            Of an iid sample: the sample of this size with the same key. A part of a systematic
+            sample is not a systematic sample, so it has no key and no scheme.
         """
         count = gate.size("size", size, maximum=self.size)
         if self._draws is not None:
@@ -310,7 +220,7 @@ class Ensemble:
         Parameters
         ----------
         weights : array_like, shape (N,)
-            Any finite weights.
+            Finite weights.
 
         Returns
         -------
@@ -330,7 +240,7 @@ class Ensemble:
             with np.errstate(over="ignore", invalid="ignore"):
                 result = np.tensordot(w, self._dense(), axes=1)
         if not np.isfinite(result).all():
-            raise NonFiniteError("`weights` times the realizations overflows: scale them down")
+            raise NonFiniteError("the sum with `weights` overflows: scale them down")
         return result
 
     def mean(self) -> NDArray[np.float64]:
@@ -347,61 +257,9 @@ class Ensemble:
         samples = self._dense()
         with np.errstate(over="ignore", invalid="ignore"):
             result: NDArray[np.float64] = samples.mean(axis=0)
-        if not np.isfinite(result).all():  # the sum overflows; an average never does
+        if not np.isfinite(result).all():  # the sum overflows, the average does not
             result = sum((row / self.size for row in samples), np.zeros(self._shape))
         return result
-
-    def _values(self) -> NDArray[np.float64] | None:
-        """The vector or matrix whose 1-norms and signs singletons have; a copy."""
-        if self._draws is None:
-            return None
-        return from_lines(self._draws.values(), self._shape, self._axis)
-
-    def _dense(self) -> NDArray[np.float64]:
-        assert self._samples is not None
-        return self._samples
-
-    def _lines_of(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Lay a target out as the core does: one line per row (dense samples: one row)."""
-        return to_lines(values, self._axis) if self._draws is not None else values.reshape(1, -1)
-
-    def _from_core(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Undo `_lines_of`."""
-        if self._draws is not None:
-            return from_lines(values, self._shape, self._axis)
-        return values.reshape(self._shape)
-
-    def _stack_from_core(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Undo `_lines_of` for every row of (k, entries)."""
-        if self._draws is not None:
-            return stack_from_lines(values, self._shape, self._axis)
-        return values.reshape(-1, *self._shape)
-
-    def _core_realizations(self) -> _core.Draws | NDArray[np.float64]:
-        """What the core takes as realizations."""
-        return self._draws if self._draws is not None else self._dense().reshape(self.size, -1)
-
-    def __len__(self) -> int:
-        return self.size
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Ensemble):
-            return NotImplemented
-        if (self._shape, self.size, self.is_singleton) != (
-            other._shape,
-            other.size,
-            other.is_singleton,
-        ):
-            return False
-        if self._draws is None or other._draws is None:
-            return np.array_equal(self._dense(), other._dense())
-        return (
-            (len(self._shape) == 1 or self._axis == other._axis)
-            and np.array_equal(self._draws.atoms(), other._draws.atoms())
-            and np.array_equal(self._draws.indices(), other._draws.indices())
-        )
-
-    __hash__ = None  # type: ignore[assignment]  # as large as an array, and as little a key
 
     def __reduce__(self) -> tuple[Any, ...]:
         if self._draws is None:
@@ -409,14 +267,14 @@ class Ensemble:
         return (_redrawn, (self.indices, self._values(), self._axis, self._scheme, self._key))
 
     def _repr_html_(self) -> str:
-        kept = "all"
+        nonzero = "any"
         if self.is_singleton:
-            kept = "one" if len(self.shape) == 1 else f"one in each of the {self.axis}"
+            nonzero = "one" if len(self.shape) == 1 else f"one in each of the {self.axis}"
         rows = [
             ("realizations N", html.grouped(self.size)),
             ("shape of each", html.shape(self.shape)),
-            ("entries kept", kept),
-            ("drawn here", self.scheme or "no"),
+            ("nonzero entries", nonzero),
+            ("scheme", self.scheme or "not drawn here"),
         ]
         return html.card(self, rows)
 
@@ -428,10 +286,24 @@ class Ensemble:
         return f"<Ensemble: {self.size} {kind} realizations of shape {self._shape}>"
 
 
+def _checked_indices(indices: ArrayLike, lines: tuple[int, ...]) -> NDArray[np.uint32]:
+    """Return indices (N, lines) into lines of this shape (lines, length)."""
+    number, length = lines
+    given = gate.read("indices", indices)
+    given = given.reshape(-1, 1) if given.ndim == 1 else given
+    if given.size == 0 or given.ndim != 2 or given.shape[1] != number:
+        raise ShapeError(f"`indices` must have shape (N, {number}), got {np.shape(indices)}")
+    if given.dtype.kind not in "ui":
+        raise InputTypeError(f"`indices` must be integers, got dtype {given.dtype}")
+    if given.min() < 0 or given.max() >= length:
+        raise InputError(f"`indices` must lie in [0, {length})")
+    return np.ascontiguousarray(given, dtype=np.uint32)
+
+
 def _redrawn(
     indices: ArrayLike, target: ArrayLike, axis: Axis, scheme: Scheme | None, key: Key | None
 ) -> Ensemble:
-    """Unpickle."""
+    """Rebuild from a pickle."""
     made = Ensemble.from_indices(indices, target, axis=axis)
     if scheme is not None:
         scheme = checked_scheme(scheme)

@@ -1,4 +1,4 @@
-"""What realizations were drawn from, and how."""
+"""`Law`: the distribution that realizations are drawn from."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from .._base import gate
 from .._base.records import by_constructor
-from .._base.types import Axis, Scheme
+from .._base.types import AXES, SCHEMES, Axis, Scheme
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -17,16 +17,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Law:
-    """The vector or matrix that realizations were drawn from, and how.
+    """The distribution of realizations.
 
     Attributes
     ----------
     values : ndarray, shape (n,) or (n, m)
-        What they average to.
-    axis : str
-        "columns" or "rows": which lines of a matrix were drawn independently.
-    scheme : str
-        "iid" or "systematic", as in `sample`.
+        The mean of the realizations.
+    axis : {"columns", "rows"}
+        Which lines of a matrix are drawn independently.
+    scheme : {"iid", "systematic"}
+        As in `sample`.
     """
 
     values: NDArray[np.float64]
@@ -43,11 +43,10 @@ class Law:
 
 
 def checked_axis(axis: str) -> Axis:
-    """Return which lines of a matrix are drawn independently."""
-    return "rows" if gate.choice("axis", axis, ("columns", "rows")) == "rows" else "columns"
+    """Return `axis` if it is "columns" or "rows"."""
+    return gate.choice("axis", axis, AXES)
 
 
 def checked_scheme(scheme: str) -> Scheme:
-    """Return how realizations are drawn."""
-    name = gate.choice("scheme", scheme, ("iid", "systematic"))
-    return "iid" if name == "iid" else "systematic"
+    """Return `scheme` if it is "iid" or "systematic"."""
+    return gate.choice("scheme", scheme, SCHEMES)

@@ -1,7 +1,6 @@
-"""How vectors and matrices are laid out as independent lines, the form the core works on.
+"""Conversion of vectors and matrices to the layout of the core, ``(lines, length)``, and back.
 
-A vector is one line; a matrix has its columns (or its rows) as lines. The core's arrays are
-``(lines, length)``: for columns that is the transpose.
+A line is what is drawn independently: a vector, or a column (or row) of a matrix.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ def checked_target(target: ArrayLike, axis: str) -> tuple[NDArray[np.float64], A
 
 
 def to_lines(values: NDArray[np.float64], axis: Axis) -> NDArray[np.float64]:
-    """Lay out a vector as one row, a matrix with its independent lines as rows."""
+    """Return a vector as one row, a matrix with its lines as rows."""
     if values.ndim == 1:
         return values.reshape(1, -1)
     return np.ascontiguousarray(values.T) if axis == "columns" else values

@@ -1,4 +1,4 @@
-"""Drawing realizations of vectors and matrices, and counts without realizations."""
+"""Draw realizations of vectors and matrices, or only the counts of realizations."""
 
 from __future__ import annotations
 
@@ -28,27 +28,25 @@ def sample(
     scheme: Scheme = "iid",
     axis: Axis = "columns",
 ) -> Ensemble:
-    """Draw realizations whose mean is a given vector or matrix.
+    """Draw singleton realizations with a given mean.
 
     Parameters
     ----------
     target : array_like, shape (n,) or (n, m)
-        The vector ``w`` or matrix ``A`` the realizations average to.
+        The mean of the realizations: a vector ``w`` or a matrix ``A``.
     size : int
         Number of realizations N, at least 1.
     rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
-        Source of randomness; it becomes a 256-bit key that is kept as ``.key``. Two calls with
-        the same integer share their draws: use a Generator, or ``key.child(name)``, for entities
-        that must be independent.
+        Source of randomness; its key is kept as ``.key``. Two calls with the same integer have
+        the same draws: use a Generator, or ``key.child(name)``, for independent ensembles.
     scheme : {"iid", "systematic"}, default "iid"
         "iid": independent realizations; the first k of N are those of a sample of size k.
         "systematic": one random offset per line, so that entry i is hit ``floor(N p_i)`` or
-        ``ceil(N p_i)`` times, in random order. Unbiased, with a mean-square error of at most
-        ``g^2 n / (4 N^2)`` per line instead of ``(g^2 - ||w||^2) / N``; but the realizations are
-        dependent, so results that assume independence (the mean-square bound of SLSE, tail
-        bounds) do not apply.
+        ``ceil(N p_i)`` times, in random order. The mean-square error of the average is at most
+        ``g^2 n / (4 N^2)`` per line instead of ``(g^2 - ||w||^2) / N``. The realizations are
+        unbiased but dependent, so the mean-square bound of SLSE and tail bounds do not hold.
     axis : {"columns", "rows"}, default "columns"
-        Which lines of a matrix are drawn independently. Ignored for a vector.
+        Whether the columns or the rows of a matrix are drawn independently of each other.
 
     Returns
     -------
@@ -65,14 +63,14 @@ def sample(
     Notes
     -----
     ``E[s] = w`` and ``Cov(s) = g diag|w| - w w^T`` (Lemma 4.1, where the printed mean of the *sum*
-    is ``w``: a factor 1/N is missing). A zero vector or zero line gives zero realizations. Draw i
-    of a line depends on (key, i) only, for any number of threads.
+    is ``w``: a factor 1/N is missing). A zero vector or line has zero realizations. Draw i of line
+    j depends on (key, j, i) only, with any number of threads.
 
-    Unbiased up to a known resolution: with n entries in a line, probabilities are integers out
-    of ``T = 2^(32 + ceil(log2 n))``, each within ``1 / T`` of ``|w_i| / g`` (and the rounding of
-    running sums), so the mean is within ``g / T`` of w in every entry. Zero entries are never
-    drawn; those below ``g / T`` may never be either. "systematic" has ``T = 2^53``, and
-    `sample_counts` no such limit.
+    *Resolution.* With n entries in a line, probabilities are integers over
+    ``T = 2^(32 + ceil(log2 n))``, within ``1 / T`` of ``|w_i| / g`` (plus the rounding of running
+    sums), so the mean is within ``g / T`` of w in every entry. Zero entries are never drawn, and
+    entries below ``g / T`` possibly neither. For "systematic", ``T = 2^53``; `sample_counts` has
+    no such limit.
 
     Examples
     --------
@@ -87,10 +85,11 @@ def sample(
     count = gate.size("size", size)
     scheme = checked_scheme(scheme)
     lines = to_lines(values, axis)
-    width = 1 if lines.shape[1] <= 2**8 else 2 if lines.shape[1] <= 2**16 else 4
-    # the indices, the law with its atoms, one table per line and the work of building one
-    cells = 8 << (lines.shape[1] - 1).bit_length()
-    needed = count * lines.shape[0] * width + 4 * lines.nbytes + (lines.shape[0] + 5) * cells
+    number, length = lines.shape
+    width = 1 if length <= 2**8 else 2 if length <= 2**16 else 4  # bytes of an index
+    table = 8 << (length - 1).bit_length()  # bytes of the table of a line, a power of two of cells
+    # the indices, the law with its atoms, one table per line, and five to build one
+    needed = count * number * width + 4 * lines.nbytes + (number + 5) * table
     memory.need(f"a sample of {count} realizations", needed)
     key = as_key(rng)
     draws = _core.Draws.sample(lines, count, scheme, bytes(key), get_num_threads())
@@ -105,14 +104,14 @@ def sample_counts(
     scheme: Scheme = "iid",
     axis: Axis = "columns",
 ) -> Counts:
-    """Draw how often each entry is hit, without drawing the realizations.
+    """Draw how many realizations hit each entry, without drawing the realizations.
 
-    Counts are all a uniform average needs, and they cost O(n m) for any number of realizations.
+    The cost is O(n m) for any number of realizations. Counts are enough for a uniform average.
 
     Parameters
     ----------
     target : array_like, shape (n,) or (n, m)
-        The vector or matrix the realizations average to.
+        The mean of the realizations.
     size : int
         Number of realizations N, from 1 to 2^53.
     rng, scheme, axis
@@ -121,7 +120,7 @@ def sample_counts(
     Returns
     -------
     Counts
-        The counts, and the uniform average they give.
+        The counts and the uniform average.
 
     Raises
     ------
@@ -132,15 +131,13 @@ def sample_counts(
 
     Notes
     -----
-    One multinomial draw per line, by conditional binomials, whose probabilities have the digits
-    of doubles however small they are: an entry of 1e-18 is hit as often as it should be. For
-    "iid" the counts are *equal in distribution* to ``sample(...).counts()`` (but for the
-    resolution of `sample`), not equal draw by draw; for "systematic" they are the same counts.
-    So is what they are fused to: the uniform average, and the control with product fusion that
-    `control` computes from counts of x0, xf and A.
+    One multinomial draw per line, by conditional binomials; the probabilities have full double
+    precision, however small. For "iid" the counts have the *distribution* of
+    ``sample(...).counts()`` (up to the resolution of `sample`) but are other draws; for
+    "systematic" they are equal. The same holds for their uniform average and for the control with
+    product fusion from counts.
 
-    Nothing chooses between `sample` and `sample_counts` by itself: counts are cheaper from about
-    100 realizations per entry of a line on, and the only way beyond what fits into memory.
+    Counts are faster than `sample` from about 100 realizations per entry of a line.
 
     Examples
     --------
@@ -156,7 +153,7 @@ def sample_counts(
     key = as_key(rng)
     lines = to_lines(values, axis)
     hits = _core.sample_counts(lines, count, scheme, bytes(key))
-    # cast at once: short of memory, NumPy's buffered loops crash
+    # converted in one step: NumPy's buffered loops, which mix types, crash if memory runs out
     shares = hits.astype(float) / count
     atoms = np.sign(lines) * np.abs(lines).sum(axis=1, keepdims=True)
     return Counts(

@@ -1,4 +1,4 @@
-"""Realizations fused into one estimate."""
+"""Fusion of realizations into one estimate."""
 
 from .fits import Fit, Path
 from .fusing import fuse, fuse_path

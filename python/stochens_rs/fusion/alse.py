@@ -1,11 +1,11 @@
-"""ALSE behind `fuse` and `fuse_path`: which of the core's ways, and the certificate as a record."""
+"""Accumulated least squares (ALSE), the solver behind `fuse` and `fuse_path`."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import sqrt
 from time import monotonic
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -13,25 +13,31 @@ from .. import _core
 from .._base import gate, memory
 from .._base.numbers import norm
 from .._base.threads import get_num_threads
+from .._base.types import Status, worst
 from ..ensembles.ensemble import Ensemble
 from ..exceptions import InputError
-from .fits import Fit, worst
+from .fits import Fit
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
 
-WEIGHTS = ("simplex", "subsimplex", "per-column", "per-row")
-# an error up to this many rounding units of the target says that the target is in the hull
-_ROUNDING = 16.0 * float(np.finfo(float).eps)
+WeightSet: TypeAlias = Literal["simplex", "subsimplex", "per-column", "per-row"]
+WEIGHT_SETS: tuple[WeightSet, ...] = get_args(WeightSet)
+
+# Relative to the norm of the target: with a smaller error, the target is in the hull. One sum of
+# the closed form has a rounding error of a few eps; 16 leaves a margin.
+_EXACT = 16.0 * float(np.finfo(float).eps)
+# Seconds that a solve gets after the time limit: enough to return its starting point.
+_LEAST_TIME = 1e-9
 
 
 @dataclass(frozen=True)
-class Wishes:
-    """Which weights, how well, and what may be spent on them."""
+class AlseOptions:
+    """Weight set, tolerance, and limits on time and passes."""
 
-    weights: str
+    weight_set: WeightSet
     tol: float
     time_limit: float | None
     max_iter: int | None
@@ -39,84 +45,83 @@ class Wishes:
     @property
     def subsimplex(self) -> bool:
         """Whether the weights may add up to less than one."""
-        return self.weights == "subsimplex"
+        return self.weight_set == "subsimplex"
 
     @property
     def per_line(self) -> bool:
-        """Whether every column (or row) has weights of its own."""
-        return self.weights in ("per-column", "per-row")
+        """Whether every column (or row) has its own weights."""
+        return self.weight_set in ("per-column", "per-row")
 
     def for_core(self) -> tuple[bool, float, float | None, int | None, int]:
-        """As the core takes them."""
+        """Return the arguments of the core."""
         return self.subsimplex, self.tol, self.time_limit, self.max_iter, get_num_threads()
 
-    def status(self, relative_gap: float) -> str:
-        """What a gap relative to the squared target says."""
+    def status(self, relative_gap: float) -> Status:
+        """Return the status for a gap relative to the squared norm of the target."""
         return "optimal" if relative_gap <= self.tol else "optimal_inaccurate"
 
 
 class Clock:
-    """One time limit for several solutions, counted from the moment it is made."""
+    """One time limit for several solves, counted from the construction."""
 
-    def __init__(self, wish: Wishes) -> None:
-        self._wish = wish
+    def __init__(self, options: AlseOptions) -> None:
+        self._options = options
         self._start = monotonic()
 
-    def left(self) -> Wishes:
-        """Return the wishes with the time that is left (a moment at least: a start costs that)."""
-        if self._wish.time_limit is None:
-            return self._wish
-        left = self._start + self._wish.time_limit - monotonic()
-        return replace(self._wish, time_limit=max(left, 1e-9))
+    def left(self) -> AlseOptions:
+        """Return the options with the remaining time as their limit."""
+        if self._options.time_limit is None:
+            return self._options
+        left = self._start + self._options.time_limit - monotonic()
+        return replace(self._options, time_limit=max(left, _LEAST_TIME))
 
     def end(self) -> None:
-        """Leave no time for what is still to come: the caller has asked to stop."""
-        self._wish = replace(self._wish, time_limit=0.0)
+        """Set the remaining time to zero, after Ctrl-C."""
+        self._options = replace(self._options, time_limit=0.0)
 
 
-def wishes(
+def checked_options(
     ensemble: Ensemble,
     method: str,
-    weights: str,
+    weight_set: WeightSet,
     tol: float,
     time_limit: float | None,
     max_iter: int | None,
-) -> Wishes:
-    """Check what only "alse" takes."""
-    kind = gate.choice("weights", weights, WEIGHTS)
+) -> AlseOptions:
+    """Check the arguments that only "alse" takes."""
+    kind = gate.choice("weight_set", weight_set, WEIGHT_SETS)
     tol = gate.positive("tol", tol)
     seconds = None if time_limit is None else gate.positive("time_limit", time_limit)
     passes = None if max_iter is None else gate.size("max_iter", max_iter)
     if method != "alse":
         if kind != "simplex":
-            raise InputError(f"`weights` must be 'simplex' for method '{method}', got '{kind}'")
+            raise InputError(f"`weight_set` must be 'simplex' for method '{method}', got '{kind}'")
         for name, value in (("time_limit", seconds), ("max_iter", passes)):
             if value is not None:
-                raise InputError(f"`{name}` is for method 'alse', and `method` is '{method}'")
+                raise InputError(f"`{name}` must be None for method '{method}'")
     if kind in ("per-column", "per-row"):
         axis = "columns" if kind == "per-column" else "rows"
         if len(ensemble.shape) == 1:
             raise InputError(
-                f"`weights` must be 'simplex' or 'subsimplex' for vectors, got '{kind}': a vector "
-                "is one line"
+                f"`weight_set` must be 'simplex' or 'subsimplex' for vectors, got '{kind}'"
             )
         if ensemble._draws is not None and ensemble.axis != axis:
             raise InputError(
-                f"`weights` must be 'per-{ensemble.axis[:-1]}' for realizations sampled by "
-                f"{ensemble.axis}, got '{kind}': only the lines that were sampled decouple"
+                f"`weight_set` must be 'per-{ensemble.axis[:-1]}' for realizations sampled by "
+                f"{ensemble.axis}, got '{kind}'"
             )
-    return Wishes(kind, tol, seconds, passes)
+    return AlseOptions(kind, tol, seconds, passes)
 
 
-def solve(ensemble: Ensemble, goal: Floats, wish: Wishes) -> Fit:
-    """Solve ``min ||sum_s w_s E_s - goal||`` over the weights that were wished for."""
-    info: dict[str, Any] = {"weights": wish.weights, "tol": wish.tol}
+def solve(ensemble: Ensemble, goal: Floats, options: AlseOptions) -> Fit:
+    """Solve ``min ||sum_s w_s E_s - goal||`` over the weight set."""
+    info: dict[str, Any] = {"weight_set": options.weight_set, "tol": options.tol}
     draws = ensemble._draws
-    if draws is not None and (draws.lines == 1 or wish.per_line):
-        return _closed_form(ensemble, draws, goal, wish, info)
-    if wish.per_line:
-        return _line_by_line(ensemble, goal, wish, info)
-    found = _core.alse(ensemble._core_realizations(), ensemble._lines_of(goal), wish.for_core())
+    if draws is not None and (draws.lines == 1 or options.per_line):
+        return _closed_form(ensemble, draws, goal, options, info)
+    if options.per_line:
+        return _line_by_line(ensemble, goal, options, info)
+    found = _core.alse(ensemble._core_realizations(), ensemble._lines_of(goal), options.for_core())
     info |= {"solver": found.solver, "iterations": found.iterations}
     return Fit(
         estimate=ensemble._from_core(found.estimate),
@@ -138,35 +143,40 @@ def path(
     ensemble: Ensemble,
     draws: _core.Draws,
     goal: Floats,
-    wish: Wishes,
+    options: AlseOptions,
     counts: list[int],
     keep: bool,
-) -> tuple[Floats, Floats, tuple[str, ...], Floats]:
-    """Errors, gaps, statuses and estimates (as the core lays them out) of growing prefixes."""
+) -> tuple[Floats, Floats, tuple[Status, ...], Floats]:
+    """Return errors, gaps, statuses and estimates (in the layout of the core) of all prefixes."""
     lines = ensemble._lines_of(goal)
-    if draws.lines == 1 or wish.per_line:
-        errors, gaps, relative, stack = _core.alse_path(draws, lines, wish.subsimplex, counts, keep)
-        return errors, gaps, tuple(wish.status(gap) for gap in relative), stack
-    errors, gaps, statuses, stack = _core.alse_prefixes(draws, lines, wish.for_core(), counts, keep)
+    if draws.lines == 1 or options.per_line:
+        errors, gaps, relative, stack = _core.alse_path(
+            draws, lines, options.subsimplex, counts, keep
+        )
+        return errors, gaps, tuple(options.status(gap) for gap in relative), stack
+    errors, gaps, statuses, stack = _core.alse_prefixes(
+        draws, lines, options.for_core(), counts, keep
+    )
     return errors, gaps, tuple(statuses), stack
 
 
 def _closed_form(
-    ensemble: Ensemble, draws: _core.Draws, goal: Floats, wish: Wishes, info: dict[str, Any]
+    ensemble: Ensemble, draws: _core.Draws, goal: Floats, options: AlseOptions, info: dict[str, Any]
 ) -> Fit:
+    # the weights in the core, and their copy in NumPy's
     memory.need("the weights", 2 * 8 * draws.size * draws.lines)
     weights, estimate, error, gap, relative, unseen = _core.closed_form(
-        draws, ensemble._lines_of(goal), wish.subsimplex
+        draws, ensemble._lines_of(goal), options.subsimplex
     )
     return Fit(
         estimate=ensemble._from_core(estimate),
-        weights=weights if wish.per_line else weights.ravel(),
+        weights=weights if options.per_line else weights.ravel(),
         error=error,
         gap=gap,
-        status=wish.status(relative),
+        status=options.status(relative),
         method="alse",
         lower_bound=_least_error(error, gap),
-        exact=error <= _ROUNDING * norm(goal),
+        exact=error <= _EXACT * norm(goal),
         unseen=unseen,
         info=info | {"solver": "closed form", "iterations": 0},
         target=goal,
@@ -174,14 +184,15 @@ def _closed_form(
     )
 
 
-def _line_by_line(ensemble: Ensemble, goal: Floats, wish: Wishes, info: dict[str, Any]) -> Fit:
-    """Dense realizations: every column (or row) is an ensemble of vectors.
+def _line_by_line(
+    ensemble: Ensemble, goal: Floats, options: AlseOptions, info: dict[str, Any]
+) -> Fit:
+    """Fuse dense realizations column by column (or row by row), each an ensemble of vectors.
 
-    The squared errors add up, and so do the gaps: the vertices of the weight set are chosen line
-    by line.
+    The squared errors and the gaps of the lines add up.
     """
-    axis = 2 if wish.weights == "per-column" else 1
-    samples, clock = ensemble.dense(), Clock(replace(wish, weights="simplex"))
+    axis = 2 if options.weight_set == "per-column" else 1
+    samples, clock = ensemble.dense(), Clock(replace(options, weight_set="simplex"))
     fits = []
     for own, target in zip(
         np.moveaxis(samples, axis, 0), np.moveaxis(goal, axis - 1, 0), strict=True
@@ -193,8 +204,8 @@ def _line_by_line(ensemble: Ensemble, goal: Floats, wish: Wishes, info: dict[str
     error = norm(np.array([fit.error for fit in fits]))
     gap = float(sum(fit.gap or 0.0 for fit in fits))
     statuses = [fit.status for fit in fits]
-    within = gap <= wish.tol * norm(goal) * norm(goal) or set(statuses) == {"optimal"}
-    within = within and "interrupted" not in statuses  # Ctrl-C must not get lost
+    within = gap <= options.tol * norm(goal) * norm(goal) or set(statuses) == {"optimal"}
+    within = within and "interrupted" not in statuses  # the caller must see Ctrl-C
     info |= {"solver": [fit.info["solver"] for fit in fits]}
     return Fit(
         estimate=np.stack([fit.estimate for fit in fits], axis=axis - 1),

@@ -1,11 +1,4 @@
-"""What fusion returns: frozen records, each field with its shape and meaning.
-
-A ``status`` says how a computation ended; wrong input raises instead. "completed": a method with
-nothing to optimise ran through. "optimal": the recomputed gap is within the tolerance. The others
-come with feasible weights, the best found, and a larger gap, which is reported:
-"optimal_inaccurate": no solver got further; "user_limit": the time or the passes granted ran out;
-"interrupted": Ctrl-C.
-"""
+"""The results of fusion: `Fit` for one estimate, `Path` for the errors over the sample size."""
 
 from __future__ import annotations
 
@@ -17,49 +10,50 @@ import numpy as np
 
 from .._base import gate, html
 from .._base.records import by_constructor
+from .._base.types import STATUSES, Status
 from ..ensembles.ensemble import Ensemble
 from ..exceptions import InputTypeError, NonFiniteError, ShapeError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-# How a computation ended, the most reassuring first.
-STATUSES = ("completed", "optimal", "optimal_inaccurate", "user_limit", "interrupted")
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Fit:
-    """Fused realizations of one vector or matrix.
+    """The estimate of one vector or matrix, fused from its realizations.
 
     Attributes
     ----------
     estimate : ndarray, shape of a realization
         ``sum_s weights[s] E_s``.
     weights : ndarray, shape (N,)
-        Nonnegative; their sum is 1 (at most 1 for ``weights="subsimplex"``). Shape (N, m) for
-        ``weights="per-column"``: ``weights[:, j]`` belongs to column j; (N, n) for "per-row".
+        Nonnegative, with sum 1 (at most 1 for ``weight_set="subsimplex"``). Shape (N, m) for
+        ``weight_set="per-column"``: ``weights[:, j]`` are those of column j; (N, n) for "per-row".
     error : float or None
         ``||estimate - target||`` (2-norm; Frobenius for matrices); None without a target.
     gap : float or None
-        For ALSE: ``max_v <f', w - v>`` over the weight set, ``f = ||sum w E - target||^2``,
-        recomputed from the realizations; ``f - min f <= gap``. None for other methods.
-    status : str
-        "completed", "optimal", "optimal_inaccurate", "user_limit" or "interrupted".
+        For ALSE: ``max_v <f', w - v>`` over the weight set, with ``f = ||sum w E - target||^2``,
+        computed from the realizations; ``f - min f <= gap``. None for other methods.
+    status : {"completed", "optimal", "optimal_inaccurate", "user_limit", "interrupted"}
+        How the fusion ended. "completed": the method has nothing to optimise. "optimal": the gap
+        is within the tolerance. The others have the best weights found and a larger gap:
+        "optimal_inaccurate" if no solver got further, "user_limit" at the limit on time or passes,
+        "interrupted" after Ctrl-C.
     method : str
-        The method asked for.
+        The fusion method.
     lower_bound : float or None
-        For ALSE: no weights of the set have an error below this one; from the gap, or from the
-        entries that no realization hits, whichever says more. None for other methods.
+        For ALSE: no weights of the set give a smaller error. The larger of two bounds: from the
+        gap, and from the entries that no realization hits. None for other methods.
     exact : bool
-        For ALSE: the target lies in the hull of the realizations; what is left of the error is
-        rounding.
+        For ALSE: True if the target lies in the hull of the realizations, so that the error is
+        rounding only.
     unseen : int or None
-        For ALSE: entries of the target that are not zero while they are in every realization. No
-        weights reach them: the error is at least their norm. None for other methods.
+        For ALSE: number of nonzero entries of the target that are zero in every realization. The
+        error is at least the norm of these entries. None for other methods.
     info : dict
-        For ALSE "solver", "iterations" and the settings; empty for other methods.
+        For ALSE "solver", "iterations", "weight_set" and "tol"; empty for other methods.
     target : ndarray, shape of a realization, or None
-        What was fitted to, or what the error of a uniform average is measured against.
+        What the weights were fitted to; for "uniform", what the error is measured against.
     ensemble : Ensemble
         The realizations.
     """
@@ -68,7 +62,7 @@ class Fit:
     weights: NDArray[np.float64]
     error: float | None
     gap: float | None
-    status: str
+    status: Status
     method: str
     lower_bound: float | None = None
     exact: bool = False
@@ -85,7 +79,7 @@ class Fit:
         for name in ("error", "gap", "lower_bound"):
             value = getattr(self, name)
             if value is not None:
-                finite(name, value)
+                _checked_finite(name, value)
         gate.choice("status", self.status, STATUSES)
         gate.text("method", self.method)
         gate.flag("exact", self.exact)
@@ -110,9 +104,9 @@ class Fit:
             ("realizations N", html.grouped(len(self.weights))),
             ("shape", html.shape(self.shape)),
             ("distance to the target", self.error),
-            ("no weights come nearer than", self.lower_bound),
+            ("least possible distance", self.lower_bound),
             ("gap of the squared distance", self.gap),
-            ("entries never seen", self.unseen or None),
+            ("nonzero entries never hit", self.unseen or None),
         ]
         return html.card(self, rows)
 
@@ -124,7 +118,7 @@ class Fit:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Path:
-    """A fusion after the first k realizations, for a grid of k.
+    """Errors of the fusion of the first k realizations, for several k.
 
     Attributes
     ----------
@@ -133,19 +127,19 @@ class Path:
     errors : ndarray, shape (k,)
         ``||estimate - target||`` after the first ``sizes[i]`` realizations.
     method : str
-        The method asked for.
+        The fusion method.
     statuses : tuple of str
-        One status per size.
+        One status per size, as in `Fit`.
     gaps : ndarray, shape (k,), or None
         The gap of each ALSE solution; None for other methods.
     estimates : ndarray, shape (k, ...), or None
-        The estimates, if they were asked for.
+        The estimates, if ``estimates=True``.
     """
 
     sizes: NDArray[np.int64]
     errors: NDArray[np.float64]
     method: str
-    statuses: tuple[str, ...]
+    statuses: tuple[Status, ...]
     gaps: NDArray[np.float64] | None = None
     estimates: NDArray[np.float64] | None = None
 
@@ -162,7 +156,7 @@ class Path:
         for name in ("errors", "gaps"):
             values = getattr(self, name)
             if values is not None:
-                finite(name[:-1], float(values[int(np.argmin(np.isfinite(values)))]))
+                _checked_finite(name[:-1], float(values[int(np.argmin(np.isfinite(values)))]))
 
     def __repr__(self) -> str:
         return (
@@ -171,13 +165,7 @@ class Path:
         )
 
 
-def worst(statuses: list[str]) -> str:
-    """Pick the least reassuring of some statuses."""
-    return max(statuses, key=STATUSES.index)
-
-
-def finite(name: str, value: object) -> None:
-    """Refuse a figure of a fit that is no number, or too large for one."""
+def _checked_finite(name: str, value: object) -> None:
     if not gate.is_real(value):
         raise InputTypeError(f"`{name}` must be a real number, got {gate.show(value)}")
     if not isfinite(value):

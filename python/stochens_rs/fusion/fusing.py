@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
 
 import numpy as np
 
 from .. import _core
 from .._base import gate, memory, numbers
+from .._base.types import Status
 from ..ensembles.ensemble import Ensemble
 from ..exceptions import InputError, InputTypeError, ShapeError
 from . import alse
+from .alse import WeightSet
 from .fits import Fit, Path
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 Method: TypeAlias = Literal["uniform", "alse", "slse", "slse-safeguarded"]
-Weights: TypeAlias = Literal["simplex", "subsimplex", "per-column", "per-row"]
 
-METHODS = ("uniform", "alse", "slse", "slse-safeguarded")
+METHODS: tuple[Method, ...] = get_args(Method)
 
 
 def fuse(
@@ -28,7 +29,7 @@ def fuse(
     method: Method = "uniform",
     *,
     target: ArrayLike | None = None,
-    weights: Weights = "simplex",
+    weight_set: WeightSet = "simplex",
     tol: float = 1e-9,
     time_limit: float | None = None,
     max_iter: int | None = None,
@@ -41,56 +42,57 @@ def fuse(
         N realizations of a vector or matrix.
     method : {"uniform", "alse", "slse", "slse-safeguarded"}, default "uniform"
         "uniform": the average. "alse" (accumulated least squares): the weights that minimise
-        ``||sum_s w_s E_s - target||``. "slse" (sequential): one exact line search per realization.
-        "slse-safeguarded": followed by one towards the running average, so that the result is
-        never worse than "uniform".
+        ``||sum_s w_s E_s - target||``. "slse" (sequential least squares): one exact line search
+        per realization. "slse-safeguarded": each followed by a line search towards the running
+        average, so that the error is never larger than that of "uniform".
     target : array_like, shape of a realization, optional
-        What the least-squares methods fit to: a nominal model or a held-out estimate. Required
-        for them; for "uniform" it is used for the reported error only. In the paper's analysis it
-        is the exact vector or matrix.
-    weights : {"simplex", "subsimplex", "per-column", "per-row"}, default "simplex"
-        The weights of "alse" are nonnegative and add up to one, or to at most one. "per-column"
-        gives every column of a matrix weights of its own, each on the simplex ("per-row" for
-        realizations sampled by rows). Such a fit is for product fusion, where only the estimate
-        counts: one realization then has no weight, so controls cannot be averaged with them.
+        The vector or matrix that the least-squares methods fit to, such as a nominal model or a
+        held-out estimate; required for them. "uniform" uses it only for the reported error. In
+        the paper it is the exact vector or matrix.
+    weight_set : {"simplex", "subsimplex", "per-column", "per-row"}, default "simplex"
+        For "alse". "simplex": weights >= 0 with sum 1. "subsimplex": sum <= 1. "per-column": each
+        column of a matrix has its own weights on the simplex; "per-row" the same for realizations
+        sampled by rows. A fit per column or row can be used with product fusion only, because
+        diagonal fusion needs one weight per realization.
     tol : float, default 1e-9
-        "alse" is "optimal" when its gap is at most ``tol * ||target||^2`` (times the squared norm
-        of a realization if the target is zero).
+        "alse" is "optimal" if its gap is at most ``tol * ||target||^2``. If the target is zero,
+        the squared norm of a realization takes its place.
     time_limit : float, optional
-        Seconds after which "alse" returns the best weights so far, status "user_limit". The
-        solver looks at the clock every few milliseconds; by default it takes the time it needs.
+        Time after which "alse" returns the best weights so far, with status "user_limit" [s].
+        Checked every few milliseconds. Default: no limit.
     max_iter : int, optional
-        Passes over the realizations (one product with S, one with its transpose) after which it
-        does so; by default the solver's own limit, 200 000.
+        The same limit in passes over the realizations (one product with S, one with its
+        transpose). Default: 200 000.
 
     Returns
     -------
     Fit
         Estimate, weights, error, gap and status. Ctrl-C during "alse" of a matrix returns the
-        best weights so far, status "interrupted"; a second one raises KeyboardInterrupt.
+        best weights so far, with status "interrupted"; a second Ctrl-C raises KeyboardInterrupt.
 
     Raises
     ------
     InputError, InputTypeError
         If an argument cannot be used; the message names it.
     SolverError
-        If the solver refuses the problem.
+        If the solver cannot solve the problem.
 
     Notes
     -----
-    For singleton vectors ALSE has a closed form (Lemma 4.4, corrected): with
-    ``tau_k = sign(w_k) target_k / g``, the total weight of the realizations that hit k is the
-    Euclidean projection of tau, on the entries seen, onto the simplex; it is shared equally.
-    (The paper's weights ``|w_k|`` do not add up to one.) With weights per column the columns of
-    a matrix decouple into this form, and the error is zero as soon as every entry was hit.
-    Everything else is solved numerically; the gap is recomputed from the realizations and decides
-    the status. When the target lies in the hull of the realizations, the solver stops there and
-    says so (`Fit.exact`); this happens at a finite N, near twice the dimension of the hull or
-    when the rarest entry has been hit, whichever is later.
-    SLSE is Lemma 4.5 with the recursion on the fused F: ``F <- (1 - t) F + t E``,
-    ``t = clip(<E* - F, E - F> / ||E - F||^2, 0, 1)``. It is at least as good as "uniform" in the
-    mean square (independent, unbiased realizations), not for every sample, as the paper has it;
-    with the safeguard, for every sample.
+    *ALSE* of singleton vectors has a closed form (Lemma 4.4, corrected): with
+    ``tau_k = sign(w_k) target_k / g``, the total weight of the realizations that hit entry k is
+    the Euclidean projection of tau, restricted to the entries hit, onto the simplex. These
+    realizations share it equally. (The paper's weights ``|w_k|`` do not add up to one.) With
+    weights per column, each column of a matrix has this closed form, and the error is zero as
+    soon as every nonzero entry has been hit. All other problems are solved numerically; the
+    status follows from the gap, computed from the realizations. If the target lies in the hull of
+    the realizations, the solver stops there and sets `Fit.exact`. This happens at a finite N:
+    near twice the dimension of the hull, or when the rarest entry has been hit, if that is later.
+
+    *SLSE* is Lemma 4.5 with the recursion on the fused F: ``F <- (1 - t) F + t E``,
+    ``t = clip(<target - F, E - F> / ||E - F||^2, 0, 1)``. For independent, unbiased realizations
+    its mean-square error is at most that of "uniform". For a single sample it can be larger,
+    unlike the paper states; with the safeguard it cannot.
 
     Examples
     --------
@@ -104,8 +106,9 @@ def fuse(
     ('optimal', True)
     """
     name = _checked(ensemble, method)
-    wish = alse.wishes(ensemble, name, weights, tol, time_limit, max_iter)
+    options = alse.checked_options(ensemble, name, weight_set, tol, time_limit, max_iter)
     goal = None if target is None and name == "uniform" else _goal(ensemble, target, name)
+    # the weights, and at most two copies on the way
     memory.need("the weights", 3 * 8 * ensemble.size)
     if name == "uniform":
         estimate = ensemble.mean()
@@ -114,7 +117,7 @@ def fuse(
         return Fit(estimate, equal, error, None, "completed", name, target=goal, ensemble=ensemble)
     assert goal is not None
     if name == "alse":
-        return alse.solve(ensemble, goal, wish)
+        return alse.solve(ensemble, goal, options)
     steps = _core.slse(
         ensemble._core_realizations(),
         ensemble._lines_of(goal),
@@ -133,13 +136,13 @@ def fuse_path(
     method: Method = "uniform",
     *,
     target: ArrayLike,
-    weights: Weights = "simplex",
+    weight_set: WeightSet = "simplex",
     tol: float = 1e-9,
     time_limit: float | None = None,
     max_iter: int | None = None,
     estimates: bool = False,
 ) -> Path:
-    """Compute the error after the first k realizations, for each k of a grid.
+    """Compute the error of the fusion of the first k realizations, for several k.
 
     Parameters
     ----------
@@ -147,34 +150,35 @@ def fuse_path(
         N realizations.
     sizes : array_like of int, shape (k,)
         Strictly increasing, from 1 to N.
-    method, weights, tol, max_iter
-        As in `fuse`; `max_iter` holds for every size.
+    method, weight_set, tol, max_iter
+        As in `fuse`; `max_iter` is per size.
     time_limit : float, optional
-        As in `fuse`, for all sizes together: those that come too late keep the weights of the
-        last one (dense ensembles: those of a moment's work), with their error and gap, status
-        "user_limit". Ctrl-C does the same, status "interrupted".
+        As in `fuse`, for all sizes together [s]. The sizes after the limit keep the weights of
+        the last solved size (dense ensembles: of a solve without iterations) and have status
+        "user_limit"; after Ctrl-C, "interrupted".
     target : array_like, shape of a realization
-        What the errors are measured against, and what the least-squares methods fit to.
+        The vector or matrix that the errors are measured against and the least-squares methods
+        fit to.
     estimates : bool, default False
         Whether to keep the estimates.
 
     Returns
     -------
     Path
-        Errors, statuses and gaps; the estimates if asked for.
+        Errors, statuses and gaps, and the estimates if ``estimates=True``.
 
     Raises
     ------
     InputError, InputTypeError
         If an argument cannot be used; the message names it.
     SolverError
-        If the solver refuses a problem.
+        If the solver cannot solve a problem.
 
     Notes
     -----
-    "uniform", "slse" and the closed form need one pass over the realizations; ALSE for matrices
-    is solved for every prefix, from the last solution where that pays; dense ensembles are fused
-    prefix by prefix.
+    "uniform", "slse" and the closed form take one pass over the realizations. ALSE of matrices is
+    solved for every size, starting from the last solution where that is faster. "uniform" and
+    "alse" of dense ensembles are computed for every size separately.
 
     Examples
     --------
@@ -185,16 +189,18 @@ def fuse_path(
     True
     """
     name = _checked(ensemble, method)
-    wish = alse.wishes(ensemble, name, weights, tol, time_limit, max_iter)
+    options = alse.checked_options(ensemble, name, weight_set, tol, time_limit, max_iter)
     grid = gate.sizes("sizes", sizes, maximum=ensemble.size)
     goal = _goal(ensemble, target, name)
     estimates = gate.flag("estimates", estimates)
     if estimates:
+        # as the core returns them, transposed, and in the shape of the target
         memory.need("the estimates of a path", 3 * grid.size * goal.nbytes)
     counts: list[int] = grid.tolist()
     draws, lines = ensemble._draws, ensemble._lines_of(goal)
     gaps: NDArray[np.float64] | None = None
-    statuses: tuple[str, ...] = ("completed",) * grid.size
+    completed: Status = "completed"
+    statuses = (completed,) * grid.size
     if name in ("slse", "slse-safeguarded"):
         safeguard = name == "slse-safeguarded"
         _, _, errors, stack = _core.slse(
@@ -203,18 +209,24 @@ def fuse_path(
     elif name == "uniform" and draws is not None:
         errors, stack = _core.uniform_path(draws, lines, counts, estimates)
     elif name == "alse" and draws is not None:
-        errors, gaps, statuses, stack = alse.path(ensemble, draws, goal, wish, counts, estimates)
+        errors, gaps, statuses, stack = alse.path(ensemble, draws, goal, options, counts, estimates)
     else:
-        errors, gaps, statuses, stack = _one_by_one(ensemble, goal, name, wish, counts)
+        errors, gaps, statuses, stack = _one_by_one(ensemble, goal, name, options, counts)
     kept = ensemble._stack_from_core(stack) if estimates else None
     return Path(grid, errors, name, statuses, gaps, kept)
 
 
 def _one_by_one(
-    ensemble: Ensemble, goal: NDArray[np.float64], method: str, wish: alse.Wishes, sizes: list[int]
-) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, tuple[str, ...], NDArray[np.float64]]:
-    """Dense realizations: every prefix by itself, all within one time limit."""
-    clock, interrupted = alse.Clock(wish), False
+    ensemble: Ensemble,
+    goal: NDArray[np.float64],
+    method: str,
+    options: alse.AlseOptions,
+    sizes: list[int],
+) -> tuple[
+    NDArray[np.float64], NDArray[np.float64] | None, tuple[Status, ...], NDArray[np.float64]
+]:
+    """Fuse every prefix separately, all within one time limit."""
+    clock, interrupted = alse.Clock(options), False
     fits = []
     for k in sizes:
         prefix = ensemble.prefix(k)

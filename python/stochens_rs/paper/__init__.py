@@ -8,7 +8,7 @@ package needs any of this, but for the command line.
 
 from ..studies import Curve, Experiment, Panel
 from . import bounds, reachability
-from .experiments import counterexamples, power, tracking
+from .experiments import power, tracking
 from .report import final_errors, write_report
 from .verdicts import Claim, Claims, Comparison, Evidence, Tails, claims
 
@@ -23,7 +23,6 @@ __all__ = [
     "Tails",
     "bounds",
     "claims",
-    "counterexamples",
     "final_errors",
     "power",
     "reachability",

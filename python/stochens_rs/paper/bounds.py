@@ -14,8 +14,10 @@ from numpy.typing import ArrayLike
 
 from .._base import gate
 from ..exceptions import NonFiniteError
-from ..theory.bounds._base import Bound, Rates
-from ..theory.bounds._inequalities import square
+from ..system import System
+from ..theory.bounds import Bound
+from ..theory.bounds._base import Inequality, Rates, Setting
+from ..theory.bounds._inequalities import square, union
 from ..theory.formulas import Array
 
 __all__ = ["Lemma42", "Lemma43", "OneVector", "Printed"]
@@ -26,8 +28,8 @@ class Printed(Bound):
 
     Parameters
     ----------
-    *args, **kwargs
-        As in :class:`Bound`.
+    constant, *widths : float
+        ``C`` and the ``c_i``.
 
     Attributes
     ----------
@@ -42,22 +44,23 @@ class Printed(Bound):
     """
 
     wrong: ClassVar[str]
-    norm = "2"
-    _constant: float
-    _widths: tuple[float, ...]
 
-    def _level(self, rates: Rates, eps: float) -> float:
-        exponents = [2.0 * square(eps / c) / rates[0] for c in self._widths if c * rates[0] > 0.0]
-        least = min(exponents, default=math.inf)
-        if least == math.inf:
-            return math.inf
-        terms = sum(math.exp(least - x) for x in exponents)
-        return least - math.log(self._constant * terms)
+    def __init__(self, constant: float, *widths: float) -> None:
+        exponentials = _Exponentials(Setting(self.quantity), constant, widths)
+        super().__init__(self.name, self.source, exponentials)
 
-    def _keep(self, constant: float, *widths: float) -> None:
+
+class _Exponentials(Inequality):
+    def __init__(self, at: Setting, constant: float, widths: tuple[float, ...]) -> None:
+        super().__init__(at)
         if not all(math.isfinite(c) for c in widths):
             raise NonFiniteError("a constant of the lemma overflows: scale the problem down")
         self._constant, self._widths = constant, widths
+
+    def level(self, rates: Rates, eps: float) -> float:
+        """``2 N eps^2 / c_i^2``, together."""
+        levels = [2.0 * square(eps / c) / rates[0] for c in self._widths if c * rates[0] > 0.0]
+        return union(self._constant, levels)
 
 
 class OneVector(Printed):
@@ -77,7 +80,7 @@ class OneVector(Printed):
 
     Notes
     -----
-    False for every C: see ``wrong``. What holds is `McDiarmid`.
+    False for every C: see ``wrong``. What holds is "McDiarmid".
 
     Examples
     --------
@@ -101,7 +104,7 @@ class OneVector(Printed):
         checked = gate.vector("w", w)
         constant = float(checked.size) if C is None else gate.positive("C", C)
         with np.errstate(over="ignore"):
-            self._keep(2.0 * constant, float(np.abs(checked).sum()))
+            super().__init__(2.0 * constant, float(np.abs(checked).sum()))
 
 
 class Lemma42(Printed):
@@ -109,10 +112,10 @@ class Lemma42(Printed):
 
     Parameters
     ----------
+    system : System or (A, B)
+        The system, or what `System.from_any` takes; A is sampled by columns, B plays no part.
     x0, xf : (n,) array_like
         Initial state and target state.
-    A : (n, n) array_like
-        State matrix, sampled by columns.
     C : float, optional
         "A constant dependent only on n"; n if not given.
     reading : {"realizations", "matrix"}, default "realizations"
@@ -131,7 +134,8 @@ class Lemma42(Printed):
     Examples
     --------
     >>> from stochens_rs.paper import bounds
-    >>> lemma = bounds.Lemma42([1.0, 1.0], [2.0, 2.0], [[1.0, 0.0], [2.0, 5.0]], C=2.0)
+    >>> system = [[1.0, 0.0], [2.0, 5.0]], [[1.0], [0.0]]
+    >>> lemma = bounds.Lemma42(system, [1.0, 1.0], [2.0, 2.0], C=2.0)
     >>> round(lemma.radius(1000, 0.01), 3)
     4.8
     """
@@ -149,14 +153,14 @@ class Lemma42(Printed):
 
     def __init__(
         self,
+        system: System | tuple[ArrayLike, ArrayLike],
         x0: ArrayLike,
         xf: ArrayLike,
-        A: ArrayLike,
         *,
         C: float | None = None,
         reading: Literal["realizations", "matrix"] = "realizations",
     ) -> None:
-        A = gate.matrix("A", A, square=True)
+        A = System.from_any(system).A
         x0 = gate.vector("x0", x0, length=len(A))
         xf = gate.vector("xf", xf, length=len(A))
         gate.choice("reading", reading, ("realizations", "matrix"))
@@ -166,7 +170,7 @@ class Lemma42(Printed):
             norm = largest_realization(A) if drawn else float(np.linalg.norm(A, 2))
             self.beta = max(norm, 1.0, float(np.linalg.norm(x0)))
             gammas = [np.abs(x).sum(axis=0).max() for x in (xf, x0, A)]
-        self._keep(2.0 * constant, *(3.0 * self.beta * float(gamma) for gamma in gammas))
+        super().__init__(2.0 * constant, *(3.0 * self.beta * float(gamma) for gamma in gammas))
 
 
 class Lemma43(Printed):
@@ -174,10 +178,8 @@ class Lemma43(Printed):
 
     Parameters
     ----------
-    A : (n, n) array_like
-        State matrix.
-    B : (n, m) array_like
-        Input matrix.
+    system : System or (A, B)
+        The system, or what `System.from_any` takes.
     x0 : (n,) array_like
         Initial state.
     u : (K, m) array_like
@@ -193,8 +195,8 @@ class Lemma43(Printed):
     Notes
     -----
     ``c_i = -2 N eps^2 / (9 d_i^2)`` with ``d = (||u|| gB, ||A|| g0, ||x0|| gA)``, ``||u||`` the
-    2-norm of all controls. See ``wrong``; what holds is `OneStepHoeffding` and
-    `TrajectoryMcDiarmid`.
+    2-norm of all controls. See ``wrong``; what holds is "Hoeffding, one step" and
+    "McDiarmid" of a trajectory.
 
     Examples
     --------
@@ -202,7 +204,7 @@ class Lemma43(Printed):
     >>> from stochens_rs.paper import bounds
     >>> A = np.array([[1.0, 1.0], [1.0, -1.0]]) / np.sqrt(2.0)
     >>> x0, B = np.full(2, 0.5**0.5), [[1.0], [0.0]]
-    >>> one, ten = (bounds.Lemma43(A, B, x0, np.zeros((K, 1))).radius(100, 0.01) for K in (1, 10))
+    >>> one, ten = (bounds.Lemma43((A, B), x0, np.zeros((K, 1))).radius(100, 0.01) for K in (1, 10))
     >>> one == ten  # while the variance grows 2000-fold
     True
     """
@@ -218,10 +220,15 @@ class Lemma43(Printed):
     )
 
     def __init__(
-        self, A: ArrayLike, B: ArrayLike, x0: ArrayLike, u: ArrayLike, *, C: float | None = None
+        self,
+        system: System | tuple[ArrayLike, ArrayLike],
+        x0: ArrayLike,
+        u: ArrayLike,
+        *,
+        C: float | None = None,
     ) -> None:
-        A = gate.matrix("A", A, square=True)
-        B = gate.matrix("B", B, rows=len(A))
+        checked = System.from_any(system)
+        A, B = checked.A, checked.B
         x0 = gate.vector("x0", x0, length=len(A))
         u = gate.matrix("u", u, cols=B.shape[1])
         constant = float(len(A)) if C is None else gate.positive("C", C)
@@ -232,7 +239,7 @@ class Lemma43(Printed):
                 float(np.linalg.norm(A, 2)) * float(np.abs(x0).sum()),
                 float(np.linalg.norm(x0)) * gA,
             )
-        self._keep(2.0 * constant, *(3.0 * d for d in widths))
+        super().__init__(2.0 * constant, *(3.0 * d for d in widths))
 
 
 def largest_realization(A: Array) -> float:

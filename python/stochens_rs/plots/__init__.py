@@ -1,4 +1,4 @@
-"""How arrays become figures; knows no record."""
+"""Figures of arrays."""
 
 from .files import save_figures
 from .style import require_matplotlib

@@ -1,4 +1,4 @@
-"""Figures in files."""
+"""Save figures to files."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from .style import require_matplotlib
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-DPI = 200
+DPI = 200  # sharp at the width of a printed page
 SUFFIXES = ("png", "svg")
 
 
 def save_figures(
     figures: dict[str, Figure], directory: str | os.PathLike[str], *, dpi: int = DPI
 ) -> list[Path]:
-    """Write each figure as ``<name>.png`` and ``<name>.svg``; returns the paths.
+    """Write each figure as ``<name>.png`` and ``<name>.svg``, and return the paths.
 
     Parameters
     ----------

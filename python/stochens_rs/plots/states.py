@@ -1,10 +1,10 @@
-"""How states over time look: one line per state, a band where the line is an estimate."""
+"""Figures of states over time."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from .style import INK, new_figure, require_matplotlib
+from .style import COLORS, INK, add_grid, axes_or_new
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -14,10 +14,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
-# Okabe and Ito's palette, distinct for any colour vision; more states repeat it with other dashes.
-COLORS = ("#0072B2", "#D55E00", "#009E73", "#E69F00", "#56B4E9", "#CC79A7", "#222222")
-DASHES = ("-", "--", "-.", ":")
-LISTED = 10  # a longer legend hides the figure
+DASHES = ("-", "--", "-.", ":")  # more than seven states repeat the colours with other dashes
+LISTED = 10  # most states in the legend; a longer one hides the figure
 
 
 def draw_states(
@@ -29,11 +27,9 @@ def draw_states(
     ax: Axes | None,
 ) -> Axes:
     """Draw `states` (K + 1, n) over `times`, and twice `error` around them."""
-    require_matplotlib()
+    ax = axes_or_new(ax)
     from matplotlib.patches import Patch
 
-    if ax is None:
-        ax = new_figure(5.6, 4.2, header=0.0, footer=0.0).add_subplot()
     handles: list[Artist] = []
     for i in range(states.shape[1]):
         color = COLORS[i % len(COLORS)]
@@ -55,10 +51,8 @@ def draw_states(
 def draw_tracking(
     distance: NDArray[np.float64], residuals: NDArray[np.float64], *, ax: Axes | None
 ) -> Axes:
-    """Draw the distance (K + 1,) from a reference, and what no control can do in a step (K,)."""
-    require_matplotlib()
-    if ax is None:
-        ax = new_figure(5.6, 4.2, header=0.0, footer=0.0).add_subplot()
+    """Draw the distance (K + 1,) from a reference and the distance out of reach in a step (K,)."""
+    ax = axes_or_new(ax)
     steps = range(len(distance))
     handles = [
         *ax.plot(steps, distance, color=COLORS[0], linewidth=1.4, label="distance (rms)"),
@@ -71,9 +65,7 @@ def draw_tracking(
 def _finish(ax: Axes, across: str, up: str, handles: Sequence[Artist]) -> None:
     ax.set_xlabel(across, fontsize=9.5, color=INK)
     ax.set_ylabel(up, fontsize=9.5, color=INK)
-    ax.grid(True, color="#e4e4e4", linewidth=0.7)
-    ax.set_axisbelow(True)
-    ax.spines[["top", "right"]].set_visible(False)
+    add_grid(ax)
     ax.tick_params(labelsize=8.5, colors=INK, width=0.7)
     if handles:
         ax.legend(handles=handles, fontsize=8.5, frameon=False, labelcolor=INK)

@@ -1,9 +1,8 @@
-"""What all figures have in common: their colours, how they are made, who shows them.
+"""Colours, and new figures with or without pyplot.
 
-Axes are either given or made on a figure of their own. In a notebook, and where pyplot has been
-loaded with a backend that opens windows, that figure is one of pyplot's, which shows and closes
-it; elsewhere no global state of matplotlib is touched. matplotlib is an extra: it is imported
-inside the functions.
+In a notebook, or if pyplot is loaded with a backend that opens windows, new figures belong to
+pyplot, which shows and closes them. Elsewhere no global state of matplotlib changes. matplotlib is
+an optional dependency and is imported inside the functions.
 """
 
 from __future__ import annotations
@@ -12,36 +11,38 @@ import sys
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from .._base.extras import extra
 from .._base.progress import in_ipython
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+# The palette of Okabe and Ito (2008), distinct for all colour vision.
+COLORS = ("#0072B2", "#D55E00", "#009E73", "#E69F00", "#56B4E9", "#CC79A7", "#222222")
 INK = "#222222"
 PALE = "#6b6b6b"
+GRID = "#e4e4e4"
+_SIZE = (5.6, 4.2)  # inches: width and height of a figure with one panel
 
 
 def require_matplotlib() -> None:
     """Raise an ImportError that names the extra if matplotlib is missing."""
-    try:
+    with extra("figures need matplotlib"):
         import matplotlib  # noqa: F401
-    except ImportError as error:
-        raise ImportError(
-            "figures need matplotlib: install the extra with `pip install 'stochens_rs[plot]'`"
-        ) from error
 
 
-# Backends that write files; pyplot would keep their figures and show them to nobody.
+# Backends that write files: pyplot would keep the figures open without showing them.
 _FILES = ("agg", "cairo", "pdf", "pgf", "ps", "svg", "template")
 
 
 def new_figure(
     width: float, height: float, *, header: float, footer: float, shown: bool = True
 ) -> Figure:
-    """A figure; sizes in inches, `header` and `footer` are kept free.
+    """Return a new figure; sizes in inches, `header` and `footer` are kept free.
 
-    Where pyplot shows figures, in a notebook or on a screen, it gets to know this one, unless
-    `shown` is False. Elsewhere it does not: nobody would close it.
+    If pyplot shows figures, in a notebook or on a screen, the figure belongs to pyplot, unless
+    `shown` is False.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -64,6 +65,19 @@ def new_figure(
     return made
 
 
+def axes_or_new(ax: Axes | None) -> Axes:
+    """Return `ax`, or axes on a new figure."""
+    require_matplotlib()
+    return new_figure(*_SIZE, header=0.0, footer=0.0).add_subplot() if ax is None else ax
+
+
+def add_grid(ax: Axes) -> None:
+    """Draw a pale grid behind the data, and no frame at the top and the right."""
+    ax.grid(True, which="major", color=GRID, linewidth=0.7)
+    ax.set_axisbelow(True)
+    ax.spines[["top", "right"]].set_visible(False)
+
+
 def _pyplot_shows() -> bool:
     """Whether the user is in IPython or has loaded pyplot, and its backend shows figures."""
     if not in_ipython() and "matplotlib.pyplot" not in sys.modules:
@@ -74,7 +88,7 @@ def _pyplot_shows() -> bool:
 
 
 def _close(figure: Figure, include: object = None, exclude: object = None) -> None:
-    """What IPython calls before it displays a figure: pyplot shall not show it once more."""
+    """Close a figure when IPython displays it, so that pyplot does not show it again."""
     import matplotlib.pyplot as plt
 
     plt.close(figure)

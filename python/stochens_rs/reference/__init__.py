@@ -8,7 +8,7 @@ them bit for bit where that is promised (random draws) and to rounding elsewhere
 * `sampling` - realizations as indices, and what is built from indices;
 * `fusing`   - weights: uniform, ALSE, SLSE;
 * `controls` - pseudoinverse, controls, and how wrong they are;
-* `simulation` - trajectories: exact, random runs, mean fields.
+* `simulation` - trajectories: exact, random runs, mean fields, along a reference.
 * `streaming` - the sequential algorithm, and what data say about their mean.
 
 Arrays go in and come out plain: `indices` is (N, lines), `samples` is (N, n) or (N, n, m), `key`
@@ -49,13 +49,14 @@ from .sampling import (
     systematic_counts,
     to_lines,
 )
-from .simulation import simulate, simulate_mean_field, simulate_runs
+from .simulation import average, simulate, simulate_mean_field, simulate_runs, track
 from .streaming import Streamed, mean_radius, stream
 from .streams import (
     AliasTable,
     alias_table,
     chacha8_words,
     chacha_blocks,
+    child,
     draw,
     iid_words,
     masses,
@@ -74,8 +75,10 @@ __all__ = [
     "alse_dense",
     "alse_singleton",
     "atoms",
+    "average",
     "chacha8_words",
     "chacha_blocks",
+    "child",
     "combine",
     "control",
     "counts",
@@ -103,6 +106,7 @@ __all__ = [
     "stream",
     "systematic_counts",
     "to_lines",
+    "track",
     "uniform",
     "xoshiro256pp",
 ]

@@ -44,33 +44,33 @@ def pinv(B: ArrayLike) -> Array:
     return np.asarray(np.linalg.pinv(M, rcond=_cutoff(M)), dtype=np.float64)
 
 
-def realization_controls(B: ArrayLike, x0: ArrayLike, xf: ArrayLike, A: ArrayLike) -> Array:
-    """u_s = B+(xf_s - A_s x0_s), (N, m), for samples x0 (N, n), xf (N, n), A (N, n, n)."""
-    X0, Xf, As = (np.asarray(v, dtype=np.float64) for v in (x0, xf, A))
+def realization_controls(A: ArrayLike, B: ArrayLike, x0: ArrayLike, xf: ArrayLike) -> Array:
+    """u_s = B+(xf_s - A_s x0_s), (N, m), for samples A (N, n, n), x0 (N, n), xf (N, n)."""
+    As, X0, Xf = (np.asarray(v, dtype=np.float64) for v in (A, x0, xf))
     y = Xf - np.einsum("sij,sj->si", As, X0)
     return np.asarray(y @ pinv(B).T)
 
 
 def control(
-    B: ArrayLike, x0: ArrayLike, xf: ArrayLike, A: ArrayLike, *, fusion: str = "product"
+    A: ArrayLike, B: ArrayLike, x0: ArrayLike, xf: ArrayLike, *, fusion: str = "product"
 ) -> Array:
     """The fused control, (m,).
 
-    product: B+(xf - A x0) for estimates x0 (n,), xf (n,), A (n, n); samples, with one more axis
+    product: B+(xf - A x0) for estimates A (n, n), x0 (n,), xf (n,); samples, with one more axis
     in front, are averaged first. diagonal: the mean of the controls of the samples.
     """
     if fusion == "diagonal":
-        return np.asarray(realization_controls(B, x0, xf, A).mean(axis=0))
-    X0, Xf, Ah = (np.asarray(v, dtype=np.float64) for v in (x0, xf, A))
+        return np.asarray(realization_controls(A, B, x0, xf).mean(axis=0))
+    Ah, X0, Xf = (np.asarray(v, dtype=np.float64) for v in (A, x0, xf))
     X0 = X0.mean(axis=0) if X0.ndim == 2 else X0
     Xf = Xf.mean(axis=0) if Xf.ndim == 2 else Xf
     Ah = Ah.mean(axis=0) if Ah.ndim == 3 else Ah
     return np.asarray(pinv(B) @ (Xf - Ah @ X0))
 
 
-def reachability(B: ArrayLike, x0: ArrayLike, xf: ArrayLike, A: ArrayLike) -> Reachability:
+def reachability(A: ArrayLike, B: ArrayLike, x0: ArrayLike, xf: ArrayLike) -> Reachability:
     """How far xf is from what one step can reach: mu = xf - A x0, residual = ||(I - B B+) mu||."""
-    M, X0, Xf, Ah = (np.asarray(v, dtype=np.float64) for v in (B, x0, xf, A))
+    Ah, M, X0, Xf = (np.asarray(v, dtype=np.float64) for v in (A, B, x0, xf))
     mu = Xf - Ah @ X0
     residual = float(np.linalg.norm(mu - M @ (pinv(M) @ mu)))
     size = float(np.linalg.norm(mu))
@@ -79,13 +79,13 @@ def reachability(B: ArrayLike, x0: ArrayLike, xf: ArrayLike, A: ArrayLike) -> Re
     return Reachability(residual, residual / size if size > 0.0 else 0.0, rank)
 
 
-def plan_error(u: ArrayLike, A: ArrayLike, B: ArrayLike, x0: ArrayLike, xf: ArrayLike) -> PlanError:
+def plan_error(A: ArrayLike, B: ArrayLike, x0: ArrayLike, xf: ArrayLike, u: ArrayLike) -> PlanError:
     """Errors of a control u for the true system: v* = B+(xf - A x0), x_actual = A x0 + B v*.
 
     control = ||u - v*||, relative to ||v*||; state = ||B(u - v*)||, relative to ||x_actual||;
     residual = ||xf - x_actual||, so that ||A x0 + B u - xf||^2 = state^2 + residual^2.
     """
-    v, Ah, M, X0, Xf = (np.asarray(x, dtype=np.float64) for x in (u, A, B, x0, xf))
+    Ah, M, X0, Xf, v = (np.asarray(x, dtype=np.float64) for x in (A, B, x0, xf, u))
     v_star = pinv(M) @ (Xf - Ah @ X0)
     x_actual = Ah @ X0 + M @ v_star
     e_u = float(np.linalg.norm(v - v_star))

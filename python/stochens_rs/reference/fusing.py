@@ -37,7 +37,7 @@ def _norm(x: Array) -> float:
 
 
 def frank_wolfe_gap(
-    samples: ArrayLike, y: ArrayLike, target: ArrayLike, weights: str = "simplex"
+    samples: ArrayLike, y: ArrayLike, target: ArrayLike, weight_set: str = "simplex"
 ) -> float:
     """<g, y> - min g with g_s = 2 <E_s, F - E*>: an upper bound of f(y) - min f.
 
@@ -46,13 +46,13 @@ def frank_wolfe_gap(
     E, t, w = np.asarray(samples, float), np.asarray(target, float), np.asarray(y, float)
     S = E.reshape(len(E), -1)
     g = 2.0 * S @ (w @ S - t.ravel())
-    floor = g.min() if weights == "simplex" else min(0.0, g.min())
+    floor = g.min() if weight_set == "simplex" else min(0.0, g.min())
     return float(g @ w - floor)
 
 
-def _fused(E: Array, y: Array, target: Array, weights: str = "simplex") -> Fused:
+def _fused(E: Array, y: Array, target: Array, weight_set: str = "simplex") -> Fused:
     estimate = np.tensordot(y, E, axes=1)
-    return Fused(estimate, y, _norm(estimate - target), frank_wolfe_gap(E, y, target, weights))
+    return Fused(estimate, y, _norm(estimate - target), frank_wolfe_gap(E, y, target, weight_set))
 
 
 def uniform(samples: ArrayLike, target: ArrayLike) -> Fused:
@@ -80,7 +80,7 @@ def project_subsimplex(tau: ArrayLike) -> Array:
 
 
 def alse_singleton(
-    indices: ArrayLike, atoms: ArrayLike, target: ArrayLike, weights: str = "simplex"
+    indices: ArrayLike, atoms: ArrayLike, target: ArrayLike, weight_set: str = "simplex"
 ) -> Fused:
     """ALSE for samples of one vector: sample s is atoms[R_s] in entry R_s and 0 elsewhere.
 
@@ -95,14 +95,14 @@ def alse_singleton(
         return Fused(np.zeros_like(a), np.full(N, 1.0 / N), _norm(t), 0.0)
     seen, n_k = np.unique(R, return_counts=True)
     tau = t[seen] / a[seen]
-    Y = project_simplex(tau) if weights == "simplex" else project_subsimplex(tau)
+    Y = project_simplex(tau) if weight_set == "simplex" else project_subsimplex(tau)
     share = np.zeros(len(a))
     share[seen] = Y / n_k
     estimate = np.zeros(len(a))
     estimate[seen] = a[seen] * Y
     # g_s = 2 <E_s, F - t> depends on R_s only
     g = 2.0 * a[seen] * (estimate - t)[seen]
-    floor = g.min() if weights == "simplex" else min(0.0, g.min())
+    floor = g.min() if weight_set == "simplex" else min(0.0, g.min())
     return Fused(estimate, share[R], _norm(estimate - t), float(g @ Y - floor))
 
 
@@ -153,7 +153,7 @@ def _nearest_in_hull(P: Array) -> Array:
     return full
 
 
-def alse_dense(samples: ArrayLike, target: ArrayLike, weights: str = "simplex") -> Fused:
+def alse_dense(samples: ArrayLike, target: ArrayLike, weight_set: str = "simplex") -> Fused:
     """ALSE for any samples, exact up to rounding; the weights need not be unique.
 
     f(y) = ||sum_s y_s (E_s - E*)||^2 on the simplex; the subsimplex is the simplex of the samples
@@ -161,9 +161,9 @@ def alse_dense(samples: ArrayLike, target: ArrayLike, weights: str = "simplex") 
     """
     E, t = np.asarray(samples, dtype=np.float64), np.asarray(target, dtype=np.float64)
     P = E.reshape(len(E), -1) - t.ravel()
-    if weights == "subsimplex":
+    if weight_set == "subsimplex":
         P = np.vstack([P, -t.ravel()])
-    return _fused(E, _nearest_in_hull(P)[: len(E)], t, weights)
+    return _fused(E, _nearest_in_hull(P)[: len(E)], t, weight_set)
 
 
 # --- SLSE (Lemma 4.5, corrected) ------------------------------------------------------------------
@@ -222,13 +222,13 @@ def fuse_path(
     method: str = "uniform",
     *,
     target: ArrayLike,
-    weights: str = "simplex",
+    weight_set: str = "simplex",
 ) -> Array:
     """The error after the first k samples, for each k in `sizes`."""
     E, ks = np.asarray(samples, dtype=np.float64), np.asarray(sizes, dtype=np.int64)
     if method == "uniform":
         return np.array([uniform(E[:k], target).error for k in ks])
     if method == "alse":
-        return np.array([alse_dense(E[:k], target, weights).error for k in ks])
+        return np.array([alse_dense(E[:k], target, weight_set).error for k in ks])
     greedy = {"slse": slse, "slse-safeguarded": slse_safeguarded}[method]
     return greedy(E[: ks.max()], target).errors[ks - 1]

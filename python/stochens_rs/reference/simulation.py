@@ -1,5 +1,5 @@
-"""Trajectories: ``x(k+1) = A x(k) + B u(k)`` exactly, in independent random runs, and as a mean
-field.
+"""Trajectories: ``x(k+1) = A x(k) + B u(k)`` exactly, in independent random runs, as a mean field,
+and along a reference.
 
 Every run draws fresh A and B at every step, so that all runs are independent and their mean is the
 exact trajectory. The columns of a matrix are drawn independently (see `sampling`).
@@ -12,17 +12,19 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .controls import pinv
 from .sampling import atoms
 from .streams import RUNS as PURPOSE
-from .streams import AliasTable, Words64, alias_table, draw, iid_words
+from .streams import AliasTable, Words64, alias_table, child, draw, iid_words
 
 Array = NDArray[np.float64]
 Take = Callable[[int], Words64]
+Estimate = Callable[[Array, bytes], Array]
 
 BLOCK = 32  # runs that share one line of words; part of the stream's definition
 
 
-def simulate(A: ArrayLike, B: ArrayLike, u: ArrayLike, x0: ArrayLike) -> Array:
+def simulate(A: ArrayLike, B: ArrayLike, x0: ArrayLike, u: ArrayLike) -> Array:
     """The exact states x(0), ..., x(K), (K + 1, n), for inputs u (K, m)."""
     A, B = np.asarray(A, dtype=np.float64), np.asarray(B, dtype=np.float64)
     states = [np.asarray(x0, dtype=np.float64)]
@@ -34,8 +36,8 @@ def simulate(A: ArrayLike, B: ArrayLike, u: ArrayLike, x0: ArrayLike) -> Array:
 def simulate_runs(
     A: ArrayLike,
     B: ArrayLike,
-    u: ArrayLike,
     x0: ArrayLike,
+    u: ArrayLike,
     size: int,
     *,
     key: bytes,
@@ -123,8 +125,8 @@ def _apply(
 def simulate_mean_field(
     A: ArrayLike,
     B: ArrayLike,
-    u: ArrayLike,
     x0: ArrayLike,
+    u: ArrayLike,
     size: int,
     *,
     generator: np.random.Generator,
@@ -133,19 +135,50 @@ def simulate_mean_field(
 
     Equal in distribution to the core's, which draws its counts from another generator.
     """
-
-    def average(M: Array) -> Array:
-        """g_j sign(M_ij) counts_ij / size, counts_j multinomial with p_ij = abs(M_ij) / g_j."""
-        g = np.abs(M).sum(axis=0)
-        columns = [
-            generator.multinomial(size, np.abs(column) / g_j) if g_j > 0 else np.zeros(len(column))
-            for column, g_j in zip(M.T, g, strict=True)
-        ]
-        mean: Array = atoms(M) * np.stack(columns, axis=1) / size
-        return mean
-
     A, B = np.asarray(A, dtype=np.float64), np.asarray(B, dtype=np.float64)
-    states = [average(np.asarray(x0, dtype=np.float64)[:, None])[:, 0]]
+    x = average(np.asarray(x0, dtype=np.float64)[:, None], size, generator)[:, 0]
+    states = [x]
     for u_k in np.asarray(u, dtype=np.float64):
-        states.append(average(A) @ states[-1] + average(B) @ u_k)
+        x = average(A, size, generator) @ x + average(B, size, generator) @ u_k
+        states.append(x)
     return np.array(states)
+
+
+def average(M: Array, size: int, generator: np.random.Generator) -> Array:
+    """g_j sign(M_ij) counts_ij / size, counts_j multinomial with p_ij = abs(M_ij) / g_j."""
+    g = np.abs(M).sum(axis=0)
+    columns = [
+        generator.multinomial(size, np.abs(column) / g_j) if g_j > 0 else np.zeros(len(column))
+        for column, g_j in zip(M.T, g, strict=True)
+    ]
+    mean: Array = atoms(M) * np.stack(columns, axis=1) / size
+    return mean
+
+
+def track(
+    A: ArrayLike,
+    B: ArrayLike,
+    reference: ArrayLike,
+    x0: ArrayLike,
+    estimate: Estimate,
+    *,
+    key: bytes,
+    feedback: bool = True,
+    sample_states: bool = False,
+) -> tuple[Array, Array]:
+    """States (K + 1, n) and inputs (K, m) of one run along a reference (K + 1, n).
+
+    `estimate(target, key)` is what fresh realizations of a vector or matrix are fused to.
+    """
+    A, B = np.asarray(A, dtype=np.float64), np.asarray(B, dtype=np.float64)
+    r, B_plus = np.asarray(reference, dtype=np.float64), pinv(B)
+    states, inputs = [np.asarray(x0, dtype=np.float64)], []
+    for k in range(len(r) - 1):
+        step = child(key, f"step-{k}")
+        now, goal = states[k] if feedback else r[k], r[k + 1]
+        if sample_states:
+            now = estimate(now, child(step, "state"))
+            goal = estimate(goal, child(step, "target"))
+        inputs.append(B_plus @ (goal - estimate(A, child(step, "A")) @ now))
+        states.append(A @ states[k] + B @ inputs[k])
+    return np.array(states), np.array(inputs)

@@ -14,6 +14,7 @@ M. D. Vose, "A linear algorithm for generating random numbers with a given distr
 
 from __future__ import annotations
 
+import hashlib
 from typing import NamedTuple
 
 import numpy as np
@@ -27,6 +28,11 @@ IID, SYSTEMATIC_OFFSET, SYSTEMATIC_PERMUTATION, RUNS = 0, 1, 2, 4
 CHUNK = 16384  # draws that share one set of lanes
 LANES = 8
 CELL = 2**32  # integer mass of one cell of an alias table
+
+
+def child(key: bytes, name: str) -> bytes:
+    """The key of the independent stream called `name`."""
+    return hashlib.sha256(b"stochens child v1\0" + key + name.encode()).digest()
 
 
 def _rotl32(x: Words32, k: int) -> Words32:

@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
+from .. import _core
 from .._base import gate, html, memory
-from ..ensembles.sampling import sample, sample_counts
+from .._base.threads import get_num_threads
+from .._base.types import Status
 from ..exceptions import NonFiniteError
-from ..fusion.fits import worst
-from ..fusion.fusing import METHODS, fuse
+from ..fusion.fusing import METHODS
 from ..plots.states import draw_tracking
 from ..rng import Key, RngLike, as_key
 from ..system import System
-from ..theory.exact import Factors, factors
+from ..theory.exact import REACHABLE, factors
 from ..theory.tracking import reference_residuals
-from ..theory.tracking._checks import checked_reference
+from ..theory.tracking.errors import checked_reference
+from .simulating import _lines
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -28,14 +29,13 @@ if TYPE_CHECKING:
 
     Floats: TypeAlias = NDArray[np.float64]
 
-_FEASIBLE = float(np.sqrt(np.finfo(float).eps))
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Tracking:
     """A reference, and what followed it.
 
-    Replicates, if any, are the first axis of `states`, `inputs` and `errors`; time is the next.
+    Runs, if several were asked for, are the first axis of `states`, `inputs` and `errors`; time is
+    the next.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class Tracking:
     status : str
         The worst status among the fits; "completed" if none was optimised.
     info : dict
-        "method", "size", "feedback", "sample_states" and "replicates" (None or R).
+        "method", "size", "feedback", "sample_states" and "runs" (None or R).
     """
 
     states: Floats
@@ -66,18 +66,18 @@ class Tracking:
     residuals: Floats
     feasible: bool
     key: Key
-    status: str
+    status: Status
     info: dict[str, Any] = field(default_factory=dict)
 
     @property
     def mean_square(self) -> Floats:
-        """``||x(k) - r(k)||^2`` averaged over the replicates, shape (K + 1,)."""
+        """``||x(k) - r(k)||^2`` averaged over the runs, shape (K + 1,)."""
         squares = self.errors.reshape(-1, self.errors.shape[-1]) ** 2
         return np.asarray(squares.mean(axis=0), dtype=np.float64)
 
     def __repr__(self) -> str:
         K, m = self.inputs.shape[-2:]
-        times = "" if self.states.ndim == 2 else f"{len(self.states)} replicates of "
+        times = "" if self.states.ndim == 2 else f"{len(self.states)} runs of "
         last = float(np.sqrt(self.mean_square[-1]))
         feasible = "" if self.feasible else ", reference not feasible"
         return (
@@ -86,7 +86,7 @@ class Tracking:
         )
 
     def plot(self, *, ax: Axes | None = None) -> Axes:
-        """Draw the distance from the reference over the steps, root mean square over replicates.
+        """Draw the distance from the reference over the steps, root mean square over the runs.
 
         Parameters
         ----------
@@ -116,7 +116,7 @@ class Tracking:
         rows = [
             ("steps", html.grouped(len(self.residuals))),
             ("realizations N per step", html.grouped(self.info["size"])),
-            ("replicates", self.info["replicates"]),
+            ("runs", self.info["runs"]),
             ("off by (rms)", f"{distance[-1]:.4g} at the end, {distance.max():.4g} at most"),
             ("out of reach in one step", f"{self.residuals.max():.4g} at most"),
         ]
@@ -134,7 +134,7 @@ def track(
     x0: ArrayLike | None = None,
     method: Method = "uniform",
     rng: RngLike = None,
-    replicates: int | None = None,
+    runs: int | None = None,
 ) -> Tracking:
     """Let a system follow a reference, with a fresh estimate of A from realizations in every step.
 
@@ -159,11 +159,11 @@ def track(
         How to fuse; the least-squares methods fit to the exact entity, as in the paper's analysis.
         "uniform" draws counts instead of realizations: O(n^2) a step for every `size`.
     rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
-        Source of randomness. Replicate i draws from the child "replicate-i" (i = 0 without
-        replicates), its step k from the child "step-k" of that, and the entities from the
-        children "A", "state" and "target" of that.
-    replicates : int, optional
-        Number R of independent repetitions; None: one, without an axis for it.
+        Source of randomness. Run i draws from the child "replicate-i" (i = 0 without `runs`), its
+        step k from the child "step-k" of that, and the entities from the children "A", "state"
+        and "target" of that.
+    runs : int, optional
+        Number R of independent runs; None: one, without an axis for it.
 
     Returns
     -------
@@ -192,10 +192,10 @@ def track(
     >>> import numpy as np, stochens_rs as se
     >>> system = se.System([[0.9, 0.2], [-0.1, 0.8]], [[1.0, 0.0], [0.5, 1.0]])
     >>> reference = np.outer(np.cos(0.3 * np.arange(21)), [1.0, 2.0])
-    >>> run = se.track(system, reference, 1000, rng=1, replicates=50)
+    >>> run = se.track(system, reference, 1000, rng=1, runs=50)
     >>> run.states.shape, run.inputs.shape, run.feasible
     ((50, 21, 2), (50, 20, 2), True)
-    >>> rms = se.theory.tracking.tracking_rms(system.A, system.B, reference, 1000)
+    >>> rms = se.theory.tracking.tracking_rms(system, reference, 1000)
     >>> bool(abs(np.sqrt(run.mean_square.mean()) / np.sqrt((rms**2).mean()) - 1) < 0.1)
     True
     """
@@ -205,81 +205,58 @@ def track(
     count = gate.size("size", size)
     fed, sampled = gate.flag("feedback", feedback), gate.flag("sample_states", sample_states)
     start = r[0] if x0 is None else gate.vector("x0", x0, length=n)
-    gate.choice("method", method, METHODS)
-    R = None if replicates is None else gate.size("replicates", replicates)
+    name = gate.choice("method", method, METHODS)
+    status: Status = "optimal" if name == "alse" else "completed"
+    R = None if runs is None else gate.size("runs", runs)
     K = len(r) - 1
     memory.need("the trajectories", (R or 1) * ((K + 1) * (n + 1) + K * m) * 8)
+    threads = get_num_threads()
+    if name != "uniform":  # per step: the indices, which have up to 4 bytes, and the weights
+        memory.need("the realizations of a step", threads * count * (4 * n + 24))
     B = np.ascontiguousarray(checked.B)
     with np.errstate(over="ignore", invalid="ignore"):
-        residuals = reference_residuals(checked.A, B, r)
+        residuals = reference_residuals(checked, r)
         needed = np.linalg.norm(r[1:], axis=1) + np.linalg.norm(r[:-1] @ checked.A.T, axis=1)
     if not np.isfinite(needed).all():
         raise NonFiniteError("`A` times `reference` overflows: scale the problem down")
-    key = as_key(rng)
-    loop = _Loop(checked, factors(B), r, count, method, fed, sampled)
-    states, inputs = np.empty((R or 1, K + 1, n)), np.empty((R or 1, K, m))
-    for i in range(R or 1):
-        loop.run(start, key.child(f"replicate-{i}"), states[i], inputs[i])
-    errors = np.linalg.norm(states - r, axis=2)
-    first = 0 if R is None else slice(None)  # without replicates, there is no axis for them
+    key, of_B = as_key(rng), factors(B)
+    states, inputs, optimal = _core.track(
+        *_lines(checked),
+        start,
+        r,
+        (of_B.U.T, of_B.V.T, of_B.s),
+        count,
+        name,
+        fed,
+        sampled,
+        R or 1,
+        bytes(key),
+        threads,
+    )
+    states, inputs = states.reshape(-1, K + 1, n), inputs.reshape(-1, K, m)
+    with np.errstate(over="ignore"):
+        errors = np.linalg.norm(states - r, axis=2)
+    lost = np.argwhere(~np.isfinite(errors[:, 1:]))  # the first run comes first
+    if lost.size:
+        raise NonFiniteError(
+            f"the squared error overflows at step {lost[0, 1] + 1}: is `size` above the threshold "
+            "of stability, theory.tracking.stability_threshold(system)?"
+        )
+    first = 0 if R is None else slice(None)  # without `runs`, there is no axis for them
     return Tracking(
         states=states[first],
         inputs=inputs[first],
         errors=errors[first],
         reference=r,
         residuals=residuals,
-        feasible=bool((residuals <= _FEASIBLE * needed).all()),
+        feasible=bool((residuals <= REACHABLE * needed).all()),
         key=key,
-        status=worst(["completed", *loop.statuses]),
+        status=status if optimal else "optimal_inaccurate",
         info={
-            "method": method,
+            "method": name,
             "size": count,
             "feedback": fed,
             "sample_states": sampled,
-            "replicates": R,
+            "runs": R,
         },
     )
-
-
-@dataclass
-class _Loop:
-    """What all replicates share."""
-
-    system: System
-    inputs: Factors
-    reference: Floats
-    size: int
-    method: Method
-    feedback: bool
-    sample_states: bool
-    statuses: set[str] = field(default_factory=set)
-
-    def run(self, x0: Floats, key: Key, states: Floats, inputs: Floats) -> None:
-        """Fill one trajectory and its inputs."""
-        A, B, r = self.system.A, self.system.B, self.reference
-        states[0] = x0
-        for k in range(len(inputs)):
-            step = key.child(f"step-{k}")
-            now = states[k] if self.feedback else r[k]
-            goal = r[k + 1]
-            if self.sample_states:
-                now = self._estimate(now, step.child("state"))
-                goal = self._estimate(goal, step.child("target"))
-            with np.errstate(over="ignore", invalid="ignore"):
-                inputs[k] = self.inputs.solve(goal - self._estimate(A, step.child("A")) @ now)
-                states[k + 1] = A @ states[k] + B @ inputs[k]
-                square = float(((states[k + 1] - r[k + 1]) ** 2).sum())
-            if not math.isfinite(square):
-                raise NonFiniteError(
-                    f"the squared error overflows at step {k + 1}: is `size` above the threshold "
-                    "of stability, theory.tracking.stability_threshold(A, B)?"
-                )
-
-    def _estimate(self, target: Floats, key: Key) -> Floats:
-        if self.method == "uniform":
-            return sample_counts(target, self.size, rng=key).estimate
-        fit = fuse(sample(target, self.size, rng=key), self.method, target=target)
-        if fit.status == "interrupted":
-            raise KeyboardInterrupt  # `fuse` has answered it; here, half a trajectory is of no use
-        self.statuses.add(fit.status)
-        return fit.estimate

@@ -68,7 +68,7 @@ class Trajectory:
         Examples
         --------
         >>> import stochens_rs as se
-        >>> path = se.simulate(([[0.5]], [[1.0]]), [[1.0], [0.0]], [0.0])
+        >>> path = se.simulate(([[0.5]], [[1.0]]), [0.0], [[1.0], [0.0]])
         >>> path.plot().get_ylabel()
         'state'
         """
@@ -174,7 +174,7 @@ class EnsembleTrajectory:
         Examples
         --------
         >>> import stochens_rs as se
-        >>> path = se.simulate_ensemble(([[0.5]], [[1.0]]), [[1.0]], [2.0], 100, rng=1)
+        >>> path = se.simulate_ensemble(([[0.5]], [[1.0]]), [2.0], [[1.0]], 100, rng=1)
         >>> path.plot().get_xlabel()
         'step k'
         """

@@ -26,17 +26,17 @@ _AVERAGINGS = ("runs", "mean-field")
 _MOMENTS = ("diagonal", "full")
 
 
-def simulate(system: System | Any, u: ArrayLike, x0: ArrayLike) -> Trajectory:
+def simulate(system: System | Any, x0: ArrayLike, u: ArrayLike) -> Trajectory:
     """Follow the exact system under given inputs.
 
     Parameters
     ----------
     system : System
         The system, or anything `System.from_any` takes.
-    u : array_like, shape (K, m)
-        ``u[k]`` is the input between step k and step k + 1; K = 0 is allowed.
     x0 : array_like, shape (n,)
         Initial state ``x(0)``.
+    u : array_like, shape (K, m)
+        ``u[k]`` is the input between step k and step k + 1; K = 0 is allowed.
 
     Returns
     -------
@@ -61,12 +61,12 @@ def simulate(system: System | Any, u: ArrayLike, x0: ArrayLike) -> Trajectory:
     --------
     >>> import stochens_rs as se
     >>> system = se.System([[1.0, 0.1], [0.0, 1.0]], [[0.0], [0.1]], dt=0.1)
-    >>> se.simulate(system, [[10.0], [-10.0]], [0.0, 0.0]).states
+    >>> se.simulate(system, [0.0, 0.0], [[10.0], [-10.0]]).states
     array([[0. , 0. ],
            [0. , 1. ],
            [0.1, 0. ]])
     """
-    checked, inputs, start = _problem(system, u, x0)
+    checked, start, inputs = _problem(system, x0, u)
     memory.need("the trajectory", 2 * 8 * (len(inputs) + 1) * checked.n)
     states = _core.trajectory(*_lines(checked), start.reshape(1, -1), inputs)
     return Trajectory(states, inputs.copy(), _times(checked, len(inputs)), _dt(checked))
@@ -74,8 +74,8 @@ def simulate(system: System | Any, u: ArrayLike, x0: ArrayLike) -> Trajectory:
 
 def simulate_ensemble(
     system: System | Any,
-    u: ArrayLike,
     x0: ArrayLike,
+    u: ArrayLike,
     size: int,
     *,
     sample_A: bool = True,
@@ -93,10 +93,10 @@ def simulate_ensemble(
     ----------
     system : System
         The system, or anything `System.from_any` takes.
-    u : array_like, shape (K, m)
-        ``u[k]`` is the input between step k and step k + 1, the same for all; K = 0 is allowed.
     x0 : array_like, shape (n,)
         Initial state.
+    u : array_like, shape (K, m)
+        ``u[k]`` is the input between step k and step k + 1, the same for all; K = 0 is allowed.
     size : int
         Number of realizations N of every entity at every step, at least 1.
     sample_A, sample_B, sample_x0 : bool, default True
@@ -150,13 +150,13 @@ def simulate_ensemble(
     --------
     >>> import numpy as np, stochens_rs as se
     >>> system = se.System([[0.9, 0.2], [-0.1, 0.8]], [[1.0], [0.5]])
-    >>> u, x0 = [[1.0], [0.0], [-1.0]], [1.0, 2.0]
-    >>> exact = se.simulate(system, u, x0).states
-    >>> found = se.simulate_ensemble(system, u, x0, 100_000, rng=1)
+    >>> x0, u = [1.0, 2.0], [[1.0], [0.0], [-1.0]]
+    >>> exact = se.simulate(system, x0, u).states
+    >>> found = se.simulate_ensemble(system, x0, u, 100_000, rng=1)
     >>> bool(np.all(abs(found.mean - exact) <= 5 * found.standard_error))
     True
     """
-    checked, inputs, start = _problem(system, u, x0)
+    checked, start, inputs = _problem(system, x0, u)
     count = gate.size("size", size)
     flags = {"A": sample_A, "B": sample_B, "x0": sample_x0}
     drawn = tuple(gate.flag(f"sample_{name}", value) for name, value in flags.items())
@@ -200,10 +200,10 @@ def simulate_ensemble(
     )
 
 
-def _problem(system: object, u: object, x0: object) -> tuple[System, Floats, Floats]:
+def _problem(system: object, x0: object, u: object) -> tuple[System, Floats, Floats]:
     checked = System.from_any(system)
-    inputs = gate.inputs("u", u, cols=checked.m)
-    return checked, inputs, gate.vector("x0", x0, length=checked.n)
+    start = gate.vector("x0", x0, length=checked.n)
+    return checked, start, gate.inputs("u", u, cols=checked.m)
 
 
 def _lines(system: System) -> tuple[Floats, Floats]:

@@ -1,7 +1,8 @@
-"""One realization at a time: a control that gets better, its certificate, and its files."""
+"""Controls that are updated with every realization, and their state files."""
 
+from .confidence import Confidence
 from .data_stream import DataStream
-from .records import Confidence, StreamRun, Trace
+from .records import StreamRun, Trace
 from .stream import Stream
 
 __all__ = ["Confidence", "DataStream", "Stream", "StreamRun", "Trace"]

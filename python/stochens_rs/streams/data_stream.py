@@ -1,54 +1,52 @@
-"""The sequential algorithm on realizations that come from elsewhere, with or without a target."""
+"""`DataStream`: a control from realizations that the user passes in."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 from .. import _core
 from .._base import gate, html, memory
-from .._base.threads import interruptible
-from ..ensembles.ensemble import Ensemble
-from ..exceptions import InputError, InputTypeError, ShapeError
+from ..exceptions import InputError, InputTypeError
+from .confidence import Confidence, radii_of_means
 from .durable import Durable
-from .records import Confidence, mean_radius
+from .feed import blocks
+from .state import ENTITIES
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    Floats: TypeAlias = NDArray[np.float64]
-    FeedLike: TypeAlias = ArrayLike | Ensemble | Iterable[ArrayLike]
+    from .feed import FeedLike
 
-_NAMES = ("x0", "xf", "A")
-_BLOCK = 2**18  # entries that are handed over at a time
+    Floats: TypeAlias = NDArray[np.float64]
 
 
 class DataStream(Durable):
-    """The control from realizations that are handed in, one by one or in batches.
+    """The control from realizations that are passed in one by one or in batches.
 
-    Without a target an entity is averaged, with weights 1/N; nothing needs to be known, and
-    `confidence` says how far the control can be off. With a target it is fused towards it by one
-    exact line search per realization: ``t = clip(<T - F, E - F> / ||E - F||^2, 0, 1)``,
-    ``F <- (1 - t) F + t E``. The control is ``v = B^+ (Ff - FA F0)`` at any time.
+    x0, xf and A are each estimated by F, the mean of their realizations; `confidence` bounds the
+    error of the control. If a target T is given, F follows by one exact line search per
+    realization E instead: ``t = clip(<T - F, E - F> / ||E - F||^2, 0, 1)``,
+    ``F <- (1 - t) F + t E``. The control is ``v = B^+ (Ff - FA F0)``.
 
     Parameters
     ----------
     B : array_like, shape (n, m)
-        Input matrix, known.
+        Input matrix.
     x0, xf : array_like, shape (n,), optional
         Targets, such as a nominal model or a held-out estimate.
     A : array_like, shape (n, n), optional
         Target for the system matrix.
     ranges : mapping of str to float, optional
         For "x0", "xf", "A": a bound R on ``||E - E'||`` for any two realizations (2-norm;
-        Frobenius for A). 0 says that all realizations are the same. `confidence` needs it for
-        radii that hold for any number of realizations.
+        Frobenius for A); 0 if all realizations are equal. `confidence` needs it for radii that
+        hold for any number of realizations.
     sizes : mapping of str to int, optional
-        For "x0", "xf", "A": the number of realizations, fixed before any is seen, at which
-        `confidence` is to be tightest (about 0.65 of the radius without it). Its radii hold at
-        all other numbers too, but far from this one they are wider.
+        For "x0", "xf", "A": the number of realizations at which `confidence` is tightest (about
+        0.65 of the radius without it), chosen before any realization is seen. The radii hold at
+        all numbers, but are wider far from this one.
 
     Raises
     ------
@@ -57,8 +55,8 @@ class DataStream(Durable):
 
     Notes
     -----
-    Taking in a realization costs as much as reading it; `u` costs O(n^2 + n m). One by one or in
-    batches gives the same numbers, bit for bit. Threads and signal handlers: as for `Stream`.
+    A realization costs one pass over its entries; `u` costs O(n^2 + n m). Batches give the same
+    numbers as single realizations, bit for bit. Threads and signal handlers: see `Stream`.
 
     Examples
     --------
@@ -91,6 +89,7 @@ class DataStream(Durable):
         goal = None if xf is None else gate.vector("xf", xf, length=n)
         matrix = None if A is None else gate.matrix("A", A, rows=n, cols=n)
         self._ranges, self._sizes = _checked_ranges(ranges), _checked_sizes(sizes)
+        # estimates, targets, sums, and the pseudoinverse
         memory.need("a stream", 48 * n * n + 40 * n * m)
         self._shape = (n, m)
         self._targets = tuple(value is not None for value in (start, goal, matrix))
@@ -117,8 +116,9 @@ class DataStream(Durable):
         ------
         InputError, InputTypeError
             If a realization cannot be used, or nothing is given. Arrays and ensembles are checked
-            before anything is taken in; of an iterator, or if the distance of two realizations
-            overflows, those before the faulty one have been taken in. `counts` says how many.
+            before any realization is taken in. With an iterator, or if the distance of two
+            realizations overflows, the realizations before the faulty one are taken in; see
+            `counts`.
         KeyboardInterrupt
             On Ctrl-C, between two realizations.
 
@@ -133,62 +133,44 @@ class DataStream(Durable):
         """
         given = [(k, v) for k, v in enumerate((x0, xf, A)) if v is not None]
         if not given:
-            raise InputError("`x0`, `xf` or `A` must be given: there is nothing to take in")
-        blocks = [(entity, self._blocks(_NAMES[entity], value)) for entity, value in given]
-        for entity, rows in blocks:
-            for block in rows:
-                self._core.update(entity, block)
-
-    def _blocks(self, name: str, value: Any) -> Iterable[Floats]:
-        """The realizations as rows, some at a time; arrays and ensembles are checked at once."""
+            raise InputError("`x0`, `xf` or `A` must be given")
         n = self._shape[0]
-        shape = (n, n) if name == "A" else (n,)
-        entries = n ** len(shape)
-        rows = max(1, _BLOCK // entries)
-        if isinstance(value, Ensemble):
-            if value.shape != shape:
-                raise ShapeError(f"`{name}` must have shape {shape}, got {value.shape}")
-            return (block.reshape(-1, entries) for block in value._dense_blocks(rows))
-        if isinstance(value, Iterator):
-            return _gathered(name, value, shape, rows)
-        array = gate.array(name, value, ndim=(len(shape), len(shape) + 1))
-        if array.shape[-len(shape) :] != shape:
-            raise ShapeError(
-                f"`{name}` must have shape {shape} or (k, {', '.join(map(str, shape))}), "
-                f"got {array.shape}"
-            )
-        return [array.reshape(-1, entries)]
+        shapes = ((n,), (n,), (n, n))
+        # all arguments are checked before the first is taken in
+        checked = [(k, blocks(ENTITIES[k], value, shapes[k])) for k, value in given]
+        for k, rows in checked:
+            for block in rows:
+                self._core.update(k, block)
 
     @property
     def counts(self) -> dict[str, int]:
         """Realizations taken in so far, for "x0", "xf" and "A"."""
-        return dict(zip(_NAMES, self._core.statistics()[0], strict=True))
+        return dict(zip(ENTITIES, self._core.statistics()[0], strict=True))
 
     @property
     def u(self) -> Floats:
-        """The control v, shape (m,); it needs a realization of each entity."""
+        """The control v, shape (m,); needs a realization of x0, xf and A."""
         self._seen("u")
         return self._core.control()
 
     @property
     def estimates(self) -> dict[str, Floats]:
-        """The estimates of "x0" (n,), "xf" (n,) and "A" (n, n) that have realizations."""
-        found = zip(_NAMES, self._core.estimates(), strict=True)
+        """Estimates of "x0" (n,), "xf" (n,), "A" (n, n), of those that have realizations."""
+        found = zip(ENTITIES, self._core.estimates(), strict=True)
         return {name: value for name, value in found if self.counts[name] > 0}
 
     @property
     def residuals(self) -> dict[str, float]:
-        """``||F - target||`` of the entities that have a target and a realization."""
-        found = dict(zip(_NAMES, self._core.statistics()[3], strict=True))
-        known = dict(zip(_NAMES, self._targets, strict=True))
+        """``||F - T||`` for those of "x0", "xf", "A" that have a target and a realization."""
+        found = dict(zip(ENTITIES, self._core.statistics()[3], strict=True))
+        known = dict(zip(ENTITIES, self._targets, strict=True))
         return {k: v for k, v in found.items() if known[k] and self.counts[k] > 0}
 
     @property
     def certificate(self) -> float | None:
-        """``||P [(Ff - xf) - A (F0 - x0)]|| + ||FA - A|| ||F0||`` with the targets.
+        """Upper bound on `error`: ``||P [(Ff - xf) - A (F0 - x0)]|| + ||FA - A|| ||F0||``.
 
-        It bounds the error against the control that the targets give; None unless all three
-        entities have one.
+        With the targets xf, x0, A and ``P = B B^+``. None unless all three targets are given.
         """
         self._seen("certificate")
         found = self._core.certificate()
@@ -196,13 +178,13 @@ class DataStream(Durable):
 
     @property
     def error(self) -> float | None:
-        """``||B (v - v*)||`` for the targets' control v*; None unless all three have one."""
+        """``||B (v - v*)||``, v* from the targets; None unless all three targets are given."""
         self._seen("error")
         found = self._core.certificate()
         return None if found is None else found[1]
 
     def confidence(self, delta: float = 0.05) -> Confidence:
-        """Say how far the control can be from the one that the true means give.
+        """Bound the distance of the control from the control that the exact means give.
 
         Parameters
         ----------
@@ -212,37 +194,36 @@ class DataStream(Durable):
         Returns
         -------
         Confidence
-            Radii for the entities and for the state.
+            Radii for x0, xf, A and the state.
 
         Raises
         ------
         InputError, InputTypeError
-            If `delta` cannot be used, an entity has no realization, or one has a target: what is
-            fitted to a target says nothing about the mean. If the realizations show that two of
-            them are farther apart than `ranges` says.
+            If `delta` cannot be used, if x0, xf or A has no realization or has a target (what is
+            fitted to a target is not a mean), or if two realizations are farther apart than
+            `ranges` says.
 
         Notes
         -----
-        *What holds*, if `ranges` is true for all three entities and the realizations are
-        independent with one law each: with probability at least 1 - delta, for **all** numbers
-        of realizations at once - so one may look as often as one likes, and stop when it is
-        good enough -, ``||F - E|| <= r`` for each entity and ``||B (v - v*)|| <= r_f +
-        (||FA|| + r_A) r_0 + r_A ||F0||``, where E are the means of the laws and v* is their
-        control. Realizations that are biased have another mean than what they are to estimate;
-        that difference is not covered.
+        *Statement.* Let `ranges` hold for x0, xf and A, and let the realizations of each be
+        independent with the same law. Then, with probability at least 1 - delta and for **all**
+        numbers of realizations at once, ``||F - mu|| <= r`` for each of x0, xf and A, and
+        ``||B (v - v*)|| <= r_f + (||FA|| + r_A) r_0 + r_A ||F0||``; mu are the exact means of the
+        laws and v* is the control from them. It may therefore be evaluated after any realization,
+        also to decide when to stop. A bias of the realizations is not covered.
 
-        *The radius* is Bernstein's inequality for vectors, dimension-free, with a bound on the
-        variance from the data: with ``D^2 = sum ||E_i - mean||^2`` and delta_E = delta / (number of
-        entities whose range is not 0), ``x = ||mean - E|| <= R l / (3 N) + w sqrt(2 l V / N)`` with
-        ``l = log(2 / (0.75 delta_k))``, and ``sqrt(V) <= b + sqrt(b^2 + D^2 / N + x^2)`` with
-        ``b = w R sqrt(log(4 / delta_k) / (2 N))``. Without `sizes`, the numbers
-        ``4^k <= N < 4^(k + 1)`` share ``delta_k = delta_E / (k (k + 1))`` and w < 1.07. With a size
-        m, ``delta_k = delta_E`` and ``w = (sqrt(N / m) + sqrt(m / N)) / 2``, which is 1 at N = m.
+        *Radius.* Bernstein's inequality for vectors, independent of the dimension, with the
+        variance V bounded from the data. With ``D^2 = sum ||E_i - F||^2`` and delta_E = delta /
+        (how many of the three have a range that is not 0): ``x = ||F - mu|| <= R l / (3 N) +
+        w sqrt(2 l V / N)`` with ``l = log(2 / (0.75 delta_k))``, and ``sqrt(V) <= b + sqrt(b^2 +
+        D^2 / N + x^2)`` with ``b = w R sqrt(log(4 / delta_k) / (2 N))``. Without `sizes`, the
+        numbers ``4^k <= N < 4^(k + 1)`` share ``delta_k = delta_E / (k (k + 1))`` and w < 1.07.
+        With a size m, ``delta_k = delta_E`` and ``w = (sqrt(N / m) + sqrt(m / N)) / 2``.
 
-        `ranges` is refuted by a distance from the first realization, by the range of an entry, or
-        by ``D^2 > (N - 1) R^2 / 2``; other violations cannot be seen. Without a range, twice the
-        largest observed distance from the first realization takes its place. That is an estimate
-        (``finite_sample=False``): values that are rare may not have been seen yet.
+        *Ranges.* A range is refused if a distance from the first realization, the range of an
+        entry, or ``D^2 > (N - 1) R^2 / 2`` contradicts it; other violations are not detected.
+        Without a range, twice the largest distance from the first realization is used. This is an
+        estimate (``finite_sample=False``), because rare values may not have been seen yet.
 
         References
         ----------
@@ -265,54 +246,19 @@ class DataStream(Durable):
         delta = float(gate.probability("delta", delta))
         self._seen("confidence")
         if any(self._targets):
-            named = [n for n, known in zip(_NAMES, self._targets, strict=True) if known]
+            named = [n for n, known in zip(ENTITIES, self._targets, strict=True) if known]
             raise InputError(
-                f"`confidence` needs running means, but {named[0]} is fitted to a target, which "
-                "says nothing about its mean"
+                f"`confidence` needs the mean of {named[0]}, but this stream fits it to a target"
             )
-        counts, deviations, spreads, _ = self._core.statistics()
-        apart, rounding = self._core.evidence()
-        uncertain = sum(self._ranges.get(name, np.inf) > 0.0 for name in _NAMES)
-        radii, bounds = [], {}
-        for k, name in enumerate(_NAMES):
-            given, size = self._ranges.get(name), self._sizes.get(name)
-            if given is not None and apart[k] > given:
-                raise InputError(
-                    f"`ranges['{name}']` must bound the distance of any two realizations: there "
-                    f"are two at least {apart[k]:.6g} apart, got {given:.6g}"
-                )
-            observed = 2.0 * spreads[k] if counts[k] > 1 else np.inf
-            diameter = observed if given is None else given
-            radius = mean_radius(
-                counts[k], deviations[k], diameter, delta / max(uncertain, 1), size
-            )
-            bounds[name] = _bound(radius, diameter, given, size)
-            radii.append(radius + 2.0 * rounding[k])  # of the mean, and through the deviation
-        x0, _, A = self._core.estimates()
-        r0, rf, rA = radii
-        # inf * 0 is no bound: a radius of infinity stays one
-        norm = interruptible(lambda: float(np.linalg.norm(A, 2)))
-        parts = [(norm + rA, r0), (rA, float(np.linalg.norm(x0)))]
-        state = rf + sum(a * b if a != 0.0 and b != 0.0 else 0.0 for a, b in parts)
-        single = [name for name, r in zip(_NAMES, radii, strict=True) if not np.isfinite(r)]
-        reason = None
-        if single:
-            reason = (
-                f"one realization of {', '.join(single)} and no `ranges` for it: its spread is "
-                "unknown"
-            )
-        elif not np.isfinite(state):
-            state, reason = np.inf, "the radius of the state overflows"
-        complete = len(self._ranges) == len(_NAMES)
-        return Confidence(state, r0, rf, rA, delta, complete, bounds, reason)
+        return radii_of_means(self._core, self._ranges, self._sizes, delta)
 
     def _repr_html_(self) -> str:
         counts = self.counts
         known = all(counts.values())
         rows = [
             ("realizations", html.counts(counts)),
-            ("control u", html.vector(self.u) if known else "none: an entity has no realization"),
-            ("certified", self.certificate if known else None),
+            ("control u", html.vector(self.u) if known else "needs a realization of x0, xf and A"),
+            ("certificate", self.certificate if known else None),
         ]
         return html.card(self, rows)
 
@@ -322,27 +268,27 @@ class DataStream(Durable):
             raise InputError(f"`{what}` needs at least one realization of {', '.join(missing)}")
 
     def _to_sections(self) -> dict[str, Any]:
-        """Return the state as named arrays of counters and numbers."""
-        ranges = np.array([self._ranges.get(name, -1.0) for name in _NAMES])
-        sizes = np.array([self._sizes.get(name, 0) for name in _NAMES], dtype=np.uint64)
+        """Return the state as named arrays."""
+        ranges = np.array([self._ranges.get(name, -1.0) for name in ENTITIES])
+        sizes = np.array([self._sizes.get(name, 0) for name in ENTITIES], dtype=np.uint64)
         return {"ranges": ranges, "sizes": sizes} | dict(self._core.to_sections())
 
     @classmethod
     def _from_sections(cls, sections: dict[str, Any]) -> DataStream:
-        """Make a stream of what `_to_sections` returned, after checking that it can be one."""
+        """Check the arrays of `_to_sections` and make a stream of them."""
         state = dict(sections)
         ranges = np.asarray(state.pop("ranges", ()), dtype=np.float64)
         possible = np.isfinite(ranges) & ((ranges >= 0.0) | (ranges == -1.0))
         if ranges.shape != (3,) or not possible.all():
-            raise InputError("`state` must have three ranges, finite or -1 for none, got others")
+            raise InputError("`state` must have three ranges, finite, or -1 for none")
         sizes = np.asarray(state.pop("sizes", ()))
         if sizes.shape != (3,) or sizes.dtype != np.uint64 or (sizes > gate.EXACT).any():
-            raise InputError("`state` must have three sizes, 0 for none, got others")
+            raise InputError("`state` must have three sizes, 0 for none")
         made = cls.__new__(cls)
         made._core = _core.DataStream.from_sections(list(state.items()))
-        known = zip(_NAMES, ranges.tolist(), strict=True)
+        known = zip(ENTITIES, ranges.tolist(), strict=True)
         made._ranges = {name: value for name, value in known if value >= 0.0}
-        planned = zip(_NAMES, sizes.tolist(), strict=True)
+        planned = zip(ENTITIES, sizes.tolist(), strict=True)
         made._sizes = {name: size for name, size in planned if size > 0}
         _, n, m, *targets = (int(v) for v in state["format"])
         made._shape, made._targets = (n, m), tuple(bool(v) for v in targets)
@@ -358,58 +304,17 @@ class DataStream(Durable):
 
 
 def _checked_ranges(ranges: object) -> dict[str, float]:
-    checked = {}
-    for key, value in _named("ranges", ranges):
-        zero = isinstance(value, (int, float)) and value == 0 and not isinstance(value, bool)
-        checked[key] = 0.0 if zero else gate.positive(f"ranges['{key}']", value)
-    return checked
+    named = _named("ranges", ranges)
+    return {name: gate.nonnegative(f"ranges['{name}']", value) for name, value in named}
 
 
 def _checked_sizes(sizes: object) -> dict[str, int]:
-    return {key: gate.size(f"sizes['{key}']", value) for key, value in _named("sizes", sizes)}
+    return {name: gate.size(f"sizes['{name}']", value) for name, value in _named("sizes", sizes)}
 
 
 def _named(argument: str, values: object) -> Iterable[tuple[str, Any]]:
     if values is None:
         return []
     if not isinstance(values, Mapping):
-        raise InputTypeError(f"`{argument}` must be a mapping of names, got {gate.show(values)}")
-    return [(gate.choice(argument, name, _NAMES), value) for name, value in values.items()]
-
-
-def _bound(radius: float, diameter: float, given: float | None, size: int | None) -> str:
-    """Which bound a radius comes from."""
-    if diameter == np.inf:
-        return "none"
-    source = "observed range, an estimate" if given is None else "given range"
-    if radius >= diameter:
-        return source
-    where = "epochs of sizes" if size is None else f"tightest at {size}"
-    return f"empirical Bernstein for all sizes, {where}; {source}"
-
-
-def _gathered(
-    name: str, items: Iterator[Any], shape: tuple[int, ...], rows: int
-) -> Iterator[Floats]:
-    """Single realizations as blocks of rows."""
-    pending: list[Floats] = []
-    try:
-        for item in items:
-            pending.append(_one(name, item, shape).ravel())
-            if len(pending) == rows:
-                yield np.stack(pending)
-                pending = []
-    except GeneratorExit:  # the core refused what it got
-        raise
-    except BaseException:  # what came before the fault, or before Ctrl-C, counts
-        if pending:
-            yield np.stack(pending)
-        raise
-    if pending:
-        yield np.stack(pending)
-
-
-def _one(name: str, item: object, shape: tuple[int, ...]) -> Floats:
-    if len(shape) == 1:
-        return gate.vector(name, item, length=shape[0])
-    return gate.matrix(name, item, rows=shape[0], cols=shape[1])
+        raise InputTypeError(f"`{argument}` must be a mapping, got {gate.show(values)}")
+    return [(gate.choice(argument, name, ENTITIES), value) for name, value in values.items()]

@@ -1,4 +1,4 @@
-"""Streams in files: `save`, `load`, and checkpoints on the way."""
+"""`save` and `load` of streams, and checkpoints during a run."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _held: weakref.WeakSet[_core.StateLock] = weakref.WeakSet()
 
 
 def _let_go() -> None:
-    """In a forked child: its share of a lock would keep that locked after the parent's death."""
+    """Release the locks in a forked child: its copies would outlive those of the parent."""
     for lock in list(_held):
         lock.release()
 
@@ -30,7 +30,7 @@ if hasattr(os, "register_at_fork"):
 
 
 class Durable:
-    """What can be written down as named arrays of numbers, and made again from them."""
+    """Base of the classes whose state can be saved as named arrays and loaded again."""
 
     _kind: ClassVar[str]
 
@@ -42,42 +42,42 @@ class Durable:
         raise NotImplementedError
 
     def save(self, path: PathLike) -> int:
-        """Save the state so that it survives whatever happens next.
+        """Save the state to a file.
 
         Parameters
         ----------
         path : path
-            The file; the state that was there before is kept beside it as ``<path>.prev``.
+            The file; the previous state is kept as ``<path>.prev``.
 
         Returns
         -------
         int
-            The generation: 1 for the first state at this path, then one more each time. When it
-            is returned, the state is on the disk.
+            The generation: 1 for the first state at this path, then one more each time. The state
+            is on the disk when this returns.
 
         Raises
         ------
         StateError
-            If something else than a stream's state is at `path`.
+            If the file at `path` is not a state of a stream of this kind.
         StateLockedError
             If another thread or process is saving there, or a run has it as its checkpoint.
         StateIOError
-            If the system refuses: no space, no permission. The states before are untouched.
+            If writing fails, for example for lack of space or permission. The previous states are
+            not changed.
         InputError, InputTypeError
-            If `path` cannot be the name of a file.
+            If `path` is not a path.
 
         Notes
         -----
-        The file is one of safetensors, readable by any tool for that format, with a version and a
-        SHA-256 digest; nothing in it is ever executed (``docs/state-format.md``). It is written
-        beside its place, synced and renamed, and the directory synced: one complete state is
-        there at every moment.
+        The format is safetensors, with a version and a SHA-256 digest; loading executes nothing
+        (``docs/state-format.md``). The file is written under another name, synced and renamed, and
+        the directory is synced: a complete state is on the disk at any time.
 
         Examples
         --------
         >>> import tempfile, pathlib, stochens_rs as se
         >>> path = pathlib.Path(tempfile.mkdtemp()) / "a.state"
-        >>> stream = se.Stream([[1.0]], [1.0], [0.0], [[2.0]], rng=1)
+        >>> stream = se.Stream(([[2.0]], [[1.0]]), [1.0], [0.0], rng=1)
         >>> stream.step(1000)
         >>> stream.save(path)
         1
@@ -88,7 +88,7 @@ class Durable:
 
     @classmethod
     def load(cls, path: PathLike) -> Self:
-        """Load a state that `save` has written.
+        """Load a saved state.
 
         Parameters
         ----------
@@ -98,29 +98,30 @@ class Durable:
         Returns
         -------
         Stream or DataStream
-            It goes on exactly as the saved one would have, bit for bit.
+            It continues exactly as the saved one, bit for bit.
 
         Raises
         ------
         StateError
-            If neither `path` nor the generation before can be used: damaged, of another kind,
-            from a newer version, or numbers that cannot be such a state.
+            If neither the file nor the previous generation can be used: damaged, of another kind,
+            of a newer version, or not a state of a stream.
         StateNotFoundError
             If neither exists.
         StateIOError
-            If the system refuses to read.
+            If reading fails.
         InputError, InputTypeError
-            If `path` cannot be the name of a file.
+            If `path` is not a path.
 
         Warns
         -----
         StateRecoveredWarning
-            If the file is missing or damaged and the generation before was loaded.
+            If the file is missing or damaged and the previous generation was loaded.
 
         Notes
         -----
-        Nothing is written. Sizes are checked before memory is asked for, then the digest, then
-        what the numbers mean: finite, within the hull, and of the key and problem that they name.
+        Nothing is written. Checked are the sizes (before memory is allocated), the digest, and the
+        numbers: finite, estimates in the hull of the realizations, and the key and the problem
+        those of the digest.
 
         Examples
         --------
@@ -134,10 +135,7 @@ class Durable:
 
 
 class Checkpoints:
-    """Saves a stream now and then while it runs, as the only writer of its file.
-
-    The lock is held from the start of a run to its end; it ends with the process as well.
-    """
+    """Saves a stream during a run; locks the file from the start of the run to its end."""
 
     def __init__(self, stream: Durable, path: PathLike | None, every: float) -> None:
         self._stream = stream
@@ -151,8 +149,8 @@ class Checkpoints:
             self._lock = _core.StateLock(self._path)
             _held.add(self._lock)
             try:
-                self._refuse_a_loss(self._path)
-            except BaseException:  # which may be answered by a run that goes on from there
+                self._check_earlier(self._path)
+            except BaseException:  # the caller may handle it and use the file again
                 self._lock.release()
                 raise
         return self
@@ -161,8 +159,8 @@ class Checkpoints:
         if self._lock is not None:
             self._lock.release()
 
-    def _refuse_a_loss(self, path: str) -> None:
-        """A checkpoint replaces an earlier one of the same stream, and nothing else."""
+    def _check_earlier(self, path: str) -> None:
+        """Raise if the file is anything else than an earlier state of the same stream."""
         previous = path + ".prev"
         if not (os.path.lexists(path) or os.path.lexists(previous)):
             return
@@ -170,24 +168,23 @@ class Checkpoints:
         ours = self._stream._to_sections()
         if "digest" not in theirs or theirs["digest"].tobytes() != ours["digest"].tobytes():
             raise StateError(
-                f"{path} must be a state of this problem, key and options, got another: it would "
-                "be replaced"
+                f"{path} must be a state of this problem, key and options, got another"
             )
         there, here = int(theirs["steps"][0]), int(ours["steps"][0])
         if there > here:
             raise StateError(
-                f"{path} is at step {there}, ahead of this stream at step {here}: load it to go "
-                "on from there (`Stream.load`, `stochens stream --resume`), choose another path, "
-                f"or remove it and {previous}"
+                f"{path} is at step {there}, ahead of this stream at step {here}: load it "
+                "(`Stream.load`, `stochens stream --resume`), choose another path, or remove it "
+                f"and {previous}"
             )
 
     def due(self) -> None:
-        """Save if it is time to."""
+        """Save if the time between two checkpoints has passed."""
         if self._path is not None and time.monotonic() - self._last >= self._every:
             self.save()
 
     def save(self) -> None:
-        """Save at once."""
+        """Save now."""
         if self._path is not None:
             sections = self._stream._to_sections()
             state_file.save(self._path, self._stream._kind, sections, self._lock)

@@ -1,8 +1,6 @@
-"""State files: what the package keeps between two runs, as named arrays of numbers.
+"""State files: named arrays, in the format of `docs/state-format.md`.
 
-A thin page over the core's `storage`, which knows the format (`docs/state-format.md`) and how to
-save so that one complete generation can always be loaded. What the arrays mean is checked by
-whoever loads them.
+The core writes and reads them. The classes that load the arrays check what they mean.
 """
 
 from __future__ import annotations
@@ -38,11 +36,11 @@ def save(
 ) -> int:
     """Save one-dimensional uint8, uint64 or float64 arrays as the next generation at `path`.
 
-    When this returns, they are on the disk; after any exception the generation before can be
-    loaded. The arrays must not be changed by another thread meanwhile. `held` is the lock on
-    `path`, if the caller has it. Returns the generation: 1 for the first, then one more each
-    time. Raises `StateError` if something else than a state of this `kind` is at `path`,
-    `StateLockedError` if another writer is at work, `StateIOError` for what the system refuses.
+    They are on the disk when this returns; after an exception, the previous generation can be
+    loaded. No other thread may change the arrays meanwhile. `held` is the lock on `path`, if the
+    caller has it. Returns the generation, from 1. Raises `StateError` if the file at `path` is not
+    a state of this `kind`, `StateLockedError` if it is being written, `StateIOError` if writing
+    fails.
     """
     checked = checked_path("path", path)
     arrays = [(name, _section(name, array)) for name, array in sections.items()]
@@ -53,17 +51,17 @@ def save(
 def load(path: PathLike, kind: str) -> tuple[int, dict[str, Section]]:
     """Return the generation and the arrays of the state of this `kind` at `path`.
 
-    Nothing is written. If the file is missing or damaged, the generation before is returned with
+    Nothing is written. If the file is missing or damaged, the previous generation is returned with
     a `StateRecoveredWarning`. Raises `StateError` if neither can be used, `StateNotFoundError` if
-    neither exists, `StateIOError` for what the system refuses.
+    neither exists, `StateIOError` if reading fails.
     """
     checked = checked_path("path", path)
-    with contextlib.suppress(OSError):  # the core says what is wrong with the path
-        memory.need("a state to be loaded", 2 * os.stat(checked).st_size)  # the bytes, the arrays
+    with contextlib.suppress(OSError):  # the core reports a bad path
+        memory.need("a state to be loaded", 2 * os.stat(checked).st_size)  # file and arrays
     generation, sections, recovered = _core.storage_load(checked, kind)
     if recovered is not None:
         warnings.warn(
-            f"{recovered}: generation {generation} was loaded from the file beside it",
+            f"{recovered}: generation {generation} was loaded instead",
             StateRecoveredWarning,
             stacklevel=3,
         )

@@ -1,11 +1,9 @@
-"""The sequential algorithm: a control that gets better with every realization."""
+"""`Stream`: the sequential algorithm, whose control improves with every realization."""
 
 from __future__ import annotations
 
-import hashlib
 import time
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -13,59 +11,51 @@ from .. import _core
 from .._base import gate, html, memory
 from .._base.files import PathLike
 from .._base.progress import Progress, progress_bar
-from ..exceptions import InputError, StateError, StateIOError
+from ..exceptions import InputError
 from ..rng import Key, RngLike, as_key
+from ..system import System
 from .durable import Checkpoints, Durable
 from .records import StreamRun, Trace
+from .running import Rule, checked_stop, run_until
+from .state import ENTITIES, SLOTS, VARIANTS, Identity, Slots, Variant, from_sections, to_sections
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     Floats: TypeAlias = NDArray[np.float64]
 
-Variant: TypeAlias = Literal["consistent", "semi", "literal"]
-Slots: TypeAlias = Literal["random", "round-robin", "gain"]
-Rule: TypeAlias = Literal["certificate", "printed"]
-
-_VARIANTS = ("consistent", "semi", "literal")
-_SLOTS = ("random", "round-robin", "gain")
-_RULES = ("certificate", "printed")
-_CHILDREN = ("x0", "xf", "A", "slots")
-_ENDLESS = 2**62
-_SLICE = 0.2  # seconds between two looks at the progress bar
-
 
 class Stream(Durable):
-    """Algorithm 1 of the paper on realizations that the stream draws itself.
+    """Algorithm 1 of the paper, on realizations that the stream draws itself.
 
-    Every step draws one realization E for one slot (x0, xf or A), moves that slot's estimate F
-    towards it as far as that helps, and the control with it:
-    ``t = clip(<E* - F, E - F> / ||E - F||^2, 0, 1)``, ``F <- (1 - t) F + t E``,
-    ``v <- (1 - t) v + t v'``, ``v' = B^+ (xf - A x0)`` from E and the other slots' estimates.
-    The start is one realization per slot.
+    Each step draws one realization E for one slot (x0, xf or A) and moves the estimate F of that
+    slot, and the control v, by one exact line search towards the target T (the given x0, xf or A):
+    ``t = clip(<T - F, E - F> / ||E - F||^2, 0, 1)``, ``F <- (1 - t) F + t E``,
+    ``v <- (1 - t) v + t v'``, with ``v' = B^+ (xf - A x0)`` computed from E and the estimates of
+    the other slots. The stream starts with one realization per slot.
 
     Parameters
     ----------
-    B : array_like, shape (n, m)
-        Input matrix, known.
+    system : System or tuple (A, B)
+        The system, or anything `System.from_any` takes; A is exact or nominal. Realizations of A
+        are drawn column by column.
     x0, xf : array_like, shape (n,)
-        What is drawn from and fitted to: exact or nominal initial state and target.
-    A : array_like, shape (n, n)
-        The same for the system matrix; its columns are drawn independently.
+        Exact or nominal initial state and target state.
     rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
-        Source of randomness. Realization k of slot "x0" is realization k of
-        ``sample(x0, ..., rng=key.child("x0"))``, and so on for "xf" and "A".
+        Source of randomness. Realization k of x0 is realization k of
+        ``sample(x0, ..., rng=key.child("x0"))``; "xf" and "A" alike.
     variant : {"consistent", "semi", "literal"}, default "consistent"
-        The printed algorithm can be read in three ways; only the first converges. "semi" and
-        "literal" are there for comparison: v' comes from the latest *realizations* of all slots,
-        and "literal" also searches from the previous realization instead of the estimate.
+        Three readings of the printed algorithm; only "consistent" converges. "semi": v' comes
+        from the latest *realizations* of all slots. "literal": also, the line search starts at
+        the previous realization instead of the estimate.
     safeguard : bool, default False
-        Follow every step by one more line search, towards the mean of the slot's realizations.
-        Each estimate is then never worse than that mean. For "consistent" only.
+        For "consistent": a second line search per step, towards the mean of the realizations of
+        the slot. The error of each estimate is then never larger than that of this mean.
     slots : {"random", "round-robin", "gain"}, default "random"
-        Which slot moves: each with probability 1/3, as in the paper; in turn; or the one whose
-        part of the squared error is sure to fall most in the mean, ``d^4 / (V + d^2)`` times the
-        squared factor by which the slot's error d enters the state (``||A||``, 1, ``||F0||``).
+        Which slot the step is for. "random": each with probability 1/3, as in the paper.
+        "round-robin": in turn. "gain": the slot with the largest guaranteed decrease of the mean
+        squared error, ``d^4 / (V + d^2)`` times the squared factor by which the error d of the
+        slot enters the state (``||A||`` for x0, 1 for xf, ``||F0||`` for A).
 
     Raises
     ------
@@ -76,30 +66,28 @@ class Stream(Durable):
 
     Notes
     -----
-    *Invariant* (corrected Algorithm 1): the control is affine in each slot, so in the consistent
-    variant ``v = B^+ (Ff - FA F0)`` after every step. The stream keeps ``FA F0`` up to date in
-    O(n) per step and applies ``B^+`` when `u` is asked for: a step costs O(n), reading `u`
-    O(n m), reading `certificate` or `error` O(n^2). (In time, more than O(n) once the estimate of A
-    no longer fits into the processor's caches, n > 300 or so: its entries are hit at random.)
-    Everything that is carried along is
-    recomputed from the estimates every ``16 max(n, 16)`` steps; `drift` says how far it had gone.
+    *Invariant* (corrected Algorithm 1): in the consistent variant, ``v = B^+ (Ff - FA F0)`` after
+    every step. A step costs O(n) (above n = 300 or so, more time: A leaves the caches of the
+    processor), reading `u` O(n m), reading `certificate` or `error` O(n^2). All running sums are
+    computed again from the estimates every ``16 max(n, 16)`` steps; `drift` is the largest
+    correction so far.
 
     *Mean-square bound*, with ``n_i`` realizations in slot i that do not depend on the choice of
-    slots, ``V = E ||E - E*||^2``: ``E ||B (v - v*)||^2 <= 3 [Vf / n_f + ||A||^2 V0 / n_0 +
+    slots and ``V = E ||E - T||^2``: ``E ||B (v - v*)||^2 <= 3 [Vf / n_f + ||A||^2 V0 / n_0 +
     (VA / n_A) (||x0|| + sqrt(V0 / n_0))^2]``.
 
-    Any thread may use a stream; one waits for the other. Signal handlers run while it is at work:
-    one that uses the same stream gets InputError; one that waits for a thread that uses it waits
-    forever. A process that was forked while another thread used a stream gets InputError for it.
+    *Threads.* Threads can share a stream; each call locks it. A signal handler that uses a stream
+    at work gets an InputError, as does a process that was forked while another thread used it. A
+    signal handler that waits for another thread's call on the stream deadlocks.
 
-    A result is a function of the arguments, the key and the number of steps: not of how many
-    calls took them, nor of whether the stream was saved and loaded between them.
+    *Reproducibility.* The result depends on the arguments, the key and the number of steps only,
+    not on the calls that took them, or on saving and loading in between.
 
     Examples
     --------
     >>> import stochens_rs as se
     >>> A, B = [[0.9, 0.2], [-0.1, 0.8]], [[1.0, 0.0], [0.5, 1.0]]
-    >>> stream = se.Stream(B, [1.0, 2.0], [0.0, 0.0], A, rng=1)
+    >>> stream = se.Stream((A, B), [1.0, 2.0], [0.0, 0.0], rng=1)
     >>> run = stream.run(tol=1e-3)
     >>> run.status, run.certificate <= 1e-3, run.error <= run.certificate
     ('converged', True, True)
@@ -111,53 +99,48 @@ class Stream(Durable):
 
     def __init__(
         self,
-        B: ArrayLike,
+        system: System | Any,
         x0: ArrayLike,
         xf: ArrayLike,
-        A: ArrayLike,
         *,
         rng: RngLike = None,
         variant: Variant = "consistent",
         safeguard: bool = False,
         slots: Slots = "random",
     ) -> None:
-        inputs = gate.matrix("B", B)
-        n, m = inputs.shape
+        checked = System.from_any(system)
+        inputs, n, m = checked.B, checked.n, checked.m
         start, goal = gate.vector("x0", x0, length=n), gate.vector("xf", xf, length=n)
-        matrix = gate.matrix("A", A, rows=n, cols=n)
-        name = gate.choice("variant", variant, _VARIANTS)
-        order = gate.choice("slots", slots, _SLOTS)
+        name = gate.choice("variant", variant, VARIANTS)
+        order = gate.choice("slots", slots, SLOTS)
         safe = gate.flag("safeguard", safeguard)
         if safe and name != "consistent":
             raise InputError(f"`safeguard` must be False for variant '{name}', got True")
         if order == "gain" and name == "literal":
             raise InputError(
-                "`slots` must be 'random' or 'round-robin' for variant 'literal', which fuses "
-                "nothing, got 'gain'"
+                "`slots` must be 'random' or 'round-robin' for variant 'literal', got 'gain'"
             )
         # laws, estimates, sums, tables of both matrices, and the pseudoinverse
         memory.need("a stream", (80 if safe else 64) * n * n + 40 * n * m)
-        key = as_key(rng)
-        columns = np.ascontiguousarray(matrix.T)
-        self._key = key
-        self._shape = (n, m)
-        self._options = (name, safe, order)
-        self._digest = _digest(key, self._options, inputs, start, goal, columns)
-        self._core = _core.Stream(inputs, start, goal, columns, _keys(key), name, safe, order)
+        columns = np.ascontiguousarray(checked.A.T)
+        self._identity = Identity(as_key(rng), name, safe, order, n, m)
+        self._digest = self._identity.digest(inputs, start, goal, columns)
+        keys = self._identity.keys()
+        self._core = _core.Stream(inputs, start, goal, columns, keys, name, safe, order)
 
     @property
     def key(self) -> Key:
-        """The key that all realizations come from."""
-        return self._key
+        """The key of all realizations."""
+        return self._identity.key
 
     @property
     def variant(self) -> str:
         """The variant: "consistent", "semi" or "literal"."""
-        return self._options[0]
+        return self._identity.variant
 
     @property
     def digest(self) -> str:
-        """SHA-256 of key, options, B, x0, xf and A: the same for the same problem, 64 digits."""
+        """SHA-256 of key, options, B, x0, xf and A, as 64 hexadecimal digits."""
         return self._digest
 
     @property
@@ -168,7 +151,7 @@ class Stream(Durable):
     @property
     def counts(self) -> dict[str, int]:
         """Realizations used so far, for "x0", "xf" and "A"."""
-        return dict(zip(_CHILDREN, self._core.counts()[1], strict=False))
+        return dict(zip(ENTITIES, self._core.counts()[1], strict=True))
 
     @property
     def u(self) -> Floats:
@@ -177,41 +160,37 @@ class Stream(Durable):
 
     @property
     def estimates(self) -> dict[str, Floats]:
-        """The estimates of "x0" (n,), "xf" (n,) and "A" (n, n); "literal": latest realizations."""
+        """Estimates of "x0" (n,), "xf" (n,), "A" (n, n); for "literal" the latest realizations."""
         x0, xf, columns = self._core.estimates()
         return {"x0": x0, "xf": xf, "A": np.ascontiguousarray(columns.T)}
 
     @property
     def residuals(self) -> dict[str, float]:
-        """``||F - E*||`` for "x0", "xf" (2-norm) and "A" (Frobenius), summed from the entries."""
-        return dict(zip(_CHILDREN, self._core.residuals(), strict=False))
+        """``||F - T||`` for "x0", "xf" (2-norm) and "A" (Frobenius)."""
+        return dict(zip(ENTITIES, self._core.residuals(), strict=True))
 
     @property
     def certificate(self) -> float | None:
-        """``||P [(Ff - xf) - A (F0 - x0)]|| + ||FA - A|| ||F0||``, P = B B^+.
+        """Upper bound on `error`: ``||P [(Ff - xf) - A (F0 - x0)]|| + ||FA - A|| ||F0||``.
 
-        It bounds ``||B (v - v*)||``, ``v* = B^+ (xf - A x0)``; None for the variants whose
-        control is not the one that their estimates give.
+        ``P = B B^+``. None for the variants "semi" and "literal".
         """
         value = self._core.certificate()[0]
         return None if np.isnan(value) else value
 
     @property
     def error(self) -> float:
-        """``||B (v - v*)||``: how far from the best state the control leads, an identity."""
+        """``||B (v - v*)||``, ``v* = B^+ (xf - A x0)``: distance from the best reachable state."""
         return self._core.certificate()[1]
 
     @property
     def drift(self) -> float:
-        """The largest drift of ``FA F0`` repaired so far, relative to ``||FA|| ||F0||``."""
+        """The largest rounding error of ``FA F0`` so far, relative to ``||FA|| ||F0||``."""
         return self._core.drift()
 
     @property
     def trace(self) -> Trace:
-        """What was written down on the way; it does not depend on how many calls took the steps.
-
-        At most a few hundred entries, however long the stream runs.
-        """
+        """Errors and certificates at a few hundred steps at most."""
         steps, values = self._core.trace()
         return Trace(steps.astype(np.int64), values[:, 0], values[:, 1], values[:, 2])
 
@@ -221,19 +200,19 @@ class Stream(Durable):
         Parameters
         ----------
         count : int, default 1
-            How many, at least 1.
+            Number of steps, at least 1.
 
         Raises
         ------
         InputTypeError, SizeError
             If `count` is not such a number.
         KeyboardInterrupt
-            On Ctrl-C, between two steps: `steps` says how many were taken, and all is in order.
+            On Ctrl-C, between two steps; `steps` says how many were taken.
 
         Examples
         --------
         >>> import stochens_rs as se
-        >>> stream = se.Stream([[1.0]], [1.0], [0.0], [[2.0]], rng=1)
+        >>> stream = se.Stream(([[2.0]], [[1.0]]), [1.0], [0.0], rng=1)
         >>> stream.step(10)
         >>> stream.steps, float(stream.u[0])
         (10, -2.0)
@@ -251,196 +230,101 @@ class Stream(Durable):
         checkpoint: PathLike | None = None,
         every: float = 60.0,
     ) -> StreamRun:
-        """Take steps until the control is good enough, or a limit is met.
+        """Take steps until the stopping rule is satisfied or a limit is met.
 
         Parameters
         ----------
         tol : float, optional
-            Tolerance of the rule, absolute: in units of the state for "certificate", of the
+            Absolute tolerance of the rule, in units of the state for "certificate", of the
             control for "printed". None: no rule, only limits.
         max_steps : int, optional
-            Most steps of this run.
+            Maximum number of steps of this run.
         time_limit : float, optional
-            Most seconds of this run [s].
+            Maximum time of this run [s].
         rule : {"certificate", "printed"}, default "certificate"
-            "certificate": stop when `certificate` is at most `tol`; then so is `error`. It is
-            looked at every n steps and at the start. "printed": stop when a step changes the
-            control by at most `tol`, as in the paper. That is no sign of convergence: a useless
-            or repeated realization changes nothing, so it stops at the first one, with any error
-            (and a step costs O(n m)).
+            "certificate": stop when `certificate` is at most `tol`, and therefore `error` too.
+            Checked at the start and every n steps. "printed": stop when a step, at O(n m), changes
+            the control by at most `tol`, as in the paper. This is no sign of convergence: a
+            repeated realization changes nothing.
         progress : bool or callable, default False
-            True: a bar on a terminal or in a notebook. A callable is called as
+            True: a progress bar on a terminal or in a notebook. A callable is called as
             ``progress(steps, max_steps)`` about five times a second.
         checkpoint : path, optional
-            Where to `save` the stream on the way and at the end, however the run ends. What is
-            there already must be a state of the same problem, key and options that is not ahead
-            of this stream. Until the run ends, no other run or `save` can write there.
+            File to `save` the stream to during the run and at its end. An existing file must be
+            an earlier state of this stream. Other runs and `save` cannot write there meanwhile.
         every : float, default 60
-            Seconds between two checkpoints [s].
+            Time between two checkpoints [s].
 
         Returns
         -------
         StreamRun
-            How the run ended: "converged", "max_steps", "time_limit" or "interrupted".
+            With status "converged", "max_steps", "time_limit" or "interrupted".
 
         Raises
         ------
         InputError, InputTypeError
-            If an argument cannot be used, or none of `tol`, `max_steps`, `time_limit` is given,
-            or the variant has no certificate.
-        StateError
-            If something else than an earlier state of this stream is at `checkpoint`.
-        StateLockedError
-            If another run has the same `checkpoint`; no step was taken.
+            If an argument cannot be used, none of `tol`, `max_steps`, `time_limit` is given, or
+            the variant has no certificate.
+        StateError, StateLockedError
+            If `checkpoint` is not an earlier state of this stream, or is in use by another run.
         StateIOError
-            If a checkpoint cannot be saved; the stream itself is in order.
+            If a checkpoint cannot be saved; the stream can still be used.
 
         Notes
         -----
-        Ctrl-C ends the run between two steps with status "interrupted" and raises nothing: the
-        script goes on with its next line, and the stream with its next step whenever it is asked
-        to. A second one, during the last save, raises. For tol > 0 the rule "certificate" is met
-        with probability one.
+        Ctrl-C ends the run between two steps with status "interrupted" and raises nothing; the
+        stream can be run again. A second Ctrl-C during the last save raises KeyboardInterrupt.
+        With rule "certificate" and tol > 0, a run without limits ends with probability one.
 
         Examples
         --------
         >>> import stochens_rs as se
-        >>> stream = se.Stream([[1.0], [0.5]], [1.0, 2.0], [0.0, 0.0], [[0.9, 0.2], [0, 1]], rng=1)
+        >>> stream = se.Stream(([[0.9, 0.2], [0.0, 1.0]], [[1.0], [0.5]]), [1.0, 2.0], [0.0, 0.0])
         >>> stream.run(max_steps=1000).status
         'max_steps'
-        >>> stream.run(tol=1e-9, rule="printed").steps < 20
-        True
         """
-        rule_name = gate.choice("rule", rule, _RULES)
-        limit = None if tol is None else gate.positive("tol", tol)
-        most = None if max_steps is None else gate.size("max_steps", max_steps)
-        seconds = None if time_limit is None else gate.positive("time_limit", time_limit)
-        if limit is None and most is None and seconds is None:
-            raise InputError("`tol`, `max_steps` or `time_limit` must be given: nothing ends a run")
-        if limit is not None and rule_name == "certificate" and self.variant != "consistent":
-            raise InputError(
-                f"`tol` must be None for variant '{self.variant}' with rule 'certificate': its "
-                "control has none"
-            )
-        if not callable(progress):
-            gate.flag("progress", progress)
-        checked = None if limit is None else rule_name
+        stop = checked_stop(tol, max_steps, time_limit, rule, self.variant)
+        bar = progress_bar(progress, stop.max_steps, "stream", "step")
         started, first = time.monotonic(), self.steps
-        status = "interrupted"
         with Checkpoints(self, checkpoint, every) as checkpoints:
-            try:
-                with progress_bar(progress, most, "stream", "step") as report:
-                    status = self._run(checked, limit or 0.0, most, seconds, report, checkpoints)
-            except KeyboardInterrupt:
-                pass  # the core stops between two steps
-            except (StateError, StateIOError):
-                raise  # of the checkpoints themselves
-            except BaseException:  # of the caller: from `progress` or a signal's handler
-                checkpoints.save()
-                raise
-            try:
-                checkpoints.save()
-            except KeyboardInterrupt:
-                if status == "interrupted":
-                    raise  # the second one
-                status = "interrupted"
-                checkpoints.save()
+            status = run_until(self._core, stop, bar, checkpoints)
         certificate, error = self._core.certificate()
         return StreamRun(
             status=status,
             steps=self.steps - first,
             seconds=time.monotonic() - started,
-            rule=checked,
+            rule=stop.rule,
             certificate=None if np.isnan(certificate) else certificate,
             error=error,
         )
-
-    def _run(
-        self,
-        rule: str | None,
-        tol: float,
-        most: int | None,
-        seconds: float | None,
-        report: Callable[[int], object],
-        checkpoints: Checkpoints,
-    ) -> str:
-        def satisfied() -> bool:
-            return rule == "certificate" and self._core.certificate()[0] <= tol
-
-        if satisfied():
-            return "converged"
-        first, started = self.steps, time.monotonic()
-        while True:
-            left = _ENDLESS if most is None else most - (self.steps - first)
-            rest = _SLICE if seconds is None else seconds - (time.monotonic() - started)
-            end = self._core.advance(left, rule, tol, min(_SLICE, max(rest, 0.0)))
-            report(self.steps - first)
-            checkpoints.due()
-            if end != "time_limit" or (seconds is not None and rest <= _SLICE):
-                return "converged" if satisfied() else end
 
     def _repr_html_(self) -> str:
         rows = [
             ("steps", html.grouped(self.steps)),
             ("realizations", html.counts(self.counts)),
-            ("state off by", self.error),
-            ("certified", self.certificate),
+            ("error of the state", self.error),
+            ("certificate", self.certificate),
             ("control u", html.vector(self.u)),
         ]
         return html.card(self, rows, html.errors(self.trace.steps, self.trace.errors))
 
     def _to_sections(self) -> dict[str, Any]:
-        """Return the state as named arrays of bytes, counters and numbers, digest included."""
-        own = {"key": _bytes(bytes(self._key)), "digest": _bytes(bytes.fromhex(self._digest))}
-        return own | dict(self._core.to_sections())
+        return to_sections(self._identity, self._digest, self._core)
 
     @classmethod
     def _from_sections(cls, sections: dict[str, Any]) -> Stream:
-        """Make a stream of what `_to_sections` returned, after checking that it can be one."""
-        state = dict(sections)
-        own = {name: np.asarray(state.pop(name, ())) for name in ("key", "digest")}
-        for name, array in own.items():
-            if array.dtype != np.uint8 or array.shape != (32,):
-                raise InputError(f"`state` must have 32 bytes in '{name}', got others or none")
-        key, digest = Key(own["key"].tobytes()), own["digest"].tobytes().hex()
-        core = _core.Stream.from_sections(list(state.items()))
-        n, m, variant, safeguard, order = (int(v) for v in state["format"][1:])
-        options = (_VARIANTS[variant], bool(safeguard), _SLOTS[order])
-        arrays = (state["B"].reshape(n, m), state["x0"], state["xf"], state["A"].reshape(n, n))
-        if state["keys"].tobytes() != b"".join(_keys(key)):
-            raise InputError("`state` must have keys that belong to its key, got others")
-        if _digest(key, options, *arrays) != digest:
-            raise InputError("`state` must be of the problem that its digest names, got another")
         made = cls.__new__(cls)
-        made._key, made._shape, made._options = key, (n, m), options
-        made._digest, made._core = digest, core
+        made._identity, made._digest, made._core = from_sections(sections)
         return made
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Stream._from_sections, (self._to_sections(),)
 
     def __repr__(self) -> str:
-        name = f"Stream ({self.variant}): n={self._shape[0]}, m={self._shape[1]}"
+        name = f"Stream ({self.variant}): n={self._identity.n}, m={self._identity.m}"
         try:
             certificate, error = self._core.certificate()
             bound = "" if np.isnan(certificate) else f" <= {certificate:.3g}"
             return f"<{name}, {html.counted(self.steps)}, ||B (v - v*)|| = {error:.3g}{bound}>"
-        except InputError:  # in a signal's handler, or in a child forked while a thread used it
+        except InputError:  # in a signal handler, or in a process forked while a thread used it
             return f"<{name}, in use>"
-
-
-def _keys(key: Key) -> list[bytes]:
-    return [bytes(key.child(name)) for name in _CHILDREN]
-
-
-def _bytes(value: bytes) -> NDArray[np.uint8]:
-    return np.frombuffer(value, dtype=np.uint8).copy()
-
-
-def _digest(key: Key, options: tuple[str, bool, str], *arrays: Floats) -> str:
-    """SHA-256 of what makes a stream what it is; shapes keep the numbers apart."""
-    text = f"{options}{[array.shape for array in arrays]}"
-    made = hashlib.sha256(b"stochens stream v1\0" + bytes(key) + text.encode() + b"\0")
-    for array in arrays:
-        made.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
-    return made.hexdigest()

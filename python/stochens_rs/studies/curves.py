@@ -16,27 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._base import gate
+from .._base.numbers import ROUNDING, TINY
+from .._base.types import FUSIONS
 from ..exceptions import InputError, StochensError
 
 BAND = (0.1, 0.9)  # the shaded band holds the middle 80 % of the replicates
 
 FloatArray = NDArray[np.float64]
-
-
-def quantiles(errors: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The 10 %, 50 % and 90 % quantiles over the replicates.
-
-    Parameters
-    ----------
-    errors : (replicates, k) array
-        ``errors[r, i]`` is the error of replicate r after ``sizes[i]`` samples.
-
-    Returns
-    -------
-    low, median, high : (k,) arrays
-    """
-    low, median, high = np.quantile(errors, (BAND[0], 0.5, BAND[1]), axis=0)
-    return low, median, high
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,14 +56,19 @@ class Curve:
         return f"{self.method} (diagonal)" if self.fusion == "diagonal" else self.method
 
     @property
+    def _quantiles(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        low, median, high = np.quantile(self.errors, (BAND[0], 0.5, BAND[1]), axis=0)
+        return low, median, high
+
+    @property
     def median(self) -> FloatArray:
         """(k,) median over the replicates."""
-        return quantiles(self.errors)[1]
+        return self._quantiles[1]
 
     @property
     def band(self) -> tuple[FloatArray, FloatArray]:
         """The 10 % and the 90 % quantile over the replicates, (k,) each."""
-        low, _, high = quantiles(self.errors)
+        low, _, high = self._quantiles
         return low, high
 
     @property
@@ -109,7 +100,7 @@ class Curve:
         spread = np.maximum(squares.std(axis=0, ddof=min(1, replicates - 1)), self.exact_spread)
         # An error that cannot vary (samples of a vector with one entry) must hit its value to
         # rounding.
-        rounding = 1e-12 * self.exact_rms**2 + 1e-300
+        rounding = ROUNDING * self.exact_rms**2 + TINY
         z: FloatArray = (squares.mean(axis=0) - self.exact_rms**2) / np.maximum(
             spread / math.sqrt(replicates), rounding
         )
@@ -117,8 +108,7 @@ class Curve:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain lists and numbers; the key "statistics" is derived from the others."""
-        low, median, high = quantiles(self.errors)
-        z = self.z
+        low, median, high = self._quantiles
         return {
             "method": self.method,
             "fusion": self.fusion,
@@ -130,7 +120,7 @@ class Curve:
                 "median": median.tolist(),
                 "q90": high.tolist(),
                 "rms": self.rms.tolist(),
-                "z": _listed(z),
+                "z": _listed(self.z),
             },
         }
 
@@ -212,7 +202,7 @@ class Panel:
         """
         gate.choice("method", method, tuple(dict.fromkeys(one.method for one in self.curves)))
         if fusion is not None:
-            gate.choice("fusion", fusion, ("product", "diagonal"))
+            gate.choice("fusion", fusion, FUSIONS)
         for wanted in (fusion, "product") if fusion is None else (fusion,):
             for curve in self.curves:
                 if (curve.method, curve.fusion) == (method, wanted):

@@ -26,11 +26,6 @@ if TYPE_CHECKING:
 SCHEMA = "stochens-experiment/1"
 
 
-def log_grid(samples: int, points: int = 16) -> NDArray[np.int64]:
-    """At most `points` sample counts, evenly spaced on a log axis, from 1 to `samples`."""
-    return np.unique(np.rint(np.geomspace(1, samples, points)).astype(np.int64))
-
-
 @dataclass(frozen=True, eq=False)
 class Experiment:
     """One experiment, finished: settings, key, errors of every replicate, and facts derived from
@@ -70,6 +65,11 @@ class Experiment:
     def replicates(self) -> int:
         """Number of independent repetitions."""
         return int(self.panels[0].curves[0].errors.shape[0])
+
+    @property
+    def figures(self) -> list[str]:
+        """Numbers of the figures, in order."""
+        return list(dict.fromkeys(p.figure for p in self.panels if p.figure is not None))
 
     def panel(self, name: str) -> Panel:
         """One panel by name.
@@ -148,8 +148,7 @@ class Experiment:
         ImportError
             matplotlib is not installed.
         """
-        numbers = dict.fromkeys(p.figure for p in self.panels if p.figure is not None)
-        return {f"{self.name}-figure-{k}": self.plot_figure(k, shown=shown) for k in numbers}
+        return {f"{self.name}-figure-{k}": self.plot_figure(k, shown=shown) for k in self.figures}
 
     def plot_figure(self, number: str, *, shown: bool = True) -> Figure:
         """One figure of the paper, its panels side by side under one title and over one legend.

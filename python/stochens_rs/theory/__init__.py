@@ -4,16 +4,14 @@
     Tail bounds: radii that hold with a given probability, and the sizes they need.
 :mod:`~stochens_rs.theory.moments`
     Exact means and covariances of realizations, estimates, controls and simulated ensembles.
-:mod:`~stochens_rs.theory.multistep`
-    Leading-order covariance of the state that a control over several steps leads to.
 :mod:`~stochens_rs.theory.reachability`
-    What one step or several steps can reach.
+    Which states K steps can reach: the controllability matrix and the Gramian.
 :mod:`~stochens_rs.theory.tracking`
     Exact errors and stability of tracking a reference with fresh estimates in every step.
 """
 
 from __future__ import annotations
 
-from . import bounds, moments, multistep, reachability, tracking
+from . import bounds, moments, reachability, tracking
 
-__all__ = ["bounds", "moments", "multistep", "reachability", "tracking"]
+__all__ = ["bounds", "moments", "reachability", "tracking"]

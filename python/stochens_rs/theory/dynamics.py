@@ -25,9 +25,9 @@ def checked_steps(steps: object, n: int, m: int) -> int:
 def matrix_powers(A: Array, K: int, name: str = "A") -> Array:
     """``[I, A, ..., A^K]``, (K + 1, n, n)."""
     powers = np.empty((K + 1, *A.shape))
-    powers[0] = np.eye(len(A))
+    powers[0], powers[1:2] = np.eye(len(A)), A
     with np.errstate(over="ignore", invalid="ignore"):
-        for k in range(K):
+        for k in range(1, K):
             powers[k + 1] = powers[k] @ A
             if not np.isfinite(powers[k + 1]).all():
                 raise NonFiniteError(
@@ -38,17 +38,18 @@ def matrix_powers(A: Array, K: int, name: str = "A") -> Array:
 
 
 def controllability(powers: Array, B: Array) -> Array:
-    """``C_K = [A^{K-1} B, ..., A B, B]``, (n, m K): its blocks meet u(0), ..., u(K-1)."""
-    K = len(powers) - 1
+    """``C_K = [B, A B, ..., A^{K-1} B]``, (n, m K), from ``[I, A, ..., A^{K-1}]``.
+
+    Its blocks meet u(K-1), ..., u(0).
+    """
     with np.errstate(over="ignore", invalid="ignore"):
-        blocks = powers[K - 1 :: -1] @ B
-        C = np.ascontiguousarray(blocks.transpose(1, 0, 2).reshape(len(B), -1))
+        C = np.hstack([B, *(powers[1:] @ B)])
     if not np.isfinite(C).all():
         raise NonFiniteError("`A` to a power times `B` overflows: take fewer steps")
     return C
 
 
-def states(A: Array, B: Array, u: Array, x0: Array) -> Array:
+def states(A: Array, B: Array, x0: Array, u: Array) -> Array:
     """``x(k+1) = A x(k) + B u(k)`` from ``x(0) = x0``, (K + 1, n)."""
     x = np.empty((len(u) + 1, x0.size))
     x[0] = x0
@@ -57,7 +58,9 @@ def states(A: Array, B: Array, u: Array, x0: Array) -> Array:
             x[k + 1] = A @ x[k] + B @ u_k
     if not np.isfinite(x).all():
         k = int(np.argwhere(~np.isfinite(x))[0, 0])
-        raise NonFiniteError(f"the state overflows at step {k}: scale the problem down")
+        raise NonFiniteError(
+            f"the state overflows at step {k}: scale the problem down, or take fewer steps"
+        )
     return x
 
 

@@ -1,9 +1,10 @@
 """The best control of known data, where it leads, and what rounding may have made of both.
 
 ``y = xf - x_free`` is what a control has to add to the free motion, ``v = B^+ y`` the one of
-smallest norm that comes nearest to it. ``B^+`` is never formed here: ``v = V (1/s) (U^T y)`` with
-one step of refinement leaves ``B v`` right to rounding times ``||B|| ||v||``, a product with the
-explicit matrix only to rounding times ``condition ||y||``.
+smallest norm that comes nearest to it; over several steps ``C_K`` takes the place of ``B``.
+``B^+`` is never formed here: ``v = V (1/s) (U^T y)`` with one step of refinement leaves ``B v``
+right to rounding times ``||B|| ||v||``, a product with the explicit matrix only to rounding times
+``condition ||y||``.
 
 One rank rule for everything: singular values up to ``eta sigma_max``, ``eta = max(n, m) eps``,
 count as 0. Allowances for rounding: the computed factors are those of a matrix at a distance of at
@@ -25,7 +26,7 @@ from .. import _core
 from .._base import memory
 from .._base.numbers import norm
 from ..exceptions import NonFiniteError
-from .dynamics import controllability
+from .dynamics import controllability, matrix_powers
 from .records import PlanError, Reachability
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
     Floats: TypeAlias = NDArray[np.float64]
 
 EPS = float(np.finfo(np.float64).eps)
-REACHABLE = sqrt(EPS)
+REACHABLE = sqrt(EPS)  # 1.5e-8: a residual of up to half the digits of what is needed is none
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,22 +88,33 @@ def factors(B: Floats) -> Factors:
 class Best:
     """The best control for one right-hand side.
 
-    `unsure` bounds the rounding in the norm of `needed` (``y``), `off` how far the matrix that was
-    factored can be from the exact one, its factors included.
+    `v` is in the order of ``C_K``: u(K-1), ..., u(0). `unsure` bounds the rounding in the norm of
+    `needed` (``y``), `off` how far the matrix that was factored can be from the exact one, its
+    factors included.
     """
 
     factors: Factors
     free: Floats
     needed: Floats
-    u: Floats
+    v: Floats
     missed: Floats
     unsure: float
     off: float
+    steps: int
+
+    @property
+    def u(self) -> Floats:
+        """The control in the order of time: u(0), ..., u(K-1), (m K,)."""
+        return self._reversed(self.v)
+
+    def _reversed(self, u: Floats) -> Floats:
+        """From the order of time, (m K,) or (K, m), to that of ``C_K``, or back."""
+        return u.reshape(self.steps, -1)[::-1].ravel()
 
     @cached_property
     def pushed(self) -> Floats:
         """``B v``."""
-        return np.asarray(self.factors.B @ self.u)
+        return np.asarray(self.factors.B @ self.v)
 
     @property
     def reached(self) -> Floats:
@@ -114,7 +126,7 @@ class Best:
         residual, needed = norm(self.missed), norm(self.needed)
         relative = residual / needed if needed else 0.0
         # if y = B v, then ||(I - P_hat) y|| = ||(I - P_hat) (B - B_hat) v|| <= off ||v||
-        rounding = self.unsure + self.off * norm(self.u)
+        rounding = self.unsure + self.off * norm(self.v)
         return Reachability(
             residual=residual,
             relative=relative,
@@ -140,14 +152,14 @@ class Best:
     @property
     def state_rounding(self) -> float:
         """Up to which ``||B v||``, the state and the residual may be off."""
-        return self.unsure + (self.off + self.factors.spread) * norm(self.u) + self._turned
+        return self.unsure + (self.off + self.factors.spread) * norm(self.v) + self._turned
 
     @property
     def control_rounding(self) -> float:
         """Up to which ``||v||`` may be off: ``(unsure + 2 off ||v|| + turned) / sigma_min``."""
         if self.gap <= 0.0:
             return inf
-        size = norm(self.u)
+        size = norm(self.v)
         return (self.unsure + 2.0 * self.off * size + self._turned) / self.gap + EPS * size
 
     @property
@@ -160,10 +172,15 @@ class Best:
         """Whether the state reached can be told apart from 0."""
         return norm(self.reached) > self.state_rounding
 
+    def aside(self, u: Floats) -> Floats:
+        """``(I - C_K^+ C_K) u`` in the order of ``C_K``: what moves nothing."""
+        v, V = self._reversed(u), self.factors.V
+        return np.asarray(v - V @ (V.T @ v))
+
     def error(self, u: Floats, x0: Floats) -> PlanError:
-        """Compare another control with this one."""
+        """Compare another control, in the order of time, with this one."""
         with np.errstate(over="ignore", invalid="ignore"):
-            wrong = u - self.u
+            wrong = self._reversed(u) - self.v
             shift = self.factors.B @ wrong
         representable(wrong, shift)
         control, state = norm(wrong), norm(shift)
@@ -184,7 +201,7 @@ class Best:
         """What a relative error of the quantity is relative to, as in `PlanError`, and its norm."""
         if quantity == "control":
             if self.moves:
-                return "v", norm(self.u)
+                return "v", norm(self.v)
             name, size = "B^+ A x0", norm(self.factors.solve(self.free))
         elif self.arrives:
             return "x_actual", norm(self.reached)
@@ -193,44 +210,42 @@ class Best:
         return (name, size) if size else ("nothing", 0.0)
 
 
-def best(B: Floats, free: Floats, needed: Floats, unsure: float, off: float = 0.0) -> Best:
+def best(
+    B: Floats, free: Floats, needed: Floats, unsure: float, off: float = 0.0, steps: int = 1
+) -> Best:
     """Solve for the control that adds `needed` to `free`.
 
-    `off` bounds the rounding in `B` itself.
+    `off` bounds the rounding in `B` itself, ``C_K`` for several steps.
     """
     representable(free, needed)
     found = factors(B)
     with np.errstate(over="ignore", invalid="ignore"):
-        u, missed = found.solve(needed), found.missed(needed)
-        made = Best(found, free, needed, u, missed, unsure, off + found.off)
-        representable(u, missed, made.pushed, made.reached)
+        v, missed = found.solve(needed), found.missed(needed)
+        made = Best(found, free, needed, v, missed, unsure, off + found.off, steps)
+        representable(v, missed, made.pushed, made.reached)
     return made
 
 
-def one_step(A: Floats, B: Floats, x0: Floats, xf: Floats) -> Best:
-    """Solve for the control from x0 to xf."""
+def best_control(
+    A: Floats, B: Floats, x0: Floats, xf: Floats, steps: int = 1, name: str = "A"
+) -> Best:
+    """Solve ``A^K x0 + C_K v = xf``; `name` is that of `A` in messages."""
+    powers = matrix_powers(A, steps, name)
+    C = controllability(powers[:-1], B)
     with np.errstate(over="ignore", invalid="ignore"):
-        free = A @ x0
-        return best(B, free, xf - free, summed(A, x0, xf))
-
-
-def best_over_steps(powers: Floats, B: Floats, x0: Floats, xf: Floats) -> Best:
-    """Solve ``A^K x0 + C_K u = xf``; the controls of all steps are one vector."""
-    K, A = len(powers) - 1, powers[1]
-    C = controllability(powers, B)
-    with np.errstate(over="ignore", invalid="ignore"):
-        free = powers[K] @ x0
-        # A^(k+1) = A^k A is rounded by n eps ||A^k|| ||A|| for k > 0, and that is carried on:
-        # ||error of A^k|| <= n eps ||A|| sum_{0 < i < k} ||A^i|| ||A^(k-1-i)||
-        unit = len(A) * EPS
-        size = np.linalg.norm(powers, axis=(1, 2))
-        size[0] = 1.0
-        rounded = np.append(0.0, size[1:])  # A^0 is exact
-        wrong = np.zeros(K + 1)
-        wrong[1:] = unit * size[1] * np.convolve(rounded, size)[:K]
-        off = norm(B) * norm(wrong[:K] + unit * rounded[:K])
-        unsure = norm(x0) * float(wrong[K]) + summed(powers[K], x0, xf)
-        return best(C, free, xf - free, unsure, off)
+        free = powers[-1] @ x0
+        unsure, off = summed(powers[-1], x0, xf), 0.0
+        if steps > 1:
+            # A^(k+1) = A^k A is rounded by n eps ||A^k|| ||A|| for k > 0, and that is carried on:
+            # ||error of A^k|| <= n eps ||A|| sum_{0 < i < k} ||A^i|| ||A^(k-1-i)||
+            unit = len(A) * EPS
+            size = np.linalg.norm(powers, axis=(1, 2))
+            size[0] = 1.0
+            rounded = np.append(0.0, size[1:])  # A^0 is exact
+            wrong = np.append(0.0, unit * size[1] * np.convolve(rounded, size)[:steps])
+            off = norm(B) * norm((wrong + unit * rounded)[:-1])
+            unsure += norm(x0) * float(wrong[-1])
+        return best(C, free, xf - free, unsure, off, steps)
 
 
 def summed(A: Floats, x: Floats, other: Floats) -> float:

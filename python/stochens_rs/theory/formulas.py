@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._base import gate
+from .._base.types import AXES, FUSIONS, SCHEMES
 from ..exceptions import InputError, NonFiniteError, ShapeError
+from ..system import System
 from .exact import factors
 
 Array: TypeAlias = NDArray[np.float64]
 Size: TypeAlias = "int | float | None"
 Sizes: TypeAlias = "Size | tuple[Size, Size, Size]"
 
-_AXES = ("columns", "rows")
 
-
-def _others(lines: Array) -> Array:
+def sum_of_others(lines: Array) -> Array:
     """``sum_{k != i} |W_kj|``, which is ``g_j - |W_ij|`` without the subtraction."""
     absolute = np.abs(lines)
     before = np.zeros_like(absolute)
@@ -29,15 +29,15 @@ def _others(lines: Array) -> Array:
     return before + after
 
 
-def _vector_covariance(w: Array) -> Array:
+def realization_covariance(w: Array) -> Array:
     """``Cv(w)`` for one realization."""
-    return _transition(w[:, None], np.ones(1))
+    return column_excess(w[:, None], np.ones(1))
 
 
-def _transition(A: Array, d: Array) -> Array:
+def column_excess(A: Array, d: Array) -> Array:
     """``T_A(d)``: off the diagonal ``-A diag(d) A^T``, on it ``Phi d``."""
     T: Array = 0.0 - (A * d) @ A.T  # "0.0 -" rather than "-": zeros stay +0.0
-    np.fill_diagonal(T, (np.abs(A) * _others(A)) @ d)
+    np.fill_diagonal(T, (np.abs(A) * sum_of_others(A)) @ d)
     return T
 
 
@@ -54,35 +54,35 @@ def _centred(values: Array, weights: Array) -> Array:
     return np.asarray(y - mean, dtype=np.float64)
 
 
-def _pushed(F: Array, w: Array) -> Array:
+def pushed_covariance(F: Array, w: Array) -> Array:
     """``F Cv(w) F^T``, in which all diagonal entries are sums of squares."""
     absolute = np.abs(w)
     Y = _centred(F * np.sign(w), np.broadcast_to(absolute, F.shape))
     return np.asarray(absolute.sum() * ((Y * absolute) @ Y.T), dtype=np.float64)
 
 
-def _excess(A: Array, M: Array, axis: str) -> Array:
+def matrix_excess(A: Array, M: Array, axis: str) -> Array:
     """``E[A^s M A^sT] - A M A^T``."""
     diagonal = np.diagonal(M)
     if axis == "columns":
-        return _transition(A, diagonal)
+        return column_excess(A, diagonal)
     # Rows are independent of each other: only E[(A^s M A^sT)_ii] differs. Without the terms of
     # M_jj on both sides: sum_j |a_ij| (rho_i - |a_ij|) M_jj - sum_{j != k} a_ij a_ik M_jk.
     apart = M - np.diag(diagonal)
-    return np.diag((np.abs(A) * _others(A.T).T) @ diagonal - ((A @ apart) * A).sum(axis=1))
+    return np.diag((np.abs(A) * sum_of_others(A.T).T) @ diagonal - ((A @ apart) * A).sum(axis=1))
 
 
-def _vector_excess(A: Array, x: Array, axis: str) -> Array:
-    """``Cov(A^s x)``, which is `_excess` for ``M = x x^T``."""
+def vector_excess(A: Array, x: Array, axis: str) -> Array:
+    """``Cov(A^s x)``, which is `matrix_excess` for ``M = x x^T``."""
     if axis == "columns":
-        return _transition(A, x * x)
+        return column_excess(A, x * x)
     # sum_{j<k} |a_ij| |a_ik| (s_ij x_j - s_ik x_k)^2
     weights = np.abs(A)
     squares = (weights * _centred(np.sign(A) * x, weights) ** 2).sum(axis=1)
     return np.diag(weights.sum(axis=1) * squares)
 
 
-def _fraction(N: float, part: Array, rest: Array, g: Array | float) -> tuple[Array, Array]:
+def fractional_parts(N: float, part: Array, rest: Array, g: Array | float) -> tuple[Array, Array]:
     """``f = frac(N part / g)`` and ``1 - f`` for ``part + rest = g``.
 
     A remainder is computed without rounding: where ``N part / g`` is an integer, f is exactly 0.
@@ -93,7 +93,7 @@ def _fraction(N: float, part: Array, rest: Array, g: Array | float) -> tuple[Arr
     return np.where(below, 1.0 - other, f), np.where(below, other, 1.0 - f)
 
 
-def _systematic_covariance(w: Array, N: float) -> Array:
+def systematic_vector_covariance(w: Array, N: float) -> Array:
     """Covariance of the average of N systematic samples of a vector."""
     largest, exponent = np.frexp(np.abs(w).max())
     if largest == 0.0:
@@ -102,9 +102,9 @@ def _systematic_covariance(w: Array, N: float) -> Array:
     absolute = np.ldexp(np.abs(w), -exponent)
     g = float(absolute.sum())
     # f_i = frac(N |w_i| / g), phi_i = frac(N (p_1 + ... + p_i)), psi = 1 - phi.
-    f, f_rest = _fraction(N, absolute, _others(absolute[:, None])[:, 0], g)
+    f, f_rest = fractional_parts(N, absolute, sum_of_others(absolute[:, None])[:, 0], g)
     after = np.append(np.cumsum(absolute[:0:-1])[::-1], 0.0)
-    phi, psi = _fraction(N, np.cumsum(absolute), after, g)
+    phi, psi = fractional_parts(N, np.cumsum(absolute), after, g)
     phi[-1] = 0.0
     both = np.minimum.outer(phi, phi) * np.minimum.outer(psi, psi)  # Cov(b_i, b_k)
     counts = np.diff(np.diff(both, axis=0, prepend=0.0), axis=1, prepend=0.0)
@@ -119,72 +119,70 @@ def _systematic_excess(A: Array, C0: Array, x: Array, N: float, axis: str) -> Ar
     if axis == "columns":  # sum_j M_jj Cov(a_hat_j)
         excess = np.zeros((A.shape[0], A.shape[0]))
         for weight, line in zip(C0.diagonal() + x * x, A.T, strict=True):
-            excess += weight * _systematic_covariance(line, N)
+            excess += weight * systematic_vector_covariance(line, N)
         return excess
     diagonal = np.empty(len(A))
     signs = np.sign(A)
     moved = signs * _centred(signs * x, np.abs(A))  # the covariance of a line times its signs is 0
     for i, line in enumerate(A):
-        covariance = _systematic_covariance(line, N)
+        covariance = systematic_vector_covariance(line, N)
         diagonal[i] = (covariance * C0).sum() + moved[i] @ covariance @ moved[i]
     return np.diag(diagonal)
 
 
-def _product_covariance(x0: Array, A: Array, r0: float, rA: float, axis: str) -> Array:
+def fused_product_covariance(A: Array, x0: Array, r0: float, rA: float, axis: str) -> Array:
     """``Cov(A_hat x0_hat)`` for ``1/r0`` realizations of ``x0`` and ``1/rA`` of ``A``."""
-    Cv = _vector_covariance(x0)
-    from_both = r0 * rA * _excess(A, Cv, axis)
-    from_A = rA * _vector_excess(A, x0, axis)
-    covariance: Array = r0 * _pushed(A, x0) + from_A + from_both
+    Cv = realization_covariance(x0)
+    from_both = r0 * rA * matrix_excess(A, Cv, axis)
+    from_A = rA * vector_excess(A, x0, axis)
+    covariance: Array = r0 * pushed_covariance(A, x0) + from_A + from_both
     return covariance
 
 
 def _systematic_difference(
-    x0: Array, xf: Array, A: Array, sizes: tuple[object, object, object], axis: str
+    A: Array, x0: Array, xf: Array, sizes: tuple[object, object, object], axis: str
 ) -> Array:
     """Covariance of ``xf_hat - A_hat x0_hat`` for independent averages of systematic samples."""
     N0, Nf, NA = (
-        0.0 if _reciprocal(f"size[{k}]", N) == 0.0 else float(gate.size(f"size[{k}]", N))
+        0.0 if inverse_size(f"size[{k}]", N) == 0.0 else float(gate.size(f"size[{k}]", N))
         for k, N in enumerate(sizes)
     )
     n = x0.size
-    C = _systematic_covariance(xf, Nf) if Nf else np.zeros((n, n))
-    C0 = _systematic_covariance(x0, N0) if N0 else np.zeros((n, n))
+    C = systematic_vector_covariance(xf, Nf) if Nf else np.zeros((n, n))
+    C0 = systematic_vector_covariance(x0, N0) if N0 else np.zeros((n, n))
     # Given x0_hat, A_hat x0_hat has the covariance of A_hat at x0_hat; E[x0_hat x0_hat^T] = M.
     if NA:
         C = C + _systematic_excess(A, C0, x0, NA, axis)
     return np.asarray(C + A @ C0 @ A.T, dtype=np.float64)
 
 
-def _fused(
-    B: ArrayLike,
+def fused_covariance(
+    system: System | Any,
     x0: ArrayLike,
     xf: ArrayLike,
-    A: ArrayLike,
     size: Sizes,
     fusion: str,
     axis: str,
     scheme: str,
 ) -> tuple[Array, Array]:
-    """The checked ``B`` and ``C``, the covariance of ``xf_hat - A_hat x0_hat`` (or its pairing)."""
-    B = gate.matrix("B", B)
-    n = B.shape[0]
-    x0 = gate.vector("x0", x0, length=n)
-    xf = gate.vector("xf", xf, length=n)
-    A = gate.matrix("A", A, rows=n, cols=n)
-    gate.choice("axis", axis, _AXES)
-    sizes = _one_each(size)
-    r0, rf, rA = (_reciprocal(f"size[{k}]", N) for k, N in enumerate(sizes))
-    product = gate.choice("fusion", fusion, ("product", "diagonal")) == "product"
-    if gate.choice("scheme", scheme, ("iid", "systematic")) == "systematic":
+    """``B`` and ``C``, the covariance of ``xf_hat - A_hat x0_hat`` (or its pairing)."""
+    checked = System.from_any(system)
+    A, B = checked.A, checked.B
+    x0 = gate.vector("x0", x0, length=checked.n)
+    xf = gate.vector("xf", xf, length=checked.n)
+    gate.choice("axis", axis, AXES)
+    sizes = one_each(size)
+    r0, rf, rA = (inverse_size(f"size[{k}]", N) for k, N in enumerate(sizes))
+    product = gate.choice("fusion", fusion, FUSIONS) == "product"
+    if gate.choice("scheme", scheme, SCHEMES) == "systematic":
         if not product:
             raise InputError(
                 "`fusion` must be 'product' with scheme='systematic', got 'diagonal': there is no "
                 "formula for pairs of dependent realizations"
             )
-        return B, _systematic_difference(x0, xf, A, sizes, axis)
+        return B, _systematic_difference(A, x0, xf, sizes, axis)
     if product:
-        return B, rf * _vector_covariance(xf) + _product_covariance(x0, A, r0, rA, axis)
+        return B, rf * realization_covariance(xf) + fused_product_covariance(A, x0, r0, rA, axis)
     # N independent pairs: the covariance of one pair over N; exact entities stay exact.
     sampled = {r for r in (r0, rf, rA) if r > 0.0}
     if len(sampled) > 1:
@@ -193,26 +191,26 @@ def _fused(
             f"got N0, Nf, NA = {', '.join(gate.show(N) for N in sizes)}"
         )
     one0, onef, oneA = (float(r > 0.0) for r in (r0, rf, rA))
-    one_pair = onef * _vector_covariance(xf) + _product_covariance(x0, A, one0, oneA, axis)
+    one_pair = onef * realization_covariance(xf) + fused_product_covariance(A, x0, one0, oneA, axis)
     return B, max(sampled, default=0.0) * one_pair
 
 
-def _lines(A: Array, axis: str) -> Array:
+def lines_of(A: Array, axis: str) -> Array:
     """``A`` with the sampled lines as columns."""
-    return A if gate.choice("axis", axis, _AXES) == "columns" else A.T
+    return A if gate.choice("axis", axis, AXES) == "columns" else A.T
 
 
-def _reciprocal(name: str, size: object) -> float:
+def inverse_size(name: str, size: object) -> float:
     """``1 / size``; 0 for an entity that is known exactly (None or inf)."""
     if size is None or (isinstance(size, (float, np.floating)) and size == math.inf):
         return 0.0
     return 1.0 / gate.size(name, size)
 
 
-def _one_each(size: object) -> tuple[object, object, object]:
+def one_each(size: object) -> tuple[object, object, object]:
     """``(N0, Nf, NA)``."""
     if not isinstance(size, (tuple, list)):
-        _reciprocal("size", size)  # so that an error names `size`, not `size[0]`
+        inverse_size("size", size)  # so that an error names `size`, not `size[0]`
         return size, size, size
     if len(size) != 3:
         raise ShapeError(f"`size` must be one number or (N0, Nf, NA), got {len(size)} numbers")
@@ -220,26 +218,27 @@ def _one_each(size: object) -> tuple[object, object, object]:
     return N0, Nf, NA
 
 
-def _compact_svd(B: Array) -> tuple[Array, Array, Array]:
+def compact_svd(B: Array) -> tuple[Array, Array, Array]:
     """``B = U diag(s) V^T`` with the numerical rank as inner size, so ``B+ = V diag(1/s) U^T``."""
     found = factors(B)
     return found.U, found.s, found.V
 
 
-def _symmetric_product(F: Array, C: Array) -> Array:
+def symmetric_product(F: Array, C: Array) -> Array:
     """``F C F^T``, exactly symmetric."""
     product = F @ C @ F.T
-    return _representable(np.asarray((product + product.T) / 2.0, dtype=np.float64))
+    return checked_finite(np.asarray((product + product.T) / 2.0, dtype=np.float64))
 
 
-def _representable(moments: Array, what: str = "covariance") -> Array:
+def checked_finite(moments: Array, what: str = "covariance") -> Array:
+    """Refuse what overflowed."""
     if not np.isfinite(moments).all():
         raise NonFiniteError(f"the {what} overflows: scale the problem down")
     return moments
 
 
-def _root_trace(C: Array) -> float:
+def root_trace(C: Array) -> float:
     """``sqrt(tr C)``; rounding may leave a trace that should be 0 slightly below it."""
     with np.errstate(over="ignore"):
-        trace = _representable(np.trace(C), "mean squared error")
+        trace = checked_finite(np.trace(C), "mean squared error")
     return math.sqrt(max(0.0, float(trace)))

@@ -20,10 +20,17 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from .._base.numbers import TINY
+
 Array = NDArray[np.float64]
 
 # 2^50 terms: enough for every rho(F)^2 / s < 1 that float64 can tell from 1.
 _DOUBLINGS = 50
+# Powers of F with entries up to here add 1e-20 of the sum, which float64 does not see.
+_VANISHED = 1e-10
+# Search for the spectral radius above rho(F)^2: to ten digits of the floor, and down to some 50 eps
+# of where it starts.
+_FLOOR, _START = 1e-10, 1e-14
 # Power iteration: how close the two bounds have to be, relatively, and after how many steps.
 _CLOSE = 1e-11
 _ITERATIONS = 100
@@ -60,7 +67,7 @@ def _powers(power: Array) -> list[Array] | None:
     powers: list[Array] = []
     with np.errstate(over="ignore", invalid="ignore"):
         for _ in range(_DOUBLINGS):
-            if np.abs(power).max() <= 1e-10:
+            if np.abs(power).max() <= _VANISHED:
                 return powers
             powers.append(power)
             power = power @ power
@@ -124,14 +131,14 @@ def map_radius(A: Array, F: Array, G: Array, r: float) -> float:
 
     def excess(gap: float) -> float:
         """``log(r rho(Psi))`` for ``L / s``, ``s = floor + gap``: falls, 0 at ``s = rho(L_r)``."""
-        return math.log(max(r * excitation_radius(A, F, G, floor + gap, v), 1e-300))
+        return math.log(max(r * excitation_radius(A, F, G, floor + gap, v), TINY))
 
     # One term of Psi says where to look; if it is 0, the second term of the map is.
     first = r * float(_excitation(A, G, []).max())
     gap = max(floor, first)
     if first <= 0.0:
         return floor
-    least = max(1e-10 * floor, 1e-14 * gap)
+    least = max(_FLOOR * floor, _START * gap)
     value = excess(gap)
     low = high = gap
     at_low = at_high = value

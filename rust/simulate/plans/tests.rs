@@ -27,7 +27,7 @@ fn one_realization_by_hand() {
 fn threads_change_nothing_and_more_runs_start_with_the_fewer() {
     let (a, x0, stop) = ([0.5, -1.0, 0.25, 2.0], [1.0, -2.0], Stop::new());
     let plans = Plans::new(drawn(&x0, 1, 40), drawn(&x0, 1, 40), drawn(&a, 2, 40), true, false).unwrap();
-    let (b, c, v) = ([1.0, 0.5], [0.75, 1.0, 0.0, 0.5], [1.0, -1.0]);
+    let (b, c, v) = ([1.0, 0.5], [1.0, 0.75, 0.5, 0.0], [-1.0, 1.0]);
     let exact = Exact::Steps { b: &b, c: &c, v: &v };
     let errors = |runs, threads| plans.errors(exact, runs, &Key([2; 32]), threads, &stop).unwrap();
     let whole = errors(100, 1);

@@ -8,8 +8,7 @@ exact values theory predicts for uniform weights, and what is needed to repeat t
 
 from __future__ import annotations
 
-from .facts import counterexamples
 from .power import power
 from .tracking import tracking
 
-__all__ = ["counterexamples", "power", "tracking"]
+__all__ = ["power", "tracking"]

@@ -2,47 +2,27 @@
 
 from __future__ import annotations
 
-import hashlib
-import time
-from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..._base import gate
-from ..._base.progress import Progress, progress_bar
-from ..._base.types import Fusion
+from ..._base.numbers import ROUNDING
+from ..._base.progress import Progress
+from ..._base.types import FUSIONS
 from ...cases import ieee14, ieee39
+from ...ensembles.sampling import sample
 from ...exceptions import InputError
-from ...rng import Key, RngLike, as_key
+from ...fusion.fusing import fuse_path
+from ...rng import Key, RngLike
 from ...studies.curves import Panel
-from ...studies.experiment import Experiment, log_grid
-from ...studies.replicate import (
-    FUSED,
-    FUSIONS,
-    LARGEST,
-    METHODS,
-    ROUNDING,
-    Entity,
-    Errors,
-    Exact,
-    Solves,
-    agreement,
-    both_orders,
-    controls,
-    exact_moments,
-    normal,
-    ordering,
-    slse_over_bound,
-    zero_from,
-    zero_level,
-)
+from ...studies.experiment import Experiment
+from ...studies.replicate import METHODS, Solves, Step
+from ...studies.study import LARGEST, Errors, Quantity, Study, both_orders
 from ...system import System
 from ...theory import moments
-from ...theory.exact import factors, one_step
-from .facts import counterexamples, printed_stopping_rule
 
 Floats = NDArray[np.float64]
 
@@ -93,7 +73,7 @@ def power(
     tol : float, default 1e-10
         Relative duality gap asked of the ALSE solves; relative errors of A below ``sqrt(tol)``
         cannot be told from zero.
-    progress : bool or callable, optional
+    progress : None, bool or callable, optional
         True: a bar on a terminal or in a notebook. A callable is called as
         ``progress(done, total)`` after each replicate.
 
@@ -122,58 +102,69 @@ def power(
     >>> [panel.name for panel in result.panels]
     ['1a', '1b', '2a', '2b']
     """
-    start = time.perf_counter()
-    key = as_key(rng)
-    replicates = gate.size("replicates", replicates, maximum=10**6)
-    samples = gate.size("samples", samples)
-    grid = log_grid(samples) if sizes is None else gate.sizes("sizes", sizes, maximum=samples)
-    angle_std, speed_std = (
-        gate.positive("angle_std", angle_std, maximum=LARGEST),
-        gate.positive("speed_std", speed_std, maximum=LARGEST),
-    )
-    tol = gate.positive("tol", tol)
-    if progress is not None and not callable(progress):
-        gate.flag("progress", progress)
+    study = Study(rng, replicates, samples, sizes, tol)
+    angle_std = gate.positive("angle_std", angle_std, maximum=LARGEST)
+    speed_std = gate.positive("speed_std", speed_std, maximum=LARGEST)
     system = _system(case, data, base, dt, method)
+    A, B, n = system.A, system.B, system.n
+    scale = np.repeat([angle_std, speed_std], n // 2)
+    x0, xf = study.key.child("x0").generator().standard_normal(n) * scale, np.zeros(n)
+    step, solves = Step(A, B, x0, xf), {"x0": Solves(), "A": Solves()}
 
-    x0 = normal(key.child("x0"), system.n) * np.repeat([angle_std, speed_std], system.n // 2)
-    problem = _Problem(system.A, system.B, x0, np.zeros(system.n))
+    def replicate(key: Key) -> Errors:
+        drawn, controls = step.draw(key, study.sizes, study.tol, solves)
+        errors: Errors = {}
+        for method in METHODS:
+            errors["1a", method, None] = drawn["x0"].errors[method]
+            errors["1b", method, None] = drawn["A"].errors[method]
+        for (method, fusion), error in controls.items():
+            errors["2a", method, fusion] = np.linalg.norm(error, axis=1)
+            errors["2b", method, fusion] = np.linalg.norm(error @ B.T, axis=1)
+        return errors
 
-    errors, solves = Errors(replicates, grid), {"x0": Solves(), "A": Solves()}
-    keys = [key.child(f"replicate-{r}") for r in range(replicates)]
-    with progress_bar(progress, replicates, "power network") as done:
-        for r, replicate in enumerate(keys):
-            _run(r, replicate, problem, grid, tol, errors, solves)
-            done(r + 1)
+    study.run("power network", replicate, progress)
 
-    panels = _panels(problem, errors, grid, zero_level(tol, solves["A"]))
-    residual = float(np.linalg.norm(problem.xf - problem.x_actual))  # (I - B B+)(xf - A x0)
+    def columns(N: int) -> Floats:  # independent: one block each
+        return np.array([moments.vector_covariance(column, N) for column in A.T])
+
+    def fused(covariance: Any) -> dict[Any, Any]:
+        return {f: both_orders(partial(covariance, system, x0, xf, fusion=f)) for f in FUSIONS}
+
+    v, reached = step.exact.u, step.exact.reached
+    vector = {None: both_orders(partial(moments.vector_covariance, x0))}
+    matrix = {None: both_orders(columns)}
+    control, state = fused(moments.control_covariance), fused(moments.state_covariance)
+    panels = tuple(
+        study.panel(Quantity(name, name[0], *shown))
+        for name, *shown in (
+            ("1a", "initial state", r"$\|\hat x_0 - x_0\| \,/\, \|x_0\|$", x0, vector, None),
+            ("1b", "system matrix", r"$\|\hat A - A\|_F \,/\, \|A\|_F$", A, matrix, solves["A"]),
+            ("2a", "control", r"$\|u - v^*\| \,/\, \|v^*\|$", v, control, solves["A"]),
+            (
+                "2b",
+                "state after one step",
+                r"$\|B(u - v^*)\| \,/\, \|x_{\rm actual}\|$",
+                reached,
+                state,
+                solves["A"],
+            ),
+        )
+    )
+    estimates = panels[:2]
     facts: dict[str, Any] = {
-        "reachability": {
-            "residual": residual,
-            "relative": residual / float(np.linalg.norm(problem.xf - problem.A @ x0)),
-            "rank": int(np.linalg.matrix_rank(problem.B)),
+        "reachability": {**step.unreachable(), "rank": int(np.linalg.matrix_rank(B))},
+        "slse_mean_square_over_bound": {
+            p.name: _slse_over_bound(p, study.sizes) for p in estimates
         },
-        "alse": {name: s.to_dict(tol) for name, s in solves.items()},
-        "ordering": {panel.name: ordering(panel) for panel in panels},
-        "theory": agreement(panels, grid),
-        "slse_mean_square_over_bound": {p.name: slse_over_bound(p, grid) for p in panels[:2]},
-        "zero_from": {p.name: zero_from(p, grid) for p in panels[:2]},
+        "zero_from": {p.name: _zero_from(p, study.sizes) for p in estimates},
         "smallest_slse_error": {
-            p.name: float(p.curve("slse").errors[:, -1].min()) for p in panels[:2]
+            p.name: float(p.curve("slse").errors[:, -1].min()) for p in estimates
         },
-        "stopping_rule": printed_stopping_rule(
-            x0, [k.child("x0") for k in keys], min(samples, 200)
+        "stopping_rule": _printed_stopping_rule(
+            x0, [key.child("x0") for key in study.keys], min(int(samples), 200)
         ),
-        "counterexamples": counterexamples(),
     }
     settings = {
-        "system": system.name,
-        "n": system.n,
-        "m": system.m,
-        "replicates": replicates,
-        "samples": int(grid[-1]),
-        "sizes": grid.tolist(),
         "case": case,
         "data": data,
         "base": base,
@@ -181,45 +172,10 @@ def power(
         "method": method,
         "angle_std": angle_std,
         "speed_std": speed_std,
-        "tol": tol,
         "x0": x0.tolist(),
-        "system_sha256": hashlib.sha256(problem.A.tobytes() + problem.B.tobytes()).hexdigest(),
     }
-    return Experiment(
-        name="power",
-        title="Power network, one step to the origin",
-        key=key.hex,
-        settings=settings,
-        sizes=grid,
-        panels=panels,
-        facts=facts,
-        seconds=time.perf_counter() - start,
-    )
-
-
-@dataclass(frozen=True)
-class _Problem:
-    """The exact one-step problem and its solution."""
-
-    A: Floats
-    B: Floats
-    x0: Floats
-    xf: Floats
-
-    @cached_property
-    def B_plus(self) -> Floats:
-        """The pseudoinverse of B."""
-        return factors(self.B).inverse
-
-    @cached_property
-    def v(self) -> Floats:
-        """The exact control ``B+ (xf - A x0)``."""
-        return one_step(self.A, self.B, self.x0, self.xf).u
-
-    @cached_property
-    def x_actual(self) -> Floats:
-        """Where it leads, ``A x0 + B v``: the reachable state nearest to xf."""
-        return self.A @ self.x0 + self.B @ self.v
+    title = "Power network, one step to the origin"
+    return study.experiment("power", title, system, panels, solves, facts, settings)
 
 
 def _system(case: str, data: str, base: str, dt: float, method: str) -> System:
@@ -234,76 +190,48 @@ def _system(case: str, data: str, base: str, dt: float, method: str) -> System:
     return ieee39(dt=dt, method=method)  # type: ignore[arg-type]
 
 
-def _run(
-    r: int,
-    key: Key,
-    problem: _Problem,
-    sizes: NDArray[np.int64],
-    tol: float,
-    errors: Errors,
-    solves: dict[str, Solves],
-) -> None:
-    """Replicate r: draw and fuse the three entities, enter the errors of all four panels."""
-    p = problem
-    x0 = Entity.draw(p.x0, sizes, key.child("x0"), tol, solves["x0"])
-    xf = Entity.draw(p.xf, sizes, key.child("xf"), tol, Solves())  # zero: so is every sample
-    A = Entity.draw(p.A, sizes, key.child("A"), tol, solves["A"])
-    for method in METHODS:
-        errors.put(r, "1a", method, None, x0.errors[method] / np.linalg.norm(p.x0))
-        errors.put(r, "1b", method, None, A.errors[method] / np.linalg.norm(p.A))
-    u = controls(p.B, p.B_plus, x0, xf, A, sizes)
-    for method, fusion in FUSED:
-        difference = u[method, fusion] - p.v
-        control = np.linalg.norm(difference, axis=1) / np.linalg.norm(p.v)
-        state = np.linalg.norm(difference @ p.B.T, axis=1) / np.linalg.norm(p.x_actual)
-        errors.put(r, "2a", method, fusion, control)
-        errors.put(r, "2b", method, fusion, state)
+def _zero_from(panel: Panel, sizes: NDArray[np.int64]) -> int | None:
+    """The smallest size from which on all errors of ALSE are zero (to the panel's level)."""
+    zero = np.all(panel.curve("alse").errors <= panel.zero_level, axis=0)
+    steady = np.logical_and.accumulate(zero[::-1])[::-1]
+    return int(sizes[np.argmax(steady)]) if steady.any() else None
 
 
-def _panels(
-    p: _Problem, errors: Errors, sizes: NDArray[np.int64], solver_level: float
-) -> tuple[Panel, ...]:
-    """The four panels, with what theory says about uniform weights."""
+def _slse_over_bound(panel: Panel, sizes: NDArray[np.int64]) -> float:
+    """Largest ratio, over the sizes from 2 on, of SLSE's mean square to the exact one of uniform
+    weights.
 
-    def x0(_: Fusion, N: int) -> Floats:
-        return moments.vector_covariance(p.x0, N)
+    At most 1 in expectation (Lemma 4.5, corrected: ``E d_n^2 <= V / n``); at n = 1 both are the
+    same sample.
+    """
+    exact = panel.curve("uniform").exact_rms
+    assert exact is not None  # uniform weights have one
+    later = sizes >= min(2, sizes[-1])
+    return float(np.max((panel.curve("slse").rms[later] / exact[later]) ** 2))
 
-    def A(_: Fusion, N: int) -> Floats:  # its columns are independent: one block each
-        return np.array([moments.vector_covariance(column, N) for column in p.A.T])
 
-    def control(fusion: Fusion, N: int) -> Floats:
-        return moments.control_covariance(p.B, p.x0, p.xf, p.A, N, fusion=fusion)
+def _printed_stopping_rule(x0: Floats, keys: list[Key], steps: int) -> dict[str, Any]:
+    """Where Algorithm 1's printed test would stop while it refines x0, and the error at that step.
 
-    def state(fusion: Fusion, N: int) -> Floats:
-        return moments.state_covariance(p.B, p.x0, p.xf, p.A, N, fusion=fusion)
-
-    rows = (
-        ("1a", "initial state", r"$\|\hat x_0 - x_0\| \,/\, \|x_0\|$", p.x0, x0),
-        ("1b", "system matrix", r"$\|\hat A - A\|_F \,/\, \|A\|_F$", p.A, A),
-        ("2a", "control", r"$\|u - v^*\| \,/\, \|v^*\|$", p.v, control),
-        (
-            "2b",
-            "state after one step",
-            r"$\|B(u - v^*)\| \,/\, \|x_{\rm actual}\|$",
-            p.x_actual,
-            state,
-        ),
-    )
-    panels = []
-    for name, quantity, symbol, target, covariance in rows:
-        norm = float(np.linalg.norm(target))
-        exact: dict[str | None, Exact] = {
-            fusion: exact_moments(both_orders(partial(covariance, fusion)), sizes, norm)
-            for fusion in FUSIONS
-        }
-        exact[None] = exact["product"]  # an estimate has no fusion
-        # Weights for x0 have a closed form; everything else depends on a solve for those of A.
-        level, label = (
-            (ROUNDING, "zero to rounding")
-            if name == "1a"
-            else (solver_level, "zero to solver tolerance")
-        )
-        panels.append(
-            Panel(name, name[0], quantity, symbol, norm, level, label, errors.curves(name, exact))
-        )
-    return tuple(panels)
+    The printed ``error = ||(w1 - 1) v + w2 v'||`` is the length of the last change. A sample that
+    does not help gets weight 0, the change is 0, and the loop ends for every positive error
+    bound. For each key the SLSE estimate of x0 is followed, for at most `steps` samples, until its
+    first step without a change.
+    """
+    sizes = np.arange(1, steps + 1)
+    norm = float(np.linalg.norm(x0))
+    stops, errors = [], []
+    for key in keys:
+        path = fuse_path(sample(x0, steps, rng=key), sizes, "slse", target=x0, estimates=True)
+        assert path.estimates is not None  # estimates=True
+        change = np.linalg.norm(np.diff(path.estimates, axis=0), axis=1)
+        still = np.flatnonzero(change <= ROUNDING * norm)
+        if still.size:
+            stop = int(still[0]) + 1  # index of the size whose step changed nothing
+            stops.append(int(sizes[stop]))
+            errors.append(float(path.errors[stop]) / norm)
+    return {
+        "stopped": len(stops) / len(keys),
+        "median_stop": float(np.median(stops)) if stops else None,
+        "median_relative_error": float(np.median(errors)) if errors else None,
+    }

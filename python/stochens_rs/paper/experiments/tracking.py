@@ -2,43 +2,28 @@
 
 from __future__ import annotations
 
-import hashlib
-import time
+import math
 from functools import partial
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..._base import gate
-from ..._base.progress import Progress, progress_bar
-from ..._base.types import Fusion
+from ..._base.progress import Progress
+from ..._base.types import FUSIONS, Fusion
 from ...cases import random_system
-from ...fusion.fusing import Method
-from ...rng import Key, RngLike, as_key
-from ...studies.curves import Panel
-from ...studies.experiment import Experiment, log_grid
-from ...studies.replicate import (
-    FUSED,
-    FUSIONS,
-    LARGEST,
-    Entity,
-    Errors,
-    Exact,
-    Solves,
-    agreement,
-    both_orders,
-    controls,
-    exact_moments,
-    normal,
-    ordering,
-    required_size,
-    zero_level,
-)
+from ...rng import Key, RngLike
+from ...studies.experiment import Experiment
+from ...studies.replicate import Solves, Step
+from ...studies.study import LARGEST, Errors, Orders, Quantity, Study, both_orders
 from ...theory import moments
-from ...theory.exact import factors
 
-Floats = NDArray[np.float64]
+# What figure 3(b) may show.
+READINGS = {
+    "rolled": "state x(2), rolled from the computed x(1)",
+    "reference": "state x(2), from the reference x(1)",
+}
 
 
 def tracking(
@@ -82,7 +67,7 @@ def tracking(
         The paper does not say which; the other one is kept as panel "3b-alternative".
     tol : float, default 1e-10
         Relative duality gap asked of the ALSE solves.
-    progress : bool or callable, optional
+    progress : None, bool or callable, optional
         True: a bar on a terminal or in a notebook. A callable is called as
         ``progress(done, total)`` after each replicate.
 
@@ -112,175 +97,84 @@ def tracking(
     >>> tracking(rng=1, replicates=2, samples=20, n=12, m=9).panel("3a").quantity
     'state x(1)'
     """
-    start = time.perf_counter()
-    key = as_key(rng)
-    replicates = gate.size("replicates", replicates, maximum=10**6)
-    samples = gate.size("samples", samples)
-    grid = log_grid(samples) if sizes is None else gate.sizes("sizes", sizes, maximum=samples)
+    study = Study(rng, replicates, samples, sizes, tol)
     n, m = gate.size("n", n), gate.size("m", m)
-    tol = gate.positive("tol", tol)
-    if progress is not None and not callable(progress):
-        gate.flag("progress", progress)
-    gate.choice("step_two", step_two, ("rolled", "reference"))
-
+    gate.choice("step_two", step_two, tuple(READINGS))
     spectral_radius = gate.positive("spectral_radius", spectral_radius, maximum=LARGEST)
+    key = study.key
     system = random_system(n, m, rng=key.child("system"), spectral_radius=spectral_radius)
     A, B = system.A, system.B
-    x = [normal(key.child(f"x{t}"), n) for t in range(3)]
-    inputs = factors(B)
-    v = [inputs.solve(x[t + 1] - A @ x[t]) for t in range(2)]  # the exact controls
-    steps = [(x[t], x[t + 1], v[t]) for t in range(2)]
-    reached = A @ x[0] + B @ v[0]
-    actual = {
-        "x1": reached,
-        "rolled": A @ reached + B @ v[1],
-        "reference": A @ x[1] + B @ v[1],
-    }
+    x = [key.child(f"x{t}").generator().standard_normal(n) for t in range(3)]
+    one, two = steps = [Step(A, B, x[t], x[t + 1]) for t in range(2)]
+    other = "reference" if step_two == "rolled" else "rolled"
+    panel = {"x1": "3a", step_two: "3b", other: "3b-alternative"}
+    solves = Solves()
+    of_entity = dict.fromkeys(("x0", "xf", "A"), solves)
 
-    errors, solves = Errors(replicates, grid), Solves()
-    with progress_bar(progress, replicates, "tracking") as done:
-        for r in range(replicates):
-            # e[t] is (k, n) for every (method, fusion): the state error that step t adds.
-            replicate = key.child(f"replicate-{r}")
-            e = [
-                _step(replicate.child(f"step-{t}"), A, B, inputs.inverse, *ends, grid, tol, solves)
-                for t, ends in enumerate(steps)
-            ]
-            for pair in FUSED:
-                first, second = e[0][pair], e[1][pair]
-                parts = {"x1": first, "rolled": first @ A.T + second, "reference": second}
-                for name, error in parts.items():
-                    relative = np.linalg.norm(error, axis=1) / np.linalg.norm(actual[name])
-                    errors.put(r, name, *pair, relative)
-            done(r + 1)
+    def replicate(key: Key) -> Errors:
+        errors: Errors = {}
+        first, second = (
+            step.draw(key.child(f"step-{t}"), study.sizes, study.tol, of_entity)[1]
+            for t, step in enumerate(steps)
+        )
+        for method, fusion in first:
+            # What each step adds to the state: e(t) = B (u(t) - v(t))
+            e = [controls[method, fusion] @ B.T for controls in (first, second)]
+            states = {"x1": e[0], "rolled": e[0] @ A.T + e[1], "reference": e[1]}
+            for name, error in states.items():
+                errors[panel[name], method, fusion] = np.linalg.norm(error, axis=1)
+        return errors
 
-    orders = _orders(A, B, steps)
-    exact: dict[str, dict[str | None, Exact]] = {
-        name: {
-            fusion: exact_moments(both, grid, float(np.linalg.norm(actual[name])))
-            for fusion, both in by_fusion.items()
-        }
-        for name, by_fusion in orders.items()
-    }
-    panels = _panels(errors, exact, actual, step_two, zero_level(tol, solves))
-    ten_percent = 0.1 * float(np.linalg.norm(actual["x1"]))
-    facts: dict[str, Any] = {
-        "reachability": [_reachability(A, B, *ends) for ends in steps],
-        "alse": {"x(t), x(t+1), A": solves.to_dict(tol)},
-        "ordering": {panel.name: ordering(panel) for panel in panels},
-        "theory": agreement(panels, grid),
-        # Samples of each entity for a relative rms of 10 % in x(1) under uniform weights.
-        "samples_for_ten_percent": {
-            fusion: required_size(both, ten_percent) for fusion, both in orders["x1"].items()
-        },
-    }
-    settings = {
-        "system": system.name,
-        "n": n,
-        "m": m,
-        "replicates": replicates,
-        "samples": int(grid[-1]),
-        "sizes": grid.tolist(),
-        "spectral_radius": float(spectral_radius),
-        "step_two": step_two,
-        "tol": tol,
-        "system_sha256": hashlib.sha256(A.tobytes() + B.tobytes()).hexdigest(),
-    }
-    return Experiment(
-        name="tracking",
-        title="Tracking two reference states in a large random system",
-        key=key.hex,
-        settings=settings,
-        sizes=grid,
-        panels=panels,
-        facts=facts,
-        seconds=time.perf_counter() - start,
-    )
+    study.run("tracking", replicate, progress)
 
-
-def _step(
-    key: Key,
-    A: Floats,
-    B: Floats,
-    B_plus: Floats,
-    start: Floats,
-    end: Floats,
-    v: Floats,
-    sizes: NDArray[np.int64],
-    tol: float,
-    solves: Solves,
-) -> dict[tuple[Method, Fusion], Floats]:
-    """The state error ``B (u - v)`` of one step, (k, n) for every pair (method, fusion)."""
-    x0 = Entity.draw(start, sizes, key.child("x0"), tol, solves)
-    xf = Entity.draw(end, sizes, key.child("xf"), tol, solves)
-    sampled_A = Entity.draw(A, sizes, key.child("A"), tol, solves)
-    u = controls(B, B_plus, x0, xf, sampled_A, sizes)
-    return {pair: (u[pair] - v) @ B.T for pair in FUSED}
-
-
-def _reachability(A: Floats, B: Floats, start: Floats, end: Floats, v: Floats) -> dict[str, float]:
-    """What the exact control leaves of ``x(t+1) - A x(t)``, absolute and relative."""
-    mu = end - A @ start
-    residual = float(np.linalg.norm(mu - B @ v))
-    return {"residual": residual, "relative": residual / float(np.linalg.norm(mu))}
-
-
-def _orders(
-    A: Floats, B: Floats, steps: list[tuple[Floats, Floats, Floats]]
-) -> dict[str, dict[Fusion, tuple[Floats, Floats]]]:
-    """``C1`` and ``C2`` of the state error ``C1 / N + C2 / N^2``: name -> fusion -> both."""
-    orders: dict[str, dict[Fusion, tuple[Floats, Floats]]] = {
-        "x1": {},
-        "rolled": {},
-        "reference": {},
-    }
+    orders: dict[str, dict[Fusion, Orders]] = {"x1": {}, "rolled": {}, "reference": {}}
     for fusion in FUSIONS:
         first, second = (
-            both_orders(partial(_state, A, B, start, end, fusion)) for start, end, _ in steps
+            both_orders(partial(moments.state_covariance, system, s.x0, s.xf, fusion=fusion))
+            for s in steps
         )
-        orders["x1"][fusion] = first
+        orders["x1"][fusion], orders["reference"][fusion] = first, second
         orders["rolled"][fusion] = (
             A @ first[0] @ A.T + second[0],
             A @ first[1] @ A.T + second[1],
         )
-        orders["reference"][fusion] = second
-    return orders
-
-
-def _state(A: Floats, B: Floats, start: Floats, end: Floats, fusion: Fusion, N: int) -> Floats:
-    """Covariance of the state error that one step adds."""
-    return moments.state_covariance(B, start, end, A, N, fusion=fusion)
-
-
-def _panels(
-    errors: Errors,
-    exact: dict[str, dict[str | None, Exact]],
-    actual: dict[str, Floats],
-    step_two: str,
-    solver_level: float,
-) -> tuple[Panel, ...]:
-    """Figure 3(a), 3(b) and, for the table, the other reading of 3(b)."""
-    other = "reference" if step_two == "rolled" else "rolled"
-    reading = {
-        "rolled": "state x(2), rolled from the computed x(1)",
-        "reference": "state x(2), from the reference x(1)",
+    reached = {
+        "x1": one.exact.reached,
+        "rolled": A @ one.exact.reached + two.exact.pushed,
+        "reference": two.exact.reached,
     }
-    rows = (
-        ("3a", "3", "x1", "state x(1)"),
-        ("3b", "3", step_two, reading[step_two]),
-        ("3b-alternative", None, other, reading[other]),
-    )
+    names = {"x1": "state x(1)", **READINGS}
     symbol = r"$\|x_{\rm comp} - x_{\rm actual}\| \,/\, \|x_{\rm actual}\|$"
-    return tuple(
-        Panel(
-            name=name,
-            figure=figure,
-            quantity=quantity,
-            symbol=symbol,
-            norm=float(np.linalg.norm(actual[source])),
-            zero_level=solver_level,
-            zero_label="zero to solver tolerance",
-            curves=errors.curves(source, exact[source]),
+    panels = tuple(
+        study.panel(
+            Quantity(
+                name,
+                None if shown == other else "3",
+                names[shown],
+                symbol,
+                reached[shown],
+                orders[shown],
+                solves,
+            )
         )
-        for name, figure, source, quantity in rows
+        for shown, name in panel.items()
     )
+    ten_percent = 0.1 * float(np.linalg.norm(reached["x1"]))
+    facts: dict[str, Any] = {
+        "reachability": [step.unreachable() for step in steps],
+        # Samples of each entity for a relative rms of 10 % in x(1) under uniform weights.
+        "samples_for_ten_percent": {
+            fusion: _required_size(both, ten_percent) for fusion, both in orders["x1"].items()
+        },
+    }
+    settings = {"spectral_radius": float(spectral_radius), "step_two": step_two}
+    title = "Tracking two reference states in a large random system"
+    solved = {"x(t), x(t+1), A": solves}
+    return study.experiment("tracking", title, system, panels, solved, facts, settings)
+
+
+def _required_size(orders: Orders, level: float) -> int:
+    """The smallest N with ``sqrt(tr C(N)) <= level``, for ``C(N) = C1 / N + C2 / N^2``."""
+    a, b = (float(np.trace(C)) for C in orders)
+    # level^2 N^2 - a N - b = 0
+    return math.ceil((a + math.sqrt(a * a + 4 * level**2 * b)) / (2 * level**2))

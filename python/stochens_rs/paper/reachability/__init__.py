@@ -1,7 +1,7 @@
 """The paper's notions of reachability for random realizations, and where its lemmas on them fail.
 
-*Reachable* (:mod:`stochens_rs.theory.reachability`): some control takes the exact system from
-``x0`` to ``xf``. Besides:
+*Reachable* (`stochens_rs.control`): some control takes the exact system from ``x0`` to ``xf``.
+Besides:
 
 - *sample reachable* (Definition 2.4, `sample_reachability`): every realization of ``x0``, ``A``
   and ``xf`` has a control that takes it there in one step. With fewer inputs than states it fails

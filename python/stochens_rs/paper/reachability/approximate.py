@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..._base import gate, memory
-from ..._base.numbers import norm
-from ...ensembles.sampling import sample
+from ..._base import gate
+from ..._base.numbers import ROUNDING, norm
 from ...rng import Key, RngLike, as_key
+from ...simulation.simulating import simulate_ensemble
+from ...system import System
 from ...theory.bounds import candidates
 from ...theory.bounds._base import level_of
-from ...theory.bounds.trajectories import TrajectoryMcDiarmid
+from ...theory.dynamics import checked_steps
+from ...theory.exact import best_control
 from ...theory.formulas import Array
-from ...theory.reachability.steps import StepsReachability, several_steps
+from ...theory.records import Reachability
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,8 +37,10 @@ class ApproximateReachability:
     radii : ndarray, shape (k,)
         What an error exceeds with probability at most ``delta / k``, if ``xf`` is reachable: all
         of them hold together with probability ``1 - delta``.
-    exact : StepsReachability
-        Reachability under the exact system, with the controls that were used.
+    exact : Reachability
+        Reachability under the exact system in K steps, that of its `Plan`.
+    controls : ndarray, shape (K, m)
+        The controls that were used, u(k) in row k.
     consistent : bool
         Whether no error exceeds its radius, up to rounding.
     verdict : str
@@ -49,17 +54,17 @@ class ApproximateReachability:
     errors: Array
     rms: Array
     radii: Array
-    exact: StepsReachability
+    exact: Reachability
+    controls: Array
     consistent: bool
     verdict: str
     key: Key
 
 
 def approximately(
-    B: ArrayLike,
+    system: System | Any,
     x0: ArrayLike,
     xf: ArrayLike,
-    A: ArrayLike,
     steps: int,
     *,
     sizes: ArrayLike = (10, 100, 1000),
@@ -70,12 +75,10 @@ def approximately(
 
     Parameters
     ----------
-    B : (n, m) array_like
-        Input matrix; it is sampled, too.
+    system : System
+        The system, or anything `System.from_any` takes, such as ``(A, B)``; ``B`` is sampled, too.
     x0, xf : (n,) array_like
         Initial state and target.
-    A : (n, n) array_like
-        State matrix.
     steps : int
         Number of steps K.
     sizes : array_like of int, shape (k,), default (10, 100, 1000)
@@ -83,7 +86,7 @@ def approximately(
     delta : float, default 0.01
         Probability, in (0, 1), with which a reachable target may be called inconsistent.
     rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
-        Source of randomness; ``x0`` and, for every step, ``A`` and ``B`` draw from its children.
+        Source of randomness of `simulate_ensemble`, which draws the runs.
 
     Returns
     -------
@@ -95,7 +98,7 @@ def approximately(
     InputError, InputTypeError
         If an argument cannot be used; the message names it.
     ResourceError
-        The runs do not fit into memory.
+        The moments of the runs do not fit into memory.
 
     Notes
     -----
@@ -110,26 +113,34 @@ def approximately(
     Examples
     --------
     >>> from stochens_rs.paper import reachability
-    >>> A, B = [[0.5, 0.4], [0.1, 0.6]], [[0.0], [1.0]]
-    >>> found = reachability.approximately(B, [1.0, 1.0], [0.0, 0.5], A, 2, rng=1)
+    >>> system = [[0.5, 0.4], [0.1, 0.6]], [[0.0], [1.0]]
+    >>> found = reachability.approximately(system, [1.0, 1.0], [0.0, 0.5], 2, rng=1)
     >>> found.verdict, bool(found.errors[-1] < 0.2)
     ('approximately reachable', True)
     """
     level_of(delta)  # refuses what is no probability
-    exact = several_steps(B, x0, xf, A, steps)
+    checked = System.from_any(system)
+    A, B = checked.A, checked.B
+    start = gate.vector("x0", x0, length=checked.n)
+    goal = gate.vector("xf", xf, length=checked.n)
+    K = checked_steps(steps, checked.n, checked.m)
+    best = best_control(A, B, start, goal, K)
+    exact, u = best.reachability(), best.u.reshape(K, -1)
     grid = gate.sizes("sizes", sizes, maximum=2**31)
     key = as_key(rng)
-    u, N = exact.controls, int(grid[-1])
-    found = candidates("trajectory", A, B, x0, u)
-    bound = next(b for b in found if isinstance(b, TrajectoryMcDiarmid))
-    goal = gate.vector("xf", xf)
+    found = candidates("trajectory", checked, start, u)
+    runs = found[0]._setting
     radii = np.array([min(b.radius(int(k), delta / len(grid)) for b in found) for k in grid])
-    deviations = [bound._unit * math.sqrt(bound._mean_square / int(k)) for k in grid]
-    states = _runs(A, B, x0, u, N, key)
-    averages = np.cumsum(states, axis=0)[grid - 1] / grid[:, None]
-    errors = np.array([norm(average - goal) for average in averages])
+    deviations = [runs.unit * math.sqrt(runs.mean_square / int(k)) for k in grid]
+    unit = runs.unit  # squares of states in this unit do not overflow
+    # run s depends on (key, s) only: k runs are the first of more
+    averages = [
+        unit * simulate_ensemble((A, B), u=u / unit, x0=start / unit, size=int(k), rng=key).mean
+        for k in grid
+    ]
+    errors = np.array([norm(average[-1] - goal) for average in averages])
     # by Pythagoras the error beyond the residual is at most that of the mean
-    rounding = 1e-12 * float(np.abs(states).max(initial=1.0))
+    rounding = ROUNDING * float(np.abs(averages[-1]).max(initial=1.0))
     consistent = bool((errors <= radii + exact.residual + rounding).all())
     verdict = "approximately reachable" if consistent else "inconsistent"
     return ApproximateReachability(
@@ -138,33 +149,8 @@ def approximately(
         rms=np.array([math.hypot(rms, exact.residual) for rms in deviations]),
         radii=radii,
         exact=exact,
+        controls=u,
         consistent=consistent,
         verdict=verdict if exact.reachable else "not approximately reachable",
         key=key,
     )
-
-
-def _runs(A: ArrayLike, B: ArrayLike, x0: ArrayLike, u: Array, N: int, key: Key) -> Array:
-    """Final states (N, n) of N runs; every step of every run has draws of its own."""
-    n = len(np.asarray(x0))
-    memory.need("the runs", 8 * N * (6 * n + u.shape[1]))
-    states = sample(x0, N, rng=key.child("x0")).dense()
-    for k, control in enumerate(u):
-        moved = _apply(A, states, N, key.child(f"A {k}"))
-        states = moved + _apply(
-            B, np.broadcast_to(control, (N, len(control))), N, key.child(f"B {k}")
-        )
-    return states
-
-
-def _apply(M: ArrayLike, x: Array, N: int, key: Key) -> Array:
-    """``M^s x_s`` for N realizations: every entry of x_s goes where its column points."""
-    drawn = sample(M, N, rng=key)
-    indices, atoms = drawn.indices, drawn.atoms
-    assert indices is not None
-    assert atoms is not None  # drawn as singletons
-    rows = indices.astype(np.intp)
-    values = x * atoms[rows, np.arange(atoms.shape[1])]
-    flat = rows + len(atoms) * np.arange(N)[:, None]
-    totals = np.bincount(flat.ravel(), weights=values.ravel(), minlength=N * len(atoms))
-    return np.asarray(totals.reshape(N, len(atoms)), dtype=np.float64)

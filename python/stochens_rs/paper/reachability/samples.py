@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._base import gate, memory
 from ...exceptions import NonFiniteError
+from ...system import System
 from ...theory.bounds._base import unit_of
 from ...theory.exact import REACHABLE, factors
-from ...theory.formulas import Array, _product_covariance, _vector_covariance
+from ...theory.formulas import Array, fused_product_covariance, realization_covariance
+
+# of the sums g0 g_j and gf, about 45 eps per unit: those of up to 45 terms, and longer ones in
+# practice (Higham, Accuracy and Stability of Numerical Algorithms (2002), 4.2)
+_ROUNDING = 1e-14
 
 
 @dataclass(frozen=True)
@@ -46,19 +52,15 @@ class SampleReachability:
     residual: float
 
 
-def sample_reachability(
-    B: ArrayLike, x0: ArrayLike, xf: ArrayLike, A: ArrayLike
-) -> SampleReachability:
+def sample_reachability(system: System | Any, x0: ArrayLike, xf: ArrayLike) -> SampleReachability:
     """Check every realization of ``x0``, ``A`` (by columns) and ``xf`` for a one-step control.
 
     Parameters
     ----------
-    B : (n, m) array_like
-        Input matrix, known exactly; any rank.
+    system : System
+        The system, or anything `System.from_any` takes, such as ``(A, B)``; ``B`` is known exactly.
     x0, xf : (n,) array_like
         Initial state and target.
-    A : (n, n) array_like
-        State matrix, sampled by columns.
 
     Returns
     -------
@@ -83,23 +85,22 @@ def sample_reachability(
     Examples
     --------
     >>> from stochens_rs.paper import reachability
-    >>> found = reachability.sample_reachability([[1.0], [1.0]], [1.0, 0.0], [2.0, 2.0],
-    ...                                          [[1.0, 0.0], [1.0, 1.0]])
+    >>> system = [[1.0, 0.0], [1.0, 1.0]], [[1.0], [1.0]]
+    >>> found = reachability.sample_reachability(system, [1.0, 0.0], [2.0, 2.0])
     >>> found.residual < 1e-15, found.atoms, found.reachable_atoms, found.sample_reachable
     (True, 4, 0, False)
     """
-    B = gate.matrix("B", B)
-    n = len(B)
+    checked = System.from_any(system)
+    n = checked.n
     x0 = gate.vector("x0", x0, length=n)
     xf = gate.vector("xf", xf, length=n)
-    A = gate.matrix("A", A, rows=n, cols=n)
     with np.errstate(over="ignore", invalid="ignore"):
-        unit, x0, xf, A = _in_units(x0, xf, A)
+        unit, A, x0, xf = _in_units(checked.A, x0, xf)
         goals, p_goals = _atoms_of_vector(xf)
-        moved, p_moved = _atoms_of_product(x0, A)
+        moved, p_moved = _atoms_of_product(A, x0)
         mu = xf - A @ x0
-        W = _left_over(B)
-        C_y = _vector_covariance(xf) + _product_covariance(x0, A, 1.0, 1.0, "columns")
+        W = _left_over(checked.B)
+        C_y = realization_covariance(xf) + fused_product_covariance(A, x0, 1.0, 1.0, "columns")
         mean_square = float(((W.T @ C_y) * W.T).sum()) + float(((W.T @ mu) ** 2).sum())
     if not (np.isfinite(mean_square) and np.isfinite(moved).all() and np.isfinite(goals).all()):
         raise NonFiniteError("the products overflow: scale the problem down")
@@ -109,7 +110,7 @@ def sample_reachability(
     for goal, p in zip(goals, p_goals, strict=True):
         residuals = np.linalg.norm(goal @ W - projected, axis=1)
         # the two may be equal but for the rounding of gf and g0 g_j
-        rounding = 1e-14 * (np.abs(goal).sum() + np.abs(moved).sum(axis=1))
+        rounding = _ROUNDING * (np.abs(goal).sum() + np.abs(moved).sum(axis=1))
         good = residuals <= REACHABLE * np.linalg.norm(goal - moved, axis=1) + rounding
         count, reached = count + good.size, reached + int(good.sum())
         probability += float(p) * float(p_moved[good].sum())
@@ -125,7 +126,7 @@ def sample_reachability(
     )
 
 
-def _in_units(x0: Array, xf: Array, A: Array) -> tuple[float, Array, Array, Array]:
+def _in_units(A: Array, x0: Array, xf: Array) -> tuple[float, Array, Array, Array]:
     """The unit of ``xf`` and ``A x0``, in which squares neither overflow nor vanish, and all three.
 
     ``A`` and ``x0`` share it: only their product matters.
@@ -135,7 +136,7 @@ def _in_units(x0: Array, xf: Array, A: Array) -> tuple[float, Array, Array, Arra
     unit = max(moved, float(np.abs(xf).max())) or 1.0
     if not np.isfinite(unit):
         raise NonFiniteError("the products overflow: scale the problem down")
-    return unit, x0 / (unit / unit_A) if moved else 0.0 * x0, xf / unit, A / unit_A
+    return unit, A / unit_A, x0 / (unit / unit_A) if moved else 0.0 * x0, xf / unit
 
 
 def _atoms_of_vector(w: Array) -> tuple[Array, Array]:
@@ -147,7 +148,7 @@ def _atoms_of_vector(w: Array) -> tuple[Array, Array]:
     return gamma * np.sign(w[hit])[:, None] * np.eye(w.size)[hit], np.abs(w[hit]) / gamma
 
 
-def _atoms_of_product(x0: Array, A: Array) -> tuple[Array, Array]:
+def _atoms_of_product(A: Array, x0: Array) -> tuple[Array, Array]:
     """Realizations of ``A^s x0^s``: entry R, through column I, hit with both probabilities."""
     g0, g = np.abs(x0).sum(), np.abs(A).sum(axis=0)
     rows, columns = np.nonzero((A != 0.0) & (x0 != 0.0))

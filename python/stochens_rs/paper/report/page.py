@@ -2,8 +2,8 @@
 
 `write_report` turns finished experiments into ``report.html`` (self-contained: figures and style
 are inlined, nothing is loaded from anywhere), ``results.json`` and the figures as PNG and SVG.
-All numbers in the text are read from the experiments; nothing is computed anew and no number of
-the paper is repeated.
+The text is in the templates beside this file. All its numbers are read from the experiments;
+nothing is computed anew.
 """
 
 from __future__ import annotations
@@ -13,66 +13,20 @@ import inspect
 import os
 import tempfile
 from collections.abc import Mapping, Sequence
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..._base.extras import extra
 from ..._base.files import versions, write_listed
 from ...plots.files import save_figures
 from ...plots.style import require_matplotlib
 from .. import experiments as _experiments
-from .claims import CAPTION, claims_table
-from .text import agreements, caption, deviations, number
 
 if TYPE_CHECKING:
-    from ...studies import Experiment
+    from ...studies import Experiment, Panel
     from ..verdicts.records import Claims
 
 SCHEMA = "stochens-results/1"
-
-_STYLE = """
-:root { color-scheme: light; }
-body { font: 17px/1.6 "Charter", "Bitstream Charter", "Georgia", serif; color: #222;
-  background: #fff; max-width: 62rem; margin: 0 auto; padding: 2.5rem 1.5rem 5rem; }
-h1, h2, h3, table, figcaption, .lead {
-  font-family: "Inter", "Helvetica Neue", "Arial", sans-serif; }
-h1 { font-size: 1.9rem; line-height: 1.2; margin: 0 0 .4rem; }
-h2 { font-size: 1.25rem; margin: 2.8rem 0 .8rem; padding-top: .9rem; border-top: 1px solid #ddd; }
-h3 { font-size: 1.02rem; margin: 1.7rem 0 .3rem; }
-p { max-width: 44rem; }
-sub { line-height: 0; }
-.lead { color: #555; font-size: .98rem; }
-figure { margin: 1.6rem 0 2.2rem; }
-figure img { width: 100%; height: auto; display: block; }
-figcaption { font-size: .86rem; line-height: 1.5; color: #444; max-width: 52rem;
-  margin-top: .5rem; }
-table { border-collapse: collapse; font-size: .86rem; font-variant-numeric: tabular-nums;
-  margin: 1rem 0; }
-th { text-align: left; font-weight: 600; border-bottom: 1.5px solid #888; }
-th, td { padding: .22rem 1.4rem .22rem 0; vertical-align: baseline; }
-td.n, th.n { text-align: right; white-space: nowrap; }
-tr.panel td { border-top: 1px solid #ddd; padding-top: .6rem; font-weight: 600; }
-.settings th { border: 0; color: #555; font-weight: 500; white-space: nowrap; }
-.settings td { overflow-wrap: anywhere; }
-.wide { overflow-x: auto; }
-pre { background: #f4f4f1; padding: .8rem 1rem; overflow-x: auto; font-size: .84rem;
-  line-height: 1.45; }
-code { font-size: .88em; }
-.claims td { padding: .55rem 1.2rem .55rem 0; border-top: 1px solid #ddd; vertical-align: top;
-  max-width: 26rem; }
-.claims .evidence { color: #555; font-size: .94em; }
-.verdict { font-weight: 600; white-space: nowrap; }
-.holds { color: #00795a; } .corrected { color: #8a6100; } .false { color: #b03a00; }
-"""
-
-
-_LEAD = """Controls computed from random realizations of a linear system: how wrong they are after
-N samples, by the method that averages the samples; measured over independent replicates and, for
-uniform weights, beside the exact value."""
-_NOTE = """Product fusion unless marked as diagonal. z: distance of the mean square error from its
-exact value, in standard errors. A panel without a figure of its own is given here only."""
-_SAME = """The same key gives the same samples on any number of threads. Every error of every
-replicate is in <code>results.json</code>."""
 
 
 def final_errors(experiments: Sequence[Experiment]) -> list[dict[str, Any]]:
@@ -154,7 +108,7 @@ def write_report(
     Raises
     ------
     ImportError
-        matplotlib is not installed.
+        matplotlib or Jinja2 is not installed.
     OSError
         The directory cannot be made or written.
     ValueError
@@ -162,7 +116,7 @@ def write_report(
     """
     if not experiments:
         raise ValueError("`experiments` must contain at least one experiment")
-    require_matplotlib()
+    require_report()
     directory = Path(outdir)
     directory.mkdir(parents=True, exist_ok=True)
     drawn = {
@@ -170,8 +124,6 @@ def write_report(
         for experiment in experiments
         for name, made in experiment.plot(shown=False).items()
     }
-    if claims is not None:
-        drawn["claims"] = claims.plot(shown=False)
     results = {
         "schema": SCHEMA,
         "options": dict(options or {}),
@@ -179,133 +131,95 @@ def write_report(
         "experiments": [experiment.to_dict() for experiment in experiments],
     }
     if claims is not None:
+        drawn["claims"] = claims.plot(shown=False)
         results["claims"] = claims.to_dict()
     with tempfile.TemporaryDirectory(dir=directory) as made:
         page = Path(made, "report.html")
         figures = save_figures(drawn, made)
-        page.write_text(_page(title, experiments, claims, page.parent), encoding="utf-8")
+        text = render("report.html.j2", experiments, page.parent, title=title, claims=claims)
+        page.write_text(text, encoding="utf-8")
         return write_listed(directory, "results.json", results, [*figures, page])
 
 
-def _page(
-    title: str, experiments: Sequence[Experiment], claims: Claims | None, directory: Path
+def require_report() -> None:
+    """Raise an ImportError that names the extra if something that a report needs is missing."""
+    require_matplotlib()
+    with extra("reports need Jinja2"):
+        import jinja2  # noqa: F401
+
+
+def render(
+    template: str, experiments: Sequence[Experiment], directory: Path | None = None, **more: Any
 ) -> str:
-    """The whole page; figures are read back from `directory`."""
-    by_name = {experiment.name: experiment for experiment in experiments}
-    parts = [
-        "<!doctype html>",
-        '<html lang="en"><head><meta charset="utf-8">',
-        '<meta name="viewport" content="width=device-width, initial-scale=1">',
-        f"<title>{escape(title)}</title><style>{_STYLE}</style></head><body>",
-        f"<h1>{escape(title)}</h1>",
-        f'<p class="lead">{_LEAD}</p>',
-        "<h2>What was run</h2>",
-        *(_settings(experiment) for experiment in experiments),
-        "<h2>Figures</h2>",
-        *(
-            _figure(experiment, name, directory)
-            for experiment in experiments
-            for name in _names(experiment)
-        ),
-        "<h2>Errors after all samples</h2>",
-        _table(final_errors(experiments)),
-        "<h2>What agrees with the paper</h2>",
-        *(f"<p>{text}</p>" for text in agreements(by_name)),
-        "<h2>What cannot agree, and why</h2>",
-        *(f"<h3>{escape(head)}</h3><p>{text}</p>" for head, text in deviations(by_name)),
-        *([] if claims is None else _claims(claims, directory)),
-        "<h2>To repeat it</h2>",
-        _repeat(experiments),
-        "</body></html>",
-    ]
-    return "\n".join(parts) + "\n"
+    """Fill in one of the templates; `directory` has the figures."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters.update(number=number, percent=percent, thousands=thousands)
 
-def _settings(experiment: Experiment) -> str:
-    """A table of everything that determines the numbers."""
-    s = experiment.settings
-    solves = "; ".join(_solves(name, one) for name, one in experiment.facts["alse"].items())
-    rows = {
-        "system": f"{s['system']}, n = {s['n']}, m = {s['m']}",
-        "samples": f"N = {s['samples']} realizations of each entity, errors taken at "
-        f"{experiment.sizes.size} sizes",
-        "replicates": f"{experiment.replicates}, same system and states, fresh samples",
-        "ALSE": f"{solves}; tolerance {number(s['tol'])}",
-        "key": experiment.key,
-        "versions": ", ".join(f"{k} {v}" for k, v in experiment.versions.items()),
-        "time": "< 0.1 s" if experiment.seconds < 0.1 else f"{experiment.seconds:.1f} s",
-    }
-    if "angle_std" in s:
-        rows["initial state"] = (
-            f"Gaussian: angles with standard deviation {s['angle_std']:g} rad, "
-            f"speeds {s['speed_std']:g} rad/s; target: the origin"
-        )
-    body = "".join(f"<tr><th>{escape(k)}</th><td>{escape(v)}</td></tr>" for k, v in rows.items())
-    return f'<h3>{escape(experiment.title)}</h3><table class="settings">{body}</table>'
+    def source(name: str) -> str:
+        assert directory is not None
+        svg = base64.b64encode((directory / f"{name}.svg").read_bytes()).decode("ascii")
+        return f"data:image/svg+xml;base64,{svg}"
 
-
-def _solves(name: str, one: dict[str, Any]) -> str:
-    """How the ALSE solves for one entity ended."""
-    ended = ", ".join(f"{count} {status}" for status, count in one["statuses"].items())
-    gap = number(one["worst_relative_gap"])
-    return f"{name}: {one['solves']} solves ({ended}), worst relative gap {gap}"
-
-
-def _names(experiment: Experiment) -> list[str]:
-    """Numbers of the figures of one experiment, in order."""
-    return list(dict.fromkeys(p.figure for p in experiment.panels if p.figure is not None))
-
-
-def _figure(experiment: Experiment, name: str, directory: Path) -> str:
-    """One inlined figure with its caption."""
-    path = directory / f"{experiment.name}-figure-{name}.svg"
-    return _inlined(path, f"Figure {name}: {experiment.title}", caption(experiment, name))
-
-
-def _claims(claims: Claims, directory: Path) -> list[str]:
-    """The section on the paper's statements."""
-    return [
-        "<h2>The paper, statement by statement</h2>",
-        _inlined(directory / "claims.svg", "Tail bounds, and SLSE against uniform", CAPTION),
-        claims_table(claims),
-    ]
-
-
-def _inlined(path: Path, alt: str, text: str) -> str:
-    source = "data:image/svg+xml;base64," + base64.b64encode(path.read_bytes()).decode("ascii")
-    return (
-        f'<figure><img src="{source}" alt="{escape(alt)}"><figcaption>{text}</figcaption></figure>'
+    named = {experiment.name: experiment for experiment in experiments}
+    return environment.get_template(template).render(
+        {
+            "experiments": experiments,
+            "power": named.get("power"),
+            "tracking": named.get("tracking"),
+            "rows": final_errors(experiments),
+            "code": _code(experiments),
+            "source": source,
+            "last": last,
+            "or_zero": or_zero,
+            "has_zeros": has_zeros,
+            **more,
+        }
     )
 
 
-def _table(rows: list[dict[str, Any]]) -> str:
-    """The final errors; each panel under a heading of its own."""
-    columns = ("median", "10 %", "90 %", "rms", "exact rms", "z")
-    head = "".join(f'<th class="n">{name}</th>' for name in columns)
-    body = [f"<tr><th>relative error</th>{head}</tr>"]
-    before = None
-    for row in rows:
-        if row["panel"] != before:
-            before = row["panel"]
-            body.append(f'<tr class="panel"><td colspan="7">{escape(_heading(row))}</td></tr>')
-        figures = [row[k] for k in ("median", "q10", "q90", "rms", "exact_rms")]
-        cells = "" if row["zero"] is None else f'<td class="n" colspan="4">{row["zero"]}</td>'
-        cells += "".join(
-            f'<td class="n">{"" if value is None else number(value)}</td>'
-            for value in (figures if row["zero"] is None else figures[4:])
-        )
-        z = "" if row["z"] is None else f"{row['z']:+.2f}"
-        body.append(f'<tr><td>{escape(row["method"])}</td>{cells}<td class="n">{z}</td></tr>')
-    return f'<div class="wide"><table>{"".join(body)}</table></div><p>{_NOTE}</p>'
+def number(value: float) -> str:
+    """Three significant digits."""
+    return f"{value:.3g}"
 
 
-def _heading(row: dict[str, Any]) -> str:
-    """Write "3b" as "3(b)"; a panel without a figure is named by its quantity alone."""
-    name = row["panel"]
-    return f"{name[0]}({name[1:]}) {row['quantity']}" if len(name) == 2 else row["quantity"]
+def percent(share: float) -> str:
+    """A share as per cent, two significant digits, never rounded to 0 when it is not."""
+    return "less than 0.01 %" if 0 < share < 1e-4 else f"{float(f'{100 * share:.2g}'):g} %"
 
 
-def _repeat(experiments: Sequence[Experiment]) -> str:
+def thousands(count: int) -> str:
+    """A count with thin spaces between thousands."""
+    return f"{count:,}".replace(",", "\u2009")
+
+
+def last(panel: Panel, method: str) -> float:
+    """Median error after all samples."""
+    return float(panel.curve(method).median[-1])
+
+
+def or_zero(value: float, panel: Panel) -> str:
+    """A number, or the reason why it counts as zero."""
+    if value == 0:
+        return "0"
+    return panel.zero_label if value <= panel.zero_level else number(value)
+
+
+def has_zeros(experiment: Experiment, figure: str) -> bool:
+    """Whether a figure shows errors that cannot be told from zero."""
+    curves = [(p, c) for p in experiment.panels if p.figure == figure for c in p.curves]
+    return any(bool((curve.errors <= panel.zero_level).any()) for panel, curve in curves)
+
+
+def _code(experiments: Sequence[Experiment]) -> str:
     """Lines of Python that give the same numbers."""
     calls = []
     for experiment in experiments:
@@ -315,5 +229,4 @@ def _repeat(experiments: Sequence[Experiment]) -> str:
         lines += [f"{name}={value!r}" for name, value in options.items()]
         body = "".join(f"    {line},\n" for line in lines)
         calls.append(f"se.paper.{experiment.name}(\n{body})")
-    code = escape("import stochens_rs as se\n\n" + "\n".join(calls))
-    return f"<pre>{code}</pre><p>{_SAME}</p>"
+    return "import stochens_rs as se\n\n" + "\n".join(calls)

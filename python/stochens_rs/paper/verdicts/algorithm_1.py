@@ -10,6 +10,7 @@ import numpy as np
 
 from ...rng import Key
 from ...streams.stream import Stream
+from ...theory.exact import best_control
 from . import rationals as exact
 from .records import Claim, Evidence
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
     Variant = Literal["consistent", "literal"]
 
+ERROR_BOUND = 1e-9  # of the printed stopping rule
 VARIANTS: tuple[Variant, ...] = ("consistent", "literal")
 
 
@@ -37,10 +39,9 @@ class Streamed:
     state : dict of str to ndarray, shape (runs, 2)
         ``||B (v - v*)||``.
     bound : ndarray, shape (runs, 2)
-        What the mean of ``state^2`` is at most for "consistent", from how often each entity was
-        drawn.
+        Bound on the mean of ``state^2`` for "consistent", from how often each entity was drawn.
     stops : ndarray, shape (runs, 2)
-        Steps after which the printed rule stops with errorBound 1e-9, and the relative error of the
+        Steps after which the printed rule stops with `ERROR_BOUND`, and the relative error of the
         control then.
     """
 
@@ -60,7 +61,7 @@ def measure(key: Key, *, runs: int = 40, steps: tuple[int, int] = (200, 2000)) -
     A, B, x0 = gen.standard_normal((n, n)), gen.standard_normal((n, m)), gen.standard_normal(n)
     A /= np.abs(np.linalg.eigvals(A)).max()
     xf = gen.standard_normal(n)
-    v = np.linalg.pinv(B) @ (xf - A @ x0)
+    v = best_control(A, B, x0, xf).u
     control = {variant: np.zeros((runs, 2)) for variant in VARIANTS}
     state = {variant: np.zeros((runs, 2)) for variant in VARIANTS}
     bound, stops = np.zeros((runs, 2)), np.zeros((runs, 2))
@@ -71,15 +72,15 @@ def measure(key: Key, *, runs: int = 40, steps: tuple[int, int] = (200, 2000)) -
     for r in range(runs):
         child = key.child(str(r))
         for variant in VARIANTS:
-            stream = Stream(B, x0=x0, xf=xf, A=A, rng=child, variant=variant)
+            stream = Stream((A, B), x0, xf, rng=child, variant=variant)
             for k, upto in enumerate(steps):
                 stream.step(upto - stream.steps)
                 control[variant][r, k] = error(stream)
                 state[variant][r, k] = np.linalg.norm(B @ (stream.u - v))
                 if variant == "consistent":
                     bound[r, k] = mean_square_bound(x0, xf, A, stream.counts)
-        printed = Stream(B, x0=x0, xf=xf, A=A, rng=child, variant="literal")
-        if printed.run(tol=1e-9, max_steps=steps[1], rule="printed").status == "interrupted":
+        printed = Stream((A, B), x0, xf, rng=child, variant="literal")
+        if printed.run(tol=ERROR_BOUND, max_steps=steps[1], rule="printed").status == "interrupted":
             raise KeyboardInterrupt  # half a run is of no use
         stops[r] = printed.steps, error(printed)
     return Streamed(n, m, steps, control, state, bound, stops)
@@ -89,7 +90,7 @@ def mean_square_bound(x0: Floats, xf: Floats, A: Floats, drawn: dict[str, int]) 
     """Bound on ``E||B (v - v*)||^2`` after so many draws of each entity, with fused estimates.
 
     ``3 [Vf / nf + ||A||^2 V0 / n0 + (VA / nA) (||x0|| + sqrt(V0 / n0))^2]``, V the mean square
-    error of one realization: SLSE after n realizations has at most V / n, whenever it is served.
+    error of one realization. SLSE after n realizations has at most V / n.
     """
     V0, Vf, VA = (
         float((np.abs(E).sum(axis=0) ** 2 - (E**2).sum(axis=0)).sum())
@@ -101,7 +102,7 @@ def mean_square_bound(x0: Floats, xf: Floats, A: Floats, drawn: dict[str, int]) 
 
 
 def variance(streamed: Streamed) -> Claim:
-    """The paper has no result, and for the printed loop there is none to have."""
+    """The paper has no result; the mean square error of its loop does not tend to 0."""
     w = exact.vector(1, 1)
     # A = B = I, xf = 0: v' = -x0(s), whose atoms differ in sign only
     means: dict[str, dict[int, Fraction]] = {"printed": {}, "fused": {}}
@@ -157,7 +158,7 @@ def _printed(samples: list[exact.Vector], w: exact.Vector) -> exact.Vector:
 
 
 def lines_3_and_16() -> Claim:
-    """With fewer inputs than states the lines ask for what does not exist."""
+    """With fewer inputs than states the control of these lines does not exist."""
     A, x0, xf = (exact.vector(1, 1), exact.vector(1, 2)), exact.vector(1, 1), exact.vector(3, 4)
     b = exact.vector(1, 1)
     # B = (1, 1): B^+ = (1/2, 1/2), and y is in reach if its entries are equal
@@ -182,7 +183,7 @@ def lines_3_and_16() -> Claim:
         "Algorithm 1, lines 3 and 16",
         "\"v <- v' such that xf^ = A^ x0^ + B v'\".",
         "holds with a correction",
-        "For m < n there is in general no such v', even where xf can be reached: it has to be the "
+        "For m < n there is in general no such v', even where xf can be reached. Use the "
         "least-squares solution B^+ (xf^ - A^ x0^), as in the paper's simulations. With B square "
         "and invertible the lines can be carried out.",
         (
@@ -216,7 +217,8 @@ def algorithm_1(streamed: Streamed) -> Claim:
         "Keep the fused estimates and put the new sample into its slot, with the fused values in "
         "the other two: then v = B^+ (Ff - FA F0) holds exactly after every step, and v "
         "converges. The printed error is the length of the last change, which is 0 after every "
-        "sample that does not help; sound is ||P [(Ff - xf) - A (F0 - x0)]|| + ||FA - A|| ||F0||.",
+        "sample that does not help. A bound of the error is ||P [(Ff - xf) - A (F0 - x0)]|| + "
+        "||FA - A|| ||F0||.",
         (
             Evidence("Monte Carlo", texts[0], literal > 0.5 and consistent < 0.2 * literal),
             Evidence("Monte Carlo", texts[1], bool(stop <= 50 and left > 0.5)),

@@ -2,19 +2,20 @@
 
 `claims` computes a table with one row for every definition, lemma, algorithm and figure, and for
 what the text says beside them: what the paper says, whether that holds, the corrected statement,
-and the evidence. The verdicts are written down; the evidence is computed by every call, and says
-itself whether it supports them.
+and the evidence. The verdicts are fixed; every call computes the evidence anew and says
+whether it supports them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..._base import gate
-from ..._base.progress import progress_bar
+from ..._base.progress import Progress, progress_bar
 from ...rng import RngLike, as_key
 from . import algorithm_1 as streams
 from . import definitions, tails
@@ -22,7 +23,7 @@ from . import lemmas_on_reachability as reachability
 from . import lemmas_on_sampling as sampling
 from . import lemmas_on_tails as tail_bounds
 from . import lemmas_on_weights as weights
-from .comparison import compare
+from .comparison import Comparison, compare
 from .printed_figures import section_5
 from .records import Claim, Claims
 
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 
-def claims(rng: RngLike = 1, *, quick: bool = False, progress: bool = False) -> Claims:
+def claims(rng: RngLike = 1, *, quick: bool = False, progress: Progress = None) -> Claims:
     """Check the statements of the paper.
 
     Parameters
@@ -41,8 +42,9 @@ def claims(rng: RngLike = 1, *, quick: bool = False, progress: bool = False) -> 
         Source of randomness for the Monte Carlo part; the exact part has none.
     quick : bool, default False
         Fewer runs: a second or two instead of ten.
-    progress : bool, default False
-        A bar on a terminal or in a notebook.
+    progress : None, bool or callable, optional
+        True: a bar on a terminal or in a notebook. A callable is called as
+        ``progress(done, total)`` after each statement.
 
     Returns
     -------
@@ -53,7 +55,7 @@ def claims(rng: RngLike = 1, *, quick: bool = False, progress: bool = False) -> 
     Raises
     ------
     InputError, InputTypeError
-        If `rng` cannot be used.
+        If an argument cannot be used.
 
     Examples
     --------
@@ -63,13 +65,21 @@ def claims(rng: RngLike = 1, *, quick: bool = False, progress: bool = False) -> 
     ('false', True)
     """
     key, quick = as_key(rng), gate.flag("quick", quick)
-    gate.flag("progress", progress)
-    runs = 400 if quick else 2000
-    measured = tails.measure(key.child("tails"), runs=1000 if quick else 10_000)
-    compared = compare(_vector(), key.child("comparison"), runs, 1000)
-    streamed = streams.measure(key.child("algorithm 1"))
+
+    @cache  # as the two below: computed by the first statement that needs it
+    def measured() -> tails.Tails:
+        return tails.measure(key.child("tails"), runs=1000 if quick else 10_000)
+
+    @cache
+    def compared() -> Comparison:
+        return compare(_vector(), key.child("comparison"), 400 if quick else 2000, 1000)
+
+    @cache
+    def streamed() -> streams.Streamed:
+        return streams.measure(key.child("algorithm 1"))
+
     checks: list[Callable[[], Claim]] = [
-        lambda: streams.variance(streamed),
+        lambda: streams.variance(streamed()),
         definitions.solution_formula,
         definitions.index_maps,
         lambda: definitions.approximate_reachability(key.child("2.3")),
@@ -83,27 +93,27 @@ def claims(rng: RngLike = 1, *, quick: bool = False, progress: bool = False) -> 
         sampling.rows_or_columns,
         sampling.sparsity,
         sampling.bernoulli,
-        lambda: tail_bounds.lemma_42(measured),
+        lambda: tail_bounds.lemma_42(measured()),
         tail_bounds.proof_of_lemma_42,
         lambda: tail_bounds.lemma_43(key.child("4.3")),
         weights.lemma_44,
         lambda: weights.exact_recovery(key.child("recovery")),
         streams.lines_3_and_16,
-        lambda: streams.algorithm_1(streamed),
+        lambda: streams.algorithm_1(streamed()),
         weights.recursion,
         lambda: weights.first_inequality(key.child("4.5")),
-        lambda: weights.second_inequality(compared),
+        lambda: weights.second_inequality(compared()),
         weights.norms,
+        *section_5(key.child("figures"), *((4, 300) if quick else (20, 1000))),
     ]
     rows = []
     with progress_bar(progress, len(checks), "claims") as done:
         for check in checks:
             rows.append(check())
             done(len(rows))
-    rows += section_5(key.child("figures"), *((4, 300) if quick else (20, 1000)))
-    return Claims(tuple(rows), measured, compared, key.hex)
+    return Claims(tuple(rows), measured(), compared(), key.hex)
 
 
 def _vector() -> Floats:
-    """A vector with entries of all sizes, so that the last one is hit late."""
+    """A vector with large and small entries, so that the smallest is drawn late."""
     return np.array([5.0, -3.0, 2.0, -1.0, 1.0, 0.5, -0.2, 0.1])

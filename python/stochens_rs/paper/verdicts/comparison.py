@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..._base.numbers import ROUNDING
 from ...ensembles.sampling import sample
 from ...fusion.fusing import fuse_path
 from ...rng import Key
@@ -54,7 +55,7 @@ class Comparison:
     def worse(self) -> Floats:
         """Share of the runs in which SLSE is worse than uniform weights, (k,)."""
         # equal up to rounding is not worse
-        rounding = 1e-12 * float(self.target @ self.target)
+        rounding = ROUNDING * float(self.target @ self.target)
         return np.asarray((self.slse > self.uniform + rounding).mean(axis=0))
 
     def to_dict(self) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from fractions import Fraction
 
 from ...cases import random_system
 from ...rng import Key
-from ...theory.reachability import one_step
+from ...theory.exact import best_control
 from .. import reachability
 from . import rationals as exact
 from .records import Claim, Evidence
@@ -81,7 +81,7 @@ def approximate_reachability(key: Key) -> Claim:
     system = random_system(4, 4, rng=key.child("system"))
     gen = key.child("states").generator()
     x0, xf = gen.standard_normal(4), gen.standard_normal(4)
-    found = reachability.approximately(system.B, x0, xf, system.A, 2, rng=key.child("runs"))
+    found = reachability.approximately(system, x0, xf, 2, rng=key.child("runs"))
     errors = ", ".join(f"{error:.2g}" for error in found.errors)
     allowed = ", ".join(f"{radius:.2g}" for radius in found.radii)
     text = (
@@ -107,8 +107,8 @@ def sample_reachability(key: Key) -> Claim:
     gen = key.generator()
     A, B, x0 = gen.standard_normal((n, n)), gen.standard_normal((n, m)), gen.standard_normal(n)
     xf = A @ x0 + B @ gen.standard_normal(m)
-    one = one_step(B, x0, xf, A)
-    every = reachability.sample_reachability(B, x0, xf, A)
+    one = best_control(A, B, x0, xf).reachability()
+    every = reachability.sample_reachability((A, B), x0, xf)
     text = (
         f"Random system, n = {n}, m = {m}, xf = A x0 + B u: reachable (relative residual "
         f"{one.relative:.0e}), but {every.reachable_atoms} of {every.atoms} different realizations "
@@ -119,8 +119,8 @@ def sample_reachability(key: Key) -> Claim:
         "xf is sample reachable in unit time if for every realization a control leads from x0(s) "
         "to xf(s).",
         "holds with a correction",
-        "With m < n almost no realization is reachable even if xf is: what holds of the controls "
-        "is a statement about their least-squares projection.",
+        "With m < n almost no realization is reachable even if xf is. The results on "
+        "controls hold for least-squares controls.",
         (Evidence("enumeration", text, one.reachable and every.reachable_atoms == 0),),
     )
 

@@ -32,7 +32,7 @@ def lemma_31() -> Claim:
 
 
 def remark_31() -> Claim:
-    """Reachable does not need approximately reachable."""
+    """Reachability does not require approximate reachability."""
     N = 10
     found = [
         reachability.lemma_3_1(N, weights=[int(k == s) for k in range(N)], controls=[u] * N)
@@ -42,9 +42,9 @@ def remark_31() -> Claim:
     found.append(reachability.lemma_3_1(N))
     text = (
         f"The system of Lemma 3.1, N = {N}: each run alone, with the controls -1, 0 and 1, and "
-        f"the mean of all end at least {_least(found)} from xf. A control moves a run along the "
-        "line of B only, and weighted sums are convex: so do all weights and all controls. xf is "
-        "reached by u = 0."
+        f"the mean of all end at least {_least(found)} from xf. A control moves a run only "
+        "along the line of B, and weighted sums are convex, so the same is true for all weights "
+        "and controls. xf is reached by u = 0."
     )
     return Claim(
         "Remark after Lemma 3.1",
@@ -64,8 +64,8 @@ def lemma_32() -> Claim:
     found.append(reachability.lemma_3_2(5, weights=[1, 0, 2, 0, 7]))
     text = (
         "Scalars x0 = A = B = 1, xf = 0, so that v = -1; one good realization each, zeros "
-        f"otherwise. Every realization is reachable with u(s) = 0: off by {_least(found)}, for "
-        f"{len(found)} choices of N and weights."
+        f"otherwise. u(s) = 0 takes every realization to xf; the weighted sum of these controls is "
+        f"off by {_least(found)}, for {len(found)} choices of N and weights."
     )
     return Claim(
         "Lemma 3.2",
@@ -81,7 +81,7 @@ def lemma_32() -> Claim:
 
 
 def remark_32_reachable() -> Claim:
-    """Sample reachable does not imply reachable, but does without bias."""
+    """Sample reachable implies reachable only for realizations without bias."""
     found = [reachability.remark_3_2(N) for N in (2, 10, 1000)]
     text = (
         "Scalars x0 = A = 1, xf = 0, B = 0; one good realization each of x0 and A, zeros "

@@ -31,7 +31,7 @@ def lemma_42(tails: Tails) -> Claim:
     beyond = [k for k in range(N + 1) if 2 * (Fraction(k, N) - Fraction(1, 2)) ** 2 > eps**2]
     tail = Fraction(sum(comb(N, k) for k in beyond), 2**N)
     printed = printed_bounds.OneVector([0.5, 0.5], C=4.0).probability(N, float(eps))
-    held = bounds.McDiarmid([0.5, 0.5]).probability(N, float(eps))
+    held = bounds.bound("McDiarmid", "vector", [0.5, 0.5]).probability(N, float(eps))
     one = (
         f"w = (1/2, 1/2), N = {N}: P(error > {float(eps)}) = {float(tail):.2e} exactly; the "
         f"proof's bound with C = n^2 says {printed:.1e}, ours {held:.1e}."
@@ -49,7 +49,7 @@ def lemma_42(tails: Tails) -> Claim:
         f"{float(np.max(tails.ours / tails.empirical)):.2g} times the empirical quantile."
     )
     A, x0 = hard_system(tails.n)
-    corrected = printed_bounds.Lemma42(x0, np.zeros(tails.n), A, C=2.0)
+    corrected = printed_bounds.Lemma42((A, np.eye(tails.n)), x0, np.zeros(tails.n), C=2.0)
     wide = np.array([corrected.radius(N, tails.delta) for N in tails.sizes.tolist()])
     beyond_it = wide / tails.empirical
     third = (
@@ -62,7 +62,7 @@ def lemma_42(tails: Tails) -> Claim:
         "P(||B (v - mean u(s))|| > eps) <= 2 C [exp(-2 N eps^2 / (9 beta^2 g(xf)^2)) + the same "
         "with g(x0) + the same with g(A)], C dependent on n only.",
         "holds with a correction",
-        "The norm constants of the proof belong into the exponent. The statement is nevertheless "
+        "The norm constants of the proof belong in the exponent. The statement is nevertheless "
         "true for the average of paired realizations, with C = 2 for every n, if beta = max(B_A, "
         "1, ||x0||) with B_A >= ||A(s)||; with ||A|| in place of B_A it is false. Sharper, among "
         "formulas: P(error >= sqrt(V/N) + t) <= exp(-N t^2 / (g(xf)^2 + 2 g(x0)^2 g(A)^2)).",
@@ -125,7 +125,7 @@ def lemma_43(key: Key) -> Claim:
     A, x0 = hadamard(2) / np.sqrt(2.0), np.full(2, np.sqrt(0.5))
     system = System(A, np.zeros((2, 1)))
     runs, steps = 200_000, 8
-    ran = simulate_ensemble(system, np.zeros((steps, 1)), x0, runs, rng=key)
+    ran = simulate_ensemble(system, x0, np.zeros((steps, 1)), runs, rng=key)
     assert ran.variance is not None  # more than one run
     spread = ran.variance.sum(axis=1)
     expected = 2.0 ** (np.arange(steps + 1) + 1) - 1.0
@@ -152,7 +152,7 @@ def lemma_43(key: Key) -> Claim:
     )
 
 
-def _one_step(n: int) -> tuple[Floats, Floats, Floats, Floats]:
-    """``A, B, x0, u`` of one step of the hard system without control."""
+def _one_step(n: int) -> tuple[System, Floats, Floats]:
+    """``system, x0, u`` of one step of the hard system without control."""
     A, x0 = hard_system(n)
-    return A, np.zeros((n, 1)), x0, np.zeros((1, 1))
+    return System(A, np.zeros((n, 1))), x0, np.zeros((1, 1))

@@ -6,6 +6,7 @@ from fractions import Fraction
 
 import numpy as np
 
+from ..._base.numbers import ROUNDING, TINY
 from ...ensembles.ensemble import Ensemble
 from ...ensembles.sampling import sample
 from ...fusion.fits import Fit
@@ -14,6 +15,8 @@ from ...rng import Key
 from . import rationals as exact
 from .comparison import Comparison
 from .records import Claim, Evidence
+
+_GAP = 1e-8  # of ||A||^2: ten times the default `tol` of `fuse`
 
 
 def lemma_44() -> Claim:
@@ -143,7 +146,7 @@ def first_inequality(key: Key) -> Claim:
         y = fuse(ensemble, "alse", target=A).weights
         others = min(_square(fuse(ensemble, m, target=A)) for m in ("slse", "uniform"))
         # from the weights alone; gap = max of <gradient, y - z> over the simplex
-        feasible &= bool(y.min() >= 0.0 and abs(y.sum() - 1.0) <= 1e-12)
+        feasible &= bool(y.min() >= 0.0 and abs(y.sum() - 1.0) <= ROUNDING)
         S = ensemble.dense().reshape(len(y), -1)
         error = y @ S - A.ravel()
         found, inner = float(error @ error), S @ error
@@ -166,10 +169,10 @@ def first_inequality(key: Key) -> Claim:
         "",
         (
             Evidence(
-                "enumeration", texts[0], optimal and not worse and better > 0 and apart <= 1e-12
+                "enumeration", texts[0], optimal and not worse and better > 0 and apart <= ROUNDING
             ),
             Evidence(
-                "Monte Carlo", texts[1], feasible and excess <= 1e-8 * scale and 2 * strict > cases
+                "Monte Carlo", texts[1], feasible and excess <= _GAP * scale and 2 * strict > cases
             ),
         ),
     )
@@ -190,7 +193,7 @@ def second_inequality(comparison: Comparison) -> Claim:
     A = exact.vector(1, 1, 2, 2)  # by rows; three of its realizations
     three = [exact.vector(*s) for s in ((0, 0, 3, 3), (3, 0, 0, 3), (0, 3, 3, 0))]
     greedy, plain = exact.slse(three, A)[-1], exact.distance(exact.mean(three), A)
-    z = (comparison.mean_square - comparison.bound) / comparison.standard_error.clip(1e-300)
+    z = (comparison.mean_square - comparison.bound) / comparison.standard_error.clip(TINY)
     texts = (
         "Three realizations of [[1, 1], [2, 2]] whose plain mean is exact: SLSE ends at the "
         f"squared error {greedy}, uniform weights at {plain}.",

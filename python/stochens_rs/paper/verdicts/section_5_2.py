@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...cases import random_system
-from ...controls.several_steps import control_steps
+from ...controls.fused import control
 from ...ensembles.sampling import sample_counts
 from ...rng import Key
 from ...theory import dynamics
@@ -53,8 +53,8 @@ def one_step_only(key: Key) -> Claim:
             system = random_system(4, 2, rng=child.child("system"))
             ends = child.child("ends").generator().standard_normal((2, 4))
             A_hat = sample_counts(system.A, N, rng=child.child(f"A {N}"))
-            plan = control_steps(system.B, ends[0], ends[1], A_hat, 3)
-            last = dynamics.states(system.A, system.B, plan.u, ends[0])[-1]
+            plan = control((A_hat, system.B), ends[0], ends[1], steps=3)
+            last = dynamics.states(system.A, system.B, ends[0], plan.u)[-1]
             relative.append(float(np.linalg.norm(last - ends[1]) / np.linalg.norm(ends[1])))
         misses.append(float(np.median(relative)))
     fused = (

@@ -1,4 +1,4 @@
-"""How large an error really gets, beside what the bounds say: Lemma 4.2 on a hard system.
+"""Simulated errors beside the bounds on them: Lemma 4.2 on a hard system.
 
 The system is ``A = H / sqrt(n)`` with a Hadamard matrix H, ``x0 = (1, .., 1) / sqrt(n)``,
 ``xf = 0`` and ``B = I``: all norms that the paper uses are 1, while a realization of A has the
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...rng import Key
+from ...system import System
 from ...theory import bounds
 from .. import bounds as printed_bounds
 
@@ -38,11 +39,11 @@ class Tails:
     sizes : ndarray of int, shape (k,)
         Numbers of realizations.
     empirical : ndarray, shape (k,)
-        What a share `delta` of the runs exceeds.
+        The error that a share `delta` of the runs exceeds.
     ours : ndarray, shape (k,)
         The smallest bound that holds.
     bounds : tuple of str, length k
-        Which that is, by its name in `theory.bounds`.
+        Its name in `theory.bounds`, for each size.
     printed : ndarray, shape (k,)
         Lemma 4.2 with ``beta = max(||A||, 1, ||x0||)`` and ``C = n``.
     failures : ndarray of int, shape (k, 2)
@@ -116,14 +117,14 @@ def drift_errors(A: Floats, x0: Floats, size: int, runs: int, gen: np.random.Gen
 def measure(key: Key, *, n: int = 64, runs: int = 4000, delta: float = 0.01) -> Tails:
     """Simulate the error and evaluate the bounds on a grid of sizes."""
     A, x0 = hard_system(n)
-    xf, B = np.zeros(n), np.eye(n)
-    printed = printed_bounds.Lemma42(x0, xf, A, reading="matrix")
+    xf, system = np.zeros(n), System(A, np.eye(n))
+    printed = printed_bounds.Lemma42(system, x0, xf, reading="matrix")
     gen = key.generator()
     sizes = np.array([10, 30, 100, 300, 1000, 3000])
     rows, names = [], []
     for size in sizes.tolist():
         errors = drift_errors(A, x0, size, runs, gen)
-        ours = bounds.best("state", B, x0, xf, A, size=size, delta=delta, fusion="diagonal")
+        ours = bounds.best("state", system, x0, xf, size=size, delta=delta, fusion="diagonal")
         names.append(ours.bound.name)
         theirs = printed.radius(size, delta)
         quantile = float(np.quantile(errors, 1.0 - delta))

@@ -1,48 +1,125 @@
-"""What all bounds share: checked input, inversion, the smallest sufficient size."""
+"""A bound is an inequality for a setting; here is what all of them share."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any, ClassVar, TypeAlias
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from ..._base import gate, html
-from ...exceptions import InputTypeError, NonFiniteError, SizeError
-from ..formulas import Array, Sizes, _reciprocal
+from ..._base.numbers import smallest_size
+from ...exceptions import InputError, NonFiniteError, SizeError
+from ..formulas import Array, Sizes, inverse_size, one_each
 
 Rates: TypeAlias = "tuple[float, ...]"  # 1 / size of every entity; 0 for one known exactly
 
 _ROUNDS = 200  # halvings: more than a float64 can tell apart
-_LARGEST_LEVEL = 744.0  # log(1 / delta) for the smallest positive float64
+_LARGEST_LEVEL = 744.0  # log(1 / delta) for the smallest positive float64, 4.9e-324
 _ABOVE_ROUNDING = 1.0 + 1e-12  # an error that is attained must not exceed its bound by rounding
+
+
+class Setting:
+    """What the error is of. All its numbers are in units of `unit`, in which nothing overflows."""
+
+    unit: float = 1.0
+    entities: tuple[str, ...] = ()  # those with a size each; none: one size for all
+    equal: str = ""  # why the sizes must be equal, where they must
+
+    def __init__(self, quantity: str, norm: str = "2") -> None:
+        self.quantity, self.norm = quantity, norm
+
+    def rates(self, size: Sizes) -> Rates:
+        """Turn checked sizes into rates ``1 / size``."""
+        if not self.entities:
+            return (inverse_size("size", size),)
+        return tuple(inverse_size(f"size[{k}]", N) for k, N in enumerate(one_each(size)))
+
+    def farthest(self, rates: Rates) -> float:
+        """The largest error that can happen at all, or more; for entities that are not exact."""
+        return math.inf
+
+
+class Moments(Setting, ABC):
+    """A setting with the numbers that the generic inequalities need, as functions of the rates."""
+
+    @abstractmethod
+    def rms(self, rates: Rates) -> float:
+        """Root mean square of the error."""
+
+    @abstractmethod
+    def ranges(self, rates: Rates) -> tuple[float, float, float]:
+        """``c, E, V``: the error is c times what has mean at most E and squared ranges 2 V."""
+
+    @abstractmethod
+    def variance(self, rates: Rates) -> float:
+        """Largest variance of a projection of the error."""
+
+
+class Inequality:
+    """A radius for a level ``log(1 / delta)``, or a level for a radius; the other by inversion."""
+
+    equal: str = ""  # as in `Setting`
+
+    def __init__(self, at: Any) -> None:
+        self.at = at
+
+    def radius(self, rates: Rates, level: float) -> float:
+        """Radius for ``delta = exp(-level)``; here by inversion of `level`."""
+        if self.level(rates, math.ulp(0.0)) >= level:
+            return 0.0
+        outside = 1.0
+        while self.level(rates, outside) < level:
+            outside *= 2.0
+            if outside == math.inf:
+                return outside
+        inside = outside / 2.0
+        while inside > 0.0 and self.level(rates, inside) >= level:
+            outside, inside = inside, inside / 2.0
+        return halved(inside, outside, lambda eps: self.level(rates, eps) < level)[1]
+
+    def level(self, rates: Rates, eps: float) -> float:
+        """Largest known level with ``P(error > eps) <= exp(-level)``; by inversion of `radius`."""
+        known, unknown = 0.0, _LARGEST_LEVEL
+        if self.radius(rates, known) > eps:
+            return 0.0
+        if self.radius(rates, unknown) <= eps:
+            return math.inf if self.radius(rates, unknown) == 0.0 else unknown
+        return halved(known, unknown, lambda level: self.radius(rates, level) <= eps)[0]
+
+    def cap(self, rates: Rates) -> float:
+        """The largest error, and what rounding may add to it."""
+        return float(self.at.farthest(rates)) * _ABOVE_ROUNDING
+
+    def capped(self, rates: Rates, level: float) -> float:
+        """The radius, never above the largest error."""
+        return min(self.radius(rates, level), self.cap(rates))
 
 
 class Bound:
     """A tail bound ``P(error > radius(size, delta)) <= delta`` for every size and every delta.
 
+    Made by :func:`bound`, :func:`candidates` and :func:`best`.
+
     Parameters
     ----------
-    *args, **kwargs
-        Those of the bound. What several bounds have in common (`Bound`, `Average`, `Fused`,
-        `Trajectory`, `stochens_rs.paper.bounds.Printed`) is no bound and cannot be made.
-
-    Raises
-    ------
-    InputTypeError
-        The class is no bound; the message names those that are.
+    name, source : str
+        As the attributes.
+    inequality : Inequality
+        A radius and a level on plain numbers, for the setting it was made with.
 
     Attributes
     ----------
     name : str
         What the inequality is called.
+    source : str
+        The inequality behind it and what goes into it.
     quantity : str
         What the error is of: "vector", "matrix", "state", "control" or "trajectory".
     norm : str
         The norm of the error: "2", "Frobenius", "spectral" or "1".
-    source : str
-        The inequality behind it and what goes into it.
 
     Notes
     -----
@@ -54,24 +131,15 @@ class Bound:
     Examples
     --------
     >>> from stochens_rs.theory import bounds
-    >>> bound = bounds.McDiarmid([3.0, -1.0, 0.5])
-    >>> isinstance(bound, bounds.Bound), bound.name, bound.norm
-    (True, 'McDiarmid', '2')
+    >>> bound = bounds.bound("McDiarmid", "vector", [3.0, -1.0, 0.5])
+    >>> round(bound.radius(10_000, 0.01), 4), bound.required_size(0.1, 0.01)
+    (0.1282, 16433)
     """
 
-    name: ClassVar[str]
-    source: ClassVar[str]
-    quantity: str
-    norm: str
-    _unit: float = 1.0  # everything below the public methods is computed in this unit
-
-    def __new__(cls, *args: Any, **kwargs: Any) -> Any:
-        if not hasattr(cls, "name"):
-            usable = ", ".join(sorted(kind.__name__ for kind in _usable(cls)))
-            raise InputTypeError(
-                f"{cls.__name__} is what several bounds have in common and no bound: use {usable}"
-            )
-        return super().__new__(cls)
+    def __init__(self, name: str, source: str, inequality: Inequality) -> None:
+        self.name, self.source = name, source
+        self._inequality, self._setting = inequality, inequality.at
+        self.quantity, self.norm = self._setting.quantity, self._setting.norm
 
     def radius(self, size: Sizes, delta: float) -> float:
         """Radius that the error exceeds with probability at most `delta`.
@@ -95,7 +163,7 @@ class Bound:
             `size` is not a count, `delta` does not lie in (0, 1), or the radius overflows.
         """
         rates = self._rates(size)
-        return self._in_units(self._capped(rates, level_of(delta)))
+        return self._in_units(self._inequality.capped(rates, level_of(delta)))
 
     def probability(self, size: Sizes, eps: float) -> float:
         """Bound on the probability that the error exceeds `eps`.
@@ -118,13 +186,13 @@ class Bound:
             `size` is not a count, or `eps` is not a positive number.
         """
         rates = self._rates(size)
-        eps = gate.positive("eps", eps)
-        if eps >= self._cap(rates) * self._unit:
+        eps, unit = gate.positive("eps", eps), self._setting.unit
+        if eps >= self._inequality.cap(rates) * unit:
             return 0.0
-        level = self._level(rates, eps / self._unit)
+        level = self._inequality.level(rates, eps / unit)
         return 1.0 if level <= 0.0 else math.exp(-level)
 
-    def required_size(self, eps: float, delta: float) -> int:
+    def required_size(self, eps: float, delta: float, *, exact: Sequence[str] = ()) -> int:
         """Smallest number of realizations that gives a radius of at most `eps`.
 
         Parameters
@@ -133,98 +201,46 @@ class Bound:
             Error, > 0, in the units of the quantity.
         delta : float
             Probability of failure, in (0, 1).
+        exact : sequence of {"x0", "xf", "A"}, default ()
+            For a state or a control: entities that are known exactly.
 
         Returns
         -------
         int
-            The same number for all entities.
+            The same number for all other entities.
 
         Raises
         ------
         InputError, InputTypeError
             An argument is out of range, or more than 2^53 realizations are needed.
         """
-        return self._required(eps, delta, self._same)
-
-    def _required(self, eps: float, delta: float, same: Callable[[float], Rates]) -> int:
-        """Bisect over the integers; the radius falls with the size."""
-        eps, level = gate.positive("eps", eps), level_of(delta)
-
-        def enough(size: int) -> bool:
-            return self._in_units(self._capped(same(1.0 / size), level)) <= eps
-
-        if enough(1):
-            return 1
-        too_few, sufficient = 1, gate.EXACT
-        if not enough(sufficient):
+        entities, given = self._setting.entities, gate.items("exact", exact)
+        if given and not entities:
+            raise InputError(f"`exact` must be empty for a {self.quantity}: it is one entity")
+        known = {gate.choice("exact", name, entities) for name in given}
+        flags = tuple(float(name not in known) for name in entities) or (1.0,)
+        eps, delta = gate.positive("eps", eps), gate.probability("delta", delta)
+        found = self._smallest(eps, delta, lambda N: tuple(1.0 / N * flag for flag in flags))
+        if found is None:
             raise SizeError(f"`eps` is {eps:.3g}: more than 2^53 realizations would be needed")
-        while sufficient - too_few > 1:
-            middle = (too_few + sufficient) // 2
-            if enough(middle):
-                sufficient = middle
-            else:
-                too_few = middle
-        return sufficient
+        return found
 
-    def _capped(self, rates: Rates, level: float) -> float:
-        return min(self._radius(rates, level), self._cap(rates))
-
-    def _cap(self, rates: Rates) -> float:
-        return self._largest_error(rates) * _ABOVE_ROUNDING
-
-    # -- what a bound defines: one of the first two, the other follows by inversion ------------
-
-    def _radius(self, rates: Rates, level: float) -> float:
-        """Radius for ``delta = exp(-level)``; here by inversion of `_level`."""
-        if self._level(rates, math.ulp(0.0)) >= level:
-            return 0.0
-        outside = 1.0
-        while self._level(rates, outside) < level:
-            outside *= 2.0
-            if outside == math.inf:
-                return outside
-        inside = outside / 2.0
-        while inside > 0.0 and self._level(rates, inside) >= level:
-            outside, inside = inside, inside / 2.0
-        for _ in range(_ROUNDS):
-            middle = inside + (outside - inside) / 2.0
-            if not inside < middle < outside:
-                break
-            if self._level(rates, middle) >= level:
-                outside = middle
-            else:
-                inside = middle
-        return outside
-
-    def _level(self, rates: Rates, eps: float) -> float:
-        """Largest known level with ``P(error > eps) <= exp(-level)``; by inversion of `_radius`."""
-        known, unknown = 0.0, _LARGEST_LEVEL
-        if self._radius(rates, known) > eps:
-            return 0.0
-        if self._radius(rates, unknown) <= eps:
-            return math.inf if self._radius(rates, unknown) == 0.0 else unknown
-        for _ in range(_ROUNDS):
-            middle = (known + unknown) / 2.0
-            if not known < middle < unknown:
-                break
-            if self._radius(rates, middle) <= eps:
-                known = middle
-            else:
-                unknown = middle
-        return known
-
-    def _largest_error(self, rates: Rates) -> float:
-        """The largest error that can happen at all, or more; for entities that are not exact."""
-        return math.inf
+    def _smallest(self, eps: float, delta: float, rates: Callable[[int], Rates]) -> int | None:
+        level = level_of(delta)
+        return smallest_size(
+            lambda N: self._in_units(self._inequality.capped(rates(N), level)) <= eps
+        )
 
     def _rates(self, size: Sizes) -> Rates:
-        return (_reciprocal("size", size),)
-
-    def _same(self, rate: float) -> Rates:
-        return (rate,)
+        rates: Rates = self._setting.rates(size)
+        why = self._inequality.equal or self._setting.equal
+        if why and differ(rates):
+            sizes = ", ".join(f"{1.0 / rate:g}" if rate else "None" for rate in rates)
+            raise InputError(f"`size` must be one number here ({why}), got N0, Nf, NA = {sizes}")
+        return rates
 
     def _in_units(self, radius: float) -> float:
-        scaled = radius * self._unit
+        scaled: float = radius * self._setting.unit
         if not math.isfinite(scaled):
             raise NonFiniteError("the radius overflows: scale the problem down")
         return scaled
@@ -233,21 +249,29 @@ class Bound:
         return html.card(self, [("inequality", self.name), ("from", self.source)])
 
     def __repr__(self) -> str:
-        return f"<{type(self).__name__}: error of the {self.quantity}, {self.norm} norm>"
+        return f"<Bound {self.name}: error of the {self.quantity}, {self.norm} norm>"
 
 
-def _usable(kind: type[Bound]) -> set[type[Bound]]:
-    """The bounds that are built on a common part."""
-    below: set[type[Bound]] = set().union(*(_usable(k) for k in kind.__subclasses__()))
-    return below | {kind} if hasattr(kind, "name") else below
+def differ(rates: Rates) -> bool:
+    """Whether the entities that are not exact have different sizes."""
+    return len({rate for rate in rates if rate > 0.0}) > 1
+
+
+def halved(
+    low: float, high: float, holds: Callable[[float], bool], rounds: int = _ROUNDS
+) -> tuple[float, float]:
+    """Bisect between `low`, where `holds` is true, and `high`, where it is not."""
+    for _ in range(rounds):
+        middle = low + (high - low) / 2.0
+        if not low < middle < high:
+            break
+        low, high = (middle, high) if holds(middle) else (low, middle)
+    return low, high
 
 
 def level_of(delta: object) -> float:
     """``log(1 / delta)`` of a checked probability of failure."""
     return -math.log(gate.probability("delta", delta))
-
-
-# -- units -------------------------------------------------------------------------------------
 
 
 def unit_of(*arrays: Array) -> float:

@@ -12,18 +12,18 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from ..._base import gate, memory
+from ..._base import memory
+from ..._base.types import Axis
 from ...exceptions import NonFiniteError
+from ...system import System
 from ..formulas import (
-    _AXES,
     Array,
-    _compact_svd,
-    _excess,
-    _pushed,
-    _vector_covariance,
-    _vector_excess,
+    compact_svd,
+    matrix_excess,
+    pushed_covariance,
+    realization_covariance,
+    vector_excess,
 )
 from ._base import unit_of
 
@@ -31,18 +31,10 @@ from ._base import unit_of
 class Geometry:
     """What the bounds need to know of ``M (y_hat - y)``, in units in which nothing overflows."""
 
-    def __init__(
-        self, B: ArrayLike, x0: ArrayLike, xf: ArrayLike, A: ArrayLike, axis: str, quantity: str
-    ) -> None:
-        B = gate.matrix("B", B)
-        n = B.shape[0]
-        x0 = gate.vector("x0", x0, length=n)
-        xf = gate.vector("xf", xf, length=n)
-        A = gate.matrix("A", A, rows=n, cols=n)
-        memory.need("the moments of the control", 50 * A.nbytes)
-        self.by_rows = gate.choice("axis", axis, _AXES) == "rows"
-        self.quantity = gate.choice("quantity", quantity, ("state", "control"))
-        self._scale(B, x0, xf, A)
+    def __init__(self, system: System, x0: Array, xf: Array, axis: Axis, quantity: str) -> None:
+        memory.need("the moments of the control", 50 * system.A.nbytes)
+        self.by_rows, self.quantity, self.norm = axis == "rows", quantity, "2"
+        self._scale(system.B, x0, xf, system.A)
         self._set_ranges()
         self._set_moments()
 
@@ -57,7 +49,7 @@ class Geometry:
         # without A, x0 has no effect whatever its size
         self.x0 = x0 / self.unit_x0 if A.any() else np.zeros_like(x0)
         self.xf, self.A = xf / unit_y, A / unit_A
-        U, s, _ = _compact_svd(B / unit_B)
+        U, s, _ = compact_svd(B / unit_B)
         self.M = np.ascontiguousarray(U.T if self.quantity == "state" else (U / s).T)
         self.M_norm = (
             0.0 if s.size == 0 else 1.0 if self.quantity == "state" else 1.0 / float(s[-1])
@@ -67,16 +59,16 @@ class Geometry:
         """Covariances of ``M`` times ``A x0^s``, ``xf^s``, ``A^s x0``, ``(A^s - A)(x0^s - x0)``."""
         axis = "rows" if self.by_rows else "columns"
         M, A, x0 = self.M, self.A, self.x0
-        Cv = _vector_covariance(x0)
-        of_x0, of_xf = _pushed(self.MA, x0), _pushed(M, self.xf)
-        of_A, of_both = _vector_excess(A, x0, axis), _excess(A, Cv, axis)
+        Cv = realization_covariance(x0)
+        of_x0, of_xf = pushed_covariance(self.MA, x0), pushed_covariance(M, self.xf)
+        of_A, of_both = vector_excess(A, x0, axis), matrix_excess(A, Cv, axis)
         self.covariances = (of_x0, of_xf, M @ of_A @ M.T, M @ of_both @ M.T)
         if self.by_rows:  # diagonal matrices
             from_A = self.m**2 @ of_A.diagonal(), self.m**2 @ of_both.diagonal()
         else:
             from_A = self.tau @ (x0 * x0), self.tau @ Cv.diagonal()
         traces = np.trace(of_x0), np.trace(of_xf), *from_A
-        self._traces = tuple(max(0.0, float(trace)) for trace in traces)
+        self.traces = tuple(max(0.0, float(trace)) for trace in traces)
 
     def _set_ranges(self) -> None:
         M, A, x0 = self.M, self.A, self.x0
@@ -161,13 +153,13 @@ class Geometry:
 
     def mean_square(self, r0: float, rf: float, rA: float) -> float:
         """``E||M (y_hat - y)||^2`` of product fusion."""
-        t0, tf, tA, tA0 = self._traces
+        t0, tf, tA, tA0 = self.traces
         return r0 * t0 + rf * tf + rA * tA + r0 * rA * tA0
 
     def paired_mean_square(self, r0: float, rf: float, rA: float) -> float:
         """The same for diagonal fusion; the rates are equal or 0."""
         # r (C0 + CA + CA0) where both are sampled: the last term does not get r^2
-        return self.mean_square(r0, rf, rA) + self._traces[3] * (min(r0, rA) - r0 * rA)
+        return self.mean_square(r0, rf, rA) + self.traces[3] * (min(r0, rA) - r0 * rA)
 
     def covariance(self, r0: float, rf: float, rA: float, *, both: bool) -> Array:
         """``M C M^T`` of one pair or, without what both x0 and A contribute, of its linear part."""

@@ -22,8 +22,7 @@ from ..._base import gate
 from ..._base.threads import get_num_threads
 from ..._base.types import Scheme
 from ...rng import Key
-from ..dynamics import matrix_powers
-from ..exact import best_over_steps
+from ..exact import best_control
 from ..formulas import Array
 
 _QUANTILE = 0.9  # share of delta for the quantile
@@ -33,9 +32,16 @@ _RUNS = 200.0  # simulated errors per 1 / delta: the bound is then 1.02 to 1.1 t
 _FEWEST, _MOST = 8192, 1 << 17
 _BUDGET = 5e8  # nanoseconds that are worth spending on more runs than a bound needs
 _LONGEST = 1e10  # nanoseconds beyond which there is no bound
-_DRAW = 100.0  # nanoseconds of one binomial draw
-_PILOT = 2048  # runs of a look that only guides a search
+_SPARE = 1.5  # times the fewest errors of which the largest is a bound
+# nanoseconds, rough: they decide how many errors are worth drawing, and change no probability
+_DRAW = 100.0  # of one binomial draw
+_PER_PRODUCT = 30.0  # of an entry in one product of the spectral norm
+_PER_PAIR = 15.0  # of a pair that is drawn on its own
+_DECOMPOSITION, _PER_ENTRY = 3e4, 6.0  # of a control over several steps, and per entry of C_K
+_START = 1000  # the size that a search looks at first
+_PILOT, _PILOTS, _GUESSED = 2048, 30, 1.1  # runs and number of looks that only guide a search
 _CLOSE = 1.01  # a search ends within 1 % of the smallest sufficient size
+_SLOPES = -2.0, -0.3  # powers of the size that a radius may fall with; -1/2 for many realizations
 _ROUNDING = 16.0 * float(np.finfo(np.float64).eps)  # of a sum, per term and unit
 
 
@@ -66,7 +72,7 @@ class EstimateErrors:
     def cost(self) -> float:
         """Nanoseconds for one run, roughly."""
         products = min(self.lines.shape) if self.norm == "spectral" else 0
-        return (_DRAW + 30.0 * products) * self.lines.size
+        return (_DRAW + _PER_PRODUCT * products) * self.lines.size
 
     def rounded(self, radii: tuple[float, ...]) -> tuple[float, ...]:
         """The radius with what rounding can add to it."""
@@ -114,8 +120,8 @@ class Entity:
 class PlanErrors:
     """The errors of a fused control: ``||C (u - v)||`` and ``||u - v||``.
 
-    ``v = C^+ (xf - A^K x0)`` is the exact control, ``C = C_K = [A^{K-1} B, ..., A B, B]``, and
-    ``C = B`` for one step (``steps=None``).
+    ``v = C^+ (xf - A^K x0)`` is the exact control, ``C = C_K = [B, A B, ..., A^{K-1} B]`` for
+    K = `steps`.
     """
 
     def __init__(
@@ -125,15 +131,13 @@ class PlanErrors:
         xf: Entity,
         A: Entity,
         *,
-        steps: int | None,
+        steps: int,
         paired: bool,
         rows: bool,
     ) -> None:
         self.B, self.entities, self.paired, self.rows = B, (x0, xf, A), paired, rows
-        self.several = steps is not None
-        K = 1 if steps is None else steps
-        powers = matrix_powers(A.values, K)
-        self.best = best_over_steps(powers, B, x0.values, xf.values)
+        self.several = steps > 1
+        self.best = best_control(A.values, B, x0.values, xf.values, steps)
 
     def rounded(self, radii: tuple[float, ...]) -> tuple[float, float]:
         """The radii with what rounding can add: that of the exact control and of a fused one."""
@@ -163,10 +167,10 @@ class PlanErrors:
         n, width = self.best.factors.B.shape
         cost: float = _DRAW * (n * n + 2 * n)
         if self.several:  # powers of A_hat and a singular value decomposition
-            cost += 3e4 + 6.0 * n * n * width
+            cost += _DECOMPOSITION + _PER_ENTRY * n * n * width
         x0, _, A = self.entities
         if self.paired and x0.drawn and A.drawn and A.scheme == "systematic":
-            cost += 15.0 * float(A.size or 0)  # drawn one by one
+            cost += _PER_PAIR * float(A.size or 0)
         return cost
 
     def draw(self, runs: int, key: Key) -> Array:
@@ -175,7 +179,7 @@ class PlanErrors:
         if not C.s.size:
             return np.zeros((runs, 2))
         x0, xf, A = self.entities
-        several = self.B, C.B, self.best.u
+        several = self.B, C.B, self.best.v  # in the order of C_K
         parts = several if self.several else (C.U.T, C.s, self.best.needed)
         first, second, third = (np.ascontiguousarray(np.atleast_2d(part)) for part in parts)
         return _core.simulate_plans(
@@ -210,7 +214,7 @@ def runs_for(delta: float, cost: float) -> int | None:
     if delta * _MOST < 1.0:
         return None
     # (1 - p)^R <= 0.01 delta for p = 0.9 delta, and some to spare
-    fewest = math.ceil(1.5 * math.log(1.0 / (_MISTAKE * delta)) / (_QUANTILE * delta))
+    fewest = math.ceil(_SPARE * math.log(1.0 / (_MISTAKE * delta)) / (_QUANTILE * delta))
     wanted = min(max(_FEWEST, math.ceil(_RUNS / delta)), _MOST)
     runs = max(min(fewest, _MOST), min(wanted, int(_BUDGET / cost)))
     possible = exceedances(runs, delta) is not None and runs * cost <= _LONGEST
@@ -236,7 +240,7 @@ def exceedances(runs: int, delta: float) -> int | None:
     return int(below.sum()) - 1 if below[0] else None
 
 
-def smallest_size(
+def searched_size(
     errors_at: Callable[[int], Errors], which: int, eps: float, delta: float, key: Key
 ) -> int | None:
     """A size whose bound for error `which` is at most `eps`, within 1 % of the smallest.
@@ -259,7 +263,7 @@ def smallest_size(
         found = radii(errors_at(size), delta, key)
         return math.inf if found is None else found[which]
 
-    start, _ = _approach(pilot, eps, 1000, rounds=30, close=1.1)
+    start, _ = _approach(pilot, eps, _START, rounds=_PILOTS, close=_GUESSED)
     if start is None:
         return None
     _, found = _approach(bound, eps, start, rounds=_LOOKS, close=_CLOSE)
@@ -271,9 +275,11 @@ def _approach(
 ) -> tuple[int | None, int | None]:
     """The last size guessed, and the smallest one found with ``radius(size) <= eps``.
 
-    The radius is taken to fall like a power of the size, refitted in every round.
+    The radius is taken to fall like a power of the size, refitted in every round. Not
+    `numbers.smallest_size`: each look at a simulated radius may fail with probability
+    ``_MISTAKE delta``, and delta pays for ten of them; a bisection takes up to 106.
     """
-    size, slope = start, -0.5
+    size, slope = start, -0.5  # the power of an average of many realizations
     failing, passing, last = 0, None, None
     for _ in range(rounds):
         found = radius(size)
@@ -285,7 +291,7 @@ def _approach(
             failing = max(failing, size)
         if last is not None and last[0] != size and 0.0 < found != last[1] > 0.0:
             fitted = math.log(found / last[1]) / math.log(size / last[0])
-            slope = min(max(fitted, -2.0), -0.3)
+            slope = min(max(fitted, _SLOPES[0]), _SLOPES[1])
         last = size, found
         # a little beyond the size at which the fitted power meets eps
         ratio = (eps / found) ** (1.0 / slope) if found > 0.0 else 0.0

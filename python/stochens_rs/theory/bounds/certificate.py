@@ -7,13 +7,13 @@ from numpy.typing import ArrayLike
 
 from ..._base import gate
 from ...exceptions import NonFiniteError
-from ..formulas import _compact_svd
+from ...system import System
+from ..formulas import compact_svd
 
 
 def from_errors(
-    B: ArrayLike,
+    system: System | tuple[ArrayLike, ArrayLike],
     x0_hat: ArrayLike,
-    A_hat: ArrayLike,
     *,
     x0_error: float = 0.0,
     xf_error: float = 0.0,
@@ -23,12 +23,11 @@ def from_errors(
 
     Parameters
     ----------
-    B : (n, m) array_like
-        Input matrix, known exactly; any rank.
+    system : System or (A_hat, B)
+        The estimate (n, n) of the state matrix and the input matrix (n, m), known exactly; any
+        rank. Whatever `System.from_any` takes.
     x0_hat : (n,) array_like
         The estimate of the initial state.
-    A_hat : (n, n) array_like
-        The estimate of the state matrix.
     x0_error, xf_error : float, default 0.0
         ``||x0_hat - x0||_2`` and ``||xf_hat - xf||_2`` at most.
     A_error : float, default 0.0
@@ -56,17 +55,16 @@ def from_errors(
     Examples
     --------
     >>> from stochens_rs.theory import bounds
-    >>> bounds.from_errors([[2.0]], [3.0], [[0.5]], x0_error=0.1, A_error=0.01)
+    >>> bounds.from_errors(([[0.5]], [[2.0]]), [3.0], x0_error=0.1, A_error=0.01)
     (0.081, 0.0405)
     """
-    B = gate.matrix("B", B)
-    x0_hat = gate.vector("x0_hat", x0_hat, length=len(B))
-    A_hat = gate.matrix("A_hat", A_hat, rows=len(B), cols=len(B))
+    checked = System.from_any(system)
+    x0_hat, A_hat = gate.vector("x0_hat", x0_hat, length=checked.n), checked.A
     e0, ef, eA = (
         gate.nonnegative(name, value)
         for name, value in (("x0_error", x0_error), ("xf_error", xf_error), ("A_error", A_error))
     )
-    U, s, _ = _compact_svd(B)
+    U, s, _ = compact_svd(checked.B)
     if s.size == 0:
         return 0.0, 0.0
     with np.errstate(over="ignore", invalid="ignore"):

@@ -4,67 +4,96 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Literal, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ..._base import gate
-from ..._base.types import Axis, Fusion, Scheme
-from ...exceptions import InputError, InputTypeError, SizeError
-from ...rng import RngLike, as_key
-from ..formulas import _AXES, Sizes, _one_each, _reciprocal
-from ._base import Bound, Rates
+from ..._base.types import Scheme
+from ...exceptions import SizeError
+from ...rng import Key
+from ..formulas import Array, Sizes
+from ._base import Bound, Inequality, Rates, Setting, halved
+from ._settings import Control, Paired
 from ._simulation import (
-    Entity,
     Errors,
     EstimateErrors,
     PlanErrors,
     exceedances,
     radii,
     runs_for,
-    smallest_size,
+    searched_size,
 )
-from .fused import _check_equal
 
-SimulatedOf: TypeAlias = Literal["vector", "matrix", "state", "control"]
 
-_NORMS = {
-    "vector": ("2", "1"),
-    "matrix": ("spectral", "Frobenius"),
-    "state": ("2",),
-    "control": ("2",),
-}
+class Law(Setting):
+    """A setting whose errors can be drawn: lines of a vector or a matrix, or a control."""
+
+    def __init__(self, quantity: str, norm: str, scheme: Scheme, of: Array | PlanErrors) -> None:
+        super().__init__(quantity, norm)
+        self._scheme, self._of = scheme, of
+        self.which = int(quantity == "control")  # column of the errors
+        if isinstance(of, PlanErrors):
+            self.entities = Control.entities
+            self.equal = Paired.equal if of.paired else ""
+
+    def errors(self, rates: Rates) -> Errors:
+        """The law for these sizes."""
+        sizes = tuple(round(1.0 / rate) if rate > 0.0 else None for rate in rates)
+        if isinstance(self._of, PlanErrors):
+            return self._of.sized(sizes)
+        if sizes[0] is None:
+            raise SizeError("`size` must be a number here: exact values have no errors")
+        return EstimateErrors(self._of, self.norm, sizes[0], self._scheme)
+
+
+class OrderStatistic(Inequality):
+    """The error that so few of the simulated ones exceed that it is a bound (`_simulation`)."""
+
+    at: Law
+
+    def __init__(self, at: Law, key: Key) -> None:
+        super().__init__(at)
+        self.key = key
+
+    def radius(self, rates: Rates, level: float) -> float:
+        """Of new draws, the same for the same sizes; inf: too many would be needed."""
+        if not any(rates):
+            return 0.0
+        found = radii(self.at.errors(rates), math.exp(-level), self.key)
+        return math.inf if found is None else found[self.at.which]
+
+    def level(self, rates: Rates, eps: float) -> float:
+        """The largest level at which few enough of the simulated errors exceed eps."""
+        if not any(rates):
+            return math.inf
+        errors, which = self.at.errors(rates), self.at.which
+        runs = runs_for(0.01, errors.cost)
+        if runs is None:
+            return 0.0
+        drawn = errors.draw(runs, self.key)
+        # what rounding adds to an error in the middle
+        off = errors.rounded(tuple(float(np.median(one)) for one in drawn.T))[which]
+        drawn = drawn[:, which]
+        beyond = int((drawn + (off - float(np.median(drawn))) > eps).sum())
+
+        def enough(level: float) -> bool:
+            allowed = exceedances(runs, math.exp(-level))
+            return allowed is not None and beyond <= allowed
+
+        return halved(0.0, math.log(runs), enough, rounds=40)[0]  # a level to 1e-11
 
 
 class Simulated(Bound):
     """The order statistic of simulated errors: a bound within a few percent of the quantile.
 
+    Made by ``bound("simulated", ...)`` and :func:`best`.
+
     Parameters
     ----------
-    quantity : {"vector", "matrix", "state", "control"}
-        What the error is of.
-    *data : array_like
-        ``w``; ``A``; ``B, x0, xf, A`` for a state or a control, as in :func:`candidates`.
-    norm : str, optional
-        Vector: "2" (default) or "1". Matrix: "spectral" (default) or "Frobenius".
-    fusion : {"product", "diagonal"}, default "product"
-        For a state or a control.
-    axis : {"columns", "rows"}, default "columns"
-        Which lines of the matrices are sampled.
-    scheme : {"iid", "systematic"}, default "iid"
-        How the realizations are drawn.
-    steps : int, optional
-        For a state or a control over so many steps, ``C_K`` in place of ``B``; product fusion.
-    rng : None, int, SeedSequence, Generator, BitGenerator or Key, default 0
-        Source of randomness, in streams of its own; with the default the same errors in every
-        call.
-
-    Raises
-    ------
-    InputError, InputTypeError
-        An array does not fit, a choice is unknown, or diagonal fusion is asked for where it is
-        not defined: over several steps, and for systematic rows.
+    law : Law
+        What errors are drawn from.
+    key : Key
+        The same errors in every call.
 
     Notes
     -----
@@ -79,77 +108,19 @@ class Simulated(Bound):
     Examples
     --------
     >>> from stochens_rs.theory import bounds
-    >>> data = [[1.0], [0.0]], [1.0, 1.0], [2.0, 2.0], [[1.0, 0.0], [2.0, 5.0]]
-    >>> every = bounds.Simulated("state", *data), bounds.ProductMcDiarmid(*data)
+    >>> data = ([[1.0, 0.0], [2.0, 5.0]], [[1.0], [0.0]]), [1.0, 1.0], [2.0, 2.0]
+    >>> every = [bounds.bound(name, "state", *data) for name in ("simulated", "McDiarmid")]
     >>> [round(bound.radius(1000, 0.01), 1) for bound in every]
     [0.2, 0.4]
     """
 
-    name = "simulated"
-    source = "order statistic of errors drawn from the law; its own chance of failure is in delta"
-
-    def __init__(
-        self,
-        quantity: SimulatedOf,
-        *data: ArrayLike,
-        norm: str | None = None,
-        fusion: Fusion = "product",
-        axis: Axis = "columns",
-        scheme: Scheme = "iid",
-        steps: int | None = None,
-        rng: RngLike = 0,
-    ) -> None:
-        self.quantity = gate.choice("quantity", quantity, tuple(_NORMS))
-        norms = _NORMS[self.quantity]
-        self.norm = norms[0] if norm is None else gate.choice("norm", norm, norms)
-        self._rows = gate.choice("axis", axis, _AXES) == "rows"
-        iid = gate.choice("scheme", scheme, ("iid", "systematic")) == "iid"
-        self._scheme: Scheme = "iid" if iid else "systematic"
-        paired = gate.choice("fusion", fusion, ("product", "diagonal")) == "diagonal"
-        self._key = as_key(rng).child("simulated bound")
-        self._plan: PlanErrors | None = None
-        expected = 4 if self.quantity in ("state", "control") else 1
-        if len(data) != expected:
-            raise InputTypeError(f"`data` must be {expected} arrays here, got {len(data)}")
-        if expected == 1:
-            if self.quantity == "vector":
-                lines = gate.vector("w", data[0])[None]
-            else:
-                A = gate.matrix("A", data[0])
-                lines = A if self._rows else A.T
-            self._lines = np.ascontiguousarray(lines)
-            return
-        B = gate.matrix("B", data[0])
-        x0, xf = (
-            gate.vector(name, value, length=len(B))
-            for name, value in zip(("x0", "xf"), data[1:3], strict=True)
+    def __init__(self, law: Law, key: Key) -> None:
+        super().__init__(
+            "simulated",
+            "order statistic of errors drawn from the law; its own chance of failure is in delta",
+            OrderStatistic(law, key),
         )
-        A = gate.matrix("A", data[3], rows=len(B), cols=len(B))
-        if paired and (steps is not None or (self._rows and not iid)):
-            raise InputError(
-                "`fusion` must be 'product' over several steps and for systematic rows, got "
-                "'diagonal'"
-            )
-        self._plan = PlanErrors(
-            B,
-            Entity(x0, scheme=self._scheme),
-            Entity(xf, scheme=self._scheme),
-            Entity(A, scheme=self._scheme),
-            steps=None if steps is None else gate.size("steps", steps),
-            paired=paired,
-            rows=self._rows,
-        )
-
-    @property
-    def _which(self) -> int:
-        return int(self.quantity == "control")
-
-    def _errors(self, rates: Rates) -> Errors:
-        sizes = tuple(round(1.0 / rate) if rate > 0.0 else None for rate in rates)
-        if self._plan is not None:
-            return self._plan.sized(sizes)
-        assert sizes[0] is not None  # `_radius` and `_level` see to it
-        return EstimateErrors(self._lines, self.norm, sizes[0], self._scheme)
+        self._law, self._key = law, key
 
     def errors(self, size: Sizes) -> Errors:
         """The law of the errors for a number of realizations.
@@ -170,10 +141,7 @@ class Simulated(Bound):
         InputError, InputTypeError
             As :meth:`radius`; or the size of a vector or matrix is None: nothing is random.
         """
-        rates = self._rates(size)
-        if self._plan is None and not any(rates):
-            raise SizeError("`size` must be a number here: exact values have no errors")
-        return self._errors(rates)
+        return self._law.errors(self._rates(size))
 
     def require(self, delta: float) -> None:
         """Refuse a probability of failure that cannot be simulated.
@@ -194,56 +162,14 @@ class Simulated(Bound):
     def _possible(self, size: Sizes, delta: float) -> bool:
         """Whether there is a bound for this delta: not below about 1e-4, nor if a run is slow."""
         rates = self._rates(size)
-        return not any(rates) or runs_for(delta, self._errors(rates).cost) is not None
+        return not any(rates) or runs_for(delta, self._law.errors(rates).cost) is not None
 
-    def _radius(self, rates: Rates, level: float) -> float:
-        if not any(rates):
-            return 0.0
-        found = radii(self._errors(rates), math.exp(-level), self._key)
-        return math.inf if found is None else found[self._which]
-
-    def _level(self, rates: Rates, eps: float) -> float:
-        if not any(rates):
-            return math.inf
-        errors = self._errors(rates)
-        runs = runs_for(0.01, errors.cost)
-        if runs is None:
-            return 0.0
-        drawn = errors.draw(runs, self._key)
-        # what rounding adds to an error in the middle
-        off = errors.rounded(tuple(float(np.median(one)) for one in drawn.T))[self._which]
-        drawn = drawn[:, self._which]
-        beyond = int((drawn + (off - float(np.median(drawn))) > eps).sum())
-        known, unknown = 0.0, math.log(runs)
-        for _ in range(40):
-            middle = (known + unknown) / 2.0
-            allowed = exceedances(runs, math.exp(-middle))
-            if allowed is not None and beyond <= allowed:
-                known = middle
-            else:
-                unknown = middle
-        return known
-
-    def _required(self, eps: float, delta: float, same: Callable[[float], Rates]) -> int:
-        eps, delta = gate.positive("eps", eps), gate.probability("delta", delta)
+    def _smallest(self, eps: float, delta: float, rates: Callable[[int], Rates]) -> int | None:
         self.require(delta)
-        found = smallest_size(
-            lambda size: self._errors(same(1.0 / size)), self._which, eps, delta, self._key
-        )
-        if found is None:
-            raise SizeError(f"`eps` is {eps:.3g}: more than 2^53 realizations would be needed")
-        return found
-
-    def _rates(self, size: Sizes) -> Rates:
-        if self._plan is None:
-            return (_reciprocal("size", size),)
-        rates = tuple(_reciprocal(f"size[{k}]", N) for k, N in enumerate(_one_each(size)))
-        if self._plan.paired:
-            _check_equal(rates, "diagonal fusion pairs the realizations")
-        return rates
-
-    def _same(self, rate: float) -> Rates:
-        return (rate,) if self._plan is None else (rate, rate, rate)
+        if not any(rates(1)):
+            return 1
+        law = self._law
+        return searched_size(lambda N: law.errors(rates(N)), law.which, eps, delta, self._key)
 
     def _in_units(self, radius: float) -> float:
         if radius == math.inf:

@@ -14,7 +14,8 @@ one column:
 ``Cv(w) = g diag|w| - w w^T``,
 ``E[A^s M A^sT] = A M A^T + T_A(diag M)`` with ``T_A(d) = sum_j d_j Cv(a_j)``.
 
-All results are exact for every ``size`` and need no limit. Variances are computed from sums of
+All results but that of :func:`final_state_covariance`, the limit for large N over several steps,
+are exact for every ``size``. Variances are computed from sums of
 nonnegative terms, hence without cancellation: ``g - |w_i| = sum_{k != i} |w_k|``, and for the
 product of a line and a vector x ``sum_{j<k} |a_j| |a_k| (s_j x_j - s_k x_k)^2``, s the signs of a.
 
@@ -38,12 +39,14 @@ from .estimates import (
     vector_covariance,
     vector_mse,
 )
+from .several_steps import final_state_covariance
 from .systematic import systematic_covariance, systematic_mse
 from .trajectories import growth_factor, trajectory_covariance, trajectory_mean, trajectory_rms
 
 __all__ = [
     "control_covariance",
     "control_rms",
+    "final_state_covariance",
     "growth_factor",
     "matrix_covariance",
     "matrix_mse",

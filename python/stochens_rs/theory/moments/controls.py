@@ -2,26 +2,28 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._base.types import Axis, Fusion, Scheme
-from ..formulas import Array, Sizes, _compact_svd, _fused, _root_trace, _symmetric_product
+from ...system import System
+from ..formulas import Array, Sizes, compact_svd, fused_covariance, root_trace, symmetric_product
 
 
 def realization_control_covariance(
-    B: ArrayLike, x0: ArrayLike, xf: ArrayLike, A: ArrayLike, *, axis: Axis = "columns"
+    system: System | Any, x0: ArrayLike, xf: ArrayLike, *, axis: Axis = "columns"
 ) -> Array:
     """Covariance of the control ``u^s = B+ (xf^s - A^s x0^s)`` of one realization.
 
     Parameters
     ----------
-    B : (n, m) array_like
-        Input matrix, known exactly; any rank.
+    system : System
+        The system, or anything `System.from_any` takes, such as ``(A, B)``. ``B`` is known exactly
+        and may have any rank.
     x0, xf : (n,) array_like
         Initial state and target state.
-    A : (n, n) array_like
-        State matrix.
     axis : {"columns", "rows"}, default "columns"
         Which lines of ``A`` are sampled.
 
@@ -43,18 +45,17 @@ def realization_control_covariance(
 
     Examples
     --------
-    >>> realization_control_covariance([[1.0], [0.0]], [1.0, 1.0], [2.0, 2.0],
-    ...                                [[1.0, 0.0], [2.0, 5.0]])
+    >>> system = [[1.0, 0.0], [2.0, 5.0]], [[1.0], [0.0]]
+    >>> realization_control_covariance(system, [1.0, 1.0], [2.0, 2.0])
     array([[9.]])
     """
-    return control_covariance(B, x0, xf, A, 1, fusion="diagonal", axis=axis)
+    return control_covariance(system, x0, xf, 1, fusion="diagonal", axis=axis)
 
 
 def control_covariance(
-    B: ArrayLike,
+    system: System | Any,
     x0: ArrayLike,
     xf: ArrayLike,
-    A: ArrayLike,
     size: Sizes = 1,
     *,
     fusion: Fusion = "product",
@@ -65,12 +66,11 @@ def control_covariance(
 
     Parameters
     ----------
-    B : (n, m) array_like
-        Input matrix, known exactly; any rank.
+    system : System
+        The system, or anything `System.from_any` takes, such as ``(A, B)``. ``B`` is known exactly
+        and may have any rank.
     x0, xf : (n,) array_like
         Initial state and target state.
-    A : (n, n) array_like
-        State matrix.
     size : int, None or (N0, Nf, NA), default 1
         Number of independent realizations of ``x0``, ``xf`` and ``A``; one number for all three
         or one each. None or inf: that entity is known exactly.
@@ -113,21 +113,22 @@ def control_covariance(
 
     Examples
     --------
-    >>> B, x0, xf, A = [[1.0], [0.0]], [1.0, 1.0], [2.0, 2.0], [[1.0, 0.0], [2.0, 5.0]]
-    >>> control_covariance(B, x0, xf, A, 10), control_covariance(B, x0, xf, A, (None, 10, None))
-    (array([[0.72]]), array([[0.4]]))
+    >>> system, x0, xf = ([[1.0, 0.0], [2.0, 5.0]], [[1.0], [0.0]]), [1.0, 1.0], [2.0, 2.0]
+    >>> control_covariance(system, x0, xf, 10)
+    array([[0.72]])
+    >>> control_covariance(system, x0, xf, (None, 10, None))
+    array([[0.4]])
     """
     with np.errstate(over="ignore", invalid="ignore"):
-        B, C = _fused(B, x0, xf, A, size, fusion, axis, scheme)
-        U, s, V = _compact_svd(B)
-        return _symmetric_product(V / s, U.T @ C @ U)
+        B, C = fused_covariance(system, x0, xf, size, fusion, axis, scheme)
+        U, s, V = compact_svd(B)
+        return symmetric_product(V / s, U.T @ C @ U)
 
 
 def state_covariance(
-    B: ArrayLike,
+    system: System | Any,
     x0: ArrayLike,
     xf: ArrayLike,
-    A: ArrayLike,
     size: Sizes = 1,
     *,
     fusion: Fusion = "product",
@@ -138,7 +139,7 @@ def state_covariance(
 
     Parameters
     ----------
-    B, x0, xf, A, size, fusion, axis, scheme
+    system, x0, xf, size, fusion, axis, scheme
         As in :func:`control_covariance`; the control acts on the exact system.
 
     Returns
@@ -160,22 +161,21 @@ def state_covariance(
 
     Examples
     --------
-    >>> B, x0, xf, A = [[1.0], [0.0]], [1.0, 1.0], [2.0, 2.0], [[1.0, 0.0], [2.0, 5.0]]
-    >>> state_covariance(B, x0, xf, A, 10)
+    >>> system, x0, xf = ([[1.0, 0.0], [2.0, 5.0]], [[1.0], [0.0]]), [1.0, 1.0], [2.0, 2.0]
+    >>> state_covariance(system, x0, xf, 10)
     array([[0.72, 0.  ],
            [0.  , 0.  ]])
     """
     with np.errstate(over="ignore", invalid="ignore"):
-        B, C = _fused(B, x0, xf, A, size, fusion, axis, scheme)
-        U, _, _ = _compact_svd(B)
-        return _symmetric_product(U, U.T @ C @ U)
+        B, C = fused_covariance(system, x0, xf, size, fusion, axis, scheme)
+        U, _, _ = compact_svd(B)
+        return symmetric_product(U, U.T @ C @ U)
 
 
 def control_rms(
-    B: ArrayLike,
+    system: System | Any,
     x0: ArrayLike,
     xf: ArrayLike,
-    A: ArrayLike,
     size: Sizes = 1,
     *,
     fusion: Fusion = "product",
@@ -186,7 +186,7 @@ def control_rms(
 
     Parameters
     ----------
-    B, x0, xf, A, size, fusion, axis, scheme
+    system, x0, xf, size, fusion, axis, scheme
         As in :func:`control_covariance`.
 
     Returns
@@ -201,20 +201,19 @@ def control_rms(
 
     Examples
     --------
-    >>> B, x0, xf, A = [[1.0], [0.0]], [1.0, 1.0], [2.0, 2.0], [[1.0, 0.0], [2.0, 5.0]]
-    >>> round(control_rms(B, x0, xf, A, 10), 6)
+    >>> system, x0, xf = ([[1.0, 0.0], [2.0, 5.0]], [[1.0], [0.0]]), [1.0, 1.0], [2.0, 2.0]
+    >>> round(control_rms(system, x0, xf, 10), 6)
     0.848528
     """
-    return _root_trace(
-        control_covariance(B, x0, xf, A, size, fusion=fusion, axis=axis, scheme=scheme)
+    return root_trace(
+        control_covariance(system, x0, xf, size, fusion=fusion, axis=axis, scheme=scheme)
     )
 
 
 def state_rms(
-    B: ArrayLike,
+    system: System | Any,
     x0: ArrayLike,
     xf: ArrayLike,
-    A: ArrayLike,
     size: Sizes = 1,
     *,
     fusion: Fusion = "product",
@@ -225,7 +224,7 @@ def state_rms(
 
     Parameters
     ----------
-    B, x0, xf, A, size, fusion, axis, scheme
+    system, x0, xf, size, fusion, axis, scheme
         As in :func:`control_covariance`.
 
     Returns
@@ -241,10 +240,10 @@ def state_rms(
 
     Examples
     --------
-    >>> B, x0, xf, A = [[2.0], [0.0]], [1.0, 1.0], [2.0, 2.0], [[1.0, 0.0], [2.0, 5.0]]
-    >>> round(state_rms(B, x0, xf, A, 10), 6)
+    >>> system, x0, xf = ([[1.0, 0.0], [2.0, 5.0]], [[2.0], [0.0]]), [1.0, 1.0], [2.0, 2.0]
+    >>> round(state_rms(system, x0, xf, 10), 6)
     0.848528
     """
-    return _root_trace(
-        state_covariance(B, x0, xf, A, size, fusion=fusion, axis=axis, scheme=scheme)
+    return root_trace(
+        state_covariance(system, x0, xf, size, fusion=fusion, axis=axis, scheme=scheme)
     )

@@ -6,19 +6,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._base import gate, memory
-from ..._base.types import Axis
+from ..._base.types import AXES, Axis
 from ..formulas import (
-    _AXES,
     Array,
     Size,
-    _excess,
-    _lines,
-    _others,
-    _product_covariance,
-    _reciprocal,
-    _representable,
-    _transition,
-    _vector_covariance,
+    checked_finite,
+    column_excess,
+    fused_product_covariance,
+    inverse_size,
+    lines_of,
+    matrix_excess,
+    realization_covariance,
+    sum_of_others,
 )
 
 
@@ -56,10 +55,10 @@ def vector_covariance(w: ArrayLike, size: Size = 1) -> Array:
            [1.5, 1.5]])
     """
     w = gate.vector("w", w)
-    reciprocal = _reciprocal("size", size)
+    reciprocal = inverse_size("size", size)
     memory.need("the covariance", 3 * 8 * w.size**2)
     with np.errstate(over="ignore", invalid="ignore"):
-        return _representable(_vector_covariance(w) * reciprocal)
+        return checked_finite(realization_covariance(w) * reciprocal)
 
 
 def vector_mse(w: ArrayLike, size: Size = 1) -> float:
@@ -126,10 +125,10 @@ def matrix_mse(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> float
     >>> matrix_mse([[1.0, 0.0], [2.0, 5.0]])
     4.0
     """
-    lines = _lines(gate.matrix("A", A), axis)
+    lines = lines_of(gate.matrix("A", A), axis)
     with np.errstate(over="ignore", invalid="ignore"):
-        mse = (np.abs(lines) * _others(lines)).sum() * _reciprocal("size", size)
-    return float(_representable(mse, "mean squared error"))
+        mse = (np.abs(lines) * sum_of_others(lines)).sum() * inverse_size("size", size)
+    return float(checked_finite(mse, "mean squared error"))
 
 
 def matrix_covariance(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> Array:
@@ -167,12 +166,12 @@ def matrix_covariance(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -
     array([[1., 1.],
            [1., 1.]])
     """
-    lines = _lines(gate.matrix("A", A), axis).T
-    reciprocal = _reciprocal("size", size)
+    lines = lines_of(gate.matrix("A", A), axis).T
+    reciprocal = inverse_size("size", size)
     memory.need("the covariances", 2 * 8 * lines.size * lines.shape[1])
     with np.errstate(over="ignore", invalid="ignore"):
-        covariances = np.array([_vector_covariance(line) for line in lines])
-        return _representable(covariances * reciprocal)
+        covariances = np.array([realization_covariance(line) for line in lines])
+        return checked_finite(covariances * reciprocal)
 
 
 def transition(A: ArrayLike, d: ArrayLike) -> Array:
@@ -210,7 +209,7 @@ def transition(A: ArrayLike, d: ArrayLike) -> Array:
     A = gate.matrix("A", A)
     d = gate.vector("d", d, length=A.shape[1])
     with np.errstate(over="ignore", invalid="ignore"):
-        return _representable(_transition(A, d))
+        return checked_finite(column_excess(A, d))
 
 
 def second_moment(A: ArrayLike, M: ArrayLike, *, axis: Axis = "columns") -> Array:
@@ -248,20 +247,20 @@ def second_moment(A: ArrayLike, M: ArrayLike, *, axis: Axis = "columns") -> Arra
     """
     A = gate.matrix("A", A)
     M = gate.matrix("M", M, rows=A.shape[1], cols=A.shape[1])
-    gate.choice("axis", axis, _AXES)
+    gate.choice("axis", axis, AXES)
     with np.errstate(over="ignore", invalid="ignore"):
-        return _representable(A @ M @ A.T + _excess(A, M, axis), "second moment")
+        return checked_finite(A @ M @ A.T + matrix_excess(A, M, axis), "second moment")
 
 
-def product_covariance(x0: ArrayLike, A: ArrayLike, *, axis: Axis = "columns") -> Array:
+def product_covariance(A: ArrayLike, x0: ArrayLike, *, axis: Axis = "columns") -> Array:
     """``C_z``: covariance of ``z^s = A^s x0^s``, one realization of each.
 
     Parameters
     ----------
-    x0 : (m,) array_like
-        The vector.
     A : (n, m) array_like
         The matrix.
+    x0 : (m,) array_like
+        The vector.
     axis : {"columns", "rows"}, default "columns"
         Which lines of ``A`` are sampled.
 
@@ -282,12 +281,12 @@ def product_covariance(x0: ArrayLike, A: ArrayLike, *, axis: Axis = "columns") -
 
     Examples
     --------
-    >>> product_covariance([1.0, 1.0], [[1.0, 0.0], [2.0, 5.0]])
+    >>> product_covariance([[1.0, 0.0], [2.0, 5.0]], [1.0, 1.0])
     array([[ 5., -7.],
            [-7., 13.]])
     """
     A = gate.matrix("A", A)
     x0 = gate.vector("x0", x0, length=A.shape[1])
-    gate.choice("axis", axis, _AXES)
+    gate.choice("axis", axis, AXES)
     with np.errstate(over="ignore", invalid="ignore"):
-        return _representable(_product_covariance(x0, A, 1.0, 1.0, axis))
+        return checked_finite(fused_product_covariance(A, x0, 1.0, 1.0, axis))

@@ -6,17 +6,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._base import gate, memory
-from ..._base.types import Axis
+from ..._base.types import AXES, Axis
 from ..formulas import (
-    _AXES,
     Array,
     Size,
-    _fraction,
-    _lines,
-    _others,
-    _reciprocal,
-    _representable,
-    _systematic_covariance,
+    checked_finite,
+    fractional_parts,
+    inverse_size,
+    lines_of,
+    sum_of_others,
+    systematic_vector_covariance,
 )
 
 
@@ -62,17 +61,17 @@ def systematic_mse(target: ArrayLike, size: Size = 1, *, axis: Axis = "columns")
     (0.2222222222222222, 0.0)
     """
     lines = gate.array("target", target, ndim=(1, 2))
-    gate.choice("axis", axis, _AXES)
-    lines = lines[:, None] if lines.ndim == 1 else _lines(lines, axis)
-    if _reciprocal("size", size) == 0.0:
+    gate.choice("axis", axis, AXES)
+    lines = lines[:, None] if lines.ndim == 1 else lines_of(lines, axis)
+    if inverse_size("size", size) == 0.0:
         return 0.0
     N = float(gate.size("size", size))
     lines = lines[:, lines.any(axis=0)]
     with np.errstate(over="ignore", invalid="ignore"):
         g = np.abs(lines).sum(axis=0)
-        f, f_rest = _fraction(N, np.abs(lines), _others(lines), g)
+        f, f_rest = fractional_parts(N, np.abs(lines), sum_of_others(lines), g)
         mse = ((g / N) ** 2 * (f * f_rest).sum(axis=0)).sum()
-    return float(_representable(mse, "mean squared error"))
+    return float(checked_finite(mse, "mean squared error"))
 
 
 def systematic_covariance(target: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> Array:
@@ -115,15 +114,15 @@ def systematic_covariance(target: ArrayLike, size: Size = 1, *, axis: Axis = "co
            [1., 1.]])
     """
     lines = gate.array("target", target, ndim=(1, 2))
-    gate.choice("axis", axis, _AXES)
+    gate.choice("axis", axis, AXES)
     vector = lines.ndim == 1
-    rows = lines[None, :] if vector else _lines(lines, axis).T
+    rows = lines[None, :] if vector else lines_of(lines, axis).T
     memory.need("the covariances", 8 * rows.shape[1] ** 2 * (rows.shape[0] + 5))
-    if _reciprocal("size", size) == 0.0:
+    if inverse_size("size", size) == 0.0:
         covariances = np.zeros((*rows.shape, rows.shape[1]))
     else:
         N = float(gate.size("size", size))
         with np.errstate(over="ignore", invalid="ignore"):
-            covariances = np.array([_systematic_covariance(line, N) for line in rows])
-        _representable(covariances)
+            covariances = np.array([systematic_vector_covariance(line, N) for line in rows])
+        checked_finite(covariances)
     return np.asarray(covariances[0] if vector else covariances, dtype=np.float64)

@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._base import gate, memory
-from ..._base.types import Axis
+from ..._base.types import AXES, Axis
 from ...exceptions import NonFiniteError
-from ..formulas import _AXES, Array, Size, _excess, _reciprocal, _vector_covariance, _vector_excess
+from ...system import System
+from ..dynamics import states
+from ..formulas import (
+    Array,
+    Size,
+    inverse_size,
+    matrix_excess,
+    realization_covariance,
+    vector_excess,
+)
 from ..positive_maps import map_radius, spectral_radius
 
 Averaging: TypeAlias = Literal["runs", "mean-field"]
@@ -18,19 +27,17 @@ Averaging: TypeAlias = Literal["runs", "mean-field"]
 _AVERAGING = ("runs", "mean-field")
 
 
-def trajectory_mean(A: ArrayLike, B: ArrayLike, u: ArrayLike, x0: ArrayLike) -> Array:
+def trajectory_mean(system: System | Any, x0: ArrayLike, u: ArrayLike) -> Array:
     """Mean of every realization, and of every average, of the state over K steps.
 
     Parameters
     ----------
-    A : (n, n) array_like
-        State matrix.
-    B : (n, m) array_like
-        Input matrix.
-    u : (K, m) array_like
-        The control; ``u[k]`` acts in the step from k to k + 1. K = 0 is allowed.
+    system : System
+        The system, or anything `System.from_any` takes, such as ``(A, B)``.
     x0 : (n,) array_like
         Initial state.
+    u : (K, m) array_like
+        The control; ``u[k]`` acts in the step from k to k + 1. K = 0 is allowed.
 
     Returns
     -------
@@ -50,19 +57,19 @@ def trajectory_mean(A: ArrayLike, B: ArrayLike, u: ArrayLike, x0: ArrayLike) -> 
 
     Examples
     --------
-    >>> trajectory_mean([[0.5]], [[1.0]], [[1.0], [0.0]], [2.0])
+    >>> trajectory_mean(([[0.5]], [[1.0]]), [2.0], [[1.0], [0.0]])
     array([[2.],
            [2.],
            [1.]])
     """
-    return _mean(*_checked(A, B, u, x0))
+    A, B, x0, u = _checked(system, x0, u)
+    return states(A, B, x0, u)
 
 
 def trajectory_covariance(
-    A: ArrayLike,
-    B: ArrayLike,
-    u: ArrayLike,
+    system: System | Any,
     x0: ArrayLike,
+    u: ArrayLike,
     size: Size = 1,
     *,
     sample_A: bool = True,
@@ -75,14 +82,12 @@ def trajectory_covariance(
 
     Parameters
     ----------
-    A : (n, n) array_like
-        State matrix.
-    B : (n, m) array_like
-        Input matrix.
-    u : (K, m) array_like
-        The control, the same for all runs; ``u[k]`` acts in the step from k to k + 1.
+    system : System
+        The system, or anything `System.from_any` takes, such as ``(A, B)``.
     x0 : (n,) array_like
         Initial state.
+    u : (K, m) array_like
+        The control, the same for all runs; ``u[k]`` acts in the step from k to k + 1.
     size : int or None, default 1
         Number of runs, or of fresh realizations per step with ``averaging="mean-field"``. 1: the
         covariance of one run. None or inf: no sampling error.
@@ -122,16 +127,16 @@ def trajectory_covariance(
 
     Examples
     --------
-    >>> A, B, x0 = [[1.0, 0.0], [2.0, 5.0]], [[1.0], [1.0]], [1.0, 0.0]
-    >>> S = trajectory_covariance(A, B, [[1.0]], x0, 10)
+    >>> system = [[1.0, 0.0], [2.0, 5.0]], [[1.0], [1.0]]
+    >>> S = trajectory_covariance(system, [1.0, 0.0], [[1.0]], 10)
     >>> S.shape, S[1]
     ((2, 2, 2), array([[ 0.3, -0.3],
            [-0.3,  0.3]]))
     """
-    A, B, u, x0 = _checked(A, B, u, x0)
+    A, B, x0, u = _checked(system, x0, u)
     per_step = gate.choice("averaging", averaging, _AVERAGING) == "mean-field"
-    gate.choice("axis", axis, _AXES)
-    reciprocal = _reciprocal("size", size)
+    gate.choice("axis", axis, AXES)
+    reciprocal = inverse_size("size", size)
     step = reciprocal if per_step else 1.0
     rA, rB, r0 = (
         step * gate.flag(name, flag)
@@ -139,23 +144,22 @@ def trajectory_covariance(
     )
     n = x0.size
     memory.need("the covariances", (len(u) + 5) * n * n * 8)
-    mu = _mean(A, B, u, x0)
+    mu = states(A, B, x0, u)
     S = np.empty((len(u) + 1, n, n))
     with np.errstate(over="ignore", invalid="ignore"):
-        S[0] = r0 * _vector_covariance(x0)
+        S[0] = r0 * realization_covariance(x0)
         for k, u_k in enumerate(u):
             # X_A(M_k) = X_A(S_k) + X_A(mu_k mu_k^T)
-            from_A = _excess(A, S[k], axis) + _vector_excess(A, mu[k], axis)
-            S[k + 1] = A @ S[k] @ A.T + rA * from_A + rB * _vector_excess(B, u_k, axis)
+            from_A = matrix_excess(A, S[k], axis) + vector_excess(A, mu[k], axis)
+            S[k + 1] = A @ S[k] @ A.T + rA * from_A + rB * vector_excess(B, u_k, axis)
     _finite("covariance", S)
     return S if per_step else reciprocal * S
 
 
 def trajectory_rms(
-    A: ArrayLike,
-    B: ArrayLike,
-    u: ArrayLike,
+    system: System | Any,
     x0: ArrayLike,
+    u: ArrayLike,
     size: Size = 1,
     *,
     sample_A: bool = True,
@@ -168,7 +172,7 @@ def trajectory_rms(
 
     Parameters
     ----------
-    A, B, u, x0, size, sample_A, sample_B, sample_x0, averaging, axis
+    system, x0, u, size, sample_A, sample_B, sample_x0, averaging, axis
         As in :func:`trajectory_covariance`.
 
     Returns
@@ -187,12 +191,12 @@ def trajectory_rms(
 
     >>> import numpy as np
     >>> H = np.array([[1.0, 1.0], [1.0, -1.0]]) / np.sqrt(2)
-    >>> rms = trajectory_rms(H, np.zeros((2, 1)), np.zeros((3, 1)), [0.5**0.5, 0.5**0.5])
+    >>> rms = trajectory_rms((H, np.zeros((2, 1))), [0.5**0.5, 0.5**0.5], np.zeros((3, 1)))
     >>> (rms**2).round(6)
     array([ 1.,  3.,  7., 15.])
     """
     S = trajectory_covariance(
-        A, B, u, x0, size, sample_A=sample_A, sample_B=sample_B, sample_x0=sample_x0,
+        system, x0, u, size, sample_A=sample_A, sample_B=sample_B, sample_x0=sample_x0,
         averaging=averaging, axis=axis,
     )  # fmt: skip
     with np.errstate(over="ignore"):
@@ -242,8 +246,8 @@ def growth_factor(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> fl
     """
     A = gate.matrix("A", A, square=True)
     # Sampling the rows of A is, in this respect, the same as sampling the columns of A^T.
-    A = A if gate.choice("axis", axis, _AXES) == "columns" else A.T
-    reciprocal = _reciprocal("size", size)
+    A = A if gate.choice("axis", axis, AXES) == "columns" else A.T
+    reciprocal = inverse_size("size", size)
     scale = float(np.abs(A).max())
     if scale == 0.0:
         return 0.0
@@ -257,19 +261,10 @@ def growth_factor(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> fl
         return float(_finite("growth factor", np.asarray(np.float64(radius) * scale * scale)))
 
 
-def _checked(A: object, B: object, u: object, x0: object) -> tuple[Array, Array, Array, Array]:
-    A = gate.matrix("A", A, square=True)
-    B = gate.matrix("B", B, rows=len(A))
-    return A, B, gate.inputs("u", u, cols=B.shape[1]), gate.vector("x0", x0, length=len(A))
-
-
-def _mean(A: Array, B: Array, u: Array, x0: Array) -> Array:
-    mu = np.empty((len(u) + 1, x0.size))
-    with np.errstate(over="ignore", invalid="ignore"):
-        mu[0] = x0
-        for k, u_k in enumerate(u):
-            mu[k + 1] = A @ mu[k] + B @ u_k
-    return _finite("trajectory", mu)
+def _checked(system: object, x0: object, u: object) -> tuple[Array, Array, Array, Array]:
+    checked = System.from_any(system)
+    start = gate.vector("x0", x0, length=checked.n)
+    return checked.A, checked.B, start, gate.inputs("u", u, cols=checked.m)
 
 
 def _finite(what: str, values: Array) -> Array:

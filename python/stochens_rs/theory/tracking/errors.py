@@ -3,34 +3,34 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._base import gate, memory
 from ...exceptions import InputError, NonFiniteError
+from ...system import System
 from ..formulas import (
     Array,
     Size,
-    _compact_svd,
-    _others,
-    _product_covariance,
-    _reciprocal,
-    _transition,
-    _vector_covariance,
+    column_excess,
+    compact_svd,
+    fused_product_covariance,
+    inverse_size,
+    realization_covariance,
+    sum_of_others,
 )
-from ._checks import checked_reference
 
 
-def reference_residuals(A: ArrayLike, B: ArrayLike, reference: ArrayLike) -> Array:
+def reference_residuals(system: System | Any, reference: ArrayLike) -> Array:
     """How far each step of a reference is from what a control can do.
 
     Parameters
     ----------
-    A : (n, n) array_like
-        State matrix.
-    B : (n, m) array_like
-        Input matrix; any rank.
+    system : System
+        The system, or anything `System.from_any` takes, such as ``(A, B)``; ``B`` may have any
+        rank.
     reference : (K + 1, n) array_like
         The states to follow, time first; K >= 1.
 
@@ -51,13 +51,13 @@ def reference_residuals(A: ArrayLike, B: ArrayLike, reference: ArrayLike) -> Arr
 
     Examples
     --------
-    >>> reference_residuals([[1.0, 1.0], [0.0, 1.0]], [[0.0], [1.0]],
-    ...                     [[0.0, 1.0], [1.0, 1.0], [5.0, 1.0]])
+    >>> system = [[1.0, 1.0], [0.0, 1.0]], [[0.0], [1.0]]
+    >>> reference_residuals(system, [[0.0, 1.0], [1.0, 1.0], [5.0, 1.0]])
     array([0., 3.])
     """
-    A, B, r = _checked(A, B, reference)
+    A, B, r = _checked(system, reference)
     with np.errstate(over="ignore", invalid="ignore"):
-        d = _unreachable(A, _compact_svd(B)[0], r)
+        d = _unreachable(A, compact_svd(B)[0], r)
     largest = np.abs(d).max(axis=1)
     if not np.isfinite(largest).all():
         raise NonFiniteError("`A` times `reference` overflows: scale the problem down")
@@ -66,8 +66,7 @@ def reference_residuals(A: ArrayLike, B: ArrayLike, reference: ArrayLike) -> Arr
 
 
 def tracking_moments(
-    A: ArrayLike,
-    B: ArrayLike,
+    system: System | Any,
     reference: ArrayLike,
     size: Size = 1,
     *,
@@ -79,10 +78,9 @@ def tracking_moments(
 
     Parameters
     ----------
-    A : (n, n) array_like
-        State matrix.
-    B : (n, m) array_like
-        Input matrix, known exactly; any rank.
+    system : System
+        The system, or anything `System.from_any` takes, such as ``(A, B)``. ``B`` is known exactly
+        and may have any rank.
     reference : (K + 1, n) array_like
         The states to follow, time first; K >= 1, feasible or not.
     size : int or None, default 1
@@ -121,15 +119,15 @@ def tracking_moments(
 
     Examples
     --------
-    >>> A, B = [[1.0, 0.0], [2.0, 5.0]], [[1.0, 0.0], [0.0, 1.0]]
-    >>> mean, second = tracking_moments(A, B, [[1.0, 0.0], [0.0, 0.0], [0.0, 0.0]], 10)
+    >>> system = [[1.0, 0.0], [2.0, 5.0]], [[1.0, 0.0], [0.0, 1.0]]
+    >>> mean, second = tracking_moments(system, [[1.0, 0.0], [0.0, 0.0], [0.0, 0.0]], 10)
     >>> second[1]
     array([[ 0.2, -0.2],
            [-0.2,  0.2]])
     """
-    A, B, r = _checked(A, B, reference)
+    A, B, r = _checked(system, reference)
     start = r[0] if x0 is None else gate.vector("x0", x0, length=r.shape[1])
-    reciprocal = _reciprocal("size", size)
+    reciprocal = inverse_size("size", size)
     fed = gate.flag("feedback", feedback)
     sampled = gate.flag("sample_states", sample_states)
     if fed and sampled:
@@ -137,7 +135,7 @@ def tracking_moments(
             "`sample_states` must be False with feedback=True: the second moments of sampled, "
             "measured states do not close in a recursion; see tracking_bound"
         )
-    U = _compact_svd(B)[0]
+    U = compact_svd(B)[0]
     K, n = len(r) - 1, r.shape[1]
     memory.need("the second moments", (K + 6) * n * n * 8)
     mean, S = np.empty((K + 1, n)), np.empty((K + 1, n, n))
@@ -148,13 +146,13 @@ def tracking_moments(
         S[0] = np.outer(mean[0], mean[0])
         for k in range(K):
             if sampled:
-                C = _product_covariance(r[k], A, reciprocal, reciprocal, "columns")
-                C += reciprocal * _vector_covariance(r[k + 1])
+                C = fused_product_covariance(A, r[k], reciprocal, reciprocal, "columns")
+                C += reciprocal * realization_covariance(r[k + 1])
             else:
                 squares = r[k] * r[k]
                 if fed:  # E[x_i^2]; rounding must not make it negative
                     squares = np.maximum(S[k].diagonal() + 2.0 * mean[k] * r[k] + squares, 0.0)
-                C = reciprocal * _transition(A, squares)
+                C = reciprocal * column_excess(A, squares)
             carried = F @ mean[k]
             cross = np.outer(carried, d[k])
             mean[k + 1] = carried + d[k]
@@ -167,8 +165,7 @@ def tracking_moments(
 
 
 def tracking_rms(
-    A: ArrayLike,
-    B: ArrayLike,
+    system: System | Any,
     reference: ArrayLike,
     size: Size = 1,
     *,
@@ -180,7 +177,7 @@ def tracking_rms(
 
     Parameters
     ----------
-    A, B, reference, size, feedback, sample_states, x0
+    system, reference, size, feedback, sample_states, x0
         As in :func:`tracking_moments`.
 
     Returns
@@ -195,19 +192,18 @@ def tracking_rms(
 
     Examples
     --------
-    >>> A, B = [[1.0, 0.0], [2.0, 5.0]], [[1.0, 0.0], [0.0, 1.0]]
-    >>> (tracking_rms(A, B, [[1.0, 0.0]] * 3, 400) ** 2).round(6)
+    >>> system = [[1.0, 0.0], [2.0, 5.0]], [[1.0, 0.0], [0.0, 1.0]]
+    >>> (tracking_rms(system, [[1.0, 0.0]] * 3, 400) ** 2).round(6)
     array([0.     , 0.01   , 0.01005])
     """
     _, S = tracking_moments(
-        A, B, reference, size, feedback=feedback, sample_states=sample_states, x0=x0
+        system, reference, size, feedback=feedback, sample_states=sample_states, x0=x0
     )
     return np.asarray(np.sqrt(np.maximum(np.trace(S, axis1=1, axis2=2), 0.0)), dtype=np.float64)
 
 
 def tracking_bound(
-    A: ArrayLike,
-    B: ArrayLike,
+    system: System | Any,
     reference: ArrayLike,
     size: Size = 1,
     *,
@@ -217,10 +213,8 @@ def tracking_bound(
 
     Parameters
     ----------
-    A : (n, n) array_like
-        State matrix.
-    B : (n, m) array_like
-        Input matrix of rank n.
+    system : System
+        The system, or anything `System.from_any` takes, such as ``(A, B)``; ``B`` has rank n.
     reference : (K + 1, n) array_like
         The states to follow from ``x(0) = r(0)``, time first.
     size : int or None, default 1
@@ -248,36 +242,43 @@ def tracking_bound(
 
     Examples
     --------
-    >>> A, B = [[1.0, 0.0], [2.0, 5.0]], [[1.0, 0.0], [0.0, 1.0]]
-    >>> tracking_bound(A, B, [[1.0, 0.0]] * 3, 400)
+    >>> system = [[1.0, 0.0], [2.0, 5.0]], [[1.0, 0.0], [0.0, 1.0]]
+    >>> tracking_bound(system, [[1.0, 0.0]] * 3, 400)
     0.010101010101010102
     """
-    A, B, r = _checked(A, B, reference)
-    reciprocal = _reciprocal("size", size)
+    A, B, r = _checked(system, reference)
+    reciprocal = inverse_size("size", size)
     sampled = gate.flag("sample_states", sample_states)
     n = A.shape[0]
-    rank = _compact_svd(B)[1].size
+    rank = compact_svd(B)[1].size
     if rank < n:
         raise InputError(
             f"`B` must have rank n={n} for this bound, got rank {rank}: use tracking_moments"
         )
     with np.errstate(over="ignore", invalid="ignore"):
-        variance = float((np.abs(A) * _others(A)).sum(axis=0).max())
+        variance = float((np.abs(A) * sum_of_others(A)).sum(axis=0).max())
         q, c = variance * reciprocal, 0.0
         if sampled:
             column = float((A * A).sum(axis=0).max())
             q = (n * column + variance + n * variance * reciprocal) * reciprocal
-            c = float((np.abs(r) * _others(r.T).T).sum(axis=1).max()) * reciprocal
+            c = float((np.abs(r) * sum_of_others(r.T).T).sum(axis=1).max()) * reciprocal
         bound = (q * float((r * r).sum(axis=1).max()) + c) / (1.0 - q) if q < 1.0 else math.inf
     if math.isnan(bound) or not math.isfinite(q) or (q < 1.0 and bound == math.inf):
         raise NonFiniteError("the squares of `A` or `reference` overflow: scale the problem down")
     return bound
 
 
-def _checked(A: object, B: object, reference: object) -> tuple[Array, Array, Array]:
-    A = gate.matrix("A", A, square=True)
-    B = gate.matrix("B", B, rows=len(A))
-    return A, B, checked_reference(reference, len(A))
+def checked_reference(reference: object, n: int) -> Array:
+    """Check that there is at least one step."""
+    r = gate.matrix("reference", reference, cols=n)
+    if len(r) < 2:
+        raise InputError(f"`reference` must have shape (K + 1, {n}) with K >= 1, got {r.shape}")
+    return r
+
+
+def _checked(system: object, reference: object) -> tuple[Array, Array, Array]:
+    checked = System.from_any(system)
+    return checked.A, checked.B, checked_reference(reference, checked.n)
 
 
 def _unreachable(A: Array, U: Array, r: Array) -> Array:

@@ -3,25 +3,25 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from ..._base import gate, memory
+from ..._base import memory
 from ...exceptions import NonFiniteError
-from ..formulas import Array, Size, _compact_svd, _reciprocal
+from ...system import System
+from ..formulas import Array, Size, compact_svd, inverse_size
 from ..positive_maps import excitation_radius, map_radius
 
 
-def stability_threshold(A: ArrayLike, B: ArrayLike) -> float:
+def stability_threshold(system: System | Any) -> float:
     """Number of realizations per step above which tracking with feedback is stable.
 
     Parameters
     ----------
-    A : (n, n) array_like
-        State matrix.
-    B : (n, m) array_like
-        Input matrix, known exactly; any rank.
+    system : System
+        The system, or anything `System.from_any` takes, such as ``(A, B)``. ``B`` is known exactly
+        and may have any rank.
 
     Returns
     -------
@@ -44,28 +44,26 @@ def stability_threshold(A: ArrayLike, B: ArrayLike) -> float:
 
     Examples
     --------
-    >>> A = [[0.0, 3.0], [3.0, 1.0]]
-    >>> stability_threshold(A, [[1.0, 0.0], [0.0, 1.0]])
+    >>> stability_threshold(([[0.0, 3.0], [3.0, 1.0]], [[1.0, 0.0], [0.0, 1.0]]))
     3.0
-    >>> stability_threshold([[2.0, 1.0], [0.0, 1.0]], [[0.0], [1.0]])
+    >>> stability_threshold(([[2.0, 1.0], [0.0, 1.0]], [[0.0], [1.0]]))
     inf
     """
-    A, F, P, scale = _loop(A, B)
+    A, F, P, scale = _loop(system)
     threshold = excitation_radius(A, scale * F, P)
     if threshold in (0.0, math.inf):
         return threshold
     return _representable(threshold * scale * scale)
 
 
-def stability_radius(A: ArrayLike, B: ArrayLike, size: Size = 1) -> float:
+def stability_radius(system: System | Any, size: Size = 1) -> float:
     """By how much the mean square tracking error grows per step in the long run, with feedback.
 
     Parameters
     ----------
-    A : (n, n) array_like
-        State matrix.
-    B : (n, m) array_like
-        Input matrix, known exactly; any rank.
+    system : System
+        The system, or anything `System.from_any` takes, such as ``(A, B)``. ``B`` is known exactly
+        and may have any rank.
     size : int or None, default 1
         Number of realizations in every step; None or inf: the exact system.
 
@@ -82,11 +80,11 @@ def stability_radius(A: ArrayLike, B: ArrayLike, size: Size = 1) -> float:
 
     Examples
     --------
-    >>> stability_radius([[0.0, 3.0], [3.0, 1.0]], [[1.0, 0.0], [0.0, 1.0]], 12)
+    >>> stability_radius(([[0.0, 3.0], [3.0, 1.0]], [[1.0, 0.0], [0.0, 1.0]]), 12)
     0.25
     """
-    A, F, P, scale = _loop(A, B)
-    return _representable(map_radius(A, F, P, _reciprocal("size", size)) * scale * scale)
+    A, F, P, scale = _loop(system)
+    return _representable(map_radius(A, F, P, inverse_size("size", size)) * scale * scale)
 
 
 def _representable(squared: float) -> float:
@@ -95,10 +93,10 @@ def _representable(squared: float) -> float:
     return squared
 
 
-def _loop(A: object, B: object) -> tuple[Array, Array, Array, float]:
+def _loop(system: object) -> tuple[Array, Array, Array, float]:
     """``A`` and ``F = (I - P) A`` over the largest entry of ``A``, ``P`` and that entry."""
-    A = gate.matrix("A", A, square=True)
-    U = _compact_svd(gate.matrix("B", B, rows=len(A)))[0]
+    checked = System.from_any(system)
+    A, U = checked.A, compact_svd(checked.B)[0]
     memory.need("the stability of the closed loop", 4 * 8 * len(A) ** 3)
     scale = float(np.abs(A).max()) or 1.0
     P = np.eye(len(A)) if U.shape[1] == len(A) else U @ U.T  # P = I exactly: then F = 0 exactly

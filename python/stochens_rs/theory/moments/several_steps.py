@@ -1,32 +1,30 @@
-r"""Errors of a control over K steps that is computed from estimates.
-
-The control ``v = C_K(A_hat, B)^+ (xf_hat - A_hat^K x0_hat)`` drives the *model* along
-``xh(k+1) = A_hat xh(k) + B v(k)`` from ``x0_hat`` to ``xf_hat``, and the system to ``x(K)`` with
-
-``x(K) - xf = (xf_hat - xf) + A^K (x0 - x0_hat) + sum_{k<K} A^{K-1-k} (A - A_hat) xh(k)``,
-
-an identity wherever the model reaches its target. It is not linear in the errors, since ``xh``
-depends on them: what stands here holds to leading order in 1 / N.
-"""
+"""Second moment of the state that a control over several steps leads to, for large N."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._base import gate, memory
-from .._base.types import Axis
-from ..exceptions import InputError, NonFiniteError
-from .dynamics import checked_steps, matrix_powers, states
-from .exact import best_over_steps
-from .formulas import _AXES, Array, Sizes, _one_each, _reciprocal, _vector_covariance
-
-__all__ = ["final_state_covariance"]
+from ..._base import gate, memory
+from ..._base.types import AXES, Axis
+from ...exceptions import InputError
+from ...system import System
+from ..dynamics import checked_steps, matrix_powers, states
+from ..exact import best_control
+from ..formulas import (
+    Array,
+    Sizes,
+    checked_finite,
+    inverse_size,
+    one_each,
+    realization_covariance,
+)
 
 
 def final_state_covariance(
-    A: ArrayLike,
-    B: ArrayLike,
+    system: System | Any,
     x0: ArrayLike,
     xf: ArrayLike,
     steps: int,
@@ -38,10 +36,8 @@ def final_state_covariance(
 
     Parameters
     ----------
-    A : (n, n) array_like
-        State matrix.
-    B : (n, m) array_like
-        Input matrix, known exactly.
+    system : System
+        The system, or anything `System.from_any` takes, such as ``(A, B)``; ``B`` is known exactly.
     x0, xf : (n,) array_like
         Initial state and target state.
     steps : int
@@ -65,50 +61,53 @@ def final_state_covariance(
     ------
     InputError, InputTypeError
         A shape does not fit, an entry is not finite, powers of ``A`` overflow, or the rank of
-        ``C_K = [A^{K-1} B, ..., A B, B]`` is below n, where the expansion does not hold.
+        ``C_K = [B, A B, ..., A^{K-1} B]`` is below n, where the expansion does not hold.
     ResourceError
         ``C_K``, the powers of ``A`` or ``n^3`` numbers do not fit into memory.
 
     Notes
     -----
-    From the identity above by the delta method: exact in the limit only, where
-    :mod:`~stochens_rs.theory.moments` is exact for every N. For ``m K = n`` the inverse of the
-    estimated ``C_K`` has heavy tails, and N has to be very large before this is what one sees.
+    The control ``u = C_K(A_hat, B)^+ (xf_hat - A_hat^K x0_hat)`` drives the *model* along
+    ``xh(k+1) = A_hat xh(k) + B u(k)`` from ``x0_hat`` to ``xf_hat``, and the system to x(K) with
+    ``x(K) - xf = (xf_hat - xf) + A^K (x0 - x0_hat) + sum_{k<K} A^{K-1-k} (A - A_hat) xh(k)``,
+    an identity wherever the model reaches its target. As ``xh`` depends on the errors, too, this
+    holds to leading order in 1 / N only (delta method), unlike the other moments. For ``m K = n``
+    the inverse of the estimated ``C_K`` has heavy tails, and N has to be very large.
 
     Examples
     --------
-    >>> C = final_state_covariance([[1.0, 1.0], [0.5, 1.0]], [[0.0], [1.0]], [1.0, 0.0], [0.0, 1.0],
-    ...                            steps=3, size=1000)
+    >>> system = [[1.0, 1.0], [0.5, 1.0]], [[0.0], [1.0]]
+    >>> C = final_state_covariance(system, [1.0, 0.0], [0.0, 1.0], steps=3, size=1000)
     >>> C.round(5)
     array([[ 0.00015, -0.00018],
            [-0.00018,  0.00143]])
     """
-    A = gate.matrix("A", A, square=True)
-    n = len(A)
-    B = gate.matrix("B", B, rows=n)
+    checked = System.from_any(system)
+    A, B, n = checked.A, checked.B, checked.n
     x0, xf = gate.vector("x0", x0, length=n), gate.vector("xf", xf, length=n)
-    K = checked_steps(steps, n, B.shape[1])
-    gate.choice("axis", axis, _AXES)
-    r0, rf, rA = (_reciprocal(f"size[{i}]", N) for i, N in enumerate(_one_each(size)))
+    K = checked_steps(steps, n, checked.m)
+    gate.choice("axis", axis, AXES)
+    r0, rf, rA = (inverse_size(f"size[{i}]", N) for i, N in enumerate(one_each(size)))
     memory.need("the covariance", (2 * n**3 + 2 * (K + 1) * n * n) * 8)
-    powers = matrix_powers(A, K)
-    best = best_over_steps(powers, B, x0, xf)
+    best = best_control(A, B, x0, xf, K)
     rank = len(best.factors.s)
     if rank < n:
         raise InputError(
             f"`steps` must be large enough for C_K to have rank n={n}, got rank {rank} with "
             f"{K} steps: the expansion does not hold there"
         )
+    powers = matrix_powers(A, K)
     with np.errstate(over="ignore", invalid="ignore"):
-        x = states(A, B, best.u.reshape(K, -1), x0)[:K]
-        C = rf * _vector_covariance(xf) + r0 * powers[K] @ _vector_covariance(x0) @ powers[K].T
+        x = states(A, B, x0, best.u.reshape(K, -1))[:K]
+        C = (
+            rf * realization_covariance(xf)
+            + r0 * powers[K] @ realization_covariance(x0) @ powers[K].T
+        )
         carry = powers[K - 1 :: -1]  # carry[k] = A^{K-1-k}
         if axis == "columns":
             G = np.tensordot(x.T, carry, axes=1)
         else:
             G = np.tensordot(carry, x, axes=(0, 0)).transpose(1, 0, 2)
         for line, G_j in zip(A.T if axis == "columns" else A, G, strict=True):
-            C += rA * (G_j @ _vector_covariance(line) @ G_j.T)
-    if not np.isfinite(C).all():
-        raise NonFiniteError("the covariance overflows: scale the problem down")
-    return np.asarray((C + C.T) / 2.0, dtype=np.float64)
+            C += rA * (G_j @ realization_covariance(line) @ G_j.T)
+    return checked_finite(np.asarray((C + C.T) / 2.0, dtype=np.float64))

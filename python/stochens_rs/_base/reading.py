@@ -1,0 +1,134 @@
+"""Reading what the user passes as an array, and showing it in messages.
+
+Tables with labels are refused, because their entries may be in another order than expected.
+"""
+
+from __future__ import annotations
+
+import operator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..exceptions import InputError, InputTypeError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+
+def read(name: str, value: object) -> NDArray[Any]:
+    """Return `np.asarray(value)`; refuse labels, masks and sparse matrices."""
+    if not isinstance(value, (np.ndarray, list, tuple)):
+        _refuse_labels(name, value)
+    if isinstance(value, np.ma.MaskedArray):
+        raise InputTypeError(f"`{name}` is a masked array: fill it first, e.g. {name}.filled(0.0)")
+    if type(value).__module__.split(".")[:2] == ["scipy", "sparse"]:
+        raise InputTypeError(f"`{name}` is a sparse matrix: pass {name}.toarray()")
+    try:
+        given = np.asarray(value)
+    except MemoryError:
+        raise
+    except Exception as error:  # a ragged list, or anything a foreign `__array__` raises
+        raise InputTypeError(
+            f"`{name}` cannot be read as an array of numbers: {show(value)} (rows of unequal "
+            "length, or not in main memory?)"
+        ) from error
+    _refuse_inner_labels(name, value, given.ndim)
+    return given
+
+
+def _refuse_inner_labels(name: str, value: object, ndim: int) -> None:
+    """Refuse labels inside a list of `ndim` dimensions."""
+    if ndim > 1 and isinstance(value, (list, tuple)):
+        for item in value:
+            if isinstance(item, (list, tuple)):
+                _refuse_inner_labels(name, item, ndim - 1)
+            elif not isinstance(item, np.ndarray):
+                _refuse_labels(name, item)
+
+
+def _refuse_labels(name: str, value: object) -> None:
+    """Refuse a table or series with labels, unless they are 0, 1, 2, ... or dim_0, dim_1, ...
+
+    pandas, xarray, polars and pyarrow are recognised by their attributes; none is imported.
+    """
+    try:
+        labels = list(_labels(value))
+    except Exception:  # `np.asarray` says what is wrong with it
+        return
+    shown = "; ".join(
+        f"{what}: {', '.join(show(label).partition(' ')[2] or '?' for label in found[:3])}"
+        f"{', ...' if len(found) > 3 else ''}"
+        for what, found in labels
+    )
+    if shown:
+        shown = shown if len(shown) <= 100 else shown[:96] + " ..."
+        raise InputError(
+            f"`{name}` has labels ({shown}), which would be ignored: bring all arguments into one "
+            "order, A.loc[states, states].to_numpy(), x0[states].to_numpy() in pandas, or pass "
+            f"{name}.to_numpy() if the order is right"
+        )
+
+
+def _labels(value: Any) -> Iterator[tuple[str, list[Any]]]:
+    """The labels along every axis that has any."""
+    for what in ("index", "columns", "column_names"):
+        found = getattr(value, what, None)
+        if found is not None and not callable(found):
+            labels = list(found)
+            if not _counted(labels, "column_"):  # polars names columns so by default
+                yield what, labels
+    dims, coords = getattr(value, "dims", None), getattr(value, "coords", None)
+    if dims is not None and coords is not None:
+        if len(dims) > 1 and not _counted(list(dims), "dim_"):
+            yield "dims", list(dims)
+        for dim in dims:
+            labels = list(np.asarray(coords[dim])) if dim in coords else []
+            if not _counted(labels):
+                yield str(dim), labels
+
+
+def _counted(labels: list[Any], prefix: str | None = None) -> bool:
+    """Whether labels are 0, 1, 2, ... as integers, or these after the prefix."""
+    return all(
+        (not isinstance(label, (float, np.floating)) and whole(label) == k)
+        or (prefix is not None and label == f"{prefix}{k}")
+        for k, label in enumerate(labels)
+    )
+
+
+def show(value: object) -> str:
+    """Describe any object on one line of at most 60 characters, without raising."""
+    kind = type(value).__name__[:24]
+    if isinstance(value, int) and value.bit_length() > 100:
+        return f"{'-' if value < 0 else ''}int of {value.bit_length()} bits"
+    if isinstance(value, np.ndarray):
+        return f"{kind} of shape {shown_shape(value)}"
+    if value is None:
+        return "None"
+    if isinstance(value, (str, bytes)):
+        return f"{kind} {value[:30]!r:.34}"
+    if isinstance(value, (bool, int, float, np.generic)):
+        return f"{kind} {value!s:.34}"
+    return f"an object of type {kind}"
+
+
+def shown_shape(given: NDArray[Any]) -> str:
+    """Return the shape as text."""
+    return str(given.shape) if given.ndim <= 5 else f"{given.ndim} dimensions"
+
+
+def whole(value: object) -> int | None:
+    """Return the whole number that `value` stands for, or None."""
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value[()]
+    if isinstance(value, (bool, np.bool_, np.timedelta64, np.ndarray)):
+        return None
+    if isinstance(value, (float, np.floating)):
+        return int(value) if float(value).is_integer() else None
+    try:
+        return operator.index(value)  # type: ignore[arg-type]
+    except Exception:  # not an integer, or anything a foreign `__index__` raises
+        return None

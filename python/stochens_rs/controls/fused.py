@@ -1,0 +1,221 @@
+"""Controls from realizations: one per realization, or one fused from all of them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from .. import _core
+from .._base import gate, memory
+from .._base.numbers import norm
+from .._base.threads import get_num_threads
+from .._base.types import Fusion, worst
+from ..theory.dynamics import states
+from ..theory.exact import EPS, best, best_control, factors
+from .basis import Basis, known
+from .entities import fusion_over, problem
+from .plan import Plan
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from ..theory.exact import Best
+    from .entities import Entity, EntityLike, SystemLike
+
+    Floats: TypeAlias = NDArray[np.float64]
+
+
+def realization_controls(
+    system: SystemLike,
+    x0: EntityLike,
+    xf: EntityLike,
+    *,
+    out: Floats | None = None,
+) -> Floats:
+    """Compute one control per realization, ``u^s = B^+ (xf^s - A^s x0^s)``.
+
+    Parameters
+    ----------
+    system : System or pair (A, B)
+        As in `control`; realizations of A are an Ensemble in the pair.
+    x0, xf : Ensemble or array_like, shape (n,)
+        Realizations of the initial state and the target; an array is the same for all.
+    out : ndarray of float64, shape (N, m), optional
+        Where to write the controls: C-contiguous, writeable, sharing no memory with the other
+        arguments. Memory that was used before saves more time than the controls take. After an
+        exception its entries mean nothing.
+
+    Returns
+    -------
+    ndarray, shape (N, m)
+        ``u[s]`` belongs to realization s of every ensemble (N = 1 if all are arrays); `out` itself
+        if it was given.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If an argument cannot be used, the ensembles differ in size, or a control overflows.
+    SolverError
+        If the singular value decomposition of B does not converge.
+
+    Notes
+    -----
+    ``B^+`` is the Moore-Penrose inverse; singular values up to ``eps max(n, m) sigma_max`` count
+    as zero. For singletons a control costs O(m). Its mean is ``B^+ (xf - A x0)``.
+
+    Here ``B^+`` is a matrix, formed once for all realizations. Rounding leaves the control off by
+    about ``eps condition(B) ||u||`` as it does everywhere, but the state ``B u`` by about
+    ``eps condition(B) ||xf - A x0||``, where that of `control` is off by ``eps ||B|| ||u||`` only.
+
+    Examples
+    --------
+    >>> import numpy as np, stochens_rs as se
+    >>> A, B = np.array([[0.9, 0.2], [-0.1, 0.8]]), np.array([[1.0], [0.5]])
+    >>> drawn = se.sample(A, 5, rng=1), B
+    >>> u = se.realization_controls(drawn, [1.0, 2.0], [0.0, 0.0])
+    >>> u.shape
+    (5, 1)
+    >>> again = np.empty((5, 1))
+    >>> v = se.realization_controls(drawn, [1.0, 2.0], [0.0, 0.0], out=again)
+    >>> v is again, bool((v == u).all())
+    (True, True)
+    """
+    inputs, given = problem(system, x0, xf)
+    start, goal, matrix = (entity.realizations() for entity in given)
+    pinv = factors(inputs).inverse
+    size = max(entity.size or 1 for entity in given)
+    shape = (size, inputs.shape[1])
+    if out is None:
+        memory.need("the controls", size * inputs.shape[1] * 8)
+        # not from the core: NumPy asks the system for large pages, which are filled far sooner
+        controls = np.empty(shape)
+    else:
+        A, B = system[:2] if isinstance(system, tuple) else (system.A, system.B)
+        controls = gate.output("out", out, shape, {"A": A, "B": B, "x0": x0, "xf": xf})
+    _core.realization_controls(
+        controls, out is None, pinv, start, goal, matrix, given[2].by_rows, get_num_threads()
+    )
+    return controls
+
+
+def control(
+    system: SystemLike,
+    x0: EntityLike,
+    xf: EntityLike,
+    *,
+    steps: int = 1,
+    fusion: Fusion = "product",
+) -> Plan:
+    """Compute the smallest control from x0 to xf in K steps, from estimates.
+
+    Parameters
+    ----------
+    system : System or pair (A, B)
+        A System, anything `System.from_any` takes, or a pair of A, shape (n, n), and an array B,
+        shape (n, m). In the pair A may be a Fit, an Ensemble or Counts.
+    x0, xf : Fit, Ensemble, Counts or array_like, shape (n,)
+        Initial state and target. A Fit or Counts stands for its estimate, an Ensemble for its
+        uniform average, an array for itself.
+    steps : int, default 1
+        Number of steps K.
+    fusion : {"product", "diagonal"}, default "product"
+        "product": the control of the estimates. "diagonal", for one step: the average of the
+        controls of the paired realizations, as in the paper; it needs ensembles of equal size (or
+        arrays).
+
+    Returns
+    -------
+    Plan
+        The control, the states it should lead to, and what is out of reach.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If an argument cannot be used, fusion="diagonal" is asked for over several steps, or
+        something overflows; the message says what.
+    ResourceError
+        If ``C_K`` or the powers of A do not fit into the memory this process may use.
+    SolverError
+        If the singular value decomposition of ``C_K`` does not converge.
+
+    Notes
+    -----
+    ``u = C_K^+ (xf_hat - A_hat^K x0_hat)``; for one step ``C_1 = B``. What has no control leaves
+    over is in ``reachability``: with m < n most targets cannot be reached in one step.
+
+    One step: both fusions have the mean ``B^+ (xf - A x0)``. Product fusion is never worse, in the
+    Loewner order of the covariances and for every convex loss; it is the sum over all triples of
+    realizations with product weights, evaluated in O(N) (paper, Lemma 3.2, where one index is
+    used for three weight vectors).
+
+    Several steps: the control is not linear in A. The estimate is consistent if the exact ``C_K``
+    has rank n; the average of controls of realizations would not be. With ``m K = n`` exactly, the
+    inverse of the square, estimated ``C_K`` has heavy tails: rare draws give huge controls. Take
+    more steps, or regularise; ``info["warnings"]`` says so.
+
+    Examples
+    --------
+    >>> import numpy as np, stochens_rs as se
+    >>> A, B = np.array([[0.9, 0.2], [-0.1, 0.8]]), np.array([[1.0], [0.5]])
+    >>> fit = se.fuse(se.sample(A, 500, rng=1), "alse", target=A)
+    >>> plan = se.control((fit, B), se.sample([1.0, 2.0], 500, rng=2), [0.0, 0.0], steps=4)
+    >>> plan.u.shape, plan.predicted_states.shape, plan.reachability.reachable
+    ((4, 1), (5, 2), True)
+    """
+    inputs, given = problem(system, x0, xf)
+    n, m = inputs.shape
+    K, how = fusion_over(steps, fusion, n, m)
+    start, goal = given[0].estimate(), given[1].estimate()
+    matrix: Floats | None = None
+    if how == "diagonal":
+        found = _paired(inputs, given, goal)
+        predicted = np.stack([start, found.reached])
+    else:
+        matrix = given[2].estimate()
+        name = "A" if given[2].size is None else "A_hat"
+        found = best_control(matrix, inputs, start, goal, K, name)
+        predicted = states(matrix, inputs, start, found.u.reshape(K, m))
+    reachability = found.reachability()
+    info: dict[str, Any] = {entity.name: entity.description for entity in given}
+    info["singular_values"] = found.factors.singular_values
+    info["warnings"] = _warnings(n, m, K, reachability.rank, exact=given[2].size is None)
+    x0_known, xf_known, A_known = (
+        known(entity.name, entity.value, estimate)
+        for entity, estimate in zip(given, (start, goal, matrix), strict=True)
+    )
+    return Plan(
+        u=found.u.reshape(K, m),
+        predicted_states=predicted,
+        reachability=reachability,
+        fusion=how,
+        status=worst([entity.status for entity in given]),
+        info=info,
+        basis=Basis(inputs, x0_known, xf_known, A_known),
+    )
+
+
+def _paired(B: Floats, given: tuple[Entity, Entity, Entity], goal: Floats) -> Best:
+    """The average of ``B^+ (xf^s - A^s x0^s)``; `goal` is that of xf."""
+    first, last, matrices = (entity.realizations() for entity in given)
+    difference = _core.mean_difference(len(B), first, last, matrices, given[2].by_rows)
+    free = goal - difference  # the average of A^s x0^s
+    unsure = EPS * (norm(free) + norm(goal))  # the averages count as exact
+    return best(B, free, difference, unsure)
+
+
+def _warnings(n: int, m: int, K: int, rank: int, *, exact: bool) -> tuple[str, ...]:
+    """What to know of an estimated C_K; for one step it is B, which is exact."""
+    if K == 1:
+        return ()
+    if rank < n:
+        return (
+            f"C_K has rank {rank} < n = {n}: only targets in its range can be reached, and the "
+            "estimate need not be consistent",
+        )
+    if m * K == n and not exact:
+        return (
+            f"m K = n = {n}: the inverse of the estimated C_K has heavy tails; take more than "
+            f"{K} steps, or regularise",
+        )
+    return ()

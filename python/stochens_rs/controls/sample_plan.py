@@ -1,0 +1,179 @@
+"""How many realizations it takes: the records of `required_samples`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from .._base import html
+from ..exceptions import SizeError
+from ..rng import Key
+from ..theory.records import RELATIVE_TO
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """What one bound asks for, and what happens then.
+
+    Attributes
+    ----------
+    name : str
+        The bound.
+    source : str
+        Where it comes from.
+    size : int or None
+        The smallest number of realizations it accepts (simulated: within 1 %, product and
+        diagonal fusion of independent realizations); None if that is beyond 2^53, or `delta` too
+        small to simulate.
+    rms : float or None
+        Exact root mean square error at `size`; None over several steps.
+    quantile : float or None
+        What a share `delta` of the simulated errors exceeds at `size`.
+    failures : int or None
+        Simulated errors above `error`.
+    """
+
+    name: str
+    source: str
+    size: int | None
+    rms: float | None
+    quantile: float | None
+    failures: int | None
+
+
+@dataclass(frozen=True, eq=False)
+class SamplePlan:
+    """How many realizations it takes; what `required_samples` returns.
+
+    Attributes
+    ----------
+    error : float
+        The error that may be exceeded with probability `delta`, absolute.
+    delta : float
+        The probability of failure.
+    reference : float
+        Norm of what a relative error is relative to.
+    relative_to : str
+        What that is, as in `PlanError`: "x_actual", the state that the exact control leads to, or
+        "x0", if that is the origin; for the control "v", the exact one, or "B^+ A x0", the one that
+        takes x0 to the origin, if v is zero; "nothing", if all of these are zero.
+    quantity, fusion : str
+        What was asked for.
+    steps : int
+        Number of steps K.
+    rows : tuple of Requirement
+        One per bound, smallest size first. All hold; the first is the one to use.
+    expected_size : int or None
+        Where the exact root mean square error comes down to `error`: no guarantee. None over
+        several steps.
+    simulated_size : int
+        Where the simulated errors exceed `error` with probability `delta`: what is really
+        needed, up to the accuracy of the simulation.
+    runs : int
+        Simulated fusions per size.
+    key : Key
+        What repeats the simulation.
+    """
+
+    error: float
+    delta: float
+    reference: float
+    relative_to: str
+    quantity: str
+    fusion: str
+    steps: int
+    rows: tuple[Requirement, ...]
+    expected_size: int | None
+    simulated_size: int
+    runs: int
+    key: Key
+
+    @property
+    def size(self) -> int:
+        """The smallest size that a bound guarantees."""
+        smallest = self.rows[0].size
+        if smallest is None:
+            raise SizeError("no bound is satisfied by up to 2^53 realizations")
+        return smallest
+
+    def to_dict(self) -> dict[str, Any]:
+        """All of it as plain numbers and text."""
+        return {
+            "schema": "stochens-plan/1",
+            "error": self.error,
+            "relative_error": self.error / self.reference if self.reference else None,
+            "relative_to": self.relative_to,
+            "delta": self.delta,
+            "quantity": self.quantity,
+            "fusion": self.fusion,
+            "steps": self.steps,
+            "expected_size": self.expected_size,
+            "simulated_size": self.simulated_size,
+            "runs": self.runs,
+            "key": self.key.hex,
+            "bounds": [vars(row) for row in self.rows],
+        }
+
+    def _repr_html_(self) -> str:
+        head = ("bound", "N", "exact rms", "quantile", "failures")
+        body = [
+            (
+                one.name,
+                "more than 2^53" if one.size is None else html.grouped(one.size),
+                html.text(one.rms),
+                html.text(one.quantile),
+                "" if one.failures is None else f"{one.failures} of {self.runs}",
+            )
+            for one in self.rows
+        ]
+        size, expected = self.rows[0].size, self.expected_size
+        rows = [
+            ("enough", "nothing up to 2^53" if size is None else f"N = {html.grouped(size)}"),
+            (f"error of the {self.quantity}", self._limit),
+            ("with probability", f"{1.0 - self.delta:g}"),
+            ("fusion", self.fusion),
+            (
+                "no guarantee, exact rms",
+                None if expected is None else f"N = {html.grouped(expected)}",
+            ),
+            ("no guarantee, simulated", f"N = {html.grouped(self.simulated_size)}"),
+        ]
+        return html.card(self, rows, html.grid(head, body))
+
+    @property
+    def _limit(self) -> str:
+        """The error, and what it is relative to."""
+        words = RELATIVE_TO.get(self.relative_to)
+        text = f"at most {self.error:.3g}"
+        if words is None:
+            return text
+        share = 100 * self.error / self.reference
+        return f"{text} ({share:.3g} % of {self.reference:.3g}, the norm of {words})"
+
+    def __str__(self) -> str:
+        over = "" if self.steps == 1 else f" over {html.counted(self.steps)}"
+        lines = [
+            f"error of the {self.quantity}{over}: {self._limit},",
+            f"with probability {1.0 - self.delta:g}, {self.fusion} fusion",
+            "",
+            f"{'bound':<24}{'N':>16}{'exact rms':>12}{'quantile':>12}{'failures':>18}",
+        ]
+        for row in self.rows:
+            if row.size is None:
+                lines.append(f"{row.name:<24}{'none up to 2^53':>16}")
+                continue
+            size, failed = _grouped(row.size), f"{row.failures} of {self.runs}"
+            rms = "" if row.rms is None else f"{row.rms:.3g}"
+            lines.append(f"{row.name:<24}{size:>16}{rms:>12}{row.quantile:>12.3g}{failed:>18}")
+        lines += ["", "no guarantee:"]
+        if self.expected_size is not None:
+            lines.append(
+                f"the exact rms comes down to this error at N = {_grouped(self.expected_size)},"
+            )
+        lines.append(f"the simulated quantile at N = {_grouped(self.simulated_size)}")
+        return "\n".join(lines)
+
+
+def _grouped(size: int) -> str:
+    """Thousands apart."""
+    return f"{size:,}".replace(",", " ")

@@ -1,0 +1,175 @@
+"""Confidence radii of running means that hold for all numbers of realizations at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from .. import _core
+from .._base import html
+from .._base.threads import interruptible
+from ..exceptions import InputError
+from .state import ENTITIES
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    Floats: TypeAlias = NDArray[np.float64]
+
+# Share of delta for the bound on the mean, the rest for that on the variance; about the best
+# choice for N > 100.
+_SHARE = 0.75
+
+
+@dataclass(frozen=True)
+class Confidence:
+    """Confidence radii of the running means of a `DataStream`, and of the state.
+
+    Attributes
+    ----------
+    state : float
+        Radius for the state: ``||B (v - v*)|| <= state`` with v* the control from the exact means.
+    x0, xf, A : float
+        Radii for x0 and xf (2-norm) and A (Frobenius norm).
+    delta : float
+        Probability that any of the radii is exceeded at any number of realizations, at most, if
+        `finite_sample`.
+    finite_sample : bool
+        True if every range was given: the radii then hold for any number of realizations. If
+        False, the radii are estimates, because a range was estimated from the realizations so far.
+    bounds : dict of str to str
+        For "x0", "xf" and "A": the bound that gives the radius.
+    reason : str or None
+        Why a radius is infinite; None if all are finite.
+    covers : str
+        What the radii are distances from. A bias of the realizations is not covered: the mean of
+        least-squares fits to noisy states, for example, is not the matrix of the system.
+    """
+
+    state: float
+    x0: float
+    xf: float
+    A: float
+    delta: float
+    finite_sample: bool
+    bounds: dict[str, str]
+    reason: str | None
+    covers: str = "the means of the laws that the realizations come from"
+
+    def _repr_html_(self) -> str:
+        radii = [
+            (f"{name} within", f"{getattr(self, name):.4g} ({self.bounds[name]})")
+            for name in ("x0", "xf", "A")
+        ]
+        observed = "" if self.finite_sample else ": an estimate, from the ranges observed so far"
+        rows = [
+            ("state within", self.state),
+            *radii,
+            ("all of them", f"with probability {100 * (1 - self.delta):.6g} % at least{observed}"),
+            ("of", self.covers),
+            ("infinite, because", self.reason),
+        ]
+        return html.card(self, rows)
+
+
+def radii_of_means(
+    core: _core.DataStream, ranges: Mapping[str, float], sizes: Mapping[str, int], delta: float
+) -> Confidence:
+    """Return the radii of the running means and of the state (see `DataStream.confidence`)."""
+    counts, deviations, spreads, _ = core.statistics()
+    apart, rounding = core.evidence()
+    uncertain = sum(ranges.get(name, np.inf) > 0.0 for name in ENTITIES)
+    radii, bounds = [], {}
+    for k, name in enumerate(ENTITIES):
+        given, size = ranges.get(name), sizes.get(name)
+        if given is not None and apart[k] > given:
+            raise InputError(
+                f"`ranges['{name}']` must bound the distance of any two realizations: there "
+                f"are two at least {apart[k]:.6g} apart, got {given:.6g}"
+            )
+        observed = 2.0 * spreads[k] if counts[k] > 1 else np.inf
+        diameter = observed if given is None else given
+        radius = mean_radius(counts[k], deviations[k], diameter, delta / max(uncertain, 1), size)
+        bounds[name] = _bound(radius, diameter, given, size)
+        radii.append(radius + 2.0 * rounding[k])  # rounding of the mean and of the deviation
+    x0, _, A = core.estimates()
+    r0, rf, rA = radii
+    norm = interruptible(lambda: float(np.linalg.norm(A, 2)))
+    # r_f + (||FA|| + r_A) r_0 + r_A ||F0||, where inf * 0 counts as 0
+    parts = [(norm + rA, r0), (rA, float(np.linalg.norm(x0)))]
+    state = rf + sum(a * b if a != 0.0 and b != 0.0 else 0.0 for a, b in parts)
+    single = [name for name, r in zip(ENTITIES, radii, strict=True) if not np.isfinite(r)]
+    reason = None
+    if single:
+        reason = f"only one realization of {', '.join(single)}, and `ranges` does not bound it"
+    elif not np.isfinite(state):
+        state, reason = np.inf, "the radius of the state overflows"
+    complete = len(ranges) == len(ENTITIES)
+    return Confidence(state, r0, rf, rA, delta, complete, bounds, reason)
+
+
+def mean_radius(
+    count: int, deviation: float, diameter: float, delta: float, size: int | None = None
+) -> float:
+    """Bound ``||mean - mu||`` for all numbers N of realizations at once.
+
+    `deviation` is ``D = sqrt(sum_i ||E_i - mean||^2)``; `diameter` is R with ``||E - E'|| <= R``.
+    The bound is tightest at N = `size`, which must not depend on the data. Without `size` it is
+    nearly as tight at every N.
+
+    *Mean.* With ``S_n = sum_i (E_i - mu)``, ``||E_i - mu|| <= R`` and ``V = E ||E - mu||^2``,
+    ``cosh(lam ||S_n||) exp(-n V psi(lam))`` is a supermartingale in any Hilbert space,
+    ``psi(lam) = lam^2 / (2 (1 - lam R / 3))`` (Pinelis 1994, proof of theorem 3.2 with D = 1, and
+    ``e^x - 1 - x <= x^2 / (2 (1 - x / 3))``). As cosh(x) >= e^x / 2, Ville's inequality gives
+    ``||S_n|| < (l + n V psi(lam)) / lam`` for all n, except with probability ``2 e^-l``. With
+    ``1 / lam = R / 3 + sqrt(m V / (2 l))`` that is ``||S_n|| < R l / 3 + w sqrt(2 l V n)``,
+    ``w = (sqrt(n / m) + sqrt(m / n)) / 2``: at n = m Bernstein's inequality for one size.
+
+    *Variance.* ``Q_n = sum_i ||E_i - mu||^2`` has terms Y in [0, R^2] with ``E Y^2 <= R^2 V``,
+    so ``E exp(-lam Y) <= exp(-lam V + lam^2 R^2 V / 2)``, and by Ville's inequality with
+    ``lam = sqrt(2 l / (m V R^2))``: ``V - Q_n / n < 2 beta sqrt(V)`` for all n, except with
+    probability ``e^-l``, with ``beta = w R sqrt(l / (2 n))``. And
+    ``Q_n / n = D^2 / n + ||S_n / n||^2``.
+
+    *Both.* ``sigma = sqrt(V)`` and ``x = ||S_n / n||`` satisfy ``x <= alpha + gamma sigma`` and
+    ``sigma^2 - 2 beta sigma <= D^2 / n + x^2``; the largest such sigma solves a quadratic
+    equation. Also, ``2 V = E ||E - E'||^2 <= R^2``.
+
+    *All sizes.* Epoch k = 1, 2, ... is ``4^k <= n < 4^(k+1)``; it has m = 2 4^k, so w < 1.07, and
+    ``delta / (k (k + 1))``, in total delta.
+    """
+    if count < 2 or diameter == 0.0:
+        return diameter if count > 0 else float("inf")
+    if size is None:
+        k = (count.bit_length() - 1) // 2
+        if k == 0:
+            return diameter
+        size, delta = 2 * 4**k, delta / (k * (k + 1))
+    n = float(count)
+    w = (np.sqrt(n / size) + np.sqrt(size / n)) / 2.0
+    log_mean, log_variance = np.log(2.0 / (_SHARE * delta)), -np.log((1.0 - _SHARE) * delta)
+    # x <= alpha + gamma sigma
+    alpha, gamma = diameter * log_mean / (3.0 * n), w * np.sqrt(2.0 * log_mean / n)
+    beta = w * diameter * np.sqrt(log_variance / (2.0 * n))
+    sigma = diameter / np.sqrt(2.0)
+    if gamma < 1.0:
+        # (1 - gamma^2) sigma^2 - 2 (beta + alpha gamma) sigma - (D^2 / n + alpha^2) <= 0
+        half, rest = beta + alpha * gamma, 1.0 - gamma**2
+        last = np.sqrt(rest) * np.hypot(deviation / np.sqrt(n), alpha)
+        sigma = min(sigma, (half + np.hypot(half, last)) / rest)
+    return float(min(alpha + gamma * sigma, diameter))
+
+
+def _bound(radius: float, diameter: float, given: float | None, size: int | None) -> str:
+    """Say which bound gives the radius."""
+    if diameter == np.inf:
+        return "none"
+    source = "observed range, an estimate" if given is None else "given range"
+    if radius >= diameter:
+        return source
+    where = "epochs of sizes" if size is None else f"tightest at {size}"
+    return f"empirical Bernstein for all sizes, {where}; {source}"

@@ -1,0 +1,100 @@
+"""The loop that takes steps until a stopping rule or a limit is met."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import Literal, TypeAlias, get_args
+
+from .. import _core
+from .._base import gate
+from .._base.types import Status
+from ..exceptions import InputError, StateError, StateIOError
+from .durable import Checkpoints
+
+Rule: TypeAlias = Literal["certificate", "printed"]
+RULES: tuple[Rule, ...] = get_args(Rule)
+
+_ENDLESS = 2**62  # more steps than any run can take
+_SLICE = 0.2  # seconds between two calls of the progress bar
+
+
+@dataclass(frozen=True)
+class Stop:
+    """When a run ends; `rule` is None without a tolerance."""
+
+    rule: Rule | None
+    tol: float
+    max_steps: int | None
+    time_limit: float | None
+
+
+def checked_stop(
+    tol: float | None, max_steps: int | None, time_limit: float | None, rule: Rule, variant: str
+) -> Stop:
+    """Check the arguments of `Stream.run` that say when it ends."""
+    name = gate.choice("rule", rule, RULES)
+    limit = None if tol is None else gate.positive("tol", tol)
+    most = None if max_steps is None else gate.size("max_steps", max_steps)
+    seconds = None if time_limit is None else gate.positive("time_limit", time_limit)
+    if limit is None and most is None and seconds is None:
+        raise InputError("one of `tol`, `max_steps` and `time_limit` must be given")
+    if limit is not None and name == "certificate" and variant != "consistent":
+        raise InputError(
+            f"`tol` must be None with rule 'certificate': variant '{variant}' has no certificate"
+        )
+    return Stop(None if limit is None else name, limit or 0.0, most, seconds)
+
+
+def run_until(
+    core: _core.Stream,
+    stop: Stop,
+    bar: AbstractContextManager[Callable[[int], object]],
+    checkpoints: Checkpoints,
+) -> Status:
+    """Take steps until `stop`, and save at the end, also after an exception of the caller."""
+    status: Status = "interrupted"
+    try:
+        with bar as report:
+            status = _take_steps(core, stop, report, checkpoints)
+    except KeyboardInterrupt:
+        pass  # the core stops between two steps
+    except (StateError, StateIOError):
+        raise  # from a checkpoint
+    except BaseException:  # from `bar` or a signal handler
+        checkpoints.save()
+        raise
+    try:
+        checkpoints.save()
+    except KeyboardInterrupt:
+        if status == "interrupted":
+            raise  # the second one
+        status = "interrupted"
+        checkpoints.save()
+    return status
+
+
+def _take_steps(
+    core: _core.Stream, stop: Stop, report: Callable[[int], object], checkpoints: Checkpoints
+) -> Status:
+    def steps() -> int:
+        return core.counts()[0]
+
+    def satisfied() -> bool:
+        return stop.rule == "certificate" and core.certificate()[0] <= stop.tol
+
+    if satisfied():
+        return "converged"
+    first, started = steps(), time.monotonic()
+    while True:
+        left = _ENDLESS if stop.max_steps is None else stop.max_steps - (steps() - first)
+        rest = _SLICE
+        if stop.time_limit is not None:
+            rest = stop.time_limit - (time.monotonic() - started)
+        end = core.advance(left, stop.rule, stop.tol, min(_SLICE, max(rest, 0.0)))
+        report(steps() - first)
+        checkpoints.due()
+        if end != "time_limit" or (stop.time_limit is not None and rest <= _SLICE):
+            return "converged" if satisfied() else end

@@ -1,0 +1,292 @@
+"""What the error can be of: the checked data, and the numbers that inequalities need of them.
+
+Notation: ``g = ||w||_1``, ``g_j`` for line j of a matrix, ``L = log(1/delta)``.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+
+import numpy as np
+
+from ..._base.types import Axis
+from ...exceptions import InputError, NonFiniteError, ShapeError
+from ...system import System
+from ..formulas import Array, sum_of_others
+from ..moments import trajectory_covariance, trajectory_mean
+from ._base import Moments, Rates, unit_of
+from ._geometry import Geometry, largest_norm
+
+
+class Lines(Moments):
+    """The average of N realizations of a vector, or of the lines of a matrix (as columns here).
+
+    A line with fewer than two nonzero entries is always exact and left out. What is left has
+    ``p_i = |a_i| / g`` per line. The norm is that of all entries, so that rows and columns differ
+    by a transposition only; "1" is for one line.
+    """
+
+    def __init__(self, lines: Array, quantity: str, norm: str) -> None:
+        super().__init__(quantity, norm)
+        lines = lines[:, np.count_nonzero(lines, axis=0) >= 2]
+        self.unit = unit_of(lines)
+        self.lines = lines / self.unit
+        self.g = np.abs(self.lines).sum(axis=0)
+        self.nonzero = np.count_nonzero(self.lines, axis=0)
+        # sigma_j^2 = g_j^2 - ||a_j||^2, without cancellation
+        self.variances = (np.abs(self.lines) * sum_of_others(self.lines)).sum(axis=0)
+        self.sigma = math.sqrt(float(self.variances.sum()))
+        # the largest ||g sign(a_i) e_i - a||^2 = (g - |a_i|)^2 + sum_{k != i} a_k^2 of each line
+        deviations = sum_of_others(self.lines) ** 2 + sum_of_others(self.lines**2)
+        self.deviations = np.where(self.lines != 0.0, deviations, 0.0).max(axis=0, initial=0.0)
+
+    def rms(self, rates: Rates) -> float:
+        """``sqrt(sum_j (g_j^2 - ||a_j||^2) / N)``."""
+        return self.sigma * math.sqrt(rates[0])
+
+    def ranges(self, rates: Rates) -> tuple[float, float, float]:
+        """Replacing a line of a realization moves the error by ``sqrt(2) g_j / N`` at most."""
+        return math.sqrt(rates[0]), self.sigma, float((self.g**2).sum())
+
+    def variance(self, rates: Rates) -> float:
+        """``max_j lambda_max(Cv(a_j)) / N``."""
+        return self._top * rates[0]
+
+    def farthest(self, rates: Rates) -> float:
+        """All realizations at the atoms that are farthest from the mean."""
+        if self.norm != "1":
+            return math.sqrt(float(self.deviations.sum()))
+        # ||g sign(w_i) e_i - w||_1 = 2 (g - |w_i|)
+        return 2.0 * float(sum_of_others(self.lines)[self.lines != 0.0].max(initial=0.0))
+
+    @cached_property
+    def _top(self) -> float:
+        tops = self.g**2 * largest_eigenvalues(np.abs(self.lines) / self.g)
+        return float(tops.max(initial=0.0))
+
+
+class Control(Geometry, Moments):
+    """The fused control ``u`` under uniform weights, or the state ``B u`` it leads to.
+
+    ``||B (u - v*)||_2`` or ``||u - v*||_2`` for ``v* = B+ (xf - A x0)``. Realizations of different
+    entities, and of the same, must be independent. Where the paper's lemmas bound with norms, the
+    moments and diameters here are those of the image under ``B B+`` (state) or ``B+`` (control),
+    and never larger.
+    """
+
+    entities = ("x0", "xf", "A")
+
+    def farthest(self, rates: Rates) -> float:
+        """Product fusion, too: convex in every line, so that the worst average is a realization."""
+        r0, rf, rA = rates
+        if r0 == 0.0 or rA == 0.0:
+            return self.farthest_linear(rates)
+        return self.farthest_linear((0.0, rf, 0.0)) + self.reach_z
+
+    def farthest_linear(self, rates: Rates) -> float:
+        """Largest deviation of ``M (xf^s - A x0^s - A^s x0)`` over the entities with a rate."""
+        r0, rf, rA = rates
+        largest = self.reach_A if rA > 0.0 else 0.0
+        if rf > 0.0:
+            largest += largest_norm(self.atoms_f - (self.M @ self.xf)[:, None])
+        if r0 > 0.0:
+            largest += largest_norm(self.atoms_0 - (self.M @ (self.A @ self.x0))[:, None])
+        return largest
+
+    def spread_linear(self, rates: Rates) -> float:
+        """Half the summed squared ranges of ``xf_hat`` and ``x0_hat``."""
+        r0, rf, rA = rates
+        return (self.D_f**2 * rf + self.D_0(rA) ** 2 * r0) / 2.0
+
+    def top(self, rates: Rates, *, both: bool) -> float:
+        """``lambda_max`` of the covariance of one realization of each entity with a rate."""
+        covariance = self.covariance(*rates, both=both)
+        return max(0.0, float(np.linalg.eigvalsh(covariance)[-1])) if covariance.size else 0.0
+
+
+class Product(Control):
+    """Product fusion, ``u = B+ (xf_hat - A_hat x0_hat)``: all entities averaged first.
+
+    The product makes the error bilinear: ``y_hat - y = (xf_hat - xf) - A (x0_hat - x0)
+    - (A_hat - A) x0_hat``. Given ``x0_hat``, the last term is an average of independent terms; how
+    far ``x0_hat`` can be from ``x0`` costs a share of delta.
+    """
+
+    def rms(self, rates: Rates) -> float:
+        """``sqrt(tr Cov)``, exact (`moments.control_covariance`, `moments.state_covariance`)."""
+        return math.sqrt(self.mean_square(*rates))
+
+    def ranges(self, rates: Rates) -> tuple[float, float, float]:
+        """``2 V = D_f^2 / Nf + D_0^2 / N0 + sum_j xhat_j^2 D_j^2 / NA``, whatever ``xhat`` is.
+
+        ``xf`` is revealed first, then ``x0``, then ``A``, and the ranges of the martingale
+        differences add up. ``D_f`` and ``D_j`` are the diameters of the atoms of ``xf`` and of
+        column j, ``D_0^2`` is the largest ``||M (A d)||^2 + E||M (A_hat - A) d||^2`` for the
+        difference d of two atoms of ``x0``. The last sum is at most ``g0^2 max_j D_j^2``.
+        """
+        r0, _, rA = rates
+        largest = self.range_A(self.x0) if r0 == 0.0 or rA == 0.0 else self.cap_A
+        return 1.0, self.rms(rates), self.spread_linear(rates) + largest**2 * rA / 2.0
+
+    def variance(self, rates: Rates) -> float:
+        """That of the linear part."""
+        return self.top(rates, both=False) * max(rates)
+
+
+class Paired(Control):
+    """Diagonal fusion, the average of N controls: ``xf^s`` and ``z^s = A^s x0^s`` are independent.
+
+    With an entity known exactly, its realizations drop out.
+    """
+
+    equal = "diagonal fusion pairs the realizations"
+
+    def rms(self, rates: Rates) -> float:
+        """``sqrt(tr Cov)``, exact (`moments.control_covariance`, `moments.state_covariance`)."""
+        return math.sqrt(self.paired_mean_square(*rates))
+
+    def ranges(self, rates: Rates) -> tuple[float, float, float]:
+        """``2 V = (D_f^2 + D_z^2) / N``, diameters of the atoms of ``M xf^s`` and ``M z^s``.
+
+        For the state ``D_f^2 <= 2 gf^2`` and ``D_z^2 <= 4 g0^2 gA^2``: exponent
+        ``N t^2 / (gf^2 + 2 g0^2 gA^2)``, with which Lemma 4.2 is true for this fusion, with its
+        constant C = 2 and ``beta`` at least the largest norm of a realization of A. Rows of A:
+        ``D_z`` is twice the radius of a ball that contains all ``z^s``.
+        """
+        r0, rf, rA = rates
+        if r0 > 0.0 and rA > 0.0:
+            spread = (self.D_f**2 * rf + self.D_z**2 * r0) / 2.0
+        else:  # nothing is paired with A: as product fusion
+            spread = self.spread_linear(rates) + self.range_A(self.x0) ** 2 * rA / 2.0
+        return 1.0, self.rms(rates), spread
+
+    def variance(self, rates: Rates) -> float:
+        """``lambda_max(M (Cv(xf) + C_z) M^T) / N``, the covariance of one pair."""
+        return self.top(rates, both=True) * max(rates)
+
+
+class Runs(Moments):
+    """The average of N runs of the sampled system over K steps, open loop, fresh draws each step.
+
+    ``xhat(s, k+1) = A^(s,k) xhat(s, k) + B^(s,k) u(k)``, ``xhat(s, 0) = x0^s``; the error is
+    ``||mean of the runs - x(K)||_2``. ``S_K`` is the exact covariance of one run, ``R_K`` a bound
+    on its norm. Needs injective indices: a realization that is reused at a later step makes the
+    mean of the runs biased, and no bound on the distance to ``x(K)`` can hold.
+    """
+
+    def __init__(self, system: System, x0: Array, u: Array, axis: Axis, sample_B: bool) -> None:
+        super().__init__("trajectory")
+        self.A, self.B, self.axis, self.sample_B = system.A, system.B, axis, sample_B
+        # linear in (x0, u), so that their unit is that of the result
+        self.unit = max(unit_of(x0) if x0.any() else 0.0, float(np.abs(u).max())) or 1.0
+        self.x0, self.u = x0 / self.unit, u / self.unit
+        self.mean = trajectory_mean((self.A, self.B), self.x0, self.u)[-1]
+        self.covariance = trajectory_covariance(
+            (self.A, self.B), self.x0, self.u, sample_B=sample_B, axis=axis
+        )[-1]
+        self.mean_square = finite(max(0.0, float(np.trace(self.covariance))))
+        with np.errstate(over="ignore", invalid="ignore"):
+            largest = self._one_norm() if axis == "columns" else self._by_entries()
+            # an exact B shifts all runs alike, in the last step: neither R_K nor the mean has it
+            shift = 0.0 if sample_B else self.B @ self.u[-1]
+            self._farthest = finite(largest + float(np.linalg.norm(self.mean - shift)))
+        self.spread = finite(2.0 * largest * largest)
+
+    def rms(self, rates: Rates) -> float:
+        """``sqrt(tr S_K / N)``."""
+        return math.sqrt(self.mean_square * rates[0])
+
+    def ranges(self, rates: Rates) -> tuple[float, float, float]:
+        """Replacing one run moves the average by ``2 R_K / N`` at most."""
+        return 1.0, self.rms(rates), self.spread * rates[0]
+
+    def variance(self, rates: Rates) -> float:
+        """``lambda_max(S_K) / N``."""
+        return self._top * rates[0]
+
+    def farthest(self, rates: Rates) -> float:
+        """``R_K + ||x(K)||`` (with B exact both without ``B u(K - 1)``)."""
+        return self._farthest
+
+    @cached_property
+    def _top(self) -> float:
+        return max(0.0, float(np.linalg.eigvalsh(self.covariance)[-1]))
+
+    def _one_norm(self) -> float:
+        """``R_{k+1} = gA R_k + sum_j |u_j(k)| ||b_j||_1``, ``R_0 = g0``: columns, 1-norms."""
+        gain = float(np.abs(self.A).sum(axis=0).max())
+        h = np.abs(self.B).sum(axis=0)
+        radius = float(np.abs(self.x0).sum())
+        for k, u in enumerate(self.u):
+            exact = 0.0 if k == len(self.u) - 1 else float(np.abs(self.B @ u).sum())
+            radius = gain * radius + (float(h @ np.abs(u)) if self.sample_B else exact)
+        return radius
+
+    def _by_entries(self) -> float:
+        """``r_i(k+1) = rho_i max_j r_j(k) + h_i max_j |u_j(k)|``, ``R_K = ||r(K)||_2``: rows.
+
+        The maxima are over the j that row i of A, of B can hit.
+        """
+        r = np.where(self.x0 != 0.0, np.abs(self.x0).sum(), 0.0)
+        for k, u in enumerate(self.u):
+            r = _row_range(self.A, r)
+            if self.sample_B:
+                r = r + _row_range(self.B, np.abs(u))
+            elif k < len(self.u) - 1:
+                r = r + np.abs(self.B @ u)
+        return float(np.linalg.norm(r))
+
+
+class OneStep(Runs):
+    """One step of `Runs`, columns only: what of a run is drawn apart is bounded apart.
+
+    ``2 V = 4 g0^2 gA^2 + 2 sum_j u_j^2 h_j^2``, ``h_j = ||b_j||_1`` (0 for an exact B): one run is
+    ``A^s x0^s``, one entry of at most ``g0 gA``, and the columns of ``B^s``; ``gA`` is taken over
+    the columns that ``x0`` reaches.
+    """
+
+    def __init__(self, system: System, x0: Array, u: Array, axis: Axis, sample_B: bool) -> None:
+        if axis != "columns":
+            raise InputError("`axis` must be 'columns' for the bounds of one step, got 'rows'")
+        super().__init__(system, x0, u, axis, sample_B)
+        if len(self.u) != 1:
+            raise ShapeError(f"`u` must have shape (1, m): one step, got {len(self.u)} steps")
+        gA = float(np.abs(self.A[:, self.x0 != 0.0]).sum(axis=0).max(initial=0.0))
+        self.moved = float(np.abs(self.x0).sum()) * gA
+        pushed = np.abs(self.u[0]) * np.abs(self.B).sum(axis=0) * sample_B
+        gB = float(np.abs(self.B).sum(axis=0).max()) if pushed.any() else 0.0
+        self.pushed = float(np.linalg.norm(self.u)) * gB
+        self.spread = finite(2.0 * self.moved * self.moved + float((pushed**2).sum()))
+
+
+def _row_range(A: Array, r: Array) -> Array:
+    """``rho_i max_j r_j`` over the entries that row i can hit."""
+    largest = np.where(A != 0.0, r, 0.0).max(axis=1)
+    return np.asarray(np.abs(A).sum(axis=1) * largest, dtype=np.float64)
+
+
+def finite(value: float) -> float:
+    """Refuse what overflowed."""
+    if not math.isfinite(value):
+        raise NonFiniteError("the moments of the trajectory overflow: scale the problem down")
+    return value
+
+
+def largest_eigenvalues(p: Array) -> Array:
+    """Largest eigenvalue of ``diag(p) - p p^T`` for each column p, from above.
+
+    Interlacing puts it between the two largest entries, where ``sum_i p_i^2 / (p_i - x)`` grows
+    through 1 once.
+    """
+    if p.size == 0:
+        return np.zeros(p.shape[1])
+    below, above = np.partition(p, -2, axis=0)[-2:]
+    for _ in range(60):  # halvings: more than the 53 bits of a float
+        middle = (below + above) / 2.0
+        with np.errstate(divide="ignore", invalid="ignore"):
+            secular = (p**2 / (p - middle)).sum(axis=0)
+        beyond = ~(secular < 1.0)  # a middle that meets an entry is beyond, too
+        above = np.where(beyond, middle, above)
+        below = np.where(beyond, below, middle)
+    return np.asarray(above, dtype=np.float64)

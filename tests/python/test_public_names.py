@@ -1,0 +1,70 @@
+"""The public names: a new or missing one is a decision, made here as well."""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import stochens_rs as se
+
+TOP = """
+    Counts DataStream Ensemble EnsembleTrajectory Fit Key Plan StochensError Stream System Tracking
+    Trajectory __version__ cases control exceptions fuse fuse_path
+    get_num_threads paper plots realization_controls reference required_samples sample
+    sample_counts set_num_threads simulate simulate_ensemble steer theory track
+"""
+ROOMS = {
+    "controls": "PlanBound PlanError Reachability SamplePlan",
+    "fusion": "Path",
+    "streams": "Confidence StreamRun Trace",
+}
+
+
+def test_the_names_at_the_top() -> None:
+    assert se.__all__ == sorted(TOP.split())
+    assert set(se.__all__) <= set(dir(se))
+    assert all(getattr(se, name) is not None for name in se.__all__)
+    with pytest.raises(AttributeError, match="no attribute 'sampel'"):
+        se.sampel  # noqa: B018
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_records_are_named_in_their_rooms(room: str) -> None:
+    names = ROOMS[room].split()
+    assert set(names) <= set(getattr(se, room).__all__)
+    assert not set(names) & set(se.__all__)
+
+
+def test_reference_and_matplotlib_are_imported_at_their_first_use() -> None:
+    code = (
+        "import sys, stochens_rs as se\n"
+        "assert se.plots.save_figures\n"
+        "assert 'stochens_rs.reference' not in sys.modules\n"
+        "assert se.reference.fusing.alse_dense\n"
+        "assert 'matplotlib' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_every_exception_is_exported_and_raised_somewhere() -> None:
+    package = Path(se.__file__).parent
+    tree = ast.parse((package / "exceptions.py").read_text("utf-8"))
+    defined = {node.name for node in tree.body if isinstance(node, ast.ClassDef)}
+    assert defined == set(se.exceptions.__all__)
+    core = package.parents[1] / "rust" / "python"
+    if not core.exists():
+        pytest.skip("not run from a checkout")
+    sources = [p.read_text("utf-8") for p in package.rglob("*.py") if p.name != "exceptions.py"]
+    sources += [p.read_text("utf-8") for p in core.rglob("*.rs")]
+    text = "\n".join(sources)
+    unused = {
+        name
+        for name in defined - {"StochensError", "StateRecoveredWarning"}
+        if not re.search(rf"\b{name}(\(|::new_err)", text)
+    }
+    assert unused == set()

@@ -224,12 +224,12 @@ pub(super) fn damaged(expected: &'static str, found: String) -> Error {
 mod tests {
     use super::*;
 
-    /// Columns that are almost one atom: after a million steps `er` is below `1e-12 ||E*||^2`, and no difference of the
-    /// other sums any more.
+    /// Columns that are mostly one atom: after a million steps `er` is below `1e-12 ||E*||^2`, and a difference of the other
+    /// sums would have no digits left.
     #[test]
     fn the_carried_error_is_accurate_where_the_target_is_nearly_reached() {
         let n = 6;
-        let small = |k: usize| 1e-7 * (k as f64 * 2.399).sin();
+        let small = |k: usize| 1e-3 * (k as f64 * 2.399).sin();
         let values: Vec<f64> = (0..n * n).map(|k| if k % (n + 1) == 0 { -1.3 } else { small(k) }).collect();
         for safeguard in [false, true] {
             let mut slot = Slot::new(values.clone(), n, n, Key([1; 32]), safeguard).unwrap();
@@ -243,7 +243,7 @@ mod tests {
             let er = slot.squared_error(false, [&mut line, &mut off]);
             let (found, fresh) = (slot.run.state, slot.run.sums());
             assert!(er > 0.0 && er < 1e-12 * fresh.ff, "{er:e}");
-            assert!((found.er - er).abs() < 1e-6 * er, "{:e} for {er:e}", found.er);
+            assert!((found.er - er).abs() < 1e-7 * er, "{:e} for {er:e}", found.er);
             assert!((found.al - fresh.al).abs() < 1e-14 * fresh.ff, "{:e} for {:e}", found.al, fresh.al);
             assert!((found.ff - fresh.ff).abs() < 1e-14 * fresh.ff);
         }

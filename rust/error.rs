@@ -4,7 +4,7 @@
 
 use std::path::PathBuf;
 
-use crate::storage::Fault;
+use crate::fault::Fault;
 
 /// `std::result::Result` with this crate's [`Error`].
 pub type Result<T> = std::result::Result<T, Error>;

@@ -28,6 +28,7 @@
 
 pub mod control;
 mod error;
+mod fault;
 pub mod fuse;
 mod lanes;
 mod memory;
@@ -44,6 +45,7 @@ pub mod simulate;
 pub mod storage;
 mod stream;
 pub mod streaming;
+mod vector;
 #[cfg(target_arch = "x86_64")]
 mod wide;
 

@@ -26,7 +26,9 @@ def main(wheel: str, platform: str = "") -> None:
     assert "## First example" in description
     assert not re.search(r"\]\((?![a-z]+:|#)", description), "a relative link in the description"
 
-    assert (Path(se.__file__).parent / "paper" / "report" / "report.html.j2").is_file()
+    paper = Path(se.__file__).parent / "paper"
+    assert (paper / "report" / "report.html.j2").is_file()
+    assert (paper / "verdicts" / "statements.ini").is_file()
 
     assert shutil.which("cargo") is None
     A = [[0.9, 0.2], [-0.1, 0.8]]

@@ -8,11 +8,13 @@
 mod alse;
 mod closed_form;
 mod dense;
+mod line_search;
 mod path;
 mod simplex;
 mod slse;
 mod slse_dense;
 mod slse_run;
+mod slse_sample;
 mod slse_tables;
 
 pub use alse::{Realizations, Settings, Solution, Status, alse, alse_prefixes, second_opinion};
@@ -21,6 +23,10 @@ pub use dense::Dense;
 pub use path::{Path, alse_path, uniform_path};
 pub use slse::{Sequential, slse, slse_each};
 pub use slse_dense::slse_dense;
+
+pub(crate) use line_search::{clipped, step_towards};
+pub(crate) use slse_run::Run;
+pub(crate) use slse_tables::Apart;
 
 use crate::error::Result;
 use crate::sample::Law;

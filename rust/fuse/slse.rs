@@ -88,9 +88,9 @@ impl Ask<'_> {
         let scale = power_of_two_scale(&[largest(law.gamma(), law.gamma()), largest(self.target, law.values())]);
         let unit = 1.0 / scale; // exact, as the products with it are: powers of two
         let gamma: Vec<f64> = try_collect(WHAT, law.gamma().iter().map(|g| g * unit))?;
-        let mut run: Run<'_, T> = Run::new(&gamma, length, self.safeguard, self.signed(unit))?;
+        let mut run: Run<T> = Run::new(gamma, length, self.safeguard, self.signed(unit))?;
         // signs and units again
-        let report = |run: &Run<'_, T>, to: &mut Vec<f64>| -> Result<()> {
+        let report = |run: &Run<T>, to: &mut Vec<f64>| -> Result<()> {
             for (j, values) in law.values().chunks_exact(length).enumerate() {
                 let signed = |(f, v): (f64, &f64)| if *v == 0.0 { 0.0 } else { 1.0_f64.copysign(*v) * f * scale };
                 try_extend(WHAT, to, run.line(j).zip(values).map(signed))?;

@@ -1,26 +1,12 @@
 //! SLSE for dense realizations: the same two line searches, with inner products summed anew at every step.
 
+use super::line_search::step_towards;
 use super::slse::{Sequential, steps_to_weights};
 use super::slse_tables::WHAT;
 use super::{Dense, distance, power_of_two_scale};
 use crate::error::Result;
 use crate::memory::{try_collect, try_extend, try_push, try_zeros};
 use crate::parallel::Stop;
-
-/// `t = clip(<E* - F, X - F> / ||X - F||^2, 0, 1)` and `F <- (1 - t) F + t X`.
-fn line_search(f: &mut [f64], x: impl Fn(usize) -> f64, target: &[f64]) -> f64 {
-    let (mut num, mut den) = (0.0, 0.0);
-    for (k, (f, t)) in f.iter().zip(target).enumerate() {
-        let d = x(k) - f;
-        num += (t - f) * d;
-        den += d * d;
-    }
-    let t = if den > 0.0 { (num / den).clamp(0.0, 1.0) } else { 0.0 };
-    if t > 0.0 {
-        f.iter_mut().enumerate().for_each(|(k, f)| *f += t * (x(k) - *f));
-    }
-    t
-}
 
 /// As [`super::slse()`], for realizations without structure; `O(dimension)` per step.
 ///
@@ -49,12 +35,12 @@ pub fn slse_dense(
             f.iter_mut().zip(e).for_each(|(f, e)| *f = e / scale);
             1.0
         } else {
-            line_search(&mut f, |k| e[k] / scale, &scaled)
+            step_towards(&mut f, |k| e[k] / scale, &scaled, 1.0)
         };
         if safeguard {
             sum.iter_mut().zip(e).for_each(|(s, e)| *s += e / scale);
             let n = (i + 1) as f64;
-            safeguards[i] = line_search(&mut f, |k| sum[k] / n, &scaled);
+            safeguards[i] = step_towards(&mut f, |k| sum[k] / n, &scaled, 1.0);
         }
         if wanted.next_if_eq(&(i + 1)).is_some() {
             try_push(WHAT, &mut out.errors, distance(&f, &scaled) * scale)?;

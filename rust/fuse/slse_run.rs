@@ -2,86 +2,36 @@
 //!
 //! Signs are absorbed (`f_k = sign_k F_k >= 0`), and what is stored is `h` with `g f = c h + b g^2 S`, where `S` counts the
 //! hits so far (`U = S / k` in units of the atoms) and `b = 0` without the safeguard: scaling `F` or adding a multiple of
-//! `U` costs `O(1)`. `al = <E* - F, F>` follows the error by a recursion of its own instead of being a difference of large
-//! sums; it and `ff = ||F||^2` are recomputed from `F` every `16 length` steps.
+//! `U` costs `O(1)`. The inner products of [`State`] are recomputed from `F` by [`Run::refresh`], every `16 length` steps.
 
-use super::slse_tables::{Sample, Tables, WHAT, squared_norm};
+use super::line_search::{Move, State};
+use super::slse_sample::{Sample, squared_norm};
+use super::slse_tables::{Apart, Tables, WHAT};
 use crate::error::Result;
 use crate::memory::{try_collect, try_zeros};
 use crate::sample::Index;
 
-/// What a step leaves of `F`: `F <- u F + t X`, `t + u = 1`.
-#[derive(Clone, Copy)]
-struct Move {
-    t: f64,
-    u: f64,
-    /// `t / u`, infinite for `u = 0`; not read off `u`, so that a step waits for one division only
-    ratio: (f64, f64),
-}
-
-/// The scalars of the line searches.
-#[derive(Clone, Copy, Default)]
-struct State {
-    /// `||F||^2`
-    ff: f64,
-    /// `<E* - F, F>`
-    al: f64,
-    /// `<F, S>`, `<S, S>`, `<S, E*>`: only with the safeguard
-    fs: f64,
-    ss: f64,
-    sa: f64,
-}
-
-impl State {
-    /// The best point of `[F, X]`, given `<F, X>`, `<E*, X>`, `<X, X>`; moves `ff` and `al` there.
-    #[inline(always)]
-    fn line_search(&mut self, fx: f64, ax: f64, xx: f64) -> Move {
-        let num = ((ax - self.al) - fx).max(0.0); // <E* - F, X - F>
-        let rest = ((self.ff + xx) + (self.al - ax)) - fx; // <X - E*, X - F> = ||X - F||^2 - num
-        let apart = (self.ff - fx) + (xx - fx); // ||X - F||^2, zero to the last bit for X = F
-        if apart > 0.0 && rest > 0.0 {
-            let den = num + rest;
-            let t = num / den;
-            let back = self.ff - fx; // <F, F - X>
-            // with F' = F + t (X - F) and <E* - F', X - F> = 0:
-            self.al += t * back;
-            self.ff += t * (num - 2.0 * back);
-            Move { t, u: rest / den, ratio: (num, rest) }
-        } else if apart > 0.0 && num > 0.0 {
-            self.restart(ax, xx)
-        } else {
-            Move { t: 0.0, u: 1.0, ratio: (0.0, 1.0) }
-        }
-    }
-
-    /// `F = X`
-    fn restart(&mut self, ax: f64, xx: f64) -> Move {
-        (self.ff, self.al) = (xx, ax - xx);
-        Move { t: 1.0, u: 0.0, ratio: (1.0, 0.0) }
-    }
-}
-
 /// `F`, how it is stored, and the inner products of the next step.
-pub(super) struct Run<'a, T> {
-    length: usize,
-    gamma: &'a [f64],
+pub(crate) struct Run<T> {
+    pub(crate) length: usize,
+    pub(crate) gamma: Vec<f64>,
     /// `1 / g_j`, and 0 for a zero line: nothing can be hit there
     inverse: Vec<f64>,
     /// `g_j^2`, and its sum `||E||^2`
-    g2: Vec<f64>,
-    gg: f64,
-    tables: T,
-    c: f64,
-    b: f64,
+    pub(crate) g2: Vec<f64>,
+    pub(crate) gg: f64,
+    pub(crate) tables: T,
+    pub(crate) c: f64,
+    pub(crate) b: f64,
     /// hits so far, with the safeguard only
-    hits: Vec<f64>,
-    state: State,
+    pub(crate) hits: Vec<f64>,
+    pub(crate) state: State,
 }
 
-impl<'a, T: Tables> Run<'a, T> {
-    /// Before the first realization; `target` yields `sign_k t_k`.
-    pub(super) fn new(
-        gamma: &'a [f64],
+impl<T: Tables> Run<T> {
+    /// Before the first realization; `target` yields `sign_k t_k`. `er` is known after a [`Self::refresh`] only.
+    pub(crate) fn new(
+        gamma: Vec<f64>,
         length: usize,
         safeguard: bool,
         target: impl Iterator<Item = f64>,
@@ -91,12 +41,12 @@ impl<'a, T: Tables> Run<'a, T> {
         let inverse = try_collect(WHAT, gamma.iter().map(inverse))?;
         let entries = gamma.len() * length;
         let hits = try_zeros(WHAT, if safeguard { entries } else { 0 })?;
-        let (gg, tables) = (squared_norm(&g2), T::new(length, gamma, target)?);
+        let (gg, tables) = (squared_norm(&g2), T::new(length, &gamma, target)?);
         Ok(Self { length, gamma, inverse, g2, gg, tables, c: 1.0, b: 0.0, hits, state: State::default() })
     }
 
     /// The realizations of `block`, `before` of which have gone before; their steps `t` and, with the safeguard, `s`.
-    pub(super) fn advance<I: Index>(&mut self, block: &[I], before: usize, steps: &mut [f64], safeguards: &mut [f64]) {
+    pub(crate) fn advance<I: Index>(&mut self, block: &[I], before: usize, steps: &mut [f64], safeguards: &mut [f64]) {
         let samples = Sample::all(block, self.gamma.len(), self.length);
         if self.hits.is_empty() {
             self.plain_steps(samples, steps, before == 0);
@@ -131,7 +81,9 @@ impl<'a, T: Tables> Run<'a, T> {
                 (gain, c) = (1.0, 1.0);
             }
             let Some(next) = samples.next() else {
-                self.tables.scatter(sample, &self.g2, gain);
+                if gain != 0.0 {
+                    self.tables.scatter(sample, &self.g2, gain);
+                }
                 break;
             };
             (h_sum, ae) = self.tables.scatter_and_gather(sample, &self.g2, gain, next);
@@ -191,7 +143,7 @@ impl<'a, T: Tables> Run<'a, T> {
     }
 
     /// Folds `c` and `b` into `h` and recomputes every inner product.
-    pub(super) fn refresh(&mut self) {
+    pub(crate) fn refresh(&mut self) {
         for (j, g2) in self.g2.iter().enumerate() {
             for k in j * self.length..(j + 1) * self.length {
                 let hits = self.hits.get(k).map_or(0.0, |s| self.b * g2 * s);
@@ -200,42 +152,38 @@ impl<'a, T: Tables> Run<'a, T> {
             }
         }
         (self.c, self.b) = (1.0, 0.0);
-        let (mut ff, mut al) = (0.0, 0.0);
-        for j in 0..self.gamma.len() {
-            let [line_ff, line_al] = self.line_sums(j, |f, p| [f * f, p * f]);
-            ff += line_ff;
-            al += line_al;
-        }
-        (self.state.ff, self.state.al) = (ff, al);
-        if !self.hits.is_empty() {
-            (self.state.fs, self.state.ss, self.state.sa) = (0.0, 0.0, 0.0);
-            for (j, g2) in self.g2.iter().enumerate() {
-                for k in j * self.length..(j + 1) * self.length {
-                    let ((h, a), s) = (self.tables.get(k), self.hits[k]);
-                    self.state.fs += h * s;
-                    self.state.ss += g2 * s * s;
-                    self.state.sa += a * s;
-                }
-            }
-        }
+        self.state = self.sums();
     }
 
-    /// Sums over line `j` of two functions of `f_k` and `p_k = sign_k t_k - f_k`, four entries at a time.
-    fn line_sums(&self, j: usize, terms: impl Fn(f64, f64) -> [f64; 2]) -> [f64; 2] {
-        let (from, to) = (j * self.length, (j + 1) * self.length);
-        let mut sums = [[0.0; 2]; 4];
-        for four in (from..to).step_by(4) {
-            for (lane, sum) in sums.iter_mut().enumerate().take(to - four) {
-                let k = four + lane;
-                let hits = self.hits.get(k).map_or(0.0, |s| self.b * self.g2[j] * s);
+    /// Every inner product, summed from the entries; four at a time in each line.
+    pub(crate) fn sums(&self) -> State {
+        let mut state = State::default();
+        for (j, (g2, inverse)) in self.g2.iter().zip(&self.inverse).enumerate() {
+            let (from, to) = (j * self.length, (j + 1) * self.length);
+            let mut sums = [[0.0; 3]; 4];
+            for four in (from..to).step_by(4) {
+                for (lane, sum) in sums.iter_mut().enumerate().take(to - four) {
+                    let hits = self.hits.get(four + lane).map_or(0.0, |s| self.b * g2 * s);
+                    let (h, a) = self.tables.get(four + lane);
+                    let gf = self.c * h + hits;
+                    let (f, p) = (gf * inverse, (a - gf) * inverse);
+                    sum[0] += f * f;
+                    sum[1] += p * f;
+                    sum[2] += p * p;
+                }
+            }
+            let [ff, al, er] = [0, 1, 2].map(|i| (sums[0][i] + sums[1][i]) + (sums[2][i] + sums[3][i]));
+            state.ff += ff;
+            state.al += al;
+            state.er += er;
+            for (k, s) in (from..to).zip(self.hits.get(from..to).unwrap_or_default()) {
                 let (h, a) = self.tables.get(k);
-                let gf = self.c * h + hits;
-                let [x, y] = terms(gf * self.inverse[j], (a - gf) * self.inverse[j]);
-                sum[0] += x;
-                sum[1] += y;
+                state.fs += (self.c * h + self.b * g2 * s) * s;
+                state.ss += g2 * s * s;
+                state.sa += a * s;
             }
         }
-        [0, 1].map(|i| (sums[0][i] + sums[1][i]) + (sums[2][i] + sums[3][i]))
+        state
     }
 
     /// `||E* - F||` for the `t_k sign_k` of the target, summed from the entries of `F` as they are reported.
@@ -251,7 +199,7 @@ impl<'a, T: Tables> Run<'a, T> {
     }
 
     /// `f_k = (c h_k + b g^2 S_k) / g` in line `j`; 0 in a zero line.
-    pub(super) fn line(&self, j: usize) -> impl Iterator<Item = f64> {
+    pub(crate) fn line(&self, j: usize) -> impl Iterator<Item = f64> {
         let (from, to) = (j * self.length, (j + 1) * self.length);
         let (c, b, g) = (self.c, self.b * self.g2[j], if self.gamma[j] > 0.0 { self.gamma[j] } else { 1.0 });
         let hits = move |k: usize| self.hits.get(k).map_or(0.0, |hits| b * hits);
@@ -259,9 +207,17 @@ impl<'a, T: Tables> Run<'a, T> {
     }
 }
 
+impl Run<Apart> {
+    /// `<E*, E>` for a realization `E`.
+    pub(crate) fn toward<I: Index>(&self, realization: &[I]) -> f64 {
+        let sample = Sample::all(realization, self.gamma.len(), self.length).next();
+        sample.map_or(0.0, |sample| sample.sums(|k| (self.tables.a[k], 0.0)).0)
+    }
+}
+
 #[cfg(test)]
 mod tests {
-    use super::super::slse_tables::{Apart, Beside};
+    use super::super::slse_tables::Beside;
     use super::*;
 
     /// The same `F`, stored with a tiny `c`, takes the same steps: also across the refresh that this asks for, whether
@@ -273,7 +229,7 @@ mod tests {
             let gamma = [1.0, 2.0, 0.5, 1.5, 3.0];
             let target = (0..15).map(|k| 0.1 + f64::from(k % 4) / 3.0);
             let indices: Vec<u8> = (0..200_u32).map(|k| (k * k % 7 % 3) as u8).collect();
-            let mut run: Run<'_, T> = Run::new(&gamma, 3, false, target).unwrap();
+            let mut run: Run<T> = Run::new(gamma.to_vec(), 3, false, target).unwrap();
             let mut steps = vec![0.0; 40];
             run.advance(&indices[..50], 0, &mut steps[..10], &mut []);
             let shrink = c.map_or(1.0, |c| c / run.c);

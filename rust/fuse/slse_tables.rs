@@ -5,6 +5,7 @@
 
 #![allow(unsafe_code, reason = "a bounds check per entry costs a fourth of a step; indices are checked block by block")]
 
+use super::slse_sample::Sample;
 use crate::error::Result;
 use crate::memory::try_zeros;
 use crate::pages::Buffer;
@@ -13,7 +14,7 @@ use crate::sample::Index;
 pub(super) const WHAT: &str = "a sequential fit";
 
 /// `h` and `g a`, entry by entry.
-pub(super) trait Tables: Sized {
+pub(crate) trait Tables: Sized {
     /// `h = 0`, and `g a` from the `a` of all entries in lines of `length`.
     fn new(length: usize, gamma: &[f64], a: impl Iterator<Item = f64>) -> Result<Self>;
 
@@ -71,7 +72,7 @@ pub(super) trait Tables: Sized {
 }
 
 /// The entries below some reach.
-pub(super) trait View {
+pub(crate) trait View {
     /// `(h_k, g a_k)`
     ///
     /// # Safety
@@ -114,9 +115,9 @@ impl View for &mut [[f64; 2]] {
 }
 
 /// Two tables of equal length.
-pub(super) struct Apart {
-    h: Vec<f64>,
-    a: Vec<f64>,
+pub(crate) struct Apart {
+    pub(crate) h: Vec<f64>,
+    pub(super) a: Vec<f64>,
 }
 
 impl Tables for Apart {
@@ -184,116 +185,6 @@ impl Tables for Beside {
     fn view(&mut self, reach: usize) -> impl View {
         &mut self.0[..reach]
     }
-}
-
-/// One realization in tables of lines with `length` entries: it hits the positions `j length + R_j`.
-///
-/// Only [`Sample::all`] makes one, after it has seen that every `R_j` is below `length`.
-#[derive(Clone, Copy)]
-pub(super) struct Sample<'a, I> {
-    indices: &'a [I],
-    length: usize,
-}
-
-impl<'a, I: Index> Sample<'a, I> {
-    /// The realizations of a block of indices, `lines` each.
-    pub(super) fn all(block: &'a [I], lines: usize, length: usize) -> impl Iterator<Item = Self> {
-        let max = block.iter().fold(I::default(), |max, &r| r.max(max)).get();
-        assert!(max < length, "an index of a sample is {max}, beyond a line of {length} entries");
-        block.chunks_exact(lines).map(move |indices| Self { indices, length })
-    }
-
-    /// `lines length`: above all positions, and no overflow on the way there.
-    #[inline(always)]
-    fn reach(self) -> usize {
-        self.indices.len() * self.length
-    }
-
-    /// The positions, line by line; all are below [`Self::reach`], which is why nothing wraps.
-    #[inline(always)]
-    pub(super) fn positions(self) -> impl Iterator<Item = usize> {
-        let mut base = 0_usize;
-        self.indices.iter().map(move |r| {
-            let k = base.wrapping_add(r.get());
-            base = base.wrapping_add(self.length);
-            k
-        })
-    }
-
-    /// Sums of a pair over the positions, four lines at a time: one sum would wait for every addition.
-    #[inline(always)]
-    fn sums(self, pair: impl Fn(usize) -> (f64, f64)) -> (f64, f64) {
-        let (mut x, mut y) = ([0.0; 4], [0.0; 4]);
-        let mut base = 0_usize;
-        let (fours, rest) = self.indices.as_chunks::<4>();
-        for four in fours {
-            for lane in 0..4 {
-                let (xk, yk) = pair(base.wrapping_add(four[lane].get()));
-                x[lane] += xk;
-                y[lane] += yk;
-                base = base.wrapping_add(self.length);
-            }
-        }
-        for r in rest {
-            let (xk, yk) = pair(base.wrapping_add(r.get()));
-            x[0] += xk;
-            y[0] += yk;
-            base = base.wrapping_add(self.length);
-        }
-        ((x[0] + x[1]) + (x[2] + x[3]), (y[0] + y[1]) + (y[2] + y[3]))
-    }
-
-    /// `add` at the positions of this realization, and [`Self::sums`] of the next, which has as many lines: four lines of
-    /// the one, then four of the other, so that a line has its new values before it is read. All positions are below
-    /// [`Self::reach`].
-    #[inline(always)]
-    fn add_and_sum<T: ?Sized>(
-        self,
-        next: Self,
-        g2: &[f64],
-        table: &mut T,
-        add: impl Fn(&mut T, usize, f64),
-        pair: impl Fn(&T, usize) -> (f64, f64),
-    ) -> (f64, f64) {
-        assert!(next.length == self.length && next.indices.len() == self.indices.len());
-        let (mut x, mut y) = ([0.0; 4], [0.0; 4]);
-        let mut base = 0_usize;
-        let (fours, rest) = self.indices.as_chunks::<4>();
-        let (next_fours, next_rest) = next.indices.as_chunks::<4>();
-        let (g2_fours, g2_rest) = g2.as_chunks::<4>();
-        for ((four, next), g2) in fours.iter().zip(next_fours).zip(g2_fours) {
-            let bases = [0, 1, 2, 3].map(|lane| base.wrapping_add(self.length.wrapping_mul(lane)));
-            for lane in 0..4 {
-                add(table, bases[lane].wrapping_add(four[lane].get()), g2[lane]);
-            }
-            for lane in 0..4 {
-                let (xk, yk) = pair(table, bases[lane].wrapping_add(next[lane].get()));
-                x[lane] += xk;
-                y[lane] += yk;
-            }
-            base = base.wrapping_add(self.length.wrapping_mul(4));
-        }
-        for ((r, next), g2) in rest.iter().zip(next_rest).zip(g2_rest) {
-            add(table, base.wrapping_add(r.get()), *g2);
-            let (xk, yk) = pair(table, base.wrapping_add(next.get()));
-            x[0] += xk;
-            y[0] += yk;
-            base = base.wrapping_add(self.length);
-        }
-        ((x[0] + x[1]) + (x[2] + x[3]), (y[0] + y[1]) + (y[2] + y[3]))
-    }
-}
-
-/// `sum_j g_j^2` in the order of [`Tables::gather`], so that the inner product of a realization with itself is its
-/// squared norm to the last bit.
-pub(super) fn squared_norm(g2: &[f64]) -> f64 {
-    let mut sums = [0.0; 4];
-    let (fours, rest) = g2.as_chunks::<4>();
-    for four in fours {
-        sums.iter_mut().zip(four).for_each(|(sum, g2)| *sum += g2);
-    }
-    rest.iter().for_each(|g2| sums[0] += g2);
-    (sums[0] + sums[1]) + (sums[2] + sums[3])
 }
 
 #[cfg(test)]

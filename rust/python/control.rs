@@ -6,15 +6,11 @@ use pyo3::prelude::*;
 use super::convert::{array1, array2, slice};
 use super::error::{InputError, ShapeError};
 use super::realizations::EntityArgument;
-use super::run::run;
+use super::run::{run, run_unstoppable};
 use crate::control::{self, Realized};
 use crate::memory::try_copy;
-use crate::parallel::detached;
 
 type Matrix<'py> = Bound<'py, PyArray2<f64>>;
-
-/// Operations above which a factorization takes longer than an interrupt may.
-const LONG: f64 = 1e8;
 
 /// `B` (n, m) of rank r factored: `(left (r, n), right (r, m), singular_values, condition, matrix (m, n))`, the singular
 /// vectors above the cut-off row by row, all singular values, and `B^+`.
@@ -25,16 +21,9 @@ pub(super) fn pseudoinverse<'py>(
     b: PyReadonlyArray2<'py, f64>,
 ) -> PyResult<(Matrix<'py>, Matrix<'py>, Bound<'py, PyArray1<f64>>, f64, Matrix<'py>)> {
     let (rows, cols) = b.as_array().dim();
-    let values = slice("B", &b)?;
-    // a factorization cannot be stopped inside: a long one runs on a thread that an interrupted caller leaves behind
+    let values = try_copy("B", slice("B", &b)?)?;
     let cost = 10.0 * (rows * cols * rows.min(cols)) as f64;
-    let p = run(py, cost, |stop| {
-        if cost < LONG {
-            return control::pseudoinverse(values, rows, cols);
-        }
-        let owned = try_copy("B", values)?;
-        detached("stochens-svd", stop, move || control::pseudoinverse(&owned, rows, cols))
-    })?;
+    let p = run_unstoppable(py, cost, move || control::pseudoinverse(&values, rows, cols))?;
     Ok((
         array2(py, p.basis, p.rank, rows)?,
         array2(py, p.right, p.rank, cols)?,

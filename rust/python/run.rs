@@ -8,10 +8,14 @@ use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
 
 use super::error::from_panic;
+use crate::parallel::detached;
 use crate::{Result, Stop};
 
 /// Elementary operations (about a nanosecond each) below which a call simply runs: looking for signals would cost more.
 const SHORT: f64 = 1e7;
+
+/// Elementary operations above which work that cannot be stopped takes longer than an interrupt may.
+const LONG: f64 = 1e8;
 
 /// How often a long call looks for signals.
 const POLL: Duration = Duration::from_millis(50);
@@ -30,6 +34,15 @@ where
     }
     let (result, signals) = watched(py, work);
     signals.into_iter().next().map_or(result, Err)
+}
+
+/// [`run`] for work that cannot be stopped inside: if it takes long, an interrupted caller leaves it behind on its thread.
+pub(super) fn run_unstoppable<T: Send + 'static>(
+    py: Python<'_>,
+    cost: f64,
+    work: impl FnOnce() -> Result<T> + Send + 'static,
+) -> PyResult<T> {
+    run(py, cost, |stop| if cost < LONG { work() } else { detached("stochens-work", stop, work) })
 }
 
 /// [`run`] for long work that answers a stop with the best it has: after Ctrl-C that is returned, beside the exception. A

@@ -9,19 +9,15 @@ use pyo3::types::PyAny;
 use super::convert::{array1, array2, key, slice};
 use super::error::InputError;
 use super::realizations::dense;
-use super::run::run;
+use super::run::run_unstoppable;
 use super::shared::Shared;
 use super::storage::Array;
 use crate::memory::{try_collect, try_copy, try_room};
-use crate::parallel::detached;
 use crate::streaming::{Config, Data, End, Geometry, Laws, Limits, Order, Rule, Section, Sections, Stream, Variant};
-use crate::{Key, Result, Stop};
+use crate::{Key, Result};
 
 type Array1<'py> = Bound<'py, PyArray1<f64>>;
 type Array2<'py> = Bound<'py, PyArray2<f64>>;
-
-/// Operations above which what cannot be stopped takes longer than an interrupt may.
-const LONG: f64 = 1e8;
 
 /// Elementary operations of one evaluation for `n` states.
 fn square(n: usize) -> f64 {
@@ -32,16 +28,7 @@ fn geometry(py: Python<'_>, b: &PyReadonlyArray2<'_, f64>) -> PyResult<Geometry>
     let (n, m) = b.as_array().dim();
     let values = try_copy("B", slice("B", b)?)?;
     let cost = 10.0 * (n * m * n.min(m)) as f64;
-    run(py, cost, |stop| unstoppable(cost, stop, move || Geometry::new(values, n, m)))
-}
-
-/// What cannot be stopped inside runs on a thread that an interrupted caller leaves behind, if it takes long.
-fn unstoppable<T: Send + 'static>(
-    cost: f64,
-    stop: &Stop,
-    work: impl FnOnce() -> Result<T> + Send + 'static,
-) -> Result<T> {
-    if cost < LONG { work() } else { detached("stochens-stream", stop, work) }
+    run_unstoppable(py, cost, move || Geometry::new(values, n, m))
 }
 
 fn to_python<'py>(py: Python<'py>, sections: Sections) -> PyResult<Vec<(String, Bound<'py, PyAny>)>> {
@@ -126,7 +113,7 @@ impl PyStream {
         let n = geometry.size().0;
         let cost = if order == Order::Gain { square(n) * n as f64 } else { 5.0 * square(n) };
         let config = Config { variant, safeguard, order };
-        run(py, cost, |stop| unstoppable(cost, stop, move || Stream::new(geometry, laws, config))).map(Self::of)
+        run_unstoppable(py, cost, move || Stream::new(geometry, laws, config)).map(Self::of)
     }
 
     /// Up to `steps` steps: "converged", "max_steps" or "time_limit".
@@ -207,7 +194,7 @@ impl PyStream {
     fn from_sections(py: Python<'_>, sections: Vec<(String, Array<'_>)>) -> PyResult<Self> {
         let sections = from_python(sections)?;
         let all = f64::INFINITY;
-        run(py, all, |stop| unstoppable(all, stop, move || Stream::from_sections(sections))).map(Self::of)
+        run_unstoppable(py, all, move || Stream::from_sections(sections)).map(Self::of)
     }
 }
 
@@ -292,7 +279,7 @@ impl PyDataStream {
     fn from_sections(py: Python<'_>, sections: Vec<(String, Array<'_>)>) -> PyResult<Self> {
         let sections = from_python(sections)?;
         let all = f64::INFINITY;
-        let data = run(py, all, |stop| unstoppable(all, stop, move || Data::from_sections(sections)))?;
+        let data = run_unstoppable(py, all, move || Data::from_sections(sections))?;
         Ok(Self { n: data.n(), inner: Shared::new(data) })
     }
 }

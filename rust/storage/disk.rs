@@ -6,12 +6,11 @@ use std::fs::{self, File, Metadata, OpenOptions, TryLockError};
 use std::io::{self, ErrorKind, Read, Write};
 use std::path::Path;
 
-use super::fault::Fault;
 use super::format::{WHAT, refusal};
-use super::limits::MAX_BYTES;
 #[cfg(test)]
 use super::tests::disk_point as point;
 use crate::error::{Error, Result};
+use crate::fault::{Fault, MAX_BYTES};
 use crate::memory::try_room;
 use crate::parallel::Stop;
 

@@ -26,9 +26,9 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::SystemTime;
 
 use super::disk::{self, Lock};
-use super::fault::Fault;
 use super::format::{Container, Section, check_names, decode, encode};
 use crate::error::{Error, Result};
+use crate::fault::Fault;
 use crate::parallel::Stop;
 
 /// A state that was loaded.

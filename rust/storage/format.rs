@@ -20,9 +20,8 @@ use safetensors::Dtype;
 use safetensors::tensor::Metadata;
 use sha2::{Digest, Sha256};
 
-use super::fault::Fault;
-use super::limits::{MAX_BYTES, VERSION};
 use crate::error::{Error, Result};
+use crate::fault::{Fault, MAX_BYTES, VERSION};
 use crate::memory::{covered, try_collect, try_room};
 use crate::parallel::Stop;
 

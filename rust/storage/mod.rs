@@ -16,15 +16,12 @@
 //! ```
 
 mod disk;
-mod fault;
 mod file;
 mod format;
-mod limits;
 #[cfg(test)]
 mod tests;
 
+pub use crate::fault::{Fault, MAX_BYTES, VERSION};
 pub use disk::Lock;
-pub use fault::Fault;
 pub use file::{Loaded, load, lock, save, save_held};
 pub use format::{Container, MAX_HEADER, Section, Values, decode, encode};
-pub use limits::{MAX_BYTES, VERSION};

@@ -1,36 +1,32 @@
 //! A stream fed by realizations that come from elsewhere: running means, or line searches towards targets.
 
 use super::geometry::Geometry;
-use super::sections::Sections;
-use super::slot::damaged;
+use super::sections::NAMES;
 use crate::error::{Error, Result};
-use crate::fuse::{Dense, distance, norm};
+use crate::fuse::{Dense, distance, norm, step_towards};
 use crate::memory::{checked_len, try_collect, try_zeros};
 use crate::parallel::Stop;
 
 const WHAT: &str = "a stream";
-const FORMAT: u64 = 2;
-const LARGEST: u64 = 1 << 24;
 /// Largest relative error of one rounding.
 const U: f64 = 0.5 * f64::EPSILON;
-const NAMES: [&str; 3] = ["x0", "xf", "A"];
 
 /// One entity: its estimate and what its realizations say about their spread.
 #[derive(Debug, Clone, PartialEq)]
-struct Feed {
+pub(super) struct Feed {
     /// the mean of the realizations, or their fusion towards the target
-    estimate: Vec<f64>,
-    mean: Vec<f64>,
-    target: Option<Vec<f64>>,
-    first: Vec<f64>,
-    count: u64,
+    pub(super) estimate: Vec<f64>,
+    pub(super) mean: Vec<f64>,
+    pub(super) target: Option<Vec<f64>>,
+    pub(super) first: Vec<f64>,
+    pub(super) count: u64,
     /// `sqrt(sum_i ||E_i - mean||^2)`
-    deviation: f64,
+    pub(super) deviation: f64,
     /// `max_i ||E_i - E_1||`
-    spread: f64,
+    pub(super) spread: f64,
     /// The smallest and the largest value of every entry; of means only, empty with a target.
-    low: Vec<f64>,
-    high: Vec<f64>,
+    pub(super) low: Vec<f64>,
+    pub(super) high: Vec<f64>,
 }
 
 impl Feed {
@@ -77,8 +73,12 @@ impl Feed {
             return Err(TOO_LARGE);
         }
         if let Some(target) = &self.target {
-            let t = line_search(&self.estimate, e, target).ok_or(TOO_LARGE)?;
-            self.estimate.iter_mut().zip(e).for_each(|(f, e)| *f += t * (e - *f));
+            let off = |m: f64, ((f, e), t): ((&f64, &f64), &f64)| m.max((e - f).abs()).max((t - f).abs());
+            let far = self.estimate.iter().zip(e).zip(target).fold(0.0, off);
+            if !(far * (e.len() as f64).sqrt()).is_finite() {
+                return Err(TOO_LARGE); // nor is its norm
+            }
+            step_towards(&mut self.estimate, |k| e[k], target, 1.0 / far.max(f64::MIN_POSITIVE));
         }
         self.mean.iter_mut().zip(e).for_each(|(mean, e)| *mean += (e - *mean) / n);
         self.low.iter_mut().zip(e).for_each(|(low, e)| *low = low.min(*e));
@@ -119,26 +119,12 @@ impl Feed {
     }
 }
 
-/// `t = clip(<T - F, E - F> / ||E - F||^2, 0, 1)`, 0 if `E = F`; `None` if a difference is not representable.
-fn line_search(f: &[f64], e: &[f64], target: &[f64]) -> Option<f64> {
-    let (far, off) = (distance(e, f), distance(target, f));
-    if !far.is_finite() || !off.is_finite() {
-        return None;
-    }
-    if far == 0.0 || off == 0.0 {
-        return Some(0.0);
-    }
-    // the cosine of the two directions, in units in which nothing overflows
-    let cosine: f64 = f.iter().zip(e).zip(target).map(|((f, e), t)| ((t - f) / off) * ((e - f) / far)).sum();
-    Some((cosine * (off / far)).clamp(0.0, 1.0))
-}
-
 /// The sequential algorithm on realizations that are handed in.
 #[derive(Debug)]
 pub struct Data {
-    geometry: Geometry,
+    pub(super) geometry: Geometry,
     /// `x0`, `xf`, `A` (row by row)
-    feeds: [Feed; 3],
+    pub(super) feeds: [Feed; 3],
 }
 
 impl Data {
@@ -249,92 +235,18 @@ impl Data {
         let mut projected = |z: &[f64]| self.geometry.projected_norm(z, &mut room);
         Ok(Some((projected(&apart) + matrix, projected(&off))))
     }
-
-    /// Everything that the next update depends on.
-    ///
-    /// # Errors
-    /// [`Error::Memory`].
-    pub fn to_sections(&self) -> Result<Sections> {
-        let mut out = Sections::default();
-        let known = |feed: &Feed| u64::from(feed.target.is_some());
-        let [x0, xf, a] = &self.feeds;
-        let (n, m) = (self.geometry.n as u64, self.geometry.m as u64);
-        out.put_u64("format", &[FORMAT, n, m, known(x0), known(xf), known(a)])?;
-        out.put_f64("B", &self.geometry.b)?;
-        for (name, feed) in NAMES.iter().zip(&self.feeds) {
-            out.put_u64(format!("{name}.count"), &[feed.count])?;
-            out.put_f64(format!("{name}.range"), &[feed.deviation, feed.spread])?;
-            out.put_f64(format!("{name}.mean"), &feed.mean)?;
-            out.put_f64(format!("{name}.first"), &feed.first)?;
-            out.put_f64(format!("{name}.low"), &feed.low)?;
-            out.put_f64(format!("{name}.high"), &feed.high)?;
-            out.put_f64(format!("{name}.fused"), &feed.estimate)?;
-            out.put_f64(format!("{name}.aim"), feed.target.as_deref().unwrap_or_default())?;
-        }
-        Ok(out)
-    }
-
-    /// The stream that [`Data::to_sections`] wrote down.
-    ///
-    /// # Errors
-    /// [`Error::Value`] for `state` if the sections cannot come from a stream.
-    pub fn from_sections(mut from: Sections) -> Result<Self> {
-        let format = from.take_u64("format", None)?;
-        let (n, m, known) = match format[..] {
-            [FORMAT, n, m, x0, xf, a]
-                if (1..=LARGEST).contains(&n) && (1..=LARGEST).contains(&m) && x0 < 2 && xf < 2 && a < 2 =>
-            {
-                (n as usize, m as usize, [x0, xf, a].map(|known| known == 1))
-            }
-            _ => return Err(damaged("of format 2", format!("{format:?}"))),
-        };
-        let geometry = Geometry::new(from.take_f64("B", Some(n * m))?, n, m)?;
-        let mut made = Self::new(geometry, [None, None, None])?;
-        for ((feed, name), known) in made.feeds.iter_mut().zip(NAMES).zip(known) {
-            let dim = feed.mean.len();
-            let kept = if known { dim } else { 0 };
-            feed.count = from.take_u64(&format!("{name}.count"), Some(1))?[0];
-            let spread = from.take_f64(&format!("{name}.range"), Some(2))?;
-            (feed.deviation, feed.spread) = (spread[0], spread[1]);
-            feed.mean = from.take_f64(&format!("{name}.mean"), Some(dim))?;
-            feed.first = from.take_f64(&format!("{name}.first"), Some(dim))?;
-            feed.low = from.take_f64(&format!("{name}.low"), Some(dim - kept))?;
-            feed.high = from.take_f64(&format!("{name}.high"), Some(dim - kept))?;
-            feed.estimate = from.take_f64(&format!("{name}.fused"), Some(kept))?;
-            let target = from.take_f64(&format!("{name}.aim"), Some(kept))?;
-            feed.target = known.then_some(target);
-            // ||E_i - E_1|| <= spread for all i, so the means are within it too, and the deviation below spread sqrt(N)
-            let slack = 1.0 + 1e-6;
-            let near = |v: &[f64]| distance(v, &feed.first) <= slack * feed.spread + 1e-6 * size(v);
-            // the edges are on both sides of the first realization, and within the spread of it
-            let inside = |((low, high), first): ((&f64, &f64), &f64)| {
-                (0.0..=feed.spread).contains(&(first - low)) && (0.0..=feed.spread).contains(&(high - first))
-            };
-            let fits = near(&feed.mean)
-                && feed.low.iter().zip(&feed.high).zip(&feed.first).all(inside)
-                && (!known || near(&feed.estimate))
-                && (0.0..=slack * feed.spread * (feed.count as f64).sqrt()).contains(&feed.deviation)
-                && feed.count < 1 << 62
-                && (feed.count > 1 || feed.spread == 0.0);
-            if !fits {
-                return Err(damaged("means within the spread of their realizations", format!("others of {name:?}")));
-            }
-        }
-        from.finish()?;
-        Ok(made)
-    }
 }
 
 /// `A x` for a square matrix given row by row.
 fn rows_times(rows: &[f64], x: &[f64]) -> Result<Vec<f64>> {
-    try_collect(WHAT, rows.chunks_exact(x.len()).map(|row| super::vector::dot(row, x)))
+    try_collect(WHAT, rows.chunks_exact(x.len()).map(|row| crate::vector::dot(row, x)))
 }
 
 fn minus(a: &[f64], b: &[f64]) -> Result<Vec<f64>> {
     try_collect(WHAT, a.iter().zip(b).map(|(a, b)| a - b))
 }
 
-fn size(v: &[f64]) -> f64 {
+pub(super) fn size(v: &[f64]) -> f64 {
     norm(v.iter().copied())
 }
 

@@ -1,10 +1,10 @@
 //! What `B` says: its pseudoinverse, applied through the singular vectors, and the projector onto its range.
 
-use super::vector::{dot, norm};
 use crate::control::pseudoinverse;
 use crate::error::{Error, Result};
 use crate::fuse::power_of_two_scale;
 use crate::memory::try_zeros;
+use crate::vector::{dot, norm};
 
 /// `B` with its singular vectors: those of its range are an orthonormal basis of it.
 #[derive(Debug)]

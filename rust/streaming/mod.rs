@@ -15,8 +15,8 @@
 
 mod advance;
 mod data;
+mod data_state;
 mod geometry;
-mod greedy;
 mod products;
 mod read;
 mod sections;
@@ -25,7 +25,6 @@ mod state;
 mod stream;
 mod trace;
 mod variants;
-mod vector;
 
 pub use advance::{End, Limits, Rule};
 pub use data::Data;

@@ -3,9 +3,9 @@
 use super::slot::Slot;
 use super::stream::{Config, Lines, Room, Stream, Variant};
 use super::trace::Entry;
-use super::vector::{dot, norm};
 use crate::error::Result;
 use crate::memory::try_zeros;
+use crate::vector::{dot, norm};
 
 impl Stream {
     pub(super) fn literal(&self) -> bool {
@@ -54,7 +54,7 @@ impl Stream {
     pub fn residuals(&self) -> Result<[f64; 3]> {
         let literal = self.literal();
         let [mut line, mut off, ..] = Room::lines(self.geometry.n)?;
-        let mut residual = |slot: &Slot| slot.inner_products(literal, [&mut line, &mut off]).0.sqrt() * slot.scale;
+        let mut residual = |slot: &Slot| slot.squared_error(literal, [&mut line, &mut off]).sqrt() * slot.scale;
         Ok([0, 1, 2].map(|k| residual(&self.slots[k])))
     }
 

@@ -6,6 +6,12 @@ use crate::memory::{try_copy, try_push};
 
 const WHAT: &str = "a state";
 
+/// What the arrays of the three entities begin with.
+pub(super) const NAMES: [&str; 3] = ["x0", "xf", "A"];
+
+/// Above this a dimension cannot be one: `n^2` entries would not fit into any memory.
+pub(super) const LARGEST: u64 = 1 << 24;
+
 /// One array of a saved state.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Section {

@@ -3,24 +3,20 @@
 
 use super::geometry::Geometry;
 use super::products::Products;
-use super::sections::Sections;
+use super::sections::{LARGEST, NAMES, Sections};
 use super::slot::{Slot, damaged};
 use super::stream::{Config, Laws, Order, Stream, Variant};
 use super::trace::{Entry, on_grid};
 use super::variants::Raw;
-use super::vector::norm;
 use crate::error::Result;
 use crate::fuse::distance;
 use crate::memory::{try_collect, try_copy};
 use crate::stream::Key;
+use crate::vector::norm;
 
-/// Version of the sections; a reader refuses any other.
-const FORMAT: u64 = 1;
+/// Version of the sections; a reader refuses any other, which may take other steps in the last bits.
+const FORMAT: u64 = 2;
 
-/// Above this a dimension cannot be one: `n^2` entries would not fit into any memory.
-const LARGEST: u64 = 1 << 24;
-
-const NAMES: [&str; 3] = ["x0", "xf", "A"];
 const VARIANTS: [Variant; 3] = [Variant::Consistent, Variant::Semi, Variant::Literal];
 const ORDERS: [Order; 3] = [Order::Random, Order::RoundRobin, Order::Gain];
 
@@ -43,8 +39,8 @@ impl Stream {
         for (name, slot) in NAMES.iter().zip(&self.slots) {
             out.put_f64(*name, slot.law.values())?;
             let s = &slot.run.state;
-            out.put_f64(format!("{name}.state"), &[slot.run.c, slot.run.b, s.er, s.al, s.fs, s.ss, s.sa])?;
-            out.put_f64(format!("{name}.fused"), &slot.run.h)?;
+            out.put_f64(format!("{name}.state"), &[slot.run.c, slot.run.b, s.ff, s.al, s.er, s.fs, s.ss, s.sa])?;
+            out.put_f64(format!("{name}.fused"), &slot.run.tables.h)?;
             out.put_f64(format!("{name}.hits"), &slot.run.hits)?;
         }
         out.put_f64("products", &self.products.ff)?;
@@ -78,7 +74,7 @@ impl Stream {
                 let (variant, order) = (VARIANTS[variant as usize], ORDERS[order as usize]);
                 (n as usize, m as usize, Config { variant, safeguard: safeguard == 1, order })
             }
-            _ => return Err(damaged("of format 1", format!("{format:?}"))),
+            _ => return Err(damaged("of format 2", format!("{format:?}"))),
         };
         let bytes = from.take_u8("keys", 128)?;
         let mut keys = [Key([0; 32]); 4];
@@ -170,15 +166,16 @@ impl Stream {
 }
 
 fn load_slot(slot: &mut Slot, name: &str, count: u64, config: Config, from: &mut Sections) -> Result<()> {
-    let entries = slot.run.h.len();
-    let state = from.take_f64(&format!("{name}.state"), Some(7))?;
-    slot.run.h = from.take_f64(&format!("{name}.fused"), Some(entries))?;
+    let entries = slot.run.tables.h.len();
+    let state = from.take_f64(&format!("{name}.state"), Some(8))?;
+    slot.run.tables.h = from.take_f64(&format!("{name}.fused"), Some(entries))?;
     slot.run.hits = from.take_f64(&format!("{name}.hits"), Some(if config.safeguard { entries } else { 0 }))?;
     // the latest realization comes again from its number
     slot.sequence.seek(count - 1);
     slot.raw.copy_from_slice(slot.sequence.draw());
     let run = &mut slot.run;
-    [run.c, run.b, run.state.er, run.state.al, run.state.fs, run.state.ss, run.state.sa] = state[..]
+    let s = &mut run.state;
+    [run.c, run.b, s.ff, s.al, s.er, s.fs, s.ss, s.sa] = state[..]
         .try_into()
         .map_err(|_| damaged("of the right shapes", format!("{} numbers in {name:?}", state.len())))?;
     if !(run.c > 0.0 && run.c <= 1.0 && run.b >= 0.0 && (config.safeguard || run.b == 0.0)) {

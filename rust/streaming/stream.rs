@@ -5,11 +5,11 @@ use super::products::{Products, Start};
 use super::slot::Slot;
 use super::trace::{Entry, on_grid};
 use super::variants::Raw;
-use super::vector::norm;
 use crate::error::{Error, Result};
 use crate::memory::{checked_len, covered, room_for_products, try_filled, try_room, try_zeros};
 use crate::sample::{Law, Sequence};
 use crate::stream::Key;
+use crate::vector::norm;
 
 /// What is averaged into the control at each step; see Algorithm 1 of the paper, which can be read in three ways.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -236,7 +236,7 @@ impl Stream {
         let gain = |slot: &Slot, factor: f64| {
             let d2 = slot.run.state.er.max(0.0);
             let reached = (factor * slot.scale).powi(2) * d2;
-            if d2 > 0.0 { reached * (d2 / (slot.variance() + d2)) } else { 0.0 }
+            if d2 > 0.0 { reached * (d2 / (slot.variance + d2)) } else { 0.0 }
         };
         let gains = [gain(x0, self.norm_a), gain(xf, 1.0), gain(a, f0)];
         if !gains.iter().any(|g| *g > 0.0 && g.is_finite()) {
@@ -252,13 +252,13 @@ impl Stream {
             return;
         }
         let Room { lines: [line, off, ..], fresh } = &mut self.room;
-        self.slots.iter_mut().for_each(|slot| slot.refresh([line, off]));
+        self.slots.iter_mut().for_each(|slot| slot.run.refresh());
         self.start.update(&self.slots[0]);
         if self.config.variant != Variant::Consistent {
             return;
         }
         fresh.sum_up(&self.slots[2], &self.start, line);
-        let size = self.slots[2].run.state.ff().max(0.0).sqrt() * norm(&self.start.f);
+        let size = self.slots[2].run.state.ff.max(0.0).sqrt() * norm(&self.start.f);
         off.iter_mut().zip(&fresh.ff).zip(&self.products.ff).for_each(|((off, a), b)| *off = a - b);
         if size > 0.0 {
             self.drift = self.drift.max(norm(off) / size);
@@ -287,74 +287,4 @@ fn spectral_norm(a: &[f64], n: usize) -> Result<f64> {
 }
 
 #[cfg(test)]
-pub(super) mod tests {
-    use super::*;
-
-    /// A small problem with both signs and zeros.
-    pub(in crate::streaming) fn stream(n: usize, config: Config) -> Stream {
-        let entries = |count: usize, turn: f64| -> Vec<f64> {
-            (0..count).map(|i| if i % 7 == 5 { 0.0 } else { ((i as f64 + turn) * 2.399).sin() }).collect()
-        };
-        let m = n.div_ceil(2);
-        let geometry = Geometry::new(entries(n * m, 0.5), n, m).unwrap();
-        let keys = [1, 2, 3, 4].map(|k| Key([k; 32]));
-        let laws = Laws { x0: entries(n, 1.0), xf: entries(n, 2.0), a: entries(n * n, 3.0), keys };
-        Stream::new(geometry, laws, config).unwrap()
-    }
-
-    pub(in crate::streaming) fn every_config() -> Vec<Config> {
-        let mut all = Vec::new();
-        for order in [Order::Random, Order::RoundRobin, Order::Gain] {
-            for (variant, safeguard) in
-                [(Variant::Consistent, false), (Variant::Consistent, true), (Variant::Semi, false)]
-            {
-                all.push(Config { variant, safeguard, order });
-            }
-        }
-        all.push(Config { variant: Variant::Literal, safeguard: false, order: Order::Random });
-        all
-    }
-
-    /// What is carried along is what the entries say, also long after the last refresh.
-    #[test]
-    fn carried_numbers_agree_with_the_entries() {
-        for safeguard in [false, true] {
-            let config = Config { variant: Variant::Consistent, safeguard, order: Order::Random };
-            let mut stream = stream(12, config);
-            let [mut line, mut off, ..] = Room::lines(12).unwrap();
-            for _ in 0..60 {
-                for _ in 0..(stream.refresh_every - 1) {
-                    stream.step();
-                }
-                for slot in &stream.slots {
-                    let (er, al) = slot.inner_products(false, [&mut line, &mut off]);
-                    // a step adds rounding errors of order eps t ||E||^2, and t is of order d / ||E||
-                    let slack = 1e-12 * (er * slot.run.state.gg).sqrt();
-                    assert!((er - slot.run.state.er).abs() <= slack, "{er:e} {:e}", slot.run.state.er);
-                    assert!((al - slot.run.state.al).abs() <= 1e-10 * slot.run.state.aa);
-                    slot.check().unwrap();
-                }
-                let fresh = Products::direct(&stream.slots[2], &stream.start).unwrap();
-                assert!(crate::fuse::distance(&fresh.ff, &stream.products.ff) < 1e-12);
-                stream.step();
-            }
-            assert!(stream.drift() < 1e-12 && stream.certificate().unwrap().1 < 0.05);
-        }
-    }
-
-    /// For `n = 1` and an entity of a single atom the first realization is exact.
-    #[test]
-    fn scalars_are_exact_at_once() {
-        for config in every_config() {
-            let geometry = Geometry::new(vec![2.0], 1, 1).unwrap();
-            let keys = [Key([0; 32]); 4];
-            let laws = Laws { x0: vec![-3.0], xf: vec![5.0], a: vec![0.5], keys };
-            let mut stream = Stream::new(geometry, laws, config).unwrap();
-            for _ in 0..600 {
-                assert_eq!(stream.control().unwrap(), [3.25]);
-                assert_eq!(stream.residuals().unwrap(), [0.0; 3]);
-                stream.step();
-            }
-        }
-    }
-}
+pub(super) mod tests;

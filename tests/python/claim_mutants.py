@@ -16,7 +16,7 @@ import pytest
 
 import stochens_rs as se
 from stochens_rs.paper import bounds as printed_bounds
-from stochens_rs.paper import power, tracking
+from stochens_rs.paper import power, rationals, tracking
 from stochens_rs.paper.reachability import approximate, counterexamples, samples
 from stochens_rs.paper.verdicts import (
     algorithm_1,
@@ -27,7 +27,6 @@ from stochens_rs.paper.verdicts import (
     lemmas_on_tails,
     lemmas_on_weights,
     printed_figures,
-    rationals,
     section_5_2,
     tails,
 )
@@ -110,7 +109,7 @@ def scaled_atoms(factor: Callable[[Any], Any]) -> Patch:
     return change(
         rationals,
         "atoms",
-        lambda honest, w: [(p, tuple(factor(w) * x for x in atom)) for p, atom in honest(w)],
+        lambda honest, w: [(p, factor(w) * atom) for p, atom in honest(w)],
     )
 
 
@@ -157,29 +156,29 @@ def exact_path(*methods: str) -> Patch:
     return change(replicate, "fuse_path", exact)
 
 
-aligned = put(counterexamples, "_GOOD", {"x0": 0, "A": 0, "B": 0})
+aligned = put(counterexamples, "_GOOD", {"x0": 0, "A": 0, "B": 0, "xf": 0})
 deterministic = both(put(rationals, "atoms", certain), put(rationals, "matrix_atoms", certain))
 unsigned = change(
     rationals,
     "atoms",
-    lambda honest, w: [(p, tuple(abs(x) for x in atom)) for p, atom in honest(w)],
+    lambda honest, w: [(p, abs(atom)) for p, atom in honest(w)],
 )
 double = scaled_atoms(lambda w: 2)
-unit = scaled_atoms(lambda w: 1 / (sum(map(abs, w)) or rationals.ONE))
+unit = scaled_atoms(lambda w: 1 / (abs(w).sum() or rationals.ONE))
 rows_like_columns = put(rationals, "row_atoms", rationals.matrix_atoms)
 alse_is_the_mean = put(rationals, "alse", lambda samples, w: rationals.mean(samples))
 slse_no_worse_than_the_mean = change(
     rationals,
     "slse",
     lambda honest, samples, w: [
-        min(error, rationals.distance(rationals.mean(samples[: k + 1]), w))
+        min(error, rationals.square(rationals.mean(samples[: k + 1]) - w))
         for k, error in enumerate(honest(samples, w))
     ],
 )
 printed_recursion = put(
     rationals,
     "slse",
-    lambda samples, w: [rationals.distance(rationals.towards(samples[1], samples[0], w), w)],
+    lambda samples, w: [rationals.square(rationals.towards(samples[1], samples[0], w) - w)],
 )
 
 
@@ -194,7 +193,7 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
             algorithm_1, "_printed", lambda samples, w: rationals.slse_path(samples, w)[-1]
         ),
         "SLSE is the printed loop": put(
-            rationals, "slse", lambda s, w: [rationals.distance(algorithm_1._printed(s, w), w)]
+            rationals, "slse", lambda s, w: [rationals.square(algorithm_1._printed(s, w) - w)]
         ),
     },
     ("Contribution vi", 1): {
@@ -206,7 +205,7 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
     },
     ("Definition 2.1, eq. (3)", 0): {
         "products from left to right": change(
-            rationals, "matmul", lambda honest, A, B: honest(B, A)
+            definitions, "_product", lambda honest, factors: honest(factors[::-1])
         ),
     },
     ("Definition 2.2", 0): {"no randomness": put(rationals, "matrix_atoms", certain)},
@@ -235,7 +234,7 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
         "realizations with another average": change(
             lemmas_on_reachability,
             "_alternating",
-            lambda honest, N: (honest(N)[0], [rationals.ZERO] * N),
+            lambda honest, N: (honest(N)[0], 0 * honest(N)[0]),
         ),
     },
     ("Lemma 4.1", 0): {"no signs": unsigned, "another length": double},
@@ -253,7 +252,9 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
     ("Remark after Lemma 4.1, rows", 1): {"rows drawn by columns": rows_like_columns},
     ("Remark after Lemma 4.1, sparsity", 0): {
         "entries where A has none": put(
-            rationals, "matrix_atoms", lambda A: [(rationals.ONE, ((rationals.ONE,) * 3,) * 3)]
+            rationals,
+            "matrix_atoms",
+            lambda A: [(rationals.ONE, rationals.array(np.ones((3, 3), dtype=int)))],
         ),
         "no randomness": put(rationals, "matrix_atoms", certain),
         "other signs": scaled_atoms(lambda w: -1),
@@ -290,7 +291,7 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
             lemmas_on_tails, "_row_sums", lambda M: max(abs(x) for row in M for x in row)
         ),
         "a smaller constant": change(
-            rationals, "spectral_at_most", lambda honest, M, square: honest(M, square * 3 / 4)
+            rationals, "spectral_at_most", lambda honest, M, bound: honest(M, bound * 3 / 4)
         ),
     },
     ("Lemma 4.3", 0): {
@@ -359,7 +360,7 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
         "Frobenius norms": put(
             rationals,
             "spectral_at_most",
-            lambda M, square: sum(x * x for row in M for x in row) <= square,
+            lambda M, bound: rationals.square(M) <= bound,
         ),
         "ALSE is not the optimum": put(rationals, "towards", lambda F, E, target: F),
     },
@@ -389,7 +390,7 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
             replicate, "sample", lambda honest, M, *args, **kwargs: honest(2.0 * M, *args, **kwargs)
         ),
     },
-    ("Figure 3, order", 0): {"A = I": put(section_5_2, "_scaled", lambda a, e: e)},
+    ("Figure 3, order", 0): {"A = I": put(section_5_2, "_GAINS", (1, 1, 1))},
     ("Figure 3, order", 1): {"ALSE and SLSE are exact": exact_path("alse", "slse")},
     ("Section 5.2, computed states", 0): {"good realizations at one index": aligned},
     ("Section 5.2, computed states", 1): {

@@ -1,8 +1,9 @@
-"""Who may import whom: the rooms of the package have an order, and each knows only lower ones."""
+"""Who may use whom: the rooms of package and core have an order, and each knows only lower ones."""
 
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -109,8 +110,10 @@ def order_faults(package: Package) -> Iterator[str]:
 
 def circles(package: Package) -> list[str]:
     """Modules that need themselves, through whatever they import."""
-    needs = {module: package.needs(module) for module in package.trees}
+    return in_circles({module: package.needs(module) for module in package.trees})
 
+
+def in_circles(needs: dict[str, set[str]]) -> list[str]:
     def all_needed(module: str) -> set[str]:
         seen: set[str] = set()
         left = [module]
@@ -256,3 +259,122 @@ def test_every_fault_is_seen(check: str, sources: dict[str, str]) -> None:
 
 def test_a_sound_package_has_no_faults() -> None:
     assert [fault for check in CHECKS.values() for fault in check(Package(SOUND))] == []
+
+
+# -- the core ----------------------------------------------------------------------------------
+
+# Lowest first, as LAYERS: the files and folders of `rust/`. Its root, `lib.rs`, only names them.
+CORE = (
+    ("fault", "lanes", "plain", "prefetch", "vector"),
+    ("error", "past_caches", "wide"),
+    ("memory", "parallel", "stream"),
+    ("pages",),
+    ("sample",),
+    ("fuse",),
+    ("control",),
+    ("simulate", "storage", "streaming"),
+    ("python",),
+)
+CORE_HEIGHT = {room: height for height, rooms in enumerate(CORE) for room in rooms}
+
+
+class Core:
+    """The modules of a crate by their paths (`fuse::slse`), from the sources of its files."""
+
+    def __init__(self, sources: dict[str, str]) -> None:
+        self.uses: dict[str, list[list[str]]] = {}
+        for path, source in sources.items():
+            module = path.removesuffix(".rs").removesuffix("lib").removesuffix("/mod")
+            text = re.sub("//.*", "", source).partition("#[cfg(test)]\nmod tests {")[0]
+            uses = {name for use in re.findall(r"\buse ([^;]+);", text) for name in spread(use)}
+            uses |= set(re.findall(r"\b(?:crate|super)(?:::\w+)+", text))
+            self.uses[module.replace("/", "::")] = [name.split("::") for name in sorted(uses)]
+        # the names that a module hands on, and where it has them from
+        self.handed = {f"{m}::{use[-1]}": (m, use) for m, uses in self.uses.items() for use in uses}
+
+    def target(self, here: str, use: list[str]) -> str:
+        """The module that `use` in `here` leads to, by way of those that hand a name on."""
+        at = "" if use[0] == "crate" else here
+        for part in use:
+            inner = f"{at}::{part}".removeprefix("::")
+            if part == "super":
+                at = at.rpartition("::")[0]
+            elif inner in self.uses:
+                at = inner
+            elif part not in ("crate", "self"):
+                handed = None if at == here else self.handed.get(f"{at}::{part}")
+                return self.target(*handed) if handed else at
+        return at
+
+    def needs(self, module: str) -> set[str]:
+        """What `module` uses, but for the modules around it and in it."""
+        found = {self.target(module, use) for use in self.uses[module]}
+        return {
+            to
+            for to in found
+            if not f"{to}::".startswith(f"{module}::") and not f"{module}::".startswith(f"{to}::")
+        }
+
+
+def spread(use: str) -> list[str]:
+    """`a::{b, c::{d, e}}` as `a::b`, `a::c::d` and `a::c::e`."""
+    use = re.sub(r"\bas \w+|\s", "", use)
+    while inner := re.search(r"([\w:]*)\{([^{}]*)\}", use):
+        flat = ",".join(inner[1] + name for name in inner[2].split(",") if name)
+        use = use[: inner.start()] + flat + use[inner.end() :]
+    return [name.removesuffix("::self") for name in use.split(",")]
+
+
+def core_faults(core: Core) -> Iterator[str]:
+    """Uses of a higher room or of one beside, and files in circles."""
+    needs = {module: core.needs(module) - {""} for module in core.uses if module}
+    yield from in_circles(needs)
+    for module, targets in needs.items():
+        room = module.partition("::")[0]
+        if room not in CORE_HEIGHT:
+            yield f"{module}: give the room {room!r} a place in CORE"
+            continue
+        for other in {target.partition("::")[0] for target in targets} - {room}:
+            if CORE_HEIGHT.get(other, len(CORE)) >= CORE_HEIGHT[room]:
+                yield f"{module}: must not use {other}"
+
+
+def test_the_core_stands() -> None:
+    root = Path(__file__).parents[2] / "rust"
+    files = [p for p in root.rglob("*.rs") if "tests" not in p.with_suffix("").parts]
+    core = Core({p.relative_to(root).as_posix(): p.read_text("utf-8") for p in files})
+    assert {"vector", "fuse", "fuse::line_search", "sample::law"} <= core.needs("streaming::slot")
+    assert "error" in core.needs("streaming::slot")  # `crate::Error` and `crate::error::Error`
+    assert list(core_faults(core)) == []
+
+
+CORE_FAULTS = [
+    {"fuse/slse.rs": "use crate::streaming::Stream;", "streaming/mod.rs": ""},
+    {"fuse/slse.rs": "fn f() { crate::python::run(); }", "python/mod.rs": ""},
+    {"sample/law.rs": "use crate::{Stop, fuse::{Dense, distance}};", "fuse/mod.rs": ""},
+    {"error.rs": "use crate::{Stop};", "lib.rs": "pub use parallel::Stop;", "parallel.rs": ""},
+    {"attic.rs": ""},
+    {"fuse/a.rs": "use super::b::x;", "fuse/b.rs": "use super::{a::{y, z}, c};"},
+    {
+        "fuse/mod.rs": "mod a;\npub use a::x;",
+        "fuse/a.rs": "use super::b::y;",
+        "fuse/b.rs": "use super::x;",
+    },
+]
+
+
+@pytest.mark.parametrize("sources", CORE_FAULTS)
+def test_every_fault_of_a_core_is_seen(sources: dict[str, str]) -> None:
+    assert len(list(core_faults(Core(sources)))) >= 1
+
+
+def test_a_sound_core_has_no_faults() -> None:
+    sound = {
+        "lib.rs": "mod error;\npub use error::Error;",
+        "error.rs": "",
+        "fuse/mod.rs": "mod a;\nmod b;\npub use a::x;\nuse crate::Error;",
+        "fuse/a.rs": "use super::b::y; // crate::python",
+        "fuse/b.rs": "#[cfg(test)]\nmod tests {\n    use super::super::a::x;\n}",
+        "python/mod.rs": "use crate::fuse::{self, x};",
+    }
+    assert list(core_faults(Core(sound))) == []

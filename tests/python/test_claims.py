@@ -12,13 +12,14 @@ import pytest
 import stochens_rs as se
 from claim_mutants import MUTANTS, ROWS, Patch
 from stochens_rs import reference
+from stochens_rs.paper import rationals as exact
 from stochens_rs.paper.verdicts import algorithm_1 as streams
 from stochens_rs.paper.verdicts import definitions, tails
 from stochens_rs.paper.verdicts import lemmas_on_tails as tail_bounds
 from stochens_rs.paper.verdicts import lemmas_on_weights as weights
-from stochens_rs.paper.verdicts import rationals as exact
 from stochens_rs.paper.verdicts.comparison import compare
 from stochens_rs.paper.verdicts.printed_figures import section_5
+from stochens_rs.paper.verdicts.records import statements
 from stochens_rs.rng import as_key
 from stochens_rs.theory import moments
 
@@ -44,8 +45,11 @@ def found() -> se.paper.Claims:
 
 def test_every_statement_has_its_row_and_its_evidence(found: se.paper.Claims) -> None:
     assert {row.item for row in found.rows if row.verdict == "false"} == FALSE
+    assert [row.item for row in found.rows] == statements().sections()
     for row in found.rows:
         assert row.evidence
+        assert set(statements()[row.item]) <= {"says", "verdict", "true"}
+        assert row.verdict in ("holds", "holds with a correction", "false")
         assert (row.corrected == "") == (row.verdict == "holds")
 
 
@@ -176,34 +180,42 @@ def test_the_evidence_fails(
 
 
 def test_exact_realizations() -> None:
-    w = exact.vector(3, -1, 0, 2)
+    w = exact.array([3, -1, 0, 2])
     masses = exact.atoms(w)
     assert sum(p for p, _ in masses) == 1
-    mean = exact.vector(0, 0, 0, 0)
-    for p, atom in masses:
-        mean = exact.combine(exact.ONE, mean, p, atom)
-    assert mean == w
-    assert exact.atoms(exact.vector(0, 0)) == [(1, exact.vector(0, 0))]
-    A = (exact.vector(1, 0), exact.vector(-2, 0))
-    assert len(exact.matrix_atoms(A)) == 2
+    assert np.array_equal(sum(p * atom for p, atom in masses), w)
+    [(p, zero)] = exact.atoms(exact.array([0, 0]))
+    assert p == 1
+    assert not zero.any()
+    A = exact.array([[1, 0], [-2, 3]])
+    for law, count in ((exact.matrix_atoms(A), 2), (exact.row_atoms(A), 2)):
+        assert len(law) == count
+        assert np.array_equal(sum(p * one for p, one in law), A)
+
+
+def test_nothing_exact_becomes_a_float() -> None:
+    w = exact.array([3, -1, 0, 2])
+    for _, samples in exact.sequences(w, 2):
+        for x in (*samples, exact.mean(samples), exact.alse(samples, w), exact.slse(samples, w)):
+            assert {type(entry) for entry in x} == {Fraction}
+    assert type(exact.square(0 * w)) is type(exact.weight(w, w, w)) is Fraction
 
 
 def test_exact_slse_is_the_references() -> None:
     gen = np.random.default_rng(0)
-    samples = [exact.vector(*map(int, gen.integers(-5, 6, 3))) for _ in range(12)]
-    target = exact.vector(1, -2, 1)
-    floats = np.array(samples, dtype=float)
-    errors = reference.slse(floats, np.array(target, dtype=float)).errors
-    assert np.allclose(errors**2, np.array(exact.slse(samples, target), dtype=float), atol=1e-12)
+    samples = exact.array(gen.integers(-5, 6, (12, 3)))
+    target = exact.array([1, -2, 1])
+    errors = reference.slse(exact.floats(samples), exact.floats(target)).errors
+    assert np.allclose(errors**2, exact.floats(exact.slse(samples, target)), atol=1e-12)
 
 
 def test_the_numbers_of_the_enumeration() -> None:
-    w = exact.vector(2, 1, 1)
+    w = exact.array([2, 1, 1])
     third = sum(p * exact.slse(s, w)[-1] for p, s in exact.sequences(w, 3))
     assert third == Fraction(4073, 1568)
     cases = [[0, 0, 1, 2], [0, 1, 2, 0]]
-    atoms = [tuple(4 if k == i else 0 for k in range(3)) for i in range(3)]
-    ends = [exact.slse([exact.vector(*atoms[i]) for i in case], w)[-1] for case in cases]
+    atoms = exact.array(4 * np.eye(3, dtype=int))
+    ends = [exact.slse(atoms[case], w)[-1] for case in cases]
     assert ends == [Fraction(3, 98), Fraction(75, 7154)]
 
 
@@ -211,19 +223,15 @@ def test_exact_norms_and_weights_are_numpys() -> None:
     gen = np.random.default_rng(1)
     for _ in range(50):
         M = gen.integers(-4, 5, (2, 2))
-        rows = exact.vector(*map(int, M[0])), exact.vector(*map(int, M[1]))
         norm = float(np.linalg.norm(M, 2))
         above, below = (Fraction(norm**2 + 1e-6 * sign) for sign in (1, -1))
-        assert exact.spectral_at_most(rows, above)
-        assert norm == 0.0 or not exact.spectral_at_most(rows, below)
-    w = exact.vector(3, -1, 0, 2)
+        assert exact.spectral_at_most(exact.array(M), above)
+        assert norm == 0.0 or not exact.spectral_at_most(exact.array(M), below)
+    w = exact.array([3, -1, 0, 2])
     for _, samples in exact.sequences(w, 3):
-        fit = se.fuse(
-            se.Ensemble.from_samples(np.array(samples, dtype=float)),
-            "alse",
-            target=np.array(w, dtype=float),
-        )
-        assert np.allclose(fit.estimate, np.array(exact.alse(samples, w), dtype=float), atol=1e-9)
+        ensemble = se.Ensemble.from_samples(exact.floats(samples))
+        fit = se.fuse(ensemble, "alse", target=exact.floats(w))
+        assert np.allclose(fit.estimate, exact.floats(exact.alse(samples, w)), atol=1e-9)
 
 
 def test_simulated_drift_has_the_exact_mean_square() -> None:

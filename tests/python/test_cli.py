@@ -222,6 +222,20 @@ def test_version_and_help(capsys):
         assert option in text
 
 
+@pytest.mark.parametrize("command", [[], *([name] for name in cli.cli.commands)])
+def test_every_help_has_the_exit_codes(command, capsys):
+    assert cli.main([*command, "--help"]) == 0
+    text = " ".join(capsys.readouterr().out.split())
+    for code in ("0 done", "1 internal", "2 usage", "3 a verdict", "5 reading", "130 int", "143"):
+        assert code in text
+
+
+def test_no_summary_of_a_command_is_cut(capsys):
+    assert cli.main(["--help"]) == 0
+    assert "..." not in capsys.readouterr().out.partition("Commands:")[2]
+    assert all(len(one.get_short_help_str(45)) <= 45 for one in cli.cli.commands.values())
+
+
 def test_module_runs_as_a_program():
     done = run("--version")
     assert done.returncode == 0

@@ -329,9 +329,9 @@ def test_damaged_states_are_refused():
         {**state, "A.low": state["A.low"] - 1e6},
         {**state, "A.high": state["A.low"]},
         {**state, "sizes": np.array([2**60, 0, 0], dtype=np.uint64)},
-        {**state, "format": np.array([1, N, INPUTS, 0, 1, 0], dtype=np.uint64)},  # an older one
-        {**state, "format": np.array([2, N, INPUTS, 1, 1, 0], dtype=np.uint64)},
-        {**state, "format": np.array([2, 2**60, 2**60, 0, 1, 0], dtype=np.uint64)},
+        {**state, "format": np.array([2, N, INPUTS, 0, 1, 0], dtype=np.uint64)},  # an older one
+        {**state, "format": np.array([3, N, INPUTS, 1, 1, 0], dtype=np.uint64)},
+        {**state, "format": np.array([3, 2**60, 2**60, 0, 1, 0], dtype=np.uint64)},
         {**state, "more": np.zeros(3)},
     ]
     for sections in broken:

@@ -285,6 +285,21 @@ def test_other_cases_run():
     assert (large.settings["n"], large.settings["m"]) == (20, 10)
 
 
+def test_a_case_of_the_table_can_be_run(monkeypatch):
+    def slow(*, dt=1.0):
+        return se.cases.ieee14(dt=dt)
+
+    monkeypatch.setitem(se.cases.CASES, "slow", slow)
+    made = power(rng=1, replicates=1, samples=10, case="slow", dt=0.5)
+    same = power(rng=1, replicates=1, samples=10, dt=0.5)
+    assert made.settings["case"] == "slow"
+    assert errors_of(made) == errors_of(same)
+    with pytest.raises(
+        se.exceptions.InputError, match="`method` must be left out with case 'slow'"
+    ):
+        power(rng=1, case="slow", method="euler")
+
+
 @pytest.mark.parametrize(
     ("run", "options", "word"),
     [

@@ -19,7 +19,8 @@ from matplotlib.figure import Figure
 from stochens_rs.exceptions import InputError
 from stochens_rs.plots import files as plots
 from stochens_rs.studies import Curve, Experiment, Panel
-from stochens_rs.studies.figures import STYLES, _number, _ticks
+from stochens_rs.studies.figures import _number, _ticks
+from stochens_rs.studies.methods import STYLES
 
 
 def made(*, zeros=False, name="power"):

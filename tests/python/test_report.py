@@ -17,7 +17,7 @@ pytest.importorskip("jinja2")
 
 from stochens_rs import paper
 from stochens_rs.paper import power, tracking
-from stochens_rs.paper.report.page import number, percent, render
+from stochens_rs.paper.report.page import COLUMNS, number, percent, render
 from stochens_rs.studies import Experiment
 
 VOID = {"meta", "img", "br", "hr", "link", "input"}
@@ -140,6 +140,13 @@ def test_rounding_is_no_figure():
     table = render("errors.html.j2", [experiment])
     assert table.count('<td class="n" colspan="4">zero to rounding</td>') == 1
     assert "e-1" not in table
+
+
+def test_a_column_of_the_table_is_shown(experiments, monkeypatch):
+    monkeypatch.setitem(COLUMNS, "replicates", "runs")
+    table = render("errors.html.j2", experiments[:1])
+    assert '<th class="n">runs</th><th class="n">exact rms</th>' in table
+    assert table.count('<td class="n">4</td>') == len(paper.final_errors(experiments[:1]))
 
 
 def test_the_time_of_a_short_run(experiments):

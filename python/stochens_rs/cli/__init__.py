@@ -1,9 +1,4 @@
-"""The command ``stochens``: one file per subcommand.
-
-Exit codes: 0 done, 1 internal error, 2 usage or input, 3 a verdict is contradicted (`claims`),
-5 reading or writing files, 130 interrupted, 143 terminated.
-Results go to stdout, everything else (progress, the files written, errors) to stderr.
-"""
+"""The command ``stochens``: one file per subcommand."""
 
 from __future__ import annotations
 
@@ -15,28 +10,41 @@ import click
 from .._base.files import versions
 from ..exceptions import InputError, InputTypeError, ResourceError, StateError
 from . import _claims, _info, _plan, _reproduce, _stream
-from ._output import note, occupy_standard_descriptors, show
+from ._output import INTERRUPTED, note, occupy_standard_descriptors, show
 
 __all__ = ["main"]
 
-OK, INTERNAL, USAGE, IO, INTERRUPTED = 0, 1, 2, 5, 130
+OK, INTERNAL, USAGE, IO = 0, 1, 2, 5
+EXIT_CODES = (
+    "Exit codes: 0 done, 1 internal error, 2 usage or input, 3 a verdict is contradicted (claims), "
+    "5 reading or writing files, 130 interrupted (Ctrl-C), 143 terminated (SIGTERM, stream)."
+)
 
 
 @click.group(
     invoke_without_command=True,
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    epilog=EXIT_CODES,
+    context_settings={
+        "help_option_names": ["-h", "--help"],
+        "max_content_width": 100,
+        "show_default": True,
+    },
 )
 @click.version_option(
     versions()["stochens_rs"], prog_name="stochens", message="%(prog)s %(version)s"
 )
 @click.pass_context
 def cli(context: click.Context) -> None:
-    """Control of a linear system that is known only through random realizations."""
+    """Control of a linear system that is known only through random realizations.
+
+    Results go to standard output; progress, names of written files and errors to standard error.
+    """
     if context.invoked_subcommand is None:
         show(context.get_help())
 
 
 for _command in (_reproduce.reproduce, _claims.claims, _plan.plan, _stream.stream, _info.info):
+    _command.epilog = EXIT_CODES
     cli.add_command(_command)
 
 
@@ -51,7 +59,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        0, 1, 2, 3, 5 or 130 (see the top of this file).
+        The exit code, as listed by ``stochens --help``.
 
     Examples
     --------
@@ -70,7 +78,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _fail(error.format_message(), USAGE)
     except (click.Abort, KeyboardInterrupt):
         return _fail("interrupted", INTERRUPTED)
-    except SystemExit:  # click leaves so when whoever read the output has gone
+    except SystemExit:  # raised by click when the reader of the output has closed it
         return IO
     except (OSError, StateError) as error:
         return _fail(str(error), IO)
@@ -81,6 +89,6 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _fail(message: str, code: int) -> int:
-    """One line on stderr."""
+    """Say why in one line on standard error."""
     note(f"stochens: {' '.join(message.split())}")
     return code

@@ -4,21 +4,26 @@ from __future__ import annotations
 
 import click
 
+from ..cases import CASES
+
 case_option = click.option(
     "--case",
-    type=click.Choice(("ieee14", "ieee39")),
-    help="A system that comes with the package.",
+    type=click.Choice(tuple(CASES)),
+    help="An example system of the package.",
 )
 file_option = click.option(
     "--file",
     "path",
     metavar="FILE",
-    help="Your own: .npz or JSON with A, B and, if you have them, x0 and xf.",
+    help="Your own system: .npz or JSON with A, B and optionally x0, xf.",
 )
 seed_option = click.option(
     "--seed",
     type=click.IntRange(min=0),
     default=1,
-    show_default=True,
-    help="Source of all randomness.",
+    help="Seed of all random numbers.",
 )
+force_option = click.option(
+    "--force", is_flag=True, help="Replace the files of a run with other options."
+)
+json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")

@@ -1,4 +1,4 @@
-"""Where results go: stdout, and a directory that is tried before anything is computed."""
+"""Where results go: standard output, and a directory that is checked before the computation."""
 
 from __future__ import annotations
 
@@ -16,9 +16,11 @@ import click
 
 from ..exceptions import InputError
 
+INTERRUPTED = 130  # exit code after Ctrl-C: 128 + SIGINT
+
 
 def occupy_standard_descriptors() -> None:
-    """Open what was closed (``2>&-``), or the next file would be the standard error output."""
+    """Open closed standard streams (``2>&-``), so that no later file gets their numbers."""
     for number in range(3):
         try:
             os.fstat(number)
@@ -27,29 +29,35 @@ def occupy_standard_descriptors() -> None:
 
 
 def note(text: str) -> None:
-    """To stderr; that nobody can read it is no failure of the command."""
+    """Write to standard error; the command goes on if that fails."""
     with contextlib.suppress(OSError):
         click.echo(text, err=True)
 
 
 def show(text: str) -> None:
-    """To stdout, at once, so that a reader who has gone is noticed here."""
+    """Write to standard output and flush, so that a closed pipe is noticed here."""
     try:
         sys.stdout.write(text + "\n")
         sys.stdout.flush()
-    except BrokenPipeError:  # who read it has gone: click ends the command
+    except BrokenPipeError:  # the reader has closed it: click ends the command
         raise
     except OSError as error:
         raise OSError(f"cannot write to standard output: {error.strerror}") from None
 
 
+def show_result(facts: dict[str, Any], text: str, as_json: bool) -> None:
+    """Print the result as JSON or as text."""
+    show(json.dumps(facts, allow_nan=False, indent=2) if as_json else text)
+
+
 def prepared(
     out: str, index: str, names: re.Pattern[str], options: dict[str, Any], force: bool
 ) -> tuple[Path, list[Path]]:
-    """Make the directory and try it before anything is computed.
+    """Make the directory and check that it can be written, before anything is computed.
 
-    Also returns the files of an earlier run that this one replaces; refuses to replace any others.
-    The index lists each file with its SHA-256, and the options of the run (`write_listed`).
+    Returns it and the files of an earlier run that this one replaces; raises if other files would
+    be replaced. `index` is the file that lists the others with their SHA-256, and the options of
+    the run (`write_listed`); `names` matches all names the command may write.
     """
     if not out.strip():
         raise click.BadParameter("the directory has no name", param_hint="--out")
@@ -69,7 +77,7 @@ def _replaceable(
     try:
         found = json.loads((directory / index).read_bytes())
         listed, before = dict(found["files"]), dict(found["options"])
-    except (OSError, ValueError, TypeError, KeyError):  # none, or not ours
+    except (OSError, ValueError, TypeError, KeyError):  # no index, or not of this command
         listed, before = {}, {}
     for name in sorted(there):
         path = directory / name
@@ -90,5 +98,5 @@ def _replaceable(
     else:
         other = "the same options"
     note(f"replacing the results of a run with {other} in {directory}")
-    # the index goes last, by being written anew: it says whose the others are
+    # without the index, which is overwritten at the end: it lists the files of this command
     return [directory / name for name in there - {index}]

@@ -2,66 +2,59 @@
 
 from __future__ import annotations
 
-import json
-
 import click
 
 from ..controls.planning import required_samples
 from ..rng import as_key
-from ._options import case_option, file_option, seed_option
-from ._output import show
+from ._options import case_option, file_option, json_option, seed_option
+from ._output import show_result
 from ._problem import problem, share
 
 
-@click.command()
+@click.command(short_help="Find the number of samples for an accuracy.")
 @case_option
 @file_option
 @click.option(
     "--error",
     metavar="E",
     default="5%",
-    show_default=True,
-    help="Error to stay below, 5% or 0.05 of what the table says; with --absolute in units of the "
-    "quantity.",
+    help="Largest error, 5% or 0.05 of the norm of the exact control or of the state it leads to; "
+    "with --absolute in units of the control or state.",
 )
 @click.option(
     "--delta",
     metavar="P",
     default="5%",
-    show_default=True,
-    help="Probability with which it may be exceeded all the same.",
+    help="Probability with which the error may be larger.",
 )
 @click.option(
     "--quantity",
     type=click.Choice(["state", "control"]),
     default="state",
-    show_default=True,
-    help="Whose error: that of the state after the step, or of the control.",
+    help="Error of the state after the last step, or of the control.",
 )
 @click.option(
     "--fusion",
     type=click.Choice(["product", "diagonal"]),
     default="product",
-    show_default=True,
-    help="Each entity averaged first, or one control per realization, then averaged.",
+    help="product: average x0, xf and A, then compute the control; diagonal: average the controls "
+    "of single realizations.",
 )
 @click.option(
     "--steps",
     type=click.IntRange(min=1),
     default=1,
-    show_default=True,
     help="Number of steps of the control.",
 )
-@click.option("--absolute", is_flag=True, help="The error is absolute.")
+@click.option("--absolute", is_flag=True, help="--error is absolute, not relative.")
 @click.option(
     "--runs",
     type=click.IntRange(min=20),
     default=1000,
-    show_default=True,
-    help="Simulated fusions.",
+    help="Number of simulated runs.",
 )
 @seed_option
-@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of the table.")
+@json_option
 def plan(
     case: str | None,
     path: str | None,
@@ -75,14 +68,13 @@ def plan(
     seed: int,
     as_json: bool,
 ) -> None:
-    """How many samples for this accuracy at this confidence.
+    """Find how many samples N keep an error below E with probability 1 - P.
 
-    Prints the number N that every bound asks for, the exact root mean square error there, and what
-    a simulation says: the error that all but the share delta of the runs stay below, and in how
-    many runs the error was too large.
+    Prints the N of every bound, the exact root mean square error for it, and from simulated runs:
+    the error that a share P of the runs exceeds, and the number of runs with an error above E.
 
-    States that the file does not have: x0 is drawn (standard normal; for a case with standard
-    deviation 0.1), xf is the origin.
+    If the file has no x0, it is drawn from the standard normal distribution (for --case with
+    standard deviation 0.1). If it has no xf, the target is the origin.
     """
     key = as_key(seed)
     system, x0, xf = problem(case, path, key)
@@ -99,4 +91,4 @@ def plan(
         runs=runs,
         rng=key.child("simulation"),
     )
-    show(json.dumps(found.to_dict(), allow_nan=False, indent=2) if as_json else str(found))
+    show_result(found.to_dict(), str(found), as_json)

@@ -1,4 +1,4 @@
-"""The control problem that `plan` and `stream` are asked about."""
+"""The control problem of `plan` and `stream`, and numbers given in percent."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ Floats: TypeAlias = NDArray[np.float64]
 
 
 def problem(case: str | None, path: str | None, key: Key) -> tuple[System, Floats, Floats]:
-    """System, x0 and xf; states that the file does not have are drawn (x0) or zero (xf)."""
+    """System, x0 and xf; an x0 that is not in the file is drawn, and such an xf is 0."""
     if (case is None) == (path is None):
         raise click.UsageError("give either --case or --file")
     if path is not None:
         given = cases.from_file(path)
         system, x0, xf, spread = given.system, given.x0, given.xf, 1.0
     else:
-        system = cases.ieee14() if case == "ieee14" else cases.ieee39()
-        x0, xf, spread = None, None, 0.1  # radians and radians per second
+        system = cases.CASES[str(case)]()
+        x0, xf, spread = None, None, 0.1  # rad and rad/s
     if x0 is None:
         x0 = spread * key.child("x0").generator().standard_normal(system.n)
     return system, x0, np.zeros(system.n) if xf is None else xf
 
 
 def share(text: str, option: str, *, relative: bool = True) -> float:
-    """``5%`` or ``0.05``; a relative one of 1 and more needs its percent sign: 5 is a slip."""
+    """Read ``5%`` or ``0.05``; refuse a relative 5 without percent sign as a likely mistake."""
     number = text.strip().removesuffix("%")
     try:
         value = float(number)

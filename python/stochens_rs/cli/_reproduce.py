@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from typing import Any
 
@@ -10,12 +9,12 @@ import click
 
 from .. import paper
 from .._base.files import versions
-from ..paper.report.page import require_report
+from ..paper.report.page import COLUMNS, require_report
 from ..rng import as_key
-from ._options import seed_option
-from ._output import note, prepared, show
+from ._options import force_option, json_option, seed_option
+from ._output import note, prepared, show_result
 
-# Small enough for a first look in seconds; the full run is the default.
+# Options of --quick.
 QUICK: dict[str, dict[str, Any]] = {
     "power": {"replicates": 10, "samples": 100},
     "tracking": {"replicates": 5, "samples": 100, "n": 30, "m": 24},
@@ -25,15 +24,14 @@ QUICK: dict[str, dict[str, Any]] = {
 _NAMES = re.compile(r"results\.json|report\.html|(claims|(power|tracking)-figure-\d)\.(png|svg)")
 
 
-@click.command()
+@click.command(short_help="Run the paper's experiments, write a report.")
 @click.option(
     "--out",
     default="stochens-report",
-    show_default=True,
     metavar="DIR",
-    help="Where report.html, results.json and the figures go; made if missing.",
+    help="Directory for report.html, results.json and the figures; made if missing.",
 )
-@click.option("--force", is_flag=True, help="Replace the report of a run with other options.")
+@force_option
 @seed_option
 @click.option(
     "--replicates",
@@ -48,16 +46,15 @@ _NAMES = re.compile(r"results\.json|report\.html|(claims|(power|tracking)-figure
 @click.option(
     "--quick",
     is_flag=True,
-    help="A first look in seconds: few replicates and samples, n = 30 in tracking.",
+    help="A first look in seconds: few replicates and samples, a smaller system in tracking.",
 )
 @click.option(
     "--claims/--no-claims",
     "with_claims",
     default=True,
-    show_default=True,
     help="Also check the paper's statements, for a section of the report.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of the table.")
+@json_option
 def reproduce(
     out: str,
     force: bool,
@@ -70,13 +67,13 @@ def reproduce(
 ) -> None:
     """Repeat the two experiments of the paper and write a report with the figures.
 
-    Prints the errors after all samples: quantiles and root mean square over the replicates, for
-    uniform weights also the exact root mean square, and z, the distance of the mean square from
-    its exact value in standard errors.
+    Prints the errors after all samples: quantiles and root mean square over the replicates; for
+    uniform weights also the exact root mean square, and z, the difference between the mean square
+    and its exact value in standard errors.
 
-    A report in DIR is replaced if the same options made it, or with --force. A file with the name
-    of one of the report's that this command did not write, or that was changed since (results.json
-    has the SHA-256 of the others), is never replaced: nothing is done then.
+    A report in DIR is replaced if a run with the same options wrote it, or with --force. If DIR has
+    a file of the same name that this command did not write, or that was changed since, the command
+    stops before it computes anything (results.json lists the files with their SHA-256).
     """
     require_report()
     options = {
@@ -100,31 +97,23 @@ def reproduce(
         path.unlink(missing_ok=True)
     files = paper.write_report(done, directory, claims=checked, options=options)
     rows = paper.final_errors(done)
-    if as_json:
-        summary = {
-            "schema": "stochens-reproduce/1",
-            "seed": seed,
-            "out": out,
-            "files": [str(path) for path in files],
-            "versions": versions(),
-            "claims": None if checked is None else checked.to_dict(),
-            "experiments": [
-                {
-                    "name": one.name,
-                    "key": one.key,
-                    "settings": one.settings,
-                    "facts": one.facts,
-                    "seconds": one.seconds,
-                    "final": [row for row in rows if row["experiment"] == one.name],
-                }
-                for one in done
-            ],
-        }
-        show(json.dumps(summary, allow_nan=False, indent=2))
-    else:
-        show(_table(rows))
-        if checked is not None:
-            show(f"\n{checked.summary}")
+    summary = {
+        "schema": "stochens-reproduce/1",
+        "seed": seed,
+        "out": out,
+        "files": [str(path) for path in files],
+        "versions": versions(),
+        "claims": None if checked is None else checked.to_dict(),
+        "experiments": [
+            {
+                **{k: getattr(one, k) for k in ("name", "key", "settings", "facts", "seconds")},
+                "final": [row for row in rows if row["experiment"] == one.name],
+            }
+            for one in done
+        ],
+    }
+    text = _table(rows) + ("" if checked is None else f"\n\n{checked.summary}")
+    show_result(summary, text, as_json)
     note(f"report: {files[-1]}")
 
 
@@ -132,7 +121,9 @@ def _table(rows: list[dict[str, Any]]) -> str:
     """The final errors as text, one block per panel."""
     lines = []
     before = None
-    head = f"{'':<20}{'median':>11}{'10 %':>11}{'90 %':>11}{'rms':>11}{'exact rms':>11}{'z':>7}"
+    head = (
+        " " * 20 + "".join(f"{name:>11}" for name in [*COLUMNS.values(), "exact rms"]) + f"{'z':>7}"
+    )
     for row in rows:
         if row["panel"] != before:
             before = row["panel"]
@@ -141,7 +132,7 @@ def _table(rows: list[dict[str, Any]]) -> str:
                 f"{row['panel']}  relative error of the {row['quantity']}, N = {row['samples']}",
                 head,
             ]
-        cells = "".join(f"{row[k]:>11.3g}" for k in ("median", "q10", "q90", "rms"))
+        cells = "".join(f"{row[k]:>11.3g}" for k in COLUMNS)
         exact = "" if row["z"] is None else f"{row['exact_rms']:>11.3g}{row['z']:>+7.2f}"
-        lines.append(f"{row['method']:<20}{row['zero'] or cells:>44}{exact}")
+        lines.append(f"{row['method']:<20}{row['zero'] or cells:>{len(cells)}}{exact}")
     return "\n".join(lines[1:])

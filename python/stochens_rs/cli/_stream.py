@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import sys
@@ -20,35 +19,38 @@ from ..exceptions import InputError
 from ..rng import as_key
 from ..streams.stream import Stream
 from ..theory.exact import best_control
-from ._options import case_option, file_option, seed_option
-from ._output import note, show
+from ._options import case_option, file_option, json_option, seed_option
+from ._output import INTERRUPTED, note, show_result
 from ._problem import problem, share
 
-INTERRUPTED, TERMINATED = 130, 143
+TERMINATED = 143  # exit code after SIGTERM: 128 + SIGTERM
 
 
-@click.command()
+@click.command(short_help="Refine a control sample by sample.")
 @case_option
 @file_option
 @click.option(
     "--tol",
     default="5%",
-    show_default=True,
     metavar="E",
-    help="Stop when the certificate is this small, relative to the state that is reached.",
+    help="Stop when the bound on the state error is this small, relative to the reached state.",
 )
-@click.option("--max-steps", type=click.IntRange(min=1), help="Most steps of this run.")
-@click.option("--time-limit", type=float, metavar="S", help="Most seconds of this run.")
-@click.option("--safeguard", is_flag=True, help="Never worse than the plain means.")
+@click.option(
+    "--max-steps", type=click.IntRange(min=1), help="Largest number of steps in this run."
+)
+@click.option("--time-limit", type=float, metavar="S", help="Time limit of this run in seconds.")
+@click.option(
+    "--safeguard", is_flag=True, help="Keep every estimate at least as good as the plain mean."
+)
 @seed_option
 @click.option(
-    "--checkpoint", metavar="FILE", help="Save the state there on the way and at the end."
+    "--checkpoint",
+    metavar="FILE",
+    help="Save the state to this file during the run and at its end.",
 )
-@click.option(
-    "--every", type=float, default=60.0, show_default=True, help="Seconds between checkpoints."
-)
-@click.option("--resume", is_flag=True, help="Go on from the checkpoint.")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
+@click.option("--every", type=float, default=60.0, help="Seconds between checkpoints.")
+@click.option("--resume", is_flag=True, help="Continue from the checkpoint.")
+@json_option
 @click.pass_context
 def stream(
     context: click.Context,
@@ -66,12 +68,11 @@ def stream(
 ) -> None:
     """Refine a control one realization at a time, until it is certified.
 
-    Ctrl-C and SIGTERM save before leaving; with --resume the run goes on as if it had never
-    stopped. Beside the checkpoint FILE are FILE.prev, the state before it, and FILE.lock, which
-    keeps two runs apart and may be deleted when none is going on.
+    A run that reaches its limit of steps or time is done as well, with exit code 0.
 
-    Exit codes: 0 done (certified, or as many steps or seconds as allowed), 1 internal error,
-    2 usage or input, 5 reading or writing files, 130 interrupted, 143 terminated.
+    Ctrl-C and SIGTERM save the state before the run ends; with --resume it continues with the same
+    results as without the interruption. Beside the checkpoint FILE are FILE.prev, the state before
+    it, and FILE.lock, which keeps a second run from using FILE; delete it only when no run uses it.
     """
     relative = gate.positive("tol", share(tol, "--tol"))
     key = as_key(seed)
@@ -111,14 +112,14 @@ def stream(
         "digest": made.digest,
         "checkpoint": checkpoint,
     }
-    show(json.dumps(facts, allow_nan=False, indent=2) if as_json else _text(facts, made.u))
+    show_result(facts, _text(facts, made.u), as_json)
     if run.status == "interrupted":
         context.exit(TERMINATED if signal.SIGTERM in received else INTERRUPTED)
 
 
 def _resumed(made: Stream, checkpoint: str | None) -> Stream:
     if checkpoint is None:
-        raise click.UsageError("--resume needs --checkpoint, the file to go on from")
+        raise click.UsageError("--resume needs --checkpoint, the file to continue from")
     found = Stream.load(checkpoint)
     if found.digest != made.digest:
         raise InputError(
@@ -130,7 +131,7 @@ def _resumed(made: Stream, checkpoint: str | None) -> Stream:
 
 @contextmanager
 def _signals() -> Iterator[list[int]]:
-    """SIGTERM ends the run as Ctrl-C does; once it is ending, further signals wait for the save."""
+    """Let SIGTERM end the run as Ctrl-C does; ignore further signals while the state is saved."""
     received: list[int] = []
 
     def end(number: int, _: FrameType | None) -> None:
@@ -147,7 +148,7 @@ def _signals() -> Iterator[list[int]]:
 
 
 class _Line:
-    """One line on a terminal that is written over: steps, certificate, rate."""
+    """Progress in one line of a terminal: steps, certificate, rate."""
 
     def __init__(self, stream: Stream, scale: float) -> None:
         self._stream, self._scale = stream, scale
@@ -170,7 +171,7 @@ def _text(facts: dict[str, object], control: NDArray[np.float64]) -> str:
     lines = [
         f"{facts['status']} after {facts['steps']} steps ({facts['steps_of_this_run']} now, "
         f"{float(str(facts['seconds'])):.3g} s)",
-        f"state off by {100 * error / scale:.3g} %, certified {100 * certificate / scale:.3g} %",
+        f"state error {100 * error / scale:.3g} %, certified {100 * certificate / scale:.3g} %",
         f"u = [{', '.join(f'{value:.6g}' for value in control)}]",
     ]
     if facts["out_of_reach"]:

@@ -1,6 +1,6 @@
 """The bounds as the paper prints them, and what is wrong with each.
 
-They have the interface of the bounds that hold, so that the two can be compared, and an attribute
+They have the interface of the bounds that hold (:mod:`stochens_rs.theory.bounds`), and an attribute
 ``wrong``. `best` never uses them.
 """
 
@@ -58,7 +58,7 @@ class _Exponentials(Inequality):
         self._constant, self._widths = constant, widths
 
     def level(self, rates: Rates, eps: float) -> float:
-        """``2 N eps^2 / c_i^2``, together."""
+        """Level of the sum, from the exponents ``2 N eps^2 / c_i^2``."""
         levels = [2.0 * square(eps / c) / rates[0] for c in self._widths if c * rates[0] > 0.0]
         return union(self._constant, levels)
 
@@ -94,8 +94,8 @@ class OneVector(Printed):
     source = "paper, proof of Lemma 4.2 (Hoeffding for each entry)"
     quantity = "vector"
     wrong = (
-        "The constant eta(n) with ||w|| <= eta(n) ||w||_inf belongs into the exponent, as "
-        "eps / eta(n); in front of it no constant C(n) is large enough. For n = 2 and equal "
+        "The constant eta(n) with ||w|| <= eta(n) ||w||_inf belongs in the exponent, as "
+        "eps / eta(n); as a factor no constant C(n) is large enough. For n = 2 and equal "
         "entries the exact rate is N eps^2 / g^2, half the printed one. With exponent "
         "N eps^2 / g^2 and eps measured from the rms on, the bound holds for all n."
     )
@@ -129,7 +129,7 @@ class Lemma42(Printed):
 
     Notes
     -----
-    See ``wrong``. What holds, and is smaller, is in `best`.
+    See ``wrong``. `best` has bounds that hold and are smaller.
 
     Examples
     --------
@@ -195,8 +195,8 @@ class Lemma43(Printed):
     Notes
     -----
     ``c_i = -2 N eps^2 / (9 d_i^2)`` with ``d = (||u|| gB, ||A|| g0, ||x0|| gA)``, ``||u||`` the
-    2-norm of all controls. See ``wrong``; what holds is "Hoeffding, one step" and
-    "McDiarmid" of a trajectory.
+    2-norm of all controls. See ``wrong``; the bounds that hold are "Hoeffding, one step"
+    and "McDiarmid" of a trajectory.
 
     Examples
     --------
@@ -243,6 +243,6 @@ class Lemma43(Printed):
 
 
 def largest_realization(A: Floats) -> float:
-    """``B_A = max_i sqrt(sum of g_j^2 over a_ij != 0)``: all that can hit row i do so."""
+    """``B_A = max_i sqrt(sum of g_j^2 over a_ij != 0)``: every column that can hit row i does."""
     squares = np.abs(A).sum(axis=0) ** 2
     return math.sqrt(float(((A != 0.0) @ squares).max()))

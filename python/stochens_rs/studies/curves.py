@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from .._base import gate
 from .._base.numbers import ROUNDING, TINY
-from .._base.types import FUSIONS
+from .._base.types import FUSIONS, Fusion
 from ..exceptions import InputError, StochensError
+from ..fusion.fusing import Method
 
 BAND = (0.1, 0.9)  # the shaded band holds the middle 80 % of the replicates
 
@@ -32,7 +33,7 @@ class Curve:
     Attributes
     ----------
     method : str
-        "uniform", "slse", "slse-safeguarded" or "alse".
+        As in :func:`stochens_rs.fuse`: "uniform", "alse", ...
     fusion : str or None
         "product" or "diagonal" for a control or a state, None for the estimate of one entity.
     errors : (replicates, k) array
@@ -44,8 +45,8 @@ class Curve:
         the squared error if the error were Gaussian, which a mean of many samples nearly is.
     """
 
-    method: str
-    fusion: str | None
+    method: Method
+    fusion: Fusion | None
     errors: FloatArray
     exact_rms: FloatArray | None = None
     exact_spread: FloatArray | None = None
@@ -54,6 +55,11 @@ class Curve:
     def name(self) -> str:
         """The method, followed by "(diagonal)" for diagonal fusion."""
         return f"{self.method} (diagonal)" if self.fusion == "diagonal" else self.method
+
+    @property
+    def look(self) -> tuple[Method, Fusion]:
+        """The row of `studies.methods.STYLES` that says how the curve is drawn."""
+        return self.method, self.fusion or "product"
 
     @property
     def _quantiles(self) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -109,20 +115,8 @@ class Curve:
     def to_dict(self) -> dict[str, Any]:
         """Plain lists and numbers; the key "statistics" is derived from the others."""
         low, median, high = self._quantiles
-        return {
-            "method": self.method,
-            "fusion": self.fusion,
-            "errors": self.errors.tolist(),
-            "exact_rms": _listed(self.exact_rms),
-            "exact_spread": _listed(self.exact_spread),
-            "statistics": {
-                "q10": low.tolist(),
-                "median": median.tolist(),
-                "q90": high.tolist(),
-                "rms": self.rms.tolist(),
-                "z": _listed(self.z),
-            },
-        }
+        derived = {"q10": low, "median": median, "q90": high, "rms": self.rms, "z": self.z}
+        return {**_listed(vars(self)), "statistics": _listed(derived)}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Curve:
@@ -139,13 +133,11 @@ class Curve:
             If it is something else.
         """
         with written_by("Curve"):
-            return cls(
-                method=data["method"],
-                fusion=data["fusion"],
-                errors=np.asarray(data["errors"], dtype=np.float64),
-                exact_rms=_array(data["exact_rms"]),
-                exact_spread=_array(data["exact_spread"]),
-            )
+            arrays = {
+                name: None if data[name] is None else np.asarray(data[name], dtype=np.float64)
+                for name in ("errors", "exact_rms", "exact_spread")
+            }
+            return cls(data["method"], data["fusion"], **arrays)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,7 +179,7 @@ class Panel:
         Parameters
         ----------
         method : str
-            "uniform", "slse", "slse-safeguarded" or "alse".
+            As in :func:`stochens_rs.fuse`: "uniform", "alse", ...
         fusion : str, optional
             "product" or "diagonal"; default: product where the panel distinguishes them.
 
@@ -203,10 +195,11 @@ class Panel:
         gate.choice("method", method, tuple(dict.fromkeys(one.method for one in self.curves)))
         if fusion is not None:
             gate.choice("fusion", fusion, FUSIONS)
-        for wanted in (fusion, "product") if fusion is None else (fusion,):
-            for curve in self.curves:
-                if (curve.method, curve.fusion) == (method, wanted):
-                    return curve
+        for curve in self.curves:
+            if curve.method == method and (
+                curve.fusion == fusion or (fusion is None and curve.fusion == "product")
+            ):
+                return curve
         raise InputError(f"panel {self.name} has no curve {method!r} with fusion {fusion!r}")
 
     def to_dict(self) -> dict[str, Any]:
@@ -235,7 +228,7 @@ class Panel:
 
 @contextmanager
 def written_by(what: str) -> Iterator[None]:
-    """Say that data are no record, whichever way that shows."""
+    """Raise an InputError where anything shows that the data are not those of a record."""
     try:
         yield
     except (StochensError, MemoryError):
@@ -247,9 +240,6 @@ def written_by(what: str) -> Iterator[None]:
         ) from error
 
 
-def _listed(values: FloatArray | None) -> list[float] | None:
-    return None if values is None else values.tolist()
-
-
-def _array(values: list[float] | None) -> FloatArray | None:
-    return None if values is None else np.asarray(values, dtype=np.float64)
+def _listed(values: Mapping[str, Any]) -> dict[str, Any]:
+    """The same with lists in place of arrays."""
+    return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in values.items()}

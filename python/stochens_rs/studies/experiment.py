@@ -1,4 +1,4 @@
-"""What an experiment leaves behind: its panels, and all that is needed to repeat it."""
+"""The record of a finished experiment: its panels, and all that is needed to repeat it."""
 
 from __future__ import annotations
 
@@ -28,8 +28,7 @@ SCHEMA = "stochens-experiment/1"
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    """One experiment, finished: settings, key, errors of every replicate, and facts derived from
-    them.
+    """A finished experiment: settings, key, errors of every replicate, and facts derived from them.
 
     Attributes
     ----------
@@ -59,7 +58,7 @@ class Experiment:
     panels: tuple[Panel, ...]
     facts: dict[str, Any]
     seconds: float
-    versions: dict[str, str] = field(default_factory=lambda: versions())
+    versions: dict[str, str] = field(default_factory=versions)
 
     @property
     def replicates(self) -> int:
@@ -95,15 +94,9 @@ class Experiment:
         """Plain data, ready for ``json.dumps``; `from_dict` restores every number bit for bit."""
         return {
             "schema": SCHEMA,
-            "name": self.name,
-            "title": self.title,
-            "key": self.key,
-            "settings": self.settings,
+            **vars(self),
             "sizes": self.sizes.tolist(),
             "panels": [panel.to_dict() for panel in self.panels],
-            "facts": self.facts,
-            "seconds": self.seconds,
-            "versions": self.versions,
         }
 
     @classmethod

@@ -1,20 +1,20 @@
 """How a panel looks: axes, curves, legend, and several panels in one figure.
 
-Nothing is computed here beyond quantiles. Curves differ in colour (Okabe and Ito's palette),
-marker and line style, so that they can be told apart in print and with any colour vision.
-matplotlib is imported inside the functions: it is an extra.
+Nothing but quantiles is computed here. matplotlib is an optional dependency and is imported inside
+the functions.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..plots.style import INK, PALE, new_figure, require_matplotlib
 from .curves import Curve, Panel
+from .methods import STYLES, Style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,24 +26,6 @@ Floats = NDArray[np.float64]
 # The exact root mean square error, and the same over the replicates.
 EXACT: dict[str, Any] = {"color": INK, "linewidth": 1.0, "linestyle": (0, (2, 2))}
 MEASURED: dict[str, Any] = {"color": INK, "linestyle": "", "marker": "+", "ms": 5, "mew": 0.9}
-
-
-class Style(NamedTuple):
-    """How the curves of one method look everywhere."""
-
-    label: str
-    color: str
-    line: str | tuple[int, tuple[float, ...]]
-    marker: str
-
-
-STYLES = {
-    ("uniform", "diagonal"): Style("uniform, diagonal fusion", "#56B4E9", (0, (5, 1.6)), "s"),
-    ("uniform", "product"): Style("uniform", "#0072B2", "-", "o"),
-    ("slse", "product"): Style("SLSE", "#E69F00", (0, (7, 1.5, 1.5, 1.5)), "^"),
-    ("slse-safeguarded", "product"): Style("SLSE, safeguarded", "#009E73", (0, (1.5, 1)), "v"),
-    ("alse", "product"): Style("ALSE", "#D55E00", "-", "D"),
-}
 
 
 def panel(shown: Panel, sizes: NDArray[np.int64], *, ax: Axes | None = None) -> Axes:
@@ -131,7 +113,7 @@ def _drawn(curve: Curve) -> Floats:
 
 def draw(ax: Axes, curve: Curve, sizes: NDArray[np.int64], zero_level: float, floor: float) -> None:
     """Band, single run, median and, where theory gives it, the exact root mean square."""
-    style = STYLES[curve.method, curve.fusion or "product"]
+    style = STYLES[curve.look]
 
     def shown(values: Floats) -> Floats:
         return np.where(values > zero_level, values, floor)
@@ -170,7 +152,7 @@ def legend(result: Figure, shown: Sequence[Panel], *, columns: int | None = None
     from matplotlib.patches import Patch
 
     curves = [curve for one in shown for curve in one.curves]
-    present = {(curve.method, curve.fusion or "product") for curve in curves}
+    present = {curve.look for curve in curves}
     handles: list[Any] = [
         Line2D([], [], label=style.label, **_line(style))
         for key, style in STYLES.items()

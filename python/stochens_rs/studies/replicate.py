@@ -1,5 +1,5 @@
-"""What every replicate of an experiment does: sample x0, xf and A, fuse each by every method, form
-the controls of one step.
+"""One replicate of an experiment: sample x0, xf and A, fuse each by every method, compute the
+controls of one step.
 """
 
 from __future__ import annotations
@@ -20,16 +20,10 @@ from ..ensembles.sampling import sample
 from ..fusion.fusing import Method, fuse_path
 from ..rng import Key
 from ..theory.exact import Best, best_control
+from .methods import METHODS
 
 Floats = NDArray[np.float64]
 Sizes = NDArray[np.int64]
-METHODS: tuple[Method, ...] = ("uniform", "slse", "slse-safeguarded", "alse")
-# Every method with product fusion; for uniform weights also the paper's mean of per-realization
-# controls.
-FUSED: tuple[tuple[Method, Fusion], ...] = (
-    ("uniform", "diagonal"),
-    *((method, "product") for method in METHODS),
-)
 
 
 @dataclass
@@ -72,7 +66,7 @@ class Entity:
         for method in METHODS:
             path = fuse_path(ensemble, sizes, method, target=target, tol=tol, estimates=True)
             if "interrupted" in path.statuses:
-                raise KeyboardInterrupt  # half a replicate is of no use
+                raise KeyboardInterrupt  # an incomplete replicate is not kept
             assert path.estimates is not None  # estimates=True
             estimates[method], errors[method] = path.estimates, path.errors
             if method == "alse":
@@ -82,7 +76,7 @@ class Entity:
 
 @dataclass(frozen=True)
 class Step:
-    """One step from x0 towards xf, as it is before anything is sampled."""
+    """The exact data of one step from x0 towards xf."""
 
     A: Floats
     B: Floats
@@ -95,7 +89,7 @@ class Step:
         return best_control(self.A, self.B, self.x0, self.xf)
 
     def unreachable(self) -> dict[str, float]:
-        """``||xf - A x0 - B v||``, which no control avoids; also divided by ``||xf - A x0||``."""
+        """The smallest distance from xf, ``||xf - A x0 - B v||``, also over ``||xf - A x0||``."""
         residual = float(np.linalg.norm(self.exact.needed - self.exact.pushed))
         return {
             "residual": residual,

@@ -1,4 +1,4 @@
-"""A study: the same replicate again and again with fresh samples, and what is said about all."""
+"""A study: independent replicates of one experiment, and the record of their errors."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from .curves import Curve, Panel
 from .experiment import Experiment
 from .replicate import Floats, Sizes, Solves
 
-LARGEST = 1e100  # of a scale: squares of what is computed from it do not overflow
-ROUNDING = 1e-13  # relative errors up to here are zero to rounding
+LARGEST = 1e100  # allowed scale: squares of results do not overflow
+ROUNDING = 1e-13  # relative errors up to here count as zero: 450 times the machine epsilon
 
 # Covariance of an error under uniform weights: C1 and C2 of C(N) = C1 / N + C2 / N^2.
 Orders = tuple[Floats, Floats]
@@ -43,7 +43,7 @@ class Quantity(NamedTuple):
 
 
 class Study:
-    """The replicates of one experiment: options that are checked, then errors, then the record."""
+    """Replicates of one experiment: checks the options, runs them, and makes the record."""
 
     def __init__(
         self, rng: RngLike, replicates: int, samples: int, sizes: ArrayLike | None, tol: float
@@ -56,7 +56,7 @@ class Study:
             log_grid(samples) if sizes is None else gate.sizes("sizes", sizes, maximum=samples)
         )
         self.tol = gate.positive("tol", tol)
-        self.errors: dict[tuple[str, Method, Fusion | None], Floats] = {}
+        self.errors: Errors = {}
 
     @property
     def keys(self) -> list[Key]:
@@ -110,7 +110,7 @@ class Study:
         facts: Mapping[str, Any],
         settings: Mapping[str, Any],
     ) -> Experiment:
-        """The finished record; `facts` and `settings` are what only this experiment has."""
+        """The finished record; `facts` and `settings` are those of this experiment only."""
         return Experiment(
             name=name,
             title=title,
@@ -148,7 +148,7 @@ def log_grid(samples: int, points: int = 16) -> Sizes:
 def both_orders(covariance: Callable[[int], Floats]) -> Orders:
     """``C1`` and ``C2`` of a covariance under uniform weights, from ``C(1)`` and ``C(2)``.
 
-    ``C2 = 0`` but for product fusion.
+    ``C2 = 0`` except for product fusion.
     """
     one, two = covariance(1), covariance(2)
     first = 4 * two - one
@@ -189,8 +189,8 @@ def ordering(panel: Panel) -> dict[str, float]:
 def agreement(panels: tuple[Panel, ...], sizes: Sizes) -> dict[str, Any]:
     """The largest absolute z-score over all uniform curves, and the number of comparisons.
 
-    Sizes below 10 are left out where there are others: there the mean square depends on errors so
-    rare and large that z is far from normal.
+    Sizes below 10 are left out if there are others: for few samples the mean square depends on
+    rare large errors, and z is far from normal.
     """
     kept = sizes >= min(10, sizes[-1])
     z = np.concatenate([c.z[kept] for p in panels for c in p.curves if c.z is not None])

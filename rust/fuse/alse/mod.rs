@@ -6,43 +6,22 @@
 
 mod clarabel;
 mod judge;
+mod realizations;
 
 use std::time::{Duration, Instant};
 
-use super::simplex::{self, DenseProblem, IndexView, Options, SingletonProblem};
-use super::{Dense, Weights, distance};
+use super::simplex::{self, Options};
+use super::{Weights, distance};
 use crate::error::{Error, Result};
-use crate::memory::{try_copy, try_filled};
+use crate::memory::try_filled;
 use crate::parallel::Stop;
-use crate::sample::{Indices, Singletons};
+use crate::sample::Singletons;
+
+pub use super::simplex::Status;
+pub use realizations::Realizations;
 
 /// Nonzero entries up to which Clarabel is asked: about a minute on one core.
 const SECOND_OPINION: usize = 200_000;
-
-/// How a solution ended; judged by the recomputed gap.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Status {
-    /// The gap is at most `tol ||E*||^2` (`tol` times the squared norm of a realization where `E* = 0`).
-    Optimal,
-    /// The best weights found, with a larger gap.
-    OptimalInaccurate,
-    /// The best weights when the caller's time or passes ran out.
-    UserLimit,
-    /// The best weights when the caller asked to stop.
-    Interrupted,
-}
-
-impl Status {
-    /// The status as a word of the convex-optimization world.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Optimal => "optimal",
-            Self::OptimalInaccurate => "optimal_inaccurate",
-            Self::UserLimit => "user_limit",
-            Self::Interrupted => "interrupted",
-        }
-    }
-}
 
 /// Which weights are wanted, how well, and what may be spent on them.
 #[derive(Debug, Clone, Copy)]
@@ -111,7 +90,7 @@ pub struct Solution {
     pub unseen: usize,
     /// The target lies in the hull of the realizations: the error is rounding.
     pub exact: bool,
-    /// What the gap says.
+    /// What the recomputed gap says.
     pub status: Status,
     /// Which solver proposed the weights, and its number of iterations.
     pub solver: &'static str,
@@ -124,110 +103,6 @@ struct Proposal {
     weights: Vec<f64>,
     solver: &'static str,
     iterations: u64,
-}
-
-/// Realizations as a linear map from weights to entries.
-pub trait Realizations {
-    /// Number of realizations.
-    fn size(&self) -> usize;
-    /// `sum_i w_i E_i`.
-    fn combine(&self, weights: &[f64], stop: &Stop) -> Result<Vec<f64>>;
-    /// `<r, E_i>` for every `i`.
-    ///
-    /// # Errors
-    /// [`Error::Memory`].
-    fn correlate(&self, r: &[f64]) -> Result<Vec<f64>>;
-    /// The largest norm of a realization.
-    fn norm(&self) -> f64;
-    /// Visits the nonzero entries of realization `i`, by increasing position.
-    fn entries(&self, i: usize, visit: impl FnMut(usize, f64));
-    /// Nonzero entries of all realizations together, at most.
-    fn nonzeros(&self) -> usize;
-    /// Weights and certificate of our own solver, from the weights of fewer realizations if there are any.
-    fn solve(&self, target: &[f64], options: &Options, warm: Option<&[f64]>, stop: &Stop) -> Result<simplex::Solution>;
-}
-
-/// The solver checks its input again; after the checks here that cannot fail.
-fn refused(invalid: simplex::Invalid) -> Error {
-    Error::Numerical(format!("the solver refused the problem: {invalid}"))
-}
-
-impl Realizations for Singletons {
-    fn size(&self) -> usize {
-        Singletons::size(self)
-    }
-    fn combine(&self, weights: &[f64], stop: &Stop) -> Result<Vec<f64>> {
-        Singletons::combine(self, weights, stop)
-    }
-    fn correlate(&self, r: &[f64]) -> Result<Vec<f64>> {
-        Singletons::correlate(self, r)
-    }
-    fn norm(&self) -> f64 {
-        self.law().gamma().iter().fold(0.0, |norm: f64, &g| norm.hypot(g))
-    }
-    fn entries(&self, i: usize, mut visit: impl FnMut(usize, f64)) {
-        use crate::sample::Index as _;
-        let (lines, length) = (self.law().lines(), self.law().length());
-        crate::sample::with_indices!(&**self.indices(), indices => {
-            for (j, r) in indices[i * lines..(i + 1) * lines].iter().enumerate() {
-                let k = j * length + r.get();
-                let value = self.law().gamma()[j].copysign(self.law().values()[k]);
-                if value != 0.0 {
-                    visit(k, value);
-                }
-            }
-        });
-    }
-    fn nonzeros(&self) -> usize {
-        Singletons::size(self) * self.law().lines()
-    }
-    fn solve(&self, target: &[f64], options: &Options, warm: Option<&[f64]>, stop: &Stop) -> Result<simplex::Solution> {
-        with_problem(self, target, |problem| simplex::solve(problem, options, warm, stop))?
-    }
-}
-
-/// Poses the problem of `draws` in the solver's terms: sign-free, the law's signs divided out of the target.
-fn with_problem<T>(draws: &Singletons, target: &[f64], work: impl FnOnce(&SingletonProblem<'_>) -> T) -> Result<T> {
-    let law = draws.law();
-    let mut signed = try_copy("the target", target)?;
-    let signs = law.values().iter().map(|&v| if v == 0.0 { 1.0 } else { v.signum() });
-    signed.iter_mut().zip(signs).for_each(|(t, s)| *t *= s);
-    let used = draws.size() * law.lines();
-    let indices = match &**draws.indices() {
-        Indices::U8(v) => IndexView::U8(&v[..used]),
-        Indices::U16(v) => IndexView::U16(&v[..used]),
-        Indices::U32(v) => IndexView::U32(&v[..used]),
-    };
-    SingletonProblem::new(indices, draws.size(), law.lines(), law.length(), law.gamma(), &signed)
-        .map(|problem| work(&problem))
-        .map_err(refused)
-}
-
-impl Realizations for Dense<'_> {
-    fn size(&self) -> usize {
-        Dense::size(self)
-    }
-    fn combine(&self, weights: &[f64], _: &Stop) -> Result<Vec<f64>> {
-        Dense::combine(self, weights)
-    }
-    fn correlate(&self, r: &[f64]) -> Result<Vec<f64>> {
-        Dense::correlate(self, r)
-    }
-    fn norm(&self) -> f64 {
-        let norm = |i| self.row(i).iter().fold(0.0, |norm: f64, &e| norm.hypot(e));
-        (0..Dense::size(self)).map(norm).fold(0.0, f64::max)
-    }
-    fn entries(&self, i: usize, mut visit: impl FnMut(usize, f64)) {
-        self.row(i).iter().enumerate().filter(|(_, e)| **e != 0.0).for_each(|(k, e)| visit(k, *e));
-    }
-    fn nonzeros(&self) -> usize {
-        self.values().len()
-    }
-    fn solve(&self, target: &[f64], options: &Options, warm: Option<&[f64]>, stop: &Stop) -> Result<simplex::Solution> {
-        DenseProblem::new(self.values(), Dense::size(self), target)
-            .map_err(refused)
-            .and_then(|problem| simplex::solve_dense(&problem, options, warm, stop))
-    }
 }
 
 /// Solves `min ||sum_i w_i E_i - target||` to a gap of `tol ||target||^2`.
@@ -282,10 +157,8 @@ fn certified(
 ) -> Result<Solution> {
     let spent = settings.max_passes.is_some_and(|most| own.info.passes >= most as f64);
     let status = match own.status {
-        simplex::Status::Optimal => Status::Optimal,
-        simplex::Status::Interrupted => Status::Interrupted,
-        simplex::Status::UserLimit if spent || clock.over() => Status::UserLimit,
-        simplex::Status::UserLimit | simplex::Status::OptimalInaccurate => Status::OptimalInaccurate,
+        Status::UserLimit if !spent && !clock.over() => Status::OptimalInaccurate,
+        status => status,
     };
     // one pass, done even after a stop: without the estimate the weights are worth little
     let estimate = realizations.combine(&own.weights, &Stop::new())?;

@@ -11,11 +11,11 @@ use super::budget::Budget;
 use super::face::Face;
 use super::factor::solve_cost;
 use super::operator::Operator;
+use super::problem::SEARCH;
 use super::task::{Iterate, Work};
-use super::vector::SEARCH;
-use super::vector::{axpy, dot, min, norm, sum};
 use crate::error::Result;
 use crate::memory::{try_collect, try_copy, try_filled, try_zeros};
+use crate::vector::{axpy, dot, min, norm, sum};
 
 /// Walks from `start` (on the simplex) until the gap is below `tol`, no step helps, or `steps` have been made.
 pub(crate) fn solve<O: Operator>(

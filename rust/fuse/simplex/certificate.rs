@@ -11,7 +11,7 @@
 
 use super::compensated::{Sum, dot};
 use super::operator::{Operator, Residual};
-use super::vector::SEARCH;
+use super::problem::SEARCH;
 use crate::error::Result;
 use crate::memory::try_zeros;
 
@@ -31,11 +31,11 @@ pub(crate) fn certify<O: Operator>(op: &O, target: &[f64], w: &[f64]) -> Result<
     let Residual { residual, image } = op.residual_compensated(w, target)?;
     let mut values = try_zeros(SEARCH, op.size())?;
     op.apply_transpose(&residual, &mut values)?;
-    let low = super::vector::min(&values);
+    let low = crate::vector::min(&values);
 
     // |fl(<r, E_i>) - <r, E_i>| <= eps (entries + 2) ||r|| ||E_i||
     let largest = (0..op.size()).fold(0.0_f64, |m, i| m.max(op.squared_norm(i))).sqrt();
-    let slack = f64::EPSILON * (op.entries() + 2) as f64 * super::vector::norm(&residual) * largest;
+    let slack = f64::EPSILON * (op.entries() + 2) as f64 * crate::vector::norm(&residual) * largest;
     let mut minimum = (f64::INFINITY, 0.0);
     for (i, &v) in values.iter().enumerate() {
         if v <= low + 2.0 * slack {
@@ -53,7 +53,7 @@ pub(crate) fn certify<O: Operator>(op: &O, target: &[f64], w: &[f64]) -> Result<
     let (objective, rest) = dot(&residual, &residual);
 
     // Each entry of S w is a sum of products rounded at most once per factor: a few units in the last place of the target.
-    let size = super::vector::norm(target).max(super::vector::norm(&image));
+    let size = crate::vector::norm(target).max(crate::vector::norm(&image));
     Ok(Certificate {
         objective: objective + rest,
         gap: (2.0 * gap.value()).max(0.0),

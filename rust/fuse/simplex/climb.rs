@@ -5,10 +5,10 @@ use super::budget::Budget;
 use super::newton_cg::{self, Effort};
 use super::operator::Operator;
 use super::problem::Phase;
+use super::problem::SEARCH;
 use super::proximal;
 use super::semismooth::{self, Setting};
 use super::task::{Found, Iterate, Task, Work, start_or_uniform};
-use super::vector::SEARCH;
 use crate::error::Result;
 use crate::memory::try_copy;
 

@@ -6,11 +6,11 @@ use std::ops::Range;
 use super::compensated::{Sum, dot as compensated_dot, two_product, two_sum};
 use super::operator::{Operator, Precondition, Residual};
 use super::parallel;
+use super::problem::SEARCH;
 use super::triangle::Triangle;
-use super::vector::SEARCH;
-use super::vector::{axpy, dot};
 use crate::error::Result;
 use crate::memory::{checked_len, try_collect, try_room, try_zeros};
+use crate::vector::{axpy, dot};
 
 /// A dense ensemble, possibly with the zero realization appended.
 #[derive(Clone)]

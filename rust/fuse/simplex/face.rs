@@ -12,10 +12,10 @@ use super::budget::Budget;
 use super::factor::{Factor, LARGEST_FACTOR};
 use super::hessian::Hessian;
 use super::operator::Operator;
-use super::vector::SEARCH;
-use super::vector::{axpy, dot};
+use super::problem::SEARCH;
 use crate::error::Result;
 use crate::memory::{checked_len, try_collect, try_copy, try_push, try_room, try_zeros};
+use crate::vector::{axpy, dot};
 
 /// Steps after which the gradient is no longer scaled but solved for.
 const REUSE: usize = 10;

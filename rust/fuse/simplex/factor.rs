@@ -10,8 +10,8 @@ use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_uppe
 use faer::{Accum, ColMut, ColRef, Par, Spec};
 
 use super::budget::Budget;
+use super::problem::SEARCH;
 use super::triangle::{PANEL, Triangle};
-use super::vector::SEARCH;
 use crate::error::{Error, Result};
 use crate::memory::room_for_products;
 

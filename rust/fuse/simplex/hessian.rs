@@ -3,11 +3,11 @@
 use super::budget::Budget;
 use super::factor::{self, Factor};
 use super::operator::Operator;
+use super::problem::SEARCH;
 use super::triangle::Triangle;
-use super::vector::SEARCH;
-use super::vector::{axpy, dot, sum};
 use crate::error::Result;
 use crate::memory::try_zeros;
+use crate::vector::{axpy, dot, sum};
 
 /// What the factor of `H` on `k` samples costs, the Gram matrix included, in indices touched by a pass.
 pub(crate) fn factor_cost(k: usize, entries: usize) -> f64 {

@@ -6,12 +6,12 @@ use super::climb::climb;
 use super::newton_system;
 use super::operator::Operator;
 use super::problem::Phase;
+use super::problem::SEARCH;
 use super::semismooth::{self, Setting};
 use super::sifting::sift;
 use super::singletons::Singletons;
 use super::task::{Found, Task, Work, start_or_uniform};
 use super::threshold::project;
-use super::vector::SEARCH;
 use crate::error::Result;
 use crate::memory::{try_collect, try_copy, try_extend, try_zeros};
 

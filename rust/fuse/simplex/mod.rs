@@ -36,7 +36,6 @@ mod task;
 mod tests;
 mod threshold;
 mod triangle;
-mod vector;
 
 pub use problem::{DenseProblem, IndexView, Info, Invalid, Options, Phase, SingletonProblem, Solution, Status};
 
@@ -44,12 +43,13 @@ use crate::error::Result;
 use crate::memory::{try_collect, try_filled, try_room};
 use crate::parallel::Stop;
 use crate::sample::Index;
+use crate::vector::dot;
 use budget::{Budget, Limit};
 use dense::Dense;
 use operator::Operator;
+use problem::SEARCH;
 use task::{Found, Task};
 pub(crate) use threshold::project;
-use vector::SEARCH;
 
 use relaxed_target::{Relaxed, relax};
 use singletons::Singletons;
@@ -127,7 +127,7 @@ fn finish<O: Operator>(
     let n = op.size();
     let entries = n * op.entries();
     let mut budget = Budget::new(stop, options.time_limit, options.max_passes, entries);
-    let mut reference = vector::dot(target, target);
+    let mut reference = dot(target, target);
     let gamma = (0..n).map(|i| op.squared_norm(i)).fold(0.0, f64::max);
     if reference == 0.0 {
         reference = gamma;

@@ -22,11 +22,11 @@ use super::factor::{Factor, LARGEST_FACTOR, solve_cost};
 use super::hessian::{Hessian, factor_cost};
 use super::newton_system::is_crawling;
 use super::operator::Operator;
+use super::problem::SEARCH;
 use super::task::{Iterate, Work, start_or_uniform};
-use super::vector::SEARCH;
-use super::vector::{axpy, dot, min, norm, sum};
 use crate::error::Result;
 use crate::memory::{try_collect, try_copy, try_zeros};
+use crate::vector::{axpy, dot, min, norm, sum};
 
 /// Inner iterations per Newton step.
 const MAX_CG: usize = 400;

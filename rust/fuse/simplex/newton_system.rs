@@ -6,13 +6,13 @@
 use super::budget::Budget;
 use super::factor::{Factor, LARGEST_FACTOR, factor_cost, solve_cost};
 use super::operator::{Operator, Precondition};
+use super::problem::SEARCH;
 use super::task::Work;
 use super::threshold::normalise;
 use super::triangle::Triangle;
-use super::vector::SEARCH;
-use super::vector::{axpy, dot, norm};
 use crate::error::Result;
 use crate::memory::{try_copy, try_filled, try_zeros};
+use crate::vector::{axpy, dot, norm};
 
 /// Products added to a matrix between two looks at the limits.
 const CHUNK: usize = 10_000_000;
@@ -175,7 +175,7 @@ pub(crate) fn corrected<O: Operator>(
     let dz = system.solve(force, accuracy, 500, &mut Memory::new(f64::INFINITY, 0), budget, &mut Work::default())?;
     let mut dw = try_zeros(SEARCH, sub.size())?;
     sub.apply_transpose(&dz, &mut dw)?;
-    let mean = super::vector::sum(&dw) / dw.len().max(1) as f64;
+    let mean = crate::vector::sum(&dw) / dw.len().max(1) as f64;
     let mut out = try_copy(SEARCH, w)?;
     for (&i, dw) in support.iter().zip(&dw) {
         out[i] = (out[i] + dw - mean).max(0.0);

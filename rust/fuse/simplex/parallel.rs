@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::vector::SEARCH;
+use super::problem::SEARCH;
 use crate::error::Result;
 use crate::memory::{try_collect_all, try_zeros};
 use crate::parallel::{Stop, for_each_chunk};
@@ -51,7 +51,7 @@ pub(crate) fn accumulate<T: Total>(
     })?;
     let mut total = T::default();
     for (private, part) in results {
-        super::vector::axpy(1.0, &private, out);
+        crate::vector::axpy(1.0, &private, out);
         total.add(part);
     }
     Ok(total)

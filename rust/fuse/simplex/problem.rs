@@ -3,6 +3,9 @@
 use std::fmt;
 use std::time::Duration;
 
+/// What messages say that memory is for.
+pub(crate) const SEARCH: &str = "the search for weights";
+
 /// Sample indices, sample-major: entry `i * lines + j` is the place of the nonzero of realization `i` in line `j`.
 #[derive(Clone, Copy, Debug)]
 pub enum IndexView<'a> {
@@ -152,17 +155,29 @@ impl Default for Options {
     }
 }
 
-/// How the computation ended; from the certificate alone.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// How a solution ended; judged by its gap.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Status {
-    /// The gap is within the tolerance.
+    /// The gap is at most `tol ||E*||^2` (`tol` times the squared norm of a realization where `E* = 0`).
     Optimal,
-    /// No algorithm reached the tolerance; the weights are the best found.
+    /// The best weights found, with a larger gap.
     OptimalInaccurate,
-    /// The passes or the time ran out.
+    /// The best weights when the caller's time or passes ran out.
     UserLimit,
-    /// The stop flag was raised.
+    /// The best weights when the caller asked to stop.
     Interrupted,
+}
+
+impl Status {
+    /// The status as a word of the convex-optimization world.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Optimal => "optimal",
+            Self::OptimalInaccurate => "optimal_inaccurate",
+            Self::UserLimit => "user_limit",
+            Self::Interrupted => "interrupted",
+        }
+    }
 }
 
 /// Which algorithm found the weights.

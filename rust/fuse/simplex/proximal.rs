@@ -10,12 +10,12 @@ use super::hessian::factor_cost;
 use super::newton_cg::{self, Effort};
 use super::newton_system::Memory;
 use super::operator::Operator;
+use super::problem::SEARCH;
 use super::semismooth::{Ended, Inner, Point, Rules, Setting, distance, measure};
 use super::task::{Iterate, Work};
-use super::vector::SEARCH;
-use super::vector::norm;
 use crate::error::Result;
 use crate::memory::{try_copy, try_filled, try_room};
+use crate::vector::norm;
 
 /// A proximal step moves the centre by `1 + RELAXATION` times itself (below 2 it converges: Eckstein and Bertsekas, Math.
 /// Program. 55, 1992).

@@ -15,7 +15,7 @@
 //! For `sum w <= 1` the line sums are `s g_j` with one free `s`, so the set is a linear space and
 //! `s = (sum_j g_j sigma_j / h_j) / (sum_j g_j^2 / h_j)`; then `S^T (q - e) = 0`.
 
-use super::vector::SEARCH;
+use super::problem::SEARCH;
 use crate::error::Result;
 use crate::memory::{try_room, try_zeros};
 

@@ -14,13 +14,13 @@
 use super::budget::Budget;
 use super::newton_system::{Memory, NewtonSystem};
 use super::operator::Operator;
+use super::problem::SEARCH;
 use super::task::Task;
 use super::task::{Iterate, Work};
 use super::threshold::{normalise, threshold};
-use super::vector::SEARCH;
-use super::vector::{dot, min, norm};
 use crate::error::Result;
 use crate::memory::{try_collect, try_copy, try_filled, try_zeros};
+use crate::vector::{dot, min, norm};
 
 /// The problem and its scales, shared by both methods.
 pub(crate) struct Setting<'a, O: Operator> {

@@ -7,9 +7,9 @@
 use super::budget::Budget;
 use super::climb::climb;
 use super::operator::Operator;
+use super::problem::SEARCH;
 use super::semismooth::{Setting, gap_and_values};
 use super::task::{Found, Task};
-use super::vector::SEARCH;
 use crate::error::Result;
 use crate::memory::{try_collect, try_extend, try_zeros};
 

@@ -13,8 +13,8 @@ use super::compensated::{Sum, two_product, two_sum};
 use super::kernel::{gather, scatter};
 use super::operator::{Operator, Precondition, Residual};
 use super::parallel;
+use super::problem::SEARCH;
 use super::triangle::Triangle;
-use super::vector::SEARCH;
 use crate::error::Result;
 use crate::memory::{checked_len, try_collect, try_extend, try_push, try_room, try_zeros};
 use crate::sample::Index;
@@ -40,7 +40,7 @@ impl<'a, I: Index> Singletons<'a, I> {
     /// The caller guarantees `rows.len() = stored * g.len()` and every index `< length`.
     pub fn new(rows: &'a [I], length: usize, g: &'a [f64], zero: bool, threads: usize) -> Self {
         let stored = rows.len() / g.len();
-        Self { rows: Cow::Borrowed(rows), stored, length, g, zero, threads, square: super::vector::dot(g, g) }
+        Self { rows: Cow::Borrowed(rows), stored, length, g, zero, threads, square: crate::vector::dot(g, g) }
     }
 
     fn row(&self, i: usize) -> &[I] {
@@ -162,7 +162,7 @@ impl<I: Index> Operator for Singletons<'_, I> {
         let first = first.min(self.stored);
         let mut keep: Vec<usize> = try_collect(SEARCH, 0..first)?;
         let mut missing: Vec<f64> = try_collect(SEARCH, counts.iter().map(|c| c.min(copies)))?;
-        let mut open: f64 = super::vector::sum(&missing);
+        let mut open: f64 = crate::vector::sum(&missing);
         for i in 0..self.stored {
             if open <= 0.0 {
                 break;
@@ -305,7 +305,7 @@ impl Precondition for CountBlock {
             let (r, out) = (&r[line.clone()], &mut out[line.clone()]);
             let (inverse, scaled) = (&self.inverse[line.clone()], &self.scaled[line]);
             // z = D^{-1} r + D^{-1} u (u^T D^{-1} r) / (K - u^T D^{-1} u)
-            let shift = super::vector::dot(scaled, r) * pivot;
+            let shift = crate::vector::dot(scaled, r) * pivot;
             for (((z, r), d), s) in out.iter_mut().zip(r).zip(inverse).zip(scaled) {
                 *z = d * r + shift * s;
             }

@@ -2,8 +2,8 @@
 
 use super::operator::Operator;
 use super::problem::Phase;
+use super::problem::SEARCH;
 use super::relaxed_target::Relaxed;
-use super::vector::SEARCH;
 use crate::error::Result;
 use crate::memory::{try_copy, try_filled};
 

@@ -14,7 +14,7 @@ pub(crate) fn threshold(u: &[f64], alive: &mut Vec<f64>) -> f64 {
     let top = u.iter().fold(f64::NEG_INFINITY, |m, &v| if v > m { v } else { m });
     alive.clear();
     alive.extend(u.iter().filter(|&&v| v > top - 1.0));
-    let mut theta = (super::vector::sum(alive) - 1.0) / alive.len().max(1) as f64;
+    let mut theta = (crate::vector::sum(alive) - 1.0) / alive.len().max(1) as f64;
     loop {
         let before = alive.len();
         alive.retain(|&v| v > theta);
@@ -22,7 +22,7 @@ pub(crate) fn threshold(u: &[f64], alive: &mut Vec<f64>) -> f64 {
             return theta;
         }
         // theta = (sum_{alive} u - 1) / |alive|
-        theta = (super::vector::sum(alive) - 1.0) / alive.len() as f64;
+        theta = (crate::vector::sum(alive) - 1.0) / alive.len() as f64;
     }
 }
 
@@ -41,7 +41,7 @@ pub(crate) fn normalise(w: &mut [f64]) -> bool {
     for v in w.iter_mut() {
         *v = v.max(0.0);
     }
-    let total = super::vector::sum(w);
+    let total = crate::vector::sum(w);
     if !(total > 0.0 && total.is_finite()) {
         return false;
     }

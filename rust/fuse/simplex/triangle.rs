@@ -7,7 +7,7 @@ use std::ops::Range;
 
 use faer::{MatMut, MatRef};
 
-use super::vector::SEARCH;
+use super::problem::SEARCH;
 use crate::memory::{checked_len, try_collect_all, try_zeros};
 
 /// Rows of one panel.

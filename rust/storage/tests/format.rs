@@ -6,8 +6,8 @@ use proptest::prelude::*;
 use safetensors::{Dtype, SafeTensors};
 
 use super::super::format::{BEGINNING, PARSED, SEAL, ZEROS, digest};
-use super::super::limits::MAX_BYTES;
 use super::*;
+use crate::fault::MAX_BYTES;
 use crate::memory::tests::counted;
 use crate::storage::{Container, Fault, MAX_HEADER, VERSION, decode, encode};
 use crate::{Error, Result};

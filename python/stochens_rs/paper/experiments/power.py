@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from functools import partial
 from typing import Any, Literal
 
@@ -12,14 +13,15 @@ from ..._base import gate
 from ..._base.numbers import ROUNDING
 from ..._base.progress import Progress
 from ..._base.types import FUSIONS
-from ...cases import ieee14, ieee39
+from ...cases import CASES
 from ...ensembles.sampling import sample
 from ...exceptions import InputError
 from ...fusion.fusing import fuse_path
 from ...rng import Key, RngLike
 from ...studies.curves import Panel
 from ...studies.experiment import Experiment
-from ...studies.replicate import METHODS, Solves, Step
+from ...studies.methods import METHODS
+from ...studies.replicate import Solves, Step
 from ...studies.study import LARGEST, Errors, Quantity, Study, both_orders
 from ...system import System
 from ...theory import moments
@@ -33,7 +35,7 @@ def power(
     replicates: int = 100,
     samples: int = 1000,
     sizes: ArrayLike | None = None,
-    case: Literal["ieee14", "ieee39"] = "ieee14",
+    case: str = "ieee14",
     data: Literal["classic", "andes"] = "classic",
     base: Literal["system", "machine"] = "system",
     dt: float = 0.01,
@@ -63,16 +65,18 @@ def power(
     sizes : sequence of int, optional
         Sample counts at which errors are taken, increasing, at most `samples`; default: 16 on a
         log grid.
-    case : {"ieee14", "ieee39"}
-        IEEE 14-bus (n = 10, m = 5) or 39-bus (n = 20, m = 10) network.
+    case : str, default "ieee14"
+        One of ``stochens_rs.cases.CASES``: the IEEE 14-bus network (n = 10, m = 5), or "ieee39",
+        the 39-bus network (n = 20, m = 10).
     data, base, dt, method
-        Passed to :func:`stochens_rs.cases.ieee14`; `data` and `base` have no meaning for "ieee39".
+        Options of the case, as in :func:`stochens_rs.cases.ieee14`. "ieee39" has no `data` and no
+        `base`.
     angle_std, speed_std : float, default 0.1
         Standard deviations of the Gaussian x0: rotor angles [rad], speed deviations [rad/s]. A
         common factor changes no relative error.
     tol : float, default 1e-10
         Relative duality gap asked of the ALSE solves; relative errors of A below ``sqrt(tol)``
-        cannot be told from zero.
+        count as zero.
     progress : None, bool or callable, optional
         True: a bar on a terminal or in a notebook. A callable is called as
         ``progress(done, total)`` after each replicate.
@@ -105,7 +109,8 @@ def power(
     study = Study(rng, replicates, samples, sizes, tol)
     angle_std = gate.positive("angle_std", angle_std, maximum=LARGEST)
     speed_std = gate.positive("speed_std", speed_std, maximum=LARGEST)
-    system = _system(case, data, base, dt, method)
+    options = {"data": data, "base": base, "dt": dt, "method": method}
+    system = _system(case, options)
     A, B, n = system.A, system.B, system.n
     scale = np.repeat([angle_std, speed_std], n // 2)
     x0, xf = study.key.child("x0").generator().standard_normal(n) * scale, np.zeros(n)
@@ -166,10 +171,8 @@ def power(
     }
     settings = {
         "case": case,
-        "data": data,
-        "base": base,
+        **options,
         "dt": float(dt),
-        "method": method,
         "angle_std": angle_std,
         "speed_std": speed_std,
         "x0": x0.tolist(),
@@ -178,16 +181,17 @@ def power(
     return study.experiment("power", title, system, panels, solves, facts, settings)
 
 
-def _system(case: str, data: str, base: str, dt: float, method: str) -> System:
-    """The chosen network; its own options are checked by `cases`."""
-    gate.choice("case", case, ("ieee14", "ieee39"))
-    if case == "ieee14":
-        return ieee14(data=data, base=base, dt=dt, method=method)  # type: ignore[arg-type]
-    if (data, base) != ("classic", "system"):
-        raise InputError(
-            '`data` and `base` choose between IEEE 14-bus data: "ieee39" has one set only'
-        )
-    return ieee39(dt=dt, method=method)  # type: ignore[arg-type]
+def _system(case: str, options: dict[str, Any]) -> System:
+    """The chosen network; an option that it does not have must be left at its default."""
+    made = CASES[gate.choice("case", case, tuple(CASES))]
+    known, defaults = (inspect.signature(one).parameters for one in (made, power))
+    for name, value in options.items():
+        if name not in known and value != defaults[name].default:
+            raise InputError(
+                f"`{name}` must be left out with case {case!r}, which has no such option, "
+                f"got {gate.show(value)}"
+            )
+    return made(**{name: value for name, value in options.items() if name in known})
 
 
 def _zero_from(panel: Panel, sizes: NDArray[np.int64]) -> int | None:

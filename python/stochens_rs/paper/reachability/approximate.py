@@ -24,7 +24,7 @@ from ...theory.records import Reachability
 
 @dataclass(frozen=True, eq=False)
 class ApproximateReachability:
-    """What the average of N runs did, beside what it has to do.
+    """Errors of the average of N runs, and what they are compared with.
 
     Attributes
     ----------
@@ -35,8 +35,8 @@ class ApproximateReachability:
     rms : ndarray, shape (k,)
         Its exact root mean square, ``sqrt(tr S_K / N + residual^2)``.
     radii : ndarray, shape (k,)
-        What an error exceeds with probability at most ``delta / k``, if ``xf`` is reachable: all
-        of them hold together with probability ``1 - delta``.
+        Bounds on the errors if ``xf`` is reachable. Each fails with probability at most
+        ``delta / k``; all of them hold with probability at least ``1 - delta``.
     exact : Reachability
         Reachability under the exact system in K steps, that of its `Plan`.
     controls : ndarray, shape (K, m)
@@ -103,12 +103,12 @@ def approximately(
     Notes
     -----
     ``xhat(s, k+1) = A^(s,k) xhat(s, k) + B^(s,k) u(k)`` with fresh draws for every run and step, by
-    columns, and the smallest u that takes the exact system to (or nearest to) ``xf``. Printed,
-    Definition 2.3 asks that controls "drive the realization through the trajectory", which any
-    control does; what is meant, and what the proof of Lemma 3.1 uses, is this choice. The runs
-    are independent with mean ``A^K x0 + C u``: with the smallest radii of
-    `bounds.candidates`. An experiment can contradict the notion, but not prove a limit: the
-    verdict for a target out of reach is that of the exact residual, at which the errors level.
+    columns, and the smallest u that takes the exact system to (or nearest to) ``xf``. As printed,
+    Definition 2.3 requires that controls "drive the realization through the trajectory", which any
+    control does; the proof of Lemma 3.1 uses the control chosen here. The runs
+    are independent with mean ``A^K x0 + C_K u``, so that the bounds of `bounds.candidates` hold;
+    the smallest is used. An experiment can contradict a limit but not prove it. Whether a target
+    is out of reach is therefore decided by the exact residual, which the errors approach.
 
     Examples
     --------
@@ -118,7 +118,7 @@ def approximately(
     >>> found.verdict, bool(found.errors[-1] < 0.2)
     ('approximately reachable', True)
     """
-    level_of(delta)  # refuses what is no probability
+    level_of(delta)  # raises unless delta is in (0, 1)
     checked = System.from_any(system)
     A, B = checked.A, checked.B
     start = gate.vector("x0", x0, length=checked.n)
@@ -139,7 +139,7 @@ def approximately(
         for k in grid
     ]
     errors = np.array([norm(average[-1] - goal) for average in averages])
-    # by Pythagoras the error beyond the residual is at most that of the mean
+    # ||mean - xf|| <= ||mean - nearest reachable|| + residual, and the bounds are on the first
     rounding = ROUNDING * float(np.abs(averages[-1]).max(initial=1.0))
     consistent = bool((errors <= radii + exact.residual + rounding).all())
     verdict = "approximately reachable" if consistent else "inconsistent"

@@ -1,23 +1,23 @@
 """Lemmas 3.1 and 3.2 and a remark are false as stated: counterexamples in rational numbers.
 
-All use that Definition 2.2 allows weights of its own for every entity and realizations that are
-biased: a sequence with one good realization and zeros otherwise approximates its limit, with all
-weight on the good one. Where the good realizations sit at different indices, no run is good.
+Definition 2.2 allows biased realizations, and different weights for every entity. Hence a sequence
+with one exact ("good") realization and zeros otherwise approximates its limit: all weight goes to
+the good one. If the good realizations of x0, A and B have different indices, no run has all three.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import TypeAlias
+
+import numpy as np
 
 from ..._base import gate
 from ...exceptions import InputError
+from ..rationals import ONE, ZERO, Array, array
 
-_Row: TypeAlias = "list[Fraction]"
-
-# the index at which each entity has its one good realization
-_GOOD = {"x0": 0, "A": 1, "B": 2}
+# The index at which each entity has its one good realization.
+_GOOD = {"x0": 0, "A": 1, "B": 2, "xf": 0}
 
 
 @dataclass(frozen=True)
@@ -90,32 +90,17 @@ def lemma_3_1(
     size = gate.size("size", size, minimum=3, maximum=10**6)
     y = _weights(weights, size)
     u = _integers("controls", [-7] * size if controls is None else controls, size)
-    zero, one = Fraction(0), Fraction(1)
-    A, B, x0 = [[zero, one], [one, zero]], [one, zero], [one, zero]
-    xf = _times(A, x0)
-    nothing = [zero, zero]
-
-    def run(s: int) -> tuple[list[_Row], _Row, _Row]:
-        return (
-            A if s == _GOOD["A"] else [nothing, nothing],
-            B if s == _GOOD["B"] else nothing,
-            x0 if s == _GOOD["x0"] else nothing,
-        )
-
-    average = [zero, zero]
-    for s in range(size):
-        As, Bs, start = run(s)
-        moved = _times(As, start)
-        average = [a + y[s] * (z + b * u[s]) for a, z, b in zip(average, moved, Bs, strict=True)]
-    good_A, good_B, good_x0 = run(_GOOD["A"])[0], run(_GOOD["B"])[1], run(_GOOD["x0"])[2]
-    errors = {
-        "A": max(abs(a - b) for p, q in zip(good_A, A, strict=True) for a, b in _pairs(p, q)),
-        "B": max(abs(a - b) for a, b in _pairs(good_B, B)),
-        "x0": max(abs(a - b) for a, b in _pairs(good_x0, x0)),
-    }
-    # with u = 0 the exact system is at A x0 = xf
-    residual = max(abs(a - b) for a, b in _pairs(_times(A, x0), xf))
-    # the second entry is what no control moves
+    A, B, x0 = array([[0, 1], [1, 0]]), array([1, 0]), array([1, 0])
+    xf = A @ x0
+    matrices, inputs, starts = (
+        _one_good(x, name, size) for x, name in ((A, "A"), (B, "B"), (x0, "x0"))
+    )
+    average = sum(
+        w * (M @ x + b * v) for w, M, x, b, v in zip(y, matrices, starts, inputs, u, strict=True)
+    )
+    errors = _errors(A=(matrices, A), B=(inputs, B), x0=(starts, x0))
+    residual = abs(A @ x0 - xf).max()  # of the exact system with u = 0
+    # no control moves the second entry
     return Counterexample("3.1", size, errors, residual, abs(xf[1] - average[1]))
 
 
@@ -155,17 +140,12 @@ def lemma_3_2(size: int = 10, *, weights: list[int] | None = None) -> Counterexa
     """
     size = gate.size("size", size, minimum=2, maximum=10**6)
     y = _weights(weights, size)
-    zero, A, B, x0, xf = Fraction(0), Fraction(1), Fraction(1), Fraction(1), Fraction(0)
-    starts, matrices = _one_good(x0, "x0", size), _one_good(A, "A", size)
-    goals = [xf] * size
-    u = [(f - a * z) / B for f, a, z in zip(goals, matrices, starts, strict=True)]
-    residuals = [
-        abs(f - a * z - B * v) for f, a, z, v in zip(goals, matrices, starts, u, strict=True)
-    ]
+    x0, A, B, xf = ONE, ONE, ONE, ZERO
+    starts, matrices, goals, errors = _scalars(size, x0, A, xf)
     exact = (xf - A * x0) / B
-    average = sum((w * v for w, v in zip(y, u, strict=True)), zero)
-    errors = _errors(starts, matrices, goals, x0, A, xf)
-    return Counterexample("3.2", size, errors, max(residuals), abs(B * (exact - average)))
+    u = (goals - matrices * starts) / B
+    residual = abs(goals - matrices * starts - B * u).max()
+    return Counterexample("3.2", size, errors, residual, abs(B * (exact - (y * u).sum())))
 
 
 def remark_3_2(size: int = 10) -> Counterexample:
@@ -199,38 +179,45 @@ def remark_3_2(size: int = 10) -> Counterexample:
     (Fraction(1, 1), Fraction(0, 1))
     """
     size = gate.size("size", size, minimum=2, maximum=10**6)
-    A, x0, xf = Fraction(1), Fraction(1), Fraction(0)
-    starts, matrices = _one_good(x0, "x0", size), _one_good(A, "A", size)
-    goals = [xf] * size
+    x0, A, xf = ONE, ONE, ZERO
+    starts, matrices, goals, errors = _scalars(size, x0, A, xf)
     # B = 0: no control moves anything
-    residuals = [abs(f - a * z) for f, a, z in zip(goals, matrices, starts, strict=True)]
-    errors = _errors(starts, matrices, goals, x0, A, xf)
-    return Counterexample("remark after 3.2", size, errors, max(residuals), abs(xf - A * x0))
+    residual = abs(goals - matrices * starts).max()
+    return Counterexample("remark after 3.2", size, errors, residual, abs(xf - A * x0))
 
 
-def _one_good(value: Fraction, name: str, size: int) -> _Row:
+def _scalars(
+    size: int, x0: Fraction, A: Fraction, xf: Fraction
+) -> tuple[Array, Array, Array, dict[str, Fraction]]:
+    """Realizations of the three, one of each good, and their errors."""
+    starts, matrices, goals = (
+        _one_good(x, name, size) for x, name in ((x0, "x0"), (A, "A"), (xf, "xf"))
+    )
+    errors = _errors(x0=(starts, x0), A=(matrices, A), xf=(goals, xf))
+    return starts, matrices, goals, errors
+
+
+def _one_good(value: Array, name: str, size: int) -> Array:
     """The value where the entity has its good realization, 0 elsewhere."""
-    return [value if s == _GOOD[name] else Fraction(0) for s in range(size)]
+    drawn = array(np.zeros((size, *np.shape(value)), dtype=int))
+    drawn[_GOOD[name]] = value
+    return drawn
 
 
-def _errors(
-    starts: _Row, matrices: _Row, goals: _Row, x0: Fraction, A: Fraction, xf: Fraction
-) -> dict[str, Fraction]:
-    """Errors of the scalars under all weight on the good realization."""
+def _errors(**entities: tuple[Array, Array]) -> dict[str, Fraction]:
+    """Largest error of an entry of each entity under all weight on its good realization."""
     return {
-        "x0": abs(starts[_GOOD["x0"]] - x0),
-        "A": abs(matrices[_GOOD["A"]] - A),
-        "xf": abs(goals[0] - xf),
+        name: np.max(abs(drawn[_GOOD[name]] - value)) for name, (drawn, value) in entities.items()
     }
 
 
-def _weights(weights: list[int] | None, size: int) -> list[Fraction]:
+def _weights(weights: list[int] | None, size: int) -> Array:
     """Nonnegative integers of positive sum, as fractions of it."""
     given = _integers("weights", [1] * size if weights is None else weights, size)
     total = sum(given)
     if min(given) < 0 or total == 0:
         raise InputError("`weights` must be nonnegative and not all 0")
-    return [Fraction(w, total) for w in given]
+    return array(given) / total
 
 
 def _integers(name: str, values: list[int], size: int) -> list[int]:
@@ -238,11 +225,3 @@ def _integers(name: str, values: list[int], size: int) -> list[int]:
     if len(given) != size:
         raise InputError(f"`{name}` must have length {size}, got {len(given)}")
     return [gate.size(f"{name}[{k}]", v, minimum=-(2**53)) for k, v in enumerate(given)]
-
-
-def _times(A: list[_Row], x: _Row) -> _Row:
-    return [sum((a * b for a, b in _pairs(row, x)), Fraction(0)) for row in A]
-
-
-def _pairs(a: _Row, b: _Row) -> list[tuple[Fraction, Fraction]]:
-    return list(zip(a, b, strict=True))

@@ -1,4 +1,4 @@
-"""Sample reachability (Definition 2.4): a finite list of realizations, all of them checked."""
+"""Sample reachability (Definition 2.4): every realization of a finite list is checked."""
 
 from __future__ import annotations
 
@@ -150,7 +150,7 @@ def _atoms_of_vector(w: Floats) -> tuple[Floats, Floats]:
 
 
 def _atoms_of_product(A: Floats, x0: Floats) -> tuple[Floats, Floats]:
-    """Realizations of ``A^s x0^s``: entry R, through column I, hit with both probabilities."""
+    """Realizations of ``A^s x0^s`` (k, n) and their probabilities: x0 hits I, column I hits R."""
     g0, g = np.abs(x0).sum(), np.abs(A).sum(axis=0)
     rows, columns = np.nonzero((A != 0.0) & (x0 != 0.0))
     values = g0 * g[columns] * np.sign(A[rows, columns]) * np.sign(x0[columns])

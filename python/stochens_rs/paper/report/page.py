@@ -1,9 +1,9 @@
-"""One page that says what was run, shows it, and says where the paper cannot be followed.
+"""The report: what was run, the figures, and where the results must differ from the paper.
 
 `write_report` turns finished experiments into ``report.html`` (self-contained: figures and style
 are inlined, nothing is loaded from anywhere), ``results.json`` and the figures as PNG and SVG.
 The text is in the templates beside this file. All its numbers are read from the experiments;
-nothing is computed anew.
+nothing is computed here.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from ..._base.extras import extra
 from ..._base.files import versions, write_listed
 from ...plots.files import save_figures
 from ...plots.style import require_matplotlib
+from ...studies.methods import STYLES
 from .. import experiments as _experiments
 
 if TYPE_CHECKING:
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
     from ..verdicts.records import Claims
 
 SCHEMA = "stochens-results/1"
+# Columns of the table of final errors that hold numbers: key in `final_errors`, heading.
+COLUMNS = {"median": "median", "q10": "10 %", "q90": "90 %", "rms": "rms"}
 
 
 def final_errors(experiments: Sequence[Experiment]) -> list[dict[str, Any]]:
@@ -95,7 +98,7 @@ def write_report(
     claims : Claims, optional
         What :func:`stochens_rs.paper.claims` returns: a section with one row per statement.
     options : mapping, optional
-        What the run was asked for: kept in ``results.json``, beside the SHA-256 of every
+        The options of the run: kept in ``results.json``, beside the SHA-256 of every
         file.
     title : str
         Heading of the page.
@@ -176,6 +179,8 @@ def render(
             "power": named.get("power"),
             "tracking": named.get("tracking"),
             "rows": final_errors(experiments),
+            "columns": COLUMNS,
+            "methods": [one for (_, fusion), one in STYLES.items() if fusion == "product"],
             "code": _code(experiments),
             "source": source,
             "last": last,
@@ -192,7 +197,7 @@ def number(value: float) -> str:
 
 
 def percent(share: float) -> str:
-    """A share as per cent, two significant digits, never rounded to 0 when it is not."""
+    """A share in per cent with two significant digits; a positive one is never shown as 0."""
     return "less than 0.01 %" if 0 < share < 1e-4 else f"{float(f'{100 * share:.2g}'):g} %"
 
 

@@ -1,9 +1,8 @@
-"""The paper's statements checked one by one, on the spot.
+"""The paper's statements checked one by one.
 
-`claims` computes a table with one row for every definition, lemma, algorithm and figure, and for
-what the text says beside them: what the paper says, whether that holds, the corrected statement,
-and the evidence. The verdicts are fixed; every call computes the evidence anew and says
-whether it supports them.
+`claims` makes a table with one row for every definition, lemma, algorithm, figure and remark: what
+the paper says, whether that holds, the corrected statement, and the evidence. The verdicts are
+fixed (``statements.ini``); every call computes the evidence anew and says whether it supports them.
 """
 
 from __future__ import annotations
@@ -66,7 +65,8 @@ def claims(rng: RngLike = 1, *, quick: bool = False, progress: Progress = None) 
     """
     key, quick = as_key(rng), gate.flag("quick", quick)
 
-    @cache  # as the two below: computed by the first statement that needs it
+    # each is computed by the first statement that needs it
+    @cache
     def measured() -> tails.Tails:
         return tails.measure(key.child("tails"), runs=1000 if quick else 10_000)
 

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...plots.style import INK, PALE, new_figure, require_matplotlib
-from ...studies.figures import STYLES
+from ...plots.style import COLORS, INK, PALE, add_grid, new_figure, require_matplotlib
+from ...studies.methods import STYLES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from .comparison import Comparison
     from .tails import Tails
 
-_PAPER, _OURS = "#D55E00", "#0072B2"
+_OURS, _PAPER = COLORS[:2]
 
 
 def draw_claims(tails: Tails, compared: Comparison, shown: bool) -> Figure:
@@ -75,7 +75,5 @@ def _comparison(ax: Axes, compared: Comparison) -> None:
 
 
 def _finish(ax: Axes) -> None:
-    ax.grid(True, which="major", color="0.92", lw=0.8)
-    ax.set_axisbelow(True)
-    ax.spines[["top", "right"]].set_visible(False)
+    add_grid(ax)
     ax.legend(frameon=False, fontsize=9, loc="upper right")

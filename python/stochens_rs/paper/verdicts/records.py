@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from configparser import ConfigParser
 from dataclasses import asdict, dataclass
+from functools import cache
+from pathlib import Path
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
@@ -68,6 +71,23 @@ class Claim:
         return all(one.confirms for one in self.evidence)
 
 
+@cache
+def statements() -> ConfigParser:
+    """What the paper says, the verdict, and what is true, from ``statements.ini``."""
+    parser = ConfigParser(delimiters=("=",), interpolation=None)
+    parser.read_string(Path(__file__).with_name("statements.ini").read_text("utf-8"))
+    return parser
+
+
+def claim(item: str, *found: tuple[Kind, str, object]) -> Claim:
+    """One statement, with the kind, the text and the outcome of each computation on it."""
+    says, verdict, true = (
+        " ".join(statements()[item].get(key, "").split()) for key in ("says", "verdict", "true")
+    )
+    evidence = tuple(Evidence(kind, text, bool(confirms)) for kind, text, confirms in found)
+    return Claim(item, says, verdict, true, evidence)  # type: ignore[arg-type]
+
+
 @dataclass(frozen=True)
 class Claims:
     """The paper's statements, checked one by one; what `claims` returns.
@@ -77,7 +97,7 @@ class Claims:
     rows : tuple of Claim
         In the order of the paper.
     tails : Tails
-        Empirical quantiles of an error beside the bounds, for a figure.
+        Empirical quantiles of an error and the bounds on it, for a figure.
     comparison : Comparison
         SLSE against uniform weights, run by run and in the mean square, for a figure.
     key : str

@@ -1,4 +1,4 @@
-"""Simulated errors beside the bounds on them: Lemma 4.2 on a hard system.
+"""Simulated errors and the bounds on them: Lemma 4.2 on a hard system.
 
 The system is ``A = H / sqrt(n)`` with a Hadamard matrix H, ``x0 = (1, .., 1) / sqrt(n)``,
 ``xf = 0`` and ``B = I``: all norms that the paper uses are 1, while a realization of A has the
@@ -67,17 +67,8 @@ class Tails:
 
     def to_dict(self) -> dict[str, Any]:
         """The fields as plain numbers and lists."""
-        return {
-            "n": self.n,
-            "delta": self.delta,
-            "runs": self.runs,
-            "sizes": self.sizes.tolist(),
-            "empirical": self.empirical.tolist(),
-            "ours": self.ours.tolist(),
-            "bounds": list(self.bounds),
-            "printed": self.printed.tolist(),
-            "failures": self.failures.tolist(),
-        }
+        plain = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in vars(self).items()}
+        return {**plain, "bounds": list(self.bounds)}
 
 
 def hadamard(n: int) -> Floats:

@@ -1,8 +1,5 @@
 //! Dense vector kernels: four independent partial sums, so that they vectorise.
 
-/// What messages say that memory is for.
-pub(crate) const SEARCH: &str = "the search for weights";
-
 /// `<x, y>`
 pub(crate) fn dot(x: &[f64], y: &[f64]) -> f64 {
     let (x4, x_tail) = x.as_chunks::<4>();

@@ -1,8 +1,12 @@
-//! What can be wrong with a state file.
+//! What a state file is held to, and what can be wrong with one: below the errors, which name it.
 
 use safetensors::Dtype;
 
-use super::limits::{MAX_BYTES, VERSION};
+/// The format's version that is written, and the only one that is read.
+pub const VERSION: u64 = 2;
+
+/// No file is longer than this; less where addresses are short.
+pub const MAX_BYTES: u64 = if usize::BITS < 64 { 1 << 30 } else { 1 << 34 };
 
 /// Why a file is not accepted as a state file.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -39,7 +43,7 @@ pub enum Fault {
 
 impl Fault {
     /// Whether the file was once good, or may have been, so that the previous generation may stand in for it.
-    pub(super) fn is_damage(&self) -> bool {
+    pub(crate) fn is_damage(&self) -> bool {
         match self {
             Self::Version { .. } | Self::Kind { .. } | Self::NotRegular { .. } | Self::TooLarge { .. } => false,
             // well sealed, hence written like this: not the disk's fault

@@ -1,0 +1,49 @@
+use super::*;
+
+fn drawn(values: &[f64], lines: usize, size: u64) -> Estimate {
+    let law = Law::new(values.to_vec(), lines, values.len() / lines).unwrap();
+    Estimate::Drawn(Average::new(law, size, Scheme::Iid).unwrap())
+}
+
+/// `A = I`, `B = I`, `xf = 0`: the error of the state is that of `A_hat x0_hat`, by hand for one realization.
+#[test]
+fn one_realization_by_hand() {
+    let (identity, x0, stop) = ([1.0, 0.0, 0.0, 1.0], [3.0, -1.0], Stop::new());
+    let plans = |paired| {
+        Plans::new(drawn(&x0, 1, 1), Estimate::Fixed(vec![0.0; 2]), drawn(&identity, 2, 1), false, paired).unwrap()
+    };
+    let exact = Exact::OneStep { basis: &identity, singular_values: &[1.0, 1.0], y: &[-3.0, 1.0] };
+    for paired in [false, true] {
+        let errors = plans(paired).errors(exact, 4000, &Key([1; 32]), 2, &stop).unwrap();
+        // (4, 0) - (3, -1) with probability 3/4, else (0, -4) - (3, -1)
+        let (near, far) = (2.0_f64.sqrt(), 18.0_f64.sqrt());
+        assert!(errors.iter().all(|e| (e - near).abs() < 1e-12 || (e - far).abs() < 1e-12));
+        let share = errors.iter().filter(|e| **e < 2.0).count() as f64 / errors.len() as f64;
+        assert!((share - 0.75).abs() < 4.0 * (0.75 * 0.25 / 4000.0_f64).sqrt()); // false alarm 6e-5
+    }
+}
+
+#[test]
+fn threads_change_nothing_and_more_runs_start_with_the_fewer() {
+    let (a, x0, stop) = ([0.5, -1.0, 0.25, 2.0], [1.0, -2.0], Stop::new());
+    let plans = Plans::new(drawn(&x0, 1, 40), drawn(&x0, 1, 40), drawn(&a, 2, 40), true, false).unwrap();
+    let (b, c, v) = ([1.0, 0.5], [1.0, 0.75, 0.5, 0.0], [-1.0, 1.0]);
+    let exact = Exact::Steps { b: &b, c: &c, v: &v };
+    let errors = |runs, threads| plans.errors(exact, runs, &Key([2; 32]), threads, &stop).unwrap();
+    let whole = errors(100, 1);
+    assert_eq!(errors(100, 3), whole);
+    assert_eq!(errors(33, 2), whole[..66]);
+    stop.request();
+    assert_eq!(plans.errors(exact, 9, &Key([2; 32]), 1, &stop), Err(Error::Interrupted));
+}
+
+#[test]
+fn what_does_not_fit_is_refused() {
+    let fixed = |len| Estimate::Fixed(vec![1.0; len]);
+    assert!(matches!(Plans::new(fixed(2), fixed(3), fixed(4), false, false), Err(Error::Shape { name: "xf", .. })));
+    assert!(matches!(Plans::new(fixed(2), fixed(2), fixed(5), false, false), Err(Error::Shape { name: "A", .. })));
+    let law = Law::new(vec![1.0; 4], 2, 2).unwrap();
+    assert!(matches!(Average::new(law.clone(), 0, Scheme::Iid), Err(Error::Value { name: "size", .. })));
+    let rows = Estimate::Drawn(Average::new(law, 5, Scheme::Systematic).unwrap());
+    assert!(matches!(Plans::new(fixed(2), fixed(2), rows, true, true), Err(Error::Value { name: "fusion", .. })));
+}

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError
 from stochens_rs.paper import bounds as paper
 from stochens_rs.theory import bounds, moments
-from stochens_rs.theory.bounds._settings import largest_eigenvalues
+from stochens_rs.theory.bounds.settings import largest_eigenvalues
 
 AXES = ("columns", "rows")
 FUSIONS = ("product", "diagonal")
@@ -121,8 +121,8 @@ def test_the_exact_distribution_catches_the_printed_exponent():
 
     bound = bounds.bound("Weissman", "vector", w)
     assert_valid(bound, N, errors, exceeded)
-    honest = bound._inequality.level
-    bound._inequality.level = lambda rates, eps: honest(rates, math.sqrt(2.0) * eps)
+    honest = bound.inequality.level
+    bound.inequality.level = lambda rates, eps: honest(rates, math.sqrt(2.0) * eps)
     with pytest.raises(AssertionError):
         assert_valid(bound, N, errors, exceeded)
     assert_valid(bounds.bound("Hoeffding", "vector", w), N, errors, exceeded)
@@ -721,7 +721,7 @@ def test_lemma_43_says_nothing_about_the_number_of_steps():
     A, x0 = hadamard(2) / math.sqrt(2.0), np.full(2, math.sqrt(0.5))
     for K in (1, 2, 4, 6, 8, 10):
         data = (A, [[1.0], [0.0]]), x0, np.zeros((K, 1))
-        runs = bounds.bound("McDiarmid", "trajectory", *data)._setting
+        runs = bounds.bound("McDiarmid", "trajectory", *data).setting
         assert runs.mean_square * runs.unit**2 == pytest.approx(2.0 ** (K + 1) - 1.0)
         one = paper.Lemma43(*data[:2], np.zeros((1, 1))).radius(100, 0.01)
         assert paper.Lemma43(*data).radius(100, 0.01) == pytest.approx(one)
@@ -736,7 +736,7 @@ def test_lemma_43_exponent_is_beaten_by_one_atom(n):
     data = (A, np.eye(n)), x0, np.zeros((1, n))
     printed = paper.Lemma43(*data, C=1.0)
     exponent = (
-        printed._inequality.level((1e-4,), eps) + math.log(4.0)
+        printed.inequality.level((1e-4,), eps) + math.log(4.0)
     ) / 10**4  # 2 C, two equal terms
     assert exponent == pytest.approx(2.0 * (n**2 + 1) / (9.0 * n), rel=1e-6)
     expected = {16: (3.466, 3.569), 32: (4.16, 7.12)}[n]
@@ -745,7 +745,7 @@ def test_lemma_43_exponent_is_beaten_by_one_atom(n):
     corrected = bounds.bound("McDiarmid, one step", "trajectory", *data)
     for N in (1, 10, 100):
         log_exact = math.log(2 * n - 2) - N * rate
-        level = corrected._inequality.level((1.0 / N,), eps / corrected._setting.unit)
+        level = corrected.inequality.level((1.0 / N,), eps / corrected.setting.unit)
         assert -level >= log_exact
     if n == 32:
         ratio = math.exp(math.log(62.0) - 10 * rate + 10 * exponent) / 4.0
@@ -776,7 +776,7 @@ def test_trajectory_bounds_on_exact_distributions():
         one_step = K == 1 and axis == "columns"
         for name in (*RUNS, *ONE_STEP) if one_step else RUNS:
             bound = bounds.bound(name, "trajectory", (A, B), x0, u, axis=axis, sample_B=sample_B)
-            runs = bound._setting
+            runs = bound.setting
             assert runs.mean_square * runs.unit**2 == pytest.approx(variance, rel=1e-12)
             assert_valid(bound, 2, errors, exceeded)
 

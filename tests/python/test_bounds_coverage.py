@@ -206,7 +206,7 @@ def test_trajectories(name, K, axis):
         found = bounds.candidates("trajectory", (A, B), x0, u, axis=axis)
         assert len(found) == (5 if K == 1 and axis == "columns" else 3)
         for bound in found:
-            rms = bound._setting.rms((1.0 / N,)) * bound._setting.unit
+            rms = bound.setting.rms((1.0 / N,)) * bound.setting.unit
             assert np.sqrt((errors**2).mean()) == pytest.approx(rms, rel=0.25)
             for delta in DELTAS:
                 assert not exceeded_too_often(errors, bound.radius(N, delta), delta)
@@ -243,13 +243,13 @@ def test_lemma_42_with_the_norm_of_A_is_refuted():
     grid = np.quantile(errors, [0.5, 0.9, 0.99, 0.999])
     # x0 and A give one term each: 2 C (1 + 1) exp(.) = -level
     needed = [
-        np.log((errors > eps).mean()) + lemma._inequality.level((1.0 / N,), eps) for eps in grid
+        np.log((errors > eps).mean()) + lemma.inequality.level((1.0 / N,), eps) for eps in grid
     ]
     assert max(needed) > np.log(1e6)
     # all N runs hit one atom: no C that depends on n only
     for size in (50, 100, 200):
         log_exact = np.log(2 * n - 2) - size * np.log(2 * n)
-        log_needed = log_exact + lemma._inequality.level(
+        log_needed = log_exact + lemma.inequality.level(
             (1.0 / size,), np.sqrt(n**2 + 1.0) * (1.0 - 1e-12)
         )
         assert log_needed > 9.0 * size
@@ -306,7 +306,7 @@ def test_half_of_every_radius_is_caught():
     """For each kind of bound there is a case in which half its radius is exceeded too often."""
 
     def kind(bound):
-        return f"{type(bound._inequality).__name__}, {type(bound._setting).__name__}"
+        return f"{type(bound.inequality).__name__}, {type(bound.setting).__name__}"
 
     caught = set()
     for name, N in (

@@ -13,7 +13,7 @@ import pytest
 
 from stochens_rs.system import System
 from stochens_rs.theory import bounds
-from stochens_rs.theory.bounds._geometry import Geometry
+from stochens_rs.theory.bounds.geometry import Geometry
 
 QUANTITIES = ("state", "control")
 SLIGHTLY = 1.0 - 1e-9
@@ -234,7 +234,7 @@ def test_the_zero_atom_and_the_smaller_ones_count():
     bound = bounds.bound("McDiarmid", "state", (A, B), x0, xf, fusion="diagonal")
     radius = bound.radius(100, 1e-3)
     assert not exceeded_too_often(errors, radius, 1e-3)
-    largest_of_each_sign(bound._setting)
+    largest_of_each_sign(bound.setting)
     radius = bound.radius(100, 1e-3)
     assert (errors > radius - 1e-9).mean() == pytest.approx(0.368, abs=0.04)  # 5 standard errors
     chosen = bounds.best("state", (A, B), x0, xf, size=100, delta=1e-6, fusion="diagonal")

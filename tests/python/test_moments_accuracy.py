@@ -13,7 +13,7 @@ import pytest
 
 from stochens_rs.system import System
 from stochens_rs.theory import moments
-from stochens_rs.theory.bounds._geometry import Geometry
+from stochens_rs.theory.bounds.geometry import Geometry
 
 TOLERANCE = 1e-13
 AXES = ("columns", "rows")

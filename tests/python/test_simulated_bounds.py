@@ -13,8 +13,8 @@ import stochens_rs as se
 from stochens_rs.exceptions import InputError, SizeError
 from stochens_rs.rng import as_key
 from stochens_rs.theory import bounds
-from stochens_rs.theory.bounds import _simulation
-from stochens_rs.theory.bounds._simulation import Entity, PlanErrors
+from stochens_rs.theory.bounds import drawn_errors
+from stochens_rs.theory.bounds.drawn_errors import Entity, PlanErrors
 
 GEN = np.random.default_rng(3)
 
@@ -24,7 +24,7 @@ GEN = np.random.default_rng(3)
 
 def test_the_order_statistic_is_chosen_by_the_binomial_tail():
     for runs, delta in itertools.product((100, 1000, 8192, 131072), (0.9, 0.3, 0.05, 0.01, 1e-3)):
-        allowed = _simulation.exceedances(runs, delta)
+        allowed = drawn_errors.exceedances(runs, delta)
         tail = stats.binom(runs, 0.9 * delta).cdf
         if allowed is None:
             assert tail(0) > 0.01 * delta
@@ -40,7 +40,7 @@ def test_the_order_statistic_fails_as_often_as_it_may():
     """
     delta, runs = 0.1, 2000
     draws = np.random.default_rng(1).random((2000, runs))
-    found = np.array([_simulation.order_statistic(errors, delta) for errors in draws])
+    found = np.array([drawn_errors.order_statistic(errors, delta) for errors in draws])
     # 0.001 each: 2 expected, 8 or more with probability 1e-3
     assert (found < 1.0 - 0.9 * delta).sum() < 8
     plain = np.quantile(draws, 1.0 - delta, axis=1)
@@ -50,14 +50,14 @@ def test_the_order_statistic_fails_as_often_as_it_may():
 
 
 def test_runs_are_bought_within_limits():
-    assert _simulation.runs_for(0.05, 1e4) == 8192
-    assert _simulation.runs_for(0.001, 1e3) == 131072
-    assert _simulation.runs_for(1e-6, 1e3) is None
-    assert _simulation.runs_for(0.05, 1e12) is None
+    assert drawn_errors.runs_for(0.05, 1e4) == 8192
+    assert drawn_errors.runs_for(0.001, 1e3) == 131072
+    assert drawn_errors.runs_for(1e-6, 1e3) is None
+    assert drawn_errors.runs_for(0.05, 1e12) is None
     for delta in (0.5, 0.05, 0.01, 0.001):
         for cost in (1e3, 1e5, 1e6):
-            runs = _simulation.runs_for(delta, cost)
-            assert runs is None or _simulation.exceedances(runs, delta) is not None
+            runs = drawn_errors.runs_for(delta, cost)
+            assert runs is None or drawn_errors.exceedances(runs, delta) is not None
 
 
 # -- the law of the errors -------------------------------------------------------------------------

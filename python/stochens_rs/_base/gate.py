@@ -15,23 +15,17 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from ..exceptions import (
-    InputError,
-    InputTypeError,
-    NonFiniteError,
-    ShapeError,
-    SizeError,
-)
+from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError, SizeError
 from .reading import read as read
 from .reading import show as show
 from .reading import shown_shape, whole
+from .types import Floats
 
 if TYPE_CHECKING:
     from typing import TypeGuard
 
     from numpy.typing import NDArray
 
-    Floats = NDArray[np.float64]
 
 T = TypeVar("T")
 W = TypeVar("W", bound=str)

@@ -7,13 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from . import gate
+from .types import Floats
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
 
 # Relative differences up to 4 500 eps are rounding: sums of n terms in pairs lose log2(n) eps
 # (Higham, Accuracy and Stability of Numerical Algorithms (2002), 4.2), sampling errors are larger.

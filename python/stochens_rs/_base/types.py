@@ -1,19 +1,25 @@
-"""Choices that several parts of the package offer, each under one name."""
+"""Types and choices that several parts of the package share, each under one name."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from typing import Literal, TypeAlias, get_args
 
+import numpy as np
+from numpy.typing import NDArray
+
+Floats: TypeAlias = NDArray[np.float64]
 Axis: TypeAlias = Literal["columns", "rows"]
 Scheme: TypeAlias = Literal["iid", "systematic"]
 Quantity: TypeAlias = Literal["state", "control"]
 Fusion: TypeAlias = Literal["product", "diagonal"]
+Averaging: TypeAlias = Literal["runs", "mean-field"]
 
 AXES: tuple[Axis, ...] = get_args(Axis)
 SCHEMES: tuple[Scheme, ...] = get_args(Scheme)
 QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
 FUSIONS: tuple[Fusion, ...] = get_args(Fusion)
+AVERAGINGS: tuple[Averaging, ...] = get_args(Averaging)
 
 # How a computation ended, from best to worst. Wrong input raises an exception instead.
 Status: TypeAlias = Literal[

@@ -1,4 +1,4 @@
-"""What a plan keeps about its arguments, so that it can bound its own error later.
+"""What a plan keeps about its arguments for its bound and its covariance.
 
 `Known` is what is known about one of x0, xf and A: its estimate, the exact values behind it where
 they are known, and how many realizations were drawn how. `Basis` is B with the three of them. Both
@@ -8,13 +8,13 @@ hold arrays of the size of the problem, never the realizations.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
 from .._base import gate
 from .._base.records import by_constructor
-from .._base.types import AXES
+from .._base.types import AXES, Floats
 from ..ensembles.counts import Counts
 from ..ensembles.ensemble import Ensemble
 from ..exceptions import InputError, ShapeError
@@ -23,15 +23,18 @@ from ..rng import Key
 from ..system import System
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from .._base.types import Axis
 
-    Floats: TypeAlias = NDArray[np.float64]
 
 Kind: TypeAlias = Literal["exact", "iid", "systematic", "fitted", "unknown"]
 
-_KINDS = ("exact", "iid", "systematic", "fitted", "unknown")
+KINDS: tuple[Kind, ...] = get_args(Kind)
+
+# Up to this relative difference the 1-norms of an average of singletons and of its law count as
+# equal: far above the rounding of pairwise sums, far below what another law makes of them.
+_SAME_NORM = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,9 +50,9 @@ class Known:
         "exact": `values` itself. "fitted": fitted to `values`, the target. "unknown": the average
         of `size` realizations that the user brought.
     estimate : ndarray, shape (n,) or (n, n), or None
-        What the control was computed from; None where no formula needs it.
+        What the control was computed from; None if it is not kept: A, for diagonal fusion.
     values : ndarray, shape (n,) or (n, n), or None
-        What `kind` says; None if that is not known.
+        The exact values that `kind` names; None if they are unknown.
     size : int or None
         Number of realizations.
     axis : str
@@ -67,7 +70,7 @@ class Known:
     key: Key | None = None
 
     def __post_init__(self) -> None:
-        gate.choice("kind", self.kind, _KINDS)
+        gate.choice("kind", self.kind, KINDS)
         gate.choice("axis", self.axis, AXES)
         for what in ("estimate", "values"):
             if getattr(self, what) is not None:
@@ -83,14 +86,14 @@ class Known:
 
 @dataclass(frozen=True, eq=False)
 class Basis:
-    """B and what is known about x0, xf and A: all that a bound on the control needs.
+    """B and what is known about x0, xf and A, for a bound on the control.
 
     Attributes
     ----------
     B : ndarray, shape (n, m)
         The input matrix.
     x0, xf, A : Known
-        What is known about the others.
+        What is known about x0, xf and A.
     """
 
     B: Floats
@@ -118,8 +121,14 @@ class Basis:
 
     @property
     def values(self) -> tuple[Floats, Floats, Floats]:
-        """The exact values of x0, xf and A, once all of them are known."""
+        """The exact values of x0, xf and A; all three must be known, as `completed` makes sure."""
         x0, xf, A = (entity.values for entity in self.entities if entity.values is not None)
+        return x0, xf, A
+
+    @property
+    def estimates(self) -> tuple[Floats, Floats, Floats]:
+        """The estimates of x0, xf and A, as product fusion has them."""
+        x0, xf, A = (entity.estimate for entity in self.entities if entity.estimate is not None)
         return x0, xf, A
 
     @property
@@ -130,7 +139,7 @@ class Basis:
 
 
 def known(name: str, value: Fit | Ensemble | Counts | Floats, estimate: Floats | None) -> Known:
-    """Write down what an argument of `control` knows of itself."""
+    """Collect what is known about an argument of `control`; `estimate` is what it used."""
     if isinstance(value, Ensemble | Counts):
         return _drawn(name, value, estimate)
     if isinstance(value, Fit):
@@ -162,7 +171,7 @@ def completed(
     xf: ArrayLike | None,
     what: str,
 ) -> Basis:
-    """The basis of a plan with the declared laws in place of unknown ones."""
+    """The basis of a plan, in which the given exact values complete the unknown laws."""
     if basis is None:
         raise InputError(f"this plan was not made by `control`: it has no {what}")
     n = len(basis.B)
@@ -193,7 +202,7 @@ def completed(
 
 
 def _declare(entity: Known, values: Floats | None, what: str) -> Known:
-    """Replace an unknown law by the declared one; refuse what contradicts the plan."""
+    """Replace an unknown law by the declared one; refuse values that contradict the plan."""
     label = "system.A" if entity.name == "A" else entity.name
     argument = "system" if entity.name == "A" else entity.name
     if entity.kind == "unknown":
@@ -203,8 +212,7 @@ def _declare(entity: Known, values: Floats | None, what: str) -> Known:
                 f"the {what} depends on it: pass `{argument}=` if they are independent singletons "
                 "of a known mean; for other realizations see DataStream.confidence"
             )
-        assert entity.estimate is not None
-        if not _possible(entity.estimate, values, entity.axis):
+        if entity.estimate is None or not _possible(entity.estimate, values, entity.axis):
             raise InputError(
                 f"`{label}` cannot be what the realizations of `{entity.name}` were drawn from: "
                 "their average has other signs, zeros or 1-norms"
@@ -222,8 +230,8 @@ def _declare(entity: Known, values: Floats | None, what: str) -> Known:
 
 
 def _possible(estimate: Floats, values: Floats, axis: Axis) -> bool:
-    """Say whether an average of singletons drawn from `values` can be `estimate`."""
+    """Whether `estimate` can be an average of singletons drawn from `values`."""
     along = 0 if values.ndim == 1 or axis == "columns" else 1
     found, wanted = np.abs(estimate).sum(axis=along), np.abs(values).sum(axis=along)
     signs = (estimate == 0.0) | (np.sign(estimate) == np.sign(values))
-    return bool(signs.all() and (np.abs(found - wanted) <= 1e-9 * wanted).all())
+    return bool(signs.all() and (np.abs(found - wanted) <= _SAME_NORM * wanted).all())

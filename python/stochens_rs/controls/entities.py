@@ -1,15 +1,13 @@
-"""The arguments of a control problem: checked here, whatever they are known from."""
+"""The arguments of a control problem: arrays, fits, ensembles and counts, checked."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-import numpy as np
-
 from .. import _core
 from .._base import gate
-from .._base.types import FUSIONS, Fusion, Status
+from .._base.types import FUSIONS, Floats, Fusion, Status
 from ..ensembles.counts import Counts
 from ..ensembles.ensemble import Ensemble
 from ..exceptions import InputError, InputTypeError, ShapeError
@@ -20,22 +18,21 @@ from ..theory import dynamics
 if TYPE_CHECKING:
     from typing import TypeGuard
 
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
-    Floats: TypeAlias = NDArray[np.float64]
     EntityLike: TypeAlias = Fit | Ensemble | Counts | ArrayLike
     SystemLike: TypeAlias = System | tuple[EntityLike, ArrayLike] | Any
 
 
 @dataclass(frozen=True)
 class Entity:
-    """x0, xf or A: a fit, an ensemble, counts, or exact values that nobody else can change."""
+    """x0, xf or A: a fit, an ensemble, counts, or a copy of exact values."""
 
     name: str
     value: Fit | Ensemble | Counts | Floats
 
     def estimate(self) -> Floats:
-        """What product fusion uses, in an array that nobody else can change."""
+        """What product fusion uses; a copy if the value belongs to the user."""
         if isinstance(self.value, Fit | Counts):
             return self.value.estimate.copy("K")  # in the same memory order: the same last bits
         return self.value.mean() if isinstance(self.value, Ensemble) else self.value
@@ -56,7 +53,7 @@ class Entity:
         return self.value if isinstance(self.value, Ensemble) else None
 
     def realizations(self) -> _core.Draws | Floats:
-        """What the core pairs up: draws, rows of dense realizations, or a flat exact value."""
+        """For the core: draws, rows of dense realizations, or a flat exact value."""
         ensemble = self._ensemble()
         if ensemble is not None:
             return ensemble._core_realizations()
@@ -82,7 +79,7 @@ class Entity:
 
     @property
     def description(self) -> dict[str, Any]:
-        """What the plan's `info` says of it."""
+        """The entry of the plan's `info`."""
         if isinstance(self.value, Fit):
             fit = self.value
             return {"method": fit.method, "size": self.size, "status": fit.status, "gap": fit.gap}
@@ -123,7 +120,7 @@ def _estimated(value: object) -> TypeGuard[Fit | Ensemble | Counts]:
 
 
 def fusion_over(steps: object, fusion: object, n: int, m: int) -> tuple[int, Fusion]:
-    """Check the number of steps, and that the fusion goes with it."""
+    """Check the number of steps, and that the fusion is possible over so many."""
     K = gate.size("steps", steps)
     if gate.choice("fusion", fusion, FUSIONS) == "product":
         # one step needs no powers of A

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from .. import _core
 from .._base import gate, memory
 from .._base.numbers import norm
 from .._base.threads import get_num_threads
-from .._base.types import Fusion, worst
+from .._base.types import Floats, Fusion, worst
 from ..theory.dynamics import states
 from ..theory.exact import EPS, best, best_control, factors
 from .basis import Basis, known
@@ -18,20 +18,12 @@ from .entities import fusion_over, problem
 from .plan import Plan
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from ..theory.exact import Best
     from .entities import Entity, EntityLike, SystemLike
 
-    Floats: TypeAlias = NDArray[np.float64]
-
 
 def realization_controls(
-    system: SystemLike,
-    x0: EntityLike,
-    xf: EntityLike,
-    *,
-    out: Floats | None = None,
+    system: SystemLike, x0: EntityLike, xf: EntityLike, *, out: Floats | None = None
 ) -> Floats:
     """Compute one control per realization, ``u^s = B^+ (xf^s - A^s x0^s)``.
 
@@ -43,8 +35,8 @@ def realization_controls(
         Realizations of the initial state and the target; an array is the same for all.
     out : ndarray of float64, shape (N, m), optional
         Where to write the controls: C-contiguous, writeable, sharing no memory with the other
-        arguments. Memory that was used before saves more time than the controls take. After an
-        exception its entries mean nothing.
+        arguments. To reuse an array saves more time than the controls take. After an exception its
+        entries are undefined.
 
     Returns
     -------
@@ -64,9 +56,9 @@ def realization_controls(
     ``B^+`` is the Moore-Penrose inverse; singular values up to ``eps max(n, m) sigma_max`` count
     as zero. For singletons a control costs O(m). Its mean is ``B^+ (xf - A x0)``.
 
-    Here ``B^+`` is a matrix, formed once for all realizations. Rounding leaves the control off by
-    about ``eps condition(B) ||u||`` as it does everywhere, but the state ``B u`` by about
-    ``eps condition(B) ||xf - A x0||``, where that of `control` is off by ``eps ||B|| ||u||`` only.
+    Here the matrix ``B^+`` is formed, once for all realizations. Rounding errors are about
+    ``eps condition(B) ||u||`` in the control, as in `control`; in the state ``B u`` they are about
+    ``eps condition(B) ||xf - A x0||``, with `control` about ``eps ||B|| ||u||``.
 
     Examples
     --------
@@ -141,8 +133,8 @@ def control(
 
     Notes
     -----
-    ``u = C_K^+ (xf_hat - A_hat^K x0_hat)``; for one step ``C_1 = B``. What has no control leaves
-    over is in ``reachability``: with m < n most targets cannot be reached in one step.
+    ``u = C_K^+ (xf_hat - A_hat^K x0_hat)``; for one step ``C_1 = B``. The part that no control
+    reaches is in ``reachability``: with m < n most targets cannot be reached in one step.
 
     One step: both fusions have the mean ``B^+ (xf - A x0)``. Product fusion is never worse, in the
     Loewner order of the covariances and for every convex loss; it is the sum over all triples of
@@ -205,7 +197,7 @@ def _paired(B: Floats, given: tuple[Entity, Entity, Entity], goal: Floats) -> Be
 
 
 def _warnings(n: int, m: int, K: int, rank: int, *, exact: bool) -> tuple[str, ...]:
-    """What to know of an estimated C_K; for one step it is B, which is exact."""
+    """Warnings about an estimated C_K; for one step it is B, which is exact."""
     if K == 1:
         return ()
     if rank < n:

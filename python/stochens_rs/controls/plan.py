@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .._base import gate, html
 from .._base.records import by_constructor
-from .._base.types import FUSIONS, STATUSES, Fusion, Quantity, Status
+from .._base.types import FUSIONS, STATUSES, Floats, Fusion, Quantity, Status
 from ..exceptions import ShapeError
 from ..system import System
-from ..theory.dynamics import states
+from ..theory.dynamics import checked_ends, states
 from ..theory.exact import best_control
 from ..theory.records import PlanError, Reachability
 from .basis import Basis, completed
@@ -21,16 +21,14 @@ from .plan_covariance import plan_covariance
 from .shown import expectation, made_from
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from ..rng import RngLike
-
-    Floats: TypeAlias = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Plan:
-    """A control over K steps, and what is known about it.
+    """A control over K steps, its predicted states, and the data for its error bound.
 
     Attributes
     ----------
@@ -40,9 +38,9 @@ class Plan:
         Trajectory of the model, ``xh(k+1) = A_hat xh(k) + B u(k)`` from ``x0_hat``; for
         fusion="diagonal" the average of ``A^s x0^s`` takes the place of ``A_hat x0_hat``.
     reachability : Reachability
-        What K steps cannot reach, from the same estimates: residual and relative residual of
+        What K steps cannot reach, according to the estimates: residual and relative residual of
         ``xf_hat - A_hat^K x0_hat``, rank and condition of
-        ``C_K = [A_hat^{K-1} B, ..., A_hat B, B]`` (one step: ``C_1 = B``).
+        ``C_K = [B, A_hat B, ..., A_hat^{K-1} B]`` (one step: ``C_1 = B``).
     fusion : str
         "product" or "diagonal".
     status : str
@@ -94,15 +92,15 @@ class Plan:
         xf: ArrayLike | None = None,
         rng: RngLike = 0,
     ) -> PlanBound:
-        """Bound the error of the control, from what the plan knows of its entities.
+        """Bound the error of the control, from what the plan keeps about its arguments.
 
         Parameters
         ----------
         delta : float, default 0.05
             Probability of failure of each radius, in (0, 1).
         system : System, optional
-            Needed only if the law of A is unknown: the system whose A its realizations are
-            independent singletons of, as `sample` draws them.
+            Needed only if the law of A is unknown: declares that the realizations of A are
+            independent singletons of the A of this system, as `sample` draws them.
         x0, xf : array_like, shape (n,), optional
             The same for x0 and xf.
         rng : None, int, SeedSequence, Generator, BitGenerator or Key, default 0
@@ -111,7 +109,7 @@ class Plan:
         Returns
         -------
         PlanBound
-            Radii for the last state and for the control, and what gave them.
+            Radii for the last state and for the control, with the names of the bounds.
 
         Raises
         ------
@@ -123,19 +121,19 @@ class Plan:
 
         Notes
         -----
-        The realizations are drawn again, thousands of times, and an order statistic of the errors
-        is the bound (`theory.bounds.Simulated`): it holds over the draws of the realizations, and
-        comes within a few percent of the error that is exceeded with probability `delta`. Fits
-        ("alse", "slse") are taken as they are: their distance from their targets is known. With
-        fits and exact values only, nothing is random and the bound is the error itself, relative
-        to the targets. Where a simulation would take too long (`delta` below about 1e-4, n of
-        several hundreds), the formulas of `theory.bounds`; over several steps the triangle
-        inequality along the predicted states ``xh``, ``||x(K) - xf|| <= ef + ||A^K|| e0
+        The bound is an order statistic of the errors of thousands of simulated draws
+        (`theory.bounds.Simulated`). It holds over the draws of the realizations, and is within a
+        few percent of the error that is exceeded with probability `delta`. Fits ("alse", "slse")
+        are not drawn again: their distance from their targets is known. With fits and exact values
+        only, nothing is random and the bound is the error itself, relative to the targets. If a
+        simulation would take too long (`delta` below about 1e-4, n of several hundreds), the
+        formulas of `theory.bounds` are used; over several steps the triangle inequality along the
+        predicted states ``xh``, ``||x(K) - xf|| <= ef + ||A^K|| e0
         + eA sum_k ||A^{K-1-k}|| ||xh(k)|| + ||xh(K) - xf_hat||``.
 
-        For realizations brought by the user, neither the law nor the exact values are known, and
-        no bound follows from a plan. With a bound on how far two realizations can be apart,
-        `DataStream.confidence` has one. To compare with a nominal system, see `Plan.error`.
+        For realizations of an unknown law there is no bound. If the distance of any two
+        realizations is bounded, use `DataStream.confidence`. To compare with a nominal system, use
+        `Plan.error`.
 
         Examples
         --------
@@ -172,7 +170,7 @@ class Plan:
         ndarray, shape (n, n) for the state, (m, m) for the control
             One step: exact, `theory.moments.state_covariance` or `control_covariance` for the
             sizes, the fusion, the scheme and the axis of this plan. Several steps: the leading
-            order for many realizations, `theory.multistep.final_state_covariance`.
+            order for many realizations, `theory.moments.final_state_covariance`.
 
         Raises
         ------
@@ -213,8 +211,8 @@ class Plan:
         -------
         PlanError
             With ``v = C_K^+ (xf - A^K x0)``, the smallest control that comes nearest to the
-            target: the error of the control, the distance between the two last states, and what K
-            steps leave of the target. ``||x(K) - xf||`` is ``sqrt(state^2 + residual^2)``.
+            target: the error of the control, the distance between the two last states, and the
+            residual that no control reaches. ``||x(K) - xf||`` is ``sqrt(state^2 + residual^2)``.
 
         Raises
         ------
@@ -229,9 +227,7 @@ class Plan:
         >>> plan.error(system, [1.0, 1.0], [0.0, 0.0]).control
         0.0
         """
-        checked = self._fitting(system)
-        start = gate.vector("x0", x0, length=checked.n)
-        goal = gate.vector("xf", xf, length=checked.n)
+        checked, start, goal = checked_ends(self._fitting(system), x0, xf)
         best = best_control(checked.A, checked.B, start, goal, self.steps)
         return best.error(self.u.ravel(), start)
 

@@ -3,58 +3,54 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from .._base import html
 from .._base.numbers import norm
-from .._base.types import QUANTITIES
-from ..exceptions import InputError, NonFiniteError
+from .._base.types import QUANTITIES, Floats
+from ..exceptions import InputError
 from ..rng import RngLike, as_key
 from ..theory import bounds
-from ..theory.bounds import _simulation
-from ..theory.bounds._simulation import Entity, PlanErrors
+from ..theory.bounds.drawn_errors import Entity, PlanErrors, radii
 from ..theory.dynamics import matrix_powers, spectral_norms
+from ..theory.formulas import checked_finite
 from .basis import Basis
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from .._base.types import Fusion, Quantity
     from ..theory.bounds import Best
-
-    Floats: TypeAlias = NDArray[np.float64]
 
 
 @dataclass(frozen=True, repr=False)
 class PlanBound:
-    """How wrong a control may be, for the exact values the plan's estimates stand for.
+    """A bound on the error of a control, relative to the exact values behind its estimates.
 
-    With the best control ``v`` and where it leads, ``x = A^K x0 + C_K v`` (one step: ``K = 1``,
-    ``C_1 = B``):
+    ``v`` is the best control and ``x = A^K x0 + C_K v`` the state it leads to (one step:
+    ``C_1 = B``).
 
     Attributes
     ----------
     state : float
-        The state that the control leads to is at most this far from ``x``, ``||C_K (u - v)||_2``.
+        Bound on the distance ``||C_K (u - v)||_2`` between the state reached and ``x``.
     control : float
-        ``||u - v||_2`` is at most this.
+        Bound on ``||u - v||_2``.
     target : float
-        The state that the control leads to is at most this far from ``xf``: ``state`` and what no
-        control reaches, ``sqrt(state^2 + ||xf - x||^2)``. Fails only where `state` does.
+        Bound on the distance between the state reached and ``xf``,
+        ``sqrt(state^2 + ||xf - x||^2)``; it holds if `state` does.
     delta : float
-        `state` and `control` each fail with at most this probability.
+        `state` and `control` are each exceeded with at most this probability.
     state_bound, control_bound : str
-        What gave them. "simulated": the order statistic of errors drawn from the laws
+        The bounds used. "simulated": the order statistic of errors drawn from the laws
         (`theory.bounds.Simulated`). "exact error": nothing is random, and this is the error, with
         what rounding may add. "sum of errors": the triangle inequality, with the error of every
         estimate (`theory.bounds.from_errors`). Others: a formula of `theory.bounds`.
     relative_to : str
-        What the exact values are. "laws": those the realizations were drawn from. "targets":
-        for the entities that were fitted, the target of the fit, whatever the truth is.
+        The meaning of the exact values. "laws": the realizations were drawn from them. "targets":
+        for fitted entities they are the targets of the fits.
     certain : bool
-        Whether the radii hold surely, with no probability of failure.
+        Whether nothing is random, so that the radii hold with certainty.
     """
 
     state: float
@@ -68,7 +64,7 @@ class PlanBound:
 
     @property
     def covers(self) -> str:
-        """Over what the radii hold, in words."""
+        """The probability of the radii and the meaning of the exact values, in words."""
         how = (
             "surely, as nothing was drawn"
             if self.certain
@@ -107,20 +103,15 @@ def plan_bound(
     key = as_key(rng).child("simulated bound")
     errors = plan_errors(basis, len(u), fusion)
     fitted = any(entity.kind == "fitted" for entity in basis.entities)
-    names = ("exact error",) * 2
+    found: tuple[float, ...]
     if not errors.random:
-        radii: tuple[float, ...] | None
-        assert basis.x0.values is not None
-        found = errors.best.error(u.ravel(), basis.x0.values)
-        radii = errors.rounded((found.state, found.control))
+        error = errors.best.error(u.ravel(), basis.values[0])
+        found, names = errors.rounded((error.state, error.control)), ("exact error",) * 2
+    elif drawn := radii(errors, delta, key):
+        found, names = drawn, ("simulated",) * 2
     else:
-        names = ("simulated",) * 2
-        radii = _simulation.radii(errors, delta, key)
-    if radii is None:
-        radii, names = _formulas(basis, u, predicted, errors, delta, fusion)
-    if not np.isfinite(radii).all():
-        raise NonFiniteError("the bound overflows: scale the problem down")
-    state, control = radii
+        found, names = _formulas(basis, u, predicted, errors, delta, fusion)
+    state, control = (checked_finite(radius, "bound") for radius in found)
     return PlanBound(
         state=state,
         control=control,
@@ -136,17 +127,14 @@ def plan_bound(
 def plan_errors(basis: Basis, steps: int, fusion: Fusion) -> PlanErrors:
     """The law of the errors of a plan whose entities are all known.
 
-    Fits are what they are: only averages of realizations are random.
+    Averages of realizations are random, fits and exact values are not.
     """
     entities = []
-    for entity in basis.entities:
-        assert entity.values is not None
+    for entity, values in zip(basis.entities, basis.values, strict=True):
         if entity.kind == "iid" or entity.kind == "systematic":
-            entities.append(Entity(entity.values, None, entity.size, entity.kind))
+            entities.append(Entity(values, None, entity.size, entity.kind))
         else:
-            # exact values stand for themselves
-            estimate = entity.estimate if entity.kind == "fitted" else None
-            entities.append(Entity(entity.values, estimate))
+            entities.append(Entity(values, entity.estimate if entity.kind == "fitted" else None))
     x0, xf, A = entities
     rows = basis.A.axis == "rows"
     if fusion == "diagonal" and basis.A.kind == "systematic" and rows:
@@ -159,7 +147,7 @@ def plan_errors(basis: Basis, steps: int, fusion: Fusion) -> PlanErrors:
 def _formulas(
     basis: Basis, u: Floats, predicted: Floats, errors: PlanErrors, delta: float, fusion: Fusion
 ) -> tuple[tuple[float, float], tuple[str, str]]:
-    """Bounds of the state and of the control where a simulation would take too many runs."""
+    """Bounds of the state and of the control for a `delta` that cannot be simulated."""
     if len(u) > 1:
         return _along_trajectory(basis, u, predicted, errors, delta), ("sum of errors",) * 2
     if all(entity.kind in ("exact", "iid") for entity in basis.entities):
@@ -171,12 +159,9 @@ def _formulas(
             "`delta` is too small to simulate: use fusion='product'"
         )
     e0, ef, eA = _distances(basis, delta, "Frobenius")
-    assert basis.x0.estimate is not None
-    assert basis.A.estimate is not None  # product fusion
-    radii = bounds.from_errors(
-        (basis.A.estimate, basis.B), basis.x0.estimate, x0_error=e0, xf_error=ef, A_error=eA
-    )
-    return radii, ("sum of errors",) * 2
+    x0_hat, _, A_hat = basis.estimates
+    found = bounds.from_errors((A_hat, basis.B), x0_hat, x0_error=e0, xf_error=ef, A_error=eA)
+    return found, ("sum of errors",) * 2
 
 
 def _along_trajectory(
@@ -185,15 +170,14 @@ def _along_trajectory(
     """``ef + ||A^K|| e0 + eA sum_k ||A^{K-1-k}|| ||xh(k)|| + ||xh(K) - xf_hat||``.
 
     This bounds ``||x(K) - xf||`` along the predicted states ``xh``; by Pythagoras
-    ``||C (u - v)||^2`` is less by the square of what no control reaches.
+    ``||C (u - v)||^2`` is smaller by the squared residual.
     """
-    assert basis.A.values is not None
-    assert basis.xf.estimate is not None
+    _, xf_hat, _ = basis.estimates
     e0, ef, eA = _distances(basis, delta, "spectral")
-    norms = spectral_norms(matrix_powers(basis.A.values, len(u)))
+    norms = spectral_norms(matrix_powers(basis.values[2], len(u)))
     with np.errstate(over="ignore", invalid="ignore"):
         along = float(norms[-2::-1] @ np.linalg.norm(predicted[:-1], axis=1))
-        total = ef + norms[-1] * e0 + eA * along + norm(predicted[-1] - basis.xf.estimate)
+        total = ef + norms[-1] * e0 + eA * along + norm(predicted[-1] - xf_hat)
         state = float(np.sqrt(max(0.0, total**2 - norm(errors.best.missed) ** 2)))
         # u - v = C^+ C (u - v) + (I - C^+ C) u
         aside, s = norm(errors.best.aside(u.ravel())), errors.best.factors.s
@@ -201,29 +185,26 @@ def _along_trajectory(
 
 
 def _distances(basis: Basis, delta: float, matrix_norm: str) -> tuple[float, float, float]:
-    """How far the three estimates are from their exact values, with probability 1 - delta."""
-    random = sum(entity.kind == "iid" for entity in basis.entities)
+    """Bounds on the errors of the three estimates, all valid with probability 1 - delta."""
+    shares = sum(entity.kind == "iid" for entity in basis.entities)
     found = []
-    for entity in basis.entities:
-        assert entity.values is not None
+    for entity, values, estimate in zip(basis.entities, basis.values, basis.estimates, strict=True):
         matrix = entity.name == "A"
         what: Literal["matrix", "vector"] = "matrix" if matrix else "vector"
         if entity.kind == "exact":
             found.append(0.0)
         elif entity.kind == "fitted":
-            assert entity.estimate is not None
-            wrong = entity.estimate - entity.values
-            found.append(float(np.linalg.norm(wrong, 2 if matrix else None)))
+            found.append(float(np.linalg.norm(estimate - values, 2 if matrix else None)))
         elif entity.kind == "systematic":
-            sure = bounds.bound("systematic", what, entity.values, axis=entity.axis)
+            sure = bounds.bound("systematic", what, values, axis=entity.axis)
             found.append(sure.radius(entity.size, delta))
         else:
             found.append(
                 bounds.best(
                     what,
-                    entity.values,
+                    values,
                     size=entity.size,
-                    delta=delta / random,
+                    delta=delta / shares,
                     norm=matrix_norm if matrix else "2",
                     axis=entity.axis,
                 ).radius

@@ -4,23 +4,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from .._base import gate
-from .._base.types import QUANTITIES
+from .._base.types import QUANTITIES, Floats
 from ..exceptions import InputError
 from ..theory import moments
 from .basis import Basis
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from .._base.types import Fusion, Quantity
 
 
-def plan_covariance(
-    basis: Basis, steps: int, fusion: Fusion, quantity: Quantity
-) -> NDArray[np.float64]:
+def plan_covariance(basis: Basis, steps: int, fusion: Fusion, quantity: Quantity) -> Floats:
     """Compute the covariance of the last state or of the control (see `Plan.covariance`)."""
     of_control = gate.choice("quantity", quantity, QUANTITIES) == "control"
     for entity in basis.entities:

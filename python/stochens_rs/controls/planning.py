@@ -1,19 +1,20 @@
-"""How many realizations for this accuracy at this confidence: bounds, moments, simulation."""
+"""`required_samples`: numbers of realizations from bounds, moments and simulation."""
 
 from __future__ import annotations
 
 from math import ceil, inf
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .._base import gate
 from .._base.numbers import smallest_size
-from .._base.types import QUANTITIES, Fusion, Quantity
+from .._base.types import QUANTITIES, Floats, Fusion, Quantity
 from ..exceptions import InputError, SizeError
 from ..rng import RngLike, as_key
 from ..system import System
 from ..theory import bounds, moments
+from ..theory.dynamics import checked_ends
 from ..theory.exact import best_control
 from .entities import fusion_over
 from .sample_plan import Requirement, SamplePlan
@@ -21,11 +22,13 @@ from .sample_plan import Requirement, SamplePlan
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from ..theory.bounds import Bound
 
-    Floats: TypeAlias = NDArray[np.float64]
+
+_START = 1000  # size at which a search starts if no bound has one
+_STEPS = 4  # q falls nearly like N^-1/2, so that few steps are enough
 
 
 def required_samples(
@@ -57,9 +60,9 @@ def required_samples(
     delta : float, default 0.05
         Probability of failure, in (0, 1).
     relative : bool, default True
-        Whether `error` is relative: to the norm of the state that the exact control leads to
-        (of that control, for "control"), or where that is zero, to that of x0 (of the control that
-        takes x0 to the origin); the result says which.
+        Whether `error` is relative to the norm of the state that the exact control leads to; if
+        that is zero, to the norm of x0. For "control": to the norm of the exact control; if that is
+        zero, to that of the control that takes x0 to the origin. See `SamplePlan.relative_to`.
     quantity : {"state", "control"}, default "state"
         ``||B (u - v)||``, the distance from the state that the exact control ``v`` leads to, or
         ``||u - v||``; over several steps with ``C_K`` in place of ``B``.
@@ -73,7 +76,7 @@ def required_samples(
     Returns
     -------
     SamplePlan
-        Every bound's number of realizations with the exact error and the simulated ones there.
+        For every bound the number of realizations, with the exact and the simulated error there.
 
     Raises
     ------
@@ -83,9 +86,9 @@ def required_samples(
     Notes
     -----
     The bounds are those of `theory.bounds`, the exact root mean square that of `theory.moments`.
-    "simulated" asks for little more than what is needed; the formulas hold for every delta. Over
-    several steps there is the simulated bound only. The simulation draws counts, not realizations,
-    so that its cost does not depend on N.
+    "simulated" is within a few percent of what is needed; the formulas hold for every delta. Over
+    several steps "simulated" is the only bound. The simulation draws counts, not realizations: its
+    cost does not depend on N.
 
     Examples
     --------
@@ -95,9 +98,7 @@ def required_samples(
     >>> plan.simulated_size < plan.size, plan.rows[0].name
     (True, 'simulated')
     """
-    checked = System.from_any(system)
-    start = gate.vector("x0", x0, length=checked.n)
-    goal = gate.vector("xf", xf, length=checked.n)
+    checked, start, goal = checked_ends(system, x0, xf)
     error = gate.positive("error", error)
     delta = gate.probability("delta", delta)
     runs = gate.size("runs", runs, maximum=10**6)
@@ -121,7 +122,7 @@ def required_samples(
         "simulated", kind, checked, start, goal, fusion=how, steps=K, rng=key.child("bound")
     )
     if K > 1:
-        simulated.require(delta)  # there is no formula
+        simulated.require(delta)  # the only bound
     which, law = int(kind == "control"), simulated.errors
 
     def errors(size: int) -> Floats:
@@ -157,16 +158,16 @@ def required_samples(
         steps=K,
         rows=tuple(rows),
         expected_size=expected,
-        simulated_size=_needed(errors, allowed, delta, expected or rows[0].size or 1000),
+        simulated_size=_needed(errors, allowed, delta, expected or rows[0].size or _START),
         runs=runs,
         key=key,
     )
 
 
 def _needed(errors: Callable[[int], Floats], allowed: float, delta: float, start: int) -> int:
-    """Where the simulated quantile meets the error: a few steps of ``N <- N (q / error)^2``."""
+    """The size at which the simulated quantile q is the error, by ``N <- N (q / error)^2``."""
     size = start
-    for _ in range(4):
+    for _ in range(_STEPS):
         ratio = float(np.quantile(errors(size), 1.0 - delta)) / allowed
         size = int(min(max(1, ceil(size * ratio**2)), gate.EXACT))
     return size

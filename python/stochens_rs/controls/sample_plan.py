@@ -1,4 +1,4 @@
-"""How many realizations it takes: the records of `required_samples`."""
+"""The records of `required_samples`."""
 
 from __future__ import annotations
 
@@ -13,24 +13,23 @@ from ..theory.records import RELATIVE_TO
 
 @dataclass(frozen=True)
 class Requirement:
-    """What one bound asks for, and what happens then.
+    """The number of realizations that one bound requires, and the errors with that number.
 
     Attributes
     ----------
     name : str
-        The bound.
+        Name of the bound.
     source : str
-        Where it comes from.
+        The inequality and the numbers that it is used with.
     size : int or None
-        The smallest number of realizations it accepts (simulated: within 1 %, product and
-        diagonal fusion of independent realizations); None if that is beyond 2^53, or `delta` too
-        small to simulate.
+        The smallest sufficient number of realizations ("simulated": within 1 %); None if that is
+        above 2^53, or `delta` too small to simulate.
     rms : float or None
         Exact root mean square error at `size`; None over several steps.
     quantile : float or None
-        What a share `delta` of the simulated errors exceeds at `size`.
+        The ``1 - delta`` quantile of the simulated errors at `size`.
     failures : int or None
-        Simulated errors above `error`.
+        Number of simulated errors above `error`.
     """
 
     name: str
@@ -43,7 +42,7 @@ class Requirement:
 
 @dataclass(frozen=True, eq=False)
 class SamplePlan:
-    """How many realizations it takes; what `required_samples` returns.
+    """Numbers of realizations for a given error; what `required_samples` returns.
 
     Attributes
     ----------
@@ -52,27 +51,27 @@ class SamplePlan:
     delta : float
         The probability of failure.
     reference : float
-        Norm of what a relative error is relative to.
+        The norm that a relative error is divided by.
     relative_to : str
-        What that is, as in `PlanError`: "x_actual", the state that the exact control leads to, or
-        "x0", if that is the origin; for the control "v", the exact one, or "B^+ A x0", the one that
-        takes x0 to the origin, if v is zero; "nothing", if all of these are zero.
+        The vector with that norm, as in `PlanError`: "x_actual", the state that the exact control
+        leads to, or if that is zero "x0"; for the control "v", the exact one, or if that is zero
+        "B^+ A x0", which takes x0 to the origin; "nothing" if all of these are zero.
     quantity, fusion : str
-        What was asked for.
+        As given.
     steps : int
         Number of steps K.
     rows : tuple of Requirement
-        One per bound, smallest size first. All hold; the first is the one to use.
+        One per bound, smallest size first. All hold; use the first.
     expected_size : int or None
-        Where the exact root mean square error comes down to `error`: no guarantee. None over
-        several steps.
+        Smallest size whose exact root mean square error is at most `error`: no guarantee. None
+        over several steps.
     simulated_size : int
-        Where the simulated errors exceed `error` with probability `delta`: what is really
-        needed, up to the accuracy of the simulation.
+        Size at which a share `delta` of the simulated errors exceeds `error`: about the smallest
+        size that is enough, without guarantee.
     runs : int
         Simulated fusions per size.
     key : Key
-        What repeats the simulation.
+        The key of the simulation.
     """
 
     error: float
@@ -97,7 +96,7 @@ class SamplePlan:
         return smallest
 
     def to_dict(self) -> dict[str, Any]:
-        """All of it as plain numbers and text."""
+        """The plan as a dict of plain numbers and text."""
         return {
             "schema": "stochens-plan/1",
             "error": self.error,
@@ -175,5 +174,5 @@ class SamplePlan:
 
 
 def _grouped(size: int) -> str:
-    """Thousands apart."""
+    """A number with spaces between the thousands."""
     return f"{size:,}".replace(",", " ")

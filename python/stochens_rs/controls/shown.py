@@ -1,28 +1,27 @@
-"""What a plan shows of itself: where it is expected to end, and what it was made from."""
+"""Text for the repr of a plan: its expected end, its reachability and its realizations."""
 
 from __future__ import annotations
 
 from math import hypot, sqrt
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .._base import html
 from .._base.numbers import norm
+from .._base.types import Floats
 from ..exceptions import StochensError
 from ..theory.exact import EPS, best_control
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from numpy.typing import NDArray
-
     from ..theory.records import Reachability
     from .basis import Basis
 
-    Floats: TypeAlias = NDArray[np.float64]
 
-# operations that a line of text may cost: some 20 ms
+# Multiplications that a repr may cost, about 20 ms: n^4 for the covariance of A (n matrices n x n),
+# K n^3 for the powers of A, K^2 n m for the factors of C_K.
 _CHEAP = 1e7
 
 
@@ -50,9 +49,9 @@ def expectation(
 
 
 def _expected(basis: Basis, K: int, covariance: Callable[[], Floats]) -> float | None:
-    """Root mean square distance from xf over the draws; None unknown, without draws, or costly.
+    """Root mean square distance from xf over the draws; exact for one step, else to order 1 / N.
 
-    Exact over one step, to leading order in 1 / N over several.
+    None if it is unknown or costly, or if nothing is drawn.
     """
     n, m = basis.B.shape
     kinds = {entity.kind for entity in basis.entities}
@@ -67,7 +66,7 @@ def _expected(basis: Basis, K: int, covariance: Callable[[], Floats]) -> float |
 
 
 def reach_text(reach: Reachability) -> str:
-    """In a few words, for the one line that shows a plan."""
+    """Whether the target is within reach, in a few words."""
     if not reach.reachable:
         return f"out of reach {100 * reach.relative:.3g} %"
     certain = reach.relative * reach.relative <= EPS

@@ -12,6 +12,7 @@ from ..exceptions import InputError
 from ..fusion.fusing import METHODS, fuse
 from ..rng import RngLike, as_key
 from ..system import System
+from ..theory.dynamics import checked_ends
 from .entities import fusion_over
 from .fused import control
 
@@ -44,7 +45,7 @@ def steer(
     size : int
         Number of realizations of each entity.
     steps : int, default 1
-        Number of steps K to reach the target in.
+        Number of steps K.
     method : {"uniform", "alse", "slse", "slse-safeguarded"}, default "uniform"
         How to fuse; the least-squares methods fit to the exact entity, as in the paper's analysis.
     fusion : {"product", "diagonal"}, default "product"
@@ -70,8 +71,8 @@ def steer(
     mean control from averages of 1, 5, 20 and 100 realizations is off by about 1.5, 0.9, 0.7 and
     0.3 times the exact control, however many of them are averaged.
 
-    The realizations are drawn. For more of them than fit into memory draw counts instead, at a
-    cost that does not depend on their number: `control` takes the results of `sample_counts`.
+    For more realizations than fit into memory, pass the results of `sample_counts` to `control`:
+    the cost of counts does not depend on the number of realizations.
 
     Examples
     --------
@@ -81,7 +82,7 @@ def steer(
     >>> plan.error(system, [1.0, 2.0], [0.0, 0.0]).control_relative < 0.1
     True
     """
-    checked = System.from_any(system)
+    checked, start, goal = checked_ends(system, x0, xf)
     gate.choice("method", method, METHODS)
     _, how = fusion_over(steps, fusion, checked.n, checked.m)
     if how == "diagonal" and method != "uniform":
@@ -90,15 +91,9 @@ def steer(
             "realizations share one weight vector, so weights of their own cannot be paired"
         )
     key = as_key(rng)
-    targets = {
-        "x0": gate.vector("x0", x0, length=checked.n),
-        "xf": gate.vector("xf", xf, length=checked.n),
-        "A": checked.A,
-    }
-    fits = {
-        name: fuse(sample(target, size, rng=key.child(name)), method, target=target)
-        for name, target in targets.items()
-    }
-    pair = fits["A"], checked.B
-    plan = control(pair, fits["x0"], fits["xf"], steps=steps, fusion=how)
+    x0_fit, xf_fit, A_fit = (
+        fuse(sample(target, size, rng=key.child(name)), method, target=target)
+        for name, target in (("x0", start), ("xf", goal), ("A", checked.A))
+    )
+    plan = control((A_fit, checked.B), x0_fit, xf_fit, steps=steps, fusion=how)
     return replace(plan, info={**plan.info, "key": key})

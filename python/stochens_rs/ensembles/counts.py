@@ -9,6 +9,7 @@ import numpy as np
 
 from .._base import gate
 from .._base.records import by_constructor
+from .._base.types import Floats
 from ..exceptions import InputError, InputTypeError, ShapeError
 from ..rng import Key
 from .law import Law
@@ -36,7 +37,7 @@ class Counts:
     """
 
     counts: NDArray[np.int64]
-    estimate: NDArray[np.float64]
+    estimate: Floats
     size: int
     key: Key
     law: Law | None = None

@@ -8,15 +8,12 @@ import numpy as np
 
 from .. import _core
 from .._base import memory
-from .._base.types import Axis
+from .._base.types import Axis, Floats
 from .lines import stack_from_lines
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
 
 _BLOCK = 2**20  # entries written at a time, 8 MiB; between two blocks Ctrl-C is handled
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from .. import _core
 from .._base import gate, html, memory
-from .._base.types import Axis, Scheme
+from .._base.types import Axis, Floats, Scheme
 from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 from ..rng import Key
 from .dense import dense
@@ -143,14 +143,14 @@ class Ensemble(Realizations):
         return None if self._draws is None else self._draws.indices()
 
     @property
-    def atoms(self) -> NDArray[np.float64] | None:
+    def atoms(self) -> Floats | None:
         """``g_j sign(A_ij)``, the value of an entry that is hit; None for dense realizations."""
         if self._draws is None:
             return None
         return from_lines(self._draws.atoms(), self._shape, self._axis)
 
     @property
-    def samples(self) -> NDArray[np.float64] | None:
+    def samples(self) -> Floats | None:
         """Dense realizations (N, ...), read-only; None for singletons."""
         return self._samples
 
@@ -174,7 +174,7 @@ class Ensemble(Realizations):
         counts[self._draws.gamma() == 0.0] = 0
         return from_lines(counts, self._shape, self._axis)
 
-    def dense(self) -> NDArray[np.float64]:
+    def dense(self) -> Floats:
         """Return all realizations as one dense array.
 
         Returns
@@ -214,7 +214,7 @@ class Ensemble(Realizations):
             return Ensemble._of_draws(draws, self._shape, self._axis, self._scheme, self._key)
         return Ensemble._of_samples(self._dense()[:count])
 
-    def combine(self, weights: ArrayLike) -> NDArray[np.float64]:
+    def combine(self, weights: ArrayLike) -> Floats:
         """Compute ``sum_s weights[s] E_s``.
 
         Parameters
@@ -233,7 +233,7 @@ class Ensemble(Realizations):
             If the weights cannot be used, or the sum overflows.
         """
         w = gate.vector("weights", weights, length=self.size)
-        result: NDArray[np.float64]
+        result: Floats
         if self._draws is not None:
             result = from_lines(self._draws.combine(w), self._shape, self._axis)
         else:
@@ -243,7 +243,7 @@ class Ensemble(Realizations):
             raise NonFiniteError("the sum with `weights` overflows: scale them down")
         return result
 
-    def mean(self) -> NDArray[np.float64]:
+    def mean(self) -> Floats:
         """Compute the uniform average of the realizations.
 
         Returns
@@ -256,7 +256,7 @@ class Ensemble(Realizations):
             return from_lines(average, self._shape, self._axis)
         samples = self._dense()
         with np.errstate(over="ignore", invalid="ignore"):
-            result: NDArray[np.float64] = samples.mean(axis=0)
+            result: Floats = samples.mean(axis=0)
         if not np.isfinite(result).all():  # the sum overflows, the average does not
             result = sum((row / self.size for row in samples), np.zeros(self._shape))
         return result

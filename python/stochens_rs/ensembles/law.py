@@ -3,16 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from typing import Any
 
 from .._base import gate
 from .._base.records import by_constructor
-from .._base.types import AXES, SCHEMES, Axis, Scheme
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from .._base.types import AXES, SCHEMES, Axis, Floats, Scheme
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +24,7 @@ class Law:
         As in `sample`.
     """
 
-    values: NDArray[np.float64]
+    values: Floats
     axis: Axis
     scheme: Scheme
 

@@ -10,20 +10,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._base import gate
-from .._base.types import Axis
+from .._base.types import Axis, Floats
 from .law import checked_axis
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 
-def checked_target(target: ArrayLike, axis: str) -> tuple[NDArray[np.float64], Axis]:
+def checked_target(target: ArrayLike, axis: str) -> tuple[Floats, Axis]:
     """Check a vector or matrix to be sampled, and the axis of its lines."""
     checked = checked_axis(axis)
     return gate.array("target", target, ndim=(1, 2)), checked
 
 
-def to_lines(values: NDArray[np.float64], axis: Axis) -> NDArray[np.float64]:
+def to_lines(values: Floats, axis: Axis) -> Floats:
     """Return a vector as one row, a matrix with its lines as rows."""
     if values.ndim == 1:
         return values.reshape(1, -1)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import _core
-from .._base.types import Axis, Scheme
+from .._base.types import Axis, Floats, Scheme
 from ..rng import Key
 from .dense import dense_blocks
 from .lines import from_lines, stack_from_lines, to_lines
@@ -15,7 +15,6 @@ from .lines import from_lines, stack_from_lines, to_lines
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from numpy.typing import NDArray
     from typing_extensions import Self
 
 
@@ -25,7 +24,7 @@ class Realizations:
     __slots__ = ("_draws", "_samples", "_shape", "_axis", "_scheme", "_key")  # noqa: RUF023
 
     _draws: _core.Draws | None
-    _samples: NDArray[np.float64] | None
+    _samples: Floats | None
     _shape: tuple[int, ...]
     _axis: Axis
     _scheme: Scheme | None
@@ -45,7 +44,7 @@ class Realizations:
         return self
 
     @classmethod
-    def _of_samples(cls, samples: NDArray[np.float64]) -> Self:
+    def _of_samples(cls, samples: Floats) -> Self:
         self = object.__new__(cls)
         self._set(None, samples, samples.shape[1:], "columns", None, None)
         return self
@@ -102,39 +101,39 @@ class Realizations:
 
     __hash__ = None  # type: ignore[assignment]  # as for arrays
 
-    def _dense_blocks(self, rows: int) -> Iterator[NDArray[np.float64]]:
+    def _dense_blocks(self, rows: int) -> Iterator[Floats]:
         """Return the dense realizations, `rows` at a time."""
         if self._draws is not None:
             return dense_blocks(self._draws, self._shape, self._axis, rows)
         samples = self._dense()
         return (samples[first : first + rows] for first in range(0, self.size, rows))
 
-    def _values(self) -> NDArray[np.float64] | None:
+    def _values(self) -> Floats | None:
         """Return a copy of the vector or matrix that gives the 1-norms and signs of singletons."""
         if self._draws is None:
             return None
         return from_lines(self._draws.values(), self._shape, self._axis)
 
-    def _dense(self) -> NDArray[np.float64]:
+    def _dense(self) -> Floats:
         assert self._samples is not None
         return self._samples
 
-    def _lines_of(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _lines_of(self, values: Floats) -> Floats:
         """Return a target in the layout of the core (for dense realizations: one row)."""
         return to_lines(values, self._axis) if self._draws is not None else values.reshape(1, -1)
 
-    def _from_core(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _from_core(self, values: Floats) -> Floats:
         """Undo `_lines_of`."""
         if self._draws is not None:
             return from_lines(values, self._shape, self._axis)
         return values.reshape(self._shape)
 
-    def _stack_from_core(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _stack_from_core(self, values: Floats) -> Floats:
         """Undo `_lines_of` for every row of (k, entries)."""
         if self._draws is not None:
             return stack_from_lines(values, self._shape, self._axis)
         return values.reshape(-1, *self._shape)
 
-    def _core_realizations(self) -> _core.Draws | NDArray[np.float64]:
+    def _core_realizations(self) -> _core.Draws | Floats:
         """Return the realizations as the core takes them."""
         return self._draws if self._draws is not None else self._dense().reshape(self.size, -1)

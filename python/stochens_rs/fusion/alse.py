@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from math import sqrt
 from time import monotonic
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -13,15 +13,10 @@ from .. import _core
 from .._base import gate, memory
 from .._base.numbers import norm
 from .._base.threads import get_num_threads
-from .._base.types import Status, worst
+from .._base.types import Floats, Status, worst
 from ..ensembles.ensemble import Ensemble
 from ..exceptions import InputError
 from .fits import Fit
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
 
 WeightSet: TypeAlias = Literal["simplex", "subsimplex", "per-column", "per-row"]
 WEIGHT_SETS: tuple[WeightSet, ...] = get_args(WeightSet)

@@ -10,7 +10,7 @@ import numpy as np
 
 from .._base import gate, html
 from .._base.records import by_constructor
-from .._base.types import STATUSES, Status
+from .._base.types import STATUSES, Floats, Status
 from ..ensembles.ensemble import Ensemble
 from ..exceptions import InputTypeError, NonFiniteError, ShapeError
 
@@ -58,8 +58,8 @@ class Fit:
         The realizations.
     """
 
-    estimate: NDArray[np.float64]
-    weights: NDArray[np.float64]
+    estimate: Floats
+    weights: Floats
     error: float | None
     gap: float | None
     status: Status
@@ -68,7 +68,7 @@ class Fit:
     exact: bool = False
     unseen: int | None = None
     info: dict[str, Any] = field(default_factory=dict)
-    target: NDArray[np.float64] | None = None
+    target: Floats | None = None
     ensemble: Ensemble | None = None
 
     def __post_init__(self) -> None:
@@ -137,11 +137,11 @@ class Path:
     """
 
     sizes: NDArray[np.int64]
-    errors: NDArray[np.float64]
+    errors: Floats
     method: str
     statuses: tuple[Status, ...]
-    gaps: NDArray[np.float64] | None = None
-    estimates: NDArray[np.float64] | None = None
+    gaps: Floats | None = None
+    estimates: Floats | None = None
 
     def _repr_html_(self) -> str:
         first, last = (html.grouped(int(self.sizes[k])) for k in (0, -1))

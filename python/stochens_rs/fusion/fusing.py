@@ -9,7 +9,7 @@ import numpy as np
 
 from .. import _core
 from .._base import gate, memory, numbers
-from .._base.types import Status
+from .._base.types import Floats, Status
 from ..ensembles.ensemble import Ensemble
 from ..exceptions import InputError, InputTypeError, ShapeError
 from . import alse
@@ -17,7 +17,7 @@ from .alse import WeightSet
 from .fits import Fit, Path
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
 Method: TypeAlias = Literal["uniform", "alse", "slse", "slse-safeguarded"]
 
@@ -198,7 +198,7 @@ def fuse_path(
         memory.need("the estimates of a path", 3 * grid.size * goal.nbytes)
     counts: list[int] = grid.tolist()
     draws, lines = ensemble._draws, ensemble._lines_of(goal)
-    gaps: NDArray[np.float64] | None = None
+    gaps: Floats | None = None
     completed: Status = "completed"
     statuses = (completed,) * grid.size
     if name in ("slse", "slse-safeguarded"):
@@ -217,14 +217,8 @@ def fuse_path(
 
 
 def _one_by_one(
-    ensemble: Ensemble,
-    goal: NDArray[np.float64],
-    method: str,
-    options: alse.AlseOptions,
-    sizes: list[int],
-) -> tuple[
-    NDArray[np.float64], NDArray[np.float64] | None, tuple[Status, ...], NDArray[np.float64]
-]:
+    ensemble: Ensemble, goal: Floats, method: str, options: alse.AlseOptions, sizes: list[int]
+) -> tuple[Floats, Floats | None, tuple[Status, ...], Floats]:
     """Fuse every prefix separately, all within one time limit."""
     clock, interrupted = alse.Clock(options), False
     fits = []
@@ -246,7 +240,7 @@ def _one_by_one(
     return errors, gaps, tuple(fit.status for fit in fits), stack
 
 
-def _goal(ensemble: Ensemble, target: ArrayLike | None, method: str) -> NDArray[np.float64]:
+def _goal(ensemble: Ensemble, target: ArrayLike | None, method: str) -> Floats:
     if target is None:
         raise InputError(
             f"`target` is required for method '{method}': the vector or matrix to fit to "

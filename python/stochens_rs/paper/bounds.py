@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._base import gate
+from .._base.types import Floats
 from ..exceptions import NonFiniteError
 from ..system import System
 from ..theory.bounds import Bound
-from ..theory.bounds._base import Inequality, Rates, Setting
-from ..theory.bounds._inequalities import square, union
-from ..theory.formulas import Array
+from ..theory.bounds.base import Inequality, Rates, Setting
+from ..theory.bounds.inequalities import square, union
 
 __all__ = ["Lemma42", "Lemma43", "OneVector", "Printed"]
 
@@ -242,7 +242,7 @@ class Lemma43(Printed):
         super().__init__(2.0 * constant, *(3.0 * d for d in widths))
 
 
-def largest_realization(A: Array) -> float:
+def largest_realization(A: Floats) -> float:
     """``B_A = max_i sqrt(sum of g_j^2 over a_ij != 0)``: every column that can hit row i does."""
     squares = np.abs(A).sum(axis=0) ** 2
     return math.sqrt(float(((A != 0.0) @ squares).max()))

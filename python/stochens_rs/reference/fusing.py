@@ -169,7 +169,7 @@ def alse_dense(samples: ArrayLike, target: ArrayLike, weight_set: str = "simplex
 # --- SLSE (Lemma 4.5, corrected) ------------------------------------------------------------------
 
 
-def _line_search(F: Array, E: Array, target: Array) -> float:
+def line_search(F: Array, E: Array, target: Array) -> float:
     """t in [0, 1] with (1 - t) F + t E nearest to the target; 0 if E = F."""
     d = E - F
     dd = float(np.sum(d * d))
@@ -186,14 +186,14 @@ def _greedy(samples: ArrayLike, target: ArrayLike, safeguard: bool) -> Greedy:
     errors = np.empty(N)
     errors[0] = _norm(F - t)
     for n in range(2, N + 1):  # F(n) = (1 - t) F(n-1) + t E_n
-        step = _line_search(F, E[n - 1], t)
+        step = line_search(F, E[n - 1], t)
         F = (1.0 - step) * F + step * E[n - 1]
         y[: n - 1] *= 1.0 - step
         y[n - 1] = step
         if safeguard:  # one more search, towards the mean U_n of the samples so far
             total = total + E[n - 1]
             U = total / n
-            step = _line_search(F, U, t)
+            step = line_search(F, U, t)
             F = (1.0 - step) * F + step * U
             y[:n] = (1.0 - step) * y[:n] + step / n
         errors[n - 1] = _norm(F - t)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .fusing import _line_search
+from .fusing import line_search
 from .sampling import atoms, dense, sample_indices
 
 Array = NDArray[np.float64]
@@ -95,21 +95,21 @@ def stream(
         before = raw[i]
         raw[i] = E
         if variant == "literal":  # from the previous realization to the new one; nothing is fused
-            t = _line_search(before, E, targets[i])
+            t = line_search(before, E, targets[i])
             F[i] = E
             v = (1.0 - t) * v + t * control(*raw)
         elif variant == "semi":  # fused values, but the control of the latest realizations
-            t = _line_search(F[i], E, targets[i])
+            t = line_search(F[i], E, targets[i])
             F[i] = (1.0 - t) * F[i] + t * E
             v = (1.0 - t) * v + t * control(*raw)
         else:  # the new realization in its slot, the fused values in the others
-            t = _line_search(F[i], E, targets[i])
+            t = line_search(F[i], E, targets[i])
             v = (1.0 - t) * v + t * control(*[*F[:i], E, *F[i + 1 :]])
             F[i] = (1.0 - t) * F[i] + t * E
             if safeguard:  # the same once more, towards the mean of the slot's realizations
                 total[i] = total[i] + E
                 U = total[i] / counts[i]
-                s = _line_search(F[i], U, targets[i])
+                s = line_search(F[i], U, targets[i])
                 v = (1.0 - s) * v + s * control(*[*F[:i], U, *F[i + 1 :]])
                 F[i] = (1.0 - s) * F[i] + s * U
         sizes.append(t)

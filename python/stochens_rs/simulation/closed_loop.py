@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .. import _core
 from .._base import gate, html, memory
 from .._base.threads import get_num_threads
-from .._base.types import Status
+from .._base.types import Floats, Status
 from ..exceptions import NonFiniteError
 from ..fusion.fusing import METHODS
 from ..plots.states import draw_tracking
@@ -19,23 +19,20 @@ from ..system import System
 from ..theory.exact import REACHABLE, factors
 from ..theory.tracking import reference_residuals
 from ..theory.tracking.errors import checked_reference
-from .simulating import _lines
+from .simulating import columns
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from ..fusion.fusing import Method
-
-    Floats: TypeAlias = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Tracking:
-    """A reference, and what followed it.
+    """A reference, and the trajectories of a system that tracks it.
 
-    Runs, if several were asked for, are the first axis of `states`, `inputs` and `errors`; time is
-    the next.
+    With `runs` given, `states`, `inputs` and `errors` have the runs as their first axis.
 
     Attributes
     ----------
@@ -48,11 +45,11 @@ class Tracking:
     reference : ndarray, shape (K + 1, n)
         ``r(k)``.
     residuals : ndarray, shape (K,)
-        ``||(I - B B^+)(r(k+1) - A r(k))||_2``: what no control can do in each step.
+        ``||(I - B B^+)(r(k+1) - A r(k))||_2``: the part of each step that no control reaches.
     feasible : bool
         Whether each residual is at most 1.5e-8 of ``||r(k+1)|| + ||A r(k)||``.
     key : Key
-        Repeats the draws.
+        The key of the draws.
     status : str
         The worst status among the fits; "completed" if none was optimised.
     info : dict
@@ -136,15 +133,15 @@ def track(
     rng: RngLike = None,
     runs: int | None = None,
 ) -> Tracking:
-    """Let a system follow a reference, with a fresh estimate of A from realizations in every step.
+    """Simulate the tracking of a reference, with a new estimate of A in every step.
 
     Parameters
     ----------
     system : System
-        The system, or anything `System.from_any` takes; it is simulated exactly, while the
-        controls know ``B`` and realizations of ``A``.
+        The system, or anything `System.from_any` takes; it is simulated exactly. The controls are
+        computed from ``B`` and realizations of ``A``.
     reference : array_like, shape (K + 1, n)
-        The states ``r(0), ..., r(K)`` to follow, time first; K >= 1.
+        The states ``r(0), ..., r(K)`` to track; K >= 1.
     size : int
         Number of realizations N in every step.
     feedback : bool, default True
@@ -163,7 +160,7 @@ def track(
         step k from the child "step-k" of that, and the entities from the children "A", "state"
         and "target" of that.
     runs : int, optional
-        Number R of independent runs; None: one, without an axis for it.
+        Number R of independent runs; None: one run, and no axis for runs.
 
     Returns
     -------
@@ -173,7 +170,7 @@ def track(
     Raises
     ------
     InputError, InputTypeError
-        If an argument cannot be used, or an error overflows, as it may where `size` does not exceed
+        If an argument cannot be used, or an error overflows, as it may if `size` does not exceed
         the threshold of stability.
     ResourceError
         If the states do not fit into the memory this process may use.
@@ -184,8 +181,8 @@ def track(
     ``e(k+1) = (I - P)(A x(k) - r(k+1)) - P (A_hat_k - A) x(k)`` for ``e = x - r``,
     ``P = B B^+``. `theory.tracking` has the exact mean squares for uniform weights (without
     sampled states, or without feedback) and `stability_threshold`: the closed loop is stable in
-    the mean square if and only if N exceeds it. A reference that is not feasible is followed as
-    well as the controls can; ``residuals`` says what they leave in each step.
+    the mean square if and only if N exceeds it. For a reference that is not feasible, each step
+    leads as near to ``r(k+1)`` as the estimates allow; see ``residuals``.
 
     Examples
     --------
@@ -221,7 +218,7 @@ def track(
         raise NonFiniteError("`A` times `reference` overflows: scale the problem down")
     key, of_B = as_key(rng), factors(B)
     states, inputs, optimal = _core.track(
-        *_lines(checked),
+        *columns(checked),
         start,
         r,
         (of_B.U.T, of_B.V.T, of_B.s),
@@ -252,11 +249,5 @@ def track(
         feasible=bool((residuals <= REACHABLE * needed).all()),
         key=key,
         status=status if optimal else "optimal_inaccurate",
-        info={
-            "method": name,
-            "size": count,
-            "feedback": fed,
-            "sample_states": sampled,
-            "runs": R,
-        },
+        info={"method": name, "size": count, "feedback": fed, "sample_states": sampled, "runs": R},
     )

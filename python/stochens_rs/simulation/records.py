@@ -1,4 +1,4 @@
-"""What simulations return: frozen records, time first, every field with its shape and meaning.
+"""The records that simulations return.
 
 ``times[k]`` is ``k dt`` where the system states a step length, otherwise the step number k.
 """
@@ -11,18 +11,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .._base import html
+from .._base.types import Floats
 from ..plots.states import draw_states
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from numpy.typing import NDArray
 
     from ..rng import Key
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Trajectory:
-    """The exact way of a system under given inputs.
+    """The trajectory of an exact system under given inputs.
 
     Attributes
     ----------
@@ -36,9 +36,9 @@ class Trajectory:
         The step length [s]; None if the system states none.
     """
 
-    states: NDArray[np.float64]
-    inputs: NDArray[np.float64]
-    times: NDArray[np.float64]
+    states: Floats
+    inputs: Floats
+    times: Floats
     dt: float | None = None
 
     @property
@@ -123,12 +123,12 @@ class EnsembleTrajectory:
         "completed".
     """
 
-    mean: NDArray[np.float64]
-    variance: NDArray[np.float64] | None
-    covariance: NDArray[np.float64] | None
-    runs: NDArray[np.float64] | None
-    inputs: NDArray[np.float64]
-    times: NDArray[np.float64]
+    mean: Floats
+    variance: Floats | None
+    covariance: Floats | None
+    runs: Floats | None
+    inputs: Floats
+    times: Floats
     size: int
     replicates: int
     averaging: str
@@ -143,13 +143,13 @@ class EnsembleTrajectory:
         return len(self.inputs)
 
     @property
-    def standard_error(self) -> NDArray[np.float64] | None:
+    def standard_error(self) -> Floats | None:
         """``sqrt(variance / replicates)``, the estimated rms error of `mean`, shape (K + 1, n);
         None for a single trajectory.
         """
         if self.variance is None:
             return None
-        error: NDArray[np.float64] = np.sqrt(self.variance / self.replicates)
+        error: Floats = np.sqrt(self.variance / self.replicates)
         return error
 
     def plot(self, *, ax: Axes | None = None) -> Axes:
@@ -158,9 +158,7 @@ class EnsembleTrajectory:
         Parameters
         ----------
         ax : matplotlib Axes, optional
-            Where to draw. Default: new axes on a figure of their own, which a notebook shows. In a
-            script ``path.plot().figure.savefig("path.png")`` saves it; for a window, pass
-            ``ax=plt.subplots()[1]`` and call ``plt.show()``.
+            Where to draw, as for `Trajectory.plot`.
 
         Returns
         -------

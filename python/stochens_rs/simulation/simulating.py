@@ -1,4 +1,4 @@
-"""What a control does: ``x(k+1) = A x(k) + B u(k)``, exactly and with random realizations."""
+"""Simulation of ``x(k+1) = A x(k) + B u(k)``, exact and with random realizations."""
 
 from __future__ import annotations
 
@@ -9,25 +9,24 @@ import numpy as np
 from .. import _core
 from .._base import gate, memory
 from .._base.threads import get_num_threads
+from .._base.types import AVERAGINGS, Averaging, Floats
 from ..exceptions import InputError, NonFiniteError
 from ..rng import RngLike, as_key
 from ..system import System
+from ..theory.dynamics import checked_motion
 from .records import EnsembleTrajectory, Trajectory
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
-    Floats: TypeAlias = NDArray[np.float64]
 
-Averaging: TypeAlias = Literal["runs", "mean-field"]
 Moments: TypeAlias = Literal["diagonal", "full"]
 
-_AVERAGINGS = ("runs", "mean-field")
 _MOMENTS = ("diagonal", "full")
 
 
 def simulate(system: System | Any, x0: ArrayLike, u: ArrayLike) -> Trajectory:
-    """Follow the exact system under given inputs.
+    """Simulate the exact system under given inputs.
 
     Parameters
     ----------
@@ -66,9 +65,9 @@ def simulate(system: System | Any, x0: ArrayLike, u: ArrayLike) -> Trajectory:
            [0. , 1. ],
            [0.1, 0. ]])
     """
-    checked, start, inputs = _problem(system, x0, u)
-    memory.need("the trajectory", 2 * 8 * (len(inputs) + 1) * checked.n)
-    states = _core.trajectory(*_lines(checked), start.reshape(1, -1), inputs)
+    checked, start, inputs = checked_motion(system, x0, u)
+    memory.need("the trajectory", 2 * 8 * (len(inputs) + 1) * checked.n)  # and a copy
+    states = _core.trajectory(*columns(checked), start.reshape(1, -1), inputs)
     return Trajectory(states, inputs.copy(), _times(checked, len(inputs)), _dt(checked))
 
 
@@ -87,7 +86,7 @@ def simulate_ensemble(
     return_runs: bool = False,
     rng: RngLike = None,
 ) -> EnsembleTrajectory:
-    """Follow random realizations of a system under given inputs.
+    """Simulate random realizations of a system under given inputs.
 
     Parameters
     ----------
@@ -103,10 +102,10 @@ def simulate_ensemble(
         Whether an entity is drawn, column by column; otherwise it is exact.
     averaging : {"runs", "mean-field"}, default "runs"
         "runs": N independent runs, averaged at the end. "mean-field": the N realizations of a
-        step are averaged before they are applied, one trajectory of averages; for K > 1 its error
-        grows far more slowly.
+        step are averaged before they are applied, which gives one trajectory; for K > 1 its error
+        grows much more slowly.
     replicates : int, default 1
-        Independent trajectories of a mean field; with at least 2 their variance is known.
+        Number of independent trajectories of a mean field; from 2 on, their variance is computed.
     covariance : {"diagonal", "full"}, default "diagonal"
         "full" keeps ``n (K + 1)`` times n numbers and costs ``n^2`` operations per run and step
         instead of n.
@@ -131,10 +130,10 @@ def simulate_ensemble(
 
     Notes
     -----
-    "runs": ``x^s(k+1) = A_k^s x^s(k) + B_k^s u(k)`` with fresh realizations for every run s and
+    "runs": ``x^s(k+1) = A_k^s x^s(k) + B_k^s u(k)`` with new realizations for every run s and
     every step k (paper, Definition 2.1, corrected: the index maps must be injective in both; one
     realization kept over time gives a biased mean). "mean-field":
-    ``F(k+1) = A_hat_k F(k) + B_hat_k u(k)`` with averages of N fresh realizations at each step.
+    ``F(k+1) = A_hat_k F(k) + B_hat_k u(k)`` with averages of N new realizations at each step.
     The mean of both is the exact trajectory. With ``g_j = ||a_j||_1``,
     ``T_A(d) = diag(|A| (g d)) - A diag(d) A^T`` and ``d_k = diag S_k + x(k)^2``, the covariance
     follows ``S_{k+1} = A S_k A^T + c (T_A(d_k) + T_B(u(k)^2))``, ``S_0 = c Cov(x0)``, where c = 1
@@ -142,9 +141,9 @@ def simulate_ensemble(
     per step, the signal by ``rho(A)^2``.
 
     A run takes one draw per step for every nonzero state and input: O(n + m) per run and step, and
-    O(1) as long as no input acts, because a singleton stays one. A mean field costs O(n (n + m))
-    per step for any N. Run s depends on (key, s) only, for any number of threads; ``size`` runs
-    are the first of more.
+    O(1) without inputs, because its state then has one nonzero entry. A mean field costs
+    O(n (n + m)) per step for any N. Run s depends on (key, s) only, for any number of threads;
+    with a larger ``size`` the first runs are the same.
 
     Examples
     --------
@@ -156,13 +155,13 @@ def simulate_ensemble(
     >>> bool(np.all(abs(found.mean - exact) <= 5 * found.standard_error))
     True
     """
-    checked, start, inputs = _problem(system, x0, u)
+    checked, start, inputs = checked_motion(system, x0, u)
     count = gate.size("size", size)
     flags = {"A": sample_A, "B": sample_B, "x0": sample_x0}
     drawn = tuple(gate.flag(f"sample_{name}", value) for name, value in flags.items())
     keep = gate.flag("return_runs", return_runs)
     full = gate.choice("covariance", covariance, _MOMENTS) == "full"
-    mean_field = gate.choice("averaging", averaging, _AVERAGINGS) == "mean-field"
+    mean_field = gate.choice("averaging", averaging, AVERAGINGS) == "mean-field"
     repeats = gate.size("replicates", replicates)
     if not mean_field and repeats != 1:
         raise InputError(
@@ -173,7 +172,7 @@ def simulate_ensemble(
     threads = get_num_threads()
     _check_memory(checked, len(inputs), trajectories, full=full, keep=keep, threads=threads)
     key = as_key(rng)
-    problem = (*_lines(checked), start.reshape(1, -1), inputs)
+    problem = (*columns(checked), start.reshape(1, -1), inputs)
     A, B, first = drawn
     if mean_field:
         result = _core.simulate_mean_field(
@@ -200,14 +199,8 @@ def simulate_ensemble(
     )
 
 
-def _problem(system: object, x0: object, u: object) -> tuple[System, Floats, Floats]:
-    checked = System.from_any(system)
-    start = gate.vector("x0", x0, length=checked.n)
-    return checked, start, gate.inputs("u", u, cols=checked.m)
-
-
-def _lines(system: System) -> tuple[Floats, Floats]:
-    """The columns of A and B as rows; their 1-norms must be numbers."""
+def columns(system: System) -> tuple[Floats, Floats]:
+    """The columns of A and B as rows; refuses those whose 1-norm overflows."""
     for name, matrix in (("A", system.A), ("B", system.B)):
         with np.errstate(over="ignore"):
             norms = np.abs(matrix).sum(axis=0)
@@ -229,13 +222,14 @@ def _times(system: System, steps: int) -> Floats:
 def _check_memory(
     system: System, steps: int, trajectories: int, *, full: bool, keep: bool, threads: int
 ) -> None:
-    """Sums wait in a tree: one per level and thread; the runs only if they are kept."""
+    """Check what the core allocates: moments are added up in a binary tree of partial sums."""
     n, m = system.n, system.m
-    sums = 8 * (steps + 1) * n * (1 + (n if full else 1))
-    waiting = threads + trajectories.bit_length() + 2
-    tables = 8 * (n + m) * (n + (1 << (n - 1).bit_length()))
+    sums = 8 * (steps + 1) * n * (1 + (n if full else 1))  # mean and (co)variance
+    partial = threads + trajectories.bit_length() + 2  # one per thread and level of the tree
+    tables = 8 * (n + m) * (n + (1 << (n - 1).bit_length()))  # laws of the columns of A and B
     kept = 8 * trajectories * (steps + 1) * n if keep else 0
+    work = 1024 * n * threads  # states of the runs of a thread
     memory.need(
         f"the moments{' and the runs' if keep else ''} of {trajectories} trajectories",
-        sums * waiting + 2 * tables + kept + 1024 * n * threads,
+        sums * partial + 2 * tables + kept + work,
     )

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .. import _core
 from .._base import gate, html, memory
+from .._base.types import Floats
 from ..exceptions import InputError, InputTypeError
 from .confidence import Confidence, radii_of_means
 from .durable import Durable
@@ -16,11 +17,9 @@ from .feed import blocks
 from .state import ENTITIES
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from .feed import FeedLike
-
-    Floats: TypeAlias = NDArray[np.float64]
 
 
 class DataStream(Durable):
@@ -96,11 +95,7 @@ class DataStream(Durable):
         self._core = _core.DataStream(inputs, start, goal, matrix)
 
     def update(
-        self,
-        *,
-        x0: FeedLike | None = None,
-        xf: FeedLike | None = None,
-        A: FeedLike | None = None,
+        self, *, x0: FeedLike | None = None, xf: FeedLike | None = None, A: FeedLike | None = None
     ) -> None:
         """Take in realizations.
 

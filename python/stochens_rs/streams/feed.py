@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from .._base import gate
+from .._base.types import Floats
 from ..ensembles.ensemble import Ensemble
 from ..exceptions import ShapeError
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
-    Floats: TypeAlias = NDArray[np.float64]
     FeedLike: TypeAlias = ArrayLike | Ensemble | Iterable[ArrayLike]
 
 _BLOCK = 2**18  # entries in a block, 2 MiB

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from .._base import html
-from .._base.types import Status
+from .._base.types import Floats, Status
 from ..plots.trace import draw_trace
 
 if TYPE_CHECKING:
@@ -64,9 +64,9 @@ class Trace:
     """
 
     steps: NDArray[np.int64]
-    certificates: NDArray[np.float64]
-    errors: NDArray[np.float64]
-    step_sizes: NDArray[np.float64]
+    certificates: Floats
+    errors: Floats
+    step_sizes: Floats
 
     def plot(self, *, ax: Axes | None = None) -> Axes:
         """Draw the error and the certificate over the steps, both axes logarithmic.

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 import numpy as np
 
 from .. import _core
+from .._base.types import Floats
 from ..exceptions import InputError
 from ..rng import Key
 
@@ -38,7 +39,7 @@ class Identity:
         """Return the keys of the realizations of x0, xf and A, and of the choice of slots."""
         return [bytes(self.key.child(name)) for name in (*ENTITIES, "slots")]
 
-    def digest(self, *arrays: NDArray[np.float64]) -> str:
+    def digest(self, *arrays: Floats) -> str:
         """Return the SHA-256 of the key, the options, and the shapes and entries of the arrays."""
         options = (str(self.variant), self.safeguard, str(self.slots))
         text = f"{options}{[array.shape for array in arrays]}"

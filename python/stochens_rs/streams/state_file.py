@@ -17,12 +17,13 @@ from .. import _core
 from .._base import memory
 from .._base.files import PathLike, checked_path
 from .._base.gate import show
+from .._base.types import Floats
 from ..exceptions import InputTypeError, StateRecoveredWarning
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    Section: TypeAlias = NDArray[np.uint8] | NDArray[np.uint64] | NDArray[np.float64]
+    Section: TypeAlias = NDArray[np.uint8] | NDArray[np.uint64] | Floats
 
 
 _ELEMENTS = (np.dtype(np.uint8), np.dtype(np.uint64), np.dtype(np.float64))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,18 +11,18 @@ from .. import _core
 from .._base import gate, html, memory
 from .._base.files import PathLike
 from .._base.progress import Progress, progress_bar
+from .._base.types import Floats
 from ..exceptions import InputError
 from ..rng import Key, RngLike, as_key
 from ..system import System
+from ..theory.dynamics import checked_ends
 from .durable import Checkpoints, Durable
 from .records import StreamRun, Trace
 from .running import Rule, checked_stop, run_until
 from .state import ENTITIES, SLOTS, VARIANTS, Identity, Slots, Variant, from_sections, to_sections
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    Floats: TypeAlias = NDArray[np.float64]
+    from numpy.typing import ArrayLike
 
 
 class Stream(Durable):
@@ -40,7 +40,7 @@ class Stream(Durable):
         The system, or anything `System.from_any` takes; A is exact or nominal. Realizations of A
         are drawn column by column.
     x0, xf : array_like, shape (n,)
-        Exact or nominal initial state and target state.
+        Exact or nominal initial state and target.
     rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
         Source of randomness. Realization k of x0 is realization k of
         ``sample(x0, ..., rng=key.child("x0"))``; "xf" and "A" alike.
@@ -54,34 +54,32 @@ class Stream(Durable):
     slots : {"random", "round-robin", "gain"}, default "random"
         Which slot the step is for. "random": each with probability 1/3, as in the paper.
         "round-robin": in turn. "gain": the slot with the largest guaranteed decrease of the mean
-        squared error, ``d^4 / (V + d^2)`` times the squared factor by which the error d of the
-        slot enters the state (``||A||`` for x0, 1 for xf, ``||F0||`` for A).
+        squared error of the state, ``c^2 d^4 / (V + d^2)`` for an error d of the slot, with
+        ``c = ||A||`` for x0, 1 for xf, ``||F0||`` for A.
 
     Raises
     ------
     InputError, InputTypeError
         If an argument cannot be used; the message names it.
     ResourceError
-        If the stream does not fit into the memory this process may use.
+        If the stream does not fit into memory.
 
     Notes
     -----
     *Invariant* (corrected Algorithm 1): in the consistent variant, ``v = B^+ (Ff - FA F0)`` after
-    every step. A step costs O(n) (above n = 300 or so, more time: A leaves the caches of the
-    processor), reading `u` O(n m), reading `certificate` or `error` O(n^2). All running sums are
-    computed again from the estimates every ``16 max(n, 16)`` steps; `drift` is the largest
-    correction so far.
+    every step. A step costs O(n) (more above n = 300 or so, where A leaves the processor's caches),
+    `u` O(n m), `certificate` and `error` O(n^2). All running sums are computed again every
+    ``16 max(n, 16)`` steps; `drift` is the largest correction so far.
 
-    *Mean-square bound*, with ``n_i`` realizations in slot i that do not depend on the choice of
-    slots and ``V = E ||E - T||^2``: ``E ||B (v - v*)||^2 <= 3 [Vf / n_f + ||A||^2 V0 / n_0 +
+    *Mean-square bound*, for ``n_i`` realizations in slot i, chosen independently of them, and
+    ``V = E ||E - T||^2``: ``E ||B (v - v*)||^2 <= 3 [Vf / n_f + ||A||^2 V0 / n_0 +
     (VA / n_A) (||x0|| + sqrt(V0 / n_0))^2]``.
 
     *Threads.* Threads can share a stream; each call locks it. A signal handler that uses a stream
-    at work gets an InputError, as does a process that was forked while another thread used it. A
-    signal handler that waits for another thread's call on the stream deadlocks.
+    during a call gets an InputError, as does a process that was forked during one. A signal handler
+    that waits for another thread's call on the stream deadlocks.
 
-    *Reproducibility.* The result depends on the arguments, the key and the number of steps only,
-    not on the calls that took them, or on saving and loading in between.
+    *Reproducibility.* The result depends on the arguments, the key and the number of steps only.
 
     Examples
     --------
@@ -89,10 +87,8 @@ class Stream(Durable):
     >>> A, B = [[0.9, 0.2], [-0.1, 0.8]], [[1.0, 0.0], [0.5, 1.0]]
     >>> stream = se.Stream((A, B), [1.0, 2.0], [0.0, 0.0], rng=1)
     >>> run = stream.run(tol=1e-3)
-    >>> run.status, run.certificate <= 1e-3, run.error <= run.certificate
-    ('converged', True, True)
-    >>> stream.u.shape
-    (2,)
+    >>> run.status, run.error <= run.certificate <= 1e-3, stream.u.shape
+    ('converged', True, (2,))
     """
 
     _kind = "stream"
@@ -108,18 +104,16 @@ class Stream(Durable):
         safeguard: bool = False,
         slots: Slots = "random",
     ) -> None:
-        checked = System.from_any(system)
+        checked, start, goal = checked_ends(system, x0, xf)
         inputs, n, m = checked.B, checked.n, checked.m
-        start, goal = gate.vector("x0", x0, length=n), gate.vector("xf", xf, length=n)
         name = gate.choice("variant", variant, VARIANTS)
         order = gate.choice("slots", slots, SLOTS)
         safe = gate.flag("safeguard", safeguard)
         if safe and name != "consistent":
             raise InputError(f"`safeguard` must be False for variant '{name}', got True")
         if order == "gain" and name == "literal":
-            raise InputError(
-                "`slots` must be 'random' or 'round-robin' for variant 'literal', got 'gain'"
-            )
+            expected = "'random' or 'round-robin' for variant 'literal'"
+            raise InputError(f"`slots` must be {expected}, got 'gain'")
         # laws, estimates, sums, tables of both matrices, and the pseudoinverse
         memory.need("a stream", (80 if safe else 64) * n * n + 40 * n * m)
         columns = np.ascontiguousarray(checked.A.T)
@@ -160,7 +154,7 @@ class Stream(Durable):
 
     @property
     def estimates(self) -> dict[str, Floats]:
-        """Estimates of "x0" (n,), "xf" (n,), "A" (n, n); for "literal" the latest realizations."""
+        """Estimates of "x0" (n,), "xf" (n,), "A" (n, n); "literal": the latest realizations."""
         x0, xf, columns = self._core.estimates()
         return {"x0": x0, "xf": xf, "A": np.ascontiguousarray(columns.T)}
 
@@ -207,7 +201,7 @@ class Stream(Durable):
         InputTypeError, SizeError
             If `count` is not such a number.
         KeyboardInterrupt
-            On Ctrl-C, between two steps; `steps` says how many were taken.
+            On Ctrl-C, between two steps; `steps` has the number taken.
 
         Examples
         --------
@@ -242,16 +236,14 @@ class Stream(Durable):
         time_limit : float, optional
             Maximum time of this run [s].
         rule : {"certificate", "printed"}, default "certificate"
-            "certificate": stop when `certificate` is at most `tol`, and therefore `error` too.
-            Checked at the start and every n steps. "printed": stop when a step, at O(n m), changes
-            the control by at most `tol`, as in the paper. This is no sign of convergence: a
-            repeated realization changes nothing.
+            "certificate": stop when `certificate` is at most `tol`; checked every n steps.
+            "printed", as in the paper: stop when a step, at O(n m), changes the control by at most
+            `tol`. That is not convergence: a repeated realization changes nothing.
         progress : bool or callable, default False
-            True: a progress bar on a terminal or in a notebook. A callable is called as
-            ``progress(steps, max_steps)`` about five times a second.
+            True: a progress bar. A callable: ``progress(steps, max_steps)``, five times a second.
         checkpoint : path, optional
-            File to `save` the stream to during the run and at its end. An existing file must be
-            an earlier state of this stream. Other runs and `save` cannot write there meanwhile.
+            File to `save` the stream to during the run and at its end, locked meanwhile. An
+            existing file must be an earlier state of this stream.
         every : float, default 60
             Time between two checkpoints [s].
 
@@ -263,18 +255,16 @@ class Stream(Durable):
         Raises
         ------
         InputError, InputTypeError
-            If an argument cannot be used, none of `tol`, `max_steps`, `time_limit` is given, or
-            the variant has no certificate.
-        StateError, StateLockedError
-            If `checkpoint` is not an earlier state of this stream, or is in use by another run.
-        StateIOError
-            If a checkpoint cannot be saved; the stream can still be used.
+            If an argument cannot be used, or none of `tol`, `max_steps`, `time_limit` is given.
+        StateError, StateLockedError, StateIOError
+            If `checkpoint` is not an earlier state of this stream, is in use by another run, or
+            cannot be saved; the stream can still be used.
 
         Notes
         -----
-        Ctrl-C ends the run between two steps with status "interrupted" and raises nothing; the
-        stream can be run again. A second Ctrl-C during the last save raises KeyboardInterrupt.
-        With rule "certificate" and tol > 0, a run without limits ends with probability one.
+        Ctrl-C ends the run between two steps with status "interrupted"; a second one during the
+        last save raises KeyboardInterrupt. The stream can be run again. With rule "certificate" and
+        tol > 0, a run without limits ends with probability one.
 
         Examples
         --------

@@ -1,4 +1,4 @@
-"""What the results of this package are worth before anything is sampled.
+"""Errors of estimates, controls and states, computed before anything is sampled.
 
 :mod:`~stochens_rs.theory.bounds`
     Tail bounds: radii that hold with a given probability, and the sizes they need.
@@ -7,7 +7,7 @@
 :mod:`~stochens_rs.theory.reachability`
     Which states K steps can reach: the controllability matrix and the Gramian.
 :mod:`~stochens_rs.theory.tracking`
-    Exact errors and stability of tracking a reference with fresh estimates in every step.
+    Exact errors and stability of tracking a reference with new estimates in every step.
 """
 
 from __future__ import annotations

@@ -1,28 +1,38 @@
-"""``x(k+1) = A x(k) + B u(k)`` over K steps: powers of A, ``C_K``, the states."""
+"""``x(k+1) = A x(k) + B u(k)`` over K steps: checked arguments, powers of A, ``C_K``, states."""
 
 from __future__ import annotations
-
-from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from .._base import gate, memory
+from .._base.types import Floats
 from ..exceptions import NonFiniteError
+from ..system import System
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
-    Array: TypeAlias = NDArray[np.float64]
+def checked_ends(system: object, x0: object, xf: object) -> tuple[System, Floats, Floats]:
+    """Check a system, its initial state and its target."""
+    checked = System.from_any(system)
+    n = checked.n
+    return checked, gate.vector("x0", x0, length=n), gate.vector("xf", xf, length=n)
+
+
+def checked_motion(system: object, x0: object, u: object) -> tuple[System, Floats, Floats]:
+    """Check a system, its initial state and its inputs."""
+    checked = System.from_any(system)
+    start = gate.vector("x0", x0, length=checked.n)
+    return checked, start, gate.inputs("u", u, cols=checked.m)
 
 
 def checked_steps(steps: object, n: int, m: int) -> int:
-    """Check the number of steps against what C_K and the powers of A take."""
+    """Check the number of steps against the memory that C_K and the powers of A take."""
     K = gate.size("steps", steps)
+    # C_K with the work space of its factors, the powers of A, the states and the control
     memory.need(f"a control over {K} steps", (8 * n * m + n * n + n + m) * K * 8)
     return K
 
 
-def matrix_powers(A: Array, K: int, name: str = "A") -> Array:
+def matrix_powers(A: Floats, K: int, name: str = "A") -> Floats:
     """``[I, A, ..., A^K]``, (K + 1, n, n)."""
     powers = np.empty((K + 1, *A.shape))
     powers[0], powers[1:2] = np.eye(len(A)), A
@@ -37,7 +47,7 @@ def matrix_powers(A: Array, K: int, name: str = "A") -> Array:
     return powers
 
 
-def controllability(powers: Array, B: Array) -> Array:
+def controllability(powers: Floats, B: Floats) -> Floats:
     """``C_K = [B, A B, ..., A^{K-1} B]``, (n, m K), from ``[I, A, ..., A^{K-1}]``.
 
     Its blocks meet u(K-1), ..., u(0).
@@ -49,7 +59,7 @@ def controllability(powers: Array, B: Array) -> Array:
     return C
 
 
-def states(A: Array, B: Array, x0: Array, u: Array) -> Array:
+def states(A: Floats, B: Floats, x0: Floats, u: Floats) -> Floats:
     """``x(k+1) = A x(k) + B u(k)`` from ``x(0) = x0``, (K + 1, n)."""
     x = np.empty((len(u) + 1, x0.size))
     x[0] = x0
@@ -64,6 +74,6 @@ def states(A: Array, B: Array, x0: Array, u: Array) -> Array:
     return x
 
 
-def spectral_norms(powers: Array) -> Array:
+def spectral_norms(powers: Floats) -> Floats:
     """2-norm of every matrix of a stack."""
     return np.asarray(np.linalg.norm(powers, ord=2, axis=(1, 2)), dtype=np.float64)

@@ -1,16 +1,15 @@
-"""The best control of known data, where it leads, and what rounding may have made of both.
+"""The best control of known data, the state it leads to, and the rounding errors of both.
 
-``y = xf - x_free`` is what a control has to add to the free motion, ``v = B^+ y`` the one of
-smallest norm that comes nearest to it; over several steps ``C_K`` takes the place of ``B``.
-``B^+`` is never formed here: ``v = V (1/s) (U^T y)`` with one step of refinement leaves ``B v``
-right to rounding times ``||B|| ||v||``, a product with the explicit matrix only to rounding times
-``condition ||y||``.
+``y = xf - x_free`` is what a control has to add to the free motion. ``v = B^+ y`` is the smallest
+of the controls that come nearest to it; over several steps ``C_K`` takes the place of ``B``.
+``B^+`` is not formed here: with ``v = V (1/s) (U^T y)`` and one step of refinement, the error of
+``B v`` is about ``eps ||B|| ||v||``; with the matrix ``B^+`` it would be ``eps condition ||y||``.
 
 One rank rule for everything: singular values up to ``eta sigma_max``, ``eta = max(n, m) eps``,
 count as 0. Allowances for rounding: the computed factors are those of a matrix at a distance of at
 most ``theta ||B||`` (LAPACK Users' Guide, 4.9), with ``theta = (2 max(n, m) + 4) eps`` (measured:
 ``2.41 max(n, m) eps`` at most, for 2 700 matrices of up to 300 rows, half of them badly scaled).
-What such a distance does to ``v`` and ``B v`` is in Wedin, BIT 13 (1973) 217-232.
+Wedin, BIT 13 (1973) 217-232, bounds the effect on ``v`` and ``B v``.
 """
 
 from __future__ import annotations
@@ -18,24 +17,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from math import inf, sqrt
-from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from .. import _core
 from .._base import memory
 from .._base.numbers import norm
+from .._base.types import Floats
 from ..exceptions import NonFiniteError
 from .dynamics import controllability, matrix_powers
 from .records import PlanError, Reachability
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats: TypeAlias = NDArray[np.float64]
-
 EPS = float(np.finfo(np.float64).eps)
-REACHABLE = sqrt(EPS)  # 1.5e-8: a residual of up to half the digits of what is needed is none
+REACHABLE = sqrt(EPS)  # 1.5e-8: relative residuals up to here, half of the digits, count as 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +70,7 @@ class Factors:
 def factors(B: Floats) -> Factors:
     """Factor a matrix; the work space is checked against memory."""
     B = np.ascontiguousarray(B)
-    memory.need("the pseudoinverse of B", 8 * B.nbytes)
+    memory.need("the pseudoinverse of B", 8 * B.nbytes)  # factors, inverse and work space
     left, right, singular_values, condition, inverse = _core.pseudoinverse(B)
     if not np.isfinite(singular_values).all():
         raise NonFiniteError("the singular values of `B` overflow: scale the problem down")
@@ -118,11 +112,11 @@ class Best:
 
     @property
     def reached(self) -> Floats:
-        """Where the control leads."""
+        """The state that the control leads to."""
         return np.asarray(self.free + self.pushed)
 
     def reachability(self) -> Reachability:
-        """What no control can do."""
+        """The part of the target that no control reaches, with its rounding error."""
         residual, needed = norm(self.missed), norm(self.needed)
         relative = residual / needed if needed else 0.0
         # if y = B v, then ||(I - P_hat) y|| = ||(I - P_hat) (B - B_hat) v|| <= off ||v||
@@ -143,7 +137,7 @@ class Best:
 
     @property
     def _turned(self) -> float:
-        """``||P_hat (I - P) y|| <= off / sigma_min ||(I - P) y||``: the range is turned by that."""
+        """Effect of the rounded range: ``||P_hat (I-P) y|| <= off / sigma_min ||(I-P) y||``."""
         residual = norm(self.missed)
         if not residual:
             return 0.0
@@ -151,12 +145,12 @@ class Best:
 
     @property
     def state_rounding(self) -> float:
-        """Up to which ``||B v||``, the state and the residual may be off."""
+        """Bound on the rounding error of ``||B v||``, of the state and of the residual."""
         return self.unsure + (self.off + self.factors.spread) * norm(self.v) + self._turned
 
     @property
     def control_rounding(self) -> float:
-        """Up to which ``||v||`` may be off: ``(unsure + 2 off ||v|| + turned) / sigma_min``."""
+        """Bound on that of ``||v||``: ``(unsure + 2 off ||v|| + turned) / sigma_min``."""
         if self.gap <= 0.0:
             return inf
         size = norm(self.v)
@@ -173,7 +167,7 @@ class Best:
         return norm(self.reached) > self.state_rounding
 
     def aside(self, u: Floats) -> Floats:
-        """``(I - C_K^+ C_K) u`` in the order of ``C_K``: what moves nothing."""
+        """``(I - C_K^+ C_K) u`` in the order of ``C_K``: the part without effect on the state."""
         v, V = self._reversed(u), self.factors.V
         return np.asarray(v - V @ (V.T @ v))
 
@@ -198,7 +192,7 @@ class Best:
         )
 
     def compared(self, quantity: str, x0: Floats) -> tuple[str, float]:
-        """What a relative error of the quantity is relative to, as in `PlanError`, and its norm."""
+        """The vector that an error is relative to, by its name in `PlanError`, and its norm."""
         if quantity == "control":
             if self.moves:
                 return "v", norm(self.v)
@@ -258,7 +252,7 @@ def summed(A: Floats, x: Floats, other: Floats) -> float:
 
 
 def representable(*results: Floats) -> None:
-    """Refuse magnitudes whose products overflow: no control can be told from them."""
+    """Refuse results that overflowed."""
     if not all(np.isfinite(result).all() for result in results):
         raise NonFiniteError(
             "`A x0`, `xf - A x0`, the control or the state it leads to overflows: scale the "

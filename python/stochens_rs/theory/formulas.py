@@ -1,25 +1,29 @@
-"""The formulas on checked arrays, each once."""
+"""Formulas for the covariances of realizations and of their averages, on checked arrays.
+
+The notation is that of :mod:`stochens_rs.theory.moments`.
+"""
 
 from __future__ import annotations
 
 import math
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .._base import gate
-from .._base.types import AXES, FUSIONS, SCHEMES
+from .._base.types import AXES, FUSIONS, SCHEMES, Floats
 from ..exceptions import InputError, NonFiniteError, ShapeError
 from ..system import System
+from .dynamics import checked_ends
 from .exact import factors
 
-Array: TypeAlias = NDArray[np.float64]
 Size: TypeAlias = "int | float | None"
 Sizes: TypeAlias = "Size | tuple[Size, Size, Size]"
+Finite = TypeVar("Finite", float, Floats)
 
 
-def sum_of_others(lines: Array) -> Array:
+def sum_of_others(lines: Floats) -> Floats:
     """``sum_{k != i} |W_kj|``, which is ``g_j - |W_ij|`` without the subtraction."""
     absolute = np.abs(lines)
     before = np.zeros_like(absolute)
@@ -29,23 +33,24 @@ def sum_of_others(lines: Array) -> Array:
     return before + after
 
 
-def realization_covariance(w: Array) -> Array:
+def realization_covariance(w: Floats) -> Floats:
     """``Cv(w)`` for one realization."""
     return column_excess(w[:, None], np.ones(1))
 
 
-def column_excess(A: Array, d: Array) -> Array:
+def column_excess(A: Floats, d: Floats) -> Floats:
     """``T_A(d)``: off the diagonal ``-A diag(d) A^T``, on it ``Phi d``."""
-    T: Array = 0.0 - (A * d) @ A.T  # "0.0 -" rather than "-": zeros stay +0.0
+    T: Floats = 0.0 - (A * d) @ A.T  # "0.0 -" rather than "-": zeros stay +0.0
     np.fill_diagonal(T, (np.abs(A) * sum_of_others(A)) @ d)
     return T
 
 
-def _centred(values: Array, weights: Array) -> Array:
-    """Values minus their weighted mean, row by row, and first minus the value of largest weight.
+def _centred(values: Floats, weights: Floats) -> Floats:
+    """Subtract from every row of values its weighted mean.
 
-    That makes the value that most of the mean is made of exactly 0, so that the squares
-    ``g sum_j w_j (v_j - mean)^2 = sum_{j<k} w_j w_k (v_j - v_k)^2`` keep their relative accuracy.
+    The value with the largest weight is subtracted first, and is then exactly 0, so that the
+    squares ``g sum_j w_j (v_j - mean)^2 = sum_{j<k} w_j w_k (v_j - v_k)^2`` keep their relative
+    accuracy.
     """
     heaviest = weights.argmax(axis=1, keepdims=True)
     y = values - np.take_along_axis(values, heaviest, axis=1)
@@ -54,25 +59,25 @@ def _centred(values: Array, weights: Array) -> Array:
     return np.asarray(y - mean, dtype=np.float64)
 
 
-def pushed_covariance(F: Array, w: Array) -> Array:
-    """``F Cv(w) F^T``, in which all diagonal entries are sums of squares."""
+def pushed_covariance(F: Floats, w: Floats) -> Floats:
+    """``F Cv(w) F^T = g sum_i |w_i| y_i y_i^T``, ``y_i = sign(w_i) F e_i`` minus its mean."""
     absolute = np.abs(w)
     Y = _centred(F * np.sign(w), np.broadcast_to(absolute, F.shape))
     return np.asarray(absolute.sum() * ((Y * absolute) @ Y.T), dtype=np.float64)
 
 
-def matrix_excess(A: Array, M: Array, axis: str) -> Array:
+def matrix_excess(A: Floats, M: Floats, axis: str) -> Floats:
     """``E[A^s M A^sT] - A M A^T``."""
     diagonal = np.diagonal(M)
     if axis == "columns":
         return column_excess(A, diagonal)
-    # Rows are independent of each other: only E[(A^s M A^sT)_ii] differs. Without the terms of
-    # M_jj on both sides: sum_j |a_ij| (rho_i - |a_ij|) M_jj - sum_{j != k} a_ij a_ik M_jk.
+    # Rows are independent of each other: only the diagonal entries differ. They are
+    # sum_j |a_ij| (rho_i - |a_ij|) M_jj - sum_{j != k} a_ij a_ik M_jk.
     apart = M - np.diag(diagonal)
     return np.diag((np.abs(A) * sum_of_others(A.T).T) @ diagonal - ((A @ apart) * A).sum(axis=1))
 
 
-def vector_excess(A: Array, x: Array, axis: str) -> Array:
+def vector_excess(A: Floats, x: Floats, axis: str) -> Floats:
     """``Cov(A^s x)``, which is `matrix_excess` for ``M = x x^T``."""
     if axis == "columns":
         return column_excess(A, x * x)
@@ -82,21 +87,23 @@ def vector_excess(A: Array, x: Array, axis: str) -> Array:
     return np.diag(weights.sum(axis=1) * squares)
 
 
-def fractional_parts(N: float, part: Array, rest: Array, g: Array | float) -> tuple[Array, Array]:
+def fractional_parts(
+    N: float, part: Floats, rest: Floats, g: Floats | float
+) -> tuple[Floats, Floats]:
     """``f = frac(N part / g)`` and ``1 - f`` for ``part + rest = g``.
 
-    A remainder is computed without rounding: where ``N part / g`` is an integer, f is exactly 0.
-    Just below an integer, ``1 - f`` is the remainder of the rest.
+    ``fmod`` does not round: where ``N part / g`` is an integer, f is exactly 0. Just below an
+    integer, ``1 - f`` is computed as the remainder of ``N rest / g``.
     """
     f, other = np.fmod(N * part, g) / g, np.fmod(N * rest, g) / g
     below = (other > 0.0) & (other < 0.5) & ((f > 0.5) | (N * rest < 0.5 * g))
     return np.where(below, 1.0 - other, f), np.where(below, other, 1.0 - f)
 
 
-def systematic_vector_covariance(w: Array, N: float) -> Array:
-    """Covariance of the average of N systematic samples of a vector."""
+def systematic_vector_covariance(w: Floats, N: float) -> Floats:
+    """Covariance of the average of N systematic samples of a vector; N = 0: known exactly."""
     largest, exponent = np.frexp(np.abs(w).max())
-    if largest == 0.0:
+    if largest == 0.0 or N == 0.0:
         return np.zeros((w.size, w.size))
     # Scaled by a power of two, hence exactly, so that N |w_i| does not overflow.
     absolute = np.ldexp(np.abs(w), -exponent)
@@ -114,7 +121,7 @@ def systematic_vector_covariance(w: Array, N: float) -> Array:
     return np.asarray(np.ldexp(covariance, 2 * exponent), dtype=np.float64)
 
 
-def _systematic_excess(A: Array, C0: Array, x: Array, N: float, axis: str) -> Array:
+def _systematic_excess(A: Floats, C0: Floats, x: Floats, N: float, axis: str) -> Floats:
     """``E[A_hat M A_hat^T] - A M A^T``, ``M = C0 + x x^T``, for N systematic samples."""
     if axis == "columns":  # sum_j M_jj Cov(a_hat_j)
         excess = np.zeros((A.shape[0], A.shape[0]))
@@ -130,26 +137,21 @@ def _systematic_excess(A: Array, C0: Array, x: Array, N: float, axis: str) -> Ar
     return np.diag(diagonal)
 
 
-def fused_product_covariance(A: Array, x0: Array, r0: float, rA: float, axis: str) -> Array:
+def fused_product_covariance(A: Floats, x0: Floats, r0: float, rA: float, axis: str) -> Floats:
     """``Cov(A_hat x0_hat)`` for ``1/r0`` realizations of ``x0`` and ``1/rA`` of ``A``."""
     Cv = realization_covariance(x0)
     from_both = r0 * rA * matrix_excess(A, Cv, axis)
     from_A = rA * vector_excess(A, x0, axis)
-    covariance: Array = r0 * pushed_covariance(A, x0) + from_A + from_both
+    covariance: Floats = r0 * pushed_covariance(A, x0) + from_A + from_both
     return covariance
 
 
 def _systematic_difference(
-    A: Array, x0: Array, xf: Array, sizes: tuple[object, object, object], axis: str
-) -> Array:
+    A: Floats, x0: Floats, xf: Floats, sizes: tuple[object, object, object], axis: str
+) -> Floats:
     """Covariance of ``xf_hat - A_hat x0_hat`` for independent averages of systematic samples."""
-    N0, Nf, NA = (
-        0.0 if inverse_size(f"size[{k}]", N) == 0.0 else float(gate.size(f"size[{k}]", N))
-        for k, N in enumerate(sizes)
-    )
-    n = x0.size
-    C = systematic_vector_covariance(xf, Nf) if Nf else np.zeros((n, n))
-    C0 = systematic_vector_covariance(x0, N0) if N0 else np.zeros((n, n))
+    N0, Nf, NA = (count(f"size[{k}]", N) for k, N in enumerate(sizes))
+    C, C0 = systematic_vector_covariance(xf, Nf), systematic_vector_covariance(x0, N0)
     # Given x0_hat, A_hat x0_hat has the covariance of A_hat at x0_hat; E[x0_hat x0_hat^T] = M.
     if NA:
         C = C + _systematic_excess(A, C0, x0, NA, axis)
@@ -164,12 +166,10 @@ def fused_covariance(
     fusion: str,
     axis: str,
     scheme: str,
-) -> tuple[Array, Array]:
-    """``B`` and ``C``, the covariance of ``xf_hat - A_hat x0_hat`` (or its pairing)."""
-    checked = System.from_any(system)
+) -> tuple[Floats, Floats]:
+    """``B`` and the covariance of ``xf_hat - A_hat x0_hat`` (diagonal: of the average pair)."""
+    checked, x0, xf = checked_ends(system, x0, xf)
     A, B = checked.A, checked.B
-    x0 = gate.vector("x0", x0, length=checked.n)
-    xf = gate.vector("xf", xf, length=checked.n)
     gate.choice("axis", axis, AXES)
     sizes = one_each(size)
     r0, rf, rA = (inverse_size(f"size[{k}]", N) for k, N in enumerate(sizes))
@@ -195,16 +195,22 @@ def fused_covariance(
     return B, max(sampled, default=0.0) * one_pair
 
 
-def lines_of(A: Array, axis: str) -> Array:
+def lines_of(A: Floats, axis: str) -> Floats:
     """``A`` with the sampled lines as columns."""
     return A if gate.choice("axis", axis, AXES) == "columns" else A.T
 
 
-def inverse_size(name: str, size: object) -> float:
-    """``1 / size``; 0 for an entity that is known exactly (None or inf)."""
+def count(name: str, size: object) -> float:
+    """Check a size; 0 for an entity that is known exactly (None or inf)."""
     if size is None or (isinstance(size, (float, np.floating)) and size == math.inf):
         return 0.0
-    return 1.0 / gate.size(name, size)
+    return float(gate.size(name, size))
+
+
+def inverse_size(name: str, size: object) -> float:
+    """``1 / size``; 0 for an entity that is known exactly."""
+    N = count(name, size)
+    return 1.0 / N if N else 0.0
 
 
 def one_each(size: object) -> tuple[object, object, object]:
@@ -218,27 +224,27 @@ def one_each(size: object) -> tuple[object, object, object]:
     return N0, Nf, NA
 
 
-def compact_svd(B: Array) -> tuple[Array, Array, Array]:
+def compact_svd(B: Floats) -> tuple[Floats, Floats, Floats]:
     """``B = U diag(s) V^T`` with the numerical rank as inner size, so ``B+ = V diag(1/s) U^T``."""
     found = factors(B)
     return found.U, found.s, found.V
 
 
-def symmetric_product(F: Array, C: Array) -> Array:
+def symmetric_product(F: Floats, C: Floats) -> Floats:
     """``F C F^T``, exactly symmetric."""
     product = F @ C @ F.T
     return checked_finite(np.asarray((product + product.T) / 2.0, dtype=np.float64))
 
 
-def checked_finite(moments: Array, what: str = "covariance") -> Array:
-    """Refuse what overflowed."""
-    if not np.isfinite(moments).all():
+def checked_finite(values: Finite, what: str = "covariance") -> Finite:
+    """Refuse values that overflowed."""
+    if not np.isfinite(values).all():
         raise NonFiniteError(f"the {what} overflows: scale the problem down")
-    return moments
+    return values
 
 
-def root_trace(C: Array) -> float:
-    """``sqrt(tr C)``; rounding may leave a trace that should be 0 slightly below it."""
+def root_trace(C: Floats) -> float:
+    """``sqrt(tr C)``; a trace that rounding makes negative counts as 0."""
     with np.errstate(over="ignore"):
         trace = checked_finite(np.trace(C), "mean squared error")
     return math.sqrt(max(0.0, float(trace)))

@@ -1,16 +1,16 @@
-"""How fast second moments grow under sampling: the spectral radius of one kind of positive map.
+"""Growth of second moments under sampling: the spectral radius of one kind of positive map.
 
 ``L_r(M) = F M F^T + r G T_A(diag M) G^T`` on symmetric matrices, ``T_A(d) = sum_j d_j Cv(a_j)``:
-``F`` carries an error on, the second term is what sampling the columns of ``A`` adds, with
-``r = 1 / N``. The second term sees n numbers of ``M`` only. With ``rho(F) < 1`` and the n x n
-matrix ``Psi_ij = [sum_k F^k G Cv(a_j) G^T F^kT]_ii``, nonnegative, the map is therefore stable,
+``F`` propagates an error, and the second term is added by sampling the columns of ``A``, with
+``r = 1 / N``. The second term depends on the diagonal of ``M`` only. With ``rho(F) < 1`` and the
+nonnegative n x n matrix ``Psi_ij = [sum_k F^k G Cv(a_j) G^T F^kT]_ii``, the map is stable,
 ``rho(L_r) < 1``, if and only if ``r rho(Psi) < 1``; and ``rho(L_r) = s`` if and only if the
 same holds with equality for ``L_r / s``.
 
 ``Psi v`` is the diagonal of one sum over k, O(n^3), while Psi itself takes n of them. Its spectral
 radius is therefore found by power iteration between the bounds of Collatz and Wielandt,
 ``min_i (Psi v)_i / v_i <= rho(Psi) <= max_i (Psi v)_i / v_i`` for every ``v > 0``; the eigenvalues
-of Psi are left for what does not converge so (reducible or periodic, most often tiny or sparse).
+of Psi are computed if it does not converge (Psi reducible or periodic, most often tiny or sparse).
 """
 
 from __future__ import annotations
@@ -18,35 +18,34 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .._base.numbers import TINY
+from .._base.types import Floats
 
-Array = NDArray[np.float64]
-
-# 2^50 terms: enough for every rho(F)^2 / s < 1 that float64 can tell from 1.
+# Doublings of the number of terms of a sum: 2^50 terms are enough for every rho(F)^2 / s that
+# float64 can tell from 1.
 _DOUBLINGS = 50
-# Powers of F with entries up to here add 1e-20 of the sum, which float64 does not see.
+# Powers of F with entries up to here add 1e-20 of the sum, less than its rounding.
 _VANISHED = 1e-10
-# Search for the spectral radius above rho(F)^2: to ten digits of the floor, and down to some 50 eps
-# of where it starts.
+# The search for the spectral radius above the floor rho(F)^2 ends at a gap of ten digits of the
+# floor, or of 50 eps of its start.
 _FLOOR, _START = 1e-10, 1e-14
-# Power iteration: how close the two bounds have to be, relatively, and after how many steps.
+# Power iteration: relative difference of the two bounds at which it ends, and its last step.
 _CLOSE = 1e-11
 _ITERATIONS = 100
 
 
-def spectral_radius(M: Array) -> float:
+def spectral_radius(M: Floats) -> float:
     """The largest modulus of an eigenvalue."""
     return float(np.abs(np.linalg.eigvals(M)).max())
 
 
 def excitation_radius(
-    A: Array, F: Array, G: Array, s: float = 1.0, start: Array | None = None
+    A: Floats, F: Floats, G: Floats, s: float = 1.0, start: Floats | None = None
 ) -> float:
     """``rho(Psi)`` for ``L / s``: inf where ``rho(F)^2 >= s``, or beyond what a float can hold.
 
-    `start` (n,), if given, is where the power iteration starts; it is left at where it ends.
+    `start` (n,), if given, is the first vector of the power iteration, and is set to the last one.
     """
     if not spectral_radius(F) < math.sqrt(s):
         return math.inf
@@ -62,9 +61,9 @@ def excitation_radius(
     return spectral_radius(np.maximum(Psi, 0.0)) / s if np.isfinite(Psi).all() else math.inf
 
 
-def _powers(power: Array) -> list[Array] | None:
-    """``power^(2^i)`` as long as they matter; None if they do not vanish."""
-    powers: list[Array] = []
+def _powers(power: Floats) -> list[Floats] | None:
+    """``power^(2^i)`` up to the last that matters; None if they do not vanish."""
+    powers: list[Floats] = []
     with np.errstate(over="ignore", invalid="ignore"):
         for _ in range(_DOUBLINGS):
             if np.abs(power).max() <= _VANISHED:
@@ -76,7 +75,7 @@ def _powers(power: Array) -> list[Array] | None:
     return None
 
 
-def _perron(A: Array, G: Array, powers: list[Array], v: Array) -> float | None:
+def _perron(A: Floats, G: Floats, powers: list[Floats], v: Floats) -> float | None:
     """``rho(Psi)`` by power iteration from (and in) ``v > 0``; None if it does not converge."""
     absolute = np.abs(A)
     Phi = absolute * (absolute.sum(axis=0) - absolute)
@@ -100,7 +99,7 @@ def _perron(A: Array, G: Array, powers: list[Array], v: Array) -> float | None:
     return None
 
 
-def _excitation(A: Array, G: Array, powers: list[Array]) -> Array:
+def _excitation(A: Floats, G: Floats, powers: list[Floats]) -> Floats:
     """Psi itself."""
     absolute = np.abs(A)
     weights = absolute * absolute.sum(axis=0)
@@ -118,7 +117,7 @@ def _excitation(A: Array, G: Array, powers: list[Array]) -> Array:
     return np.asarray(Psi - (np.matmul(Z, A) * A).sum(axis=1))
 
 
-def map_radius(A: Array, F: Array, G: Array, r: float) -> float:
+def map_radius(A: Floats, F: Floats, G: Floats, r: float) -> float:
     """``rho(L_r)``, to about ten digits."""
     slowest = spectral_radius(F)
     floor = slowest * slowest
@@ -133,7 +132,7 @@ def map_radius(A: Array, F: Array, G: Array, r: float) -> float:
         """``log(r rho(Psi))`` for ``L / s``, ``s = floor + gap``: falls, 0 at ``s = rho(L_r)``."""
         return math.log(max(r * excitation_radius(A, F, G, floor + gap, v), TINY))
 
-    # One term of Psi says where to look; if it is 0, the second term of the map is.
+    # One term of Psi gives the start; if it is 0, so is the second term of the map.
     first = r * float(_excitation(A, G, []).max())
     gap = max(floor, first)
     if first <= 0.0:
@@ -151,7 +150,7 @@ def map_radius(A: Array, F: Array, G: Array, r: float) -> float:
         high, at_high, low = low, at_low, max(low / 16.0, least)
         at_low = excess(low)
     # Regula falsi in logarithms, in which rho(Psi) is nearly a straight line of slope -1, far from
-    # the floor and next to it (Illinois: an end that stays put twice counts half.
+    # the floor and next to it. Illinois rule: an end that is kept twice counts half.
     side = 0
     for _ in range(100):
         t = at_low / (at_low - at_high) if math.isfinite(at_low) else 0.5

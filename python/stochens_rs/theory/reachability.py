@@ -1,7 +1,7 @@
 """Which states the exact system can reach in K steps.
 
-Whether one target is within reach, and of which control: `stochens_rs.control`. The paper's other
-notions are in :mod:`stochens_rs.paper.reachability`.
+`stochens_rs.control` computes whether a target is within reach, and the control. The paper's
+notions of reachability are in :mod:`stochens_rs.paper.reachability`.
 """
 
 from __future__ import annotations
@@ -10,14 +10,15 @@ from typing import Any
 
 import numpy as np
 
+from .._base.types import Floats
 from ..system import System
 from .dynamics import checked_steps, controllability, matrix_powers
-from .formulas import Array, checked_finite
+from .formulas import checked_finite
 
 __all__ = ["controllability_matrix", "gramian"]
 
 
-def controllability_matrix(system: System | Any, steps: int) -> Array:
+def controllability_matrix(system: System | Any, steps: int) -> Floats:
     """The controllability matrix ``C_K = [B, A B, ..., A^{K-1} B]``.
 
     Parameters
@@ -42,9 +43,9 @@ def controllability_matrix(system: System | Any, steps: int) -> Array:
 
     Notes
     -----
-    (The printed product of the paper, with K + 1 factors, has one too many.) The range of ``C_K``
-    grows with K up to ``K = n``; what has to lie in it, ``xf - A^K x0``, changes with K, too, so
-    that a target within reach of fewer steps need not be within reach of more.
+    (The product printed in the paper has K + 1 factors, one too many.) The range of ``C_K`` grows
+    with K up to ``K = n``. As ``xf - A^K x0``, which must lie in it, depends on K, a target within
+    reach in K steps may be out of reach in more.
 
     Examples
     --------
@@ -58,7 +59,7 @@ def controllability_matrix(system: System | Any, steps: int) -> Array:
     return controllability(matrix_powers(checked.A, K - 1), checked.B)
 
 
-def gramian(system: System | Any, steps: int) -> Array:
+def gramian(system: System | Any, steps: int) -> Floats:
     """The reachability Gramian of K steps, ``W = sum_{k<K} A^k B B^T (A^k)^T = C_K C_K^T``.
 
     Parameters

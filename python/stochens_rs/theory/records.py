@@ -1,4 +1,4 @@
-"""What is known exactly about a target and about a control: frozen records."""
+"""The records `Reachability` and `PlanError`."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from .._base import html
 
-# What a relative error is relative to, by the names of `PlanError`.
+# The vectors that errors are relative to, by their names in `PlanError`.
 RELATIVE_TO = {
     "x_actual": "the state that the exact control leads to",
     "x0": "x0, as the exact control leads to the origin",
@@ -17,12 +17,12 @@ RELATIVE_TO = {
 
 @dataclass(frozen=True)
 class Reachability:
-    """Whether one step can reach the (estimated) target, as far as the data say.
+    """Whether the control can reach the (estimated) target.
 
     Attributes
     ----------
     residual : float
-        ``||(I - B B^+)(xf - A x0)||``: what no control can do.
+        ``||(I - B B^+)(xf - A x0)||``: the distance to the target that no control can remove.
     relative : float
         `residual` over ``||xf - A x0||``; 0 if that is 0.
     rank : int
@@ -33,11 +33,11 @@ class Reachability:
         Whether `relative` is at most 1.5e-8, the square root of the rounding unit ``eps``, or
         `residual` at most `rounding`.
     rounding : float
-        How large `residual` may come out for a target within reach,
+        The largest `residual` that rounding can cause for a target within reach,
         ``(n + 1) eps || |A| |x0| + |xf| || + theta ||B|| ||u||`` with the control u for it and
-        ``theta = (2 max(n, m) + 4) eps``; below it,
-        `residual` and `relative` say nothing. (Over several steps, with what rounding leaves in
-        ``A^K x0`` and ``C_K``. For fusion="diagonal" the averages count as exact.)
+        ``theta = (2 max(n, m) + 4) eps``. A smaller `residual` has no meaning. (Over several steps
+        it includes the rounding of ``A^K x0`` and ``C_K``. For fusion="diagonal" the averages count
+        as exact.)
     """
 
     residual: float
@@ -53,33 +53,33 @@ class Reachability:
 
 @dataclass(frozen=True)
 class PlanError:
-    """How wrong a control is for a system that is known exactly.
+    """The error of a control for a system that is known exactly.
 
-    With ``v = B^+ (xf - A x0)``, the best control, and ``x_actual = A x0 + B v``, where it leads:
+    ``v = B^+ (xf - A x0)`` is the best control, ``x_actual = A x0 + B v`` the state it leads to.
 
     Attributes
     ----------
     control : float
         ``||u - v||``.
     control_relative : float
-        `control` over the norm of what `control_relative_to` names.
+        `control` over the norm of the vector `control_relative_to`.
     state : float
         ``||B (u - v)||``, the distance between the state reached and `x_actual`.
     state_relative : float
-        `state` over the norm of what `state_relative_to` names.
+        `state` over the norm of the vector `state_relative_to`.
     residual : float
         ``||(I - B B^+)(xf - A x0)||``: by Pythagoras the distance to `xf` is
         ``sqrt(state^2 + residual^2)``.
     control_rounding : float
-        The exact ``||u - v||`` lies within `control` plus or minus this; inf if rounding leaves no
-        figure of v.
+        The exact ``||u - v||`` differs from `control` by at most this; inf if rounding leaves no
+        correct digit of v.
     state_rounding : float
         The same for `state`, and for `residual`.
     control_relative_to : str
-        "v"; or "B^+ A x0", the control that takes x0 to the origin, if v is 0 but for rounding; or
-        "nothing", if that is 0, too: `control_relative` is then 0 for 0, inf otherwise.
+        "v"; or "B^+ A x0", the control that takes x0 to the origin, if v is 0 up to rounding; or
+        "nothing", if that is 0, too: `control_relative` is then 0 if `control` is 0, inf otherwise.
     state_relative_to : str
-        "x_actual"; or "x0", if `x_actual` is 0 but for rounding; or "nothing", as above.
+        "x_actual"; or "x0", if `x_actual` is 0 up to rounding; or "nothing", as above.
 
     Notes
     -----
@@ -93,8 +93,8 @@ class PlanError:
     - `control_rounding` = ``(rho + 2 theta ||B|| ||v|| + t) / g + eps (||u - v|| + ||v||)``;
     - `state_rounding` = ``rho + theta ||B|| ||v|| + t + eta ||B||_F (||v|| + ||u - v||)``.
 
-    Over several steps ``C_K`` and ``A^K x0`` take the places of B and ``A x0``; what rounding
-    leaves in them is added to ``theta ||B||`` and ``rho``.
+    Over several steps ``C_K`` and ``A^K x0`` take the places of B and ``A x0``; their rounding
+    errors are added to ``theta ||B||`` and ``rho``.
     """
 
     control: float

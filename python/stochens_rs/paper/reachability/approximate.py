@@ -11,14 +11,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..._base import gate
 from ..._base.numbers import ROUNDING, norm
+from ..._base.types import Floats
 from ...rng import Key, RngLike, as_key
 from ...simulation.simulating import simulate_ensemble
 from ...system import System
 from ...theory.bounds import candidates
-from ...theory.bounds._base import level_of
+from ...theory.bounds.base import level_of
 from ...theory.dynamics import checked_steps
 from ...theory.exact import best_control
-from ...theory.formulas import Array
 from ...theory.records import Reachability
 
 
@@ -51,11 +51,11 @@ class ApproximateReachability:
     """
 
     sizes: NDArray[np.int64]
-    errors: Array
-    rms: Array
-    radii: Array
+    errors: Floats
+    rms: Floats
+    radii: Floats
     exact: Reachability
-    controls: Array
+    controls: Floats
     consistent: bool
     verdict: str
     key: Key
@@ -129,7 +129,7 @@ def approximately(
     grid = gate.sizes("sizes", sizes, maximum=2**31)
     key = as_key(rng)
     found = candidates("trajectory", checked, start, u)
-    runs = found[0]._setting
+    runs = found[0].setting
     radii = np.array([min(b.radius(int(k), delta / len(grid)) for b in found) for k in grid])
     deviations = [runs.unit * math.sqrt(runs.mean_square / int(k)) for k in grid]
     unit = runs.unit  # squares of states in this unit do not overflow

@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._base import gate, memory
+from ..._base.types import Floats
 from ...exceptions import NonFiniteError
 from ...system import System
-from ...theory.bounds._base import unit_of
+from ...theory.bounds.base import unit_of
 from ...theory.exact import REACHABLE, factors
-from ...theory.formulas import Array, fused_product_covariance, realization_covariance
+from ...theory.formulas import fused_product_covariance, realization_covariance
 
 # of the sums g0 g_j and gf, about 45 eps per unit: those of up to 45 terms, and longer ones in
 # practice (Higham, Accuracy and Stability of Numerical Algorithms (2002), 4.2)
@@ -126,7 +127,7 @@ def sample_reachability(system: System | Any, x0: ArrayLike, xf: ArrayLike) -> S
     )
 
 
-def _in_units(A: Array, x0: Array, xf: Array) -> tuple[float, Array, Array, Array]:
+def _in_units(A: Floats, x0: Floats, xf: Floats) -> tuple[float, Floats, Floats, Floats]:
     """The unit of ``xf`` and ``A x0``, in which squares neither overflow nor vanish, and all three.
 
     ``A`` and ``x0`` share it: only their product matters.
@@ -139,7 +140,7 @@ def _in_units(A: Array, x0: Array, xf: Array) -> tuple[float, Array, Array, Arra
     return unit, A / unit_A, x0 / (unit / unit_A) if moved else 0.0 * x0, xf / unit
 
 
-def _atoms_of_vector(w: Array) -> tuple[Array, Array]:
+def _atoms_of_vector(w: Floats) -> tuple[Floats, Floats]:
     """Realizations (k, n) and their probabilities."""
     hit = np.flatnonzero(w)
     if hit.size == 0:
@@ -148,7 +149,7 @@ def _atoms_of_vector(w: Array) -> tuple[Array, Array]:
     return gamma * np.sign(w[hit])[:, None] * np.eye(w.size)[hit], np.abs(w[hit]) / gamma
 
 
-def _atoms_of_product(A: Array, x0: Array) -> tuple[Array, Array]:
+def _atoms_of_product(A: Floats, x0: Floats) -> tuple[Floats, Floats]:
     """Realizations of ``A^s x0^s`` (k, n) and their probabilities: x0 hits I, column I hits R."""
     g0, g = np.abs(x0).sum(), np.abs(A).sum(axis=0)
     rows, columns = np.nonzero((A != 0.0) & (x0 != 0.0))
@@ -164,7 +165,7 @@ def _atoms_of_product(A: Array, x0: Array) -> tuple[Array, Array]:
     return atoms, p
 
 
-def _left_over(B: Array) -> Array:
+def _left_over(B: Floats) -> Floats:
     """An orthonormal basis (n, n - rank) of what B does not reach."""
     U = np.linalg.svd(B, full_matrices=True)[0]
     return np.asarray(U[:, len(factors(B).s) :], dtype=np.float64)

@@ -1,4 +1,4 @@
-"""From errors of the estimates to the error of the control: no probability is involved."""
+"""A bound on the error of a control from the errors of its estimates, without probabilities."""
 
 from __future__ import annotations
 
@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._base import gate
-from ...exceptions import NonFiniteError
 from ...system import System
-from ..formulas import compact_svd
+from ..formulas import checked_finite, compact_svd
 
 
 def from_errors(
@@ -24,14 +23,14 @@ def from_errors(
     Parameters
     ----------
     system : System or (A_hat, B)
-        The estimate (n, n) of the state matrix and the input matrix (n, m), known exactly; any
-        rank. Whatever `System.from_any` takes.
+        The estimate (n, n) of the state matrix, and the exact input matrix (n, m), of any rank;
+        or whatever `System.from_any` takes.
     x0_hat : (n,) array_like
         The estimate of the initial state.
     x0_error, xf_error : float, default 0.0
-        ``||x0_hat - x0||_2`` and ``||xf_hat - xf||_2`` at most.
+        e0 and ef: upper bounds on ``||x0_hat - x0||_2`` and ``||xf_hat - xf||_2``.
     A_error : float, default 0.0
-        ``||A_hat - A||_2`` at most; the Frobenius norm will do.
+        eA: upper bound on ``||A_hat - A||_2``, such as one on the Frobenius norm.
 
     Returns
     -------
@@ -49,8 +48,8 @@ def from_errors(
     Notes
     -----
     From the identity ``B (v* - u) = P [(xf - xf_hat) - A_hat (x0 - x0_hat) - (A - A_hat) x0]``:
-    the corrected form of the triangle inequality in the proof of Lemma 3.2. It is a certificate
-    for any weights, also for those of ALSE and SLSE, whose errors are known.
+    the corrected form of the triangle inequality in the proof of Lemma 3.2. It holds for all
+    weights, also for those of ALSE and SLSE, whose errors are known.
 
     Examples
     --------
@@ -72,6 +71,4 @@ def from_errors(
         free = ef + eA * (float(np.linalg.norm(x0_hat)) + e0)
         state = free + float(np.linalg.norm(reached, 2)) * e0
         control = free / float(s[-1]) + float(np.linalg.norm(reached / s[:, None], 2)) * e0
-    if not np.isfinite([state, control]).all():
-        raise NonFiniteError("the bound overflows: scale the problem down")
-    return state, control
+    return checked_finite(state, "bound"), checked_finite(control, "bound")

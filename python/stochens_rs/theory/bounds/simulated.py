@@ -8,13 +8,12 @@ from collections.abc import Callable
 import numpy as np
 
 from ..._base import gate
-from ..._base.types import Scheme
+from ..._base.types import Floats, Scheme
 from ...exceptions import SizeError
 from ...rng import Key
-from ..formulas import Array, Sizes
-from ._base import Bound, Inequality, Rates, Setting, halved
-from ._settings import Control, Paired
-from ._simulation import (
+from ..formulas import Sizes
+from .base import Bound, Inequality, Rates, Setting, halved
+from .drawn_errors import (
     Errors,
     EstimateErrors,
     PlanErrors,
@@ -23,12 +22,15 @@ from ._simulation import (
     runs_for,
     searched_size,
 )
+from .settings import Control, Paired
+
+_TYPICAL = 0.01  # delta for which errors are drawn to bound a probability: R is 20 000 or so
 
 
 class Law(Setting):
     """A setting whose errors can be drawn: lines of a vector or a matrix, or a control."""
 
-    def __init__(self, quantity: str, norm: str, scheme: Scheme, of: Array | PlanErrors) -> None:
+    def __init__(self, quantity: str, norm: str, scheme: Scheme, of: Floats | PlanErrors) -> None:
         super().__init__(quantity, norm)
         self._scheme, self._of = scheme, of
         self.which = int(quantity == "control")  # column of the errors
@@ -37,7 +39,7 @@ class Law(Setting):
             self.equal = Paired.equal if of.paired else ""
 
     def errors(self, rates: Rates) -> Errors:
-        """The law for these sizes."""
+        """What errors for these sizes are drawn from."""
         sizes = tuple(round(1.0 / rate) if rate > 0.0 else None for rate in rates)
         if isinstance(self._of, PlanErrors):
             return self._of.sized(sizes)
@@ -47,7 +49,7 @@ class Law(Setting):
 
 
 class OrderStatistic(Inequality):
-    """The error that so few of the simulated ones exceed that it is a bound (`_simulation`)."""
+    """The order statistic of simulated errors that is a bound (see `drawn_errors`)."""
 
     at: Law
 
@@ -56,7 +58,7 @@ class OrderStatistic(Inequality):
         self.key = key
 
     def radius(self, rates: Rates, level: float) -> float:
-        """Of new draws, the same for the same sizes; inf: too many would be needed."""
+        """From new draws, equal for equal sizes; inf if too many would be needed."""
         if not any(rates):
             return 0.0
         found = radii(self.at.errors(rates), math.exp(-level), self.key)
@@ -67,7 +69,7 @@ class OrderStatistic(Inequality):
         if not any(rates):
             return math.inf
         errors, which = self.at.errors(rates), self.at.which
-        runs = runs_for(0.01, errors.cost)
+        runs = runs_for(_TYPICAL, errors.cost)
         if runs is None:
             return 0.0
         drawn = errors.draw(runs, self.key)
@@ -91,19 +93,19 @@ class Simulated(Bound):
     Parameters
     ----------
     law : Law
-        What errors are drawn from.
+        The distribution of the errors.
     key : Key
-        The same errors in every call.
+        Key of the draws: equal errors in every call.
 
     Notes
     -----
-    R independent errors are drawn from the law, each from counts at a cost of O(n^2), and one of
-    the largest is taken: the one that j others exceed, j the largest number with
-    ``P(Bin(R, 0.9 delta) <= j) <= 0.01 delta`` (Clopper and Pearson, 1934). It fails with
-    probability delta at most, over the realizations and the simulation together. R is at most
-    131072: as many as take about half a second, and more where delta needs them. There is no bound
-    for delta below about 1e-4, nor where the runs would take more than 10 seconds of one thread.
-    `required_size` looks at ten sizes at most and ends within 1 % of the smallest sufficient one.
+    R independent errors are drawn from the law, each from counts at a cost of O(n^2). The radius is
+    the one that j others exceed, j the largest number with
+    ``P(Bin(R, 0.9 delta) <= j) <= 0.01 delta`` (Clopper and Pearson, 1934). The error exceeds it
+    with probability at most delta, over the realizations and the simulation together. R is at most
+    131072, and takes about half a second, more if delta needs it. There is no bound for delta below
+    about 1e-4, and none if the runs would take one thread more than 10 seconds. `required_size`
+    simulates ten sizes at most and ends within 1 % of the smallest sufficient one.
 
     Examples
     --------
@@ -114,13 +116,15 @@ class Simulated(Bound):
     [0.2, 0.4]
     """
 
+    setting: Law
+
     def __init__(self, law: Law, key: Key) -> None:
         super().__init__(
             "simulated",
             "order statistic of errors drawn from the law; its own chance of failure is in delta",
             OrderStatistic(law, key),
         )
-        self._law, self._key = law, key
+        self._key = key
 
     def errors(self, size: Sizes) -> Errors:
         """The law of the errors for a number of realizations.
@@ -141,7 +145,7 @@ class Simulated(Bound):
         InputError, InputTypeError
             As :meth:`radius`; or the size of a vector or matrix is None: nothing is random.
         """
-        return self._law.errors(self._rates(size))
+        return self.setting.errors(self._rates(size))
 
     def require(self, delta: float) -> None:
         """Refuse a probability of failure that cannot be simulated.
@@ -154,21 +158,37 @@ class Simulated(Bound):
         Raises
         ------
         InputError, InputTypeError
-            `delta` is none, or too small: below about 1e-4, more where one run is slow.
+            `delta` is no probability, or too small: below about 1e-4, or more if runs are slow.
         """
-        if not self._possible(1, gate.probability("delta", delta)):
+        if not self.possible(1, delta):
             raise SizeError(_no_bound(delta))
 
-    def _possible(self, size: Sizes, delta: float) -> bool:
-        """Whether there is a bound for this delta: not below about 1e-4, nor if a run is slow."""
-        rates = self._rates(size)
-        return not any(rates) or runs_for(delta, self._law.errors(rates).cost) is not None
+    def possible(self, size: Sizes, delta: float) -> bool:
+        """Whether there is a bound: `delta` is not below about 1e-4, and the runs take no 10 s.
+
+        Parameters
+        ----------
+        size, delta
+            As in :meth:`radius`.
+
+        Returns
+        -------
+        bool
+            Whether :meth:`radius` has a result.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            `size` is not a count, or `delta` does not lie in (0, 1).
+        """
+        rates, delta = self._rates(size), gate.probability("delta", delta)
+        return not any(rates) or runs_for(delta, self.setting.errors(rates).cost) is not None
 
     def _smallest(self, eps: float, delta: float, rates: Callable[[int], Rates]) -> int | None:
         self.require(delta)
         if not any(rates(1)):
             return 1
-        law = self._law
+        law = self.setting
         return searched_size(lambda N: law.errors(rates(N)), law.which, eps, delta, self._key)
 
     def _in_units(self, radius: float) -> float:

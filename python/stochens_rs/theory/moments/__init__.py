@@ -14,13 +14,12 @@ one column:
 ``Cv(w) = g diag|w| - w w^T``,
 ``E[A^s M A^sT] = A M A^T + T_A(diag M)`` with ``T_A(d) = sum_j d_j Cv(a_j)``.
 
-All results but that of :func:`final_state_covariance`, the limit for large N over several steps,
-are exact for every ``size``. Variances are computed from sums of
-nonnegative terms, hence without cancellation: ``g - |w_i| = sum_{k != i} |w_k|``, and for the
-product of a line and a vector x ``sum_{j<k} |a_j| |a_k| (s_j x_j - s_k x_k)^2``, s the signs of a.
+All results are exact for every ``size``, except :func:`final_state_covariance`, the limit for large
+N over several steps. Variances are computed from sums of nonnegative terms, hence without
+cancellation: ``g - |w_i| = sum_{k != i} |w_k|``, and for the product of a line and a vector x
+``sum_{j<k} |a_j| |a_k| (s_j x_j - s_k x_k)^2``, s the signs of a.
 
-The formulas are those behind the lemmas "variance" (4.2) and "final_state_variance" (4.3), with
-their exact values in place of bounds.
+These are the exact values of the variances that Lemmas 4.2 and 4.3 of the paper bound.
 """
 
 from .controls import (

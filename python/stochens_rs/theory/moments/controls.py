@@ -7,25 +7,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..._base.types import Axis, Fusion, Scheme
+from ..._base.types import Axis, Floats, Fusion, Scheme
 from ...system import System
-from ..formulas import Array, Sizes, compact_svd, fused_covariance, root_trace, symmetric_product
+from ..formulas import Sizes, compact_svd, fused_covariance, root_trace, symmetric_product
 
 
 def realization_control_covariance(
     system: System | Any, x0: ArrayLike, xf: ArrayLike, *, axis: Axis = "columns"
-) -> Array:
+) -> Floats:
     """Covariance of the control ``u^s = B+ (xf^s - A^s x0^s)`` of one realization.
 
     Parameters
     ----------
-    system : System
-        The system, or anything `System.from_any` takes, such as ``(A, B)``. ``B`` is known exactly
-        and may have any rank.
-    x0, xf : (n,) array_like
-        Initial state and target state.
-    axis : {"columns", "rows"}, default "columns"
-        Which lines of ``A`` are sampled.
+    system, x0, xf, axis
+        As in :func:`control_covariance`.
 
     Returns
     -------
@@ -36,11 +31,11 @@ def realization_control_covariance(
     Raises
     ------
     InputError, InputTypeError
-        A shape does not fit, an entry is not finite, `axis` is unknown.
+        As :func:`control_covariance`.
 
     Notes
     -----
-    Lemma 4.2, exact. With an entity known exactly:
+    Lemma 4.2, exact. If an entity is known exactly:
     ``control_covariance(..., size=(1, None, 1), fusion="diagonal")``.
 
     Examples
@@ -61,7 +56,7 @@ def control_covariance(
     fusion: Fusion = "product",
     axis: Axis = "columns",
     scheme: Scheme = "iid",
-) -> Array:
+) -> Floats:
     """Covariance of the fused control under uniform weights.
 
     Parameters
@@ -76,13 +71,13 @@ def control_covariance(
         or one each. None or inf: that entity is known exactly.
     fusion : {"product", "diagonal"}, default "product"
         ``"product"``: each entity is averaged first, ``u = B+ (xf_hat - A_hat x0_hat)``.
-        ``"diagonal"``: the realizations are paired, ``u = 1/N sum_s B+ (xf^s - A^s x0^s)``, so that
-        the sizes of the entities that are not exact must be equal.
+        ``"diagonal"``: the realizations are paired, ``u = 1/N sum_s B+ (xf^s - A^s x0^s)``; the
+        sizes of the entities that are not exact must be equal.
     axis : {"columns", "rows"}, default "columns"
         Which lines of ``A`` are sampled.
     scheme : {"iid", "systematic"}, default "iid"
-        Whether the realizations of an entity are independent, or systematic samples; these with
-        product fusion only.
+        Whether the realizations of an entity are independent or systematic samples; "systematic"
+        goes with product fusion only.
 
     Returns
     -------
@@ -91,7 +86,7 @@ def control_covariance(
 
         - product: ``C = Cv(xf)/Nf + A Cv(x0) A^T/N0 + T_A(x0 * x0)/NA
           + T_A(g0 |x0| - x0 * x0)/(N0 NA)``;
-        - diagonal: ``C = (Cv(xf) + C_z) / N``, without the covariance of what is exact.
+        - diagonal: ``C = (Cv(xf) + C_z) / N``, in which exact entities have no covariance.
 
         Rows: ``T_A(diag M)`` is replaced by the diagonal matrix of :func:`second_moment`, with
         ``M = x0 x0^T`` in the third and ``M = Cv(x0)`` in the last term. Systematic samples, with
@@ -102,8 +97,7 @@ def control_covariance(
     ------
     InputError, InputTypeError
         A shape does not fit, an entry is not finite, a choice is unknown, the covariance
-        overflows, or the sizes differ under ``fusion="diagonal"``, which does not go with
-        systematic samples.
+        overflows, or ``fusion="diagonal"`` goes with different sizes or systematic samples.
 
     Notes
     -----
@@ -134,7 +128,7 @@ def state_covariance(
     fusion: Fusion = "product",
     axis: Axis = "columns",
     scheme: Scheme = "iid",
-) -> Array:
+) -> Floats:
     """Covariance of the state ``x(1) = A x0 + B u`` that the fused control leads to.
 
     Parameters
@@ -156,8 +150,8 @@ def state_covariance(
     Notes
     -----
     Lemma 4.3 for one step, exact and corrected:
-    ``E||x(1) - xf||^2 = trace + ||(I - P)(xf - A x0)||^2``, whose second term, the part of the
-    target that cannot be reached, does not shrink with ``size``.
+    ``E||x(1) - xf||^2 = trace + ||(I - P)(xf - A x0)||^2``. The second term, the part of the target
+    that no control reaches, does not depend on ``size``.
 
     Examples
     --------

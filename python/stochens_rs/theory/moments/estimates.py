@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._base import gate, memory
-from ..._base.types import AXES, Axis
+from ..._base.types import AXES, Axis, Floats
 from ..formulas import (
-    Array,
     Size,
     checked_finite,
     column_excess,
@@ -21,7 +20,7 @@ from ..formulas import (
 )
 
 
-def vector_covariance(w: ArrayLike, size: Size = 1) -> Array:
+def vector_covariance(w: ArrayLike, size: Size = 1) -> Floats:
     """Covariance of the average of ``size`` realizations of a vector.
 
     Parameters
@@ -56,7 +55,7 @@ def vector_covariance(w: ArrayLike, size: Size = 1) -> Array:
     """
     w = gate.vector("w", w)
     reciprocal = inverse_size("size", size)
-    memory.need("the covariance", 3 * 8 * w.size**2)
+    memory.need("the covariance", 3 * 8 * w.size**2)  # with two products on the way
     with np.errstate(over="ignore", invalid="ignore"):
         return checked_finite(realization_covariance(w) * reciprocal)
 
@@ -66,10 +65,8 @@ def vector_mse(w: ArrayLike, size: Size = 1) -> float:
 
     Parameters
     ----------
-    w : (n,) array_like
-        The vector.
-    size : int or None, default 1
-        Number of independent realizations; None or inf: known exactly.
+    w, size
+        As in :func:`vector_covariance`.
 
     Returns
     -------
@@ -79,7 +76,7 @@ def vector_mse(w: ArrayLike, size: Size = 1) -> float:
     Raises
     ------
     InputError, InputTypeError
-        `w` is not a finite vector, `size` is not a count, or the error overflows.
+        As :func:`vector_covariance`.
 
     Notes
     -----
@@ -131,17 +128,13 @@ def matrix_mse(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> float
     return float(checked_finite(mse, "mean squared error"))
 
 
-def matrix_covariance(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> Array:
+def matrix_covariance(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> Floats:
     """Covariance of the average of ``size`` realizations of a matrix, line by line.
 
     Parameters
     ----------
-    A : (n, m) array_like
-        The matrix.
-    size : int or None, default 1
-        Number of independent realizations; None or inf: known exactly.
-    axis : {"columns", "rows"}, default "columns"
-        Which lines are sampled.
+    A, size, axis
+        As in :func:`matrix_mse`.
 
     Returns
     -------
@@ -151,8 +144,7 @@ def matrix_covariance(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -
     Raises
     ------
     InputError, InputTypeError
-        `A` is not a finite matrix, `size` is not a count, `axis` is unknown, or a covariance
-        overflows.
+        As :func:`matrix_mse`.
     ResourceError
         The covariances do not fit into memory.
 
@@ -168,14 +160,14 @@ def matrix_covariance(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -
     """
     lines = lines_of(gate.matrix("A", A), axis).T
     reciprocal = inverse_size("size", size)
-    memory.need("the covariances", 2 * 8 * lines.size * lines.shape[1])
+    memory.need("the covariances", 2 * 8 * lines.size * lines.shape[1])  # before and after 1/N
     with np.errstate(over="ignore", invalid="ignore"):
         covariances = np.array([realization_covariance(line) for line in lines])
         return checked_finite(covariances * reciprocal)
 
 
-def transition(A: ArrayLike, d: ArrayLike) -> Array:
-    """``T_A(d)``: what the sampling of the columns of ``A`` adds to a second moment.
+def transition(A: ArrayLike, d: ArrayLike) -> Floats:
+    """``T_A(d)``, which sampling the columns of ``A`` adds to a second moment.
 
     Parameters
     ----------
@@ -197,8 +189,8 @@ def transition(A: ArrayLike, d: ArrayLike) -> Array:
 
     Notes
     -----
-    Its diagonal is ``Phi d`` with ``Phi_ij = |A_ij| (g_j - |A_ij|)``, and is computed so. For a
-    vector ``x`` that is known, ``T_A(x * x)`` is the covariance of ``A^s x``.
+    Its diagonal is computed as ``Phi d`` with ``Phi_ij = |A_ij| (g_j - |A_ij|)``. For a fixed
+    vector ``x``, ``T_A(x * x)`` is the covariance of ``A^s x``.
 
     Examples
     --------
@@ -212,7 +204,7 @@ def transition(A: ArrayLike, d: ArrayLike) -> Array:
         return checked_finite(column_excess(A, d))
 
 
-def second_moment(A: ArrayLike, M: ArrayLike, *, axis: Axis = "columns") -> Array:
+def second_moment(A: ArrayLike, M: ArrayLike, *, axis: Axis = "columns") -> Floats:
     """``E[A^s M A^sT]`` for one realization of a matrix.
 
     Parameters
@@ -252,7 +244,7 @@ def second_moment(A: ArrayLike, M: ArrayLike, *, axis: Axis = "columns") -> Arra
         return checked_finite(A @ M @ A.T + matrix_excess(A, M, axis), "second moment")
 
 
-def product_covariance(A: ArrayLike, x0: ArrayLike, *, axis: Axis = "columns") -> Array:
+def product_covariance(A: ArrayLike, x0: ArrayLike, *, axis: Axis = "columns") -> Floats:
     """``C_z``: covariance of ``z^s = A^s x0^s``, one realization of each.
 
     Parameters
@@ -277,7 +269,7 @@ def product_covariance(A: ArrayLike, x0: ArrayLike, *, axis: Axis = "columns") -
 
     Notes
     -----
-    Behind Lemma 4.2. Evaluated as ``A Cv(x0) A^T`` (from ``x0``) plus the two parts from ``A``.
+    Used in Lemma 4.2. Computed as ``A Cv(x0) A^T``, from ``x0``, and two parts from ``A``.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Second moment of the state that a control over several steps leads to, for large N."""
+"""Covariance of the state that a control over several steps leads to, for large N."""
 
 from __future__ import annotations
 
@@ -8,19 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._base import gate, memory
-from ..._base.types import AXES, Axis
+from ..._base.types import AXES, Axis, Floats
 from ...exceptions import InputError
 from ...system import System
-from ..dynamics import checked_steps, matrix_powers, states
+from ..dynamics import checked_ends, checked_steps, matrix_powers, states
 from ..exact import best_control
-from ..formulas import (
-    Array,
-    Sizes,
-    checked_finite,
-    inverse_size,
-    one_each,
-    realization_covariance,
-)
+from ..formulas import Sizes, checked_finite, inverse_size, one_each, realization_covariance
 
 
 def final_state_covariance(
@@ -31,7 +24,7 @@ def final_state_covariance(
     size: Sizes = 1,
     *,
     axis: Axis = "columns",
-) -> Array:
+) -> Floats:
     """Covariance of the state after K steps of the estimated minimum-norm control, for large N.
 
     Parameters
@@ -70,7 +63,7 @@ def final_state_covariance(
     The control ``u = C_K(A_hat, B)^+ (xf_hat - A_hat^K x0_hat)`` drives the *model* along
     ``xh(k+1) = A_hat xh(k) + B u(k)`` from ``x0_hat`` to ``xf_hat``, and the system to x(K) with
     ``x(K) - xf = (xf_hat - xf) + A^K (x0 - x0_hat) + sum_{k<K} A^{K-1-k} (A - A_hat) xh(k)``,
-    an identity wherever the model reaches its target. As ``xh`` depends on the errors, too, this
+    exactly, if the model reaches its target. As ``xh`` depends on the errors, too, the covariance
     holds to leading order in 1 / N only (delta method), unlike the other moments. For ``m K = n``
     the inverse of the estimated ``C_K`` has heavy tails, and N has to be very large.
 
@@ -82,13 +75,11 @@ def final_state_covariance(
     array([[ 0.00015, -0.00018],
            [-0.00018,  0.00143]])
     """
-    checked = System.from_any(system)
+    checked, x0, xf = checked_ends(system, x0, xf)
     A, B, n = checked.A, checked.B, checked.n
-    x0, xf = gate.vector("x0", x0, length=n), gate.vector("xf", xf, length=n)
     K = checked_steps(steps, n, checked.m)
     gate.choice("axis", axis, AXES)
     r0, rf, rA = (inverse_size(f"size[{i}]", N) for i, N in enumerate(one_each(size)))
-    memory.need("the covariance", (2 * n**3 + 2 * (K + 1) * n * n) * 8)
     best = best_control(A, B, x0, xf, K)
     rank = len(best.factors.s)
     if rank < n:
@@ -96,6 +87,8 @@ def final_state_covariance(
             f"`steps` must be large enough for C_K to have rank n={n}, got rank {rank} with "
             f"{K} steps: the expansion does not hold there"
         )
+    # the powers, and their order that `tensordot` takes; the n matrices G_j, twice
+    memory.need("the covariance", (2 * n**3 + 2 * (K + 1) * n * n) * 8)
     powers = matrix_powers(A, K)
     with np.errstate(over="ignore", invalid="ignore"):
         x = states(A, B, x0, best.u.reshape(K, -1))[:K]

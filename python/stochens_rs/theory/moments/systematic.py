@@ -6,13 +6,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._base import gate, memory
-from ..._base.types import AXES, Axis
+from ..._base.types import AXES, Axis, Floats
 from ..formulas import (
-    Array,
     Size,
     checked_finite,
+    count,
     fractional_parts,
-    inverse_size,
     lines_of,
     sum_of_others,
     systematic_vector_covariance,
@@ -29,7 +28,7 @@ def systematic_mse(target: ArrayLike, size: Size = 1, *, axis: Axis = "columns")
     size : int or None, default 1
         Number of samples; None or inf: known exactly.
     axis : {"columns", "rows"}, default "columns"
-        Which lines of a matrix are sampled; without effect for a vector.
+        Which lines of a matrix are sampled; no effect for a vector.
 
     Returns
     -------
@@ -46,10 +45,11 @@ def systematic_mse(target: ArrayLike, size: Size = 1, *, axis: Axis = "columns")
 
     Notes
     -----
-    One ``U`` uniform on [0, 1) per line and ``c_i = size (p_1 + ... + p_i)`` give the counts
-    ``N_i = ceil(c_i - U) - ceil(c_{i-1} - U)``: each is ``floor`` or ``ceil`` of ``size p_i``, the
-    latter with probability ``f_i``. Compare ``1 / size`` in :func:`vector_mse`. The fractional
-    parts are meaningful while ``size`` is far below 2**53.
+    With one ``U`` per line, uniform on [0, 1), and ``c_i = size (p_1 + ... + p_i)``, entry i is hit
+    ``N_i = ceil(c_i - U) - ceil(c_{i-1} - U)`` times: ``floor`` or ``ceil`` of ``size p_i``, the
+    latter with probability ``f_i``. The error falls like ``1 / size^2``, that of independent draws
+    (:func:`vector_mse`) like ``1 / size``. The fractional parts have no correct digit for ``size``
+    near 2^53.
 
     References
     ----------
@@ -60,12 +60,10 @@ def systematic_mse(target: ArrayLike, size: Size = 1, *, axis: Axis = "columns")
     >>> systematic_mse([3.0, -1.0], size=6), systematic_mse([3.0, -1.0], size=8)
     (0.2222222222222222, 0.0)
     """
-    lines = gate.array("target", target, ndim=(1, 2))
-    gate.choice("axis", axis, AXES)
-    lines = lines[:, None] if lines.ndim == 1 else lines_of(lines, axis)
-    if inverse_size("size", size) == 0.0:
+    _, lines = _checked(target, axis)
+    N = count("size", size)
+    if N == 0.0:
         return 0.0
-    N = float(gate.size("size", size))
     lines = lines[:, lines.any(axis=0)]
     with np.errstate(over="ignore", invalid="ignore"):
         g = np.abs(lines).sum(axis=0)
@@ -74,17 +72,13 @@ def systematic_mse(target: ArrayLike, size: Size = 1, *, axis: Axis = "columns")
     return float(checked_finite(mse, "mean squared error"))
 
 
-def systematic_covariance(target: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> Array:
+def systematic_covariance(target: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> Floats:
     """Covariance of the average of ``size`` systematic samples.
 
     Parameters
     ----------
-    target : (n,) or (n, m) array_like
-        The vector, or the matrix whose lines are sampled with one offset each.
-    size : int or None, default 1
-        Number of samples; None or inf: known exactly.
-    axis : {"columns", "rows"}, default "columns"
-        Which lines of a matrix are sampled; without effect for a vector.
+    target, size, axis
+        As in :func:`systematic_mse`.
 
     Returns
     -------
@@ -95,8 +89,7 @@ def systematic_covariance(target: ArrayLike, size: Size = 1, *, axis: Axis = "co
     Raises
     ------
     InputError, InputTypeError
-        `target` is not a finite vector or matrix, `size` is not a count, `axis` is unknown, or
-        a covariance overflows.
+        As :func:`systematic_mse`.
     ResourceError
         The covariances do not fit into memory.
 
@@ -113,16 +106,19 @@ def systematic_covariance(target: ArrayLike, size: Size = 1, *, axis: Axis = "co
     array([[1., 1.],
            [1., 1.]])
     """
-    lines = gate.array("target", target, ndim=(1, 2))
-    gate.choice("axis", axis, AXES)
-    vector = lines.ndim == 1
-    rows = lines[None, :] if vector else lines_of(lines, axis).T
-    memory.need("the covariances", 8 * rows.shape[1] ** 2 * (rows.shape[0] + 5))
-    if inverse_size("size", size) == 0.0:
-        covariances = np.zeros((*rows.shape, rows.shape[1]))
-    else:
-        N = float(gate.size("size", size))
-        with np.errstate(over="ignore", invalid="ignore"):
-            covariances = np.array([systematic_vector_covariance(line, N) for line in rows])
-        checked_finite(covariances)
+    vector, lines = _checked(target, axis)
+    N = count("size", size)
+    # the result, and the arrays for one line
+    memory.need("the covariances", 8 * lines.shape[0] ** 2 * (lines.shape[1] + 5))
+    with np.errstate(over="ignore", invalid="ignore"):
+        covariances = np.array([systematic_vector_covariance(line, N) for line in lines.T])
+    checked_finite(covariances)
     return np.asarray(covariances[0] if vector else covariances, dtype=np.float64)
+
+
+def _checked(target: object, axis: str) -> tuple[bool, Floats]:
+    """Check a vector or matrix; return whether it is a vector, and its lines as columns."""
+    values = gate.array("target", target, ndim=(1, 2))
+    gate.choice("axis", axis, AXES)
+    vector = values.ndim == 1
+    return vector, values[:, None] if vector else lines_of(values, axis)

@@ -2,32 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal, TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._base import gate, memory
-from ..._base.types import AXES, Axis
+from ..._base.types import AVERAGINGS, AXES, Averaging, Axis, Floats
 from ...exceptions import NonFiniteError
 from ...system import System
-from ..dynamics import states
-from ..formulas import (
-    Array,
-    Size,
-    inverse_size,
-    matrix_excess,
-    realization_covariance,
-    vector_excess,
-)
+from ..dynamics import checked_motion, states
+from ..formulas import Size, inverse_size, matrix_excess, realization_covariance, vector_excess
 from ..positive_maps import map_radius, spectral_radius
 
-Averaging: TypeAlias = Literal["runs", "mean-field"]
 
-_AVERAGING = ("runs", "mean-field")
-
-
-def trajectory_mean(system: System | Any, x0: ArrayLike, u: ArrayLike) -> Array:
+def trajectory_mean(system: System | Any, x0: ArrayLike, u: ArrayLike) -> Floats:
     """Mean of every realization, and of every average, of the state over K steps.
 
     Parameters
@@ -51,9 +40,9 @@ def trajectory_mean(system: System | Any, x0: ArrayLike, u: ArrayLike) -> Array:
 
     Notes
     -----
-    Behind Lemma 3.1. The realizations of ``A``, ``B`` and ``x0`` have to be independent of each
-    other and drawn afresh for every step: with one ``A^s`` used twice the mean of ``(A^s)^2`` is
-    ``A^2 + diag(g_j |a_jj|) - A diag(a_jj)``, not ``A^2``.
+    Used in Lemma 3.1. The realizations of ``A``, ``B`` and ``x0`` must be independent of each
+    other and drawn anew in every step. One ``A^s`` for two steps has
+    ``E[(A^s)^2] = A^2 + diag(g_j |a_jj|) - A diag(a_jj)``, not ``A^2``.
 
     Examples
     --------
@@ -62,8 +51,8 @@ def trajectory_mean(system: System | Any, x0: ArrayLike, u: ArrayLike) -> Array:
            [2.],
            [1.]])
     """
-    A, B, x0, u = _checked(system, x0, u)
-    return states(A, B, x0, u)
+    checked, x0, u = checked_motion(system, x0, u)
+    return states(checked.A, checked.B, x0, u)
 
 
 def trajectory_covariance(
@@ -77,7 +66,7 @@ def trajectory_covariance(
     sample_x0: bool = True,
     averaging: Averaging = "runs",
     axis: Axis = "columns",
-) -> Array:
+) -> Floats:
     """Covariance of the averaged state of an ensemble, for every step.
 
     Parameters
@@ -89,7 +78,7 @@ def trajectory_covariance(
     u : (K, m) array_like
         The control, the same for all runs; ``u[k]`` acts in the step from k to k + 1.
     size : int or None, default 1
-        Number of runs, or of fresh realizations per step with ``averaging="mean-field"``. 1: the
+        Number of runs, or of new realizations per step with ``averaging="mean-field"``. 1: the
         covariance of one run. None or inf: no sampling error.
     sample_A, sample_B, sample_x0 : bool, default True
         Whether the entity is sampled, or known exactly.
@@ -121,9 +110,9 @@ def trajectory_covariance(
 
     Notes
     -----
-    Exact for fresh, independent realizations in every run and step. It takes the place of
-    Lemma 4.3, which has no K in its bound: the trace grows by the factor :func:`growth_factor` per
-    step, whatever the signal does. Averaging in every step divides that by N; prefer it for K > 1.
+    Exact for new, independent realizations in every run and step; the bound of Lemma 4.3 does not
+    depend on K. In the long run the trace grows by :func:`growth_factor` per step, whether or not
+    the state does. With averaging="mean-field" that factor is much smaller: prefer it for K > 1.
 
     Examples
     --------
@@ -133,8 +122,9 @@ def trajectory_covariance(
     ((2, 2, 2), array([[ 0.3, -0.3],
            [-0.3,  0.3]]))
     """
-    A, B, x0, u = _checked(system, x0, u)
-    per_step = gate.choice("averaging", averaging, _AVERAGING) == "mean-field"
+    checked, x0, u = checked_motion(system, x0, u)
+    A, B, n = checked.A, checked.B, checked.n
+    per_step = gate.choice("averaging", averaging, AVERAGINGS) == "mean-field"
     gate.choice("axis", axis, AXES)
     reciprocal = inverse_size("size", size)
     step = reciprocal if per_step else 1.0
@@ -142,9 +132,8 @@ def trajectory_covariance(
         step * gate.flag(name, flag)
         for name, flag in (("sample_A", sample_A), ("sample_B", sample_B), ("sample_x0", sample_x0))
     )
-    n = x0.size
-    memory.need("the covariances", (len(u) + 5) * n * n * 8)
     mu = states(A, B, x0, u)
+    memory.need("the covariances", (len(u) + 5) * n * n * 8)  # and four products of a step
     S = np.empty((len(u) + 1, n, n))
     with np.errstate(over="ignore", invalid="ignore"):
         S[0] = r0 * realization_covariance(x0)
@@ -167,7 +156,7 @@ def trajectory_rms(
     sample_x0: bool = True,
     averaging: Averaging = "runs",
     axis: Axis = "columns",
-) -> Array:
+) -> Floats:
     """Root mean square error of the averaged state of an ensemble, for every step.
 
     Parameters
@@ -205,7 +194,7 @@ def trajectory_rms(
 
 
 def growth_factor(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> float:
-    """By how much the mean square of a simulated state grows per step in the long run.
+    """Factor by which the mean square of a simulated state grows per step in the long run.
 
     Parameters
     ----------
@@ -230,12 +219,11 @@ def growth_factor(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> fl
 
     Notes
     -----
-    Without a control a run by columns stays a singleton, and
-    ``E[x(K) x(K)^T] = diag(g0 Q^K |x0|)`` exactly. The map is positive and the identity lies inside
-    the cone of positive semidefinite matrices, so that the growth from there is the spectral
-    radius. For ``N > 1`` it is the root of an equation in the spectral radius of an n x n matrix
-    (see :mod:`~stochens_rs.theory.tracking`), found by power iteration, O(n^3) a step, and at
-    O(n^4) a step of the search where that does not converge (sparse or tiny ``A``).
+    ``N = 1``, by columns, u = 0: every state of a run has one nonzero entry, and
+    ``E[x(K) x(K)^T] = diag(g0 Q^K |x0|)`` exactly. ``N > 1``: the root of an equation in the
+    spectral radius of an n x n matrix (as in :func:`~stochens_rs.theory.tracking.stability_radius`)
+    is found by power iteration, O(n^3) a step; where that does not converge (sparse or tiny
+    ``A``), from eigenvalues, O(n^4) a step.
 
     Examples
     --------
@@ -261,13 +249,7 @@ def growth_factor(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> fl
         return float(_finite("growth factor", np.asarray(np.float64(radius) * scale * scale)))
 
 
-def _checked(system: object, x0: object, u: object) -> tuple[Array, Array, Array, Array]:
-    checked = System.from_any(system)
-    start = gate.vector("x0", x0, length=checked.n)
-    return checked.A, checked.B, start, gate.inputs("u", u, cols=checked.m)
-
-
-def _finite(what: str, values: Array) -> Array:
+def _finite(what: str, values: Floats) -> Floats:
     finite = np.isfinite(values)
     if not finite.all():
         step = f" at step {int(np.argwhere(~finite)[0, 0])}" if values.ndim else ""

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._base import gate, memory
+from ..._base.types import Floats
 from ...exceptions import InputError, NonFiniteError
 from ...system import System
 from ..formulas import (
-    Array,
     Size,
     column_excess,
     compact_svd,
@@ -23,8 +23,8 @@ from ..formulas import (
 )
 
 
-def reference_residuals(system: System | Any, reference: ArrayLike) -> Array:
-    """How far each step of a reference is from what a control can do.
+def reference_residuals(system: System | Any, reference: ArrayLike) -> Floats:
+    """Distance of each step of a reference from the nearest state that a control reaches.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ def reference_residuals(system: System | Any, reference: ArrayLike) -> Array:
         The system, or anything `System.from_any` takes, such as ``(A, B)``; ``B`` may have any
         rank.
     reference : (K + 1, n) array_like
-        The states to follow, time first; K >= 1.
+        The states to track; K >= 1.
 
     Returns
     -------
@@ -73,7 +73,7 @@ def tracking_moments(
     feedback: bool = True,
     sample_states: bool = False,
     x0: ArrayLike | None = None,
-) -> tuple[Array, Array]:
+) -> tuple[Floats, Floats]:
     """Mean and second moment of the tracking error, for every step.
 
     Parameters
@@ -82,11 +82,11 @@ def tracking_moments(
         The system, or anything `System.from_any` takes, such as ``(A, B)``. ``B`` is known exactly
         and may have any rank.
     reference : (K + 1, n) array_like
-        The states to follow, time first; K >= 1, feasible or not.
+        The states to track; K >= 1, feasible or not.
     size : int or None, default 1
         Number of realizations in every step; None or inf: the exact system.
     feedback : bool, default True
-        Whether the control uses the measured state or the reference in its place.
+        Whether the control uses the measured state; else it uses the reference in its place.
     sample_states : bool, default False
         Whether ``r(k)`` and ``r(k+1)`` are sampled too, with N realizations each and product
         fusion, as in section 5.2 of the paper; with ``feedback=False`` only.
@@ -115,7 +115,7 @@ def tracking_moments(
     ``S_{k+1} = F S_k F^T + F m_k d_k^T + d_k m_k^T F^T + d_k d_k^T + P C_k P``,
     ``C_k = T_A(E[x_k * x_k]) / N`` with feedback and ``T_A(r_k * r_k) / N`` without; sampled states
     add ``(Cv(r_{k+1}) + A Cv(r_k) A^T) / N + T_A(g |r_k| - r_k * r_k) / N^2``. With sampled states
-    and feedback no such recursion closes (it takes ``E|x_i x_j|``): see :func:`tracking_bound`.
+    and feedback there is no such recursion (it needs ``E|x_i x_j|``): see :func:`tracking_bound`.
 
     Examples
     --------
@@ -132,8 +132,8 @@ def tracking_moments(
     sampled = gate.flag("sample_states", sample_states)
     if fed and sampled:
         raise InputError(
-            "`sample_states` must be False with feedback=True: the second moments of sampled, "
-            "measured states do not close in a recursion; see tracking_bound"
+            "`sample_states` must be False with feedback=True: no recursion is known for the "
+            "second moments of sampled, measured states; see tracking_bound"
         )
     U = compact_svd(B)[0]
     K, n = len(r) - 1, r.shape[1]
@@ -172,7 +172,7 @@ def tracking_rms(
     feedback: bool = True,
     sample_states: bool = False,
     x0: ArrayLike | None = None,
-) -> Array:
+) -> Floats:
     """Root mean square tracking error, for every step.
 
     Parameters
@@ -203,11 +203,7 @@ def tracking_rms(
 
 
 def tracking_bound(
-    system: System | Any,
-    reference: ArrayLike,
-    size: Size = 1,
-    *,
-    sample_states: bool = False,
+    system: System | Any, reference: ArrayLike, size: Size = 1, *, sample_states: bool = False
 ) -> float:
     """Bound the mean square tracking error over all steps, with feedback and ``B`` of rank n.
 
@@ -216,7 +212,7 @@ def tracking_bound(
     system : System
         The system, or anything `System.from_any` takes, such as ``(A, B)``; ``B`` has rank n.
     reference : (K + 1, n) array_like
-        The states to follow from ``x(0) = r(0)``, time first.
+        The states to track, from ``x(0) = r(0)``.
     size : int or None, default 1
         Number of realizations in every step.
     sample_states : bool, default False
@@ -268,20 +264,20 @@ def tracking_bound(
     return bound
 
 
-def checked_reference(reference: object, n: int) -> Array:
-    """Check that there is at least one step."""
+def checked_reference(reference: object, n: int) -> Floats:
+    """Check a reference of at least one step."""
     r = gate.matrix("reference", reference, cols=n)
     if len(r) < 2:
         raise InputError(f"`reference` must have shape (K + 1, {n}) with K >= 1, got {r.shape}")
     return r
 
 
-def _checked(system: object, reference: object) -> tuple[Array, Array, Array]:
+def _checked(system: object, reference: object) -> tuple[Floats, Floats, Floats]:
     checked = System.from_any(system)
     return checked.A, checked.B, checked_reference(reference, checked.n)
 
 
-def _unreachable(A: Array, U: Array, r: Array) -> Array:
+def _unreachable(A: Floats, U: Floats, r: Floats) -> Floats:
     """``d(k) = (I - P)(A r(k) - r(k+1))``, (K, n)."""
     d = r[:-1] @ A.T - r[1:]
     return np.asarray(d - (d @ U) @ U.T, dtype=np.float64)

@@ -1,4 +1,4 @@
-"""How many realizations per step the closed loop needs to be stable in the mean square."""
+"""Stability of tracking with feedback, in the mean square."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from ..._base import memory
-from ...exceptions import NonFiniteError
+from ..._base.types import Floats
 from ...system import System
-from ..formulas import Array, Size, compact_svd, inverse_size
+from ..formulas import Size, checked_finite, compact_svd, inverse_size
 from ..positive_maps import excitation_radius, map_radius
 
 
@@ -53,11 +53,11 @@ def stability_threshold(system: System | Any) -> float:
     threshold = excitation_radius(A, scale * F, P)
     if threshold in (0.0, math.inf):
         return threshold
-    return _representable(threshold * scale * scale)
+    return checked_finite(threshold * scale * scale, "square of `A`")
 
 
 def stability_radius(system: System | Any, size: Size = 1) -> float:
-    """By how much the mean square tracking error grows per step in the long run, with feedback.
+    """Factor by which the mean square tracking error grows per step in the long run, with feedback.
 
     Parameters
     ----------
@@ -84,16 +84,11 @@ def stability_radius(system: System | Any, size: Size = 1) -> float:
     0.25
     """
     A, F, P, scale = _loop(system)
-    return _representable(map_radius(A, F, P, inverse_size("size", size)) * scale * scale)
+    radius = map_radius(A, F, P, inverse_size("size", size)) * scale * scale
+    return checked_finite(radius, "square of `A`")
 
 
-def _representable(squared: float) -> float:
-    if not math.isfinite(squared):
-        raise NonFiniteError("the squares of `A` overflow: scale the problem down")
-    return squared
-
-
-def _loop(system: object) -> tuple[Array, Array, Array, float]:
+def _loop(system: object) -> tuple[Floats, Floats, Floats, float]:
     """``A`` and ``F = (I - P) A`` over the largest entry of ``A``, ``P`` and that entry."""
     checked = System.from_any(system)
     A, U = checked.A, compact_svd(checked.B)[0]

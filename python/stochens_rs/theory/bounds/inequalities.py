@@ -1,22 +1,18 @@
-"""The inequalities, each with its formula, its source and where it is best.
+"""The inequalities for every setting and those for vectors and matrices, with their sources.
 
 ``L = log(1/delta)`` is called the level. `McDiarmid`, `Bousquet` and `Chebyshev` hold for every
-setting with moments, the others for the one they name.
+setting with moments; `fused_inequalities` has those for controls.
 """
 
 from __future__ import annotations
 
 import math
-from itertools import cycle
 
 import numpy as np
 
-from ..formulas import column_excess, sum_of_others
-from ._base import Inequality, Moments, Rates
-from ._settings import Lines, OneStep, Product, finite
-
-_SHARE = math.log(10.0)  # a tenth of delta for an event that is not the main one
-
+from ..formulas import column_excess
+from .base import Inequality, Moments, Rates
+from .settings import Lines
 
 # -- for every setting with moments ----------------------------------------------------------------
 
@@ -25,9 +21,9 @@ class McDiarmid(Inequality):
     """``E + sqrt(V L)`` where the mean is at most E and the squared ranges add up to ``2 V``.
 
     C. McDiarmid, "On the method of bounded differences", Surveys in Combinatorics, 1989; the mean
-    is at most the root mean square. Repairs the route behind Lemma 4.2, whose exponent
-    ``2 N eps^2 / g^2`` for one vector is false: ``N eps^2 / g^2`` is the right one. Best for few
-    realizations and tiny delta.
+    is at most the root mean square. The printed exponent of Lemma 4.2 for one vector,
+    ``2 N eps^2 / g^2``, is false; this gives ``N eps^2 / g^2``. Best for few realizations and tiny
+    delta.
     """
 
     at: Moments
@@ -105,8 +101,8 @@ class Hoeffding(Inequality):
 
     k nonzero entries in all, ``W = sum_j k_j g_j^2`` with ``k_j`` in line j; for a vector
     ``P(error > eps) <= 2 n exp(-2 N eps^2 / (n g^2))``. This is the route of the proof of Lemma
-    4.2 with the norm constants in the exponent, where they belong. An entry takes the values 0
-    and ``g_j`` only; the errors allowed to the entries of a line are proportional to ``g_j``.
+    4.2 with the norm constants in the exponent. An entry takes the values 0 and ``g_j`` only; the
+    errors allowed to the entries of a line are proportional to ``g_j``.
     W. Hoeffding, "Probability inequalities for sums of bounded random variables", J. Amer. Stat.
     Assoc. 58, 1963. The most elementary, never the best by much.
     """
@@ -157,8 +153,8 @@ class Bernstein(Inequality):
     """``U l / 3 + sqrt((U l / 3)^2 + 2 v l)``: matrix Bernstein; best for large matrices.
 
     ``l = log((n + m) / delta)``, ``v = max(||T_A(1)||_2, max_j (g_j^2 - ||a_j||^2)) / N`` and ``U``
-    the largest deviation of one line of one realization, over N: a sum of ``N m`` independent
-    matrices of rank one. n and m do not count lines that are exact or zero. J. A. Tropp,
+    the largest deviation of one line of one realization, over N: the average is a sum of ``N m``
+    independent matrices of rank one. Exact and zero lines do not count in n and m. J. A. Tropp,
     "User-friendly tail bounds for sums of random matrices", Found. Comput. Math. 12, 2012.
     """
 
@@ -186,7 +182,7 @@ class Bernstein(Inequality):
 
 
 class Systematic(Inequality):
-    """``sqrt(sum_j k_j g_j^2) / N``: sure, for systematic samples, whatever delta is.
+    """``sqrt(sum_j k_j g_j^2) / N``: for systematic samples, never exceeded, for every delta.
 
     Each of the ``k_j`` nonzero entries of a line is hit ``floor(N p_i)`` or ``ceil(N p_i)`` times.
     """
@@ -200,157 +196,8 @@ class Systematic(Inequality):
         return self._sure * rates[0]
 
     def level(self, rates: Rates, eps: float) -> float:
-        """All or nothing."""
+        """inf from the radius on, 0 below."""
         return math.inf if eps >= self._sure * rates[0] else 0.0
-
-
-# -- for product fusion ----------------------------------------------------------------------------
-
-
-class _Bilinear(Inequality):
-    """Product fusion, with a radius for ``||x0_hat - x0||``; levels by inversion."""
-
-    at: Product
-
-    def __init__(self, at: Product) -> None:
-        super().__init__(at)
-        start = Lines(at.x0[:, None], "vector", "2")
-        self._start = McDiarmid(start), Weissman(start)
-
-    def distance(self, r0: float, level: float) -> float:
-        """Radius of ``||x0_hat - x0||_2``."""
-        return min(one.at.unit * one.capped((r0,), level) for one in self._start)
-
-
-class ProductMcDiarmid(_Bilinear):
-    """McDiarmid's, in which ``xhat`` is close to ``x0`` with probability ``1 - delta/10``.
-
-    The smaller of this radius and of that for any ``xhat`` is taken. For the state it implies the
-    exponent ``N t^2 / (gf^2 + 3 g0^2 gA^2)``. Holds for different sizes of the entities.
-    """
-
-    def radius(self, rates: Rates, level: float) -> float:
-        """See the class; ``0.9 delta`` is left for McDiarmid."""
-        r0, _, rA = rates
-        at = self.at
-        _, mean, spread = at.ranges(rates)
-        surely = mcdiarmid(mean, spread, level)
-        if r0 == 0.0 or rA == 0.0:
-            return surely
-        likely = at.range_A(at.x0) + at.slope_A * self.distance(r0, level + _SHARE)
-        spread = at.spread_linear(rates) + likely**2 * rA / 2.0
-        return min(surely, mcdiarmid(mean, spread, level - math.log(0.9)))
-
-
-class ProductBousquet(_Bilinear):
-    """Bousquet's for the linear part, McDiarmid's for the rest; best for many realizations.
-
-    ``y_hat - y = [(xf_hat - xf) - A (x0_hat - x0) - (A_hat - A) x0] - (A_hat - A)(x0_hat - x0)``.
-    The bracket is the average of N independent terms, one for each index (one size for all):
-    Bousquet with 0.8 delta. The rest is O(1/N): with ``||x0_hat - x0|| <= r`` (0.1 delta), given
-    ``x0_hat``, McDiarmid with 0.1 delta.
-    """
-
-    equal = "one linear term for each index"
-
-    def radius(self, rates: Rates, level: float) -> float:
-        """See the class; without a product of errors, Bousquet with delta."""
-        r0, rf, rA = rates
-        at = self.at
-        t0, tf, tA, _ = at.traces
-        mean = math.sqrt(t0 * r0 + tf * rf + tA * rA)
-        constants = mean, at.variance(rates), at.farthest_linear(rates) * max(rates)
-        if r0 == 0.0 or rA == 0.0:
-            return bousquet(*constants, level)
-        share = level + _SHARE
-        largest_tau = float(at.tau[at.hit].max(initial=0.0))
-        rest = mcdiarmid(math.sqrt(largest_tau * rA), at.slope_A**2 * rA / 2.0, share)
-        return bousquet(*constants, level - math.log(0.8)) + self.distance(r0, share) * rest
-
-
-class SumOfParts(_Bilinear):
-    """``rho_f + rho_0 + rho_A``: McDiarmid for each entity, each with its share of delta.
-
-    ``rho_f = rms_f + sqrt(D_f^2 L' / (2 Nf))``; ``rho_0`` the same for ``A x0_hat`` and
-    ``rho_A = sqrt(sum_j xhat_j^2 tau_j / NA) + sqrt(sum_j xhat_j^2 D_j^2 L' / (2 NA))`` for
-    ``A_hat`` given ``x0_hat``, ``tau_j = tr(M Cv(a_j) M^T)``. ``L' = log(k / delta)`` with k the
-    number of entities that are not exact, plus one for the distance of ``x0_hat`` from ``x0``.
-    Never larger than the sum with norms in place of ``M``.
-    """
-
-    def radius(self, rates: Rates, level: float) -> float:
-        """See the class."""
-        r0, rf, rA = rates
-        at = self.at
-        sure = r0 == 0.0 or rA == 0.0
-        parts = sum(rate > 0.0 for rate in rates) + (not sure)
-        if parts == 0:
-            return 0.0
-        share = level + math.log(parts)
-        t0, tf, _, _ = at.traces
-        rho_f = math.sqrt(rf) * mcdiarmid(math.sqrt(tf), at.D_f**2 / 2.0, share)
-        rho_0 = math.sqrt(r0) * mcdiarmid(math.sqrt(t0), at.D_0(0.0) ** 2 / 2.0, share)
-        rms, spread = math.sqrt(float(at.x0**2 @ at.tau)), at.range_A(at.x0)
-        if not sure:
-            distance = self.distance(r0, share)
-            # the norms at x0_hat are at most those at x0 plus this distance
-            rms += math.sqrt(float(at.tau[at.hit].max(initial=0.0))) * distance
-            spread = min(spread + at.slope_A * distance, at.cap_A)
-        rho_A = math.sqrt(rA) * mcdiarmid(rms, spread**2 / 2.0, share)
-        return rho_f + rho_0 + rho_A
-
-
-# -- sums of exponentials: the paper's own route ---------------------------------------------------
-
-
-class _Exponentials(Inequality):
-    """``P(error > eps) <= C sum_i k_i exp(-eps^2 / (c_i r_i))``, r_i the rates."""
-
-    _constant = 1.0
-    _terms: tuple[tuple[float, float], ...]  # k_i, c_i
-
-    def level(self, rates: Rates, eps: float) -> float:
-        """See the class."""
-        terms = [(k, c * rate) for (k, c), rate in zip(self._terms, cycle(rates), strict=False)]
-        return union(
-            self._constant, [square(eps / math.sqrt(c)) - math.log(k) for k, c in terms if c > 0.0]
-        )
-
-
-class ProductHoeffding(_Exponentials):
-    """Hoeffding's inequality for every entry of every entity: Lemma 4.2, repaired.
-
-    ``P(||B (u - v*)|| > eps) <= 2 n exp(-2 Nf eps^2 / (9 n gf^2))
-    + 2 n exp(-2 N0 eps^2 / (9 n ||A||^2 g0^2)) + 2 n^2 exp(-2 NA eps^2 / (9 n^2 g0^2 gA^2))``:
-    the constants n of the norms stand in the exponents. The weakest and most elementary.
-    """
-
-    def __init__(self, at: Product) -> None:
-        super().__init__(at)
-        n, lines = len(at.xf), at.A.T if at.by_rows else at.A
-        gamma = float(np.abs(lines).sum(axis=0).max()) if sum_of_others(lines).any() else 0.0
-        norm = float(np.linalg.norm(at.A, 2))
-        self._terms = (  # x0, xf, A
-            (2.0 * n, 4.5 * n * (norm * at.g0) ** 2),
-            (2.0 * n, 4.5 * n * at.gf**2),
-            (2.0 * n * n, 4.5 * (n * at.g0 * gamma) ** 2),
-        )
-
-
-class OneStepHoeffding(_Exponentials):
-    """Lemma 4.3 for one step with the constants that make it true.
-
-    ``P(error > eps) <= 4 [exp(-2 N eps^2 / (9 ||u||^2 gB^2)) + exp(-2 N eps^2 / (9 gA^2 g0^2))]``,
-    dimension-free. Implied by McDiarmid's for one step, whose exponent is at most 4/3 above, and
-    ``e^(4/3) < 4``; never the best. The printed second exponent has ``||A||`` for ``gA``, the
-    printed third ``||x0||`` for ``g0``; both are false.
-    """
-
-    _constant = 4.0
-
-    def __init__(self, at: OneStep) -> None:
-        super().__init__(at)
-        self._terms = tuple((1.0, 4.5 * finite(square(part))) for part in (at.moved, at.pushed))
 
 
 # -- on plain numbers ------------------------------------------------------------------------------

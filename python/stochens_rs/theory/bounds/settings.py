@@ -1,4 +1,4 @@
-"""What the error can be of: the checked data, and the numbers that inequalities need of them.
+"""The settings: checked data of every quantity, and the numbers that inequalities need.
 
 Notation: ``g = ||w||_1``, ``g_j`` for line j of a matrix, ``L = log(1/delta)``.
 """
@@ -10,24 +10,26 @@ from functools import cached_property
 
 import numpy as np
 
-from ..._base.types import Axis
-from ...exceptions import InputError, NonFiniteError, ShapeError
+from ..._base.types import Axis, Floats
+from ...exceptions import InputError, ShapeError
 from ...system import System
-from ..formulas import Array, sum_of_others
+from ..formulas import checked_finite, sum_of_others
 from ..moments import trajectory_covariance, trajectory_mean
-from ._base import Moments, Rates, unit_of
-from ._geometry import Geometry, largest_norm
+from .base import Moments, Rates, unit_of
+from .geometry import Geometry, largest_norm
+
+MOMENT = "moment of the trajectory"  # in messages
 
 
 class Lines(Moments):
     """The average of N realizations of a vector, or of the lines of a matrix (as columns here).
 
-    A line with fewer than two nonzero entries is always exact and left out. What is left has
-    ``p_i = |a_i| / g`` per line. The norm is that of all entries, so that rows and columns differ
-    by a transposition only; "1" is for one line.
+    Lines with fewer than two nonzero entries are always exact and left out; the others have
+    ``p_i = |a_i| / g``. The norm is that of all entries, the same for rows and columns; "1" is for
+    one line.
     """
 
-    def __init__(self, lines: Array, quantity: str, norm: str) -> None:
+    def __init__(self, lines: Floats, quantity: str, norm: str) -> None:
         super().__init__(quantity, norm)
         lines = lines[:, np.count_nonzero(lines, axis=0) >= 2]
         self.unit = unit_of(lines)
@@ -69,16 +71,15 @@ class Lines(Moments):
 class Control(Geometry, Moments):
     """The fused control ``u`` under uniform weights, or the state ``B u`` it leads to.
 
-    ``||B (u - v*)||_2`` or ``||u - v*||_2`` for ``v* = B+ (xf - A x0)``. Realizations of different
-    entities, and of the same, must be independent. Where the paper's lemmas bound with norms, the
-    moments and diameters here are those of the image under ``B B+`` (state) or ``B+`` (control),
-    and never larger.
+    The error is ``||B (u - v*)||_2`` or ``||u - v*||_2`` for ``v* = B+ (xf - A x0)``. All
+    realizations must be independent. The paper's lemmas use norms of the data; the moments and
+    diameters here are those of the image under ``B B+`` (state) or ``B+`` (control), never larger.
     """
 
     entities = ("x0", "xf", "A")
 
     def farthest(self, rates: Rates) -> float:
-        """Product fusion, too: convex in every line, so that the worst average is a realization."""
+        """The error is convex in every line: no average is worse than the worst realization."""
         r0, rf, rA = rates
         if r0 == 0.0 or rA == 0.0:
             return self.farthest_linear(rates)
@@ -109,8 +110,8 @@ class Product(Control):
     """Product fusion, ``u = B+ (xf_hat - A_hat x0_hat)``: all entities averaged first.
 
     The product makes the error bilinear: ``y_hat - y = (xf_hat - xf) - A (x0_hat - x0)
-    - (A_hat - A) x0_hat``. Given ``x0_hat``, the last term is an average of independent terms; how
-    far ``x0_hat`` can be from ``x0`` costs a share of delta.
+    - (A_hat - A) x0_hat``. Given ``x0_hat``, the last term is an average of independent terms; a
+    share of delta is for the distance of ``x0_hat`` from ``x0``.
     """
 
     def rms(self, rates: Rates) -> float:
@@ -118,26 +119,26 @@ class Product(Control):
         return math.sqrt(self.mean_square(*rates))
 
     def ranges(self, rates: Rates) -> tuple[float, float, float]:
-        """``2 V = D_f^2 / Nf + D_0^2 / N0 + sum_j xhat_j^2 D_j^2 / NA``, whatever ``xhat`` is.
+        """``2 V = D_f^2 / Nf + D_0^2 / N0 + sum_j xhat_j^2 D_j^2 / NA``, for every ``xhat``.
 
-        ``xf`` is revealed first, then ``x0``, then ``A``, and the ranges of the martingale
-        differences add up. ``D_f`` and ``D_j`` are the diameters of the atoms of ``xf`` and of
-        column j, ``D_0^2`` is the largest ``||M (A d)||^2 + E||M (A_hat - A) d||^2`` for the
-        difference d of two atoms of ``x0``. The last sum is at most ``g0^2 max_j D_j^2``.
+        These are the squared ranges of the martingale differences, for realizations revealed in
+        the order ``xf``, ``x0``, ``A``. ``D_f`` and ``D_j`` are the diameters of the atoms of
+        ``xf`` and of column j, ``D_0^2`` is the largest ``||M (A d)||^2 + E||M (A_hat - A) d||^2``
+        for the difference d of two atoms of ``x0``. The last sum is at most ``g0^2 max_j D_j^2``.
         """
         r0, _, rA = rates
         largest = self.range_A(self.x0) if r0 == 0.0 or rA == 0.0 else self.cap_A
         return 1.0, self.rms(rates), self.spread_linear(rates) + largest**2 * rA / 2.0
 
     def variance(self, rates: Rates) -> float:
-        """That of the linear part."""
+        """Largest variance of the linear part."""
         return self.top(rates, both=False) * max(rates)
 
 
 class Paired(Control):
     """Diagonal fusion, the average of N controls: ``xf^s`` and ``z^s = A^s x0^s`` are independent.
 
-    With an entity known exactly, its realizations drop out.
+    An entity that is known exactly has no realizations in the pairs.
     """
 
     equal = "diagonal fusion pairs the realizations"
@@ -150,7 +151,7 @@ class Paired(Control):
         """``2 V = (D_f^2 + D_z^2) / N``, diameters of the atoms of ``M xf^s`` and ``M z^s``.
 
         For the state ``D_f^2 <= 2 gf^2`` and ``D_z^2 <= 4 g0^2 gA^2``: exponent
-        ``N t^2 / (gf^2 + 2 g0^2 gA^2)``, with which Lemma 4.2 is true for this fusion, with its
+        ``N t^2 / (gf^2 + 2 g0^2 gA^2)``. With it Lemma 4.2 is true for this fusion, for its
         constant C = 2 and ``beta`` at least the largest norm of a realization of A. Rows of A:
         ``D_z`` is twice the radius of a ball that contains all ``z^s``.
         """
@@ -171,11 +172,11 @@ class Runs(Moments):
 
     ``xhat(s, k+1) = A^(s,k) xhat(s, k) + B^(s,k) u(k)``, ``xhat(s, 0) = x0^s``; the error is
     ``||mean of the runs - x(K)||_2``. ``S_K`` is the exact covariance of one run, ``R_K`` a bound
-    on its norm. Needs injective indices: a realization that is reused at a later step makes the
-    mean of the runs biased, and no bound on the distance to ``x(K)`` can hold.
+    on its norm. A realization that is used in two steps would make the mean of the runs biased, so
+    that no bound on the distance to ``x(K)`` can hold.
     """
 
-    def __init__(self, system: System, x0: Array, u: Array, axis: Axis, sample_B: bool) -> None:
+    def __init__(self, system: System, x0: Floats, u: Floats, axis: Axis, sample_B: bool) -> None:
         super().__init__("trajectory")
         self.A, self.B, self.axis, self.sample_B = system.A, system.B, axis, sample_B
         # linear in (x0, u), so that their unit is that of the result
@@ -185,13 +186,15 @@ class Runs(Moments):
         self.covariance = trajectory_covariance(
             (self.A, self.B), self.x0, self.u, sample_B=sample_B, axis=axis
         )[-1]
-        self.mean_square = finite(max(0.0, float(np.trace(self.covariance))))
+        self.mean_square = checked_finite(max(0.0, float(np.trace(self.covariance))), MOMENT)
         with np.errstate(over="ignore", invalid="ignore"):
             largest = self._one_norm() if axis == "columns" else self._by_entries()
-            # an exact B shifts all runs alike, in the last step: neither R_K nor the mean has it
+            # an exact B shifts all runs by the same B u(K - 1), which is left out of both terms
             shift = 0.0 if sample_B else self.B @ self.u[-1]
-            self._farthest = finite(largest + float(np.linalg.norm(self.mean - shift)))
-        self.spread = finite(2.0 * largest * largest)
+            self._farthest = checked_finite(
+                largest + float(np.linalg.norm(self.mean - shift)), MOMENT
+            )
+        self.spread = checked_finite(2.0 * largest * largest, MOMENT)
 
     def rms(self, rates: Rates) -> float:
         """``sqrt(tr S_K / N)``."""
@@ -206,7 +209,7 @@ class Runs(Moments):
         return self._top * rates[0]
 
     def farthest(self, rates: Rates) -> float:
-        """``R_K + ||x(K)||`` (with B exact both without ``B u(K - 1)``)."""
+        """``R_K + ||x(K)||``; for an exact B both without ``B u(K - 1)``."""
         return self._farthest
 
     @cached_property
@@ -239,14 +242,14 @@ class Runs(Moments):
 
 
 class OneStep(Runs):
-    """One step of `Runs`, columns only: what of a run is drawn apart is bounded apart.
+    """One step of `Runs`, by columns, with a range for every part that is drawn independently.
 
-    ``2 V = 4 g0^2 gA^2 + 2 sum_j u_j^2 h_j^2``, ``h_j = ||b_j||_1`` (0 for an exact B): one run is
-    ``A^s x0^s``, one entry of at most ``g0 gA``, and the columns of ``B^s``; ``gA`` is taken over
-    the columns that ``x0`` reaches.
+    ``2 V = 4 g0^2 gA^2 + 2 sum_j u_j^2 h_j^2``, ``h_j = ||b_j||_1`` (0 for an exact B): a run
+    consists of ``A^s x0^s``, one entry of at most ``g0 gA``, and of the columns of ``B^s``; ``gA``
+    is the maximum over the columns that ``x0`` reaches.
     """
 
-    def __init__(self, system: System, x0: Array, u: Array, axis: Axis, sample_B: bool) -> None:
+    def __init__(self, system: System, x0: Floats, u: Floats, axis: Axis, sample_B: bool) -> None:
         if axis != "columns":
             raise InputError("`axis` must be 'columns' for the bounds of one step, got 'rows'")
         super().__init__(system, x0, u, axis, sample_B)
@@ -257,23 +260,18 @@ class OneStep(Runs):
         pushed = np.abs(self.u[0]) * np.abs(self.B).sum(axis=0) * sample_B
         gB = float(np.abs(self.B).sum(axis=0).max()) if pushed.any() else 0.0
         self.pushed = float(np.linalg.norm(self.u)) * gB
-        self.spread = finite(2.0 * self.moved * self.moved + float((pushed**2).sum()))
+        self.spread = checked_finite(
+            2.0 * self.moved * self.moved + float((pushed**2).sum()), MOMENT
+        )
 
 
-def _row_range(A: Array, r: Array) -> Array:
+def _row_range(A: Floats, r: Floats) -> Floats:
     """``rho_i max_j r_j`` over the entries that row i can hit."""
     largest = np.where(A != 0.0, r, 0.0).max(axis=1)
     return np.asarray(np.abs(A).sum(axis=1) * largest, dtype=np.float64)
 
 
-def finite(value: float) -> float:
-    """Refuse what overflowed."""
-    if not math.isfinite(value):
-        raise NonFiniteError("the moments of the trajectory overflow: scale the problem down")
-    return value
-
-
-def largest_eigenvalues(p: Array) -> Array:
+def largest_eigenvalues(p: Floats) -> Floats:
     """Largest eigenvalue of ``diag(p) - p p^T`` for each column p, from above.
 
     Interlacing puts it between the two largest entries, where ``sum_i p_i^2 / (p_i - x)`` grows

@@ -1,4 +1,4 @@
-"""A bound is an inequality for a setting; here is what all of them share."""
+"""The base of all bounds: a setting, an inequality for it, and the bound that they make."""
 
 from __future__ import annotations
 
@@ -10,23 +10,27 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ..._base import gate, html
-from ..._base.numbers import smallest_size
-from ...exceptions import InputError, NonFiniteError, SizeError
-from ..formulas import Array, Sizes, inverse_size, one_each
+from ..._base.numbers import ROUNDING, smallest_size
+from ..._base.types import Floats
+from ...exceptions import InputError, SizeError
+from ..formulas import Sizes, checked_finite, inverse_size, one_each
 
 Rates: TypeAlias = "tuple[float, ...]"  # 1 / size of every entity; 0 for one known exactly
 
-_ROUNDS = 200  # halvings: more than a float64 can tell apart
+_ROUNDS = 200  # at most: a bisection between float64 of like size ends after 53 halvings
 _LARGEST_LEVEL = 744.0  # log(1 / delta) for the smallest positive float64, 4.9e-324
-_ABOVE_ROUNDING = 1.0 + 1e-12  # an error that is attained must not exceed its bound by rounding
+_ABOVE_ROUNDING = 1.0 + ROUNDING  # the largest error can occur, and is rounded, too
 
 
 class Setting:
-    """What the error is of. All its numbers are in units of `unit`, in which nothing overflows."""
+    """The quantity that the error is of, with its data.
+
+    All numbers are in units of `unit`, in which nothing overflows.
+    """
 
     unit: float = 1.0
-    entities: tuple[str, ...] = ()  # those with a size each; none: one size for all
-    equal: str = ""  # why the sizes must be equal, where they must
+    entities: tuple[str, ...] = ()  # those that have a size each; empty: one size
+    equal: str = ""  # the reason why all sizes must be equal; empty: they may differ
 
     def __init__(self, quantity: str, norm: str = "2") -> None:
         self.quantity, self.norm = quantity, norm
@@ -38,7 +42,7 @@ class Setting:
         return tuple(inverse_size(f"size[{k}]", N) for k, N in enumerate(one_each(size)))
 
     def farthest(self, rates: Rates) -> float:
-        """The largest error that can happen at all, or more; for entities that are not exact."""
+        """The largest error that is possible, or a larger number."""
         return math.inf
 
 
@@ -51,7 +55,7 @@ class Moments(Setting, ABC):
 
     @abstractmethod
     def ranges(self, rates: Rates) -> tuple[float, float, float]:
-        """``c, E, V``: the error is c times what has mean at most E and squared ranges 2 V."""
+        """``c, E, V``: the error over c has mean at most E and squared ranges that sum to 2 V."""
 
     @abstractmethod
     def variance(self, rates: Rates) -> float:
@@ -59,7 +63,10 @@ class Moments(Setting, ABC):
 
 
 class Inequality:
-    """A radius for a level ``log(1 / delta)``, or a level for a radius; the other by inversion."""
+    """A radius for every level ``log(1 / delta)``, and a level for every radius.
+
+    A class defines one of the two methods; the other is computed by inversion.
+    """
 
     equal: str = ""  # as in `Setting`
 
@@ -67,7 +74,7 @@ class Inequality:
         self.at = at
 
     def radius(self, rates: Rates, level: float) -> float:
-        """Radius for ``delta = exp(-level)``; here by inversion of `level`."""
+        """Radius for ``delta = exp(-level)``."""
         if self.level(rates, math.ulp(0.0)) >= level:
             return 0.0
         outside = 1.0
@@ -81,7 +88,7 @@ class Inequality:
         return halved(inside, outside, lambda eps: self.level(rates, eps) < level)[1]
 
     def level(self, rates: Rates, eps: float) -> float:
-        """Largest known level with ``P(error > eps) <= exp(-level)``; by inversion of `radius`."""
+        """A level with ``P(error > eps) <= exp(-level)``, the largest that follows."""
         known, unknown = 0.0, _LARGEST_LEVEL
         if self.radius(rates, known) > eps:
             return 0.0
@@ -90,11 +97,11 @@ class Inequality:
         return halved(known, unknown, lambda level: self.radius(rates, level) <= eps)[0]
 
     def cap(self, rates: Rates) -> float:
-        """The largest error, and what rounding may add to it."""
+        """The largest possible error, with what rounding may add to it."""
         return float(self.at.farthest(rates)) * _ABOVE_ROUNDING
 
     def capped(self, rates: Rates, level: float) -> float:
-        """The radius, never above the largest error."""
+        """The radius, at most the largest possible error."""
         return min(self.radius(rates, level), self.cap(rates))
 
 
@@ -108,25 +115,27 @@ class Bound:
     name, source : str
         As the attributes.
     inequality : Inequality
-        A radius and a level on plain numbers, for the setting it was made with.
+        As the attribute.
 
     Attributes
     ----------
     name : str
-        What the inequality is called.
+        Name of the inequality.
     source : str
-        The inequality behind it and what goes into it.
+        The inequality and the numbers that it is used with.
     quantity : str
-        What the error is of: "vector", "matrix", "state", "control" or "trajectory".
+        The quantity: "vector", "matrix", "state", "control" or "trajectory".
     norm : str
         The norm of the error: "2", "Frobenius", "spectral" or "1".
+    inequality, setting
+        For this package: the formula on plain numbers, and the quantity with its data.
 
     Notes
     -----
     The three methods are inverse to each other: ``probability(N, radius(N, delta)) = delta`` and
-    ``required_size(eps, delta)`` is the smallest N with ``radius(N, delta) <= eps``. No radius is
-    larger than the largest error that the data allow, whose probability to be exceeded is 0. A
-    bound whose data have no randomness (zero vectors, lines with one nonzero entry) has radius 0.
+    ``required_size(eps, delta)`` is the smallest N with ``radius(N, delta) <= eps``. A radius is at
+    most the largest possible error; for data without randomness (zero vectors, lines with one
+    nonzero entry) it is 0.
 
     Examples
     --------
@@ -138,8 +147,8 @@ class Bound:
 
     def __init__(self, name: str, source: str, inequality: Inequality) -> None:
         self.name, self.source = name, source
-        self._inequality, self._setting = inequality, inequality.at
-        self.quantity, self.norm = self._setting.quantity, self._setting.norm
+        self.inequality, self.setting = inequality, inequality.at
+        self.quantity, self.norm = self.setting.quantity, self.setting.norm
 
     def radius(self, size: Sizes, delta: float) -> float:
         """Radius that the error exceeds with probability at most `delta`.
@@ -163,7 +172,7 @@ class Bound:
             `size` is not a count, `delta` does not lie in (0, 1), or the radius overflows.
         """
         rates = self._rates(size)
-        return self._in_units(self._inequality.capped(rates, level_of(delta)))
+        return self._in_units(self.inequality.capped(rates, level_of(delta)))
 
     def probability(self, size: Sizes, eps: float) -> float:
         """Bound on the probability that the error exceeds `eps`.
@@ -178,7 +187,7 @@ class Bound:
         Returns
         -------
         float
-            At most 1, and 0 where no error can be as large as `eps`.
+            At most 1, and 0 if no error can exceed `eps`.
 
         Raises
         ------
@@ -186,10 +195,10 @@ class Bound:
             `size` is not a count, or `eps` is not a positive number.
         """
         rates = self._rates(size)
-        eps, unit = gate.positive("eps", eps), self._setting.unit
-        if eps >= self._inequality.cap(rates) * unit:
+        eps, unit = gate.positive("eps", eps), self.setting.unit
+        if eps >= self.inequality.cap(rates) * unit:
             return 0.0
-        level = self._inequality.level(rates, eps / unit)
+        level = self.inequality.level(rates, eps / unit)
         return 1.0 if level <= 0.0 else math.exp(-level)
 
     def required_size(self, eps: float, delta: float, *, exact: Sequence[str] = ()) -> int:
@@ -214,7 +223,7 @@ class Bound:
         InputError, InputTypeError
             An argument is out of range, or more than 2^53 realizations are needed.
         """
-        entities, given = self._setting.entities, gate.items("exact", exact)
+        entities, given = self.setting.entities, gate.items("exact", exact)
         if given and not entities:
             raise InputError(f"`exact` must be empty for a {self.quantity}: it is one entity")
         known = {gate.choice("exact", name, entities) for name in given}
@@ -228,22 +237,19 @@ class Bound:
     def _smallest(self, eps: float, delta: float, rates: Callable[[int], Rates]) -> int | None:
         level = level_of(delta)
         return smallest_size(
-            lambda N: self._in_units(self._inequality.capped(rates(N), level)) <= eps
+            lambda N: self._in_units(self.inequality.capped(rates(N), level)) <= eps
         )
 
     def _rates(self, size: Sizes) -> Rates:
-        rates: Rates = self._setting.rates(size)
-        why = self._inequality.equal or self._setting.equal
+        rates: Rates = self.setting.rates(size)
+        why = self.inequality.equal or self.setting.equal
         if why and differ(rates):
             sizes = ", ".join(f"{1.0 / rate:g}" if rate else "None" for rate in rates)
             raise InputError(f"`size` must be one number here ({why}), got N0, Nf, NA = {sizes}")
         return rates
 
     def _in_units(self, radius: float) -> float:
-        scaled: float = radius * self._setting.unit
-        if not math.isfinite(scaled):
-            raise NonFiniteError("the radius overflows: scale the problem down")
-        return scaled
+        return checked_finite(float(radius * self.setting.unit), "radius")
 
     def _repr_html_(self) -> str:
         return html.card(self, [("inequality", self.name), ("from", self.source)])
@@ -260,7 +266,7 @@ def differ(rates: Rates) -> bool:
 def halved(
     low: float, high: float, holds: Callable[[float], bool], rounds: int = _ROUNDS
 ) -> tuple[float, float]:
-    """Bisect between `low`, where `holds` is true, and `high`, where it is not."""
+    """Bisect between `low`, at which `holds` is true, and `high`, at which it is not."""
     for _ in range(rounds):
         middle = low + (high - low) / 2.0
         if not low < middle < high:
@@ -274,7 +280,7 @@ def level_of(delta: object) -> float:
     return -math.log(gate.probability("delta", delta))
 
 
-def unit_of(*arrays: Array) -> float:
-    """Largest entry, 1 if all are zero: in this unit squares neither overflow nor vanish."""
+def unit_of(*arrays: Floats) -> float:
+    """Largest absolute entry, 1 if all are 0: in this unit squares do not overflow or vanish."""
     largest = max(float(np.abs(array).max(initial=0.0)) for array in arrays)
     return largest if largest > 0.0 else 1.0

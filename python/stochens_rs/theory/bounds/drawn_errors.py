@@ -1,10 +1,11 @@
 """Errors drawn from the law of the realizations, and the order statistic that is a bound.
 
-Of R independent simulated errors, sorted, the one that j of them exceed is a bound unless too few
-fell beyond the true quantile: with ``q`` the ``1 - d`` quantile of the error,
+R independent errors are simulated and sorted; the bound is ``e_(R-j)``, the one that j of them
+exceed. It is too small if at most j errors lie beyond ``q``, the ``1 - d`` quantile of the error:
 ``P(e_(R-j) < q) <= P(Bin(R, d) <= j)`` (Clopper and Pearson, 1934). With ``d = 0.9 delta`` and j
 the largest for which that probability is at most ``0.01 delta``, the error exceeds the bound with
-probability at most ``0.91 delta``; the rest of delta pays for a search that looks at ten sizes.
+probability at most ``0.91 delta``. A search for a size tries ten of them, each of which may be too
+small with probability ``0.01 delta``: ``0.9 + 10 * 0.01 = 1``.
 """
 
 from __future__ import annotations
@@ -20,28 +21,35 @@ import numpy as np
 from ... import _core
 from ..._base import gate
 from ..._base.threads import get_num_threads
-from ..._base.types import Scheme
+from ..._base.types import Floats, Scheme
 from ...rng import Key
 from ..exact import best_control
-from ..formulas import Array
 
-_QUANTILE = 0.9  # share of delta for the quantile
-_MISTAKE = 0.01  # ... and, at each size looked at, for taking too small an order statistic
-_LOOKS = 10  # sizes that a search may look at: 0.9 + 10 * 0.01 = 1
-_RUNS = 200.0  # simulated errors per 1 / delta: the bound is then 1.02 to 1.1 times the quantile
+# Shares of delta: see above.
+_QUANTILE = 0.9
+_MISTAKE = 0.01  # for each size
+_LOOKS = 10
+# Number of errors: 200 / delta of them give a bound of 1.02 to 1.1 times the quantile.
+_RUNS = 200.0
 _FEWEST, _MOST = 8192, 1 << 17
-_BUDGET = 5e8  # nanoseconds that are worth spending on more runs than a bound needs
-_LONGEST = 1e10  # nanoseconds beyond which there is no bound
-_SPARE = 1.5  # times the fewest errors of which the largest is a bound
-# nanoseconds, rough: they decide how many errors are worth drawing, and change no probability
-_DRAW = 100.0  # of one binomial draw
-_PER_PRODUCT = 30.0  # of an entry in one product of the spectral norm
-_PER_PAIR = 15.0  # of a pair that is drawn on its own
-_DECOMPOSITION, _PER_ENTRY = 3e4, 6.0  # of a control over several steps, and per entry of C_K
-_START = 1000  # the size that a search looks at first
-_PILOT, _PILOTS, _GUESSED = 2048, 30, 1.1  # runs and number of looks that only guide a search
-_CLOSE = 1.01  # a search ends within 1 % of the smallest sufficient size
-_SLOPES = -2.0, -0.3  # powers of the size that a radius may fall with; -1/2 for many realizations
+_BUDGET = 5e8  # ns: no more errors than the bound needs if they would take longer
+_LONGEST = 1e10  # ns: no bound if the errors that it needs would take longer
+_SPARE = 1.5  # more than the smallest number of errors for which j >= 0
+# Costs [ns], measured on one thread (x86-64) for n from 5 to 100, most within a factor of two. They
+# decide how many errors are drawn, and change no probability.
+_DRAW = 100.0  # one binomial draw
+_PER_PRODUCT = 30.0  # an entry in one product of the spectral norm
+_PER_PAIR = 15.0  # a pair of systematic realizations
+_DECOMPOSITION, _PER_ENTRY = 3e4, 6.0  # the factors of C_K: fixed, and n times per entry
+# The search for a size.
+_START = 1000  # the first size
+_PILOT, _PILOTS, _GUESSED = (
+    2048,
+    30,
+    1.1,
+)  # pilot: errors, sizes, and the factor that is near enough
+_CLOSE = 1.01  # it ends within 1 % of the smallest sufficient size
+_SLOPES = -2.0, -0.3  # range of the fitted power of the size; -1/2 for many realizations
 _ROUNDING = 16.0 * float(np.finfo(np.float64).eps)  # of a sum, per term and unit
 
 
@@ -50,12 +58,12 @@ class Errors(Protocol):
 
     @property
     def cost(self) -> float:
-        """Nanoseconds for one run, roughly."""
+        """Approximate time of one run [ns]."""
 
     def rounded(self, radii: tuple[float, ...]) -> tuple[float, ...]:
         """The radii with what rounding can add to each."""
 
-    def draw(self, runs: int, key: Key) -> Array:
+    def draw(self, runs: int, key: Key) -> Floats:
         """Independent errors, (runs, number of errors)."""
 
 
@@ -63,22 +71,22 @@ class Errors(Protocol):
 class EstimateErrors:
     """``||average - mean||`` for `size` realizations of the lines of a vector or a matrix."""
 
-    lines: Array
+    lines: Floats
     norm: str
     size: int
     scheme: Scheme
 
     @property
     def cost(self) -> float:
-        """Nanoseconds for one run, roughly."""
+        """As `Errors.cost`."""
         products = min(self.lines.shape) if self.norm == "spectral" else 0
         return (_DRAW + _PER_PRODUCT * products) * self.lines.size
 
     def rounded(self, radii: tuple[float, ...]) -> tuple[float, ...]:
-        """The radius with what rounding can add to it."""
+        """As `Errors.rounded`."""
         return (radii[0] + _ROUNDING * float(np.abs(self.lines).sum()),)
 
-    def draw(self, runs: int, key: Key) -> Array:
+    def draw(self, runs: int, key: Key) -> Floats:
         """Independent errors, (runs, 1)."""
         return _core.simulate_estimates(
             self.lines,
@@ -94,14 +102,14 @@ class EstimateErrors:
 
 @dataclass(frozen=True, eq=False)
 class Entity:
-    """One entity of a control: its exact values, and what stands for it.
+    """One entity of a control: its exact values, and what the control uses in their place.
 
-    A fixed `estimate`; or the average of `size` realizations of the values, drawn anew in every
-    run; or, with neither, the values themselves.
+    That is the `estimate`, the same in every run; or the average of `size` realizations, drawn anew
+    in every run; or, without both, the values themselves.
     """
 
-    values: Array
-    estimate: Array | None = None
+    values: Floats
+    estimate: Floats | None = None
     size: int | None = None
     scheme: Scheme = "iid"
 
@@ -111,7 +119,7 @@ class Entity:
         return self.estimate is None and self.size is not None
 
     def argument(self, transpose: bool = False) -> Any:
-        """What the core takes: lines, and how they are drawn."""
+        """The argument of the core: lines, and size and scheme if they are drawn."""
         lines = np.atleast_2d(self.values if self.estimate is None else self.estimate)
         drawn = (self.size, self.scheme) if self.drawn else None
         return np.ascontiguousarray(lines.T if transpose else lines), drawn
@@ -125,22 +133,15 @@ class PlanErrors:
     """
 
     def __init__(
-        self,
-        B: Array,
-        x0: Entity,
-        xf: Entity,
-        A: Entity,
-        *,
-        steps: int,
-        paired: bool,
-        rows: bool,
+        self, B: Floats, x0: Entity, xf: Entity, A: Entity, *, steps: int, paired: bool, rows: bool
     ) -> None:
-        self.B, self.entities, self.paired, self.rows = B, (x0, xf, A), paired, rows
+        self.B, self.paired, self.rows = B, paired, rows
+        self.entities = x0, xf, A
         self.several = steps > 1
         self.best = best_control(A.values, B, x0.values, xf.values, steps)
 
     def rounded(self, radii: tuple[float, ...]) -> tuple[float, float]:
-        """The radii with what rounding can add: that of the exact control and of a fused one."""
+        """The radii with what rounding can add, in the exact control and in a fused one."""
         state, control = radii
         best = self.best
         # a control u is rounded like the exact one, times ||u|| <= ||v|| + ||u - v||
@@ -151,9 +152,9 @@ class PlanErrors:
 
     def sized(self, sizes: tuple[int | None, ...]) -> PlanErrors:
         """The same problem with other numbers of realizations ``(N0, Nf, NA)``."""
-        other = copy(self)  # what was factored is shared
-        entities = zip(self.entities, sizes, strict=True)
-        other.entities = tuple(replace(e, size=N) for e, N in entities)  # type: ignore[assignment]
+        other = copy(self)  # shares the factors
+        x0, xf, A = (replace(e, size=N) for e, N in zip(self.entities, sizes, strict=True))
+        other.entities = x0, xf, A
         return other
 
     @property
@@ -163,7 +164,7 @@ class PlanErrors:
 
     @property
     def cost(self) -> float:
-        """Nanoseconds for one run, roughly."""
+        """As `Errors.cost`."""
         n, width = self.best.factors.B.shape
         cost: float = _DRAW * (n * n + 2 * n)
         if self.several:  # powers of A_hat and a singular value decomposition
@@ -173,7 +174,7 @@ class PlanErrors:
             cost += _PER_PAIR * float(A.size or 0)
         return cost
 
-    def draw(self, runs: int, key: Key) -> Array:
+    def draw(self, runs: int, key: Key) -> Floats:
         """Independent errors of the state and of the control, (runs, 2)."""
         C = self.best.factors
         if not C.s.size:
@@ -210,10 +211,10 @@ def radii(errors: Errors, delta: float, key: Key) -> tuple[float, ...] | None:
 
 
 def runs_for(delta: float, cost: float) -> int | None:
-    """How many errors to simulate, at a cost of each in nanoseconds; None: too many."""
+    """Number of errors to simulate at this cost [ns] of each; None: too many would be needed."""
     if delta * _MOST < 1.0:
         return None
-    # (1 - p)^R <= 0.01 delta for p = 0.9 delta, and some to spare
+    # (1 - p)^R <= 0.01 delta for p = 0.9 delta
     fewest = math.ceil(_SPARE * math.log(1.0 / (_MISTAKE * delta)) / (_QUANTILE * delta))
     wanted = min(max(_FEWEST, math.ceil(_RUNS / delta)), _MOST)
     runs = max(min(fewest, _MOST), min(wanted, int(_BUDGET / cost)))
@@ -221,7 +222,7 @@ def runs_for(delta: float, cost: float) -> int | None:
     return runs if possible else None
 
 
-def order_statistic(errors: Array, delta: float) -> float:
+def order_statistic(errors: Floats, delta: float) -> float:
     """The simulated error that is a bound for `delta`."""
     beyond = exceedances(len(errors), delta)
     assert beyond is not None  # `runs_for` sees to it
@@ -230,7 +231,7 @@ def order_statistic(errors: Array, delta: float) -> float:
 
 
 def exceedances(runs: int, delta: float) -> int | None:
-    """The largest j with ``P(Bin(runs, 0.9 delta) <= j) <= 0.01 delta``; None if 0 is too many."""
+    """The largest j with ``P(Bin(runs, 0.9 delta) <= j) <= 0.01 delta``; None if there is none."""
     p = _QUANTILE * delta
     k = np.arange(1, int(runs * p) + 1)  # up to the mean
     # log P(k) = log P(k-1) + log((R - k + 1) / k) + log(p / (1 - p))
@@ -245,8 +246,8 @@ def searched_size(
 ) -> int | None:
     """A size whose bound for error `which` is at most `eps`, within 1 % of the smallest.
 
-    A pilot with a stream of its own finds out where to look; at most ten sizes are looked at.
-    None: no size up to 2^53, or no bound for this `delta`.
+    A pilot with its own random stream finds the first of at most ten sizes. None: no size up to
+    2^53, or no bound for this `delta`.
     """
     pilot_key = key.child("pilot")
 
@@ -275,9 +276,8 @@ def _approach(
 ) -> tuple[int | None, int | None]:
     """The last size guessed, and the smallest one found with ``radius(size) <= eps``.
 
-    The radius is taken to fall like a power of the size, refitted in every round. Not
-    `numbers.smallest_size`: each look at a simulated radius may fail with probability
-    ``_MISTAKE delta``, and delta pays for ten of them; a bisection takes up to 106.
+    A power of the size is fitted to the radius in every round. `numbers.smallest_size` would need
+    up to 106 radii, but delta is shared among ten.
     """
     size, slope = start, -0.5  # the power of an average of many realizations
     failing, passing, last = 0, None, None

@@ -1,4 +1,4 @@
-"""Moments, atoms and diameters of a control problem under a linear map, once for all bounds.
+"""Moments, atoms and diameters of a control problem under a linear map, for all its bounds.
 
 The error of a fused control is ``u - v* = M (y_hat - y)`` with ``y = xf - A x0``; that of the
 state it leads to has the same form. In an orthonormal basis of the rows of ``B^+``:
@@ -14,31 +14,31 @@ import math
 import numpy as np
 
 from ..._base import memory
-from ..._base.types import Axis
+from ..._base.types import Axis, Floats
 from ...exceptions import NonFiniteError
 from ...system import System
 from ..formulas import (
-    Array,
     compact_svd,
     matrix_excess,
     pushed_covariance,
     realization_covariance,
     vector_excess,
 )
-from ._base import unit_of
+from .base import unit_of
 
 
 class Geometry:
-    """What the bounds need to know of ``M (y_hat - y)``, in units in which nothing overflows."""
+    """Numbers of ``M (y_hat - y)`` for the bounds, in units in which nothing overflows."""
 
-    def __init__(self, system: System, x0: Array, xf: Array, axis: Axis, quantity: str) -> None:
+    def __init__(self, system: System, x0: Floats, xf: Floats, axis: Axis, quantity: str) -> None:
+        # some 50 arrays of the size of A live at once in the methods below
         memory.need("the moments of the control", 50 * system.A.nbytes)
         self.by_rows, self.quantity, self.norm = axis == "rows", quantity, "2"
         self._scale(system.B, x0, xf, system.A)
         self._set_ranges()
         self._set_moments()
 
-    def _scale(self, B: Array, x0: Array, xf: Array, A: Array) -> None:
+    def _scale(self, B: Floats, x0: Floats, xf: Floats, A: Floats) -> None:
         unit_B, unit_A = unit_of(B), unit_of(A)
         unit_y = max(unit_A * unit_of(x0) if A.any() and x0.any() else 0.0, float(abs(xf).max()))
         unit_y = unit_y if unit_y > 0.0 else 1.0
@@ -161,8 +161,8 @@ class Geometry:
         # r (C0 + CA + CA0) where both are sampled: the last term does not get r^2
         return self.mean_square(r0, rf, rA) + self.traces[3] * (min(r0, rA) - r0 * rA)
 
-    def covariance(self, r0: float, rf: float, rA: float, *, both: bool) -> Array:
-        """``M C M^T`` of one pair or, without what both x0 and A contribute, of its linear part."""
+    def covariance(self, r0: float, rf: float, rA: float, *, both: bool) -> Floats:
+        """``M C M^T`` of one pair; both=False: without the product of the errors of x0 and A."""
         C0, Cf, CA, CA0 = self.covariances
         total = (r0 > 0.0) * C0 + (rf > 0.0) * Cf + (rA > 0.0) * CA
         if both and r0 > 0.0 and rA > 0.0:
@@ -170,11 +170,11 @@ class Geometry:
         return np.asarray(total, dtype=np.float64)
 
     def D_0(self, rA: float) -> float:
-        """How far apart two realizations of x0 put the mean, beside an average of ``1/rA`` A^s."""
+        """The largest ``sqrt(||M A d||^2 + E||M (A_hat - A) d||^2)``, d of two atoms of x0."""
         pairs, extra = self._pairs_0
         return math.sqrt(float((pairs + rA * extra).max(initial=0.0)))
 
-    def range_A(self, x: Array) -> float:
+    def range_A(self, x: Floats) -> float:
         """Root of the summed squared ranges of one A^s x: columns ``sum_j x_j^2 D_j^2``."""
         if not self.by_rows:
             return float(np.linalg.norm(x * self.D))
@@ -187,7 +187,7 @@ class Geometry:
         return float(np.linalg.norm(self._row_scale[random] * spread))
 
 
-def pair_distances(M: Array, sign: float) -> Array:
+def pair_distances(M: Floats, sign: float) -> Floats:
     """``||M (e_i - sign e_k)||^2``, (n, n)."""
     squares = (M**2).sum(axis=0)
     total = np.add.outer(squares, squares)
@@ -198,7 +198,7 @@ def pair_distances(M: Array, sign: float) -> Array:
     return np.asarray(distances, dtype=np.float64)
 
 
-def squared_distances(points: Array) -> Array:
+def squared_distances(points: Floats) -> Floats:
     """Squared distances between the columns, (k, k)."""
     if points.shape[1] == 0:
         return np.zeros((0, 0))
@@ -209,6 +209,6 @@ def squared_distances(points: Array) -> Array:
     return np.asarray(np.maximum(distances, 0.0), dtype=np.float64)
 
 
-def largest_norm(columns: Array) -> float:
+def largest_norm(columns: Floats) -> float:
     """Largest 2-norm of a column, 0 without columns."""
     return math.sqrt(float((columns**2).sum(axis=0).max(initial=0.0)))

@@ -188,9 +188,8 @@ def test_links_lead_somewhere(path):
 
 # -- names that texts use ------------------------------------------------------------------------
 
-DOTTED = re.compile(
-    r"`~?([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)+)"
-)  # the name that an inline code begins with
+# The name that an inline code begins with.
+DOTTED = re.compile(r"`~?([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)+)")
 ROOTS = {}
 for room in [stochens_rs, *vars(stochens_rs).values()]:
     if inspect.ismodule(room) and room.__name__.startswith("stochens_rs"):
@@ -198,8 +197,6 @@ for room in [stochens_rs, *vars(stochens_rs).values()]:
             obj = getattr(room, item, None)
             if inspect.ismodule(obj) or inspect.isclass(obj):
                 ROOTS.setdefault(item, []).append(obj)
-
-
 ROOTS.pop("system")  # in messages a system that the user has
 
 

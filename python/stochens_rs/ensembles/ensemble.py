@@ -235,7 +235,7 @@ class Ensemble(Realizations):
         Notes
         -----
         The result is an array, and `control` takes an array as exact, so that its bound is, too.
-        For an estimate of your own pass a Fit to `control`.
+        For an estimate of your own pass a Fit.
         """
         w = gate.vector("weights", weights, length=self.size)
         result: Floats

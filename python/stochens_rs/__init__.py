@@ -77,11 +77,13 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     if name == "reference":  # imported at its first use: the package does not need it
         return importlib.import_module(".reference", __name__)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    rooms = (k for k, v in globals().items() if k[0] != "_" and name in getattr(v, "__all__", ()))
+    hint = next((f"; it is {__name__}.{room}.{name}" for room in rooms), "")
+    raise AttributeError(f"{__name__} has no attribute {name!r}{hint}")
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted({*globals(), *__all__} - {"Any", "importlib", "logging"})
 
 
 logging.getLogger("stochens").addHandler(logging.NullHandler())

@@ -138,7 +138,7 @@ def alse(realizations: Draws | _Floats, target: _Floats, limits: _Limits) -> Als
 def slse(
     realizations: Draws | _Floats,
     target: _Floats,
-    safeguard: bool,
+    method: str,
     sizes: list[int],
     keep_estimates: bool,
 ) -> tuple[_Floats, _Floats, _Floats, _Floats]: ...

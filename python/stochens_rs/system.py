@@ -117,16 +117,29 @@ class System:
         """
         if isinstance(system, cls):
             return system
+        if isinstance(system, type):
+            raise InputTypeError(f"`system` must be a System, got the class {system.__name__[:40]}")
         if isinstance(system, tuple):
             if len(system) not in (2, 3):
                 raise InputTypeError(
                     f"`system` must be a tuple (A, B) or (A, B, dt), got {len(system)} items"
                 )
-            return cls(system[0], system[1], dt=system[2] if len(system) == 3 else None)
+            dt = system[2] if len(system) == 3 else None
+            if not (dt is None or isinstance(dt, (bool, np.bool_)) or gate.is_real(dt)):
+                raise InputTypeError(
+                    "`system` must be (A, B) or (A, B, dt) with a number dt > 0, got "
+                    f"{gate.show(dt)} as third item"
+                )
+            return cls(system[0], system[1], dt=dt)  # type: ignore[arg-type]
         found = {word: _attribute(system, word) for word in ("A", "B", "dt", "name")}
         if found["A"] is None or found["B"] is None:
-            transfer = _attribute(system, "to_ss", ...) is not ...
-            hint = "; call its to_ss() first" if transfer else ""
+            hint = ""
+            if isinstance(system, list):
+                hint = "; use a tuple (A, B)"
+            elif isinstance(system, np.ndarray):
+                hint = "; pass (A, B)"
+            elif _attribute(system, "to_ss", ...) is not ...:
+                hint = "; call its to_ss() first"
             raise InputTypeError(
                 "`system` must be a System, a tuple (A, B[, dt]) or an object with attributes A "
                 f"and B, got {gate.show(system)}{hint}"

@@ -7,6 +7,7 @@ use pyo3::types::PyList;
 use super::error::{InputError, ShapeError};
 use crate::Key;
 use crate::memory::{try_copy, try_room};
+use crate::simulate::Method;
 
 /// A read-only view of a contiguous array of doubles.
 pub(super) fn slice<'a, D: ndarray::Dimension>(
@@ -32,6 +33,19 @@ pub(super) fn array2(py: Python<'_>, values: Vec<f64>, rows: usize, cols: usize)
 /// A one-dimensional array.
 pub(super) fn array1(py: Python<'_>, values: Vec<f64>) -> Bound<'_, PyArray1<f64>> {
     PyArray1::from_vec(py, values)
+}
+
+/// A fusing method by its name.
+pub(super) fn method(name: &str) -> PyResult<Method> {
+    match name {
+        "uniform" => Ok(Method::Uniform),
+        "alse" => Ok(Method::Alse),
+        "slse" => Ok(Method::Slse { safeguard: false }),
+        "slse-safeguarded" => Ok(Method::Slse { safeguard: true }),
+        other => Err(InputError::new_err(format!(
+            "`method` must be one of 'uniform', 'alse', 'slse', 'slse-safeguarded', got '{other}'"
+        ))),
+    }
 }
 
 /// A target's entries, checked against the number of entries of a realization.

@@ -6,12 +6,14 @@ use numpy::{PyArray1, PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyList;
 
-use super::convert::{array1, array2, sizes, target};
+use super::convert::{array1, array2, method, sizes, target};
 use super::draws::Draws;
+use super::error::InputError;
 use super::realizations::{Realizations, dense};
 use super::run::{run, run_to_best};
 use crate::fuse::{self, Settings, Weights};
 use crate::memory::{try_collect, try_extend, try_room};
+use crate::simulate::Method;
 
 type Array1<'py> = Bound<'py, PyArray1<f64>>;
 type Array2<'py> = Bound<'py, PyArray2<f64>>;
@@ -111,10 +113,13 @@ pub(super) fn slse<'py>(
     py: Python<'py>,
     realizations: Realizations<'py>,
     target: PyReadonlyArray2<'py, f64>,
-    safeguard: bool,
+    method: &str,
     sizes: &Bound<'py, PyList>,
     keep_estimates: bool,
 ) -> PyResult<(Array1<'py>, Array2<'py>, Array1<'py>, Array2<'py>)> {
+    let Method::Slse { safeguard } = self::method(method)? else {
+        return Err(InputError::new_err(format!("`method` must be 'slse' or 'slse-safeguarded', got '{method}'")));
+    };
     let (lines, length) = target.as_array().dim();
     let fit = match &realizations {
         Realizations::Draws(draws) => {

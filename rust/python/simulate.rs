@@ -3,8 +3,9 @@
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 
-use super::convert::{array1, array2, key, law, slice};
+use super::convert::{array1, array2, key, law, method, slice};
 use super::draws::scheme;
+use super::error::InputError;
 use super::run::run;
 use crate::memory::try_copy;
 use crate::simulate::{
@@ -127,12 +128,7 @@ pub(super) fn track<'py>(
     key: &[u8],
     threads: usize,
 ) -> PyResult<(Array2<'py>, Array2<'py>, bool)> {
-    let key = self::key(key)?;
-    let method = match method {
-        "uniform" => Method::Uniform,
-        "alse" => Method::Alse,
-        other => Method::Slse { safeguard: other == "slse-safeguarded" },
-    };
+    let (key, method) = (self::key(key)?, self::method(method)?);
     let given = ClosedLoop {
         a: law(&a)?.into(),
         b: law(&b)?,
@@ -212,7 +208,8 @@ pub(super) fn simulate_estimates<'py>(
     let norm = match norm {
         "1" => Norm::One,
         "2" => Norm::Two,
-        _ => Norm::Spectral,
+        "spectral" => Norm::Spectral,
+        other => return Err(InputError::new_err(format!("`norm` must be '1', '2' or 'spectral', got '{other}'"))),
     };
     let key = self::key(key)?;
     let errors =

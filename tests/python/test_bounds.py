@@ -853,6 +853,8 @@ class TestInput:
         ):
             if norm is not None and quantity != "vector":
                 continue
+            if fusion == "diagonal" and quantity not in ("state", "control"):
+                continue
             some = data.get(quantity, self.data)
             found = bounds.candidates(quantity, *some, norm=norm, fusion=fusion)
             assert len({bound.name for bound in found}) == len(found)
@@ -871,7 +873,7 @@ class TestInput:
             bounds.best("error", *data, size=3, delta=0.1)
         with pytest.raises(InputError, match="`norm`"):
             bounds.best("state", *data, size=3, delta=0.1, norm="1")
-        with pytest.raises(InputTypeError, match="`data` must be system, x0, xf"):
+        with pytest.raises(InputTypeError, match=r"`data` must be 3 arguments \(system, x0, xf\)"):
             bounds.best("state", data[0], size=3, delta=0.1)
         with pytest.raises(InputError, match="not both"):
             bounds.best("vector", self.x0, size=3, eps=1.0, delta=0.1)
@@ -925,3 +927,43 @@ class TestInput:
             B, x0, xf, A = data
             bounds.best("control", (A, B), x0, xf, size=9, delta=0.1, fusion=fusion, axis=axis)
         assert all(np.array_equal(x, y) for x, y in zip(data, before, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("name", "quantity", "option", "message"),
+    [
+        (
+            "McDiarmid",
+            "state",
+            {"sample_B": False},
+            "`sample_B` must be True for a state, got bool",
+        ),
+        ("McDiarmid", "vector", {"fusion": "diagonal"}, "`fusion` must be 'product' for a vector"),
+        ("McDiarmid", "matrix", {"fusion": "diagonal"}, "`fusion` must be 'product' for a matrix"),
+        ("McDiarmid", "vector", {"axis": "rows"}, "`axis` must be 'columns' for a vector, got str"),
+        (
+            "McDiarmid",
+            "state",
+            {"scheme": "systematic"},
+            "`scheme` must be 'iid' for the bound 'Mc",
+        ),
+        (
+            "McDiarmid",
+            "state",
+            {"steps": 2},
+            "`steps` must be 1 for the bound 'McDiarmid', got int",
+        ),
+        ("McDiarmid", "state", {"rng": 7}, "`rng` must be 0 for the bound 'McDiarmid', got int 7"),
+        ("simulated", "matrix", {"steps": 2}, "`steps` must be 1 for a matrix, got int 2"),
+        ("simulated", "control", {"sample_B": False}, "`sample_B` must be True for a control"),
+    ],
+)
+def test_options_without_effect_are_refused(name, quantity, option, message):
+    A, w = np.eye(2), [1.0, 2.0]
+    data = {"vector": (w,), "matrix": (A,)}.get(quantity, ((A, A), w, w))
+    with pytest.raises(InputError, match=f"^{message}"):
+        bounds.bound(name, quantity, *data, **option)
+    assert bounds.bound(name, quantity, *data).name == name
+    if option.keys() <= {"fusion", "axis"}:
+        with pytest.raises(InputError, match=f"^{message}"):
+            bounds.best(quantity, *data, size=5, delta=0.1, **option)

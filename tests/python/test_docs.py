@@ -186,6 +186,70 @@ def test_links_lead_somewhere(path):
     assert [target for target in local if not (ROOT / target).exists()] == []
 
 
+# -- names that texts use ------------------------------------------------------------------------
+
+# The name that an inline code begins with.
+DOTTED = re.compile(r"`~?([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)+)")
+ROOTS = {}
+for room in [stochens_rs, *vars(stochens_rs).values()]:
+    if inspect.ismodule(room) and room.__name__.startswith("stochens_rs"):
+        for item in [*getattr(room, "__all__", ()), *vars(stochens_rs)]:
+            obj = getattr(room, item, None)
+            if inspect.ismodule(obj) or inspect.isclass(obj):
+                ROOTS.setdefault(item, []).append(obj)
+ROOTS.pop("system")  # in messages a system that the user has
+
+
+def missing_names(text):
+    """Dotted names of the package in inline code that do not exist."""
+    found = []
+    for name in DOTTED.findall(text):
+        parts = re.sub(r"^(stochens_rs|se)\.", "", name).split(".")
+        whole = len(parts) < name.count(".") + 1  # it begins with the package
+        heads = [stochens_rs] if whole else ROOTS.get(parts[0], [])
+        rest = parts if whole else parts[1:]
+        if heads and rest[-1] not in ("py", "pyi", "md") and not any(leads(h, rest) for h in heads):
+            found.append(name)
+    return found
+
+
+def leads(obj, parts):
+    for part in parts:
+        if inspect.isclass(obj) and dataclasses.is_dataclass(obj):
+            fields = [field.name for field in dataclasses.fields(obj)]
+            if part in fields:
+                return True
+        if not hasattr(obj, part):
+            return False
+        obj = getattr(obj, part)
+    return True
+
+
+def texts():
+    """Texts of the project with their names; of the changelog, what it says of today's face."""
+    for path in Path(stochens_rs.__file__).parent.rglob("*.py"):
+        yield str(path), path.read_text(encoding="utf-8")
+    for name in MARKDOWN:
+        yield name, (ROOT / name).read_text(encoding="utf-8")
+    if (ROOT / "CHANGELOG.md").exists():
+        log = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+        face = log.partition("### One face")[2].partition("\n### ")[0]
+        face = re.sub(r"^  \|.*?\|(?= )", "", face, flags=re.MULTILINE)  # the column "before"
+        sentences = re.split(r"(?<=\.)\s", face)
+        yield "CHANGELOG.md", " ".join(s for s in sentences if not re.search(r"gone|Removed", s))
+
+
+def test_the_names_in_texts_exist():
+    assert {name: found for name, text in texts() if (found := missing_names(text))} == {}
+
+
+def test_the_search_for_names_sees_faults():
+    good = "`se.Plan.bound`, ``theory.moments.control_rms(...)``, `Plan.u`, `control.StateSpace`"
+    assert missing_names(good + ", :mod:`~stochens_rs.theory.bounds`, `A.loc`, `plots.py`") == []
+    bad = ["se.PlanBound", "Plan.control_steps", "theory.multistep", "stochens_rs.cases.ieee15"]
+    assert missing_names(", ".join(f"`{name}`" for name in bad)) == bad
+
+
 def test_first_example_script_draws(tmp_path, monkeypatch):
     pytest.importorskip("matplotlib")
     script = ROOT / "docs" / "first_example.py"

@@ -76,7 +76,12 @@ WRONG_SHAPE = [
     ("empty nx0", matrix, np.ones((3, 0)), r"\(3, 0\)"),
     ("empty list", vector, [], r"at least one entry, got shape \(0,\)"),
     ("empty batch", batch3, np.ones((3, 0, 2)), r"\(3, 0, 2\)"),
-    ("scalar", matrix, 3.0, r"`X` must have shape \(n, m\), got \(\)$"),
+    ("scalar", matrix, 3.0, r"`X` must have shape \(n, m\), got float 3.0$"),
+    ("scalar for a vector", vector, 10, r"`X` must have shape \(n,\), got int 10$"),
+    ("scalar for a batch", batch, 10, r"`X` must have 2 or 3 dimensions, got int 10$"),
+    ("scalar array", vector, np.array(3.0), r"`X` must have shape \(n,\), got \(\)$"),
+    ("1-d for square", square, np.ones(3), r"`X` must have shape \(n, n\), got \(3,\)$"),
+    ("1-d for 3 columns", cols3, np.ones(3), r"`X` must have shape \(n, 3\), got \(3,\)$"),
     ("1-d for 2-d", matrix, np.ones(3), r"got \(3,\); use X\.reshape\(-1, 1\)"),
     ("3-d for 2-d", matrix, np.ones((2, 2, 2)), r"have shape \(n, m\), got \(2, 2, 2\)"),
     ("2-d for 1-d", vector, np.ones((3, 1)), r"shape \(n,\), got \(3, 1\); use X\.ravel\(\)"),
@@ -355,6 +360,11 @@ def test_choice_refuses(value, error, message):
     with pytest.raises(error, match=message) as caught:
         gate.choice("method", value, METHODS)
     assert_one_short_line(caught.value)
+
+
+def test_choice_of_one_word():
+    with pytest.raises(InputError, match=r"^`q` must be 'red', got str 'blue'$"):
+        gate.choice("q", "blue", ("red",))
 
 
 @pytest.mark.parametrize("value", [1, 1e-300, 5e-324, np.float32(0.5), np.int64(3), 1e308])

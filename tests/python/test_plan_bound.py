@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import pickle
 from fractions import Fraction
 
@@ -9,6 +10,8 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from stochens_rs._base.types import DELTA
+from stochens_rs.cli._plan import plan as command
 from stochens_rs.exceptions import InputError, ShapeError
 from stochens_rs.rng import as_key
 from stochens_rs.theory import bounds, moments
@@ -152,6 +155,25 @@ def test_systematic_samples():
         rows.bound()
     with pytest.raises(InputError, match="systematic"):
         paired.covariance()
+
+
+def test_an_array_counts_as_exact():
+    ensemble = se.sample(np.eye(2), 20, rng=1)
+    own = ensemble.combine(np.full(20, 1 / 20))
+    assert "surely" in repr(se.control((own, np.eye(2)), [1.0, 2.0], [0.0, 0.0]).bound())
+    fit = se.fuse(ensemble)
+    assert "surely" not in repr(se.control((fit, np.eye(2)), [1.0, 2.0], [0.0, 0.0]).bound())
+    for text in (se.Ensemble.combine.__doc__, se.control.__doc__):
+        assert "as exact" in text
+        assert "pass a Fit" in " ".join(text.split())
+
+
+def test_the_probability_of_failure_has_one_default():
+    for call in (se.Plan.bound, se.required_samples, se.DataStream.confidence):
+        assert inspect.signature(call).parameters["delta"].default is DELTA
+        assert f"delta : float, default {DELTA}" in call.__doc__
+    option = next(option for option in command.params if option.name == "delta")
+    assert option.default == f"{100 * DELTA:g}%"
 
 
 def test_fits_beside_samples():

@@ -29,7 +29,8 @@ def test_the_names_at_the_top() -> None:
     assert se.__all__ == sorted(TOP.split())
     assert set(se.__all__) <= set(dir(se))
     assert all(getattr(se, name) is not None for name in se.__all__)
-    with pytest.raises(AttributeError, match="no attribute 'sampel'"):
+    assert not {"Any", "importlib", "logging"} & set(dir(se))
+    with pytest.raises(AttributeError, match=r"^stochens_rs has no attribute 'sampel'$"):
         se.sampel  # noqa: B018
 
 
@@ -38,6 +39,15 @@ def test_records_are_named_in_their_rooms(room: str) -> None:
     names = ROOMS[room].split()
     assert set(names) <= set(getattr(se, room).__all__)
     assert not set(names) & set(se.__all__)
+    for name in names:
+        text = f"^stochens_rs has no attribute '{name}'; it is stochens_rs.{room}.{name}$"
+        with pytest.raises(AttributeError, match=text):
+            getattr(se, name)
+
+
+def test_what_only_the_package_uses_is_not_public() -> None:
+    assert not {"Basis", "Known", "Requirement"} & set(dir(se.controls))
+    assert not hasattr(se.plots, "require_matplotlib")
 
 
 def test_reference_and_matplotlib_are_imported_at_their_first_use() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import tracemalloc
 from fractions import Fraction
 
 import numpy as np
@@ -12,7 +13,7 @@ import stochens_rs as se
 from stochens_rs.exceptions import InputError, NonFiniteError
 from stochens_rs.paper import reachability as notions
 from stochens_rs.paper.reachability import approximate
-from stochens_rs.theory import moments, reachability
+from stochens_rs.theory import dynamics, moments, reachability
 from stochens_rs.theory.exact import best_control
 
 # -- the exact system ------------------------------------------------------------------------------
@@ -355,3 +356,32 @@ def test_wrong_input_is_refused():
         notions.lemma_3_2(2, weights=[1, -1])
     with pytest.raises(InputError, match="`controls`"):
         notions.lemma_3_1(3, controls=[1])
+
+
+def peak(call):
+    """The most bytes that NumPy and Python hold at once during a call."""
+    tracemalloc.start()
+    try:
+        call()
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+def test_the_controllability_matrix_takes_no_object_per_block():
+    A, B = np.diag([0.9, 0.8, 0.7]), np.ones((3, 1))
+    powers = dynamics.matrix_powers(A, 19_999)
+    C = dynamics.controllability(powers, B)
+    blocks = [B, *(powers[1:] @ B)]
+    assert C.tobytes() == np.hstack(blocks).tobytes()
+    assert C.flags.c_contiguous
+    assert peak(lambda: dynamics.controllability(powers, B)) < 3 * C.nbytes
+
+
+@pytest.mark.parametrize(("n", "m"), [(3, 1), (20, 1), (10, 10)])
+def test_the_memory_check_covers_a_control_over_many_steps(n, m, monkeypatch):
+    needed = []
+    monkeypatch.setattr(dynamics.memory, "need", lambda _, count: needed.append(count))
+    K = dynamics.checked_steps(1000, n, m)
+    B, x = np.eye(n, m) + 0.1, np.ones(n)
+    assert peak(lambda: best_control(0.99 * np.eye(n), B, x, 0.0 * x, K)) < needed[0]

@@ -364,13 +364,15 @@ def test_bad_input():
             axis="rows",
             scheme="systematic",
         )
-    with pytest.raises(se.exceptions.InputTypeError, match="`data` must be system, x0, xf"):
+    with pytest.raises(
+        se.exceptions.InputTypeError, match=r"`data` must be 3 arguments \(system, x0"
+    ):
         bounds.bound("simulated", "state", B)
     with pytest.raises(InputError, match="`steps`"):
         bounds.bound("simulated", "state", (A, B), x0, xf, steps=0)
     with pytest.raises(InputError, match=r"`name` must be one of .* got str 'simulated'"):
         bounds.bound("simulated", "trajectory", (A, B), x0, [[1.0, 0.0]])
-    with pytest.raises(InputError, match="for the bound 'simulated' only"):
+    with pytest.raises(InputError, match="`steps` must be 1 for the bound 'McDiarmid', got int 2"):
         bounds.bound("McDiarmid", "state", (A, B), x0, xf, steps=2)
     with pytest.raises(InputError, match="diagonal fusion pairs"):
         bounds.bound("simulated", "state", (A, B), x0, xf, fusion="diagonal").radius((1, 2, 3), 0.1)

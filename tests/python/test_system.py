@@ -183,9 +183,16 @@ def test_from_any_takes_anything_with_A_and_B():
         (SimpleNamespace(to_ss=None), InputTypeError, r"call its to_ss\(\) first"),
         ((A,), InputTypeError, r"\(A, B\) or \(A, B, dt\), got 1 items"),
         ((A, B, B.T, 0.0), InputTypeError, r"got 4 items"),
-        ([A, B], InputTypeError, r"type list"),
+        ([A, B], InputTypeError, r"type list; use a tuple \(A, B\)$"),
+        (System, InputTypeError, r"^`system` must be a System, got the class System$"),
+        (
+            (A, B, A[0]),
+            InputTypeError,
+            r"^`system` must be \(A, B\) or \(A, B, dt\) with a number dt > 0, "
+            r"got ndarray of shape \(2,\) as third item$",
+        ),
         (None, InputTypeError, r"got None"),
-        (A, InputTypeError, r"ndarray of shape \(2, 2\)"),
+        (A, InputTypeError, r"ndarray of shape \(2, 2\); pass \(A, B\)$"),
         ((A, B.T), ShapeError, r"`B` must have shape \(2, m\), got \(1, 2\)"),
     ],
 )

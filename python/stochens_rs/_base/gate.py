@@ -40,7 +40,7 @@ def vector(name: str, value: object, *, length: int | None = None) -> Floats:
     wanted = f"({'n' if length is None else length},)"
     if given.ndim != 1 or (length is not None and len(given) != length):
         hint = f"; use {name}.ravel()" if given.ndim == 2 and 1 in given.shape else ""
-        raise ShapeError(f"`{name}` must have shape {wanted}, got {shown_shape(given)}{hint}")
+        raise ShapeError(f"`{name}` must have shape {wanted}, got {_shape(value, given)}{hint}")
     return _finite(name, given)
 
 
@@ -60,23 +60,29 @@ def matrix(
     )
     good = given.ndim == 2 and rows in (None, given.shape[0]) and cols in (None, given.shape[1])
     if not good or (square and given.shape[0] != given.shape[1]):
-        hint = f"; use {name}.reshape(-1, 1) for one column" if given.ndim == 1 else ""
+        one = given.ndim == 1 and not square and cols in (None, 1)
+        hint = f"; use {name}.reshape(-1, 1) for one column" if one else ""
         raise ShapeError(
-            f"`{name}` must have shape ({wanted[0]}, {wanted[1]}), got {shown_shape(given)}{hint}"
+            f"`{name}` must have shape ({wanted[0]}, {wanted[1]}), got {_shape(value, given)}{hint}"
         )
     return _finite(name, given)
 
 
-def inputs(name: str, value: object, *, cols: int) -> Floats:
-    """Return inputs over time as C-contiguous float64 of shape (K, cols), K >= 0."""
+def inputs(name: str, value: object, *, cols: int, rows: str = "K", empty: bool = True) -> Floats:
+    """Return vectors over time as C-contiguous float64 of shape (rows, cols), rows >= 0.
+
+    `rows` is for messages; without `empty` there must be one at least.
+    """
     given = read(name, value)
     if given.ndim != 2 or given.shape[1] != cols:
         hint = f"; use {name}.reshape(-1, {cols})" if given.ndim == 1 and given.size else ""
         raise ShapeError(
-            f"`{name}` must have shape (K, {cols}), one row per step, "
-            f"got {shown_shape(given)}{hint}"
+            f"`{name}` must have shape ({rows}, {cols}), one row per step, "
+            f"got {_shape(value, given)}{hint}"
         )
-    return matrix(name, given, cols=cols) if len(given) else np.zeros((0, cols))
+    if empty and not len(given):
+        return np.zeros((0, cols))
+    return matrix(name, given, cols=cols)
 
 
 def array(name: str, value: object, *, ndim: tuple[int, ...]) -> Floats:
@@ -84,7 +90,10 @@ def array(name: str, value: object, *, ndim: tuple[int, ...]) -> Floats:
     given = _numeric(name, value)
     if given.ndim not in ndim:
         wanted = " or ".join(str(k) for k in ndim)
-        raise ShapeError(f"`{name}` must have {wanted} dimensions, got shape {shown_shape(given)}")
+        found = _shape(value, given)
+        raise ShapeError(
+            f"`{name}` must have {wanted} dimensions, got {'shape ' * (found[0] == '(')}{found}"
+        )
     return _finite(name, given)
 
 
@@ -173,14 +182,14 @@ def sizes(name: str, value: object, *, maximum: int) -> NDArray[np.int64]:
 
 def choice(name: str, value: object, allowed: tuple[W, ...]) -> W:
     """Return `value` if it is one of `allowed`; the message names the nearest one."""
-    listed = ", ".join(f"'{word}'" for word in allowed)
+    listed = f"{'one of ' * (len(allowed) > 1)}{', '.join(repr(word) for word in allowed)}"
     if not isinstance(value, str):
-        raise InputTypeError(f"`{name}` must be one of {listed}, got {show(value)}")
+        raise InputTypeError(f"`{name}` must be {listed}, got {show(value)}")
     if value in allowed:
         return value
     near = difflib.get_close_matches(value[:40].lower(), allowed, n=1)
     hint = f"; did you mean '{near[0]}'?" if near else ""
-    raise InputError(f"`{name}` must be one of {listed}, got {show(value)}{hint}")
+    raise InputError(f"`{name}` must be {listed}, got {show(value)}{hint}")
 
 
 def items(name: str, value: object) -> list[Any]:
@@ -239,9 +248,13 @@ def probability(name: str, value: object) -> float:
 def instance(name: str, value: object, kind: type[T]) -> T:
     """Return `value` if it is an instance of `kind`."""
     if not isinstance(value, kind):
-        article = "an" if kind.__name__[0] in "AEIOU" else "a"
-        raise InputTypeError(f"`{name}` must be {article} {kind.__name__}, got {show(value)}")
+        raise InputTypeError(f"`{name}` must be {article(kind)}, got {show(value)}")
     return value
+
+
+def article(kind: type) -> str:
+    """The name of a class with its article."""
+    return f"{'an' if kind.__name__[0] in 'AEIOU' else 'a'} {kind.__name__}"
 
 
 def text(name: str, value: object) -> str:
@@ -285,6 +298,13 @@ def _origin(value: object, given: NDArray[Any]) -> str:
     if given.ndim == 0 and not isinstance(value, (np.ndarray, np.generic)):
         return show(value)
     return f"dtype {str(given.dtype)[:40]}"
+
+
+def _shape(value: object, given: NDArray[Any]) -> str:
+    """The shape that was found, or the scalar."""
+    if given.ndim == 0 and not isinstance(value, np.ndarray):
+        return show(value)
+    return shown_shape(given)
 
 
 def _finite(name: str, given: NDArray[Any]) -> Floats:

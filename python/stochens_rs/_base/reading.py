@@ -18,9 +18,20 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
+# Objects of the package that are passed for an array, and the array to pass in their place.
+_ARRAYS = {
+    "Counts": "an array here, got Counts: pass counts.estimate",
+    "Ensemble": "an array here, got an Ensemble: pass ensemble.mean()",
+    "Fit": "an array here, got a Fit: pass fit.estimate",
+    "Plan": "an array, got a Plan: pass plan.u",
+    "System": "an array, got a System: pass system.{}",
+}
+
+
 def read(name: str, value: object) -> NDArray[Any]:
     """Return `np.asarray(value)`; refuse labels, masks and sparse matrices."""
     if not isinstance(value, (np.ndarray, list, tuple)):
+        _refuse_records(name, value)
         _refuse_labels(name, value)
     if isinstance(value, np.ma.MaskedArray):
         raise InputTypeError(f"`{name}` is a masked array: fill it first, e.g. {name}.filled(0.0)")
@@ -37,6 +48,14 @@ def read(name: str, value: object) -> NDArray[Any]:
         ) from error
     _refuse_inner_labels(name, value, given.ndim)
     return given
+
+
+def _refuse_records(name: str, value: object) -> None:
+    """Refuse an object of the package, recognised by its name: no module above is imported."""
+    kind = type(value)
+    if kind.__module__.startswith("stochens_rs.") and kind.__name__ in _ARRAYS:
+        wanted = _ARRAYS[kind.__name__].format("A" if name == "A" else "B")
+        raise InputTypeError(f"`{name}` must be {wanted}")
 
 
 def _refuse_inner_labels(name: str, value: object, ndim: int) -> None:

@@ -21,6 +21,8 @@ QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
 FUSIONS: tuple[Fusion, ...] = get_args(Fusion)
 AVERAGINGS: tuple[Averaging, ...] = get_args(Averaging)
 
+DELTA = 0.05  # probability of failure of a bound, if none is given
+
 # How a computation ended, from best to worst. Wrong input raises an exception instead.
 Status: TypeAlias = Literal[
     "completed",  # there was nothing to optimise

@@ -9,6 +9,7 @@ import click
 
 from .. import paper, plots
 from .._base.files import write_listed
+from ..plots.style import require_matplotlib
 from ._options import force_option, json_option, seed_option
 from ._output import note, prepared, show_result
 
@@ -40,7 +41,7 @@ def claims(
     """
     directory, options = None, {"seed": seed, "quick": quick}
     if out is not None:
-        plots.require_matplotlib()
+        require_matplotlib()
         directory, earlier = prepared(out, "claims.json", _NAMES, options, force)
     found = paper.claims(seed, quick=quick, progress=True)
     show_result(found.to_dict(), f"{found}\n\n{found.summary}", as_json)

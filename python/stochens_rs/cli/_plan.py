@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import click
 
+from .._base.types import DELTA
 from ..controls.planning import required_samples
 from ..rng import as_key
 from ._options import case_option, file_option, json_option, seed_option
@@ -24,7 +25,7 @@ from ._problem import problem, share
 @click.option(
     "--delta",
     metavar="P",
-    default="5%",
+    default=f"{DELTA:.0%}",
     help="Probability with which the error may be larger.",
 )
 @click.option(

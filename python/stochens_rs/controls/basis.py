@@ -86,7 +86,7 @@ class Known:
 
 @dataclass(frozen=True, eq=False)
 class Basis:
-    """B and what is known about x0, xf and A, for a bound on the control.
+    """What is known about x0, xf and A.
 
     Attributes
     ----------

@@ -95,12 +95,18 @@ def problem(
 
     `system` is a system, or a pair (A, B) whose A may be a Fit, an Ensemble or Counts.
     """
-    A, inputs = system if isinstance(system, tuple) and len(system) == 2 else (None, None)
+    pair: tuple[Any, ...] = system if isinstance(system, tuple) else ()
+    A = pair[0] if pair else None
     if _estimated(A):
+        if len(pair) != 2:
+            raise InputTypeError(
+                f"`system` must be a pair (A, B) when A is {gate.article(type(A))}, got "
+                f"{len(pair)} items"
+            )
         n = A.shape[0]
         if A.shape != (n, n):
             raise ShapeError(f"`A` must have shape (n, n), got {A.shape}")
-        B, matrix = gate.matrix("B", inputs, rows=n).copy(), Entity("A", A)
+        B, matrix = gate.matrix("B", pair[1], rows=n).copy(), Entity("A", A)
     else:
         exact = System.from_any(system)
         n, B, matrix = exact.n, exact.B, Entity("A", exact.A)

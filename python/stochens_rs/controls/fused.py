@@ -108,7 +108,7 @@ def control(
         shape (n, m). In the pair A may be a Fit, an Ensemble or Counts.
     x0, xf : Fit, Ensemble, Counts or array_like, shape (n,)
         Initial state and target. A Fit or Counts stands for its estimate, an Ensemble for its
-        uniform average, an array for itself.
+        uniform average. An array counts as exact; for an estimate of your own pass a Fit.
     steps : int, default 1
         Number of steps K.
     fusion : {"product", "diagonal"}, default "product"
@@ -133,8 +133,8 @@ def control(
 
     Notes
     -----
-    ``u = C_K^+ (xf_hat - A_hat^K x0_hat)``; for one step ``C_1 = B``. The part that no control
-    reaches is in ``reachability``: with m < n most targets cannot be reached in one step.
+    ``u = C_K^+ (xf_hat - A_hat^K x0_hat)``; for one step ``C_1 = B``. What no control can reach
+    is in ``reachability``: with m < n most targets cannot be reached in one step.
 
     One step: both fusions have the mean ``B^+ (xf - A x0)``. Product fusion is never worse, in the
     Loewner order of the covariances and for every convex loss; it is the sum over all triples of

@@ -9,7 +9,7 @@ import numpy as np
 
 from .._base import gate, html
 from .._base.records import by_constructor
-from .._base.types import FUSIONS, STATUSES, Floats, Fusion, Quantity, Status
+from .._base.types import DELTA, FUSIONS, STATUSES, Floats, Fusion, Quantity, Status
 from ..exceptions import ShapeError
 from ..system import System
 from ..theory.dynamics import checked_ends, states
@@ -85,7 +85,7 @@ class Plan:
 
     def bound(
         self,
-        delta: float = 0.05,
+        delta: float = DELTA,
         *,
         system: System | None = None,
         x0: ArrayLike | None = None,

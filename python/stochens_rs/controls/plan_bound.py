@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False)
 class PlanBound:
-    """A bound on the error of a control, relative to the exact values behind its estimates.
+    """Bounds on the errors of a control, relative to the exact values.
 
     ``v`` is the best control and ``x = A^K x0 + C_K v`` the state it leads to (one step:
     ``C_1 = B``).
@@ -42,7 +42,7 @@ class PlanBound:
     delta : float
         `state` and `control` are each exceeded with at most this probability.
     state_bound, control_bound : str
-        The bounds used. "simulated": the order statistic of errors drawn from the laws
+        Method that gave each bound. "simulated": the order statistic of errors drawn from the laws
         (`theory.bounds.Simulated`). "exact error": nothing is random, and this is the error, with
         what rounding may add. "sum of errors": the triangle inequality, with the error of every
         estimate (`theory.bounds.from_errors`). Others: a formula of `theory.bounds`.
@@ -191,12 +191,13 @@ def _distances(basis: Basis, delta: float, matrix_norm: str) -> tuple[float, flo
     for entity, values, estimate in zip(basis.entities, basis.values, basis.estimates, strict=True):
         matrix = entity.name == "A"
         what: Literal["matrix", "vector"] = "matrix" if matrix else "vector"
+        axis = entity.axis if matrix else "columns"
         if entity.kind == "exact":
             found.append(0.0)
         elif entity.kind == "fitted":
             found.append(float(np.linalg.norm(estimate - values, 2 if matrix else None)))
         elif entity.kind == "systematic":
-            sure = bounds.bound("systematic", what, values, axis=entity.axis)
+            sure = bounds.bound("systematic", what, values, axis=axis)
             found.append(sure.radius(entity.size, delta))
         else:
             found.append(
@@ -206,7 +207,7 @@ def _distances(basis: Basis, delta: float, matrix_norm: str) -> tuple[float, flo
                     size=entity.size,
                     delta=delta / shares,
                     norm=matrix_norm if matrix else "2",
-                    axis=entity.axis,
+                    axis=axis,
                 ).radius
             )
     e0, ef, eA = found

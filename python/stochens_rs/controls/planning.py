@@ -9,7 +9,7 @@ import numpy as np
 
 from .._base import gate
 from .._base.numbers import smallest_size
-from .._base.types import QUANTITIES, Floats, Fusion, Quantity
+from .._base.types import DELTA, QUANTITIES, Floats, Fusion, Quantity
 from ..exceptions import InputError, SizeError
 from ..rng import RngLike, as_key
 from ..system import System
@@ -38,7 +38,7 @@ def required_samples(
     error: float,
     *,
     steps: int = 1,
-    delta: float = 0.05,
+    delta: float = DELTA,
     relative: bool = True,
     quantity: Quantity = "state",
     fusion: Fusion = "product",

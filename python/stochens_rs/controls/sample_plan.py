@@ -66,8 +66,8 @@ class SamplePlan:
         Smallest size whose exact root mean square error is at most `error`: no guarantee. None
         over several steps.
     simulated_size : int
-        Size at which a share `delta` of the simulated errors exceeds `error`: about the smallest
-        size that is enough, without guarantee.
+        The size needed in the simulation (no guarantee): there a share `delta` of the simulated
+        errors exceeds `error`.
     runs : int
         Simulated fusions per size.
     key : Key

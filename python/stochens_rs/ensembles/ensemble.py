@@ -231,6 +231,11 @@ class Ensemble(Realizations):
         ------
         ShapeError, NonFiniteError, InputTypeError
             If the weights cannot be used, or the sum overflows.
+
+        Notes
+        -----
+        The result is an array, and `control` takes an array as exact, so that its bound is, too.
+        For an estimate of your own pass a Fit.
         """
         w = gate.vector("weights", weights, length=self.size)
         result: Floats

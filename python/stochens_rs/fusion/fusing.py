@@ -121,7 +121,7 @@ def fuse(
     steps = _core.slse(
         ensemble._core_realizations(),
         ensemble._lines_of(goal),
-        name == "slse-safeguarded",
+        name,
         [ensemble.size],
         False,
     )
@@ -202,9 +202,8 @@ def fuse_path(
     completed: Status = "completed"
     statuses = (completed,) * grid.size
     if name in ("slse", "slse-safeguarded"):
-        safeguard = name == "slse-safeguarded"
         _, _, errors, stack = _core.slse(
-            ensemble._core_realizations(), lines, safeguard, counts, estimates
+            ensemble._core_realizations(), lines, name, counts, estimates
         )
     elif name == "uniform" and draws is not None:
         errors, stack = _core.uniform_path(draws, lines, counts, estimates)
@@ -246,9 +245,11 @@ def _goal(ensemble: Ensemble, target: ArrayLike | None, method: str) -> Floats:
             f"`target` is required for method '{method}': the vector or matrix to fit to "
             "(a nominal model or a held-out estimate)"
         )
-    goal = gate.array("target", target, ndim=(len(ensemble.shape),))
+    goal = gate.array("target", target, ndim=(1, 2))
     if goal.shape != ensemble.shape:
-        raise ShapeError(f"`target` must have shape {ensemble.shape}, got {goal.shape}")
+        raise ShapeError(
+            f"`target` must have shape {ensemble.shape} as a realization, got {goal.shape}"
+        )
     return goal
 
 

@@ -230,7 +230,7 @@ class Lemma43(Printed):
         checked = System.from_any(system)
         A, B = checked.A, checked.B
         x0 = gate.vector("x0", x0, length=len(A))
-        u = gate.matrix("u", u, cols=B.shape[1])
+        u = gate.inputs("u", u, cols=B.shape[1], empty=False)
         constant = float(len(A)) if C is None else gate.positive("C", C)
         with np.errstate(over="ignore"):
             gA, gB = (float(np.abs(x).sum(axis=0).max()) for x in (A, B))

@@ -9,7 +9,7 @@ import numpy as np
 
 from .. import _core
 from .._base import gate, html, memory
-from .._base.types import Floats
+from .._base.types import DELTA, Floats
 from ..exceptions import InputError, InputTypeError
 from .confidence import Confidence, radii_of_means
 from .durable import Durable
@@ -82,6 +82,8 @@ class DataStream(Durable):
         ranges: Mapping[str, float] | None = None,
         sizes: Mapping[str, int] | None = None,
     ) -> None:
+        if isinstance(B, tuple) and B and gate.read("B", B[0]).ndim == 2:
+            raise InputTypeError("`B` must be an array, got a tuple of arrays: pass B alone")
         inputs = gate.matrix("B", B)
         n, m = inputs.shape
         start = None if x0 is None else gate.vector("x0", x0, length=n)
@@ -178,7 +180,7 @@ class DataStream(Durable):
         found = self._core.certificate()
         return None if found is None else found[1]
 
-    def confidence(self, delta: float = 0.05) -> Confidence:
+    def confidence(self, delta: float = DELTA) -> Confidence:
         """Bound the distance of the control from the control that the exact means give.
 
         Parameters

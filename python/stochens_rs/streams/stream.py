@@ -36,7 +36,7 @@ class Stream(Durable):
 
     Parameters
     ----------
-    system : System or tuple (A, B)
+    system : System or pair (A, B)
         The system, or anything `System.from_any` takes; A is exact or nominal. Realizations of A
         are drawn column by column.
     x0, xf : array_like, shape (n,)

@@ -1,4 +1,4 @@
-"""Errors of estimates, controls and states, computed before anything is sampled.
+"""Errors and bounds that can be computed before sampling.
 
 :mod:`~stochens_rs.theory.bounds`
     Tail bounds: radii that hold with a given probability, and the sizes they need.

@@ -27,8 +27,9 @@ def checked_motion(system: object, x0: object, u: object) -> tuple[System, Float
 def checked_steps(steps: object, n: int, m: int) -> int:
     """Check the number of steps against the memory that C_K and the powers of A take."""
     K = gate.size("steps", steps)
-    # C_K with the work space of its factors, the powers of A, the states and the control
-    memory.need(f"a control over {K} steps", (8 * n * m + n * n + n + m) * K * 8)
+    # C_K with the work space of its factors, the powers of A with that of their norms, the states
+    # and the control
+    memory.need(f"a control over {K} steps", (8 * n * m + 3 * n * n + n + m) * K * 8)
     return K
 
 
@@ -52,11 +53,14 @@ def controllability(powers: Floats, B: Floats) -> Floats:
 
     Its blocks meet u(K-1), ..., u(0).
     """
+    n, m = B.shape
+    blocks = np.empty((len(powers), n, m))
+    blocks[0] = B
     with np.errstate(over="ignore", invalid="ignore"):
-        C = np.hstack([B, *(powers[1:] @ B)])
-    if not np.isfinite(C).all():
+        np.matmul(powers[1:], B, out=blocks[1:])
+    if not np.isfinite(blocks).all():
         raise NonFiniteError("`A` to a power times `B` overflows: take fewer steps")
-    return C
+    return np.ascontiguousarray(blocks.transpose(1, 0, 2).reshape(n, -1))
 
 
 def states(A: Floats, B: Floats, x0: Floats, u: Floats) -> Floats:

@@ -17,18 +17,21 @@ RELATIVE_TO = {
 
 @dataclass(frozen=True)
 class Reachability:
-    """Whether the control can reach the (estimated) target.
+    """Whether a control over K steps can reach the (estimated) target.
+
+    ``C_K = [B, A B, ..., A^{K-1} B]``; one step: ``C_1 = B``.
 
     Attributes
     ----------
     residual : float
-        ``||(I - B B^+)(xf - A x0)||``: the distance to the target that no control can remove.
+        ``||(I - C_K C_K^+)(xf - A^K x0)||``: the distance to the target that no control can remove.
     relative : float
-        `residual` over ``||xf - A x0||``; 0 if that is 0.
+        `residual` over ``||xf - A^K x0||``; 0 if that is 0.
     rank : int
-        Rank of B: singular values up to ``eta sigma_max``, ``eta = max(n, m) eps``, count as 0.
+        Rank of ``C_K``: singular values up to ``eta sigma_max``, ``eta = max(n, m K) eps``, count
+        as 0.
     condition : float
-        Largest over smallest singular value of B above the rank cut-off.
+        Largest over smallest singular value of ``C_K`` above the rank cut-off.
     reachable : bool
         Whether `relative` is at most 1.5e-8, the square root of the rounding unit ``eps``, or
         `residual` at most `rounding`.

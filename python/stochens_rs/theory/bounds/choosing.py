@@ -70,9 +70,11 @@ class _Problem:
     ) -> None:
         self.quantity = gate.choice("quantity", quantity, tuple(_DATA))
         expected = _DATA[self.quantity]
-        if len(data) != expected.count(",") + 1:
+        many = expected.count(",") + 1
+        if len(data) != many:
             raise InputTypeError(
-                f"`data` must be {expected} for a {self.quantity}, got {len(data)} arguments"
+                f"`data` must be {many} argument{'s' * (many > 1)} ({expected}) for a "
+                f"{self.quantity}, got {len(data)}"
             )
         control, settings = self.quantity in QUANTITIES, SETTINGS[self.quantity]
         norms = ("2",) if control else tuple(settings)
@@ -80,6 +82,13 @@ class _Problem:
         self.fusion = gate.choice("fusion", fusion, FUSIONS)
         self.axis = gate.choice("axis", axis, AXES)
         self.sample_B = gate.flag("sample_B", sample_B)
+        what = f"for a {self.quantity}"
+        if not control:
+            _default(what, fusion=(self.fusion, "product"))
+        if self.quantity == "vector":
+            _default(what, axis=(self.axis, "columns"))
+        if self.quantity != "trajectory":
+            _default(what, sample_B=(self.sample_B, True))
         self.settings = settings[self.fusion if control else self.norm]
         self._made: dict[str, Setting] = {}
         self.system: System | None = None
@@ -92,7 +101,7 @@ class _Problem:
         else:
             system = self.system = System.from_any(data[0])
             self.x0 = gate.vector("x0", data[1], length=system.n)
-            self.u = gate.matrix("u", data[2], cols=system.m)  # K >= 1
+            self.u = gate.inputs("u", data[2], cols=system.m, empty=False)
 
     def rows(self, table: tuple[Row, ...]) -> dict[str, tuple[Row, str]]:
         """The rows of the table that apply, by name, each with its setting."""
@@ -179,8 +188,9 @@ def bound(
     Raises
     ------
     InputError, InputTypeError
-        There is no such bound (the message lists those that exist), a choice is unknown, the data
-        do not fit, or fusion="diagonal" goes with several steps or systematic rows.
+        There is no such bound (the message lists those that exist), a choice is unknown or has no
+        effect, the data do not fit, or fusion="diagonal" goes with several steps or systematic
+        rows.
 
     Examples
     --------
@@ -196,9 +206,10 @@ def bound(
     found = problem.rows(TABLE + DEPENDENT)
     simulated = () if problem.quantity == "trajectory" else ("simulated",)
     if gate.choice("name", name, (*found, *simulated)) == "simulated":
+        if problem.system is None:
+            _default(f"for a {problem.quantity}", steps=(K, 1))
         return problem.simulated(how, K, key)
-    if how == "systematic" or K > 1:
-        raise InputError("`scheme` and `steps` are for the bound 'simulated' only")
+    _default(f"for the bound '{name}'", scheme=(how, "iid"), steps=(K, 1), rng=(rng, 0))
     return problem.bound(*found[name])
 
 
@@ -224,7 +235,7 @@ def candidates(
     fusion : {"product", "diagonal"}, default "product"
         For a state or a control.
     axis : {"columns", "rows"}, default "columns"
-        Which lines of the matrices are sampled.
+        Which lines of the matrices are sampled; not for a vector.
 
     Returns
     -------
@@ -234,7 +245,7 @@ def candidates(
     Raises
     ------
     InputError, InputTypeError
-        A choice is unknown, or the data do not fit.
+        A choice is unknown or has no effect, or the data do not fit.
 
     Examples
     --------
@@ -309,6 +320,13 @@ def best(
     if drawn is None or radii[k] == 0.0:
         return Best(found[k], radii[k], size, delta)
     return Best(drawn, drawn.radius(size, delta), size, delta)
+
+
+def _default(what: str, **options: tuple[object, object]) -> None:
+    """Refuse options, given with their defaults, that have no effect there."""
+    for name, (given, default) in options.items():
+        if given != default:
+            raise InputError(f"`{name}` must be {default!r} {what}, got {gate.show(given)}")
 
 
 def _smallest_size(found: list[Bound], eps: float, delta: float) -> tuple[int, Bound]:

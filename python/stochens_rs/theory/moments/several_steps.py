@@ -85,7 +85,7 @@ def final_state_covariance(
     if rank < n:
         raise InputError(
             f"`steps` must be large enough for C_K to have rank n={n}, got rank {rank} with "
-            f"{K} steps: the expansion does not hold there"
+            f"steps={K}: the expansion does not hold there"
         )
     # the powers, and their order that `tensordot` takes; the n matrices G_j, twice
     memory.need("the covariance", (2 * n**3 + 2 * (K + 1) * n * n) * 8)

@@ -266,7 +266,7 @@ def tracking_bound(
 
 def checked_reference(reference: object, n: int) -> Floats:
     """Check a reference of at least one step."""
-    r = gate.matrix("reference", reference, cols=n)
+    r = gate.inputs("reference", reference, cols=n, rows="K + 1", empty=False)
     if len(r) < 2:
         raise InputError(f"`reference` must have shape (K + 1, {n}) with K >= 1, got {r.shape}")
     return r

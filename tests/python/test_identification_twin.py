@@ -22,6 +22,7 @@ from stochens_rs.reference import fusing_by_data as fd
 from stochens_rs.reference import input_error as ie
 from stochens_rs.reference import instruments as iv
 from stochens_rs.reference import laws, signs
+from stochens_rs.reference import polynomial_roots as pr
 from stochens_rs.reference import quantiles as qu
 from stochens_rs.reference import regions as rg
 from stochens_rs.reference import resampling as rs
@@ -96,16 +97,16 @@ def test_roots_of_least_squares_in_closed_form():
     check(qu.roy_quantile(4, 1, 34, 0.05), 0.345634465762168)
     check(qu.roy_quantile(3, 2, 20, 0.05), 0.762982611331)
     check(qu.roy_quantile(2, 5, 12, 0.05), 2.113591033513)
-    # 50 digits of the same formula; double precision loses digits with the number of rows
-    check(qu.roy_quantile(10, 15, 100, 0.05), 0.68481720772601836, rtol=1e-6)
-    check(qu.roy_quantile(8, 12, 60, 0.01), 1.21828685238584594, rtol=1e-8)
+    # 50 digits of the same formula
+    check(qu.roy_quantile(10, 15, 100, 0.05), 0.68481720772601836, rtol=1e-11)
+    check(qu.roy_quantile(8, 12, 60, 0.01), 1.21828685238584594, rtol=1e-11)
 
 
 def test_roots_of_wishart_matrices_in_closed_form():
     pairs = [(2, 3), (4, 6), (1, 5)]
     found = [np.sqrt(qu.wishart_quantile(*p, 0.05)) for p in pairs]
     check(found, [3.277246613199, 4.65007831702905234, 3.327235743604])
-    check(np.sqrt(qu.wishart_quantile(10, 15, 0.05)), 7.27609215245260164, rtol=2e-7)
+    check(np.sqrt(qu.wishart_quantile(10, 15, 0.05)), 7.27609215245260164)
     found = [qu.scalar_quantile(*p, 0.05) for p in [(1, 3, 9), (2, 3, 9), (4, 6, 34)]]
     check(found, [1.287516119208, 0.751702538693, 0.166390274969643], rtol=1e-11)
 
@@ -116,12 +117,32 @@ def test_both_laws_are_1_at_the_end(p):
     assert qu.wishart_fault(p, p + 4) < 1e-6
 
 
-def test_the_laws_know_where_they_lose_their_digits(monkeypatch):
-    assert qu.roy_fault(20, 22, 200) > qu.TRUSTED * DELTA
-    monkeypatch.setattr(qu, "DRAWS", 20_000)
-    q = qu.roy_quantile(20, 22, 200, DELTA)  # drawn
+def test_the_laws_know_where_they_lose_their_digits():
+    assert qu.roy_fault(15, 17, 100) > qu.TRUSTED * DELTA
+    assert qu.roy_fault(20, 22, 200) > 1.0
+    assert qu.roy_quantile(4, 6, 34, 1e-15) == np.inf  # no form has these digits, nor any draw
+
+
+@pytest.mark.parametrize(
+    "case", [(2, 3, 9), (3, 5, 12), (2, 3, 3), (5, 5, 5), (4, 2, 20), (1, 4, 9)]
+)
+def test_both_forms_of_the_laws_agree(case):
+    for theta in (0.3, 0.6, 0.9, 1.0):
+        check(pr.roy_cdf(theta, *case), qu.roy_cdf(theta, *case), 1e-12, 1e-12)
+    for x in (3.0, 9.0, 20.0, np.inf):
+        check(pr.wishart_cdf(x, *case[:2]), qu.wishart_cdf(x, *case[:2]), 1e-12, 1e-12)
+
+
+def test_the_form_in_polynomials_keeps_its_digits():
+    for case in [(10, 15, 100), (20, 22, 200), (40, 45, 500), (10, 15, 2000)]:
+        check(pr.roy_cdf(1.0, *case), 1.0, rtol=1e-10)
+        check(pr.wishart_cdf(np.inf, *case[:2]), 1.0, rtol=1e-11)
+    # 50 digits of the form in powers
+    check(qu.roy_quantile(15, 15, 100, 0.05), 0.909140858288492612, rtol=1e-11)
+    check(pr.roy_cdf(0.68481720772601836 / 1.68481720772601836, 10, 15, 100), 0.95)
+    check(pr.wishart_cdf(7.27609215245260164**2, 10, 15), 0.95)
     roots = qu.beta_roots(20, 22, 200, 4000, np.random.default_rng(1))
-    exactly(np.sum(roots[:, -1] > q), 4000)
+    exactly(np.sum(roots[:, -1] > qu.roy_quantile(20, 22, 200, DELTA)), 4000)
 
 
 @pytest.mark.parametrize(
@@ -287,6 +308,17 @@ def test_least_squares_as_one_more_model_has_the_closed_form_of_mallows():
     criterion = (1 - share) ** 2 * fused.distance2 + 2 * 0.04 * 6 * share
     found = fd.shrunken(fused, 0.2, rule="mallows").share
     assert abs(share[np.argmin(criterion)] - found) < 1e-5
+
+
+@pytest.mark.parametrize("models", [[THETA], [THETA, THETA], [FIT.H, FIT.H + 1.0]])
+def test_fusing_few_or_equal_models(models):
+    fused = fd.fuse(models, FIT)
+    error = np.linalg.norm((fused.F - THETA) @ FIT.root.T) ** 2
+    assert error <= fd.certificate(fused, 0.5, DELTA).factor < np.inf
+    assert fd.certificate_unknown(fused, DELTA, cells=5).factor < np.inf
+    if fused.k == 0:
+        limit = laws.noncentrality_limit(fused.off2 / 0.25, 6, DELTA)
+        check(fd.certificate(fused, 0.5, DELTA).factor, 0.25 * limit)
 
 
 def test_leave_one_out_is_the_fit_without_the_pair():
@@ -932,6 +964,56 @@ def test_closed_loop_breaks_the_exact_region():
             rg.contains(rg.full(tr.triangle(z[:N], y[:N]), DELTA), Theta) for N in (8, 20, 60, 150)
         )
     assert coverage(any_look, runs) < 0.9
+
+
+def test_a_design_that_stops_when_the_noise_has_pushed_breaks_the_exact_region():
+    """One look, at a fixed N: four looks fail as often without feedback, this is feedback alone."""
+    gen, runs = np.random.default_rng(72), 400
+    failed = np.zeros(2, dtype=int)
+    for _ in range(runs):
+        w, z, M, V = gen.standard_normal(100), np.ones(100), 0.0, 0.0
+        for t in range(100):
+            z[t] = 1.0 if abs(M) < 2.0 * np.sqrt(V) or t < 2 else 1e-3
+            M, V = M + w[t] * z[t], V + z[t] ** 2
+        data = tr.triangle(z[:, None], 0.5 * z[:, None] + w[:, None])
+        failed[0] += not rg.contains(rg.full(data, DELTA), [[0.5]])
+        failed[1] += not rg.contains(at.known_noise(data, 1.0, DELTA), [[0.5]])
+    assert coverage(failed[0], runs) < 0.85
+    at_most(failed[1], runs)
+
+
+def test_feedback_inside_breaks_the_regression_over_several_steps():
+    gen, runs, failed = np.random.default_rng(73), 100, 0
+    for _ in range(runs):
+        z, y = [], []
+        for _ in range(40):
+            x0, w = gen.standard_normal(), gen.standard_normal(2)
+            u0 = gen.standard_normal()
+            x1 = 0.9 * x0 + u0 + w[0]
+            u1 = -0.8 * x1 + 0.1 * gen.standard_normal()
+            z.append([x0, u0, u1])
+            y.append([0.9 * x1 + u1 + w[1]])
+        failed += not rg.contains(rg.full(tr.triangle(z, y), DELTA), [[0.81, 0.9, 1.0]])
+    assert coverage(failed, runs) < 0.05
+
+
+def test_the_residual_of_missing_rows_must_be_counted():
+    mix = np.random.default_rng(74).standard_normal((3, 6))
+    gen, runs, failed = np.random.default_rng(75), 400, 0
+    for _ in range(runs):
+        Theta, z = gen.standard_normal((2, 6)), gen.standard_normal((12, 3)) @ mix
+        data = tr.triangle(z, z @ Theta.T + gen.standard_normal((12, 2)))
+        region = rg.full(data, DELTA)
+        short = region._replace(S=data.R[6:, 6:].T @ data.R[6:, 6:])
+        failed += not rg.contains(short, Theta)
+    assert coverage(failed, runs) < 0.9
+
+
+def test_noise_enters_every_step_of_the_first_order():
+    """sqrt(1 + ||c||^2): one step of the recursion is the bound of one noisy step."""
+    q = qu.roy_quantile(2, 4, 9, DELTA)
+    steps = cc.several_steps(FIT, POINT[:2], [POINT[2:]], spectral=np.sqrt(q), noise=True)
+    check(steps.radii[1], 1.173596784293)
 
 
 def test_a_changing_covariance_breaks_the_region_of_one_covariance():

@@ -45,7 +45,7 @@ def fuse(models: ArrayLike, fitted: Fitted) -> FusedModel:
     t = fitted.H @ fitted.root.T
     found = alse_dense(S, t)
     F = np.tensordot(found.weights, models, axes=1)
-    span = (S[1:] - S[0]).reshape(len(S) - 1, -1)
+    span = (S[1:] - S[0]).reshape(len(S) - 1, t.size)
     _, s, basis = np.linalg.svd(span, full_matrices=False)
     basis = basis[s > 1e-10 * np.max(np.linalg.norm(S.reshape(len(S), -1), axis=1))]
     to = (t - S[0]).ravel()
@@ -73,10 +73,12 @@ def certificate(fused: FusedModel, sigma: float, delta: float) -> Region:
 
     T / sigma^2 is noncentral chi2_{p-k} with the squared distance of Theta to the affine hull, and
     independent of the part along it: sigma^2 L + (along + sigma chi_k)^2 with L the upper limit of
-    the noncentrality, delta / 2 each (after Baraud 2004). Any F in the affine hull will do.
+    the noncentrality, delta / 2 each (after Baraud 2004), or delta where the other part is empty.
+    Any F in the affine hull will do.
     """
-    rest = noncentrality_limit(fused.off2 / sigma**2, fused.p - fused.k, delta / 2.0)
-    chi = np.sqrt(chi2_upper(delta / 2.0, fused.k))
+    share = delta / 2.0 if 0 < fused.k < fused.p else delta  # one part alone gets all of it
+    rest = noncentrality_limit(fused.off2 / sigma**2, fused.p - fused.k, share)
+    chi = np.sqrt(chi2_upper(share, fused.k))
     return _region(fused, sigma**2 * rest + (fused.along + sigma * chi) ** 2, delta)
 
 

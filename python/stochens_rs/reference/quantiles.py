@@ -4,18 +4,20 @@ G (n, d) is standard normal and E_nu an independent Wishart matrix W_n(I, nu). T
 E_nu^-1 G G' is Roy's (1953), that of G G' the largest root of a Wishart matrix. Both laws are
 the Pfaffian of a small matrix of incomplete beta or gamma functions (Chiani 2014, 2016), which
 double precision can evaluate up to about 10 rows: `roy_fault` and `wishart_fault` say how well.
-Beyond, and for traces and joint sets, all roots are drawn with 2 p - 1 beta variables (Edelman and
-Sutton 2008).
+Beyond, `polynomial_roots` has the same laws. For traces and joint sets, and where both fail, all
+roots are drawn with 2 p - 1 beta variables (Edelman and Sutton 2008).
 """
 
 from __future__ import annotations
 
-from functools import cache
+from collections.abc import Callable
+from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from . import polynomial_roots
 from .laws import chi2_quantile, chi2_upper, f_upper, lower_order_quantile, order_quantile, root
 from .laws import scipy as _scipy
 
@@ -169,16 +171,19 @@ def smallest_wishart_root(n: int, N: int, size: int, gen: np.random.Generator) -
 def roy_quantile(n: int, d: int, nu: int, delta: float) -> float:
     """q with P(largest root of E_nu^-1 G G' <= q) = 1 - delta; infinite for nu < n.
 
-    By the law where it can be evaluated, else from `DRAWS` draws of the beta model.
+    By the form of the law that is nearer to 1 at the end, if that is within a hundredth of delta;
+    else from `DRAWS` draws of the beta model.
     """
     if nu < n:
         return np.inf
     if min(n, d) == 1:  # n = 1: an F ratio; d = 1: Hotelling's
         return (max(n, d) / (nu - n + 1)) * f_upper(delta, max(n, d), nu - n + 1)
-    if roy_fault(n, d, nu) <= TRUSTED * delta:
-        single = roy_quantile(n, 1, nu, delta)  # below: the formula is noise far in the lower tail
-        low, high = single / (1.0 + single), 1.0 - 1e-15
-        theta = root(lambda t: roy_cdf(t, n, d, nu) - (1.0 - delta), low, high)
+    single = roy_quantile(n, 1, nu, delta)  # below: the formula is noise far in the lower tail
+    low, high = single / (1.0 + single), 1.0 - 1e-15
+    faults = {F: _fault(F(1.0, n, d, nu)) for F in (roy_cdf, polynomial_roots.roy_cdf)}
+    best = min(faults, key=lambda F: faults[F])
+    if faults[best] <= TRUSTED * delta:
+        theta = _inverse(partial(best, p=n, d=d, nu=nu), 1.0 - delta, low, high)
         return theta / (1.0 - theta)
     roots = beta_roots(n, d, nu, DRAWS, np.random.default_rng(SEED))
     return order_quantile(roots[:, -1], delta)
@@ -189,12 +194,18 @@ def wishart_quantile(n: int, d: int, delta: float) -> float:
     """q with P(largest root of G G' <= q) = 1 - delta, G (n, d)."""
     if min(n, d) == 1:
         return chi2_upper(delta, max(n, d))
-    if wishart_fault(n, d) <= TRUSTED * delta:
-        high = (np.sqrt(n) + np.sqrt(d) + np.sqrt(2.0 * np.log(2.0 / delta))) ** 2
-        low = chi2_upper(delta, max(n, d))
-        return root(lambda x: wishart_cdf(x, n, d) - (1.0 - delta), low, float(high))
+    high = (np.sqrt(n) + np.sqrt(d) + np.sqrt(2.0 * np.log(2.0 / delta))) ** 2
+    low = chi2_upper(delta, max(n, d))
+    faults = {F: _fault(F(np.inf, n, d)) for F in (wishart_cdf, polynomial_roots.wishart_cdf)}
+    best = min(faults, key=lambda F: faults[F])
+    if faults[best] <= TRUSTED * delta:
+        return _inverse(partial(best, p=n, d=d), 1.0 - delta, low, float(high))
     G = np.random.default_rng(SEED).standard_normal((DRAWS // 10, n, d))
     return order_quantile(np.linalg.norm(G, 2, axis=(1, 2)) ** 2, delta)
+
+
+def _inverse(cdf: Callable[[float], float], level: float, low: float, high: float) -> float:
+    return root(lambda x: cdf(x) - level, low, high)
 
 
 @cache

@@ -1,8 +1,21 @@
-"""Data for the tests of identification: a small set by formula, and runs of random systems."""
+"""Data for the tests of identification, and how simulated frequencies are judged.
+
+With R runs at level 5 % the number of failures is binomial. An exact statement is accepted between
+the quantiles of 0.5e-5 and 1 - 0.5e-5, a conservative one below the quantile of 1 - 1e-5: a false
+alarm of 1e-5 for each of the about 60 counts, once and for all, as seeds are fixed.
+"""
 
 from __future__ import annotations
 
 import numpy as np
+from scipy import stats
+
+from stochens_rs.reference import triangle as tr
+
+DELTA = 0.05
+RUNS = 1500
+ALARM = 1e-5
+LAMS = tuple(4.0**j for j in range(6))
 
 # y = Theta z + w by integer formulas, so that every number below can be checked anywhere.
 _i, _t = np.arange(3)[:, None], np.arange(12)
@@ -54,3 +67,58 @@ def tuned(gen, T, *, explore=1.0):
         states.append(x)
         inputs.append(u)
     return Theta, (np.array(states), np.array(inputs))
+
+
+def check(actual, expected, rtol=2e-12, atol=6e-13):  # numbers with 12 decimals
+    np.testing.assert_allclose(actual, expected, rtol=rtol, atol=atol)
+
+
+def exactly(failures, runs, rate=DELTA):
+    low, high = stats.binom.ppf([ALARM / 2, 1 - ALARM / 2], runs, rate)
+    assert low <= failures <= high, f"{failures} of {runs}, expected {rate * runs:g}"
+
+
+def at_most(failures, runs, rate=DELTA):
+    high = stats.binom.ppf(1 - ALARM, runs, rate)
+    assert failures <= high, f"{failures} of {runs}, expected at most {rate * runs:g}"
+
+
+def misses(seed, runs, holds, **options):
+    """How often holds(gen, Theta, Z, Y) is false over data of `independent`."""
+    gen = np.random.default_rng(seed)
+    return sum(not holds(gen, *independent(gen, **options)) for _ in range(runs))
+
+
+def noisy_states(gen, T, sv, sw=0.1):
+    """A stable plant whose states are read with error; inputs, and the pairs as read."""
+    A, B = np.array([[0.8, 0.2], [-0.1, 0.7]]), np.array([[0.0], [1.0]])
+    x, u = np.zeros((T + 1, 2)), gen.standard_normal((T, 1))
+    w = sw * gen.standard_normal((T, 2))
+    for t in range(T):
+        x[t + 1] = A @ x[t] + B @ u[t] + w[t]
+    return np.hstack([A, B]), (x + sv * gen.standard_normal(x.shape), u)
+
+
+def k_step_case(gen, K, N=60):
+    A, B = stable(gen)
+    Theta = np.hstack([A, B])
+    z = gen.standard_normal((N, 6))
+    data = tr.triangle(z, z @ Theta.T + 0.1 * gen.standard_normal((N, 4)))
+    return Theta, data, gen.standard_normal(4), gen.standard_normal((K, 2))
+
+
+def rolled(Theta, x0, inputs, noise=None):
+    x = np.asarray(x0)
+    for k, u in enumerate(inputs):
+        x = Theta @ np.concatenate([x, u]) + (0.0 if noise is None else noise[k])
+    return x
+
+
+def hull(gen, Theta, spread, off=0.0, M=4):
+    """Models around Theta whose hull holds it, or is `off` beside it."""
+    models = Theta + spread * gen.standard_normal((M, *Theta.shape))
+    return models - models.mean(axis=0) + Theta + off * gen.standard_normal(Theta.shape)
+
+
+def coverage(failures, runs):
+    return 1.0 - failures / runs

@@ -78,22 +78,33 @@ def information(data: Triangle, lam: float) -> Information:
 def least_squares_level(
     data: Triangle, delta: float, lams: Sequence[float] = (1.0,), *, frobenius: bool = False
 ) -> float:
-    """rho^2 with ||D V^(1/2)||^2 <= rho^2 sigma^2, D of least squares, at the best of the `lams`.
+    """rho^2 with ||D V^(1/2)||^2 <= rho^2 sigma^2, D of least squares; J `lams` fixed beforehand.
 
-    M V^+ M' <= (1 + lam / lmin) M V_lam^-1 M', lmin the smallest eigenvalue of V that is not 0, so
-    2 c* (1 + lam / lmin): no bound on Theta is needed. The `lams` are fixed before the data and
-    share delta equally. `frobenius`: n ld + 2 log(1 / delta) for the Frobenius norm instead
-    (entries of L independent).
+    M V_lam^-1 M' >= M V^+ M' / (1 + lam / lmin), lmin the smallest eigenvalue of V that is not 0,
+    so that no bound on Theta is needed: 2 c* (1 + lam / lmin) for one lam. The mean of J
+    supermartingales is one as well, and at least each of them over J: rho^2 = 2 c with
+
+        sum_j exp(-ld_j / 2) 1F1(1/2; n/2; c / (1 + lam_j / lmin)) = J / delta,
+
+    smaller than the best single lam at delta / J. `frobenius`: n ld + 2 log(J / delta) for the
+    Frobenius norm instead (entries of L independent), at the best lam.
     """
-    n, each = len(data.R) - data.d, delta / len(lams)
-    found = []
-    for lam in lams:
-        ld, smallest = information(data, lam)
-        if smallest == 0.0:
-            return np.inf
-        c2 = n * ld - 2.0 * np.log(each) if frobenius else 2.0 * sphere_level(n, ld, each)
-        found.append(c2 * (1.0 + lam / smallest))
-    return float(min(found))
+    n, share = len(data.R) - data.d, delta / len(lams)
+    seen = [information(data, lam) for lam in lams]
+    if seen[0].smallest == 0.0:
+        return np.inf
+    ld = np.array([info.ld for info in seen])
+    wider = np.array([1.0 + lam / info.smallest for lam, info in zip(lams, seen, strict=True)])
+    if frobenius:
+        return float(np.min((n * ld - 2.0 * np.log(share)) * wider))
+
+    def left(c: float) -> float:
+        terms = [log_hyp1f1(0.5, n / 2.0, c / wide) for wide in wider]
+        return float(np.logaddexp.reduce(np.array(terms) - ld / 2.0) + np.log(share))
+
+    t = ld / 2.0 - np.log(share)
+    high = np.min((t + n / 2.0 * np.log(t + n + 3.0) + 10.0) * wider)
+    return 2.0 * root(left, 0.0, float(high))
 
 
 def known_noise(

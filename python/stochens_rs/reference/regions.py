@@ -110,11 +110,14 @@ def directions(data: Triangle, Q: ArrayLike, delta: float) -> Region:
     """The region for z in the span of the columns of `Q` (d, r) alone: Roy's root of (n, r, nu).
 
     V^(-1/2) Q (Q' V^-1 Q)^(-1/2) has orthonormal columns, so G times it is (n, r) standard normal.
-    `Q` must be fixed without a look at Y. Its `bound` holds in that span only.
+    `Q` must be fixed without a look at Y. Off that span nothing is known: `bound` is infinite.
     """
     m = fit(data)
-    r = np.linalg.matrix_rank(m.white @ np.asarray(Q, dtype=np.float64))
-    q = roy_quantile(len(m.H), int(r), m.nu, delta)
+    Q = np.asarray(Q, dtype=np.float64)
+    r = int(np.linalg.matrix_rank(m.white @ Q))
+    off = np.linalg.svd(Q)[0][:, np.linalg.matrix_rank(Q) :]
+    q = roy_quantile(len(m.H), r, m.nu, delta)
+    m = m._replace(missing=np.hstack([off, m.missing]))
     return Region(m, q, m.S, delta, "as `full`, z in a span that was fixed without the outcomes")
 
 

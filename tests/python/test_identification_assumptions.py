@@ -74,17 +74,17 @@ def test_heavy_tails_alone_do_not_break_the_region():
     at_most(failed, runs)
 
 
-def test_an_exact_region_must_not_be_looked_at_after_every_pair():
-    gen, runs, failed = np.random.default_rng(65), 60, 0
+def test_an_exact_region_must_not_be_looked_at_again_and_again():
+    gen, runs, failed = np.random.default_rng(65), 80, 0
     for _ in range(runs):
         Theta, z, y = independent(gen, n=2, d=3, N=200)
         data = tr.triangle(z[:7], y[:7])
         for t in range(7, 200):
             data = tr.update(data, z[t], y[t])
-            if not rg.contains(rg.full(data, DELTA), Theta):
+            if t % 4 == 0 and not rg.contains(rg.full(data, DELTA), Theta):
                 failed += 1
                 break
-    assert coverage(failed, runs) < 0.75
+    assert coverage(failed, runs) < 0.8
 
 
 def test_a_random_walk_with_offset_breaks_the_exact_region():

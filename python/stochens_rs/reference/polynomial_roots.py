@@ -52,11 +52,14 @@ def roy_cdf(theta: float, p: int, d: int, nu: int) -> float:
     )
     scale = float(C + np.sum(norm / 2.0 - lead))
     nodes = 40 + 2 * p + int(6.0 * np.sqrt(nu + d))
-    return _pfaffian(basis, p, float(np.arcsin(np.sqrt(theta))), nodes, scale)
+    return _pfaffian(basis, p, np.array([0.0, np.arcsin(np.sqrt(theta))]), nodes, scale)
 
 
-def wishart_cdf(x: float, p: int, d: int) -> float:
-    """P(largest root of G G' <= x), G (p, d): Laguerre polynomials for x^a exp(-x / 2)."""
+def wishart_cdf(x: float, p: int, d: int, *, above: float = 0.0) -> float:
+    """P(all p roots of G G' in [above, x]), G (p, d), p <= d: Laguerre polynomials.
+
+    The integrals over another interval give the law of the smallest root, 1 - P(all above).
+    """
     if p > d:
         p, d = d, p
     special = _scipy().special
@@ -76,13 +79,14 @@ def wishart_cdf(x: float, p: int, d: int) -> float:
     scale = float(C + np.sum(norm / 2.0 - lead))
     nodes = 40 + 2 * p + int(6.0 * np.sqrt(d))
     end = min(np.sqrt(x), np.sqrt(p) + np.sqrt(d) + 9.0)  # beyond: less than 1e-17
-    return _pfaffian(basis, p, float(end / np.sqrt(2.0)), nodes, scale)
+    return _pfaffian(basis, p, np.sqrt([above / 2.0, end * end / 2.0]), nodes, scale)
 
 
-def _pfaffian(basis: Basis, p: int, end: float, nodes: int, log_scale: float) -> float:
-    """exp(log_scale) Pf(A), A_ij = int_0^end (f_j int_0^y f_i - f_i int_0^y f_j) dy."""
+def _pfaffian(basis: Basis, p: int, ends: Array, nodes: int, log_scale: float) -> float:
+    """exp(log_scale) Pf(A), A_ij = int (f_j int^y f_i - f_i int^y f_j) dy between the ends."""
     x, weight, integral = _rule(nodes)
-    f = basis(end * (x + 1.0) / 2.0) * end / 2.0
+    half_width = (ends[1] - ends[0]) / 2.0
+    f = basis(ends[0] + half_width * (x + 1.0)) * half_width
     half = (integral @ f).T @ (weight[:, None] * f)
     A = np.zeros((p + p % 2, p + p % 2))
     A[:p, :p] = half - half.T

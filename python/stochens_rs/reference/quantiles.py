@@ -225,7 +225,7 @@ def scalar_quantile(n: int, d: int, nu: int, delta: float) -> float:
     mass = w * (high - low) / 2.0 * law.pdf(c)
 
     def left(q: float) -> float:
-        return float(mass @ [wishart_cdf(q * y, n, d) for y in c]) - (1.0 - delta)
+        return float(mass @ [polynomial_roots.wishart_cdf(q * y, n, d) for y in c]) - (1.0 - delta)
 
     middle = wishart_quantile(n, d, delta) / (n * nu)
     return root(left, 0.1 * middle, 10.0 * middle + wishart_quantile(n, d, delta / 4.0) / low)
@@ -255,11 +255,14 @@ def row_quantile(n: int, d: int, nu: int, delta: float) -> float:
 
 @cache
 def smallest_quantile(n: int, N: int, delta: float) -> float:
-    """a with P(smallest eigenvalue of W_n(I, N) < a) <= delta; 0 for N < n."""
+    """a with P(smallest eigenvalue of W_n(I, N) < a) = delta; 0 for N < n. Drawn if it must be."""
     if n > N:
         return 0.0
     if n == 1:
         return chi2_quantile(delta, N)
+    if _fault(polynomial_roots.wishart_cdf(np.inf, n, N)) <= TRUSTED * delta:
+        above = partial(polynomial_roots.wishart_cdf, np.inf, n, N)
+        return root(lambda a: 1.0 - delta - above(above=a), 0.0, float(chi2_quantile(delta, N)))
     draws = smallest_wishart_root(n, N, DRAWS, np.random.default_rng(SEED))
     return max(0.0, lower_order_quantile(draws, delta))
 

@@ -18,6 +18,7 @@ LAYERS = (
     ("rng", "system"),
     ("cases", "theory"),
     ("ensembles",),
+    ("identification",),
     ("fusion", "streams"),
     ("controls",),
     ("simulation", "studies"),

@@ -7,11 +7,13 @@ from typing import Literal, TypeAlias, get_args
 
 Axis: TypeAlias = Literal["columns", "rows"]
 Scheme: TypeAlias = Literal["iid", "systematic"]
+Centre: TypeAlias = Literal["truth", "estimate"]
 Quantity: TypeAlias = Literal["state", "control"]
 Fusion: TypeAlias = Literal["product", "diagonal"]
 
 AXES: tuple[Axis, ...] = get_args(Axis)
 SCHEMES: tuple[Scheme, ...] = get_args(Scheme)
+CENTRES: tuple[Centre, ...] = get_args(Centre)
 QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
 FUSIONS: tuple[Fusion, ...] = get_args(Fusion)
 

@@ -29,9 +29,9 @@ if TYPE_CHECKING:
 
     Floats: TypeAlias = NDArray[np.float64]
 
-Kind: TypeAlias = Literal["exact", "iid", "systematic", "fitted", "unknown"]
+Kind: TypeAlias = Literal["exact", "iid", "systematic", "fitted", "unknown", "estimate"]
 
-_KINDS = ("exact", "iid", "systematic", "fitted", "unknown")
+_KINDS = ("exact", "iid", "systematic", "fitted", "unknown", "estimate")
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,8 @@ class Known:
     kind : str
         "iid", "systematic": the average of `size` realizations that `sample` drew from `values`.
         "exact": `values` itself. "fitted": fitted to `values`, the target. "unknown": the average
-        of `size` realizations that the user brought.
+        of `size` realizations that the user brought. "estimate": the same, where these are known to
+        scatter about an estimate from data.
     estimate : ndarray, shape (n,) or (n, n), or None
         What the control was computed from; None where no formula needs it.
     values : ndarray, shape (n,) or (n, n), or None
@@ -152,7 +153,8 @@ def _drawn(name: str, value: Ensemble | Counts, estimate: Floats | None) -> Know
     if isinstance(value, Counts):
         return Known(name, "unknown", value.estimate, size=value.size)
     mean = value.mean() if estimate is None else estimate
-    return Known(name, "unknown", mean, size=value.size, axis=value.axis)
+    kind: Kind = "estimate" if value.centre == "estimate" else "unknown"
+    return Known(name, kind, mean, size=value.size, axis=value.axis)
 
 
 def completed(
@@ -196,6 +198,11 @@ def _declare(entity: Known, values: Floats | None, what: str) -> Known:
     """Replace an unknown law by the declared one; refuse what contradicts the plan."""
     label = "system.A" if entity.name == "A" else entity.name
     argument = "system" if entity.name == "A" else entity.name
+    if entity.kind == "estimate":
+        raise InputError(
+            f"the realizations of `{entity.name}` scatter about an estimate from data, not about "
+            f"the truth, so no {what} follows from them: use the region of the model"
+        )
     if entity.kind == "unknown":
         if values is None:
             raise InputError(

@@ -1,0 +1,5 @@
+"""Measured runs of a system."""
+
+from .trajectories import Trajectories
+
+__all__ = ["Trajectories"]

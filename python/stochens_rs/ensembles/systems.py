@@ -151,7 +151,8 @@ class SystemEnsemble:
         >>> se.SystemEnsemble([[[1.0]], [[0.5]]], [[[1.0]], [[1.0]]]).mean().A
         array([[0.75]])
         """
-        return System(self.A.mean(axis=0), self.B.mean(axis=0), dt=self.dt)
+        with np.errstate(over="ignore"):  # `System` refuses what is not finite
+            return System(self.A.mean(axis=0), self.B.mean(axis=0), dt=self.dt)
 
     def realizations_of_A(self) -> Ensemble:
         """Return the state matrices as realizations of A, for `fuse` and `control`.

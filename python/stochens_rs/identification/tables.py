@@ -69,7 +69,9 @@ def _column(table: Any, argument: str, name: Any) -> NDArray[Any]:
         )
     try:
         found = table[name]
-    except (KeyError, TypeError, ValueError):
+    except MemoryError:
+        raise
+    except Exception:  # whatever a table raises for what is no column
         known = ", ".join(f"{one!s:.20}" for one in list(_column_names(table))[:6])
         raise InputError(
             f"`{argument}` names {gate.show(name)}, but the columns of `table` are {known}"

@@ -476,7 +476,8 @@ class Trajectories:
         array([[1., 0.],
                [2., 1.]])
         """
-        lags = gate.size("lags", lags, minimum=0)
+        lags = gate.size("lags", lags, minimum=0, maximum=int(self._lengths.max()))
+        memory.need("the past inputs", 2 * 8 * (lags + 1) * self.size * self.m)
         u, places = self._rows[:, self._n : -self._n], self._places()
         back = [
             np.where((places >= lag)[:, None], np.roll(u, lag, axis=0), 0.0)
@@ -571,8 +572,9 @@ def _several(name: str, value: Any) -> list[tuple[str, Any]]:
         return [(f"{name}[{k}]", one) for k, one in enumerate(value)]
     if isinstance(value, (list, tuple)) and value:
         first = value[0]
-        flat = first[0] if isinstance(first, (list, tuple)) and first else None
-        if np.ndim(flat) > 0 if flat is not None else getattr(first, "ndim", 1) == 2:
+        inner = first[0] if isinstance(first, (list, tuple)) and first else None
+        rows = isinstance(inner, (list, tuple)) or getattr(inner, "ndim", 0) > 0
+        if rows or getattr(first, "ndim", 1) == 2:
             return [(f"{name}[{k}]", one) for k, one in enumerate(value)]
     return [(name, value)]
 

@@ -664,6 +664,17 @@ def test_models_and_regions_pickle():
         kind(parts[0], np.eye(3), *parts[2:])
 
 
+def test_a_model_is_not_taken_for_the_system():
+    """A bound would be relative to the estimate, which `model.system` asks for."""
+    model = fixed()
+    for call in (se.System.from_any, lambda m: se.control(m, X0, X0)):
+        with pytest.raises(InputError, match="estimated from data: pass its `system`"):
+            call(model)
+    with pytest.raises(InputError, match="estimated from data"):
+        se.theory.bounds.best("state", model, X0, X0, size=9, delta=0.1)
+    assert se.control(model.system, X0, X0).u.shape == (1, 1)
+
+
 def test_estimates_cannot_be_changed():
     with pytest.raises(ValueError, match="read-only"):
         fixed().A[0, 0] = 1.0

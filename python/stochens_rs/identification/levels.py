@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 # lam of the mixtures in units of the squared scale of z, and the prior of the universal region;
 # fixed before the data.
-GRID: Floats = 2.0 ** np.arange(-4, 12)
+GRID: Floats = np.array([2.0**j for j in range(-4, 12)])
 PRIOR_NOISE = 0.01
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -128,6 +128,11 @@ class Model:
     def input_names(self) -> tuple[str, ...]:
         """The names of the inputs."""
         return self.data.input_names
+
+    @property
+    def centre(self) -> Literal["estimate"]:
+        """Always "estimate": a model is not the system, and is not taken for it unasked."""
+        return "estimate"
 
     @property
     def design(self) -> str:

@@ -14,6 +14,7 @@ import numpy as np
 from .._base import gate, html, memory
 from ..exceptions import InputError, InputTypeError, ShapeError
 from ..rng import RngLike, as_key
+from .runs import Runs
 from .tables import read_table
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     Floats: TypeAlias = NDArray[np.float64]
 
 
-class Trajectories:
+class Trajectories(Runs):
     """Measured runs: the states and inputs of each, one run after another; immutable.
 
     Parameters
@@ -61,15 +62,7 @@ class Trajectories:
     array([1. , 1.5, 0.5])
     """
 
-    __slots__ = ("_dt", "_input_names", "_lengths", "_n", "_rows", "_state_names", "_steps")
-
-    _rows: Floats
-    _lengths: NDArray[np.int64]
-    _n: int
-    _dt: float | None
-    _state_names: tuple[str, ...]
-    _input_names: tuple[str, ...]
-    _steps: int
+    __slots__ = ()
 
     def __init__(
         self,
@@ -97,52 +90,6 @@ class Trajectories:
         lengths = np.array([len(part) for part in rows], dtype=np.int64)
         assert n is not None
         self._set(np.vstack(rows), lengths, n, dt, state_names, input_names, 1)
-
-    def _set(
-        self,
-        rows: Floats,
-        lengths: NDArray[np.int64],
-        n: int,
-        dt: object,
-        state_names: Sequence[str] | None,
-        input_names: Sequence[str] | None,
-        steps: int,
-    ) -> None:
-        m = rows.shape[1] - 2 * n
-        rows.flags.writeable = lengths.flags.writeable = False
-        for slot, value in (
-            ("_rows", rows),
-            ("_lengths", lengths),
-            ("_n", n),
-            ("_dt", None if dt is None else gate.positive("dt", dt)),
-            ("_state_names", _names("state_names", state_names, n, "x")),
-            ("_input_names", _names("input_names", input_names, m, "u")),
-            ("_steps", steps),
-        ):
-            object.__setattr__(self, slot, value)
-        both = [*self._state_names, *self._input_names]
-        twice = next((name for name in both if both.count(name) > 1), None)
-        if twice is not None:
-            raise InputError(f"`input_names` must differ from `state_names`, got '{twice}' in both")
-
-    @classmethod
-    def _of(
-        cls,
-        rows: Floats,
-        lengths: NDArray[np.int64],
-        n: int,
-        dt: float | None,
-        state_names: Sequence[str] | None,
-        input_names: Sequence[str] | None,
-        steps: int = 1,
-    ) -> Trajectories:
-        self = object.__new__(cls)
-        self._set(rows, lengths, n, dt, state_names, input_names, steps)
-        return self
-
-    def _part(self, rows: Floats, lengths: NDArray[np.int64]) -> Trajectories:
-        names = self._state_names, self._input_names
-        return Trajectories._of(rows, lengths, self._n, self._dt, *names, self._steps)
 
     @classmethod
     def from_table(
@@ -253,58 +200,6 @@ class Trajectories:
         memory.need("the pairs", (2 * before.nbytes) + acting.nbytes)
         rows = np.hstack([before, acting, after])
         return cls._of(rows, np.ones(N, dtype=np.int64), n, dt, state_names, input_names)
-
-    @property
-    def n(self) -> int:
-        """The number of states."""
-        return self._n
-
-    @property
-    def m(self) -> int:
-        """The number of inputs."""
-        return int(self._rows.shape[1]) - 2 * self._n
-
-    @property
-    def dt(self) -> float | None:
-        """The time between two steps [s]; None if unspecified."""
-        return self._dt
-
-    @property
-    def size(self) -> int:
-        """The number of pairs N, of all runs together."""
-        return len(self._rows)
-
-    @property
-    def lengths(self) -> NDArray[np.int64]:
-        """The number of steps of each run, read-only."""
-        return self._lengths
-
-    @property
-    def state_names(self) -> tuple[str, ...]:
-        """The names of the states."""
-        return self._state_names
-
-    @property
-    def input_names(self) -> tuple[str, ...]:
-        """The names of the inputs."""
-        return self._input_names
-
-    @property
-    def steps(self) -> int:
-        """How many steps of the system a pair spans: 1, or the number given to `k_step`."""
-        return self._steps
-
-    @property
-    def single(self) -> bool:
-        """Whether every run is one pair."""
-        return len(self._lengths) == len(self._rows)
-
-    @property
-    def runs(self) -> list[tuple[Floats, Floats]]:
-        """The states (T + 1, n) and inputs (T, m) of each run."""
-        n, ends = self._n, np.cumsum(self._lengths)
-        parts = [self._rows[end - T : end] for T, end in zip(self._lengths, ends, strict=True)]
-        return [(np.vstack([part[:, :n], part[-1:, -n:]]), part[:, n:-n].copy()) for part in parts]
 
     def pairs(self) -> tuple[Floats, Floats, Floats]:
         """Return all pairs of all runs.
@@ -450,11 +345,6 @@ class Trajectories:
         rows = self._rows[self._places() % 2 == 0]
         return self._part(rows, np.ones(len(rows), dtype=np.int64))
 
-    def _places(self) -> NDArray[np.int64]:
-        """The step k of each pair in its run."""
-        first = np.cumsum(self._lengths) - self._lengths
-        return np.arange(self.size) - np.repeat(first, self._lengths)
-
     def past_inputs(self, lags: int) -> Floats:
         """Return the present and past inputs of every pair, as instruments for `identify`.
 
@@ -485,9 +375,6 @@ class Trajectories:
         ]
         return np.hstack(back)
 
-    def __len__(self) -> int:
-        return len(self._lengths)
-
     @overload
     def __getitem__(self, runs: int) -> tuple[Floats, Floats]: ...
     @overload
@@ -503,47 +390,8 @@ class Trajectories:
             raise InputError("the slice must name at least one run, in their order")
         return self._chosen(chosen)
 
-    def __setattr__(self, name: str, value: object) -> None:
-        raise AttributeError(f"Trajectories are immutable: `{name}` cannot be set")
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Trajectories):
-            return NotImplemented
-        return self._about() == other._about() and (
-            np.array_equal(self._lengths, other._lengths)
-            and np.array_equal(self._rows, other._rows)
-        )
-
-    __hash__ = None  # type: ignore[assignment]  # as for arrays
-
-    def _about(self) -> tuple[object, ...]:
-        return (self._n, self._dt, self._state_names, self._input_names, self._steps)
-
     def __reduce__(self) -> tuple[Any, ...]:
         return _rebuild, (self._rows, self._lengths, *self._about())
-
-    def __repr__(self) -> str:
-        runs, pairs = html.number_of(len(self), "run"), html.number_of(self.size, "pair")
-        dt = "" if self._dt is None else f" dt={self._dt:g}"
-        over = "" if self._steps == 1 else f" over {self._steps} steps"
-        shown = pairs if self.single else f"{runs}, {pairs}"
-        return f"<Trajectories: {shown}{over}, n={self.n} m={self.m}{dt}>"
-
-    def _repr_html_(self) -> str:
-        shortest, longest = int(self._lengths.min()), int(self._lengths.max())
-        rows = [
-            (
-                "steps of a run",
-                f"{shortest}" if shortest == longest else f"{shortest} to {longest}",
-            ),
-            ("states", ", ".join(self._state_names)),
-            ("inputs", ", ".join(self._input_names)),
-        ]
-        states = self.runs[0][0] if len(self) == 1 or not self.single else self.pairs()[0]
-        about = (
-            "states over the pairs" if self.single and len(self) > 1 else "states of the first run"
-        )
-        return html.card(self, rows, html.states(np.arange(len(states)), states, about))
 
 
 def pooled(data: object) -> Trajectories:
@@ -577,18 +425,6 @@ def _several(name: str, value: Any) -> list[tuple[str, Any]]:
         if rows or getattr(first, "ndim", 1) == 2:
             return [(f"{name}[{k}]", one) for k, one in enumerate(value)]
     return [(name, value)]
-
-
-def _names(argument: str, names: object, count: int, letter: str) -> tuple[str, ...]:
-    if names is None:
-        return tuple(f"{letter}[{k}]" for k in range(count))
-    found = tuple(gate.text(argument, name) for name in gate.items(argument, names))
-    if len(found) != count:
-        raise ShapeError(f"`{argument}` must have {count} names, got {len(found)}")
-    if len(set(found)) < count:
-        twice = next(name for name in found if found.count(name) > 1)
-        raise InputError(f"`{argument}` must be different names, got '{twice[:40]}' twice")
-    return found
 
 
 def _rebuild(

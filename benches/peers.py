@@ -24,6 +24,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import alse
 import cost
+import identification
 import numpy as np
 import table
 import tightness
@@ -598,7 +599,7 @@ GROUPS = {
     f.__name__: f
     for f in (
         *(sampling, closed_form, alse_path, slse, slse_replicates, stream),
-        *(controls, simulate, reproduce),
+        *(controls, simulate, reproduce, identification.identification),
     )
 }
 

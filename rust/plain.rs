@@ -23,3 +23,5 @@ unsafe impl Plain for f64 {}
 unsafe impl Plain for [f64; 2] {}
 // SAFETY: as above.
 unsafe impl Plain for [f64; 3] {}
+// SAFETY: as above.
+unsafe impl Plain for [f64; 8] {}

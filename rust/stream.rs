@@ -31,6 +31,10 @@ pub enum Purpose {
     MeanField = 5,
     /// The averages of a simulated plan; the line is the run.
     Plans = 6,
+    /// The draws behind a simulated quantile; the line is the law and the chunk of draws.
+    Roots = 7,
+    /// Replicates of measured data; the line is the block of replicates.
+    Replicates = 8,
 }
 
 /// 256 bits from which every stream of a call is derived.

@@ -2,7 +2,8 @@
 
 The system is ``x(k+1) = A x(k) + B u(k)``. `sample` (or `Ensemble.from_samples`) makes an ensemble
 of realizations, `fuse` an estimate from an ensemble, `control` a control from estimates; `steer`
-does all three. `simulate` and `simulate_ensemble` apply a control. `required_samples` says how many
+does all three. `identify` makes a model and regions for it from measured runs,
+`Trajectories`. `simulate` and `simulate_ensemble` apply a control. `required_samples` says how many
 realizations a given error takes; `theory` has the error formulas, `cases` example systems, `paper`
 the experiments and statements of the paper, `reference` the algorithms in plain NumPy.
 """
@@ -21,9 +22,10 @@ from .controls import (
     required_samples,
     steer,
 )
-from .ensembles import Counts, Ensemble, sample, sample_counts
+from .ensembles import Counts, Ensemble, SystemEnsemble, sample, sample_counts
 from .exceptions import StochensError
 from .fusion import Fit, fuse, fuse_path
+from .identification import Model, Trajectories, identify
 from .rng import Key
 from .simulation import (
     EnsembleTrajectory,
@@ -45,11 +47,14 @@ __all__ = [
     "EnsembleTrajectory",
     "Fit",
     "Key",
+    "Model",
     "Plan",
     "StochensError",
     "Stream",
     "System",
+    "SystemEnsemble",
     "Tracking",
+    "Trajectories",
     "Trajectory",
     "__version__",
     "cases",
@@ -58,6 +63,7 @@ __all__ = [
     "fuse",
     "fuse_path",
     "get_num_threads",
+    "identify",
     "paper",
     "plots",
     "realization_controls",

@@ -13,22 +13,47 @@ __all__ = [
     "alse",
     "alse_path",
     "alse_prefixes",
+    "bootstrap",
+    "chi2_quantile",
+    "chi2_upper",
     "closed_form",
+    "diagonal_quantile",
+    "f_upper",
+    "joint_radii",
+    "least_squares_level",
+    "log_multigamma",
     "mean_difference",
+    "noncentrality_limit",
+    "one_noise",
     "pseudoinverse",
     "realization_controls",
+    "region_draws",
+    "residual_p_values",
+    "residuals",
+    "row_quantile",
+    "roy_quantile",
     "sample_counts",
+    "scalar_quantile",
+    "several_steps",
+    "sign_radii",
+    "sign_statistics",
     "simulate_estimates",
     "simulate_mean_field",
     "simulate_plans",
     "simulate_runs",
     "slse",
+    "smallest_quantile",
+    "sphere_level",
     "storage_load",
     "storage_save",
+    "trace_quantile",
     "track",
     "trajectory",
+    "triangle",
+    "triangle_update",
     "uniform_path",
     "version",
+    "wishart_quantile",
 ]
 
 _Floats: TypeAlias = NDArray[np.float64]
@@ -248,3 +273,67 @@ def storage_load(
     path: str | os.PathLike[str], kind: str
 ) -> tuple[int, dict[str, _Section], str | None]: ...
 def version() -> str: ...
+
+# identification from measured pairs: `q` = whitened regressors (N, rank), `e` = residuals (N, n)
+
+def triangle(rows: _Floats, threads: int) -> _Floats: ...
+def triangle_update(r: _Floats, rows: _Floats) -> None: ...
+def roy_quantile(n: int, d: int, nu: int, delta: float, threads: int) -> float: ...
+def wishart_quantile(n: int, d: int, delta: float, threads: int) -> float: ...
+def smallest_quantile(n: int, size: int, delta: float, threads: int) -> float: ...
+def scalar_quantile(n: int, d: int, nu: int, delta: float, threads: int) -> float: ...
+def row_quantile(n: int, d: int, nu: int, delta: float) -> float: ...
+def diagonal_quantile(n: int, d: int, nu: int, delta: float, threads: int) -> float: ...
+def trace_quantile(n: int, d: int, nu: int, delta: float, threads: int) -> float: ...
+def joint_radii(n: int, d: int, nu: int, delta: float, threads: int) -> tuple[float, float]: ...
+def chi2_quantile(probability: float, degrees: float) -> float: ...
+def chi2_upper(delta: float, degrees: float) -> float: ...
+def f_upper(delta: float, a: float, b: float) -> float: ...
+def noncentrality_limit(x: float, degrees: float, delta: float) -> float: ...
+def sphere_level(n: int, ld: float, delta: float) -> float: ...
+def least_squares_level(
+    n: int, ld: _Floats, wider: _Floats, delta: float, frobenius: bool
+) -> float: ...
+def one_noise(n: int, delta: float) -> float: ...
+def log_multigamma(a: float, n: int) -> float: ...
+def several_steps(
+    h: _Floats,
+    white: _Floats,
+    root: _Floats,
+    missing: _Floats,
+    ratio: float,
+    x0: _Floats,
+    inputs: _Floats,
+    offset: bool,
+    radii: tuple[float, float, float, bool],  # spectral, frobenius, rho0, noise of the run
+) -> tuple[_Floats, _Floats, _Floats, _Floats, _Floats]: ...
+def bootstrap(
+    rows: _Floats,
+    h: _Floats,
+    white: _Floats,
+    runs: NDArray[np.uint32] | None,
+    kind: str,
+    size: int,
+    key: bytes,
+    weights: _Floats | None,
+    threads: int,
+) -> _Floats: ...
+def region_draws(
+    h: _Floats,
+    white: _Floats,
+    root: _Floats,
+    nu: int,
+    size: int,
+    key: bytes,
+    threads: int,
+) -> _Floats: ...
+def residuals(z: _Floats, y: _Floats, white: _Floats) -> tuple[_Floats, _Floats, _Floats]: ...
+def residual_p_values(
+    z: _Floats, y: _Floats, white: _Floats, draws: int, key: bytes, threads: int
+) -> _Floats: ...
+def sign_radii(
+    rows: _Floats, n: int, size: int, key: bytes, signs: _Floats | None, threads: int
+) -> _Floats: ...
+def sign_statistics(
+    rows: _Floats, n: int, size: int, key: bytes, signs: _Floats | None, threads: int
+) -> _Floats: ...

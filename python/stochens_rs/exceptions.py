@@ -7,6 +7,7 @@ of its result instead. All exceptions can be pickled.
 from __future__ import annotations
 
 __all__ = [
+    "DataWarning",
     "InputError",
     "InputTypeError",
     "InternalError",
@@ -102,6 +103,10 @@ class StateLockedError(StateIOError, BlockingIOError):
 
 class StateRecoveredWarning(StochensError, UserWarning):
     """A state file was missing or damaged; the previous generation was loaded instead."""
+
+
+class DataWarning(StochensError, UserWarning):
+    """The data speak against an assumption of a model, or do not determine it."""
 
 
 class InternalError(StochensError, RuntimeError):

@@ -108,7 +108,8 @@ class System:
         InputTypeError
             If `system` is none of these.
         InputError
-            If the system is in continuous time, or A or B cannot be used.
+            If the system is in continuous time or a model estimated from data, or A or B cannot be
+            used.
 
         Examples
         --------
@@ -143,6 +144,11 @@ class System:
             raise InputTypeError(
                 "`system` must be a System, a tuple (A, B[, dt]) or an object with attributes A "
                 f"and B, got {gate.show(system)}{hint}"
+            )
+        if _attribute(system, "centre") == "estimate":
+            raise InputError(
+                f"`system` must be known, got {gate.show(system)} estimated from data: pass its "
+                "`system` to take the estimate as exact"
             )
         # scipy.signal sets dt = None for continuous systems; only their class says so.
         if any(

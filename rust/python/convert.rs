@@ -1,6 +1,6 @@
 //! NumPy arrays to slices and back. The package's gate has made them C-contiguous doubles.
 
-use numpy::{PyArray1, PyArray2, PyReadonlyArray, PyReadonlyArray2, ndarray};
+use numpy::{PyArray1, PyArray2, PyReadonlyArray, PyReadonlyArray2, PyUntypedArrayMethods, ndarray};
 use pyo3::prelude::*;
 use pyo3::types::PyList;
 
@@ -14,7 +14,9 @@ pub(super) fn slice<'a, D: ndarray::Dimension>(
     name: &str,
     array: &'a PyReadonlyArray<'_, f64, D>,
 ) -> PyResult<&'a [f64]> {
-    array.as_slice().map_err(|_| ShapeError::new_err(format!("`{name}` must be C-contiguous")))
+    // `as_slice` alone takes the order of Fortran as well
+    let rows_first = array.is_c_contiguous().then(|| array.as_slice().ok()).flatten();
+    rows_first.ok_or_else(|| ShapeError::new_err(format!("`{name}` must be C-contiguous")))
 }
 
 /// 32 bytes as a key.

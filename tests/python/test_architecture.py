@@ -19,6 +19,7 @@ LAYERS = (
     ("rng", "system"),
     ("cases", "theory"),
     ("ensembles",),
+    ("identification",),
     ("fusion", "streams"),
     ("controls",),
     ("simulation", "studies"),

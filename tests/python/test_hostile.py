@@ -145,6 +145,20 @@ def experiment():
     return se.paper.tracking(rng=1, replicates=2, samples=5, n=2, m=1)
 
 
+@cache
+def runs():
+    draws = np.random.default_rng(1).standard_normal((12, 6))
+    return se.Trajectories.from_pairs(draws[:, :2], draws[:, 2:4], draws[:, 4:])
+
+
+@cache
+def model():
+    return se.identify(runs(), design="independent")
+
+
+TABLE = {"t": [0.0, 0.1, 0.2], "x": [1.0, 2.0, 3.0], "u": [1.0, 0.0, 0.0]}
+
+
 def data_stream():
     stream = se.DataStream(B)
     stream.update(x0=X0, xf=XF, A=A)
@@ -159,7 +173,8 @@ GOOD = {
     "n": 2, "m": 1, "count": 2, "threads": 1, "indices": [[0, 0], [1, 0]],
     "system": (A, B), "samples": np.ones((4, 2)), "bytes32": bytes(32), "digits": "0" * 64,
     "name": "x", "ensemble": ensemble, "quantity": "state", "method": "uniform",
-    "path": "no/such/file.npz", "experiment": experiment,
+    "path": "no/such/file.npz", "experiment": experiment, "data": runs, "x": X0, "lags": 1,
+    "share": 0.5, "open_loop": True,
 }  # fmt: skip
 # The same where the name alone does not say it, and arguments that keep a call short.
 OWN = {
@@ -170,6 +185,14 @@ OWN = {
     "fuse_path": {"method": "alse"},
     "from_indices": {"target": A},
     "DataStream.update": {"A": A},
+    "Trajectories": {"states": np.ones((3, 2)), "inputs": np.ones((2, 2))},
+    "from_pairs": {"x": np.ones((3, 2)), "u": np.ones((3, 1)), "x_next": np.ones((3, 2))},
+    "from_table": {"table": TABLE, "states": ["x"], "inputs": ["u"]},
+    "Trajectories.k_step": {"steps": 1},
+    "from_systems": {"systems": [(A, B), (A, B)]},
+    "identify": {"checks": False},
+    "Region.bound": {"u": X0},
+    "Region.component_bounds": {"u": X0},
     "approximately": {"sizes": (2, 5)},
     "required_samples": {"runs": 5},
     "power": {"replicates": 1, "samples": 5, "sizes": None, "method": "zoh"},
@@ -185,6 +208,11 @@ OWN = {
 # Arguments that do take one of the values of NEVER.
 TAKEN = {
     ("System", "name"): {"text"},
+    ("Trajectories", "state_names"): {"text array"},
+    ("Trajectories", "input_names"): {"text array"},
+    ("Trajectories.from_pairs", "state_names"): {"text array"},
+    ("identify", "known_A"): {"nan matrix"},
+    ("identify", "known_B"): {"nan matrix"},
     ("Key.child", "name"): {"text"},
     ("Stream.run", "checkpoint"): {"text"},
 }
@@ -193,6 +221,10 @@ MADE = {
     "DataStream": data_stream,
     "Ensemble": ensemble,
     "Key": lambda: se.Key(bytes(32)),
+    "Trajectories": runs,
+    "Model": model,
+    "Region": lambda: model().region(),
+    "Checks": lambda: model().checks,
     "Plan": lambda: se.control((ensemble(), B), se.sample(X0, 5, rng=2), XF),
     "Stream": lambda: se.Stream((A, B), X0, XF, rng=1),
     "Bound": lambda: se.theory.bounds.bound("McDiarmid", "state", (A, B), X0, XF),

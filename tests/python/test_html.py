@@ -28,6 +28,12 @@ def data_stream():
     return made
 
 
+def model(**options):
+    draws = np.random.default_rng(1).standard_normal((20, 5))
+    data = se.Trajectories.from_pairs(draws[:, :2], draws[:, 2:3], draws[:, 3:], dt=0.1)
+    return se.identify(data, design="independent", **options)
+
+
 def plan(**options):
     return se.steer(SYSTEM, X0, XF, 12345, rng=1, **options)
 
@@ -68,6 +74,14 @@ RECORDS = {
         simulated,
         ["20 of 0.1 s", "norm of the mean state", "standard error", "<polyline"],
     ),
+    "Trajectories": (
+        lambda: se.Trajectories(np.ones((3, 5, 2)), np.ones((3, 4, 1)), input_names=["f < g"]),
+        ["3 runs, 12 pairs", "steps of a run4", "f < g", "<polyline"],
+    ),
+    "Model": (model, ["one unknown covariance", "p-values", "x[1]"]),
+    "Region": (lambda: model().region(0.1), ["90 % at least", "independent of all states"]),
+    "Checks": (lambda: model().checks, ["heteroscedasticity", "tails"]),
+    "SystemEnsemble": (lambda: model().draw(5, rng=1), ["5", "0.1 s", "draws of the law"]),
     "Stream": (stream, ["1 000", "of A", "error of the state", "certificate", "<polyline"]),
     "Trace": (lambda: stream().trace, ["<polyline"]),
     "StreamRun": (lambda: stream().run(max_steps=10), ["max_steps", "seconds"]),

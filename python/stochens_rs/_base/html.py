@@ -58,7 +58,12 @@ def largest(inputs: Floats) -> tuple[str, object]:
 
 def counted(steps: int) -> str:
     """``1 step``, ``2 steps``."""
-    return "1 step" if steps == 1 else f"{steps} steps"
+    return number_of(steps, "step")
+
+
+def number_of(count: int, what: str) -> str:
+    """``1 run``, ``2 runs``."""
+    return f"{count} {what}{'' if count == 1 else 's'}"
 
 
 def ends(states: Floats, what: str = "state") -> tuple[str, object]:

@@ -11,12 +11,14 @@ from numpy.typing import NDArray
 Floats: TypeAlias = NDArray[np.float64]
 Axis: TypeAlias = Literal["columns", "rows"]
 Scheme: TypeAlias = Literal["iid", "systematic"]
+Centre: TypeAlias = Literal["truth", "estimate"]
 Quantity: TypeAlias = Literal["state", "control"]
 Fusion: TypeAlias = Literal["product", "diagonal"]
 Averaging: TypeAlias = Literal["runs", "mean-field"]
 
 AXES: tuple[Axis, ...] = get_args(Axis)
 SCHEMES: tuple[Scheme, ...] = get_args(Scheme)
+CENTRES: tuple[Centre, ...] = get_args(Centre)
 QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
 FUSIONS: tuple[Fusion, ...] = get_args(Fusion)
 AVERAGINGS: tuple[Averaging, ...] = get_args(Averaging)

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from .._base.types import Axis
 
 
-Kind: TypeAlias = Literal["exact", "iid", "systematic", "fitted", "unknown"]
+Kind: TypeAlias = Literal["exact", "iid", "systematic", "fitted", "unknown", "estimate"]
 
 KINDS: tuple[Kind, ...] = get_args(Kind)
 
@@ -48,7 +48,8 @@ class Known:
     kind : str
         "iid", "systematic": the average of `size` realizations that `sample` drew from `values`.
         "exact": `values` itself. "fitted": fitted to `values`, the target. "unknown": the average
-        of `size` realizations that the user brought.
+        of `size` realizations that the user brought. "estimate": the same, where these are known to
+        scatter about an estimate from data.
     estimate : ndarray, shape (n,) or (n, n), or None
         What the control was computed from; None if it is not kept: A, for diagonal fusion.
     values : ndarray, shape (n,) or (n, n), or None
@@ -161,7 +162,8 @@ def _drawn(name: str, value: Ensemble | Counts, estimate: Floats | None) -> Know
     if isinstance(value, Counts):
         return Known(name, "unknown", value.estimate, size=value.size)
     mean = value.mean() if estimate is None else estimate
-    return Known(name, "unknown", mean, size=value.size, axis=value.axis)
+    kind: Kind = "estimate" if value.centre == "estimate" else "unknown"
+    return Known(name, kind, mean, size=value.size, axis=value.axis)
 
 
 def completed(
@@ -205,6 +207,11 @@ def _declare(entity: Known, values: Floats | None, what: str) -> Known:
     """Replace an unknown law by the declared one; refuse values that contradict the plan."""
     label = "system.A" if entity.name == "A" else entity.name
     argument = "system" if entity.name == "A" else entity.name
+    if entity.kind == "estimate":
+        raise InputError(
+            f"the realizations of `{entity.name}` scatter about an estimate from data, not about "
+            f"the truth, so no {what} follows from them: use the region of the model"
+        )
     if entity.kind == "unknown":
         if values is None:
             raise InputError(

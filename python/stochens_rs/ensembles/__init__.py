@@ -1,8 +1,9 @@
-"""Realizations of vectors and matrices, and counts of realizations."""
+"""Realizations of vectors, matrices and systems, and counts of realizations."""
 
 from .counts import Counts
 from .ensemble import Ensemble
 from .law import Law
 from .sampling import sample, sample_counts
+from .systems import SystemEnsemble
 
-__all__ = ["Counts", "Ensemble", "Law", "sample", "sample_counts"]
+__all__ = ["Counts", "Ensemble", "Law", "SystemEnsemble", "sample", "sample_counts"]

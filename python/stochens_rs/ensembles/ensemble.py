@@ -14,7 +14,7 @@ import numpy as np
 
 from .. import _core
 from .._base import gate, html, memory
-from .._base.types import Axis, Floats, Scheme
+from .._base.types import CENTRES, Axis, Centre, Floats, Scheme
 from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 from ..rng import Key
 from .dense import dense
@@ -40,13 +40,15 @@ class Ensemble(Realizations):
         )
 
     @classmethod
-    def from_samples(cls, samples: ArrayLike) -> Ensemble:
+    def from_samples(cls, samples: ArrayLike, *, centre: Centre | None = None) -> Ensemble:
         """Make an ensemble from dense realizations.
 
         Parameters
         ----------
         samples : array_like, shape (N, n) or (N, n, m)
             ``samples[s]`` is realization s of a vector or a matrix. Copied.
+        centre : {"truth", "estimate"}, optional
+            What the realizations scatter about, as in `SystemEnsemble`: bounds refuse "estimate".
 
         Returns
         -------
@@ -66,7 +68,9 @@ class Ensemble(Realizations):
         """
         values = gate.array("samples", samples, ndim=(2, 3))
         memory.need("a copy of the samples", values.nbytes)
-        return cls._of_samples(gate.frozen(values))
+        if centre is not None:
+            gate.choice("centre", centre, CENTRES)
+        return cls._of_samples(gate.frozen(values), centre)
 
     @classmethod
     def from_indices(
@@ -123,6 +127,11 @@ class Ensemble(Realizations):
         if values is None or self._scheme is None:
             return None
         return Law(values, self._axis, self._scheme)
+
+    @property
+    def centre(self) -> Centre | None:
+        """What the realizations scatter about: "truth" or "estimate"; None if unknown."""
+        return self._centre
 
     @property
     def key(self) -> Key | None:
@@ -212,7 +221,7 @@ class Ensemble(Realizations):
             if self._scheme == "systematic" and count < self.size:
                 return Ensemble._of_draws(draws, self._shape, self._axis, None, None)
             return Ensemble._of_draws(draws, self._shape, self._axis, self._scheme, self._key)
-        return Ensemble._of_samples(self._dense()[:count])
+        return Ensemble._of_samples(self._dense()[:count], self._centre)
 
     def combine(self, weights: ArrayLike) -> Floats:
         """Compute ``sum_s weights[s] E_s``.
@@ -268,7 +277,7 @@ class Ensemble(Realizations):
 
     def __reduce__(self) -> tuple[Any, ...]:
         if self._draws is None:
-            return (Ensemble.from_samples, (self._dense(),))
+            return (_brought, (self._dense(), self._centre))
         return (_redrawn, (self.indices, self._values(), self._axis, self._scheme, self._key))
 
     def _repr_html_(self) -> str:
@@ -303,6 +312,10 @@ def _checked_indices(indices: ArrayLike, lines: tuple[int, ...]) -> NDArray[np.u
     if given.min() < 0 or given.max() >= length:
         raise InputError(f"`indices` must lie in [0, {length})")
     return np.ascontiguousarray(given, dtype=np.uint32)
+
+
+def _brought(samples: NDArray[np.float64], centre: Centre | None) -> Ensemble:
+    return Ensemble.from_samples(samples, centre=centre)
 
 
 def _redrawn(

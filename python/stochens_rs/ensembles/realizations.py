@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import _core
-from .._base.types import Axis, Floats, Scheme
+from .._base.types import Axis, Centre, Floats, Scheme
 from ..rng import Key
 from .dense import dense_blocks
 from .lines import from_lines, stack_from_lines, to_lines
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 class Realizations:
     """Draws of the core, or dense samples (N, ...); immutable."""
 
-    __slots__ = ("_draws", "_samples", "_shape", "_axis", "_scheme", "_key")  # noqa: RUF023
+    __slots__ = ("_draws", "_samples", "_shape", "_axis", "_scheme", "_key", "_centre")  # noqa: RUF023
 
     _draws: _core.Draws | None
     _samples: Floats | None
@@ -29,6 +29,7 @@ class Realizations:
     _axis: Axis
     _scheme: Scheme | None
     _key: Key | None
+    _centre: Centre | None
 
     @classmethod
     def _of_draws(
@@ -40,13 +41,13 @@ class Realizations:
         key: Key | None,
     ) -> Self:
         self = object.__new__(cls)
-        self._set(draws, None, shape, axis, scheme, key)
+        self._set(draws, None, shape, axis, scheme, key, None if scheme is None else "truth")
         return self
 
     @classmethod
-    def _of_samples(cls, samples: Floats) -> Self:
+    def _of_samples(cls, samples: Floats, centre: Centre | None = None) -> Self:
         self = object.__new__(cls)
-        self._set(None, samples, samples.shape[1:], "columns", None, None)
+        self._set(None, samples, samples.shape[1:], "columns", None, None, centre)
         return self
 
     def _set(self, *values: Any) -> None:

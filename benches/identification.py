@@ -1,0 +1,110 @@
+"""Identification from measured pairs: the core against LAPACK, the twin and vectorised NumPy.
+
+10 states and 5 inputs unless it says so. The core is called with arrays as `identify` makes them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from stochens_rs import _core as core
+from stochens_rs.reference import certified_control, quantiles
+from stochens_rs.reference import triangle as twin
+
+Line = tuple[str, str, Callable[[], object], float, Callable[[], object], float]
+
+
+def identification() -> Iterator[Line]:
+    gen = np.random.default_rng(0)
+    rows = gen.standard_normal((1_000_000, 25))
+    yield (
+        "triangle of 1e6 pairs",
+        "NumPy qr(mode='r')",
+        lambda: core.triangle(rows, 1),
+        1,
+        lambda: np.linalg.qr(rows, mode="r"),
+        1,
+    )
+    few = [rows[i : i + 1] for i in range(2000)]
+    r = np.zeros((25, 25))
+
+    def update() -> None:
+        for row in few:
+            core.triangle_update(r, row)
+
+    def update_by_qr() -> None:
+        R = np.zeros((25, 25))
+        for row in few[:200]:
+            R = np.linalg.qr(np.vstack([R, row]), mode="r")
+
+    yield "triangle updated by one pair", "NumPy qr(mode='r')", update, 2000, update_by_qr, 200
+    for n, d, nu in ((4, 6, 34), (10, 15, 100)):
+        yield (
+            f"Roy's quantile, n={n}, d={d}, nu={nu}",
+            "NumPy twin",
+            lambda n=n, d=d, nu=nu: core.roy_quantile(n, d, nu, 0.05, 1),
+            1,
+            lambda n=n, d=d, nu=nu: quantiles.roy_quantile.__wrapped__(n, d, nu, 0.05),
+            1,
+        )
+    yield from models(gen)
+
+
+def models(gen: np.random.Generator) -> Iterator[Line]:
+    n, d, N, size = 10, 15, 1000, 10_000
+    Z = gen.standard_normal((N, d))
+    Y = Z @ gen.standard_normal((d, n)) + gen.standard_normal((N, n))
+    fitted = twin.fit(twin.triangle(Z, Y))
+    H, white = (np.ascontiguousarray(part) for part in (fitted.H, fitted.white))
+    q, e, _ = core.residuals(Z, Y, white)
+    pairs, key = np.hstack([q, e]), bytes(32)
+
+    def by_lstsq() -> None:
+        for _ in range(100):
+            i = gen.integers(0, N, N)
+            np.linalg.lstsq(Z[i], Y[i], rcond=None)
+
+    low = np.tril_indices(d)
+
+    def vectorised() -> object:
+        """One product of counts and of products of entries, in blocks that fit a cache."""
+        features = np.hstack(
+            [q[:, low[0]] * q[:, low[1]], (q[:, :, None] * e[:, None]).reshape(N, -1)]
+        )
+        found = np.empty((size, n, d))
+        block = 250
+        offsets = np.arange(block)[:, None] * N
+        for b in range(0, size, block):
+            drawn = gen.integers(0, N, (block, N)) + offsets
+            counts = np.bincount(drawn.ravel(), minlength=block * N).reshape(block, N)
+            sums = counts.astype(float) @ features
+            V = np.empty((block, d, d))
+            V[:, low[0], low[1]] = V[:, low[1], low[0]] = sums[:, : len(low[0])]
+            right = sums[:, len(low[0]) :].reshape(block, d, n)
+            found[b : b + block] = H + np.linalg.solve(V, right).transpose(0, 2, 1) @ white
+        return found
+
+    def ours() -> object:
+        return core.bootstrap(pairs, H, white, None, "pairs", size, key, None, 1)
+
+    what = "bootstrap of pairs, 1e4 models, N=1000"
+    yield what, "loop of numpy.linalg.lstsq", ours, size, by_lstsq, 100
+    yield what, "vectorised NumPy", ours, size, vectorised, size
+
+    root = certified_control._root(fitted.S)
+    x0, u = gen.standard_normal(n), gen.standard_normal((6, d - n))
+    missing = np.ascontiguousarray(fitted.missing)
+    yield (
+        "certificate of 6 steps",
+        "NumPy twin",
+        lambda: core.several_steps(
+            H, white, root, missing, fitted.ratio, x0, u, False, (1.1, 2.0, 0.1, False)
+        ),
+        1,
+        lambda: certified_control.several_steps(
+            fitted, x0, u, spectral=1.1, frobenius=2.0, rho0=0.1
+        ),
+        1,
+    )

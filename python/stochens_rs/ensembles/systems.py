@@ -1,0 +1,208 @@
+"""`SystemEnsemble`: several models (A_s, B_s) of one system."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .._base import gate, html
+from .._base.records import by_constructor
+from .._base.types import CENTRES, Centre
+from ..exceptions import InputError, ShapeError
+from ..system import System
+from .ensemble import Ensemble
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SystemEnsemble:
+    """Models ``x(k+1) = A_s x(k) + B_s u(k) (+ c_s)``, s = 1, ..., N; immutable.
+
+    Attributes
+    ----------
+    A : array_like, shape (N, n, n)
+        ``A[s]`` is the state matrix of model s. Copied, read-only.
+    B : array_like, shape (N, n, m)
+        The input matrices.
+    c : array_like, shape (N, n), optional
+        The offsets; None: no model has one.
+    centre : {"truth", "estimate"}, optional
+        What the models scatter about. "truth": their mean is the true system, as for
+        realizations drawn from it. "estimate": the mean is an estimate from data, as for
+        bootstrap models; then no statement about the distance to the truth follows from the
+        scatter, and the bounds for realizations refuse them. None, the default: unknown.
+    dt : float, optional
+        The time between two steps [s].
+    about : str, default ""
+        Where the models are from, in words.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If the arrays do not fit together or cannot be used.
+
+    Examples
+    --------
+    >>> import stochens_rs as se
+    >>> models = se.SystemEnsemble([[[0.9]], [[0.8]]], [[[1.0]], [[1.1]]])
+    >>> models, models[1]
+    (<SystemEnsemble: 2 models, n=1 m=1>, <System: n=1 m=1 dt=None>)
+    """
+
+    A: NDArray[np.float64]
+    B: NDArray[np.float64]
+    c: NDArray[np.float64] | None = None
+    centre: Centre | None = None
+    dt: float | None = None
+    about: str = ""
+
+    def __post_init__(self) -> None:
+        A = gate.array("A", self.A, ndim=(3,))
+        B = gate.array("B", self.B, ndim=(3,))
+        N, n = A.shape[:2]
+        if A.shape[2] != n:
+            raise ShapeError(f"`A` must have shape (N, n, n), got {A.shape}")
+        if B.shape[:2] != (N, n):
+            raise ShapeError(f"`B` must have shape ({N}, {n}, m), got {B.shape}")
+        object.__setattr__(self, "A", gate.frozen(A))
+        object.__setattr__(self, "B", gate.frozen(B))
+        if self.c is not None:
+            object.__setattr__(self, "c", gate.frozen(gate.matrix("c", self.c, rows=N, cols=n)))
+        if self.centre is not None:
+            gate.choice("centre", self.centre, CENTRES)
+        if self.dt is not None:
+            object.__setattr__(self, "dt", gate.positive("dt", self.dt))
+        gate.text("about", self.about)
+
+    @classmethod
+    def from_systems(
+        cls, systems: Sequence[System | Any], *, centre: Centre | None = None
+    ) -> SystemEnsemble:
+        """Make an ensemble of systems.
+
+        Parameters
+        ----------
+        systems : sequence of System
+            At least one; or anything `System.from_any` takes. All of one size and one `dt`.
+        centre : {"truth", "estimate"}, optional
+            As in `SystemEnsemble`.
+
+        Returns
+        -------
+        SystemEnsemble
+            The systems, in their order.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If the systems differ in size or in `dt`, or one cannot be used.
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> se.SystemEnsemble.from_systems([([[0.9]], [[1.0]]), ([[0.8]], [[1.1]])])
+        <SystemEnsemble: 2 models, n=1 m=1>
+        """
+        found = [System.from_any(system) for system in gate.items("systems", systems)]
+        if not found:
+            raise InputError("`systems` must have at least one system, got an empty list")
+        first = found[0]
+        for k, system in enumerate(found):
+            if (system.n, system.m, system.dt) != (first.n, first.m, first.dt):
+                raise ShapeError(
+                    f"`systems[{k}]` must be like the first, n={first.n} m={first.m} "
+                    f"dt={first.dt}, got n={system.n} m={system.m} dt={system.dt}"
+                )
+        dt = first.dt if isinstance(first.dt, float) else None
+        A, B = np.array([one.A for one in found]), np.array([one.B for one in found])
+        return cls(A, B, centre=centre, dt=dt)
+
+    @property
+    def size(self) -> int:
+        """The number of models N."""
+        return len(self.A)
+
+    @property
+    def n(self) -> int:
+        """The number of states."""
+        return int(self.A.shape[1])
+
+    @property
+    def m(self) -> int:
+        """The number of inputs."""
+        return int(self.B.shape[2])
+
+    def mean(self) -> System:
+        """Average the models entry by entry.
+
+        Returns
+        -------
+        System
+            The mean of A and B. What it is an estimate of: see `centre`.
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> se.SystemEnsemble([[[1.0]], [[0.5]]], [[[1.0]], [[1.0]]]).mean().A
+        array([[0.75]])
+        """
+        with np.errstate(over="ignore"):  # `System` refuses what is not finite
+            return System(self.A.mean(axis=0), self.B.mean(axis=0), dt=self.dt)
+
+    def realizations_of_A(self) -> Ensemble:
+        """Return the state matrices as realizations of A, for `fuse` and `control`.
+
+        Returns
+        -------
+        Ensemble
+            Dense, with the `centre` of these models.
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> models = se.SystemEnsemble([[[1.0]], [[0.5]]], [[[1.0]], [[1.0]]])
+        >>> se.fuse(models.realizations_of_A()).estimate
+        array([[0.75]])
+        """
+        return Ensemble.from_samples(self.A, centre=self.centre)
+
+    def __len__(self) -> int:
+        return self.size
+
+    def __getitem__(self, s: int) -> System:
+        """Model s, without its offset."""
+        index = gate.size("model", s, minimum=-self.size, maximum=self.size - 1)
+        return System(self.A[index], self.B[index], dt=self.dt)
+
+    def __iter__(self) -> Iterator[System]:
+        return (self[s] for s in range(self.size))
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, SystemEnsemble):
+            return NotImplemented
+        same = (self.centre, self.dt, self.c is None) == (other.centre, other.dt, other.c is None)
+        return same and all(
+            np.array_equal(mine, its)
+            for mine, its in ((self.A, other.A), (self.B, other.B), (self.c, other.c))
+            if mine is not None and its is not None
+        )
+
+    __hash__ = None  # type: ignore[assignment]  # as for arrays
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return by_constructor(self)
+
+    def __repr__(self) -> str:
+        about = "" if self.centre is None else f", about the {self.centre}"
+        count = html.number_of(self.size, "model")
+        return f"<SystemEnsemble: {count}, n={self.n} m={self.m}{about}>"
+
+    def _repr_html_(self) -> str:
+        dt = None if self.dt is None else f"{self.dt:g} s"
+        rows = [("models", html.grouped(self.size)), ("step dt", dt), ("from", self.about or None)]
+        return html.card(self, rows)

@@ -1,0 +1,10 @@
+"""Models from measured runs, and regions that hold the true system."""
+
+from .assumptions import Assumptions
+from .checks import Checks
+from .identifying import identify
+from .model import Model
+from .region import Region
+from .trajectories import Trajectories
+
+__all__ = ["Assumptions", "Checks", "Model", "Region", "Trajectories", "identify"]

@@ -1,0 +1,140 @@
+"""What is assumed about the noise and the design: declared by the user, never inferred."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+
+import numpy as np
+
+from .._base import gate
+from .._base.records import by_constructor
+from ..exceptions import InputError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    Floats: TypeAlias = NDArray[np.float64]
+
+Design: TypeAlias = Literal["independent", "adaptive"]
+Noise: TypeAlias = Literal["gaussian", "sub-gaussian", "bounded", "symmetric"]
+Covariance: TypeAlias = Literal["full", "diagonal", "scalar", "known"]
+StateNoise: TypeAlias = Literal["none", "white"]
+
+DESIGNS: tuple[Design, ...] = get_args(Design)
+NOISES: tuple[Noise, ...] = get_args(Noise)
+SMALLEST, LARGEST = 1e-100, 1e100  # of sizes that are squared
+COVARIANCES: tuple[Covariance, ...] = get_args(Covariance)
+
+
+@dataclass(frozen=True, eq=False)
+class Assumptions:
+    """What is assumed about the data; `identify` says what each word means.
+
+    Attributes
+    ----------
+    design : {"independent", "adaptive"}
+        Whether all z are independent of all noise.
+    noise : {"gaussian", "sub-gaussian", "bounded", "symmetric"}
+        The law of the noise.
+    covariance : {"full", "diagonal", "scalar", "known"}
+        What is known of its covariance.
+    known : ndarray, shape (n, n), or None
+        The covariance, if it is known; for other noise than Gaussian an upper bound.
+    state_noise : "none", "white" or ndarray of shape (n, n)
+        The error of the measured states; an array is its covariance.
+    """
+
+    design: Design
+    noise: Noise
+    covariance: Covariance
+    known: Floats | None = None
+    state_noise: StateNoise | Floats = "none"
+
+    def __post_init__(self) -> None:
+        gate.choice("design", self.design, DESIGNS)
+        gate.choice("noise", self.noise, NOISES)
+        gate.choice("covariance", self.covariance, COVARIANCES)
+        if (self.covariance == "known") != (self.known is not None):
+            raise InputError("`known` must be the covariance where it is known, and only there")
+        if self.known is not None:
+            gate.kept("known", self.known, ndim=(2,))
+        if isinstance(self.state_noise, str):
+            gate.choice("state_noise", self.state_noise, ("none", "white"))
+        else:
+            gate.kept("state_noise", self.state_noise, ndim=(2,))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return by_constructor(self)
+
+    @property
+    def noisy_states(self) -> bool:
+        """Whether the states are measured with error."""
+        return not (isinstance(self.state_noise, str) and self.state_noise == "none")
+
+    @property
+    def text(self) -> str:
+        """The assumption on the noise in words."""
+        if self.noise == "symmetric":
+            return "independent noise of symmetric law"
+        kind = {
+            "full": "one unknown covariance",
+            "diagonal": "one unknown diagonal covariance",
+            "scalar": "covariance sigma^2 I, sigma unknown",
+            "known": "known covariance" if self.noise == "gaussian" else "a known bound",
+        }[self.covariance]
+        return f"{'Gaussian' if self.noise == 'gaussian' else self.noise} noise of {kind}"
+
+
+def checked_assumptions(
+    n: int,
+    design: object,
+    noise: object,
+    covariance: Any,
+    sigma: object,
+    state_noise: Any,
+) -> Assumptions:
+    """Check the arguments of `identify` that are declarations."""
+    law = gate.choice("noise", noise, NOISES)
+    plan = gate.choice("design", design, DESIGNS)
+    known, word = None, "known"
+    if sigma is not None:
+        if not isinstance(covariance, str) or covariance not in ("full", "scalar"):
+            raise InputError("`sigma` and `covariance` must not be given both")
+        size = gate.positive("sigma", sigma, maximum=LARGEST)
+        if size < SMALLEST:
+            raise InputError(f"`sigma` must be at least {SMALLEST:g}, got {size:g}")
+        known = size**2 * np.eye(n)
+    elif isinstance(covariance, str):
+        word = gate.choice("covariance", covariance, COVARIANCES[:-1])
+    else:
+        known = _positive_definite("covariance", covariance, n)
+    if law in ("sub-gaussian", "bounded") and known is None:
+        raise InputError(
+            f"`sigma` must be given for noise='{law}'"
+            + (", the largest norm of the noise" if law == "bounded" else "")
+        )
+    if law == "bounded" and sigma is None:
+        raise InputError("`sigma` must be the largest norm of the noise for noise='bounded'")
+    if law == "symmetric" and (known is not None or word != "full"):
+        raise InputError("noise='symmetric' uses no `covariance` and no `sigma`: leave them out")
+    error = state_noise
+    if not isinstance(state_noise, str):
+        error = _positive_definite("state_noise", state_noise, n, semi=True)
+    else:
+        gate.choice("state_noise", state_noise, ("none", "white"))
+    return Assumptions(plan, law, word, known, error)  # type: ignore[arg-type]
+
+
+def _positive_definite(name: str, value: ArrayLike, n: int, *, semi: bool = False) -> Floats:
+    given = gate.matrix(name, value, rows=n, cols=n)
+    if np.abs(given).max() > LARGEST:
+        raise InputError(f"`{name}` must have entries up to {LARGEST:g}")
+    if not np.allclose(given, given.T, rtol=1e-9, atol=0.0):
+        raise InputError(f"`{name}` must be symmetric")
+    values = np.linalg.eigvalsh(given)
+    if values[0] < 0.0 or (values[0] == 0.0 and not semi):
+        raise InputError(
+            f"`{name}` must be positive definite, its least eigenvalue is {values[0]:.3g}"
+        )
+    return (given + given.T) / 2.0

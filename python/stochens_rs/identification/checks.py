@@ -1,0 +1,120 @@
+"""Tests of residuals with exact levels: warnings, never a licence for a region.
+
+For z independent of Gaussian noise the law of ``chol(S)^-1 E`` is free of Theta and Sigma: the rank
+of any statistic among simulated ones has an exact p-value at any N (Dufour and Khalaf 2002).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from .. import _core
+from .._base import gate, html
+from .._base.records import by_constructor
+from .._base.threads import get_num_threads
+from ..rng import Key, as_key
+from .least_squares import fit, only_rounding
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats: TypeAlias = NDArray[np.float64]
+
+NAMES = ("correlation in time", "correlation at lag 1", "tails", "heteroscedasticity", "change")
+HINTS = (
+    "noise that lasts, or states measured with error",
+    "states measured with error, or noise that lasts",
+    "noise that is not Gaussian; alone it does little harm",
+    "noise that grows with the states or inputs: regions are too small",
+    "a system or a noise that changed between the halves of the data",
+)
+DRAWS = 499
+LEVEL = 0.01  # of a warning, over all tests together
+WORK = 4e7  # normal variates that `identify` draws at most, about half a second
+KEY = as_key(20_020_101).child("residual tests")  # fixed, so that p-values repeat
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Checks:
+    """Tests of the residuals of a model, each with its p-value.
+
+    Attributes
+    ----------
+    p_values : dict of str to float
+        "correlation in time" (lags 1 to 5), "correlation at lag 1", "tails" (Mardia's kurtosis),
+        "heteroscedasticity" (squared residuals against leverages), "change" (the two halves of
+        the data). Small where an assumption fails.
+    draws : int
+        The number of simulated data sets; no p-value is below ``1 / (draws + 1)``.
+    exact : bool
+        Whether the p-values are exact under Gaussian noise; False for runs, where they are
+        approximate.
+    """
+
+    p_values: dict[str, float]
+    draws: int
+    exact: bool
+
+    def __post_init__(self) -> None:
+        gate.size("draws", self.draws)
+        gate.flag("exact", self.exact)
+        for name in NAMES:
+            gate.positive(name, self.p_values.get(name), maximum=1.0)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return by_constructor(self)
+
+    def failed(self, level: float = LEVEL) -> tuple[str, ...]:
+        """Name the tests that reject.
+
+        Parameters
+        ----------
+        level : float, default 0.01
+            Probability of any false alarm: each of the five tests has a fifth of it.
+
+        Returns
+        -------
+        tuple of str
+            Their names; empty if no assumption is seen to fail, which proves none of them.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> z = np.random.default_rng(1).standard_normal((40, 3))
+        >>> data = se.Trajectories.from_pairs(z[:, :1], z[:, 1:2], z[:, :1] + z[:, 2:])
+        >>> se.identify(data).checks.failed()
+        ()
+        """
+        share = gate.probability("level", level) / len(NAMES)
+        return tuple(name for name in NAMES if self.p_values[name] <= share * (1.0 + 1e-9))
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """One sentence for each test that rejects at the default level."""
+        hints = dict(zip(NAMES, HINTS, strict=True))
+        return tuple(
+            f"{name} in the residuals (p = {self.p_values[name]:.2g}): {hints[name]}"
+            for name in self.failed()
+        )
+
+    def __repr__(self) -> str:
+        smallest = min(self.p_values, key=self.p_values.__getitem__)
+        kind = "exact" if self.exact else "approximate"
+        return f"<Checks: smallest of 5 {kind} p-values {self.p_values[smallest]:.3g}, {smallest}>"
+
+    def _repr_html_(self) -> str:
+        return html.card(self, list(self.p_values.items()))
+
+
+def checked_residuals(
+    Z: Floats, Y: Floats, *, exact: bool, draws: int = DRAWS, key: Key = KEY
+) -> Checks | None:
+    """Test the residuals of least squares of `Y` on `Z`; None with too few pairs for a test."""
+    f = fit(_core.triangle(np.hstack([Z, Y]), get_num_threads()), Z.shape[1], len(Z))
+    if f.rank < 1 or f.nu < len(f.S) or len(Z) < 4 or only_rounding(f, Y):
+        return None
+    found = _core.residual_p_values(Z, Y, f.white, draws, bytes(key), get_num_threads())
+    return Checks(dict(zip(NAMES, found.tolist(), strict=True)), draws, exact)

@@ -1,0 +1,232 @@
+"""What data say about a system, without the regions: the fields of a model, and its estimate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+import numpy as np
+
+from .._base import gate
+from .._base.records import by_constructor
+from ..exceptions import InputError, ShapeError
+from ..rng import Key
+from ..system import System
+from .assumptions import Assumptions
+from .certifying import Block, assembled, blocks
+from .checks import Checks
+from .instruments import projected, two_stages
+from .least_squares import TRUSTED, named, only_rounding
+from .trajectories import Trajectories
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats: TypeAlias = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Estimate:
+    """Least squares of measured data and what was assumed; the fields are those of `Model`."""
+
+    data: Trajectories
+    triangle: Floats
+    assumptions: Assumptions
+    scale: Floats
+    intercept: bool = False
+    known: Floats | None = None
+    instruments: Floats | None = None
+    checks: Checks | None = None
+    key: Key | None = None
+
+    def __post_init__(self) -> None:
+        gate.instance("data", self.data, Trajectories)
+        gate.instance("assumptions", self.assumptions, Assumptions)
+        gate.flag("intercept", self.intercept)
+        n, d = self.n, self._d
+        r = 0 if self.instruments is None else gate.kept("instruments", self.instruments).shape[1]
+        gate.kept("triangle", self.triangle, shape=(r + d + n,) * 2)
+        gate.kept("scale", self.scale, shape=(d,))
+        if self.known is not None and self.known.shape != (n, d):
+            raise ShapeError(f"`known` must have shape ({n}, {d}), got {self.known.shape}")
+        if self.checks is not None:
+            gate.instance("checks", self.checks, Checks)
+        if self.noise == "symmetric":
+            gate.instance("key", self.key, Key)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return by_constructor(self)
+
+    @property
+    def n(self) -> int:
+        """The number of states."""
+        return self.data.n
+
+    @property
+    def m(self) -> int:
+        """The number of inputs."""
+        return self.data.m
+
+    @property
+    def dt(self) -> float | None:
+        """The time between two steps [s]; None if unspecified."""
+        return self.data.dt
+
+    @property
+    def size(self) -> int:
+        """The number of pairs N."""
+        return self.data.size
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """The names of the states."""
+        return self.data.state_names
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """The names of the inputs."""
+        return self.data.input_names
+
+    @property
+    def centre(self) -> Literal["estimate"]:
+        """Always "estimate": a model is not the system, and is not taken for it unasked."""
+        return "estimate"
+
+    @property
+    def design(self) -> str:
+        """The declared design."""
+        return self.assumptions.design
+
+    @property
+    def noise(self) -> str:
+        """The declared law of the noise."""
+        return self.assumptions.noise
+
+    @property
+    def _d(self) -> int:
+        return self.n + self.m + self.intercept
+
+    @property
+    def _own(self) -> Floats:
+        """The triangle of [Z Y] alone."""
+        r = 0 if self.instruments is None else self.instruments.shape[1]
+        return self.triangle[:, r:] if r else self.triangle
+
+    @cached_property
+    def _blocks(self) -> list[Block]:
+        return self._blocks_of(by_rows=False)
+
+    def _blocks_of(self, *, by_rows: bool) -> list[Block]:
+        R = self._own
+        if self.instruments is not None:
+            R = np.linalg.qr(R)[1]
+        return blocks(R, self._d, self.size, self.known, by_rows)
+
+    @cached_property
+    def _Theta(self) -> Floats:
+        """``[A B c]``, read-only."""
+        d, covariance = self._d, self.assumptions.state_noise
+        if self.instruments is not None:
+            r = self.instruments.shape[1]
+            return gate.frozen(two_stages(projected(self.triangle, r, self.size), d))
+        if isinstance(covariance, str):
+            return gate.frozen(assembled(self._blocks, self.known, self.n, d))
+        return gate.frozen(_corrected(self.triangle, d, self.n, self.size, covariance))
+
+    @property
+    def A(self) -> Floats:
+        """The state matrix, shape (n, n), read-only."""
+        return self._Theta[:, : self.n]
+
+    @property
+    def B(self) -> Floats:
+        """The input matrix, shape (n, m), read-only."""
+        return self._Theta[:, self.n : self.n + self.m]
+
+    @property
+    def c(self) -> Floats | None:
+        """The offset, shape (n,), read-only; None without intercept."""
+        return self._Theta[:, -1] if self.intercept else None
+
+    @property
+    def system(self) -> System:
+        """The system ``(A, B)``; the offset is not in it."""
+        return System(self.A, self.B, dt=self.dt)
+
+    @property
+    def covariance(self) -> Floats | None:
+        """The covariance of the noise, shape (n, n): the known one, or ``S / nu`` of the residuals.
+
+        None if there are no more pairs than unknowns. With noisy states it holds their noise too.
+        """
+        if self.assumptions.known is not None:
+            return self.assumptions.known
+        found = np.zeros((self.n, self.n))
+        for block in self._blocks:
+            if block.fitted.nu < 1:
+                return None
+            found[np.ix_(block.rows, block.rows)] = block.fitted.S / block.fitted.nu
+        return found
+
+    @property
+    def rank(self) -> int:
+        """How many directions of z = (x, u, 1) the data determine, the least over the rows."""
+        free = [block.fitted.rank - len(block.columns) for block in self._blocks]
+        return self._d + min(free)
+
+    @property
+    def identifiable(self) -> bool:
+        """Whether the data determine the whole model."""
+        return self.rank == self._d
+
+    @cached_property
+    def missing(self) -> tuple[str, ...]:
+        """The directions of z that the data do not determine, in the names of states and inputs.
+
+        ``x[1] - u[0]``: the data are the same for all models that act alike on the z in which this
+        combination is 0.
+        """
+        names = np.array([*self.state_names, *self.input_names, "1"][: self._d], dtype=object)
+        found: list[str] = []
+        for block in self._blocks:
+            if block.fitted.missing.shape[1]:
+                for text in named(block.fitted.missing, list(names[block.columns])):
+                    if text not in found:
+                        found.append(text)
+        return tuple(found)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What to be careful about, one sentence each; see also `checks`."""
+        said = [] if self.checks is None else list(self.checks.warnings)
+        if self.missing:
+            said.append(f"the data do not determine the model along {'; '.join(self.missing)}")
+        ratio = min((b.fitted.ratio for b in self._blocks if b.fitted.rank), default=1.0)
+        if ratio < TRUSTED:
+            said.append(
+                f"the states and inputs are nearly dependent (ratio {ratio:.1e}): bounds are large"
+            )
+        if any(
+            b.fitted.nu > 0 and only_rounding(b.fitted, self._own[:, self._d + b.rows])
+            for b in self._blocks
+        ):
+            said.append("residuals are 0 but for rounding, which no region covers")
+        if self.assumptions.noisy_states and self.instruments is None:
+            said.append("the states are measured with error, so that no region is known")
+        return tuple(said)
+
+    def _pairs(self) -> tuple[Floats, Floats]:
+        """Z and Y, the rows of all pairs."""
+        x, u, y = self.data.pairs()
+        ones = np.ones((len(x), int(self.intercept)))
+        return np.hstack([x, u, ones]), np.ascontiguousarray(y)
+
+
+def _corrected(R: Floats, d: int, n: int, N: int, covariance: Floats) -> Floats:
+    """``Y' Z (Z' Z - N C)^-1``: consistent for states with errors of covariance C."""
+    V = R[:d, :d].T @ R[:d, :d]
+    V[:n, :n] -= N * covariance
+    if np.linalg.eigvalsh(V)[0] <= 0.0:
+        raise InputError("`state_noise` is as large as the states themselves: no estimate")
+    return np.asarray(np.linalg.solve(V, R[:d, :d].T @ R[:d, d:]).T)

@@ -1,0 +1,249 @@
+"""`identify`: from measured runs to a model, under assumptions that the user declares."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from .. import _core
+from .._base import gate, html, memory
+from .._base.threads import get_num_threads
+from ..exceptions import DataWarning, InputError, InputTypeError, NonFiniteError, ShapeError
+from ..rng import RngLike, as_key
+from .assumptions import (
+    LARGEST,
+    SMALLEST,
+    Covariance,
+    Design,
+    Noise,
+    StateNoise,
+    checked_assumptions,
+)
+from .checks import DRAWS, WORK, checked_residuals
+from .model import Model
+from .trajectories import Trajectories, pooled
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    Floats: TypeAlias = NDArray[np.float64]
+
+
+def identify(
+    data: Trajectories | Sequence[Trajectories],
+    *,
+    design: Design = "adaptive",
+    noise: Noise = "gaussian",
+    covariance: Covariance | ArrayLike = "full",
+    sigma: float | None = None,
+    intercept: bool = False,
+    known_A: ArrayLike | None = None,
+    known_B: ArrayLike | None = None,
+    state_noise: StateNoise | ArrayLike = "none",
+    instruments: ArrayLike | None = None,
+    scale: ArrayLike = 1.0,
+    checks: bool = True,
+    rng: RngLike = None,
+) -> Model:
+    """Fit ``x(k+1) = A x(k) + B u(k) + c + w(k)`` to measured runs.
+
+    Parameters
+    ----------
+    data : Trajectories or list of them
+        The runs; several sets of one system are pooled.
+    design : {"adaptive", "independent"}, default "adaptive"
+        "adaptive": inputs and states may depend on earlier noise, as in every run of more than one
+        step. "independent": your declaration that all states and inputs of the pairs are
+        independent of all noise in `x_next`; for pairs only (`Trajectories.from_pairs`,
+        `last_pairs`, `k_step`). Never inferred.
+    noise : {"gaussian", "sub-gaussian", "bounded", "symmetric"}, default "gaussian"
+        The law of w(k), of mean 0. "sub-gaussian": ``E exp(l' w) <= exp(sigma^2 ||l||^2 / 2)``
+        given the past. "bounded": ``||w||_2 <= sigma``. "symmetric": w(k) independent of each
+        other and as likely as -w(k), of any law; needs ``design="independent"``.
+    covariance : {"full", "diagonal", "scalar"} or array_like of shape (n, n), default "full"
+        Of Gaussian noise: one unknown matrix, an unknown diagonal one, an unknown multiple of I, or
+        the matrix itself. For "sub-gaussian" noise a matrix in place of ``sigma^2 I``.
+    sigma : float, optional
+        The known size of the noise, see `noise`: for Gaussian noise the covariance is
+        ``sigma^2 I``.
+    intercept : bool, default False
+        Whether there is an offset c. Do not centre the data by hand instead.
+    known_A, known_B : array_like, shapes (n, n), (n, m), optional
+        Entries that are known beforehand; nan where an entry is to be estimated.
+    state_noise : {"none", "white"} or array_like of shape (n, n), default "none"
+        Whether the states are measured with error. "none": your declaration that they are not, or
+        that they are set points; errors of `x_next` alone count as noise. "white": errors
+        independent in time, which bias least squares; a region then needs `instruments`. An array:
+        the covariance of the errors, for a consistent estimate without a region.
+    instruments : array_like, shape (N, r), optional
+        For noisy states: numbers that go with each pair and are independent of all noise, at least
+        as many as unknowns of a row. In open loop ``data.past_inputs(lags)``; in closed loop an
+        added dither, not the inputs. On runs every second pair is used.
+    scale : float or array_like, shape (n + m,), default 1.0
+        The size of states and inputs that is expected before the data, in their units. Regions for
+        ``design="adaptive"`` hold for any scale, and are smallest if it is right within a factor of
+        ten or so.
+    checks : bool, default True
+        Whether to test the residuals; not done for more than about 80 000 / n pairs, for which
+        `Model.check` does it.
+    rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
+        Source of the random sign vectors for ``noise="symmetric"``. They are drawn here, once: to
+        identify the same data again with other ones, and choose, breaks the region.
+
+    Returns
+    -------
+    Model
+        Least squares (two-stage least squares with instruments).
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If an argument cannot be used, or contradicts another one.
+
+    Warns
+    -----
+    DataWarning
+        If the residuals speak against an assumption, with a probability of false alarm of 0.01; if
+        the data do not determine the model. No warning is no proof.
+
+    Notes
+    -----
+    The pairs are reduced to one triangle by Householder's QR; normal equations are never formed.
+    Data that do not determine the whole model are no error: the model is then the smallest one in
+    the units of the data, and `Model.missing` names what is missing.
+
+    Examples
+    --------
+    >>> import numpy as np, stochens_rs as se
+    >>> rng = np.random.default_rng(1)
+    >>> A, B = np.array([[0.9, 0.2], [-0.1, 0.8]]), np.array([[0.0], [1.0]])
+    >>> states, inputs = [], []
+    >>> for run in range(30):
+    ...     u = rng.standard_normal((20, 1))
+    ...     x = [np.zeros(2)]
+    ...     for k in range(20):
+    ...         x.append(A @ x[-1] + B @ u[k] + 0.01 * rng.standard_normal(2))
+    ...     states.append(np.array(x))
+    ...     inputs.append(u)
+    >>> model = se.identify(se.Trajectories(states, inputs), sigma=0.01)
+    >>> model
+    <Model: n=2 m=1, 600 pairs, adaptive design>
+    >>> region = model.region(0.05)
+    >>> region.contains(A, B), region.bound([1.0, 0.0], [0.0]) < 0.01
+    (True, True)
+    """
+    runs = pooled(data)
+    n = runs.n
+    assumed = checked_assumptions(n, design, noise, covariance, sigma, state_noise)
+    offset = gate.flag("intercept", intercept)
+    d = n + runs.m + offset
+    known = _known(n, runs.m, offset, known_A, known_B)
+    sizes = _scale(scale, n + runs.m, offset)
+    if assumed.design == "independent" and not runs.single:
+        raise InputError(
+            "`design` must be 'adaptive' for runs of several steps, whose states contain earlier "
+            "noise; for 'independent' use data.last_pairs(), data.k_step(...) or from_pairs"
+        )
+    source = as_key(rng)
+    key = source.child("sign vectors") if assumed.noise == "symmetric" else None
+    zeta = None if instruments is None else _instruments(instruments, runs, d, offset)
+    _refuse(assumed, known, zeta)
+    Z = _rows(runs, offset)
+    tested = None
+    if gate.flag("checks", checks) and runs.size * n * DRAWS <= WORK:
+        own, outcomes = np.ascontiguousarray(Z[:, :d]), np.ascontiguousarray(Z[:, d:])
+        tested = checked_residuals(own, outcomes, exact=assumed.design == "independent")
+    if zeta is not None:
+        keep = runs._places() % 2 == 0
+        runs, zeta = runs._thinned(), zeta[keep]
+        Z = np.hstack([zeta, Z[keep]])
+    triangle = _core.triangle(Z, get_num_threads())
+    if not np.isfinite(triangle).all():
+        raise NonFiniteError("the squares of the data overflow: scale the data down")
+    model = Model(runs, triangle, assumed, sizes, offset, known, zeta, tested, key)
+    if model.warnings:
+        said, more = model.warnings[0], len(model.warnings) - 1
+        said += f"; {html.number_of(more, 'more warning')}: see model.warnings" if more else ""
+        warnings.warn(DataWarning(said), stacklevel=2)
+    return model
+
+
+def _rows(runs: Trajectories, offset: bool) -> Floats:
+    """The rows (x, u, 1, x_next) of all pairs."""
+    if not offset:
+        return runs._rows
+    x, u, y = runs.pairs()
+    memory.need("the pairs", runs._rows.nbytes + 8 * len(x))
+    return np.hstack([x, u, np.ones((len(x), 1)), y])
+
+
+def _known(n: int, m: int, offset: bool, A: ArrayLike | None, B: ArrayLike | None) -> Floats | None:
+    """The known entries of [A B c], nan where an entry is to be estimated; None if none is."""
+    if A is None and B is None:
+        return None
+    known = np.full((n, n + m + offset), np.nan)
+    for name, value, start, width in (("known_A", A, 0, n), ("known_B", B, n, m)):
+        if value is None:
+            continue
+        given = gate.read(name, value)
+        if given.dtype.kind not in "iuf":
+            raise InputTypeError(f"`{name}` must contain real numbers, got {gate.show(value)}")
+        if given.shape != (n, width):
+            raise ShapeError(f"`{name}` must have shape ({n}, {width}), got {given.shape}")
+        floats = given.astype(np.float64)
+        if (np.abs(floats) > LARGEST).any():
+            raise InputError(
+                f"`{name}` must contain numbers up to {LARGEST:g}, or nan for what is to estimate"
+            )
+        known[:, start : start + width] = floats
+    if not np.isnan(known).any():
+        raise InputError("`known_A` and `known_B` leave nothing to estimate")
+    return known if not np.isnan(known).all() else None
+
+
+def _scale(scale: Any, count: int, offset: bool) -> Floats:
+    """The expected sizes of x and u, and 1 for the offset."""
+    if gate.is_real(scale):
+        sizes = np.full(count, gate.positive("scale", scale))
+    else:
+        sizes = gate.vector("scale", scale, length=count)
+    if sizes.min() < SMALLEST or sizes.max() > LARGEST:
+        wrong = sizes.min() if sizes.min() < SMALLEST else sizes.max()
+        raise InputError(f"`scale` must be in [{SMALLEST:g}, {LARGEST:g}], got {wrong:g}")
+    return np.concatenate([sizes, np.ones(int(offset))])
+
+
+def _instruments(value: ArrayLike, runs: Trajectories, d: int, offset: bool) -> Floats:
+    """The instruments of all pairs, with 1 behind them for an offset."""
+    zeta = gate.matrix("instruments", value, rows=runs.size)
+    zeta = np.hstack([zeta, np.ones((len(zeta), int(offset)))])
+    if zeta.shape[1] < d:
+        raise ShapeError(
+            f"`instruments` must have at least {d - offset} columns, one for each unknown of "
+            f"a row, got {zeta.shape[1] - offset}"
+        )
+    return zeta
+
+
+def _refuse(assumed: Any, known: Floats | None, zeta: Floats | None) -> None:
+    """Refuse assumptions that do not go together."""
+    if assumed.noise == "symmetric" and assumed.design != "independent":
+        raise InputError(
+            "`noise` must not be 'symmetric' with design='adaptive': where states follow from "
+            "earlier noise, the test of signs fails; declare sigma, or use data.last_pairs()"
+        )
+    if zeta is not None:
+        if isinstance(assumed.state_noise, str) and assumed.state_noise != "white":
+            raise InputError("`instruments` are for noisy states: declare state_noise='white'")
+        if not isinstance(assumed.state_noise, str) or assumed.covariance != "full":
+            raise InputError("`instruments` need no covariances: leave them out")
+        if assumed.noise != "gaussian" or known is not None:
+            raise InputError("`instruments` need noise='gaussian' and no known entries")
+    rows = known is not None and not (np.isnan(known) == np.isnan(known[0])).all()
+    if rows and assumed.noise == "symmetric":
+        raise InputError("noise='symmetric' needs whole columns in `known_A` and `known_B`")
+    if known is not None and not isinstance(assumed.state_noise, str):
+        raise InputError("a covariance as `state_noise` goes with no known entries")

@@ -1,0 +1,151 @@
+"""Least squares from one triangle: R with R' R = [Z Y]' [Z Y], the rows of Z being z = (x, u, 1).
+
+Everything that a region needs is a function of R and the number of pairs N. ``V = sum z z'`` is
+never formed, since that squares its condition number. Rank is decided on columns of unit length:
+the statements do not depend on the units of z.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats: TypeAlias = NDArray[np.float64]
+    Indices: TypeAlias = NDArray[np.int64]
+
+TRUSTED = 1e-8  # ratio of singular values below which a decision on the rank is delicate
+
+
+class Fitted(NamedTuple):
+    """Least squares and what its error is measured with.
+
+    `white` (rank, d) has ``white' white = V^+``, `root` (rank, d) has ``root' root = V``. `missing`
+    (d, d - rank): ``Theta z`` is determined only if ``missing' z = 0``.
+    """
+
+    H: Floats
+    S: Floats
+    N: int
+    rank: int
+    white: Floats
+    root: Floats
+    missing: Floats
+    ratio: float
+    R11: Floats
+
+    @property
+    def nu(self) -> int:
+        """Degrees of freedom of the residuals."""
+        return self.N - self.rank
+
+
+def r_factor(rows: Floats) -> Floats:
+    """The square triangle of few rows, with a diagonal >= 0."""
+    R = np.linalg.qr(rows)[1]
+    R = np.vstack([R, np.zeros((rows.shape[1] - len(R), rows.shape[1]))])
+    signs: Floats = np.where(np.diag(R) < 0.0, -1.0, 1.0)
+    return R * signs[:, None]
+
+
+def fit(R: Floats, d: int, N: int) -> Fitted:
+    """Least squares from the triangle, of any rank.
+
+    ``R11 = U diag(s) Q' D`` with the column lengths D: ``H' = D^-1 Q_r s_r^-1 U_r' R12`` and
+    ``S = R22' R22 + R12' (I - U_r U_r') R12``, where the second term is what a lower rank leaves.
+    """
+    R11, R12, R22 = R[:d, :d], R[:d, d:], R[d:, d:]
+    D = np.linalg.norm(R11, axis=0)
+    D = np.where(D == 0.0, 1.0, D)
+    U, s, Qt = np.linalg.svd(R11 / D)
+    largest = float(np.max(s, initial=0.0))
+    rank = int(np.sum(s > max(N, d) * np.finfo(float).eps * largest))
+    U, s_r, Q_r = U[:, :rank], s[:rank], Qt[:rank]
+    white = (Q_r / s_r[:, None]) / D
+    left = R12 - U @ (U.T @ R12)
+    return Fitted(
+        H=(white.T @ (U.T @ R12)).T,
+        S=R22.T @ R22 + left.T @ left,
+        N=N,
+        rank=rank,
+        white=white,
+        root=(s_r[:, None] * Q_r) * D,
+        missing=Qt[rank:].T / D[:, None],
+        ratio=float(s_r[-1] / largest) if rank else 0.0,
+        R11=R11,
+    )
+
+
+def restricted(R: Floats, d: int, rows: Indices, columns: Indices, known: Floats) -> Floats:
+    """The triangle for some rows and columns of Theta, where the other entries are `known`.
+
+    ``[Z_columns, (Y - Z known')_rows]`` is ``[Z Y]`` times a matrix, so that of the triangle is
+    enough. `known` (n, d) is 0 in these columns.
+    """
+    count = len(columns)
+    M = np.zeros((len(R), count + len(rows)))
+    M[columns, np.arange(count)] = 1.0
+    M[:d, count:] = -known[rows].T
+    M[d + rows, count + np.arange(len(rows))] = 1.0
+    return r_factor(R @ M)
+
+
+def length(white: Floats, missing: Floats, ratio: float, z: Floats) -> float:
+    """``||z||`` in the norm of V^+; infinite where the data do not determine ``Theta z``."""
+    if not np.any(z):
+        return 0.0
+    # each direction against the size of what is added up in it, and how well it is known
+    tolerance = 100.0 * len(z) * np.finfo(float).eps / max(ratio, 1e-12)
+    largest = np.abs(z).max()
+    z = z / largest  # no square overflows
+    sizes = np.abs(missing.T) @ np.abs(z)
+    if np.any(np.abs(missing.T @ z) > tolerance * sizes):
+        return np.inf
+    with np.errstate(over="ignore"):
+        return float(largest * np.linalg.norm(white @ z))
+
+
+def only_rounding(f: Fitted, sizes: Floats) -> bool:
+    """Whether residuals, or a combination of them, are 0 up to the rounding of outcomes `sizes`.
+
+    `sizes` (.., n): the outcomes, or any rows with their column lengths.
+    """
+    lengths = np.maximum(np.linalg.norm(sizes, axis=0), 1e-300)
+    scaled = f.S / np.outer(lengths, lengths)
+    values = np.linalg.eigvalsh(scaled)
+    return bool(values[0 if f.nu >= len(scaled) else -1] <= 1e-24)
+
+
+def named(missing: Floats, names: Sequence[str]) -> tuple[str, ...]:
+    """The missing directions in words, ``x[1] - 0.5 u[0]``, one for each column of `missing`.
+
+    Columns are combined so that each has a name of its own: Gauss and Jordan with pivots.
+    """
+    left = (missing / np.linalg.norm(missing, axis=0, keepdims=True)).T.copy()
+    done: list[int] = []
+    for row in range(len(left)):
+        size = np.round(np.abs(left[row:]), 9)  # of equal ones the first, whatever the rounding
+        size[:, done] = 0.0
+        best, column = np.unravel_index(int(np.argmax(size)), size.shape)
+        left[[row, row + int(best)]] = left[[row + int(best), row]]
+        left[row] /= left[row, column]
+        others = np.arange(len(left)) != row
+        left[others] -= np.outer(left[others, column], left[row])
+        done.append(int(column))
+    return tuple(_combination(row, names) for row in left[np.argsort(done)])
+
+
+def _combination(row: Floats, names: Sequence[str]) -> str:
+    first = row[np.abs(row) > 1e-6 * np.abs(row).max()][0]
+    text = ""
+    for value, name in zip(row * np.sign(first), names, strict=True):
+        if abs(value) < 1e-6 * np.abs(row).max():
+            continue
+        number = "" if abs(abs(value) - 1.0) < 5e-4 else f"{abs(value):.3g} "
+        sign = ("-" if value < 0.0 else "") if not text else (" - " if value < 0.0 else " + ")
+        text += f"{sign}{number}{name}"
+    return text

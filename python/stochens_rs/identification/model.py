@@ -1,0 +1,348 @@
+"""`Model`: least squares of measured data, and the regions and ensembles that follow."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from .._base import gate, html
+from ..ensembles.systems import SystemEnsemble
+from ..exceptions import InputError
+from ..rng import RngLike, as_key
+from .assumptions import Assumptions
+from .certifying import METHODS, Method, Wish, parts, refuse, sign_region
+from .certifying import directions as spanned
+from .checks import Checks, checked_residuals
+from .estimate import Estimate
+from .instruments import instrumented, projected
+from .region import Region
+from .resampling import METHODS as BOOTSTRAPS
+from .resampling import Bootstrap, bootstrap_models, drawn_models
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import ArrayLike, NDArray
+
+    Floats: TypeAlias = NDArray[np.float64]
+
+
+class Model(Estimate):
+    """A model ``x(k+1) = A x(k) + B u(k) + c`` identified from data, with what was assumed.
+
+    Made by `identify`.
+
+    Attributes
+    ----------
+    data : Trajectories
+        The pairs it was fitted to: with instruments, every second pair of each run.
+    triangle : ndarray
+        R with ``R' R = W' W`` for the rows ``W = (x, u, 1, x_next)`` of all pairs, with the
+        instruments before them if there are any: all that the estimate and most regions need.
+    assumptions : Assumptions
+        Design, noise, covariance and state noise, as declared.
+    scale : ndarray, shape (n + m,) or (n + m + 1,)
+        The sizes of states and inputs that were expected before the data.
+    intercept : bool
+        Whether there is an offset c.
+    known : ndarray, shape (n, n + m) or (n, n + m + 1), or None
+        The entries that were declared as known; nan where an entry was estimated.
+    instruments : ndarray, shape (N, r), or None
+        The instruments of the pairs of `data`.
+    checks : Checks or None
+        The tests of the residuals; None if there were too few pairs, too many to test them
+        without being asked, or `identify` was told not to: see `check`.
+    key : Key or None
+        That of the sign vectors, for noise of symmetric law.
+    """
+
+    def check(self, draws: int = 499, *, rng: RngLike = None) -> Checks | None:
+        """Test the residuals again, with another number of simulated data sets.
+
+        Parameters
+        ----------
+        draws : int, default 499
+            Their number.
+        rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
+            Source of randomness.
+
+        Returns
+        -------
+        Checks or None
+            None with too few pairs.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> z = np.random.default_rng(1).standard_normal((40, 3))
+        >>> data = se.Trajectories.from_pairs(z[:, :1], z[:, 1:2], z[:, :1] + z[:, 2:])
+        >>> se.identify(data).check(99, rng=1).draws
+        99
+        """
+        count, key = gate.size("draws", draws), as_key(rng)
+        exact = self.design == "independent"
+        return checked_residuals(*self._pairs(), exact=exact, draws=count, key=key)
+
+    def region(
+        self,
+        delta: float = 0.05,
+        *,
+        components: bool = False,
+        x0: ArrayLike | None = None,
+        directions: ArrayLike | None = None,
+        future: int = 0,
+        frobenius: bool = False,
+        method: Method = "auto",
+        anytime: bool = False,
+    ) -> Region:
+        """Return a set of models that holds the true one.
+
+        Parameters
+        ----------
+        delta : float, default 0.05
+            The probability that it does not, in (0, 1).
+        components : bool, default False
+            One region for each row of ``[A B c]`` instead of one for all: sharper for every
+            component of a step, wider for its norm.
+        x0 : array_like, shape (n,), optional
+            A state that was fixed before the data; the region then bounds steps from this state
+            only, with any input, and is smaller.
+        directions : array_like, shape (n + m, r), optional
+            The same for all ``z = (x, u)`` in the span of these columns, which must have been fixed
+            without a look at the outcomes ``x_next``; with intercept ``(x, u, 1)``.
+        future : int, default 0
+            Let the noise of this many steps to come be covered too, in the same event.
+        frobenius : bool, default False
+            Bound the Frobenius norm as well, in the same event, as errors over several steps need.
+        method : {"auto", "mixture", "universal"}, default "auto"
+            For Gaussian noise of unknown covariance with any design. "mixture": small, but infinite
+            with few pairs. "universal": finite once there are n more pairs than unknowns, wide, and
+            valid for all N at once. "auto": the smaller of both, each with delta / 2.
+        anytime : bool, default False
+            For the same case: whether the region is to hold for all N at once, so that it may be
+            asked for again and again while data arrive. For known noise it does in any case.
+
+        Returns
+        -------
+        Region
+            With its assumption in words.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If no region is known for what was assumed; no model explains the data (instruments);
+            or an argument cannot be used.
+
+        Notes
+        -----
+        ``H`` is least squares, ``D = H - Theta``, ``V = sum z z'``, S the residual sum of squares,
+        ``nu = N - rank``. Independent design, Gaussian noise: ``D V D' <= q S`` with the exact
+        quantile q of the largest root of ``E^-1 G G'`` (Roy 1953; Chiani 2016), and its relatives
+        for diagonal, scalar and known covariance. Any design: ``||W Z' V_lam^-1/2||^2 <= 2 sigma^2
+        c`` for all N at once, with ``1F1(1/2; n/2; c) = det(I + V/lam)^(1/2) / delta``, a mixture
+        over lines in the manner of Abbasi-Yadkori, Pal and Szepesvari (2011), without a bound on
+        Theta. Symmetric noise: sign-perturbed sums (Csaji, Campi and Weyer 2015). Instruments:
+        Anderson and Rubin (1949).
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> z = np.random.default_rng(2).standard_normal((40, 5))
+        >>> x, u, w = z[:, :2], z[:, 2:3], 0.1 * z[:, 3:]
+        >>> data = se.Trajectories.from_pairs(x, u, 0.5 * x + u + w)
+        >>> model = se.identify(data, design="independent", sigma=0.1)
+        >>> region = model.region(0.05)
+        >>> region.contains([[0.5, 0.0], [0.0, 0.5]], [[1.0], [1.0]])
+        True
+        >>> region.assumption
+        'Gaussian noise of known covariance, independent of all states and inputs'
+        """
+        wish = Wish(
+            gate.probability("delta", delta),
+            gate.flag("components", components),
+            spanned(self._d, self.n, self.m, x0, directions),
+            gate.size("future", future, minimum=0, maximum=10_000),
+            gate.flag("frobenius", frobenius),
+            gate.choice("method", method, METHODS),
+            gate.flag("anytime", anytime),
+        )
+        noise, by_rows = self.assumptions, len(self._blocks) > 1
+        refuse(noise, wish, self.instruments is not None, by_rows)
+        centre, signs, radius, text = self._Theta, None, None, ""
+        found = self._blocks_of(by_rows=True) if wish.components and not by_rows else self._blocks
+        if self.instruments is not None:
+            source = projected(self.triangle, self.instruments.shape[1], self.size)
+            centre, part = instrumented(source, self._d, wish.delta)
+            made: tuple[Any, ...] = (part,)
+        elif self.key is not None:
+            made, signs, text = sign_region(found[0], centre, *self._pairs(), wish.delta, self.key)
+            radius = made[0].radius
+        else:
+            made, radius = parts(found, noise, wish, self.scale, self.n)
+        return Region(
+            centre=gate.frozen(centre),
+            m=self.m,
+            delta=wish.delta,
+            assumption=_said(noise, wish, self.instruments is not None) + text,
+            missing=self.missing if self.instruments is None else (),
+            parts=made,
+            future=wish.future,
+            frobenius=radius,
+            signs=signs,
+        )
+
+    def bootstrap(
+        self, size: int, *, method: Bootstrap = "pairs", rng: RngLike = None
+    ) -> SystemEnsemble:
+        """Fit models to resampled data.
+
+        Parameters
+        ----------
+        size : int
+            The number of models.
+        method : {"pairs", "residual", "wild", "trajectories"}, default "pairs"
+            "pairs": N pairs drawn with replacement. "trajectories": whole runs, for data with
+            feedback. "residual": the states and inputs are kept, residuals are drawn with
+            replacement (centred, times ``sqrt(N / nu)``). "wild": each residual keeps its place
+            and gets a random sign and the factor ``1 / sqrt(1 - h)``, for noise that is larger in
+            some places (MacKinnon and White 1985).
+        rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
+            Source of randomness.
+
+        Returns
+        -------
+        SystemEnsemble
+            Models that scatter about the estimate: ``centre`` is "estimate". A resample that does
+            not determine the model is left out; `about` says how many.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If the data do not determine the model, single entries were declared as known, there
+            are instruments, or an argument cannot be used.
+
+        Notes
+        -----
+        An ensemble shows how the estimate scatters. It is not a region: no statement about the
+        distance to the true system follows from it.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> z = np.random.default_rng(1).standard_normal((40, 3))
+        >>> data = se.Trajectories.from_pairs(z[:, :1], z[:, 1:2], z[:, :1] + z[:, 2:])
+        >>> se.identify(data).bootstrap(100, rng=1)
+        <SystemEnsemble: 100 models, n=1 m=1, about the estimate>
+        """
+        count = gate.size("size", size)
+        kind = gate.choice("method", method, BOOTSTRAPS)
+        self._refuse_resampling()
+        block, key = self._blocks[0], as_key(rng).child("bootstrap")
+        models = bootstrap_models(block, *self._pairs(), self._Theta, self.data, count, kind, key)
+        return self._ensemble(models, f"bootstrap of {kind}", count)
+
+    def draw(self, size: int, *, rng: RngLike = None) -> SystemEnsemble:
+        """Draw models from the law that the region is made of.
+
+        Parameters
+        ----------
+        size : int
+            The number of models.
+        rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
+            Source of randomness.
+
+        Returns
+        -------
+        SystemEnsemble
+            ``H + S^1/2 E^-1/2 G V^-1/2``, E ~ W_n(I, nu), G standard normal; for a known
+            covariance ``H + Sigma^1/2 G V^-1/2``. With mean H: ``centre`` is "estimate".
+
+        Raises
+        ------
+        InputError, InputTypeError
+            As `bootstrap`; or the noise is not Gaussian, or there are too few pairs.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> z = np.random.default_rng(1).standard_normal((40, 3))
+        >>> data = se.Trajectories.from_pairs(z[:, :1], z[:, 1:2], z[:, :1] + z[:, 2:])
+        >>> se.identify(data).draw(100, rng=1)
+        <SystemEnsemble: 100 models, n=1 m=1, about the estimate>
+        """
+        count = gate.size("size", size)
+        self._refuse_resampling()
+        if self.noise != "gaussian":
+            raise InputError(f"draw() needs noise='gaussian', got '{self.noise}': use bootstrap()")
+        block, key = self._blocks[0], as_key(rng).child("draw")
+        models = drawn_models(block, self.assumptions, self._Theta, count, key)
+        return self._ensemble(models, "draws of the law of the estimate", count)
+
+    def _refuse_resampling(self) -> None:
+        if not self.identifiable:
+            raise InputError(f"the data do not determine the model along {'; '.join(self.missing)}")
+        if len(self._blocks) > 1:
+            raise InputError("models with single known entries cannot be resampled")
+        if self.assumptions.noisy_states:
+            raise InputError(
+                "models of noisy states cannot be resampled: the scatter is not theirs"
+            )
+
+    def _ensemble(self, models: Floats, about: str, asked: int) -> SystemEnsemble:
+        n, m = self.n, self.m
+        lost = asked - len(models)
+        if not len(models):
+            raise InputError("no resample determines the model: there are too few pairs")
+        return SystemEnsemble(
+            models[:, :, :n],
+            models[:, :, n : n + m],
+            models[:, :, -1] if self.intercept else None,
+            centre="estimate",
+            dt=self.dt,
+            about=about + (f", {lost} of {asked} left out: not determined" if lost else ""),
+        )
+
+    def __repr__(self) -> str:
+        rank = "" if self.identifiable else f", rank {self.rank} of {self._d}"
+        dt = "" if self.dt is None else f" dt={self.dt:g}"
+        over = "" if self.data.steps == 1 else f" over {self.data.steps} steps"
+        careful = len(self.warnings)
+        said = f", {html.number_of(careful, 'warning')}" if careful else ""
+        pairs = html.number_of(self.size, "pair")
+        return (
+            f"<Model: n={self.n} m={self.m}{dt}{over}, {pairs}, {self.design} design{rank}{said}>"
+        )
+
+    def _repr_html_(self) -> str:
+        checks = None if self.checks is None else repr(self.checks)[1:-1]
+        rows = [
+            ("assumed", _said(self.assumptions, None, self.instruments is not None)),
+            ("residuals", checks),
+            *(("warning", text) for text in self.warnings),
+        ]
+        head = ["", *self.state_names, *self.input_names, "1"][: self._d + 1]
+        body = [
+            [name, *(f"{value:.4g}" for value in row)]
+            for name, row in zip(self.state_names, self._Theta, strict=True)
+        ]
+        small = self._d <= 12 and self.n <= 12
+        return html.card(self, rows, html.grid(head, body) if small else "")
+
+
+def _said(noise: Assumptions, wish: Wish | None, instruments: bool) -> str:
+    """The assumptions in words."""
+    if instruments:
+        return (
+            "Gaussian noise of process and readings, white, of one covariance each; instruments "
+            "independent of both"
+        )
+    text = noise.text
+    if noise.noise == "symmetric" or (noise.noise == "gaussian" and noise.design == "independent"):
+        text += ", independent of all states and inputs"
+    elif noise.known is not None or (wish is not None and wish.anytime):
+        text += ", any design, valid for all N at once"
+    else:
+        text += ", any design, for a number of pairs fixed beforehand"
+    if noise.noisy_states:
+        return text + "; states measured with error"
+    if wish is not None and wish.directions is not None:
+        text += "; states and inputs in a span fixed before the outcomes"
+    return text

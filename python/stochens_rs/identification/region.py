@@ -1,0 +1,322 @@
+"""`Region`: a set of models that holds the true one with a stated probability.
+
+With ``Theta = [A B c]`` and ``z = (x, u, 1)``, a part of a region is
+``(Theta - C) V (Theta - C)' <= factor S`` in the order of symmetric matrices, for some rows of
+Theta. By Cauchy and Schwarz, for all z at once, also for z chosen after the data,
+``||(Theta - C) z|| <= sqrt(factor ||S||) ||z||`` in the norm of V^-1, and no bound for z off the
+range of V.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from .._base import gate, html
+from .._base.records import by_constructor
+from ..exceptions import InputError, ShapeError
+from .assumptions import LARGEST
+from .least_squares import Fitted, length
+from .signs import SignTest
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    Floats: TypeAlias = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """``(Theta - C) V (Theta - C)' <= factor S`` for some rows and columns of Theta.
+
+    Attributes
+    ----------
+    rows, columns : ndarray of int64
+        Which.
+    white, root, missing : ndarray
+        Factors of V^+ and V, and the directions that the data do not determine.
+    ratio : float
+        Smallest over largest singular value of the scaled data.
+    S : ndarray, shape (rows, rows)
+        The shape of the region.
+    factor : float
+        Its size; may be infinite.
+    """
+
+    rows: NDArray[np.int64]
+    columns: NDArray[np.int64]
+    white: Floats
+    root: Floats
+    missing: Floats
+    ratio: float
+    S: Floats
+    factor: float
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return by_constructor(self)
+
+    @classmethod
+    def of(
+        cls,
+        fitted: Fitted,
+        rows: NDArray[np.int64],
+        columns: NDArray[np.int64],
+        S: Floats,
+        factor: float,
+    ) -> Part:
+        """The part around least squares."""
+        some = fitted.white, fitted.root, fitted.missing, fitted.ratio
+        return cls(rows, columns, *some, S, factor)
+
+    @property
+    def radius(self) -> float:
+        """``sqrt(factor ||S||)``."""
+        if not np.isfinite(self.factor):
+            return np.inf
+        return float(np.sqrt(self.factor * np.linalg.norm(self.S, 2)))
+
+    @property
+    def deviations(self) -> Floats:
+        """``sqrt(factor S_ii)``."""
+        if not np.isfinite(self.factor):
+            return np.full(len(self.S), np.inf)
+        return np.sqrt(self.factor * np.maximum(np.diag(self.S), 0.0))
+
+    def length(self, z: Floats) -> float:
+        """``||z||`` in the norm of V^-1, infinite off the range of V."""
+        return length(self.white, self.missing, self.ratio, z[self.columns])
+
+    def contains(self, difference: Floats) -> bool:
+        """Whether this difference of Theta from the centre is in the part."""
+        if not np.isfinite(self.factor):
+            return True
+        with np.errstate(over="ignore", invalid="ignore"):
+            X = difference[np.ix_(self.rows, self.columns)] @ self.root.T
+            square = X @ X.T
+        if not np.isfinite(square).all():
+            return False
+        return bool(np.linalg.eigvalsh(self.factor * self.S - square)[0] >= 0.0)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Region:
+    """A set of models ``[A B c]`` that holds the true one with probability ``1 - delta`` at least.
+
+    Made by `Model.region`.
+
+    Attributes
+    ----------
+    centre : ndarray, shape (n, n + m) or (n, n + m + 1)
+        ``[A B]`` or ``[A B c]`` in the middle of the region, which `bound` refers to. That of the
+        model, but with instruments, where it depends on `delta`.
+    m : int
+        The number of inputs.
+    delta : float
+        The true model lies outside with at most this probability.
+    assumption : str
+        What the statement rests on, in words.
+    missing : tuple of str
+        The directions ``z = (x, u)`` that the data do not determine, in the names of the data: for
+        a z with a part in them, `bound` is infinite.
+    parts : tuple
+        The region itself: one part for all rows of ``[A B c]``, or one for each row.
+    future : int
+        How many columns of noise to come are covered, see `bound`.
+    frobenius : float or None
+        ``||S^-1/2 (Theta - C) V^1/2||_F`` is at most this, in the same event; None where only the
+        spectral norm is bounded.
+    signs : SignTest or None
+        The exact set for noise of symmetric law, which `contains` asks.
+    """
+
+    centre: Floats
+    m: int
+    delta: float
+    assumption: str
+    missing: tuple[str, ...]
+    parts: tuple[Part, ...]
+    future: int = 0
+    frobenius: float | None = None
+    signs: SignTest | None = None
+
+    def __post_init__(self) -> None:
+        n, d = gate.kept("centre", self.centre, ndim=(2,)).shape
+        if d not in (n + gate.size("m", self.m), n + self.m + 1):
+            raise ShapeError(f"`centre` must have {n + self.m} columns, or one more, got {d}")
+        gate.probability("delta", self.delta)
+        for part in self.parts:
+            gate.instance("parts", part, Part)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return by_constructor(self)
+
+    @property
+    def n(self) -> int:
+        """The number of states."""
+        return len(self.centre)
+
+    @property
+    def radius(self) -> float:
+        """The bound for a z of length 1: ``sqrt(factor ||S||)``.
+
+        Lengths are those of V^-1, in which the data make ``||z||`` about ``|z| / sqrt(N)``. With
+        one part for each row, the root of the sum of squares.
+        """
+        return float(np.linalg.norm([part.radius for part in self.parts]))
+
+    @property
+    def bounded(self) -> bool:
+        """Whether `bound` is finite for all x and u."""
+        return np.isfinite(self.radius) and not self.missing
+
+    def contains(self, A: ArrayLike, B: ArrayLike, c: ArrayLike | None = None) -> bool:
+        """Whether a model is in the region.
+
+        Parameters
+        ----------
+        A : array_like, shape (n, n)
+            Its state matrix.
+        B : array_like, shape (n, m)
+            Its input matrix.
+        c : array_like, shape (n,), optional
+            Its offset, for a model with intercept; the default is 0.
+
+        Returns
+        -------
+        bool
+            False also where it differs from an entry that was declared as known.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If the shapes do not fit, or a `c` other than 0 is given without intercept.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> x, u, w = np.random.default_rng(1).standard_normal((3, 20, 1))
+        >>> data = se.Trajectories.from_pairs(x, u, 0.5 * x + u + 0.1 * w)
+        >>> region = se.identify(data, sigma=0.1).region(0.05)
+        >>> region.contains([[0.5]], [[1.0]]), region.contains([[0.9]], [[1.0]])
+        (True, False)
+        """
+        n, d = self.centre.shape
+        blocks = [gate.matrix("A", A, rows=n, cols=n), gate.matrix("B", B, rows=n, cols=self.m)]
+        offset = np.zeros(n) if c is None else gate.vector("c", c, length=n)
+        if d > n + self.m:
+            blocks.append(offset[:, None])
+        elif offset.any():
+            raise InputError("`c` must be left out: the model has no intercept")
+        Theta = np.hstack(blocks)
+        if np.abs(Theta).max() > LARGEST:
+            return False
+        free = np.zeros(Theta.shape, dtype=bool)
+        for part in self.parts:
+            free[np.ix_(part.rows, part.columns)] = True
+        known = ~free
+        if not np.allclose(Theta[known], self.centre[known], rtol=1e-12, atol=0.0):
+            return False
+        if self.signs is not None:
+            return self.signs.contains(Theta)
+        return all(part.contains(Theta - self.centre) for part in self.parts)
+
+    def bound(self, x: ArrayLike, u: ArrayLike, *, noise: bool = False) -> float:
+        """Bound how far one step of the true system is from that of the `centre`.
+
+        Parameters
+        ----------
+        x : array_like, shape (n,)
+            The state; may be chosen after the data, as may `u`.
+        u : array_like, shape (m,)
+            The input.
+        noise : bool, default False
+            Whether the noise of that step is included; the region must have been made with
+            ``future=1`` or more.
+
+        Returns
+        -------
+        float
+            ``||(Theta - C) z||_2`` is at most this for all x and u at once, with
+            ``z = (x, u, 1)``; infinite where the data do not determine it.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If the shapes do not fit, or the region has no noise to come.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> x, u, w = np.random.default_rng(1).standard_normal((3, 20, 1))
+        >>> data = se.Trajectories.from_pairs(x, u, 0.5 * x + u + 0.1 * w)
+        >>> region = se.identify(data, sigma=0.1).region(0.05)
+        >>> region.bound([0.0], [0.0]), region.bound([1.0], [0.0]) < 0.3
+        (0.0, True)
+        """
+        z = self._z(x, u)
+        if gate.flag("noise", noise):
+            if not self.future:
+                raise InputError("`noise` needs a region of noise to come: region(delta, future=1)")
+            terms = [part.radius * np.hypot(1.0, part.length(z)) for part in self.parts]
+        else:
+            terms = [_product(part.radius, part.length(z)) for part in self.parts]
+        return float(np.linalg.norm(terms))
+
+    def component_bounds(self, x: ArrayLike, u: ArrayLike) -> Floats:
+        """Bound every component of one step: ``|((Theta - C) z)_i|``.
+
+        Parameters
+        ----------
+        x, u
+            As in `bound`.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            All of them hold at once. ``region(delta, components=True)`` has sharper ones.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If the shapes do not fit.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> x, u, w = np.random.default_rng(1).standard_normal((3, 20, 1))
+        >>> data = se.Trajectories.from_pairs(x, u, 0.5 * x + u + 0.1 * w)
+        >>> se.identify(data, sigma=0.1).region(0.05).component_bounds([0.0], [0.0])
+        array([0.])
+        """
+        z = self._z(x, u)
+        found = np.zeros(self.n)
+        for part in self.parts:
+            size = part.length(z)
+            found[part.rows] = [_product(float(s), size) for s in part.deviations]
+        return found
+
+    def _z(self, x: ArrayLike, u: ArrayLike) -> Floats:
+        """``z = (x, u)``, with 1 behind it for a model with intercept."""
+        n, d = self.centre.shape
+        state, acting = gate.vector("x", x, length=n), gate.vector("u", u, length=self.m)
+        return np.concatenate([state, acting, np.ones(d - n - self.m)])
+
+    def __repr__(self) -> str:
+        what = f"radius {self.radius:.4g}" if np.isfinite(self.radius) else "unbounded"
+        off = f", infinite along {', '.join(self.missing[:3])}" if self.missing else ""
+        return f"<Region: {100 * (1 - self.delta):.6g} %, {what}{off}>"
+
+    def _repr_html_(self) -> str:
+        rows = [
+            ("holds with", f"{100 * (1 - self.delta):.6g} % at least"),
+            ("for", self.assumption),
+            ("not determined", "; ".join(self.missing) or None),
+        ]
+        return html.card(self, rows)
+
+
+def _product(a: float, b: float) -> float:
+    """``a b``, where 0 times infinity is 0."""
+    return 0.0 if a == 0.0 or b == 0.0 else a * b

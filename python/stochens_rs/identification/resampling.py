@@ -1,0 +1,93 @@
+"""Models from resampled data: how an estimate scatters."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
+
+import numpy as np
+
+from .. import _core
+from .._base import memory
+from .._base.threads import get_num_threads
+from ..exceptions import InputError
+from ..rng import Key
+from .assumptions import Assumptions
+from .certifying import Block
+from .trajectories import Trajectories
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats: TypeAlias = NDArray[np.float64]
+
+Bootstrap: TypeAlias = Literal["pairs", "residual", "wild", "trajectories"]
+METHODS: tuple[Bootstrap, ...] = get_args(Bootstrap)
+
+
+def bootstrap_models(
+    block: Block,
+    Z: Floats,
+    Y: Floats,
+    Theta: Floats,
+    data: Trajectories,
+    size: int,
+    method: Bootstrap,
+    key: Key,
+) -> Floats:
+    """Models of `size` resamples, (size, n, d); fewer where a resample determines none.
+
+    In whitened regressors ``q_t``, with ``sum q q' = I``, and residuals ``e_t`` a model is
+    ``Theta + (sum k e q') (sum k q q')^-1 white`` with counts k, or ``Theta + (sum e* q') white``
+    with drawn or signed residuals e*.
+    """
+    f = block.fitted
+    memory.need("the models", 3 * 8 * size * Theta.size)
+    q, e = Z[:, block.columns] @ f.white.T, Y - Z @ Theta.T
+    if method == "residual":
+        if f.nu < 1:
+            raise InputError("method='residual' needs more pairs than unknowns: use 'pairs'")
+        e = (e - e.mean(axis=0)) * np.sqrt(f.N / f.nu)
+    elif method == "wild":
+        left = 1.0 - np.sum(q * q, axis=1)  # 0 where a pair is fitted exactly: so is e
+        e = e / np.sqrt(np.where(left > 1e-12, left, np.inf))[:, None]
+    runs = None
+    if method == "trajectories":
+        runs = np.repeat(np.arange(len(data), dtype=np.uint32), data.lengths)
+    kind = "pairs" if method == "trajectories" else method
+    rows, H = np.hstack([q, e]), np.ascontiguousarray(Theta[:, block.columns])
+    models = _core.bootstrap(
+        rows, H, f.white, runs, kind, size, bytes(key), None, get_num_threads()
+    )
+    return _placed(models[~np.isnan(models[:, 0])], block, Theta)
+
+
+def drawn_models(block: Block, noise: Assumptions, Theta: Floats, size: int, key: Key) -> Floats:
+    """``Theta + L E^-1/2 G white`` with the laws of the noise assumed, (size, n, d)."""
+    f = block.fitted
+    n = len(Theta)
+    memory.need("the models", 3 * 8 * size * Theta.size)
+    least = n if noise.covariance == "full" else 1
+    if noise.known is None and f.nu < least:
+        raise InputError(f"draw() needs at least {f.rank + least} pairs, got {f.N}")
+    H = np.ascontiguousarray(Theta[:, block.columns])
+    if noise.covariance == "full":
+        values, vectors = np.linalg.eigh(f.S)
+        root = np.ascontiguousarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+        models = _core.region_draws(H, f.white, root, f.nu, size, bytes(key), get_num_threads())
+        return _placed(models, block, Theta)
+    gen = key.generator()
+    G = gen.standard_normal((size, n, f.rank))
+    if noise.known is not None:
+        G = np.linalg.cholesky(noise.known) @ G
+    elif noise.covariance == "scalar":
+        G *= np.sqrt(np.trace(f.S) / gen.chisquare(n * f.nu, (size, 1, 1)))
+    else:
+        G *= np.sqrt(np.diag(f.S) / gen.chisquare(f.nu, (size, n)))[:, :, None]
+    return _placed((H + G @ f.white).reshape(size, -1), block, Theta)
+
+
+def _placed(models: Floats, block: Block, Theta: Floats) -> Floats:
+    """The models with the columns that are known."""
+    whole = np.repeat(Theta[None], len(models), axis=0)
+    whole[:, :, block.columns] = models.reshape(len(models), len(Theta), len(block.columns))
+    return whole

@@ -1,0 +1,276 @@
+"""From a region for Theta = [A B c] to the error of a control, one step or several.
+
+The statements hold for every control at once, also for one that is chosen after the data, in the
+event that the region contains Theta. `white` (rank, d) has white' white = V^-1; any root of S and
+of V^-1 serves, as the norms below do not change when a root is multiplied by a rotation.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .laws import f_upper, scipy
+from .regions import Region, _times, bound, radius
+from .triangle import Fitted, fit, seen, triangle
+
+Array = NDArray[np.float64]
+
+
+class OneStep(NamedTuple):
+    """||x(1) - xf|| <= certificate = reach + model (+ start)."""
+
+    certificate: float
+    reach: float  # ||H z - xf||
+    model: float  # the region at z, with noise where asked
+    start: float  # what an uncertain x(0) adds
+
+
+def one_step(
+    region: Region, x0: ArrayLike, u: ArrayLike, xf: ArrayLike, *, rho0: float = 0.0
+) -> OneStep:
+    """The noise-free step from x0, known up to `rho0`: all u at once.
+
+    ||H z - xf|| + sqrt(f ||S||) ||z||_{V^-1} + (||A-hat|| + sqrt(f ||S|| ||(V^-1)_xx||)) rho0.
+    """
+    return _one_step(region, x0, u, xf, rho0, noise=False)
+
+
+def one_noisy_step(
+    region: Region, x0: ArrayLike, u: ArrayLike, xf: ArrayLike, *, rho0: float = 0.0
+) -> OneStep:
+    """The same with the noise of the step; the region must be `full(.., future=1)`.
+
+    D z + w = Sigma^(1/2) [G, g] (V^(-1/2) z, 1), so sqrt(f ||S||) sqrt(1 + ||z||^2).
+    """
+    return _one_step(region, x0, u, xf, rho0, noise=True)
+
+
+def _one_step(
+    region: Region, x0: ArrayLike, u: ArrayLike, xf: ArrayLike, rho0: float, *, noise: bool
+) -> OneStep:
+    m = region.fitted
+    z = state_and_input(m, x0, u)
+    n = len(m.H)
+    reach = float(np.linalg.norm(m.H @ z - np.asarray(xf)))
+    size = _times(1.0, m, z)
+    model = radius(region) * float(np.hypot(1.0, size)) if noise else bound(region, z)
+    start = 0.0
+    if rho0 > 0.0:
+        known = all(seen(m, e) for e in np.eye(m.H.shape[1])[:n])
+        W = np.linalg.norm(m.white[:, :n], 2) if known else np.inf
+        start = float(np.linalg.norm(m.H[:, :n], 2) + radius(region) * W) * rho0
+    return OneStep(reach + model + start, reach, model, start)
+
+
+def robust_control(region: Region, x0: ArrayLike, xf: ArrayLike, *, offset: bool = False) -> Array:
+    """The u with the smallest `one_step` certificate: two second-order cones, by Clarabel.
+
+    min t + sqrt(f ||S||) s  subject to  ||H z - xf|| <= t,  ||V^(-1/2) z|| <= s,  z = (x0, u).
+    """
+    try:
+        import clarabel  # type: ignore[import-untyped]
+    except ImportError:
+        raise ImportError("`robust_control` needs `clarabel` (extra `dev`)") from None
+    sparse = scipy().sparse
+    m, x0, xf = region.fitted, np.asarray(x0, float), np.asarray(xf, float)
+    n, d = m.H.shape
+    k = d - n - (1 if offset else 0)
+    inputs = slice(n, n + k)
+    fixed = state_and_input(m, x0, np.zeros(k))
+    zero = np.zeros((1, k))
+    rows = np.vstack([zero, -m.H[:, inputs], zero, -m.white[:, inputs]])
+    t, s = np.zeros((len(rows), 1)), np.zeros((len(rows), 1))
+    t[0], s[n + 1] = -1.0, -1.0
+    b = np.concatenate([[0.0], m.H @ fixed - xf, [0.0], m.white @ fixed])
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    found = clarabel.DefaultSolver(
+        sparse.csc_matrix((k + 2, k + 2)),
+        np.concatenate([np.zeros(k), [1.0, radius(region)]]),
+        sparse.csc_matrix(np.hstack([rows, t, s])),
+        b,
+        [clarabel.SecondOrderConeT(n + 1), clarabel.SecondOrderConeT(len(m.white) + 1)],
+        settings,
+    ).solve()
+    return np.array(found.x[:k])
+
+
+def fixed_noisy_radius(fitted: Fitted, z: ArrayLike, delta: float) -> float:
+    """||D z + w|| for one z fixed before the data: Hotelling's bound times sqrt(1 + ||z||^2)."""
+    n, nu = len(fitted.H), fitted.nu
+    if nu < n:
+        return np.inf
+    q = n / (nu - n + 1) * f_upper(delta, n, nu - n + 1)
+    size = np.hypot(1.0, _times(1.0, fitted, z))
+    return float(np.sqrt(q * np.linalg.norm(fitted.S, 2)) * size)
+
+
+def state_and_input(fitted: Fitted, x: ArrayLike, u: ArrayLike) -> Array:
+    """z = (x, u), or (x, u, 1) if the model has one column more."""
+    z = np.concatenate([np.asarray(x, dtype=np.float64), np.asarray(u, dtype=np.float64)])
+    return np.concatenate([z, np.ones(fitted.H.shape[1] - len(z))])
+
+
+# -- several steps ---------------------------------------------------------------------------------
+
+
+class Steps(NamedTuple):
+    """||x(k) - states[k]|| <= radii[k]; first-order part `linear[k]`, `sizes[k]` = ||z(k)||."""
+
+    states: Array  # (K + 1, n), of the model
+    radii: Array  # (K + 1,)
+    linear: Array  # (K + 1,)
+    rest: Array  # (K + 1,): b_k >= ||W^(1/2) e(k)||
+    sizes: Array  # (K,)
+
+
+def weighted_cauchy_schwarz(M: list[Array], c: ArrayLike) -> float:
+    """Above ||sum_j M_j y_j|| for all ||y_j|| <= c_j, and at most sum_j c_j ||M_j||.
+
+    sqrt(lam_max(sum_j (c_j / ||M_j||) M_j M_j') sum_j c_j ||M_j||); terms that are 0 are left out.
+    """
+    terms = [(a, m, np.linalg.norm(m, 2)) for m, a in zip(M, np.asarray(c), strict=True)]
+    terms = [(a, m, s) for a, m, s in terms if a * s > 0.0]
+    if not terms:
+        return 0.0
+    if not all(np.isfinite(a * s) for a, _, s in terms):
+        return np.inf
+    gram = sum((a / s) * (m @ m.T) for a, m, s in terms)
+    return float(np.sqrt(np.linalg.norm(gram, 2) * sum(a * s for a, _, s in terms)))
+
+
+def several_steps(
+    fitted: Fitted,
+    x0: ArrayLike,
+    inputs: ArrayLike,
+    *,
+    spectral: float,
+    frobenius: float = np.inf,
+    rho0: float = 0.0,
+    noise: bool = False,
+    S: ArrayLike | None = None,
+) -> Steps:
+    """The error of the model's trajectory under ||Gamma||_2 <= spectral, ||Gamma||_F <= frobenius.
+
+    e(k+1) = A e(k) + D z(k) + D_x e(k) (+ w(k)) with the model's A, z(k) and D = S^(1/2) Gamma
+    V^(-1/2). With c_k = V^(-1/2) z(k), M_p = A^p S^(1/2), W = (V^-1)_xx, wcs the weighted
+    inequality:
+
+        lin_k(M) = min(frobenius || sum_{j<k} c_j' (x) M_{k-1-j} ||, spectral wcs(M, ||c_j||))
+        b_k = lin_k(W^(1/2) M) + ||W^(1/2) A^k|| rho0 + spectral wcs(W^(1/2) M_{k-1-j}, b_j)
+        r_k = lin_k(M)         + ||A^k|| rho0         + spectral wcs(M_{k-1-j}, b_j).
+
+    First order plus rest: rest(k+1) = A rest(k) + D_x e(k) and ||V^(-1/2)(e_j, 0)|| =
+    ||W^(1/2) e_j|| <= b_j by induction. The Frobenius branch is the exact maximum of the first
+    order. All k and all inputs in one event. `noise`: the radii must be those of d + K columns; K
+    blocks M join the sum and ||c_j|| becomes sqrt(1 + ||c_j||^2).
+    """
+    m = fitted
+    n = len(m.H)
+    A = m.H[:, :n]
+    root = _root(m.S if S is None else np.asarray(S, dtype=np.float64))
+    known = all(seen(m, e) for e in np.eye(m.H.shape[1])[:n])
+    half = m.white[:, :n]  # half' half = W: as good as W^(1/2) in front of a vector
+    x = np.asarray(x0, dtype=np.float64)
+    states, powers, sizes, c = [x], [np.eye(n)], [], []
+    for u in np.asarray(inputs, dtype=np.float64):
+        z = state_and_input(m, states[-1], u)
+        sizes.append(_times(1.0, m, z))
+        c.append(m.white @ z)
+        states.append(m.H @ z)
+        powers.append(A @ powers[-1])
+    weights = np.hypot(1.0, sizes) if noise else np.array(sizes)
+
+    def linear(M: list[Array], k: int) -> float:
+        if not np.all(np.isfinite(weights[:k])):
+            return np.inf
+        blocks = [np.kron(c[j][None, :], M[k - 1 - j]) for j in range(k)]
+        total = sum(blocks, np.zeros((len(M[0]), n * len(m.white))))
+        if noise:
+            total = np.hstack([total, *[M[k - 1 - j] for j in range(k)]])
+        exact = _product(frobenius, float(np.linalg.norm(total, 2)))
+        crude = weighted_cauchy_schwarz([M[k - 1 - j] for j in range(k)], weights[:k])
+        return min(exact, _product(spectral, crude))
+
+    M = [power @ root for power in powers]
+    WM = [half @ power @ root for power in powers]
+    first, rest, r = [0.0], [], [rho0]
+    rest.append(_product(rho0, float(np.linalg.norm(half, 2)) if known else np.inf))
+    for k in range(1, len(states)):
+        past = np.array(rest)
+        back = [M[k - 1 - j] for j in range(k)]
+        back_W = [WM[k - 1 - j] for j in range(k)]
+        first.append(linear(M, k))
+        start = float(np.linalg.norm(powers[k], 2)) * rho0
+        r.append(first[-1] + start + _product(spectral, weighted_cauchy_schwarz(back, past)))
+        start = float(np.linalg.norm(half @ powers[k], 2)) * rho0
+        b = linear(WM, k) + start + _product(spectral, weighted_cauchy_schwarz(back_W, past))
+        rest.append(b if known else np.inf)
+    return Steps(np.array(states), np.array(r), np.array(first), np.array(rest), np.array(sizes))
+
+
+def _product(a: float, b: float) -> float:
+    """a b, where 0 times infinity is 0: nothing to bound."""
+    return 0.0 if a == 0.0 or b == 0.0 else a * b
+
+
+def _root(S: Array) -> Array:
+    values, vectors = np.linalg.eigh(S)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
+def scalar_steps(
+    fitted: Fitted, states: ArrayLike, sizes: ArrayLike, *, beta: float, rho0: float = 0.0
+) -> Array:
+    """A coarser bound, convex in the inputs, (K + 1,): beta = sqrt(f ||S||), s = ||W^(1/2)||.
+
+    r_{k+1} = ||A^{k+1}|| rho0 + beta sum_{j<=k} ||A^{k-j}|| (||z_j|| + s r_j).
+    """
+    n = len(fitted.H)
+    sizes = np.asarray(sizes)
+    powers = [np.linalg.matrix_power(fitted.H[:, :n], p) for p in range(len(sizes) + 1)]
+    a = [float(np.linalg.norm(power, 2)) for power in powers]
+    s = float(np.linalg.norm(fitted.white[:, :n], 2))
+    r = [rho0]
+    for k in range(len(sizes)):
+        r.append(
+            a[k + 1] * rho0 + beta * sum(a[k - j] * (sizes[j] + s * r[j]) for j in range(k + 1))
+        )
+    return np.array(r)
+
+
+# -- a correction from a second half of the data ---------------------------------------------------
+
+
+class Split(NamedTuple):
+    """x(K) - correction - (rest) is within `radius` of the model's x(K)."""
+
+    correction: Array
+    radius: float
+
+
+def split_correction(
+    first: Fitted, Z: ArrayLike, Y: ArrayLike, x0: ArrayLike, inputs: ArrayLike, delta: float
+) -> Split:
+    """First-order error of the model `first` by data that it has not seen, noise sigma^2 I.
+
+    sum_j A^{K-1-j} (H2 - H1) z_j has the error N(0, C(Sigma)), C(X) = sum_jk (z_j' V2^-1 z_k)
+    A^{K-1-j} X A^{K-1-k}', so its norm is at most sqrt(||C(I)|| n F_{n, n nu} tr S2 / (n nu)).
+    What is left, of second order, is `several_steps` without its first order.
+    """
+    second = fit(triangle(Z, Y))
+    n = len(first.H)
+    x, zs = np.asarray(x0, dtype=np.float64), []
+    for u in np.asarray(inputs, dtype=np.float64):
+        zs.append(state_and_input(first, x, u))
+        x = first.H @ zs[-1]
+    K = len(zs)
+    back = [np.linalg.matrix_power(first.H[:, :n], K - 1 - j) for j in range(K)]
+    correction = sum((back[j] @ (second.H - first.H) @ zs[j] for j in range(K)), np.zeros(n))
+    total = sum(np.kron((second.white @ zs[j])[None, :], back[j]) for j in range(K))
+    sigma2 = np.trace(second.S) / (n * second.nu)
+    size = np.linalg.norm(np.atleast_2d(total), 2)
+    return Split(correction, float(size * np.sqrt(n * f_upper(delta, n, n * second.nu) * sigma2)))

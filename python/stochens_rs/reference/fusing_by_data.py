@@ -1,0 +1,141 @@
+"""Weights of given models by data: no exact Theta is needed.
+
+Models Theta_1, .., Theta_M (n, d) that are independent of the data. With V = R' R (R = `root`),
+||Y - Theta Z||^2 = ||Theta R' - t||^2 + tr S for t = H R': the nearest point of the hull of the
+S_i = Theta_i R' to t is a problem on the simplex of size n rank. The noise of t is
+sigma times a standard normal in p = n rank dimensions, of which k belong to the affine hull.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .fusing import alse_dense
+from .laws import chi2_quantile, chi2_upper, noncentrality_limit
+from .regions import Region
+from .triangle import Fitted, leverages, residuals
+
+Array = NDArray[np.float64]
+
+
+class FusedModel(NamedTuple):
+    """F = sum w_i Theta_i nearest to the data, and what the data say about the hull.
+
+    `distance2` = ||F R' - t||^2, `off2` = ||t - P t||^2 =: T and `along` = ||P t - F R'||, P the
+    projector on the affine hull (dimension k).
+    """
+
+    F: Array
+    weights: Array
+    distance2: float
+    off2: float
+    along: float
+    k: int
+    p: int
+    fitted: Fitted
+
+
+def fuse(models: ArrayLike, fitted: Fitted) -> FusedModel:
+    """The mixture of `models` (M, n, d) nearest to the data, in the norm ||. R'||_F."""
+    models = np.asarray(models, dtype=np.float64)
+    S = models @ fitted.root.T
+    t = fitted.H @ fitted.root.T
+    found = alse_dense(S, t)
+    F = np.tensordot(found.weights, models, axes=1)
+    span = (S[1:] - S[0]).reshape(len(S) - 1, t.size)
+    _, s, basis = np.linalg.svd(span, full_matrices=False)
+    basis = basis[s > 1e-10 * np.max(np.linalg.norm(S.reshape(len(S), -1), axis=1))]
+    to = (t - S[0]).ravel()
+    nearest = basis.T @ (basis @ to)
+    along = nearest - (F @ fitted.root.T - S[0]).ravel()
+    return FusedModel(
+        F,
+        found.weights,
+        found.error**2,
+        float(np.sum((to - nearest) ** 2)) if len(basis) < to.size else 0.0,
+        float(np.linalg.norm(along)),
+        len(basis),
+        to.size,
+        fitted,
+    )
+
+
+def explained(fused: FusedModel, sigma: float, delta: float) -> bool:
+    """Whether some affine mixture is compatible with the data: T / sigma^2 <= chi2_{p-k; delta}."""
+    return fused.off2 <= sigma**2 * chi2_upper(delta, fused.p - fused.k)
+
+
+def certificate(fused: FusedModel, sigma: float, delta: float) -> Region:
+    """||(F - Theta) V^(1/2)||_F, from the data alone, sigma known; z independent of the noise.
+
+    T / sigma^2 is noncentral chi2_{p-k} with the squared distance of Theta to the affine hull, and
+    independent of the part along it: sigma^2 L + (along + sigma chi_k)^2 with L the upper limit of
+    the noncentrality, delta / 2 each (after Baraud 2004), or delta where the other part is empty.
+    Any F in the affine hull will do.
+    """
+    share = delta / 2.0 if 0 < fused.k < fused.p else delta  # one part alone gets all of it
+    rest = noncentrality_limit(fused.off2 / sigma**2, fused.p - fused.k, share)
+    chi = np.sqrt(chi2_upper(share, fused.k))
+    return _region(fused, sigma**2 * rest + (fused.along + sigma * chi) ** 2, delta)
+
+
+def certificate_unknown(fused: FusedModel, delta: float, cells: int = 400) -> Region:
+    """The same with sigma^2 in its chi2 interval from tr S: delta / 3 each.
+
+    The largest value over cells [s, s'] of the interval of s' L(T / s) + (along + sqrt(s') chi)^2;
+    the maximum may be inside, and a cell is bounded from above by both its ends.
+    """
+    f, n = fused.fitted, len(fused.F)
+    free, rss = n * f.nu, float(np.trace(f.S))
+    if free == 0:
+        return _region(fused, np.inf, delta)
+    low, high = rss / chi2_upper(delta / 6.0, free), rss / chi2_quantile(delta / 6.0, free)
+    s = np.geomspace(low, high, cells + 1)
+    chi = np.sqrt(chi2_upper(delta / 3.0, fused.k))
+    off = [noncentrality_limit(fused.off2 / v, fused.p - fused.k, delta / 3.0) for v in s[:-1]]
+    return _region(
+        fused, float(np.max(s[1:] * off + (fused.along + np.sqrt(s[1:]) * chi) ** 2)), delta
+    )
+
+
+def _region(fused: FusedModel, squared: float, delta: float) -> Region:
+    assumption = "noise sigma^2 I independent of all z; models independent of the data"
+    fitted = fused.fitted._replace(H=fused.F)
+    return Region(fitted, squared, np.eye(len(fused.F)), delta, assumption)
+
+
+class Shrunken(NamedTuple):
+    """F + share (H - F): share of least squares; it has no certificate of its own."""
+
+    model: Array
+    share: float
+
+
+def shrunken(fused: FusedModel, sigma: float | None = None, *, rule: str = "stein") -> Shrunken:
+    """Between the hull and least squares: share = max(0, 1 - c / distance2).
+
+    "mallows": c = sigma^2 n d, what least squares gets as one more model (Hansen 2007). "stein":
+    c = sigma^2 (p - k - 2), better than least squares for every Theta if p - k >= 3 (Bock 1982);
+    sigma unknown: c = (p - k - 2) tr S / (n nu + 2).
+    """
+    f, n = fused.fitted, len(fused.F)
+    degrees = fused.p if rule == "mallows" else max(0, fused.p - fused.k - 2)
+    s2 = sigma**2 if sigma is not None else float(np.trace(f.S)) / (n * f.nu + 2)
+    share = max(0.0, 1.0 - degrees * s2 / fused.distance2) if fused.distance2 > 0.0 else 0.0
+    return Shrunken(fused.F + share * (f.H - fused.F), float(share))
+
+
+def leave_one_out(models: ArrayLike, Z: ArrayLike, Y: ArrayLike) -> Array:
+    """Weights by the errors on pairs left out: of the models and, last, of least squares, (M + 1,).
+
+    Residuals Y - Theta_i Z, for least squares e_t / (1 - h_t), which are exactly those of a fit
+    without pair t; nearest mixture to 0 (jackknife averaging: Hansen and Racine 2012). For noise of
+    any covariance.
+    """
+    Z, Y = np.asarray(Z, dtype=np.float64), np.asarray(Y, dtype=np.float64)
+    own = residuals(Z, Y) / (1.0 - leverages(Z))[:, None]
+    errors = [Y - Z @ Theta.T for Theta in np.asarray(models, dtype=np.float64)]
+    return alse_dense([*errors, own], np.zeros_like(Y)).weights

@@ -1,0 +1,230 @@
+"""Confidence regions for Theta from pairs whose regressors are independent of Gaussian noise.
+
+A region has the form (Theta - C) V (Theta - C)' <= f S in the order of symmetric matrices. Then,
+by Cauchy and Schwarz, for all z and l at once, also for z chosen after the data,
+
+    |l' (Theta - C) z| <= sqrt(f l' S l) ||z||_{V^-1},
+    ||(Theta - C) z||  <= sqrt(f ||S||_2) ||z||_{V^-1},
+
+and no bound for z off the range of V. With Theta-hat = Theta + D, the law of everything here
+follows from D V^(1/2) = Sigma^(1/2) G, S = Sigma^(1/2) E_nu Sigma^(1/2), G standard normal and
+independent of E_nu ~ W_n(I, nu) (Anderson 2003, ch. 8).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .laws import f_upper
+from .quantiles import (
+    diagonal_quantile,
+    joint_radii,
+    row_quantile,
+    roy_quantile,
+    scalar_quantile,
+    wishart_quantile,
+)
+from .triangle import Fitted, Triangle, fit, seen, triangle
+
+Array = NDArray[np.float64]
+
+
+class Region(NamedTuple):
+    """(Theta - centre) V (Theta - centre)' <= factor S; V as in `fitted`, or its own pair."""
+
+    fitted: Fitted  # centre H, white and root of V, missing directions
+    factor: float
+    S: Array
+    delta: float
+    assumption: str
+
+
+def radius(region: Region) -> float:
+    """sqrt(factor ||S||_2): the bound for a z with ||z||_{V^-1} = 1."""
+    if not np.isfinite(region.factor):
+        return np.inf
+    return float(np.sqrt(region.factor * np.linalg.norm(region.S, 2)))
+
+
+def bound(region: Region, z: ArrayLike) -> float:
+    """||(Theta - centre) z|| is at most this, for all z at once."""
+    return _times(radius(region), region.fitted, z)
+
+
+def component_bounds(region: Region, z: ArrayLike) -> Array:
+    """|((Theta - centre) z)_i| is at most this, for all i and z at once."""
+    if not np.isfinite(region.factor):
+        return np.full(len(region.S), _times(np.inf, region.fitted, z))
+    size = _times(1.0, region.fitted, z)
+    deviations = np.sqrt(region.factor * np.diag(region.S))
+    return np.array([s * size if s > 0.0 else 0.0 * s for s in deviations])
+
+
+def _times(factor: float, fitted: Fitted, z: ArrayLike) -> float:
+    """factor ||z||, infinite where the data do not determine Theta z, and 0 at z = 0."""
+    if not np.any(np.asarray(z)):
+        return 0.0
+    if not seen(fitted, z):
+        return np.inf
+    return factor * float(np.linalg.norm(fitted.white @ np.asarray(z, dtype=np.float64)))
+
+
+def pivot(region: Region, Theta: ArrayLike) -> Array:
+    """Eigenvalues of S^-1 (Theta - C) V (Theta - C)', rising."""
+    X = (np.asarray(Theta, dtype=np.float64) - region.fitted.H) @ region.fitted.root.T
+    X = np.linalg.solve(np.linalg.cholesky(region.S), X)
+    return np.asarray(np.linalg.eigvalsh(X @ X.T))
+
+
+def pivot_in(region: Region, Theta: ArrayLike, Q: ArrayLike) -> Array:
+    """Eigenvalues of S^-1 D Q (Q' V^-1 Q)^-1 Q' D', rising: the same for z in the span of `Q`."""
+    basis = np.linalg.qr(region.fitted.white @ np.asarray(Q, dtype=np.float64))[0]
+    X = (np.asarray(Theta, dtype=np.float64) - region.fitted.H) @ region.fitted.root.T @ basis
+    X = np.linalg.solve(np.linalg.cholesky(region.S), X)
+    return np.asarray(np.linalg.eigvalsh(X @ X.T))
+
+
+def contains(region: Region, Theta: ArrayLike) -> bool:
+    """Whether the region contains `Theta`."""
+    return bool(np.isinf(region.factor) or pivot(region, Theta)[-1] <= region.factor)
+
+
+# -- the regions -----------------------------------------------------------------------------------
+
+
+def full(data: Triangle, delta: float, *, future: int = 0) -> Region:
+    """Any covariance: lam_max(S^-1 D V D') is Roy's root of (n, rank, nu).
+
+    `future` columns of independent noise w_k may join: lam_max(S^-1 (D V D' + sum w_k w_k')) has
+    the law of (n, rank + future, nu), as [D V^(1/2), w] = Sigma^(1/2) G with more columns.
+    """
+    m = fit(data)
+    q = roy_quantile(len(m.H), m.rank + future, m.nu, delta)
+    return Region(m, q, m.S, delta, "Gaussian noise of any covariance, independent of all z")
+
+
+def directions(data: Triangle, Q: ArrayLike, delta: float) -> Region:
+    """The region for z in the span of the columns of `Q` (d, r) alone: Roy's root of (n, r, nu).
+
+    V^(-1/2) Q (Q' V^-1 Q)^(-1/2) has orthonormal columns, so G times it is (n, r) standard normal.
+    `Q` must be fixed without a look at Y. Off that span nothing is known: `bound` is infinite.
+    """
+    m = fit(data)
+    Q = np.asarray(Q, dtype=np.float64)
+    r = int(np.linalg.matrix_rank(m.white @ Q))
+    off = np.linalg.svd(Q)[0][:, np.linalg.matrix_rank(Q) :]
+    q = roy_quantile(len(m.H), r, m.nu, delta)
+    m = m._replace(missing=np.hstack([off, m.missing]))
+    return Region(m, q, m.S, delta, "as `full`, z in a span that was fixed without the outcomes")
+
+
+def combinations(data: Triangle, L: ArrayLike, delta: float) -> Region:
+    """The region for L' Theta, `L` (n, p) fixed: the same with L' y in place of y."""
+    L = np.asarray(L, dtype=np.float64)
+    d = data.d
+    own = triangle(data.R[:, :d], data.R[:, d:] @ L)
+    return full(own._replace(N=data.N), delta)
+
+
+def diagonal(data: Triangle, delta: float) -> Region:
+    """Independent components of noise: lam_max(s^-1/2 D V D' s^-1/2), s = diag(S)."""
+    m = fit(data)
+    q = diagonal_quantile(len(m.H), m.rank, m.nu, delta)
+    S = np.diag(np.diag(m.S))
+    return Region(m, q, S, delta, "Gaussian noise of independent components, independent of all z")
+
+
+def row_bounds(data: Triangle, z: ArrayLike, delta: float) -> Array:
+    """Components under independent components of noise: sharper than `diagonal`, (n,).
+
+    |e_i' D z| <= sqrt(q S_ii) ||z||, q = (d / nu) F^-1_{d, nu}((1 - delta)^(1/n)), all i and z.
+    """
+    m = fit(data)
+    q = row_quantile(len(m.H), m.rank, m.nu, delta)
+    return np.sqrt(np.diag(m.S)) * _times(float(np.sqrt(q)), m, z)
+
+
+def scalar(data: Triangle, delta: float) -> Region:
+    """Noise of covariance sigma^2 I, sigma unknown: ||D V^(1/2)||^2 / tr S."""
+    m = fit(data)
+    n = len(m.H)
+    q = scalar_quantile(n, m.rank, m.nu, delta)
+    S = np.trace(m.S) * np.eye(n)
+    return Region(m, q, S, delta, "Gaussian noise of covariance sigma^2 I, independent of all z")
+
+
+def known(data: Triangle, sigma: float, delta: float) -> Region:
+    """Noise of covariance sigma^2 I, sigma known: ||D V^(1/2)||^2 / sigma^2."""
+    m = fit(data)
+    n = len(m.H)
+    q = wishart_quantile(n, m.rank, delta)
+    S = sigma**2 * np.eye(n)
+    return Region(m, q, S, delta, "Gaussian noise of known sigma, independent of all z")
+
+
+class JointRegion(NamedTuple):
+    """`full` with Frobenius: D = S^(1/2) Gamma V^(-1/2), both norms of Gamma in one event."""
+
+    fitted: Fitted
+    spectral: float
+    frobenius: float
+    delta: float
+
+
+def joint(data: Triangle, delta: float, *, future: int = 0) -> JointRegion:
+    """||Gamma||_2 <= spectral and ||Gamma||_F <= frobenius, with `future` columns of noise."""
+    m = fit(data)
+    radii = joint_radii(len(m.H), m.rank + future, m.nu, delta)
+    return JointRegion(m, radii.spectral, radii.frobenius, delta)
+
+
+# -- what is known of Theta beforehand -------------------------------------------------------------
+
+
+def restricted(Z: ArrayLike, Y: ArrayLike, T: ArrayLike, Theta0: ArrayLike) -> Triangle:
+    """Pairs for F when Theta = F T + Theta0: y - Theta0 z against T z. B known: T = [I 0]."""
+    Z, Y = np.asarray(Z, dtype=np.float64), np.asarray(Y, dtype=np.float64)
+    return triangle(Z @ np.asarray(T).T, Y - Z @ np.asarray(Theta0).T)
+
+
+class Rows(NamedTuple):
+    """Least squares row by row on the entries that may differ from 0."""
+
+    H: Array
+    fits: list[Fitted]
+    quantiles: Array  # of s_i^-2 ||.||^2, all rows at once
+    free: NDArray[np.bool_]
+
+
+def pattern(
+    Z: ArrayLike, Y: ArrayLike, free: ArrayLike, delta: float, known: ArrayLike | None = None
+) -> Rows:
+    """Entries that are not `free` (n, d) are `known` (default 0); fixed before the data.
+
+    Row i has the regressors P_i: |e_i' D z| <= s_i sqrt(d_i F_{d_i, N - d_i; delta/n})
+    ||z_{P_i}||, s_i^2 = RSS_i / (N - d_i). Each row is exact for itself, so the union over rows
+    asks nothing of the covariance.
+    """
+    Z, Y = np.asarray(Z, dtype=np.float64), np.asarray(Y, dtype=np.float64)
+    free = np.asarray(free, dtype=bool)
+    n = len(free)
+    H = np.where(free, 0.0, np.zeros(free.shape) if known is None else np.asarray(known))
+    fits, q = [], np.zeros(n)
+    for i, own in enumerate(free):
+        m = fit(triangle(Z[:, own], Y[:, [i]] - Z @ H[i][:, None]))
+        q[i] = m.rank * f_upper(delta / n, m.rank, m.nu) / m.nu if m.rank and m.nu else 0.0
+        q[i] = np.inf if m.rank and not m.nu else q[i]
+        fits.append(m)
+    for i, (own, m) in enumerate(zip(free, fits, strict=True)):
+        H[i, own] = m.H[0]
+    return Rows(H, fits, q, free)
+
+
+def pattern_bounds(rows: Rows, z: ArrayLike) -> Array:
+    """|((Theta - H) z)_i| is at most this, for all i and z at once, (n,)."""
+    z = np.asarray(z, dtype=np.float64)
+    each = zip(rows.free, rows.fits, rows.quantiles, strict=True)
+    return np.array([_times(np.sqrt(q * m.S[0, 0]), m, z[own]) for own, m, q in each])

@@ -1,0 +1,28 @@
+//! Identification from measured pairs `y = Theta z + w`: what loops over data, draws or replicates.
+//!
+//! The same in plain NumPy is in `python/stochens_rs/reference/`.
+
+mod beta_model;
+mod distributions;
+mod largest_root;
+mod levels;
+mod quantiles;
+mod replicates;
+mod residual_tests;
+mod several_steps;
+mod signs;
+mod symmetric;
+mod triangle;
+
+pub use beta_model::DRAWS;
+pub use distributions::{chi2_quantile, chi2_upper, f_upper, noncentrality_limit};
+pub use levels::{least_squares_level, one_noise, sphere_level};
+pub use quantiles::{
+    diagonal_quantile, joint_radii, log_multigamma, row_quantile, roy_quantile, scalar_quantile, smallest_quantile,
+    trace_quantile, wishart_quantile,
+};
+pub use replicates::{Centre, Pairs, Weights, region_draws, residual_models, weighted_models};
+pub use residual_tests::{Residuals, STATISTICS, residual_p_values, residuals};
+pub use several_steps::{Fitted, Radii, Steps, several_steps};
+pub use signs::{sign_radii, sign_statistics};
+pub use triangle::{triangle, update};

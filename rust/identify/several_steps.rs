@@ -1,0 +1,345 @@
+//! The error of the model's trajectory over several steps, for all inputs at once, also for those chosen after the data.
+//!
+//! In the event `||Gamma||_2 <= spectral`, `||Gamma||_F <= frobenius`, `Theta - H = -D`, `D = S^(1/2) Gamma V^(-1/2)`,
+//!
+//! ```text
+//! e(k+1) = A e(k) + D z(k) + D_x e(k) (+ w(k))
+//! ```
+//!
+//! with the model's `A`. With `c_k = V^(-1/2) z(k)`, `M_p = A^p S^(1/2)`, `W = (V^-1)_xx` and `wcs` the weighted inequality of
+//! [`cauchy_schwarz`]:
+//!
+//! ```text
+//! lin_k(M) = min(frobenius || sum_{j<k} c_j' (x) M_{k-1-j} ||, spectral wcs(M, ||c_j||))
+//! b_k = lin_k(W^(1/2) M) + ||W^(1/2) A^k|| rho0 + spectral wcs(W^(1/2) M_{k-1-j}, b_j)
+//! r_k = lin_k(M)         + ||A^k|| rho0         + spectral wcs(M_{k-1-j}, b_j).
+//! ```
+//!
+//! First order plus rest: `rest(k+1) = A rest(k) + D_x e(k)` and `||V^(-1/2) (e_j, 0)|| = ||W^(1/2) e_j|| <= b_j` by induction.
+
+use faer::linalg::matmul::matmul;
+use faer::{Accum, MatMut, MatRef, Par};
+
+use crate::error::{Error, Result};
+use crate::fuse::norm;
+use crate::memory::{checked_len, room_for_products, try_room, try_zeros};
+use crate::parallel::Stop;
+
+use super::symmetric::{Symmetric, spectral_norm};
+
+const WHAT: &str = "a certificate of several steps";
+
+/// Least squares and what its error is measured with; `d = n + m`, or one more with an offset.
+#[derive(Debug, Clone, Copy)]
+pub struct Fitted<'a> {
+    /// The model `H` (n, d).
+    pub model: &'a [f64],
+    /// `white' white = V^+` (rank, d).
+    pub white: &'a [f64],
+    /// A root of `S` (n, n).
+    pub root: &'a [f64],
+    /// A basis of the `z` that the data do not show (columns; d, d - rank).
+    pub missing: &'a [f64],
+    /// Smallest over largest singular value of the data with columns of unit length.
+    pub ratio: f64,
+    /// Number of states.
+    pub n: usize,
+    /// Entries of `z`.
+    pub d: usize,
+}
+
+/// What is assumed of the error.
+#[derive(Debug, Clone, Copy)]
+pub struct Radii {
+    /// Bound of `||Gamma||_2`.
+    pub spectral: f64,
+    /// Bound of `||Gamma||_F`, or infinity.
+    pub frobenius: f64,
+    /// How far `x(0)` may be from what is given.
+    pub rho0: f64,
+    /// Whether the noise of the run counts: the radii must be those of `d + K` columns.
+    pub noise: bool,
+}
+
+/// `||x(k) - states[k]|| <= radii[k]`.
+#[derive(Debug, Clone)]
+pub struct Steps {
+    /// Of the model, (K + 1, n).
+    pub states: Vec<f64>,
+    /// (K + 1).
+    pub radii: Vec<f64>,
+    /// The first-order part (K + 1).
+    pub linear: Vec<f64>,
+    /// `b_k >= ||W^(1/2) e(k)||` (K + 1).
+    pub rest: Vec<f64>,
+    /// `||z(k)||` in the norm of `V^+` (K), infinite where the data do not determine `Theta z`.
+    pub sizes: Vec<f64>,
+}
+
+impl Fitted<'_> {
+    fn checked(&self) -> Result<usize> {
+        let (n, d) = (self.n, self.d);
+        let sized = |name, values: &[f64], len: usize| {
+            if values.len() == len {
+                return Ok(());
+            }
+            Err(Error::Shape { name, expected: format!("{len} entries"), found: values.len().to_string() })
+        };
+        if n == 0 || d < n {
+            return Err(Error::Shape {
+                name: "H",
+                expected: "n x d entries, 1 <= n <= d".into(),
+                found: format!("{n} x {d}"),
+            });
+        }
+        sized("H", self.model, checked_len(WHAT, n, d)?)?;
+        sized("root", self.root, checked_len(WHAT, n, n)?)?;
+        let rank = self.white.len() / d;
+        sized("white", self.white, rank * d)?;
+        sized("missing", self.missing, d * d.saturating_sub(rank))?;
+        Ok(rank)
+    }
+
+    /// Whether the data determine `Theta z`: each direction against the size of what is added up in it, and how well it is
+    /// known.
+    fn sees(&self, z: &[f64]) -> bool {
+        let tolerance = 100.0 * self.d as f64 * f64::EPSILON / self.ratio.max(1e-12);
+        let directions = self.missing.len() / self.d;
+        (0..directions).all(|q| {
+            let terms = || self.missing.iter().skip(q).step_by(directions).zip(z).map(|(m, z)| m * z);
+            terms().sum::<f64>().abs() <= tolerance * terms().map(f64::abs).sum::<f64>()
+        })
+    }
+
+    /// Whether the data determine `A`.
+    fn sees_states(&self) -> bool {
+        self.missing.len() == 0 || {
+            let directions = self.missing.len() / self.d;
+            self.missing[..self.n * directions].iter().all(|m| *m == 0.0)
+        }
+    }
+}
+
+/// Row-major `a (n x k)` times `b (k x m)`.
+fn product(a: &[f64], b: &[f64], n: usize, k: usize, m: usize) -> Result<Vec<f64>> {
+    let mut out = try_zeros(WHAT, checked_len(WHAT, n, m)?)?;
+    let (a, b) = (MatRef::from_row_major_slice(a, n, k), MatRef::from_row_major_slice(b, k, m));
+    matmul(MatMut::from_row_major_slice_mut(&mut out, n, m), Accum::Replace, a, b, 1.0, Par::Seq);
+    Ok(out)
+}
+
+/// The largest singular value of a `rows x cols` matrix with few rows, from the product with its transpose.
+fn wide_norm(m: &[f64], rows: usize, cols: usize, small: &mut Symmetric) -> Result<f64> {
+    let scale = crate::fuse::power_of_two_scale(m);
+    let matrix = MatRef::from_row_major_slice(m, rows, cols);
+    let gram = MatMut::from_row_major_slice_mut(&mut small.matrix, rows, rows);
+    matmul(gram, Accum::Replace, matrix, matrix.transpose(), 1.0 / scale / scale, Par::Seq);
+    Ok(scale * small.largest()?.max(0.0).sqrt())
+}
+
+/// `a b`, where 0 times infinity is 0: nothing to bound.
+fn times(a: f64, b: f64) -> f64 {
+    if a == 0.0 || b == 0.0 { 0.0 } else { a * b }
+}
+
+/// The matrices `M_p`, `p < K`, with what is needed of each.
+struct Powers {
+    rows: usize,
+    n: usize,
+    matrices: Vec<Vec<f64>>,
+    norms: Vec<f64>,
+    /// `M_p M_p'`.
+    squares: Vec<Vec<f64>>,
+    small: Symmetric,
+}
+
+impl Powers {
+    fn new(rows: usize, n: usize, steps: usize) -> Result<Self> {
+        let [matrices, squares] = [try_room(WHAT, steps)?, try_room(WHAT, steps)?];
+        Ok(Self { rows, n, matrices, norms: try_room(WHAT, steps)?, squares, small: Symmetric::new(rows)? })
+    }
+
+    fn push(&mut self, matrix: Vec<f64>) -> Result<()> {
+        self.norms.push(spectral_norm(&matrix, self.rows, self.n)?);
+        let mut square = try_zeros(WHAT, self.rows * self.rows)?;
+        let m = MatRef::from_row_major_slice(&matrix, self.rows, self.n);
+        let to = MatMut::from_row_major_slice_mut(&mut square, self.rows, self.rows);
+        matmul(to, Accum::Replace, m, m.transpose(), 1.0, Par::Seq);
+        self.squares.push(square);
+        self.matrices.push(matrix);
+        Ok(())
+    }
+
+    /// Above `||sum_j M_{k-1-j} y_j||` for all `||y_j|| <= sizes_j`, and at most `sum_j sizes_j ||M_{k-1-j}||`:
+    ///
+    /// `sqrt(lam_max(sum_j (c_j / ||M_j||) M_j M_j') sum_j c_j ||M_j||)`, terms that are 0 left out.
+    fn cauchy_schwarz(&mut self, sizes: &[f64]) -> Result<f64> {
+        let k = sizes.len();
+        self.small.matrix.fill(0.0);
+        let mut sum = 0.0;
+        for (j, size) in sizes.iter().enumerate() {
+            let norm = self.norms[k - 1 - j];
+            let term = times(*size, norm);
+            if term > 0.0 {
+                let square = &self.squares[k - 1 - j];
+                self.small.matrix.iter_mut().zip(square).for_each(|(g, s)| *g += size / norm * s);
+                sum += term;
+            }
+        }
+        match sum {
+            0.0 => Ok(0.0),
+            sum if sum.is_finite() => Ok((self.small.largest()?.max(0.0) * sum).sqrt()),
+            _ => Ok(f64::INFINITY),
+        }
+    }
+
+    /// `lin_k`, from the `c_j`, their lengths (with noise), and the bounds.
+    fn linear(&mut self, c: &[Vec<f64>], lengths: &[f64], radii: Radii) -> Result<f64> {
+        if !lengths.iter().all(|length| length.is_finite()) {
+            return Ok(f64::INFINITY);
+        }
+        let (k, (rows, n)) = (c.len(), (self.rows, self.n));
+        let crude = times(radii.spectral, self.cauchy_schwarz(lengths)?);
+        if radii.frobenius == f64::INFINITY {
+            return Ok(crude);
+        }
+        // [sum_j c_j' (x) M_{k-1-j}, and the M themselves for the noise]: exact for all Gamma at once
+        let rank = c.first().map_or(0, Vec::len);
+        let cols = (rank + if radii.noise { k } else { 0 }) * n;
+        let mut total = try_zeros(WHAT, checked_len(WHAT, rows, cols)?)?;
+        for (j, c) in c.iter().enumerate() {
+            let matrix = &self.matrices[k - 1 - j];
+            for (to, from) in total.chunks_exact_mut(cols.max(1)).zip(matrix.chunks_exact(n)) {
+                for (to, c) in to.chunks_exact_mut(n).zip(c) {
+                    to.iter_mut().zip(from).for_each(|(to, from)| *to += c * from);
+                }
+                if radii.noise {
+                    to[(rank + j) * n..(rank + j + 1) * n].copy_from_slice(from);
+                }
+            }
+        }
+        let exact = if cols == 0 { 0.0 } else { wide_norm(&total, rows, cols, &mut self.small)? };
+        Ok(times(radii.frobenius, exact).min(crude))
+    }
+}
+
+/// The states of the model from `x0` under `inputs` (K, d - n, or one less with an `offset`), and how far the truth may be.
+///
+/// # Errors
+/// [`Error::Shape`], [`Error::Overflow`] for states that leave the range of doubles, [`Error::Memory`],
+/// [`Error::Interrupted`].
+pub fn several_steps(
+    fitted: &Fitted<'_>,
+    x0: &[f64],
+    inputs: &[f64],
+    offset: bool,
+    radii: Radii,
+    stop: &Stop,
+) -> Result<Steps> {
+    let rank = fitted.checked()?;
+    let (n, d) = (fitted.n, fitted.d);
+    let m = (d - n).checked_sub(usize::from(offset)).unwrap_or(0);
+    if x0.len() != n || m == 0 || !inputs.len().is_multiple_of(m) {
+        let found = format!("{} and {} entries", x0.len(), inputs.len());
+        return Err(Error::Shape { name: "x0, inputs", expected: format!("{n} entries and rows of {m}"), found });
+    }
+    room_for_products()?;
+    let steps = inputs.len() / m;
+    // A' row by row would do as well: A is the left part of H
+    let mut a = try_room(WHAT, n * n)?;
+    fitted.model.chunks_exact(d).for_each(|row| a.extend_from_slice(&row[..n]));
+    let mut half = try_room(WHAT, rank * n)?; // half' half = W: as good as W^(1/2) in front of a vector
+    fitted.white.chunks_exact(d).for_each(|row| half.extend_from_slice(&row[..n]));
+
+    let mut states = try_zeros(WHAT, checked_len(WHAT, steps + 1, n)?)?;
+    states[..n].copy_from_slice(x0);
+    let (mut c, mut sizes) = (try_room(WHAT, steps)?, try_room(WHAT, steps)?);
+    let mut z = try_zeros(WHAT, d)?;
+    for (k, u) in inputs.chunks_exact(m).enumerate() {
+        let (done, rest) = states.split_at_mut((k + 1) * n);
+        z[..n].copy_from_slice(&done[k * n..]);
+        z[n..n + m].copy_from_slice(u);
+        if offset {
+            z[d - 1] = 1.0;
+        }
+        rest[..n].copy_from_slice(&product(fitted.model, &z, n, d, 1)?);
+        let white = product(fitted.white, &z, rank, d, 1)?;
+        sizes.push(if fitted.sees(&z) { norm(white.iter().copied()) } else { f64::INFINITY });
+        c.push(white);
+    }
+    if !states.iter().all(|v| v.is_finite()) {
+        return Err(Error::Overflow { what: "the model's trajectory" });
+    }
+    let mut lengths = try_room(WHAT, steps)?;
+    lengths.extend(sizes.iter().map(|size: &f64| if radii.noise { size.hypot(1.0) } else { *size }));
+
+    let known = fitted.sees_states();
+    let mut outside = Powers::new(n, n, steps)?; // M_p
+    let mut inside = Powers::new(rank, n, steps)?; // W^(1/2) M_p
+    let mut power = try_zeros(WHAT, n * n)?;
+    (0..n).for_each(|i| power[i * (n + 1)] = 1.0);
+    let [mut linear, mut rest, mut r] =
+        [try_room(WHAT, steps + 1)?, try_room(WHAT, steps + 1)?, try_room(WHAT, steps + 1)?];
+    let start = |matrix: &[f64], rows: usize| -> Result<f64> {
+        Ok(if radii.rho0 == 0.0 { 0.0 } else { times(radii.rho0, spectral_norm(matrix, rows, n)?) })
+    };
+    let seen = |value: f64| if known { value } else { f64::INFINITY };
+    linear.push(0.0);
+    rest.push(if radii.rho0 == 0.0 { 0.0 } else { seen(start(&half, rank)?) });
+    r.push(radii.rho0);
+    for k in 1..=steps {
+        stop.check()?;
+        outside.push(product(&power, fitted.root, n, n, n)?)?;
+        inside.push(product(&half, &outside.matrices[k - 1], rank, n, n)?)?;
+        power = product(&a, &power, n, n, n)?;
+        if !power.iter().all(|v| v.is_finite()) {
+            return Err(Error::Overflow { what: "a power of the model's A" });
+        }
+        linear.push(outside.linear(&c[..k], &lengths[..k], radii)?);
+        let back = times(radii.spectral, outside.cauchy_schwarz(&rest[..k])?);
+        r.push(linear[k] + start(&power, n)? + back);
+        let back = times(radii.spectral, inside.cauchy_schwarz(&rest[..k])?);
+        let first = inside.linear(&c[..k], &lengths[..k], radii)?;
+        rest.push(seen(first + start(&product(&half, &power, rank, n, n)?, rank)? + back));
+    }
+    Ok(Steps { states, radii: r, linear, rest, sizes })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// One state, one input: everything in closed form.
+    #[test]
+    fn a_scalar_system() {
+        let (a, b, white, s) = (0.8, 1.0, [0.1, 0.0, 0.0, 0.2], 0.5);
+        let fitted = Fitted { model: &[a, b], white: &white, root: &[s], missing: &[], ratio: 1.0, n: 1, d: 2 };
+        let radii = Radii { spectral: 1.5, frobenius: f64::INFINITY, rho0: 0.0, noise: false };
+        let found = several_steps(&fitted, &[2.0], &[1.0, -1.0], false, radii, &Stop::new()).unwrap();
+        let states = [2.0, 2.6, 0.8 * 2.6 - 1.0];
+        let sizes = [(0.04f64 + 0.04).sqrt(), (0.26f64 * 0.26 + 0.04).sqrt()];
+        let first = [0.0, 1.5 * s * sizes[0], 1.5 * s * (a * sizes[0] + sizes[1])];
+        let b1 = 0.1 * first[1];
+        let r2 = first[2] + 1.5 * s * b1;
+        let near = |x: f64, y: f64| assert!((x - y).abs() < 1e-14, "{x} is not {y}");
+        (0..3).for_each(|k| near(found.states[k], states[k]));
+        (0..2).for_each(|k| near(found.sizes[k], sizes[k]));
+        (0..3).for_each(|k| near(found.linear[k], first[k]));
+        near(found.rest[1], b1);
+        near(found.radii[2], r2);
+        // an uncertain start is multiplied by |a| each step, and seen through the model's error
+        let moved = several_steps(&fitted, &[2.0], &[1.0], false, Radii { rho0: 0.3, ..radii }, &Stop::new()).unwrap();
+        near(moved.radii[1], first[1] + a * 0.3 + 1.5 * s * 0.1 * 0.3);
+    }
+
+    #[test]
+    fn what_the_data_do_not_show_is_infinite() {
+        let (white, missing) = ([0.1, 0.0], [0.0, 1.0]); // nothing is known of B
+        let fitted =
+            Fitted { model: &[0.8, 1.0], white: &white, root: &[1.0], missing: &missing, ratio: 1.0, n: 1, d: 2 };
+        let radii = Radii { spectral: 1.0, frobenius: 1.0, rho0: 0.0, noise: false };
+        let found = several_steps(&fitted, &[1.0], &[0.0, 1.0], false, radii, &Stop::new()).unwrap();
+        assert!(found.radii[1].is_finite() && found.radii[2] == f64::INFINITY);
+        assert_eq!(found.sizes[1], f64::INFINITY);
+    }
+}

@@ -1,0 +1,206 @@
+//! Eigenvalues of small symmetric matrices, without memory of their own: they are needed for every draw.
+
+use crate::error::{Error, Result};
+use crate::memory::{checked_len, try_copy, try_zeros};
+
+const WHAT: &str = "the eigenvalues of a symmetric matrix";
+
+/// The eigenvalues of the symmetric tridiagonal matrix with `diagonal` and `below[i]` in row `i + 1`, in no order, in
+/// place of `diagonal`; `below`, as long as `diagonal`, is overwritten. QL with implicit shifts (Martin and Wilkinson 1968).
+pub(super) fn tridiagonal_eigenvalues(diagonal: &mut [f64], below: &mut [f64]) -> Result<()> {
+    let (n, d, e) = (diagonal.len(), diagonal, below);
+    for l in 0..n {
+        let mut sweeps = 0;
+        loop {
+            let small = |m: &usize| e[*m].abs() <= f64::EPSILON * (d[*m].abs() + d[*m + 1].abs());
+            let m = (l..n - 1).find(small).unwrap_or(n - 1);
+            if m == l {
+                break;
+            }
+            sweeps += 1;
+            if sweeps > 60 {
+                return Err(Error::Numerical("the eigenvalues of a small matrix did not converge".into()));
+            }
+            let g = (d[l + 1] - d[l]) / (2.0 * e[l]);
+            let mut g = d[m] - d[l] + e[l] / (g + g.hypot(1.0).copysign(g));
+            let (mut s, mut c, mut p) = (1.0, 1.0, 0.0);
+            let mut whole = true;
+            for i in (l..m).rev() {
+                let (f, b) = (s * e[i], c * e[i]);
+                let r = (f * f + g * g).sqrt();
+                e[i + 1] = r;
+                if r == 0.0 {
+                    d[i + 1] -= p;
+                    e[m] = 0.0;
+                    whole = false;
+                    break;
+                }
+                (s, c) = (f / r, g / r);
+                g = d[i + 1] - p;
+                let r = (d[i] - g) * s + 2.0 * c * b;
+                p = s * r;
+                d[i + 1] = g + p;
+                g = c * r - b;
+            }
+            if whole {
+                d[l] -= p;
+                e[l] = g;
+                e[m] = 0.0;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Memory for the eigenvalues of `n x n` matrices.
+pub(super) struct Symmetric {
+    pub(super) matrix: Vec<f64>,
+    diagonal: Vec<f64>,
+    below: Vec<f64>,
+}
+
+impl Symmetric {
+    pub(super) fn new(n: usize) -> Result<Self> {
+        let zeros = |len| try_zeros(WHAT, len);
+        Ok(Self { matrix: zeros(checked_len(WHAT, n, n)?)?, diagonal: zeros(n)?, below: zeros(n)? })
+    }
+
+    /// The eigenvalues of `matrix`, of which the lower half is read and overwritten, in no order.
+    pub(super) fn eigenvalues(&mut self) -> Result<&[f64]> {
+        let n = self.diagonal.len();
+        let largest = self.matrix.iter().fold(0.0f64, |m, v| m.max(v.abs()));
+        if largest == 0.0 {
+            self.diagonal.fill(0.0);
+            return Ok(&self.diagonal);
+        }
+        if !largest.is_finite() {
+            return Err(Error::Overflow { what: "a small symmetric matrix" });
+        }
+        self.matrix.iter_mut().for_each(|v| *v /= largest);
+        tridiagonal(&mut self.matrix, n, &mut self.diagonal, &mut self.below);
+        tridiagonal_eigenvalues(&mut self.diagonal, &mut self.below)?;
+        self.diagonal.iter_mut().for_each(|v| *v *= largest);
+        Ok(&self.diagonal)
+    }
+
+    /// The largest eigenvalue of `matrix`, 0 for an empty one.
+    pub(super) fn largest(&mut self) -> Result<f64> {
+        Ok(self.eigenvalues()?.iter().copied().reduce(f64::max).unwrap_or(0.0))
+    }
+}
+
+/// Householder's reduction of the lower half of `a` to `diagonal` and `below[i] = a_{i+1,i}` (Martin, Reinsch and
+/// Wilkinson 1968).
+fn tridiagonal(a: &mut [f64], n: usize, diagonal: &mut [f64], below: &mut [f64]) {
+    for i in (1..n).rev() {
+        let (upper, rest) = a.split_at_mut(i * n);
+        let row = &mut rest[..i];
+        let scale: f64 = row[..i - 1].iter().map(|v| v.abs()).sum();
+        if scale == 0.0 {
+            below[i] = row[i - 1];
+            continue;
+        }
+        let scale = scale + row[i - 1].abs();
+        row.iter_mut().for_each(|v| *v /= scale);
+        let squares: f64 = row.iter().map(|v| v * v).sum();
+        let f = row[i - 1];
+        let g = -squares.sqrt().copysign(f);
+        below[i] = scale * g;
+        let h = squares - f * g;
+        row[i - 1] = f - g;
+        // p = A v / h from the lower half, with v = row
+        let p = &mut below[..i];
+        p.fill(0.0);
+        for j in 0..i {
+            let line = &upper[j * n..j * n + j + 1];
+            let mut sum = line[j] * row[j];
+            for k in 0..j {
+                sum += line[k] * row[k];
+                p[k] += line[k] * row[j];
+            }
+            p[j] += sum;
+        }
+        let f: f64 = p
+            .iter_mut()
+            .zip(&*row)
+            .map(|(p, v)| {
+                *p /= h;
+                *p * v
+            })
+            .sum();
+        let half = f / (h + h);
+        p.iter_mut().zip(&*row).for_each(|(p, v)| *p -= half * v);
+        for j in 0..i {
+            let line = &mut upper[j * n..j * n + j + 1];
+            for (k, entry) in line.iter_mut().enumerate() {
+                *entry -= row[j] * p[k] + p[j] * row[k];
+            }
+        }
+    }
+    diagonal.iter_mut().enumerate().for_each(|(i, d)| *d = a[i * n + i]);
+    below.rotate_left(usize::from(n > 0));
+    if let Some(last) = below.last_mut() {
+        *last = 0.0;
+    }
+}
+
+/// `||M||_2` of a `rows x cols` matrix, from the largest eigenvalue of `M M'` or `M' M`.
+pub(super) fn spectral_norm(m: &[f64], rows: usize, cols: usize) -> Result<f64> {
+    if rows == 0 || cols == 0 {
+        return Ok(0.0);
+    }
+    let scale = crate::fuse::power_of_two_scale(m);
+    let mut scaled = try_copy(WHAT, m)?;
+    scaled.iter_mut().for_each(|v| *v /= scale);
+    let n = rows.min(cols);
+    let mut gram = Symmetric::new(n)?;
+    for i in 0..n {
+        for j in 0..=i {
+            gram.matrix[i * n + j] = if rows <= cols {
+                scaled[i * cols..(i + 1) * cols].iter().zip(&scaled[j * cols..(j + 1) * cols]).map(|(a, b)| a * b).sum()
+            } else {
+                scaled.chunks_exact(cols).map(|row| row[i] * row[j]).sum()
+            };
+        }
+    }
+    Ok(scale * gram.largest()?.max(0.0).sqrt())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn eigenvalues_of_known_matrices() {
+        // second differences: 2 - 2 cos(k pi / (n + 1))
+        for n in [1usize, 2, 5, 30] {
+            let (mut d, mut e) = (vec![2.0; n], vec![-1.0; n]);
+            tridiagonal_eigenvalues(&mut d, &mut e).unwrap();
+            d.sort_by(f64::total_cmp);
+            for (k, found) in d.iter().enumerate() {
+                let expected = 2.0 - 2.0 * ((k + 1) as f64 * std::f64::consts::PI / (n + 1) as f64).cos();
+                assert!((found - expected).abs() < 1e-14 * 4.0);
+            }
+        }
+        // u u' + I
+        let n = 6;
+        let mut s = Symmetric::new(n).unwrap();
+        for i in 0..n {
+            for j in 0..n {
+                s.matrix[i * n + j] = (i * j) as f64 + f64::from(u8::from(i == j));
+            }
+        }
+        let mut found = s.eigenvalues().unwrap().to_vec();
+        found.sort_by(f64::total_cmp);
+        assert!((found[5] - 56.0).abs() < 1e-13 && found[..5].iter().all(|v| (v - 1.0).abs() < 1e-13));
+    }
+
+    #[test]
+    fn norms() {
+        let m = [3.0, 0.0, 4.0, 0.0, 0.0, 0.0];
+        assert!((spectral_norm(&m, 2, 3).unwrap() - 5.0).abs() < 1e-15);
+        assert!((spectral_norm(&m, 3, 2).unwrap() - 5.0).abs() < 1e-14);
+        assert!((spectral_norm(&[3e200, 4e200], 2, 1).unwrap() - 5e200).abs() < 1e186);
+        assert_eq!(spectral_norm(&[0.0; 4], 2, 2).unwrap(), 0.0);
+    }
+}

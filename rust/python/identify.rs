@@ -1,0 +1,358 @@
+//! Identification from measured pairs: triangles, laws, certificates, ensembles.
+
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+
+use super::convert::{array1, array2, key, slice};
+use super::error::{InputError, ShapeError};
+use super::run::run;
+use crate::identify::{self, Centre, Fitted, Pairs, Radii, Weights};
+
+type Matrix<'py> = Bound<'py, PyArray2<f64>>;
+type Vector<'py> = Bound<'py, PyArray1<f64>>;
+
+/// Of a call that runs until it is done or stopped.
+const LONG: f64 = 1e9;
+
+/// `R` (k, k) of `rows` (N, k) `= Q R`, upper triangular with a diagonal `>= 0`.
+#[pyfunction]
+pub(super) fn triangle<'py>(
+    py: Python<'py>,
+    rows: PyReadonlyArray2<'py, f64>,
+    threads: usize,
+) -> PyResult<Matrix<'py>> {
+    let (size, k) = rows.as_array().dim();
+    let values = slice("rows", &rows)?;
+    let cost = 0.3 * (size * k * k) as f64;
+    let r = run(py, cost, |stop| identify::triangle(values, k, threads, stop))?;
+    array2(py, r, k, k)
+}
+
+/// Takes `rows` (N, k) into the triangle `r` (k, k), in place.
+#[pyfunction]
+pub(super) fn triangle_update<'py>(
+    py: Python<'py>,
+    r: &Bound<'py, PyArray2<f64>>,
+    rows: PyReadonlyArray2<'py, f64>,
+) -> PyResult<()> {
+    let (size, k) = rows.as_array().dim();
+    let values = slice("rows", &rows)?;
+    let mut r = r.try_readwrite().map_err(|_| InputError::new_err("`r` is in use by another call"))?;
+    if r.as_array().dim() != (k, k) || !r.is_c_contiguous() {
+        return Err(ShapeError::new_err(format!("`r` must be C-contiguous and {k} x {k}, as `rows` has {k} columns")));
+    }
+    let r = r.as_slice_mut().map_err(|_| ShapeError::new_err("`r` must be C-contiguous"))?;
+    run(py, 0.3 * (size * k * k) as f64, |stop| identify::update(r, values, k, stop))
+}
+
+/// `q` with `P(largest root of E_nu^-1 G G' <= q) = 1 - delta`, `G` (n, d).
+#[pyfunction]
+pub(super) fn roy_quantile(py: Python<'_>, n: usize, d: usize, nu: usize, delta: f64, threads: usize) -> PyResult<f64> {
+    run(py, LONG, |stop| identify::roy_quantile(n, d, nu, delta, threads, stop))
+}
+
+/// `q` with `P(largest root of G G' <= q) = 1 - delta`, `G` (n, d).
+#[pyfunction]
+pub(super) fn wishart_quantile(py: Python<'_>, n: usize, d: usize, delta: f64, threads: usize) -> PyResult<f64> {
+    run(py, LONG, |stop| identify::wishart_quantile(n, d, delta, threads, stop))
+}
+
+/// `a` with `P(smallest eigenvalue of W_n(I, size) < a) = delta`.
+#[pyfunction]
+pub(super) fn smallest_quantile(py: Python<'_>, n: usize, size: usize, delta: f64, threads: usize) -> PyResult<f64> {
+    run(py, LONG, |stop| identify::smallest_quantile(n, size, delta, threads, stop))
+}
+
+/// `q` with `P(largest root of G G' <= q chi2_{n nu}) = 1 - delta`.
+#[pyfunction]
+pub(super) fn scalar_quantile(
+    py: Python<'_>,
+    n: usize,
+    d: usize,
+    nu: usize,
+    delta: f64,
+    threads: usize,
+) -> PyResult<f64> {
+    run(py, LONG, |stop| identify::scalar_quantile(n, d, nu, delta, threads, stop))
+}
+
+/// `q` of `max_i ||g_i||^2 / chi2_nu`.
+#[pyfunction]
+pub(super) fn row_quantile(n: usize, d: usize, nu: usize, delta: f64) -> PyResult<f64> {
+    Ok(identify::row_quantile(n, d, nu, delta)?)
+}
+
+/// `q` of the largest root of `C^-1/2 G G' C^-1/2`, `C` diagonal of independent chi2_nu; drawn.
+#[pyfunction]
+pub(super) fn diagonal_quantile(
+    py: Python<'_>,
+    n: usize,
+    d: usize,
+    nu: usize,
+    delta: f64,
+    threads: usize,
+) -> PyResult<f64> {
+    run(py, LONG, |stop| identify::diagonal_quantile(n, d, nu, delta, threads, stop))
+}
+
+/// `q` of `tr(E_nu^-1 G G')`; drawn.
+#[pyfunction]
+pub(super) fn trace_quantile(
+    py: Python<'_>,
+    n: usize,
+    d: usize,
+    nu: usize,
+    delta: f64,
+    threads: usize,
+) -> PyResult<f64> {
+    run(py, LONG, |stop| identify::trace_quantile(n, d, nu, delta, threads, stop))
+}
+
+/// `(spectral, frobenius)`: radii that hold together with probability `1 - delta`; drawn.
+#[pyfunction]
+pub(super) fn joint_radii(
+    py: Python<'_>,
+    n: usize,
+    d: usize,
+    nu: usize,
+    delta: f64,
+    threads: usize,
+) -> PyResult<(f64, f64)> {
+    run(py, LONG, |stop| identify::joint_radii(n, d, nu, delta, threads, stop))
+}
+
+/// `x` with `P(chi2 <= x) = probability`.
+#[pyfunction]
+pub(super) fn chi2_quantile(probability: f64, degrees: f64) -> PyResult<f64> {
+    Ok(identify::chi2_quantile(probability, degrees)?)
+}
+
+/// `x` with `P(chi2 > x) = delta`.
+#[pyfunction]
+pub(super) fn chi2_upper(delta: f64, degrees: f64) -> PyResult<f64> {
+    Ok(identify::chi2_upper(delta, degrees)?)
+}
+
+/// `x` with `P(F_{a,b} > x) = delta`.
+#[pyfunction]
+pub(super) fn f_upper(delta: f64, a: f64, b: f64) -> PyResult<f64> {
+    Ok(identify::f_upper(delta, a, b)?)
+}
+
+/// Upper limit of a noncentrality with confidence `1 - delta`, from one value `x`.
+#[pyfunction]
+pub(super) fn noncentrality_limit(py: Python<'_>, x: f64, degrees: f64, delta: f64) -> PyResult<f64> {
+    run(py, 0.0, |_| identify::noncentrality_limit(x, degrees, delta))
+}
+
+/// `c` with `1F1(1/2; n/2; c) = exp(ld / 2) / delta`.
+#[pyfunction]
+pub(super) fn sphere_level(n: usize, ld: f64, delta: f64) -> PyResult<f64> {
+    Ok(identify::sphere_level(n, ld, delta)?)
+}
+
+/// `rho^2` of least squares for a mean over `J` mixtures.
+#[pyfunction]
+pub(super) fn least_squares_level(
+    n: usize,
+    ld: PyReadonlyArray1<'_, f64>,
+    wider: PyReadonlyArray1<'_, f64>,
+    delta: f64,
+    frobenius: bool,
+) -> PyResult<f64> {
+    Ok(identify::least_squares_level(n, slice("ld", &ld)?, slice("wider", &wider)?, delta, frobenius)?)
+}
+
+/// `r` with `P(||w|| > r sigma) <= delta` for one sub-Gaussian `w` in `n` dimensions.
+#[pyfunction]
+pub(super) fn one_noise(n: usize, delta: f64) -> PyResult<f64> {
+    Ok(identify::one_noise(n, delta)?)
+}
+
+/// `log Gamma_n(a)`.
+#[pyfunction]
+pub(super) fn log_multigamma(a: f64, n: usize) -> f64 {
+    identify::log_multigamma(a, n)
+}
+
+/// `(states (K + 1, n), radii, linear, rest (K + 1), sizes (K))` of the model `H` (n, d) with `white` (rank, d), `missing`
+/// (d, d - rank), `ratio` and a `root` (n, n) of `S`.
+#[pyfunction]
+#[expect(clippy::too_many_arguments, clippy::type_complexity, reason = "one call, named in the stub")]
+pub(super) fn several_steps<'py>(
+    py: Python<'py>,
+    h: PyReadonlyArray2<'py, f64>,
+    white: PyReadonlyArray2<'py, f64>,
+    root: PyReadonlyArray2<'py, f64>,
+    missing: PyReadonlyArray2<'py, f64>,
+    ratio: f64,
+    x0: PyReadonlyArray1<'py, f64>,
+    inputs: PyReadonlyArray2<'py, f64>,
+    offset: bool,
+    radii: (f64, f64, f64, bool),
+) -> PyResult<(Matrix<'py>, Vector<'py>, Vector<'py>, Vector<'py>, Vector<'py>)> {
+    let (n, d) = h.as_array().dim();
+    let fitted = Fitted {
+        model: slice("H", &h)?,
+        white: slice("white", &white)?,
+        root: slice("root", &root)?,
+        missing: slice("missing", &missing)?,
+        ratio,
+        n,
+        d,
+    };
+    let (x0, inputs) = (slice("x0", &x0)?, slice("inputs", &inputs)?);
+    let (spectral, frobenius, rho0, noise) = radii;
+    let radii = Radii { spectral, frobenius, rho0, noise };
+    let steps = inputs.len().checked_div((d - n.min(d)).max(1)).unwrap_or(0) as f64;
+    let cost = 10.0 * steps * steps * (n * n) as f64 * d as f64;
+    let found = run(py, cost, |stop| identify::several_steps(&fitted, x0, inputs, offset, radii, stop))?;
+    Ok((
+        array2(py, found.states, found.sizes.len() + 1, n)?,
+        array1(py, found.radii),
+        array1(py, found.linear),
+        array1(py, found.rest),
+        array1(py, found.sizes),
+    ))
+}
+
+/// A model and its `white` (rank, d).
+fn centre<'a>(h: &'a PyReadonlyArray2<'_, f64>, white: &'a PyReadonlyArray2<'_, f64>) -> PyResult<Centre<'a>> {
+    Ok(Centre { model: slice("H", h)?, white: slice("white", white)? })
+}
+
+/// Pairs `(q, e)` (N, rank + n), with the run of each where runs stay together.
+fn pairs<'a>(
+    rows: &'a PyReadonlyArray2<'_, f64>,
+    n: usize,
+    runs: Option<&'a PyReadonlyArray1<'_, u32>>,
+) -> PyResult<Pairs<'a>> {
+    let width = rows.as_array().dim().1;
+    if width < n {
+        return Err(ShapeError::new_err(format!("`rows` must have at least {n} columns, got {width}")));
+    }
+    let contiguous = |_| ShapeError::new_err("`runs` must be C-contiguous");
+    let runs = runs.map(|runs| runs.as_slice().map_err(contiguous)).transpose()?;
+    Ok(Pairs::new(slice("rows", rows)?, width - n, n, runs)?)
+}
+
+/// Models (size, n d) about `H` (n, d) from `rows` (N, rank + n) of whitened regressors and residuals: of `kind` "pairs"
+/// (NaN where a replicate has no estimate), "wild" or "residual". `weights` (size, N or runs) replace what `key` draws.
+#[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "one call, named in the stub")]
+pub(super) fn bootstrap<'py>(
+    py: Python<'py>,
+    rows: PyReadonlyArray2<'py, f64>,
+    h: PyReadonlyArray2<'py, f64>,
+    white: PyReadonlyArray2<'py, f64>,
+    runs: Option<PyReadonlyArray1<'py, u32>>,
+    kind: &str,
+    size: usize,
+    key: &[u8],
+    weights: Option<PyReadonlyArray2<'py, f64>>,
+    threads: usize,
+) -> PyResult<Matrix<'py>> {
+    let (n, d) = h.as_array().dim();
+    let (pairs, centre, key) = (pairs(&rows, n, runs.as_ref())?, centre(&h, &white)?, self::key(key)?);
+    let given = weights.as_ref().map(|weights| slice("weights", weights)).transpose()?;
+    let models = run(py, LONG, |stop| match kind {
+        "pairs" => {
+            let weights = given.map_or(Weights::Counts(&key), Weights::Given);
+            identify::weighted_models(&pairs, centre, weights, true, size, threads, stop)
+        }
+        "wild" => {
+            let weights = given.map_or(Weights::Signs(&key), Weights::Given);
+            identify::weighted_models(&pairs, centre, weights, false, size, threads, stop)
+        }
+        _ => identify::residual_models(&pairs, centre, &key, size, threads, stop),
+    })?;
+    array2(py, models, size, n * d)
+}
+
+/// Models (size, n d) at random in the region of `H` (n, d): `H + S^(1/2) E^(-1/2) G V^(-1/2)`, `root root' = S`.
+#[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "one call, named in the stub")]
+pub(super) fn region_draws<'py>(
+    py: Python<'py>,
+    h: PyReadonlyArray2<'py, f64>,
+    white: PyReadonlyArray2<'py, f64>,
+    root: PyReadonlyArray2<'py, f64>,
+    nu: usize,
+    size: usize,
+    key: &[u8],
+    threads: usize,
+) -> PyResult<Matrix<'py>> {
+    let (n, d) = h.as_array().dim();
+    let (centre, key, root) = (centre(&h, &white)?, self::key(key)?, slice("root", &root)?);
+    let models = run(py, LONG, |stop| identify::region_draws(centre, root, nu, &key, size, threads, stop))?;
+    array2(py, models, size, n * d)
+}
+
+/// `(q (N, rank), residuals (N, n), leverages (N))` of the rows of `z` (N, d) and `y` (N, n) with `white` (rank, d).
+#[pyfunction]
+pub(super) fn residuals<'py>(
+    py: Python<'py>,
+    z: PyReadonlyArray2<'py, f64>,
+    y: PyReadonlyArray2<'py, f64>,
+    white: PyReadonlyArray2<'py, f64>,
+) -> PyResult<(Matrix<'py>, Matrix<'py>, Vector<'py>)> {
+    let ((size, d), (_, n), (rank, _)) = (z.as_array().dim(), y.as_array().dim(), white.as_array().dim());
+    let (z, y, white) = (slice("Z", &z)?, slice("Y", &y)?, slice("white", &white)?);
+    let found = run(py, (size * rank * (d + n)) as f64, |stop| identify::residuals(z, y, white, (d, n), stop))?;
+    Ok((array2(py, found.basis, size, rank)?, array2(py, found.residuals, size, n)?, array1(py, found.leverages)))
+}
+
+/// p-values of five statistics of the residuals `y - H z` by `draws` simulations; NaN for too few pairs.
+#[pyfunction]
+pub(super) fn residual_p_values<'py>(
+    py: Python<'py>,
+    z: PyReadonlyArray2<'py, f64>,
+    y: PyReadonlyArray2<'py, f64>,
+    white: PyReadonlyArray2<'py, f64>,
+    draws: usize,
+    key: &[u8],
+    threads: usize,
+) -> PyResult<Vector<'py>> {
+    let (d, n) = (z.as_array().dim().1, y.as_array().dim().1);
+    let (z, y, white, key) = (slice("Z", &z)?, slice("Y", &y)?, slice("white", &white)?, self::key(key)?);
+    let p = run(py, LONG, |stop| {
+        let found = identify::residuals(z, y, white, (d, n), stop)?;
+        identify::residual_p_values(&found, n, draws, &key, threads, stop)
+    })?;
+    Ok(array1(py, p.into()))
+}
+
+/// The radius (size) of each sign vector for pairs `rows` (N, rank + n), infinite where it bounds nothing. `signs` (size, N)
+/// replace what `key` draws.
+#[pyfunction]
+pub(super) fn sign_radii<'py>(
+    py: Python<'py>,
+    rows: PyReadonlyArray2<'py, f64>,
+    n: usize,
+    size: usize,
+    key: &[u8],
+    signs: Option<PyReadonlyArray2<'py, f64>>,
+    threads: usize,
+) -> PyResult<Vector<'py>> {
+    let (pairs, key) = (pairs(&rows, n, None)?, self::key(key)?);
+    let signs = signs.as_ref().map(|signs| slice("signs", signs)).transpose()?;
+    let signs = signs.map_or(Weights::Signs(&key), Weights::Given);
+    Ok(array1(py, run(py, LONG, |stop| identify::sign_radii(&pairs, signs, size, threads, stop))?))
+}
+
+/// `||sum a e q'||_F` (size) of each sign vector for pairs `rows` (N, rank + n). `signs` (size, N) replace what `key` draws.
+#[pyfunction]
+pub(super) fn sign_statistics<'py>(
+    py: Python<'py>,
+    rows: PyReadonlyArray2<'py, f64>,
+    n: usize,
+    size: usize,
+    key: &[u8],
+    signs: Option<PyReadonlyArray2<'py, f64>>,
+    threads: usize,
+) -> PyResult<Vector<'py>> {
+    let (pairs, key) = (pairs(&rows, n, None)?, self::key(key)?);
+    let signs = signs.as_ref().map(|signs| slice("signs", signs)).transpose()?;
+    let signs = signs.map_or(Weights::Signs(&key), Weights::Given);
+    Ok(array1(py, run(py, LONG, |stop| identify::sign_statistics(&pairs, signs, size, threads, stop))?))
+}

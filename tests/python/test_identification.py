@@ -1,0 +1,707 @@
+"""`identify`, `Model` and `Region`: the numbers of the reference, the names, and the refusals."""
+
+from __future__ import annotations
+
+import pickle
+import warnings
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from identification_data import (
+    DELTA,
+    POINT,
+    THETA,
+    Y,
+    Z,
+    check,
+    independent,
+    noisy_states,
+    tuned,
+)
+from stochens_rs import _core
+from stochens_rs.exceptions import DataWarning, InputError, InputTypeError, ShapeError
+from stochens_rs.identification import levels
+from stochens_rs.reference import anytime as at
+from stochens_rs.reference import instruments as iv
+from stochens_rs.reference import laws, signs
+from stochens_rs.reference import quantiles as qu
+from stochens_rs.reference import regions as rg
+from stochens_rs.reference import resampling as rs
+from stochens_rs.reference import residual_tests as rt
+from stochens_rs.reference import triangle as tr
+
+DATA = se.Trajectories.from_pairs(Z[:, :2], Z[:, 2:], Y)
+TWIN = tr.triangle(Z, Y)
+FIT = tr.fit(TWIN)
+X0, U0 = POINT[:2], POINT[2:]
+TRUE = THETA[:, :2], THETA[:, 2:]
+
+
+def fixed(data=DATA, **options):
+    """A model of independent pairs."""
+    return se.identify(data, design="independent", **options)
+
+
+def theta(model):
+    parts = [model.A, model.B] + ([] if model.c is None else [model.c[:, None]])
+    return np.hstack(parts)
+
+
+def same(region, twin, points=(POINT, [0.0, 0.0, 1.0], [3.0, -2.0, 0.1])):
+    """Radius, bounds at some points, and membership of some models near the boundary."""
+    check(region.radius, rg.radius(twin), rtol=1e-9)
+    for z in points:
+        x, u = np.asarray(z[:2]), np.asarray(z[2 : 2 + region.m])
+        check(region.bound(x, u), rg.bound(twin, z), rtol=1e-9)
+        check(region.component_bounds(x, u), rg.component_bounds(twin, z), rtol=1e-9)
+    gen = np.random.default_rng(1)
+    for _ in range(40):
+        X = gen.standard_normal(twin.fitted.H.shape) * rg.radius(twin)
+        other = twin.fitted.H + gen.uniform(0.1, 0.6) * X @ twin.fitted.white.T @ twin.fitted.white
+        assert region.contains(other[:, :2], other[:, 2:3]) == rg.contains(twin, other)
+
+
+# -- the numbers -----------------------------------------------------------------------------------
+
+
+def test_the_model_is_least_squares():
+    model = fixed()
+    check(theta(model)[0], [0.910915759058, 0.201738164036, -0.029402089353])
+    check(theta(model)[1], [-0.031460324517, 0.751160257835, 0.998148477439])
+    check(model.covariance, FIT.S / 9)
+    assert (model.rank, model.identifiable, model.missing) == (3, True, ())
+    assert (model.size, model.n, model.m, model.c) == (12, 2, 1, None)
+    check(model.triangle, TWIN.R, atol=1e-12)
+    assert model.system == se.System(model.A, model.B)
+
+
+def test_exact_regions_are_those_of_the_twin():
+    same(fixed().region(DELTA), rg.full(TWIN, DELTA))
+    check(fixed().region(DELTA).bound(X0, U0), 0.185505135251)
+    check(fixed().region(DELTA).component_bounds(X0, U0)[0], 0.184570037684)
+    same(fixed(covariance="scalar").region(DELTA), rg.scalar(TWIN, DELTA))
+    check(fixed(covariance="scalar").region(DELTA).bound(X0, U0), 0.111280959627)
+    same(fixed(sigma=0.3).region(DELTA), rg.known(TWIN, 0.3, DELTA))
+
+
+def test_the_region_of_diagonal_noise_agrees_with_the_twin():
+    """Both quantiles are simulated, with 20 000 draws of their own."""
+    region = fixed(covariance="diagonal").region(DELTA)
+    check(region.radius, rg.radius(rg.diagonal(TWIN, DELTA)), rtol=0.03)
+    rows = fixed(covariance="diagonal").region(DELTA, components=True)
+    check(rows.component_bounds(X0, U0), rg.row_bounds(TWIN, POINT, DELTA), rtol=1e-11)
+
+
+def test_regions_of_some_directions_are_those_of_the_twin():
+    Q = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0]])
+    twin = rg.directions(TWIN, Q, DELTA)
+    for region in (fixed().region(DELTA, directions=Q), fixed().region(DELTA, x0=[1.0, -1.0])):
+        check(region.bound(X0, U0), rg.bound(twin, POINT), rtol=1e-11)
+        assert region.bound([1.0, -1.01], U0) == np.inf
+    assert region.bound(X0, U0) < fixed().region(DELTA).bound(X0, U0)
+
+
+def test_noise_to_come_is_covered_on_request():
+    region = fixed().region(DELTA, future=1)
+    check(region.bound(X0, U0, noise=True), 1.173596784293)
+    check(region.bound(X0, U0), rg.bound(rg.full(TWIN, DELTA, future=1), POINT), rtol=1e-11)
+    with pytest.raises(InputError, match=r"`noise` needs a region of noise to come"):
+        fixed().region(DELTA).bound(X0, U0, noise=True)
+
+
+def test_both_norms_in_one_event():
+    """Simulated with 100 000 draws; the larger covers the Frobenius norm too."""
+    region, twin = fixed().region(DELTA, frobenius=True), rg.joint(TWIN, DELTA)
+    check(region.radius, twin.spectral * np.sqrt(np.linalg.norm(FIT.S, 2)), rtol=0.02)
+    check(region.frobenius, twin.frobenius, rtol=0.02)
+    known = fixed(sigma=0.3).region(DELTA, frobenius=True)
+    check(known.frobenius, np.sqrt(2 * qu.wishart_quantile(2, 3, DELTA)), rtol=1e-10)
+
+
+def test_a_known_covariance_may_be_a_matrix():
+    root = np.array([[0.3, 0.0], [0.2, 0.5]])
+    region = fixed(covariance=root @ root.T).region(DELTA)
+    white = tr.triangle(Z, Y @ np.linalg.inv(root).T)
+    twin = rg.known(white, 1.0, DELTA)
+    for X in np.random.default_rng(2).standard_normal((30, 2, 3)):
+        other = FIT.H + 0.6 * root @ X @ FIT.white
+        assert region.contains(other[:, :2], other[:, 2:]) == rg.contains(
+            twin, np.linalg.solve(root, other)
+        )
+
+
+@pytest.mark.parametrize("scale", [1.0, [5.0, 5.0, 0.2]])
+def test_regions_for_any_design_are_those_of_the_twin(scale):
+    sizes = np.broadcast_to(scale, 3)
+    scaled = tr.triangle(Z / sizes, Y)
+    lams = list(levels.GRID)
+    for noise in ("gaussian", "sub-gaussian", "bounded"):
+        region = se.identify(DATA, noise=noise, sigma=0.3, scale=scale).region(DELTA)
+        check(region.radius, rg.radius(at.known_noise(scaled, 0.3, DELTA, lams)), rtol=1e-10)
+        check(
+            region.bound(X0, U0),
+            rg.bound(at.known_noise(scaled, 0.3, DELTA, lams), POINT / sizes),
+            rtol=1e-10,
+        )
+
+
+def longer(seed=3, N=400, n=2, d=3):
+    _, z, y = independent(np.random.default_rng(seed), n=n, d=d, N=N)
+    return z, y, se.Trajectories.from_pairs(z[:, :n], z[:, n:], y)
+
+
+def test_regions_of_unknown_noise_for_any_design_are_those_of_the_twin():
+    z, y, data = longer()
+    twin, lams = tr.triangle(z, y), list(levels.GRID)
+    for anytime in (False, True):
+        region = se.identify(data).region(DELTA, method="mixture", anytime=anytime)
+        expected = at.gaussian_noise(twin, DELTA, lams, anytime=anytime)
+        # 1 - delta / (N (N + 1)) has 7 digits less
+        check(region.radius, rg.radius(expected), rtol=1e-7 if anytime else 1e-9)
+        assert np.isfinite(region.radius)
+    region = se.identify(data, covariance="scalar").region(DELTA, method="mixture")
+    check(region.radius, rg.radius(at.scalar_noise(twin, DELTA, lams)), rtol=1e-9)
+    prior = {"l0": 1.0, "psi": levels.PRIOR_NOISE, "nu0": 4.0}
+    region = se.identify(data).region(DELTA, method="universal")
+    check(region.radius, rg.radius(at.universal(twin, DELTA, **prior)), rtol=1e-9)
+
+
+def test_the_smaller_of_two_regions_costs_half_of_delta():
+    z, y, data = longer()
+    twin, lams = tr.triangle(z, y), list(levels.GRID)
+    both = [
+        at.gaussian_noise(twin, DELTA / 2, lams),
+        at.universal(twin, DELTA / 2, l0=1.0, psi=levels.PRIOR_NOISE, nu0=4.0),
+    ]
+    check(se.identify(data).region(DELTA).radius, min(map(rg.radius, both)), rtol=1e-9)
+    few = data[:12]
+    assert se.identify(few).region(DELTA, method="mixture").radius == np.inf
+    assert se.identify(few).region(DELTA).radius < np.inf
+
+
+def test_the_universal_region_does_not_depend_on_units():
+    z, y, data = longer()
+    sizes = np.array([1e3, 1e-2, 30.0])
+    other = se.Trajectories.from_pairs(z[:, :2] * sizes[:2], z[:, 2:] * sizes[2], y * sizes[:2])
+    mine = se.identify(data).region(DELTA, method="universal")
+    scaled = se.identify(other, scale=sizes).region(DELTA, method="universal")
+    check(scaled.parts[0].factor, mine.parts[0].factor, rtol=1e-9)
+
+
+def test_an_offset_is_one_more_column():
+    model = fixed(intercept=True)
+    ones = np.column_stack([Z, np.ones(12)])
+    twin = tr.triangle(ones, Y)
+    check(theta(model), tr.fit(twin).H, atol=1e-12)
+    region = model.region(DELTA)
+    check(region.bound(X0, U0), rg.bound(rg.full(twin, DELTA), [*POINT, 1.0]), rtol=1e-10)
+    assert region.contains(model.A, model.B, model.c)
+    assert not region.contains(model.A, model.B, model.c + np.array([1.0, 0.0]))
+    assert region.contains(model.A, model.B) == region.contains(model.A, model.B, [0.0, 0.0])
+    with pytest.raises(InputError, match="`c` must be left out"):
+        fixed().region(DELTA).contains(*TRUE, [1.0, 0.0])
+
+
+def test_known_columns_leave_the_full_theory_for_the_others():
+    model = fixed(known_B=[[0.0], [1.0]])
+    T, Theta0 = np.eye(3)[:2], np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    twin = rg.full(rg.restricted(Z, Y, T, Theta0), DELTA)
+    check(model.A, twin.fitted.H, atol=1e-12)
+    np.testing.assert_array_equal(model.B, [[0.0], [1.0]])
+    region = model.region(DELTA)
+    check(region.bound(X0, [17.0]), rg.bound(twin, X0), rtol=1e-10)
+    assert region.contains(model.A, TRUE[1])
+    assert not region.contains(model.A, TRUE[1] + 1e-3)
+
+
+def test_single_known_entries_are_fitted_row_by_row():
+    free = np.array([[True, True, False], [True, True, True]])
+    rows = rg.pattern(Z, Y, free, DELTA)
+    model = fixed(known_B=[[0.0], [np.nan]])
+    check(theta(model), rows.H, atol=1e-12)
+    region = model.region(DELTA)
+    check(region.component_bounds(X0, U0), rg.pattern_bounds(rows, POINT), rtol=1e-10)
+    check(region.bound(X0, U0), np.linalg.norm(rg.pattern_bounds(rows, POINT)), rtol=1e-10)
+    assert region.contains(model.A, model.B)
+    assert not region.contains(model.A, model.B + np.array([[0.0], [1.0]]))
+    assert se.identify(DATA, sigma=0.3, known_B=[[0.0], [np.nan]]).region(DELTA).contains(*TRUE)
+
+
+def test_components_are_sharper_one_by_one():
+    for options in ({}, {"covariance": "diagonal"}, {"sigma": 0.3}, {"covariance": "scalar"}):
+        model = fixed(**options)
+        whole, rows = model.region(DELTA), model.region(DELTA, components=True)
+        assert rows.contains(model.A, model.B)
+        if options in ({}, {"covariance": "diagonal"}):
+            sharper, wider = (r.component_bounds(X0, U0) for r in (rows, whole))
+            assert (sharper < wider).all()
+    q = laws.f_upper(DELTA / 2, 3, 9) * 3 / 9
+    found = fixed().region(DELTA, components=True).component_bounds(X0, U0)
+    check(found, np.sqrt(q * np.diag(FIT.S)) * 0.178749950455, rtol=1e-10)
+
+
+def test_pooled_data_are_the_data():
+    halves = [DATA[:5], DATA[5:]]
+    check(theta(fixed(halves)), FIT.H, atol=1e-13)
+    check(fixed(halves).region(DELTA).radius, fixed().region(DELTA).radius, rtol=1e-12)
+
+
+# -- instruments -----------------------------------------------------------------------------------
+
+
+def instrumented(data, zeta, **options):
+    return se.identify(data, state_noise="white", instruments=zeta, **options)
+
+
+def test_instruments_are_those_of_the_twin():
+    gen = np.random.default_rng(4)
+    _, run = noisy_states(gen, 400, 0.3)
+    data = se.Trajectories(*run)
+    zeta = data.past_inputs(5)
+    model = instrumented(data, zeta, checks=False)
+    z, y = tr.pairs([run])
+    twin = iv.instrumented(zeta[::2], z[::2], y[::2], DELTA)
+    region = model.region(DELTA)
+    check(region.centre, twin.centre, rtol=1e-8)
+    check(region.bound(X0, U0), rg.bound(iv.region(twin), POINT), rtol=1e-8)
+    P = zeta[::2] @ np.linalg.pinv(zeta[::2])
+    two = np.linalg.lstsq(P @ z[::2], y[::2], rcond=None)[0].T
+    check(theta(model), two, rtol=1e-8, atol=1e-10)
+    assert model.size == 200
+    assert pickle.loads(pickle.dumps(model)).region(DELTA).radius == region.radius
+
+
+def test_instruments_may_say_too_little_or_refute_the_model():
+    gen = np.random.default_rng(5)
+    _, run = noisy_states(gen, 40, 0.3)
+    data = se.Trajectories(*run)
+    weak = instrumented(data, gen.standard_normal((40, 4)), checks=False).region(DELTA)
+    assert weak.radius == np.inf
+    assert weak.contains(np.eye(2), np.ones((2, 1)))
+    z = gen.standard_normal((300, 3))
+    wrong = np.column_stack([z, np.sum(z**2, axis=1)])  # in the noise as well
+    y = z @ THETA.T + wrong[:, 3:] + 0.01 * gen.standard_normal((300, 2))
+    model = instrumented(se.Trajectories.from_pairs(z[:, :2], z[:, 2:], y), wrong, checks=False)
+    with pytest.raises(InputError, match="no model explains these data"):
+        model.region(DELTA)
+
+
+def test_the_instruments_of_the_data_set():
+    """With itself as instruments, least squares and its exact region."""
+    model = instrumented(DATA, Z)
+    check(theta(model), FIT.H, atol=1e-12)
+    check(model.region(DELTA).bound(X0, U0), 0.185505135251, rtol=1e-10)
+
+
+# -- signs -----------------------------------------------------------------------------------------
+
+
+def drawn_signs(region):
+    """The sign vectors of a region of N < 50 pairs, each up to its own sign, which never matters.
+
+    ``|sum a_t 2^t|`` tells all signs.
+    """
+    N = len(region.signs.Z)
+    rows = np.column_stack([np.ones(N), 2.0 ** np.arange(N)])
+    size, key = region.signs.size - 1, bytes(region.signs.key)
+    sums = _core.sign_statistics(rows, 1, size, key, None, 1)
+    bits = ((sums + 2.0**N - 1.0) / 2.0).astype(np.int64)
+    vectors = (bits[:, None] >> np.arange(N) & 1) * 2.0 - 1.0
+    np.testing.assert_array_equal(vectors @ rows[:, 1], sums)
+    return vectors
+
+
+def test_sign_perturbed_sums_are_those_of_the_twin():
+    gen = np.random.default_rng(6)
+    _, z, _ = independent(gen, n=2, d=3, N=40)
+    y = z @ THETA.T + 0.1 * gen.standard_t(1.5, (40, 2))
+    data = se.Trajectories.from_pairs(z[:, :2], z[:, 2:], y)
+    region = fixed(data, noise="symmetric", checks=False, rng=1).region(DELTA)
+    vectors = drawn_signs(region)
+    twin = signs.ellipsoid(z, y, vectors, 5)
+    check(region.radius, rg.radius(twin), rtol=1e-6)
+    check(region.frobenius, region.radius)
+    for X in np.random.default_rng(7).standard_normal((60, 2, 3)):
+        other = twin.fitted.H + 0.3 * region.radius * X @ twin.fitted.white
+        errors = y - z @ other.T
+        own = signs.contains(errors, z @ twin.fitted.white.T, vectors, 5, gen)
+        assert region.contains(other[:, :2], other[:, 2:]) == own
+    assert "5 of 100 sign vectors, each without a bound with probability 1.5e-09" in (
+        region.assumption
+    )
+
+
+def test_sign_vectors_are_drawn_once_for_a_model():
+    model = fixed(noise="symmetric")
+    first, second = drawn_signs(model.region(0.1)), drawn_signs(model.region(0.1))
+    np.testing.assert_array_equal(first, second)
+    small = model.region(0.001).signs
+    assert (small.size, small.largest) == (1000, 1)
+    assert fixed(noise="symmetric").key != model.key
+
+
+# -- data that do not determine the model ----------------------------------------------------------
+
+
+def flat_data():
+    """u follows the first state, so their effects cannot be told apart."""
+    gen = np.random.default_rng(19)
+    x = gen.standard_normal((30, 2))
+    u = -2.0 * x[:, :1]
+    y = x @ TRUE[0].T + u @ TRUE[1].T + 0.1 * gen.standard_normal((30, 2))
+    return se.Trajectories.from_pairs(x, u, y, state_names=["pos", "vel"], input_names=["force"])
+
+
+def test_what_the_data_do_not_show_is_named_and_has_no_bound():
+    with pytest.warns(DataWarning, match=r"do not determine the model along pos \+ 0.5 force"):
+        model = fixed(flat_data())
+    assert (model.rank, model.identifiable) == (2, False)
+    assert model.missing == ("pos + 0.5 force",)
+    region = model.region(DELTA)
+    assert region.bound([1.0, 0.3], [-2.0]) < 1.0
+    assert region.bound([1.0, 0.3], [0.0]) == np.inf
+    assert region.bound([0.0, 0.0], [0.0]) == 0.0
+    assert not region.bounded
+    assert region.contains(*TRUE)
+    K = np.array([[2.0, 0.0], [5.0, 0.0]])  # acts alike on all data
+    assert region.contains(TRUE[0] + K, TRUE[1] + [[1.0], [2.5]])
+    assert "infinite along pos + 0.5 force" in repr(region)
+    with pytest.raises(InputError, match="do not determine the model along pos"):
+        model.bootstrap(5)
+    with pytest.raises(InputError, match="do not determine"):
+        model.draw(5)
+
+
+def test_several_missing_directions_have_names_of_their_own():
+    gen = np.random.default_rng(9)
+    x = np.column_stack([gen.standard_normal(20), np.zeros(20), np.ones(20)])
+    data = se.Trajectories.from_pairs(x, np.ones((20, 1)), gen.standard_normal((20, 3)))
+    with pytest.warns(DataWarning):
+        assert fixed(data).missing == ("x[1]", "x[2] - u[0]")
+    with pytest.warns(DataWarning):
+        assert fixed(data, intercept=True).missing == ("x[1]", "x[2] - 1", "u[0] - 1")
+
+
+def test_a_known_part_may_be_what_is_missing():
+    model = fixed(flat_data(), known_B=TRUE[1])
+    assert model.identifiable
+    assert model.region(DELTA).contains(*TRUE)
+
+
+def test_fewer_pairs_than_unknowns_are_no_error():
+    with pytest.warns(DataWarning, match="do not determine"):
+        model = se.identify(DATA[:2])
+    assert (model.rank, model.covariance, model.checks) == (2, None, None)
+    assert model.region(DELTA).radius == np.inf
+
+
+def test_data_without_noise_are_warned_of():
+    exact = se.Trajectories.from_pairs(Z[:, :2], Z[:, 2:], Z @ THETA.T)
+    with pytest.warns(DataWarning, match="0 but for rounding, which no region covers"):
+        assert fixed(exact).checks is None
+
+
+# -- checks ----------------------------------------------------------------------------------------
+
+
+def test_p_values_agree_with_the_twin():
+    """Both are ranks among simulated ones: four standard deviations of their difference."""
+    _, z, y = independent(np.random.default_rng(10), n=2, d=3, N=30)
+    data = se.Trajectories.from_pairs(z[:, :2], z[:, 2:], y)
+    found = fixed(data, checks=False).check(4000, rng=1)
+    expected = rt.p_values(z, y, 1000, np.random.default_rng(11))
+    assert list(found.p_values) == list(rt.NAMES)
+    p = np.array(list(found.p_values.values()))
+    assert np.all(np.abs(p - expected) < 4.5 * np.sqrt(p * (1 - p) * (1 / 1000 + 1 / 4000)) + 1e-3)
+    assert found.exact
+    assert not se.identify(data).checks.exact
+    assert fixed(data).checks.p_values == fixed(data).checks.p_values  # a fixed key
+
+
+def test_a_broken_assumption_is_warned_of():
+    gen = np.random.default_rng(12)
+    z = gen.standard_normal((200, 3))
+    grown = np.sum(z * z, axis=1, keepdims=True) * gen.standard_normal((200, 2))
+    data = se.Trajectories.from_pairs(z[:, :2], z[:, 2:], z @ THETA.T + grown)
+    with pytest.warns(DataWarning, match="in the residuals .*1 more warning: see model.warnings"):
+        model = fixed(data)
+    assert "heteroscedasticity" in model.checks.failed(0.05)
+    assert "warning" in repr(model)
+
+
+def test_states_read_with_error_are_seen_on_a_run():
+    _, run = noisy_states(np.random.default_rng(13), 400, 0.3)
+    with pytest.warns(DataWarning, match="correlation in time in the residuals .*with error"):
+        se.identify(se.Trajectories(*run))
+
+
+# -- refusals --------------------------------------------------------------------------------------
+
+
+def runs_of_two_steps():
+    return se.Trajectories(np.zeros((2, 3, 2)) + np.arange(3)[:, None], np.ones((2, 2, 1)))
+
+
+REFUSED = {
+    "independent runs": (
+        lambda: fixed(runs_of_two_steps()),
+        "`design` must be 'adaptive' for runs of several steps",
+    ),
+    "signs in closed loop": (
+        lambda: se.identify(DATA, noise="symmetric"),
+        "`noise` must not be 'symmetric' with design='adaptive'",
+    ),
+    "signs with sigma": (lambda: fixed(noise="symmetric", sigma=1.0), "uses no `covariance`"),
+    "sub-Gaussian": (lambda: se.identify(DATA, noise="sub-gaussian"), "`sigma` must be given for"),
+    "bounded": (
+        lambda: se.identify(DATA, noise="bounded", covariance=np.eye(2)),
+        "`sigma` must be the largest norm",
+    ),
+    "both": (
+        lambda: fixed(sigma=1.0, covariance=np.eye(2)), "`sigma` and `covariance` must not be"
+    ),
+    "no covariance": (
+        lambda: fixed(covariance=[[1.0, 2.0], [2.0, 1.0]]), "`covariance` must be positive defini"
+    ),
+    "not symmetric": (lambda: fixed(covariance=[[1.0, 2.0], [0.0, 9.0]]), "must be symmetric"),
+    "word": (lambda: fixed(covariance="ful"), "did you mean 'full'?"),
+    "design": (lambda: se.identify(DATA, design="open"), "`design` must be one of 'independent'"),
+    "everything known": (
+        lambda: fixed(known_A=np.eye(2), known_B=np.ones((2, 1))), "leave nothing to estimate"
+    ),
+    "known shape": (lambda: fixed(known_B=[0.0, 1.0]), r"`known_B` must have shape (2, 1), got"),
+    "known inf": (lambda: fixed(known_B=[[np.inf], [1.0]]), "`known_B` must contain numbers"),
+    "scale": (lambda: se.identify(DATA, scale=[1.0, 0.0, 1.0]), "in [1e-100, 1e+100], got 0"),
+    "scale shape": (lambda: se.identify(DATA, scale=[1.0]), "`scale` must have shape (3,)"),
+    "data": (lambda: se.identify(Z), "`data` must be a Trajectories"),
+    "few instruments": (
+        lambda: instrumented(DATA, Z[:, :2]), "`instruments` must have at least 3 columns"
+    ),
+    "instruments of exact states": (
+        lambda: se.identify(DATA, instruments=Z), "declare state_noise='white'"
+    ),
+    "instruments and rows": (
+        lambda: instrumented(DATA, Z, known_B=[[0.0], [np.nan]]), "no known entries"
+    ),
+    "instrument rows": (lambda: instrumented(DATA, Z[:5]), "`instruments` must have shape (12, m)"),
+    "state noise": (lambda: se.identify(DATA, state_noise="grey"), "`state_noise` must be one of"),
+    "large state noise": (
+        lambda: se.identify(DATA, state_noise=1e3 * np.eye(2)).A, "as large as the states"
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_contradictions_are_refused_with_a_reason(what):
+    call, said = REFUSED[what]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DataWarning)
+        with pytest.raises((InputError, InputTypeError)) as caught:
+            call()
+    assert said in str(caught.value)
+    assert len(str(caught.value)) <= 300
+    assert "\n" not in str(caught.value)
+
+
+NO_REGION = {
+    "noisy states": ({"state_noise": "white"}, {}, "no region is known: `state_noise` says"),
+    "known state noise": ({"state_noise": 0.01 * np.eye(2)}, {}, "no region is known: `state_no"),
+    "directions": ({}, {"x0": [1.0, 1.0]}, "`directions` needs a region of all rows at once"),
+    "future": ({"sigma": 1.0}, {"future": 1}, "`future` needs a region"),
+    "future rows": (
+        {"design": "independent"}, {"future": 1, "components": True}, "`future` needs"
+    ),
+    "method": ({"sigma": 1.0}, {"method": "universal"}, "`method` and `anytime` are for Gaussian"),
+    "anytime": ({"design": "independent"}, {"anytime": True}, "`method` and `anytime` are for"),
+    "two norms": (
+        {"design": "independent"}, {"frobenius": True, "components": True}, "`frobenius` needs"
+    ),
+    "both directions": (
+        {"design": "independent"}, {"x0": [1.0, 1.0], "directions": np.eye(3)}, "not be given both"
+    ),
+    "empty directions": (
+        {"design": "independent"}, {"directions": np.zeros((3, 1))}, "an entry other than 0"
+    ),
+    "few directions": (
+        {"design": "independent"}, {"directions": np.eye(2)}, "must have 3 rows, (x, u), got 2"
+    ),
+    "delta": ({}, {"delta": 1.5}, "`delta` must be in (0, 1)"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", NO_REGION)
+def test_regions_that_are_not_known_are_refused(what):
+    options, wish, said = NO_REGION[what]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DataWarning)
+        model = se.identify(DATA, **options)
+    with pytest.raises(InputError) as caught:
+        model.region(**{"delta": DELTA, **wish})
+    assert said in str(caught.value)
+    assert len(str(caught.value)) <= 300
+
+
+def test_a_known_error_of_the_states_gives_an_estimate_without_a_region():
+    gen, N = np.random.default_rng(14), 4000
+    z = gen.standard_normal((N, 3))
+    y = z @ THETA.T + 0.1 * gen.standard_normal((N, 2))
+    read = z + np.column_stack([0.7 * gen.standard_normal((N, 2)), np.zeros(N)])
+    data = se.Trajectories.from_pairs(read[:, :2], read[:, 2:], y)
+    with pytest.warns(DataWarning, match="measured with error, so that no region"):
+        corrected = se.identify(data, state_noise=0.49 * np.eye(2), checks=False)
+    with pytest.warns(DataWarning, match="measured with error, so that no region"):
+        plain = se.identify(data, state_noise="white", checks=False)
+    check(theta(corrected), iv.corrected(read, y, np.diag([0.49, 0.49, 0.0])), rtol=1e-8)
+    assert np.linalg.norm(theta(corrected) - THETA) < 0.1
+    assert np.linalg.norm(theta(plain) - THETA) > 0.2  # and this one is why
+
+
+# -- ensembles -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", ["pairs", "residual", "wild", "trajectories"])
+def test_bootstrap_models_have_the_moments_of_the_twin(method):
+    """Mean and covariance of the twin's models, up to five standard errors."""
+    _, z, y = independent(np.random.default_rng(15), n=2, d=3, N=30)
+    data = se.Trajectories.from_pairs(z[:, :2], z[:, 2:], y)
+    model, size = fixed(data, checks=False), 4000
+    found = model.bootstrap(size, method=method, rng=1)
+    gen = np.random.default_rng(16)
+    if method in ("pairs", "trajectories"):
+        twin = rs.weighted_models(z, y, rs.bootstrap_counts(30, size, gen))
+    else:
+        twin = rs.residual_models(z, y, size, gen, signs=method == "wild")
+    mine = np.concatenate([found.A, found.B], axis=2).reshape(size, -1)
+    other = twin.reshape(size, -1)
+    deviation = other.std(axis=0)
+    assert np.all(abs(mine.mean(0) - other.mean(0)) < 5 * deviation * np.sqrt(2 / size))
+    ratio = mine.std(axis=0) / deviation
+    assert np.all(abs(ratio - 1) < 0.15)
+    assert found.centre == "estimate"
+    assert f"bootstrap of {method}" in found.about
+
+
+def test_resamples_without_an_estimate_are_left_out_and_counted():
+    found = fixed(longer(N=4)[2], checks=False).bootstrap(500, rng=2)
+    # 3 or 4 different ones of 4 pairs: 1 - (4 + 84) / 256 of all resamples
+    assert abs(found.size - 500 * (1 - 88 / 256)) < 4.5 * np.sqrt(500 * 0.344 * 0.656)
+    assert f"{500 - found.size} of 500 left out" in found.about
+
+
+def test_whole_runs_are_resampled_together():
+    """Two runs: a resample has the first, the second, or both."""
+    gen = np.random.default_rng(17)
+    data = se.Trajectories(gen.standard_normal((2, 9, 1)), gen.standard_normal((2, 8, 1)))
+    found = se.identify(data, checks=False).bootstrap(200, method="trajectories", rng=3)
+    each = [theta(se.identify(part, checks=False)) for part in (data[:1], data[1:], data)]
+    three = {tuple(np.round(one.ravel(), 9)) for one in each}
+    models = np.concatenate([found.A, found.B], axis=2).reshape(200, -1)
+    assert {tuple(np.round(one, 9)) for one in models} == three
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"covariance": "diagonal"}, {"covariance": "scalar"}, {"sigma": 0.3}]
+)
+def test_drawn_models_have_the_covariance_of_their_law(options):
+    size, model = 20_000, fixed(checks=False, **options)
+    found = model.draw(size, rng=4)
+    models = np.concatenate([found.A, found.B], axis=2).transpose(0, 2, 1).reshape(size, -1)
+    nu, S = 9, FIT.S
+    noise = {
+        "full": S / (nu - 3),
+        "diagonal": np.diag(np.diag(S)) / (nu - 2),
+        "scalar": np.trace(S) / (2 * nu - 2) * np.eye(2),
+        "known": 0.09 * np.eye(2),
+    }["known" if "sigma" in options else options.get("covariance", "full")]
+    expected = np.kron(FIT.white.T @ FIT.white, noise)
+    deviation = np.sqrt(np.diag(expected))
+    assert np.all(abs(models.mean(0) - FIT.H.T.ravel()) < 5 * deviation / np.sqrt(size))
+    error = (np.cov(models.T) - expected) / np.outer(deviation, deviation)
+    assert abs(error).max() < 0.12
+
+
+def test_ensembles_repeat_with_their_key_and_keep_offset_and_known_columns():
+    model = fixed(intercept=True, known_B=[[0.0], [1.0]])
+    for make in (model.bootstrap, model.draw):
+        found = make(20, rng=5)
+        assert found == make(20, rng=5)
+        assert found != make(20, rng=6)
+        assert found.c.shape == (20, 2)
+        np.testing.assert_array_equal(found.B, np.tile([[0.0], [1.0]], (20, 1, 1)))
+    more = model.bootstrap(40, rng=5)
+    np.testing.assert_array_equal(more.A[:20], model.bootstrap(20, rng=5).A)
+
+
+def test_ensembles_that_would_mislead_are_refused():
+    with pytest.raises(InputError, match="single known entries"):
+        fixed(known_B=[[0.0], [np.nan]]).bootstrap(3)
+    with pytest.raises(InputError, match="noisy states cannot be resampled"):
+        instrumented(DATA, Z).bootstrap(3)
+    with pytest.raises(InputError, match="needs noise='gaussian'"):
+        fixed(noise="symmetric").draw(3)
+
+
+# -- records ---------------------------------------------------------------------------------------
+
+
+def test_models_and_regions_pickle():
+    data = se.Trajectories.from_pairs(
+        Z[:, :2], Z[:, 2:], Y, dt=0.1, state_names=["p", "v"], input_names=["f"]
+    )
+    model = fixed(data, intercept=True)
+    other = pickle.loads(pickle.dumps(model))
+    np.testing.assert_array_equal(theta(other), theta(model))
+    assert (other.state_names, other.input_names, other.dt) == (("p", "v"), ("f",), 0.1)
+    assert other.checks.p_values == model.checks.p_values
+    for region in (model.region(DELTA), fixed(noise="symmetric", rng=1).region(DELTA)):
+        same_region = pickle.loads(pickle.dumps(region))
+        assert same_region.radius == region.radius
+        assert same_region.contains(*TRUE) == region.contains(*TRUE)
+    kind, parts = model.__reduce__()
+    with pytest.raises(ShapeError, match="`triangle` must have shape"):
+        kind(parts[0], np.eye(3), *parts[2:])
+
+
+def test_a_model_is_not_taken_for_the_system():
+    """A bound would be relative to the estimate, which `model.system` asks for."""
+    model = fixed()
+    for call in (se.System.from_any, lambda m: se.control(m, X0, X0)):
+        with pytest.raises(InputError, match="estimated from data: pass its `system`"):
+            call(model)
+    with pytest.raises(InputError, match="estimated from data"):
+        se.theory.bounds.best("state", model, X0, X0, size=9, delta=0.1)
+    assert se.control(model.system, X0, X0).u.shape == (1, 1)
+
+
+def test_estimates_cannot_be_changed():
+    with pytest.raises(ValueError, match="read-only"):
+        fixed().A[0, 0] = 1.0
+
+
+def test_what_is_shown():
+    _, run = tuned(np.random.default_rng(18), 50)
+    model = se.identify(se.Trajectories(*run, dt=0.1, state_names=["a<b", "c"]), sigma=1.0)
+    assert repr(model) == "<Model: n=2 m=1 dt=0.1, 50 pairs, adaptive design>"
+    shown = model._repr_html_()
+    assert "a&lt;b" in shown
+    assert "any design, valid for all N at once" in shown
+    region = model.region(DELTA)
+    assert repr(region) == f"<Region: 95 %, radius {region.radius:.4g}>"
+    assert "known covariance" in region._repr_html_()
+    assert "tails" in model.checks._repr_html_()
+
+
+ASSUMPTIONS = {
+    "Gaussian noise of one unknown covariance, independent of all states and inputs": fixed,
+    "Gaussian noise of one unknown covariance, any design, for a number of pairs fixed beforehand":
+        lambda: se.identify(DATA),
+    "bounded noise of a known bound, any design, valid for all N at once":
+        lambda: se.identify(DATA, noise="bounded", sigma=1.0),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("said", ASSUMPTIONS)
+def test_the_assumption_is_said_in_words(said):
+    assert ASSUMPTIONS[said]().region(DELTA).assumption == said

@@ -1,0 +1,328 @@
+"""The compiled core of identification against its twin in plain NumPy and known numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import special, stats
+
+from identification_data import DELTA, LAMS, POINT, Y, Z, check, exactly, independent
+from stochens_rs import _core as core
+from stochens_rs.exceptions import InputError
+from stochens_rs.reference import anytime as at
+from stochens_rs.reference import certified_control as cc
+from stochens_rs.reference import laws
+from stochens_rs.reference import quantiles as qu
+from stochens_rs.reference import resampling as rs
+from stochens_rs.reference import residual_tests as rt
+from stochens_rs.reference import signs as sg
+from stochens_rs.reference import triangle as tr
+
+
+def fitted_to(z, y):
+    """Least squares of the twin, its arrays row by row."""
+    found = tr.fit(tr.triangle(z, y))
+    rows = {name: np.ascontiguousarray(getattr(found, name)) for name in ("H", "white", "missing")}
+    return found._replace(**rows)
+
+
+FIT = fitted_to(Z, Y)
+
+
+@pytest.mark.parametrize(("size", "k"), [(1, 1), (3, 5), (40, 5), (700, 26), (1200, 70)])
+def test_triangles(gen, size, k):
+    rows = gen.standard_normal((size, k)) * np.geomspace(1.0, 1e8, k)
+    found = core.triangle(rows, 1)
+    expected = tr.r_factor(rows)
+    np.testing.assert_allclose(
+        found / np.geomspace(1.0, 1e8, k),
+        expected / np.geomspace(1.0, 1e8, k),
+        rtol=0,
+        atol=2e-14 * size,
+    )
+    assert np.all(np.diag(found) >= 0.0)
+    grown = np.zeros((k, k))
+    for part in np.array_split(rows, 3):
+        core.triangle_update(grown, part)
+    np.testing.assert_allclose(grown, found, rtol=1e-9, atol=1e-6 * np.abs(found).max() * 1e-8)
+
+
+def test_a_triangle_keeps_the_digits_that_normal_equations_lose(gen):
+    """Columns that differ by 1e-7: their squares differ by less than rounding."""
+    x = gen.standard_normal((500, 1))
+    rows = np.hstack([x, x + 1e-9 * gen.standard_normal((500, 1))])
+    assert np.isclose(core.triangle(rows, 1)[1, 1], tr.r_factor(rows)[1, 1], rtol=1e-5)
+    with pytest.raises(np.linalg.LinAlgError):
+        np.linalg.cholesky(rows.T @ rows)
+
+
+def test_threads_change_no_bit(gen):
+    rows = gen.standard_normal((100_000, 6))
+    assert np.array_equal(core.triangle(rows, 1), core.triangle(rows, 2))
+
+
+# -- laws ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("n", "d", "nu", "delta"),
+    [
+        (2, 3, 9, 0.05),
+        (4, 6, 34, 0.001),
+        (1, 7, 5, 0.01),
+        (6, 2, 20, 0.1),
+        (3, 3, 3, 0.05),
+        (10, 15, 100, 0.05),
+        (20, 22, 200, 0.01),
+        (5, 8, 40_000, 0.05),
+    ],
+)
+def test_exact_quantiles(n, d, nu, delta):
+    check(core.roy_quantile(n, d, nu, delta, 1), qu.roy_quantile(n, d, nu, delta), rtol=1e-10)
+    check(core.wishart_quantile(n, d, delta, 1), qu.wishart_quantile(n, d, delta), rtol=1e-10)
+    check(core.row_quantile(n, d, nu, delta), qu.row_quantile(n, d, nu, delta), rtol=1e-10)
+    if nu <= 500:
+        check(
+            core.smallest_quantile(n, nu, delta, 1), qu.smallest_quantile(n, nu, delta), rtol=1e-9
+        )
+
+
+def test_scalar_quantiles():
+    check(core.scalar_quantile(4, 6, 34, 0.05, 1), 0.166390274969643, rtol=1e-10)
+    check(core.scalar_quantile(1, 3, 9, 0.05, 1), qu.scalar_quantile(1, 3, 9, 0.05), rtol=1e-10)
+
+
+def test_without_degrees_of_freedom_quantiles_are_infinite():
+    assert core.roy_quantile(4, 6, 3, DELTA, 1) == np.inf
+    assert core.joint_radii(4, 6, 3, DELTA, 1) == (np.inf, np.inf)
+    assert core.scalar_quantile(2, 3, 0, DELTA, 1) == np.inf
+    assert core.smallest_quantile(4, 3, DELTA, 1) == 0.0
+    for bad in (0.0, 1.0, np.nan):
+        with pytest.raises(InputError, match="delta"):
+            core.roy_quantile(2, 3, 9, bad, 1)
+
+
+def test_drawn_quantiles_hold_their_levels(gen):
+    """The draws of the core against fresh draws of the twin."""
+    n, d, nu, draws = 4, 6, 34, 20_000
+    spectral, frobenius = core.joint_radii(n, d, nu, DELTA, 1)
+    assert (spectral, frobenius) == core.joint_radii(n, d, nu, DELTA, 2)
+    roots = qu.beta_roots(n, d, nu, draws, gen)
+    out = (roots[:, -1] > spectral**2) | (roots.sum(axis=1) > frobenius**2)
+    exactly(np.sum(out), draws)
+    exactly(np.sum(roots.sum(axis=1) > core.trace_quantile(n, d, nu, DELTA, 1)), draws)
+    G = gen.standard_normal((draws, n, d)) / np.sqrt(gen.chisquare(nu, (draws, n, 1)))
+    largest = np.linalg.norm(G, 2, axis=(1, 2)) ** 2
+    exactly(np.sum(largest > core.diagonal_quantile(n, d, nu, DELTA, 1)), draws)
+
+
+@pytest.mark.parametrize("degrees", [1, 2, 7, 300, 100_000])
+@pytest.mark.parametrize("delta", [0.5, 0.05, 1e-9])
+def test_plain_laws(degrees, delta):
+    check(core.chi2_upper(delta, degrees), laws.chi2_upper(delta, degrees), rtol=1e-10)
+    check(core.chi2_quantile(delta, degrees), laws.chi2_quantile(delta, degrees), rtol=1e-10)
+    for a in (1, 6, 40):  # the quantile of F in SciPy has no digits of a small delta
+        y = special.betaincinv(degrees / 2, a / 2, delta)
+        x = (
+            degrees * special.betaincinv(a / 2, degrees / 2, 1 - delta) / a / y
+            if delta == 0.5
+            else degrees * (1 - y) / (a * y)
+        )
+        check(core.f_upper(delta, a, degrees), x, rtol=1e-10 if degrees < 1000 else 1e-8)
+    x = 1.2 * degrees + 5.0
+    expected = laws.noncentrality_limit(x, degrees, delta)
+    check(core.noncentrality_limit(x, degrees, delta), expected, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("n", [1, 2, 10, 300])
+@pytest.mark.parametrize("ld", [0.0, 3.0, 300.0, 5000.0])
+def test_levels_of_the_mixtures(n, ld):
+    for delta in (0.05, 1e-12):
+        check(core.sphere_level(n, ld, delta), at.sphere_level(n, ld, delta), rtol=1e-11)
+
+
+def test_levels_of_least_squares():
+    data = tr.triangle(Z, Y)
+    info = [at.information(data, lam) for lam in LAMS]
+    ld = np.array([i.ld for i in info])
+    wider = np.array([1.0 + lam / i.smallest for lam, i in zip(LAMS, info, strict=True)])
+    for frobenius in (False, True):
+        expected = at.least_squares_level(data, DELTA, LAMS, frobenius=frobenius)
+        check(core.least_squares_level(2, ld, wider, DELTA, frobenius), expected, rtol=1e-11)
+    for n in (1, 4, 30):
+        check(core.one_noise(n, DELTA), at.one_noise(n, DELTA), rtol=1e-7)
+    check(core.log_multigamma(20.5, 7), special.multigammaln(20.5, 7), rtol=1e-13)
+
+
+# -- several steps ---------------------------------------------------------------------------------
+
+
+def steps(fitted, x0, inputs, *, spectral, frobenius=np.inf, rho0=0.0, noise=False):
+    n, d = fitted.H.shape
+    inputs = np.asarray(inputs, dtype=float)
+    return core.several_steps(
+        fitted.H,
+        fitted.white,
+        cc._root(fitted.S),
+        fitted.missing,
+        fitted.ratio,
+        np.asarray(x0, dtype=float),
+        inputs,
+        inputs.shape[1] == d - n - 1,
+        (spectral, frobenius, rho0, noise),
+    )
+
+
+@pytest.mark.parametrize("options", [{}, {"frobenius": 1.4}, {"rho0": 0.1}, {"noise": True}])
+@pytest.mark.parametrize("offset", [False, True])
+def test_several_steps(gen, options, offset):
+    _Theta, z, y = independent(gen, n=4, d=6 + offset, N=60)
+    if offset:
+        z[:, -1] = 1.0
+    fitted = fitted_to(z, y)
+    x0, u = gen.standard_normal(4), gen.standard_normal((5, 2))
+    expected = cc.several_steps(fitted, x0, u, spectral=1.1, **options)
+    for found, value in zip(steps(fitted, x0, u, spectral=1.1, **options), expected, strict=True):
+        check(found, value, rtol=1e-10, atol=1e-12)
+
+
+def test_steps_of_the_data_set():
+    found = steps(
+        FIT, [1.0, -1.0], [[0.5], [0.0], [-0.5]], spectral=np.sqrt(1.2), frobenius=np.sqrt(1.5)
+    )
+    check(found[2][3], 0.236959828427)
+    check(found[1][3], 0.260230790267)
+    noisy = steps(
+        FIT, POINT[:2], [POINT[2:]], spectral=np.sqrt(qu.roy_quantile(2, 4, 9, DELTA)), noise=True
+    )
+    check(noisy[1][1], 1.173596784293)
+
+
+def test_steps_that_the_data_do_not_show():
+    z = Z.copy()
+    z[:, 2] = 0.0  # no input was ever given
+    fitted = fitted_to(z, Y)
+    expected = cc.several_steps(fitted, [1.0, -1.0], [[0.0], [1.0]], spectral=1.0)
+    found = steps(fitted, [1.0, -1.0], [[0.0], [1.0]], spectral=1.0)
+    assert np.isfinite(found[1][1])
+    assert np.isinf(found[1][2])
+    for a, b in zip(found, expected, strict=True):
+        check(a, b, rtol=1e-10)
+
+
+# -- replicates ------------------------------------------------------------------------------------
+
+KEY = bytes(range(32))
+
+
+def whitened(z, y):
+    fitted = fitted_to(z, y)
+    q, e, h = core.residuals(*map(np.ascontiguousarray, (z, y)), fitted.white)
+    return fitted, q, e, h
+
+
+def replicates(fitted, q, e, kind, size, weights=None, runs=None, threads=1):
+    rows = np.hstack([q, e])
+    found = core.bootstrap(rows, fitted.H, fitted.white, runs, kind, size, KEY, weights, threads)
+    return found.reshape(size, *fitted.H.shape)
+
+
+def test_residuals_and_leverages(gen):
+    _, z, y = independent(gen, N=200)
+    fitted, q, e, h = whitened(z, y)
+    check(q, z @ fitted.white.T, atol=1e-13)
+    check(e, tr.residuals(z, y), atol=1e-12)
+    check(h, tr.leverages(z), atol=1e-13)
+
+
+def test_models_with_given_weights(gen):
+    _, z, y = independent(gen, N=50)
+    fitted, q, e, _h = whitened(z, y)
+    counts = rs.bootstrap_counts(50, 130, gen).astype(float)
+    found = replicates(fitted, q, e, "pairs", 130, counts)
+    check(found, rs.weighted_models(z, y, counts), rtol=1e-10, atol=1e-11)
+    # whole runs
+    runs = np.repeat(np.arange(10), 5).astype(np.uint32)
+    counts = rs.bootstrap_counts(10, 40, gen).astype(float)
+    found = replicates(fitted, q, e, "pairs", 40, counts, runs)
+    check(found, rs.weighted_models(z, y, counts[:, runs]), rtol=1e-9, atol=1e-10)
+    few = replicates(fitted, q, e, "pairs", 1, np.eye(50)[:1] * 50.0)
+    assert np.all(np.isnan(few))
+
+
+def test_models_of_the_data_set():
+    fitted, q, e, _ = whitened(Z, Y)
+    counts = np.array([[2, 0, 1, 0, 3, 1, 1, 0, 1, 0, 2, 1.0]])
+    model = replicates(fitted, q, e, "pairs", 1, counts)[0]
+    check(model, [[0.91869790702, 0.195814039637, -0.00807556955],
+                  [-0.03629460001, 0.760799979794, 0.996257724494]], atol=6e-12)  # fmt: skip
+
+
+def test_laws_of_the_replicates():
+    fitted, q, e, h = whitened(Z, Y)
+    size = 40_000
+    centred = (e - e.mean(axis=0)) * np.sqrt(12 / fitted.nu)
+    V = fitted.white.T @ fitted.white
+    root = np.linalg.cholesky(fitted.S)
+    draws = core.region_draws(fitted.H, fitted.white, root, fitted.nu, size, KEY, 1)
+    for models, spread in [
+        (
+            replicates(fitted, q, e / np.sqrt(1 - h)[:, None], "wild", size),
+            rs.wild_covariance(Z, Y),
+        ),
+        (draws.reshape(size, 2, 3), np.kron(V, fitted.S / (fitted.nu - 3))),
+        (replicates(fitted, q, centred, "residual", size), np.kron(V, centred.T @ centred / 12)),
+    ]:
+        error = models.mean(axis=0) - fitted.H
+        assert np.all(np.abs(error) < 5 * models.std(axis=0) / np.sqrt(size))
+        found = np.cov(models.transpose(0, 2, 1).reshape(size, -1).T)
+        scale = np.sqrt(np.outer(np.diag(spread), np.diag(spread)))
+        assert np.max(np.abs(found - spread) / scale) < 0.05
+    pairs = replicates(fitted, q, e, "pairs", size)
+    own = rs.weighted_models(Z, Y, rs.bootstrap_counts(12, 4000, np.random.default_rng(1)))
+    # some take too few different pairs
+    pairs, own = (models[np.isfinite(models[:, 0, 0])] for models in (pairs, own))
+    assert abs(len(pairs) / size - len(own) / 4000) < 5 * np.sqrt(0.01 / 4000)
+    for i, j in np.ndindex(2, 3):
+        assert stats.ks_2samp(pairs[:, i, j], own[:, i, j]).pvalue > 1e-5
+
+
+@pytest.mark.parametrize("kind", ["pairs", "wild", "residual"])
+def test_threads_change_no_replicate(kind):
+    fitted, q, e, _ = whitened(Z, Y)
+    one = replicates(fitted, q, e, kind, 300)
+    assert np.array_equal(one, replicates(fitted, q, e, kind, 300, threads=2), equal_nan=True)
+    assert np.array_equal(one[:90], replicates(fitted, q, e, kind, 90), equal_nan=True)
+
+
+# -- signs and tests of residuals ------------------------------------------------------------------
+
+
+def test_radii_of_sign_vectors(gen):
+    _, z, y = independent(gen, N=30)
+    _fitted, q, e, _ = whitened(z, y)
+    signs = sg.sign_vectors(80, 30, gen)
+    rows = np.hstack([q, e])
+    check(core.sign_radii(rows, 4, 79, KEY, signs, 1), sg.radii(z, y, signs), rtol=1e-9)
+    expected = sg.statistics(e, q, signs)
+    check(core.sign_statistics(rows, 4, 79, KEY, signs, 1), expected, rtol=1e-10)
+    drawn = core.sign_radii(rows, 4, 79, KEY, None, 1)
+    assert np.array_equal(drawn, core.sign_radii(rows, 4, 79, KEY, None, 2))
+    few = np.hstack(
+        whitened(z[:8], y[:8])[1:3]
+    )  # 8 pairs, 6 directions: one sign is in the minority
+    assert np.all(np.isinf(core.sign_radii(few, 4, 50, KEY, None, 1)))
+
+
+def test_p_values_of_residuals(gen):
+    """Near those of the twin; small for noise that is correlated in time."""
+    _, z, y = independent(gen, n=2, d=3, N=60)
+    white = fitted_to(z, y).white
+    own = rt.p_values(z, y, 2000, gen)
+    found = core.residual_p_values(z, y, white, 2000, KEY, 1)
+    assert np.all(np.abs(found - own) < 5 * np.sqrt(2 * 0.25 / 2000))
+    assert np.array_equal(found, core.residual_p_values(z, y, white, 2000, KEY, 2))
+    w = gen.standard_normal((61, 2))
+    correlated = z @ np.ones((3, 2)) + w[1:] + 0.9 * w[:-1]
+    assert core.residual_p_values(z, correlated, white, 999, KEY, 1)[1] < 0.01
+    assert np.all(np.isnan(core.residual_p_values(z[:4], y[:4], white, 9, KEY, 1)))

@@ -1,0 +1,437 @@
+"""Every statement about measured data holds as often as it says, by simulation."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from identification_data import (
+    DELTA,
+    LAMS,
+    RUNS,
+    SKEWED,
+    at_most,
+    check,
+    exactly,
+    hull,
+    independent,
+    k_step_case,
+    misses,
+    noisy_states,
+    rolled,
+    stable,
+    tuned,
+)
+from stochens_rs.reference import anytime as at
+from stochens_rs.reference import certified_control as cc
+from stochens_rs.reference import fusing_by_data as fd
+from stochens_rs.reference import input_error as ie
+from stochens_rs.reference import instruments as iv
+from stochens_rs.reference import laws, signs
+from stochens_rs.reference import quantiles as qu
+from stochens_rs.reference import regions as rg
+from stochens_rs.reference import residual_tests as rt
+from stochens_rs.reference import triangle as tr
+
+
+def test_coverage_of_the_full_region():
+    exactly(
+        misses(
+            20,
+            RUNS,
+            lambda gen, Theta, z, y: rg.contains(rg.full(tr.triangle(z, y), DELTA), Theta),
+            root=SKEWED,
+        ),
+        RUNS,
+    )
+
+
+@pytest.mark.parametrize("r", [1, 3])
+def test_coverage_of_fixed_directions(r):
+    Q = np.random.default_rng(21).standard_normal((6, r))
+
+    def holds(gen, Theta, z, y):
+        region = rg.directions(tr.triangle(z, y), Q, DELTA)
+        return rg.pivot_in(region, Theta, Q)[-1] <= region.factor
+
+    exactly(misses(22, RUNS, holds, root=SKEWED), RUNS)
+
+
+def test_coverage_of_combinations():
+    L = np.random.default_rng(23).standard_normal((4, 2))
+
+    def holds(gen, Theta, z, y):
+        return rg.contains(rg.combinations(tr.triangle(z, y), L, DELTA), L.T @ Theta)
+
+    exactly(misses(24, RUNS, holds, root=SKEWED), RUNS)
+
+
+def test_coverage_with_noise_to_come():
+    """Model and three noises in one event: largest root, trace, and both at once."""
+    root = SKEWED
+    failed = np.zeros(3, dtype=int)
+    gen = np.random.default_rng(25)
+    q_R = qu.roy_quantile(4, 9, 34, DELTA)
+    q_T = qu.trace_quantile(4, 9, 34, DELTA)
+    both = qu.joint_radii(4, 9, 34, DELTA)
+    for _ in range(RUNS):
+        Theta, z, y = independent(gen, root=root)
+        m = tr.fit(tr.triangle(z, y))
+        X = np.hstack([(m.H - Theta) @ m.root.T, root @ gen.standard_normal((4, 3))])
+        sizes = np.linalg.svd(np.linalg.solve(np.linalg.cholesky(m.S), X), compute_uv=False)
+        top, trace = sizes[0] ** 2, np.sum(sizes**2)
+        failed += [
+            top > q_R,
+            trace > q_T,
+            top > both.spectral**2 or trace > both.frobenius**2,
+        ]
+    for count in failed:
+        exactly(count, RUNS)
+
+
+def test_coverage_with_independent_components():
+    root = np.diag([1.0, 0.1, 0.1, 3.0])
+
+    def rows(gen, Theta, z, y):
+        m = tr.fit(tr.triangle(z, y))
+        X = (m.H - Theta) @ m.root.T
+        return np.all(np.sum(X**2, axis=1) <= qu.row_quantile(4, 6, 34, DELTA) * np.diag(m.S))
+
+    exactly(misses(26, RUNS, rows, root=root), RUNS)
+
+    def spectral(gen, Theta, z, y):
+        return rg.contains(rg.diagonal(tr.triangle(z, y), DELTA), Theta)
+
+    exactly(misses(27, RUNS, spectral, root=root), RUNS)
+
+
+def test_coverage_with_scalar_covariance():
+    def unknown(gen, Theta, z, y):
+        return rg.contains(rg.scalar(tr.triangle(z, y), DELTA), Theta)
+
+    exactly(misses(28, RUNS, unknown, root=0.3 * np.eye(4)), RUNS)
+
+    def known(gen, Theta, z, y):
+        return rg.contains(rg.known(tr.triangle(z, y), 0.3, DELTA), Theta)
+
+    exactly(misses(29, RUNS, known, root=0.3 * np.eye(4)), RUNS)
+
+
+def test_coverage_with_known_entries():
+    free = np.random.default_rng(30).random((4, 6)) < 0.5
+    free[0] = False
+
+    def holds(gen, Theta, z, y):
+        rows = rg.pattern(z, y, free, DELTA, known=np.where(free, 0.0, Theta))
+        good = []
+        for i in range(4):
+            m = rows.fits[i]
+            x = (rows.H[i] - Theta[i])[free[i]] @ m.root.T
+            good.append(x @ x <= rows.quantiles[i] * m.S[0, 0] + 1e-20)
+        return all(good)
+
+    at_most(misses(31, 800, holds, root=SKEWED), 800)
+
+
+def test_coverage_where_the_data_miss_directions():
+    """Rank 3 of 6, also for a region of few pairs: the residual of the missing rows is counted."""
+    mix = np.random.default_rng(32).standard_normal((3, 6))
+    gen, failed = np.random.default_rng(33), 0
+    for _ in range(RUNS):
+        Theta, z = gen.standard_normal((2, 6)), gen.standard_normal((8, 3)) @ mix
+        data = tr.triangle(z, z @ Theta.T + gen.standard_normal((8, 2)))
+        region = rg.full(data, DELTA)
+        assert region.fitted.rank == 3
+        X = (region.fitted.H - Theta) @ region.fitted.root.T
+        X = np.linalg.solve(np.linalg.cholesky(region.S), X)
+        failed += np.linalg.norm(X, 2) ** 2 > region.factor
+    exactly(failed, RUNS)
+
+
+def test_supermartingale_of_the_sphere_mixture():
+    """Its mean is at most 1 at the true Theta, in closed loop, at all N."""
+    gen, values = np.random.default_rng(34), []
+    for _ in range(1500):
+        Theta, run = tuned(gen, 12)
+        z, y = tr.pairs([run])
+        data = tr.triangle(z, y - z @ Theta.T)
+        M = at.ridge(data, 1.0, 0.5, 4.0, 0.0).H  # M V_lam^-1
+        V = z.T @ z + 4.0 * np.eye(3)
+        c = np.linalg.eigvalsh(M @ V @ M.T)[-1] / 2.0
+        values.append(np.exp(laws.log_hyp1f1(0.5, 1.0, c) - at.information(data, 4.0).ld / 2))
+    assert np.mean(values) <= 1.0 + 4.0 * np.std(values) / np.sqrt(len(values))
+    assert np.mean(values) > 0.3  # not empty
+
+
+def test_level_of_the_residual_tests():
+    gen, runs = np.random.default_rng(35), 600
+    low = np.zeros(len(rt.NAMES), dtype=int)
+    for _ in range(runs):
+        _, z, y = independent(gen, n=2, d=3, N=14, root=SKEWED[:2, :2])
+        low += rt.p_values(z, y, 19, gen) <= 0.0501  # exactly one in twenty
+    for count in low:
+        exactly(count, runs)
+
+
+def test_coverage_of_sign_perturbed_sums():
+    gen, failed = np.random.default_rng(36), 0
+    for _ in range(RUNS):
+        z = gen.standard_normal((8, 2))
+        w = gen.standard_t(1.5, (8, 2)) * np.arange(1, 9)[:, None]
+        basis = np.linalg.qr(z)[0]
+        vectors = signs.sign_vectors(20, 8, gen)
+        failed += not signs.contains(w, basis, vectors, 1, gen)
+    exactly(failed, RUNS)
+
+
+def test_ellipsoid_holds_the_set_of_sign_perturbed_sums():
+    gen = np.random.default_rng(37)
+    for _ in range(10):
+        _, z, y = independent(gen, n=2, d=2, N=12)
+        vectors = signs.sign_vectors(10, 12, gen)
+        ball = signs.ellipsoid(z, y, vectors, 2)
+        m = ball.fitted
+        for _ in range(60):
+            X = gen.standard_normal((2, 2))
+            X *= 1.02 * min(rg.radius(ball), 1e3) / np.linalg.norm(X)
+            errors = y - z @ (m.H + X @ m.white).T
+            assert not signs.contains(errors, z @ m.white.T, vectors, 2, gen)
+
+
+def test_regions_for_any_design_hold_at_all_looks():
+    """Feedback tuned by past noise, unstable plant, four looks; exogenous regions fail here."""
+    gen, runs = np.random.default_rng(38), 100
+    failed = np.zeros(3, dtype=int)
+    for _ in range(runs):
+        Theta, run = tuned(gen, 150)
+        z, y = tr.pairs([run])
+        now = np.zeros(3, dtype=bool)
+        for N in (8, 20, 60, 150):
+            data = tr.triangle(z[:N], y[:N])
+            regions = [at.known_noise(data, 1.0, DELTA, LAMS)]
+            regions.append(at.universal(data, DELTA, l0=1.0, psi=1.0, nu0=4.0))
+            now[:2] |= [not rg.contains(region, Theta) for region in regions]
+        now[2] = not rg.contains(at.gaussian_noise(data, DELTA, LAMS), Theta)
+        failed += now
+    assert np.isfinite(at.gaussian_noise(data, DELTA, LAMS).factor)
+    for count in failed:
+        at_most(count, runs)
+
+
+def past_inputs(run, lags=5):
+    """Every second pair of a run and its present and past inputs."""
+    z, y = tr.pairs([run])
+    u = z[:, 2]
+    keep = np.arange(lags, len(u), 2)
+    zeta = np.column_stack([u[keep - j] for j in range(lags + 1)])
+    return zeta, z[keep], y[keep]
+
+
+@pytest.mark.parametrize(("sv", "sw"), [(0.3, 0.1), (0.1, 0.0), (0.0, 0.1)])
+def test_coverage_of_instruments(sv, sw):
+    gen, runs, failed, unbounded = np.random.default_rng(39), 250, 0, 0
+    for _ in range(runs):
+        Theta, run = noisy_states(gen, 200, sv, sw)
+        found = iv.instrumented(*past_inputs(run), DELTA)
+        failed += not iv.contains(found, Theta)
+        unbounded += found.status == "unbounded"
+    exactly(failed, runs)
+    assert unbounded < runs / 2
+
+
+@pytest.mark.parametrize("noise", [False, True])
+def test_certificates_of_several_steps_hold(noise):
+    gen, runs, failed, ratios = np.random.default_rng(40), 150, 0, []
+    for _ in range(runs):
+        Theta, data, x0, u = k_step_case(gen, 5)
+        region = rg.joint(data, DELTA, future=5 if noise else 0)
+        steps = cc.several_steps(
+            region.fitted,
+            x0,
+            u,
+            spectral=region.spectral,
+            frobenius=region.frobenius,
+            rho0=0.01,
+            noise=noise,
+        )
+        e0 = gen.standard_normal(4)
+        start = x0 + 0.01 * e0 / np.linalg.norm(e0)
+        w = 0.1 * gen.standard_normal((5, 4)) if noise else None
+        error = np.linalg.norm(rolled(Theta, start, u, w) - steps.states[-1])
+        failed += error > steps.radii[-1]
+        ratios.append(steps.radii[-1] / error)
+    at_most(failed, runs)
+    assert 3.0 < np.median(ratios) < 20.0
+
+
+@pytest.mark.parametrize("offset", [False, True])
+def test_robust_control_has_the_smallest_certificate(offset):
+    gen = np.random.default_rng(50)
+    _, z, y = independent(gen, n=3, d=6, N=20)
+    z[:, 5] = 1.0 if offset else z[:, 5]
+    region, x0, xf = rg.full(tr.triangle(z, y), DELTA), gen.standard_normal(3), np.ones(3)
+    u = cc.robust_control(region, x0, xf, offset=offset)
+    assert len(u) == (2 if offset else 3)
+    best = cc.one_step(region, x0, u, xf).certificate
+    for scale in (1.0, 0.1, 1e-2, 1e-3):
+        for _ in range(50):
+            other = u + scale * gen.standard_normal(len(u))
+            assert best <= cc.one_step(region, x0, other, xf).certificate + 1e-6
+
+
+def test_direct_regression_over_several_steps():
+    """(x0, u0, .., u(K-1)) to x(K) of independent open-loop runs: exact pairs of one step."""
+    gen, runs, failed = np.random.default_rng(41), 600, 0
+    A, B = stable(gen, n=2, m=1)
+    Theta, K = np.hstack([A, B]), 3
+    powers = [np.linalg.matrix_power(A, p) for p in range(K + 1)]
+    direct = np.hstack([powers[K], *[powers[K - 1 - k] @ B for k in range(K)]])
+    for _ in range(runs):
+        some = []
+        for _ in range(14):
+            x, u = [gen.standard_normal(2)], gen.standard_normal((K + 1, 1))
+            for k in range(K + 1):
+                x.append(Theta @ np.concatenate([x[-1], u[k]]) + 0.3 * gen.standard_normal(2))
+            some.append((np.array(x), u))
+        region = rg.full(tr.triangle(*tr.k_step(some, K)), DELTA)
+        failed += not rg.contains(region, direct)
+    exactly(failed, runs)
+
+
+@pytest.mark.parametrize("off", [0.0, 0.3, 3.0])
+def test_certificates_of_models_fused_by_data_hold(off):
+    gen, runs = np.random.default_rng(42), 60
+    failed, sizes = np.zeros(2, dtype=int), []
+    for _ in range(runs):
+        Theta, z, y = independent(gen, n=4, d=6, N=30)
+        fused = fd.fuse(hull(gen, Theta, 0.5, off), tr.fit(tr.triangle(z, y)))
+        error = np.linalg.norm((fused.F - Theta) @ fused.fitted.root.T)
+        known = fd.certificate(fused, 1.0, DELTA)
+        unknown = fd.certificate_unknown(fused, DELTA, cells=10)
+        failed += [error**2 > known.factor, error**2 > unknown.factor]
+        sizes.append(np.sqrt([known.factor, unknown.factor]))
+    for count in failed:
+        at_most(count, runs)
+    if off == 0.0:  # sharper than least squares: chi with 24 degrees
+        assert np.median(sizes, axis=0)[0] < np.sqrt(laws.chi2_upper(DELTA, 24))
+
+
+def test_shrinking_towards_the_hull_beats_least_squares():
+    for off, gain in ((0.0, 0.5), (0.3, 0.9), (30.0, 1.01)):
+        gen, risks = np.random.default_rng(43), []
+        for _ in range(250):
+            Theta, z, y = independent(gen, n=4, d=6, N=30)
+            m = tr.fit(tr.triangle(z, y))
+            fused = fd.fuse(hull(gen, Theta, 0.5, off), m)
+            models = [m.H, fd.shrunken(fused, 1.0).model, fd.shrunken(fused).model]
+            risks.append([np.sum(((H - Theta) @ m.root.T) ** 2) for H in models])
+        mean = np.mean(risks, axis=0)
+        assert np.all(mean[1:] <= gain * mean[0])
+
+
+def stopped(gen, sigma=0.1, tolerance=0.15):
+    """Feedback exploration until the certificate is below the tolerance; its true error."""
+    A, B = stable(gen, n=2, m=1, size=0.8)
+    Theta = np.hstack([A, B])
+    z = np.array([0.5, -0.5, 0.3])
+    xf = Theta @ z
+    data, x = None, np.zeros(2)
+    for N in range(1, 401):
+        u = np.array([-0.2 * x[0] + gen.standard_normal()])
+        pair = np.concatenate([x, u])
+        x = Theta @ pair + sigma * gen.standard_normal(2)
+        data = tr.triangle(pair[None], x[None]) if data is None else tr.update(data, pair, x)
+        if N % 20 == 0:
+            u = np.linalg.lstsq(tr.fit(data).H[:, 2:], xf - tr.fit(data).H[:, :2] @ z[:2])[0]
+            point = np.concatenate([z[:2], u])
+            found = at.look(data, point, xf, sigma, DELTA, tolerance, LAMS)
+            if found.certificate <= tolerance:
+                return N, np.linalg.norm(Theta @ point - xf)
+    return 400, 0.0
+
+
+def test_stopping_by_the_certificate_is_valid():
+    gen = np.random.default_rng(44)
+    found = np.array([stopped(gen) for _ in range(60)])
+    at_most(np.sum(found[:, 1] > 0.15), 60)
+    assert np.median(found[:, 0]) < 400
+    check(at.look_shares(2000, DELTA).sum(), DELTA * (1 - 1 / 2001))
+
+
+def test_coverage_of_the_correction_from_a_second_half():
+    """For noise sigma^2 I the first-order correction has an exact ball; here the last direction."""
+    gen, runs, failed = np.random.default_rng(45), 500, 0
+    for _ in range(runs):
+        Theta, first, x0, u = k_step_case(gen, 3, N=40)
+        model = tr.fit(first)
+        z = gen.standard_normal((40, 6))
+        y = z @ Theta.T + 0.1 * gen.standard_normal((40, 4))
+        split = cc.split_correction(model, z, y, x0, u, DELTA)
+        x, exact = x0, np.zeros(4)
+        for step in u:
+            zh = np.concatenate([x, step])
+            exact = model.H[:, :4] @ exact + (Theta - model.H) @ zh
+            x = model.H @ zh
+        failed += np.linalg.norm(split.correction - exact) > split.radius
+    at_most(failed, runs)
+
+
+def test_error_of_the_input_holds():
+    gen, runs, failed, finite = np.random.default_rng(46), 400, 0, 0
+    for _ in range(runs):
+        Theta, data, x0, _ = k_step_case(gen, 1)
+        region = rg.full(data, DELTA)
+        H, xf = region.fitted.H, gen.standard_normal(4)
+        u = np.linalg.lstsq(H[:, 4:], xf - H[:, :4] @ x0)[0] + gen.normal(0, 0.1, 2)
+        v = np.linalg.lstsq(Theta[:, 4:], xf - Theta[:, :4] @ x0)[0]
+        limit = ie.input_bound(region, x0, u, xf)
+        finite += np.isfinite(limit)
+        failed += np.linalg.norm(u - v) > limit
+    at_most(failed, runs)
+    assert finite > runs / 2
+
+
+def test_bounds_of_separate_estimates_hold():
+    gen = np.random.default_rng(47)
+    for _ in range(300):
+        A, B, x0, xf = (gen.standard_normal(s) for s in ((3, 3), (3, 2), 3, 3))
+        dA, dB, d0_, df = (0.3 * gen.standard_normal(s) for s in ((3, 3), (3, 2), 3, 3))
+        u = gen.standard_normal(2)
+        norm = np.linalg.norm
+        limit = ie.separate_bound(
+            A + dA,
+            B + dB,
+            x0 + d0_,
+            xf + df,
+            u,
+            eA=norm(dA, 2),
+            eB=norm(dB, 2),
+            e0=norm(d0_),
+            ef=norm(df),
+        )
+        assert norm(A @ x0 + B @ u - xf) <= limit + 1e-12
+
+
+def test_limits_of_bounded_noise_are_certain():
+    gen = np.random.default_rng(48)
+    for _ in range(20):
+        theta, z = gen.standard_normal(3), gen.standard_normal((15, 3))
+        y = z @ theta + gen.uniform(-0.2, 0.2, 15)
+        point = gen.standard_normal(3)
+        low, high = signs.bounded_range(z, y, 0.2, point)
+        assert low <= theta @ point <= high
+    with pytest.raises(ValueError, match="no theta"):
+        signs.bounded_range(z, y, 1e-4, point)
+
+
+@pytest.mark.parametrize("n", [1, 2, 5])
+def test_one_sub_gaussian_noise(n):
+    gen = np.random.default_rng(49)
+    r = at.one_noise(n, DELTA)
+    if n == 1:  # two tails: cosh(s r) exp(-s^2/2) against exp(s r - s^2/2) / 2
+        assert abs(r - np.sqrt(2 * np.log(2 / DELTA))) < 1e-3
+    ball = gen.standard_normal((100_000, n))
+    at_most(np.sum(np.linalg.norm(ball, axis=1) > r), 100_000)
+    assert (
+        np.sqrt(laws.chi2_upper(DELTA, n)) < r < np.sqrt(n) + np.sqrt(2 * np.log(1 / DELTA)) + 0.1
+    )

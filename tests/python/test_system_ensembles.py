@@ -1,0 +1,79 @@
+"""Ensembles of systems, and what their centre means for bounds."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from stochens_rs.exceptions import InputError, InputTypeError, ShapeError
+
+A, B = np.array([[[0.9]], [[0.8]]]), np.array([[[1.0]], [[1.2]]])
+
+
+def test_systems_in_and_out():
+    made = se.SystemEnsemble(A, B, dt=0.1)
+    same = se.SystemEnsemble.from_systems(list(made))
+    assert same == made
+    assert pickle.loads(pickle.dumps(made)) == made
+    assert (made.size, len(made), made.n, made.m) == (2, 2, 1, 1)
+    assert made[-1] == se.System([[0.8]], [[1.2]], dt=0.1)
+    np.testing.assert_allclose(made.mean().B, [[1.1]])
+    assert se.SystemEnsemble(A, B, np.ones((2, 1)), dt=0.1) != made
+
+
+def test_arrays_are_copied_and_read_only():
+    mine = A.copy()
+    made = se.SystemEnsemble(mine, B)
+    mine[:] = 0.0
+    np.testing.assert_array_equal(made.A, A)
+    with pytest.raises(ValueError, match="read-only"):
+        made.A[0] = 1.0
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda: se.SystemEnsemble(A[0], B), "`A` must have 3 dimensions"),
+        (lambda: se.SystemEnsemble(np.ones((2, 1, 3)), B), "`A` must have shape"),
+        (lambda: se.SystemEnsemble(A, B[:1]), r"`B` must have shape \(2, 1, m\)"),
+        (lambda: se.SystemEnsemble(A, B, [[1.0]]), r"`c` must have shape \(2, 1\)"),
+        (lambda: se.SystemEnsemble(A, B, centre="mean"), "`centre` must be one of 'truth', 'est"),
+        (lambda: se.SystemEnsemble.from_systems([]), "`systems` must have at least one"),
+        (
+            lambda: se.SystemEnsemble.from_systems([(A[0], B[0]), (np.eye(2), np.eye(2))]),
+            r"`systems\[1\]` must be like the first, n=1 m=1",
+        ),
+        (lambda: se.Ensemble.from_samples(A, centre="middle"), "`centre` must be one of"),
+    ],
+)
+def test_bad_ensembles_are_refused(call, said):
+    with pytest.raises((InputError, ShapeError, InputTypeError), match=said):
+        call()
+
+
+def test_what_an_ensemble_scatters_about_is_kept():
+    drawn = se.sample([[1.0]], 3, rng=1)
+    assert drawn.centre == "truth"
+    models = se.SystemEnsemble(A, B, centre="estimate").realizations_of_A()
+    assert models.centre == models.prefix(1).centre == "estimate"
+    assert pickle.loads(pickle.dumps(models)).centre == "estimate"
+    assert se.Ensemble.from_samples(A).centre is None
+
+
+def test_bounds_refuse_realizations_that_scatter_about_an_estimate():
+    """Also where their law is declared: the declaration is about the truth."""
+    system = se.System([[0.85]], [[1.0]])
+    for centre, said in ((None, "pass `system="), ("estimate", "scatter about an estimate")):
+        models = se.Ensemble.from_samples(A, centre=centre)
+        for one in (models, se.fuse(models)):
+            plan = se.control((one, system.B), [1.0], [0.0])
+            with pytest.raises(InputError, match=said):
+                plan.bound()
+            if centre == "estimate":
+                with pytest.raises(InputError, match="use the region of the model"):
+                    plan.bound(system=system)
+                with pytest.raises(InputError, match="no covariance follows"):
+                    plan.covariance(system=system)

@@ -1,0 +1,275 @@
+"""Measured runs: what is taken, what is refused, and what the pairs are."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import stochens_rs as se
+from identification_data import noisy_states
+from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError
+from stochens_rs.identification.trajectories import pooled
+from stochens_rs.reference import triangle as tr
+
+
+def some_runs(gen, lengths=(3, 1, 5), n=2, m=1):
+    shapes = [((T + 1, n), (T, m)) for T in lengths]
+    return [tuple(gen.standard_normal(shape) for shape in run) for run in shapes]
+
+
+def made(runs, **options):
+    return se.Trajectories([x for x, _ in runs], [u for _, u in runs], **options)
+
+
+def test_pairs_are_those_of_the_twin(gen):
+    runs = some_runs(gen)
+    data = made(runs)
+    x, u, y = data.pairs()
+    z, outcomes = tr.pairs(runs)
+    np.testing.assert_array_equal(np.hstack([x, u]), z)
+    np.testing.assert_array_equal(y, outcomes)
+    assert (len(data), data.size, data.n, data.m) == (3, 9, 2, 1)
+    for mine, given in zip(data.runs, runs, strict=True):
+        np.testing.assert_array_equal(mine[0], given[0])
+        np.testing.assert_array_equal(mine[1], given[1])
+
+
+def test_last_pairs_and_direct_steps_are_those_of_the_twin(gen):
+    runs = some_runs(gen)
+    x, u, y = made(runs).last_pairs().pairs()
+    z, outcomes = tr.last_pairs(runs)
+    np.testing.assert_array_equal(np.hstack([x, u]), z)
+    np.testing.assert_array_equal(y, outcomes)
+    direct = made(runs, dt=0.5).k_step(3, open_loop=True)
+    z, outcomes = tr.k_step(runs, 3)
+    np.testing.assert_array_equal(np.hstack(direct.pairs()[:2]), z)
+    np.testing.assert_array_equal(direct.pairs()[2], outcomes)
+    assert (direct.steps, direct.dt, direct.m) == (3, 1.5, 3)
+    assert direct.input_names == ("u[0](0)", "u[0](1)", "u[0](2)")
+    assert "over 3 steps" in repr(direct)
+
+
+def test_direct_steps_must_be_open_loop(gen):
+    data = made(some_runs(gen))
+    with pytest.raises(InputError, match="`open_loop` must be True: inputs that react"):
+        data.k_step(2, open_loop=False)
+    with pytest.raises(TypeError):
+        data.k_step(2)
+    with pytest.raises(InputError, match="`steps` is 6, but the longest run has 5 steps"):
+        data.k_step(6, open_loop=True)
+
+
+def test_one_run_and_arrays_of_runs(gen):
+    x, u = gen.standard_normal((4, 5, 2)), gen.standard_normal((4, 4, 1))
+    assert se.Trajectories(x, u) == se.Trajectories(list(x), list(u))
+    assert se.Trajectories(x[0], u[0]) == se.Trajectories([x[0]], [u[0]])
+    assert se.Trajectories(x[0].tolist(), u[0].tolist()) == se.Trajectories(x[:1], u[:1])
+    assert se.Trajectories(x.tolist(), u.tolist()) == se.Trajectories(x, u)
+
+
+def test_inputs_are_copied_and_nothing_can_be_changed(gen):
+    x, u = gen.standard_normal((3, 2)), gen.standard_normal((2, 1))
+    data = se.Trajectories(x, u)
+    before = data.pairs()[0].copy()
+    x[:] = 7.0
+    np.testing.assert_array_equal(data.pairs()[0], before)
+    with pytest.raises(ValueError, match="read-only"):
+        data.pairs()[0][0] = 1.0
+    with pytest.raises(AttributeError, match="immutable"):
+        data.dt = 1.0
+
+
+def test_copies_and_pickles_are_equal(gen):
+    data = made(some_runs(gen), dt=0.1, state_names=["p", "v"], input_names=["f"])
+    for other in (pickle.loads(pickle.dumps(data)), copy.deepcopy(data)):
+        assert other == data
+        assert (other.state_names, other.input_names, other.dt) == (("p", "v"), ("f",), 0.1)
+    kind, parts = data.__reduce__()
+    with pytest.raises(InputTypeError, match="do not fit together"):
+        kind(parts[0], [1, 1], *parts[2:])
+
+
+BAD = {
+    "another number of runs": (lambda x, u: se.Trajectories([x, x], [u]), "`inputs` must have 2 r"),
+    "one state": (lambda x, u: se.Trajectories([x[:1]], [u[:0]]), "`states[0]` must have at least"),
+    "too many inputs": (lambda x, u: se.Trajectories([x], [x]), r"`inputs[0]` must have shape (3,"),
+    "another n": (lambda x, u: se.Trajectories([x, x[:, :1]], [u, u]), "`states[1]` must have sha"),
+    "names": (lambda x, u: se.Trajectories(x, u, state_names=["a"]), "`state_names` must have 2"),
+    "equal names": (lambda x, u: se.Trajectories(x, u, state_names=["a", "a"]), "got 'a' twice"),
+    "shared name": (
+        lambda x, u: se.Trajectories(x, u, state_names=["a", "b"], input_names=["b"]),
+        "`input_names` must differ from `state_names`, got 'b'",
+    ),
+    "dt": (lambda x, u: se.Trajectories(x, u, dt=0.0), "`dt` must be > 0"),
+    "labels": (
+        lambda x, u: se.Trajectories(pd.DataFrame(x, columns=["a", "b"]), u),
+        "`states` has labels",
+    ),
+    "labels in a list": (
+        lambda x, u: se.Trajectories([x], [pd.DataFrame(u, columns=["f"])]),
+        "`inputs[0]` has labels",
+    ),
+    "pairs": (lambda x, u: se.Trajectories.from_pairs(x, u, x), "`u` must have shape (4, m)"),
+}
+
+
+@pytest.mark.parametrize("what", BAD)
+def test_bad_runs_are_refused(what):
+    call, said = BAD[what]
+    with pytest.raises(InputError) as caught:
+        call(np.ones((4, 2)), np.ones((3, 1)))
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 300
+
+
+def test_what_is_not_finite_is_named():
+    x = np.ones((4, 2))
+    x[2, 1] = np.inf
+    with pytest.raises(NonFiniteError, match=r"`states\[1\]\[2, 1\]` is inf"):
+        se.Trajectories([np.ones((4, 2)), x], np.ones((2, 3, 1)))
+
+
+# -- parts and pools -------------------------------------------------------------------------------
+
+
+def test_parts_keep_whole_runs(gen):
+    data = made(some_runs(gen, range(1, 9)))
+    first, second = data.split(0.5, rng=3)
+    assert (len(first), len(second)) == (4, 4)
+    assert sorted([*first.lengths, *second.lengths]) == list(range(1, 9))
+    assert list(first.lengths) == sorted(first.lengths)  # in their order
+    again, _ = data.split(4, rng=3)
+    assert again == first
+    assert data.split(4, rng=4)[0] != first
+    assert data[2:4].lengths.tolist() == [3, 4]
+    np.testing.assert_array_equal(data[-1][0], data.runs[-1][0])
+    with pytest.raises(InputError, match="at least one run"):
+        data[5:5]
+
+
+@pytest.mark.parametrize("share", [0, 8, 0.01, 1.0, True, "half"])
+def test_bad_shares_are_refused(gen, share):
+    with pytest.raises((InputError, InputTypeError), match="`share`"):
+        made(some_runs(gen, range(1, 9))).split(share, rng=1)
+
+
+def test_pooled_sets_are_one_after_the_other(gen):
+    runs = some_runs(gen)
+    assert pooled([made(runs[:1]), made(runs[1:])]) == made(runs)
+    with pytest.raises(InputError, match=r"`data\[1\]` must have the states, inputs, steps and dt"):
+        pooled([made(runs), made(runs, dt=0.1)])
+    with pytest.raises(InputTypeError, match="`data` must be a list"):
+        pooled(runs[0][0][0, 0])
+    with pytest.raises(InputError, match="empty list"):
+        pooled([])
+
+
+def test_past_inputs_and_every_second_pair(gen):
+    runs = some_runs(gen, (4, 3))
+    data = made(runs)
+    u = np.concatenate([acting for _, acting in runs])[:, 0]
+    zero = 0.0
+    expected = [
+        [u[0], zero, zero], [u[1], u[0], zero], [u[2], u[1], u[0]], [u[3], u[2], u[1]],
+        [u[4], zero, zero], [u[5], u[4], zero], [u[6], u[5], u[4]],
+    ]  # fmt: skip
+    np.testing.assert_array_equal(data.past_inputs(2), expected)
+    _, acting, _ = data._thinned().pairs()
+    np.testing.assert_array_equal(acting[:, 0], u[[0, 2, 4, 6]])
+
+
+# -- tables ----------------------------------------------------------------------------------------
+
+
+def table(**changes):
+    columns = {
+        "run": ["a", "a", "a", "b", "b"],
+        "t": [0.0, 0.1, 0.2, 5.0, 5.1],
+        "x": [1.0, 2.0, 3.0, 4.0, 5.0],
+        "v": [0.0, 0.5, 1.0, 1.5, 2.0],
+        "u": [7.0, 8.0, np.nan, 9.0, np.nan],
+    }
+    return {**columns, **changes}
+
+
+def read(columns, **options):
+    options = {"by": "run", "time": "t", **options}
+    return se.Trajectories.from_table(columns, states=["v", "x"], inputs=["u"], **options)
+
+
+@pytest.mark.parametrize("kind", [dict, pd.DataFrame])
+def test_a_table_is_read_by_its_names(kind):
+    data = read(kind(table()))
+    assert (data.state_names, data.input_names, data.dt) == (("v", "x"), ("u",), 0.1)
+    assert data.lengths.tolist() == [2, 1]
+    np.testing.assert_array_equal(data.pairs()[0], [[0, 1], [0.5, 2], [1.5, 4]])
+    np.testing.assert_array_equal(data.pairs()[1][:, 0], [7, 8, 9])
+    np.testing.assert_array_equal(data.pairs()[2], [[0.5, 2], [1, 3], [2, 5]])
+
+
+def test_the_index_and_the_order_of_columns_of_a_frame_make_no_difference():
+    frame = pd.DataFrame(table())
+    other = frame[["u", "x", "t", "v", "run"]].set_index(pd.Index(list("vwxyz")))
+    assert read(other) == read(frame)
+
+
+def test_rows_of_different_runs_may_be_mixed():
+    frame = pd.DataFrame(table())
+    mixed = read(frame.iloc[[0, 3, 1, 4, 2]])
+    assert mixed == read(frame)
+
+
+def test_without_runs_and_times():
+    columns = table(u=[1.0, 2.0, 3.0, 4.0, None])
+    data = read(columns, by=None, time=None)
+    assert (data.lengths.tolist(), data.dt) == ([4], None)
+
+
+def test_dates_give_seconds():
+    times = pd.date_range("2020-01-01", periods=3, freq="min")
+    frame = pd.DataFrame({"t": times, "x": [1.0, 2, 3], "v": [1.0, 2, 3], "u": [1.0, 2, 3]})
+    assert read(frame, by=None).dt == 60.0
+
+
+BAD_TABLES = {
+    "gap": (
+        table(run=list("aaaaa"), t=[0.0, 0.1, 0.2, 0.4, 0.5], u=[1.0] * 5),
+        "`time` must have equal steps of 0.1, but the next row in run a at time 0.2 is 0.2 later",
+    ),
+    "another step": (table(t=[0.0, 0.1, 0.2, 5.0, 5.2]), "in run b at time 5 is 0.2 later"),
+    "order": (table(t=[0.0, 0.2, 0.1, 5.0, 5.1]), "must increase within a run, but does not in ru"),
+    "missing state": (table(x=[1.0, np.nan, 3.0, 4.0, 5.0]), "`table['x']` is nan in run a at tim"),
+    "missing input": (table(u=[7.0, np.nan, 1.0, 9.0, 1.0]), "`table['u']` is nan in run a at tim"),
+    "one row": (
+        table(run=list("aaaab"), t=[0, 0.1, 0.2, 0.3, 0], u=[1.0] * 5), "one row only in run b at"
+    ),
+    "no column": ({"x": [1.0]}, "`states` names str 'v', but the columns of `table` are x"),
+    "text": (table(v=list("abcde")), "`table['v']` must contain real numbers, got dtype <U1"),
+    "missing time": (table(t=[0.0, np.nan, 0.2, 5.0, 5.1]), "`time` is missing in row 1"),
+    "missing run": (table(run=["a", "a", None, "b", "b"]), "`by` is missing in row 2"),
+    "no table": ([1.0, 2.0], "`table` must be a table or a mapping of columns, got an object"),
+    "labels": (
+        table(x=pd.Series([1.0] * 5, index=list("edcba"))), "`table['x']` has labels (index: 'e'"
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", BAD_TABLES)
+def test_bad_tables_are_refused_with_run_and_time(what):
+    columns, said = BAD_TABLES[what]
+    with pytest.raises((InputError, InputTypeError)) as caught:
+        read(columns)
+    assert said in str(caught.value)
+    assert len(str(caught.value)) < 300
+
+
+def test_a_long_run_of_readings_is_shown_in_a_notebook(gen):
+    _, run = noisy_states(gen, 50, 0.1)
+    shown = made([run], state_names=["a<b", "c"], dt=0.1)._repr_html_()
+    assert "a&lt;b, c" in shown
+    assert "<polyline" in shown

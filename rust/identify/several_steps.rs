@@ -7,7 +7,7 @@
 //! ```
 //!
 //! with the model's `A`. With `c_k = V^(-1/2) z(k)`, `M_p = A^p S^(1/2)`, `W = (V^-1)_xx` and `wcs` the weighted inequality of
-//! [`cauchy_schwarz`]:
+//! `Powers::cauchy_schwarz`:
 //!
 //! ```text
 //! lin_k(M) = min(frobenius || sum_{j<k} c_j' (x) M_{k-1-j} ||, spectral wcs(M, ||c_j||))

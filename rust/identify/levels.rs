@@ -64,7 +64,7 @@ pub fn least_squares_level(n: usize, ld: &[f64], wider: &[f64], delta: f64, frob
     if n == 0 {
         return Err(Error::Value { name: "n", expected: "at least 1", found: "0".into() });
     }
-    if wider.iter().any(|w| *w == f64::INFINITY) {
+    if wider.contains(&f64::INFINITY) {
         return Ok(f64::INFINITY);
     }
     let share = delta / ld.len() as f64;

@@ -4,6 +4,8 @@
 //! replicate is small: sums over the pairs are one product of matrices, near the identity where they must be inverted.
 //! Replicate `b` is a function of (key, b) alone.
 
+use std::ops::Range;
+
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
 use rand_distr::{ChiSquared, Distribution, StandardNormal};
@@ -68,18 +70,22 @@ impl<'a> Pairs<'a> {
         self.runs.map_or(self.size(), |runs| runs.last().map_or(0, |last| *last as usize + 1))
     }
 
-    /// `q_i q_j` (`j <= i`, if asked for) and `q_i e_k`, summed over each group: (groups, features).
-    fn features(&self, squares: bool, stop: &Stop) -> Result<Vec<f64>> {
-        let (rank, n) = (self.rank, self.n);
-        let len = if squares { rank * (rank + 1) / 2 } else { 0 } + rank * n;
-        let mut features = try_zeros(WHAT, checked_len(WHAT, self.groups(), len)?)?;
-        for (t, row) in self.rows.chunks_exact(rank + n).enumerate() {
-            if t.is_multiple_of(1 << 12) {
-                stop.check()?;
+    fn features_len(&self, squares: bool) -> usize {
+        if squares { self.rank * (self.rank + 1) / 2 + self.rank * self.n } else { self.rank * self.n }
+    }
+
+    /// `q_i q_j` (`j <= i`, if asked for) and `q_i e_k`, summed over each of some groups: (groups, features). `next` is the
+    /// first pair of these groups, then of those that follow.
+    fn features(&self, squares: bool, groups: Range<usize>, next: &mut usize, out: &mut [f64]) {
+        let (rank, len) = (self.rank, self.features_len(squares));
+        out.fill(0.0);
+        for row in self.rows.chunks_exact(rank + self.n).skip(*next) {
+            let group = self.runs.map_or(*next, |runs| runs[*next] as usize);
+            if group >= groups.end {
+                return;
             }
-            let group = self.runs.map_or(t, |runs| runs[t] as usize);
             let (q, e) = row.split_at(rank);
-            let mut to = features[group * len..(group + 1) * len].iter_mut();
+            let mut to = out[(group - groups.start) * len..][..len].iter_mut();
             for (i, a) in q.iter().enumerate() {
                 let others = if squares { &q[..=i] } else { &[] };
                 others.iter().zip(to.by_ref()).for_each(|(b, to)| *to += a * b);
@@ -87,8 +93,8 @@ impl<'a> Pairs<'a> {
             for a in q {
                 e.iter().zip(to.by_ref()).for_each(|(b, to)| *to += a * b);
             }
+            *next += 1;
         }
-        Ok(features)
     }
 }
 
@@ -133,42 +139,79 @@ fn each_index(lanes: &mut Lanes, words: &mut [u64], count: usize, below: usize, 
     for start in (0..count).step_by(words.len()) {
         lanes.fill(words);
         for (t, word) in (start..count).zip(&*words) {
-            visit(t, (u128::from(*word) * below as u128 >> 64) as usize);
+            visit(t, ((u128::from(*word) * below as u128) >> 64) as usize);
         }
     }
 }
 
-/// Sums of the features with the weights of a block of replicates, `(features, BLOCK)`: for replicates `first ..`.
+/// Features of all groups where they take little memory; else none, and each block of replicates makes them anew.
+fn shared_features(pairs: &Pairs<'_>, squares: bool) -> Result<Vec<f64>> {
+    const LITTLE: usize = 1 << 23;
+    let len = checked_len(WHAT, pairs.groups(), pairs.features_len(squares))?;
+    let mut features = try_zeros(WHAT, if len <= LITTLE { len } else { 0 })?;
+    if len <= LITTLE {
+        pairs.features(squares, 0..pairs.groups(), &mut 0, &mut features);
+    }
+    Ok(features)
+}
+
+/// Replicates in a block: fewer where their weights take much memory.
+fn block_of(groups: usize) -> usize {
+    ((1 << 22) / groups.max(1)).clamp(LANES, BLOCK) / LANES * LANES
+}
+
+/// Sums of the features with the weights of a block of replicates, `(features, block)`.
 struct Summer<'a> {
-    features: &'a [f64],
-    len: usize,
+    pairs: &'a Pairs<'a>,
+    squares: bool,
+    shared: &'a [f64],
+    own: Vec<f64>,
     weights: Weights<'a>,
-    groups: usize,
     block: Vec<f64>,
     words: Vec<u64>,
     sums: Vec<f64>,
 }
 
 impl<'a> Summer<'a> {
-    fn new(features: &'a [f64], groups: usize, weights: Weights<'a>) -> Result<Self> {
+    /// Groups between two looks whether to stop.
+    const STEP: usize = 1 << 12;
+
+    fn new(pairs: &'a Pairs<'a>, squares: bool, shared: &'a [f64], weights: Weights<'a>) -> Result<Self> {
         room_for_products()?;
-        let len = features.len() / groups;
-        let block = try_zeros(WHAT, checked_len(WHAT, BLOCK, groups)?)?;
-        let sums = try_zeros(WHAT, checked_len(WHAT, len, BLOCK)?)?;
-        Ok(Self { features, len, weights, groups, block, words: try_zeros(WHAT, 512)?, sums })
+        let (len, groups) = (pairs.features_len(squares), pairs.groups());
+        let own = try_zeros(WHAT, if shared.is_empty() { Self::STEP * len } else { 0 })?;
+        let block = try_zeros(WHAT, checked_len(WHAT, block_of(groups), groups)?)?;
+        let sums = try_zeros(WHAT, checked_len(WHAT, len, block_of(groups))?)?;
+        Ok(Self { pairs, squares, shared, own, weights, block, words: try_zeros(WHAT, 512)?, sums })
     }
 
-    fn sums(&mut self, first: usize, count: usize) -> &[f64] {
-        let (filled, rest) = self.block.split_at_mut(count * self.groups);
-        for (b, weights) in filled.chunks_exact_mut(self.groups).enumerate() {
+    /// For `count` replicates from `first` on; zeros for the rest of the block, so that the sums are made in one way.
+    fn sums(&mut self, first: usize, count: usize, stop: &Stop) -> Result<&[f64]> {
+        let (groups, len) = (self.pairs.groups(), self.pairs.features_len(self.squares));
+        let (filled, rest) = self.block.split_at_mut(count * groups);
+        for (b, weights) in filled.chunks_exact_mut(groups).enumerate() {
+            stop.check()?;
             self.weights.fill(first + b, weights, &mut self.words);
         }
-        rest.fill(0.0); // the same product whatever the number of replicates
-        let features = MatRef::from_row_major_slice(self.features, self.groups, self.len);
-        let weights = MatRef::from_row_major_slice(&self.block, BLOCK, self.groups);
-        let sums = MatMut::from_row_major_slice_mut(&mut self.sums, self.len, BLOCK);
-        matmul(sums, Accum::Replace, features.transpose(), weights.transpose(), 1.0, Par::Seq);
-        &self.sums
+        rest.fill(0.0);
+        let mut next = 0;
+        for start in (0..groups).step_by(Self::STEP) {
+            stop.check()?;
+            let rows = Self::STEP.min(groups - start);
+            let features = if self.shared.is_empty() {
+                let own = &mut self.own[..rows * len];
+                self.pairs.features(self.squares, start..start + rows, &mut next, own);
+                &*own
+            } else {
+                &self.shared[start * len..(start + rows) * len]
+            };
+            let features = MatRef::from_row_major_slice(features, rows, len);
+            let weights = MatRef::from_row_major_slice(&self.block, block_of(groups), groups).subcols(start, rows);
+            let sums = MatMut::from_row_major_slice_mut(&mut self.sums, len, block_of(groups));
+            let accum = if start == 0 { Accum::Replace } else { Accum::Add };
+            matmul(sums, accum, features.transpose(), weights.transpose(), 1.0, Par::Seq);
+        }
+        Ok(&self.sums)
     }
 }
 
@@ -221,16 +264,16 @@ pub fn weighted_models(
 ) -> Result<Vec<f64>> {
     let (d, groups, (rank, n)) = (centre.d(pairs)?, pairs.groups(), (pairs.rank, pairs.n));
     checked(weights, groups, size)?;
-    let features = pairs.features(solve, stop)?;
+    let (shared, width) = (shared_features(pairs, solve)?, block_of(groups));
     let mut models = try_zeros(WHAT, checked_len(WHAT, size, n * d)?)?;
-    for_each_chunk(models.chunks_mut(BLOCK * n * d).enumerate(), threads, stop, |(block, models)| {
-        let mut summer = Summer::new(&features, groups, weights)?;
-        let sums = summer.sums(block * BLOCK, models.len() / (n * d));
-        let (squares, crossed) = sums.split_at(sums.len() - rank * n * BLOCK);
-        let (mut lower, mut right) = (try_zeros(WHAT, squares.len() / BLOCK)?, try_zeros(WHAT, rank * n)?);
+    for_each_chunk(models.chunks_mut(width * n * d).enumerate(), threads, stop, |(block, models)| {
+        let mut summer = Summer::new(pairs, solve, &shared, weights)?;
+        let sums = summer.sums(block * width, models.len() / (n * d), stop)?;
+        let (squares, crossed) = sums.split_at(sums.len() - rank * n * width);
+        let (mut lower, mut right) = (try_zeros(WHAT, squares.len() / width)?, try_zeros(WHAT, rank * n)?);
         for (eight, models) in models.chunks_mut(LANES * n * d).enumerate() {
             let load = |to: &mut [[f64; LANES]], from: &[f64]| {
-                let lines = from.chunks_exact(BLOCK).map(|line| &line.as_chunks::<LANES>().0[eight]);
+                let lines = from.chunks_exact(width).map(|line| &line.as_chunks::<LANES>().0[eight]);
                 to.iter_mut().zip(lines).for_each(|(to, from)| *to = *from);
             };
             load(&mut lower, squares);
@@ -296,9 +339,7 @@ fn substitute(lower: &[[f64; LANES]], rank: usize, n: usize, right: &mut [[f64; 
                     value[l] -= a[l] * b[l];
                 }
             }
-            for l in 0..LANES {
-                value[l] *= entry(i, i)[l];
-            }
+            value.iter_mut().zip(entry(i, i)).for_each(|(value, pivot)| *value *= pivot);
         }
     }
     for i in (0..rank).rev() {
@@ -310,9 +351,7 @@ fn substitute(lower: &[[f64; LANES]], rank: usize, n: usize, right: &mut [[f64; 
                     value[l] -= a[l] * b[l];
                 }
             }
-            for l in 0..LANES {
-                value[l] *= entry(i, i)[l];
-            }
+            value.iter_mut().zip(entry(i, i)).for_each(|(value, pivot)| *value *= pivot);
         }
     }
 }
@@ -453,21 +492,21 @@ pub(super) fn signed_sums<T: Copy + Send>(
 ) -> Result<()> {
     let (groups, (rank, n)) = (pairs.groups(), (pairs.rank, pairs.n));
     checked(weights, groups, out.len())?;
-    let features = pairs.features(true, stop)?;
-    for_each_chunk(out.chunks_mut(BLOCK).enumerate(), threads, stop, |(block, out)| {
-        let mut summer = Summer::new(&features, groups, weights)?;
-        let sums = summer.sums(block * BLOCK, out.len());
-        let (squares, crossed) = sums.split_at(sums.len() - rank * n * BLOCK);
+    let (shared, width) = (shared_features(pairs, true)?, block_of(groups));
+    for_each_chunk(out.chunks_mut(width).enumerate(), threads, stop, |(block, out)| {
+        let mut summer = Summer::new(pairs, true, &shared, weights)?;
+        let sums = summer.sums(block * width, out.len(), stop)?;
+        let (squares, crossed) = sums.split_at(sums.len() - rank * n * width);
         let [mut s, mut k] = [try_zeros(WHAT, n * rank)?, try_zeros(WHAT, rank * rank)?];
         for (b, out) in out.iter_mut().enumerate() {
             stop.check()?;
-            let mut square = squares.iter().skip(b).step_by(BLOCK);
+            let mut square = squares.iter().skip(b).step_by(width);
             for i in 0..rank {
                 for (j, value) in (0..=i).zip(square.by_ref()) {
                     (k[i * rank + j], k[j * rank + i]) = (*value, *value);
                 }
             }
-            let crossed = crossed.iter().skip(b).step_by(BLOCK);
+            let crossed = crossed.iter().skip(b).step_by(width);
             crossed.enumerate().for_each(|(at, value)| s[at % n * rank + at / n] = *value);
             *out = visit(&s, &k)?;
         }
@@ -517,6 +556,19 @@ mod tests {
         let found = weighted_models(&runs, centre(), Weights::Given(&[2.0, 0.0]), true, 1, 1, &stop).unwrap();
         assert_eq!(found, models(&[2.0, 2.0, 0.0, 0.0], true));
         assert!(Pairs::new(&rows, 2, 2, Some(&[0, 2, 2, 2])).is_err());
+    }
+
+    #[test]
+    fn many_pairs_take_little_memory_and_give_the_same_sums() {
+        let rows = rows().repeat(3000);
+        let pairs = Pairs::new(&rows, 2, 2, None).unwrap();
+        let shared = shared_features(&pairs, true).unwrap();
+        let key = Key([1; 32]);
+        let weights = Weights::Counts(&key);
+        let sums =
+            |shared| Summer::new(&pairs, true, shared, weights).unwrap().sums(3, 5, &Stop::new()).unwrap().to_vec();
+        assert_eq!(sums(&shared), sums(&[]));
+        assert_eq!([1000, 1 << 17, 1 << 30].map(block_of), [64, 32, 8]);
     }
 
     #[test]

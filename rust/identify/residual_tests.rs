@@ -136,7 +136,7 @@ fn whiten(e: &mut [f64], n: usize, square: &mut [f64]) -> Result<()> {
             let value = row[j] - sum;
             row[j] = if j < i { value / done[j * n + j] } else { value.sqrt() };
         }
-        if !(row[i] > 0.0) {
+        if row[i].is_nan() || row[i] == 0.0 {
             return Err(Error::Numerical("the residuals do not span the outcomes: no test of them".into()));
         }
     }

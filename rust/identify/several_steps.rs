@@ -7,7 +7,7 @@
 //! ```
 //!
 //! with the model's `A`. With `c_k = V^(-1/2) z(k)`, `M_p = A^p S^(1/2)`, `W = (V^-1)_xx` and `wcs` the weighted inequality of
-//! [`cauchy_schwarz`]:
+//! `Powers::cauchy_schwarz`:
 //!
 //! ```text
 //! lin_k(M) = min(frobenius || sum_{j<k} c_j' (x) M_{k-1-j} ||, spectral wcs(M, ||c_j||))
@@ -113,7 +113,7 @@ impl Fitted<'_> {
 
     /// Whether the data determine `A`.
     fn sees_states(&self) -> bool {
-        self.missing.len() == 0 || {
+        self.missing.is_empty() || {
             let directions = self.missing.len() / self.d;
             self.missing[..self.n * directions].iter().all(|m| *m == 0.0)
         }
@@ -238,14 +238,13 @@ pub fn several_steps(
 ) -> Result<Steps> {
     let rank = fitted.checked()?;
     let (n, d) = (fitted.n, fitted.d);
-    let m = (d - n).checked_sub(usize::from(offset)).unwrap_or(0);
+    let m = (d - n).saturating_sub(usize::from(offset));
     if x0.len() != n || m == 0 || !inputs.len().is_multiple_of(m) {
         let found = format!("{} and {} entries", x0.len(), inputs.len());
         return Err(Error::Shape { name: "x0, inputs", expected: format!("{n} entries and rows of {m}"), found });
     }
     room_for_products()?;
     let steps = inputs.len() / m;
-    // A' row by row would do as well: A is the left part of H
     let mut a = try_room(WHAT, n * n)?;
     fitted.model.chunks_exact(d).for_each(|row| a.extend_from_slice(&row[..n]));
     let mut half = try_room(WHAT, rank * n)?; // half' half = W: as good as W^(1/2) in front of a vector

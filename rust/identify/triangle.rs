@@ -107,7 +107,8 @@ fn absorb_rows(r: &mut [f64], rows: &[f64], k: usize, scales: &[f64], stop: &Sto
     let size = rows.len() / k;
     if size < FEW {
         let mut left = try_copy(WHAT, rows)?;
-        return Ok(widest(|| left.chunks_exact_mut(k).for_each(|row| rotate(r, row, scales))));
+        widest(|| left.chunks_exact_mut(k).for_each(|row| rotate(r, row, scales)));
+        return Ok(());
     }
     // 24 KiB for a block of few columns; columns are its lines, padded by zeros to whole lanes
     let most = (3072 / k).clamp(32, 512).min(size).next_multiple_of(LANES);

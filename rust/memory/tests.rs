@@ -14,6 +14,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use super::*;
 use crate::control::{Entity, Realized, pseudoinverse};
 use crate::fuse::{self, Dense, Settings, Weights};
+use crate::identify;
 use crate::sample::{multinomial_counts, systematic_counts};
 use crate::simulate::{self, Average, Drawn, Estimate, Exact, Model, Norm, Plans, Second, mean_field, runs};
 use crate::storage::{self, Section, Values};
@@ -323,6 +324,48 @@ fn call(name: &str) -> Option<Call> {
             let _ = (data.control()?, data.certificate()?);
             Data::from_sections(data.to_sections()?).map(drop)
         }),
+        "triangle" => {
+            let rows = entries(200 * 40);
+            Box::new(move || {
+                let mut r = identify::triangle(&rows, 40, 2, &stop)?;
+                identify::update(&mut r, &rows, 40, &stop)?;
+                identify::update(&mut r, &rows[..40], 40, &stop)
+            })
+        }
+        "exact quantiles" => Box::new(move || {
+            identify::roy_quantile(10, 15, 100, 0.05, 2, &stop)?;
+            identify::smallest_quantile(10, 100, 0.05, 2, &stop).map(drop)
+        }),
+        "several steps" => {
+            let (model, square) = (entries(40 * 42), entries(42 * 42));
+            Box::new(move || {
+                let (n, d) = (40, 42);
+                let (white, root) = (&square, &square[..n * n]);
+                let fitted = identify::Fitted { model: &model, white, root, missing: &[], ratio: 1.0, n, d };
+                let radii = identify::Radii { spectral: 1.0, frobenius: 2.0, rho0: 0.1, noise: true };
+                identify::several_steps(&fitted, &model[..n], &model[..6], false, radii, &stop).map(drop)
+            })
+        }
+        "replicates" => {
+            let (rows, model, white) = (entries(150 * 30), entries(15 * 15), entries(15 * 15));
+            Box::new(move || {
+                let pairs = identify::Pairs::new(&rows, 15, 15, None)?;
+                let centre = identify::Centre { model: &model, white: &white };
+                let counts = identify::Weights::Counts(&key);
+                identify::weighted_models(&pairs, centre, counts, true, 70, 2, &stop)?;
+                identify::residual_models(&pairs, centre, &key, 3, 2, &stop)?;
+                identify::region_draws(centre, &white, 40, &key, 3, 2, &stop)?;
+                identify::sign_statistics(&pairs, identify::Weights::Signs(&key), 70, 2, &stop).map(drop)
+            })
+        }
+        "residuals" => {
+            let (z, y) = (entries(150 * 15), (0..150 * 10).map(|i| (0.37 * (i * i) as f64).cos()).collect::<Vec<_>>());
+            let white: Vec<f64> = (0..225).map(|i| if i % 16 == 0 { 0.1 } else { 0.0 }).collect();
+            Box::new(move || {
+                let found = identify::residuals(&z, &y, &white, (15, 10), &stop)?;
+                identify::residual_p_values(&found, 10, 3, &key, 2, &stop).map(drop)
+            })
+        }
         "storage" => {
             let values = entries(1000);
             Box::new(move || {
@@ -337,7 +380,7 @@ fn call(name: &str) -> Option<Call> {
     })
 }
 
-const CALLS: [&str; 30] = [
+const CALLS: [&str; 35] = [
     "sample",
     "systematic",
     "counts",
@@ -367,6 +410,11 @@ const CALLS: [&str; 30] = [
     "stream semi",
     "stream literal",
     "data stream",
+    "triangle",
+    "exact quantiles",
+    "several steps",
+    "replicates",
+    "residuals",
     "storage",
 ];
 

@@ -178,7 +178,7 @@ pub(super) fn log_multigamma(a: f64, n: usize) -> f64 {
 /// `(states (K + 1, n), radii, linear, rest (K + 1), sizes (K))` of the model `H` (n, d) with `white` (rank, d), `missing`
 /// (d, d - rank), `ratio` and a `root` (n, n) of `S`.
 #[pyfunction]
-#[expect(clippy::too_many_arguments, clippy::type_complexity, reason = "one call, named in the stub")]
+#[expect(clippy::too_many_arguments, reason = "one call, named in the stub")]
 pub(super) fn several_steps<'py>(
     py: Python<'py>,
     h: PyReadonlyArray2<'py, f64>,

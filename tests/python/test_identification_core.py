@@ -8,7 +8,7 @@ from scipy import special, stats
 
 from identification_data import DELTA, LAMS, POINT, Y, Z, check, exactly, independent
 from stochens_rs import _core as core
-from stochens_rs.exceptions import InputError
+from stochens_rs.exceptions import InputError, NonFiniteError, ShapeError
 from stochens_rs.reference import anytime as at
 from stochens_rs.reference import certified_control as cc
 from stochens_rs.reference import laws
@@ -54,6 +54,15 @@ def test_a_triangle_keeps_the_digits_that_normal_equations_lose(gen):
     assert np.isclose(core.triangle(rows, 1)[1, 1], tr.r_factor(rows)[1, 1], rtol=1e-5)
     with pytest.raises(np.linalg.LinAlgError):
         np.linalg.cholesky(rows.T @ rows)
+
+
+def test_columns_first_are_refused(gen):
+    with pytest.raises(ShapeError, match="C-contiguous"):
+        core.triangle(np.asfortranarray(gen.standard_normal((5, 3))), 1)
+    with pytest.raises(ShapeError, match="`r`"):
+        core.triangle_update(np.zeros((2, 2)), np.zeros((1, 3)))
+    with pytest.raises(NonFiniteError, match="rows"):
+        core.triangle(np.array([[1.0, np.inf]]), 1)
 
 
 def test_threads_change_no_bit(gen):

@@ -13,6 +13,7 @@ mod several_steps;
 mod signs;
 mod symmetric;
 mod triangle;
+mod weighted_sums;
 
 pub use beta_model::DRAWS;
 pub use distributions::{chi2_quantile, chi2_upper, f_upper, noncentrality_limit};
@@ -21,8 +22,9 @@ pub use quantiles::{
     diagonal_quantile, joint_radii, log_multigamma, row_quantile, roy_quantile, scalar_quantile, smallest_quantile,
     trace_quantile, wishart_quantile,
 };
-pub use replicates::{Centre, Pairs, Weights, region_draws, residual_models, weighted_models};
+pub use replicates::{Centre, region_draws, residual_models, weighted_models};
 pub use residual_tests::{Residuals, STATISTICS, residual_p_values, residuals};
 pub use several_steps::{Fitted, Radii, Steps, several_steps};
 pub use signs::{sign_radii, sign_statistics};
 pub use triangle::{triangle, update};
+pub use weighted_sums::{Pairs, Weights};

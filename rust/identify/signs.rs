@@ -8,7 +8,7 @@ use crate::memory::{covered, try_zeros};
 use crate::parallel::Stop;
 
 use super::levels::smallest;
-use super::replicates::{Pairs, Weights, signed_sums};
+use super::weighted_sums::{Pairs, Weights, signed_sums};
 
 /// Of `1 - k^2`: below, the pairs with one of the two signs do not show all directions.
 const LOST: f64 = 1e-12;

@@ -273,7 +273,7 @@ CORE = (
     ("sample",),
     ("fuse",),
     ("control",),
-    ("simulate", "storage", "streaming"),
+    ("identify", "simulate", "storage", "streaming"),
     ("python",),
 )
 CORE_HEIGHT = {room: height for height, rooms in enumerate(CORE) for room in rooms}

@@ -1,11 +1,11 @@
-//! What a state file is held to, and what can be wrong with one: below the errors, which name it.
+//! Format version and size limit of state files, and the reasons to refuse one.
 
 use safetensors::Dtype;
 
-/// The format's version that is written, and the only one that is read.
+/// Version of the format: written, and the only one read.
 pub const VERSION: u64 = 2;
 
-/// No file is longer than this; less where addresses are short.
+/// Largest file, 16 GiB; 1 GiB where addresses have 32 bits.
 pub const MAX_BYTES: u64 = if usize::BITS < 64 { 1 << 30 } else { 1 << 34 };
 
 /// Why a file is not accepted as a state file.
@@ -42,11 +42,11 @@ pub enum Fault {
 }
 
 impl Fault {
-    /// Whether the file was once good, or may have been, so that the previous generation may stand in for it.
+    /// Whether the file may once have been good, so that the previous generation may be loaded instead.
     pub(crate) fn is_damage(&self) -> bool {
         match self {
             Self::Version { .. } | Self::Kind { .. } | Self::NotRegular { .. } | Self::TooLarge { .. } => false,
-            // well sealed, hence written like this: not the disk's fault
+            // the digest is right, so it was written like this: not a fault of the disk
             Self::Content(_) => false,
             _ => true,
         }

@@ -33,8 +33,8 @@ pub(super) fn pseudoinverse<'py>(
     ))
 }
 
-/// `B^+ (xf^s - A^s x0^s)` for every realization, given `B^+` (m, n), into `out` (size, m); `fresh` says that it was
-/// never written before.
+/// `B^+ (xf^s - A^s x0^s)` for every realization, given `B^+` (m, n), into `out` (size, m); `fresh`: it has never been
+/// written.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "three entities and what belongs to them")]
 pub(super) fn realization_controls<'py>(

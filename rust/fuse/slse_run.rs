@@ -136,7 +136,7 @@ impl<T: Tables> Run<T> {
         (t, s)
     }
 
-    /// Discards the old `h`: `F` is the new realization.
+    /// Resets `h`, of which nothing is left in the new `F`.
     #[cold]
     fn forget(&mut self) {
         (0..self.tables.len()).for_each(|k| *self.tables.h_mut(k) = 0.0);

@@ -198,7 +198,7 @@ struct Mapped<'a> {
     scratch: RefCell<Vec<f64>>,
 }
 
-/// The inverse of the diagonal, and of an earlier factor on its samples.
+/// The inverse of the diagonal; on the samples of an earlier factor, the inverse of that.
 struct Preconditioner<'a> {
     inverse: Vec<f64>,
     stale: Option<Mapped<'a>>,

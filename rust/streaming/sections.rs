@@ -1,4 +1,4 @@
-//! A saved state as named arrays of plain numbers; whoever writes files needs to know no more.
+//! A saved state as named arrays of plain numbers.
 
 use super::slot::damaged;
 use crate::error::Result;
@@ -6,10 +6,10 @@ use crate::memory::{try_copy, try_push};
 
 const WHAT: &str = "a state";
 
-/// What the arrays of the three entities begin with.
+/// Prefixes of the arrays of the three entities.
 pub(super) const NAMES: [&str; 3] = ["x0", "xf", "A"];
 
-/// Above this a dimension cannot be one: `n^2` entries would not fit into any memory.
+/// Largest dimension: `n^2` entries of a larger one would not fit into any memory.
 pub(super) const LARGEST: u64 = 1 << 24;
 
 /// One array of a saved state.
@@ -76,7 +76,7 @@ impl Sections {
         }
     }
 
-    /// Nothing may be left over.
+    /// Refuses sections that have not been taken.
     pub(super) fn finish(self) -> Result<()> {
         match self.0.first() {
             None => Ok(()),

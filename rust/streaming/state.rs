@@ -1,5 +1,5 @@
-//! A stream to sections and back, bit for bit. Nothing that is loaded is believed: shapes, ranges, and that the numbers
-//! belong together are checked before a stream is made of them.
+//! Saves a stream as sections and loads it, bit for bit. Shapes, ranges, and whether the numbers belong together are
+//! checked before a stream is made of them.
 
 use super::geometry::Geometry;
 use super::products::Products;
@@ -14,7 +14,7 @@ use crate::memory::{try_collect, try_copy};
 use crate::stream::Key;
 use crate::vector::norm;
 
-/// Version of the sections; a reader refuses any other, which may take other steps in the last bits.
+/// Version of the sections. Others are refused, because their steps may differ in the last bits.
 const FORMAT: u64 = 2;
 
 const VARIANTS: [Variant; 3] = [Variant::Consistent, Variant::Semi, Variant::Literal];
@@ -56,10 +56,10 @@ impl Stream {
         Ok(out)
     }
 
-    /// The stream that [`Stream::to_sections`] wrote down.
+    /// The stream that [`Stream::to_sections`] saved.
     ///
-    /// # Errors
-    /// [`crate::Error::Value`] for `state` if the sections cannot come from a stream; the message says which and why. What
+    /// [`crate::Error::Value`] for `state` if the sections cannot come from a stream; the message says which one and
+    /// why. For `B` and the laws, the errors of [`Stream::new`].
     /// `B` or the laws violate is named as when a stream is made.
     pub fn from_sections(mut from: Sections) -> Result<Self> {
         let format = from.take_u64("format", None)?;
@@ -120,7 +120,7 @@ impl Stream {
         if !consistent {
             self.products.ff = ff;
             let (goal, free) = raw.split_at(n);
-            // means of realizations: a 1-norm of at most gf, and of at most g0 times the largest gA
+            // means of realizations: 1-norms of at most gf, and of at most g0 times the largest gA
             let [x0, xf, a] = &self.slots;
             let largest = a.run.gamma.iter().fold(0.0f64, |m, g| m.max(*g)) * x0.run.gamma[0];
             let size = |v: &[f64]| v.iter().map(|v| v.abs()).sum::<f64>();
@@ -156,7 +156,7 @@ impl Stream {
         if !rising || !within || !possible || at.first() != Some(&0) {
             return Err(damaged("of a trace at its own steps", format!("{} entries", at.len())));
         }
-        // rising steps on the grid: no more than there is room for
+        // increasing steps on the grid, so at most as many as there is room for
         self.trace.extend(at.iter().zip(values.as_chunks::<3>().0).map(|(&step, &[certificate, error, size])| {
             let certificate = if consistent { certificate } else { f64::NAN };
             Entry { step, certificate, error, size }
@@ -170,7 +170,7 @@ fn load_slot(slot: &mut Slot, name: &str, count: u64, config: Config, from: &mut
     let state = from.take_f64(&format!("{name}.state"), Some(8))?;
     slot.run.tables.h = from.take_f64(&format!("{name}.fused"), Some(entries))?;
     slot.run.hits = from.take_f64(&format!("{name}.hits"), Some(if config.safeguard { entries } else { 0 }))?;
-    // the latest realization comes again from its number
+    // the latest realization is drawn again from its number
     slot.sequence.seek(count - 1);
     slot.raw.copy_from_slice(slot.sequence.draw());
     let run = &mut slot.run;
@@ -213,7 +213,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig { cases: 1000, failure_persistence: None, ..ProptestConfig::default() })]
 
-        /// One number of a good state replaced by anything: refused, or a stream that works.
+        /// One number of a good state is replaced by any other: refused, or the stream works.
         #[test]
         fn any_damage_is_survived(which in 0usize..1 << 20, at in 0usize..1 << 20, bits: u64, config in 0usize..10) {
             let mut good = stream(4, every_config()[config]);

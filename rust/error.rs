@@ -45,7 +45,7 @@ pub enum Error {
     State { path: PathBuf, fault: Fault, previous: Option<String> },
 
     /// Another writer holds the lock of the state file.
-    #[error("{path:?} is being saved by another writer")]
+    #[error("{path:?} is locked by another writer")]
     Locked { path: PathBuf },
 
     /// An operation on a file failed; `code` is the system's error number (errno), if any.

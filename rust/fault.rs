@@ -13,27 +13,27 @@ pub const MAX_BYTES: u64 = if usize::BITS < 64 { 1 << 30 } else { 1 << 34 };
 #[non_exhaustive]
 #[allow(missing_docs, reason = "the message of each variant says what its fields are")]
 pub enum Fault {
-    #[error("is not a state file: it does not begin like one")]
+    #[error("is not a state file: its first bytes are wrong")]
     Foreign,
-    #[error("is damaged: it is empty or begins with zeros, as a file does whose data never reached the disk")]
+    #[error("is damaged: it is empty or begins with zeros, so its data never reached the disk")]
     Blank,
-    #[error("is damaged: it has {found} bytes, and ends within its header")]
+    #[error("is damaged: it ends within its header, after {found} bytes")]
     Truncated { found: usize },
-    #[error("is damaged: by its header it has {declared} bytes, and it has {found}")]
+    #[error("is damaged: it has {found} bytes instead of the {declared} in its header")]
     Length { declared: u64, found: usize },
-    #[error("is damaged: its contents do not give the checksum in its header")]
+    #[error("is damaged: its contents do not match the checksum in its header")]
     Checksum,
     #[error("is damaged: its header cannot be read: {0}")]
     Header(String),
-    #[error("has format version {found}, and this release reads version {VERSION}")]
+    #[error("has format version {found}, but this release reads version {VERSION}")]
     Version { found: u64 },
-    #[error("holds a state of kind '{found}', and '{expected}' was asked for")]
+    #[error("holds a state of kind '{found}', not '{expected}'")]
     Kind { found: String, expected: String },
     #[error("has a section '{name}' of type {dtype} and {dimensions} dimensions: must be U8, U64 or F64 and one")]
     Element { name: String, dtype: Dtype, dimensions: usize },
-    #[error("has a header with something repeated, misnamed, unknown or in another order or form than this format has")]
+    #[error("has a header that differs from the one for its contents")]
     Canonical,
-    #[error("has contents that cannot be: {0}")]
+    #[error("has invalid contents: {0}")]
     Content(String),
     #[error("is {what}, not a regular file")]
     NotRegular { what: &'static str },

@@ -52,7 +52,7 @@ pub(super) fn realization_controls<'py>(
     let values = slice("pinv", &pinv)?;
     let realized = Realized::new(x0.entity("x0", false)?, xf.entity("xf", false)?, a.entity("A", rows)?, n)?;
     let cost = realized.size() as f64 * ((m * n) as f64 + realized.cost());
-    let taken = |_| InputError::new_err("`out` is in use by another call: every thread needs an array of its own");
+    let taken = |_| InputError::new_err("`out` is in use by another call: every thread needs its own array");
     let mut out = out.try_readwrite().map_err(taken)?;
     let out = out.as_slice_mut().map_err(|_| ShapeError::new_err("`out` must be C-contiguous"))?;
     let memory = if fresh { control::Memory::Fresh } else { control::Memory::Used };

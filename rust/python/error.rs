@@ -36,7 +36,7 @@ impl From<Error> for PyErr {
             Error::Numerical(_) => SolverError::new_err(message),
             Error::State { .. } => StateError::new_err(message),
             Error::Locked { path } => {
-                StateLockedError::new_err((EAGAIN, "another writer is at work on this state", path.into_os_string()))
+                StateLockedError::new_err((EAGAIN, "another writer has locked this state", path.into_os_string()))
             }
             Error::Os { action, path, code, reason } => {
                 // On Windows `code` is a Windows error, the fourth argument there and ignored elsewhere.

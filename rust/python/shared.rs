@@ -42,20 +42,20 @@ impl<S: Send> Shared<S> {
         let turn = self.turn.load(Ordering::Acquire);
         if turn != 0 && self.process.load(Ordering::Acquire) != std::process::id() {
             return Err(InputError::new_err(
-                "`stream` was at work on a thread when this process was forked: use it in the parent process, or load a \
+                "`stream` was in use by a thread when this process was forked: use it in the parent process, or load a \
                  saved state here",
             ));
         }
         if turn == here() {
             return Err(InputError::new_err(
-                "`stream` is at work on this thread: a signal handler cannot use it meanwhile",
+                "`stream` is in use on this thread: a signal handler cannot use it during a call",
             ));
         }
         // waiting may be long, so it checks for signals
         let cost = if turn == 0 { cost } else { f64::INFINITY };
         run(py, cost, |stop| {
             let _turn = self.wait(stop)?;
-            let unusable = |_| Error::Numerical("a defect has left this stream unusable".into());
+            let unusable = |_| Error::Numerical("an internal error has left this stream unusable".into());
             work(&mut *self.inner.lock().map_err(unusable)?, stop)
         })
     }

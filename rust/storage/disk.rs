@@ -36,7 +36,7 @@ pub(super) fn look(path: &Path) -> Result<Option<Metadata>> {
     match fs::symlink_metadata(path) {
         Ok(metadata) => Ok(Some(metadata)),
         Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
-        Err(error) => Err(os("look at", path)(error)),
+        Err(error) => Err(os("access", path)(error)),
     }
 }
 

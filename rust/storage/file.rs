@@ -69,9 +69,10 @@ pub fn save_held(_held: &Lock, path: &Path, kind: &str, sections: &[Section<'_>]
     }
     place.sweep();
     let survey = survey(&place, kind, stop)?;
-    let next = survey.generation.checked_add(1).ok_or_else(|| {
-        super::format::refusal(path, Fault::Content("the last generation that can be counted".into()))
-    })?;
+    let next = survey
+        .generation
+        .checked_add(1)
+        .ok_or_else(|| super::format::refusal(path, Fault::Content("no larger generation number".into())))?;
     let bytes = encode(kind, next, sections, stop)?;
     let new = Temporary(place.temporary());
     disk::write_new(&new.0, &bytes, old.as_ref(), stop)?; // 2
@@ -167,7 +168,7 @@ impl Place {
         let wrong = |expected| Error::Value { name: "path", expected, found: format!("{path:?}") };
         let name = path.file_name().ok_or_else(|| wrong("the path of a file"))?.to_owned();
         if path.extension().is_some_and(|end| end == "prev" || end == "lock" || end == "tmp") {
-            return Err(wrong("a name that does not end in .prev, .lock or .tmp, which have a meaning here"));
+            return Err(wrong("a name that does not end in .prev, .lock or .tmp, which are reserved"));
         }
         let parent = path.parent().unwrap_or(Path::new(""));
         let directory = if parent.as_os_str().is_empty() { Path::new(".") } else { parent };

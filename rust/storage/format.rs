@@ -126,7 +126,7 @@ pub(super) fn refusal(source: &Path, fault: Fault) -> Error {
 /// Refuses names that are not allowed in a file.
 pub(super) fn check_names(kind: &str, sections: &[Section<'_>]) -> Result<()> {
     let wrong = |argument, name: &str| {
-        let expected = "1 to 64 letters, digits, '_', '-' or '.', the first no '_'";
+        let expected = "1 to 64 letters, digits, '_', '-' or '.', not starting with '_'";
         Err(Error::Value { name: argument, expected, found: format!("\"{}\"", one_line(name)) })
     };
     if !is_name(kind) {
@@ -140,7 +140,7 @@ pub(super) fn check_names(kind: &str, sections: &[Section<'_>]) -> Result<()> {
     match names.windows(2).find(|pair| pair[0] == pair[1]) {
         Some(pair) => {
             let found = format!("'{}' twice", pair[0]);
-            Err(Error::Value { name: "sections", expected: "of different names", found })
+            Err(Error::Value { name: "sections", expected: "with different names", found })
         }
         None => Ok(()),
     }

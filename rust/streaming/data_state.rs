@@ -79,7 +79,7 @@ impl Data {
                 && feed.count < 1 << 62
                 && (feed.count > 1 || feed.spread == 0.0);
             if !fits {
-                return Err(damaged("means within the spread of their realizations", format!("others of {name:?}")));
+                return Err(damaged("a state with means among the realizations", format!("others for {name:?}")));
             }
         }
         from.finish()?;

@@ -62,7 +62,9 @@ impl Sections {
             Section::F64(values) if len.is_none_or(|len| len == values.len()) => {
                 match values.iter().position(|v| !v.is_finite()) {
                     None => Ok(values),
-                    Some(at) => Err(damaged("finite", format!("{} at index {at} of {name:?}", values[at]))),
+                    Some(at) => {
+                        Err(damaged("a state of finite numbers", format!("{} at index {at} of {name:?}", values[at])))
+                    }
                 }
             }
             other => Err(misfit(name, "numbers", len, &other)),
@@ -80,7 +82,7 @@ impl Sections {
     pub(super) fn finish(self) -> Result<()> {
         match self.0.first() {
             None => Ok(()),
-            Some((name, _)) => Err(damaged("of known sections only", format!("{name:?}"))),
+            Some((name, _)) => Err(damaged("a state without unknown sections", format!("{name:?}"))),
         }
     }
 }
@@ -92,5 +94,5 @@ fn misfit(name: &str, kind: &str, len: Option<usize>, found: &Section) -> crate:
         Section::F64(values) => ("numbers", values.len()),
     };
     let wanted = len.map_or(String::new(), |len| format!("{len} "));
-    damaged("of the right shapes", format!("{has} {is} for {wanted}{kind} in {name:?}"))
+    damaged("a state with arrays of the right sizes", format!("{has} {is} for {wanted}{kind} in {name:?}"))
 }

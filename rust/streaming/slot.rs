@@ -193,7 +193,7 @@ impl Slot {
                 (hits.iter().sum::<f64>() - count).abs() <= 1e-9 * count && hits.iter().all(|h| *h >= 0.0)
             };
             if off || !counted || (sum - g).abs() > 1e-6 * largest {
-                return Err(damaged("estimates that are means of realizations", format!("another one in line {j}")));
+                return Err(damaged("a state with means of realizations", format!("another line {j}")));
             }
         }
         let (found, fresh, gg) = (self.run.state, self.run.sums(), self.run.gg);
@@ -208,7 +208,10 @@ impl Slot {
         for (found, fresh, size) in carried {
             let slack = 1e-6 * fresh.abs() + 1e-9 * size;
             if (fresh - found).abs() > slack {
-                return Err(damaged("inner products that belong to the estimates", format!("{found:e} for {fresh:e}")));
+                return Err(damaged(
+                    "a state with the inner products of its estimates",
+                    format!("{found:e} for {fresh:e}"),
+                ));
             }
         }
         Ok(())

@@ -91,7 +91,7 @@ impl Stream {
         let steps = from.take_u64("steps", Some(4))?;
         let total = steps[1..].iter().try_fold(0u64, |sum, count| sum.checked_add(*count));
         if steps[1..].contains(&0) || total != steps[0].checked_add(3) || steps[0] >= 1 << 62 {
-            return Err(damaged("one realization per step and three at the start", format!("{steps:?}")));
+            return Err(damaged("a state with 3 realizations and 1 per step", format!("{steps:?}")));
         }
         stream.steps = steps[0];
         if config.order == Order::Random {
@@ -104,7 +104,7 @@ impl Stream {
         stream.load_products(&mut from)?;
         stream.drift = from.take_f64("drift", Some(1))?[0];
         if stream.drift < 0.0 {
-            return Err(damaged("of a drift that is not negative", stream.drift.to_string()));
+            return Err(damaged("a state with a drift >= 0", stream.drift.to_string()));
         }
         stream.load_trace(&mut from)?;
         from.finish()?;
@@ -126,7 +126,7 @@ impl Stream {
             let size = |v: &[f64]| v.iter().map(|v| v.abs()).sum::<f64>();
             let slack = 1.0 + 1e-6;
             if size(goal) > slack * xf.run.gamma[0] || size(free) > slack * largest {
-                return Err(damaged("running means of realizations", "larger ones".into()));
+                return Err(damaged("a state with running means of realizations", "larger ones".into()));
             }
             self.raw = Raw { goal: try_copy("a state", goal)?, free: try_copy("a state", free)? };
             return Ok(());
@@ -138,7 +138,7 @@ impl Stream {
         let apart = distance(&fresh.ff, &self.products.ff) > 1e-6 * size
             || distance(fresh.sums.as_flattened(), self.products.sums.as_flattened()) > 1e-6 * sizes;
         if apart {
-            return Err(damaged("products that belong to the estimates", "others".into()));
+            return Err(damaged("a state with the products of its estimates", "others".into()));
         }
         Ok(())
     }
@@ -154,7 +154,7 @@ impl Stream {
             known && error >= 0.0 && (0.0..=1.0).contains(&size)
         });
         if !rising || !within || !possible || at.first() != Some(&0) {
-            return Err(damaged("of a trace at its own steps", format!("{} entries", at.len())));
+            return Err(damaged("a state with a trace of its steps", format!("{} entries", at.len())));
         }
         // increasing steps on the grid, so at most as many as there is room for
         self.trace.extend(at.iter().zip(values.as_chunks::<3>().0).map(|(&step, &[certificate, error, size])| {
@@ -175,11 +175,11 @@ fn load_slot(slot: &mut Slot, name: &str, count: u64, config: Config, from: &mut
     slot.raw.copy_from_slice(slot.sequence.draw());
     let run = &mut slot.run;
     let s = &mut run.state;
-    [run.c, run.b, s.ff, s.al, s.er, s.fs, s.ss, s.sa] = state[..]
-        .try_into()
-        .map_err(|_| damaged("of the right shapes", format!("{} numbers in {name:?}", state.len())))?;
+    [run.c, run.b, s.ff, s.al, s.er, s.fs, s.ss, s.sa] = state[..].try_into().map_err(|_| {
+        damaged("a state with arrays of the right sizes", format!("{} numbers in {name:?}", state.len()))
+    })?;
     if !(run.c > 0.0 && run.c <= 1.0 && run.b >= 0.0 && (config.safeguard || run.b == 0.0)) {
-        return Err(damaged("of possible scalings", format!("{} and {}", run.c, run.b)));
+        return Err(damaged("a state with possible scale factors", format!("{} and {}", run.c, run.b)));
     }
     if config.variant == Variant::Literal { Ok(()) } else { slot.check() }
 }

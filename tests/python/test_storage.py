@@ -353,7 +353,7 @@ def test_a_version_of_the_future_is_no_damage(tmp_path: Path) -> None:
     assert data[55:119] != digest
     path.write_bytes(data)
     for call in (lambda: state_file.load(path, "k"), lambda: state_file.save(path, "k", {})):
-        with pytest.raises(StateError, match="version 3, and this release reads version 2"):
+        with pytest.raises(StateError, match="version 3, but this release reads version 2"):
             call()
     assert path.read_bytes() == data
 
@@ -372,7 +372,7 @@ def test_other_files_are_neither_believed_nor_replaced(tmp_path: Path) -> None:
         assert path.read_bytes() == data
     path.unlink()
     state_file.save(path, "other", {})
-    with pytest.raises(StateError, match="kind 'other', and 'k' was asked for"):
+    with pytest.raises(StateError, match="kind 'other', not 'k'"):
         state_file.load(path, "k")
     with pytest.raises(StateError, match="kind 'other'"):
         state_file.save(path, "k", {})

@@ -225,7 +225,7 @@ if child == 0:
             use()
             os._exit(2)
         except se.exceptions.InputError as error:
-            assert "`stream` was at work on a thread when this process was forked" in str(error)
+            assert "`stream` was in use by a thread when this process was forked" in str(error)
     assert "in use" in repr(busy)
     idle.step(1000)
     workers = [threading.Thread(target=idle.step, args=(10**4,)) for _ in range(2)]

@@ -161,7 +161,7 @@ fn other_versions_are_refused_with_their_number() {
         assert_eq!(fault(&file), Fault::Version { found: version });
     }
     let message = read(&altered(r#""version":"2""#, r#""version":"3""#)).unwrap_err().to_string();
-    assert_eq!(message, "\"x\" has format version 3, and this release reads version 2");
+    assert_eq!(message, "\"x\" has format version 3, but this release reads version 2");
     // whatever else a future header says
     let future = altered(r#""version":"2","kind":"example""#, r#""version":"3","kind":{}"#);
     assert_eq!(fault(&future), Fault::Version { found: 3 });

@@ -175,7 +175,7 @@ def test_nothing_to_control_has_no_negative_error():
 
 
 def test_a_time_limit_that_ends_below_the_tolerance_has_converged():
-    """The rule is looked at every n steps: within them a limit may be met with it satisfied."""
+    """The rule is checked every n steps: a limit may be met before, with the rule satisfied."""
     late = make(1)
     late.step(0x7FFF)
     tol = late.certificate * (1.0 + 1e-12)

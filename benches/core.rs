@@ -30,7 +30,7 @@ fn draw(law: &Arc<Law>, size: usize) -> Singletons {
 /// Stores past the caches (non-temporal), if the architecture has them.
 fn fill_past_caches(out: &mut [f64], value: f64) {
     #[cfg(target_arch = "x86_64")]
-    // SAFETY: eight borrowed bytes at a time, and a fence before anybody else sees them; SSE2, which every x86-64 has.
+    // SAFETY: eight borrowed bytes at a time, and a fence before they are read; SSE2, which every x86-64 has.
     unsafe {
         use std::arch::x86_64::{_mm_sfence, _mm_stream_si64};
         out.iter_mut().for_each(|to| _mm_stream_si64(std::ptr::from_mut(to).cast(), value.to_bits().cast_signed()));

@@ -15,7 +15,7 @@ use crate::memory::{try_collect, try_extend, try_push, try_room, try_zeros};
 use crate::parallel::{Stop, for_each_chunk};
 use crate::sample::{Singletons, with_indices};
 
-/// Bytes of a first-level data cache, the smallest common size; it decides the layout of the tables.
+/// Bytes of a first-level data cache that processors have at least; it decides the layout of the tables.
 const CACHE: usize = 32 << 10;
 
 /// The result of a sequential fusion.

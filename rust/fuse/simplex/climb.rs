@@ -12,7 +12,7 @@ use super::task::{Found, Iterate, Task, Work, start_or_uniform};
 use crate::error::Result;
 use crate::memory::try_copy;
 
-/// Realizations per dimension up to which projected Newton-CG is well conditioned (measured).
+/// Realizations per dimension up to which projected Newton-CG is well conditioned.
 const NEWTON_CG_TO: f64 = 1.25;
 /// Realizations per dimension from which `S w = q` is tried: half of all centred point clouds of `2 d` points contain
 /// their centre (Wendel, Math. Scand. 11, 1962), hardly any with fewer points.

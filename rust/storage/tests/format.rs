@@ -104,7 +104,7 @@ fn every_truncation_is_refused() {
     for len in 0..bytes.len() {
         let expected = match len {
             0 => Fault::Blank,
-            _ if len < SEAL => Fault::Foreign, // it may be anybody's
+            _ if len < SEAL => Fault::Foreign, // it may be any file
             _ if len < behind_header(&bytes) => Fault::Truncated { found: len },
             _ => Fault::Length { declared: bytes.len() as u64, found: len },
         };

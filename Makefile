@@ -10,7 +10,7 @@ VENV := .venv
 BIN := $(abspath $(VENV))/bin
 PY := $(BIN)/python
 
-# A changed source of the extension makes it stale; Python sources are used where they lie.
+# A changed source of the extension requires a build; Python sources are used in place.
 SOURCES := Cargo.toml Cargo.lock pyproject.toml $(shell find rust -name '*.rs')
 
 # `maturin develop` finds the environment by VIRTUAL_ENV and refuses two of them.
@@ -43,7 +43,7 @@ lint: $(VENV)/.dev ## format, clippy, ruff, mypy --strict, stubs against the ext
 	"$(PY)" -m mypy
 	"$(PY)" -m mypy.stubtest stochens_rs._core
 
-bench: $(VENV)/.bench ## time the core and the package against its peers: docs/benchmarks.md
+bench: $(VENV)/.bench ## time the core and the package, compare with peers, write docs/benchmarks.md
 	cargo bench --locked
 	OPENBLAS_NUM_THREADS=1 "$(PY)" benches/peers.py --write
 
@@ -54,14 +54,14 @@ docs: $(VENV)/.docs ## API pages of both languages in docs/build/
 	cp -R "$${CARGO_TARGET_DIR:-target}/doc" docs/build/rust
 	"$(PY)" -m pdoc --docformat numpy --math -o docs/build/python stochens_rs
 
-wheel: stage $(VENV)/.maturin ## build a wheel into dist/, then try it where there is no Rust
+wheel: stage $(VENV)/.maturin ## build a wheel into dist/, then test it in an environment without Rust
 	rm -rf dist/*.whl
 	$(if $(MANYLINUX),"$(PY)" -m pip install --quiet --disable-pip-version-check "maturin[zig]")
 	cd build/stage && PATH="$(BIN):$$PATH" "$(BIN)/maturin" build --release --locked \
 	    --interpreter "$(PY)" --out ../../dist $(if $(MANYLINUX),--zig --compatibility $(MANYLINUX))
 	$(call try,dist/*.whl,$(MANYLINUX))
 
-sdist: stage $(VENV)/.maturin ## build a source package into dist/, then a wheel from it alone
+sdist: stage $(VENV)/.maturin ## build a source package into dist/, then test a wheel built from it
 	rm -rf dist/*.tar.gz build/from-sdist
 	cd build/stage && "$(BIN)/maturin" sdist --out ../../dist
 	@# Packed files are from 1980 or so: -m makes them new (see tools/stage.py).
@@ -70,10 +70,10 @@ sdist: stage $(VENV)/.maturin ## build a source package into dist/, then a wheel
 	        --wheel-dir build/from-sdist "$$temp"/*
 	$(call try,build/from-sdist/*.whl)
 
-licenses: $(VENV)/.created ## write THIRD-PARTY-LICENSES anew, after a change of Cargo.lock
+licenses: $(VENV)/.created ## write THIRD-PARTY-LICENSES again after a change of Cargo.lock
 	"$(PY)" tools/third_party_licenses.py
 
-clean: ## remove everything that make made, .venv and results/ included
+clean: ## remove everything that make has made, with .venv and results/
 	rm -rf $(VENV) results dist build docs/build target .mypy_cache .ruff_cache .pytest_cache \
 	    .hypothesis .benchmarks
 	find python tests benches docs tools -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true
@@ -100,7 +100,7 @@ $(VENV)/.run: $(VENV)/.maturin $(SOURCES)
 	$(DEVELOP) plot
 	@touch $@
 
-# Whoever has the tools also has what a run needs, hence the second stamp.
+# The tools include everything that a run needs, hence the second stamp.
 $(VENV)/.dev: $(VENV)/.maturin $(SOURCES)
 	$(DEVELOP) plot,dev
 	@touch $(VENV)/.run $@
@@ -115,15 +115,15 @@ $(VENV)/.docs: $(VENV)/.maturin $(SOURCES)
 
 # -- packages ----------------------------------------------------------------------------------
 
-# What is packed, with a README that stands alone.
+# The packed files, with a README without relative links.
 stage: $(VENV)/.created
 	"$(PY)" tools/stage.py build/stage --address "$(ADDRESS)"
 
-# With glibc, zig links against the symbols of an old one, so that the wheel also runs on old
+# With glibc, zig links against the symbols of an old version, so that the wheel also runs on old
 # systems; elsewhere the tag is that of the platform.
 MANYLINUX = $(if $(findstring linux-gnu,$(shell rustc -vV)),manylinux2014)
 
-# Not target/, where cargo would take the copies for the sources themselves.
+# Not in target/, where cargo would confuse the copies with the sources.
 wheel sdist: export CARGO_TARGET_DIR := $(CURDIR)/build/target
 
 # $(call try,WHEEL,TAG): PATH holds an empty environment only, so nothing can be compiled.

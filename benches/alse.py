@@ -1,17 +1,17 @@
 """ALSE of matrices against general solvers: seconds and the gap each reaches, on identical data.
 
 Gaussian ``n x n`` matrices sampled by columns, seed 1, one thread. The gap is recomputed here, in
-NumPy, from the realizations written out, for the weights every solver returns (clipped and scaled
-to the simplex), and divided by ``||A||^2``. Peers get the form that suits them best:
+NumPy, from the realizations and the weights of each solver (clipped and scaled to the simplex), and
+divided by ``||A||^2``. Each peer gets its fastest form:
 
 - Clarabel (its Python interface, no modelling layer), linear solver "faer": variables ``(w, y)``,
   ``min |y|^2`` subject to ``S w - y = A``, sparse;
 - OSQP (eps 1e-9): the same;
-- PIQP: dense, on the Gram matrix ``S^T S``, formed outside the clock;
+- PIQP: dense, on the Gram matrix ``S^T S``, computed outside the timed part;
 - CVXPY: ``sum_squares(S w - a)`` as a user writes it, with its default solver.
 
-A peer is left out where it needs minutes, unless ``--full`` is given. The table goes to
-``docs/data/alse.json``, the picture to ``docs/images/alse-time.png``.
+Problems that take a peer minutes are left out unless ``--full`` is given. Writes the table to
+``docs/data/alse.json`` and the figure to ``docs/images/alse-time.png``.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ WITH_PEERS = (
     *((100, 1000), (100, 3000), (100, 10_000)),
 )
 ALONE = ((30, 10_000), (100, 30_000), (100, 100_000), (100, 1_000_000), (300, 10_000))
-# most realizations, at n = 100, that a peer gets without --full: minutes each
+# most realizations at n = 100 without --full: more take minutes
 PATIENCE = {"Clarabel": 10_000, "OSQP": 3000, "PIQP": 3000, "CVXPY": 3000}
 
 
 class Problem:
-    """One instance, with the forms the peers want (made outside the clock)."""
+    """One instance, in the forms for the peers (prepared outside the timed part)."""
 
     def __init__(self, n: int, size: int) -> None:
         self.n, self.size = n, size
@@ -176,7 +176,7 @@ PEERS: dict[str, Solver] = {"Clarabel": clarabel, "OSQP": osqp, "PIQP": piqp, "C
 
 
 def measure(full: bool) -> list[dict[str, object]]:
-    """One row per instance and solver: median of up to 5 runs of ours, one shot for the others."""
+    """One row per instance and solver: median of up to 5 runs of ours, one run of the others."""
     table: list[dict[str, object]] = []
     print(f"{'n':>4} {'N':>8}  {'solver':<10} {'seconds':>10} {'gap/|A|^2':>10} {'ratio':>8}")
     for n, size in (*WITH_PEERS, *ALONE):
@@ -246,7 +246,7 @@ def draw(table: list[dict[str, object]], path: Path) -> None:
             axis.loglog(sizes, seconds, color=colour, lw=width, label=label, zorder=3)
             for N, s, gap in rows:
                 face = colour if gap <= 1e-9 else "white"
-                # CVXPY calls one of the others: where the times agree, both are to be seen.
+                # CVXPY calls one of the others: both must be visible where the times agree.
                 size, level = (9.0, 3.5) if solver == "CVXPY" else (5.5, 4.0)
                 axis.plot(N, s, markers[solver], color=colour, mfc=face, ms=size, zorder=level)
         axis.set_title(f"matrices {n} x {n}", loc="left")
@@ -265,7 +265,7 @@ def draw(table: list[dict[str, object]], path: Path) -> None:
 
 
 def run(full: bool = False) -> None:
-    """Measure, print, and leave the table and the picture in docs/."""
+    """Measure, print, and write the table and the figure to docs/."""
     se.set_num_threads(1)
     table = measure(full)
     data = DOCS / "data"

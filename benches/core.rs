@@ -27,10 +27,10 @@ fn draw(law: &Arc<Law>, size: usize) -> Singletons {
     sample(law, size, Scheme::Iid, &Key([1; 32]), 1, &Stop::new()).expect("fits into memory")
 }
 
-/// Stores that do not read the lines they change, where there are such.
+/// Stores past the caches (non-temporal), if the architecture has them.
 fn fill_past_caches(out: &mut [f64], value: f64) {
     #[cfg(target_arch = "x86_64")]
-    // SAFETY: eight borrowed bytes at a time, and a fence before anybody else sees them; SSE2, which every x86-64 has.
+    // SAFETY: eight borrowed bytes at a time, and a fence before they are read; SSE2, which every x86-64 has.
     unsafe {
         use std::arch::x86_64::{_mm_sfence, _mm_stream_si64};
         out.iter_mut().for_each(|to| _mm_stream_si64(std::ptr::from_mut(to).cast(), value.to_bits().cast_signed()));
@@ -40,10 +40,10 @@ fn fill_past_caches(out: &mut [f64], value: f64) {
     out.fill(value);
 }
 
-/// What the machine allows, one operation each: words, stores to memory, gathers from a small table.
+/// The limits of the machine, one operation each: random words, stores to memory, gathers from a small table.
 fn limits(c: &mut Criterion) {
     let mut group = c.benchmark_group("limits");
-    let mut words = vec![0u64; 1 << 14]; // stays in the first-level cache's neighbourhood, as in a chunk of draws
+    let mut words = vec![0u64; 1 << 14]; // 128 KiB, in the second-level cache, as a chunk of draws
     group.throughput(Throughput::Elements(words.len() as u64));
     group.bench_function("words", |b| b.iter(|| Key([1; 32]).words(0, black_box(&mut words))));
     let mut out = vec![0.0f64; 1 << 24]; // 128 MB: memory, not cache
@@ -134,7 +134,7 @@ fn least_squares(c: &mut Criterion) {
     group.finish();
 }
 
-/// Independent ensembles on threads: how close two of them come to half the time.
+/// Independent ensembles on threads: two threads should halve the time.
 fn replicates(c: &mut Criterion) {
     let mut group = c.benchmark_group("slse_replicates");
     let law = law(30, 30);

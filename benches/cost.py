@@ -1,4 +1,4 @@
-"""How the cost of each kernel grows with n and with N, and what a second thread brings."""
+"""Cost of each kernel over n and over N, and the speed-up from a second thread."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ DOCS = Path(__file__).resolve().parent.parent / "docs"
 
 @dataclass(frozen=True)
 class Costs:
-    """Seconds per unit against n, seconds in all against N, and ratios of one to two threads."""
+    """Seconds per unit over n, total seconds over N, and time ratios of one to two threads."""
 
     against_n: dict[str, list[tuple[int, float]]]
     against_size: dict[str, list[tuple[int, float]]]
@@ -30,7 +30,7 @@ class Costs:
 
 
 def median(work: Callable[[], object], repeats: int = 3) -> float:
-    """Median seconds of a few calls, after one that does not count."""
+    """Median seconds of a few calls, after a first one that is not counted."""
     work()
     seconds = []
     for _ in range(repeats):
@@ -130,7 +130,7 @@ def _two_threads() -> dict[str, tuple[float, float, float]]:
 
 
 def draw(costs: Costs, path: Path) -> None:
-    """Two panels: time per unit against n, time in all against N."""
+    """Two panels: time per unit over n, total time over N."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -141,7 +141,7 @@ def draw(costs: Costs, path: Path) -> None:
     figure, axes = plt.subplots(1, 2, figsize=(9.6, 3.9), layout="constrained")
     panels = (
         (axes[0], costs.against_n, "n", "seconds per unit"),
-        (axes[1], costs.against_size, "realizations N", "seconds in all (30 x 30 matrix)"),
+        (axes[1], costs.against_size, "realizations N", "total seconds (30 x 30 matrix)"),
     )
     for axis, curves, xlabel, ylabel in panels:
         for (name, points), colour, marker in zip(curves.items(), colours, markers, strict=False):

@@ -1,16 +1,16 @@
 """One table of speed ratios against NumPy, Numba and CVXPY: same work, same run, one thread.
 
 Every line gives the median over repeated pairs (ours, then theirs) and the smallest and largest
-ratio seen. Ratios travel between machines, times do not.
+ratio. Ratios can be compared between machines, times cannot.
 
     python benches/peers.py [name ...] [--write]
 
 Ours is given in seconds per unit of work (a draw, a step, a control, a run, a problem). With
---write the table goes to docs/benchmarks.md and docs/data/benchmarks.json; ratios more than 1.5
-times below the committed ones are pointed out in any case.
+--write the table goes to docs/benchmarks.md and docs/data/benchmarks.json. Ratios more than 1.5
+times below the committed ones are always reported.
 
-The group "alse" has a table of its own (`alse.py`): there the gap a solver reaches counts as well;
-the group "tightness" compares bounds with quantiles (`tightness.py`).
+The group "alse" has its own table (`alse.py`), because the gap of each solver matters as well; the
+group "tightness" compares bounds with quantiles (`tightness.py`).
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def timed(work: Work) -> float:
 
 def pairs(ours: Work, theirs: Work, budget: float = 4.0) -> tuple[list[float], list[float]]:
     """Seconds of alternating calls, as many as the budget allows: at least 1, at most 15."""
-    ours(), theirs()  # first calls pay for memory and compilation
+    ours(), theirs()  # the first calls include allocation and compilation
     mine, peer = [], []
     start = time.perf_counter()
     while len(mine) < 15 and (not mine or time.perf_counter() - start < budget):
@@ -56,7 +56,7 @@ def pairs(ours: Work, theirs: Work, budget: float = 4.0) -> tuple[list[float], l
 
 
 def sampling() -> Iterator[Line]:
-    """Table and draws; 2^24 of them, so that the table of a million entries is a part, not all."""
+    """Table and 2^24 draws, so that building a table of a million entries does not dominate."""
     gen = np.random.default_rng(0)
     size = 1 << 24
     for n in (10, 100, 1000, 1_000_000):
@@ -109,7 +109,7 @@ def closed_form() -> Iterator[Line]:
 
 
 def alse_path() -> Iterator[Line]:
-    """Warm starts: the whole grid against the same prefixes solved one by one."""
+    """Warm starts: all prefixes in one call against one call each."""
     A = np.random.default_rng(1).standard_normal((30, 30))
     ensemble = se.sample(A, 10_000, rng=1)
     sizes = np.unique(np.geomspace(100, 10_000, 20).astype(int))
@@ -144,7 +144,7 @@ def slse() -> Iterator[Line]:
             for width in (
                 np.int64,
                 ensemble.indices.dtype,
-            ):  # what NumPy indexes with; what we have
+            ):  # NumPy's index type; the narrow type of the ensemble
                 indices = np.ascontiguousarray(ensemble.indices, dtype=width)
                 ours = se.fuse(ensemble, "slse", target=A).error
                 theirs = jitted(indices, atoms, A)
@@ -217,7 +217,7 @@ def stream() -> Iterator[Line]:
         keys = [bytes(key.child(name)) for name in ("x0", "xf", "A", "slots")]
         ours = se.Stream((A, B), x0, xf, rng=key)
         if n <= 100:
-            # the twin draws beforehand; that is a small part of its time
+            # the twin draws first, in a small part of its time
             yield (
                 f"stream, n={n}, m={n // 2}",
                 "NumPy twin",
@@ -365,9 +365,9 @@ def numba_stream() -> Callable[..., np.ndarray] | None:
 
 
 def controls() -> Iterator[Line]:
-    """Into memory that was used before, where nothing is said; `fresh` is a new array each time.
+    """Into memory that was used before; `fresh`: into a new array each time.
 
-    From B, as a user has it: the peers compute its pseudoinverse as well, but not `out.fill`.
+    The peers compute the pseudoinverse of B as well, except `out.fill`.
     """
     gen = np.random.default_rng(0)
     for n, m, size in (
@@ -380,7 +380,7 @@ def controls() -> Iterator[Line]:
         x0 = se.sample(gen.standard_normal(n), size, rng=1)
         xf = se.sample(gen.standard_normal(n), size, rng=2)
         EA = se.sample(A, size, rng=3)
-        # NumPy's own width where it picks, the narrow one where that is faster for it as well
+        # of NumPy's index type and the narrow type, the one that is faster for NumPy
         i0, iF, iA = x0.indices.astype(np.intp), xf.indices.astype(np.intp), EA.indices
         out, theirs, y = np.zeros((size, m)), np.zeros((size, m)), gen.standard_normal((size, n))
 
@@ -405,7 +405,7 @@ def controls() -> Iterator[Line]:
         yield what, "NumPy fancy indexing", ours, size, fancy, size
         yield f"{what}, fresh", "NumPy fancy indexing", fresh, size, fancy, size
         yield what, "NumPy GEMM, out=", ours, size, product, size
-        # the share of the bandwidth of stores that is reached; above one past the caches
+        # share of the store bandwidth; above one for stores past the caches
         yield what, "store bandwidth, out.fill", ours, size, lambda out=theirs: out.fill(1.0), size
     for n, m in ((10, 5), (30, 10), (100, 20), (300, 30)):
         size = 8_000_000 // (n * n)
@@ -427,7 +427,7 @@ def controls() -> Iterator[Line]:
 
 
 def slse_replicates() -> Iterator[Line]:
-    """Threads over ensembles, the unit of work of an experiment: two threads against one."""
+    """Independent ensembles on two threads against one."""
     A = np.random.default_rng(0).standard_normal((30, 30))
     ensembles = [se.sample(A, 5_000, rng=seed) for seed in range(16)]
 
@@ -508,7 +508,7 @@ def track() -> Iterator[Line]:
 
 
 def run_by_run(A, B, u, x0, size, gen) -> np.ndarray:
-    """The definition as it stands: a realization of A and B for every run and step."""
+    """By the definition: a realization of A and B for every run and step."""
 
     def realization(M: np.ndarray) -> np.ndarray:
         g, E = np.abs(M).sum(axis=0), np.zeros_like(M)
@@ -548,7 +548,7 @@ def runs_at_once(A, B, u, x0, size, gen) -> np.ndarray:
 
 
 def reproduce() -> Iterator[Line]:
-    """A stated subset of the experiments: all four methods, both entities, 5 sizes, 1 replicate."""
+    """A part of the experiments: all four methods, both entities, 5 sizes, 1 replicate."""
     try:
         import cvxpy as cp
     except ImportError:

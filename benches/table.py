@@ -1,4 +1,4 @@
-"""The committed table of benchmarks: written for people, compared with by the next run."""
+"""The committed benchmarks: the page for readers, and the numbers the next run is compared with."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ ROOT = Path(__file__).resolve().parent.parent
 DATA = ROOT / "docs" / "data" / "benchmarks.json"
 PAGE = ROOT / "docs" / "benchmarks.md"
 ALSE = ROOT / "docs" / "data" / "alse.json"
-WORSE = 1.5  # a ratio this many times below the committed one is pointed out
+WORSE = 1.5  # ratios this many times below the committed ones are reported
 
 
 @dataclass(frozen=True)
 class Row:
-    """One comparison: seconds per unit of ours, and how many times longer the peer takes."""
+    """One comparison: seconds per unit of ours, and the peer's time divided by ours."""
 
     group: str
     what: str
@@ -41,37 +41,43 @@ class Row:
 TITLES = {
     "sampling": (
         "Sampling",
-        "Unbiased realizations of a vector or a matrix, per draw or per matrix. The limit is the "
+        "Unbiased realizations; time per draw of a vector or per matrix. The limit is the "
         "generator: a draw takes one 64-bit word.",
     ),
-    "closed_form": ("ALSE of a vector", "The corrected Lemma 4.4 in closed form, per problem."),
-    "alse_path": ("ALSE of growing prefixes", "Warm starts against solving each from cold."),
+    "closed_form": (
+        "ALSE of a vector",
+        "The corrected Lemma 4.4 in closed form; time per problem.",
+    ),
+    "alse_path": (
+        "ALSE of growing prefixes",
+        "All prefixes in one call, with warm starts, against cold starts for each.",
+    ),
     "slse": (
         "SLSE",
-        "One exact line search per realization, per step. Numba runs the same O(n) update, "
-        "compiled; NumPy the dense textbook one.",
+        "One exact line search per realization; time per step. Numba runs the same O(n) update, "
+        "compiled; NumPy the dense textbook form.",
     ),
     "slse_replicates": ("SLSE of replicates", "Independent ensembles on two threads against one."),
     "stream": (
         "Streams",
-        "One step of the sequential algorithm: draw, line search, control, per step.",
+        "The sequential algorithm: draw, line search, control; time per step.",
     ),
     "controls": (
         "Batched controls",
-        "One control per realization, per control, of results of 64 MB and more. `out.fill` writes "
-        "the same bytes, and its ratio is the share of its bandwidth that is reached; above one "
-        "where ours are stored past the caches. The limit is the faster kind of store.",
+        "One control per realization; time per control, for results of 64 MB and more. `out.fill` "
+        "writes the same bytes, so its ratio is our share of its bandwidth; it is above one where "
+        "ours are stored past the caches. The limit is the faster kind of store.",
     ),
-    "simulate": ("Simulation", "Runs with fresh realizations at every step, per run."),
+    "simulate": ("Simulation", "Runs with fresh realizations at every step; time per run."),
     "reproduce": (
         "The experiments",
-        "A stated subset of the paper's experiments against NumPy and CVXPY, per problem.",
+        "A part of the paper's experiments against NumPy and CVXPY; time per problem.",
     ),
 }
 
 
 def regressions(rows: list[Row]) -> list[str]:
-    """Lines on ratios far below the committed ones."""
+    """Describe the ratios far below the committed ones."""
     if not DATA.exists():
         return []
     before = {(r["what"], r["peer"]): r["ratio"] for r in json.loads(DATA.read_text())["rows"]}
@@ -84,7 +90,7 @@ def regressions(rows: list[Row]) -> list[str]:
 
 
 def limits() -> dict[str, float]:
-    """Nanoseconds per word, per 8-byte store and per gather, as `cargo bench` has just found."""
+    """Nanoseconds per word, per 8-byte store and per gather, from the last `cargo bench`."""
     target = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")) / "criterion" / "limits"
     units = {
         "words": 1 << 14,
@@ -137,14 +143,14 @@ def _page(rows: list[Row], costs: Costs | None, data: dict[str, Any]) -> list[st
         "",
         "Written by `make bench` from one run, on one thread unless said otherwise. *Ratio* is the "
         "peer's time divided by ours for the same work: the median over alternating pairs of "
-        "calls, with the smallest and the largest. Ratios travel between machines, times do not: "
-        f"these are of one machine ({machine['processor']}) with {machine['cores']} cores, Python "
-        f"{machine['python']}, NumPy {machine['numpy']}.",
+        "calls, with the smallest and the largest. Ratios can be compared between machines, times "
+        f"cannot: these are of one machine ({machine['processor']}) with {machine['cores']} cores, "
+        f"Python {machine['python']}, NumPy {machine['numpy']}.",
         "",
     ]
     if found:
         lines += [
-            "What this machine allows, measured in the same run: "
+            "Limits of this machine, measured in the same run: "
             + ", ".join(_limit(name, value) for name, value in found.items())
             + ".",
             "",
@@ -162,10 +168,10 @@ def _page(rows: list[Row], costs: Costs | None, data: dict[str, Any]) -> list[st
 
 def _limit(name: str, nanoseconds: float) -> str:
     texts = {
-        "words": f"{nanoseconds:.2f} ns a random 64-bit word",
+        "words": f"{nanoseconds:.2f} ns per random 64-bit word",
         "stores": f"{8.0 / nanoseconds:.1f} GB/s stored to memory",
         "stores past the caches": f"{8.0 / nanoseconds:.1f} GB/s stored past the caches",
-        "gathers": f"{nanoseconds:.2f} ns a load from a small table by index",
+        "gathers": f"{nanoseconds:.2f} ns per indexed load from a small table",
     }
     return texts[name]
 
@@ -184,7 +190,7 @@ def _table(rows: list[Row], found: dict[str, float]) -> list[str]:
 
 
 def _share(row: Row, found: dict[str, float]) -> str:
-    """How much of the time the limit alone would take."""
+    """Share of the time that the limit alone would take."""
     if row.group == "sampling" and "vector" in row.what and "words" in found:
         return f"{100 * found['words'] / (1e9 * row.seconds):.0f} % (words)"
     if row.group == "controls" and "stores" in found and row.what.startswith("controls, n="):
@@ -208,7 +214,7 @@ def _alse() -> list[str]:
         "",
         "Optimal weights on the simplex for Gaussian n x n matrices: seconds and, in brackets, the "
         "duality gap reached, recomputed from the data and relative to the squared norm of the "
-        "matrix. An empty cell: not run, it takes minutes to hours.",
+        "matrix. Empty cells: not run, because they take minutes to hours.",
         "",
         "| n | N | ours | " + " | ".join(peers) + " |",
         "|---:|---:|---:|" + "---:|" * len(peers),
@@ -230,9 +236,9 @@ def _alse() -> list[str]:
 
 
 def _costs(costs: Costs) -> list[str]:
-    lines = ["## How the cost grows", "", "![Cost against n and against N](images/cost.png)", ""]
+    lines = ["## Cost over n and N", "", "![Cost over n and over N](images/cost.png)", ""]
     lines += [
-        "A second thread (one thread's time over two threads'; two cores of a shared machine):",
+        "Speed-up by a second thread (time with one over time with two, on a shared machine):",
         "",
         "| work | ratio | smallest .. largest |",
         "|---|---:|---:|",

@@ -1,6 +1,6 @@
-"""How much larger the bounds are than the quantiles they bound: formulas beside simulation.
+"""Ratios of bounds to the quantiles they bound, for the formulas and for simulation.
 
-Radius over empirical quantile at delta, the quantile from 40 000 errors of a stream of its own;
+Radius over empirical quantile at delta, the quantile from 40 000 errors with their own key;
 median and maximum over five systems and delta = 0.05, 0.01. The formulas: the smallest of
 `theory.bounds.candidates`; for systematic samples and for K steps the triangle inequality with the
 error of every estimate. `required_samples`: its size over the size at which the quantile meets the
@@ -32,7 +32,7 @@ Problem = tuple[Floats, Floats, Floats, Floats]
 
 
 def systems() -> dict[str, Problem]:
-    """``A, B, x0, xf`` of systems unlike each other."""
+    """``A, B, x0, xf`` of five different systems."""
     gen = np.random.default_rng(0)
     found = {}
     for name, case in (("ieee14", se.cases.ieee14()), ("ieee39", se.cases.ieee39())):
@@ -51,7 +51,7 @@ def formula(quantity: str, data: tuple[Floats, ...], N: int, delta: float, **opt
 
 
 def sum_of_errors(problem: Problem, N: int, delta: float) -> float:
-    """Triangle inequality for one step, systematic samples: their errors are sure."""
+    """Triangle inequality for one step with systematic samples, whose errors are bounded surely."""
     A, B, x0, xf = problem
     e0, ef, eA = (
         bounds.bound("systematic", quantity, w).radius(N, delta)
@@ -71,7 +71,7 @@ def along_trajectory(problem: Problem, N: int, delta: float) -> float:
 
 
 def quantities(problem: Problem) -> Iterator[tuple[str, bounds.Simulated, int, object]]:
-    """What the error is of, the simulated bound, its column, and the formula for N and delta."""
+    """Quantity, simulated bound, its column, and the formula for N and delta."""
     A, B, x0, xf = problem
     data = (A, B), x0, xf
 
@@ -99,7 +99,7 @@ def measure() -> list[dict[str, object]]:
                 drawn = simulated.errors(N).draw(40_000, se.rng.as_key(7))[:, which]
                 for delta in DELTAS:
                     quantile = float(np.quantile(drawn, 1.0 - delta))
-                    if quantile < 1e-9:  # nothing but rounding
+                    if quantile < 1e-9:  # rounding only
                         continue
                     ratios = other(N, delta) / quantile, simulated.radius(N, delta) / quantile
                     found.setdefault((quantity, N), []).append(ratios)
@@ -123,7 +123,7 @@ def sizes() -> list[dict[str, object]]:
     for name, (A, B, x0, xf) in systems().items():
         for options in ({}, {"fusion": "diagonal"}, {"steps": STEPS}):
             seconds = []
-            # where the exact control leads may be the origin: absolute, a tenth of what is moved
+            # absolute, since the state reached may be the origin: a tenth of the distance moved
             error = 0.1 * float(np.linalg.norm(xf - A @ x0))
             for _ in range(3):
                 start = time.perf_counter()
@@ -154,7 +154,7 @@ def sizes() -> list[dict[str, object]]:
 
 
 def page() -> list[str]:
-    """The section of docs/benchmarks.md."""
+    """Return the section of docs/benchmarks.md."""
     if not DATA.exists():
         return []
     data = json.loads(DATA.read_text())
@@ -164,7 +164,7 @@ def page() -> list[str]:
         "Radius over empirical quantile, median and, in brackets, maximum over five systems (IEEE "
         "14 and 39 buses, Gaussian, sparse, random walk) at delta = 0.05 and 0.01. *Formula*: the "
         "smallest of `theory.bounds.candidates`, for systematic samples and several steps the sum "
-        "of the errors of the estimates. *Simulated*: its bound 'simulated'.",
+        "of the errors of the estimates. *Simulated*: the bound 'simulated'.",
         "",
         "| error of | N | formula | simulated |",
         "|---|---:|---:|---:|",
@@ -174,8 +174,8 @@ def page() -> list[str]:
         lines.append(f"| {row['quantity']} | {row['N']:,} | {cells[0]} | **{cells[1]}** |")
     lines += [
         "",
-        "`required_samples` for an error of a tenth of ||xf - A x0||, delta = 0.05: its size over "
-        "the smallest that is enough (where the quantile of 20 000 errors meets the error).",
+        "`required_samples` for an error of a tenth of ||xf - A x0||, delta = 0.05: its size "
+        "divided by the sufficient one, at which the quantile of 20 000 errors meets the error.",
         "",
         "| system | fusion | enough | formula | simulated | one call |",
         "|---|---|---:|---:|---:|---:|",

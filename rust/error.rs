@@ -32,23 +32,23 @@ pub enum Error {
     #[error("`{name}` must be {expected}, got {found}")]
     Value { name: &'static str, expected: &'static str, found: String },
 
-    /// The memory for a result cannot be had.
+    /// The memory for a result cannot be allocated.
     #[error("{what} needs {bytes} bytes, which cannot be allocated")]
     Memory { what: &'static str, bytes: u128 },
 
-    /// A factorization or a solver gave up on valid input.
+    /// A factorization or a solver failed on valid input.
     #[error("{0}")]
     Numerical(String),
 
-    /// A file is not a usable state file, and neither is the previous generation if that was tried.
+    /// A file is not a usable state file, nor is the previous generation, if that was tried.
     #[error("{path:?} {fault}{}", previous.as_ref().map_or_else(String::new, |why| format!("; and {why}")))]
     State { path: PathBuf, fault: Fault, previous: Option<String> },
 
-    /// Another writer is at work on the same state file.
-    #[error("{path:?} is being saved by another writer")]
+    /// Another writer holds the lock of the state file.
+    #[error("{path:?} is locked by another writer")]
     Locked { path: PathBuf },
 
-    /// The operating system refused an operation on a file; `code` is its number (errno) if it gave one.
+    /// An operation on a file failed; `code` is the system's error number (errno), if any.
     #[error("cannot {action} {path:?}: {reason}")]
     Os { action: &'static str, path: PathBuf, code: Option<i32>, reason: String },
 

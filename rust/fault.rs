@@ -1,11 +1,11 @@
-//! What a state file is held to, and what can be wrong with one: below the errors, which name it.
+//! Format version and size limit of state files, and the reasons to refuse one.
 
 use safetensors::Dtype;
 
-/// The format's version that is written, and the only one that is read.
+/// Version of the format: written, and the only one read.
 pub const VERSION: u64 = 2;
 
-/// No file is longer than this; less where addresses are short.
+/// Largest file, 16 GiB; 1 GiB where addresses have 32 bits.
 pub const MAX_BYTES: u64 = if usize::BITS < 64 { 1 << 30 } else { 1 << 34 };
 
 /// Why a file is not accepted as a state file.
@@ -13,27 +13,27 @@ pub const MAX_BYTES: u64 = if usize::BITS < 64 { 1 << 30 } else { 1 << 34 };
 #[non_exhaustive]
 #[allow(missing_docs, reason = "the message of each variant says what its fields are")]
 pub enum Fault {
-    #[error("is not a state file: it does not begin like one")]
+    #[error("is not a state file: its first bytes are wrong")]
     Foreign,
-    #[error("is damaged: it is empty or begins with zeros, as a file does whose data never reached the disk")]
+    #[error("is damaged: it is empty or begins with zeros, so its data never reached the disk")]
     Blank,
-    #[error("is damaged: it has {found} bytes, and ends within its header")]
+    #[error("is damaged: it ends within its header, after {found} bytes")]
     Truncated { found: usize },
-    #[error("is damaged: by its header it has {declared} bytes, and it has {found}")]
+    #[error("is damaged: it has {found} bytes instead of the {declared} in its header")]
     Length { declared: u64, found: usize },
-    #[error("is damaged: its contents do not give the checksum in its header")]
+    #[error("is damaged: its contents do not match the checksum in its header")]
     Checksum,
     #[error("is damaged: its header cannot be read: {0}")]
     Header(String),
-    #[error("has format version {found}, and this release reads version {VERSION}")]
+    #[error("has format version {found}, but this release reads version {VERSION}")]
     Version { found: u64 },
-    #[error("holds a state of kind '{found}', and '{expected}' was asked for")]
+    #[error("holds a state of kind '{found}', not '{expected}'")]
     Kind { found: String, expected: String },
     #[error("has a section '{name}' of type {dtype} and {dimensions} dimensions: must be U8, U64 or F64 and one")]
     Element { name: String, dtype: Dtype, dimensions: usize },
-    #[error("has a header with something repeated, misnamed, unknown or in another order or form than this format has")]
+    #[error("has a header that differs from the one for its contents")]
     Canonical,
-    #[error("has contents that cannot be: {0}")]
+    #[error("has invalid contents: {0}")]
     Content(String),
     #[error("is {what}, not a regular file")]
     NotRegular { what: &'static str },
@@ -42,11 +42,11 @@ pub enum Fault {
 }
 
 impl Fault {
-    /// Whether the file was once good, or may have been, so that the previous generation may stand in for it.
+    /// Whether the file may once have been good, so that the previous generation may be loaded instead.
     pub(crate) fn is_damage(&self) -> bool {
         match self {
             Self::Version { .. } | Self::Kind { .. } | Self::NotRegular { .. } | Self::TooLarge { .. } => false,
-            // well sealed, hence written like this: not the disk's fault
+            // the digest is right, so it was written like this: not a fault of the disk
             Self::Content(_) => false,
             _ => true,
         }

@@ -9,11 +9,12 @@
 //!    `min_w ||sum_i w_i E_i - E*||^2`, and sequential least squares (SLSE);
 //! 3. **computes controls** ([`control`]) `u = B^+ (xf - A x0)`, one per realization or fused;
 //! 4. **simulates** ([`simulate`]) what a control does, exactly and with fresh realizations at every step;
-//! 5. does 1-3 as a **stream** ([`streaming`]), with a certificate to stop by, whose state is kept in files ([`storage`]);
+//! 5. does 1-3 as a **stream** ([`streaming`]), with a certificate as stopping rule, whose state is saved in files
+//!    ([`storage`]).
 //! 6. **identifies** `A` and `B` from measured pairs ([`identify`]): least squares, and the laws of its error.
 //!
-//! The module order is the order of the data: `stream -> sample -> fuse -> control -> simulate`; nothing below knows who stands above.
-//! Arrays of a law are stored line by line (see [`Law`]). The feature `python` adds the extension module.
+//! The modules are listed in the order of the data, `stream -> sample -> fuse -> control -> simulate`, and use only
+//! earlier ones. Arrays of a law are stored line by line (see [`Law`]). The feature `python` adds the extension module.
 //!
 //! ```
 //! use stochens::{Key, Law, Scheme, Stop, fuse, sample};

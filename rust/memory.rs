@@ -1,7 +1,7 @@
-//! Memory whose size is user input: had, or [`Error::Memory`], where `vec!` and `collect` would end the process.
+//! Allocation of arrays whose size depends on the input: [`Error::Memory`] where `vec!` and `collect` would abort.
 //!
-//! Nothing in this crate allocates an array any other way (`clippy.toml` names what is not to be used); what is small
-//! whatever the input, such as a message or the name of a thread, may. Dependencies that allocate inside run under
+//! Nothing else in this crate allocates such an array (`clippy.toml` forbids the other ways); small things of bounded
+//! size, such as a message or the name of a thread, are allocated as usual. Dependencies that allocate run under
 //! [`covered`].
 
 use std::alloc::{Layout, alloc_zeroed};
@@ -23,7 +23,7 @@ pub(crate) fn checked_len(what: &'static str, a: usize, b: usize) -> Result<usiz
     a.checked_mul(b).ok_or(Error::Memory { what, bytes: a as u128 * b as u128 })
 }
 
-/// Zeros, from the system: to write gigabytes of them would keep the caller from being stopped.
+/// Zeros from the system, which clears pages when they are first used: writing gigabytes here could not be interrupted.
 #[allow(unsafe_code, reason = "no safe function gives zeros or says that there are none")]
 pub(crate) fn try_zeros<T: Plain>(what: &'static str, len: usize) -> Result<Vec<T>> {
     let layout = Layout::array::<T>(len).map_err(|_| refused::<T>(what, len))?;
@@ -78,7 +78,7 @@ pub(crate) fn try_extend<T>(what: &'static str, to: &mut Vec<T>, values: impl In
     values.into_iter().try_for_each(|value| try_push(what, to, value))
 }
 
-/// All values; the room is for the most there can be.
+/// All values, in room for the upper size hint.
 pub(crate) fn try_collect<T>(what: &'static str, values: impl IntoIterator<Item = T>) -> Result<Vec<T>> {
     let values = values.into_iter();
     let mut all = try_room(what, values.size_hint().1.unwrap_or(0))?;
@@ -96,8 +96,8 @@ pub(crate) fn try_collect_all<T>(what: &'static str, values: impl IntoIterator<I
     Ok(all)
 }
 
-/// Runs `work`, whose allocations end the process where they fail, if there are `bytes` bytes: asked for and given back
-/// right before. Nothing else that this thread does comes between; another thread may.
+/// Runs `work`, whose failed allocations would abort, after a trial allocation of `bytes` bytes that is freed at once.
+/// Another thread may take the memory in between; this one does not.
 pub(crate) fn covered<T>(what: &'static str, bytes: u128, work: impl FnOnce() -> T) -> Result<T> {
     let len = usize::try_from(bytes).map_err(|_| Error::Memory { what, bytes })?;
     drop(try_room::<u8>(what, len)?);
@@ -106,10 +106,10 @@ pub(crate) fn covered<T>(what: &'static str, bytes: u128, work: impl FnOnce() ->
     Ok(work())
 }
 
-/// After this, products of matrices on this thread allocate nothing: `faer` keeps what it packs them in per thread.
+/// Allocates the buffers that `faer` keeps per thread, so that later matrix products on this thread allocate nothing.
 pub(crate) fn room_for_products() -> Result<()> {
     thread_local!(static THERE: Cell<bool> = const { Cell::new(false) });
-    const SIDE: usize = 64; // the smallest products are made without packing
+    const SIDE: usize = 64; // large enough that `faer` packs, which smaller products do without
     if THERE.get() {
         return Ok(());
     }
@@ -122,7 +122,7 @@ pub(crate) fn room_for_products() -> Result<()> {
     Ok(())
 }
 
-/// Bytes of the last cache: `faer` takes twice as much, or less where it knows a smaller one.
+/// Bytes of the last-level cache (32 MiB if unknown): `faer`'s buffers take at most twice as much.
 fn last_cache() -> u128 {
     static BYTES: OnceLock<u128> = OnceLock::new();
     *BYTES.get_or_init(|| {

@@ -1,18 +1,17 @@
-//! Memory for large results, which comes from the system in large pages.
+//! Memory for large results, in large pages.
 //!
-//! A fresh page of 4 KiB costs the system about as much as filling it costs the sampler; one of 2 MiB costs a tenth for
-//! the same bytes. Large pages need a place of their own, which the allocator does not give; where there are none
-//! (small results, other systems, other settings of the system) this is a plain vector or plain pages. As an allocator
-//! would, it keeps some of what is given back (72 MiB at most), for the next sample of the same size, and hands it out as
-//! it is: who asks for memory writes all of it.
+//! To provide a fresh page of 4 KiB takes the system about as long as the sampler needs to fill it; a page of 2 MiB
+//! takes a tenth of that per byte. The allocator gives no large pages, so they are mapped here. Small results, and
+//! systems without large pages, get a plain vector or plain pages. Of freed mappings, at most 72 MiB are kept for the
+//! next sample of the same size. They are not cleared: the new owner writes all of it.
 
-#![allow(unsafe_code, reason = "pages are had from the system, by two calls, and given back by a third")]
+#![allow(unsafe_code, reason = "mmap, madvise and munmap are called directly")]
 
 use crate::error::Result;
 use crate::memory::try_zeros;
 use crate::plain::Plain;
 
-/// A fixed number of values: those of a vector, or memory that its maker has filled.
+/// A fixed number of values, in a vector or in a mapping.
 pub struct Buffer<T: Plain>(Memory<T>);
 
 enum Memory<T: Plain> {
@@ -22,10 +21,10 @@ enum Memory<T: Plain> {
 }
 
 impl<T: Plain> Buffer<T> {
-    /// `len` values, zeros or what was left there before.
+    /// `len` values, zeros or left over from an earlier use.
     ///
     /// # Errors
-    /// [`crate::Error::Memory`] if they cannot be had.
+    /// [`crate::Error::Memory`] if they cannot be allocated.
     pub(crate) fn unset(what: &'static str, len: usize) -> Result<Self> {
         #[cfg(all(target_os = "linux", any(target_arch = "x86_64", target_arch = "aarch64")))]
         let pages = linux::Pages::unset(len).map(Memory::Pages);
@@ -37,7 +36,7 @@ impl<T: Plain> Buffer<T> {
         #[cfg(test)]
         // SAFETY: as many values as there are, and any bytes are one.
         unsafe {
-            buffer.as_mut_ptr().write_bytes(0x7f, len); // whoever relies on zeros will not get them
+            buffer.as_mut_ptr().write_bytes(0x7f, len); // so that code which relies on zeros fails
         }
         Ok(buffer)
     }
@@ -94,11 +93,11 @@ mod linux {
 
     use super::Plain;
 
-    /// Bytes of a large page, and the smallest result that is worth one.
+    /// Bytes of a large page (x86-64, and aarch64 with pages of 4 KiB), and of the smallest result that uses one.
     const LARGE: usize = 2 << 20;
     const WORTH: usize = LARGE / 4;
 
-    // the numbers of the two architectures this is compiled for
+    // the values of Linux on these two architectures
     const PROT_READ_WRITE: c_int = 1 | 2;
     const MAP_PRIVATE_ANONYMOUS: c_int = 0x02 | 0x20;
     const MADV_HUGEPAGE: c_int = 14;
@@ -109,12 +108,12 @@ mod linux {
         fn madvise(at: *mut c_void, len: usize, advice: c_int) -> c_int;
     }
 
-    /// Mappings that were given back, oldest first, at most [`KEEP`] bytes; only ever tried for, never waited for: the
-    /// process may have been forked while another thread held it.
+    /// Freed mappings, oldest first, at most [`KEEP`] bytes. Only `try_lock`: the process may have been forked while
+    /// another thread held the lock.
     static SPARE: Mutex<Vec<Mapping>> = Mutex::new(Vec::new());
-    const KEEP: usize = 72 << 20; // a result of 64 MiB and what belongs to it, about what C allocators keep at most
+    const KEEP: usize = 72 << 20; // a result of 64 MiB and some more; C allocators keep about as much
 
-    /// `bytes` bytes at `base` that nothing else knows: all of them initialized, as zeros by the system, or with plain values since.
+    /// `bytes` bytes at `base`, owned, and initialized: zeros from the system, or plain values written since.
     struct Mapping {
         base: NonNull<c_void>,
         bytes: usize,
@@ -127,7 +126,7 @@ mod linux {
 
     impl Mapping {
         fn new(bytes: usize) -> Option<Self> {
-            // SAFETY: a new private mapping, at a place the system chooses, touches nothing that exists.
+            // SAFETY: a new private mapping at an address that the system chooses overlaps nothing.
             let base = unsafe { mmap(std::ptr::null_mut(), bytes, PROT_READ_WRITE, MAP_PRIVATE_ANONYMOUS, -1, 0) };
             if base.addr() == usize::MAX {
                 return None; // MAP_FAILED
@@ -135,14 +134,14 @@ mod linux {
             NonNull::new(base).map(|base| Self { base, bytes })
         }
 
-        /// One that was given back.
+        /// A freed mapping of this size, if any.
         fn spare(bytes: usize) -> Option<Self> {
             let mut spare = SPARE.try_lock().ok()?;
             let at = spare.iter().position(|mapping| mapping.bytes == bytes)?;
             Some(spare.remove(at))
         }
 
-        /// Keeps it, in place of older ones, or gives it back to the system.
+        /// Keeps it, in place of older ones, or unmaps it.
         fn retire(self) {
             if self.bytes > KEEP {
                 return;
@@ -158,12 +157,12 @@ mod linux {
 
     impl Drop for Mapping {
         fn drop(&mut self) {
-            // SAFETY: the whole mapping of `new`, given back once; whoever had access to it owned it and has given it up.
+            // SAFETY: the whole mapping of `new`, unmapped once; its owner has given it up.
             unsafe { munmap(self.base.as_ptr(), self.bytes) };
         }
     }
 
-    /// `len` values at `start`, inside a mapping of their own.
+    /// `len` values at `start`, inside their own mapping.
     pub(super) struct Pages<T> {
         mapping: Option<Mapping>, // taken when dropped
         start: NonNull<T>,
@@ -177,7 +176,7 @@ mod linux {
     unsafe impl<T: Plain> Sync for Pages<T> {}
 
     impl<T: Plain> Pages<T> {
-        /// `len` values, or None where they are too few or the system has no such memory.
+        /// `len` values, or None if they are too few or the system has no such memory.
         pub(super) fn unset(len: usize) -> Option<Self> {
             let used =
                 len.checked_mul(size_of::<T>()).filter(|&used| used >= WORTH)?.checked_next_multiple_of(LARGE)?;
@@ -192,7 +191,7 @@ mod linux {
             // SAFETY: skip < LARGE and skip + used <= bytes: inside the mapping.
             let start = unsafe { mapping.base.byte_add(skip) };
             if !used_before {
-                // SAFETY: the range lies in our mapping; the advice changes no contents, its refusal nothing at all.
+                // SAFETY: the range lies in our mapping; the advice changes no contents, and may be refused.
                 unsafe { madvise(start.as_ptr(), used, MADV_HUGEPAGE) };
             }
             Some(Self { mapping: Some(mapping), start: start.cast(), len, values: PhantomData })

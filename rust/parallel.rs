@@ -1,8 +1,8 @@
 //! Work on independent chunks with scoped threads, and a way to stop it.
 //!
-//! Threads are born and joined inside the call: there is no pool to outlive a `fork`, nothing to initialise at import,
-//! and when a thread cannot be had the calling thread does the work alone. A chunk, never a thread, owns its random
-//! stream and its part of the output, so results do not depend on the number of threads.
+//! Threads are started and joined inside the call: no pool has to survive a `fork`, nothing is initialised at import,
+//! and if no thread can be started, the calling thread does the work alone. Each chunk, not each thread, owns its
+//! random stream and its part of the output, so results do not depend on the number of threads.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
@@ -14,9 +14,8 @@ use crate::error::{Error, Result};
 
 /// A request to stop, shared between the caller and a running computation.
 ///
-/// The computation stays on the caller's thread, whose caches it finds warm, and starts none that it does not need: the
-/// system may move either to another core. So what only that thread can see meanwhile, such as Python's signals, is
-/// looked at within the checks, now and then.
+/// The computation stays on the caller's thread, whose caches are warm. What only that thread can see, such as Python's
+/// signals, is therefore looked at from time to time within its checks for a stop.
 #[derive(Default)]
 pub struct Stop {
     requested: AtomicBool,
@@ -29,8 +28,8 @@ impl Stop {
         Self { requested: AtomicBool::new(false), watch: None }
     }
 
-    /// No request yet; it is made when `look` says so, which this thread calls in its checks, at most once in `every`, to
-    /// the end of the computation.
+    /// No request yet. The current thread calls `look` in its checks, at most once in `every`; if it returns true, the
+    /// stop is requested.
     pub fn watching(every: Duration, look: impl Fn() -> bool + Send + Sync + 'static) -> Self {
         let now = Instant::now();
         let looks = Mutex::new(Looks { at_the_clock: now, for_a_reason: now, skipped: 0 });
@@ -51,7 +50,7 @@ impl Stop {
         self.requested.load(Ordering::Relaxed)
     }
 
-    /// [`Self::requested`] of who waits, and so checks more seldom than who works.
+    /// [`Self::requested`] for a thread that waits, and so checks rarely: it does not skip the clock.
     pub fn requested_after_a_wait(&self) -> bool {
         if let Some(watch) = self.watch.as_ref().filter(|watch| watch.by == here()) {
             watch.skip.store(0, Ordering::Relaxed);
@@ -65,10 +64,10 @@ impl Stop {
     }
 }
 
-/// What one thread looks at while it works.
+/// A condition that one thread checks while it works.
 struct Watch {
     by: usize,
-    /// Checks until the next one that looks at the clock: only `by` counts.
+    /// Checks to skip before the next one that reads the clock; only counts on the thread `by`.
     skip: AtomicU32,
     looks: Mutex<Looks>,
     every: Duration,
@@ -78,14 +77,14 @@ struct Watch {
 struct Looks {
     at_the_clock: Instant,
     for_a_reason: Instant,
-    /// Checks skipped between the last two at the clock.
+    /// Checks skipped between the last two readings of the clock.
     skipped: u32,
 }
 
 impl Watch {
-    /// Checks closer than this need not all look at the clock, which takes several times as long as a check.
+    /// Checks closer than this may skip the clock, whose reading takes several times as long as a check.
     const CLOSE: Duration = Duration::from_micros(20);
-    /// The most to skip. Where checks are close, more and more are skipped; one that is not, and all look again.
+    /// Most checks to skip. The number grows while checks are close, and is 0 after one that is not.
     const MOST: u32 = 15;
 
     fn sees_a_reason(&self) -> bool {
@@ -113,13 +112,13 @@ impl Watch {
     }
 }
 
-/// A number that only this thread has, as long as it lives: cheaper than its `ThreadId`.
+/// A number that identifies this thread while it lives; cheaper than its `ThreadId`.
 pub(crate) fn here() -> usize {
     thread_local!(static HERE: u8 = const { 0 });
     HERE.with(|here| std::ptr::from_ref(here).addr())
 }
 
-/// How often who waits for other threads looks whether to stop.
+/// How often a thread that waits for others checks for a stop.
 pub(crate) const WAIT: Duration = Duration::from_millis(20);
 
 /// Calls `work` once for every chunk, on up to `threads` threads; the first error wins and ends the others.
@@ -129,7 +128,7 @@ where
     I: Iterator<Item = T> + Send,
     F: Fn(T) -> Result<()> + Sync,
 {
-    let threads = threads.min(chunks.size_hint().1.unwrap_or(threads)); // one that finds no chunk is not worth its start
+    let threads = threads.min(chunks.size_hint().1.unwrap_or(threads)); // no thread without a chunk
     let queue = Mutex::new(chunks);
     let failed: Mutex<Option<Error>> = Mutex::new(None);
     let drain = || loop {
@@ -151,14 +150,14 @@ where
                 drain();
                 drop(working);
             };
-            // EAGAIN under a process limit is no reason to fail: this thread drains the queue below.
+            // EAGAIN under a process limit is no failure: this thread takes all chunks.
             if std::thread::Builder::new().spawn_scoped(scope, theirs).is_err() {
                 break;
             }
         }
         drain();
         drop(working);
-        // the others may be at it for long, and only this thread may be the one that looks
+        // the others may take long, and perhaps only this thread can see a reason to stop
         while done.recv_timeout(WAIT) == Err(RecvTimeoutError::Timeout) {
             stop.requested_after_a_wait();
         }
@@ -169,13 +168,13 @@ where
     }
 }
 
-/// Takes what only one of two threads may run: the new one, or the caller when no thread was to be had.
+/// Takes the work, which either the new thread runs or, if none could be started, the caller.
 fn take<F>(slot: &Mutex<Option<F>>) -> Option<F> {
     slot.lock().ok().and_then(|mut work| work.take())
 }
 
-/// Runs `work`, which cannot look at a stop flag, on a thread of its own; after a stop the caller leaves at once with
-/// [`Error::Interrupted`] and the thread ends by itself. `work` owns its data for that reason.
+/// Runs `work`, which cannot check for a stop, on its own thread. After a stop the caller returns
+/// [`Error::Interrupted`] at once, and the thread runs on until `work` ends; therefore `work` owns its data.
 pub(crate) fn detached<T, F>(name: &str, stop: &Stop, work: F) -> Result<T>
 where
     T: Send + 'static,
@@ -187,10 +186,10 @@ where
     let spawned = std::thread::Builder::new().name(name.into()).spawn(move || {
         let result = catch_unwind(AssertUnwindSafe(|| take(&theirs).map(|work| work())));
         let lost = || Some(Err(Error::Numerical("a solver panicked on this problem".into())));
-        send.send(result.unwrap_or_else(|_| lost())).ok() // nobody listens after a stop
+        send.send(result.unwrap_or_else(|_| lost())).ok() // no receiver after a stop
     });
     if spawned.is_err() {
-        // no thread to be had: do it here, and be deaf for as long as it takes
+        // no thread could be started: run it here; it cannot be interrupted
         return take(&slot).map_or_else(|| Err(Error::Interrupted), |work| work());
     }
     loop {
@@ -223,7 +222,7 @@ mod tests {
         }
     }
 
-    /// A look that counts itself, and says yes from the `n`-th time on.
+    /// A look that counts its calls, and returns true from the `n`-th on.
     fn nth_look(n: usize) -> (Arc<AtomicUsize>, impl Fn() -> bool) {
         let looks = Arc::new(AtomicUsize::new(0));
         (Arc::clone(&looks), move || looks.fetch_add(1, Ordering::Relaxed) + 1 >= n)
@@ -269,7 +268,7 @@ mod tests {
         assert!(mixed >= 40, "{mixed} looks in 50 ms");
     }
 
-    /// The thread that may look has nothing to do but to wait, here for one that only a stop can end.
+    /// The thread that looks only waits here, for another that ends only after a stop.
     #[test]
     fn who_waits_for_the_others_looks() {
         let stop = Stop::watching(WAIT, nth_look(1).1);

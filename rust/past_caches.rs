@@ -1,21 +1,21 @@
-//! Two ways of writing results to memory: as usual, or past the caches.
+//! Two ways to store results: through the caches as usual, or past them (non-temporal stores).
 //!
-//! A usual store first reads the line that it changes, and of a large result most lines have left the caches again before
-//! anybody reads them: half of the traffic is for nothing. Past the caches, what the stores are made of has to be asked
-//! for ahead of time: without that nothing was gained.
+//! A usual store first reads the cache line that it changes. Most lines of a large result leave the caches before they
+//! are read again, so half of that traffic is wasted. Stores past the caches are faster only if their inputs are
+//! prefetched (measured).
 
 #![allow(unsafe_code, reason = "these stores take pointers; every one stays inside an array it borrows")]
 
-/// From this many bytes on a result goes past the caches. Above, writing the result and then reading it once was faster
-/// that way, below it was slower.
+/// Results of at least this many bytes are stored past the caches: measured, writing and then reading once is faster
+/// from here on, and slower below.
 pub(crate) const LARGE: usize = 32 << 20;
 
-/// Where the numbers of a result go.
+/// A way to store results.
 pub(crate) trait Writer {
     /// `to = values`
     fn write<const K: usize>(&self, to: &mut [f64; K], values: [f64; K]);
 
-    /// `values[at]` will be read for what is written soon; any `at` will do.
+    /// Prefetches `values[at]`, which is read soon; any `at` is allowed.
     fn prefetch<T>(&self, values: &[T], at: usize);
 }
 
@@ -35,7 +35,7 @@ impl Writer for Through {
 #[cfg(target_arch = "x86_64")]
 pub(crate) use x86_64::past;
 
-/// Runs `work` with usual stores: other architectures have none that are known to be better.
+/// Runs `work` with usual stores: on other architectures nothing faster is known.
 #[cfg(not(target_arch = "x86_64"))]
 pub(crate) fn past(work: impl FnOnce(&Through)) {
     work(&Through);
@@ -50,12 +50,12 @@ mod x86_64 {
     use super::Writer;
     use crate::prefetch::prefetch;
 
-    /// Past the caches. Of one thread, and only inside [`past`].
+    /// Past the caches. Only on one thread, and only inside [`past`].
     pub(crate) struct Past(PhantomData<*const ()>);
 
-    /// Runs `work`, which writes past the caches; nothing that it has written may be read before it is over.
+    /// Runs `work`, which writes past the caches; what it writes may be read only after it has returned.
     pub(crate) fn past(work: impl FnOnce(&Past)) {
-        work(&Past(PhantomData)); // dropped, hence fenced, also after a panic
+        work(&Past(PhantomData)); // dropped, and so fenced, also after a panic
     }
 
     impl Writer for Past {
@@ -104,7 +104,7 @@ mod tests {
         out[offset..][..4 * K].to_vec()
     }
 
-    /// Of any length, at any multiple of eight bytes; nothing beside them is touched.
+    /// For any length and any alignment to eight bytes; neighbouring values do not change.
     #[test]
     fn past_the_caches_arrive_the_same_values() {
         for offset in 0..4 {

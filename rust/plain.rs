@@ -1,11 +1,11 @@
-//! Types that any bytes are values of.
+//! Types for which every bit pattern is a value.
 
 #![allow(unsafe_code, reason = "a promise that the compiler cannot check")]
 
-/// Types for which any bytes, zeros in particular, are a value.
+/// Types for which every bit pattern, zeros in particular, is a value.
 ///
 /// # Safety
-/// They are, and there is no padding between them.
+/// Every bit pattern must be a value, and there must be no padding.
 pub unsafe trait Plain: Copy + Default + Send + Sync + 'static {}
 // SAFETY: numbers.
 unsafe impl Plain for u8 {}

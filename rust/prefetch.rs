@@ -1,9 +1,8 @@
-//! Asking memory ahead of time for what a loop will read: more than the processor asks for by itself, or where it
-//! cannot know.
+//! Prefetching where the processor does not do it by itself, or not far enough ahead.
 
 #![allow(unsafe_code, reason = "a hint to the processor takes a pointer, and reads nothing")]
 
-/// `values[at]` will be read soon. A hint: any `at` will do, also beyond the end.
+/// Prefetches `values[at]`; a hint only, so `at` may be beyond the end.
 #[inline(always)]
 pub(crate) fn prefetch<T>(values: &[T], at: usize) {
     #[cfg(target_arch = "x86_64")]

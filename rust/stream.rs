@@ -1,4 +1,4 @@
-//! Random streams, version 1: the only place where generators are born.
+//! Random streams, version 1: the only place where generators are created.
 //!
 //! A 256-bit [`Key`] and a `(purpose, line)` pair name a ChaCha8 stream. Index draws come from chunks of [`CHUNK`] words;
 //! a chunk is produced by eight interleaved xoshiro256++ lanes whose states are read from that ChaCha8 stream at
@@ -14,7 +14,7 @@ use crate::lanes::LANES;
 /// Words (= draws) in a chunk of one line. Part of the stream's definition.
 pub const CHUNK: usize = 16_384;
 
-/// What a stream is used for; part of its identity, so that no two uses share words.
+/// Use of a stream; part of its identity, so that no two uses share words.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Purpose {
     /// Independent index draws.
@@ -69,7 +69,7 @@ impl Key {
         rng
     }
 
-    /// Fills `out` with the words that the first draws of `line` are made of, one each: what drawing costs at least.
+    /// Fills `out` with the first words of index draws of `line`, one per draw; for measuring the least cost of a draw.
     pub fn words(&self, line: usize, out: &mut [u64]) {
         for (chunk, out) in out.chunks_mut(CHUNK).enumerate() {
             self.lanes(line, chunk).fill(out);
@@ -81,7 +81,7 @@ impl Key {
         self.lanes_for(Purpose::Draws, line, chunk)
     }
 
-    /// The word generator of one chunk of `line`, for whatever draws one word at a time.
+    /// The word generator of one chunk of `line` for any purpose.
     pub(crate) fn lanes_for(&self, purpose: Purpose, line: usize, chunk: usize) -> Lanes {
         let mut rng = self.stream(purpose, line);
         rng.set_word_pos(chunk as u128 * (LANES * 8) as u128); // a ChaCha word has 4 bytes, a lane's state 32
@@ -206,7 +206,7 @@ mod tests {
         assert_eq!(first(Key([0; 32]), ""), [0xca, 0x9e, 0xd4, 0xfa, 0xff, 0x3d, 0xa6, 0x48]);
     }
 
-    /// The known first words of the stream of the zero key: a change here breaks every stored result.
+    /// The first words of the stream of the zero key: a change here changes all results for given keys.
     #[test]
     fn value_stability() {
         let mut rng = Key([0; 32]).stream(Purpose::Draws, 0);

@@ -1,7 +1,7 @@
-"""Is the installed wheel complete, and does it work? Run where there is no Rust.
+"""Check that the installed wheel is complete and works, in an environment without Rust.
 
-`python -I check_wheel.py FILE.whl [PLATFORM]`: the file it was installed from, and the beginning
-of the platform tag that its name must have.
+`python -I check_wheel.py FILE.whl [PLATFORM]`: the file it was installed from, and the prefix of
+the platform tag in its name.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import stochens_rs as se
 
 
 def main(wheel: str, platform: str = "") -> None:
-    """Fail at the first thing that is missing or does not work."""
+    """Fail at the first missing file or failed call."""
     tags = Path(wheel).stem.split("-")[-1].split(".")
     assert any(tag.startswith(platform) for tag in tags), f"{wheel}: not a {platform} wheel"
 

@@ -1,9 +1,9 @@
-"""Copy what a package is built from into a folder, with a README that can stand alone.
+"""Copy the sources of a package into a folder, with a README without relative links.
 
-A package index shows README.md without the repository around it, so that relative links lead
-nowhere. With the address of the repository's files they become absolute; without one, the images
-are left out, and of a link its text stays. Times are those of the copy: cargo takes a file for
-unchanged when it is older than the last build, in whatever folder that was.
+A package index shows README.md without the repository, so relative links do not work there. With
+the address of the repository's files they become absolute; without one, images are removed and
+links become their text. Copies get the current time, because cargo treats a file that is older
+than the last build, in any folder, as unchanged.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ RELATIVE = re.compile(r"(!?)\[([^\]]*)\]\((?![a-z]+:|#)([^)]*)\)")
 
 
 def standalone(readme: str, address: str = "") -> str:
-    """The README with absolute links (to `address`/path), or without those that are relative."""
+    """Return the README with absolute links (to `address`/path), or without relative links."""
     if address:
         return RELATIVE.sub(rf"\1[\2]({address.rstrip('/')}/\3)", readme)
     return RELATIVE.sub(lambda link: "" if link[1] else link[2], readme)
 
 
 def stage(folder: Path, address: str = "") -> None:
-    """Make `folder` anew: the packed files and the standalone README."""
+    """Replace `folder` by the packed files and the standalone README."""
     shutil.rmtree(folder, ignore_errors=True)
     for name in FOLDERS:
         built = shutil.ignore_patterns("__pycache__", "_core*.so", "_core*.pyd")

@@ -1,6 +1,6 @@
 """Write THIRD-PARTY-LICENSES: the licences of the crates that are linked into the extension.
 
-`--check` writes nothing and fails if the file is not what Cargo.lock asks for.
+`--check` writes nothing, and fails if the file does not match Cargo.lock.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 FILE = ROOT / "THIRD-PARTY-LICENSES"
 
-# One file for all of them, so that it can be checked on any of them.
+# One file for all platforms, so that it can be checked on each.
 TARGETS = [
     "x86_64-unknown-linux-gnu",
     "aarch64-unknown-linux-gnu",
@@ -55,7 +55,7 @@ OF OR IN CONNECTION WITH THE SOFTWARE OR THE USE OR OTHER DEALINGS IN THE SOFTWA
 
 
 def cargo(*command: str) -> str:
-    """Return what a cargo command prints for the crates of the extension as Cargo.lock has them."""
+    """Return the output of a cargo command for the extension, with the crates of Cargo.lock."""
     return subprocess.run(
         ["cargo", *command, "--locked", "--features=python"],
         cwd=ROOT,
@@ -78,7 +78,7 @@ def linked() -> list[dict]:
 
 
 def texts(package: dict) -> list[str]:
-    """The licence texts that a crate brings along, else the MIT licence if it names that one."""
+    """Return the licence texts in a crate, or else the MIT licence if the crate names it."""
     folder = Path(package["manifest_path"]).parent
     files = sorted(f for f in folder.rglob("*") if NOTICE.match(f.name) and f.is_file())
     licence = package["license"]
@@ -94,13 +94,13 @@ def texts(package: dict) -> list[str]:
 
 
 def render() -> str:
-    """Return the whole file: each text once, below the names of the crates that have it."""
+    """Return the file: each text once, below the names of its crates."""
     users: dict[str, list[str]] = {}
     for package in linked():
         name = f"{package['name']} {package['version']} ({package['license']})"
         for text in texts(package):
             users.setdefault(text, []).append(name)
-    # What the compiler and the linker add.
+    # added by the compiler and the linker
     for name, holder in (
         ("the Rust standard library (MIT OR Apache-2.0)", "The Rust Project Contributors"),
         ("the runtime of Zig, in wheels for Linux (MIT)", "Zig contributors"),
@@ -117,4 +117,4 @@ if __name__ == "__main__":
     if not parser.parse_args().check:
         FILE.write_text(text, "utf-8")
     elif not FILE.is_file() or FILE.read_text("utf-8") != text:
-        raise SystemExit(f"{FILE.name} is not that of Cargo.lock: call make licenses")
+        raise SystemExit(f"{FILE.name} does not match Cargo.lock: run make licenses")

@@ -1,4 +1,4 @@
-//! The controls `u^s = B^+ y^s` of all realizations, into memory that the caller brought.
+//! The controls `u^s = B^+ y^s` of all realizations, written into memory of the caller.
 //!
 //! A singleton `x0^s` picks one column of `A^s`, and that column has one nonzero (columns scheme): `y^s` then has at most
 //! two, and `u^s` is the sum of two scaled columns of `B^+`, `O(m)` per realization ([`super::singleton_rows`]).
@@ -12,21 +12,22 @@ use crate::memory::{checked_len, try_collect, try_zeros};
 use crate::parallel::{Stop, for_each_chunk};
 use crate::past_caches::LARGE;
 
-/// Realizations treated together.
+/// Realizations in one block of work.
 const BLOCK: usize = 256;
 
-/// Bytes of controls that go past the caches together, at least: every block waits until its stores have left.
+/// Least bytes of controls in a block that is stored past the caches: every block ends with a fence, which waits for
+/// its stores.
 const BYTES: usize = 1 << 16;
 
-/// Entries of `y` treated together in the general case: well within a second-level cache, and no new pages per block.
+/// Entries of `y` in one block of the general case: 64 KiB, well within a second-level cache.
 const ENTRIES: usize = 8192;
 
-/// What results are written to. The controls are the same; the way there is not.
+/// State of the memory for the results; it decides how they are stored, not their values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Memory {
-    /// Never written before: the system is about to clear its pages, in the cache, and the controls go there too.
+    /// Never written before: the system clears its pages through the cache, so the controls are stored there too.
     Fresh,
-    /// Used before: controls of singletons (of the columns) go past the caches if they are 32 MiB or more.
+    /// Written before: controls of singletons (drawn by columns) of 32 MiB or more are stored past the caches.
     Used,
 }
 
@@ -41,11 +42,11 @@ impl Realized<'_> {
         Ok(out)
     }
 
-    /// [`Self::controls`] into `out`, whose entries are overwritten; after an error it holds a part of them.
+    /// [`Self::controls`] into `out`, which is overwritten; after an error, a part of it is written.
     ///
     /// # Errors
     /// [`Error::Shape`] if `out` or `pinv` has another length, [`Error::Interrupted`] after a stop, [`Error::Overflow`]
-    /// if a control is no finite number.
+    /// if a control is not finite.
     pub fn controls_into(
         &self,
         pinv: &[f64],
@@ -66,7 +67,7 @@ impl Realized<'_> {
         let transposed: Vec<f64> = try_collect("the controls", (0..n * m).map(|k| pinv[(k % m) * n + k / m]))?;
         let picks = Picks::new(self, &transposed, m)?;
         let unbounded = picks.as_ref().is_none_or(|picks| !picks.bound().is_finite());
-        // a block that is looked at again had better stay in the cache
+        // stores past the caches only if no block is read again to look for infinities
         let large = memory == Memory::Used && !unbounded && size_of_val(out) >= LARGE;
         let rows = match picks {
             Some(_) => BLOCK.max(if large { BYTES / (8 * m) } else { 0 }),
@@ -78,7 +79,7 @@ impl Realized<'_> {
                 Some(picks) => picks.controls(first, out, large),
                 None => dense_rows::controls(self, first, &transposed, m, out, stop)?,
             }
-            // while the block is in the cache, and only where no bound on the factors excludes it
+            // while the block is in the cache; not needed if a bound on all entries is finite
             if unbounded && !all_finite(out) {
                 return Err(Error::Overflow { what: "a control" });
             }
@@ -87,7 +88,7 @@ impl Realized<'_> {
     }
 }
 
-/// Without a way out in the middle, so that it is compiled to vector instructions.
+/// Without an early return, so that the loop is vectorised.
 fn all_finite(values: &[f64]) -> bool {
     values.iter().fold(true, |finite, v| finite & (v.abs() <= f64::MAX))
 }

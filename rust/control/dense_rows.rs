@@ -9,7 +9,7 @@ use crate::memory::{room_for_products, try_zeros};
 use crate::parallel::Stop;
 use crate::prefetch::prefetch;
 
-/// Entries of `A` between two looks at the stop flag: well below a millisecond.
+/// Entries of `A` between two checks of the stop flag: well below a millisecond.
 const STEP: usize = 1 << 18;
 
 /// The controls of the realizations from `first` on, as many as `out` has rows for; `transposed` is `(B^+)^T`.
@@ -85,7 +85,7 @@ fn set_goal(realized: &Realized<'_>, s: usize, y: &mut [f64]) {
     }
 }
 
-/// The same from the contributions one by one, where there are few of them.
+/// The same, contribution by contribution, if there are few.
 fn few_differences(realized: &Realized<'_>, first: usize, y: &mut [f64], stop: &Stop) -> Result<()> {
     for (at, y) in y.chunks_exact_mut(realized.n).enumerate() {
         stop.check()?;
@@ -94,17 +94,17 @@ fn few_differences(realized: &Realized<'_>, first: usize, y: &mut [f64], stop: &
     Ok(())
 }
 
-/// How far ahead the entries of `A` are asked for: across the page in which the processor looks ahead by itself.
+/// Prefetch distance in entries of `A`: one page of 4 KiB, the limit of the hardware prefetcher.
 const AHEAD: usize = 512;
 
-/// Doubles that come together.
+/// Doubles in one cache line.
 const CACHE_LINE: usize = 8;
 
-/// The most to ask for at once, be it of a row or of a whole small matrix: asking for more was slower than not asking, since
-/// it stands in the way of the loads that are due.
+/// Most entries to prefetch for one row or small matrix: with more, the prefetches delayed the loads they should have
+/// helped (measured).
 const ASK: usize = 128;
 
-/// As many entries as these, further on, will be read soon.
+/// Prefetches as many entries as `values` has, `AHEAD` further on.
 #[inline(always)]
 fn prefetch_as_many(values: &[f64]) {
     if values.len() <= ASK {
@@ -112,8 +112,8 @@ fn prefetch_as_many(values: &[f64]) {
     }
 }
 
-/// `y -= A x`. Rows that are short are taken four at a time; of long ones that would read the memory in four places,
-/// which is slower.
+/// `y -= A x`. Short rows are taken four at a time; for long rows this was slower, because it reads memory in four
+/// places.
 #[inline(never)]
 fn subtract_product(a: &[f64], x: &[f64], y: &mut [f64]) {
     match x.len() {
@@ -132,8 +132,8 @@ fn subtract_product(a: &[f64], x: &[f64], y: &mut [f64]) {
     }
 }
 
-/// The same for rows of `4 (FOURS - 1) < n <= 4 FOURS` entries: whole fours, then the last four of the row, of which some
-/// may be among those already; there `x` counts as zero.
+/// The same for rows of `4 (FOURS - 1) < n <= 4 FOURS` entries: groups of four, then the last four of the row, which
+/// may overlap the groups; `x` counts as zero in the overlap.
 #[inline(always)]
 fn subtract_short<const FOURS: usize>(a: &[f64], x: &[f64], y: &mut [f64]) {
     prefetch_as_many(a);
@@ -167,7 +167,7 @@ fn short_dot<const FOURS: usize>(row: &[f64], x: &[[f64; 4]; FOURS]) -> f64 {
     (s[0] + s[1]) + (s[2] + s[3])
 }
 
-/// `<a, b>`, eight sums at a time: one sum alone would wait for every addition.
+/// `<a, b>` in eight independent sums, so that an addition does not wait for the one before.
 #[inline(always)]
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     let (a8, a_rest) = a.as_chunks::<8>();
@@ -190,8 +190,8 @@ mod tests {
     use super::*;
     use crate::Key;
 
-    /// Rows alone take the portable loop, four together that of wider registers where there are any: the same bits; and
-    /// with small integers, where no sum is rounded, the exact ones.
+    /// A single row takes the portable loop, four rows together that of wider registers where available: same bits.
+    /// With small integers, where no sum is rounded, both are exact.
     #[test]
     fn short_rows_give_the_same_bits_alone_and_together() {
         let mut lanes = Key([8; 32]).lanes(0, 0);

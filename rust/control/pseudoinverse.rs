@@ -7,7 +7,7 @@ use crate::error::{Error, Result, require_finite};
 use crate::fuse::power_of_two_scale;
 use crate::memory::{covered, room_for_products, try_zeros};
 
-/// `B^+` and what its singular values say.
+/// `B^+`, and the rank, condition and singular vectors of `B`.
 #[derive(Debug, Clone)]
 pub struct Pseudoinverse {
     /// `B^+`, row by row (`cols x rows` of `B`).
@@ -20,8 +20,8 @@ pub struct Pseudoinverse {
     pub condition: f64,
     /// An orthonormal basis of the range of `B`, vector by vector (`rank x rows`): the left singular vectors.
     pub basis: Vec<f64>,
-    /// The right singular vectors that belong to it (`rank x cols`): `B^+ y = sum_k right_k <basis_k, y> / sigma_k`, whose
-    /// product with `B` is accurate where that of `matrix` is off by rounding times the condition.
+    /// The right singular vectors in the same order (`rank x cols`): `B^+ y = sum_k right_k <basis_k, y> / sigma_k`.
+    /// `B` times this is accurate; with `matrix`, rounding is multiplied by the condition.
     pub right: Vec<f64>,
 }
 
@@ -34,7 +34,7 @@ pub struct Pseudoinverse {
 /// [`Error::Memory`].
 pub fn pseudoinverse(b: &[f64], rows: usize, cols: usize) -> Result<Pseudoinverse> {
     require_finite("B", b)?;
-    // copies of the matrix, of its factors and of the small one between them, and blocks of reflections
+    // copies of the matrix, its factors, the bidiagonal matrix, and blocks of reflections
     let (large, small) = (rows.max(cols) as u128, rows.min(cols) as u128);
     let bytes = 8 * (8 * (large + 64) * (small + 8) + 8 * (small + 8) * (small + 8)) + (1 << 16);
     room_for_products()?;
@@ -93,7 +93,7 @@ fn thin_svd(b: MatRef<'_, f64>) -> Result<Factors> {
         let svd = m.thin_svd().ok()?;
         let s: Vec<f64> = svd.S().column_vector().iter().copied().collect();
         let (u, v) = (svd.U().to_owned(), svd.V().to_owned());
-        // an SVD that lost the matrix is worse than none: ||B||_F^2 = sum sigma^2
+        // refuses a wrong SVD: ||B||_F^2 = sum sigma^2
         let squares: f64 = s.iter().map(|s| s * s).sum();
         let agrees = (squares - m.squared_norm_l2()).abs() <= 1e-10 * squares.max(f64::MIN_POSITIVE);
         agrees.then_some((u, s, v))

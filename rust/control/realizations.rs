@@ -1,4 +1,4 @@
-//! The paired realizations of a control problem, and what they say together: `y^s = xf^s - A^s x0^s`.
+//! The paired realizations of a control problem, and the mean of `y^s = xf^s - A^s x0^s`.
 
 use crate::error::{Error, Result};
 use crate::fuse::Dense;
@@ -6,7 +6,7 @@ use crate::memory::{checked_len, try_collect, try_zeros};
 use crate::parallel::Stop;
 use crate::sample::{Index, Singletons, with_indices};
 
-/// Realizations of a vector or a matrix, or one that is known exactly. Matrices: row by row in `Exact` and `Dense`.
+/// Realizations of a vector or a matrix, or its exact value. Matrices: row by row in `Exact` and `Dense`.
 #[derive(Debug, Clone)]
 pub enum Entity<'a> {
     /// The same for every realization.
@@ -17,13 +17,13 @@ pub enum Entity<'a> {
     Singletons {
         /// The realizations.
         draws: Singletons,
-        /// Whether the lines are the rows of the matrix.
+        /// Whether the lines are the rows of the matrix (otherwise the columns).
         rows: bool,
     },
 }
 
 impl Entity<'_> {
-    /// The number of realizations, if that is not arbitrary.
+    /// The number of realizations; none for an exact value.
     pub fn size(&self) -> Option<usize> {
         match self {
             Self::Exact(_) => None,
@@ -154,7 +154,7 @@ impl<'a> Realized<'a> {
         }
     }
 
-    /// `(1/N) sum_s y^s`, in one pass and without a dense realization; its rounding does not grow with `N`.
+    /// `(1/N) sum_s y^s`, in one pass and without a dense realization; its rounding error does not grow with `N`.
     ///
     /// # Errors
     /// [`Error::Interrupted`] after a stop.
@@ -166,7 +166,7 @@ impl<'a> Realized<'a> {
             if s % check_every == 0 {
                 stop.check()?;
             }
-            // Neumaier: what each sum loses is added up beside it
+            // Neumaier: the rounding error of each sum is added up beside it
             self.contributions(s, |i, v| {
                 let total = sum[i] + v;
                 lost[i] += if sum[i].abs() >= v.abs() { (sum[i] - total) + v } else { (v - total) + sum[i] };

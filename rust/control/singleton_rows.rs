@@ -1,7 +1,7 @@
 //! Controls of singletons: `u^s = Q[f] + w P[r]`, with `P` the columns of `B^+` and `Q` those scaled by the atoms of `xf`.
 //!
-//! One pass of additions: bound by how fast the indices of `A` come and `u` can be stored. (Collecting the factors of a
-//! block first was slower.)
+//! One pass of additions, limited by reading the indices of `A` and storing `u`. (Collecting the factors of a block
+//! first was slower.)
 
 use super::realizations::{Entity, Realized};
 use crate::error::Result;
@@ -9,13 +9,12 @@ use crate::memory::{try_copy, try_zeros};
 use crate::past_caches::{Through, Writer, past};
 use crate::sample::{Index, Indices};
 
-/// How many realizations ahead the index into `A^s` is asked for: the controls that are computed while one load comes from
-/// memory, with some to spare.
+/// Prefetch distance in realizations: the controls computed during one load from memory, with some margin.
 const AHEAD: usize = 64;
 
 const WHAT: &str = "the tables of the controls";
 
-/// What every control of singletons is made of.
+/// The tables that every control of singletons is computed from.
 pub(super) struct Picks<'a> {
     x0: &'a Indices,
     a: &'a Indices,
@@ -32,7 +31,7 @@ pub(super) struct Picks<'a> {
 }
 
 impl<'a> Picks<'a> {
-    /// None where `x0` or `A` has other realizations than singletons (of the columns), or `xf` is dense.
+    /// None if `x0` or `A` has realizations other than singletons (by columns), or `xf` is dense.
     pub(super) fn new(realized: &'a Realized<'_>, columns: &'a [f64], m: usize) -> Result<Option<Self>> {
         let (Entity::Singletons { draws: x0, rows: false }, Entity::Singletons { draws: a, rows: false }) =
             (&realized.x0, &realized.a)
@@ -41,7 +40,7 @@ impl<'a> Picks<'a> {
         };
         let (xf, goals) = match &realized.xf {
             Entity::Dense(_) => return Ok(None),
-            // any index will do: all rows are the same
+            // any index will do: all rows are equal
             Entity::Exact(goal) => {
                 let mut goals = try_zeros(WHAT, columns.len())?;
                 let (first, others) = goals.split_at_mut(m);
@@ -64,14 +63,14 @@ impl<'a> Picks<'a> {
         Ok(Some(Self { x0: x0.indices(), a: a.indices(), xf: xf.indices(), factors, goals, columns, n, m }))
     }
 
-    /// A bound on the entries of all controls: where it is finite, so are they.
+    /// A bound on the entries of all controls: if it is finite, all controls are.
     pub(super) fn bound(&self) -> f64 {
-        // f64::max would pass over NaN
+        // f64::max would ignore NaN
         let largest = |values: &[f64]| values.iter().fold(0.0_f64, |m, v| if v.abs() <= m { m } else { v.abs() });
         largest(&self.goals) + largest(&self.factors) * largest(self.columns)
     }
 
-    /// The controls of the realizations from `first` on, as many as `out` has rows for; `large` ones past the caches.
+    /// The controls of the realizations from `first` on, as many as `out` has rows; past the caches if `large`.
     pub(super) fn controls(&self, first: usize, out: &mut [f64], large: bool) {
         if large { past(|to| self.by_index(first, out, to)) } else { self.by_index(first, out, &Through) }
     }
@@ -99,7 +98,7 @@ impl<'a> Picks<'a> {
         by_width!(1 2 3 4 5 6 7 8 9 10 11 12 16);
     }
 
-    /// Which goal, which column of `B^+`, and by what to multiply it, for each `u`.
+    /// For each `u`: the goal, the column of `B^+`, and its factor.
     #[inline(always)]
     fn each<I: Index, U>(
         &self,
@@ -116,13 +115,13 @@ impl<'a> Picks<'a> {
                 to.prefetch(a, line.wrapping_add(AHEAD.wrapping_mul(n)).wrapping_add(next.get()));
             }
             let r = a[line.wrapping_add(i)].get();
-            // nothing wraps, for all indices are below n
+            // no overflow, because all indices are below n
             sum(u, xf[s].get(), r, self.factors[i.wrapping_mul(n).wrapping_add(r)]);
             line = line.wrapping_add(n);
         }
     }
 
-    /// The sums, with the number of inputs known to the compiler.
+    /// The sums, with the number of inputs known at compile time.
     fn sums<I: Index, const M: usize>(&self, indices: [&[I]; 3], out: &mut [f64], to: &impl Writer) {
         let (goals, columns) = (self.goals.as_chunks::<M>().0, self.columns.as_chunks::<M>().0);
         self.each(indices, out.as_chunks_mut::<M>().0.iter_mut(), to, |u, f, r, factor| {
@@ -131,7 +130,7 @@ impl<'a> Picks<'a> {
         });
     }
 
-    /// The same for any number.
+    /// The same for any number of inputs.
     fn wide_sums<I: Index>(&self, indices: [&[I]; 3], out: &mut [f64], to: &impl Writer) {
         let m = self.m;
         self.each(indices, out.chunks_exact_mut(m), to, |u, f, r, factor| {
@@ -162,7 +161,8 @@ mod tests {
     use super::*;
     use crate::{Key, Law, Scheme, Stop, sample};
 
-    /// Past the caches go the same controls, for every number of inputs, both widths of indices and any first realization.
+    /// Stores past the caches give the same controls, for any number of inputs, both index widths and any first
+    /// realization.
     #[test]
     fn large_controls_are_the_same() {
         let size = 3 * AHEAD;
@@ -178,7 +178,7 @@ mod tests {
                 let columns: Vec<f64> = (0..n * m).map(number).collect();
                 let picks = Picks::new(&realized, &columns, m).unwrap().unwrap();
                 for (first, count, shift) in [(0, size, 0), (5, size - 5, 1), (size - 7, 7, 0), (3, 1, 1)] {
-                    // one double further on is another place within a cache line
+                    // one double further on is another position within a cache line
                     let mut large = vec![f64::NAN; count * m + 1];
                     let mut usual = vec![f64::NAN; count * m];
                     picks.controls(first, &mut large[shift..][..count * m], true);

@@ -7,8 +7,8 @@ use super::pseudoinverse::pseudoinverse;
 use crate::error::Result;
 use crate::memory::{checked_len, room_for_products, try_collect, try_copy, try_zeros};
 
-/// `C_K^+ (xf - A^K x0)` with `C_K = [B, A B, ..., A^{K-1} B]`: the controls of the `steps` steps in its order,
-/// u(K-1), ..., u(0); and how far rounding may have moved them. The matrices are given row by row.
+/// `C_K^+ (xf - A^K x0)` with `C_K = [B, A B, ..., A^{K-1} B]`: the controls in the order of its blocks, u(K-1), ...,
+/// u(0); and a bound on their rounding error. The matrices are given row by row.
 ///
 /// Rounding: `K theta condition ||u||`, `theta = (2 max(n, m K) + 4) eps`, the backward error of the factors and of the
 /// powers of `A` (Wedin, BIT 13 (1973) 217-232).

@@ -1,14 +1,14 @@
 //! ALSE line by line: the corrected Lemma 4.4, for any target.
 //!
-//! Realizations of a line (a vector, or one column of a matrix with weights of its own) lie on the coordinate axes, so only
+//! A realization of a line (a vector, or one column of a matrix with its own weights) has one nonzero entry, so only
 //! the total weight `Y_k` of every component matters:
 //!
 //! `J = g^2 sum_{k seen} (Y_k - tau_k)^2 + sum_{k unseen} t_k^2`, `tau_k = sign(w_k) t_k / g`,
 //!
-//! and the minimiser is the Euclidean projection of `tau` (on the components seen) onto the simplex. With `t = w` it is a
-//! constant upward shift, `Y_k = |w_k| / g + delta / #seen`, where `delta` is the probability of what was not seen; the
-//! paper's `Y_k = |w_k|` is feasible in neither set. A total is split equally among the realizations that share it.
-//! The lines of a matrix decouple as soon as each has its own weights: `J` is the sum of theirs.
+//! and the minimiser is the Euclidean projection of `tau` (on the components seen) onto the simplex. For `t = w` this
+//! is a constant upward shift, `Y_k = |w_k| / g + delta / #seen`, with `delta` the probability of the components not
+//! seen. (The paper's `Y_k = |w_k|` is not feasible.) Realizations that hit the same component share its total equally.
+//! If each line of a matrix has its own weights, `J` is the sum over the lines, which are solved separately.
 
 use std::ops::Range;
 
@@ -100,7 +100,7 @@ pub(super) fn totals(law: &Law, counts: &[u64], target: &[f64], set: Weights) ->
 fn line_totals(g: f64, signs: &[f64], counts: &[u64], target: &[f64], set: Weights) -> Result<Vec<f64>> {
     let size: u64 = counts.iter().sum();
     if g == 0.0 {
-        // every realization is zero: any weights do, the uniform ones are the smallest
+        // every realization is zero: all weights are optimal, the uniform ones have the smallest norm
         return try_collect(WHAT, counts.iter().map(|&count| count as f64 / size.max(1) as f64));
     }
     let seen = try_collect(WHAT, (0..counts.len()).filter(|&k| counts[k] > 0))?;
@@ -134,7 +134,7 @@ pub struct Gap {
 }
 
 /// `max_v <f'(w), w - v>` over the vertices `v` of the weight set, `f'_i = 2 <E_i, sum w E - t>`; a sum over the lines,
-/// each of which has a vertex of its own.
+/// each with its own vertex.
 pub(super) fn gap(
     law: &Law,
     counts: &[u64],
@@ -167,7 +167,7 @@ pub(super) fn gap(
 /// # Errors
 /// [`crate::Error::Memory`].
 pub fn project_on_simplex(tau: &[f64]) -> Result<Vec<f64>> {
-    // a common shift changes nothing: with the largest at zero, no rounding of a large tau can swallow the 1
+    // a common shift changes nothing; with the largest entry at 0, rounding of a large tau cannot swallow the 1
     let largest = tau.iter().fold(f64::NEG_INFINITY, |m, t| m.max(*t));
     let mut y: Vec<f64> = try_collect(WHAT, tau.iter().map(|t| t - largest))?;
     project(&mut y)?;

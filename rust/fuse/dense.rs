@@ -26,7 +26,7 @@ impl<'a> Dense<'a> {
         Ok(Self { values, size, dim })
     }
 
-    /// [`Self::new`] without the pass over the entries, for a caller who has made it.
+    /// [`Self::new`] without the check for NaN and infinity, for a caller that has made it.
     ///
     /// # Errors
     /// [`Error::Shape`] if the length is not `size * dim` or one of them is zero.
@@ -34,7 +34,7 @@ impl<'a> Dense<'a> {
     pub(crate) fn of_finite(values: &'a [f64], size: usize, dim: usize) -> Result<Self> {
         let first = Self::new(values.get(..dim).unwrap_or_default(), 1, dim)?;
         if size == 0 || checked_len("the samples", size, dim)? != values.len() {
-            return Self::new(values, size, dim); // words the message
+            return Self::new(values, size, dim); // fails with the message
         }
         Ok(Self { values, size, ..first })
     }

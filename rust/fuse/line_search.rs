@@ -1,16 +1,16 @@
-//! The line search of SLSE, for whoever fuses one realization after the other: with inner products that are carried along
-//! ([`State`]), or summed from the entries ([`step_towards`]).
+//! The line search of SLSE: with inner products that are updated ([`State`]), or summed from the entries
+//! ([`step_towards`]).
 
-/// What a step leaves of `F`: `F <- u F + t X`, `t + u = 1`.
+/// The coefficients of a step, `F <- u F + t X`.
 #[derive(Clone, Copy)]
 pub(super) struct Move {
     pub(super) t: f64,
     pub(super) u: f64,
-    /// `t / u`, infinite for `u = 0`; not read off `u`, so that a step waits for one division only
+    /// `t / u`, infinite for `u = 0`; kept so that a step has one division only
     pub(super) ratio: (f64, f64),
 }
 
-/// Inner products of `F` and the target `E*`. None is a difference of large sums: each follows a recursion of its own.
+/// Inner products of `F` and the target `E*`. None is a difference of large sums: each has its own recursion.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct State {
     /// `||F||^2`
@@ -26,7 +26,7 @@ pub(crate) struct State {
 }
 
 impl State {
-    /// The best point of `[F, X]`, given `<F, X>`, `<E*, X>`, `<X, X>`; moves `ff`, `al` and `er` there.
+    /// The step to the best point of `[F, X]`, given `<F, X>`, `<E*, X>`, `<X, X>`; updates `ff`, `al` and `er`.
     #[inline(always)]
     pub(super) fn line_search(&mut self, fx: f64, ax: f64, xx: f64) -> Move {
         let num = ((ax - self.al) - fx).max(0.0); // <E* - F, X - F>
@@ -56,12 +56,13 @@ impl State {
     }
 }
 
-/// `t = clip(num / den, 0, 1)`, and 0 where there is nowhere to go.
+/// `t = clip(num / den, 0, 1)`, and 0 if `den` is not positive.
 pub(crate) fn clipped(num: f64, den: f64) -> f64 {
     if den > 0.0 { (num / den).clamp(0.0, 1.0) } else { 0.0 }
 }
 
-/// `t = clip(<E* - F, X - F> / ||X - F||^2, 0, 1)` and `F <- (1 - t) F + t X`. `unit` times a difference has a square.
+/// `t = clip(<E* - F, X - F> / ||X - F||^2, 0, 1)` and `F <- (1 - t) F + t X`. `unit` scales the differences so that
+/// their squares neither overflow nor vanish.
 #[inline(always)]
 pub(crate) fn step_towards(f: &mut [f64], x: impl Fn(usize) -> f64, target: &[f64], unit: f64) -> f64 {
     let (mut num, mut den) = (0.0, 0.0);

@@ -3,7 +3,7 @@
 //! Accumulated least squares (ALSE) minimises `||sum_i w_i E_i - E*||` over `w >= 0, sum w = 1` in the 2-norm (Frobenius
 //! for matrices): by a formula for singleton vectors, and for matrices whose columns have weights of their own
 //! ([`closed_form()`]), by a certified solver for everything else ([`alse()`]). Sequential least squares (SLSE) takes one line search per realization ([`slse()`]).
-//! The target `E*` is an argument everywhere: a nominal model or a held-out estimate, never a hidden truth.
+//! The target `E*` is always an argument: a nominal model or a held-out estimate.
 
 mod alse;
 mod closed_form;
@@ -31,7 +31,7 @@ pub(crate) use slse_tables::Apart;
 use crate::error::Result;
 use crate::sample::Law;
 
-/// The set the weights live in.
+/// The set of feasible weights.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Weights {
     /// `w >= 0`, `sum w = 1`.

@@ -1,4 +1,4 @@
-//! The error after the first `k` realizations, for a grid of `k`, in one pass over the indices.
+//! The errors after the first `k` realizations, for several `k`, in one pass over the indices.
 
 use super::closed_form::{Gap, estimate, gap, totals};
 use super::{Weights, distance, uniform};
@@ -9,7 +9,7 @@ use crate::sample::Singletons;
 
 const WHAT: &str = "a path";
 
-/// What a fusion is worth after the first `k` realizations, for increasing `k`.
+/// Results of a fusion after the first `k` realizations, for increasing `k`.
 #[derive(Debug, Clone, Default)]
 pub struct Path {
     /// `||estimate - target||`.

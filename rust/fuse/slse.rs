@@ -1,11 +1,11 @@
 //! SLSE for singleton realizations: one exact line search per realization, in `O(lines)`.
 //!
-//! `t = clip(<E* - F, E - F> / ||E - F||^2, 0, 1)`, `F <- (1 - t) F + t E`, from `F = E_1` (math: Lemma 4.5, with the
-//! recursion on the fused `F`). The *safeguarded* variant follows every step with one more line search, from `F` towards
-//! the running mean `U`; that makes the printed inequality SLSE <= uniform true for every sample path.
+//! `t = clip(<E* - F, E - F> / ||E - F||^2, 0, 1)`, `F <- (1 - t) F + t E`, from `F = E_1` (Lemma 4.5 with the
+//! recursion on the fused `F`). The *safeguarded* variant follows every step with one more line search, from `F`
+//! towards the running mean `U`; with it, the printed inequality SLSE <= uniform holds for every sample path.
 //!
-//! One chain of steps is one thread's work, since each step starts where the last one ended; independent ensembles, as
-//! replicates of an experiment, are what [`slse_each`] spreads over threads.
+//! Each step starts where the last one ended, so one ensemble takes one thread; [`slse_each`] spreads independent
+//! ensembles, such as the replicates of an experiment, over threads.
 
 use super::slse_run::Run;
 use super::slse_tables::{Apart, Beside, Tables, WHAT};
@@ -15,19 +15,19 @@ use crate::memory::{try_collect, try_extend, try_push, try_room, try_zeros};
 use crate::parallel::{Stop, for_each_chunk};
 use crate::sample::{Singletons, with_indices};
 
-/// Bytes of a first-level data cache that may be counted on: what the tables are laid out for.
+/// Bytes of a first-level data cache that processors have at least; it decides the layout of the tables.
 const CACHE: usize = 32 << 10;
 
-/// What a sequential fusion leaves behind.
+/// The result of a sequential fusion.
 #[derive(Debug, Clone, Default)]
 pub struct Sequential {
     /// One weight per realization; they add up to one.
     pub weights: Vec<f64>,
     /// `F = sum_i w_i E_i` after the last realization.
     pub estimate: Vec<f64>,
-    /// `||F - E*||` after the first `k` realizations, for each `k` asked for.
+    /// `||F - E*||` after the first `k` realizations, for each `k` in `sizes`.
     pub errors: Vec<f64>,
-    /// The estimates at the same places, one after the other, when asked for.
+    /// The estimates at the same `k`, one after the other, if requested.
     pub estimates: Vec<f64>,
 }
 
@@ -50,7 +50,7 @@ pub fn slse(
 
 /// [`slse`] of independent ensembles towards their targets, on up to `threads` threads.
 ///
-/// Every result is that of [`slse`] alone, bit for bit, for any number of threads.
+/// Every result is that of [`slse`], bit for bit, for any number of threads.
 ///
 /// # Errors
 /// As for [`slse`]; the first error ends the others.
@@ -83,13 +83,14 @@ impl Ask<'_> {
     fn answer<T: Tables>(&self, stop: &Stop) -> Result<Sequential> {
         let law = self.draws.law();
         let (lines, length) = (law.lines(), law.length());
-        // What no realization can change stays out of every inner product: a large part there would drown the rest.
+        // Entries of the target that no realization can change are left out of the inner products: large ones would
+        // cover the others.
         let off = norm(self.entries().filter(|(v, t)| *v == 0.0 && *t != 0.0).map(|(_, t)| t));
         let scale = power_of_two_scale(&[largest(law.gamma(), law.gamma()), largest(self.target, law.values())]);
         let unit = 1.0 / scale; // exact, as the products with it are: powers of two
         let gamma: Vec<f64> = try_collect(WHAT, law.gamma().iter().map(|g| g * unit))?;
         let mut run: Run<T> = Run::new(gamma, length, self.safeguard, self.signed(unit))?;
-        // signs and units again
+        // back to the law's signs and units
         let report = |run: &Run<T>, to: &mut Vec<f64>| -> Result<()> {
             for (j, values) in law.values().chunks_exact(length).enumerate() {
                 let signed = |(f, v): (f64, &f64)| if *v == 0.0 { 0.0 } else { 1.0_f64.copysign(*v) * f * scale };
@@ -105,7 +106,7 @@ impl Ask<'_> {
         let mut wanted = self.sizes.iter().copied().peekable();
         let mut done = 0;
         with_indices!(&**self.draws.indices(), indices => while done < size {
-            // up to the next place where something else than a step is due
+            // up to the next position with something else to do than a step
             let due = |every: usize| done - done % every + every;
             let next = due(refresh_every).min(due(check_every)).min(size);
             let next = wanted.peek().map_or(next, |&k| next.min(k.max(done + 1)));
@@ -140,7 +141,8 @@ impl Ask<'_> {
     }
 }
 
-/// `max |v_k|` over the entries with `support_k != 0`, eight at a time: one maximum would wait for every other.
+/// `max |v_k|` over the entries with `support_k != 0`, as eight independent maxima, so that none waits for the one
+/// before.
 fn largest(values: &[f64], support: &[f64]) -> f64 {
     let larger = |most: f64, v: f64, s: f64| {
         let v = if s == 0.0 { 0.0 } else { v.abs() };
@@ -193,7 +195,7 @@ mod tests {
         slse(&draws, w, safeguard, &[size], false, &Stop::new()).unwrap()
     }
 
-    /// The exact rationals that refute SLSE <= uniform path by path.
+    /// The exact counterexamples to SLSE <= uniform for every sample path.
     #[test]
     fn exact_cases() {
         let squared = |s: Sequential| s.errors[0] * s.errors[0];
@@ -202,7 +204,7 @@ mod tests {
         // A = [[1, 1], [2, 2]], columns (1, 2) and (1, 2); realizations (1,1), (0,1), (1,0)
         let matrix = [1.0, 2.0, 1.0, 2.0];
         assert!((squared(run(&matrix, 2, 2, &[1, 1, 0, 1, 1, 0], false)) - 0.2).abs() < 1e-14);
-        // uniform weights are exact on both: the safeguard finds that
+        // uniform weights are exact on both: the safeguard reaches zero error
         assert!(run(&[2.0, 1.0, 1.0], 1, 3, &[0, 0, 1, 2], true).errors[0] < 1e-15);
     }
 
@@ -219,7 +221,7 @@ mod tests {
         }
     }
 
-    /// A sum that carries its rounding errors along (Neumaier).
+    /// A compensated sum (Neumaier).
     fn compensated(terms: impl Iterator<Item = f64>) -> f64 {
         let (mut sum, mut lost) = (0.0_f64, 0.0);
         for term in terms {
@@ -240,7 +242,7 @@ mod tests {
             let w: Vec<f64> = (0..lines * length).map(entry).collect();
             let law = Arc::new(Law::new(w.clone(), lines, length).unwrap());
             let draws = sample(&law, size, Scheme::Iid, &Key([6; 32]), 1, &Stop::new()).unwrap();
-            // a target that no finite fusion meets, so that the error stays well above rounding
+            // a target that no fusion reaches, so that the error stays well above rounding
             let target: Vec<f64> = w.iter().enumerate().map(|(k, w)| w * (1.0 + 1e-3 * (k % 7) as f64)).collect();
             for safeguard in [false, true] {
                 let fit = slse(&draws, &target, safeguard, &[size / 2, size], false, &Stop::new()).unwrap();
@@ -262,7 +264,7 @@ mod tests {
         }
     }
 
-    /// Small tables lie apart, large ones beside each other: the same steps, bit for bit.
+    /// Both layouts of the tables give the same steps, bit for bit.
     #[test]
     fn the_layout_of_the_tables_changes_nothing() {
         let w: Vec<f64> = (1..=35).map(|i| f64::from(i % 9 - 4)).collect();
@@ -278,7 +280,7 @@ mod tests {
         }
     }
 
-    /// `F = E` whenever all realizations are equal: every step but the first is zero, not a matter of rounding.
+    /// `F = E` if all realizations are equal: every step but the first is exactly zero.
     #[test]
     fn equal_realizations_take_no_step() {
         let mut w = vec![0.0; 49];

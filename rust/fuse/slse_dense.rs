@@ -1,4 +1,4 @@
-//! SLSE for dense realizations: the same two line searches, with inner products summed anew at every step.
+//! SLSE for dense realizations: the same line searches, with inner products summed at every step.
 
 use super::line_search::step_towards;
 use super::slse::{Sequential, steps_to_weights};

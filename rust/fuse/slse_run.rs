@@ -23,13 +23,13 @@ pub(crate) struct Run<T> {
     pub(crate) tables: T,
     pub(crate) c: f64,
     pub(crate) b: f64,
-    /// hits so far, with the safeguard only
+    /// Hits so far, with the safeguard only.
     pub(crate) hits: Vec<f64>,
     pub(crate) state: State,
 }
 
 impl<T: Tables> Run<T> {
-    /// Before the first realization; `target` yields `sign_k t_k`. `er` is known after a [`Self::refresh`] only.
+    /// Before the first realization; `target` yields `sign_k t_k`. `er` is set by [`Self::refresh`] only.
     pub(crate) fn new(
         gamma: Vec<f64>,
         length: usize,
@@ -45,7 +45,8 @@ impl<T: Tables> Run<T> {
         Ok(Self { length, gamma, inverse, g2, gg, tables, c: 1.0, b: 0.0, hits, state: State::default() })
     }
 
-    /// The realizations of `block`, `before` of which have gone before; their steps `t` and, with the safeguard, `s`.
+    /// Fuses the realizations of `block`, after `before` earlier ones; writes their steps `t` and, with the safeguard,
+    /// `s`.
     pub(crate) fn advance<I: Index>(&mut self, block: &[I], before: usize, steps: &mut [f64], safeguards: &mut [f64]) {
         let samples = Sample::all(block, self.gamma.len(), self.length);
         if self.hits.is_empty() {
@@ -57,7 +58,7 @@ impl<T: Tables> Run<T> {
         }
     }
 
-    /// One line search each; `b = 0` and there is no `S`.
+    /// One line search per realization; `b = 0` and there is no `S`.
     fn plain_steps<'s, I: Index>(
         &mut self,
         mut samples: impl Iterator<Item = Sample<'s, I>>,
@@ -65,7 +66,7 @@ impl<T: Tables> Run<T> {
         mut first: bool,
     ) {
         let Some(mut sample) = samples.next() else { return };
-        // in registers: what stays in `self` would be stored and loaded again within each step
+        // local copies in registers: fields of `self` would be stored and loaded again in each step
         let (mut state, mut c, gg) = (self.state, self.c, self.gg);
         let (mut h_sum, mut ae) = self.tables.gather(sample);
         for step in steps {
@@ -135,7 +136,7 @@ impl<T: Tables> Run<T> {
         (t, s)
     }
 
-    /// Nothing of the old `h` is left: it starts again.
+    /// Resets `h`, of which nothing is left in the new `F`.
     #[cold]
     fn forget(&mut self) {
         (0..self.tables.len()).for_each(|k| *self.tables.h_mut(k) = 0.0);
@@ -186,9 +187,9 @@ impl<T: Tables> Run<T> {
         state
     }
 
-    /// `||E* - F||` for the `t_k sign_k` of the target, summed from the entries of `F` as they are reported.
+    /// `||E* - F||` for the `t_k sign_k` of the target, summed from the entries of `F` that are reported.
     pub(super) fn error(&self, mut target: impl Iterator<Item = f64>) -> f64 {
-        // four sums: one alone would wait for every addition
+        // four independent sums, so that an addition does not wait for the one before
         let mut sums = [0.0; 4];
         for j in 0..self.gamma.len() {
             for (k, (f, t)) in self.line(j).zip(&mut target).enumerate() {
@@ -220,8 +221,8 @@ mod tests {
     use super::super::slse_tables::Beside;
     use super::*;
 
-    /// The same `F`, stored with a tiny `c`, takes the same steps: also across the refresh that this asks for, whether
-    /// the next realization is at hand or not.
+    /// The same `F`, stored with a tiny `c`, takes the same steps, also across the refresh that follows, and whether or
+    /// not the next realization is known in advance.
     #[test]
     fn a_tiny_scale_is_folded_into_the_table_in_time() {
         /// The steps, with a `c` just above the limit after ten of them; the others halve it.

@@ -1,10 +1,10 @@
-//! One realization as positions in a table, and sums over them.
+//! One realization as positions in a table, and sums over these positions.
 
 use crate::sample::Index;
 
 /// One realization in tables of lines with `length` entries: it hits the positions `j length + R_j`.
 ///
-/// Only [`Sample::all`] makes one, after it has seen that every `R_j` is below `length`.
+/// Only [`Sample::all`] makes one, after it has checked that every `R_j` is below `length`.
 #[derive(Clone, Copy)]
 pub(crate) struct Sample<'a, I> {
     indices: &'a [I],
@@ -19,13 +19,13 @@ impl<'a, I: Index> Sample<'a, I> {
         block.chunks_exact(lines).map(move |indices| Self { indices, length })
     }
 
-    /// `lines length`: above all positions, and no overflow on the way there.
+    /// `lines length`: above all positions; computing it does not overflow.
     #[inline(always)]
     pub(super) fn reach(self) -> usize {
         self.indices.len() * self.length
     }
 
-    /// The positions, line by line; all are below [`Self::reach`], which is why nothing wraps.
+    /// The positions, line by line; all are below [`Self::reach`], so nothing overflows.
     #[inline(always)]
     pub(super) fn positions(self) -> impl Iterator<Item = usize> {
         let mut base = 0_usize;
@@ -36,7 +36,7 @@ impl<'a, I: Index> Sample<'a, I> {
         })
     }
 
-    /// Sums of a pair over the positions, four lines at a time: one sum would wait for every addition.
+    /// Sums of a pair over the positions, four lines at a time, so that an addition does not wait for the one before.
     #[inline(always)]
     pub(super) fn sums(self, pair: impl Fn(usize) -> (f64, f64)) -> (f64, f64) {
         let (mut x, mut y) = ([0.0; 4], [0.0; 4]);
@@ -59,8 +59,8 @@ impl<'a, I: Index> Sample<'a, I> {
         ((x[0] + x[1]) + (x[2] + x[3]), (y[0] + y[1]) + (y[2] + y[3]))
     }
 
-    /// `add` at the positions of this realization, and [`Self::sums`] of the next, which has as many lines: four lines of
-    /// the one, then four of the other, so that a line has its new values before it is read. All positions are below
+    /// `add` at the positions of this realization, and [`Self::sums`] of the next, which has as many lines. Both take
+    /// the same four lines in turn, so that a line has its new values before it is read. All positions are below
     /// [`Self::reach`].
     #[inline(always)]
     pub(super) fn add_and_sum<T: ?Sized>(

@@ -1,7 +1,7 @@
-//! The two numbers a step of SLSE needs of every entry it hits: `h_k` and `g a_k` (see [`super::slse_run`]).
+//! The two numbers of every entry that a step of SLSE reads: `h_k` and `g a_k` (see [`super::slse_run`]).
 //!
-//! Apart while both tables fit into a first-level cache, where one load each is cheapest; beside each other when they do
-//! not, so that one cache line brings both.
+//! Two tables while both fit into a first-level cache, where two loads are cheapest; otherwise one table of pairs, so
+//! that one cache line has both.
 
 #![allow(unsafe_code, reason = "a bounds check per entry costs a fourth of a step; indices are checked block by block")]
 
@@ -21,7 +21,7 @@ pub(crate) trait Tables: Sized {
     /// `h_k` from one entry up to another.
     fn h(&self, from: usize, to: usize) -> impl Iterator<Item = f64>;
 
-    /// How many entries there are.
+    /// Number of entries.
     fn len(&self) -> usize;
 
     /// `(h_k, g a_k)`
@@ -41,7 +41,7 @@ pub(crate) trait Tables: Sized {
         sample.sums(|k| unsafe { view.get(k) })
     }
 
-    /// Adds `step g_j^2` to `h` where the realization is.
+    /// Adds `step g_j^2` to `h` at the entries that the realization hits.
     #[inline(always)]
     fn scatter<I: Index>(&mut self, sample: Sample<'_, I>, g2: &[f64], step: f64) {
         let mut view = self.view(sample.reach());
@@ -49,7 +49,7 @@ pub(crate) trait Tables: Sized {
         sample.positions().zip(g2).for_each(|(k, g2)| unsafe { view.add(k, step * g2) });
     }
 
-    /// [`Self::scatter`] of one realization, then [`Self::gather`] of the next, in one pass: the loads of the second need
+    /// [`Self::scatter`] of one realization, then [`Self::gather`] of the next, in one pass: the loads of the second do
     /// not wait for the last store of the first.
     #[inline(always)]
     fn scatter_and_gather<I: Index>(
@@ -152,14 +152,14 @@ impl Tables for Apart {
     }
 }
 
-/// One table of pairs, in large pages where there are any: steps go all over it.
+/// One table of pairs, in large pages if available, because steps read it at random.
 pub(super) struct Beside(Buffer<[f64; 2]>);
 
 impl Tables for Beside {
     fn new(length: usize, gamma: &[f64], mut a: impl Iterator<Item = f64>) -> Result<Self> {
         let mut pairs = Buffer::unset(WHAT, gamma.len() * length)?;
         for (line, g) in pairs.chunks_exact_mut(length).zip(gamma) {
-            // every pair gets a value, also if there are too few targets
+            // every pair gets a value, even if there are too few targets
             line.iter_mut().for_each(|pair| *pair = [0.0, g * a.next().unwrap_or(0.0)]);
         }
         Ok(Self(pairs))
@@ -191,7 +191,7 @@ impl Tables for Beside {
 mod tests {
     use super::*;
 
-    /// One pass gives the bits of two, for every rest of lines, and where both realizations hit the same entries.
+    /// One pass gives the bits of two, for any number of lines modulo 4, and if both realizations hit the same entries.
     #[test]
     fn one_pass_gives_the_bits_of_two() {
         fn compare<T: Tables>(lines: usize) {

@@ -1,7 +1,5 @@
-//! An allocator that counts, and that fails when told to: no call may end the process because an array could not be had.
-//!
-//! As SQLite is tested: the k-th allocation fails, for k = 1, 2, 3, ..., until the call succeeds. A failure that is not
-//! handled aborts, so every ladder is climbed in a process of its own.
+//! Failing allocations must not abort. The k-th allocation fails, for k = 1, 2, 3, ..., until the call succeeds (as in
+//! the tests of SQLite). A failure that is not handled aborts, so each call runs in its own process.
 
 #![allow(unsafe_code, reason = "an allocator is unsafe by its trait; this one hands everything to the system's")]
 
@@ -21,8 +19,8 @@ use crate::storage::{self, Section, Values};
 use crate::streaming::{Config, Data, Geometry, Laws, Limits, Order, Rule, Stream, Variant};
 use crate::{Key, Law, Scheme, Singletons, Stop, sample};
 
-/// Bytes of the smallest allocation that fails. The arrays of the ladder are larger, and what does not grow with the
-/// input (messages, names, channels and handles of threads) is smaller.
+/// Smallest allocation that can fail, in bytes. The tested arrays are larger; everything of bounded size (messages,
+/// names, channels and handles of threads) is smaller.
 const SMALLEST: usize = 1000;
 
 struct Failing;
@@ -37,7 +35,7 @@ static LAST: AtomicUsize = AtomicUsize::new(0);
 
 thread_local! {
     static BYTES: Cell<usize> = const { Cell::new(0) };
-    /// inside of [`covered`]: what is held more than at its beginning, and the most that was
+    /// inside of [`covered`]: bytes held now, and at most, above those at its beginning
     static HELD: Cell<isize> = const { Cell::new(0) };
     static PEAK: Cell<isize> = const { Cell::new(0) };
     static COVERED: Cell<bool> = const { Cell::new(false) };
@@ -101,8 +99,7 @@ fn the_count_counts() {
     assert_eq!((bytes.len(), asked), (1000, 1000));
 }
 
-/// While it lives, allocations of this thread do not fail; it ends with a panic if they were more than foreseen, in
-/// whatever test that happens.
+/// While it lives, allocations of this thread do not fail; when it ends, it panics if they were larger than foreseen.
 pub(super) struct Cover(usize);
 
 impl Cover {
@@ -448,9 +445,9 @@ fn ladder() {
                 result.unwrap();
                 break;
             }
-            // a solver goes on without a factor it has no memory for
+            // a solver continues without a factor that does not fit
             assert!(matches!(result, Ok(()) | Err(Error::Memory { .. })), "{name}, {at}: {result:?}");
-            // every one of the first, then ever fewer: solvers allocate in loops
+            // each of the first, then ever fewer: solvers allocate in loops
             at += 1 + at / 20;
         }
     }

@@ -33,8 +33,8 @@ pub(super) fn pseudoinverse<'py>(
     ))
 }
 
-/// `B^+ (xf^s - A^s x0^s)` for every realization, given `B^+` (m, n), into `out` (size, m); `fresh` says that it was
-/// never written before.
+/// `B^+ (xf^s - A^s x0^s)` for every realization, given `B^+` (m, n), into `out` (size, m); `fresh`: it has never been
+/// written.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "three entities and what belongs to them")]
 pub(super) fn realization_controls<'py>(
@@ -52,7 +52,7 @@ pub(super) fn realization_controls<'py>(
     let values = slice("pinv", &pinv)?;
     let realized = Realized::new(x0.entity("x0", false)?, xf.entity("xf", false)?, a.entity("A", rows)?, n)?;
     let cost = realized.size() as f64 * ((m * n) as f64 + realized.cost());
-    let taken = |_| InputError::new_err("`out` is in use by another call: every thread needs an array of its own");
+    let taken = |_| InputError::new_err("`out` is in use by another call: every thread needs its own array");
     let mut out = out.try_readwrite().map_err(taken)?;
     let out = out.as_slice_mut().map_err(|_| ShapeError::new_err("`out` must be C-contiguous"))?;
     let memory = if fresh { control::Memory::Fresh } else { control::Memory::Used };

@@ -59,7 +59,7 @@ pub(super) fn target<'a>(array: &'a PyReadonlyArray2<'_, f64>, len: usize) -> Py
     Ok(values)
 }
 
-/// Growing prefix sizes between 1 and `max`.
+/// Strictly increasing prefix sizes between 1 and `max`.
 pub(super) fn sizes(sizes: &Bound<'_, PyList>, max: usize) -> PyResult<Vec<usize>> {
     let mut given = try_room("the sizes", sizes.len())?;
     for size in sizes {

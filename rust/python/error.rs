@@ -19,10 +19,10 @@ import_exception!(stochens_rs.exceptions, StateIOError);
 import_exception!(stochens_rs.exceptions, StateLockedError);
 import_exception!(stochens_rs.exceptions, StateNotFoundError);
 
-/// What `OSError` is given if the system gave no number: "invalid argument", the same everywhere.
+/// Errno for an `OSError` of which the system gave no number: "invalid argument" on every platform.
 const EINVAL: i32 = 22;
 
-/// "Try again", the number of `BlockingIOError`.
+/// Errno of `BlockingIOError`, "try again".
 const EAGAIN: i32 = if cfg!(any(target_os = "linux", target_os = "android", windows)) { 11 } else { 35 };
 
 impl From<Error> for PyErr {
@@ -36,7 +36,7 @@ impl From<Error> for PyErr {
             Error::Numerical(_) => SolverError::new_err(message),
             Error::State { .. } => StateError::new_err(message),
             Error::Locked { path } => {
-                StateLockedError::new_err((EAGAIN, "another writer is at work on this state", path.into_os_string()))
+                StateLockedError::new_err((EAGAIN, "another writer has locked this state", path.into_os_string()))
             }
             Error::Os { action, path, code, reason } => {
                 // On Windows `code` is a Windows error, the fourth argument there and ignored elsewhere.
@@ -52,7 +52,7 @@ impl From<Error> for PyErr {
     }
 }
 
-/// A panic's message as an [`InternalError`]: users of `except Exception` must not miss it.
+/// A panic as an [`InternalError`], a subclass of `Exception`, so that `except Exception` catches it.
 pub(super) fn from_panic(payload: &(dyn std::any::Any + Send)) -> PyErr {
     let text = payload
         .downcast_ref::<&str>()

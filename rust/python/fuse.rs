@@ -22,7 +22,7 @@ fn set(subsimplex: bool) -> Weights {
     if subsimplex { Weights::Subsimplex } else { Weights::Simplex }
 }
 
-/// What a caller of the solver may set, as Python hands it over: `(subsimplex, tol, time_limit, max_passes, threads)`.
+/// Arguments of the solver as Python passes them: `(subsimplex, tol, time_limit, max_passes, threads)`.
 type Wishes = (bool, f64, Option<f64>, Option<usize>, usize);
 
 fn settings((subsimplex, tol, time_limit, max_passes, threads): Wishes) -> Settings {
@@ -30,7 +30,7 @@ fn settings((subsimplex, tol, time_limit, max_passes, threads): Wishes) -> Setti
     Settings { set: set(subsimplex), tol, time_limit, max_passes, threads }
 }
 
-/// The result of work that may have been ended by Ctrl-C: it must say so itself, or the exception goes its way.
+/// Returns the result after Ctrl-C if its status is "interrupted", otherwise raises the exception.
 fn told<T>((result, signal): (T, Option<PyErr>), says_so: impl Fn(&T) -> bool) -> PyResult<T> {
     match signal {
         Some(signal) if !says_so(&result) => Err(signal),

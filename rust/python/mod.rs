@@ -1,6 +1,6 @@
 //! The extension module `stochens_rs._core`.
 //!
-//! It converts arrays, releases the interpreter, looks for signals and maps errors; it computes nothing. Shapes are those
+//! It converts arrays, releases the interpreter, handles signals and maps errors; it computes nothing. Shapes are those
 //! of the core: a law's arrays are `(lines, length)`, and the package turns columns or rows of a matrix into lines.
 
 mod control;

@@ -21,7 +21,8 @@ pub(super) fn dense<'a>(array: &'a PyReadonlyArray2<'_, f64>) -> PyResult<Dense<
     Ok(Dense::new(slice("samples", array)?, size, dim)?)
 }
 
-/// [`dense`] without looking for NaN and infinity: the gate has, and controls are bound by reading the entries once.
+/// [`dense`] without a check for NaN and infinity, which `_base/gate.py` has made: reading the entries is most of the
+/// time here.
 fn finite_dense<'a>(array: &'a PyReadonlyArray2<'_, f64>) -> PyResult<Dense<'a>> {
     let (size, dim) = array.as_array().dim();
     Ok(Dense::of_finite(slice("samples", array)?, size, dim)?)
@@ -36,7 +37,7 @@ pub(super) enum EntityArgument<'py> {
 }
 
 impl EntityArgument<'_> {
-    /// The entity as the core takes it; `rows` says how a matrix's draws are laid out.
+    /// The entity for the core; `rows`: the lines of a matrix's draws are its rows.
     pub(super) fn entity(&self, name: &str, rows: bool) -> PyResult<Entity<'_>> {
         Ok(match self {
             Self::Draws(draws) => Entity::Singletons { draws: draws.inner.clone(), rows },

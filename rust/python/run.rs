@@ -1,4 +1,4 @@
-//! One door for all work: the interpreter is released, Ctrl-C is seen, a panic becomes an exception.
+//! All calls of the core: the interpreter lock is released, Ctrl-C is handled, a panic becomes an exception.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -11,10 +11,10 @@ use super::error::from_panic;
 use crate::parallel::detached;
 use crate::{Result, Stop};
 
-/// Elementary operations (about a nanosecond each) below which a call simply runs: looking for signals would cost more.
+/// Elementary operations (about a nanosecond each, so 10 ms) up to which a call does not check for signals.
 const SHORT: f64 = 1e7;
 
-/// Elementary operations above which work that cannot be stopped takes longer than an interrupt may.
+/// Elementary operations (0.1 s) from which work that cannot be stopped runs on its own thread.
 const LONG: f64 = 1e8;
 
 /// How often a long call looks for signals.
@@ -22,8 +22,8 @@ const POLL: Duration = Duration::from_millis(50);
 
 /// Runs `work` without the interpreter lock; `cost` is its rough number of elementary operations.
 ///
-/// The loops of the core check for a stop every few milliseconds; in long work these checks ask Python for signals as
-/// well, now and then. After Ctrl-C the work ends.
+/// The loops of the core check for a stop every few milliseconds; in long work, these checks also ask Python for
+/// signals every [`POLL`]. After Ctrl-C the work ends.
 pub(super) fn run<T, F>(py: Python<'_>, cost: f64, work: F) -> PyResult<T>
 where
     T: Send,
@@ -36,7 +36,7 @@ where
     signals.into_iter().next().map_or(result, Err)
 }
 
-/// [`run`] for work that cannot be stopped inside: if it takes long, an interrupted caller leaves it behind on its thread.
+/// [`run`] for work that cannot be stopped: if it is long, it runs on a thread that Ctrl-C leaves behind.
 pub(super) fn run_unstoppable<T: Send + 'static>(
     py: Python<'_>,
     cost: f64,
@@ -45,8 +45,8 @@ pub(super) fn run_unstoppable<T: Send + 'static>(
     run(py, cost, |stop| if cost < LONG { work() } else { detached("stochens-work", stop, work) })
 }
 
-/// [`run`] for long work that answers a stop with the best it has: after Ctrl-C that is returned, beside the exception. A
-/// second Ctrl-C, and whatever else a signal handler raises, ends the call as in [`run`].
+/// [`run`] for long work that returns its best result after a stop: Ctrl-C gives this result and the exception. A
+/// second Ctrl-C, or another exception from a signal handler, ends the call as in [`run`].
 pub(super) fn run_to_best<T, F>(py: Python<'_>, work: F) -> PyResult<(T, Option<PyErr>)>
 where
     T: Send,
@@ -67,10 +67,10 @@ fn guarded<T>(stop: &Stop, work: impl FnOnce(&Stop) -> Result<T>) -> PyResult<T>
     }
 }
 
-/// The result of `work`, and what signal handlers raised meanwhile; the first of these asked it to stop.
+/// The result of `work`, and the exceptions of signal handlers meanwhile; the first of these requests the stop.
 ///
-/// The work stays on this thread: on another one it has been seen to take twice as long. Each look takes the interpreter
-/// lock, which other threads may hold for some milliseconds. On any but Python's main thread it finds nothing.
+/// The work stays on this thread: on another, it took up to twice as long. Each look for signals takes the interpreter
+/// lock, which other threads may hold for some milliseconds. It finds signals on Python's main thread only.
 fn watched<T: Send>(py: Python<'_>, work: impl FnOnce(&Stop) -> Result<T> + Send) -> (PyResult<T>, Vec<PyErr>) {
     let raised = Arc::new(Mutex::new(Vec::new()));
     let to = Arc::clone(&raised);

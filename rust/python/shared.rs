@@ -11,14 +11,14 @@ use super::run::run;
 use crate::parallel::here;
 use crate::{Error, Result, Stop};
 
-/// The longest pause between two looks of who waits for its turn.
+/// Longest pause between two checks of a thread that waits for its turn.
 const PAUSE: Duration = Duration::from_millis(5);
 
-/// Whose turn it is stands in atomics: a forked child can read them whatever the threads of its parent were doing, while
-/// a lock that one of them held at the fork would stay locked in the child for ever.
+/// The turn is kept in atomics, because a forked child can always read them; a lock that another thread of the parent
+/// held at the fork would stay locked in the child for ever.
 pub(super) struct Shared<S> {
     inner: Mutex<S>,
-    /// The thread whose turn it is, 0 for none; `inner` is locked in its turn only, and so without waiting.
+    /// The thread whose turn it is, 0 for none; only this thread locks `inner`, and so never waits for it.
     turn: AtomicUsize,
     /// The process of that thread; written before the turn is taken.
     process: AtomicU32,
@@ -29,10 +29,10 @@ impl<S: Send> Shared<S> {
         Self { inner: Mutex::new(inner), turn: AtomicUsize::new(0), process: AtomicU32::new(0) }
     }
 
-    /// Runs `work`, of rough cost `cost`, when this thread's turn has come, without the interpreter.
+    /// Waits for the turn of this thread and runs `work`, of rough cost `cost`, without the interpreter lock.
     ///
-    /// Work that looks for signals runs their handlers on this thread: one that uses the same object would wait for
-    /// itself, and gets an error. So does a child forked in another thread's turn, which never ends in the child.
+    /// Signal handlers may run on this thread during `work`. If one uses the same object, it would wait for itself, so
+    /// it gets an error; so does a child that was forked during a call of another thread, whose turn never ends there.
     pub(super) fn with<T: Send>(
         &self,
         py: Python<'_>,
@@ -42,20 +42,20 @@ impl<S: Send> Shared<S> {
         let turn = self.turn.load(Ordering::Acquire);
         if turn != 0 && self.process.load(Ordering::Acquire) != std::process::id() {
             return Err(InputError::new_err(
-                "`stream` was at work on a thread when this process was forked: use it in the parent process, or load a \
+                "`stream` was in use by a thread when this process was forked: use it in the parent process, or load a \
                  saved state here",
             ));
         }
         if turn == here() {
             return Err(InputError::new_err(
-                "`stream` is at work on this thread: a signal handler cannot use it meanwhile",
+                "`stream` is in use on this thread: a signal handler cannot use it during a call",
             ));
         }
-        // waiting may take long
+        // waiting may be long, so it checks for signals
         let cost = if turn == 0 { cost } else { f64::INFINITY };
         run(py, cost, |stop| {
             let _turn = self.wait(stop)?;
-            let unusable = |_| Error::Numerical("a defect has left this stream unusable".into());
+            let unusable = |_| Error::Numerical("an internal error has left this stream unusable".into());
             work(&mut *self.inner.lock().map_err(unusable)?, stop)
         })
     }
@@ -74,7 +74,7 @@ impl<S: Send> Shared<S> {
     }
 }
 
-/// It is over when this is dropped.
+/// The turn ends when this is dropped.
 struct Turn<'a, S: Send>(&'a Shared<S>);
 
 impl<S: Send> Drop for Turn<'_, S> {

@@ -1,4 +1,4 @@
-//! The exact trajectory, ensembles of random ones, and the closed loop. Matrices come as lines: `a` and `b` are transposed.
+//! Exact and random trajectories, and the closed loop. Matrices come as lines: `a` and `b` are transposed.
 
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
@@ -30,7 +30,7 @@ fn second(full: bool) -> Second {
     if full { Second::Full } else { Second::Diagonal }
 }
 
-/// Operations of one step with whole matrices.
+/// Elementary operations of one step with whole matrices.
 fn products(a: &PyReadonlyArray2<'_, f64>, b: &PyReadonlyArray2<'_, f64>) -> f64 {
     (a.as_array().len() + b.as_array().len()) as f64
 }
@@ -150,7 +150,7 @@ pub(super) fn track<'py>(
     Ok((states, array2(py, found.inputs, runs * (times - 1), m)?, found.optimal))
 }
 
-/// What stands for an entity: its lines, and if every run draws an average of realizations of them, `(size, scheme)`.
+/// An exact entity as its lines, or `(size, scheme)` if every run draws an average of realizations.
 type EstimateArgument<'py> = (PyReadonlyArray2<'py, f64>, Option<(u64, String)>);
 
 fn estimate(name: &str, (lines, drawn): &EstimateArgument<'_>) -> PyResult<Estimate> {

@@ -13,7 +13,7 @@ use crate::Error;
 use crate::memory::try_room;
 use crate::storage::{self, Lock, Section, Values};
 
-/// Elementary operations per byte: hashing, twice, and the disk.
+/// Elementary operations per byte, roughly: two hashes and the disk.
 const PER_BYTE: f64 = 20.0;
 
 /// An array that can be a section.
@@ -23,8 +23,8 @@ pub(super) enum Array<'py> {
     Reals(PyReadonlyArray1<'py, f64>),
 }
 
-/// By the element type. Trying one type after the other would have NumPy name the dtypes that do not fit, in Python code:
-/// signal handlers run there, and what they raise would be lost.
+/// Chosen by the element type. Trying one type after the other would make NumPy format error messages in Python code,
+/// where signal handlers run and their exceptions would be lost.
 impl<'py> FromPyObject<'_, 'py> for Array<'py> {
     type Error = PyErr;
 
@@ -44,7 +44,8 @@ impl<'py> FromPyObject<'_, 'py> for Array<'py> {
     }
 }
 
-/// A writer's lock on the state file at `path`, held until `release`, the end of this object or of the process.
+/// A writer's lock on the state file at `path`, held until `release`, until this object is freed, or until the process
+/// ends.
 #[pyclass(frozen, weakref, module = "stochens_rs._core")]
 pub(super) struct StateLock(Mutex<Option<Lock>>);
 
@@ -55,7 +56,7 @@ impl StateLock {
         Ok(Self(Mutex::new(Some(storage::lock(&path)?))))
     }
 
-    /// Ends the lock; in a forked child only its share of it, and nothing where a save was at work when it was forked.
+    /// Releases the lock. In a forked child, only the child's copy of it; if a save was running at the fork, nothing.
     fn release(&self) {
         if let Ok(mut held) = self.0.try_lock() {
             held.take();

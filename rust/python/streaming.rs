@@ -1,4 +1,4 @@
-//! The sequential algorithm as two Python objects; a lock lets any thread use them.
+//! The sequential algorithm as two Python objects, which threads may share.
 
 use std::time::{Duration, Instant};
 
@@ -131,7 +131,7 @@ impl PyStream {
             Some("printed") => Some(Rule::Printed),
             Some(other) => return Err(InputError::new_err(format!("`rule` is unknown: '{other}'"))),
         };
-        // a time beyond the clock is no limit
+        // a time beyond the range of the clock is no limit
         let deadline =
             seconds.and_then(|s| Duration::try_from_secs_f64(s).ok()).and_then(|time| Instant::now().checked_add(time));
         let limits = Limits { steps, tolerance: rule.map(|rule| (rule, tol)), deadline };
@@ -165,17 +165,17 @@ impl PyStream {
         self.read(py, |stream| stream.residuals())
     }
 
-    /// The bound on `||B (v - v*)||` (nan for variants without one) and the value itself.
+    /// The bound on `||B (v - v*)||` (nan for variants without one) and its value.
     fn certificate(&self, py: Python<'_>) -> PyResult<(f64, f64)> {
         self.read(py, |stream| stream.certificate())
     }
 
-    /// The largest relative drift of `FA F0` found and repaired.
+    /// The largest relative rounding error of `FA F0` that a refresh has corrected.
     fn drift(&self, py: Python<'_>) -> PyResult<f64> {
         self.inner.with(py, 1.0, |stream, _| Ok(stream.drift()))
     }
 
-    /// Steps written down (k,), and certificate, error, step size (k, 3).
+    /// Recorded steps (k,), and certificate, error, step size (k, 3).
     fn trace<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyArray1<u64>>, Array2<'py>)> {
         let trace = self.inner.with(py, 1e4, |stream, _| try_copy("the trace", stream.trace()))?;
         let values = try_collect("the trace", trace.iter().map(|e| [e.certificate, e.error, e.size]))?;
@@ -189,7 +189,7 @@ impl PyStream {
         to_python(py, sections)
     }
 
-    /// The object that `to_sections` wrote down.
+    /// The object that `to_sections` saved.
     #[staticmethod]
     fn from_sections(py: Python<'_>, sections: Vec<(String, Array<'_>)>) -> PyResult<Self> {
         let sections = from_python(sections)?;
@@ -198,7 +198,7 @@ impl PyStream {
     }
 }
 
-/// The algorithm on realizations that are handed in.
+/// The algorithm on realizations that are passed in.
 #[pyclass(frozen, name = "DataStream", module = "stochens_rs._core")]
 pub(super) struct PyDataStream {
     inner: Shared<Data>,
@@ -258,7 +258,8 @@ impl PyDataStream {
         })
     }
 
-    /// Per entity: a distance that two realizations have at least, and how far rounding can have moved the mean.
+    /// Per entity: a lower bound on the largest distance of two realizations, and a bound on the rounding error of the
+    /// mean.
     fn evidence(&self, py: Python<'_>) -> PyResult<([f64; 3], [f64; 3])> {
         self.inner.with(py, square(self.n), |data, _| Ok((data.apart(), data.rounding())))
     }
@@ -274,7 +275,7 @@ impl PyDataStream {
         to_python(py, sections)
     }
 
-    /// The object that `to_sections` wrote down.
+    /// The object that `to_sections` saved.
     #[staticmethod]
     fn from_sections(py: Python<'_>, sections: Vec<(String, Array<'_>)>) -> PyResult<Self> {
         let sections = from_python(sections)?;

@@ -15,7 +15,7 @@ const COIN: u64 = 1 << 32;
 
 const WHAT: &str = "an alias table";
 
-/// Words treated together where the processor has no wide registers.
+/// Words per block of the portable loop.
 const BLOCK: usize = 256;
 
 /// A categorical distribution over the components of one line.
@@ -29,18 +29,18 @@ pub struct AliasTable {
 impl AliasTable {
     /// The table for probabilities proportional to `|weights|`; `None` when they are all zero.
     ///
-    /// The weights must be finite and their sum of magnitudes too (a [`super::Law`] has checked that).
+    /// The weights and their 1-norm must be finite (a [`super::Law`] has checked that).
     ///
     /// # Errors
     /// [`crate::Error::Memory`].
     pub fn new(weights: &[f64]) -> Result<Option<Self>> {
         let Some(mut cells) = integer_masses(weights)? else { return Ok(None) };
         let count = cells.len();
-        // Two stacks in one array: the cells below COIN from its front, the others from its back.
+        // Two stacks in one array: cells below COIN from its front, the others from its back.
         let mut order = Buffer::<u32>::unset(WHAT, count)?;
         let (mut small, mut large) = (0, 0);
         for (i, &mass) in cells.iter().enumerate() {
-            // both places are free; a branch here would be guessed wrong half of the time
+            // both stores are allowed; a branch here would be mispredicted half of the time
             order[small] = i as u32;
             order[count - 1 - large] = i as u32;
             small += usize::from(mass < COIN);
@@ -59,7 +59,7 @@ impl AliasTable {
             large -= usize::from(rest < COIN);
         }
         for &l in &order[count - large..] {
-            cells[l as usize] = l.into(); // a full cell is its own alias, whatever the coin says
+            cells[l as usize] = l.into(); // a full cell is its own alias
         }
         Ok(Some(Self { mask: count as u64 - 1, cells }))
     }
@@ -69,7 +69,7 @@ impl AliasTable {
     pub fn draw(&self, word: u64) -> u32 {
         let cell = word & self.mask;
         let entry = self.cells[cell as usize];
-        // a coin: the branch predictor would lose half of the tosses
+        // a random bit: a branch would be mispredicted half of the time
         std::hint::select_unpredictable(word >> 32 < entry >> 32, cell as u32, entry as u32)
     }
 
@@ -82,7 +82,8 @@ impl AliasTable {
         self.draw_all_portable(&words[done..], &mut out[done..]);
     }
 
-    /// First the loads, then the tosses: a loop that does both ends in branches, or in moves that wait for the loads.
+    /// First all loads, then all comparisons: in one loop, the compiler makes branches, or moves that wait for the
+    /// loads.
     fn draw_all_portable<I: Index>(&self, words: &[u64], out: &mut [I]) {
         let mut entries = [0u64; BLOCK];
         for (words, out) in words.chunks(BLOCK).zip(out.chunks_mut(BLOCK)) {

@@ -1,4 +1,4 @@
-//! Counts without realizations: all that a uniform average needs.
+//! Counts without realizations, for uniform averages.
 //!
 //! The counts of `N` independent draws of a line are multinomial; conditional binomials give them in `O(length)` for any
 //! `N`. Equal in distribution to the counts of a sample, not equal draw by draw.
@@ -13,15 +13,15 @@ use crate::memory::{try_collect, try_extend, try_room, try_zeros};
 use crate::parallel::Stop;
 use crate::stream::{Key, Purpose};
 
-/// The largest number of realizations: beyond it, doubles no longer count by one.
+/// Largest number of realizations: doubles represent all integers up to here.
 const MAX_SIZE: u64 = 1 << 53;
 
 const WHAT: &str = "the counts of a sample";
 
-/// Below this `1 - p` may be wrong by more than `2^-27` of itself.
+/// Below this, `1 - p` may have a relative error above `2^-27`.
 const FEW_DIGITS: f64 = 1.0 / (1u64 << 26) as f64;
 
-/// From this many trials on `(1 - p)^N` may be wrong by `2^-13` of itself, because `1 - p` is rounded.
+/// From this number of trials on, rounding of `1 - p` may give `(1 - p)^N` a relative error of `2^-13`.
 const MANY: u64 = 1 << 40;
 
 /// One multinomial draw per line: `counts[j * length + i]` realizations out of `size` hit entry `i` of line `j`.
@@ -49,18 +49,18 @@ pub(crate) fn line_counts(line: &[f64], gamma: f64, size: u64, rng: &mut impl Rn
     Ok(counts)
 }
 
-/// The chances of one entry for a realization that no entry before it took.
+/// The probabilities of one entry, for a realization that hit no entry before it.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Chance {
-    /// To be taken by this entry: `|w_i| / (|w_i| + ... + |w_n|)`, 0 in a zero line.
+    /// Of hitting this entry: `|w_i| / (|w_i| + ... + |w_n|)`, 0 in a zero line.
     taken: f64,
-    /// To be left for a later one: `(|w_{i+1}| + ... + |w_n|) / (|w_i| + ... + |w_n|)`, 0 at the last nonzero entry.
+    /// Of hitting a later one: `(|w_{i+1}| + ... + |w_n|) / (|w_i| + ... + |w_n|)`, 0 at the last nonzero entry.
     left: f64,
 }
 
-/// The chances of the entries of a line with 1-norm `gamma`.
+/// The probabilities of the entries of a line with 1-norm `gamma`.
 pub(crate) fn chances(line: &[f64], gamma: f64) -> Result<Vec<Chance>> {
-    // tail = (|w_i| + ... + |w_n|) / g, added from the end: what is left keeps its digits, however small
+    // tail = (|w_i| + ... + |w_n|) / g, added from the end: small tails keep all their digits
     let mut rest = 0.0;
     let from_the_end = line.iter().rev().map(|w| {
         if *w == 0.0 {
@@ -76,14 +76,15 @@ pub(crate) fn chances(line: &[f64], gamma: f64) -> Result<Vec<Chance>> {
     Ok(chances)
 }
 
-/// Deals `size` realizations out to the entries of a line; `visit(i, count)` sees every entry that got some.
+/// Distributes `size` realizations over the entries of a line; `visit(i, count)` is called for the entries that get
+/// some.
 pub(crate) fn deal(chances: &[Chance], size: u64, rng: &mut impl Rng, mut visit: impl FnMut(usize, u64)) -> Result<()> {
     let mut left = size;
     for (i, chance) in chances.iter().enumerate().filter(|(_, chance)| chance.taken > 0.0) {
         if left == 0 {
             break;
         }
-        // 1 - taken has few digits of a small rest, or none
+        // 1 - taken would have few digits or none
         let count = if chance.left < FEW_DIGITS {
             left - binomial(left, chance.left, rng)?
         } else {
@@ -101,7 +102,8 @@ pub(crate) fn deal(chances: &[Chance], size: u64, rng: &mut impl Rng, mut visit:
 pub(crate) fn binomial(trials: u64, p: f64, rng: &mut impl Rng) -> Result<u64> {
     let mean = trials as f64 * p;
     if trials >= MANY && mean > 0.0 && mean < 10.0 {
-        // the inversion that `Binomial` makes here rounds 1 - p; the total variation distance to Poisson is at most p < 1e-11
+        // `Binomial` inverts the distribution with a rounded 1 - p; the total variation distance to Poisson is at most
+        // p < 1e-11
         let law = Poisson::new(mean).map_err(|e| Error::Numerical(format!("poisson({mean}): {e}")))?;
         return Ok((law.sample(rng) as u64).min(trials));
     }

@@ -8,10 +8,10 @@ use crate::memory::{try_collect, try_collect_all};
 use crate::parallel::{Stop, for_each_chunk};
 use crate::stream::{CHUNK, Key, Lanes};
 
-/// Samples treated line by line before the next ones, so that their part of the output stays in the cache.
+/// Samples per block, so that their part of the output stays in the cache while it is filled line by line.
 const BLOCK: usize = 1024;
 
-/// Lines that are drawn before their indices are dealt out to the samples: one store of a few bytes, not one per line.
+/// Lines drawn before their indices are written to the samples: one store of a few bytes instead of one per line.
 const GROUP: usize = 8;
 
 const WHAT: &str = "the tables of a sampler";
@@ -33,7 +33,7 @@ pub(super) fn fill<I: Index>(law: &Law, key: &Key, out: &mut [I], threads: usize
         for block in out.chunks_mut(BLOCK * lines) {
             if let [line] = &mut drawn[..] {
                 draw(line, &mut words, block);
-                continue; // without a check: a chunk of one line is short
+                continue; // without a check for a stop: a chunk of one line is short
             }
             stop.check()?;
             let size = block.len() / lines;
@@ -54,12 +54,12 @@ fn draw<I: Index>(line: &mut Option<(&AliasTable, Lanes)>, words: &mut [u64; BLO
     table.draw_all(words, out);
 }
 
-/// Gives every sample of `block` (`lines` indices each) its indices of the `count` lines from `first` on.
+/// Writes the indices of the `count` lines from `first` on to the samples of `block` (`lines` indices each).
 fn deal<I: Index>(tile: &Tile<I>, count: usize, block: &mut [I], lines: usize, first: usize) {
     let samples = block.chunks_exact_mut(lines).map(|sample| &mut sample[first..first + count]);
     if count == GROUP {
         for (at, sample) in (0..BLOCK).zip(samples) {
-            // the length known: eight stores side by side
+            // constant length, so that the eight stores become one
             if let Some(sample) = sample.first_chunk_mut::<GROUP>() {
                 *sample = std::array::from_fn(|j| tile[j][at]);
             }

@@ -3,7 +3,7 @@
 use crate::error::{Error, Result, require_finite};
 use crate::memory::{checked_len, try_collect};
 
-/// The largest number of entries in a line: a table index and a coin share one 64-bit word.
+/// Largest number of entries in a line: cell and coin of the alias table share one 64-bit word.
 const MAX_LENGTH: usize = 1 << 31;
 
 /// The lines of a vector (one), or of a matrix (its columns, or its rows), each a distribution over its entries.

@@ -1,4 +1,4 @@
-//! Realizations of a law one after the other, without an end: the same ones that a sample of any size starts with.
+//! Realizations of a law one after the other, without end: the first ones are those of a sample of any size.
 
 use std::sync::Arc;
 
@@ -11,8 +11,8 @@ use crate::stream::{CHUNK, Key, Lanes};
 /// Realizations drawn at a time; divides [`CHUNK`] and is a multiple of the lanes.
 const BLOCK: usize = 128;
 
-/// Independent realizations in order. Number `i` is realization `i` of `sample(law, N, Scheme::Iid, key, ..)`, `N > i`, so
-/// the position is all there is to save.
+/// Independent realizations in order. Number `i` is realization `i` of `sample(law, N, Scheme::Iid, key, ..)`, `N > i`,
+/// so only the position has to be saved.
 pub struct Sequence {
     tables: Vec<Option<AliasTable>>,
     key: Key,
@@ -57,7 +57,7 @@ impl Sequence {
         &self.block[at * self.lines..(at + 1) * self.lines]
     }
 
-    /// Goes to realization `position`: at most one chunk of words is passed over.
+    /// Goes to realization `position`; skips at most one chunk of words.
     pub fn seek(&mut self, position: u64) {
         let inside = (position % CHUNK as u64) as usize;
         self.position = position - inside as u64;

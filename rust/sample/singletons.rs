@@ -1,4 +1,4 @@
-//! `N` realizations as indices, and the sums over them that everything downstream needs.
+//! `N` realizations as indices, and sums over them.
 
 use std::sync::Arc;
 
@@ -9,12 +9,12 @@ use crate::pages::Buffer;
 use crate::parallel::Stop;
 use crate::plain::Plain;
 
-/// Realizations between two looks at the stop flag: well below a millisecond per line.
+/// Realizations between two checks of the stop flag: well below a millisecond per line.
 const BLOCK: usize = 1 << 14;
 
 /// An unsigned integer that stores the index of an entry in its line.
 pub trait Index: Plain + Ord {
-    /// The index as stored; the caller knows that it fits.
+    /// The index as stored; the caller has checked that it fits.
     fn new(index: u32) -> Self;
     /// The index as a position.
     fn get(self) -> usize;
@@ -60,7 +60,7 @@ macro_rules! with_indices {
 pub(crate) use with_indices;
 
 impl Indices {
-    /// `len` indices of the width that lines of `length` entries need, to be written.
+    /// `len` indices, not yet written, of the width that lines of `length` entries need.
     ///
     /// # Errors
     /// [`crate::Error::Memory`] if they do not fit.
@@ -128,7 +128,7 @@ impl Singletons {
                 found: max.to_string(),
             });
         }
-        // an entry of probability zero has no value there: such a realization is none of the law's
+        // no realization of the law hits an entry of probability zero
         let lines = law.lines();
         let impossible = with_indices!(&indices, v => v.iter().enumerate().find_map(|(at, r)| {
             let j = at % lines;

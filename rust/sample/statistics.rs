@@ -1,4 +1,4 @@
-//! The sampler against the distribution it promises, and proof that the test would notice a wrong one.
+//! Tests of the sampler's distribution, and tests that wrong samplers fail them.
 //!
 //! Chi-square on `10^6` draws with fixed keys. Critical value: the Wilson-Hilferty quantile at false-alarm probability
 //! `1e-8` per test (z = 5.61); the 15 cases together raise a false alarm with probability below `2e-7`, once per change of

@@ -1,7 +1,7 @@
 //! Systematic (stratified) sampling: one uniform offset per line.
 //!
 //! With `c_i = N (p_1 + ... + p_i)` and one `U ~ U[0, 1)`: `N_i = ceil(c_i - U) - ceil(c_{i-1} - U)`. Every count is
-//! `floor(N p_i)` or `ceil(N p_i)`, they add up to `N`, and `E N_i = N p_i`. The realizations are the counted indices in
+//! `floor(N p_i)` or `ceil(N p_i)`, they add up to `N`, and `E N_i = N p_i`. The realizations are these indices in
 //! random order, independently per line, so that pairs of entities stay uncorrelated. Realizations of one sample are
 //! dependent: results that need independence do not apply.
 
@@ -30,7 +30,8 @@ pub fn systematic_counts(law: &Law, size: u64, key: &Key) -> Result<Vec<u64>> {
     Ok(counts)
 }
 
-/// Deals `size` realizations of a line out with the offset `U = word / 2^64`; `visit(i, count)` sees every entry.
+/// Distributes `size` realizations over a line with the offset `U = word / 2^64`; `visit(i, count)` is called for every
+/// entry.
 pub(crate) fn line_systematic(line: &[f64], size: u64, word: u64, mut visit: impl FnMut(usize, u64)) {
     // 53 bits, as every uniform double in [0, 1)
     let offset = (word >> 11) as f64 * 2f64.powi(-53);
@@ -40,17 +41,17 @@ pub(crate) fn line_systematic(line: &[f64], size: u64, word: u64, mut visit: imp
     }
     let mut below = 0u64;
     for (i, c) in running_sums(line).enumerate() {
-        // c = last is exactly N: no rounding may lose or invent a realization
+        // c = last is exactly N, so that rounding does not change the total
         let c = if c == last { size } else { (size as f64 * (c / last) - offset).ceil() as u64 }.min(size);
         visit(i, c.saturating_sub(below));
         below = below.max(c);
     }
 }
 
-/// Realizations written between two checks for a stop: each may touch a new page of memory.
+/// Realizations written between two checks for a stop; each may be on a new page of memory.
 const BLOCK: usize = 1 << 14;
 
-/// Fills `out` with the counted indices, shuffled per line (Fisher-Yates from the end).
+/// Fills `out` with these indices, shuffled per line (Fisher-Yates from the end).
 pub(super) fn fill<I: Index>(law: &Law, key: &Key, out: &mut [I], size: usize, stop: &Stop) -> Result<()> {
     let counts = systematic_counts(law, size as u64, key)?;
     let mut order: Vec<I> = try_zeros("the order of a systematic sample", size)?;

@@ -1,4 +1,4 @@
-//! Sixty-four runs that go through time together, and the words they take.
+//! Thirty-two runs that are simulated together, and the order of their random words.
 //!
 //! The order of the words is part of the stream's definition. A block starts with one word per run if `x0` is drawn.
 //! At step `k` it takes, if `A` is drawn, one word for every run `s` and state `j` with `x_j^s(k) != 0` and a column that
@@ -20,13 +20,13 @@ use crate::sample::{AliasTable, Law};
 /// Runs in a block. Part of the stream's definition.
 pub(super) const RUNS: usize = MOST;
 
-/// All of them, as bits.
+/// All runs, as bits.
 const EVERY: u64 = u64::MAX >> (64 - RUNS);
 
 /// One state of every run.
 pub(super) type Row = [f64; RUNS];
 
-/// Columns of an exact matrix multiplied between two looks at the stop flag.
+/// Columns of an exact matrix multiplied between two checks of the stop flag.
 const SLAB: usize = 256;
 
 /// How one line is drawn.
@@ -45,7 +45,7 @@ impl Line {
         (r, self.negative[r / 64] >> (r % 64) << 63)
     }
 
-    /// `x^s E^s` is added to the state that run `s` picks, for the runs in `present` (bit `s`), one word each.
+    /// Adds `x^s E^s` to the state of run `s`, for the runs in `present` (bit `s`), with one word each.
     #[inline(always)]
     fn scatter(&self, mut present: u64, words: &[u64], x: &Row, next: &mut [Row]) {
         let mut scaled = [0.0; RUNS];
@@ -71,7 +71,7 @@ fn present(row: &Row) -> u64 {
     let mut bytes = [0u8; RUNS];
     bytes.iter_mut().zip(row).for_each(|(to, v)| *to = u8::from(*v != 0.0));
     let eights = bytes.as_chunks::<8>().0.iter().enumerate();
-    // eight bytes 0 or 1 become eight bits: byte i is shifted to bit 56 + i, and no two products meet
+    // eight bytes 0 or 1 become eight bits: byte i is shifted to bit 56 + i, and no two products overlap
     eights.fold(0, |bits, (at, eight)| {
         bits | (u64::from_le_bytes(*eight).wrapping_mul(0x0102_0408_1020_4080) >> 56) << (8 * at)
     })
@@ -92,7 +92,7 @@ fn lines(law: &Law, stop: &Stop) -> Result<Vec<Option<Line>>> {
     try_collect_all(WHAT, (0..law.lines()).map(line))
 }
 
-/// What all blocks share.
+/// Data that all blocks share.
 pub(super) struct Stepper<'a> {
     model: &'a Model,
     a: Option<Vec<Option<Line>>>,
@@ -137,7 +137,7 @@ pub(super) enum States<'a> {
     Rows(&'a [Row]),
 }
 
-/// A block on its way.
+/// A block during the simulation.
 pub(super) struct Block<'a> {
     stepper: &'a Stepper<'a>,
     words: Words<'a>,
@@ -183,7 +183,7 @@ impl<'a> Block<'a> {
         }
     }
 
-    /// Singletons become rows.
+    /// Converts singletons to rows.
     fn spread(&mut self) {
         self.x.fill(0.0);
         let rows = self.x.as_chunks_mut::<RUNS>().0;

@@ -1,11 +1,11 @@
-//! A reference, followed with estimates of fresh realizations at every step.
+//! A closed loop along a reference, with estimates from fresh realizations at every step.
 //!
 //! ```text
 //! u(k) = B^+ (r^(k+1) - A^_k y^(k)),   x(k+1) = A x(k) + B u(k)
 //! ```
 //!
-//! with `y = x`, or `y = r` without feedback. `A^_k` is fused from realizations of `A`; so are `y^(k)` and `r^(k+1)` from
-//! their own if states are sampled, or they are exact.
+//! with `y = x`, or `y = r` without feedback. `A^_k` is fused from realizations of `A`. If states are sampled, `y^(k)`
+//! and `r^(k+1)` are fused from realizations too; otherwise they are exact.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -21,7 +21,7 @@ use crate::stream::Key;
 
 const WHAT: &str = "the trajectories";
 
-/// How the realizations of a step become an estimate.
+/// Fusion of the realizations of one step into an estimate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Method {
     /// Their average, from counts: the cost of a step does not depend on their number.
@@ -30,7 +30,7 @@ pub enum Method {
     Alse,
     /// Sequential least squares, fitted to the exact entity.
     Slse {
-        /// Whether a step towards the running average follows every step.
+        /// Whether every step is followed by one towards the running average.
         safeguard: bool,
     },
 }
@@ -54,32 +54,32 @@ pub struct ClosedLoop<'a> {
     pub singular_values: &'a [f64],
     /// Realizations per estimate.
     pub size: u64,
-    /// How they are fused.
+    /// The fusion method.
     pub method: Method,
-    /// Whether the control uses `x(k)`, or `r(k)` in its place.
+    /// Whether the control uses `x(k)`, or `r(k)` instead.
     pub feedback: bool,
     /// Whether the states in the formula of the control are estimates too.
     pub sample_states: bool,
 }
 
-/// What followed the reference.
+/// The trajectories along the reference.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Followed {
-    /// `x(0), ..., x(K)` of every run. From where `||x(k) - r(k)||^2` of a run is not finite on, zeros follow.
+    /// `x(0), ..., x(K)` of every run. If `||x(k) - r(k)||^2` of a run is not finite, the states after it are zeros.
     pub states: Vec<f64>,
     /// `u(0), ..., u(K-1)` of every run.
     pub inputs: Vec<f64>,
-    /// Whether all weights that were optimised are within the tolerance.
+    /// Whether all optimised weights are within the tolerance.
     pub optimal: bool,
 }
 
 impl ClosedLoop<'_> {
-    /// `runs` independent runs. Run i draws from the child "replicate-i" of `key`, step k of it from the child "step-k" of
-    /// that, and its entities from the children "A", "state" and "target" of that.
+    /// `runs` independent runs. Run i uses the child key "replicate-i" of `key`; step k uses the child "step-k" of
+    /// that, and its entities the children "A", "state" and "target" of that.
     ///
     /// # Errors
-    /// [`Error::Shape`] if the parts do not fit together, [`Error::NonFinite`] if the 1-norm of a state overflows, those of
-    /// the method, [`Error::Memory`], [`Error::Interrupted`] after a stop.
+    /// [`Error::Shape`] if the arguments do not fit together, [`Error::NonFinite`] if the 1-norm of a state overflows,
+    /// errors of the fusion method, [`Error::Memory`], [`Error::Interrupted`] after a stop.
     pub fn run(&self, runs: usize, key: &Key, threads: usize, stop: &Stop) -> Result<Followed> {
         let (n, m, rank) = (self.a.lines(), self.b.lines(), self.singular_values.len());
         let shape = |name, expected: String, found: usize| Error::Shape { name, expected, found: found.to_string() };
@@ -101,12 +101,12 @@ impl ClosedLoop<'_> {
         let mut states = try_zeros(WHAT, checked_len(WHAT, runs, one)?)?;
         let mut inputs = try_zeros(WHAT, checked_len(WHAT, runs, moved)?)?;
         let (lost, optimal) = (AtomicUsize::new(usize::MAX), AtomicBool::new(true));
-        // the solver spreads its own work over the threads
+        // the solver divides its own work among the threads
         let (threads, inner) = if self.method == Method::Alse { (1, threads) } else { (threads, 1) };
         let chunks = states.chunks_exact_mut(one).zip(inputs.chunks_exact_mut(moved)).enumerate();
         for_each_chunk(chunks, threads, stop, |(run, (states, inputs))| {
             if run > lost.load(Ordering::Relaxed) {
-                return Ok(()); // an earlier one, all of which have begun, is the one to report
+                return Ok(()); // only the first such run is reported
             }
             let estimate = |target: &Arc<Law>, key: &Key| {
                 let (found, good) = self.estimate(target, key, inner, stop)?;
@@ -121,7 +121,7 @@ impl ClosedLoop<'_> {
         Ok(Followed { states, inputs, optimal: optimal.into_inner() })
     }
 
-    /// Fills one trajectory and its inputs; false, and no further, once the squared error is no number.
+    /// Fills one trajectory and its inputs; stops and returns false if the squared error is not finite.
     fn follow(
         &self,
         key: &Key,
@@ -160,7 +160,7 @@ impl ClosedLoop<'_> {
         Ok(true)
     }
 
-    /// `u = B^+ y`, refined once with what is left of `y`: `u += B^+ (y - B u)`. Expects zeros in `u`.
+    /// `u = B^+ y` with one refinement from the residual, `u += B^+ (y - B u)`. Expects zeros in `u`.
     fn control(&self, y: &mut [f64], u: &mut [f64], stop: &Stop) -> Result<()> {
         let (n, m) = (y.len(), u.len());
         // B^+ y = V diag(1/s) U^T y

@@ -1,4 +1,4 @@
-//! Averages before products: `F(k+1) = A^_k F(k) + B^_k u(k)` with the averages of `size` fresh realizations at each step.
+//! Mean fields: `F(k+1) = A^_k F(k) + B^_k u(k)` with the averages of `size` fresh realizations at each step.
 //!
 //! An average needs the counts only, so a step costs `O(n (n + m))` for any `size`. Equal in distribution to averaging
 //! that many realizations, not draw by draw.
@@ -13,13 +13,14 @@ use crate::parallel::{Stop, for_each_chunk};
 use crate::sample::{Law, line_counts};
 use crate::stream::{Key, Purpose};
 
-/// Replicates whose sums are formed one after the other.
+/// Replicates in one leaf of the tree of sums.
 const LEAF: usize = 8;
 
 /// Mean and covariance of `replicates` independent mean-field trajectories; the trajectories themselves with `keep`.
 ///
-/// Replicate `r` depends on `(key, r)`, `size` and the model only. It takes the counts of `x0`, then at every step those of
-/// the columns of `A` with `F_j(k) != 0` and those of the columns of `B` with `u_j(k) != 0`, as far as they are drawn.
+/// Replicate `r` depends on `(key, r)`, `size` and the model only. It draws the counts of `x0`, then at every step
+/// those of the columns of `A` with `F_j(k) != 0` and of the columns of `B` with `u_j(k) != 0`, for the entities that
+/// are drawn.
 ///
 /// # Errors
 /// [`Error::Value`] for no replicates, or a `size` outside `1 ..= 2^53`; [`Error::Overflow`] if a state or a second
@@ -116,7 +117,7 @@ mod tests {
         let one = run(100, 1).unwrap();
         assert_eq!(run(100, 3).unwrap(), one);
         assert_eq!(run(0, 1).map_err(|e| matches!(e, Error::Value { name: "size", .. })), Err(true));
-        // a relative error of 10^-6 and growth by a few: nothing is further off than 10^-4
+        // a relative error of 10^-6, and growth by a small factor: no error is above 10^-4
         let exact = model.trajectory(&stop).unwrap();
         let huge = run(1_000_000_000_000, 1).unwrap();
         assert!(huge.runs.chunks_exact(15).all(|run| run.iter().zip(&exact).all(|(a, b)| (a - b).abs() < 1e-4)));

@@ -1,4 +1,4 @@
-//! What a control does: the exact trajectory, ensembles of random ones, and a loop closed over estimates.
+//! Trajectories for given inputs: exact, random runs, mean fields, and a closed loop with estimates.
 //!
 //! ```text
 //! x(k+1) = A x(k) + B u(k),                  k = 0 .. K-1
@@ -6,9 +6,9 @@
 //! mean field:  F(k+1)   = A^_k F(k) + B^_k u(k)         A^_k, B^_k: averages of `size` realizations, fresh at every step
 //! ```
 //!
-//! No realization is ever used twice: the runs are independent, and a run's matrices are independent of its state, so that
-//! both means are the exact trajectory (paper, Definition 2.1, with index maps that are injective in run and step; one
-//! realization kept over time would give a biased mean).
+//! No realization is used twice. The runs are independent, and a run's matrices are independent of its state, so that
+//! both means are the exact trajectory (paper, Definition 2.1, with index maps that are injective in run and step). One
+//! realization used at all times would give a biased mean.
 
 mod block;
 mod closed_loop;

@@ -5,7 +5,7 @@ use crate::memory::{checked_len, try_zeros};
 use crate::parallel::Stop;
 use crate::sample::Law;
 
-/// What is drawn; the rest is used as it is.
+/// Which entities are drawn; the others are exact.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Drawn {
     /// Fresh realizations of `A` at every step.
@@ -56,7 +56,7 @@ impl Model {
         self.a.lines()
     }
 
-    /// Steps `K`: there are `K + 1` states in time.
+    /// Number of steps `K`; there are `K + 1` states.
     pub fn steps(&self) -> usize {
         self.steps
     }

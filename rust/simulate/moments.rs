@@ -1,8 +1,8 @@
-//! Means and covariances over runs that are not kept.
+//! Means and covariances over runs, without storing the runs.
 //!
-//! What is summed are deviations from the exact trajectory, which is the mean: nothing cancels. Sums of fixed parts of the
-//! runs are added pairwise in a fixed tree, so that the result depends neither on threads nor, beyond a logarithm, on the
-//! number of runs in its rounding.
+//! The sums are over deviations from the exact trajectory, which is the mean, so nothing cancels. Sums of fixed groups
+//! of runs are added in a fixed binary tree. The result does not depend on the number of threads, and its rounding
+//! error grows only with the logarithm of the number of runs.
 
 use std::collections::HashMap;
 use std::sync::Mutex;
@@ -14,7 +14,7 @@ use super::block::{RUNS, Row, States};
 use crate::error::{Error, Result};
 use crate::memory::{checked_len, room_for_products, try_collect, try_zeros};
 
-/// Which second moments are wanted.
+/// The second moments to compute.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Second {
     /// Variances: n numbers per time.
@@ -23,7 +23,7 @@ pub enum Second {
     Full,
 }
 
-/// The ensemble of `count` runs in numbers; arrays are `(K + 1) * n`, the covariance `(K + 1) * n * n`.
+/// Moments of `count` runs; arrays are `(K + 1) * n`, the covariance `(K + 1) * n * n`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Ensemble {
     /// The mean over the runs.
@@ -48,7 +48,7 @@ pub(super) struct Sums<'a> {
 }
 
 impl<'a> Sums<'a> {
-    /// Nothing yet; `center` has n entries for every time.
+    /// Zero sums; `center` has n entries for every time.
     pub(super) fn new(center: &'a [f64], n: usize, second: Second) -> Result<Self> {
         if second == Second::Full {
             room_for_products()?;
@@ -176,11 +176,12 @@ impl<'a> Sums<'a> {
         if count == 1 {
             return Ok(Ensemble { mean, variance: None, covariance: None, runs });
         }
-        // before anything is clipped, which would hide a NaN
+        // before clipping, which would hide a NaN
         if !finite(&self.squares) || !finite(&mean) {
             return Err(Error::Overflow { what: "a second moment of the ensemble" });
         }
-        // (sum d d^T - (sum d)(sum d)^T / N) / (N - 1); the second term is what the mean still is off the center
+        // (sum d d^T - (sum d)(sum d)^T / N) / (N - 1); the second term corrects for the distance of the mean from the
+        // center
         let unbiased = |square: f64, a: f64, b: f64| (square - a * (b / size)) / (size - 1.0);
         let mut variance: Vec<f64> = try_zeros("the variance", mean.len())?;
         for (k, (variance, sum)) in variance.chunks_exact_mut(n).zip(self.sum.chunks_exact(n)).enumerate() {
@@ -206,7 +207,7 @@ impl<'a> Sums<'a> {
     }
 }
 
-/// Sums of the leaves `0, 1, ...`, added pairwise as they come: node `(l, i)` is the sum of `(l-1, 2i)` and `(l-1, 2i+1)`.
+/// Sums of the leaves `0, 1, ...`, added as they arrive: node `(l, i)` is the sum of `(l-1, 2i)` and `(l-1, 2i+1)`.
 pub(super) struct Tree<'a>(Mutex<HashMap<(u32, usize), Sums<'a>>>);
 
 impl<'a> Tree<'a> {
@@ -214,7 +215,7 @@ impl<'a> Tree<'a> {
         Self(Mutex::new(HashMap::new()))
     }
 
-    /// Takes in a leaf, in whatever order leaves come.
+    /// Adds a leaf; the order of the calls does not matter.
     pub(super) fn insert(&self, leaf: usize, mut sums: Sums<'a>) {
         let (mut level, mut index) = (0, leaf);
         loop {
@@ -223,7 +224,7 @@ impl<'a> Tree<'a> {
                 nodes.insert((level, index), sums);
                 return;
             };
-            drop(nodes); // others may go on while this pair is added
+            drop(nodes); // other threads may continue meanwhile
             if index % 2 == 0 {
                 sums.merge(&sibling);
             } else {
@@ -234,7 +235,7 @@ impl<'a> Tree<'a> {
         }
     }
 
-    /// What is left over are the binary digits of the number of leaves: they are added from the right.
+    /// The nodes left are the binary digits of the number of leaves; they are added from the right.
     pub(super) fn finish(self, count: usize, runs: Vec<f64>) -> Result<Ensemble> {
         let mut nodes = try_collect("the sums over the runs", self.0.into_inner().unwrap_or_default())?;
         nodes.sort_unstable_by_key(|((level, _), _)| *level);

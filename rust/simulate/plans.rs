@@ -1,7 +1,7 @@
 //! Errors of estimates and of fused controls, simulated from the laws of their realizations.
 //!
-//! Every run draws the averages of `x0`, `xf` and `A` anew, as counts, so that its cost does not depend on their sizes
-//! (paired systematic samples excepted), and compares the control they give with the exact one, `v`:
+//! Every run draws new averages of `x0`, `xf` and `A`, as counts, so that its cost does not depend on their sizes
+//! (except for paired systematic samples), and compares the control from them with the exact one, `v`:
 //!
 //! ```text
 //! one step:  t = U^T (y_hat - y),  ||B (u - v)|| = ||t||,  ||u - v|| = ||diag(1/s) t||,   y = xf - A x0,  B = U diag(s) V^T
@@ -23,7 +23,7 @@ use crate::stream::{Key, Purpose};
 
 const WHAT: &str = "a simulated run";
 
-/// Runs that one thread takes at a time.
+/// Runs that a thread takes at a time.
 const CHUNK: usize = 16;
 
 /// The law of an average of realizations, a vector or the lines of a matrix.
@@ -68,7 +68,7 @@ impl Average {
         }
     }
 
-    /// `visit(i, count)` for the entries that `some` of the `size` realizations of line `j` hit; which of them is random.
+    /// `visit(i, count)` for the entries hit by `some` of the `size` realizations of line `j`, chosen at random.
     fn part(
         &self,
         j: usize,
@@ -80,7 +80,7 @@ impl Average {
         if self.scheme == Scheme::Iid {
             return deal(self.chances(j), some, rng, visit);
         }
-        // the realizations of a systematic sample are in random order: draw without replacement from its counts
+        // the order of a systematic sample is random: draw from its counts without replacement
         left.fill(0);
         line_systematic(self.law.line(j), self.size, rng.next_u64(), |i, count| left[i] = count);
         let mut total: u64 = left.iter().sum();
@@ -101,10 +101,10 @@ impl Average {
     }
 }
 
-/// What stands for an entity in a control: the same in every run, or an average that every run draws anew.
+/// An entity of a control: exact, or an average that every run draws.
 #[derive(Debug, Clone)]
 pub enum Estimate {
-    /// Entries, of a matrix column by column.
+    /// Exact entries, of a matrix column by column.
     Fixed(Vec<f64>),
     /// An average of realizations.
     Drawn(Average),
@@ -118,7 +118,7 @@ impl Estimate {
         }
     }
 
-    /// The vector of one run.
+    /// The vector in one run.
     fn vector(&self, rng: &mut ChaCha8Rng, out: &mut [f64]) -> Result<()> {
         match self {
             Self::Fixed(values) => out.copy_from_slice(values),
@@ -131,7 +131,7 @@ impl Estimate {
     }
 }
 
-/// The fused control of a problem, whose realizations are drawn anew in every run.
+/// The fused control of a problem, whose realizations every run draws again.
 #[derive(Debug, Clone)]
 pub struct Plans {
     x0: Estimate,
@@ -142,7 +142,7 @@ pub struct Plans {
     n: usize,
 }
 
-/// What a control is compared with.
+/// The exact control.
 #[derive(Debug, Clone, Copy)]
 pub enum Exact<'a> {
     /// One step.
@@ -182,7 +182,7 @@ impl Plans {
             let found = "systematic rows".into();
             return Err(Error::Value { name: "fusion", expected: "'product' for systematic rows of `A`", found });
         }
-        // without two random entities there is nothing to pair
+        // with fewer than two random entities nothing is paired
         let paired = paired && matches!((&x0, &a), (Estimate::Drawn(_), Estimate::Drawn(_)));
         Ok(Self { x0, xf, a, rows, paired, n })
     }
@@ -246,7 +246,7 @@ impl Plans {
                 (false, _) if value == 0.0 => {}
                 (false, false) => a.line(j, rng, |i, entry| y[i] -= value * entry)?,
                 (false, true) => {
-                    // x0^s hits j in `some` of the realizations: column j of the others does not enter
+                    // x0^s hits j in `some` of the realizations; the others do not use column j
                     let some = self.hits(j, value);
                     let one = value * g / some as f64;
                     a.part(j, some, rng, left, |i, count| y[i] -= one * line[i].signum() * count as f64)?;
@@ -260,7 +260,7 @@ impl Plans {
                     for (k, (entry, value)) in line.iter().zip(x.iter()).enumerate() {
                         let some = self.hits(k, *value);
                         if some > 0 && *entry != 0.0 {
-                            // row j picks entry k in some of the realizations whose x0^s hits k
+                            // row j hits entry k in some of the realizations whose x0^s hits k
                             let p = (entry.abs() / g).min(1.0);
                             let share = binomial(some, p, rng)? as f64 / some as f64;
                             y[j] -= value * g.copysign(*entry) * share;
@@ -283,7 +283,7 @@ impl Plans {
         }
     }
 
-    /// The two errors of one control over several steps, each with what rounding may have made of it.
+    /// The two errors of one control over several steps, each with a bound on its rounding error added.
     fn steps(
         &self,
         rng: &mut ChaCha8Rng,
@@ -318,7 +318,7 @@ impl Plans {
     }
 }
 
-/// Space for one run at a time.
+/// Scratch space of one run.
 struct Scratch {
     t: Vec<f64>,
     x: Vec<f64>,

@@ -9,12 +9,12 @@ use crate::memory::{checked_len, try_zeros};
 use crate::parallel::{Stop, for_each_chunk};
 use crate::stream::Key;
 
-/// Blocks whose sums are formed one after the other; threads take such leaves.
+/// Blocks in one leaf of the tree of sums; a thread takes one leaf at a time.
 const LEAF: usize = 16;
 
 /// Mean and covariance of `size` independent runs at the times `0 .. K`; the runs themselves only with `keep`.
 ///
-/// Run `s` depends on `(key, s)` and the model only: a larger ensemble starts with the smaller one.
+/// Run `s` depends on `(key, s)` and the model only: the first runs of a larger ensemble are those of a smaller one.
 ///
 /// # Errors
 /// [`Error::Value`] for no runs, [`Error::Overflow`] if a state or a second moment is not finite, [`Error::Memory`],
@@ -67,7 +67,7 @@ pub fn runs(
     tree.finish(size, kept)
 }
 
-/// The state of run `s`, into zeros.
+/// Writes the state of run `s` into zeros.
 fn write(states: &States, s: usize, out: &mut [f64]) {
     match states {
         States::Singles { indices, values } => out[indices[s] as usize] = values[s],

@@ -5,10 +5,10 @@ use crate::stream::{CHUNK, Key, Lanes, Purpose};
 /// Words made at a time: a multiple of the lanes that divides a chunk.
 const REFILL: usize = 256;
 
-/// The most words that may be taken at a time.
+/// Most words of one call.
 pub(super) const MOST: usize = 32;
 
-/// The words `0, 1, 2, ...` of the line `block`; whatever is taken is never given again.
+/// The words `0, 1, 2, ...` of the line `block`, each given once.
 pub(super) struct Words<'a> {
     key: &'a Key,
     block: usize,
@@ -36,7 +36,7 @@ impl<'a> Words<'a> {
         &self.buffer[from..from + count]
     }
 
-    /// Appends [`REFILL`] words to what is left, which is less than [`MOST`].
+    /// Appends [`REFILL`] words to the rest, which is shorter than [`MOST`].
     fn refill(&mut self) {
         if self.made.is_multiple_of(CHUNK) {
             self.lanes = Some(self.key.lanes_for(Purpose::Runs, self.block, self.made / CHUNK));

@@ -1,6 +1,6 @@
-//! Every operation on the disk, each with the name that its failure is reported under.
+//! Operations on the disk, each with the name used in its error message.
 //!
-//! In unit tests each changing operation can be made to fail, or be the last before a crash: see `tests/file.rs`.
+//! In unit tests, each operation that writes can fail, or be the last before a crash: see `tests/file.rs`.
 
 use std::fs::{self, File, Metadata, OpenOptions, TryLockError};
 use std::io::{self, ErrorKind, Read, Write};
@@ -14,7 +14,7 @@ use crate::fault::{Fault, MAX_BYTES};
 use crate::memory::try_room;
 use crate::parallel::Stop;
 
-/// Bytes between two looks at the stop flag.
+/// Bytes between two checks of the stop flag.
 const BLOCK: usize = 1 << 20;
 
 #[cfg(not(test))]
@@ -25,22 +25,22 @@ fn point(_action: &str) -> io::Result<()> {
 pub(super) fn os(action: &'static str, path: &Path) -> impl Fn(io::Error) -> Error {
     move |error| {
         let reason = error.to_string();
-        // the number has a field of its own
+        // the error has a field for the number
         let reason = reason.split(" (os error").next().unwrap_or_default().to_lowercase();
         Error::Os { action, path: path.into(), code: error.raw_os_error(), reason }
     }
 }
 
-/// What is there, without following a last symbolic link; `None` if nothing.
+/// The metadata of `path`, of a symbolic link itself; `None` if nothing is there.
 pub(super) fn look(path: &Path) -> Result<Option<Metadata>> {
     match fs::symlink_metadata(path) {
         Ok(metadata) => Ok(Some(metadata)),
         Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
-        Err(error) => Err(os("look at", path)(error)),
+        Err(error) => Err(os("access", path)(error)),
     }
 }
 
-/// Opening a pipe or a device could block or have effects: only regular files.
+/// Refuses all but regular files: opening a pipe or a device could block or have side effects.
 pub(super) fn require_regular(path: &Path, metadata: &Metadata) -> Result<()> {
     let kind = metadata.file_type();
     let what = match kind {
@@ -52,12 +52,12 @@ pub(super) fn require_regular(path: &Path, metadata: &Metadata) -> Result<()> {
     Err(refusal(path, Fault::NotRegular { what }))
 }
 
-/// The whole file, through symbolic links. Failures have the action `open` if nothing was read, else `read`.
+/// The whole file, through symbolic links. The action in errors is `open` until something has been read, then `read`.
 pub(super) fn read(path: &Path, stop: &Stop) -> Result<Vec<u8>> {
     require_regular(path, &fs::metadata(path).map_err(os("open", path))?)?;
     let file = File::open(path).map_err(os("open", path))?;
     let metadata = file.metadata().map_err(os("open", path))?;
-    require_regular(path, &metadata)?; // another file may have come to this place in between
+    require_regular(path, &metadata)?; // another file may have replaced it since the first check
     let found = metadata.len();
     if found > MAX_BYTES {
         return Err(refusal(path, Fault::TooLarge { found }));
@@ -65,7 +65,7 @@ pub(super) fn read(path: &Path, stop: &Stop) -> Result<Vec<u8>> {
     let mut bytes = try_room(WHAT, found as usize)?;
     loop {
         stop.check()?;
-        // the file may have been cut or may be growing: never more than it had
+        // the file may shrink or grow meanwhile: at most its first length is read
         let block = (found - bytes.len() as u64).min(BLOCK as u64);
         if (&file).take(block).read_to_end(&mut bytes).map_err(os("read", path))? == 0 {
             return Ok(bytes);
@@ -73,10 +73,10 @@ pub(super) fn read(path: &Path, stop: &Stop) -> Result<Vec<u8>> {
     }
 }
 
-/// A lock that ends with this object, with its process, and in no other way.
+/// A lock that ends only with this object or with its process.
 ///
-/// A child forked meanwhile shares the open file: nothing it does ends the lock, but the lock lasts until it has dropped
-/// its copy as well, should the process be killed.
+/// A forked child shares the open file. It cannot end the lock; but if the process is killed, the lock lasts until the
+/// child has closed its copy as well.
 #[derive(Debug)]
 pub struct Lock {
     file: File,
@@ -84,9 +84,10 @@ pub struct Lock {
 }
 
 impl Lock {
-    /// Takes the lock, or [`Error::Locked`] at once; `path` is the file it protects, `lock` an empty file.
+    /// Takes the lock, or returns [`Error::Locked`] at once; `path` is the file it protects, `lock` an empty file.
     ///
-    /// That file is never removed: who waits for a lock on a removed file would hold a lock on nothing.
+    /// The lock file is never removed: a writer that waits for a removed file would lock a file that no other writer
+    /// sees.
     pub(super) fn take(lock: &Path, path: &Path) -> Result<Self> {
         if let Some(metadata) = look(lock)? {
             require_regular(lock, &metadata)?;
@@ -103,18 +104,18 @@ impl Lock {
 
 impl Drop for Lock {
     fn drop(&mut self) {
-        // Closing is not enough: a child forked in the meantime shares the open file. A failure leaves it locked until
-        // that child ends, which the next writer is told. The child itself must not unlock what its parent holds.
+        // Closing is not enough, since a forked child shares the open file. If unlocking fails, the lock lasts until
+        // that child ends, and the next writer gets an error. The child itself must not unlock it for its parent.
         if self.process == std::process::id() {
             let _ = self.file.unlock();
         }
     }
 }
 
-/// A new file with these bytes, on the disk when this returns; `like` gives it the permissions of a file it replaces.
+/// Writes a new file and syncs it; `like` gives the permissions of the file it replaces.
 pub(super) fn write_new(path: &Path, bytes: &[u8], like: Option<&Metadata>, stop: &Stop) -> Result<()> {
     point("create").map_err(os("create", path))?;
-    // `create_new` follows no symbolic link and opens nothing that exists
+    // `create_new` follows no symbolic link and opens no existing file
     let mut file = OpenOptions::new().write(true).create_new(true).open(path).map_err(os("create", path))?;
     if let Some(metadata) = like {
         file.set_permissions(metadata.permissions()).map_err(os("set the permissions of", path))?;
@@ -126,21 +127,21 @@ pub(super) fn write_synced(file: &mut File, path: &Path, bytes: &[u8], stop: &St
     for block in bytes.chunks(BLOCK) {
         stop.check()?;
         if let Err(error) = point("write") {
-            let _ = file.write(&block[..block.len() / 2]); // a disk that fails may have taken a part
+            let _ = file.write(&block[..block.len() / 2]); // a failing disk may have written a part
             return Err(os("write", path)(error));
         }
         file.write_all(block).map_err(os("write", path))?;
     }
     stop.check()?;
-    // An error here must not be answered by a second try, which could succeed without the lost pages.
+    // Not tried again after an error: a second sync could succeed without the lost pages.
     point("sync").and_then(|()| file.sync_all()).map_err(os("sync", path))
 }
 
-/// A second name for a file; `false` where the file system has no such thing, or no more of it.
+/// Makes a hard link; `false` if the file system has none, or allows no more for this file.
 pub(super) fn hard_link(from: &Path, to: &Path) -> Result<bool> {
     match point("link").and_then(|()| fs::hard_link(from, to)) {
         Ok(()) => Ok(true),
-        // Linux says "not permitted" for file systems without links
+        // Linux returns EPERM on file systems without links
         Err(error)
             if matches!(
                 error.kind(),
@@ -157,18 +158,18 @@ pub(super) fn rename(from: &Path, to: &Path) -> Result<()> {
     point("rename").and_then(|()| fs::rename(from, to)).map_err(os("rename", from))
 }
 
-/// Removes a file if it can; whatever stays is swept away by the next save.
+/// Removes a file if possible; the next save removes the rest.
 pub(super) fn remove(path: &Path) {
     let _ = point("remove").and_then(|()| fs::remove_file(path));
 }
 
-/// Makes the names in a directory durable, where the system knows such a thing.
+/// Makes the names in a directory durable, if the system can.
 pub(super) fn sync_directory(path: &Path) -> Result<()> {
     if cfg!(not(unix)) {
-        return Ok(()); // a directory cannot be opened; NTFS writes a journal of names
+        return Ok(()); // Windows cannot open a directory; NTFS has a journal of names
     }
     match point("sync the directory").and_then(|()| File::open(path)).and_then(|directory| directory.sync_all()) {
-        // some network file systems have no such operation, and no need of it
+        // some network file systems have no such operation and do not need it
         Err(error) if matches!(error.kind(), ErrorKind::InvalidInput | ErrorKind::Unsupported) => Ok(()),
         result => result.map_err(os("sync the directory", path)),
     }

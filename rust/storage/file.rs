@@ -1,8 +1,8 @@
-//! Saving and loading: at every moment one complete generation can be loaded, whatever happens to the writer.
+//! Saving and loading: at any time, also after a crash of the writer, one complete generation can be loaded.
 //!
-//! Beside `state` there are `state.prev`, the generation before it; `state.lock`, empty, locked by a writer; and while a
-//! save runs `state.<16 hexadecimal digits>.tmp`. A save goes through these steps. "g" is the generation that is there
-//! before, "h" an older one or none; a generation is complete and synced before it gets a lasting name.
+//! Beside `state` there are `state.prev`, the generation before it; `state.lock`, empty, locked by a writer; and,
+//! during a save, `state.<16 hexadecimal digits>.tmp`. The table shows the steps of a save. "g" is the generation
+//! before the save, "h" an older one or none. A generation is complete and synced before it gets its final name.
 //!
 //! | after a crash behind step                  | `state` | `state.prev` | left over | loaded |
 //! |--------------------------------------------|---------|--------------|-----------|--------|
@@ -13,11 +13,11 @@
 //! | 5. rename the first over `state`           | g+1     | g            |           | g+1    |
 //! | 6. sync the directory                      | g+1     | g            |           | g+1    |
 //!
-//! Where there are no hard links, 3 and 4 are one rename of `state` to `state.prev`: then only `state.prev` exists before
-//! step 5, and g is loaded from there. A power failure may undo or reorder 3 to 5 until 6 has returned; since no name ever
-//! leads to a file that is not synced, each of the two names still leads to a complete generation: h, g or g+1, and `state`
-//! to g or g+1. Only after 6 is a save reported as done. If `state` is damaged (by a disk, by a hand), 3 and 4 are left
-//! out, for they would replace the last good generation by a bad one.
+//! Without hard links, 3 and 4 are one rename of `state` to `state.prev`: then only `state.prev` exists before step 5,
+//! and g is loaded from there. A power failure may undo or reorder 3 to 5 until 6 has returned. As no name ever points
+//! to a file that is not synced, each of the two names still points to a complete generation: h, g or g+1, and `state`
+//! to g or g+1. A save is reported as done only after 6. If `state` is damaged, 3 and 4 are skipped, so that the last
+//! good generation is not replaced by a bad one.
 
 use std::ffi::OsString;
 use std::io::ErrorKind;
@@ -31,27 +31,27 @@ use crate::error::{Error, Result};
 use crate::fault::Fault;
 use crate::parallel::Stop;
 
-/// A state that was loaded.
+/// A loaded state.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Loaded {
     /// Its contents.
     pub container: Container,
-    /// Why the previous generation had to stand in; `None` if the file itself is good.
+    /// Why the previous generation was loaded; `None` if the file itself is good.
     pub recovered: Option<Error>,
 }
 
 /// Saves a state as the next generation of the file at `path`, and returns the generation's number.
 ///
 /// When this returns, the state is on the disk; until then, and after any error or crash, the generation before can be
-/// loaded. The file that is there is read and checked first, because only a good one may become the previous generation.
-/// Errors: [`Error::Locked`] if another writer is at work, [`Error::State`] if something else than a state of this kind
-/// is at `path` (nothing is overwritten), [`Error::Os`] for what the system refuses, [`Error::Interrupted`].
+/// loaded. The existing file is read and checked first, because only a good one may become the previous generation.
+/// Errors: [`Error::Locked`] if another writer has the lock, [`Error::State`] if the file at `path` is not a state of
+/// this kind (it is not overwritten), [`Error::Os`] if an operation fails, [`Error::Interrupted`].
 pub fn save(path: &Path, kind: &str, sections: &[Section<'_>], stop: &Stop) -> Result<u64> {
-    check_names(kind, sections)?; // before anything is there
+    check_names(kind, sections)?; // before any file is made
     save_held(&lock(path)?, path, kind, sections, stop)
 }
 
-/// The lock of who writes to `path`, for several saves; [`Error::Locked`] if another writer has it.
+/// The writer's lock on `path`, for several saves; [`Error::Locked`] if another writer has it.
 pub fn lock(path: &Path) -> Result<Lock> {
     let place = Place::new(path)?;
     if let Some(metadata) = disk::look(path)? {
@@ -60,7 +60,7 @@ pub fn lock(path: &Path) -> Result<Lock> {
     Lock::take(&place.beside(".lock"), path) // 1
 }
 
-/// [`save`] by who holds the lock of `path`.
+/// [`save`] for the owner of the lock on `path`.
 pub fn save_held(_held: &Lock, path: &Path, kind: &str, sections: &[Section<'_>], stop: &Stop) -> Result<u64> {
     let place = Place::new(path)?;
     let old = disk::look(path)?;
@@ -69,9 +69,10 @@ pub fn save_held(_held: &Lock, path: &Path, kind: &str, sections: &[Section<'_>]
     }
     place.sweep();
     let survey = survey(&place, kind, stop)?;
-    let next = survey.generation.checked_add(1).ok_or_else(|| {
-        super::format::refusal(path, Fault::Content("the last generation that can be counted".into()))
-    })?;
+    let next = survey
+        .generation
+        .checked_add(1)
+        .ok_or_else(|| super::format::refusal(path, Fault::Content("no larger generation number".into())))?;
     let bytes = encode(kind, next, sections, stop)?;
     let new = Temporary(place.temporary());
     disk::write_new(&new.0, &bytes, old.as_ref(), stop)?; // 2
@@ -85,8 +86,8 @@ pub fn save_held(_held: &Lock, path: &Path, kind: &str, sections: &[Section<'_>]
 
 /// Loads the state of this `kind` that was saved at `path`; writes nothing.
 ///
-/// If the file is missing or damaged, the previous generation is loaded and the result says why. Errors: [`Error::State`]
-/// if neither can be used, [`Error::Os`] for what the system refuses (also if there is no file at all),
+/// If the file is missing or damaged, the previous generation is loaded and the result says why. Errors:
+/// [`Error::State`] if neither can be used, [`Error::Os`] if an operation fails (also if there is no file),
 /// [`Error::Interrupted`].
 pub fn load(path: &Path, kind: &str, stop: &Stop) -> Result<Loaded> {
     let why = match read(path, kind, stop) {
@@ -94,13 +95,13 @@ pub fn load(path: &Path, kind: &str, stop: &Stop) -> Result<Loaded> {
         Err(error) if is_lost(&error) => error,
         Err(error) => return Err(error),
     };
-    // a path that cannot be saved to, such as that of a previous generation, has none before it
+    // a path that `save` refuses, such as that of a previous generation, has no previous generation
     let Ok(place) = Place::new(path) else { return Err(why) };
     match read(&place.previous(), kind, stop) {
         Ok(container) => Ok(Loaded { container, recovered: Some(why) }),
         Err(Error::Interrupted) => Err(Error::Interrupted),
         Err(other) => Err(match (why, is_missing(&other)) {
-            // nothing at `path`, but a previous generation that cannot be used: that is the thing to tell
+            // nothing at `path`, and a previous generation that cannot be used: report the latter
             (why, false) if is_missing(&why) => other,
             (Error::State { path, fault, .. }, _) => {
                 Error::State { path, fault, previous: Some(format!("there is no previous generation: {other}")) }
@@ -120,7 +121,7 @@ fn is_missing(error: &Error) -> bool {
         if std::io::Error::from_raw_os_error(*code).kind() == ErrorKind::NotFound)
 }
 
-/// Whether the previous generation may stand in: the file is missing, damaged, or on a bad sector.
+/// Whether the previous generation may be loaded instead: the file is missing, damaged, or on a bad sector.
 fn is_lost(error: &Error) -> bool {
     match error {
         Error::State { fault, .. } => fault.is_damage(),
@@ -129,7 +130,7 @@ fn is_lost(error: &Error) -> bool {
     }
 }
 
-/// What is there before a save.
+/// The files before a save.
 struct Survey {
     /// The newest good generation, 0 if there is none.
     generation: u64,
@@ -137,7 +138,7 @@ struct Survey {
     keep: bool,
 }
 
-/// Judges what a save would replace; refuses to replace anything but a state of this kind, good or damaged.
+/// Checks what a save would replace; refuses all but a state of this kind, good or damaged.
 fn survey(place: &Place, kind: &str, stop: &Stop) -> Result<Survey> {
     let why = match read(&place.path, kind, stop) {
         Ok(container) => return Ok(Survey { generation: container.generation, keep: true }),
@@ -146,7 +147,7 @@ fn survey(place: &Place, kind: &str, stop: &Stop) -> Result<Survey> {
     };
     match read(&place.previous(), kind, stop) {
         Ok(container) => Ok(Survey { generation: container.generation, keep: false }),
-        // somebody's text, and no previous generation to say that a state had been here
+        // not a state, and no previous generation that shows that there was one
         Err(other) if is_lost(&other) => match why {
             Error::State { fault: Fault::Foreign, .. } => Err(why),
             _ => Ok(Survey { generation: 0, keep: false }),
@@ -167,7 +168,7 @@ impl Place {
         let wrong = |expected| Error::Value { name: "path", expected, found: format!("{path:?}") };
         let name = path.file_name().ok_or_else(|| wrong("the path of a file"))?.to_owned();
         if path.extension().is_some_and(|end| end == "prev" || end == "lock" || end == "tmp") {
-            return Err(wrong("a name that does not end in .prev, .lock or .tmp, which have a meaning here"));
+            return Err(wrong("a name that does not end in .prev, .lock or .tmp, which are reserved"));
         }
         let parent = path.parent().unwrap_or(Path::new(""));
         let directory = if parent.as_os_str().is_empty() { Path::new(".") } else { parent };
@@ -184,18 +185,18 @@ impl Place {
         self.beside(".prev")
     }
 
-    /// A name that no other writer has, not even one on another machine whom the lock does not reach.
+    /// A name that no other writer uses, not even on another machine, where the lock may have no effect.
     fn temporary(&self) -> PathBuf {
         static SERIAL: AtomicU32 = AtomicU32::new(0);
         let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
         let serial = u64::from(SERIAL.fetch_add(1, Ordering::Relaxed)) << 32;
-        // an odd multiplier spreads the nanoseconds over all 64 bits, away from those of the process number
+        // an odd multiplier spreads the nanoseconds over all 64 bits, apart from those of the process number
         let spread = (now.as_nanos() as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15);
         let digits = spread ^ serial ^ u64::from(std::process::id());
         self.beside(&format!(".{digits:016x}.tmp"))
     }
 
-    /// Removes the temporaries of this state. Their writers are dead: a living one would hold the lock.
+    /// Removes the temporary files of this state. Their writers are dead, since this process holds the lock.
     fn sweep(&self) {
         let Ok(entries) = std::fs::read_dir(&self.directory) else { return };
         let mut start = self.name.clone();
@@ -210,17 +211,17 @@ impl Place {
         }
     }
 
-    /// Gives the good file at the path its second name, that of the previous generation.
+    /// Makes the good file at `path` the previous generation.
     fn keep(&self) -> Result<()> {
         let second = Temporary(self.temporary());
         let linked = disk::hard_link(&self.path, &second.0)?;
-        // A rename does nothing if both names lead to the same file already, as they do after a crash behind step 4; then
-        // `second` is removed by its drop.
+        // A rename does nothing if both names already point to the same file, as after a crash behind step 4; then
+        // `second` is removed when it is dropped.
         disk::rename(if linked { &second.0 } else { &self.path }, &self.previous())
     }
 }
 
-/// A file that is removed unless it has got another name.
+/// A file that is removed when this is dropped, unless it has been renamed.
 struct Temporary(PathBuf);
 
 impl Drop for Temporary {

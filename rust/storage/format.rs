@@ -8,9 +8,9 @@
 //! then the arrays, little-endian, without gaps
 //! ```
 //!
-//! The digest is that of the whole file with 64 zeros in its own place. Everything up to the version keeps its place in
-//! all versions: damage can be told from a file of the future. The same contents always give the same bytes, and a reader
-//! refuses any others: no name can occur twice, and nothing can be hidden between the arrays.
+//! The digest is that of the whole file with 64 zeros in its own place. Everything up to the version has the same place
+//! in all versions, so that damage can be told from a file of a later version. The same contents always give the same
+//! bytes, and any other bytes are refused: no name can occur twice, and nothing can be hidden between the arrays.
 
 use std::borrow::{Borrow, Cow};
 use std::cmp::Ordering;
@@ -25,14 +25,14 @@ use crate::fault::{Fault, MAX_BYTES, VERSION};
 use crate::memory::{covered, try_collect, try_room};
 use crate::parallel::Stop;
 
-/// What messages say that memory is for.
+/// The purpose of memory, in error messages.
 pub(super) const WHAT: &str = "a state";
 
-/// No header is longer than this, so that what the parser makes of it has bounds.
+/// Longest header, which limits the memory of the parser.
 pub const MAX_HEADER: u64 = 1 << 20;
 
-/// More bytes than the parser asks for per byte of a header: for `[[[...]]]` these are 64, as each
-/// pair of brackets gets room for four entries of 32 bytes.
+/// Upper bound on the memory of the parser per byte of a header: it needs 64 bytes for `[[[...]]]`, since each pair of
+/// brackets gets room for four entries of 32 bytes.
 pub(super) const PARSED: usize = 96;
 
 /// The beginning of every header, then the digest.
@@ -42,7 +42,7 @@ pub(super) const SEAL: usize = 8 + BEGINNING.len();
 pub(super) const ZEROS: &[u8] = &[b'0'; 64];
 const SEALED: usize = SEAL + ZEROS.len();
 
-/// Bytes between two looks at the stop flag: a few milliseconds of work.
+/// Bytes between two checks of the stop flag: a few milliseconds of work.
 const BLOCK: usize = 1 << 20;
 
 /// The elements of a section.
@@ -74,7 +74,7 @@ impl Values<'_> {
         }
     }
 
-    /// The elements of this type that have these bytes; `None` for other types.
+    /// The elements of this type with these bytes; `None` for other types.
     fn read(dtype: Dtype, raw: &[u8]) -> Result<Option<Values<'static>>> {
         Ok(match dtype {
             Dtype::U8 => Some(Values::Bytes(array(raw, u8::from_le_bytes)?)),
@@ -102,9 +102,9 @@ pub struct Section<'a> {
 /// What a state file contains.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Container {
-    /// Which file it was, for messages.
+    /// The source in error messages.
     pub source: PathBuf,
-    /// What the state is of.
+    /// The kind of the state.
     pub kind: String,
     /// 1 for the first state saved under a path, then one more each time.
     pub generation: u64,
@@ -123,10 +123,10 @@ pub(super) fn refusal(source: &Path, fault: Fault) -> Error {
     Error::State { path: source.into(), fault, previous: None }
 }
 
-/// Refuses names that cannot be written.
+/// Refuses names that are not allowed in a file.
 pub(super) fn check_names(kind: &str, sections: &[Section<'_>]) -> Result<()> {
     let wrong = |argument, name: &str| {
-        let expected = "1 to 64 letters, digits, '_', '-' or '.', the first no '_'";
+        let expected = "1 to 64 letters, digits, '_', '-' or '.', not starting with '_'";
         Err(Error::Value { name: argument, expected, found: format!("\"{}\"", one_line(name)) })
     };
     if !is_name(kind) {
@@ -140,7 +140,7 @@ pub(super) fn check_names(kind: &str, sections: &[Section<'_>]) -> Result<()> {
     match names.windows(2).find(|pair| pair[0] == pair[1]) {
         Some(pair) => {
             let found = format!("'{}' twice", pair[0]);
-            Err(Error::Value { name: "sections", expected: "of different names", found })
+            Err(Error::Value { name: "sections", expected: "with different names", found })
         }
         None => Ok(()),
     }
@@ -148,11 +148,11 @@ pub(super) fn check_names(kind: &str, sections: &[Section<'_>]) -> Result<()> {
 
 fn is_name(name: &str) -> bool {
     let good = |byte: u8| byte.is_ascii_alphanumeric() || b"_-.".contains(&byte);
-    // "__metadata__" has a meaning
+    // "__metadata__" is reserved
     (1..=64).contains(&name.len()) && name.bytes().all(good) && !name.starts_with('_')
 }
 
-/// The order in a file: eights before bytes, so that all begin at a multiple of their size; then by name.
+/// The order in a file: elements of eight bytes first, so that all are aligned; then by name.
 fn order(a: &Section<'_>, b: &Section<'_>) -> Ordering {
     b.values.size().0.cmp(&a.values.size().0).then_with(|| a.name.cmp(&b.name))
 }
@@ -221,9 +221,9 @@ pub fn encode(kind: &str, generation: u64, sections: &[Section<'_>], stop: &Stop
     Ok(out)
 }
 
-/// The contents of a file with these bytes, which must be of this `kind`; `source` is how messages call it.
+/// The contents of a file with these bytes, which must be of this `kind`; `source` is its name in messages.
 ///
-/// What is allocated is bounded by the number of bytes: every size is checked before it is used.
+/// The memory is bounded by the number of bytes: every size is checked before it is used.
 pub fn decode(source: &Path, bytes: &[u8], kind: &str, stop: &Stop) -> Result<Container> {
     let refuse = |fault| refusal(source, fault);
     let found = bytes.len();
@@ -236,10 +236,10 @@ pub fn decode(source: &Path, bytes: &[u8], kind: &str, stop: &Stop) -> Result<Co
     }
     let Some(seal) = bytes.get(SEAL..SEALED) else { return Err(refuse(Fault::Truncated { found })) };
     if digest(bytes, stop)? != seal {
-        // the digest says that it is damaged, the header perhaps where
+        // the digest shows damage; the header may say more precisely what is wrong
         return Err(parse(source, bytes).err().unwrap_or_else(|| refuse(Fault::Checksum)));
     }
-    // From here on the file is as its writer made it, who may be of the future or malicious.
+    // From here on the file is as it was written, but perhaps by a later version or with bad intent.
     match version(&bytes[SEALED..]) {
         Some(VERSION) => {}
         Some(found) => return Err(refuse(Fault::Version { found })),
@@ -250,7 +250,7 @@ pub fn decode(source: &Path, bytes: &[u8], kind: &str, stop: &Stop) -> Result<Co
     for name in names {
         stop.check()?;
         let Some(info) = metadata.info(&name) else { continue };
-        // the offsets have been found to lie within the data, one behind the other, and to fit type and shape
+        // `safetensors` has checked that the offsets lie within the data, follow each other, and fit type and shape
         let raw = &data[info.data_offsets.0..info.data_offsets.1];
         let Some(values) = Values::read(info.dtype, raw)?.filter(|_| info.shape.len() == 1) else {
             let (dtype, dimensions) = (info.dtype, info.shape.len());
@@ -277,7 +277,7 @@ fn version(bytes: &[u8]) -> Option<u64> {
     str::from_utf8(digits.get(..20).unwrap_or(digits)).ok()?.parse().ok()
 }
 
-/// What the header says, the names in it, and the data, which fill the file exactly.
+/// The parsed header, the names in it, and the data, which fill the file exactly.
 fn parse<'a>(source: &Path, bytes: &'a [u8]) -> Result<(Metadata, Vec<String>, &'a [u8])> {
     let refuse = |fault| refusal(source, fault);
     let found = bytes.len();
@@ -300,7 +300,7 @@ fn parse<'a>(source: &Path, bytes: &'a [u8]) -> Result<(Metadata, Vec<String>, &
     Ok((metadata, names, data))
 }
 
-/// What a message can show of a text from a file.
+/// A text from a file, shortened for a message.
 fn one_line(text: &str) -> String {
     String::from_iter(text.chars().take(100).flat_map(char::escape_debug))
 }

@@ -1,7 +1,7 @@
-//! Durable state: arrays of numbers in a file that survives kills, full disks and bad sectors.
+//! Durable state: arrays of numbers in a file that survives crashes of the writer, full disks and bad sectors.
 //!
-//! `format` is the container (bytes in memory, see `docs/state-format.md`), `file` the way to and from the disk. Neither
-//! knows what the numbers mean: a caller checks that after [`load`].
+//! `format` is the container in memory (see `docs/state-format.md`), `file` writes and reads it. Neither knows what the
+//! numbers mean: the caller checks that after [`load`].
 //!
 //! ```
 //! use stochens::{Stop, storage::{self, Section, Values}};

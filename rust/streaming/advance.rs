@@ -1,4 +1,4 @@
-//! Many steps with an end: a rule, a number of steps, a time, or a request to stop.
+//! Runs of many steps, until a rule or a limit is met.
 
 use std::time::Instant;
 
@@ -7,35 +7,35 @@ use crate::error::Result;
 use crate::fuse::norm;
 use crate::parallel::Stop;
 
-/// When the control counts as good enough.
+/// The stopping rule.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Rule {
-    /// The certificate is at most the tolerance: then so is `||B (v - v*)||`. Looked at every `n` steps.
+    /// The certificate is at most the tolerance, and so `||B (v - v*)||` is. Checked every `n` steps.
     Certificate,
-    /// `||v_new - v_old||` is at most the tolerance, as printed in the paper. It is 0 whenever a realization is of no use,
-    /// which says nothing about the error.
+    /// `||v_new - v_old||` is at most the tolerance, as printed in the paper. It is 0 whenever a realization does not
+    /// improve the estimate, whatever the error.
     Printed,
 }
 
-/// What ends a run.
+/// Limits of a run.
 #[derive(Debug, Clone, Copy)]
 pub struct Limits {
     /// Steps of this run.
     pub steps: u64,
     /// The rule and its tolerance.
     pub tolerance: Option<(Rule, f64)>,
-    /// When to stop.
+    /// The time when the run ends.
     pub deadline: Option<Instant>,
 }
 
-/// How a run ended.
+/// The reason why a run ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum End {
     /// The rule is satisfied.
     Converged,
     /// All steps are taken.
     Steps,
-    /// The deadline is over.
+    /// The deadline has passed.
     Time,
 }
 
@@ -60,7 +60,7 @@ impl Stream {
                 }
                 Some((Rule::Certificate, tolerance)) => {
                     self.step();
-                    // the second part alone costs nothing
+                    // the second part alone costs O(1)
                     if self.steps().is_multiple_of(n)
                         && self.matrix_part() <= tolerance
                         && self.certificate()?.0 <= tolerance

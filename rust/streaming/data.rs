@@ -1,4 +1,4 @@
-//! A stream fed by realizations that come from elsewhere: running means, or line searches towards targets.
+//! A stream of realizations from outside: running means, or line searches towards targets.
 
 use super::geometry::Geometry;
 use super::sections::NAMES;
@@ -11,7 +11,7 @@ const WHAT: &str = "a stream";
 /// Largest relative error of one rounding.
 const U: f64 = 0.5 * f64::EPSILON;
 
-/// One entity: its estimate and what its realizations say about their spread.
+/// One entity: its estimate, and the spread of its realizations.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Feed {
     /// the mean of the realizations, or their fusion towards the target
@@ -24,7 +24,7 @@ pub(super) struct Feed {
     pub(super) deviation: f64,
     /// `max_i ||E_i - E_1||`
     pub(super) spread: f64,
-    /// The smallest and the largest value of every entry; of means only, empty with a target.
+    /// The smallest and the largest value of every entry; empty with a target.
     pub(super) low: Vec<f64>,
     pub(super) high: Vec<f64>,
 }
@@ -49,7 +49,7 @@ impl Feed {
         if self.target.is_some() { &self.estimate } else { &self.mean }
     }
 
-    /// One realization; nothing has changed after an error.
+    /// Takes in one realization; after an error, nothing has changed.
     fn push(&mut self, e: &[f64]) -> Result<()> {
         const TOO_LARGE: Error = Error::Overflow { what: "the difference of two realizations" };
         if self.count == 0 {
@@ -76,7 +76,7 @@ impl Feed {
             let off = |m: f64, ((f, e), t): ((&f64, &f64), &f64)| m.max((e - f).abs()).max((t - f).abs());
             let far = self.estimate.iter().zip(e).zip(target).fold(0.0, off);
             if !(far * (e.len() as f64).sqrt()).is_finite() {
-                return Err(TOO_LARGE); // nor is its norm
+                return Err(TOO_LARGE); // nor is its norm finite
             }
             step_towards(&mut self.estimate, |k| e[k], target, 1.0 / far.max(f64::MIN_POSITIVE));
         }
@@ -87,9 +87,10 @@ impl Feed {
         Ok(())
     }
 
-    /// How far the running mean can be from that of exact arithmetic, `u (N S + 4 spread)` with `u = 2^-53` and
-    /// `S = sqrt(sum_k max |E_k|^2)`: update i adds at most `u |mean| + 2 u |E - mean| / i` to what the one before left,
-    /// shrunk by `1 - 1 / i`, and `|E - mean| <= 2 spread`. 0 where all realizations are the same: then it is exact.
+    /// A bound on the rounding error of the running mean, `u (N S + 4 spread)` with `u = 2^-53` and
+    /// `S = sqrt(sum_k max |E_k|^2)`: update i adds at most `u |mean| + 2 u |E - mean| / i` to the error before it,
+    /// which shrinks by `1 - 1 / i`, and `|E - mean| <= 2 spread`. 0 if all realizations are equal: then the mean is
+    /// exact.
     fn rounding(&self) -> f64 {
         if self.spread == 0.0 {
             return 0.0;
@@ -98,15 +99,15 @@ impl Feed {
         U * (self.count as f64 * size + 4.0 * self.spread) + f64::MIN_POSITIVE
     }
 
-    /// Two realizations of a mean are at least this far apart: the largest of
+    /// A lower bound on the largest distance of two realizations of a mean: the largest of
     /// - `max_i ||E_i - E_1||`;
     /// - `max - min` of an entry;
     /// - the root mean square distance of a pair, `sqrt(2 / (N - 1))` times the deviation, since
     ///   `sum_{i<j} ||E_i - E_j||^2 = N sum_i ||E_i - mean||^2`.
     ///
-    /// Each is lowered by its rounding, so that no bound that the exact numbers satisfy is refuted: for d entries
-    /// `(d + 8) u` of a distance; for the deviation `4 N u` more, and `sqrt(N)` times the rounding of the mean. The
-    /// difference of two doubles needs no allowance: it is rounded monotonically.
+    /// Each is lowered by its rounding error, so that no correct bound is refuted: for d entries by `(d + 8) u` of a
+    /// distance; for the deviation by `4 N u` more, and by `sqrt(N)` times the rounding error of the mean. The
+    /// difference of two doubles needs no allowance, because rounding is monotonic.
     fn apart(&self) -> f64 {
         if self.spread == 0.0 {
             return 0.0;
@@ -119,7 +120,7 @@ impl Feed {
     }
 }
 
-/// The sequential algorithm on realizations that are handed in.
+/// The sequential algorithm on realizations that are passed in.
 #[derive(Debug)]
 pub struct Data {
     pub(super) geometry: Geometry,
@@ -128,7 +129,7 @@ pub struct Data {
 }
 
 impl Data {
-    /// Nothing seen yet. An entity without a target is averaged.
+    /// A stream without realizations. An entity without a target is averaged.
     ///
     /// # Errors
     /// [`Error::Shape`] if a target does not fit `B`.
@@ -148,8 +149,8 @@ impl Data {
     /// Takes in realizations of entity 0 (`x0`), 1 (`xf`) or 2 (`A`, row by row), in order.
     ///
     /// # Errors
-    /// [`Error::Overflow`] for a realization whose distance to the others is not representable, [`Error::Interrupted`] after
-    /// a stop; those before have been taken in.
+    /// [`Error::Overflow`] for a realization whose distance to the others is not representable, [`Error::Interrupted`]
+    /// after a stop; the realizations before are taken in.
     pub fn update(&mut self, entity: usize, samples: &Dense<'_>, stop: &Stop) -> Result<()> {
         let feed = &mut self.feeds[entity];
         if samples.dim() != feed.mean.len() {
@@ -171,7 +172,7 @@ impl Data {
         self.geometry.n
     }
 
-    /// Realizations taken in.
+    /// Number of realizations.
     pub fn counts(&self) -> [u64; 3] {
         [0, 1, 2].map(|k| self.feeds[k].count)
     }
@@ -191,12 +192,12 @@ impl Data {
         [0, 1, 2].map(|k| self.feeds[k].spread)
     }
 
-    /// A distance that two realizations have at least, as far as the data show.
+    /// A lower bound on the largest distance of two realizations.
     pub fn apart(&self) -> [f64; 3] {
         [0, 1, 2].map(|k| self.feeds[k].apart())
     }
 
-    /// How far rounding can have moved the mean.
+    /// A bound on the rounding error of the mean.
     pub fn rounding(&self) -> [f64; 3] {
         [0, 1, 2].map(|k| self.feeds[k].rounding())
     }
@@ -271,7 +272,8 @@ mod tests {
         assert!((data.residuals()[1].powi(2) - 4.0 / 25.0).abs() < 1e-14);
         assert!((data.deviations()[0].powi(2) - 10.0).abs() < 1e-13);
         assert!((data.spreads()[0].powi(2) - 8.0).abs() < 1e-13);
-        // sqrt(8) from the first one, entries that range over 2 and 4, and sqrt(10) for the root mean square of the pairs
+        // distance sqrt(8) from the first, ranges 2 and 4 of the entries, and root mean square distance sqrt(10) of the
+        // pairs
         assert_eq!([data.apart()[0], data.apart()[2]], [4.0, 0.0]);
         assert_eq!(data.certificate(), Ok(None));
         assert!(matches!(feed(&mut data, 2, &three, 2), Err(Error::Shape { name: "A", .. })));

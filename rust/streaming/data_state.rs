@@ -1,4 +1,4 @@
-//! A fed stream to sections and back, bit for bit; what is loaded is checked as in [`super::state`].
+//! Saves a data stream as sections and loads it, bit for bit; loaded numbers are checked as in [`super::state`].
 
 use super::data::{Data, Feed, size};
 use super::geometry::Geometry;
@@ -7,7 +7,7 @@ use super::slot::damaged;
 use crate::error::Result;
 use crate::fuse::distance;
 
-/// Version of the sections; a reader refuses any other, which may take other steps in the last bits.
+/// Version of the sections. Others are refused, because their steps may differ in the last bits.
 const FORMAT: u64 = 3;
 
 impl Data {
@@ -35,7 +35,7 @@ impl Data {
         Ok(out)
     }
 
-    /// The stream that [`Data::to_sections`] wrote down.
+    /// The stream that [`Data::to_sections`] saved.
     ///
     /// # Errors
     /// [`crate::Error::Value`] for `state` if the sections cannot come from a stream.
@@ -64,10 +64,11 @@ impl Data {
             feed.estimate = from.take_f64(&format!("{name}.fused"), Some(kept))?;
             let target = from.take_f64(&format!("{name}.aim"), Some(kept))?;
             feed.target = known.then_some(target);
-            // ||E_i - E_1|| <= spread for all i, so the means are within it too, and the deviation below spread sqrt(N)
+            // ||E_i - E_1|| <= spread for all i, so the means are within spread of E_1, and the deviation is at most
+            // spread sqrt(N)
             let slack = 1.0 + 1e-6;
             let near = |v: &[f64]| distance(v, &feed.first) <= slack * feed.spread + 1e-6 * size(v);
-            // the edges are on both sides of the first realization, and within the spread of it
+            // the first realization lies between low and high, and both are within the spread of it
             let inside = |((low, high), first): ((&f64, &f64), &f64)| {
                 (0.0..=feed.spread).contains(&(first - low)) && (0.0..=feed.spread).contains(&(high - first))
             };
@@ -78,7 +79,7 @@ impl Data {
                 && feed.count < 1 << 62
                 && (feed.count > 1 || feed.spread == 0.0);
             if !fits {
-                return Err(damaged("means within the spread of their realizations", format!("others of {name:?}")));
+                return Err(damaged("a state with means among the realizations", format!("others for {name:?}")));
             }
         }
         from.finish()?;

@@ -1,4 +1,4 @@
-//! What `B` says: its pseudoinverse, applied through the singular vectors, and the projector onto its range.
+//! `B` with its pseudoinverse, applied through the singular vectors, and the projector onto its range.
 
 use crate::control::pseudoinverse;
 use crate::error::{Error, Result};
@@ -6,7 +6,7 @@ use crate::fuse::power_of_two_scale;
 use crate::memory::try_zeros;
 use crate::vector::{dot, norm};
 
-/// `B` with its singular vectors: those of its range are an orthonormal basis of it.
+/// `B` with its singular vectors; the left ones are an orthonormal basis of its range.
 #[derive(Debug)]
 pub struct Geometry {
     pub(super) n: usize,
@@ -62,7 +62,7 @@ impl Geometry {
     }
 
     /// `||P z||`.
-    ///
+    /// `room` is scratch space with as many entries as `z`.
     /// `room` has as many entries as `z`, and is written to.
     pub fn projected_norm(&self, z: &[f64], room: &mut [f64]) -> f64 {
         let scale = power_of_two_scale(z);

@@ -1,4 +1,4 @@
-//! The sequential algorithm: estimates of `x0`, `xf`, `A` that move with every realization, and the control they give.
+//! The sequential algorithm: estimates of `x0`, `xf`, `A` and the control from them, updated with every realization.
 //!
 //! [`Stream`] draws its own realizations and fits them to their means by sequential least squares. In the *consistent*
 //! variant one slot `i` moves per step, `F_i <- (1 - t) F_i + t E`, and `v <- (1 - t) v + t v'` with `v'` from `E` in that
@@ -11,7 +11,7 @@
 //!
 //! `||B (v - v*)|| <= ||P [(Ff - xf) - A (F0 - x0)]|| + ||FA - A|| ||F0||`
 //!
-//! is the certificate that the stream stops by. [`Data`] is fed by somebody else's realizations.
+//! is the certificate of the stopping rule. [`Data`] takes realizations from outside.
 
 mod advance;
 mod data;

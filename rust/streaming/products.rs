@@ -1,7 +1,7 @@
-//! `FA F0`, kept up to date in `O(n)` per realization instead of `O(n^2)`.
+//! `FA F0`, updated in `O(n)` per realization instead of `O(n^2)`.
 //!
-//! With the safeguard, `F` also moves towards the mean of all realizations, so the products with the sums `SA`, `S0` of the
-//! realizations are kept as well: the product is linear in each factor, and each factor moves as its [`Move`] says.
+//! With the safeguard, `F` also moves towards the mean of all realizations, so the products with the sums `SA`, `S0` of
+//! the realizations are kept as well. The product is linear in each factor, and each factor changes by a [`Move`].
 
 use super::slot::{Move, Slot};
 use crate::error::Result;
@@ -45,7 +45,7 @@ impl Products {
         Ok(Self { ff: try_zeros(WHAT, n)?, sums: try_zeros(WHAT, x0.run.hits.len())? })
     }
 
-    /// All of them, summed from the entries: `O(n^2)`.
+    /// All products, summed from the entries: `O(n^2)`.
     pub(super) fn direct(a: &Slot, start: &Start) -> Result<Self> {
         let n = a.run.length;
         let mut made = Self { ff: try_zeros(WHAT, n)?, sums: try_zeros(WHAT, start.s.len())? };
@@ -53,7 +53,7 @@ impl Products {
         Ok(made)
     }
 
-    /// The same; `line` is room for a line of `A`.
+    /// The same; `line` is scratch space for a line of `A`.
     pub(super) fn sum_up(&mut self, a: &Slot, start: &Start, line: &mut [f64]) {
         self.ff.fill(0.0);
         self.sums.fill([0.0; 3]);
@@ -72,7 +72,7 @@ impl Products {
         }
     }
 
-    /// `F0` and `S0` have moved by a realization that hits entry `i` with `value`.
+    /// Updates after `F0` and `S0` have moved by a realization that hits entry `i` with `value`.
     pub(super) fn move_start(&mut self, a: &Slot, i: usize, value: f64, by: Move, work: &mut [Vec<f64>; 2]) {
         let [first, second] = work;
         if self.sums.is_empty() {
@@ -95,7 +95,7 @@ impl Products {
         }
     }
 
-    /// `FA` and `SA` have moved by the realization that `a` drew last.
+    /// Updates after `FA` and `SA` have moved by the realization that `a` drew last.
     pub(super) fn move_matrix(&mut self, a: &Slot, start: &Start, by: Move, work: &mut [Vec<f64>; 2]) {
         let [first, second] = work;
         let n = a.run.length;

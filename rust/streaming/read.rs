@@ -1,4 +1,4 @@
-//! What can be read off a stream: the control, the estimates, and how far they are from their targets.
+//! Results of a stream: the control, the estimates, and their distances from the targets.
 
 use super::slot::Slot;
 use super::stream::{Config, Lines, Room, Stream, Variant};
@@ -12,7 +12,7 @@ impl Stream {
         self.config.variant == Variant::Literal
     }
 
-    /// Whether the control is the one that the estimates give, `v = B^+ (Ff - FA F0)`.
+    /// Whether the control follows from the estimates, `v = B^+ (Ff - FA F0)`.
     pub fn consistent(&self) -> bool {
         self.config.variant == Variant::Consistent
     }
@@ -58,15 +58,15 @@ impl Stream {
         Ok([0, 1, 2].map(|k| residual(&self.slots[k])))
     }
 
-    /// `||FA - A|| ||F0||`, from the numbers that every step carries along.
+    /// `||FA - A|| ||F0||`, from numbers that every step updates.
     pub(super) fn matrix_part(&self) -> f64 {
         let a = &self.slots[2];
         a.run.state.er.max(0.0).sqrt() * a.scale * (norm(&self.start.f) * self.slots[0].scale)
     }
 
-    /// A bound on `||B (v - v*)||`, and that number itself, in `O(n^2)`. The bound is
-    /// `||P [(Ff - xf) - A (F0 - x0)]|| + ||FA - A|| ||F0||`, NaN for the variants whose control is not the one that their
-    /// estimates give; the number is `||P [(Ff - FA F0) - (xf - A x0)]||`, from differences that do not cancel.
+    /// A bound on `||B (v - v*)||`, and its value, in `O(n^2)`. The bound is
+    /// `||P [(Ff - xf) - A (F0 - x0)]|| + ||FA - A|| ||F0||`, NaN for the variants whose control does not follow from
+    /// their estimates; the value is `||P [(Ff - FA F0) - (xf - A x0)]||`, from differences that do not cancel.
     ///
     /// # Errors
     /// [`crate::Error::Memory`].
@@ -74,7 +74,7 @@ impl Stream {
         Ok(self.certificate_in(&mut Room::lines(self.geometry.n)?))
     }
 
-    /// The same, with room for what it is made of.
+    /// The same, with scratch space.
     pub(super) fn certificate_in(&self, room: &mut Lines) -> (f64, f64) {
         let [x0, xf, a] = &self.slots;
         let n = self.geometry.n;
@@ -133,12 +133,12 @@ impl Stream {
         self.steps
     }
 
-    /// The largest relative drift of `FA F0` that was found and repaired.
+    /// The largest relative rounding error of `FA F0` that a refresh has corrected.
     pub fn drift(&self) -> f64 {
         self.drift
     }
 
-    /// What was written down on the way.
+    /// The recorded steps.
     pub fn trace(&self) -> &[Entry] {
         &self.trace
     }
@@ -148,7 +148,7 @@ impl Stream {
         self.geometry.n
     }
 
-    /// How the stream works.
+    /// The options of the stream.
     pub fn config(&self) -> Config {
         self.config
     }

@@ -1,4 +1,4 @@
-//! A saved state as named arrays of plain numbers; whoever writes files needs to know no more.
+//! A saved state as named arrays of plain numbers.
 
 use super::slot::damaged;
 use crate::error::Result;
@@ -6,10 +6,10 @@ use crate::memory::{try_copy, try_push};
 
 const WHAT: &str = "a state";
 
-/// What the arrays of the three entities begin with.
+/// Prefixes of the arrays of the three entities.
 pub(super) const NAMES: [&str; 3] = ["x0", "xf", "A"];
 
-/// Above this a dimension cannot be one: `n^2` entries would not fit into any memory.
+/// Largest dimension: `n^2` entries of a larger one would not fit into any memory.
 pub(super) const LARGEST: u64 = 1 << 24;
 
 /// One array of a saved state.
@@ -62,7 +62,9 @@ impl Sections {
             Section::F64(values) if len.is_none_or(|len| len == values.len()) => {
                 match values.iter().position(|v| !v.is_finite()) {
                     None => Ok(values),
-                    Some(at) => Err(damaged("finite", format!("{} at index {at} of {name:?}", values[at]))),
+                    Some(at) => {
+                        Err(damaged("a state of finite numbers", format!("{} at index {at} of {name:?}", values[at])))
+                    }
                 }
             }
             other => Err(misfit(name, "numbers", len, &other)),
@@ -76,11 +78,11 @@ impl Sections {
         }
     }
 
-    /// Nothing may be left over.
+    /// Refuses sections that have not been taken.
     pub(super) fn finish(self) -> Result<()> {
         match self.0.first() {
             None => Ok(()),
-            Some((name, _)) => Err(damaged("of known sections only", format!("{name:?}"))),
+            Some((name, _)) => Err(damaged("a state without unknown sections", format!("{name:?}"))),
         }
     }
 }
@@ -92,5 +94,5 @@ fn misfit(name: &str, kind: &str, len: Option<usize>, found: &Section) -> crate:
         Section::F64(values) => ("numbers", values.len()),
     };
     let wanted = len.map_or(String::new(), |len| format!("{len} "));
-    damaged("of the right shapes", format!("{has} {is} for {wanted}{kind} in {name:?}"))
+    damaged("a state with arrays of the right sizes", format!("{has} {is} for {wanted}{kind} in {name:?}"))
 }

@@ -1,4 +1,4 @@
-//! One entity of the stream: its realizations in order, and the `F` they are fused into.
+//! One entity of the stream: its realizations in order, and their fusion `F`.
 
 use std::sync::Arc;
 
@@ -11,7 +11,7 @@ use crate::vector::dot;
 
 const WHAT: &str = "a stream";
 
-/// A line with a smaller 1-norm, relative to the largest, counts as zero: its square is no number.
+/// A line with a smaller 1-norm, relative to the largest, counts as zero, because its square underflows.
 const NEGLIGIBLE: f64 = 1e-150;
 
 /// `sign(w) value` by flipping a bit; 0, not -0, off the support, where `value` is 0.
@@ -21,7 +21,7 @@ fn signed(value: f64, w: f64) -> f64 {
     f64::from_bits(value.to_bits() ^ (w.to_bits() & SIGN)) + 0.0
 }
 
-/// An entity drawn from its own law and fitted to its mean. Everything is in units of `scale`, a power of two.
+/// An entity drawn from its own law and fitted to its mean, in units of `scale`, a power of two.
 pub(super) struct Slot {
     pub(super) law: Arc<Law>,
     pub(super) scale: f64,
@@ -44,7 +44,7 @@ pub(super) struct Move {
 }
 
 impl Slot {
-    /// The slot before its first realization.
+    /// A slot without realizations.
     pub(super) fn new(values: Vec<f64>, lines: usize, length: usize, key: Key, safeguard: bool) -> Result<Self> {
         let law = Arc::new(Law::new(values, lines, length)?);
         let scale = power_of_two_scale(law.gamma());
@@ -64,7 +64,7 @@ impl Slot {
         })
     }
 
-    /// How many realizations have been drawn.
+    /// Number of realizations drawn.
     pub(super) fn count(&self) -> u64 {
         self.sequence.position()
     }
@@ -78,11 +78,11 @@ impl Slot {
         Move { t: t[0], s: s[0], k: (before + 1) as f64 }
     }
 
-    /// Draws the next realization in the place of the one before; the line search between the two (*literal* variant).
+    /// Draws the next realization in place of the last; the line search is between these two (*literal* variant).
     pub(super) fn replace_next(&mut self) -> f64 {
         let before = self.run.toward(&self.raw);
         let sample = self.sequence.draw();
-        // <E, E'>: two realizations have the same value where they hit the same entry, and nothing in common elsewhere
+        // <E, E'>: two realizations have the same value at entries that both hit, and no other common nonzero entries
         let common: f64 =
             sample.iter().zip(&self.raw).zip(&self.run.g2).map(|((a, b), g)| if a == b { *g } else { 0.0 }).sum();
         let (after, gg) = (self.run.toward(sample), self.run.gg);
@@ -90,7 +90,7 @@ impl Slot {
         clipped(after - before - common + gg, 2.0 * (gg - common)) // <E* - E, E' - E>, ||E' - E||^2
     }
 
-    /// The value the latest realization has in line `j`, in units of `scale`.
+    /// The value of the latest realization in line `j`, in units of `scale`.
     pub(super) fn raw_value(&self, j: usize) -> f64 {
         let sign = self.signs[j * self.run.length + self.raw[j] as usize];
         f64::from(sign) * self.run.gamma[j]
@@ -124,7 +124,7 @@ impl Slot {
         }
     }
 
-    /// Line `j` of `F`, as it is handed out; with `literal`, of the latest realization.
+    /// Line `j` of the estimate: `F`, or with `literal` the latest realization.
     pub(super) fn entries(&self, j: usize, literal: bool, out: &mut [f64]) {
         let (run, values) = (&self.run, self.law.line(j));
         if literal {
@@ -133,13 +133,13 @@ impl Slot {
         } else if run.b != 0.0 || run.gamma[j] == 0.0 {
             out.iter_mut().zip(run.line(j)).zip(values).for_each(|((out, f), w)| *out = signed(f, *w));
         } else {
-            let (h, c, g) = (&run.tables.h[j * run.length..], run.c, run.gamma[j]); // the same, without hits
+            let (h, c, g) = (&run.tables.h[j * run.length..], run.c, run.gamma[j]); // the same without hits
             out.iter_mut().zip(h).zip(values).for_each(|((out, h), w)| *out = signed(c * h / g, *w));
         }
     }
 
-    /// Calls `visit` for every line of `F` and its difference to the line of `E*`: neighbouring doubles have an exact
-    /// difference, so the second is exact once `F` is close. `room` is where the two are made.
+    /// Calls `visit` for every line of `F` and its difference to the line of `E*`. Neighbouring doubles have an exact
+    /// difference, so the second is exact once `F` is close. `room` is scratch space for the two.
     pub(super) fn visit(
         &self,
         literal: bool,
@@ -173,7 +173,7 @@ impl Slot {
         er
     }
 
-    /// Refuses an `F` that no sequence of realizations leads to: every line of `F` is a mean of atoms, so its 1-norm is
+    /// Refuses an `F` that no sequence of realizations gives: every line of `F` is a mean of atoms, so its 1-norm is
     /// `g_j`, and with the safeguard every line of `S` counts all realizations.
     pub(super) fn check(&self) -> Result<()> {
         let (length, count) = (self.run.length, self.count() as f64);
@@ -184,7 +184,7 @@ impl Slot {
             self.entries(j, false, &mut line);
             let sum: f64 = line.iter().map(|f| f.abs()).sum();
             let off = range.clone().zip(&line).any(|(at, f)| {
-                // a mean of atoms has their sign; h alone may be negative with the safeguard
+                // a mean of atoms has their signs; h alone may be negative with the safeguard
                 let against = f64::from(self.signs[at]) * f < -1e-9 * largest;
                 against || (self.signs[at] == 0 && *g > 0.0 && self.run.tables.h[at] != 0.0)
             });
@@ -193,7 +193,7 @@ impl Slot {
                 (hits.iter().sum::<f64>() - count).abs() <= 1e-9 * count && hits.iter().all(|h| *h >= 0.0)
             };
             if off || !counted || (sum - g).abs() > 1e-6 * largest {
-                return Err(damaged("estimates that are means of realizations", format!("another one in line {j}")));
+                return Err(damaged("a state with means of realizations", format!("another line {j}")));
             }
         }
         let (found, fresh, gg) = (self.run.state, self.run.sums(), self.run.gg);
@@ -208,14 +208,17 @@ impl Slot {
         for (found, fresh, size) in carried {
             let slack = 1e-6 * fresh.abs() + 1e-9 * size;
             if (fresh - found).abs() > slack {
-                return Err(damaged("inner products that belong to the estimates", format!("{found:e} for {fresh:e}")));
+                return Err(damaged(
+                    "a state with the inner products of its estimates",
+                    format!("{found:e} for {fresh:e}"),
+                ));
             }
         }
         Ok(())
     }
 }
 
-/// A saved state that cannot be one.
+/// The error for a saved state that no stream can have.
 pub(super) fn damaged(expected: &'static str, found: String) -> Error {
     Error::Value { name: "state", expected, found }
 }
@@ -224,8 +227,8 @@ pub(super) fn damaged(expected: &'static str, found: String) -> Error {
 mod tests {
     use super::*;
 
-    /// Columns that are mostly one atom: after a million steps `er` is below `1e-12 ||E*||^2`, and a difference of the other
-    /// sums would have no digits left.
+    /// Columns with one dominant atom: after a million steps `er` is below `1e-12 ||E*||^2`, so a difference of the
+    /// other sums would have no correct digits.
     #[test]
     fn the_carried_error_is_accurate_where_the_target_is_nearly_reached() {
         let n = 6;
@@ -236,7 +239,7 @@ mod tests {
             for step in 1..=1_000_000 {
                 slot.fuse_next();
                 if step % 256 == 0 {
-                    slot.run.refresh(); // 64 steps before the end for the last time
+                    slot.run.refresh(); // the last one is 64 steps before the end
                 }
             }
             let (mut line, mut off) = (vec![0.0; n], vec![0.0; n]);

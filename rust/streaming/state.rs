@@ -1,5 +1,5 @@
-//! A stream to sections and back, bit for bit. Nothing that is loaded is believed: shapes, ranges, and that the numbers
-//! belong together are checked before a stream is made of them.
+//! Saves a stream as sections and loads it, bit for bit. Shapes, ranges, and whether the numbers belong together are
+//! checked before a stream is made of them.
 
 use super::geometry::Geometry;
 use super::products::Products;
@@ -14,7 +14,7 @@ use crate::memory::{try_collect, try_copy};
 use crate::stream::Key;
 use crate::vector::norm;
 
-/// Version of the sections; a reader refuses any other, which may take other steps in the last bits.
+/// Version of the sections. Others are refused, because their steps may differ in the last bits.
 const FORMAT: u64 = 2;
 
 const VARIANTS: [Variant; 3] = [Variant::Consistent, Variant::Semi, Variant::Literal];
@@ -56,10 +56,10 @@ impl Stream {
         Ok(out)
     }
 
-    /// The stream that [`Stream::to_sections`] wrote down.
+    /// The stream that [`Stream::to_sections`] saved.
     ///
-    /// # Errors
-    /// [`crate::Error::Value`] for `state` if the sections cannot come from a stream; the message says which and why. What
+    /// [`crate::Error::Value`] for `state` if the sections cannot come from a stream; the message says which one and
+    /// why. For `B` and the laws, the errors of [`Stream::new`].
     /// `B` or the laws violate is named as when a stream is made.
     pub fn from_sections(mut from: Sections) -> Result<Self> {
         let format = from.take_u64("format", None)?;
@@ -91,7 +91,7 @@ impl Stream {
         let steps = from.take_u64("steps", Some(4))?;
         let total = steps[1..].iter().try_fold(0u64, |sum, count| sum.checked_add(*count));
         if steps[1..].contains(&0) || total != steps[0].checked_add(3) || steps[0] >= 1 << 62 {
-            return Err(damaged("one realization per step and three at the start", format!("{steps:?}")));
+            return Err(damaged("a state with 3 realizations and 1 per step", format!("{steps:?}")));
         }
         stream.steps = steps[0];
         if config.order == Order::Random {
@@ -104,7 +104,7 @@ impl Stream {
         stream.load_products(&mut from)?;
         stream.drift = from.take_f64("drift", Some(1))?[0];
         if stream.drift < 0.0 {
-            return Err(damaged("of a drift that is not negative", stream.drift.to_string()));
+            return Err(damaged("a state with a drift >= 0", stream.drift.to_string()));
         }
         stream.load_trace(&mut from)?;
         from.finish()?;
@@ -120,13 +120,13 @@ impl Stream {
         if !consistent {
             self.products.ff = ff;
             let (goal, free) = raw.split_at(n);
-            // means of realizations: a 1-norm of at most gf, and of at most g0 times the largest gA
+            // means of realizations: 1-norms of at most gf, and of at most g0 times the largest gA
             let [x0, xf, a] = &self.slots;
             let largest = a.run.gamma.iter().fold(0.0f64, |m, g| m.max(*g)) * x0.run.gamma[0];
             let size = |v: &[f64]| v.iter().map(|v| v.abs()).sum::<f64>();
             let slack = 1.0 + 1e-6;
             if size(goal) > slack * xf.run.gamma[0] || size(free) > slack * largest {
-                return Err(damaged("running means of realizations", "larger ones".into()));
+                return Err(damaged("a state with running means of realizations", "larger ones".into()));
             }
             self.raw = Raw { goal: try_copy("a state", goal)?, free: try_copy("a state", free)? };
             return Ok(());
@@ -138,7 +138,7 @@ impl Stream {
         let apart = distance(&fresh.ff, &self.products.ff) > 1e-6 * size
             || distance(fresh.sums.as_flattened(), self.products.sums.as_flattened()) > 1e-6 * sizes;
         if apart {
-            return Err(damaged("products that belong to the estimates", "others".into()));
+            return Err(damaged("a state with the products of its estimates", "others".into()));
         }
         Ok(())
     }
@@ -154,9 +154,9 @@ impl Stream {
             known && error >= 0.0 && (0.0..=1.0).contains(&size)
         });
         if !rising || !within || !possible || at.first() != Some(&0) {
-            return Err(damaged("of a trace at its own steps", format!("{} entries", at.len())));
+            return Err(damaged("a state with a trace of its steps", format!("{} entries", at.len())));
         }
-        // rising steps on the grid: no more than there is room for
+        // increasing steps on the grid, so at most as many as there is room for
         self.trace.extend(at.iter().zip(values.as_chunks::<3>().0).map(|(&step, &[certificate, error, size])| {
             let certificate = if consistent { certificate } else { f64::NAN };
             Entry { step, certificate, error, size }
@@ -170,16 +170,16 @@ fn load_slot(slot: &mut Slot, name: &str, count: u64, config: Config, from: &mut
     let state = from.take_f64(&format!("{name}.state"), Some(8))?;
     slot.run.tables.h = from.take_f64(&format!("{name}.fused"), Some(entries))?;
     slot.run.hits = from.take_f64(&format!("{name}.hits"), Some(if config.safeguard { entries } else { 0 }))?;
-    // the latest realization comes again from its number
+    // the latest realization is drawn again from its number
     slot.sequence.seek(count - 1);
     slot.raw.copy_from_slice(slot.sequence.draw());
     let run = &mut slot.run;
     let s = &mut run.state;
-    [run.c, run.b, s.ff, s.al, s.er, s.fs, s.ss, s.sa] = state[..]
-        .try_into()
-        .map_err(|_| damaged("of the right shapes", format!("{} numbers in {name:?}", state.len())))?;
+    [run.c, run.b, s.ff, s.al, s.er, s.fs, s.ss, s.sa] = state[..].try_into().map_err(|_| {
+        damaged("a state with arrays of the right sizes", format!("{} numbers in {name:?}", state.len()))
+    })?;
     if !(run.c > 0.0 && run.c <= 1.0 && run.b >= 0.0 && (config.safeguard || run.b == 0.0)) {
-        return Err(damaged("of possible scalings", format!("{} and {}", run.c, run.b)));
+        return Err(damaged("a state with possible scale factors", format!("{} and {}", run.c, run.b)));
     }
     if config.variant == Variant::Literal { Ok(()) } else { slot.check() }
 }
@@ -213,7 +213,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig { cases: 1000, failure_persistence: None, ..ProptestConfig::default() })]
 
-        /// One number of a good state replaced by anything: refused, or a stream that works.
+        /// One number of a good state is replaced by any other: refused, or the stream works.
         #[test]
         fn any_damage_is_survived(which in 0usize..1 << 20, at in 0usize..1 << 20, bits: u64, config in 0usize..10) {
             let mut good = stream(4, every_config()[config]);

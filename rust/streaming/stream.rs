@@ -1,4 +1,4 @@
-//! The stream itself: which slot moves, what moves with it, and what can be read off.
+//! The stream: the choice of the slot, and the update of its estimate and of all that depends on it.
 
 use super::geometry::Geometry;
 use super::products::{Products, Start};
@@ -11,32 +11,32 @@ use crate::sample::{Law, Sequence};
 use crate::stream::Key;
 use crate::vector::norm;
 
-/// What is averaged into the control at each step; see Algorithm 1 of the paper, which can be read in three ways.
+/// The three readings of Algorithm 1 of the paper: the control that each step averages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Variant {
-    /// The new realization with the fused values of the other slots: converges.
+    /// From the new realization and the estimates of the other slots: converges.
     Consistent,
-    /// The latest realization of every slot, weighted by the steps of the fused values: stops at a wrong control.
+    /// From the latest realization of every slot, with the step sizes of the estimates: stops at a wrong control.
     Semi,
-    /// The latest realizations throughout: does not converge.
+    /// As before, with step sizes from the realizations themselves: does not converge.
     Literal,
 }
 
-/// Which slot moves next.
+/// The choice of the next slot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Order {
     /// Each with probability 1/3.
     Random,
     /// `x0`, `xf`, `A` in turn.
     RoundRobin,
-    /// The one with the largest decrease of its part of the squared error that can be expected at least.
+    /// The one with the largest guaranteed decrease of the mean squared error of the state.
     Gain,
 }
 
-/// How a stream works; fixed for its life.
+/// Options of a stream; they never change.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Config {
-    /// What is averaged.
+    /// The reading of the algorithm.
     pub variant: Variant,
     /// Whether every step is followed by a line search towards the mean of all realizations.
     pub safeguard: bool,
@@ -44,7 +44,7 @@ pub struct Config {
     pub order: Order,
 }
 
-/// The means that are drawn from and fitted to, with one key per slot and one for the choice of slots.
+/// The means that are drawn from and fitted to, one key per slot, and one key for the choice of slots.
 #[derive(Clone)]
 pub struct Laws {
     /// `x0`, `n` entries.
@@ -67,7 +67,7 @@ pub struct Stream {
     pub(super) choice: Sequence,
     pub(super) start: Start,
     pub(super) products: Products,
-    /// the running difference of the variants that do not fuse, otherwise unused
+    /// The running differences of the variants that do not fuse; otherwise unused.
     pub(super) raw: Raw,
     pub(super) steps: u64,
     pub(super) drift: f64,
@@ -81,10 +81,10 @@ pub struct Stream {
 
 const WHAT: &str = "a stream";
 
-/// Entries of the longest trace: `0..=16`, and eight per octave up to `2^64`.
+/// Most entries of a trace: steps `0..=16`, and eight per octave up to `2^64`.
 const MOST_ENTRIES: usize = 17 + 8 * 60;
 
-/// What steps compute with now and then, had beforehand: none can fail halfway.
+/// Scratch space of refreshes and certificates, allocated beforehand so that no step fails halfway.
 pub(super) struct Room {
     lines: Lines,
     fresh: Products,
@@ -130,7 +130,7 @@ impl Stream {
         Ok(stream)
     }
 
-    /// Everything but the first realizations.
+    /// The stream before its first realizations.
     pub(super) fn unstarted(geometry: Geometry, laws: Laws, config: Config) -> Result<Self> {
         let n = geometry.n;
         if config.safeguard && config.variant != Variant::Consistent {
@@ -150,7 +150,7 @@ impl Stream {
         let slot = |values, lines, key: Key| Slot::new(values, lines, n, key, config.safeguard);
         let norm_a = if config.order == Order::Gain { spectral_norm(&laws.a, n)? } else { 0.0 };
         let slots = [slot(laws.x0, 1, laws.keys[0])?, slot(laws.xf, 1, laws.keys[1])?, slot(laws.a, n, laws.keys[2])?];
-        // ||Ff - FA F0||_1 <= gf + gA g0 for all means of realizations: nothing overflows later if this does not
+        // ||Ff - FA F0||_1 <= gf + gA g0 for all means of realizations: if this is finite, nothing overflows later
         let largest = |k: usize| slots[k].law.gamma().iter().fold(0.0f64, |m, g| m.max(*g));
         let size = largest(1) + largest(2) * largest(0);
         if !(size * 4.0).is_finite() || !geometry.largest_control(size * 4.0).is_finite() {
@@ -228,8 +228,8 @@ impl Stream {
         }
     }
 
-    /// One step from the squared error `d^2` leads to at most `V d^2 / (V + d^2)` in the mean, so the decrease is at least
-    /// `d^4 / (V + d^2)`; an error of `x0`, `xf`, `A` reaches the state times `||A||`, 1, `||F0||`.
+    /// One step from the squared error `d^2` gives at most `V d^2 / (V + d^2)` in the mean, so the decrease is at least
+    /// `d^4 / (V + d^2)`. An error of `x0`, `xf`, `A` changes the state by at most `||A||`, 1, `||F0||` times as much.
     fn gainful_slot(&self) -> usize {
         let [x0, xf, a] = &self.slots;
         let f0 = norm(&self.start.f) * x0.scale;
@@ -240,12 +240,12 @@ impl Stream {
         };
         let gains = [gain(x0, self.norm_a), gain(xf, 1.0), gain(a, f0)];
         if !gains.iter().any(|g| *g > 0.0 && g.is_finite()) {
-            return (self.steps % 3) as usize; // nothing to gain, or not to be told in doubles
+            return (self.steps % 3) as usize; // no gain that doubles can represent
         }
         [1, 2].into_iter().fold(0, |best, k| if gains[k] > gains[best] { k } else { best })
     }
 
-    /// Recomputes from the entries what is otherwise carried along, and notes how far that had drifted, relative to
+    /// Recomputes from the entries the numbers that steps update, and records their largest error, relative to
     /// `||FA|| ||F0||` (Frobenius).
     fn refresh(&mut self) {
         if self.config.variant == Variant::Literal {

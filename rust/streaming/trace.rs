@@ -1,9 +1,9 @@
-//! What a stream writes down on its way: few steps, growing apart, so that memory stays bounded however long it runs.
+//! The trace of a stream: few steps, at growing distances, so that memory is bounded for any number of steps.
 
-/// One step that was written down.
+/// One recorded step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Entry {
-    /// After how many steps.
+    /// Number of steps so far.
     pub step: u64,
     /// The certificate; NaN for the variants that have none.
     pub certificate: f64,
@@ -13,9 +13,9 @@ pub struct Entry {
     pub size: f64,
 }
 
-/// Whether a step is written down: the first 16, then 8 in every octave. At most `16 + 8 * 60` in all.
+/// Whether a step is recorded: the first 16, then 8 in every octave. At most `16 + 8 * 60` in all.
 ///
-/// This depends on the number of the step alone, so that a stream leaves the same trace in one run or in many.
+/// This depends on the number of the step only, so one long run and several short ones give the same trace.
 pub fn on_grid(step: u64) -> bool {
     let bits = u64::BITS - step.leading_zeros();
     step.trailing_zeros() + 4 >= bits

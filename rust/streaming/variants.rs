@@ -17,7 +17,7 @@ impl Raw {
         Self { goal: Vec::new(), free: Vec::new() }
     }
 
-    /// From the first realizations.
+    /// The differences of the first realizations.
     pub(super) fn of(slots: &[Slot; 3]) -> Result<Self> {
         let n = slots[0].run.length;
         let mut made = Self { goal: try_zeros("a stream", n)?, free: try_zeros("a stream", n)? };

@@ -4,7 +4,7 @@ use std::arch::x86_64::*;
 
 use crate::lanes::LANES;
 
-/// The largest table that [`lookup_in_registers`] takes.
+/// Largest table of [`lookup_in_registers`], in cells.
 pub(super) const IN_REGISTERS: usize = 16;
 
 /// The next words of eight lanes.
@@ -57,7 +57,7 @@ fn store(row: &mut [u64; LANES], at: usize, value: __m256i) {
 }
 
 /// Scalar loads from the table, then eight comparisons at once. Gathers are no faster, and slow on patched processors;
-/// asking for the cells of large tables ahead of time was slower.
+/// prefetching the cells of large tables was slower (measured).
 #[target_feature(enable = "avx2")]
 pub(super) fn lookup<I: Copy>(cells: &[u64], words: &[u64], out: &mut [I], index: impl Fn(u32) -> I + Copy) -> usize {
     if cells.is_empty() {
@@ -82,7 +82,7 @@ pub(super) fn lookup<I: Copy>(cells: &[u64], words: &[u64], out: &mut [I], index
     done
 }
 
-/// [`lookup`] without the memory: 16 thresholds in two registers, 16 aliases in one; 32 words at a time.
+/// [`lookup`] without memory access: 16 thresholds in two registers, 16 aliases in one; 32 words at a time.
 #[target_feature(enable = "avx2")]
 pub(super) fn lookup_in_registers<I: Copy>(
     cells: &[u64],
@@ -94,7 +94,7 @@ pub(super) fn lookup_in_registers<I: Copy>(
         return 0;
     }
     let last = cells.len() - 1;
-    // a smaller table is repeated: the bits above its mask then change nothing
+    // a smaller table is repeated, so that the bits above its mask change nothing
     let thresholds: [u64; 8] = std::array::from_fn(|i| {
         let [low, high] = [2 * i, 2 * i + 1].map(|cell| cells[cell & last] >> 32);
         low | high << 32
@@ -144,7 +144,7 @@ fn halves(first: __m256i, second: __m256i) -> (__m256i, __m256i) {
     (_mm256_castps_si256(low), _mm256_castps_si256(high))
 }
 
-/// Unsigned numbers moved so that a signed comparison orders them.
+/// Maps unsigned numbers so that a signed comparison orders them.
 #[inline]
 #[target_feature(enable = "avx2")]
 fn signed(values: __m256i) -> __m256i {

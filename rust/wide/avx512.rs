@@ -4,7 +4,7 @@ use std::arch::x86_64::*;
 
 use crate::lanes::LANES;
 
-/// The largest table that [`lookup_in_registers`] takes.
+/// Largest table of [`lookup_in_registers`], in cells.
 pub(super) const IN_REGISTERS: usize = 32;
 
 /// `a ^ b ^ c` as a truth table.
@@ -33,7 +33,7 @@ pub(super) fn fill(state: &mut [[u64; LANES]; 4], steps: &mut [[u64; LANES]]) {
     }
 }
 
-/// One index for each word of a table that fits into registers, 16 words at a time; returns how many are done.
+/// One index per word from a table that fits into registers, 16 words at a time; returns how many are done.
 #[target_feature(enable = "avx512f")]
 pub(super) fn lookup_in_registers<I: Copy>(
     cells: &[u64],
@@ -46,7 +46,7 @@ pub(super) fn lookup_in_registers<I: Copy>(
     }
     let last = cells.len() - 1; // 2^k - 1: the bits that choose the cell
     let mask = _mm512_set1_epi32(last as i32);
-    // a smaller table is repeated: the bits above its mask then change nothing
+    // a smaller table is repeated, so that the bits above its mask change nothing
     let part = |first: usize| load(&std::array::from_fn(|i| cells[(first + i) & last]));
     let (alias_low, threshold_low) = halves(part(0), part(8));
     let (alias_high, threshold_high) = halves(part(16), part(24));

@@ -1,8 +1,8 @@
-//! The kernels that need wider registers than the baseline wheel may assume, and the one place that asks for them.
+//! Kernels for wider registers than the baseline wheel may assume, and their selection at run time.
 //!
-//! The same integer operations as the portable loops of [`crate::stream`] and [`crate::sample::AliasTable`], hence the same
-//! words and indices on every processor, and the same products and sums, in the same order, as those of
-//! [`crate::control`]; tests here and there compare them.
+//! They do the same integer operations as the portable loops of [`crate::stream`] and [`crate::sample::AliasTable`], so
+//! words and indices are the same on every processor; and the same products and sums, in the same order, as
+//! [`crate::control`]. Tests in these modules compare them.
 
 #![allow(unsafe_code, reason = "vector loads and stores take pointers; every one stays inside an array it borrows")]
 
@@ -16,7 +16,7 @@ use crate::lanes::LANES;
 /// Fills `steps` and returns true, or returns false where the processor has no AVX2.
 pub(crate) fn fill(state: &mut [[u64; LANES]; 4], steps: &mut [[u64; LANES]]) -> bool {
     if is_x86_feature_detected!("avx512f") {
-        // SAFETY: the processor has just said that it knows the instructions.
+        // SAFETY: the processor has the instructions.
         unsafe { avx512::fill(state, steps) };
     } else if is_x86_feature_detected!("avx2") {
         // SAFETY: as above.
@@ -27,14 +27,14 @@ pub(crate) fn fill(state: &mut [[u64; LANES]; 4], steps: &mut [[u64; LANES]]) ->
     true
 }
 
-/// One index for each word, of a table with `2^k` cells `threshold << 32 | alias`; returns how many are done: none where
-/// the processor has no AVX2, else all but a rest of fewer than eight.
+/// One index per word, from a table of `2^k` cells `threshold << 32 | alias`; returns how many are done: none without
+/// AVX2, otherwise all but fewer than eight.
 pub(crate) fn lookup<I: Copy>(cells: &[u64], words: &[u64], out: &mut [I], index: impl Fn(u32) -> I + Copy) -> usize {
     if !is_x86_feature_detected!("avx2") {
         return 0;
     }
     let done = if cells.len() <= avx512::IN_REGISTERS && is_x86_feature_detected!("avx512f") {
-        // SAFETY: the processor has just said that it knows the instructions.
+        // SAFETY: the processor has the instructions.
         unsafe { avx512::lookup_in_registers(cells, words, out, index) }
     } else if cells.len() <= avx2::IN_REGISTERS {
         // SAFETY: as above.
@@ -47,14 +47,14 @@ pub(crate) fn lookup<I: Copy>(cells: &[u64], words: &[u64], out: &mut [I], index
 }
 
 /// `y -= A x` for rows of `4 (FOURS - 1) < n <= 4 FOURS` entries, four rows at a time; returns how many are done: none
-/// where the processor has no AVX2, else all but a rest of fewer than four. `x` is laid out as the entries of a row are
-/// read: whole fours, then the last four, with zeros for those that were among the others.
+/// without AVX2, otherwise all but fewer than four. `x` is laid out as the entries of a row are read: groups of four,
+/// then the last four, with zeros for those that are also in a group.
 #[inline(always)]
 pub(crate) fn subtract_short<const FOURS: usize>(a: &[f64], n: usize, x: &[[f64; 4]; FOURS], y: &mut [f64]) -> usize {
     if !is_x86_feature_detected!("avx2") {
         return 0;
     }
-    // SAFETY: the processor has just said that it knows the instructions.
+    // SAFETY: the processor has the instructions.
     unsafe { avx2::subtract_short(a, n, x, y) }
 }
 
@@ -86,7 +86,7 @@ mod tests {
     use super::*;
     use crate::stream::Key;
 
-    /// Where a newer processor would hide them, the AVX2 kernels are called by name.
+    /// The AVX2 kernels are called by name, since a processor with AVX-512 would use others.
     #[test]
     fn every_width_gives_the_same_words_and_indices() {
         if !is_x86_feature_detected!("avx2") {
@@ -97,7 +97,7 @@ mod tests {
         let (mut wide, mut other) = (state, state);
         let (mut steps, mut others) = ([[0; LANES]; 64], [[0; LANES]; 64]);
         assert!(fill(&mut wide, &mut steps));
-        // SAFETY: the processor has just said that it knows the instructions.
+        // SAFETY: the processor has the instructions.
         unsafe { avx2::fill(&mut other, &mut others) };
         assert_eq!((wide, steps), (other, others));
 

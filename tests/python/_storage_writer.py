@@ -1,4 +1,4 @@
-"""Save generation after generation until killed; tell each on a pipe once it is safe.
+"""Save generations until killed; write the number of each to a pipe once it is saved.
 
 Usage: _storage_writer.py PATH SEED COUNT. A program for test_storage.py: it forks the writers
 itself, so that 200 of them cost one start of the interpreter. One line for each: the generation it
@@ -21,7 +21,7 @@ from stochens_rs import _core
 
 
 def content(generation: int) -> np.ndarray:
-    """Return an array that belongs to this generation and no other, of changing length."""
+    """Return an array that identifies this generation, of varying length."""
     return np.arange(generation, generation + 1000 + generation % 977, dtype=np.float64)
 
 

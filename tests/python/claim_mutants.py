@@ -1,4 +1,4 @@
-"""What the evidence of `claims` is computed with, changed: mutants for every evidence of every row.
+"""Mutants of the functions behind `claims`, for every evidence of every row.
 
 A mutant replaces an estimator, a formula, the realizations or a counterexample. With it the row is
 computed again, and that evidence has to be contrary.
@@ -91,7 +91,7 @@ def put(owner: Any, name: str, value: Any) -> Patch:
 
 
 def change(owner: Any, name: str, changed: Callable[..., Any]) -> Patch:
-    """Replace a function by one that gets the honest one as its first argument."""
+    """Replace a function by one that gets the original as its first argument."""
     honest = getattr(owner, name)
     return put(owner, name, lambda *args, **kwargs: changed(honest, *args, **kwargs))
 
@@ -105,7 +105,7 @@ def both(*patches: Patch) -> Patch:
 
 
 def scaled_atoms(factor: Callable[[Any], Any]) -> Patch:
-    """Realizations of another length."""
+    """Realizations with atoms multiplied by a factor."""
     return change(
         rationals,
         "atoms",
@@ -114,7 +114,7 @@ def scaled_atoms(factor: Callable[[Any], Any]) -> Patch:
 
 
 def as_method(owner: Any, name: str, given: str, taken: str) -> Patch:
-    """Fuse by one method where another one was asked for."""
+    """Fuse by another method than the one given."""
 
     def other(honest: Any, *args: Any, **kwargs: Any) -> Any:
         swapped = [taken if isinstance(x, str) and x == given else x for x in args]

@@ -1,4 +1,4 @@
-"""Shared by all tests: no window ever opens, no test depends on the global random state."""
+"""Shared by all tests: no window opens, no test uses the global random state."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def pytest_report_header(config: pytest.Config) -> str:
 
 @pytest.fixture
 def seed(request: pytest.FixtureRequest) -> int:
-    """Seed of this run: a test that takes it promises to pass for every seed."""
+    """Seed of this run: a test that takes it must pass for every seed."""
     return int(request.config.getoption("--seed"))
 
 

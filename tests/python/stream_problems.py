@@ -1,4 +1,4 @@
-"""What the tests of streams share: the problem, and every kind of stream."""
+"""Shared by the tests of streams: the problem, and every kind of stream."""
 
 from __future__ import annotations
 

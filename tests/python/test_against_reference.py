@@ -89,7 +89,7 @@ CASES = [
 
 
 def _layout(values: NDArray[np.int64], layout: str) -> NDArray[Any]:
-    """The same numbers (times a factor) as the user may hold them."""
+    """The same numbers (times a factor) in the types that a user may pass."""
     if layout == "int64-C":
         return values.copy()
     if layout == "float32-F":
@@ -192,7 +192,7 @@ def check_feasible(y: Array, weight_set: str) -> None:
 
 
 def check_alse(fit: Any, samples: Array, target: Array, weight_set: str) -> None:
-    """Feasible, consistent, within the tolerance of the exact minimum, and honest about the gap."""
+    """Feasible, consistent, within the tolerance of the exact minimum, and with the correct gap."""
     exact = twin.alse_dense(samples, target, weight_set)
     unit = scale_of(target, samples)
     check_feasible(fit.weights, weight_set)
@@ -305,7 +305,7 @@ def size_of(x: Array) -> float:
 
 
 def test_pinv_cutoff_is_clear(problem: Problem) -> None:
-    """Guard of the fixture: no singular value of B lies near the cutoff, so rank has one answer."""
+    """No singular value of the fixture's B is near the cutoff, so its rank is well defined."""
     sigma = np.linalg.svd(problem.B, compute_uv=False)
     if sigma[0] > 0:
         assert not np.any((sigma > 1e-16 * sigma[0]) & (sigma < 1e-3 * sigma[0]))

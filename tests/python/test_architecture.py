@@ -1,4 +1,4 @@
-"""Who may use whom: the rooms of package and core have an order, and each knows only lower ones."""
+"""Layers: the folders of package and core have an order, and each imports only lower ones."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class Package:
                     yield node.lineno, longer if longer in self.trees else ".".join(base), inside
 
     def needs(self, module: str) -> set[str]:
-        """What must be imported before this module can be, the packages around it included."""
+        """The modules that this one imports, with their parent packages."""
         around = set(packages_of(module))
         found = set()
         for _, target, _ in self.imports(module):
@@ -95,7 +95,7 @@ def walk(node: ast.AST, *, inside: bool) -> Iterator[tuple[ast.AST, bool]]:
 
 
 def order_faults(package: Package) -> Iterator[str]:
-    """Imports of a higher room, of one beside, or of what stands apart."""
+    """Imports of a higher folder, of one of equal rank, or of `reference`."""
     for module in package.trees:
         room = module.partition(".")[0]
         if room != APART and room not in HEIGHT:
@@ -110,7 +110,7 @@ def order_faults(package: Package) -> Iterator[str]:
 
 
 def circles(package: Package) -> list[str]:
-    """Modules that need themselves, through whatever they import."""
+    """Modules that import themselves, directly or indirectly."""
     return in_circles({module: package.needs(module) for module in package.trees})
 
 
@@ -128,7 +128,7 @@ def in_circles(needs: dict[str, set[str]]) -> list[str]:
 
 
 def hidden_faults(package: Package) -> Iterator[str]:
-    """Imports of the package where the first two checks, or a reader, would not look for them."""
+    """Imports of the package in places that the first two checks do not see."""
     for module, tree in package.trees.items():
         for line, target, inside in package.imports(module):
             if inside:
@@ -142,7 +142,7 @@ def hidden_faults(package: Package) -> Iterator[str]:
 
 
 def attached_faults(package: Package) -> Iterator[str]:
-    """``object.__setattr__`` on anything but the object whose own method this is."""
+    """``object.__setattr__`` on another object than `self`."""
     for module, tree in package.trees.items():
         own = {
             call
@@ -294,7 +294,7 @@ class Core:
         self.handed = {f"{m}::{use[-1]}": (m, use) for m, uses in self.uses.items() for use in uses}
 
     def target(self, here: str, use: list[str]) -> str:
-        """The module that `use` in `here` leads to, by way of those that hand a name on."""
+        """The module that `use` in `here` refers to, through re-exports."""
         at = "" if use[0] == "crate" else here
         for part in use:
             inner = f"{at}::{part}".removeprefix("::")
@@ -308,7 +308,7 @@ class Core:
         return at
 
     def needs(self, module: str) -> set[str]:
-        """What `module` uses, but for the modules around it and in it."""
+        """The modules that `module` uses, without its parents and children."""
         found = {self.target(module, use) for use in self.uses[module]}
         return {
             to
@@ -327,7 +327,7 @@ def spread(use: str) -> list[str]:
 
 
 def core_faults(core: Core) -> Iterator[str]:
-    """Uses of a higher room or of one beside, and files in circles."""
+    """Uses of a higher folder or of one of equal rank, and circles of files."""
     needs = {module: core.needs(module) - {""} for module in core.uses if module}
     yield from in_circles(needs)
     for module, targets in needs.items():

@@ -112,7 +112,7 @@ def test_vector_bounds_on_exact_distributions(w, N):
 
 
 def test_the_exact_distribution_catches_the_printed_exponent():
-    """What `assert_valid` is worth: exponents twice too large do not pass it."""
+    """`assert_valid` fails for exponents that are twice too large."""
     w, N = [0.5, 0.5], 200
     errors, exceeded = tail(vector_law(w, N), lambda v: np.linalg.norm(v - w))
     for C in (2.0, 4.0, 100.0):
@@ -338,7 +338,7 @@ def test_diagonal_fusion_on_exact_distributions(case, axis):
 
 
 def merged(law):
-    """Equal values once."""
+    """Only one of equal values."""
     found = {}
     for p, v in law:
         key = tuple(np.round(v, 9))
@@ -512,7 +512,7 @@ def test_estimates_are_capped_at_their_largest_error(N):
 @pytest.mark.parametrize("axis", AXES)
 @pytest.mark.parametrize("case", CONTROLS)
 def test_controls_are_capped_near_their_largest_error(case, axis):
-    """xf and A x0 are bounded on their own, which costs a factor of 2 at most; by rows 4."""
+    """xf and A x0 are bounded separately, which costs a factor of at most 2; by rows 4."""
     B, x0, xf, A = (np.array(x) for x in CONTROLS[case])
     y = xf - A @ x0
     for sizes in (

@@ -95,7 +95,7 @@ def paired_products(gen, A, x0, N, replicates):
 
 
 def errors_by_quantity(gen, A, B, x0, xf, N, axis="columns"):
-    """What the bounds are about: errors of R estimates."""
+    """The errors of R estimates, which the bounds are for."""
     U, s, _ = np.linalg.svd(B, full_matrices=False)
     maps = {"state": U.T, "control": (U / s).T}
     start, goal = vectors(gen, x0, N, R), vectors(gen, xf, N, R)

@@ -61,7 +61,7 @@ def products(x0, A, axis):
 
 
 def image(B, quantity):
-    """What the error of xf_hat - A_hat x0_hat is multiplied with."""
+    """The factor of the error of xf_hat - A_hat x0_hat."""
     pinv = np.linalg.pinv(B)
     return B @ pinv if quantity == "state" else pinv
 
@@ -88,7 +88,7 @@ def largest_of_each_sign(at):
 
 
 def wrong_ranges(systems, axis, mutate=None):
-    """In how many systems a constant is not what the atoms say; by rows: is smaller."""
+    """Number of systems in which a constant differs from that of the atoms; by rows: is smaller."""
     wrong = dict.fromkeys(("D_f", "D_z", "reach_z"), 0)
     for k, (B, x0, xf, A) in enumerate(systems):
         quantity = QUANTITIES[k % 2]

@@ -1,4 +1,4 @@
-"""What an ALSE fit says about itself: bounds, limits, exactness, and weights per column."""
+"""Bounds, limits, exactness and weights per column of an ALSE fit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The checked statements of the paper: every verdict is supported, and could fail to be."""
+"""The checked statements of the paper: every verdict has evidence, and the evidence can fail."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ TINY = ["reproduce", "--quick", "--no-claims", "--replicates", "2", "--samples",
 
 
 def run(*args, **options):
-    """The program in a process of its own."""
+    """The program in its own process."""
     return subprocess.run(
         [sys.executable, "-m", "stochens_rs", *args],
         **{"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **options},
@@ -261,7 +261,7 @@ def test_bars_are_for_terminals(terminal, monkeypatch):
 
 
 def closed(*numbers):
-    """Options of `run` that start it with these descriptors closed, as ``2>&-`` does."""
+    """Options of `run` that close these descriptors, as ``2>&-`` does."""
     return {
         "preexec_fn": lambda: [os.close(number) for number in numbers],
         "stdout": None if 1 in numbers else subprocess.PIPE,
@@ -296,7 +296,7 @@ def test_closed_stderr_changes_nothing(numbers, tmp_path):
 
 @pytest.mark.skipif(not os.path.exists("/proc/self/fd"), reason="needs /proc")
 def test_no_file_takes_the_place_of_a_closed_descriptor():
-    """What a library prints to descriptor 2 must not end up in a file of results."""
+    """Text that a library prints to descriptor 2 must not get into a file of results."""
     code = (
         "import os; from stochens_rs.cli import main; main(['info'])\n"
         "print(*(os.path.realpath(f'/proc/self/fd/{number}') for number in (0, 2)))"

@@ -151,7 +151,7 @@ def test_without_feedback_errors_accumulate():
 
 @pytest.mark.parametrize("size", [100, 400, 2000])
 def test_the_bound_holds_with_sampled_states_too(size):
-    """R = 200 runs of 10 steps: the average is below the bound, which is loose by design."""
+    """R = 200 runs of 10 steps: the average is below the bound, which is loose."""
     system = gaussian(5, 5, 42)
     r = np.cumsum(np.random.default_rng(7).standard_normal((11, 5)), axis=0)
     bound = tracking.tracking_bound(system, r, size, sample_states=True)
@@ -264,7 +264,7 @@ def test_no_size_helps_where_the_rest_is_unstable():
 
 
 def test_the_threshold_from_both_sides():
-    """Below rho(Phi) the mean square explodes, above it stays put: in theory and in runs.
+    """Below rho(Phi) the mean square diverges, above it stays bounded: in theory and in runs.
 
     R = 3000 runs of 8 steps, N = 3 below and N = 11 above; the last mean square is compared with
     the exact one within 6 standard errors (heavy tails below the threshold).

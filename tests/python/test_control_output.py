@@ -1,4 +1,4 @@
-"""`realization_controls(..., out=)`: the same numbers where the caller wants them."""
+"""`realization_controls(..., out=)`: the same numbers in the caller's array."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Counts instead of realizations: the same distribution, at a cost that does not know N.
+"""Counts instead of realizations: the same distribution, at a cost independent of N.
 
 The laws compared have few outcomes, so that whole distributions can be compared and not only their
 moments. Seeds are fixed; each test names its sample size and the probability of a false alarm, and
@@ -92,7 +92,7 @@ Draw = Callable[..., "se.Ensemble | se.Counts"]
 
 
 def squared_error(draw: Draw, size: int, seed: int) -> float:
-    """Of the product fusion of x0, xf and A, which are drawn with three seeds of their own."""
+    """Squared error of the product fusion of x0, xf and A, drawn with three different seeds."""
     x0, xf, fused = (draw(target, size, rng=3 * seed + k) for k, target in enumerate((X0, XF, A)))
     error = se.control((fused, B), x0, xf).u[0] - EXACT
     return float(error @ error)

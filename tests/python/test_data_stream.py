@@ -1,4 +1,4 @@
-"""Streams of the user's realizations: running means, targets, and what the data say."""
+"""Streams of the user's realizations: running means, targets, and confidence radii."""
 
 from __future__ import annotations
 
@@ -207,7 +207,7 @@ def test_radius_holds_for_all_sizes_at_once(law, size):
 
 
 def test_a_radius_without_its_assumptions_fails():
-    """A range that is understated; two standard errors in place of a bound for all sizes."""
+    """Mutants: a range that is too small; two standard errors instead of a bound for all sizes."""
     for law, diameter in ((fair, 0.2), (sparse, 0.05), (heavy, 0.05), (singletons, 0.2)):
         assert left(law, diameter, None)[0] > 100
     for law in (fair, sparse, heavy):
@@ -239,7 +239,7 @@ def test_radius_shrinks_like_the_standard_error():
 
 
 def test_declared_sizes():
-    """Tightest there, valid elsewhere; part of the saved state."""
+    """With `sizes`, tightest there and valid elsewhere; part of the saved state."""
     ranges = {"x0": 2.0, "xf": 0.0, "A": 0.0}
     data = np.random.default_rng(8).uniform(0.0, 1.0, (4000, 1))
     plain = se.DataStream([[1.0]], ranges=ranges)
@@ -277,7 +277,7 @@ def test_what_is_covered_is_the_mean_of_the_law():
 
 
 def test_confidence_covers_the_control():
-    """200 data sets with known means: not one outside, for delta = 0.05 (and a loose bound)."""
+    """200 data sets with known means: none outside, for delta = 0.05 (the bound is loose)."""
     A, x0, xf = MEANS["A"], MEANS["x0"], MEANS["xf"]
     v = PINV @ (xf - A @ x0)
     gen = np.random.default_rng(9)
@@ -460,7 +460,7 @@ def test_ranges_that_the_data_refute_are_refused(data, diameter, apart):
 
 
 def test_data_that_satisfy_their_range_exactly_are_never_refused():
-    """Where a refutation is nearest: corners of regular simplices, far from the origin.
+    """The hardest case for refuting a range: corners of regular simplices, far from the origin.
 
     All their distances are equal, so every lower bound on the range equals it but for rounding.
     Whole multiples of a power of two: the differences are exact.

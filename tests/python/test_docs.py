@@ -1,4 +1,4 @@
-"""The documentation is part of the product: complete, runnable, and true to the code."""
+"""The documentation is complete, its examples run, and it agrees with the code."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def parameters(obj):
 
 
 def is_made_by_the_package(obj):
-    """Say whether `obj` is a class that users get and do not make; its fields need names too."""
+    """Whether `obj` is a class that users do not construct; its fields must be described."""
     home = obj.__module__.rpartition(".")[2]
     return inspect.isclass(obj) and not dataclasses.is_dataclass(obj) and home == "ensemble"
 

@@ -1,4 +1,4 @@
-"""Streams in files: resuming is as if never stopped, and nothing that is acknowledged gets lost."""
+"""Streams in files: resuming changes no bit, and no saved state is lost."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def test_a_checkpoint_does_not_replace_another_problem(tmp_path: Path) -> None:
 
 
 def test_a_checkpoint_does_not_go_backwards(tmp_path: Path) -> None:
-    """A script that forgot to load what it had; the state before is no way around."""
+    """A script that does not load its checkpoint is refused, also with the previous state only."""
     path = tmp_path / "a.state"
     far = make()
     far.step(5000)
@@ -284,7 +284,7 @@ def test_a_missing_file(tmp_path: Path) -> None:
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
 def test_a_hundred_kills(tmp_path: Path) -> None:
-    """A run that is killed again and again ends where an undisturbed one does."""
+    """A run that is killed repeatedly ends with the result of an undisturbed one."""
     path, moments = tmp_path / "a.state", random.Random(4)
     make().save(path)
     acknowledged = 0
@@ -355,7 +355,7 @@ def test_a_checkpoint_that_cannot_be_written_leaves_the_stream_in_order(tmp_path
 
 
 def test_a_run_that_ends_by_an_exception_is_saved(tmp_path: Path) -> None:
-    """Somebody's `progress` raises, or a signal handler calls sys.exit."""
+    """`progress` raises, or a signal handler calls sys.exit."""
     path, stream = tmp_path / "a.state", make()
 
     def gone(done: int, total: int | None) -> None:
@@ -371,7 +371,7 @@ def test_a_run_that_ends_by_an_exception_is_saved(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="timers of POSIX")
 def test_ctrl_c_is_not_lost_while_loading(small: Path) -> None:
-    """A handler that raises at some moment of a load: each exception arrives, none is swallowed."""
+    """A signal handler raises during a load: each exception reaches the caller."""
     fired = caught = 0
 
     def interrupt(*_: object) -> None:
@@ -403,7 +403,7 @@ def test_ctrl_c_is_not_lost_while_loading(small: Path) -> None:
 def test_ctrl_c_during_the_last_save(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, signals: int
 ) -> None:
-    """The first one ends the run, saved, and says so; the second one is not swallowed."""
+    """The first Ctrl-C ends and saves the run, with its status; the second one raises."""
     from stochens_rs.streams import state_file
 
     path, stream, left, real = tmp_path / "a.state", make(), [signals], state_file.save
@@ -487,7 +487,7 @@ def test_the_help_has_the_exit_codes_and_the_lock(capsys: pytest.CaptureFixture[
 def test_the_command_does_not_go_backwards(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Only the generation before is left, which --resume would have found."""
+    """Only the previous generation is left, which --resume would load."""
     state = tmp_path / "s.state"
     args = ["stream", "--case", "ieee14", "--checkpoint", str(state), "--json"]
     assert cli.main([*args, "--max-steps", "100"]) == 0

@@ -1,4 +1,4 @@
-"""Best controls of ill-conditioned problems, judged by rational arithmetic."""
+"""Best controls of ill-conditioned problems, compared with rational arithmetic."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def with_condition(gen, n, m, condition):
 
 
 def reachable_problem(seed, shape, condition, generic):
-    """B, x0, xf, A with xf exactly within reach: either of a control of size 1, or any target.
+    """B, x0, xf, A with xf exactly reachable: by a control of size 1, or any target.
 
     The tall B repeats its rows times powers of 2, and so do its targets, which is exact.
     """
@@ -140,7 +140,7 @@ def test_targets_within_reach_are_called_so(condition, shape, generic):
 
 @pytest.mark.parametrize("condition", CONDITIONS)
 def test_targets_out_of_reach_are_not_called_reachable(condition):
-    """By 1e-6 of the wish, for controls of size 1: far above what rounding does."""
+    """A distance of 1e-6 ||xf||, for controls of size 1: far above rounding."""
     for seed in range(30):
         B, x0, xf, A = reachable_problem(seed, "tall", condition, False)
         xf = xf + 1e-6 * np.linalg.norm(xf) * outside(B)
@@ -243,7 +243,7 @@ def test_errors_over_several_steps(n, m, K):
 
 
 def test_a_relative_error_names_what_it_is_relative_to():
-    """At the origin and for no control at all there is another measure."""
+    """At the origin, and for a zero control, errors are relative to another quantity."""
     gen = np.random.default_rng(5)
     A, B, x0 = gen.standard_normal((4, 4)), gen.standard_normal((4, 4)), gen.standard_normal(4)
     system = se.System(A, B)

@@ -330,5 +330,5 @@ def test_progress_is_a_flag_or_a_function(run, progress):
 
 
 def errors_of(experiment):
-    """Every error of every curve, as something that can be compared."""
+    """Every error of every curve, in a form that can be compared."""
     return [c.errors.tolist() for p in experiment.panels for c in p.curves]

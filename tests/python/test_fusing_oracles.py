@@ -1,4 +1,4 @@
-"""Weights against oracles that share nothing with them: exact rationals, enumeration, a brute QP.
+"""Weights against independent solutions: exact rationals, enumeration, a QP by all supports.
 
 Each fact is checked through two engines: the NumPy twin and the public API. Sections: the exact
 values of SLSE and where it loses to the uniform mean; what is true of SLSE instead (Lemma 4.5,
@@ -33,7 +33,7 @@ class Result(NamedTuple):
 
 
 class Twin:
-    """The reference, under the two calls used below."""
+    """The reference, with the two calls used below."""
 
     def dense(self, samples: Any, method: str, target: Any, weight_set: str = "simplex") -> Result:
         E = np.asarray(samples, dtype=float)

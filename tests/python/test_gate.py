@@ -1,4 +1,4 @@
-"""Bad input: the right exception, a message that says what and where, nothing changed.
+"""Bad input: the right exception, a message that names the argument, nothing changed.
 
 Good but unusual input (strided, big-endian, single precision, ...) equals the plain array.
 """
@@ -44,7 +44,7 @@ class Stubborn:
 
 
 class Fickle:
-    """An array of another shape at every reading."""
+    """An array with another shape each time it is read."""
 
     readings = 0
 

@@ -1,4 +1,4 @@
-"""Every argument of every public callable meets values it was not made for.
+"""Every argument of every public callable with unsuitable values.
 
 Whatever is given, nothing but an exception of this package comes out, and its message is one short
 line. The callables are found by walking the package: a new one is swept without being named here.
@@ -24,7 +24,7 @@ nan, inf = float("nan"), float("inf")
 
 
 class Refuses:
-    """An object that answers every question with an exception of its own."""
+    """An object that raises its own exception for every operation."""
 
     def _no(self, *_):
         raise RuntimeError("no answer")
@@ -235,7 +235,7 @@ MADE = {
 
 
 def swept():
-    """Name, callable and parameters of every public callable that takes what users give."""
+    """Name, callable and parameters of every public callable with arguments from users."""
     found = {}
     for name, obj in PUBLIC.items():
         plain = unwrap(obj)
@@ -273,7 +273,7 @@ def is_record(obj):
 
 
 def call(label, parameters, obj, owner, tried, value):
-    """Call with good arguments but for one."""
+    """Call with one bad argument."""
     own = OWN.get(label, OWN.get(label.rpartition(".")[2], {}))
     args, kwargs = [], {}
     for p in parameters.values():

@@ -1,4 +1,4 @@
-"""What notebooks show of records: well-formed, escaped, with the numbers that matter."""
+"""The HTML of records in notebooks: well-formed, escaped, with the main numbers."""
 
 from __future__ import annotations
 

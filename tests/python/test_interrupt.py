@@ -155,7 +155,7 @@ raise_after(0.5, signal.SIGUSR2)
 try:
     stream.step(10**10)
 except se.exceptions.InputError as error:
-    assert "`stream` is at work on this thread" in str(error), error
+    assert "`stream` is in use on this thread" in str(error), error
 assert seen == [signal.SIGUSR1, signal.SIGUSR2], seen
 at = stream.steps
 assert 0 < at < 10**10

@@ -1,4 +1,4 @@
-"""Tables whose rows and columns have names never go in as if in order."""
+"""Tables with labelled rows and columns are matched by label or refused."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What was made by hand, unpickled, or is shared with the caller is no way around the gate."""
+"""Objects made by hand, unpickled, or shared with the caller are checked as well."""
 
 from __future__ import annotations
 
@@ -287,7 +287,7 @@ def test_dense_realizations_cannot_be_changed_from_outside(how):
 
 
 def test_two_threads_cannot_write_to_one_out():
-    """The second is told so; which one that is, nobody knows."""
+    """The second call gets an error; either may be the second."""
     n, m, N = 40, 40, 20_000
     gen = np.random.default_rng(1)
     big, inputs = gen.normal(size=(n, n)), gen.normal(size=(n, m))
@@ -354,7 +354,7 @@ def every_way(made, target):
 @pytest.mark.parametrize("scale", [1e150, 1e154, 1e160, 1e200, 1e300, 8e307])
 @pytest.mark.parametrize("kind", ["drawn vector", "drawn matrix", "dense vector", "dense matrix"])
 def test_no_result_of_fuse_is_silently_not_finite(kind, scale):
-    """Everything in it is a number, or the call ends with an error."""
+    """All results are finite, or the call raises an error."""
     target = scale * (X0 if "vector" in kind else A) / 4.0
     made = se.sample(target, 5, rng=3)
     if "dense" in kind:
@@ -368,7 +368,7 @@ def test_no_result_of_fuse_is_silently_not_finite(kind, scale):
 
 
 def test_what_overflows_in_fuse_is_named():
-    """The squares do, the errors themselves do not; so "uniform" and "slse" have results."""
+    """The squares overflow, the errors do not; so "uniform" and "slse" have results."""
     target = 1e200 * A
     made = se.sample(target, 5, rng=3)
     for method in ("uniform", "slse"):

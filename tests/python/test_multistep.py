@@ -278,7 +278,7 @@ def test_the_leading_order_is_a_derivative():
 
 
 def test_the_error_shrinks_with_the_root_of_n():
-    """Medians over 40 seeds: consistent, where the average of controls is not (next tests)."""
+    """Medians over 40 seeds: consistent, unlike the average of controls (next tests)."""
     system, x0, xf = case(6, 2, 3)
     medians = []
     for size in (10**4, 10**6):
@@ -455,7 +455,7 @@ def test_input_is_not_modified_and_not_shared():
 
 
 def test_errors_at_the_origin_are_relative_to_the_start():
-    """Within reach, the exact control leads to the origin but for rounding."""
+    """For a reachable xf = 0, the exact control leads to the origin up to rounding."""
     gen = np.random.default_rng(5)
     system = se.System(gen.standard_normal((4, 4)), gen.standard_normal((4, 4)))
     x0, xf = gen.standard_normal(4), np.zeros(4)

@@ -1,4 +1,4 @@
-"""A notebook: figures and records are seen, each of them once."""
+"""A notebook shows every figure and record exactly once."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ TEXTS = [*(text for text, _ in CELLS), *RECORDS]
 
 @pytest.fixture(scope="module")
 def outputs():
-    """Outputs of every cell, of one notebook that starts as a user's does: without pyplot."""
+    """Outputs of every cell of a notebook that starts without pyplot, as a user's does."""
     cells = [nbformat.v4.new_code_cell(text) for text in (START, *TEXTS)]
     notebook = nbformat.v4.new_notebook(cells=cells)
     with pytest.MonkeyPatch.context() as patch:

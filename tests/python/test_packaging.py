@@ -1,4 +1,4 @@
-"""What is packed: metadata, licences, and a README that stands alone."""
+"""The package: metadata, licences, and a README without relative links."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`Plan.bound` and `Plan.covariance`: what a plan knows, and what it refuses to guess."""
+"""`Plan.bound` and `Plan.covariance`: their values, and the cases they refuse."""
 
 from __future__ import annotations
 
@@ -177,7 +177,7 @@ def test_the_probability_of_failure_has_one_default():
 
 
 def test_fits_beside_samples():
-    """What was fitted stays as it is; delta is for what is drawn. Rare: each entity its share."""
+    """Fitted entities have fixed errors; only drawn ones share delta."""
     x0, xf, matrix = ensembles()
     fit = se.fuse(matrix, "alse", target=A)
     plan = se.control((fit, B), x0, xf)

@@ -1,4 +1,4 @@
-"""How many realizations: every bound keeps its word, the simulation has the exact moments."""
+"""Numbers of realizations: every bound is valid, the simulation has the exact moments."""
 
 from __future__ import annotations
 
@@ -146,7 +146,7 @@ def test_no_relative_error_of_zero() -> None:
 
 
 def test_the_origin_within_reach_is_zero_up_to_rounding() -> None:
-    """The error is then relative to x0, or the control that leads it to the origin."""
+    """The error is then relative to x0, or to the control that moves x0 to the origin."""
     system = se.System(SYSTEM.A, GEN.standard_normal((4, 4)))
     for steps in (1, 2):
         state = se.required_samples(system, X0, [0.0] * 4, 0.1, steps=steps, runs=20, rng=1)

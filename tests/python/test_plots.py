@@ -1,4 +1,4 @@
-"""Figures: nothing global is touched, everything is labelled, zeros are visible."""
+"""Figures: no global state changes, everything is labelled, zeros are visible."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The public names: a new or missing one is a decision, made here as well."""
+"""The public names: this list must change with them."""
 
 from __future__ import annotations
 

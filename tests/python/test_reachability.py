@@ -273,7 +273,7 @@ def test_the_counterexamples_in_floating_point():
 
 
 def test_where_the_system_goes_by_itself_is_reachable():
-    """xf = A^K x0 in another order of summation: what is needed is rounding, in any direction."""
+    """xf = A^K x0 in another order of summation: the difference is rounding, in any direction."""
     gen = np.random.default_rng(3)
     A, B, x0 = gen.standard_normal((4, 4)), gen.standard_normal((4, 1)), gen.standard_normal(4)
     xf = np.array([sum(row[::-1] * x0[::-1]) for row in A])

@@ -1,4 +1,4 @@
-"""The report: self-contained, well-formed, and true to the numbers it was given."""
+"""The report: self-contained, well-formed, with the given numbers."""
 
 from __future__ import annotations
 

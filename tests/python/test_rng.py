@@ -1,4 +1,4 @@
-"""Keys: fixed for ever, distinct where they must be, and without side effects.
+"""Keys: fixed values, distinct where they must be, and without side effects.
 
 The golden values are stream version 1. If one of them changes, every stored result changes:
 that belongs under "Value-breaking changes" in the changelog and makes version 2.

@@ -1,4 +1,4 @@
-"""Simulated bounds: the errors have the right law, the order statistic keeps its word."""
+"""Simulated bounds: the errors have the right law, and the order statistic is a valid bound."""
 
 from __future__ import annotations
 
@@ -253,7 +253,7 @@ def test_errors_are_a_function_of_key_and_run():
 
 
 def strange_systems():
-    """Systems that look nothing like a Gaussian one."""
+    """Systems very different from a Gaussian one."""
     gen = np.random.default_rng(8)
     sparse = gen.standard_normal((5, 5)) * (gen.random((5, 5)) < 0.3)
     empty = gen.standard_normal((4, 4))
@@ -288,7 +288,7 @@ def test_coverage(name, options):
 
 
 def test_a_wrong_law_is_no_bound():
-    """The assumption broken: realizations of another vector than the one that is declared."""
+    """Realizations of another vector than the one declared: the assumption does not hold."""
     gen = np.random.default_rng(9)
     A, B = gen.standard_normal((4, 4)), gen.standard_normal((4, 4))
     x0, xf = gen.standard_normal(4), gen.standard_normal(4)

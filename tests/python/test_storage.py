@@ -1,4 +1,4 @@
-"""State files: nothing acknowledged is ever lost, and nothing damaged is ever believed."""
+"""State files: no saved state is lost, and no damaged file is loaded."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def flip(path: Path, byte: int = -1) -> None:
 
 
 def independent_reader(data: bytes) -> tuple[dict[str, str], dict[str, np.ndarray]]:
-    """Read a file by docs/state-format.md alone, with nothing of the package."""
+    """Read a file as docs/state-format.md describes it, without the package."""
     (length,) = struct.unpack_from("<Q", data)
     header = json.loads(data[8 : 8 + length])
     metadata = header.pop("__metadata__")
@@ -124,7 +124,7 @@ def test_any_safetensors_reader_agrees(tmp_path: Path) -> None:
 
 
 def test_the_bytes_are_those_of_version_2(tmp_path: Path) -> None:
-    """A change here means that files of earlier releases are read no more."""
+    """If this changes, files of earlier releases can no longer be read."""
     path = tmp_path / "state"
     state_file.save(path, "example", example())
     # the file, with zeros for its digest, as docs/state-format.md says
@@ -353,7 +353,7 @@ def test_a_version_of_the_future_is_no_damage(tmp_path: Path) -> None:
     assert data[55:119] != digest
     path.write_bytes(data)
     for call in (lambda: state_file.load(path, "k"), lambda: state_file.save(path, "k", {})):
-        with pytest.raises(StateError, match="version 3, and this release reads version 2"):
+        with pytest.raises(StateError, match="version 3, but this release reads version 2"):
             call()
     assert path.read_bytes() == data
 
@@ -372,7 +372,7 @@ def test_other_files_are_neither_believed_nor_replaced(tmp_path: Path) -> None:
         assert path.read_bytes() == data
     path.unlink()
     state_file.save(path, "other", {})
-    with pytest.raises(StateError, match="kind 'other', and 'k' was asked for"):
+    with pytest.raises(StateError, match="kind 'other', not 'k'"):
         state_file.load(path, "k")
     with pytest.raises(StateError, match="kind 'other'"):
         state_file.save(path, "k", {})

@@ -1,4 +1,4 @@
-"""The sequential algorithm: against its twin, exact arithmetic, and what is proved about it."""
+"""The sequential algorithm: against the reference, exact arithmetic, and its proved bounds."""
 
 from __future__ import annotations
 
@@ -149,7 +149,7 @@ def test_runs_stop_by_the_certificate():
 
 
 def test_printed_rule_stops_at_the_first_useless_realization():
-    """It stops by 20 steps, at the first step with probability about 1/8, with any error."""
+    """The printed rule stops within 20 steps, the first with probability 1/8, at any error."""
     runs = []
     for seed in range(200):
         stream = make(seed)
@@ -269,7 +269,7 @@ def test_a_million_steps_keep_the_invariant_and_the_accuracy(safeguard):
 
 
 def test_counters_far_beyond_32_bits():
-    """A stream as it would be after 3e13 steps goes on."""
+    """A stream in the state after 3e13 steps continues."""
     stream = make(6)
     stream.step(5000)
     state = stream._to_sections()
@@ -332,7 +332,7 @@ def test_scales(exponent):
 
 
 def test_columns_of_very_different_size():
-    """A column whose square is no number, beside one of order 1: it is left at zero, not at nan."""
+    """A column whose square underflows, next to one of order 1: it stays at zero, not nan."""
     matrix = np.array([[1.0, 1e-200], [-0.5, 2e-310]])
     stream = se.Stream((matrix, np.eye(2)), [1.0, 2.0], [0.0, 1.0], rng=1, safeguard=True)
     stream.step(2000)

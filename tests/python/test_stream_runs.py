@@ -175,7 +175,7 @@ def test_nothing_to_control_has_no_negative_error():
 
 
 def test_a_time_limit_that_ends_below_the_tolerance_has_converged():
-    """The rule is looked at every n steps: within them a limit may be met with it satisfied."""
+    """The rule is checked every n steps: a limit may be met before, with the rule satisfied."""
     late = make(1)
     late.step(0x7FFF)
     tol = late.certificate * (1.0 + 1e-12)
@@ -225,7 +225,7 @@ if child == 0:
             use()
             os._exit(2)
         except se.exceptions.InputError as error:
-            assert "`stream` was at work on a thread when this process was forked" in str(error)
+            assert "`stream` was in use by a thread when this process was forked" in str(error)
     assert "in use" in repr(busy)
     idle.step(1000)
     workers = [threading.Thread(target=idle.step, args=(10**4,)) for _ in range(2)]

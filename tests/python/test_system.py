@@ -1,4 +1,4 @@
-"""The system: checked once, then a value - comparable, hashable, picklable, unchangeable."""
+"""The system: checked once; comparable, hashable, picklable, immutable."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ def averages(atoms, size):
 
 
 def push(p, x, As, Bs, u):
-    """One step of the whole distribution: fresh A and B for every state there is."""
+    """One step of the whole distribution, with fresh A and B for every state."""
     pA, A = np.array([q for q, _ in As]), np.array([value for _, value in As])
     pB, b = np.array([q for q, _ in Bs]), np.array([value @ u for _, value in Bs])
     states = np.einsum("aij,sj->sai", A, x)[:, :, None, :] + b

@@ -1,4 +1,4 @@
-//! What every caller may rely on: draws do not depend on threads or size, stops are honoured, bad input is refused.
+//! Promises to every caller: draws do not depend on threads or size, stops are honoured, bad input is refused.
 
 use std::sync::Arc;
 

@@ -1,4 +1,4 @@
-//! Independent judges: the closed form against Clarabel, controls against a dense evaluation.
+//! Independent solutions: the closed form against Clarabel, controls against a dense evaluation.
 
 use proptest::prelude::*;
 use std::sync::Arc;

@@ -1,18 +1,18 @@
-"""The same computations in plain NumPy, written to be read beside the equations.
+"""The same computations in plain NumPy, close to the equations.
 
-Nothing here is used by the rest of the package, and nothing of the package is used here: the two
-share the mathematics and the definition of the random streams, not a line of code. Tests compare
-them bit for bit where that is promised (random draws) and to rounding elsewhere.
+This package and the rest of `stochens_rs` do not import each other: they share the mathematics and
+the definition of the random streams, but no code. Tests compare the random draws bit for bit and
+all other results to rounding.
 
 * `streams`  - random words: ChaCha8, xoshiro256++, the alias table, the shuffle;
 * `sampling` - realizations as indices, and what is built from indices;
 * `fusing`   - weights: uniform, ALSE, SLSE;
-* `controls` - pseudoinverse, controls, and how wrong they are;
-* `simulation` - trajectories: exact, random runs, mean fields, along a reference.
-* `streaming` - the sequential algorithm, and what data say about their mean.
+* `controls` - pseudoinverse, controls and their errors;
+* `simulation` - trajectories: exact, random runs, mean fields, along a reference;
+* `streaming` - the sequential algorithm, and confidence radii of means.
 
-Arrays go in and come out plain: `indices` is (N, lines), `samples` is (N, n) or (N, n, m), `key`
-is 32 bytes. Input is taken as finite and well shaped; nothing is checked.
+Arguments and results are arrays: `indices` is (N, lines), `samples` is (N, n) or (N, n, m), `key`
+is 32 bytes. Input must be finite and of the right shape; it is not checked.
 """
 
 from __future__ import annotations

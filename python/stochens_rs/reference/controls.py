@@ -1,4 +1,4 @@
-"""One-step controls from realizations, and how wrong they are.
+"""One-step controls from realizations, and their errors.
 
 x(1) = A x0 + B u. With the pseudoinverse B+ and the projector P = B B+, the control of one
 realization is u_s = B+(xf_s - A_s x0_s). `diagonal` fusion averages these; `product` fusion
@@ -69,7 +69,7 @@ def control(
 
 
 def reachability(A: ArrayLike, B: ArrayLike, x0: ArrayLike, xf: ArrayLike) -> Reachability:
-    """How far xf is from what one step can reach: mu = xf - A x0, residual = ||(I - B B+) mu||."""
+    """Distance of xf from the reachable states: mu = xf - A x0, residual = ||(I - B B+) mu||."""
     Ah, M, X0, Xf = (np.asarray(v, dtype=np.float64) for v in (A, B, x0, xf))
     mu = Xf - Ah @ X0
     residual = float(np.linalg.norm(mu - M @ (pinv(M) @ mu)))

@@ -65,11 +65,11 @@ def uniform(samples: ArrayLike, target: ArrayLike) -> Fused:
 
 
 def project_simplex(tau: ArrayLike) -> Array:
-    """The nearest point of {Y >= 0, sum Y = 1}: max(tau - shift, 0) with the shift that fits."""
+    """The nearest point of {Y >= 0, sum Y = 1}: max(tau - shift, 0), shift by the sum."""
     t = np.asarray(tau, dtype=np.float64)
     descending = np.sort(t)[::-1]
     shifts = (np.cumsum(descending) - 1.0) / np.arange(1, len(t) + 1)
-    last = np.flatnonzero(descending > shifts)[-1]  # the most entries that can stay positive
+    last = np.flatnonzero(descending > shifts)[-1]  # the largest number of positive entries
     return np.asarray(np.maximum(t - shifts[last], 0.0))
 
 
@@ -86,12 +86,12 @@ def alse_singleton(
 
     f = gamma^2 sum_{k seen} (Y_k - tau_k)^2 + sum_{k not seen} t_k^2 with tau_k = t_k / atoms_k,
     Y_k the sum of y_s over {s: R_s = k}. So Y is tau on the seen entries, projected; equal
-    samples share Y_k equally. For t = w the projection only shifts: Y_k = |w_k|/gamma + const.
+    samples share Y_k equally. For t = w the projection is a shift: Y_k = |w_k| / gamma + const.
     """
     R = np.asarray(indices, dtype=np.int64).reshape(-1)
     a, t = np.asarray(atoms, dtype=np.float64), np.asarray(target, dtype=np.float64)
     N = len(R)
-    if not np.any(a):  # every sample is 0: any weights do
+    if not np.any(a):  # every sample is 0: all weights are optimal
         return Fused(np.zeros_like(a), np.full(N, 1.0 / N), _norm(t), 0.0)
     seen, n_k = np.unique(R, return_counts=True)
     tau = t[seen] / a[seen]
@@ -119,8 +119,8 @@ def _affine_minimizer(P: Array) -> Array:
 def _nearest_in_hull(P: Array) -> Array:
     """Weights y on the simplex that minimise ||y P||: Wolfe's active-set method (1976).
 
-    The support is grown by the row with the smallest <row, x>, x = y P; then x moves to the
-    minimizer over the affine hull of the support, rows being dropped where a weight reaches 0.
+    The row with the smallest <row, x>, x = y P, joins the support. Then x moves to the minimizer
+    over the affine hull of the support; a row whose weight reaches 0 leaves it.
     """
     eps, radius = np.finfo(float).eps, float(np.max(np.linalg.norm(P, axis=1)))
     first = int(np.argmin(np.sum(P * P, axis=1)))
@@ -128,7 +128,7 @@ def _nearest_in_hull(P: Array) -> Array:
     best, best_norm = (support, y), np.inf
     while True:
         x = y @ P[support]
-        if not _norm(x) < best_norm:  # rounding has the last word: no progress any more
+        if not _norm(x) < best_norm:  # no more progress than rounding
             break
         best, best_norm = (support, y), _norm(x)
         scores = P @ x
@@ -156,8 +156,7 @@ def _nearest_in_hull(P: Array) -> Array:
 def alse_dense(samples: ArrayLike, target: ArrayLike, weight_set: str = "simplex") -> Fused:
     """ALSE for any samples, exact up to rounding; the weights need not be unique.
 
-    f(y) = ||sum_s y_s (E_s - E*)||^2 on the simplex; the subsimplex is the simplex of the samples
-    and one sample 0.
+    f(y) = ||sum_s y_s (E_s - E*)||^2 on the simplex; for the subsimplex, one sample 0 is added.
     """
     E, t = np.asarray(samples, dtype=np.float64), np.asarray(target, dtype=np.float64)
     P = E.reshape(len(E), -1) - t.ravel()
@@ -201,7 +200,7 @@ def _greedy(samples: ArrayLike, target: ArrayLike, safeguard: bool) -> Greedy:
 
 
 def slse(samples: ArrayLike, target: ArrayLike) -> Greedy:
-    """SLSE: keep F, move it towards each new sample as far as it helps.
+    """SLSE: one line search per sample, from the estimate F towards the sample.
 
     t = clip(<E* - F, E - F> / ||E - F||^2, 0, 1), F <- (1 - t) F + t E, F(1) = E_1.
     """
@@ -211,7 +210,7 @@ def slse(samples: ArrayLike, target: ArrayLike) -> Greedy:
 def slse_safeguarded(samples: ArrayLike, target: ArrayLike) -> Greedy:
     """SLSE with one more line search on [F, U_n] after each step, U_n the mean of n samples.
 
-    So the error is at most that of the uniform mean, for every n and every sequence of samples.
+    The error is then at most that of the uniform mean, for every n and every sequence of samples.
     """
     return _greedy(samples, target, safeguard=True)
 

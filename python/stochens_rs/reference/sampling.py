@@ -1,9 +1,9 @@
-"""Realizations as indices: one number for each line of the target, and what is built from them.
+"""Realizations as indices, one per line of the target, and sums over them.
 
-A *line* is sampled as a whole: a vector is one line, a matrix has one for each column
-(``axis="columns"``) or row (``axis="rows"``). Line j has the 1-norm g_j; a realization picks the
-index R_j with probability abs(A[R_j, j]) / g_j and has there the value g_j * sign(A[R_j, j]),
-elsewhere 0. A line of zeros gets index 0, and its atoms are 0.
+A *line* is a vector, or a column (``axis="columns"``) or row (``axis="rows"``) of a matrix. Line j
+has the 1-norm g_j; a realization picks the index R_j with probability abs(A[R_j, j]) / g_j and has
+there the value g_j * sign(A[R_j, j]), elsewhere 0. A line of zeros gets index 0, and its atoms are
+0.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def systematic_counts(weights: ArrayLike, size: int, offset: float) -> Indices:
     if cum[-1] == 0.0:
         return np.zeros(len(cum), dtype=np.int64)
     upper = np.ceil(size * (cum / cum[-1]) - offset)
-    upper[cum == cum[-1]] = size  # exact there, whatever rounding does to size - offset
+    upper[cum == cum[-1]] = size  # exactly, without the rounding of size - offset
     N_i: Indices = np.diff(upper, prepend=0.0).astype(np.int64)
     return N_i
 
@@ -79,7 +79,7 @@ def _line_indices(weights: Array, size: int, key: bytes, line: int, scheme: str)
 def sample_indices(
     target: ArrayLike, size: int, *, key: bytes, scheme: str = "iid", axis: str = "columns"
 ) -> Indices:
-    """`size` realizations of the target: (size, lines) indices, a function of the arguments."""
+    """`size` realizations of the target: (size, lines) indices; deterministic."""
     lines = to_lines(target, axis)
     columns = [_line_indices(w, size, key, j, scheme) for j, w in enumerate(lines.T)]
     return np.stack(columns, axis=1)
@@ -92,7 +92,7 @@ def _as_table(indices: ArrayLike) -> Indices:
 
 
 def dense(indices: ArrayLike, atoms: ArrayLike, axis: str = "columns") -> Array:
-    """The realizations themselves, (N, n) or (N, n, m): sample s is atoms where R[s] points."""
+    """The realizations, (N, n) or (N, n, m): sample s has the atoms at R[s] and is 0 elsewhere."""
     R, values = _as_table(indices), np.asarray(atoms, dtype=np.float64)
     lines = to_lines(values, axis)
     out = np.zeros((len(R), *lines.shape))

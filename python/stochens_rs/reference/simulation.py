@@ -45,7 +45,7 @@ def simulate_runs(
     sample_B: bool = True,
     sample_x0: bool = True,
 ) -> Array:
-    """`size` independent runs, (size, K + 1, n), a function of the arguments."""
+    """`size` independent runs, (size, K + 1, n); deterministic."""
     A, B = np.asarray(A, dtype=np.float64), np.asarray(B, dtype=np.float64)
     u, x0 = np.asarray(u, dtype=np.float64), np.asarray(x0, dtype=np.float64)
     sampled = (sample_A, sample_B, sample_x0)
@@ -103,8 +103,8 @@ def _apply(
     by_runs: bool = False,
     onto: Array | float = 0.0,
 ) -> Array:
-    """`onto` + M^s v[s] for every run s, with one draw for each v[s, j] != 0 that meets a nonzero
-    column: ``v_j g_j sign(M_ij)`` is added to entry i.
+    """`onto` + M^s v[s] for every run s: each v[s, j] != 0 with a nonzero column draws one index i
+    and adds ``v_j g_j sign(M_ij)`` to entry i.
     """
     out, value = np.zeros((len(v), len(M))) + onto, atoms(M)
     if by_runs:  # singletons: at most one nonzero in each run
@@ -168,7 +168,7 @@ def track(
 ) -> tuple[Array, Array]:
     """States (K + 1, n) and inputs (K, m) of one run along a reference (K + 1, n).
 
-    `estimate(target, key)` is what fresh realizations of a vector or matrix are fused to.
+    `estimate(target, key)` fuses fresh realizations of a vector or matrix.
     """
     A, B = np.asarray(A, dtype=np.float64), np.asarray(B, dtype=np.float64)
     r, B_plus = np.asarray(reference, dtype=np.float64), pinv(B)

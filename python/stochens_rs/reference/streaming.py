@@ -1,4 +1,4 @@
-"""Algorithm 1 of the paper in its three readings, with matrices as matrices and v as it is printed.
+"""Algorithm 1 of the paper in its three readings, with dense matrices and v as printed.
 
 Slots are numbered 0 (x0), 1 (xf), 2 (A). Realization k of a slot is realization k of its sample
 under the slot's key; the slot that moves in step k is realization k of the vector (1, 1, 1).
@@ -35,7 +35,7 @@ def realizations(target: Array, size: int, key: bytes) -> Array:
 
 
 def gains(F: list[Array], targets: list[Array], A: Array) -> Array:
-    """What one step is sure to gain in the mean: d^4 / (V + d^2), times its factor in the state."""
+    """Guaranteed mean decrease of one step: d^4 / (V + d^2), in units of the state."""
     factors = np.array([np.linalg.norm(A, 2), 1.0, np.linalg.norm(F[0])])
     out = np.zeros(3)
     for i, (f, w) in enumerate(zip(F, targets, strict=True)):
@@ -98,11 +98,11 @@ def stream(
             t = line_search(before, E, targets[i])
             F[i] = E
             v = (1.0 - t) * v + t * control(*raw)
-        elif variant == "semi":  # fused values, but the control of the latest realizations
+        elif variant == "semi":  # steps of the estimates, control of the latest realizations
             t = line_search(F[i], E, targets[i])
             F[i] = (1.0 - t) * F[i] + t * E
             v = (1.0 - t) * v + t * control(*raw)
-        else:  # the new realization in its slot, the fused values in the others
+        else:  # the new realization in its slot, the estimates in the others
             t = line_search(F[i], E, targets[i])
             v = (1.0 - t) * v + t * control(*[*F[:i], E, *F[i + 1 :]])
             F[i] = (1.0 - t) * F[i] + t * E
@@ -128,12 +128,14 @@ def stream(
 def mean_radius(
     samples: ArrayLike, diameter: float, delta: float, size: int | None = None
 ) -> float:
-    """||mean - E|| with probability 1 - delta for all N at once, from N independent realizations.
+    """Radius of ||mean - mu|| for all N at once with probability 1 - delta.
 
-    The realizations are at most `diameter` =: R apart. The largest x <= R for which a
-    sigma <= R / sqrt(2) has x <= R l / (3 N) + w sqrt(2 l / N) sigma, l = log(2 / (0.75 delta)),
-    and sigma^2 - 2 b sigma <= D^2 / N + x^2, b = w R sqrt(log(4 / delta) / (2 N)): from above, by
-    turns. Without `size` for epochs 4^k <= N < 4^(k + 1) with m = 2 4^k and delta / (k (k + 1)).
+    Two of the N independent realizations are at most `diameter` =: R apart. The radius is the
+    largest x <= R for which some sigma <= R / sqrt(2) satisfies
+    x <= R l / (3 N) + w sqrt(2 l / N) sigma with l = log(2 / (0.75 delta)), and
+    sigma^2 - 2 b sigma <= D^2 / N + x^2 with b = w R sqrt(log(4 / delta) / (2 N)); both are
+    iterated from above. Without `size`: epochs 4^k <= N < 4^(k + 1) with m = 2 4^k and
+    delta / (k (k + 1)).
     """
     E = np.asarray(samples, dtype=np.float64).reshape(len(np.asarray(samples)), -1)
     R, N = diameter, len(E)

@@ -2,8 +2,8 @@
 
 A stream is ChaCha8 under a 32-byte key with a 64-bit block counter and the 64-bit nonce
 ``purpose << 56 | line``. Independent draws take their words from xoshiro256++ generators that are
-seeded from that stream, eight lanes for each chunk of 16384 draws; so draw i of a line depends on
-(key, line, i) and on nothing else.
+seeded from that stream, eight lanes for each chunk of 16384 draws, so draw i of a line depends on
+(key, line, i) only.
 
 References
 ----------
@@ -140,7 +140,7 @@ def alias_table(weights: ArrayLike) -> AliasTable:
     threshold, alias = [0] * cells, list(range(cells))
     small = [i for i in range(cells) if mass[i] < CELL]
     large = [i for i in range(cells) if mass[i] >= CELL]
-    while small:  # the mean of what is left is CELL, so `large` cannot be empty here
+    while small:  # the remaining masses have mean CELL, so `large` is not empty
         s, big = small.pop(), large[-1]
         threshold[s], alias[s] = mass[s], big
         mass[big] -= CELL - mass[s]

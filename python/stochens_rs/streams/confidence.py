@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 
-# Share of delta for the bound on the mean, the rest for that on the variance; about the best
+# Share of delta for the bound on the mean; the bound on the variance has the rest. About the best
 # choice for N > 100.
 _SHARE = 0.75
 

@@ -196,8 +196,8 @@ class DataStream(Durable):
         Raises
         ------
         InputError, InputTypeError
-            If `delta` cannot be used, if x0, xf or A has no realization or has a target (what is
-            fitted to a target is not a mean), or if two realizations are farther apart than
+            If `delta` cannot be used, if x0, xf or A has no realization or has a target (a fit
+            to a target is not a mean), or if two realizations are farther apart than
             `ranges` says.
 
         Notes

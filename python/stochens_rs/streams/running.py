@@ -54,7 +54,7 @@ def run_until(
     bar: AbstractContextManager[Callable[[int], object]],
     checkpoints: Checkpoints,
 ) -> Status:
-    """Take steps until `stop`, and save at the end, also after an exception of the caller."""
+    """Take steps until `stop`, and save at the end, also after an exception in a callback."""
     status: Status = "interrupted"
     try:
         with bar as report:

@@ -1,4 +1,4 @@
-"""What identifies a stream and what is saved of it: keys, digest, named arrays."""
+"""Identity and saved state of a stream: keys, digest, named arrays."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 //! Clarabel as a proposer of weights: the augmented sparse form on data of unit norm.
 //!
-//! Variables `(w, y)`: minimise `1/2 ||y||^2` subject to `S w - y = E*` (rows that some realization hits), `sum w = 1` (or
-//! `<= 1`) and `w >= 0`. The Gram form is denser and, like badly scaled data, has made interior-point solvers report
-//! wrong optima as solved; everything is divided by the largest norm of a realization first.
+//! Variables `(w, y)`: minimise `1/2 ||y||^2` subject to `S w - y = E*` (rows that some realization hits), `sum w = 1`
+//! (or `<= 1`) and `w >= 0`. All data are divided by the largest norm of a realization first. The Gram form is denser,
+//! and interior-point solvers have reported wrong optima as solved for it, and for badly scaled data.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -18,7 +18,7 @@ use crate::parallel::{Stop, detached};
 
 const WHAT: &str = "the problem for Clarabel";
 
-/// The conic data, owned, so that the solve can outlive an interrupted caller.
+/// The conic data, owned, so that the solve can outlive an interrupted call.
 struct Conic {
     size: usize,
     quadratic: CscMatrix<f64>,
@@ -92,11 +92,12 @@ fn conic(realizations: &impl Realizations, target: &[f64], set: Weights, norm: f
 }
 
 impl Conic {
-    /// Bytes that Clarabel allocates for it, at most.
+    /// Bytes that Clarabel allocates for this problem, at most.
     ///
-    /// The factor has `2 (size + d) + d + 1` rows. Eliminating the weights first, as an ordering for little fill does,
-    /// leaves columns of the entries of a realization, and a full triangle for the rows they hit or, if these are more,
-    /// for the realizations. The rest are vectors and copies of the constraints, a bounded number of them.
+    /// The factor has `2 (size + d) + d + 1` rows. An ordering for little fill eliminates the weights first. This
+    /// leaves columns of the entries of a realization, and a full triangle for the rows they hit (or for the
+    /// realizations, if there are fewer rows than these). The rest are vectors and a bounded number of copies of the
+    /// constraints.
     fn bytes(&self) -> u128 {
         let (rows, columns) = (self.constraints.m as u128, self.constraints.n as u128);
         let side = (columns - self.size as u128).min(self.size as u128) + 1;
@@ -105,8 +106,8 @@ impl Conic {
     }
 }
 
-/// Clarabel looks at its stop hook once per iteration, which can take seconds: it solves on a thread that an interrupted
-/// caller leaves behind, and that ends at its next iteration.
+/// Clarabel checks for a stop once per iteration, which can take seconds. It therefore solves on its own thread, which
+/// an interrupted caller leaves behind, and which ends at its next iteration.
 fn run(problem: Conic, time_limit: Option<Duration>, stop: &Stop) -> Result<Proposal> {
     let cancelled = Arc::new(Stop::new());
     let hook = Arc::clone(&cancelled);

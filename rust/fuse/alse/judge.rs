@@ -1,4 +1,4 @@
-//! The judge of every proposal: feasible weights, their error and their gap, recomputed from the realizations.
+//! Checks every proposal: feasible weights, with error and gap recomputed from the realizations.
 
 use super::{Proposal, Realizations, Settings, Solution, Status};
 use crate::error::Result;
@@ -21,7 +21,7 @@ pub(super) fn judge(
     let Proposal { mut weights, solver, iterations } = proposal;
     make_feasible(&mut weights, set);
     let estimate = realizations.combine(&weights, stop)?;
-    // in units of a power of two near the realizations' norm: squares neither overflow nor vanish, and it is exact
+    // scaled by a power of two near the realizations' norm: exact, and squares neither overflow nor vanish
     let norm = realizations.norm();
     let scale = power_of_two_scale(target.iter().chain([&norm]));
     let residual: Vec<f64> = try_collect("a residual", estimate.iter().zip(target).map(|(s, t)| (s - t) / scale))?;
@@ -47,7 +47,7 @@ pub(super) fn judge(
     })
 }
 
-/// Clips below at zero and scales the sum to one (to at most one on the sub-simplex); NaN becomes zero.
+/// Clips below at zero and divides by the sum (on the sub-simplex only if it is above one); NaN becomes zero.
 fn make_feasible(weights: &mut [f64], set: Weights) {
     weights.iter_mut().for_each(|w| *w = if *w > 0.0 { *w } else { 0.0 });
     let sum: f64 = weights.iter().sum();

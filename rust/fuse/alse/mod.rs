@@ -1,8 +1,8 @@
-//! ALSE for everything the closed form does not cover: `min ||sum_i w_i E_i - E*||^2` over the weights, certified.
+//! ALSE for all problems without a closed form: `min ||sum_i w_i E_i - E*||^2` over the weights, certified.
 //!
-//! A ladder: our own solver ([`super::simplex`]); where its gap is too large, Clarabel on scaled data; then whichever is
-//! better, with an honest status. A solver only proposes weights: the gap that judges them is recomputed from the
-//! realizations, and the status follows from that gap, and from what ended the search if it is too large.
+//! First our own solver ([`super::simplex`]); if its gap is too large, Clarabel on scaled data; then the better of
+//! both. A solver only proposes weights. Their gap is recomputed from the realizations and gives the status, together
+//! with the reason why the search ended if the gap is too large.
 
 mod clarabel;
 mod judge;
@@ -20,21 +20,22 @@ use crate::sample::Singletons;
 pub use super::simplex::Status;
 pub use realizations::Realizations;
 
-/// Nonzero entries up to which Clarabel is asked: about a minute on one core.
+/// Nonzero entries up to which Clarabel is tried: about a minute on one core.
 const SECOND_OPINION: usize = 200_000;
 
-/// Which weights are wanted, how well, and what may be spent on them.
+/// Weight set, tolerance, and limits on time and passes.
 #[derive(Debug, Clone, Copy)]
 pub struct Settings {
-    /// The set the weights live in.
+    /// The set of feasible weights.
     pub set: Weights,
     /// Largest gap, relative to `||E*||^2` (to the squared norm of a realization where `E* = 0`).
     pub tol: f64,
     /// Wall time after which the best weights so far are returned.
     pub time_limit: Option<Duration>,
-    /// Passes over the realizations (one product with `S`, one with `S^T`) after which they are.
+    /// Passes over the realizations (one product with `S`, one with `S^T`) after which the best weights so far are
+    /// returned.
     pub max_passes: Option<usize>,
-    /// Threads over realizations.
+    /// Number of threads, which share the realizations.
     pub threads: usize,
 }
 
@@ -56,7 +57,7 @@ impl Settings {
     }
 }
 
-/// When the caller's time ends.
+/// When the time limit ends.
 struct Clock(Option<Instant>);
 
 impl Clock {
@@ -86,11 +87,11 @@ pub struct Solution {
     pub gap: f64,
     /// A proved lower bound on the error of any weights.
     pub lower_bound: f64,
-    /// Entries of the target that are not zero while they are in every realization.
+    /// Nonzero entries of the target that are zero in every realization.
     pub unseen: usize,
-    /// The target lies in the hull of the realizations: the error is rounding.
+    /// The target lies in the hull of the realizations, so the error is rounding only.
     pub exact: bool,
-    /// What the recomputed gap says.
+    /// Status that follows from the recomputed gap.
     pub status: Status,
     /// Which solver proposed the weights, and its number of iterations.
     pub solver: &'static str,
@@ -98,7 +99,7 @@ pub struct Solution {
     pub iterations: u64,
 }
 
-/// Weights that a solver found, feasible or not.
+/// Weights from a solver, feasible or not.
 struct Proposal {
     weights: Vec<f64>,
     solver: &'static str,
@@ -107,8 +108,8 @@ struct Proposal {
 
 /// Solves `min ||sum_i w_i E_i - target||` to a gap of `tol ||target||^2`.
 ///
-/// A limit or a stop ends the search, not the call: the best feasible weights come back with their gap and a status that
-/// says so.
+/// A limit or a stop ends the search without an error: the result has the best feasible weights, their gap, and a
+/// status that says so.
 ///
 /// # Errors
 /// [`Error::Numerical`] if a solver refuses the problem, [`Error::Memory`].
@@ -118,11 +119,12 @@ pub fn alse(realizations: &impl Realizations, target: &[f64], settings: &Setting
     certified(realizations, own, target, settings, &clock, stop)
 }
 
-/// [`alse`] for the first `k` realizations, for each `k` in the increasing `sizes`, in turn handed to `visit`.
+/// [`alse`] for the first `k` realizations, for each `k` in the increasing `sizes`; the results go to `visit` in this
+/// order.
 ///
-/// The weights of one prefix, padded with zeros, start the next: they are the answer when nothing new helps, and spare
-/// Newton-CG its identification steps while there are few realizations per dimension; with many, a cold start is faster.
-/// The time limit is that of all prefixes together, the limit on passes that of each.
+/// The weights of one prefix, padded with zeros, are the start of the next. They are the result if the new realizations
+/// do not help, and with few realizations per dimension they save Newton-CG the search for the support; with many, a
+/// cold start is faster. The time limit is for all prefixes together, the limit on passes for each.
 ///
 /// # Errors
 /// As [`alse`], and those of `visit`.
@@ -146,7 +148,7 @@ pub fn alse_prefixes(
     Ok(())
 }
 
-/// Our solver's weights with their estimate, or Clarabel's where those are not good enough and Clarabel's are better.
+/// Our solver's weights with their estimate; Clarabel's if ours are not good enough and Clarabel's are better.
 fn certified(
     realizations: &impl Realizations,
     own: simplex::Solution,
@@ -160,7 +162,7 @@ fn certified(
         Status::UserLimit if !spent && !clock.over() => Status::OptimalInaccurate,
         status => status,
     };
-    // one pass, done even after a stop: without the estimate the weights are worth little
+    // one pass, also after a stop, since the caller needs the estimate
     let estimate = realizations.combine(&own.weights, &Stop::new())?;
     let error = distance(&estimate, target);
     let first = Solution {
@@ -188,8 +190,8 @@ fn certified(
     }
 }
 
-/// Clarabel's weights, judged by the same measure. It looks at `settings.time_limit` after each of its iterations and
-/// knows no passes.
+/// Clarabel's weights, with their gap recomputed. `settings.time_limit` is checked after each iteration; there is no
+/// limit on passes.
 ///
 /// # Errors
 /// As [`alse`], and [`Error::Interrupted`] after a stop.

@@ -1,4 +1,4 @@
-//! What the ladder asks of realizations, and how those of a law and dense ones answer.
+//! The operations on realizations that ALSE needs, for those of a law and dense ones.
 
 use super::super::Dense;
 use super::super::simplex::{self, DenseProblem, IndexView, Options, SingletonProblem};
@@ -28,7 +28,7 @@ pub trait Realizations {
     fn solve(&self, target: &[f64], options: &Options, warm: Option<&[f64]>, stop: &Stop) -> Result<simplex::Solution>;
 }
 
-/// The solver checks its input again; after the checks here that cannot fail.
+/// Errors of the solver's own checks; they cannot occur after the checks here.
 fn refused(invalid: simplex::Invalid) -> Error {
     Error::Numerical(format!("the solver refused the problem: {invalid}"))
 }
@@ -67,7 +67,7 @@ impl Realizations for Singletons {
     }
 }
 
-/// Poses the problem of `draws` in the solver's terms: sign-free, the law's signs divided out of the target.
+/// The problem of `draws` in the solver's sign-free form: the law's signs are divided out of the target.
 fn with_problem<T>(draws: &Singletons, target: &[f64], work: impl FnOnce(&SingletonProblem<'_>) -> T) -> Result<T> {
     let law = draws.law();
     let mut signed = try_copy("the target", target)?;

@@ -1,11 +1,12 @@
-//! Primal active set method with a factor: the last rung, and the way through the hard spot `N = 2 d`.
+//! Primal active set method with a factor: the last method to be tried, and the one near the hard spot `N = 2 d`.
 //!
-//! On a face of the homogenised problem (see `newton_cg`) the minimiser is one linear system with the free block `H_FF`. Walk
-//! towards it; a weight that reaches zero on the way leaves the face, at the minimiser the sample with the most negative
-//! gradient enters (Lawson and Hanson, Solving Least Squares Problems, 1974, ch. 23). Exact where conjugate gradients crawl, but
-//! one sample per step: for starts with nearly the right support.
+//! On a face of the homogenised problem (see `newton_cg`) the minimiser solves one linear system with the free block
+//! `H_FF`. The iteration moves towards it. A weight that reaches zero on the way leaves the face; at the minimiser, the
+//! sample with the most negative gradient enters (Lawson and Hanson, Solving Least Squares Problems, 1974, ch. 23). It
+//! ends where conjugate gradients converge slowly, but each step changes one sample, so the start must have nearly the
+//! right support.
 //!
-//! The linear systems are solved by the factor of an earlier face, bordered (see `face`).
+//! The linear systems are solved with the factor of an earlier face, bordered (see `face`).
 
 use super::budget::Budget;
 use super::face::Face;
@@ -75,7 +76,7 @@ pub(crate) fn solve<O: Operator>(
             face = Face::new(op, q, kappa, &images, &free, budget)?;
         }
         let Some(face) = face.as_mut() else { break };
-        // At the minimiser of the face: let the best sample in.
+        // At the minimiser of the face, the sample with the most negative gradient enters.
         if residual <= 0.1 * lowest.abs()
             && let Some(i) = enter
         {

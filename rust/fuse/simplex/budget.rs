@@ -1,4 +1,4 @@
-//! Work limits: passes over the data, wall time, and a request to stop, polled together.
+//! Work limits: passes over the data, wall time, and a request to stop, checked together.
 
 use std::time::{Duration, Instant};
 
@@ -12,7 +12,7 @@ pub(crate) enum Limit {
     Stop,
 }
 
-/// Entries touched between two looks at the clock.
+/// Entries touched between two readings of the clock (below 0.1 ms at 0.3 ns each).
 const POLL: f64 = 2e5;
 
 /// Counts entries touched; one *pass* is one product with `S` and one with `S^T` over all samples.
@@ -33,7 +33,7 @@ impl<'a> Budget<'a> {
         Self { stop, deadline, pass, max: max_passes as f64 * pass, spent: 0.0, polled: f64::NEG_INFINITY, limit: None }
     }
 
-    /// Records `samples * entries` touched entries, `half_passes` times; `true` when a limit has been reached.
+    /// Counts `samples * entries` touched entries `half_passes` times; `true` when a limit has been reached.
     pub fn charge(&mut self, half_passes: usize, samples: usize, entries: usize) -> bool {
         // A small constant for the vector operations around a product.
         self.spent += half_passes as f64 * (samples * entries) as f64;
@@ -44,7 +44,7 @@ impl<'a> Budget<'a> {
         self.limit.is_some()
     }
 
-    /// Looks at the stop and the clock, without counting anything; `true` when a limit has been reached.
+    /// Checks for a stop and reads the clock; `true` when a limit has been reached.
     pub fn poll(&mut self) -> bool {
         if self.limit.is_none() {
             self.limit = self.reached();

@@ -6,8 +6,9 @@
 //! gap = max_i <grad f(w), w - e_i> = 2 (<r, S w> - min_i <r, E_i>),     f(w) - gap <= min f <= f(w),
 //! ```
 //!
-//! by convexity, for any `w` at all. The residual is accumulated in twice the working precision, the minimum is found in plain
-//! arithmetic and every candidate within rounding of it is evaluated again in twice the precision: the cost of one pass.
+//! by convexity, for any `w`. The residual is accumulated in twice the working precision. The minimum is found in plain
+//! arithmetic, and every candidate within rounding of it is evaluated again in twice the precision. The cost is one
+//! pass.
 
 use super::compensated::{Sum, dot};
 use super::operator::{Operator, Residual};
@@ -15,7 +16,7 @@ use super::problem::SEARCH;
 use crate::error::Result;
 use crate::memory::try_zeros;
 
-/// What is known for certain about given weights.
+/// The certificate of given weights.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Certificate {
     /// `||S w - e||^2`

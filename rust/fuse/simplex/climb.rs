@@ -1,4 +1,4 @@
-//! One algorithm after the other, until the gap is small enough.
+//! The sequence of algorithms, until the gap is small enough.
 
 use super::active_set;
 use super::budget::Budget;
@@ -14,20 +14,21 @@ use crate::memory::try_copy;
 
 /// Realizations per dimension up to which projected Newton-CG is well conditioned.
 const NEWTON_CG_TO: f64 = 1.25;
-/// Realizations per dimension from which `S w = q` is worth a try: half of all centred point clouds of `2 d` points contain their
-/// centre (Wendel, Math. Scand. 11, 1962), hardly any below.
+/// Realizations per dimension from which `S w = q` is tried: half of all centred point clouds of `2 d` points contain
+/// their centre (Wendel, Math. Scand. 11, 1962), hardly any with fewer points.
 const DIRECT_FROM: f64 = 1.9;
-/// Passes PNCG may spend before the safety net takes over.
+/// Passes of PNCG before the next method is tried.
 const NEWTON_CG_PASSES: f64 = 700.0;
 
-/// Projected Newton-CG or the direct semismooth solve, then SSNAL, then Newton-CG without limit; the best weights of all.
+/// Projected Newton-CG or the direct semismooth solve, then SSNAL, then Newton-CG without limit; returns the best
+/// weights.
 pub(crate) fn climb<O: Operator>(task: &Task<O>, warm: Option<&[f64]>, budget: &mut Budget) -> Result<Found> {
     let (op, q, tol) = (task.op, &task.relaxed.q[..], task.tol);
     let n = op.size();
     let set = Setting::of(task);
     let mut work = Work::default();
 
-    // The warm weights, or the uniform ones, may already do.
+    // The warm or uniform weights may be good enough.
     let start = semismooth::measure(&set, start_or_uniform(warm, n)?, budget)?;
     let mut best = Best { iterate: start, phase: Phase::Start };
     if best.done(tol) || budget.exhausted() {

@@ -5,8 +5,8 @@
 //! * a sample that entered brings its column of `H` (and `C` the block among those that entered);
 //! * a sample that left brings a unit vector: its weight must not change.
 //!
-//! With `U = H_0^{-1} B` and `C - B^T U` kept, a change costs one solve with the factor and one new row. The right side costs none:
-//! a step of length `t` along the Newton direction scales the gradient on the face by `1 - t`.
+//! With `U = H_0^{-1} B` and `C - B^T U` kept, a change costs one solve with the factor and one new row. The right side
+//! costs nothing: a step of length `t` along the Newton direction scales the gradient on the face by `1 - t`.
 
 use super::budget::Budget;
 use super::factor::{Factor, LARGEST_FACTOR};
@@ -17,7 +17,7 @@ use crate::error::Result;
 use crate::memory::{checked_len, try_collect, try_copy, try_push, try_room, try_zeros};
 use crate::vector::{axpy, dot};
 
-/// Steps after which the gradient is no longer scaled but solved for.
+/// Steps after which the gradient is solved for again instead of scaled, to limit rounding errors.
 const REUSE: usize = 10;
 
 /// One change since the factor was computed.
@@ -30,7 +30,7 @@ struct Border {
 }
 
 enum Kind {
-    /// The member at this place of `F0` has left.
+    /// The member at this position of `F0` has left.
     Left(usize),
     /// This sample has entered: its column of `H` on `F0`, and `E - q`.
     Entered { sample: usize, column: Vec<f64>, image: Vec<f64> },
@@ -44,7 +44,7 @@ pub(crate) struct Face<'a, O: Operator> {
     factor: Factor,
     members: Vec<usize>,
     borders: Vec<Border>,
-    /// `H_0^{-1} (-g)`, kept while it can be scaled from step to step, and for how many steps it has been.
+    /// `H_0^{-1} (-g)`, scaled from step to step, and the number of steps since it was computed.
     plain: Option<(Vec<f64>, usize)>,
 }
 
@@ -68,7 +68,7 @@ impl<'a, O: Operator> Face<'a, O> {
         Ok(factor.map(|factor| Self { op, q, kappa, factor, members, borders: Vec::new(), plain: None }))
     }
 
-    /// How many changes since the factor was computed.
+    /// Number of changes since the factor was computed.
     pub fn changes(&self) -> usize {
         self.borders.len()
     }
@@ -88,13 +88,13 @@ impl<'a, O: Operator> Face<'a, O> {
         Ok(())
     }
 
-    /// Lets a sample in.
+    /// Adds a sample to the face.
     pub fn enter(&mut self, sample: usize, budget: &mut Budget) -> Result<()> {
         if let Ok(place) = self.members.binary_search(&sample) {
             if let Some(k) = self.borders.iter().position(|b| matches!(b.kind, Kind::Left(p) if p == place)) {
                 self.remove(k);
             }
-            // Its gradient was not followed while it was out.
+            // Its gradient was not updated while it was out.
             self.plain = None;
             return Ok(());
         }
@@ -130,7 +130,8 @@ impl<'a, O: Operator> Face<'a, O> {
         }
     }
 
-    /// A step of this length along `p` leaves `(1 - length) g`, exactly in theory; in the end, and now and then, from scratch.
+    /// A step of this length along `p` leaves `(1 - length) g` in exact arithmetic; recomputed after a full step or
+    /// `REUSE` steps.
     pub fn stepped(&mut self, length: f64) {
         self.plain = self.plain.take().filter(|(_, age)| length < 1.0 && *age < REUSE).map(|(mut x, age)| {
             for v in &mut x {
@@ -140,7 +141,7 @@ impl<'a, O: Operator> Face<'a, O> {
         });
     }
 
-    /// `H_FF p = -g` on the present face; `p` is zero elsewhere.
+    /// `H_FF p = -g` on the current face; `p` is zero elsewhere.
     pub fn newton(&mut self, gradient: &[f64], p: &mut [f64]) -> Result<bool> {
         let c = self.borders.len();
         let (x, age) = match self.plain.take() {

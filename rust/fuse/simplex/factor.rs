@@ -1,7 +1,7 @@
 //! Cholesky factor of a symmetric positive definite matrix held as a [`Triangle`].
 //!
-//! Panel by panel, with the products and small triangular solves of `faer`. Between two blocks the limits are looked at: a factor of
-//! ten thousand rows takes seconds.
+//! By panels, with the products and small triangular solves of `faer`. The limits are checked between two blocks, since
+//! a factor of ten thousand rows takes seconds.
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::{LltParams, cholesky_in_place, cholesky_in_place_scratch};
@@ -15,16 +15,16 @@ use super::triangle::{PANEL, Triangle};
 use crate::error::{Error, Result};
 use crate::memory::room_for_products;
 
-/// Rows above which no factor is computed (400 MB).
+/// Rows above which no factor is computed (400 MB of memory).
 pub(crate) const LARGEST_FACTOR: usize = 10_000;
 
-/// What a factor of `k` rows costs, in indices touched by a pass (measured: 0.3 ns each, `k^3 / 3` operations at 40 GF/s).
+/// Cost of a factor of `k` rows, in indices touched by a pass (measured: 0.3 ns each, `k^3 / 3` operations at 40 GF/s).
 pub(crate) fn factor_cost(k: usize) -> f64 {
     let k = k as f64;
     k * k * k / 40.0
 }
 
-/// What one solve with it costs, in the same unit: the factor is read twice.
+/// Cost of one solve with it, in the same unit: the factor is read twice.
 pub(crate) fn solve_cost(k: usize) -> f64 {
     let k = k as f64;
     k * k

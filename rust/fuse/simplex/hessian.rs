@@ -1,4 +1,4 @@
-//! The Hessian of the homogenised problem on some of the samples: products, and a Cholesky factor when there are few of them.
+//! The Hessian of the homogenised problem on the free samples: products, and a Cholesky factor if they are few.
 
 use super::budget::Budget;
 use super::factor::{self, Factor};
@@ -9,7 +9,7 @@ use crate::error::Result;
 use crate::memory::try_zeros;
 use crate::vector::{axpy, dot, sum};
 
-/// What the factor of `H` on `k` samples costs, the Gram matrix included, in indices touched by a pass.
+/// Cost of the factor of `H` on `k` samples, with its Gram matrix, in indices touched by a pass.
 pub(crate) fn factor_cost(k: usize, entries: usize) -> f64 {
     factor::factor_cost(k) + 0.5 * (k * k) as f64 * entries as f64
 }
@@ -36,7 +36,8 @@ impl<O: Operator> Hessian<'_, O> {
         Ok(())
     }
 
-    /// Cholesky factor of `H`, lifted a little where it is singular; `images = S^T q`. `None` also if a limit is reached.
+    /// Cholesky factor of `H`, shifted slightly if `H` is singular; `images = S^T q`. `None` also if a limit is
+    /// reached.
     pub fn factor(&self, images: &[f64], qq: f64, budget: &mut Budget) -> Result<Option<Factor>> {
         for ridge in [1e-13, 1e-11, 1e-8] {
             let Some(mut matrix) = self.matrix(images, qq, budget)? else { return Ok(None) };

@@ -1,12 +1,13 @@
 //! The two inner loops: read a table at the indices of one sample, add a weight there.
 //!
-//! Plain scalar loads: AVX gathers were measured slower, and reads without bounds checks no faster than four samples at a time.
+//! Plain scalar loads: AVX gathers were slower, and reads without bounds checks not faster than four samples at a time
+//! (measured).
 
 use crate::sample::Index;
 
 /// `out[i] = sum_j table[j * length + rows_ij]` for the samples in `rows`, `lines` indices each.
 ///
-/// Four samples walk the lines together: one bounds check on the line serves four reads, and the four sums are independent.
+/// Four samples at a time: one bounds check on the line serves four reads, and the four sums are independent.
 pub(crate) fn gather<I: Index>(rows: &[I], lines: usize, length: usize, table: &[f64], out: &mut [f64]) {
     let (fours, tail) = out.as_chunks_mut::<4>();
     let (blocks, tail_rows) = rows.split_at(fours.len() * 4 * lines);

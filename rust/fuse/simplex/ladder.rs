@@ -1,4 +1,4 @@
-//! Which algorithm when, and what to do when it fails.
+//! The choice of the algorithm, and the closed forms.
 
 use super::budget::Budget;
 use super::certificate::{Certificate, certify};
@@ -15,7 +15,7 @@ use super::threshold::project;
 use crate::error::Result;
 use crate::memory::{try_collect, try_copy, try_extend, try_zeros};
 
-/// Warm weights if they already do; else on a subset first where that pays, then on all realizations.
+/// The warm weights if they are good enough; else a subset first if it is much smaller, then all realizations.
 pub(crate) fn run<O: Operator>(task: &Task<O>, warm: Option<&[f64]>, budget: &mut Budget) -> Result<(Found, bool)> {
     if let Some(weights) = warm {
         let iterate = semismooth::measure(&Setting::of(task), try_copy(SEARCH, weights)?, budget)?;
@@ -29,10 +29,11 @@ pub(crate) fn run<O: Operator>(task: &Task<O>, warm: Option<&[f64]>, budget: &mu
     })
 }
 
-/// Drives a small residual of a reachable target down to rounding, if that can be done.
+/// Reduces a small residual of a reachable target to rounding, if possible.
 ///
-/// The least-norm correction on the support, `dw = (I - 11^T/K) S_J^T (S_J (I - 11^T/K) S_J^T)^+ (q - S w)`, keeps the sum. Weights
-/// it would make negative leave the support, and the correction is repeated; what is not exact in the end is not used.
+/// The least-norm correction on the support, `dw = (I - 11^T/K) S_J^T (S_J (I - 11^T/K) S_J^T)^+ (q - S w)`, keeps the
+/// sum. Weights that would become negative leave the support, and the correction is repeated. The result is used only
+/// if it is exact.
 pub(crate) fn polish<O: Operator>(
     task: &Task<O>,
     target: &[f64],
@@ -67,7 +68,7 @@ pub(crate) fn polish<O: Operator>(
     Ok(certificate)
 }
 
-/// The answer when only one line has a nonzero weight (in particular one line in all).
+/// The solution if only one line has a nonzero weight (in particular if there is only one).
 ///
 /// The marginal `Y` on the hit entries is the projection of `target / g` on the simplex (subsimplex: clip, project only if the sum
 /// exceeds one), shared equally among the realizations that hit the entry.

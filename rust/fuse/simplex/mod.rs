@@ -1,14 +1,14 @@
 //! `min_w || sum_i w_i E_i - E* ||_F^2` over the simplex, certified.
 //!
-//! The realizations `E_i` have one nonzero per line (column), so `S w = sum_i w_i E_i` is a scatter and `S^T r` a gather over the
-//! index array; nothing else is ever formed. The path of one problem:
+//! The realizations `E_i` have one nonzero per line (column), so `S w = sum_i w_i E_i` is a scatter and `S^T r` a
+//! gather over the index array; no realization is written out. The steps for one problem:
 //!
 //! 1. `problem`: sizes and indices are checked; [`solve`] scales by a power of two;
 //! 2. `relaxed_target`: the target is replaced by its projection on the affine hull, exactly;
 //! 3. `sifting`: with far more realizations than dimensions, a subset is solved and certified on all;
-//! 4. `ladder`: `newton_cg` below 1.25 realizations per dimension, `proximal::direct` above 1.9, `proximal::augmented` between and
-//!    if they fail, handing over to `active_set` once it has nearly found the support;
-//! 5. `certificate`: gap and bounds are recomputed from the data, in compensated arithmetic; `status` is what they say.
+//! 4. `ladder`: `newton_cg` below 1.25 realizations per dimension, `proximal::direct` above 1.9, `proximal::augmented`
+//!    between and if they fail, then `active_set` once the support is nearly found;
+//! 5. `certificate`: gap and bounds are recomputed from the data, in compensated arithmetic, and give the `status`.
 
 mod active_set;
 mod budget;
@@ -56,7 +56,7 @@ use singletons::Singletons;
 
 /// Weights for realizations with one nonzero per line.
 ///
-/// `warm` are weights of a similar problem, shorter ones are padded with zeros. `stop` is polled; a request returns the best
+/// `warm` are weights of a similar problem; shorter ones are padded with zeros. A request of `stop` returns the best
 /// weights so far.
 pub fn solve(problem: &SingletonProblem, options: &Options, warm: Option<&[f64]>, stop: &Stop) -> Result<Solution> {
     match problem.indices {
@@ -110,11 +110,11 @@ pub fn solve_dense(problem: &DenseProblem, options: &Options, warm: Option<&[f64
 
 struct Start<'a> {
     warm: Option<&'a [f64]>,
-    /// The answer, if there is a closed form.
+    /// The solution, if there is a closed form.
     line: Option<Vec<f64>>,
 }
 
-/// Runs the ladder on the scaled problem, certifies, and scales back.
+/// Solves the scaled problem, certifies the result, and scales back.
 fn finish<O: Operator>(
     op: &O,
     target: &[f64],
@@ -152,7 +152,7 @@ fn finish<O: Operator>(
             None => Status::OptimalInaccurate,
         }
     };
-    // The closed-form floor is a sum of d rounded squares.
+    // The bound in closed form is a sum of d rounded squares.
     let floor = relaxed.floor * (1.0 - 4.0 * f64::EPSILON * (op.dim() as f64 + 4.0)).max(0.0);
     let lower_bound = (certificate.objective - certificate.gap).max(floor).min(certificate.objective).max(0.0);
     if options.subsimplex {
@@ -179,7 +179,7 @@ fn finish<O: Operator>(
     })
 }
 
-/// Warm weights of the right length: padded with zeros, the zero realization takes what is missing.
+/// Warm weights of the right length, padded with zeros; the zero realization gets the rest of the sum.
 fn padded(warm: &[f64], n: usize, subsimplex: bool) -> Result<Vec<f64>> {
     let given = n - usize::from(subsimplex);
     let mut w = try_room(SEARCH, n)?;

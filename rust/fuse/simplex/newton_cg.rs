@@ -1,19 +1,20 @@
 //! Projected Newton-CG (PNCG): few realizations per dimension, `N < 1.25 d`.
 //!
-//! The simplex constraint is homogenised away. With `s = 1^T w` and a penalty `kappa`,
+//! The constraint `sum w = 1` is replaced by a penalty. With `s = 1^T w` and a factor `kappa`,
 //!
 //! ```text
 //! min_{w >= 0}  1/2 ||S w - s q||^2 + kappa/2 (s - 1)^2
 //! ```
 //!
-//! is nonnegative least squares whose minimiser is a multiple of the minimiser on the simplex. Each step fixes the entries that
-//! are zero with a nonnegative gradient, solves the Newton equations on the others by conjugate gradients on a contiguous copy
-//! of their samples, and projects (Bertsekas, SIAM J. Control Optim. 20, 1982). Well conditioned while `N < d`; every
-//! iteration ends with a certificate for free.
+//! is nonnegative least squares whose minimiser is a multiple of the minimiser on the simplex. Each step fixes the
+//! entries that are zero with a nonnegative gradient, solves the Newton equations on the others by conjugate gradients
+//! on a contiguous copy of their samples, and projects (Bertsekas, SIAM J. Control Optim. 20, 1982). It is well
+//! conditioned while `N < d`, and every iteration gives a certificate at no extra cost.
 //!
-//! Near `N = 2 d` the free samples are a nearly square random matrix and plain conjugate gradients crawl. Once they have cost
-//! as much as a Cholesky factor of the free block would, the factor is computed and preconditions from then on; it stays good
-//! while the free set changes little (samples that left are dropped from it, new ones get their diagonal).
+//! Near `N = 2 d` the free samples are a nearly square random matrix, and plain conjugate gradients converge slowly.
+//! Once they have cost as much as a Cholesky factor of the free block, the factor is computed and used as
+//! preconditioner. It stays good while the free set changes little (samples that left are dropped from it, new ones get
+//! their diagonal).
 
 use std::cell::RefCell;
 
@@ -28,21 +29,21 @@ use crate::error::Result;
 use crate::memory::{try_collect, try_copy, try_zeros};
 use crate::vector::{axpy, dot, min, norm, sum};
 
-/// Inner iterations per Newton step.
+/// Most inner iterations per Newton step.
 const MAX_CG: usize = 400;
 
-/// How long to try, and with what.
+/// Limits of the search, and use of a factor.
 #[derive(Clone, Copy)]
 pub(crate) enum Effort {
-    /// A bounded number of passes; a factor only once it has been earned.
+    /// A bounded number of passes; a factor only after as much has been spent without one.
     Passes(f64),
     /// From nearly the right support: a bounded number of passes, Newton equations solved accurately, no factor.
     Finish(f64),
-    /// To the end, with a factor from the first step.
+    /// Until the gap is small enough, with a factor from the first step.
     Last,
 }
 
-/// Minimises from `start` (uniform if `None`) until the gap is below `tol` or the effort is spent.
+/// Minimises from `start` (uniform if `None`) until the gap is below `tol` or the limit is reached.
 pub(crate) fn solve<O: Operator>(
     op: &O,
     q: &[f64],
@@ -79,7 +80,7 @@ pub(crate) fn solve<O: Operator>(
     let mut factored: Option<Stale> = None;
 
     for iteration in 0..10_000 {
-        // r = S w - s q, from scratch now and then
+        // r = S w - s q, recomputed at intervals
         let s = sum(&w);
         if iteration % 10 == 0 {
             op.apply(&w, &mut r)?;
@@ -183,21 +184,21 @@ pub(crate) fn solve<O: Operator>(
     Ok(best)
 }
 
-/// A factor of `H` on the samples `members`, which may no longer be the free ones.
+/// A factor of `H` on the samples `members`, some of which may no longer be free.
 struct Stale {
     factor: Factor,
     members: Vec<usize>,
 }
 
-/// A stale factor as seen from the free samples.
+/// An earlier factor, restricted to the free samples.
 struct Mapped<'a> {
     factor: &'a Factor,
-    /// Place among the members, of each free sample.
+    /// Position among the members, of each free sample.
     places: Vec<Option<usize>>,
     scratch: RefCell<Vec<f64>>,
 }
 
-/// The inverse of the diagonal, or of an earlier factor where it has one.
+/// The inverse of the diagonal; on the samples of an earlier factor, the inverse of that.
 struct Preconditioner<'a> {
     inverse: Vec<f64>,
     stale: Option<Mapped<'a>>,

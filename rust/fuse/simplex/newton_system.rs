@@ -1,7 +1,7 @@
 //! The Newton equations of `semismooth`: `(S_J (I - 11^T/K) S_J^T + mu I) dz = F`.
 //!
-//! Conjugate gradients, preconditioned by the exact diagonal blocks (`Operator::block`) or, where they crawl and the dimension
-//! allows, by the Cholesky factor of an earlier system.
+//! Conjugate gradients, preconditioned by the exact diagonal blocks (`Operator::block`) or, if they converge slowly and
+//! the dimension allows, by the Cholesky factor of an earlier system.
 
 use super::budget::Budget;
 use super::factor::{Factor, LARGEST_FACTOR, factor_cost, solve_cost};
@@ -14,26 +14,28 @@ use crate::error::Result;
 use crate::memory::{try_copy, try_filled, try_zeros};
 use crate::vector::{axpy, dot, norm};
 
-/// Products added to a matrix between two looks at the limits.
+/// Products added to a matrix between two checks of the limits.
 const CHUNK: usize = 10_000_000;
-/// Iterations a solve takes with the factor of an earlier system, about.
+/// Typical number of iterations of a solve with the factor of an earlier system.
 const STEPS_WITH_FACTOR: f64 = 20.0;
 
-/// Has one solve cost more than it would with a factor of `size` rows? `pass` is the cost of one product with the matrix.
+/// Whether one solve has cost more than it would with a factor of `size` rows; `pass` is the cost of one product with
+/// the matrix.
 pub(crate) fn is_crawling(cost: f64, pass: f64, size: usize) -> bool {
     cost > STEPS_WITH_FACTOR * (pass + solve_cost(size))
 }
 
-/// A Cholesky factor of an earlier Newton matrix, and what conjugate gradients have cost since.
+/// A Cholesky factor of an earlier Newton matrix, and the cost of conjugate gradients since then.
 ///
-/// Near `N = 2 d` the support approaches the dimension, the Newton matrix the square of a square random matrix, and plain
-/// conjugate gradients need thousands of iterations. When they have cost as much as a factor would, it is computed, and
-/// preconditions until its own iterations have cost as much again: at most about twice the best choice in hindsight.
+/// Near `N = 2 d` the support approaches the dimension, the Newton matrix becomes the square of a square random matrix,
+/// and plain conjugate gradients need thousands of iterations. When they have cost as much as a factor, it is computed,
+/// and used as preconditioner until its own iterations have cost as much again: in all at most about twice the best
+/// choice.
 pub(crate) struct Memory {
     factor: Option<Factor>,
     /// Cost of conjugate gradients since the last factor, in units of a factor.
     debt: f64,
-    /// The last solve took so long that one with a factor would have been cheaper.
+    /// The last solve cost more than one with a factor.
     crawling: bool,
     patience: f64,
     /// No factor for supports up to this size: the active set method takes over there.
@@ -41,12 +43,12 @@ pub(crate) struct Memory {
 }
 
 impl Memory {
-    /// A factor only once `patience` times its cost has been spent, and only for supports above `spare`.
+    /// A factor only after `patience` times its cost has been spent, and only for supports above `spare`.
     pub fn new(patience: f64, spare: usize) -> Self {
         Self { factor: None, debt: 0.0, crawling: false, patience, spare }
     }
 
-    /// A factor and the matrix before it, in indices touched by a pass.
+    /// Cost of a factor and the matrix before it, in indices touched by a pass.
     fn factor_cost(d: usize, k: usize, entries: usize) -> f64 {
         factor_cost(d) + k as f64 * (entries as f64).powi(2)
     }
@@ -101,7 +103,7 @@ impl<'a, O: Operator> NewtonSystem<'a, O> {
         Ok(Self { sub, mu, u })
     }
 
-    /// To `||residual|| <= accuracy`, in at most `most` iterations.
+    /// Until `||residual|| <= accuracy`, in at most `most` iterations.
     pub fn solve(
         &self,
         force: &[f64],

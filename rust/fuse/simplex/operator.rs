@@ -1,4 +1,4 @@
-//! What the algorithms need to know about an ensemble: products, subsets, a preconditioner.
+//! The interface of an ensemble for the algorithms: products, subsets, a preconditioner.
 
 use std::ops::Range;
 
@@ -34,11 +34,11 @@ pub(crate) trait Operator: Sized + Sync {
     /// The ensemble of the realizations `keep` (increasing), copied so that it is contiguous.
     fn subset(&self, keep: &[usize]) -> Result<Self>;
 
-    /// The first `first` realizations and as many more as it takes to hit every entry `min(copies, counts)` times; increasing,
-    /// the zero realization included.
+    /// The first `first` realizations, and enough others that every entry is hit `min(copies, counts)` times;
+    /// increasing, with the zero realization.
     fn covering(&self, first: usize, copies: f64, counts: &[f64]) -> Result<Vec<usize>>;
 
-    /// `out[k] = <E_i, E_k>` for `k = 0..=i`, `out` holding `i + 1` entries; `table` is `dim` zeros, and is left so.
+    /// `out[k] = <E_i, E_k>` for `k = 0..=i`, with `i + 1` entries in `out`; `table` is `dim` zeros, before and after.
     fn gram_row(&self, i: usize, table: &mut [f64], out: &mut [f64]);
 
     /// Adds `sum_i E_i E_i^T` over some of the realizations to `matrix`.

@@ -1,4 +1,4 @@
-//! Passes split over samples. Scoped threads, so only for passes long enough to pay for starting them.
+//! Passes split over samples, with scoped threads; only for passes that take longer than starting a thread.
 
 use std::ops::Range;
 
@@ -7,7 +7,7 @@ use crate::error::Result;
 use crate::memory::{try_collect_all, try_zeros};
 use crate::parallel::{Stop, for_each_chunk};
 
-/// Entries below which one more thread costs more than it saves.
+/// Entries per thread below which another thread costs more than it saves.
 const WORTH: usize = 400_000;
 
 fn parts(threads: usize, samples: usize, entries: usize) -> usize {
@@ -30,8 +30,8 @@ pub(crate) fn fill(
     every(out.chunks_mut(length).enumerate(), parts, |(p, chunk)| value(p * length, chunk))
 }
 
-/// Adds the contributions of the samples `0..samples` to `out`, one private copy of `out` per thread, summed in order: the
-/// result does not depend on timing. Returns the sum of what `add` returns.
+/// Adds the contributions of the samples `0..samples` to `out`, with one private copy of `out` per thread, summed in
+/// order, so that the result does not depend on timing. Returns the sum of the results of `add`.
 pub(crate) fn accumulate<T: Total>(
     threads: usize,
     samples: usize,
@@ -57,7 +57,7 @@ pub(crate) fn accumulate<T: Total>(
     Ok(total)
 }
 
-/// Works through the chunks; a pass over the data is too short to be stopped inside.
+/// Works through the chunks; a pass is too short for a check for a stop.
 fn every<C: Send>(chunks: impl Iterator<Item = C> + Send, threads: usize, work: impl Fn(C) + Sync) -> Result<()> {
     for_each_chunk(chunks, threads, &Stop::new(), |chunk| {
         work(chunk);
@@ -65,7 +65,7 @@ fn every<C: Send>(chunks: impl Iterator<Item = C> + Send, threads: usize, work: 
     })
 }
 
-/// What one part of an accumulation returns besides the vector.
+/// The result of one part of an accumulation besides the vector.
 pub(crate) trait Total: Default + Send {
     fn add(&mut self, part: Self);
 }

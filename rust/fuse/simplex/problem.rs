@@ -1,9 +1,9 @@
-//! What goes in and what comes out. Problems are checked once, here, and trusted afterwards.
+//! Problems and solutions. A problem is checked once, here.
 
 use std::fmt;
 use std::time::Duration;
 
-/// What messages say that memory is for.
+/// The purpose of memory, in error messages.
 pub(crate) const SEARCH: &str = "the search for weights";
 
 /// Sample indices, sample-major: entry `i * lines + j` is the place of the nonzero of realization `i` in line `j`.
@@ -32,7 +32,7 @@ impl IndexView<'_> {
     }
 }
 
-/// Why a problem cannot be posed.
+/// Why a problem is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Invalid {
     /// An array has the wrong number of entries.
@@ -134,7 +134,7 @@ fn check_finite(name: &'static str, values: &[f64]) -> Result<(), Invalid> {
     if values.iter().all(|v| v.is_finite()) { Ok(()) } else { Err(Invalid::Value { name }) }
 }
 
-/// How far to go.
+/// Tolerance, limits and options.
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
     /// Tolerance on the gap, relative to `||target||^2` (to `sum g^2` if the target is zero).
@@ -145,7 +145,7 @@ pub struct Options {
     pub time_limit: Option<Duration>,
     /// `sum w <= 1` instead of `sum w = 1`.
     pub subsimplex: bool,
-    /// Threads over samples; pays only above about a million indices.
+    /// Number of threads, which share the samples; more than one is faster only above about a million indices.
     pub threads: usize,
 }
 
@@ -155,7 +155,7 @@ impl Default for Options {
     }
 }
 
-/// How a solution ended; judged by its gap.
+/// The end of the search, judged by the gap.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Status {
     /// The gap is at most `tol ||E*||^2` (`tol` times the squared norm of a realization where `E* = 0`).
@@ -169,7 +169,7 @@ pub enum Status {
 }
 
 impl Status {
-    /// The status as a word of the convex-optimization world.
+    /// The status, in the words of other convex solvers.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Optimal => "optimal",
@@ -180,7 +180,7 @@ impl Status {
     }
 }
 
-/// Which algorithm found the weights.
+/// The algorithm that found the weights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Phase {
     /// Nothing to do: the start was optimal.
@@ -211,7 +211,7 @@ impl Phase {
     }
 }
 
-/// What it took.
+/// Algorithm, cost and sizes.
 #[derive(Clone, Copy, Debug)]
 pub struct Info {
     pub phase: Phase,
@@ -220,9 +220,9 @@ pub struct Info {
     pub passes: f64,
     pub newton_steps: usize,
     pub cg_steps: usize,
-    /// `gap` divided by what the tolerance is relative to; free of over- and underflow.
+    /// `gap` divided by the reference of the tolerance; neither overflows nor vanishes.
     pub relative_gap: f64,
-    /// Dimension of the affine set the realizations span.
+    /// Dimension of the affine hull of the realizations.
     pub dimension: usize,
 }
 
@@ -237,9 +237,9 @@ pub struct Solution {
     pub objective: f64,
     /// Proved lower bound on the minimum.
     pub lower_bound: f64,
-    /// Its root: a lower bound on `||S w - target||`, free of over- and underflow.
+    /// Its root: a lower bound on `||S w - target||`; neither overflows nor vanishes.
     pub least_error: f64,
-    /// The target lies in the hull: `||S w - target||` is rounding error.
+    /// The target lies in the hull, so `||S w - target||` is rounding error.
     pub exact: bool,
     pub status: Status,
     pub info: Info,

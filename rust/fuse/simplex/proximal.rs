@@ -1,8 +1,9 @@
 //! The two outer methods around the semismooth Newton solver.
 //!
-//! * [`direct`]: centre `1/N` and one tiny `mu`, when `S w = q` is (nearly) solvable: from about two realizations per dimension;
-//! * [`augmented`]: the proximal point method (SSNAL; Li, Sun, Toh, SIAM J. Optim. 28, 2018), the centre being the last weights:
-//!   it identifies the support for any target, and is the safety net.
+//! * [`direct`]: centre `1/N` and one tiny `mu`, if `S w = q` is (nearly) solvable: from about two realizations per
+//!   dimension;
+//! * [`augmented`]: the proximal point method (SSNAL; Li, Sun, Toh, SIAM J. Optim. 28, 2018), whose centre is the last
+//!   weights. It finds the support for any target, and is used when the others fail.
 
 use super::budget::Budget;
 use super::factor::{LARGEST_FACTOR, solve_cost};
@@ -20,18 +21,19 @@ use crate::vector::norm;
 /// A proximal step moves the centre by `1 + RELAXATION` times itself (below 2 it converges: Eckstein and Bertsekas, Math.
 /// Program. 55, 1992).
 const RELAXATION: f64 = 0.4;
-/// Changes of the support still to come, for one in the last proximal step (measured).
+/// Changes of the support still to come, for each in the last proximal step (measured).
 const STEPS: f64 = 5.0;
-/// The active set method takes over when it is expected to cost at most this much of what has been spent.
+/// The active set method takes over when its expected cost is at most this multiple of the cost so far.
 const EAGER: f64 = 1.5;
-/// What Newton-CG may spend on an unchanged support, in units of what has been spent, and when it may try again.
+/// Share of the cost so far that Newton-CG may spend on an unchanged support, and the growth of that cost before it may
+/// try again.
 const TRIAL: f64 = 0.5;
 const AGAIN: f64 = 1.3;
 
 /// One proximal step from the uniform weights with a tiny `mu`.
 ///
-/// At the solution `gap <= 2 mu max_i (w_i - c_i) + 2 reach ||F||`, which fixes `mu` beforehand. `None` if the target turns out
-/// to be out of reach (support below the dimension) or the steps become short.
+/// At the solution `gap <= 2 mu max_i (w_i - c_i) + 2 reach ||F||`, which determines `mu`. `None` if the target turns
+/// out to be out of reach (support below the dimension) or the steps become short.
 pub(crate) fn direct<O: Operator>(set: &Setting<O>, budget: &mut Budget, work: &mut Work) -> Result<Option<Iterate>> {
     let n = set.op.size();
     let center = try_filled(SEARCH, 1.0 / n as f64, n)?;
@@ -42,7 +44,7 @@ pub(crate) fn direct<O: Operator>(set: &Setting<O>, budget: &mut Budget, work: &
     let exact = |_: &Point| goal;
     let direct_rules = Rules { stop: &exact, newton: 40, cg: 2000, least_support };
 
-    // A rough solve with a larger mu first: it finds the support cheaply.
+    // First a rough solve with a larger mu, which finds the support quickly.
     let rough = |p: &Point| 1e-2 * distance(&p.image, set.q);
     let mut memory = Memory::new(2.0, 0);
     let mut inner =
@@ -75,9 +77,10 @@ pub(crate) fn direct<O: Operator>(set: &Setting<O>, budget: &mut Budget, work: &
 
 /// The proximal point method with a decreasing sequence of `mu`, over-relaxed.
 ///
-/// The last steps, the support being known, are long and all alike, so they are left to others: Newton-CG has a try when the
-/// support has not changed, on a part of what has been spent. With `early` it ends, not converged, as soon as the active set method
-/// is expected to finish for what has been spent. Returns the best weights and the last ones, where that would start.
+/// Once the support is known, the remaining steps are many and alike, so other methods take over. Newton-CG is tried
+/// when the support has not changed, with a share of the cost so far. With `early`, the method ends before convergence,
+/// as soon as the active set method is expected to finish for `EAGER` times the cost so far. Returns the best weights,
+/// and the last ones as its start.
 pub(crate) fn augmented<O: Operator>(
     set: &Setting<O>,
     early: bool,
@@ -91,7 +94,7 @@ pub(crate) fn augmented<O: Operator>(
     let mut mu = 3e-2 * set.scale();
     let nearly = (set.dimension + set.dimension / 20 + 2).min(LARGEST_FACTOR);
     let mut memory = Memory::new(1.0, if early { nearly } else { 0 });
-    // The safety net takes no risks.
+    // Without over-relaxation when the other methods have failed.
     let relaxation = if early { RELAXATION } else { 0.0 };
     let started = budget.passes();
     let mut next_trial = 0.0;
@@ -114,7 +117,7 @@ pub(crate) fn augmented<O: Operator>(
             best = found;
         }
         if ended == Ended::Stuck && norm(&point.force) > 0.5 * distance(&point.image, set.q) {
-            // Too far for one proximal step: stay at the centre, with a larger mu.
+            // Too far for one proximal step: keep the centre, with a larger mu.
             mu *= 5.0;
             set.op.apply(&center, &mut point.image)?;
             for ((z, q), x) in point.z.iter_mut().zip(set.q).zip(&point.image) {
@@ -159,7 +162,7 @@ pub(crate) fn augmented<O: Operator>(
     Ok((best, last))
 }
 
-/// Passes the active set method is expected to take: a factor, and steps, one sample each.
+/// Expected passes of the active set method: a factor, and one step per change of the support.
 fn rest<O: Operator>(set: &Setting<O>, support: usize, changed: usize) -> f64 {
     let pass = 2.0 * (set.op.size() * set.op.entries()) as f64;
     let step = solve_cost(support) + pass;

@@ -9,8 +9,9 @@
 //! q_jr = e_jr + (s g_j - sigma_j) / h_j       s = 1
 //! ```
 //!
-//! The replacement removes the entries nobody can reach (they make the problem degenerate) and `||q - e||^2` is a lower bound
-//! on the optimum in closed form. It holds for any target; only a target that was sampled from also has `q >= 0`.
+//! Without the entries that no sample reaches, the problem is no longer degenerate, and `||q - e||^2` is a lower bound
+//! on the optimum in closed form. All this holds for any target; `q >= 0` is certain only for the target that was
+//! sampled.
 //!
 //! For `sum w <= 1` the line sums are `s g_j` with one free `s`, so the set is a linear space and
 //! `s = (sum_j g_j sigma_j / h_j) / (sum_j g_j^2 / h_j)`; then `S^T (q - e) = 0`.
@@ -19,7 +20,7 @@ use super::problem::SEARCH;
 use crate::error::Result;
 use crate::memory::{try_room, try_zeros};
 
-/// The projected target and what it tells about the problem.
+/// The projected target, and the lower bound and dimension that follow from it.
 pub(crate) struct Relaxed {
     pub q: Vec<f64>,
     /// `||q - e||^2`: no weights can do better.
@@ -30,7 +31,7 @@ pub(crate) struct Relaxed {
     pub unseen: usize,
     /// `q` has clearly negative entries: `S w = q` has no solution.
     pub unreachable: bool,
-    /// How often each entry is hit; empty where that has no meaning.
+    /// Hits of each entry; empty for dense realizations.
     pub counts: Vec<f64>,
 }
 

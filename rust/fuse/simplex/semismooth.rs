@@ -8,8 +8,8 @@
 //! phi(z) = <z, S w> - 1/2 ||w - c||^2 - <q, z> + mu/2 ||z||^2.
 //! ```
 //!
-//! The generalised Jacobian of `F` is `-(S_J (I - 11^T/K) S_J^T + mu I)`, `J` the support of `w`: a system in `d` unknowns
-//! whatever `N` is (`newton_system`). The outer methods that choose `c` and `mu` are in `proximal`.
+//! The generalised Jacobian of `F` is `-(S_J (I - 11^T/K) S_J^T + mu I)`, `J` the support of `w`: a system in `d`
+//! unknowns for any `N` (`newton_system`). The outer methods that choose `c` and `mu` are in `proximal`.
 
 use super::budget::Budget;
 use super::newton_system::{Memory, NewtonSystem};
@@ -35,7 +35,7 @@ pub(crate) struct Setting<'a, O: Operator> {
 }
 
 impl<O: Operator> Setting<'_, O> {
-    /// `max ||E_i - q||`, bounded: what turns `||F||` into a gap.
+    /// Upper bound on `max ||E_i - q||`, the factor from `||F||` to the gap.
     pub fn reach(&self) -> f64 {
         self.gamma.sqrt() + norm(self.q)
     }
@@ -71,7 +71,7 @@ pub(crate) fn gap_and_values<O: Operator>(set: &Setting<O>, w: &[f64], budget: &
     Ok((2.0 * (dot(&r, &image) - min(&values)), values))
 }
 
-/// Normalises `w` and measures it from scratch.
+/// Normalises `w`, and computes its gap from the data.
 pub(crate) fn measure<O: Operator>(set: &Setting<O>, mut w: Vec<f64>, budget: &mut Budget) -> Result<Iterate> {
     if !normalise(&mut w) {
         return Ok(Iterate { weights: try_filled(SEARCH, 1.0 / w.len() as f64, w.len())?, gap: f64::INFINITY });
@@ -80,7 +80,7 @@ pub(crate) fn measure<O: Operator>(set: &Setting<O>, mut w: Vec<f64>, budget: &m
     Ok(Iterate { weights: w, gap })
 }
 
-/// The dual point and everything that belongs to it.
+/// The dual point and the quantities that depend on it.
 pub(crate) struct Point {
     pub z: Vec<f64>,
     /// `S^T z`
@@ -117,7 +117,7 @@ pub(crate) enum Ended {
     Limit,
 }
 
-/// Rules for one inner solve.
+/// Limits of one inner solve.
 pub(crate) struct Rules<'r> {
     pub stop: &'r dyn Fn(&Point) -> f64,
     pub newton: usize,
@@ -132,18 +132,18 @@ pub(crate) struct Inner<'a, 'b, O: Operator> {
     pub center: &'b [f64],
     pub mu: f64,
     pub memory: &'b mut Memory,
-    /// Room for as many numbers as there are realizations.
+    /// Scratch space of one number per realization.
     pub scratch: Vec<f64>,
 }
 
 impl<O: Operator> Inner<'_, '_, O> {
-    /// Completes `point` from its `z` and `pull`.
+    /// Updates the rest of `point` from its `z` and `pull`.
     fn evaluate(&mut self, point: &mut Point, budget: &mut Budget) -> Result<()> {
         let op = self.set.op;
         for ((w, c), a) in point.w.iter_mut().zip(self.center).zip(&point.pull) {
             *w = c + a;
         }
-        // w = max(u - theta, 0),  ||w - c||^2 on the way
+        // w = max(u - theta, 0), with ||w - c||^2
         let theta = threshold(&point.w, &mut self.scratch);
         let (mut moved, mut support) = (0.0, 0);
         for (w, c) in point.w.iter_mut().zip(self.center) {
@@ -195,9 +195,9 @@ impl<O: Operator> Inner<'_, '_, O> {
             op.apply_transpose(&dz, &mut push)?;
             budget.charge(1, op.size(), op.entries());
 
-            // Slope of phi along dz: -<F, dz>. A step that does not pass the minimum on the ray (slope still <= 0) decreases the
-            // convex phi for certain, however small the difference of two large values of phi; so does Armijo's rule when it
-            // can be trusted.
+            // Slope of phi along dz: -<F, dz>. A step that does not pass the minimum on the ray (slope still <= 0) is
+            // certain to decrease the convex phi, even if rounding hides the difference of two large values of phi.
+            // Otherwise Armijo's rule, if rounding is small enough for it.
             let slope = dot(&point.force, &dz);
             let (mut short_of, mut beyond, mut length) = (0.0, f64::INFINITY, 1.0);
             for _ in 0..30 {

@@ -1,8 +1,8 @@
 //! Sifting: with far more realizations than dimensions, a subset already holds an optimal set of weights.
 //!
-//! Solve on the first `4 d` realizations and enough others that every entry hit at all is hit in the subset; certify on all with one
-//! gather. Realizations that violate optimality, the worst ones first, join the subset and it is solved again; after a few rounds,
-//! or if the subset grows to half of all, the caller solves without sifting.
+//! The first `4 d` realizations, and enough others that every entry hit at all is hit in the subset, are solved and
+//! certified on all with one gather. The realizations that violate optimality most join the subset, which is solved
+//! again. After a few rounds, or if the subset grows to half of all, the caller solves without sifting.
 
 use super::budget::Budget;
 use super::climb::climb;
@@ -13,11 +13,11 @@ use super::task::{Found, Task};
 use crate::error::Result;
 use crate::memory::{try_collect, try_extend, try_zeros};
 
-/// Realizations per dimension from which sifting pays.
+/// Realizations per dimension from which sifting is faster.
 const WORTH: usize = 6;
 /// Realizations per dimension in the first subset.
 const FIRST: usize = 4;
-/// Copies of every hit entry that the subset must have (or all there are).
+/// Hits that every entry must have in the subset (or all, if there are fewer).
 const COPIES: f64 = 4.0;
 const ROUNDS: usize = 8;
 

@@ -19,7 +19,7 @@ use crate::error::Result;
 use crate::memory::{checked_len, try_collect, try_extend, try_push, try_room, try_zeros};
 use crate::sample::Index;
 
-/// Samples whose indices stay in the first cache between the gather and the scatter.
+/// Samples whose indices stay in the first-level cache between the gather and the scatter.
 const BLOCK: usize = 32;
 
 /// An ensemble of singletons; `rows` is sample-major, `lines` entries per sample, each below `length`.
@@ -48,7 +48,7 @@ impl<'a, I: Index> Singletons<'a, I> {
         &self.rows[i * m..(i + 1) * m]
     }
 
-    /// The places of line `j` over all stored realizations.
+    /// The indices in line `j` of all stored realizations.
     pub fn line(&self, j: usize) -> Result<Vec<usize>> {
         try_collect(SEARCH, self.rows.iter().skip(j).step_by(self.g.len()).map(|r| r.get()))
     }

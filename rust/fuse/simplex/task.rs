@@ -1,4 +1,4 @@
-//! What is solved, what is found, and what it took.
+//! The scaled problem, its solution, and the counters of the report.
 
 use super::operator::Operator;
 use super::problem::Phase;
@@ -16,7 +16,7 @@ pub(crate) struct Task<'a, O: Operator> {
     pub gamma: f64,
 }
 
-/// Weights on the simplex and how they were found.
+/// Weights on the simplex and the algorithm that found them.
 pub(crate) struct Found {
     pub weights: Vec<f64>,
     pub phase: Phase,

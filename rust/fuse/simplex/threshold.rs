@@ -1,8 +1,8 @@
 //! Euclidean projection on the probability simplex by a threshold.
 //!
-//! The projection of `u` is `w_i = max(u_i - theta, 0)` with the one `theta` for which the weights sum to one. Michelot's
-//! iteration (J. Optim. Theory Appl. 50, 1986): `theta` is the mean excess over the entries still above the last `theta`;
-//! it only grows, so entries that fall below never come back. A handful of passes in practice.
+//! The projection of `u` is `w_i = max(u_i - theta, 0)` with the one `theta` for which the weights sum to one.
+//! Michelot's iteration (J. Optim. Theory Appl. 50, 1986): `theta` is the mean excess over the entries above the last
+//! `theta`. It only grows, so entries below it can be dropped. A handful of passes in practice.
 
 use crate::error::Result;
 use crate::memory::try_room;

@@ -1,6 +1,6 @@
 //! The lower triangle of a symmetric matrix, in panels of rows.
 //!
-//! Row `i` is contiguous, from column 0 to the end of its diagonal block: whoever fills the matrix sees rows, linear algebra sees
+//! Row `i` is contiguous, from column 0 to the end of its diagonal block. It is filled by rows and factored by
 //! row-major blocks, and half the memory of a full matrix is never touched.
 
 use std::ops::Range;
@@ -13,7 +13,7 @@ use crate::memory::{checked_len, try_collect_all, try_zeros};
 /// Rows of one panel.
 pub(crate) const PANEL: usize = 128;
 
-/// Lower triangle of a matrix with `size` rows. What a diagonal block holds above the diagonal means nothing.
+/// Lower triangle of a matrix with `size` rows. Entries above the diagonal in a diagonal block are not used.
 pub(crate) struct Triangle {
     panels: Vec<Vec<f64>>,
     size: usize,
@@ -52,7 +52,7 @@ impl Triangle {
         MatRef::from_row_major_slice(&self.panels[p], rows.len(), rows.end)
     }
 
-    /// Panel `p` to be changed, and the panels before it.
+    /// Mutable panel `p`, and the panels before it.
     pub fn split<'a>(&'a mut self, p: usize) -> (impl Fn(usize) -> MatRef<'a, f64> + use<'a>, MatMut<'a, f64>) {
         let size = self.size;
         let (before, rest) = self.panels.split_at_mut(p);

@@ -1,4 +1,4 @@
-//! A disk that fails, or stops for ever, at every single operation of a save.
+//! Every operation of a save fails once, or is the last before a crash.
 
 use std::cell::{Cell, RefCell};
 use std::fs;
@@ -15,14 +15,14 @@ use crate::storage::{Fault, Loaded, load, save};
 enum Trouble {
     /// Every operation works.
     None,
-    /// One operation fails, those behind it work: clean-up runs.
+    /// One operation fails and later ones work, so that clean-up runs.
     Once(i32),
-    /// No operation has any more effect on the disk: what a kill or a crash leaves.
+    /// No later operation changes the disk, as after a kill or a crash.
     Crash,
 }
 
 thread_local! {
-    /// What was done while there was no trouble.
+    /// The operations that were done.
     static DONE: RefCell<Vec<&'static str>> = const { RefCell::new(Vec::new()) };
     static TROUBLE: Cell<(Trouble, u32)> = const { Cell::new((Trouble::None, 0)) };
 }
@@ -50,7 +50,7 @@ pub(in crate::storage) fn disk_point(action: &'static str) -> io::Result<()> {
     })
 }
 
-/// Runs `work` with trouble at the operation number `at`; says whether it came that far.
+/// Runs `work` with trouble at operation number `at`; returns whether that was reached.
 fn with<T>(trouble: Trouble, at: u32, work: impl FnOnce() -> T) -> (T, bool) {
     TROUBLE.set((trouble, at));
     let result = work();
@@ -88,7 +88,7 @@ impl Drop for Room {
     }
 }
 
-/// Content that says which generation it is.
+/// Content that identifies the generation.
 fn put(path: &Path, generation: u64) -> crate::Result<u64> {
     let values = vec![generation as f64; 100];
     save(path, "test", &[section("g", Values::Reals(values.into()))], &go())
@@ -98,7 +98,7 @@ fn get(path: &Path) -> crate::Result<Loaded> {
     load(path, "test", &go())
 }
 
-/// The generation that is loaded, after a look at its content.
+/// The generation that is loaded, after a check of its content.
 fn generation(path: &Path) -> u64 {
     let loaded = get(path).unwrap().container;
     assert_eq!(reals(&loaded, "g"), [loaded.generation as f64; 100]);
@@ -126,7 +126,8 @@ fn generations_follow_each_other_and_one_is_kept() {
     assert_eq!(fs::metadata(room.0.join("state.lock")).unwrap().len(), 0);
 }
 
-/// What no kill can show: nothing gets a lasting name before it is synced, and nothing is reported before its name is.
+/// The order of operations: nothing gets its final name before it is synced, and a save returns only after the
+/// directory is.
 #[test]
 fn the_order_of_operations() {
     let room = Room::new();
@@ -138,7 +139,7 @@ fn the_order_of_operations() {
     assert_eq!(DONE.take(), expected.concat());
 }
 
-/// For 0, 1 and 2 earlier generations: the k-th operation fails or crashes, for every k that there is.
+/// For 0, 1 and 2 earlier generations: the k-th operation fails or crashes, for every k.
 #[test]
 fn trouble_at_every_operation_loses_nothing() {
     for before in 0..=2u64 {
@@ -155,7 +156,7 @@ fn trouble_at_every_operation_loses_nothing() {
                 let names = room.names();
                 let leftover = names.iter().filter(|name| name.ends_with(".tmp")).count();
                 if trouble == Trouble::Crash {
-                    // after the last operation that matters only clean-up is left to crash
+                    // after the last necessary operation, only clean-up can crash
                     assert!(leftover <= 2);
                 } else {
                     assert_eq!(leftover, 0, "{names:?}");
@@ -164,7 +165,7 @@ fn trouble_at_every_operation_loses_nothing() {
                     (Ok(g), _) => assert_eq!(*g, before + 1),
                     (Err(error), _) if !matches!(error, Error::Os { code: Some(_), .. }) => panic!("{error:?}"),
                     (Err(_), 0) => match get(&state) {
-                        // nothing had been saved: nothing, or the new state whose directory could not be synced
+                        // nothing had been saved before: nothing, or the new state whose directory was not synced
                         Ok(found) => assert_eq!(found.container.generation, 1),
                         Err(error) => assert!(matches!(error, Error::Os { action: "open", .. }), "{error:?}"),
                     },
@@ -173,7 +174,7 @@ fn trouble_at_every_operation_loses_nothing() {
                 if result.is_ok() {
                     assert_eq!(generation(&state), before + 1);
                 }
-                // the next save works, counts on, keeps a previous generation and sweeps
+                // the next save works, increments the generation, keeps a previous one and removes temporary files
                 let last = get(&state).map_or(0, |found| found.container.generation);
                 assert_eq!(put(&state, last + 1).unwrap(), last + 1);
                 assert_eq!(generation(&state), last + 1);
@@ -186,7 +187,7 @@ fn trouble_at_every_operation_loses_nothing() {
     }
 }
 
-/// Both names lead to one file after a crash behind step 4; renaming one over the other then does nothing.
+/// Both names point to one file after a crash behind step 4; then renaming one over the other does nothing.
 #[test]
 fn two_names_of_one_generation() {
     let room = Room::new();
@@ -206,7 +207,7 @@ fn without_hard_links_the_state_is_renamed() {
     let refusals = (0..20).filter(|&at| {
         let last = generation(&state);
         let (result, reached) = with(Trouble::Once(EPERM), at, || put(&state, last + 1));
-        // a failed link is no error: everything is as after any other save
+        // a failed link is no error: the result is as after any other save
         let linked = result.is_ok() && reached;
         assert!(!linked || generation(&room.0.join("state.prev")) == last);
         linked
@@ -228,13 +229,13 @@ fn a_damaged_state_is_recovered_and_does_not_replace_the_good_one() {
         assert_eq!(put(&state, 3).unwrap(), 3);
         assert_eq!((generation(&state), generation(&prev)), (3, 2));
     }
-    // the flip of a bit in the beginning is a foreign file, but here it is known what was in this place
+    // a flipped bit at the beginning makes a foreign file, but the previous generation shows that a state was here
     let mut bytes = fs::read(&state).unwrap();
     bytes[8] ^= 1;
     fs::write(&state, bytes).unwrap();
     assert_eq!(generation(&state), 2);
     assert_eq!(put(&state, 3).unwrap(), 3);
-    // both damaged: nothing is left, and the message says so about both
+    // both damaged: nothing can be loaded, and the message names both
     damage(&state);
     damage(&prev);
     let message = get(&state).unwrap_err().to_string();

@@ -1,4 +1,4 @@
-//! Every truncation, every flipped bit, every forged header of a small state is refused by name.
+//! Every truncation, every flipped bit and every forged header of a small state is refused with the right fault.
 
 use std::path::Path;
 
@@ -21,7 +21,7 @@ fn behind_header(bytes: &[u8]) -> usize {
     8 + u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize
 }
 
-/// What is read, after a look at the memory that this took: a small multiple of the file, whatever the file says.
+/// Reads the bytes, and checks that the memory is a small multiple of the file, whatever the file says.
 fn read(bytes: &[u8]) -> Result<Container> {
     let (result, asked) = counted(|| decode(Path::new("x"), bytes, "example", &go()));
     // twice as many as for the parser: what it asks for, after as many have been asked for and given back
@@ -44,7 +44,7 @@ fn reseal(mut bytes: Vec<u8>) -> Vec<u8> {
     bytes
 }
 
-/// A well-sealed file with any text behind the version, and any data.
+/// A file with a correct digest, any text behind the version, and any data.
 fn forged(header: &str, data: &[u8]) -> Vec<u8> {
     let header = format!("{BEGINNING}{:064}\",\"version\":\"2\"{header}", 0);
     reseal([&(header.len() as u64).to_le_bytes()[..], header.as_bytes(), data].concat())
@@ -72,14 +72,14 @@ fn what_goes_in_comes_out_bit_for_bit() {
     assert_eq!(found.values("count"), Some(&example()[1].values));
     assert_eq!(found.values("note"), Some(&example()[2].values));
     assert_eq!(reals(&found, "nothing"), [0.0; 0]);
-    // one content, one file, in whatever order it is handed over
+    // the order of the sections does not change the file
     assert_eq!(encode("example", 7, &found.sections, &go()).unwrap(), bytes);
     assert_eq!(found.sections.iter().map(|s| &*s.name).collect::<Vec<_>>(), ["count", "nothing", "reals", "note"]);
     assert_eq!(behind_header(&bytes) % 8, 0);
     assert_eq!(bytes.len() - behind_header(&bytes), 24 + 40 + 3);
 }
 
-/// The crate's own reader finds what the crate's own writer would have written.
+/// The `safetensors` crate reads what we write, and would write the same.
 #[test]
 fn the_data_are_those_of_any_writer() {
     let bytes = good();
@@ -104,7 +104,7 @@ fn every_truncation_is_refused() {
     for len in 0..bytes.len() {
         let expected = match len {
             0 => Fault::Blank,
-            _ if len < SEAL => Fault::Foreign, // it may be anybody's
+            _ if len < SEAL => Fault::Foreign, // it may be any file
             _ if len < behind_header(&bytes) => Fault::Truncated { found: len },
             _ => Fault::Length { declared: bytes.len() as u64, found: len },
         };
@@ -161,7 +161,7 @@ fn other_versions_are_refused_with_their_number() {
         assert_eq!(fault(&file), Fault::Version { found: version });
     }
     let message = read(&altered(r#""version":"2""#, r#""version":"3""#)).unwrap_err().to_string();
-    assert_eq!(message, "\"x\" has format version 3, and this release reads version 2");
+    assert_eq!(message, "\"x\" has format version 3, but this release reads version 2");
     // whatever else a future header says
     let future = altered(r#""version":"2","kind":"example""#, r#""version":"3","kind":{}"#);
     assert_eq!(fault(&future), Fault::Version { found: 3 });
@@ -180,7 +180,7 @@ fn other_kinds_are_refused_with_their_name() {
     }
 }
 
-/// Well-sealed files with sizes that would overflow, overlap, leave gaps or ask for all memory.
+/// Files with a correct digest and sizes that would overflow, overlap, leave gaps or need all memory.
 #[test]
 fn forged_sizes_are_refused_before_anything_is_allocated() {
     for length in [u64::MAX, 1 << 63, MAX_HEADER + 1] {
@@ -222,7 +222,7 @@ fn forged_sizes_are_refused_before_anything_is_allocated() {
         let found = reals(shape, offsets);
         assert!(found.contains(why), "{shape} {offsets}: {found}");
     }
-    // sizes that fit each other, and not the file
+    // sizes that fit each other, but not the file
     let all = |sizes: &[u64]| {
         let mut start = 0;
         let table = sizes.iter().enumerate().map(|(i, len)| {
@@ -272,7 +272,7 @@ fn forged_types_are_refused() {
         let Fault::Header(why) = fault(&forged(&text, &[])) else { panic!() };
         assert!(why.contains("recursion limit") || why.contains("invalid type") || why.contains("expected"), "{why}");
     }
-    // what makes the parser ask for most, and fills the header
+    // what needs most memory in the parser, and fills the header
     let nested = format!("{}{},", "[".repeat(100), "]".repeat(100));
     for unit in ["0,", "[],", "[0],", "\"\",", "\"\\n\",", "{},", "{\"\":0},", &nested] {
         let many = unit.repeat((MAX_HEADER as usize - 200) / unit.len());
@@ -287,7 +287,7 @@ fn forged_types_are_refused() {
     assert!(matches!(fault(&forged(&format!("}}{many}}}"), &[])), Fault::Header(_)));
 }
 
-/// What a lenient parser would accept: names that occur twice, and everything that is not in the format.
+/// Refused although a lenient parser would accept it: names that occur twice, and everything that is not in the format.
 #[test]
 fn only_one_header_is_accepted() {
     let twice = r#""note":{"dtype":"U8","shape":[3],"data_offsets":[64,67]}"#;
@@ -316,7 +316,7 @@ fn only_one_header_is_accepted() {
     assert!(matches!(fault(&field), Fault::Header(why) if why.starts_with("duplicate field `dtype`")));
     let own = altered("\"note\":", "\"__metadata__\":{},\"note\":");
     assert!(matches!(fault(&own), Fault::Header(why) if why.starts_with("duplicate field `__metadata__`")));
-    // what changes nothing but the order or the padding
+    // changes of only the order or the padding
     assert_eq!(fault(&altered("\"nothing\":", "\"z\":")), Fault::Canonical);
     let bytes = good();
     let (head, data) = bytes.split_at(behind_header(&bytes));
@@ -357,7 +357,7 @@ fn a_stop_ends_it() {
     assert_eq!(decode(Path::new("x"), &good(), "example", &stop), Err(Error::Interrupted));
 }
 
-/// A file that is read is the one that its contents are written as.
+/// A file that can be read is the one that its contents would be written as.
 fn refused_or_canonical(file: &[u8]) -> bool {
     read(file).map_or(true, |found| encode(&found.kind, found.generation, &found.sections, &go()).unwrap() == file)
 }
@@ -368,7 +368,7 @@ proptest! {
     #[test]
     fn garbage_never_panics(bytes in proptest::collection::vec(any::<u8>(), 0..400), start in 0usize..500) {
         prop_assert!(read(&bytes).is_err());
-        // behind a good beginning and well sealed, it comes as far as it can
+        // with a good beginning and a correct digest, reading gets as far as possible
         let mut file = good();
         file.truncate(start);
         file.extend(bytes);

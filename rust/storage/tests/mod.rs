@@ -1,4 +1,4 @@
-//! Tests of the container in memory and of the files on a disk that fails.
+//! Tests of the container in memory, and of files on a failing disk.
 
 mod file;
 mod format;

@@ -24,7 +24,7 @@ pub(in crate::streaming) fn every_config() -> Vec<Config> {
     all
 }
 
-/// What is carried along is what the entries say, also long after the last refresh.
+/// The updated numbers agree with the entries, also long after the last refresh.
 #[test]
 fn carried_numbers_agree_with_the_entries() {
     for safeguard in [false, true] {

@@ -1,4 +1,4 @@
-//! The solver against independent answers, and against everything that is awkward.
+//! The solver against independent solutions, and on hard and degenerate problems.
 
 mod common;
 mod oracles;

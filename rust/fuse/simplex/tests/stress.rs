@@ -1,4 +1,4 @@
-//! Random instances of every kind the issue names: no gap above tolerance, certificate confirmed by plain formulas.
+//! Random instances of many kinds: no gap above tolerance, certificate confirmed by plain formulas.
 use super::common::{Instance, Rng, recompute};
 use crate::fuse::simplex::{Options, Status};
 

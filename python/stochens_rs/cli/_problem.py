@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
 
 import click
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import cases
+from .._base.types import Floats
 from ..rng import Key
 from ..system import System
-
-Floats: TypeAlias = NDArray[np.float64]
 
 
 def problem(case: str | None, path: str | None, key: Key) -> tuple[System, Floats, Floats]:

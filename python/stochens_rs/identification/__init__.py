@@ -1,4 +1,4 @@
-"""Models from measured runs, and regions that hold the true system."""
+"""Models from measured runs, and regions that contain the true system."""
 
 from .assumptions import Assumptions
 from .checks import Checks

@@ -12,9 +12,10 @@ from .._base.records import by_constructor
 from ..exceptions import InputError
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
-    Floats: TypeAlias = NDArray[np.float64]
+    from .._base.types import Floats
+
 
 Design: TypeAlias = Literal["independent", "adaptive"]
 Noise: TypeAlias = Literal["gaussian", "sub-gaussian", "bounded", "symmetric"]

@@ -9,6 +9,7 @@ import numpy as np
 from .._base import gate
 from ..exceptions import InputError, ShapeError
 from ..rng import Key
+from ..theory.exact import EPS
 from . import levels
 from .assumptions import Assumptions
 from .least_squares import Fitted, fit, restricted
@@ -18,7 +19,8 @@ from .signs import SignTest, chance_of_infinity, sizes
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    Floats: TypeAlias = NDArray[np.float64]
+    from .._base.types import Floats
+
     Indices: TypeAlias = NDArray[np.int64]
 
 Method: TypeAlias = Literal["auto", "mixture", "universal"]
@@ -106,7 +108,7 @@ def _directed(f: Fitted, Q: Floats | None) -> tuple[Fitted, int]:
     if Q is None:
         return f, f.rank
     U, s, _ = np.linalg.svd(Q)
-    span = int(np.sum(s > max(Q.shape) * np.finfo(float).eps * s[0]))
+    span = int(np.sum(s > max(Q.shape) * EPS * s[0]))
     seen = int(np.linalg.matrix_rank(f.white @ Q))
     return f._replace(missing=np.hstack([U[:, span:], f.missing])), seen
 
@@ -139,7 +141,7 @@ def directions(
 def sign_region(
     block: Block, Theta: Floats, Z: Floats, Y: Floats, delta: float, key: Key
 ) -> tuple[tuple[Part, ...], SignTest, str]:
-    """A ball around least squares that holds the exact set of sign-perturbed sums, and that set."""
+    """A ball around least squares with the exact set of sign-perturbed sums in it, and that set."""
     m, q = sizes(delta)
     f, n = block.fitted, Y.shape[1]
     test = SignTest(Z, Y, Z[:, block.columns] @ f.white.T, m, q, key)

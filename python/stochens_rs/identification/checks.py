@@ -7,7 +7,7 @@ of any statistic among simulated ones has an exact p-value at any N (Dufour and 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,9 +19,8 @@ from ..rng import Key, as_key
 from .least_squares import fit, only_rounding
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from .._base.types import Floats
 
-    Floats: TypeAlias = NDArray[np.float64]
 
 NAMES = ("correlation in time", "correlation at lag 1", "tails", "heteroscedasticity", "change")
 HINTS = (

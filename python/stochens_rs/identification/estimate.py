@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -21,9 +21,7 @@ from .least_squares import TRUSTED, named, only_rounding
 from .trajectories import Trajectories
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats: TypeAlias = NDArray[np.float64]
+    from .._base.types import Floats
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -158,7 +156,7 @@ class Estimate:
     def covariance(self) -> Floats | None:
         """The covariance of the noise, shape (n, n): the known one, or ``S / nu`` of the residuals.
 
-        None if there are no more pairs than unknowns. With noisy states it holds their noise too.
+        None if there are no more pairs than unknowns. With noisy states it includes their noise.
         """
         if self.assumptions.known is not None:
             return self.assumptions.known

@@ -7,18 +7,17 @@ used: then the e_t are independent.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from ..exceptions import InputError
+from ..theory.exact import EPS
 from .levels import roy_quantile
 from .region import Part
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats: TypeAlias = NDArray[np.float64]
+    from .._base.types import Floats
 
 
 class Projected(NamedTuple):
@@ -34,7 +33,7 @@ def projected(R: Floats, count: int, N: int) -> Projected:
     """From the triangle of [zeta Z Y], `count` columns of zeta, of any rank."""
     D = np.linalg.norm(R[:count, :count], axis=0)
     U, s, _ = np.linalg.svd(R[:count, :count] / np.where(D == 0.0, 1.0, D))
-    rank = int(np.sum(s > max(N, count) * np.finfo(float).eps * np.max(s, initial=0.0)))
+    rank = int(np.sum(s > max(N, count) * EPS * np.max(s, initial=0.0)))
     inside = U[:, :rank].T @ R[:count, count:]
     left = R[:count, count:] - U[:, :rank] @ inside
     return Projected(inside, np.vstack([left, R[count:, count:]]), rank, N)

@@ -12,10 +12,14 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
+from .._base.numbers import ROUNDING, TINY
+from ..theory.exact import EPS
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    Floats: TypeAlias = NDArray[np.float64]
+    from .._base.types import Floats
+
     Indices: TypeAlias = NDArray[np.int64]
 
 TRUSTED = 1e-8  # ratio of singular values below which a decision on the rank is delicate
@@ -63,7 +67,7 @@ def fit(R: Floats, d: int, N: int) -> Fitted:
     D = np.where(D == 0.0, 1.0, D)
     U, s, Qt = np.linalg.svd(R11 / D)
     largest = float(np.max(s, initial=0.0))
-    rank = int(np.sum(s > max(N, d) * np.finfo(float).eps * largest))
+    rank = int(np.sum(s > max(N, d) * EPS * largest))
     U, s_r, Q_r = U[:, :rank], s[:rank], Qt[:rank]
     white = (Q_r / s_r[:, None]) / D
     left = R12 - U @ (U.T @ R12)
@@ -99,7 +103,7 @@ def length(white: Floats, missing: Floats, ratio: float, z: Floats) -> float:
     if not np.any(z):
         return 0.0
     # each direction against the size of what is added up in it, and how well it is known
-    tolerance = 100.0 * len(z) * np.finfo(float).eps / max(ratio, 1e-12)
+    tolerance = 100.0 * len(z) * EPS / max(ratio, 1e-12)
     largest = np.abs(z).max()
     z = z / largest  # no square overflows
     sizes = np.abs(missing.T) @ np.abs(z)
@@ -114,10 +118,10 @@ def only_rounding(f: Fitted, sizes: Floats) -> bool:
 
     `sizes` (.., n): the outcomes, or any rows with their column lengths.
     """
-    lengths = np.maximum(np.linalg.norm(sizes, axis=0), 1e-300)
+    lengths = np.maximum(np.linalg.norm(sizes, axis=0), TINY)
     scaled = f.S / np.outer(lengths, lengths)
     values = np.linalg.eigvalsh(scaled)
-    return bool(values[0 if f.nu >= len(scaled) else -1] <= 1e-24)
+    return bool(values[0 if f.nu >= len(scaled) else -1] <= ROUNDING**2)
 
 
 def named(missing: Floats, names: Sequence[str]) -> tuple[str, ...]:

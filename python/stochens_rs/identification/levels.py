@@ -20,9 +20,8 @@ from .assumptions import Assumptions
 from .least_squares import Fitted, r_factor
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from .._base.types import Floats
 
-    Floats: TypeAlias = NDArray[np.float64]
     Shaped: TypeAlias = tuple[float, Floats]  # factor and S
 
 # lam of the mixtures in units of the squared scale of z, and the prior of the universal region;

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 from .._base import gate, html
 from ..ensembles.systems import SystemEnsemble
@@ -19,10 +19,9 @@ from .resampling import METHODS as BOOTSTRAPS
 from .resampling import Bootstrap, bootstrap_models, drawn_models
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
-    Floats: TypeAlias = NDArray[np.float64]
+    from .._base.types import Floats
 
 
 class Model(Estimate):
@@ -93,7 +92,7 @@ class Model(Estimate):
         method: Method = "auto",
         anytime: bool = False,
     ) -> Region:
-        """Return a set of models that holds the true one.
+        """Return a set of models that contains the true one.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""`Region`: a set of models that holds the true one with a stated probability.
+"""`Region`: a set of models that contains the true one with a stated probability.
 
 With ``Theta = [A B c]`` and ``z = (x, u, 1)``, a part of a region is
 ``(Theta - C) V (Theta - C)' <= factor S`` in the order of symmetric matrices, for some rows of
@@ -10,7 +10,7 @@ range of V.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from .signs import SignTest
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    Floats: TypeAlias = NDArray[np.float64]
+    from .._base.types import Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +102,7 @@ class Part:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Region:
-    """A set of models ``[A B c]`` that holds the true one with probability ``1 - delta`` at least.
+    """Models ``[A B c]`` that contain the true one with probability at least ``1 - delta``.
 
     Made by `Model.region`.
 

@@ -16,9 +16,8 @@ from .certifying import Block
 from .trajectories import Trajectories
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from .._base.types import Floats
 
-    Floats: TypeAlias = NDArray[np.float64]
 
 Bootstrap: TypeAlias = Literal["pairs", "residual", "wild", "trajectories"]
 METHODS: tuple[Bootstrap, ...] = get_args(Bootstrap)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,9 +22,8 @@ from ..exceptions import InputError
 from ..rng import Key
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from .._base.types import Floats
 
-    Floats: TypeAlias = NDArray[np.float64]
 
 SMALLEST = 1e-5  # delta: that takes 1 / delta sign vectors
 SIZE = 100  # sign vectors m, the one of ones included

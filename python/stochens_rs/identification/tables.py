@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .._base import gate
 from ..exceptions import InputError, InputTypeError, ShapeError
+from ..theory.exact import EPS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    Floats: TypeAlias = NDArray[np.float64]
+    from .._base.types import Floats
+
 
 # A step may differ from the others by this part of it: times are often written with few digits.
 EQUAL = 1e-3
@@ -138,7 +140,7 @@ def _checked_step(times: Floats, where: _Place, dt: float | None) -> float:
         raise InputError(f"`time` must increase within a run, but does not {where(row)}: sort it")
     usual = float(np.median(steps)) if dt is None else dt
     # rounding of the times themselves, and of what is written with few digits
-    slack = EQUAL * usual + 8.0 * np.finfo(float).eps * float(np.abs(times).max())
+    slack = EQUAL * usual + 8.0 * EPS * float(np.abs(times).max())
     wrong = np.abs(steps - usual) > slack
     if wrong.any():
         row = int(np.argmax(wrong))

@@ -7,7 +7,7 @@ rows (x, u, x_next) of one array, with the number of pairs of each run.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, TypeAlias, overload
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from .tables import read_table
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    Floats: TypeAlias = NDArray[np.float64]
+    from .._base.types import Floats
 
 
 class Trajectories(Runs):

@@ -105,7 +105,7 @@ def _rank(rows: Array) -> int:
 
 
 def ellipsoid(Z: ArrayLike, Y: ArrayLike, signs: ArrayLike, q: int) -> Region:
-    """A ball around least squares that holds the exact set, level q / m: the q-th largest r_a."""
+    """A ball around least squares with the exact set in it, level q / m: the q-th largest r_a."""
     m: Fitted = fit(triangle(Z, Y))
     r = np.sort(radii(Z, Y, signs))[::-1][q - 1]
     n, size = len(m.H), len(np.asarray(signs)) + 1

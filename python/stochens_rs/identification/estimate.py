@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from ..system import System
 from .assumptions import Assumptions
 from .certifying import Block, assembled, blocks
 from .checks import Checks
+from .identified import Identified
 from .instruments import projected, two_stages
 from .least_squares import TRUSTED, named, only_rounding
 from .trajectories import Trajectories
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Estimate:
+class Estimate(Identified):
     """Least squares of measured data and what was assumed; the fields are those of `Model`."""
 
     data: Trajectories
@@ -85,11 +86,6 @@ class Estimate:
     def input_names(self) -> tuple[str, ...]:
         """The names of the inputs."""
         return self.data.input_names
-
-    @property
-    def centre(self) -> Literal["estimate"]:
-        """Always "estimate": a model is not the system, and is not taken for it unasked."""
-        return "estimate"
 
     @property
     def design(self) -> str:

@@ -12,7 +12,7 @@ from .._base import gate, memory
 from .._base.records import by_constructor
 from .._base.types import STATUSES, Floats, Status
 from ..theory.dynamics import matrix_powers, states
-from .task import REGULAR, Task, root
+from .task import REGULAR, Task
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

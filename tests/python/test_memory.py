@@ -139,7 +139,7 @@ def test_every_call_under_a_shrinking_limit() -> None:
     )
     assert run.returncode == 0, run.stderr
     ends = json.loads(run.stdout)
-    assert len(ends) == 32
+    assert len(ends) == 33
     for name, codes in ends.items():
         assert set(codes) <= {0, 1}, f"{name}: {codes} (0 done, 1 MemoryError, negative: a signal)"
         assert codes[-1] == 0, f"{name}: {codes}"

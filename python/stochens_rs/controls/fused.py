@@ -172,6 +172,13 @@ def control(
     >>> plan = se.control((fit, B), se.sample([1.0, 2.0], 500, rng=2), [0.0, 0.0], steps=4)
     >>> plan.u.shape, plan.predicted_states.shape, plan.reachability.reachable
     ((4, 1), (5, 2), True)
+    >>> z = np.random.default_rng(3).standard_normal((100, 5))
+    >>> x, u, w = z[:, :2], z[:, 2:3], 0.01 * z[:, 3:]
+    >>> data = se.Trajectories.from_pairs(x, u, x @ A.T + u @ B.T + w)
+    >>> model = se.identify(data, design="independent")
+    >>> found = se.control(model, [1.0, 2.0], [0.0, 0.0], steps=4).bound(0.05)
+    >>> found.method, found.target < 0.1
+    ('several steps', True)
     """
     level, least = gate.probability("delta", delta), gate.flag("robust", robust)
     if isinstance(system, Identified):

@@ -241,7 +241,7 @@ def test_the_smaller_of_both_is_taken():
 
 
 def test_the_offset_is_part_of_the_plan():
-    gen, _, z, y = case(13)
+    _, _, z, y = case(13)
     model = model_of(z, y + 5.0, intercept=True)
     plan = se.control(model, np.zeros(4), np.ones(4), steps=3)
     np.testing.assert_allclose(plan.predicted_states[-1], np.ones(4), atol=1e-9)

@@ -17,6 +17,8 @@ from stochens_rs.reference import certified_control as cc
 from stochens_rs.reference import input_error as ie
 from stochens_rs.reference import regions as rg
 from stochens_rs.reference import triangle as tr
+from stochens_rs.reference.anytime import one_noise
+from stochens_rs.reference.quantiles import wishart_quantile
 
 
 def model_of(z, y, n=None, **options):
@@ -165,41 +167,83 @@ def test_the_robust_control_has_the_smallest_certificate(offset):
 # -- brute force -----------------------------------------------------------------------------------
 
 
-def sampled(gen, region, count):
-    """Models on the boundary of the region, both norms kept; for parts, of each."""
-    for _ in range(count):
-        D = np.zeros_like(region.centre)
-        for part in region.parts:
-            rank, n = len(part.white), len(part.rows)
-            G = gen.standard_normal((n, rank))
-            if gen.random() < 0.5:  # one direction
-                G = np.outer(gen.standard_normal(n), gen.standard_normal(rank))
-            G *= np.sqrt(part.factor) / np.linalg.norm(G, 2)
-            if region.frobenius is not None:
-                G *= min(1.0, region.frobenius / np.linalg.norm(G))
-            root = np.linalg.cholesky(part.S)
-            D[np.ix_(part.rows, part.columns)] = root @ G @ part.white
-        yield region.centre + D
+def on_the_boundary(gen, shape, spectral, frobenius=np.inf):
+    """A matrix with the largest norms that are allowed; half of them of rank one."""
+    G = gen.standard_normal(shape)
+    if gen.random() < 0.5:
+        G = np.outer(gen.standard_normal(shape[0]), gen.standard_normal(shape[1]))
+    G *= spectral / np.linalg.norm(G, 2)
+    return G * min(1.0, frobenius / np.linalg.norm(G))
 
 
-@pytest.mark.parametrize("kind", ["all rows", "by rows"])
-def test_no_model_of_the_region_leaves_the_tube(kind):
-    """20 000 models of the region: none beyond the radii, and some beyond half of them."""
+def sampled(gen, region, K):
+    """A model of the region, and noise that it covers with it."""
+    D, w = np.zeros_like(region.centre), np.zeros((K, region.n))
+    joint = np.inf if region.frobenius is None else region.frobenius
+    for part in region.parts:
+        rank = len(part.white)
+        shape = len(part.rows), rank + (K if region.future else 0)
+        G = np.linalg.cholesky(part.S) @ on_the_boundary(gen, shape, np.sqrt(part.factor), joint)
+        D[np.ix_(part.rows, part.columns)] = G[:, :rank] @ part.white
+        if region.future:
+            w = G[:, rank:].T
+    return region.centre + D, w
+
+
+@pytest.mark.parametrize(
+    ("kind", "noise"), [("all rows", False), ("all rows", True), ("by rows", False)]
+)
+@pytest.mark.parametrize("ends", [([1.0, -1.0], [0.5, 0.5], 0.0), ([0.0, 0.0], [0.0, 0.0], 0.3)])
+def test_no_model_of_the_region_leaves_the_tube(kind, noise, ends):
+    """4 000 models, noises and starts: none beyond the radii, and some beyond 0.4 of them."""
     gen, Theta, z, y = case(11, N=15, n=2, m=1)
-    known = None if kind == "all rows" else np.where([[1, 0], [1, 1]], np.nan, Theta[:, :2])
-    plan = se.control(model_of(z, y, known_A=known), [1.0, -1.0], [0.5, 0.5], steps=3)
-    found = plan.bound()
-    region = plan.basis.model.region(**({"frobenius": True} if known is None else {}))
+    known, K = None, 3
+    if kind == "by rows":
+        known = np.where([[1, 0], [1, 1]], np.nan, Theta[:, :2])
+    model = model_of(z, y, known_A=known)
+    plan = se.control(model, *ends[:2], steps=K, x0_error=ends[2])
+    found = plan.bound(noise=noise)
+    wish = {} if known is not None else {"frobenius": True, "future": K if noise else 0}
+    region = model.region(**wish)
     assert len(region.parts) == (1 if known is None else 2)
-    largest = np.zeros((4, 3))
-    for T in sampled(gen, region, 20_000):
-        error = trajectory(T, plan.basis.x0, plan.u) - plan.predicted_states
-        largest[:, 0] = np.maximum(largest[:, 0], np.linalg.norm(error, axis=1))
-        missed = np.abs(plan.predicted_states[-1] + error[-1] - plan.basis.xf)
-        largest[-1, 1:] = np.maximum(largest[-1, 1:], missed)
-    assert (largest[:, 0] <= found.tube * (1 + 1e-12)).all()
-    assert (largest[1:, 0] > 0.5 * found.tube[1:]).all()
-    assert (largest[-1, 1:] <= found.components).all()
+    error = np.zeros((4000, K + 1, 2))
+    for one in error:
+        T, w = sampled(gen, region, K)
+        off = gen.standard_normal(2)
+        x = plan.basis.x0 + ends[2] * off / np.linalg.norm(off)
+        for k in range(K + 1):
+            one[k] = x - plan.predicted_states[k]
+            if k < K:
+                x = T @ np.concatenate([x, plan.u[k]]) + w[k]
+    largest = np.linalg.norm(error, axis=2).max(axis=0)
+    missed = np.abs(plan.predicted_states[-1] - plan.basis.xf + error[:, -1]).max(axis=0)
+    assert (largest <= found.tube * (1 + 1e-12)).all()
+    assert (missed <= found.components).all()
+    assert (largest[1:] > 0.4 * found.tube[1:]).all()
+
+
+@pytest.mark.parametrize("law", ["gaussian", "bounded", "sub-gaussian"])
+@pytest.mark.parametrize("K", [1, 3])
+def test_noise_of_known_size_joins_the_radii(law, K):
+    """||[D V^1/2, w]|| from both parts, each at half of delta; one step: the sum."""
+    gen, _, z, y = case(41)
+    model = model_of(z, y, noise=law, sigma=0.3, design="adaptive")
+    plan = se.control(model, *gen.standard_normal((2, 4)), steps=K)
+    rho = np.sqrt(model.region(DELTA / 2).parts[0].factor)
+    q = {
+        "gaussian": np.sqrt(wishart_quantile(4, K, DELTA / 2)),
+        "bounded": np.sqrt(K),
+        "sub-gaussian": np.sqrt(K) * one_noise(4, DELTA / 2 / K),
+    }[law]
+    fitted, S = tr.fit(tr.triangle(z, y)), 0.09 * np.eye(4)
+    if K == 1:
+        options = {"spectral": rho}
+    else:
+        both = np.hypot(2.0 * rho, np.sqrt(min(4, K)) * q)
+        options = {"spectral": np.hypot(rho, q), "frobenius": both, "noise": True}
+    twin = cc.several_steps(fitted, plan.basis.x0, plan.u, S=S, **options)
+    added = 0.3 * q if K == 1 else 0.0
+    np.testing.assert_allclose(plan.bound(noise=True).tube[-1], twin.radii[-1] + added, rtol=1e-6)
 
 
 # -- regression over all steps ---------------------------------------------------------------------

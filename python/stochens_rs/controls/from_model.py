@@ -64,7 +64,7 @@ def model_control(
         fusion=how,
         status="completed",
         info=info,
-        basis=ModelBasis(model, start, goal, gate.nonnegative("x0_error", x0_error)),
+        basis=ModelBasis(model, start, goal, x0_error),
     )
 
 

@@ -181,13 +181,12 @@ def control(
     ('several steps', True)
     """
     level, least = gate.probability("delta", delta), gate.flag("robust", robust)
+    off = gate.nonnegative("x0_error", x0_error)
     if isinstance(system, Identified):
         if level != DELTA and not least:
             raise InputError("`delta` goes with robust=True; otherwise it belongs to plan.bound")
-        return model_control(
-            system, x0, xf, steps, fusion, x0_error=x0_error, robust=least, delta=level
-        )
-    if least or level != DELTA or x0_error != 0.0:
+        return model_control(system, x0, xf, steps, fusion, x0_error=off, robust=least, delta=level)
+    if least or level != DELTA or off:
         raise InputError("`robust`, `delta` and `x0_error` are for models from data")
     inputs, given = problem(system, x0, xf)
     n, m = inputs.shape

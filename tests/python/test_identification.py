@@ -667,12 +667,15 @@ def test_models_and_regions_pickle():
 def test_a_model_is_not_taken_for_the_system():
     """A bound would be relative to the estimate, which `model.system` asks for."""
     model = fixed()
-    for call in (se.System.from_any, lambda m: se.control(m, X0, X0)):
+    for call in (se.System.from_any, lambda m: se.steer(m, X0, X0, 9)):
         with pytest.raises(InputError, match="estimated from data: pass its `system`"):
             call(model)
     with pytest.raises(InputError, match="estimated from data"):
         se.theory.bounds.best("state", model, X0, X0, size=9, delta=0.1)
-    assert se.control(model.system, X0, X0).u.shape == (1, 1)
+    exact, known = se.control(model.system, X0, X0), se.control(model, X0, X0)
+    assert exact.bound().certain
+    np.testing.assert_array_equal(exact.u, known.u)
+    assert known.bound().state > exact.bound().state
 
 
 def test_estimates_cannot_be_changed():

@@ -35,7 +35,7 @@ from .simulation import (
     simulate_ensemble,
     track,
 )
-from .streams import DataStream, Stream
+from .streams import DataStream, ModelStream, Stream
 from .system import System
 
 __version__ = _version()
@@ -48,6 +48,7 @@ __all__ = [
     "Fit",
     "Key",
     "Model",
+    "ModelStream",
     "Plan",
     "StochensError",
     "Stream",

@@ -255,7 +255,11 @@ def row_quantile(n: int, d: int, nu: int, delta: float) -> float:
 
 @cache
 def smallest_quantile(n: int, N: int, delta: float) -> float:
-    """a with P(smallest eigenvalue of W_n(I, N) < a) = delta; 0 for N < n. Drawn if it must be."""
+    """a with P(smallest eigenvalue of W_n(I, N) < a) = delta; 0 for N < n. Drawn if it must be.
+
+    For a delta that no draw shows: P(smallest singular value < sqrt N - sqrt n - t) <= exp(-t^2/2)
+    (Davidson and Szarek 2001).
+    """
     if n > N:
         return 0.0
     if n == 1:
@@ -263,6 +267,8 @@ def smallest_quantile(n: int, N: int, delta: float) -> float:
     if _fault(polynomial_roots.wishart_cdf(np.inf, n, N)) <= TRUSTED * delta:
         above = partial(polynomial_roots.wishart_cdf, np.inf, n, N)
         return root(lambda a: 1.0 - delta - above(above=a), 0.0, float(chi2_quantile(delta, N)))
+    if delta * (DRAWS + 1) < 1.0:
+        return float(max(0.0, np.sqrt(N) - np.sqrt(n) - np.sqrt(-2.0 * np.log(delta))) ** 2)
     draws = smallest_wishart_root(n, N, DRAWS, np.random.default_rng(SEED))
     return max(0.0, lower_order_quantile(draws, delta))
 

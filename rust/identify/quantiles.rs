@@ -37,6 +37,9 @@ fn checked(n: usize, d: usize, delta: f64) -> Result<()> {
     Ok(())
 }
 
+/// Samples from which on the exact law is slow, and the inequality for rare events within a percent of it.
+const MANY: usize = 1 << 20;
+
 fn trusted(end: f64, delta: f64) -> bool {
     (end - 1.0).abs() <= TRUSTED * delta
 }
@@ -107,6 +110,13 @@ pub fn smallest_quantile(n: usize, samples: usize, delta: f64, threads: usize, s
     if samples < n {
         return Ok(0.0);
     }
+    let rare = delta * (DRAWS as f64 + 1.0) < 1.0; // too rare to be drawn
+    // P(smallest singular value < sqrt N - sqrt n - t) <= exp(-t^2 / 2), Davidson and Szarek (2001)
+    let below = (samples as f64).sqrt() - (n as f64).sqrt() - (-2.0 * delta.ln()).sqrt();
+    let below = below.max(0.0).powi(2);
+    if rare && samples > MANY {
+        return Ok(below);
+    }
     let single = chi2_quantile(delta, samples as f64)?;
     if n == 1 {
         return Ok(single);
@@ -115,10 +125,8 @@ pub fn smallest_quantile(n: usize, samples: usize, delta: f64, threads: usize, s
     if trusted(law.between(0.0, f64::INFINITY)?, delta) {
         return stoppable(0.0, single, stop, |a| Ok(1.0 - delta - law.between(a, f64::INFINITY)?));
     }
-    if delta * (DRAWS as f64 + 1.0) < 1.0 {
-        // no draw is as rare: P(smallest singular value < sqrt N - sqrt n - t) <= exp(-t^2 / 2), Davidson and Szarek (2001)
-        let below = (samples as f64).sqrt() - (n as f64).sqrt() - (-2.0 * delta.ln()).sqrt();
-        return Ok(below.max(0.0).powi(2));
+    if rare {
+        return Ok(below);
     }
     // the floor(delta (M + 1))-th smallest: a further draw is smaller with probability at most delta
     let negative = smallest_wishart_root(n, samples, DRAWS, threads, stop)?.into_iter().map(|[smallest, _]| -smallest);

@@ -24,6 +24,7 @@ from .laws import scipy as _scipy
 Array = NDArray[np.float64]
 
 SEED = 20_140_801  # simulated quantiles are the same in every call
+MANY = 2**20  # samples from which on the exact law is slow, and the inequality for rare events good
 DRAWS = 100_000
 TRUSTED = 1e-2  # a formula is used if its fault is at most this part of delta
 
@@ -262,13 +263,17 @@ def smallest_quantile(n: int, N: int, delta: float) -> float:
     """
     if n > N:
         return 0.0
+    rare = delta * (DRAWS + 1) < 1.0
+    below = float(max(0.0, np.sqrt(N) - np.sqrt(n) - np.sqrt(-2.0 * np.log(delta))) ** 2)
+    if rare and N > MANY:
+        return below
     if n == 1:
         return chi2_quantile(delta, N)
     if _fault(polynomial_roots.wishart_cdf(np.inf, n, N)) <= TRUSTED * delta:
         above = partial(polynomial_roots.wishart_cdf, np.inf, n, N)
         return root(lambda a: 1.0 - delta - above(above=a), 0.0, float(chi2_quantile(delta, N)))
-    if delta * (DRAWS + 1) < 1.0:
-        return float(max(0.0, np.sqrt(N) - np.sqrt(n) - np.sqrt(-2.0 * np.log(delta))) ** 2)
+    if rare:
+        return below
     draws = smallest_wishart_root(n, N, DRAWS, np.random.default_rng(SEED))
     return max(0.0, lower_order_quantile(draws, delta))
 

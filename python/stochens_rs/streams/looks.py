@@ -98,6 +98,9 @@ class Look:
         return html.card(self, rows)
 
 
+FAR = 2.0**30  # pairs; laws of more are slow to compute
+
+
 def _more(forecast: float) -> str:
     return f"about {forecast:.4g} more pairs" if isfinite(forecast) else "never"
 
@@ -155,23 +158,19 @@ def _ends(model: Snapshot, delta: float, x0: Floats, u: Floats) -> tuple[Floats,
 def _forecast(
     model: Snapshot, x0: Floats, u: Floats, reach: float, error: float, tol: float
 ) -> float:
-    """With ``V ~ N Gamma``, S ~ N Sigma and the same u: ``N <- N (error(N) / (tol - reach))^2``."""
-    if reach + error <= tol:
+    """How many more pairs until ``error(N) <= tol - reach``, with the same u and V, S ~ N."""
+    room, size = tol - reach, float(model.size)
+    if error <= room:
         return 0.0
-    if reach >= tol or model.missing:
+    if room <= 0.0 or model.missing:
         return inf
-    later, size = model, float(model.size)
-    while not isfinite(error):  # too few pairs to bound the covariance
-        if size > gate.EXACT / 4:
-            return inf
+    while error > room and size < FAR:
+        before = size, error
         later = model._after(2.0 * size)
-        size = float(later.size)
-        error = _ends(later, model.delta, x0, u)[1]
-    for _ in range(2):
-        size *= (error / (tol - reach)) ** 2
-        if not size <= gate.EXACT / 4:
-            return inf
-        later = model._after(max(size, 1.0))
-        size = float(later.size)
-        error = _ends(later, model.delta, x0, u)[1]
+        size, error = float(later.size), _ends(later, model.delta, x0, u)[1]
+    if error > room:  # far away, the error falls as N^(-1/2)
+        size *= (error / room) ** 2
+    elif isfinite(before[1]) and error > 0.0:  # as a power of N in between
+        share = np.log(before[1] / room) / np.log(before[1] / error)
+        size = float(model._size_after(before[0] * (size / before[0]) ** share))
     return max(size - model.size, 1.0)

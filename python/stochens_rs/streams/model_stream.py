@@ -303,8 +303,8 @@ class ModelStream(Durable):
         -----
         ``certificate = ||xh(K) - xf|| + r_K`` with the model's states xh; for one step
         ``r_1 = sqrt(factor ||S||) ||(x0, u)||`` in the norm of V^-1, see `Region`. Stopping at the
-        first certificate <= tol is valid. The forecast takes ``V = N Gamma`` as it is now, and N
-        from ``r_K(N) = tol - ||xh(K) - xf||``, iterated twice.
+        first certificate <= tol is valid. The forecast is the N with ``||xh(K) - xf|| + r_K(N) =
+        tol`` for the same u, if V and S grow in proportion to N.
 
         Examples
         --------

@@ -189,8 +189,7 @@ class Snapshot(Identified):
     @property
     def next_look(self) -> int:
         """The number of pairs of the next possible look: `size` if it is possible now."""
-        first = self.first
-        return planned(first, look_after(first, self.size)) if self._planned else self.size
+        return self._size_after(self.size)
 
     def _region(self, delta: float, frobenius: bool) -> Region:
         """At a planned number of pairs, or the next one if there will be as many."""
@@ -213,11 +212,14 @@ class Snapshot(Identified):
             frobenius=wider,
         )
 
-    def _after(self, size: float) -> Snapshot:
-        """With as many pairs as these, if the others are like those so far."""
+    def _size_after(self, size: float) -> int:
+        """The first possible look at `size` pairs or more."""
         N = ceil(size)
-        if self._planned:
-            N = planned(self.first, look_after(self.first, N))
+        return planned(self.first, look_after(self.first, N)) if self._planned else N
+
+    def _after(self, size: float) -> Snapshot:
+        """At the first look with as many pairs, if the others are like those so far."""
+        N = self._size_after(size)
         return replace(self, triangle=self.triangle * np.sqrt(N / self.size), size=N)
 
     def __repr__(self) -> str:

@@ -705,3 +705,18 @@ ASSUMPTIONS = {
 @pytest.mark.parametrize("said", ASSUMPTIONS)
 def test_the_assumption_is_said_in_words(said):
     assert ASSUMPTIONS[said]().region(DELTA).assumption == said
+
+
+@pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
+def test_a_region_of_radius_0_bounds_nothing_that_the_data_do_not_determine():
+    x = np.arange(6.0)[:, None]
+    exact = se.Trajectories.from_pairs(x, 0.0 * x, 2.0 * x)  # no residual
+    still = se.Trajectories.from_pairs(0.0 * x, 0.0 * x, x)
+    for region, known in (
+        (se.identify(exact, design="independent").region(), [1.0]),
+        (se.identify(still, sigma=0.1).region(), [0.0]),
+    ):
+        assert region.radius == 0.0
+        assert region.bound(known, [0.0]) == 0.0
+        assert region.bound([1.0], [1.0]) == np.inf
+        assert region.component_bounds([0.0], [1.0]) == [np.inf]

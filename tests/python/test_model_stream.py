@@ -80,7 +80,12 @@ def test_regions_for_more_pairs_are_those_of_the_twin_and_of_identify():
     z = gen.standard_normal((400, 6))
     y = z @ gen.standard_normal((6, 4)) + gen.standard_normal((400, 4)) @ SKEWED.T
     data, pairs = tr.triangle(z, y), se.Trajectories.from_pairs(z[:, :4], z[:, 4:], y)
-    for options in ({}, {"covariance": "scalar"}, {"sigma": 2.0}, {"covariance": SKEWED @ SKEWED.T}):
+    for options in (
+        {},
+        {"covariance": "scalar"},
+        {"sigma": 2.0},
+        {"covariance": SKEWED @ SKEWED.T},
+    ):
         stream = se.ModelStream(4, 2, **options)
         stream.update(pairs)
         ours = stream.model.region(0.02, frobenius=True)
@@ -184,7 +189,7 @@ def test_the_covariance_is_bounded_for_any_number_of_pairs():
         closed = max(0.0, np.sqrt(N) - np.sqrt(n) - np.sqrt(-2.0 * np.log(delta))) ** 2
         assert closed <= found * (1 + 1e-12)
         check(found, quantiles.smallest_quantile(n, N, delta), rtol=1e-4)  # 1 - delta is rounded
-    stream, z, y = filled(60_000, n=10, m=1, sigma=None)
+    stream, _, _ = filled(60_000, n=10, m=1, sigma=None)
     model = stream.model
     assert model.region().parts[0].factor < 3.0 * 1.2 * 11 * 10 / model.size
 
@@ -364,13 +369,19 @@ def test_flipped_bits_and_truncations_are_noticed(small: Path) -> None:
         ("format", lambda a: a[:-1]),
         ("format", lambda a: a.astype(float)),
         ("format", lambda a: a + np.eye(9, dtype=np.uint64)[0]),  # a later version
-        *[("format", lambda a, k=k: a | (np.eye(9, dtype=np.uint64)[k] << 63)) for k in range(1, 9)],
+        *[
+            ("format", lambda a, k=k: a | (np.eye(9, dtype=np.uint64)[k] << 63))
+            for k in range(1, 9)
+        ],
         ("format", lambda a: a * (1 - np.eye(9, dtype=np.uint64)[1])),  # no state
         ("format", lambda a: a * (1 - np.eye(9, dtype=np.uint64)[7])),  # no first look
         ("format", lambda a: a + 2 * np.eye(9, dtype=np.uint64)[5]),  # bounded without sigma
         ("format", lambda a: a + 3 * np.eye(9, dtype=np.uint64)[5]),  # symmetric
         ("format", lambda a: a + 3 * np.eye(9, dtype=np.uint64)[6]),  # known, but it is 0
-        ("format", lambda a: a + np.eye(9, dtype=np.uint64)[8]),  # one pair more than the column of 1
+        (
+            "format",
+            lambda a: a + np.eye(9, dtype=np.uint64)[8],
+        ),  # one pair more than the column of 1
         ("triangle", lambda a: a * np.nan),
         ("triangle", lambda a: -a),
         ("triangle", lambda a: a[::-1].copy()),
@@ -413,7 +424,7 @@ def test_numbers_that_cannot_be_a_stream_are_refused(small: Path, name: str, cha
 def test_forty_kills(tmp_path: Path) -> None:
     """A stream that is killed repeatedly goes on as an undisturbed one."""
     path, moments = tmp_path / "a.state", random.Random(4)
-    Theta, (x, u) = tuned(np.random.default_rng(10), 4000)
+    _, (x, u) = tuned(np.random.default_rng(10), 4000)
     se.ModelStream(2, 1, sigma=1.0).save(path)
     acknowledged = 0
     for _ in range(40):

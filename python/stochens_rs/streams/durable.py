@@ -97,7 +97,7 @@ class Durable:
 
         Returns
         -------
-        Stream or DataStream
+        Stream, DataStream or ModelStream
             It continues exactly as the saved one, bit for bit.
 
         Raises
@@ -120,8 +120,8 @@ class Durable:
         Notes
         -----
         Nothing is written. Checked are the sizes (before memory is allocated), the digest, and the
-        numbers: finite, estimates in the hull of the realizations, and the key and the problem
-        those of the digest.
+        numbers: finite; for realizations estimates in their hull, and the key and the problem those
+        of the digest; for a model a triangle of as many pairs.
 
         Examples
         --------

@@ -24,6 +24,7 @@ from ..theory.exact import best_control
 
 if TYPE_CHECKING:
     from .._base.types import Floats
+    from ..identification.region import Region
     from .snapshot import Snapshot
 
 
@@ -88,7 +89,10 @@ class Look:
 
     def _repr_html_(self) -> str:
         rows = [
-            ("certificate", f"{self.certificate:.4g}, with {100 * (1 - self.delta):.6g} % at least"),
+            (
+                "certificate",
+                f"{self.certificate:.4g}, with {100 * (1 - self.delta):.6g} % at least",
+            ),
             ("the model ends", f"{self.reach:.4g} from xf"),
             ("the system", f"{self.model_error:.4g} from there at most, without noise"),
             ("for", self.assumption),
@@ -117,7 +121,7 @@ def look(model: Snapshot, x0: Floats, xf: Floats, u: Floats | None, steps: int, 
         if model.c is not None:  # x(K) = A^K x0 + C_K u + sum_{k<K} A^k c
             goal = xf - matrix_powers(A, steps)[:-1].sum(axis=0) @ model.c
         u = best_control(A, model.B, x0, goal, steps).u.reshape(steps, model.m)
-    end, error = _ends(model, model.delta, x0, u)
+    end, error = _ends(model, region, x0, u)
     reach = norm(end - xf)
     return Look(
         u=gate.frozen(u),
@@ -132,10 +136,9 @@ def look(model: Snapshot, x0: Floats, xf: Floats, u: Floats | None, steps: int, 
     )
 
 
-def _ends(model: Snapshot, delta: float, x0: Floats, u: Floats) -> tuple[Floats, float]:
+def _ends(model: Snapshot, region: Region, x0: Floats, u: Floats) -> tuple[Floats, float]:
     """Where the model ends, and how far the true system may be from there."""
-    fitted = model._block.fitted
-    part = model._region(delta, frobenius=False).parts[0]
+    fitted, part = model._block.fitted, region.parts[0]
     factor = part.factor
     # columns: a root of S; of any S where there is no bound
     values, vectors = np.linalg.eigh(part.S if isfinite(factor) else np.eye(model.n))
@@ -162,12 +165,12 @@ def _forecast(
     room, size = tol - reach, float(model.size)
     if error <= room:
         return 0.0
-    if room <= 0.0 or model.missing:
+    if room <= 0.0 or (model.missing and not isfinite(error)):
         return inf
     while error > room and size < FAR:
         before = size, error
         later = model._after(2.0 * size)
-        size, error = float(later.size), _ends(later, model.delta, x0, u)[1]
+        size, error = float(later.size), _ends(later, later._region(model.delta), x0, u)[1]
     if error > room:  # far away, the error falls as N^(-1/2)
         size *= (error / room) ** 2
     elif isfinite(before[1]) and error > 0.0:  # as a power of N in between

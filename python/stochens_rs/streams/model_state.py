@@ -109,10 +109,10 @@ def from_sections(sections: dict[str, Any]) -> Snapshot:
 def _part(
     sections: dict[str, Any], name: str, kind: type[np.generic], size: int | None = None
 ) -> NDArray[Any]:
-    array = sections.get(name)
-    if isinstance(array, np.ndarray) and array.dtype == kind and array.ndim == 1:
-        if size in (None, len(array)):
-            return array
+    array: Any = sections.get(name)
+    flat = isinstance(array, np.ndarray) and array.dtype == kind and array.ndim == 1
+    if flat and size in (None, len(array)):
+        return np.asarray(array)
     count = "" if size is None else f"{size} "
     raise InputError(f"`state` must have {count}entries of type {kind.__name__} in '{name}'")
 

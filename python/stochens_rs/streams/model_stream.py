@@ -11,7 +11,7 @@ import numpy as np
 
 from .. import _core
 from .._base import gate, html, memory
-from .._base.types import DELTA, Floats
+from .._base.types import DELTA
 from ..exceptions import InputError
 from ..identification.assumptions import (
     Assumptions,
@@ -22,15 +22,17 @@ from ..identification.assumptions import (
     checked_scale,
 )
 from ..identification.runs import checked_names
-from ..identification.trajectories import Trajectories
 from ..theory.dynamics import checked_steps
 from .durable import Durable
 from .looks import Look, look
 from .model_state import from_sections, refuse, to_sections
+from .pairs import pair_rows
 from .snapshot import Snapshot
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
+
+    from ..identification.trajectories import Trajectories
 
 
 class ModelStream(Durable):
@@ -178,7 +180,7 @@ class ModelStream(Durable):
         >>> stream.size
         3
         """
-        rows = self._rows(x, u, x_next)
+        rows = pair_rows(self._about, x, u, x_next)
         while True:  # again if another thread was faster: no pair is lost
             before = self._state
             triangle = before[0].copy()
@@ -187,43 +189,6 @@ class ModelStream(Durable):
                 if self._state is before:
                     self._state = triangle, before[1] + len(rows)
                     return
-
-    def _rows(self, x: Any, u: Any, x_next: Any) -> Floats:
-        """The rows (x, u, 1, x_next) of pairs or runs, checked."""
-        n, m = self.n, self.m
-        if isinstance(x, Trajectories):
-            if u is not None or x_next is not None:
-                raise InputError("`u` and `x_next` must be left out with Trajectories")
-            self._refuse_runs(x)
-            before, inputs, after = x.pairs()
-        elif u is None or x_next is None:
-            raise InputError("`u` and `x_next` must be given with `x`")
-        elif gate.array("x", x, ndim=(1, 2)).ndim == 1:
-            before = gate.vector("x", x, length=n)[None]
-            inputs = gate.vector("u", u, length=m)[None]
-            after = gate.vector("x_next", x_next, length=n)[None]
-        else:
-            before = gate.matrix("x", x, cols=n)
-            inputs = gate.matrix("u", u, rows=len(before), cols=m)
-            after = gate.matrix("x_next", x_next, rows=len(before), cols=n)
-        memory.need("the pairs", 8 * len(before) * len(self._state[0]))
-        return np.hstack([before, inputs, np.ones((len(before), int(self._about.intercept))), after])
-
-    def _refuse_runs(self, runs: Trajectories) -> None:
-        """Refuse runs of another system."""
-        about = self._about
-        theirs = runs.n, runs.m, runs.dt, runs.steps, runs.state_names, runs.input_names
-        if theirs != (self.n, self.m, about.dt, 1, about.state_names, about.input_names):
-            dt = "" if about.dt is None else f" dt={about.dt:g}"
-            raise InputError(
-                f"`x` must be runs with n={self.n} m={self.m}{dt}, one step a pair, and the names "
-                f"of the stream, got {runs!r}"
-            )
-        if about.assumptions.design == "independent" and not runs.single:
-            raise InputError(
-                "`x` must be single pairs for design='independent', got runs of several steps, "
-                "whose states contain earlier noise; use last_pairs()"
-            )
 
     @property
     def n(self) -> int:
@@ -314,7 +279,7 @@ class ModelStream(Durable):
         >>> stream = se.ModelStream(2, 1, sigma=0.1)
         >>> stream.update(x, u, 0.5 * x + u + w)
         >>> stream.look([1.0, 1.0], [0.0, 0.0], tol=0.1)
-        <Look: within 0.07214 after 300 pairs, tol 0.1, enough>
+        <Look: within 0.04648 after 300 pairs, tol 0.1, enough>
         """
         model = self.model
         limit = gate.positive("tol", tol)
@@ -327,7 +292,9 @@ class ModelStream(Durable):
         about = self._about
         dt = "" if about.dt is None else f" dt={about.dt:g}"
         pairs = html.number_of(self.size, "pair")
-        return f"<ModelStream: n={self.n} m={self.m}{dt}, {pairs}, {self.assumptions.design} design>"
+        return (
+            f"<ModelStream: n={self.n} m={self.m}{dt}, {pairs}, {self.assumptions.design} design>"
+        )
 
     def _repr_html_(self) -> str:
         model = self.model

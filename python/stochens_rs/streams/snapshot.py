@@ -61,9 +61,9 @@ class Snapshot(Identified):
     intercept: bool
     delta: float
     first: int
-    dt: float | None = None  # type: ignore[assignment]  # an abstract property of the base
-    state_names: tuple[str, ...] = ()  # type: ignore[assignment]
-    input_names: tuple[str, ...] = ()  # type: ignore[assignment]
+    dt: float | None = None
+    state_names: tuple[str, ...] = ()
+    input_names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         d = gate.size("n", self.n) + gate.size("m", self.m) + gate.flag("intercept", self.intercept)
@@ -179,7 +179,7 @@ class Snapshot(Identified):
                 f"a region needs a planned number of pairs with design='independent': there are "
                 f"{self.size}, and the next look is at {self.next_look}"
             )
-        return self._region(level, gate.flag("frobenius", frobenius))
+        return self._region(level, frobenius=gate.flag("frobenius", frobenius))
 
     @property
     def _planned(self) -> bool:
@@ -191,7 +191,7 @@ class Snapshot(Identified):
         """The number of pairs of the next possible look: `size` if it is possible now."""
         return self._size_after(self.size)
 
-    def _region(self, delta: float, frobenius: bool) -> Region:
+    def _region(self, delta: float, *, frobenius: bool = False) -> Region:
         """At a planned number of pairs, or the next one if there will be as many."""
         text = f"{self.assumptions.text}, any design, valid for all N at once"
         if self._planned:

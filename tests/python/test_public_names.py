@@ -21,7 +21,7 @@ TOP = """
 """
 ROOMS = {
     "controls": "PlanBound PlanError Reachability SamplePlan",
-    "fusion": "Path",
+    "fusion": "FusedModel Path",
     "identification": "Checks Region",
     "streams": "Confidence StreamRun Trace",
 }

@@ -51,7 +51,7 @@ def fuse_by_data(
         fit = _nearest(S - t, options)
         weights, share = fit.weights / fit.weights.sum(), 0.0
         if shrink:
-            share = hull.stein_share(hull.position(S, t, weights), noise_of(least))
+            share = hull.least_squares_share(hull.position(S, t, weights), noise_of(least))
     else:
         fit = _nearest(_left_out(given, least, shrink), options)
         weights, share = _apart(fit.weights, given.size)
@@ -103,7 +103,9 @@ def _least_squares(
     """Least squares of the data, with what was declared; refused where the method needs more."""
     if isinstance(data, Model):
         if design is not None or sigma is not None:
-            raise InputError("`design` and `sigma` must be left out: `data` is a model that has them")
+            raise InputError(
+                "`design` and `sigma` must be left out: `data` is a model that has them"
+            )
         least = data
     elif isinstance(data, Identified):
         raise InputTypeError(f"`data` must be Trajectories or a Model, got {gate.show(data)}")
@@ -119,8 +121,9 @@ def _least_squares(
         )
     if given.c is not None and not least.intercept:
         raise InputError("`data` must be a model with intercept, as the models have offsets")
-    if None not in (given.dt, least.dt) and not np.isclose(given.dt, least.dt, rtol=1e-9):
-        raise InputError(f"`data` must have dt={given.dt:g} as the models, got {least.dt:g}")
+    dt, own = given.dt, least.dt
+    if dt is not None and own is not None and not np.isclose(dt, own, rtol=1e-9, atol=0.0):
+        raise InputError(f"`data` must have dt={dt:g} as the models, got {own:g}")
     noise = least.assumptions
     if least.known is not None or least.instruments is not None or noise.noisy_states:
         raise InputError(
@@ -175,8 +178,8 @@ def _apart_from(k: int, one: Identified, data: object, independent: bool) -> Non
         rows = getattr(other, "data", other)
         if hasattr(rows, "_rows") and shared_rows(own, rows):
             raise InputError(
-                f"`ensemble[{k}]` was fitted on pairs that are also in `data`: it looks better than "
-                "it is, and no region holds; fit it on other runs, see data.split()"
+                f"`ensemble[{k}]` was fitted on pairs that are also in `data`: it looks better "
+                "than it is, and no region holds; fit it on other runs, see data.split()"
             )
 
 

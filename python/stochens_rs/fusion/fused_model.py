@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
 DataMethod: TypeAlias = Literal["alse", "leave-one-out"]
 DATA_METHODS: tuple[DataMethod, ...] = get_args(DataMethod)
-DOUBT = 0.01  # probability of a false warning
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -169,7 +168,7 @@ class FusedModel(Identified):
         A test of level 0.01, exact for a design that is independent of the noise. None where there
         is nothing to test, and for "leave-one-out".
         """
-        return None if self.method != "alse" else hull.explained(self._hull, self._noise, DOUBT)
+        return None if self.method != "alse" else hull.explained(self._hull, self._noise)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -305,7 +304,7 @@ def _radius(own: Region, known: bool) -> float:
 def units(data: Model) -> Floats:
     """L with ``L L' = Sigma`` where the covariance is known, else I."""
     known = data.assumptions.known
-    return np.eye(data.n) if known is None else np.linalg.cholesky(known)
+    return np.asarray(np.eye(data.n) if known is None else np.linalg.cholesky(known))
 
 
 def noise_of(data: Model) -> hull.Noise:

@@ -173,10 +173,13 @@ def fuse(
 
     *By data*: with H least squares and ``V = sum z z'`` over the data, the weights minimise
     ``||(sum_s w_s Theta_s - H) V^1/2||_F``, which is least squares of the data over mixtures. The
-    share of H is ``max(0, 1 - c / ||(F - H) V^1/2||_F^2)``, with ``c = sigma^2 (p - f - 2)`` for
-    p directions of the data and a face of dimension f that the mixture F is in: a Stein estimator
-    (James and Stein 1961; Bock 1982), for an independent design with a smaller mean-square error
-    than least squares for every system if p - f > 2. `FusedModel.region` says what follows.
+    share of H is ``max(0, 1 - c / ||(F - H) V^1/2||_F^2)``, with
+    ``c = sigma^2 min(1.5 (q - 2), chi^2_{q; 0.01})`` for q directions of the data beside the face
+    that the mixture F is in: the data come in where they contradict the models, and for an
+    independent design the mean-square error is below that of least squares for every system with
+    q > 2 (after James and Stein 1961; Bock 1982). See also `FusedModel.region`.
+    With hardly more pairs than unknowns, an error in this norm says little of fresh states and
+    inputs, and ``shrink=False`` may be better.
 
     *Weights*: for independent realizations with the truth as mean and these variances, the error
     of the average has the mean square ``sum_s w_s^2 variances[s] = rms^2``, least for "precision".
@@ -220,41 +223,35 @@ def fuse(
     if data is not None or (isinstance(method, str) and method == "leave-one-out"):
         if data is None:
             raise InputError(f"`data` is required for method '{method}'")
-        kind = gate.choice("method", method, DATA_METHODS)  # type: ignore[arg-type]
+        kind = gate.choice("method", method, DATA_METHODS)
         _refuse("with `data`", **of_realizations)
         limits = alse.checked_options(None, kind, weight_set, tol, time_limit, max_iter)
         return fuse_by_data(ensemble, kind, data, design, sigma, shrink, independent, limits)
     _refuse("without `data`", **of_data)
     if isinstance(ensemble, SystemEnsemble):
-        realizations = stacked(ensemble, ensemble.c is not None)
-        ensemble = Ensemble.from_samples(realizations, centre=ensemble.centre)
-    name = checked_ensemble(ensemble, method)
-    options = alse.checked_options(ensemble, name, weight_set, tol, time_limit, max_iter)
-    goal = None if target is None and name == "uniform" else checked_goal(ensemble, target, name)
+        matrices = stacked(ensemble, ensemble.c is not None)
+        ensemble = Ensemble.from_samples(matrices, centre=ensemble.centre)
+    given, name = checked_ensemble(ensemble, method)
+    options = alse.checked_options(given, name, weight_set, tol, time_limit, max_iter)
+    goal = None if target is None and name == "uniform" else checked_goal(given, target, name)
     # the weights, and at most two copies on the way
-    memory.need("the weights", 3 * 8 * ensemble.size)
+    memory.need("the weights", 3 * 8 * given.size)
     if weights is not None or variances is not None:
         if name != "uniform":
             raise InputError(f"`weights` and `variances` must be left out for method '{name}'")
-        return weighted(ensemble, goal, weights, variances)
+        return weighted(given, goal, weights, variances)
     if name == "uniform":
-        estimate = ensemble.mean()
+        estimate = given.mean()
         error = None if goal is None else numbers.norm(estimate - goal)
-        equal = np.full(ensemble.size, 1.0 / ensemble.size)
-        return Fit(estimate, equal, error, None, "completed", name, target=goal, ensemble=ensemble)
+        equal = np.full(given.size, 1.0 / given.size)
+        return Fit(estimate, equal, error, None, "completed", name, target=goal, ensemble=given)
     assert goal is not None
     if name == "alse":
-        return alse.solve(ensemble, goal, options)
-    steps = _core.slse(
-        ensemble._core_realizations(),
-        ensemble._lines_of(goal),
-        name,
-        [ensemble.size],
-        False,
-    )
-    estimate = ensemble._from_core(steps[1])
+        return alse.solve(given, goal, options)
+    steps = _core.slse(given._core_realizations(), given._lines_of(goal), name, [given.size], False)
+    estimate = given._from_core(steps[1])
     error = float(steps[2][0])
-    return Fit(estimate, steps[0], error, None, "completed", name, target=goal, ensemble=ensemble)
+    return Fit(estimate, steps[0], error, None, "completed", name, target=goal, ensemble=given)
 
 
 def _refuse(where: str, **arguments: object) -> None:
@@ -279,11 +276,11 @@ def checked_goal(ensemble: Ensemble, target: ArrayLike | None, method: str) -> F
     return goal
 
 
-def checked_ensemble(ensemble: object, method: str) -> str:
+def checked_ensemble(ensemble: object, method: object) -> tuple[Ensemble, Method]:
     """Check that realizations are an Ensemble, and the name of their method."""
     if not isinstance(ensemble, Ensemble):
         raise InputTypeError(
             "`ensemble` must be an Ensemble (see `sample`, `Ensemble.from_samples`), "
             f"got {type(ensemble).__name__}"
         )
-    return gate.choice("method", method, METHODS)
+    return ensemble, gate.choice("method", method, METHODS)

@@ -1,14 +1,16 @@
 """Where data lie relative to the hull of given models, and what that says about the true model.
 
 Models Theta_i (n, d) that are independent of the data; ``V = R' R`` with R = `root`. With
-``S_i = Theta_i R'`` and ``t = H R'``, H least squares, ``||Y - Theta_w Z||^2 = ||sum w_i S_i - t||^2
-+ tr S``. For z independent of Gaussian noise of covariance sigma^2 I the noise of t is sigma times
-a standard normal in p = n rank dimensions, of which k belong to the affine hull of the S_i.
+``S_i = Theta_i R'`` and ``t = H R'``, H least squares,
+``||Y - Theta_w Z||^2 = ||sum w_i S_i - t||^2 + tr S``. For z independent of Gaussian noise of
+covariance sigma^2 I the noise of t is sigma times a standard normal in p = n rank dimensions, of
+which k belong to the affine hull of the S_i.
 Known covariances become I by a change of units.
 """
 
 from __future__ import annotations
 
+import heapq
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -19,7 +21,9 @@ from ..identification.least_squares import Fitted
 if TYPE_CHECKING:
     from .._base.types import Floats
 
-CELLS = 128  # of the interval of an unknown sigma^2
+DOUBT = 0.01  # probability to doubt models of which a mixture is true
+MOST = 1.5  # of Stein's constant; below 2 least squares is never better
+LOOSE = 1.002  # how far above its largest value a squared radius may be
 _SPAN = 1e-10  # singular values of the differences of the models below this share count as 0
 _LARGE = 1e4  # noncentral laws are replaced by a normal bound beyond
 
@@ -57,8 +61,8 @@ class Hull(NamedTuple):
 
 def coordinates(models: Floats, fitted: Fitted, units: Floats) -> tuple[Floats, Floats]:
     """The S_i (M, n, rank) and t (n, rank), each row in `units` L: ``L^-1 Theta R'``."""
-    S = np.linalg.solve(units, models @ fitted.root.T)
-    return S, np.linalg.solve(units, fitted.H @ fitted.root.T)
+    S: Floats = np.asarray(np.linalg.solve(units, models @ fitted.root.T))
+    return S, np.asarray(np.linalg.solve(units, fitted.H @ fitted.root.T))
 
 
 def position(S: Floats, t: Floats, weights: Floats) -> Hull:
@@ -86,23 +90,33 @@ def _span(S: Floats, largest: float) -> Floats:
     return np.asarray(basis[s > _SPAN * largest])
 
 
-def stein_share(hull: Hull, noise: Noise) -> float:
-    """The share of least squares: ``max(0, 1 - c / distance2)``.
+def least_squares_share(hull: Hull, noise: Noise) -> float:
+    """The share of least squares: ``max(0, 1 - c / distance2)``, 0 where noise explains all.
 
-    ``c = sigma^2 (p - face - 2)``: on the part of the space where `point` stays in its face, t is
-    shrunk along the normal cone of that face, of dimension p - face, so that Stein's identity holds
-    on every part without a boundary term (cf. Bock 1982; Fourdrinier, Strawderman and Wells 2018,
-    ch. 7): better than least squares for every Theta where p - face >= 3. sigma unknown:
-    ``tr S / (degrees + 2)`` for sigma^2; without degrees nothing is known of the noise, and 0.
+    With q = p - face, ``c = sigma^2 min(1.5 (q - 2), chi^2_{q; DOUBT})``. While `point` stays in
+    its face, t is shrunk along the normal cone of that face, of dimension q, and Stein's identity has
+    no boundary terms there: the unbiased estimate of the risk minus that of least squares is
+    ``sigma^2 (distance2 / sigma^2 - 2 q)`` below c and ``c (c - 2 sigma^2 (q - 2)) / distance2``
+    beyond, both <= 0 (James and Stein 1961; Bock 1982). So no Theta has a larger mean-square error
+    than with least squares. The quantile lets the data in only where they contradict the models;
+    1.5 keeps three quarters of what the best constant, 1, gains far from the hull.
+    sigma unknown: ``1.5 (q - 2) / (degrees + 2)`` and the quantile of F, times tr S (Baranchik
+    1970); without degrees nothing is known of the noise, and 0.
     """
-    if hull.distance2 == 0.0 or (noise.variance is None and noise.degrees == 0):
+    q, free = hull.p - hull.face, noise.degrees
+    if hull.distance2 == 0.0 or (noise.variance is None and free == 0):
         return 0.0
-    variance = noise.rss / (noise.degrees + 2.0) if noise.variance is None else noise.variance
-    return max(0.0, 1.0 - max(0, hull.p - hull.face - 2) * variance / hull.distance2)
+    if q <= 2:
+        return 1.0
+    if noise.variance is not None:
+        c = noise.variance * min(MOST * (q - 2), _core.chi2_upper(DOUBT, q))
+    else:
+        c = noise.rss * min(MOST * (q - 2) / (free + 2), q / free * _core.f_upper(DOUBT, q, free))
+    return max(0.0, 1.0 - c / hull.distance2)
 
 
-def explained(hull: Hull, noise: Noise, delta: float) -> bool | None:
-    """Whether an affine mixture is compatible with the data: chi^2 or F test of `off2`.
+def explained(hull: Hull, noise: Noise) -> bool | None:
+    """Whether an affine mixture is compatible with the data: test of `off2` at level DOUBT.
 
     None where there is no direction off the hull, or nothing is known of the noise.
     """
@@ -110,8 +124,8 @@ def explained(hull: Hull, noise: Noise, delta: float) -> bool | None:
     if off == 0 or (noise.variance is None and noise.degrees == 0):
         return None
     if noise.variance is not None:
-        return hull.off2 <= noise.variance * _core.chi2_upper(delta, off)
-    level = off / noise.degrees * _core.f_upper(delta, off, noise.degrees)
+        return hull.off2 <= noise.variance * _core.chi2_upper(DOUBT, off)
+    level = off / noise.degrees * _core.f_upper(DOUBT, off, noise.degrees)
     return hull.off2 <= noise.rss * level
 
 
@@ -121,8 +135,9 @@ def hull_radius2(hull: Hull, noise: Noise, delta: float, extra: int = 0) -> floa
     ``off2 / sigma^2`` is noncentral chi^2_{p-k} with the squared distance of Theta to the affine
     hull, independent of the part along it: ``sigma^2 L + (along + sigma chi_k)^2``, L the upper
     limit of the noncentrality (after Baraud 2004). sigma unknown: the largest value over its
-    interval from tr S, each cell bounded by both its ends. `extra`: independent variates of the
-    same noise that are to be covered too; ``(a + x)^2 + y^2 <= (a + sqrt(x^2 + y^2))^2``.
+    interval from tr S, by cells that are bounded by both their ends and halved where it matters.
+    `extra`: independent variates of the same noise that are to be covered too;
+    ``(a + x)^2 + y^2 <= (a + sqrt(x^2 + y^2))^2``.
     """
     inside, off = hull.k + extra, hull.p - hull.k
     if noise.variance is not None:
@@ -136,10 +151,25 @@ def hull_radius2(hull: Hull, noise: Noise, delta: float, extra: int = 0) -> floa
     high = noise.rss / _core.chi2_quantile(delta / 6.0, noise.degrees)
     if low <= 0.0:  # no noise at all
         return hull.off2 + hull.along**2
-    s = np.geomspace(low, high, CELLS + 1)
     chi = np.sqrt(_core.chi2_upper(delta / 3.0, inside))
-    rest = np.array([noncentrality(hull.off2 / v, off, delta / 3.0) for v in s[:-1]])
-    return float(np.max(s[1:] * rest + (hull.along + np.sqrt(s[1:]) * chi) ** 2))
+
+    def upper(v: float) -> float:
+        return noncentrality(hull.off2 / v, off, delta / 3.0)
+
+    def squared(v: float, limit: float) -> float:
+        return float(v * limit + (hull.along + np.sqrt(v) * chi) ** 2)
+
+    # the limit falls with sigma^2: a cell [v, w] is below the value for w with the limit at v
+    limit = upper(low)
+    largest, cells = squared(low, limit), [(-squared(high, limit), low, high, limit)]
+    while -cells[0][0] > LOOSE * largest:
+        _, v, w, limit = heapq.heappop(cells)
+        middle = float(np.sqrt(v * w))
+        lower = upper(middle)
+        largest = max(largest, squared(middle, lower))
+        heapq.heappush(cells, (-squared(middle, limit), v, middle, limit))
+        heapq.heappush(cells, (-squared(w, lower), middle, w, lower))
+    return -cells[0][0]
 
 
 def noncentrality(x: float, degrees: int, delta: float) -> float:

@@ -78,7 +78,7 @@ def fuse_path(
     >>> bool(path.errors[0] > path.errors[2])
     True
     """
-    name = checked_ensemble(ensemble, method)
+    ensemble, name = checked_ensemble(ensemble, method)
     options = alse.checked_options(ensemble, name, weight_set, tol, time_limit, max_iter)
     grid = gate.sizes("sizes", sizes, maximum=ensemble.size)
     goal = checked_goal(ensemble, target, name)

@@ -59,15 +59,15 @@ def _refuse_others(k: int, one: Model, first: Model) -> None:
     for what in fields(first.assumptions):
         mine, its = getattr(one.assumptions, what.name), getattr(first.assumptions, what.name)
         if not _same(mine, its):
-            name = "covariance" if what.name == "known" else what.name
+            word = "covariance" if what.name == "known" else what.name
             raise InputError(
-                f"`ensemble[{k}]` must assume the same {name} as `ensemble[0]`, {_shown(its)}, got "
+                f"`ensemble[{k}]` must assume the same {word} as `ensemble[0]`, {_shown(its)}, got "
                 f"{_shown(mine)}"
             )
-    for name in ("scale", "intercept", "known"):
+    for name in ("intercept", "scale", "known"):
         if not _same(getattr(one, name), getattr(first, name)):
-            what = "known entries" if name == "known" else name
-            raise InputError(f"`ensemble[{k}]` must have the {what} of `ensemble[0]`")
+            word = "known entries" if name == "known" else name
+            raise InputError(f"`ensemble[{k}]` must have the {word} of `ensemble[0]`")
     if one.triangle.shape != first.triangle.shape:
         raise InputError(f"`ensemble[{k}]` must have as many instruments as `ensemble[0]`")
 
@@ -79,4 +79,10 @@ def _same(a: Any, b: Any) -> bool:
 
 
 def _shown(value: str | Floats | None) -> str:
-    return f"'{value}'" if isinstance(value, str) else "another matrix" if value is not None else "none"
+    return (
+        f"'{value}'"
+        if isinstance(value, str)
+        else "another matrix"
+        if value is not None
+        else "none"
+    )

@@ -48,5 +48,13 @@ def weighted(ensemble: Ensemble, goal: Floats | None, weights: object, variances
     estimate = ensemble.combine(chosen)
     error = None if goal is None else numbers.norm(estimate - goal)
     return Fit(
-        estimate, chosen, error, None, "completed", method, info=info, target=goal, ensemble=ensemble
+        estimate,
+        chosen,
+        error,
+        None,
+        "completed",
+        method,
+        info=info,
+        target=goal,
+        ensemble=ensemble,
     )

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .fusing import alse_dense
-from .laws import chi2_quantile, chi2_upper, noncentrality_limit
+from .laws import chi2_quantile, chi2_upper, f_upper, noncentrality_limit
 from .regions import Region
 from .triangle import Fitted, leverages, residuals
 
@@ -139,11 +139,20 @@ def shrunken(fused: FusedModel, sigma: float | None = None, *, rule: str = "stei
     c = sigma^2 (p - face - 2), better than least squares for every Theta if p - face >= 3 (Bock
     1982 for a subspace; Stein's identity along the normal cone of the face, on which t is shrunk);
     sigma unknown: c = (p - face - 2) tr S / (n nu + 2), and 0 where nothing is known of sigma.
+    "tested": with q = p - face, c = sigma^2 min(1.5 (q - 2), chi2_{q; 0.01}): what noise explains,
+    but no more than Stein's inequality, which holds below 2 (q - 2), allows with a gain; sigma
+    unknown: the F law (Baranchik 1970). Almost the mixture where it is right.
     Along directions that the data do not determine the model stays F.
     """
     f, n = fused.fitted, len(fused.F)
-    degrees = fused.p if rule == "mallows" else max(0, fused.p - fused.face - 2)
     s2 = sigma**2 if sigma is not None else float(np.trace(f.S)) / (n * f.nu + 2)
+    q = fused.p - fused.face
+    degrees = float(fused.p) if rule == "mallows" else max(0.0, q - 2.0)
+    if rule == "tested" and q > 2 and sigma is not None:
+        degrees = min(1.5 * degrees, chi2_upper(0.01, q))
+    elif rule == "tested" and q > 2 and f.nu > 0:
+        free = n * f.nu
+        degrees = min(1.5 * degrees, q * (free + 2) / free * f_upper(0.01, q, free))
     share = max(0.0, 1.0 - degrees * s2 / fused.distance2) if fused.distance2 > 0.0 else 0.0
     if sigma is None and f.nu == 0:
         share = 0.0

@@ -21,7 +21,7 @@ TOP = """
 """
 ROOMS = {
     "controls": "Certificate PlanBound PlanError Reachability SamplePlan",
-    "fusion": "Path",
+    "fusion": "FusedModel Path",
     "identification": "Checks Region",
     "streams": "Confidence Look Snapshot StreamRun Trace",
 }

@@ -78,6 +78,13 @@ def add_grid(ax: Axes) -> None:
     ax.spines[["top", "right"]].set_visible(False)
 
 
+def add_labels(ax: Axes, across: str, up: str) -> None:
+    """Name the axes, with units."""
+    ax.set_xlabel(across, fontsize=9.5, color=INK)
+    ax.set_ylabel(up, fontsize=9.5, color=INK)
+    ax.tick_params(labelsize=8.5, colors=INK, width=0.7)
+
+
 def _pyplot_shows() -> bool:
     """Whether the user is in IPython or has loaded pyplot, and its backend shows figures."""
     if not in_ipython() and "matplotlib.pyplot" not in sys.modules:

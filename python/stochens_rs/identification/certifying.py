@@ -13,7 +13,7 @@ from ..theory.exact import EPS
 from . import levels
 from .assumptions import Assumptions
 from .least_squares import Fitted, fit, restricted
-from .region import Part
+from .part import Part
 from .signs import SignTest, chance_of_infinity, sizes
 
 if TYPE_CHECKING:
@@ -181,3 +181,24 @@ def refuse(noise: Assumptions, wish: Wish, instruments: bool, by_rows: bool) -> 
         )
     if wish.frobenius and (by_rows or wish.components or wish.directions is not None):
         raise InputError("`frobenius` needs one region for all rows and directions")
+
+
+def said(noise: Assumptions, wish: Wish | None, instruments: bool) -> str:
+    """The assumptions in words."""
+    if instruments:
+        return (
+            "Gaussian noise of process and readings, white, of one covariance each; instruments "
+            "independent of both"
+        )
+    text = noise.text
+    if noise.noise == "symmetric" or (noise.noise == "gaussian" and noise.design == "independent"):
+        text += ", independent of all states and inputs"
+    elif noise.known is not None or (wish is not None and wish.anytime):
+        text += ", any design, valid for all N at once"
+    else:
+        text += ", any design, for a number of pairs fixed beforehand"
+    if noise.noisy_states:
+        return text + "; states measured with error"
+    if wish is not None and wish.directions is not None:
+        text += "; states and inputs in a span fixed before the outcomes"
+    return text

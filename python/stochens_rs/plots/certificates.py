@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -31,7 +30,7 @@ def draw_certificates(
 
     An infinite certificate is an open marker at the upper edge. `tol` is a horizontal line.
     """
-    ax = axes_or_new(ax)
+    ax = axes_or_new(ax, width=7.8)
     from matplotlib.lines import Line2D
 
     ax.set_xscale("log")
@@ -41,7 +40,7 @@ def draw_certificates(
     for k, (label, (certificate, error)) in enumerate(curves.items()):
         color, marker = COLORS[k % len(COLORS)], MARKERS[k % len(MARKERS)]
         finite = np.isfinite(certificate)
-        look = {"color": color, "marker": marker, "markersize": 5}
+        look: dict[str, Any] = {"color": color, "marker": marker, "markersize": 5}
         ax.plot(sizes[finite], certificate[finite], linewidth=1.6, **look)
         spread = sizes[~finite] * 1.03 ** (k - len(curves) / 2)
         ax.plot(

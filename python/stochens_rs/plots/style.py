@@ -65,10 +65,10 @@ def new_figure(
     return made
 
 
-def axes_or_new(ax: Axes | None) -> Axes:
+def axes_or_new(ax: Axes | None, width: float = _SIZE[0]) -> Axes:
     """Return `ax`, or axes on a new figure."""
     require_matplotlib()
-    return new_figure(*_SIZE, header=0.0, footer=0.0).add_subplot() if ax is None else ax
+    return new_figure(width, _SIZE[1], header=0.0, footer=0.0).add_subplot() if ax is None else ax
 
 
 def add_grid(ax: Axes) -> None:

@@ -30,6 +30,7 @@ __all__ = [
     "region_draws",
     "residual_p_values",
     "residuals",
+    "robust_control",
     "row_quantile",
     "roy_quantile",
     "sample_counts",
@@ -307,6 +308,9 @@ def several_steps(
     offset: bool,
     radii: tuple[float, float, float, bool],  # spectral, frobenius, rho0, noise of the run
 ) -> tuple[_Floats, _Floats, _Floats, _Floats, _Floats]: ...
+def robust_control(
+    h: _Floats, white: _Floats, x0: _Floats, xf: _Floats, offset: bool, beta: float
+) -> _Floats: ...
 def bootstrap(
     rows: _Floats,
     h: _Floats,

@@ -20,7 +20,7 @@ TOP = """
     theory track
 """
 ROOMS = {
-    "controls": "PlanBound PlanError Reachability SamplePlan",
+    "controls": "Certificate PlanBound PlanError Reachability SamplePlan",
     "fusion": "Path",
     "identification": "Checks Region",
     "streams": "Confidence StreamRun Trace",

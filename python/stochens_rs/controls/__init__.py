@@ -1,6 +1,7 @@
 """Controls from estimates, and what is known about their errors."""
 
 from ..theory.records import PlanError, Reachability
+from .certificate import Certificate
 from .fused import control, realization_controls
 from .plan import Plan
 from .plan_bound import PlanBound
@@ -9,6 +10,7 @@ from .sample_plan import SamplePlan
 from .steering import steer
 
 __all__ = [
+    "Certificate",
     "Plan",
     "PlanBound",
     "PlanError",

@@ -88,7 +88,8 @@ def parts(
             delta = -float(np.expm1(np.log1p(-delta) / n)) if apart else delta / n
         known = None if noise.known is None else noise.known[np.ix_(rows, rows)]
         if noise.design == "independent" and noise.noise == "gaussian":
-            f, rank = _directed(f, wish.directions)
+            Q = None if wish.directions is None else wish.directions[columns]
+            f, rank = _directed(f, Q)
             if wish.frobenius and noise.covariance == "full" and len(rows) == n:
                 spectral, frobenius = levels.joint_radii(n, rank + wish.future, f.nu, delta)
                 made.append(Part.of(f, rows, columns, f.S, spectral**2))

@@ -1,0 +1,276 @@
+"""Bounds on the error of a plan whose system is a model from data."""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from .. import _core
+from .._base import gate, html
+from .._base.numbers import norm
+from ..exceptions import InputError
+from ..identification.identifying import identify
+from ..identification.levels import wishart_quantile
+from ..identification.model import Model
+from .certificate import Certificate
+from .region_errors import Errors, ToCome, region_errors, root_of, spread
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from .._base.types import Floats
+    from ..identification.identified import Identified
+    from ..identification.region import Region
+    from .basis import ModelBasis
+
+
+class Asked(NamedTuple):
+    """The arguments of `Plan.bound` for a model."""
+
+    noise: bool
+    open_loop: bool
+    x0_fixed: bool
+
+
+def declared(noise: object, open_loop: object, x0_fixed: object) -> Asked:
+    """Check the declarations of `Plan.bound`."""
+    names = zip(Asked._fields, (noise, open_loop, x0_fixed), strict=True)
+    return Asked(*(gate.flag(name, value) for name, value in names))
+
+
+def certificate(
+    basis: ModelBasis,
+    u: Floats,
+    predicted: Floats,
+    delta: float,
+    asked: Asked,
+    exact: Mapping[str, object],
+) -> Certificate:
+    """Bound where the true system ends under `u`; `predicted` are the states of the model."""
+    model, K = basis.model, len(u)
+    for name, value in exact.items():
+        if value is not None:
+            raise InputError(
+                f"`{name}` must be left out for a model from data: its region does not need exact "
+                "values; Plan.error compares with them"
+            )
+    _refuse(basis, K, asked)
+    share = delta / 2.0 if asked.open_loop else delta
+    fixed = asked.x0_fixed and K == 1
+    region, to_come = _region(model, share, K, asked.noise, basis.x0 if fixed else None)
+    errors = region_errors(region, basis.x0, u, rho0=basis.x0_error, to_come=to_come)
+    found = _Ends.of(basis, region, u, errors, to_come)
+    beside = np.linalg.norm(errors.states - predicted, axis=1)
+    tube = np.where(np.isfinite(errors.radii), errors.radii + beside, np.inf)
+    components = found.components
+    if K == 1 and _sharper_by_rows(basis, region, asked):
+        rows = model.region(delta, components=True)  # type: ignore[call-arg]
+        own = region_errors(rows, basis.x0, u, rho0=basis.x0_error)
+        components = np.abs(own.states[-1] - basis.xf) + own.components
+    steps = model.data.steps if isinstance(model, Model) else 1
+    over = K if asked.open_loop else steps
+    method = "several steps" if K > 1 else "one step" if steps == 1 else _direct_name(steps)
+    assumption = region.assumption
+    if asked.open_loop:
+        direct, flat = _direct(basis, u, share, asked), u.reshape(1, -1)
+        errors = region_errors(direct, basis.x0, flat, rho0=basis.x0_error)
+        other = _Ends.of(basis, direct, flat, errors, None)
+        if other.target < found.target:
+            found, method = other, _direct_name(over)
+        tube[-1] = min(tube[-1], errors.radii[-1] + norm(errors.states[-1] - predicted[-1]))
+        components = np.minimum(components, other.components)
+        assumption += (
+            "; runs independent of each other, of lengths fixed beforehand, with Gaussian noise "
+            "and inputs independent of all noise"
+        )
+        region = direct
+    reason, control = "over several steps no bound of the control is known", np.inf
+    if K == 1 or asked.open_loop:
+        reason, control = _control_error(basis, region, u.reshape(1, -1), errors)
+    if basis.x0_error:
+        assumption += f"; x0 within {basis.x0_error:.4g}"
+    if to_come is not None:
+        assumption += "; noise to come of the same size, at half of delta"
+    unbounded = np.isinf(found.target)
+    return Certificate(
+        target=found.target,
+        state=float(tube[-1]),
+        reach=found.reach,
+        model_error=found.model_error,
+        start=found.start,
+        components=components,
+        tube=tube,
+        control=control,
+        control_reason=f"only the state is certified: {reason}" if np.isinf(control) else None,
+        delta=delta,
+        assumption=assumption,
+        method=method,
+        noise=asked.noise,
+        missing=region.missing if unbounded else (),
+    )
+
+
+class _Ends(NamedTuple):
+    """The parts of the distance from xf."""
+
+    target: float
+    reach: float
+    model_error: float
+    start: float
+    components: Floats
+
+    @classmethod
+    def of(
+        cls, basis: ModelBasis, region: Region, u: Floats, errors: Errors, to_come: ToCome | None
+    ) -> _Ends:
+        apart = errors.states[-1] - basis.xf
+        reach, whole = norm(apart), float(errors.radii[-1])
+        alone = whole
+        if basis.x0_error and np.isfinite(whole):
+            exact = region_errors(region, basis.x0, u, rho0=0.0, to_come=to_come)
+            alone = float(exact.radii[-1])
+        start = whole - alone if np.isfinite(whole) else 0.0
+        return cls(reach + whole, reach, alone, start, np.abs(apart) + errors.components)
+
+
+def _direct_name(steps: int) -> str:
+    return f"direct regression over {steps} steps"
+
+
+def _refuse(basis: ModelBasis, K: int, asked: Asked) -> None:
+    """Refuse declarations that do not go with the plan."""
+    if asked.open_loop and K == 1:
+        raise InputError("`open_loop` must be False for one step, which asks nothing of the runs")
+    if asked.x0_fixed:
+        if basis.x0_error:
+            raise InputError("`x0_fixed` must be False with `x0_error`: x0 must be known exactly")
+        if K > 1 and not asked.open_loop:
+            raise InputError(
+                f"`x0_fixed` must be False over {K} steps, whose later states depend on the data; "
+                "it is for one step, or together with open_loop=True"
+            )
+    for name, value in (("open_loop", asked.open_loop), ("x0_fixed", asked.x0_fixed)):
+        if value and not isinstance(basis.model, Model):
+            raise InputError(
+                f"`{name}` must be False for a plan from a {type(basis.model).__name__}: it needs "
+                "the runs, which a Model by `identify` keeps"
+            )
+
+
+def _region(
+    model: Identified, delta: float, K: int, noise: bool, x0: Floats | None
+) -> tuple[Region, ToCome | None]:
+    """The region for K steps, and the noise to come where that is not in it."""
+    options: dict[str, Any] = {} if x0 is None else {"x0": x0}
+    known, plain = None, True
+    if isinstance(model, Model):
+        assumed = model.assumptions
+        one_part = model.instruments is None and len(model._blocks) == 1
+        if K > 1 and one_part and assumed.noise != "symmetric":
+            options["frobenius"] = True
+        plain = one_part and assumed.design == "independent" and assumed.noise == "gaussian"
+        known = assumed.known if model.instruments is None else None
+    elif K > 1:
+        options["frobenius"] = True
+    if not noise:
+        return _made(model, "x0_fixed" if x0 is not None else None, delta, options), None
+    if plain:
+        named = "noise" if x0 is None else "noise` and `x0_fixed"
+        return _made(model, named, delta, {**options, "future": K}), None
+    if known is None or not isinstance(model, Model):
+        raise InputError(
+            "`noise` must be False: noise to come is bounded for Gaussian noise with "
+            "design='independent' and no single known entries, or noise of known covariance or "
+            "size; this model has neither"
+        )
+    if x0 is not None:
+        raise InputError("`x0_fixed` needs design='independent' and noise='gaussian'")
+    n, law = model.n, model.assumptions.noise
+    if law == "gaussian":
+        radius = sqrt(wishart_quantile(n, K, delta / 2.0))
+    elif law == "bounded":
+        radius = sqrt(K)
+    else:
+        radius = sqrt(K) * _core.one_noise(n, delta / 2.0 / K)
+    region = _made(model, None, delta / 2.0, options)
+    return region, ToCome(radius, root_of(known))
+
+
+def _made(model: Identified, named: str | None, delta: float, options: dict[str, Any]) -> Region:
+    """A region, whose refusal names the argument of `Plan.bound`."""
+    try:
+        return model.region(delta, **options)
+    except InputError as error:
+        if named is None:
+            raise
+        raise InputError(f"`{named}` must be False: {error}") from None
+
+
+def _sharper_by_rows(basis: ModelBasis, region: Region, asked: Asked) -> bool:
+    """Whether regions by rows are smaller for components, decided without the data."""
+    model = basis.model
+    return (
+        isinstance(model, Model)
+        and not asked.noise
+        and not asked.x0_fixed
+        and len(region.parts) == 1
+        and model.n > 1
+        and model.instruments is None
+        and model.noise != "symmetric"
+        and model.assumptions.covariance != "scalar"
+    )
+
+
+def _direct(basis: ModelBasis, u: Floats, delta: float, asked: Asked) -> Region:
+    """The region of ``(x(0), u(0), .., u(K-1)) -> x(K)``, from one row of each run.
+
+    The noise of a row is ``sum A^(K-1-k) w(k)``: Gaussian of one covariance, independent of x(0)
+    and of inputs in open loop, so that the exact region of one step applies.
+    """
+    model, K = basis.model, len(u)
+    assert isinstance(model, Model)
+    if model.instruments is not None or model.noise != "gaussian":
+        raise InputError(
+            "`open_loop` must be False: regression over several steps needs Gaussian noise and "
+            f"states without error, this model has noise='{model.noise}'"
+            + (" and instruments" if model.instruments is not None else "")
+        )
+    data = model.data.k_step(K, open_loop=True)
+    needed = K * model.m + model.intercept + 2 * model.n
+    if data.size < needed:
+        raise InputError(
+            f"`open_loop` must be False: regression over {K} steps needs {needed} runs of so many "
+            f"steps, the data have {html.number_of(data.size, 'run')}"
+        )
+    direct = identify(data, design="independent", intercept=model.intercept, checks=False)
+    x0 = basis.x0 if asked.x0_fixed else None
+    return direct.region(delta, x0=x0, future=int(asked.noise))
+
+
+def _control_error(
+    basis: ModelBasis, region: Region, u: Floats, errors: Errors
+) -> tuple[str, float]:
+    """``||u - v||`` for ``v = B^+ (xf - A x0 - c)``, or why there is no bound.
+
+    ``v - u = B^+ (r + D z)``, ``r = xf - C z`` and ``B^+ r = (B'B)^-1 (B_C' r + (B - B_C)' r)``.
+    With ``s = sigma_min(B_C)`` and ``||B - B_C|| <= eB < s``:
+    ``(||D z|| + (||B_C' r|| + eB ||r||) / (s - eB)) / (s - eB)``.
+    """
+    n, m = region.n, region.m
+    B = region.centre[:, n : n + m]
+    if m > n:
+        return f"{m} inputs act on {n} states, so that many controls are as good", np.inf
+    s, eB = float(np.linalg.svd(B, compute_uv=False)[-1]), spread(region, slice(n, n + m))
+    if not eB < s:
+        return "within the error of the data some inputs may have no effect", np.inf
+    r = basis.xf - errors.states[-1]
+    rho0 = basis.x0_error
+    wrong = region.bound(basis.x0, u[0])
+    if rho0:  # D (e, 0) + A_C e
+        A = region.centre[:, :n]
+        wrong += (float(np.linalg.norm(A, 2)) + spread(region, slice(n))) * rho0
+    across = norm(B.T @ r) + eB * norm(r)
+    limit = float((wrong + across / (s - eB)) / (s - eB))
+    return "the data do not determine where the control leads", limit

@@ -69,7 +69,9 @@ def main() -> None:
     pushed = np.random.default_rng(0)
     w = [rig.step(np.zeros(4), 0.0, pushed) - c for _ in range(2000)]
     print(f"deviations of the noise of a step: {np.std(w, axis=0)}\n")
-    print("| excursion | left out / noise | certificate | error | region failed | beyond | warned |")
+    print(
+        "| excursion | left out / noise | certificate | error | region failed | beyond | warned |"
+    )
     print("|---|---|---|---|---|---|---|")
     for size in EXCURSIONS:
         rows = []
@@ -95,7 +97,9 @@ def main() -> None:
             inside = model.region(DELTA).contains(A, B, c)
             outside = float(np.sqrt(np.mean(np.square(left)) / np.mean(np.square(w))))
             rows.append((outside, bound, error, not inside, error > bound, bool(model.warnings)))
-        outside, bound, error, missed, beyond, warned = (np.array(r) for r in zip(*rows, strict=True))
+        outside, bound, error, missed, beyond, warned = (
+            np.array(r) for r in zip(*rows, strict=True)
+        )
         print(
             f"| {size:g} rad | {np.median(outside):.2g} | {np.median(bound):.2g} | "
             f"{np.median(error):.2g} | {missed.sum()} of {len(rows)} | {beyond.sum()} of {len(rows)} "

@@ -18,6 +18,7 @@ from ._core import version as _version
 from .controls import (
     Plan,
     control,
+    predict,
     realization_controls,
     required_samples,
     steer,
@@ -66,6 +67,7 @@ __all__ = [
     "identify",
     "paper",
     "plots",
+    "predict",
     "realization_controls",
     "reference",
     "required_samples",

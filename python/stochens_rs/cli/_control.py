@@ -82,15 +82,15 @@ def control_command(
         names = tuple(f"x[{i}]" for i in range(n)), tuple(f"u[{j}]" for j in range(known.m))
     x0 = _state("--from", start, n, x0)
     xf = _state("--to", goal, n, np.zeros(n) if xf is None else xf)
-    extra = {"robust": True, "delta": probability} if robust else {}
-    plan = control(known, x0, xf, steps=steps, **extra)
-    found = None
+    least: Any = {"robust": True, "delta": probability} if robust else {}
+    plan = control(known, x0, xf, steps=steps, **least)
+    found: Any = None
     if isinstance(known, Model):
         found = plan.bound(probability, noise=noise, open_loop=open_loop)
     facts = _facts(plan, found, x0, xf, names)
     show_result(facts, _text(plan, found, xf, names), as_json)
     if folder is not None:
-        folder.write(facts, lambda: plan.plot(found, names=names[0], target=xf, dt=known.dt))
+        folder.write(facts, lambda: plan.plot(found))
 
 
 def _state(option: str, text: str | None, n: int, default: Any) -> Any:
@@ -102,7 +102,9 @@ def _state(option: str, text: str | None, n: int, default: Any) -> Any:
     try:
         values = [float(cell) for cell in text.split(",")]
     except ValueError:
-        raise click.BadParameter(f"{text!r} must be numbers with commas", param_hint=option) from None
+        raise click.BadParameter(
+            f"{text!r} must be numbers with commas", param_hint=option
+        ) from None
     if len(values) != n or not all(map(math.isfinite, values)):
         raise click.BadParameter(f"must be {n} finite numbers, got {text!r}", param_hint=option)
     return np.array(values)
@@ -158,8 +160,8 @@ def _text(plan: Plan, found: Certificate | None, xf: Any, names: tuple[Any, Any]
         lines += [
             f"certified  the true system ends within {found.target:.4g} of the target, with "
             f"{100 * (1 - found.delta):g} %, {'with' if found.noise else 'without'} noise",
-            f"of that    {found.reach:.4g} out of reach of the model, {found.model_error:.4g} error "
-            f"of the model: mostly {found.larger}",
+            f"of that    {found.reach:.4g} out of reach of the model, {found.model_error:.4g} by "
+            f"its error: mostly {found.larger}",
             f"by         {found.method}",
             f"for        {found.assumption}",
         ]

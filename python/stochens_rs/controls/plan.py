@@ -17,8 +17,8 @@ from ..theory.exact import best_control
 from ..theory.records import PlanError, Reachability
 from .basis import Basis, ModelBasis, completed
 from .certificate import Certificate
-from .model_bound import certificate, declared
 from .drawn import Drawn
+from .model_bound import certificate, declared
 from .plan_bound import PlanBound, plan_bound
 from .plan_covariance import plan_covariance
 from .shown import expectation, made_from

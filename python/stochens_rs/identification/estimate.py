@@ -16,6 +16,7 @@ from ..system import System
 from .assumptions import Assumptions
 from .certifying import Block, assembled, blocks
 from .checks import Checks
+from .consistency import refuse, require_sound
 from .identified import Identified
 from .instruments import projected, two_stages
 from .least_squares import TRUSTED, named, only_rounding
@@ -44,14 +45,21 @@ class Estimate(Identified):
         gate.instance("assumptions", self.assumptions, Assumptions)
         gate.flag("intercept", self.intercept)
         n, d = self.n, self._d
-        r = 0 if self.instruments is None else gate.kept("instruments", self.instruments).shape[1]
+        r = 0
+        if self.instruments is not None:
+            r = gate.kept("instruments", self.instruments, ndim=(2,)).shape[1]
+            gate.kept("instruments", self.instruments, shape=(self.size, max(r, d)))
         gate.kept("triangle", self.triangle, shape=(r + d + n,) * 2)
         gate.kept("scale", self.scale, shape=(d,))
         if self.known is not None and self.known.shape != (n, d):
             raise ShapeError(f"`known` must have shape ({n}, {d}), got {self.known.shape}")
         if self.checks is not None:
             gate.instance("checks", self.checks, Checks)
-        if self.noise == "symmetric":
+        refuse(self.assumptions, self.known, self.instruments, self.data.single)
+        require_sound(self.scale, self.known)
+        if (self.noise == "symmetric") != (self.key is not None):
+            raise InputError("`key` must be given for noise='symmetric', and only there")
+        if self.key is not None:
             gate.instance("key", self.key, Key)
 
     def __reduce__(self) -> tuple[Any, ...]:

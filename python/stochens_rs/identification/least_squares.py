@@ -22,7 +22,9 @@ if TYPE_CHECKING:
 
     Indices: TypeAlias = NDArray[np.int64]
 
-TRUSTED = 1e-8  # ratio of singular values below which a decision on the rank is delicate
+# ratio of singular values, about sqrt(EPS), below which a decision on the rank is delicate: the
+# directions that the data do not determine are then known to fewer than half of the digits
+TRUSTED = 1e-8
 
 
 class Fitted(NamedTuple):
@@ -102,8 +104,10 @@ def length(white: Floats, missing: Floats, ratio: float, z: Floats) -> float:
     """``||z||`` in the norm of V^+; infinite where the data do not determine ``Theta z``."""
     if not np.any(z):
         return 0.0
-    # each direction against the size of what is added up in it, and how well it is known
-    tolerance = 100.0 * len(z) * EPS / max(ratio, 1e-12)
+    # Each missing direction against the size of what is added up in it. Rounding turns these
+    # directions by EPS / ratio (Wedin 1972). Where that is more than half of the digits, only a z
+    # that fits them as well as at TRUSTED counts as determined: in doubt the length is infinite.
+    tolerance = 100.0 * len(z) * EPS / max(ratio, TRUSTED)
     largest = np.abs(z).max()
     z = z / largest  # no square overflows
     sizes = np.abs(missing.T) @ np.abs(z)

@@ -6,23 +6,27 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._base import gate, html
+from .._base import gate, html, memory
+from .._base.durable import Durable
 from ..plots.residuals import draw_residuals
 from ..rng import RngLike, as_key
 from .certifying import METHODS, Method, Wish, parts, refuse, said, sign_region
 from .certifying import directions as spanned
 from .checks import Checks, checked_residuals
+from .consistency import require_triangle_of
+from .files import Sections, from_model, nothing_left, to_model
 from .instruments import instrumented, projected
 from .least_squares import fit, r_factor
 from .region import Region
 from .resampling import Resampled
+from .trajectories import Trajectories
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import ArrayLike
 
 
-class Model(Resampled):
+class Model(Durable, Resampled):
     """A model ``x(k+1) = A x(k) + B u(k) + c`` identified from data, with what was assumed.
 
     Made by `identify`.
@@ -50,6 +54,8 @@ class Model(Resampled):
     key : Key or None
         That of the sign vectors, for noise of symmetric law.
     """
+
+    _kind = "model"
 
     def check(self, draws: int = 499, *, rng: RngLike = None) -> Checks | None:
         """Test the residuals again, with another number of simulated data sets.
@@ -214,6 +220,19 @@ class Model(Resampled):
             frobenius=radius,
             signs=signs,
         )
+
+    def _to_sections(self) -> Sections:
+        return from_model(self)
+
+    @classmethod
+    def _from_sections(cls, sections: Sections) -> Model:
+        (rows, *about), fields = to_model(sections)
+        nothing_left(sections)
+        model = cls(Trajectories._of(gate.matrix("rows", rows), *about), **fields)
+        memory.need("the pairs", 3 * model.data._rows.nbytes)
+        zeta = () if model.instruments is None else (model.instruments,)
+        require_triangle_of(np.hstack([*zeta, *model._pairs()]), model.triangle)
+        return model
 
     def __repr__(self) -> str:
         rank = "" if self.identifiable else f", rank {self.rank} of {self._d}"

@@ -105,8 +105,9 @@ def fit(data: Triangle) -> Fitted:
 def seen(fitted: Fitted, z: ArrayLike) -> bool:
     """Whether the data determine Theta z: z is in the range of sum z_t z_t'."""
     z = np.asarray(z, dtype=np.float64)
-    # each direction against the size of what is added up in it, and how well it is known
-    tolerance = 100.0 * len(z) * np.finfo(float).eps / max(fitted.ratio, 1e-12)
+    # each direction against the size of what is added up in it; rounding turns it by eps / ratio
+    # (Wedin 1972), of which no more is allowed for than at a ratio of sqrt(eps)
+    tolerance = 100.0 * len(z) * np.finfo(float).eps / max(fitted.ratio, 1e-8)
     sizes = np.abs(fitted.missing.T) @ np.abs(z)
     return bool(np.all(np.abs(fitted.missing.T @ z) <= tolerance * sizes))
 

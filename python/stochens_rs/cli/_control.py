@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+import warnings
 from typing import Any
 
 import click
 import numpy as np
 
 from .. import cases
+from .._base.numbers import ROUNDING
 from .._base.types import DELTA
 from ..controls import Certificate, Plan, control
+from ..exceptions import DataWarning
 from ..identification import Model
 from ._options import force_option, json_option
 from ._output import Folder, finite, grid, show_result
@@ -86,7 +89,9 @@ def control_command(
     plan = control(known, x0, xf, steps=steps, **least)
     found: Any = None
     if isinstance(known, Model):
-        found = plan.bound(probability, noise=noise, open_loop=open_loop)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DataWarning)  # the text has the reasons
+            found = plan.bound(probability, noise=noise, open_loop=open_loop)
     facts = _facts(plan, found, x0, xf, names)
     show_result(facts, _text(plan, found, xf, names), as_json)
     if folder is not None:
@@ -148,8 +153,9 @@ def _facts(
 def _text(plan: Plan, found: Certificate | None, xf: Any, names: tuple[Any, Any]) -> str:
     tube = [] if found is None else ["tube"]
     rows = [["step", *names[1], *names[0], *tube]]
-    for k, state in enumerate(plan.predicted_states):
-        u = [f"{value:.4g}" for value in plan.u[k]] if k < plan.steps else [""] * plan.u.shape[1]
+    inputs, path = _rounded(plan.u), _rounded(plan.predicted_states)
+    for k, state in enumerate(path):
+        u = [f"{value:.4g}" for value in inputs[k]] if k < plan.steps else [""] * plan.u.shape[1]
         radius = [] if found is None else [f"{found.tube[k]:.3g}"]
         rows.append([str(k), *u, *(f"{value:.4g}" for value in state), *radius])
     lines = [*grid(rows), ""]
@@ -168,3 +174,8 @@ def _text(plan: Plan, found: Certificate | None, xf: Any, names: tuple[Any, Any]
         if found.missing:
             lines.append(f"unknown    {'; '.join(found.missing)}")
     return "\n".join([*lines, *(f"warning    {text}" for text in plan.info["warnings"])])
+
+
+def _rounded(values: Any) -> Any:
+    """0 in place of what is rounding beside the largest value."""
+    return np.where(np.abs(values) > ROUNDING * np.abs(values).max(), values, 0.0)

@@ -61,16 +61,16 @@ class Drawn:
             tube = gate.instance("certificate", certificate, Certificate).tube
             if len(tube) != len(predicted):
                 raise ShapeError(
-                    f"`certificate` must be of this plan of {html.counted(len(predicted) - 1)}, got "
-                    f"one of {html.counted(len(tube) - 1)}"
+                    f"`certificate` must be of this plan, over {html.counted(len(predicted) - 1)}, "
+                    f"got one over {html.counted(len(tube) - 1)}"
                 )
             says = f"certified, {100 * (1 - certificate.delta):g} %"
         if measured is not None:
             runs = gate.array("measured", measured, ndim=(2, 3))
             if runs.shape[-2:] != predicted.shape:
                 raise ShapeError(
-                    f"`measured` must have shape {predicted.shape}, or that after the number of runs, "
-                    f"got {runs.shape}"
+                    f"`measured` must have shape {predicted.shape}, or (R, ..) for R runs, got "
+                    f"{runs.shape}"
                 )
         names, dt, target = [f"x[{i}]" for i in range(predicted.shape[1])], None, None
         if isinstance(basis, ModelBasis):

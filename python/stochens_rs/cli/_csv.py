@@ -60,8 +60,7 @@ def _columns(path: str) -> dict[str, list[str]]:
                     continue
                 if len(row) != len(names):
                     raise InputError(
-                        f"{path} has {len(row)} cells in line {rows.line_num}, but {len(names)} "
-                        f"columns{_advice(names)}"
+                        f"{path} has {len(row)} cells in line {rows.line_num}, but {len(names)} columns"
                     )
                 found.append([cell.strip() for cell in row])
     except (UnicodeDecodeError, csv.Error) as error:
@@ -69,10 +68,6 @@ def _columns(path: str) -> dict[str, list[str]]:
     if not found:
         raise InputError(f"{path} has no rows below the names of its columns")
     return dict(zip(names, map(list, zip(*found, strict=True)), strict=True))
-
-
-def _advice(names: list[str]) -> str:
-    return "; separate them by commas" if len(names) == 1 and ";" in names[0] else ""
 
 
 def _numbers(path: str, name: str, cells: list[str]) -> Any:
@@ -92,11 +87,8 @@ def _times(path: str, name: str, cells: list[str]) -> Any:
     """Seconds, or dates and times as ISO 8601 writes them."""
     try:
         return _numbers(path, name, cells)
-    except InputError:
+    except InputError as error:
         try:
             return np.array(cells, dtype="datetime64[ns]")
         except ValueError:
-            raise InputError(
-                f"{path} must have seconds or dates in column '{name}', got {cells[0][:30]!r} in "
-                "row 2"
-            ) from None
+            raise InputError(f"{error}: seconds, or dates and times as in ISO 8601") from None

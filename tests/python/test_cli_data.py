@@ -150,7 +150,7 @@ def changed(lines, row, column, text):
         (lambda lines: [*lines[:30], *lines[31:]], ["equal steps of 0.1", "r1"]),
         (lambda lines: changed(lines, 40, 1, "soon"), ["'t'", "'soon'", "row 41", "dates"]),
         (lambda lines: changed(lines, 40, 0, ""), ["'run'", "row 41"]),
-        (lambda lines: [*lines[:40], "r1,3.0"], ["2 cells", "line 41", "5 columns"]),
+        (lambda lines: [*lines[:40], "r1,3.0"], ["2 cells, not 5", "line 41"]),
         (lambda lines: [line.replace(",", ";") for line in lines], ["no column 'angle'"]),
         (lambda lines: ["run,t,angle,angle,torque", *lines[1:]], ["'angle' twice"]),
         (lambda lines: lines[:1], ["no rows"]),

@@ -60,7 +60,7 @@ def _columns(path: str) -> dict[str, list[str]]:
                     continue
                 if len(row) != len(names):
                     raise InputError(
-                        f"{path} has {len(row)} cells in line {rows.line_num}, but {len(names)} columns"
+                        f"{path} has {len(row)} cells, not {len(names)}, in line {rows.line_num}"
                     )
                 found.append([cell.strip() for cell in row])
     except (UnicodeDecodeError, csv.Error) as error:

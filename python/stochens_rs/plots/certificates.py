@@ -42,7 +42,7 @@ def draw_certificates(
         finite = np.isfinite(certificate)
         look: dict[str, Any] = {"color": color, "marker": marker, "markersize": 5}
         ax.plot(sizes[finite], certificate[finite], linewidth=1.6, **look)
-        spread = sizes[~finite] * 1.03 ** (k - len(curves) / 2)
+        spread = sizes[~finite] * 1.06 ** (k - len(curves) / 2)
         ax.plot(
             spread, np.full(len(spread), 0.985), linestyle="", markerfacecolor="white",
             transform=edge, clip_on=False, **look,

@@ -105,7 +105,7 @@ def _leverages(
     if len(parts) > 2:
         means = [[np.mean(leverages[p]), np.sqrt(np.mean(squares[p]))] for p in parts]
         ax.plot(
-            *np.array(means).T, "o-", color=COLORS[1], linewidth=1.4, markersize=4,
+            *np.array(means).T, "o-", color=INK, linewidth=1.4, markersize=4,
             label="rms in tenths of the data",
         )  # fmt: skip
         ax.legend(frameon=False, fontsize=8.5, labelcolor=INK)

@@ -109,7 +109,7 @@ pub(super) fn simulate_mean_field<'py>(
     moments(py, ensemble, model.n())
 }
 
-/// Moments of the runs of given systems, `a` (N, n n), `b` (N, n m), `c` (N, n), from `x0` (1, n) or (N, n).
+/// Moments of the runs of given systems from `x0` (1, n) or (N, n): transposed, `a` (N, n n) and `b` (N, m n); `c` (N, n).
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "the arguments of one call")]
 pub(super) fn simulate_systems<'py>(

@@ -8,7 +8,7 @@ use crate::parallel::{Stop, for_each_chunk};
 
 const WHAT: &str = "the runs of the systems";
 
-/// `N` systems with n states and m inputs, row-major one after another, and their inputs.
+/// `N` systems with n states and m inputs, the columns of one after another, and their inputs.
 #[derive(Debug, Clone, Copy)]
 pub struct Systems<'a> {
     /// States.
@@ -30,17 +30,47 @@ pub struct Systems<'a> {
 impl Systems<'_> {
     /// Mean and covariance over the systems at the times `0 .. K`; the runs themselves only with `keep`.
     ///
-    /// The deviations that are added up are those from the mean, which a first pass finds: nothing cancels, wherever the
-    /// runs are. Systems are taken in fixed blocks, so that the number of threads changes nothing.
+    /// Deviations from the run of the first system are added up. Its distance from the mean is at most `sqrt(N - 1)`
+    /// standard deviations, so that a variance has a relative rounding error of `N` units at most, wherever the runs are.
+    /// Systems are taken in fixed blocks, so that the number of threads changes nothing.
     ///
     /// # Errors
     /// [`Error::Shape`] if the arrays do not fit together, [`Error::NonFinite`], [`Error::Overflow`] if a state or a second
     /// moment is not finite, [`Error::Memory`], [`Error::Interrupted`] after a stop.
     pub fn run(&self, second: Second, keep: bool, threads: usize, stop: &Stop) -> Result<Ensemble> {
         let size = self.checked()?;
-        let first = self.first(stop)?;
-        let mean = self.pass(size, &first, Second::Diagonal, false, threads, stop)?.mean;
-        self.pass(size, &mean, second, keep, threads, stop)
+        let center = self.first(stop)?;
+        let (n, one) = (self.n, center.len());
+        let mut kept: Vec<f64> = try_zeros(WHAT, if keep { checked_len(WHAT, size, one)? } else { 0 })?;
+        let tree = Tree::new();
+        let mut parts = kept.chunks_mut(RUNS.saturating_mul(one));
+        let blocks = (0..size.div_ceil(RUNS)).map(|index| (index, parts.next().unwrap_or_default()));
+        for_each_chunk(blocks, threads, stop, |(index, part)| {
+            let mut sums = Sums::new(&center, n, second)?;
+            let count = RUNS.min(size - index * RUNS);
+            let mut block: Vec<f64> = try_zeros(WHAT, checked_len(WHAT, n, RUNS)?)?;
+            let (mut x, mut next) = (try_zeros(WHAT, n)?, try_zeros(WHAT, n)?);
+            let rows = block.as_chunks_mut::<RUNS>().0;
+            for k in 0..=self.steps() {
+                for s in 0..count {
+                    stop.check()?;
+                    if k == 0 {
+                        next.copy_from_slice(self.start(index * RUNS + s));
+                    } else {
+                        x.iter_mut().zip(&*rows).for_each(|(to, row): (&mut f64, &Row)| *to = row[s]);
+                        self.step(index * RUNS + s, k - 1, &x, &mut next);
+                    }
+                    rows.iter_mut().zip(&next).for_each(|(row, v)| row[s] = *v);
+                    if keep {
+                        part[s * one + k * n..s * one + (k + 1) * n].copy_from_slice(&next);
+                    }
+                }
+                sums.add(k, &States::Rows(rows), count);
+            }
+            tree.insert(index, sums);
+            Ok(())
+        })?;
+        tree.finish(size, kept)
     }
 
     /// The number of systems.
@@ -79,11 +109,12 @@ impl Systems<'_> {
         let (n, m) = (self.n, self.m);
         let (a, b) = (&self.a[s * n * n..(s + 1) * n * n], &self.b[s * n * m..(s + 1) * n * m]);
         let u = &self.u[k * m..(k + 1) * m];
-        for (i, ((to, a), b)) in next.iter_mut().zip(a.chunks_exact(n)).zip(b.chunks_exact(m)).enumerate() {
-            let mut sum = 0.0;
-            a.iter().zip(x).for_each(|(a, x)| sum += a * x);
-            b.iter().zip(u).for_each(|(b, u)| sum += b * u);
-            *to = self.c.map_or(sum, |c| sum + c[s * n + i]);
+        next.fill(0.0);
+        for (v, column) in x.iter().zip(a.chunks_exact(n)).chain(u.iter().zip(b.chunks_exact(n))) {
+            next.iter_mut().zip(column).for_each(|(to, entry)| *to += v * entry);
+        }
+        if let Some(c) = self.c {
+            next.iter_mut().zip(&c[s * n..]).for_each(|(to, c)| *to += c);
         }
     }
 
@@ -98,49 +129,6 @@ impl Systems<'_> {
             self.step(0, k, &past[k * n..], &mut future[..n]);
         }
         Ok(states)
-    }
-
-    /// Moments by sums of the deviations from `center`.
-    fn pass(
-        &self,
-        size: usize,
-        center: &[f64],
-        second: Second,
-        keep: bool,
-        threads: usize,
-        stop: &Stop,
-    ) -> Result<Ensemble> {
-        let (n, one) = (self.n, center.len());
-        let mut kept: Vec<f64> = try_zeros(WHAT, if keep { checked_len(WHAT, size, one)? } else { 0 })?;
-        let tree = Tree::new();
-        let mut parts = kept.chunks_mut(RUNS.saturating_mul(one));
-        let blocks = (0..size.div_ceil(RUNS)).map(|index| (index, parts.next().unwrap_or_default()));
-        for_each_chunk(blocks, threads, stop, |(index, part)| {
-            let mut sums = Sums::new(center, n, second)?;
-            let count = RUNS.min(size - index * RUNS);
-            let mut block: Vec<f64> = try_zeros(WHAT, checked_len(WHAT, n, RUNS)?)?;
-            let (mut x, mut next) = (try_zeros(WHAT, n)?, try_zeros(WHAT, n)?);
-            let rows = block.as_chunks_mut::<RUNS>().0;
-            for k in 0..=self.steps() {
-                for s in 0..count {
-                    stop.check()?;
-                    if k == 0 {
-                        next.copy_from_slice(self.start(index * RUNS + s));
-                    } else {
-                        x.iter_mut().zip(&*rows).for_each(|(to, row): (&mut f64, &Row)| *to = row[s]);
-                        self.step(index * RUNS + s, k - 1, &x, &mut next);
-                    }
-                    rows.iter_mut().zip(&next).for_each(|(row, v)| row[s] = *v);
-                    if keep {
-                        part[s * one + k * n..s * one + (k + 1) * n].copy_from_slice(&next);
-                    }
-                }
-                sums.add(k, &States::Rows(rows), count);
-            }
-            tree.insert(index, sums);
-            Ok(())
-        })?;
-        tree.finish(size, kept)
     }
 }
 

@@ -191,6 +191,7 @@ OWN = {
     "Trajectories.k_step": {"steps": 1},
     "from_systems": {"systems": [(A, B), (A, B)]},
     "identify": {"checks": False},
+    "simulate_ensemble": {"size": 5},
     "Region.bound": {"u": X0},
     "Region.component_bounds": {"u": X0},
     "approximately": {"sizes": (2, 5)},

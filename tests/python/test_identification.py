@@ -636,7 +636,7 @@ def test_ensembles_repeat_with_their_key_and_keep_offset_and_known_columns():
 
 def test_ensembles_that_would_mislead_are_refused():
     with pytest.raises(InputError, match="single known entries"):
-        fixed(known_B=[[0.0], [np.nan]]).bootstrap(3)
+        fixed(known_B=[[0.0], [np.nan]]).draw(3)
     with pytest.raises(InputError, match="noisy states cannot be resampled"):
         instrumented(DATA, Z).bootstrap(3)
     with pytest.raises(InputError, match="needs noise='gaussian'"):
@@ -705,3 +705,24 @@ ASSUMPTIONS = {
 @pytest.mark.parametrize("said", ASSUMPTIONS)
 def test_the_assumption_is_said_in_words(said):
     assert ASSUMPTIONS[said]().region(DELTA).assumption == said
+
+
+@pytest.mark.parametrize("method", ["pairs", "residual", "wild", "trajectories"])
+def test_rows_with_known_entries_are_resampled_together(method):
+    """Each row is that of a model with whole known columns, of the same resamples."""
+    _, _, data = longer(N=60)
+    options = {"checks": False, "design": "adaptive"}
+    some = se.identify(data, known_B=[[np.nan], [1.5]], **options)
+    free, fixed_B = (
+        se.identify(data, **options),
+        se.identify(data, known_B=[[1.5], [1.5]], **options),
+    )
+    models, first, second = (
+        one.bootstrap(300, method=method, rng=4) for one in (some, free, fixed_B)
+    )
+    assert len(models) == len(first) == len(second) == 300
+    np.testing.assert_allclose(models.A[:, 0], first.A[:, 0], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(models.B[:, 0], first.B[:, 0], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(models.A[:, 1], second.A[:, 1], rtol=1e-9, atol=1e-12)
+    assert (models.B[:, 1] == 1.5).all()
+    assert models.A.std(axis=0).min() > 0.0

@@ -25,8 +25,9 @@ def draw_states(
     *,
     timed: bool,
     ax: Axes | None,
+    band: str = "± 2 standard errors",
 ) -> Axes:
-    """Draw `states` (K + 1, n) over `times`, and twice `error` around them."""
+    """Draw `states` (K + 1, n) over `times`, and twice `error` around them, named `band`."""
     ax = axes_or_new(ax)
     from matplotlib.patches import Patch
 
@@ -43,7 +44,7 @@ def draw_states(
     if states.shape[1] > LISTED:
         handles = []
     if error is not None:
-        handles.append(Patch(color=INK, alpha=0.15, linewidth=0, label="± 2 standard errors"))
+        handles.append(Patch(color=INK, alpha=0.15, linewidth=0, label=band))
     _finish(ax, "time [s]" if timed else "step k", "state", handles)
     return ax
 

@@ -41,7 +41,7 @@ pub struct Fitted<'a> {
     pub white: &'a [f64],
     /// A root of `S` (n, n).
     pub root: &'a [f64],
-    /// A basis of the `z` that the data do not show (columns; d, d - rank).
+    /// A basis of the `z` that the data do not show (columns; d, d - rank). Rows that are rounding have been set to 0.
     pub missing: &'a [f64],
     /// Smallest over largest singular value of the data with columns of unit length.
     pub ratio: f64,

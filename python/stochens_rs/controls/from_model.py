@@ -8,6 +8,7 @@ import numpy as np
 
 from .. import _core
 from .._base import gate
+from .._base.numbers import ROUNDING
 from ..ensembles.counts import Counts
 from ..ensembles.ensemble import Ensemble
 from ..exceptions import InputError, InputTypeError
@@ -47,6 +48,9 @@ def model_control(
     u = found.u.reshape(K, m)
     if robust:
         u = _robust(model, start, goal, K, delta)[None, :]
+    # what acts by rounding alone is 0: the data may say nothing of such an input
+    effect = np.abs(u) * np.linalg.norm(model.B, axis=0)
+    u = np.where(effect > ROUNDING * effect.max(), u, 0.0)
     reachability = found.reachability()
     exact = {"method": "exact", "size": None}
     info: dict[str, Any] = {"x0": exact, "xf": exact, "A": {"method": "from data", "size": None}}
@@ -60,7 +64,7 @@ def model_control(
         fusion=how,
         status="completed",
         info=info,
-        basis=ModelBasis(model, start, goal, gate.nonnegative("x0_error", x0_error)),
+        basis=ModelBasis(model, start, goal, x0_error),
     )
 
 

@@ -172,15 +172,21 @@ def control(
     >>> plan = se.control((fit, B), se.sample([1.0, 2.0], 500, rng=2), [0.0, 0.0], steps=4)
     >>> plan.u.shape, plan.predicted_states.shape, plan.reachability.reachable
     ((4, 1), (5, 2), True)
+    >>> z = np.random.default_rng(3).standard_normal((100, 5))
+    >>> x, u, w = z[:, :2], z[:, 2:3], 0.01 * z[:, 3:]
+    >>> data = se.Trajectories.from_pairs(x, u, x @ A.T + u @ B.T + w)
+    >>> model = se.identify(data, design="independent")
+    >>> found = se.control(model, [1.0, 2.0], [0.0, 0.0], steps=4).bound(0.05)
+    >>> found.method, found.target < 0.1
+    ('several steps', True)
     """
     level, least = gate.probability("delta", delta), gate.flag("robust", robust)
+    off = gate.nonnegative("x0_error", x0_error)
     if isinstance(system, Identified):
         if level != DELTA and not least:
             raise InputError("`delta` goes with robust=True; otherwise it belongs to plan.bound")
-        return model_control(
-            system, x0, xf, steps, fusion, x0_error=x0_error, robust=least, delta=level
-        )
-    if least or level != DELTA or x0_error != 0.0:
+        return model_control(system, x0, xf, steps, fusion, x0_error=off, robust=least, delta=level)
+    if least or level != DELTA or off:
         raise InputError("`robust`, `delta` and `x0_error` are for models from data")
     inputs, given = problem(system, x0, xf)
     n, m = inputs.shape

@@ -15,7 +15,7 @@ from ..identification.identifying import identify
 from ..identification.levels import wishart_quantile
 from ..identification.model import Model
 from .certificate import Certificate
-from .region_errors import Errors, ToCome, region_errors, root_of, spread
+from .region_errors import ToCome, region_errors, root_of, spread
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -57,82 +57,107 @@ def certificate(
                 "values; Plan.error compares with them"
             )
     _refuse(basis, K, asked)
-    share = delta / 2.0 if asked.open_loop else delta
-    fixed = asked.x0_fixed and K == 1
-    region, to_come = _region(model, share, K, asked.noise, basis.x0 if fixed else None)
-    errors = region_errors(region, basis.x0, u, rho0=basis.x0_error, to_come=to_come)
-    found = _Ends.of(basis, region, u, errors, to_come)
-    beside = np.linalg.norm(errors.states - predicted, axis=1)
-    tube = np.where(np.isfinite(errors.radii), errors.radii + beside, np.inf)
-    components = found.components
-    if K == 1 and _sharper_by_rows(basis, region, asked):
+    able = not asked.noise or _noise_to_come(model) != "unknown"
+    share = delta / 2.0 if asked.open_loop and able else delta
+    ways = []
+    if able or not asked.open_loop:
+        region, to_come = _region(basis, share, K, asked)
+        steps = model.data.steps if isinstance(model, Model) else 1
+        method = "several steps" if K > 1 else "one step" if steps == 1 else _direct_name(steps)
+        ways.append(_Way.of(basis, region, u, predicted, method, to_come))
+    if asked.open_loop:
+        direct = _direct(basis, u, share, asked)
+        ways.append(_Way.of(basis, direct, u.reshape(1, -1), predicted, _direct_name(K), None))
+    best = min(ways, key=lambda way: way.target)
+    tube = np.min([way.tube for way in ways], axis=0)
+    components = np.min([way.components for way in ways], axis=0)
+    if K == 1 and _sharper_by_rows(basis, ways[0].region, asked):
         rows = model.region(delta, components=True)  # type: ignore[call-arg]
         own = region_errors(rows, basis.x0, u, rho0=basis.x0_error)
         components = np.abs(own.states[-1] - basis.xf) + own.components
-    steps = model.data.steps if isinstance(model, Model) else 1
-    over = K if asked.open_loop else steps
-    method = "several steps" if K > 1 else "one step" if steps == 1 else _direct_name(steps)
-    assumption = region.assumption
-    if asked.open_loop:
-        direct, flat = _direct(basis, u, share, asked), u.reshape(1, -1)
-        errors = region_errors(direct, basis.x0, flat, rho0=basis.x0_error)
-        other = _Ends.of(basis, direct, flat, errors, None)
-        if other.target < found.target:
-            found, method = other, _direct_name(over)
-        tube[-1] = min(tube[-1], errors.radii[-1] + norm(errors.states[-1] - predicted[-1]))
-        components = np.minimum(components, other.components)
-        assumption += (
-            "; runs independent of each other, of lengths fixed beforehand, with Gaussian noise "
-            "and inputs independent of all noise"
-        )
-        region = direct
     reason, control = "over several steps no bound of the control is known", np.inf
     if K == 1 or asked.open_loop:
-        reason, control = _control_error(basis, region, u.reshape(1, -1), errors)
-    if basis.x0_error:
-        assumption += f"; x0 within {basis.x0_error:.4g}"
-    if to_come is not None:
-        assumption += "; noise to come of the same size, at half of delta"
-    unbounded = np.isinf(found.target)
+        reason, control = _control_error(basis, ways[-1])
     return Certificate(
-        target=found.target,
+        target=best.target,
         state=float(tube[-1]),
-        reach=found.reach,
-        model_error=found.model_error,
-        start=found.start,
+        reach=best.reach,
+        model_error=best.model_error,
+        start=best.start,
         components=components,
         tube=tube,
         control=control,
         control_reason=f"only the state is certified: {reason}" if np.isinf(control) else None,
         delta=delta,
-        assumption=assumption,
-        method=method,
+        assumption=_said(basis, ways, asked),
+        method=best.method,
         noise=asked.noise,
-        missing=region.missing if unbounded else (),
+        missing=best.region.missing if np.isinf(best.target) else (),
     )
 
 
-class _Ends(NamedTuple):
-    """The parts of the distance from xf."""
+class _Way(NamedTuple):
+    """What one region says: the parts of the distance from xf, and radii around the prediction."""
 
+    region: Region
+    u: Floats
+    end: Floats
     target: float
     reach: float
     model_error: float
     start: float
     components: Floats
+    tube: Floats
+    method: str
+    to_come: ToCome | None
 
     @classmethod
     def of(
-        cls, basis: ModelBasis, region: Region, u: Floats, errors: Errors, to_come: ToCome | None
-    ) -> _Ends:
-        apart = errors.states[-1] - basis.xf
-        reach, whole = norm(apart), float(errors.radii[-1])
-        alone = whole
+        cls,
+        basis: ModelBasis,
+        region: Region,
+        u: Floats,
+        predicted: Floats,
+        method: str,
+        to_come: ToCome | None,
+    ) -> _Way:
+        errors = region_errors(region, basis.x0, u, rho0=basis.x0_error, to_come=to_come)
+        end, whole = errors.states[-1], float(errors.radii[-1])
+        apart, alone = end - basis.xf, whole
         if basis.x0_error and np.isfinite(whole):
             exact = region_errors(region, basis.x0, u, rho0=0.0, to_come=to_come)
             alone = float(exact.radii[-1])
-        start = whole - alone if np.isfinite(whole) else 0.0
-        return cls(reach + whole, reach, alone, start, np.abs(apart) + errors.components)
+        tube = np.full(len(predicted), np.inf)  # a region over all steps says nothing between
+        at = np.linspace(0, len(predicted) - 1, len(errors.radii)).astype(int)
+        tube[at] = errors.radii + np.linalg.norm(errors.states - predicted[at], axis=1)
+        return cls(
+            region=region,
+            u=u,
+            end=end,
+            target=norm(apart) + whole,
+            reach=norm(apart),
+            model_error=alone,
+            start=whole - alone if np.isfinite(whole) else 0.0,
+            components=np.abs(apart) + errors.components,
+            tube=tube,
+            method=method,
+            to_come=to_come,
+        )
+
+
+def _said(basis: ModelBasis, ways: list[_Way], asked: Asked) -> str:
+    """The assumptions in words."""
+    text = ways[0].region.assumption
+    if asked.open_loop:
+        text += (
+            "; runs independent of each other, of lengths fixed beforehand, with Gaussian noise "
+            "and inputs independent of all noise"
+        )
+    if basis.x0_error:
+        text += f"; x0 within {basis.x0_error:.4g}"
+    if ways[0].to_come is not None:
+        text += "; noise to come of the same size, at half of the probability of failure"
+    return text
 
 
 def _direct_name(steps: int) -> str:
@@ -159,53 +184,59 @@ def _refuse(basis: ModelBasis, K: int, asked: Asked) -> None:
             )
 
 
-def _region(
-    model: Identified, delta: float, K: int, noise: bool, x0: Floats | None
-) -> tuple[Region, ToCome | None]:
+def _noise_to_come(model: Identified) -> str:
+    """What bounds the noise of a run to come: the "region", its "known" size, or "unknown"."""
+    if not isinstance(model, Model):
+        return "region"
+    assumed, instruments = model.assumptions, model.instruments is not None
+    exact = assumed.design == "independent" and assumed.noise == "gaussian"
+    if exact and not instruments and len(model._blocks) == 1:
+        return "region"
+    return "unknown" if assumed.known is None or instruments else "known"
+
+
+def _region(basis: ModelBasis, delta: float, K: int, asked: Asked) -> tuple[Region, ToCome | None]:
     """The region for K steps, and the noise to come where that is not in it."""
-    options: dict[str, Any] = {} if x0 is None else {"x0": x0}
-    known, plain = None, True
-    if isinstance(model, Model):
-        assumed = model.assumptions
-        one_part = model.instruments is None and len(model._blocks) == 1
-        if K > 1 and one_part and assumed.noise != "symmetric":
-            options["frobenius"] = True
-        plain = one_part and assumed.design == "independent" and assumed.noise == "gaussian"
-        known = assumed.known if model.instruments is None else None
-    elif K > 1:
+    model, kind = basis.model, _noise_to_come(basis.model)
+    options: dict[str, Any] = {}
+    named: list[str] = []
+    if asked.x0_fixed and K == 1:
+        options["x0"] = basis.x0
+        named.append("`x0_fixed`")
+    if K > 1 and not (
+        isinstance(model, Model)
+        and (model.instruments is not None or model.noise == "symmetric" or len(model._blocks) > 1)
+    ):
         options["frobenius"] = True
-    if not noise:
-        return _made(model, "x0_fixed" if x0 is not None else None, delta, options), None
-    if plain:
-        named = "noise" if x0 is None else "noise` and `x0_fixed"
-        return _made(model, named, delta, {**options, "future": K}), None
-    if known is None or not isinstance(model, Model):
-        raise InputError(
-            "`noise` must be False: noise to come is bounded for Gaussian noise with "
-            "design='independent' and no single known entries, or noise of known covariance or "
-            "size; this model has neither"
-        )
-    if x0 is not None:
-        raise InputError("`x0_fixed` needs design='independent' and noise='gaussian'")
+    if asked.noise and kind == "region":
+        options["future"] = K
+        named.append("`noise`")
+    elif asked.noise:
+        if kind == "unknown" or not isinstance(model, Model):
+            raise InputError(
+                "`noise` must be False: noise to come is bounded for Gaussian noise with "
+                "design='independent' and no single known entries, for noise of known covariance "
+                "or size, and over several steps with open_loop=True; this model has none of these"
+            )
+        delta /= 2.0
+    try:
+        region = model.region(delta, **options)
+    except InputError as error:
+        if not named:
+            raise
+        raise InputError(f"{' and '.join(named)} must be False: {error}") from None
+    if not asked.noise or kind == "region":
+        return region, None
+    assert isinstance(model, Model)
+    assert model.assumptions.known is not None
     n, law = model.n, model.assumptions.noise
     if law == "gaussian":
-        radius = sqrt(wishart_quantile(n, K, delta / 2.0))
+        radius = sqrt(wishart_quantile(n, K, delta))
     elif law == "bounded":
         radius = sqrt(K)
     else:
-        radius = sqrt(K) * _core.one_noise(n, delta / 2.0 / K)
-    region = _made(model, None, delta / 2.0, options)
-    return region, ToCome(radius, root_of(known))
-
-
-def _made(model: Identified, named: str | None, delta: float, options: dict[str, Any]) -> Region:
-    """A region, whose refusal names the argument of `Plan.bound`."""
-    try:
-        return model.region(delta, **options)
-    except InputError as error:
-        if named is None:
-            raise
-        raise InputError(f"`{named}` must be False: {error}") from None
+        radius = sqrt(K) * _core.one_noise(n, delta / K)
+    return region, ToCome(radius, root_of(model.assumptions.known))
 
 
 def _sharper_by_rows(basis: ModelBasis, region: Region, asked: Asked) -> bool:
@@ -249,15 +280,14 @@ def _direct(basis: ModelBasis, u: Floats, delta: float, asked: Asked) -> Region:
     return direct.region(delta, x0=x0, future=int(asked.noise))
 
 
-def _control_error(
-    basis: ModelBasis, region: Region, u: Floats, errors: Errors
-) -> tuple[str, float]:
+def _control_error(basis: ModelBasis, way: _Way) -> tuple[str, float]:
     """``||u - v||`` for ``v = B^+ (xf - A x0 - c)``, or why there is no bound.
 
     ``v - u = B^+ (r + D z)``, ``r = xf - C z`` and ``B^+ r = (B'B)^-1 (B_C' r + (B - B_C)' r)``.
     With ``s = sigma_min(B_C)`` and ``||B - B_C|| <= eB < s``:
     ``(||D z|| + (||B_C' r|| + eB ||r||) / (s - eB)) / (s - eB)``.
     """
+    region = way.region
     n, m = region.n, region.m
     B = region.centre[:, n : n + m]
     if m > n:
@@ -265,9 +295,9 @@ def _control_error(
     s, eB = float(np.linalg.svd(B, compute_uv=False)[-1]), spread(region, slice(n, n + m))
     if not eB < s:
         return "within the error of the data some inputs may have no effect", np.inf
-    r = basis.xf - errors.states[-1]
+    r = basis.xf - way.end
     rho0 = basis.x0_error
-    wrong = region.bound(basis.x0, u[0])
+    wrong = region.bound(basis.x0, way.u[0])
     if rho0:  # D (e, 0) + A_C e
         A = region.centre[:, :n]
         wrong += (float(np.linalg.norm(A, 2)) + spread(region, slice(n))) * rho0

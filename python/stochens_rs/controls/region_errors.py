@@ -96,8 +96,6 @@ def _one_part(region: Region, x0: Floats, u: Floats, rho0: float, to_come: ToCom
         # a region for one step from a fixed x0 knows nothing off that span
         at = trajectory(region.centre, x0, u)
         return Errors(at, np.array([rho0, np.inf]), np.full(n, np.inf))
-    if all(np.isfinite(part.length(e)) for e in np.eye(d)[:n]):
-        missing[:n] = 0.0  # but for rounding they are
     noise, added = region.future > 0, 0.0
     S, spectral = part.S, float(np.sqrt(part.factor))
     columns = rank + (K if noise else 0)

@@ -27,7 +27,7 @@ from .quantiles import (
     scalar_quantile,
     wishart_quantile,
 )
-from .triangle import Fitted, Triangle, fit, seen, triangle
+from .triangle import Fitted, Triangle, fit, null_space, seen, triangle
 
 Array = NDArray[np.float64]
 
@@ -115,7 +115,8 @@ def directions(data: Triangle, Q: ArrayLike, delta: float) -> Region:
     m = fit(data)
     Q = np.asarray(Q, dtype=np.float64)
     r = int(np.linalg.matrix_rank(m.white @ Q))
-    off = np.linalg.svd(Q)[0][:, np.linalg.matrix_rank(Q) :]
+    U, s, _ = np.linalg.svd(Q)
+    _, off = null_space(U.T, s, max(Q.shape) * np.finfo(float).eps)
     q = roy_quantile(len(m.H), r, m.nu, delta)
     m = m._replace(missing=np.hstack([off, m.missing]))
     return Region(m, q, m.S, delta, "as `full`, z in a span that was fixed without the outcomes")

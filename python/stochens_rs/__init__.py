@@ -19,6 +19,7 @@ from ._core import version as _version
 from .controls import (
     Plan,
     control,
+    predict,
     realization_controls,
     required_samples,
     steer,
@@ -68,6 +69,7 @@ __all__ = [
     "identify",
     "paper",
     "plots",
+    "predict",
     "realization_controls",
     "reference",
     "required_samples",

@@ -6,6 +6,7 @@ from .fused import control, realization_controls
 from .plan import Plan
 from .plan_bound import PlanBound
 from .planning import required_samples
+from .predicting import predict
 from .sample_plan import SamplePlan
 from .steering import steer
 
@@ -17,6 +18,7 @@ __all__ = [
     "Reachability",
     "SamplePlan",
     "control",
+    "predict",
     "realization_controls",
     "required_samples",
     "steer",

@@ -17,6 +17,7 @@ from ..theory.exact import best_control
 from ..theory.records import PlanError, Reachability
 from .basis import Basis, ModelBasis, completed
 from .certificate import Certificate
+from .drawn import Drawn
 from .model_bound import certificate, declared
 from .plan_bound import PlanBound, plan_bound
 from .plan_covariance import plan_covariance
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Plan:
+class Plan(Drawn):
     """A control over K steps, its predicted states, and the data for its error bound.
 
     Attributes

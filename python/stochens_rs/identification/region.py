@@ -217,6 +217,20 @@ class Region:
             found[part.rows] = [_product(float(s), size) for s in part.deviations]
         return found
 
+    @property
+    def entry_bounds(self) -> Floats:
+        """Bounds of the entries of ``Theta - centre``, all at once, of the shape of `centre`.
+
+        ``|e_i' (Theta - C) e_j| <= sqrt(factor S_ii) ||e_j||`` in the norm of V^-1; 0 where an
+        entry is known, infinite where the data do not determine it.
+        """
+        found = np.zeros(self.centre.shape)
+        for part in self.parts:
+            for column in part.columns:
+                size = part.length(np.eye(len(self.centre[0]))[column])
+                found[part.rows, column] = [_product(float(s), size) for s in part.deviations]
+        return found
+
     def _z(self, x: ArrayLike, u: ArrayLike) -> Floats:
         """``z = (x, u)``, with 1 behind it for a model with intercept."""
         n, d = self.centre.shape

@@ -15,7 +15,8 @@ from ..ensembles.systems import SystemEnsemble
 from ..exceptions import InputError, ShapeError
 from ..identification.identified import Identified
 from ..identification.model import Model
-from ..identification.region import Part, Region
+from ..identification.part import Part
+from ..identification.region import Region
 from ..system import System
 from . import hull
 

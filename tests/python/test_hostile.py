@@ -188,6 +188,7 @@ OWN = {
     "best": {"size": 5, "data": [(A, B), X0, XF]},
     "candidates": {"data": [(A, B), X0, XF]},
     "bound": {"name": "simulated", "data": [(A, B), X0, XF]},
+    "predict": {"model": model, "inputs": np.ones((2, 2))},
     "fuse": {"method": "alse", "target": A},
     "fuse_path": {"method": "alse"},
     "from_indices": {"target": A},

@@ -94,8 +94,8 @@ def least_squares_share(hull: Hull, noise: Noise) -> float:
     """The share of least squares: ``max(0, 1 - c / distance2)``, 0 where noise explains all.
 
     With q = p - face, ``c = sigma^2 min(1.5 (q - 2), chi^2_{q; DOUBT})``. While `point` stays in
-    its face, t is shrunk along the normal cone of that face, of dimension q, and Stein's identity has
-    no boundary terms there: the unbiased estimate of the risk minus that of least squares is
+    its face, t is shrunk along the normal cone of that face, of dimension q, and Stein's identity
+    has no boundary terms there: the unbiased estimate of the risk minus that of least squares is
     ``sigma^2 (distance2 / sigma^2 - 2 q)`` below c and ``c (c - 2 sigma^2 (q - 2)) / distance2``
     beyond, both <= 0 (James and Stein 1961; Bock 1982). So no Theta has a larger mean-square error
     than with least squares. The quantile lets the data in only where they contradict the models;

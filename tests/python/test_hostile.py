@@ -156,6 +156,11 @@ def model():
     return se.identify(runs(), design="independent")
 
 
+@cache
+def fused_model():
+    return se.fuse([(A, B), (0.5 * A, B)], "leave-one-out", data=model())
+
+
 TABLE = {"t": [0.0, 0.1, 0.2], "x": [1.0, 2.0, 3.0], "u": [1.0, 0.0, 0.0]}
 
 
@@ -239,6 +244,7 @@ MADE = {
     "Key": lambda: se.Key(bytes(32)),
     "Trajectories": runs,
     "Model": model,
+    "FusedModel": fused_model,
     "Region": lambda: model().region(),
     "Checks": lambda: model().checks,
     "Plan": lambda: se.control((ensemble(), B), se.sample(X0, 5, rng=2), XF),

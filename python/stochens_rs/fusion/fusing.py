@@ -206,7 +206,7 @@ def fuse(
     >>> models = [(1.1 * A, B), (0.9 * A, B)]
     >>> fused = se.fuse(models, "alse", data=data, design="independent", sigma=0.1)
     >>> fused
-    <FusedModel alse: 2 models, n=2 m=1, 30 pairs, 62.7 % least squares>
+    <FusedModel alse: 2 models, n=2 m=1, 30 pairs, 44.1 % least squares>
     >>> fused.region(0.05).contains(A, B)
     True
     """

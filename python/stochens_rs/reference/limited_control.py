@@ -228,10 +228,11 @@ def forward_clip(
     last = np.asarray(previous, dtype=np.float64)
     for k in range(len(u)):
         down, up = np.maximum(low[k], last - rate), np.minimum(high[k], last + rate)
-        if np.any(down > up):
+        if np.any(down - up > 1e-12 * (1.0 + np.abs(down))):
             missed = float(np.max(down - up))
             raise ValueError(f"no input keeps limits and rate: step {k} misses {missed:g}")
-        last = u[k] = np.clip(u[k], down, up)
+        # rounding may leave down > up: then the limits are kept, the rate to rounding
+        last = u[k] = np.clip(np.clip(u[k], down, up), low[k], high[k])
     return u
 
 

@@ -94,14 +94,17 @@ def dual_value(units: Sequence[Unit], vectors: Sequence[Array], low: Array, high
     """A lower bound of max_s miss_s over the limits, from any vectors v_s: no solver is believed.
 
     With sum ||v_s|| <= 1, max_s ||M_s u - t_s|| >= sum v_s' (M_s u - t_s), at least
-    -sum v_s' t_s + sum_i min(g_i low_i, g_i high_i), g = sum M_s' v_s; g_i must be 0 where u_i has
-    no limits, so the vectors are projected on that first.
+    -sum v_s' t_s + sum_i min(g_i low_i, g_i high_i), g = sum M_s' v_s; g_i must be 0 where it points
+    to a limit that is infinite, so the vectors are projected on that first.
     """
     M, t = np.vstack([M for M, _ in units]), np.concatenate([t for _, t in units])
     ends = np.cumsum([len(t) for _, t in units])[:-1]
     v = np.concatenate(list(vectors))
-    free = ~(np.isfinite(low) & np.isfinite(high))
-    v = v - M[:, free] @ np.linalg.lstsq(M[:, free], v, rcond=None)[0]
+    free = np.zeros(len(low), dtype=bool)
+    for _ in low:
+        g = M.T @ v
+        free |= ~np.isfinite(np.where(g > 0.0, low, high)) & (g != 0.0)
+        v = v - M[:, free] @ np.linalg.lstsq(M[:, free], v, rcond=None)[0]
     v = v / max(1e-300, sum(np.linalg.norm(x) for x in np.split(v, ends)))
     g = np.where(free, 0.0, M.T @ v)
     box = [x * (a if x > 0.0 else b) for x, a, b in zip(g, low, high, strict=True) if x != 0.0]

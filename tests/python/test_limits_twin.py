@@ -153,7 +153,9 @@ def test_rows_and_rates_equal_an_interior_point(gen):
         size = np.sqrt(lp.objective(p, np.zeros(len(s.u)))) + 1e-3
         assert s.distance <= 1e-6 * size
         assert np.all(p.C @ s.u <= p.c + 1e-12)
-        assert lp.norm(lc.by_clarabel(p) - s.u, p.H) <= 1e-4 * size
+        other = lc.by_clarabel(p)  # to its own tolerances, also those of the limits
+        assert lp.norm(other - s.u, p.H) <= 1e-2 * size
+        assert abs(lp.objective(p, other) - s.objective) <= 1e-5 * size**2
         if len(p.c) and np.all(np.isfinite(p.low)):
             assert abs(lc.frank_wolfe_gap(p, s.u)) <= 1e-6 * size**2
 
@@ -208,10 +210,10 @@ def test_distances_from_the_best_of_any_feasible_point(gen):
         best = lc.solve(p)
         u = feasible(gen, p, best.u, 10.0 ** gen.uniform(-3, 1))
         D = lp.norm(u - best.u, p.H)
-        J = lp.objective(p, u)
-        if 1e-6 * np.sqrt(J) >= D:
+        J, scale = lp.objective(p, u), lp.objective(p, 0.0 * u)
+        if 1e-4 * np.sqrt(scale) >= D:
             continue
-        assert (J - best.objective) * (1.0 + 1e-9) + 1e-12 * J >= D**2
+        assert (J - best.objective) * (1.0 + 1e-9) + 1e-12 * scale >= D**2
         largest["duality"] = max(largest["duality"], D**2 / (J - best.objective))
         gap = lc.frank_wolfe_gap(p, u)
         largest["gap"] = max(largest["gap"], D / lc.gap_distance(gap) if gap > 0 else np.inf)
@@ -339,7 +341,9 @@ def test_fleets_are_certified_over_all_units(gen):
         for _ in range(20):  # nothing else is better
             u = np.clip(w.u + 0.1 * gen.normal(size=d), low, high)
             assert np.max(pop.misses(fleet, u)) >= w.lower_bound
-        assert pop.average(fleet, low, high).objective <= np.mean(pop.misses(fleet, w.u) ** 2)
+        assert (
+            pop.average(fleet, low, high).objective <= np.mean(pop.misses(fleet, w.u) ** 2) + 1e-12
+        )
 
 
 def test_the_mean_is_the_problem_of_the_mean_gram_matrix(gen):

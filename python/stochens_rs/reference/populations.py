@@ -103,7 +103,7 @@ def dual_value(units: Sequence[Unit], vectors: Sequence[Array], low: Array, high
     free = np.zeros(len(low), dtype=bool)
     for _ in low:
         g = M.T @ v
-        free |= ~np.isfinite(np.where(g > 0.0, low, high)) & (g != 0.0)
+        free |= (g >= 0.0) & np.isinf(low) | (g <= 0.0) & np.isinf(high)
         v = v - M[:, free] @ np.linalg.lstsq(M[:, free], v, rcond=None)[0]
     v = v / max(1e-300, sum(np.linalg.norm(x) for x in np.split(v, ends)))
     g = np.where(free, 0.0, M.T @ v)

@@ -134,7 +134,7 @@ def by_clarabel(p: Problem) -> Array:
     rows, ends = all_rows(p)
     settings = clarabel.DefaultSettings()
     settings.verbose = False
-    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-12
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-10
     found = clarabel.DefaultSolver(
         sparse.csc_matrix(np.triu(2.0 * p.H)),
         gradient(p, np.zeros(len(p.low))),

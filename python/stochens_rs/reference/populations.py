@@ -73,7 +73,7 @@ def worst(units: Sequence[Unit], low: ArrayLike = -np.inf, high: ArrayLike = np.
     cones += [clarabel.SecondOrderConeT(len(t) + 1) for _, t in units]
     settings = clarabel.DefaultSettings()
     settings.verbose = False
-    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-11
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-10
     found = clarabel.DefaultSolver(
         sparse.csc_matrix((d + 1, d + 1)),
         -top,

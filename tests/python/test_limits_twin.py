@@ -82,6 +82,18 @@ def test_regulating_by_hand():
     exactly(run.inputs[:, 0], [-0.4, -0.8, -1.0])
 
 
+def test_regulating_another_system_than_the_model():
+    F, X = np.array([[1.1, 0.2], [0.0, 0.9]]), np.array([[0.1], [1.0]])
+    limits = {"Q": 1.0, "R": 0.1, "low": -0.7, "high": 0.7, "rate": 0.5}
+    run = regulate(A, B, [1.0, -0.5], [0.0, 0.0], 3, 8, true=(F, X), **limits)
+    np.testing.assert_allclose(run.states[1:], run.states[:-1] @ F.T + run.inputs @ X.T)
+    changes = np.diff(np.vstack([[0.0], run.inputs]), axis=0)
+    assert np.max(np.abs(run.inputs)) <= 0.7
+    assert np.max(np.abs(changes)) <= 0.5 + 1e-12
+    again = lp.several_steps(A, B, run.states[5], [0.0, 0.0], 3, previous=run.inputs[4], **limits)
+    exactly(lc.solve(again).u[:1], run.inputs[5])
+
+
 def test_wide_limits_change_nothing(gen):
     for d in range(1, 5):
         G, b = gen.normal(size=(5, d)), gen.normal(size=5)
@@ -158,6 +170,19 @@ def test_rows_and_rates_equal_an_interior_point(gen):
         assert abs(lp.objective(p, other) - s.objective) <= 1e-7 * size**2
         if len(p.c) and np.all(np.isfinite(p.low)):
             assert abs(lc.frank_wolfe_gap(p, s.u)) <= 1e-6 * size**2
+
+
+@pytest.mark.parametrize("way", ["half", "all"])
+def test_ill_conditioned_maps_are_solved_and_certified(gen, way):
+    """50 maps of condition 1e6 with 20 inputs and R = 0, where H has 1e12."""
+    for _ in range(50):
+        U, V = (np.linalg.qr(gen.normal(size=(20, 20)))[0] for _ in range(2))
+        G, b = (U * np.geomspace(1.0, 1e-6, 20)) @ V, gen.normal(size=20)
+        free = np.linalg.solve(G, b)
+        limit = np.median(np.abs(free)) * (1.0 if way == "half" else 1e-3)
+        s = lc.solve(lp.one_step(G, b, low=-limit, high=limit))
+        assert s.gap <= 1e-8 * (b @ b)
+        assert s.distance <= 1e-6 * np.linalg.norm(b)
 
 
 def test_rank_deficient_maps_need_the_enumeration():

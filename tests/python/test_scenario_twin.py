@@ -62,7 +62,7 @@ def test_sizes():
 
 
 @pytest.mark.parametrize("beta", [1e-2, 1e-6, 1e-12])
-@pytest.mark.parametrize(("N", "k"), [(20, 0), (20, 19), (60, 3), (500, 20), (3000, 171)])
+@pytest.mark.parametrize(("N", "k"), [(20, 0), (20, 12), (60, 3), (500, 20), (3000, 171)])
 def test_the_sums_collapse(N, k, beta):
     """The short forms: one binomial probability against one binomial tail."""
     e = sc.judged(N, k, beta)
@@ -113,7 +113,7 @@ def test_order_and_ends():
 
 
 def test_the_interval_program_is_exact():
-    """40 000 fleets of 60 uniform points, d = 2: P(risk > eps) = beta; d without the value fails."""
+    """40 000 fleets of 60 points, d = 2: P(risk > eps) = beta; d without the value fails."""
     x = np.random.default_rng(11).random((40_000, 60))
     risk = 1.0 - (x.max(axis=1) - x.min(axis=1))
     share = np.mean(risk > sc.a_priori(60, 2, BETA))
@@ -126,7 +126,7 @@ def test_gains_under_a_limit():
     """20 000 fleets of 60 gains a ~ U(1, 2), target 1, u <= limit: one or two units support u.
 
     Free u = 2 / (a_min + a_max), the value |a_min u - 1|: the risk is P(a outside [a_min, a_max]).
-    At u = limit the smallest gain alone supports it, the risk is P(a < a_min) + P(a > 2 / u - a_min).
+    At u = limit the smallest gain alone supports it, risk P(a < a_min) + P(a > 2 / u - a_min).
     """
     gen, N, fleets = np.random.default_rng(12), 60, 20_000
     a = 1.0 + gen.random((fleets, N))
@@ -169,7 +169,7 @@ def test_fleets_in_the_plane():
 
     for i in range(fleets):
         b = gen.normal(size=(N, 2))
-        # units that are not on the hull of the others never matter: the farthest in 12 directions
+        # start with the farthest in 12 directions, and add units until all are met
         angles = np.arange(12) * np.pi / 6.0
         near = np.unique(np.argmax(b @ np.array([np.cos(angles), np.sin(angles)]), axis=0))
         while True:
@@ -187,8 +187,6 @@ def test_fleets_in_the_plane():
         assert np.mean(risks > eps) <= allowed(fleets)
         # not so wide that nothing is said
         assert np.mean(eps) < 0.27
-    # against counting no support at all
-    assert np.mean(risks > sc.compression(N, 0, BETA)) > allowed(fleets)
 
 
 def test_hold_out():
@@ -237,9 +235,9 @@ def boxes(gen, fleets, N, sides, r):
 
 
 def test_discarded_units_need_their_own_form():
-    """1000 fleets of 300 points in a box of 5 sides, 40 left out: d = 10. The two-sided form for
+    """400 fleets of 400 points in a box of 40 sides, 80 left out: d = 80. The two-sided form for
     relaxed programs, with k = discarded + support, is exceeded far too often."""
-    gen, fleets, N, sides, r = np.random.default_rng(15), 1000, 300, 5, 40
+    gen, fleets, N, sides, r = np.random.default_rng(15), 400, 400, 40, 80
     d = 2 * sides
     risk = boxes(gen, fleets, N, sides, r)
     assert np.mean(risk > sc.discarding(N, r, d, BETA)) <= allowed(fleets)

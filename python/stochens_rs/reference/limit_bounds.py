@@ -281,6 +281,9 @@ def soft_map_error(
 
 
 def tightened(C: ArrayLike, h: ArrayLike, radii: ArrayLike) -> Array:
-    """h - r_k ||C_i||, (K, rows): if C x^(k) is below, C x <= h for all ||x - x^(k)|| <= r_k."""
+    """h - r_k ||C_i||, (K, rows): if C x^(k) is below, C x <= h for all ||x - x^(k)|| <= r_k.
+
+    Radii that depend on the inputs must be those of the inputs that are found: ask again there.
+    """
     sizes = np.linalg.norm(np.asarray(C, dtype=np.float64), axis=1)
     return np.asarray(h) - np.outer(np.asarray(radii, dtype=np.float64), sizes)

@@ -65,12 +65,12 @@ def solve(p: Problem) -> Solution:
     NNLS min_{w >= 0} ||(X' w, y' w + 1)|| gives z = -X' w / (1 + y' w); then the rows with w > 0
     are solved once more as equations.
     """
-    M, t = residual_form(p)
+    M, target = residual_form(p)
     fixed = p.low == p.high
     u = np.where(fixed, p.low, 0.0)
     rows, ends = all_rows(p)
     weights = np.zeros(len(rows))
-    t, y = t - M @ u, ends - rows @ u
+    t, y = target - M @ u, ends - rows @ u
     used = np.any(rows[:, ~fixed] != 0.0, axis=1)
     if np.any(y[~used] < -1e-12 * (1.0 + np.abs(ends[~used]))):
         raise ValueError("the fixed inputs break a limit: see `missing`")
@@ -87,6 +87,11 @@ def solve(p: Problem) -> Solution:
     at = [np.isfinite(p.high), np.isfinite(p.low)]
     u[at[0]] = np.where(weights[:up] > 0.0, p.high[at[0]], u[at[0]])
     u[at[1]] = np.where(weights[up : up + down] > 0.0, p.low[at[1]], u[at[1]])
+    if not np.any(weights[up + down :]):  # the rest once more, as those are at their limits exactly
+        rest = ~fixed
+        rest[at[0]] &= weights[:up] == 0.0
+        rest[at[1]] &= weights[up : up + down] == 0.0
+        u[rest] = np.linalg.lstsq(M[:, rest], target - M[:, ~rest] @ u[~rest], rcond=None)[0]
     return finished(p, u, weights[up + down :])
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from stochens_rs.reference.limited_problems import Problem, one_step, several_steps
+from stochens_rs.reference.limited_problems import Problem, one_step
 
 KINDS = ("plain", "sparse", "zero columns", "ill-conditioned", "singular weight", "one input")
 WAYS = ("loose", "half", "tight", "one-sided", "fixed inputs")
@@ -85,6 +85,3 @@ def draw_steps(gen, index):
 def feasible(gen, p, u, size=1.0):
     """A point near u that keeps the limits of the box."""
     return np.clip(u + size * gen.normal(size=len(u)), p.low, p.high)
-
-
-__all__ = ["draw", "draw_map", "draw_steps", "draws", "feasible", "several_steps", "weight"]

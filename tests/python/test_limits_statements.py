@@ -271,6 +271,28 @@ def test_several_steps_of_a_region():
     assert all(0.2 < ratio <= ONCE for ratio in seen.values()), seen
 
 
+def scalar_region(A, B, a, b):
+    """The region |Theta - (A, B)| in an ellipse of half axes a and b."""
+    white = np.diag([a, b])
+    fitted = tr.Fitted(np.array([[A, B]]), np.eye(1), 9, 2, white, np.linalg.inv(white),
+                       np.zeros((2, 0)), 1.0)  # fmt: skip
+    return rg.Region(fitted, 1.0, np.eye(1), 0.05, "by hand")
+
+
+def test_costates_of_one_state_by_hand():
+    """Where all the error is in A, the bound of c is attained; with both, their product counts."""
+    one = [np.eye(1)] * 3
+    region = scalar_region(2.0, 1.0, 0.5, 1e-9)
+    gamma = lb.region_steps(region, np.zeros(3), [[1.0], [1.0], [1.0]], one, np.eye(1))[1]
+    p, q = [7.0, 3.0, 1.0], [1 + 2.5 * 3.5, 3.5, 1.0]  # costates for A = 2 and for A = 2.5
+    np.testing.assert_allclose(gamma, np.linalg.norm(np.subtract(q, p)), rtol=1e-6)
+    region = scalar_region(0.0, 0.0, 3.0, 1.0)
+    gamma = lb.region_steps(region, np.zeros(2), [[0.0], [1.0]], one[:2], np.eye(1))[1]
+    A, B = 3.0 / np.sqrt(2), 1.0 / np.sqrt(2)  # on the border; c = (B A, B)
+    assert 1.0 < np.hypot(B * A, B) <= gamma
+    np.testing.assert_allclose(gamma, np.hypot(3.0, 1.0))
+
+
 def test_directions_that_the_data_do_not_show_have_no_bound():
     Z = np.array([[1.0, 0.0], [2.0, 0.0], [3.0, 0.0], [1.0, 0.0]])  # the input was never used
     region = rg.full(tr.triangle(Z, np.array([[1.0], [2.1], [2.9], [1.05]])), 0.05)
@@ -322,10 +344,12 @@ def test_soft_limits_with_a_moved_start():
 
 
 def test_soft_limits_with_an_uncertain_map():
-    """500 problems: distance and value, the gap that of the penalized estimated problem."""
+    """800 problems: distance and value, the gap that of the penalized estimated problem."""
     gen, seen = np.random.default_rng(8), Ratios()
-    for i in range(500):
+    for i in range(800):
         G, Q, C, h, rho, more = soft_problem(gen, i)
+        if i % 5 == 0:
+            Q = more["Q"] = weight(gen, len(Q), max(1, len(Q) // 2))  # singular
         c, xf, dc = gen.normal(size=(3, len(Q)))
         dG = 10.0 ** gen.uniform(-3, 0) * gen.normal(size=G.shape)
         dc *= 10.0 ** gen.uniform(-3, -1) * (i % 2)
@@ -349,7 +373,7 @@ def test_soft_limits_with_an_uncertain_map():
             return lp.norm(x - target, rows[0]) ** 2 + lp.norm(v, R) ** 2 + rows[3] * over @ over
 
         seen.see("value", value(u) - value(best), found.value + 1e-9 * value(0.0 * u))
-    assert all(0.6 < ratio <= ONCE for ratio in seen.values()), seen
+    assert all(0.95 < ratio <= ONCE for ratio in seen.values()), seen
 
 
 def test_tightened_limits_hold_in_the_whole_ball(gen):

@@ -270,12 +270,15 @@ def soft_map_error(
     h: ArrayLike,
     rho: float,
 ) -> tuple[float, Array]:
-    """alpha and c for `uncertain_map` with soft limits, Q > 0: states under u~, y by the true map.
+    """alpha and c for `uncertain_map` with soft limits: y, y~ by the true map and the model at u~.
 
-    alpha = kappa ||y - y~||_W, c = (G - G^)' [Q (y~ - xf) + rho C' max(0, C y~ - h)].
+    alpha = ||y - y~||_W, c = (G - G^)' f'(y~) / 2 with the penalized f(y), f'(y~) / 2 = Q (y~ - xf)
+    alpha = ||y - y~||_W, c = (G - G^)' f'(y~) / 2 with the penalized f(y): f'(y~) / 2 is Q (y~ - xf)
+    Q <= T <= W; so p^2 + q^2 <= alpha p + gamma q + gap / 2 for p = ||G du||_T >= ||G du||_Q. And
+    f(y) - f(y_u) <= f'(y~)' G du + ||y - y~||_W^2 gives the value alpha^2 + gamma^2 + gap.
     """
     Q, y_model = np.asarray(Q, dtype=np.float64), np.asarray(y_model, dtype=np.float64)
-    alpha = soft_price(Q, C, rho) * norm(y - y_model, Q + rho * C.T @ C)
+    alpha = norm(y - y_model, Q + rho * C.T @ C)
     force = Q @ (y_model - xf) + rho * C.T @ np.maximum(0.0, C @ y_model - h)
     return alpha, np.asarray(dG.T @ force)
 

@@ -267,6 +267,14 @@ def test_without_limits_the_certificate_is_the_distance(gen):
         assert lc.dual_norm(p, y[:3]) <= np.sqrt(y[:3] @ y[:3] / 0.1)
 
 
+def test_both_certificates_are_attained():
+    """The best u is exactly at its limit without being held there: D = 1 at u = 0, both ways."""
+    p, u = lp.one_step(ONE, [1.0], low=-1, high=1), np.array([0.0])
+    exactly(lc.gap_distance(lc.frank_wolfe_gap(p, u)), 1.0)
+    exactly(lc.multiplier_distance(p, u, [2.0, 0.0]), 1.0)
+    exactly(lp.norm(u - lc.solve(p).u, p.H), 1.0)
+
+
 def test_open_limits_need_multipliers():
     p = lp.one_step(ONE, [3.0], R=1, low=-np.inf, high=1)
     assert lc.frank_wolfe_gap(p, np.array([1.5 - 1e-9]) * 0.5) < np.inf  # towards the finite side

@@ -272,8 +272,8 @@ def soft_map_error(
 ) -> tuple[float, Array]:
     """alpha and c for `uncertain_map` with soft limits: y, y~ by the true map and the model at u~.
 
-    alpha = ||y - y~||_W, c = (G - G^)' f'(y~) / 2 with the penalized f(y), f'(y~) / 2 = Q (y~ - xf)
-    alpha = ||y - y~||_W, c = (G - G^)' f'(y~) / 2 with the penalized f(y): f'(y~) / 2 is Q (y~ - xf)
+    alpha = ||y - y~||_W and c = (G - G^)' f'(y~) / 2, f = ||. - xf||_Q^2 + the penalty. Proof:
+    f'(y~) - f'(y_u) = 2 T (G du - (y - y~)) for du = u~ - u, the states y_u under u, and one T with
     Q <= T <= W; so p^2 + q^2 <= alpha p + gamma q + gap / 2 for p = ||G du||_T >= ||G du||_Q. And
     f(y) - f(y_u) <= f'(y~)' G du + ||y - y~||_W^2 gives the value alpha^2 + gamma^2 + gap.
     """

@@ -42,6 +42,7 @@ __all__ = [
     "simulate_mean_field",
     "simulate_plans",
     "simulate_runs",
+    "simulate_systems",
     "slse",
     "smallest_quantile",
     "sphere_level",
@@ -219,6 +220,16 @@ def simulate_mean_field(
     full: bool,
     keep: bool,
     key: bytes,
+    threads: int,
+) -> tuple[_Floats, _Floats | None, _Floats | None, _Floats]: ...
+def simulate_systems(
+    a: _Floats,
+    b: _Floats,
+    c: _Floats | None,
+    x0: _Floats,
+    u: _Floats,
+    full: bool,
+    keep: bool,
     threads: int,
 ) -> tuple[_Floats, _Floats | None, _Floats | None, _Floats]: ...
 def track(

@@ -35,7 +35,9 @@ mod _core {
         sphere_level, trace_quantile, triangle, triangle_update, wishart_quantile,
     };
     #[pymodule_export]
-    use super::simulate::{simulate_estimates, simulate_mean_field, simulate_plans, simulate_runs, track, trajectory};
+    use super::simulate::{
+        simulate_estimates, simulate_mean_field, simulate_plans, simulate_runs, simulate_systems, track, trajectory,
+    };
     #[pymodule_export]
     use super::storage::{StateLock, storage_load, storage_save};
     #[pymodule_export]

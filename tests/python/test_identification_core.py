@@ -9,6 +9,7 @@ from scipy import special, stats
 from identification_data import DELTA, LAMS, POINT, Y, Z, check, exactly, independent
 from stochens_rs import _core as core
 from stochens_rs.exceptions import InputError, NonFiniteError, ShapeError
+from stochens_rs.identification import least_squares as ls
 from stochens_rs.reference import anytime as at
 from stochens_rs.reference import certified_control as cc
 from stochens_rs.reference import laws
@@ -218,6 +219,49 @@ def test_steps_that_the_data_do_not_show():
     assert np.isinf(found[1][2])
     for a, b in zip(found, expected, strict=True):
         check(a, b, rtol=1e-10)
+
+
+@pytest.mark.parametrize("inputs", ["proportional", "unused", "one in three"])
+@pytest.mark.parametrize("units", [1.0, 1e-6, 1e6])
+def test_missing_directions_of_inputs_alone_leave_steps_finite(gen, inputs, units):
+    """The same radii as with the inputs that were free; what is known of A is known."""
+    for _ in range(30):
+        n = 3
+        x, u = gen.standard_normal((60, n)), units * gen.standard_normal((60, 2))
+        map_ = {
+            "proportional": np.array([[1.0, 0.0, 2.0 / 3.0], [0.0, 1.0, 0.0]]),
+            "unused": np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
+            "one in three": gen.standard_normal((2, 3)),
+        }[inputs]
+        x[:, 2] = x[:, 1] + 1e-3 * x[:, 2]
+        y = x @ gen.standard_normal((n, n)) + u @ gen.standard_normal((2, n)) / units
+        y += 0.1 * gen.standard_normal(y.shape)
+        fitted, few = fitted_to(np.hstack([x, u @ map_]), y), fitted_to(np.hstack([x, u]), y)
+        assert fitted.missing.shape == (6, 1)
+        data = tr.triangle(np.hstack([x, u @ map_]), y)
+        for missing in (fitted.missing, ls.fit(data.R, data.d, data.N).missing):
+            assert not np.any(missing[:n])
+        x0, plan = gen.standard_normal(n), units * gen.standard_normal((4, 2))
+        options = {"spectral": 0.5, "frobenius": 0.8, "rho0": 0.1}
+        found = steps(fitted, x0, plan @ map_, **options)
+        assert np.all(np.isfinite(found[1]))
+        check(found[1], steps(few, x0, plan, **options)[1], rtol=1e-6)
+        check(found[1], cc.several_steps(fitted, x0, plan @ map_, **options).radii, rtol=1e-9)
+
+
+@pytest.mark.parametrize("gain", [1.0, 1e-3, 1e-9])
+def test_missing_directions_of_states_make_steps_infinite(gen, gain):
+    """An input that is a feedback of a state, however small: nothing may be concluded."""
+    x, u = gen.standard_normal((60, 3)), gen.standard_normal((60, 2))
+    u[:, 1] = u[:, 0] + gain * x[:, 0]
+    fitted = fitted_to(np.hstack([x, u]), x + 0.1 * gen.standard_normal((60, 3)))
+    assert np.any(fitted.missing[0])
+    found = steps(fitted, np.ones(3), gen.standard_normal((3, 2)), spectral=0.5)
+    assert np.all(np.isinf(found[1][1:]))
+    follows = np.array([[1.0, 1.0 + gain], [0.5, 0.5]])  # the first step is one of the data
+    found = steps(fitted, np.ones(3), follows, spectral=0.5)
+    assert np.isfinite(found[1][1])
+    assert np.isinf(found[1][2])
 
 
 # -- the input with the smallest certificate -------------------------------------------------------

@@ -1,20 +1,24 @@
 """Controls from estimates, and what is known about their errors."""
 
 from ..theory.records import PlanError, Reachability
+from .certificate import Certificate
 from .fused import control, realization_controls
 from .plan import Plan
 from .plan_bound import PlanBound
 from .planning import required_samples
+from .predicting import predict
 from .sample_plan import SamplePlan
 from .steering import steer
 
 __all__ = [
+    "Certificate",
     "Plan",
     "PlanBound",
     "PlanError",
     "Reachability",
     "SamplePlan",
     "control",
+    "predict",
     "realization_controls",
     "required_samples",
     "steer",

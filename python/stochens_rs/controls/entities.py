@@ -138,3 +138,20 @@ def fusion_over(steps: object, fusion: object, n: int, m: int) -> tuple[int, Fus
             "biased, and more of them do not help"
         )
     return K, "diagonal"
+
+
+def step_warnings(n: int, m: int, K: int, rank: int, *, exact: bool) -> tuple[str, ...]:
+    """Warnings about an estimated C_K; for one step it is B, which is exact."""
+    if K == 1:
+        return ()
+    if rank < n:
+        return (
+            f"C_K has rank {rank} < n = {n}: only targets in its range can be reached, and the "
+            "estimate need not be consistent",
+        )
+    if m * K == n and not exact:
+        return (
+            f"m K = n = {n}: the inverse of the estimated C_K has heavy tails; take more than "
+            f"{K} steps, or regularise",
+        )
+    return ()

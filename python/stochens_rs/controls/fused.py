@@ -10,11 +10,14 @@ from .. import _core
 from .._base import gate, memory
 from .._base.numbers import norm
 from .._base.threads import get_num_threads
-from .._base.types import Floats, Fusion, worst
+from .._base.types import DELTA, Floats, Fusion, worst
+from ..exceptions import InputError
+from ..identification.identified import Identified
 from ..theory.dynamics import states
 from ..theory.exact import EPS, best, best_control, factors
 from .basis import Basis, known
-from .entities import fusion_over, problem
+from .entities import fusion_over, problem, step_warnings
+from .from_model import model_control
 from .plan import Plan
 
 if TYPE_CHECKING:
@@ -92,20 +95,24 @@ def realization_controls(
 
 
 def control(
-    system: SystemLike,
+    system: SystemLike | Identified,
     x0: EntityLike,
     xf: EntityLike,
     *,
     steps: int = 1,
     fusion: Fusion = "product",
+    x0_error: float = 0.0,
+    robust: bool = False,
+    delta: float = DELTA,
 ) -> Plan:
     """Compute the smallest control from x0 to xf in K steps, from estimates.
 
     Parameters
     ----------
-    system : System or pair (A, B)
+    system : System or pair (A, B), or Model
         A System, anything `System.from_any` takes, or a pair of A, shape (n, n), and an array B,
-        shape (n, m). In the pair A may be a Fit, an Ensemble or Counts.
+        shape (n, m). In the pair A may be a Fit, an Ensemble or Counts. Or a model from measured
+        data, as `identify` makes it; x0 and xf are then arrays.
     x0, xf : Fit, Ensemble, Counts or array_like, shape (n,)
         Initial state and target. A Fit or Counts stands for its estimate, an Ensemble for its
         uniform average. An array counts as exact; for an estimate of your own pass a Fit.
@@ -115,6 +122,13 @@ def control(
         "product": the control of the estimates. "diagonal", for one step: the average of the
         controls of the paired realizations, as in the paper; it needs ensembles of equal size (or
         arrays).
+    x0_error : float, default 0.0
+        For a model from data: the true initial state is within this distance of `x0`.
+    robust : bool, default False
+        For a model from data and one step: take the u with the smallest bound of
+        ``||x(1) - xf||`` instead of the smallest one that comes nearest according to the model.
+    delta : float, default 0.05
+        The level of that bound, see `Plan.bound`.
 
     Returns
     -------
@@ -146,6 +160,10 @@ def control(
     inverse of the square, estimated ``C_K`` has heavy tails: rare draws give huge controls. Take
     more steps, or regularise; ``info["warnings"]`` says so.
 
+    A model from data takes the place of the exact system, its offset c included: ``xf`` less what
+    c adds over K steps. ``robust``: ``min ||H z - xf|| + radius ||z||`` in the norm of V^-1 with
+    ``z = (x0, u, 1)`` and the region of the model, a second-order cone problem.
+
     Examples
     --------
     >>> import numpy as np, stochens_rs as se
@@ -154,7 +172,22 @@ def control(
     >>> plan = se.control((fit, B), se.sample([1.0, 2.0], 500, rng=2), [0.0, 0.0], steps=4)
     >>> plan.u.shape, plan.predicted_states.shape, plan.reachability.reachable
     ((4, 1), (5, 2), True)
+    >>> z = np.random.default_rng(3).standard_normal((100, 5))
+    >>> x, u, w = z[:, :2], z[:, 2:3], 0.01 * z[:, 3:]
+    >>> data = se.Trajectories.from_pairs(x, u, x @ A.T + u @ B.T + w)
+    >>> model = se.identify(data, design="independent")
+    >>> found = se.control(model, [1.0, 2.0], [0.0, 0.0], steps=4).bound(0.05)
+    >>> found.method, found.target < 0.1
+    ('several steps', True)
     """
+    level, least = gate.probability("delta", delta), gate.flag("robust", robust)
+    off = gate.nonnegative("x0_error", x0_error)
+    if isinstance(system, Identified):
+        if level != DELTA and not least:
+            raise InputError("`delta` goes with robust=True; otherwise it belongs to plan.bound")
+        return model_control(system, x0, xf, steps, fusion, x0_error=off, robust=least, delta=level)
+    if least or level != DELTA or off:
+        raise InputError("`robust`, `delta` and `x0_error` are for models from data")
     inputs, given = problem(system, x0, xf)
     n, m = inputs.shape
     K, how = fusion_over(steps, fusion, n, m)
@@ -171,7 +204,7 @@ def control(
     reachability = found.reachability()
     info: dict[str, Any] = {entity.name: entity.description for entity in given}
     info["singular_values"] = found.factors.singular_values
-    info["warnings"] = _warnings(n, m, K, reachability.rank, exact=given[2].size is None)
+    info["warnings"] = step_warnings(n, m, K, reachability.rank, exact=given[2].size is None)
     x0_known, xf_known, A_known = (
         known(entity.name, entity.value, estimate)
         for entity, estimate in zip(given, (start, goal, matrix), strict=True)
@@ -194,20 +227,3 @@ def _paired(B: Floats, given: tuple[Entity, Entity, Entity], goal: Floats) -> Be
     free = goal - difference  # the average of A^s x0^s
     unsure = EPS * (norm(free) + norm(goal))  # the averages count as exact
     return best(B, free, difference, unsure)
-
-
-def _warnings(n: int, m: int, K: int, rank: int, *, exact: bool) -> tuple[str, ...]:
-    """Warnings about an estimated C_K; for one step it is B, which is exact."""
-    if K == 1:
-        return ()
-    if rank < n:
-        return (
-            f"C_K has rank {rank} < n = {n}: only targets in its range can be reached, and the "
-            "estimate need not be consistent",
-        )
-    if m * K == n and not exact:
-        return (
-            f"m K = n = {n}: the inverse of the estimated C_K has heavy tails; take more than "
-            f"{K} steps, or regularise",
-        )
-    return ()

@@ -10,12 +10,15 @@ import numpy as np
 from .._base import gate, html
 from .._base.records import by_constructor
 from .._base.types import DELTA, FUSIONS, STATUSES, Floats, Fusion, Quantity, Status
-from ..exceptions import ShapeError
+from ..exceptions import InputError, ShapeError
 from ..system import System
 from ..theory.dynamics import checked_ends, states
 from ..theory.exact import best_control
 from ..theory.records import PlanError, Reachability
-from .basis import Basis, completed
+from .basis import Basis, ModelBasis, completed
+from .certificate import Certificate
+from .drawn import Drawn
+from .model_bound import certificate, declared
 from .plan_bound import PlanBound, plan_bound
 from .plan_covariance import plan_covariance
 from .shown import expectation, made_from
@@ -27,7 +30,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Plan:
+class Plan(Drawn):
     """A control over K steps, its predicted states, and the data for its error bound.
 
     Attributes
@@ -35,7 +38,7 @@ class Plan:
     u : ndarray, shape (K, m)
         The control; ``u[k]`` acts in the step from k to k + 1.
     predicted_states : ndarray, shape (K + 1, n)
-        Trajectory of the model, ``xh(k+1) = A_hat xh(k) + B u(k)`` from ``x0_hat``; for
+        Trajectory of the model, ``xh(k+1) = A_hat xh(k) + B u(k) (+ c)`` from ``x0_hat``; for
         fusion="diagonal" the average of ``A^s x0^s`` takes the place of ``A_hat x0_hat``.
     reachability : Reachability
         What K steps cannot reach, according to the estimates: residual and relative residual of
@@ -48,9 +51,9 @@ class Plan:
     info : dict
         "x0", "xf", "A": method, number of realizations, gap; "singular_values" of ``C_K``;
         "warnings", a tuple of sentences.
-    basis : Basis or None
-        What is known about B, x0, xf and A, for `bound` and `covariance`; None for a plan that was
-        made by hand.
+    basis : Basis, ModelBasis or None
+        What is known about B, x0, xf and A, for `bound` and `covariance`, or the model from data;
+        None for a plan that was made by hand.
     """
 
     u: Floats
@@ -59,7 +62,7 @@ class Plan:
     fusion: Fusion
     status: Status
     info: dict[str, Any] = field(default_factory=dict)
-    basis: Basis | None = None
+    basis: Basis | ModelBasis | None = None
 
     def __post_init__(self) -> None:
         gate.kept("u", self.u, ndim=(2,))
@@ -72,7 +75,7 @@ class Plan:
         gate.instance("reachability", self.reachability, Reachability)
         gate.choice("fusion", self.fusion, FUSIONS)
         gate.choice("status", self.status, STATUSES)
-        if self.basis is not None:
+        if self.basis is not None and not isinstance(self.basis, ModelBasis):
             gate.instance("basis", self.basis, Basis)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -91,7 +94,10 @@ class Plan:
         x0: ArrayLike | None = None,
         xf: ArrayLike | None = None,
         rng: RngLike = 0,
-    ) -> PlanBound:
+        noise: bool = False,
+        open_loop: bool = False,
+        x0_fixed: bool = False,
+    ) -> PlanBound | Certificate:
         """Bound the error of the control, from what the plan keeps about its arguments.
 
         Parameters
@@ -105,11 +111,23 @@ class Plan:
             The same for x0 and xf.
         rng : None, int, SeedSequence, Generator, BitGenerator or Key, default 0
             Source of randomness of the simulation; with the default the same bound in every call.
+        noise : bool, default False
+            For a model from data, as all that follows: whether the noise of the run to come is
+            included. With several steps, their number must then have been fixed before the data.
+        open_loop : bool, default False
+            For several steps, your declaration that the inputs of the measured runs were
+            independent of all noise, and the runs of each other, with lengths fixed beforehand.
+            Regression over all K steps at once (`Trajectories.k_step`) then competes, each of the
+            two with delta / 2. With feedback in the runs the bound is wrong.
+        x0_fixed : bool, default False
+            Your declaration that x0 was fixed before the data, which makes the bound smaller: for
+            one step, or with `open_loop`, and Gaussian noise of independent design.
 
         Returns
         -------
-        PlanBound
-            Radii for the last state and for the control, with the names of the bounds.
+        PlanBound or Certificate
+            Radii for the last state and for the control, with the names of the bounds; for a model
+            from data a `Certificate`.
 
         Raises
         ------
@@ -117,7 +135,8 @@ class Plan:
             If `delta` does not lie in (0, 1); the law of an entity is unknown (realizations
             brought by the user, a part of a systematic sample) and not declared, or a declared
             one contradicts the plan; two entities were drawn with the same key; systematic
-            realizations of rows are paired; or the bound overflows.
+            realizations of rows are paired; the bound overflows; or an argument does not go with
+            the model from data, or no bound is known for what was assumed of them.
 
         Notes
         -----
@@ -135,6 +154,11 @@ class Plan:
         realizations is bounded, use `DataStream.confidence`. To compare with a nominal system, use
         `Plan.error`.
 
+        For a model from data the bound follows from its region, for any control, also one chosen
+        after the data; nothing is random. One step: ``||x(1) - xf|| <= ||H z - xf|| + radius
+        ||z||``. Several: ``e(k+1) = A_hat e(k) + D z(k) + D_x e(k)``, ``D = Theta - H``, in first
+        order exact over the Frobenius ball or by Cauchy and Schwarz, and the rest by induction.
+
         Examples
         --------
         >>> import stochens_rs as se
@@ -145,6 +169,12 @@ class Plan:
         True
         """
         delta = gate.probability("delta", delta)
+        asked = declared(noise, open_loop, x0_fixed)
+        if isinstance(self.basis, ModelBasis):
+            exact = {"system": system, "x0": x0, "xf": xf}
+            return certificate(self.basis, self.u, self.predicted_states, delta, asked, exact)
+        if any(asked):
+            raise InputError("`noise`, `open_loop` and `x0_fixed` are for models from data")
         basis = completed(self.basis, system, x0, xf, "bound")
         return plan_bound(basis, self.u, self.predicted_states, self.fusion, delta, rng)
 

@@ -4,20 +4,29 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from .._base import gate, html
+import numpy as np
+
+from .._base import gate, html, memory
+from .._base.durable import Durable
+from ..plots.residuals import draw_residuals
 from ..rng import RngLike, as_key
 from .certifying import METHODS, Method, Wish, parts, refuse, said, sign_region
 from .certifying import directions as spanned
 from .checks import Checks, checked_residuals
+from .consistency import require_triangle_of
+from .files import Sections, from_model, nothing_left, to_model
 from .instruments import instrumented, projected
+from .least_squares import fit, r_factor
 from .region import Region
 from .resampling import Resampled
+from .trajectories import Trajectories
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
     from numpy.typing import ArrayLike
 
 
-class Model(Resampled):
+class Model(Durable, Resampled):
     """A model ``x(k+1) = A x(k) + B u(k) + c`` identified from data, with what was assumed.
 
     Made by `identify`.
@@ -46,6 +55,8 @@ class Model(Resampled):
         That of the sign vectors, for noise of symmetric law.
     """
 
+    _kind = "model"
+
     def check(self, draws: int = 499, *, rng: RngLike = None) -> Checks | None:
         """Test the residuals again, with another number of simulated data sets.
 
@@ -72,6 +83,35 @@ class Model(Resampled):
         count, key = gate.size("draws", draws), as_key(rng)
         exact = self.design == "independent"
         return checked_residuals(*self._pairs(), exact=exact, draws=count, key=key)
+
+    def plot(self) -> Figure:
+        """Draw what the checks look at: residuals over time, lags, quantiles and leverages.
+
+        Returns
+        -------
+        matplotlib Figure
+            Four panels, with the p-values of `checks`.
+
+        Raises
+        ------
+        ImportError
+            If matplotlib is not installed.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> z = np.random.default_rng(1).standard_normal((40, 3))
+        >>> data = se.Trajectories.from_pairs(z[:, :1], z[:, 1:2], z[:, :1] + z[:, 2:])
+        >>> len(se.identify(data).plot().axes)
+        4
+        """
+        Z, Y = self._pairs()
+        residuals = Y - Z @ self._Theta.T
+        # h_t = ||z_t||^2 in the norm of V^-1, over the columns of all rows of Theta together
+        white = fit(r_factor(self._own), self._d, self.size).white
+        leverages = np.sum((Z @ white.T) ** 2, axis=1)
+        tested = None if self.checks is None else self.checks.p_values
+        return draw_residuals(residuals, leverages, self.state_names, tested)
 
     def region(
         self,
@@ -180,6 +220,19 @@ class Model(Resampled):
             frobenius=radius,
             signs=signs,
         )
+
+    def _to_sections(self) -> Sections:
+        return from_model(self)
+
+    @classmethod
+    def _from_sections(cls, sections: Sections) -> Model:
+        (rows, *about), fields = to_model(sections)
+        nothing_left(sections)
+        model = cls(Trajectories._of(gate.matrix("rows", rows), *about), **fields)
+        memory.need("the pairs", 3 * model.data._rows.nbytes)
+        zeta = () if model.instruments is None else (model.instruments,)
+        require_triangle_of(np.hstack([*zeta, *model._pairs()]), model.triangle)
+        return model
 
     def __repr__(self) -> str:
         rank = "" if self.identifiable else f", rank {self.rank} of {self._d}"

@@ -55,8 +55,8 @@ class Resampled(Estimate):
         Raises
         ------
         InputError, InputTypeError
-            If the data do not determine the model, single entries were declared as known, there
-            are instruments, or an argument cannot be used.
+            If the data do not determine the model, there are instruments, or an argument cannot be
+            used.
 
         Notes
         -----
@@ -74,8 +74,8 @@ class Resampled(Estimate):
         count = gate.size("size", size)
         kind = gate.choice("method", method, METHODS)
         self._refuse_resampling()
-        block, key = self._blocks[0], as_key(rng).child("bootstrap")
-        models = bootstrap_models(block, *self._pairs(), self._Theta, self.data, count, kind, key)
+        found, key = self._blocks, as_key(rng).child("bootstrap")
+        models = bootstrap_models(found, *self._pairs(), self._Theta, self.data, count, kind, key)
         return self._ensemble(models, f"bootstrap of {kind}", count)
 
     def draw(self, size: int, *, rng: RngLike = None) -> SystemEnsemble:
@@ -97,7 +97,8 @@ class Resampled(Estimate):
         Raises
         ------
         InputError, InputTypeError
-            As `bootstrap`; or the noise is not Gaussian, or there are too few pairs.
+            As `bootstrap`; or single entries were declared as known, the noise is not Gaussian, or
+            there are too few pairs.
 
         Examples
         --------
@@ -111,6 +112,8 @@ class Resampled(Estimate):
         self._refuse_resampling()
         if self.noise != "gaussian":
             raise InputError(f"draw() needs noise='gaussian', got '{self.noise}': use bootstrap()")
+        if len(self._blocks) > 1:
+            raise InputError("draw() knows no law with single known entries: use bootstrap()")
         block, key = self._blocks[0], as_key(rng).child("draw")
         models = drawn_models(block, self.assumptions, self._Theta, count, key)
         return self._ensemble(models, "draws of the law of the estimate", count)
@@ -118,8 +121,6 @@ class Resampled(Estimate):
     def _refuse_resampling(self) -> None:
         if not self.identifiable:
             raise InputError(f"the data do not determine the model along {'; '.join(self.missing)}")
-        if len(self._blocks) > 1:
-            raise InputError("models with single known entries cannot be resampled")
         if self.assumptions.noisy_states:
             raise InputError(
                 "models of noisy states cannot be resampled: the scatter is not theirs"
@@ -141,7 +142,7 @@ class Resampled(Estimate):
 
 
 def bootstrap_models(
-    block: Block,
+    blocks: list[Block],
     Z: Floats,
     Y: Floats,
     Theta: Floats,
@@ -154,27 +155,36 @@ def bootstrap_models(
 
     In whitened regressors ``q_t``, with ``sum q q' = I``, and residuals ``e_t`` a model is
     ``Theta + (sum k e q') (sum k q q')^-1 white`` with counts k, or ``Theta + (sum e* q') white``
-    with drawn or signed residuals e*.
+    with drawn or signed residuals e*. A resample depends on the key and its number alone, so it is
+    the same for all blocks of rows.
     """
-    f = block.fitted
     memory.need("the models", 3 * 8 * size * Theta.size)
-    q, e = Z[:, block.columns] @ f.white.T, Y - Z @ Theta.T
-    if method == "residual":
-        if f.nu < 1:
-            raise InputError("method='residual' needs more pairs than unknowns: use 'pairs'")
-        e = (e - e.mean(axis=0)) * np.sqrt(f.N / f.nu)
-    elif method == "wild":
-        left = 1.0 - np.sum(q * q, axis=1)  # 0 where a pair is fitted exactly: so is e
-        e = e / np.sqrt(np.where(left > 1e-12, left, np.inf))[:, None]
+    models, solved = np.repeat(Theta[None], size, axis=0), np.ones(size, dtype=bool)
+    residuals = Y - Z @ Theta.T
     runs = None
     if method == "trajectories":
         runs = np.repeat(np.arange(len(data), dtype=np.uint32), data.lengths)
     kind = "pairs" if method == "trajectories" else method
-    rows, H = np.hstack([q, e]), np.ascontiguousarray(Theta[:, block.columns])
-    models = _core.bootstrap(
-        rows, H, f.white, runs, kind, size, bytes(key), None, get_num_threads()
-    )
-    return _placed(models[~np.isnan(models[:, 0])], block, Theta)
+    for block in blocks:
+        if not len(block.columns):
+            continue
+        f = block.fitted
+        q, e = Z[:, block.columns] @ f.white.T, residuals[:, block.rows]
+        if method == "residual":
+            if f.nu < 1:
+                raise InputError("method='residual' needs more pairs than unknowns: use 'pairs'")
+            e = (e - e.mean(axis=0)) * np.sqrt(f.N / f.nu)
+        elif method == "wild":
+            left = 1.0 - np.sum(q * q, axis=1)  # 0 where a pair is fitted exactly: so is e
+            e = e / np.sqrt(np.where(left > 1e-12, left, np.inf))[:, None]
+        place = np.ix_(block.rows, block.columns)
+        H = np.ascontiguousarray(Theta[place])
+        found = _core.bootstrap(
+            np.hstack([q, e]), H, f.white, runs, kind, size, bytes(key), None, get_num_threads()
+        )
+        solved &= ~np.isnan(found[:, 0])
+        models[:, place[0], place[1]] = found.reshape(size, *H.shape)
+    return models[solved]
 
 
 def drawn_models(block: Block, noise: Assumptions, Theta: Floats, size: int, key: Key) -> Floats:

@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._base import gate, memory
+from .._base.durable import Durable
 from ..exceptions import InputError, InputTypeError, ShapeError
+from .files import Sections, from_runs, nothing_left, to_runs
 from .selecting import Selecting
 from .tables import read_table
 
@@ -20,7 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 
-class Trajectories(Selecting):
+class Trajectories(Durable, Selecting):
     """Measured runs: the states and inputs of each, one run after another; immutable.
 
     Parameters
@@ -60,6 +62,8 @@ class Trajectories(Selecting):
     """
 
     __slots__ = ()
+
+    _kind = "trajectories"
 
     def __init__(
         self,
@@ -197,6 +201,15 @@ class Trajectories(Selecting):
         memory.need("the pairs", (2 * before.nbytes) + acting.nbytes)
         rows = np.hstack([before, acting, after])
         return cls._of(rows, np.ones(N, dtype=np.int64), n, dt, state_names, input_names)
+
+    def _to_sections(self) -> Sections:
+        return from_runs(self)
+
+    @classmethod
+    def _from_sections(cls, sections: Sections) -> Trajectories:
+        rows, *about = to_runs(sections)
+        nothing_left(sections)
+        return cls._of(gate.matrix("rows", rows), *about)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _rebuild, (self._rows, self._lengths, *self._about())

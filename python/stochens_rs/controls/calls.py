@@ -62,6 +62,8 @@ def facts(calls: Sequence[Call]) -> Iterator[tuple[str, object]]:
 
 def curves(calls: Sequence[Call], n: int) -> str:
     """The states over the calls, drawn small."""
+    if not calls:
+        return ""
     return html.states(np.arange(len(calls)), _states(calls, n), "states over the calls")
 
 

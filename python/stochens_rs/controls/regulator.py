@@ -13,7 +13,7 @@ import numpy as np
 
 from .. import _core
 from .._base import gate, html
-from ..exceptions import InputError, ShapeError
+from ..exceptions import InputError, NonFiniteError, ShapeError
 from ..identification.identified import Identified
 from ..system import System
 from .calls import Call, counted, curves, facts, figure
@@ -126,7 +126,10 @@ class Regulator:
         if self._solver is None:
             found = self._horizon.solve(x, time_limit=self._time_limit)
             return found.u, found.status, found.gap
-        solved = self._solver.solve(x, self._time_limit)
+        try:
+            solved = self._solver.solve(x, self._time_limit)
+        except NonFiniteError:
+            raise NonFiniteError("`x` is too large: its cost overflows") from None
         return solved.control.reshape(self._task.low.shape), solved.status, solved.gap
 
     @contextmanager

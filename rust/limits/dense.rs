@@ -300,25 +300,25 @@ impl Quadratic for Dense {
     }
 
     fn dual_norm(&mut self, held: &[i8], e: &[f64], stop: &Stop) -> Result<f64> {
+        let by_inverse = !self.inverse.is_empty() && held.iter().all(|held| *held == 0);
+        if !by_inverse && !self.whole {
+            let zeros = try_zeros(WHAT, self.d)?;
+            self.whole = self.barrier(held, &zeros, stop)?;
+        }
+        if !by_inverse && !self.whole {
+            return Ok(if e.iter().all(|e| *e == 0.0) { 0.0 } else { f64::INFINITY });
+        }
         let mut v = std::mem::take(&mut self.third);
         v[..self.d].copy_from_slice(e);
-        if !self.inverse.is_empty() && held.iter().all(|held| *held == 0) {
+        if by_inverse {
             times(&self.inverse, &v, false, &mut self.second);
             v.copy_from_slice(&self.second);
         } else {
-            if !self.whole {
-                let zeros = try_zeros(WHAT, self.d)?;
-                self.whole = self.barrier(held, &zeros, stop)?;
-            }
-            if !self.whole {
-                v.fill(f64::INFINITY);
-            } else {
-                self.newton(&mut v[..self.d]);
-            }
+            self.newton(&mut v[..self.d]);
         }
-        let squared = e.iter().zip(&v).map(|(e, v)| if *e == 0.0 { 0.0 } else { (e * v).abs() }).sum();
+        let squared: f64 = e.iter().zip(&v).map(|(e, v)| e * v).sum();
         self.third = v;
-        Ok(squared)
+        Ok(squared.abs())
     }
 
     fn guess(&mut self, bounds: Bounds<'_>, held: &[i8], u: &mut [f64], _: &Stop) -> Result<()> {

@@ -46,6 +46,7 @@ from ._problem import share
 @click.pass_context
 def control_command(
     context: click.Context,
+    /,
     source: str,
     start: str | None,
     goal: str | None,
@@ -73,7 +74,12 @@ def control_command(
     inputs, weighted by --R.
     """
     probability = share(delta, "--delta")
-    options = {k: v for k, v in context.params.items() if k not in ("out", "force", "as_json")}
+    written = ("out", "force", "as_json")
+    options = {
+        name: list(value) if isinstance(value, tuple) else value  # as JSON has them
+        for name, value in context.params.items()
+        if name not in written
+    }
     folder = None if out is None else Folder(out, "control", options, force)
     known: Any
     if source.endswith(".safetensors"):

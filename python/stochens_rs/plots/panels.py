@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 PANELS = 12  # most states, and most inputs, that are drawn
+BAND: dict[str, Any] = {"color": PALE, "alpha": 0.16, "linewidth": 0, "label": "limits"}
 SEEN = 3.0  # how far tubes and limits may go beyond the curves, in ranges of these
 
 
@@ -59,7 +60,7 @@ def frame(ax: Axes, low: float, high: float, far: float, dt: float | None, name:
 
 
 def draw_limits(
-    ax: Axes, times: Floats, limits: tuple[Floats, Floats], shown: tuple[float, float, float]
+    ax: Axes, times: NDArray[Any], limits: tuple[Floats, Floats], shown: tuple[float, float, float]
 ) -> tuple[float, float]:
     """Draw what is between two limits as a grey band; return the range that has to be seen.
 
@@ -75,14 +76,12 @@ def draw_limits(
         top = max(top, min(most + far, float(high.max())))
     if low.size or high.size:
         pad = far + (top - floor)  # beyond the panel where there is no limit
-        sides = [np.clip(side, floor - pad, top + pad) for side in limits]
-        steps = len(times) > len(sides[0])
-        if steps:
-            sides = [np.append(side, side[-1]) for side in sides]
-        ax.fill_between(
-            times, *sides, step="post" if steps else None, color=PALE, alpha=0.16, linewidth=0,
-            label="limits",
-        )  # fmt: skip
+        below, above = (np.clip(side, floor - pad, top + pad) for side in limits)
+        if len(times) > len(below):
+            below, above = np.append(below, below[-1]), np.append(above, above[-1])
+            ax.fill_between(times, below, above, step="post", **BAND)
+        else:
+            ax.fill_between(times, below, above, **BAND)
     return floor, top
 
 

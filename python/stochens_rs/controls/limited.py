@@ -155,7 +155,7 @@ class Horizon:
         diagonal = np.diag(R)
         if np.array_equal(R, np.diag(diagonal)):
             return np.tile(diagonal, K)
-        return np.kron(np.eye(K), R)
+        return np.asarray(np.kron(np.eye(K), R), dtype=np.float64)
 
     def objective(self, x0: Floats, u: Floats) -> float:
         """``J(u)``, with the weight of soft limits."""

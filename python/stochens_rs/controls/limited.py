@@ -85,6 +85,8 @@ class Limited:
         """The same task with the exact target, and with the weight R that was used."""
         wanted = self.task.reference
         if not self.task.follows:
+            if xf is None:
+                raise InputError("`xf` must be given: this plan has no reference")
             wanted = np.ascontiguousarray(
                 np.broadcast_to(gate.vector("xf", xf, length=len(wanted[0])), wanted.shape)
             )

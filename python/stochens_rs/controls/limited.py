@@ -85,6 +85,8 @@ class Limited:
         """The same task with the exact target, and with the weight R that was used."""
         wanted = self.task.reference
         if not self.task.follows:
+            if xf is None:
+                raise InputError("`xf` must be given: this plan has no reference")
             wanted = np.ascontiguousarray(
                 np.broadcast_to(gate.vector("xf", xf, length=len(wanted[0])), wanted.shape)
             )
@@ -155,7 +157,7 @@ class Horizon:
         diagonal = np.diag(R)
         if np.array_equal(R, np.diag(diagonal)):
             return np.tile(diagonal, K)
-        return np.kron(np.eye(K), R)
+        return np.asarray(np.kron(np.eye(K), R), dtype=np.float64)
 
     def objective(self, x0: Floats, u: Floats) -> float:
         """``J(u)``, with the weight of soft limits."""

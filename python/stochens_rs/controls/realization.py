@@ -125,6 +125,7 @@ def _within(horizon: Horizon, y: Floats, threads: int) -> Floats:
     task, M, cost = horizon.task, horizon.roots[1] @ horizon.B, horizon.cost()
     low, high = task.low[0], task.high[0]
     u, gaps = _core.box_batch(M, y, cost, low, high, True, threads)
+    assert gaps is not None
     doubted = np.flatnonzero(~(gaps <= OPTIMAL * np.einsum("si,si->s", y, y)))  # J(0)
     v, r = u[doubted], y[doubted]
     both = (

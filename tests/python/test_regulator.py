@@ -76,6 +76,27 @@ def test_equals_the_twin_at_every_state():
     assert checked > 60  # of 300 inputs
 
 
+@pytest.mark.parametrize("index", range(12))
+def test_equals_control_at_every_state(index):
+    """Also with an offset, from a model; 12 systems, 15 calls each."""
+    F, X, gen = plant(20 + index, 3, 2)
+    z = gen.normal(size=(60, 5))
+    offset = 0.3 * (index % 2)
+    y = z[:, :3] @ F.T + z[:, 3:] @ X.T + offset + 0.01 * gen.normal(size=(60, 3))
+    data = se.Trajectories.from_pairs(z[:, :3], z[:, 3:], y)
+    model = se.identify(data, intercept=bool(index % 2), checks=False)
+    system = (F, X) if index % 3 == 0 else model
+    task = {"limits": ([-0.4, -np.inf], 0.3), "Q": 1.0, "Qf": 3.0, "R": [0.1, 0.2]}
+    loop, x, goal = se.regulate(system, 7, np.ones(3), **task), 3.0 * gen.normal(size=3), np.ones(3)
+    for _ in range(15):
+        u = loop(x)
+        plan = se.control(system, x, goal, steps=7, **task)
+        assert np.allclose(loop.plan, plan.u, rtol=1e-11, atol=1e-11)
+        assert loop.log[-1].gap <= 1e-12 * (plan.objective + 1.0)
+        x = F @ x + X @ u + offset + 0.1 * gen.normal(size=3)
+    assert any(np.any((call.u == 0.3) | (call.u == [-0.4, np.inf])) for call in loop.log)
+
+
 def test_a_call_does_not_depend_on_where_it_begins():
     """40 states: warm equals cold to 1e-12 relative or the gap, in the norm of the problem."""
     F, X, gen = plant(1)

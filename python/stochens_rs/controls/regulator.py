@@ -37,6 +37,15 @@ class Regulator:
     Made by `regulate`. It keeps the active limits of its last plan, at which the next call begins;
     a copy or a pickle goes on with the same bits. One thread at a time: a call during a call of
     another thread raises.
+
+    Parameters
+    ----------
+    system : System or model
+        What the plans are made with.
+    task : Task
+        What they minimise, and the limits.
+    time_limit : float, optional
+        Seconds after which a call returns the best plan so far.
     """
 
     def __init__(
@@ -51,7 +60,9 @@ class Regulator:
 
     def _set(self, system: System | Identified, task: Task) -> None:
         """Compute all that does not depend on the state; nothing changes if that raises."""
-        horizon = Horizon(task, *_matrices(system))
+        c = system.c if isinstance(system, Identified) else None
+        A, B = np.ascontiguousarray(system.A), np.ascontiguousarray(system.B)
+        horizon = Horizon(task, A, B, c)
         solver = None
         if task.boxed and not horizon.long:
             M, state, target = horizon.weighted()
@@ -183,7 +194,10 @@ class Regulator:
 
     @property
     def plan(self) -> Floats | None:
-        """The inputs of the last plan, shape (K, m); None before the first call."""
+        """The inputs of the last plan, shape (K, m); None before the first call.
+
+        `predict` with them says where a model leads from x, and how far that is certain.
+        """
         return None if self._plan is None else self._plan.copy()
 
     @property
@@ -305,9 +319,3 @@ class Regulator:
 def checked_model(system: Any) -> System | Identified:
     """A model as it is, anything else as a `System`."""
     return system if isinstance(system, Identified) else System.from_any(system)
-
-
-def _matrices(system: System | Identified) -> tuple[Floats, Floats, Floats | None]:
-    """A, B and the offset."""
-    c = system.c if isinstance(system, Identified) else None
-    return np.ascontiguousarray(system.A), np.ascontiguousarray(system.B), c

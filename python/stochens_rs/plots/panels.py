@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 PANELS = 12  # most states, and most inputs, that are drawn
 BAND: dict[str, Any] = {"color": PALE, "alpha": 0.16, "linewidth": 0, "label": "limits"}
+WIDE = 30.0  # ranges of an input up to which all of its limits are seen
 SEEN = 3.0  # how far tubes and limits may go beyond the curves, in ranges of these
 
 
@@ -94,7 +95,8 @@ def draw_inputs(panels: Sequence[Axes], given: Inputs, dt: float | None) -> None
         limits = given.low[:, i], given.high[:, i]
         ends = np.concatenate([side[np.isfinite(side)] for side in limits])
         least, most, far = extent(u[:, i])
-        far = max(far, SEEN * float(np.ptp(ends))) if ends.size else far  # all of a usual range
+        if ends.size and (np.ptp(ends) <= WIDE * (most - least) or most == least):
+            far = max(far, float(np.abs(ends - least).max()))
         floor, top = draw_limits(ax, times, limits, (least, most, far))
         ax.stairs(u[:, i], times, baseline=None, color=COLORS[2], linewidth=1.4, label="input")
         if at_limit[:, i].any():

@@ -11,6 +11,7 @@ mod replicates;
 mod residual_tests;
 mod robust_control;
 mod several_steps;
+mod side_by_side;
 mod signs;
 mod symmetric;
 mod triangle;

@@ -266,7 +266,7 @@ def test_a_sound_package_has_no_faults() -> None:
 
 # Lowest first, as LAYERS: the files and folders of `rust/`. Its root, `lib.rs`, only names them.
 CORE = (
-    ("fault", "lanes", "plain", "prefetch", "vector"),
+    ("fault", "lanes", "plain", "prefetch", "vector", "widest"),
     ("error", "past_caches", "wide"),
     ("memory", "parallel", "stream"),
     ("pages",),

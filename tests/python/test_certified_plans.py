@@ -190,10 +190,18 @@ def sampled(gen, region, K):
     return region.centre + D, w
 
 
+# x0, xf and the error of x0: a model error, an uncertain start, and nothing but noise
+ENDS = [
+    ([1.0, -1.0], [0.5, 0.5], 0.0),
+    ([0.0, 0.0], [0.0, 0.0], 0.3),
+    ([0.0, 0.0], [0.0, 0.0], 0.0),
+]
+
+
 @pytest.mark.parametrize(
     ("kind", "noise"), [("all rows", False), ("all rows", True), ("by rows", False)]
 )
-@pytest.mark.parametrize("ends", [([1.0, -1.0], [0.5, 0.5], 0.0), ([0.0, 0.0], [0.0, 0.0], 0.3)])
+@pytest.mark.parametrize("ends", ENDS)
 def test_no_model_of_the_region_leaves_the_tube(kind, noise, ends):
     """4 000 models, noises and starts: none beyond the radii, and some beyond 0.4 of them."""
     gen, Theta, z, y = case(11, N=15, n=2, m=1)
@@ -219,7 +227,7 @@ def test_no_model_of_the_region_leaves_the_tube(kind, noise, ends):
     missed = np.abs(plan.predicted_states[-1] - plan.basis.xf + error[:, -1]).max(axis=0)
     assert (largest <= found.tube * (1 + 1e-12)).all()
     assert (missed <= found.components).all()
-    assert (largest[1:] > 0.4 * found.tube[1:]).all()
+    assert (largest[1:] >= 0.4 * found.tube[1:]).all()
 
 
 @pytest.mark.parametrize("law", ["gaussian", "bounded", "sub-gaussian"])

@@ -184,7 +184,8 @@ def known(name: str, value: Fit | Ensemble | Counts | Floats, estimate: Floats |
         if value.target is not None:
             key = None if value.ensemble is None else value.ensemble.key
             return Known(name, "fitted", value.estimate, value.target, key=key)
-        return Known(name, "unknown", value.estimate, size=len(value.weights))
+        size = None if value.method in ("weighted", "precision") else len(value.weights)
+        return Known(name, "unknown", value.estimate, size=size)
     return Known(name, "exact", estimate, value)
 
 
@@ -256,6 +257,10 @@ def _declare(entity: Known, values: Floats | None, what: str) -> Known:
                 f"the law of `{entity.name}` is unknown (realizations brought by the user), and "
                 f"the {what} depends on it: pass `{argument}=` if they are independent singletons "
                 "of a known mean; for other realizations see DataStream.confidence"
+            )
+        if entity.size is None:
+            raise InputError(
+                f"`{entity.name}` is a fit with weights of its own: no {what} is known for it"
             )
         if entity.estimate is None or not _possible(entity.estimate, values, entity.axis):
             raise InputError(

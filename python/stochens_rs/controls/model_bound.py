@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from .._base.types import Floats
+    from ..identification.assumptions import Assumptions
     from ..identification.identified import Identified
     from ..identification.region import Region
     from .basis import ModelBasis
@@ -186,13 +187,14 @@ def _refuse(basis: ModelBasis, K: int, asked: Asked) -> None:
 
 def _noise_to_come(model: Identified) -> str:
     """What bounds the noise of a run to come: the "region", its "known" size, or "unknown"."""
+    assumed: Assumptions | None = getattr(model, "assumptions", None)
     if not isinstance(model, Model):
+        return "region" if assumed is None or assumed.known is None else "known"
+    exact = model.design == "independent" and model.noise == "gaussian"
+    if exact and model.instruments is None and len(model._blocks) == 1:
         return "region"
-    assumed, instruments = model.assumptions, model.instruments is not None
-    exact = assumed.design == "independent" and assumed.noise == "gaussian"
-    if exact and not instruments and len(model._blocks) == 1:
-        return "region"
-    return "unknown" if assumed.known is None or instruments else "known"
+    known = model.assumptions.known is not None and model.instruments is None
+    return "known" if known else "unknown"
 
 
 def _region(basis: ModelBasis, delta: float, K: int, asked: Asked) -> tuple[Region, ToCome | None]:
@@ -212,7 +214,7 @@ def _region(basis: ModelBasis, delta: float, K: int, asked: Asked) -> tuple[Regi
         options["future"] = K
         named.append("`noise`")
     elif asked.noise:
-        if kind == "unknown" or not isinstance(model, Model):
+        if kind == "unknown":
             raise InputError(
                 "`noise` must be False: noise to come is bounded for Gaussian noise with "
                 "design='independent' and no single known entries, for noise of known covariance "
@@ -227,16 +229,16 @@ def _region(basis: ModelBasis, delta: float, K: int, asked: Asked) -> tuple[Regi
         raise InputError(f"{' and '.join(named)} must be False: {error}") from None
     if not asked.noise or kind == "region":
         return region, None
-    assert isinstance(model, Model)
-    assert model.assumptions.known is not None
-    n, law = model.n, model.assumptions.noise
+    assumed: Assumptions = model.assumptions  # type: ignore[attr-defined]
+    assert assumed.known is not None
+    n, law = region.n, assumed.noise
     if law == "gaussian":
         radius = sqrt(wishart_quantile(n, K, delta))
     elif law == "bounded":
         radius = sqrt(K)
     else:
         radius = sqrt(K) * _core.one_noise(n, delta / K)
-    return region, ToCome(radius, root_of(model.assumptions.known))
+    return region, ToCome(radius, root_of(assumed.known))
 
 
 def _sharper_by_rows(basis: ModelBasis, region: Region, asked: Asked) -> bool:

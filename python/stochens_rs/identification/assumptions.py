@@ -132,6 +132,18 @@ def checked_assumptions(
     return Assumptions(plan, law, word, known, error)  # type: ignore[arg-type]
 
 
+def checked_scale(scale: Any, count: int, offset: bool) -> Floats:
+    """The expected sizes of x and u, and 1 for the offset."""
+    if gate.is_real(scale):
+        sizes = np.full(count, gate.positive("scale", scale))
+    else:
+        sizes = gate.vector("scale", scale, length=count)
+    if sizes.min() < SMALLEST or sizes.max() > LARGEST:
+        wrong = sizes.min() if sizes.min() < SMALLEST else sizes.max()
+        raise InputError(f"`scale` must be in [{SMALLEST:g}, {LARGEST:g}], got {wrong:g}")
+    return np.concatenate([sizes, np.ones(int(offset))])
+
+
 def _positive_definite(name: str, value: ArrayLike, n: int, *, semi: bool = False) -> Floats:
     given = gate.matrix(name, value, rows=n, cols=n)
     if np.abs(given).max() > LARGEST:

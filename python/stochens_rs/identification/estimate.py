@@ -202,18 +202,7 @@ class Estimate(Identified):
     def warnings(self) -> tuple[str, ...]:
         """What to be careful about, one sentence each; see also `checks`."""
         said = [] if self.checks is None else list(self.checks.warnings)
-        if self.missing:
-            said.append(f"the data do not determine the model along {'; '.join(self.missing)}")
-        ratio = min((b.fitted.ratio for b in self._blocks if b.fitted.rank), default=1.0)
-        if ratio < TRUSTED:
-            said.append(
-                f"the states and inputs are nearly dependent (ratio {ratio:.1e}): bounds are large"
-            )
-        if any(
-            b.fitted.nu > 0 and only_rounding(b.fitted, self._own[:, self._d + b.rows])
-            for b in self._blocks
-        ):
-            said.append("residuals are 0 but for rounding, which no region covers")
+        said += cautions(self._blocks, self.missing, self._own[:, self._d :])
         if self.assumptions.noisy_states and self.instruments is None:
             said.append("the states are measured with error, so that no region is known")
         return tuple(said)
@@ -223,6 +212,21 @@ class Estimate(Identified):
         x, u, y = self.data.pairs()
         ones = np.ones((len(x), int(self.intercept)))
         return np.hstack([x, u, ones]), np.ascontiguousarray(y)
+
+
+def cautions(found: list[Block], missing: tuple[str, ...], outcomes: Floats) -> list[str]:
+    """What to be careful about in a fit; `outcomes` (.., n): rows with their column lengths."""
+    said = []
+    if missing:
+        said.append(f"the data do not determine the model along {'; '.join(missing)}")
+    ratio = min((b.fitted.ratio for b in found if b.fitted.rank), default=1.0)
+    if ratio < TRUSTED:
+        said.append(
+            f"the states and inputs are nearly dependent (ratio {ratio:.1e}): bounds are large"
+        )
+    if any(b.fitted.nu > 0 and only_rounding(b.fitted, outcomes[:, b.rows]) for b in found):
+        said.append("residuals are 0 but for rounding, which no region covers")
+    return said
 
 
 def _corrected(R: Floats, d: int, n: int, N: int, covariance: Floats) -> Floats:

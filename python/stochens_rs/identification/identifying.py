@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,12 +15,12 @@ from ..exceptions import DataWarning, InputError, InputTypeError, NonFiniteError
 from ..rng import RngLike, as_key
 from .assumptions import (
     LARGEST,
-    SMALLEST,
     Covariance,
     Design,
     Noise,
     StateNoise,
     checked_assumptions,
+    checked_scale,
 )
 from .checks import DRAWS, WORK, checked_residuals
 from .consistency import refuse
@@ -142,7 +142,7 @@ def identify(
     offset = gate.flag("intercept", intercept)
     d = n + runs.m + offset
     known = _known(n, runs.m, offset, known_A, known_B)
-    sizes = _scale(scale, n + runs.m, offset)
+    sizes = checked_scale(scale, n + runs.m, offset)
     source = as_key(rng)
     key = source.child("sign vectors") if assumed.noise == "symmetric" else None
     zeta = None if instruments is None else _instruments(instruments, runs, d, offset)
@@ -198,18 +198,6 @@ def _known(n: int, m: int, offset: bool, A: ArrayLike | None, B: ArrayLike | Non
     if not np.isnan(known).any():
         raise InputError("`known_A` and `known_B` leave nothing to estimate")
     return known if not np.isnan(known).all() else None
-
-
-def _scale(scale: Any, count: int, offset: bool) -> Floats:
-    """The expected sizes of x and u, and 1 for the offset."""
-    if gate.is_real(scale):
-        sizes = np.full(count, gate.positive("scale", scale))
-    else:
-        sizes = gate.vector("scale", scale, length=count)
-    if sizes.min() < SMALLEST or sizes.max() > LARGEST:
-        wrong = sizes.min() if sizes.min() < SMALLEST else sizes.max()
-        raise InputError(f"`scale` must be in [{SMALLEST:g}, {LARGEST:g}], got {wrong:g}")
-    return np.concatenate([sizes, np.ones(int(offset))])
 
 
 def _instruments(value: ArrayLike, runs: Trajectories, d: int, offset: bool) -> Floats:

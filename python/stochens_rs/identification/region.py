@@ -179,7 +179,7 @@ class Region:
         if gate.flag("noise", noise):
             if not self.future:
                 raise InputError("`noise` needs a region of noise to come: region(delta, future=1)")
-            terms = [part.radius * np.hypot(1.0, part.length(z)) for part in self.parts]
+            terms = [_product(part.radius, np.hypot(1.0, part.length(z))) for part in self.parts]
         else:
             terms = [_product(part.radius, part.length(z)) for part in self.parts]
         return float(np.linalg.norm(terms))
@@ -251,6 +251,6 @@ class Region:
         return html.card(self, rows)
 
 
-def _product(a: float, b: float) -> float:
-    """``a b``, where 0 times infinity is 0."""
-    return 0.0 if a == 0.0 or b == 0.0 else a * b
+def _product(radius: float, size: float) -> float:
+    """``radius size``: 0 for z = 0, infinite where the data do not determine ``Theta z``."""
+    return size if size in (0.0, np.inf) else radius * size

@@ -58,9 +58,8 @@ def component_bounds(region: Region, z: ArrayLike) -> Array:
     """|((Theta - centre) z)_i| is at most this, for all i and z at once."""
     if not np.isfinite(region.factor):
         return np.full(len(region.S), _times(np.inf, region.fitted, z))
-    size = _times(1.0, region.fitted, z)
     deviations = np.sqrt(region.factor * np.diag(region.S))
-    return np.array([s * size if s > 0.0 else 0.0 * s for s in deviations])
+    return np.array([_times(s, region.fitted, z) for s in deviations])
 
 
 def _times(factor: float, fitted: Fitted, z: ArrayLike) -> float:

@@ -161,6 +161,13 @@ def fused_model():
     return se.fuse([(A, B), (0.5 * A, B)], "leave-one-out", data=model())
 
 
+def loop():
+    made = se.regulate((A, B), 3, limits=(-1.0, 1.0))
+    made(X0)
+    return made
+
+
+TASK = loop()._task
 TABLE = {"t": [0.0, 0.1, 0.2], "x": [1.0, 2.0, 3.0], "u": [1.0, 0.0, 0.0]}
 
 
@@ -186,14 +193,14 @@ GOOD = {
     "system": (A, B), "samples": np.ones((4, 2)), "bytes32": bytes(32), "digits": "0" * 64,
     "name": "x", "ensemble": ensemble, "quantity": "state", "method": "uniform",
     "path": "no/such/file.npz", "experiment": experiment, "data": runs, "x": X0, "lags": 1,
-    "share": 0.5, "open_loop": True,
+    "share": 0.5, "open_loop": True, "model": model,
 }  # fmt: skip
 # The same where the name alone does not say it, and arguments that keep a call short.
 OWN = {
     "best": {"size": 5, "data": [(A, B), X0, XF]},
     "candidates": {"data": [(A, B), X0, XF]},
     "bound": {"name": "simulated", "data": [(A, B), X0, XF]},
-    "predict": {"model": model, "inputs": np.ones((2, 2))},
+    "predict": {"inputs": np.ones((2, 2))},
     "fuse": {"method": "alse", "target": A},
     "fuse_path": {"method": "alse"},
     "from_indices": {"target": A},
@@ -208,6 +215,8 @@ OWN = {
     "from_systems": {"systems": [(A, B), (A, B)]},
     "identify": {"checks": False},
     "simulate_ensemble": {"size": 5},
+    "track": {"size": 5},
+    "Regulator": {"task": TASK},
     "Region.bound": {"u": X0},
     "Region.component_bounds": {"u": X0},
     "approximately": {"sizes": (2, 5)},
@@ -248,6 +257,7 @@ MADE = {
     "Region": lambda: model().region(),
     "Checks": lambda: model().checks,
     "Plan": lambda: se.control((ensemble(), B), se.sample(X0, 5, rng=2), XF),
+    "Regulator": loop,
     "Stream": lambda: se.Stream((A, B), X0, XF, rng=1),
     "Bound": lambda: se.theory.bounds.bound("McDiarmid", "state", (A, B), X0, XF),
     "Simulated": lambda: se.theory.bounds.bound("simulated", "vector", X0),

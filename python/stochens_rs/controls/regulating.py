@@ -106,5 +106,4 @@ def regulate(
         soft=soft,
     )
     assert task is not None
-    seconds = None if time_limit is None else gate.positive("time_limit", time_limit)
-    return Regulator(checked, task, seconds)
+    return Regulator(checked, task, time_limit)

@@ -51,8 +51,8 @@ class Regulator:
     def __init__(
         self, system: System | Identified, task: Task, time_limit: float | None = None
     ) -> None:
-        self._time_limit = time_limit
-        self._set(system, gate.instance("task", task, Task))
+        self._time_limit = None if time_limit is None else gate.positive("time_limit", time_limit)
+        self._set(checked_model(system), gate.instance("task", task, Task))
         self._plan: Floats | None = None
         self._held = self._calls = 0
         self._log: deque[Call] = deque(maxlen=LOGGED)

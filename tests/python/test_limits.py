@@ -15,6 +15,7 @@ from stochens_rs.exceptions import InputError, InputTypeError, ShapeError
 from stochens_rs.reference import limited_control as lc
 from stochens_rs.reference import limited_problems as lp
 from stochens_rs.theory.exact import best_control, factors
+from test_hostile import NEVER, PERHAPS
 
 ONE = [[1.0]], [[1.0]]  # x(k+1) = x(k) + u(k)
 TWO = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([[0.0], [1.0]])  # the double integrator
@@ -378,7 +379,7 @@ def test_steer_within_limits():
 
 
 def test_sizes_hold_within_limits():
-    """1000 plans of the size that a formula asks for, within tight limits: none is too far off."""
+    """500 plans of the size that the simulation finds, within limits: at most delta are too far."""
     system = np.array([[0.9, 0.2], [-0.1, 0.8]]), np.array([[1.0, 0.0], [0.5, 1.0]])
     x0, xf, limits = [1.0, 2.0], [0.5, 0.0], (-0.7, 0.5)
     found = se.required_samples(system, x0, xf, 0.3, relative=False, limits=limits, rng=1, runs=100)
@@ -386,11 +387,11 @@ def test_sizes_hold_within_limits():
     assert found.size == free.size
     off = [
         se.steer(system, x0, xf, found.simulated_size, limits=limits, rng=i).error(system, x0, xf)
-        for i in range(1000)
+        for i in range(500)
     ]
     active = np.mean([error.residual > 0.1 for error in off])
     assert active == 1.0  # the limits keep the best control from the target
-    assert np.mean([error.state > 0.3 for error in off]) <= 0.05 + 3 * np.sqrt(0.05 * 0.95 / 1000)
+    assert np.mean([error.state > 0.3 for error in off]) <= 0.05 + 3 * np.sqrt(0.05 * 0.95 / 500)
 
 
 @pytest.mark.parametrize(
@@ -478,3 +479,25 @@ def test_messages_about_references_and_targets():
         followed.error(TWO, [1.0, 0.0], [0.0, 0.0])
     with pytest.raises(InputError, match="`xf` must be given: this plan has no reference"):
         se.control(TWO, [1.0, 0.0], [0.0, 0.0], R=1.0).error(TWO, [1.0, 0.0])
+
+
+WITH = {"limits": (-1.0, 1.0), "Q": 1.0, "Qf": [1.0, 2.0], "R": 0.1, "time_limit": 10.0}
+
+
+@pytest.mark.parametrize("name", WITH)
+def test_whatever_is_given_with_the_others(name):
+    """Nothing but an exception of the package, or a control within its limits."""
+    passed = 0
+    for what, value in (NEVER | PERHAPS).items():
+        try:
+            plan = se.control(TWO, [1.0, 0.0], [0.0, 0.0], steps=3, **(WITH | {name: value}))
+        except se.exceptions.StochensError as error:
+            assert "\n" not in str(error)
+            continue
+        passed += 1
+        assert np.all(plan.u >= plan.limited.task.low), what
+        assert np.all(plan.u <= plan.limited.task.high), what
+        assert plan.gap >= 0.0, what
+        assert "inputs at a limit" in repr(plan)
+        assert "inputs at a limit" in plan._repr_html_()
+    assert passed

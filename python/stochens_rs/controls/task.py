@@ -180,9 +180,9 @@ def weight(name: str, value: Any, n: int) -> Floats:
         return np.diag(entries)
     full = gate.matrix(name, value, rows=n, cols=n)
     largest = float(np.abs(full).max())
-    if np.abs(full - full.T).max() > 1e-9 * largest:
+    if np.abs(full / 2.0 - full.T / 2.0).max() > 5e-10 * largest:
         raise InputError(f"`{name}` must be symmetric")
-    half = (full + full.T) / 2.0
+    half = full / 2.0 + full.T / 2.0
     least = float(np.linalg.eigvalsh(half)[0])
     if least < -n * float(np.finfo(np.float64).eps) * largest:
         raise InputError(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -84,6 +84,20 @@ class Task:
     def bounded(self) -> bool:
         """Whether the inputs have a limit at all."""
         return bool(np.isfinite(self.low).any() or np.isfinite(self.high).any())
+
+    def unlimited(self) -> Task:
+        """The same weights and reference without limits."""
+        none = np.full_like(self.low, np.inf)
+        return replace(
+            self,
+            low=-none,
+            high=none,
+            rate=None,
+            previous=None,
+            state_low=None,
+            state_high=None,
+            soft=None,
+        )
 
     def weights(self) -> tuple[Floats, Floats]:
         """Roots of the weights: ``Q^1/2`` of the stages, and of the last state."""

@@ -254,6 +254,12 @@ class Horizon:
             r = full
         else:
             r = np.concatenate([r, np.zeros(extra)])
-        room = [weight * (side[some] - near) for side in (below, above)]
+        with np.errstate(over="ignore", invalid="ignore"):
+            room = [weight * (side[some] - near) for side in (below, above)]  # inf: no limit
+            off = weight * (near - free)
+        if not np.isfinite(off @ off):
+            raise NonFiniteError(
+                "`soft` times a distance from `state_limits` overflows: scale down"
+            )
         low, high = (np.concatenate(pair) for pair in zip((low, high), room, strict=True))
-        return both, np.concatenate([y, weight * (near - free)]), r, low, high
+        return both, np.concatenate([y, off]), r, low, high

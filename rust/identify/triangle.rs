@@ -216,12 +216,14 @@ fn absorb(r: &mut [f64], rows: &[f64], scales: &[f64], block: &mut [f64], height
 /// `v' column` for each column.
 #[inline(always)]
 fn products<const C: usize>(v: &[f64], columns: [&[f64]; C]) -> [f64; C] {
+    let v = v.as_chunks::<LANES>().0;
+    let columns = columns.map(|column| &column.as_chunks::<LANES>().0[..v.len()]);
     let mut sums = [[0.0; LANES]; C];
-    let columns = columns.map(|column| column.as_chunks::<LANES>().0);
-    for (t, v) in v.as_chunks::<LANES>().0.iter().enumerate() {
+    for (t, v) in v.iter().enumerate() {
         for (sum, column) in sums.iter_mut().zip(columns) {
+            let column = &column[t];
             for l in 0..LANES {
-                sum[l] += v[l] * column[t][l];
+                sum[l] += v[l] * column[l];
             }
         }
     }
@@ -231,13 +233,8 @@ fn products<const C: usize>(v: &[f64], columns: [&[f64]; C]) -> [f64; C] {
 /// `column -= w v` for each column.
 #[inline(always)]
 fn subtract<const C: usize>(v: &[f64], w: [f64; C], columns: [&mut [f64]; C]) {
-    let mut columns = columns.map(|column| column.as_chunks_mut::<LANES>().0);
-    for (t, v) in v.as_chunks::<LANES>().0.iter().enumerate() {
-        for (column, w) in columns.iter_mut().zip(w) {
-            for l in 0..LANES {
-                column[t][l] -= w * v[l];
-            }
-        }
+    for (column, w) in columns.into_iter().zip(w) {
+        column.iter_mut().zip(v).for_each(|(to, v)| *to -= w * v);
     }
 }
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 class PlanBound:
     """Bounds on the errors of a control, relative to the exact values.
 
-    ``v`` is the best control and ``x = A^K x0 + C_K v`` the state it leads to (one step:
+    ``v`` is the best control (with limits: the best within them, which J names) and ``x = A^K x0 + C_K v`` the state it leads to (one step:
     ``C_1 = B``).
 
     Attributes
@@ -43,7 +43,9 @@ class PlanBound:
         `state` and `control` are each exceeded with at most this probability.
     state_bound, control_bound : str
         Method that gave each bound. "simulated": the order statistic of errors drawn from the laws
-        (`theory.bounds.Simulated`). "exact error": nothing is random, and this is the error, with
+        (`theory.bounds.Simulated`). "limits: firm nonexpansiveness": a simulated error of the target,
+        which no limit can make larger. "uncertain map": the inequality for a control within limits
+        where A is uncertain. "none": infinite, see `reason`. "exact error": nothing is random, and this is the error, with
         what rounding may add. "sum of errors": the triangle inequality, with the error of every
         estimate (`theory.bounds.from_errors`). Others: a formula of `theory.bounds`.
     relative_to : str
@@ -51,6 +53,17 @@ class PlanBound:
         for fitted entities they are the targets of the fits.
     certain : bool
         Whether nothing is random, so that the radii hold with certainty.
+    norm : str
+        "2-norm"; or "Q", with limits and a weight Q: then `state` bounds ``(sum_k ||x(k) -
+        y(k)||_{Q_k}^2)^(1/2)`` for the states y under the best control, and `target` the same with
+        the reference in place of y.
+    solver : float
+        With limits: what the solver may add, ``||u - u*||_H <= solver`` for the best control u* of
+        the estimates, ``H = G'QG + R``. It is in `state` and `control`.
+    excess : float or None
+        With limits: ``J(u) - J(v)`` is at most this, exceeded with at most the probability `delta`.
+    reason : str or None
+        Why a bound is infinite.
     """
 
     state: float
@@ -61,6 +74,10 @@ class PlanBound:
     control_bound: str
     relative_to: str
     certain: bool
+    norm: str = "2-norm"
+    solver: float = 0.0
+    excess: float | None = None
+    reason: str | None = None
 
     @property
     def covers(self) -> str:
@@ -83,7 +100,8 @@ class PlanBound:
 
     def __repr__(self) -> str:
         return (
-            f"<PlanBound: state within {self.state:.3g}, {self.target:.3g} from xf, control within "
+            f"<PlanBound: state within {self.state:.3g}, {self.target:.3g} from xf"
+            f"{' (weighted)' if self.norm == 'Q' else ''}, control within "
             f"{self.control:.3g}, {'surely' if self.certain else f'with {self._share}'}>"
         )
 
@@ -93,7 +111,8 @@ class PlanBound:
             f"within {self.target:.4g} of xf"
         )
         control = f"within {self.control:.4g} of the exact one ({self.control_bound})"
-        return html.card(self, [("state", state), ("control", control), ("holds", self.covers)])
+        rows = [("state", state), ("control", control), ("holds", self.covers)]
+        return html.card(self, [*rows, ("infinite because", self.reason)])
 
 
 def plan_bound(
@@ -158,7 +177,7 @@ def _formulas(
             "no formula bounds paired systematic realizations, which are dependent, and this "
             "`delta` is too small to simulate: use fusion='product'"
         )
-    e0, ef, eA = _distances(basis, delta, "Frobenius")
+    e0, ef, eA = distances(basis, delta, "Frobenius")
     x0_hat, _, A_hat = basis.estimates
     found = bounds.from_errors((A_hat, basis.B), x0_hat, x0_error=e0, xf_error=ef, A_error=eA)
     return found, ("sum of errors",) * 2
@@ -173,7 +192,7 @@ def _along_trajectory(
     ``||C (u - v)||^2`` is smaller by the squared residual.
     """
     _, xf_hat, _ = basis.estimates
-    e0, ef, eA = _distances(basis, delta, "spectral")
+    e0, ef, eA = distances(basis, delta, "spectral")
     norms = spectral_norms(matrix_powers(basis.values[2], len(u)))
     with np.errstate(over="ignore", invalid="ignore"):
         along = float(norms[-2::-1] @ np.linalg.norm(predicted[:-1], axis=1))
@@ -184,7 +203,7 @@ def _along_trajectory(
         return errors.rounded((state, float(np.hypot(state / s[-1], aside)) if s.size else aside))
 
 
-def _distances(basis: Basis, delta: float, matrix_norm: str) -> tuple[float, float, float]:
+def distances(basis: Basis, delta: float, matrix_norm: str) -> tuple[float, float, float]:
     """Bounds on the errors of the three estimates, all valid with probability 1 - delta."""
     shares = sum(entity.kind == "iid" for entity in basis.entities)
     found = []

@@ -5,7 +5,7 @@ use faer::{Accum, MatMut, MatRef, Par};
 
 use super::bounds::Bounds;
 use super::factor::Factor;
-use super::kernel::{add_lines, add_transposed, axpy, gram, padded, times, widest};
+use super::kernel::{add_lines, add_transposed, descend, gram, padded, times};
 use super::quadratic::Quadratic;
 use crate::error::{Error, Result, require_finite};
 use crate::memory::{checked_len, room_for_products, try_copy, try_room, try_zeros};
@@ -300,42 +300,32 @@ impl Quadratic for Dense {
     }
 
     fn dual_norm(&mut self, held: &[i8], e: &[f64], stop: &Stop) -> Result<f64> {
+        let by_inverse = !self.inverse.is_empty() && held.iter().all(|held| *held == 0);
+        if !by_inverse && !self.whole {
+            let zeros = try_zeros(WHAT, self.d)?;
+            self.whole = self.barrier(held, &zeros, stop)?;
+        }
+        if !by_inverse && !self.whole {
+            return Ok(if e.iter().all(|e| *e == 0.0) { 0.0 } else { f64::INFINITY });
+        }
         let mut v = std::mem::take(&mut self.third);
         v[..self.d].copy_from_slice(e);
-        if !self.inverse.is_empty() && held.iter().all(|held| *held == 0) {
+        if by_inverse {
             times(&self.inverse, &v, false, &mut self.second);
             v.copy_from_slice(&self.second);
         } else {
-            if !self.whole {
-                let zeros = try_zeros(WHAT, self.d)?;
-                self.whole = self.barrier(held, &zeros, stop)?;
-            }
-            if !self.whole {
-                v.fill(f64::INFINITY);
-            } else {
-                self.newton(&mut v[..self.d]);
-            }
+            self.newton(&mut v[..self.d]);
         }
-        let squared = e.iter().zip(&v).map(|(e, v)| if *e == 0.0 { 0.0 } else { (e * v).abs() }).sum();
+        let squared: f64 = e.iter().zip(&v).map(|(e, v)| e * v).sum();
         self.third = v;
-        Ok(squared)
+        Ok(squared.abs())
     }
 
     fn guess(&mut self, bounds: Bounds<'_>, held: &[i8], u: &mut [f64], _: &Stop) -> Result<()> {
         let (ld, h, g) = (self.ld, &self.h, &mut self.second);
         g.iter_mut().zip(&self.f).for_each(|(g, f)| *g = -f);
         add_lines(h, ld, u.iter().copied().enumerate().filter(|(_, u)| *u != 0.0), g);
-        widest(|| {
-            for _ in 0..SWEEPS {
-                for (i, u) in u.iter_mut().enumerate().filter(|(i, _)| held[*i] == 0) {
-                    let moved = bounds.clip(i, *u - g[i] / self.curvature[i]);
-                    if moved != *u {
-                        axpy(moved - *u, &h[i * ld..(i + 1) * ld], g);
-                        *u = moved;
-                    }
-                }
-            }
-        });
+        descend(h, &self.curvature, held, bounds, SWEEPS, u, g);
         Ok(())
     }
 }

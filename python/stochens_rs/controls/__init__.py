@@ -2,11 +2,12 @@
 
 from ..theory.records import PlanError, Reachability
 from .certificate import Certificate
-from .fused import control, realization_controls
+from .fused import control
 from .plan import Plan
 from .plan_bound import PlanBound
 from .planning import required_samples
 from .predicting import predict
+from .realization import realization_controls
 from .sample_plan import SamplePlan
 from .steering import steer
 

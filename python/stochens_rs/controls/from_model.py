@@ -15,9 +15,11 @@ from ..exceptions import InputError, InputTypeError
 from ..fusion.fits import Fit
 from ..theory.exact import best_control
 from .basis import ModelBasis
-from .entities import fusion_over, step_warnings
+from .entities import fusion_over, last_row, step_warnings
+from .limited import Horizon
 from .plan import Plan
 from .region_errors import trajectory
+from .task import asked_task
 
 if TYPE_CHECKING:
     from .._base.types import Floats
@@ -30,6 +32,7 @@ def model_control(
     xf: Any,
     steps: int,
     fusion: str,
+    asked: dict[str, Any],
     *,
     x0_error: float,
     robust: bool,
@@ -37,20 +40,28 @@ def model_control(
 ) -> Plan:
     """Compute the control for a model; the arguments are those of `control`."""
     n, m = model.B.shape
-    start, goal = _exact("x0", x0, n), _exact("xf", xf, n)
+    last = xf if asked["reference"] is None else last_row(asked["reference"], xf, n)
+    start, goal = _exact("x0", x0, n), _exact("xf", last, n)
     K, how = fusion_over(steps, fusion, n, m)
     if how != "product":
         raise InputError("`fusion` must be 'product' for a model from data, got 'diagonal'")
+    task, seconds = asked_task(n, m, K, goal, asked)
     Theta = np.hstack([model.A, model.B, *([] if model.c is None else [model.c[:, None]])])
     # what the offset alone adds over K steps
     drift = trajectory(Theta, np.zeros(n), np.zeros((K, m)))[-1]
     found = best_control(model.A, model.B, start, goal - drift, K)
-    u = found.u.reshape(K, m)
+    u, limited = found.u.reshape(K, m), None
+    if robust and task is not None:
+        raise InputError("`robust` must be False with limits or weights")
     if robust:
         u = _robust(model, start, goal, K, delta)[None, :]
-    # what acts by rounding alone is 0: the data may say nothing of such an input
-    effect = np.abs(u) * np.linalg.norm(model.B, axis=0)
-    u = np.where(effect > ROUNDING * effect.max(), u, 0.0)
+    if task is not None:
+        limited = Horizon(task, model.A, model.B, model.c).solve(start, time_limit=seconds)
+        u = limited.u
+    else:
+        # what acts by rounding alone is 0: the data may say nothing of such an input
+        effect = np.abs(u) * np.linalg.norm(model.B, axis=0)
+        u = np.where(effect > ROUNDING * effect.max(), u, 0.0)
     reachability = found.reachability()
     exact = {"method": "exact", "size": None}
     info: dict[str, Any] = {"x0": exact, "xf": exact, "A": {"method": "from data", "size": None}}
@@ -62,9 +73,10 @@ def model_control(
         predicted_states=trajectory(Theta, start, u),
         reachability=reachability,
         fusion=how,
-        status="completed",
+        status="completed" if limited is None else limited.status,
         info=info,
         basis=ModelBasis(model, start, goal, x0_error),
+        limited=limited,
     )
 
 

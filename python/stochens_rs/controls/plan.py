@@ -11,26 +11,27 @@ from .._base import gate, html
 from .._base.records import by_constructor
 from .._base.types import DELTA, FUSIONS, STATUSES, Floats, Fusion, Quantity, Status
 from ..exceptions import InputError, ShapeError
-from ..system import System
-from ..theory.dynamics import checked_ends, states
-from ..theory.exact import best_control
-from ..theory.records import PlanError, Reachability
+from ..theory.records import Reachability
 from .basis import Basis, ModelBasis, completed
 from .certificate import Certificate
+from .compared import Compared
 from .drawn import Drawn
+from .limited import Limited
 from .model_bound import certificate, declared
 from .plan_bound import PlanBound, plan_bound
 from .plan_covariance import plan_covariance
 from .shown import expectation, made_from
+from .within import Within, cost_rows, cost_text
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from ..rng import RngLike
+    from ..system import System
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Plan(Drawn):
+class Plan(Compared, Within, Drawn):
     """A control over K steps, its predicted states, and the data for its error bound.
 
     Attributes
@@ -43,17 +44,23 @@ class Plan(Drawn):
     reachability : Reachability
         What K steps cannot reach, according to the estimates: residual and relative residual of
         ``xf_hat - A_hat^K x0_hat``, rank and condition of
-        ``C_K = [B, A_hat B, ..., A_hat^{K-1} B]`` (one step: ``C_1 = B``).
+        ``C_K = [B, A_hat B, ..., A_hat^{K-1} B]`` (one step: ``C_1 = B``). Also for a plan with
+        limits: what no input reaches however large.
     fusion : str
         "product" or "diagonal".
     status : str
-        The worst status among the entities' fits; "completed" if none was optimised.
+        The worst status among the entities' fits and the control within limits: "optimal",
+        "optimal_inaccurate" (`gap` is above its tolerance), "user_limit" (of time), "interrupted",
+        "infeasible" (hard state limits that cannot be kept); "completed" if nothing was optimised.
     info : dict
         "x0", "xf", "A": method, number of realizations, gap; "singular_values" of ``C_K``;
         "warnings", a tuple of sentences.
     basis : Basis, ModelBasis or None
         What is known about B, x0, xf and A, for `bound` and `covariance`, or the model from data;
         None for a plan that was made by hand.
+    limited : Limited, optional
+        What is known about a control within limits or with weights: active limits, multipliers,
+        gap, objective and what the limits cost, as properties of the plan too.
     """
 
     u: Floats
@@ -63,6 +70,7 @@ class Plan(Drawn):
     status: Status
     info: dict[str, Any] = field(default_factory=dict)
     basis: Basis | ModelBasis | None = None
+    limited: Limited | None = None
 
     def __post_init__(self) -> None:
         gate.kept("u", self.u, ndim=(2,))
@@ -77,14 +85,11 @@ class Plan(Drawn):
         gate.choice("status", self.status, STATUSES)
         if self.basis is not None and not isinstance(self.basis, ModelBasis):
             gate.instance("basis", self.basis, Basis)
+        if self.limited is not None:
+            gate.instance("limited", self.limited, Limited)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return by_constructor(self)
-
-    @property
-    def steps(self) -> int:
-        """Number of steps K."""
-        return len(self.u)
 
     def bound(
         self,
@@ -224,94 +229,24 @@ class Plan(Drawn):
         (array([[0.4]]), array([[0.4, 0. ],
                [0. , 0. ]]))
         """
+        if self.limited is not None:
+            raise InputError("no covariance is known within limits or with weights: use error()")
         basis = completed(self.basis, system, x0, xf, "covariance")
         return plan_covariance(basis, self.steps, self.fusion, quantity)
-
-    def error(self, system: System, x0: ArrayLike, xf: ArrayLike) -> PlanError:
-        """Compare the control with the best one for an exactly known system.
-
-        Parameters
-        ----------
-        system : System
-            The true system.
-        x0, xf : array_like, shape (n,)
-            The true initial state and the target.
-
-        Returns
-        -------
-        PlanError
-            With ``v = C_K^+ (xf - A^K x0)``, the smallest control that comes nearest to the
-            target: the error of the control, the distance between the two last states, and the
-            residual that no control reaches. ``||x(K) - xf||`` is ``sqrt(state^2 + residual^2)``.
-
-        Raises
-        ------
-        InputError, InputTypeError
-            If the arguments do not fit this plan, or something overflows.
-
-        Examples
-        --------
-        >>> import stochens_rs as se
-        >>> system = se.System([[1.0, 0.1], [0.0, 1.0]], [[0.0], [0.1]])
-        >>> plan = se.control(system, [1.0, 1.0], [0.0, 0.0], steps=5)
-        >>> plan.error(system, [1.0, 1.0], [0.0, 0.0]).control
-        0.0
-        """
-        checked, start, goal = checked_ends(self._fitting(system), x0, xf)
-        best = best_control(checked.A, checked.B, start, goal, self.steps)
-        return best.error(self.u.ravel(), start)
-
-    def states(self, system: System, x0: ArrayLike) -> Floats:
-        """Trajectory of an exactly known system under this control.
-
-        Parameters
-        ----------
-        system : System
-            The true system.
-        x0 : array_like, shape (n,)
-            Its initial state.
-
-        Returns
-        -------
-        ndarray, shape (K + 1, n)
-            ``x(k+1) = A x(k) + B u(k)``.
-
-        Raises
-        ------
-        InputError, InputTypeError
-            If the arguments do not fit this plan, or a state overflows.
-
-        Examples
-        --------
-        >>> import stochens_rs as se
-        >>> system = se.System([[1.0, 0.1], [0.0, 1.0]], [[0.0], [0.1]])
-        >>> plan = se.control(system, [1.0, 0.0], [0.0, 0.0], steps=5)
-        >>> bool(abs(plan.states(system, [1.0, 0.0])[-1]).max() < 1e-12)
-        True
-        """
-        checked = self._fitting(system)
-        return states(checked.A, checked.B, gate.vector("x0", x0, length=checked.n), self.u)
-
-    def _fitting(self, system: object) -> System:
-        checked = System.from_any(system)
-        n, m = self.predicted_states.shape[1], self.u.shape[1]
-        if (checked.n, checked.m) != (n, m):
-            raise ShapeError(
-                f"`system` must have n={n} and m={m} as this plan, got n={checked.n} and "
-                f"m={checked.m}"
-            )
-        return checked
 
     def _repr_html_(self) -> str:
         first = ("control u(0)", html.vector(self.u[0]))
         drawn = html.states(
             np.arange(self.steps + 1), self.predicted_states, "states of the model over the steps"
         )
-        return html.card(self, [first, html.largest(self.u), *made_from(self.info)], drawn)
+        cost = () if self.limited is None else cost_rows(self.limited)
+        return html.card(self, [first, html.largest(self.u), *cost, *made_from(self.info)], drawn)
 
     def __repr__(self) -> str:
         K, m = self.u.shape
         text = expectation(
             self.reachability, self.basis, self.predicted_states[-1], K, self.covariance
         )
+        if self.limited is not None:
+            text = f"without limits {text}; {cost_text(self.limited)}"
         return f"<Plan {self.fusion}: {html.counted(K)}, m={m}, {self.status}, {text}>"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -14,6 +14,8 @@ from ..exceptions import InputError, InputTypeError, ShapeError
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
+
+    LimitsLike: TypeAlias = tuple[ArrayLike | None, ArrayLike | None] | None
 
 REGULAR = 1e-8  # R="auto": this share of the mean eigenvalue of G'QG, printed with the plan
 SOFT = 1e3  # weight of soft state limits, in units of the largest eigenvalue of Q
@@ -39,6 +41,8 @@ class Task:
         Limits of ``x(1), ..., x(K)``.
     soft : float or None
         The weight of ``||max(0, x - high)||^2 + ||max(0, low - x)||^2`` in J; None: hard limits.
+    follows : bool
+        Whether the reference was given; else all its rows are the target.
     """
 
     low: Floats
@@ -52,6 +56,7 @@ class Task:
     state_low: Floats | None = None
     state_high: Floats | None = None
     soft: float | None = None
+    follows: bool = False
 
     def __post_init__(self) -> None:
         shape = gate.kept("low", self.low, ndim=(2,)).shape
@@ -81,6 +86,21 @@ class Task:
     def weights(self) -> tuple[Floats, Floats]:
         """Roots of the weights: ``Q^1/2`` of the stages, and of the last state."""
         return root(self.stage), root(self.terminal)
+
+
+def asked_task(
+    n: int, m: int, K: int, goal: Floats | None, asked: dict[str, Any]
+) -> tuple[Task | None, float | None]:
+    """The task of the arguments of `control`, and the time for it [s]."""
+    told = {name: value for name, value in asked.items() if name != "time_limit"}
+    task = checked_task(n, m, K, None if told["reference"] is not None else goal, **told)
+    time_limit = asked["time_limit"]
+    if time_limit is None:
+        return task, None
+    if task is None:
+        shown = gate.show(time_limit)
+        raise InputError(f"`time_limit` must be left out without limits, got {shown}")
+    return task, gate.positive("time_limit", time_limit)
 
 
 def root(Q: Floats) -> Floats:
@@ -125,7 +145,9 @@ def checked_task(
     if not stage.any() and not terminal.any():
         raise InputError("`Q` and `Qf` must not both be 0: every control would be the best")
     cost = None if R is None or (isinstance(R, str) and R == "auto") else weight("R", R, m)
-    around = _sides("state_limits", state_limits, K, n) if state_limits is not None else (None,) * 2
+    below, above = None, None
+    if state_limits is not None:
+        below, above = _sides("state_limits", state_limits, K, n)
     return Task(
         low,
         high,
@@ -135,8 +157,10 @@ def checked_task(
         cost,
         speed,
         before,
-        *around,
+        below,
+        above,
         soft=_softness(soft, state_limits, max(np.abs(stage).max(), np.abs(terminal).max())),
+        follows=reference is not None,
     )
 
 
@@ -194,8 +218,7 @@ def _side(name: str, value: Any, K: int, m: int, none: float) -> Floats:
         raise InputTypeError(f"`{name}` must be a number or an array of numbers")
     if given.shape not in ((), (m,), (K, m)):
         raise ShapeError(
-            f"`{name}` must be a number or have shape ({m},) or ({K}, {m}), got "
-            f"{gate.shown_shape(given)}"
+            f"`{name}` must be a number or have shape ({m},) or ({K}, {m}), got {given.shape}"
         )
     if np.isnan(given).any():
         raise InputError(f"`{name}` must not be nan; use None or inf where there is no limit")

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._base.types import Fusion
-from ..controls.fused import realization_controls
+from ..controls.realization import realization_controls
 from ..ensembles.ensemble import Ensemble
 from ..ensembles.sampling import sample
 from ..fusion.fusing import Method

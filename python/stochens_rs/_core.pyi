@@ -266,7 +266,8 @@ def simulate_plans(
     key: bytes,
     threads: int,
 ) -> _Floats: ...
-# x0 (n), xf (n) and A (n n, row by row) of the runs from `first` on, (runs, n (n + 2)): those of `simulate_plans`
+
+# of the runs from `first` on, (runs, n (n + 2)): x0, xf, A row by row, as `simulate_plans` has them
 def simulate_plan_estimates(
     x0: _Estimate,
     xf: _Estimate,

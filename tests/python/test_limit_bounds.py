@@ -61,7 +61,9 @@ def errors_of(gen, system, task, N, K, count):
     A, B, x0, xf = system
     found = []
     moved = matrices(gen, A, N, count)
-    for A_hat, start, goal in zip(moved, vectors(gen, x0, N, count), vectors(gen, xf, N, count), strict=True):
+    for A_hat, start, goal in zip(
+        moved, vectors(gen, x0, N, count), vectors(gen, xf, N, count), strict=True
+    ):
         wanted = replace(task, reference=np.tile(goal, (K, 1)))
         limited = Horizon(wanted, A_hat, B).solve(start)
         exact = Horizon(replace(task, reference=np.tile(xf, (K, 1)), R=limited.R), A, B)
@@ -72,7 +74,9 @@ def errors_of(gen, system, task, N, K, count):
             uncertain_map.forces(exact.task, A, B, states(A, B, x0, u)[1:], u).objective
             for u in (limited.u, best.u)
         ]
-        found.append((np.linalg.norm(M @ wrong), np.linalg.norm(wrong), at[0] - at[1] - 1e-9 * at[0]))
+        found.append(
+            (np.linalg.norm(M @ wrong), np.linalg.norm(wrong), at[0] - at[1] - 1e-9 * at[0])
+        )
     return np.array(found).T
 
 
@@ -112,7 +116,9 @@ def test_a_moved_target_by_draws_of_the_twin(K):
         plan = se.control((first, B), se.sample(x0, N, rng=1), se.sample(xf, N, rng=2), steps=K)
         task = checked_task(n, B.shape[1], K, xf, limits=(-1, 1), Q=Q, R=1.0, **more)
         exact = Horizon(task, A, B)
-        errors = limited_errors.MovedTarget(limit_bound.plan_errors(plan.basis, K, "product"), exact)
+        errors = limited_errors.MovedTarget(
+            limit_bound.plan_errors(plan.basis, K, "product"), exact
+        )
         found = errors.draw(count, se.rng.as_key(3))[:, 0]
         dx0, dxf = vectors(gen, x0, N, count) - x0, vectors(gen, xf, N, count) - xf
         powers = [np.linalg.matrix_power(A, k) for k in range(1, K + 1)]
@@ -126,9 +132,14 @@ def test_a_moved_target_by_draws_of_the_twin(K):
             wanted = wanted + np.sqrt(K * np.einsum("ri,ij,rj->r", dxf, Q, dxf))
         else:
             p = lp.several_steps(A, B, x0, np.tile(xf, (K, 1)), K, Q=Q, R=1.0)
-            wanted = [lb.projected(p, np.concatenate([f - c for c in cs])) for f, *cs in zip(dxf, *dc, strict=True)]
+            wanted = [
+                lb.projected(p, np.concatenate([f - c for c in cs]))
+                for f, *cs in zip(dxf, *dc, strict=True)
+            ]
         for level in (0.5, 0.9, 0.99):
-            np.testing.assert_allclose(np.quantile(found, level), np.quantile(wanted, level), rtol=0.06)
+            np.testing.assert_allclose(
+                np.quantile(found, level), np.quantile(wanted, level), rtol=0.06
+            )
 
 
 LIMITS = [
@@ -205,7 +216,12 @@ def test_alpha_and_gamma_are_those_of_the_twin(K):
             top = np.sqrt(np.linalg.norm(S, 2))
             squares += ((np.linalg.norm(model.B, 2) + top * b) * delta + eta * b) ** 2
             delta = (np.linalg.norm(model.A, 2) + top * a) * delta + eta * a
-        gap = max(lc.box_gap(2 * half_slope(model, limited, predicted, Q, R), limited.u.ravel(), -0.5, 0.5), 0)
+        gap = max(
+            lc.box_gap(
+                2 * half_slope(model, limited, predicted, Q, R), limited.u.ravel(), -0.5, 0.5
+            ),
+            0,
+        )
         wanted = lb.uncertain_map(alpha, np.sqrt(squares / R), gap)
         assert found.apart <= wanted.state * ONCE
         assert found.excess <= wanted.value * ONCE
@@ -213,7 +229,8 @@ def test_alpha_and_gamma_are_those_of_the_twin(K):
         # and it is one of the two
         p_ = lp.several_steps(model.A, model.B, x0, np.tile(xf, (K, 1)), K, Q=Q, R=R)
         radius = uncertain_map.map_radius(
-            limit_certificate._model(ModelBasis(model, x0, xf), region), np.full(K, np.linalg.norm(Q, 2))
+            limit_certificate._model(ModelBasis(model, x0, xf), region),
+            np.full(K, np.linalg.norm(Q, 2)),
         )
         small = lb.uncertain_map_small_weight(p_, alpha, np.sqrt(squares), radius, gap)
         np.testing.assert_allclose(found.apart, min(wanted.state, small), rtol=1e-6)
@@ -259,12 +276,23 @@ def test_coverage_of_certificates(name, K, more):
         e = gen.normal(size=len(x0))
         start = x0 + off * e / np.linalg.norm(e)
         limited, found, _ = certified(
-            measured(gen, A, B, 60, 0.1), start, xf, K, delta, off, limits=(-0.3, 0.3), Q=1.0, **more
+            measured(gen, A, B, 60, 0.1),
+            start,
+            xf,
+            K,
+            delta,
+            off,
+            limits=(-0.3, 0.3),
+            Q=1.0,
+            **more,
         )
         exact = Horizon(replace(limited.task, R=limited.R), A, B)
         best = exact.solve(x0)
         at = [states(A, B, x0, u) for u in (limited.u, best.u)]
-        J = [uncertain_map.forces(exact.task, A, B, x[1:], u).objective for x, u in zip(at, (limited.u, best.u), strict=True)]
+        J = [
+            uncertain_map.forces(exact.task, A, B, x[1:], u).objective
+            for x, u in zip(at, (limited.u, best.u), strict=True)
+        ]
         seen = (
             np.linalg.norm(at[0] - at[1]) > found.apart + best.distance,
             np.linalg.norm(limited.u - best.u) > found.control + 1e-9,

@@ -11,19 +11,18 @@ from .._base.numbers import ROUNDING, norm
 from ..exceptions import InputError
 from ..rng import RngLike, as_key
 from ..theory.bounds.drawn_errors import radii
-from ..theory.dynamics import matrix_powers, spectral_norms, states
-from ..theory.formulas import checked_finite
+from ..theory.dynamics import matrix_powers, spectral_norms
 from .limited import Horizon
 from .limited_errors import LimitedErrors, MovedTarget
 from .plan_bound import PlanBound, distances, plan_errors
 from .task import root
-from .uncertain_map import SMALL, Model, apart, forces, weights
+from .uncertain_map import SMALL, Model, apart, weights
 
 if TYPE_CHECKING:
     from .._base.types import Floats, Fusion
+    from ..rng import Key
     from ..theory.bounds.drawn_errors import PlanErrors
     from .basis import Basis
-    from ..rng import Key
     from .limited import Limited
 
 FIRM = "limits: firm nonexpansiveness"
@@ -53,35 +52,28 @@ def limited_bound(
     key = as_key(rng).child("simulated bound")
     errors = plan_errors(basis, len(limited.u), fusion)
     x0, xf, A = basis.values
-    follows = basis.xf.kind != "exact"
-    reference = np.broadcast_to(xf, limited.task.reference.shape)
-    task = replace(
-        limited.task,
-        R=limited.R,
-        reference=np.ascontiguousarray(reference) if follows else limited.task.reference,
-    )
+    task = limited.exact(None if limited.task.follows else xf)
     exact = Horizon(task, A, basis.B)
-    hard = task.state_low is not None and task.soft is None
-    best = exact.solve(x0)
-    if not errors.random:
-        found = _known(exact, limited, best, x0)
-    elif hard:
-        found = _Radii(np.inf, np.inf, np.inf, "none", _HARD)
-    elif task.steps == 1 or basis.A.kind == "exact":
-        found = _moved(basis, limited, predicted, exact, errors, delta, key, fusion)
+    if task.state_low is not None and task.soft is None and errors.random:
+        found, missed = _Radii(np.inf, np.inf, np.inf, "none", _HARD), np.inf
     else:
-        found = _uncertain(basis, limited, predicted, exact, errors, delta, key)
-    M, state, target = exact.weighted()
-    rest = M @ best.u.ravel() - (target - state @ x0)
+        best = exact.solve(x0)
+        if not errors.random:
+            found = _known(exact, limited, best, x0)
+        elif task.steps == 1 or basis.A.kind == "exact":
+            found = _moved(basis, limited, predicted, exact, errors, delta, key, fusion)
+        else:
+            found = _uncertain(basis, limited, predicted, exact, errors, delta, key)
+        M, state, target = exact.weighted()
+        missed = float(np.linalg.norm(M @ best.u.ravel() - target + state @ x0)) + best.distance
     # in the 2-norm where only the last state counts, with one weight
     scale = float(task.terminal[0, 0])
     plain = not task.stage.any() and np.array_equal(task.terminal, scale * np.eye(len(x0)))
     size = np.sqrt(scale) if plain else 1.0
-    radius = checked_finite(found.state, "bound") if np.isfinite(found.state) else np.inf
     return PlanBound(
-        state=radius / size,
+        state=found.state / size,
         control=found.control,
-        target=(radius + norm(rest) + best.distance) / size if rest.size else radius / size,
+        target=(found.state + missed) / size,
         delta=delta,
         state_bound=found.name,
         control_bound="none" if np.isinf(found.control) else found.name,
@@ -98,10 +90,7 @@ def _known(exact: Horizon, limited: Limited, best: Limited, x0: Floats) -> _Radi
     """Nothing is random: the error itself, with what the certificate of `best` may add."""
     M = exact.weighted()[0]
     wrong, least = (limited.u - best.u).ravel(), _least(exact, M)
-    J, J_best = (
-        forces(exact.task, exact.A, exact.B, states(exact.A, exact.B, x0, u)[1:], u).objective
-        for u in (limited.u, best.u)
-    )
+    J, J_best = (exact.objective(x0, u) for u in (limited.u, best.u))
     control = norm(wrong) + best.distance / np.sqrt(least) if least else np.inf
     return _Radii(
         state=float(np.linalg.norm(M @ wrong)) + best.distance,
@@ -185,7 +174,7 @@ def _uncertain(
     key: Key,
 ) -> _Radii:
     """The map moves with A: errors drawn from the law, or the inequality of `uncertain_map`."""
-    follows = basis.xf.kind != "exact"
+    follows = basis.xf.kind != "exact" and not limited.task.follows
     drawn = radii(LimitedErrors(errors, exact, limited, follows), delta, key) if (
         limited.task.boxed
     ) else None  # fmt: skip

@@ -60,10 +60,8 @@ def limited_certificate(
     if len(tube) == 1 and not task.soft and not basis.x0_error and not asked.noise:
         alpha = min(alpha, _weighted(region, basis, limited, predicted))
     by = apart(task, _model(basis, region), predicted[1:], limited.u, alpha, limited.gap)
-    text = None if np.isfinite(by.control) else f"only the state is certified: {SMALL}"
-    return replace(
-        found, control=by.control, control_reason=text, excess=by.excess, apart=by.state
-    )
+    said = None if np.isfinite(by.control) else f"only the state is certified: {SMALL}"
+    return replace(found, control=by.control, control_reason=said, excess=by.excess, apart=by.state)
 
 
 def _weighted(region: Region, basis: ModelBasis, limited: Limited, predicted: Floats) -> float:
@@ -73,7 +71,7 @@ def _weighted(region: Region, basis: ModelBasis, limited: Limited, predicted: Fl
         return float(np.inf)
     part, (_, half) = region.parts[0], limited.task.weights()
     z = np.concatenate([basis.x0, limited.u[0], np.ones(d - n - region.m)])
-    size = np.sqrt(part.factor * np.linalg.norm(half @ part.S @ half.T, 2))
+    size = np.sqrt(part.factor * float(np.linalg.norm(half @ part.S @ half.T, 2)))
     away = float(np.linalg.norm(half @ (region.centre @ z - predicted[1])))
     return away + product(float(size), part.length(z))
 

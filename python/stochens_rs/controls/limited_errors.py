@@ -20,11 +20,10 @@ if TYPE_CHECKING:
     from .._base.types import Floats
     from ..rng import Key
     from .limited import Limited
-    from .task import Task
 
 _CHUNK = 1 << 23  # numbers in the matrices of the controls that are computed at a time
-# Costs [ns] of one control within limits, measured on one thread (x86-64), within a factor of three.
-# They decide how many are drawn, and change no probability.
+# Costs [ns] of one control within limits, measured on one thread (x86-64), within a factor of
+# three. They decide how many are drawn, and change no probability.
 _SOLVE, _PER_CUBE, _PER_ENTRY = 5e3, 3.0, 15.0
 
 
@@ -96,7 +95,7 @@ class MovedTarget:
         whole, part = found.T
         if soft:
             whole = part + np.sqrt(np.maximum(whole**2 - part**2, 0.0))
-        return whole[:, None]
+        return np.asarray(whole[:, None])
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +117,7 @@ class LimitedErrors:
         rows, d = self._M.shape
         draw = 100.0 * (len(self.exact.A) + 2) * len(self.exact.A)
         solve = _SOLVE + _PER_CUBE * d**3 + _PER_ENTRY * (rows + d) * d
-        return draw + solve * (2.0 if self.limited.task.R is None else 1.0)
+        return float(draw + solve * (2.0 if self.limited.task.R is None else 1.0))
 
     def rounded(self, radii: tuple[float, ...]) -> tuple[float, ...]:
         """As `Errors.rounded`."""
@@ -140,7 +139,7 @@ class LimitedErrors:
 
     def _some(self, first: int, runs: int, key: Key) -> Floats:
         x0, xf, A = self.plan.entities
-        n, task, exact = len(x0.values), self.exact.task, self.exact
+        n, exact = len(x0.values), self.exact
         found = _core.simulate_plan_estimates(
             x0.argument(),
             xf.argument(),
@@ -153,7 +152,9 @@ class LimitedErrors:
             get_num_threads(),
         )
         start, goal, A_hat = found[:, :n], found[:, n : 2 * n], found[:, 2 * n :]
-        M, y, size = condensed(exact, A_hat.reshape(runs, n, n), start, goal if self.follows else None)
+        M, y, size = condensed(
+            exact, A_hat.reshape(runs, n, n), start, goal if self.follows else None
+        )
         (best_M, state, target), R = exact.weighted(), exact.cost()
         d = R.shape[0]
         best_y = target - state @ x0.values
@@ -210,8 +211,8 @@ def condensed(
             M[:, part, j] = factor @ pushes[:, k - 1 - j]
         if k < K:
             pushes[:, k] = A @ pushes[:, k - 1]
-    M = M.reshape(runs, rows, K * m)
-    return M, y, np.sum(M**2, axis=(1, 2))
+    flat = M.reshape(runs, rows, K * m)
+    return flat, y, np.sum(flat**2, axis=(1, 2))
 
 
 def onto(M: Floats) -> Floats:

@@ -58,10 +58,10 @@ def certificate(
                 "values; Plan.error compares with them"
             )
     _refuse(basis, K, asked)
-    share, own = step_region(basis, delta, K, asked)
+    share, single = step_region(basis, delta, K, asked)
     ways = []
-    if own is not None:
-        region, to_come = own
+    if single is not None:
+        region, to_come = single
         steps = model.data.steps if isinstance(model, Model) else 1
         method = "several steps" if K > 1 else "one step" if steps == 1 else _direct_name(steps)
         ways.append(_Way.of(basis, region, u, predicted, method, to_come))

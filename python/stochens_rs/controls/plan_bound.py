@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 class PlanBound:
     """Bounds on the errors of a control, relative to the exact values.
 
-    ``v`` is the best control (with limits: the best within them, which J names) and ``x = A^K x0 + C_K v`` the state it leads to (one step:
-    ``C_1 = B``).
+    ``v`` is the best control, with limits the one with the least J within them, and
+    ``x = A^K x0 + C_K v`` the state it leads to (one step: ``C_1 = B``).
 
     Attributes
     ----------
@@ -38,16 +38,18 @@ class PlanBound:
         Bound on ``||u - v||_2``.
     target : float
         Bound on the distance between the state reached and ``xf``,
-        ``sqrt(state^2 + ||xf - x||^2)``; it holds if `state` does.
+        ``sqrt(state^2 + ||xf - x||^2)``, with limits ``state + ||xf - x||``; it holds if `state`
+        does.
     delta : float
         `state` and `control` are each exceeded with at most this probability.
     state_bound, control_bound : str
         Method that gave each bound. "simulated": the order statistic of errors drawn from the laws
-        (`theory.bounds.Simulated`). "limits: firm nonexpansiveness": a simulated error of the target,
-        which no limit can make larger. "uncertain map": the inequality for a control within limits
-        where A is uncertain. "none": infinite, see `reason`. "exact error": nothing is random, and this is the error, with
+        (`theory.bounds.Simulated`). "exact error": nothing is random, and this is the error, with
         what rounding may add. "sum of errors": the triangle inequality, with the error of every
-        estimate (`theory.bounds.from_errors`). Others: a formula of `theory.bounds`.
+        estimate (`theory.bounds.from_errors`). "limits: firm nonexpansiveness": the error of the
+        target, which limits do not make larger. "uncertain map": the inequality of the best control
+        within limits where A is uncertain. "none": infinite, see `reason`. Others: a formula of
+        `theory.bounds`.
     relative_to : str
         The meaning of the exact values. "laws": the realizations were drawn from them. "targets":
         for fitted entities they are the targets of the fits.

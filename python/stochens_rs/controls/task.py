@@ -59,8 +59,8 @@ class Task:
     follows: bool = False
 
     def __post_init__(self) -> None:
-        shape = gate.kept("low", self.low, ndim=(2,)).shape
-        gate.kept("high", self.high, shape=shape)
+        if np.ndim(self.low) != 2 or np.shape(self.low) != np.shape(self.high):
+            raise ShapeError("`low` and `high` must have the same shape (K, m)")
         n = gate.kept("reference", self.reference, ndim=(2,)).shape[1]
         for name in ("stage", "terminal"):
             gate.kept(name, getattr(self, name), shape=(n, n))

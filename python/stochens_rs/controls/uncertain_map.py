@@ -1,10 +1,10 @@
 """What an uncertain A and B do to the best control within limits.
 
-(G, b) is the true problem, (G^, b^) the model's, with the same limits, Q and R; u is the best of the
-true one, w a point within the limits, usually close to the best of the model's. With
+(G, b) is the true problem, (G^, b^) the model's, with the same limits, Q and R; u is the best of
+the true one, w a point within the limits, usually close to the best of the model's. With
 ``alpha >= ||(G - G^) w - (b - b^)||_Q``, ``c = (G - G^)' Q (G^ w - b^)``, ``gamma >= ||c||_{R^-1}``
-and ``gap >= <J^'(w), w - v>`` for all v within the limits, the inequality of the best u, tested at w,
-is ``p^2 + q^2 <= alpha p + gamma q + gap / 2`` for ``p = ||G (w - u)||_Q``, ``q = ||w - u||_R``: a
+and ``gap >= <J^'(w), w - v>`` for all v within the limits, the inequality of the best u, tested at
+w, is ``p^2 + q^2 <= alpha p + gamma q + gap / 2`` for ``p = ||G (w - u)||_Q``, ``q = ||w - u||_R``: a
 disc. ``J(w) - J(u) = <J'(w), w - u> - p^2 - q^2`` is largest at ``(alpha, gamma)``. Soft limits of
 the state add ``soft C'C`` to Q in alpha, and their force to ``Q (G^ w - b^)``.
 """
@@ -88,6 +88,7 @@ def forces(task: Task, A: Floats, B: Floats, states: Floats, u: Floats) -> Force
     found = np.einsum("kij,kj->ki", weights(task, soft=False), off)
     value = float(np.sum(off * found) + np.sum(u * (u @ R)))
     if task.soft is not None and task.state_low is not None:
+        assert task.state_high is not None
         over = np.maximum(0.0, states - task.state_high) - np.maximum(0.0, task.state_low - states)
         found, value = found + task.soft * over, value + task.soft * float(np.sum(over**2))
     costates = found.copy()
@@ -102,7 +103,8 @@ def optimality(
     """A Frank-Wolfe gap over the limits, and the norm of what of `slope` no limit balances.
 
     With limits of rates or states: ``<J'(w), w - v> <= 2 max(sqrt(gap) reach, gap)`` for `gap` >=
-    J(w) - min J and ``reach >= ||w - v||_H``, from ``J(w + t (v - w)) >= J(w) - gap`` at its best t.
+    J(w) - min J and ``reach >= ||w - v||_H``, from ``J(w + t (v - w)) >= J(w) - gap`` at the
+    best t.
     """
     if task.rate is None and (task.state_low is None or task.soft is not None):
         side = np.where(slope > 0.0, task.low, task.high)
@@ -138,8 +140,8 @@ def costate_errors(model: Model, costates: Floats) -> float:
 def map_radius(model: Model, sizes: Floats) -> float:
     """A bound of ``||Q^(1/2) (G - G^)||``, with ``sizes = ||Q_1||, ..., ||Q_K||``.
 
-    ``E_p >= ||A^p - A^^p||``: ``E_(p+1) = (||A^|| + a) E_p + a ||A^^p||``, and ``||A^p B - A^^p B^||
-    <= E_p (||B^|| + b) + ||A^^p|| b``; then the Frobenius norm of the norms of the blocks.
+    ``E_p >= ||A^p - A^^p||``: ``E_(p+1) = (||A^|| + a) E_p + a ||A^^p||``, and
+    ``||A^p B - A^^p B^|| <= E_p (||B^|| + b) + ||A^^p|| b``; then the Frobenius norm of the norms of the blocks.
     """
     a, b = model.radii
     norms = spectral_norms(matrix_powers(model.A, len(sizes)))
@@ -152,9 +154,7 @@ def map_radius(model: Model, sizes: Floats) -> float:
     return float(np.sqrt(np.sum(np.where(sizes > 0.0, sizes * shares, 0.0))))
 
 
-def apart(
-    task: Task, model: Model, states: Floats, u: Floats, alpha: float, gap: float
-) -> Apart:
+def apart(task: Task, model: Model, states: Floats, u: Floats, alpha: float, gap: float) -> Apart:
     """Bound how far the control `u`, under which the model has these states, is from the best.
 
     `task` with its R; `alpha` is that of the head of this file, `gap` bounds J(u) - min J of the

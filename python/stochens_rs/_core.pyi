@@ -46,6 +46,7 @@ __all__ = [
     "sign_statistics",
     "simulate_estimates",
     "simulate_mean_field",
+    "simulate_plan_estimates",
     "simulate_plans",
     "simulate_runs",
     "simulate_systems",
@@ -260,6 +261,19 @@ def simulate_plans(
     paired: bool,
     exact: tuple[_Floats, _Floats, _Floats],
     several: bool,
+    runs: int,
+    cost: float,
+    key: bytes,
+    threads: int,
+) -> _Floats: ...
+
+# of the runs from `first` on, (runs, n (n + 2)): x0, xf, A row by row, as `simulate_plans` has them
+def simulate_plan_estimates(
+    x0: _Estimate,
+    xf: _Estimate,
+    a: _Estimate,
+    rows: bool,
+    first: int,
     runs: int,
     cost: float,
     key: bytes,

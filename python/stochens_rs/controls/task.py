@@ -59,10 +59,8 @@ class Task:
     follows: bool = False
 
     def __post_init__(self) -> None:
-        for name in ("low", "high"):  # entries may be infinite
-            side = gate.instance(name, getattr(self, name), np.ndarray)
-            if side.ndim != 2 or side.shape != self.low.shape:
-                raise ShapeError(f"`{name}` must have shape (K, m), got {side.shape}")
+        if np.ndim(self.low) != 2 or np.shape(self.low) != np.shape(self.high):
+            raise ShapeError("`low` and `high` must have the same shape (K, m)")
         n = gate.kept("reference", self.reference, ndim=(2,)).shape[1]
         for name in ("stage", "terminal"):
             gate.kept(name, getattr(self, name), shape=(n, n))

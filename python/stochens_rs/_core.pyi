@@ -46,6 +46,7 @@ __all__ = [
     "sign_statistics",
     "simulate_estimates",
     "simulate_mean_field",
+    "simulate_plan_estimates",
     "simulate_plans",
     "simulate_runs",
     "simulate_systems",
@@ -265,6 +266,19 @@ def simulate_plans(
     key: bytes,
     threads: int,
 ) -> _Floats: ...
+
+# of the runs from `first` on, (runs, n (n + 2)): x0, xf, A row by row, as `simulate_plans` has them
+def simulate_plan_estimates(
+    x0: _Estimate,
+    xf: _Estimate,
+    a: _Estimate,
+    rows: bool,
+    first: int,
+    runs: int,
+    cost: float,
+    key: bytes,
+    threads: int,
+) -> _Floats: ...
 def simulate_estimates(
     values: _Floats,
     size: int,
@@ -384,7 +398,8 @@ class BoxControl:
     # D >= (||M (u - u*)||^2 + ||u - u*||_R^2)^(1/2)
     @property
     def distance(self) -> float: ...
-    # J(u), and J(0), to which gaps are relative
+    # J(u), and J(0); "optimal": gap <= 1e-9 (J(0) + J(u)), of a horizon with the size of J along the states at u, if
+    # that is less than J(0)
     @property
     def objective(self) -> float: ...
     @property

@@ -44,7 +44,8 @@ mod _core {
     use super::limits::{BoxControl, BoxSolver, box_batch, box_batch_each, box_control, horizon_control};
     #[pymodule_export]
     use super::simulate::{
-        simulate_estimates, simulate_mean_field, simulate_plans, simulate_runs, simulate_systems, track, trajectory,
+        simulate_estimates, simulate_mean_field, simulate_plan_estimates, simulate_plans, simulate_runs,
+        simulate_systems, track, trajectory,
     };
     #[pymodule_export]
     use super::storage::{StateLock, storage_load, storage_save};

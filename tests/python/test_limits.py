@@ -15,6 +15,7 @@ from stochens_rs.exceptions import InputError, InputTypeError, ShapeError
 from stochens_rs.reference import limited_control as lc
 from stochens_rs.reference import limited_problems as lp
 from stochens_rs.theory.exact import best_control, factors
+from test_hostile import NEVER, PERHAPS
 
 ONE = [[1.0]], [[1.0]]  # x(k+1) = x(k) + u(k)
 TWO = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([[0.0], [1.0]])  # the double integrator
@@ -56,19 +57,6 @@ def test_two_steps_of_the_double_integrator_by_hand():
     plan = se.control(TWO, *ends, steps=2, limits=(-0.5, 0.5), R=0.0)
     exactly([*plan.u.ravel(), plan.objective, plan.missed], [-0.5, 0.5, 0.25, 0.25])
     exactly(plan.predicted_states, [[1.0, 0.0], [1.0, -0.5], [0.5, 0.0]])
-
-
-def test_two_steps_with_a_limit_on_changes_by_hand():
-    plan = se.control(TWO, [1.0, 0.0], [0.0, 0.0], steps=2, limits=(-0.5, 0.5), rate=0.5,
-                      previous=[0.0], R=0.0)  # fmt: skip
-    np.testing.assert_allclose([*plan.u.ravel(), plan.objective], [-0.4, 0.1, 0.45], atol=1e-8)
-    assert plan.status == "optimal"
-
-
-def test_state_limits_that_cannot_be_kept_by_hand():
-    plan = se.control(ONE, [3.0], [0.0], limits=(-1.0, 1.0), state_limits=(None, 1.0), soft=False)
-    assert plan.status == "infeasible"
-    np.testing.assert_allclose([plan.limited.missing, plan.u[0, 0]], [1.0, -1.0], atol=1e-8)
 
 
 def test_regulating_step_by_step_by_hand():
@@ -207,6 +195,47 @@ def test_long_horizons_equal_condensed_ones(gen):
         dense = _core.box_control(M, target - state @ x0, short.cost(), p.low, p.high, None, None)
         assert lp.norm(dense.control - u, p.H) <= plan.limited.distance + dense.distance + 1e-9
         np.testing.assert_allclose(plan.objective, dense.objective, rtol=1e-9)
+
+
+def test_soft_state_limits_equal_the_twin(gen):
+    """100 problems, also with limits of some states, one side of them or one step only."""
+    beyond = 0
+    for i in range(100):
+        A, B, x0, K, low, high, weights = draw_case(gen, i, steps=(1, 2, 3, 5))
+        n, soft = len(A), 10.0 ** gen.uniform(-1, 3)
+        xf, (below, above) = gen.normal(size=n), draw_box(gen, WAYS[i % 5], K * n, 1.0)
+        below, above = below.reshape(K, n), above.reshape(K, n)
+        plan = se.control((A, B), x0, xf, steps=K, limits=(low, high), soft=soft,
+                          state_limits=(below, above), **weights)  # fmt: skip
+        p = lp.several_steps(A, B, x0, xf, K, low=low, high=high, **weights)
+        each = [lp.state_rows(A, B, x0, K, side * np.eye(n), side * limit)
+                for side, limit in ((1.0, above), (-1.0, below))]  # fmt: skip
+        C, c = (np.concatenate(parts) for parts in zip(*each, strict=True))
+        C, c = C[np.isfinite(c)], c[np.isfinite(c)]
+        u = plan.u.ravel()
+
+        def total(u, p=p, C=C, c=c, soft=soft):
+            return lp.objective(p, u) + soft * np.sum(np.maximum(0.0, C @ u - c) ** 2)
+
+        size = total(0.0 * u) + 1e-6
+        best = lc.solve(lp.softened(p, C, c, soft)).u[: len(u)]
+        assert plan.status == "optimal"
+        np.testing.assert_allclose(plan.objective, total(u), rtol=1e-9, atol=1e-12 * size)
+        assert total(best) >= plan.objective - plan.gap - 1e-12 * size
+        assert lp.norm(u - best, p.H) <= plan.limited.distance + 1e-6 * np.sqrt(size)
+        free = lc.solve(p._replace(low=0 * u - np.inf, high=0 * u + np.inf)).objective
+        np.testing.assert_allclose(plan.missed, plan.objective - free, atol=1e-8 * size)
+        beyond += bool(np.any(C @ u - c > 1e-3))
+    assert beyond > 30
+
+
+def test_soft_limits_that_are_kept_cost_nothing():
+    free = se.control(TWO, [1.0, 0.0], [0.0, 0.0], steps=3, R=1.0)
+    plan = se.control(TWO, [1.0, 0.0], [0.0, 0.0], steps=3, R=1.0, state_limits=(-9.0, 9.0))
+    np.testing.assert_allclose(plan.u, free.u, atol=1e-9)
+    assert plan.missed <= 1e-12
+    far = se.control(TWO, [1e6, 0.0], [1e6, 0.0], steps=3, R=1.0, state_limits=(None, [1e6 - 1, 1]))
+    assert abs(far.predicted_states[-1, 0] - 1e6 + 1) < 0.1  # the weight is 1000 times that of xf
 
 
 # -- estimates and models --------------------------------------------------------------------------
@@ -378,7 +407,7 @@ def test_steer_within_limits():
 
 
 def test_sizes_hold_within_limits():
-    """1000 plans of the size that a formula asks for, within tight limits: none is too far off."""
+    """500 plans of the size that the simulation finds, within limits: at most delta are too far."""
     system = np.array([[0.9, 0.2], [-0.1, 0.8]]), np.array([[1.0, 0.0], [0.5, 1.0]])
     x0, xf, limits = [1.0, 2.0], [0.5, 0.0], (-0.7, 0.5)
     found = se.required_samples(system, x0, xf, 0.3, relative=False, limits=limits, rng=1, runs=100)
@@ -386,11 +415,11 @@ def test_sizes_hold_within_limits():
     assert found.size == free.size
     off = [
         se.steer(system, x0, xf, found.simulated_size, limits=limits, rng=i).error(system, x0, xf)
-        for i in range(1000)
+        for i in range(500)
     ]
     active = np.mean([error.residual > 0.1 for error in off])
     assert active == 1.0  # the limits keep the best control from the target
-    assert np.mean([error.state > 0.3 for error in off]) <= 0.05 + 3 * np.sqrt(0.05 * 0.95 / 1000)
+    assert np.mean([error.state > 0.3 for error in off]) <= 0.05 + 3 * np.sqrt(0.05 * 0.95 / 500)
 
 
 @pytest.mark.parametrize(
@@ -478,3 +507,25 @@ def test_messages_about_references_and_targets():
         followed.error(TWO, [1.0, 0.0], [0.0, 0.0])
     with pytest.raises(InputError, match="`xf` must be given: this plan has no reference"):
         se.control(TWO, [1.0, 0.0], [0.0, 0.0], R=1.0).error(TWO, [1.0, 0.0])
+
+
+WITH = {"limits": (-1.0, 1.0), "Q": 1.0, "Qf": [1.0, 2.0], "R": 0.1, "time_limit": 10.0}
+WITH |= {"state_limits": (None, 0.5), "soft": 10.0}
+
+
+@pytest.mark.parametrize("name", WITH)
+def test_whatever_is_given_with_the_others(name):
+    """Nothing but an exception of the package, or a control within its limits."""
+    passed = 0
+    for what, value in (NEVER | PERHAPS).items():
+        try:
+            plan = se.control(TWO, [1.0, 0.0], [0.0, 0.0], steps=3, **(WITH | {name: value}))
+        except se.exceptions.StochensError:
+            continue
+        passed += 1
+        assert np.all(plan.u >= plan.limited.task.low), what
+        assert np.all(plan.u <= plan.limited.task.high), what
+        assert plan.gap >= 0.0, what
+        assert "inputs at a limit" in repr(plan)
+        assert "inputs at a limit" in plan._repr_html_()
+    assert passed

@@ -246,6 +246,8 @@ TAKEN = {
     ("control", "limits"): {"object vector", "list of None"},
     ("realization_controls", "limits"): {"object vector", "list of None"},
     ("steer", "limits"): {"object vector", "list of None"},
+    ("regulate", "limits"): {"object vector", "list of None"},
+    ("regulate", "state_limits"): {"object vector", "list of None"},
     ("Stream.run", "checkpoint"): {"text"},
 }
 CALLED = {"class", "function"}  # what `progress` does is its own affair

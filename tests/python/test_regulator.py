@@ -12,9 +12,15 @@ import pytest
 import stochens_rs as se
 from limit_problems import draw_steps
 from stochens_rs import _core
+from stochens_rs.controls.receding import Recursion
 from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 from stochens_rs.reference.limited_control import solve
-from stochens_rs.reference.limited_problems import objective, several_steps
+from stochens_rs.reference.limited_problems import (
+    objective,
+    several_steps,
+    softened,
+    state_rows,
+)
 from stochens_rs.reference.receding import regulate as twin
 
 A, B = np.array([[1.0, 0.3], [-0.1, 0.9]]), np.array([[0.0], [0.1]])
@@ -304,16 +310,51 @@ def test_references_and_limits_that_differ_from_step_to_step():
 
 
 def test_long_horizons_go_by_recursion():
-    """K = 300: the first input is that of K = 200, up to what the end matters."""
-    long, short = (se.regulate((A, B), K, limits=(-0.5, 0.5), Q=1.0, R=0.1) for K in (300, 200))
-    assert long._solver is None
-    assert short._solver is not None
-    x = np.array([0.3, 0.1])
-    for _ in range(3):
-        u = long(x)
+    """K = 300: the inputs are those of K = 200, up to what the end matters; warm equals cold."""
+    options = {"limits": (-0.5, 0.5), "Q": 1.0, "R": 0.1}
+    long, short = (se.regulate((A, B), K, **options) for K in (300, 200))
+    assert isinstance(long._solver, Recursion)
+    assert isinstance(short._solver, _core.BoxSolver)
+    x = np.array([3.0, 0.1])
+    for _ in range(5):
+        u, cold = long(x), se.regulate((A, B), 300, **options)
         assert np.allclose(u, short(x), rtol=1e-6)
+        cold(x)
+        assert np.allclose(long.plan, cold.plan, rtol=1e-9, atol=1e-11)
         x = A @ x + B @ u
-    assert long.log[-1].status == "optimal"
+    assert np.abs(long.log[0].u) == 0.5
+    assert {call.status for call in long.log} == {"optimal"}
+    other = pickle.loads(pickle.dumps(long))
+    assert np.array_equal(long(x), other(x))
+    began = long._solver.solve(x, None).iterations
+    long.reset()
+    assert began < long._solver.solve(x, None).iterations
+
+
+def test_soft_limits_of_states():
+    """Each plan is that of the twin, which has a slack for each limit; 8 systems."""
+    for index in range(8):
+        F, X, gen = plant(40 + index, 2, 1)
+        loop = se.regulate(
+            (F, X),
+            4,
+            limits=(-1.0, 1.0),
+            Q=1.0,
+            R=0.1,
+            state_limits=(-0.5, [0.3, np.inf]),
+            soft=50.0,
+        )
+        x = 2.0 * gen.normal(size=2)
+        for _ in range(4):
+            u = loop(x)
+            problem = several_steps(F, X, x, [0.0, 0.0], 4, Q=1.0, R=0.1, low=-1.0, high=1.0)
+            rows = [[1.0, 0.0], [-1.0, 0.0], [0.0, -1.0]]
+            C, c = state_rows(F, X, x, 4, rows, [0.3, 0.5, 0.5])
+            best = solve(softened(problem, C, c, 50.0))
+            assert np.allclose(loop.plan.ravel(), best.u[:4], rtol=1e-6, atol=1e-6)
+            x = F @ x + X @ u
+        other = pickle.loads(pickle.dumps(loop))
+        assert np.array_equal(other(x), loop(x))
 
 
 def test_a_power_that_overflows_is_named():

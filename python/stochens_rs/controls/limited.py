@@ -193,14 +193,14 @@ class Horizon:
     def solve(self, x0: Floats, *, time_limit: float | None = None) -> Limited:
         """The best control from x0."""
         task = self.task
-        found = self._solve(x0, task, time_limit)
+        found = self.best(x0, task, time_limit)
         shape = task.low.shape
         u = found.control[: task.low.size].reshape(shape)
         objective, least = found.objective, found.objective
         if task.soft is not None:
             objective = self.objective(x0, u)
         if found.active.any() or not task.boxed:
-            least = self._solve(x0, task.unlimited(), time_limit).objective
+            least = self.best(x0, task.unlimited(), time_limit).objective
         return Limited(
             task=task,
             R=self.R,
@@ -214,20 +214,27 @@ class Horizon:
             status=found.status,
         )
 
-    def _solve(self, x0: Floats, task: Task, time_limit: float | None) -> _core.BoxControl:
+    def best(self, x0: Floats, task: Task, time_limit: float | None) -> _core.BoxControl:
+        """The best control from x0 as the core has it: its first m K entries, and what it costs."""
         if task.rate is not None or (task.state_low is not None and task.soft is None):
             raise InputError("`rate` and hard `state_limits` are not possible yet: use soft ones")
         if self.long and task.boxed:
-            wanted = task.reference - self.drift()
-            weights, limits = (task.stage, task.terminal, self.R), (task.low, task.high)
-            return _core.horizon_control(
-                self.A, self.B, x0, wanted, *weights, *limits, None, time_limit
-            )
+            return self.by_recursion(x0, task, None, time_limit)
         M, state, target = self.weighted()
         problem = M, target - state @ x0, self.cost(), task.low.ravel(), task.high.ravel()
         if task.soft is not None:
             problem = self._softened(x0, task.soft, *problem)
         return _core.box_control(*problem, None, time_limit)
+
+    def by_recursion(
+        self, x0: Floats, task: Task, warm: NDArray[np.int8] | None, time_limit: float | None
+    ) -> _core.BoxControl:
+        """The same by Riccati's recursion, begun at the active limits `warm`."""
+        wanted = task.reference - self.drift()
+        weights, limits = (task.stage, task.terminal, self.R), (task.low, task.high)
+        return _core.horizon_control(
+            self.A, self.B, x0, wanted, *weights, *limits, warm, time_limit
+        )
 
     def _softened(
         self, x0: Floats, soft: float, M: Floats, y: Floats, r: Floats, low: Floats, high: Floats

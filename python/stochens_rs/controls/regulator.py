@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .. import _core
 from .._base import gate, html
 from ..exceptions import InputError, NonFiniteError, ShapeError
 from ..identification.identified import Identified
 from ..system import System
 from .calls import Call, counted, curves, facts, figure
 from .limited import Horizon
+from .receding import solver_of
 from .task import Task
 
 if TYPE_CHECKING:
@@ -60,14 +60,17 @@ class Regulator:
 
     def _set(self, system: System | Identified, task: Task) -> None:
         """Compute all that does not depend on the state; nothing changes if that raises."""
+        sizes, wanted = system.B.shape, (task.reference.shape[1], task.low.shape[1])
+        if sizes != wanted:
+            raise ShapeError(
+                "`system` must have n={} and m={} as this loop, got n={} and m={}".format(
+                    *wanted, *sizes
+                )
+            )
         c = system.c if isinstance(system, Identified) else None
         A, B = np.ascontiguousarray(system.A), np.ascontiguousarray(system.B)
         horizon = Horizon(task, A, B, c)
-        solver = None
-        if task.boxed and not horizon.long:
-            M, state, target = horizon.weighted()
-            low, high = task.low.ravel(), task.high.ravel()
-            solver = _core.BoxSolver(M, horizon.cost(), low, high, task.low.shape[1], state, target)
+        solver = solver_of(horizon)
         self._system, self._task, self._horizon, self._solver = system, task, horizon, solver
 
     def __call__(self, x: ArrayLike | None = None, *, hold: bool = False) -> Floats:
@@ -134,14 +137,13 @@ class Regulator:
         return u
 
     def _solve(self, x: Floats) -> tuple[Floats, Status, float]:
-        if self._solver is None:
-            found = self._horizon.solve(x, time_limit=self._time_limit)
-            return found.u, found.status, found.gap
         try:
-            solved = self._solver.solve(x, self._time_limit)
+            found = self._solver.solve(x, self._time_limit)
         except NonFiniteError:
             raise NonFiniteError("`x` is too large: its cost overflows") from None
-        return solved.control.reshape(self._task.low.shape), solved.status, solved.gap
+        shape = self._task.low.shape
+        plan = found.control[: shape[0] * shape[1]].reshape(shape)
+        return plan, found.status, found.gap
 
     @contextmanager
     def _turn(self) -> Iterator[None]:
@@ -162,15 +164,14 @@ class Regulator:
                 "held": self._held,
                 "calls": self._calls,
                 "log": tuple(self._log),
-                "warm": None if self._solver is None else self._solver.warm(),
+                "warm": self._solver.warm(),
             }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         Regulator.__init__(self, state["system"], state["task"], state["time_limit"])
         self._plan, self._held, self._calls = state["plan"], state["held"], state["calls"]
         self._log.extend(state["log"])
-        if self._solver is not None:
-            self._solver.resume(state["warm"])
+        self._solver.resume(state["warm"])
 
     @property
     def n(self) -> int:
@@ -238,16 +239,10 @@ class Regulator:
         >>> loop.swap(([[0.9]], [[1.0]]))
         """
         checked = checked_model(system)
-        n, m = checked.B.shape
-        if (n, m) != (self.n, self.m):
-            raise ShapeError(
-                f"`system` must have n={self.n} and m={self.m} as this loop, got n={n} and m={m}"
-            )
         with self._turn():
-            warm = None if self._solver is None else self._solver.warm()
+            warm = self._solver.warm()
             self._set(checked, self._task)
-            if self._solver is not None:
-                self._solver.resume(warm)
+            self._solver.resume(warm)
 
     def reset(self) -> None:
         """Forget the last plan, its active limits and the log; keep the system.
@@ -266,8 +261,7 @@ class Regulator:
         with self._turn():
             self._plan, self._held, self._calls = None, 0, 0
             self._log.clear()
-            if self._solver is not None:
-                self._solver.resume(None)
+            self._solver.resume(None)
 
     def plot(self) -> Figure:
         """Draw the calls in the log: states, inputs within their limits, time of each call.

@@ -335,6 +335,17 @@ def test_control_within_limits_says_what_python_says(rig, tmp_path, capsys):
     assert ran(capsys, "control", path, "--steps", 6)["limits"] is None
 
 
+def test_limits_of_states_on_the_command_line(rig, capsys):
+    path, system = rig
+    found = ran(capsys, "control", path, "--steps", 4, "--Q", 1, "--state-limits", "x[1]=0.3,inf")
+    low = [-np.inf, 0.3]
+    plan = se.control(system, [3.0, 1.0], [0.0, 0.0], steps=4, Q=1.0, state_limits=(low, np.inf))
+    assert np.array_equal(found["u"], plan.u)
+    free = se.control(system, [3.0, 1.0], [0.0, 0.0], steps=4, Q=1.0)
+    assert free.predicted_states[1:, 1].min() < 0.01
+    assert plan.predicted_states[1:, 1].min() > 0.29
+
+
 def test_control_of_a_model_within_limits(table, tmp_path, capsys):
     file = tmp_path / "model.safetensors"
     ran(capsys, "identify", table, *OPTIONS, "--sigma", 0.01, "--save", file)

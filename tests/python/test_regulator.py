@@ -543,7 +543,7 @@ REFUSED = {
     "noise": ({"noise": -1.0}, InputError, "`noise`"),
     "noise of a state": ({"noise": [0.1, -1.0]}, InputError, "`noise`"),
     "noise without": ({"controller": None, "size": 5, "noise": 1.0}, InputError, "without"),
-    "neither": ({"controller": None}, InputTypeError, "`size`"),
+    "neither": ({"controller": None}, InputError, "`size` must be given"),
 }
 
 

@@ -69,9 +69,10 @@ def regulate(
     Notes
     -----
     Limits of single inputs: all that does not depend on the state is computed here, and a call
-    begins at the active limits of the call before, shifted by one step. At most 15 exchanges of
-    active limits are followed by at most 25 factorizations of an interior point, so that the time
-    of a call is bounded. Each plan's gap is computed from the data, and is in the log.
+    begins at the active limits of the call before, shifted by one step. Its work is bounded: at
+    most 15 exchanges of active limits, 25 factorizations of an interior point and 5 more exchanges,
+    and the same once more with orthogonal factors where rounding asks for them. Each plan's gap is
+    computed from the data, and is in the log.
 
     A feedback corrects errors of the model at the next state. That the loop is stable does not
     follow: it needs a K that is long enough, or a weight Qf that continues the cost.

@@ -19,11 +19,11 @@ from ..system import System
 from ..theory.exact import REACHABLE, factors
 from ..theory.tracking import reference_residuals
 from ..theory.tracking.errors import checked_reference
-from .controlled import Driven, controlled
+from .controlled import Driven, controlled, made_by
 from .simulating import columns
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
     from matplotlib.axes import Axes
     from numpy.typing import ArrayLike
@@ -115,22 +115,11 @@ class Tracking:
         """
         return draw_tracking(np.sqrt(self.mean_square), self.residuals, ax=ax)
 
-    def _made_by(self) -> Iterator[tuple[str, object]]:
-        info = self.info
-        if "size" in info:
-            yield "realizations N per step", html.grouped(info["size"])
-            return
-        yield "controller", info["controller"]
-        if info["limits"] is not None:
-            low, high = map(html.vector, info["limits"])
-            yield "limits", f"{low} to {high}"
-            yield "calls", ", ".join(f"{count} {what}" for what, count in info["statuses"].items())
-
     def _repr_html_(self) -> str:
         distance = np.sqrt(self.mean_square)
         rows = [
             ("steps", html.grouped(len(self.residuals))),
-            *self._made_by(),
+            *made_by(self.info),
             ("runs", self.info["runs"]),
             ("off by (rms)", f"{distance[-1]:.4g} at the end, {distance.max():.4g} at most"),
             ("out of reach in one step", f"{self.residuals.max():.4g} at most"),
@@ -243,6 +232,8 @@ def track(
                 "`size`, `feedback`, `sample_states` and `method` must be left out with "
                 "`controller`, which decides from the state alone"
             )
+    elif size is None:
+        raise InputError("`size` must be given without `controller`")
     elif noise is not None:
         raise InputError("`noise` must be left out without `controller`")
     else:

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from .._base import gate
+from .._base import gate, html
 from .._base.types import worst
 from ..controls import Regulator
 from ..exceptions import InputError, InputTypeError, NonFiniteError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from .._base.types import Floats, Status
     from ..rng import Key
@@ -83,3 +83,15 @@ def deviations(noise: Any, n: int) -> Floats:
     if (sigma < 0.0).any():
         raise InputError(f"`noise` must be standard deviations >= 0, got {sigma.min():.3g}")
     return sigma.copy()
+
+
+def made_by(info: dict[str, Any]) -> Iterator[tuple[str, object]]:
+    """Rows about what chose the inputs."""
+    if "size" in info:
+        yield "realizations N per step", html.grouped(info["size"])
+        return
+    yield "controller", info["controller"]
+    if info["limits"] is not None:
+        low, high = map(html.vector, info["limits"])
+        yield "limits", f"{low} to {high}"
+        yield "calls", ", ".join(f"{count} {what}" for what, count in info["statuses"].items())

@@ -125,6 +125,8 @@ def test_a_copy_goes_on_with_the_same_bits(again, held):
     for _ in range(held):
         loop(hold=True)
     other = again(loop)
+    assert np.any(loop._solver.warm())
+    assert np.array_equal(other._solver.warm(), loop._solver.warm())
     assert other.calls == loop.calls == 7 + held
     assert other.held == held
     assert [call.seconds for call in other.log] == [call.seconds for call in loop.log]

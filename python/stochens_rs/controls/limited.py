@@ -200,7 +200,7 @@ class Horizon:
         if task.soft is not None:
             objective = self.objective(x0, u)
         if found.active.any() or not task.boxed:
-            least = self.best(x0, task.unlimited(), time_limit).objective
+            least = self.best(x0, task.unlimited(), None).objective
         return Limited(
             task=task,
             R=self.R,

@@ -31,6 +31,8 @@ def draw_calls(
     `target` (n,) is where the states should go.
     """
     require_matplotlib()
+    from matplotlib.ticker import LogLocator
+
     n, m = (min(count, PANELS) for count in (states.shape[1], inputs.u.shape[1]))
     times = np.arange(len(states)) * (1.0 if dt is None else dt)
     figure, panels = panel_grid(n + m + 1)
@@ -45,6 +47,9 @@ def draw_calls(
     last = panels[-1]
     last.plot(times, 1e6 * seconds, ".", color=COLORS[5], markersize=4)
     last.set_yscale("log")
+    last.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    last.yaxis.set_major_formatter("{x:g}")
+    last.minorticks_off()
     add_labels(last, "step k" if dt is None else "time [s]", "time of a call [µs]")
     add_grid(last)
     add_legend(figure)

@@ -247,6 +247,7 @@ TAKEN = {
     ("realization_controls", "limits"): {"object vector", "list of None"},
     ("steer", "limits"): {"object vector", "list of None"},
     ("regulate", "limits"): {"object vector", "list of None"},
+    ("control", "state_limits"): {"object vector", "list of None"},
     ("regulate", "state_limits"): {"object vector", "list of None"},
     ("Stream.run", "checkpoint"): {"text"},
 }

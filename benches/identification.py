@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from stochens_rs import ModelStream
 from stochens_rs import _core as core
 from stochens_rs.reference import certified_control, quantiles
 from stochens_rs.reference import triangle as twin
@@ -40,6 +41,22 @@ def identification() -> Iterator[Line]:
             R = np.linalg.qr(np.vstack([R, row]), mode="r")
 
     yield "triangle updated by one pair", "NumPy qr(mode='r')", update, 2000, update_by_qr, 200
+    x, u, y = (np.ascontiguousarray(part) for part in np.hsplit(rows[:200_000], [10, 15]))
+    stream = ModelStream(10, 5)
+
+    def feed() -> None:
+        for k in range(0, len(x), 100):
+            stream.update(x[k : k + 100], u[k : k + 100], y[k : k + 100])
+
+    def feed_by_sums() -> None:
+        V, M = np.zeros((15, 15)), np.zeros((15, 10))
+        for k in range(5000):
+            z = np.concatenate([x[k], u[k]])
+            V += z[:, None] * z
+            M += z[:, None] * y[k]
+
+    what = "a pair into ModelStream, in batches of 100"
+    yield what, "NumPy loop over pairs, sums of products", feed, len(x), feed_by_sums, 5000
     for n, d, nu in ((4, 6, 34), (10, 15, 100)):
         yield (
             f"Roy's quantile, n={n}, d={d}, nu={nu}",

@@ -53,6 +53,7 @@ pub mod streaming;
 mod vector;
 #[cfg(target_arch = "x86_64")]
 mod wide;
+mod widest;
 
 pub use error::{Error, Result};
 pub use lanes::LANES;

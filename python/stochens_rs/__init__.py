@@ -2,10 +2,11 @@
 
 The system is ``x(k+1) = A x(k) + B u(k)``. `sample` (or `Ensemble.from_samples`) makes an ensemble
 of realizations, `fuse` an estimate from an ensemble, `control` a control from estimates; `steer`
-does all three. `identify` makes a model and regions for it from measured runs,
-`Trajectories`. `simulate` and `simulate_ensemble` apply a control. `required_samples` says how many
-realizations a given error takes; `theory` has the error formulas, `cases` example systems, `paper`
-the experiments and statements of the paper, `reference` the algorithms in plain NumPy.
+does all three. `identify` makes a model and regions for it from measured runs, `Trajectories`, and
+`ModelStream` while they are measured. `simulate` and `simulate_ensemble` apply a control.
+`required_samples` says how many realizations a given error takes; `theory` has the error formulas,
+`cases` example systems, `paper` the experiments and statements of the paper, `reference` the
+algorithms in plain NumPy.
 """
 
 import importlib
@@ -18,6 +19,7 @@ from ._core import version as _version
 from .controls import (
     Plan,
     control,
+    predict,
     realization_controls,
     required_samples,
     steer,
@@ -35,7 +37,7 @@ from .simulation import (
     simulate_ensemble,
     track,
 )
-from .streams import DataStream, Stream
+from .streams import DataStream, ModelStream, Stream
 from .system import System
 
 __version__ = _version()
@@ -48,6 +50,7 @@ __all__ = [
     "Fit",
     "Key",
     "Model",
+    "ModelStream",
     "Plan",
     "StochensError",
     "Stream",
@@ -66,6 +69,7 @@ __all__ = [
     "identify",
     "paper",
     "plots",
+    "predict",
     "realization_controls",
     "reference",
     "required_samples",

@@ -36,6 +36,7 @@ __all__ = [
     "region_draws",
     "residual_p_values",
     "residuals",
+    "robust_control",
     "row_quantile",
     "roy_quantile",
     "sample_counts",
@@ -47,6 +48,7 @@ __all__ = [
     "simulate_mean_field",
     "simulate_plans",
     "simulate_runs",
+    "simulate_systems",
     "slse",
     "smallest_quantile",
     "sphere_level",
@@ -226,6 +228,16 @@ def simulate_mean_field(
     key: bytes,
     threads: int,
 ) -> tuple[_Floats, _Floats | None, _Floats | None, _Floats]: ...
+def simulate_systems(
+    a: _Floats,
+    b: _Floats,
+    c: _Floats | None,
+    x0: _Floats,
+    u: _Floats,
+    full: bool,
+    keep: bool,
+    threads: int,
+) -> tuple[_Floats, _Floats | None, _Floats | None, _Floats]: ...
 def track(
     a: _Floats,
     b: _Floats,
@@ -313,6 +325,9 @@ def several_steps(
     offset: bool,
     radii: tuple[float, float, float, bool],  # spectral, frobenius, rho0, noise of the run
 ) -> tuple[_Floats, _Floats, _Floats, _Floats, _Floats]: ...
+def robust_control(
+    h: _Floats, white: _Floats, x0: _Floats, xf: _Floats, offset: bool, beta: float
+) -> _Floats: ...
 def bootstrap(
     rows: _Floats,
     h: _Floats,

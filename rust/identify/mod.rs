@@ -9,7 +9,9 @@ mod levels;
 mod quantiles;
 mod replicates;
 mod residual_tests;
+mod robust_control;
 mod several_steps;
+mod side_by_side;
 mod signs;
 mod symmetric;
 mod triangle;
@@ -24,6 +26,7 @@ pub use quantiles::{
 };
 pub use replicates::{Centre, region_draws, residual_models, weighted_models};
 pub use residual_tests::{Residuals, STATISTICS, residual_p_values, residuals};
+pub use robust_control::robust_control;
 pub use several_steps::{Fitted, Radii, Steps, several_steps};
 pub use signs::{sign_radii, sign_statistics};
 pub use triangle::{triangle, update};

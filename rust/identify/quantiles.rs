@@ -37,6 +37,9 @@ fn checked(n: usize, d: usize, delta: f64) -> Result<()> {
     Ok(())
 }
 
+/// Samples from which on the exact law is slow, and the inequality for rare events within a percent of it.
+const MANY: usize = 1 << 20;
+
 fn trusted(end: f64, delta: f64) -> bool {
     (end - 1.0).abs() <= TRUSTED * delta
 }
@@ -98,7 +101,7 @@ pub fn wishart_quantile(n: usize, d: usize, delta: f64, threads: usize, stop: &S
     order_quantile(draws.into_iter().map(|[largest, _]| largest), delta)
 }
 
-/// `a` with `P(smallest eigenvalue of W_n(I, N) < a) = delta`; 0 for `N < n`.
+/// `a` with `P(smallest eigenvalue of W_n(I, N) < a) = delta`, or less for a `delta` too small to draw; 0 for `N < n`.
 ///
 /// # Errors
 /// As [`roy_quantile`].
@@ -107,6 +110,13 @@ pub fn smallest_quantile(n: usize, samples: usize, delta: f64, threads: usize, s
     if samples < n {
         return Ok(0.0);
     }
+    let rare = delta * (DRAWS as f64 + 1.0) < 1.0; // too rare to be drawn
+    // P(smallest singular value < sqrt N - sqrt n - t) <= exp(-t^2 / 2), Davidson and Szarek (2001)
+    let below = (samples as f64).sqrt() - (n as f64).sqrt() - (-2.0 * delta.ln()).sqrt();
+    let below = below.max(0.0).powi(2);
+    if rare && samples > MANY {
+        return Ok(below);
+    }
     let single = chi2_quantile(delta, samples as f64)?;
     if n == 1 {
         return Ok(single);
@@ -114,6 +124,9 @@ pub fn smallest_quantile(n: usize, samples: usize, delta: f64, threads: usize, s
     let law = Wishart::new(n, samples)?;
     if trusted(law.between(0.0, f64::INFINITY)?, delta) {
         return stoppable(0.0, single, stop, |a| Ok(1.0 - delta - law.between(a, f64::INFINITY)?));
+    }
+    if rare {
+        return Ok(below);
     }
     // the floor(delta (M + 1))-th smallest: a further draw is smaller with probability at most delta
     let negative = smallest_wishart_root(n, samples, DRAWS, threads, stop)?.into_iter().map(|[smallest, _]| -smallest);

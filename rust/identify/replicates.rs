@@ -12,13 +12,12 @@ use crate::error::{Error, Result};
 use crate::memory::{checked_len, room_for_products, try_collect_all, try_zeros};
 use crate::parallel::{Stop, for_each_chunk};
 use crate::stream::{Key, Purpose};
+use crate::widest::widest;
 
+use super::side_by_side::{Eight, Eightfold};
 use super::weighted_sums::{BLOCK, LANES, Pairs, Summer, Weights, block_of, checked, each_index, shared_features};
 
 const WHAT: &str = "the replicates of a model";
-
-/// Of the pivots, which are near 1: below, a replicate has no estimate.
-const SINGULAR: f64 = 1e-10;
 
 /// What becomes a model.
 #[derive(Debug, Clone, Copy)]
@@ -61,110 +60,31 @@ pub fn weighted_models(
     checked(weights, groups, size)?;
     let (shared, width) = (shared_features(pairs, solve)?, block_of(groups));
     let mut models = try_zeros(WHAT, checked_len(WHAT, size, n * d)?)?;
-    for_each_chunk(models.chunks_mut(width * n * d).enumerate(), threads, stop, |(block, models)| {
+    let blocks = (size / width / 4 / threads.max(1)).clamp(1, 16); // that share their memory
+    let chunks = models.chunks_mut(blocks * width * n * d).enumerate();
+    for_each_chunk(chunks, threads, stop, |(chunk, models)| {
         let mut summer = Summer::new(pairs, solve, &shared, weights)?;
-        let sums = summer.sums(block * width, models.len() / (n * d), stop)?;
-        let (squares, crossed) = sums.split_at(sums.len() - rank * n * width);
-        let (mut lower, mut right) = (try_zeros(WHAT, squares.len() / width)?, try_zeros(WHAT, rank * n)?);
-        for (eight, models) in models.chunks_mut(LANES * n * d).enumerate() {
-            let load = |to: &mut [[f64; LANES]], from: &[f64]| {
-                let lines = from.chunks_exact(width).map(|line| &line.as_chunks::<LANES>().0[eight]);
-                to.iter_mut().zip(lines).for_each(|(to, from)| *to = *from);
-            };
-            load(&mut lower, squares);
-            load(&mut right, crossed);
-            let mut solved = [true; LANES];
-            let work = || {
-                if solve {
-                    solved = factor(&mut lower, rank);
-                    substitute(&lower, rank, n, &mut right);
-                }
-                write_models(&right, centre, n, d, models);
-            };
-            #[cfg(target_arch = "x86_64")]
-            crate::wide::widest(work);
-            #[cfg(not(target_arch = "x86_64"))]
-            work();
-            let failed = models.chunks_exact_mut(n * d).zip(solved).filter(|(_, solved)| !solved);
-            failed.for_each(|(model, _)| model.fill(f64::NAN));
+        let (mut lower, mut right) = (try_zeros(WHAT, rank * (rank + 1) / 2)?, try_zeros(WHAT, rank * n)?);
+        for (block, models) in models.chunks_mut(width * n * d).enumerate() {
+            let sums = summer.sums((chunk * blocks + block) * width, models.len() / (n * d), stop)?;
+            let (squares, crossed) = sums.split_at(sums.len() - rank * n * width);
+            for (eight, models) in models.chunks_mut(LANES * n * d).enumerate() {
+                let load = |to: &mut [Eight], from: &[f64]| {
+                    let lines = from.chunks_exact(width).map(|line| &line.as_chunks::<LANES>().0[eight]);
+                    to.iter_mut().zip(lines).for_each(|(to, from)| *to = *from);
+                };
+                load(&mut lower, squares);
+                load(&mut right, crossed);
+                let squares = solve.then_some(&mut *lower);
+                let Centre { model, white } = centre;
+                let solved = widest(Eightfold { squares, right: &mut right, model, white, n, models });
+                let failed = models.chunks_exact_mut(n * d).zip(solved).filter(|(_, solved)| !solved);
+                failed.for_each(|(model, _)| model.fill(f64::NAN));
+            }
         }
         Ok(())
     })?;
     Ok(models)
-}
-
-/// `L` of `L L'` in place of the lower half, packed by rows, of eight matrices; which of them have no small pivot.
-#[inline(always)]
-fn factor(a: &mut [[f64; LANES]], rank: usize) -> [bool; LANES] {
-    let mut sound = [true; LANES];
-    for i in 0..rank {
-        let (done, row) = a.split_at_mut(i * (i + 1) / 2);
-        for j in 0..=i {
-            let other = &done[(j * (j + 1) / 2).min(done.len())..];
-            let mut value = row[j];
-            for k in 0..j {
-                let b = if j < i { other[k] } else { row[k] };
-                for l in 0..LANES {
-                    value[l] -= row[k][l] * b[l];
-                }
-            }
-            for l in 0..LANES {
-                row[j][l] = if j < i {
-                    value[l] * other[j][l]
-                } else {
-                    sound[l] &= value[l] >= SINGULAR;
-                    1.0 / value[l].sqrt() // the reciprocal, which is what is needed
-                };
-            }
-        }
-    }
-    sound
-}
-
-/// `(L L')^-1` times the columns of `right` (rank, n).
-#[inline(always)]
-fn substitute(lower: &[[f64; LANES]], rank: usize, n: usize, right: &mut [[f64; LANES]]) {
-    let entry = |i: usize, j: usize| &lower[i * (i + 1) / 2 + j];
-    for i in 0..rank {
-        let (done, row) = right.split_at_mut(i * n);
-        for (k, value) in row[..n].iter_mut().enumerate() {
-            for j in 0..i {
-                let (a, b) = (entry(i, j), &done[j * n + k]);
-                for l in 0..LANES {
-                    value[l] -= a[l] * b[l];
-                }
-            }
-            value.iter_mut().zip(entry(i, i)).for_each(|(value, pivot)| *value *= pivot);
-        }
-    }
-    for i in (0..rank).rev() {
-        let (row, below) = right[i * n..].split_at_mut(n);
-        for (k, value) in row.iter_mut().enumerate() {
-            for j in i + 1..rank {
-                let (a, b) = (entry(j, i), &below[(j - i - 1) * n + k]);
-                for l in 0..LANES {
-                    value[l] -= a[l] * b[l];
-                }
-            }
-            value.iter_mut().zip(entry(i, i)).for_each(|(value, pivot)| *value *= pivot);
-        }
-    }
-}
-
-/// `H + right' white` of each of eight, one after the other.
-#[inline(always)]
-fn write_models(right: &[[f64; LANES]], centre: Centre<'_>, n: usize, d: usize, models: &mut [f64]) {
-    for i in 0..n {
-        for c in 0..d {
-            let mut value = [centre.model[i * d + c]; LANES];
-            for (row, white) in right.chunks_exact(n).zip(centre.white.chunks_exact(d)) {
-                for l in 0..LANES {
-                    value[l] += row[i][l] * white[c];
-                }
-            }
-            models.chunks_exact_mut(n * d).zip(value).for_each(|(model, value)| model[i * d + c] = value);
-        }
-    }
 }
 
 /// `size` models of the outcomes `H z_t + e*_t`, `e*_t` taken at random from all residuals: `H + (sum e*_t q_t') white`.

@@ -29,6 +29,9 @@ use super::symmetric::{Symmetric, spectral_norm};
 
 const WHAT: &str = "a certificate of several steps";
 
+/// The ratio below which the missing directions are known to fewer than half of the digits; see `Fitted::sees`.
+const TRUSTED: f64 = 1e-8;
+
 /// Least squares and what its error is measured with; `d = n + m`, or one more with an offset.
 #[derive(Debug, Clone, Copy)]
 pub struct Fitted<'a> {
@@ -38,7 +41,7 @@ pub struct Fitted<'a> {
     pub white: &'a [f64],
     /// A root of `S` (n, n).
     pub root: &'a [f64],
-    /// A basis of the `z` that the data do not show (columns; d, d - rank).
+    /// A basis of the `z` that the data do not show (columns; d, d - rank). Rows that are rounding have been set to 0.
     pub missing: &'a [f64],
     /// Smallest over largest singular value of the data with columns of unit length.
     pub ratio: f64,
@@ -100,10 +103,11 @@ impl Fitted<'_> {
         Ok(rank)
     }
 
-    /// Whether the data determine `Theta z`: each direction against the size of what is added up in it, and how well it is
-    /// known.
+    /// Whether the data determine `Theta z`: each missing direction against the size of what is added up in it. Rounding
+    /// turns these directions by `eps / ratio` (Wedin 1972). Where that is more than half of the digits, only a z that fits
+    /// them as well as at [`TRUSTED`] counts as determined: in doubt the certificate is infinite.
     fn sees(&self, z: &[f64]) -> bool {
-        let tolerance = 100.0 * self.d as f64 * f64::EPSILON / self.ratio.max(1e-12);
+        let tolerance = 100.0 * self.d as f64 * f64::EPSILON / self.ratio.max(TRUSTED);
         let directions = self.missing.len() / self.d;
         (0..directions).all(|q| {
             let terms = || self.missing.iter().skip(q).step_by(directions).zip(z).map(|(m, z)| m * z);

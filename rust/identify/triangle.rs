@@ -7,6 +7,7 @@ use crate::error::{Error, Result};
 use crate::fuse::power_of_two_scale;
 use crate::memory::{checked_len, try_copy, try_filled, try_zeros};
 use crate::parallel::{Stop, for_each_chunk};
+use crate::widest::{Work, widest};
 
 const WHAT: &str = "a triangle";
 
@@ -18,14 +19,6 @@ const LANES: usize = 8;
 const FEW: usize = 6;
 /// Of squares, where every column has an entry above 1e-100 in size.
 const NOTHING: f64 = 1e-280;
-
-#[cfg(target_arch = "x86_64")]
-use crate::wide::widest;
-
-#[cfg(not(target_arch = "x86_64"))]
-fn widest<T>(work: impl FnOnce() -> T) -> T {
-    work()
-}
 
 /// The `k x k` upper triangle `R` with a diagonal `>= 0` of `rows` (`N x k`, row by row): `R' R = rows' rows`.
 ///
@@ -107,7 +100,7 @@ fn absorb_rows(r: &mut [f64], rows: &[f64], k: usize, scales: &[f64], stop: &Sto
     let size = rows.len() / k;
     if size < FEW {
         let mut left = try_copy(WHAT, rows)?;
-        widest(|| left.chunks_exact_mut(k).for_each(|row| rotate(r, row, scales)));
+        widest(Rows { r, rows: &mut left, scales });
         return Ok(());
     }
     // 24 KiB for a block of few columns; columns are its lines, padded by zeros to whole lanes
@@ -117,9 +110,45 @@ fn absorb_rows(r: &mut [f64], rows: &[f64], k: usize, scales: &[f64], stop: &Sto
         stop.check()?;
         let height = (rows.len() / k).next_multiple_of(LANES);
         let block = &mut block[..k * height];
-        widest(|| absorb(r, rows, scales, block, height));
+        widest(Block { r, rows, scales, columns: block, height });
     }
     Ok(())
+}
+
+/// Rows to be taken in one by one.
+struct Rows<'a> {
+    r: &'a mut [f64],
+    rows: &'a mut [f64],
+    scales: &'a [f64],
+}
+
+impl Work for Rows<'_> {
+    type Out = ();
+
+    #[inline(always)]
+    fn run(self) {
+        for row in self.rows.chunks_exact_mut(self.scales.len()) {
+            rotate(self.r, row, self.scales);
+        }
+    }
+}
+
+/// Rows to be taken in at once, with room for their columns.
+struct Block<'a> {
+    r: &'a mut [f64],
+    rows: &'a [f64],
+    scales: &'a [f64],
+    columns: &'a mut [f64],
+    height: usize,
+}
+
+impl Work for Block<'_> {
+    type Out = ();
+
+    #[inline(always)]
+    fn run(self) {
+        absorb(self.r, self.rows, self.scales, self.columns, self.height);
+    }
 }
 
 /// One row: rotations take its entries into the diagonal (Givens).
@@ -187,12 +216,14 @@ fn absorb(r: &mut [f64], rows: &[f64], scales: &[f64], block: &mut [f64], height
 /// `v' column` for each column.
 #[inline(always)]
 fn products<const C: usize>(v: &[f64], columns: [&[f64]; C]) -> [f64; C] {
+    let v = v.as_chunks::<LANES>().0;
+    let columns = columns.map(|column| &column.as_chunks::<LANES>().0[..v.len()]);
     let mut sums = [[0.0; LANES]; C];
-    let columns = columns.map(|column| column.as_chunks::<LANES>().0);
-    for (t, v) in v.as_chunks::<LANES>().0.iter().enumerate() {
+    for (t, v) in v.iter().enumerate() {
         for (sum, column) in sums.iter_mut().zip(columns) {
+            let column = &column[t];
             for l in 0..LANES {
-                sum[l] += v[l] * column[t][l];
+                sum[l] += v[l] * column[l];
             }
         }
     }
@@ -202,13 +233,8 @@ fn products<const C: usize>(v: &[f64], columns: [&[f64]; C]) -> [f64; C] {
 /// `column -= w v` for each column.
 #[inline(always)]
 fn subtract<const C: usize>(v: &[f64], w: [f64; C], columns: [&mut [f64]; C]) {
-    let mut columns = columns.map(|column| column.as_chunks_mut::<LANES>().0);
-    for (t, v) in v.as_chunks::<LANES>().0.iter().enumerate() {
-        for (column, w) in columns.iter_mut().zip(w) {
-            for l in 0..LANES {
-                column[t][l] -= w * v[l];
-            }
-        }
+    for (column, w) in columns.into_iter().zip(w) {
+        column.iter_mut().zip(v).for_each(|(to, v)| *to -= w * v);
     }
 }
 

@@ -3,20 +3,7 @@
 
 use super::bounds::Bounds;
 use crate::lanes::LANES;
-
-#[cfg(target_arch = "x86_64")]
-pub(super) use crate::wide::{Work, widest_of};
-
-#[cfg(not(target_arch = "x86_64"))]
-pub(super) trait Work {
-    type Out;
-    fn run(self) -> Self::Out;
-}
-
-#[cfg(not(target_arch = "x86_64"))]
-pub(super) fn widest_of<W: Work>(work: W) -> W::Out {
-    work.run()
-}
+pub(super) use crate::widest::{Work, widest};
 
 /// A function with its body compiled for each width of registers.
 macro_rules! kernel {
@@ -32,7 +19,7 @@ macro_rules! kernel {
                     $body
                 }
             }
-            widest_of(Kernel { $($arg),* })
+            widest(Kernel { $($arg),* })
         }
     };
 }

@@ -7,7 +7,7 @@
 
 use super::bounds::Bounds;
 use super::kernel::{
-    Work, add_line, add_lines, add_times, axpy, dot, factored, kernel, padded, product, solved, widest_of,
+    Work, add_line, add_lines, add_times, axpy, dot, factored, kernel, padded, product, solved, widest,
 };
 use super::quadratic::{Quadratic, Status, Until};
 use super::search::Search;

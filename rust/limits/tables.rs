@@ -2,7 +2,7 @@
 
 use super::bounds::Bounds;
 use super::dense::Dense;
-use super::kernel::{Work, widest_of};
+use super::kernel::{Work, widest};
 use super::quadratic::Quadratic;
 use crate::error::Result;
 use crate::memory::{try_collect, try_room};
@@ -237,6 +237,6 @@ impl<const D: usize> Work for Part<'_, D> {
 
 impl<const D: usize> Chunk for Table<D> {
     fn solve(&self, y: &[f64], u: &mut [f64], gaps: Option<&mut [f64]>) -> usize {
-        widest_of(Part { table: self, y, u, gaps })
+        widest(Part { table: self, y, u, gaps })
     }
 }

@@ -5,8 +5,9 @@ use pyo3::prelude::*;
 
 use super::convert::{array1, array2, key, slice};
 use super::error::{InputError, ShapeError};
-use super::run::run;
+use super::run::{run, run_unstoppable};
 use crate::identify::{self, Centre, Fitted, Pairs, Radii, Weights};
+use crate::memory::try_copy;
 
 type Matrix<'py> = Bound<'py, PyArray2<f64>>;
 type Vector<'py> = Bound<'py, PyArray1<f64>>;
@@ -214,6 +215,31 @@ pub(super) fn several_steps<'py>(
         array1(py, found.rest),
         array1(py, found.sizes),
     ))
+}
+
+/// The `u` with the smallest `||H z - xf|| + beta ||white z||`, `z = (x0, u)` or `(x0, u, 1)`; `H` (n, d), `white` (rank, d).
+#[pyfunction]
+pub(super) fn robust_control<'py>(
+    py: Python<'py>,
+    h: PyReadonlyArray2<'py, f64>,
+    white: PyReadonlyArray2<'py, f64>,
+    x0: PyReadonlyArray1<'py, f64>,
+    xf: PyReadonlyArray1<'py, f64>,
+    offset: bool,
+    beta: f64,
+) -> PyResult<Vector<'py>> {
+    let ((n, d), (rank, columns)) = (h.as_array().dim(), white.as_array().dim());
+    if columns != d || xf.as_array().len() != n {
+        let found = format!("{columns} columns and {} entries", xf.as_array().len());
+        return Err(ShapeError::new_err(format!(
+            "`white` and `xf` must have {d} columns and {n} entries, got {found}"
+        )));
+    }
+    let cost = 20.0 * ((n + rank) * d) as f64 * (d + 60) as f64;
+    let [h, white] = [try_copy("H", slice("H", &h)?)?, try_copy("white", slice("white", &white)?)?];
+    let [x0, xf] = [try_copy("x0", slice("x0", &x0)?)?, try_copy("xf", slice("xf", &xf)?)?];
+    let u = run_unstoppable(py, cost, move || identify::robust_control(&h, &white, &x0, &xf, offset, beta))?;
+    Ok(array1(py, u))
 }
 
 /// A model and its `white` (rank, d).

@@ -31,14 +31,16 @@ mod _core {
     #[pymodule_export]
     use super::identify::{
         bootstrap, chi2_quantile, chi2_upper, diagonal_quantile, f_upper, joint_radii, least_squares_level,
-        log_multigamma, noncentrality_limit, one_noise, region_draws, residual_p_values, residuals, row_quantile,
-        roy_quantile, scalar_quantile, several_steps, sign_radii, sign_statistics, smallest_quantile, sphere_level,
-        trace_quantile, triangle, triangle_update, wishart_quantile,
+        log_multigamma, noncentrality_limit, one_noise, region_draws, residual_p_values, residuals, robust_control,
+        row_quantile, roy_quantile, scalar_quantile, several_steps, sign_radii, sign_statistics, smallest_quantile,
+        sphere_level, trace_quantile, triangle, triangle_update, wishart_quantile,
     };
     #[pymodule_export]
     use super::limits::{BoxControl, BoxSolver, box_batch, box_batch_each, box_control, horizon_control};
     #[pymodule_export]
-    use super::simulate::{simulate_estimates, simulate_mean_field, simulate_plans, simulate_runs, track, trajectory};
+    use super::simulate::{
+        simulate_estimates, simulate_mean_field, simulate_plans, simulate_runs, simulate_systems, track, trajectory,
+    };
     #[pymodule_export]
     use super::storage::{StateLock, storage_load, storage_save};
     #[pymodule_export]

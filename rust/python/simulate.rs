@@ -9,7 +9,7 @@ use super::error::InputError;
 use super::run::run;
 use crate::memory::try_copy;
 use crate::simulate::{
-    self, Average, ClosedLoop, Drawn, Ensemble, Estimate, Exact, Method, Model, Norm, Plans, Second,
+    self, Average, ClosedLoop, Drawn, Ensemble, Estimate, Exact, Method, Model, Norm, Plans, Second, Systems,
 };
 
 type Array1<'py> = Bound<'py, PyArray1<f64>>;
@@ -107,6 +107,36 @@ pub(super) fn simulate_mean_field<'py>(
         simulate::mean_field(&model, drawn, size, replicates, second(full), keep, &key, threads, stop)
     })?;
     moments(py, ensemble, model.n())
+}
+
+/// Moments of the runs of given systems from `x0` (1, n) or (N, n): transposed, `a` (N, n n) and `b` (N, m n); `c` (N, n).
+#[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "the arguments of one call")]
+pub(super) fn simulate_systems<'py>(
+    py: Python<'py>,
+    a: PyReadonlyArray2<'py, f64>,
+    b: PyReadonlyArray2<'py, f64>,
+    c: Option<PyReadonlyArray2<'py, f64>>,
+    x0: PyReadonlyArray2<'py, f64>,
+    u: PyReadonlyArray2<'py, f64>,
+    full: bool,
+    keep: bool,
+    threads: usize,
+) -> PyResult<Moments<'py>> {
+    let (n, (steps, m)) = (x0.as_array().dim().1, u.as_array().dim());
+    let systems = Systems {
+        n,
+        m,
+        a: slice("A", &a)?,
+        b: slice("B", &b)?,
+        c: c.as_ref().map(|c| slice("c", c)).transpose()?,
+        x0: slice("x0", &x0)?,
+        u: slice("u", &u)?,
+    };
+    let width = if full { n } else { 1 };
+    let cost = 2.0 * (steps + 1) as f64 * (products(&a, &b) + (a.as_array().dim().0 * n * width) as f64);
+    let ensemble = run(py, cost, |stop| systems.run(second(full), keep, threads, stop))?;
+    moments(py, ensemble, n)
 }
 
 /// `(states (runs (K + 1), n), inputs (runs K, m), optimal)` of `runs` runs after a reference; `factors` are `(U^T, V^T, s)`

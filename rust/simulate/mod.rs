@@ -1,4 +1,5 @@
-//! Trajectories for given inputs: exact, random runs, mean fields, and a closed loop with estimates.
+//! Trajectories for given inputs: exact, random runs, mean fields, runs of several systems, and a closed loop with
+//! estimates.
 //!
 //! ```text
 //! x(k+1) = A x(k) + B u(k),                  k = 0 .. K-1
@@ -17,6 +18,7 @@ mod model;
 mod moments;
 mod plans;
 mod runs;
+mod systems;
 mod words;
 
 pub use closed_loop::{ClosedLoop, Followed, Method};
@@ -25,3 +27,4 @@ pub use model::{Drawn, Model};
 pub use moments::{Ensemble, Second};
 pub use plans::{Average, Estimate, Exact, Norm, Plans, estimate_errors};
 pub use runs::runs;
+pub use systems::Systems;

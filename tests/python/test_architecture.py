@@ -192,7 +192,7 @@ def test_the_house_stands(check: str, ours: Package) -> None:
 def test_the_graph_is_seen(ours: Package) -> None:
     """The reader of imports finds the known ones, of every kind."""
     needs = ours.needs("controls.plan")
-    assert {"system", "theory.dynamics", "theory", "controls.basis", "_base.types"} <= needs
+    assert {"system", "theory.records", "theory", "controls.basis", "_base.types"} <= needs
     assert "controls" not in needs  # runs before it in any case
     assert "paper" in ours.needs("cli._claims")
     assert all(len(ours.needs(room)) > 1 for room in ("controls", "paper", "theory", ""))
@@ -266,7 +266,7 @@ def test_a_sound_package_has_no_faults() -> None:
 
 # Lowest first, as LAYERS: the files and folders of `rust/`. Its root, `lib.rs`, only names them.
 CORE = (
-    ("fault", "lanes", "plain", "prefetch", "vector"),
+    ("fault", "lanes", "plain", "prefetch", "vector", "widest"),
     ("error", "past_caches", "wide"),
     ("memory", "parallel", "stream"),
     ("pages",),

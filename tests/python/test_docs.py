@@ -8,6 +8,7 @@ import importlib
 import inspect
 import pkgutil
 import re
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -148,7 +149,8 @@ def test_docstring_examples(name):
     assert runner.summarize(verbose=False).failed == 0, "".join(said)
 
 
-MARKDOWN = [path for path in ("README.md", "CONTRIBUTING.md") if (ROOT / path).exists()]
+PAGES = ("README.md", "CONTRIBUTING.md", "docs/measured-runs.md")
+MARKDOWN = [path for path in PAGES if (ROOT / path).exists()]
 
 
 def blocks(path):
@@ -183,7 +185,7 @@ def test_links_lead_somewhere(path):
         for target in re.findall(r"\]\(([^)\s]+)\)", text)
         if not target.startswith(("http", "#"))
     ]
-    assert [target for target in local if not (ROOT / target).exists()] == []
+    assert [target for target in local if not (ROOT / path).parent.joinpath(target).exists()] == []
 
 
 # -- names that texts use ------------------------------------------------------------------------
@@ -264,3 +266,28 @@ def test_first_example_script_draws(tmp_path, monkeypatch):
     assert (tmp_path / "a" / "b.png").stat().st_size > 10_000
     # per unit of 100 MVA: the smallest machine is rated 25 MVA
     assert 0.0 < np.abs(module.EXACT).max() < 0.25
+
+
+def test_rig_script_compares_and_draws(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("matplotlib")
+    script = ROOT / "docs" / "rig.py"
+    if not script.exists():
+        pytest.skip("not run from a checkout")
+    spec = importlib.util.spec_from_file_location("rig", script)
+    module = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, "rig", module)
+    spec.loader.exec_module(module)
+    monkeypatch.setattr(module, "SIZES", (20, 50))
+    monkeypatch.setattr(sys, "argv", ["rig.py", "--seeds", "2", "--images", str(tmp_path / "a")])
+    module.main()
+    printed = capsys.readouterr().out
+    assert printed.count("N = 20 | N = 50 | region failed") == 6  # three laws, with and without v
+    rows = [line for line in printed.splitlines() if line.startswith("| last pairs, Gaussian")]
+    assert [" * |" in row for row in rows] == [False, True, True]
+    certificate, error = rows[0].split(" | ")[2].split(" / ")
+    assert 0.0 < 2 * float(error) < float(certificate) < 1.0
+    assert {path.name for path in (tmp_path / "a").iterdir()} == {
+        "certificates.png",
+        "residuals.png",
+        "tube.png",
+    }

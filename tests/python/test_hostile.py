@@ -156,7 +156,19 @@ def model():
     return se.identify(runs(), design="independent")
 
 
+@cache
+def fused_model():
+    return se.fuse([(A, B), (0.5 * A, B)], "leave-one-out", data=model())
+
+
 TABLE = {"t": [0.0, 0.1, 0.2], "x": [1.0, 2.0, 3.0], "u": [1.0, 0.0, 0.0]}
+
+
+def model_stream():
+    draws = np.random.default_rng(1).standard_normal((12, 6))
+    stream = se.ModelStream(2, 2)
+    stream.update(draws[:, :2], draws[:, 2:4], draws[:, 4:])
+    return stream
 
 
 def data_stream():
@@ -181,16 +193,21 @@ OWN = {
     "best": {"size": 5, "data": [(A, B), X0, XF]},
     "candidates": {"data": [(A, B), X0, XF]},
     "bound": {"name": "simulated", "data": [(A, B), X0, XF]},
+    "predict": {"model": model, "inputs": np.ones((2, 2))},
     "fuse": {"method": "alse", "target": A},
     "fuse_path": {"method": "alse"},
     "from_indices": {"target": A},
     "DataStream.update": {"A": A},
+    "ModelStream": {"m": 2},
+    "ModelStream.update": {"x": X0, "u": X0, "x_next": X0},
+    "ModelStream.look": {"tol": 1.0, "steps": 1},
     "Trajectories": {"states": np.ones((3, 2)), "inputs": np.ones((2, 2))},
     "from_pairs": {"x": np.ones((3, 2)), "u": np.ones((3, 1)), "x_next": np.ones((3, 2))},
     "from_table": {"table": TABLE, "states": ["x"], "inputs": ["u"]},
     "Trajectories.k_step": {"steps": 1},
     "from_systems": {"systems": [(A, B), (A, B)]},
     "identify": {"checks": False},
+    "simulate_ensemble": {"size": 5},
     "Region.bound": {"u": X0},
     "Region.component_bounds": {"u": X0},
     "approximately": {"sizes": (2, 5)},
@@ -210,6 +227,8 @@ TAKEN = {
     ("System", "name"): {"text"},
     ("Trajectories", "state_names"): {"text array"},
     ("Trajectories", "input_names"): {"text array"},
+    ("ModelStream", "state_names"): {"text array"},
+    ("ModelStream", "input_names"): {"text array"},
     ("Trajectories.from_pairs", "state_names"): {"text array"},
     ("identify", "known_A"): {"nan matrix"},
     ("identify", "known_B"): {"nan matrix"},
@@ -219,10 +238,13 @@ TAKEN = {
 CALLED = {"class", "function"}  # what `progress` does is its own affair
 MADE = {
     "DataStream": data_stream,
+    "ModelStream": model_stream,
+    "Snapshot": lambda: model_stream().model,
     "Ensemble": ensemble,
     "Key": lambda: se.Key(bytes(32)),
     "Trajectories": runs,
     "Model": model,
+    "FusedModel": fused_model,
     "Region": lambda: model().region(),
     "Checks": lambda: model().checks,
     "Plan": lambda: se.control((ensemble(), B), se.sample(X0, 5, rng=2), XF),
@@ -265,7 +287,11 @@ SEPARATE = {"cli", "plots", "paper.report", "paper.verdicts", "Ensemble"}
 SEPARATE |= {"Experiment.save", "Experiment.from_dict", "Panel.from_dict", "Curve.from_dict"}
 SEPARATE |= {"Experiment.plot", "Experiment.plot_figure", "Experiment.plot_panel"}
 SEPARATE |= {"Bound", "Printed", "Simulated"}
-SEPARATE |= {"Stream.save", "DataStream.save", "Stream.load", "DataStream.load"}
+SEPARATE |= {
+    f"{kind}.{name}"
+    for kind in ("Stream", "DataStream", "ModelStream")
+    for name in ("save", "load")
+}
 
 
 def is_record(obj):
@@ -350,6 +376,8 @@ TOLD_APART = {
     "Stream.load": se.Stream.load,
     "Stream.save": lambda value: MADE["Stream"]().save(value),
     "DataStream.save": lambda value: se.DataStream(B).save(value),
+    "ModelStream.save": lambda value: se.ModelStream(1, 1).save(value),
+    "ModelStream.load": se.ModelStream.load,
     "claims(quick=)": lambda value: se.paper.claims(quick=value),
     "claims(rng=)": lambda value: se.paper.claims(value),
     "a mask of indices": lambda value: se.Ensemble.from_indices(value, X0),

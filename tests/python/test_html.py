@@ -65,6 +65,10 @@ RECORDS = {
         lambda: plan().bound(),
         ["of where the exact control leads (simulated)", "of xf", "95 %", "drawn from"],
     ),
+    "Certificate": (
+        lambda: se.control(model(), X0, XF, steps=2).bound(),
+        ["of the predicted one", "95 % at least", "only the state", "<polyline"],
+    ),
     "Reachability": (lambda: plan().reachability, ["rank", "condition", "yes"]),
     "Trajectory": (
         lambda: se.simulate(SYSTEM, X0, np.ones((20, 2))),

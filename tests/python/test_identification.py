@@ -636,7 +636,7 @@ def test_ensembles_repeat_with_their_key_and_keep_offset_and_known_columns():
 
 def test_ensembles_that_would_mislead_are_refused():
     with pytest.raises(InputError, match="single known entries"):
-        fixed(known_B=[[0.0], [np.nan]]).bootstrap(3)
+        fixed(known_B=[[0.0], [np.nan]]).draw(3)
     with pytest.raises(InputError, match="noisy states cannot be resampled"):
         instrumented(DATA, Z).bootstrap(3)
     with pytest.raises(InputError, match="needs noise='gaussian'"):
@@ -667,12 +667,15 @@ def test_models_and_regions_pickle():
 def test_a_model_is_not_taken_for_the_system():
     """A bound would be relative to the estimate, which `model.system` asks for."""
     model = fixed()
-    for call in (se.System.from_any, lambda m: se.control(m, X0, X0)):
+    for call in (se.System.from_any, lambda m: se.steer(m, X0, X0, 9)):
         with pytest.raises(InputError, match="estimated from data: pass its `system`"):
             call(model)
     with pytest.raises(InputError, match="estimated from data"):
         se.theory.bounds.best("state", model, X0, X0, size=9, delta=0.1)
-    assert se.control(model.system, X0, X0).u.shape == (1, 1)
+    exact, known = se.control(model.system, X0, X0), se.control(model, X0, X0)
+    assert exact.bound().certain
+    np.testing.assert_array_equal(exact.u, known.u)
+    assert known.bound().state > exact.bound().state
 
 
 def test_estimates_cannot_be_changed():
@@ -705,3 +708,39 @@ ASSUMPTIONS = {
 @pytest.mark.parametrize("said", ASSUMPTIONS)
 def test_the_assumption_is_said_in_words(said):
     assert ASSUMPTIONS[said]().region(DELTA).assumption == said
+
+
+@pytest.mark.parametrize("method", ["pairs", "residual", "wild", "trajectories"])
+def test_rows_with_known_entries_are_resampled_together(method):
+    """Each row is that of a model with whole known columns, of the same resamples."""
+    _, _, data = longer(N=60)
+    options = {"checks": False, "design": "adaptive"}
+    some = se.identify(data, known_B=[[np.nan], [1.5]], **options)
+    free, fixed_B = (
+        se.identify(data, **options),
+        se.identify(data, known_B=[[1.5], [1.5]], **options),
+    )
+    models, first, second = (
+        one.bootstrap(300, method=method, rng=4) for one in (some, free, fixed_B)
+    )
+    assert len(models) == len(first) == len(second) == 300
+    np.testing.assert_allclose(models.A[:, 0], first.A[:, 0], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(models.B[:, 0], first.B[:, 0], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(models.A[:, 1], second.A[:, 1], rtol=1e-9, atol=1e-12)
+    assert (models.B[:, 1] == 1.5).all()
+    assert models.A.std(axis=0).min() > 0.0
+
+
+@pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
+def test_a_region_of_radius_0_bounds_nothing_that_the_data_do_not_determine():
+    x = np.arange(6.0)[:, None]
+    exact = se.Trajectories.from_pairs(x, 0.0 * x, 2.0 * x)  # no residual
+    still = se.Trajectories.from_pairs(0.0 * x, 0.0 * x, x)
+    for region, known in (
+        (se.identify(exact, design="independent").region(), [1.0]),
+        (se.identify(still, sigma=0.1).region(), [0.0]),
+    ):
+        assert region.radius == 0.0
+        assert region.bound(known, [0.0]) == 0.0
+        assert region.bound([1.0], [1.0]) == np.inf
+        assert region.component_bounds([0.0], [1.0]) == [np.inf]

@@ -9,10 +9,12 @@ from scipy import special, stats
 from identification_data import DELTA, LAMS, POINT, Y, Z, check, exactly, independent
 from stochens_rs import _core as core
 from stochens_rs.exceptions import InputError, NonFiniteError, ShapeError
+from stochens_rs.identification import least_squares as ls
 from stochens_rs.reference import anytime as at
 from stochens_rs.reference import certified_control as cc
 from stochens_rs.reference import laws
 from stochens_rs.reference import quantiles as qu
+from stochens_rs.reference import regions as rg
 from stochens_rs.reference import resampling as rs
 from stochens_rs.reference import residual_tests as rt
 from stochens_rs.reference import signs as sg
@@ -217,6 +219,158 @@ def test_steps_that_the_data_do_not_show():
     assert np.isinf(found[1][2])
     for a, b in zip(found, expected, strict=True):
         check(a, b, rtol=1e-10)
+
+
+@pytest.mark.parametrize("inputs", ["proportional", "unused", "one in three"])
+@pytest.mark.parametrize("units", [1.0, 1e-6, 1e6])
+def test_missing_directions_of_inputs_alone_leave_steps_finite(gen, inputs, units):
+    """The same radii as with the inputs that were free; what is known of A is known."""
+    for _ in range(30):
+        n = 3
+        x, u = gen.standard_normal((60, n)), units * gen.standard_normal((60, 2))
+        map_ = {
+            "proportional": np.array([[1.0, 0.0, 2.0 / 3.0], [0.0, 1.0, 0.0]]),
+            "unused": np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
+            "one in three": gen.standard_normal((2, 3)),
+        }[inputs]
+        x[:, 2] = x[:, 1] + 1e-3 * x[:, 2]
+        y = x @ gen.standard_normal((n, n)) + u @ gen.standard_normal((2, n)) / units
+        y += 0.1 * gen.standard_normal(y.shape)
+        fitted, few = fitted_to(np.hstack([x, u @ map_]), y), fitted_to(np.hstack([x, u]), y)
+        assert fitted.missing.shape == (6, 1)
+        data = tr.triangle(np.hstack([x, u @ map_]), y)
+        for missing in (fitted.missing, ls.fit(data.R, data.d, data.N).missing):
+            assert not np.any(missing[:n])
+        x0, plan = gen.standard_normal(n), units * gen.standard_normal((4, 2))
+        options = {"spectral": 0.5, "frobenius": 0.8, "rho0": 0.1}
+        found = steps(fitted, x0, plan @ map_, **options)
+        assert np.all(np.isfinite(found[1]))
+        check(found[1], steps(few, x0, plan, **options)[1], rtol=1e-6)
+        check(found[1], cc.several_steps(fitted, x0, plan @ map_, **options).radii, rtol=1e-9)
+
+
+@pytest.mark.parametrize("gain", [1.0, 1e-3, 1e-9])
+def test_missing_directions_of_states_make_steps_infinite(gen, gain):
+    """An input that is a feedback of a state, however small: nothing may be concluded."""
+    x, u = gen.standard_normal((60, 3)), gen.standard_normal((60, 2))
+    u[:, 1] = u[:, 0] + gain * x[:, 0]
+    fitted = fitted_to(np.hstack([x, u]), x + 0.1 * gen.standard_normal((60, 3)))
+    assert np.any(fitted.missing[0])
+    found = steps(fitted, np.ones(3), gen.standard_normal((3, 2)), spectral=0.5)
+    assert np.all(np.isinf(found[1][1:]))
+    follows = np.array([[1.0, 1.0 + gain], [0.5, 0.5]])  # the first step is one of the data
+    found = steps(fitted, np.ones(3), follows, spectral=0.5)
+    assert np.isfinite(found[1][1])
+    assert np.isinf(found[1][2])
+
+
+# -- the input with the smallest certificate -------------------------------------------------------
+
+
+def value_and_bound(H, white, x0, xf, offset, beta, u):
+    """The sum of norms at u, a lower bound of it for all u by duality, and what rounding u changes.
+
+    max <g, a> + beta <w, b> over ||g||, ||w|| <= 1, G'g + beta L'w = 0. The gradients at u nearly
+    are such (g, w); where a residual is 0 its part is what the other asks for. Projected and shrunk
+    they are feasible.
+    """
+    z = np.concatenate([x0, u, np.ones(int(offset))])
+    inputs = slice(len(x0), len(x0) + len(u))
+    z0 = z.copy()
+    z0[inputs] = 0.0
+    r, s = H @ z - xf, beta * white @ z
+    G, L = H[:, inputs], beta * white[:, inputs]
+    both, fixed = np.vstack([G, L]), np.concatenate([H @ z0 - xf, beta * white @ z0])
+    lengths = np.linalg.norm(both, axis=0)
+    U, sigma, _ = np.linalg.svd(both / np.where(lengths > 0.0, lengths, 1.0))
+    U = U[:, : int(np.sum(sigma > 1e-12))]
+    g, w = r / np.linalg.norm(r), s / np.linalg.norm(s)
+    best = 0.0
+    for pair in (
+        (g, w),
+        (-np.linalg.pinv(G.T) @ (L.T @ w), w),
+        (g, -np.linalg.pinv(L.T) @ (G.T @ g)),
+    ):
+        both = np.concatenate(pair)
+        both -= U @ (U.T @ both)
+        longest = max(1.0, np.linalg.norm(both[: len(r)]), np.linalg.norm(both[len(r) :]))
+        best = max(best, both @ fixed / longest)
+    rounding = np.finfo(float).eps * (np.abs(fixed).sum() + lengths @ np.abs(u))
+    return np.linalg.norm(r) + np.linalg.norm(s), best, rounding
+
+
+@pytest.mark.parametrize("beta", [1e-9, 1e-2, 0.3, 1.0, 10.0, 1e6])
+@pytest.mark.parametrize(
+    "case", ["few", "many", "square", "offset", "units", "sparse", "collinear"]
+)
+def test_robust_controls_are_optimal(gen, case, beta):
+    for _ in range(20):
+        n, m = {"few": (5, 2), "many": (2, 6), "sparse": (6, 4)}.get(case, (3, 3))
+        offset = case == "offset"
+        _, z, y = independent(gen, n=n, d=n + m + offset, N=40)
+        if offset:
+            z[:, -1] = 1.0
+        if case == "units":
+            z, y = z * np.geomspace(1e-9, 1e9, n + m), y * 1e5
+        if case == "sparse":
+            z, y = z * (gen.random(z.shape) < 0.2), y * (gen.random(y.shape) < 0.2)
+            z[:, n] = 0.0
+        if case == "collinear":
+            z[:, -1] = z[:, -2] + 1e-6 * z[:, -1]
+        fitted = fitted_to(z, y)
+        x0, xf = gen.standard_normal(n), gen.standard_normal(n)
+        u = core.robust_control(fitted.H, fitted.white, x0, xf, offset, beta)
+        value, bound, rounding = value_and_bound(fitted.H, fitted.white, x0, xf, offset, beta, u)
+        assert bound <= value * (1.0 + 1e-9) + 100.0 * rounding
+        assert value <= bound * (1.0 + 1e-9) + 100.0 * rounding
+
+
+def test_robust_controls_agree_with_clarabel(gen):
+    pytest.importorskip("clarabel")
+    for n, m, offset in ((3, 2, False), (2, 4, True), (6, 6, False)):
+        _, z, y = independent(gen, n=n, d=n + m + offset, N=30)
+        if offset:
+            z[:, -1] = 1.0
+        region = rg.full(tr.triangle(z, y), DELTA)
+        x0, xf = gen.standard_normal(n), 3.0 * gen.standard_normal(n)
+        white = np.ascontiguousarray(region.fitted.white)
+        H = np.ascontiguousarray(region.fitted.H)
+        u = core.robust_control(H, white, x0, xf, offset, rg.radius(region))
+        theirs = cc.robust_control(region, x0, xf, offset=offset)
+        ours = cc.one_step(region, x0, u, xf).certificate
+        assert ours <= cc.one_step(region, x0, theirs, xf).certificate * (1.0 + 1e-12)
+        check(u, theirs, rtol=0, atol=1e-3)  # of a value that is known to 1e-8
+
+
+def test_robust_controls_without_uncertainty_are_least_squares(gen):
+    """And among all u that come as close, the one whose z the data know best."""
+    _, z, y = independent(gen, n=2, d=7, N=30)
+    fitted, x0, xf = fitted_to(z, y), np.ones(2), np.array([3.0, -1.0])
+    u = core.robust_control(fitted.H, fitted.white, x0, xf, False, 0.0)
+    check(fitted.H @ np.r_[x0, u], xf, atol=1e-12)
+    G, L = fitted.H[:, 2:], fitted.white[:, 2:]
+    null = np.linalg.svd(G)[2][2:].T
+    assert np.abs(null.T @ L.T @ fitted.white @ np.r_[x0, u]).max() < 1e-12
+    tall = fitted_to(z[:, :3], z[:, 3:])
+    u = core.robust_control(tall.H, tall.white, np.ones(2), np.ones(4), False, 0.0)
+    expected = np.linalg.lstsq(tall.H[:, 2:], 1.0 - tall.H[:, :2] @ np.ones(2), rcond=None)[0]
+    check(u, expected, rtol=1e-12)
+
+
+def test_robust_controls_refuse():
+    H, x0, xf = FIT.H, np.zeros(2), np.zeros(2)
+    for beta in (-1.0, np.inf, np.nan):
+        with pytest.raises(InputError, match="beta"):
+            core.robust_control(H, FIT.white, x0, xf, False, beta)
+    with pytest.raises(NonFiniteError, match="xf"):
+        core.robust_control(H, FIT.white, x0, np.array([1.0, np.inf]), False, 1.0)
+    for short in ((np.zeros(3), xf, False), (x0, xf, True), (x0, np.zeros(3), False)):
+        with pytest.raises(ShapeError):
+            core.robust_control(H, FIT.white, *short, 1.0)
+    with pytest.raises(ShapeError):
+        core.robust_control(H, FIT.white[:, :2].copy(), x0, xf, False, 1.0)
+    # no work for the bisection: all of it 0
+    assert np.array_equal(core.robust_control(0.0 * H, 0.0 * FIT.white, x0, xf, False, 1.0), [0.0])
 
 
 # -- replicates ------------------------------------------------------------------------------------

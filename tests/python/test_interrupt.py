@@ -35,6 +35,7 @@ LONG_CALLS = {
     "np.ones((3, 1200)), 10**6, covariance='full', rng=1)",
     "mean field": "se.simulate_ensemble((A / 99, A), np.ones(100), np.ones((9999, 100)), 10**6, "
     "averaging='mean-field', rng=1)",
+    "systems": "se.simulate_ensemble(models, np.ones(100), np.ones((20_000, 100)))",
     "controls": "se.control((big, np.eye(100)), np.ones(100), np.ones(100), fusion='diagonal')",
 }
 
@@ -61,6 +62,7 @@ rows = se.Ensemble.from_samples(np.tile(written.reshape(-1, 1, 900), (1, 4, 1)))
 if {needs_fed}:
     fed = se.DataStream(np.ones((2500, 1)))
     fed.update(x0=np.ones(2500), xf=np.ones(2500), A=np.random.default_rng(6).random((2500, 2500)))
+models = se.SystemEnsemble(np.tile(A / 99, (200, 1, 1)), np.tile(A, (200, 1, 1)))
 sent = []
 
 def cut(fit):

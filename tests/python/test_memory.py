@@ -28,6 +28,7 @@ few = se.sample(A[:20, :20], 8 * size, rng=1)
 dense = se.Ensemble.from_samples(rng.normal(size=(size // 2, n)))
 counts = se.sample_counts(A, 10**6, rng=3)
 system = se.System(A, B)
+models = se.SystemEnsemble(np.stack([A] * 3), np.stack([B] * 3))
 weights = np.full(size, 1 / size)
 u = rng.normal(size=(3, 2))
 stream = se.Stream((A, B), x0, xf, rng=4)
@@ -78,6 +79,9 @@ calls = {
     "simulate_ensemble": lambda: se.simulate_ensemble(system, x0, u, 40, rng=1),
     "simulate_ensemble mean-field": lambda: se.simulate_ensemble(
         system, x0, u, 40, averaging="mean-field", rng=1, replicates=3
+    ),
+    "simulate_ensemble of systems": lambda: se.simulate_ensemble(
+        models, x0, u, covariance="full", return_runs=True
     ),
     "Stream": run_stream,
     "Stream pickled": lambda: __import__("pickle").loads(__import__("pickle").dumps(stream)),
@@ -135,7 +139,7 @@ def test_every_call_under_a_shrinking_limit() -> None:
     )
     assert run.returncode == 0, run.stderr
     ends = json.loads(run.stdout)
-    assert len(ends) == 32
+    assert len(ends) == 33
     for name, codes in ends.items():
         assert set(codes) <= {0, 1}, f"{name}: {codes} (0 done, 1 MemoryError, negative: a signal)"
         assert codes[-1] == 0, f"{name}: {codes}"

@@ -16,8 +16,11 @@ import matplotlib.pyplot as plt
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
-from stochens_rs.exceptions import InputError
+import stochens_rs as se
+from stochens_rs.exceptions import DataWarning, InputError
 from stochens_rs.plots import files as plots
+from stochens_rs.plots.certificates import draw_certificates
+from stochens_rs.plots.residuals import draw_residuals
 from stochens_rs.studies import Curve, Experiment, Panel
 from stochens_rs.studies.figures import _number, _ticks
 from stochens_rs.studies.methods import STYLES
@@ -247,3 +250,115 @@ def test_import_does_not_load_matplotlib():
     code = "import sys, stochens_rs; print('matplotlib' in sys.modules)"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "False"
+
+
+# -- models from data --------------------------------------------------------------------------
+
+
+def identified(n=2, runs=20, sigma=0.01):
+    """A model of a stable system, and a run that was kept apart."""
+    rng = np.random.default_rng(5)
+    A, B = 0.8 * np.eye(n) + 0.1 * np.eye(n, k=1), np.ones((n, 1))
+    u = rng.standard_normal((runs + 1, 12, 1))
+    x = np.zeros((runs + 1, 13, n))
+    for k in range(12):
+        x[:, k + 1] = x[:, k] @ A.T + u[:, k] @ B.T + sigma * rng.standard_normal((runs + 1, n))
+    names = [f"state {i}" for i in range(n)]
+    data = se.Trajectories(x, u, dt=0.1, state_names=names)
+    return se.identify(data[:runs], sigma=sigma, checks=n < 5), data[runs]
+
+
+def test_residuals_are_drawn_with_their_p_values():
+    model, _ = identified()
+    figure = model.plot()
+    titles = [ax.get_title(loc="left") for ax in figure.axes]
+    tests = ("change", "correlation in time", "tails", "heteroscedasticity")
+    for title, test in zip(titles, tests, strict=True):
+        assert f"{model.checks.p_values[test]:.2g}" in title
+    assert all(ax.get_xlabel() and ax.get_ylabel() for ax in figure.axes)
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == list(model.state_names)
+    x, u, after = model.data.pairs()
+    e = after - x @ model.A.T - u @ model.B.T
+    e /= np.sqrt(np.mean(e**2, axis=0))
+    time, lags, tails, leverages = figure.axes
+    assert np.allclose(time.lines[1].get_ydata(), e[:, 1])
+    # the dots of each state at lag 1
+    first = [float(line.get_ydata()[0]) for line in lags.lines if line.get_marker() == "o"]
+    assert np.allclose(first, np.sum(e[1:] * e[:-1], axis=0) / np.sum(e**2, axis=0))
+    assert np.allclose(tails.lines[0].get_ydata(), np.sort(e[:, 0]))
+    Z = np.hstack([x, u])
+    h = np.einsum("ti,ij,tj->t", Z, np.linalg.inv(Z.T @ Z), Z)
+    assert np.allclose(leverages.lines[0].get_xdata(), h)
+    figure.canvas.draw()
+
+
+def test_residuals_of_many_states_and_pairs_and_of_none():
+    rng = np.random.default_rng(1)
+    figure = draw_residuals(rng.standard_normal((5000, 9)), np.ones(5000), list("abcdefghi"), None)
+    assert len(figure.legends[0].get_texts()) == 6
+    assert len(figure.axes[0].lines[0].get_xdata()) == 2000
+    for exact in (np.zeros((3, 1)), np.zeros((1, 2))):
+        draw_residuals(exact, np.ones(len(exact)), ["a", "b"][: exact.shape[1]], None).canvas.draw()
+
+
+def test_a_tube_contains_the_run_that_was_kept_apart():
+    model, (states, inputs) = identified()
+    plan = se.predict(model, states[0], inputs)
+    found = plan.bound(0.05, noise=True)
+    figure = plan.plot(found, measured=states)
+    assert len(figure.axes) == 2
+    for i, ax in enumerate(figure.axes):
+        assert (ax.get_xlabel(), ax.get_ylabel()) == ("time [s]", f"state {i}")
+        predicted, measured = (line.get_ydata() for line in ax.lines)
+        assert np.array_equal(predicted, plan.predicted_states[:, i])
+        assert np.array_equal(measured, states[:, i])
+        edge = ax.collections[0].get_paths()[0].vertices
+        for k, time in enumerate(0.1 * np.arange(13)):
+            at = edge[np.isclose(edge[:, 0], time), 1]
+            assert at.max() == pytest.approx(predicted[k] + found.tube[k])
+            assert at.min() <= measured[k] <= at.max()
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert labels == ["certified, 95 %", "predicted", "measured"]
+
+
+def test_a_plan_is_drawn_with_its_target_and_without_a_tube():
+    model, _ = identified()
+    plan = se.control(model, [1.0, 0.0], [0.0, 0.0], steps=3)
+    labels = [text.get_text() for text in plan.plot().legends[0].get_texts()]
+    assert labels == ["predicted", "target"]
+    figure = se.control(([[0.5]], [[1.0]]), [1.0], [0.0], steps=2).plot()
+    assert figure.axes[0].get_xlabel() == "step k"
+    with pytest.raises(InputError, match="over 3 steps, got one over 2 steps"):
+        plan.plot(se.control(model, [1.0, 0.0], [0.0, 0.0], steps=2).bound())
+    with pytest.raises(InputError, match=r"`measured` must have shape \(4, 2\)"):
+        plan.plot(measured=np.zeros((3, 2)))
+
+
+def test_an_infinite_tube_and_many_states_can_be_drawn():
+    with pytest.warns(DataWarning, match="do not determine"):
+        model, (states, inputs) = identified(n=14, runs=1)
+    plan = se.predict(model, states[0], inputs)
+    found = plan.bound()
+    assert np.isinf(found.tube[-1])
+    figure = plan.plot(found, measured=np.stack([states, states]))
+    assert len(figure.axes) == 12
+    figure.canvas.draw()
+    assert all(np.isfinite(ax.get_ylim()).all() for ax in figure.axes)
+
+
+def test_infinite_certificates_are_marked_at_the_edge():
+    sizes = np.array([10, 20, 50])
+    curves = {
+        "one": (np.array([np.inf, 2.0, 1.0]), np.array([0.3, 0.2, 0.1])),
+        "two": (np.array([3.0, 2.5, 2.0]), None),
+    }
+    ax = draw_certificates(sizes, curves, tol=0.5)
+    assert ax.get_xscale() == ax.get_yscale() == "log"
+    assert ax.get_xlabel() == "experiments N"
+    drawn = [list(line.get_ydata()) for line in ax.lines]
+    for values in ([2.0, 1.0], [0.3, 0.2, 0.1], [3.0, 2.5, 2.0], [0.985]):
+        assert values in drawn
+    labels = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert labels == ["one", "two", "certificate", "true error", "at the upper edge: infinite"]
+    ax.figure.canvas.draw()

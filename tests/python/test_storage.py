@@ -21,6 +21,7 @@ import pytest
 
 import stochens_rs as se
 from stochens_rs import exceptions
+from stochens_rs._base import state_file
 from stochens_rs.exceptions import (
     InputError,
     InputTypeError,
@@ -30,7 +31,6 @@ from stochens_rs.exceptions import (
     StateNotFoundError,
     StateRecoveredWarning,
 )
-from stochens_rs.streams import state_file
 
 POSIX = pytest.mark.skipif(os.name != "posix", reason="signals, limits and users of POSIX")
 

@@ -36,6 +36,8 @@ Status: TypeAlias = Literal[
     "time_limit",  # the limit on the time of a run was reached
     "user_limit",  # the limit on the time or the passes of a solver was reached
     "interrupted",  # Ctrl-C
+    "held",  # the next input of an earlier plan
+    "infeasible",  # limits that cannot be kept are missed by as little as possible
 ]
 STATUSES: tuple[Status, ...] = get_args(Status)
 

@@ -9,7 +9,7 @@ import click
 
 from .._base.files import versions
 from ..exceptions import InputError, InputTypeError, ResourceError, StateError
-from . import _claims, _info, _plan, _reproduce, _stream
+from . import _claims, _control, _identify, _info, _plan, _reproduce, _stream
 from ._output import INTERRUPTED, note, occupy_standard_descriptors, show
 
 __all__ = ["main"]
@@ -43,7 +43,15 @@ def cli(context: click.Context) -> None:
         show(context.get_help())
 
 
-for _command in (_reproduce.reproduce, _claims.claims, _plan.plan, _stream.stream, _info.info):
+for _command in (
+    _reproduce.reproduce,
+    _claims.claims,
+    _plan.plan,
+    _stream.stream,
+    _identify.identify_command,
+    _control.control_command,
+    _info.info,
+):
     _command.epilog = EXIT_CODES
     cli.add_command(_command)
 

@@ -2,18 +2,11 @@
 
 from __future__ import annotations
 
-import re
-import tempfile
-
 import click
 
-from .. import paper, plots
-from .._base.files import write_listed
-from ..plots.style import require_matplotlib
+from .. import paper
 from ._options import force_option, json_option, seed_option
-from ._output import note, prepared, show_result
-
-_NAMES = re.compile(r"claims\.(json|png|svg)")
+from ._output import Folder, show_result
 
 
 @click.command(short_help="Check the statements of the paper.")
@@ -39,19 +32,12 @@ def claims(
     a file of the same name that this command did not write, or that was changed since, the command
     stops before it computes anything (claims.json lists the files with their SHA-256).
     """
-    directory, options = None, {"seed": seed, "quick": quick}
+    folder = None
     if out is not None:
-        require_matplotlib()
-        directory, earlier = prepared(out, "claims.json", _NAMES, options, force)
+        folder = Folder(out, "claims", {"seed": seed, "quick": quick}, force)
     found = paper.claims(seed, quick=quick, progress=True)
     show_result(found.to_dict(), f"{found}\n\n{found.summary}", as_json)
-    if directory is not None:
-        for path in earlier:
-            path.unlink(missing_ok=True)
-        facts = {**found.to_dict(), "options": options}
-        with tempfile.TemporaryDirectory(dir=directory) as made:
-            figures = plots.save_figures({"claims": found.plot()}, made)
-            for path in write_listed(directory, "claims.json", facts, figures):
-                note(f"written: {path}")
+    if folder is not None:
+        folder.write(found.to_dict(), found.plot)
     if not found.confirmed:
         context.exit(3)

@@ -8,13 +8,21 @@ import os
 import re
 import sys
 import tempfile
+from collections.abc import Callable
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
+import numpy as np
 
+from .._base.files import write_listed
 from ..exceptions import InputError
+from ..plots import save_figures
+from ..plots.style import require_matplotlib
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 INTERRUPTED = 130  # exit code after Ctrl-C: 128 + SIGINT
 
@@ -66,6 +74,44 @@ def prepared(
     with tempfile.TemporaryFile(dir=directory):
         pass
     return directory, _replaceable(directory, index, names, options, force)
+
+
+class Folder:
+    """The directory of ``--out``: checked when it is made, written to when there are results."""
+
+    def __init__(self, out: str, name: str, options: dict[str, Any], force: bool) -> None:
+        require_matplotlib()
+        self._name, self._options = name, options
+        names = re.compile(rf"{name}\.(json|png|svg)")
+        self._at, self._earlier = prepared(out, f"{name}.json", names, options, force)
+
+    def write(self, facts: dict[str, Any], draw: Callable[[], Figure]) -> None:
+        """Write the facts with the options, and the figure; name the files on standard error."""
+        for path in self._earlier:
+            path.unlink(missing_ok=True)
+        with tempfile.TemporaryDirectory(dir=self._at) as made:
+            figures = save_figures({self._name: draw()}, made)
+            facts = {**facts, "options": self._options}
+            for path in write_listed(self._at, f"{self._name}.json", facts, figures):
+                note(f"written: {path}")
+
+
+def finite(values: Any) -> Any:
+    """Numbers for JSON, as lists: None where one is infinite or nan."""
+    given = np.asarray(values, dtype=np.float64)
+    return np.where(np.isfinite(given), given.astype(object), np.array(None)).tolist()
+
+
+def grid(rows: list[list[str]]) -> list[str]:
+    """Lines of cells in columns: the first left-aligned, the others right-aligned."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return [
+        "  ".join(
+            [row[0].ljust(widths[0])]
+            + [cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True)]
+        ).rstrip()
+        for row in rows
+    ]
 
 
 def _replaceable(

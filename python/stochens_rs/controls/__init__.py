@@ -1,20 +1,25 @@
 """Controls from estimates, and what is known about their errors."""
 
 from ..theory.records import PlanError, Reachability
-from .fused import control, realization_controls
+from .certificate import Certificate
+from .fused import control
 from .plan import Plan
 from .plan_bound import PlanBound
 from .planning import required_samples
+from .predicting import predict
+from .realization import realization_controls
 from .sample_plan import SamplePlan
 from .steering import steer
 
 __all__ = [
+    "Certificate",
     "Plan",
     "PlanBound",
     "PlanError",
     "Reachability",
     "SamplePlan",
     "control",
+    "predict",
     "realization_controls",
     "required_samples",
     "steer",

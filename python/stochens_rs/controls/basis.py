@@ -2,7 +2,7 @@
 
 `Known` is what is known about one of x0, xf and A: its estimate, the exact values behind it where
 they are known, and how many realizations were drawn how. `Basis` is B with the three of them. Both
-hold arrays of the size of the problem, never the realizations.
+hold arrays of the size of the problem, never the realizations. `ModelBasis` is for models.
 """
 
 from __future__ import annotations
@@ -17,8 +17,9 @@ from .._base.records import by_constructor
 from .._base.types import AXES, Floats
 from ..ensembles.counts import Counts
 from ..ensembles.ensemble import Ensemble
-from ..exceptions import InputError, ShapeError
+from ..exceptions import InputError, InputTypeError, ShapeError
 from ..fusion.fits import Fit
+from ..identification.identified import Identified
 from ..rng import Key
 from ..system import System
 
@@ -139,6 +140,38 @@ class Basis:
         return N0, Nf, NA
 
 
+@dataclass(frozen=True, eq=False)
+class ModelBasis:
+    """What a plan for a model from data keeps.
+
+    Attributes
+    ----------
+    model : Identified
+        The model, with its regions.
+    x0, xf : ndarray, shape (n,)
+        Initial state and target.
+    x0_error : float
+        How far the true initial state may be from `x0`, in the 2-norm.
+    """
+
+    model: Identified
+    x0: Floats
+    xf: Floats
+    x0_error: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.model, Identified):
+            raise InputTypeError(f"`model` must be a model from data, got {gate.show(self.model)}")
+        n = len(self.model.A)
+        for name, value in (("x0", self.x0), ("xf", self.xf)):
+            if gate.kept(name, value, ndim=(1,)).shape != (n,):
+                raise ShapeError(f"`{name}` must have shape ({n},), got {value.shape}")
+        gate.nonnegative("x0_error", self.x0_error)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return by_constructor(self)
+
+
 def known(name: str, value: Fit | Ensemble | Counts | Floats, estimate: Floats | None) -> Known:
     """Collect what is known about an argument of `control`; `estimate` is what it used."""
     if isinstance(value, Ensemble | Counts):
@@ -151,7 +184,8 @@ def known(name: str, value: Fit | Ensemble | Counts | Floats, estimate: Floats |
         if value.target is not None:
             key = None if value.ensemble is None else value.ensemble.key
             return Known(name, "fitted", value.estimate, value.target, key=key)
-        return Known(name, "unknown", value.estimate, size=len(value.weights))
+        size = None if value.method in ("weighted", "precision") else len(value.weights)
+        return Known(name, "unknown", value.estimate, size=size)
     return Known(name, "exact", estimate, value)
 
 
@@ -167,7 +201,7 @@ def _drawn(name: str, value: Ensemble | Counts, estimate: Floats | None) -> Know
 
 
 def completed(
-    basis: Basis | None,
+    basis: Basis | ModelBasis | None,
     system: System | None,
     x0: ArrayLike | None,
     xf: ArrayLike | None,
@@ -176,6 +210,11 @@ def completed(
     """The basis of a plan, in which the given exact values complete the unknown laws."""
     if basis is None:
         raise InputError(f"this plan was not made by `control`: it has no {what}")
+    if isinstance(basis, ModelBasis):
+        raise InputError(
+            f"no {what} over draws is known for a model from data: use plan.bound(), or control "
+            "the models of model.bootstrap()"
+        )
     n = len(basis.B)
     declared: dict[str, Floats] = {}
     if x0 is not None:
@@ -218,6 +257,10 @@ def _declare(entity: Known, values: Floats | None, what: str) -> Known:
                 f"the law of `{entity.name}` is unknown (realizations brought by the user), and "
                 f"the {what} depends on it: pass `{argument}=` if they are independent singletons "
                 "of a known mean; for other realizations see DataStream.confidence"
+            )
+        if entity.size is None:
+            raise InputError(
+                f"`{entity.name}` is a fit with weights of its own: no {what} is known for it"
             )
         if entity.estimate is None or not _possible(entity.estimate, values, entity.axis):
             raise InputError(

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+import numpy as np
+
 from .. import _core
 from .._base import gate
 from .._base.types import FUSIONS, Floats, Fusion, Status
@@ -89,11 +91,12 @@ class Entity:
 
 
 def problem(
-    system: SystemLike, x0: EntityLike, xf: EntityLike
+    system: SystemLike, x0: EntityLike, xf: EntityLike | None, reference: Any = None
 ) -> tuple[Floats, tuple[Entity, Entity, Entity]]:
     """Check all arguments of a control problem: B, and the entities x0, xf and A.
 
-    `system` is a system, or a pair (A, B) whose A may be a Fit, an Ensemble or Counts.
+    `system` is a system, or a pair (A, B) whose A may be a Fit, an Ensemble or Counts. The last row
+    of a `reference` takes the place of `xf`.
     """
     pair: tuple[Any, ...] = system if isinstance(system, tuple) else ()
     A = pair[0] if pair else None
@@ -110,7 +113,16 @@ def problem(
     else:
         exact = System.from_any(system)
         n, B, matrix = exact.n, exact.B, Entity("A", exact.A)
-    return B, (_end("x0", x0, n), _end("xf", xf, n), matrix)
+    last = xf if reference is None else last_row(reference, xf, n)
+    return B, (_end("x0", x0, n), _end("xf", last, n), matrix)
+
+
+def last_row(reference: Any, xf: object, n: int) -> Floats:
+    """Where a reference ends."""
+    if xf is not None:
+        raise InputError("`xf` must be None with `reference`, whose last row takes its place")
+    rows: Floats = gate.matrix("reference", reference, cols=n)
+    return np.array(rows[-1])
 
 
 def _end(name: str, value: object, n: int) -> Entity:
@@ -138,3 +150,20 @@ def fusion_over(steps: object, fusion: object, n: int, m: int) -> tuple[int, Fus
             "biased, and more of them do not help"
         )
     return K, "diagonal"
+
+
+def step_warnings(n: int, m: int, K: int, rank: int, *, exact: bool) -> tuple[str, ...]:
+    """Warnings about an estimated C_K; for one step it is B, which is exact."""
+    if K == 1:
+        return ()
+    if rank < n:
+        return (
+            f"C_K has rank {rank} < n = {n}: only targets in its range can be reached, and the "
+            "estimate need not be consistent",
+        )
+    if m * K == n and not exact:
+        return (
+            f"m K = n = {n}: the inverse of the estimated C_K has heavy tails; take more than "
+            f"{K} steps, or regularise",
+        )
+    return ()

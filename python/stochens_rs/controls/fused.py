@@ -1,4 +1,4 @@
-"""Controls from realizations: one per realization, or one fused from all of them."""
+"""`control`: the control for estimates, exact values or a model."""
 
 from __future__ import annotations
 
@@ -7,119 +7,103 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import _core
-from .._base import gate, memory
+from .._base import gate
 from .._base.numbers import norm
-from .._base.threads import get_num_threads
-from .._base.types import Floats, Fusion, worst
+from .._base.types import DELTA, Floats, Fusion, worst
+from ..exceptions import InputError
+from ..identification.identified import Identified
 from ..theory.dynamics import states
-from ..theory.exact import EPS, best, best_control, factors
+from ..theory.exact import EPS, best, best_control
 from .basis import Basis, known
-from .entities import fusion_over, problem
+from .entities import fusion_over, problem, step_warnings
+from .from_model import model_control
+from .limited import Horizon
 from .plan import Plan
+from .task import asked_task
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
     from ..theory.exact import Best
     from .entities import Entity, EntityLike, SystemLike
-
-
-def realization_controls(
-    system: SystemLike, x0: EntityLike, xf: EntityLike, *, out: Floats | None = None
-) -> Floats:
-    """Compute one control per realization, ``u^s = B^+ (xf^s - A^s x0^s)``.
-
-    Parameters
-    ----------
-    system : System or pair (A, B)
-        As in `control`; realizations of A are an Ensemble in the pair.
-    x0, xf : Ensemble or array_like, shape (n,)
-        Realizations of the initial state and the target; an array is the same for all.
-    out : ndarray of float64, shape (N, m), optional
-        Where to write the controls: C-contiguous, writeable, sharing no memory with the other
-        arguments. To reuse an array saves more time than the controls take. After an exception its
-        entries are undefined.
-
-    Returns
-    -------
-    ndarray, shape (N, m)
-        ``u[s]`` belongs to realization s of every ensemble (N = 1 if all are arrays); `out` itself
-        if it was given.
-
-    Raises
-    ------
-    InputError, InputTypeError
-        If an argument cannot be used, the ensembles differ in size, or a control overflows.
-    SolverError
-        If the singular value decomposition of B does not converge.
-
-    Notes
-    -----
-    ``B^+`` is the Moore-Penrose inverse; singular values up to ``eps max(n, m) sigma_max`` count
-    as zero. For singletons a control costs O(m). Its mean is ``B^+ (xf - A x0)``.
-
-    Here the matrix ``B^+`` is formed, once for all realizations. Rounding errors are about
-    ``eps condition(B) ||u||`` in the control, as in `control`; in the state ``B u`` they are about
-    ``eps condition(B) ||xf - A x0||``, with `control` about ``eps ||B|| ||u||``.
-
-    Examples
-    --------
-    >>> import numpy as np, stochens_rs as se
-    >>> A, B = np.array([[0.9, 0.2], [-0.1, 0.8]]), np.array([[1.0], [0.5]])
-    >>> drawn = se.sample(A, 5, rng=1), B
-    >>> u = se.realization_controls(drawn, [1.0, 2.0], [0.0, 0.0])
-    >>> u.shape
-    (5, 1)
-    >>> again = np.empty((5, 1))
-    >>> v = se.realization_controls(drawn, [1.0, 2.0], [0.0, 0.0], out=again)
-    >>> v is again, bool((v == u).all())
-    (True, True)
-    """
-    inputs, given = problem(system, x0, xf)
-    start, goal, matrix = (entity.realizations() for entity in given)
-    pinv = factors(inputs).inverse
-    size = max(entity.size or 1 for entity in given)
-    shape = (size, inputs.shape[1])
-    if out is None:
-        memory.need("the controls", size * inputs.shape[1] * 8)
-        # not from the core: NumPy asks the system for large pages, which are filled far sooner
-        controls = np.empty(shape)
-    else:
-        A, B = system[:2] if isinstance(system, tuple) else (system.A, system.B)
-        controls = gate.output("out", out, shape, {"A": A, "B": B, "x0": x0, "xf": xf})
-    _core.realization_controls(
-        controls, out is None, pinv, start, goal, matrix, given[2].by_rows, get_num_threads()
-    )
-    return controls
+    from .limited import Limited
+    from .task import LimitsLike
 
 
 def control(
-    system: SystemLike,
+    system: SystemLike | Identified,
     x0: EntityLike,
-    xf: EntityLike,
+    xf: EntityLike | None = None,
     *,
     steps: int = 1,
     fusion: Fusion = "product",
+    x0_error: float = 0.0,
+    robust: bool = False,
+    delta: float = DELTA,
+    limits: LimitsLike = None,
+    rate: ArrayLike | None = None,
+    previous: ArrayLike | None = None,
+    Q: ArrayLike | None = None,
+    Qf: ArrayLike | None = None,
+    R: ArrayLike | str | None = None,
+    reference: ArrayLike | None = None,
+    state_limits: LimitsLike = None,
+    soft: float | bool | None = None,
+    time_limit: float | None = None,
 ) -> Plan:
-    """Compute the smallest control from x0 to xf in K steps, from estimates.
+    """Compute the best control from x0 to xf in K steps, from estimates, also within limits.
+
+    Without limits and weights it is the smallest one that comes nearest to xf.
 
     Parameters
     ----------
-    system : System or pair (A, B)
+    system : System or pair (A, B), or Model
         A System, anything `System.from_any` takes, or a pair of A, shape (n, n), and an array B,
-        shape (n, m). In the pair A may be a Fit, an Ensemble or Counts.
+        shape (n, m). In the pair A may be a Fit, an Ensemble or Counts. Or a model from measured
+        data, as `identify` makes it; x0 and xf are then arrays.
     x0, xf : Fit, Ensemble, Counts or array_like, shape (n,)
-        Initial state and target. A Fit or Counts stands for its estimate, an Ensemble for its
-        uniform average. An array counts as exact; for an estimate of your own pass a Fit.
+        Initial state and target; xf is left out if `reference` is given. A Fit or Counts stands for
+        its estimate, an Ensemble for its uniform average. An array counts as exact; for an estimate
+        of your own pass a Fit.
     steps : int, default 1
         Number of steps K.
     fusion : {"product", "diagonal"}, default "product"
         "product": the control of the estimates. "diagonal", for one step: the average of the
         controls of the paired realizations, as in the paper; it needs ensembles of equal size (or
         arrays).
+    x0_error : float, default 0.0
+        For a model from data: the true initial state is within this distance of `x0`.
+    robust : bool, default False
+        For a model from data and one step: take the u with the smallest bound of
+        ``||x(1) - xf||`` instead of the smallest one that comes nearest according to the model.
+    delta : float, default 0.05
+        The level of that bound, see `Plan.bound`.
+    limits : tuple (low, high), optional
+        Limits of the inputs, each a number, (m,) or (K, m), infinite or None where there is none;
+        equal ones fix an input.
+    rate, previous : float or array_like, shape (m,), optional
+        ``|u(k) - u(k-1)| <= rate`` with ``u(-1) = previous``, the input that is applied now.
+    Q, Qf : float or array_like, shape (n,) or (n, n), optional
+        Weights of the states x(1), ..., x(K-1), and of x(K): numbers, diagonals or matrices, >= 0.
+        Default: Q is 0, and Qf is Q, or I without Q.
+    R : "auto", float or array_like, shape (m,) or (m, m), optional
+        Weight of each input. "auto", the default with limits or other weights:
+        ``1e-8 tr(G'QG) / (m K)``, G from inputs to states; it is in ``plan.limited.R``.
+    reference : array_like, shape (K + 1, n), optional
+        The states wanted at the times 0, ..., K, instead of xf at all of them.
+    state_limits : tuple (low, high), optional
+        Limits of the states x(1), ..., x(K), each a number, (n,) or (K, n), or None.
+    soft : float or bool, optional
+        The weight of the squares of what is beyond `state_limits`; default: 1000 times the largest
+        entry of Q and Qf. False: hard limits, with status "infeasible" if they cannot be kept.
+    time_limit : float, optional
+        The time for the control within limits [s]; the best one so far has status "user_limit".
 
     Returns
     -------
     Plan
-        The control, the states it should lead to, and what is out of reach.
+        The control, the states it should lead to, and what is out of reach; within limits also
+        which are active, what they cost and how far from the best the control can be.
 
     Raises
     ------
@@ -146,6 +130,17 @@ def control(
     inverse of the square, estimated ``C_K`` has heavy tails: rare draws give huge controls. Take
     more steps, or regularise; ``info["warnings"]`` says so.
 
+    Limits or weights: ``J(u) = sum_k ||x(k) - r(k)||^2_Q + ||u(k-1)||^2_R`` over k = 1, ..., K,
+    with Qf at K, is minimised within the limits, which `u` keeps exactly. The gap ``J(u) - min J``
+    is computed from the result, whatever the solver says; "optimal" means that it is at most
+    ``1e-9 (J(0) + J(u))``. fusion="diagonal" is then the control of the average of
+    ``xf^s - A^s x0^s``: the average of the controls within limits would be biased. A control with
+    R > 0 is unique.
+
+    A model from data takes the place of the exact system, its offset c included: ``xf`` less what
+    c adds over K steps. ``robust``: ``min ||H z - xf|| + radius ||z||`` in the norm of V^-1 with
+    ``z = (x0, u, 1)`` and the region of the model, a second-order cone problem.
+
     Examples
     --------
     >>> import numpy as np, stochens_rs as se
@@ -154,36 +149,82 @@ def control(
     >>> plan = se.control((fit, B), se.sample([1.0, 2.0], 500, rng=2), [0.0, 0.0], steps=4)
     >>> plan.u.shape, plan.predicted_states.shape, plan.reachability.reachable
     ((4, 1), (5, 2), True)
+    >>> z = np.random.default_rng(3).standard_normal((100, 5))
+    >>> x, u, w = z[:, :2], z[:, 2:3], 0.01 * z[:, 3:]
+    >>> data = se.Trajectories.from_pairs(x, u, x @ A.T + u @ B.T + w)
+    >>> model = se.identify(data, design="independent")
+    >>> found = se.control(model, [1.0, 2.0], [0.0, 0.0], steps=4).bound(0.05)
+    >>> found.method, found.target < 0.1
+    ('several steps', True)
+    >>> pushed = [[1.0, 1.0], [0.0, 1.0]], [[0.0], [1.0]]
+    >>> plan = se.control(pushed, [1.0, 0.0], [0.0, 0.0], steps=2, limits=(-0.5, 0.5), R=0.0)
+    >>> plan.u.ravel(), plan.active.ravel(), round(plan.missed, 6), plan.status
+    (array([-0.5,  0.5]), array([-1,  1], dtype=int8), 0.25, 'optimal')
     """
-    inputs, given = problem(system, x0, xf)
+    asked: dict[str, Any] = {
+        "limits": limits,
+        "rate": rate,
+        "previous": previous,
+        "Q": Q,
+        "Qf": Qf,
+        "R": R,
+        "reference": reference,
+        "state_limits": state_limits,
+        "soft": soft,
+        "time_limit": time_limit,
+    }
+    level, least = gate.probability("delta", delta), gate.flag("robust", robust)
+    off = gate.nonnegative("x0_error", x0_error)
+    if isinstance(system, Identified):
+        if level != DELTA and not least:
+            raise InputError("`delta` goes with robust=True; otherwise it belongs to plan.bound")
+        return model_control(
+            system, x0, xf, steps, fusion, asked, x0_error=off, robust=least, delta=level
+        )
+    if least or level != DELTA or off:
+        raise InputError("`robust`, `delta` and `x0_error` are for models from data")
+    inputs, given = problem(system, x0, xf, reference)
     n, m = inputs.shape
     K, how = fusion_over(steps, fusion, n, m)
     start, goal = given[0].estimate(), given[1].estimate()
+    task, seconds = asked_task(n, m, K, goal, asked)
     matrix: Floats | None = None
+    limited: Limited | None = None
     if how == "diagonal":
         found = _paired(inputs, given, goal)
-        predicted = np.stack([start, found.reached])
+        u, predicted = found.u.reshape(K, m), np.stack([start, found.reached])
+        if task is not None:
+            # x(1) is the average of A^s x0^s, plus B u
+            limited = Horizon(task, np.eye(n), inputs).solve(found.free, time_limit=seconds)
+            u = limited.u
+            predicted[1] = found.free + inputs @ u[0]
     else:
         matrix = given[2].estimate()
         name = "A" if given[2].size is None else "A_hat"
         found = best_control(matrix, inputs, start, goal, K, name)
-        predicted = states(matrix, inputs, start, found.u.reshape(K, m))
+        u = found.u.reshape(K, m)
+        if task is not None:
+            limited = Horizon(task, matrix, inputs).solve(start, time_limit=seconds)
+            u = limited.u
+        predicted = states(matrix, inputs, start, u)
     reachability = found.reachability()
     info: dict[str, Any] = {entity.name: entity.description for entity in given}
     info["singular_values"] = found.factors.singular_values
-    info["warnings"] = _warnings(n, m, K, reachability.rank, exact=given[2].size is None)
+    sure = given[2].size is None or task is not None
+    info["warnings"] = step_warnings(n, m, K, reachability.rank, exact=sure)
     x0_known, xf_known, A_known = (
         known(entity.name, entity.value, estimate)
         for entity, estimate in zip(given, (start, goal, matrix), strict=True)
     )
     return Plan(
-        u=found.u.reshape(K, m),
+        u=u,
         predicted_states=predicted,
         reachability=reachability,
         fusion=how,
-        status=worst([entity.status for entity in given]),
+        status=worst([entity.status for entity in given] + ([limited.status] if limited else [])),
         info=info,
         basis=Basis(inputs, x0_known, xf_known, A_known),
+        limited=limited,
     )
 
 
@@ -194,20 +235,3 @@ def _paired(B: Floats, given: tuple[Entity, Entity, Entity], goal: Floats) -> Be
     free = goal - difference  # the average of A^s x0^s
     unsure = EPS * (norm(free) + norm(goal))  # the averages count as exact
     return best(B, free, difference, unsure)
-
-
-def _warnings(n: int, m: int, K: int, rank: int, *, exact: bool) -> tuple[str, ...]:
-    """Warnings about an estimated C_K; for one step it is B, which is exact."""
-    if K == 1:
-        return ()
-    if rank < n:
-        return (
-            f"C_K has rank {rank} < n = {n}: only targets in its range can be reached, and the "
-            "estimate need not be consistent",
-        )
-    if m * K == n and not exact:
-        return (
-            f"m K = n = {n}: the inverse of the estimated C_K has heavy tails; take more than "
-            f"{K} steps, or regularise",
-        )
-    return ()

@@ -10,24 +10,28 @@ import numpy as np
 from .._base import gate, html
 from .._base.records import by_constructor
 from .._base.types import DELTA, FUSIONS, STATUSES, Floats, Fusion, Quantity, Status
-from ..exceptions import ShapeError
-from ..system import System
-from ..theory.dynamics import checked_ends, states
-from ..theory.exact import best_control
-from ..theory.records import PlanError, Reachability
-from .basis import Basis, completed
+from ..exceptions import InputError, ShapeError
+from ..theory.records import Reachability
+from .basis import Basis, ModelBasis, completed
+from .certificate import Certificate
+from .compared import Compared
+from .drawn import Drawn
+from .limited import Limited
+from .model_bound import certificate, declared
 from .plan_bound import PlanBound, plan_bound
 from .plan_covariance import plan_covariance
 from .shown import expectation, made_from
+from .within import Within, cost_rows, cost_text
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from ..rng import RngLike
+    from ..system import System
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Plan:
+class Plan(Compared, Within, Drawn):
     """A control over K steps, its predicted states, and the data for its error bound.
 
     Attributes
@@ -35,22 +39,28 @@ class Plan:
     u : ndarray, shape (K, m)
         The control; ``u[k]`` acts in the step from k to k + 1.
     predicted_states : ndarray, shape (K + 1, n)
-        Trajectory of the model, ``xh(k+1) = A_hat xh(k) + B u(k)`` from ``x0_hat``; for
+        Trajectory of the model, ``xh(k+1) = A_hat xh(k) + B u(k) (+ c)`` from ``x0_hat``; for
         fusion="diagonal" the average of ``A^s x0^s`` takes the place of ``A_hat x0_hat``.
     reachability : Reachability
         What K steps cannot reach, according to the estimates: residual and relative residual of
         ``xf_hat - A_hat^K x0_hat``, rank and condition of
-        ``C_K = [B, A_hat B, ..., A_hat^{K-1} B]`` (one step: ``C_1 = B``).
+        ``C_K = [B, A_hat B, ..., A_hat^{K-1} B]`` (one step: ``C_1 = B``). Also for a plan with
+        limits: what no input reaches however large.
     fusion : str
         "product" or "diagonal".
     status : str
-        The worst status among the entities' fits; "completed" if none was optimised.
+        The worst status among the entities' fits and the control within limits: "optimal",
+        "optimal_inaccurate" (`gap` is above its tolerance), "user_limit" (of time), "interrupted",
+        "infeasible" (hard state limits that cannot be kept); "completed" if nothing was optimised.
     info : dict
         "x0", "xf", "A": method, number of realizations, gap; "singular_values" of ``C_K``;
         "warnings", a tuple of sentences.
-    basis : Basis or None
-        What is known about B, x0, xf and A, for `bound` and `covariance`; None for a plan that was
-        made by hand.
+    basis : Basis, ModelBasis or None
+        What is known about B, x0, xf and A, for `bound` and `covariance`, or the model from data;
+        None for a plan that was made by hand.
+    limited : Limited, optional
+        What is known about a control within limits or with weights: active limits, multipliers,
+        gap, objective and what the limits cost, as properties of the plan too.
     """
 
     u: Floats
@@ -59,7 +69,8 @@ class Plan:
     fusion: Fusion
     status: Status
     info: dict[str, Any] = field(default_factory=dict)
-    basis: Basis | None = None
+    basis: Basis | ModelBasis | None = None
+    limited: Limited | None = None
 
     def __post_init__(self) -> None:
         gate.kept("u", self.u, ndim=(2,))
@@ -72,16 +83,13 @@ class Plan:
         gate.instance("reachability", self.reachability, Reachability)
         gate.choice("fusion", self.fusion, FUSIONS)
         gate.choice("status", self.status, STATUSES)
-        if self.basis is not None:
+        if self.basis is not None and not isinstance(self.basis, ModelBasis):
             gate.instance("basis", self.basis, Basis)
+        if self.limited is not None:
+            gate.instance("limited", self.limited, Limited)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return by_constructor(self)
-
-    @property
-    def steps(self) -> int:
-        """Number of steps K."""
-        return len(self.u)
 
     def bound(
         self,
@@ -91,7 +99,10 @@ class Plan:
         x0: ArrayLike | None = None,
         xf: ArrayLike | None = None,
         rng: RngLike = 0,
-    ) -> PlanBound:
+        noise: bool = False,
+        open_loop: bool = False,
+        x0_fixed: bool = False,
+    ) -> PlanBound | Certificate:
         """Bound the error of the control, from what the plan keeps about its arguments.
 
         Parameters
@@ -105,11 +116,23 @@ class Plan:
             The same for x0 and xf.
         rng : None, int, SeedSequence, Generator, BitGenerator or Key, default 0
             Source of randomness of the simulation; with the default the same bound in every call.
+        noise : bool, default False
+            For a model from data, as all that follows: whether the noise of the run to come is
+            included. With several steps, their number must then have been fixed before the data.
+        open_loop : bool, default False
+            For several steps, your declaration that the inputs of the measured runs were
+            independent of all noise, and the runs of each other, with lengths fixed beforehand.
+            Regression over all K steps at once (`Trajectories.k_step`) then competes, each of the
+            two with delta / 2. With feedback in the runs the bound is wrong.
+        x0_fixed : bool, default False
+            Your declaration that x0 was fixed before the data, which makes the bound smaller: for
+            one step, or with `open_loop`, and Gaussian noise of independent design.
 
         Returns
         -------
-        PlanBound
-            Radii for the last state and for the control, with the names of the bounds.
+        PlanBound or Certificate
+            Radii for the last state and for the control, with the names of the bounds; for a model
+            from data a `Certificate`.
 
         Raises
         ------
@@ -117,7 +140,8 @@ class Plan:
             If `delta` does not lie in (0, 1); the law of an entity is unknown (realizations
             brought by the user, a part of a systematic sample) and not declared, or a declared
             one contradicts the plan; two entities were drawn with the same key; systematic
-            realizations of rows are paired; or the bound overflows.
+            realizations of rows are paired; the bound overflows; or an argument does not go with
+            the model from data, or no bound is known for what was assumed of them.
 
         Notes
         -----
@@ -135,6 +159,11 @@ class Plan:
         realizations is bounded, use `DataStream.confidence`. To compare with a nominal system, use
         `Plan.error`.
 
+        For a model from data the bound follows from its region, for any control, also one chosen
+        after the data; nothing is random. One step: ``||x(1) - xf|| <= ||H z - xf|| + radius
+        ||z||``. Several: ``e(k+1) = A_hat e(k) + D z(k) + D_x e(k)``, ``D = Theta - H``, in first
+        order exact over the Frobenius ball or by Cauchy and Schwarz, and the rest by induction.
+
         Examples
         --------
         >>> import stochens_rs as se
@@ -145,6 +174,12 @@ class Plan:
         True
         """
         delta = gate.probability("delta", delta)
+        asked = declared(noise, open_loop, x0_fixed)
+        if isinstance(self.basis, ModelBasis):
+            exact = {"system": system, "x0": x0, "xf": xf}
+            return certificate(self.basis, self.u, self.predicted_states, delta, asked, exact)
+        if any(asked):
+            raise InputError("`noise`, `open_loop` and `x0_fixed` are for models from data")
         basis = completed(self.basis, system, x0, xf, "bound")
         return plan_bound(basis, self.u, self.predicted_states, self.fusion, delta, rng)
 
@@ -194,94 +229,24 @@ class Plan:
         (array([[0.4]]), array([[0.4, 0. ],
                [0. , 0. ]]))
         """
+        if self.limited is not None:
+            raise InputError("no covariance is known within limits or with weights: use error()")
         basis = completed(self.basis, system, x0, xf, "covariance")
         return plan_covariance(basis, self.steps, self.fusion, quantity)
-
-    def error(self, system: System, x0: ArrayLike, xf: ArrayLike) -> PlanError:
-        """Compare the control with the best one for an exactly known system.
-
-        Parameters
-        ----------
-        system : System
-            The true system.
-        x0, xf : array_like, shape (n,)
-            The true initial state and the target.
-
-        Returns
-        -------
-        PlanError
-            With ``v = C_K^+ (xf - A^K x0)``, the smallest control that comes nearest to the
-            target: the error of the control, the distance between the two last states, and the
-            residual that no control reaches. ``||x(K) - xf||`` is ``sqrt(state^2 + residual^2)``.
-
-        Raises
-        ------
-        InputError, InputTypeError
-            If the arguments do not fit this plan, or something overflows.
-
-        Examples
-        --------
-        >>> import stochens_rs as se
-        >>> system = se.System([[1.0, 0.1], [0.0, 1.0]], [[0.0], [0.1]])
-        >>> plan = se.control(system, [1.0, 1.0], [0.0, 0.0], steps=5)
-        >>> plan.error(system, [1.0, 1.0], [0.0, 0.0]).control
-        0.0
-        """
-        checked, start, goal = checked_ends(self._fitting(system), x0, xf)
-        best = best_control(checked.A, checked.B, start, goal, self.steps)
-        return best.error(self.u.ravel(), start)
-
-    def states(self, system: System, x0: ArrayLike) -> Floats:
-        """Trajectory of an exactly known system under this control.
-
-        Parameters
-        ----------
-        system : System
-            The true system.
-        x0 : array_like, shape (n,)
-            Its initial state.
-
-        Returns
-        -------
-        ndarray, shape (K + 1, n)
-            ``x(k+1) = A x(k) + B u(k)``.
-
-        Raises
-        ------
-        InputError, InputTypeError
-            If the arguments do not fit this plan, or a state overflows.
-
-        Examples
-        --------
-        >>> import stochens_rs as se
-        >>> system = se.System([[1.0, 0.1], [0.0, 1.0]], [[0.0], [0.1]])
-        >>> plan = se.control(system, [1.0, 0.0], [0.0, 0.0], steps=5)
-        >>> bool(abs(plan.states(system, [1.0, 0.0])[-1]).max() < 1e-12)
-        True
-        """
-        checked = self._fitting(system)
-        return states(checked.A, checked.B, gate.vector("x0", x0, length=checked.n), self.u)
-
-    def _fitting(self, system: object) -> System:
-        checked = System.from_any(system)
-        n, m = self.predicted_states.shape[1], self.u.shape[1]
-        if (checked.n, checked.m) != (n, m):
-            raise ShapeError(
-                f"`system` must have n={n} and m={m} as this plan, got n={checked.n} and "
-                f"m={checked.m}"
-            )
-        return checked
 
     def _repr_html_(self) -> str:
         first = ("control u(0)", html.vector(self.u[0]))
         drawn = html.states(
             np.arange(self.steps + 1), self.predicted_states, "states of the model over the steps"
         )
-        return html.card(self, [first, html.largest(self.u), *made_from(self.info)], drawn)
+        cost = () if self.limited is None else cost_rows(self.limited)
+        return html.card(self, [first, html.largest(self.u), *cost, *made_from(self.info)], drawn)
 
     def __repr__(self) -> str:
         K, m = self.u.shape
         text = expectation(
             self.reachability, self.basis, self.predicted_states[-1], K, self.covariance
         )
+        if self.limited is not None:
+            text = f"without limits {text}; {cost_text(self.limited)}"
         return f"<Plan {self.fusion}: {html.counted(K)}, m={m}, {self.status}, {text}>"

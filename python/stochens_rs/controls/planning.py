@@ -18,6 +18,7 @@ from ..theory.dynamics import checked_ends
 from ..theory.exact import best_control
 from .entities import fusion_over
 from .sample_plan import Requirement, SamplePlan
+from .task import checked_task
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from ..theory.bounds import Bound
+    from .task import LimitsLike
 
 
 _START = 1000  # size at which a search starts if no bound has one
@@ -42,6 +44,7 @@ def required_samples(
     relative: bool = True,
     quantity: Quantity = "state",
     fusion: Fusion = "product",
+    limits: LimitsLike = None,
     runs: int = 1000,
     rng: RngLike = None,
 ) -> SamplePlan:
@@ -68,6 +71,8 @@ def required_samples(
         ``||u - v||``; over several steps with ``C_K`` in place of ``B``.
     fusion : {"product", "diagonal"}, default "product"
         How the realizations are fused, with uniform weights; "diagonal" for one step only.
+    limits : tuple (low, high), optional
+        Limits of the inputs, as in `control`: for one step, relative=False and quantity="state".
     runs : int, default 1000
         Simulated fusions per bound, for the columns `quantile` and `failures`.
     rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
@@ -90,6 +95,13 @@ def required_samples(
     several steps "simulated" is the only bound. The simulation draws counts, not realizations: its
     cost does not depend on N.
 
+    Within limits the error is ``||B (u - v)||`` with the best v within them. It is at most
+    ``||B B^+ (b_hat - b)||``, ``b = xf - A x0``, the error without limits, for every weight R >= 0
+    and Q = I: for u, v the best of two targets ``||B (u - v)||^2 + ||u - v||_R^2 <=
+    <B (u - v), b_hat - b>``. So the sizes hold as they are, and the simulated errors, quantiles and
+    the root mean square, all of the error without limits, are upper bounds. Over several steps A
+    changes the map from inputs to states, and no size is known.
+
     Examples
     --------
     >>> import stochens_rs as se
@@ -105,6 +117,8 @@ def required_samples(
     kind = gate.choice("quantity", quantity, QUANTITIES)
     K, how = fusion_over(steps, fusion, checked.n, checked.m)
     relative = gate.flag("relative", relative)
+    if limits is not None:
+        _limited(checked.n, checked.m, K, limits, kind, relative)
     key = as_key(rng)
     best = best_control(checked.A, checked.B, start, goal, K)
     relative_to, reference = best.compared(kind, start)
@@ -162,6 +176,26 @@ def required_samples(
         runs=runs,
         key=key,
     )
+
+
+def _limited(n: int, m: int, K: int, limits: Any, quantity: str, relative: bool) -> None:
+    """Refuse limits where the sizes without them do not hold."""
+    if K > 1:
+        raise InputError(
+            f"`limits` must be None with steps={K}: over several steps an estimated A changes the "
+            "map from inputs to states, and no number of realizations is known to be enough"
+        )
+    if quantity != "state":
+        raise InputError(
+            "`limits` must be None with quantity='control': within limits the error of the control "
+            "has another bound than without"
+        )
+    if relative:
+        raise InputError(
+            "`relative` must be False with `limits`: the state that an error would be relative to "
+            "is another one within them"
+        )
+    checked_task(n, m, K, np.zeros(n), limits=limits)
 
 
 def _needed(errors: Callable[[int], Floats], allowed: float, delta: float, start: int) -> int:

@@ -12,6 +12,7 @@ from .._base.numbers import norm
 from .._base.types import Floats
 from ..exceptions import StochensError
 from ..theory.exact import EPS, best_control
+from .basis import ModelBasis
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -27,7 +28,7 @@ _CHEAP = 1e7
 
 def expectation(
     reach: Reachability,
-    basis: Basis | None,
+    basis: Basis | ModelBasis | None,
     end: Floats,
     steps: int,
     covariance: Callable[[], Floats],
@@ -37,6 +38,9 @@ def expectation(
     The model ends at `end`; `covariance` computes that of the true system's last state.
     """
     text = reach_text(reach)
+    if isinstance(basis, ModelBasis):
+        off = norm(basis.xf - end)
+        return f"{text}; the model ends {off:.2g} from xf; true system: see bound()"
     if basis is None or basis.xf.estimate is None:
         return text
     exact = all(entity.kind == "exact" for entity in basis.entities)

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from ..fusion.fusing import Method
     from .plan import Plan
+    from .task import LimitsLike
 
 
 def steer(
@@ -32,6 +33,7 @@ def steer(
     steps: int = 1,
     method: Method = "uniform",
     fusion: Fusion = "product",
+    limits: LimitsLike = None,
     rng: RngLike = None,
 ) -> Plan:
     """Sample x0, xf and A, fuse them, and compute the control: all in one call.
@@ -50,6 +52,8 @@ def steer(
         How to fuse; the least-squares methods fit to the exact entity, as in the paper's analysis.
     fusion : {"product", "diagonal"}, default "product"
         As in `control`; "diagonal" goes with one step and method "uniform" only.
+    limits : tuple (low, high), optional
+        Limits of the inputs, as in `control`; weights, references and limits of states go there.
     rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
         Source of randomness; the entities draw from its children "x0", "xf" and "A".
 
@@ -95,5 +99,5 @@ def steer(
         fuse(sample(target, size, rng=key.child(name)), method, target=target)
         for name, target in (("x0", start), ("xf", goal), ("A", checked.A))
     )
-    plan = control((A_fit, checked.B), x0_fit, xf_fit, steps=steps, fusion=how)
+    plan = control((A_fit, checked.B), x0_fit, xf_fit, steps=steps, fusion=how, limits=limits)
     return replace(plan, info={**plan.info, "key": key})

@@ -18,7 +18,7 @@ from .._base.types import CENTRES, Axis, Centre, Floats, Scheme
 from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 from ..rng import Key
 from .dense import dense
-from .law import Law, checked_scheme
+from .law import checked_scheme
 from .lines import checked_target, from_lines, to_lines
 from .realizations import Realizations
 
@@ -109,59 +109,6 @@ class Ensemble(Realizations):
         lines = to_lines(values, axis)
         draws = _core.Draws.from_indices(lines, _checked_indices(indices, lines.shape))
         return cls._of_draws(draws, values.shape, axis, None, None)
-
-    @property
-    def axis(self) -> Axis:
-        """Which lines of a matrix were drawn independently: "columns" or "rows"."""
-        return self._axis
-
-    @property
-    def scheme(self) -> Scheme | None:
-        """How the realizations were drawn; None if they were not drawn here."""
-        return self._scheme
-
-    @property
-    def law(self) -> Law | None:
-        """The law of the realizations; None if they were not drawn here."""
-        values = self._values()
-        if values is None or self._scheme is None:
-            return None
-        return Law(values, self._axis, self._scheme)
-
-    @property
-    def centre(self) -> Centre | None:
-        """What the realizations scatter about: "truth" or "estimate"; None if unknown."""
-        return self._centre
-
-    @property
-    def key(self) -> Key | None:
-        """The key to repeat the sample (``rng=key``); None if it was not drawn here."""
-        return self._key
-
-    @property
-    def gamma(self) -> float:
-        """Largest 1-norm of a line of the target; of a realization if they are dense."""
-        if self._draws is not None:
-            return float(self._draws.gamma().max())
-        norms = np.abs(self._dense()).sum(axis=1)
-        return float(norms.max())
-
-    @property
-    def indices(self) -> NDArray[Any] | None:
-        """Indices (N, lines), read-only, not copied; None for dense realizations."""
-        return None if self._draws is None else self._draws.indices()
-
-    @property
-    def atoms(self) -> Floats | None:
-        """``g_j sign(A_ij)``, the value of an entry that is hit; None for dense realizations."""
-        if self._draws is None:
-            return None
-        return from_lines(self._draws.atoms(), self._shape, self._axis)
-
-    @property
-    def samples(self) -> Floats | None:
-        """Dense realizations (N, ...), read-only; None for singletons."""
-        return self._samples
 
     def counts(self) -> NDArray[np.int64]:
         """Count how many realizations hit each entry.

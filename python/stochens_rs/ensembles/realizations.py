@@ -10,11 +10,13 @@ from .. import _core
 from .._base.types import Axis, Centre, Floats, Scheme
 from ..rng import Key
 from .dense import dense_blocks
+from .law import Law
 from .lines import from_lines, stack_from_lines, to_lines
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from numpy.typing import NDArray
     from typing_extensions import Self
 
 
@@ -74,6 +76,59 @@ class Realizations:
     def is_singleton(self) -> bool:
         """Whether the realizations are singletons, with one nonzero entry per line."""
         return self._draws is not None
+
+    @property
+    def axis(self) -> Axis:
+        """Which lines of a matrix were drawn independently: "columns" or "rows"."""
+        return self._axis
+
+    @property
+    def scheme(self) -> Scheme | None:
+        """How the realizations were drawn; None if they were not drawn here."""
+        return self._scheme
+
+    @property
+    def law(self) -> Law | None:
+        """The law of the realizations; None if they were not drawn here."""
+        values = self._values()
+        if values is None or self._scheme is None:
+            return None
+        return Law(values, self._axis, self._scheme)
+
+    @property
+    def centre(self) -> Centre | None:
+        """What the realizations scatter about: "truth" or "estimate"; None if unknown."""
+        return self._centre
+
+    @property
+    def key(self) -> Key | None:
+        """The key to repeat the sample (``rng=key``); None if it was not drawn here."""
+        return self._key
+
+    @property
+    def gamma(self) -> float:
+        """Largest 1-norm of a line of the target; of a realization if they are dense."""
+        if self._draws is not None:
+            return float(self._draws.gamma().max())
+        norms = np.abs(self._dense()).sum(axis=1)
+        return float(norms.max())
+
+    @property
+    def indices(self) -> NDArray[Any] | None:
+        """Indices (N, lines), read-only, not copied; None for dense realizations."""
+        return None if self._draws is None else self._draws.indices()
+
+    @property
+    def atoms(self) -> Floats | None:
+        """``g_j sign(A_ij)``, the value of an entry that is hit; None for dense realizations."""
+        if self._draws is None:
+            return None
+        return from_lines(self._draws.atoms(), self._shape, self._axis)
+
+    @property
+    def samples(self) -> Floats | None:
+        """Dense realizations (N, ...), read-only; None for singletons."""
+        return self._samples
 
     @property
     def nbytes(self) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
@@ -174,8 +174,17 @@ class SystemEnsemble:
     def __len__(self) -> int:
         return self.size
 
-    def __getitem__(self, s: int) -> System:
-        """Model s, without its offset."""
+    @overload
+    def __getitem__(self, s: int) -> System: ...
+    @overload
+    def __getitem__(self, s: slice) -> SystemEnsemble: ...
+    def __getitem__(self, s: int | slice) -> System | SystemEnsemble:
+        """Model s, without its offset; of a slice the models, with all that is known of them."""
+        if isinstance(s, slice):
+            A, B, c = self.A[s], self.B[s], None if self.c is None else self.c[s]
+            if not len(A):
+                raise InputError("the slice must name at least one model")
+            return SystemEnsemble(A, B, c, self.centre, self.dt, self.about)
         index = gate.size("model", s, minimum=-self.size, maximum=self.size - 1)
         return System(self.A[index], self.B[index], dt=self.dt)
 

@@ -1,6 +1,8 @@
-"""Fusion of realizations into one estimate."""
+"""Fusion of realizations, models or experiments into one estimate."""
 
 from .fits import Fit, Path
-from .fusing import fuse, fuse_path
+from .fused_model import FusedModel
+from .fusing import fuse
+from .paths import fuse_path
 
-__all__ = ["Fit", "Path", "fuse", "fuse_path"]
+__all__ = ["Fit", "FusedModel", "Path", "fuse", "fuse_path"]

@@ -76,25 +76,27 @@ class Clock:
 
 
 def checked_options(
-    ensemble: Ensemble,
+    ensemble: Ensemble | None,
     method: str,
     weight_set: WeightSet,
     tol: float,
     time_limit: float | None,
     max_iter: int | None,
 ) -> AlseOptions:
-    """Check the arguments that only "alse" takes."""
+    """Check the arguments that only "alse" takes; `ensemble` is None for weights by data."""
     kind = gate.choice("weight_set", weight_set, WEIGHT_SETS)
     tol = gate.positive("tol", tol)
     seconds = None if time_limit is None else gate.positive("time_limit", time_limit)
     passes = None if max_iter is None else gate.size("max_iter", max_iter)
-    if method != "alse":
+    if ensemble is None and kind != "simplex":
+        raise InputError(f"`weight_set` must be 'simplex' with `data`, got '{kind}'")
+    if ensemble is not None and method != "alse":
         if kind != "simplex":
             raise InputError(f"`weight_set` must be 'simplex' for method '{method}', got '{kind}'")
         for name, value in (("time_limit", seconds), ("max_iter", passes)):
             if value is not None:
                 raise InputError(f"`{name}` must be None for method '{method}'")
-    if kind in ("per-column", "per-row"):
+    if ensemble is not None and kind in ("per-column", "per-row"):
         axis = "columns" if kind == "per-column" else "rows"
         if len(ensemble.shape) == 1:
             raise InputError(

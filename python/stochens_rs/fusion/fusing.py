@@ -1,54 +1,124 @@
-"""Fusing realizations with weights on the simplex: uniform, ALSE, SLSE."""
+"""Fusing realizations, models or experiments into one estimate."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args, overload
 
 import numpy as np
 
 from .. import _core
 from .._base import gate, memory, numbers
-from .._base.types import Floats, Status
+from .._base.types import Floats
 from ..ensembles.ensemble import Ensemble
+from ..ensembles.systems import SystemEnsemble
 from ..exceptions import InputError, InputTypeError, ShapeError
 from . import alse
 from .alse import WeightSet
-from .fits import Fit, Path
+from .by_data import fuse_by_data
+from .fits import Fit
+from .fused_model import DATA_METHODS, DataMethod, FusedModel, stacked
+from .pooling import pool
+from .weighting import weighted
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
+
+    from ..identification.assumptions import Design
+    from ..identification.model import Model
+    from ..identification.trajectories import Trajectories
 
 Method: TypeAlias = Literal["uniform", "alse", "slse", "slse-safeguarded"]
 
 METHODS: tuple[Method, ...] = get_args(Method)
 
 
+@overload
 def fuse(
-    ensemble: Ensemble,
+    ensemble: Ensemble | SystemEnsemble,
     method: Method = "uniform",
     *,
     target: ArrayLike | None = None,
+    weights: ArrayLike | Literal["precision"] | None = None,
+    variances: ArrayLike | None = None,
     weight_set: WeightSet = "simplex",
     tol: float = 1e-9,
     time_limit: float | None = None,
     max_iter: int | None = None,
-) -> Fit:
-    """Fuse the realizations of an ensemble into one estimate.
+) -> Fit: ...
+@overload
+def fuse(
+    ensemble: SystemEnsemble | Sequence[Any],
+    method: DataMethod,
+    *,
+    data: Trajectories | Sequence[Trajectories] | Model,
+    design: Design | None = None,
+    sigma: float | None = None,
+    shrink: bool = True,
+    independent: bool = False,
+    tol: float = 1e-9,
+    time_limit: float | None = None,
+    max_iter: int | None = None,
+) -> FusedModel: ...
+@overload
+def fuse(ensemble: Sequence[Model], method: Literal["pooled"]) -> Model: ...
+def fuse(
+    ensemble: Ensemble | SystemEnsemble | Sequence[Any],
+    method: Method | DataMethod | Literal["pooled"] = "uniform",
+    *,
+    target: ArrayLike | None = None,
+    data: Trajectories | Sequence[Trajectories] | Model | None = None,
+    weights: ArrayLike | Literal["precision"] | None = None,
+    variances: ArrayLike | None = None,
+    design: Design | None = None,
+    sigma: float | None = None,
+    shrink: bool = True,
+    independent: bool = False,
+    weight_set: WeightSet = "simplex",
+    tol: float = 1e-9,
+    time_limit: float | None = None,
+    max_iter: int | None = None,
+) -> Fit | FusedModel | Model:
+    """Fuse realizations, models or experiments into one estimate.
 
     Parameters
     ----------
-    ensemble : Ensemble
-        N realizations of a vector or matrix.
-    method : {"uniform", "alse", "slse", "slse-safeguarded"}, default "uniform"
+    ensemble : Ensemble, SystemEnsemble, or list of systems or models
+        N realizations of a vector or matrix; of a SystemEnsemble the matrices ``[A B c]``. With
+        `data`: models that were fixed before the data or made of other data, as a SystemEnsemble
+        or a list of systems, pairs ``(A, B)`` and Models. For "pooled": a list of Models.
+    method : str, default "uniform"
         "uniform": the average. "alse" (accumulated least squares): the weights that minimise
-        ``||sum_s w_s E_s - target||``. "slse" (sequential least squares): one exact line search
-        per realization. "slse-safeguarded": each followed by a line search towards the running
-        average, so that the error is never larger than that of "uniform".
+        ``||sum_s w_s E_s - target||``; with `data`, those of the mixture of models that is nearest
+        to the data. "slse" (sequential least squares): one exact line search per realization.
+        "slse-safeguarded": each followed by a line search towards the running average, so that the
+        error is never larger than that of "uniform". "leave-one-out": the mixture of models and
+        least squares with the smallest errors on pairs left out, for noise of any covariance; needs
+        `data`. "pooled": `identify` of the data of all models together.
     target : array_like, shape of a realization, optional
         The vector or matrix that the least-squares methods fit to, such as a nominal model or a
-        held-out estimate; required for them. "uniform" uses it only for the reported error. In
-        the paper it is the exact vector or matrix.
+        held-out estimate; required for them without `data`. "uniform" uses it only for the
+        reported error. In the paper it is the exact vector or matrix.
+    data : Trajectories, list of them, or Model, optional
+        Measured runs that weigh the models. A Model from `identify` brings its assumptions with
+        it: a known covariance, an intercept, a scale. Models that were fitted on some of these
+        pairs are refused; where `ensemble` keeps no data, you declare by the call that there are
+        none.
+    weights : array_like of shape (N,) or "precision", optional
+        Weights >= 0 for "uniform", divided by their sum; "precision": in proportion to
+        ``1 / variances``.
+    variances : array_like, shape (N,), optional
+        ``E ||E_s - mean||^2`` of each realization. Then `Fit.info` has "rms".
+    design : {"adaptive", "independent"}, optional
+        As in `identify`, for `data`. "independent", for pairs only, gives the sharper region.
+    sigma : float, optional
+        The known size of the noise in `data`; the default is to estimate it.
+    shrink : bool, default True
+        With `data`: whether least squares takes part, with the share that the data call for.
+        False: a mixture of the models alone.
+    independent : bool, default False
+        Your declaration that models which scatter about an estimate (``centre="estimate"``), or
+        come from data they do not keep, are independent of `data`.
     weight_set : {"simplex", "subsimplex", "per-column", "per-row"}, default "simplex"
         For "alse". "simplex": weights >= 0 with sum 1. "subsimplex": sum <= 1. "per-column": each
         column of a matrix has its own weights on the simplex; "per-row" the same for realizations
@@ -66,16 +136,23 @@ def fuse(
 
     Returns
     -------
-    Fit
-        Estimate, weights, error, gap and status. Ctrl-C during "alse" of a matrix returns the
-        best weights so far, with status "interrupted"; a second Ctrl-C raises KeyboardInterrupt.
+    Fit, FusedModel or Model
+        Estimate, weights, error, gap and status; with `data` a `FusedModel`, which has regions;
+        for "pooled" a Model. Ctrl-C during "alse" of a matrix returns the best weights so far,
+        with status "interrupted"; a second Ctrl-C raises KeyboardInterrupt.
 
     Raises
     ------
     InputError, InputTypeError
-        If an argument cannot be used; the message names it.
+        If an argument cannot be used; the message names it. If models were fitted on `data`, or
+        the models to be pooled assume different things.
     SolverError
         If the solver cannot solve the problem.
+
+    Warns
+    -----
+    DataWarning
+        With `data`: as `FusedModel.warnings`, such as that no mixture explains the data.
 
     Notes
     -----
@@ -94,6 +171,20 @@ def fuse(
     its mean-square error is at most that of "uniform". For a single sample it can be larger,
     unlike the paper states; with the safeguard it cannot.
 
+    *By data*: with H least squares and ``V = sum z z'`` over the data, the weights minimise
+    ``||(sum_s w_s Theta_s - H) V^1/2||_F``, which is least squares of the data over mixtures. The
+    share of H is ``max(0, 1 - c / ||(F - H) V^1/2||_F^2)``, with
+    ``c = sigma^2 min(1.5 (q - 2), chi^2_{q; 0.01})`` for q directions of the data beside the face
+    that the mixture F is in: the data come in where they contradict the models, and for an
+    independent design the mean-square error is below that of least squares for every system with
+    q > 2 (after James and Stein 1961; Bock 1982). See also `FusedModel.region`.
+    With hardly more pairs than unknowns, an error in this norm says little of fresh states and
+    inputs, and ``shrink=False`` may be better.
+
+    *Weights*: for independent realizations with the truth as mean and these variances, the error
+    of the average has the mean square ``sum_s w_s^2 variances[s] = rms^2``, least for "precision".
+    Where the data are at hand, "pooled" is better than any weights.
+
     Examples
     --------
     >>> import stochens_rs as se
@@ -104,142 +195,74 @@ def fuse(
     >>> fit = se.fuse(ensemble, "alse", target=w)
     >>> fit.status, fit.error < 1e-12
     ('optimal', True)
-    """
-    name = _checked(ensemble, method)
-    options = alse.checked_options(ensemble, name, weight_set, tol, time_limit, max_iter)
-    goal = None if target is None and name == "uniform" else _goal(ensemble, target, name)
-    # the weights, and at most two copies on the way
-    memory.need("the weights", 3 * 8 * ensemble.size)
-    if name == "uniform":
-        estimate = ensemble.mean()
-        error = None if goal is None else numbers.norm(estimate - goal)
-        equal = np.full(ensemble.size, 1.0 / ensemble.size)
-        return Fit(estimate, equal, error, None, "completed", name, target=goal, ensemble=ensemble)
-    assert goal is not None
-    if name == "alse":
-        return alse.solve(ensemble, goal, options)
-    steps = _core.slse(
-        ensemble._core_realizations(),
-        ensemble._lines_of(goal),
-        name,
-        [ensemble.size],
-        False,
-    )
-    estimate = ensemble._from_core(steps[1])
-    error = float(steps[2][0])
-    return Fit(estimate, steps[0], error, None, "completed", name, target=goal, ensemble=ensemble)
 
+    Two models of a system weighed by 30 measured steps:
 
-def fuse_path(
-    ensemble: Ensemble,
-    sizes: ArrayLike,
-    method: Method = "uniform",
-    *,
-    target: ArrayLike,
-    weight_set: WeightSet = "simplex",
-    tol: float = 1e-9,
-    time_limit: float | None = None,
-    max_iter: int | None = None,
-    estimates: bool = False,
-) -> Path:
-    """Compute the error of the fusion of the first k realizations, for several k.
-
-    Parameters
-    ----------
-    ensemble : Ensemble
-        N realizations.
-    sizes : array_like of int, shape (k,)
-        Strictly increasing, from 1 to N.
-    method, weight_set, tol, max_iter
-        As in `fuse`; `max_iter` is per size.
-    time_limit : float, optional
-        As in `fuse`, for all sizes together [s]. The sizes after the limit keep the weights of
-        the last solved size (dense ensembles: of a solve without iterations) and have status
-        "user_limit"; after Ctrl-C, "interrupted".
-    target : array_like, shape of a realization
-        The vector or matrix that the errors are measured against and the least-squares methods
-        fit to.
-    estimates : bool, default False
-        Whether to keep the estimates.
-
-    Returns
-    -------
-    Path
-        Errors, statuses and gaps, and the estimates if ``estimates=True``.
-
-    Raises
-    ------
-    InputError, InputTypeError
-        If an argument cannot be used; the message names it.
-    SolverError
-        If the solver cannot solve a problem.
-
-    Notes
-    -----
-    "uniform", "slse" and the closed form take one pass over the realizations. ALSE of matrices is
-    solved for every size, starting from the last solution where that is faster. "uniform" and
-    "alse" of dense ensembles are computed for every size separately.
-
-    Examples
-    --------
-    >>> import stochens_rs as se
-    >>> A = [[0.9, 0.2], [-0.1, 0.8]]
-    >>> path = se.fuse_path(se.sample(A, 1000, rng=1), [10, 100, 1000], "slse", target=A)
-    >>> bool(path.errors[0] > path.errors[2])
+    >>> import numpy as np
+    >>> A, B = np.array([[0.9, 0.2], [-0.1, 0.8]]), np.array([[0.0], [1.0]])
+    >>> z = np.random.default_rng(1).standard_normal((30, 5))
+    >>> x, u, w = z[:, :2], z[:, 2:3], 0.1 * z[:, 3:]
+    >>> data = se.Trajectories.from_pairs(x, u, x @ A.T + u @ B.T + w)
+    >>> models = [(1.1 * A, B), (0.9 * A, B)]
+    >>> fused = se.fuse(models, "alse", data=data, design="independent", sigma=0.1)
+    >>> fused
+    <FusedModel alse: 2 models, n=2 m=1, 30 pairs, 44.1 % least squares>
+    >>> fused.region(0.05).contains(A, B)
     True
     """
-    name = _checked(ensemble, method)
-    options = alse.checked_options(ensemble, name, weight_set, tol, time_limit, max_iter)
-    grid = gate.sizes("sizes", sizes, maximum=ensemble.size)
-    goal = _goal(ensemble, target, name)
-    estimates = gate.flag("estimates", estimates)
-    if estimates:
-        # as the core returns them, transposed, and in the shape of the target
-        memory.need("the estimates of a path", 3 * grid.size * goal.nbytes)
-    counts: list[int] = grid.tolist()
-    draws, lines = ensemble._draws, ensemble._lines_of(goal)
-    gaps: Floats | None = None
-    completed: Status = "completed"
-    statuses = (completed,) * grid.size
-    if name in ("slse", "slse-safeguarded"):
-        _, _, errors, stack = _core.slse(
-            ensemble._core_realizations(), lines, name, counts, estimates
-        )
-    elif name == "uniform" and draws is not None:
-        errors, stack = _core.uniform_path(draws, lines, counts, estimates)
-    elif name == "alse" and draws is not None:
-        errors, gaps, statuses, stack = alse.path(ensemble, draws, goal, options, counts, estimates)
-    else:
-        errors, gaps, statuses, stack = _one_by_one(ensemble, goal, name, options, counts)
-    kept = ensemble._stack_from_core(stack) if estimates else None
-    return Path(grid, errors, name, statuses, gaps, kept)
+    of_data = {
+        "design": design,
+        "sigma": sigma,
+        "shrink": None if shrink is True else shrink,
+        "independent": None if independent is False else independent,
+    }
+    of_realizations = {"target": target, "weights": weights, "variances": variances}
+    if isinstance(method, str) and method == "pooled":
+        _refuse("with method 'pooled'", data=data, **of_realizations, **of_data)
+        return pool(ensemble)
+    if data is not None or (isinstance(method, str) and method == "leave-one-out"):
+        if data is None:
+            raise InputError(f"`data` is required for method '{method}'")
+        kind = gate.choice("method", method, DATA_METHODS)
+        _refuse("with `data`", **of_realizations)
+        limits = alse.checked_options(None, kind, weight_set, tol, time_limit, max_iter)
+        return fuse_by_data(ensemble, kind, data, design, sigma, shrink, independent, limits)
+    _refuse("without `data`", **of_data)
+    if isinstance(ensemble, SystemEnsemble):
+        matrices = stacked(ensemble, ensemble.c is not None)
+        ensemble = Ensemble.from_samples(matrices, centre=ensemble.centre)
+    given, name = checked_ensemble(ensemble, method)
+    options = alse.checked_options(given, name, weight_set, tol, time_limit, max_iter)
+    goal = None if target is None and name == "uniform" else checked_goal(given, target, name)
+    # the weights, and at most two copies on the way
+    memory.need("the weights", 3 * 8 * given.size)
+    if weights is not None or variances is not None:
+        if name != "uniform":
+            raise InputError(f"`weights` and `variances` must be left out for method '{name}'")
+        return weighted(given, goal, weights, variances)
+    if name == "uniform":
+        estimate = given.mean()
+        error = None if goal is None else numbers.norm(estimate - goal)
+        equal = np.full(given.size, 1.0 / given.size)
+        return Fit(estimate, equal, error, None, "completed", name, target=goal, ensemble=given)
+    assert goal is not None
+    if name == "alse":
+        return alse.solve(given, goal, options)
+    steps = _core.slse(given._core_realizations(), given._lines_of(goal), name, [given.size], False)
+    estimate = given._from_core(steps[1])
+    error = float(steps[2][0])
+    return Fit(estimate, steps[0], error, None, "completed", name, target=goal, ensemble=given)
 
 
-def _one_by_one(
-    ensemble: Ensemble, goal: Floats, method: str, options: alse.AlseOptions, sizes: list[int]
-) -> tuple[Floats, Floats | None, tuple[Status, ...], Floats]:
-    """Fuse every prefix separately, all within one time limit."""
-    clock, interrupted = alse.Clock(options), False
-    fits = []
-    for k in sizes:
-        prefix = ensemble.prefix(k)
-        if method == "alse":
-            fit = alse.solve(prefix, goal, clock.left())
-            if interrupted and fit.status == "user_limit":
-                fit = replace(fit, status="interrupted")
-            elif fit.status == "interrupted":
-                interrupted = True
-                clock.end()
-            fits.append(fit)
-        else:
-            fits.append(fuse(prefix, "uniform", target=goal))
-    errors = np.array([fit.error for fit in fits], dtype=np.float64)
-    gaps = np.array([fit.gap for fit in fits], dtype=np.float64) if method == "alse" else None
-    stack = np.stack([fit.estimate.ravel() for fit in fits])
-    return errors, gaps, tuple(fit.status for fit in fits), stack
+def _refuse(where: str, **arguments: object) -> None:
+    """Refuse arguments that have no meaning here."""
+    for name, value in arguments.items():
+        if value is not None:
+            raise InputError(f"`{name}` must be left out {where}")
 
 
-def _goal(ensemble: Ensemble, target: ArrayLike | None, method: str) -> Floats:
+def checked_goal(ensemble: Ensemble, target: ArrayLike | None, method: str) -> Floats:
+    """Check the target that a method fits to."""
     if target is None:
         raise InputError(
             f"`target` is required for method '{method}': the vector or matrix to fit to "
@@ -253,10 +276,11 @@ def _goal(ensemble: Ensemble, target: ArrayLike | None, method: str) -> Floats:
     return goal
 
 
-def _checked(ensemble: object, method: str) -> str:
+def checked_ensemble(ensemble: object, method: object) -> tuple[Ensemble, Method]:
+    """Check that realizations are an Ensemble, and the name of their method."""
     if not isinstance(ensemble, Ensemble):
         raise InputTypeError(
             "`ensemble` must be an Ensemble (see `sample`, `Ensemble.from_samples`), "
             f"got {type(ensemble).__name__}"
         )
-    return gate.choice("method", method, METHODS)
+    return ensemble, gate.choice("method", method, METHODS)

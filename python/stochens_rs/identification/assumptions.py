@@ -10,6 +10,7 @@ import numpy as np
 from .._base import gate
 from .._base.records import by_constructor
 from ..exceptions import InputError
+from ..theory.exact import EPS
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -59,11 +60,15 @@ class Assumptions:
         if (self.covariance == "known") != (self.known is not None):
             raise InputError("`known` must be the covariance where it is known, and only there")
         if self.known is not None:
-            gate.kept("known", self.known, ndim=(2,))
+            _require_covariance("known", self.known)
+        if self.known is None and self.noise in ("sub-gaussian", "bounded"):
+            raise InputError(f"`known` must be given for noise='{self.noise}'")
+        if self.noise == "symmetric" and self.covariance != "full":
+            raise InputError("noise='symmetric' uses no `known` and no `covariance`")
         if isinstance(self.state_noise, str):
             gate.choice("state_noise", self.state_noise, ("none", "white"))
         else:
-            gate.kept("state_noise", self.state_noise, ndim=(2,))
+            _require_covariance("state_noise", self.state_noise)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return by_constructor(self)
@@ -127,6 +132,18 @@ def checked_assumptions(
     return Assumptions(plan, law, word, known, error)  # type: ignore[arg-type]
 
 
+def checked_scale(scale: Any, count: int, offset: bool) -> Floats:
+    """The expected sizes of x and u, and 1 for the offset."""
+    if gate.is_real(scale):
+        sizes = np.full(count, gate.positive("scale", scale))
+    else:
+        sizes = gate.vector("scale", scale, length=count)
+    if sizes.min() < SMALLEST or sizes.max() > LARGEST:
+        wrong = sizes.min() if sizes.min() < SMALLEST else sizes.max()
+        raise InputError(f"`scale` must be in [{SMALLEST:g}, {LARGEST:g}], got {wrong:g}")
+    return np.concatenate([sizes, np.ones(int(offset))])
+
+
 def _positive_definite(name: str, value: ArrayLike, n: int, *, semi: bool = False) -> Floats:
     given = gate.matrix(name, value, rows=n, cols=n)
     if np.abs(given).max() > LARGEST:
@@ -139,3 +156,12 @@ def _positive_definite(name: str, value: ArrayLike, n: int, *, semi: bool = Fals
             f"`{name}` must be positive definite, its least eigenvalue is {values[0]:.3g}"
         )
     return (given + given.T) / 2.0
+
+
+def _require_covariance(name: str, stored: Floats) -> None:
+    """Refuse a field that is no covariance, up to the rounding of its eigenvalues."""
+    n = len(gate.kept(name, stored, ndim=(2,)))
+    gate.kept(name, stored, shape=(n, n))
+    values = np.linalg.eigvalsh(stored)
+    if (stored != stored.T).any() or values[0] < -n * EPS * abs(values[-1]):
+        raise InputError(f"`{name}` must be symmetric and positive definite")

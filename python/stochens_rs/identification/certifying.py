@@ -12,8 +12,8 @@ from ..rng import Key
 from ..theory.exact import EPS
 from . import levels
 from .assumptions import Assumptions
-from .least_squares import Fitted, fit, restricted
-from .region import Part
+from .least_squares import Fitted, fit, null_space, restricted
+from .part import Part
 from .signs import SignTest, chance_of_infinity, sizes
 
 if TYPE_CHECKING:
@@ -88,7 +88,8 @@ def parts(
             delta = -float(np.expm1(np.log1p(-delta) / n)) if apart else delta / n
         known = None if noise.known is None else noise.known[np.ix_(rows, rows)]
         if noise.design == "independent" and noise.noise == "gaussian":
-            f, rank = _directed(f, wish.directions)
+            Q = None if wish.directions is None else wish.directions[columns]
+            f, rank = _directed(f, Q)
             if wish.frobenius and noise.covariance == "full" and len(rows) == n:
                 spectral, frobenius = levels.joint_radii(n, rank + wish.future, f.nu, delta)
                 made.append(Part.of(f, rows, columns, f.S, spectral**2))
@@ -108,9 +109,9 @@ def _directed(f: Fitted, Q: Floats | None) -> tuple[Fitted, int]:
     if Q is None:
         return f, f.rank
     U, s, _ = np.linalg.svd(Q)
-    span = int(np.sum(s > max(Q.shape) * EPS * s[0]))
+    _, off = null_space(U.T, s, max(Q.shape) * EPS)
     seen = int(np.linalg.matrix_rank(f.white @ Q))
-    return f._replace(missing=np.hstack([U[:, span:], f.missing])), seen
+    return f._replace(missing=np.hstack([off, f.missing])), seen
 
 
 def directions(
@@ -181,3 +182,24 @@ def refuse(noise: Assumptions, wish: Wish, instruments: bool, by_rows: bool) -> 
         )
     if wish.frobenius and (by_rows or wish.components or wish.directions is not None):
         raise InputError("`frobenius` needs one region for all rows and directions")
+
+
+def said(noise: Assumptions, wish: Wish | None, instruments: bool) -> str:
+    """The assumptions in words."""
+    if instruments:
+        return (
+            "Gaussian noise of process and readings, white, of one covariance each; instruments "
+            "independent of both"
+        )
+    text = noise.text
+    if noise.noise == "symmetric" or (noise.noise == "gaussian" and noise.design == "independent"):
+        text += ", independent of all states and inputs"
+    elif noise.known is not None or (wish is not None and wish.anytime):
+        text += ", any design, valid for all N at once"
+    else:
+        text += ", any design, for a number of pairs fixed beforehand"
+    if noise.noisy_states:
+        return text + "; states measured with error"
+    if wish is not None and wish.directions is not None:
+        text += "; states and inputs in a span fixed before the outcomes"
+    return text

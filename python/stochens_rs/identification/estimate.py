@@ -16,6 +16,7 @@ from ..system import System
 from .assumptions import Assumptions
 from .certifying import Block, assembled, blocks
 from .checks import Checks
+from .consistency import refuse, require_sound
 from .identified import Identified
 from .instruments import projected, two_stages
 from .least_squares import TRUSTED, named, only_rounding
@@ -44,14 +45,21 @@ class Estimate(Identified):
         gate.instance("assumptions", self.assumptions, Assumptions)
         gate.flag("intercept", self.intercept)
         n, d = self.n, self._d
-        r = 0 if self.instruments is None else gate.kept("instruments", self.instruments).shape[1]
+        r = 0
+        if self.instruments is not None:
+            r = gate.kept("instruments", self.instruments, ndim=(2,)).shape[1]
+            gate.kept("instruments", self.instruments, shape=(self.size, max(r, d)))
         gate.kept("triangle", self.triangle, shape=(r + d + n,) * 2)
         gate.kept("scale", self.scale, shape=(d,))
         if self.known is not None and self.known.shape != (n, d):
             raise ShapeError(f"`known` must have shape ({n}, {d}), got {self.known.shape}")
         if self.checks is not None:
             gate.instance("checks", self.checks, Checks)
-        if self.noise == "symmetric":
+        refuse(self.assumptions, self.known, self.instruments, self.data.single)
+        require_sound(self.scale, self.known)
+        if (self.noise == "symmetric") != (self.key is not None):
+            raise InputError("`key` must be given for noise='symmetric', and only there")
+        if self.key is not None:
             gate.instance("key", self.key, Key)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -194,18 +202,7 @@ class Estimate(Identified):
     def warnings(self) -> tuple[str, ...]:
         """What to be careful about, one sentence each; see also `checks`."""
         said = [] if self.checks is None else list(self.checks.warnings)
-        if self.missing:
-            said.append(f"the data do not determine the model along {'; '.join(self.missing)}")
-        ratio = min((b.fitted.ratio for b in self._blocks if b.fitted.rank), default=1.0)
-        if ratio < TRUSTED:
-            said.append(
-                f"the states and inputs are nearly dependent (ratio {ratio:.1e}): bounds are large"
-            )
-        if any(
-            b.fitted.nu > 0 and only_rounding(b.fitted, self._own[:, self._d + b.rows])
-            for b in self._blocks
-        ):
-            said.append("residuals are 0 but for rounding, which no region covers")
+        said += cautions(self._blocks, self.missing, self._own[:, self._d :])
         if self.assumptions.noisy_states and self.instruments is None:
             said.append("the states are measured with error, so that no region is known")
         return tuple(said)
@@ -215,6 +212,21 @@ class Estimate(Identified):
         x, u, y = self.data.pairs()
         ones = np.ones((len(x), int(self.intercept)))
         return np.hstack([x, u, ones]), np.ascontiguousarray(y)
+
+
+def cautions(found: list[Block], missing: tuple[str, ...], outcomes: Floats) -> list[str]:
+    """What to be careful about in a fit; `outcomes` (.., n): rows with their column lengths."""
+    said = []
+    if missing:
+        said.append(f"the data do not determine the model along {'; '.join(missing)}")
+    ratio = min((b.fitted.ratio for b in found if b.fitted.rank), default=1.0)
+    if ratio < TRUSTED:
+        said.append(
+            f"the states and inputs are nearly dependent (ratio {ratio:.1e}): bounds are large"
+        )
+    if any(b.fitted.nu > 0 and only_rounding(b.fitted, outcomes[:, b.rows]) for b in found):
+        said.append("residuals are 0 but for rounding, which no region covers")
+    return said
 
 
 def _corrected(R: Floats, d: int, n: int, N: int, covariance: Floats) -> Floats:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,14 +15,15 @@ from ..exceptions import DataWarning, InputError, InputTypeError, NonFiniteError
 from ..rng import RngLike, as_key
 from .assumptions import (
     LARGEST,
-    SMALLEST,
     Covariance,
     Design,
     Noise,
     StateNoise,
     checked_assumptions,
+    checked_scale,
 )
 from .checks import DRAWS, WORK, checked_residuals
+from .consistency import refuse
 from .model import Model
 from .trajectories import Trajectories, pooled
 
@@ -141,16 +142,11 @@ def identify(
     offset = gate.flag("intercept", intercept)
     d = n + runs.m + offset
     known = _known(n, runs.m, offset, known_A, known_B)
-    sizes = _scale(scale, n + runs.m, offset)
-    if assumed.design == "independent" and not runs.single:
-        raise InputError(
-            "`design` must be 'adaptive' for runs of several steps, whose states contain earlier "
-            "noise; for 'independent' use data.last_pairs(), data.k_step(...) or from_pairs"
-        )
+    sizes = checked_scale(scale, n + runs.m, offset)
     source = as_key(rng)
     key = source.child("sign vectors") if assumed.noise == "symmetric" else None
     zeta = None if instruments is None else _instruments(instruments, runs, d, offset)
-    _refuse(assumed, known, zeta)
+    refuse(assumed, known, zeta, runs.single)
     Z = _rows(runs, offset)
     tested = None
     if gate.flag("checks", checks) and runs.size * n * DRAWS <= WORK:
@@ -204,18 +200,6 @@ def _known(n: int, m: int, offset: bool, A: ArrayLike | None, B: ArrayLike | Non
     return known if not np.isnan(known).all() else None
 
 
-def _scale(scale: Any, count: int, offset: bool) -> Floats:
-    """The expected sizes of x and u, and 1 for the offset."""
-    if gate.is_real(scale):
-        sizes = np.full(count, gate.positive("scale", scale))
-    else:
-        sizes = gate.vector("scale", scale, length=count)
-    if sizes.min() < SMALLEST or sizes.max() > LARGEST:
-        wrong = sizes.min() if sizes.min() < SMALLEST else sizes.max()
-        raise InputError(f"`scale` must be in [{SMALLEST:g}, {LARGEST:g}], got {wrong:g}")
-    return np.concatenate([sizes, np.ones(int(offset))])
-
-
 def _instruments(value: ArrayLike, runs: Trajectories, d: int, offset: bool) -> Floats:
     """The instruments of all pairs, with 1 behind them for an offset."""
     zeta = gate.matrix("instruments", value, rows=runs.size)
@@ -226,24 +210,3 @@ def _instruments(value: ArrayLike, runs: Trajectories, d: int, offset: bool) -> 
             f"a row, got {zeta.shape[1] - offset}"
         )
     return zeta
-
-
-def _refuse(assumed: Any, known: Floats | None, zeta: Floats | None) -> None:
-    """Refuse assumptions that do not go together."""
-    if assumed.noise == "symmetric" and assumed.design != "independent":
-        raise InputError(
-            "`noise` must not be 'symmetric' with design='adaptive': where states follow from "
-            "earlier noise, the test of signs fails; declare sigma, or use data.last_pairs()"
-        )
-    if zeta is not None:
-        if isinstance(assumed.state_noise, str) and assumed.state_noise != "white":
-            raise InputError("`instruments` are for noisy states: declare state_noise='white'")
-        if not isinstance(assumed.state_noise, str) or assumed.covariance != "full":
-            raise InputError("`instruments` need no covariances: leave them out")
-        if assumed.noise != "gaussian" or known is not None:
-            raise InputError("`instruments` need noise='gaussian' and no known entries")
-    rows = known is not None and not (np.isnan(known) == np.isnan(known[0])).all()
-    if rows and assumed.noise == "symmetric":
-        raise InputError("noise='symmetric' needs whole columns in `known_A` and `known_B`")
-    if known is not None and not isinstance(assumed.state_noise, str):
-        raise InputError("a covariance as `state_noise` goes with no known entries")

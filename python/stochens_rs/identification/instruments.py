@@ -14,7 +14,7 @@ import numpy as np
 from ..exceptions import InputError
 from ..theory.exact import EPS
 from .levels import roy_quantile
-from .region import Part
+from .part import Part
 
 if TYPE_CHECKING:
     from .._base.types import Floats

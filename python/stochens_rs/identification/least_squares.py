@@ -22,7 +22,9 @@ if TYPE_CHECKING:
 
     Indices: TypeAlias = NDArray[np.int64]
 
-TRUSTED = 1e-8  # ratio of singular values below which a decision on the rank is delicate
+# ratio of singular values, about sqrt(EPS), below which a decision on the rank is delicate: the
+# directions that the data do not determine are then known to fewer than half of the digits
+TRUSTED = 1e-8
 
 
 class Fitted(NamedTuple):
@@ -66,8 +68,7 @@ def fit(R: Floats, d: int, N: int) -> Fitted:
     D = np.linalg.norm(R11, axis=0)
     D = np.where(D == 0.0, 1.0, D)
     U, s, Qt = np.linalg.svd(R11 / D)
-    largest = float(np.max(s, initial=0.0))
-    rank = int(np.sum(s > max(N, d) * EPS * largest))
+    rank, missing = null_space(Qt, s, max(N, d) * EPS)
     U, s_r, Q_r = U[:, :rank], s[:rank], Qt[:rank]
     white = (Q_r / s_r[:, None]) / D
     left = R12 - U @ (U.T @ R12)
@@ -78,10 +79,24 @@ def fit(R: Floats, d: int, N: int) -> Fitted:
         rank=rank,
         white=white,
         root=(s_r[:, None] * Q_r) * D,
-        missing=Qt[rank:].T / D[:, None],
-        ratio=float(s_r[-1] / largest) if rank else 0.0,
+        missing=missing / D[:, None],
+        ratio=float(s_r[-1] / s_r[0]) if rank else 0.0,
         R11=R11,
     )
+
+
+def null_space(Qt: Floats, s: Floats, share: float) -> tuple[int, Floats]:
+    """The rank of ``M = U diag(s) Qt`` and an orthonormal basis of its null space (columns).
+
+    Singular values up to ``share s_1`` are taken for rounding, and so is a row w of the basis with
+    ``||w|| <= share s_1 ||q / s||``, q the other entries of its row i: with the a in the range of
+    M' with ``a_i = 1`` and the smallest ``||M a|| = 1 / ||q / s||``, row i of ``basis - a w`` is 0,
+    and these columns span the null space of a matrix within ``||M a|| ||w|| <= share s_1`` of M.
+    """
+    rank = int(np.sum(s > share * np.max(s, initial=0.0)))
+    basis = Qt[rank:].T
+    known = np.linalg.norm(Qt[:rank].T / s[:rank], axis=1) * (share * np.max(s, initial=0.0))
+    return rank, np.where((np.linalg.norm(basis, axis=1) <= known)[:, None], 0.0, basis)
 
 
 def restricted(R: Floats, d: int, rows: Indices, columns: Indices, known: Floats) -> Floats:
@@ -102,8 +117,10 @@ def length(white: Floats, missing: Floats, ratio: float, z: Floats) -> float:
     """``||z||`` in the norm of V^+; infinite where the data do not determine ``Theta z``."""
     if not np.any(z):
         return 0.0
-    # each direction against the size of what is added up in it, and how well it is known
-    tolerance = 100.0 * len(z) * EPS / max(ratio, 1e-12)
+    # Each missing direction against the size of what is added up in it. Rounding turns these
+    # directions by EPS / ratio (Wedin 1972). Where that is more than half of the digits, only a z
+    # that fits them as well as at TRUSTED counts as determined: in doubt the length is infinite.
+    tolerance = 100.0 * len(z) * EPS / max(ratio, TRUSTED)
     largest = np.abs(z).max()
     z = z / largest  # no square overflows
     sizes = np.abs(missing.T) @ np.abs(z)

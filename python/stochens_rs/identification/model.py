@@ -4,27 +4,29 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from .._base import gate, html
-from ..ensembles.systems import SystemEnsemble
-from ..exceptions import InputError
+import numpy as np
+
+from .._base import gate, html, memory
+from .._base.durable import Durable
+from ..plots.residuals import draw_residuals
 from ..rng import RngLike, as_key
-from .assumptions import Assumptions
-from .certifying import METHODS, Method, Wish, parts, refuse, sign_region
+from .certifying import METHODS, Method, Wish, parts, refuse, said, sign_region
 from .certifying import directions as spanned
 from .checks import Checks, checked_residuals
-from .estimate import Estimate
+from .consistency import require_triangle_of
+from .files import Sections, from_model, nothing_left, to_model
 from .instruments import instrumented, projected
+from .least_squares import fit, r_factor
 from .region import Region
-from .resampling import METHODS as BOOTSTRAPS
-from .resampling import Bootstrap, bootstrap_models, drawn_models
+from .resampling import Resampled
+from .trajectories import Trajectories
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
     from numpy.typing import ArrayLike
 
-    from .._base.types import Floats
 
-
-class Model(Estimate):
+class Model(Durable, Resampled):
     """A model ``x(k+1) = A x(k) + B u(k) + c`` identified from data, with what was assumed.
 
     Made by `identify`.
@@ -53,6 +55,8 @@ class Model(Estimate):
         That of the sign vectors, for noise of symmetric law.
     """
 
+    _kind = "model"
+
     def check(self, draws: int = 499, *, rng: RngLike = None) -> Checks | None:
         """Test the residuals again, with another number of simulated data sets.
 
@@ -79,6 +83,35 @@ class Model(Estimate):
         count, key = gate.size("draws", draws), as_key(rng)
         exact = self.design == "independent"
         return checked_residuals(*self._pairs(), exact=exact, draws=count, key=key)
+
+    def plot(self) -> Figure:
+        """Draw what the checks look at: residuals over time, lags, quantiles and leverages.
+
+        Returns
+        -------
+        matplotlib Figure
+            Four panels, with the p-values of `checks`.
+
+        Raises
+        ------
+        ImportError
+            If matplotlib is not installed.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> z = np.random.default_rng(1).standard_normal((40, 3))
+        >>> data = se.Trajectories.from_pairs(z[:, :1], z[:, 1:2], z[:, :1] + z[:, 2:])
+        >>> len(se.identify(data).plot().axes)
+        4
+        """
+        Z, Y = self._pairs()
+        residuals = Y - Z @ self._Theta.T
+        # h_t = ||z_t||^2 in the norm of V^-1, over the columns of all rows of Theta together
+        white = fit(r_factor(self._own), self._d, self.size).white
+        leverages = np.sum((Z @ white.T) ** 2, axis=1)
+        tested = None if self.checks is None else self.checks.p_values
+        return draw_residuals(residuals, leverages, self.state_names, tested)
 
     def region(
         self,
@@ -180,7 +213,7 @@ class Model(Estimate):
             centre=gate.frozen(centre),
             m=self.m,
             delta=wish.delta,
-            assumption=_said(noise, wish, self.instruments is not None) + text,
+            assumption=said(noise, wish, self.instruments is not None) + text,
             missing=self.missing if self.instruments is None else (),
             parts=made,
             future=wish.future,
@@ -188,132 +221,34 @@ class Model(Estimate):
             signs=signs,
         )
 
-    def bootstrap(
-        self, size: int, *, method: Bootstrap = "pairs", rng: RngLike = None
-    ) -> SystemEnsemble:
-        """Fit models to resampled data.
+    def _to_sections(self) -> Sections:
+        return from_model(self)
 
-        Parameters
-        ----------
-        size : int
-            The number of models.
-        method : {"pairs", "residual", "wild", "trajectories"}, default "pairs"
-            "pairs": N pairs drawn with replacement. "trajectories": whole runs, for data with
-            feedback. "residual": the states and inputs are kept, residuals are drawn with
-            replacement (centred, times ``sqrt(N / nu)``). "wild": each residual keeps its place
-            and gets a random sign and the factor ``1 / sqrt(1 - h)``, for noise that is larger in
-            some places (MacKinnon and White 1985).
-        rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
-            Source of randomness.
-
-        Returns
-        -------
-        SystemEnsemble
-            Models that scatter about the estimate: ``centre`` is "estimate". A resample that does
-            not determine the model is left out; `about` says how many.
-
-        Raises
-        ------
-        InputError, InputTypeError
-            If the data do not determine the model, single entries were declared as known, there
-            are instruments, or an argument cannot be used.
-
-        Notes
-        -----
-        An ensemble shows how the estimate scatters. It is not a region: no statement about the
-        distance to the true system follows from it.
-
-        Examples
-        --------
-        >>> import numpy as np, stochens_rs as se
-        >>> z = np.random.default_rng(1).standard_normal((40, 3))
-        >>> data = se.Trajectories.from_pairs(z[:, :1], z[:, 1:2], z[:, :1] + z[:, 2:])
-        >>> se.identify(data).bootstrap(100, rng=1)
-        <SystemEnsemble: 100 models, n=1 m=1, about the estimate>
-        """
-        count = gate.size("size", size)
-        kind = gate.choice("method", method, BOOTSTRAPS)
-        self._refuse_resampling()
-        block, key = self._blocks[0], as_key(rng).child("bootstrap")
-        models = bootstrap_models(block, *self._pairs(), self._Theta, self.data, count, kind, key)
-        return self._ensemble(models, f"bootstrap of {kind}", count)
-
-    def draw(self, size: int, *, rng: RngLike = None) -> SystemEnsemble:
-        """Draw models from the law that the region is made of.
-
-        Parameters
-        ----------
-        size : int
-            The number of models.
-        rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
-            Source of randomness.
-
-        Returns
-        -------
-        SystemEnsemble
-            ``H + S^1/2 E^-1/2 G V^-1/2``, E ~ W_n(I, nu), G standard normal; for a known
-            covariance ``H + Sigma^1/2 G V^-1/2``. With mean H: ``centre`` is "estimate".
-
-        Raises
-        ------
-        InputError, InputTypeError
-            As `bootstrap`; or the noise is not Gaussian, or there are too few pairs.
-
-        Examples
-        --------
-        >>> import numpy as np, stochens_rs as se
-        >>> z = np.random.default_rng(1).standard_normal((40, 3))
-        >>> data = se.Trajectories.from_pairs(z[:, :1], z[:, 1:2], z[:, :1] + z[:, 2:])
-        >>> se.identify(data).draw(100, rng=1)
-        <SystemEnsemble: 100 models, n=1 m=1, about the estimate>
-        """
-        count = gate.size("size", size)
-        self._refuse_resampling()
-        if self.noise != "gaussian":
-            raise InputError(f"draw() needs noise='gaussian', got '{self.noise}': use bootstrap()")
-        block, key = self._blocks[0], as_key(rng).child("draw")
-        models = drawn_models(block, self.assumptions, self._Theta, count, key)
-        return self._ensemble(models, "draws of the law of the estimate", count)
-
-    def _refuse_resampling(self) -> None:
-        if not self.identifiable:
-            raise InputError(f"the data do not determine the model along {'; '.join(self.missing)}")
-        if len(self._blocks) > 1:
-            raise InputError("models with single known entries cannot be resampled")
-        if self.assumptions.noisy_states:
-            raise InputError(
-                "models of noisy states cannot be resampled: the scatter is not theirs"
-            )
-
-    def _ensemble(self, models: Floats, about: str, asked: int) -> SystemEnsemble:
-        n, m = self.n, self.m
-        lost = asked - len(models)
-        if not len(models):
-            raise InputError("no resample determines the model: there are too few pairs")
-        return SystemEnsemble(
-            models[:, :, :n],
-            models[:, :, n : n + m],
-            models[:, :, -1] if self.intercept else None,
-            centre="estimate",
-            dt=self.dt,
-            about=about + (f", {lost} of {asked} left out: not determined" if lost else ""),
-        )
+    @classmethod
+    def _from_sections(cls, sections: Sections) -> Model:
+        (rows, *about), fields = to_model(sections)
+        nothing_left(sections)
+        model = cls(Trajectories._of(gate.matrix("rows", rows), *about), **fields)
+        memory.need("the pairs", 3 * model.data._rows.nbytes)
+        zeta = () if model.instruments is None else (model.instruments,)
+        require_triangle_of(np.hstack([*zeta, *model._pairs()]), model.triangle)
+        return model
 
     def __repr__(self) -> str:
         rank = "" if self.identifiable else f", rank {self.rank} of {self._d}"
         dt = "" if self.dt is None else f" dt={self.dt:g}"
         over = "" if self.data.steps == 1 else f" over {self.data.steps} steps"
         careful = len(self.warnings)
-        said = f", {html.number_of(careful, 'warning')}" if careful else ""
+        warned = f", {html.number_of(careful, 'warning')}" if careful else ""
         pairs = html.number_of(self.size, "pair")
         return (
-            f"<Model: n={self.n} m={self.m}{dt}{over}, {pairs}, {self.design} design{rank}{said}>"
+            f"<Model: n={self.n} m={self.m}{dt}{over}, {pairs}, {self.design} design{rank}{warned}>"
         )
 
     def _repr_html_(self) -> str:
         checks = None if self.checks is None else repr(self.checks)[1:-1]
         rows = [
-            ("assumed", _said(self.assumptions, None, self.instruments is not None)),
+            ("assumed", said(self.assumptions, None, self.instruments is not None)),
             ("residuals", checks),
             *(("warning", text) for text in self.warnings),
         ]
@@ -324,24 +259,3 @@ class Model(Estimate):
         ]
         small = self._d <= 12 and self.n <= 12
         return html.card(self, rows, html.grid(head, body) if small else "")
-
-
-def _said(noise: Assumptions, wish: Wish | None, instruments: bool) -> str:
-    """The assumptions in words."""
-    if instruments:
-        return (
-            "Gaussian noise of process and readings, white, of one covariance each; instruments "
-            "independent of both"
-        )
-    text = noise.text
-    if noise.noise == "symmetric" or (noise.noise == "gaussian" and noise.design == "independent"):
-        text += ", independent of all states and inputs"
-    elif noise.known is not None or (wish is not None and wish.anytime):
-        text += ", any design, valid for all N at once"
-    else:
-        text += ", any design, for a number of pairs fixed beforehand"
-    if noise.noisy_states:
-        return text + "; states measured with error"
-    if wish is not None and wish.directions is not None:
-        text += "; states and inputs in a span fixed before the outcomes"
-    return text

@@ -1,11 +1,4 @@
-"""`Region`: a set of models that contains the true one with a stated probability.
-
-With ``Theta = [A B c]`` and ``z = (x, u, 1)``, a part of a region is
-``(Theta - C) V (Theta - C)' <= factor S`` in the order of symmetric matrices, for some rows of
-Theta. By Cauchy and Schwarz, for all z at once, also for z chosen after the data,
-``||(Theta - C) z|| <= sqrt(factor ||S||) ||z||`` in the norm of V^-1, and no bound for z off the
-range of V.
-"""
+"""`Region`: a set of models that contains the true one with a stated probability."""
 
 from __future__ import annotations
 
@@ -18,86 +11,13 @@ from .._base import gate, html
 from .._base.records import by_constructor
 from ..exceptions import InputError, ShapeError
 from .assumptions import LARGEST
-from .least_squares import Fitted, length
+from .part import Part
 from .signs import SignTest
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from .._base.types import Floats
-
-
-@dataclass(frozen=True, eq=False)
-class Part:
-    """``(Theta - C) V (Theta - C)' <= factor S`` for some rows and columns of Theta.
-
-    Attributes
-    ----------
-    rows, columns : ndarray of int64
-        Which.
-    white, root, missing : ndarray
-        Factors of V^+ and V, and the directions that the data do not determine.
-    ratio : float
-        Smallest over largest singular value of the scaled data.
-    S : ndarray, shape (rows, rows)
-        The shape of the region.
-    factor : float
-        Its size; may be infinite.
-    """
-
-    rows: NDArray[np.int64]
-    columns: NDArray[np.int64]
-    white: Floats
-    root: Floats
-    missing: Floats
-    ratio: float
-    S: Floats
-    factor: float
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return by_constructor(self)
-
-    @classmethod
-    def of(
-        cls,
-        fitted: Fitted,
-        rows: NDArray[np.int64],
-        columns: NDArray[np.int64],
-        S: Floats,
-        factor: float,
-    ) -> Part:
-        """The part around least squares."""
-        some = fitted.white, fitted.root, fitted.missing, fitted.ratio
-        return cls(rows, columns, *some, S, factor)
-
-    @property
-    def radius(self) -> float:
-        """``sqrt(factor ||S||)``."""
-        if not np.isfinite(self.factor):
-            return np.inf
-        return float(np.sqrt(self.factor * np.linalg.norm(self.S, 2)))
-
-    @property
-    def deviations(self) -> Floats:
-        """``sqrt(factor S_ii)``."""
-        if not np.isfinite(self.factor):
-            return np.full(len(self.S), np.inf)
-        return np.sqrt(self.factor * np.maximum(np.diag(self.S), 0.0))
-
-    def length(self, z: Floats) -> float:
-        """``||z||`` in the norm of V^-1, infinite off the range of V."""
-        return length(self.white, self.missing, self.ratio, z[self.columns])
-
-    def contains(self, difference: Floats) -> bool:
-        """Whether this difference of Theta from the centre is in the part."""
-        if not np.isfinite(self.factor):
-            return True
-        with np.errstate(over="ignore", invalid="ignore"):
-            X = difference[np.ix_(self.rows, self.columns)] @ self.root.T
-            square = X @ X.T
-        if not np.isfinite(square).all():
-            return False
-        return bool(np.linalg.eigvalsh(self.factor * self.S - square)[0] >= 0.0)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -259,7 +179,7 @@ class Region:
         if gate.flag("noise", noise):
             if not self.future:
                 raise InputError("`noise` needs a region of noise to come: region(delta, future=1)")
-            terms = [part.radius * np.hypot(1.0, part.length(z)) for part in self.parts]
+            terms = [_product(part.radius, np.hypot(1.0, part.length(z))) for part in self.parts]
         else:
             terms = [_product(part.radius, part.length(z)) for part in self.parts]
         return float(np.linalg.norm(terms))
@@ -297,6 +217,20 @@ class Region:
             found[part.rows] = [_product(float(s), size) for s in part.deviations]
         return found
 
+    @property
+    def entry_bounds(self) -> Floats:
+        """Bounds of the entries of ``Theta - centre``, all at once, of the shape of `centre`.
+
+        ``|e_i' (Theta - C) e_j| <= sqrt(factor S_ii) ||e_j||`` in the norm of V^-1; 0 where an
+        entry is known, infinite where the data do not determine it.
+        """
+        found = np.zeros(self.centre.shape)
+        for part in self.parts:
+            for column in part.columns:
+                size = part.length(np.eye(len(self.centre[0]))[column])
+                found[part.rows, column] = [_product(float(s), size) for s in part.deviations]
+        return found
+
     def _z(self, x: ArrayLike, u: ArrayLike) -> Floats:
         """``z = (x, u)``, with 1 behind it for a model with intercept."""
         n, d = self.centre.shape
@@ -317,6 +251,6 @@ class Region:
         return html.card(self, rows)
 
 
-def _product(a: float, b: float) -> float:
-    """``a b``, where 0 times infinity is 0."""
-    return 0.0 if a == 0.0 or b == 0.0 else a * b
+def _product(radius: float, size: float) -> float:
+    """``radius size``: 0 for z = 0, infinite where the data do not determine ``Theta z``."""
+    return size if size in (0.0, np.inf) else radius * size

@@ -42,20 +42,17 @@ class Runs:
     ) -> None:
         m = rows.shape[1] - 2 * n
         rows.flags.writeable = lengths.flags.writeable = False
+        of_states, of_inputs = checked_names(n, m, state_names, input_names)
         for slot, value in (
             ("_rows", rows),
             ("_lengths", lengths),
             ("_n", n),
             ("_dt", None if dt is None else gate.positive("dt", dt)),
-            ("_state_names", _names("state_names", state_names, n, "x")),
-            ("_input_names", _names("input_names", input_names, m, "u")),
+            ("_state_names", of_states),
+            ("_input_names", of_inputs),
             ("_steps", steps),
         ):
             object.__setattr__(self, slot, value)
-        both = [*self._state_names, *self._input_names]
-        twice = next((name for name in both if both.count(name) > 1), None)
-        if twice is not None:
-            raise InputError(f"`input_names` must differ from `state_names`, got '{twice}' in both")
 
     @classmethod
     def _of(
@@ -174,6 +171,18 @@ class Runs:
             "states over the pairs" if self.single and len(self) > 1 else "states of the first run"
         )
         return html.card(self, rows, html.states(np.arange(len(states)), states, about))
+
+
+def checked_names(
+    n: int, m: int, state_names: object, input_names: object
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """The names of n states and m inputs, all different; None: ``x[0]``, ``u[0]``, ...."""
+    states = _names("state_names", state_names, n, "x")
+    inputs = _names("input_names", input_names, m, "u")
+    twice = next((name for name in inputs if name in states), None)
+    if twice is not None:
+        raise InputError(f"`input_names` must differ from `state_names`, got '{twice}' in both")
+    return states, inputs
 
 
 def _names(argument: str, names: object, count: int, letter: str) -> tuple[str, ...]:

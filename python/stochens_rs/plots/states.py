@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from .style import COLORS, INK, add_grid, axes_or_new
+from .style import COLORS, INK, add_grid, add_labels, axes_or_new
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -25,8 +25,9 @@ def draw_states(
     *,
     timed: bool,
     ax: Axes | None,
+    band: str = "± 2 standard errors",
 ) -> Axes:
-    """Draw `states` (K + 1, n) over `times`, and twice `error` around them."""
+    """Draw `states` (K + 1, n) over `times`, and twice `error` around them, named `band`."""
     ax = axes_or_new(ax)
     from matplotlib.patches import Patch
 
@@ -43,7 +44,7 @@ def draw_states(
     if states.shape[1] > LISTED:
         handles = []
     if error is not None:
-        handles.append(Patch(color=INK, alpha=0.15, linewidth=0, label="± 2 standard errors"))
+        handles.append(Patch(color=INK, alpha=0.15, linewidth=0, label=band))
     _finish(ax, "time [s]" if timed else "step k", "state", handles)
     return ax
 
@@ -63,9 +64,7 @@ def draw_tracking(
 
 
 def _finish(ax: Axes, across: str, up: str, handles: Sequence[Artist]) -> None:
-    ax.set_xlabel(across, fontsize=9.5, color=INK)
-    ax.set_ylabel(up, fontsize=9.5, color=INK)
+    add_labels(ax, across, up)
     add_grid(ax)
-    ax.tick_params(labelsize=8.5, colors=INK, width=0.7)
     if handles:
         ax.legend(handles=handles, fontsize=8.5, frameon=False, labelcolor=INK)

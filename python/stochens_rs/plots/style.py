@@ -65,10 +65,10 @@ def new_figure(
     return made
 
 
-def axes_or_new(ax: Axes | None) -> Axes:
+def axes_or_new(ax: Axes | None, width: float = _SIZE[0]) -> Axes:
     """Return `ax`, or axes on a new figure."""
     require_matplotlib()
-    return new_figure(*_SIZE, header=0.0, footer=0.0).add_subplot() if ax is None else ax
+    return new_figure(width, _SIZE[1], header=0.0, footer=0.0).add_subplot() if ax is None else ax
 
 
 def add_grid(ax: Axes) -> None:
@@ -76,6 +76,13 @@ def add_grid(ax: Axes) -> None:
     ax.grid(True, which="major", color=GRID, linewidth=0.7)
     ax.set_axisbelow(True)
     ax.spines[["top", "right"]].set_visible(False)
+
+
+def add_labels(ax: Axes, across: str, up: str) -> None:
+    """Name the axes, with units."""
+    ax.set_xlabel(across, fontsize=9.5, color=INK)
+    ax.set_ylabel(up, fontsize=9.5, color=INK)
+    ax.tick_params(labelsize=8.5, colors=INK, width=0.7)
 
 
 def _pyplot_shows() -> bool:

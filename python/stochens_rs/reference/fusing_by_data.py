@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .fusing import alse_dense
-from .laws import chi2_quantile, chi2_upper, noncentrality_limit
+from .laws import chi2_quantile, chi2_upper, f_upper, noncentrality_limit
 from .regions import Region
 from .triangle import Fitted, leverages, residuals
 
@@ -25,7 +25,7 @@ class FusedModel(NamedTuple):
     """F = sum w_i Theta_i nearest to the data, and what the data say about the hull.
 
     `distance2` = ||F R' - t||^2, `off2` = ||t - P t||^2 =: T and `along` = ||P t - F R'||, P the
-    projector on the affine hull (dimension k).
+    projector on the affine hull (dimension k); F R' is in a face of dimension `face`.
     """
 
     F: Array
@@ -34,6 +34,7 @@ class FusedModel(NamedTuple):
     off2: float
     along: float
     k: int
+    face: int
     p: int
     fitted: Fitted
 
@@ -45,9 +46,7 @@ def fuse(models: ArrayLike, fitted: Fitted) -> FusedModel:
     t = fitted.H @ fitted.root.T
     found = alse_dense(S, t)
     F = np.tensordot(found.weights, models, axes=1)
-    span = (S[1:] - S[0]).reshape(len(S) - 1, t.size)
-    _, s, basis = np.linalg.svd(span, full_matrices=False)
-    basis = basis[s > 1e-10 * np.max(np.linalg.norm(S.reshape(len(S), -1), axis=1))]
+    basis, active = _span(S, S), _span(S[found.weights > 0.0], S)
     to = (t - S[0]).ravel()
     nearest = basis.T @ (basis @ to)
     along = nearest - (F @ fitted.root.T - S[0]).ravel()
@@ -58,9 +57,17 @@ def fuse(models: ArrayLike, fitted: Fitted) -> FusedModel:
         float(np.sum((to - nearest) ** 2)) if len(basis) < to.size else 0.0,
         float(np.linalg.norm(along)),
         len(basis),
+        len(active),
         to.size,
         fitted,
     )
+
+
+def _span(some: Array, S: Array) -> Array:
+    """A basis of the affine hull of some of the S_i, as rows."""
+    differences = (some[1:] - some[0]).reshape(len(some) - 1, S[0].size)
+    _, s, basis = np.linalg.svd(differences, full_matrices=False)
+    return np.asarray(basis[s > 1e-10 * np.max(np.linalg.norm(S.reshape(len(S), -1), axis=1))])
 
 
 def explained(fused: FusedModel, sigma: float, delta: float) -> bool:
@@ -107,8 +114,19 @@ def _region(fused: FusedModel, squared: float, delta: float) -> Region:
     return Region(fitted, squared, np.eye(len(fused.F)), delta, assumption)
 
 
+def between(hull: float, least_squares: float, distance: float, share: float) -> float:
+    """Radius^2 at F + share (H - F), from those at F and H in ||. V^(1/2)||_F.
+
+    ||X_s||^2 = (1 - s) ||X_0||^2 + s ||X_1||^2 - s (1 - s) ||F - H||^2, where neither radius need
+    be larger than the other plus the distance.
+    """
+    a = min(hull, (np.sqrt(least_squares) + distance) ** 2)
+    b = min(least_squares, (np.sqrt(hull) + distance) ** 2)
+    return float((1.0 - share) * a + share * b - share * (1.0 - share) * distance**2)
+
+
 class Shrunken(NamedTuple):
-    """F + share (H - F): share of least squares; it has no certificate of its own."""
+    """F + share (H - F): share of least squares; its certificate is `between`."""
 
     model: Array
     share: float
@@ -118,14 +136,28 @@ def shrunken(fused: FusedModel, sigma: float | None = None, *, rule: str = "stei
     """Between the hull and least squares: share = max(0, 1 - c / distance2).
 
     "mallows": c = sigma^2 n d, what least squares gets as one more model (Hansen 2007). "stein":
-    c = sigma^2 (p - k - 2), better than least squares for every Theta if p - k >= 3 (Bock 1982);
-    sigma unknown: c = (p - k - 2) tr S / (n nu + 2).
+    c = sigma^2 (p - face - 2), better than least squares for every Theta if p - face >= 3 (Bock
+    1982 for a subspace; Stein's identity along the normal cone of the face, on which t is shrunk);
+    sigma unknown: c = (p - face - 2) tr S / (n nu + 2), and 0 where nothing is known of sigma.
+    "tested": with q = p - face, c = sigma^2 min(1.5 (q - 2), chi2_{q; 0.01}): what noise explains,
+    but no more than Stein's inequality, which holds below 2 (q - 2), allows with a gain; sigma
+    unknown: the F law (Baranchik 1970). Almost the mixture where it is right.
+    Along directions that the data do not determine the model stays F.
     """
     f, n = fused.fitted, len(fused.F)
-    degrees = fused.p if rule == "mallows" else max(0, fused.p - fused.k - 2)
     s2 = sigma**2 if sigma is not None else float(np.trace(f.S)) / (n * f.nu + 2)
+    q = fused.p - fused.face
+    degrees = float(fused.p) if rule == "mallows" else max(0.0, q - 2.0)
+    if rule == "tested" and q > 2 and sigma is not None:
+        degrees = min(1.5 * degrees, chi2_upper(0.01, q))
+    elif rule == "tested" and q > 2 and f.nu > 0:
+        free = n * f.nu
+        degrees = min(1.5 * degrees, q * (free + 2) / free * f_upper(0.01, q, free))
     share = max(0.0, 1.0 - degrees * s2 / fused.distance2) if fused.distance2 > 0.0 else 0.0
-    return Shrunken(fused.F + share * (f.H - fused.F), float(share))
+    if sigma is None and f.nu == 0:
+        share = 0.0
+    seen = (f.H - fused.F) @ f.root.T @ f.white
+    return Shrunken(fused.F + share * seen, float(share))
 
 
 def leave_one_out(models: ArrayLike, Z: ArrayLike, Y: ArrayLike) -> Array:

@@ -24,6 +24,7 @@ from .laws import scipy as _scipy
 Array = NDArray[np.float64]
 
 SEED = 20_140_801  # simulated quantiles are the same in every call
+MANY = 2**20  # samples from which on the exact law is slow, and the inequality for rare events good
 DRAWS = 100_000
 TRUSTED = 1e-2  # a formula is used if its fault is at most this part of delta
 
@@ -255,14 +256,24 @@ def row_quantile(n: int, d: int, nu: int, delta: float) -> float:
 
 @cache
 def smallest_quantile(n: int, N: int, delta: float) -> float:
-    """a with P(smallest eigenvalue of W_n(I, N) < a) = delta; 0 for N < n. Drawn if it must be."""
+    """a with P(smallest eigenvalue of W_n(I, N) < a) = delta; 0 for N < n. Drawn if it must be.
+
+    For a delta that no draw shows: P(smallest singular value < sqrt N - sqrt n - t) <= exp(-t^2/2)
+    (Davidson and Szarek 2001).
+    """
     if n > N:
         return 0.0
+    rare = delta * (DRAWS + 1) < 1.0
+    below = float(max(0.0, np.sqrt(N) - np.sqrt(n) - np.sqrt(-2.0 * np.log(delta))) ** 2)
+    if rare and N > MANY:
+        return below
     if n == 1:
         return chi2_quantile(delta, N)
     if _fault(polynomial_roots.wishart_cdf(np.inf, n, N)) <= TRUSTED * delta:
         above = partial(polynomial_roots.wishart_cdf, np.inf, n, N)
         return root(lambda a: 1.0 - delta - above(above=a), 0.0, float(chi2_quantile(delta, N)))
+    if rare:
+        return below
     draws = smallest_wishart_root(n, N, DRAWS, np.random.default_rng(SEED))
     return max(0.0, lower_order_quantile(draws, delta))
 

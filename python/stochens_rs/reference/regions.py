@@ -27,7 +27,7 @@ from .quantiles import (
     scalar_quantile,
     wishart_quantile,
 )
-from .triangle import Fitted, Triangle, fit, seen, triangle
+from .triangle import Fitted, Triangle, fit, null_space, seen, triangle
 
 Array = NDArray[np.float64]
 
@@ -58,9 +58,8 @@ def component_bounds(region: Region, z: ArrayLike) -> Array:
     """|((Theta - centre) z)_i| is at most this, for all i and z at once."""
     if not np.isfinite(region.factor):
         return np.full(len(region.S), _times(np.inf, region.fitted, z))
-    size = _times(1.0, region.fitted, z)
     deviations = np.sqrt(region.factor * np.diag(region.S))
-    return np.array([s * size if s > 0.0 else 0.0 * s for s in deviations])
+    return np.array([_times(s, region.fitted, z) for s in deviations])
 
 
 def _times(factor: float, fitted: Fitted, z: ArrayLike) -> float:
@@ -115,7 +114,8 @@ def directions(data: Triangle, Q: ArrayLike, delta: float) -> Region:
     m = fit(data)
     Q = np.asarray(Q, dtype=np.float64)
     r = int(np.linalg.matrix_rank(m.white @ Q))
-    off = np.linalg.svd(Q)[0][:, np.linalg.matrix_rank(Q) :]
+    U, s, _ = np.linalg.svd(Q)
+    _, off = null_space(U.T, s, max(Q.shape) * np.finfo(float).eps)
     q = roy_quantile(len(m.H), r, m.nu, delta)
     m = m._replace(missing=np.hstack([off, m.missing]))
     return Region(m, q, m.S, delta, "as `full`, z in a span that was fixed without the outcomes")

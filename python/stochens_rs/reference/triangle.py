@@ -84,8 +84,7 @@ def fit(data: Triangle) -> Fitted:
     D = np.linalg.norm(R11, axis=0)
     D = np.where(D == 0.0, 1.0, D)
     U, s, Qt = np.linalg.svd(R11 / D)
-    largest = float(np.max(s, initial=0.0))
-    rank = int(np.sum(s > max(data.N, d) * np.finfo(float).eps * largest))
+    rank, missing = null_space(Qt, s, max(data.N, d) * np.finfo(float).eps)
     U, s_r, Q_r = U[:, :rank], s[:rank], Qt[:rank]
     white = (Q_r / s_r[:, None]) / D
     left = R12 - U @ (U.T @ R12)
@@ -97,16 +96,34 @@ def fit(data: Triangle) -> Fitted:
         rank=rank,
         white=white,
         root=(s_r[:, None] * Q_r) * D,
-        missing=Qt[rank:].T / D[:, None],
-        ratio=float(s_r[-1] / largest) if rank else 0.0,
+        missing=missing / D[:, None],
+        ratio=float(s_r[-1] / s_r[0]) if rank else 0.0,
     )
+
+
+def null_space(Qt: Array, s: Array, share: float) -> tuple[int, Array]:
+    """The rank of M = U diag(s) Qt and an orthonormal basis of its null space (columns).
+
+    Singular values up to share s_1 are taken for rounding. So is a row w of the basis, its number
+    i, if M + E with ||E|| <= share s_1 has a null space without it. With a in the range of M' and
+    a_i = 1, row i of basis - a w is 0 and E = M a w (basis - a w)^+ makes that the null space,
+    ||E|| <= ||M a|| ||w||. The smallest ||M a|| is 1 / ||Qt_r[:, i] / s_r||.
+    """
+    largest = np.max(s, initial=0.0)
+    rank = int(np.sum(s > share * largest))
+    basis = Qt[rank:].T.copy()
+    for i, w in enumerate(basis):
+        if np.linalg.norm(w) <= share * largest * np.linalg.norm(Qt[:rank, i] / s[:rank]):
+            basis[i] = 0.0
+    return rank, basis
 
 
 def seen(fitted: Fitted, z: ArrayLike) -> bool:
     """Whether the data determine Theta z: z is in the range of sum z_t z_t'."""
     z = np.asarray(z, dtype=np.float64)
-    # each direction against the size of what is added up in it, and how well it is known
-    tolerance = 100.0 * len(z) * np.finfo(float).eps / max(fitted.ratio, 1e-12)
+    # each direction against the size of what is added up in it; rounding turns it by eps / ratio
+    # (Wedin 1972), of which no more is allowed for than at a ratio of sqrt(eps)
+    tolerance = 100.0 * len(z) * np.finfo(float).eps / max(fitted.ratio, 1e-8)
     sizes = np.abs(fitted.missing.T) @ np.abs(z)
     return bool(np.all(np.abs(fitted.missing.T @ z) <= tolerance * sizes))
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .._base import html
-from .._base.types import Floats
+from .._base.types import Centre, Floats
 from ..plots.states import draw_states
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ class Trajectory:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class EnsembleTrajectory:
-    """Mean and covariance of random trajectories of a system under given inputs.
+    """Mean and covariance of random trajectories, or of those of several models of a system.
 
     Attributes
     ----------
@@ -108,19 +108,23 @@ class EnsembleTrajectory:
     times : ndarray, shape (K + 1,)
         ``k dt`` [s], or k if the system states no step length.
     size : int
-        Realizations N of every entity at every step.
+        Realizations N of every entity at every step; the number of models for "systems".
     replicates : int
-        Independent trajectories behind the moments: N for "runs".
+        Independent trajectories behind the moments: N for "runs" and "systems".
     averaging : str
-        "runs" or "mean-field".
+        "runs", "mean-field", or "systems" for the models of a SystemEnsemble.
     sampled : tuple of str
         Which of "A", "B", "x0" were drawn; the others were exact.
     dt : float or None
         The step length [s]; None if the system states none.
-    key : Key
-        The same key, with the same other arguments, repeats the result.
+    key : Key or None
+        The same key, with the same other arguments, repeats the result; None for "systems", of
+        which nothing is drawn.
     status : str
         "completed".
+    centre : {"truth", "estimate"} or None
+        For "systems": what the models scatter about, as in `SystemEnsemble`. With "estimate" the
+        spread is that of the estimate, and no statement about the true trajectory.
     """
 
     mean: Floats
@@ -134,8 +138,9 @@ class EnsembleTrajectory:
     averaging: str
     sampled: tuple[str, ...]
     dt: float | None
-    key: Key
+    key: Key | None
     status: str = "completed"
+    centre: Centre | None = None
 
     @property
     def steps(self) -> int:
@@ -154,6 +159,8 @@ class EnsembleTrajectory:
 
     def plot(self, *, ax: Axes | None = None) -> Axes:
         """Draw the mean of every state over time, with a band of two standard errors.
+
+        For the models of a SystemEnsemble the band is two standard deviations of the models.
 
         Parameters
         ----------
@@ -177,23 +184,30 @@ class EnsembleTrajectory:
         'step k'
         """
         timed = self.dt is not None
+        if self.averaging == "systems":
+            spread = None if self.variance is None else np.sqrt(self.variance)
+            band = "± 2 standard deviations"
+            return draw_states(self.times, self.mean, spread, timed=timed, ax=ax, band=band)
         return draw_states(self.times, self.mean, self.standard_error, timed=timed, ax=ax)
 
     def _repr_html_(self) -> str:
         error = self.standard_error
         end = None if error is None else f"at most {error[-1].max():.4g}"
+        of_models = self.averaging == "systems"
         rows = [
             ("steps", html.duration(self.steps, self.dt)),
             ("trajectories", html.grouped(self.replicates)),
-            ("realizations N per step", html.grouped(self.size)),
-            ("drawn", ", ".join(self.sampled)),
+            ("realizations N per step", None if of_models else html.grouped(self.size)),
+            ("drawn", None if of_models else ", ".join(self.sampled)),
+            ("models about the", self.centre),
             html.ends(self.mean, "mean state"),
             ("standard error at the end", end),
         ]
         return html.card(self, rows, html.states(self.times, self.mean, "mean states over time"))
 
     def __repr__(self) -> str:
+        about = "" if self.centre is None else f", about the {self.centre}"
         return (
             f"<EnsembleTrajectory {self.averaging}: n={self.mean.shape[1]}, "
-            f"{html.counted(self.steps)}, N={self.size}, {self.replicates} trajectories>"
+            f"{html.counted(self.steps)}, N={self.size}, {self.replicates} trajectories{about}>"
         )

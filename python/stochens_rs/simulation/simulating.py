@@ -10,7 +10,8 @@ from .. import _core
 from .._base import gate, memory
 from .._base.threads import get_num_threads
 from .._base.types import AVERAGINGS, Averaging, Floats
-from ..exceptions import InputError, NonFiniteError
+from ..ensembles.systems import SystemEnsemble
+from ..exceptions import InputError, NonFiniteError, ShapeError
 from ..rng import RngLike, as_key
 from ..system import System
 from ..theory.dynamics import checked_motion
@@ -68,14 +69,15 @@ def simulate(system: System | Any, x0: ArrayLike, u: ArrayLike) -> Trajectory:
     checked, start, inputs = checked_motion(system, x0, u)
     memory.need("the trajectory", 2 * 8 * (len(inputs) + 1) * checked.n)  # and a copy
     states = _core.trajectory(*columns(checked), start.reshape(1, -1), inputs)
-    return Trajectory(states, inputs.copy(), _times(checked, len(inputs)), _dt(checked))
+    dt = _dt(checked)
+    return Trajectory(states, inputs.copy(), _times(dt, len(inputs)), dt)
 
 
 def simulate_ensemble(
-    system: System | Any,
+    system: System | SystemEnsemble | Any,
     x0: ArrayLike,
     u: ArrayLike,
-    size: int,
+    size: int | None = None,
     *,
     sample_A: bool = True,
     sample_B: bool = True,
@@ -86,18 +88,21 @@ def simulate_ensemble(
     return_runs: bool = False,
     rng: RngLike = None,
 ) -> EnsembleTrajectory:
-    """Simulate random realizations of a system under given inputs.
+    """Simulate random realizations of a system, or several models of it, under given inputs.
 
     Parameters
     ----------
-    system : System
-        The system, or anything `System.from_any` takes.
+    system : System or SystemEnsemble
+        The system, or anything `System.from_any` takes. Of a SystemEnsemble each model
+        ``(A_s, B_s, c_s)`` is run once, as it is; then `x0`, `u`, `covariance` and `return_runs`
+        are the only other arguments.
     x0 : array_like, shape (n,)
-        Initial state.
+        Initial state; for a SystemEnsemble also (N, n), one for each model.
     u : array_like, shape (K, m)
         ``u[k]`` is the input between step k and step k + 1, the same for all; K = 0 is allowed.
     size : int
-        Number of realizations N of every entity at every step, at least 1.
+        Number of realizations N of every entity at every step, at least 1. Of a SystemEnsemble N
+        is the number of models: leave it out.
     sample_A, sample_B, sample_x0 : bool, default True
         Whether an entity is drawn, column by column; otherwise it is exact.
     averaging : {"runs", "mean-field"}, default "runs"
@@ -117,7 +122,8 @@ def simulate_ensemble(
     Returns
     -------
     EnsembleTrajectory
-        Mean, variance (and covariance) at every step.
+        Mean, variance (and covariance) at every step; of a SystemEnsemble over its models, with
+        its `centre`.
 
     Raises
     ------
@@ -145,6 +151,10 @@ def simulate_ensemble(
     O(n (n + m)) per step for any N. Run s depends on (key, s) only, for any number of threads;
     with a larger ``size`` the first runs are the same.
 
+    A SystemEnsemble: ``x^s(k+1) = A_s x^s(k) + B_s u(k) + c_s``, with the terms added in this
+    order, O(n (n + m)) per model and step. Its moments are those of the models given. The mean of
+    the runs is not the run of their mean: from the second step on it has the moments of A in it.
+
     Examples
     --------
     >>> import numpy as np, stochens_rs as se
@@ -155,9 +165,18 @@ def simulate_ensemble(
     >>> bool(np.all(abs(found.mean - exact) <= 5 * found.standard_error))
     True
     """
+    flags = {"A": sample_A, "B": sample_B, "x0": sample_x0}
+    if isinstance(system, SystemEnsemble):
+        unused: dict[str, tuple[object, object]] = {
+            "size": (size, None),
+            **{f"sample_{name}": (flag, True) for name, flag in flags.items()},
+            "averaging": (averaging, "runs"),
+            "replicates": (replicates, 1),
+            "rng": (rng, None),
+        }
+        return _each(system, x0, u, unused, covariance, return_runs)
     checked, start, inputs = checked_motion(system, x0, u)
     count = gate.size("size", size)
-    flags = {"A": sample_A, "B": sample_B, "x0": sample_x0}
     drawn = tuple(gate.flag(f"sample_{name}", value) for name, value in flags.items())
     keep = gate.flag("return_runs", return_runs)
     full = gate.choice("covariance", covariance, _MOMENTS) == "full"
@@ -170,7 +189,9 @@ def simulate_ensemble(
         )
     trajectories = repeats if mean_field else count
     threads = get_num_threads()
-    _check_memory(checked, len(inputs), trajectories, full=full, keep=keep, threads=threads)
+    n, m = checked.n, checked.m
+    tables = 8 * (n + m) * (n + (1 << (n - 1).bit_length()))  # laws of the columns of A and B
+    _check_memory(n, len(inputs), trajectories, 2 * tables, full=full, keep=keep, threads=threads)
     key = as_key(rng)
     problem = (*columns(checked), start.reshape(1, -1), inputs)
     A, B, first = drawn
@@ -189,13 +210,68 @@ def simulate_ensemble(
         covariance=None if flat is None else flat.reshape(-1, checked.n, checked.n),
         runs=runs.reshape(trajectories, *mean.shape) if keep else None,
         inputs=inputs.copy(),
-        times=_times(checked, len(inputs)),
+        times=_times(_dt(checked), len(inputs)),
         size=count,
         replicates=trajectories,
         averaging="mean-field" if mean_field else "runs",
         sampled=tuple(name for name, flag in zip(flags, drawn, strict=True) if flag),
         dt=_dt(checked),
         key=key,
+    )
+
+
+def _each(
+    models: SystemEnsemble,
+    x0: ArrayLike,
+    u: ArrayLike,
+    unused: dict[str, tuple[object, object]],
+    covariance: object,
+    return_runs: object,
+) -> EnsembleTrajectory:
+    """Run each of several systems once; `unused`: arguments with the values they must have."""
+    for name, (given, default) in unused.items():
+        if given is not default and not (isinstance(given, (str, int)) and given == default):
+            raise InputError(
+                f"`{name}` must be left out for a SystemEnsemble, whose models are run as they "
+                f"are, got {gate.show(given)}"
+            )
+    N, n, m = models.size, models.n, models.m
+    start = gate.array("x0", x0, ndim=(1, 2))
+    if start.shape not in ((n,), (N, n)):
+        raise ShapeError(
+            f"`x0` must have shape ({n},), or ({N}, {n}) with one for each model, got {start.shape}"
+        )
+    inputs = gate.inputs("u", u, cols=m)
+    keep = gate.flag("return_runs", return_runs)
+    full = gate.choice("covariance", covariance, _MOMENTS) == "full"
+    threads, steps = get_num_threads(), len(inputs)
+    transposed = models.A.nbytes + models.B.nbytes
+    _check_memory(n, steps, N, transposed, full=full, keep=keep, threads=threads)
+    A, B = (np.ascontiguousarray(M.transpose(0, 2, 1)) for M in (models.A, models.B))
+    mean, variance, flat, runs = _core.simulate_systems(
+        A.reshape(N, n * n),
+        B.reshape(N, m * n),
+        models.c,
+        start.reshape(-1, n),
+        inputs,
+        full,
+        keep,
+        threads,
+    )
+    return EnsembleTrajectory(
+        mean=mean,
+        variance=variance,
+        covariance=None if flat is None else flat.reshape(-1, n, n),
+        runs=runs.reshape(N, *mean.shape) if keep else None,
+        inputs=inputs.copy(),
+        times=_times(models.dt, steps),
+        size=N,
+        replicates=N,
+        averaging="systems",
+        sampled=(),
+        dt=models.dt,
+        key=None,
+        centre=models.centre,
     )
 
 
@@ -214,22 +290,27 @@ def _dt(system: System) -> float | None:
     return system.dt if isinstance(system.dt, float) else None
 
 
-def _times(system: System, steps: int) -> Floats:
-    times: Floats = (_dt(system) or 1.0) * np.arange(steps + 1, dtype=np.float64)
+def _times(dt: float | None, steps: int) -> Floats:
+    times: Floats = (dt or 1.0) * np.arange(steps + 1, dtype=np.float64)
     return times
 
 
 def _check_memory(
-    system: System, steps: int, trajectories: int, *, full: bool, keep: bool, threads: int
+    n: int,
+    steps: int,
+    trajectories: int,
+    tables: int = 0,
+    *,
+    full: bool,
+    keep: bool,
+    threads: int,
 ) -> None:
     """Check what the core allocates: moments are added up in a binary tree of partial sums."""
-    n, m = system.n, system.m
     sums = 8 * (steps + 1) * n * (1 + (n if full else 1))  # mean and (co)variance
     partial = threads + trajectories.bit_length() + 2  # one per thread and level of the tree
-    tables = 8 * (n + m) * (n + (1 << (n - 1).bit_length()))  # laws of the columns of A and B
     kept = 8 * trajectories * (steps + 1) * n if keep else 0
     work = 1024 * n * threads  # states of the runs of a thread
     memory.need(
         f"the moments{' and the runs' if keep else ''} of {trajectories} trajectories",
-        sums * partial + 2 * tables + kept + work,
+        sums * partial + tables + kept + work,
     )

@@ -1,8 +1,20 @@
-"""Controls that are updated with every realization, and their state files."""
+"""Controls and models that are updated with every realization or pair, and their state files."""
 
 from .confidence import Confidence
 from .data_stream import DataStream
+from .looks import Look
+from .model_stream import ModelStream
 from .records import StreamRun, Trace
+from .snapshot import Snapshot
 from .stream import Stream
 
-__all__ = ["Confidence", "DataStream", "Stream", "StreamRun", "Trace"]
+__all__ = [
+    "Confidence",
+    "DataStream",
+    "Look",
+    "ModelStream",
+    "Snapshot",
+    "Stream",
+    "StreamRun",
+    "Trace",
+]

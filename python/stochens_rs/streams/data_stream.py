@@ -9,10 +9,10 @@ import numpy as np
 
 from .. import _core
 from .._base import gate, html, memory
+from .._base.durable import Durable
 from .._base.types import DELTA, Floats
 from ..exceptions import InputError, InputTypeError
 from .confidence import Confidence, radii_of_means
-from .durable import Durable
 from .feed import blocks
 from .state import ENTITIES
 

@@ -12,7 +12,7 @@ from .. import _core
 from .._base import gate
 from .._base.types import Status
 from ..exceptions import InputError, StateError, StateIOError
-from .durable import Checkpoints
+from .checkpoints import Checkpoints
 
 Rule: TypeAlias = Literal["certificate", "printed"]
 RULES: tuple[Rule, ...] = get_args(Rule)

@@ -9,6 +9,7 @@ import numpy as np
 
 from .. import _core
 from .._base import gate, html, memory
+from .._base.durable import Durable
 from .._base.files import PathLike
 from .._base.progress import Progress, progress_bar
 from .._base.types import Floats
@@ -16,7 +17,7 @@ from ..exceptions import InputError
 from ..rng import Key, RngLike, as_key
 from ..system import System
 from ..theory.dynamics import checked_ends
-from .durable import Checkpoints, Durable
+from .checkpoints import Checkpoints
 from .records import StreamRun, Trace
 from .running import Rule, checked_stop, run_until
 from .state import ENTITIES, SLOTS, VARIANTS, Identity, Slots, Variant, from_sections, to_sections

@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._base.types import Fusion
-from ..controls.fused import realization_controls
+from ..controls.realization import realization_controls
 from ..ensembles.ensemble import Ensemble
 from ..ensembles.sampling import sample
-from ..fusion.fusing import Method, fuse_path
+from ..fusion.fusing import Method
+from ..fusion.paths import fuse_path
 from ..rng import Key
 from ..theory.exact import Best, best_control
 from .methods import METHODS

@@ -83,12 +83,19 @@ class PlanError:
         "nothing", if that is 0, too: `control_relative` is then 0 if `control` is 0, inf otherwise.
     state_relative_to : str
         "x_actual"; or "x0", if `x_actual` is 0 up to rounding; or "nothing", as above.
+    objective : float or None
+        Within limits ``J(u) - J(v)``, J that of the exact system; None without.
 
     Notes
     -----
-    Rounding: the factors of B are exact for a matrix ``B + E``, ``||E|| <= theta ||B||``,
-    ``theta = (2 max(n, m) + 4) eps`` (LAPACK Users' Guide, 4.9, and measured); ``xf - A x0``
-    is off by ``rho = (n + 1) eps || |A| |x0| + |xf| ||`` at most. To first order in
+    Within limits v is the best control within them, `state` the distance of the last states, and
+    `residual` the distance of the last state under v from its target. Pythagoras does not hold,
+    the triangle inequality does: ``state + residual``. The two allowances for rounding are then
+    those of the solver of v and of the sums; rounding of ``A^k B`` and ``A^k x0`` is not included.
+
+    Rounding without limits: the factors of B are exact for a matrix ``B + E``,
+    ``||E|| <= theta ||B||``, ``theta = (2 max(n, m) + 4) eps`` (LAPACK Users' Guide, 4.9, and
+    measured); ``xf - A x0`` is off by ``rho = (n + 1) eps || |A| |x0| + |xf| ||`` at most. To first order in
     ``theta condition(B)`` (Wedin, BIT 13 (1973) 217-232), with r the residual,
     ``g = sigma_min(B) - theta ||B||``, ``t = theta ||B|| ||r|| / g``, ``eta = max(n, m) eps``, and
     B of the rank that the rule of `Reachability` finds:
@@ -109,6 +116,7 @@ class PlanError:
     state_rounding: float
     control_relative_to: str
     state_relative_to: str
+    objective: float | None = None
 
     def _repr_html_(self) -> str:
         control = _share(self.control, self.control_relative, self.control_relative_to)
@@ -120,6 +128,7 @@ class PlanError:
             ("control off by", control),
             ("state off by", _share(self.state, self.state_relative, self.state_relative_to)),
             ("out of reach of any control", self.residual),
+            ("objective above the least by", self.objective),
             ("rounding", rounding),
         ]
         return html.card(self, rows)

@@ -16,7 +16,7 @@ from ..._base.types import FUSIONS
 from ...cases import CASES
 from ...ensembles.sampling import sample
 from ...exceptions import InputError
-from ...fusion.fusing import fuse_path
+from ...fusion.paths import fuse_path
 from ...rng import Key, RngLike
 from ...studies.curves import Panel
 from ...studies.experiment import Experiment

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..._base.numbers import ROUNDING
 from ...ensembles.sampling import sample
-from ...fusion.fusing import fuse_path
+from ...fusion.paths import fuse_path
 from ...rng import Key
 from ...theory.moments import vector_mse
 

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from .. import _core
-from .._base import memory
-from .._base.files import PathLike, checked_path
-from .._base.gate import show
-from .._base.types import Floats
 from ..exceptions import InputTypeError, StateRecoveredWarning
+from . import memory
+from .files import PathLike, checked_path
+from .gate import show
+from .types import Floats
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

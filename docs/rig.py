@@ -1,0 +1,276 @@
+"""Tables and figures of measured-runs.md: python docs/rig.py [--seeds R] [--images DIR].
+
+An inverted pendulum on a cart, linear about the upright position, known only through N short runs
+in which a random force acts. From each set of runs a model is identified and a control over 10
+steps computed, whose certificate is compared with where it leads the true system. Medians over
+R sets of runs with seeds 0 .. R - 1, and how often the region or the certificate failed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+import numpy as np
+from numpy.typing import NDArray
+
+import stochens_rs as se
+from stochens_rs.plots.certificates import draw_certificates
+
+Floats = NDArray[np.float64]
+STATES = ("position [m]", "angle [rad]", "speed [m/s]", "rate [rad/s]")
+DT = 0.1  # [s]
+SIZES = (10, 20, 50, 100, 400)  # runs
+LENGTH = STEPS = 10  # steps of a run, and of the control
+SIGMA = 0.0005  # standard deviation of the noise of a step, in the units of each state
+READING = 0.002  # that of the error of a reading
+START = np.array([0.1, 0.01, 0.1, 0.03])  # standard deviations of the first state of a run
+FORCE = 1.0  # standard deviation of the force [N]
+X0, XF = np.array([0.1, 0.05, 0.0, 0.0]), np.zeros(4)
+DELTA = 0.05
+WIDEST = 5.0 / np.sqrt(0.9 + 0.1 * 25.0)  # deviation of that part, where that of all is 1
+
+
+def plant(cart: float, mass: float, rod: float) -> tuple[Floats, Floats]:
+    """A and B of a cart [kg] with a point mass [kg] on a rod [m], the force held for DT."""
+    gravity = 9.81
+    F = np.zeros((5, 5))
+    F[0, 2] = F[1, 3] = 1.0
+    F[2, 1], F[2, 4] = -mass * gravity / cart, 1.0 / cart
+    F[3, 1], F[3, 4] = (cart + mass) * gravity / (cart * rod), -1.0 / (cart * rod)
+    term = total = np.eye(5)
+    for k in range(1, 25):  # exp(F DT)
+        term = term @ F * (DT / k)
+        total = total + term
+    return total[:4, :4], total[:4, 4:]
+
+
+A, B = plant(1.0, 0.2, 1.0)
+ROUGH = plant(1.2, 0.2, 1.1)  # as somebody may have guessed it
+
+
+def gaussian(rng: np.random.Generator, shape: tuple[int, ...]) -> Floats:
+    """Gaussian noise of deviation 1."""
+    return rng.standard_normal(shape)
+
+
+def student(rng: np.random.Generator, shape: tuple[int, ...]) -> Floats:
+    """Student's t with 3 degrees of freedom, of deviation 1."""
+    return rng.standard_t(3, shape) / np.sqrt(3.0)
+
+
+def mixture(rng: np.random.Generator, shape: tuple[int, ...]) -> Floats:
+    """Nine of ten Gaussian, the tenth five times as wide; of deviation 1 together."""
+    wide = np.where(rng.random(shape) < 0.1, WIDEST, WIDEST / 5.0)
+    return wide * rng.standard_normal(shape)
+
+
+NOISES = {"Gaussian": gaussian, "t(3)": student, "mixture": mixture}
+
+
+def runs(
+    N: int, rng: np.random.Generator, noise: Callable[..., Floats], reading: float = 0.0
+) -> tuple[se.Trajectories, Floats]:
+    """N runs of LENGTH steps under a random force, and what a rough model makes of each.
+
+    Each run starts near a random set point. The second array (N LENGTH, 5) holds the states that
+    `ROUGH` predicts from set points and forces, and the forces: free of all noise, hence
+    instruments, however rough it is.
+    """
+    u = FORCE * rng.standard_normal((N, LENGTH, 1))
+    w = SIGMA * noise(rng, (N, LENGTH + 1, 4))
+    x, rough = np.empty((2, N, LENGTH + 1, 4))
+    rough[:, 0] = START * rng.standard_normal((N, 4))
+    x[:, 0] = rough[:, 0] + w[:, LENGTH]
+    for k in range(LENGTH):
+        x[:, k + 1] = x[:, k] @ A.T + u[:, k] @ B.T + w[:, k]
+        rough[:, k + 1] = rough[:, k] @ ROUGH[0].T + u[:, k] @ ROUGH[1].T
+    x += reading * noise(rng, x.shape)
+    data = se.Trajectories(x, u, dt=DT, state_names=STATES, input_names=["force [N]"])
+    return data, np.concatenate([rough[:, :-1], u], axis=2).reshape(-1, 5)
+
+
+@dataclass(frozen=True)
+class Way:
+    """A way to identify and certify, and the laws of noise under which it holds."""
+
+    fit: Callable[[se.Trajectories, Floats, int], se.Model]
+    holds: tuple[str, ...]
+    noisy_states: bool = False
+    direct: bool = False
+
+
+SCALE = (*START, FORCE)
+WAYS = {
+    "last pairs, Gaussian": Way(
+        lambda data, rough, seed: se.identify(
+            data.last_pairs(), design="independent", checks=False
+        ),
+        ("Gaussian",),
+    ),
+    "all pairs, sigma known": Way(
+        lambda data, rough, seed: se.identify(data, sigma=SIGMA, scale=SCALE, checks=False),
+        ("Gaussian",),
+    ),
+    "all pairs, sigma unknown": Way(
+        lambda data, rough, seed: se.identify(data, scale=SCALE, checks=False), ("Gaussian",)
+    ),
+    "all pairs, sub-Gaussian": Way(
+        lambda data, rough, seed: se.identify(
+            data, noise="sub-gaussian", sigma=WIDEST * SIGMA, scale=SCALE, checks=False
+        ),
+        ("Gaussian", "mixture"),
+    ),
+    "last pairs, symmetric": Way(
+        lambda data, rough, seed: se.identify(
+            data.last_pairs(), design="independent", noise="symmetric", checks=False, rng=seed
+        ),
+        ("Gaussian", "t(3)", "mixture"),
+    ),
+    "direct over 10 steps": Way(
+        lambda data, rough, seed: se.identify(
+            data.k_step(STEPS, open_loop=True), design="independent", checks=False
+        ),
+        ("Gaussian",),
+        direct=True,
+    ),
+    "instruments": Way(
+        lambda data, rough, seed: se.identify(
+            data, state_noise="white", instruments=rough, checks=False
+        ),
+        ("Gaussian",),
+        noisy_states=True,
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Result:
+    """Certificates, true errors and region failures, each (R,)."""
+
+    certificates: Floats
+    errors: Floats
+    missed: NDArray[np.bool_]
+
+    @property
+    def failures(self) -> int:
+        """In how many of R runs the control ended beyond the certificate."""
+        return int(np.sum(self.errors > self.certificates))
+
+
+def once(way: Way, data: se.Trajectories, rough: Floats, seed: int) -> tuple[float, float, bool]:
+    """Certificate, true error, and whether the region misses the true system."""
+    model = way.fit(data, rough, seed)
+    region = model.region(DELTA)
+    plan = se.control(model, X0, XF, steps=1 if way.direct else STEPS)
+    u = plan.u.reshape(STEPS, 1)
+    end = se.simulate((A, B), X0, u).states[-1]
+    truth = (A, B)
+    if way.direct:
+        powers = [np.linalg.matrix_power(A, k) for k in range(STEPS + 1)]
+        truth = powers[-1], np.hstack([powers[STEPS - 1 - k] @ B for k in range(STEPS)])
+    error = float(np.linalg.norm(end - XF))
+    return plan.bound(DELTA).target, error, not region.contains(*truth)
+
+
+def compare(law: str, reading: float, ways: dict[str, Way], seeds: int) -> dict[str, list[Result]]:
+    """The results of each way for all SIZES."""
+    found: dict[str, list[Result]] = {name: [] for name in ways}
+    for N in SIZES:
+        rows: dict[str, list[tuple[float, float, bool]]] = {name: [] for name in ways}
+        for seed in range(seeds):
+            data, rough = runs(N, np.random.default_rng([seed, N]), NOISES[law], reading)
+            for name, way in ways.items():
+                rows[name].append(once(way, data, rough, seed))
+        for name, all_ in rows.items():
+            certificates, errors, missed = (np.array(column) for column in zip(*all_, strict=True))
+            found[name].append(Result(certificates, errors, missed))
+    return found
+
+
+def table(found: dict[str, list[Result]], seeds: int, assumed: set[str]) -> str:
+    """Medians of certificate / true error for each N; failures over all N together.
+
+    A way outside `assumed` gets a star: what it assumes does not hold.
+    """
+    heads = ["", *(f"N = {N}" for N in SIZES), "region failed", "certificate failed"]
+    lines = ["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
+    for name, results in found.items():
+        cells = [f"{_shown(one.certificates)} / {_shown(one.errors)}" for one in results]
+        total = seeds * len(SIZES)
+        cells.append(f"{sum(int(one.missed.sum()) for one in results)} of {total}")
+        cells.append(f"{sum(one.failures for one in results)} of {total}")
+        lines.append("| " + " | ".join([name + ("" if name in assumed else " *"), *cells]) + " |")
+    return "\n".join(lines)
+
+
+def _shown(values: Floats) -> str:
+    middle = float(np.median(values))
+    if not np.isfinite(middle):
+        return "inf"
+    return f"{middle:.2g}" if middle < 1e3 else "> 1000"
+
+
+def main() -> None:
+    """Print the tables and draw the figures."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=200)
+    parser.add_argument("--images", type=Path, default=Path("docs/images"))
+    options = parser.parse_args()
+    warnings.simplefilter("ignore", se.exceptions.DataWarning)
+    options.images.mkdir(parents=True, exist_ok=True)
+    example(options.images)
+    exact = {name: way for name, way in WAYS.items() if not way.noisy_states}
+    noisy = {name: WAYS[name] for name in ("instruments", "all pairs, sigma known")}
+    for law, reading, ways in (
+        *((law, 0.0, exact) for law in NOISES),
+        ("Gaussian", READING, noisy),
+        ("t(3)", READING, noisy),
+        ("mixture", READING, noisy),
+    ):
+        found = compare(law, reading, ways, options.seeds)
+        print(f"{law} noise, {'states read with error' if reading else 'exact states'}\n")
+        assumed = {
+            name
+            for name, way in ways.items()
+            if law in way.holds and way.noisy_states == (reading > 0.0)
+        }
+        print(table(found, options.seeds, assumed), end="\n\n", flush=True)
+        if law == "Gaussian" and not reading:
+            draw(found, options.images)
+
+
+def example(images: Path) -> None:
+    """The figures of one model: a run that was kept apart, and the residuals."""
+    data, _ = runs(31, np.random.default_rng(3), gaussian)
+    model = se.identify(data[:30], sigma=SIGMA, scale=SCALE)
+    states, inputs = data[30]
+    plan = se.predict(model, states[0], inputs)
+    plan.plot(plan.bound(DELTA, noise=True), measured=states).savefig(images / "tube.png", dpi=110)
+    model.plot().savefig(images / "residuals.png", dpi=110)
+
+
+def draw(found: dict[str, list[Result]], images: Path) -> None:
+    """The figure of certificates over N."""
+    curves = {
+        name: (
+            np.array([np.median(one.certificates) for one in results]),
+            np.array([np.median(one.errors) for one in results]),
+        )
+        for name, results in found.items()
+    }
+    ax = draw_certificates(
+        np.array(SIZES), curves, across="runs N", up="distance from the target after 10 steps"
+    )
+    ax.figure.savefig(images / "certificates.png", dpi=110)
+
+
+if __name__ == "__main__":
+    main()

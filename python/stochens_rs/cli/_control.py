@@ -1,0 +1,181 @@
+"""``stochens control``: the control for a model from data, or for a known system."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from typing import Any
+
+import click
+import numpy as np
+
+from .. import cases
+from .._base.numbers import ROUNDING
+from .._base.types import DELTA
+from ..controls import Certificate, Plan, control
+from ..exceptions import DataWarning
+from ..identification import Model
+from ._options import force_option, json_option
+from ._output import Folder, finite, grid, show_result
+from ._problem import share
+
+
+@click.command("control", short_help="Compute a control and certify where it leads.")
+@click.argument("source", metavar="MODEL_OR_PROBLEM")
+@click.option("--from", "start", metavar="X,Y", help="The initial state; default: of the problem.")
+@click.option("--to", "goal", metavar="X,Y", help="The target; default: of the problem, or 0.")
+@click.option("--steps", type=click.IntRange(min=1), default=1, help="Number of steps.")
+@click.option(
+    "--delta",
+    metavar="P",
+    default=f"{DELTA:.0%}",
+    help="Probability that the certificate does not hold.",
+)
+@click.option("--noise", is_flag=True, help="Include the noise of the run to come.")
+@click.option(
+    "--open-loop",
+    is_flag=True,
+    help="The inputs of the measured runs did not react to the states: often a smaller bound.",
+)
+@click.option("--robust", is_flag=True, help="The control of least certificate; for one step.")
+@click.option("--out", metavar="DIR", help="Also write control.json and the figure there.")
+@force_option
+@json_option
+@click.pass_context
+def control_command(
+    context: click.Context,
+    source: str,
+    start: str | None,
+    goal: str | None,
+    steps: int,
+    delta: str,
+    noise: bool,
+    open_loop: bool,
+    robust: bool,
+    out: str | None,
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Compute the smallest control that leads from one state to another.
+
+    MODEL_OR_PROBLEM is a model that `stochens identify --save` wrote (.safetensors), or a system
+    that is known: .npz or JSON with A, B and optionally x0, xf.
+
+    For a model, prints how far the true system can end from the target, with probability 1 - P,
+    and of what that is made; the figure has the predicted states with the tube that contains the
+    true ones. The certificate rests on what was declared to `stochens identify`.
+    """
+    probability = share(delta, "--delta")
+    options = {k: v for k, v in context.params.items() if k not in ("out", "force", "as_json")}
+    folder = None if out is None else Folder(out, "control", options, force)
+    known: Any
+    if source.endswith(".safetensors"):
+        known = Model.load(source)
+        x0, xf, n = None, None, known.n
+        names = known.state_names, known.input_names
+    else:
+        if noise or open_loop or robust:
+            raise click.UsageError(
+                "--noise, --open-loop and --robust are for models (.safetensors), not for a system "
+                "that is known"
+            )
+        problem = cases.from_file(source)
+        known, x0, xf = problem.system, problem.x0, problem.xf
+        n = known.n
+        names = tuple(f"x[{i}]" for i in range(n)), tuple(f"u[{j}]" for j in range(known.m))
+    x0 = _state("--from", start, n, x0)
+    xf = _state("--to", goal, n, np.zeros(n) if xf is None else xf)
+    least: Any = {"robust": True, "delta": probability} if robust else {}
+    plan = control(known, x0, xf, steps=steps, **least)
+    found: Any = None
+    if isinstance(known, Model):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DataWarning)  # the text has the reasons
+            found = plan.bound(probability, noise=noise, open_loop=open_loop)
+    facts = _facts(plan, found, x0, xf, names)
+    show_result(facts, _text(plan, found, xf, names), as_json)
+    if folder is not None:
+        folder.write(facts, lambda: plan.plot(found))
+
+
+def _state(option: str, text: str | None, n: int, default: Any) -> Any:
+    """Read ``1,0,-0.5``."""
+    if text is None:
+        if default is None:
+            raise click.UsageError(f"give {option}, {n} numbers with commas")
+        return default
+    try:
+        values = [float(cell) for cell in text.split(",")]
+    except ValueError:
+        raise click.BadParameter(
+            f"{text!r} must be numbers with commas", param_hint=option
+        ) from None
+    if len(values) != n or not all(map(math.isfinite, values)):
+        raise click.BadParameter(f"must be {n} finite numbers, got {text!r}", param_hint=option)
+    return np.array(values)
+
+
+def _facts(
+    plan: Plan, found: Certificate | None, x0: Any, xf: Any, names: tuple[Any, Any]
+) -> dict[str, Any]:
+    return {
+        "schema": "stochens-control/1",
+        "states": list(names[0]),
+        "inputs": list(names[1]),
+        "x0": x0.tolist(),
+        "xf": xf.tolist(),
+        "steps": plan.steps,
+        "u": plan.u.tolist(),
+        "predicted_states": plan.predicted_states.tolist(),
+        "out_of_reach": plan.reachability.residual if not plan.reachability.reachable else 0.0,
+        "warnings": list(plan.info["warnings"]),
+        "certificate": None
+        if found is None
+        else {
+            "delta": found.delta,
+            "target": finite(found.target),
+            "state": finite(found.state),
+            "reach": finite(found.reach),
+            "model_error": finite(found.model_error),
+            "components": finite(found.components),
+            "tube": finite(found.tube),
+            "control": finite(found.control),
+            "control_reason": found.control_reason,
+            "larger": found.larger,
+            "method": found.method,
+            "noise": found.noise,
+            "assumption": found.assumption,
+            "missing": list(found.missing),
+        },
+    }
+
+
+def _text(plan: Plan, found: Certificate | None, xf: Any, names: tuple[Any, Any]) -> str:
+    tube = [] if found is None else ["tube"]
+    rows = [["step", *names[1], *names[0], *tube]]
+    inputs, path = _rounded(plan.u), _rounded(plan.predicted_states)
+    for k, state in enumerate(path):
+        u = [f"{value:.4g}" for value in inputs[k]] if k < plan.steps else [""] * plan.u.shape[1]
+        radius = [] if found is None else [f"{found.tube[k]:.3g}"]
+        rows.append([str(k), *u, *(f"{value:.4g}" for value in state), *radius])
+    lines = [*grid(rows), ""]
+    if found is None:
+        off = float(np.linalg.norm(plan.predicted_states[-1] - xf))
+        lines.append(f"ends       {off:.4g} from the target; the system is taken as known")
+    else:
+        lines += [
+            f"certified  the true system ends within {found.target:.4g} of the target, with "
+            f"{100 * (1 - found.delta):g} %, {'with' if found.noise else 'without'} noise",
+            f"of that    {found.reach:.4g} out of reach of the model, {found.model_error:.4g} by "
+            f"its error: mostly {found.larger}",
+            f"by         {found.method}",
+            f"for        {found.assumption}",
+        ]
+        if found.missing:
+            lines.append(f"unknown    {'; '.join(found.missing)}")
+    return "\n".join([*lines, *(f"warning    {text}" for text in plan.info["warnings"])])
+
+
+def _rounded(values: Any) -> Any:
+    """0 in place of what is rounding beside the largest value."""
+    return np.where(np.abs(values) > ROUNDING * np.abs(values).max(), values, 0.0)

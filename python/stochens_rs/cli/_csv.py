@@ -1,0 +1,94 @@
+"""Columns of a CSV file, as numbers, times or text."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .._base import memory
+from ..exceptions import InputError
+from ..identification import Trajectories
+
+# Bytes of memory for one of the file: a cell of few characters becomes an object of about 60.
+_PARSED = 30
+
+
+def read_runs(
+    path: str, states: Sequence[str], inputs: Sequence[str], by: str | None, time: str | None
+) -> Trajectories:
+    """Read runs from a CSV file whose first row names the columns; messages name the file."""
+    columns = _columns(path)
+    wanted = (("--states", states), ("--inputs", inputs), ("--by", [by]), ("--time", [time]))
+    for option, names in wanted:
+        for name in names:
+            if name is not None and name not in columns:
+                known = ", ".join(list(columns)[:8])
+                raise InputError(f"{path} has no column '{name}' for {option}: it has {known}")
+    table: dict[str, Any] = {name: _numbers(path, name, columns[name]) for name in states}
+    table |= {name: _numbers(path, name, columns[name]) for name in inputs}
+    if time is not None:
+        table[time] = _times(path, time, columns[time])
+    if by is not None:
+        table[by] = np.array(columns[by])
+        empty = next((k for k, label in enumerate(columns[by]) if not label), None)
+        if empty is not None:
+            raise InputError(f"{path} has no run in column '{by}', row {empty + 2}")
+    try:
+        return Trajectories.from_table(table, states=states, inputs=inputs, by=by, time=time)
+    except InputError as error:
+        raise type(error)(f"{path}: {error}") from None
+
+
+def _columns(path: str) -> dict[str, list[str]]:
+    memory.need(f"to read {path}", Path(path).stat().st_size * _PARSED)
+    try:
+        with open(path, newline="", encoding="utf-8-sig") as file:
+            rows = csv.reader(file)
+            names = [name.strip() for name in next(rows, [])]
+            twice = next((name for name in names if names.count(name) > 1), None)
+            if not names:
+                raise InputError(f"{path} is empty: its first row must name the columns")
+            if twice is not None:
+                raise InputError(f"{path} has the column '{twice}' twice")
+            found: list[list[str]] = []
+            for row in rows:
+                if not row:
+                    continue
+                if len(row) != len(names):
+                    raise InputError(
+                        f"{path} has {len(row)} cells, not {len(names)}, in line {rows.line_num}"
+                    )
+                found.append([cell.strip() for cell in row])
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{path} must be a CSV file in UTF-8: {error}") from None
+    if not found:
+        raise InputError(f"{path} has no rows below the names of its columns")
+    return dict(zip(names, map(list, zip(*found, strict=True)), strict=True))
+
+
+def _numbers(path: str, name: str, cells: list[str]) -> Any:
+    """Numbers, nan where a cell is empty."""
+    found = np.empty(len(cells))
+    for k, cell in enumerate(cells):
+        try:
+            found[k] = float(cell) if cell else np.nan
+        except ValueError:
+            raise InputError(
+                f"{path} must have numbers in column '{name}', got {cell[:30]!r} in row {k + 2}"
+            ) from None
+    return found
+
+
+def _times(path: str, name: str, cells: list[str]) -> Any:
+    """Seconds, or dates and times as ISO 8601 writes them."""
+    try:
+        return _numbers(path, name, cells)
+    except InputError as error:
+        try:
+            return np.array(cells, dtype="datetime64[ns]")
+        except ValueError:
+            raise InputError(f"{error}: seconds, or dates and times as in ISO 8601") from None

@@ -1,0 +1,199 @@
+"""``stochens identify``: from a table of measured runs to a model and a region."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import click
+import numpy as np
+
+from .._base.types import DELTA
+from ..exceptions import DataWarning
+from ..identification import Model, Trajectories, identify
+from ..identification.assumptions import COVARIANCES, DESIGNS, NOISES
+from ..identification.region import Region
+from ..rng import as_key
+from ._csv import read_runs
+from ._options import force_option, json_option, seed_option
+from ._output import Folder, finite, grid, note, show_result
+from ._problem import share
+
+
+@click.command("identify", short_help="Fit a model to measured runs.")
+@click.argument("runs", metavar="RUNS.csv")
+@click.option("--states", required=True, metavar="A,B", help="Columns of the states.")
+@click.option("--inputs", required=True, metavar="U,V", help="Columns of the inputs.")
+@click.option("--by", metavar="COLUMN", help="The column that tells the runs apart.")
+@click.option("--time", metavar="COLUMN", help="The column of times [s], or of dates and times.")
+@click.option(
+    "--design",
+    type=click.Choice(DESIGNS),
+    default="adaptive",
+    help="independent: all states and inputs are independent of the noise of the next state; with "
+    "several steps in a run add --last-pairs.",
+)
+@click.option("--last-pairs", is_flag=True, help="Use only the last step of each run.")
+@click.option("--noise", type=click.Choice(NOISES), default="gaussian", help="Law of the noise.")
+@click.option("--sigma", type=float, help="Known standard deviation of the noise.")
+@click.option(
+    "--covariance",
+    type=click.Choice([one for one in COVARIANCES if one != "known"]),
+    default="full",
+    help="What is known of the covariance.",
+)
+@click.option("--intercept", is_flag=True, help="Fit an offset c as well.")
+@click.option(
+    "--lags",
+    type=click.IntRange(min=0),
+    metavar="L",
+    help="States are measured with error: take the present and L past inputs, which do not react "
+    "to the states, as instruments.",
+)
+@click.option(
+    "--delta",
+    metavar="P",
+    default=f"{DELTA:.0%}",
+    help="Probability that the region does not contain the system.",
+)
+@seed_option
+@click.option("--save", metavar="FILE", help="Save the model, for `stochens control`.")
+@click.option("--out", metavar="DIR", help="Also write identify.json and the figure there.")
+@force_option
+@json_option
+@click.pass_context
+def identify_command(
+    context: click.Context,
+    runs: str,
+    states: str,
+    inputs: str,
+    by: str | None,
+    time: str | None,
+    design: Any,
+    last_pairs: bool,
+    noise: Any,
+    sigma: float | None,
+    covariance: Any,
+    intercept: bool,
+    lags: int | None,
+    delta: str,
+    seed: int,
+    save: str | None,
+    out: str | None,
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Fit x(k+1) = A x(k) + B u(k) + c + w(k) to the runs in a table, and certify the fit.
+
+    The first row of RUNS.csv names the columns; every other row has the states and inputs of one
+    time of one run. Times of a run must be equally far apart. Cells of an input in the last row of
+    a run may be empty.
+
+    Prints A, B and c with bounds that hold for all entries at once, the standard deviations of the
+    residuals, and tests of the residuals: a small p speaks against an assumption, and no p proves
+    one. The figure shows the residuals. The assumptions are yours: --design, --noise, --sigma.
+
+    With --lags L the region has a centre of its own, which is the model that is printed.
+    """
+    probability = share(delta, "--delta")
+    options = {k: v for k, v in context.params.items() if k not in ("out", "force", "as_json")}
+    folder = None if out is None else Folder(out, "identify", options, force)
+    data = read_runs(runs, _names("--states", states), _names("--inputs", inputs), by, time)
+    if last_pairs:
+        data = data.last_pairs()
+    elif design == "independent" and not data.single:
+        raise click.UsageError(
+            "--design independent is for single steps, since later states of a run contain its "
+            "earlier noise: add --last-pairs, or leave --design out"
+        )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DataWarning)  # the table lists them
+        model = identify(
+            data,
+            design=design,
+            noise=noise,
+            sigma=sigma,
+            covariance=covariance,
+            intercept=intercept,
+            state_noise="none" if lags is None else "white",
+            instruments=None if lags is None else data.past_inputs(lags),
+            rng=as_key(seed),
+        )
+    region = model.region(probability)
+    if save is not None:
+        model.save(save)
+    facts = _facts(model, data, region, save)
+    show_result(facts, _text(model, data, region), as_json)
+    if save is not None:
+        note(f"written: {save}")
+    if folder is not None:
+        folder.write(facts, model.plot)
+
+
+def _names(option: str, text: str) -> list[str]:
+    names = [name.strip() for name in text.split(",")]
+    if not all(names):
+        raise click.BadParameter(f"{text!r} has an empty name", param_hint=option)
+    return names
+
+
+def _deviations(model: Model) -> list[float] | None:
+    covariance = model.covariance
+    return None if covariance is None else np.sqrt(np.diag(covariance)).tolist()
+
+
+def _facts(model: Model, data: Trajectories, region: Region, save: str | None) -> dict[str, Any]:
+    checks, deviations = model.checks, _deviations(model)
+    return {
+        "schema": "stochens-identify/1",
+        "runs": len(data),
+        "pairs": model.size,
+        "states": list(model.state_names),
+        "inputs": list(model.input_names),
+        "dt": model.dt,
+        "A": model.A.tolist(),
+        "B": model.B.tolist(),
+        "c": None if model.c is None else model.c.tolist(),
+        "residual_deviations": deviations,
+        "rank": model.rank,
+        "unknowns": len(region.centre[0]),
+        "missing": list(model.missing),
+        "region": {
+            "delta": region.delta,
+            "radius": finite(region.radius),
+            "centre": region.centre.tolist(),
+            "entry_bounds": finite(region.entry_bounds),
+            "assumption": region.assumption,
+        },
+        "checks": None if checks is None else {"exact": checks.exact, **checks.p_values},
+        "warnings": list(model.warnings),
+        "saved": save,
+    }
+
+
+def _text(model: Model, data: Trajectories, region: Region) -> str:
+    dt = "" if model.dt is None else f", {model.dt:g} s apart"
+    columns = [*model.state_names, *model.input_names, "1"][: len(region.centre[0])]
+    bounds = region.entry_bounds
+    cells = [
+        [f"{value:.4g} ± {bound:.2g}" for value, bound in zip(*rows, strict=True)]
+        for rows in zip(region.centre, bounds, strict=True)
+    ]
+    deviations = _deviations(model) or [np.nan] * model.n
+    body = [
+        [f"{name}(k+1)", *row, f"{deviation:.3g}"]
+        for name, row, deviation in zip(model.state_names, cells, deviations, strict=True)
+    ]
+    lines = [
+        f"{len(data)} runs, {model.size} pairs{dt}; rank {model.rank} of {len(columns)}",
+        "",
+        *grid([["", *columns, "deviation"], *body]),
+        "",
+        f"region     holds with {100 * (1 - region.delta):g} %, radius {region.radius:.4g}",
+        f"for        {region.assumption}",
+    ]
+    if model.checks is not None:
+        kind = "p" if model.checks.exact else "p, approximate"
+        tests = ", ".join(f"{name} {p:.2g}" for name, p in model.checks.p_values.items())
+        lines.append(f"residuals  {tests} ({kind})")
+    return "\n".join([*lines, *(f"warning    {text}" for text in model.warnings)])

@@ -1,0 +1,123 @@
+"""How far the true system can end from its target: the record of a bound from data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from .._base import gate, html
+from .._base.records import by_constructor
+from ..exceptions import ShapeError
+
+if TYPE_CHECKING:
+    from .._base.types import Floats
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Certificate:
+    """Bounds on where the true system ends under a control that was computed from data.
+
+    Made by `Plan.bound` for a plan whose system is a model from data.
+
+    Attributes
+    ----------
+    target : float
+        ``||x(K) - xf||`` is at most this: ``reach + model_error + start``. Infinite where the data
+        do not determine where the control leads; `missing` then names the directions.
+    state : float
+        The same for the distance of x(K) from the last of the plan's ``predicted_states``.
+    reach : float
+        ``||xh(K) - xf||``: how far the model itself ends from xf.
+    model_error : float
+        What the error of the model adds, and with `noise` the noise of the run to come.
+    start : float
+        What an uncertain x0 adds.
+    components : ndarray, shape (n,)
+        ``|x(K) - xf|_i`` is at most this, for all i at once. For one step without noise a statement
+        of its own, by a sharper region for each row, with probability ``1 - delta``; else in the
+        same event as `target`.
+    tube : ndarray, shape (K + 1,)
+        ``||x(k) - xh(k)||`` is at most this, for all k at once, around ``predicted_states``.
+    control : float
+        ``||u - v||`` is at most this, v the exact best control; infinite where it is not known.
+    control_reason : str or None
+        Why `control` is infinite.
+    delta : float
+        `target`, `state`, `tube` and `control` hold together with probability ``1 - delta``.
+    assumption : str
+        What that rests on, in words.
+    method : str
+        "one step", "several steps" or "direct regression over K steps": what gave `target`.
+    noise : bool
+        Whether the noise of the run to come is included.
+    missing : tuple of str
+        The directions that the data do not determine, where `target` is infinite.
+    """
+
+    target: float
+    state: float
+    reach: float
+    model_error: float
+    start: float
+    components: Floats
+    tube: Floats
+    control: float
+    control_reason: str | None
+    delta: float
+    assumption: str
+    method: str
+    noise: bool
+    missing: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        gate.probability("delta", self.delta)
+        gate.flag("noise", self.noise)
+        for name in ("components", "tube"):
+            if np.ndim(getattr(self, name)) != 1:  # entries may be infinite
+                raise ShapeError(f"`{name}` must have one dimension")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return by_constructor(self)
+
+    @property
+    def larger(self) -> Literal["model error", "reachability"]:
+        """The larger part of `target`: more data help, or more steps and inputs."""
+        return "reachability" if self.reach > self.model_error + self.start else "model error"
+
+    @property
+    def _share(self) -> str:
+        return f"{100 * (1 - self.delta):.6g} %"
+
+    @property
+    def _run(self) -> str:
+        return "with noise" if self.noise else "without noise"
+
+    def __repr__(self) -> str:
+        if np.isfinite(self.target):
+            what = f"within {self.target:.3g} of xf, mostly {self.larger}"
+        elif self.missing:
+            some = ", ".join(self.missing[:3])
+            what = f"unbounded: the data do not determine the system along {some}"
+        else:
+            what = "unbounded: too few data, or too many steps"
+        return f"<Certificate: {what}, {self._share}, {self.method} {self._run}>"
+
+    def _repr_html_(self) -> str:
+        control = self.control_reason or f"within {self.control:.4g} of the exact best one"
+        rows = [
+            ("last state", f"within {self.state:.4g} of the predicted one"),
+            ("model ends off xf by", self.reach),
+            ("error of the model", self.model_error),
+            ("uncertain start", self.start or None),
+            ("components of x(K) - xf", html.vector(self.components)),
+            ("control", control),
+            ("holds with", f"{self._share} at least"),
+            ("for", self.assumption),
+            ("not determined", "; ".join(self.missing) or None),
+        ]
+        drawn = html.states(
+            np.arange(len(self.tube)), self.tube[:, None], "radius around the predicted states"
+        )
+        return html.card(self, rows, drawn)

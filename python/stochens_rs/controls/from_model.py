@@ -1,0 +1,115 @@
+"""The control for a model from data: the smallest one, or that of the smallest certificate."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .. import _core
+from .._base import gate
+from .._base.numbers import ROUNDING
+from ..ensembles.counts import Counts
+from ..ensembles.ensemble import Ensemble
+from ..exceptions import InputError, InputTypeError
+from ..fusion.fits import Fit
+from ..theory.exact import best_control
+from .basis import ModelBasis
+from .entities import fusion_over, last_row, step_warnings
+from .limited import Horizon
+from .plan import Plan
+from .region_errors import trajectory
+from .task import asked_task
+
+if TYPE_CHECKING:
+    from .._base.types import Floats
+    from ..identification.identified import Identified
+
+
+def model_control(
+    model: Identified,
+    x0: Any,
+    xf: Any,
+    steps: int,
+    fusion: str,
+    asked: dict[str, Any],
+    *,
+    x0_error: float,
+    robust: bool,
+    delta: float,
+) -> Plan:
+    """Compute the control for a model; the arguments are those of `control`."""
+    n, m = model.B.shape
+    last = xf if asked["reference"] is None else last_row(asked["reference"], xf, n)
+    start, goal = _exact("x0", x0, n), _exact("xf", last, n)
+    K, how = fusion_over(steps, fusion, n, m)
+    if how != "product":
+        raise InputError("`fusion` must be 'product' for a model from data, got 'diagonal'")
+    task, seconds = asked_task(n, m, K, goal, asked)
+    Theta = np.hstack([model.A, model.B, *([] if model.c is None else [model.c[:, None]])])
+    # what the offset alone adds over K steps
+    drift = trajectory(Theta, np.zeros(n), np.zeros((K, m)))[-1]
+    found = best_control(model.A, model.B, start, goal - drift, K)
+    u, limited = found.u.reshape(K, m), None
+    if robust and task is not None:
+        raise InputError("`robust` must be False with limits or weights")
+    if robust:
+        u = _robust(model, start, goal, K, delta)[None, :]
+    if task is not None:
+        limited = Horizon(task, model.A, model.B, model.c).solve(start, time_limit=seconds)
+        u = limited.u
+    else:
+        # what acts by rounding alone is 0: the data may say nothing of such an input
+        effect = np.abs(u) * np.linalg.norm(model.B, axis=0)
+        u = np.where(effect > ROUNDING * effect.max(), u, 0.0)
+    reachability = found.reachability()
+    exact = {"method": "exact", "size": None}
+    info: dict[str, Any] = {"x0": exact, "xf": exact, "A": {"method": "from data", "size": None}}
+    info["singular_values"] = found.factors.singular_values
+    said: tuple[str, ...] = getattr(model, "warnings", ())
+    info["warnings"] = (*said, *step_warnings(n, m, K, reachability.rank, exact=False))
+    return Plan(
+        u=u,
+        predicted_states=trajectory(Theta, start, u),
+        reachability=reachability,
+        fusion=how,
+        status="completed" if limited is None else limited.status,
+        info=info,
+        basis=ModelBasis(model, start, goal, x0_error),
+        limited=limited,
+    )
+
+
+def _exact(name: str, value: Any, n: int) -> Floats:
+    if isinstance(value, Fit | Ensemble | Counts):
+        mean = {Fit: "its estimate", Counts: "its estimate"}.get(type(value), "its mean()")
+        cure = f"pass {mean}, and as `x0_error` how far x0 may be from it" if name == "x0" else (
+            f"pass {mean} or the exact target"
+        )  # fmt: skip
+        raise InputTypeError(
+            f"`{name}` must be an array with a model from data, got "
+            f"{gate.article(type(value))}: {cure}"
+        )
+    return gate.vector(name, value, length=n).copy()
+
+
+def _robust(model: Identified, x0: Floats, xf: Floats, K: int, delta: float) -> Floats:
+    """The u with the smallest ``||C z - xf|| + radius ||z||``, in the norm of V^-1."""
+    if K > 1:
+        raise InputError(
+            f"`robust` must be False over {K} steps with a model of one step: identify a model "
+            f"over {K} steps, se.identify(data.k_step({K}, open_loop=True), design='independent')"
+            ", and take one step of it"
+        )
+    region = model.region(delta)
+    if len(region.parts) > 1:
+        raise InputError("`robust` must be False for a model with single known entries")
+    if not region.bounded:
+        off = f"along {'; '.join(region.missing)}" if region.missing else "there are too few data"
+        raise InputError(f"`robust` must be False: the region of the model is unbounded, {off}")
+    part, (n, d) = region.parts[0], region.centre.shape
+    white = np.zeros((len(part.white), d))
+    white[:, part.columns] = part.white
+    centre = np.ascontiguousarray(region.centre)
+    u: Floats = _core.robust_control(centre, white, x0, xf, d > n + region.m, part.radius)
+    return u

@@ -1,0 +1,73 @@
+"""`predict`: where a model from data says that given inputs lead, as a plan with its bounds."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .._base import gate
+from ..exceptions import InputTypeError, NonFiniteError
+from ..identification.identified import Identified
+from ..theory.exact import best_control
+from .basis import ModelBasis
+from .plan import Plan
+from .region_errors import trajectory
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+
+def predict(model: Identified, x0: ArrayLike, inputs: ArrayLike, *, x0_error: float = 0.0) -> Plan:
+    """Predict the states under given inputs, as those of a run that was kept apart.
+
+    Parameters
+    ----------
+    model : Model or another model from data
+        The model, with its regions.
+    x0 : array_like, shape (n,)
+        The initial state.
+    inputs : array_like, shape (K, m)
+        The inputs, one row per step. They may be chosen after the data of the model.
+    x0_error : float, default 0.0
+        How far the true initial state may be from `x0`, in the 2-norm.
+
+    Returns
+    -------
+    Plan
+        With these inputs as its control, and as its target the state where the model ends:
+        `Plan.bound` has the tube that contains the true states, `Plan.plot` draws it.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If an argument cannot be used, or the predicted states overflow.
+
+    Examples
+    --------
+    >>> import numpy as np, stochens_rs as se
+    >>> z = np.random.default_rng(1).standard_normal((40, 3))
+    >>> x_next = 0.5 * z[:, :1] + z[:, 1:2] + 0.01 * z[:, 2:]
+    >>> data = se.Trajectories.from_pairs(z[:, :1], z[:, 1:2], x_next)
+    >>> model = se.identify(data, sigma=0.01)
+    >>> plan = se.predict(model, [1.0], [[0.0], [1.0]])
+    >>> plan.predicted_states.round(1).ravel()
+    array([1. , 0.5, 1.3])
+    >>> plan.bound().state < 0.03
+    True
+    """
+    if not isinstance(model, Identified):
+        raise InputTypeError(f"`model` must be a model from data, got {gate.show(model)}")
+    n, m = model.B.shape
+    start = gate.vector("x0", x0, length=n).copy()
+    u = gate.inputs("inputs", inputs, cols=m, empty=False).copy()
+    Theta = np.hstack([model.A, model.B, *([] if model.c is None else [model.c[:, None]])])
+    path = trajectory(Theta, start, u)
+    if not np.isfinite(path).all():
+        raise NonFiniteError("the predicted states overflow: give fewer or smaller `inputs`")
+    drift = trajectory(Theta, np.zeros(n), np.zeros_like(u))[-1]
+    best = best_control(model.A, model.B, start, path[-1] - drift, len(u))
+    exact = {"method": "exact", "size": None}
+    info = {"x0": exact, "xf": exact, "A": {"method": "from data", "size": None}, "warnings": ()}
+    basis = ModelBasis(model, start, path[-1].copy(), gate.nonnegative("x0_error", x0_error))
+    return Plan(u, path, best.reachability(), "product", "completed", info, basis)

@@ -1,0 +1,205 @@
+"""Weights of given models by measured data: what `fuse` does with ``data=``."""
+
+from __future__ import annotations
+
+import warnings
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .._base import gate, html, memory
+from ..ensembles.ensemble import Ensemble
+from ..ensembles.systems import SystemEnsemble
+from ..exceptions import DataWarning, InputError, InputTypeError, NonFiniteError, ShapeError
+from ..identification.identified import Identified
+from ..identification.identifying import identify
+from ..identification.model import Model
+from ..system import System
+from . import alse, hull
+from .fused_model import DataMethod, FusedModel, noise_of, stacked, units
+
+if TYPE_CHECKING:
+    from .._base.types import Floats
+    from .fits import Fit
+
+_ALONE = 1e-10  # of 1 - leverage: below, a pair alone determines a direction
+
+
+def fuse_by_data(
+    models: object,
+    method: DataMethod,
+    data: object,
+    design: Any,
+    sigma: Any,
+    shrink: bool,
+    independent: bool,
+    options: alse.AlseOptions,
+) -> FusedModel:
+    """Choose the weights by the data and mix; `fuse` says what the arguments are."""
+    given = _models(models, data, gate.flag("independent", independent))
+    least = _least_squares(given, method, data, design, sigma)
+    f = least._blocks[0].fitted
+    if f.rank == 0:
+        raise InputError("`data` determine nothing: all states and inputs are 0")
+    memory.need("the models", 4 * 8 * given.size * given.n * (f.rank + f.R11.shape[1]))
+    with np.errstate(over="ignore", invalid="ignore"):
+        S, t = hull.coordinates(stacked(given, least.intercept), f, units(least))
+    if not np.isfinite(S).all() or not np.isfinite(np.vdot(S, S)):
+        raise NonFiniteError("the squares of the data and the models overflow: scale them down")
+    shrink = gate.flag("shrink", shrink)
+    if method == "alse":
+        fit = _nearest(S - t, options)
+        weights, share = fit.weights / fit.weights.sum(), 0.0
+        if shrink:
+            share = hull.least_squares_share(hull.position(S, t, weights), noise_of(least))
+    else:
+        fit = _nearest(_left_out(given, least, shrink), options)
+        weights, share = _apart(fit.weights, given.size)
+    assert fit.gap is not None
+    fused = FusedModel(given, least, method, weights, share, fit.gap, fit.status)
+    own = [text for text in fused.warnings if text not in least.warnings]
+    if own:
+        more = len(own) - 1
+        said = f"; {html.number_of(more, 'more warning')}: see fused.warnings" if more else ""
+        warnings.warn(DataWarning(own[0] + said), stacklevel=3)
+    return fused
+
+
+def _nearest(differences: Floats, options: alse.AlseOptions) -> Fit:
+    """The weights for which the mixture of the differences is smallest."""
+    flat = Ensemble.from_samples(differences.reshape(len(differences), -1))
+    return alse.solve(flat, np.zeros(flat.shape), options)
+
+
+def _left_out(given: SystemEnsemble, least: Model, with_own: bool) -> Floats:
+    """Errors on pairs left out, (M + 1, N, n) with least squares last.
+
+    ``Y - Theta_i Z``, and ``e_t / (1 - h_t)`` for least squares, exactly those of a fit without
+    pair t (jackknife averaging: Hansen and Racine 2012). Without least squares where one pair alone
+    determines a direction, so that its error is unbounded.
+    """
+    Z, Y = least._pairs()
+    f = least._blocks[0].fitted
+    memory.need("the errors of the models", 3 * 8 * (given.size + 1) * Y.size)
+    errors = [Y - Z @ Theta.T for Theta in stacked(given, least.intercept)]
+    free = 1.0 - np.sum((Z @ f.white.T) ** 2, axis=1)
+    if with_own and float(free.min()) > _ALONE:
+        errors.append((Y - Z @ f.H.T) / free[:, None])
+    return np.linalg.solve(units(least), np.array(errors).transpose(0, 2, 1))
+
+
+def _apart(weights: Floats, M: int) -> tuple[Floats, float]:
+    """The weights of the models in their mixture, and the share of least squares."""
+    total = float(weights.sum())
+    share = float(weights[M:].sum()) / total
+    if share >= 1.0:
+        return np.full(M, 1.0 / M), 1.0
+    return weights[:M] / float(weights[:M].sum()), share
+
+
+def _least_squares(
+    given: SystemEnsemble, method: DataMethod, data: object, design: Any, sigma: Any
+) -> Model:
+    """Least squares of the data, with what was declared; refused where the method needs more."""
+    if isinstance(data, Model):
+        if design is not None or sigma is not None:
+            raise InputError(
+                "`design` and `sigma` must be left out: `data` is a model that has them"
+            )
+        least = data
+    elif isinstance(data, Identified):
+        raise InputTypeError(f"`data` must be Trajectories or a Model, got {gate.show(data)}")
+    else:
+        words: dict[str, Any] = {} if design is None else {"design": design}
+        words |= {"sigma": sigma, "intercept": given.c is not None}
+        if method == "alse" and sigma is None:
+            words["covariance"] = "scalar"
+        least = identify(data, **words)  # type: ignore[arg-type]
+    if (least.n, least.m) != (given.n, given.m):
+        raise ShapeError(
+            f"`data` must have n={given.n} m={given.m} as the models, got n={least.n} m={least.m}"
+        )
+    if given.c is not None and not least.intercept:
+        raise InputError("`data` must be a model with intercept, as the models have offsets")
+    dt, own = given.dt, least.dt
+    if dt is not None and own is not None and not np.isclose(dt, own, rtol=1e-9, atol=0.0):
+        raise InputError(f"`data` must have dt={dt:g} as the models, got {own:g}")
+    noise = least.assumptions
+    if least.known is not None or least.instruments is not None or noise.noisy_states:
+        raise InputError(
+            "`data` must be identified without known entries, instruments and noise of the states"
+        )
+    if method == "alse" and least.n > 1 and noise.covariance not in ("known", "scalar"):
+        raise InputError(
+            "`data` must be identified with covariance='scalar', a known covariance or sigma for "
+            f"method 'alse', got covariance='{noise.covariance}'; 'leave-one-out' takes any"
+        )
+    if method == "alse" and noise.noise != "gaussian":
+        raise InputError(
+            f"`data` must be identified with noise='gaussian' for method 'alse', got "
+            f"'{noise.noise}'; 'leave-one-out' takes any"
+        )
+    return least
+
+
+def _models(models: object, data: object, independent: bool) -> SystemEnsemble:
+    """The models, refused where they are known to be made of the data."""
+    if isinstance(models, SystemEnsemble):
+        given = models
+    else:
+        items = gate.items("ensemble", models)
+        for k, one in enumerate(items):
+            if isinstance(one, Identified):
+                _apart_from(k, one, data, independent)
+        given = _stack(items)
+    if given.centre == "estimate" and not independent:
+        raise InputError(
+            "`ensemble` scatters about an estimate from data: models fitted on the same data look "
+            "better than they are, and no region holds; pass independent=True if they are from "
+            "other data"
+        )
+    return given
+
+
+def _apart_from(k: int, one: Identified, data: object, independent: bool) -> None:
+    """Refuse a model that was fitted on some of the data."""
+    own = getattr(one, "data", None)
+    if own is None:
+        if not independent:
+            raise InputError(
+                f"`ensemble[{k}]` is a model from data that it does not keep: pass "
+                "independent=True if they are other data than `data`"
+            )
+        return
+    if own.steps != 1:
+        raise InputError(f"`ensemble[{k}]` is a model over {own.steps} steps, not one")
+    sets = [data] if not isinstance(data, (list, tuple)) else data
+    for other in sets:
+        rows = getattr(other, "data", other)
+        if hasattr(rows, "_rows") and shared_rows(own, rows):
+            raise InputError(
+                f"`ensemble[{k}]` was fitted on pairs that are also in `data`: it looks better "
+                "than it is, and no region holds; fit it on other runs, see data.split()"
+            )
+
+
+def shared_rows(a: Any, b: Any) -> int:
+    """How many different pairs (x, u, x_next) two data sets share."""
+    if a._rows.shape[1] != b._rows.shape[1]:
+        return 0
+    kind = np.dtype((np.void, a._rows.itemsize * a._rows.shape[1]))
+    mine, its = (np.ascontiguousarray(one._rows).view(kind).ravel() for one in (a, b))
+    return len(np.intersect1d(mine, its))
+
+
+def _stack(items: list[Any]) -> SystemEnsemble:
+    """One ensemble of systems, pairs (A, B) and models from data."""
+    systems = [
+        System(one.A, one.B, dt=one.dt) if isinstance(one, Identified) else one for one in items
+    ]
+    made = SystemEnsemble.from_systems(systems)
+    offsets = [one.c if isinstance(one, Identified) else None for one in items]
+    if all(c is None for c in offsets):
+        return made
+    c = np.array([np.zeros(made.n) if c is None else c for c in offsets])
+    return SystemEnsemble(made.A, made.B, c, dt=made.dt)

@@ -1,0 +1,315 @@
+"""`FusedModel`: a mixture of given models and least squares, with regions from the data alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+
+import numpy as np
+
+from .._base import gate, html
+from .._base.records import by_constructor
+from .._base.types import STATUSES, Status
+from ..ensembles.systems import SystemEnsemble
+from ..exceptions import InputError, ShapeError
+from ..identification.identified import Identified
+from ..identification.model import Model
+from ..identification.part import Part
+from ..identification.region import Region
+from ..system import System
+from . import hull
+
+if TYPE_CHECKING:
+    from .._base.types import Floats
+    from ..identification.least_squares import Fitted
+    from ..identification.trajectories import Trajectories
+
+DataMethod: TypeAlias = Literal["alse", "leave-one-out"]
+DATA_METHODS: tuple[DataMethod, ...] = get_args(DataMethod)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FusedModel(Identified):
+    """A model ``x(k+1) = A x(k) + B u(k) + c`` mixed from given models and from data.
+
+    Made by `fuse` with ``data=``. With ``Theta = [A B c]``, H least squares and ``F = sum_s
+    weights[s] Theta_s``, the model is ``F + share (H - F)``; along directions that the data do not
+    determine it is F.
+
+    Attributes
+    ----------
+    models : SystemEnsemble
+        The models that were mixed.
+    least_squares : Model
+        Least squares of the data, with the assumptions on design and noise.
+    method : {"alse", "leave-one-out"}
+        How the weights were chosen.
+    weights : ndarray, shape (M,)
+        Of the models in their mixture F: nonnegative, with sum 1.
+    share : float
+        The share of least squares, from 0 to 1. Above 0.5 the data count more than the models.
+    gap : float
+        No weights of the simplex have a squared distance (for "leave-one-out": a sum of squared
+        errors) that is smaller by more than this.
+    status : {"optimal", "optimal_inaccurate", "user_limit", "interrupted"}
+        How the search for the weights ended, as in `Fit`. Regions hold for any weights.
+    """
+
+    models: SystemEnsemble
+    least_squares: Model
+    method: DataMethod
+    weights: Floats
+    share: float
+    gap: float
+    status: Status
+
+    def __post_init__(self) -> None:
+        models = gate.instance("models", self.models, SystemEnsemble)
+        data = gate.instance("least_squares", self.least_squares, Model)
+        if (models.n, models.m) != (data.n, data.m):
+            raise ShapeError(
+                f"`models` must have n={data.n} m={data.m} as the data, got n={models.n} "
+                f"m={models.m}"
+            )
+        if models.c is not None and not data.intercept:
+            raise InputError("`least_squares` must have an intercept, as `models` have offsets")
+        if len(data._blocks) != 1 or data.known is not None or data.instruments is not None:
+            raise InputError("`least_squares` must have no known entries and no instruments")
+        gate.choice("method", self.method, DATA_METHODS)
+        weights = gate.kept("weights", self.weights, shape=(models.size,))
+        if weights.min() < 0.0 or abs(float(weights.sum()) - 1.0) > 1e-6:
+            raise InputError("`weights` must be nonnegative with sum 1")
+        if gate.nonnegative("share", self.share) > 1.0:
+            raise InputError(f"`share` must be in [0, 1], got {self.share:g}")
+        gate.nonnegative("gap", self.gap)
+        gate.choice("status", self.status, STATUSES)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return by_constructor(self)
+
+    @cached_property
+    def _Theta(self) -> Floats:
+        # F + share (t - F R') white, which is H - F where the data determine the model
+        F = np.tensordot(self.weights, stacked(self.models, self.least_squares.intercept), axes=1)
+        away = self._fitted.H @ self._fitted.root.T - F @ self._fitted.root.T
+        return gate.frozen(F + self.share * away @ self._fitted.white)
+
+    @cached_property
+    def _hull(self) -> hull.Hull:
+        given = stacked(self.models, self.least_squares.intercept)
+        S, t = hull.coordinates(given, self._fitted, self._units)
+        return hull.position(S, t, self.weights)
+
+    @property
+    def _fitted(self) -> Fitted:
+        return self.least_squares._blocks[0].fitted
+
+    @property
+    def _units(self) -> Floats:
+        return units(self.least_squares)
+
+    @property
+    def _noise(self) -> hull.Noise:
+        return noise_of(self.least_squares)
+
+    @property
+    def data(self) -> Trajectories:
+        """The data that chose the weights."""
+        return self.least_squares.data
+
+    @property
+    def A(self) -> Floats:
+        """The state matrix, shape (n, n), read-only."""
+        return self._Theta[:, : self.models.n]
+
+    @property
+    def B(self) -> Floats:
+        """The input matrix, shape (n, m), read-only."""
+        return self._Theta[:, self.models.n : self.models.n + self.models.m]
+
+    @property
+    def c(self) -> Floats | None:
+        """The offset, shape (n,), read-only; None without intercept."""
+        return self._Theta[:, -1] if self.least_squares.intercept else None
+
+    @property
+    def dt(self) -> float | None:
+        """The time between two steps [s]; None if unspecified."""
+        return self.data.dt if self.data.dt is not None else self.models.dt
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """The names of the states."""
+        return self.data.state_names
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """The names of the inputs."""
+        return self.data.input_names
+
+    @property
+    def system(self) -> System:
+        """The system ``(A, B)``; the offset is not in it."""
+        return System(self.A, self.B, dt=self.dt)
+
+    @property
+    def distance(self) -> float:
+        """``||(F - H) V^1/2||_F``, how far the mixture of the models is from the data.
+
+        Where the covariance of the noise is known, in units of the noise:
+        ``||Sigma^-1/2 (F - H) V^1/2||_F``.
+        """
+        return float(np.sqrt(self._hull.distance2))
+
+    @property
+    def explained(self) -> bool | None:
+        """Whether the data are compatible with some weights, of any sign, with sum 1.
+
+        A test of level 0.01, exact for a design that is independent of the noise. None where there
+        is nothing to test, and for "leave-one-out".
+        """
+        return None if self.method != "alse" else hull.explained(self._hull, self._noise)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What to be careful about, one sentence each."""
+        said, data = [], self.least_squares
+        if self.explained is False:
+            said.append("no mixture of the models explains the data")
+        if data.size <= self._hull.k:
+            said.append(
+                f"{html.number_of(data.size, 'pair')} for {self._hull.k} free weights: the weights "
+                "follow the noise"
+            )
+        if self.method == "alse" and self._noise.variance is None and self._noise.degrees == 0:
+            said.append("there are too few pairs to estimate the noise: declare sigma if known")
+        if data.design == "adaptive":
+            said.append(
+                "design='adaptive': the region is that of least squares, moved to this model"
+            )
+        return (*said, *data.warnings)
+
+    def region(self, delta: float = 0.05, *, future: int = 0, frobenius: bool = False) -> Region:
+        """Return a set of models that contains the true one.
+
+        Parameters
+        ----------
+        delta : float, default 0.05
+            The probability that it does not, in (0, 1).
+        future : int, default 0
+            Let the noise of this many steps to come be covered too, in the same event.
+        frobenius : bool, default False
+            Bound the Frobenius norm as well, in the same event, as errors over several steps need.
+
+        Returns
+        -------
+        Region
+            A ball around this model in the norm of ``V^1/2``, with its assumption in words.
+            Infinite for z that the data do not determine.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If no region is known for what was assumed, or an argument cannot be used.
+
+        Notes
+        -----
+        For "alse" with a design that is independent of the noise, two balls hold at once, with
+        delta / 2 each. One is around the mixture F, from the data alone: its part off the affine
+        hull of the models is bounded by the upper limit of the noncentrality of chi^2_{p-k}, the
+        part in it by chi_k (after Baraud 2004); it is small if some mixture is near the truth. The
+        other is around least squares. For points between,
+        ``||X_s||^2 = (1 - s) ||X_0||^2 + s ||X_1||^2 - s (1 - s) ||F - H||^2`` gives the smaller
+        of both and less. Otherwise the region of least squares (`Model.region`) is moved by the
+        triangle inequality.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> models = [([[0.9]], [[1.0]]), ([[0.7]], [[1.2]])]
+        >>> x, u, w = np.random.default_rng(1).standard_normal((3, 40, 1))
+        >>> data = se.Trajectories.from_pairs(x, u, 0.8 * x + 1.1 * u + 0.1 * w)
+        >>> fused = se.fuse(models, "alse", data=data, design="independent", sigma=0.1)
+        >>> fused.region(0.05).contains([[0.8]], [[1.1]])
+        True
+        """
+        data, known = self.least_squares, self.least_squares.assumptions.known
+        delta = gate.probability("delta", delta)
+        extra = gate.size("future", future, minimum=0, maximum=10_000)
+        entries = gate.flag("frobenius", frobenius)
+        exact = self.method == "alse" and data.design == "independent"
+        share = delta / 2.0 if exact else delta
+        own = data.region(share, future=extra, frobenius=entries and not exact)
+        text, a, b = own.assumption, np.inf, _radius(own, known is not None)
+        if exact:
+            noise, columns = self._noise, self._fitted.rank + extra
+            a = float(np.sqrt(hull.hull_radius2(self._hull, noise, share, data.n * extra)))
+            if entries:
+                b = float(np.sqrt(hull.frobenius_radius2(data.n, columns, noise, share)))
+            text += "; models independent of the data"
+        ball = hull.frobenius_ball if entries else hull.ball
+        radius = ball(b, a, self._hull.away, self.share)
+        shape = np.eye(data.n) if known is None else known
+        block = data._blocks[0]
+        return Region(
+            centre=self._Theta,
+            m=data.m,
+            delta=delta,
+            assumption=text,
+            missing=data.missing,
+            parts=(Part.of(self._fitted, block.rows, block.columns, shape, radius**2),),
+            future=extra,
+            frobenius=radius if entries else None,
+        )
+
+    def __repr__(self) -> str:
+        data, careful = self.least_squares, len(self.warnings)
+        said = f", {html.number_of(careful, 'warning')}" if careful else ""
+        return (
+            f"<FusedModel {self.method}: {html.number_of(self.models.size, 'model')}, n={data.n} "
+            f"m={data.m}, {html.number_of(data.size, 'pair')}, "
+            f"{100 * self.share:.3g} % least squares{said}>"
+        )
+
+    def _repr_html_(self) -> str:
+        best = np.argsort(-self.weights, kind="stable")[:4]
+        rows = [
+            ("share of least squares", f"{100 * self.share:.3g} %"),
+            ("largest weights", ", ".join(f"{self.weights[s]:.3g} (model {s})" for s in best)),
+            ("distance to the data", self.distance),
+            ("gap of its square", self.gap),
+            *(("warning", text) for text in self.warnings),
+        ]
+        return html.card(self, rows)
+
+
+def stacked(models: SystemEnsemble, intercept: bool) -> Floats:
+    """``[A_s B_s c_s]``, shape (M, n, d), with ``c_s = 0`` where the models have no offset."""
+    parts = [models.A, models.B]
+    if intercept:
+        offset = np.zeros((models.size, models.n)) if models.c is None else models.c
+        parts.append(offset[:, :, None])
+    return np.concatenate(parts, axis=2)
+
+
+def _radius(own: Region, known: bool) -> float:
+    """The radius of a region of least squares, Frobenius where it has one, in the `units`."""
+    part = own.parts[0]
+    factor = np.sqrt(part.factor) if own.frobenius is None else own.frobenius
+    if known or not np.isfinite(factor):
+        return float(factor)
+    return float(factor * np.sqrt(np.linalg.norm(part.S, 2)))
+
+
+def units(data: Model) -> Floats:
+    """L with ``L L' = Sigma`` where the covariance is known, else I."""
+    known = data.assumptions.known
+    return np.asarray(np.eye(data.n) if known is None else np.linalg.cholesky(known))
+
+
+def noise_of(data: Model) -> hull.Noise:
+    """sigma^2 in the `units`: 1 where the covariance is known, else from the residuals."""
+    fitted = data._blocks[0].fitted
+    known = data.assumptions.known is not None
+    return hull.Noise(1.0 if known else None, float(np.trace(fitted.S)), data.n * fitted.nu)

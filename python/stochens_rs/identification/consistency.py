@@ -1,0 +1,71 @@
+"""Which data, assumptions and known entries go together."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .. import _core
+from .._base.threads import get_num_threads
+from ..exceptions import InputError
+from ..theory.exact import EPS
+from .assumptions import LARGEST, SMALLEST, Assumptions
+
+if TYPE_CHECKING:
+    from .._base.types import Floats
+
+
+def refuse(assumed: Assumptions, known: Floats | None, zeta: Floats | None, single: bool) -> None:
+    """Refuse assumptions that do not go together; `single`: every run is one pair."""
+    if assumed.design == "independent" and not single:
+        raise InputError(
+            "`design` must be 'adaptive' for runs of several steps, whose states contain earlier "
+            "noise; for 'independent' use data.last_pairs(), data.k_step(...) or from_pairs"
+        )
+    if assumed.noise == "symmetric" and assumed.design != "independent":
+        raise InputError(
+            "`noise` must not be 'symmetric' with design='adaptive': where states follow from "
+            "earlier noise, the test of signs fails; declare sigma, or use data.last_pairs()"
+        )
+    if zeta is not None:
+        if isinstance(assumed.state_noise, str) and assumed.state_noise != "white":
+            raise InputError("`instruments` are for noisy states: declare state_noise='white'")
+        if not isinstance(assumed.state_noise, str) or assumed.covariance != "full":
+            raise InputError("`instruments` need no covariances: leave them out")
+        if assumed.noise != "gaussian" or known is not None:
+            raise InputError("`instruments` need noise='gaussian' and no known entries")
+    rows = known is not None and not (np.isnan(known) == np.isnan(known[0])).all()
+    if rows and assumed.noise == "symmetric":
+        raise InputError("noise='symmetric' needs whole columns in `known_A` and `known_B`")
+    if known is not None and not isinstance(assumed.state_noise, str):
+        raise InputError("a covariance as `state_noise` goes with no known entries")
+
+
+def require_sound(scale: Floats, known: Floats | None) -> None:
+    """Refuse sizes and known entries that `identify` would not take."""
+    if scale.min() < SMALLEST or scale.max() > LARGEST:
+        raise InputError(f"`scale` must be in [{SMALLEST:g}, {LARGEST:g}]")
+    if known is None:
+        return
+    free = np.isnan(known)
+    if not free.any() or free.all() or not (free | (np.abs(known) <= LARGEST)).all():
+        raise InputError(f"`known` must have numbers up to {LARGEST:g}, and nan, and not only nan")
+
+
+def require_triangle_of(rows: Floats, triangle: Floats) -> None:
+    """Refuse a triangle R with another ``R' R`` than that of the rows W.
+
+    Householder's QR has an error of a few (N + w) w EPS of each column (Higham 2002, theorem 19.4).
+    """
+    if np.tril(triangle, -1).any():
+        raise InputError("`triangle` must be upper triangular")
+    N, w = rows.shape
+    fresh = _core.triangle(rows, get_num_threads())
+    sizes = np.abs(fresh).max(axis=0)  # no square overflows
+    sizes = np.where(sizes == 0.0, 1.0, sizes)
+    with np.errstate(over="ignore", invalid="ignore"):
+        mine, theirs = fresh / sizes, triangle / sizes
+        far = np.abs(mine.T @ mine - theirs.T @ theirs).max()
+    if not far <= 8.0 * (N + w) * w * EPS:
+        raise InputError("`triangle` must be that of the data")

@@ -1,0 +1,179 @@
+"""`Look`: the control by a model of a stream, its certificate, and whether the data are enough.
+
+The certificate is that of `several_steps` for the noise-free run: with the model's states xh(k),
+``||x(K) - xf|| <= ||xh(K) - xf|| + r_K`` for all inputs at once, in the event of the region.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from math import inf, isfinite
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .. import _core
+from .._base import gate, html
+from .._base.numbers import norm
+from .._base.records import by_constructor
+from ..exceptions import DataWarning
+from ..identification.least_squares import only_rounding
+from ..theory.dynamics import matrix_powers
+from ..theory.exact import best_control
+
+if TYPE_CHECKING:
+    from .._base.types import Floats
+    from ..identification.region import Region
+    from .snapshot import Snapshot
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Look:
+    """What the data so far say about reaching xf from x0. Made by `ModelStream.look`.
+
+    Attributes
+    ----------
+    u : ndarray, shape (K, m)
+        The control: the best one of the model, or the given one.
+    certificate : float
+        The true system without noise ends at most so far from xf: `reach` + `model_error`. True
+        with probability 1 - `delta` for all looks at the stream together, however u was chosen and
+        whenever the stream is stopped.
+    reach : float
+        How far the model ends from xf.
+    model_error : float
+        How far the true system may end from where the model does.
+    tol : float
+        The tolerance.
+    forecast : float
+        How many more pairs are expected until the certificate is within the tolerance, if data go
+        on like those so far; inf: never, because the model itself ends too far from xf, or because
+        the data so far do not determine what is needed. A forecast, not a bound.
+    size : int
+        The number of pairs so far.
+    delta : float
+        The probability that any certificate of the stream is wrong, at most.
+    assumption : str
+        What the certificate rests on.
+    """
+
+    u: Floats
+    certificate: float
+    reach: float
+    model_error: float
+    tol: float
+    forecast: float
+    size: int
+    delta: float
+    assumption: str
+
+    def __post_init__(self) -> None:
+        gate.kept("u", self.u, ndim=(2,))
+        gate.positive("tol", self.tol)
+        gate.size("size", self.size, minimum=0)
+        gate.probability("delta", self.delta)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return by_constructor(self)
+
+    @property
+    def stop(self) -> bool:
+        """Whether the certificate is within the tolerance: the data are enough."""
+        return self.certificate <= self.tol
+
+    def __repr__(self) -> str:
+        pairs = html.number_of(self.size, "pair")
+        then = "enough" if self.stop else f"forecast: {_more(self.forecast)}"
+        return f"<Look: within {self.certificate:.4g} after {pairs}, tol {self.tol:g}, {then}>"
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (
+                "certificate",
+                f"{self.certificate:.4g}, with {100 * (1 - self.delta):.6g} % at least",
+            ),
+            ("the model ends", f"{self.reach:.4g} from xf"),
+            ("the system", f"{self.model_error:.4g} from there at most, without noise"),
+            ("for", self.assumption),
+            ("forecast", None if self.stop else _more(self.forecast)),
+            ("control u", html.vector(self.u.ravel())),
+        ]
+        return html.card(self, rows)
+
+
+FAR = 2.0**30  # pairs; laws of more are slow to compute
+
+
+def _more(forecast: float) -> str:
+    return f"about {forecast:.4g} more pairs" if isfinite(forecast) else "never"
+
+
+def look(model: Snapshot, x0: Floats, xf: Floats, u: Floats | None, steps: int, tol: float) -> Look:
+    """Control by the model, or the given u; its certificate, and the forecast."""
+    region, fitted = model.region(), model._block.fitted
+    outcomes = model.triangle[:, -model.n :]
+    if model.assumptions.known is None and fitted.nu > 0 and only_rounding(fitted, outcomes):
+        said = "residuals are 0 but for rounding, which the certificate does not cover"
+        warnings.warn(DataWarning(said), stacklevel=3)
+    if u is None:
+        A, goal = model.A, xf
+        if model.c is not None:  # x(K) = A^K x0 + C_K u + sum_{k<K} A^k c
+            goal = xf - matrix_powers(A, steps)[:-1].sum(axis=0) @ model.c
+        u = best_control(A, model.B, x0, goal, steps).u.reshape(steps, model.m)
+    end, error = _ends(model, region, x0, u)
+    reach = norm(end - xf)
+    return Look(
+        u=gate.frozen(u),
+        certificate=reach + error,
+        reach=reach,
+        model_error=error,
+        tol=tol,
+        forecast=_forecast(model, x0, u, reach, error, tol),
+        size=model.size,
+        delta=model.delta,
+        assumption=region.assumption,
+    )
+
+
+def _ends(model: Snapshot, region: Region, x0: Floats, u: Floats) -> tuple[Floats, float]:
+    """Where the model ends, and how far the true system may be from there."""
+    fitted, part = model._block.fitted, region.parts[0]
+    factor = part.factor
+    # columns: a root of S; of any S where there is no bound
+    values, vectors = np.linalg.eigh(part.S if isfinite(factor) else np.eye(model.n))
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    spectral, wider = np.sqrt(factor), np.sqrt(factor * min(model.n, fitted.rank))
+    states, radii, *_ = _core.several_steps(
+        model._Theta,
+        np.ascontiguousarray(fitted.white),
+        np.ascontiguousarray(root),
+        np.ascontiguousarray(fitted.missing),
+        fitted.ratio,
+        x0,
+        u,
+        model.intercept,
+        (float(spectral), float(wider), 0.0, False),
+    )
+    return states[-1], float(radii[-1])
+
+
+def _forecast(
+    model: Snapshot, x0: Floats, u: Floats, reach: float, error: float, tol: float
+) -> float:
+    """How many more pairs until ``error(N) <= tol - reach``, with the same u and V, S ~ N."""
+    room, size = tol - reach, float(model.size)
+    if error <= room:
+        return 0.0
+    if room <= 0.0 or (model.missing and not isfinite(error)):
+        return inf
+    while error > room and size < FAR:
+        before = size, error
+        later = model._after(2.0 * size)
+        size, error = float(later.size), _ends(later, later._region(model.delta), x0, u)[1]
+    if error > room:  # far away, the error falls as N^(-1/2)
+        size *= (error / room) ** 2
+    elif isfinite(before[1]) and error > 0.0:  # as a power of N in between
+        share = np.log(before[1] / room) / np.log(before[1] / error)
+        size = float(model._size_after(before[0] * (size / before[0]) ** share))
+    return max(size - model.size, 1.0)

@@ -1,0 +1,319 @@
+"""`ModelStream`: a model and its certificate while measured data arrive."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .. import _core
+from .._base import gate, html, memory
+from .._base.durable import Durable
+from .._base.types import DELTA
+from ..exceptions import InputError
+from ..identification.assumptions import (
+    Assumptions,
+    Covariance,
+    Design,
+    Noise,
+    checked_assumptions,
+    checked_scale,
+)
+from ..identification.runs import checked_names
+from ..theory.dynamics import checked_steps
+from .looks import Look, look
+from .model_state import from_sections, refuse, to_sections
+from .pairs import pair_rows
+from .snapshot import Snapshot
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from ..identification.trajectories import Trajectories
+
+
+class ModelStream(Durable):
+    """The model ``x(k+1) = A x(k) + B u(k) + c + w(k)`` from pairs, as they arrive.
+
+    The model and its region may be asked for after every pair, inputs may be chosen from them, and
+    the experiments may be stopped when a certificate is small enough: all looks at the stream are
+    one event of probability 1 - `delta`.
+
+    Parameters
+    ----------
+    n, m : int
+        The numbers of states and inputs.
+    design : {"adaptive", "independent"}, default "adaptive"
+        "adaptive": inputs may depend on all that was seen before. "independent": your declaration
+        that no state or input of a pair depends on the noise of any pair, nor on a look; regions
+        are then exact and usually smaller, but looks are possible at planned numbers of pairs only.
+    noise, covariance, sigma, intercept, scale
+        As in `identify`; `noise` is not "symmetric". States must be measured without error.
+    delta : float, default 0.05
+        The probability that any look at the stream is wrong, at most, in (0, 1).
+    first : int, optional
+        For design "independent": the number of pairs N_0 of the first look, ``2 (n + d)`` if left
+        out, d = n + m, or one more with intercept; the others are at ``ceil(N_0 2^(j/2))``.
+    dt : float, optional
+        The time between two steps [s].
+    state_names, input_names : sequence of str, optional
+        The names; the default is ``x[0]``, ``u[0]``, ....
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If an argument cannot be used, or contradicts another one.
+    ResourceError
+        If the stream does not fit into memory.
+
+    Notes
+    -----
+    The pairs are kept as one triangle R with ``R' R = W' W`` for their rows (x, u, 1, x_next): a
+    pair costs O((n + d)^2), and nothing grows with their number. Runs that diverged belong to the
+    data: leaving them out makes every certificate wrong. The event is that of one stream: a stream
+    that is started anew for the same decision needs a share of delta of its own.
+
+    Examples
+    --------
+    Experiments under feedback until a control is certain to end within 0.2 of its target:
+
+    >>> import numpy as np, stochens_rs as se
+    >>> rng = np.random.default_rng(1)
+    >>> stream = se.ModelStream(1, 1, sigma=0.1)
+    >>> x = np.array([0.0])
+    >>> while True:
+    ...     u = -0.5 * x + rng.standard_normal(1)
+    ...     x_next = 0.9 * x + u + 0.1 * rng.standard_normal(1)
+    ...     stream.update(x, u, x_next)
+    ...     x = x_next
+    ...     look = stream.look([0.0], [1.0], tol=0.2)
+    ...     if look.stop:
+    ...         break
+    >>> bool(abs(look.u[0, 0] - 1.0) <= look.certificate <= 0.2)
+    True
+    """
+
+    _kind = "pairs"
+
+    def __init__(
+        self,
+        n: int,
+        m: int,
+        *,
+        design: Design = "adaptive",
+        noise: Noise = "gaussian",
+        covariance: Covariance | ArrayLike = "full",
+        sigma: float | None = None,
+        intercept: bool = False,
+        scale: ArrayLike = 1.0,
+        delta: float = DELTA,
+        first: int | None = None,
+        dt: float | None = None,
+        state_names: Sequence[str] | None = None,
+        input_names: Sequence[str] | None = None,
+    ) -> None:
+        states, inputs = gate.size("n", n), gate.size("m", m)
+        offset = gate.flag("intercept", intercept)
+        d = states + inputs + offset
+        memory.need("a stream", 4 * 8 * (d + states) ** 2)  # two triangles, the model
+        assumed = checked_assumptions(states, design, noise, covariance, sigma, "none")
+        refuse(assumed)
+        if first is not None and assumed.design == "adaptive":
+            raise InputError("`first` needs design='independent': others may be looked at any time")
+        begin = 2 * (states + d) if first is None else gate.size("first", first)
+        names = checked_names(states, inputs, state_names, input_names)
+        about = Snapshot(
+            triangle=gate.frozen(np.zeros((d + states,) * 2)),
+            size=0,
+            n=states,
+            m=inputs,
+            assumptions=assumed,
+            scale=gate.frozen(checked_scale(scale, states + inputs, offset)),
+            intercept=offset,
+            delta=gate.probability("delta", delta),
+            first=begin,
+            dt=None if dt is None else gate.positive("dt", dt),
+            state_names=names[0],
+            input_names=names[1],
+        )
+        self._set(about)
+
+    def _set(self, model: Snapshot) -> None:
+        """Start or go on from a model."""
+        self._about = model
+        self._state = model.triangle, model.size  # replaced as one, never changed
+        self._lock = threading.RLock()
+
+    def update(
+        self,
+        x: ArrayLike | Trajectories,
+        u: ArrayLike | None = None,
+        x_next: ArrayLike | None = None,
+    ) -> None:
+        """Take in pairs.
+
+        Parameters
+        ----------
+        x : array_like of shape (n,) or (N, n), or Trajectories
+            The state before the step, or those of N steps in the order of time; or whole runs,
+            without `u` and `x_next`.
+        u : array_like, shape (m,) or (N, m)
+            The inputs.
+        x_next : array_like, shape (n,) or (N, n)
+            The states after the steps.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If a pair cannot be used, or the runs are not those of such a system. None of the pairs
+            of this call is then taken in.
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> stream = se.ModelStream(1, 1, sigma=0.1)
+        >>> stream.update([0.0], [1.0], [1.0])
+        >>> stream.update([[1.0], [1.5]], [[1.0], [0.0]], [[1.5], [0.7]])
+        >>> stream.size
+        3
+        """
+        rows = pair_rows(self._about, x, u, x_next)
+        while True:  # again if another thread was faster: no pair is lost
+            before = self._state
+            triangle = before[0].copy()
+            _core.triangle_update(triangle, rows)
+            with self._lock:
+                if self._state is before:
+                    self._state = triangle, before[1] + len(rows)
+                    return
+
+    @property
+    def n(self) -> int:
+        """The number of states."""
+        return self._about.n
+
+    @property
+    def m(self) -> int:
+        """The number of inputs."""
+        return self._about.m
+
+    @property
+    def size(self) -> int:
+        """The number of pairs taken in so far."""
+        return self._state[1]
+
+    @property
+    def delta(self) -> float:
+        """The probability that any look at the stream is wrong, at most."""
+        return self._about.delta
+
+    @property
+    def assumptions(self) -> Assumptions:
+        """Design, noise and covariance, as declared."""
+        return self._about.assumptions
+
+    @property
+    def next_look(self) -> int:
+        """The number of pairs of the next possible look: `size` if it is possible now."""
+        return self.model.next_look
+
+    @property
+    def model(self) -> Snapshot:
+        """The model after the pairs so far; later pairs do not change it."""
+        triangle, size = self._state
+        return replace(self._about, triangle=gate.frozen(triangle), size=size)
+
+    def look(
+        self,
+        x0: ArrayLike,
+        xf: ArrayLike,
+        *,
+        tol: float,
+        steps: int = 1,
+        u: ArrayLike | None = None,
+    ) -> Look:
+        """Ask whether the data are enough to steer from x0 to xf within a tolerance.
+
+        Parameters
+        ----------
+        x0, xf : array_like, shape (n,)
+            The initial state and the target; may depend on the data.
+        tol : float
+            The tolerance, in the units of the state (2-norm).
+        steps : int, default 1
+            The number of steps K.
+        u : array_like, shape (K, m), optional
+            A control of your own; None: the best one of the model.
+
+        Returns
+        -------
+        Look
+            The control, its certificate for the run without noise, and a forecast.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If an argument cannot be used; or, for an independent design, if the number of pairs is
+            not a planned one.
+
+        Warns
+        -----
+        DataWarning
+            If the residuals are 0 but for rounding, which no certificate covers.
+
+        Notes
+        -----
+        ``certificate = ||xh(K) - xf|| + r_K`` with the model's states xh; for one step
+        ``r_1 = sqrt(factor ||S||) ||(x0, u)||`` in the norm of V^-1, see `Region`. Stopping at the
+        first certificate <= tol is valid. The forecast is the N with ``||xh(K) - xf|| + r_K(N) =
+        tol`` for the same u, if V and S grow in proportion to N.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> z = np.random.default_rng(1).standard_normal((300, 5))
+        >>> x, u, w = z[:, :2], z[:, 2:3], 0.1 * z[:, 3:]
+        >>> stream = se.ModelStream(2, 1, sigma=0.1)
+        >>> stream.update(x, u, 0.5 * x + u + w)
+        >>> stream.look([1.0, 1.0], [0.0, 0.0], tol=0.1)
+        <Look: within 0.04648 after 300 pairs, tol 0.1, enough>
+        """
+        model = self.model
+        limit = gate.positive("tol", tol)
+        start, goal = gate.vector("x0", x0, length=self.n), gate.vector("xf", xf, length=self.n)
+        K = checked_steps(steps, self.n, self.m)
+        given = None if u is None else gate.matrix("u", u, rows=K, cols=self.m)
+        return look(model, start, goal, given, K, limit)
+
+    def __repr__(self) -> str:
+        about = self._about
+        dt = "" if about.dt is None else f" dt={about.dt:g}"
+        pairs = html.number_of(self.size, "pair")
+        return (
+            f"<ModelStream: n={self.n} m={self.m}{dt}, {pairs}, {self.assumptions.design} design>"
+        )
+
+    def _repr_html_(self) -> str:
+        model = self.model
+        rows = [
+            ("assumed", model.assumptions.text),
+            ("wrong at any look", f"with {100 * self.delta:.6g} % at most"),
+            ("next look at", f"{model.next_look} pairs" if model.next_look != self.size else None),
+            ("not determined", "; ".join(model.missing) or None),
+        ]
+        return html.card(self, rows)
+
+    def _to_sections(self) -> dict[str, Any]:
+        return to_sections(self.model)
+
+    @classmethod
+    def _from_sections(cls, sections: dict[str, Any]) -> ModelStream:
+        made = cls.__new__(cls)
+        made._set(from_sections(sections))
+        return made
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return ModelStream._from_sections, (self._to_sections(),)

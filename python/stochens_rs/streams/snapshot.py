@@ -1,0 +1,253 @@
+"""`Snapshot`: the model of a `ModelStream` after the pairs so far, with its region."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import ceil, isqrt
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .._base import gate, html
+from .._base.records import by_constructor
+from ..exceptions import InputError
+from ..identification.assumptions import Assumptions
+from ..identification.certifying import Block, Wish, blocks, parts
+from ..identification.estimate import cautions
+from ..identification.identified import Identified
+from ..identification.least_squares import named
+from ..identification.region import Region
+from ..identification.runs import checked_names
+
+if TYPE_CHECKING:
+    from .._base.types import Floats
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Snapshot(Identified):
+    """The model of a `ModelStream` at one time. Made by `ModelStream.model`.
+
+    Attributes
+    ----------
+    triangle : ndarray
+        R with ``R' R = W' W`` for the rows ``W = (x, u, 1, x_next)`` of all pairs so far.
+    size : int
+        The number of pairs N.
+    n, m : int
+        The numbers of states and inputs.
+    assumptions : Assumptions
+        Design, noise and covariance, as declared.
+    scale : ndarray, shape (n + m,) or (n + m + 1,)
+        The sizes of states and inputs that were expected before the data.
+    intercept : bool
+        Whether there is an offset c.
+    delta : float
+        The probability of error of all regions of the stream together.
+    first : int
+        The number of pairs of the first planned look, see `ModelStream`.
+    dt : float or None
+        The time between two steps [s].
+    state_names, input_names : tuple of str
+        The names.
+    """
+
+    triangle: Floats
+    size: int
+    n: int
+    m: int
+    assumptions: Assumptions
+    scale: Floats
+    intercept: bool
+    delta: float
+    first: int
+    dt: float | None = None
+    state_names: tuple[str, ...] = ()
+    input_names: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        d = gate.size("n", self.n) + gate.size("m", self.m) + gate.flag("intercept", self.intercept)
+        gate.kept("triangle", self.triangle, shape=(d + self.n,) * 2)
+        gate.kept("scale", self.scale, shape=(d,))
+        gate.size("size", self.size, minimum=0)
+        gate.instance("assumptions", self.assumptions, Assumptions)
+        gate.probability("delta", self.delta)
+        gate.size("first", self.first)
+        if self.dt is not None:
+            gate.positive("dt", self.dt)
+        checked_names(self.n, self.m, self.state_names, self.input_names)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return by_constructor(self)
+
+    @property
+    def _d(self) -> int:
+        return len(self.scale)
+
+    @cached_property
+    def _block(self) -> Block:
+        return blocks(self.triangle, self._d, self.size, None, by_rows=False)[0]
+
+    @cached_property
+    def _Theta(self) -> Floats:
+        """``[A B c]``, read-only."""
+        return gate.frozen(self._block.fitted.H)
+
+    @property
+    def A(self) -> Floats:
+        """The state matrix, shape (n, n), read-only."""
+        return self._Theta[:, : self.n]
+
+    @property
+    def B(self) -> Floats:
+        """The input matrix, shape (n, m), read-only."""
+        return self._Theta[:, self.n : self.n + self.m]
+
+    @property
+    def c(self) -> Floats | None:
+        """The offset, shape (n,), read-only; None without intercept."""
+        return self._Theta[:, -1] if self.intercept else None
+
+    @property
+    def rank(self) -> int:
+        """How many directions of z = (x, u, 1) the data determine."""
+        return self._block.fitted.rank
+
+    @property
+    def identifiable(self) -> bool:
+        """Whether the data determine the whole model."""
+        return self.rank == self._d
+
+    @cached_property
+    def missing(self) -> tuple[str, ...]:
+        """The directions of z that the data do not determine, in the names of states and inputs."""
+        names = [*self.state_names, *self.input_names, "1"][: self._d]
+        return named(self._block.fitted.missing, names) if not self.identifiable else ()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What to be careful about, one sentence each."""
+        return tuple(cautions([self._block], self.missing, self.triangle[:, self._d :]))
+
+    def region(
+        self, delta: float | None = None, *, future: int = 0, frobenius: bool = False
+    ) -> Region:
+        """Return a set of models that contains the true one, in one event with all other looks.
+
+        Parameters
+        ----------
+        delta : float, optional
+            The probability that it does not at any look, at most that of the stream, which is the
+            default.
+        future : int, default 0
+            Must be 0: regions of a stream cover no noise to come.
+        frobenius : bool, default False
+            Bound the Frobenius norm as well, by ``sqrt(min(n, rank))`` times the spectral one.
+
+        Returns
+        -------
+        Region
+            For any design that of ``Model.region(delta, anytime=True)``, which holds for all N at
+            once. For an independent one the exact region, with ``delta / ((j + 1) (j + 2))`` at the
+            planned look j = 0, 1, ...: all of them together have delta.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If `delta` is above that of the stream; or, for an independent design, the number of
+            pairs is not a planned one; the message has the next one.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> x, u, w = np.random.default_rng(1).standard_normal((3, 50, 1))
+        >>> stream = se.ModelStream(1, 1, sigma=0.1)
+        >>> stream.update(x, u, 0.5 * x + u + 0.1 * w)
+        >>> stream.model.region().contains([[0.5]], [[1.0]])
+        True
+        """
+        level = self.delta if delta is None else gate.probability("delta", delta)
+        if level > self.delta:
+            raise InputError(
+                f"`delta` must be at most {self.delta:g}, which all looks at this stream share, "
+                f"got {level:g}"
+            )
+        if gate.size("future", future, minimum=0):
+            raise InputError("`future` must be 0: regions of a stream cover no noise to come")
+        if self.next_look != self.size:
+            raise InputError(
+                f"a region needs a planned number of pairs with design='independent': there are "
+                f"{self.size}, and the next look is at {self.next_look}"
+            )
+        return self._region(level, frobenius=gate.flag("frobenius", frobenius))
+
+    @property
+    def _planned(self) -> bool:
+        """Whether looks are at planned numbers of pairs only."""
+        return self.assumptions.design == "independent"
+
+    @property
+    def next_look(self) -> int:
+        """The number of pairs of the next possible look: `size` if it is possible now."""
+        return self._size_after(self.size)
+
+    def _region(self, delta: float, *, frobenius: bool = False) -> Region:
+        """At a planned number of pairs, or the next one if there will be as many."""
+        text = f"{self.assumptions.text}, any design, valid for all N at once"
+        if self._planned:
+            j = look_after(self.first, self.size)
+            delta /= (j + 1.0) * (j + 2.0)
+            text = f"{self.assumptions.text}, independent of all states and inputs, planned looks"
+        wish = Wish(delta, anytime=True)
+        made, _ = parts([self._block], self.assumptions, wish, self.scale, self.n)
+        # ||G||_F <= sqrt(min(n, rank)) ||G||: the same event
+        wider = float(np.sqrt(made[0].factor * min(self.n, self.rank))) if frobenius else None
+        return Region(
+            centre=self._Theta,
+            m=self.m,
+            delta=delta,
+            assumption=text,
+            missing=self.missing,
+            parts=made,
+            frobenius=wider,
+        )
+
+    def _size_after(self, size: float) -> int:
+        """The first possible look at `size` pairs or more."""
+        N = ceil(size)
+        return planned(self.first, look_after(self.first, N)) if self._planned else N
+
+    def _after(self, size: float) -> Snapshot:
+        """At the first look with as many pairs, if the others are like those so far."""
+        N = self._size_after(size)
+        return replace(self, triangle=self.triangle * np.sqrt(N / self.size), size=N)
+
+    def __repr__(self) -> str:
+        rank = "" if self.identifiable else f", rank {self.rank} of {self._d}"
+        dt = "" if self.dt is None else f" dt={self.dt:g}"
+        pairs = html.number_of(self.size, "pair")
+        design = self.assumptions.design
+        return f"<Snapshot: n={self.n} m={self.m}{dt}, {pairs}, {design} design{rank}>"
+
+    def _repr_html_(self) -> str:
+        rows = [("assumed", self.assumptions.text), *(("warning", text) for text in self.warnings)]
+        head = ["", *self.state_names, *self.input_names, "1"][: self._d + 1]
+        body = [
+            [name, *(f"{value:.4g}" for value in row)]
+            for name, row in zip(self.state_names, self._Theta, strict=True)
+        ]
+        small = self._d <= 12 and self.n <= 12
+        return html.card(self, rows, html.grid(head, body) if small else "")
+
+
+def planned(first: int, j: int) -> int:
+    """The number of pairs of look j = 0, 1, ...: ``ceil(first 2^(j/2))``, exactly."""
+    return isqrt((first * first << j) - 1) + 1
+
+
+def look_after(first: int, size: int) -> int:
+    """The planned look j at `size` pairs, or else the next one."""
+    j = 0
+    while planned(first, j) < size:
+        j += 1
+    return j

@@ -1,0 +1,432 @@
+"""Plans from models of measured data: oracles, the twin, brute force, and what is refused."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from identification_data import DELTA, POINT, Y, Z, check, rolled, stable
+from stochens_rs.controls.region_errors import _by_rows, region_errors, trajectory
+from stochens_rs.exceptions import InputError, InputTypeError
+from stochens_rs.identification.identified import Identified
+from stochens_rs.reference import certified_control as cc
+from stochens_rs.reference import input_error as ie
+from stochens_rs.reference import regions as rg
+from stochens_rs.reference import triangle as tr
+from stochens_rs.reference.anytime import one_noise
+from stochens_rs.reference.quantiles import wishart_quantile
+
+
+def model_of(z, y, n=None, **options):
+    n = y.shape[1] if n is None else n
+    options = {"design": "independent", "checks": False, **options}
+    return se.identify(se.Trajectories.from_pairs(z[:, :n], z[:, n:], y), **options)
+
+
+def case(seed, N=40, sigma=0.3, n=4, m=2):
+    gen = np.random.default_rng(seed)
+    Theta = np.hstack(stable(gen, n, m))
+    z = gen.standard_normal((N, n + m))
+    y = z @ Theta.T + sigma * gen.standard_normal((N, n))
+    return gen, Theta, z, y
+
+
+def under(plan, u):
+    """The same plan with another control."""
+    model = plan.basis.model
+    Theta = np.hstack([model.A, model.B, *([] if model.c is None else [model.c[:, None]])])
+    return replace(plan, u=u, predicted_states=trajectory(Theta, plan.basis.x0, u))
+
+
+def measured(gen, Theta, runs, K, sigma=0.1, feedback=None):
+    n = len(Theta)
+    m = Theta.shape[1] - n
+    x, u = gen.standard_normal((runs, K + 1, n)), gen.standard_normal((runs, K, m))
+    for r in range(runs):
+        for k in range(K):
+            if feedback is not None:
+                u[r, k] = feedback @ x[r, k] + 0.1 * u[r, k]
+            x[r, k + 1] = Theta @ np.concatenate([x[r, k], u[r, k]]) + sigma * x[r, k + 1]
+    return se.Trajectories(x, u)
+
+
+# -- known numbers ---------------------------------------------------------------------------------
+
+
+def test_one_step_of_the_formula_data():
+    model = model_of(Z, Y)
+    plan = under(se.control(model, POINT[:2], [0.0, 0.0]), POINT[None, 2:])
+    found = plan.bound()
+    check(found.tube, [0.0, 0.185505135251])
+    check(found.target - found.reach, 0.185505135251)
+    check(plan.bound(noise=True).state, 1.173596784293)
+    errors = region_errors(model.region(), POINT[:2], POINT[None, 2:], rho0=0.0)
+    check(errors.components[0], 0.184570037684)
+    scalar = under(
+        se.control(model_of(Z, Y, covariance="scalar"), POINT[:2], [0.0, 0.0]), plan.u
+    ).bound()
+    check(scalar.state, 0.111280959627)
+    check(scalar.components, np.abs(scalar_end(plan)) + 0.111280959627)
+
+
+def scalar_end(plan):
+    return plan.predicted_states[-1]
+
+
+def test_three_steps_of_the_formula_data():
+    model = model_of(Z, Y)
+    region = model.region(frobenius=True)
+    part = replace(region.parts[0], factor=1.2)
+    region = replace(region, parts=(part,), frobenius=np.sqrt(1.5))
+    errors = region_errors(region, POINT[:2], np.array([[0.5], [0.0], [-0.5]]), rho0=0.0)
+    check(errors.radii[-1], 0.260230790267)
+    check(errors.states[-1], [0.491473192146, -0.693577119257])
+    assert (errors.components <= errors.radii[-1] * (1 + 1e-12)).all()
+    # row by row: never worse than the recursion with norms throughout
+    u = np.array([[0.5], [0.0], [-0.5]])
+    rows = _by_rows(region, POINT[:2], u, 0.0, None)
+    fitted = tr.fit(tr.triangle(Z, Y))
+    steps = cc.several_steps(fitted, POINT[:2], u, spectral=1.0)
+    beta = np.sqrt(1.2 * np.trace(fitted.S))
+    scalar = cc.scalar_steps(fitted, steps.states, steps.sizes, beta=beta)
+    assert (rows.radii <= scalar * (1 + 1e-12)).all()
+    assert rows.radii[1] == pytest.approx(scalar[1])
+
+
+# -- the twin --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("K", [1, 4, 6])
+@pytest.mark.parametrize("noise", [False, True])
+@pytest.mark.parametrize("rho0", [0.0, 0.02])
+def test_the_twin_finds_the_same(K, noise, rho0):
+    gen, _, z, y = case(K)
+    plan = se.control(model_of(z, y), *gen.standard_normal((2, 4)), steps=K, x0_error=rho0)
+    x0, xf = plan.basis.x0, plan.basis.xf
+    found = plan.bound(noise=noise)
+    data = tr.triangle(z, y)
+    if K == 1:
+        region = rg.full(data, DELTA, future=int(noise))
+        twin = (cc.one_noisy_step if noise else cc.one_step)(region, x0, plan.u[0], xf, rho0=rho0)
+        parts = found.target, found.reach, found.model_error, found.start
+        np.testing.assert_allclose(parts, twin, rtol=1e-9, atol=1e-14)
+        if rho0 == 0.0:
+            limit = ie.input_bound(region, x0, plan.u[0], xf)
+            assert found.control == pytest.approx(limit, rel=1e-9)
+            assert (found.control_reason is None) == np.isfinite(limit)
+        return
+    region = plan.basis.model.region(frobenius=True, future=K if noise else 0)
+    spectral, joint = np.sqrt(region.parts[0].factor), region.frobenius
+    twin = cc.several_steps(
+        tr.fit(data), x0, plan.u, spectral=spectral, frobenius=joint, rho0=rho0, noise=noise
+    )
+    np.testing.assert_allclose(found.tube, twin.radii, rtol=1e-9)
+    np.testing.assert_allclose(plan.predicted_states, twin.states, rtol=1e-9, atol=1e-12)
+    assert found.target == pytest.approx(np.linalg.norm(twin.states[-1] - xf) + twin.radii[-1])
+    assert found.target == pytest.approx(found.reach + found.model_error + found.start)
+    assert np.isinf(found.control)
+    assert found.control_reason.startswith("only the state is certified")
+
+
+def test_known_inputs_are_those_of_a_smaller_regression():
+    """B known: y - B u on x; the kernel sees a region of four columns."""
+    gen, Theta, z, y = case(3)
+    plan = se.control(
+        model_of(z, y, known_B=Theta[:, 4:]), *gen.standard_normal((2, 4)), steps=4, x0_error=0.01
+    )
+    region = plan.basis.model.region(frobenius=True)
+    fitted = tr.fit(tr.triangle(z[:, :4], y - z[:, 4:] @ Theta[:, 4:].T))
+    white = np.hstack([fitted.white, np.zeros((4, 2))])
+    H = np.hstack([fitted.H, Theta[:, 4:]])
+    fitted = fitted._replace(H=H, white=white, missing=np.zeros((6, 0)))
+    options = {"spectral": np.sqrt(region.parts[0].factor), "frobenius": region.frobenius}
+    twin = cc.several_steps(fitted, plan.basis.x0, plan.u, rho0=0.01, **options)
+    np.testing.assert_allclose(plan.bound().tube, twin.radii, rtol=1e-9)
+
+
+@pytest.mark.parametrize("offset", [False, True])
+def test_the_robust_control_has_the_smallest_certificate(offset):
+    gen, _, z, y = case(7, N=20)
+    ends = gen.standard_normal((2, 4))
+    model = model_of(z, y + offset, intercept=offset)
+    plan = se.control(model, *ends, robust=True)
+    data = tr.triangle(np.hstack([z, np.ones((20, int(offset)))]), y + offset)
+    twin = cc.robust_control(rg.full(data, DELTA), *ends, offset=offset)
+    np.testing.assert_allclose(plan.u[0], twin, atol=2e-3)
+    least = plan.bound().target
+    assert least < se.control(model, *ends).bound().target
+    for _ in range(200):
+        other = plan.u + 10.0 ** gen.uniform(-4, 0) * gen.standard_normal(plan.u.shape)
+        assert under(plan, other).bound().target >= least * (1 - 1e-12)
+
+
+# -- brute force -----------------------------------------------------------------------------------
+
+
+def on_the_boundary(gen, shape, spectral, frobenius=np.inf):
+    """A matrix with the largest norms that are allowed; half of them of rank one."""
+    G = gen.standard_normal(shape)
+    if gen.random() < 0.5:
+        G = np.outer(gen.standard_normal(shape[0]), gen.standard_normal(shape[1]))
+    G *= spectral / np.linalg.norm(G, 2)
+    return G * min(1.0, frobenius / np.linalg.norm(G))
+
+
+def sampled(gen, region, K):
+    """A model of the region, and noise that it covers with it."""
+    D, w = np.zeros_like(region.centre), np.zeros((K, region.n))
+    joint = np.inf if region.frobenius is None else region.frobenius
+    for part in region.parts:
+        rank = len(part.white)
+        shape = len(part.rows), rank + (K if region.future else 0)
+        G = np.linalg.cholesky(part.S) @ on_the_boundary(gen, shape, np.sqrt(part.factor), joint)
+        D[np.ix_(part.rows, part.columns)] = G[:, :rank] @ part.white
+        if region.future:
+            w = G[:, rank:].T
+    return region.centre + D, w
+
+
+# x0, xf and the error of x0: a model error, an uncertain start, and nothing but noise
+ENDS = [
+    ([1.0, -1.0], [0.5, 0.5], 0.0),
+    ([0.0, 0.0], [0.0, 0.0], 0.3),
+    ([0.0, 0.0], [0.0, 0.0], 0.0),
+]
+
+
+@pytest.mark.parametrize(
+    ("kind", "noise"), [("all rows", False), ("all rows", True), ("by rows", False)]
+)
+@pytest.mark.parametrize("ends", ENDS)
+def test_no_model_of_the_region_leaves_the_tube(kind, noise, ends):
+    """4 000 models, noises and starts: none beyond the radii, and some beyond 0.4 of them."""
+    gen, Theta, z, y = case(11, N=15, n=2, m=1)
+    known, K = None, 3
+    if kind == "by rows":
+        known = np.where([[1, 0], [1, 1]], np.nan, Theta[:, :2])
+    model = model_of(z, y, known_A=known)
+    plan = se.control(model, *ends[:2], steps=K, x0_error=ends[2])
+    found = plan.bound(noise=noise)
+    wish = {} if known is not None else {"frobenius": True, "future": K if noise else 0}
+    region = model.region(**wish)
+    assert len(region.parts) == (1 if known is None else 2)
+    error = np.zeros((4000, K + 1, 2))
+    for one in error:
+        T, w = sampled(gen, region, K)
+        off = gen.standard_normal(2)
+        x = plan.basis.x0 + ends[2] * off / np.linalg.norm(off)
+        for k in range(K + 1):
+            one[k] = x - plan.predicted_states[k]
+            if k < K:
+                x = T @ np.concatenate([x, plan.u[k]]) + w[k]
+    largest = np.linalg.norm(error, axis=2).max(axis=0)
+    missed = np.abs(plan.predicted_states[-1] - plan.basis.xf + error[:, -1]).max(axis=0)
+    assert (largest <= found.tube * (1 + 1e-12)).all()
+    assert (missed <= found.components).all()
+    assert (largest[1:] >= 0.4 * found.tube[1:]).all()
+
+
+@pytest.mark.parametrize("law", ["gaussian", "bounded", "sub-gaussian"])
+@pytest.mark.parametrize("K", [1, 3])
+def test_noise_of_known_size_joins_the_radii(law, K):
+    """||[D V^1/2, w]|| from both parts, each at half of delta; one step: the sum."""
+    gen, _, z, y = case(41)
+    model = model_of(z, y, noise=law, sigma=0.3, design="adaptive")
+    plan = se.control(model, *gen.standard_normal((2, 4)), steps=K)
+    rho = np.sqrt(model.region(DELTA / 2).parts[0].factor)
+    q = {
+        "gaussian": np.sqrt(wishart_quantile(4, K, DELTA / 2)),
+        "bounded": np.sqrt(K),
+        "sub-gaussian": np.sqrt(K) * one_noise(4, DELTA / 2 / K),
+    }[law]
+    fitted, S = tr.fit(tr.triangle(z, y)), 0.09 * np.eye(4)
+    if K == 1:
+        options = {"spectral": rho}
+    else:
+        both = np.hypot(2.0 * rho, np.sqrt(min(4, K)) * q)
+        options = {"spectral": np.hypot(rho, q), "frobenius": both, "noise": True}
+    twin = cc.several_steps(fitted, plan.basis.x0, plan.u, S=S, **options)
+    added = 0.3 * q if K == 1 else 0.0
+    np.testing.assert_allclose(plan.bound(noise=True).tube[-1], twin.radii[-1] + added, rtol=1e-6)
+
+
+# -- regression over all steps ---------------------------------------------------------------------
+
+
+def test_direct_regression_is_the_exact_region_of_its_pairs():
+    gen = np.random.default_rng(5)
+    Theta, K = np.hstack(stable(gen, 2, 1)), 4
+    data = measured(gen, Theta, 30, K)
+    model = se.identify(data, checks=False)
+    plan = se.control(model, [1.0, 0.0], [0.0, 1.0], steps=K)
+    found = plan.bound(open_loop=True)
+    direct = se.identify(data.k_step(K, open_loop=True), design="independent", checks=False)
+    one = under(se.control(direct, [1.0, 0.0], [0.0, 1.0]), plan.u.reshape(1, -1)).bound(DELTA / 2)
+    assert found.method == one.method == f"direct regression over {K} steps"
+    assert found.target == pytest.approx(one.target)
+    assert found.target < plan.bound().target
+    np.testing.assert_allclose(found.tube[:-1], plan.bound(DELTA / 2).tube[:-1])
+    assert "independent of all noise" in found.assumption
+    fixed = plan.bound(open_loop=True, x0_fixed=True)
+    assert fixed.target < found.target
+    noisy = plan.bound(open_loop=True, noise=True)  # what the pairs cannot bound, at full delta
+    once = under(se.control(direct, [1.0, 0.0], [0.0, 1.0]), plan.u.reshape(1, -1))
+    assert noisy.target == pytest.approx(once.bound(noise=True).target)
+    assert np.isinf(noisy.tube[1:-1]).all()
+
+
+def test_the_smaller_of_both_is_taken():
+    """Many pairs of long runs, few runs: the region of one step is smaller."""
+    gen = np.random.default_rng(6)
+    model = se.identify(measured(gen, np.hstack(stable(gen, 2, 1)), 12, 60), checks=False)
+    plan = se.control(model, [1.0, 0.0], [0.0, 1.0], steps=3)
+    found = plan.bound(open_loop=True)
+    assert found.method == "several steps"
+    assert found.target == plan.bound(DELTA / 2).target
+
+
+# -- what a plan says ------------------------------------------------------------------------------
+
+
+def test_the_offset_is_part_of_the_plan():
+    _, _, z, y = case(13)
+    model = model_of(z, y + 5.0, intercept=True)
+    plan = se.control(model, np.zeros(4), np.ones(4), steps=3)
+    np.testing.assert_allclose(plan.predicted_states[-1], np.ones(4), atol=1e-9)
+    x = plan.predicted_states
+    np.testing.assert_allclose(x[1], model.A @ x[0] + model.B @ plan.u[0] + model.c)
+
+
+class Shifted(Identified):
+    """A model whose region has another centre, as that of a fused model."""
+
+    def __init__(self, model, shift):
+        self.inner, self.shift = model, shift
+
+    A = property(lambda self: self.inner.A + self.shift)
+    B = property(lambda self: self.inner.B)
+    c = property(lambda self: self.inner.c)
+    dt = property(lambda self: self.inner.dt)
+    state_names = property(lambda self: self.inner.state_names)
+    input_names = property(lambda self: self.inner.input_names)
+
+    def region(self, delta=0.05, *, future=0, frobenius=False):
+        return self.inner.region(delta, future=future, frobenius=frobenius)
+
+
+@pytest.mark.parametrize("K", [1, 4])
+def test_a_region_with_another_centre(K):
+    gen, _, z, y = case(17)
+    model, ends = model_of(z, y), gen.standard_normal((2, 4))
+    plan = se.control(Shifted(model, 0.02), *ends, steps=K)
+    found, own = plan.bound(), under(se.control(model, *ends, steps=K), plan.u)
+    beside = np.linalg.norm(own.predicted_states - plan.predicted_states, axis=1)
+    np.testing.assert_allclose(found.tube, own.bound().tube + beside)
+    assert found.target == pytest.approx(own.bound().target)
+    assert plan.bound(noise=True).target > found.target
+    for name in ("open_loop", "x0_fixed"):
+        if K > 1 or name == "x0_fixed":
+            with pytest.raises(InputError, match=f"`{name}`"):
+                plan.bound(**{name: True})
+
+
+def test_infinite_is_an_answer():
+    gen, _, z, y = case(19)
+    z[:, 4] = z[:, 5]
+    with pytest.warns(se.exceptions.DataWarning):
+        model = model_of(z, y)
+    plan = se.control(model, *gen.standard_normal((2, 4)), steps=2)
+    assert np.isfinite(plan.bound().target)  # the model asks for what the data have shown
+    assert any("not determine" in text for text in plan.info["warnings"])
+    found = under(plan, np.outer([1.0, 1.0], [1.0, 2.0])).bound()
+    assert found.target == found.state == found.tube[-1] == np.inf
+    assert found.missing == ("u[0] - u[1]",)
+    assert "u[0] - u[1]" in repr(found)
+    assert found.larger == "model error"
+    assert pickle.loads(pickle.dumps(found)).missing == found.missing
+    with pytest.raises(InputError, match="unbounded"):
+        se.control(model, np.ones(4), np.ones(4), robust=True)
+    few = se.control(model_of(z[:7, [0, 1, 2, 3, 5]], y[:7]), np.ones(4), np.ones(4)).bound()
+    assert np.isinf(few.target)
+    assert "too few data" in repr(few)
+
+
+def test_an_input_without_effect_in_the_data_stays_at_rest():
+    gen, _, z, y = case(23)
+    z[:, 5] = 0.0
+    with pytest.warns(se.exceptions.DataWarning):
+        model = model_of(z, y)
+    for K in (1, 4, 6):
+        plan = se.control(model, *gen.standard_normal((2, 4)), steps=K)
+        assert not plan.u[:, 1].any()
+        assert np.isfinite(plan.bound().target)
+
+
+def test_plans_and_certificates_are_kept():
+    gen, _, z, y = case(29)
+    plan = se.control(model_of(z, y), *gen.standard_normal((2, 4)), steps=2, x0_error=0.1)
+    again = pickle.loads(pickle.dumps(plan))
+    assert again.bound().target == plan.bound().target
+    assert pickle.loads(pickle.dumps(plan.bound())).start == plan.bound().start
+    assert repr(plan).endswith("true system: see bound()>")
+    exact = se.System(*np.split(np.hstack(stable(gen)), [4], axis=1))
+    assert plan.error(exact, plan.basis.x0, plan.basis.xf).state > 0.0
+    assert plan.states(exact, plan.basis.x0).shape == (3, 4)
+
+
+def refusals():
+    gen, Theta, z, y = case(31)
+    A, B = Theta[:, :4], Theta[:, 4:]
+    x0, xf = gen.standard_normal((2, 4))
+    model, data = model_of(z, y), measured(gen, Theta, 10, 3)
+    plan, two = se.control(model, x0, xf), se.control(model, x0, xf, steps=2)
+    runs = se.control(se.identify(data, checks=False), x0, xf, steps=3)
+    drawn = se.sample(x0, 9, rng=1)
+    exact = se.control((A, B), x0, xf)
+    bounded = se.identify(data, noise="bounded", sigma=1.0, checks=False)
+    yield InputTypeError, "`x0` .* `x0_error`", lambda: se.control(model, drawn, xf)
+    yield InputTypeError, "`xf` must be an array", lambda: se.control(model, x0, se.fuse(drawn))
+    yield InputError, "`fusion`", lambda: se.control(model, x0, xf, fusion="diagonal")
+    yield InputError, "k_step", lambda: se.control(model, x0, xf, steps=2, robust=True)
+    yield InputError, "`delta` goes with robust", lambda: se.control(model, x0, xf, delta=0.1)
+    yield se.exceptions.SizeError, "x0_error", lambda: se.control(model, x0, xf, x0_error=-1.0)
+    yield InputError, "models from data", lambda: se.control((A, B), x0, xf, robust=True)
+    yield InputError, "models from data", lambda: se.control((A, B), x0, xf, x0_error=1.0)
+    yield InputError, "models from data", lambda: exact.bound(noise=True)
+    yield InputError, "`system` must be left out", lambda: plan.bound(system=se.System(A, B))
+    yield InputError, "model from data", plan.covariance
+    yield InputError, "`open_loop` must be False for one", lambda: plan.bound(open_loop=True)
+    yield InputError, "`x0_fixed` must be False over 2", lambda: two.bound(x0_fixed=True)
+    yield InputError, "longest run", lambda: two.bound(open_loop=True)
+    yield InputError, "needs 14 runs", lambda: runs.bound(open_loop=True)
+    yield InputError, "`noise` must be False", lambda: runs.bound(noise=True)
+    yield (
+        InputError, "noise='bounded'",
+        lambda: se.control(bounded, x0, xf, steps=3).bound(open_loop=True),
+    )  # fmt: skip
+    yield (
+        InputError, "`x0_fixed` must be False with `x0_error`",
+        lambda: se.control(model, x0, xf, x0_error=0.1).bound(x0_fixed=True),
+    )  # fmt: skip
+    known = np.where(gen.random((4, 4)) < 0.5, np.nan, A)
+    rows = model_of(z, y, known_A=known)
+    yield InputError, "single known", lambda: se.control(rows, x0, xf, robust=True)
+    yield InputError, "single known", lambda: se.control(rows, x0, xf).bound(noise=True)
+
+
+def test_what_makes_no_sense_is_refused():
+    for error, text, call in refusals():
+        with pytest.raises(error, match=text) as seen:
+            call()
+        assert "\n" not in str(seen.value)
+
+
+def test_true_systems_of_one_step_are_rolled():
+    """`rolled` of the tests is `trajectory` of the package."""
+    gen, Theta, *_ = case(37)
+    x0, u = gen.standard_normal(4), gen.standard_normal((3, 2))
+    np.testing.assert_allclose(trajectory(Theta, x0, u)[-1], rolled(Theta, x0, u))

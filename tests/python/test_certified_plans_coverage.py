@@ -1,0 +1,270 @@
+"""Certificates of plans from data hold as often as they say, and fail where a declaration is wrong.
+
+Every count is of runs at 5 %; what is accepted is in `identification_data`. All controls are chosen
+after the data: that of the model, and the worst of some with the true system at hand.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from identification_data import DELTA, SKEWED, at_most, coverage, stable
+from stochens_rs.controls.region_errors import trajectory
+from test_certified_plans import measured, model_of, under
+
+SIGMA = 0.1
+
+
+def system(gen, kind):
+    """Theta, the root of the noise covariance, and pairs of four states and two inputs."""
+    A, B = stable(gen, 4, 2, size=1.2 if kind == "unstable" else 0.9)
+    if kind in ("sparse B", "known entries"):
+        B = B * (gen.random(B.shape) < 0.4)
+    Theta, z = np.hstack([A, B]), gen.standard_normal((40, 6))
+    root = SIGMA * (SKEWED if kind == "dense" else np.eye(4))
+    if kind == "zero column":
+        z[:, 5] = 0.0
+    if kind == "nearly dependent":
+        z[:, 4] = z[:, 5] + 1e-3 * z[:, 4]
+    return Theta, z, z @ Theta.T + gen.standard_normal((40, 4)) @ root.T, root
+
+
+def options(gen, kind, Theta):
+    if kind == "intercept":
+        return {"intercept": True}
+    if kind == "known entries":
+        known = np.where(gen.random(Theta.shape) < 0.5, Theta, np.nan)
+        return {"known_A": known[:, :4], "known_B": known[:, 4:]}
+    if kind == "known sigma":
+        return {"sigma": SIGMA, "design": "adaptive"}
+    return {}
+
+
+def worst(model, Theta):
+    """The z with the largest error ``||D z||`` for its length."""
+    H = np.hstack([model.A, model.B, *([] if model.c is None else [model.c[:, None]])])
+    part, D = model.region().parts[0], H - Theta
+    V = part.root.T @ part.root
+    return V @ D.T @ np.linalg.eigh(D @ V @ D.T)[1][:, -1]
+
+
+def violated(found, plan, path, exact=None):
+    """Whether any number of the certificate is wrong for the true trajectory."""
+    away = np.linalg.norm(path - plan.predicted_states, axis=1)
+    apart = path[-1] - plan.basis.xf
+    wrong = (away > found.tube * (1 + 1e-9) + 1e-12).any()
+    wrong |= np.linalg.norm(apart) > found.target or away[-1] > found.state + 1e-12
+    wrong_components = (np.abs(apart) > found.components).any()
+    if exact is not None:
+        wrong |= exact.control > found.control
+    return bool(wrong), bool(wrong_components)
+
+
+KINDS = [
+    "dense", "sparse B", "zero column", "nearly dependent", "unstable", "intercept",
+    "known entries", "known sigma",
+]  # fmt: skip
+REFUSED = ("known entries", True)
+
+
+@pytest.mark.parametrize(
+    ("kind", "noise"), [(k, w) for k in KINDS for w in (False, True) if (k, w) != REFUSED]
+)
+@pytest.mark.filterwarnings("ignore:the data do not determine")
+def test_certificates_hold(kind, noise):
+    """100 data sets for each of K = 1, 4, 6, with x0 off by as much as it may be."""
+    gen, runs, finite = np.random.default_rng([KINDS.index(kind), noise]), 100, 0
+    failed = np.zeros((3, 2), dtype=int)
+    for _ in range(runs):
+        Theta, z, y, root = system(gen, kind)
+        model = model_of(z, y, **options(gen, kind, Theta))
+        x0, xf, off = gen.standard_normal((3, 4))
+        rho0 = 0.02
+        start = x0 + rho0 * off / np.linalg.norm(off)
+        for i, K in enumerate((1, 4, 6)):
+            plan = se.control(model, x0, xf, steps=K, x0_error=rho0)
+            found = plan.bound(noise=noise)
+            finite += np.isfinite(found.target)
+            path = [start]
+            for u in plan.u:
+                w = root @ gen.standard_normal(4) if noise else 0.0
+                path.append(Theta @ np.concatenate([path[-1], u]) + w)
+            exact = None
+            if K == 1 and np.isfinite(found.control):
+                exact = plan.error((Theta[:, :4], Theta[:, 4:]), start, xf)
+            failed[i] += violated(found, plan, np.array(path), exact)
+    for count in failed.ravel():
+        at_most(count, runs)
+    assert finite == 3 * runs
+
+
+@pytest.mark.parametrize("K", [1, 2])
+def test_certificates_hold_for_the_worst_control(K):
+    """100 data sets, each with the worst of 8 controls for x0 that knows the true system."""
+    gen, runs, failed, closest = np.random.default_rng(K), 100, np.zeros(2, dtype=int), 0.0
+    for _ in range(runs):
+        Theta, z, y, _ = system(gen, "dense")
+        plan = se.control(model_of(z, y), *gen.standard_normal((2, 4)), steps=K)
+        wrong = np.zeros(2, dtype=bool)
+        for _ in range(8):
+            one = under(plan, gen.standard_normal((K, 2)))
+            found, path = one.bound(), trajectory(Theta, plan.basis.x0, one.u)
+            wrong |= violated(found, one, path)
+            off = np.linalg.norm(path[-1] - one.predicted_states[-1])
+            closest = max(closest, off / found.state)
+        failed += wrong
+    for count in failed:
+        at_most(count, runs)
+    assert closest > 0.4  # the bound is not just large
+
+
+def test_components_by_rows_are_the_sharper_ones():
+    gen, shares = np.random.default_rng(8), []
+    for _ in range(30):
+        _, z, y, _ = system(gen, "dense")
+        plan = se.control(model_of(z, y), *gen.standard_normal((2, 4)))
+        found = plan.bound()
+        own = plan.basis.model.region().component_bounds(plan.basis.x0, plan.u[0])
+        apart = np.abs(plan.predicted_states[-1] - plan.basis.xf)
+        shares.append((found.components - apart) / own)
+    assert np.max(shares) < 0.9
+
+
+def test_an_x0_that_was_fixed_has_a_smaller_certificate_that_holds():
+    """200 data sets; the worst u of 6, x0 the same for all."""
+    gen, runs, failed, smaller = np.random.default_rng(12), 200, 0, []
+    x0 = gen.standard_normal(4)
+    for _ in range(runs):
+        Theta, z, y, _ = system(gen, "dense")
+        plan = se.control(model_of(z, y), x0, gen.standard_normal(4))
+        wrong = False
+        for u in np.vstack([plan.u, 3.0 * gen.standard_normal((5, 2))]):
+            one = under(plan, u[None])
+            off = np.linalg.norm(trajectory(Theta, x0, u[None])[-1] - one.predicted_states[-1])
+            wrong |= off > one.bound(x0_fixed=True).state
+        smaller.append(plan.bound(x0_fixed=True).state / plan.bound().state)
+        failed += wrong
+    at_most(failed, runs)
+    assert np.max(smaller) < 0.95
+
+
+@pytest.mark.parametrize("noise", [False, True])
+def test_regression_over_all_steps_holds(noise):
+    """300 sets of 30 runs; n = 2, m = 1, K = 4, both regions at half the level."""
+    gen, runs, failed, direct = np.random.default_rng([14, noise]), 300, 0, 0
+    Theta = np.hstack(stable(gen, 2, 1))
+    for _ in range(runs):
+        model = se.identify(measured(gen, Theta, 30, 4), checks=False)
+        plan = se.control(model, *gen.standard_normal((2, 2)), steps=4)
+        found = plan.bound(open_loop=True, noise=noise)
+        x = plan.basis.x0
+        for u in plan.u:
+            x = Theta @ np.concatenate([x, u]) + noise * SIGMA * gen.standard_normal(2)
+        failed += np.linalg.norm(x - plan.basis.xf) > found.target
+        direct += found.method.startswith("direct")
+    at_most(failed, runs)
+    assert direct > 20
+
+
+@pytest.mark.parametrize("noise", ["bounded", "sub-gaussian"])
+def test_noise_of_known_size_to_come(noise):
+    """200 runs with feedback; noise of +-sigma / sqrt(n), which is both."""
+    gen, runs, failed = np.random.default_rng(16), 200, 0
+    for _ in range(runs):
+        A, B = stable(gen, 2, 1, size=1.05)
+        Theta, x, u = np.hstack([A, B]), np.zeros((61, 2)), np.zeros((60, 1))
+        w = gen.choice([-1.0, 1.0], (60, 2)) * SIGMA / np.sqrt(2)
+        for t in range(60):
+            u[t] = -0.1 * x[t, :1] + gen.standard_normal()
+            x[t + 1] = Theta @ np.concatenate([x[t], u[t]]) + w[t]
+        model = se.identify(se.Trajectories(x, u), noise=noise, sigma=SIGMA, checks=False)
+        for K in (1, 3):
+            plan = se.control(model, x[-1], [0.0, 0.0], steps=K)
+            path = [x[-1]]
+            for acting in plan.u:
+                later = gen.choice([-1.0, 1.0], 2) * SIGMA / np.sqrt(2)
+                path.append(Theta @ np.concatenate([path[-1], acting]) + later)
+            failed += violated(plan.bound(noise=True), plan, np.array(path))[0]
+    at_most(failed, runs)
+
+
+# -- wrong declarations ----------------------------------------------------------------------------
+
+
+def test_feedback_must_not_be_declared_as_open_loop():
+    """At the worst x0 and u for regression over 4 steps, with the target where that leads."""
+    gen, runs, failed, K = np.random.default_rng(18), 100, 0, 4
+    Theta = np.array([[1.05, 0.2, 0.0], [0.0, 0.9, 1.0]])
+    powers = [np.linalg.matrix_power(Theta[:, :2], k) for k in range(K + 1)]
+    true = np.hstack([powers[K]] + [powers[K - 1 - k] @ Theta[:, 2:] for k in range(K)])
+    for _ in range(runs):
+        data = measured(gen, Theta, 60, K, sigma=0.3, feedback=np.array([[-0.6, -0.9]]))
+        direct = se.identify(data.k_step(K, open_loop=True), design="independent", checks=False)
+        z = worst(direct, true)
+        xf = np.hstack([direct.A, direct.B]) @ z
+        plan = se.control(se.identify(data, checks=False), z[:2], xf, steps=K)
+        plan = under(plan, z[2:].reshape(K, 1))
+        x = trajectory(Theta, z[:2], plan.u)[-1]
+        failed += np.linalg.norm(x - xf) > plan.bound(open_loop=True).target
+    assert coverage(failed, runs) < 0.3
+
+
+def test_runs_must_not_be_declared_as_independent_pairs():
+    """A random walk with offset: the certificate at the worst state and input fails too often."""
+    gen, runs, failed = np.random.default_rng(20), 300, np.zeros(2, dtype=int)
+    true = np.hstack([np.eye(3), np.zeros((3, 2))])
+    for _ in range(runs):
+        x = np.vstack([np.zeros(3), np.cumsum(gen.standard_normal((60, 3)), axis=0)])
+        pairs = se.Trajectories.from_pairs(x[:-1], gen.standard_normal((60, 1)), x[1:])
+        scalar = {"design": "independent", "covariance": "scalar"}
+        for i, declared in enumerate((scalar, {"sigma": 1.0})):
+            model = se.identify(pairs, intercept=True, checks=False, **declared)
+            z = worst(model, true)
+            z /= z[-1]
+            plan = under(se.control(model, z[:3], z[:3]), z[None, 3:4])
+            off = np.linalg.norm(true @ z - plan.predicted_states[-1])
+            failed[i] += off > plan.bound().state
+    assert coverage(failed[0], runs) < 0.85
+    at_most(failed[1], runs)
+
+
+def test_an_x0_must_not_be_declared_fixed_that_the_outcomes_chose():
+    """x0 and u of the worst direction, with scalar noise, where the region is exact."""
+    gen, runs, failed = np.random.default_rng(22), 300, np.zeros(2, dtype=int)
+    for _ in range(runs):
+        Theta, x, y, _ = system(gen, "sparse B")
+        model = model_of(x, y, covariance="scalar")
+        z = worst(model, Theta)
+        plan = under(se.control(model, z[:4], z[:4]), z[None, 4:])
+        off = np.linalg.norm(Theta @ z - plan.predicted_states[-1])
+        failed += off > plan.bound().state, off > plan.bound(x0_fixed=True).state
+    at_most(failed[0], runs)
+    assert coverage(failed[1], runs) < 0.9
+
+
+def test_noise_that_is_left_out_shows():
+    gen, runs, failed = np.random.default_rng(24), 200, np.zeros(2, dtype=int)
+    for _ in range(runs):
+        Theta, z, y, root = system(gen, "sparse B")
+        plan = se.control(model_of(z, y), 0.1 * gen.standard_normal(4), np.zeros(4))
+        x = Theta @ np.concatenate([plan.basis.x0, plan.u[0]]) + root @ gen.standard_normal(4)
+        off = np.linalg.norm(x - plan.predicted_states[-1])
+        failed += off > plan.bound().state, off > plan.bound(noise=True).state
+    assert coverage(failed[0], runs) < 0.5
+    at_most(failed[1], runs)
+
+
+def test_the_level_is_that_of_the_region():
+    """1000 data sets at the worst z under scalar noise: about delta, neither more nor far less."""
+    gen, runs, failed = np.random.default_rng(26), 1000, 0
+    for _ in range(runs):
+        Theta, x, y, _ = system(gen, "sparse B")
+        model = model_of(x, y, covariance="scalar")
+        z = worst(model, Theta)
+        plan = under(se.control(model, z[:4], z[:4]), z[None, 4:])
+        off = np.linalg.norm(Theta @ z - plan.predicted_states[-1])
+        failed += off > plan.bound().state
+    at_most(failed, runs)
+    assert failed > 0.5 * DELTA * runs

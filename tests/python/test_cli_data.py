@@ -1,0 +1,292 @@
+"""The commands on measured runs, `identify` and `control`: numbers, files, and one-line errors."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from stochens_rs import cli
+
+A, B = np.array([[0.9, 0.2], [-0.1, 0.8]]), np.array([[0.0], [1.0]])
+COLUMNS = ["--states", "angle,rate", "--inputs", "torque"]
+OPTIONS = [*COLUMNS, "--by", "run", "--time", "t"]
+
+
+def rows(runs=30, steps=20):
+    """The lines of a table of runs, the last input of each left empty."""
+    rng = np.random.default_rng(1)
+    lines = ["run,t,angle,rate,torque"]
+    for r in range(runs):
+        x = rng.standard_normal(2)
+        for k in range(steps + 1):
+            u = rng.standard_normal()
+            cells = [f"r{r}", f"{0.1 * k:.1f}", f"{x[0]:.6f}", f"{x[1]:.6f}"]
+            lines.append(",".join([*cells, f"{u:.6f}" if k < steps else ""]))
+            x = A @ x + B[:, 0] * u + 0.01 * rng.standard_normal(2)
+    return lines
+
+
+@pytest.fixture(scope="module")
+def lines():
+    return rows()
+
+
+@pytest.fixture
+def table(tmp_path, lines):
+    path = tmp_path / "runs.csv"
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def ran(capsys, *args):
+    """Output of a command that succeeds, parsed."""
+    code = cli.main([*map(str, args), "--json"])
+    captured = capsys.readouterr()
+    assert code == 0, captured.err
+    return json.loads(captured.out)
+
+
+def failed(capsys, *args):
+    """The one line on standard error of a command that fails for its input."""
+    code = cli.main([*map(str, args)])
+    captured = capsys.readouterr()
+    assert code == 2, captured.err
+    assert captured.out == ""
+    assert captured.err.startswith("stochens: ")
+    assert captured.err.count("\n") == 1
+    return captured.err
+
+
+def in_python(table):
+    """The same runs, read by NumPy."""
+    cells = np.genfromtxt(table, delimiter=",", skip_header=1, usecols=(2, 3, 4)).reshape(30, 21, 3)
+    return se.Trajectories(cells[:, :, :2], cells[:, :-1, 2:], dt=0.1)
+
+
+def test_identify_says_what_python_says(table, capsys):
+    found = ran(capsys, "identify", table, *OPTIONS, "--sigma", 0.01, "--delta", "1%")
+    model = se.identify(in_python(table), sigma=0.01)
+    region = model.region(0.01)
+    assert np.array_equal(found["A"], model.A)
+    assert np.array_equal(found["B"], model.B)
+    assert found["c"] is None
+    assert (found["runs"], found["pairs"], found["dt"]) == (30, 600, 0.1)
+    assert found["region"]["radius"] == region.radius
+    assert found["region"]["assumption"] == region.assumption
+    bounds = np.array(found["region"]["entry_bounds"])
+    assert np.all(np.abs(np.hstack([A, B]) - found["region"]["centre"]) <= bounds)
+    assert np.all(bounds < 0.01)
+    assert {k: v for k, v in found["checks"].items() if k != "exact"} == model.checks.p_values
+
+
+def test_entry_bounds_are_attained_on_the_boundary(table):
+    """For one entry, the largest distance inside the region, by the ellipsoid itself."""
+    region = se.identify(in_python(table), sigma=0.01).region(0.05)
+    (part,) = region.parts
+    # max e_i' D e_j subject to D V D' <= factor S: D = sqrt(factor S_ii) e_i w' V^-1 / ||w||
+    e = np.eye(3)[1]
+    D = np.zeros((2, 3))
+    inverse = np.linalg.inv(part.root.T @ part.root)
+    D[0] = np.sqrt(part.factor * part.S[0, 0]) * inverse @ e / np.sqrt(e @ inverse @ e)
+    assert D[0, 1] == pytest.approx(region.entry_bounds[0, 1], rel=1e-9)
+    for share, inside in ((0.999, True), (1.001, False)):
+        Theta = region.centre + share * D
+        assert region.contains(Theta[:, :2], Theta[:, 2:]) is inside
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--intercept"], ["rank 4 of 4", "any design"]),
+        (["--design", "independent", "--last-pairs"], ["30 pairs", "independent of all"]),
+        (["--design", "independent", "--last-pairs", "--noise", "symmetric"], ["sign vectors"]),
+        (["--covariance", "diagonal", "--delta", "0.1"], ["holds with 90 %"]),
+        (["--lags", "4"], ["instruments independent of both"]),
+    ],
+)
+def test_identify_prints_a_table(table, capsys, options, words):
+    assert cli.main(["identify", str(table), *OPTIONS, *options]) == 0
+    captured = capsys.readouterr()
+    assert captured.err == ""
+    for word in ["angle(k+1)", "rate(k+1)", "torque", "±", "residuals", *words]:
+        assert word in captured.out
+    assert len({len(line) for line in captured.out.splitlines()[2:5]}) == 1
+
+
+def test_the_seed_decides_the_sign_vectors(table, capsys):
+    args = ["identify", table, *OPTIONS, "--design", "independent", "--last-pairs"]
+    args += ["--noise", "symmetric", "--seed"]
+    radii = [ran(capsys, *args, seed)["region"]["radius"] for seed in (1, 1, 2)]
+    assert radii[0] == radii[1] != radii[2]
+
+
+def test_identify_with_too_few_rows_is_infinite_but_valid_json(table, lines, capsys):
+    table.write_text("\n".join(lines[:4]))
+    found = ran(capsys, "identify", table, *OPTIONS)
+    assert found["rank"] == 2
+    assert found["region"]["radius"] is None
+    assert found["missing"]
+    assert any("do not determine" in text for text in found["warnings"])
+    assert cli.main(["identify", str(table), *OPTIONS]) == 0
+    assert "warning" in capsys.readouterr().out
+
+
+def changed(lines, row, column, text):
+    cells = lines[row].split(",")
+    cells[column] = text
+    return [*lines[:row], ",".join(cells), *lines[row + 1 :]]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda lines: changed(lines, 40, 2, "fast"), ["'angle'", "'fast'", "row 41"]),
+        (lambda lines: changed(lines, 40, 2, ""), ["angle", "nan", "r1"]),
+        (lambda lines: changed(lines, 40, 4, "inf"), ["torque", "inf", "r1"]),
+        (lambda lines: changed(lines, 40, 1, "9.9"), ["must increase", "r1"]),
+        (lambda lines: [*lines[:30], *lines[31:]], ["equal steps of 0.1", "r1"]),
+        (lambda lines: changed(lines, 40, 1, "soon"), ["'t'", "'soon'", "row 41", "dates"]),
+        (lambda lines: changed(lines, 40, 0, ""), ["'run'", "row 41"]),
+        (lambda lines: [*lines[:40], "r1,3.0"], ["2 cells, not 5", "line 41"]),
+        (lambda lines: [line.replace(",", ";") for line in lines], ["no column 'angle'"]),
+        (lambda lines: ["run,t,angle,angle,torque", *lines[1:]], ["'angle' twice"]),
+        (lambda lines: lines[:1], ["no rows"]),
+        (lambda lines: [""], ["empty"]),
+        (lambda lines: [*lines, 'r9,"0.0'], ["2 cells"]),
+    ],
+)
+def test_bad_tables_are_named(table, lines, capsys, change, words):
+    table.write_text("\n".join(change(lines)))
+    error = failed(capsys, "identify", table, *OPTIONS)
+    assert str(table) in error
+    for word in words:
+        assert word in error
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        ([*COLUMNS, "--by", "rig"], ["'rig'", "--by", "run, t, angle"]),
+        ([*COLUMNS, "--time", "clock"], ["'clock'", "--time"]),
+        (["--states", "angle,speed", "--inputs", "torque"], ["'speed'", "--states"]),
+        (["--states", "angle,", "--inputs", "torque"], ["--states", "empty"]),
+        (["--states", "angle"], ["--inputs"]),
+        ([*OPTIONS, "--design", "independent"], ["--last-pairs"]),
+        ([*OPTIONS, "--design", "best"], ["best"]),
+        ([*OPTIONS, "--noise", "bounded"], ["sigma"]),
+        ([*OPTIONS, "--noise", "symmetric"], ["symmetric"]),
+        ([*OPTIONS, "--sigma", "-1"], ["sigma", "-1"]),
+        ([*OPTIONS, "--delta", "5"], ["--delta"]),
+        ([*OPTIONS, "--delta", "0"], ["delta"]),
+        ([*OPTIONS, "--out", ""], ["--out"]),
+    ],
+)
+def test_bad_options_are_named(table, capsys, args, words):
+    error = failed(capsys, "identify", table, *args)
+    for word in words:
+        assert word in error
+
+
+def test_files_that_cannot_be_read(tmp_path, capsys):
+    for path in (tmp_path / "none.csv", tmp_path):
+        assert cli.main(["identify", str(path), *OPTIONS]) == 5
+        assert str(path) in capsys.readouterr().err
+    binary = tmp_path / "binary.csv"
+    binary.write_bytes(b"\xff\xfe\x00\x01")
+    assert "UTF-8" in failed(capsys, "identify", binary, *OPTIONS)
+
+
+def test_dates_and_a_byte_order_mark(table, lines, capsys):
+    dated = [lines[0]] + [
+        line.replace(f",{line.split(',')[1]},", f",2026-01-01T00:00:0{line.split(',')[1]},", 1)
+        for line in lines[1:]
+    ]
+    table.write_text("\ufeff" + "\n".join(dated))
+    assert ran(capsys, "identify", table, *OPTIONS)["dt"] == pytest.approx(0.1)
+
+
+def test_from_runs_to_a_certified_control(table, tmp_path, capsys):
+    pytest.importorskip("matplotlib")
+    file, out = tmp_path / "model.safetensors", tmp_path / "out"
+    ran(capsys, "identify", table, *OPTIONS, "--sigma", 0.01, "--save", file, "--out", out)
+    where = ["--from", "-1,0", "--to", "0,0.5", "--steps", 4]
+    found = ran(capsys, "control", file, *where, "--delta", "1%", "--out", out)
+    model = se.identify(in_python(table), sigma=0.01)
+    plan = se.control(model, [-1.0, 0.0], [0.0, 0.5], steps=4)
+    bound = plan.bound(0.01)
+    assert np.array_equal(found["u"], plan.u)
+    certificate = found["certificate"]
+    assert certificate["target"] == bound.target
+    assert certificate["tube"] == bound.tube.tolist()
+    assert certificate["assumption"] == bound.assumption
+    end = se.simulate((A, B), [-1.0, 0.0], np.array(found["u"])).states[-1]
+    assert np.linalg.norm(end - [0.0, 0.5]) <= certificate["target"] < 0.1
+    for name in ("identify", "control"):
+        assert {f"{name}.{kind}" for kind in ("json", "png", "svg")} <= {
+            path.name for path in out.iterdir()
+        }
+    noisy = ran(capsys, "control", file, *where, "--noise")["certificate"]
+    assert noisy["target"] > certificate["target"]
+    assert noisy["noise"] is True
+    # the same options replace their own files, others do not
+    assert cli.main([*map(str, ["control", file, *where, "--delta", "1%", "--out", out])]) == 0
+    capsys.readouterr()
+    assert "--force" in failed(capsys, "control", file, *where, "--out", out)
+
+
+def test_control_prints_a_table(table, tmp_path, capsys):
+    file = tmp_path / "model.safetensors"
+    ran(capsys, "identify", table, *OPTIONS, "--sigma", 0.01, "--save", file)
+    assert cli.main(["control", str(file), "--from", "1,0", "--robust"]) == 0
+    text = capsys.readouterr().out
+    for word in ("torque", "tube", "certified", "mostly reachability", "one step", "any design"):
+        assert word in text
+    args = ["control", str(file), "--from", "1,0", "--steps", "3", "--open-loop"]
+    assert cli.main(args) == 0
+    captured = capsys.readouterr()
+    assert captured.err == ""
+    assert "inputs independent of all noise" in captured.out
+
+
+def test_control_of_a_known_system(tmp_path, capsys):
+    path = tmp_path / "problem.json"
+    path.write_text(json.dumps({"A": A.tolist(), "B": B.tolist(), "x0": [1, 0]}))
+    found = ran(capsys, "control", path, "--steps", 2)
+    assert found["certificate"] is None
+    assert np.abs(found["predicted_states"][-1]).max() < 1e-12
+    assert cli.main(["control", str(path)]) == 0
+    assert "from the target; the system is taken as known" in capsys.readouterr().out
+    assert "for models" in failed(capsys, "control", path, "--noise")
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        ([], ["--from", "2 numbers"]),
+        (["--from", "1"], ["--from", "2 finite numbers"]),
+        (["--from", "1,nan"], ["--from", "finite"]),
+        (["--from", "1,up"], ["--from", "'1,up'"]),
+        (["--from", "1,0", "--steps", "0"], ["--steps"]),
+        (["--from", "1,0", "--steps", "3", "--robust"], ["robust"]),
+        (["--from", "1,0", "--open-loop"], ["open_loop"]),
+    ],
+)
+def test_bad_controls_are_named(table, tmp_path, capsys, args, words):
+    file = tmp_path / "model.safetensors"
+    ran(capsys, "identify", table, *OPTIONS, "--sigma", 0.01, "--save", file)
+    error = failed(capsys, "control", file, *args)
+    for word in words:
+        assert word in error
+
+
+def test_models_that_cannot_be_read(tmp_path, table, capsys):
+    missing = tmp_path / "none.safetensors"
+    assert cli.main(["control", str(missing), "--from", "1,0"]) == 5
+    damaged = tmp_path / "damaged.safetensors"
+    damaged.write_bytes(b"\x10" + bytes(40))
+    assert cli.main(["control", str(damaged), "--from", "1,0"]) == 5
+    capsys.readouterr()
+    assert "JSON" in failed(capsys, "control", table, "--from", "1,0")

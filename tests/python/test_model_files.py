@@ -1,0 +1,334 @@
+"""Files of models and trajectories: what is loaded is what was saved, or a clear error."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from stochens_rs import _core
+from stochens_rs._base import state_file
+from stochens_rs.exceptions import (
+    InputTypeError,
+    StateError,
+    StateIOError,
+    StateLockedError,
+    StateNotFoundError,
+    StateRecoveredWarning,
+)
+
+A, B = np.array([[0.9, 0.2], [-0.1, 0.8]]), np.array([[0.0], [1.0]])
+NAMED = {"state_names": ["Größe", ""], "input_names": ["u\n0"], "dt": 0.1}
+
+
+def pairs(N: int = 60, **about) -> se.Trajectories:
+    gen = np.random.default_rng(3)
+    x, u, w = gen.standard_normal((N, 2)), gen.standard_normal((N, 1)), gen.standard_normal((N, 2))
+    return se.Trajectories.from_pairs(x, u, x @ A.T + u @ B.T + 0.1 * w, **about)
+
+
+def runs() -> se.Trajectories:
+    """Runs of unequal lengths."""
+    gen, states, inputs = np.random.default_rng(4), [], []
+    for T in (3, 11, 1, 25):
+        x, u = [gen.standard_normal(2)], gen.standard_normal((T, 1))
+        for k in range(T):
+            x.append(A @ x[-1] + B @ u[k] + 0.1 * gen.standard_normal(2))
+        states.append(np.array(x))
+        inputs.append(u)
+    return se.Trajectories(states, inputs, **NAMED)
+
+
+def identify(data: se.Trajectories, **options) -> se.Model:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return se.identify(data, **options)
+
+
+NAN = np.nan
+MODELS = {
+    "plain": lambda: identify(runs()),
+    "independent": lambda: identify(pairs(**NAMED), design="independent", checks=False),
+    "intercept": lambda: identify(runs(), intercept=True, sigma=0.1, scale=[1.0, 2.0, 3.0]),
+    "known columns": lambda: identify(runs(), known_B=B, covariance="diagonal"),
+    "known entries": lambda: identify(runs(), known_A=[[NAN, 0.2], [NAN, NAN]]),
+    "covariance": lambda: identify(runs(), covariance=[[0.01, 0.001], [0.001, 0.02]]),
+    "sub-gaussian": lambda: identify(runs(), noise="sub-gaussian", sigma=0.2),
+    "bounded": lambda: identify(runs(), noise="bounded", sigma=1e-60),
+    "scalar": lambda: identify(pairs(), design="independent", covariance="scalar"),
+    "signs": lambda: identify(pairs(), design="independent", noise="symmetric", rng=5),
+    "instruments": lambda: identify(
+        runs(), state_noise="white", instruments=runs().past_inputs(4), intercept=True
+    ),
+    "noisy states": lambda: identify(runs(), state_noise=0.001 * np.eye(2)),
+    "rank deficient": lambda: identify(pairs(2)),
+    "two steps": lambda: identify(runs().k_step(2, open_loop=True), design="independent"),
+}
+
+
+def same_bits(a: object, b: object) -> bool:
+    if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
+        return (a.dtype, a.shape, a.tobytes()) == (b.dtype, b.shape, b.tobytes())
+    return type(a) is type(b) and a == b
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_loaded_model_is_the_saved_one_bit_for_bit(name: str, tmp_path: Path) -> None:
+    model = MODELS[name]()
+    assert model.save(tmp_path / "model") == 1
+    loaded = se.Model.load(tmp_path / "model")
+    assert loaded.data == model.data
+    assert same_bits(loaded.data._rows, model.data._rows)
+    assert loaded.data.state_names == model.data.state_names
+    for field in ("triangle", "scale", "intercept", "known", "instruments", "key"):
+        assert same_bits(getattr(loaded, field), getattr(model, field)), field
+    for field in ("design", "noise", "covariance", "known", "state_noise"):
+        mine, its = getattr(model.assumptions, field), getattr(loaded.assumptions, field)
+        assert same_bits(its, mine), field
+    for field in ("A", "B", "c", "covariance", "missing", "warnings", "rank"):
+        assert same_bits(getattr(loaded, field), getattr(model, field)), field
+    if model.checks is None:
+        assert loaded.checks is None
+    else:
+        mine, its = model.checks, loaded.checks
+        assert (its.p_values, its.draws, its.exact) == (mine.p_values, mine.draws, mine.exact)
+    assert repr(loaded) == repr(model)
+    if name == "noisy states":
+        return
+    mine, its = model.region(0.1), loaded.region(0.1)
+    assert same_bits(its.centre, mine.centre)
+    assert (its.assumption, its.missing) == (mine.assumption, mine.missing)
+    x, u = [1.0, -2.0], np.ones(model.m)
+    assert same_bits(its.bound(x, u), mine.bound(x, u))
+    assert same_bits(its.component_bounds(x, u), mine.component_bounds(x, u))
+    for part, other in zip(mine.parts, its.parts, strict=True):
+        for field in ("rows", "columns", "white", "root", "missing", "ratio", "S", "factor"):
+            assert same_bits(getattr(part, field), getattr(other, field)), field
+    near = [model.A, model.A + 0.2]
+    assert [its.contains(a, model.B, model.c) for a in near] == [
+        mine.contains(a, model.B, model.c) for a in near
+    ]
+
+
+@pytest.mark.parametrize("data", [runs(), pairs(), runs().k_step(2, open_loop=True), pairs(1)])
+def test_loaded_trajectories_are_the_saved_ones(data: se.Trajectories, tmp_path: Path) -> None:
+    data.save(tmp_path / "data")
+    loaded = se.Trajectories.load(tmp_path / "data")
+    assert loaded == data
+    assert same_bits(loaded._rows, data._rows)
+    assert not loaded._rows.flags.writeable
+    assert len(loaded) == len(data)
+
+
+def test_a_file_says_what_it_is(tmp_path: Path) -> None:
+    identify(runs()).save(tmp_path / "model")
+    runs().save(tmp_path / "data")
+    stream = se.Stream(([[3.0]], [[1.0]]), [2.0], [0.5], rng=1)
+    stream.save(tmp_path / "stream")
+    for kind, file in ((se.Model, "data"), (se.Trajectories, "model"), (se.Model, "stream")):
+        with pytest.raises(StateError, match="holds a state of kind"):
+            kind.load(tmp_path / file)
+    before = (tmp_path / "data").read_bytes()
+    with pytest.raises(StateError):
+        identify(runs()).save(tmp_path / "data")
+    assert (tmp_path / "data").read_bytes() == before
+    with pytest.raises(StateNotFoundError):
+        se.Model.load(tmp_path / "none")
+    for wrong in (3, None, b"x"):
+        with pytest.raises(InputTypeError, match="`path` must be a path"):
+            se.Model.load(wrong)
+
+
+def test_the_same_model_gives_the_same_bytes(tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        MODELS["instruments"]().save(tmp_path / name)
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+
+
+def test_any_safetensors_reader_reads_a_model(tmp_path: Path) -> None:
+    safetensors = pytest.importorskip("safetensors")
+    model = MODELS["known entries"]()
+    model.save(tmp_path / "model")
+    with safetensors.safe_open(tmp_path / "model", framework="numpy") as file:
+        assert file.metadata()["kind"] == "model"
+        np.testing.assert_array_equal(file.get_tensor("known").reshape(2, 3), model.known)
+        rows = file.get_tensor("rows").reshape(-1, 5)
+    np.testing.assert_array_equal(rows, np.hstack(model.data.pairs()))
+
+
+# -- faults --------------------------------------------------------------------------------------
+
+
+def test_every_torn_file_is_refused_or_the_previous_one_taken(tmp_path: Path) -> None:
+    """Cut at 60 places, a bit flipped in 120: never another model."""
+    path, model = tmp_path / "model", MODELS["known entries"]()
+    model.save(path)
+    data = path.read_bytes()
+    gen = np.random.default_rng(1)
+    for cut in gen.choice(len(data), 60, replace=False):
+        path.write_bytes(data[:cut])
+        with pytest.raises(StateError):
+            se.Model.load(path)
+    for at in gen.choice(len(data), 120, replace=False):
+        flipped = bytearray(data)
+        flipped[at] ^= 1 << int(gen.integers(8))
+        path.write_bytes(flipped)
+        with pytest.raises(StateError):
+            se.Model.load(path)
+    path.write_bytes(data)
+    assert model.save(path) == 2
+    path.write_bytes(data[: len(data) // 2])
+    with pytest.warns(StateRecoveredWarning, match="generation 1 was loaded"):
+        assert se.Model.load(path).data == model.data
+    path.unlink()
+    with pytest.warns(StateRecoveredWarning):
+        se.Model.load(path)
+
+
+def test_the_previous_generation_is_kept_and_a_failed_save_changes_nothing(tmp_path: Path) -> None:
+    path, first, second = tmp_path / "model", MODELS["plain"](), MODELS["scalar"]()
+    assert (first.save(path), second.save(path)) == (1, 2)
+    assert se.Model.load(path).data == second.data
+    assert se.Model.load(tmp_path / "model.prev").data == first.data
+    lock, before = _core.StateLock(str(path)), path.read_bytes()
+    with pytest.raises(StateLockedError):
+        first.save(path)
+    lock.release()
+    assert path.read_bytes() == before
+    with pytest.raises(StateIOError):
+        first.save(tmp_path / "none" / "model")
+    assert sorted(os.listdir(tmp_path)) == ["model", "model.lock", "model.prev"]
+
+
+def sealed(tmp_path: Path, model: se.Model, **changes: object) -> Path:
+    """A file with a correct digest and other contents; None: without that array."""
+    sections = {name: np.array(array) for name, array in model._to_sections().items()}
+    for name, value in changes.items():
+        if value is None:
+            del sections[name]
+        else:
+            sections[name] = value(sections.get(name)) if callable(value) else value
+    path = tmp_path / "model"
+    state_file.save(path, "model", sections)
+    return path
+
+
+def counts(*values: int) -> np.ndarray:
+    return np.array(values, dtype=np.uint64)
+
+
+def put(at: int, value: float):
+    def change(array: np.ndarray) -> np.ndarray:
+        array[at] = value
+        return array
+
+    return change
+
+
+BIG = 2**63
+HOSTILE = [
+    ("plain", {"rows": None}, "must have an array 'rows'"),
+    ("plain", {"key": np.zeros(32, np.uint8)}, "`key` must be given for noise='symmetric'"),
+    ("plain", {"more": np.zeros(1)}, "no array 'more'"),
+    ("plain", {"format": counts(2, 2, 1, 1)}, "must be version 1, got 2"),
+    ("plain", {"format": counts(1, 2, 1)}, "`format` must have 4 entries"),
+    ("plain", {"format": np.ones(4)}, "`format` must be of uint64"),
+    ("plain", {"format": counts(1, 0, 1, 1)}, "`n` must be in"),
+    ("plain", {"format": counts(1, 2, BIG, 1)}, "`m` must be in"),
+    ("plain", {"format": counts(1, 2**52, 2**52, 1)}, "`rows` must have rows of"),
+    ("plain", {"format": counts(1, 2, 1, 0)}, "`steps` must be in"),
+    ("plain", {"rows": np.zeros(0)}, "`rows` must have rows of 5"),
+    ("plain", {"rows": put(7, NAN)}, r"`rows\[1, 2\]` is nan"),
+    ("plain", {"rows": put(7, 3.0)}, "`triangle` must be that of the data"),
+    ("plain", {"lengths": counts(3, 11, 1, 24)}, "`lengths` must have the sum 40"),
+    ("plain", {"lengths": counts(3, 11, 0, 26)}, "`lengths` must be numbers of steps from 1"),
+    ("plain", {"lengths": counts(3, 11, BIG, BIG, 26)}, "`lengths` must be numbers of steps"),
+    ("plain", {"lengths": counts()}, "`lengths` must be numbers of steps"),
+    ("plain", {"dt": np.array([0.0])}, "`dt` must be > 0"),
+    ("plain", {"dt": np.array([NAN])}, "`dt` is nan"),
+    ("plain", {"dt": np.ones(2)}, "`dt` must have at most one"),
+    ("plain", {"names": put(1, 255)}, "`names` must be UTF-8"),
+    ("plain", {"name_lengths": counts(1, 1)}, "`name_lengths` must be those of 3 names"),
+    ("plain", {"name_lengths": counts(BIG, BIG, 7)}, "`name_lengths` must be those of 3 names"),
+    ("plain", {"assumptions": counts(9, 0, 0, 0)}, "`assumptions` must be below 2, got 9"),
+    ("plain", {"assumptions": counts(0, 0, 0, 0)}, "`design` must be 'adaptive'"),
+    ("plain", {"assumptions": counts(1, 3, 0, 0)}, "must not be 'symmetric'"),
+    ("plain", {"assumptions": counts(1, 1, 0, 0)}, "`known` must be given for noise='sub-g"),
+    ("plain", {"assumptions": counts(1, 0, 3, 0)}, "`known` must be the covariance"),
+    ("plain", {"assumptions": counts(1, 0, 0, 2)}, "`state_noise` must be there if"),
+    ("plain", {"intercept": counts(2)}, "`intercept` must be 0 or 1"),
+    ("plain", {"intercept": counts(1)}, "`triangle` must have shape"),
+    ("plain", {"triangle": np.ones(24)}, "`triangle` must be square"),
+    ("plain", {"triangle": put(5, 1.0)}, "`triangle` must be upper triangular"),
+    ("plain", {"triangle": put(0, np.inf)}, "triangle"),
+    ("plain", {"triangle": put(24, 1e-3)}, "`triangle` must be that of the data"),
+    ("plain", {"scale": np.ones(2)}, "`scale` must have shape"),
+    ("plain", {"scale": -np.ones(3)}, "`scale` must be in"),
+    ("plain", {"p_values": np.ones(4)}, "`p_values` must have 5 entries"),
+    ("plain", {"p_values": 2.0 * np.ones(5)}, "must be at most 1"),
+    ("plain", {"draws": counts(0, 0)}, "`draws` must be in"),
+    ("plain", {"draws": counts(99, 5)}, "`exact` must be 0 or 1"),
+    ("plain", {"draws": None}, "no array 'p_values'"),
+    ("known entries", {"known": np.full(6, NAN)}, "`known` must have numbers up to"),
+    ("known entries", {"known": np.full(6, np.inf)}, "`known` must have numbers up to"),
+    ("known entries", {"known": np.ones(6)}, "`known` must have numbers up to"),
+    ("known entries", {"known": np.full(9, NAN)}, "`known` must have shape"),
+    ("covariance", {"covariance": -np.ones(4)}, "`known` must be symmetric and positive"),
+    ("covariance", {"covariance": np.arange(4.0)}, "`known` must be symmetric and positive"),
+    ("covariance", {"covariance": np.ones(2)}, "`covariance` must have shape"),
+    ("signs", {"key": None}, "`key` must be given for noise='symmetric'"),
+    ("signs", {"key": np.zeros(31, np.uint8)}, "must have 32 bytes"),
+    ("instruments", {"instruments": np.ones(16)}, "`instruments` must have"),
+    ("instruments", {"instruments": None}, "`triangle` must have shape"),
+    ("noisy states", {"state_noise": -np.ones(4)}, "`state_noise` must be symmetric and pos"),
+]
+
+
+@pytest.mark.parametrize(("name", "changes", "said"), HOSTILE)
+def test_a_sealed_file_with_wrong_contents_is_refused(name, changes, said, tmp_path) -> None:
+    path = sealed(tmp_path, MODELS[name](), **changes)
+    with pytest.raises(StateError, match=said) as caught:
+        se.Model.load(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_random_contents_give_a_model_or_a_clear_error(tmp_path: Path) -> None:
+    """400 files with correct digests: arrays cut, repeated, of another type or overwritten."""
+    gen, models, refused = np.random.default_rng(7), [make() for make in MODELS.values()], 0
+    path = tmp_path / "model"
+    for k in range(400):
+        sections = dict(models[k % len(models)]._to_sections())
+        name = sorted(sections)[int(gen.integers(len(sections)))]
+        array = np.array(sections[name])
+        if gen.random() < 0.5 and array.size:
+            at = int(gen.integers(array.size))
+            if array.dtype == np.float64:
+                array[at] = gen.choice([NAN, np.inf, 0.0, -1.0, 1e300, 5e-324])
+            else:
+                array[at] = gen.choice([0, 1, 2, 200])
+        else:
+            kinds = (np.uint8, np.uint64, np.float64)
+            size = int(gen.integers(0, 2 * array.size + 2))
+            with np.errstate(invalid="ignore"):  # nan as a whole number
+                array = np.resize(array, size).astype(kinds[int(gen.integers(3))])
+        state_file.save(path, "model", sections | {name: array})
+        try:
+            model = se.Model.load(path)
+        except StateError:
+            refused += 1
+        else:
+            assert np.isfinite(model.A).all()
+    assert 200 < refused < 400
+
+
+def test_a_file_larger_than_memory_allows_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "model"
+    with open(path, "wb") as file:
+        file.truncate(1 << 40)  # takes no space
+    with pytest.raises((StateError, se.exceptions.ResourceError)):
+        se.Model.load(path)

@@ -1,0 +1,467 @@
+"""`ModelStream`: equal to the twin and to `identify`, refusals, saved states.
+
+How often its regions hold is tested in `test_model_stream_coverage`.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import random
+import signal
+import threading
+import time
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from identification_data import SKEWED, Y, Z, check, rolled, tuned
+from stochens_rs import _core
+from stochens_rs._base import state_file
+from stochens_rs.exceptions import (
+    DataWarning,
+    InputError,
+    NonFiniteError,
+    ShapeError,
+    StateError,
+    StateRecoveredWarning,
+    StochensError,
+)
+from stochens_rs.identification import levels
+from stochens_rs.reference import anytime as at
+from stochens_rs.reference import certified_control as cc
+from stochens_rs.reference import quantiles
+from stochens_rs.reference import triangle as tr
+from stochens_rs.streams.snapshot import look_after, planned
+
+
+def filled(N=40, n=4, m=2, seed=1, **options):
+    """A stream of N pairs, and their z and y."""
+    gen = np.random.default_rng(seed)
+    Theta, z = 0.5 * gen.standard_normal((n, n + m)), gen.standard_normal((N, n + m))
+    y = z @ Theta.T + 0.1 * gen.standard_normal((N, n))
+    stream = se.ModelStream(n, m, **({"sigma": 0.1} | options))
+    stream.update(z[:, :n], z[:, n:], y)
+    return stream, z, y
+
+
+def same(a, b):
+    first, second = a._to_sections(), b._to_sections()
+    return first.keys() == second.keys() and all(
+        first[k].tobytes() == second[k].tobytes() for k in first
+    )
+
+
+# -- against the twin and `identify` ---------------------------------------------------------------
+
+
+def test_regions_are_those_of_the_twin():
+    data = tr.triangle(Z, Y)
+    known = se.ModelStream(2, 1, sigma=0.3)
+    unknown = se.ModelStream(2, 1)
+    for stream in (known, unknown):
+        for z, y in zip(Z, Y, strict=True):
+            stream.update(z[:2], z[2:], y)
+    part = known.model.region().parts[0]
+    check(part.factor, at.known_noise(data, 0.3, 0.05, at.GRID).factor, rtol=1e-11)
+    check(np.hstack([known.model.A, known.model.B]), tr.fit(data).H)
+    check(part.S, 0.09 * np.eye(2))
+    # N = 12: too few for the covariance, so the universal region with half of delta
+    assert np.isinf(at.gaussian_noise(data, 0.025, at.GRID, anytime=True).factor)
+    expected = at.universal(data, 0.025, l0=1.0, psi=levels.PRIOR_NOISE, nu0=4.0).factor
+    check(unknown.model.region().parts[0].factor, expected, rtol=1e-9)
+
+
+def test_regions_for_more_pairs_are_those_of_the_twin_and_of_identify():
+    gen = np.random.default_rng(3)
+    z = gen.standard_normal((400, 6))
+    y = z @ gen.standard_normal((6, 4)) + gen.standard_normal((400, 4)) @ SKEWED.T
+    data, pairs = tr.triangle(z, y), se.Trajectories.from_pairs(z[:, :4], z[:, 4:], y)
+    for options in (
+        {},
+        {"covariance": "scalar"},
+        {"sigma": 2.0},
+        {"covariance": SKEWED @ SKEWED.T},
+    ):
+        stream = se.ModelStream(4, 2, **options)
+        stream.update(pairs)
+        ours = stream.model.region(0.02, frobenius=True)
+        model = se.identify(pairs, **options, checks=False)
+        anytime = stream.assumptions.known is None
+        theirs = model.region(0.02, frobenius=True, anytime=anytime)
+        check(ours.parts[0].factor, theirs.parts[0].factor, rtol=1e-10)
+        check(ours.frobenius, theirs.frobenius, rtol=1e-10)
+        check(ours.parts[0].S, theirs.parts[0].S, rtol=1e-9)
+        check(ours.centre, theirs.centre, rtol=1e-9, atol=1e-12)
+    expected = at.gaussian_noise(data, 0.01, at.GRID, anytime=True).factor
+    stream = se.ModelStream(4, 2)
+    stream.update(pairs)
+    check(stream.model.region(0.02).parts[0].factor, expected, rtol=1e-7)  # 1 - 3e-8 is rounded
+
+
+def test_an_intercept_is_a_column():
+    gen = np.random.default_rng(4)
+    x, u = gen.standard_normal((30, 2)), gen.standard_normal((30, 1))
+    y = 0.5 * x + u + [1.0, -2.0] + 0.1 * gen.standard_normal((30, 2))
+    stream = se.ModelStream(2, 1, sigma=0.1, intercept=True, scale=[2.0, 2.0, 1.0])
+    stream.update(x, u, y)
+    data = se.Trajectories.from_pairs(x, u, y)
+    model = se.identify(data, sigma=0.1, intercept=True, scale=[2.0, 2.0, 1.0], checks=False)
+    check(stream.model.c, model.c)
+    check(stream.model.region().radius, model.region().radius)
+    # x(2) = A x(1) + B u(1) + c
+    look = stream.look([1.0, 0.0], [0.0, 0.5], tol=1.0, steps=2)
+    Theta = np.hstack([stream.model.A, stream.model.B, stream.model.c[:, None]])
+    end = np.array([1.0, 0.0])
+    for k in range(2):
+        end = Theta @ np.concatenate([end, look.u[k], [1.0]])
+    check(look.reach, np.linalg.norm(end - [0.0, 0.5]), atol=1e-9)
+
+
+def test_a_look_is_that_of_the_twin():
+    """One step, known noise: certificate and forecast."""
+    stream, z, y = filled(200)
+    data, x0, xf = tr.triangle(z, y), np.ones(4), np.full(4, 0.2)
+    u = np.linalg.lstsq(stream.model.B, xf - stream.model.A @ x0)[0]
+    reach = np.linalg.norm(stream.model.A @ x0 + stream.model.B @ u - xf)
+    for tol in (reach + 1.0, reach + 0.03, 0.5 * reach):
+        look = stream.look(x0, xf, tol=tol)
+        twin = at.look(data, np.concatenate([x0, u]), xf, 0.1, 0.05, tol)
+        check(look.u[0], u, rtol=1e-9, atol=1e-12)
+        check(look.certificate, twin.certificate, rtol=1e-9)
+        assert look.stop == (twin.certificate <= tol)
+        if look.stop:
+            assert look.forecast == 0.0
+        elif tol < reach:
+            assert look.forecast == twin.enough == np.inf
+        else:  # the twin stops after two iterations
+            check(look.forecast + 200, twin.enough, rtol=0.03)
+
+
+@pytest.mark.parametrize("options", [{}, {"sigma": None}, {"sigma": None, "design": "independent"}])
+def test_several_steps_are_those_of_the_twin_and_bound_models_of_the_region(options):
+    """The worst of models on the edge of the region is below the certificate."""
+    stream, z, y = filled(96, first=48 if "design" in options else None, **options)
+    x0, xf, K = np.ones(4), np.zeros(4), 4
+    look = stream.look(x0, xf, tol=1.0, steps=K)
+    region = stream.model.region(frobenius=True)
+    part, fitted = region.parts[0], tr.fit(tr.triangle(z, y))
+    radii = {"spectral": np.sqrt(part.factor), "frobenius": region.frobenius}
+    twin = cc.several_steps(fitted._replace(S=part.S), x0, look.u, **radii)
+    check(look.model_error, twin.radii[-1], rtol=1e-8)
+    check(look.certificate, look.reach + look.model_error)
+    end, gen = rolled(fitted.H, x0, look.u), np.random.default_rng(6)
+    root, worst = np.linalg.cholesky(part.S), 0.0
+    for _ in range(500):
+        G = gen.standard_normal((4, 6))
+        D = np.sqrt(part.factor) * root @ (G / np.linalg.norm(G, 2)) @ np.linalg.pinv(part.root.T)
+        assert region.contains(*np.hsplit(fitted.H + 0.999 * D, [4]))
+        worst = max(worst, np.linalg.norm(rolled(fitted.H + D, x0, look.u) - end))
+    assert 0.1 * look.model_error < worst <= look.model_error
+
+
+def test_planned_looks():
+    sizes = [planned(10, j) for j in range(9)]
+    assert sizes == [10, 15, 20, 29, 40, 57, 80, 114, 160]
+    assert [look_after(10, N) for N in (1, 10, 11, 15, 16, 160, 161)] == [0, 0, 1, 1, 2, 8, 9]
+    assert planned(2**50, 101) > 2**100  # exact in whole numbers
+    stream, z, y = filled(57, sigma=None, design="independent", first=10)
+    part = stream.model.region().parts[0]
+    share = at.look_shares(6, 0.05)[5]
+    check(part.factor, levels.roy_quantile(4, 6, 51, share))
+    stream.update(z[0, :4], z[0, 4:], y[0])
+    for refused in (stream.model.region, lambda: stream.look(np.ones(4), np.ones(4), tol=1.0)):
+        with pytest.raises(InputError, match=r"there are 58, and the next look is at 80$"):
+            refused()
+    assert stream.next_look == 80
+    assert stream.model.A.shape == (4, 4)  # the model itself is no look at a region
+    more = stream.model._after(100.0)
+    assert (more.size, more.next_look) == (114, 114)
+
+
+def test_the_covariance_is_bounded_for_any_number_of_pairs():
+    """Where its level is too small to be drawn, a closed form takes over."""
+    for n, N, delta in ((4, 1000, 1e-9), (2, 300, 1e-7), (10, 100_000, 1e-12), (12, 40, 1e-8)):
+        found = _core.smallest_quantile(n, N, delta, 1)
+        closed = max(0.0, np.sqrt(N) - np.sqrt(n) - np.sqrt(-2.0 * np.log(delta))) ** 2
+        assert closed <= found * (1 + 1e-12)
+        check(found, quantiles.smallest_quantile(n, N, delta), rtol=1e-4)  # 1 - delta is rounded
+    stream, _, _ = filled(60_000, n=10, m=1, sigma=None)
+    model = stream.model
+    assert model.region().parts[0].factor < 3.0 * 1.2 * 11 * 10 / model.size
+
+
+def test_nothing_is_certain_without_data():
+    """Neither without pairs, nor along directions that the data do not show."""
+    for options in ({"sigma": 0.1}, {}, {"covariance": "scalar"}):
+        stream = se.ModelStream(2, 1, **options)
+        look = stream.look([1.0, 0.0], [0.0, 0.0], tol=1.0)
+        assert (look.certificate, look.forecast, look.stop) == (np.inf, np.inf, False)
+        assert stream.model.missing == ("x[0]", "x[1]", "u[0]")
+        assert stream.model.region().bound([0.0, 1.0], [0.0]) == np.inf
+        stream.update([1.0, 0.0], [0.0], [1.0, 0.0])
+        assert stream.look([0.0, 1.0], [0.0, 0.0], tol=1.0, steps=3).certificate == np.inf
+    stream = se.ModelStream(1, 1, design="independent", first=5)
+    stream.update(np.arange(5.0)[:, None], np.zeros((5, 1)), 2.0 * np.arange(5.0)[:, None])
+    with pytest.warns(DataWarning, match="but for rounding"):
+        look = stream.look([0.0], [1.0], tol=1.0, u=[[1.0]])
+    assert look.certificate == np.inf
+
+
+def test_too_few_pairs_have_a_forecast_all_the_same():
+    stream, _, _ = filled(9, sigma=None)
+    look = stream.look(np.ones(4), np.zeros(4), tol=1e6)
+    assert look.certificate == np.inf
+    assert 1.0 <= look.forecast < 1e4
+
+
+# -- what is refused -------------------------------------------------------------------------------
+
+
+def test_bad_pairs_are_refused_before_any_is_taken_in():
+    stream, z, y = filled()
+    before = pickle.dumps(stream)
+    bad = y.copy()
+    bad[-1, 2] = np.nan
+    huge = np.full_like(y, 1.7e308)
+    runs = se.Trajectories.from_pairs(z[:, :3], z[:, 3:], y[:, :3])
+    run = se.Trajectories(y, z[1:, 4:])
+    named = se.Trajectories.from_pairs(z[:, :4], z[:, 4:], y, state_names=list("abcd"))
+    for pairs, error, text in (
+        ((z[:, :4], z[:, 4:], bad), NonFiniteError, r"`x_next\[39, 2\]` is nan"),
+        ((z[:, :4], z[:, 4:], y[:-1]), ShapeError, r"`x_next` must have shape \(40, 4\)"),
+        ((z[:, :3], z[:, 4:], y), ShapeError, r"`x` must have shape \(n, 4\)"),
+        ((z[0, :4], z[:, 4:], y), ShapeError, "`u` must have shape"),
+        ((z[:, :4], z[:, 4:], huge), StochensError, "overflow"),
+        ((z[:, :4],), InputError, "`u` and `x_next` must be given"),
+        ((runs,), InputError, "must be runs with n=4 m=2"),
+        ((named,), InputError, "the names of the stream"),
+        ((run, z[:, 4:], y), InputError, "must be left out with Trajectories"),
+    ):
+        with pytest.raises(error, match=text):
+            stream.update(*pairs)
+        assert pickle.dumps(stream) == before
+    independent = se.ModelStream(4, 2, design="independent")
+    with pytest.raises(InputError, match=r"single pairs for design='independent'"):
+        independent.update(run)
+    stream.update(run)
+    assert stream.size == 79
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        ({"noise": "symmetric", "design": "independent"}, "must not be 'symmetric'"),
+        ({"noise": "bounded", "sigma": 1.0, "design": "independent"}, "must be 'adaptive'"),
+        ({"noise": "bounded"}, "`sigma` must be given"),
+        ({"first": 10}, "`first` needs design='independent'"),
+        ({"delta": 1.0}, "`delta` must be in"),
+        ({"scale": 0.0}, "`scale` must be > 0"),
+        ({"state_names": ["a"], "input_names": ["a"]}, "must differ from `state_names`"),
+    ],
+)
+def test_options_that_do_not_go_together(options, text):
+    with pytest.raises(StochensError, match=text):
+        se.ModelStream(1, 1, **options)
+
+
+def test_regions_share_the_delta_of_the_stream():
+    stream, _, _ = filled(delta=0.01)
+    model = stream.model
+    assert model.region(0.001).radius > model.region().radius == model.region(0.01).radius
+    with pytest.raises(InputError, match=r"`delta` must be at most 0\.01"):
+        model.region(0.05)
+    with pytest.raises(InputError, match="`future` must be 0"):
+        model.region(future=1)
+
+
+def test_threads_lose_no_pair():
+    stream, z, y = filled(1)
+    gen = np.random.default_rng(8)
+    rows = gen.standard_normal((4, 500, 10))
+
+    def feed(mine):
+        for row in mine:
+            stream.update(row[:4], row[4:6], row[6:])
+
+    threads = [threading.Thread(target=feed, args=(mine,)) for mine in rows]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert stream.size == 2001
+    all_rows = np.vstack([np.hstack([z, y]), rows.reshape(-1, 10)])
+    R = stream.model.triangle
+    check(R.T @ R, all_rows.T @ all_rows, rtol=1e-9, atol=1e-9)
+
+
+# -- saved and continued ---------------------------------------------------------------------------
+
+OPTIONS = {
+    "known": {"sigma": 0.1, "dt": 0.1, "state_names": ["ü", "v"], "input_names": ["force"]},
+    "unknown": {"scale": [1.0, 2.0, 3.0], "delta": 0.1},
+    "bounded": {"noise": "bounded", "sigma": 0.3, "intercept": True},
+    "matrix": {"noise": "sub-gaussian", "covariance": [[2.0, 1.0], [1.0, 3.0]]},
+    "planned": {"design": "independent", "covariance": "diagonal", "first": 7},
+}
+
+
+@pytest.mark.parametrize("kind", OPTIONS)
+def test_resuming_is_never_having_stopped(tmp_path: Path, kind: str) -> None:
+    gen = np.random.default_rng(9)
+    whole, part = (se.ModelStream(2, 1, **OPTIONS[kind]) for _ in range(2))
+    assert same(whole, part)
+    for count in (1, 4, 300, 1, 14):
+        x, u, y = (gen.standard_normal((count, k)) for k in (2, 1, 2))
+        whole.update(x, u, y)
+        part.update(x, u, y)
+        part.save(tmp_path / "a.state")
+        part = se.ModelStream.load(tmp_path / "a.state")
+        assert same(whole, part)
+        assert same(whole, pickle.loads(pickle.dumps(part)))
+    assert repr(part) == repr(whole)
+    assert part.next_look == (320 if kind != "planned" else planned(7, look_after(7, 320)))
+    if kind != "planned":
+        a, b = (s.look([1.0, 0.0], [0.0, 0.0], tol=1.0, steps=2) for s in (whole, part))
+        assert pickle.dumps(a) == pickle.dumps(b) == pickle.dumps(pickle.loads(pickle.dumps(a)))
+    again = pickle.loads(pickle.dumps(whole.model))
+    assert np.array_equal(again.A, whole.model.A)
+    assert again.state_names == whole.model.state_names
+    with pytest.raises(StateError, match="kind"):
+        se.DataStream.load(tmp_path / "a.state")
+
+
+@pytest.fixture
+def small(tmp_path: Path) -> Path:
+    stream = se.ModelStream(1, 1, intercept=True)
+    stream.update([[1.0], [2.0]], [[1.0], [0.0]], [[0.5], [1.0]])
+    stream.save(tmp_path / "s.state")
+    return tmp_path / "s.state"
+
+
+def test_flipped_bits_and_truncations_are_noticed(small: Path) -> None:
+    good = small.read_bytes()
+    for at_byte in range(len(good)):
+        bad = bytearray(good)
+        bad[at_byte] ^= 1 << at_byte % 8
+        small.write_bytes(bad)
+        with pytest.raises(StateError):
+            se.ModelStream.load(small)
+    for length in range(0, len(good), 7):
+        small.write_bytes(good[:length])
+        with pytest.raises(StateError):
+            se.ModelStream.load(small)
+    small.write_bytes(good)
+    stream = se.ModelStream.load(small)
+    stream.update([1.0], [0.0], [0.0])
+    stream.save(small)
+    small.write_bytes(good[:-1])
+    with pytest.warns(StateRecoveredWarning, match="generation 1"):
+        assert se.ModelStream.load(small).size == 2
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("format", lambda a: a[:-1]),
+        ("format", lambda a: a.astype(float)),
+        ("format", lambda a: a + np.eye(9, dtype=np.uint64)[0]),  # a later version
+        *[
+            ("format", lambda a, k=k: a | (np.eye(9, dtype=np.uint64)[k] << 63))
+            for k in range(1, 9)
+        ],
+        ("format", lambda a: a * (1 - np.eye(9, dtype=np.uint64)[1])),  # no state
+        ("format", lambda a: a * (1 - np.eye(9, dtype=np.uint64)[7])),  # no first look
+        ("format", lambda a: a + 2 * np.eye(9, dtype=np.uint64)[5]),  # bounded without sigma
+        ("format", lambda a: a + 3 * np.eye(9, dtype=np.uint64)[5]),  # symmetric
+        ("format", lambda a: a + 3 * np.eye(9, dtype=np.uint64)[6]),  # known, but it is 0
+        (
+            "format",
+            lambda a: a + np.eye(9, dtype=np.uint64)[8],
+        ),  # one pair more than the column of 1
+        ("triangle", lambda a: a * np.nan),
+        ("triangle", lambda a: -a),
+        ("triangle", lambda a: a[::-1].copy()),
+        ("triangle", lambda a: a[:-1]),
+        ("known", lambda a: a[:0]),
+        ("scale", lambda a: 0.0 * a),
+        ("scale", lambda a: a * 1e200),
+        ("scale", lambda a: 2.0 * a),  # also for the offset
+        ("scale", lambda a: a[:2]),
+        ("delta", lambda a: a * 0.0),
+        ("delta", lambda a: a * np.nan),
+        ("delta", lambda a: a + 1.0),
+        ("dt", lambda a: a - 1.0),
+        ("dt", lambda a: a + np.inf),
+        ("mixtures", lambda a: a * 2.0),  # another event
+        ("mixtures", lambda a: a[1:]),
+        ("names", lambda a: a[:-1]),
+        ("names", lambda a: np.frombuffer(b"[" * 100_000, np.uint8)),
+        ("names", lambda a: np.frombuffer(b'[["x"],["x"]]', np.uint8)),
+        ("names", lambda a: np.frombuffer(b'[["x"],[3]]', np.uint8)),
+        ("names", lambda a: np.frombuffer(b'[["\\ud800"],["u"]]', np.uint8)),
+        ("names", lambda a: np.frombuffer(b"\xff\xfe", np.uint8)),
+    ],
+)
+def test_numbers_that_cannot_be_a_stream_are_refused(small: Path, name: str, change) -> None:
+    sections = se.ModelStream.load(small)._to_sections()
+    sections[name] = np.ascontiguousarray(change(sections[name]))
+    state_file.save(small, "pairs", sections)  # sealed with a correct digest
+    with pytest.raises(StateError, match=r"s\.state: ") as caught:
+        se.ModelStream.load(small)
+    assert "\n" not in str(caught.value)
+    del sections[name]
+    state_file.save(small, "pairs", sections)
+    with pytest.raises(StateError, match=name):
+        se.ModelStream.load(small)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+def test_forty_kills(tmp_path: Path) -> None:
+    """A stream that is killed repeatedly goes on as an undisturbed one."""
+    path, moments = tmp_path / "a.state", random.Random(4)
+    _, (x, u) = tuned(np.random.default_rng(10), 4000)
+    se.ModelStream(2, 1, sigma=1.0).save(path)
+    acknowledged = 0
+    for _ in range(40):
+        read, write = os.pipe()
+        child = os.fork()
+        if child == 0:
+            os.close(read)
+            stream = se.ModelStream.load(path)
+            for k in range(stream.size, len(u)):
+                stream.update(x[k], u[k], x[k + 1])
+                stream.save(path)
+                os.write(write, stream.size.to_bytes(8, "little"))
+            os._exit(0)
+        os.close(write)
+        told = os.read(read, 8)  # the first save is done
+        time.sleep(moments.uniform(0.0, 0.01))
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+        while block := os.read(read, 1 << 16):
+            told += block
+        os.close(read)
+        acknowledged = int.from_bytes(told[len(told) // 8 * 8 - 8 : len(told) // 8 * 8], "little")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", StateRecoveredWarning)
+            assert se.ModelStream.load(path).size >= acknowledged
+    assert acknowledged >= 40
+    survived, whole = se.ModelStream.load(path), se.ModelStream(2, 1, sigma=1.0)
+    for k in range(survived.size):
+        whole.update(x[k], u[k], x[k + 1])
+    assert same(whole, survived)
+
+
+def test_shown() -> None:
+    stream, _, _ = filled(dt=0.5)
+    assert repr(stream) == "<ModelStream: n=4 m=2 dt=0.5, 40 pairs, adaptive design>"
+    assert repr(stream.model) == "<Snapshot: n=4 m=2 dt=0.5, 40 pairs, adaptive design>"
+    look = stream.look(np.ones(4), np.zeros(4), tol=0.5)
+    assert repr(look).startswith("<Look: within ")
+    for one in (stream, stream.model, look):
+        assert "<table" in one._repr_html_()

@@ -1,0 +1,242 @@
+"""Pooling of experiments, and weights that are given: equations, coverage, what is refused."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from identification_data import DELTA, exactly
+from stochens_rs.exceptions import InputError, InputTypeError
+
+INDEPENDENT = {"design": "independent", "checks": False}
+
+
+def experiments(gen, counts, *, n=3, d=5, scales=None):
+    """Data of several experiments with one system, of unlike size and excitation."""
+    Theta = gen.standard_normal((n, d))
+    found = []
+    for k, N in enumerate(counts):
+        size = 1.0 if scales is None else scales[k]
+        z = size * gen.standard_normal((N, d))
+        y = z @ Theta.T + 0.1 * gen.standard_normal((N, n))
+        found.append(se.Trajectories.from_pairs(z[:, :n], z[:, n:], y))
+    return Theta, found
+
+
+# --- pooling --------------------------------------------------------------------------------------
+
+
+WORDS = {
+    "full": {},
+    "scalar": {"covariance": "scalar"},
+    "known": {"covariance": np.diag([0.01, 0.02, 0.01])},
+    "offset": {"intercept": True},
+    "known entries": {"known_B": np.full((3, 2), 0.5)},
+    "scale": {"scale": 2.0},
+    "symmetric": {"noise": "symmetric", "rng": 3},
+    "adaptive": {"design": "adaptive"},
+}
+
+
+@pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
+@pytest.mark.parametrize("case", WORDS)
+def test_pooled_is_identified_together(case):
+    words = {**INDEPENDENT, **WORDS[case]}
+    _, sets = experiments(np.random.default_rng(1), [12, 30, 3], scales=[1.0, 10.0, 0.1])
+    models = [se.identify(one, **words) for one in sets]
+    together = se.identify(sets, **words)
+    pooled = se.fuse(models, "pooled")
+    np.testing.assert_allclose(pooled.A, together.A, rtol=1e-11, atol=1e-12)
+    np.testing.assert_allclose(pooled.B, together.B, rtol=1e-11, atol=1e-12)
+    np.testing.assert_allclose(np.abs(pooled.triangle), np.abs(together.triangle), atol=1e-11)
+    assert pooled.data == together.data
+    assert pooled.region(DELTA).radius == pytest.approx(together.region(DELTA).radius, rel=1e-9)
+    assert pooled.assumptions.design == together.assumptions.design
+    assert np.array_equal(pickle.loads(pickle.dumps(pooled)).A, pooled.A)
+
+
+def test_pooled_with_instruments_and_checks():
+    gen = np.random.default_rng(2)
+    runs = []
+    for _ in range(2):
+        x, u = [np.zeros(1)], gen.standard_normal((80, 1))
+        for k in range(80):
+            x.append(0.8 * x[-1] + u[k] + 0.1 * gen.standard_normal(1))
+        runs.append(se.Trajectories([np.array(x)], [u]))
+    models = [se.identify(one, state_noise="white", instruments=one.past_inputs(3)) for one in runs]
+    together = se.identify(
+        runs, state_noise="white", instruments=np.vstack([one.past_inputs(3) for one in runs])
+    )
+    pooled = se.fuse(models, "pooled")
+    np.testing.assert_allclose(pooled.A, together.A, rtol=1e-10)
+    assert pooled.region().radius == pytest.approx(together.region().radius, rel=1e-9)
+    assert pooled.checks is not None
+
+
+def test_pooled_regions_hold():
+    """600 runs, exact level."""
+    gen, failed = np.random.default_rng(3), 0
+    for _ in range(600):
+        Theta, sets = experiments(gen, [4, 6, 20], n=2, d=3, scales=[5.0, 1.0, 0.2])
+        models = [se.identify(one, **INDEPENDENT) for one in sets]
+        region = se.fuse(models, "pooled").region(DELTA)
+        failed += not region.contains(Theta[:, :2], Theta[:, 2:])
+    exactly(failed, 600)
+
+
+def test_pairs_that_count_twice_break_the_region_and_are_refused():
+    """Every pair twice: coverage far below 95 %."""
+    gen, failed = np.random.default_rng(4), 0
+    for _ in range(200):
+        Theta, (one, other) = experiments(gen, [20, 20], n=4, d=6)
+        first = se.identify(one, **INDEPENDENT)
+        region = se.identify([one, one], **INDEPENDENT).region(DELTA)
+        failed += not region.contains(Theta[:, :4], Theta[:, 4:])
+    assert failed > 100
+    both = se.identify([other, one], **INDEPENDENT)
+    with pytest.raises(InputError, match=r"`ensemble\[1\]`.*must not count twice"):
+        se.fuse([first, both], "pooled")
+
+
+@pytest.mark.parametrize(
+    ("other", "message"),
+    [
+        ({"covariance": "scalar"}, "must assume the same covariance as `ensemble[0]`, 'full', got"),
+        ({"design": "adaptive"}, "the same design as `ensemble[0]`, 'independent', got 'adaptive'"),
+        ({"sigma": 0.1}, "the same covariance"),
+        ({"intercept": True}, "must have the intercept of"),
+        ({"scale": 3.0}, "must have the scale of"),
+        ({"known_B": np.ones((3, 2))}, "must have the known entries of"),
+    ],
+)
+def test_experiments_that_assume_other_things_are_refused(other, message):
+    _, sets = experiments(np.random.default_rng(5), [20, 20])
+    models = [se.identify(sets[0], **INDEPENDENT), se.identify(sets[1], **{**INDEPENDENT, **other})]
+    with pytest.raises(InputError) as raised:
+        se.fuse(models, "pooled")
+    assert message in str(raised.value)
+
+
+def test_other_experiments_are_refused():
+    _, (one, other) = experiments(np.random.default_rng(6), [20, 20])
+    x, u, y = other.pairs()
+    named = se.Trajectories.from_pairs(x, u, y, state_names=["a", "b", "c"])
+    first = se.identify(one, **INDEPENDENT)
+    with pytest.raises(InputError, match=r"`ensemble\[1\]` must have the states.*the same names"):
+        se.fuse([first, se.identify(named, **INDEPENDENT)], "pooled")
+    with pytest.raises(InputError, match="at least one model"):
+        se.fuse([], "pooled")
+    with pytest.raises(InputTypeError, match="must be a Model"):
+        se.fuse([first, first.system], "pooled")
+    with pytest.raises(InputError, match="`data` must be left out with method 'pooled'"):
+        se.fuse([first], "pooled", data=one)
+
+
+# --- weights --------------------------------------------------------------------------------------
+
+
+def test_weights_that_are_given():
+    realizations = se.Ensemble.from_samples([[1.0, 0.0], [0.0, 1.0], [2.0, 2.0]])
+    fit = se.fuse(realizations, weights=[2, 1, 1], target=[1.0, 1.0])
+    assert (fit.method, fit.status, fit.info) == ("weighted", "completed", {})
+    np.testing.assert_allclose(fit.weights, [0.5, 0.25, 0.25])
+    np.testing.assert_allclose(fit.estimate, [1.0, 0.75])
+    assert fit.error == pytest.approx(0.25)
+    drawn = se.sample([3.0, -1.0, 2.0], 40, rng=1)
+    w = np.linspace(0.0, 1.0, 40)
+    np.testing.assert_allclose(
+        se.fuse(drawn, weights=w).estimate, w @ drawn.dense() / w.sum(), rtol=1e-12
+    )
+
+
+def test_precision_weights_are_best_and_their_error_is_as_stated():
+    """4000 runs of 3 realizations: rms within 4 standard errors; equal weights are worse."""
+    gen, v = np.random.default_rng(7), np.array([1.0, 4.0, 100.0])
+    errors, equal = [], []
+    for _ in range(4000):
+        E = np.array([5.0, -2.0]) + np.sqrt(v / 2.0)[:, None] * gen.standard_normal((3, 2))
+        realizations = se.Ensemble.from_samples(E)
+        fit = se.fuse(realizations, weights="precision", variances=v)
+        mean = se.fuse(realizations, variances=v)
+        errors.append(np.sum((fit.estimate - [5.0, -2.0]) ** 2))
+        equal.append(np.sum((mean.estimate - [5.0, -2.0]) ** 2))
+    assert (fit.method, mean.method) == ("precision", "uniform")
+    np.testing.assert_allclose(fit.weights, 1.0 / v / np.sum(1.0 / v))
+    assert fit.info["rms"] == pytest.approx(np.sum(1.0 / v) ** -0.5)
+    assert mean.info["rms"] == pytest.approx(np.sqrt(105.0) / 3.0)
+    for found, stated in ((errors, fit.info["rms"]), (equal, mean.info["rms"])):
+        assert abs(np.mean(found) - stated**2) < 4.0 * np.std(found) / np.sqrt(4000)
+
+
+def test_weights_of_models():
+    models = se.SystemEnsemble([[[1.0]], [[0.5]]], [[[1.0]], [[2.0]]], [[0.0], [4.0]])
+    assert se.fuse(models).estimate.tolist() == [[0.75, 1.5, 2.0]]
+    fit = se.fuse(models, weights=[3.0, 1.0])
+    assert fit.estimate.tolist() == [[0.875, 1.25, 1.0]]
+    near = se.fuse(models, "alse", target=[[0.75, 1.5, 2.0]])
+    assert near.error < 1e-4
+
+
+def test_precision_of_experiments():
+    """Variances in proportion to tr V_i^-1 come near to pooling, equal weights do not."""
+    gen, errors = np.random.default_rng(8), []
+    for _ in range(200):
+        Theta, sets = experiments(gen, [8, 10, 60], n=2, d=3, scales=[0.2, 1.0, 1.0])
+        models = [se.identify(one, **INDEPENDENT) for one in sets]
+        v = [np.sum(m._blocks[0].fitted.white ** 2) for m in models]
+        apart = se.SystemEnsemble([m.A for m in models], [m.B for m in models], centre="truth")
+        pooled = se.fuse(models, "pooled")
+        found = [
+            np.hstack([pooled.A, pooled.B]),
+            se.fuse(apart, weights="precision", variances=v).estimate,
+            se.fuse(apart).estimate,
+        ]
+        errors.append([np.sum((H - Theta) ** 2) for H in found])
+    pooled, precision, equal = np.mean(errors, axis=0)
+    assert pooled < precision < 0.1 * equal
+
+
+def test_a_bound_needs_more_than_weights_of_its_own():
+    x0 = se.sample([1.0, 2.0], 50, rng=1)
+    fit = se.fuse(x0, weights=np.arange(1.0, 51.0))
+    plan = se.control(([[0.9, 0.2], [-0.1, 0.8]], [[0.0], [1.0]]), fit, [0.0, 1.0])
+    with pytest.raises(InputError, match="weights of its own"):
+        plan.bound(0.05, x0=[1.0, 2.0])
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ({"weights": [1.0, -1.0]}, "must be nonnegative and not all 0"),
+        ({"weights": [0.0, 0.0]}, "must be nonnegative and not all 0"),
+        ({"weights": [1.0]}, "`weights` must have"),
+        ({"weights": "equal"}, "`weights` must be 'precision'"),
+        ({"weights": "precision"}, "`variances` must be given"),
+        ({"weights": "precision", "variances": [1.0, 0.0]}, "`variances` must be positive"),
+        ({"variances": [1.0]}, "`variances` must have"),
+        ({"weights": [1.0, 1.0], "method": "slse", "target": [1.0]}, "must be left out for method"),
+    ],
+)
+def test_weights_refused(words, message):
+    with pytest.raises((InputError, InputTypeError)) as raised:
+        se.fuse(se.Ensemble.from_samples([[1.0], [2.0]]), **words)
+    assert message in str(raised.value)
+
+
+def test_no_error_follows_about_an_estimate():
+    cloud = se.Ensemble.from_samples([[1.0], [2.0]], centre="estimate")
+    assert se.fuse(cloud, weights=[1.0, 3.0]).estimate == pytest.approx([1.75])
+    with pytest.raises(InputError, match="scatter about an estimate"):
+        se.fuse(cloud, variances=[1.0, 1.0])
+
+
+def test_extreme_weights():
+    big = se.fuse(se.Ensemble.from_samples([[1.0], [3.0]]), weights=[1e308, 1e308])
+    assert big.estimate == pytest.approx([2.0])
+    tiny = se.fuse(
+        se.Ensemble.from_samples([[1.0], [3.0]]), weights="precision", variances=[1e-300, 1e300]
+    )
+    assert tiny.estimate == pytest.approx([1.0])

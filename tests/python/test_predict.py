@@ -1,0 +1,117 @@
+"""`predict`: the same bounds as a plan with these inputs, and tubes that contain runs."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from stochens_rs.exceptions import InputError, InputTypeError
+
+A, B, C = np.array([[0.9, 0.3], [-0.2, 1.05]]), np.array([[0.0], [1.0]]), np.array([0.1, 0.0])
+
+
+def runs(rng, count, offset=0.0, steps=6, sigma=0.05):
+    """States and inputs of runs under feedback: (count, steps + 1, 2), (count, steps, 1)."""
+    x, u = np.zeros((count, steps + 1, 2)), np.zeros((count, steps, 1))
+    x[:, 0] = rng.standard_normal((count, 2))
+    for k in range(steps):
+        u[:, k] = rng.standard_normal((count, 1)) - 0.3 * x[:, k, 1:]
+        w = sigma * rng.standard_normal((count, 2))
+        x[:, k + 1] = x[:, k] @ A.T + u[:, k] @ B.T + offset * C + w
+    return x, u
+
+
+@pytest.mark.parametrize("intercept", [False, True])
+def test_the_bounds_are_those_of_a_plan_with_these_inputs(intercept):
+    x, u = runs(np.random.default_rng(1), 20, offset=intercept)
+    model = se.identify(se.Trajectories(x, u), sigma=0.05, intercept=intercept)
+    plan = se.control(model, [1.0, 0.0], [0.0, 0.5], steps=4)
+    same = se.predict(model, [1.0, 0.0], plan.u)
+    assert np.array_equal(same.predicted_states, plan.predicted_states)
+    for options in ({}, {"noise": True}):
+        one, other = plan.bound(0.1, **options), same.bound(0.1, **options)
+        assert np.array_equal(one.tube, other.tube)
+        assert other.target == pytest.approx(one.state, rel=1e-12)
+        assert other.reach < 1e-12
+    assert same.reachability.reachable
+    assert same.status == "completed"
+    again = pickle.loads(pickle.dumps(same))
+    assert np.array_equal(again.bound().tube, same.bound().tube)
+
+
+def test_tubes_contain_whole_runs_under_feedback():
+    """300 models, one run each that was kept apart, in which inputs react to the states.
+
+    5 % may leave the tube: at most 15 + 4 sqrt(300 * 0.05 * 0.95) = 30 of them; a tenth of the tube
+    does not contain them, so that the count can see faults.
+    """
+    left, small = 0, 0
+    for seed in range(300):
+        x, u = runs(np.random.default_rng(seed), 13)
+        model = se.identify(se.Trajectories(x[:12], u[:12]), sigma=0.05, checks=False)
+        plan = se.predict(model, x[12, 0], u[12])
+        off = np.linalg.norm(x[12] - plan.predicted_states, axis=1)
+        tube = plan.bound(0.05, noise=True).tube
+        left += bool(np.any(off > tube))
+        small += bool(np.any(off > 0.1 * tube))
+    assert left <= 30
+    assert small > 200
+
+
+def test_an_uncertain_start_widens_the_tube():
+    x, u = runs(np.random.default_rng(1), 20)
+    model = se.identify(se.Trajectories(x, u), sigma=0.05)
+    sharp = se.predict(model, [0.0, 0.0], u[0]).bound().tube
+    wide = se.predict(model, [0.0, 0.0], u[0], x0_error=0.1).bound().tube
+    assert wide[0] == 0.1
+    assert np.all(wide > sharp)
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "text"),
+    [
+        ({"model": (A, B)}, InputTypeError, "`model` must be a model from data, got an? .*tuple"),
+        ({"x0": [1.0]}, InputError, r"`x0` must have shape \(2,\), got \(1,\)"),
+        ({"x0": [1.0, np.nan]}, InputError, r"`x0\[1\]` is nan"),
+        ({"inputs": [1.0, 2.0]}, InputError, r"`inputs` must have shape \(K, 1\)"),
+        ({"inputs": np.zeros((0, 1))}, InputError, "`inputs`"),
+        ({"inputs": "text"}, InputError, "`inputs`.*str 'text'"),
+        ({"x0_error": -1.0}, InputError, "`x0_error`"),
+        ({"x0": [1e308, 1e308], "inputs": np.zeros((3000, 1))}, InputError, "overflow"),
+    ],
+)
+def test_bad_input(change, error, text):
+    x, u = runs(np.random.default_rng(1), 20)
+    model = se.identify(se.Trajectories(x, u), sigma=0.05)
+    arguments = {"model": model, "x0": [0.0, 0.0], "inputs": [[1.0]], **change}
+    with pytest.raises(error, match=text) as caught:
+        se.predict(**arguments)
+    assert "\n" not in str(caught.value)
+
+
+def test_no_argument_is_modified_or_kept():
+    x, u = runs(np.random.default_rng(1), 20)
+    model = se.identify(se.Trajectories(x, u), sigma=0.05)
+    start, inputs = np.array([1.0, 0.0]), np.ones((2, 1))
+    plan = se.predict(model, start, inputs)
+    start[:], inputs[:] = 7.0, 7.0
+    assert plan.predicted_states[0].tolist() == [1.0, 0.0]
+    assert plan.u.ravel().tolist() == [1.0, 1.0]
+
+
+def test_entry_bounds_of_known_entries_and_missing_directions():
+    x, u = runs(np.random.default_rng(1), 20)
+    x[:, 1:, 0] = x[:, :-1] @ A[0]  # the first row is exact
+    known = np.array([[0.9, np.nan], [np.nan, np.nan]])
+    model = se.identify(se.Trajectories(x, u), known_A=known, sigma=0.05, checks=False)
+    bounds = model.region(0.05).entry_bounds
+    assert bounds[0, 0] == 0.0
+    assert np.all(bounds.ravel()[1:] > 0.0)
+    still = se.Trajectories(x, np.zeros_like(u))
+    with pytest.warns(se.exceptions.DataWarning, match="do not determine"):
+        region = se.identify(still, sigma=0.05, checks=False).region(0.05)
+    assert np.all(np.isinf(region.entry_bounds[:, 2]))
+    assert np.all(np.isfinite(region.entry_bounds[:, :2]))

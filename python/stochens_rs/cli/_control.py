@@ -182,8 +182,8 @@ def _text(plan: Plan, found: Certificate | None, xf: Any, names: tuple[Any, Any]
         lines += [
             f"certified  the true system ends within {found.target:.4g} of the target, with "
             f"{100 * (1 - found.delta):g} %, {'with' if found.noise else 'without'} noise",
-            f"of that    {found.reach:.4g} out of reach of the model, {found.model_error:.4g} by "
-            f"its error: mostly {found.larger}",
+            f"of that    {_reach(plan, found)} out of reach of the model, {found.model_error:.4g} "
+            f"by its error: mostly {found.larger}",
             f"by         {found.method}",
             f"for        {found.assumption}",
         ]
@@ -198,6 +198,12 @@ def _inputs(plan: Plan, inputs: Any, k: int) -> list[str]:
     active = np.zeros_like(inputs, dtype=bool) if plan.active is None else plan.active != 0
     stars = np.where(active[k], "*", " " if active.any() else "")
     return [f"{value:.4g}{star}" for value, star in zip(inputs[k], stars, strict=True)]
+
+
+def _reach(plan: Plan, found: Certificate) -> str:
+    """How far the model ends from the target; 0 where that is rounding beside the states."""
+    rounding = ROUNDING * float(np.abs(plan.predicted_states).max())
+    return f"{found.reach if found.reach > rounding else 0.0:.4g}"
 
 
 def _rounded(values: Any) -> Any:

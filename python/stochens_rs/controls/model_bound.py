@@ -225,9 +225,10 @@ def _region(basis: ModelBasis, delta: float, K: int, asked: Asked) -> tuple[Regi
     elif asked.noise:
         if kind == "unknown":
             raise InputError(
-                "`noise` must be False: noise to come is bounded for Gaussian noise with "
-                "design='independent' and no single known entries, for noise of known covariance "
-                "or size, and over several steps with open_loop=True; this model has none of these"
+                "`noise` must be False: noise to come is bounded for noise of known covariance or "
+                "size (`sigma` of identify), for Gaussian noise with design='independent' and no "
+                "single known entries, and over several steps with open_loop=True; this model has "
+                "none of these"
             )
         delta /= 2.0
     try:

@@ -266,7 +266,7 @@ def test_a_model_of_a_stream_swaps_in():
 
 
 def test_work_of_a_call_is_bounded():
-    """2 000 calls at random states, cond(B) up to 1e6: at most 15 + 25 + 5 factorizations each."""
+    """2 000 calls at random states, cond(B) up to 1e6: at most 20 + 25 + 5 factorizations each."""
     gen, most, methods = np.random.default_rng(4), 0, set()
     for index in range(20):
         n, m, K = 5, 3, 10
@@ -285,7 +285,7 @@ def test_work_of_a_call_is_bounded():
             methods.add(found.method)
             assert found.gap <= 1e-6 * found.at_zero
             assert np.array_equal(loop(x), found.control[:m])
-    assert most <= 45
+    assert most <= 50
     assert "pivoting" in methods
 
 

@@ -70,7 +70,7 @@ def regulate(
     -----
     Limits of single inputs: all that does not depend on the state is computed here, and a call
     begins at the active limits of the call before, shifted by one step. Its work is bounded: at
-    most 15 exchanges of active limits, 25 factorizations of an interior point and 5 more exchanges,
+    most 20 exchanges of active limits, 25 factorizations of an interior point and 5 more exchanges,
     and the same once more with orthogonal factors where rounding asks for them. Each plan's gap is
     computed from the data, and is in the log.
 

@@ -235,6 +235,7 @@ TAKEN = {
     ("identify", "known_B"): {"nan matrix"},
     ("Key.child", "name"): {"text"},
     ("control", "limits"): {"object vector", "list of None"},
+    ("control", "state_limits"): {"object vector", "list of None"},
     ("realization_controls", "limits"): {"object vector", "list of None"},
     ("steer", "limits"): {"object vector", "list of None"},
     ("Stream.run", "checkpoint"): {"text"},

@@ -261,7 +261,11 @@ impl Quadratic for Dense {
     }
 
     fn pull(&mut self, u: &[f64], g: &mut [f64]) -> f64 {
-        if self.ill {
+        if self.by_inverse {
+            // H u = f - lambda on the face just solved
+            g.fill(0.0);
+            self.free.iter().zip(&self.work).for_each(|(&i, lambda)| g[i] = -lambda);
+        } else if self.ill {
             self.slope(u, g);
         } else {
             // g = H u - f

@@ -206,6 +206,7 @@ kernel! {
 /// `inverse`; its place and those above it in the group hold zeros, so that solves work on whole groups. False if a pivot
 /// is not above rounding.
 #[inline(always)]
+#[expect(clippy::needless_range_loop, reason = "columns of a triangle")]
 fn cholesky(a: &mut [f64], n: usize, ld: usize, inverse: &mut [f64]) -> bool {
     for j in 0..n {
         let from = group(j);

@@ -19,7 +19,7 @@ const LAST_PIVOTS: usize = 5;
 const PATIENCE: usize = 4;
 /// Gaps relative to `J(0) + J(u)`: where refinement ends, from where more is tried, and of an optimal result.
 const EXACT: f64 = 1e-14;
-pub(super) const GOOD: f64 = 1e-12;
+pub(super) const GOOD: f64 = 5e-13;
 const OPTIMAL: f64 = 1e-9;
 /// Rounding of a gradient, in units of its size.
 const ROUNDING: f64 = 16.0 * f64::EPSILON;

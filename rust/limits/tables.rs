@@ -96,6 +96,7 @@ impl<const D: usize> Table<D> {
 
     /// The control for `f = M'y`; `None` after too many rounds.
     #[inline(always)]
+    #[expect(clippy::needless_range_loop, reason = "loops over arrays of a fixed size")]
     fn control(&self, f: &[f64; D]) -> Option<[f64; D]> {
         let all = (1 << D) - 1;
         let mut u = times(&self.inverse[all], f);

@@ -1,5 +1,7 @@
 //! Known answers, and random problems against projected gradients and against enumeration.
 
+#![allow(clippy::needless_range_loop, reason = "formulas with indices")]
+
 use proptest::prelude::*;
 
 use super::*;
@@ -473,10 +475,8 @@ fn an_unstable_system_over_many_steps() {
         horizon_control(&horizon, Bounds::new(&low, &high, k).unwrap(), None, Until::new(&stop, None)).unwrap()
     };
     let (long, short) = (solve(40), solve(30));
-    assert_eq!(
-        (long.active[0], short.active[0], long.status, short.status),
-        (-1, -1, Status::Optimal, Status::Optimal)
-    );
+    assert_eq!((long.status, short.status), (Status::Optimal, Status::Optimal));
+    assert!(long.active[..5] == short.active[..5] && long.active.iter().any(|at| *at != 0), "{long:?}");
     assert!((long.objective - short.objective).abs() <= 1e-9 * short.objective && long.at_zero > 1e12);
     assert!(long.gap < 1e-9 * long.objective, "{long:?}");
 }

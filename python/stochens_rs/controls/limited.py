@@ -85,6 +85,8 @@ class Limited:
         """The same task with the exact target, and with the weight R that was used."""
         wanted = self.task.reference
         if not self.task.follows:
+            if xf is None:
+                raise InputError("`xf` must be given: this plan has no reference")
             wanted = np.ascontiguousarray(
                 np.broadcast_to(gate.vector("xf", xf, length=len(wanted[0])), wanted.shape)
             )
@@ -133,21 +135,26 @@ class Horizon:
 
     def weighted(self) -> tuple[Floats, Floats, Floats]:
         """``M`` (rows, m K), ``state`` (rows, n) and ``target`` (rows,)."""
-        K, (n, m) = self.task.steps, self.B.shape
         stage, terminal = self.roots
-        steps = [(k, stage) for k in range(1, K)] if len(stage) else []
-        steps.append((K, terminal))
+        steps = [(k, stage) for k in range(1, self.task.steps)] if len(stage) else []
+        steps.append((self.task.steps, terminal))
+        wanted = self.task.reference - self.drift()
+        target = np.concatenate([factor @ wanted[k - 1] for k, factor in steps])
+        return *self._stacked(steps), target
+
+    def _stacked(self, steps: list[tuple[int, Floats]]) -> tuple[Floats, Floats]:
+        """``F x(k)`` for all pairs (k, F) as ``M u + state x0``, and what c does."""
+        K, (n, m) = self.task.steps, self.B.shape
         rows = sum(len(factor) for _, factor in steps)
         memory.need("the control within limits", 8 * rows * (m * K + n + 1) * 3)
-        M, state, target = np.zeros((rows, K, m)), np.empty((rows, n)), np.empty(rows)
-        wanted = self.task.reference - self.drift()
+        M, state = np.zeros((rows, K, m)), np.empty((rows, n))
         row = 0
         for k, factor in steps:
             part = slice(row, row := row + len(factor))
             # x(k) = A^k x0 + sum_{j<k} A^(k-1-j) B u(j)
             M[part, :k] = np.einsum("rn,pnm->rpm", factor, self.pushes[k - 1 :: -1][:k])
-            state[part], target[part] = factor @ self.powers[k], factor @ wanted[k - 1]
-        return M.reshape(rows, K * m), state, target
+            state[part] = factor @ self.powers[k]
+        return M.reshape(rows, K * m), state
 
     def cost(self) -> Floats:
         """R of all inputs: its diagonal (m K,), or the matrix."""
@@ -186,36 +193,73 @@ class Horizon:
     def solve(self, x0: Floats, *, time_limit: float | None = None) -> Limited:
         """The best control from x0."""
         task = self.task
-        found = self._solve(x0, task.low, task.high, time_limit)
-        free, shape = found, task.low.shape
+        found = self._solve(x0, task, time_limit)
+        shape = task.low.shape
+        u = found.control[: task.low.size].reshape(shape)
+        objective, least = found.objective, found.objective
+        if task.soft is not None:
+            objective = self.objective(x0, u)
         if found.active.any() or not task.boxed:
-            none = np.full(shape, np.inf)
-            free = self._solve(x0, -none, none, time_limit)
+            least = self._solve(x0, task.unlimited(), None).objective
         return Limited(
             task=task,
             R=self.R,
-            u=found.control.reshape(shape),
-            active=found.active.reshape(shape),
-            multipliers=found.multipliers.reshape(shape),
+            u=u,
+            active=found.active[: u.size].reshape(shape),
+            multipliers=found.multipliers[: u.size].reshape(shape),
             gap=found.gap,
             distance=found.distance,
-            objective=found.objective,
-            missed=max(0.0, found.objective - free.objective),
+            objective=objective,
+            missed=max(0.0, objective - least),
             status=found.status,
         )
 
-    def _solve(
-        self, x0: Floats, low: Floats, high: Floats, time_limit: float | None
-    ) -> _core.BoxControl:
-        task = self.task
-        if not task.boxed:
-            raise InputError("`rate` and `state_limits` are not possible yet")
-        if self.long:
+    def _solve(self, x0: Floats, task: Task, time_limit: float | None) -> _core.BoxControl:
+        if task.rate is not None or (task.state_low is not None and task.soft is None):
+            raise InputError("`rate` and hard `state_limits` are not possible yet: use soft ones")
+        if self.long and task.boxed:
             wanted = task.reference - self.drift()
-            weights = task.stage, task.terminal, self.R
+            weights, limits = (task.stage, task.terminal, self.R), (task.low, task.high)
             return _core.horizon_control(
-                self.A, self.B, x0, wanted, *weights, low, high, None, time_limit
+                self.A, self.B, x0, wanted, *weights, *limits, None, time_limit
             )
         M, state, target = self.weighted()
-        y = target - state @ x0
-        return _core.box_control(M, y, self.cost(), low.ravel(), high.ravel(), None, time_limit)
+        problem = M, target - state @ x0, self.cost(), task.low.ravel(), task.high.ravel()
+        if task.soft is not None:
+            problem = self._softened(x0, task.soft, *problem)
+        return _core.box_control(*problem, None, time_limit)
+
+    def _softened(
+        self, x0: Floats, soft: float, M: Floats, y: Floats, r: Floats, low: Floats, high: Floats
+    ) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+        """The same problem with inputs z in place of soft limits of the states.
+
+        The distance of x from its limits is the least ``||x - z||`` over all z within them. The
+        inputs are ``soft^1/2 (z - z0)``, z0 the nearest to the states without inputs.
+        """
+        below, above = self.task.state_low, self.task.state_high
+        assert below is not None
+        assert above is not None
+        some = np.isfinite(below) | np.isfinite(above)
+        unit = np.eye(len(x0))
+        S, state = self._stacked([(k, unit[row]) for k, row in enumerate(some, 1)])
+        free = state @ x0 + self.drift()[some]
+        near, weight = np.clip(free, below[some], above[some]), sqrt(soft)
+        d, extra = M.shape[1], len(free)
+        memory.need("the control within limits", 8 * 3 * (len(M) + extra + d) * (d + extra))
+        both = np.block([[M, np.zeros((len(M), extra))], [weight * S, -np.eye(extra)]])
+        if r.ndim == 2:
+            full = np.zeros((d + extra, d + extra))
+            full[:d, :d] = r
+            r = full
+        else:
+            r = np.concatenate([r, np.zeros(extra)])
+        with np.errstate(over="ignore", invalid="ignore"):
+            room = [weight * (side[some] - near) for side in (below, above)]  # inf: no limit
+            off = weight * (near - free)
+        if not np.isfinite(off @ off):
+            raise NonFiniteError(
+                "`soft` times a distance from `state_limits` overflows: scale down"
+            )
+        low, high = (np.concatenate(pair) for pair in zip((low, high), room, strict=True))
+        return both, np.concatenate([y, off]), r, low, high

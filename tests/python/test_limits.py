@@ -385,6 +385,23 @@ def test_realization_controls_are_those_of_each_target(gen):
             assert best + 1e-8 * (1.0 + lp.objective(p, 0.0 * out[s])) >= J
 
 
+def test_a_gap_above_its_tolerance_is_solved_again(gen, monkeypatch):
+    A, B, (x0, xf) = gen.normal(size=(3, 3)), gen.normal(size=(3, 2)), gen.normal(size=(2, 3))
+    drawn, more = se.sample(A, 20, rng=1), {"limits": (-0.1, 0.2), "R": 0.1}
+    right = se.realization_controls((drawn, B), x0, xf, **more)
+    batch = _core.box_batch
+
+    def wrong(*given):
+        u, gaps = batch(*given)
+        u[::3], gaps[::3] = 0.05, 1.0
+        gaps[1] = np.nan
+        return u, gaps
+
+    monkeypatch.setattr(_core, "box_batch", wrong)
+    again = se.realization_controls((drawn, B), x0, xf, **more)
+    np.testing.assert_allclose(again, right, atol=1e-9)
+
+
 def test_weights_alone_are_ridge_regression(gen):
     A, B, x0, xf = gen.normal(size=(3, 3)), gen.normal(size=(3, 2)), *gen.normal(size=(2, 3))
     drawn = se.sample(A, 20, rng=1)
@@ -413,6 +430,9 @@ def test_sizes_hold_within_limits():
     found = se.required_samples(system, x0, xf, 0.3, relative=False, limits=limits, rng=1, runs=100)
     free = se.required_samples(system, x0, xf, 0.3, relative=False, rng=1, runs=100)
     assert found.size == free.size
+    for text in (str(found), found._repr_html_()):
+        assert "errors are those without limits" in text
+    assert "without limits" not in str(free)
     off = [
         se.steer(system, x0, xf, found.simulated_size, limits=limits, rng=i).error(system, x0, xf)
         for i in range(500)

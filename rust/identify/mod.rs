@@ -5,7 +5,9 @@
 mod beta_model;
 mod distributions;
 mod largest_root;
+mod legendre;
 mod levels;
+mod powers;
 mod quantiles;
 mod replicates;
 mod residual_tests;

@@ -150,7 +150,7 @@ pub fn scalar_quantile(n: usize, d: usize, nu: usize, delta: f64, threads: usize
         return Ok(long * f_upper(delta, long, free)? / free);
     }
     let (low, high) = (chi2_quantile(1e-16, free)?, chi2_upper(1e-16, free)?);
-    let (nodes, weights) = super::largest_root::gauss_legendre(200)?;
+    let (nodes, weights) = super::legendre::gauss_legendre(200)?;
     let law = Wishart::new(n, d)?;
     let left = |q: f64| {
         let mut sum = delta - 1.0;

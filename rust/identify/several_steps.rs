@@ -17,15 +17,13 @@
 //!
 //! First order plus rest: `rest(k+1) = A rest(k) + D_x e(k)` and `||V^(-1/2) (e_j, 0)|| = ||W^(1/2) e_j|| <= b_j` by induction.
 
-use faer::linalg::matmul::matmul;
-use faer::{Accum, MatMut, MatRef, Par};
-
 use crate::error::{Error, Result};
 use crate::fuse::norm;
 use crate::memory::{checked_len, room_for_products, try_room, try_zeros};
 use crate::parallel::Stop;
 
-use super::symmetric::{Symmetric, spectral_norm};
+use super::powers::{Powers, product, times};
+use super::symmetric::spectral_norm;
 
 const WHAT: &str = "a certificate of several steps";
 
@@ -124,109 +122,6 @@ impl Fitted<'_> {
     }
 }
 
-/// Row-major `a (n x k)` times `b (k x m)`.
-fn product(a: &[f64], b: &[f64], n: usize, k: usize, m: usize) -> Result<Vec<f64>> {
-    let mut out = try_zeros(WHAT, checked_len(WHAT, n, m)?)?;
-    let (a, b) = (MatRef::from_row_major_slice(a, n, k), MatRef::from_row_major_slice(b, k, m));
-    matmul(MatMut::from_row_major_slice_mut(&mut out, n, m), Accum::Replace, a, b, 1.0, Par::Seq);
-    Ok(out)
-}
-
-/// The largest singular value of a `rows x cols` matrix with few rows, from the product with its transpose.
-fn wide_norm(m: &[f64], rows: usize, cols: usize, small: &mut Symmetric) -> Result<f64> {
-    let scale = crate::fuse::power_of_two_scale(m);
-    let matrix = MatRef::from_row_major_slice(m, rows, cols);
-    let gram = MatMut::from_row_major_slice_mut(&mut small.matrix, rows, rows);
-    matmul(gram, Accum::Replace, matrix, matrix.transpose(), 1.0 / scale / scale, Par::Seq);
-    Ok(scale * small.largest()?.max(0.0).sqrt())
-}
-
-/// `a b`, where 0 times infinity is 0: nothing to bound.
-fn times(a: f64, b: f64) -> f64 {
-    if a == 0.0 || b == 0.0 { 0.0 } else { a * b }
-}
-
-/// The matrices `M_p`, `p < K`, with what is needed of each.
-struct Powers {
-    rows: usize,
-    n: usize,
-    matrices: Vec<Vec<f64>>,
-    norms: Vec<f64>,
-    /// `M_p M_p'`.
-    squares: Vec<Vec<f64>>,
-    small: Symmetric,
-}
-
-impl Powers {
-    fn new(rows: usize, n: usize, steps: usize) -> Result<Self> {
-        let [matrices, squares] = [try_room(WHAT, steps)?, try_room(WHAT, steps)?];
-        Ok(Self { rows, n, matrices, norms: try_room(WHAT, steps)?, squares, small: Symmetric::new(rows)? })
-    }
-
-    fn push(&mut self, matrix: Vec<f64>) -> Result<()> {
-        self.norms.push(spectral_norm(&matrix, self.rows, self.n)?);
-        let mut square = try_zeros(WHAT, self.rows * self.rows)?;
-        let m = MatRef::from_row_major_slice(&matrix, self.rows, self.n);
-        let to = MatMut::from_row_major_slice_mut(&mut square, self.rows, self.rows);
-        matmul(to, Accum::Replace, m, m.transpose(), 1.0, Par::Seq);
-        self.squares.push(square);
-        self.matrices.push(matrix);
-        Ok(())
-    }
-
-    /// Above `||sum_j M_{k-1-j} y_j||` for all `||y_j|| <= sizes_j`, and at most `sum_j sizes_j ||M_{k-1-j}||`:
-    ///
-    /// `sqrt(lam_max(sum_j (c_j / ||M_j||) M_j M_j') sum_j c_j ||M_j||)`, terms that are 0 left out.
-    fn cauchy_schwarz(&mut self, sizes: &[f64]) -> Result<f64> {
-        let k = sizes.len();
-        self.small.matrix.fill(0.0);
-        let mut sum = 0.0;
-        for (j, size) in sizes.iter().enumerate() {
-            let norm = self.norms[k - 1 - j];
-            let term = times(*size, norm);
-            if term > 0.0 {
-                let square = &self.squares[k - 1 - j];
-                self.small.matrix.iter_mut().zip(square).for_each(|(g, s)| *g += size / norm * s);
-                sum += term;
-            }
-        }
-        match sum {
-            0.0 => Ok(0.0),
-            sum if sum.is_finite() => Ok((self.small.largest()?.max(0.0) * sum).sqrt()),
-            _ => Ok(f64::INFINITY),
-        }
-    }
-
-    /// `lin_k`, from the `c_j`, their lengths (with noise), and the bounds.
-    fn linear(&mut self, c: &[Vec<f64>], lengths: &[f64], radii: Radii) -> Result<f64> {
-        if !lengths.iter().all(|length| length.is_finite()) {
-            return Ok(f64::INFINITY);
-        }
-        let (k, (rows, n)) = (c.len(), (self.rows, self.n));
-        let crude = times(radii.spectral, self.cauchy_schwarz(lengths)?);
-        if radii.frobenius == f64::INFINITY {
-            return Ok(crude);
-        }
-        // [sum_j c_j' (x) M_{k-1-j}, and the M themselves for the noise]: exact for all Gamma at once
-        let rank = c.first().map_or(0, Vec::len);
-        let cols = (rank + if radii.noise { k } else { 0 }) * n;
-        let mut total = try_zeros(WHAT, checked_len(WHAT, rows, cols)?)?;
-        for (j, c) in c.iter().enumerate() {
-            let matrix = &self.matrices[k - 1 - j];
-            for (to, from) in total.chunks_exact_mut(cols.max(1)).zip(matrix.chunks_exact(n)) {
-                for (to, c) in to.chunks_exact_mut(n).zip(c) {
-                    to.iter_mut().zip(from).for_each(|(to, from)| *to += c * from);
-                }
-                if radii.noise {
-                    to[(rank + j) * n..(rank + j + 1) * n].copy_from_slice(from);
-                }
-            }
-        }
-        let exact = if cols == 0 { 0.0 } else { wide_norm(&total, rows, cols, &mut self.small)? };
-        Ok(times(radii.frobenius, exact).min(crude))
-    }
-}
-
 /// The states of the model from `x0` under `inputs` (K, d - n, or one less with an `offset`), and how far the truth may be.
 ///
 /// # Errors
@@ -298,11 +193,11 @@ pub fn several_steps(
         if !power.iter().all(|v| v.is_finite()) {
             return Err(Error::Overflow { what: "a power of the model's A" });
         }
-        linear.push(outside.linear(&c[..k], &lengths[..k], radii)?);
+        linear.push(outside.linear(&c[..k], &lengths[..k], (radii.spectral, radii.frobenius), radii.noise)?);
         let back = times(radii.spectral, outside.cauchy_schwarz(&rest[..k])?);
         r.push(linear[k] + start(&power, n)? + back);
         let back = times(radii.spectral, inside.cauchy_schwarz(&rest[..k])?);
-        let first = inside.linear(&c[..k], &lengths[..k], radii)?;
+        let first = inside.linear(&c[..k], &lengths[..k], (radii.spectral, radii.frobenius), radii.noise)?;
         rest.push(seen(first + start(&product(&half, &power, rank, n, n)?, rank)? + back));
     }
     Ok(Steps { states, radii: r, linear, rest, sizes })

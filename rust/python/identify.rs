@@ -1,19 +1,16 @@
-//! Identification from measured pairs: triangles, laws, certificates, ensembles.
+//! Identification from measured pairs: triangles, certificates, ensembles, tests.
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
 use super::convert::{array1, array2, key, slice};
 use super::error::{InputError, ShapeError};
-use super::run::{run, run_unstoppable};
+use super::run::{UNTIL_STOPPED, run, run_unstoppable};
 use crate::identify::{self, Centre, Fitted, Pairs, Radii, Weights};
 use crate::memory::try_copy;
 
 type Matrix<'py> = Bound<'py, PyArray2<f64>>;
 type Vector<'py> = Bound<'py, PyArray1<f64>>;
-
-/// Of a call that runs until it is done or stopped.
-const LONG: f64 = 1e9;
 
 /// `R` (k, k) of `rows` (N, k) `= Q R`, upper triangular with a diagonal `>= 0`.
 #[pyfunction]
@@ -44,136 +41,6 @@ pub(super) fn triangle_update<'py>(
     }
     let r = r.as_slice_mut().map_err(|_| ShapeError::new_err("`r` must be C-contiguous"))?;
     run(py, 0.3 * (size * k * k) as f64, |stop| identify::update(r, values, k, stop))
-}
-
-/// `q` with `P(largest root of E_nu^-1 G G' <= q) = 1 - delta`, `G` (n, d).
-#[pyfunction]
-pub(super) fn roy_quantile(py: Python<'_>, n: usize, d: usize, nu: usize, delta: f64, threads: usize) -> PyResult<f64> {
-    run(py, LONG, |stop| identify::roy_quantile(n, d, nu, delta, threads, stop))
-}
-
-/// `q` with `P(largest root of G G' <= q) = 1 - delta`, `G` (n, d).
-#[pyfunction]
-pub(super) fn wishart_quantile(py: Python<'_>, n: usize, d: usize, delta: f64, threads: usize) -> PyResult<f64> {
-    run(py, LONG, |stop| identify::wishart_quantile(n, d, delta, threads, stop))
-}
-
-/// `a` with `P(smallest eigenvalue of W_n(I, size) < a) = delta`.
-#[pyfunction]
-pub(super) fn smallest_quantile(py: Python<'_>, n: usize, size: usize, delta: f64, threads: usize) -> PyResult<f64> {
-    run(py, LONG, |stop| identify::smallest_quantile(n, size, delta, threads, stop))
-}
-
-/// `q` with `P(largest root of G G' <= q chi2_{n nu}) = 1 - delta`.
-#[pyfunction]
-pub(super) fn scalar_quantile(
-    py: Python<'_>,
-    n: usize,
-    d: usize,
-    nu: usize,
-    delta: f64,
-    threads: usize,
-) -> PyResult<f64> {
-    run(py, LONG, |stop| identify::scalar_quantile(n, d, nu, delta, threads, stop))
-}
-
-/// `q` of `max_i ||g_i||^2 / chi2_nu`.
-#[pyfunction]
-pub(super) fn row_quantile(n: usize, d: usize, nu: usize, delta: f64) -> PyResult<f64> {
-    Ok(identify::row_quantile(n, d, nu, delta)?)
-}
-
-/// `q` of the largest root of `C^-1/2 G G' C^-1/2`, `C` diagonal of independent chi2_nu; drawn.
-#[pyfunction]
-pub(super) fn diagonal_quantile(
-    py: Python<'_>,
-    n: usize,
-    d: usize,
-    nu: usize,
-    delta: f64,
-    threads: usize,
-) -> PyResult<f64> {
-    run(py, LONG, |stop| identify::diagonal_quantile(n, d, nu, delta, threads, stop))
-}
-
-/// `q` of `tr(E_nu^-1 G G')`; drawn.
-#[pyfunction]
-pub(super) fn trace_quantile(
-    py: Python<'_>,
-    n: usize,
-    d: usize,
-    nu: usize,
-    delta: f64,
-    threads: usize,
-) -> PyResult<f64> {
-    run(py, LONG, |stop| identify::trace_quantile(n, d, nu, delta, threads, stop))
-}
-
-/// `(spectral, frobenius)`: radii that hold together with probability `1 - delta`; drawn.
-#[pyfunction]
-pub(super) fn joint_radii(
-    py: Python<'_>,
-    n: usize,
-    d: usize,
-    nu: usize,
-    delta: f64,
-    threads: usize,
-) -> PyResult<(f64, f64)> {
-    run(py, LONG, |stop| identify::joint_radii(n, d, nu, delta, threads, stop))
-}
-
-/// `x` with `P(chi2 <= x) = probability`.
-#[pyfunction]
-pub(super) fn chi2_quantile(probability: f64, degrees: f64) -> PyResult<f64> {
-    Ok(identify::chi2_quantile(probability, degrees)?)
-}
-
-/// `x` with `P(chi2 > x) = delta`.
-#[pyfunction]
-pub(super) fn chi2_upper(delta: f64, degrees: f64) -> PyResult<f64> {
-    Ok(identify::chi2_upper(delta, degrees)?)
-}
-
-/// `x` with `P(F_{a,b} > x) = delta`.
-#[pyfunction]
-pub(super) fn f_upper(delta: f64, a: f64, b: f64) -> PyResult<f64> {
-    Ok(identify::f_upper(delta, a, b)?)
-}
-
-/// Upper limit of a noncentrality with confidence `1 - delta`, from one value `x`.
-#[pyfunction]
-pub(super) fn noncentrality_limit(py: Python<'_>, x: f64, degrees: f64, delta: f64) -> PyResult<f64> {
-    run(py, 0.0, |_| identify::noncentrality_limit(x, degrees, delta))
-}
-
-/// `c` with `1F1(1/2; n/2; c) = exp(ld / 2) / delta`.
-#[pyfunction]
-pub(super) fn sphere_level(n: usize, ld: f64, delta: f64) -> PyResult<f64> {
-    Ok(identify::sphere_level(n, ld, delta)?)
-}
-
-/// `rho^2` of least squares for a mean over `J` mixtures.
-#[pyfunction]
-pub(super) fn least_squares_level(
-    n: usize,
-    ld: PyReadonlyArray1<'_, f64>,
-    wider: PyReadonlyArray1<'_, f64>,
-    delta: f64,
-    frobenius: bool,
-) -> PyResult<f64> {
-    Ok(identify::least_squares_level(n, slice("ld", &ld)?, slice("wider", &wider)?, delta, frobenius)?)
-}
-
-/// `r` with `P(||w|| > r sigma) <= delta` for one sub-Gaussian `w` in `n` dimensions.
-#[pyfunction]
-pub(super) fn one_noise(n: usize, delta: f64) -> PyResult<f64> {
-    Ok(identify::one_noise(n, delta)?)
-}
-
-/// `log Gamma_n(a)`.
-#[pyfunction]
-pub(super) fn log_multigamma(a: f64, n: usize) -> f64 {
-    identify::log_multigamma(a, n)
 }
 
 /// `(states (K + 1, n), radii, linear, rest (K + 1), sizes (K))` of the model `H` (n, d) with `white` (rank, d), `missing`
@@ -281,7 +148,7 @@ pub(super) fn bootstrap<'py>(
     let (n, d) = h.as_array().dim();
     let (pairs, centre, key) = (pairs(&rows, n, runs.as_ref())?, centre(&h, &white)?, self::key(key)?);
     let given = weights.as_ref().map(|weights| slice("weights", weights)).transpose()?;
-    let models = run(py, LONG, |stop| match kind {
+    let models = run(py, UNTIL_STOPPED, |stop| match kind {
         "pairs" => {
             let weights = given.map_or(Weights::Counts(&key), Weights::Given);
             identify::weighted_models(&pairs, centre, weights, true, size, threads, stop)
@@ -310,7 +177,7 @@ pub(super) fn region_draws<'py>(
 ) -> PyResult<Matrix<'py>> {
     let (n, d) = h.as_array().dim();
     let (centre, key, root) = (centre(&h, &white)?, self::key(key)?, slice("root", &root)?);
-    let models = run(py, LONG, |stop| identify::region_draws(centre, root, nu, &key, size, threads, stop))?;
+    let models = run(py, UNTIL_STOPPED, |stop| identify::region_draws(centre, root, nu, &key, size, threads, stop))?;
     array2(py, models, size, n * d)
 }
 
@@ -341,7 +208,7 @@ pub(super) fn residual_p_values<'py>(
 ) -> PyResult<Vector<'py>> {
     let (d, n) = (z.as_array().dim().1, y.as_array().dim().1);
     let (z, y, white, key) = (slice("Z", &z)?, slice("Y", &y)?, slice("white", &white)?, self::key(key)?);
-    let p = run(py, LONG, |stop| {
+    let p = run(py, UNTIL_STOPPED, |stop| {
         let found = identify::residuals(z, y, white, (d, n), stop)?;
         identify::residual_p_values(&found, n, draws, &key, threads, stop)
     })?;
@@ -363,7 +230,7 @@ pub(super) fn sign_radii<'py>(
     let (pairs, key) = (pairs(&rows, n, None)?, self::key(key)?);
     let signs = signs.as_ref().map(|signs| slice("signs", signs)).transpose()?;
     let signs = signs.map_or(Weights::Signs(&key), Weights::Given);
-    Ok(array1(py, run(py, LONG, |stop| identify::sign_radii(&pairs, signs, size, threads, stop))?))
+    Ok(array1(py, run(py, UNTIL_STOPPED, |stop| identify::sign_radii(&pairs, signs, size, threads, stop))?))
 }
 
 /// `||sum a e q'||_F` (size) of each sign vector for pairs `rows` (N, rank + n). `signs` (size, N) replace what `key` draws.
@@ -380,5 +247,5 @@ pub(super) fn sign_statistics<'py>(
     let (pairs, key) = (pairs(&rows, n, None)?, self::key(key)?);
     let signs = signs.as_ref().map(|signs| slice("signs", signs)).transpose()?;
     let signs = signs.map_or(Weights::Signs(&key), Weights::Given);
-    Ok(array1(py, run(py, LONG, |stop| identify::sign_statistics(&pairs, signs, size, threads, stop))?))
+    Ok(array1(py, run(py, UNTIL_STOPPED, |stop| identify::sign_statistics(&pairs, signs, size, threads, stop))?))
 }

@@ -9,6 +9,7 @@ mod draws;
 mod error;
 mod fuse;
 mod identify;
+mod laws;
 mod limits;
 mod realizations;
 mod run;
@@ -30,10 +31,14 @@ mod _core {
     use super::fuse::{Alse, alse, alse_path, alse_prefixes, closed_form, slse, uniform_path};
     #[pymodule_export]
     use super::identify::{
-        bootstrap, chi2_quantile, chi2_upper, diagonal_quantile, f_upper, joint_radii, least_squares_level,
-        log_multigamma, noncentrality_limit, one_noise, region_draws, residual_p_values, residuals, robust_control,
-        row_quantile, roy_quantile, scalar_quantile, several_steps, sign_radii, sign_statistics, smallest_quantile,
-        sphere_level, trace_quantile, triangle, triangle_update, wishart_quantile,
+        bootstrap, region_draws, residual_p_values, residuals, robust_control, several_steps, sign_radii,
+        sign_statistics, triangle, triangle_update,
+    };
+    #[pymodule_export]
+    use super::laws::{
+        chi2_quantile, chi2_upper, diagonal_quantile, f_upper, joint_radii, least_squares_level, log_multigamma,
+        noncentrality_limit, one_noise, row_quantile, roy_quantile, scalar_quantile, smallest_quantile, sphere_level,
+        trace_quantile, wishart_quantile,
     };
     #[pymodule_export]
     use super::limits::{BoxControl, BoxSolver, box_batch, box_batch_each, box_control, horizon_control};

@@ -17,6 +17,9 @@ const SHORT: f64 = 1e7;
 /// Elementary operations (0.1 s) from which work that cannot be stopped runs on its own thread.
 const LONG: f64 = 1e8;
 
+/// The cost of work that runs until it is done or stopped.
+pub(super) const UNTIL_STOPPED: f64 = 1e9;
+
 /// How often a long call looks for signals.
 const POLL: Duration = Duration::from_millis(50);
 

@@ -8,128 +8,27 @@
 //! K steps:   u = C_K(A_hat)^+ (xf_hat - A_hat^K x0_hat),  ||C_K(A) (u - v)||,  ||u - v||
 //! ```
 
-use faer::MatRef;
-use rand::Rng;
 use rand::rngs::ChaCha8Rng;
 
 use crate::Scheme;
 use crate::control::steps_control;
 use crate::error::{Error, Result};
 use crate::fuse::norm;
-use crate::memory::{checked_len, covered, room_for_products, try_collect, try_extend, try_room, try_zeros};
+use crate::memory::{checked_len, try_collect, try_room, try_zeros};
 use crate::parallel::{Stop, for_each_chunk};
-use crate::sample::{Chance, Law, binomial, chances, deal, line_systematic};
+use crate::sample::binomial;
 use crate::stream::{Key, Purpose};
+
+mod average;
+mod estimates;
+
+pub use average::{Average, Estimate};
+pub use estimates::{Norm, estimate_errors};
 
 const WHAT: &str = "a simulated run";
 
 /// Runs that a thread takes at a time.
 const CHUNK: usize = 16;
-
-/// The law of an average of realizations, a vector or the lines of a matrix.
-#[derive(Debug, Clone)]
-pub struct Average {
-    law: Law,
-    chances: Vec<Chance>,
-    size: u64,
-    scheme: Scheme,
-}
-
-impl Average {
-    /// The average of `size` realizations of `law`.
-    ///
-    /// # Errors
-    /// [`Error::Value`] for a `size` outside `1 ..= 2^53`, [`Error::Memory`].
-    pub fn new(law: Law, size: u64, scheme: Scheme) -> Result<Self> {
-        if size == 0 || size > 1 << 53 {
-            return Err(Error::Value { name: "size", expected: "in [1, 2^53]", found: size.to_string() });
-        }
-        let mut all = try_room(WHAT, law.values().len())?;
-        for j in 0..law.lines() {
-            try_extend(WHAT, &mut all, chances(law.line(j), law.gamma()[j])?)?;
-        }
-        Ok(Self { law, chances: all, size, scheme })
-    }
-
-    fn chances(&self, j: usize) -> &[Chance] {
-        &self.chances[j * self.law.length()..(j + 1) * self.law.length()]
-    }
-
-    /// `visit(i, value)` for the nonzero entries of the average of line `j`.
-    fn line(&self, j: usize, rng: &mut ChaCha8Rng, mut visit: impl FnMut(usize, f64)) -> Result<()> {
-        let (line, g, size) = (self.law.line(j), self.law.gamma()[j], self.size as f64);
-        let visit = |i: usize, count: u64| visit(i, g.copysign(line[i]) * (count as f64 / size));
-        match self.scheme {
-            Scheme::Iid => deal(self.chances(j), self.size, rng, visit),
-            Scheme::Systematic => {
-                line_systematic(line, self.size, rng.next_u64(), visit);
-                Ok(())
-            }
-        }
-    }
-
-    /// `visit(i, count)` for the entries hit by `some` of the `size` realizations of line `j`, chosen at random.
-    fn part(
-        &self,
-        j: usize,
-        some: u64,
-        rng: &mut ChaCha8Rng,
-        left: &mut [u64],
-        mut visit: impl FnMut(usize, u64),
-    ) -> Result<()> {
-        if self.scheme == Scheme::Iid {
-            return deal(self.chances(j), some, rng, visit);
-        }
-        // the order of a systematic sample is random: draw from its counts without replacement
-        left.fill(0);
-        line_systematic(self.law.line(j), self.size, rng.next_u64(), |i, count| left[i] = count);
-        let mut total: u64 = left.iter().sum();
-        for _ in 0..some.min(total) {
-            let mut at = ((u128::from(rng.next_u64()) * u128::from(total)) >> 64) as u64;
-            let Some(i) = left.iter().position(|&count| {
-                let here = at < count;
-                at = at.wrapping_sub(if here { 0 } else { count });
-                here
-            }) else {
-                break;
-            };
-            left[i] -= 1;
-            total -= 1;
-            visit(i, 1);
-        }
-        Ok(())
-    }
-}
-
-/// An entity of a control: exact, or an average that every run draws.
-#[derive(Debug, Clone)]
-pub enum Estimate {
-    /// Exact entries, of a matrix column by column.
-    Fixed(Vec<f64>),
-    /// An average of realizations.
-    Drawn(Average),
-}
-
-impl Estimate {
-    fn len(&self) -> usize {
-        match self {
-            Self::Fixed(values) => values.len(),
-            Self::Drawn(average) => average.law.values().len(),
-        }
-    }
-
-    /// The vector in one run.
-    fn vector(&self, rng: &mut ChaCha8Rng, out: &mut [f64]) -> Result<()> {
-        match self {
-            Self::Fixed(values) => out.copy_from_slice(values),
-            Self::Drawn(average) => {
-                out.fill(0.0);
-                average.line(0, rng, |i, value| out[i] = value)?;
-            }
-        }
-        Ok(())
-    }
-}
 
 /// The fused control of a problem, whose realizations every run draws again.
 #[derive(Debug, Clone)]
@@ -362,62 +261,6 @@ impl Scratch {
         let a = try_zeros(WHAT, if several { checked_len(WHAT, n, n)? } else { 0 })?;
         Ok(Self { t: try_room(WHAT, n)?, x: zeros()?, y: zeros()?, left: try_zeros(WHAT, n)?, a })
     }
-}
-
-/// The norm of an error.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Norm {
-    /// The sum of the magnitudes.
-    One,
-    /// The root of the sum of squares: Frobenius for a matrix.
-    Two,
-    /// The largest singular value.
-    Spectral,
-}
-
-/// `||average - mean||` of every run.
-///
-/// # Errors
-/// As [`Plans::errors`].
-pub fn estimate_errors(
-    average: &Average,
-    kind: Norm,
-    runs: usize,
-    key: &Key,
-    threads: usize,
-    stop: &Stop,
-) -> Result<Vec<f64>> {
-    let (lines, length) = (average.law.lines(), average.law.length());
-    let mut errors: Vec<f64> = try_zeros("the simulated errors", runs)?;
-    for_each_chunk(errors.chunks_mut(CHUNK).enumerate(), threads, stop, |(chunk, errors)| {
-        let mut wrong: Vec<f64> = try_zeros("a simulated estimate", average.law.values().len())?;
-        for (at, error) in errors.iter_mut().enumerate() {
-            stop.check()?;
-            let mut rng = key.stream(Purpose::Plans, chunk * CHUNK + at);
-            wrong.iter_mut().zip(average.law.values()).for_each(|(w, v)| *w = -v);
-            for (j, wrong) in wrong.chunks_exact_mut(length).enumerate() {
-                average.line(j, &mut rng, |i, value| wrong[i] += value)?;
-            }
-            *error = match kind {
-                Norm::One => wrong.iter().map(|w| w.abs()).sum(),
-                Norm::Two => norm(wrong.iter().copied()),
-                Norm::Spectral => {
-                    let found = MatRef::from_row_major_slice(&wrong, lines, length);
-                    // copies of the matrix, and blocks of reflections
-                    let bytes = 64 * (lines as u128 + 64) * (length as u128 + 64);
-                    room_for_products()?;
-                    let values = covered(WHAT, bytes, || found.singular_values())?;
-                    let values = values.map_err(|_| Error::Numerical("the singular values did not converge".into()))?;
-                    values.first().copied().unwrap_or(0.0)
-                }
-            };
-        }
-        Ok(())
-    })?;
-    if errors.iter().any(|error| !error.is_finite()) {
-        return Err(Error::Overflow { what: "a simulated error" });
-    }
-    Ok(errors)
 }
 
 #[cfg(test)]

@@ -186,7 +186,7 @@ GOOD = {
     "system": (A, B), "samples": np.ones((4, 2)), "bytes32": bytes(32), "digits": "0" * 64,
     "name": "x", "ensemble": ensemble, "quantity": "state", "method": "uniform",
     "path": "no/such/file.npz", "experiment": experiment, "data": runs, "x": X0, "lags": 1,
-    "share": 0.5, "open_loop": True,
+    "share": 0.5, "open_loop": True, "model": model,
 }  # fmt: skip
 # The same where the name alone does not say it, and arguments that keep a call short.
 OWN = {
@@ -194,7 +194,7 @@ OWN = {
     "candidates": {"data": [(A, B), X0, XF]},
     "control": {"xf": XF},
     "bound": {"name": "simulated", "data": [(A, B), X0, XF]},
-    "predict": {"model": model, "inputs": np.ones((2, 2))},
+    "predict": {"inputs": np.ones((2, 2))},
     "fuse": {"method": "alse", "target": A},
     "fuse_path": {"method": "alse"},
     "from_indices": {"target": A},

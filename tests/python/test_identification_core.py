@@ -453,8 +453,8 @@ def test_laws_of_the_replicates():
 @pytest.mark.parametrize("kind", ["pairs", "wild", "residual"])
 def test_threads_change_no_replicate(kind):
     fitted, q, e, _ = whitened(Z, Y)
-    one = replicates(fitted, q, e, kind, 300)
-    assert np.array_equal(one, replicates(fitted, q, e, kind, 300, threads=2), equal_nan=True)
+    one = replicates(fitted, q, e, kind, 3000)
+    assert np.array_equal(one, replicates(fitted, q, e, kind, 3000, threads=2), equal_nan=True)
     assert np.array_equal(one[:90], replicates(fitted, q, e, kind, 90), equal_nan=True)
 
 

@@ -109,7 +109,7 @@ class Certificate:
             some = ", ".join(self.missing[:3])
             what = f"unbounded: the data do not determine the system along {some}"
         else:
-            what = "unbounded: too few data, or too many steps"
+            what = "unbounded: too few data, weak instruments, or too many steps"
         return f"<Certificate: {what}, {self._share}, {self.method} {self._run}>"
 
     def _repr_html_(self) -> str:

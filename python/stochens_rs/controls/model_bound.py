@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from math import sqrt
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -10,7 +11,7 @@ import numpy as np
 from .. import _core
 from .._base import gate, html
 from .._base.numbers import norm
-from ..exceptions import InputError
+from ..exceptions import DataWarning, InputError
 from ..identification.identifying import identify
 from ..identification.levels import wishart_quantile
 from ..identification.model import Model
@@ -224,9 +225,10 @@ def _region(basis: ModelBasis, delta: float, K: int, asked: Asked) -> tuple[Regi
     elif asked.noise:
         if kind == "unknown":
             raise InputError(
-                "`noise` must be False: noise to come is bounded for Gaussian noise with "
-                "design='independent' and no single known entries, for noise of known covariance "
-                "or size, and over several steps with open_loop=True; this model has none of these"
+                "`noise` must be False: noise to come is bounded for noise of known covariance or "
+                "size (`sigma` of identify), for Gaussian noise with design='independent' and no "
+                "single known entries, and over several steps with open_loop=True; this model has "
+                "none of these"
             )
         delta /= 2.0
     try:
@@ -285,7 +287,9 @@ def _direct(basis: ModelBasis, u: Floats, delta: float, asked: Asked) -> Region:
             f"`open_loop` must be False: regression over {K} steps needs {needed} runs of so many "
             f"steps, the data have {html.number_of(data.size, 'run')}"
         )
-    direct = identify(data, design="independent", intercept=model.intercept, checks=False)
+    with warnings.catch_warnings():  # the region names what the data do not determine
+        warnings.simplefilter("ignore", DataWarning)
+        direct = identify(data, design="independent", intercept=model.intercept, checks=False)
     x0 = basis.x0 if asked.x0_fixed else None
     return direct.region(delta, x0=x0, future=int(asked.noise))
 

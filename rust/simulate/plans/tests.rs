@@ -1,4 +1,5 @@
 use super::*;
+use crate::sample::Law;
 
 fn drawn(values: &[f64], lines: usize, size: u64) -> Estimate {
     let law = Law::new(values.to_vec(), lines, values.len() / lines).unwrap();

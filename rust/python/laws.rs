@@ -1,0 +1,96 @@
+//! The laws of the errors of identified models: quantiles, limits, levels.
+
+use numpy::PyReadonlyArray1;
+use pyo3::prelude::*;
+
+use super::convert::slice;
+use super::run::{UNTIL_STOPPED, run};
+use crate::identify;
+
+/// Quantiles of sizes, a level and a number of threads.
+macro_rules! quantiles {
+    ($($(#[$doc:meta])* $name:ident($($size:ident),*) -> $out:ty;)*) => {$(
+        $(#[$doc])*
+        #[pyfunction]
+        pub(super) fn $name(py: Python<'_>, $($size: usize,)* delta: f64, threads: usize) -> PyResult<$out> {
+            run(py, UNTIL_STOPPED, |stop| identify::$name($($size,)* delta, threads, stop))
+        }
+    )*};
+}
+
+quantiles! {
+    /// `q` with `P(largest root of E_nu^-1 G G' <= q) = 1 - delta`, `G` (n, d).
+    roy_quantile(n, d, nu) -> f64;
+    /// `q` with `P(largest root of G G' <= q) = 1 - delta`, `G` (n, d).
+    wishart_quantile(n, d) -> f64;
+    /// `a` with `P(smallest eigenvalue of W_n(I, size) < a) = delta`.
+    smallest_quantile(n, size) -> f64;
+    /// `q` with `P(largest root of G G' <= q chi2_{n nu}) = 1 - delta`.
+    scalar_quantile(n, d, nu) -> f64;
+    /// `q` of the largest root of `C^-1/2 G G' C^-1/2`, `C` diagonal of independent chi2_nu; drawn.
+    diagonal_quantile(n, d, nu) -> f64;
+    /// `q` of `tr(E_nu^-1 G G')`; drawn.
+    trace_quantile(n, d, nu) -> f64;
+    /// `(spectral, frobenius)`: radii that hold together with probability `1 - delta`; drawn.
+    joint_radii(n, d, nu) -> (f64, f64);
+}
+
+/// `q` of `max_i ||g_i||^2 / chi2_nu`.
+#[pyfunction]
+pub(super) fn row_quantile(n: usize, d: usize, nu: usize, delta: f64) -> PyResult<f64> {
+    Ok(identify::row_quantile(n, d, nu, delta)?)
+}
+
+/// `x` with `P(chi2 <= x) = probability`.
+#[pyfunction]
+pub(super) fn chi2_quantile(probability: f64, degrees: f64) -> PyResult<f64> {
+    Ok(identify::chi2_quantile(probability, degrees)?)
+}
+
+/// `x` with `P(chi2 > x) = delta`.
+#[pyfunction]
+pub(super) fn chi2_upper(delta: f64, degrees: f64) -> PyResult<f64> {
+    Ok(identify::chi2_upper(delta, degrees)?)
+}
+
+/// `x` with `P(F_{a,b} > x) = delta`.
+#[pyfunction]
+pub(super) fn f_upper(delta: f64, a: f64, b: f64) -> PyResult<f64> {
+    Ok(identify::f_upper(delta, a, b)?)
+}
+
+/// Upper limit of a noncentrality with confidence `1 - delta`, from one value `x`.
+#[pyfunction]
+pub(super) fn noncentrality_limit(py: Python<'_>, x: f64, degrees: f64, delta: f64) -> PyResult<f64> {
+    run(py, 0.0, |_| identify::noncentrality_limit(x, degrees, delta))
+}
+
+/// `c` with `1F1(1/2; n/2; c) = exp(ld / 2) / delta`.
+#[pyfunction]
+pub(super) fn sphere_level(n: usize, ld: f64, delta: f64) -> PyResult<f64> {
+    Ok(identify::sphere_level(n, ld, delta)?)
+}
+
+/// `rho^2` of least squares for a mean over `J` mixtures.
+#[pyfunction]
+pub(super) fn least_squares_level(
+    n: usize,
+    ld: PyReadonlyArray1<'_, f64>,
+    wider: PyReadonlyArray1<'_, f64>,
+    delta: f64,
+    frobenius: bool,
+) -> PyResult<f64> {
+    Ok(identify::least_squares_level(n, slice("ld", &ld)?, slice("wider", &wider)?, delta, frobenius)?)
+}
+
+/// `r` with `P(||w|| > r sigma) <= delta` for one sub-Gaussian `w` in `n` dimensions.
+#[pyfunction]
+pub(super) fn one_noise(n: usize, delta: f64) -> PyResult<f64> {
+    Ok(identify::one_noise(n, delta)?)
+}
+
+/// `log Gamma_n(a)`.
+#[pyfunction]
+pub(super) fn log_multigamma(a: f64, n: usize) -> f64 {
+    identify::log_multigamma(a, n)
+}

@@ -1,0 +1,68 @@
+//! Errors of single estimates.
+
+use faer::MatRef;
+
+use crate::error::{Error, Result};
+use crate::fuse::norm;
+use crate::memory::{covered, room_for_products, try_zeros};
+use crate::parallel::{Stop, for_each_chunk};
+use crate::stream::{Key, Purpose};
+
+use super::average::Average;
+use super::{CHUNK, WHAT};
+
+/// The norm of an error.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Norm {
+    /// The sum of the magnitudes.
+    One,
+    /// The root of the sum of squares: Frobenius for a matrix.
+    Two,
+    /// The largest singular value.
+    Spectral,
+}
+
+/// `||average - mean||` of every run.
+///
+/// # Errors
+/// As [`Plans::errors`](super::Plans::errors).
+pub fn estimate_errors(
+    average: &Average,
+    kind: Norm,
+    runs: usize,
+    key: &Key,
+    threads: usize,
+    stop: &Stop,
+) -> Result<Vec<f64>> {
+    let (lines, length) = (average.law.lines(), average.law.length());
+    let mut errors: Vec<f64> = try_zeros("the simulated errors", runs)?;
+    for_each_chunk(errors.chunks_mut(CHUNK).enumerate(), threads, stop, |(chunk, errors)| {
+        let mut wrong: Vec<f64> = try_zeros("a simulated estimate", average.law.values().len())?;
+        for (at, error) in errors.iter_mut().enumerate() {
+            stop.check()?;
+            let mut rng = key.stream(Purpose::Plans, chunk * CHUNK + at);
+            wrong.iter_mut().zip(average.law.values()).for_each(|(w, v)| *w = -v);
+            for (j, wrong) in wrong.chunks_exact_mut(length).enumerate() {
+                average.line(j, &mut rng, |i, value| wrong[i] += value)?;
+            }
+            *error = match kind {
+                Norm::One => wrong.iter().map(|w| w.abs()).sum(),
+                Norm::Two => norm(wrong.iter().copied()),
+                Norm::Spectral => {
+                    let found = MatRef::from_row_major_slice(&wrong, lines, length);
+                    // copies of the matrix, and blocks of reflections
+                    let bytes = 64 * (lines as u128 + 64) * (length as u128 + 64);
+                    room_for_products()?;
+                    let values = covered(WHAT, bytes, || found.singular_values())?;
+                    let values = values.map_err(|_| Error::Numerical("the singular values did not converge".into()))?;
+                    values.first().copied().unwrap_or(0.0)
+                }
+            };
+        }
+        Ok(())
+    })?;
+    if errors.iter().any(|error| !error.is_finite()) {
+        return Err(Error::Overflow { what: "a simulated error" });
+    }
+    Ok(errors)
+}

@@ -1,0 +1,158 @@
+"""One command for many units: x_s = G_s u + (what u does not change), each with its own target.
+
+A unit is (M, t) with miss ||M u - t||: M = Q^(1/2) G_s, t = Q^(1/2) b_s, and below them the rows of
+R if inputs are weighed. `average` minimizes the mean of the squared misses, `worst` the largest
+miss; the latter is unique if every M has full column rank, which weighed inputs make true.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .laws import scipy
+from .limited_control import Solution, solve
+from .limited_problems import Problem, limits, matrix, root
+
+Array = NDArray[np.float64]
+Unit = tuple[Array, Array]
+
+
+class Worst(NamedTuple):
+    """min_u max_s miss_s(u) over the limits."""
+
+    u: Array
+    value: float  # largest miss at u, over all units
+    lower_bound: float  # by the dual, recomputed
+    shares: Array  # (N,), the dual's weight of each unit, sum 1
+
+
+def unit(
+    G: ArrayLike, b: ArrayLike, *, Q: ArrayLike | None = None, R: ArrayLike | None = None
+) -> Unit:
+    """Q^(1/2) G and Q^(1/2) b, with R^(1/2) and 0 below if R is given."""
+    G, b = np.asarray(G, dtype=np.float64), np.asarray(b, dtype=np.float64)
+    half = root(matrix(Q, len(b), 1.0))
+    if R is None:
+        return half @ G, half @ b
+    d = G.shape[1]
+    return np.vstack([half @ G, root(matrix(R, d))]), np.concatenate([half @ b, np.zeros(d)])
+
+
+def misses(units: Sequence[Unit], u: Array) -> Array:
+    """||M_s u - t_s||, (N,)."""
+    return np.array([np.linalg.norm(M @ u - t) for M, t in units])
+
+
+def average(units: Sequence[Unit], low: ArrayLike = -np.inf, high: ArrayLike = np.inf) -> Solution:
+    """min mean_s ||M_s u - t_s||^2: all rows below each other, over sqrt(N)."""
+    M = np.vstack([M for M, _ in units]) / np.sqrt(len(units))
+    t = np.concatenate([t for _, t in units]) / np.sqrt(len(units))
+    d = M.shape[1]
+    nothing = np.zeros((0, d)), np.zeros(0)
+    return solve(Problem(M, t, np.eye(len(t)), *nothing, *limits(low, high, (d,)), *nothing))
+
+
+def worst(units: Sequence[Unit], low: ArrayLike = -np.inf, high: ArrayLike = np.inf) -> Worst:
+    """min z subject to ||M_s u - t_s|| <= z for all units at once: N cones, by Clarabel."""
+    import clarabel  # type: ignore[import-untyped]
+
+    sparse = scipy().sparse
+    d = units[0][0].shape[1]
+    low, high = limits(low, high, (d,))
+    up, down = np.isfinite(high), np.isfinite(low)
+    one = np.hstack([np.eye(d), np.zeros((d, 1))])
+    top = np.concatenate([np.zeros(d), [-1.0]])
+    rows = [one[up], -one[down]]
+    rows += [np.vstack([top, np.hstack([-M, np.zeros((len(M), 1))])]) for M, _ in units]
+    ends = [high[up], -low[down], *[np.concatenate([[0.0], -t]) for _, t in units]]
+    cones = [clarabel.NonnegativeConeT(int(up.sum() + down.sum()))]
+    cones += [clarabel.SecondOrderConeT(len(t) + 1) for _, t in units]
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-10
+    found = clarabel.DefaultSolver(
+        sparse.csc_matrix((d + 1, d + 1)),
+        -top,
+        sparse.csc_matrix(np.vstack(rows)),
+        np.concatenate(ends),
+        cones,
+        settings,
+    ).solve()
+    u = np.clip(np.array(found.x[:d]), low, high)
+    blocks = np.split(np.array(found.z), np.cumsum([len(x) for x in ends])[1:-1])[1:]
+    vectors = [-block[1:] for block in blocks]
+    shares = np.array([block[0] for block in blocks])
+    lower = dual_value(units, vectors, low, high)
+    return Worst(u, float(np.max(misses(units, u))), lower, shares / np.sum(shares))
+
+
+def dual_value(units: Sequence[Unit], vectors: Sequence[Array], low: Array, high: Array) -> float:
+    """A lower bound of max_s miss_s over the limits, from any vectors v_s: no solver is believed.
+
+    With sum ||v_s|| <= 1, max_s ||M_s u - t_s|| >= sum v_s' (M_s u - t_s), at least
+    -sum v_s' t_s + sum_i min(g_i low_i, g_i high_i), g = sum M_s' v_s; where g_i points to an
+    infinite limit it must be 0, so the vectors are projected on that first.
+    """
+    M, t = np.vstack([M for M, _ in units]), np.concatenate([t for _, t in units])
+    ends = np.cumsum([len(t) for _, t in units])[:-1]
+    v = np.concatenate(list(vectors))
+    free = np.zeros(len(low), dtype=bool)
+    for _ in low:
+        g = M.T @ v
+        free |= (g >= 0.0) & np.isinf(low) | (g <= 0.0) & np.isinf(high)
+        v = v - M[:, free] @ np.linalg.lstsq(M[:, free], v, rcond=None)[0]
+    v = v / max(1e-300, sum(np.linalg.norm(x) for x in np.split(v, ends)))
+    g = np.where(free, 0.0, M.T @ v)
+    box = [x * (a if x > 0.0 else b) for x, a, b in zip(g, low, high, strict=True) if x != 0.0]
+    return float(max(sum(box) - v @ t, 0.0))
+
+
+def same(a: Worst, b: Worst, tolerance: float) -> bool:
+    """Whether two solutions agree in value, and in u to the root of the tolerance.
+
+    The value is flat around the best u: a solver that finds it to 1e-8 finds u to 1e-4.
+    """
+    near = np.max(np.abs(a.u - b.u)) <= np.sqrt(tolerance) * (1.0 + np.max(np.abs(a.u)))
+    return bool(near and abs(a.value - b.value) <= tolerance * (1.0 + a.value))
+
+
+def support(
+    units: Sequence[Unit], solver: Callable[[list[Unit]], Worst], *, tolerance: float = 1e-7
+) -> list[int]:
+    """Indices of units that alone give the same u and value, none of them dispensable.
+
+    One after another is left out if u and value stay the same without it; of copies one remains.
+    (Asking each unit against the full set instead would find no support among copies.)
+    """
+    target = solver(list(units))
+    # units clearly below the largest miss can go at once, if the others give the same
+    near = misses(units, target.u) >= (1.0 - 1e-4) * target.value
+    top = [i for i in range(len(units)) if near[i]]
+    enough = same(solver([units[i] for i in top]), target, tolerance)
+    kept = top if enough else list(range(len(units)))
+    for i in list(kept):
+        rest = [j for j in kept if j != i]
+        if rest and same(solver([units[j] for j in rest]), target, tolerance):
+            kept = rest
+    return kept
+
+
+def discarded(
+    units: Sequence[Unit], r: int, solver: Callable[[list[Unit]], Worst]
+) -> tuple[list[int], Worst]:
+    """r units left out, each time the one whose absence lowers the value most: greedy."""
+    kept, gone = list(range(len(units))), list[int]()
+    now = solver(list(units))
+    for _ in range(r):
+        top = [i for i, x in zip(kept, misses([units[i] for i in kept], now.u), strict=True)
+               if x >= (1.0 - 1e-6) * now.value]  # fmt: skip
+        trials = {i: solver([units[j] for j in kept if j != i]) for i in top}
+        best = min(trials, key=lambda i: trials[i].value)
+        now = trials[best]
+        kept.remove(best)
+        gone.append(best)
+    return gone, now

@@ -11,7 +11,8 @@
 //! 4. **simulates** ([`simulate`]) what a control does, exactly and with fresh realizations at every step;
 //! 5. does 1-3 as a **stream** ([`streaming`]), with a certificate as stopping rule, whose state is saved in files
 //!    ([`storage`]).
-//! 6. **identifies** `A` and `B` from measured pairs ([`identify`]): least squares, and the laws of its error.
+//! 6. **identifies** `A` and `B` from measured pairs ([`identify`]): least squares, and the laws of its error;
+//! 7. computes **controls within limits** ([`limits`]), with a certificate.
 //!
 //! The modules are listed in the order of the data, `stream -> sample -> fuse -> control -> simulate`, and use only
 //! earlier ones. Arrays of a law are stored line by line (see [`Law`]). The feature `python` adds the extension module.
@@ -34,6 +35,7 @@ mod fault;
 pub mod fuse;
 pub mod identify;
 mod lanes;
+pub mod limits;
 mod memory;
 mod pages;
 mod parallel;

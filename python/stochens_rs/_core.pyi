@@ -6,6 +6,8 @@ from numpy.typing import NDArray
 
 __all__ = [
     "Alse",
+    "BoxControl",
+    "BoxSolver",
     "DataStream",
     "Draws",
     "StateLock",
@@ -14,11 +16,15 @@ __all__ = [
     "alse_path",
     "alse_prefixes",
     "bootstrap",
+    "box_batch",
+    "box_batch_each",
+    "box_control",
     "chi2_quantile",
     "chi2_upper",
     "closed_form",
     "diagonal_quantile",
     "f_upper",
+    "horizon_control",
     "joint_radii",
     "least_squares_level",
     "log_multigamma",
@@ -352,3 +358,98 @@ def sign_radii(
 def sign_statistics(
     rows: _Floats, n: int, size: int, key: bytes, signs: _Floats | None, threads: int
 ) -> _Floats: ...
+
+# Least J(u) = ||M u - y||^2 + u' R u over low <= u <= high. M (rows, d), y (rows,), R (d,) or (d, d) psd; limits (d,),
+# -inf and inf where there is none, equal where an input is fixed. Weights of states are inside: M = Q^(1/2) B.
+
+@final
+class BoxControl:
+    # (d,), inside the limits
+    @property
+    def control(self) -> _Floats: ...
+    # (d,): -1 at the lower limit, 1 at the upper one, by value; of a fixed input by the sign of its multiplier
+    @property
+    def active(self) -> NDArray[np.int8]: ...
+    # (d,), >= 0: J'_i at the lower limit, -J'_i at the upper one, 0 elsewhere
+    @property
+    def multipliers(self) -> _Floats: ...
+    @property
+    def status(self) -> _Status: ...
+    # J(u) - min J is at most this: the smaller of `frank_wolfe` and the square of the distance by the dual residual
+    @property
+    def gap(self) -> float: ...
+    # max over the box of <J'(u), u - v>; inf where J'_i is not 0 towards an infinite limit
+    @property
+    def frank_wolfe(self) -> float: ...
+    # D >= (||M (u - u*)||^2 + ||u - u*||_R^2)^(1/2)
+    @property
+    def distance(self) -> float: ...
+    # J(u), and J(0), to which gaps are relative
+    @property
+    def objective(self) -> float: ...
+    @property
+    def at_zero(self) -> float: ...
+    # factorizations
+    @property
+    def iterations(self) -> int: ...
+    # the last thing that changed u
+    @property
+    def method(self) -> Literal["pivoting", "interior point", "refinement"]: ...
+
+# `warm`: `active` of a problem nearby; `time_limit` in seconds, looked at between two factorizations
+def box_control(
+    m: _Floats,
+    y: _Floats,
+    r: _Floats,
+    low: _Floats,
+    high: _Floats,
+    warm: NDArray[np.int8] | None,
+    time_limit: float | None,
+) -> BoxControl: ...
+
+# The same M, R and limits for many y. With `state` (rows, n) and `target` (rows,), `solve` takes x (n,) and
+# y = target - state x; without them it takes y. Each call begins at the active set of the call before, shifted by
+# `shift` inputs. At most 15 pivots, then at most 25 factorizations. Nothing changes where a call raises.
+@final
+class BoxSolver:
+    def __new__(
+        cls,
+        m: _Floats,
+        r: _Floats,
+        low: _Floats,
+        high: _Floats,
+        shift: int,
+        state: _Floats | None,
+        target: _Floats | None,
+    ) -> BoxSolver: ...
+    def solve(self, given: _Floats, time_limit: float | None) -> BoxControl: ...
+    # active set (d,) at which the next call begins, before the shift; None: from anew
+    def warm(self) -> NDArray[np.int8] | None: ...
+    def resume(self, warm: NDArray[np.int8] | None) -> None: ...
+
+# u (N, d) for the rows of y (N, rows), and the gap of each if `gaps`; the same bits for any number of threads
+def box_batch(
+    m: _Floats, y: _Floats, r: _Floats, low: _Floats, high: _Floats, gaps: bool, threads: int
+) -> tuple[_Floats, _Floats | None]: ...
+
+# The same with an M of its own for each: m (N, rows d)
+def box_batch_each(
+    m: _Floats, y: _Floats, r: _Floats, low: _Floats, high: _Floats, gaps: bool, threads: int
+) -> tuple[_Floats, _Floats | None]: ...
+
+# K steps of x(k+1) = A x(k) + B u(k) by Riccati's recursion, for long horizons. Least
+# sum_{k=1..K} ||x(k) - reference(k)||^2_{Q_k} + sum_k ||u(k)||^2_R: `reference` (K, n) for x(1) .. x(K), Q_k = `stage`
+# (n, n), at K `terminal`; R (m, m); limits (K, m). `control`, `active`, `multipliers` and `warm` are (K m,), step by step.
+def horizon_control(
+    a: _Floats,
+    b: _Floats,
+    x0: _Floats,
+    reference: _Floats,
+    stage: _Floats,
+    terminal: _Floats,
+    r: _Floats,
+    low: _Floats,
+    high: _Floats,
+    warm: NDArray[np.int8] | None,
+    time_limit: float | None,
+) -> BoxControl: ...

@@ -274,6 +274,7 @@ CORE = (
     ("fuse",),
     ("control",),
     ("identify", "simulate", "storage", "streaming"),
+    ("limits",),
     ("python",),
 )
 CORE_HEIGHT = {room: height for height, rooms in enumerate(CORE) for room in rooms}

@@ -1,0 +1,105 @@
+//! Cholesky factor of a symmetric matrix whose size changes from face to face, in memory asked for once.
+
+use faer::linalg::matmul::matmul;
+use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
+use faer::{Accum, MatMut, MatRef, Par};
+
+use super::kernel::{backward, cholesky, forward, padded, widest};
+use crate::error::Result;
+use crate::memory::{checked_len, room_for_products, try_zeros};
+use crate::parallel::Stop;
+
+const WHAT: &str = "a control within limits";
+
+/// Rows up to which one kernel takes the whole matrix, and of a panel above.
+const PANEL: usize = 96;
+
+#[derive(Default)]
+pub(super) struct Factor {
+    lower: Vec<f64>,
+    inverse: Vec<f64>,
+    block: Vec<f64>,
+    n: usize,
+    ld: usize,
+}
+
+impl Factor {
+    /// Memory for up to `most` rows.
+    pub(super) fn new(most: usize) -> Result<Self> {
+        let ld = padded(most);
+        let block = if most > PANEL { PANEL * PANEL } else { 0 };
+        let lower = try_zeros(WHAT, checked_len(WHAT, most, ld)?)?;
+        Ok(Self { lower, inverse: try_zeros(WHAT, most)?, block: try_zeros(WHAT, block)?, n: 0, ld })
+    }
+
+    /// Factors the matrix of `n` rows whose column `j` from the diagonal on is written by `column(j, into)`. False if it
+    /// is not positive definite to rounding.
+    pub(super) fn set(&mut self, n: usize, mut column: impl FnMut(usize, &mut [f64]), stop: &Stop) -> Result<bool> {
+        (self.n, self.ld) = (n, padded(n));
+        for (j, line) in self.lower.chunks_exact_mut(self.ld.max(1)).take(n).enumerate() {
+            column(j, &mut line[j..n]);
+            line[n..].fill(0.0);
+        }
+        if n > PANEL {
+            return self.by_panels(stop);
+        }
+        let (lower, inverse) = (&mut self.lower, &mut self.inverse);
+        Ok(widest(|| cholesky(lower, n, padded(n), inverse)))
+    }
+
+    fn by_panels(&mut self, stop: &Stop) -> Result<bool> {
+        room_for_products()?;
+        let (n, ld) = (self.n, self.ld);
+        for start in (0..n).step_by(PANEL) {
+            stop.check()?;
+            let width = PANEL.min(n - start);
+            let (done, rest) = self.lower[..n * ld].split_at_mut(start * ld);
+            let mut panel = MatMut::from_column_major_slice_with_stride_mut(rest, n, width, ld).subrows_mut(start, n - start);
+            if start > 0 {
+                // A_p <- A_p - L_< L_p<'
+                let done = MatRef::from_column_major_slice_with_stride(done, n, start, ld);
+                let (below, here) = (done.subrows(start, n - start), done.subrows(start, width));
+                matmul(panel.as_mut(), Accum::Add, below, here.transpose(), -1.0, Par::Seq);
+            }
+            let side = padded(width);
+            for j in 0..width {
+                for i in 0..side {
+                    self.block[j * side + i] = if i >= j && i < width { panel[(i, j)] } else { 0.0 };
+                }
+            }
+            let (block, inverse) = (&mut self.block, &mut self.inverse[start..start + width]);
+            if !widest(|| cholesky(block, width, side, inverse)) {
+                return Ok(false);
+            }
+            for j in 0..width {
+                for i in 0..width {
+                    panel[(i, j)] = if i == j { 1.0 / self.inverse[start + j] } else { self.block[j * side + i] };
+                }
+                (0..j).for_each(|i| panel[(i, j)] = 0.0);
+            }
+            let (diagonal, below) = panel.split_at_row_mut(width);
+            solve_lower_triangular_in_place(diagonal.as_ref(), below.transpose_mut(), Par::Seq);
+        }
+        for (j, line) in self.lower.chunks_exact_mut(ld).take(n).enumerate() {
+            line[..=j].fill(0.0);
+            line[n..].fill(0.0);
+        }
+        Ok(true)
+    }
+
+    /// `x <- A^{-1} x`; `x` has whole groups.
+    pub(super) fn solve(&self, x: &mut [f64]) {
+        let (l, ld, inverse) = (&self.lower, self.ld, &self.inverse[..self.n]);
+        widest(|| {
+            forward(l, ld, inverse, x);
+            backward(l, ld, inverse, x);
+        });
+    }
+
+    /// A lower bound of the condition of `A`: the squared ratio of the largest to the smallest diagonal entry of `L`.
+    pub(super) fn condition(&self) -> f64 {
+        let range = |(low, high): (f64, f64), v: &f64| (low.min(*v), high.max(*v));
+        let (low, high) = self.inverse[..self.n].iter().fold((f64::INFINITY, 0.0), range);
+        (high / low).powi(2).max(1.0)
+    }
+}

@@ -1,0 +1,91 @@
+//! What pivoting and the interior point ask of a problem, whatever its structure: `J(u) = ||M u - y||^2 + u' R u` with
+//! `H = M'M + R` and half gradients `g = J'(u) / 2 = M'(M u - y) + R u`.
+
+use std::time::{Duration, Instant};
+
+use super::bounds::Bounds;
+use crate::error::Result;
+use crate::parallel::Stop;
+
+pub(super) trait Quadratic {
+    fn size(&self) -> usize;
+
+    /// `diag H`
+    fn curvature(&self) -> &[f64];
+
+    /// `J(0)`
+    fn at_zero(&self) -> f64;
+
+    /// The minimiser of `J` over the inputs with `held = 0`, given the others. False if it is not unique to rounding.
+    fn face(&mut self, held: &[i8], u: &mut [f64], stop: &Stop) -> Result<bool>;
+
+    /// `v <- H_FF^{-1} v` on the free inputs `F` of the last face, 0 elsewhere.
+    fn correct(&mut self, v: &mut [f64]);
+
+    /// `g` for pivoting, and `||u||_H^2`.
+    fn pull(&mut self, u: &[f64], g: &mut [f64]) -> f64;
+
+    /// `J(u)`, and `g` from the residual.
+    fn slope(&mut self, u: &[f64], g: &mut [f64]) -> f64;
+
+    /// Factors `H + diag(diagonal)` for the inputs with `held = 0`, beside the face; false if it is not positive definite to rounding.
+    fn barrier(&mut self, held: &[i8], diagonal: &[f64], stop: &Stop) -> Result<bool>;
+
+    /// `v <- (H + diag)^{-1} v` by the last [`Self::barrier`], 0 elsewhere.
+    fn newton(&mut self, v: &mut [f64]);
+
+    /// An upper bound of `e' H^{-1} e` over the inputs with `held = 0`; infinite where `H` is singular to rounding.
+    fn dual_norm(&mut self, held: &[i8], e: &[f64], stop: &Stop) -> Result<f64>;
+
+    /// A control to begin with, inside the limits; `held` names inputs that stay at their limit.
+    fn guess(&mut self, bounds: Bounds<'_>, held: &[i8], u: &mut [f64], stop: &Stop) -> Result<()>;
+}
+
+/// How a computation ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Status {
+    /// The gap is at most `1e-9 (J(0) + J(u))`.
+    Optimal,
+    /// The gap is larger.
+    Inaccurate,
+    /// The time limit came first.
+    Limit,
+    /// The caller asked to stop.
+    Interrupted,
+}
+
+impl Status {
+    /// Its name in the package.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Optimal => "optimal",
+            Self::Inaccurate => "optimal_inaccurate",
+            Self::Limit => "user_limit",
+            Self::Interrupted => "interrupted",
+        }
+    }
+}
+
+/// What ends a computation before its tolerance.
+#[derive(Clone, Copy)]
+pub struct Until<'a> {
+    pub(super) stop: &'a Stop,
+    deadline: Option<Instant>,
+}
+
+impl<'a> Until<'a> {
+    /// A stop, or `time` from now.
+    pub fn new(stop: &'a Stop, time: Option<Duration>) -> Self {
+        Self { stop, deadline: time.and_then(|time| Instant::now().checked_add(time)) }
+    }
+
+    pub(super) fn reached(&self) -> Option<Status> {
+        if self.stop.requested() {
+            Some(Status::Interrupted)
+        } else if self.deadline.is_some_and(|deadline| Instant::now() >= deadline) {
+            Some(Status::Limit)
+        } else {
+            None
+        }
+    }
+}

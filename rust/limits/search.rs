@@ -1,0 +1,329 @@
+//! Block principal pivoting, the interior point as its safeguard, and the certificate of what they find.
+//!
+//! Pivoting (Judice and Pires 1994) minimises over the free inputs, exchanges every input that violates its limit or the
+//! sign of its multiplier, and repeats. It may cycle: once the number of violations has not fallen for a few rounds, the
+//! interior point takes over, and its limits are where pivoting ends.
+
+use super::bounds::Bounds;
+use super::interior::Interior;
+use super::quadratic::{Quadratic, Status, Until};
+use crate::error::Result;
+use crate::memory::try_zeros;
+
+const WHAT: &str = "a control within limits";
+
+/// Most rounds of pivoting, and after the interior point.
+const PIVOTS: usize = 15;
+const LAST_PIVOTS: usize = 5;
+/// Rounds without fewer violations after which pivoting ends.
+const PATIENCE: usize = 4;
+/// Gaps relative to `J(0) + J(u)`: where refinement ends, from where more is tried, and of an optimal result.
+const EXACT: f64 = 1e-14;
+pub(super) const GOOD: f64 = 1e-12;
+const OPTIMAL: f64 = 1e-9;
+/// Rounding of a gradient, in units of its size.
+const ROUNDING: f64 = 16.0 * f64::EPSILON;
+
+/// What found the control.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum Method {
+    /// Block principal pivoting.
+    #[default]
+    Pivoting,
+    /// The interior point, and pivoting from its limits.
+    Interior,
+    /// Either with orthogonal factors.
+    Refinement,
+}
+
+impl Method {
+    /// Its name in the package.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Pivoting => "pivoting",
+            Self::Interior => "interior point",
+            Self::Refinement => "refinement",
+        }
+    }
+}
+
+/// How far `J(u)` is from the minimum.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Certificate {
+    pub(super) objective: f64,
+    pub(super) gap: f64,
+    pub(super) frank_wolfe: f64,
+    pub(super) distance: f64,
+}
+
+impl Default for Certificate {
+    fn default() -> Self {
+        let none = f64::INFINITY;
+        Self { objective: none, gap: none, frank_wolfe: none, distance: none }
+    }
+}
+
+/// Memory of a search, and its best control.
+#[derive(Default)]
+pub(super) struct Search {
+    pub(super) u: Vec<f64>,
+    pub(super) g: Vec<f64>,
+    pub(super) held: Vec<i8>,
+    fixed: Vec<i8>,
+    v: Vec<f64>,
+    step: Vec<f64>,
+    e: Vec<f64>,
+    interior: Interior,
+    pub(super) certificate: Certificate,
+    pub(super) factorizations: usize,
+    pub(super) method: Method,
+}
+
+enum End {
+    Done,
+    Stuck,
+    Early(Status),
+}
+
+impl Search {
+    pub(super) fn new(d: usize) -> Result<Self> {
+        let zeros = || try_zeros(WHAT, d);
+        Ok(Self {
+            u: zeros()?,
+            g: zeros()?,
+            held: try_signs(d)?,
+            fixed: try_signs(d)?,
+            v: zeros()?,
+            step: zeros()?,
+            e: zeros()?,
+            ..Self::default()
+        })
+    }
+
+    /// Searches from the limits that `warm` names, or from a guess; then `u`, `g` and `certificate` are those of the best
+    /// control found.
+    pub(super) fn run(
+        &mut self,
+        q: &mut impl Quadratic,
+        bounds: Bounds<'_>,
+        warm: Option<&[i8]>,
+        until: Until<'_>,
+    ) -> Result<Option<Status>> {
+        (self.certificate, self.factorizations, self.method) = Default::default();
+        self.begin(q, bounds, warm, until)?;
+        let method = self.method;
+        let mut end = self.pivot(q, bounds, until, PIVOTS)?;
+        if warm.is_some() && matches!(end, End::Stuck) {
+            self.begin(q, bounds, None, until)?;
+            end = self.pivot(q, bounds, until, PIVOTS - self.factorizations.min(PIVOTS - LAST_PIVOTS))?;
+        }
+        let early = match end {
+            End::Done => {
+                self.refine(q, bounds, until, method)?;
+                None
+            }
+            End::Stuck => {
+                self.judge(q, bounds, until, method)?;
+                None
+            }
+            End::Early(status) => {
+                self.judge(q, bounds, until, method)?;
+                Some(status)
+            }
+        };
+        let scale = q.at_zero() + self.certificate.objective;
+        if early.is_some() || self.certificate.gap <= GOOD * scale {
+            return Ok(early);
+        }
+        self.safeguard(q, bounds, until)
+    }
+
+    fn begin(&mut self, q: &mut impl Quadratic, bounds: Bounds<'_>, warm: Option<&[i8]>, until: Until<'_>) -> Result<()> {
+        for i in 0..q.size() {
+            // an input that changes nothing stays where it is nearest to 0
+            let idle = q.curvature()[i] == 0.0;
+            self.fixed[i] = if bounds.fixed(i) || idle { 1 } else { 0 };
+            self.v[i] = bounds.clip(i, 0.0);
+        }
+        match warm {
+            Some(warm) => {
+                for (i, held) in self.held.iter_mut().enumerate() {
+                    let there = bounds.at(i, warm[i]).is_some_and(f64::is_finite);
+                    *held = if self.fixed[i] != 0 { 1 } else if there { warm[i] } else { 0 };
+                }
+            }
+            None => {
+                q.guess(bounds, &self.fixed, &mut self.v, until.stop)?;
+                for (i, held) in self.held.iter_mut().enumerate() {
+                    *held = if self.fixed[i] != 0 { 1 } else { bounds.reached(i, self.v[i], 0.0) };
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// `v` with every held input at its limit.
+    fn hold(&mut self, bounds: Bounds<'_>) {
+        for (i, v) in self.v.iter_mut().enumerate() {
+            if self.fixed[i] != 0 {
+                *v = bounds.clip(i, 0.0);
+            } else if let Some(limit) = bounds.at(i, self.held[i]) {
+                *v = limit + 0.0;
+            }
+        }
+    }
+
+    fn pivot(&mut self, q: &mut impl Quadratic, bounds: Bounds<'_>, until: Until<'_>, most: usize) -> Result<End> {
+        let (mut least, mut waits) = (usize::MAX, 0);
+        for _ in 0..most {
+            if let Some(status) = until.reached() {
+                return Ok(End::Early(status));
+            }
+            self.hold(bounds);
+            self.factorizations += 1;
+            if !q.face(&self.held, &mut self.v, until.stop)? {
+                return Ok(End::Stuck);
+            }
+            let squared = q.pull(&self.v, &mut self.step);
+            let rounding = ROUNDING * (q.at_zero().sqrt() + squared.max(0.0).sqrt());
+            let count = self.exchange(bounds, q.curvature(), rounding);
+            if count == 0 {
+                return Ok(End::Done);
+            }
+            if count < least {
+                (least, waits) = (count, 0);
+            } else {
+                waits += 1;
+                if waits >= PATIENCE {
+                    break;
+                }
+            }
+        }
+        Ok(End::Stuck)
+    }
+
+    /// Exchanges what violates its limit or its sign by more than rounding; the number of these.
+    fn exchange(&mut self, bounds: Bounds<'_>, curvature: &[f64], rounding: f64) -> usize {
+        let mut count = 0;
+        for i in (0..curvature.len()).filter(|&i| self.fixed[i] == 0) {
+            let (v, g, root) = (self.v[i], self.step[i], curvature[i].sqrt());
+            let now = match self.held[i] {
+                0 if v < bounds.low[i] - rounding / root => -1,
+                0 if v > bounds.high[i] + rounding / root => 1,
+                -1 if g < -rounding * root => 0,
+                1 if g > rounding * root => 0,
+                same => same,
+            };
+            count += usize::from(now != self.held[i]);
+            self.held[i] = now;
+        }
+        count
+    }
+
+    /// Corrects the free inputs by the gradient from the residual, while that makes the gap smaller.
+    fn refine(&mut self, q: &mut impl Quadratic, bounds: Bounds<'_>, until: Until<'_>, method: Method) -> Result<()> {
+        for _ in 0..3 {
+            let better = self.judge(q, bounds, until, method)?;
+            let scale = q.at_zero() + self.certificate.objective;
+            if !better || self.certificate.gap <= EXACT * scale {
+                break;
+            }
+            self.hold(bounds);
+            q.slope(&self.v, &mut self.step);
+            q.correct(&mut self.step);
+            self.v.iter_mut().zip(&self.step).for_each(|(v, step)| *v -= step);
+        }
+        Ok(())
+    }
+
+    fn safeguard(&mut self, q: &mut impl Quadratic, bounds: Bounds<'_>, until: Until<'_>) -> Result<Option<Status>> {
+        self.v.copy_from_slice(&self.u);
+        self.held.copy_from_slice(&self.fixed);
+        let moving = (&mut *self.v, &mut *self.step, &mut *self.held);
+        let (done, early) = self.interior.run(q, bounds, moving, until)?;
+        self.factorizations += done;
+        self.judge(q, bounds, until, Method::Interior)?;
+        if early.is_some() {
+            return Ok(early);
+        }
+        match self.pivot(q, bounds, until, LAST_PIVOTS)? {
+            End::Done => self.refine(q, bounds, until, Method::Interior)?,
+            End::Stuck => drop(self.judge(q, bounds, until, Method::Interior)?),
+            End::Early(status) => return Ok(Some(status)),
+        }
+        Ok(None)
+    }
+
+    /// Clips `v`; it is the best control if its gap is smaller. `step` is its half gradient then.
+    fn judge(&mut self, q: &mut impl Quadratic, bounds: Bounds<'_>, until: Until<'_>, method: Method) -> Result<bool> {
+        for (i, v) in self.v.iter_mut().enumerate() {
+            *v = bounds.clip(i, *v);
+        }
+        let objective = q.slope(&self.v, &mut self.step);
+        if !objective.is_finite() {
+            return Ok(false);
+        }
+        let frank_wolfe = frank_wolfe(bounds, &self.v, &self.step);
+        let mut found = Certificate { objective, gap: frank_wolfe, frank_wolfe, distance: (frank_wolfe / 2.0).sqrt() };
+        if frank_wolfe > EXACT * (q.at_zero() + objective) {
+            let squared = self.dual_residual(q, bounds, until)?;
+            found.gap = frank_wolfe.min(squared);
+            found.distance = found.distance.min(squared.sqrt());
+        }
+        let first = self.certificate.objective == f64::INFINITY;
+        // of several exact ones the last: it is at its limits, where an interior point only comes close
+        let better = found.gap < self.certificate.gap || found.gap <= EXACT * (q.at_zero() + objective);
+        if better || first {
+            std::mem::swap(&mut self.u, &mut self.v);
+            std::mem::swap(&mut self.g, &mut self.step);
+            self.v.copy_from_slice(&self.u);
+            (self.certificate, self.method) = (found, method);
+        }
+        Ok(better)
+    }
+
+    /// `e' H^{-1} e` with `e` the half gradient where no limit balances it: `D^2` and `J(u) - min J` are at most this.
+    fn dual_residual(&mut self, q: &mut impl Quadratic, bounds: Bounds<'_>, until: Until<'_>) -> Result<f64> {
+        for (i, e) in self.e.iter_mut().enumerate() {
+            let (at, g) = (bounds.reached(i, self.v[i], self.step[i]), self.step[i]);
+            let balanced = self.fixed[i] != 0 || at < 0 && g >= 0.0 || at > 0 && g <= 0.0;
+            *e = if balanced { 0.0 } else { g };
+        }
+        q.dual_norm(&self.fixed, &self.e, until.stop)
+    }
+}
+
+impl Search {
+    /// What is left to say where a stop came before any control was judged.
+    pub(super) fn give_up(&mut self, q: &mut impl Quadratic, bounds: Bounds<'_>) {
+        self.u.iter_mut().enumerate().for_each(|(i, u)| *u = bounds.clip(i, 0.0));
+        let objective = q.slope(&self.u, &mut self.g);
+        let frank_wolfe = frank_wolfe(bounds, &self.u, &self.g);
+        self.certificate = Certificate { objective, gap: frank_wolfe, frank_wolfe, distance: (frank_wolfe / 2.0).sqrt() };
+    }
+}
+
+/// `max <J'(u), u - v>` over the limits.
+fn frank_wolfe(bounds: Bounds<'_>, u: &[f64], g: &[f64]) -> f64 {
+    let mut sum = 0.0;
+    for (i, (u, g)) in u.iter().zip(g).enumerate() {
+        if *g != 0.0 {
+            let to = if *g > 0.0 { bounds.low[i] } else { bounds.high[i] };
+            sum += if to == *u { 0.0 } else { 2.0 * g * (u - to) };
+        }
+    }
+    sum
+}
+
+/// The status of a gap.
+pub(super) fn status(early: Option<Status>, found: &Certificate, at_zero: f64) -> Status {
+    match early {
+        _ if found.gap <= OPTIMAL * (at_zero + found.objective) => Status::Optimal,
+        Some(status) => status,
+        None => Status::Inaccurate,
+    }
+}
+
+fn try_signs(d: usize) -> Result<Vec<i8>> {
+    crate::memory::try_filled(WHAT, 0, d)
+}

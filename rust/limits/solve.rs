@@ -1,0 +1,349 @@
+//! One problem, and one `M` for many `y`.
+
+use super::bounds::Bounds;
+use super::dense::Dense;
+use super::orthogonal::{Orthogonal, reduce};
+use super::quadratic::{Quadratic, Status, Until};
+use super::search::{Certificate, GOOD, Method, Search, status};
+use crate::error::{Error, Result, require_finite};
+use crate::memory::{checked_len, try_copy, try_filled, try_zeros};
+use crate::parallel::Stop;
+
+const WHAT: &str = "a control within limits";
+
+/// A control and how far from the best one it can be.
+#[derive(Debug, Clone)]
+pub struct Solution {
+    /// `u`, inside the limits.
+    pub control: Vec<f64>,
+    /// -1 at the lower limit, 1 at the upper one; of a fixed input by the sign of its multiplier.
+    pub active: Vec<i8>,
+    /// `J'_i` at the lower limit, `-J'_i` at the upper one, at least 0; 0 elsewhere.
+    pub multipliers: Vec<f64>,
+    /// How the computation ended.
+    pub status: Status,
+    /// `J(u) - min J` is at most this.
+    pub gap: f64,
+    /// The largest `<J'(u), u - v>` over the limits.
+    pub frank_wolfe: f64,
+    /// `||u - u*||_H` is at most this.
+    pub distance: f64,
+    /// `J(u)`.
+    pub objective: f64,
+    /// `J(0)`.
+    pub at_zero: f64,
+    /// Factorizations.
+    pub iterations: usize,
+    /// What found the control.
+    pub method: Method,
+}
+
+/// `R`: its diagonal, or all of it.
+#[derive(Clone, Copy)]
+pub enum Penalty<'a> {
+    /// `d` entries.
+    Diagonal(&'a [f64]),
+    /// `d x d`, symmetric.
+    Full(&'a [f64]),
+}
+
+impl Penalty<'_> {
+    /// Its diagonal and `rows` of a root of the rest: `R = diag + rows' rows`. By pivoted Cholesky.
+    fn split(self, d: usize) -> Result<(Vec<f64>, Vec<f64>)> {
+        let (values, len) = match self {
+            Self::Diagonal(values) => (values, d),
+            Self::Full(values) => (values, checked_len(WHAT, d, d)?),
+        };
+        if values.len() != len {
+            let found = format!("{} entries", values.len());
+            return Err(Error::Shape { name: "R", expected: format!("{len} entries"), found });
+        }
+        require_finite("R", values)?;
+        let indefinite = |v: f64| Error::Value { name: "R", expected: "positive semidefinite", found: format!("a pivot of {v:e}") };
+        if matches!(self, Self::Diagonal(_)) {
+            return match values.iter().find(|v| **v < 0.0) {
+                Some(v) => Err(indefinite(*v)),
+                None => Ok((try_copy(WHAT, values)?, Vec::new())),
+            };
+        }
+        let (mut left, mut rows) = (try_copy(WHAT, values)?, try_zeros(WHAT, len)?);
+        let most = (0..d).fold(0.0f64, |m, i| m.max(values[i * d + i].abs()));
+        let rounding = 4.0 * f64::EPSILON * d as f64 * most;
+        for row in rows.chunks_exact_mut(d.max(1)) {
+            let Some(p) = (0..d).max_by(|&i, &j| left[i * d + i].total_cmp(&left[j * d + j])) else { break };
+            let pivot = left[p * d + p];
+            if pivot <= rounding {
+                break;
+            }
+            let root = pivot.sqrt();
+            (0..d).for_each(|i| row[i] = left[p * d + i] / root);
+            for i in 0..d {
+                (0..d).for_each(|j| left[i * d + j] -= row[i] * row[j]);
+            }
+        }
+        match left.iter().find(|v| v.abs() > 1e3 * rounding) {
+            Some(v) => Err(indefinite(-v.abs())),
+            None => Ok((try_zeros(WHAT, d)?, rows)),
+        }
+    }
+}
+
+/// Searches, once more with orthogonal factors where the gap is not small, and says what was found.
+pub(super) fn find(
+    dense: &mut Dense,
+    search: &mut Search,
+    bounds: Bounds<'_>,
+    warm: Option<&[i8]>,
+    until: Until<'_>,
+) -> Result<(Option<Status>, Certificate)> {
+    let mut early = match search.run(dense, bounds, warm, until) {
+        Err(Error::Interrupted) => Some(Status::Interrupted),
+        other => other?,
+    };
+    if !search.certificate.objective.is_finite() {
+        search.give_up(dense, bounds);
+    }
+    let mut found = search.certificate;
+    if early.is_none() && !(found.gap <= GOOD * (dense.at_zero() + found.objective)) {
+        let mut exact = Orthogonal::new(dense, until.stop)?;
+        let mut again = Search::new(dense.d)?;
+        early = again.run(&mut exact, bounds, Some(&search.held), until)?;
+        if again.certificate.gap < found.gap {
+            found = again.certificate;
+            (search.u, search.g) = (again.u, again.g);
+            search.method = Method::Refinement;
+        }
+        search.factorizations += again.factorizations;
+    }
+    Ok((early, found))
+}
+
+/// The result of a search.
+pub(super) fn told(
+    search: &Search,
+    bounds: Bounds<'_>,
+    (early, found): (Option<Status>, Certificate),
+    at_zero: f64,
+) -> Result<Solution> {
+    let d = search.u.len();
+    let mut multipliers = try_zeros(WHAT, d)?;
+    let mut active = try_filled(WHAT, 0, d)?;
+    for (i, (u, g)) in search.u.iter().zip(&search.g).enumerate() {
+        active[i] = bounds.reached(i, *u, *g);
+        multipliers[i] = (-2.0 * f64::from(active[i]) * g).max(0.0) + 0.0;
+    }
+    Ok(Solution {
+        control: try_copy(WHAT, &search.u)?,
+        active,
+        multipliers,
+        status: status(early, &found, at_zero),
+        gap: found.gap,
+        frank_wolfe: found.frank_wolfe,
+        distance: found.distance,
+        objective: found.objective,
+        at_zero,
+        iterations: search.factorizations,
+        method: search.method,
+    })
+}
+
+/// `M`, checked against `d`, with the rows of a root of `R` below; the number of its own rows.
+fn stacked(m: &[f64], d: usize, r: Penalty<'_>) -> Result<(Dense, usize)> {
+    if d == 0 || !m.len().is_multiple_of(d) {
+        let found = format!("{} entries", m.len());
+        return Err(Error::Shape { name: "M", expected: format!("rows of {d} entries, at least one"), found });
+    }
+    let rows = m.len() / d;
+    let (diagonal, root) = r.split(d)?;
+    let mut dense = Dense::new(rows + root.len() / d, d)?;
+    if root.is_empty() {
+        dense.set(m, &diagonal)?;
+    } else {
+        let mut all = try_zeros(WHAT, m.len() + root.len())?;
+        let (above, below) = all.split_at_mut(m.len());
+        above.copy_from_slice(m);
+        below.copy_from_slice(&root);
+        dense.set(&all, &diagonal)?;
+    }
+    Ok((dense, rows))
+}
+
+/// `y` with zeros for the root of `R`.
+fn aim(dense: &mut Dense, rows: usize, y: &[f64]) -> Result<()> {
+    if y.len() != rows {
+        let found = format!("{} entries", y.len());
+        return Err(Error::Shape { name: "y", expected: format!("{rows} entries, one per row of `M`"), found });
+    }
+    if dense.y.len() == rows {
+        return dense.aim(y);
+    }
+    let mut all = try_zeros(WHAT, dense.y.len())?;
+    all[..rows].copy_from_slice(y);
+    dense.aim(&all)
+}
+
+fn checked_warm(warm: Option<&[i8]>, d: usize) -> Result<()> {
+    match warm {
+        Some(warm) if warm.len() != d => {
+            let found = format!("{} entries", warm.len());
+            Err(Error::Shape { name: "warm", expected: format!("{d} entries"), found })
+        }
+        _ => Ok(()),
+    }
+}
+
+/// The least `||M u - y||^2 + u' R u` within `bounds`, from the limits that `warm` names.
+///
+/// # Errors
+/// [`Error::Shape`], [`Error::NonFinite`], [`Error::Overflow`], [`Error::Value`] for `R`, [`Error::Memory`].
+pub fn box_control(
+    m: &[f64],
+    y: &[f64],
+    r: Penalty<'_>,
+    bounds: Bounds<'_>,
+    warm: Option<&[i8]>,
+    until: Until<'_>,
+) -> Result<Solution> {
+    let d = bounds.low.len();
+    checked_warm(warm, d)?;
+    let (mut dense, rows) = stacked(m, d, r)?;
+    aim(&mut dense, rows, y)?;
+    let mut search = Search::new(d)?;
+    let found = find(&mut dense, &mut search, bounds, warm, until)?;
+    told(&search, bounds, found, dense.at_zero())
+}
+
+/// One `M`, `R` and limits for many `y`, or for many `x` with `y = target - state x`.
+pub struct Solver {
+    dense: Dense,
+    search: Search,
+    rows: usize,
+    low: Vec<f64>,
+    high: Vec<f64>,
+    shift: usize,
+    /// Columns of `-state` and the target after reduction, `d + 1` rows.
+    map: Option<(Vec<f64>, usize)>,
+    warm: Option<Vec<i8>>,
+}
+
+impl Solver {
+    /// Everything that does not depend on `y` is computed here. `shift`: each call begins at the limits that the call
+    /// before has reached, this many inputs later. `goal`: `state` (rows, n) and `target`.
+    ///
+    /// # Errors
+    /// As [`box_control`], and [`Error::Interrupted`].
+    pub fn new(
+        m: &[f64],
+        r: Penalty<'_>,
+        bounds: Bounds<'_>,
+        shift: usize,
+        goal: Option<(&[f64], &[f64])>,
+        stop: &Stop,
+    ) -> Result<Self> {
+        let d = bounds.low.len();
+        let (mut dense, mut rows) = stacked(m, d, r)?;
+        let mut map = None;
+        if let Some((state, target)) = goal {
+            let n = state.len().checked_div(rows).unwrap_or(0);
+            if target.len() != rows || state.len() != n * rows || n == 0 {
+                let found = format!("{} and {}", state.len(), target.len());
+                let expected = format!("{rows} rows, as many as `target`");
+                return Err(Error::Shape { name: "state", expected, found });
+            }
+            (dense, map) = reduced(&dense, rows, state, target, n, stop)?;
+            rows = d;
+        }
+        dense.invert(stop)?;
+        let (low, high) = (try_copy(WHAT, bounds.low)?, try_copy(WHAT, bounds.high)?);
+        Ok(Self { search: Search::new(d)?, dense, rows, low, high, shift, map, warm: None })
+    }
+
+    /// The best control for `given`, which is `x` or `y`. After an error, all is as before.
+    ///
+    /// # Errors
+    /// As [`box_control`].
+    pub fn solve(&mut self, given: &[f64], until: Until<'_>) -> Result<Solution> {
+        let d = self.low.len();
+        match &self.map {
+            None => {
+                require_finite("y", given)?;
+                aim(&mut self.dense, self.rows, given)?;
+            }
+            Some((map, width)) => {
+                if given.len() + 1 != *width {
+                    let found = format!("{} entries", given.len());
+                    return Err(Error::Shape { name: "x", expected: format!("{} entries", width - 1), found });
+                }
+                require_finite("x", given)?;
+                let mut y = try_zeros(WHAT, d)?;
+                let (of_inputs, others) = map.split_at(d * width);
+                let at = |row: &[f64]| row[given.len()] - given.iter().zip(row).map(|(x, v)| x * v).sum::<f64>();
+                y.iter_mut().zip(of_inputs.chunks_exact(*width)).for_each(|(y, row)| *y = at(row));
+                self.dense.rest = others.chunks_exact(*width).map(|row| at(row).powi(2)).sum();
+                self.dense.aim(&y)?;
+            }
+        }
+        let bounds = Bounds { low: &self.low, high: &self.high };
+        let mut first = None;
+        if let Some(warm) = &self.warm {
+            let mut shifted = try_copy(WHAT, warm)?;
+            shifted.copy_within(self.shift.min(d).., 0);
+            first = Some(shifted);
+        }
+        let found = find(&mut self.dense, &mut self.search, bounds, first.as_deref(), until)?;
+        let told = told(&self.search, bounds, found, self.dense.at_zero())?;
+        self.warm = Some(try_copy(WHAT, &told.active)?);
+        Ok(told)
+    }
+
+    /// The limits at which the next call begins.
+    pub fn warm(&self) -> Option<&[i8]> {
+        self.warm.as_deref()
+    }
+
+    /// Sets them.
+    ///
+    /// # Errors
+    /// [`Error::Shape`].
+    pub fn resume(&mut self, warm: Option<Vec<i8>>) -> Result<()> {
+        checked_warm(warm.as_deref(), self.low.len())?;
+        self.warm = warm;
+        Ok(())
+    }
+
+    /// Inputs.
+    pub fn size(&self) -> usize {
+        self.low.len()
+    }
+}
+
+/// `[M state target; R^(1/2) 0 0] = Q [T S t; 0 S2 t2]`: `||M u - y||^2 + u'R u = ||T u - (t - S x)||^2 + ||t2 - S2 x||^2`.
+fn reduced(
+    dense: &Dense,
+    rows: usize,
+    state: &[f64],
+    target: &[f64],
+    n: usize,
+    stop: &Stop,
+) -> Result<(Dense, Option<(Vec<f64>, usize)>)> {
+    let (d, ld) = (dense.d, dense.ld);
+    let mut columns = try_zeros(WHAT, checked_len(WHAT, n + 1, dense.y.len())?)?;
+    let height = dense.y.len().max(1);
+    for (j, column) in columns.chunks_exact_mut(height).enumerate() {
+        let value = |i: usize| if j < n { state[i * n + j] } else { target[i] };
+        column.iter_mut().take(rows).enumerate().for_each(|(i, to)| *to = value(i));
+    }
+    let right = crate::memory::try_collect(WHAT, columns.chunks_exact(height))?;
+    let (all, width) = reduce((&dense.m, d, ld), &dense.r, &right, stop)?;
+    let (mut t, mut map) = (try_zeros(WHAT, checked_len(WHAT, d, d)?)?, try_zeros(WHAT, checked_len(WHAT, width, n + 1)?)?);
+    for (i, row) in all.chunks_exact(width).enumerate() {
+        if i < d {
+            t[i * d..(i + 1) * d].copy_from_slice(&row[..d]);
+        }
+        map[i * (n + 1)..(i + 1) * (n + 1)].copy_from_slice(&row[d..]);
+    }
+    let mut small = Dense::new(d, d)?;
+    small.set(&t, &try_zeros(WHAT, d)?)?;
+    small.triangular = true;
+    Ok((small, Some((map, n + 1))))
+}

@@ -1,0 +1,268 @@
+"""What a control within limits minimises, and the limits: the arguments, checked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .._base import gate
+from .._base.records import by_constructor
+from .._base.types import Floats
+from ..exceptions import InputError, InputTypeError, ShapeError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+REGULAR = 1e-8  # R="auto": this share of the mean eigenvalue of G'QG, printed with the plan
+SOFT = 1e3  # weight of soft state limits, in units of the largest eigenvalue of Q
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """``J(u) = sum_k ||x(k) - r(k)||^2_{Q_k} + ||u(k-1)||^2_R`` over k = 1, ..., K, and limits.
+
+    Attributes
+    ----------
+    low, high : ndarray, shape (K, m)
+        Limits of the inputs; infinite where there is none, equal where an input is fixed.
+    stage, terminal : ndarray, shape (n, n)
+        ``Q_k`` for k < K, and ``Q_K``.
+    reference : ndarray, shape (K, n)
+        ``r(1), ..., r(K)``.
+    R : ndarray, shape (m, m), or None
+        None: ``1e-8 tr(G'QG) / (m K)`` times I, from the estimate; see `regular`.
+    rate, previous : ndarray, shape (m,), or None
+        ``|u(k) - u(k-1)| <= rate``, with ``u(-1) = previous``.
+    state_low, state_high : ndarray, shape (K, n), or None
+        Limits of ``x(1), ..., x(K)``.
+    soft : float or None
+        The weight of ``||max(0, x - high)||^2 + ||max(0, low - x)||^2`` in J; None: hard limits.
+    """
+
+    low: Floats
+    high: Floats
+    stage: Floats
+    terminal: Floats
+    reference: Floats
+    R: Floats | None = None
+    rate: Floats | None = None
+    previous: Floats | None = None
+    state_low: Floats | None = None
+    state_high: Floats | None = None
+    soft: float | None = None
+
+    def __post_init__(self) -> None:
+        shape = gate.kept("low", self.low, ndim=(2,)).shape
+        gate.kept("high", self.high, shape=shape)
+        n = gate.kept("reference", self.reference, ndim=(2,)).shape[1]
+        for name in ("stage", "terminal"):
+            gate.kept(name, getattr(self, name), shape=(n, n))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return by_constructor(self)
+
+    @property
+    def steps(self) -> int:
+        """The number of steps K."""
+        return len(self.low)
+
+    @property
+    def boxed(self) -> bool:
+        """Whether there are limits of single inputs only."""
+        return self.rate is None and self.state_low is None
+
+    @property
+    def bounded(self) -> bool:
+        """Whether the inputs have a limit at all."""
+        return bool(np.isfinite(self.low).any() or np.isfinite(self.high).any())
+
+    def weights(self) -> tuple[Floats, Floats]:
+        """Roots of the weights: ``Q^1/2`` of the stages, and of the last state."""
+        return root(self.stage), root(self.terminal)
+
+
+def root(Q: Floats) -> Floats:
+    """``F`` with ``F'F = Q``, without the rows that are 0."""
+    values, vectors = np.linalg.eigh(Q)
+    some = values > len(Q) * np.finfo(np.float64).eps * max(float(values[-1]), 0.0)
+    return np.ascontiguousarray((vectors[:, some] * np.sqrt(values[some])).T)
+
+
+def checked_task(
+    n: int,
+    m: int,
+    K: int,
+    xf: Floats | None,
+    *,
+    limits: Any = None,
+    rate: Any = None,
+    previous: Any = None,
+    Q: Any = None,
+    Qf: Any = None,
+    R: Any = None,
+    reference: Any = None,
+    state_limits: Any = None,
+    soft: Any = None,
+) -> Task | None:
+    """Check the limits and weights of `control`; None if there are none.
+
+    `xf` is the target, or None where a `reference` is given.
+    """
+    given = (limits, rate, Q, Qf, R, reference, state_limits)
+    if all(value is None for value in given):
+        for name, value in (("previous", previous), ("soft", soft)):
+            if value is not None:
+                raise InputError(
+                    f"`{name}` must be left out without limits, got {gate.show(value)}"
+                )
+        return None
+    low, high = _sides("limits", limits, K, m)
+    speed, before = _rates(rate, previous, low, high)
+    stage = np.zeros((n, n)) if Q is None else weight("Q", Q, n)
+    terminal = weight("Qf", Qf, n) if Qf is not None else stage if Q is not None else np.eye(n)
+    if not stage.any() and not terminal.any():
+        raise InputError("`Q` and `Qf` must not both be 0: every control would be the best")
+    cost = None if R is None or (isinstance(R, str) and R == "auto") else weight("R", R, m)
+    around = _sides("state_limits", state_limits, K, n) if state_limits is not None else (None,) * 2
+    return Task(
+        low,
+        high,
+        stage,
+        terminal,
+        _reference(reference, xf, K, n),
+        cost,
+        speed,
+        before,
+        *around,
+        soft=_softness(soft, state_limits, max(np.abs(stage).max(), np.abs(terminal).max())),
+    )
+
+
+def weight(name: str, value: Any, n: int) -> Floats:
+    """A weight as a matrix: from a number, a diagonal (n,) or a matrix (n, n)."""
+    if isinstance(value, str):
+        raise InputTypeError(f"`{name}` must be a number, ({n},) or ({n}, {n}), got {value!r}")
+    given = gate.read(name, value)
+    if given.ndim == 0:
+        return gate.nonnegative(name, value) * np.eye(n)
+    if given.ndim == 1:
+        entries = gate.vector(name, value, length=n)
+        if (entries < 0.0).any():
+            raise InputError(f"`{name}` must have entries >= 0, got {entries.min():.3g}")
+        return np.diag(entries)
+    full = gate.matrix(name, value, rows=n, cols=n)
+    largest = float(np.abs(full).max())
+    if np.abs(full - full.T).max() > 1e-9 * largest:
+        raise InputError(f"`{name}` must be symmetric")
+    half = (full + full.T) / 2.0
+    least = float(np.linalg.eigvalsh(half)[0])
+    if least < -n * float(np.finfo(np.float64).eps) * largest:
+        raise InputError(
+            f"`{name}` must be positive semidefinite, its least eigenvalue is {least:.3g}"
+        )
+    return half
+
+
+def _sides(name: str, value: Any, K: int, m: int) -> tuple[Floats, Floats]:
+    """The pair (low, high), each a number, (m,), (K, m) or None, as two arrays (K, m)."""
+    if value is None:
+        return np.full((K, m), -np.inf), np.full((K, m), np.inf)
+    pair = gate.items(name, value)
+    if len(pair) != 2:
+        raise InputError(f"`{name}` must be a pair (low, high), got {len(pair)} items")
+    low = _side(f"{name}[0]", pair[0], K, m, -np.inf)
+    high = _side(f"{name}[1]", pair[1], K, m, np.inf)
+    wrong = np.argwhere(low > high)
+    if len(wrong):
+        k, i = (int(j) for j in wrong[0])
+        raise InputError(
+            f"`{name}` must have low <= high, got {low[k, i]:.6g} > {high[k, i]:.6g} in entry {i} "
+            f"of step {k}"
+        )
+    if (low == np.inf).any() or (high == -np.inf).any():
+        raise InputError(f"`{name}` must leave room: low is inf or high is -inf somewhere")
+    return low, high
+
+
+def _side(name: str, value: Any, K: int, m: int, none: float) -> Floats:
+    if value is None:
+        return np.full((K, m), none)
+    given = gate.read(name, value)
+    if given.dtype.kind not in "iuf":
+        raise InputTypeError(f"`{name}` must be a number or an array of numbers")
+    if given.shape not in ((), (m,), (K, m)):
+        raise ShapeError(
+            f"`{name}` must be a number or have shape ({m},) or ({K}, {m}), got "
+            f"{gate.shown_shape(given)}"
+        )
+    if np.isnan(given).any():
+        raise InputError(f"`{name}` must not be nan; use None or inf where there is no limit")
+    # -0.0 + 0.0 is 0.0: one zero only
+    return np.ascontiguousarray(np.broadcast_to(given.astype(np.float64), (K, m)) + 0.0)
+
+
+def _rates(
+    rate: Any, previous: Any, low: Floats, high: Floats
+) -> tuple[Floats | None, Floats | None]:
+    m = low.shape[1]
+    if rate is None:
+        if previous is not None:
+            raise InputError("`previous` must be left out without `rate`")
+        return None, None
+    given = gate.read("rate", rate)
+    speed = (
+        np.full(m, gate.positive("rate", rate))
+        if given.ndim == 0
+        else gate.vector("rate", rate, length=m)
+    )
+    if (speed <= 0.0).any():
+        raise InputError(f"`rate` must be > 0, got {speed.min():.3g}")
+    if previous is None:
+        raise InputError(
+            "`previous` must be given with `rate`: the input that is applied now, shape (m,)"
+        )
+    before = gate.vector("previous", previous, length=m)
+    # what a later limit leaves: l'_k = max(l_k, l'_{k+1} - rate), and h' likewise
+    below, above = low[-1], high[-1]
+    for k in range(len(low) - 1, -1, -1):
+        if k < len(low) - 1:
+            below, above = np.maximum(low[k], below - speed), np.minimum(high[k], above + speed)
+        if (below > above).any():
+            i = int(np.argmax(below > above))
+            raise InputError(
+                f"`rate` is too small for `limits`: input {i} cannot be within those of step {k} "
+                f"and of the steps after it, {below[i] - above[i]:.3g} are missing"
+            )
+    off = np.maximum(below - speed - before, before - above - speed)
+    if (off > 0.0).any():
+        i = int(np.argmax(off))
+        raise InputError(
+            f"`previous` must be within `rate` of the limits, input {i} is {off[i]:.3g} too far"
+        )
+    return speed, before
+
+
+def _reference(value: Any, xf: Floats | None, K: int, n: int) -> Floats:
+    """``r(1), ..., r(K)`` from (K + 1, n), or xf for all of them."""
+    if value is None:
+        if xf is None:
+            raise InputError("`xf` must be given without `reference`")
+        return np.ascontiguousarray(np.broadcast_to(xf, (K, n)))
+    if xf is not None:
+        raise InputError("`xf` must be None with `reference`, whose last row takes its place")
+    given = gate.matrix("reference", value, rows=K + 1, cols=n)
+    return np.ascontiguousarray(given[1:])
+
+
+def _softness(soft: Any, state_limits: ArrayLike | None, largest: float) -> float | None:
+    if state_limits is None:
+        if soft is not None:
+            raise InputError("`soft` must be left out without `state_limits`")
+        return None
+    if soft is None or soft is True:
+        return SOFT * largest
+    if soft is False:
+        return None
+    return gate.positive("soft", soft)

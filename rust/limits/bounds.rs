@@ -24,7 +24,11 @@ impl<'a> Bounds<'a> {
         for (i, (&l, &h)) in low.iter().zip(high).enumerate() {
             if !(l <= h && l < f64::INFINITY && h > f64::NEG_INFINITY) {
                 let found = format!("[{l}, {h}] for input {i}");
-                return Err(Error::Value { name: "low", expected: "at most `high`, with a number between them", found });
+                return Err(Error::Value {
+                    name: "low",
+                    expected: "at most `high`, with a number between them",
+                    found,
+                });
             }
         }
         Ok(Self { low, high })
@@ -52,7 +56,13 @@ impl<'a> Bounds<'a> {
     /// Where `u` is at a limit; a fixed input by the sign of the slope.
     pub(super) fn reached(&self, i: usize, u: f64, slope: f64) -> i8 {
         match (u == self.low[i], u == self.high[i]) {
-            (true, true) => if slope > 0.0 { -1 } else { 1 },
+            (true, true) => {
+                if slope > 0.0 {
+                    -1
+                } else {
+                    1
+                }
+            }
             (true, false) => -1,
             (false, true) => 1,
             (false, false) => 0,

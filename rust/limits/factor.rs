@@ -54,7 +54,8 @@ impl Factor {
             stop.check()?;
             let width = PANEL.min(n - start);
             let (done, rest) = self.lower[..n * ld].split_at_mut(start * ld);
-            let mut panel = MatMut::from_column_major_slice_with_stride_mut(rest, n, width, ld).subrows_mut(start, n - start);
+            let mut panel =
+                MatMut::from_column_major_slice_with_stride_mut(rest, n, width, ld).subrows_mut(start, n - start);
             if start > 0 {
                 // A_p <- A_p - L_< L_p<'
                 let done = MatRef::from_column_major_slice_with_stride(done, n, start, ld);

@@ -101,7 +101,8 @@ impl Orthogonal {
     pub(super) fn new(dense: &Dense, stop: &Stop) -> Result<Self> {
         let (d, ld) = (dense.d, dense.ld);
         let (found, width) = reduce((&dense.m, d, ld), &dense.r, &[&dense.y], stop)?;
-        let (mut t, mut c, mut curvature) = (try_zeros(WHAT, checked_len(WHAT, d, ld)?)?, try_zeros(WHAT, d)?, try_zeros(WHAT, d)?);
+        let (mut t, mut c, mut curvature) =
+            (try_zeros(WHAT, checked_len(WHAT, d, ld)?)?, try_zeros(WHAT, d)?, try_zeros(WHAT, d)?);
         for (i, row) in found.chunks_exact(width).take(d).enumerate() {
             t[i * ld..i * ld + d].copy_from_slice(&row[..d]);
             c[i] = row[d];

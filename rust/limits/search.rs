@@ -138,7 +138,13 @@ impl Search {
         self.safeguard(q, bounds, until)
     }
 
-    fn begin(&mut self, q: &mut impl Quadratic, bounds: Bounds<'_>, warm: Option<&[i8]>, until: Until<'_>) -> Result<()> {
+    fn begin(
+        &mut self,
+        q: &mut impl Quadratic,
+        bounds: Bounds<'_>,
+        warm: Option<&[i8]>,
+        until: Until<'_>,
+    ) -> Result<()> {
         for i in 0..q.size() {
             // an input that changes nothing stays where it is nearest to 0
             let idle = q.curvature()[i] == 0.0;
@@ -149,7 +155,13 @@ impl Search {
             Some(warm) => {
                 for (i, held) in self.held.iter_mut().enumerate() {
                     let there = bounds.at(i, warm[i]).is_some_and(f64::is_finite);
-                    *held = if self.fixed[i] != 0 { 1 } else if there { warm[i] } else { 0 };
+                    *held = if self.fixed[i] != 0 {
+                        1
+                    } else if there {
+                        warm[i]
+                    } else {
+                        0
+                    };
                 }
             }
             None => {
@@ -299,7 +311,8 @@ impl Search {
         self.u.iter_mut().enumerate().for_each(|(i, u)| *u = bounds.clip(i, 0.0));
         let objective = q.slope(&self.u, &mut self.g);
         let frank_wolfe = frank_wolfe(bounds, &self.u, &self.g);
-        self.certificate = Certificate { objective, gap: frank_wolfe, frank_wolfe, distance: (frank_wolfe / 2.0).sqrt() };
+        self.certificate =
+            Certificate { objective, gap: frank_wolfe, frank_wolfe, distance: (frank_wolfe / 2.0).sqrt() };
     }
 }
 

@@ -59,7 +59,8 @@ impl Penalty<'_> {
             return Err(Error::Shape { name: "R", expected: format!("{len} entries"), found });
         }
         require_finite("R", values)?;
-        let indefinite = |v: f64| Error::Value { name: "R", expected: "positive semidefinite", found: format!("a pivot of {v:e}") };
+        let indefinite =
+            |v: f64| Error::Value { name: "R", expected: "positive semidefinite", found: format!("a pivot of {v:e}") };
         if matches!(self, Self::Diagonal(_)) {
             return match values.iter().find(|v| **v < 0.0) {
                 Some(v) => Err(indefinite(*v)),
@@ -335,7 +336,8 @@ fn reduced(
     }
     let right = crate::memory::try_collect(WHAT, columns.chunks_exact(height))?;
     let (all, width) = reduce((&dense.m, d, ld), &dense.r, &right, stop)?;
-    let (mut t, mut map) = (try_zeros(WHAT, checked_len(WHAT, d, d)?)?, try_zeros(WHAT, checked_len(WHAT, width, n + 1)?)?);
+    let (mut t, mut map) =
+        (try_zeros(WHAT, checked_len(WHAT, d, d)?)?, try_zeros(WHAT, checked_len(WHAT, width, n + 1)?)?);
     for (i, row) in all.chunks_exact(width).enumerate() {
         if i < d {
             t[i * d..(i + 1) * d].copy_from_slice(&row[..d]);

@@ -21,7 +21,12 @@ impl Normal {
     }
 
     pub(super) fn take(&mut self, len: usize) -> Vec<f64> {
-        (0..len).map(|_| { self.1 += 1; self.0[(self.1 * 7) % self.0.len()] }).collect()
+        (0..len)
+            .map(|_| {
+                self.1 += 1;
+                self.0[(self.1 * 7) % self.0.len()]
+            })
+            .collect()
     }
 }
 
@@ -63,7 +68,9 @@ fn enumerated(m: &[f64], y: &[f64], r: &[f64], low: &[f64], high: &[f64]) -> f64
         let mut a: Vec<Vec<f64>> = free
             .iter()
             .map(|&i| {
-                let entry = |j: usize| m.chunks_exact(d).map(|row| row[i] * row[j]).sum::<f64>() + if i == j { r[i] } else { 0.0 };
+                let entry = |j: usize| {
+                    m.chunks_exact(d).map(|row| row[i] * row[j]).sum::<f64>() + if i == j { r[i] } else { 0.0 }
+                };
                 free.iter().map(|&j| entry(j)).chain([-right[i] / 2.0]).collect()
             })
             .collect();
@@ -223,7 +230,11 @@ fn a_solver_agrees_with_single_calls() {
             let single = solved(&m, &y, &r, &low, &high);
             for found in [of_states.solve(&x, Until::new(&stop, None)), of_goals.solve(&y, Until::new(&stop, None))] {
                 let found = found.unwrap();
-                assert_eq!((found.status, &found.active), (Status::Optimal, &single.active), "{d}\n{found:?}\n{single:?}");
+                assert_eq!(
+                    (found.status, &found.active),
+                    (Status::Optimal, &single.active),
+                    "{d}\n{found:?}\n{single:?}"
+                );
                 assert!((found.objective - single.objective).abs() <= 1e-12 * single.objective);
                 assert!((found.at_zero - single.at_zero).abs() <= 1e-12 * single.at_zero);
                 assert!(found.control.iter().zip(&single.control).all(|(a, b)| (a - b).abs() < 1e-12));

@@ -8,7 +8,7 @@ use super::factor::Factor;
 use super::kernel::{add_lines, add_transposed, axpy, gram, padded, times, widest};
 use super::quadratic::Quadratic;
 use crate::error::{Error, Result, require_finite};
-use crate::memory::{checked_len, room_for_products, try_room, try_zeros};
+use crate::memory::{checked_len, room_for_products, try_copy, try_room, try_zeros};
 use crate::parallel::Stop;
 use crate::vector;
 
@@ -81,13 +81,31 @@ impl Dense {
         })
     }
 
-    /// Takes `M` and the diagonal of `R`.
+    /// A copy with memory of its own.
+    pub(super) fn try_clone(&self) -> Result<Self> {
+        let mut copy = Self::new(self.y.len(), self.d)?;
+        copy.m.copy_from_slice(&self.m);
+        copy.r.copy_from_slice(&self.r);
+        copy.h.copy_from_slice(&self.h);
+        copy.curvature.copy_from_slice(&self.curvature);
+        copy.inverse = try_copy(WHAT, &self.inverse)?;
+        copy.triangular = self.triangular;
+        Ok(copy)
+    }
+
+    /// Takes the diagonal of `R`, and `M` as [`Self::set_above`].
     pub(super) fn set(&mut self, m: &[f64], r: &[f64]) -> Result<()> {
+        require_finite("R", r)?;
+        self.r[..self.d].copy_from_slice(r);
+        self.set_above(m)
+    }
+
+    /// Takes the first rows of `M`.
+    pub(super) fn set_above(&mut self, m: &[f64]) -> Result<()> {
         let (d, ld) = (self.d, self.ld);
         for (line, row) in self.m.chunks_exact_mut(ld.max(1)).zip(m.chunks_exact(d.max(1))) {
             line[..d].copy_from_slice(row);
         }
-        self.r[..d].copy_from_slice(r);
         self.inverse.clear();
         self.whole = false;
         if d >= LARGE {
@@ -107,7 +125,6 @@ impl Dense {
             Ok(())
         } else {
             require_finite("M", m)?;
-            require_finite("R", r)?;
             Err(Error::Overflow { what: "the square of `M`" })
         }
     }
@@ -124,6 +141,11 @@ impl Dense {
             require_finite("y", y)?;
             Err(Error::Overflow { what: "the square of `y`" })
         }
+    }
+
+    /// `H^{-1}`, if it is kept.
+    pub(super) fn inverse(&self) -> Option<&[f64]> {
+        (!self.inverse.is_empty()).then_some(&self.inverse)
     }
 
     /// Keeps `H^{-1}` if the condition of `H` is small enough for it.
@@ -177,7 +199,7 @@ impl Quadratic for Dense {
         &self.curvature
     }
 
-    fn at_zero(&self) -> f64 {
+    fn scale(&self) -> f64 {
         self.zero
     }
 
@@ -278,25 +300,25 @@ impl Quadratic for Dense {
     }
 
     fn dual_norm(&mut self, held: &[i8], e: &[f64], stop: &Stop) -> Result<f64> {
+        let by_inverse = !self.inverse.is_empty() && held.iter().all(|held| *held == 0);
+        if !by_inverse && !self.whole {
+            let zeros = try_zeros(WHAT, self.d)?;
+            self.whole = self.barrier(held, &zeros, stop)?;
+        }
+        if !by_inverse && !self.whole {
+            return Ok(if e.iter().all(|e| *e == 0.0) { 0.0 } else { f64::INFINITY });
+        }
         let mut v = std::mem::take(&mut self.third);
         v[..self.d].copy_from_slice(e);
-        if !self.inverse.is_empty() && held.iter().all(|held| *held == 0) {
+        if by_inverse {
             times(&self.inverse, &v, false, &mut self.second);
             v.copy_from_slice(&self.second);
         } else {
-            if !self.whole {
-                let zeros = try_zeros(WHAT, self.d)?;
-                self.whole = self.barrier(held, &zeros, stop)?;
-            }
-            if !self.whole {
-                v.fill(f64::INFINITY);
-            } else {
-                self.newton(&mut v[..self.d]);
-            }
+            self.newton(&mut v[..self.d]);
         }
-        let squared = e.iter().zip(&v).map(|(e, v)| if *e == 0.0 { 0.0 } else { (e * v).abs() }).sum();
+        let squared: f64 = e.iter().zip(&v).map(|(e, v)| e * v).sum();
         self.third = v;
-        Ok(squared)
+        Ok(squared.abs())
     }
 
     fn guess(&mut self, bounds: Bounds<'_>, held: &[i8], u: &mut [f64], _: &Stop) -> Result<()> {

@@ -138,7 +138,7 @@ impl Interior {
             }
             objective = q.slope(u, g).min(objective);
             let left: f64 = self.sides.iter_mut().map(|side| side.products(&self.step, 0.0)).sum();
-            if left <= 1e-16 * (q.at_zero() + objective) && t > 0.9 || t < 1e-10 || !left.is_finite() {
+            if left <= 1e-16 * (q.scale() + objective) && t > 0.9 || t < 1e-10 || !left.is_finite() {
                 self.snap(q.curvature(), held);
                 return Ok((done + 1, None));
             }

@@ -6,6 +6,7 @@
 //! `||u - u*||_H^2 <= <g, u - v>` at its largest, and `||u - u*||_H^2 <= e' H^{-1} e` with `e` the part of `g` that no
 //! limit balances, `H = M'M + R`.
 
+mod batch;
 mod bounds;
 mod dense;
 mod factor;
@@ -13,13 +14,17 @@ mod interior;
 mod kernel;
 mod orthogonal;
 mod quadratic;
+mod riccati;
 mod search;
 mod solve;
+mod tables;
 
 #[cfg(test)]
 mod tests;
 
+pub use batch::{Batch, box_batch, box_batch_each};
 pub use bounds::Bounds;
 pub use quadratic::{Status, Until};
+pub use riccati::{Horizon, horizon_control};
 pub use search::Method;
 pub use solve::{Penalty, Solution, Solver, box_control};

@@ -114,7 +114,7 @@ impl Orthogonal {
             t,
             c,
             rest: found[width * width - 1].powi(2) + dense.rest,
-            zero: dense.at_zero(),
+            zero: dense.scale(),
             curvature,
             residual: try_zeros(WHAT, d)?,
             work: try_zeros(WHAT, ld)?,
@@ -159,7 +159,7 @@ impl Quadratic for Orthogonal {
         &self.curvature
     }
 
-    fn at_zero(&self) -> f64 {
+    fn scale(&self) -> f64 {
         self.zero
     }
 

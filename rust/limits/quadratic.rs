@@ -13,8 +13,8 @@ pub(super) trait Quadratic {
     /// `diag H`
     fn curvature(&self) -> &[f64];
 
-    /// `J(0)`
-    fn at_zero(&self) -> f64;
+    /// The size of `J` to which gaps and rounding are relative: `J(0)` or smaller.
+    fn scale(&self) -> f64;
 
     /// The minimiser of `J` over the inputs with `held = 0`, given the others. False if it is not unique to rounding.
     fn face(&mut self, held: &[i8], u: &mut [f64], stop: &Stop) -> Result<bool>;
@@ -44,7 +44,7 @@ pub(super) trait Quadratic {
 /// How a computation ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Status {
-    /// The gap is at most `1e-9 (J(0) + J(u))`.
+    /// The gap is at most `1e-9 (J(0) + J(u))`, of a horizon with what its states contribute at `u` in place of a larger `J(0)`.
     Optimal,
     /// The gap is larger.
     Inaccurate,

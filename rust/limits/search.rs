@@ -131,7 +131,7 @@ impl Search {
                 Some(status)
             }
         };
-        let scale = q.at_zero() + self.certificate.objective;
+        let scale = q.scale() + self.certificate.objective;
         if early.is_some() || self.certificate.gap <= GOOD * scale {
             return Ok(early);
         }
@@ -197,7 +197,7 @@ impl Search {
                 return Ok(End::Stuck);
             }
             let squared = q.pull(&self.v, &mut self.step);
-            let rounding = ROUNDING * (q.at_zero().sqrt() + squared.max(0.0).sqrt());
+            let rounding = ROUNDING * (q.scale().sqrt() + squared.max(0.0).sqrt());
             let count = self.exchange(bounds, q.curvature(), rounding);
             if count == 0 {
                 return Ok(End::Done);
@@ -236,7 +236,7 @@ impl Search {
     fn refine(&mut self, q: &mut impl Quadratic, bounds: Bounds<'_>, until: Until<'_>, method: Method) -> Result<()> {
         for _ in 0..3 {
             let better = self.judge(q, bounds, until, method)?;
-            let scale = q.at_zero() + self.certificate.objective;
+            let scale = q.scale() + self.certificate.objective;
             if !better || self.certificate.gap <= EXACT * scale {
                 break;
             }
@@ -277,14 +277,14 @@ impl Search {
         }
         let frank_wolfe = frank_wolfe(bounds, &self.v, &self.step);
         let mut found = Certificate { objective, gap: frank_wolfe, frank_wolfe, distance: (frank_wolfe / 2.0).sqrt() };
-        if frank_wolfe > EXACT * (q.at_zero() + objective) {
+        if frank_wolfe > EXACT * (q.scale() + objective) {
             let squared = self.dual_residual(q, bounds, until)?;
             found.gap = frank_wolfe.min(squared);
             found.distance = found.distance.min(squared.sqrt());
         }
         let first = self.certificate.objective == f64::INFINITY;
         // of several exact ones the last: it is at its limits, where an interior point only comes close
-        let better = found.gap < self.certificate.gap || found.gap <= EXACT * (q.at_zero() + objective);
+        let better = found.gap < self.certificate.gap || found.gap <= EXACT * (q.scale() + objective);
         if better || first {
             std::mem::swap(&mut self.u, &mut self.v);
             std::mem::swap(&mut self.g, &mut self.step);
@@ -328,10 +328,10 @@ fn frank_wolfe(bounds: Bounds<'_>, u: &[f64], g: &[f64]) -> f64 {
     sum
 }
 
-/// The status of a gap.
-pub(super) fn status(early: Option<Status>, found: &Certificate, at_zero: f64) -> Status {
+/// The status of a gap, relative to `scale + J(u)`.
+pub(super) fn status(early: Option<Status>, found: &Certificate, scale: f64) -> Status {
     match early {
-        _ if found.gap <= OPTIMAL * (at_zero + found.objective) => Status::Optimal,
+        _ if found.gap <= OPTIMAL * (scale + found.objective) => Status::Optimal,
         Some(status) => status,
         None => Status::Inaccurate,
     }

@@ -49,18 +49,18 @@ pub enum Penalty<'a> {
 
 impl Penalty<'_> {
     /// Its diagonal and `rows` of a root of the rest: `R = diag + rows' rows`. By pivoted Cholesky.
-    fn split(self, d: usize) -> Result<(Vec<f64>, Vec<f64>)> {
+    pub(super) fn split(self, name: &'static str, d: usize) -> Result<(Vec<f64>, Vec<f64>)> {
         let (values, len) = match self {
             Self::Diagonal(values) => (values, d),
             Self::Full(values) => (values, checked_len(WHAT, d, d)?),
         };
         if values.len() != len {
             let found = format!("{} entries", values.len());
-            return Err(Error::Shape { name: "R", expected: format!("{len} entries"), found });
+            return Err(Error::Shape { name, expected: format!("{len} entries"), found });
         }
-        require_finite("R", values)?;
+        require_finite(name, values)?;
         let indefinite =
-            |v: f64| Error::Value { name: "R", expected: "positive semidefinite", found: format!("a pivot of {v:e}") };
+            |v: f64| Error::Value { name, expected: "positive semidefinite", found: format!("a pivot of {v:e}") };
         if matches!(self, Self::Diagonal(_)) {
             return match values.iter().find(|v| **v < 0.0) {
                 Some(v) => Err(indefinite(*v)),
@@ -105,7 +105,7 @@ pub(super) fn find(
         search.give_up(dense, bounds);
     }
     let mut found = search.certificate;
-    if early.is_none() && !(found.gap <= GOOD * (dense.at_zero() + found.objective)) {
+    if early.is_none() && !(found.gap <= GOOD * (dense.scale() + found.objective)) {
         let mut exact = Orthogonal::new(dense, until.stop)?;
         let mut again = Search::new(dense.d)?;
         early = again.run(&mut exact, bounds, Some(&search.held), until)?;
@@ -124,7 +124,7 @@ pub(super) fn told(
     search: &Search,
     bounds: Bounds<'_>,
     (early, found): (Option<Status>, Certificate),
-    at_zero: f64,
+    (at_zero, scale): (f64, f64),
 ) -> Result<Solution> {
     let d = search.u.len();
     let mut multipliers = try_zeros(WHAT, d)?;
@@ -137,7 +137,7 @@ pub(super) fn told(
         control: try_copy(WHAT, &search.u)?,
         active,
         multipliers,
-        status: status(early, &found, at_zero),
+        status: status(early, &found, scale),
         gap: found.gap,
         frank_wolfe: found.frank_wolfe,
         distance: found.distance,
@@ -149,13 +149,13 @@ pub(super) fn told(
 }
 
 /// `M`, checked against `d`, with the rows of a root of `R` below; the number of its own rows.
-fn stacked(m: &[f64], d: usize, r: Penalty<'_>) -> Result<(Dense, usize)> {
+pub(super) fn stacked(m: &[f64], d: usize, r: Penalty<'_>) -> Result<(Dense, usize)> {
     if d == 0 || !m.len().is_multiple_of(d) {
         let found = format!("{} entries", m.len());
         return Err(Error::Shape { name: "M", expected: format!("rows of {d} entries, at least one"), found });
     }
     let rows = m.len() / d;
-    let (diagonal, root) = r.split(d)?;
+    let (diagonal, root) = r.split("R", d)?;
     let mut dense = Dense::new(rows + root.len() / d, d)?;
     if root.is_empty() {
         dense.set(m, &diagonal)?;
@@ -169,8 +169,16 @@ fn stacked(m: &[f64], d: usize, r: Penalty<'_>) -> Result<(Dense, usize)> {
     Ok((dense, rows))
 }
 
+/// `size` rows of `rows` entries.
+pub(super) fn checked_rows(name: &'static str, len: usize, size: usize, rows: usize) -> Result<()> {
+    if size.checked_mul(rows) == Some(len) {
+        return Ok(());
+    }
+    Err(Error::Shape { name, expected: format!("{size} rows of {rows} entries"), found: format!("{len} entries") })
+}
+
 /// `y` with zeros for the root of `R`.
-fn aim(dense: &mut Dense, rows: usize, y: &[f64]) -> Result<()> {
+pub(super) fn aim(dense: &mut Dense, rows: usize, y: &[f64]) -> Result<()> {
     if y.len() != rows {
         let found = format!("{} entries", y.len());
         return Err(Error::Shape { name: "y", expected: format!("{rows} entries, one per row of `M`"), found });
@@ -183,7 +191,7 @@ fn aim(dense: &mut Dense, rows: usize, y: &[f64]) -> Result<()> {
     dense.aim(&all)
 }
 
-fn checked_warm(warm: Option<&[i8]>, d: usize) -> Result<()> {
+pub(super) fn checked_warm(warm: Option<&[i8]>, d: usize) -> Result<()> {
     match warm {
         Some(warm) if warm.len() != d => {
             let found = format!("{} entries", warm.len());
@@ -211,7 +219,7 @@ pub fn box_control(
     aim(&mut dense, rows, y)?;
     let mut search = Search::new(d)?;
     let found = find(&mut dense, &mut search, bounds, warm, until)?;
-    told(&search, bounds, found, dense.at_zero())
+    told(&search, bounds, found, (dense.scale(), dense.scale()))
 }
 
 /// One `M`, `R` and limits for many `y`, or for many `x` with `y = target - state x`.
@@ -292,7 +300,7 @@ impl Solver {
             first = Some(shifted);
         }
         let found = find(&mut self.dense, &mut self.search, bounds, first.as_deref(), until)?;
-        let told = told(&self.search, bounds, found, self.dense.at_zero())?;
+        let told = told(&self.search, bounds, found, (self.dense.scale(), self.dense.scale()))?;
         self.warm = Some(try_copy(WHAT, &told.active)?);
         Ok(told)
     }

@@ -10,6 +10,7 @@ mod error;
 mod fleet;
 mod fuse;
 mod identify;
+mod limits;
 mod realizations;
 mod run;
 mod shared;
@@ -40,6 +41,8 @@ mod _core {
         row_quantile, roy_quantile, scalar_quantile, several_steps, sign_radii, sign_statistics, smallest_quantile,
         sphere_level, trace_quantile, triangle, triangle_update, wishart_quantile,
     };
+    #[pymodule_export]
+    use super::limits::{BoxControl, BoxSolver, box_batch, box_batch_each, box_control, horizon_control};
     #[pymodule_export]
     use super::simulate::{
         simulate_estimates, simulate_mean_field, simulate_plans, simulate_runs, simulate_systems, track, trajectory,

@@ -17,6 +17,8 @@ const PAUSE: Duration = Duration::from_millis(5);
 /// The turn is kept in atomics, because a forked child can always read them; a lock that another thread of the parent
 /// held at the fork would stay locked in the child for ever.
 pub(super) struct Shared<S> {
+    /// What messages call it.
+    name: &'static str,
     inner: Mutex<S>,
     /// The thread whose turn it is, 0 for none; only this thread locks `inner`, and so never waits for it.
     turn: AtomicUsize,
@@ -25,8 +27,8 @@ pub(super) struct Shared<S> {
 }
 
 impl<S: Send> Shared<S> {
-    pub(super) const fn new(inner: S) -> Self {
-        Self { inner: Mutex::new(inner), turn: AtomicUsize::new(0), process: AtomicU32::new(0) }
+    pub(super) const fn new(name: &'static str, inner: S) -> Self {
+        Self { name, inner: Mutex::new(inner), turn: AtomicUsize::new(0), process: AtomicU32::new(0) }
     }
 
     /// Waits for the turn of this thread and runs `work`, of rough cost `cost`, without the interpreter lock.
@@ -41,21 +43,23 @@ impl<S: Send> Shared<S> {
     ) -> PyResult<T> {
         let turn = self.turn.load(Ordering::Acquire);
         if turn != 0 && self.process.load(Ordering::Acquire) != std::process::id() {
-            return Err(InputError::new_err(
-                "`stream` was in use by a thread when this process was forked: use it in the parent process, or load a \
+            return Err(InputError::new_err(format!(
+                "`{}` was in use by a thread when this process was forked: use it in the parent process, or load a \
                  saved state here",
-            ));
+                self.name
+            )));
         }
         if turn == here() {
-            return Err(InputError::new_err(
-                "`stream` is in use on this thread: a signal handler cannot use it during a call",
-            ));
+            return Err(InputError::new_err(format!(
+                "`{}` is in use on this thread: a signal handler cannot use it during a call",
+                self.name
+            )));
         }
         // waiting may be long, so it checks for signals
         let cost = if turn == 0 { cost } else { f64::INFINITY };
         run(py, cost, |stop| {
             let _turn = self.wait(stop)?;
-            let unusable = |_| Error::Numerical("an internal error has left this stream unusable".into());
+            let unusable = |_| Error::Numerical(format!("an internal error has left this {} unusable", self.name));
             work(&mut *self.inner.lock().map_err(unusable)?, stop)
         })
     }

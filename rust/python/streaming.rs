@@ -63,7 +63,7 @@ pub(super) struct PyStream {
 
 impl PyStream {
     fn of(inner: Stream) -> Self {
-        Self { n: inner.n(), inner: Shared::new(inner) }
+        Self { n: inner.n(), inner: Shared::new("stream", inner) }
     }
 
     fn read<T: Send>(&self, py: Python<'_>, work: impl FnOnce(&Stream) -> Result<T> + Send) -> PyResult<T> {
@@ -223,7 +223,7 @@ impl PyDataStream {
         ];
         let geometry = geometry(py, &b)?;
         let n = geometry.size().0;
-        Ok(Self { inner: Shared::new(Data::new(geometry, targets)?), n })
+        Ok(Self { inner: Shared::new("stream", Data::new(geometry, targets)?), n })
     }
 
     /// Realizations of entity 0, 1, 2, one per row, in order.
@@ -281,6 +281,6 @@ impl PyDataStream {
         let sections = from_python(sections)?;
         let all = f64::INFINITY;
         let data = run_unstoppable(py, all, move || Data::from_sections(sections))?;
-        Ok(Self { n: data.n(), inner: Shared::new(data) })
+        Ok(Self { n: data.n(), inner: Shared::new("stream", data) })
     }
 }

@@ -1,0 +1,371 @@
+"""Controls within limits against solvers of quadratic programs: same problems, same run, one thread.
+
+Times include each solver's Python interface. The gap of every answer is recomputed here from ``M``,
+``y`` and the clipped answer, divided by ``J(0)``: the smaller of the Frank-Wolfe gap and of the dual
+residual in the norm of ``H^-1``, each an upper bound of ``J(u) - min J``. Peers get ``H = M'M + R``
+and ``f = M'y`` computed outside the timed part; ours computes them in it.
+
+- DAQP: bounds only, warm where the problem is a sequence; PIQP dense (sparse for K = 200); OSQP
+  (1e-6, polished); Clarabel; SciPy's ``lsq_linear`` (bvls).
+
+    python benches/limits.py [single] [ill] [batch] [regulator] [horizon]
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stochens_rs import _core as core
+
+Floats = NDArray[np.float64]
+Solve = Callable[[], Floats]
+
+
+def problem(gen: np.random.Generator, d: int, condition: float) -> tuple[Floats, Floats]:
+    """``M`` (d, d) with singular values from 1 to 1/condition, ``y`` (d,)."""
+    U, V = (np.linalg.qr(gen.standard_normal((d, d)))[0] for _ in range(2))
+    return np.ascontiguousarray(U * np.geomspace(1, 1 / condition, d) @ V), gen.standard_normal(d)
+
+
+def limit_of(M: Floats, y: Floats, share: str) -> float:
+    size = np.abs(np.linalg.solve(M, y))
+    return float({"half": np.median(size), "all": 1e-3 * size.min(), "none": 2 * size.max()}[share])
+
+
+def gap(M: Floats, y: Floats, r: Floats, low: Floats, high: Floats, u: Floats) -> float:
+    """Upper bound of ``(J(u) - min J) / J(0)``; in extended precision where the machine has it."""
+    wide = np.longdouble
+    u = np.clip(np.nan_to_num(u), low, high).astype(wide)
+    g = M.T.astype(wide) @ (M.astype(wide) @ u - y) + r * u
+    with np.errstate(invalid="ignore"):
+        frank_wolfe = 2 * np.where(g > 0, g * (u - low), np.where(g < 0, g * (u - high), 0)).sum()
+    at_limit = ((u <= low) & (g >= 0)) | ((u >= high) & (g <= 0))
+    e = np.where(at_limit, 0, g).astype(float)
+    R = np.linalg.qr(np.vstack([M, np.diag(np.sqrt(r))]), mode="r")
+    dual = np.sum(np.linalg.solve(R.T, e) ** 2)
+    return float(min(frank_wolfe, dual) / (y @ y))
+
+
+def median(work: Callable[[], object], seconds: float = 0.3, least: int = 5) -> float:
+    work()
+    times: list[float] = []
+    begin = time.perf_counter()
+    while len(times) < least or (time.perf_counter() - begin < seconds and len(times) < 2000):
+        start = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - start)
+    return float(np.median(times))
+
+
+def peers(M: Floats, y: Floats, low: Floats, high: Floats) -> dict[str, Solve]:
+    import clarabel
+    import daqp
+    import osqp
+    import piqp
+    from scipy import optimize, sparse
+
+    d = len(low)
+    H, f = M.T @ M, -(M.T @ y)
+    none, sense = np.zeros((0, d)), np.zeros(d, dtype=np.int32)
+
+    def by_daqp() -> Floats:
+        return daqp.solve(H, f, none, high, low, sense)[0]
+
+    def by_piqp() -> Floats:
+        solver = piqp.DenseSolver()
+        solver.setup(H, f, x_l=low, x_u=high)
+        solver.solve()
+        return solver.result.x
+
+    upper, eye = sparse.csc_matrix(np.triu(H)), sparse.eye(d, format="csc")
+
+    def by_osqp() -> Floats:
+        solver = osqp.OSQP()
+        solver.setup(
+            upper, f, eye, low, high, verbose=False, polishing=True, eps_abs=1e-6, eps_rel=1e-6
+        )
+        return solver.solve().x
+
+    rows = sparse.vstack([eye, -eye], format="csc")
+    right = np.concatenate([high, -low])
+
+    def by_clarabel() -> Floats:
+        settings = clarabel.DefaultSettings()
+        settings.verbose, settings.max_threads = False, 1
+        cones = [clarabel.NonnegativeConeT(2 * d)]
+        return np.asarray(clarabel.DefaultSolver(upper, f, rows, right, cones, settings).solve().x)
+
+    def by_bvls() -> Floats:
+        return optimize.lsq_linear(M, y, (low, high), method="bvls").x
+
+    found = {"DAQP": by_daqp, "PIQP": by_piqp}
+    if d <= 200:
+        found |= {"OSQP": by_osqp, "Clarabel": by_clarabel}
+    if d <= 50:
+        found["bvls"] = by_bvls
+    return found
+
+
+def single() -> None:
+    gen = np.random.default_rng(0)
+    print("single, cold: us (worst relative gap of 5 draws); ratios are times over ours")
+    for share in ("half", "all", "none"):
+        for d in (5, 20, 50, 100, 200, 500):
+            draws = [problem(gen, d, 1e2) for _ in range(5 if d < 500 else 2)]
+            r, lines = np.zeros(d), []
+            for M, y in draws:
+                limit = limit_of(M, y, share)
+                low, high = np.full(d, -limit), np.full(d, limit)
+
+                def ours(M=M, y=y, low=low, high=high) -> Floats:
+                    return core.box_control(M, y, r, low, high, None, None).control
+
+                solvers: dict[str, Solve] = {"ours": ours} | peers(M, y, low, high)
+                lines.append(
+                    {
+                        name: (median(work, 0.05), gap(M, y, r, low, high, work()))
+                        for name, work in solvers.items()
+                    }
+                )
+            own = np.median([line["ours"][0] for line in lines])
+            parts = []
+            for name in lines[0]:
+                seconds = np.median([line[name][0] for line in lines])
+                worst = max(line[name][1] for line in lines)
+                parts.append(f"{name} {1e6 * seconds:.1f} ({worst:.0e}) {seconds / own:.1f}x")
+            print(f"LS {share:<5} d={d:<4}", "; ".join(parts), flush=True)
+
+
+def ill() -> None:
+    import daqp
+
+    print("1000 draws each: worst gap / J(0), ours; share of DAQP above 1e-4 with exit flag 1")
+    gen = np.random.default_rng(1)
+    for condition in (1e1, 1e3, 1e6):
+        for d in (5, 20):
+            worst, bad, times = 0.0, 0, []
+            for _ in range(500):
+                M, y = problem(gen, d, condition)
+                limit = limit_of(M, y, "half")
+                r, low, high = np.zeros(d), np.full(d, -limit), np.full(d, limit)
+                start = time.perf_counter()
+                found = core.box_control(M, y, r, low, high, None, None)
+                times.append(time.perf_counter() - start)
+                worst = max(worst, gap(M, y, r, low, high, found.control))
+                none, sense = np.zeros((0, d)), np.zeros(d, dtype=np.int32)
+                u, _, flag, _ = daqp.solve(M.T @ M, -(M.T @ y), none, high, low, sense)
+                bad += flag == 1 and gap(M, y, r, low, high, u) > 1e-4
+            print(
+                f"cond {condition:.0e} d={d}: ours {worst:.0e}, "
+                f"{1e6 * np.median(times):.1f} us; DAQP {bad / 5:.1f} %",
+                flush=True,
+            )
+
+
+def batch() -> None:
+    import daqp
+
+    print("batches: ns per problem, one thread, half of the limits reached")
+    gen = np.random.default_rng(2)
+    for m in (1, 2, 3, 4, 5, 8, 20):
+        M = gen.standard_normal((m, m)) / np.sqrt(m) + np.eye(m)
+        size = 1_000_000 if m <= 5 else 50_000
+        y, r = gen.standard_normal((size, m)), np.zeros(m)
+        limit = np.median(np.abs(np.linalg.solve(M, y[:2000].T)))
+        low, high = np.full(m, -limit), np.full(m, limit)
+
+        def ours(M=M, y=y, r=r, low=low, high=high) -> Floats:
+            return core.box_batch(M, y, r, low, high, False, 1)[0]
+
+        H, F = M.T @ M, -(y[:2000] @ M)
+        none, sense = np.zeros((0, m)), np.zeros(m, dtype=np.int32)
+
+        def theirs(H=H, F=F, none=none, high=high, low=low, sense=sense) -> list[Floats]:
+            return [daqp.solve(H, f, none, high, low, sense)[0] for f in F]
+
+        each = np.ascontiguousarray(np.broadcast_to(M.ravel(), (20_000, m * m)))
+        own = median(ours, 0.5, 3) / size
+        alone = median(
+            lambda: core.box_batch_each(each, y[:20_000], r, low, high, False, 1), 0.3, 3
+        )
+        gaps = median(lambda: core.box_batch(M, y, r, low, high, True, 1), 0.3, 3) / size
+        peer = median(theirs, 0.3, 3) / 2000
+        worst = np.abs(ours()[:2000] - np.array(theirs())).max()
+        print(
+            f"m={m}: {1e9 * own:.0f} ({1e-6 / own:.1f} M/s), with gaps {1e9 * gaps:.0f}, "
+            f"with M each {1e9 * alone / 20_000:.0f}, DAQP {1e9 * peer:.0f}, "
+            f"ratio {peer / own:.0f}x, difference {worst:.0e}",
+            flush=True,
+        )
+
+
+def plant(gen: np.random.Generator, n: int, m: int, radius: float) -> tuple[Floats, Floats]:
+    A = gen.standard_normal((n, n))
+    return A * (radius / np.abs(np.linalg.eigvals(A)).max()), gen.standard_normal((n, m))
+
+
+def condense(A: Floats, B: Floats, K: int, r: float) -> tuple[Floats, Floats]:
+    """``G`` (nK, mK) and the powers of ``A`` (nK, n)."""
+    n, m = B.shape
+    powers = [np.eye(n)]
+    for _ in range(K):
+        powers.append(A @ powers[-1])
+    G = np.zeros((n * K, m * K))
+    for k in range(K):
+        for j in range(k + 1):
+            G[n * k : n * (k + 1), m * j : m * (j + 1)] = powers[k - j] @ B
+    return G, np.vstack(powers[1:])
+
+
+def regulator() -> None:
+    import daqp
+    import osqp
+    import piqp
+    from scipy import sparse
+
+    n, m, K, r, steps = 10, 5, 20, 0.1, 300
+    gen = np.random.default_rng(3)
+    A, B = plant(gen, n, m, 1.02)
+    G, powers = condense(A, B, K, r)
+    d = m * K
+    noise = 0.3 * gen.standard_normal((steps, n))
+    R = np.full(d, r)
+    H = G.T @ G + r * np.eye(d)
+    print(
+        f"receding horizon, n={n} m={m} K={K}, {steps} steps, disturbed: us median, p99, worst gap"
+    )
+    for limit in (0.3, 100.0):
+        low, high = np.full(d, -limit), np.full(d, limit)
+        solver = core.BoxSolver(G, R, low, high, m, powers, np.zeros(n * K))
+        sense = np.zeros(d, dtype=np.int32)
+        model = daqp.Model()
+        model.setup(H, np.zeros(d), np.zeros((0, d)), high, low, sense)
+        F = G.T @ powers
+        by_osqp = osqp.OSQP()
+        by_osqp.setup(
+            sparse.csc_matrix(np.triu(H)),
+            np.zeros(d),
+            sparse.eye(d, format="csc"),
+            low,
+            high,
+            verbose=False,
+            eps_abs=1e-4,
+            eps_rel=1e-4,
+        )
+        dense = piqp.DenseSolver()
+        dense.setup(H, np.zeros(d), x_l=low, x_u=high)
+
+        def by_daqp(x: Floats, model=model, F=F) -> Floats:
+            model.update(f=F @ x)
+            return model.solve()[0]
+
+        def osqp_warm(x: Floats, by_osqp=by_osqp, F=F) -> Floats:
+            by_osqp.update(q=F @ x)
+            return by_osqp.solve().x
+
+        def by_piqp(x: Floats, dense=dense, F=F) -> Floats:
+            dense.update(c=F @ x)
+            dense.solve()
+            return dense.result.x
+
+        def ours(x: Floats, solver=solver) -> Floats:
+            return solver.solve(x, None).control
+
+        loops = {"ours": ours, "DAQP warm": by_daqp, "OSQP 1e-4": osqp_warm, "PIQP": by_piqp}
+        times: dict[str, list[float]] = {name: [] for name in loops}
+        worst = dict.fromkeys(loops, 0.0)
+        for repeat in range(3):
+            x = 2 * np.ones(n)
+            for w in noise:
+                plans = {}
+                for name, solve in loops.items():
+                    start = time.perf_counter()
+                    plans[name] = solve(x)
+                    times[name].append(time.perf_counter() - start)
+                    if repeat == 0:
+                        found = gap(G, -powers @ x, R, low, high, plans[name])
+                        worst[name] = max(worst[name], found)
+                x = A @ x + B @ plans["ours"][:m] + w
+        for name, seconds in times.items():
+            ms = 1e6 * np.array(seconds)
+            ratio = np.median(ms) / np.median(1e6 * np.array(times["ours"]))
+            print(
+                f"  |u| <= {limit}: {name:<10} {np.median(ms):.1f}, {np.quantile(ms, 0.99):.1f}, "
+                f"{worst[name]:.0e}, {ratio:.2f}x",
+                flush=True,
+            )
+
+
+def horizon() -> None:
+    import daqp
+    import piqp
+    from scipy import sparse
+
+    n, m, r = 10, 5, 0.1
+    gen = np.random.default_rng(4)
+    A, B = plant(gen, n, m, 0.98)
+    x0 = 3 * gen.standard_normal(n)
+    print("long horizons, n=10 m=5, |u| <= 0.3: ms; peers without condensing")
+    for K in (20, 50, 100, 200):
+        d = m * K
+        low, high = np.full(d, -0.3), np.full(d, 0.3)
+        I, zero, shape = np.eye(n), np.zeros((K, n)), (K, m)
+        G, powers = condense(A, B, K, r)
+        y, R = -powers @ x0, np.full(d, r)
+        H, f = G.T @ G + r * np.eye(d), -(G.T @ y)
+        none, sense = np.zeros((0, d)), np.zeros(d, dtype=np.int32)
+
+        def riccati(K=K, low=low, high=high, zero=zero, shape=shape, I=I) -> core.BoxControl:
+            low, high = low.reshape(shape), high.reshape(shape)
+            rr = r * np.eye(m)
+            return core.horizon_control(A, B, x0, zero, I, I, rr, low, high, None, None)
+
+        # states as variables: x(k+1) - A x(k) - B u(k) = 0
+        P = sparse.block_diag([r * sparse.eye(d), sparse.eye(n * K)], format="csc")
+        shift = sparse.kron(sparse.eye(K, k=-1), A)
+        equal = sparse.hstack(
+            [-sparse.kron(sparse.eye(K), B), sparse.eye(n * K) - shift], format="csc"
+        )
+        right = np.concatenate([A @ x0, np.zeros(n * (K - 1))])
+        xl = np.concatenate([low, np.full(n * K, -1e30)])
+        xu = -xl
+
+        def by_piqp(P=P, equal=equal, right=right, xl=xl, xu=xu, d=d) -> Floats:
+            solver = piqp.SparseSolver()
+            solver.setup(P, np.zeros(P.shape[0]), equal, right, x_l=xl, x_u=xu)
+            solver.solve()
+            return solver.result.x[:d]
+
+        def by_daqp(H=H, f=f, none=none, high=high, low=low, sense=sense) -> Floats:
+            return daqp.solve(H, f, none, high, low, sense)[0]
+
+        def dense(G=G, y=y, R=R, low=low, high=high) -> Floats:
+            return core.box_control(G, y, R, low, high, None, None).control
+
+        solvers = {
+            "Riccati": lambda: riccati().control,
+            "dense": dense,
+            "PIQP sparse": by_piqp,
+            "DAQP": by_daqp,
+        }
+        own = 0.0
+        parts = []
+        for name, work in solvers.items():
+            seconds = median(work, 0.3, 3)
+            own = own or seconds
+            found = gap(G, y, R, low, high, work()) if K <= 100 else float("nan")
+            parts.append(f"{name} {1e3 * seconds:.2f} ({found:.0e}) {seconds / own:.1f}x")
+        found = riccati()
+        print(f"K={K}:", "; ".join(parts), f"; {found.iterations} factorizations", flush=True)
+
+
+GROUPS = {f.__name__: f for f in (single, ill, batch, regulator, horizon)}
+
+if __name__ == "__main__":
+    for name in sys.argv[1:] or GROUPS:
+        GROUPS[name]()

@@ -18,6 +18,7 @@ from ._core import version as _version
 from .controls import (
     Plan,
     control,
+    control_fleet,
     realization_controls,
     required_samples,
     steer,
@@ -59,6 +60,7 @@ __all__ = [
     "__version__",
     "cases",
     "control",
+    "control_fleet",
     "exceptions",
     "fuse",
     "fuse_path",

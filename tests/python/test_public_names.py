@@ -14,13 +14,13 @@ import stochens_rs as se
 
 TOP = """
     Counts DataStream Ensemble EnsembleTrajectory Fit Key Model Plan StochensError Stream System
-    SystemEnsemble Tracking Trajectories Trajectory __version__ cases control exceptions fuse
+    SystemEnsemble Tracking Trajectories Trajectory __version__ cases control control_fleet exceptions fuse
     fuse_path get_num_threads identify paper plots realization_controls reference
     required_samples sample sample_counts set_num_threads simulate simulate_ensemble steer
     theory track
 """
 ROOMS = {
-    "controls": "PlanBound PlanError Reachability SamplePlan",
+    "controls": "FleetPlan PlanBound PlanError Reachability RiskBound SamplePlan",
     "fusion": "Path",
     "identification": "Checks Region",
     "streams": "Confidence StreamRun Trace",

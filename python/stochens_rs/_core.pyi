@@ -27,6 +27,7 @@ __all__ = [
     "fleet_misses",
     "fleet_moments",
     "fleet_slope",
+    "fleet_triangle",
     "fleet_worst",
     "horizon_control",
     "joint_radii",
@@ -471,6 +472,9 @@ _Units: TypeAlias = tuple[_Floats, _Floats, _Floats | None, _Floats, _Floats, _F
 
 # H (d, d), f (d,), constant: mean_s ||G_s u - b_s||_Q^2 = u'Hu - 2f'u + constant
 def fleet_moments(units: _Units, threads: int) -> tuple[_Floats, _Floats, float]: ...
+
+# upper triangle R (d + 1, d + 1): R'R / N = [[H, f], [f', constant]], without squaring
+def fleet_triangle(units: _Units) -> _Floats: ...
 
 # that mean, and half its gradient (d,), from the residuals of all units
 def fleet_slope(units: _Units, u: _Floats, threads: int) -> tuple[float, _Floats]: ...

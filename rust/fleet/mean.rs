@@ -5,6 +5,7 @@ use faer::{Accum, MatMut, MatRef, Par};
 
 use super::units::{Room, Units, WHAT};
 use crate::error::{Error, Result};
+use crate::identify::update;
 use crate::memory::{checked_len, room_for_products, try_room, try_zeros};
 use crate::parallel::{Stop, for_each_chunk};
 use crate::vector::{axpy, dot};
@@ -20,6 +21,34 @@ pub struct Moments {
     pub f: Vec<f64>,
     /// `mean_s b_s'Q b_s`
     pub constant: f64,
+}
+
+/// `Q^1/2 [G_s b_s]` of units one below the other.
+struct Filler {
+    room: Room,
+    map: Vec<f64>,
+    target: Vec<f64>,
+}
+
+impl Filler {
+    fn new(units: &Units<'_>) -> Result<Self> {
+        let (d, q) = (units.inputs(), units.rows());
+        let map = try_zeros(WHAT, checked_len(WHAT, q, d)?)?;
+        Ok(Self { room: Room::new(units)?, map, target: try_zeros(WHAT, q)? })
+    }
+
+    /// Units from `first` on, as many as `rows` has room for.
+    fn fill(&mut self, units: &Units<'_>, first: usize, rows: &mut [f64]) {
+        let (d, q) = (units.inputs(), units.rows());
+        for (i, rows) in rows.chunks_exact_mut(q * (d + 1)).enumerate() {
+            units.map(first + i, &mut self.room, &mut self.map, &mut self.target);
+            let parts = self.map.chunks_exact(d).zip(&self.target);
+            for (row, (map, target)) in rows.chunks_exact_mut(d + 1).zip(parts) {
+                row[..d].copy_from_slice(map);
+                row[d] = *target;
+            }
+        }
+    }
 }
 
 /// The moments: chunks of units in their order, so the same bits for any number of threads.
@@ -38,22 +67,15 @@ pub fn moments(units: &Units<'_>, threads: usize, stop: &Stop) -> Result<Moments
     let threads = units.threads(threads, units.work() + (units.size * q) as f64 * len as f64);
     for_each_chunk(parts.iter_mut().enumerate(), threads, stop, |(block, sums)| {
         room_for_products()?;
-        let mut room = Room::new(units)?;
-        let (mut map, mut target) = (try_zeros(WHAT, q * d)?, try_zeros(WHAT, q)?);
+        let mut filler = Filler::new(units)?;
         let mut rows = try_zeros(WHAT, checked_len(WHAT, at_once * q, side)?)?;
         let last = units.size.min((block + 1) * chunk);
         let mut s = block * chunk;
         while s < last {
             stop.check()?;
             let count = at_once.min(last - s);
-            for rows in rows.chunks_exact_mut(q * side).take(count) {
-                units.map(s, &mut room, &mut map, &mut target);
-                for (i, row) in rows.chunks_exact_mut(side).enumerate() {
-                    row[..d].copy_from_slice(&map[i * d..][..d]);
-                    row[d] = target[i];
-                }
-                s += 1;
-            }
+            filler.fill(units, s, &mut rows[..count * q * side]);
+            s += count;
             let rows = MatRef::from_row_major_slice(&rows[..count * q * side], count * q, side);
             let sums = MatMut::from_row_major_slice_mut(sums, side, side);
             let lower = BlockStructure::TriangularLower;
@@ -81,6 +103,25 @@ pub fn moments(units: &Units<'_>, threads: usize, stop: &Stop) -> Result<Moments
         true => Ok(Moments { h, f, constant }),
         false => Err(Error::Overflow { what: "the mean of the squared misses" }),
     }
+}
+
+/// `R` (d + 1, d + 1) with `R'R = sum_s [Q^1/2 (G_s b_s)]'[...]`: the moments without squares, for an ill-conditioned `H`.
+///
+/// # Errors
+/// [`Error::Overflow`], [`Error::Memory`], [`Error::Interrupted`].
+pub fn triangle(units: &Units<'_>, stop: &Stop) -> Result<Vec<f64>> {
+    let (q, side) = (units.rows(), units.inputs() + 1);
+    let mut r = try_zeros(WHAT, checked_len(WHAT, side, side)?)?;
+    let at_once = (4 * ROWS).max(side).div_ceil(q);
+    let mut rows = try_zeros(WHAT, checked_len(WHAT, at_once * q, side)?)?;
+    let mut filler = Filler::new(units)?;
+    for first in (0..units.size).step_by(at_once) {
+        let count = at_once.min(units.size - first);
+        let some = &mut rows[..count * q * side];
+        filler.fill(units, first, some);
+        update(&mut r, some, side, stop)?;
+    }
+    Ok(r)
 }
 
 /// `mean_s ||G_s u - b_s||_Q^2` and `mean_s G_s'Q (G_s u - b_s)`, from the residuals of all units.

@@ -17,7 +17,7 @@ mod worst;
 #[cfg(test)]
 mod tests;
 
-pub use mean::{Moments, moments, slope};
+pub use mean::{Moments, moments, slope, triangle};
 pub use scenario::{at_most, compression, discarding, judged, relaxed, required};
 pub use units::Units;
 pub use worst::{Limits, Worst, worst};

@@ -74,6 +74,15 @@ pub(super) fn fleet_moments<'py>(
     Ok((array2(py, found.h, d, d)?, array1(py, found.f), found.constant))
 }
 
+/// `R` (d + 1, d + 1) with `R'R = sum_s [Q^1/2 (G_s b_s)]'[...]`
+#[pyfunction]
+pub(super) fn fleet_triangle<'py>(py: Python<'py>, units: UnitsArgument<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let (given, cost) = (units.get()?, units.cost());
+    let side = given.steps * given.m + 1;
+    let found = run(py, cost * side as f64, |stop| fleet::triangle(&given, stop))?;
+    array2(py, found, side, side)
+}
+
 /// The mean of the squared misses at `u`, and half its gradient (d,).
 #[pyfunction]
 pub(super) fn fleet_slope<'py>(

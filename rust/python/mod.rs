@@ -29,7 +29,7 @@ mod _core {
     use super::draws::{Draws, sample_counts};
     #[pymodule_export]
     use super::fleet::{
-        fleet_misses, fleet_moments, fleet_slope, fleet_worst, scenario_at_most, scenario_compression,
+        fleet_misses, fleet_moments, fleet_slope, fleet_triangle, fleet_worst, scenario_at_most, scenario_compression,
         scenario_discarding, scenario_judged, scenario_relaxed, scenario_required,
     };
     #[pymodule_export]

@@ -148,7 +148,8 @@ def test_docstring_examples(name):
     assert runner.summarize(verbose=False).failed == 0, "".join(said)
 
 
-MARKDOWN = [path for path in ("README.md", "CONTRIBUTING.md") if (ROOT / path).exists()]
+PAGES = ("README.md", "CONTRIBUTING.md", "docs/fleet.md")
+MARKDOWN = [path for path in PAGES if (ROOT / path).exists()]
 
 
 def blocks(path):

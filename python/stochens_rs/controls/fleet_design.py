@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 TOLERANCE = 1e-7  # of the largest miss, relative
 GOOD = 1e-9  # of the mean of the squared misses, relative to J(0) + J(u)
+SQUARED = 1e-10  # eigenvalues of H below this share are better had without squares
 SAME = 1e-6  # two largest misses are the same up to this, relative; commands up to its root
 
 
@@ -56,20 +57,26 @@ class Box:
 def least_mean(units: Units, box: Box, time_limit: float | None) -> Design:
     """Minimise ``J(u) = mean_s ||G_s u - b_s||_Q^2 + ||u||_R^2``.
 
-    Solved by the moments H and f, whose condition is squared; its gap is that of the gradient from
-    the residuals of all units, which also corrects u.
+    By the moments H and f; where H is ill-conditioned, by an orthogonal triangle of all rows. The
+    gap is that of the gradient from the residuals of all units, which also corrects u.
     """
     d, threads = units.inputs, get_num_threads()
     memory.need("the moments of a fleet", 8 * (d + 1) ** 2 * 68)
-    H, f, at_zero = _core.fleet_moments(units.arrays, threads)
+    H, _, at_zero = _core.fleet_moments(units.arrays, threads)
     R = box.cost(d)
-    values, vectors = np.linalg.eigh(H + R)
-    some = values > d * EPS * max(float(values[-1]), 0.0)
-    half, along = np.sqrt(values[some]), vectors[:, some]
+    values, along = np.linalg.eigh(H + R)
+    half = np.sqrt(np.maximum(values, 0.0))
+    if values[0] <= SQUARED * values[-1]:
+        rows = _core.fleet_triangle(units.arrays)[:, :d] / np.sqrt(units.size)
+        _, half, V = np.linalg.svd(np.vstack([rows, root(R)]), full_matrices=False)
+        along = V.T
+    some = half > d * EPS * max(float(half.max()), 1e-300)
+    half, along = half[some], along[:, some]
     M = np.ascontiguousarray((along * half).T) if half.size else np.zeros((1, d))
 
-    def solve(right: Floats) -> _core.BoxControl:
-        y = along.T @ right / half if half.size else np.zeros(1)
+    def solve(u: Floats, g: Floats) -> _core.BoxControl:
+        """Minimise the quadratic of these factors with half the gradient g at u."""
+        y = half * (along.T @ u) - along.T @ g / half if half.size else np.zeros(1)
         return _core.box_control(M, y, np.zeros(d), box.low, box.high, None, time_limit)
 
     def judge(u: Floats) -> tuple[float, float, Floats]:
@@ -83,22 +90,24 @@ def least_mean(units: Units, box: Box, time_limit: float | None) -> Design:
         e = np.where(((u == box.low) & (g > 0.0)) | ((u == box.high) & (g < 0.0)), 0.0, g)
         inside = along.T @ e
         outside = np.linalg.norm(e - along @ inside)
-        rounding = d * EPS * (np.linalg.norm(f) + np.linalg.norm(H) * np.linalg.norm(u))
+        largest = float(half.max()) if half.size else 0.0
+        rounding = d * EPS * largest * (np.sqrt(at_zero) + largest * np.linalg.norm(u))
         newton = float(np.sum((inside / half) ** 2)) if outside <= rounding else np.inf
         return float(square + u @ R @ u), max(0.0, min(wolfe, newton)), g
 
-    found = solve(f)
-    u, status = found.control, found.status
+    status: Status = "optimal"
+    u = np.clip(np.zeros(d), box.low, box.high)
     J, gap, g = judge(u)
-    for _ in range(3):
+    for _ in range(4):
+        found = solve(u, g)
+        J2, gap2, g2 = judge(found.control)
+        status = found.status
+        if gap2 < gap or J2 < J:
+            u, J, gap, g = found.control, J2, gap2, g2
+        else:
+            break
         if status in ("user_limit", "interrupted") or gap <= EPS * (at_zero + J):
             break
-        # the least of J is that of the quadratic with H and the gradient at u
-        other = solve((H + R) @ u - g).control
-        J2, gap2, g2 = judge(other)
-        if not gap2 < gap:
-            break
-        u, J, gap, g = other, J2, gap2, g2
     if status in ("optimal", "optimal_inaccurate"):
         status = "optimal" if gap <= GOOD * (at_zero + J) else "optimal_inaccurate"
     return Design(u, float(np.sqrt(J)), float(np.sqrt(max(0.0, J - gap))), status, [])

@@ -89,9 +89,7 @@ def main() -> None:
         units, x0 = population(gen, N, n, m), 3.0 * gen.standard_normal(n)
         G, b = maps(units, x0, K)
         for limit in (10.0, 0.5, 0.2):
-            plan = se.control_fleet(
-                units, x0, np.zeros(n), K, limits=(-limit, limit), risk="worst"
-            )
+            plan = se.control_fleet(units, x0, np.zeros(n), K, limits=(-limit, limit), risk="worst")
             ours = median(
                 lambda u=units, x=x0, L=limit: se.control_fleet(
                     u, x, np.zeros(n), K, limits=(-L, L), risk="worst"
@@ -101,8 +99,9 @@ def main() -> None:
             peer = median(solve, 3)
             value = np.linalg.norm(G @ solve() - b, axis=1).max()
             print(
-                f"  N={N:5d} limit {limit:4}: {ours:7.2f}, Clarabel {peer:7.1f}, {peer / ours:5.1f}x,"
-                f" gap {plan.gap:.0e}, value / Clarabel's - 1 = {plan.value / value - 1:+.0e}"
+                f"  N={N:5d} limit {limit:4}: {ours:7.2f}, Clarabel {peer:7.1f}, "
+                f"{peer / ours:5.1f}x, gap {plan.gap:.0e}, "
+                f"value / Clarabel's - 1 = {plan.value / value - 1:+.0e}"
             )
     print("moments [ms]")
     for n, m, K, N in ((4, 2, 10, 3000), (10, 5, 10, 3000), (10, 5, 20, 10_000)):
@@ -110,7 +109,8 @@ def main() -> None:
         given = (units.A, units.B, None, x0[None], np.zeros(n), np.eye(n), K)
         H, f, _ = core.fleet_moments(given, 1)
         other = moments(units, x0, K)
-        assert np.allclose(H, other[0], rtol=1e-9) and np.allclose(f, other[1], rtol=1e-6)
+        assert np.allclose(H, other[0], rtol=1e-9)
+        assert np.allclose(f, other[1], rtol=1e-6)
         ours = median(lambda g=given: core.fleet_moments(g, 1))
         peer = median(lambda u=units, x=x0, K=K: moments(u, x, K))
         print(f"  n={n} m={m} K={K} N={N}: {ours:.2f}, NumPy {peer:.2f}, {peer / ours:.2f}x")

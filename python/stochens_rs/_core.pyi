@@ -467,7 +467,8 @@ def horizon_control(
 
 # -- fleets: x_s(k+1) = A_s x_s(k) + B_s u(k) + c_s, d = steps m; u is (d,) --
 
-# A (N, n, n), B (N, n, m), c (N, n) or None, x0 (N, n) or (1, n), xf (n,), root F (rows, n) with F'F = Q, steps
+# A (N, n, n), B (N, n, m), c (N, n) or None, x0 (N, n) or (1, n), xf (n,), F (rows, n) with
+# F'F = Q, steps
 _Units: TypeAlias = tuple[_Floats, _Floats, _Floats | None, _Floats, _Floats, _Floats, int]
 
 # H (d, d), f (d,), constant: mean_s ||G_s u - b_s||_Q^2 = u'Hu - 2f'u + constant
@@ -482,8 +483,9 @@ def fleet_slope(units: _Units, u: _Floats, threads: int) -> tuple[float, _Floats
 # (N,): (||G_s u - b_s||_Q^2 + beside)^1/2
 def fleet_misses(units: _Units, u: _Floats, beside: float, threads: int) -> _Floats: ...
 
-# u, value, lower_bound, the units solved for last, their shares of the dual, status, calls of the solver; `cost` is
-# R^1/2 (rows, d); `skip` units are left out; `start` are those to begin with. After Ctrl-C the best so far.
+# u, value, lower_bound, the units solved for last, their shares of the dual, status, calls of the
+# solver; `cost` is R^1/2 (rows, d); `skip` units are left out; `start` are those to begin with.
+# After Ctrl-C the best so far.
 def fleet_worst(
     units: _Units,
     low: _Floats,

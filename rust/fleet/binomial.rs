@@ -18,7 +18,8 @@ pub(super) struct Odds {
 impl Odds {
     pub(super) fn new(y: f64) -> Self {
         let log_t = -y.ln_1p();
-        Self { e: y / (1.0 + y), log_e: y.ln() + log_t, log_t }
+        let log_e = if y > 1.0 { -(1.0 / y).ln_1p() } else { y.ln() + log_t };
+        Self { e: y / (1.0 + y), log_e, log_t }
     }
 }
 
@@ -85,7 +86,8 @@ pub(super) fn log_tails(n: f64, k: f64, odds: Odds) -> (f64, f64) {
         return (0.0, f64::NEG_INFINITY);
     }
     // P(<= k) = I_{1-e}(n - k, k + 1), P(>= k + 1) = I_e(k + 1, n - k): the smaller one by its continued fraction
-    if k + 1.0 <= n * odds.e {
+    // where the fraction converges fast (DLMF 8.17.22)
+    if odds.log_t.exp() < (n - k + 1.0) / (n + 3.0) {
         let below = log_pmf(n, k, odds) + odds.log_e + fraction(n - k, k + 1.0, odds.log_t.exp()).ln();
         (below, log_rest(below))
     } else {

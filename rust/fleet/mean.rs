@@ -1,11 +1,12 @@
 //! What the mean of the squared misses takes: its moments, and its gradient from the residuals.
 
-use faer::linalg::matmul::triangular::{BlockStructure, matmul};
+use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
 
 use super::units::{Room, Units, WHAT};
 use crate::error::{Error, Result};
 use crate::identify::update;
+use crate::limits::widest;
 use crate::memory::{checked_len, room_for_products, try_room, try_zeros};
 use crate::parallel::{Stop, for_each_chunk};
 use crate::vector::{axpy, dot};
@@ -40,14 +41,17 @@ impl Filler {
     /// Units from `first` on, as many as `rows` has room for.
     fn fill(&mut self, units: &Units<'_>, first: usize, rows: &mut [f64]) {
         let (d, q) = (units.inputs(), units.rows());
-        for (i, rows) in rows.chunks_exact_mut(q * (d + 1)).enumerate() {
-            units.map(first + i, &mut self.room, &mut self.map, &mut self.target);
-            let parts = self.map.chunks_exact(d).zip(&self.target);
-            for (row, (map, target)) in rows.chunks_exact_mut(d + 1).zip(parts) {
-                row[..d].copy_from_slice(map);
-                row[d] = *target;
+        let Self { room, map, target } = self;
+        widest(|| {
+            for (i, rows) in rows.chunks_exact_mut(q * (d + 1)).enumerate() {
+                units.map(first + i, room, map, target);
+                let parts = map.chunks_exact(d).zip(target.iter());
+                for (row, (map, target)) in rows.chunks_exact_mut(d + 1).zip(parts) {
+                    row[..d].copy_from_slice(map);
+                    row[d] = *target;
+                }
             }
-        }
+        });
     }
 }
 
@@ -78,9 +82,7 @@ pub fn moments(units: &Units<'_>, threads: usize, stop: &Stop) -> Result<Moments
             s += count;
             let rows = MatRef::from_row_major_slice(&rows[..count * q * side], count * q, side);
             let sums = MatMut::from_row_major_slice_mut(sums, side, side);
-            let lower = BlockStructure::TriangularLower;
-            let full = BlockStructure::Rectangular;
-            matmul(sums, lower, Accum::Add, rows.transpose(), full, rows, full, 1.0, Par::Seq);
+            matmul(sums, Accum::Add, rows.transpose(), rows, 1.0, Par::Seq);
         }
         Ok(())
     })?;

@@ -110,7 +110,11 @@ pub fn relaxed(size: usize, support: usize, beta: f64) -> Result<(f64, f64)> {
     let lower = if k == 0.0 || odds(smallest) <= 0.0 {
         0.0
     } else {
-        let y = root((smallest, odds(smallest)), (middle, odds(middle)), odds)?;
+        let (mut low, mut high) = (middle, middle);
+        while odds(low) < 0.0 {
+            (low, high) = ((low / 2.0).max(smallest), low);
+        }
+        let y = root((low, odds(low)), (high, odds(high)), odds)?;
         y / (1.0 + y)
     };
     Ok((lower, upper))

@@ -20,6 +20,7 @@ fn risks_of_the_published_equations() {
     check(low, 0.046720257502);
     check(high, 0.377934953896);
     assert_eq!((required(0.05, 21, 1e-6), required(0.01, 21, 1e-6)), (Ok(992), Ok(5020)));
+    check(at_most(7, 6, 1e-9).unwrap(), 1.0 - 1e-9 / 7.0); // 1 - e^7 = beta
     assert_eq!((at_most(5, 5, 0.1), compression(5, 5, 0.1)), (Ok(1.0), Ok(1.0)));
     assert!(at_most(5, 1, 0.0).is_err() && judged(5, 1, f64::NAN).is_err() && required(1.0, 1, 0.5).is_err());
 }

@@ -1,6 +1,7 @@
 //! The units, and what a command does to each of them.
 
 use crate::error::{Error, Result};
+use crate::lanes::LANES;
 use crate::memory::{checked_len, try_zeros};
 use crate::parallel::{Stop, for_each_chunk};
 use crate::vector::{axpy, dot};
@@ -100,31 +101,26 @@ impl<'a> Units<'a> {
     /// `M = F G_s` into `map` (rows, d), and `t = F b_s` into `target`.
     ///
     /// With `L_K = F`, `L_k = L_{k+1} A`: block k of M is `L_{k+1} B`, `t = F xf - L_0 x0 - sum_k L_{k+1} c`.
+    #[inline(always)]
     pub(super) fn map(&self, s: usize, room: &mut Room, map: &mut [f64], target: &mut [f64]) {
         let (a, b, c, x0) = self.of(s);
-        let (n, m, d) = (self.n, self.m, self.inputs());
+        let (n, m, d, w) = (self.n, self.m, self.inputs(), room.width);
+        for (i, row) in room.abc.chunks_exact_mut(w).enumerate() {
+            row[..n].copy_from_slice(&a[i * n..][..n]);
+            row[n..n + m].copy_from_slice(&b[i * m..][..m]);
+            row[n + m] = *c.get(i).unwrap_or(&0.0);
+        }
         room.left.copy_from_slice(self.root);
         for (t, row) in target.iter_mut().zip(self.root.chunks_exact(n)) {
             *t = dot(row, self.xf);
         }
         for k in (0..self.steps).rev() {
-            for (i, row) in room.left.chunks_exact(n).enumerate() {
-                let to = &mut map[i * d + k * m..][..m];
-                to.fill(0.0);
-                for (l, b) in row.iter().zip(b.chunks_exact(m)) {
-                    axpy(*l, b, to);
-                }
-                if !c.is_empty() {
-                    target[i] -= dot(row, c);
-                }
+            products(&room.left, &room.abc, n, w, &mut room.next);
+            for (i, row) in room.next.chunks_exact(w).enumerate() {
+                room.left[i * n..][..n].copy_from_slice(&row[..n]);
+                map[i * d + k * m..][..m].copy_from_slice(&row[n..n + m]);
+                target[i] -= row[n + m];
             }
-            for (row, to) in room.left.chunks_exact(n).zip(room.next.chunks_exact_mut(n)) {
-                to.fill(0.0);
-                for (l, a) in row.iter().zip(a.chunks_exact(n)) {
-                    axpy(*l, a, to);
-                }
-            }
-            std::mem::swap(&mut room.left, &mut room.next);
         }
         for (t, row) in target.iter_mut().zip(room.left.chunks_exact(n)) {
             *t -= dot(row, x0);
@@ -192,8 +188,26 @@ impl<'a> Units<'a> {
     }
 }
 
+/// `out = left [A B c]`, lines of `[A B c]` and of `out` padded to `w`.
+#[inline(always)]
+fn products(left: &[f64], abc: &[f64], n: usize, w: usize, out: &mut [f64]) {
+    for (row, out) in left.chunks_exact(n).zip(out.chunks_exact_mut(w)) {
+        for (t, out) in out.as_chunks_mut::<LANES>().0.iter_mut().enumerate() {
+            let mut sum = [0.0; LANES];
+            for (l, line) in row.iter().zip(abc.chunks_exact(w)) {
+                let line = &line.as_chunks::<LANES>().0[t];
+                (0..LANES).for_each(|j| sum[j] += l * line[j]);
+            }
+            *out = sum;
+        }
+    }
+}
+
 /// Work space for one unit.
 pub(super) struct Room {
+    width: usize,
+    /// `[A B c]`, lines padded to `width`
+    abc: Vec<f64>,
     left: Vec<f64>,
     next: Vec<f64>,
     x: Vec<f64>,
@@ -202,10 +216,13 @@ pub(super) struct Room {
 
 impl Room {
     pub(super) fn new(units: &Units<'_>) -> Result<Self> {
-        let (len, n) = (units.root.len(), units.n);
+        let n = units.n;
+        let width = (n + units.m + 1).next_multiple_of(LANES);
         Ok(Self {
-            left: try_zeros(WHAT, len)?,
-            next: try_zeros(WHAT, len)?,
+            width,
+            abc: try_zeros(WHAT, checked_len(WHAT, n, width)?)?,
+            left: try_zeros(WHAT, units.root.len())?,
+            next: try_zeros(WHAT, checked_len(WHAT, units.rows(), width)?)?,
             x: try_zeros(WHAT, n)?,
             y: try_zeros(WHAT, n)?,
         })

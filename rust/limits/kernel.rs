@@ -4,10 +4,10 @@
 use crate::lanes::LANES;
 
 #[cfg(target_arch = "x86_64")]
-pub(super) use crate::wide::widest;
+pub(crate) use crate::wide::widest;
 
 #[cfg(not(target_arch = "x86_64"))]
-pub(super) fn widest<T>(work: impl FnOnce() -> T) -> T {
+pub(crate) fn widest<T>(work: impl FnOnce() -> T) -> T {
     work()
 }
 

@@ -55,11 +55,13 @@ def test_two_units_have_their_commands() -> None:
         plan = se.control_fleet(two, [0.0], [1.0], 1, limits=limits, risk="worst")
         assert plan.u[0, 0] == pytest.approx(u, abs=1e-8)
         assert plan.value == pytest.approx(value, abs=1e-8)
-        assert 0.0 <= plan.gap < 1e-7 and plan.status == "optimal"
+        assert 0.0 <= plan.gap < 1e-7
+        assert plan.status == "optimal"
         assert plan.certify(0.1).count == support
         assert plan.active.tolist() == [[int(limit is not None)]]
     zero = se.control_fleet(gains(0.0, 2.0), [0.0], [1.0], 1)
-    assert zero.u[0, 0] == pytest.approx(0.5) and zero.value**2 == pytest.approx(0.5)
+    assert zero.u[0, 0] == pytest.approx(0.5)
+    assert zero.value**2 == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize("weighed", [False, True])
@@ -83,19 +85,24 @@ def test_the_largest_miss_is_that_of_all_cones_at_once(
         units = [twin.unit(G, b, Q=Q, R=whole) for G, b in maps(plan.units)]
         best = twin.worst(units, low.ravel(), high.ravel())
         assert plan.value == pytest.approx(best.value, rel=1e-6)
-        assert plan.lower_bound <= best.value * (1 + 1e-9) and plan.gap <= 1e-6
+        assert plan.lower_bound <= best.value * (1 + 1e-9)
+        assert plan.gap <= 1e-6
         assert plan.value == pytest.approx(twin.misses(units, plan.u.ravel()).max(), rel=1e-12)
-        assert (plan.u >= low).all() and (plan.u <= high).all()
+        assert (plan.u >= low).all()
+        assert (plan.u <= high).all()
 
 
 def test_open_limits_and_one_sided_ones(gen: np.random.Generator) -> None:
     pytest.importorskip("clarabel")
     for limits in (None, (None, 0.3), ([-0.2, -np.inf], [np.inf, 0.1])):
         fleet = drawn(gen, 40, 3, 2, spread=0.4)
-        plan = se.control_fleet(fleet, [3.0, -1.0, 2.0], np.zeros(3), 2, limits=limits, risk="worst")
+        plan = se.control_fleet(
+            fleet, [3.0, -1.0, 2.0], np.zeros(3), 2, limits=limits, risk="worst"
+        )
         units = [twin.unit(G, b) for G, b in maps(plan.units)]
         best = twin.worst(units, plan.low.ravel(), plan.high.ravel())
-        assert plan.value == pytest.approx(best.value, rel=1e-6) and plan.gap <= 1e-6
+        assert plan.value == pytest.approx(best.value, rel=1e-6)
+        assert plan.gap <= 1e-6
 
 
 def test_the_mean_is_that_of_all_rows_at_once(gen: np.random.Generator) -> None:
@@ -112,11 +119,12 @@ def test_the_mean_is_that_of_all_rows_at_once(gen: np.random.Generator) -> None:
         assert plan.value == pytest.approx(np.sqrt(best.objective), rel=1e-9)
         np.testing.assert_allclose(plan.u.ravel(), best.u, atol=1e-6 * np.abs(best.u).max())
         rms = np.sqrt(np.mean(twin.misses(units, plan.u.ravel()) ** 2))
-        assert plan.value == pytest.approx(rms, rel=1e-12) and plan.gap <= 1e-9
+        assert plan.value == pytest.approx(rms, rel=1e-12)
+        assert plan.gap <= 1e-9
 
 
 def test_the_mean_of_ill_conditioned_units() -> None:
-    """A gain of 1e-7 beside one of 1 in all units: H has the condition 1e14, its square root 1e7."""
+    """Gains of 1e-7 beside gains of 1: H has the condition 1e14, its square root 1e7."""
     gen = np.random.default_rng(4)
     B = np.zeros((50, 2, 2))
     B[:, 0, 0], B[:, 1, 1] = gen.uniform(0.9, 1.1, 50), 1e-7 * gen.uniform(0.9, 1.1, 50)
@@ -124,7 +132,8 @@ def test_the_mean_of_ill_conditioned_units() -> None:
     # each input has its own state: u = sum b / sum b^2
     expected = [B[:, i, i].sum() / (B[:, i, i] ** 2).sum() for i in range(2)]
     np.testing.assert_allclose(plan.u[0], expected, rtol=1e-7)
-    assert plan.status == "optimal" and plan.gap < 1e-9
+    assert plan.status == "optimal"
+    assert plan.gap < 1e-9
 
 
 def test_bits_are_the_same_for_any_number_of_threads(gen: np.random.Generator) -> None:
@@ -153,9 +162,7 @@ def test_order_and_units_of_measurement_do_not_matter(gen: np.random.Generator) 
         np.testing.assert_allclose(moved.misses, plan.misses[order], rtol=1e-3)
         for unit in (2.0**-40, 2.0**40):  # exact in binary
             limits = (-0.5 * unit, 0.5 * unit)
-            scaled = se.control_fleet(
-                fleet, unit * x0, np.zeros(3), 3, limits=limits, risk=risk
-            )
+            scaled = se.control_fleet(fleet, unit * x0, np.zeros(3), 3, limits=limits, risk=risk)
             assert scaled.value == pytest.approx(unit * plan.value, rel=1e-7)
             np.testing.assert_allclose(scaled.u, unit * plan.u, atol=1e-3 * unit)
 
@@ -167,14 +174,18 @@ def test_copies_of_units_count_once() -> None:
 
 
 def test_a_unit_that_no_input_moves_gives_no_false_support() -> None:
-    """Its miss is the largest for every u in [0, 1]: alone it does not determine the command."""
-    plan = se.control_fleet(gains(0, 2, 1.9, 2.1), [0.0], [1.0], 1, limits=(-5, 5), risk="worst")
+    """It misses 1 for every u, and the others less for all u in (-4/2.1, -2/1.9)."""
+    gains, x0 = np.array([0.0, 1.9, 2.0, 2.1])[:, None, None], [[1.0], [3.0], [3.0], [3.0]]
+    fleet = se.SystemEnsemble(np.ones((4, 1, 1)), gains)
+    plan = se.control_fleet(fleet, x0, [0.0], 1, limits=(-5, 5), risk="worst")
     assert plan.value == pytest.approx(1.0)
+    assert plan.misses[0] == plan.threshold
+    # by its multipliers it were 1
     risk = plan.certify(0.1)
     assert risk.count > 1
-    # a weight of the inputs makes the command unique: the unit alone gives u = 0
-    weighed = se.control_fleet(gains(0, 2, 1.9, 2.1), [0.0], [1.0], 1, R=0.1, risk="worst")
-    assert weighed.certify(0.1).count == 1 and abs(weighed.u[0, 0]) < 1e-4
+    # where the command is unique, the unit that sets it counts as well
+    weighed = se.control_fleet(fleet, x0, [0.0], 1, R=0.1, risk="worst")
+    assert weighed.certify(0.1).count == 2
 
 
 def test_units_left_out_miss_more() -> None:
@@ -198,8 +209,11 @@ def test_radii_of_models_enter_the_threshold() -> None:
     radius = np.full(30, 0.01)
     radius[7] = 0.5
     risk = plan.certify(0.1, radius=radius, delta=0.02)
-    assert risk.threshold == pytest.approx(plan.misses[7] + 0.5) and risk.count == 3
-    assert risk.delta == 0.02 and "+ 2 %" in repr(risk) and "plant behind" in risk.covers
+    assert risk.threshold == pytest.approx(plan.misses[7] + 0.5)
+    assert risk.count == 3
+    assert risk.delta == 0.02
+    assert "+ 2 %" in repr(risk)
+    assert "plant behind" in risk.covers
     held = plan.validate(gains(1.1, 1.3), 0.1, radius=[0.0, 1.0], delta=0.02)
     assert held.count == 1
     with pytest.raises(InputError, match="`delta` must be given"):
@@ -209,9 +223,16 @@ def test_radii_of_models_enter_the_threshold() -> None:
 def test_a_time_limit_gives_the_best_so_far(gen: np.random.Generator) -> None:
     fleet = drawn(gen, 3000, 4, 2)
     plan = se.control_fleet(
-        fleet, [3.0, 1.0, -2.0, 1.0], np.zeros(4), 10, limits=(-1, 1), risk="worst", time_limit=1e-9
+        fleet,
+        [3.0, 1.0, -2.0, 1.0],
+        np.zeros(4),
+        10,
+        limits=(-1, 1),
+        risk="worst",
+        time_limit=1e-9,
     )
-    assert plan.status == "user_limit" and plan.value == pytest.approx(plan.misses.max())
+    assert plan.status == "user_limit"
+    assert plan.value == pytest.approx(plan.misses.max())
     with pytest.raises(InputError, match="needs an optimal plan"):
         plan.certify(0.1)
 
@@ -219,11 +240,14 @@ def test_a_time_limit_gives_the_best_so_far(gen: np.random.Generator) -> None:
 def test_plans_are_pickled_and_shown() -> None:
     plan = se.control_fleet(gains(1, 2), [0.0], [1.0], 1, risk="worst")
     again = pickle.loads(pickle.dumps(plan))
-    assert repr(again) == repr(plan) and "2 units" in repr(plan)
+    assert repr(again) == repr(plan)
+    assert "2 units" in repr(plan)
     assert again.certify(0.1).epsilon == plan.certify(0.1).epsilon
     assert "largest miss" in plan._repr_html_()
     risk = plan.validate(gains(1.5, 1.2, 3.0), 0.1)
-    assert risk.count == 1 and "hold-out" in repr(risk) and risk._repr_html_()
+    assert risk.count == 1
+    assert "hold-out" in repr(risk)
+    assert risk._repr_html_()
     pytest.importorskip("matplotlib")
     labels = [text.get_text() for text in plan.plot(validated=risk).get_legend().get_texts()]
     assert labels == ["3 fresh units", "2 units of the design", "support", "threshold"]
@@ -238,7 +262,7 @@ def test_bad_arguments_are_named() -> None:
         (lambda: se.control_fleet([], [0.0], [1.0], 1), InputError, "`systems`"),
         (lambda: se.control_fleet(two, [0.0, 1.0], [1.0], 1), ShapeError, "`x0`"),
         (lambda: se.control_fleet(two, np.zeros((3, 1)), [1.0], 1), ShapeError, "`x0`"),
-        (lambda: se.control_fleet(two, [0.0], [np.nan], 1), InputError, "`xf`"),
+        (lambda: se.control_fleet(two, [0.0], [np.nan], 1), InputError, "`xf"),
         (lambda: se.control_fleet(two, [0.0], [1.0], 0), SizeError, "`steps`"),
         (lambda: se.control_fleet(two, [0.0], [1.0], 1, limits=(1, -1)), InputError, "low <= high"),
         (lambda: se.control_fleet(two, [0.0], [1.0], 1, Q=0.0), InputError, "`Q`"),

@@ -14,8 +14,8 @@ import stochens_rs as se
 
 TOP = """
     Counts DataStream Ensemble EnsembleTrajectory Fit Key Model Plan StochensError Stream System
-    SystemEnsemble Tracking Trajectories Trajectory __version__ cases control control_fleet exceptions fuse
-    fuse_path get_num_threads identify paper plots realization_controls reference
+    SystemEnsemble Tracking Trajectories Trajectory __version__ cases control control_fleet
+    exceptions fuse fuse_path get_num_threads identify paper plots realization_controls reference
     required_samples sample sample_counts set_num_threads simulate simulate_ensemble steer
     theory track
 """

@@ -35,7 +35,7 @@ def test_published_values() -> None:
     after = [scenario.discarding(3000, r, 21, 1e-6) for r in (30, 150)]
     assert np.round(after, 4).tolist() == [0.0481, 0.1206]
     fresh = [scenario.hold_out(3000, v, 1e-6) for v in (0, 30, 150)]
-    assert np.round(fresh, 4).tolist() == [0.0046, 0.0215, 0.0715]
+    np.testing.assert_allclose(fresh, [0.0046, 0.0215, 0.0715], atol=6e-5)
 
 
 def test_all_bounds_equal_the_sums_of_the_reference(gen: np.random.Generator) -> None:
@@ -62,7 +62,9 @@ def test_large_sizes_stay_in_order() -> None:
     assert N * scenario.hold_out(N, 0, beta) == pytest.approx(-np.log(beta), rel=1e-7)
     lower, upper = scenario.relaxed(N, 1000, beta)
     assert lower < 1e-6 < scenario.compression(N, 1000, beta) < upper < 1.3e-6
-    assert scenario.required_scenarios(1e-8, 1, beta) == pytest.approx(-np.log(beta) * 1e8, rel=1e-7)
+    assert scenario.required_scenarios(1e-8, 1, beta) == pytest.approx(
+        -np.log(beta) * 1e8, rel=1e-7
+    )
 
 
 def test_the_a_priori_risk_is_exact_for_intervals() -> None:
@@ -74,15 +76,28 @@ def test_the_a_priori_risk_is_exact_for_intervals() -> None:
     assert abs(np.mean(risk > eps) - 0.05) < 5 * np.sqrt(0.05 * 0.95 / 200_000)
 
 
+def after_discarding(gen: np.random.Generator, N: int, d: int, r: int) -> float:
+    """The risk of min sum z_i, z_i >= v for each of N units (i, v), i of d, v uniform, without r.
+
+    Each time the unit goes without which the sum falls most.
+    """
+    group, v = gen.integers(0, d, N), gen.random(N)
+    left = [np.sort(np.append(v[group == i], 0.0)) for i in range(d)]
+    falls = np.array([x[-1] - x[-2] if len(x) > 1 else 0.0 for x in left])
+    for _ in range(r):
+        i = int(falls.argmax())
+        left[i] = left[i][:-1]
+        falls[i] = left[i][-1] - left[i][-2] if len(left[i]) > 1 else 0.0
+    return float(np.mean([1.0 - x[-1] for x in left]))
+
+
 def test_after_discarding_only_the_bound_of_2011_holds() -> None:
-    """The shortest intervals that leave out r of N uniforms: d = 2, risk 1 - length."""
     gen = np.random.default_rng(2)
-    N, r, beta, fleets = 1000, 200, 0.05, 2000
-    drawn = np.sort(gen.random((fleets, N)), axis=1)
-    risk = 1.0 - (drawn[:, N - r - 1 :] - drawn[:, : r + 1]).min(axis=1)
-    assert np.mean(risk > scenario.discarding(N, r, 2, beta)) <= beta
+    N, d, r, beta = 1000, 50, 100, 0.05
+    risk = np.array([after_discarding(gen, N, d, r) for _ in range(300)])
+    assert np.mean(risk > scenario.discarding(N, r, d, beta)) <= beta
     # the bound for relaxed designs, taken with all that were left out and the support, fails
-    assert np.mean(risk > scenario.relaxed(N, r + 2, beta)[1]) > 0.1
+    assert np.mean(risk > scenario.relaxed(N, r + d, beta)[1]) > 0.2
 
 
 def test_bad_arguments_are_named() -> None:

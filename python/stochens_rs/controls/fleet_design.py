@@ -26,7 +26,7 @@ SAME = 1e-6  # two largest misses are the same up to this, relative; commands up
 
 @dataclass(frozen=True)
 class Design:
-    """What was found: `value`, `lower_bound` as in `FleetPlan`, `working` what it was solved for."""
+    """What was found: `value`, `lower_bound` as in `FleetPlan`; `working` was solved for."""
 
     u: Floats
     value: float
@@ -46,7 +46,9 @@ class Box:
 
     def cost(self, d: int) -> Floats:
         """``R`` of all inputs, shape (d, d)."""
-        return np.zeros((d, d)) if self.R is None else np.kron(np.eye(d // len(self.R)), self.R)
+        if self.R is None:
+            return np.zeros((d, d))
+        return np.asarray(np.kron(np.eye(d // len(self.R)), self.R), dtype=np.float64)
 
     @property
     def free(self) -> int:

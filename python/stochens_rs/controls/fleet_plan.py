@@ -268,7 +268,9 @@ class FleetPlan:
         if fresh == mine and (x0 is None or np.array_equal(x0, self.units.x0)):
             raise InputError("`new_units` must be fresh, they are those of the design")
         if x0 is None and len(self.units.x0) > 1:
-            raise InputError("`x0` must be given: the units of the design began at different states")
+            raise InputError(
+                "`x0` must be given: the units of the design began at different states"
+            )
         starts = self.units.x0 if x0 is None else read_starts(x0, fresh.size, fresh.n)
         units = Units(fresh, starts, self.units.xf, self.units.Q, self.units.steps)
         misses = units.misses(self.u)

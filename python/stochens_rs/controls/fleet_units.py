@@ -13,7 +13,7 @@ from .._base.records import by_constructor
 from .._base.threads import get_num_threads
 from .._base.types import Floats
 from ..ensembles import SystemEnsemble
-from ..exceptions import InputError, ShapeError
+from ..exceptions import InputError, InputTypeError, ShapeError
 from ..identification.identified import Identified
 from .task import root, weight
 
@@ -121,10 +121,12 @@ def read_systems(systems: Systems) -> SystemEnsemble:
 
 def _of_models(models: list[Any]) -> SystemEnsemble:
     """Units that are known through a model each."""
-    for k, model in enumerate(models):
-        gate.instance(f"systems[{k}]", model, Identified)
     first = models[0]
     for k, model in enumerate(models):
+        if not isinstance(model, Identified):
+            raise InputTypeError(
+                f"`systems[{k}]` must be a model as another is, got {gate.show(model)}"
+            )
         if model.B.shape != first.B.shape or model.dt != first.dt:
             raise ShapeError(f"`systems[{k}]` must have n, m and dt of the first")
     n = len(first.A)

@@ -42,8 +42,16 @@ def draw_misses(
     for chosen, marker, color, label in marks:
         if chosen.any():
             at = chosen[order]
-            style = {"marker": marker, "linestyle": "none", "color": color, "fillstyle": "none"}
-            handles += ax.plot(share[at], sorted_[at], markersize=6, label=label, **style)
+            handles += ax.plot(
+                share[at],
+                sorted_[at],
+                marker=marker,
+                linestyle="none",
+                color=color,
+                fillstyle="none",
+                markersize=6,
+                label=label,
+            )
     line = ax.axhline(threshold, color=INK, linestyle="--", linewidth=1, label=named)
     finish(ax, "share of the units", "miss", [*handles, line])
     ax.set_ylim(bottom=0.0)

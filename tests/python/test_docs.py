@@ -184,7 +184,7 @@ def test_links_lead_somewhere(path):
         for target in re.findall(r"\]\(([^)\s]+)\)", text)
         if not target.startswith(("http", "#"))
     ]
-    assert [target for target in local if not (ROOT / target).exists()] == []
+    assert [target for target in local if not (ROOT / path).parent.joinpath(target).exists()] == []
 
 
 # -- names that texts use ------------------------------------------------------------------------

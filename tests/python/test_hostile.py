@@ -174,7 +174,8 @@ GOOD = {
     "system": (A, B), "samples": np.ones((4, 2)), "bytes32": bytes(32), "digits": "0" * 64,
     "name": "x", "ensemble": ensemble, "quantity": "state", "method": "uniform",
     "path": "no/such/file.npz", "experiment": experiment, "data": runs, "x": X0, "lags": 1,
-    "share": 0.5, "open_loop": True,
+    "share": 0.5, "open_loop": True, "beta": 0.1, "epsilon": 0.5, "dimension": 2, "support": 1,
+    "discarded": 1, "violations": 1, "systems": [(A, B), (A, B)], "new_units": [(A, B)],
 }  # fmt: skip
 # The same where the name alone does not say it, and arguments that keep a call short.
 OWN = {
@@ -215,6 +216,7 @@ TAKEN = {
     ("identify", "known_A"): {"nan matrix"},
     ("identify", "known_B"): {"nan matrix"},
     ("Key.child", "name"): {"text"},
+    ("control_fleet", "limits"): {"object vector", "list of None"},
     ("Stream.run", "checkpoint"): {"text"},
 }
 CALLED = {"class", "function"}  # what `progress` does is its own affair
@@ -226,6 +228,7 @@ MADE = {
     "Model": model,
     "Region": lambda: model().region(),
     "Checks": lambda: model().checks,
+    "FleetPlan": lambda: se.control_fleet([(A, B), (-A, B)], X0, XF, 2, risk="worst"),
     "Plan": lambda: se.control((ensemble(), B), se.sample(X0, 5, rng=2), XF),
     "Stream": lambda: se.Stream((A, B), X0, XF, rng=1),
     "Bound": lambda: se.theory.bounds.bound("McDiarmid", "state", (A, B), X0, XF),

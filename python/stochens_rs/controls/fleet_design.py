@@ -81,12 +81,13 @@ def least_mean(units: Units, box: Box, time_limit: float | None) -> Design:
         y = half * (along.T @ u) - along.T @ g / half if half.size else np.zeros(1)
         return _core.box_control(M, y, np.zeros(d), box.low, box.high, None, time_limit)
 
+    @np.errstate(over="ignore", invalid="ignore")
     def judge(u: Floats) -> tuple[float, float, Floats]:
+        """``J(u)``, how far it can be from the least, and half its gradient."""
         square, g = _core.fleet_slope(units.arrays, u, threads)
         g = g + R @ u
         # J(u) - J(v) <= <J'(u), u - v> for all v within the limits
-        with np.errstate(invalid="ignore"):
-            ends = np.maximum(g * (u - box.low), g * (u - box.high))
+        ends = np.maximum(g * (u - box.low), g * (u - box.high))
         wolfe = 2.0 * float(np.sum(np.where(g == 0.0, 0.0, ends)))
         # and J(u) - min J <= e'H^-1 e, e the part of J'/2 that no limit balances
         e = np.where(((u == box.low) & (g > 0.0)) | ((u == box.high) & (g < 0.0)), 0.0, g)

@@ -165,8 +165,11 @@ class FleetPlan:
                 f"`certify` needs an optimal plan, this one is {self.status!r}: use "
                 "validate(new_units), which holds for any command"
             )
-        chosen: Method = method or ("discarding" if self.removed else "compression")
-        gate.choice("method", chosen, ("compression", "a priori", "judged", "discarding"))
+        chosen: Method = "discarding" if self.removed else "compression"
+        if method is not None:
+            chosen = gate.choice(
+                "method", method, ("compression", "a priori", "judged", "discarding")
+            )
         if self.removed and chosen != "discarding":
             raise InputError(
                 f"`method` {chosen!r} does not hold after units were left out: use 'discarding' "

@@ -156,7 +156,7 @@ def weight(name: str, value: Any, n: int) -> Floats:
     largest = float(np.abs(full).max())
     if np.abs(full - full.T).max() > 1e-9 * largest:
         raise InputError(f"`{name}` must be symmetric")
-    half = (full + full.T) / 2.0
+    half = full / 2.0 + full.T / 2.0
     least = float(np.linalg.eigvalsh(half)[0])
     if least < -n * float(np.finfo(np.float64).eps) * largest:
         raise InputError(

@@ -1,9 +1,9 @@
-"""Controls within limits against solvers of quadratic programs: same problems, same run, one thread.
+"""Controls within limits against solvers of quadratic programs: same run, one thread.
 
-Times include each solver's Python interface. The gap of every answer is recomputed here from ``M``,
-``y`` and the clipped answer, divided by ``J(0)``: the smaller of the Frank-Wolfe gap and of the dual
-residual in the norm of ``H^-1``, each an upper bound of ``J(u) - min J``. Peers get ``H = M'M + R``
-and ``f = M'y`` computed outside the timed part; ours computes them in it.
+Times include each solver's Python interface. The gap of every answer is recomputed here from
+``M``, ``y`` and the clipped answer, divided by ``J(0)``: the smaller of the Frank-Wolfe gap and
+of the dual residual in the norm of ``H^-1``, each an upper bound of ``J(u) - min J``. Peers get
+``H = M'M + R`` and ``f = M'y`` computed outside the timed part; ours computes them in it.
 
 - DAQP: bounds only, warm where the problem is a sequence; PIQP dense (sparse for K = 200); OSQP
   (1e-6, polished); Clarabel; SciPy's ``lsq_linear`` (bvls).
@@ -122,7 +122,7 @@ def single() -> None:
                 limit = limit_of(M, y, share)
                 low, high = np.full(d, -limit), np.full(d, limit)
 
-                def ours(M=M, y=y, low=low, high=high) -> Floats:
+                def ours(M=M, y=y, r=r, low=low, high=high) -> Floats:
                     return core.box_control(M, y, r, low, high, None, None).control
 
                 solvers: dict[str, Solve] = {"ours": ours} | peers(M, y, low, high)
@@ -188,12 +188,16 @@ def batch() -> None:
         def theirs(H=H, F=F, none=none, high=high, low=low, sense=sense) -> list[Floats]:
             return [daqp.solve(H, f, none, high, low, sense)[0] for f in F]
 
-        each = np.ascontiguousarray(np.broadcast_to(M.ravel(), (20_000, m * m)))
+        many = np.ascontiguousarray(np.broadcast_to(M.ravel(), (20_000, m * m)))
+
+        def each(M=many, y=y[:20_000], r=r, low=low, high=high) -> Floats:
+            return core.box_batch_each(M, y, r, low, high, False, 1)[0]
+
+        def certified(M=M, y=y, r=r, low=low, high=high) -> object:
+            return core.box_batch(M, y, r, low, high, True, 1)
+
         own = median(ours, 0.5, 3) / size
-        alone = median(
-            lambda: core.box_batch_each(each, y[:20_000], r, low, high, False, 1), 0.3, 3
-        )
-        gaps = median(lambda: core.box_batch(M, y, r, low, high, True, 1), 0.3, 3) / size
+        alone, gaps = median(each, 0.3, 3), median(certified, 0.3, 3) / size
         peer = median(theirs, 0.3, 3) / 2000
         worst = np.abs(ours()[:2000] - np.array(theirs())).max()
         print(
@@ -314,16 +318,16 @@ def horizon() -> None:
     for K in (20, 50, 100, 200):
         d = m * K
         low, high = np.full(d, -0.3), np.full(d, 0.3)
-        I, zero, shape = np.eye(n), np.zeros((K, n)), (K, m)
+        eye, zero, shape = np.eye(n), np.zeros((K, n)), (K, m)
         G, powers = condense(A, B, K, r)
         y, R = -powers @ x0, np.full(d, r)
         H, f = G.T @ G + r * np.eye(d), -(G.T @ y)
         none, sense = np.zeros((0, d)), np.zeros(d, dtype=np.int32)
 
-        def riccati(K=K, low=low, high=high, zero=zero, shape=shape, I=I) -> core.BoxControl:
+        def riccati(K=K, low=low, high=high, zero=zero, shape=shape, eye=eye) -> core.BoxControl:
             low, high = low.reshape(shape), high.reshape(shape)
             rr = r * np.eye(m)
-            return core.horizon_control(A, B, x0, zero, I, I, rr, low, high, None, None)
+            return core.horizon_control(A, B, x0, zero, eye, eye, rr, low, high, None, None)
 
         # states as variables: x(k+1) - A x(k) - B u(k) = 0
         P = sparse.block_diag([r * sparse.eye(d), sparse.eye(n * K)], format="csc")

@@ -395,7 +395,8 @@ class BoxControl:
     # D >= (||M (u - u*)||^2 + ||u - u*||_R^2)^(1/2)
     @property
     def distance(self) -> float: ...
-    # J(u), and J(0), to which gaps are relative
+    # J(u), and J(0); "optimal": gap <= 1e-9 (J(0) + J(u)), of a horizon with the size of J along the states at u, if
+    # that is less than J(0)
     @property
     def objective(self) -> float: ...
     @property

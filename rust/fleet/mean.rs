@@ -6,7 +6,8 @@ use faer::{Accum, MatMut, MatRef, Par};
 use super::units::{Room, Units, WHAT};
 use crate::error::{Error, Result};
 use crate::identify::update;
-use crate::limits::widest;
+use crate::lanes::LANES;
+use crate::limits::{Work, widest_of};
 use crate::memory::{checked_len, room_for_products, try_room, try_zeros};
 use crate::parallel::{Stop, for_each_chunk};
 use crate::vector::{axpy, dot};
@@ -38,20 +39,35 @@ impl Filler {
         Ok(Self { room: Room::new(units)?, map, target: try_zeros(WHAT, q)? })
     }
 
-    /// Units from `first` on, as many as `rows` has room for.
-    fn fill(&mut self, units: &Units<'_>, first: usize, rows: &mut [f64]) {
-        let (d, q) = (units.inputs(), units.rows());
-        let Self { room, map, target } = self;
-        widest(|| {
-            for (i, rows) in rows.chunks_exact_mut(q * (d + 1)).enumerate() {
-                units.map(first + i, room, map, target);
-                let parts = map.chunks_exact(d).zip(target.iter());
-                for (row, (map, target)) in rows.chunks_exact_mut(d + 1).zip(parts) {
-                    row[..d].copy_from_slice(map);
-                    row[d] = *target;
-                }
+    /// Units from `first` on, as many as `rows` has room for; what is behind the target stays.
+    fn fill(&mut self, units: &Units<'_>, first: usize, stride: usize, rows: &mut [f64]) {
+        widest_of(Fill { filler: self, units, first, stride, rows });
+    }
+}
+
+struct Fill<'a> {
+    filler: &'a mut Filler,
+    units: &'a Units<'a>,
+    first: usize,
+    stride: usize,
+    rows: &'a mut [f64],
+}
+
+impl Work for Fill<'_> {
+    type Out = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Filler { room, map, target } = self.filler;
+        let (d, q) = (self.units.inputs(), self.units.rows());
+        for (i, rows) in self.rows.chunks_exact_mut(q * self.stride).enumerate() {
+            self.units.map(self.first + i, room, map, target);
+            let parts = map.chunks_exact(d).zip(target.iter());
+            for (row, (map, target)) in rows.chunks_exact_mut(self.stride).zip(parts) {
+                row[..d].copy_from_slice(map);
+                row[d] = *target;
             }
-        });
+        }
     }
 }
 
@@ -61,7 +77,8 @@ impl Filler {
 /// [`Error::Overflow`], [`Error::Memory`], [`Error::Interrupted`].
 pub fn moments(units: &Units<'_>, threads: usize, stop: &Stop) -> Result<Moments> {
     let (d, q, chunk) = (units.inputs(), units.rows(), units.chunk());
-    let side = d + 1; // the target is the last column
+    // the target is column d; whole groups, with zeros behind it, make the product faster
+    let side = (d + 1).next_multiple_of(LANES);
     let len = checked_len(WHAT, side, side)?;
     let mut parts = try_room(WHAT, units.size.div_ceil(chunk))?;
     for _ in 0..units.size.div_ceil(chunk) {
@@ -78,7 +95,7 @@ pub fn moments(units: &Units<'_>, threads: usize, stop: &Stop) -> Result<Moments
         while s < last {
             stop.check()?;
             let count = at_once.min(last - s);
-            filler.fill(units, s, &mut rows[..count * q * side]);
+            filler.fill(units, s, side, &mut rows[..count * q * side]);
             s += count;
             let rows = MatRef::from_row_major_slice(&rows[..count * q * side], count * q, side);
             let sums = MatMut::from_row_major_slice_mut(sums, side, side);
@@ -120,7 +137,7 @@ pub fn triangle(units: &Units<'_>, stop: &Stop) -> Result<Vec<f64>> {
     for first in (0..units.size).step_by(at_once) {
         let count = at_once.min(units.size - first);
         let some = &mut rows[..count * q * side];
-        filler.fill(units, first, some);
+        filler.fill(units, first, side, some);
         update(&mut r, some, side, stop)?;
     }
     Ok(r)

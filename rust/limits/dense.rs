@@ -5,7 +5,7 @@ use faer::{Accum, MatMut, MatRef, Par};
 
 use super::bounds::Bounds;
 use super::factor::Factor;
-use super::kernel::{add_lines, add_transposed, axpy, gram, padded, times, widest};
+use super::kernel::{add_lines, add_transposed, descend, gram, padded, times};
 use super::quadratic::Quadratic;
 use crate::error::{Error, Result, require_finite};
 use crate::memory::{checked_len, room_for_products, try_copy, try_room, try_zeros};
@@ -261,7 +261,11 @@ impl Quadratic for Dense {
     }
 
     fn pull(&mut self, u: &[f64], g: &mut [f64]) -> f64 {
-        if self.ill {
+        if self.by_inverse {
+            // H u = f - lambda on the face just solved
+            g.fill(0.0);
+            self.free.iter().zip(&self.work).for_each(|(&i, lambda)| g[i] = -lambda);
+        } else if self.ill {
             self.slope(u, g);
         } else {
             // g = H u - f
@@ -325,17 +329,7 @@ impl Quadratic for Dense {
         let (ld, h, g) = (self.ld, &self.h, &mut self.second);
         g.iter_mut().zip(&self.f).for_each(|(g, f)| *g = -f);
         add_lines(h, ld, u.iter().copied().enumerate().filter(|(_, u)| *u != 0.0), g);
-        widest(|| {
-            for _ in 0..SWEEPS {
-                for (i, u) in u.iter_mut().enumerate().filter(|(i, _)| held[*i] == 0) {
-                    let moved = bounds.clip(i, *u - g[i] / self.curvature[i]);
-                    if moved != *u {
-                        axpy(moved - *u, &h[i * ld..(i + 1) * ld], g);
-                        *u = moved;
-                    }
-                }
-            }
-        });
+        descend(h, &self.curvature, held, bounds, SWEEPS, u, g);
         Ok(())
     }
 }

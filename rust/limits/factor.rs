@@ -4,7 +4,7 @@ use faer::linalg::matmul::matmul;
 use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
 use faer::{Accum, MatMut, MatRef, Par};
 
-use super::kernel::{backward, cholesky, forward, padded, widest};
+use super::kernel::{factored, padded, solved};
 use crate::error::Result;
 use crate::memory::{checked_len, room_for_products, try_zeros};
 use crate::parallel::Stop;
@@ -44,7 +44,7 @@ impl Factor {
             return self.by_panels(stop);
         }
         let (lower, inverse) = (&mut self.lower, &mut self.inverse);
-        Ok(widest(|| cholesky(lower, n, padded(n), inverse)))
+        Ok(factored(lower, n, padded(n), inverse))
     }
 
     fn by_panels(&mut self, stop: &Stop) -> Result<bool> {
@@ -69,7 +69,7 @@ impl Factor {
                 }
             }
             let (block, inverse) = (&mut self.block, &mut self.inverse[start..start + width]);
-            if !widest(|| cholesky(block, width, side, inverse)) {
+            if !factored(block, width, side, inverse) {
                 return Ok(false);
             }
             for j in 0..width {
@@ -90,11 +90,7 @@ impl Factor {
 
     /// `x <- A^{-1} x`; `x` has whole groups.
     pub(super) fn solve(&self, x: &mut [f64]) {
-        let (l, ld, inverse) = (&self.lower, self.ld, &self.inverse[..self.n]);
-        widest(|| {
-            forward(l, ld, inverse, x);
-            backward(l, ld, inverse, x);
-        });
+        solved(&self.lower, self.ld, &self.inverse[..self.n], x);
     }
 
     /// A lower bound of the condition of `A`: the squared ratio of the largest to the smallest diagonal entry of `L`.

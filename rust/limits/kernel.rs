@@ -1,15 +1,42 @@
 //! Dense kernels for small matrices: lines padded by zeros to whole groups of [`LANES`] numbers, so that no loop has a
 //! remainder. They give the same bits on every processor.
 
+use super::bounds::Bounds;
 use crate::lanes::LANES;
 
 #[cfg(target_arch = "x86_64")]
-pub(crate) use crate::wide::widest;
+pub(crate) use crate::wide::{Work, widest_of};
 
 #[cfg(not(target_arch = "x86_64"))]
-pub(crate) fn widest<T>(work: impl FnOnce() -> T) -> T {
-    work()
+pub(crate) trait Work {
+    type Out;
+    fn run(self) -> Self::Out;
 }
+
+#[cfg(not(target_arch = "x86_64"))]
+pub(crate) fn widest_of<W: Work>(work: W) -> W::Out {
+    work.run()
+}
+
+/// A function with its body compiled for each width of registers.
+macro_rules! kernel {
+    ($(#[$doc:meta])* fn $name:ident<$life:lifetime>($($arg:ident: $kind:ty),* $(,)?) -> $out:ty $body:block) => {
+        $(#[$doc])*
+        pub(super) fn $name<$life>($($arg: $kind),*) -> $out {
+            struct Kernel<$life> { $($arg: $kind),* }
+            impl<$life> Work for Kernel<$life> {
+                type Out = $out;
+                #[inline(always)]
+                fn run(self) -> $out {
+                    let Self { $($arg),* } = self;
+                    $body
+                }
+            }
+            widest_of(Kernel { $($arg),* })
+        }
+    };
+}
+pub(super) use kernel;
 
 /// The length of a line of `n` entries.
 pub(super) fn padded(n: usize) -> usize {
@@ -36,14 +63,16 @@ pub(super) fn dot(x: &[f64], y: &[f64]) -> f64 {
 /// `y += sum_c a_c x_c`, all of whole groups.
 #[inline(always)]
 fn add<const C: usize>(a: [f64; C], x: [&[f64]; C], y: &mut [f64]) {
-    let x = x.map(|x| x.as_chunks::<LANES>().0);
     let y = y.as_chunks_mut::<LANES>().0;
-    let x = x.map(|x| &x[..y.len()]);
+    let mut groups: [&[[f64; LANES]]; C] = [&[]; C];
+    for c in 0..C {
+        groups[c] = &x[c].as_chunks::<LANES>().0[..y.len()];
+    }
     for (t, y) in y.iter_mut().enumerate() {
         let mut sum = *y;
         for c in 0..C {
             for l in 0..LANES {
-                sum[l] += a[c] * x[c][t][l];
+                sum[l] += a[c] * groups[c][t][l];
             }
         }
         *y = sum;
@@ -56,88 +85,158 @@ pub(super) fn axpy(a: f64, x: &[f64], y: &mut [f64]) {
     add([a], [x], y);
 }
 
-/// `out += sum_i w_i row_i` over rows of the length of `out`.
+/// `out += sum_i w_i row_i` over rows of the length of `out`, from entry `from` on; the `w_i` are `stride` apart.
 #[inline(always)]
-fn add_rows(rows: &[f64], weights: impl Fn(usize) -> f64, out: &mut [f64], from: usize) {
+fn add_rows(rows: &[f64], weights: &[f64], stride: usize, out: &mut [f64], from: usize) {
     let ld = out.len();
     let count = rows.len() / ld;
-    let row = |i: usize| &rows[i * ld + from..(i + 1) * ld];
+    let out = &mut out[from..];
     let mut i = 0;
     while i + 4 <= count {
-        let four = [i, i + 1, i + 2, i + 3];
-        add(four.map(&weights), four.map(row), &mut out[from..]);
+        let (w, x) = (&weights[i * stride..], &rows[i * ld..(i + 4) * ld]);
+        let x = [&x[from..ld], &x[ld + from..2 * ld], &x[2 * ld + from..3 * ld], &x[3 * ld + from..]];
+        add([w[0], w[stride], w[2 * stride], w[3 * stride]], x, out);
         i += 4;
     }
     while i < count {
-        add([weights(i)], [row(i)], &mut out[from..]);
+        add([weights[i * stride]], [&rows[i * ld + from..(i + 1) * ld]], out);
         i += 1;
     }
 }
 
-/// `out = rows v`; `triangular`: row `i` has zeros before column `i`.
-pub(super) fn times(rows: &[f64], v: &[f64], triangular: bool, out: &mut [f64]) {
-    widest(|| {
+kernel! {
+    /// `out = rows v`; `triangular`: row `i` has zeros before column `i`.
+    fn times<'a>(rows: &'a [f64], v: &'a [f64], triangular: bool, out: &'a mut [f64]) -> () {
         for (i, (out, row)) in out.iter_mut().zip(rows.chunks_exact(v.len())).enumerate() {
             let from = if triangular { group(i) } else { 0 };
             *out = dot(&row[from..], &v[from..]);
         }
-    });
+    }
 }
 
-/// `out += rows' w`
-pub(super) fn add_transposed(rows: &[f64], w: &[f64], triangular: bool, out: &mut [f64]) {
-    widest(|| {
-        let block = LANES * out.len();
+kernel! {
+    /// `out += sign rows v`
+    fn add_times<'a>(rows: &'a [f64], v: &'a [f64], sign: f64, out: &'a mut [f64]) -> () {
+        for (out, row) in out.iter_mut().zip(rows.chunks_exact(v.len())) {
+            *out += sign * dot(row, v);
+        }
+    }
+}
+
+kernel! {
+    /// `out += rows' w`
+    fn add_transposed<'a>(rows: &'a [f64], w: &'a [f64], triangular: bool, out: &'a mut [f64]) -> () {
         if triangular {
+            let block = LANES * out.len();
             for (b, (rows, w)) in rows.chunks(block).zip(w.chunks(LANES)).enumerate() {
-                add_rows(rows, |i| w[i], out, LANES * b);
+                add_rows(rows, w, 1, out, LANES * b);
             }
         } else {
-            add_rows(rows, |i| w[i], out, 0);
+            add_rows(rows, w, 1, out, 0);
         }
-    });
+    }
+}
+
+kernel! {
+    /// `y += a x`
+    fn add_line<'a>(a: f64, x: &'a [f64], y: &'a mut [f64]) -> () {
+        axpy(a, x, y);
+    }
 }
 
 /// `out += sum w line_i` over the given `(i, w)`.
 pub(super) fn add_lines(lines: &[f64], ld: usize, weights: impl Iterator<Item = (usize, f64)>, out: &mut [f64]) {
-    widest(|| weights.for_each(|(i, w)| axpy(w, &lines[i * ld..(i + 1) * ld], out)));
+    weights.for_each(|(i, w)| add_line(w, &lines[i * ld..(i + 1) * ld], out));
 }
 
-/// `h = rows' rows`, `d` lines of the length `ld` of a row.
-pub(super) fn gram(rows: &[f64], d: usize, ld: usize, h: &mut [f64]) {
-    widest(|| {
+kernel! {
+    /// `out = A B`, or `A' B`, in lines of `ld`; `A` in lines of `la` has `inner` columns, or rows.
+    fn product<'a>(
+        a: &'a [f64], la: usize, transposed: bool, inner: usize, b: &'a [f64], out: &'a mut [f64], ld: usize,
+    ) -> () {
+        for (i, out) in out.chunks_exact_mut(ld).enumerate() {
+            out.fill(0.0);
+            let (weights, stride) = if transposed { (&a[i..], la) } else { (&a[i * la..], 1) };
+            add_rows(&b[..inner * ld], weights, stride, out, 0);
+        }
+    }
+}
+
+kernel! {
+    /// `h = rows' rows`, `d` lines of the length `ld` of a row.
+    fn gram<'a>(rows: &'a [f64], d: usize, ld: usize, h: &'a mut [f64]) -> () {
         for (i, line) in h.chunks_exact_mut(ld).enumerate() {
             line.fill(0.0);
-            add_rows(rows, |r| rows[r * ld + i], line, group(i));
+            if !rows.is_empty() {
+                add_rows(rows, &rows[i..], ld, line, group(i));
+            }
         }
         for i in 0..d {
             for j in 0..i {
                 h[i * ld + j] = h[j * ld + i];
             }
         }
-    });
+    }
+}
+
+kernel! {
+    /// Sweeps of coordinate descent over the inputs with `held = 0`: `u` inside the limits, `g` its half gradient.
+    fn descend<'a>(
+        h: &'a [f64], curvature: &'a [f64], held: &'a [i8], bounds: Bounds<'a>, sweeps: usize, u: &'a mut [f64],
+        g: &'a mut [f64],
+    ) -> () {
+        let ld = g.len();
+        for _ in 0..sweeps {
+            for (i, u) in u.iter_mut().enumerate() {
+                if held[i] == 0 {
+                    let moved = bounds.clip(i, *u - g[i] / curvature[i]);
+                    if moved != *u {
+                        axpy(moved - *u, &h[i * ld..(i + 1) * ld], g);
+                        *u = moved;
+                    }
+                }
+            }
+        }
+    }
+}
+
+kernel! {
+    /// [`cholesky`]
+    fn factored<'a>(a: &'a mut [f64], n: usize, ld: usize, inverse: &'a mut [f64]) -> bool {
+        cholesky(a, n, ld, inverse)
+    }
+}
+
+kernel! {
+    /// `x <- (L L')^{-1} x`
+    fn solved<'a>(l: &'a [f64], ld: usize, inverse: &'a [f64], x: &'a mut [f64]) -> () {
+        forward(l, ld, inverse, x);
+        backward(l, ld, inverse, x);
+    }
 }
 
 /// `L L' = A`: the lower triangle of `A` column by column, in lines of `ld`. The diagonal of `L` is kept as its
 /// `inverse`; its place and those above it in the group hold zeros, so that solves work on whole groups. False if a pivot
 /// is not above rounding.
 #[inline(always)]
-pub(super) fn cholesky(a: &mut [f64], n: usize, ld: usize, inverse: &mut [f64]) -> bool {
+#[expect(clippy::needless_range_loop, reason = "columns of a triangle")]
+fn cholesky(a: &mut [f64], n: usize, ld: usize, inverse: &mut [f64]) -> bool {
     for j in 0..n {
         let from = group(j);
         let (done, rest) = a.split_at_mut(j * ld);
         let column = &mut rest[from..ld];
         let at = j - from;
         let least = f64::EPSILON * n as f64 * column[at];
-        let earlier = |k: usize| &done[k * ld + from..(k + 1) * ld];
         let mut k = 0;
         while k + 4 <= j {
-            let four = [k, k + 1, k + 2, k + 3].map(earlier);
-            add(four.map(|column| -column[at]), four, column);
+            let x = &done[k * ld..(k + 4) * ld];
+            let x = [&x[from..ld], &x[ld + from..2 * ld], &x[2 * ld + from..3 * ld], &x[3 * ld + from..]];
+            add([-x[0][at], -x[1][at], -x[2][at], -x[3][at]], x, column);
             k += 4;
         }
         while k < j {
-            add([-earlier(k)[at]], [earlier(k)], column);
+            let x = &done[k * ld + from..(k + 1) * ld];
+            add([-x[at]], [x], column);
             k += 1;
         }
         let pivot = column[at];
@@ -153,7 +252,7 @@ pub(super) fn cholesky(a: &mut [f64], n: usize, ld: usize, inverse: &mut [f64]) 
 
 /// `x <- L^{-1} x`
 #[inline(always)]
-pub(super) fn forward(l: &[f64], ld: usize, inverse: &[f64], x: &mut [f64]) {
+fn forward(l: &[f64], ld: usize, inverse: &[f64], x: &mut [f64]) {
     for (k, inverse) in inverse.iter().enumerate() {
         x[k] *= inverse;
         let from = group(k);
@@ -163,7 +262,7 @@ pub(super) fn forward(l: &[f64], ld: usize, inverse: &[f64], x: &mut [f64]) {
 
 /// `x <- L'^{-1} x`
 #[inline(always)]
-pub(super) fn backward(l: &[f64], ld: usize, inverse: &[f64], x: &mut [f64]) {
+fn backward(l: &[f64], ld: usize, inverse: &[f64], x: &mut [f64]) {
     for (k, inverse) in inverse.iter().enumerate().rev() {
         let from = group(k);
         x[k] = (x[k] - dot(&l[k * ld + from..(k + 1) * ld], &x[from..ld])) * inverse;

@@ -24,7 +24,7 @@ mod tests;
 
 pub use batch::{Batch, box_batch, box_batch_each};
 pub use bounds::Bounds;
-pub(crate) use kernel::widest;
+pub(crate) use kernel::{Work, widest_of};
 pub use quadratic::{Status, Until};
 pub use riccati::{Horizon, horizon_control};
 pub use search::Method;

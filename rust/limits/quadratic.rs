@@ -22,7 +22,7 @@ pub(super) trait Quadratic {
     /// `v <- H_FF^{-1} v` on the free inputs `F` of the last face, 0 elsewhere.
     fn correct(&mut self, v: &mut [f64]);
 
-    /// `g` for pivoting, and `||u||_H^2`.
+    /// `g` for pivoting just after [`Self::face`], and `||u||_H^2`.
     fn pull(&mut self, u: &[f64], g: &mut [f64]) -> f64;
 
     /// `J(u)`, and `g` from the residual.

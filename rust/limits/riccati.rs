@@ -6,7 +6,9 @@
 //! (Bertsekas 2017, 3.1); the affine terms follow in a second recursion.
 
 use super::bounds::Bounds;
-use super::kernel::{add_lines, axpy, backward, cholesky, dot, forward, padded, widest};
+use super::kernel::{
+    Work, add_line, add_lines, add_times, axpy, dot, factored, kernel, padded, product, solved, widest_of,
+};
 use super::quadratic::{Quadratic, Status, Until};
 use super::search::Search;
 use super::solve::{Penalty, Solution, checked_rows, checked_warm, told};
@@ -68,28 +70,6 @@ impl Lines {
 /// `out += A' v`, `A` in lines.
 fn add_transposed(a: &Lines, v: &[f64], sign: f64, out: &mut [f64]) {
     add_lines(&a.values, a.ld, v.iter().enumerate().map(|(i, v)| (i, sign * v)), out);
-}
-
-/// `out += A v`; `v` is padded.
-fn add_times(a: &[f64], v: &[f64], sign: f64, out: &mut [f64]) {
-    widest(|| {
-        for (out, line) in out.iter_mut().zip(a.chunks_exact(v.len())) {
-            *out += sign * dot(line, v);
-        }
-    });
-}
-
-/// `out = A B` or `A' B` for `A` with `inner` columns or rows.
-fn product((a, la): (&[f64], usize), transposed: bool, inner: usize, b: &[f64], out: &mut [f64], ld: usize) {
-    widest(|| {
-        for (i, out) in out.chunks_exact_mut(ld).enumerate() {
-            out.fill(0.0);
-            for k in 0..inner {
-                let at = if transposed { k * la + i } else { i * la + k };
-                axpy(a[at], &b[k * ld..(k + 1) * ld], out);
-            }
-        }
-    });
 }
 
 /// The recursion for one face.
@@ -206,13 +186,13 @@ impl Riccati {
         for t in (0..self.steps).rev() {
             stop.check()?;
             let [sa, sb, next, _] = &mut self.squares;
-            product((&s.values, ln), false, n, &self.b.values, &mut sb.values, lm);
+            product(&s.values, ln, false, n, &self.b.values, &mut sb.values, lm);
             for j in 0..m {
                 let sum: f64 = (0..n).map(|i| self.b.values[i * lm + j] * sb.values[i * lm + j]).sum();
                 self.curvature[t * m + j] = self.r.values[j * lm + j] + sum;
             }
-            product((&s.values, ln), false, n, &self.a.values, &mut sa.values, ln);
-            product((&self.a.values, ln), true, n, &sa.values, &mut next.values, ln);
+            product(&s.values, ln, false, n, &self.a.values, &mut sa.values, ln);
+            product(&self.a.values, ln, true, n, &sa.values, &mut next.values, ln);
             next.values.iter_mut().zip(&self.q[0].values).for_each(|(s, q)| *s += q);
             std::mem::swap(&mut s.values, &mut next.values);
         }
@@ -243,10 +223,10 @@ impl Riccati {
             let g = &mut gains.lower[t * m * lm..(t + 1) * m * lm];
             let inverse = &mut gains.inverse[t * m..(t + 1) * m];
             let [pa, pb, _, bpa] = &mut self.squares;
-            product((p, ln), false, n, &self.a.values, &mut pa.values, ln);
-            product((p, ln), false, n, &self.b.values, &mut pb.values, lm);
-            product((&self.b.values, lm), true, n, &pb.values, g, lm);
-            product((&self.b.values, lm), true, n, &pa.values, &mut bpa.values, ln);
+            product(p, ln, false, n, &self.a.values, &mut pa.values, ln);
+            product(p, ln, false, n, &self.b.values, &mut pb.values, lm);
+            product(&self.b.values, lm, true, n, &pb.values, g, lm);
+            product(&self.b.values, lm, true, n, &pa.values, &mut bpa.values, ln);
             g.iter_mut().zip(&self.r.values).for_each(|(g, r)| *g += r);
             for j in 0..m {
                 if let Some(diagonal) = diagonal {
@@ -260,21 +240,18 @@ impl Riccati {
                 }
             }
             gain.copy_from_slice(&bpa.values);
-            let positive = widest(|| {
-                let positive = cholesky(g, m, lm, inverse);
-                if positive {
-                    solve_lines(g, lm, inverse, gain, ln);
-                }
-                positive
-            });
+            let positive = factored(g, m, lm, inverse);
+            if positive {
+                solve_lines(g, lm, inverse, gain, ln);
+            }
             if positive && t > 0 {
                 // P <- Q + A' P A - (B' P A)' L
                 let next = &mut before[(t - 1) * n * ln..];
-                product((&self.a.values, ln), true, n, &pa.values, next, ln);
+                product(&self.a.values, ln, true, n, &pa.values, next, ln);
                 next.iter_mut().zip(&self.q[0].values).for_each(|(p, q)| *p += q);
                 for j in (0..m).filter(|&j| held[j] == 0) {
                     let (row, gain) = (bpa.line(j), &gain[j * ln..(j + 1) * ln]);
-                    widest(|| next.chunks_exact_mut(ln).zip(row).for_each(|(next, v)| axpy(-v, gain, next)));
+                    next.chunks_exact_mut(ln).take(n).zip(row).for_each(|(next, v)| add_line(-v, gain, next));
                 }
                 for i in 0..n {
                     for j in 0..i {
@@ -336,10 +313,7 @@ impl Riccati {
             let gain = &gains.gain[t * m * ln..(t + 1) * m * ln];
             add_lines(gain, ln, h[..m].iter().enumerate().map(|(j, h)| (j, -h)), p);
             let (g, inverse) = (&gains.lower[t * m * lm..(t + 1) * m * lm], &gains.inverse[t * m..(t + 1) * m]);
-            widest(|| {
-                forward(g, lm, inverse, h);
-                backward(g, lm, inverse, h);
-            });
+            solved(g, lm, inverse, h);
             for j in 0..m {
                 if held[j] == 0 {
                     at[j] = -h[j];
@@ -373,9 +347,9 @@ impl Riccati {
     }
 }
 
+kernel! {
 /// `X <- (L L')^{-1} X` for `X` in lines, `L` in columns.
-#[inline(always)]
-fn solve_lines(l: &[f64], lm: usize, inverse: &[f64], x: &mut [f64], ld: usize) {
+fn solve_lines<'a>(l: &'a [f64], lm: usize, inverse: &'a [f64], x: &'a mut [f64], ld: usize) -> () {
     let m = inverse.len();
     for k in 0..m {
         let (done, rest) = x.split_at_mut((k + 1) * ld);
@@ -389,6 +363,7 @@ fn solve_lines(l: &[f64], lm: usize, inverse: &[f64], x: &mut [f64], ld: usize) 
         rest.chunks_exact(ld).zip(k + 1..m).for_each(|(from, i)| axpy(-l[k * lm + i], from, row));
         row.iter_mut().for_each(|v| *v *= inverse[k]);
     }
+}
 }
 
 impl Quadratic for Riccati {

@@ -19,7 +19,7 @@ const LAST_PIVOTS: usize = 5;
 const PATIENCE: usize = 4;
 /// Gaps relative to `J(0) + J(u)`: where refinement ends, from where more is tried, and of an optimal result.
 const EXACT: f64 = 1e-14;
-pub(super) const GOOD: f64 = 1e-12;
+pub(super) const GOOD: f64 = 5e-13;
 const OPTIMAL: f64 = 1e-9;
 /// Rounding of a gradient, in units of its size.
 const ROUNDING: f64 = 16.0 * f64::EPSILON;
@@ -60,6 +60,14 @@ impl Default for Certificate {
     fn default() -> Self {
         let none = f64::INFINITY;
         Self { objective: none, gap: none, frank_wolfe: none, distance: none }
+    }
+}
+
+impl Certificate {
+    /// Takes the square of a bound of the distance.
+    fn improve(&mut self, squared: f64) {
+        self.gap = self.gap.min(squared);
+        self.distance = self.distance.min(squared.sqrt());
     }
 }
 
@@ -119,15 +127,16 @@ impl Search {
         }
         let early = match end {
             End::Done => {
-                self.refine(q, bounds, until, method)?;
+                self.refine(q, bounds, until, method, false)?;
+                self.sharpen(q, bounds, until)?;
                 None
             }
             End::Stuck => {
-                self.judge(q, bounds, until, method)?;
+                self.judge(q, bounds, until, method, true)?;
                 None
             }
             End::Early(status) => {
-                self.judge(q, bounds, until, method)?;
+                self.judge(q, bounds, until, method, true)?;
                 Some(status)
             }
         };
@@ -232,18 +241,33 @@ impl Search {
         count
     }
 
-    /// Corrects the free inputs by the gradient from the residual, while that makes the gap smaller.
-    fn refine(&mut self, q: &mut impl Quadratic, bounds: Bounds<'_>, until: Until<'_>, method: Method) -> Result<()> {
-        for _ in 0..3 {
-            let better = self.judge(q, bounds, until, method)?;
-            let scale = q.scale() + self.certificate.objective;
-            if !better || self.certificate.gap <= EXACT * scale {
-                break;
-            }
+    /// Corrects the free inputs by the gradient from the residual, if there is something to gain.
+    fn refine(
+        &mut self,
+        q: &mut impl Quadratic,
+        bounds: Bounds<'_>,
+        until: Until<'_>,
+        method: Method,
+        dual: bool,
+    ) -> Result<()> {
+        self.judge(q, bounds, until, method, dual)?;
+        if self.certificate.gap > EXACT * (q.scale() + self.certificate.objective) {
             self.hold(bounds);
             q.slope(&self.v, &mut self.step);
             q.correct(&mut self.step);
             self.v.iter_mut().zip(&self.step).for_each(|(v, step)| *v -= step);
+            self.judge(q, bounds, until, method, dual)?;
+        }
+        Ok(())
+    }
+
+    /// The dual residual of the best control, where the gap is not small without it.
+    fn sharpen(&mut self, q: &mut impl Quadratic, bounds: Bounds<'_>, until: Until<'_>) -> Result<()> {
+        if self.certificate.gap > GOOD * (q.scale() + self.certificate.objective) {
+            self.v.copy_from_slice(&self.u);
+            self.step.copy_from_slice(&self.g);
+            let squared = self.dual_residual(q, bounds, until)?;
+            self.certificate.improve(squared);
         }
         Ok(())
     }
@@ -254,44 +278,51 @@ impl Search {
         let moving = (&mut *self.v, &mut *self.step, &mut *self.held);
         let (done, early) = self.interior.run(q, bounds, moving, until)?;
         self.factorizations += done;
-        self.judge(q, bounds, until, Method::Interior)?;
+        self.judge(q, bounds, until, Method::Interior, true)?;
         if early.is_some() {
             return Ok(early);
         }
         match self.pivot(q, bounds, until, LAST_PIVOTS)? {
-            End::Done => self.refine(q, bounds, until, Method::Interior)?,
-            End::Stuck => drop(self.judge(q, bounds, until, Method::Interior)?),
+            End::Done => self.refine(q, bounds, until, Method::Interior, true)?,
+            End::Stuck => self.judge(q, bounds, until, Method::Interior, true)?,
             End::Early(status) => return Ok(Some(status)),
         }
         Ok(None)
     }
 
-    /// Clips `v`; it is the best control if its gap is smaller. `step` is its half gradient then.
-    fn judge(&mut self, q: &mut impl Quadratic, bounds: Bounds<'_>, until: Until<'_>, method: Method) -> Result<bool> {
+    /// Clips `v`; it is the best control if its gap is smaller. `dual`: with the dual residual, where that is needed.
+    fn judge(
+        &mut self,
+        q: &mut impl Quadratic,
+        bounds: Bounds<'_>,
+        until: Until<'_>,
+        method: Method,
+        dual: bool,
+    ) -> Result<()> {
         for (i, v) in self.v.iter_mut().enumerate() {
             *v = bounds.clip(i, *v);
         }
         let objective = q.slope(&self.v, &mut self.step);
         if !objective.is_finite() {
-            return Ok(false);
+            return Ok(());
         }
+        let scale = q.scale() + objective;
         let frank_wolfe = frank_wolfe(bounds, &self.v, &self.step);
         let mut found = Certificate { objective, gap: frank_wolfe, frank_wolfe, distance: (frank_wolfe / 2.0).sqrt() };
-        if frank_wolfe > EXACT * (q.scale() + objective) {
-            let squared = self.dual_residual(q, bounds, until)?;
-            found.gap = frank_wolfe.min(squared);
-            found.distance = found.distance.min(squared.sqrt());
+        if dual && frank_wolfe > GOOD * scale {
+            found.improve(self.dual_residual(q, bounds, until)?);
         }
-        let first = self.certificate.objective == f64::INFINITY;
-        // of several exact ones the last: it is at its limits, where an interior point only comes close
-        let better = found.gap < self.certificate.gap || found.gap <= EXACT * (q.scale() + objective);
-        if better || first {
+        let best = &self.certificate;
+        // without a limit on some side the gap is infinite at first: there the later one is the corrected one; of several
+        // exact ones the last is at its limits, where an interior point only comes close
+        let unknown = found.gap == f64::INFINITY && best.gap == f64::INFINITY;
+        if found.gap < best.gap || unknown || found.gap <= EXACT * scale {
             std::mem::swap(&mut self.u, &mut self.v);
             std::mem::swap(&mut self.g, &mut self.step);
             self.v.copy_from_slice(&self.u);
             (self.certificate, self.method) = (found, method);
         }
-        Ok(better)
+        Ok(())
     }
 
     /// `e' H^{-1} e` with `e` the half gradient where no limit balances it: `D^2` and `J(u) - min J` are at most this.

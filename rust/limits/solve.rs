@@ -105,7 +105,7 @@ pub(super) fn find(
         search.give_up(dense, bounds);
     }
     let mut found = search.certificate;
-    if early.is_none() && !(found.gap <= GOOD * (dense.scale() + found.objective)) {
+    if early.is_none() && found.gap > GOOD * (dense.scale() + found.objective) {
         let mut exact = Orthogonal::new(dense, until.stop)?;
         let mut again = Search::new(dense.d)?;
         early = again.run(&mut exact, bounds, Some(&search.held), until)?;
@@ -222,6 +222,9 @@ pub fn box_control(
     told(&search, bounds, found, (dense.scale(), dense.scale()))
 }
 
+/// `[state target]` after reduction, and its columns.
+type Map = (Vec<f64>, usize);
+
 /// One `M`, `R` and limits for many `y`, or for many `x` with `y = target - state x`.
 pub struct Solver {
     dense: Dense,
@@ -230,8 +233,8 @@ pub struct Solver {
     low: Vec<f64>,
     high: Vec<f64>,
     shift: usize,
-    /// Columns of `-state` and the target after reduction, `d + 1` rows.
-    map: Option<(Vec<f64>, usize)>,
+    /// Rows of `T` first, then those that no input changes.
+    map: Option<Map>,
     warm: Option<Vec<i8>>,
 }
 
@@ -334,7 +337,7 @@ fn reduced(
     target: &[f64],
     n: usize,
     stop: &Stop,
-) -> Result<(Dense, Option<(Vec<f64>, usize)>)> {
+) -> Result<(Dense, Option<Map>)> {
     let (d, ld) = (dense.d, dense.ld);
     let mut columns = try_zeros(WHAT, checked_len(WHAT, n + 1, dense.y.len())?)?;
     let height = dense.y.len().max(1);

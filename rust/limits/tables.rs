@@ -2,7 +2,7 @@
 
 use super::bounds::Bounds;
 use super::dense::Dense;
-use super::kernel::widest;
+use super::kernel::{Work, widest_of};
 use super::quadratic::Quadratic;
 use crate::error::Result;
 use crate::memory::{try_collect, try_room};
@@ -96,6 +96,7 @@ impl<const D: usize> Table<D> {
 
     /// The control for `f = M'y`; `None` after too many rounds.
     #[inline(always)]
+    #[expect(clippy::needless_range_loop, reason = "loops over arrays of a fixed size")]
     fn control(&self, f: &[f64; D]) -> Option<[f64; D]> {
         let all = (1 << D) - 1;
         let mut u = times(&self.inverse[all], f);
@@ -195,31 +196,47 @@ fn times<const D: usize>(a: &[[f64; D]; D], v: &[f64; D]) -> [f64; D] {
     out
 }
 
-impl<const D: usize> Chunk for Table<D> {
-    fn solve(&self, y: &[f64], u: &mut [f64], mut gaps: Option<&mut [f64]>) -> usize {
-        widest(|| {
-            let mut missing = 0;
-            for (s, (y, u)) in y.chunks_exact(self.rows).zip(u.as_chunks_mut::<D>().0).enumerate() {
-                let mut f = [0.0; D];
-                for (y, row) in y.iter().zip(&self.m) {
-                    for i in 0..D {
-                        f[i] += row[i] * y;
-                    }
-                }
-                match self.control(&f) {
-                    Some(found) => {
-                        *u = found;
-                        if let Some(gaps) = gaps.as_deref_mut() {
-                            gaps[s] = self.gap(y, u);
-                        }
-                    }
-                    None => {
-                        u[0] = f64::NAN;
-                        missing += 1;
-                    }
+/// One chunk, for each width of registers.
+struct Part<'a, const D: usize> {
+    table: &'a Table<D>,
+    y: &'a [f64],
+    u: &'a mut [f64],
+    gaps: Option<&'a mut [f64]>,
+}
+
+impl<const D: usize> Work for Part<'_, D> {
+    type Out = usize;
+
+    #[inline(always)]
+    fn run(self) -> usize {
+        let Self { table, y, u, mut gaps } = self;
+        let mut missing = 0;
+        for (s, (y, u)) in y.chunks_exact(table.rows).zip(u.as_chunks_mut::<D>().0).enumerate() {
+            let mut f = [0.0; D];
+            for (y, row) in y.iter().zip(&table.m) {
+                for i in 0..D {
+                    f[i] += row[i] * y;
                 }
             }
-            missing
-        })
+            match table.control(&f) {
+                Some(found) => {
+                    *u = found;
+                    if let Some(gaps) = gaps.as_deref_mut() {
+                        gaps[s] = table.gap(y, u);
+                    }
+                }
+                None => {
+                    u[0] = f64::NAN;
+                    missing += 1;
+                }
+            }
+        }
+        missing
+    }
+}
+
+impl<const D: usize> Chunk for Table<D> {
+    fn solve(&self, y: &[f64], u: &mut [f64], gaps: Option<&mut [f64]>) -> usize {
+        widest_of(Part { table: self, y, u, gaps })
     }
 }

@@ -13,6 +13,7 @@ use super::*;
 use crate::control::{Entity, Realized, pseudoinverse};
 use crate::fuse::{self, Dense, Settings, Weights};
 use crate::identify;
+use crate::limits::{self, Bounds, Horizon, Penalty, Until};
 use crate::sample::{multinomial_counts, systematic_counts};
 use crate::simulate::{self, Average, Drawn, Estimate, Exact, Model, Norm, Plans, Second, mean_field, runs};
 use crate::storage::{self, Section, Values};
@@ -254,6 +255,35 @@ fn call(name: &str) -> Option<Call> {
             let b = entries(150 * 20);
             Box::new(move || pseudoinverse(&b, 150, 20).map(drop))
         }
+        "limits" | "limits of steps" => {
+            let (one, steps) = (entries(N * N), name == "limits of steps");
+            let ill: Vec<f64> = one.iter().enumerate().map(|(i, v)| v * 0.8f64.powi((i % N) as i32)).collect();
+            let (low, high) = (vec![-0.1; N], vec![0.1; N]);
+            let identity: Vec<f64> = (0..N * N).map(|i| f64::from(u8::from(i % (N + 1) == 0))).collect();
+            let wide: Vec<f64> = (0..N).map(|i| if i % 2 == 0 { f64::INFINITY } else { 0.1 }).collect();
+            Box::new(move || {
+                let until = || Until::new(&stop, None);
+                let (zero, bounds, open) = ([0.0; N], Bounds::new(&low, &high, N)?, Bounds::new(&low, &wide, N)?);
+                if steps {
+                    let (a, b) = (&[0.5, 1.0, 0.0, 0.7], &[0.0, 1.0]);
+                    let (stage, terminal, r) = (&[1.0, 0.0, 0.0, 1.0], &[1.0, 0.0, 0.0, 1.0], &[0.01]);
+                    let horizon = Horizon { a, b, x0: &one[..2], reference: &one[..2 * N], stage, terminal, r };
+                    limits::horizon_control(&horizon, bounds, None, until())?;
+                    return limits::horizon_control(&horizon, open, None, until()).map(drop);
+                }
+                limits::box_control(&ill, &one[..N], Penalty::Diagonal(&zero), open, None, until())?;
+                limits::box_control(&one, &one[..N], Penalty::Full(&identity), bounds, None, until())?;
+                let goal = Some((&one[..2 * N], &one[..N]));
+                let penalty = Penalty::Diagonal(&[0.1; N]);
+                let mut solver = limits::Solver::new(&one, penalty, bounds, 2, goal, &stop)?;
+                solver.solve(&one[..2], until())?;
+                limits::box_batch(&one, &one[..2 * N], 2, penalty, bounds, true, 2, &stop)?;
+                let small = Bounds::new(&low[..5], &high[..5], 5)?;
+                limits::box_batch(&one[..50], &one[..5000], 500, Penalty::Diagonal(&[0.0; 5]), small, true, 2, &stop)?;
+                let penalty = Penalty::Diagonal(&[0.1; 5]);
+                limits::box_batch_each(&one[..5000], &one[..1000], 100, penalty, small, true, 2, &stop).map(drop)
+            })
+        }
         "controls" => {
             let (a, x0, xf, pinv) = (draws(150, 150, 130), draws(1, 150, 130), entries(150), entries(2 * 150));
             let dense = entries(130 * 150);
@@ -377,7 +407,7 @@ fn call(name: &str) -> Option<Call> {
     })
 }
 
-const CALLS: [&str; 35] = [
+const CALLS: [&str; 37] = [
     "sample",
     "systematic",
     "counts",
@@ -395,6 +425,8 @@ const CALLS: [&str; 35] = [
     "slse dense",
     "paths",
     "pseudoinverse",
+    "limits",
+    "limits of steps",
     "controls",
     "trajectory",
     "runs",

@@ -81,6 +81,37 @@ pub(crate) fn widest<T>(work: impl FnOnce() -> T) -> T {
     }
 }
 
+/// Portable code for [`widest_of`].
+pub(crate) trait Work {
+    /// What it gives.
+    type Out;
+
+    /// Must be `#[inline(always)]`, like all that it calls: only then it is compiled for each width of registers.
+    fn run(self) -> Self::Out;
+}
+
+/// [`widest`] for work that is too large to be inlined as a closure.
+#[inline(always)]
+pub(crate) fn widest_of<W: Work>(work: W) -> W::Out {
+    #[target_feature(enable = "avx512f")]
+    fn with_avx512<W: Work>(work: W) -> W::Out {
+        work.run()
+    }
+    #[target_feature(enable = "avx2")]
+    fn with_avx2<W: Work>(work: W) -> W::Out {
+        work.run()
+    }
+    if is_x86_feature_detected!("avx512f") {
+        // SAFETY: the processor has just said that it knows the instructions.
+        unsafe { with_avx512(work) }
+    } else if is_x86_feature_detected!("avx2") {
+        // SAFETY: as above.
+        unsafe { with_avx2(work) }
+    } else {
+        work.run()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -1,0 +1,107 @@
+"""Controls within limits, as the core gives them: an independent solver, starts, errors."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear
+
+from stochens_rs import _core as core
+from stochens_rs.exceptions import InputError, NonFiniteError, ShapeError
+
+INF = np.inf
+
+
+def problem(gen: np.random.Generator, rows: int, d: int) -> tuple[np.ndarray, ...]:
+    M, y = gen.standard_normal((rows, d)), gen.standard_normal(rows)
+    low = np.where(gen.random(d) < 0.2, -INF, -0.3 * gen.random(d))
+    high = np.where(gen.random(d) < 0.2, INF, 0.3 * gen.random(d))
+    return M, y, gen.random(d), low, high
+
+
+def test_an_independent_solver_finds_the_same_control() -> None:
+    gen = np.random.default_rng(0)
+    for trial in range(100):
+        M, y, r, low, high = problem(gen, 3 + trial % 20, 1 + trial % 13)
+        found = core.box_control(M, y, r, low, high, None, None)
+        d = len(r)
+        theirs = lsq_linear(
+            np.vstack([M, np.diag(np.sqrt(r))]), np.r_[y, np.zeros(d)], (low, high), method="bvls"
+        ).x
+        assert found.status == "optimal"
+        assert found.control == pytest.approx(theirs, abs=1e-8)
+        full = core.box_control(M, y, np.diag(r), low, high, found.active, None)
+        assert full.control == pytest.approx(found.control, abs=1e-11)
+        slope = 2 * (M.T @ (M @ found.control - y) + r * found.control)
+        balanced = slope + found.active * found.multipliers
+        assert np.abs(balanced).max() <= 1e-10
+        assert found.multipliers.min() >= 0
+        assert found.objective == pytest.approx(
+            np.sum((M @ found.control - y) ** 2) + r @ found.control**2
+        )
+
+
+def test_the_distance_bounds_the_distance() -> None:
+    """With no time at all the control is only a guess; its certificate is still true."""
+    gen = np.random.default_rng(1)
+    for _ in range(200):
+        M, y, r, low, high = problem(gen, 12, 8)
+        guess = core.box_control(M, y, r, low, high, None, 0.0)
+        best = core.box_control(M, y, r, low, high, None, None)
+        off = guess.control - best.control
+        distance = np.sqrt(np.sum((M @ off) ** 2) + r @ off**2)
+        assert distance <= guess.distance * (1 + 1e-9) + 1e-12
+        assert guess.objective - best.objective <= guess.gap * (1 + 1e-9) + 1e-12
+        assert guess.status in ("optimal", "user_limit")
+
+
+def test_a_solver_begins_where_it_ended() -> None:
+    gen = np.random.default_rng(2)
+    M, y, r, _, _ = problem(gen, 20, 12)
+    low, high = np.full(12, -0.1), np.full(12, 0.1)
+    solver = core.BoxSolver(M, r, low, high, 0, None, None)
+    assert solver.warm() is None
+    first = solver.solve(y, None)
+    again = solver.solve(y, None)
+    assert again.iterations == 1
+    assert np.array_equal(solver.warm(), first.active)
+    with pytest.raises(NonFiniteError, match="`y`"):
+        solver.solve(np.full(20, np.nan), None)
+    with pytest.raises(ShapeError, match="20 entries"):
+        solver.solve(y[:3], None)
+    assert np.array_equal(solver.warm(), first.active)
+    solver.resume(None)
+    assert solver.warm() is None
+    other = core.BoxSolver(M, r, low, high, 0, None, None)
+    other.resume(first.active)
+    assert np.array_equal(other.solve(y, None).control, again.control)
+
+
+def test_batches_are_equal_for_any_number_of_threads() -> None:
+    gen = np.random.default_rng(3)
+    for d in (1, 2, 5, 8, 11):
+        M, low, high = gen.standard_normal((d, d)), np.full(d, -0.2), np.full(d, 0.3)
+        Y, r = gen.standard_normal((3000, d)), np.full(d, 0.01)
+        u, gaps = core.box_batch(M, Y, r, low, high, True, 1)
+        v, none = core.box_batch(M, Y, r, low, high, False, 2)
+        assert np.array_equal(u, v)
+        assert none is None
+        assert gaps is not None
+        assert gaps.max() <= 1e-11 * np.sum(Y**2, axis=1).max()
+        each = np.ascontiguousarray(np.broadcast_to(M.ravel(), (50, d * d)))
+        w, _ = core.box_batch_each(each, Y[:50], r, low, high, False, 2)
+        assert w == pytest.approx(u[:50], abs=1e-10)
+
+
+def test_bad_limits_and_penalties_are_refused() -> None:
+    M, y, r = np.eye(2), np.ones(2), np.zeros(2)
+    with pytest.raises(InputError, match="`low`"):
+        core.box_control(M, y, r, np.ones(2), np.zeros(2), None, None)
+    with pytest.raises(InputError, match="positive semidefinite"):
+        core.box_control(M, y, -np.ones(2), -np.ones(2), np.ones(2), None, None)
+    with pytest.raises(NonFiniteError, match="`M`"):
+        core.box_control(M * np.nan, y, r, -np.ones(2), np.ones(2), None, None)
+    with pytest.raises(NonFiniteError, match="overflows"):
+        core.box_control(M * 1e200, y, r, -np.ones(2), np.ones(2), None, None)
+    with pytest.raises(ShapeError, match="`warm`"):
+        core.box_control(M, y, r, -np.ones(2), np.ones(2), np.zeros(3, dtype=np.int8), None)

@@ -156,7 +156,7 @@ fn check(units: &Units<'_>, limits: Limits<'_>, skip: &[bool], start: &[usize]) 
             return Err(Error::Shape { name, expected, found });
         }
     }
-    if limits.low.iter().zip(limits.high).any(|(low, high)| !(low <= high)) {
+    if !limits.low.iter().zip(limits.high).all(|(low, high)| low <= high) {
         return Err(Error::Value { name: "low", expected: "at most `high`", found: "more".into() });
     }
     if start.iter().any(|&s| s >= units.size || skip[s]) || skip.iter().all(|skip| *skip) {

@@ -12,7 +12,8 @@
 //! 5. does 1-3 as a **stream** ([`streaming`]), with a certificate as stopping rule, whose state is saved in files
 //!    ([`storage`]).
 //! 6. **identifies** `A` and `B` from measured pairs ([`identify`]): least squares, and the laws of its error;
-//! 7. computes **controls within limits** ([`limits`]), with a certificate.
+//! 7. computes **controls within limits** ([`limits`]), with a certificate;
+//! 8. finds one **command for a fleet** of units ([`fleet`]), and bounds what a fresh unit risks.
 //!
 //! The modules are listed in the order of the data, `stream -> sample -> fuse -> control -> simulate`, and use only
 //! earlier ones. Arrays of a law are stored line by line (see [`Law`]). The feature `python` adds the extension module.
@@ -32,6 +33,7 @@
 pub mod control;
 mod error;
 mod fault;
+pub mod fleet;
 pub mod fuse;
 pub mod identify;
 mod lanes;

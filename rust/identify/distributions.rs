@@ -67,7 +67,7 @@ pub fn f_upper(delta: f64, a: f64, b: f64) -> Result<f64> {
     positive_root(1.0, |x| delta.ln() - above(x).ln())
 }
 
-pub(super) fn level(name: &'static str, value: f64) -> Result<()> {
+pub(crate) fn level(name: &'static str, value: f64) -> Result<()> {
     if value > 0.0 && value < 1.0 {
         return Ok(());
     }
@@ -110,7 +110,7 @@ fn noncentral_below(x: f64, degrees: f64, limit: f64) -> f64 {
 ///
 /// # Errors
 /// [`Error::Numerical`] if there is none, or a value is NaN.
-pub(super) fn positive_root(start: f64, f: impl Fn(f64) -> f64) -> Result<f64> {
+pub(crate) fn positive_root(start: f64, f: impl Fn(f64) -> f64) -> Result<f64> {
     let (mut low, mut high) = (start, start);
     let (mut at_low, mut at_high) = (f(start), f(start));
     while at_low > 0.0 && low > f64::MIN_POSITIVE {
@@ -130,7 +130,7 @@ pub(super) fn positive_root(start: f64, f: impl Fn(f64) -> f64) -> Result<f64> {
 ///
 /// # Errors
 /// [`Error::Numerical`] if the signs are equal, or a value is NaN.
-pub(super) fn root((a, fa): (f64, f64), (b, fb): (f64, f64), f: impl Fn(f64) -> f64) -> Result<f64> {
+pub(crate) fn root((a, fa): (f64, f64), (b, fb): (f64, f64), f: impl Fn(f64) -> f64) -> Result<f64> {
     let (mut a, mut fa, mut b, mut fb) = (a, fa, b, fb);
     if fa == 0.0 || fb == 0.0 {
         return Ok(if fa == 0.0 { a } else { b });

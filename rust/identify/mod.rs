@@ -21,6 +21,7 @@ mod weighted_sums;
 
 pub use beta_model::DRAWS;
 pub use distributions::{chi2_quantile, chi2_upper, f_upper, noncentrality_limit};
+pub(crate) use distributions::{level, positive_root, root};
 pub use levels::{least_squares_level, one_noise, sphere_level};
 pub use quantiles::{
     diagonal_quantile, joint_radii, log_multigamma, row_quantile, roy_quantile, scalar_quantile, smallest_quantile,

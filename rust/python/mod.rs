@@ -7,6 +7,7 @@ mod control;
 mod convert;
 mod draws;
 mod error;
+mod fleet;
 mod fuse;
 mod identify;
 mod laws;
@@ -27,6 +28,11 @@ mod _core {
     use super::control::{mean_difference, pseudoinverse, realization_controls};
     #[pymodule_export]
     use super::draws::{Draws, sample_counts};
+    #[pymodule_export]
+    use super::fleet::{
+        fleet_misses, fleet_moments, fleet_slope, fleet_triangle, fleet_worst, scenario_at_most, scenario_compression,
+        scenario_discarding, scenario_judged, scenario_relaxed, scenario_required,
+    };
     #[pymodule_export]
     use super::fuse::{Alse, alse, alse_path, alse_prefixes, closed_form, slse, uniform_path};
     #[pymodule_export]

@@ -275,6 +275,7 @@ CORE = (
     ("control",),
     ("identify", "simulate", "storage", "streaming"),
     ("limits",),
+    ("fleet",),
     ("python",),
 )
 CORE_HEIGHT = {room: height for height, rooms in enumerate(CORE) for room in rooms}

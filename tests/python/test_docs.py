@@ -149,7 +149,13 @@ def test_docstring_examples(name):
     assert runner.summarize(verbose=False).failed == 0, "".join(said)
 
 
-PAGES = ("README.md", "CONTRIBUTING.md", "docs/limits.md", "docs/measured-runs.md")
+PAGES = (
+    "README.md",
+    "CONTRIBUTING.md",
+    "docs/fleet.md",
+    "docs/limits.md",
+    "docs/measured-runs.md",
+)
 MARKDOWN = [path for path in PAGES if (ROOT / path).exists()]
 
 

@@ -193,7 +193,9 @@ GOOD = {
     "system": (A, B), "samples": np.ones((4, 2)), "bytes32": bytes(32), "digits": "0" * 64,
     "name": "x", "ensemble": ensemble, "quantity": "state", "method": "uniform",
     "path": "no/such/file.npz", "experiment": experiment, "data": runs, "x": X0, "lags": 1,
-    "share": 0.5, "open_loop": True, "model": model,
+    "share": 0.5, "open_loop": True, "model": model, "beta": 0.1, "epsilon": 0.5, "dimension": 2,
+    "support": 1, "discarded": 1, "violations": 1, "systems": [(A, B), (A, B)],
+    "new_units": [(A, B)],
 }  # fmt: skip
 # The same where the name alone does not say it, and arguments that keep a call short.
 OWN = {
@@ -248,8 +250,8 @@ TAKEN = {
     ("realization_controls", "limits"): {"object vector", "list of None"},
     ("steer", "limits"): {"object vector", "list of None"},
     ("regulate", "limits"): {"object vector", "list of None"},
-    ("control", "state_limits"): {"object vector", "list of None"},
     ("regulate", "state_limits"): {"object vector", "list of None"},
+    ("control_fleet", "limits"): {"object vector", "list of None"},
     ("Stream.run", "checkpoint"): {"text"},
 }
 CALLED = {"class", "function"}  # what `progress` does is its own affair
@@ -264,6 +266,7 @@ MADE = {
     "FusedModel": fused_model,
     "Region": lambda: model().region(),
     "Checks": lambda: model().checks,
+    "FleetPlan": lambda: se.control_fleet([(A, B), (-A, B)], X0, XF, 2, risk="worst"),
     "Plan": lambda: se.control((ensemble(), B), se.sample(X0, 5, rng=2), XF),
     "Regulator": loop,
     "Stream": lambda: se.Stream((A, B), X0, XF, rng=1),

@@ -3,6 +3,9 @@
 from ..theory.records import PlanError, Reachability
 from .calls import Call
 from .certificate import Certificate
+from .fleet import control_fleet
+from .fleet_plan import FleetPlan
+from .fleet_risk import RiskBound
 from .fused import control
 from .plan import Plan
 from .plan_bound import PlanBound
@@ -17,13 +20,16 @@ from .steering import steer
 __all__ = [
     "Call",
     "Certificate",
+    "FleetPlan",
     "Plan",
     "PlanBound",
     "PlanError",
     "Reachability",
     "Regulator",
+    "RiskBound",
     "SamplePlan",
     "control",
+    "control_fleet",
     "predict",
     "realization_controls",
     "regulate",

@@ -152,7 +152,7 @@ def checked_task(
                     f"`{name}` must be left out without limits, got {gate.show(value)}"
                 )
         return None
-    low, high = _sides("limits", limits, K, m)
+    low, high = sides("limits", limits, K, m)
     speed, before = _rates(rate, previous, low, high)
     stage = np.zeros((n, n)) if Q is None else weight("Q", Q, n)
     terminal = weight("Qf", Qf, n) if Qf is not None else stage if Q is not None else np.eye(n)
@@ -161,7 +161,7 @@ def checked_task(
     cost = None if R is None or (isinstance(R, str) and R == "auto") else weight("R", R, m)
     below, above = None, None
     if state_limits is not None:
-        below, above = _sides("state_limits", state_limits, K, n)
+        below, above = sides("state_limits", state_limits, K, n)
     return Task(
         low,
         high,
@@ -203,7 +203,7 @@ def weight(name: str, value: Any, n: int) -> Floats:
     return half
 
 
-def _sides(name: str, value: Any, K: int, m: int) -> tuple[Floats, Floats]:
+def sides(name: str, value: Any, K: int, m: int) -> tuple[Floats, Floats]:
     """The pair (low, high), each a number, (m,), (K, m) or None, as two arrays (K, m)."""
     if value is None:
         return np.full((K, m), -np.inf), np.full((K, m), np.inf)

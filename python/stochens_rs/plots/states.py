@@ -45,7 +45,7 @@ def draw_states(
         handles = []
     if error is not None:
         handles.append(Patch(color=INK, alpha=0.15, linewidth=0, label=band))
-    _finish(ax, "time [s]" if timed else "step k", "state", handles)
+    finish(ax, "time [s]" if timed else "step k", "state", handles)
     return ax
 
 
@@ -59,11 +59,12 @@ def draw_tracking(
         *ax.plot(steps, distance, color=COLORS[0], linewidth=1.4, label="distance (rms)"),
         *ax.plot(steps[1:], residuals, "--", color=INK, linewidth=1, label="out of reach"),
     ]
-    _finish(ax, "step k", "distance from the reference", handles)
+    finish(ax, "step k", "distance from the reference", handles)
     return ax
 
 
-def _finish(ax: Axes, across: str, up: str, handles: Sequence[Artist]) -> None:
+def finish(ax: Axes, across: str, up: str, handles: Sequence[Artist]) -> None:
+    """Label the axes; a legend if there are handles."""
     add_labels(ax, across, up)
     add_grid(ax)
     if handles:

@@ -6,12 +6,14 @@
     Exact means and covariances of realizations, estimates, controls and simulated ensembles.
 :mod:`~stochens_rs.theory.reachability`
     Which states K steps can reach: the controllability matrix and the Gramian.
+:mod:`~stochens_rs.theory.scenario`
+    How often a fresh unit misses more than the units a design was made for.
 :mod:`~stochens_rs.theory.tracking`
     Exact errors and stability of tracking a reference with new estimates in every step.
 """
 
 from __future__ import annotations
 
-from . import bounds, moments, reachability, tracking
+from . import bounds, moments, reachability, scenario, tracking
 
-__all__ = ["bounds", "moments", "reachability", "tracking"]
+__all__ = ["bounds", "moments", "reachability", "scenario", "tracking"]

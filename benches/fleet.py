@@ -1,0 +1,131 @@
+"""One command for a fleet against one conic problem of all units, and its moments against NumPy.
+
+Medians, one thread. The monolithic problem goes to Clarabel through its own Python package, built
+outside the timed part; its answer is clipped into the limits, and both values are recomputed. The
+gap of ours is that of the dual, recomputed in the core from all units.
+
+    OPENBLAS_NUM_THREADS=1 python benches/fleet.py
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import clarabel
+import numpy as np
+from scipy import sparse
+
+import stochens_rs as se
+from stochens_rs import _core as core
+from stochens_rs.theory import scenario
+
+
+def median(work: Callable[[], object], count: int = 7) -> float:
+    """Milliseconds."""
+    times = []
+    for _ in range(count):
+        start = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - start)
+    return 1e3 * float(np.median(times))
+
+
+def population(gen: np.random.Generator, N: int, n: int, m: int) -> se.SystemEnsemble:
+    """Units around a system whose modes have the size 0.95."""
+    A = gen.standard_normal((n, n))
+    A *= 0.95 / np.abs(np.linalg.eigvals(A)).max()
+    B = gen.standard_normal((n, m))
+    As = A + 0.05 * gen.standard_normal((N, n, n)) / np.sqrt(n)
+    return se.SystemEnsemble(As, B + 0.1 * gen.standard_normal((N, n, m)))
+
+
+def maps(units: se.SystemEnsemble, x0: np.ndarray, K: int) -> tuple[np.ndarray, np.ndarray]:
+    """G (N, n, K m) and b (N, n) for the target 0, batched over the units."""
+    A, X = units.A, units.B
+    blocks, state = [], np.broadcast_to(x0, (len(A), len(x0)))[:, :, None]
+    for _ in range(K):
+        blocks.append(X)
+        X, state = A @ X, A @ state
+    return np.concatenate(blocks[::-1], axis=2), -state[:, :, 0]
+
+
+def moments(units: se.SystemEnsemble, x0: np.ndarray, K: int) -> tuple[np.ndarray, np.ndarray]:
+    """H and f by NumPy: the rows of all units below each other, one product."""
+    G, b = maps(units, x0, K)
+    rows = G.reshape(-1, G.shape[2])
+    return rows.T @ rows / len(G), rows.T @ b.ravel() / len(G)
+
+
+def monolithic(G: np.ndarray, b: np.ndarray, limit: float) -> Callable[[], np.ndarray]:
+    """One problem with a cone for each unit."""
+    N, n, d = G.shape
+    one, blocks, ends = np.eye(d), [], []
+    for g, t in zip(G, b, strict=True):
+        blocks.append(np.block([[np.zeros((1, d)), -np.ones((1, 1))], [-g, np.zeros((n, 1))]]))
+        ends += [0.0, *(-t)]
+    sides = np.hstack([np.vstack([one, -one]), np.zeros((2 * d, 1))])
+    A = sparse.csc_matrix(np.vstack([sides, *blocks]))
+    right = np.concatenate([np.full(2 * d, limit), ends])
+    cones = [clarabel.NonnegativeConeT(2 * d)] + [clarabel.SecondOrderConeT(n + 1)] * N
+    cost = np.concatenate([np.zeros(d), [1.0]])
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    none = sparse.csc_matrix((d + 1, d + 1))
+
+    def solve() -> np.ndarray:
+        found = clarabel.DefaultSolver(none, cost, A, right, cones, settings).solve()
+        return np.clip(np.array(found.x[:d]), -limit, limit)
+
+    return solve
+
+
+def main() -> None:
+    se.set_num_threads(1)
+    gen = np.random.default_rng(1)
+    n, m, K = 4, 2, 10
+    print("largest miss, n = 4, m K = 20 [ms]")
+    for N in (300, 3000):
+        units, x0 = population(gen, N, n, m), 3.0 * gen.standard_normal(n)
+        G, b = maps(units, x0, K)
+        for limit in (10.0, 0.5, 0.2):
+            plan = se.control_fleet(units, x0, np.zeros(n), K, limits=(-limit, limit), risk="worst")
+            ours = median(
+                lambda u=units, x=x0, L=limit: se.control_fleet(
+                    u, x, np.zeros(n), K, limits=(-L, L), risk="worst"
+                )
+            )
+            solve = monolithic(G, b, limit)
+            peer = median(solve, 3)
+            value = np.linalg.norm(G @ solve() - b, axis=1).max()
+            print(
+                f"  N={N:5d} limit {limit:4}: {ours:7.2f}, Clarabel {peer:7.1f}, "
+                f"{peer / ours:5.1f}x, gap {plan.gap:.0e}, "
+                f"value / Clarabel's - 1 = {plan.value / value - 1:+.0e}"
+            )
+    print("moments [ms]")
+    for n, m, K, N in ((4, 2, 10, 3000), (10, 5, 10, 3000), (10, 5, 20, 10_000)):
+        units, x0 = population(gen, N, n, m), gen.standard_normal(n)
+        given = (units.A, units.B, None, x0[None], np.zeros(n), np.eye(n), K)
+        H, f, _ = core.fleet_moments(given, 1)
+        other = moments(units, x0, K)
+        assert np.allclose(H, other[0], rtol=1e-9)
+        assert np.allclose(f, other[1], rtol=1e-6)
+        ours = median(lambda g=given: core.fleet_moments(g, 1))
+        peer = median(lambda u=units, x=x0, K=K: moments(u, x, K))
+        print(f"  n={n} m={m} K={K} N={N}: {ours:.2f}, NumPy {peer:.2f}, {peer / ours:.2f}x")
+    print("risk numbers [us]")
+    for name, call in (
+        ("a_priori", lambda: scenario.a_priori(3000, 21, 1e-6)),
+        ("judged", lambda: scenario.judged(3000, 5, 1e-6)),
+        ("compression", lambda: scenario.compression(3000, 15, 1e-6)),
+        ("relaxed", lambda: scenario.relaxed(3000, 171, 1e-6)),
+        ("discarding", lambda: scenario.discarding(3000, 150, 21, 1e-6)),
+        ("hold_out", lambda: scenario.hold_out(3000, 30, 1e-6)),
+        ("required_scenarios", lambda: scenario.required_scenarios(0.01, 21, 1e-6)),
+    ):
+        print(f"  {name}: {1e3 * median(call, 201):.1f}")
+
+
+if __name__ == "__main__":
+    main()

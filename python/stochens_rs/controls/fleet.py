@@ -1,0 +1,123 @@
+"""`control_fleet`: one command for many units."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from .._base import gate
+from ..exceptions import InputError
+from .fleet_design import Box, Design, least_mean, least_worst, without
+from .fleet_plan import RISKS, FleetPlan, Risk
+from .fleet_units import Systems, read_units
+from .task import sides, weight
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+
+def control_fleet(
+    systems: Systems,
+    x0: ArrayLike,
+    xf: ArrayLike,
+    steps: int,
+    *,
+    limits: Any = None,
+    Q: Any = None,
+    R: Any = None,
+    risk: Risk = "mean",
+    discard: int = 0,
+    time_limit: float | None = None,
+) -> FleetPlan:
+    """Compute one command that steers all units of a population to a target.
+
+    Parameters
+    ----------
+    systems : SystemEnsemble or sequence of System or Identified
+        The units ``x_s(k+1) = A_s x_s(k) + B_s u(k) (+ c_s)``: different plants, such as machines
+        of one series. Not realizations or bootstrap models of *one* plant: for these `control` is
+        right, and models with ``centre="estimate"`` are refused.
+    x0 : array_like, shape (n,) or (N, n)
+        Where the units begin: all at one state, or each at its own.
+    xf : array_like, shape (n,)
+        The target.
+    steps : int
+        Number of steps K.
+    limits : pair, optional
+        (low, high) of the inputs, each a number, (m,), (K, m) or None.
+    Q : float or array_like, shape (n,) or (n, n), optional
+        The miss of a unit is ``||x_s(K) - xf||_Q``; the default is 1.
+    R : float or array_like, shape (m,) or (m, m), optional
+        Weight of the inputs, ``||u||_R^2 = sum_k u(k)'R u(k)``; the default is 0.
+    risk : {"mean", "worst"}, default "mean"
+        Minimise ``mean_s miss_s^2 + ||u||_R^2``, or the largest ``miss_s^2 + ||u||_R^2``.
+    discard : int, default 0
+        With "worst": how many units may miss more. They are chosen one by one, each time the unit
+        without which the value falls most. For a certificate fix the number before the units are
+        seen.
+    time_limit : float, optional
+        Seconds after which the best command so far is returned, with status "user_limit".
+
+    Returns
+    -------
+    FleetPlan
+        With the misses of all units, a bound of the optimality gap that is recomputed from all
+        units, and `certify` and `validate` for fresh units. After Ctrl-C the best command so far,
+        with status "interrupted".
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If an argument cannot be used, the models scatter about an estimate, or something overflows.
+    ResourceError
+        If there is not enough memory.
+
+    Notes
+    -----
+    The mean needs ``H = mean_s G_s'Q G_s + R``, with G_s the map from the inputs to ``x_s(K)``: the
+    spread of the units is in it, so that it needs no R to be regular.
+
+    The largest miss is found by active units: a second-order cone problem for a few of them, then
+    the misses of all, then those that miss most are taken in. The lower bound is a value of the
+    dual, recomputed.
+
+    Examples
+    --------
+    >>> import stochens_rs as se
+    >>> units = [([[0.0]], [[1.0]]), ([[0.0]], [[2.0]])]
+    >>> se.control_fleet(units, [0.0], [1.0], 1).u.round(6)
+    array([[0.6]])
+    >>> se.control_fleet(units, [0.0], [1.0], 1, risk="worst").u.round(6)
+    array([[0.666667]])
+    """
+    units = read_units(systems, x0, xf, steps, Q)
+    m = units.systems.m
+    low, high = sides("limits", limits, units.steps, m)
+    box = Box(low.ravel(), high.ravel(), None if R is None else weight("R", R, m))
+    gate.choice("risk", risk, RISKS)
+    count = gate.size("discard", discard, minimum=0, maximum=max(0, units.size - 1))
+    limit = None if time_limit is None else gate.positive("time_limit", time_limit)
+    removed: tuple[int, ...] = ()
+    if risk == "mean":
+        if count:
+            raise InputError("`discard` needs risk='worst', got risk='mean'")
+        found: Design = least_mean(units, box, limit)
+    elif count:
+        found, removed = without(units, box, count, limit)
+    else:
+        found = least_worst(units, box, [], [], limit)
+    u = found.u.reshape(low.shape)
+    return FleetPlan(
+        u,
+        risk,
+        units.misses(u),
+        found.value,
+        found.lower_bound,
+        found.status,
+        found.support,
+        removed,
+        units,
+        low,
+        high,
+        box.R,
+        tuple(found.working),
+    )

@@ -1,0 +1,371 @@
+"""`FleetPlan`: one command for many units, and its risk for a fresh one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+
+import numpy as np
+
+from .._base import gate, html
+from .._base.records import by_constructor
+from .._base.types import STATUSES, Floats, Status
+from ..exceptions import InputError, ShapeError
+from ..plots.fleet import draw_misses
+from ..theory import scenario
+from .fleet_design import Box, Design, verified_support
+from .fleet_risk import Method, RiskBound
+from .fleet_units import Systems, Units, read_starts, read_systems
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from numpy.typing import ArrayLike, NDArray
+
+Risk: TypeAlias = Literal["mean", "worst"]
+RISKS: tuple[Risk, ...] = get_args(Risk)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FleetPlan:
+    """One command for many units, made by `control_fleet`.
+
+    Attributes
+    ----------
+    u : ndarray, shape (K, m)
+        The command; ``u[k]`` acts in the step from k to k + 1, within its limits exactly.
+    risk : {"mean", "worst"}
+        What was minimised.
+    misses : ndarray, shape (N,)
+        ``||x_s(K) - xf||_Q`` of every unit, also of those that were left out.
+    value : float
+        "mean": ``(mean_s miss_s^2 + ||u||_R^2)^(1/2)``. "worst": the largest
+        ``(miss_s^2 + ||u||_R^2)^(1/2)`` of the units that were not left out.
+    lower_bound : float
+        No command within the limits has a smaller value; recomputed from all units.
+    gap : float
+        ``(value - lower_bound) / value``.
+    status : str
+        "optimal", or why it is not.
+    active : ndarray of int8, shape (K, m)
+        -1 at the lower limit, 1 at the upper one.
+    support : tuple of int
+        "worst": the units that carry the value, by their multipliers; `certify` verifies them.
+    removed : tuple of int
+        The units that were left out, in their order.
+    units : Units
+        The units, their starts, target, Q and steps.
+    low, high : ndarray, shape (K, m)
+        The limits.
+    R : ndarray, shape (m, m), or None
+        The weight of the inputs in one step.
+    working : tuple of int
+        The units that the last problem was solved for.
+    """
+
+    u: Floats
+    risk: Risk
+    misses: Floats
+    value: float
+    lower_bound: float
+    status: Status
+    support: tuple[int, ...]
+    removed: tuple[int, ...]
+    units: Units
+    low: Floats
+    high: Floats
+    R: Floats | None = None
+    working: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        shape = gate.kept("u", self.u, ndim=(2,)).shape
+        gate.choice("risk", self.risk, RISKS)
+        gate.choice("status", self.status, STATUSES)
+        units = gate.instance("units", self.units, Units)
+        gate.kept("misses", self.misses, shape=(units.size,))
+        if shape != (units.steps, units.systems.m):
+            raise ShapeError(f"`u` must have shape {(units.steps, units.systems.m)}, got {shape}")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return by_constructor(self)
+
+    @property
+    def gap(self) -> float:
+        """How far the value can be from the least one, relative to it."""
+        return (self.value - self.lower_bound) / self.value if self.value > 0.0 else 0.0
+
+    @property
+    def active(self) -> NDArray[np.int8]:
+        """Which inputs are at a limit: -1 at the lower one, 1 at the upper one."""
+        near = 1e-6 * float(np.abs(self.u).max())
+        high = (self.high - self.u <= near).astype(np.int8)
+        return np.where(self.u - self.low <= near, np.int8(-1), high)
+
+    @property
+    def threshold(self) -> float:
+        """The largest miss of the units that were not left out."""
+        return float(np.delete(self.misses, self.removed).max())
+
+    def certify(
+        self,
+        beta: float,
+        *,
+        method: Literal["compression", "a priori", "judged", "discarding"] | None = None,
+        radius: ArrayLike | None = None,
+        delta: float | None = None,
+    ) -> RiskBound:
+        """Bound how often a fresh unit misses more than the units of the design.
+
+        Parameters
+        ----------
+        beta : float
+            Probability that the bound fails, in (0, 1).
+        method : {"compression", "a priori", "judged", "discarding"}, optional
+            As in `theory.scenario`. None: "compression", and "discarding" after units were left
+            out, where no other one holds. Choose before you see the numbers: the smallest of
+            several fails more often.
+        radius : array_like, shape (N,), optional
+            For units known by models: bounds of the distance between the miss of each model and
+            that of its plant under this command, from regions. They are added to the misses.
+        delta : float, optional
+            With `radius`: the probability that such a bound fails for a fresh unit, in (0, 1).
+
+        Returns
+        -------
+        RiskBound
+            Its number is about fresh units of the law that the units of the design were drawn from,
+            independently.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If the plan is for the mean, not optimal, or `method` does not hold for it. For all of
+            these there is `validate`.
+
+        Notes
+        -----
+        The support is found by leaving out one unit after another, and verified: the problem is
+        solved for it alone and must give the same value, up to 1e-6, and the same command, up to
+        1e-3 of its largest input. Where it does not, as for units that no input moves, the number
+        of units stands in place of the support, and the bound is 1.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> B = 1.0 + 0.2 * np.random.default_rng(1).standard_normal((500, 1, 1))
+        >>> plan = se.control_fleet(se.SystemEnsemble(0 * B, B), [0.0], [1.0], 1, risk="worst")
+        >>> risk = plan.certify(1e-6)
+        >>> risk.count, bool(risk.epsilon < 0.05)
+        (2, True)
+        """
+        beta = gate.probability("beta", beta)
+        if self.risk == "mean":
+            raise InputError("`certify` needs risk='worst'; for a mean use validate(new_units)")
+        if self.status != "optimal":
+            raise InputError(
+                f"`certify` needs an optimal plan, this one is {self.status!r}: use "
+                "validate(new_units), which holds for any command"
+            )
+        chosen: Method = "discarding" if self.removed else "compression"
+        if method is not None:
+            chosen = gate.choice(
+                "method", method, ("compression", "a priori", "judged", "discarding")
+            )
+        if self.removed and chosen != "discarding":
+            raise InputError(
+                f"`method` {chosen!r} does not hold after units were left out: use 'discarding' "
+                "or validate(new_units)"
+            )
+        radii, failing = _radii(radius, delta, self.units.size)
+        if radii is not None and chosen != "compression":
+            raise InputError("`radius` needs method='compression', or validate(new_units)")
+        N, box = self.units.size, Box(self.low.ravel(), self.high.ravel(), self.R)
+        if chosen == "a priori":
+            count = box.free + 1
+            return RiskBound(
+                scenario.a_priori(N, count, beta), beta, chosen, N, count, self.threshold
+            )
+        if chosen == "discarding":
+            if any(self.misses[s] <= self.threshold for s in self.removed):
+                raise InputError(
+                    "a unit that was left out misses no more than the threshold, so that this "
+                    "bound does not hold: use validate(new_units)"
+                )
+            count = box.free + 1
+            found = scenario.discarding(N, len(self.removed), count, beta)
+            return RiskBound(found, beta, chosen, N, count, self.threshold)
+        support = self._verified(box)
+        count, threshold = N if support is None else len(support), self.threshold
+        if radii is not None:
+            # the unit that sets the threshold belongs to the subset
+            sums = self.misses + radii
+            top = int(np.argmax(sums))
+            threshold = float(sums[top])
+            count = min(N, count + (support is not None and top not in support))
+        law = scenario.judged if chosen == "judged" else scenario.compression
+        return RiskBound(
+            law(N, count, beta),
+            beta,
+            chosen,
+            N,
+            count,
+            threshold,
+            failing,
+            verified=support is not None,
+        )
+
+    def validate(
+        self,
+        new_units: Systems,
+        beta: float,
+        *,
+        threshold: float | None = None,
+        x0: ArrayLike | None = None,
+        radius: ArrayLike | None = None,
+        delta: float | None = None,
+    ) -> RiskBound:
+        """Bound how often a fresh unit misses more than a threshold, from fresh units.
+
+        Parameters
+        ----------
+        new_units : SystemEnsemble or sequence of System or Identified
+            Units that had no part in the design, drawn independently from the law in question.
+        beta : float
+            Probability that the bound fails, in (0, 1).
+        threshold : float, optional
+            Fixed before the fresh units were seen. The default is `threshold` of this plan.
+        x0 : array_like, shape (n,) or (N', n), optional
+            Where they begin; the default is that of the plan, if it is the same for all units.
+        radius : array_like, shape (N',), optional
+            As in `certify`, of the fresh units.
+        delta : float, optional
+            As in `certify`.
+
+        Returns
+        -------
+        RiskBound
+            Of Clopper and Pearson (1934); it holds for any command, and needs neither an optimal
+            nor a convex design.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If the units do not fit the plan or are those of the design.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> B = 1.0 + 0.2 * np.random.default_rng(1).standard_normal((1500, 1, 1))
+        >>> units, fresh = se.SystemEnsemble(0 * B[:500], B[:500]), B[500:]
+        >>> plan = se.control_fleet(units, [0.0], [1.0], 1, risk="worst")
+        >>> risk = plan.validate(se.SystemEnsemble(0 * fresh, fresh), 1e-6)
+        >>> risk.size, bool(risk.epsilon < 0.05)
+        (1000, True)
+        """
+        beta = gate.probability("beta", beta)
+        limit = self.threshold if threshold is None else gate.nonnegative("threshold", threshold)
+        fresh, mine = read_systems(new_units), self.units.systems
+        if (fresh.n, fresh.m) != (mine.n, mine.m):
+            raise ShapeError(
+                f"`new_units` must have n={mine.n} and m={mine.m}, got n={fresh.n} and m={fresh.m}"
+            )
+        if fresh == mine and (x0 is None or np.array_equal(x0, self.units.x0)):
+            raise InputError("`new_units` must be fresh, they are those of the design")
+        if x0 is None and len(self.units.x0) > 1:
+            raise InputError(
+                "`x0` must be given: the units of the design began at different states"
+            )
+        starts = self.units.x0 if x0 is None else read_starts(x0, fresh.size, fresh.n)
+        units = Units(fresh, starts, self.units.xf, self.units.Q, self.units.steps)
+        misses = units.misses(self.u)
+        radii, failing = _radii(radius, delta, fresh.size)
+        if radii is not None:
+            misses = misses + radii
+        above = int(np.count_nonzero(misses > limit))
+        found = scenario.hold_out(fresh.size, above, beta)
+        return RiskBound(found, beta, "hold-out", fresh.size, above, limit, failing, misses)
+
+    def plot(self, ax: Axes | None = None, *, validated: RiskBound | None = None) -> Axes:
+        """Draw the misses of all units, from the least to the largest.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Where to draw; the default is a new figure.
+        validated : RiskBound, optional
+            Of `validate`, whose fresh units are drawn as well.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+            With the threshold as a line; support and units left out are marked.
+
+        Raises
+        ------
+        ImportError
+            If matplotlib is missing.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> B = 1.0 + 0.2 * np.random.default_rng(1).standard_normal((500, 1, 1))
+        >>> plan = se.control_fleet(se.SystemEnsemble(0 * B, B), [0.0], [1.0], 1, risk="worst")
+        >>> plan.plot().get_ylabel()
+        'miss'
+        """
+        fresh = None
+        if validated is not None:
+            fresh = gate.instance("validated", validated, RiskBound).misses
+        marks = np.zeros((2, self.units.size), dtype=bool)
+        marks[0, list(self.support)] = True
+        marks[1, list(self.removed)] = True
+        worst = self.risk == "worst"
+        line = self.threshold if worst else float(np.sqrt(np.mean(self.misses**2)))
+        named = "threshold" if worst else "rms of the units"
+        return draw_misses(self.misses, line, *marks, named=named, fresh=fresh, ax=ax)
+
+    def _verified(self, box: Box) -> list[int] | None:
+        found = Design(
+            self.u.ravel(),
+            self.value,
+            self.lower_bound,
+            self.status,
+            list(self.working),
+            self.support,
+        )
+        return verified_support(self.units, box, found, list(self.removed))
+
+    def __repr__(self) -> str:
+        K, m = self.u.shape
+        N = html.number_of(self.units.size, "unit")
+        what = "rms miss" if self.risk == "mean" else "largest miss"
+        less = f" without {len(self.removed)}" if self.removed else ""
+        return (
+            f"<FleetPlan {self.risk}: {N}, {html.counted(K)}, m={m}, {self.status}, {what} "
+            f"{self.value:.4g}{less}, gap {self.gap:.1g}>"
+        )
+
+    def _repr_html_(self) -> str:
+        at = int(np.count_nonzero(self.active))
+        rows = [
+            ("control u(0)", html.vector(self.u[0])),
+            html.largest(self.u),
+            ("inputs at a limit", f"{at} of {self.u.size}"),
+            ("units that carry the value", len(self.support) or None),
+            ("units left out", len(self.removed) or None),
+            ("largest miss", self.threshold),
+        ]
+        return html.card(self, rows)
+
+
+def _radii(radius: Any, delta: Any, size: int) -> tuple[Floats | None, float]:
+    """Radii (N,) and the probability that one of them fails, or (None, 0)."""
+    if radius is None:
+        if delta is not None:
+            raise InputError("`delta` must be left out without `radius`")
+        return None, 0.0
+    if delta is None:
+        raise InputError("`delta` must be given with `radius`: how often a radius fails")
+    radii = gate.vector("radius", radius, length=size)
+    if (radii < 0.0).any():
+        raise InputError(f"`radius` must be >= 0, got {radii.min():.3g}")
+    return radii, gate.probability("delta", delta)

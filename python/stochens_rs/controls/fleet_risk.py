@@ -1,0 +1,99 @@
+"""`RiskBound`: how often a fresh unit misses more than a threshold."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal, TypeAlias, get_args
+
+from .._base import gate, html
+from .._base.records import by_constructor
+from .._base.types import Floats
+
+Method: TypeAlias = Literal["compression", "a priori", "judged", "discarding", "hold-out"]
+METHODS: tuple[Method, ...] = get_args(Method)
+
+_COUNTED = {
+    "compression": "units that alone give the command",
+    "a priori": "variables",
+    "judged": "units that the command rests on",
+    "discarding": "variables, after units were left out",
+    "hold-out": "of the fresh units above the threshold",
+}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RiskBound:
+    """A fresh unit misses more than `threshold` with probability at most `epsilon` (+ `delta`).
+
+    Attributes
+    ----------
+    epsilon : float
+        The bound of the risk, with confidence ``1 - beta``.
+    beta : float
+        The bound fails with at most this probability, over the units it was computed from.
+    method : str
+        "compression", "a priori", "judged", "discarding": from the units of the design, see
+        `theory.scenario`. "hold-out": from fresh units.
+    size : int
+        The number of these units.
+    count : int
+        What `method` counts: the units that alone give the command (compression, judged), the
+        variables (a priori, discarding), the units above the threshold (hold-out).
+    threshold : float
+        The miss ``||x_s(K) - xf||_Q`` that is spoken of; with regions, of the plants behind the
+        models.
+    delta : float
+        With regions of models, the probability that the region of a fresh unit fails; else 0.
+    misses : ndarray, shape (size,), or None
+        The misses of the fresh units of a hold-out.
+    verified : bool
+        Whether a subset of `count` units was verified to give the command; if not, `count` is
+        `size` and nothing is known.
+    """
+
+    epsilon: float
+    beta: float
+    method: Method
+    size: int
+    count: int
+    threshold: float
+    delta: float = 0.0
+    misses: Floats | None = None
+    verified: bool = True
+
+    def __post_init__(self) -> None:
+        gate.choice("method", self.method, METHODS)
+        gate.probability("beta", self.beta)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return by_constructor(self)
+
+    @property
+    def covers(self) -> str:
+        """Which units the number is about, in words."""
+        which = "these fresh units" if self.method == "hold-out" else "the units of the design"
+        text = (
+            f"a fresh unit, drawn independently from the same law as {which}, which were drawn "
+            f"independently; with confidence {1.0 - self.beta:.9g} over their draws"
+        )
+        if self.delta:
+            return f"{text}; the miss is that of the plant behind the model of the unit"
+        return text
+
+    def __repr__(self) -> str:
+        how = f"{100 * self.epsilon:.4g} %"
+        if self.delta:
+            how += f" + {100 * self.delta:.4g} %"
+        open_ = "" if self.verified else ", no subset verified"
+        return (
+            f"<RiskBound {self.method}: a fresh unit misses more than {self.threshold:.4g} with at "
+            f"most {how}, {self.count} of {self.size}{open_}>"
+        )
+
+    def _repr_html_(self) -> str:
+        rows = [
+            ("holds for", self.covers),
+            (_COUNTED[self.method], html.grouped(self.count)),
+            ("units", html.grouped(self.size)),
+        ]
+        return html.card(self, rows)

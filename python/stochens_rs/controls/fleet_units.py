@@ -1,0 +1,147 @@
+"""The units of a fleet: the arguments, checked, and what one command does to each of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from .. import _core
+from .._base import gate
+from .._base.records import by_constructor
+from .._base.threads import get_num_threads
+from .._base.types import Floats
+from ..ensembles import SystemEnsemble
+from ..exceptions import InputError, InputTypeError, ShapeError
+from ..identification.identified import Identified
+from .task import root, weight
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import ArrayLike
+
+    from ..system import System
+
+Systems: TypeAlias = "SystemEnsemble | Sequence[System | Identified | Any]"
+
+
+@dataclass(frozen=True, eq=False)
+class Units:
+    """Units ``x_s(k+1) = A_s x_s(k) + B_s u(k) + c_s``, and where they shall go.
+
+    Attributes
+    ----------
+    systems : SystemEnsemble
+        The units.
+    x0 : ndarray, shape (N, n) or (1, n)
+        Where they begin; one row: all at the same place.
+    xf : ndarray, shape (n,)
+        The target of all.
+    Q : ndarray, shape (n, n)
+        The miss is ``||x_s(K) - xf||_Q``.
+    steps : int
+        The number of steps K.
+    """
+
+    systems: SystemEnsemble
+    x0: Floats
+    xf: Floats
+    Q: Floats
+    steps: int
+
+    def __post_init__(self) -> None:
+        N, n = gate.instance("systems", self.systems, SystemEnsemble).size, self.systems.n
+        if gate.kept("x0", self.x0, ndim=(2,)).shape not in ((1, n), (N, n)):
+            raise ShapeError(f"`x0` must have shape ({n},) or ({N}, {n}), got {self.x0.shape}")
+        gate.kept("xf", self.xf, shape=(n,))
+        gate.kept("Q", self.Q, shape=(n, n))
+        gate.size("steps", self.steps)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return by_constructor(self)
+
+    @property
+    def size(self) -> int:
+        """The number of units N."""
+        return self.systems.size
+
+    @property
+    def inputs(self) -> int:
+        """The number of inputs of a command, K m."""
+        return self.steps * self.systems.m
+
+    @property
+    def arrays(self) -> tuple[Floats, Floats, Floats | None, Floats, Floats, Floats, int]:
+        """What the core takes."""
+        s = self.systems
+        return s.A, s.B, s.c, self.x0, self.xf, root(self.Q), self.steps
+
+    def part(self, chosen: list[int]) -> Units:
+        """Some of the units."""
+        s = self.systems
+        few = SystemEnsemble(s.A[chosen], s.B[chosen], None if s.c is None else s.c[chosen])
+        x0 = self.x0 if len(self.x0) == 1 else self.x0[chosen]
+        return Units(few, x0, self.xf, self.Q, self.steps)
+
+    def misses(self, u: Floats) -> Floats:
+        """``||x_s(K) - xf||_Q`` of every unit, shape (N,)."""
+        return _core.fleet_misses(self.arrays, u.ravel(), 0.0, get_num_threads())
+
+
+def read_units(systems: Systems, x0: ArrayLike, xf: ArrayLike, steps: int, Q: Any) -> Units:
+    """Check the arguments of `control_fleet` that are about its units."""
+    fleet = read_systems(systems)
+    N, n = fleet.size, fleet.n
+    K = gate.size("steps", steps, maximum=2**31 // fleet.m)
+    goal = gate.vector("xf", xf, length=n)
+    # without Q the states count as they are
+    weighed = np.eye(n) if Q is None else weight("Q", Q, n)
+    if not weighed.any():
+        raise InputError("`Q` must not be 0: every command would be the best")
+    return Units(fleet, read_starts(x0, N, n), goal, weighed, K)
+
+
+def read_systems(systems: Systems) -> SystemEnsemble:
+    """Units as one record; models that are no units are refused."""
+    if not isinstance(systems, SystemEnsemble):
+        given = gate.items("systems", systems)
+        if not any(isinstance(one, Identified) for one in given):
+            return SystemEnsemble.from_systems(given)
+        return _of_models(given)
+    if systems.centre == "estimate":
+        raise InputError(
+            "`systems` scatter about an estimate, as bootstrap models of one plant do: they are no "
+            "units of a fleet, and no risk of that plant follows; use control(model, ...), or "
+            "SystemEnsemble(A, B) if these are units"
+        )
+    return systems
+
+
+def _of_models(models: list[Any]) -> SystemEnsemble:
+    """Units that are known through a model each."""
+    first = models[0]
+    for k, model in enumerate(models):
+        if not isinstance(model, Identified):
+            raise InputTypeError(
+                f"`systems[{k}]` must be a model as another is, got {gate.show(model)}"
+            )
+        if model.B.shape != first.B.shape or model.dt != first.dt:
+            raise ShapeError(f"`systems[{k}]` must have n, m and dt of the first")
+    n = len(first.A)
+    offsets = [np.zeros(n) if model.c is None else model.c for model in models]
+    return SystemEnsemble(
+        np.array([model.A for model in models]),
+        np.array([model.B for model in models]),
+        np.array(offsets) if any(model.c is not None for model in models) else None,
+        dt=first.dt,
+    )
+
+
+def read_starts(x0: ArrayLike, N: int, n: int) -> Floats:
+    """Where the units begin, as (1, n) or (N, n)."""
+    given = gate.read("x0", x0)
+    if given.ndim == 2:
+        return gate.frozen(gate.matrix("x0", x0, rows=N, cols=n))
+    return gate.frozen(gate.vector("x0", x0, length=n)[None, :])

@@ -1,0 +1,276 @@
+"""How often a fresh unit misses more than the units a design was made for.
+
+A design over `size` units, drawn independently from one law, has a threshold: here the largest
+miss of the units. Its *risk* is the probability that a fresh unit of the same law misses more. All
+functions return a bound of the risk that fails with probability at most `beta` over the units. They
+say nothing about units of another law. Every one takes a few microseconds, whatever the size.
+
+`hold_out` is the first choice where fresh units are at hand: it needs nothing of the design.
+"""
+
+from __future__ import annotations
+
+from .. import _core
+from .._base import gate
+
+__all__ = [
+    "a_priori",
+    "compression",
+    "discarding",
+    "hold_out",
+    "judged",
+    "relaxed",
+    "required_scenarios",
+]
+
+
+def a_priori(size: int, dimension: int, beta: float) -> float:
+    """Bound the risk of a convex design before the units are seen.
+
+    Parameters
+    ----------
+    size : int
+        The number of units N.
+    dimension : int
+        The number d of variables of the design; the value counts, so m K + 1 for `control_fleet`.
+    beta : float
+        Probability of failure of the bound, in (0, 1).
+
+    Returns
+    -------
+    float
+        ``e`` with ``sum_{i<d} C(N, i) e^i (1-e)^(N-i) = beta``; 1 if N < d. (Campi and Garatti
+        2008; no bound with this ``beta`` is smaller for all convex designs.)
+
+    Raises
+    ------
+    SizeError, InputError, InputTypeError
+        If an argument is out of its range.
+
+    Examples
+    --------
+    >>> from stochens_rs.theory import scenario
+    >>> round(scenario.a_priori(3000, 21, 1e-6), 10)
+    0.0166967329
+    """
+    size, dimension = gate.size("size", size), gate.size("dimension", dimension)
+    return _core.scenario_at_most(size, dimension - 1, gate.probability("beta", beta))
+
+
+def judged(size: int, support: int, beta: float) -> float:
+    """Bound the risk of a convex, nondegenerate design by the size of its support.
+
+    Parameters
+    ----------
+    size : int
+        The number of units N.
+    support : int
+        The number k of units without which, one at a time, the design changes; at most N.
+    beta : float
+        Probability of failure of the bound, in (0, 1).
+
+    Returns
+    -------
+    float
+        ``e`` with ``beta/(N+1) sum_{m=k}^N C(m, k) (1-e)^(m-k) = C(N, k) (1-e)^(N-k)``; 1 for
+        k = N. (Campi and Garatti 2018.)
+
+    Raises
+    ------
+    SizeError, InputError, InputTypeError
+        If an argument is out of its range.
+
+    Notes
+    -----
+    Nondegenerate: the units of the support alone give the same design, with probability 1. Copies
+    of units and units that no input moves break this; `compression` does not need it.
+
+    Examples
+    --------
+    >>> from stochens_rs.theory import scenario
+    >>> round(scenario.judged(60, 3, 0.05), 10)
+    0.16651798
+    """
+    size = gate.size("size", size)
+    support = gate.size("support", support, minimum=0, maximum=size)
+    return _core.scenario_judged(size, support, gate.probability("beta", beta))
+
+
+def compression(size: int, support: int, beta: float) -> float:
+    """Bound the risk of a design by the size of a subset that alone gives the same design.
+
+    Parameters
+    ----------
+    size : int
+        The number of units N.
+    support : int
+        The number k of units in any subset that was verified to give the same design; N if none
+        was.
+    beta : float
+        Probability of failure of the bound, in (0, 1).
+
+    Returns
+    -------
+    float
+        ``e`` with ``C(N, k) (1-e)^(N-k) = beta/N sum_{m=k}^{N-1} C(m, k) (1-e)^(m-k)``; 1 for
+        k = N. (Campi and Garatti 2023; nothing is assumed of the law.)
+
+    Raises
+    ------
+    SizeError, InputError, InputTypeError
+        If an argument is out of its range.
+
+    Examples
+    --------
+    >>> from stochens_rs.theory import scenario
+    >>> round(scenario.compression(60, 3, 0.05), 10)
+    0.1661662773
+    """
+    size = gate.size("size", size)
+    support = gate.size("support", support, minimum=0, maximum=size)
+    return _core.scenario_compression(size, support, gate.probability("beta", beta))
+
+
+def relaxed(size: int, support: int, beta: float) -> tuple[float, float]:
+    """Bound the risk from below and above for a convex design that pays for violations.
+
+    Parameters
+    ----------
+    size : int
+        The number of units N.
+    support : int
+        The number k of units that violate the design or that it rests on.
+    beta : float
+        Probability that one of the two bounds fails, in (0, 1).
+
+    Returns
+    -------
+    tuple of float
+        The two roots ``e`` around k/N of ``C(N, k) t^(N-k) = beta/2N sum_{i=k}^{N-1} C(i, k)
+        t^(i-k) + beta/6N sum_{i=N+1}^{4N} C(i, k) t^(i-k)``, ``t = 1 - e``. (Garatti and Campi
+        2022.)
+
+    Raises
+    ------
+    SizeError, InputError, InputTypeError
+        If an argument is out of its range.
+
+    Notes
+    -----
+    The violations must have a price in the objective of the design. For units that were left out
+    by choice this bound fails; for these there is `discarding`.
+
+    Examples
+    --------
+    >>> from stochens_rs.theory import scenario
+    >>> low, high = scenario.relaxed(60, 10, 0.01)
+    >>> round(low, 10), round(high, 10)
+    (0.0467202575, 0.3779349539)
+    """
+    size = gate.size("size", size)
+    support = gate.size("support", support, minimum=0, maximum=size)
+    return _core.scenario_relaxed(size, support, gate.probability("beta", beta))
+
+
+def discarding(size: int, discarded: int, dimension: int, beta: float) -> float:
+    """Bound the risk of a convex design after some units were left out.
+
+    Parameters
+    ----------
+    size : int
+        The number of units N, with those that were left out.
+    discarded : int
+        The number r of units left out, by any rule; fixed before the units were seen. Each of them
+        must miss more than the final threshold.
+    dimension : int
+        The number d of variables, as in `a_priori`.
+    beta : float
+        Probability of failure of the bound, in (0, 1).
+
+    Returns
+    -------
+    float
+        ``e`` with ``C(r+d-1, r) sum_{i<=r+d-1} C(N, i) e^i (1-e)^(N-i) = beta``; 1 if
+        r + d - 1 >= N. (Campi and Garatti 2011.)
+
+    Raises
+    ------
+    SizeError, InputError, InputTypeError
+        If an argument is out of its range.
+
+    Examples
+    --------
+    >>> from stochens_rs.theory import scenario
+    >>> round(scenario.discarding(3000, 30, 21, 1e-6), 4)
+    0.0481
+    """
+    size, dimension = gate.size("size", size), gate.size("dimension", dimension)
+    discarded = gate.size("discarded", discarded, minimum=0, maximum=size)
+    beta = gate.probability("beta", beta)
+    return _core.scenario_discarding(size, discarded, dimension, beta)
+
+
+def hold_out(size: int, violations: int, beta: float) -> float:
+    """Bound the risk of any command by fresh units that had no part in its design.
+
+    Parameters
+    ----------
+    size : int
+        The number of fresh units.
+    violations : int
+        How many of them miss more than the threshold.
+    beta : float
+        Probability of failure of the bound, in (0, 1).
+
+    Returns
+    -------
+    float
+        ``e`` with ``P(Bin(size, e) <= violations) = beta``; 1 if all violate. (Clopper and Pearson
+        1934.)
+
+    Raises
+    ------
+    SizeError, InputError, InputTypeError
+        If an argument is out of its range.
+
+    Examples
+    --------
+    >>> from stochens_rs.theory import scenario
+    >>> round(scenario.hold_out(3000, 0, 1e-6), 4)
+    0.0046
+    """
+    size = gate.size("size", size)
+    violations = gate.size("violations", violations, minimum=0, maximum=size)
+    return _core.scenario_at_most(size, violations, gate.probability("beta", beta))
+
+
+def required_scenarios(epsilon: float, dimension: int, beta: float) -> int:
+    """Return the smallest number of units with an `a_priori` risk of at most `epsilon`.
+
+    Parameters
+    ----------
+    epsilon : float
+        The risk allowed, in (0, 1).
+    dimension : int
+        The number d of variables, as in `a_priori`.
+    beta : float
+        Probability of failure of the bound, in (0, 1).
+
+    Returns
+    -------
+    int
+        At least d.
+
+    Raises
+    ------
+    SizeError, InputError, InputTypeError
+        If an argument is out of its range, or more than 2^53 units are required.
+
+    Examples
+    --------
+    >>> from stochens_rs.theory import scenario
+    >>> scenario.required_scenarios(0.05, 21, 1e-6)
+    992
+    """
+    epsilon, beta = gate.probability("epsilon", epsilon), gate.probability("beta", beta)
+    return _core.scenario_required(epsilon, gate.size("dimension", dimension), beta)

@@ -1,0 +1,65 @@
+use super::binomial::{Odds, log_choose, log_tails};
+use super::*;
+use crate::parallel::Stop;
+
+fn check(found: f64, expected: f64) {
+    assert!((found - expected).abs() <= 6e-13, "{found:.15} is not {expected:.12}");
+}
+
+#[test]
+fn risks_of_the_published_equations() {
+    check(at_most(60, 3, 0.05).unwrap(), 0.124187210477);
+    check(at_most(3000, 20, 1e-6).unwrap(), 0.016696732911);
+    check(judged(60, 3, 0.05).unwrap(), 0.166517980033);
+    check(judged(3000, 5, 1e-6).unwrap(), 0.009723323179);
+    check(compression(60, 3, 0.05).unwrap(), 0.166166277318);
+    check(compression(60, 0, 0.05).unwrap(), 0.071746180266);
+    check(compression(200, 15, 1e-6).unwrap(), 0.219755156890);
+    check(relaxed(60, 3, 0.05).unwrap().1, 0.181159658474);
+    let (low, high) = relaxed(60, 10, 0.01).unwrap();
+    check(low, 0.046720257502);
+    check(high, 0.377934953896);
+    assert_eq!((required(0.05, 21, 1e-6), required(0.01, 21, 1e-6)), (Ok(992), Ok(5020)));
+    check(at_most(7, 6, 1e-9).unwrap(), 1.0 - 1e-9 / 7.0); // 1 - e^7 = beta
+    assert_eq!((at_most(5, 5, 0.1), compression(5, 5, 0.1)), (Ok(1.0), Ok(1.0)));
+    assert!(at_most(5, 1, 0.0).is_err() && judged(5, 1, f64::NAN).is_err() && required(1.0, 1, 0.5).is_err());
+}
+
+#[test]
+fn tails_are_sums_of_probabilities() {
+    for (n, e) in [(7.0, 0.3), (60.0, 0.01), (60.0, 0.9), (500.0, 0.5)] {
+        let odds = Odds::new(e / (1.0 - e));
+        let pmf = |k: f64| (log_choose(n, k) + k * f64::ln(e) + (n - k) * f64::ln_1p(-e)).exp();
+        let mut sum = 0.0;
+        for k in 0..n as usize {
+            sum += pmf(k as f64);
+            let (below, above) = log_tails(n, k as f64, odds);
+            assert!((below.exp() - sum).abs() <= 1e-12 * sum.max(1e-3), "{n} {e} {k}");
+            let rest: f64 = (k + 1..=n as usize).map(|k| pmf(k as f64)).sum();
+            assert!((above.exp() - rest).abs() <= 1e-11 * rest, "{n} {e} {k}: {} {rest}", above.exp());
+        }
+    }
+}
+
+/// `x(1) = a_s u`, target 1.
+fn scalar<'a>(a: &'a [f64], zeros: &'a [f64]) -> Units<'a> {
+    let size = a.len();
+    Units { a: &zeros[..size], b: a, c: &[], x0: &[0.0], xf: &[1.0], root: &[1.0], n: 1, m: 1, steps: 1, size }
+}
+
+#[test]
+fn two_units_have_their_commands() {
+    let zeros = [0.0; 2];
+    let two = scalar(&[1.0, 2.0], &zeros).checked().unwrap();
+    let stop = Stop::new();
+    let found = moments(&two, 1, &stop).unwrap();
+    assert_eq!((found.h[0], found.f[0], found.constant), (2.5, 1.5, 1.0));
+    let (square, gradient) = slope(&two, &[0.6], 1, &stop).unwrap();
+    assert!((square - 0.1).abs() < 1e-15 && gradient[0].abs() < 1e-15);
+    for (end, u, value) in [(f64::INFINITY, 2.0 / 3.0, 1.0 / 3.0), (0.5, 0.5, 0.5)] {
+        let limits = Limits { low: &[-end], high: &[end], cost: &[] };
+        let best = worst(&two, limits, (&[false; 2], &[]), 1e-7, None, 1, &stop).unwrap();
+        assert!((best.control[0] - u).abs() < 1e-8 && (best.value - value).abs() < 1e-8);
+        assert!(best.value - best.lower_bound <= 1e-7 * best.value && best.lower_bound <= value + 1e-15);
+    }
+}

@@ -1,0 +1,187 @@
+//! One command for many units, and its risk.
+
+use std::time::Duration;
+
+use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
+use pyo3::prelude::*;
+
+use super::convert::{array1, array2, slice};
+use super::error::{InputError, ShapeError};
+use super::run::{run, run_to_best};
+use crate::fleet::{self, Limits, Units};
+use crate::limits::Status;
+use crate::memory::{try_collect, try_copy, try_filled};
+
+type Matrix<'py> = PyReadonlyArray2<'py, f64>;
+type Vector<'py> = PyReadonlyArray1<'py, f64>;
+type Cube<'py> = PyReadonlyArray3<'py, f64>;
+
+/// Units `x_s(k+1) = A_s x_s(k) + B_s u(k) + c_s`; the arrays are borrowed for every call.
+#[derive(FromPyObject)]
+pub(super) struct UnitsArgument<'py>(
+    Cube<'py>,
+    Cube<'py>,
+    Option<Matrix<'py>>,
+    Matrix<'py>,
+    Vector<'py>,
+    Matrix<'py>,
+    usize,
+);
+
+impl UnitsArgument<'_> {
+    fn get(&self) -> PyResult<Units<'_>> {
+        let (size, n, m) = self.1.as_array().dim();
+        let units = Units {
+            a: slice("A", &self.0)?,
+            b: slice("B", &self.1)?,
+            c: self.2.as_ref().map_or(Ok(&[][..]), |c| slice("c", c))?,
+            x0: slice("x0", &self.3)?,
+            xf: slice("xf", &self.4)?,
+            root: slice("root", &self.5)?,
+            n,
+            m,
+            steps: self.6,
+            size,
+        };
+        Ok(units.checked()?)
+    }
+
+    fn cost(&self) -> f64 {
+        let (size, n, m) = self.1.as_array().dim();
+        (size * self.6) as f64 * (n * (n + m)) as f64
+    }
+}
+
+fn command<'a>(units: &Units<'_>, u: &'a Vector<'_>) -> PyResult<&'a [f64]> {
+    let u = slice("u", u)?;
+    if u.len() != units.steps * units.m {
+        return Err(ShapeError::new_err(format!("`u` must have {} entries, got {}", units.steps * units.m, u.len())));
+    }
+    Ok(u)
+}
+
+/// `(H (d, d), f (d,), constant)`
+#[pyfunction]
+#[expect(clippy::type_complexity, reason = "one tuple per call, named in the stub")]
+pub(super) fn fleet_moments<'py>(
+    py: Python<'py>,
+    units: UnitsArgument<'py>,
+    threads: usize,
+) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>, f64)> {
+    let (given, cost) = (units.get()?, units.cost());
+    let d = given.steps * given.m;
+    let found = run(py, cost * d as f64, |stop| fleet::moments(&given, threads, stop))?;
+    Ok((array2(py, found.h, d, d)?, array1(py, found.f), found.constant))
+}
+
+/// `R` (d + 1, d + 1) with `R'R = sum_s [Q^1/2 (G_s b_s)]'[...]`
+#[pyfunction]
+pub(super) fn fleet_triangle<'py>(py: Python<'py>, units: UnitsArgument<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let (given, cost) = (units.get()?, units.cost());
+    let side = given.steps * given.m + 1;
+    let found = run(py, cost * side as f64, |stop| fleet::triangle(&given, stop))?;
+    array2(py, found, side, side)
+}
+
+/// The mean of the squared misses at `u`, and half its gradient (d,).
+#[pyfunction]
+pub(super) fn fleet_slope<'py>(
+    py: Python<'py>,
+    units: UnitsArgument<'py>,
+    u: Vector<'py>,
+    threads: usize,
+) -> PyResult<(f64, Bound<'py, PyArray1<f64>>)> {
+    let (given, cost) = (units.get()?, units.cost());
+    let u = command(&given, &u)?;
+    let (square, gradient) = run(py, cost, |stop| fleet::slope(&given, u, threads, stop))?;
+    Ok((square, array1(py, gradient)))
+}
+
+/// The miss of every unit at `u` (N,); `beside` is the square that the inputs cost.
+#[pyfunction]
+pub(super) fn fleet_misses<'py>(
+    py: Python<'py>,
+    units: UnitsArgument<'py>,
+    u: Vector<'py>,
+    beside: f64,
+    threads: usize,
+) -> PyResult<Bound<'py, PyArray1<f64>>> {
+    let (given, cost) = (units.get()?, units.cost());
+    let u = command(&given, &u)?;
+    Ok(array1(py, run(py, cost, |stop| given.misses(u, beside, threads, stop))?))
+}
+
+type Found<'py> = (Bound<'py, PyArray1<f64>>, f64, f64, Vec<usize>, Bound<'py, PyArray1<f64>>, &'static str, usize);
+
+/// `(u (d,), value, lower_bound, working, shares, status, solves)`: the least largest miss without the units in `skip`.
+#[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "one call, named in the stub")]
+pub(super) fn fleet_worst<'py>(
+    py: Python<'py>,
+    units: UnitsArgument<'py>,
+    low: Vector<'py>,
+    high: Vector<'py>,
+    cost: Matrix<'py>,
+    skip: Vec<usize>,
+    start: Vec<usize>,
+    tolerance: f64,
+    time_limit: Option<f64>,
+    threads: usize,
+) -> PyResult<Found<'py>> {
+    let given = units.get()?;
+    let limits = Limits { low: slice("low", &low)?, high: slice("high", &high)?, cost: slice("R", &cost)? };
+    let mut left_out = try_filled("a command for a fleet", false, given.size)?;
+    for s in skip {
+        let of = left_out.get_mut(s).ok_or_else(|| InputError::new_err(format!("there is no unit {s}")))?;
+        *of = true;
+    }
+    let time = time_limit.map(|limit| Duration::try_from_secs_f64(limit).unwrap_or(Duration::MAX));
+    let work = |stop: &crate::Stop| fleet::worst(&given, limits, (&left_out, &start), tolerance, time, threads, stop);
+    let found = match run_to_best(py, work)? {
+        (found, Some(signal)) if found.status != Status::Interrupted => {
+            drop(found);
+            return Err(signal);
+        }
+        (found, _) => found,
+    };
+    let working = try_collect("a command for a fleet", found.working.iter().copied())?;
+    let control = array1(py, try_copy("a command for a fleet", &found.control)?);
+    let shares = array1(py, found.shares);
+    Ok((control, found.value, found.lower_bound, working, shares, found.status.as_str(), found.solves))
+}
+
+/// `e` with `P(Bin(size, e) <= most) = beta`.
+#[pyfunction]
+pub(super) fn scenario_at_most(size: usize, most: usize, beta: f64) -> PyResult<f64> {
+    Ok(fleet::at_most(size, most, beta)?)
+}
+
+/// Wait and judge.
+#[pyfunction]
+pub(super) fn scenario_judged(size: usize, support: usize, beta: f64) -> PyResult<f64> {
+    Ok(fleet::judged(size, support, beta)?)
+}
+
+/// The compression form.
+#[pyfunction]
+pub(super) fn scenario_compression(size: usize, support: usize, beta: f64) -> PyResult<f64> {
+    Ok(fleet::compression(size, support, beta)?)
+}
+
+/// From below and from above.
+#[pyfunction]
+pub(super) fn scenario_relaxed(size: usize, support: usize, beta: f64) -> PyResult<(f64, f64)> {
+    Ok(fleet::relaxed(size, support, beta)?)
+}
+
+/// After some were left out.
+#[pyfunction]
+pub(super) fn scenario_discarding(size: usize, discarded: usize, dimension: usize, beta: f64) -> PyResult<f64> {
+    Ok(fleet::discarding(size, discarded, dimension, beta)?)
+}
+
+/// The smallest size.
+#[pyfunction]
+pub(super) fn scenario_required(epsilon: f64, dimension: usize, beta: f64) -> PyResult<usize> {
+    Ok(fleet::required(epsilon, dimension, beta)?)
+}

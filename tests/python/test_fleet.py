@@ -1,0 +1,283 @@
+"""One command for a fleet: exact cases, the reference, symmetries, hostile input."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from stochens_rs.controls.fleet_units import Units
+from stochens_rs.exceptions import InputError, InputTypeError, ShapeError, SizeError
+from stochens_rs.reference import populations as twin
+
+
+def gains(*values: float) -> se.SystemEnsemble:
+    """x(1) = a_s u."""
+    B = np.array(values)[:, None, None]
+    return se.SystemEnsemble(0.0 * B, B)
+
+
+def drawn(
+    gen: np.random.Generator, N: int, n: int, m: int, *, offsets: bool = False, spread: float = 0.2
+) -> se.SystemEnsemble:
+    """Units of a population around a system with modes of size about 0.8."""
+    A = gen.standard_normal((n, n))
+    A *= 0.8 / np.abs(np.linalg.eigvals(A)).max()
+    B = gen.standard_normal((n, m))
+    As = A + spread * gen.standard_normal((N, n, n)) / np.sqrt(n)
+    Bs = B + spread * gen.standard_normal((N, n, m))
+    return se.SystemEnsemble(As, Bs, gen.standard_normal((N, n)) if offsets else None)
+
+
+def maps(units: Units) -> list[tuple[np.ndarray, np.ndarray]]:
+    """G_s and b_s of every unit, by powers."""
+    s, K = units.systems, units.steps
+    found = []
+    for i in range(units.size):
+        powers = [np.linalg.matrix_power(s.A[i], k) for k in range(K + 1)]
+        G = np.hstack([powers[K - 1 - k] @ s.B[i] for k in range(K)])
+        b = units.xf - powers[K] @ units.x0[i % len(units.x0)]
+        if s.c is not None:
+            b = b - sum(powers[k] @ s.c[i] for k in range(K))
+        found.append((G, b))
+    return found
+
+
+def test_two_units_have_their_commands() -> None:
+    two = gains(1.0, 2.0)
+    mean = se.control_fleet(two, [0.0], [1.0], 1)
+    assert mean.u[0, 0] == pytest.approx(3 / 5, abs=1e-15)
+    assert mean.value == pytest.approx(np.sqrt(0.1), abs=1e-15)
+    for limit, u, value, support in ((None, 2 / 3, 1 / 3, 2), (0.5, 1 / 2, 1 / 2, 1)):
+        limits = None if limit is None else (-limit, limit)
+        plan = se.control_fleet(two, [0.0], [1.0], 1, limits=limits, risk="worst")
+        assert plan.u[0, 0] == pytest.approx(u, abs=1e-8)
+        assert plan.value == pytest.approx(value, abs=1e-8)
+        assert 0.0 <= plan.gap < 1e-7
+        assert plan.status == "optimal"
+        assert plan.certify(0.1).count == support
+        assert plan.active.tolist() == [[int(limit is not None)]]
+    zero = se.control_fleet(gains(0.0, 2.0), [0.0], [1.0], 1)
+    assert zero.u[0, 0] == pytest.approx(0.5)
+    assert zero.value**2 == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("weighed", [False, True])
+def test_the_largest_miss_is_that_of_all_cones_at_once(
+    gen: np.random.Generator, weighed: bool
+) -> None:
+    pytest.importorskip("clarabel")
+    for k in range(8):
+        n, m, K, N = 2 + k % 3, 1 + k % 2, 1 + k % 4, 30
+        fleet = drawn(gen, N, n, m, offsets=k % 2 == 1)
+        x0 = 3.0 * gen.standard_normal((N, n) if k % 3 == 0 else n)
+        low, high = -gen.uniform(0.1, 2.0, (K, m)), gen.uniform(0.1, 2.0, (K, m))
+        if k % 4 == 3:
+            low[0] = high[0] = 0.05  # fixed
+        Q = np.diag(gen.uniform(0.5, 2.0, n))
+        R = 0.1 * np.eye(m) if weighed else None
+        plan = se.control_fleet(
+            fleet, x0, np.zeros(n), K, limits=(low, high), Q=Q, R=R, risk="worst"
+        )
+        whole = None if R is None else np.kron(np.eye(K), R)
+        units = [twin.unit(G, b, Q=Q, R=whole) for G, b in maps(plan.units)]
+        best = twin.worst(units, low.ravel(), high.ravel())
+        assert plan.value == pytest.approx(best.value, rel=1e-6)
+        assert plan.lower_bound <= best.value * (1 + 1e-9)
+        assert plan.gap <= 1e-6
+        assert plan.value == pytest.approx(twin.misses(units, plan.u.ravel()).max(), rel=1e-12)
+        assert (plan.u >= low).all()
+        assert (plan.u <= high).all()
+
+
+def test_open_limits_and_one_sided_ones(gen: np.random.Generator) -> None:
+    pytest.importorskip("clarabel")
+    for limits in (None, (None, 0.3), ([-0.2, -np.inf], [np.inf, 0.1])):
+        fleet = drawn(gen, 40, 3, 2, spread=0.4)
+        plan = se.control_fleet(
+            fleet, [3.0, -1.0, 2.0], np.zeros(3), 2, limits=limits, risk="worst"
+        )
+        units = [twin.unit(G, b) for G, b in maps(plan.units)]
+        best = twin.worst(units, plan.low.ravel(), plan.high.ravel())
+        assert plan.value == pytest.approx(best.value, rel=1e-6)
+        assert plan.gap <= 1e-6
+
+
+def test_the_mean_is_that_of_all_rows_at_once(gen: np.random.Generator) -> None:
+    for k in range(8):
+        n, m, K, N = 2 + k % 3, 1 + k % 2, 1 + k % 5, 40
+        fleet = drawn(gen, N, n, m, offsets=k % 2 == 1)
+        x0 = gen.standard_normal((N, n) if k % 3 == 0 else n)
+        limits = None if k % 4 == 0 else (-0.5, 0.4)
+        R = 0.1 * np.eye(m) if k % 2 else None
+        plan = se.control_fleet(fleet, x0, np.ones(n), K, limits=limits, R=R)
+        whole = None if R is None else np.kron(np.eye(K), R)
+        units = [twin.unit(G, b, R=whole) for G, b in maps(plan.units)]
+        best = twin.average(units, plan.low.ravel(), plan.high.ravel())
+        assert plan.value == pytest.approx(np.sqrt(best.objective), rel=1e-9)
+        np.testing.assert_allclose(plan.u.ravel(), best.u, atol=1e-6 * np.abs(best.u).max())
+        rms = np.sqrt(np.mean(twin.misses(units, plan.u.ravel()) ** 2))
+        assert plan.value == pytest.approx(rms, rel=1e-12)
+        assert plan.gap <= 1e-9
+
+
+def test_the_mean_of_ill_conditioned_units() -> None:
+    """Gains of 1e-7 beside gains of 1: H has the condition 1e14, its square root 1e7."""
+    gen = np.random.default_rng(4)
+    B = np.zeros((50, 2, 2))
+    B[:, 0, 0], B[:, 1, 1] = gen.uniform(0.9, 1.1, 50), 1e-7 * gen.uniform(0.9, 1.1, 50)
+    plan = se.control_fleet(se.SystemEnsemble(0.0 * B, B), [0.0, 0.0], [1.0, 1.0], 1)
+    # each input has its own state: u = sum b / sum b^2
+    expected = [B[:, i, i].sum() / (B[:, i, i] ** 2).sum() for i in range(2)]
+    np.testing.assert_allclose(plan.u[0], expected, rtol=1e-7)
+    assert plan.status == "optimal"
+    assert plan.gap < 1e-9
+
+
+def test_bits_are_the_same_for_any_number_of_threads(gen: np.random.Generator) -> None:
+    fleet, x0 = drawn(gen, 2500, 4, 2), gen.standard_normal(4)
+    found = []
+    for threads in (1, 2, 5):
+        se.set_num_threads(threads)
+        try:
+            for risk in ("mean", "worst"):
+                plan = se.control_fleet(fleet, x0, np.zeros(4), 8, limits=(-0.5, 0.5), risk=risk)
+                found.append((plan.u.tobytes(), plan.misses.tobytes(), plan.value))
+        finally:
+            se.set_num_threads(None)
+    assert found[:2] == found[2:4] == found[4:]
+
+
+def test_order_and_units_of_measurement_do_not_matter(gen: np.random.Generator) -> None:
+    fleet, x0 = drawn(gen, 200, 3, 2), 2.0 * gen.standard_normal(3)
+    order = gen.permutation(200)
+    other = se.SystemEnsemble(fleet.A[order], fleet.B[order])
+    for risk in ("mean", "worst"):
+        plan = se.control_fleet(fleet, x0, np.zeros(3), 3, limits=(-0.5, 0.5), risk=risk)
+        moved = se.control_fleet(other, x0, np.zeros(3), 3, limits=(-0.5, 0.5), risk=risk)
+        assert moved.value == pytest.approx(plan.value, rel=1e-7)
+        np.testing.assert_allclose(moved.u, plan.u, atol=1e-3)
+        np.testing.assert_allclose(moved.misses, plan.misses[order], rtol=1e-3)
+        for unit in (2.0**-40, 2.0**40):  # exact in binary
+            limits = (-0.5 * unit, 0.5 * unit)
+            scaled = se.control_fleet(fleet, unit * x0, np.zeros(3), 3, limits=limits, risk=risk)
+            assert scaled.value == pytest.approx(unit * plan.value, rel=1e-7)
+            np.testing.assert_allclose(scaled.u, unit * plan.u, atol=1e-3 * unit)
+
+
+def test_copies_of_units_count_once() -> None:
+    plan = se.control_fleet(gains(1, 2, 1, 2, 2, 1, 1.5), [0.0], [1.0], 1, risk="worst")
+    risk = plan.certify(0.1)
+    assert (risk.count, risk.verified) == (2, True)
+
+
+def test_a_unit_that_no_input_moves_gives_no_false_support() -> None:
+    """It misses 1 for every u, and the others less for all u in (-4/2.1, -2/1.9)."""
+    gains, x0 = np.array([0.0, 1.9, 2.0, 2.1])[:, None, None], [[1.0], [3.0], [3.0], [3.0]]
+    fleet = se.SystemEnsemble(np.ones((4, 1, 1)), gains)
+    plan = se.control_fleet(fleet, x0, [0.0], 1, limits=(-5, 5), risk="worst")
+    assert plan.value == pytest.approx(1.0)
+    assert plan.misses[0] == plan.threshold
+    # by its multipliers it were 1
+    risk = plan.certify(0.1)
+    assert risk.count > 1
+    # where the command is unique, the unit that sets it counts as well
+    weighed = se.control_fleet(fleet, x0, [0.0], 1, R=0.1, risk="worst")
+    assert weighed.certify(0.1).count == 2
+
+
+def test_units_left_out_miss_more() -> None:
+    gen = np.random.default_rng(3)
+    starts = gen.random((60, 1))
+    fleet = se.SystemEnsemble(np.ones((60, 1, 1)), np.ones((60, 1, 1)))
+    plan = se.control_fleet(fleet, starts, [0.0], 1, risk="worst", discard=6)
+    assert len(set(plan.removed)) == 6
+    assert (plan.misses[list(plan.removed)] > plan.threshold).all()
+    kept = np.delete(starts[:, 0], plan.removed)
+    assert plan.value == pytest.approx((kept.max() - kept.min()) / 2, rel=1e-6)
+    risk = plan.certify(0.05)
+    assert risk.method == "discarding"
+    assert risk.epsilon == se.theory.scenario.discarding(60, 6, 2, 0.05)
+    with pytest.raises(InputError, match="does not hold after units were left out"):
+        plan.certify(0.05, method="compression")
+
+
+def test_radii_of_models_enter_the_threshold() -> None:
+    plan = se.control_fleet(gains(*np.linspace(1, 2, 30)), [0.0], [1.0], 1, risk="worst")
+    radius = np.full(30, 0.01)
+    radius[7] = 0.5
+    risk = plan.certify(0.1, radius=radius, delta=0.02)
+    assert risk.threshold == pytest.approx(plan.misses[7] + 0.5)
+    assert risk.count == 3
+    assert risk.delta == 0.02
+    assert "+ 2 %" in repr(risk)
+    assert "plant behind" in risk.covers
+    held = plan.validate(gains(1.1, 1.3), 0.1, radius=[0.0, 1.0], delta=0.02)
+    assert held.count == 1
+    with pytest.raises(InputError, match="`delta` must be given"):
+        plan.certify(0.1, radius=radius)
+
+
+def test_a_time_limit_gives_the_best_so_far(gen: np.random.Generator) -> None:
+    fleet = drawn(gen, 3000, 4, 2)
+    plan = se.control_fleet(
+        fleet,
+        [3.0, 1.0, -2.0, 1.0],
+        np.zeros(4),
+        10,
+        limits=(-1, 1),
+        risk="worst",
+        time_limit=1e-9,
+    )
+    assert plan.status == "user_limit"
+    assert plan.value == pytest.approx(plan.misses.max())
+    with pytest.raises(InputError, match="needs an optimal plan"):
+        plan.certify(0.1)
+
+
+def test_plans_are_pickled_and_shown() -> None:
+    plan = se.control_fleet(gains(1, 2), [0.0], [1.0], 1, risk="worst")
+    again = pickle.loads(pickle.dumps(plan))
+    assert repr(again) == repr(plan)
+    assert "2 units" in repr(plan)
+    assert again.certify(0.1).epsilon == plan.certify(0.1).epsilon
+    assert "largest miss" in plan._repr_html_()
+    risk = plan.validate(gains(1.5, 1.2, 3.0), 0.1)
+    assert risk.count == 1
+    assert "hold-out" in repr(risk)
+    assert risk._repr_html_()
+    pytest.importorskip("matplotlib")
+    labels = [text.get_text() for text in plan.plot(validated=risk).get_legend().get_texts()]
+    assert labels == ["3 fresh units", "2 units of the design", "support", "threshold"]
+
+
+def test_bad_arguments_are_named() -> None:
+    two = gains(1.0, 2.0)
+    plan = se.control_fleet(two, [0.0], [1.0], 1)
+    replicates = se.SystemEnsemble(two.A, two.B, centre="estimate")
+    for call, kind, text in (
+        (lambda: se.control_fleet(replicates, [0.0], [1.0], 1), InputError, "scatter about"),
+        (lambda: se.control_fleet([], [0.0], [1.0], 1), InputError, "`systems`"),
+        (lambda: se.control_fleet(two, [0.0, 1.0], [1.0], 1), ShapeError, "`x0`"),
+        (lambda: se.control_fleet(two, np.zeros((3, 1)), [1.0], 1), ShapeError, "`x0`"),
+        (lambda: se.control_fleet(two, [0.0], [np.nan], 1), InputError, "`xf"),
+        (lambda: se.control_fleet(two, [0.0], [1.0], 0), SizeError, "`steps`"),
+        (lambda: se.control_fleet(two, [0.0], [1.0], 1, limits=(1, -1)), InputError, "low <= high"),
+        (lambda: se.control_fleet(two, [0.0], [1.0], 1, Q=0.0), InputError, "`Q`"),
+        (lambda: se.control_fleet(two, [0.0], [1.0], 1, R=-1.0), InputError, "`R`"),
+        (lambda: se.control_fleet(two, [0.0], [1.0], 1, risk="best"), InputError, "`risk`"),  # type: ignore[arg-type]
+        (lambda: se.control_fleet(two, [0.0], [1.0], 1, discard=1), InputError, "`discard`"),
+        (lambda: se.control_fleet(two, [0.0], [1.0], 1, time_limit=0), InputError, "`time_limit`"),
+        (lambda: plan.certify(0.1), InputError, "validate"),
+        (lambda: plan.validate(two, 0.1), InputError, "fresh"),
+        (lambda: plan.validate(replicates, 0.1), InputError, "scatter about"),
+        (lambda: plan.validate(gains(1.0), 1.0), InputError, "`beta`"),
+        (lambda: plan.validate(gains(1.0), "a"), InputTypeError, "`beta`"),  # type: ignore[arg-type]
+    ):
+        with pytest.raises(kind, match=text):
+            call()
+    huge = se.SystemEnsemble(1e200 * np.ones((2, 1, 1)), np.ones((2, 1, 1)))
+    with pytest.raises(InputError, match="overflows"):
+        se.control_fleet(huge, [1.0], [0.0], 3)

@@ -1,0 +1,116 @@
+"""Risk numbers: published values, the sums of the reference, and their coverage."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stochens_rs.exceptions import InputError, InputTypeError, SizeError
+from stochens_rs.reference import scenario as twin
+from stochens_rs.theory import scenario
+
+
+def test_published_values() -> None:
+    found = {
+        0.124187210477: scenario.a_priori(60, 4, 0.05),
+        0.016696732911: scenario.a_priori(3000, 21, 1e-6),
+        0.166517980033: scenario.judged(60, 3, 0.05),
+        0.009723323179: scenario.judged(3000, 5, 1e-6),
+        0.166166277318: scenario.compression(60, 3, 0.05),
+        0.071746180266: scenario.compression(60, 0, 0.05),
+        0.219755156890: scenario.compression(200, 15, 1e-6),
+        0.181159658474: scenario.relaxed(60, 3, 0.05)[1],
+        0.046720257502: scenario.relaxed(60, 10, 0.01)[0],
+        0.377934953896: scenario.relaxed(60, 10, 0.01)[1],
+    }
+    for expected, value in found.items():
+        assert value == pytest.approx(expected, abs=6e-13)
+    assert scenario.required_scenarios(0.05, 21, 1e-6) == 992
+    assert scenario.required_scenarios(0.01, 21, 1e-6) == 5020
+    sizes = [scenario.required_scenarios(0.05, d, 1e-6) for d in (2, 6, 11, 21, 41)]
+    assert sizes == [326, 498, 677, 992, 1559]
+    # k = 0 in closed form: 61 e (1-e)^60 = beta (1 - (1-e)^61)
+    e = scenario.judged(60, 0, 0.05)
+    assert 61 * e * (1 - e) ** 60 == pytest.approx(0.05 * (1 - (1 - e) ** 61), rel=1e-13)
+    after = [scenario.discarding(3000, r, 21, 1e-6) for r in (30, 150)]
+    assert np.round(after, 4).tolist() == [0.0481, 0.1206]
+    fresh = [scenario.hold_out(3000, v, 1e-6) for v in (0, 30, 150)]
+    np.testing.assert_allclose(fresh, [0.0046, 0.0215, 0.0715], atol=6e-5)
+
+
+def test_all_bounds_equal_the_sums_of_the_reference(gen: np.random.Generator) -> None:
+    for _ in range(60):
+        N = int(gen.integers(1, 400))
+        k, r = (int(x) for x in gen.integers(0, N + 1, 2))
+        d = int(gen.integers(1, 30))
+        beta = float(10.0 ** -gen.uniform(0.3, 12.0))
+        pairs = [
+            (scenario.a_priori(N, d, beta), twin.a_priori(N, d, beta)),
+            (scenario.judged(N, k, beta), twin.judged(N, k, beta)),
+            (scenario.compression(N, k, beta), twin.compression(N, k, beta)),
+            (scenario.discarding(N, r, d, beta), twin.discarding(N, r, d, beta)),
+            (scenario.hold_out(N, k, beta), twin.hold_out(N, k, beta)),
+            *zip(scenario.relaxed(N, k, beta), twin.relaxed(N, k, beta), strict=True),
+        ]
+        for i, (mine, other) in enumerate(pairs):
+            assert mine == pytest.approx(other, rel=1e-10, abs=1e-14), (i, N, k, r, d, beta)
+
+
+def test_large_sizes_stay_in_order() -> None:
+    """10^9 units: nothing is summed, and the numbers are those of the Poisson limit."""
+    N, beta = 10**9, 1e-6
+    assert N * scenario.hold_out(N, 0, beta) == pytest.approx(-np.log(beta), rel=1e-7)
+    lower, upper = scenario.relaxed(N, 1000, beta)
+    assert lower < 1e-6 < scenario.compression(N, 1000, beta) < upper < 1.3e-6
+    assert scenario.required_scenarios(1e-8, 1, beta) == pytest.approx(
+        -np.log(beta) * 1e8, rel=1e-7
+    )
+
+
+def test_the_a_priori_risk_is_exact_for_intervals() -> None:
+    """Uniforms, d = 2: the risk of [min, max] has the law Beta(2, N-1), so 5 % exceed eps."""
+    gen = np.random.default_rng(1)
+    eps = scenario.a_priori(60, 2, 0.05)
+    drawn = gen.random((200_000, 60))
+    risk = 1.0 - (drawn.max(axis=1) - drawn.min(axis=1))
+    assert abs(np.mean(risk > eps) - 0.05) < 5 * np.sqrt(0.05 * 0.95 / 200_000)
+
+
+def after_discarding(gen: np.random.Generator, N: int, d: int, r: int) -> float:
+    """The risk of min sum z_i, z_i >= v for each of N units (i, v), i of d, v uniform, without r.
+
+    Each time the unit goes without which the sum falls most.
+    """
+    group, v = gen.integers(0, d, N), gen.random(N)
+    left = [np.sort(np.append(v[group == i], 0.0)) for i in range(d)]
+    falls = np.array([x[-1] - x[-2] if len(x) > 1 else 0.0 for x in left])
+    for _ in range(r):
+        i = int(falls.argmax())
+        left[i] = left[i][:-1]
+        falls[i] = left[i][-1] - left[i][-2] if len(left[i]) > 1 else 0.0
+    return float(np.mean([1.0 - x[-1] for x in left]))
+
+
+def test_after_discarding_only_the_bound_of_2011_holds() -> None:
+    gen = np.random.default_rng(2)
+    N, d, r, beta = 1000, 50, 100, 0.05
+    risk = np.array([after_discarding(gen, N, d, r) for _ in range(300)])
+    assert np.mean(risk > scenario.discarding(N, r, d, beta)) <= beta
+    # the bound for relaxed designs, taken with all that were left out and the support, fails
+    assert np.mean(risk > scenario.relaxed(N, r + d, beta)[1]) > 0.2
+
+
+def test_bad_arguments_are_named() -> None:
+    for call, kind, text in (
+        (lambda: scenario.a_priori(0, 1, 0.1), SizeError, "`size`"),
+        (lambda: scenario.a_priori(5, 0, 0.1), SizeError, "`dimension`"),
+        (lambda: scenario.judged(5, 6, 0.1), SizeError, "`support`"),
+        (lambda: scenario.compression(5, 2, 0.0), InputError, "`beta`"),
+        (lambda: scenario.relaxed(5, -1, 0.1), SizeError, "`support`"),
+        (lambda: scenario.discarding(5, 6, 1, 0.1), SizeError, "`discarded`"),
+        (lambda: scenario.hold_out(5, 1, "0.1"), InputTypeError, "`beta`"),
+        (lambda: scenario.required_scenarios(1.0, 1, 0.1), InputError, "`epsilon`"),
+        (lambda: scenario.required_scenarios(1e-300, 1, 0.1), InputError, "`epsilon`"),
+    ):
+        with pytest.raises(kind, match=text):
+            call()

@@ -430,3 +430,12 @@ def test_true_systems_of_one_step_are_rolled():
     gen, Theta, *_ = case(37)
     x0, u = gen.standard_normal(4), gen.standard_normal((3, 2))
     np.testing.assert_allclose(trajectory(Theta, x0, u)[-1], rolled(Theta, x0, u))
+
+
+def test_a_plan_beyond_the_data_says_so():
+    _, _, z, y = case(3)
+    model = model_of(z, y)
+    near = se.control(model, [0.1] * 4, [0.0] * 4, steps=4)
+    far = se.control(model, [100.0] * 4, [0.0] * 4, steps=4)
+    assert not any("times the largest" in text for text in near.info["warnings"])
+    assert any("times the largest in the data" in text for text in far.info["warnings"])

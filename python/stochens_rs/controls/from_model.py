@@ -13,6 +13,7 @@ from ..ensembles.counts import Counts
 from ..ensembles.ensemble import Ensemble
 from ..exceptions import InputError, InputTypeError
 from ..fusion.fits import Fit
+from ..identification.trajectories import Trajectories
 from ..theory.exact import best_control
 from .basis import ModelBasis
 from .entities import ending, fusion_over, step_warnings
@@ -20,6 +21,8 @@ from .limited import Horizon
 from .plan import Plan
 from .region_errors import trajectory
 from .task import asked_task
+
+BEYOND = 2.0  # times the largest value in the data from which a plan gets a warning
 
 if TYPE_CHECKING:
     from .._base.types import Floats
@@ -66,16 +69,40 @@ def model_control(
     info: dict[str, Any] = {"x0": exact, "xf": exact, "A": {"method": "from data", "size": None}}
     info["singular_values"] = found.factors.singular_values
     said: tuple[str, ...] = getattr(model, "warnings", ())
-    info["warnings"] = (*said, *step_warnings(n, m, K, reachability.rank, exact=False))
+    predicted = trajectory(Theta, start, u)
+    info["warnings"] = (
+        *said,
+        *step_warnings(n, m, K, reachability.rank, exact=False),
+        *_beyond(model, predicted, u),
+    )
     return Plan(
         u=u,
-        predicted_states=trajectory(Theta, start, u),
+        predicted_states=predicted,
         reachability=reachability,
         fusion=how,
         status="completed" if limited is None else limited.status,
         info=info,
         basis=ModelBasis(model, start, goal, x0_error),
         limited=limited,
+    )
+
+
+def _beyond(model: Identified, states: Floats, u: Floats) -> tuple[str, ...]:
+    """A warning if the plan leaves what was measured, where a plant need not be linear."""
+    data = getattr(model, "data", None)
+    if not isinstance(data, Trajectories) or data.steps > 1:
+        return ()
+    names = (*model.state_names, *model.input_names)
+    x, acting, _ = data.pairs()
+    planned = np.hstack([np.abs(states[:-1]).max(axis=0), np.abs(u).max(axis=0)])
+    seen = np.hstack([np.abs(x).max(axis=0), np.abs(acting).max(axis=0)])
+    times = np.divide(planned, seen, out=np.zeros_like(planned), where=seen > 0.0)
+    most = int(np.argmax(times))
+    if times[most] <= BEYOND:
+        return ()
+    return (
+        f"the plan takes {names[most]} to {planned[most]:.3g}, {times[most]:.2g} times the largest "
+        "in the data: the certificate holds if the plant is linear there, too",
     )
 
 

@@ -144,7 +144,7 @@ def single() -> None:
 def ill() -> None:
     import daqp
 
-    print("1000 draws each: worst gap / J(0), ours; share of DAQP above 1e-4 with exit flag 1")
+    print("500 draws a line: worst gap / J(0), ours; share of DAQP above 1e-4 with exit flag 1")
     gen = np.random.default_rng(1)
     for condition in (1e1, 1e3, 1e6):
         for d in (5, 20):

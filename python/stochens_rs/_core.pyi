@@ -48,6 +48,7 @@ __all__ = [
     "sign_statistics",
     "simulate_estimates",
     "simulate_mean_field",
+    "simulate_plan_estimates",
     "simulate_plans",
     "simulate_runs",
     "simulate_systems",
@@ -267,6 +268,19 @@ def simulate_plans(
     key: bytes,
     threads: int,
 ) -> _Floats: ...
+
+# of the runs from `first` on, (runs, n (n + 2)): x0, xf, A row by row, as `simulate_plans` has them
+def simulate_plan_estimates(
+    x0: _Estimate,
+    xf: _Estimate,
+    a: _Estimate,
+    rows: bool,
+    first: int,
+    runs: int,
+    cost: float,
+    key: bytes,
+    threads: int,
+) -> _Floats: ...
 def simulate_estimates(
     values: _Floats,
     size: int,
@@ -361,14 +375,16 @@ def sign_statistics(
     rows: _Floats, n: int, size: int, key: bytes, signs: _Floats | None, threads: int
 ) -> _Floats: ...
 
-# Least J(u) = ||M u - y||^2 + u' R u over low <= u <= high. M (rows, d), y (rows,), R (d,) or (d, d) psd; limits (d,),
-# -inf and inf where there is none, equal where an input is fixed. Weights of states are inside: M = Q^(1/2) B.
+# Least J(u) = ||M u - y||^2 + u' R u over low <= u <= high. M (rows, d), y (rows,), R (d,) or (d,
+# d) psd; limits (d,), -inf and inf where there is none, equal where an input is fixed. Weights of
+# states are inside: M = Q^(1/2) B.
 
 class BoxControl:
     # (d,), inside the limits
     @property
     def control(self) -> _Floats: ...
-    # (d,): -1 at the lower limit, 1 at the upper one, by value; of a fixed input by the sign of its multiplier
+    # (d,): -1 at the lower limit, 1 at the upper one, by value; of a fixed input by the sign of
+    # its multiplier
     @property
     def active(self) -> NDArray[np.int8]: ...
     # (d,), >= 0: J'_i at the lower limit, -J'_i at the upper one, 0 elsewhere
@@ -376,7 +392,8 @@ class BoxControl:
     def multipliers(self) -> _Floats: ...
     @property
     def status(self) -> _Status | Literal["infeasible"]: ...
-    # J(u) - min J is at most this: the smaller of `frank_wolfe` and the square of the distance by the dual residual
+    # J(u) - min J is at most this: the smaller of `frank_wolfe` and the square of the distance by
+    # the dual residual
     @property
     def gap(self) -> float: ...
     # max over the box of <J'(u), u - v>; inf where J'_i is not 0 towards an infinite limit
@@ -385,8 +402,8 @@ class BoxControl:
     # D >= (||M (u - u*)||^2 + ||u - u*||_R^2)^(1/2)
     @property
     def distance(self) -> float: ...
-    # J(u), and J(0); "optimal": gap <= 1e-9 (J(0) + J(u)), of a horizon with the size of J along the states at u, if
-    # that is less than J(0)
+    # J(u), and J(0); "optimal": gap <= 1e-9 (J(0) + J(u)), of a horizon with the size of J along
+    # the states at u, if that is less than J(0)
     @property
     def objective(self) -> float: ...
     @property
@@ -398,7 +415,8 @@ class BoxControl:
     @property
     def method(self) -> Literal["pivoting", "interior point", "refinement"]: ...
 
-# `warm`: `active` of a problem nearby; `time_limit` in seconds, looked at between two factorizations
+# `warm`: `active` of a problem nearby; `time_limit` in seconds, looked at between two
+# factorizations
 def box_control(
     m: _Floats,
     y: _Floats,
@@ -409,9 +427,11 @@ def box_control(
     time_limit: float | None,
 ) -> BoxControl: ...
 
-# The same M, R and limits for many y. With `state` (rows, n) and `target` (rows,), `solve` takes x (n,) and
-# y = target - state x; without them it takes y. Each call begins at the active set of the call before, shifted by
-# `shift` inputs. At most 15 pivots, then at most 25 factorizations. Nothing changes where a call raises.
+# The same M, R and limits for many y. With `state` (rows, n) and `target` (rows,), `solve` takes
+# x (n,) and y = target - state x; without them it takes y. Each call begins at the active set of
+# the call before, shifted by `shift` inputs. At most 20 pivots, 25 steps of the interior point
+# and 5 pivots, and as many with orthogonal factors where the gap is not small then. Nothing
+# changes where a call raises.
 @final
 class BoxSolver:
     def __new__(
@@ -429,7 +449,8 @@ class BoxSolver:
     def warm(self) -> NDArray[np.int8] | None: ...
     def resume(self, warm: NDArray[np.int8] | None) -> None: ...
 
-# u (N, d) for the rows of y (N, rows), and the gap of each if `gaps`; the same bits for any number of threads
+# u (N, d) for the rows of y (N, rows), and the gap of each if `gaps`; the same bits for any
+# number of threads
 def box_batch(
     m: _Floats, y: _Floats, r: _Floats, low: _Floats, high: _Floats, gaps: bool, threads: int
 ) -> tuple[_Floats, _Floats | None]: ...
@@ -440,8 +461,9 @@ def box_batch_each(
 ) -> tuple[_Floats, _Floats | None]: ...
 
 # K steps of x(k+1) = A x(k) + B u(k) by Riccati's recursion, for long horizons. Least
-# sum_{k=1..K} ||x(k) - reference(k)||^2_{Q_k} + sum_k ||u(k)||^2_R: `reference` (K, n) for x(1) .. x(K), Q_k = `stage`
-# (n, n), at K `terminal`; R (m, m); limits (K, m). `control`, `active`, `multipliers` and `warm` are (K m,), step by step.
+# sum_{k=1..K} ||x(k) - reference(k)||^2_{Q_k} + sum_k ||u(k)||^2_R: `reference` (K, n) for x(1)
+# .. x(K), Q_k = `stage` (n, n), at K `terminal`; R (m, m); limits (K, m). `control`, `active`,
+# `multipliers` and `warm` are (K m,), step by step.
 def horizon_control(
     a: _Floats,
     b: _Floats,
@@ -456,9 +478,9 @@ def horizon_control(
     time_limit: float | None,
 ) -> BoxControl: ...
 
-# The same with limits on changes and states. `gap`, `distance` and `frank_wolfe` are computed with the multipliers of all
-# limits. "infeasible": no control meets the limits on states; then `control` is the best one within limits that are wider
-# by `missing`, and so are gap, distance and multipliers.
+# The same with limits on changes and states. `gap`, `distance` and `frank_wolfe` are computed with the
+# multipliers of all limits. "infeasible": no control meets the limits on states; then `control` is the
+# best one within limits that are wider by `missing`, and so are gap, distance and multipliers.
 @final
 class RowsControl(BoxControl):
     # (K m,) or empty, of u(k) - u(k-1): > 0 at `rate`, < 0 at -`rate`
@@ -474,9 +496,9 @@ class RowsControl(BoxControl):
     @property
     def excess(self) -> float: ...
 
-# |u(k) - u(k-1)| <= rate (m,), u(-1) = previous (m,); state_low <= x(k) <= state_high (K, n) for k = 1 .. K, or with
-# `soft` the weight of ||max(0, x - state_high)||^2 + ||max(0, state_low - x)||^2 in J. Looks at the time, and for Ctrl-C,
-# between two iterations.
+# |u(k) - u(k-1)| <= rate (m,), u(-1) = previous (m,); state_low <= x(k) <= state_high (K, n) for
+# k = 1 .. K, or with `soft` the weight of ||max(0, x - state_high)||^2 + ||max(0, state_low - x)||^2
+# in J. Looks at the time, and for Ctrl-C, between two iterations.
 def rows_control(
     a: _Floats,
     b: _Floats,

@@ -146,9 +146,10 @@ class System:
                 f"and B, got {gate.show(system)}{hint}"
             )
         if _attribute(system, "centre") == "estimate":
+            one = "`mean()`" if _attribute(system, "mean", ...) is not ... else "`system`"
             raise InputError(
                 f"`system` must be known, got {gate.show(system)} estimated from data: pass its "
-                "`system` to take the estimate as exact"
+                f"{one} to take the estimate as exact"
             )
         # scipy.signal sets dt = None for continuous systems; only their class says so.
         if any(

@@ -46,7 +46,8 @@ mod _core {
     };
     #[pymodule_export]
     use super::simulate::{
-        simulate_estimates, simulate_mean_field, simulate_plans, simulate_runs, simulate_systems, track, trajectory,
+        simulate_estimates, simulate_mean_field, simulate_plan_estimates, simulate_plans, simulate_runs,
+        simulate_systems, track, trajectory,
     };
     #[pymodule_export]
     use super::storage::{StateLock, storage_load, storage_save};

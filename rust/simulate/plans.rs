@@ -182,20 +182,11 @@ impl Plans {
         }
     }
 
-    /// The two errors of one control over several steps, each with a bound on its rounding error added.
-    fn steps(
-        &self,
-        rng: &mut ChaCha8Rng,
-        scratch: &mut Scratch,
-        b: &[f64],
-        c: &[f64],
-        v: &[f64],
-        size: f64,
-    ) -> Result<[f64; 2]> {
+    /// The estimates of `x0` and `xf`, and of `A` row by row, in one run of product fusion.
+    fn estimate(&self, rng: &mut ChaCha8Rng, x0: &mut [f64], xf: &mut [f64], a: &mut [f64]) -> Result<()> {
         let n = self.n;
-        let Scratch { x, y, a, .. } = scratch;
-        self.xf.vector(rng, y)?;
-        self.x0.vector(rng, x)?;
+        self.xf.vector(rng, xf)?;
+        self.x0.vector(rng, x0)?;
         match &self.a {
             Estimate::Fixed(columns) => {
                 for (j, column) in columns.chunks_exact(n).enumerate() {
@@ -209,6 +200,44 @@ impl Plans {
                 }
             }
         }
+        Ok(())
+    }
+
+    /// The estimates of the runs `first ..  first + runs`: for each `x0`, `xf`, and `A` row by row. They are those that
+    /// [`Plans::errors`] draws over several steps.
+    ///
+    /// # Errors
+    /// As [`Plans::errors`].
+    pub fn estimates(&self, first: usize, runs: usize, key: &Key, threads: usize, stop: &Stop) -> Result<Vec<f64>> {
+        let n = self.n;
+        let width = checked_len("the estimates", n, n + 2)?;
+        let mut found: Vec<f64> = try_zeros("the simulated estimates", checked_len("the estimates", runs, width)?)?;
+        for_each_chunk(found.chunks_mut(width.max(1) * CHUNK).enumerate(), threads, stop, |(chunk, found)| {
+            for (at, row) in found.chunks_exact_mut(width.max(1)).enumerate() {
+                stop.check()?;
+                let mut rng = key.stream(Purpose::Plans, first + chunk * CHUNK + at);
+                let (x0, rest) = row.split_at_mut(n);
+                let (xf, a) = rest.split_at_mut(n);
+                self.estimate(&mut rng, x0, xf, a)?;
+            }
+            Ok(())
+        })?;
+        Ok(found)
+    }
+
+    /// The two errors of one control over several steps, each with a bound on its rounding error added.
+    fn steps(
+        &self,
+        rng: &mut ChaCha8Rng,
+        scratch: &mut Scratch,
+        b: &[f64],
+        c: &[f64],
+        v: &[f64],
+        size: f64,
+    ) -> Result<[f64; 2]> {
+        let n = self.n;
+        let Scratch { x, y, a, .. } = scratch;
+        self.estimate(rng, x, y, a)?;
         let (u, rounding) = steps_control(a, b, x, y, v.len() * n / b.len())?;
         let wrong = try_collect(WHAT, u.iter().zip(v).map(|(u, v)| u - v))?;
         let dot = |row: &[f64]| row.iter().zip(&wrong).map(|(c, w)| c * w).sum();

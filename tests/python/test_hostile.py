@@ -192,6 +192,7 @@ GOOD = {
 OWN = {
     "best": {"size": 5, "data": [(A, B), X0, XF]},
     "candidates": {"data": [(A, B), X0, XF]},
+    "control": {"xf": XF},
     "bound": {"name": "simulated", "data": [(A, B), X0, XF]},
     "predict": {"inputs": np.ones((2, 2))},
     "fuse": {"method": "alse", "target": A},
@@ -233,6 +234,10 @@ TAKEN = {
     ("identify", "known_A"): {"nan matrix"},
     ("identify", "known_B"): {"nan matrix"},
     ("Key.child", "name"): {"text"},
+    ("control", "limits"): {"object vector", "list of None"},
+    ("control", "state_limits"): {"object vector", "list of None"},
+    ("realization_controls", "limits"): {"object vector", "list of None"},
+    ("steer", "limits"): {"object vector", "list of None"},
     ("Stream.run", "checkpoint"): {"text"},
 }
 CALLED = {"class", "function"}  # what `progress` does is its own affair

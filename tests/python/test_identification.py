@@ -103,6 +103,26 @@ def test_regions_of_some_directions_are_those_of_the_twin():
     assert region.bound(X0, U0) < fixed().region(DELTA).bound(X0, U0)
 
 
+@pytest.mark.parametrize("sizes", [[1.0, 1.0, 1e8, 1e-8], [1e-6, 1e6, 1.0, 1.0]])
+def test_regions_of_some_directions_do_not_depend_on_units(sizes):
+    # a quantile for too few directions fails too often; 43 of 400 for 5 % with [1, 1e9, 1e-9]
+    sizes, gen = np.array(sizes), np.random.default_rng(6)
+    z, w = gen.standard_normal((20, 4)), gen.standard_normal((20, 2))
+    y = z[:, :2] + 0.1 * w
+    x0, u = z[0, :2], z[1, 2:]
+    plain = se.Trajectories.from_pairs(z[:, :2], z[:, 2:], y)
+    other = se.Trajectories.from_pairs(z[:, :2] * sizes[:2], z[:, 2:] * sizes[2:], y * sizes[:2])
+    mine = fixed(plain).region(DELTA, x0=x0)
+    scaled = fixed(other).region(DELTA, x0=x0 * sizes[:2])
+    check(scaled.parts[0].factor, mine.parts[0].factor, rtol=1e-9)
+    bounds = scaled.component_bounds(x0 * sizes[:2], u * sizes[2:])
+    check(bounds / sizes[:2], mine.component_bounds(x0, u), rtol=1e-6)
+    assert scaled.bound([1.0, 1.01] * (x0 * sizes[:2]), u * sizes[2:]) == np.inf
+    Q = np.column_stack([np.r_[x0 * sizes[:2], 0.0, 0.0], np.eye(4)[:, 2:]])
+    twin = rg.directions(tr.triangle(z * sizes, y * sizes[:2]), Q, DELTA)
+    check(scaled.parts[0].factor, twin.factor, rtol=1e-9)
+
+
 def test_noise_to_come_is_covered_on_request():
     region = fixed().region(DELTA, future=1)
     check(region.bound(X0, U0, noise=True), 1.173596784293)

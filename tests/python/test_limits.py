@@ -1,25 +1,21 @@
-"""Controls within limits: known answers, the plain twin, errors, the plan and its records."""
+"""Controls within limits: known answers, and the plain twin."""
 
 from __future__ import annotations
 
-import pickle
-
 import numpy as np
-import pytest
 
 import stochens_rs as se
-from limit_problems import draw_box, draw_map, weight
-from stochens_rs.exceptions import InputError, InputTypeError, ShapeError
+from limit_plans import WAYS, check, draw_case, exactly
+from limit_problems import draw_box
+from stochens_rs import _core
+from stochens_rs.controls.limited import LONG, Horizon
 from stochens_rs.reference import limited_control as lc
 from stochens_rs.reference import limited_problems as lp
+from stochens_rs.theory.exact import best_control, factors
 
 ONE = [[1.0]], [[1.0]]  # x(k+1) = x(k) + u(k)
 TWO = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([[0.0], [1.0]])  # the double integrator
 INPUTS = np.zeros((2, 2)), np.array([[1.0, 1.0], [0.0, 1.0]])  # x(1) = B u
-
-
-def exactly(a, b):
-    np.testing.assert_allclose(a, b, rtol=1e-13, atol=1e-13)
 
 
 # -- known answers ---------------------------------------------------------------------------------
@@ -55,19 +51,6 @@ def test_two_steps_of_the_double_integrator_by_hand():
     exactly(plan.predicted_states, [[1.0, 0.0], [1.0, -0.5], [0.5, 0.0]])
 
 
-def test_two_steps_with_a_limit_on_changes_by_hand():
-    plan = se.control(TWO, [1.0, 0.0], [0.0, 0.0], steps=2, limits=(-0.5, 0.5), rate=0.5,
-                      previous=[0.0], R=0.0)  # fmt: skip
-    np.testing.assert_allclose([*plan.u.ravel(), plan.objective], [-0.4, 0.1, 0.45], atol=1e-8)
-    assert plan.status == "optimal"
-
-
-def test_state_limits_that_cannot_be_kept_by_hand():
-    plan = se.control(ONE, [3.0], [0.0], limits=(-1.0, 1.0), state_limits=(None, 1.0), soft=False)
-    assert plan.status == "infeasible"
-    np.testing.assert_allclose([plan.limited.missing, plan.u[0, 0]], [1.0, -1.0], atol=1e-8)
-
-
 def test_regulating_step_by_step_by_hand():
     x, inputs, multipliers = np.array([5.0]), [], []
     for _ in range(6):
@@ -93,12 +76,115 @@ def test_wide_limits_change_nothing(gen):
         assert plan.error(system, x0, xf).state <= 1e-12
 
 
-def test_no_limits_is_the_path_without_them(gen):
-    """The stored numbers are those of a version without limits, to the last bit."""
+def test_without_limits_no_bit_changes():
     A, B = np.array([[0.9, 0.2], [-0.1, 0.8]]), np.array([[1.0], [0.5]])
-    stored = [[-0.0864864864864865], [0.0]], [[0.0], [0.0]]
-    del stored
-    plan = se.control((A, B), [1.0, 2.0], [0.5, 0.0], steps=3)
-    C = np.hstack([B, A @ B, A @ A @ B])
-    by_hand = np.linalg.pinv(C) @ (np.array([0.5, 0.0]) - A @ A @ A @ np.array([1.0, 2.0]))
-    np.testing.assert_allclose(plan.u.ravel(), by_hand[::-1], rtol=1e-12)
+    x0, xf = np.array([1.0, 2.0]), np.array([0.5, 0.0])
+    drawn, start = se.sample(A, 50, rng=1), se.sample(x0, 50, rng=2)
+    for K in (1, 3, 7):
+        old = best_control(A, B, x0, xf, K)
+        plan = se.control((A, B), x0, xf, steps=K)
+        assert plan.u.tobytes() == old.u.tobytes()
+        fused = se.control((drawn, B), start, xf, steps=K)
+        old = best_control(drawn.mean(), B, start.mean(), xf, K)
+        assert fused.u.tobytes() == old.u.tobytes()
+        for made in (plan, fused):
+            assert made.limited is None
+            assert made.active is made.gap is made.objective is made.missed is None
+            assert made.status == "completed"
+    inverse, out = factors(B).inverse, np.empty((50, 1))
+    needed = xf, drawn._core_realizations()
+    _core.realization_controls(out, False, inverse, start._core_realizations(), *needed, False, 1)
+    assert se.realization_controls((drawn, B), start, xf).tobytes() == out.tobytes()
+
+
+# -- against the plain twin ------------------------------------------------------------------------
+
+
+def test_boxes_equal_the_twin(gen):
+    """250 problems of up to 60 inputs, with limits per input, and per input and step."""
+    for i in range(250):
+        A, B, x0, K, low, high, weights = draw_case(gen, i)
+        xf = gen.normal(size=len(A))
+        plan = se.control((A, B), x0, xf, steps=K, limits=(low, high), **weights)
+        p = lp.several_steps(A, B, x0, xf, K, low=low, high=high, **weights)
+        best = check(plan, p)
+        size = 1e-6 * (1.0 + np.max(np.abs(best.multipliers)))
+        np.testing.assert_allclose(
+            plan.multipliers.ravel(), np.abs(best.multipliers), atol=size, err_msg=str(i)
+        )
+
+
+def test_references_equal_the_twin(gen):
+    for i in range(60):
+        A, B, x0, K, low, high, weights = draw_case(gen, i)
+        reference = gen.normal(size=(K + 1, len(A)))
+        plan = se.control((A, B), x0, steps=K, limits=(low, high), reference=reference, **weights)
+        p = lp.several_steps(A, B, x0, reference[1:], K, low=low, high=high, **weights)
+        check(plan, p)
+        error = plan.error((A, B), x0)
+        assert error.control <= 1e-6 * (1.0 + np.linalg.norm(plan.u))
+        assert plan.limited.task.follows
+
+
+def test_long_horizons_equal_condensed_ones(gen):
+    """250 and more inputs go by a recursion: the same problem in blocks of fewer inputs."""
+    for K, n, m, way in ((260, 2, 1, "half"), (150, 3, 2, "tight"), (100, 2, 3, "one-sided")):
+        A = 0.98 * np.linalg.qr(gen.normal(size=(n, n)))[0]
+        B, x0, xf = gen.normal(size=(n, m)), 5.0 * gen.normal(size=n), np.zeros(n)
+        low, high = draw_box(gen, way, m, 0.3)
+        more = {"Q": 1.0, "R": 0.1}
+        plan = se.control((A, B), x0, xf, steps=K, limits=(low, high), **more)
+        assert plan.limited.task.steps * m >= LONG
+        p = lp.several_steps(A, B, x0, xf, K, low=low, high=high, **more)
+        u = plan.u.ravel()
+        assert plan.status == "optimal"
+        assert plan.limits_active
+        assert np.all((u >= p.low) & (u <= p.high))
+        if way != "one-sided":
+            assert lc.frank_wolfe_gap(p, u) <= 1e-9 * lp.objective(p, 0.0 * u)
+        short = Horizon(plan.limited.task, A, B)
+        M, state, target = short.weighted()
+        dense = _core.box_control(M, target - state @ x0, short.cost(), p.low, p.high, None, None)
+        assert lp.norm(dense.control - u, p.H) <= plan.limited.distance + dense.distance + 1e-9
+        np.testing.assert_allclose(plan.objective, dense.objective, rtol=1e-9)
+
+
+def test_soft_state_limits_equal_the_twin(gen):
+    """100 problems, also with limits of some states, one side of them or one step only."""
+    beyond = 0
+    for i in range(100):
+        A, B, x0, K, low, high, weights = draw_case(gen, i, steps=(1, 2, 3, 5))
+        n, soft = len(A), 10.0 ** gen.uniform(-1, 3)
+        xf, (below, above) = gen.normal(size=n), draw_box(gen, WAYS[i % 5], K * n, 1.0)
+        below, above = below.reshape(K, n), above.reshape(K, n)
+        plan = se.control((A, B), x0, xf, steps=K, limits=(low, high), soft=soft,
+                          state_limits=(below, above), **weights)  # fmt: skip
+        p = lp.several_steps(A, B, x0, xf, K, low=low, high=high, **weights)
+        each = [lp.state_rows(A, B, x0, K, side * np.eye(n), side * limit)
+                for side, limit in ((1.0, above), (-1.0, below))]  # fmt: skip
+        C, c = (np.concatenate(parts) for parts in zip(*each, strict=True))
+        C, c = C[np.isfinite(c)], c[np.isfinite(c)]
+        u = plan.u.ravel()
+
+        def total(u, p=p, C=C, c=c, soft=soft):
+            return lp.objective(p, u) + soft * np.sum(np.maximum(0.0, C @ u - c) ** 2)
+
+        size = total(0.0 * u) + 1e-6
+        best = lc.solve(lp.softened(p, C, c, soft)).u[: len(u)]
+        assert plan.status == "optimal"
+        np.testing.assert_allclose(plan.objective, total(u), rtol=1e-9, atol=1e-12 * size)
+        assert total(best) >= plan.objective - plan.gap - 1e-12 * size
+        assert lp.norm(u - best, p.H) <= plan.limited.distance + 1e-6 * np.sqrt(size)
+        free = lc.solve(p._replace(low=0 * u - np.inf, high=0 * u + np.inf)).objective
+        np.testing.assert_allclose(plan.missed, plan.objective - free, atol=1e-8 * size)
+        beyond += bool(np.any(C @ u - c > 1e-3))
+    assert beyond > 30
+
+
+def test_soft_limits_that_are_kept_cost_nothing():
+    free = se.control(TWO, [1.0, 0.0], [0.0, 0.0], steps=3, R=1.0)
+    plan = se.control(TWO, [1.0, 0.0], [0.0, 0.0], steps=3, R=1.0, state_limits=(-9.0, 9.0))
+    np.testing.assert_allclose(plan.u, free.u, atol=1e-9)
+    assert plan.missed <= 1e-12
+    far = se.control(TWO, [1e6, 0.0], [1e6, 0.0], steps=3, R=1.0, state_limits=(None, [1e6 - 1, 1]))
+    assert abs(far.predicted_states[-1, 0] - 1e6 + 1) < 0.1  # the weight is 1000 times that of xf

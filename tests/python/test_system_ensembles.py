@@ -77,3 +77,10 @@ def test_bounds_refuse_realizations_that_scatter_about_an_estimate():
                     plan.bound(system=system)
                 with pytest.raises(InputError, match="no covariance follows"):
                     plan.covariance(system=system)
+
+
+def test_an_ensemble_from_data_is_not_taken_for_the_system():
+    models = se.SystemEnsemble([[[0.9]], [[0.8]]], [[[1.0]], [[1.1]]], centre="estimate")
+    with pytest.raises(InputError, match=r"pass its `mean\(\)` to take the estimate as exact"):
+        se.control(models, [1.0], [0.0])
+    assert se.control(models.mean(), [1.0], [0.0]).u.shape == (1, 1)

@@ -273,3 +273,14 @@ def test_a_long_run_of_readings_is_shown_in_a_notebook(gen):
     shown = made([run], state_names=["a<b", "c"], dt=0.1)._repr_html_()
     assert "a&lt;b, c" in shown
     assert "<polyline" in shown
+
+
+def test_a_table_without_runs_is_said_to_be_one_run():
+    table = {"x": [0.0, 1.0, 2.0, 3.0], "u": [1.0, np.nan, 1.0, np.nan]}
+    with pytest.raises(InputError, match=r"without `by`, all rows are one run"):
+        se.Trajectories.from_table(table, states=["x"], inputs=["u"])
+
+
+def test_a_table_is_no_data_to_identify():
+    with pytest.raises(InputTypeError, match=r"see Trajectories.from_table"):
+        se.identify(pd.DataFrame({"x": [0.0, 1.0], "u": [1.0, 1.0]}))

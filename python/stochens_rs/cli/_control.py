@@ -166,14 +166,20 @@ def _text(plan: Plan, found: Certificate | None, xf: Any, names: tuple[Any, Any]
         lines += [
             f"certified  the true system ends within {found.target:.4g} of the target, with "
             f"{100 * (1 - found.delta):g} %, {'with' if found.noise else 'without'} noise",
-            f"of that    {found.reach:.4g} out of reach of the model, {found.model_error:.4g} by "
-            f"its error: mostly {found.larger}",
+            f"of that    {_reach(plan, found)} out of reach of the model, {found.model_error:.4g} "
+            f"by its error: mostly {found.larger}",
             f"by         {found.method}",
             f"for        {found.assumption}",
         ]
         if found.missing:
             lines.append(f"unknown    {'; '.join(found.missing)}")
     return "\n".join([*lines, *(f"warning    {text}" for text in plan.info["warnings"])])
+
+
+def _reach(plan: Plan, found: Certificate) -> str:
+    """How far the model ends from the target; 0 where that is rounding beside the states."""
+    rounding = ROUNDING * float(np.abs(plan.predicted_states).max())
+    return f"{found.reach if found.reach > rounding else 0.0:.4g}"
 
 
 def _rounded(values: Any) -> Any:

@@ -24,7 +24,11 @@ from ._problem import share
 @click.argument("runs", metavar="RUNS.csv")
 @click.option("--states", required=True, metavar="A,B", help="Columns of the states.")
 @click.option("--inputs", required=True, metavar="U,V", help="Columns of the inputs.")
-@click.option("--by", metavar="COLUMN", help="The column that tells the runs apart.")
+@click.option(
+    "--by",
+    metavar="COLUMN",
+    help="The column that tells the runs apart; without it, all rows are one run.",
+)
 @click.option("--time", metavar="COLUMN", help="The column of times [s], or of dates and times.")
 @click.option(
     "--design",
@@ -35,7 +39,11 @@ from ._problem import share
 )
 @click.option("--last-pairs", is_flag=True, help="Use only the last step of each run.")
 @click.option("--noise", type=click.Choice(NOISES), default="gaussian", help="Law of the noise.")
-@click.option("--sigma", type=float, help="Known standard deviation of the noise.")
+@click.option(
+    "--sigma",
+    type=float,
+    help="Known standard deviation of the noise; for bounded, its largest 2-norm.",
+)
 @click.option(
     "--covariance",
     type=click.Choice([one for one in COVARIANCES if one != "known"]),

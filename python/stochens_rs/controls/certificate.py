@@ -52,6 +52,12 @@ class Certificate:
         "one step", "several steps" or "direct regression over K steps": what gave `target`.
     noise : bool
         Whether the noise of the run to come is included.
+    excess : float or None
+        With limits: ``J(u) - J(v)`` is at most this, in the same event; `control` then compares
+        with the best control v of the true system within the limits.
+    apart : float or None
+        With limits: bound on ``(sum_k ||x(k) - y(k)||_{Q_k}^2)^(1/2)``, x and y the states of the
+        true system under u and v.
     missing : tuple of str
         The directions that the data do not determine, where `target` is infinite.
     """
@@ -70,6 +76,8 @@ class Certificate:
     method: str
     noise: bool
     missing: tuple[str, ...] = ()
+    excess: float | None = None
+    apart: float | None = None
 
     def __post_init__(self) -> None:
         gate.probability("delta", self.delta)
@@ -101,7 +109,7 @@ class Certificate:
             some = ", ".join(self.missing[:3])
             what = f"unbounded: the data do not determine the system along {some}"
         else:
-            what = "unbounded: too few data, or too many steps"
+            what = "unbounded: too few data, weak instruments, or too many steps"
         return f"<Certificate: {what}, {self._share}, {self.method} {self._run}>"
 
     def _repr_html_(self) -> str:
@@ -113,6 +121,7 @@ class Certificate:
             ("uncertain start", self.start or None),
             ("components of x(K) - xf", html.vector(self.components)),
             ("control", control),
+            ("more than the least J", self.excess),
             ("holds with", f"{self._share} at least"),
             ("for", self.assumption),
             ("not determined", "; ".join(self.missing) or None),

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-import numpy as np
-
 from .. import _core
 from .._base import gate
 from .._base.types import FUSIONS, Floats, Fusion, Status
@@ -113,16 +111,18 @@ def problem(
     else:
         exact = System.from_any(system)
         n, B, matrix = exact.n, exact.B, Entity("A", exact.A)
-    last = xf if reference is None else last_row(reference, xf, n)
-    return B, (_end("x0", x0, n), _end("xf", last, n), matrix)
+    return B, (_end("x0", x0, n), _end("xf", ending(reference, xf, n), n), matrix)
 
 
-def last_row(reference: Any, xf: object, n: int) -> Floats:
-    """Where a reference ends."""
+def ending(reference: Any, xf: Any, n: int) -> Any:
+    """The target: xf, or the last row of a reference."""
+    if reference is None and xf is None:
+        raise InputError("`xf` must be given without `reference`")
+    if reference is None:
+        return xf
     if xf is not None:
         raise InputError("`xf` must be None with `reference`, whose last row takes its place")
-    rows: Floats = gate.matrix("reference", reference, cols=n)
-    return np.array(rows[-1])
+    return gate.matrix("reference", reference, cols=n)[-1]
 
 
 def _end(name: str, value: object, n: int) -> Entity:

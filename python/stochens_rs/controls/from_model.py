@@ -15,7 +15,7 @@ from ..exceptions import InputError, InputTypeError
 from ..fusion.fits import Fit
 from ..theory.exact import best_control
 from .basis import ModelBasis
-from .entities import fusion_over, last_row, step_warnings
+from .entities import ending, fusion_over, step_warnings
 from .limited import Horizon
 from .plan import Plan
 from .region_errors import trajectory
@@ -40,8 +40,7 @@ def model_control(
 ) -> Plan:
     """Compute the control for a model; the arguments are those of `control`."""
     n, m = model.B.shape
-    last = xf if asked["reference"] is None else last_row(asked["reference"], xf, n)
-    start, goal = _exact("x0", x0, n), _exact("xf", last, n)
+    start, goal = _exact("x0", x0, n), _exact("xf", ending(asked["reference"], xf, n), n)
     K, how = fusion_over(steps, fusion, n, m)
     if how != "product":
         raise InputError("`fusion` must be 'product' for a model from data, got 'diagonal'")

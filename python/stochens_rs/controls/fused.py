@@ -134,8 +134,8 @@ def control(
     with Qf at K, is minimised within the limits, which `u` keeps exactly. The gap ``J(u) - min J``
     is computed from the result, whatever the solver says; "optimal" means that it is at most
     ``1e-9 (J(0) + J(u))``. fusion="diagonal" is then the control of the average of
-    ``xf^s - A^s x0^s``: the average of the controls within limits would be biased. A control with
-    R > 0 is unique.
+    ``xf^s - A^s x0^s``: the average of the controls within limits would be biased. With
+    R = 0 more than one control may be the best, and the one returned need not be the smallest.
 
     A model from data takes the place of the exact system, its offset c included: ``xf`` less what
     c adds over K steps. ``robust``: ``min ||H z - xf|| + radius ||z||`` in the norm of V^-1 with

@@ -85,6 +85,8 @@ class Limited:
         """The same task with the exact target, and with the weight R that was used."""
         wanted = self.task.reference
         if not self.task.follows:
+            if xf is None:
+                raise InputError("`xf` must be given: this plan has no reference")
             wanted = np.ascontiguousarray(
                 np.broadcast_to(gate.vector("xf", xf, length=len(wanted[0])), wanted.shape)
             )
@@ -133,21 +135,26 @@ class Horizon:
 
     def weighted(self) -> tuple[Floats, Floats, Floats]:
         """``M`` (rows, m K), ``state`` (rows, n) and ``target`` (rows,)."""
-        K, (n, m) = self.task.steps, self.B.shape
         stage, terminal = self.roots
-        steps = [(k, stage) for k in range(1, K)] if len(stage) else []
-        steps.append((K, terminal))
+        steps = [(k, stage) for k in range(1, self.task.steps)] if len(stage) else []
+        steps.append((self.task.steps, terminal))
+        wanted = self.task.reference - self.drift()
+        target = np.concatenate([factor @ wanted[k - 1] for k, factor in steps])
+        return *self._stacked(steps), target
+
+    def _stacked(self, steps: list[tuple[int, Floats]]) -> tuple[Floats, Floats]:
+        """``F x(k)`` for all pairs (k, F) as ``M u + state x0``, and what c does."""
+        K, (n, m) = self.task.steps, self.B.shape
         rows = sum(len(factor) for _, factor in steps)
         memory.need("the control within limits", 8 * rows * (m * K + n + 1) * 3)
-        M, state, target = np.zeros((rows, K, m)), np.empty((rows, n)), np.empty(rows)
-        wanted = self.task.reference - self.drift()
+        M, state = np.zeros((rows, K, m)), np.empty((rows, n))
         row = 0
         for k, factor in steps:
             part = slice(row, row := row + len(factor))
             # x(k) = A^k x0 + sum_{j<k} A^(k-1-j) B u(j)
             M[part, :k] = np.einsum("rn,pnm->rpm", factor, self.pushes[k - 1 :: -1][:k])
-            state[part], target[part] = factor @ self.powers[k], factor @ wanted[k - 1]
-        return M.reshape(rows, K * m), state, target
+            state[part] = factor @ self.powers[k]
+        return M.reshape(rows, K * m), state
 
     def cost(self) -> Floats:
         """R of all inputs: its diagonal (m K,), or the matrix."""
@@ -186,11 +193,10 @@ class Horizon:
     def solve(self, x0: Floats, *, time_limit: float | None = None) -> Limited:
         """The best control from x0."""
         task = self.task
-        found = self._solve(x0, task.low, task.high, time_limit)
-        free, shape = found, task.low.shape
+        found = self._solve(x0, task, time_limit)
+        shape, least = task.low.shape, found.objective
         if found.active.any() or not task.boxed:
-            none = np.full(shape, np.inf)
-            free = self._solve(x0, -none, none, time_limit)
+            least = self._solve(x0, task.unlimited(), None).objective
         return Limited(
             task=task,
             R=self.R,
@@ -200,22 +206,25 @@ class Horizon:
             gap=found.gap,
             distance=found.distance,
             objective=found.objective,
-            missed=max(0.0, found.objective - free.objective),
+            missed=max(0.0, found.objective - least),
             status=found.status,
+            missing=found.missing if isinstance(found, _core.RowsControl) else 0.0,
         )
 
-    def _solve(
-        self, x0: Floats, low: Floats, high: Floats, time_limit: float | None
-    ) -> _core.BoxControl:
-        task = self.task
-        if not task.boxed:
-            raise InputError("`rate` and `state_limits` are not possible yet")
-        if self.long:
-            wanted = task.reference - self.drift()
-            weights = task.stage, task.terminal, self.R
-            return _core.horizon_control(
-                self.A, self.B, x0, wanted, *weights, low, high, None, time_limit
-            )
-        M, state, target = self.weighted()
-        y = target - state @ x0
-        return _core.box_control(M, y, self.cost(), low.ravel(), high.ravel(), None, time_limit)
+    def _solve(self, x0: Floats, task: Task, time_limit: float | None) -> _core.BoxControl:
+        if task.boxed and not self.long:
+            M, state, target = self.weighted()
+            y = target - state @ x0
+            sides = task.low.ravel(), task.high.ravel()
+            return _core.box_control(M, y, self.cost(), *sides, None, time_limit)
+        drift = self.drift()
+        wanted = task.reference - drift
+        weights, limits = (task.stage, task.terminal, self.R), (task.low, task.high)
+        problem = self.A, self.B, x0, wanted, *weights, *limits
+        if task.boxed:
+            return _core.horizon_control(*problem, None, time_limit)
+        below, above = task.state_low, task.state_high
+        if below is not None and above is not None:
+            below, above = below - drift, above - drift
+        rates = task.rate, task.previous
+        return _core.rows_control(*problem, *rates, below, above, task.soft, time_limit)

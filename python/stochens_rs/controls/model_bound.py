@@ -59,11 +59,10 @@ def certificate(
                 "values; Plan.error compares with them"
             )
     _refuse(basis, K, asked)
-    able = not asked.noise or _noise_to_come(model) != "unknown"
-    share = delta / 2.0 if asked.open_loop and able else delta
+    share, single = step_region(basis, delta, K, asked)
     ways = []
-    if able or not asked.open_loop:
-        region, to_come = _region(basis, share, K, asked)
+    if single is not None:
+        region, to_come = single
         steps = model.data.steps if isinstance(model, Model) else 1
         method = "several steps" if K > 1 else "one step" if steps == 1 else _direct_name(steps)
         ways.append(_Way.of(basis, region, u, predicted, method, to_come))
@@ -96,6 +95,15 @@ def certificate(
         noise=asked.noise,
         missing=best.region.missing if np.isinf(best.target) else (),
     )
+
+
+def step_region(
+    basis: ModelBasis, delta: float, K: int, asked: Asked
+) -> tuple[float, tuple[Region, ToCome | None] | None]:
+    """The level of each region, and the one for single steps with its noise to come, if any."""
+    able = not asked.noise or _noise_to_come(basis.model) != "unknown"
+    share = delta / 2.0 if asked.open_loop and able else delta
+    return share, _region(basis, share, K, asked) if able or not asked.open_loop else None
 
 
 class _Way(NamedTuple):
@@ -217,9 +225,10 @@ def _region(basis: ModelBasis, delta: float, K: int, asked: Asked) -> tuple[Regi
     elif asked.noise:
         if kind == "unknown":
             raise InputError(
-                "`noise` must be False: noise to come is bounded for Gaussian noise with "
-                "design='independent' and no single known entries, for noise of known covariance "
-                "or size, and over several steps with open_loop=True; this model has none of these"
+                "`noise` must be False: noise to come is bounded for noise of known covariance or "
+                "size (`sigma` of identify), for Gaussian noise with design='independent' and no "
+                "single known entries, and over several steps with open_loop=True; this model has "
+                "none of these"
             )
         delta /= 2.0
     try:

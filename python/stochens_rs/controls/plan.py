@@ -16,6 +16,8 @@ from .basis import Basis, ModelBasis, completed
 from .certificate import Certificate
 from .compared import Compared
 from .drawn import Drawn
+from .limit_bound import limited_bound
+from .limit_certificate import limited_certificate
 from .limited import Limited
 from .model_bound import certificate, declared
 from .plan_bound import PlanBound, plan_bound
@@ -177,10 +179,16 @@ class Plan(Compared, Within, Drawn):
         asked = declared(noise, open_loop, x0_fixed)
         if isinstance(self.basis, ModelBasis):
             exact = {"system": system, "x0": x0, "xf": xf}
-            return certificate(self.basis, self.u, self.predicted_states, delta, asked, exact)
+            at, how = self.predicted_states, (delta, asked, exact)
+            if self.limited is not None:
+                return limited_certificate(self.basis, self.limited, at, *how)
+            return certificate(self.basis, self.u, at, *how)
         if any(asked):
             raise InputError("`noise`, `open_loop` and `x0_fixed` are for models from data")
         basis = completed(self.basis, system, x0, xf, "bound")
+        if self.limited is not None:
+            at = self.predicted_states
+            return limited_bound(basis, self.limited, at, delta, rng, self.fusion)
         return plan_bound(basis, self.u, self.predicted_states, self.fusion, delta, rng)
 
     def covariance(

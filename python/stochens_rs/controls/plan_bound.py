@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 class PlanBound:
     """Bounds on the errors of a control, relative to the exact values.
 
-    ``v`` is the best control and ``x = A^K x0 + C_K v`` the state it leads to (one step:
-    ``C_1 = B``).
+    ``v`` is the best control, with limits the one with the least J within them, and
+    ``x = A^K x0 + C_K v`` the state it leads to (one step: ``C_1 = B``).
 
     Attributes
     ----------
@@ -38,19 +38,34 @@ class PlanBound:
         Bound on ``||u - v||_2``.
     target : float
         Bound on the distance between the state reached and ``xf``,
-        ``sqrt(state^2 + ||xf - x||^2)``; it holds if `state` does.
+        ``sqrt(state^2 + ||xf - x||^2)``, with limits ``state + ||xf - x||``; it holds if `state`
+        does.
     delta : float
         `state` and `control` are each exceeded with at most this probability.
     state_bound, control_bound : str
         Method that gave each bound. "simulated": the order statistic of errors drawn from the laws
         (`theory.bounds.Simulated`). "exact error": nothing is random, and this is the error, with
         what rounding may add. "sum of errors": the triangle inequality, with the error of every
-        estimate (`theory.bounds.from_errors`). Others: a formula of `theory.bounds`.
+        estimate (`theory.bounds.from_errors`). "limits: firm nonexpansiveness": the error of the
+        target, which limits do not make larger. "uncertain map": the inequality of the best control
+        within limits where A is uncertain. "none": infinite, see `reason`. Others: a formula of
+        `theory.bounds`.
     relative_to : str
         The meaning of the exact values. "laws": the realizations were drawn from them. "targets":
         for fitted entities they are the targets of the fits.
     certain : bool
         Whether nothing is random, so that the radii hold with certainty.
+    norm : str
+        "2-norm"; or "Q", with limits and a weight Q: then `state` bounds ``(sum_k ||x(k) -
+        y(k)||_{Q_k}^2)^(1/2)`` for the states y under the best control, and `target` the same with
+        the reference in place of y.
+    solver : float
+        With limits: what the solver may add, ``||u - u*||_H <= solver`` for the best control u* of
+        the estimates, ``H = G'QG + R``. It is in `state` and `control`.
+    excess : float or None
+        With limits: ``J(u) - J(v)`` is at most this, exceeded with at most the probability `delta`.
+    reason : str or None
+        Why a bound is infinite.
     """
 
     state: float
@@ -61,6 +76,10 @@ class PlanBound:
     control_bound: str
     relative_to: str
     certain: bool
+    norm: str = "2-norm"
+    solver: float = 0.0
+    excess: float | None = None
+    reason: str | None = None
 
     @property
     def covers(self) -> str:
@@ -83,7 +102,8 @@ class PlanBound:
 
     def __repr__(self) -> str:
         return (
-            f"<PlanBound: state within {self.state:.3g}, {self.target:.3g} from xf, control within "
+            f"<PlanBound: state within {self.state:.3g}, {self.target:.3g} from xf"
+            f"{' (weighted)' if self.norm == 'Q' else ''}, control within "
             f"{self.control:.3g}, {'surely' if self.certain else f'with {self._share}'}>"
         )
 
@@ -93,7 +113,8 @@ class PlanBound:
             f"within {self.target:.4g} of xf"
         )
         control = f"within {self.control:.4g} of the exact one ({self.control_bound})"
-        return html.card(self, [("state", state), ("control", control), ("holds", self.covers)])
+        rows = [("state", state), ("control", control), ("holds", self.covers)]
+        return html.card(self, [*rows, ("infinite because", self.reason)])
 
 
 def plan_bound(
@@ -158,7 +179,7 @@ def _formulas(
             "no formula bounds paired systematic realizations, which are dependent, and this "
             "`delta` is too small to simulate: use fusion='product'"
         )
-    e0, ef, eA = _distances(basis, delta, "Frobenius")
+    e0, ef, eA = distances(basis, delta, "Frobenius")
     x0_hat, _, A_hat = basis.estimates
     found = bounds.from_errors((A_hat, basis.B), x0_hat, x0_error=e0, xf_error=ef, A_error=eA)
     return found, ("sum of errors",) * 2
@@ -173,7 +194,7 @@ def _along_trajectory(
     ``||C (u - v)||^2`` is smaller by the squared residual.
     """
     _, xf_hat, _ = basis.estimates
-    e0, ef, eA = _distances(basis, delta, "spectral")
+    e0, ef, eA = distances(basis, delta, "spectral")
     norms = spectral_norms(matrix_powers(basis.values[2], len(u)))
     with np.errstate(over="ignore", invalid="ignore"):
         along = float(norms[-2::-1] @ np.linalg.norm(predicted[:-1], axis=1))
@@ -184,7 +205,7 @@ def _along_trajectory(
         return errors.rounded((state, float(np.hypot(state / s[-1], aside)) if s.size else aside))
 
 
-def _distances(basis: Basis, delta: float, matrix_norm: str) -> tuple[float, float, float]:
+def distances(basis: Basis, delta: float, matrix_norm: str) -> tuple[float, float, float]:
     """Bounds on the errors of the three estimates, all valid with probability 1 - delta."""
     shares = sum(entity.kind == "iid" for entity in basis.entities)
     found = []

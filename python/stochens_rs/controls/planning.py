@@ -175,6 +175,7 @@ def required_samples(
         simulated_size=_needed(errors, allowed, delta, expected or rows[0].size or _START),
         runs=runs,
         key=key,
+        limited=limits is not None,
     )
 
 

@@ -10,6 +10,8 @@ from ..exceptions import SizeError
 from ..rng import Key
 from ..theory.records import RELATIVE_TO
 
+_UPPER = "the errors are those without limits, which are no smaller"
+
 
 @dataclass(frozen=True)
 class Requirement:
@@ -72,6 +74,8 @@ class SamplePlan:
         Simulated fusions per size.
     key : Key
         The key of the simulation.
+    limited : bool, default False
+        Whether the control has limits: then all errors are those without, which are no smaller.
     """
 
     error: float
@@ -86,6 +90,7 @@ class SamplePlan:
     simulated_size: int
     runs: int
     key: Key
+    limited: bool = False
 
     @property
     def size(self) -> int:
@@ -131,6 +136,7 @@ class SamplePlan:
             (f"error of the {self.quantity}", self._limit),
             ("with probability", f"{1.0 - self.delta:g}"),
             ("fusion", self.fusion),
+            ("within limits", _UPPER if self.limited else None),
             (
                 "no guarantee, exact rms",
                 None if expected is None else f"N = {html.grouped(expected)}",
@@ -154,6 +160,7 @@ class SamplePlan:
         lines = [
             f"error of the {self.quantity}{over}: {self._limit},",
             f"with probability {1.0 - self.delta:g}, {self.fusion} fusion",
+            *([f"within limits: {_UPPER}"] if self.limited else []),
             "",
             f"{'bound':<24}{'N':>16}{'exact rms':>12}{'quantile':>12}{'failures':>18}",
         ]

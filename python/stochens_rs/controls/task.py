@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -59,8 +59,8 @@ class Task:
     follows: bool = False
 
     def __post_init__(self) -> None:
-        shape = gate.kept("low", self.low, ndim=(2,)).shape
-        gate.kept("high", self.high, shape=shape)
+        if np.ndim(self.low) != 2 or np.shape(self.low) != np.shape(self.high):
+            raise ShapeError("`low` and `high` must have the same shape (K, m)")
         n = gate.kept("reference", self.reference, ndim=(2,)).shape[1]
         for name in ("stage", "terminal"):
             gate.kept(name, getattr(self, name), shape=(n, n))
@@ -82,6 +82,20 @@ class Task:
     def bounded(self) -> bool:
         """Whether the inputs have a limit at all."""
         return bool(np.isfinite(self.low).any() or np.isfinite(self.high).any())
+
+    def unlimited(self) -> Task:
+        """The same weights and reference without limits."""
+        none = np.full_like(self.low, np.inf)
+        return replace(
+            self,
+            low=-none,
+            high=none,
+            rate=None,
+            previous=None,
+            state_low=None,
+            state_high=None,
+            soft=None,
+        )
 
     def weights(self) -> tuple[Floats, Floats]:
         """Roots of the weights: ``Q^1/2`` of the stages, and of the last state."""
@@ -178,9 +192,9 @@ def weight(name: str, value: Any, n: int) -> Floats:
         return np.diag(entries)
     full = gate.matrix(name, value, rows=n, cols=n)
     largest = float(np.abs(full).max())
-    if np.abs(full - full.T).max() > 1e-9 * largest:
+    if np.abs(full / 2.0 - full.T / 2.0).max() > 5e-10 * largest:
         raise InputError(f"`{name}` must be symmetric")
-    half = (full + full.T) / 2.0
+    half = full / 2.0 + full.T / 2.0
     least = float(np.linalg.eigvalsh(half)[0])
     if least < -n * float(np.finfo(np.float64).eps) * largest:
         raise InputError(

@@ -108,10 +108,17 @@ def _directed(f: Fitted, Q: Floats | None) -> tuple[Fitted, int]:
     """The same for z in the span of `Q` alone: there only as many columns of G count."""
     if Q is None:
         return f, f.rank
-    U, s, _ = np.linalg.svd(Q)
-    _, off = null_space(U.T, s, max(Q.shape) * EPS)
-    seen = int(np.linalg.matrix_rank(f.white @ Q))
-    return f._replace(missing=np.hstack([off, f.missing])), seen
+    # in units in which the columns of the data have length 1, as for their own rank
+    D = np.linalg.norm(f.R11, axis=0)
+    D = np.where(D == 0.0, 1.0, D)
+    scaled = Q / D[:, None]
+    sizes = np.linalg.norm(scaled, axis=0)
+    U, s, _ = np.linalg.svd(scaled / np.where(sizes == 0.0, 1.0, sizes))
+    rank, off = null_space(U.T, s, max(Q.shape) * EPS)
+    rows = f.white * D
+    rows /= np.linalg.norm(rows, axis=1)[:, None]  # orthonormal: cosines decide, not sizes
+    seen = int(np.linalg.matrix_rank(rows @ U[:, :rank])) if rank and len(rows) else 0
+    return f._replace(missing=np.hstack([off / D[:, None], f.missing])), seen
 
 
 def directions(

@@ -158,4 +158,5 @@ def _refuse_missing(values: Floats, names: list[Any], where: _Place) -> None:
         raise InputError(
             f"`table[{names[column]!r:.30}]` is {values[row, column]} {where(int(row))}: "
             "end the run before it, and start a new one after it"
+            + ("; without `by`, all rows are one run" if where.label is None else "")
         )

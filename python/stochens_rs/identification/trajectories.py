@@ -219,6 +219,10 @@ def pooled(data: object) -> Trajectories:
     """Check the data of `identify`: one set, or a list of sets of the same system."""
     if isinstance(data, Trajectories):
         return data
+    if hasattr(data, "columns"):
+        raise InputTypeError(
+            f"`data` must be a Trajectories, got {gate.show(data)}: see Trajectories.from_table"
+        )
     sets = [gate.instance("data", one, Trajectories) for one in gate.items("data", data)]
     if not sets:
         raise InputError("`data` must have at least one set of Trajectories, got an empty list")

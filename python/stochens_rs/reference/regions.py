@@ -112,10 +112,15 @@ def directions(data: Triangle, Q: ArrayLike, delta: float) -> Region:
     `Q` must be fixed without a look at Y. Off that span nothing is known: `bound` is infinite.
     """
     m = fit(data)
-    Q = np.asarray(Q, dtype=np.float64)
-    r = int(np.linalg.matrix_rank(m.white @ Q))
+    sizes = np.linalg.norm(data.R[:, : data.d], axis=0)
+    sizes = np.where(sizes == 0.0, 1.0, sizes)
+    Q = np.asarray(Q, dtype=np.float64) / sizes[:, None]  # ranks in the units of the data
+    Q = Q / np.where(Q.any(axis=0), np.linalg.norm(Q, axis=0), 1.0)
+    white = m.white * sizes
+    r = int(np.linalg.matrix_rank(white / np.linalg.norm(white, axis=1)[:, None] @ Q))
     U, s, _ = np.linalg.svd(Q)
     _, off = null_space(U.T, s, max(Q.shape) * np.finfo(float).eps)
+    off = off / sizes[:, None]
     q = roy_quantile(len(m.H), r, m.nu, delta)
     m = m._replace(missing=np.hstack([off, m.missing]))
     return Region(m, q, m.S, delta, "as `full`, z in a span that was fixed without the outcomes")

@@ -95,8 +95,8 @@ class PlanError:
 
     Rounding without limits: the factors of B are exact for a matrix ``B + E``,
     ``||E|| <= theta ||B||``, ``theta = (2 max(n, m) + 4) eps`` (LAPACK Users' Guide, 4.9, and
-    measured); ``xf - A x0`` is off by ``rho = (n + 1) eps || |A| |x0| + |xf| ||`` at most. To first order in
-    ``theta condition(B)`` (Wedin, BIT 13 (1973) 217-232), with r the residual,
+    measured); ``xf - A x0`` is off by ``rho = (n + 1) eps || |A| |x0| + |xf| ||`` at most. To first
+    order in ``theta condition(B)`` (Wedin, BIT 13 (1973) 217-232), with r the residual,
     ``g = sigma_min(B) - theta ||B||``, ``t = theta ||B|| ||r|| / g``, ``eta = max(n, m) eps``, and
     B of the rank that the rule of `Reachability` finds:
 

@@ -1,0 +1,172 @@
+"""Certificates of controls within limits for a model from data, and limits that leave room."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import sqrt
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .._base.numbers import ROUNDING
+from .limited import Horizon
+from .model_bound import certificate, step_region
+from .region_errors import spread, trajectory
+from .uncertain_map import HARD, SMALL, Model, apart, product, weights
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from .._base.types import Floats
+    from ..identification.region import Region
+    from .basis import ModelBasis
+    from .certificate import Certificate
+    from .limited import Limited
+    from .model_bound import Asked
+    from .task import Task
+
+_DIRECT = "a region over all steps at once says nothing of single steps"
+
+
+def limited_certificate(
+    basis: ModelBasis,
+    limited: Limited,
+    predicted: Floats,
+    delta: float,
+    asked: Asked,
+    exact: Mapping[str, object],
+) -> Certificate:
+    """Bound where the true system ends, and how far the control is from the best within limits.
+
+    The certificate holds for any control that was chosen after the data; what is new is the
+    comparison with the best control of the true system, in the same event.
+    """
+    found = certificate(basis, limited.u, predicted, delta, asked, exact)
+    task, tube = replace(limited.task, R=limited.R), found.tube[1:]
+    own = step_region(basis, delta, len(limited.u), asked)[1]
+    region = None if own is None else own[0]
+    reason: str | None = None
+    if task.state_low is not None and task.soft is None:
+        reason = HARD
+    elif region is None:
+        reason = _DIRECT
+    elif not np.isfinite(tube).all():
+        reason = "the data do not determine where the control leads"
+    if reason is not None or region is None:
+        text = f"only the state is certified: {reason}"
+        return replace(found, control=np.inf, control_reason=text, excess=np.inf, apart=np.inf)
+    W = np.linalg.norm(weights(task, soft=True), 2, axis=(1, 2))
+    alpha = float(np.sqrt(W @ tube**2))
+    if len(tube) == 1 and not task.soft and not basis.x0_error and not asked.noise:
+        alpha = min(alpha, _weighted(region, basis, limited, predicted))
+    by = apart(task, _model(basis, region), predicted[1:], limited.u, alpha, limited.gap)
+    said = None if np.isfinite(by.control) else f"only the state is certified: {SMALL}"
+    return replace(found, control=by.control, control_reason=said, excess=by.excess, apart=by.state)
+
+
+def _weighted(region: Region, basis: ModelBasis, limited: Limited, predicted: Floats) -> float:
+    """``||Q^1/2 D z|| <= sqrt(factor ||Q^1/2 S Q^1/2||) ||z||`` of one step, D of one part."""
+    n, d = region.centre.shape
+    if len(region.parts) > 1:
+        return float(np.inf)
+    part, (_, half) = region.parts[0], limited.task.weights()
+    z = np.concatenate([basis.x0, limited.u[0], np.ones(d - n - region.m)])
+    size = sqrt(part.factor * float(np.linalg.norm(half @ part.S @ half.T, 2)))
+    away = float(np.linalg.norm(half @ (region.centre @ z - predicted[1])))
+    return away + product(size, part.length(z))
+
+
+def _model(basis: ModelBasis, region: Region) -> Model:
+    """The model with the radii of the region around it."""
+    n, m = region.n, region.m
+    A, B = basis.model.A, basis.model.B
+    columns = slice(n), slice(n, n + m)
+    shifts = [region.centre[:, part] - X for part, X in zip(columns, (A, B), strict=True)]
+    # ||white|| of these columns, for each part of the region
+    sizes = [_lengths(region, part) for part in columns]
+
+    def along(p: Floats) -> tuple[float, float]:
+        """``||D' p|| <= sum over the parts of sqrt(factor p' S p) ||white||``."""
+        roots = []
+        for part in region.parts:
+            square = float(p[part.rows] @ part.S @ p[part.rows])
+            roots.append(product(sqrt(part.factor), sqrt(max(square, 0.0))))
+        first, second = (
+            float(np.linalg.norm(shift.T @ p))
+            + sum(product(r, s) for r, s in zip(roots, size, strict=True))
+            for shift, size in zip(shifts, sizes, strict=True)
+        )
+        return first, second
+
+    a, b = (
+        spread(region, part) + float(np.linalg.norm(shift, 2))
+        for part, shift in zip(columns, shifts, strict=True)
+    )
+    return Model(A, B, (a, b), along)
+
+
+def _lengths(region: Region, columns: slice) -> list[float]:
+    """``sup ||v||`` in the norm of V^-1 over ``||v||_2 = 1`` in these columns, for each part."""
+    d = region.centre.shape[1]
+    chosen, found = np.arange(d)[columns], []
+    for part in region.parts:
+        inside = np.isin(part.columns, chosen)
+        seen = all(np.isfinite(part.length(e)) for e in np.eye(d)[part.columns[inside]])
+        size = float(np.linalg.norm(part.white[:, inside], 2)) if inside.any() else 0.0
+        found.append(size if seen else float(np.inf))
+    return found
+
+
+def tightened(task: Task, radii: Floats) -> Task:
+    """The task with limits of ``x(k)`` moved inward by ``radii[k]``, k = 0, ..., K.
+
+    A state within the new limits may be wrong by the radius in any direction.
+    """
+    if task.state_low is None or task.state_high is None:
+        return task
+    room = np.asarray(radii)[1:, None]
+    return replace(task, state_low=task.state_low + room, state_high=task.state_high - room)
+
+
+def lacking(task: Task, states: Floats, radii: Floats) -> float:
+    """By how much the states (K + 1, n), each wrong by its radius, may leave the limits; or 0."""
+    if task.state_low is None or task.state_high is None:
+        return 0.0
+    room = np.asarray(radii)[1:, None]
+    over = np.maximum(states[1:] + room - task.state_high, task.state_low - states[1:] + room)
+    return max(0.0, float(over.max()))
+
+
+def within_state_limits(
+    basis: ModelBasis, first: Limited, delta: float, asked: Asked
+) -> tuple[Limited, Certificate]:
+    """A control under which the true system keeps hard limits of its states, and its certificate.
+
+    `first` is the best control without a margin. The tube around its states says by how much to
+    move the limits inward, and the tube of the control within those whether that was enough. If
+    not, its status is "infeasible" and `missing` says by how much.
+    """
+    model, task, found = basis.model, first.task, first
+    at, bound = _certified(basis, first, delta, asked)
+    missing = lacking(task, at, bound.tube)
+    if 0.0 < missing < np.inf:
+        inward = tightened(replace(task, R=first.R), bound.tube)
+        assert inward.state_low is not None
+        assert inward.state_high is not None
+        if np.all(inward.state_low <= inward.state_high):
+            found = Horizon(inward, model.A, model.B, model.c).solve(basis.x0)
+            at, bound = _certified(basis, found, delta, asked)
+            missing = lacking(task, at, bound.tube)
+    if missing > ROUNDING * float(np.abs(at).max()):
+        found = replace(found, status="infeasible", missing=missing)
+    return replace(found, task=task), bound
+
+
+def _certified(
+    basis: ModelBasis, limited: Limited, delta: float, asked: Asked
+) -> tuple[Floats, Certificate]:
+    """The states of the model and the certificate."""
+    model = basis.model
+    Theta = np.hstack([model.A, model.B, *([] if model.c is None else [model.c[:, None]])])
+    at = trajectory(Theta, basis.x0, limited.u)
+    return at, certificate(basis, limited.u, at, delta, asked, {})

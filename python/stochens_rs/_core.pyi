@@ -10,6 +10,7 @@ __all__ = [
     "BoxSolver",
     "DataStream",
     "Draws",
+    "RowsControl",
     "StateLock",
     "Stream",
     "alse",
@@ -43,6 +44,7 @@ __all__ = [
     "residuals",
     "robust_control",
     "row_quantile",
+    "rows_control",
     "roy_quantile",
     "sample_counts",
     "scalar_quantile",
@@ -388,7 +390,6 @@ def sign_statistics(
 # d) psd; limits (d,), -inf and inf where there is none, equal where an input is fixed. Weights of
 # states are inside: M = Q^(1/2) B.
 
-@final
 class BoxControl:
     # (d,), inside the limits
     @property
@@ -401,7 +402,7 @@ class BoxControl:
     @property
     def multipliers(self) -> _Floats: ...
     @property
-    def status(self) -> _Status: ...
+    def status(self) -> _Status | Literal["infeasible"]: ...
     # J(u) - min J is at most this: the smaller of `frank_wolfe` and the square of the distance by
     # the dual residual
     @property
@@ -526,3 +527,41 @@ def scenario_discarding(size: int, discarded: int, dimension: int, beta: float) 
 def scenario_judged(size: int, support: int, beta: float) -> float: ...
 def scenario_relaxed(size: int, support: int, beta: float) -> tuple[float, float]: ...
 def scenario_required(epsilon: float, dimension: int, beta: float) -> int: ...
+# The same with limits on changes and states. `gap`, `distance` and `frank_wolfe` are computed with the
+# multipliers of all limits. "infeasible": no control meets the limits on states; then `control` is the
+# best one within limits that are wider by `missing`, and so are gap, distance and multipliers.
+@final
+class RowsControl(BoxControl):
+    # (K m,) or empty, of u(k) - u(k-1): > 0 at `rate`, < 0 at -`rate`
+    @property
+    def rates(self) -> _Floats: ...
+    # (K n,) or empty: > 0 at the upper limit, < 0 at the lower one; of soft limits 2 soft times the excess
+    @property
+    def states(self) -> _Floats: ...
+    # the least largest excess of hard limits on states; 0 if they can be met
+    @property
+    def missing(self) -> float: ...
+    # the largest excess of a hard limit on states by `control`; rounding, if they are met
+    @property
+    def excess(self) -> float: ...
+
+# |u(k) - u(k-1)| <= rate (m,), u(-1) = previous (m,); state_low <= x(k) <= state_high (K, n) for
+# k = 1 .. K, or with `soft` the weight of ||max(0, x - state_high)||^2 + ||max(0, state_low - x)||^2
+# in J. Looks at the time, and for Ctrl-C, between two iterations.
+def rows_control(
+    a: _Floats,
+    b: _Floats,
+    x0: _Floats,
+    reference: _Floats,
+    stage: _Floats,
+    terminal: _Floats,
+    r: _Floats,
+    low: _Floats,
+    high: _Floats,
+    rate: _Floats | None,
+    previous: _Floats | None,
+    state_low: _Floats | None,
+    state_high: _Floats | None,
+    soft: float | None,
+    time_limit: float | None,
+) -> RowsControl: ...

@@ -52,6 +52,8 @@ pub enum Status {
     Limit,
     /// The caller asked to stop.
     Interrupted,
+    /// No control keeps the limits on states.
+    Infeasible,
 }
 
 impl Status {
@@ -62,6 +64,7 @@ impl Status {
             Self::Inaccurate => "optimal_inaccurate",
             Self::Limit => "user_limit",
             Self::Interrupted => "interrupted",
+            Self::Infeasible => "infeasible",
         }
     }
 }
@@ -77,6 +80,11 @@ impl<'a> Until<'a> {
     /// A stop, or `time` from now.
     pub fn new(stop: &'a Stop, time: Option<Duration>) -> Self {
         Self { stop, deadline: time.and_then(|time| Instant::now().checked_add(time)) }
+    }
+
+    /// The time left.
+    pub(super) fn left(&self) -> Option<Duration> {
+        self.deadline.map(|deadline| deadline.saturating_duration_since(Instant::now()))
     }
 
     pub(super) fn reached(&self) -> Option<Status> {

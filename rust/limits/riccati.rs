@@ -85,7 +85,7 @@ struct Gains {
     held: Vec<i8>,
 }
 
-struct Riccati {
+pub(super) struct Riccati {
     n: usize,
     m: usize,
     steps: usize,
@@ -101,7 +101,7 @@ struct Riccati {
     curvature: Vec<f64>,
     /// `-J'(0) / 2`, and `J(0)`.
     f: Vec<f64>,
-    zero: f64,
+    pub(super) zero: f64,
     /// `sum ||ref||_Q^2`, and with `sum ||A x||_Q^2 + ||u||_R^2` at the last `u`: what `J` is before anything cancels.
     /// `J(0)` of an unstable system grows without end.
     references: f64,
@@ -116,7 +116,7 @@ struct Riccati {
 }
 
 impl Riccati {
-    fn new(h: &Horizon<'_>, stop: &Stop) -> Result<Self> {
+    pub(super) fn new(h: &Horizon<'_>, stop: &Stop) -> Result<Self> {
         let n = h.x0.len();
         let (m, steps) = (h.b.len().checked_div(n).unwrap_or(0), h.reference.len().checked_div(n).unwrap_or(0));
         let named = [

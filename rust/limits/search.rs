@@ -348,7 +348,7 @@ impl Search {
 }
 
 /// `max <J'(u), u - v>` over the limits.
-fn frank_wolfe(bounds: Bounds<'_>, u: &[f64], g: &[f64]) -> f64 {
+pub(super) fn frank_wolfe(bounds: Bounds<'_>, u: &[f64], g: &[f64]) -> f64 {
     let mut sum = 0.0;
     for (i, (u, g)) in u.iter().zip(g).enumerate() {
         if *g != 0.0 {

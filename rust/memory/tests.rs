@@ -13,7 +13,7 @@ use super::*;
 use crate::control::{Entity, Realized, pseudoinverse};
 use crate::fuse::{self, Dense, Settings, Weights};
 use crate::identify;
-use crate::limits::{self, Bounds, Horizon, Penalty, Until};
+use crate::limits::{self, Bounds, Horizon, Penalty, Rows, Until};
 use crate::sample::{multinomial_counts, systematic_counts};
 use crate::simulate::{self, Average, Drawn, Estimate, Exact, Model, Norm, Plans, Second, mean_field, runs};
 use crate::storage::{self, Section, Values};
@@ -284,6 +284,21 @@ fn call(name: &str) -> Option<Call> {
                 limits::box_batch_each(&one[..5000], &one[..1000], 100, penalty, small, true, 2, &stop).map(drop)
             })
         }
+        "limits of rows" => {
+            let (one, low, high) = (entries(2 * N), vec![-1.0; 2 * N], vec![1.0; 2 * N]);
+            Box::new(move || {
+                let until = || Until::new(&stop, None);
+                let (stage, terminal, r) = (&[1.0, 0.0, 0.0, 1.0], &[1.0, 0.0, 0.0, 1.0], &[0.01]);
+                let (a, b) = (&[0.5, 1.0, 0.0, 0.7], &[0.0, 1.0]);
+                let horizon = Horizon { a, b, x0: &one[..2], reference: &one, stage, terminal, r };
+                let bounds = Bounds::new(&low[..N], &high[..N], N)?;
+                let rate = Some((&[0.3][..], &[0.0][..]));
+                let soft = Rows { rate, states: Some((&low, &high)), soft: Some(2.0) };
+                limits::rows_control(&horizon, bounds, soft, until())?;
+                let hard = Rows { states: Some((&high, &high)), soft: None, ..soft };
+                limits::rows_control(&horizon, bounds, hard, until()).map(drop)
+            })
+        }
         "controls" => {
             let (a, x0, xf, pinv) = (draws(150, 150, 130), draws(1, 150, 130), entries(150), entries(2 * 150));
             let dense = entries(130 * 150);
@@ -407,7 +422,7 @@ fn call(name: &str) -> Option<Call> {
     })
 }
 
-const CALLS: [&str; 37] = [
+const CALLS: [&str; 38] = [
     "sample",
     "systematic",
     "counts",
@@ -427,6 +442,7 @@ const CALLS: [&str; 37] = [
     "pseudoinverse",
     "limits",
     "limits of steps",
+    "limits of rows",
     "controls",
     "trajectory",
     "runs",

@@ -9,7 +9,7 @@ use super::convert::{array1, array2, slice};
 use super::error::ShapeError;
 use super::run::{run, run_to_best};
 use super::shared::Shared;
-use crate::limits::{self, Batch, Bounds, Horizon, Penalty, Solution, Solver, Status, Until};
+use crate::limits::{self, Batch, Bounds, Horizon, Penalty, Rows, RowsSolution, Solution, Solver, Status, Until};
 use crate::memory::try_copy;
 use crate::{Result, Stop};
 
@@ -47,21 +47,26 @@ fn seconds(limit: Option<f64>) -> Option<Duration> {
 }
 
 /// After Ctrl-C the best control so far, if the result says that it was interrupted.
-fn to_best<F>(py: Python<'_>, cost: f64, work: F) -> PyResult<Solution>
+fn to_best<T, F>(py: Python<'_>, cost: f64, status: fn(&T) -> Status, work: F) -> PyResult<T>
 where
-    F: FnOnce(&Stop) -> Result<Solution> + Send,
+    T: Send,
+    F: FnOnce(&Stop) -> Result<T> + Send,
 {
     if cost < SHORT {
         return run(py, cost, work);
     }
     match run_to_best(py, work)? {
-        (found, Some(signal)) if found.status != Status::Interrupted => Err(signal),
+        (found, Some(signal)) if status(&found) != Status::Interrupted => Err(signal),
         (found, _) => Ok(found),
     }
 }
 
+fn status_of(found: &Solution) -> Status {
+    found.status
+}
+
 /// A control within limits, and how far from the best one it can be.
-#[pyclass(frozen, module = "stochens_rs._core")]
+#[pyclass(frozen, subclass, module = "stochens_rs._core")]
 pub(super) struct BoxControl(Solution);
 
 #[pymethods]
@@ -140,7 +145,8 @@ pub(super) fn box_control(
     let (bounds, warm) = (Bounds::new(slice("low", &low)?, slice("high", &high)?, d)?, signs(&warm)?);
     let cost = (d * d) as f64 * (rows + 10 * d) as f64;
     let limit = seconds(time_limit);
-    let found = to_best(py, cost, |stop| limits::box_control(m, y, r, bounds, warm, Until::new(stop, limit)))?;
+    let found =
+        to_best(py, cost, status_of, |stop| limits::box_control(m, y, r, bounds, warm, Until::new(stop, limit)))?;
     Ok(BoxControl(found))
 }
 
@@ -271,6 +277,98 @@ pub(super) fn horizon_control(
     let bounds = Bounds::new(slice("low", &low)?, slice("high", &high)?, steps.saturating_mul(m))?;
     let (warm, limit) = (signs(&warm)?, seconds(time_limit));
     let cost = 30.0 * steps as f64 * ((n + m) * (n + m) * n) as f64;
-    let found = to_best(py, cost, |stop| limits::horizon_control(&horizon, bounds, warm, Until::new(stop, limit)))?;
+    let found =
+        to_best(py, cost, status_of, |stop| limits::horizon_control(&horizon, bounds, warm, Until::new(stop, limit)))?;
     Ok(BoxControl(found))
+}
+
+/// A control with limits on states or rates as well.
+#[pyclass(frozen, extends = BoxControl, module = "stochens_rs._core")]
+pub(super) struct RowsControl {
+    rates: Vec<f64>,
+    states: Vec<f64>,
+    missing: f64,
+    excess: f64,
+}
+
+#[pymethods]
+impl RowsControl {
+    #[getter]
+    fn rates<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        Ok(array1(py, try_copy("the multipliers of the rates", &self.rates)?))
+    }
+
+    #[getter]
+    fn states<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        Ok(array1(py, try_copy("the multipliers of the states", &self.states)?))
+    }
+
+    #[getter]
+    fn missing(&self) -> f64 {
+        self.missing
+    }
+
+    #[getter]
+    fn excess(&self) -> f64 {
+        self.excess
+    }
+}
+
+fn together<'a, A, B>(names: &str, first: &'a Option<A>, second: &'a Option<B>) -> PyResult<Option<(&'a A, &'a B)>> {
+    match (first, second) {
+        (Some(first), Some(second)) => Ok(Some((first, second))),
+        (None, None) => Ok(None),
+        _ => Err(ShapeError::new_err(format!("{names} go together: one of them is missing"))),
+    }
+}
+
+/// The best inputs of many steps within limits on inputs, their changes and states.
+#[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "one call, named in the stub")]
+pub(super) fn rows_control(
+    py: Python<'_>,
+    a: Matrix<'_>,
+    b: Matrix<'_>,
+    x0: Vector<'_>,
+    reference: Matrix<'_>,
+    stage: Matrix<'_>,
+    terminal: Matrix<'_>,
+    r: Matrix<'_>,
+    low: Matrix<'_>,
+    high: Matrix<'_>,
+    rate: Option<Vector<'_>>,
+    previous: Option<Vector<'_>>,
+    state_low: Option<Matrix<'_>>,
+    state_high: Option<Matrix<'_>>,
+    soft: Option<f64>,
+    time_limit: Option<f64>,
+) -> PyResult<Py<RowsControl>> {
+    let ((n, m), steps) = (b.as_array().dim(), reference.as_array().dim().0);
+    let horizon = Horizon {
+        a: slice("A", &a)?,
+        b: slice("B", &b)?,
+        x0: slice("x0", &x0)?,
+        reference: slice("reference", &reference)?,
+        stage: slice("stage", &stage)?,
+        terminal: slice("terminal", &terminal)?,
+        r: slice("R", &r)?,
+    };
+    let bounds = Bounds::new(slice("low", &low)?, slice("high", &high)?, steps.saturating_mul(m))?;
+    let mut rows = Rows { soft, ..Rows::default() };
+    if let Some((rate, previous)) = together("`rate` and `previous`", &rate, &previous)? {
+        rows.rate = Some((slice("rate", rate)?, slice("previous", previous)?));
+    }
+    if let Some((low, high)) = together("`state_low` and `state_high`", &state_low, &state_high)? {
+        rows.states = Some((slice("state_low", low)?, slice("state_high", high)?));
+    }
+    let limit = seconds(time_limit);
+    let cost = 300.0 * steps as f64 * ((2 * n + m) as f64).powi(3);
+    let status = |found: &RowsSolution| found.found.status;
+    let found =
+        to_best(py, cost, status, |stop| limits::rows_control(&horizon, bounds, rows, Until::new(stop, limit)))?;
+    let RowsSolution { found, rates, states, missing, excess } = found;
+    Py::new(
+        py,
+        PyClassInitializer::from(BoxControl(found)).add_subclass(RowsControl { rates, states, missing, excess }),
+    )
 }

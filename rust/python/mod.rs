@@ -47,7 +47,9 @@ mod _core {
         trace_quantile, wishart_quantile,
     };
     #[pymodule_export]
-    use super::limits::{BoxControl, BoxSolver, box_batch, box_batch_each, box_control, horizon_control};
+    use super::limits::{
+        BoxControl, BoxSolver, RowsControl, box_batch, box_batch_each, box_control, horizon_control, rows_control,
+    };
     #[pymodule_export]
     use super::simulate::{
         simulate_estimates, simulate_mean_field, simulate_plan_estimates, simulate_plans, simulate_runs,

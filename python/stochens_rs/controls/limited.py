@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import inf, sqrt
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -20,6 +20,8 @@ from .task import REGULAR, Task, root
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
+
+    _Steps: TypeAlias = tuple[Floats, Floats, Floats, Floats, Floats, Floats, Floats]
 
 # From this many inputs on the recursion of Riccati is faster than condensed matrices (measured).
 LONG = 250
@@ -195,78 +197,47 @@ class Horizon:
         task = self.task
         found = self.best(x0, task, time_limit)
         shape = task.low.shape
-        u = found.control[: task.low.size].reshape(shape)
-        objective, least = found.objective, found.objective
-        if task.soft is not None:
-            objective = self.objective(x0, u)
+        u = found.control.reshape(shape)
+        least = found.objective
         if found.active.any() or not task.boxed:
             least = self.best(x0, task.unlimited(), None).objective
         return Limited(
             task=task,
             R=self.R,
             u=u,
-            active=found.active[: u.size].reshape(shape),
-            multipliers=found.multipliers[: u.size].reshape(shape),
+            active=found.active.reshape(shape),
+            multipliers=found.multipliers.reshape(shape),
             gap=found.gap,
             distance=found.distance,
-            objective=objective,
-            missed=max(0.0, objective - least),
+            objective=found.objective,
+            missed=max(0.0, found.objective - least),
             status=found.status,
+            missing=found.missing if isinstance(found, _core.RowsControl) else 0.0,
         )
 
     def best(self, x0: Floats, task: Task, time_limit: float | None) -> _core.BoxControl:
-        """The best control from x0 as the core has it: its first m K entries, and what it costs."""
-        if task.rate is not None or (task.state_low is not None and task.soft is None):
-            raise InputError("`rate` and hard `state_limits` are not possible yet: use soft ones")
-        if self.long and task.boxed:
+        """The best control from x0 as the core has it."""
+        if not task.boxed:
+            # x less what c does
+            below, above = (
+                None if side is None else side - self.drift()
+                for side in (task.state_low, task.state_high)
+            )
+            limits = task.low, task.high, task.rate, task.previous, below, above, task.soft
+            return _core.rows_control(*self._steps(x0, task), *limits, time_limit)
+        if self.long:
             return self.by_recursion(x0, task, None, time_limit)
         M, state, target = self.weighted()
-        problem = M, target - state @ x0, self.cost(), task.low.ravel(), task.high.ravel()
-        if task.soft is not None:
-            problem = self._softened(x0, task.soft, *problem)
-        return _core.box_control(*problem, None, time_limit)
+        low, high = task.low.ravel(), task.high.ravel()
+        return _core.box_control(M, target - state @ x0, self.cost(), low, high, None, time_limit)
 
     def by_recursion(
         self, x0: Floats, task: Task, warm: NDArray[np.int8] | None, time_limit: float | None
     ) -> _core.BoxControl:
         """The same by Riccati's recursion, begun at the active limits `warm`."""
+        limits = task.low, task.high
+        return _core.horizon_control(*self._steps(x0, task), *limits, warm, time_limit)
+
+    def _steps(self, x0: Floats, task: Task) -> _Steps:
         wanted = task.reference - self.drift()
-        weights, limits = (task.stage, task.terminal, self.R), (task.low, task.high)
-        return _core.horizon_control(
-            self.A, self.B, x0, wanted, *weights, *limits, warm, time_limit
-        )
-
-    def _softened(
-        self, x0: Floats, soft: float, M: Floats, y: Floats, r: Floats, low: Floats, high: Floats
-    ) -> tuple[Floats, Floats, Floats, Floats, Floats]:
-        """The same problem with inputs z in place of soft limits of the states.
-
-        The distance of x from its limits is the least ``||x - z||`` over all z within them. The
-        inputs are ``soft^1/2 (z - z0)``, z0 the nearest to the states without inputs.
-        """
-        below, above = self.task.state_low, self.task.state_high
-        assert below is not None
-        assert above is not None
-        some = np.isfinite(below) | np.isfinite(above)
-        unit = np.eye(len(x0))
-        S, state = self._stacked([(k, unit[row]) for k, row in enumerate(some, 1)])
-        free = state @ x0 + self.drift()[some]
-        near, weight = np.clip(free, below[some], above[some]), sqrt(soft)
-        d, extra = M.shape[1], len(free)
-        memory.need("the control within limits", 8 * 3 * (len(M) + extra + d) * (d + extra))
-        both = np.block([[M, np.zeros((len(M), extra))], [weight * S, -np.eye(extra)]])
-        if r.ndim == 2:
-            full = np.zeros((d + extra, d + extra))
-            full[:d, :d] = r
-            r = full
-        else:
-            r = np.concatenate([r, np.zeros(extra)])
-        with np.errstate(over="ignore", invalid="ignore"):
-            room = [weight * (side[some] - near) for side in (below, above)]  # inf: no limit
-            off = weight * (near - free)
-        if not np.isfinite(off @ off):
-            raise NonFiniteError(
-                "`soft` times a distance from `state_limits` overflows: scale down"
-            )
-        low, high = (np.concatenate(pair) for pair in zip((low, high), room, strict=True))
-        return both, np.concatenate([y, off]), r, low, high
+        return self.A, self.B, x0, wanted, task.stage, task.terminal, self.R

@@ -1,0 +1,301 @@
+//! The programs of a problem: the best control, the least excess of limits on states, and one set of active limits.
+//!
+//! Variables are inputs, states, and amounts by which limits on states are exceeded, in units of their sizes.
+
+use super::program::{Point, Program};
+use super::task::{Task, WHAT, largest};
+use crate::error::Result;
+use crate::memory::{try_filled, try_push, try_zeros};
+
+/// Limits beyond this, in units of the sizes, are left to the certificate.
+const FAR: f64 = 1e12;
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Kind {
+    Input,
+    Rate,
+    State,
+}
+
+/// A row of a program: the kind and entry of its limit, 1 at the upper and -1 at the lower side, 0 where both are equal.
+type Row = (Kind, usize, i8);
+
+/// Multipliers, `>= 0` at the upper side and `<= 0` at the lower; `J' + inputs + D' rates + G' states = 0` at the minimum.
+pub(super) struct Multipliers {
+    pub(super) inputs: Vec<f64>,
+    pub(super) rates: Vec<f64>,
+    pub(super) states: Vec<f64>,
+}
+
+/// The limits that hold with equality; soft ones: that are exceeded.
+pub(super) struct Held {
+    pub(super) inputs: Vec<i8>,
+    pub(super) rates: Vec<i8>,
+    pub(super) states: Vec<i8>,
+}
+
+impl Multipliers {
+    pub(super) fn zeros(task: &Task<'_>) -> Result<Self> {
+        let of_inputs = || try_zeros(WHAT, task.steps * task.m);
+        let rates = if task.rate.is_some() { of_inputs()? } else { Vec::new() };
+        Ok(Self { inputs: of_inputs()?, rates, states: try_zeros(WHAT, task.low.len())? })
+    }
+
+    pub(super) fn of(&mut self, kind: Kind) -> &mut [f64] {
+        match kind {
+            Kind::Input => &mut self.inputs,
+            Kind::Rate => &mut self.rates,
+            Kind::State => &mut self.states,
+        }
+    }
+}
+
+impl Held {
+    pub(super) fn none(task: &Task<'_>) -> Result<Self> {
+        let of_inputs = |len| try_filled(WHAT, 0, len);
+        let d = task.steps * task.m;
+        let rates = of_inputs(if task.rate.is_some() { d } else { 0 })?;
+        Ok(Self { inputs: of_inputs(d)?, rates, states: of_inputs(task.low.len())? })
+    }
+
+    pub(super) fn of(&mut self, kind: Kind) -> &mut [i8] {
+        match kind {
+            Kind::Input => &mut self.inputs,
+            Kind::Rate => &mut self.rates,
+            Kind::State => &mut self.states,
+        }
+    }
+}
+
+/// What a program looks for.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Aim {
+    Best,
+    /// The least excess of limits on states.
+    Least,
+}
+
+impl Task<'_> {
+    pub(super) fn limits(&self, kind: Kind, i: usize) -> (f64, f64) {
+        match (kind, self.rate) {
+            (Kind::Input, _) => (self.bounds().low[i], self.bounds().high[i]),
+            (Kind::State, _) => (self.low[i], self.high[i]),
+            (Kind::Rate, Some((rate, _))) if !self.idle(i) => (-rate[i % self.m], rate[i % self.m]),
+            (Kind::Rate, _) => (f64::NEG_INFINITY, f64::INFINITY),
+        }
+    }
+
+    /// What the limits of a kind are for.
+    pub(super) fn value(&self, kind: Kind, i: usize, u: &[f64], x: &[f64]) -> f64 {
+        match kind {
+            Kind::Input => u[i],
+            Kind::State => x[i],
+            Kind::Rate => u[i] - self.before(u, i),
+        }
+    }
+
+    pub(super) fn unit(&self, kind: Kind) -> f64 {
+        if kind == Kind::State { self.size.0 } else { self.size.1 }
+    }
+
+    pub(super) fn kinds(&self) -> [(Kind, usize); 3] {
+        let d = self.steps * self.m;
+        let changes = if self.rate.is_some() { d } else { 0 };
+        [(Kind::Input, d), (Kind::Rate, changes), (Kind::State, self.low.len())]
+    }
+
+    /// Both limits are one number, which must hold.
+    pub(super) fn fixed(&self, kind: Kind, i: usize) -> bool {
+        let (low, high) = self.limits(kind, i);
+        low == high && (kind != Kind::State || self.soft.is_none())
+    }
+
+    /// The size of `J`, to scale by.
+    pub(super) fn scale(&self) -> f64 {
+        let (state, input) = self.size;
+        let of_states = largest(self.h.stage.iter().chain(self.h.terminal)) * state * state;
+        let of_inputs = largest(self.h.r) * input * input;
+        if of_states > 0.0 {
+            of_states
+        } else if of_inputs > 0.0 {
+            of_inputs
+        } else {
+            1.0
+        }
+    }
+
+    /// `J` less its linear part, and the steps; `start`: with the state before the first one.
+    fn program(&self, more: usize, weighed: bool, start: bool) -> Result<Program> {
+        let (n, m, steps) = (self.n, self.m, self.steps);
+        let ((state, input), d) = (self.size, steps * m);
+        let shared = 2 * n + m + if self.low.is_empty() { 0 } else { 2 * n };
+        let mut program = Program::new(d + steps * n + more, (steps, 2 * (shared + 1)))?;
+        if weighed {
+            let scale = 2.0 / self.scale();
+            for t in 0..steps {
+                let q = if t + 1 == steps { self.h.terminal } else { self.h.stage };
+                program.weigh(t * m, self.h.r, m, scale * input * input)?;
+                program.weigh(d + t * n, q, n, scale * state * state)?;
+            }
+        }
+        for t in 0..steps {
+            for i in 0..n {
+                let (a, b) = (&self.h.a[i * n..(i + 1) * n], &self.h.b[i * m..(i + 1) * m]);
+                let mut right = 0.0;
+                let row = program.right.len();
+                if t > 0 {
+                    for (j, a) in a.iter().enumerate() {
+                        program.entry(row, d + (t - 1) * n + j, -a)?;
+                    }
+                } else if start {
+                    right = a.iter().zip(self.h.x0).map(|(a, x)| a * x).sum::<f64>() / state;
+                }
+                for (j, b) in b.iter().enumerate() {
+                    program.entry(row, t * m + j, -b * input / state)?;
+                }
+                program.row(&[(d + t * n + i, 1.0)], right, true)?;
+            }
+        }
+        Ok(program)
+    }
+
+    /// `side value (- amount) <= right`, in units.
+    fn limit(
+        &self,
+        to: &mut Program,
+        (kind, i, side): Row,
+        right: f64,
+        amount: Option<usize>,
+        equal: bool,
+    ) -> Result<()> {
+        let sign = if side < 0 { -1.0 } else { 1.0 };
+        let at = if kind == Kind::State { self.steps * self.m + i } else { i };
+        let row = to.right.len();
+        if kind == Kind::Rate && i >= self.m {
+            to.entry(row, i - self.m, -sign)?;
+        }
+        if let Some(amount) = amount {
+            to.entry(row, amount, -1.0)?;
+        }
+        to.row(&[(at, sign)], right / self.unit(kind), equal)
+    }
+
+    /// The whole problem, and the rows after those of the steps.
+    pub(super) fn whole(&self, aim: Aim) -> Result<(Program, Vec<Row>)> {
+        let mut rows: Vec<Row> = Vec::new();
+        for (kind, len) in self.kinds() {
+            for i in (0..len).filter(|&i| self.fixed(kind, i) && !(kind == Kind::State && aim == Aim::Least)) {
+                try_push(WHAT, &mut rows, (kind, i, 0))?;
+            }
+        }
+        let equal = rows.len();
+        for (kind, len) in self.kinds() {
+            for i in (0..len).filter(|&i| !self.fixed(kind, i) || kind == Kind::State && aim == Aim::Least) {
+                let (low, high) = self.limits(kind, i);
+                for (side, limit) in [(1, high), (-1, low)] {
+                    if limit.abs() <= FAR * self.unit(kind) {
+                        try_push(WHAT, &mut rows, (kind, i, side))?;
+                    }
+                }
+            }
+        }
+        let of_states = rows.iter().filter(|row| row.0 == Kind::State).count();
+        let (variables, soft) = (self.steps * (self.n + self.m), self.soft.filter(|_| aim == Aim::Best));
+        let more = if aim == Aim::Least {
+            1
+        } else if soft.is_some() {
+            of_states
+        } else {
+            0
+        };
+        let mut program = self.program(more, aim == Aim::Best, true)?;
+        let mut amount = variables;
+        for (number, &(kind, i, side)) in rows.iter().enumerate() {
+            let (low, high) = self.limits(kind, i);
+            let mut right = if side < 0 { -low } else { high };
+            if kind == Kind::Rate && i < self.m {
+                right += f64::from(side) * self.before(&[], i);
+            }
+            let exceeded = (kind == Kind::State && more > 0).then_some(amount);
+            self.limit(&mut program, (kind, i, side), right, exceeded, number < equal)?;
+            if let (Some(soft), Some(at)) = (soft, exceeded) {
+                program.weigh(at, &[soft], 1, 2.0 * self.size.0 * self.size.0 / self.scale())?;
+                amount += 1;
+            }
+        }
+        if aim == Aim::Least {
+            program.linear[variables] = 1.0;
+            program.row(&[(variables, -1.0)], 0.0, false)?;
+            return Ok((program, rows));
+        }
+        let to_scale = -2.0 * self.size.0 / self.scale();
+        let of_states = &mut program.linear[self.steps * self.m..variables];
+        self.weigh(self.h.reference, of_states);
+        of_states.iter_mut().for_each(|q| *q *= to_scale);
+        Ok((program, rows))
+    }
+
+    /// `w = Q_k e(k)`, step by step.
+    pub(super) fn weigh(&self, e: &[f64], w: &mut [f64]) {
+        let n = self.n.max(1);
+        for (t, (e, w)) in e.chunks_exact(n).zip(w.chunks_exact_mut(n)).enumerate() {
+            let q = if t + 1 == self.steps { self.h.terminal } else { self.h.stage };
+            for (row, w) in q.chunks_exact(n).zip(w) {
+                *w = row.iter().zip(e).map(|(q, e)| q * e).sum();
+            }
+        }
+    }
+
+    /// Inputs, multipliers, and the limits whose multiplier is larger than the distance from them.
+    pub(super) fn read(&self, point: &Point, rows: &[Row], aim: Aim) -> Result<(Vec<f64>, Multipliers, Held)> {
+        let mut u = try_zeros(WHAT, self.steps * self.m)?;
+        u.iter_mut().zip(&point.z).for_each(|(u, z)| *u = z * self.size.1);
+        let (mut found, mut held) = (Multipliers::zeros(self)?, Held::none(self)?);
+        let scale = if aim == Aim::Least { self.size.0 } else { self.scale() };
+        let skipped = self.steps * self.n;
+        for (&(kind, i, side), (z, s)) in rows.iter().zip(point.multipliers.iter().zip(&point.slacks).skip(skipped)) {
+            let sign = if side < 0 { -1.0 } else { 1.0 };
+            found.of(kind)[i] += sign * z * scale / self.unit(kind);
+            if side == 0 || z > s {
+                held.of(kind)[i] = if side == 0 { 1 } else { side };
+            }
+        }
+        Ok((u, found, held))
+    }
+
+    /// The step to the minimum where the held limits are equalities, from the residuals at `u`: `g` is the gradient with all
+    /// multipliers. The rows after those of the steps, and the unit of the solution; none if nothing is left to do.
+    pub(super) fn face(
+        &self,
+        held: &mut Held,
+        (u, x): (&[f64], &[f64]),
+        g: &[f64],
+    ) -> Result<Option<(Program, Vec<Row>, f64)>> {
+        let mut program = self.program(0, true, false)?;
+        let (mut rows, d): (Vec<Row>, _) = (Vec::new(), self.steps * self.m);
+        for (kind, len) in self.kinds() {
+            for i in 0..len {
+                let side = held.of(kind)[i];
+                if side == 0 {
+                    continue;
+                }
+                if let (Kind::State, Some(soft)) = (kind, self.soft) {
+                    program.weigh(d + i, &[soft], 1, 2.0 * self.size.0 * self.size.0 / self.scale())?;
+                    continue;
+                }
+                let (low, high) = self.limits(kind, i);
+                let right = if side < 0 { low } else { high } - self.value(kind, i, u, x);
+                self.limit(&mut program, (kind, i, 0), right, None, true)?;
+                try_push(WHAT, &mut rows, (kind, i, 0))?;
+            }
+        }
+        let to_scale = self.size.1 / self.scale();
+        program.linear.iter_mut().zip(g).for_each(|(q, g)| *q = g * to_scale);
+        let unit = largest(program.linear.iter().chain(&program.right));
+        if unit == 0.0 {
+            return Ok(None);
+        }
+        program.linear.iter_mut().chain(&mut program.right).for_each(|v| *v /= unit);
+        Ok(Some((program, rows, unit)))
+    }
+}

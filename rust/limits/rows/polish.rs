@@ -1,0 +1,159 @@
+//! From an interior point to the minimum: the active limits are equalities of one linear system, whose right side are the
+//! residuals, so that each round gains digits. Limits with the wrong sign and limits that are broken are exchanged.
+
+use super::assembly::{Held, Kind, Multipliers};
+use super::task::{Task, WHAT, largest};
+use super::{EXACT, Search};
+use crate::error::Result;
+use crate::limits::quadratic::{Status, Until};
+use crate::limits::search::Method;
+use crate::memory::try_zeros;
+
+/// Most rounds, and rounds without a better control after which no more follow.
+const ROUNDS: usize = 12;
+const PATIENCE: usize = 3;
+/// Rounding of values, relative to their unit, and of multipliers, relative to the largest.
+const ROUNDING: f64 = 1e-13;
+
+impl Task<'_> {
+    /// `H v = R v + G' Q G v`
+    pub(super) fn curved(&self, v: &[f64]) -> Result<Vec<f64>> {
+        let len = self.steps * self.n;
+        let (mut x, mut w, mut out) = (try_zeros(WHAT, len)?, try_zeros(WHAT, len)?, try_zeros(WHAT, v.len())?);
+        let origin = try_zeros(WHAT, self.n)?;
+        self.roll_from(&origin, v, &mut x);
+        self.weigh(&x, &mut w);
+        self.pull(&w, &mut out)?;
+        self.add_of_inputs(v, 1.0, &mut out);
+        Ok(out)
+    }
+
+    /// `out += scale R u`, step by step.
+    fn add_of_inputs(&self, u: &[f64], scale: f64, out: &mut [f64]) {
+        let m = self.m.max(1);
+        for (u, out) in u.chunks_exact(m).zip(out.chunks_exact_mut(m)) {
+            for (row, out) in self.h.r.chunks_exact(m).zip(out) {
+                *out += scale * row.iter().zip(u).map(|(r, u)| r * u).sum::<f64>();
+            }
+        }
+    }
+
+    /// What soft limits add to `J(0)`.
+    pub(super) fn penalty_at_zero(&self, x: &mut [f64]) -> Result<f64> {
+        let Some(soft) = self.soft else { return Ok(0.0) };
+        self.roll(&try_zeros(WHAT, self.steps * self.m)?, x);
+        let limits = self.low.iter().zip(&self.high);
+        Ok(soft * x.iter().zip(limits).map(|(x, (l, h))| (x - h).max(l - x).max(0.0).powi(2)).sum::<f64>())
+    }
+
+    /// `J' + inputs + D' rates + G' states`; soft limits as parabolas where they are held.
+    fn residual(&self, u: &[f64], x: &[f64], multipliers: &Multipliers, held: &Held) -> Result<Vec<f64>> {
+        let (mut e, mut w) = (try_zeros(WHAT, x.len())?, try_zeros(WHAT, x.len())?);
+        e.iter_mut().zip(x.iter().zip(self.h.reference)).for_each(|(e, (x, r))| *e = x - r);
+        self.weigh(&e, &mut w);
+        for (i, w) in w.iter_mut().enumerate() {
+            *w *= 2.0;
+            match (self.soft, held.states.get(i)) {
+                (None, Some(_)) => *w += multipliers.states[i],
+                (Some(soft), Some(side @ (1 | -1))) => {
+                    *w += 2.0 * soft * (x[i] - if *side < 0 { self.low[i] } else { self.high[i] });
+                }
+                _ => {}
+            }
+        }
+        let mut g = crate::memory::try_copy(WHAT, &multipliers.inputs)?;
+        self.pull(&w, &mut g)?;
+        self.pull_changes(&multipliers.rates, &mut g);
+        self.add_of_inputs(u, 2.0, &mut g);
+        Ok(g)
+    }
+
+    /// Exchanges limits; whether there was one to exchange.
+    fn exchange(&self, u: &[f64], x: &[f64], multipliers: &mut Multipliers, held: &mut Held) -> bool {
+        let mut changed = false;
+        for (kind, len) in self.kinds() {
+            let soft = kind == Kind::State && self.soft.is_some();
+            let most = largest(&*multipliers.of(kind));
+            for i in (0..len).filter(|&i| !self.fixed(kind, i)) {
+                let ((low, high), value) = (self.limits(kind, i), self.value(kind, i, u, x));
+                let rounding = ROUNDING * self.unit(kind).max(value.abs());
+                let side = held.of(kind)[i];
+                let broken = i8::from(value > high + rounding) - i8::from(value < low - rounding);
+                let now = if soft || side == 0 {
+                    broken
+                } else if multipliers.of(kind)[i] * f64::from(side) < -ROUNDING * most {
+                    0
+                } else {
+                    side
+                };
+                if now == 0 {
+                    multipliers.of(kind)[i] = 0.0;
+                }
+                changed |= now != side;
+                held.of(kind)[i] = now;
+            }
+        }
+        changed
+    }
+}
+
+impl Search<'_, '_> {
+    pub(super) fn polish(
+        &mut self,
+        mut u: Vec<f64>,
+        mut multipliers: Multipliers,
+        mut held: Held,
+        until: Until<'_>,
+    ) -> Result<Option<Status>> {
+        let task = self.task;
+        let mut x = try_zeros(WHAT, task.steps * task.n)?;
+        for (kind, len) in task.kinds() {
+            (0..len).filter(|&i| held.of(kind)[i] == 0).for_each(|i| multipliers.of(kind)[i] = 0.0);
+        }
+        let mut waits = 0;
+        for _ in 0..ROUNDS {
+            if let Some(early) = until.reached() {
+                return Ok(Some(early));
+            }
+            task.roll(&u, &mut x);
+            let g = task.residual(&u, &x, &multipliers, &held)?;
+            let Some((program, rows, unit)) = task.face(&mut held, (&u, &x), &g)? else { break };
+            let point = program.solve(until)?;
+            self.iterations += point.iterations;
+            if point.timed_out {
+                return Ok(Some(Status::Limit));
+            }
+            if point.z.iter().chain(&point.multipliers).any(|v| !v.is_finite()) {
+                break;
+            }
+            u.iter_mut().zip(&point.z).for_each(|(u, z)| *u += unit * task.size.1 * z);
+            for (&(kind, i, _), z) in rows.iter().zip(&point.multipliers[task.steps * task.n..]) {
+                multipliers.of(kind)[i] += unit * task.scale() / task.unit(kind) * z;
+            }
+            task.roll(&u, &mut x);
+            let before = self.best.as_ref().map_or(f64::INFINITY, |best| best.merit);
+            self.judge_signed(&u, &multipliers, &held, until)?;
+            let now = self.best.as_ref().map_or(f64::INFINITY, |best| best.merit);
+            let changed = task.exchange(&u, &x, &mut multipliers, &mut held);
+            waits = if now < 0.5 * before { 0 } else { waits + 1 };
+            if !changed && now <= EXACT || waits >= PATIENCE {
+                break;
+            }
+        }
+        Ok(None)
+    }
+
+    /// Judges `u` without multipliers of the wrong sign.
+    fn judge_signed(&mut self, u: &[f64], multipliers: &Multipliers, held: &Held, until: Until<'_>) -> Result<()> {
+        let task = self.task;
+        let mut signed = Multipliers::zeros(task)?;
+        for (to, (v, side)) in signed.rates.iter_mut().zip(multipliers.rates.iter().zip(&held.rates)) {
+            *to = if v * f64::from(*side) > 0.0 { *v } else { 0.0 };
+        }
+        for (i, to) in signed.states.iter_mut().enumerate() {
+            let v = multipliers.states[i];
+            *to = if task.fixed(Kind::State, i) || v * f64::from(held.states[i]) > 0.0 { v } else { 0.0 };
+        }
+        self.judge(u, &signed, Method::Refinement, until)
+    }
+}

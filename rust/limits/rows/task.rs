@@ -1,0 +1,260 @@
+//! A problem with limits on states and on changes of inputs: its data checked, states, adjoints, and the clip.
+
+use crate::error::{Error, Result};
+use crate::limits::bounds::Bounds;
+use crate::limits::riccati::Horizon;
+use crate::memory::{try_copy, try_zeros};
+
+pub(super) const WHAT: &str = "a control with limits on states or rates";
+
+/// Rounding of a step of `rate`, relative.
+const SLACK: f64 = 1e-12;
+/// Rounding of a sum of a value and a rate, relative.
+const NEAR: f64 = 8.0 * f64::EPSILON;
+
+/// Limits besides those of single inputs.
+#[derive(Clone, Copy, Default)]
+pub struct Rows<'a> {
+    /// `|u(k) - u(k-1)| <= rate` (m), and `u(-1)` (m).
+    pub rate: Option<(&'a [f64], &'a [f64])>,
+    /// Lower and upper limits of `x(1) .. x(K)` (K, n); infinite where there is none.
+    pub states: Option<(&'a [f64], &'a [f64])>,
+    /// The weight of `||max(0, x - high)||^2 + ||max(0, low - x)||^2`, for limits that may be exceeded.
+    pub soft: Option<f64>,
+}
+
+/// The data of a problem. States and inputs are step by step.
+pub(super) struct Task<'a> {
+    pub(super) h: Horizon<'a>,
+    pub(super) n: usize,
+    pub(super) m: usize,
+    pub(super) steps: usize,
+    /// Of single inputs; both equal where limits and rates leave an input one value, of which `width` is the rounding.
+    inputs: (Vec<f64>, Vec<f64>),
+    pub(super) width: Vec<f64>,
+    pub(super) rate: Option<(&'a [f64], &'a [f64])>,
+    /// Empty without limits on states.
+    pub(super) low: Vec<f64>,
+    pub(super) high: Vec<f64>,
+    pub(super) soft: Option<f64>,
+    /// Values from where all later limits can be kept, `l'_k = max(l_k, l'_{k+1} - rate)`, `h'_k = min(h_k, h'_{k+1} + rate)`,
+    /// and that can be reached, `l'_k = max(l'_k, l'_{k-1} - rate)`, `h'_k = min(h'_k, h'_{k-1} + rate)`.
+    within: (Vec<f64>, Vec<f64>),
+    /// Sizes of a state and of an input, to scale by.
+    pub(super) size: (f64, f64),
+}
+
+fn sized(name: &'static str, values: &[f64], len: usize) -> Result<()> {
+    if values.len() == len {
+        return Ok(());
+    }
+    Err(Error::Shape { name, expected: format!("{len} entries"), found: format!("{} entries", values.len()) })
+}
+
+pub(super) fn largest<'a>(values: impl IntoIterator<Item = &'a f64>) -> f64 {
+    values.into_iter().filter(|v| v.is_finite()).fold(0.0, |most, v| most.max(v.abs()))
+}
+
+impl<'a> Task<'a> {
+    /// `h` has been checked.
+    pub(super) fn new(h: Horizon<'a>, bounds: Bounds<'a>, rows: Rows<'a>) -> Result<Self> {
+        let n = h.x0.len();
+        let (m, steps) = (h.b.len() / n.max(1), h.reference.len() / n.max(1));
+        sized("low", bounds.low, steps * m)?;
+        if let Some((rate, previous)) = rows.rate {
+            sized("rate", rate, m)?;
+            sized("previous", previous, m)?;
+            crate::error::require_finite("previous", previous)?;
+            if let Some(found) = rate.iter().find(|r| r.is_nan() || **r <= 0.0) {
+                return Err(Error::Value { name: "rate", expected: "above 0", found: found.to_string() });
+            }
+        }
+        let (mut low, mut high) = (Vec::new(), Vec::new());
+        if let Some((below, above)) = rows.states {
+            sized("state_low", below, steps * n)?;
+            sized("state_high", above, steps * n)?;
+            for (i, (&l, &h)) in below.iter().zip(above).enumerate() {
+                if !(l <= h && l < f64::INFINITY && h > f64::NEG_INFINITY) {
+                    let expected = "at most `state_high`, with a number between them";
+                    let found = format!("[{l}, {h}] for state {} of step {}", i % n, i / n + 1);
+                    return Err(Error::Value { name: "state_low", expected, found });
+                }
+            }
+            (low, high) = (try_copy(WHAT, below)?, try_copy(WHAT, above)?);
+        }
+        if let Some(soft) = rows.soft
+            && !(soft > 0.0 && soft.is_finite())
+        {
+            return Err(Error::Value { name: "soft", expected: "a number above 0", found: soft.to_string() });
+        }
+        let state = largest(h.x0.iter().chain(h.reference));
+        let state = if state > 0.0 { state } else { largest(low.iter().chain(&high)).max(1.0) };
+        let gain = largest(h.b);
+        let input = if gain > 0.0 { state / gain } else { 1.0 };
+        let copied = || Ok((try_copy(WHAT, bounds.low)?, try_copy(WHAT, bounds.high)?));
+        let (inputs, within) = (copied()?, copied()?);
+        let width = try_zeros(WHAT, steps * m)?;
+        let (rate, soft) = (rows.rate, rows.soft);
+        let mut new = Self { h, n, m, steps, inputs, width, rate, low, high, soft, within, size: (state, input) };
+        new.look_ahead()?;
+        new.reach();
+        Ok(new)
+    }
+
+    fn look_ahead(&mut self) -> Result<()> {
+        let Some((rate, previous)) = self.rate else { return Ok(()) };
+        let (m, (low, high)) = (self.m, &mut self.within);
+        let gap = |l: f64, h: f64| l - h > SLACK * (1.0 + l.abs());
+        for i in (0..low.len()).rev() {
+            if let (Some(&l), Some(&h)) = (low.get(i + m), high.get(i + m)) {
+                low[i] = low[i].max(l - rate[i % m]);
+                high[i] = high[i].min(h + rate[i % m]);
+            }
+            if gap(low[i], high[i]) {
+                let found = format!("input {} of step {}, where {:.3e} are missing", i % m, i / m, low[i] - high[i]);
+                return Err(Error::Value { name: "rate", expected: "enough for the limits of all steps", found });
+            }
+        }
+        for i in 0..m.min(low.len()) {
+            let off = (low[i] - rate[i] - previous[i]).max(previous[i] - rate[i] - high[i]);
+            if off > SLACK * (1.0 + previous[i].abs() + rate[i]) {
+                let found = format!("input {i}, which is {off:.3e} too far");
+                return Err(Error::Value { name: "previous", expected: "within `rate` of the limits", found });
+            }
+        }
+        Ok(())
+    }
+
+    /// The values that can be reached; where it is one, no limit but this is left of the input.
+    fn reach(&mut self) {
+        let Some((rate, previous)) = self.rate else { return };
+        let (m, (low, high)) = (self.m, &mut self.within);
+        for i in 0..low.len() {
+            let (l, h) = if i < m { (previous[i], previous[i]) } else { (low[i - m], high[i - m]) };
+            low[i] = low[i].max(l - rate[i % m]);
+            high[i] = high[i].min(h + rate[i % m]);
+            if high[i] - low[i] <= SLACK * (1.0 + low[i].abs()) {
+                self.width[i] = (high[i] - low[i]).abs();
+                let value = low[i].max(self.inputs.0[i]).min(self.inputs.1[i]);
+                (low[i], high[i], self.inputs.0[i], self.inputs.1[i]) = (value, value, value, value);
+            }
+        }
+    }
+
+    pub(super) fn bounds(&self) -> Bounds<'_> {
+        Bounds { low: &self.inputs.0, high: &self.inputs.1 }
+    }
+
+    /// Whether the limits of inputs leave nothing of the limit of a change.
+    pub(super) fn idle(&self, i: usize) -> bool {
+        let bounds = self.bounds();
+        bounds.fixed(i) && (i < self.m || bounds.fixed(i - self.m))
+    }
+
+    pub(super) fn hard(&self) -> bool {
+        self.soft.is_none() && !self.low.is_empty()
+    }
+
+    /// `u(k-1)` of the entry `i` of `u`.
+    pub(super) fn before(&self, u: &[f64], i: usize) -> f64 {
+        match self.rate {
+            Some((_, previous)) if i < self.m => previous[i],
+            _ => u[i - self.m],
+        }
+    }
+
+    /// Brings inputs inside their limits, and changes within the rate, one step after another.
+    pub(super) fn clip(&self, u: &mut [f64]) {
+        let (low, high) = &self.within;
+        for i in 0..u.len() {
+            if let Some((rate, _)) = self.rate {
+                let (last, rate) = (self.before(u, i), rate[i % self.m]);
+                u[i] = u[i].max(last - rate).min(last + rate);
+            }
+            // where rounding leaves nothing, the limits are kept, and the rate to rounding
+            let (below, above) = (self.inputs.0[i], self.inputs.1[i]);
+            let clipped = u[i].max(low[i]).min(high[i]).max(below).min(above) + 0.0;
+            let near = |limit: f64| (clipped - limit).abs() <= NEAR * limit.abs();
+            u[i] = if near(below) {
+                below
+            } else if near(above) {
+                above
+            } else {
+                clipped
+            };
+        }
+    }
+
+    /// `x(1) .. x(K)`
+    pub(super) fn roll(&self, u: &[f64], x: &mut [f64]) {
+        self.roll_from(self.h.x0, u, x);
+    }
+
+    pub(super) fn roll_from(&self, start: &[f64], u: &[f64], x: &mut [f64]) {
+        let (n, m) = (self.n, self.m);
+        for t in 0..self.steps {
+            let (before, after) = x.split_at_mut(t * n);
+            let last = if t == 0 { start } else { &before[(t - 1) * n..] };
+            for (i, to) in after[..n].iter_mut().enumerate() {
+                let of_state: f64 = self.h.a[i * n..(i + 1) * n].iter().zip(last).map(|(a, x)| a * x).sum();
+                let of_input: f64 = self.h.b[i * m..(i + 1) * m].iter().zip(&u[t * m..]).map(|(b, u)| b * u).sum();
+                *to = of_state + of_input;
+            }
+        }
+    }
+
+    /// `g += G' w`: what weights of the states are for the inputs, by costates `p(k) = A' p(k+1) + w(k)`.
+    pub(super) fn pull(&self, w: &[f64], g: &mut [f64]) -> Result<()> {
+        let (n, m) = (self.n, self.m);
+        let (mut p, mut next) = (try_zeros(WHAT, n)?, try_zeros(WHAT, n)?);
+        for t in (0..self.steps).rev() {
+            next.copy_from_slice(&w[t * n..(t + 1) * n]);
+            for (row, p) in self.h.a.chunks_exact(n.max(1)).zip(&p) {
+                row.iter().zip(&mut next).for_each(|(a, to)| *to += a * p);
+            }
+            std::mem::swap(&mut p, &mut next);
+            for (row, p) in self.h.b.chunks_exact(m.max(1)).zip(&p) {
+                row.iter().zip(&mut g[t * m..(t + 1) * m]).for_each(|(b, to)| *to += b * p);
+            }
+        }
+        Ok(())
+    }
+
+    /// `g += D' v`, `D u` being the changes of the inputs.
+    pub(super) fn pull_changes(&self, v: &[f64], g: &mut [f64]) {
+        if self.rate.is_some() {
+            for i in 0..v.len() {
+                g[i] += v[i] - v.get(i + self.m).unwrap_or(&0.0);
+            }
+        }
+    }
+
+    /// The largest excess of a limit of a state, and the largest relative to the size of the states.
+    pub(super) fn excess(&self, x: &[f64]) -> (f64, f64) {
+        let size = largest(x.iter().chain(self.h.x0)).max(f64::MIN_POSITIVE);
+        let mut most = (0.0f64, 0.0f64);
+        for ((x, l), h) in x.iter().zip(&self.low).zip(&self.high) {
+            let (over, limit) = if x > h { (x - h, h.abs()) } else { (l - x, l.abs()) };
+            if over > 0.0 {
+                most = (most.0.max(over), most.1.max(over / size.max(limit)));
+            }
+        }
+        most
+    }
+
+    /// The same with limits on states that are wider by `more`.
+    pub(super) fn widened(&self, more: f64) -> Result<Self> {
+        let mut new = Self {
+            h: self.h,
+            low: try_copy(WHAT, &self.low)?,
+            high: try_copy(WHAT, &self.high)?,
+            inputs: (try_copy(WHAT, &self.inputs.0)?, try_copy(WHAT, &self.inputs.1)?),
+            width: try_copy(WHAT, &self.width)?,
+            within: (try_copy(WHAT, &self.within.0)?, try_copy(WHAT, &self.within.1)?),
+            ..*self
+        };
+        new.low.iter_mut().for_each(|l| *l -= more);
+        new.high.iter_mut().for_each(|h| *h += more);
+        Ok(new)
+    }
+}

@@ -195,71 +195,39 @@ class Horizon:
         task = self.task
         found = self._solve(x0, task, time_limit)
         shape = task.low.shape
-        u = found.control[: task.low.size].reshape(shape)
-        objective, least = found.objective, found.objective
-        if task.soft is not None:
-            objective = self.objective(x0, u)
+        u = found.control.reshape(shape)
+        least = found.objective
         if found.active.any() or not task.boxed:
             least = self._solve(x0, task.unlimited(), None).objective
         return Limited(
             task=task,
             R=self.R,
             u=u,
-            active=found.active[: u.size].reshape(shape),
-            multipliers=found.multipliers[: u.size].reshape(shape),
+            active=found.active.reshape(shape),
+            multipliers=found.multipliers.reshape(shape),
             gap=found.gap,
             distance=found.distance,
-            objective=objective,
-            missed=max(0.0, objective - least),
+            objective=found.objective,
+            missed=max(0.0, found.objective - least),
             status=found.status,
+            missing=getattr(found, "missing", 0.0),
         )
 
     def _solve(self, x0: Floats, task: Task, time_limit: float | None) -> _core.BoxControl:
-        if task.rate is not None or (task.state_low is not None and task.soft is None):
-            raise InputError("`rate` and hard `state_limits` are not possible yet: use soft ones")
-        if self.long and task.boxed:
+        if self.long or not task.boxed:
             wanted = task.reference - self.drift()
-            weights, limits = (task.stage, task.terminal, self.R), (task.low, task.high)
-            return _core.horizon_control(
-                self.A, self.B, x0, wanted, *weights, *limits, None, time_limit
+            system, weights = (self.A, self.B, x0), (task.stage, task.terminal, self.R)
+            if task.boxed:
+                return _core.horizon_control(
+                    *system, wanted, *weights, task.low, task.high, None, time_limit
+                )
+            # x less what c does
+            below, above = (
+                None if side is None else side - self.drift()
+                for side in (task.state_low, task.state_high)
             )
+            limits = task.low, task.high, task.rate, task.previous, below, above, task.soft
+            return _core.rows_control(*system, wanted, *weights, *limits, time_limit)
         M, state, target = self.weighted()
-        problem = M, target - state @ x0, self.cost(), task.low.ravel(), task.high.ravel()
-        if task.soft is not None:
-            problem = self._softened(x0, task.soft, *problem)
-        return _core.box_control(*problem, None, time_limit)
-
-    def _softened(
-        self, x0: Floats, soft: float, M: Floats, y: Floats, r: Floats, low: Floats, high: Floats
-    ) -> tuple[Floats, Floats, Floats, Floats, Floats]:
-        """The same problem with inputs z in place of soft limits of the states.
-
-        The distance of x from its limits is the least ``||x - z||`` over all z within them. The
-        inputs are ``soft^1/2 (z - z0)``, z0 the nearest to the states without inputs.
-        """
-        below, above = self.task.state_low, self.task.state_high
-        assert below is not None
-        assert above is not None
-        some = np.isfinite(below) | np.isfinite(above)
-        unit = np.eye(len(x0))
-        S, state = self._stacked([(k, unit[row]) for k, row in enumerate(some, 1)])
-        free = state @ x0 + self.drift()[some]
-        near, weight = np.clip(free, below[some], above[some]), sqrt(soft)
-        d, extra = M.shape[1], len(free)
-        memory.need("the control within limits", 8 * 3 * (len(M) + extra + d) * (d + extra))
-        both = np.block([[M, np.zeros((len(M), extra))], [weight * S, -np.eye(extra)]])
-        if r.ndim == 2:
-            full = np.zeros((d + extra, d + extra))
-            full[:d, :d] = r
-            r = full
-        else:
-            r = np.concatenate([r, np.zeros(extra)])
-        with np.errstate(over="ignore", invalid="ignore"):
-            room = [weight * (side[some] - near) for side in (below, above)]  # inf: no limit
-            off = weight * (near - free)
-        if not np.isfinite(off @ off):
-            raise NonFiniteError(
-                "`soft` times a distance from `state_limits` overflows: scale down"
-            )
-        low, high = (np.concatenate(pair) for pair in zip((low, high), room, strict=True))
-        return both, np.concatenate([y, off]), r, low, high
+        low, high = task.low.ravel(), task.high.ravel()
+        return _core.box_control(M, target - state @ x0, self.cost(), low, high, None, time_limit)

@@ -1,4 +1,4 @@
-"""Tables and figures of measured-runs.md: python docs/rig.py [--seeds R] [--images DIR].
+"""Tables and figures of measured-runs.md and limits.md: python docs/rig.py [options].
 
 An inverted pendulum on a cart, linear about the upright position, known only through N short runs
 in which a random force acts. From each set of runs a model is identified and a control over 10
@@ -13,6 +13,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 
@@ -227,6 +228,7 @@ def main() -> None:
     warnings.simplefilter("ignore", se.exceptions.DataWarning)
     options.images.mkdir(parents=True, exist_ok=True)
     example(options.images)
+    within_limits(options.images)
     exact = {name: way for name, way in WAYS.items() if not way.noisy_states}
     noisy = {name: WAYS[name] for name in ("instruments", "all pairs, sigma known")}
     for law, reading, ways in (
@@ -255,6 +257,19 @@ def example(images: Path) -> None:
     plan = se.predict(model, states[0], inputs)
     plan.plot(plan.bound(DELTA, noise=True), measured=states).savefig(images / "tube.png", dpi=110)
     model.plot().savefig(images / "residuals.png", dpi=110)
+
+
+def within_limits(images: Path) -> None:
+    """The figures of limits.md: a plan within limits, and the feedback."""
+    data, _ = runs(30, np.random.default_rng(1), gaussian)
+    model = se.identify(data, sigma=SIGMA, scale=SCALE)
+    task: dict[str, Any] = {"limits": (-1.0, 1.0), "Q": [1.0, 10.0, 0.1, 1.0], "R": 0.01}
+    plan = se.control(model, X0, XF, steps=20, **task)
+    figure = plan.plot(plan.bound(DELTA), measured=plan.states((A, B), X0))
+    figure.savefig(images / "limits-plan.png", dpi=110)
+    loop = se.regulate(model, 20, **task)
+    se.track((A, B), np.zeros((61, 4)), controller=loop, x0=X0, noise=SIGMA, rng=3)
+    loop.plot().savefig(images / "limits-loop.png", dpi=110)
 
 
 def draw(found: dict[str, list[Result]], images: Path) -> None:

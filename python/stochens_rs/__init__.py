@@ -18,9 +18,11 @@ from ._base.threads import get_num_threads, set_num_threads
 from ._core import version as _version
 from .controls import (
     Plan,
+    Regulator,
     control,
     predict,
     realization_controls,
+    regulate,
     required_samples,
     steer,
 )
@@ -52,6 +54,7 @@ __all__ = [
     "Model",
     "ModelStream",
     "Plan",
+    "Regulator",
     "StochensError",
     "Stream",
     "System",
@@ -72,6 +75,7 @@ __all__ = [
     "predict",
     "realization_controls",
     "reference",
+    "regulate",
     "required_samples",
     "sample",
     "sample_counts",

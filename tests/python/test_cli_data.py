@@ -290,3 +290,86 @@ def test_models_that_cannot_be_read(tmp_path, table, capsys):
     assert cli.main(["control", str(damaged), "--from", "1,0"]) == 5
     capsys.readouterr()
     assert "JSON" in failed(capsys, "control", table, "--from", "1,0")
+
+
+@pytest.fixture
+def rig(tmp_path):
+    """A known system with two inputs."""
+    path = tmp_path / "problem.json"
+    inputs = np.hstack([B, [[0.1], [0.0]]])
+    path.write_text(json.dumps({"A": A.tolist(), "B": inputs.tolist(), "x0": [3.0, 1.0]}))
+    return path, (A, inputs)
+
+
+def test_control_within_limits_says_what_python_says(rig, tmp_path, capsys):
+    path, system = rig
+    options = ["--steps", 6, "--limits", "-0.5,1", "--limits", "u[1]=-inf,0.2"]
+    options += ["--Q", "1,0.1", "--Qf", "2", "--R", "0.01,0.02"]
+    out = tmp_path / "out"
+    found = ran(capsys, "control", path, *options, "--out", out)
+    plan = se.control(
+        system,
+        [3.0, 1.0],
+        [0.0, 0.0],
+        steps=6,
+        limits=([-0.5, -np.inf], [1.0, 0.2]),
+        Q=[1.0, 0.1],
+        Qf=2.0,
+        R=[0.01, 0.02],
+    )
+    assert np.array_equal(found["u"], plan.u)
+    limits = found["limits"]
+    assert np.array_equal(limits["active"], plan.active)
+    assert np.any(plan.active)
+    assert limits["low"][0] == [-0.5, None]
+    assert limits["high"][0] == [1.0, 0.2]
+    assert (limits["gap"], limits["missed"]) == (plan.gap, plan.missed)
+    assert (limits["objective"], limits["status"]) == (plan.objective, "optimal")
+    assert {file.name for file in out.iterdir()} == {f"control.{k}" for k in ("json", "png", "svg")}
+    assert cli.main([*map(str, ["control", path, *options])]) == 0
+    text = capsys.readouterr().out
+    count = np.count_nonzero(plan.active)
+    assert text.count("*") == count + 1  # one explains them
+    assert f"{count} of 12 inputs at a limit (*)" in text
+    assert "solved     optimal" in text
+    assert ran(capsys, "control", path, "--steps", 6)["limits"] is None
+
+
+def test_limits_of_states_on_the_command_line(rig, capsys):
+    path, system = rig
+    found = ran(capsys, "control", path, "--steps", 4, "--Q", 1, "--state-limits", "x[1]=0.3,inf")
+    low = [-np.inf, 0.3]
+    plan = se.control(system, [3.0, 1.0], [0.0, 0.0], steps=4, Q=1.0, state_limits=(low, np.inf))
+    assert np.array_equal(found["u"], plan.u)
+    free = se.control(system, [3.0, 1.0], [0.0, 0.0], steps=4, Q=1.0)
+    assert free.predicted_states[1:, 1].min() < 0.01
+    assert plan.predicted_states[1:, 1].min() > 0.29
+
+
+def test_control_of_a_model_within_limits(table, tmp_path, capsys):
+    file = tmp_path / "model.safetensors"
+    ran(capsys, "identify", table, *OPTIONS, "--sigma", 0.01, "--save", file)
+    options = ["--from", "1,0", "--steps", 5, "--limits", "torque=-0.1,0.1", "--R", "0.001"]
+    found = ran(capsys, "control", file, *options)
+    assert np.abs(found["u"]).max() == 0.1
+    assert found["certificate"]["tube"][1] > 0.0
+    assert found["limits"]["missed"] > 0.0
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        (["--limits", "1"], "LOW,HIGH"),
+        (["--limits", "1,0"], "low <= high"),
+        (["--limits", "a,b"], "numbers with commas"),
+        (["--limits", "nan,1"], "LOW,HIGH"),
+        (["--limits", "speed=-1,1"], "'speed' must be one of u[0], u[1]"),
+        (["--state-limits", "u[0]=-1,1"], "must be one of x[0], x[1]"),
+        (["--R", "1,2,3"], "1 or 2 finite numbers"),
+        (["--Q", "inf"], "1 or 2 finite numbers"),
+        (["--rate", "0.1"], "`previous` must be given"),
+        (["--hard"], "--hard is for --state-limits"),
+    ],
+)
+def test_bad_limits_are_named(rig, capsys, args, words):
+    assert words in failed(capsys, "control", rig[0], "--steps", 3, *args)

@@ -149,7 +149,7 @@ def test_docstring_examples(name):
     assert runner.summarize(verbose=False).failed == 0, "".join(said)
 
 
-PAGES = ("README.md", "CONTRIBUTING.md", "docs/measured-runs.md")
+PAGES = ("README.md", "CONTRIBUTING.md", "docs/limits.md", "docs/measured-runs.md")
 MARKDOWN = [path for path in PAGES if (ROOT / path).exists()]
 
 
@@ -288,6 +288,8 @@ def test_rig_script_compares_and_draws(tmp_path, monkeypatch, capsys):
     assert 0.0 < 2 * float(error) < float(certificate) < 1.0
     assert {path.name for path in (tmp_path / "a").iterdir()} == {
         "certificates.png",
+        "limits-loop.png",
+        "limits-plan.png",
         "residuals.png",
         "tube.png",
     }

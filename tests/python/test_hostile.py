@@ -161,6 +161,13 @@ def fused_model():
     return se.fuse([(A, B), (0.5 * A, B)], "leave-one-out", data=model())
 
 
+def loop():
+    made = se.regulate((A, B), 3, limits=(-1.0, 1.0))
+    made(X0)
+    return made
+
+
+TASK = loop()._task
 TABLE = {"t": [0.0, 0.1, 0.2], "x": [1.0, 2.0, 3.0], "u": [1.0, 0.0, 0.0]}
 
 
@@ -209,6 +216,8 @@ OWN = {
     "from_systems": {"systems": [(A, B), (A, B)]},
     "identify": {"checks": False},
     "simulate_ensemble": {"size": 5},
+    "track": {"size": 5},
+    "Regulator": {"task": TASK},
     "Region.bound": {"u": X0},
     "Region.component_bounds": {"u": X0},
     "approximately": {"sizes": (2, 5)},
@@ -238,6 +247,8 @@ TAKEN = {
     ("control", "state_limits"): {"object vector", "list of None"},
     ("realization_controls", "limits"): {"object vector", "list of None"},
     ("steer", "limits"): {"object vector", "list of None"},
+    ("regulate", "limits"): {"object vector", "list of None"},
+    ("regulate", "state_limits"): {"object vector", "list of None"},
     ("Stream.run", "checkpoint"): {"text"},
 }
 CALLED = {"class", "function"}  # what `progress` does is its own affair
@@ -253,6 +264,7 @@ MADE = {
     "Region": lambda: model().region(),
     "Checks": lambda: model().checks,
     "Plan": lambda: se.control((ensemble(), B), se.sample(X0, 5, rng=2), XF),
+    "Regulator": loop,
     "Stream": lambda: se.Stream((A, B), X0, XF, rng=1),
     "Bound": lambda: se.theory.bounds.bound("McDiarmid", "state", (A, B), X0, XF),
     "Simulated": lambda: se.theory.bounds.bound("simulated", "vector", X0),

@@ -21,6 +21,7 @@ from stochens_rs.exceptions import DataWarning, InputError
 from stochens_rs.plots import files as plots
 from stochens_rs.plots.certificates import draw_certificates
 from stochens_rs.plots.residuals import draw_residuals
+from stochens_rs.plots.tube import draw_tube
 from stochens_rs.studies import Curve, Experiment, Panel
 from stochens_rs.studies.figures import _number, _ticks
 from stochens_rs.studies.methods import STYLES
@@ -362,3 +363,68 @@ def test_infinite_certificates_are_marked_at_the_edge():
     labels = [text.get_text() for text in ax.get_legend().get_texts()]
     assert labels == ["one", "two", "certificate", "true error", "at the upper edge: infinite"]
     ax.figure.canvas.draw()
+
+
+# -- within limits ---------------------------------------------------------------------------------
+
+PUSHED = [[1.0, 0.3], [-0.1, 0.9]], [[0.0, 0.1], [0.1, 0.0]]
+
+
+def labels_of(figure):
+    return [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+def test_a_plan_within_limits_draws_its_inputs():
+    """Steps, thick where an input is at a limit; one-sided limits as bands to the edge."""
+    low, high = [-0.5, -np.inf], [1.0, np.inf]
+    plan = se.control(PUSHED, [3.0, 1.0], [0.0, 0.0], steps=8, limits=(low, high), Q=1.0, R=0.1)
+    figure = plan.plot()
+    assert [ax.get_ylabel() for ax in figure.axes] == ["x[0]", "x[1]", "u[0]", "u[1]"]
+    assert labels_of(figure) == ["predicted", "limits", "input", "at its limit"]
+    limited, free = figure.axes[2:]
+    thin, thick = (patch.get_data().values for patch in limited.patches)
+    assert np.array_equal(thin, plan.u[:, 0])
+    assert np.array_equal(np.isfinite(thick), plan.active[:, 0] != 0)
+    assert 0 < np.isfinite(thick).sum() < 8
+    assert limited.collections[0].get_paths()[0].vertices[:, 1].tolist().count(-0.5) > 8
+    assert len(free.patches) == 1
+    assert len(free.collections) == 0
+    one_sided = se.control(PUSHED, [3.0, 1.0], [0.0, 0.0], steps=8, limits=(-0.5, np.inf)).plot()
+    band = one_sided.axes[2].collections[0].get_paths()[0].vertices[:, 1]
+    assert band.min() == -0.5
+    assert band.max() > one_sided.axes[2].get_ylim()[1]
+    assert np.isfinite(band).all()
+
+
+def test_far_limits_do_not_hide_the_inputs():
+    figure = se.control(PUSHED, [1.0, 0.0], [0.0, 0.0], steps=8, limits=(-1e9, 1e9)).plot()
+    u = figure.axes[2].patches[0].get_data().values
+    assert labels_of(figure) == ["predicted", "limits", "input"]
+    low, high = figure.axes[2].get_ylim()
+    assert high - low < 20.0 * np.ptp(u)
+
+
+def test_a_reference_is_drawn_and_a_plan_without_limits_is_as_it_was():
+    reference = np.linspace([3.0, 1.0], [0.0, 0.0], 6)
+    given = se.control(PUSHED, [3.0, 1.0], None, steps=5, reference=reference, Q=1.0, R=0.1)
+    figure = given.plot()
+    assert labels_of(figure) == ["reference", "predicted", "input"]
+    line = next(one for one in figure.axes[0].lines if one.get_label() == "reference")
+    assert line.get_xdata().tolist() == [1.0, 2.0, 3.0, 4.0, 5.0]
+    assert np.array_equal(line.get_ydata(), reference[1:, 0])
+    plain = se.control(PUSHED, [3.0, 1.0], [0.0, 0.0], steps=5).plot()
+    assert labels_of(plain) == ["predicted"]
+    assert len(plain.axes) == 2
+
+
+def test_limits_of_states_are_bands():
+    figure = draw_tube(
+        np.array([[0.0], [1.0], [2.0]]),
+        None,
+        ["height"],
+        limits=(np.full((2, 1), -np.inf), np.array([[1.5], [2.5]])),
+    )
+    band = figure.axes[0].collections[0].get_paths()[0].vertices
+    assert {1.0, 2.0} == set(band[:, 0])  # x(0) has no limits
+    assert {1.5, 2.5} <= set(band[:, 1])
+    assert labels_of(figure) == ["limits", "predicted"]

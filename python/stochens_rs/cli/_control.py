@@ -15,6 +15,7 @@ from .._base.types import DELTA
 from ..controls import Certificate, Plan, control
 from ..exceptions import DataWarning
 from ..identification import Model
+from ._limits import limit_facts, limit_lines, limit_options, limits_given
 from ._options import force_option, json_option
 from ._output import Folder, finite, grid, show_result
 from ._problem import share
@@ -38,12 +39,14 @@ from ._problem import share
     help="The inputs of the measured runs did not react to the states: often a smaller bound.",
 )
 @click.option("--robust", is_flag=True, help="The control of least certificate; for one step.")
+@limit_options
 @click.option("--out", metavar="DIR", help="Also write control.json and the figure there.")
 @force_option
 @json_option
 @click.pass_context
 def control_command(
     context: click.Context,
+    /,
     source: str,
     start: str | None,
     goal: str | None,
@@ -55,8 +58,9 @@ def control_command(
     out: str | None,
     force: bool,
     as_json: bool,
+    **_: Any,
 ) -> None:
-    """Compute the smallest control that leads from one state to another.
+    """Compute the control that leads from one state to another, also within limits.
 
     MODEL_OR_PROBLEM is a model that `stochens identify --save` wrote (.safetensors), or a system
     that is known: .npz or JSON with A, B and optionally x0, xf.
@@ -64,9 +68,18 @@ def control_command(
     For a model, prints how far the true system can end from the target, with probability 1 - P,
     and of what that is made; the figure has the predicted states with the tube that contains the
     true ones. The certificate rests on what was declared to `stochens identify`.
+
+    With limits or weights the control is the best one within them: of least sum over the steps of
+    the squared distance of the state from the target, weighted by --Q and --Qf, and of the squared
+    inputs, weighted by --R.
     """
     probability = share(delta, "--delta")
-    options = {k: v for k, v in context.params.items() if k not in ("out", "force", "as_json")}
+    written = ("out", "force", "as_json")
+    options = {
+        name: list(value) if isinstance(value, tuple) else value  # as JSON has them
+        for name, value in context.params.items()
+        if name not in written
+    }
     folder = None if out is None else Folder(out, "control", options, force)
     known: Any
     if source.endswith(".safetensors"):
@@ -85,8 +98,10 @@ def control_command(
         names = tuple(f"x[{i}]" for i in range(n)), tuple(f"u[{j}]" for j in range(known.m))
     x0 = _state("--from", start, n, x0)
     xf = _state("--to", goal, n, np.zeros(n) if xf is None else xf)
-    least: Any = {"robust": True, "delta": probability} if robust else {}
-    plan = control(known, x0, xf, steps=steps, **least)
+    asked = limits_given(context.params, names)
+    if robust:
+        asked |= {"robust": True, "delta": probability}
+    plan = control(known, x0, xf, steps=steps, **asked)
     found: Any = None
     if isinstance(known, Model):
         with warnings.catch_warnings():
@@ -129,6 +144,7 @@ def _facts(
         "predicted_states": plan.predicted_states.tolist(),
         "out_of_reach": plan.reachability.residual if not plan.reachability.reachable else 0.0,
         "warnings": list(plan.info["warnings"]),
+        "limits": limit_facts(plan),
         "certificate": None
         if found is None
         else {
@@ -155,7 +171,7 @@ def _text(plan: Plan, found: Certificate | None, xf: Any, names: tuple[Any, Any]
     rows = [["step", *names[1], *names[0], *tube]]
     inputs, path = _rounded(plan.u), _rounded(plan.predicted_states)
     for k, state in enumerate(path):
-        u = [f"{value:.4g}" for value in inputs[k]] if k < plan.steps else [""] * plan.u.shape[1]
+        u = _inputs(plan, inputs, k) if k < plan.steps else [""] * plan.u.shape[1]
         radius = [] if found is None else [f"{found.tube[k]:.3g}"]
         rows.append([str(k), *u, *(f"{value:.4g}" for value in state), *radius])
     lines = [*grid(rows), ""]
@@ -173,7 +189,15 @@ def _text(plan: Plan, found: Certificate | None, xf: Any, names: tuple[Any, Any]
         ]
         if found.missing:
             lines.append(f"unknown    {'; '.join(found.missing)}")
+    lines += limit_lines(plan)
     return "\n".join([*lines, *(f"warning    {text}" for text in plan.info["warnings"])])
+
+
+def _inputs(plan: Plan, inputs: Any, k: int) -> list[str]:
+    """The inputs of a step, with a star at a limit."""
+    active = np.zeros_like(inputs, dtype=bool) if plan.active is None else plan.active != 0
+    stars = np.where(active[k], "*", " " if active.any() else "")
+    return [f"{value:.4g}{star}" for value, star in zip(inputs[k], stars, strict=True)]
 
 
 def _reach(plan: Plan, found: Certificate) -> str:

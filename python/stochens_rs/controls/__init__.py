@@ -1,6 +1,7 @@
 """Controls from estimates, and what is known about their errors."""
 
 from ..theory.records import PlanError, Reachability
+from .calls import Call
 from .certificate import Certificate
 from .fused import control
 from .plan import Plan
@@ -8,19 +9,24 @@ from .plan_bound import PlanBound
 from .planning import required_samples
 from .predicting import predict
 from .realization import realization_controls
+from .regulating import regulate
+from .regulator import Regulator
 from .sample_plan import SamplePlan
 from .steering import steer
 
 __all__ = [
+    "Call",
     "Certificate",
     "Plan",
     "PlanBound",
     "PlanError",
     "Reachability",
+    "Regulator",
     "SamplePlan",
     "control",
     "predict",
     "realization_controls",
+    "regulate",
     "required_samples",
     "steer",
 ]

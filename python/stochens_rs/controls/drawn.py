@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .._base import gate, html
 from ..exceptions import ShapeError
+from ..plots.panels import Inputs
 from ..plots.tube import draw_tube
 from .basis import ModelBasis
 from .certificate import Certificate
@@ -18,18 +19,23 @@ if TYPE_CHECKING:
 
     from .._base.types import Floats
     from .basis import Basis
+    from .limited import Limited
 
 
 class Drawn:
     """What `Plan` draws."""
 
+    u: Floats
     predicted_states: Floats
+    limited: Limited | None
     basis: Basis | ModelBasis | None
 
     def plot(
         self, certificate: Certificate | None = None, *, measured: ArrayLike | None = None
     ) -> Figure:
-        """Draw the predicted states, each in its panel.
+        """Draw the predicted states, each in its panel; within limits the inputs too.
+
+        An input is drawn as steps, its limits as a grey band, thick where it is at one of them.
 
         Parameters
         ----------
@@ -73,7 +79,19 @@ class Drawn:
                     f"{runs.shape}"
                 )
         names, dt, target = [f"x[{i}]" for i in range(predicted.shape[1])], None, None
+        controls = [f"u[{j}]" for j in range(self.u.shape[1])]
         if isinstance(basis, ModelBasis):
-            names, dt = list(basis.model.state_names), basis.model.dt
+            names, controls = list(basis.model.state_names), list(basis.model.input_names)
+            dt = basis.model.dt
             target = None if np.array_equal(basis.xf, predicted[-1]) else basis.xf
-        return draw_tube(predicted, tube, names, measured=runs, target=target, dt=dt, says=says)
+        more: dict[str, Any] = {}
+        if self.limited is not None:
+            task = self.limited.task
+            more["inputs"] = Inputs(self.u, controls, task.low, task.high)
+            if task.follows:
+                more["reference"], target = task.reference, None
+            if task.state_low is not None and task.state_high is not None:
+                more["limits"] = task.state_low, task.state_high
+        return draw_tube(
+            predicted, tube, names, measured=runs, target=target, dt=dt, says=says, **more
+        )

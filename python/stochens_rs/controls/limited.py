@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import inf, sqrt
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -20,6 +20,8 @@ from .task import REGULAR, Task, root
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
+
+    _Steps: TypeAlias = tuple[Floats, Floats, Floats, Floats, Floats, Floats, Floats]
 
 # From this many inputs on the recursion of Riccati is faster than condensed matrices (measured).
 LONG = 250
@@ -193,12 +195,12 @@ class Horizon:
     def solve(self, x0: Floats, *, time_limit: float | None = None) -> Limited:
         """The best control from x0."""
         task = self.task
-        found = self._solve(x0, task, time_limit)
+        found = self.best(x0, task, time_limit)
         shape = task.low.shape
         u = found.control.reshape(shape)
         least = found.objective
         if found.active.any() or not task.boxed:
-            least = self._solve(x0, task.unlimited(), None).objective
+            least = self.best(x0, task.unlimited(), None).objective
         return Limited(
             task=task,
             R=self.R,
@@ -213,21 +215,29 @@ class Horizon:
             missing=getattr(found, "missing", 0.0),
         )
 
-    def _solve(self, x0: Floats, task: Task, time_limit: float | None) -> _core.BoxControl:
-        if self.long or not task.boxed:
-            wanted = task.reference - self.drift()
-            system, weights = (self.A, self.B, x0), (task.stage, task.terminal, self.R)
-            if task.boxed:
-                return _core.horizon_control(
-                    *system, wanted, *weights, task.low, task.high, None, time_limit
-                )
+    def best(self, x0: Floats, task: Task, time_limit: float | None) -> _core.BoxControl:
+        """The best control from x0 as the core has it."""
+        if not task.boxed:
             # x less what c does
             below, above = (
                 None if side is None else side - self.drift()
                 for side in (task.state_low, task.state_high)
             )
             limits = task.low, task.high, task.rate, task.previous, below, above, task.soft
-            return _core.rows_control(*system, wanted, *weights, *limits, time_limit)
+            return _core.rows_control(*self._steps(x0, task), *limits, time_limit)
+        if self.long:
+            return self.by_recursion(x0, task, None, time_limit)
         M, state, target = self.weighted()
         low, high = task.low.ravel(), task.high.ravel()
         return _core.box_control(M, target - state @ x0, self.cost(), low, high, None, time_limit)
+
+    def by_recursion(
+        self, x0: Floats, task: Task, warm: NDArray[np.int8] | None, time_limit: float | None
+    ) -> _core.BoxControl:
+        """The same by Riccati's recursion, begun at the active limits `warm`."""
+        limits = task.low, task.high
+        return _core.horizon_control(*self._steps(x0, task), *limits, warm, time_limit)
+
+    def _steps(self, x0: Floats, task: Task) -> _Steps:
+        wanted = task.reference - self.drift()
+        return self.A, self.B, x0, wanted, task.stage, task.terminal, self.R

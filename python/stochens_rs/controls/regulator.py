@@ -1,79 +1,88 @@
-"""`regulate`: feedback within limits in a receding horizon."""
+"""`Regulator`: feedback within limits in a receding horizon."""
 
 from __future__ import annotations
 
+import threading
 from collections import deque
-from dataclasses import dataclass, replace
+from contextlib import contextmanager
+from dataclasses import replace
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .. import _core
 from .._base import gate, html
-from .._base.types import Floats
-from ..exceptions import InputError, ShapeError
+from ..exceptions import InputError, NonFiniteError, ShapeError
 from ..identification.identified import Identified
 from ..system import System
-from .limited import Horizon, Limited
-from .task import Task, checked_task
+from .calls import Call, counted, curves, facts, figure
+from .limited import Horizon
+from .receding import solver_of
+from .task import Task
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator
 
+    from matplotlib.figure import Figure
     from numpy.typing import ArrayLike
 
+    from .._base.types import Floats, Status
+
 LOGGED = 1000  # calls that the log keeps
-
-
-@dataclass(frozen=True, eq=False)
-class Call:
-    """One call of a `Regulator`.
-
-    Attributes
-    ----------
-    x : ndarray, shape (n,), or None
-        The state; None for a held input.
-    u : ndarray, shape (m,)
-        The input returned.
-    status : str
-        That of the plan, or "held".
-    gap : float
-        ``J - min J`` of the plan is at most this; nan for a held input.
-    seconds : float
-        The time the call took [s].
-    """
-
-    x: Floats | None
-    u: Floats
-    status: str
-    gap: float
-    seconds: float
 
 
 class Regulator:
     """Feedback ``u = loop(x)``: the first input of the best plan over the next K steps.
 
-    Made by `regulate`. Not to be shared between threads.
+    Made by `regulate`. It keeps the active limits of its last plan, at which the next call begins;
+    a copy or a pickle goes on with the same bits. One thread at a time: a call during a call of
+    another thread raises.
+
+    Parameters
+    ----------
+    system : System or model
+        What the plans are made with.
+    task : Task
+        What they minimise, and the limits.
+    time_limit : float, optional
+        Seconds after which a call returns the best plan so far.
     """
 
-    def __init__(self, system: Any, task: Task, time_limit: float | None) -> None:
-        self._task, self._time_limit = task, time_limit
+    def __init__(
+        self, system: System | Identified, task: Task, time_limit: float | None = None
+    ) -> None:
+        self._time_limit = None if time_limit is None else gate.positive("time_limit", time_limit)
+        self._set(checked_model(system), gate.instance("task", task, Task))
         self._plan: Floats | None = None
-        self._held = 0
+        self._held = self._calls = 0
         self._log: deque[Call] = deque(maxlen=LOGGED)
-        self._calls = 0
-        self._prepare(system)
+        self._busy = threading.Lock()
 
-    def __call__(self, x: ArrayLike | None, *, hold: bool = False) -> Floats:
+    def _set(self, system: System | Identified, task: Task) -> None:
+        """Compute all that does not depend on the state; nothing changes if that raises."""
+        sizes, wanted = system.B.shape, (task.reference.shape[1], task.low.shape[1])
+        if sizes != wanted:
+            raise ShapeError(
+                "`system` must have n={} and m={} as this loop, got n={} and m={}".format(
+                    *wanted, *sizes
+                )
+            )
+        c = system.c if isinstance(system, Identified) else None
+        A, B = np.ascontiguousarray(system.A), np.ascontiguousarray(system.B)
+        horizon = Horizon(task, A, B, c)
+        solver = solver_of(horizon)
+        self._system, self._task, self._horizon, self._solver = system, task, horizon, solver
+
+    def __call__(self, x: ArrayLike | None = None, *, hold: bool = False) -> Floats:
         """Compute the input for the state x.
 
         Parameters
         ----------
         x : array_like, shape (n,)
-            The state now; None with ``hold=True``.
+            The state now. With ``hold=True`` it is not looked at and may be left out.
         hold : bool, default False
-            No state is known: return the next input of the last plan. At most K - 1 times in a row.
+            The state is not known: return the next input of the last plan. Possible K - 1 times in
+            a row; a call with a state starts the count again.
 
         Returns
         -------
@@ -82,94 +91,97 @@ class Regulator:
 
         Raises
         ------
+        NonFiniteError
+            If x is not finite.
         InputError, InputTypeError
-            If x cannot be used, is not finite, or there is nothing left to hold; the loop is then
-            as it was before the call.
+            If x cannot be used otherwise, there is nothing left to hold, or another thread is in a
+            call. After any exception the loop is as it was before the call.
 
         Examples
         --------
         >>> import stochens_rs as se
         >>> loop = se.regulate(([[1.0]], [[1.0]]), 3, limits=(-1.0, 1.0))
-        >>> loop([5.0]), loop(None, hold=True)
+        >>> loop([5.0]), loop(hold=True)
         (array([-1.]), array([-1.]))
         """
         started = perf_counter()
-        if gate.flag("hold", hold):
-            if x is not None:
-                raise InputError("`x` must be None with hold=True: with a state call loop(x)")
-            return self._hold(started)
-        state = gate.vector("x", x, length=self.n)
-        control, status, gap = self._solve(state)
-        # nothing above has changed the loop, so that an exception leaves it as it was
-        self._plan, self._held = control, 0
-        return self._noted(state, control[0].copy(), status, gap, started)
+        with self._turn():
+            if gate.flag("hold", hold):
+                return self._hold(started)
+            if x is None:
+                raise InputError("`x` must be the state, or hold=True if it is not known, got None")
+            state = gate.vector("x", x, length=self.n).copy()
+            plan, status, gap = self._solve(state)
+            # nothing above has changed the loop, so that an exception leaves it as it was
+            self._plan, self._held = plan, 0
+            return self._noted(state, plan[0].copy(), status, gap, started)
 
     def _hold(self, started: float) -> Floats:
         if self._plan is None:
-            raise InputError("`hold` needs a plan: call loop(x) first")
-        if self._held + 1 >= len(self._plan):
+            raise InputError("`hold` must be False before the first plan: call loop(x) first")
+        if self._held + 1 >= self.steps:
             raise InputError(
-                f"`hold` is possible {len(self._plan) - 1} times in a row with "
-                f"steps={len(self._plan)}: the last plan is used up"
+                f"`hold` must be False now: a plan over {html.counted(self.steps)} has "
+                f"{html.number_of(self.steps - 1, 'input')} to hold, and all are used"
             )
         self._held += 1
         return self._noted(None, self._plan[self._held].copy(), "held", np.nan, started)
 
     def _noted(
-        self, x: Floats | None, u: Floats, status: str, gap: float, started: float
+        self, x: Floats | None, u: Floats, status: Status, gap: float, started: float
     ) -> Floats:
         if self._task.rate is not None:
-            self._task = replace(self._task, previous=u.copy())
-        self._log.append(Call(x, u.copy(), status, gap, perf_counter() - started))
+            self._task = self._horizon.task = replace(self._task, previous=u.copy())
         self._calls += 1
+        self._log.append(Call(x, u.copy(), status, gap, perf_counter() - started))
         return u
 
-    def _prepare(self, system: Any) -> None:
-        """All that does not depend on the state."""
-        A, B, c = _matrices(system)
-        if self._plan is not None and (len(A), B.shape[1]) != (self.n, self.m):
-            raise ShapeError(
-                f"`system` must have n={self.n} and m={self.m} as this loop, got n={len(A)} and "
-                f"m={B.shape[1]}"
-            )
-        horizon = Horizon(self._task, A, B, c)
-        solver = None
-        if self._task.boxed and not horizon.long:
-            M, state, target = horizon.weighted()
-            low, high = self._task.low.ravel(), self._task.high.ravel()
-            solver = _core.BoxSolver(M, horizon.cost(), low, high, B.shape[1], state, target)
-        self._system, self._horizon, self._solver = system, horizon, solver
+    def _solve(self, x: Floats) -> tuple[Floats, Status, float]:
+        try:
+            found = self._solver.solve(x, self._time_limit)
+        except NonFiniteError:
+            raise NonFiniteError("`x` is too large: its cost overflows") from None
+        shape = self._task.low.shape
+        plan = found.control[: shape[0] * shape[1]].reshape(shape)
+        return plan, found.status, found.gap
 
-    def _solve(self, x: Floats) -> tuple[Floats, str, float]:
-        if self._solver is None:
-            self._horizon.task = self._task
-            found: Limited = self._horizon.solve(x, time_limit=self._time_limit)
-            return found.u, found.status, found.gap
-        solved = self._solver.solve(x, self._time_limit)
-        return solved.control.reshape(self._task.low.shape), solved.status, solved.gap
+    @contextmanager
+    def _turn(self) -> Iterator[None]:
+        if not self._busy.acquire(blocking=False):
+            raise InputError("this loop is in use by another thread: give each thread its own copy")
+        try:
+            yield
+        finally:
+            self._busy.release()
 
     def __getstate__(self) -> dict[str, Any]:
-        state = {k: v for k, v in vars(self).items() if k not in ("_solver", "_horizon")}
-        return state | {"warm": None if self._solver is None else self._solver.warm()}
+        with self._turn():
+            return {
+                "system": self._system,
+                "task": self._task,
+                "time_limit": self._time_limit,
+                "plan": self._plan,
+                "held": self._held,
+                "calls": self._calls,
+                "log": tuple(self._log),
+                "warm": self._solver.warm(),
+            }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        warm = state.pop("warm")
-        vars(self).update(state)
-        plan, self._plan = self._plan, None
-        self._prepare(self._system)
-        self._plan = plan
-        if self._solver is not None:
-            self._solver.resume(warm)
+        Regulator.__init__(self, state["system"], state["task"], state["time_limit"])
+        self._plan, self._held, self._calls = state["plan"], state["held"], state["calls"]
+        self._log.extend(state["log"])
+        self._solver.resume(state["warm"])
 
     @property
     def n(self) -> int:
         """The number of states."""
-        return len(self._horizon.A)
+        return int(self._task.reference.shape[1])
 
     @property
     def m(self) -> int:
         """The number of inputs."""
-        return int(self._horizon.B.shape[1])
+        return int(self._task.low.shape[1])
 
     @property
     def steps(self) -> int:
@@ -177,8 +189,16 @@ class Regulator:
         return self._task.steps
 
     @property
+    def limits(self) -> tuple[Floats, Floats]:
+        """The limits (low, high) of the input that is returned, each (m,)."""
+        return self._task.low[0].copy(), self._task.high[0].copy()
+
+    @property
     def plan(self) -> Floats | None:
-        """The last plan, shape (K, m); None before the first call."""
+        """The inputs of the last plan, shape (K, m); None before the first call.
+
+        `predict` with them says where a model leads from x, and how far that is certain.
+        """
         return None if self._plan is None else self._plan.copy()
 
     @property
@@ -187,12 +207,19 @@ class Regulator:
         return self._held
 
     @property
-    def log(self) -> Sequence[Call]:
-        """The last 1000 calls."""
+    def calls(self) -> int:
+        """The number of calls since the loop was made or reset, held ones included."""
+        return self._calls
+
+    @property
+    def log(self) -> tuple[Call, ...]:
+        """The last 1000 calls, the latest at the end."""
         return tuple(self._log)
 
-    def swap(self, system: Any) -> None:
+    def swap(self, system: System | Identified | Any) -> None:
         """Go on with another system or model from the next call on.
+
+        The last plan, to hold from, and the active limits at which the next call begins are kept.
 
         Parameters
         ----------
@@ -202,7 +229,8 @@ class Regulator:
         Raises
         ------
         InputError, InputTypeError
-            If it cannot be used; the loop then goes on with the old one.
+            If it cannot be used, or another thread is in a call; the loop then goes on with the
+            old one.
 
         Examples
         --------
@@ -210,118 +238,78 @@ class Regulator:
         >>> loop = se.regulate(([[1.0]], [[1.0]]), 3, limits=(-1.0, 1.0))
         >>> loop.swap(([[0.9]], [[1.0]]))
         """
-        self._prepare(system)
+        checked = checked_model(system)
+        with self._turn():
+            warm = self._solver.warm()
+            self._set(checked, self._task)
+            self._solver.resume(warm)
 
     def reset(self) -> None:
-        """Forget the last plan and the log.
+        """Forget the last plan, its active limits and the log; keep the system.
+
+        With `rate`, the last input remains the one that is applied now.
 
         Examples
         --------
         >>> import stochens_rs as se
         >>> loop = se.regulate(([[1.0]], [[1.0]]), 3, limits=(-1.0, 1.0))
+        >>> u = loop([5.0])
         >>> loop.reset()
+        >>> loop.calls, loop.plan
+        (0, None)
         """
-        self._plan, self._held, self._calls = None, 0, 0
-        self._log.clear()
-        if self._solver is not None:
+        with self._turn():
+            self._plan, self._held, self._calls = None, 0, 0
+            self._log.clear()
             self._solver.resume(None)
 
+    def plot(self) -> Figure:
+        """Draw the calls in the log: states, inputs within their limits, time of each call.
+
+        An input is thick where it is at one of its limits; held ones are marked.
+
+        Returns
+        -------
+        matplotlib Figure
+
+        Raises
+        ------
+        ImportError
+            If matplotlib is not installed.
+        InputError
+            If the log is empty.
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> loop, x = se.regulate(([[1.0]], [[1.0]]), 3, limits=(-1.0, 1.0)), 5.0
+        >>> for _ in range(8):
+        ...     x = x + loop([x])[0]
+        >>> len(loop.plot().axes)
+        3
+        """
+        system = self._system
+        names = [f"x[{i}]" for i in range(self.n)], [f"u[{j}]" for j in range(self.m)]
+        if isinstance(system, Identified):
+            names = list(system.state_names), list(system.input_names)
+        dt = None if isinstance(system.dt, bool) else system.dt
+        return figure(self.log, self._task, names, dt)
+
     def __repr__(self) -> str:
-        held = f", {self._held} held" if self._held else ""
-        over = html.counted(self.steps)
-        return f"<Regulator: n={self.n} m={self.m}, {over}, {self._calls} calls{held}>"
+        said = f", the last: {counted(self.log[-10:])}" if self._log else ""
+        return (
+            f"<Regulator: n={self.n} m={self.m}, {html.counted(self.steps)}, "
+            f"{html.number_of(self._calls, 'call')}{said}>"
+        )
+
+    def _repr_html_(self) -> str:
+        low, high = self.limits
+        calls = self.log
+        bounds = f"{html.vector(low)} to {html.vector(high)}" if self._task.bounded else None
+        rows = [("limits", bounds), *facts(calls), ("held in a row", self._held or None)]
+        return html.card(self, rows, curves(calls, self.n))
 
 
-def regulate(
-    system: Any,
-    steps: int,
-    xf: ArrayLike | None = None,
-    *,
-    limits: Any = None,
-    rate: ArrayLike | None = None,
-    previous: ArrayLike | None = None,
-    Q: ArrayLike | None = None,
-    Qf: ArrayLike | None = None,
-    R: ArrayLike | str | None = None,
-    reference: ArrayLike | None = None,
-    state_limits: Any = None,
-    soft: float | bool | None = None,
-    time_limit: float | None = None,
-) -> Regulator:
-    """Make a feedback that plans K steps ahead at every state and applies the first input.
-
-    Parameters
-    ----------
-    system : System or model
-        A System, anything `System.from_any` takes, or a model from data.
-    steps : int
-        The number of steps K of each plan.
-    xf : array_like, shape (n,), optional
-        The target; default: the origin.
-    limits, rate, previous, Q, Qf, R, state_limits, soft
-        As in `control`; `previous` is the input applied before the first call.
-    reference : array_like, shape (K + 1, n), optional
-        The states wanted over the steps of each plan, in place of `xf`.
-    time_limit : float, optional
-        Seconds after which a plan is returned as it is, with status "user_limit".
-
-    Returns
-    -------
-    Regulator
-        ``u = loop(x)``.
-
-    Raises
-    ------
-    InputError, InputTypeError
-        If an argument cannot be used; or a power of A overflows, named by its exponent.
-
-    Notes
-    -----
-    Box limits: all that does not depend on the state is computed here; a call begins at the active
-    limits of the call before, shifted by one step. At most 15 exchanges of active limits are
-    followed by at most 25 steps of an interior point, so that the time of a call is bounded.
-
-    Examples
-    --------
-    >>> import stochens_rs as se
-    >>> loop, x = se.regulate(([[1.0]], [[1.0]]), 1, limits=(-1.0, 1.0), Q=1.0, R=1.0), [5.0]
-    >>> for _ in range(6):
-    ...     u = loop(x)
-    ...     x = x + u
-    >>> [float(call.u[0]) for call in loop.log]
-    [-1.0, -1.0, -1.0, -1.0, -0.5, -0.25]
-    """
-    A, B, _ = _matrices(system)
-    n, m = B.shape
-    K = gate.size("steps", steps)
-    goal = None
-    if reference is None:
-        goal = np.zeros(n) if xf is None else gate.vector("xf", xf, length=n)
-    task = checked_task(
-        n,
-        m,
-        K,
-        goal,
-        limits=limits,
-        rate=rate,
-        previous=previous,
-        Q=Q,
-        Qf=Qf,
-        R=R or "auto",
-        reference=reference,
-        state_limits=state_limits,
-        soft=soft,
-    )
-    assert task is not None
-    seconds = None if time_limit is None else gate.positive("time_limit", time_limit)
-    return Regulator((A, B, _), task, seconds)
-
-
-def _matrices(system: Any) -> tuple[Floats, Floats, Floats | None]:
-    """A, B and the offset of a system or a model."""
-    if isinstance(system, Identified):
-        return np.array(system.A), np.array(system.B), system.c
-    if isinstance(system, tuple) and len(system) == 3:
-        return system
-    checked = System.from_any(system)
-    return checked.A, checked.B, None
+def checked_model(system: Any) -> System | Identified:
+    """A model as it is, anything else as a `System`."""
+    return system if isinstance(system, Identified) else System.from_any(system)

@@ -1,4 +1,4 @@
-"""Tracking a reference with a fresh estimate of A in every step."""
+"""Tracking a reference with a fresh estimate of A in every step, or with a controller."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .. import _core
 from .._base import gate, html, memory
 from .._base.threads import get_num_threads
 from .._base.types import Floats, Status
-from ..exceptions import NonFiniteError
+from ..exceptions import InputError, NonFiniteError
 from ..fusion.fusing import METHODS
 from ..plots.states import draw_tracking
 from ..rng import Key, RngLike, as_key
@@ -19,12 +19,16 @@ from ..system import System
 from ..theory.exact import REACHABLE, factors
 from ..theory.tracking import reference_residuals
 from ..theory.tracking.errors import checked_reference
+from .controlled import Driven, controlled, made_by
 from .simulating import columns
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from matplotlib.axes import Axes
     from numpy.typing import ArrayLike
 
+    from ..controls import Regulator
     from ..fusion.fusing import Method
 
 
@@ -51,9 +55,12 @@ class Tracking:
     key : Key
         The key of the draws.
     status : str
-        The worst status among the fits; "completed" if none was optimised.
+        The worst status among the fits, or the calls of a `Regulator`; "completed" if nothing was
+        optimised.
     info : dict
-        "method", "size", "feedback", "sample_states" and "runs" (None or R).
+        "method", "size", "feedback", "sample_states" and "runs" (None or R). With a controller in
+        their place "controller" (the name of its type), "noise" (n,), and for a `Regulator`
+        "limits" (low, high), each (m,), and "statuses" with the number of calls of each.
     """
 
     states: Floats
@@ -112,7 +119,7 @@ class Tracking:
         distance = np.sqrt(self.mean_square)
         rows = [
             ("steps", html.grouped(len(self.residuals))),
-            ("realizations N per step", html.grouped(self.info["size"])),
+            *made_by(self.info),
             ("runs", self.info["runs"]),
             ("off by (rms)", f"{distance[-1]:.4g} at the end, {distance.max():.4g} at most"),
             ("out of reach in one step", f"{self.residuals.max():.4g} at most"),
@@ -124,8 +131,10 @@ class Tracking:
 def track(
     system: System | Any,
     reference: ArrayLike,
-    size: int,
+    size: int | None = None,
     *,
+    controller: Regulator | Callable[[Floats], ArrayLike] | None = None,
+    noise: ArrayLike | None = None,
     feedback: bool = True,
     sample_states: bool = False,
     x0: ArrayLike | None = None,
@@ -133,7 +142,7 @@ def track(
     rng: RngLike = None,
     runs: int | None = None,
 ) -> Tracking:
-    """Simulate the tracking of a reference, with a new estimate of A in every step.
+    """Simulate the tracking of a reference, by a new estimate of A in every step or a controller.
 
     Parameters
     ----------
@@ -142,8 +151,15 @@ def track(
         computed from ``B`` and realizations of ``A``.
     reference : array_like, shape (K + 1, n)
         The states ``r(0), ..., r(K)`` to track; K >= 1.
-    size : int
-        Number of realizations N in every step.
+    size : int, optional
+        Number of realizations N in every step; left out with a `controller`, as `feedback`,
+        `sample_states` and `method`.
+    controller : Regulator or callable, optional
+        ``u(k) = controller(x(k))``, for example what `regulate` makes. With `runs` every run begins
+        with a copy of the Regulator; without, it goes on itself, and its log has the run. Another
+        callable is called as it is.
+    noise : float or array_like, shape (n,), optional
+        With a `controller`: standard deviations of Gaussian noise w(k), added to every x(k + 1).
     feedback : bool, default True
         Whether the control uses the measured state ``x(k)``, or ``r(k)`` in its place, as in
         section 5.2 of the paper: errors then accumulate.
@@ -158,7 +174,7 @@ def track(
     rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
         Source of randomness. Run i draws from the child "replicate-i" (i = 0 without `runs`), its
         step k from the child "step-k" of that, and the entities from the children "A", "state"
-        and "target" of that.
+        and "target" of that; `noise` from the child "noise" of the run.
     runs : int, optional
         Number R of independent runs; None: one run, and no axis for runs.
 
@@ -171,7 +187,7 @@ def track(
     ------
     InputError, InputTypeError
         If an argument cannot be used, or an error overflows, as it may if `size` does not exceed
-        the threshold of stability.
+        the threshold of stability. What a controller raises is passed on.
     ResourceError
         If the states do not fit into the memory this process may use.
 
@@ -184,6 +200,9 @@ def track(
     the mean square if and only if N exceeds it. For a reference that is not feasible, each step
     leads as near to ``r(k+1)`` as the estimates allow; see ``residuals``.
 
+    A controller is called in Python, step by step. It has a target of its own: errors are those
+    from `reference`.
+
     Examples
     --------
     >>> import numpy as np, stochens_rs as se
@@ -195,59 +214,98 @@ def track(
     >>> rms = se.theory.tracking.tracking_rms(system, reference, 1000)
     >>> bool(abs(np.sqrt(run.mean_square.mean()) / np.sqrt((rms**2).mean()) - 1) < 0.1)
     True
+
+    Brought to rest within limits, with noise:
+
+    >>> loop = se.regulate(system, 5, limits=(-0.5, 0.5), Q=1.0, R=0.1)
+    >>> rest = np.zeros((31, 2))
+    >>> run = se.track(system, rest, controller=loop, x0=[2.0, 1.0], noise=0.01, rng=1)
+    >>> bool(abs(run.inputs).max() <= 0.5), bool(run.errors[-1] < 0.1), run.info["statuses"]
+    (True, True, {'optimal': 30})
     """
     checked = System.from_any(system)
     n, m = checked.n, checked.m
     r = checked_reference(reference, n).copy()
-    count = gate.size("size", size)
+    if controller is not None:
+        if size is not None or not feedback or sample_states or method != "uniform":
+            raise InputError(
+                "`size`, `feedback`, `sample_states` and `method` must be left out with "
+                "`controller`, which decides from the state alone"
+            )
+    elif size is None:
+        raise InputError("`size` must be given without `controller`")
+    elif noise is not None:
+        raise InputError("`noise` must be left out without `controller`")
+    else:
+        size = gate.size("size", size)
     fed, sampled = gate.flag("feedback", feedback), gate.flag("sample_states", sample_states)
     start = r[0] if x0 is None else gate.vector("x0", x0, length=n)
     name = gate.choice("method", method, METHODS)
-    status: Status = "optimal" if name == "alse" else "completed"
     R = None if runs is None else gate.size("runs", runs)
     K = len(r) - 1
     memory.need("the trajectories", (R or 1) * ((K + 1) * (n + 1) + K * m) * 8)
-    threads = get_num_threads()
-    if name != "uniform":  # per step: the indices, which have up to 4 bytes, and the weights
-        memory.need("the realizations of a step", threads * count * (4 * n + 24))
-    B = np.ascontiguousarray(checked.B)
     with np.errstate(over="ignore", invalid="ignore"):
         residuals = reference_residuals(checked, r)
         needed = np.linalg.norm(r[1:], axis=1) + np.linalg.norm(r[:-1] @ checked.A.T, axis=1)
     if not np.isfinite(needed).all():
         raise NonFiniteError("`A` times `reference` overflows: scale the problem down")
-    key, of_B = as_key(rng), factors(B)
-    states, inputs, optimal = _core.track(
-        *columns(checked),
-        start,
-        r,
-        (of_B.U.T, of_B.V.T, of_B.s),
-        count,
-        name,
-        fed,
-        sampled,
-        R or 1,
-        bytes(key),
-        threads,
-    )
-    states, inputs = states.reshape(-1, K + 1, n), inputs.reshape(-1, K, m)
+    key = as_key(rng)
+    if controller is not None:
+        found = controlled(checked, start, K, controller, noise, key, R)
+    else:
+        assert size is not None
+        found = _estimated(checked, start, r, size, name, fed, sampled, key, R)
     with np.errstate(over="ignore"):
-        errors = np.linalg.norm(states - r, axis=2)
+        errors = np.linalg.norm(found.states - r, axis=2)
     lost = np.argwhere(~np.isfinite(errors[:, 1:]))  # the first run comes first
     if lost.size:
-        raise NonFiniteError(
-            f"the squared error overflows at step {lost[0, 1] + 1}: is `size` above the threshold "
-            "of stability, theory.tracking.stability_threshold(system)?"
-        )
+        what = "is `size` above the threshold of stability, theory.tracking.stability_threshold"
+        cure = "" if size is None else f": {what}(system)?"
+        raise NonFiniteError(f"the squared error overflows at step {lost[0, 1] + 1}{cure}")
     first = 0 if R is None else slice(None)  # without `runs`, there is no axis for them
     return Tracking(
-        states=states[first],
-        inputs=inputs[first],
+        states=found.states[first],
+        inputs=found.inputs[first],
         errors=errors[first],
         reference=r,
         residuals=residuals,
         feasible=bool((residuals <= REACHABLE * needed).all()),
         key=key,
-        status=status if optimal else "optimal_inaccurate",
-        info={"method": name, "size": count, "feedback": fed, "sample_states": sampled, "runs": R},
+        status=found.status,
+        info={**found.info, "runs": R},
     )
+
+
+def _estimated(
+    system: System,
+    start: Floats,
+    r: Floats,
+    size: int,
+    method: Method,
+    feedback: bool,
+    sampled: bool,
+    key: Key,
+    runs: int | None,
+) -> Driven:
+    """Control by a new estimate of A in every step, in the core."""
+    n, m, K, threads = system.n, system.m, len(r) - 1, get_num_threads()
+    if method != "uniform":  # per step: the indices, which have up to 4 bytes, and the weights
+        memory.need("the realizations of a step", threads * size * (4 * n + 24))
+    of_B = factors(np.ascontiguousarray(system.B))
+    states, inputs, optimal = _core.track(
+        *columns(system),
+        start,
+        r,
+        (of_B.U.T, of_B.V.T, of_B.s),
+        size,
+        method,
+        feedback,
+        sampled,
+        runs or 1,
+        bytes(key),
+        threads,
+    )
+    best: Status = "optimal" if method == "alse" else "completed"
+    info = {"method": method, "size": size, "feedback": feedback, "sample_states": sampled}
+    status = best if optimal else "optimal_inaccurate"
+    return Driven(states.reshape(-1, K + 1, n), inputs.reshape(-1, K, m), status, info)

@@ -1,0 +1,145 @@
+"""Options for controls within limits, and what is printed of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+import numpy as np
+
+from ._output import finite
+
+if TYPE_CHECKING:
+    from .._base.types import Floats
+    from ..controls import Plan
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+_OPTIONS = (
+    click.option(
+        "--limits",
+        metavar="[INPUT=]LOW,HIGH",
+        multiple=True,
+        help="Limits of all inputs, or of one; may be repeated. inf: none on that side.",
+    ),
+    click.option(
+        "--rate", metavar="R", help="Largest change of an input in a step; one number or for each."
+    ),
+    click.option(
+        "--previous", metavar="U", help="With --rate: the inputs applied now, with commas."
+    ),
+    click.option("--Q", "Q", metavar="W", help="Weight of the states: one number or one for each."),
+    click.option("--Qf", "Qf", metavar="W", help="Weight of the last state; default: that of --Q."),
+    click.option("--R", "R", metavar="W", help="Weight of the inputs: one number or one for each."),
+    click.option(
+        "--state-limits",
+        metavar="[STATE=]LOW,HIGH",
+        multiple=True,
+        help="Limits of all states, or of one; may be repeated. Soft unless --hard.",
+    ),
+    click.option("--hard", is_flag=True, help="The limits of the states must hold."),
+)
+
+
+def limit_options(command: F) -> F:
+    """Add the options to a command."""
+    for option in reversed(_OPTIONS):
+        command = option(command)
+    return command
+
+
+def limits_given(options: dict[str, Any], names: tuple[Sequence[str], ...]) -> dict[str, Any]:
+    """The keyword arguments of `control` for the given options; `names` of states and inputs."""
+    states, inputs = names
+    found: dict[str, Any] = {}
+    for name, option, of in (
+        ("limits", "--limits", inputs),
+        ("state_limits", "--state-limits", states),
+    ):
+        if options[name]:
+            found[name] = _sides(option, options[name], of)
+    for name, of in (
+        ("rate", inputs),
+        ("previous", inputs),
+        ("Q", states),
+        ("Qf", states),
+        ("R", inputs),
+    ):
+        if options[name] is not None:
+            found[name] = _each(f"--{name}", options[name], len(of))
+    if options["hard"]:
+        if "state_limits" not in found:
+            raise click.UsageError("--hard is for --state-limits")
+        found["soft"] = False
+    return found
+
+
+def limit_facts(plan: Plan) -> dict[str, Any] | None:
+    """What the limits did, for JSON."""
+    limited = plan.limited
+    if limited is None:
+        return None
+    return {
+        "low": finite(limited.task.low),
+        "high": finite(limited.task.high),
+        "active": limited.active.tolist(),
+        "multipliers": limited.multipliers.tolist(),
+        "R": limited.R.tolist(),
+        "objective": limited.objective,
+        "missed": limited.missed,
+        "gap": limited.gap,
+        "status": limited.status,
+        "missing": limited.missing,
+    }
+
+
+def limit_lines(plan: Plan) -> list[str]:
+    """The same in words."""
+    limited = plan.limited
+    if limited is None:
+        return []
+    count = int(np.count_nonzero(limited.active))
+    lines = [
+        f"limits     {count} of {limited.active.size} inputs at a limit (*); {limited.missed:.4g} "
+        f"of the cost {limited.objective:.4g} is for the limits",
+        f"solved     {limited.status}, the cost is within {limited.gap:.2g} of the least",
+    ]
+    if limited.missing > 0.0:
+        lines.append(f"infeasible the limits of the states are missed by {limited.missing:.4g}")
+    return lines
+
+
+def _sides(option: str, texts: Sequence[str], names: Sequence[str]) -> tuple[Floats, Floats]:
+    """Read ``-1,1`` and ``force=-1,1``."""
+    low, high = np.full(len(names), -np.inf), np.full(len(names), np.inf)
+    for text in sorted(texts, key=lambda text: "=" in text):  # those of all, then those of one
+        name, equals, pair = text.rpartition("=")
+        if equals and name not in names:
+            known = ", ".join(names)
+            raise click.BadParameter(f"{name!r} must be one of {known}", param_hint=option)
+        values = _numbers(option, pair)
+        if len(values) != 2 or any(map(math.isnan, values)):
+            raise click.BadParameter(f"{pair!r} must be LOW,HIGH", param_hint=option)
+        chosen = names.index(name) if equals else slice(None)
+        low[chosen], high[chosen] = values
+    return low, high
+
+
+def _each(option: str, text: str, count: int) -> float | Floats:
+    """Read ``1`` or ``1,0,2``, one number for each."""
+    values = _numbers(option, text)
+    if len(values) not in (1, count) or not all(map(math.isfinite, values)):
+        wanted = "a finite number" if count == 1 else f"1 or {count} finite numbers"
+        raise click.BadParameter(f"must be {wanted}, got {text!r}", param_hint=option)
+    return np.full(count, values[0]) if len(values) == 1 else np.array(values)
+
+
+def _numbers(option: str, text: str) -> list[float]:
+    try:
+        return [float(cell) for cell in text.split(",")]
+    except ValueError:
+        raise click.BadParameter(
+            f"{text!r} must be numbers with commas", param_hint=option
+        ) from None

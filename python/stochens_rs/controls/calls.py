@@ -1,0 +1,92 @@
+"""What a `Regulator` writes down about its calls, and the figure of it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .._base import html
+from .._base.types import Floats, Status
+from ..exceptions import InputError
+from ..plots.calls import draw_calls
+from ..plots.panels import Inputs
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from matplotlib.figure import Figure
+
+    from .task import Task
+
+
+@dataclass(frozen=True, eq=False)
+class Call:
+    """One call of a `Regulator`.
+
+    Attributes
+    ----------
+    x : ndarray, shape (n,), or None
+        The state; None for a held input.
+    u : ndarray, shape (m,)
+        The input returned.
+    status : str
+        That of the plan, or "held".
+    gap : float
+        ``J - min J`` of the plan is at most this; nan for a held input.
+    seconds : float
+        The time that the call took [s].
+    """
+
+    x: Floats | None
+    u: Floats
+    status: Status
+    gap: float
+    seconds: float
+
+
+def counted(calls: Sequence[Call]) -> str:
+    """``40 optimal, 2 held``."""
+    seen = Counter(call.status for call in calls)
+    return ", ".join(f"{count} {status}" for status, count in seen.items())
+
+
+def facts(calls: Sequence[Call]) -> Iterator[tuple[str, object]]:
+    """Rows about the calls for a notebook."""
+    if calls:
+        times = 1e6 * np.array([call.seconds for call in calls])
+        yield "last calls", counted(calls)
+        yield "time of a call", f"{np.median(times):.3g} µs (median), {times.max():.3g} µs at most"
+        yield "last input", html.vector(calls[-1].u)
+
+
+def curves(calls: Sequence[Call], n: int) -> str:
+    """The states over the calls, drawn small."""
+    if not calls:
+        return ""
+    return html.states(np.arange(len(calls)), _states(calls, n), "states over the calls")
+
+
+def figure(
+    calls: Sequence[Call],
+    task: Task,
+    names: tuple[Sequence[str], Sequence[str]],
+    dt: float | None,
+) -> Figure:
+    """States, inputs as steps within the limits of the first step, time of each call."""
+    if not calls:
+        raise InputError("the log is empty: there is nothing to draw before the first call")
+    n, m = task.reference.shape[1], task.low.shape[1]
+    low, high = (np.broadcast_to(side[0], (len(calls), m)) for side in (task.low, task.high))
+    held = np.array([call.status == "held" for call in calls])
+    inputs = Inputs(np.array([call.u for call in calls]), names[1], low, high, held)
+    seconds = np.array([call.seconds for call in calls])
+    return draw_calls(_states(calls, n), names[0], inputs, task.reference[-1], seconds, dt=dt)
+
+
+def _states(calls: Sequence[Call], n: int) -> Floats:
+    """(T, n), nan where the state was not known."""
+    unknown = np.full(n, np.nan)
+    return np.array([unknown if call.x is None else call.x for call in calls])

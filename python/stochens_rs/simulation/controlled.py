@@ -1,0 +1,97 @@
+"""The closed loop of a system and a controller, step by step in Python as it calls one."""
+
+from __future__ import annotations
+
+from collections import Counter
+from copy import deepcopy
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from .._base import gate, html
+from .._base.types import worst
+from ..controls import Regulator
+from ..exceptions import InputError, InputTypeError, NonFiniteError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from .._base.types import Floats, Status
+    from ..rng import Key
+    from ..system import System
+
+
+class Driven(NamedTuple):
+    """States (R, K + 1, n) and inputs (R, K, m), and how the computations ended."""
+
+    states: Floats
+    inputs: Floats
+    status: Status
+    info: dict[str, Any]
+
+
+def controlled(
+    system: System,
+    start: Floats,
+    K: int,
+    controller: Callable[[Floats], Any],
+    noise: Any,
+    key: Key,
+    runs: int | None,
+) -> Driven:
+    """Simulate ``x(k+1) = A x(k) + B u(k) + w(k)`` with ``u(k) = controller(x(k))``."""
+    if not callable(controller):
+        raise InputTypeError(
+            f"`controller` must be callable, u = f(x), got {gate.show(controller)}"
+        )
+    n, m = system.n, system.m
+    loop = controller if isinstance(controller, Regulator) else None
+    if loop is not None and (loop.n, loop.m) != (n, m):
+        raise InputError(
+            f"`controller` must be for n={n} and m={m} as `system`, got n={loop.n} and m={loop.m}"
+        )
+    sigma = deviations(noise, n)
+    states, inputs = np.empty((runs or 1, K + 1, n)), np.empty((runs or 1, K, m))
+    seen: Counter[Status] = Counter()
+    for i, (x, u) in enumerate(zip(states, inputs, strict=True)):
+        # every run begins with the controller as it was given
+        act = controller if loop is None or runs is None else deepcopy(loop)
+        w = key.child(f"replicate-{i}").child("noise").generator().standard_normal((K, n)) * sigma
+        x[0] = start
+        for k in range(K):
+            u[k] = gate.vector("controller(x)", act(x[k].copy()), length=m)
+            if isinstance(act, Regulator):
+                seen[act.log[-1].status] += 1
+            with np.errstate(over="ignore", invalid="ignore"):
+                x[k + 1] = system.A @ x[k] + system.B @ u[k] + w[k]
+            if not np.isfinite(x[k + 1]).all():
+                raise NonFiniteError(f"the state overflows at step {k + 1} under `controller`")
+    info = {
+        "controller": type(controller).__name__,
+        "limits": None if loop is None else loop.limits,
+        "statuses": dict(seen),
+        "noise": sigma,
+    }
+    return Driven(states, inputs, worst(seen) if seen else "completed", info)
+
+
+def deviations(noise: Any, n: int) -> Floats:
+    """Standard deviations (n,) from a number or one for each state."""
+    if noise is None or gate.is_real(noise):
+        return np.full(n, 0.0 if noise is None else gate.nonnegative("noise", noise))
+    sigma = gate.vector("noise", noise, length=n)
+    if (sigma < 0.0).any():
+        raise InputError(f"`noise` must be standard deviations >= 0, got {sigma.min():.3g}")
+    return sigma.copy()
+
+
+def made_by(info: dict[str, Any]) -> Iterator[tuple[str, object]]:
+    """Rows about what chose the inputs."""
+    if "size" in info:
+        yield "realizations N per step", html.grouped(info["size"])
+        return
+    yield "controller", info["controller"]
+    if info["limits"] is not None:
+        low, high = map(html.vector, info["limits"])
+        yield "limits", f"{low} to {high}"
+        yield "calls", ", ".join(f"{count} {what}" for what, count in info["statuses"].items())

@@ -1,0 +1,557 @@
+"""`regulate`: the twin at every state, copies, holds, swaps, bad input, and bounded work."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+import threading
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from limit_problems import draw_steps
+from stochens_rs import _core
+from stochens_rs.controls.receding import Recursion
+from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
+from stochens_rs.reference.limited_control import solve
+from stochens_rs.reference.limited_problems import (
+    objective,
+    several_steps,
+    softened,
+    state_rows,
+)
+from stochens_rs.reference.receding import regulate as twin
+
+A, B = np.array([[1.0, 0.3], [-0.1, 0.9]]), np.array([[0.0], [0.1]])
+
+
+def plant(seed, n=4, m=2):
+    gen = np.random.default_rng(seed)
+    A = gen.normal(size=(n, n))
+    return 1.05 * A / np.abs(np.linalg.eigvals(A)).max(), gen.normal(size=(n, m)), gen
+
+
+def made(**more):
+    """A loop of 6 steps whose inputs are mostly at a limit."""
+    return se.regulate((A, B), 6, limits=(-0.5, 1.0), Q=[1.0, 0.1], R=0.01, **more)
+
+
+def driven(loop, x, count):
+    inputs = []
+    for _ in range(count):
+        inputs.append(loop(x))
+        x = A @ x + B @ inputs[-1]
+    return np.array(inputs), x
+
+
+def test_oracle_of_one_integrator():
+    """x+ = x + u, |u| <= 1, Q = R = 1, K = 1 from 5: the fourth -1 has the multiplier 0."""
+    loop, x = se.regulate(([[1.0]], [[1.0]]), 1, limits=(-1.0, 1.0), Q=1.0, R=1.0), np.array([5.0])
+    for _ in range(6):
+        x = x + loop(x)
+    assert [call.u[0] for call in loop.log] == [-1.0, -1.0, -1.0, -1.0, -0.5, -0.25]
+    assert [call.x[0] for call in loop.log] == [5.0, 4.0, 3.0, 2.0, 1.0, 0.5]
+    assert {call.status for call in loop.log} == {"optimal"}
+    assert max(call.gap for call in loop.log) <= 1e-15
+    assert min(call.seconds for call in loop.log) > 0.0
+
+
+def test_equals_the_twin_at_every_state():
+    """60 random loops of unlike kinds, 5 calls each: J, gap and inputs are those of the twin."""
+    gen, checked = np.random.default_rng(15), 0
+    for index in range(60):
+        A, B, x0, K, more = draw_steps(gen, index)
+        for name in ("rate", "previous", "S"):
+            more.pop(name, None)
+        goal, low, high = np.ones(len(A)), more.pop("low"), more.pop("high")
+        found = twin(A, B, x0, goal, K, 5, low=low, high=high, **more)
+        loop = se.regulate((A, B), K, goal, limits=(low, high), **more)
+        for k, best in enumerate(found.solutions):
+            u = loop(found.states[k])
+            assert np.all((low <= u) & (u <= high))
+            problem = several_steps(A, B, found.states[k], goal, K, low=low, high=high, **more)
+            scale = objective(problem, 0.0 * best.u) + best.objective
+            gap = loop.log[-1].gap
+            assert objective(problem, loop.plan.ravel()) - best.objective <= gap + 1e-12 * scale
+            assert gap <= 1e-9 * scale
+            apart = loop.plan.ravel() - best.u
+            # both are within their distances of the best control, in the norm of the problem
+            assert apart @ problem.H @ apart <= (gap**0.5 + best.distance) ** 2 + 1e-12 * scale
+            checked += bool(np.any((u == low) | (u == high)))
+    assert checked > 60  # of 300 inputs
+
+
+@pytest.mark.parametrize("index", range(12))
+def test_equals_control_at_every_state(index):
+    """Also with an offset, from a model; 12 systems, 15 calls each."""
+    F, X, gen = plant(20 + index, 3, 2)
+    z = gen.normal(size=(60, 5))
+    offset = 0.3 * (index % 2)
+    y = z[:, :3] @ F.T + z[:, 3:] @ X.T + offset + 0.01 * gen.normal(size=(60, 3))
+    data = se.Trajectories.from_pairs(z[:, :3], z[:, 3:], y)
+    model = se.identify(data, intercept=bool(index % 2), checks=False)
+    system = (F, X) if index % 3 == 0 else model
+    task = {"limits": ([-0.4, -np.inf], 0.3), "Q": 1.0, "Qf": 3.0, "R": [0.1, 0.2]}
+    loop, x, goal = se.regulate(system, 7, np.ones(3), **task), 3.0 * gen.normal(size=3), np.ones(3)
+    for _ in range(15):
+        u = loop(x)
+        plan = se.control(system, x, goal, steps=7, **task)
+        assert np.allclose(loop.plan, plan.u, rtol=1e-11, atol=1e-11)
+        assert loop.log[-1].gap <= 1e-12 * (plan.objective + 1.0)
+        x = F @ x + X @ u + offset + 0.1 * gen.normal(size=3)
+    assert any(np.any((call.u == 0.3) | (call.u == [-0.4, np.inf])) for call in loop.log)
+
+
+def test_a_call_does_not_depend_on_where_it_begins():
+    """40 states: warm equals cold to 1e-12 relative or the gap, in the norm of the problem."""
+    F, X, gen = plant(1)
+    options = {"limits": (-0.3, 0.3), "Q": 1.0, "R": 0.1}
+    warm, x = se.regulate((F, X), 12, **options), 3.0 * gen.normal(size=4)
+    for _ in range(40):
+        u, cold = warm(x), se.regulate((F, X), 12, **options)
+        cold(x)
+        assert np.allclose(u, cold.plan[0], rtol=1e-12, atol=1e-12)
+        assert np.allclose(warm.plan, cold.plan, rtol=1e-10, atol=1e-10)
+        x = F @ x + X @ u + 0.5 * gen.normal(size=4)
+    assert sum(np.abs(call.u).max() == 0.3 for call in warm.log) > 10
+
+
+@pytest.mark.parametrize("again", [copy.deepcopy, lambda loop: pickle.loads(pickle.dumps(loop))])
+@pytest.mark.parametrize("held", [0, 2])
+def test_a_copy_goes_on_with_the_same_bits(again, held):
+    loop = made()
+    _, x = driven(loop, np.array([3.0, 1.0]), 7)
+    for _ in range(held):
+        loop(hold=True)
+    other = again(loop)
+    assert np.any(loop._solver.warm())
+    assert np.array_equal(other._solver.warm(), loop._solver.warm())
+    assert other.calls == loop.calls == 7 + held
+    assert other.held == held
+    assert [call.seconds for call in other.log] == [call.seconds for call in loop.log]
+    assert np.array_equal(loop(hold=True), other(hold=True))
+    u, v = driven(loop, x, 10)[0], driven(other, x, 10)[0]
+    assert np.array_equal(u, v)
+    assert [call.gap for call in loop.log][-5:] == [call.gap for call in other.log][-5:]
+    loop.reset()  # the copy shares nothing
+    assert (other.calls, loop.calls) == (18 + held, 0)
+
+
+def test_a_held_input_is_the_next_of_the_plan():
+    loop = made()
+    with pytest.raises(InputError, match=r"^`hold` must be False before the first plan"):
+        loop(hold=True)
+    loop([3.0, 1.0])
+    plan = loop.plan
+    # whatever x is: it is not looked at
+    given = [None, [np.nan, 0.0], "lost", [1.0], None]
+    for k, x in enumerate(given, start=1):
+        assert np.array_equal(loop(x, hold=True), plan[k])
+        assert loop.held == k
+    with pytest.raises(InputError, match=r"has 5 inputs to hold, and all are used"):
+        loop(hold=True)
+    assert (loop.held, loop.calls) == (5, 6)
+    assert [call.status for call in loop.log] == ["optimal"] + 5 * ["held"]
+    assert all(call.x is None and np.isnan(call.gap) for call in loop.log[1:])
+    loop([3.0, 1.0])
+    assert loop.held == 0
+    assert np.array_equal(loop(hold=True), loop.plan[1])
+    one = se.regulate((A, B), 1, limits=(-1.0, 1.0))
+    one([1.0, 0.0])
+    with pytest.raises(InputError, match=r"a plan over 1 step has 0 inputs to hold"):
+        one(hold=True)
+
+
+BAD = {
+    "nan": ([np.nan, 0.0], NonFiniteError, "x"),
+    "inf": ([0.0, -np.inf], NonFiniteError, "x"),
+    "short": ([1.0], ShapeError, r"\(2,\)"),
+    "matrix": ([[1.0, 2.0]], ShapeError, r"\(2,\)"),
+    "text": ("state", InputTypeError, "x"),
+    "none": (None, InputError, "hold=True"),
+    "huge": ([1e200, 1e200], NonFiniteError, "`x` is too large: its cost overflows"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_a_call_that_raises_changes_nothing(name):
+    x, error, text = BAD[name]
+    loop, same = made(), made()
+    start = np.array([3.0, 1.0])
+    driven(loop, start, 4)
+    driven(same, start, 4)
+    loop(hold=True)
+    same(hold=True)
+    plan, log = loop.plan, loop.log
+    for _ in range(3):
+        with pytest.raises(error, match=text):
+            loop(x)
+    assert (loop.calls, loop.held) == (5, 1)
+    assert np.array_equal(loop.plan, plan)
+    assert loop.log == log
+    assert np.array_equal(loop(hold=True), same(hold=True))
+    assert np.array_equal(driven(loop, start, 10)[0], driven(same, start, 10)[0])
+
+
+def test_nothing_that_is_given_or_returned_is_shared():
+    loop = made()
+    x = np.array([3.0, 1.0])
+    u = loop(x)
+    kept = loop.plan, loop.log[0].x.copy(), loop.log[0].u.copy()
+    x[:], u[:], loop.plan[:] = 7.0, 7.0, 7.0
+    assert np.array_equal(loop.plan, kept[0])
+    assert np.array_equal(loop.log[0].x, kept[1])
+    assert np.array_equal(loop.log[0].u, kept[2])
+
+
+def test_another_model_swaps_in_between_steps():
+    loop = made()
+    _, x = driven(loop, np.array([3.0, 1.0]), 5)
+    plan = loop.plan
+    other = A + 0.1, 2.0 * B
+    loop.swap(other)
+    assert np.array_equal(loop.plan, plan)  # to hold from
+    assert np.array_equal(loop(hold=True), plan[1])
+    fresh = se.regulate(other, 6, limits=(-0.5, 1.0), Q=[1.0, 0.1], R=0.01)
+    assert np.allclose(loop(x), fresh(x), rtol=1e-12, atol=1e-12)
+    before = loop.plan
+    for bad, error in (
+        (([[1.0]], [[1.0]]), ShapeError),
+        ((A, np.hstack([B, B])), ShapeError),
+        ((np.full((2, 2), np.nan), B), NonFiniteError),
+        ((1e200 * A, B), NonFiniteError),
+        ("model", InputTypeError),
+    ):
+        with pytest.raises(error):
+            loop.swap(bad)
+    assert np.array_equal(loop(x), before[0])
+
+
+def test_the_active_limits_survive_a_swap():
+    """After a swap to the same model the next call takes no more factorizations than without."""
+    F, X, gen = plant(2, 6, 3)
+    x = 5.0 * gen.normal(size=6)
+    loop = se.regulate((F, X), 15, limits=(-0.2, 0.2), Q=1.0, R=0.1)
+    loop(x)
+    same = copy.deepcopy(loop)
+    loop.swap((F, X))
+    assert np.array_equal(loop._solver.warm(), same._solver.warm())
+    assert np.any(loop._solver.warm())
+    assert np.array_equal(loop(x), same(x))
+
+
+def test_a_model_of_a_stream_swaps_in():
+    gen = np.random.default_rng(3)
+    stream = se.ModelStream(2, 1, sigma=0.01)
+    x = np.zeros(2)
+    for _ in range(60):
+        u = gen.normal(size=1)
+        y = A @ x + B @ u + 0.01 * gen.normal(size=2)
+        stream.update(x, u, y)
+        x = 0.5 * y
+    loop = se.regulate(stream.model, 10, limits=(-4.0, 4.0), Q=1.0, R=0.01)
+    x, first = np.array([0.5, 0.0]), stream.model.A
+    for k in range(60):
+        u = loop(x)
+        y = A @ x + B @ u + 0.01 * gen.normal(size=2)
+        stream.update(x, u, y)
+        x = y
+        if k % 10 == 9:
+            loop.swap(stream.model)
+    assert not np.array_equal(loop._horizon.A, first)
+    assert np.array_equal(loop._horizon.A, stream.model.A)
+    assert np.linalg.norm(x) < 0.1
+    assert loop.calls == 60
+
+
+def test_work_of_a_call_is_bounded():
+    """2 000 calls at random states, cond(B) up to 1e6: at most 15 + 25 + 5 factorizations each."""
+    gen, most, methods = np.random.default_rng(4), 0, set()
+    for index in range(20):
+        n, m, K = 5, 3, 10
+        F = gen.normal(size=(n, n))
+        F /= np.abs(np.linalg.eigvals(F)).max()
+        X = gen.normal(size=(n, m)) * np.logspace(0, -6 if index % 2 else 0, m)
+        loop = se.regulate((F, X), K, limits=(-0.1, 0.1), Q=1.0, R=1e-8 if index % 2 else 0.1)
+        low, high = loop._task.low.ravel(), loop._task.high.ravel()
+        M, state, target = loop._horizon.weighted()
+        cost = loop._horizon.cost()
+        solver = _core.BoxSolver(M, cost, low, high, m, state, target)
+        for _ in range(100):
+            x = 10.0 ** gen.uniform(-1, 2) * gen.normal(size=n)
+            found = solver.solve(x, None)
+            most = max(most, found.iterations)
+            methods.add(found.method)
+            assert found.gap <= 1e-6 * found.at_zero
+            assert np.array_equal(loop(x), found.control[:m])
+    assert most <= 45
+    assert "pivoting" in methods
+
+
+def test_time_limit_gives_the_best_plan_so_far():
+    F, X, gen = plant(5, 8, 4)
+    loop = se.regulate((F, X), 40, limits=(-0.1, 0.1), Q=1.0, R=0.1, time_limit=1e-9)
+    u = loop(10.0 * gen.normal(size=8))
+    assert loop.log[-1].status in ("user_limit", "optimal")
+    assert np.all(np.abs(loop.plan) <= 0.1)
+    assert np.all(np.abs(u) <= 0.1)
+
+
+def test_references_and_limits_that_differ_from_step_to_step():
+    reference = np.cumsum(np.ones((7, 2)), axis=0)
+    low, high = -np.arange(1.0, 7.0)[:, None], np.full((6, 1), np.inf)
+    loop = se.regulate((A, B), 6, reference=reference, limits=(low, high), Q=1.0, R=0.1)
+    x = np.array([5.0, 1.0])
+    u = loop(x)
+    problem = several_steps(A, B, x, reference[1:], 6, Q=1.0, R=0.1, low=low, high=high)
+    assert np.allclose(loop.plan.ravel(), solve(problem).u, rtol=1e-9, atol=1e-9)
+    assert np.array_equal(loop.limits[0], [-1.0])
+    assert np.array_equal(loop.limits[1], [np.inf])
+    assert u[0] >= -1.0
+
+
+def test_long_horizons_go_by_recursion():
+    """K = 300: the inputs are those of K = 200, up to what the end matters; warm equals cold."""
+    options = {"limits": (-0.5, 0.5), "Q": 1.0, "R": 0.1}
+    long, short = (se.regulate((A, B), K, **options) for K in (300, 200))
+    assert isinstance(long._solver, Recursion)
+    assert isinstance(short._solver, _core.BoxSolver)
+    x = np.array([3.0, 0.1])
+    for _ in range(5):
+        u, cold = long(x), se.regulate((A, B), 300, **options)
+        assert np.allclose(u, short(x), rtol=1e-6)
+        cold(x)
+        assert np.allclose(long.plan, cold.plan, rtol=1e-9, atol=1e-11)
+        x = A @ x + B @ u
+    assert np.abs(long.log[0].u) == 0.5
+    assert {call.status for call in long.log} == {"optimal"}
+    other = pickle.loads(pickle.dumps(long))
+    assert np.array_equal(long(x), other(x))
+    began = long._solver.solve(x, None).iterations
+    long.reset()
+    assert began < long._solver.solve(x, None).iterations
+
+
+def test_soft_limits_of_states():
+    """Each plan is that of the twin, which has a slack for each limit; 8 systems."""
+    for index in range(8):
+        F, X, gen = plant(40 + index, 2, 1)
+        loop = se.regulate(
+            (F, X),
+            4,
+            limits=(-1.0, 1.0),
+            Q=1.0,
+            R=0.1,
+            state_limits=(-0.5, [0.3, np.inf]),
+            soft=50.0,
+        )
+        x = 2.0 * gen.normal(size=2)
+        for _ in range(4):
+            u = loop(x)
+            problem = several_steps(F, X, x, [0.0, 0.0], 4, Q=1.0, R=0.1, low=-1.0, high=1.0)
+            rows = [[1.0, 0.0], [-1.0, 0.0], [0.0, -1.0]]
+            C, c = state_rows(F, X, x, 4, rows, [0.3, 0.5, 0.5])
+            best = solve(softened(problem, C, c, 50.0))
+            assert np.allclose(loop.plan.ravel(), best.u[:4], rtol=1e-6, atol=1e-6)
+            x = F @ x + X @ u
+        other = pickle.loads(pickle.dumps(loop))
+        assert np.array_equal(other(x), loop(x))
+
+
+def test_a_power_that_overflows_is_named():
+    with pytest.raises(NonFiniteError, match=r"`A` to the power 11 overflows"):
+        se.regulate(([[1e30]], [[1.0]]), 12, limits=(-1.0, 1.0))
+    with pytest.raises(NonFiniteError, match=r"overflow"):
+        se.regulate(([[1e30]], [[1e200]]), 6, limits=(-1.0, 1.0))
+
+
+WRONG = {
+    "steps": ({"steps": 0}, "`steps`"),
+    "xf": ({"xf": [1.0]}, "`xf`"),
+    "limits": ({"limits": (1.0, -1.0)}, "low <= high"),
+    "target twice": ({"xf": [0.0, 0.0], "reference": np.zeros((4, 2))}, "`xf` must be None"),
+    "reference": ({"reference": np.zeros((3, 2))}, "`reference`"),
+    "R": ({"R": -1.0}, "`R`"),
+    "rate": ({"rate": 0.1}, "`previous` must be given"),
+    "time": ({"time_limit": 0.0}, "`time_limit`"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_wrong_arguments_are_named(name):
+    more, text = WRONG[name]
+    with pytest.raises(InputError, match=text):
+        se.regulate((A, B), **{"steps": 3, **more})
+
+
+def test_a_second_thread_gets_an_error():
+    loop = made()
+    inside, go, seen = threading.Event(), threading.Event(), []
+
+    class Slow:
+        def __array__(self, dtype=None, copy=None):
+            inside.set()
+            go.wait(10.0)
+            return np.array([3.0, 1.0])
+
+    thread = threading.Thread(target=lambda: seen.append(loop(Slow())))
+    thread.start()
+    assert inside.wait(10.0)
+    for use in (lambda: loop([1.0, 0.0]), loop.reset, lambda: loop.swap((A, B))):
+        with pytest.raises(InputError, match=r"^this loop is in use by another thread"):
+            use()
+    with pytest.raises(InputError, match=r"in use"):
+        pickle.dumps(loop)
+    go.set()
+    thread.join()
+    assert np.array_equal(seen[0], made()([3.0, 1.0]))
+    assert loop.calls == 1
+    loop([1.0, 0.0])
+
+
+def test_the_log_is_a_ring():
+    loop = se.regulate(([[1.0]], [[1.0]]), 2, limits=(-1.0, 1.0))
+    for k in range(1005):
+        loop([float(k)])
+    assert (len(loop.log), loop.calls) == (1000, 1005)
+    assert loop.log[0].x[0] == 5.0
+
+
+def test_what_is_shown():
+    loop = made()
+    assert repr(loop) == "<Regulator: n=2 m=1, 6 steps, 0 calls>"
+    assert "held in a row" not in loop._repr_html_()
+    loop([3.0, 1.0])
+    loop(hold=True)
+    assert repr(loop) == ("<Regulator: n=2 m=1, 6 steps, 2 calls, the last: 1 optimal, 1 held>")
+    shown = loop._repr_html_()
+    assert "(-0.5) to (1)" in shown
+    assert "held in a row" in shown
+    assert "µs" in shown
+
+
+# -- figures ---------------------------------------------------------------------------------------
+
+
+def test_the_figure_of_a_loop():
+    pytest.importorskip("matplotlib")
+    loop = made()
+    with pytest.raises(InputError, match=r"^the log is empty"):
+        loop.plot()
+    driven(loop, np.array([3.0, 1.0]), 40)
+    loop(hold=True)
+    figure = loop.plot()
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert labels == ["target", "state", "limits", "input", "at its limit", "held"]
+    assert [ax.get_ylabel() for ax in figure.axes] == [
+        "x[0]",
+        "x[1]",
+        "u[0]",
+        "time of a call [µs]",
+    ]
+    inputs = figure.axes[2]
+    thin, thick = (patch.get_data().values for patch in inputs.patches)
+    assert np.array_equal(thin, [call.u[0] for call in loop.log])
+    active = (thin == -0.5) | (thin == 1.0)
+    assert 0 < active.sum() < 41
+    assert np.array_equal(np.isfinite(thick), active)
+    assert np.array_equal(thick[active], thin[active])
+    held = next(line for line in inputs.lines if line.get_label() == "held")
+    assert held.get_xdata().tolist() == [40.5]
+    band = inputs.collections[0].get_paths()[0].vertices[:, 1]
+    assert (band.min(), band.max()) == (-0.5, 1.0)
+    assert np.isnan(figure.axes[0].lines[1].get_ydata()[-1])  # no state is known there
+
+
+# -- the closed loop -------------------------------------------------------------------------------
+
+
+def test_track_with_a_regulator_is_the_loop_by_hand():
+    system, rest, start = se.System(A, B), np.zeros((21, 2)), np.array([2.0, 0.5])
+    loop, by_hand = made(), made()
+    run = se.track(system, rest, controller=loop, x0=start, rng=1)
+    inputs, end = driven(by_hand, start, 20)
+    assert np.array_equal(run.inputs, inputs)
+    assert np.allclose(run.states[-1], end, rtol=1e-12, atol=1e-12)
+    assert np.array_equal(run.errors, np.linalg.norm(run.states, axis=1))
+    assert loop.calls == 20  # its log has the run
+    assert run.status == "optimal"
+    assert run.info["statuses"] == {"optimal": 20}
+    assert run.info["controller"] == "Regulator"
+    assert np.array_equal(run.info["limits"], [[-0.5], [1.0]])
+    assert "20 optimal" in run._repr_html_()
+    assert repr(run).startswith("<Tracking: 20 steps, m=1, optimal, last error")
+
+
+def test_track_draws_the_noise_of_each_run_from_the_key():
+    rest, start = np.zeros((11, 2)), np.array([2.0, 0.5])
+    loop = made()
+    first, again = (
+        se.track((A, B), rest, controller=loop, x0=start, noise=[0.1, 0.0], rng=7, runs=3)
+        for _ in range(2)
+    )
+    assert np.array_equal(first.states, again.states)
+    assert loop.calls == 0  # each run has a copy
+    assert first.states.shape == (3, 11, 2)
+    w = first.states[:, 1:] - first.states[:, :-1] @ A.T - first.inputs @ B.T
+    assert np.abs(w[:, :, 1]).max() < 1e-12
+    assert not np.allclose(w[0], w[1])
+    one = se.track((A, B), rest, controller=made(), x0=start, noise=[0.1, 0.0], rng=7)
+    assert np.array_equal(one.states, first.states[0])
+    assert first.info["statuses"] == {"optimal": 30}
+
+
+def test_noise_has_its_deviation():
+    """20 000 draws of deviation 0.3: mean square within 5 standard errors, false alarms 1e-6."""
+    run = se.track(
+        ([[0.0]], [[1.0]]), np.zeros((20001, 1)), controller=lambda x: 0.0 * x, noise=0.3
+    )
+    square = np.mean(run.states[1:] ** 2)
+    assert abs(square / 0.09 - 1.0) < 5.0 * np.sqrt(2.0 / 20000)
+
+
+def test_track_calls_any_function():
+    run = se.track((A, B), np.zeros((4, 2)), controller=lambda x: [-x[0]], x0=[1.0, 0.0])
+    x = np.array([1.0, 0.0])
+    for k in range(3):
+        assert run.inputs[k, 0] == -x[0]
+        x = A @ x + B[:, 0] * -x[0]
+        assert np.allclose(run.states[k + 1], x)
+    assert (run.status, run.info["limits"], run.info["statuses"]) == ("completed", None, {})
+
+    def spoils(x):
+        x[:] = 9.0
+        return [0.0]
+
+    assert np.array_equal(
+        se.track((A, B), np.zeros((2, 2)), controller=spoils, x0=[1.0, 0.0]).states[0], [1.0, 0.0]
+    )
+
+
+REFUSED = {
+    "size": ({"size": 5}, InputError, "must be left out with `controller`"),
+    "feedback": ({"feedback": False}, InputError, "must be left out with `controller`"),
+    "method": ({"method": "alse"}, InputError, "must be left out with `controller`"),
+    "not callable": ({"controller": 3}, InputTypeError, "`controller` must be callable"),
+    "shape": ({"controller": lambda x: [1.0, 2.0]}, ShapeError, r"`controller\(x\)`.*\(1,\)"),
+    "nan": ({"controller": lambda x: [np.nan]}, NonFiniteError, r"`controller\(x\)\[0\]` is nan"),
+    "grows": ({"controller": lambda x: 1e100 * x[:1]}, NonFiniteError, "overflows at step"),
+    "other system": (
+        {"controller": se.regulate(([[1.0]], [[1.0]]), 2)},
+        InputError,
+        "must be for n=2 and m=1",
+    ),
+    "noise": ({"noise": -1.0}, InputError, "`noise`"),
+    "noise of a state": ({"noise": [0.1, -1.0]}, InputError, "`noise`"),
+    "noise without": ({"controller": None, "size": 5, "noise": 1.0}, InputError, "without"),
+    "neither": ({"controller": None}, InputError, "`size` must be given"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_track_refuses(name):
+    more, error, text = REFUSED[name]
+    given = {"controller": lambda x: [0.0], "x0": [1.0, 0.0], **more}
+    with pytest.raises(error, match=text):
+        se.track((A, B), np.zeros((6, 2)), **given)

@@ -179,8 +179,9 @@ def test_soft_limits_of_the_state():
         )
         high = np.where(gen.random(n) < 0.7, 0.3 * gen.normal(size=n), np.inf)
         task = checked_task(
-            n, m, 1, xf, limits=(-1, 1), Q=weight(gen, n) + 1e-3 * np.eye(n), R=10.0 ** gen.uniform(-3, 1),
-            state_limits=(None, high), soft=10.0 ** gen.uniform(-1, 2),
+            n, m, 1, xf, limits=(-1, 1), Q=weight(gen, n) + 1e-3 * np.eye(n),
+            R=10.0 ** gen.uniform(-3, 1), state_limits=(None, high),
+            soft=10.0 ** gen.uniform(-1, 2),
         )  # fmt: skip
         u, D = soft_best(A, B, x0, task)
         used += bool(np.any(A @ x0 + B @ u[0] > high + 1e-6))

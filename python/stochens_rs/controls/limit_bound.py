@@ -16,7 +16,7 @@ from .limited import Horizon
 from .limited_errors import LimitedErrors, MovedTarget
 from .plan_bound import PlanBound, distances, plan_errors
 from .task import root
-from .uncertain_map import SMALL, Model, apart, weights
+from .uncertain_map import HARD, SMALL, Model, apart, weights
 
 if TYPE_CHECKING:
     from .._base.types import Floats, Fusion
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from .limited import Limited
 
 FIRM = "limits: firm nonexpansiveness"
-_HARD = "with hard limits of the states the best control may move by any multiple of an error"
 _MANY = "without a weight of the inputs more than one control is the best"
 
 
@@ -55,7 +54,7 @@ def limited_bound(
     task = limited.exact(None if limited.task.follows else xf)
     exact = Horizon(task, A, basis.B)
     if task.state_low is not None and task.soft is None and errors.random:
-        found, missed = _Radii(np.inf, np.inf, np.inf, "none", _HARD), np.inf
+        found, missed = _Radii(np.inf, np.inf, np.inf, "none", HARD), np.inf
     else:
         best = exact.solve(x0)
         if not errors.random:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import sqrt
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,7 +12,7 @@ from .._base.numbers import ROUNDING
 from .limited import Horizon
 from .model_bound import certificate, step_region
 from .region_errors import spread, trajectory
-from .uncertain_map import SMALL, Model, apart, product, weights
+from .uncertain_map import HARD, SMALL, Model, apart, product, weights
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
     from .model_bound import Asked
     from .task import Task
 
-_HARD = "with hard limits of the states the best control may move by any multiple of an error"
 _DIRECT = "a region over all steps at once says nothing of single steps"
 
 
@@ -47,7 +47,7 @@ def limited_certificate(
     region = None if own is None else own[0]
     reason: str | None = None
     if task.state_low is not None and task.soft is None:
-        reason = _HARD
+        reason = HARD
     elif region is None:
         reason = _DIRECT
     elif not np.isfinite(tube).all():
@@ -71,9 +71,9 @@ def _weighted(region: Region, basis: ModelBasis, limited: Limited, predicted: Fl
         return float(np.inf)
     part, (_, half) = region.parts[0], limited.task.weights()
     z = np.concatenate([basis.x0, limited.u[0], np.ones(d - n - region.m)])
-    size = np.sqrt(part.factor * float(np.linalg.norm(half @ part.S @ half.T, 2)))
+    size = sqrt(part.factor * float(np.linalg.norm(half @ part.S @ half.T, 2)))
     away = float(np.linalg.norm(half @ (region.centre @ z - predicted[1])))
-    return away + product(float(size), part.length(z))
+    return away + product(size, part.length(z))
 
 
 def _model(basis: ModelBasis, region: Region) -> Model:
@@ -87,12 +87,10 @@ def _model(basis: ModelBasis, region: Region) -> Model:
 
     def along(p: Floats) -> tuple[float, float]:
         """``||D' p|| <= sum over the parts of sqrt(factor p' S p) ||white||``."""
-        roots = [
-            float(np.sqrt(max(part.factor * (p[part.rows] @ part.S @ p[part.rows]), 0.0)))
-            if p[part.rows].any()
-            else 0.0
-            for part in region.parts
-        ]
+        roots = []
+        for part in region.parts:
+            square = float(p[part.rows] @ part.S @ p[part.rows])
+            roots.append(product(sqrt(part.factor), sqrt(max(square, 0.0))))
         first, second = (
             float(np.linalg.norm(shift.T @ p))
             + sum(product(r, s) for r, s in zip(roots, size, strict=True))

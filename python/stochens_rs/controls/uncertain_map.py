@@ -4,9 +4,9 @@
 the true one, w a point within the limits, usually close to the best of the model's. With
 ``alpha >= ||(G - G^) w - (b - b^)||_Q``, ``c = (G - G^)' Q (G^ w - b^)``, ``gamma >= ||c||_{R^-1}``
 and ``gap >= <J^'(w), w - v>`` for all v within the limits, the inequality of the best u, tested at
-w, is ``p^2 + q^2 <= alpha p + gamma q + gap / 2`` for ``p = ||G (w - u)||_Q``, ``q = ||w - u||_R``: a
-disc. ``J(w) - J(u) = <J'(w), w - u> - p^2 - q^2`` is largest at ``(alpha, gamma)``. Soft limits of
-the state add ``soft C'C`` to Q in alpha, and their force to ``Q (G^ w - b^)``.
+w, is ``p^2 + q^2 <= alpha p + gamma q + gap / 2`` for ``p = ||G (w - u)||_Q``, ``q = ||w - u||_R``:
+a disc. ``J(w) - J(u) = <J'(w), w - u> - p^2 - q^2`` is largest at ``(alpha, gamma)``. Soft limits
+of the state add ``soft C'C`` to Q in alpha, and their force to ``Q (G^ w - b^)``.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from .task import Task
 
 
+HARD = "with hard limits of the states the best control may move by any multiple of an error"
 SMALL = "the inputs have too little weight for what is known of the system: give a larger R"
 
 
@@ -141,7 +142,8 @@ def map_radius(model: Model, sizes: Floats) -> float:
     """A bound of ``||Q^(1/2) (G - G^)||``, with ``sizes = ||Q_1||, ..., ||Q_K||``.
 
     ``E_p >= ||A^p - A^^p||``: ``E_(p+1) = (||A^|| + a) E_p + a ||A^^p||``, and
-    ``||A^p B - A^^p B^|| <= E_p (||B^|| + b) + ||A^^p|| b``; then the Frobenius norm of the norms of the blocks.
+    ``||A^p B - A^^p B^|| <= E_p (||B^|| + b) + ||A^^p|| b``; then the Frobenius norm of the norms
+    of the blocks.
     """
     a, b = model.radii
     norms = spectral_norms(matrix_powers(model.A, len(sizes)))

@@ -1,0 +1,54 @@
+"""Random control problems within limits, and what is asked of a plan for one."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from limit_problems import draw_box, draw_map, weight
+from stochens_rs.reference import limited_control as lc
+from stochens_rs.reference import limited_problems as lp
+
+
+def exactly(a, b):
+    np.testing.assert_allclose(a, b, rtol=1e-13, atol=1e-13)
+
+
+WAYS = ("half", "tight", "one-sided", "fixed inputs", "loose")
+
+
+def draw_case(gen, i, steps=(1, 2, 3, 5, 20)):
+    """A system, and the arguments of `control` and of the twin."""
+    n, m, K = int(gen.integers(1, 5)), int(gen.integers(1, 4)), steps[i % len(steps)]
+    A = gen.normal(size=(n, n))
+    A *= gen.uniform(0.5, 1.05) / max(1e-3, np.max(np.abs(np.linalg.eigvals(A))))
+    B = draw_map(gen, ("plain", "sparse", "zero columns", "ill-conditioned")[i % 4], n, m)
+    low, high = draw_box(gen, WAYS[i % 5], K * m if i % 2 else m, 1.0)
+    if i % 2:
+        low, high = low.reshape(K, m), high.reshape(K, m)
+    weights = {
+        "Q": None if i % 3 == 0 else weight(gen, n) if i % 3 == 1 else gen.uniform(0, 2, size=n),
+        "Qf": weight(gen, n) + 0.1 * np.eye(n) if i % 4 else None,
+        "R": np.diag(gen.uniform(0.5, 2, m)) + 0.3 if i % 2 else 10.0 ** gen.uniform(-3, 0),
+    }
+    return A, B, 3.0 * gen.normal(size=n), K, low, high, weights
+
+
+def check(plan, p, tolerance=1e-8):
+    """The plan is as good as the twin's answer, and what it says of itself is true."""
+    best, size = lc.solve(p), np.sqrt(lp.objective(p, np.zeros(len(p.low)))) + 1e-6
+    u, shape = plan.u.ravel(), plan.u.shape
+    assert plan.status == "optimal"
+    assert np.all(u >= p.low)
+    assert np.all(u <= p.high)
+    assert lp.norm(u - best.u, p.H) <= tolerance * size
+    assert lp.norm(u - best.u, p.H) <= plan.limited.distance + best.distance + 1e-13 * size
+    J = lp.objective(p, u)
+    np.testing.assert_allclose(plan.objective, J, rtol=1e-9, atol=1e-12 * size**2)
+    assert best.objective >= J - plan.gap - 1e-12 * size**2
+    np.testing.assert_allclose(plan.missed, best.missed, rtol=1e-6, atol=1e-9 * size**2)
+    assert np.array_equal(plan.limits_active, plan.active.any())
+    fixed = p.low == p.high
+    side = np.where(u >= p.high, 1, np.where(u <= p.low, -1, 0))
+    assert np.array_equal(plan.active.ravel()[~fixed], side[~fixed])
+    assert plan.multipliers.shape == plan.active.shape == shape
+    return best

@@ -1,0 +1,84 @@
+"""Messages about limits and weights, and whatever else is given for them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from stochens_rs.exceptions import InputError, InputTypeError, ShapeError
+from test_hostile import NEVER, PERHAPS
+
+TWO = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([[0.0], [1.0]])  # the double integrator
+
+
+# -- messages --------------------------------------------------------------------------------------
+
+BAD = [
+    ({"limits": (1.0, -1.0)}, InputError, r"`limits` must have low <= high, got 1 > -1"),
+    ({"limits": 1.0}, InputTypeError, "`limits` must be a list"),
+    ({"limits": (1.0, 2.0, 3.0)}, InputError, "`limits` must be a pair"),
+    ({"limits": (np.zeros(3), None)}, ShapeError, r"`limits\[0\]` must be a number or have shape"),
+    ({"limits": (np.nan, 1.0)}, InputError, r"`limits\[0\]` must not be nan"),
+    ({"limits": (np.inf, None)}, InputError, "`limits` must leave room"),
+    ({"Q": -1.0}, InputError, "`Q` must be >= 0"),
+    ({"Q": np.diag([1.0, -2.0])}, InputError, "`Q` must be positive semidefinite, its least eige"),
+    ({"Q": [[1.0, 1.0], [0.0, 1.0]]}, InputError, "`Q` must be symmetric"),
+    ({"Q": 0.0}, InputError, "`Q` and `Qf` must not both be 0"),
+    ({"R": "automatic"}, InputTypeError, "`R` must be a number"),
+    ({"R": [-1.0]}, InputError, "`R` must have entries >= 0"),
+    ({"rate": 0.1}, InputError, "`previous` must be given with `rate`"),
+    ({"previous": [0.0]}, InputError, "`previous` must be left out without limits"),
+    (
+        {"limits": (0.0, 1.0), "previous": [0.0]},
+        InputError,
+        "`previous` must be left out without `r",
+    ),
+    ({"rate": 0.0, "previous": [0.0]}, InputError, "`rate` must be > 0"),
+    ({"rate": 0.1, "previous": [0.0], "limits": (1.0, 2.0)}, InputError, "input 0 is 0.9 too far"),
+    ({"soft": 1.0}, InputError, "`soft` must be left out without limits"),
+    ({"soft": 1.0, "R": 1.0}, InputError, "`soft` must be left out without `state_limits`"),
+    ({"time_limit": 1.0}, InputError, "`time_limit` must be left out without limits"),
+    ({"limits": (0.0, 1.0), "time_limit": 0.0}, InputError, "`time_limit` must be > 0"),
+    ({"reference": np.zeros((3, 2))}, InputError, "`xf` must be None with `reference`"),
+]
+
+
+@pytest.mark.parametrize(("more", "kind", "message"), BAD)
+def test_messages_name_what_is_wrong(more, kind, message):
+    with pytest.raises(kind, match=message):
+        se.control(TWO, [1.0, 0.0], [0.0, 0.0], steps=2, **more)
+
+
+def test_messages_about_references_and_targets():
+    with pytest.raises(InputError, match="`reference` must have shape"):
+        se.control(TWO, [1.0, 0.0], steps=2, reference=np.zeros((2, 2)))
+    with pytest.raises(InputError, match="`xf`"):
+        se.control(TWO, [1.0, 0.0], steps=2, limits=(-1.0, 1.0))
+    followed = se.control(TWO, [1.0, 0.0], steps=2, reference=np.zeros((3, 2)))
+    with pytest.raises(InputError, match="`xf` must be None: this plan has a reference"):
+        followed.error(TWO, [1.0, 0.0], [0.0, 0.0])
+    with pytest.raises(InputError, match="`xf` must be given: this plan has no reference"):
+        se.control(TWO, [1.0, 0.0], [0.0, 0.0], R=1.0).error(TWO, [1.0, 0.0])
+
+
+WITH = {"limits": (-1.0, 1.0), "Q": 1.0, "Qf": [1.0, 2.0], "R": 0.1, "time_limit": 10.0}
+WITH |= {"state_limits": (None, 0.5), "soft": 10.0, "rate": 1.0, "previous": [0.0]}
+
+
+@pytest.mark.parametrize("name", WITH)
+def test_whatever_is_given_with_the_others(name):
+    """Nothing but an exception of the package, or a control within its limits."""
+    passed = 0
+    for what, value in (NEVER | PERHAPS).items():
+        try:
+            plan = se.control(TWO, [1.0, 0.0], [0.0, 0.0], steps=3, **(WITH | {name: value}))
+        except se.exceptions.StochensError:
+            continue
+        passed += 1
+        assert np.all(plan.u >= plan.limited.task.low), what
+        assert np.all(plan.u <= plan.limited.task.high), what
+        assert plan.gap >= 0.0, what
+        assert "inputs at a limit" in repr(plan)
+        assert "inputs at a limit" in plan._repr_html_()
+    assert passed

@@ -527,15 +527,18 @@ def scenario_discarding(size: int, discarded: int, dimension: int, beta: float) 
 def scenario_judged(size: int, support: int, beta: float) -> float: ...
 def scenario_relaxed(size: int, support: int, beta: float) -> tuple[float, float]: ...
 def scenario_required(epsilon: float, dimension: int, beta: float) -> int: ...
-# The same with limits on changes and states. `gap`, `distance` and `frank_wolfe` are computed with the
-# multipliers of all limits. "infeasible": no control meets the limits on states; then `control` is the
-# best one within limits that are wider by `missing`, and so are gap, distance and multipliers.
+
+# The same with limits on changes and states. `gap`, `distance` and `frank_wolfe` are computed with
+# the multipliers of all limits. "infeasible": no control meets the limits on states; then `control`
+# is the best one within limits that are wider by `missing`, and so are gap, distance and
+# multipliers.
 @final
 class RowsControl(BoxControl):
     # (K m,) or empty, of u(k) - u(k-1): > 0 at `rate`, < 0 at -`rate`
     @property
     def rates(self) -> _Floats: ...
-    # (K n,) or empty: > 0 at the upper limit, < 0 at the lower one; of soft limits 2 soft times the excess
+    # (K n,) or empty: > 0 at the upper limit, < 0 at the lower one; of soft limits 2 soft times the
+    # excess
     @property
     def states(self) -> _Floats: ...
     # the least largest excess of hard limits on states; 0 if they can be met

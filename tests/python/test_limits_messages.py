@@ -63,7 +63,7 @@ def test_messages_about_references_and_targets():
 
 
 WITH = {"limits": (-1.0, 1.0), "Q": 1.0, "Qf": [1.0, 2.0], "R": 0.1, "time_limit": 10.0}
-WITH |= {"state_limits": (None, 0.5), "soft": 10.0}
+WITH |= {"state_limits": (None, 0.5), "soft": 10.0, "rate": 1.0, "previous": [0.0]}
 
 
 @pytest.mark.parametrize("name", WITH)

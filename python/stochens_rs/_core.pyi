@@ -478,15 +478,16 @@ def horizon_control(
     time_limit: float | None,
 ) -> BoxControl: ...
 
-# The same with limits on changes and states. `gap`, `distance` and `frank_wolfe` are computed with the
-# multipliers of all limits. "infeasible": no control meets the limits on states; then `control` is the
-# best one within limits that are wider by `missing`, and so are gap, distance and multipliers.
+# The same with limits on changes and states. `gap`, `distance` and `frank_wolfe` are computed with
+# the multipliers of all limits. "infeasible": no control meets the limits on states; then `control`
+# is the best one within limits that are wider by `missing`, and so are gap, distance, multipliers.
 @final
 class RowsControl(BoxControl):
     # (K m,) or empty, of u(k) - u(k-1): > 0 at `rate`, < 0 at -`rate`
     @property
     def rates(self) -> _Floats: ...
-    # (K n,) or empty: > 0 at the upper limit, < 0 at the lower one; of soft limits 2 soft times the excess
+    # (K n,) or empty: > 0 at the upper limit, < 0 at the lower one; of soft limits 2 soft times the
+    # excess
     @property
     def states(self) -> _Floats: ...
     # the least largest excess of hard limits on states; 0 if they can be met
@@ -497,8 +498,9 @@ class RowsControl(BoxControl):
     def excess(self) -> float: ...
 
 # |u(k) - u(k-1)| <= rate (m,), u(-1) = previous (m,); state_low <= x(k) <= state_high (K, n) for
-# k = 1 .. K, or with `soft` the weight of ||max(0, x - state_high)||^2 + ||max(0, state_low - x)||^2
-# in J. Looks at the time, and for Ctrl-C, between two iterations.
+# k = 1 .. K, or with `soft` the weight of
+# ||max(0, x - state_high)||^2 + ||max(0, state_low - x)||^2 in J. Looks at the time, and for
+# Ctrl-C, between two iterations.
 def rows_control(
     a: _Floats,
     b: _Floats,

@@ -489,49 +489,9 @@ def horizon_control(
     time_limit: float | None,
 ) -> BoxControl: ...
 
-# -- fleets: x_s(k+1) = A_s x_s(k) + B_s u(k) + c_s, d = steps m; u is (d,) --
-
-# A (N, n, n), B (N, n, m), c (N, n) or None, x0 (N, n) or (1, n), xf (n,), F (rows, n) with
-# F'F = Q, steps
-_Units: TypeAlias = tuple[_Floats, _Floats, _Floats | None, _Floats, _Floats, _Floats, int]
-
-# H (d, d), f (d,), constant: mean_s ||G_s u - b_s||_Q^2 = u'Hu - 2f'u + constant
-def fleet_moments(units: _Units, threads: int) -> tuple[_Floats, _Floats, float]: ...
-
-# upper triangle R (d + 1, d + 1): R'R / N = [[H, f], [f', constant]], without squaring
-def fleet_triangle(units: _Units) -> _Floats: ...
-
-# that mean, and half its gradient (d,), from the residuals of all units
-def fleet_slope(units: _Units, u: _Floats, threads: int) -> tuple[float, _Floats]: ...
-
-# (N,): (||G_s u - b_s||_Q^2 + beside)^1/2
-def fleet_misses(units: _Units, u: _Floats, beside: float, threads: int) -> _Floats: ...
-
-# u, value, lower_bound, the units solved for last, their shares of the dual, status, calls of the
-# solver; `cost` is R^1/2 (rows, d); `skip` units are left out; `start` are those to begin with.
-# After Ctrl-C the best so far.
-def fleet_worst(
-    units: _Units,
-    low: _Floats,
-    high: _Floats,
-    cost: _Floats,
-    skip: list[int],
-    start: list[int],
-    tolerance: float,
-    time_limit: float | None,
-    threads: int,
-) -> tuple[_Floats, float, float, list[int], _Floats, _Status, int]: ...
-def scenario_at_most(size: int, most: int, beta: float) -> float: ...
-def scenario_compression(size: int, support: int, beta: float) -> float: ...
-def scenario_discarding(size: int, discarded: int, dimension: int, beta: float) -> float: ...
-def scenario_judged(size: int, support: int, beta: float) -> float: ...
-def scenario_relaxed(size: int, support: int, beta: float) -> tuple[float, float]: ...
-def scenario_required(epsilon: float, dimension: int, beta: float) -> int: ...
-
 # The same with limits on changes and states. `gap`, `distance` and `frank_wolfe` are computed with
 # the multipliers of all limits. "infeasible": no control meets the limits on states; then `control`
-# is the best one within limits that are wider by `missing`, and so are gap, distance and
-# multipliers.
+# is the best one within limits that are wider by `missing`, and so are gap, distance, multipliers.
 @final
 class RowsControl(BoxControl):
     # (K m,) or empty, of u(k) - u(k-1): > 0 at `rate`, < 0 at -`rate`
@@ -549,8 +509,9 @@ class RowsControl(BoxControl):
     def excess(self) -> float: ...
 
 # |u(k) - u(k-1)| <= rate (m,), u(-1) = previous (m,); state_low <= x(k) <= state_high (K, n) for
-# k = 1 .. K, or with `soft` the weight of ||max(0, x - state_high)||^2 + ||max(0, state_low - x)||^2
-# in J. Looks at the time, and for Ctrl-C, between two iterations.
+# k = 1 .. K, or with `soft` the weight of
+# ||max(0, x - state_high)||^2 + ||max(0, state_low - x)||^2 in J. Looks at the time, and for
+# Ctrl-C, between two iterations.
 def rows_control(
     a: _Floats,
     b: _Floats,

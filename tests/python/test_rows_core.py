@@ -351,6 +351,6 @@ def test_bad_arguments_are_refused() -> None:
         (NonFiniteError, "`A`", {"A": case.A * np.nan}),
         (NonFiniteError, "overflows", {"x0": case.x0 * 1e200}),
     ):
-        bounded = case._replace(low=-np.ones((3, m)), high=np.ones((3, m)), **change)
+        bounded = case._replace(low=-np.ones((3, m)), high=np.ones((3, m)))._replace(**change)
         with pytest.raises(error, match=name):
             bounded.solve()

@@ -174,7 +174,7 @@ impl<'a> Task<'a> {
             // where rounding leaves nothing, the limits are kept, and the rate to rounding
             let (below, above) = (self.inputs.0[i], self.inputs.1[i]);
             let clipped = u[i].max(low[i]).min(high[i]).max(below).min(above) + 0.0;
-            let near = |limit: f64| (clipped - limit).abs() <= NEAR * limit.abs();
+            let near = |limit: f64| limit.is_finite() && (clipped - limit).abs() <= NEAR * limit.abs();
             u[i] = if near(below) {
                 below
             } else if near(above) {

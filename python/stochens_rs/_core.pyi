@@ -529,3 +529,42 @@ def rows_control(
     soft: float | None,
     time_limit: float | None,
 ) -> RowsControl: ...
+
+# -- fleets: x_s(k+1) = A_s x_s(k) + B_s u(k) + c_s, d = steps m; u is (d,) --
+
+# A (N, n, n), B (N, n, m), c (N, n) or None, x0 (N, n) or (1, n), xf (n,), F (rows, n) with
+# F'F = Q, steps
+_Units: TypeAlias = tuple[_Floats, _Floats, _Floats | None, _Floats, _Floats, _Floats, int]
+
+# H (d, d), f (d,), constant: mean_s ||G_s u - b_s||_Q^2 = u'Hu - 2f'u + constant
+def fleet_moments(units: _Units, threads: int) -> tuple[_Floats, _Floats, float]: ...
+
+# upper triangle R (d + 1, d + 1): R'R / N = [[H, f], [f', constant]], without squaring
+def fleet_triangle(units: _Units) -> _Floats: ...
+
+# that mean, and half its gradient (d,), from the residuals of all units
+def fleet_slope(units: _Units, u: _Floats, threads: int) -> tuple[float, _Floats]: ...
+
+# (N,): (||G_s u - b_s||_Q^2 + beside)^1/2
+def fleet_misses(units: _Units, u: _Floats, beside: float, threads: int) -> _Floats: ...
+
+# u, value, lower_bound, the units solved for last, their shares of the dual, status, calls of the
+# solver; `cost` is R^1/2 (rows, d); `skip` units are left out; `start` are those to begin with.
+# After Ctrl-C the best so far.
+def fleet_worst(
+    units: _Units,
+    low: _Floats,
+    high: _Floats,
+    cost: _Floats,
+    skip: list[int],
+    start: list[int],
+    tolerance: float,
+    time_limit: float | None,
+    threads: int,
+) -> tuple[_Floats, float, float, list[int], _Floats, _Status, int]: ...
+def scenario_at_most(size: int, most: int, beta: float) -> float: ...
+def scenario_compression(size: int, support: int, beta: float) -> float: ...
+def scenario_discarding(size: int, discarded: int, dimension: int, beta: float) -> float: ...
+def scenario_judged(size: int, support: int, beta: float) -> float: ...
+def scenario_relaxed(size: int, support: int, beta: float) -> tuple[float, float]: ...
+def scenario_required(epsilon: float, dimension: int, beta: float) -> int: ...

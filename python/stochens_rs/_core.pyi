@@ -3,6 +3,7 @@ from typing import Literal, TypeAlias, final
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import disjoint_base
 
 __all__ = [
     "Alse",
@@ -390,6 +391,7 @@ def sign_statistics(
 # d) psd; limits (d,), -inf and inf where there is none, equal where an input is fixed. Weights of
 # states are inside: M = Q^(1/2) B.
 
+@disjoint_base
 class BoxControl:
     # (d,), inside the limits
     @property

@@ -136,6 +136,20 @@ def test_the_mean_of_ill_conditioned_units() -> None:
     assert plan.gap < 1e-9
 
 
+@pytest.mark.parametrize("limits", [None, (None, 3.0)])
+def test_an_input_that_moves_no_unit_leaves_the_mean_as_it_is(limits, gen) -> None:
+    for _ in range(20):
+        units = drawn(gen, 30, 2, 1)
+        idle = np.concatenate([units.B, 0.0 * units.B], axis=2)
+        both = se.control_fleet(
+            se.SystemEnsemble(units.A, idle), [1.0, 2.0], [0.0, 0.0], 3, limits=limits
+        )
+        alone = se.control_fleet(units, [1.0, 2.0], [0.0, 0.0], 3, limits=limits)
+        assert both.status == "optimal"
+        assert both.value == pytest.approx(alone.value, rel=1e-9)
+        np.testing.assert_allclose(both.u[:, 0], alone.u[:, 0], rtol=1e-6, atol=1e-8)
+
+
 def test_bits_are_the_same_for_any_number_of_threads(gen: np.random.Generator) -> None:
     fleet, x0 = drawn(gen, 2500, 4, 2), gen.standard_normal(4)
     found = []

@@ -96,6 +96,14 @@ def test_the_error_is_the_distance_from_the_limited_best(gen):
     assert "objective" in error._repr_html_()
 
 
+@pytest.mark.parametrize("R", ["auto", 0.0])
+def test_an_input_without_effect_leaves_no_state_to_round(R):
+    still = se.System([[0.5, 0.1], [0.0, 0.5]], [[0.0], [0.0]])
+    plan = se.control(still, [1.0, 1.0], [0.0, 0.0], steps=3, limits=(-1.0, 1.0), Q=[1, 0], R=R)
+    error = plan.error(still, [1.0, 1.0], [0.0, 0.0])
+    assert (error.state, error.state_rounding, error.control) == (0.0, 0.0, 0.0)
+
+
 def test_the_error_is_within_the_bound_of_a_moved_target(gen):
     """500 draws: ||B (u - u')||_Q <= ||b - b'||_Q, and half of it for the inputs in R."""
     largest = [0.0, 0.0]

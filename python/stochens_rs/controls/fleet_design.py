@@ -75,6 +75,8 @@ def least_mean(units: Units, box: Box, time_limit: float | None) -> Design:
     some = half > d * EPS * max(float(half.max()), 1e-300)
     half, along = half[some], along[:, some]
     M = np.ascontiguousarray((along * half).T) if half.size else np.zeros((1, d))
+    size = np.linalg.norm(M, axis=0)
+    M[:, size <= d * EPS * size.max()] = 0.0  # rounding of inputs that move no unit
 
     def solve(u: Floats, g: Floats) -> _core.BoxControl:
         """Minimise the quadratic of these factors with half the gradient g at u."""

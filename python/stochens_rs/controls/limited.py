@@ -189,7 +189,8 @@ class Horizon:
             least = max(least, sure**2 if len(values) == M.shape[1] and sure > 0.0 else 0.0)
         control = distance / sqrt(least) if least > 0.0 else inf
         lowest = float(np.linalg.eigvalsh(self.task.terminal)[0])
-        state = norm(self.pushes) * control
+        pushed = norm(self.pushes)
+        state = pushed * control if pushed else 0.0  # no input moves a state: not 0 inf
         return control, min(state, distance / sqrt(lowest)) if lowest > 0.0 else state
 
     def solve(self, x0: Floats, *, time_limit: float | None = None) -> Limited:

@@ -5,8 +5,9 @@ use faer::{Accum, MatMut, MatRef, Par};
 
 use super::bounds::Bounds;
 use super::factor::Factor;
-use super::kernel::{add_lines, add_transposed, descend, gram, padded, times};
+use super::kernel::{add_lines, add_transposed, descend, padded, times};
 use super::quadratic::Quadratic;
+use super::tiles::gram;
 use crate::error::{Error, Result, require_finite};
 use crate::memory::{checked_len, room_for_products, try_copy, try_room, try_zeros};
 use crate::parallel::Stop;

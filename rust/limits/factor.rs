@@ -4,7 +4,8 @@ use faer::linalg::matmul::matmul;
 use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
 use faer::{Accum, MatMut, MatRef, Par};
 
-use super::kernel::{factored, padded, solved};
+use super::kernel::{padded, solved};
+use super::tiles::factored;
 use crate::error::Result;
 use crate::memory::{checked_len, room_for_products, try_zeros};
 use crate::parallel::Stop;

@@ -18,6 +18,7 @@ mod riccati;
 mod search;
 mod solve;
 mod tables;
+mod tiles;
 
 #[cfg(test)]
 mod tests;

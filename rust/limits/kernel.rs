@@ -133,7 +133,24 @@ kernel! {
 
 /// `out += sum w line_i` over the given `(i, w)`.
 pub(super) fn add_lines(lines: &[f64], ld: usize, weights: impl Iterator<Item = (usize, f64)>, out: &mut [f64]) {
-    weights.for_each(|(i, w)| add_line(w, &lines[i * ld..(i + 1) * ld], out));
+    let line = |i: usize| &lines[i * ld..(i + 1) * ld];
+    let (mut some, mut count) = ([(0, 0.0); 4], 0);
+    for next in weights {
+        some[count] = next;
+        count += 1;
+        if count == some.len() {
+            add_four(some.map(|(_, w)| w), some.map(|(i, _)| line(i)), out);
+            count = 0;
+        }
+    }
+    some[..count].iter().for_each(|&(i, w)| add_line(w, line(i), out));
+}
+
+kernel! {
+    /// `y += sum_c a_c x_c`
+    fn add_four<'a>(a: [f64; 4], x: [&'a [f64]; 4], y: &'a mut [f64]) -> () {
+        add(a, x, y);
+    }
 }
 
 kernel! {
@@ -150,21 +167,27 @@ kernel! {
 }
 
 kernel! {
-    /// Sweeps of coordinate descent over the inputs with `held = 0`: `u` inside the limits, `g` its half gradient.
+    /// Sweeps of coordinate descent over the inputs with `held = 0`, until one leaves the limits reached as they are: `u`
+    /// inside the limits, `g` its half gradient.
     fn descend<'a>(
         h: &'a [f64], curvature: &'a [f64], held: &'a [i8], bounds: Bounds<'a>, sweeps: usize, u: &'a mut [f64],
         g: &'a mut [f64],
     ) -> () {
         let ld = g.len();
         for _ in 0..sweeps {
+            let mut same = true;
             for (i, u) in u.iter_mut().enumerate() {
                 if held[i] == 0 {
                     let moved = bounds.clip(i, *u - g[i] / curvature[i]);
                     if moved != *u {
                         axpy(moved - *u, &h[i * ld..(i + 1) * ld], g);
+                        same &= bounds.reached(i, *u, 0.0) == bounds.reached(i, moved, 0.0);
                         *u = moved;
                     }
                 }
+            }
+            if same {
+                break;
             }
         }
     }

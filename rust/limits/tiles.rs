@@ -25,7 +25,7 @@ fn tile(rows: &[f64], ld: usize, at: usize, from: usize) -> Tile {
     sum
 }
 
-/// `into <- scale into + sign tile` in lines of `ld`.
+/// `apply(entry, sum)` over the lines of a tile.
 #[inline(always)]
 fn put(tile: &Tile, lines: &mut [f64], ld: usize, from: usize, apply: impl Fn(&mut f64, f64)) {
     for (line, sum) in lines.chunks_exact_mut(ld).zip(tile) {
@@ -46,8 +46,7 @@ kernel! {
 }
 
 /// Entries left of the diagonal from those right of it.
-#[inline(always)]
-fn mirror(h: &mut [f64], d: usize, ld: usize) {
+pub(super) fn mirror(h: &mut [f64], d: usize, ld: usize) {
     for i in 0..d {
         for j in 0..i {
             h[i * ld + j] = h[j * ld + i];

@@ -16,7 +16,7 @@ use crate::parallel::Stop;
 const WHAT: &str = "a control within limits";
 
 /// Rows up to which one kernel takes the whole matrix, and of a panel above.
-const PANEL: usize = 96;
+const PANEL: usize = 128;
 
 #[derive(Default)]
 pub(super) struct Factor {

@@ -9,13 +9,13 @@ const LINES: usize = 4;
 
 type Tile = [[f64; LANES]; LINES];
 
-/// `sum_k w_kc x_kt` over rows `k` of `ld` entries: `c` over the lines of the tile, from entry `at` of each row, and `t`
-/// over the group from entry `from` on.
+/// `sum_k w_kc x_kt` over rows `k` of `ld` entries: `c` over the lines of the tile, from entry `at` of each row of `w`,
+/// and `t` over the group from entry `from` on of each row of `x`.
 #[inline(always)]
-fn tile(rows: &[f64], ld: usize, at: usize, from: usize) -> Tile {
+fn tile(w: &[f64], at: usize, x: &[f64], from: usize, ld: usize) -> Tile {
     let mut sum = [[0.0; LANES]; LINES];
-    for row in rows.chunks_exact(ld) {
-        let (w, x) = (&row[at..at + LINES], &row[from..from + LANES]);
+    for (w, x) in w.chunks_exact(ld).zip(x.chunks_exact(ld)) {
+        let (w, x) = (&w[at..at + LINES], &x[from..from + LANES]);
         for c in 0..LINES {
             for l in 0..LANES {
                 sum[c][l] += w[c] * x[l];
@@ -38,7 +38,7 @@ kernel! {
     fn gram<'a>(rows: &'a [f64], d: usize, ld: usize, h: &'a mut [f64]) -> () {
         for (b, lines) in h.chunks_mut(LINES * ld).enumerate() {
             for from in (group(LINES * b)..ld).step_by(LANES) {
-                put(&tile(rows, ld, LINES * b, from), lines, ld, from, |to, sum| *to = sum);
+                put(&tile(rows, LINES * b, rows, from, ld), lines, ld, from, |to, sum| *to = sum);
             }
         }
         mirror(h, d, ld);
@@ -47,9 +47,11 @@ kernel! {
 
 /// Entries left of the diagonal from those right of it.
 pub(super) fn mirror(h: &mut [f64], d: usize, ld: usize) {
-    for i in 0..d {
-        for j in 0..i {
-            h[i * ld + j] = h[j * ld + i];
+    for first in (0..d).step_by(LANES) {
+        for i in first..d {
+            for j in first..(first + LANES).min(i) {
+                h[i * ld + j] = h[j * ld + i];
+            }
         }
     }
 }
@@ -69,7 +71,7 @@ kernel! {
                 least[c] = f64::EPSILON * n as f64 * line[start + c];
             }
             for from in (left..ld).step_by(LANES) {
-                put(&tile(done, ld, start, from), lines, ld, from, |to, sum| *to -= sum);
+                put(&tile(done, start, done, from, ld), lines, ld, from, |to, sum| *to -= sum);
             }
             for c in 0..lines.len() / ld {
                 let (before, now) = lines.split_at_mut(c * ld);
@@ -93,35 +95,34 @@ kernel! {
 }
 
 kernel! {
-    /// `out = (L L')^{-1}` of `n` lines, from [`factored`]; `x` is memory of the same size, for `L^{-1}` row by row.
+    /// `out = (L L')^{-1}` of `n` lines, from [`factored`]; `x` takes `L^{-1}` row by row; both are zeros before.
     fn inverted<'a>(
         l: &'a [f64], n: usize, ld: usize, inverse: &'a [f64], x: &'a mut [f64], out: &'a mut [f64],
     ) -> () {
-        out.fill(0.0);
-        x.fill(0.0);
         // X_k = (e_k - sum_{j<k} L_kj X_j) / L_kk
-        for k in 0..n {
-            let (done, now) = x.split_at_mut(k * ld);
-            let (upto, now) = (group(k) + LANES, &mut now[..ld]);
-            let mut j = 0;
-            while j + 4 <= k {
-                let d = &done[j * ld..(j + 4) * ld];
-                let d = [&d[..upto], &d[ld..ld + upto], &d[2 * ld..2 * ld + upto], &d[3 * ld..3 * ld + upto]];
-                let w = [-l[j * ld + k], -l[(j + 1) * ld + k], -l[(j + 2) * ld + k], -l[(j + 3) * ld + k]];
-                add(w, d, &mut now[..upto]);
-                j += 4;
+        for start in (0..n).step_by(LINES) {
+            let (done, rest) = x.split_at_mut(start * ld);
+            let lines = &mut rest[..LINES.min(n - start) * ld];
+            for from in (0..start).step_by(LANES) {
+                let sum = tile(&l[from * ld..start * ld], start, &done[from * ld..], from, ld);
+                put(&sum, lines, ld, from, |to, sum| *to = -sum);
             }
-            while j < k {
-                add([-l[j * ld + k]], [&done[j * ld..j * ld + upto]], &mut now[..upto]);
-                j += 1;
+            let upto = group(start) + LANES;
+            for c in 0..lines.len() / ld {
+                let (before, now) = lines.split_at_mut(c * ld);
+                let (k, now) = (start + c, &mut now[..upto]);
+                for (j, x) in before.chunks_exact(ld).enumerate() {
+                    add([-l[(start + j) * ld + k]], [&x[..upto]], now);
+                }
+                now[k] = 1.0;
+                now.iter_mut().for_each(|v| *v *= inverse[k]);
             }
-            now[k] = 1.0;
-            now[..upto].iter_mut().for_each(|v| *v *= inverse[k]);
         }
         // X'X, of which row k of X has k + 1 entries
         for (b, lines) in out.chunks_mut(LINES * ld).enumerate() {
             for from in (group(LINES * b)..ld).step_by(LANES) {
-                put(&tile(&x[from * ld..], ld, LINES * b, from), lines, ld, from, |to, sum| *to = sum);
+                let x = &x[from * ld..];
+                put(&tile(x, LINES * b, x, from, ld), lines, ld, from, |to, sum| *to = sum);
             }
         }
         mirror(out, n, ld);

@@ -54,6 +54,7 @@ impl<'a> Bounds<'a> {
     }
 
     /// Where `u` is at a limit; a fixed input by the sign of the slope.
+    #[inline(always)]
     pub(super) fn reached(&self, i: usize, u: f64, slope: f64) -> i8 {
         match (u == self.low[i], u == self.high[i]) {
             (true, true) => {

@@ -1,10 +1,14 @@
-//! Cholesky factor of a symmetric matrix whose size changes from face to face, in memory asked for once.
+//! Cholesky factor of a symmetric matrix whose size changes from face to face, in memory asked for once, and the products
+//! of large matrices.
 
 use faer::linalg::matmul::matmul;
+use faer::linalg::matmul::triangular::{self, BlockStructure};
+use faer::linalg::triangular_inverse::invert_lower_triangular;
 use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
 use faer::{Accum, MatMut, MatRef, Par};
 
-use super::kernel::{factored, padded, solved};
+use super::kernel::{padded, solved};
+use super::tiles::{factored, gram, inverted, mirror};
 use crate::error::Result;
 use crate::memory::{checked_len, room_for_products, try_zeros};
 use crate::parallel::Stop;
@@ -12,7 +16,7 @@ use crate::parallel::Stop;
 const WHAT: &str = "a control within limits";
 
 /// Rows up to which one kernel takes the whole matrix, and of a panel above.
-const PANEL: usize = 96;
+const PANEL: usize = 128;
 
 #[derive(Default)]
 pub(super) struct Factor {
@@ -99,4 +103,41 @@ impl Factor {
         let (low, high) = self.inverse[..self.n].iter().fold((f64::INFINITY, 0.0), range);
         (high / low).powi(2).max(1.0)
     }
+
+    /// `A^{-1}`, in lines of the padded length.
+    pub(super) fn inverted(&self) -> Result<Vec<f64>> {
+        let (n, ld) = (self.n, self.ld);
+        let zeros = || try_zeros(WHAT, checked_len(WHAT, n, ld)?);
+        let (mut x, mut out) = (zeros()?, zeros()?);
+        if n <= PANEL {
+            inverted(&self.lower, n, ld, &self.inverse[..n], &mut x, &mut out);
+            return Ok(out);
+        }
+        room_for_products()?;
+        x.copy_from_slice(&self.lower[..n * ld]);
+        (0..n).for_each(|j| x[j * ld + j] = 1.0 / self.inverse[j]);
+        let lower = MatRef::from_column_major_slice_with_stride(&x, n, n, ld);
+        invert_lower_triangular(MatMut::from_column_major_slice_with_stride_mut(&mut out, n, n, ld), lower, Par::Seq);
+        let (lower, of) = (MatRef::from_column_major_slice_with_stride(&out, n, n, ld), BlockStructure::TriangularLower);
+        let to = MatMut::from_column_major_slice_with_stride_mut(&mut x, n, n, ld);
+        let (left, upper) = (lower.transpose(), BlockStructure::TriangularUpper);
+        triangular::matmul(to, of, Accum::Replace, left, upper, lower, of, 1.0, Par::Seq);
+        mirror(&mut x, n, ld);
+        Ok(x)
+    }
+}
+
+/// `h = rows' rows`, `d` lines of the length `ld` of a row.
+pub(super) fn squared(rows: &[f64], d: usize, ld: usize, h: &mut [f64]) -> Result<()> {
+    if d <= PANEL {
+        gram(rows, d, ld, h);
+        return Ok(());
+    }
+    room_for_products()?;
+    let (m, full) = (MatRef::from_row_major_slice(rows, rows.len() / ld, ld).subcols(0, d), BlockStructure::Rectangular);
+    let to = MatMut::from_column_major_slice_with_stride_mut(h, d, d, ld);
+    let lower = BlockStructure::TriangularLower;
+    triangular::matmul(to, lower, Accum::Replace, m.transpose(), full, m, full, 1.0, Par::Seq);
+    mirror(h, d, ld);
+    Ok(())
 }

@@ -31,7 +31,7 @@ pub(super) fn padded(n: usize) -> usize {
 }
 
 /// The first entry of the group of entry `i`.
-fn group(i: usize) -> usize {
+pub(super) fn group(i: usize) -> usize {
     i - i % LANES
 }
 
@@ -49,7 +49,7 @@ pub(super) fn dot(x: &[f64], y: &[f64]) -> f64 {
 
 /// `y += sum_c a_c x_c`, all of whole groups.
 #[inline(always)]
-fn add<const C: usize>(a: [f64; C], x: [&[f64]; C], y: &mut [f64]) {
+pub(super) fn add<const C: usize>(a: [f64; C], x: [&[f64]; C], y: &mut [f64]) {
     let y = y.as_chunks_mut::<LANES>().0;
     let mut groups: [&[[f64; LANES]]; C] = [&[]; C];
     for c in 0..C {
@@ -133,7 +133,24 @@ kernel! {
 
 /// `out += sum w line_i` over the given `(i, w)`.
 pub(super) fn add_lines(lines: &[f64], ld: usize, weights: impl Iterator<Item = (usize, f64)>, out: &mut [f64]) {
-    weights.for_each(|(i, w)| add_line(w, &lines[i * ld..(i + 1) * ld], out));
+    let line = |i: usize| &lines[i * ld..(i + 1) * ld];
+    let (mut some, mut count) = ([(0, 0.0); 4], 0);
+    for next in weights {
+        some[count] = next;
+        count += 1;
+        if count == some.len() {
+            add_four(some.map(|(_, w)| w), some.map(|(i, _)| line(i)), out);
+            count = 0;
+        }
+    }
+    some[..count].iter().for_each(|&(i, w)| add_line(w, line(i), out));
+}
+
+kernel! {
+    /// `y += sum_c a_c x_c`
+    fn add_four<'a>(a: [f64; 4], x: [&'a [f64]; 4], y: &'a mut [f64]) -> () {
+        add(a, x, y);
+    }
 }
 
 kernel! {
@@ -150,47 +167,29 @@ kernel! {
 }
 
 kernel! {
-    /// `h = rows' rows`, `d` lines of the length `ld` of a row.
-    fn gram<'a>(rows: &'a [f64], d: usize, ld: usize, h: &'a mut [f64]) -> () {
-        for (i, line) in h.chunks_exact_mut(ld).enumerate() {
-            line.fill(0.0);
-            if !rows.is_empty() {
-                add_rows(rows, &rows[i..], ld, line, group(i));
-            }
-        }
-        for i in 0..d {
-            for j in 0..i {
-                h[i * ld + j] = h[j * ld + i];
-            }
-        }
-    }
-}
-
-kernel! {
-    /// Sweeps of coordinate descent over the inputs with `held = 0`: `u` inside the limits, `g` its half gradient.
+    /// Sweeps of coordinate descent over the inputs with `held = 0`, until one leaves the limits reached as they are: `u`
+    /// inside the limits, `g` its half gradient.
     fn descend<'a>(
         h: &'a [f64], curvature: &'a [f64], held: &'a [i8], bounds: Bounds<'a>, sweeps: usize, u: &'a mut [f64],
         g: &'a mut [f64],
     ) -> () {
         let ld = g.len();
         for _ in 0..sweeps {
+            let mut same = true;
             for (i, u) in u.iter_mut().enumerate() {
                 if held[i] == 0 {
                     let moved = bounds.clip(i, *u - g[i] / curvature[i]);
                     if moved != *u {
                         axpy(moved - *u, &h[i * ld..(i + 1) * ld], g);
+                        same &= bounds.reached(i, *u, 0.0) == bounds.reached(i, moved, 0.0);
                         *u = moved;
                     }
                 }
             }
+            if same {
+                break;
+            }
         }
-    }
-}
-
-kernel! {
-    /// [`cholesky`]
-    fn factored<'a>(a: &'a mut [f64], n: usize, ld: usize, inverse: &'a mut [f64]) -> bool {
-        cholesky(a, n, ld, inverse)
     }
 }
 
@@ -200,41 +199,6 @@ kernel! {
         forward(l, ld, inverse, x);
         backward(l, ld, inverse, x);
     }
-}
-
-/// `L L' = A`: the lower triangle of `A` column by column, in lines of `ld`. The diagonal of `L` is kept as its
-/// `inverse`; its place and those above it in the group hold zeros, so that solves work on whole groups. False if a pivot
-/// is not above rounding.
-#[inline(always)]
-#[expect(clippy::needless_range_loop, reason = "columns of a triangle")]
-fn cholesky(a: &mut [f64], n: usize, ld: usize, inverse: &mut [f64]) -> bool {
-    for j in 0..n {
-        let from = group(j);
-        let (done, rest) = a.split_at_mut(j * ld);
-        let column = &mut rest[from..ld];
-        let at = j - from;
-        let least = f64::EPSILON * n as f64 * column[at];
-        let mut k = 0;
-        while k + 4 <= j {
-            let x = &done[k * ld..(k + 4) * ld];
-            let x = [&x[from..ld], &x[ld + from..2 * ld], &x[2 * ld + from..3 * ld], &x[3 * ld + from..]];
-            add([-x[0][at], -x[1][at], -x[2][at], -x[3][at]], x, column);
-            k += 4;
-        }
-        while k < j {
-            let x = &done[k * ld + from..(k + 1) * ld];
-            add([-x[at]], [x], column);
-            k += 1;
-        }
-        let pivot = column[at];
-        if !(pivot > least && pivot < f64::INFINITY) {
-            return false;
-        }
-        inverse[j] = 1.0 / pivot.sqrt();
-        column.iter_mut().for_each(|v| *v *= inverse[j]);
-        column[..=at].fill(0.0);
-    }
-    true
 }
 
 /// `x <- L^{-1} x`

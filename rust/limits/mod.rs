@@ -19,6 +19,7 @@ mod rows;
 mod search;
 mod solve;
 mod tables;
+mod tiles;
 
 #[cfg(test)]
 mod tests;

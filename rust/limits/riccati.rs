@@ -7,11 +7,12 @@
 
 use super::bounds::Bounds;
 use super::kernel::{
-    Work, add_line, add_lines, add_times, axpy, dot, factored, kernel, padded, product, solved, widest,
+    Work, add_line, add_lines, add_times, axpy, dot, kernel, padded, product, solved, widest,
 };
 use super::quadratic::{Quadratic, Status, Until};
 use super::search::Search;
 use super::solve::{Penalty, Solution, checked_rows, checked_warm, told};
+use super::tiles::factored;
 use crate::error::{Error, Result, require_finite};
 use crate::memory::{checked_len, try_copy, try_filled, try_zeros};
 use crate::parallel::Stop;

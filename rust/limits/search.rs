@@ -253,7 +253,11 @@ impl Search {
         self.judge(q, bounds, until, method, dual)?;
         if self.certificate.gap > EXACT * (q.scale() + self.certificate.objective) {
             self.hold(bounds);
-            q.slope(&self.v, &mut self.step);
+            if self.v == self.u {
+                self.step.copy_from_slice(&self.g);
+            } else {
+                q.slope(&self.v, &mut self.step);
+            }
             q.correct(&mut self.step);
             self.v.iter_mut().zip(&self.step).for_each(|(v, step)| *v -= step);
             self.judge(q, bounds, until, method, dual)?;

@@ -1,184 +1,30 @@
-//! A problem given by its matrix.
+//! What pivoting and the interior point ask of [`Dense`].
 
-use faer::linalg::matmul::matmul;
-use faer::{Accum, MatMut, MatRef, Par};
-
-use super::bounds::Bounds;
-use super::factor::Factor;
-use super::kernel::{add_lines, add_transposed, descend, gram, padded, times};
-use super::quadratic::Quadratic;
-use crate::error::{Error, Result, require_finite};
-use crate::memory::{checked_len, room_for_products, try_copy, try_room, try_zeros};
+use super::{Dense, ILL, WHAT};
+use crate::error::Result;
+use crate::limits::bounds::Bounds;
+use crate::limits::factor::Factor;
+use crate::limits::kernel::{add_lines, descend, padded, times, add_transposed};
+use crate::limits::quadratic::Quadratic;
+use crate::memory::{try_room, try_zeros};
 use crate::parallel::Stop;
 use crate::vector;
 
-const WHAT: &str = "a control within limits";
-
-/// Sweeps of coordinate descent that guess which limits are reached.
+/// Inputs from which the inverse of `H` is worth its cost.
+const SMALL: usize = 16;
+/// Most sweeps of coordinate descent that guess which limits are reached.
 const SWEEPS: usize = 4;
-/// Inputs from which `H` is a matrix product of `faer`.
-const LARGE: usize = 64;
-/// Condition of a face above which its solution is corrected by its residual at once.
-const ILL: f64 = 1e8;
-
-/// `M` (rows, d) and the diagonal of `R`, with `H` and memory for its faces; lines are padded.
-#[derive(Default)]
-pub(super) struct Dense {
-    pub(super) d: usize,
-    pub(super) ld: usize,
-    pub(super) m: Vec<f64>,
-    /// `m` has zeros below its diagonal.
-    pub(super) triangular: bool,
-    pub(super) r: Vec<f64>,
-    pub(super) h: Vec<f64>,
-    curvature: Vec<f64>,
-    pub(super) y: Vec<f64>,
-    /// A part of `J` that no input changes.
-    pub(super) rest: f64,
-    /// `M'y`
-    f: Vec<f64>,
-    residual: Vec<f64>,
-    free: Vec<usize>,
-    /// `J(0)`
-    zero: f64,
-    work: Vec<f64>,
-    second: Vec<f64>,
-    third: Vec<f64>,
-    pub(super) factor: Factor,
-    /// For the interior point and the certificate, with the inputs it belongs to; from the first use on.
-    other: Factor,
-    others: Vec<usize>,
-    /// `other` is of `H` itself.
-    whole: bool,
-    /// `H^{-1}`, in lines like `H`, where it serves for all faces
-    inverse: Vec<f64>,
-    /// The limits of the last face are few: `factor` is of the block of `H^{-1}` that belongs to them.
-    by_inverse: bool,
-    ill: bool,
-}
 
 impl Dense {
-    /// Memory for problems of `rows` and `d`.
-    pub(super) fn new(rows: usize, d: usize) -> Result<Self> {
-        let ld = padded(d);
-        let zeros = |len| try_zeros(WHAT, len);
-        Ok(Self {
-            d,
-            ld,
-            m: zeros(checked_len(WHAT, rows, ld)?)?,
-            r: zeros(ld)?,
-            h: zeros(checked_len(WHAT, d, ld)?)?,
-            curvature: zeros(d)?,
-            y: zeros(rows)?,
-            f: zeros(ld)?,
-            residual: zeros(rows)?,
-            free: try_room(WHAT, d)?,
-            work: zeros(ld)?,
-            second: zeros(ld)?,
-            third: zeros(ld)?,
-            factor: Factor::new(d)?,
-            ..Self::default()
-        })
-    }
-
-    /// A copy with memory of its own.
-    pub(super) fn try_clone(&self) -> Result<Self> {
-        let mut copy = Self::new(self.y.len(), self.d)?;
-        copy.m.copy_from_slice(&self.m);
-        copy.r.copy_from_slice(&self.r);
-        copy.h.copy_from_slice(&self.h);
-        copy.curvature.copy_from_slice(&self.curvature);
-        copy.inverse = try_copy(WHAT, &self.inverse)?;
-        copy.triangular = self.triangular;
-        Ok(copy)
-    }
-
-    /// Takes the diagonal of `R`, and `M` as [`Self::set_above`].
-    pub(super) fn set(&mut self, m: &[f64], r: &[f64]) -> Result<()> {
-        require_finite("R", r)?;
-        self.r[..self.d].copy_from_slice(r);
-        self.set_above(m)
-    }
-
-    /// Takes the first rows of `M`.
-    pub(super) fn set_above(&mut self, m: &[f64]) -> Result<()> {
-        let (d, ld) = (self.d, self.ld);
-        for (line, row) in self.m.chunks_exact_mut(ld.max(1)).zip(m.chunks_exact(d.max(1))) {
-            line[..d].copy_from_slice(row);
-        }
-        self.inverse.clear();
-        self.whole = false;
-        if d >= LARGE {
-            room_for_products()?;
-            let m = MatRef::from_row_major_slice(&self.m, self.y.len(), ld);
-            let h = MatMut::from_row_major_slice_mut(&mut self.h, d, ld);
-            matmul(h, Accum::Replace, m.transpose().subrows(0, d), m, 1.0, Par::Seq);
-        } else {
-            gram(&self.m, d, ld, &mut self.h);
-        }
-        for i in 0..d {
-            let entry = &mut self.h[i * ld + i];
-            *entry += self.r[i];
-            self.curvature[i] = *entry;
-        }
-        if self.curvature.iter().all(|v| v.is_finite()) {
-            Ok(())
-        } else {
-            require_finite("M", m)?;
-            Err(Error::Overflow { what: "the square of `M`" })
-        }
-    }
-
-    /// Takes `y`.
-    pub(super) fn aim(&mut self, y: &[f64]) -> Result<()> {
-        self.y.copy_from_slice(y);
-        self.f.fill(0.0);
-        add_transposed(&self.m, &self.y, self.triangular, &mut self.f);
-        self.zero = vector::dot(&self.y, &self.y) + self.rest;
-        if self.zero.is_finite() && self.f.iter().all(|v| v.is_finite()) {
-            Ok(())
-        } else {
-            require_finite("y", y)?;
-            Err(Error::Overflow { what: "the square of `y`" })
-        }
-    }
-
-    /// `H^{-1}`, if it is kept.
-    pub(super) fn inverse(&self) -> Option<&[f64]> {
-        (!self.inverse.is_empty()).then_some(&self.inverse)
-    }
-
-    /// Keeps `H^{-1}` if the condition of `H` is small enough for it.
-    pub(super) fn invert(&mut self, stop: &Stop) -> Result<()> {
-        let (d, ld, h) = (self.d, self.ld, &self.h);
-        let positive = self.factor.set(d, |j, to| to.copy_from_slice(&h[j * ld + j..j * ld + d]), stop)?;
-        if !positive || self.factor.condition() > ILL {
-            return Ok(());
-        }
-        let mut inverse = try_zeros(WHAT, checked_len(WHAT, d, ld)?)?;
-        for (j, line) in inverse.chunks_exact_mut(ld).enumerate() {
-            stop.check()?;
-            line[j] = 1.0;
-            self.factor.solve(line);
-        }
-        // cond(H) <= ||H||_F ||H^{-1}||_F
-        if vector::norm(&inverse) * vector::norm(&self.h) <= ILL {
-            self.inverse = inverse;
-        }
-        Ok(())
-    }
-
     /// `v <- H_FF^{-1} v` by the factor of the block.
     fn solve_block(&mut self, v: &mut [f64]) {
         solve_block(&self.factor, &self.free, &mut self.work, v);
     }
 
-    /// `v <- H^{-1} v - (H^{-1})_{:W} ((H^{-1})_{WW})^{-1} ((H^{-1} v)_W - b)`, the solution of `H u = v - lambda` with
+    /// `v <- v - (H^{-1})_{:W} ((H^{-1})_{WW})^{-1} (v_W - b)`: of `v = H^{-1} f` the solution of `H u = f - lambda` with
     /// `u_W = b`; `free` names `W` here.
-    fn solve_by_inverse(&mut self, v: &mut [f64], b: impl Fn(usize) -> f64) {
+    fn limit(&mut self, v: &mut [f64], b: impl Fn(usize) -> f64) {
         let (ld, limits) = (self.ld, &self.free);
-        self.second[..v.len()].copy_from_slice(v);
-        times(&self.inverse, &self.second, false, v);
         let work = &mut self.work[..padded(limits.len())];
         work.fill(0.0);
         work.iter_mut().zip(limits).for_each(|(to, &i)| *to = v[i] - b(i));
@@ -206,6 +52,11 @@ impl Quadratic for Dense {
     fn face(&mut self, held: &[i8], u: &mut [f64], stop: &Stop) -> Result<bool> {
         let (d, ld) = (self.d, self.ld);
         let limits = held.iter().filter(|held| **held != 0).count();
+        self.faces += 1;
+        if d >= SMALL && !self.tried && 2 * limits <= d && self.faces > 1 + usize::from(!self.unlimited) {
+            self.invert(stop)?;
+        }
+        self.unlimited = false;
         if !self.inverse.is_empty() && 2 * limits <= d {
             self.by_inverse = true;
             self.ill = false;
@@ -218,9 +69,13 @@ impl Quadratic for Dense {
             if !self.factor.set(limits.len(), column, stop)? {
                 return Ok(false);
             }
+            if self.centre.is_empty() {
+                self.centre = try_zeros(WHAT, d)?;
+                times(&self.inverse, &self.f, false, &mut self.centre);
+            }
             let mut v = std::mem::take(&mut self.third);
-            v.copy_from_slice(&self.f);
-            self.solve_by_inverse(&mut v, |i| u[i]);
+            v[..d].copy_from_slice(&self.centre);
+            self.limit(&mut v[..d], |i| u[i]);
             u.copy_from_slice(&v[..d]);
             self.third = v;
             return Ok(true);
@@ -229,6 +84,7 @@ impl Quadratic for Dense {
         if !block((&self.h, ld), held, &mut self.free, None, &mut self.factor, stop)? {
             return Ok(false);
         }
+        self.unlimited = limits == 0;
         // H_FF u_F = f_F - H_FW u_W
         self.second.copy_from_slice(&self.f);
         let limits = u.iter().enumerate().filter(|&(i, u)| held[i] != 0 && *u != 0.0);
@@ -254,7 +110,9 @@ impl Quadratic for Dense {
 
     fn correct(&mut self, v: &mut [f64]) {
         if self.by_inverse {
-            self.solve_by_inverse(v, |_| 0.0);
+            self.second[..v.len()].copy_from_slice(v);
+            times(&self.inverse, &self.second, false, v);
+            self.limit(v, |_| 0.0);
         } else {
             self.solve_block(v);
         }

@@ -1,0 +1,161 @@
+//! A problem given by its matrix.
+
+mod faces;
+
+use super::factor::{Factor, squared};
+use super::kernel::{add_transposed, padded};
+use crate::error::{Error, Result, require_finite};
+use crate::memory::{checked_len, try_copy, try_room, try_zeros};
+use crate::parallel::Stop;
+use crate::vector;
+
+const WHAT: &str = "a control within limits";
+
+/// Condition of a face above which its solution is corrected by its residual at once.
+const ILL: f64 = 1e8;
+
+/// `M` (rows, d) and the diagonal of `R`, with `H` and memory for its faces; lines are padded.
+#[derive(Default)]
+pub(super) struct Dense {
+    pub(super) d: usize,
+    pub(super) ld: usize,
+    pub(super) m: Vec<f64>,
+    /// `m` has zeros below its diagonal.
+    pub(super) triangular: bool,
+    pub(super) r: Vec<f64>,
+    pub(super) h: Vec<f64>,
+    curvature: Vec<f64>,
+    pub(super) y: Vec<f64>,
+    /// A part of `J` that no input changes.
+    pub(super) rest: f64,
+    /// `M'y`
+    f: Vec<f64>,
+    residual: Vec<f64>,
+    free: Vec<usize>,
+    /// `J(0)`
+    zero: f64,
+    work: Vec<f64>,
+    second: Vec<f64>,
+    third: Vec<f64>,
+    pub(super) factor: Factor,
+    /// For the interior point and the certificate, with the inputs it belongs to; from the first use on.
+    other: Factor,
+    others: Vec<usize>,
+    /// `other` is of `H` itself.
+    whole: bool,
+    /// `H^{-1}`, in lines like `H`, where it serves for all faces, and whether that was tried.
+    inverse: Vec<f64>,
+    tried: bool,
+    /// `H^{-1} M'y`, from the first face on that uses it.
+    centre: Vec<f64>,
+    /// Faces since the last `y`, and whether `factor` is of `H` itself.
+    faces: usize,
+    unlimited: bool,
+    /// The limits of the last face are few: `factor` is of the block of `H^{-1}` that belongs to them.
+    by_inverse: bool,
+    ill: bool,
+}
+
+impl Dense {
+    /// Memory for problems of `rows` and `d`.
+    pub(super) fn new(rows: usize, d: usize) -> Result<Self> {
+        let ld = padded(d);
+        let zeros = |len| try_zeros(WHAT, len);
+        Ok(Self {
+            d,
+            ld,
+            m: zeros(checked_len(WHAT, rows, ld)?)?,
+            r: zeros(ld)?,
+            h: zeros(checked_len(WHAT, d, ld)?)?,
+            curvature: zeros(d)?,
+            y: zeros(rows)?,
+            f: zeros(ld)?,
+            residual: zeros(rows)?,
+            free: try_room(WHAT, d)?,
+            work: zeros(ld)?,
+            second: zeros(ld)?,
+            third: zeros(ld)?,
+            factor: Factor::new(d)?,
+            ..Self::default()
+        })
+    }
+
+    /// A copy with memory of its own.
+    pub(super) fn try_clone(&self) -> Result<Self> {
+        let mut copy = Self::new(self.y.len(), self.d)?;
+        copy.m.copy_from_slice(&self.m);
+        copy.r.copy_from_slice(&self.r);
+        copy.h.copy_from_slice(&self.h);
+        copy.curvature.copy_from_slice(&self.curvature);
+        copy.inverse = try_copy(WHAT, &self.inverse)?;
+        (copy.triangular, copy.tried) = (self.triangular, self.tried);
+        Ok(copy)
+    }
+
+    /// Takes the diagonal of `R`, and `M` as [`Self::set_above`].
+    pub(super) fn set(&mut self, m: &[f64], r: &[f64]) -> Result<()> {
+        require_finite("R", r)?;
+        self.r[..self.d].copy_from_slice(r);
+        self.set_above(m)
+    }
+
+    /// Takes the first rows of `M`.
+    pub(super) fn set_above(&mut self, m: &[f64]) -> Result<()> {
+        let (d, ld) = (self.d, self.ld);
+        for (line, row) in self.m.chunks_exact_mut(ld.max(1)).zip(m.chunks_exact(d.max(1))) {
+            line[..d].copy_from_slice(row);
+        }
+        self.inverse.clear();
+        (self.tried, self.whole) = (false, false);
+        squared(&self.m, d, ld, &mut self.h)?;
+        for i in 0..d {
+            let entry = &mut self.h[i * ld + i];
+            *entry += self.r[i];
+            self.curvature[i] = *entry;
+        }
+        if self.curvature.iter().all(|v| v.is_finite()) {
+            Ok(())
+        } else {
+            require_finite("M", m)?;
+            Err(Error::Overflow { what: "the square of `M`" })
+        }
+    }
+
+    /// Takes `y`.
+    pub(super) fn aim(&mut self, y: &[f64]) -> Result<()> {
+        self.y.copy_from_slice(y);
+        self.f.fill(0.0);
+        self.centre.clear();
+        (self.faces, self.unlimited) = (0, false);
+        add_transposed(&self.m, &self.y, self.triangular, &mut self.f);
+        self.zero = vector::dot(&self.y, &self.y) + self.rest;
+        if self.zero.is_finite() && self.f.iter().all(|v| v.is_finite()) {
+            Ok(())
+        } else {
+            require_finite("y", y)?;
+            Err(Error::Overflow { what: "the square of `y`" })
+        }
+    }
+
+    /// `H^{-1}`, if it is kept.
+    pub(super) fn inverse(&self) -> Option<&[f64]> {
+        (!self.inverse.is_empty()).then_some(&self.inverse)
+    }
+
+    /// Keeps `H^{-1}` if the condition of `H` is small enough for it.
+    pub(super) fn invert(&mut self, stop: &Stop) -> Result<()> {
+        let (d, ld, h) = (self.d, self.ld, &self.h);
+        self.tried = true;
+        let there = std::mem::take(&mut self.unlimited);
+        let column = |j: usize, to: &mut [f64]| to.copy_from_slice(&h[j * ld + j..j * ld + d]);
+        if !(there || self.factor.set(d, column, stop)?) || self.factor.condition() > ILL {
+            return Ok(());
+        }
+        let inverse = self.factor.inverted()?;
+        // cond(H) <= ||H||_F ||H^{-1}||_F
+        if vector::norm(&inverse) * vector::norm(&self.h) <= ILL {
+            self.inverse = inverse;
+        }
+        Ok(())
+    }
+}

@@ -2,8 +2,10 @@
 
 Times include each solver's Python interface. The gap of every answer is recomputed here from
 ``M``, ``y`` and the clipped answer, divided by ``J(0)``: the smaller of the Frank-Wolfe gap and
-of the dual residual in the norm of ``H^-1``, each an upper bound of ``J(u) - min J``. Peers get
-``H = M'M + R`` and ``f = M'y`` computed outside the timed part; ours computes them in it.
+of the dual residual in the norm of ``H^-1``, each an upper bound of ``J(u) - min J``. In single,
+all start from ``M``, ``y`` and ``R``: NumPy computes ``H = M'M + R`` and ``f = -M'y`` for the
+peers inside the timed part. "given H": the peers get ``H`` and ``f``; ours is a ``BoxSolver`` that
+has seen ``M`` (it keeps ``H`` and its inverse) and gets ``y``, cold each time.
 
 - DAQP: bounds only, warm where the problem is a sequence; PIQP dense (sparse for K = 200); OSQP
   (1e-6, polished); Clarabel; SciPy's ``lsq_linear`` (bvls).
@@ -62,53 +64,50 @@ def median(work: Callable[[], object], seconds: float = 0.3, least: int = 5) -> 
     return float(np.median(times))
 
 
-def peers(M: Floats, y: Floats, low: Floats, high: Floats) -> dict[str, Solve]:
+def hessian(M: Floats, y: Floats, r: Floats) -> tuple[Floats, Floats]:
+    H = M.T @ M
+    H.flat[:: len(r) + 1] += r
+    return H, -(M.T @ y)
+
+
+def peers(low: Floats, high: Floats) -> dict[str, Callable[[Floats, Floats], Floats]]:
+    """Solvers of ``u' H u / 2 + f' u`` within limits."""
     import clarabel
     import daqp
     import osqp
     import piqp
-    from scipy import optimize, sparse
+    from scipy import sparse
 
     d = len(low)
-    H, f = M.T @ M, -(M.T @ y)
     none, sense = np.zeros((0, d)), np.zeros(d, dtype=np.int32)
+    eye = sparse.eye(d, format="csc")
+    rows = sparse.vstack([eye, -eye], format="csc")
+    right = np.concatenate([high, -low])
 
-    def by_daqp() -> Floats:
+    def by_daqp(H: Floats, f: Floats) -> Floats:
         return daqp.solve(H, f, none, high, low, sense)[0]
 
-    def by_piqp() -> Floats:
+    def by_piqp(H: Floats, f: Floats) -> Floats:
         solver = piqp.DenseSolver()
         solver.setup(H, f, x_l=low, x_u=high)
         solver.solve()
         return solver.result.x
 
-    upper, eye = sparse.csc_matrix(np.triu(H)), sparse.eye(d, format="csc")
-
-    def by_osqp() -> Floats:
-        solver = osqp.OSQP()
+    def by_osqp(H: Floats, f: Floats) -> Floats:
+        upper, solver = sparse.csc_matrix(np.triu(H)), osqp.OSQP()
         solver.setup(
             upper, f, eye, low, high, verbose=False, polishing=True, eps_abs=1e-6, eps_rel=1e-6
         )
         return solver.solve().x
 
-    rows = sparse.vstack([eye, -eye], format="csc")
-    right = np.concatenate([high, -low])
-
-    def by_clarabel() -> Floats:
-        settings = clarabel.DefaultSettings()
+    def by_clarabel(H: Floats, f: Floats) -> Floats:
+        upper, settings = sparse.csc_matrix(np.triu(H)), clarabel.DefaultSettings()
         settings.verbose, settings.max_threads = False, 1
         cones = [clarabel.NonnegativeConeT(2 * d)]
         return np.asarray(clarabel.DefaultSolver(upper, f, rows, right, cones, settings).solve().x)
 
-    def by_bvls() -> Floats:
-        return optimize.lsq_linear(M, y, (low, high), method="bvls").x
-
     found = {"DAQP": by_daqp, "PIQP": by_piqp}
-    if d <= 200:
-        found |= {"OSQP": by_osqp, "Clarabel": by_clarabel}
-    if d <= 50:
-        found["bvls"] = by_bvls
-    return found
+    return found | ({"OSQP": by_osqp, "Clarabel": by_clarabel} if d <= 200 else {})
 
 
 def single() -> None:
@@ -121,24 +120,42 @@ def single() -> None:
             for M, y in draws:
                 limit = limit_of(M, y, share)
                 low, high = np.full(d, -limit), np.full(d, limit)
-
-                def ours(M=M, y=y, r=r, low=low, high=high) -> Floats:
-                    return core.box_control(M, y, r, low, high, None, None).control
-
-                solvers: dict[str, Solve] = {"ours": ours} | peers(M, y, low, high)
                 lines.append(
                     {
                         name: (median(work, 0.05), gap(M, y, r, low, high, work()))
-                        for name, work in solvers.items()
+                        for name, work in solvers(M, y, r, low, high).items()
                     }
                 )
-            own = np.median([line["ours"][0] for line in lines])
             parts = []
             for name in lines[0]:
+                own = np.median([line["given H" if "given H" in name else "ours"][0] for line in lines])
                 seconds = np.median([line[name][0] for line in lines])
                 worst = max(line[name][1] for line in lines)
                 parts.append(f"{name} {1e6 * seconds:.1f} ({worst:.0e}) {seconds / own:.1f}x")
             print(f"LS {share:<5} d={d:<4}", "; ".join(parts), flush=True)
+
+
+def solvers(M: Floats, y: Floats, r: Floats, low: Floats, high: Floats) -> dict[str, Solve]:
+    from scipy import optimize
+
+    solver, (H, f) = core.BoxSolver(M, r, low, high, 0, None, None), hessian(M, y, r)
+
+    def prepared() -> Floats:
+        solver.resume(None)
+        return solver.solve(y, None).control
+
+    found: dict[str, Solve] = {
+        "ours": lambda: core.box_control(M, y, r, low, high, None, None).control
+    }
+    others = peers(low, high)
+    for name, solve in others.items():
+        found[name] = lambda solve=solve: solve(*hessian(M, y, r))
+    if len(low) <= 50:
+        found["bvls"] = lambda: optimize.lsq_linear(M, y, (low, high), method="bvls").x
+    found["given H"] = prepared
+    for name in ("DAQP", "PIQP"):
+        found[f"{name} given H"] = lambda solve=others[name]: solve(H, f)
+    return found
 
 
 def ill() -> None:

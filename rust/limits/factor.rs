@@ -104,26 +104,24 @@ impl Factor {
         (high / low).powi(2).max(1.0)
     }
 
-    /// `A^{-1}`, in lines of the padded length.
-    pub(super) fn inverted(&self) -> Result<Vec<f64>> {
+    /// `out = A^{-1}`, in lines of the padded length; `x` is memory of the same size.
+    pub(super) fn inverted(&self, x: &mut [f64], out: &mut [f64]) -> Result<()> {
         let (n, ld) = (self.n, self.ld);
-        let zeros = || try_zeros(WHAT, checked_len(WHAT, n, ld)?);
-        let (mut x, mut out) = (zeros()?, zeros()?);
         if n <= PANEL {
-            inverted(&self.lower, n, ld, &self.inverse[..n], &mut x, &mut out);
-            return Ok(out);
+            inverted(&self.lower, n, ld, &self.inverse[..n], x, out);
+            return Ok(());
         }
         room_for_products()?;
-        x.copy_from_slice(&self.lower[..n * ld]);
-        (0..n).for_each(|j| x[j * ld + j] = 1.0 / self.inverse[j]);
-        let lower = MatRef::from_column_major_slice_with_stride(&x, n, n, ld);
-        invert_lower_triangular(MatMut::from_column_major_slice_with_stride_mut(&mut out, n, n, ld), lower, Par::Seq);
-        let (lower, of) = (MatRef::from_column_major_slice_with_stride(&out, n, n, ld), BlockStructure::TriangularLower);
-        let to = MatMut::from_column_major_slice_with_stride_mut(&mut x, n, n, ld);
-        let (left, upper) = (lower.transpose(), BlockStructure::TriangularUpper);
-        triangular::matmul(to, of, Accum::Replace, left, upper, lower, of, 1.0, Par::Seq);
-        mirror(&mut x, n, ld);
-        Ok(x)
+        out.copy_from_slice(&self.lower[..n * ld]);
+        (0..n).for_each(|j| out[j * ld + j] = 1.0 / self.inverse[j]);
+        let lower = MatRef::from_column_major_slice_with_stride(out, n, n, ld);
+        invert_lower_triangular(MatMut::from_column_major_slice_with_stride_mut(x, n, n, ld), lower, Par::Seq);
+        let lower = MatRef::from_column_major_slice_with_stride(x, n, n, ld);
+        let to = MatMut::from_column_major_slice_with_stride_mut(out, n, n, ld);
+        let (left, right) = (BlockStructure::TriangularUpper, BlockStructure::TriangularLower);
+        triangular::matmul(to, right, Accum::Replace, lower.transpose(), left, lower, right, 1.0, Par::Seq);
+        mirror(out, n, ld);
+        Ok(())
     }
 }
 

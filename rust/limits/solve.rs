@@ -156,7 +156,7 @@ pub(super) fn stacked(m: &[f64], d: usize, r: Penalty<'_>) -> Result<(Dense, usi
     }
     let rows = m.len() / d;
     let (diagonal, root) = r.split("R", d)?;
-    let mut dense = Dense::new(rows + root.len() / d, d)?;
+    let mut dense = Dense::again(rows + root.len() / d, d)?;
     if root.is_empty() {
         dense.set(m, &diagonal)?;
     } else {
@@ -219,7 +219,9 @@ pub fn box_control(
     aim(&mut dense, rows, y)?;
     let mut search = Search::new(d)?;
     let found = find(&mut dense, &mut search, bounds, warm, until)?;
-    told(&search, bounds, found, (dense.scale(), dense.scale()))
+    let told = told(&search, bounds, found, (dense.scale(), dense.scale()));
+    dense.keep();
+    told
 }
 
 /// `[state target]` after reduction, and its columns.

@@ -95,10 +95,11 @@ kernel! {
 }
 
 kernel! {
-    /// `out = (L L')^{-1}` of `n` lines, from [`factored`]; `x` takes `L^{-1}` row by row; both are zeros before.
+    /// `out = (L L')^{-1}` of `n` lines, from [`factored`]; `x` takes `L^{-1}` row by row; lines are padded by zeros.
     fn inverted<'a>(
         l: &'a [f64], n: usize, ld: usize, inverse: &'a [f64], x: &'a mut [f64], out: &'a mut [f64],
     ) -> () {
+        x.fill(0.0);
         // X_k = (e_k - sum_{j<k} L_kj X_j) / L_kk
         for start in (0..n).step_by(LINES) {
             let (done, rest) = x.split_at_mut(start * ld);

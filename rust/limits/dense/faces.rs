@@ -57,7 +57,7 @@ impl Quadratic for Dense {
             self.invert(stop)?;
         }
         self.unlimited = false;
-        if !self.inverse.is_empty() && 2 * limits <= d {
+        if self.inverted && 2 * limits <= d {
             self.by_inverse = true;
             self.ill = false;
             self.free.clear();
@@ -162,7 +162,7 @@ impl Quadratic for Dense {
     }
 
     fn dual_norm(&mut self, held: &[i8], e: &[f64], stop: &Stop) -> Result<f64> {
-        let by_inverse = !self.inverse.is_empty() && held.iter().all(|held| *held == 0);
+        let by_inverse = self.inverted && held.iter().all(|held| *held == 0);
         if !by_inverse && !self.whole {
             let zeros = try_zeros(WHAT, self.d)?;
             self.whole = self.barrier(held, &zeros, stop)?;

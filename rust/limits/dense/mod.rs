@@ -2,6 +2,8 @@
 
 mod faces;
 
+use std::cell::Cell;
+
 use super::factor::{Factor, squared};
 use super::kernel::{add_transposed, padded};
 use crate::error::{Error, Result, require_finite};
@@ -43,9 +45,12 @@ pub(super) struct Dense {
     others: Vec<usize>,
     /// `other` is of `H` itself.
     whole: bool,
-    /// `H^{-1}`, in lines like `H`, where it serves for all faces, and whether that was tried.
+    /// `H^{-1}`, in lines like `H`; whether it serves for all faces, and whether that was tried.
     inverse: Vec<f64>,
+    inverted: bool,
     tried: bool,
+    /// As large as `inverse`.
+    spare: Vec<f64>,
     /// `H^{-1} M'y`, from the first face on that uses it.
     centre: Vec<f64>,
     /// Faces since the last `y`, and whether `factor` is of `H` itself.
@@ -56,7 +61,28 @@ pub(super) struct Dense {
     ill: bool,
 }
 
+/// Entries of `H` up to which a thread keeps the memory of its last problem: the system takes as long to provide fresh
+/// pages as the solver needs to fill them.
+const KEPT: usize = 1 << 19;
+
+thread_local!(static LAST: Cell<Option<Dense>> = const { Cell::new(None) });
+
 impl Dense {
+    /// Memory that [`Self::keep`] has kept, or new; [`Self::set`] and [`Self::aim`] leave nothing of what it held.
+    pub(super) fn again(rows: usize, d: usize) -> Result<Self> {
+        match LAST.take() {
+            Some(last) if (last.y.len(), last.d) == (rows, d) => Ok(last),
+            _ => Self::new(rows, d),
+        }
+    }
+
+    /// Keeps the memory for the next problem of this thread.
+    pub(super) fn keep(self) {
+        if self.h.len() <= KEPT && self.m.len() <= KEPT {
+            LAST.set(Some(self));
+        }
+    }
+
     /// Memory for problems of `rows` and `d`.
     pub(super) fn new(rows: usize, d: usize) -> Result<Self> {
         let ld = padded(d);
@@ -88,6 +114,7 @@ impl Dense {
         copy.h.copy_from_slice(&self.h);
         copy.curvature.copy_from_slice(&self.curvature);
         copy.inverse = try_copy(WHAT, &self.inverse)?;
+        copy.inverted = self.inverted;
         (copy.triangular, copy.tried) = (self.triangular, self.tried);
         Ok(copy)
     }
@@ -105,8 +132,7 @@ impl Dense {
         for (line, row) in self.m.chunks_exact_mut(ld.max(1)).zip(m.chunks_exact(d.max(1))) {
             line[..d].copy_from_slice(row);
         }
-        self.inverse.clear();
-        (self.tried, self.whole) = (false, false);
+        (self.inverted, self.tried, self.whole) = (false, false, false);
         squared(&self.m, d, ld, &mut self.h)?;
         for i in 0..d {
             let entry = &mut self.h[i * ld + i];
@@ -139,7 +165,7 @@ impl Dense {
 
     /// `H^{-1}`, if it is kept.
     pub(super) fn inverse(&self) -> Option<&[f64]> {
-        (!self.inverse.is_empty()).then_some(&self.inverse)
+        self.inverted.then_some(&self.inverse)
     }
 
     /// Keeps `H^{-1}` if the condition of `H` is small enough for it.
@@ -151,11 +177,14 @@ impl Dense {
         if !(there || self.factor.set(d, column, stop)?) || self.factor.condition() > ILL {
             return Ok(());
         }
-        let inverse = self.factor.inverted()?;
-        // cond(H) <= ||H||_F ||H^{-1}||_F
-        if vector::norm(&inverse) * vector::norm(&self.h) <= ILL {
-            self.inverse = inverse;
+        for memory in [&mut self.inverse, &mut self.spare] {
+            if memory.is_empty() {
+                *memory = try_zeros(WHAT, self.h.len())?;
+            }
         }
+        self.factor.inverted(&mut self.spare, &mut self.inverse)?;
+        // cond(H) <= ||H||_F ||H^{-1}||_F
+        self.inverted = vector::norm(&self.inverse) * vector::norm(&self.h) <= ILL;
         Ok(())
     }
 }

@@ -6,9 +6,7 @@
 //! (Bertsekas 2017, 3.1); the affine terms follow in a second recursion.
 
 use super::bounds::Bounds;
-use super::kernel::{
-    Work, add_line, add_lines, add_times, axpy, dot, kernel, padded, product, solved, widest,
-};
+use super::kernel::{Work, add_line, add_lines, add_times, axpy, dot, kernel, padded, product, solved, widest};
 use super::quadratic::{Quadratic, Status, Until};
 use super::search::Search;
 use super::solve::{Penalty, Solution, checked_rows, checked_warm, told};

@@ -73,14 +73,14 @@ kernel! {
             for from in (left..ld).step_by(LANES) {
                 put(&tile(done, start, done, from, ld), lines, ld, from, |to, sum| *to -= sum);
             }
-            for c in 0..lines.len() / ld {
+            for (c, &least) in least.iter().enumerate().take(lines.len() / ld) {
                 let (before, now) = lines.split_at_mut(c * ld);
                 let (j, column) = (start + c, &mut now[left..ld]);
                 for x in before.chunks_exact(ld) {
                     add([-x[j]], [&x[left..]], column);
                 }
                 let pivot = column[j - left];
-                if !(pivot > least[c] && pivot < f64::INFINITY) {
+                if !(pivot > least && pivot < f64::INFINITY) {
                     return false;
                 }
                 inverse[j] = 1.0 / pivot.sqrt();
@@ -109,7 +109,7 @@ kernel! {
                 put(&sum, lines, ld, from, |to, sum| *to = -sum);
             }
             let upto = group(start) + LANES;
-            for c in 0..lines.len() / ld {
+            for (c, &least) in least.iter().enumerate().take(lines.len() / ld) {
                 let (before, now) = lines.split_at_mut(c * ld);
                 let (k, now) = (start + c, &mut now[..upto]);
                 for (j, x) in before.chunks_exact(ld).enumerate() {

@@ -109,7 +109,7 @@ kernel! {
                 put(&sum, lines, ld, from, |to, sum| *to = -sum);
             }
             let upto = group(start) + LANES;
-            for (c, &least) in least.iter().enumerate().take(lines.len() / ld) {
+            for c in 0..lines.len() / ld {
                 let (before, now) = lines.split_at_mut(c * ld);
                 let (k, now) = (start + c, &mut now[..upto]);
                 for (j, x) in before.chunks_exact(ld).enumerate() {

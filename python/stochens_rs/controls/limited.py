@@ -55,7 +55,8 @@ class Limited:
     status : str
         "optimal", or why it is not.
     missing : float
-        By how much hard state limits cannot be met; 0 if they can.
+        By how much hard state limits cannot be met; 0 if they can. Else the control is the best
+        one within limits that are wider by this, and so are gap and distance.
     """
 
     task: Task

@@ -7,6 +7,7 @@
 //! the certificate is then for limits that are wider by this rounding. With soft limits `J'` has their weight and `H` has not.
 
 mod assembly;
+mod missing;
 mod polish;
 mod program;
 mod task;
@@ -31,8 +32,6 @@ use crate::memory::{try_copy, try_filled, try_zeros};
 const KEPT: f64 = 1e-9;
 /// Limits on states that cannot be met are widened by what is missing, and this share of it, so that there is room.
 const ROOM: f64 = 1e-7;
-/// Inputs that large, relative to those found, are not asked whether they would meet limits on states.
-const LARGE: f64 = 1e6;
 /// Distance of an input from a limit, relative to the size of inputs, up to which the limit is reached.
 const REACHED: f64 = 1e-12;
 /// Gaps relative to `J` below which another control is as good.
@@ -223,44 +222,6 @@ impl<'a, 'b> Search<'a, 'b> {
             Err(Error::Numerical(_)) => Ok(None),
             other => other,
         }
-    }
-
-    /// A control with the least largest excess of limits on states, this excess, and whether it is certain that there must be
-    /// one: for `v >= 0` with sum 1 and any `w`, `min_u v' (C u - c) + w' (rates) <=` every excess.
-    fn least(&mut self, until: Until<'_>) -> Result<(Vec<f64>, f64, bool)> {
-        let task = self.task;
-        let (program, rows) = task.whole(Aim::Least)?;
-        let point = program.solve(until)?;
-        self.iterations += point.iterations;
-        let (mut u, mut found, _) = task.read(&point, &rows, Aim::Least)?;
-        if u.iter().chain(&found.states).chain(&found.rates).any(|v| !v.is_finite()) {
-            return Err(Error::Numerical("no control with the least excess".into()));
-        }
-        task.clip(&mut u);
-        let (mut x, mut g) = (try_zeros(WHAT, task.steps * task.n)?, try_zeros(WHAT, u.len())?);
-        task.roll(&u, &mut x);
-        let sum: f64 = found.states.iter().map(|v| v.abs()).sum();
-        let mut least = 0.0;
-        for (kind, len) in task.kinds().into_iter().skip(1) {
-            for i in 0..len {
-                let ((low, high), v) = (task.limits(kind, i), &mut found.of(kind)[i]);
-                *v /= sum.max(f64::MIN_POSITIVE);
-                let limit = if *v > 0.0 { high } else { low };
-                if limit.is_finite() {
-                    least += *v * (task.value(kind, i, &u, &x) - limit);
-                } else {
-                    *v = 0.0;
-                }
-            }
-        }
-        task.pull(&found.states, &mut g)?;
-        task.pull_changes(&found.rates, &mut g);
-        let large = LARGE * task::largest(&u).max(task.size.1);
-        for (i, (u, g)) in u.iter().zip(&g).enumerate() {
-            let to = if *g > 0.0 { task.bounds().low[i].max(-large) } else { task.bounds().high[i].min(large) };
-            least -= g * (u - to);
-        }
-        Ok((u, task.excess(&x).0, least > 0.0))
     }
 }
 

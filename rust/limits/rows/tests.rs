@@ -270,3 +270,19 @@ fn time_stops_and_arguments() {
     let early = rows_control(&case.horizon(), bounds, Rows::default(), Until::new(&stop, None));
     assert!(matches!(early, Err(Error::Interrupted)) || early.unwrap().found.status == Status::Interrupted);
 }
+
+/// Also: the memory that was foreseen for Clarabel suffices, which a failing cover would turn into another status.
+#[test]
+fn larger_problems_of_unlike_shapes() {
+    for (seed, n, m, steps) in [(0, 12, 5, 30), (1, 2, 20, 10), (2, 20, 1, 12), (3, 1, 1, 300), (4, 30, 10, 3)] {
+        let mut case = random(seed, n, m, steps);
+        case.a.iter_mut().for_each(|a| *a *= 0.5 / (n as f64).sqrt());
+        let (rate, previous) = (vec![0.4; m], vec![0.0; m]);
+        let (low, high) = (vec![-0.5; n * steps], vec![0.5; n * steps]);
+        let rows = Rows { rate: Some((&rate, &previous)), states: Some((&low, &high)), soft: Some(3.0) };
+        let found = case.solve(rows);
+        assert_eq!((found.found.status, found.found.method), (Status::Optimal, Method::Refinement), "{seed}");
+        let hard = case.solve(Rows { soft: None, ..rows });
+        assert!(matches!(hard.found.status, Status::Optimal | Status::Infeasible), "{seed} {:?}", hard.found.status);
+    }
+}

@@ -1,0 +1,51 @@
+//! What limits on states lack that cannot be met: a linear program, and a bound from its multipliers.
+
+use super::Search;
+use super::assembly::Aim;
+use super::task::{WHAT, largest};
+use crate::error::{Error, Result};
+use crate::limits::quadratic::Until;
+use crate::memory::try_zeros;
+
+/// Inputs that large, relative to those found, are not asked whether they would meet limits on states.
+const LARGE: f64 = 1e6;
+
+impl Search<'_, '_> {
+    /// A control with the least largest excess of limits on states, this excess, and whether it is certain that there must be
+    /// one: for `v >= 0` with sum 1 and any `w`, `min_u v' (C u - c) + w' (rates) <=` every excess.
+    pub(super) fn least(&mut self, until: Until<'_>) -> Result<(Vec<f64>, f64, bool)> {
+        let task = self.task;
+        let (program, rows) = task.whole(Aim::Least)?;
+        let point = program.solve(until)?;
+        self.iterations += point.iterations;
+        let (mut u, mut found, _) = task.read(&point, &rows, Aim::Least)?;
+        if u.iter().chain(&found.states).chain(&found.rates).any(|v| !v.is_finite()) {
+            return Err(Error::Numerical("no control with the least excess".into()));
+        }
+        task.clip(&mut u);
+        let (mut x, mut g) = (try_zeros(WHAT, task.steps * task.n)?, try_zeros(WHAT, u.len())?);
+        task.roll(&u, &mut x);
+        let sum: f64 = found.states.iter().map(|v| v.abs()).sum();
+        let mut least = 0.0;
+        for (kind, len) in task.kinds().into_iter().skip(1) {
+            for i in 0..len {
+                let ((low, high), v) = (task.limits(kind, i), &mut found.of(kind)[i]);
+                *v /= sum.max(f64::MIN_POSITIVE);
+                let limit = if *v > 0.0 { high } else { low };
+                if limit.is_finite() {
+                    least += *v * (task.value(kind, i, &u, &x) - limit);
+                } else {
+                    *v = 0.0;
+                }
+            }
+        }
+        task.pull(&found.states, &mut g)?;
+        task.pull_changes(&found.rates, &mut g);
+        let large = LARGE * largest(&u).max(task.size.1);
+        for (i, (u, g)) in u.iter().zip(&g).enumerate() {
+            let to = if *g > 0.0 { task.bounds().low[i].max(-large) } else { task.bounds().high[i].min(large) };
+            least -= g * (u - to);
+        }
+        Ok((u, task.excess(&x).0, least > 0.0))
+    }
+}

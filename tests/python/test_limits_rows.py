@@ -1,0 +1,93 @@
+"""Controls with limits on rates and states through `control`: known answers, and the twin."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from limit_plans import exactly
+from stochens_rs.reference import limited_control as lc
+from stochens_rs.reference import limited_problems as lp
+
+ONE = [[1.0]], [[1.0]]  # x(k+1) = x(k) + u(k)
+TWO = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([[0.0], [1.0]])  # the double integrator
+
+
+def test_two_steps_with_a_limit_on_changes_by_hand():
+    ends = [1.0, 0.0], [0.0, 0.0]
+    sides = {"limits": (-0.5, 0.5), "R": 0.0, "rate": 0.5, "previous": [0.0]}
+    plan = se.control(TWO, *ends, steps=2, **sides)
+    np.testing.assert_allclose([*plan.u.ravel(), plan.objective], [-0.4, 0.1, 0.45], atol=1e-13)
+    assert (plan.status, plan.limits_active, plan.limited.missing) == ("optimal", False, 0.0)
+    assert plan.missed == pytest.approx(0.45)  # without limits the target is reached
+
+
+def test_state_limits_that_cannot_be_kept_by_hand():
+    sides = {"limits": (-1.0, 1.0), "state_limits": (None, 1.0)}
+    plan = se.control(ONE, [3.0], [0.0], **sides, soft=False)
+    assert plan.status == "infeasible"
+    assert plan.limited.missing == pytest.approx(1.0, abs=1e-9)
+    np.testing.assert_allclose(plan.u, [[-1.0]], atol=1e-6)
+    kept = se.control(ONE, [2.5], [2.0], limits=(-2.0, 2.0), state_limits=(None, 1.0), soft=False)
+    assert (kept.status, kept.limited.missing) == ("optimal", 0.0)
+    np.testing.assert_allclose(kept.u, [[-1.5]], atol=1e-12)
+    exactly(se.control(ONE, [3.0], [0.0], **sides, R=0.0, soft=2.0).u, [[-1.0]])
+
+
+@pytest.mark.parametrize("soft", [False, 1e-2, 10.0, 1e6])
+def test_rates_and_state_limits_equal_the_twin(gen, soft):
+    """40 systems each, up to 12 steps; the state limits have room around some control."""
+    for i in range(40):
+        n, m, K = int(gen.integers(1, 4)), int(gen.integers(1, 3)), int(gen.integers(1, 13))
+        A, B = gen.normal(size=(n, n)), gen.normal(size=(n, m))
+        A *= gen.uniform(0.5, 1.1) / np.abs(np.linalg.eigvals(A)).max()
+        x0, reference = 2.0 * gen.normal(size=n), gen.normal(size=(K + 1, n))
+        low, high = -gen.random(m), gen.random(m)
+        rate, previous = gen.uniform(0.05, 0.5, size=m), gen.uniform(low, high)
+        some = lc.forward_clip(gen.normal(size=(K, m)), low, high, rate, previous)
+        x = (lp.stacked_map(A, B, K) @ some.ravel() + lp.stacked_start(A, x0, K)).reshape(K, n)
+        room = 0.0 if soft is False else -1.0
+        above = x + gen.uniform(room, 0.5, size=x.shape)
+        above[gen.random(x.shape) < 0.5] = np.inf
+        R = 10.0 ** gen.uniform(-3, 0)
+        plan = se.control(
+            (A, B),
+            x0,
+            None,
+            steps=K,
+            reference=reference,
+            Q=1.0,
+            R=R,
+            limits=(low, high),
+            rate=rate,
+            previous=previous,
+            state_limits=(None, above),
+            soft=soft,
+        )
+        sides = {"low": low, "high": high, "rate": rate, "previous": previous}
+        p = lp.several_steps(A, B, x0, reference[1:], K, Q=1.0, R=R, **sides)
+        C, c = lp.state_rows(A, B, x0, K, np.eye(n), above)
+        C, c = C[np.isfinite(c)], c[np.isfinite(c)]
+        q = lp.with_rows(p, C, c) if soft is False else lp.softened(p, C, c, soft)
+        best = lc.solve(q)
+        u, J = plan.u.ravel(), lp.objective(p, plan.u.ravel())
+        J += 0.0 if soft is False else soft * np.sum(np.maximum(0.0, C @ u - c) ** 2)
+        size = best.objective + lp.objective(p, np.zeros(K * m))
+        assert plan.status == "optimal", i
+        assert plan.objective == pytest.approx(J, rel=1e-9)
+        assert plan.objective - best.objective <= plan.gap + 1e-9 * size
+        assert best.objective - plan.objective <= 1e-9 * size
+        assert lp.norm(u - best.u[: K * m], p.H) <= plan.limited.distance + 1e-5 * np.sqrt(size)
+        assert np.all(np.abs(np.diff(np.vstack([previous, plan.u]), axis=0)) <= rate + 1e-12)
+        if soft is False:
+            assert np.all(C @ u <= c + 1e-9 * (1.0 + np.abs(x).max()))
+
+
+def test_states_wait_for_time():
+    sides = {"limits": (-1.0, 1.0), "rate": 0.1, "previous": [0.0]}
+    plan = se.control(ONE, [3.0], [0.0], steps=30, Q=1.0, **sides, time_limit=1e-9)
+    assert plan.status in ("user_limit", "optimal")
+    assert np.all(np.abs(np.diff(plan.u.ravel(), prepend=0.0)) <= 0.1 + 1e-12)
+    best = se.control(ONE, [3.0], [0.0], steps=30, Q=1.0, **sides)
+    assert plan.objective - best.objective <= plan.gap + 1e-9

@@ -132,7 +132,8 @@ pub(super) fn squared(rows: &[f64], d: usize, ld: usize, h: &mut [f64]) -> Resul
         return Ok(());
     }
     room_for_products()?;
-    let (m, full) = (MatRef::from_row_major_slice(rows, rows.len() / ld, ld).subcols(0, d), BlockStructure::Rectangular);
+    let (m, full) =
+        (MatRef::from_row_major_slice(rows, rows.len() / ld, ld).subcols(0, d), BlockStructure::Rectangular);
     let to = MatMut::from_column_major_slice_with_stride_mut(h, d, d, ld);
     let lower = BlockStructure::TriangularLower;
     triangular::matmul(to, lower, Accum::Replace, m.transpose(), full, m, full, 1.0, Par::Seq);

@@ -8,6 +8,7 @@
 
 mod batch;
 mod bounds;
+mod certificate;
 mod dense;
 mod factor;
 mod interior;
@@ -17,6 +18,7 @@ mod quadratic;
 mod riccati;
 mod search;
 mod solve;
+mod solver;
 mod tables;
 mod tiles;
 
@@ -25,7 +27,7 @@ mod tests;
 
 pub use batch::{Batch, box_batch, box_batch_each};
 pub use bounds::Bounds;
-pub use quadratic::{Status, Until};
+pub use quadratic::{Method, Status, Until};
 pub use riccati::{Horizon, horizon_control};
-pub use search::Method;
-pub use solve::{Penalty, Solution, Solver, box_control};
+pub use solve::{Penalty, Solution, box_control};
+pub use solver::Solver;

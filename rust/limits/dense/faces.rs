@@ -4,7 +4,7 @@ use super::{Dense, ILL, WHAT};
 use crate::error::Result;
 use crate::limits::bounds::Bounds;
 use crate::limits::factor::Factor;
-use crate::limits::kernel::{add_lines, descend, padded, times, add_transposed};
+use crate::limits::kernel::{add_lines, add_transposed, descend, padded, times};
 use crate::limits::quadratic::Quadratic;
 use crate::memory::{try_room, try_zeros};
 use crate::parallel::Stop;

@@ -128,7 +128,9 @@ def single() -> None:
                 )
             parts = []
             for name in lines[0]:
-                own = np.median([line["given H" if "given H" in name else "ours"][0] for line in lines])
+                own = np.median(
+                    [line["given H" if "given H" in name else "ours"][0] for line in lines]
+                )
                 seconds = np.median([line[name][0] for line in lines])
                 worst = max(line[name][1] for line in lines)
                 parts.append(f"{name} {1e6 * seconds:.1f} ({worst:.0e}) {seconds / own:.1f}x")

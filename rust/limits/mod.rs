@@ -8,6 +8,7 @@
 
 mod batch;
 mod bounds;
+mod certificate;
 mod dense;
 mod factor;
 mod interior;
@@ -18,6 +19,7 @@ mod riccati;
 mod rows;
 mod search;
 mod solve;
+mod solver;
 mod tables;
 mod tiles;
 
@@ -26,8 +28,8 @@ mod tests;
 
 pub use batch::{Batch, box_batch, box_batch_each};
 pub use bounds::Bounds;
-pub use quadratic::{Status, Until};
+pub use quadratic::{Method, Status, Until};
 pub use riccati::{Horizon, horizon_control};
 pub use rows::{Rows, RowsSolution, rows_control};
-pub use search::Method;
-pub use solve::{Penalty, Solution, Solver, box_control};
+pub use solve::{Penalty, Solution, box_control};
+pub use solver::Solver;

@@ -69,6 +69,29 @@ impl Status {
     }
 }
 
+/// What found the control.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum Method {
+    /// Block principal pivoting.
+    #[default]
+    Pivoting,
+    /// The interior point, and pivoting from its limits.
+    Interior,
+    /// Either with orthogonal factors.
+    Refinement,
+}
+
+impl Method {
+    /// Its name in the package.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Pivoting => "pivoting",
+            Self::Interior => "interior point",
+            Self::Refinement => "refinement",
+        }
+    }
+}
+
 /// What ends a computation before its tolerance.
 #[derive(Clone, Copy)]
 pub struct Until<'a> {

@@ -5,8 +5,9 @@
 //! interior point takes over, and its limits are where pivoting ends.
 
 use super::bounds::Bounds;
+use super::certificate::{Certificate, frank_wolfe};
 use super::interior::Interior;
-use super::quadratic::{Quadratic, Status, Until};
+use super::quadratic::{Method, Quadratic, Status, Until};
 use crate::error::Result;
 use crate::memory::try_zeros;
 
@@ -17,59 +18,11 @@ const PIVOTS: usize = 15;
 const LAST_PIVOTS: usize = 5;
 /// Rounds without fewer violations after which pivoting ends.
 const PATIENCE: usize = 4;
-/// Gaps relative to `J(0) + J(u)`: where refinement ends, from where more is tried, and of an optimal result.
+/// Gaps relative to `J(0) + J(u)`: where refinement ends, and from where more is tried.
 const EXACT: f64 = 1e-14;
 pub(super) const GOOD: f64 = 5e-13;
-const OPTIMAL: f64 = 1e-9;
 /// Rounding of a gradient, in units of its size.
 const ROUNDING: f64 = 16.0 * f64::EPSILON;
-
-/// What found the control.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
-pub enum Method {
-    /// Block principal pivoting.
-    #[default]
-    Pivoting,
-    /// The interior point, and pivoting from its limits.
-    Interior,
-    /// Either with orthogonal factors.
-    Refinement,
-}
-
-impl Method {
-    /// Its name in the package.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Pivoting => "pivoting",
-            Self::Interior => "interior point",
-            Self::Refinement => "refinement",
-        }
-    }
-}
-
-/// How far `J(u)` is from the minimum.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Certificate {
-    pub(super) objective: f64,
-    pub(super) gap: f64,
-    pub(super) frank_wolfe: f64,
-    pub(super) distance: f64,
-}
-
-impl Default for Certificate {
-    fn default() -> Self {
-        let none = f64::INFINITY;
-        Self { objective: none, gap: none, frank_wolfe: none, distance: none }
-    }
-}
-
-impl Certificate {
-    /// Takes the square of a bound of the distance.
-    fn improve(&mut self, squared: f64) {
-        self.gap = self.gap.min(squared);
-        self.distance = self.distance.min(squared.sqrt());
-    }
-}
 
 /// Memory of a search, and its best control.
 #[derive(Default)]
@@ -348,27 +301,6 @@ impl Search {
         let frank_wolfe = frank_wolfe(bounds, &self.u, &self.g);
         self.certificate =
             Certificate { objective, gap: frank_wolfe, frank_wolfe, distance: (frank_wolfe / 2.0).sqrt() };
-    }
-}
-
-/// `max <J'(u), u - v>` over the limits.
-pub(super) fn frank_wolfe(bounds: Bounds<'_>, u: &[f64], g: &[f64]) -> f64 {
-    let mut sum = 0.0;
-    for (i, (u, g)) in u.iter().zip(g).enumerate() {
-        if *g != 0.0 {
-            let to = if *g > 0.0 { bounds.low[i] } else { bounds.high[i] };
-            sum += if to == *u { 0.0 } else { 2.0 * g * (u - to) };
-        }
-    }
-    sum
-}
-
-/// The status of a gap, relative to `scale + J(u)`.
-pub(super) fn status(early: Option<Status>, found: &Certificate, scale: f64) -> Status {
-    match early {
-        _ if found.gap <= OPTIMAL * (scale + found.objective) => Status::Optimal,
-        Some(status) => status,
-        None => Status::Inaccurate,
     }
 }
 

@@ -4,9 +4,9 @@ mod faces;
 
 use std::cell::Cell;
 
-use super::factor::{Factor, squared};
-use super::kernel::{add_transposed, padded};
 use crate::error::{Error, Result, require_finite};
+use crate::limits::factor::{Factor, squared};
+use crate::limits::kernel::{add_transposed, padded};
 use crate::memory::{checked_len, try_copy, try_room, try_zeros};
 use crate::parallel::Stop;
 use crate::vector;

@@ -21,9 +21,10 @@ use assembly::{Aim, Kind, Multipliers};
 use task::{Task, WHAT};
 
 use super::bounds::Bounds;
-use super::quadratic::{Quadratic, Status, Until};
+use super::certificate::{Certificate, frank_wolfe};
+use super::quadratic::{Method, Quadratic, Status, Until};
 use super::riccati::{Horizon, Riccati};
-use super::search::{self, Certificate, Method, frank_wolfe};
+use super::search;
 use super::solve::{Solution, told};
 use crate::error::{Error, Result};
 use crate::memory::{try_copy, try_filled, try_zeros};

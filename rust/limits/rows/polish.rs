@@ -5,8 +5,7 @@ use super::assembly::{Held, Kind, Multipliers};
 use super::task::{Task, WHAT, largest};
 use super::{EXACT, Search};
 use crate::error::Result;
-use crate::limits::quadratic::{Status, Until};
-use crate::limits::search::Method;
+use crate::limits::quadratic::{Method, Status, Until};
 use crate::memory::try_zeros;
 
 /// Most rounds, and rounds without a better control after which no more follow.

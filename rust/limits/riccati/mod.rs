@@ -1,0 +1,230 @@
+//! Many steps of `x(k+1) = A x(k) + B u(k)`: Riccati's recursion solves a face in time proportional to the number of steps,
+//! and does not form powers of `A`.
+//!
+//! `J(u) = sum_{k=1..K} ||x(k) - ref(k)||^2_{Q_k} + sum_{k<K} ||u(k)||^2_R`, `Q_k = Q` before the last step. On a face with
+//! free inputs `F`, backwards from `P_K = Q_K`: `G = R_FF + B_F' P B_F`, `L = G^{-1} B_F' P A`, `P <- Q + A' P A - A' P B_F L`
+//! (Bertsekas 2017, 3.1); the affine terms follow in a second recursion.
+
+mod faces;
+mod recursion;
+
+use crate::error::{Error, Result, require_finite};
+use crate::limits::bounds::Bounds;
+use crate::limits::kernel::{add_lines, add_times, dot, padded, product};
+use crate::limits::quadratic::{Quadratic, Status, Until};
+use crate::limits::search::Search;
+use crate::limits::solve::{Penalty, Solution, checked_rows, checked_warm, told};
+use crate::memory::{checked_len, try_zeros};
+use crate::parallel::Stop;
+
+const WHAT: &str = "a control of many steps";
+
+/// A problem of many steps; matrices row by row.
+#[derive(Clone, Copy)]
+pub struct Horizon<'a> {
+    /// `A` (n, n).
+    pub a: &'a [f64],
+    /// `B` (n, m).
+    pub b: &'a [f64],
+    /// The state before the first step (n).
+    pub x0: &'a [f64],
+    /// Wanted states after each step (K, n).
+    pub reference: &'a [f64],
+    /// `Q` (n, n), positive semidefinite.
+    pub stage: &'a [f64],
+    /// `Q_K` (n, n), positive semidefinite.
+    pub terminal: &'a [f64],
+    /// `R` (m, m), positive semidefinite.
+    pub r: &'a [f64],
+}
+
+/// A matrix in padded lines.
+#[derive(Default, Clone)]
+struct Lines {
+    values: Vec<f64>,
+    ld: usize,
+}
+
+impl Lines {
+    fn zeros(rows: usize, columns: usize) -> Result<Self> {
+        let ld = padded(columns).max(1);
+        Ok(Self { values: try_zeros(WHAT, checked_len(WHAT, rows, ld)?)?, ld })
+    }
+
+    fn new(values: &[f64], rows: usize, columns: usize) -> Result<Self> {
+        let mut lines = Self::zeros(rows, columns)?;
+        for (line, row) in lines.values.chunks_exact_mut(lines.ld).zip(values.chunks_exact(columns)) {
+            line[..columns].copy_from_slice(row);
+        }
+        Ok(lines)
+    }
+
+    fn line(&self, i: usize) -> &[f64] {
+        &self.values[i * self.ld..(i + 1) * self.ld]
+    }
+
+    fn line_mut(&mut self, i: usize) -> &mut [f64] {
+        &mut self.values[i * self.ld..(i + 1) * self.ld]
+    }
+}
+
+/// `out += A' v`, `A` in lines.
+fn add_transposed(a: &Lines, v: &[f64], sign: f64, out: &mut [f64]) {
+    add_lines(&a.values, a.ld, v.iter().enumerate().map(|(i, v)| (i, sign * v)), out);
+}
+
+/// The recursion for one face.
+#[derive(Default)]
+struct Gains {
+    /// `P_1 .. P_K`, each `n` lines.
+    p: Vec<f64>,
+    /// `L_0 .. L_{K-1}`, each `m` lines of the length of a state.
+    gain: Vec<f64>,
+    /// The factor of each `G`, `m` columns, and the inverse of its diagonal.
+    lower: Vec<f64>,
+    inverse: Vec<f64>,
+    held: Vec<i8>,
+}
+
+pub(super) struct Riccati {
+    n: usize,
+    m: usize,
+    steps: usize,
+    /// Lengths of lines of states and inputs.
+    ln: usize,
+    lm: usize,
+    a: Lines,
+    b: Lines,
+    q: [Lines; 2],
+    r: Lines,
+    x0: Vec<f64>,
+    reference: Lines,
+    curvature: Vec<f64>,
+    /// `-J'(0) / 2`, and `J(0)`.
+    f: Vec<f64>,
+    pub(super) zero: f64,
+    /// `sum ||ref||_Q^2`, and with `sum ||A x||_Q^2 + ||u||_R^2` at the last `u`: what `J` is before anything cancels.
+    /// `J(0)` of an unstable system grows without end.
+    references: f64,
+    size: f64,
+    face: Gains,
+    other: Gains,
+    whole: bool,
+    /// States less references.
+    errors: Lines,
+    work: [Vec<f64>; 5],
+    squares: [Lines; 4],
+}
+
+impl Riccati {
+    pub(super) fn new(h: &Horizon<'_>, stop: &Stop) -> Result<Self> {
+        let n = h.x0.len();
+        let (m, steps) = (h.b.len().checked_div(n).unwrap_or(0), h.reference.len().checked_div(n).unwrap_or(0));
+        let named = [
+            ("A", h.a, n, n),
+            ("B", h.b, n, m),
+            ("reference", h.reference, steps, n),
+            ("stage", h.stage, n, n),
+            ("terminal", h.terminal, n, n),
+            ("R", h.r, m, m),
+        ];
+        require_finite("x0", h.x0)?;
+        for (name, values, rows, columns) in named {
+            checked_rows(name, values.len(), rows, columns)?;
+            require_finite(name, values)?;
+        }
+        for (name, values, d) in [("stage", h.stage, n), ("terminal", h.terminal, n), ("R", h.r, m)] {
+            Penalty::Full(values).split(name, d)?;
+        }
+        let (ln, lm) = (padded(n).max(1), padded(m).max(1));
+        let mut x0 = try_zeros(WHAT, ln)?;
+        x0[..n].copy_from_slice(h.x0);
+        let (state, input) = (|| try_zeros(WHAT, ln), || try_zeros(WHAT, lm));
+        let mut new = Self {
+            n,
+            m,
+            steps,
+            ln,
+            lm,
+            a: Lines::new(h.a, n, n)?,
+            b: Lines::new(h.b, n, m)?,
+            q: [Lines::new(h.stage, n, n)?, Lines::new(h.terminal, n, n)?],
+            r: Lines::new(h.r, m, m)?,
+            x0,
+            reference: Lines::new(h.reference, steps, n)?,
+            curvature: try_zeros(WHAT, checked_len(WHAT, steps, m)?)?,
+            f: try_zeros(WHAT, steps * m)?,
+            zero: f64::INFINITY,
+            references: 0.0,
+            size: 0.0,
+            face: Gains::default(),
+            other: Gains::default(),
+            whole: false,
+            errors: Lines::zeros(steps, n)?,
+            work: [state()?, state()?, state()?, input()?, input()?],
+            squares: [Lines::zeros(n, n)?, Lines::zeros(n, m)?, Lines::zeros(n, n)?, Lines::zeros(m, n)?],
+        };
+        new.set_curvature(stop)?;
+        for t in 0..steps {
+            new.work[0].fill(0.0);
+            add_times(&new.q[usize::from(t + 1 == steps)].values, new.reference.line(t), 1.0, &mut new.work[0][..n]);
+            new.references += dot(&new.work[0], new.reference.line(t));
+        }
+        let (mut g, u) = (try_zeros(WHAT, steps * m)?, try_zeros(WHAT, steps * m)?);
+        new.zero = new.slope(&u, &mut g);
+        new.f.iter_mut().zip(&g).for_each(|(f, g)| *f = 0.0 - g);
+        if new.zero.is_finite() && new.f.iter().chain(&new.curvature).all(|v| v.is_finite()) {
+            Ok(new)
+        } else {
+            Err(Error::Overflow { what: "the state without inputs over all steps" })
+        }
+    }
+
+    /// `diag(R + B' S B)` with `S_k = Q_k + A' S_{k+1} A`.
+    fn set_curvature(&mut self, stop: &Stop) -> Result<()> {
+        let (n, m, ln, lm) = (self.n, self.m, self.ln, self.lm);
+        let mut s = self.q[1].clone();
+        for t in (0..self.steps).rev() {
+            stop.check()?;
+            let [sa, sb, next, _] = &mut self.squares;
+            product(&s.values, ln, false, n, &self.b.values, &mut sb.values, lm);
+            for j in 0..m {
+                let sum: f64 = (0..n).map(|i| self.b.values[i * lm + j] * sb.values[i * lm + j]).sum();
+                self.curvature[t * m + j] = self.r.values[j * lm + j] + sum;
+            }
+            product(&s.values, ln, false, n, &self.a.values, &mut sa.values, ln);
+            product(&self.a.values, ln, true, n, &sa.values, &mut next.values, ln);
+            next.values.iter_mut().zip(&self.q[0].values).for_each(|(s, q)| *s += q);
+            std::mem::swap(&mut s.values, &mut next.values);
+        }
+        Ok(())
+    }
+}
+
+/// The best inputs of a horizon within `bounds` (K m), step by step, from the limits that `warm` names.
+///
+/// # Errors
+/// As [`crate::limits::box_control`], and [`Error::Interrupted`] before a first control.
+pub fn horizon_control(
+    horizon: &Horizon<'_>,
+    bounds: Bounds<'_>,
+    warm: Option<&[i8]>,
+    until: Until<'_>,
+) -> Result<Solution> {
+    let mut problem = Riccati::new(horizon, until.stop)?;
+    let d = problem.size();
+    checked_rows("low", bounds.low.len(), 1, d)?;
+    checked_warm(warm, d)?;
+    let mut search = Search::new(d)?;
+    let early = match search.run(&mut problem, bounds, warm, until) {
+        Err(Error::Interrupted) => Some(Status::Interrupted),
+        other => other?,
+    };
+    if !search.certificate.objective.is_finite() {
+        search.give_up(&mut problem, bounds);
+    }
+    let found = search.certificate;
+    let mut g = try_zeros(WHAT, d)?;
+    problem.slope(&search.u, &mut g);
+    told(&search, bounds, (early, found), (problem.zero, problem.scale()))
+}

@@ -1,0 +1,152 @@
+//! One `M` for many `y`.
+
+use super::bounds::Bounds;
+use super::dense::Dense;
+use super::orthogonal::reduce;
+use super::quadratic::{Quadratic, Until};
+use super::search::Search;
+use super::solve::{Penalty, Solution, aim, checked_warm, find, stacked, told};
+use crate::error::{Error, Result, require_finite};
+use crate::memory::{checked_len, try_copy, try_zeros};
+use crate::parallel::Stop;
+
+const WHAT: &str = "a control within limits";
+
+/// `[state target]` after reduction, and its columns.
+type Map = (Vec<f64>, usize);
+
+/// One `M`, `R` and limits for many `y`, or for many `x` with `y = target - state x`.
+pub struct Solver {
+    dense: Dense,
+    search: Search,
+    rows: usize,
+    low: Vec<f64>,
+    high: Vec<f64>,
+    shift: usize,
+    /// Rows of `T` first, then those that no input changes.
+    map: Option<Map>,
+    warm: Option<Vec<i8>>,
+}
+
+impl Solver {
+    /// Everything that does not depend on `y` is computed here. `shift`: each call begins at the limits that the call
+    /// before has reached, this many inputs later. `goal`: `state` (rows, n) and `target`.
+    ///
+    /// # Errors
+    /// As [`box_control`], and [`Error::Interrupted`].
+    pub fn new(
+        m: &[f64],
+        r: Penalty<'_>,
+        bounds: Bounds<'_>,
+        shift: usize,
+        goal: Option<(&[f64], &[f64])>,
+        stop: &Stop,
+    ) -> Result<Self> {
+        let d = bounds.low.len();
+        let (mut dense, mut rows) = stacked(m, d, r)?;
+        let mut map = None;
+        if let Some((state, target)) = goal {
+            let n = state.len().checked_div(rows).unwrap_or(0);
+            if target.len() != rows || state.len() != n * rows || n == 0 {
+                let found = format!("{} and {}", state.len(), target.len());
+                let expected = format!("{rows} rows, as many as `target`");
+                return Err(Error::Shape { name: "state", expected, found });
+            }
+            (dense, map) = reduced(&dense, rows, state, target, n, stop)?;
+            rows = d;
+        }
+        dense.invert(stop)?;
+        let (low, high) = (try_copy(WHAT, bounds.low)?, try_copy(WHAT, bounds.high)?);
+        Ok(Self { search: Search::new(d)?, dense, rows, low, high, shift, map, warm: None })
+    }
+
+    /// The best control for `given`, which is `x` or `y`. After an error, all is as before.
+    ///
+    /// # Errors
+    /// As [`box_control`].
+    pub fn solve(&mut self, given: &[f64], until: Until<'_>) -> Result<Solution> {
+        let d = self.low.len();
+        match &self.map {
+            None => {
+                require_finite("y", given)?;
+                aim(&mut self.dense, self.rows, given)?;
+            }
+            Some((map, width)) => {
+                if given.len() + 1 != *width {
+                    let found = format!("{} entries", given.len());
+                    return Err(Error::Shape { name: "x", expected: format!("{} entries", width - 1), found });
+                }
+                require_finite("x", given)?;
+                let mut y = try_zeros(WHAT, d)?;
+                let (of_inputs, others) = map.split_at(d * width);
+                let at = |row: &[f64]| row[given.len()] - given.iter().zip(row).map(|(x, v)| x * v).sum::<f64>();
+                y.iter_mut().zip(of_inputs.chunks_exact(*width)).for_each(|(y, row)| *y = at(row));
+                self.dense.rest = others.chunks_exact(*width).map(|row| at(row).powi(2)).sum();
+                self.dense.aim(&y)?;
+            }
+        }
+        let bounds = Bounds { low: &self.low, high: &self.high };
+        let mut first = None;
+        if let Some(warm) = &self.warm {
+            let mut shifted = try_copy(WHAT, warm)?;
+            shifted.copy_within(self.shift.min(d).., 0);
+            first = Some(shifted);
+        }
+        let found = find(&mut self.dense, &mut self.search, bounds, first.as_deref(), until)?;
+        let told = told(&self.search, bounds, found, (self.dense.scale(), self.dense.scale()))?;
+        self.warm = Some(try_copy(WHAT, &told.active)?);
+        Ok(told)
+    }
+
+    /// The limits at which the next call begins.
+    pub fn warm(&self) -> Option<&[i8]> {
+        self.warm.as_deref()
+    }
+
+    /// Sets them.
+    ///
+    /// # Errors
+    /// [`Error::Shape`].
+    pub fn resume(&mut self, warm: Option<Vec<i8>>) -> Result<()> {
+        checked_warm(warm.as_deref(), self.low.len())?;
+        self.warm = warm;
+        Ok(())
+    }
+
+    /// Inputs.
+    pub fn size(&self) -> usize {
+        self.low.len()
+    }
+}
+
+/// `[M state target; R^(1/2) 0 0] = Q [T S t; 0 S2 t2]`: `||M u - y||^2 + u'R u = ||T u - (t - S x)||^2 + ||t2 - S2 x||^2`.
+fn reduced(
+    dense: &Dense,
+    rows: usize,
+    state: &[f64],
+    target: &[f64],
+    n: usize,
+    stop: &Stop,
+) -> Result<(Dense, Option<Map>)> {
+    let (d, ld) = (dense.d, dense.ld);
+    let mut columns = try_zeros(WHAT, checked_len(WHAT, n + 1, dense.y.len())?)?;
+    let height = dense.y.len().max(1);
+    for (j, column) in columns.chunks_exact_mut(height).enumerate() {
+        let value = |i: usize| if j < n { state[i * n + j] } else { target[i] };
+        column.iter_mut().take(rows).enumerate().for_each(|(i, to)| *to = value(i));
+    }
+    let right = crate::memory::try_collect(WHAT, columns.chunks_exact(height))?;
+    let (all, width) = reduce((&dense.m, d, ld), &dense.r, &right, stop)?;
+    let (mut t, mut map) =
+        (try_zeros(WHAT, checked_len(WHAT, d, d)?)?, try_zeros(WHAT, checked_len(WHAT, width, n + 1)?)?);
+    for (i, row) in all.chunks_exact(width).enumerate() {
+        if i < d {
+            t[i * d..(i + 1) * d].copy_from_slice(&row[..d]);
+        }
+        map[i * (n + 1)..(i + 1) * (n + 1)].copy_from_slice(&row[d..]);
+    }
+    let mut small = Dense::new(d, d)?;
+    small.set(&t, &try_zeros(WHAT, d)?)?;
+    small.triangular = true;
+    Ok((small, Some((map, n + 1))))
+}

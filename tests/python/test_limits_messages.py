@@ -16,7 +16,7 @@ TWO = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([[0.0], [1.0]])  # the double
 
 BAD = [
     ({"limits": (1.0, -1.0)}, InputError, r"`limits` must have low <= high, got 1 > -1"),
-    ({"limits": 1.0}, InputTypeError, "`limits` must be a list"),
+    ({"limits": 1.0}, InputTypeError, "`limits` must be a pair .low, high., got float"),
     ({"limits": (1.0, 2.0, 3.0)}, InputError, "`limits` must be a pair"),
     ({"limits": (np.zeros(3), None)}, ShapeError, r"`limits\[0\]` must be a number or have shape"),
     ({"limits": (np.nan, 1.0)}, InputError, r"`limits\[0\]` must not be nan"),
@@ -25,7 +25,7 @@ BAD = [
     ({"Q": np.diag([1.0, -2.0])}, InputError, "`Q` must be positive semidefinite, its least eige"),
     ({"Q": [[1.0, 1.0], [0.0, 1.0]]}, InputError, "`Q` must be symmetric"),
     ({"Q": 0.0}, InputError, "`Q` and `Qf` must not both be 0"),
-    ({"R": "automatic"}, InputTypeError, "`R` must be a number"),
+    ({"R": "automatic"}, InputTypeError, '`R` must be "auto", a number'),
     ({"R": [-1.0]}, InputError, "`R` must have entries >= 0"),
     ({"rate": 0.1}, InputError, "`previous` must be given with `rate`"),
     ({"previous": [0.0]}, InputError, "`previous` must be left out without limits"),

@@ -380,7 +380,7 @@ def test_a_plan_within_limits_draws_its_inputs():
     plan = se.control(PUSHED, [3.0, 1.0], [0.0, 0.0], steps=8, limits=(low, high), Q=1.0, R=0.1)
     figure = plan.plot()
     assert [ax.get_ylabel() for ax in figure.axes] == ["x[0]", "x[1]", "u[0]", "u[1]"]
-    assert labels_of(figure) == ["predicted", "limits", "input", "at its limit"]
+    assert labels_of(figure) == ["predicted", "target", "limits", "input", "at its limit"]
     limited, free = figure.axes[2:]
     thin, thick = (patch.get_data().values for patch in limited.patches)
     assert np.array_equal(thin, plan.u[:, 0])

@@ -179,11 +179,12 @@ def _text(plan: Plan, found: Certificate | None, xf: Any, names: tuple[Any, Any]
         off = float(np.linalg.norm(plan.predicted_states[-1] - xf))
         lines.append(f"ends       {off:.4g} from the target; the system is taken as known")
     else:
+        where = "out of reach of the model" if plan.limited is None else "where the model ends"
         lines += [
             f"certified  the true system ends within {found.target:.4g} of the target, with "
             f"{100 * (1 - found.delta):g} %, {'with' if found.noise else 'without'} noise",
-            f"of that    {_reach(plan, found)} out of reach of the model, {found.model_error:.4g} "
-            f"by its error: mostly {found.larger}",
+            f"of that    {_reach(plan, found)} {where}, {found.model_error:.4g} by its error"
+            f"{'' if plan.limited else f': mostly {found.larger}'}",
             f"by         {found.method}",
             f"for        {found.assumption}",
         ]

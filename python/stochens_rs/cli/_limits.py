@@ -30,9 +30,19 @@ _OPTIONS = (
     click.option(
         "--previous", metavar="U", help="With --rate: the inputs applied now, with commas."
     ),
-    click.option("--Q", "Q", metavar="W", help="Weight of the states: one number or one for each."),
+    click.option(
+        "--Q",
+        "Q",
+        metavar="W",
+        help="Weight of the states: one number or one for each; default: only the last one counts.",
+    ),
     click.option("--Qf", "Qf", metavar="W", help="Weight of the last state; default: that of --Q."),
-    click.option("--R", "R", metavar="W", help="Weight of the inputs: one number or one for each."),
+    click.option(
+        "--R",
+        "R",
+        metavar="W",
+        help="Weight of the inputs: one number or one for each; default: almost 0.",
+    ),
     click.option(
         "--state-limits",
         metavar="[STATE=]LOW,HIGH",

@@ -158,7 +158,8 @@ def checked_task(
     terminal = weight("Qf", Qf, n) if Qf is not None else stage if Q is not None else np.eye(n)
     if not stage.any() and not terminal.any():
         raise InputError("`Q` and `Qf` must not both be 0: every control would be the best")
-    cost = None if R is None or (isinstance(R, str) and R == "auto") else weight("R", R, m)
+    auto = R is None or (isinstance(R, str) and R == "auto")
+    cost = None if auto else weight("R", R, m, auto=True)
     below, above = None, None
     if state_limits is not None:
         below, above = sides("state_limits", state_limits, K, n)
@@ -178,10 +179,11 @@ def checked_task(
     )
 
 
-def weight(name: str, value: Any, n: int) -> Floats:
+def weight(name: str, value: Any, n: int, *, auto: bool = False) -> Floats:
     """A weight as a matrix: from a number, a diagonal (n,) or a matrix (n, n)."""
     if isinstance(value, str):
-        raise InputTypeError(f"`{name}` must be a number, ({n},) or ({n}, {n}), got {value!r}")
+        other, found = '"auto", ' if auto else "", gate.show(value)
+        raise InputTypeError(f"`{name}` must be {other}a number, ({n},) or ({n}, {n}), got {found}")
     given = gate.read(name, value)
     if given.ndim == 0:
         return gate.nonnegative(name, value) * np.eye(n)
@@ -207,7 +209,11 @@ def sides(name: str, value: Any, K: int, m: int) -> tuple[Floats, Floats]:
     """The pair (low, high), each a number, (m,), (K, m) or None, as two arrays (K, m)."""
     if value is None:
         return np.full((K, m), -np.inf), np.full((K, m), np.inf)
-    pair = gate.items(name, value)
+    try:
+        pair = gate.items(name, value)
+    except InputTypeError:
+        found = gate.show(value)
+        raise InputTypeError(f"`{name}` must be a pair (low, high), got {found}") from None
     if len(pair) != 2:
         raise InputError(f"`{name}` must be a pair (low, high), got {len(pair)} items")
     low = _side(f"{name}[0]", pair[0], K, m, -np.inf)

@@ -8,7 +8,6 @@ use super::quadratic::{Method, Quadratic, Status, Until};
 use super::search::{GOOD, Search};
 use crate::error::{Error, Result, require_finite};
 use crate::memory::{checked_len, try_copy, try_filled, try_zeros};
-use crate::parallel::Stop;
 
 const WHAT: &str = "a control within limits";
 

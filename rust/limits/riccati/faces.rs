@@ -3,7 +3,7 @@
 use super::{Riccati, WHAT, add_transposed};
 use crate::error::Result;
 use crate::limits::bounds::Bounds;
-use crate::limits::kernel::{Work, add_line, add_lines, add_times, dot, kernel};
+use crate::limits::kernel::{add_times, dot};
 use crate::limits::quadratic::Quadratic;
 use crate::memory::{try_copy, try_zeros};
 use crate::parallel::Stop;

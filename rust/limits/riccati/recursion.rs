@@ -3,7 +3,7 @@
 use super::{Gains, Riccati, WHAT, add_transposed};
 use crate::error::Result;
 use crate::limits::bounds::Bounds;
-use crate::limits::kernel::{Work, add_line, add_lines, add_times, axpy, dot, kernel, product, solved, widest};
+use crate::limits::kernel::{Work, add_line, add_lines, add_times, axpy, kernel, product, solved, widest};
 use crate::limits::tiles::factored;
 use crate::memory::{checked_len, try_filled, try_zeros};
 use crate::parallel::Stop;

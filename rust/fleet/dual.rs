@@ -6,6 +6,10 @@ use crate::error::Result;
 use crate::memory::{try_filled, try_room, try_zeros};
 use crate::vector::{axpy, dot, norm};
 
+/// Where the projection leaves a smaller share of the vectors, what is left is rounding, and no bound follows. Rounding
+/// of the projected vectors is about `eps` of the whole, so that 1e-6 leaves ten digits.
+const LEFT: f64 = 1e-6;
+
 /// `max_w ||M_w u - t_w|| >= sum_w v_w'(M_w u - t_w)` for `sum ||v_w|| <= 1`, so over the limits at least `-sum v_w't_w +
 /// sum_i min(g_i low_i, g_i high_i)`, `g = sum M_w'v_w`. Where g points to an infinite limit it must be 0: the vectors are
 /// projected there first, and then scaled to `sum ||v_w|| = 1`. Returns the bound and the norms `||v_w||`.
@@ -17,6 +21,7 @@ pub(super) fn lower_bound(
     vectors: &mut [f64],
 ) -> Result<(f64, Vec<f64>)> {
     let d = low.len();
+    let whole: f64 = vectors.chunks_exact(rows).map(norm).sum();
     let mut open = try_filled(WHAT, false, d)?;
     let mut g = try_zeros(WHAT, d)?;
     loop {
@@ -49,7 +54,7 @@ pub(super) fn lower_bound(
     let mut shares = try_room(WHAT, vectors.len() / rows)?;
     shares.extend(vectors.chunks_exact(rows).map(norm));
     let total: f64 = shares.iter().sum();
-    if !(total > 0.0 && total.is_finite()) {
+    if !(total > LEFT * whole && total.is_finite()) {
         return Ok((0.0, shares));
     }
     shares.iter_mut().for_each(|share| *share /= total);

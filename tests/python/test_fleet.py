@@ -6,6 +6,7 @@ import pickle
 
 import numpy as np
 import pytest
+from scipy.optimize import linprog
 
 import stochens_rs as se
 from stochens_rs.controls.fleet_units import Units
@@ -295,3 +296,29 @@ def test_bad_arguments_are_named() -> None:
     huge = se.SystemEnsemble(1e200 * np.ones((2, 1, 1)), np.ones((2, 1, 1)))
     with pytest.raises(InputError, match="overflows"):
         se.control_fleet(huge, [1.0], [0.0], 3)
+
+
+@pytest.mark.parametrize("limits", [None, (None, 5.0)])
+def test_a_working_set_that_can_be_reached_gives_no_bound(limits):
+    """One state: a few units are all led to the target, and the dual vectors are rounding."""
+    gen = np.random.default_rng(2)
+    low, high = (None, None) if limits is None else limits
+    for N in (3, 6, 8, 20, 60) * 4:
+        K = int(gen.integers(2, 6))
+        A = 0.5 + 0.3 * gen.standard_normal((N, 1, 1))
+        B = 1.0 + 0.4 * gen.standard_normal((N, 1, 2))
+        plan = se.control_fleet(
+            se.SystemEnsemble(A, B), [1.0], [-3.0], K, limits=limits, risk="worst"
+        )
+        a = A[:, 0]
+        G = np.hstack([a ** (K - 1 - k) * B[:, 0] for k in range(K)])
+        b = -3.0 - a[:, 0] ** K
+        one = np.ones((N, 1))
+        best = linprog(
+            np.r_[np.zeros(2 * K), 1.0],
+            np.block([[G, -one], [-G, -one]]),
+            np.r_[b, -b],
+            bounds=[(low, high)] * (2 * K) + [(0.0, None)],
+        ).fun
+        assert plan.lower_bound <= best + 1e-7
+        assert plan.value <= best + 1e-6

@@ -13,7 +13,7 @@ import importlib
 import logging
 from typing import Any
 
-from . import cases, exceptions, paper, plots, theory
+from . import cases, exceptions, paper, plots, studies, theory
 from ._base.threads import get_num_threads, set_num_threads
 from ._core import version as _version
 from .controls import (
@@ -38,6 +38,7 @@ from .simulation import (
     track,
 )
 from .streams import DataStream, ModelStream, Stream
+from .studies import Study
 from .system import System
 
 __version__ = _version()
@@ -54,6 +55,7 @@ __all__ = [
     "Plan",
     "StochensError",
     "Stream",
+    "Study",
     "System",
     "SystemEnsemble",
     "Tracking",
@@ -79,6 +81,7 @@ __all__ = [
     "simulate",
     "simulate_ensemble",
     "steer",
+    "studies",
     "theory",
     "track",
 ]

@@ -39,7 +39,7 @@ mod _core {
         simulate_estimates, simulate_mean_field, simulate_plans, simulate_runs, simulate_systems, track, trajectory,
     };
     #[pymodule_export]
-    use super::storage::{StateLock, storage_load, storage_save};
+    use super::storage::{StateLock, storage_decode, storage_encode, storage_load, storage_save};
     #[pymodule_export]
     use super::streaming::{PyDataStream, PyStream};
     #[pymodule_export]

@@ -209,7 +209,7 @@ def test_a_function_that_always_fails_is_given_up() -> None:
     def broken(key: se.Key) -> dict[str, float]:
         raise RuntimeError("no such thing")
 
-    with pytest.raises(InputError, match="failed in the first \\d+ replicates: RuntimeError"):
+    with pytest.raises(InputError, match=r"failed in the first \d+ replicates: RuntimeError"):
         se.Study(broken, {}, replicates=10**6, rng=1).run()
 
 

@@ -199,7 +199,7 @@ class Study(Kept):
             if path is not None:
                 file = StudyFile(files.checked_path("path", path))
                 stack.callback(file.close)
-                table.platforms += open_table(file, self._described(), table)
+                table.platforms += open_table(file, self._described(), table, self._grid.size)
             if again:
                 table.forget_failures()
             if run_by is None and table.count(WAITING):

@@ -129,10 +129,11 @@ def records(path: str) -> Iterator[tuple[int, dict[str, Any] | list[Block]]]:
         raise StateNotFoundError(error.errno, "there is no such study", path) from error
     except OSError as error:
         raise _failed(error, path) from error
+    found = os.fstat(opened)
+    if not stat.S_ISREG(found.st_mode):
+        os.close(opened)
+        raise StateError(f"{path} is not the file of a study: it is no regular file")
     with open(opened, "rb") as file:
-        found = os.fstat(opened)
-        if not stat.S_ISREG(found.st_mode):
-            raise StateError(f"{path} is not the file of a study: it is no regular file")
         at, number, size = 0, 0, found.st_size
         while at < size:
             head = file.read(8)

@@ -6,22 +6,29 @@ import os
 from collections.abc import Iterable
 from contextlib import closing
 
+import numpy as np
+
 from ..exceptions import InputError, StateError
 from .block import WAITING, Block
-from .manifest import Manifest, require_same
+from .manifest import Manifest, reached, require_same
 from .study_file import StudyFile, read_manifest
 from .table import Table
 
 
-def open_table(file: StudyFile, manifest: Manifest, table: Table) -> list[dict[str, str]]:
-    """Take over what a file has, if there is one, and append what it has not.
+def open_table(
+    file: StudyFile, manifest: Manifest, table: Table, size: int
+) -> list[dict[str, str]]:
+    """Take over what a file has, if there is one, and append what it has not; for a study of
+    `size` configurations.
 
     Returns the platforms of its numbers, if they are not those of the table.
     """
     before = Table(table.span)
     if os.path.lexists(file.path):
-        require_same(file.path, read_manifest(file.path), manifest)
-        enter(file.path, before, file.extend())
+        found, blocks = read_manifest(file.path), list(file.extend())
+        require_same(file.path, found, manifest)
+        enter(file.path, before, blocks)
+        _reach(file, table, reached(file.path, found, blocks, size), size)
         there = before.platforms
         if table.platforms and any(one not in table.platforms for one in there):
             raise StateError(f"`platform` of {file.path} is not that of the numbers of this study")
@@ -32,6 +39,15 @@ def open_table(file: StudyFile, manifest: Manifest, table: Table) -> list[dict[s
     for span in table.spans(news):
         file.append(table.block(span, table.platforms[0]))
     return [] if table.platforms else before.platforms
+
+
+def _reach(file: StudyFile, table: Table, there: range, size: int) -> None:
+    """Note in a file that the study now has more replicates than it had."""
+    ends = {table.span[0]: there.start * size, table.span[1]: there.stop * size}
+    for ours, theirs in ends.items():
+        if ours != theirs:
+            file.append(Block(ours, np.zeros(0, np.uint8)))
+    file.flush()
 
 
 def enter(path: str, table: Table, blocks: Iterable[Block]) -> None:

@@ -52,6 +52,8 @@ def main() -> None:
             if not done:
                 os.kill(child, signal.SIGKILL)
                 _, status = os.waitpid(child, 0)
+            if workers and os.path.exists(path):  # orphaned workers do not hold its lock
+                se.Study.resume(path, slow).run(path=path, time_limit=1e-9)
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(child, signal.SIGKILL)  # its workers
             if not os.WIFSIGNALED(status):

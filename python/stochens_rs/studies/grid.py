@@ -122,17 +122,17 @@ def _axis(name: str, given: object) -> tuple[tuple[Label, ...], tuple[Any, ...]]
         labels: tuple[Label, ...] = tuple(given)
         values = tuple(given.values())
     else:
-        values = labels = tuple(_plain(name, value) for value in gate.items(name, given))
+        values = labels = tuple(plain_label(name, value) for value in gate.items(name, given))
     if not labels:
         raise InputError(f"`{name}` must have at least one value, got none")
-    texts = [json.dumps(_whole(label)) for label in labels]
+    texts = [label_text(label) for label in labels]
     if len(set(texts)) < len(texts):
         twice = next(text for text in texts if texts.count(text) > 1)
         raise InputError(f"`{name}` must have different values, got {twice} twice")
     return labels, values
 
 
-def _plain(name: str, value: object) -> Label:
+def plain_label(name: str, value: object) -> Label:
     """A number, a text or None, as Python has it."""
     if isinstance(value, np.generic):
         value = value.item()
@@ -150,7 +150,12 @@ def _plain(name: str, value: object) -> Label:
     )
 
 
+def label_text(label: Label) -> str:
+    """A label as JSON; equal numbers have one text."""
+    return json.dumps(_whole(label))
+
+
 def _whole(label: Label) -> Label:
-    """10 for 10.0: equal numbers have one text."""
+    """10 for 10.0."""
     whole = isinstance(label, float) and label.is_integer() and abs(label) < gate.EXACT
     return int(label) if whole else label  # type: ignore[arg-type]

@@ -14,7 +14,7 @@ from .._base import gate, html
 from .._base.types import Floats, Status
 from ..exceptions import InputError
 from ..plots.bands import Line, draw_bands
-from .grid import Label
+from .grid import Label, label_text, plain_label
 from .methods import STYLES
 from .summary import Summary, summarized
 from .tables import Failure, Tabled
@@ -103,15 +103,16 @@ class Results(Tabled):
         done, failed = self.done, self.failed
         for name, label in labels.items():
             gate.choice("axis", name, tuple(grid))
-            if label not in grid[name]:
-                raise InputError(
-                    f"`{name}` must be one of {str(list(grid[name]))[:120]}, got {gate.show(label)}"
-                )
-            at, axis = grid[name].index(label), list(grid).index(name)
+            texts = [label_text(one) for one in grid[name]]
+            wanted = label_text(plain_label(name, label))
+            if wanted not in texts:
+                listed = ", ".join(texts)[:120]
+                raise InputError(f"`{name}` must be one of {listed}, got {gate.show(label)}")
+            at, axis = texts.index(wanted), list(grid).index(name)
             values = {key: np.take(rows, at, axis=axis) for key, rows in values.items()}
             done, failed = np.take(done, at, axis=axis), np.take(failed, at, axis=axis)
-            failures = [one for one in failures if one.configuration.get(name, label) == label]
-            del grid[name]
+            own = grid.pop(name)[at]
+            failures = [one for one in failures if one.configuration.get(name, own) == own]
             about = {**about, name: str(label)}
         rest = (values, done, failed, failures, about, self.seconds)
         return Results(self.status, grid, self.replicates, *rest)

@@ -6,8 +6,9 @@ import itertools
 import json
 import os
 from collections.abc import Iterator
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +27,8 @@ SCHEMA = "stochens-results/1"
 SUFFIXES = (".parquet", ".nc", ".json")
 
 
-class Failure(NamedTuple):
+@dataclass(frozen=True)
+class Failure:
     """A replicate that raised.
 
     Attributes
@@ -80,7 +82,7 @@ class Tabled:
             "grid": {name: list(labels) for name, labels in self.grid.items()},
             "replicates": [self.replicates.start, self.replicates.stop],
             "values": {name: plain(rows) for name, rows in self.values.items()},
-            "failures": [one._asdict() for one in self.failures],
+            "failures": [asdict(one) for one in self.failures],
             "seconds": self.seconds,
         }
 

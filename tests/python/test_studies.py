@@ -350,6 +350,22 @@ def test_a_result_that_ctrl_c_cut_short_is_not_kept() -> None:
     assert run.stdout.split("\n")[0] == "interrupted interrupted [[True], [False]]", run.stderr
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="SIGINT cannot be sent to oneself on Windows")
+def test_ctrl_c_in_a_study_of_studies_ends_both() -> None:
+    inner: list[str] = []
+
+    def outer(key: se.Key) -> dict[str, float]:
+        results = se.Study(slow, {}, replicates=100, rng=key).run()
+        inner.append(results.status)
+        return {"x": float(np.nanmean(results.values["x"]))}
+
+    threading.Timer(0.6, os.kill, (os.getpid(), signal.SIGINT)).start()
+    results = se.Study(outer, {}, replicates=1000, rng=1).run()
+    assert results.status == "interrupted"
+    assert inner[-1] == "interrupted"
+    assert results.done.sum() == len(inner) - 1
+
+
 def test_a_time_limit_ends_a_run() -> None:
     made = se.Study(slow, {}, replicates=2000, rng=4)
     results = made.run(time_limit=0.3)

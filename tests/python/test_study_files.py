@@ -6,6 +6,8 @@ import json
 import os
 import subprocess
 import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -55,23 +57,12 @@ WHOLE = study().run()
 def test_a_file_has_all_numbers(path: Path) -> None:
     assert se.Study.resume(path).results.digest == WHOLE.digest
     before = path.read_bytes()
-
-    def never(key: se.Key, scale: float) -> dict[str, float]:
-        raise AssertionError
-
-    never.__code__ = noise.__code__  # the same function to the file, but for its name
     assert study().run(path=path).digest == WHOLE.digest
     assert path.read_bytes() == before  # nothing ran, nothing was written
 
 
 def test_a_run_continues_a_file(tmp_path: Path) -> None:
     path = tmp_path / "a.study"
-    calls: list[str] = []
-
-    def counted(key: se.Key, scale: float) -> dict[str, float]:
-        calls.append(key.hex)
-        return noise(key, scale)
-
     made = se.Study(slow, GRID, replicates=300, rng=5)
     first = made.run(path=path, time_limit=0.2)
     assert first.status == "time_limit"
@@ -103,6 +94,26 @@ def test_numbers_found_before_are_written(tmp_path: Path) -> None:
     made.run()
     made.run(path=tmp_path / "a.study")
     assert se.Study.resume(tmp_path / "a.study").results.digest == WHOLE.digest
+
+
+def test_blocks_of_workers_are_written_soon(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also if the next one takes long."""
+    monkeypatch.setattr(study_file, "EVERY", 0.2)
+    path, seen = tmp_path / "a.study", []
+
+    def waits(key: se.Key, scale: float) -> dict[str, float]:
+        end = time.monotonic() + 10
+        while scale == 2.0 and time.monotonic() < end and not seen:
+            if path.exists() and se.Study.resume(path).results.done[0].sum() == 2:
+                seen.append(True)
+            time.sleep(0.02)
+        return noise(key, scale)
+
+    with ThreadPoolExecutor(4) as threads:
+        study(2, function=waits).run(threads, path)
+    assert seen
 
 
 def test_failures_are_in_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

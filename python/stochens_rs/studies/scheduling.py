@@ -81,10 +81,11 @@ class Run:
         work: Work,
         layout: Layout,
         keep: Callable[[Block], Layout],
+        idle: Callable[[], None],
         interruption: Interruption,
         time_limit: float | None,
     ) -> None:
-        self._work, self._layout, self._keep = work, layout, keep
+        self._work, self._layout, self._keep, self._idle = work, layout, keep, idle
         self._interruption = interruption
         self._end = None if time_limit is None else time.monotonic() + time_limit
 
@@ -110,9 +111,21 @@ class Run:
 
     def by(self, executor: Executor, spans: Iterable[Span]) -> Status:
         """Run all tasks by an executor; "workers_lost" if its workers have died."""
-        workers = workers_of(executor)
-        blocks = Blocks(spans, _THERE, workers)
         pending: dict[Future[Block], Span] = {}
+        workers = workers_of(executor)
+        try:
+            return self._by(executor, Blocks(spans, _THERE, workers), workers, pending)
+        finally:
+            for future in pending:
+                future.cancel()
+
+    def _by(
+        self,
+        executor: Executor,
+        blocks: Blocks,
+        workers: int,
+        pending: dict[Future[Block], Span],
+    ) -> Status:
         lost = 0
         while True:
             over = self._over()
@@ -138,7 +151,7 @@ class Run:
                 block = _result(ended)
                 if block is None:
                     lost += 1
-                    if lost >= _LOST or getattr(executor, "_broken", False):
+                    if lost >= _LOST:
                         self._wait_for_last(pending)
                         return "workers_lost"
                     blocks.give_back(span)
@@ -147,6 +160,7 @@ class Run:
                 self._done(block, blocks)
                 if block.stop < span[1]:  # the function raised KeyboardInterrupt
                     self._interruption.count += 1
+            self._idle()
 
     def _submitted(self, executor: Executor, span: Span) -> Future[Block] | None:
         try:
@@ -169,8 +183,6 @@ class Run:
                 del pending[future]
                 if (block := _result(future)) is not None:
                     self._layout = self._keep(block)
-        for future in pending:
-            future.cancel()
 
 
 def _result(future: Future[Block]) -> Block | None:

@@ -11,12 +11,15 @@ from types import FrameType
 
 from .block import Interruption
 
+_open: list[Interruption] = []  # of the runs in the main thread, the outermost first
+
 
 @contextmanager
 def interruptions() -> Iterator[Interruption]:
     """Count the signals; the first one breaks off the task that runs in this process.
 
-    Signals that are ignored stay so, and threads other than the main one get none.
+    A signal counts for all runs, should a task run a study itself. Signals that are ignored stay
+    so, and threads other than the main one get none.
     """
     found = Interruption()
     if threading.current_thread() is not threading.main_thread():
@@ -31,16 +34,19 @@ def interruptions() -> Iterator[Interruption]:
             signal.signal(number, signal.SIG_DFL)
             os.kill(os.getpid(), number)
             return
-        found.count += 1
+        for one in _open:
+            one.count += 1
         if found.breakable:
             raise KeyboardInterrupt
 
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     caught = {n: old for n, old in before.items() if old not in (signal.SIG_IGN, None)}
+    _open.append(found)
     for number in caught:
         signal.signal(number, receive)
     try:
         yield found
     finally:
+        _open.remove(found)
         for number, handler in caught.items():
             signal.signal(number, handler)

@@ -218,7 +218,8 @@ class Study(Kept):
 
             self._status = "interrupted"
             work = Work(self._function, self._grid, self.key)
-            run = Run(work, table.layout, keep, interruption, limit)
+            idle = file.flush_if_due if file is not None else lambda: None
+            run = Run(work, table.layout, keep, idle, interruption, limit)
             try:
                 self._status = run_all(run, run_by, table.waiting)
             finally:
@@ -239,8 +240,10 @@ class Study(Kept):
     def _give_up(self) -> None:
         """Raise if the first tasks all fail: then it is the function."""
         table = self._table
+        if table.layout:
+            return
         failed = table.count(FAILED)
-        if not table.layout and failed >= min(max(_PATIENCE, self._grid.size), len(table.states)):
+        if failed >= min(max(_PATIENCE, self._grid.size), len(table.states)):
             text = table.errors[min(table.errors)]
             table.forget_failures()
             raise InputError(f"`function` failed in the first {failed} replicates: {text}")

@@ -76,7 +76,13 @@ class StudyFile:
         """Add a block; blocks are written together, about every second."""
         self._waiting.append(block)
         self._bytes += sum(rows.nbytes for rows in block.values.values())
-        if self._bytes > _MOST_BYTES or time.monotonic() - self._last >= EVERY:
+        if self._bytes > _MOST_BYTES:
+            self.flush()
+        self.flush_if_due()
+
+    def flush_if_due(self) -> None:
+        """Write what waits if the last write was some time ago."""
+        if self._waiting and time.monotonic() - self._last >= EVERY:
             self.flush()
 
     def flush(self) -> None:

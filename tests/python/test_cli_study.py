@@ -111,14 +111,14 @@ def test_ctrl_c_loses_nothing(
     problem: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], workers: str
 ) -> None:
     path = tmp_path / "a.study"
-    args = [problem, "--sizes", "5,2000", "--replicates", "1500", "--path", str(path)]
+    args = [problem, "--sizes", "5,2000", "--replicates", "3000", "--path", str(path)]
     command = [sys.executable, "-m", "stochens_rs", "study", *args, "--workers", workers, "--json"]
     program = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     )
     while not path.exists() and program.poll() is None:
         time.sleep(0.01)
-    time.sleep(0.3 if workers == "1" else 1.0)
+    time.sleep(0.3 if workers == "1" else 0.7)
     os.killpg(program.pid, signal.SIGINT)  # as a terminal does: to the workers too
     out, told = program.communicate(timeout=60)
     assert program.returncode == 130, told

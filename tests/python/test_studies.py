@@ -135,7 +135,7 @@ class Shuffled(Executor):
         with self._lock:
             self._kept.append((future, fn, args))
             self.most = max(self.most, len(self._kept))
-        if len(self._kept) == 2 * self._max_workers or args[1] == 0 or self._random.random() < 0.3:
+        if args[1] == 0 or self._random.random() < 0.1:
             self._release()
         else:
             threading.Timer(0.02, self._release).start()
@@ -306,20 +306,20 @@ def test_an_executor_that_was_shut_down() -> None:
 @pytest.mark.skipif(sys.platform == "win32", reason="signals cannot be sent to oneself on Windows")
 @pytest.mark.parametrize("workers", [0, 2])
 def test_a_signal_returns_what_is_done(number: signal.Signals, workers: int) -> None:
-    made = se.Study(slow, {"scale": [1.0, 2.0]}, replicates=300, rng=4)
+    made = se.Study(slow, {"scale": [1.0, 2.0]}, replicates=150, rng=4)
     before = [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)]
     executor = ThreadPoolExecutor(workers) if workers else None
-    timer = threading.Timer(0.4, os.kill, (os.getpid(), number))
+    timer = threading.Timer(0.3, os.kill, (os.getpid(), number))
     timer.start()
     began = time.monotonic()
     results = made.run(executor)
     assert results.status == "interrupted"
-    assert time.monotonic() - began < 2.0
-    assert 0 < results.done.sum() < 600
+    assert time.monotonic() - began < 4.0
+    assert 0 < results.done.sum() < 300
     assert [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)] == before
     again = made.run(executor)
     assert again.status == "completed"
-    whole = se.Study(noise, {"scale": [1.0, 2.0]}, replicates=300, rng=4).run()
+    whole = se.Study(noise, {"scale": [1.0, 2.0]}, replicates=150, rng=4).run()
     assert again.digest == whole.digest
     if executor is not None:
         executor.shutdown()

@@ -279,6 +279,7 @@ def test_a_file_cut_anywhere_is_continued_or_refused(path: Path, tmp_path: Path)
             outcomes.add(int(se.Study.resume(cut).results.done.sum()))
             assert study().run(path=cut).digest == WHOLE.digest
             assert se.Study.resume(cut).results.digest == WHOLE.digest
+            assert list(study_file.records(str(cut)))[-1][0] == cut.stat().st_size
     assert len(outcomes) > 3
 
 
@@ -301,9 +302,10 @@ def test_every_changed_byte_is_seen(path: Path, tmp_path: Path, gen: np.random.G
 
 def test_zeros_at_the_end_are_replaced(path: Path) -> None:
     with open(path, "ab") as file:
-        file.write(bytes(1000))
+        file.write(bytes(100_000))
     assert se.Study.resume(path).results.digest == WHOLE.digest
     assert study(30).run(path=path).digest == study(30).run().digest
+    assert list(study_file.records(str(path)))[-1][0] == path.stat().st_size
 
 
 def written(path: Path, *records: tuple[str, int, dict[str, np.ndarray]]) -> Path:

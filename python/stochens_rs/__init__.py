@@ -13,7 +13,7 @@ import importlib
 import logging
 from typing import Any
 
-from . import cases, exceptions, paper, plots, theory
+from . import cases, exceptions, paper, plots, studies, theory
 from ._base.threads import get_num_threads, set_num_threads
 from ._core import version as _version
 from .controls import (
@@ -41,6 +41,7 @@ from .simulation import (
     track,
 )
 from .streams import DataStream, ModelStream, Stream
+from .studies import Study
 from .system import System
 
 __version__ = _version()
@@ -58,6 +59,7 @@ __all__ = [
     "Regulator",
     "StochensError",
     "Stream",
+    "Study",
     "System",
     "SystemEnsemble",
     "Tracking",
@@ -85,6 +87,7 @@ __all__ = [
     "simulate",
     "simulate_ensemble",
     "steer",
+    "studies",
     "theory",
     "track",
 ]

@@ -67,6 +67,8 @@ __all__ = [
     "slse",
     "smallest_quantile",
     "sphere_level",
+    "storage_decode",
+    "storage_encode",
     "storage_load",
     "storage_save",
     "trace_quantile",
@@ -318,6 +320,10 @@ def storage_save(
 def storage_load(
     path: str | os.PathLike[str], kind: str
 ) -> tuple[int, dict[str, _Section], str | None]: ...
+def storage_encode(kind: str, generation: int, sections: list[tuple[str, _Section]]) -> bytes: ...
+def storage_decode(
+    source: str | os.PathLike[str], bytes: bytes, kind: str
+) -> tuple[int, dict[str, _Section]]: ...
 def version() -> str: ...
 
 # identification from measured pairs: `q` = whitened regressors (N, rank), `e` = residuals (N, n)

@@ -56,7 +56,7 @@ mod _core {
         simulate_systems, track, trajectory,
     };
     #[pymodule_export]
-    use super::storage::{StateLock, storage_load, storage_save};
+    use super::storage::{StateLock, storage_decode, storage_encode, storage_load, storage_save};
     #[pymodule_export]
     use super::streaming::{PyDataStream, PyStream};
     #[pymodule_export]

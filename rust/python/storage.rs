@@ -5,13 +5,13 @@ use std::sync::{Mutex, PoisonError};
 
 use numpy::{PyArray1, PyArrayDescrMethods, PyReadonlyArray1, PyUntypedArray, PyUntypedArrayMethods, dtype};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyBytes, PyDict};
 
 use super::error::{InputTypeError, ShapeError};
 use super::run::run;
 use crate::Error;
 use crate::memory::try_room;
-use crate::storage::{self, Lock, Section, Values};
+use crate::storage::{self, Container, Lock, Section, Values};
 
 /// Elementary operations per byte, roughly: two hashes and the disk.
 const PER_BYTE: f64 = 20.0;
@@ -74,21 +74,9 @@ pub(super) fn storage_save(
     sections: Vec<(String, Array<'_>)>,
     held: Option<&Bound<'_, StateLock>>,
 ) -> PyResult<u64> {
-    let mut checked = try_room("the sections", sections.len())?;
-    for (name, array) in &sections {
-        checked.push(Section { name: name.into(), values: values(array)? });
-    }
-    let sections: Vec<Section<'_>> = checked;
-    let bytes: usize = sections
-        .iter()
-        .map(|section| match &section.values {
-            Values::Bytes(values) => values.len(),
-            Values::Integers(values) => values.len() * 8,
-            Values::Reals(values) => values.len() * 8,
-        })
-        .sum();
+    let (sections, bytes) = checked(&sections)?;
     let held = held.map(Bound::get);
-    run(py, PER_BYTE * bytes as f64, |stop| match held {
+    run(py, PER_BYTE * bytes, |stop| match held {
         None => storage::save(&path, kind, &sections, stop),
         Some(held) => {
             let lock = held.0.lock().unwrap_or_else(PoisonError::into_inner);
@@ -96,6 +84,23 @@ pub(super) fn storage_save(
             storage::save_held(lock, &path, kind, &sections, stop)
         }
     })
+}
+
+/// The sections as the core takes them, and their bytes.
+fn checked<'a>(given: &'a [(String, Array<'_>)]) -> PyResult<(Vec<Section<'a>>, f64)> {
+    let mut sections = try_room("the sections", given.len())?;
+    for (name, array) in given {
+        sections.push(Section { name: name.into(), values: values(array)? });
+    }
+    let bytes: usize = sections
+        .iter()
+        .map(|section: &Section<'_>| match &section.values {
+            Values::Bytes(values) => values.len(),
+            Values::Integers(values) => values.len() * 8,
+            Values::Reals(values) => values.len() * 8,
+        })
+        .sum();
+    Ok((sections, bytes as f64))
 }
 
 fn values<'a>(array: &'a Array<'_>) -> PyResult<Values<'a>> {
@@ -116,8 +121,40 @@ pub(super) fn storage_load<'py>(
 ) -> PyResult<(u64, Bound<'py, PyDict>, Option<String>)> {
     let bytes = std::fs::metadata(&path).map_or(0, |metadata| metadata.len());
     let loaded = run(py, PER_BYTE * bytes as f64, |stop| storage::load(&path, kind, stop))?;
+    let (generation, sections) = arrays(py, loaded.container)?;
+    Ok((generation, sections, loaded.recovered.map(|why| why.to_string())))
+}
+
+/// The bytes of a state file with these contents.
+#[pyfunction]
+pub(super) fn storage_encode<'py>(
+    py: Python<'py>,
+    kind: &str,
+    generation: u64,
+    sections: Vec<(String, Array<'_>)>,
+) -> PyResult<Bound<'py, PyBytes>> {
+    let (sections, bytes) = checked(&sections)?;
+    let encoded = run(py, PER_BYTE * bytes, |stop| storage::encode(kind, generation, &sections, stop))?;
+    Ok(PyBytes::new(py, &encoded))
+}
+
+/// The contents of a state file of this `kind` with these bytes: `(generation, sections)`; `source` is its name in
+/// messages.
+#[pyfunction]
+pub(super) fn storage_decode<'py>(
+    py: Python<'py>,
+    source: PathBuf,
+    bytes: &[u8],
+    kind: &str,
+) -> PyResult<(u64, Bound<'py, PyDict>)> {
+    let found = run(py, PER_BYTE * bytes.len() as f64, |stop| storage::decode(&source, bytes, kind, stop))?;
+    arrays(py, found)
+}
+
+/// Generation and arrays, by their names.
+fn arrays(py: Python<'_>, found: Container) -> PyResult<(u64, Bound<'_, PyDict>)> {
     let sections = PyDict::new(py);
-    for section in loaded.container.sections {
+    for section in found.sections {
         let name = section.name;
         match section.values {
             Values::Bytes(values) => sections.set_item(name, PyArray1::from_vec(py, values.into_owned()))?,
@@ -125,5 +162,5 @@ pub(super) fn storage_load<'py>(
             Values::Reals(values) => sections.set_item(name, PyArray1::from_vec(py, values.into_owned()))?,
         }
     }
-    Ok((loaded.container.generation, sections, loaded.recovered.map(|why| why.to_string())))
+    Ok((found.generation, sections))
 }

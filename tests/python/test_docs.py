@@ -155,7 +155,10 @@ PAGES = (
     "docs/fleet.md",
     "docs/limits.md",
     "docs/measured-runs.md",
+    "docs/studies.md",
 )
+# Packages of the extras `dev` that a page needs.
+NEEDED = {"docs/studies.md": ("distributed", "matplotlib", "pandas", "xarray")}
 MARKDOWN = [path for path in PAGES if (ROOT / path).exists()]
 
 
@@ -167,6 +170,8 @@ def blocks(path):
 @pytest.mark.parametrize("path", MARKDOWN)
 def test_code_blocks_run_and_print_what_they_say(path, tmp_path, monkeypatch, capsys):
     """Each ``print(...)  # text`` prints exactly the text."""
+    for package in NEEDED.get(path, ()):
+        pytest.importorskip(package)
     monkeypatch.chdir(tmp_path)
     namespace = {"__name__": "__readme__"}
     for block in blocks(path):

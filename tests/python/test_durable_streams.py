@@ -176,9 +176,9 @@ def test_a_child_forked_in_a_run_does_not_end_its_lock(tmp_path: Path) -> None:
     def fork(done: int, total: int | None) -> None:
         child = os.fork()
         if child == 0:
-            from stochens_rs.streams import checkpoints
+            from stochens_rs._base import state_file
 
-            for lock in list(checkpoints._held):
+            for lock in list(state_file._held):
                 lock.release()
             os._exit(0)
         os.waitpid(child, 0)

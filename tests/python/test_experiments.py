@@ -12,7 +12,7 @@ import stochens_rs as se
 from stochens_rs.paper import power, tracking
 from stochens_rs.rng import as_key
 from stochens_rs.studies import Curve, Experiment
-from stochens_rs.studies.study import log_grid
+from stochens_rs.studies.experiment_run import log_grid
 
 SMALL_POWER = {"rng": 5, "replicates": 6, "samples": 120}
 SMALL_TRACKING = {"rng": 5, "replicates": 3, "samples": 40, "n": 12, "m": 9}

@@ -161,6 +161,14 @@ def fused_model():
     return se.fuse([(A, B), (0.5 * A, B)], "leave-one-out", data=model())
 
 
+def drawn(key, a):
+    return {"x": a * key.generator().normal()}
+
+
+def study():
+    return se.Study(drawn, {"a": [1, 2]}, replicates=2, rng=1)
+
+
 def loop():
     made = se.regulate((A, B), 3, limits=(-1.0, 1.0))
     made(X0)
@@ -231,6 +239,9 @@ OWN = {
     "tracking_moments": {"feedback": False},
     "tracking_rms": {"feedback": False},
     "Stream.run": {"max_steps": 3},
+    "Study.run": {"executor": None},
+    "Study.retry": {"executor": None},
+    "Study": {"function": drawn, "grid": {"a": [1, 2]}, "replicates": 2},
     "panel": {"name": "3a"},
     "Experiment.panel": {"name": "3a"},
 }
@@ -253,6 +264,9 @@ TAKEN = {
     ("regulate", "state_limits"): {"object vector", "list of None"},
     ("control_fleet", "limits"): {"object vector", "list of None"},
     ("Stream.run", "checkpoint"): {"text"},
+    ("Study", "function"): {"class"},
+    ("Study.run", "path"): {"text"},
+    ("Study.retry", "path"): {"text"},
 }
 CALLED = {"class", "function"}  # what `progress` does is its own affair
 MADE = {
@@ -270,6 +284,7 @@ MADE = {
     "Plan": lambda: se.control((ensemble(), B), se.sample(X0, 5, rng=2), XF),
     "Regulator": loop,
     "Stream": lambda: se.Stream((A, B), X0, XF, rng=1),
+    "Study": study,
     "Bound": lambda: se.theory.bounds.bound("McDiarmid", "state", (A, B), X0, XF),
     "Simulated": lambda: se.theory.bounds.bound("simulated", "vector", X0),
     "Experiment": experiment,
@@ -307,7 +322,7 @@ def swept():
 SEPARATE = {"cli", "plots", "paper.report", "paper.verdicts", "Ensemble"}
 SEPARATE |= {"Experiment.save", "Experiment.from_dict", "Panel.from_dict", "Curve.from_dict"}
 SEPARATE |= {"Experiment.plot", "Experiment.plot_figure", "Experiment.plot_panel"}
-SEPARATE |= {"Bound", "Printed", "Simulated"}
+SEPARATE |= {"Bound", "Printed", "Simulated", "Results.select", "Results.plot"}
 SEPARATE |= {
     f"{kind}.{name}"
     for kind in ("Stream", "DataStream", "ModelStream")
@@ -394,6 +409,15 @@ TOLD_APART = {
     "Experiment.from_dict, an entry": lambda value: se.paper.Experiment.from_dict(
         experiment().to_dict() | {"panels": value}
     ),
+    "Study.resume": se.Study.resume,
+    "Study.resume, the grid": lambda value: se.Study.resume("no.study", None, value),
+    "Study.merge": se.Study.merge,
+    "Study.merge, a path": lambda value: se.Study.merge([value]),
+    "Results.save": lambda value: study().run().save(value),
+    "Results.select": lambda value: study().run().select(a=value),
+    "Results.plot": lambda value: study().run().plot(value, "x"),
+    "Results.plot, the number": lambda value: study().run().plot("a", value),
+    "Results.plot, the lines": lambda value: study().run().plot("a", "x", value),
     "Stream.load": se.Stream.load,
     "Stream.save": lambda value: MADE["Stream"]().save(value),
     "DataStream.save": lambda value: se.DataStream(B).save(value),

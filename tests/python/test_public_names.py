@@ -14,15 +14,16 @@ import stochens_rs as se
 
 TOP = """
     Counts DataStream Ensemble EnsembleTrajectory Fit Key Model ModelStream Plan Regulator
-    StochensError Stream System SystemEnsemble Tracking Trajectories Trajectory __version__
-    cases control control_fleet exceptions fuse fuse_path get_num_threads identify paper plots
-    predict realization_controls reference regulate required_samples sample sample_counts
-    set_num_threads simulate simulate_ensemble steer theory track
+    StochensError Stream Study System SystemEnsemble Tracking Trajectories Trajectory
+    __version__ cases control control_fleet exceptions fuse fuse_path get_num_threads identify
+    paper plots predict realization_controls reference regulate required_samples sample
+    sample_counts set_num_threads simulate simulate_ensemble steer studies theory track
 """
 ROOMS = {
     "controls": "Call Certificate FleetPlan PlanBound PlanError Reachability RiskBound SamplePlan",
     "fusion": "FusedModel Path",
     "identification": "Checks Region",
+    "studies": "Curve Experiment Failure Panel Results Summary",
     "streams": "Confidence Look Snapshot StreamRun Trace",
 }
 

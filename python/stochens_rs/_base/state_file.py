@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import os
 import warnings
+import weakref
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -67,6 +68,38 @@ def load(path: PathLike, kind: str) -> tuple[int, dict[str, Section]]:
             stacklevel=3,
         )
     return generation, sections
+
+
+def encode(kind: str, generation: int, sections: Mapping[str, NDArray[Any]]) -> bytes:
+    """Return the bytes of a state file with these arrays (see `save`)."""
+    arrays = [(name, _section(name, array)) for name, array in sections.items()]
+    memory.need("a state to be saved", sum(array.nbytes for _, array in arrays))
+    return _core.storage_encode(kind, generation, arrays)
+
+
+def decode(source: str, content: bytes, kind: str) -> tuple[int, dict[str, Section]]:
+    """Return the generation and the arrays in the bytes of a state file (see `load`)."""
+    return _core.storage_decode(source, content, kind)
+
+
+_held: weakref.WeakSet[_core.StateLock] = weakref.WeakSet()
+
+
+def lock(path: str) -> _core.StateLock:
+    """Lock a path for writing, until `release`; raises `StateLockedError` if it is locked."""
+    made = _core.StateLock(path)
+    _held.add(made)
+    return made
+
+
+def _let_go() -> None:
+    """Release the locks in a forked child: its copies would outlive those of the parent."""
+    for one in list(_held):
+        one.release()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_let_go)
 
 
 def _section(name: str, array: NDArray[Any]) -> NDArray[Any]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import TypeVar
 
 from . import gate
@@ -16,6 +17,8 @@ _PAUSE = 0.05
 
 _MOST = 1024  # threads of one call
 _limit: int | None = None
+_single = 0  # how many `one_thread` blocks are open, in all threads together
+_single_lock = threading.Lock()
 
 
 def set_num_threads(threads: int | None) -> None:
@@ -55,6 +58,8 @@ def get_num_threads() -> int:
     int
         At least 1.
     """
+    if _single:
+        return 1
     if _limit is not None:
         return _limit
     asked = os.environ.get("STOCHENS_NUM_THREADS", "")
@@ -63,6 +68,19 @@ def get_num_threads() -> int:
     if hasattr(os, "sched_getaffinity"):
         return max(1, len(os.sched_getaffinity(0)))
     return os.cpu_count() or 1
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Let each call use one thread: for workers, which are as many as the processors."""
+    global _single
+    with _single_lock:
+        _single += 1
+    try:
+        yield
+    finally:
+        with _single_lock:
+            _single -= 1
 
 
 def interruptible(work: Callable[[], T]) -> T:

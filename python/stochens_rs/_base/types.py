@@ -35,6 +35,7 @@ Status: TypeAlias = Literal[
     "max_steps",  # the limit on the number of steps was reached
     "time_limit",  # the limit on the time of a run was reached
     "user_limit",  # the limit on the time or the passes of a solver was reached
+    "workers_lost",  # the workers of an executor died
     "interrupted",  # Ctrl-C
     "held",  # the next input of an earlier plan
     "infeasible",  # limits that cannot be kept are missed by as little as possible

@@ -9,7 +9,7 @@ import click
 
 from .._base.files import versions
 from ..exceptions import InputError, InputTypeError, ResourceError, StateError
-from . import _claims, _control, _identify, _info, _plan, _reproduce, _stream
+from . import _claims, _control, _identify, _info, _plan, _reproduce, _stream, _study
 from ._output import INTERRUPTED, note, occupy_standard_descriptors, show
 
 __all__ = ["main"]
@@ -48,6 +48,7 @@ for _command in (
     _claims.claims,
     _plan.plan,
     _stream.stream,
+    _study.study_command,
     _identify.identify_command,
     _control.control_command,
     _info.info,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import time
-import weakref
 from typing import TYPE_CHECKING
 
 from .. import _core
@@ -15,18 +14,6 @@ from ..exceptions import StateError
 
 if TYPE_CHECKING:
     from typing_extensions import Self
-
-_held: weakref.WeakSet[_core.StateLock] = weakref.WeakSet()
-
-
-def _let_go() -> None:
-    """Release the locks in a forked child: its copies would outlive those of the parent."""
-    for lock in list(_held):
-        lock.release()
-
-
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_let_go)
 
 
 class Checkpoints:
@@ -41,8 +28,7 @@ class Checkpoints:
 
     def __enter__(self) -> Self:
         if self._path is not None:
-            self._lock = _core.StateLock(self._path)
-            _held.add(self._lock)
+            self._lock = state_file.lock(self._path)
             try:
                 self._check_earlier(self._path)
             except BaseException:  # the caller may handle it and use the file again

@@ -1,201 +1,265 @@
-"""A study: independent replicates of one experiment, and the record of their errors."""
+"""`Study`: a function, a grid and replicates, run anywhere, stopped and continued."""
 
 from __future__ import annotations
 
-import hashlib
-import math
 import time
-from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from collections.abc import Iterable, Mapping
+from contextlib import ExitStack
+from typing import Any
 
-import numpy as np
-from numpy.typing import ArrayLike
-
-from .._base import gate
+from .._base import files, gate
+from .._base.files import PathLike
+from .._base.gate import show
 from .._base.progress import Progress, progress_bar
-from .._base.types import Fusion
-from ..fusion.fusing import Method
-from ..rng import Key, RngLike, as_key
-from ..system import System
-from .curves import Curve, Panel
-from .experiment import Experiment
-from .replicate import Floats, Sizes, Solves
+from .._base.types import Status
+from ..exceptions import InputError, InputTypeError, StateError
+from ..rng import RngLike, as_key
+from .block import FAILED, WAITING, Block, Function, Layout, Work, fingerprint
+from .collecting import collected
+from .digest import full_name
+from .grid import checked_grid
+from .kept import Kept
+from .manifest import Manifest, checked_replicates, described, different
+from .results import Results
+from .scheduling import ExecutorLike, Run, checked_executor, run_all
+from .signals import interruptions
+from .study_file import StudyFile
+from .table import Table
+from .table_file import open_table
 
-LARGEST = 1e100  # allowed scale: squares of results do not overflow
-ROUNDING = 1e-13  # relative errors up to here count as zero: 450 times the machine epsilon
-
-# Covariance of an error under uniform weights: C1 and C2 of C(N) = C1 / N + C2 / N^2.
-Orders = tuple[Floats, Floats]
-# Absolute errors of one replicate, (k,) for every (panel, method, fusion).
-Errors = dict[tuple[str, Method, Fusion | None], Floats]
-
-
-class Quantity(NamedTuple):
-    """What one panel shows."""
-
-    panel: str
-    figure: str | None
-    name: str
-    symbol: str
-    target: Floats  # errors are divided by its norm
-    orders: Mapping[Any, Orders]  # by fusion; None for the estimate of an entity
-    solves: Solves | None  # what its ALSE weights depend on; None: on a closed form
+_PATIENCE = 10  # first tasks that may fail before the study is given up
 
 
-class Study:
-    """Replicates of one experiment: checks the options, runs them, and makes the record."""
+class Study(Kept):
+    """Replicates of a function over a grid of configurations.
+
+    Parameters
+    ----------
+    function : callable
+        ``function(key, **configuration)`` returns a mapping of names to numbers or arrays of
+        numbers, with the same names and shapes each time. All that is random in it must come from
+        `key` (a `Key`).
+    grid : mapping
+        For each axis its values: numbers, texts or None. Other values get labels: ``{"system":
+        {"small": system, "large": other}}``.
+    replicates : int or range
+        How many, or which: two halves of a study are ``range(0, 500)`` and ``range(500, 1000)``.
+    rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
+        Source of randomness.
+    nested : str, optional
+        An axis whose values the function gets all at once, such as sample sizes which are prefixes
+        of each other. Everything it returns then has one entry for each of them.
+    shared : sequence of str, default ()
+        Axes whose values get the same key, so that they are compared on the same samples.
+
+    Attributes
+    ----------
+    key : Key
+        The key of replicate r of a configuration is ``key.child(text).child(f"replicate {r}")``
+        with the labels as JSON, sorted by name, without nested and shared axes: ``{"size":10}``.
+    replicates : range
+
+    Raises
+    ------
+    InputError, InputTypeError, SeedError
+        If an argument cannot be used.
+
+    Notes
+    -----
+    The numbers are the same bits in any order, with any executor, number of workers, interruptions
+    and continuations, on one platform: with the same versions of this package, Python and NumPy, on
+    the same kind of processor. NumPy's own linear algebra may round differently with another number
+    of threads (``OPENBLAS_NUM_THREADS``), which some executors set.
+
+    Examples
+    --------
+    >>> import stochens_rs as se
+    >>> def miss(key, size, method):
+    ...     ensemble = se.sample([[1.0, 2.0], [3.0, 4.0]], size, rng=key)
+    ...     return {"error": se.fuse(ensemble, method, target=[[1.0, 2.0], [3.0, 4.0]]).error}
+    >>> grid = {"size": [10, 100], "method": ["uniform", "alse"]}
+    >>> study = se.Study(miss, grid, replicates=5, rng=1, shared=["method"])
+    >>> study.run()
+    <Results: error of 2 size x 2 method x 5 replicates, completed: 20 of 20 ran>
+    """
 
     def __init__(
-        self, rng: RngLike, replicates: int, samples: int, sizes: ArrayLike | None, tol: float
+        self,
+        function: Function,
+        grid: Mapping[str, Any],
+        *,
+        replicates: int | range,
+        rng: RngLike = None,
+        nested: str | None = None,
+        shared: Iterable[str] = (),
     ) -> None:
-        self.started = time.perf_counter()
+        if not callable(function):
+            raise InputTypeError(f"`function` must be callable, got {show(function)}")
+        self._function: Function | None = function
+        self._grid = checked_grid(grid, nested, shared)
+        self.replicates = checked_replicates(replicates, self._grid.size)
         self.key = as_key(rng)
-        self.replicates = gate.size("replicates", replicates, maximum=10**6)
-        samples = gate.size("samples", samples)
-        self.sizes = (
-            log_grid(samples) if sizes is None else gate.sizes("sizes", sizes, maximum=samples)
-        )
-        self.tol = gate.positive("tol", tol)
-        self.errors: Errors = {}
+        size = self._grid.size
+        self._table = Table((self.replicates.start * size, self.replicates.stop * size))
+        self._found: Manifest = {}  # of the file it was read from
+        self._status: Status = "interrupted"
+        self._seconds = 0.0
+
+    def run(
+        self,
+        executor: ExecutorLike = None,
+        path: PathLike | None = None,
+        *,
+        progress: Progress = None,
+        time_limit: float | None = None,
+    ) -> Results:
+        """Run the replicates that have not run yet.
+
+        Parameters
+        ----------
+        executor : Executor or callable, optional
+            Any ``concurrent.futures.Executor``: threads, processes, loky, ``client.get_executor(
+            pure=False)`` of Dask. Or a function without arguments that makes one, such as
+            ``ProcessPoolExecutor``: then workers that died are replaced. Workers must be able to
+            import `function`; the core uses one thread in each. Default: this process.
+        path : path, optional
+            The file in which numbers are kept as they are found. If it exists, its study must be
+            this one, and is continued. Beside it is ``<path>.lock``, against a second writer.
+        progress : bool or callable, optional
+            True for a bar on a terminal; or a function of (done, total).
+        time_limit : float, optional
+            Seconds after which no more replicates are begun.
+
+        Returns
+        -------
+        Results
+            Also after Ctrl-C and SIGTERM, with `status` "interrupted"; running it on continues.
+            Replicates that raised are in its `failures`.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If an argument cannot be used; or the first replicates all raise.
+        StateError
+            If the file is damaged, or of another study: the message names what differs.
+        StateLockedError
+            If the file is in use.
+        StateIOError
+            If the file cannot be written.
+        ResourceError
+            If the numbers need more memory than there is.
+        """
+        return self._run(executor, path, progress, time_limit)
+
+    def retry(
+        self,
+        executor: ExecutorLike = None,
+        path: PathLike | None = None,
+        *,
+        progress: Progress = None,
+        time_limit: float | None = None,
+    ) -> Results:
+        """Run the replicates that failed again, with the same keys, and those that have not run.
+
+        Parameters
+        ----------
+        executor, path, progress, time_limit : optional
+            As for `run`.
+
+        Returns
+        -------
+        Results
+        """
+        return self._run(executor, path, progress, time_limit, again=True)
 
     @property
-    def keys(self) -> list[Key]:
-        """One key for each replicate."""
-        return [self.key.child(f"replicate-{r}") for r in range(self.replicates)]
+    def results(self) -> Results:
+        """What has been found so far."""
+        about = {"key": self.key.hex, "function": self._named()}
+        status, seconds = self._status, self._seconds
+        return collected(self._table, self._grid, self.replicates, status, about, seconds)
 
-    def run(self, what: str, replicate: Callable[[Key], Errors], progress: Progress) -> None:
-        """Run all replicates; their errors are kept as (replicates, k) arrays."""
-        found: list[Errors] = []
-        with progress_bar(progress, self.replicates, what) as done:
-            for key in self.keys:
-                found.append(replicate(key))
-                done(len(found))
-        self.errors = {name: np.array([one[name] for one in found]) for name in found[0]}
-
-    def panel(self, shown: Quantity) -> Panel:
-        """The relative errors of one quantity, with the exact ones of uniform weights."""
-        norm = float(np.linalg.norm(shown.target))
-        curves = []
-        for (panel, method, fusion), errors in self.errors.items():
-            if panel == shown.panel:
-                exact = (
-                    exact_moments(shown.orders[fusion], self.sizes, norm)
-                    if method == "uniform"
-                    else (None, None)
-                )
-                curves.append(Curve(method, fusion, errors / norm, *exact))
-        level, label = ROUNDING, "zero to rounding"
-        if shown.solves is not None:
-            # The gap bounds the squared error in excess of the smallest possible one.
-            level = math.sqrt(max(self.tol, shown.solves.worst_gap))
-            label = "zero to solver tolerance"
-        return Panel(
-            name=shown.panel,
-            figure=shown.figure,
-            quantity=shown.name,
-            symbol=shown.symbol,
-            norm=norm,
-            zero_level=level,
-            zero_label=label,
-            curves=tuple(curves),
-        )
-
-    def experiment(
+    def _run(
         self,
-        name: str,
-        title: str,
-        system: System,
-        panels: tuple[Panel, ...],
-        solves: Mapping[str, Solves],
-        facts: Mapping[str, Any],
-        settings: Mapping[str, Any],
-    ) -> Experiment:
-        """The finished record; `facts` and `settings` are those of this experiment only."""
-        return Experiment(
-            name=name,
-            title=title,
-            key=self.key.hex,
-            settings={
-                "system": system.name,
-                "n": system.n,
-                "m": system.m,
-                "replicates": self.replicates,
-                "samples": int(self.sizes[-1]),
-                "sizes": self.sizes.tolist(),
-                **settings,
-                "tol": self.tol,
-                "system_sha256": hashlib.sha256(
-                    system.A.tobytes() + system.B.tobytes()
-                ).hexdigest(),
-            },
-            sizes=self.sizes,
-            panels=panels,
-            facts={
-                "alse": {entity: one.to_dict(self.tol) for entity, one in solves.items()},
-                "ordering": {panel.name: ordering(panel) for panel in panels},
-                "theory": agreement(panels, self.sizes),
-                **facts,
-            },
-            seconds=time.perf_counter() - self.started,
+        executor: object,
+        path: PathLike | None,
+        progress: Progress,
+        time_limit: float | None,
+        *,
+        again: bool = False,
+    ) -> Results:
+        if self._function is None:
+            raise InputError("`function` must be given: Study.resume(path, function)")
+        run_by = checked_executor(executor)
+        limit = None if time_limit is None else gate.positive("time_limit", time_limit)
+        began, table = time.monotonic(), self._table
+        total = len(table.states)
+        with ExitStack() as stack:
+            file: StudyFile | None = None
+            if path is not None:
+                file = StudyFile(files.checked_path("path", path))
+                stack.callback(file.close)
+                table.platforms += open_table(file, self._described(), table, self._grid.size)
+            if again:
+                table.forget_failures()
+            if run_by is None and table.count(WAITING):
+                self._require_platform(fingerprint())
+            tell = stack.enter_context(progress_bar(progress, total, "study"))
+            interruption = stack.enter_context(interruptions())
+
+            def keep(block: Block) -> Layout:
+                self._require_platform(block.platform)
+                table.add(block)
+                self._give_up()
+                if file is not None:
+                    file.append(block)
+                tell(total - table.count(WAITING))
+                return table.layout
+
+            self._status = "interrupted"
+            work = Work(self._function, self._grid, self.key)
+            idle = file.flush_if_due if file is not None else lambda: None
+            run = Run(work, table.layout, keep, idle, interruption, limit)
+            try:
+                self._status = run_all(run, run_by, table.waiting)
+            finally:
+                if file is not None:
+                    file.flush()
+        self._seconds = time.monotonic() - began
+        return self.results
+
+    def _require_platform(self, found: dict[str, str]) -> None:
+        known = self._table.platforms
+        if known and found not in known:
+            name = str(different(known[0], found))
+            raise StateError(
+                f"`{name}` of the numbers so far is {known[0].get(name)}, here it is "
+                f"{found.get(name)}: bits may differ; compute parts apart and merge them"
+            )
+
+    def _give_up(self) -> None:
+        """Raise if the first tasks all fail: then it is the function."""
+        table = self._table
+        if table.layout:
+            return
+        failed = table.count(FAILED)
+        if failed >= min(max(_PATIENCE, self._grid.size), len(table.states)):
+            text = table.errors[min(table.errors)]
+            table.forget_failures()
+            raise InputError(f"`function` failed in the first {failed} replicates: {text}")
+
+    def _named(self) -> str:
+        return str(self._found["function"]) if self._function is None else full_name(self._function)
+
+    def _described(self) -> Manifest:
+        if self._function is None:
+            return {**self._found, "replicates": [self.replicates.start, self.replicates.stop]}
+        return described(self._function, self._grid, self.key, self.replicates)
+
+    def __repr__(self) -> str:
+        axes = " x ".join(f"{len(labels)} {name}" for name, labels in self._grid.labels.items())
+        left = self._table.count(WAITING)
+        return (
+            f"<Study: {self._named()} of {axes + ' x ' if axes else ''}"
+            f"{len(self.replicates)} replicates, {left} to run>"
         )
-
-
-def log_grid(samples: int, points: int = 16) -> Sizes:
-    """At most `points` sample counts, evenly spaced on a log axis, from 1 to `samples`."""
-    return np.unique(np.rint(np.geomspace(1, samples, points)).astype(np.int64))
-
-
-def both_orders(covariance: Callable[[int], Floats]) -> Orders:
-    """``C1`` and ``C2`` of a covariance under uniform weights, from ``C(1)`` and ``C(2)``.
-
-    ``C2 = 0`` except for product fusion.
-    """
-    one, two = covariance(1), covariance(2)
-    first = 4 * two - one
-    return first, one - first
-
-
-def exact_moments(orders: Orders, sizes: Sizes, norm: float) -> tuple[Floats, Floats]:
-    """Relative rms and spread of an error with the covariance ``C(N) = C1 / N + C2 / N^2``.
-
-    ``rms = sqrt(tr C) / norm`` and ``spread = sqrt(2 tr C^2) / norm^2``, (k,) each. Matrices of
-    shape (b, n, n) stand for b independent blocks (the columns of a sampled matrix).
-    """
-    C = [orders[0] / N + orders[1] / N**2 for N in sizes.astype(np.float64)]
-    rms = np.sqrt([np.trace(one, axis1=-2, axis2=-1).sum() for one in C]) / norm
-    spread = np.sqrt([2 * np.sum(one**2) for one in C]) / norm**2
-    return rms, spread
-
-
-def ordering(panel: Panel) -> dict[str, float]:
-    """Shares of (replicate, size) pairs in which one method is worse than another.
-
-    "alse_above_slse" = 0.02 says: in 2 % of all pairs ALSE had the larger error. Differences
-    within the panel's zero level, or within rounding, do not count.
-    """
-
-    def share(worse: str, better: str) -> float:
-        a, b = panel.curve(worse).errors, panel.curve(better).errors
-        return float(np.mean(a > b * (1 + 1e-9) + panel.zero_level))
-
-    return {
-        "alse_above_slse": share("alse", "slse"),
-        "alse_above_uniform": share("alse", "uniform"),
-        "slse_above_uniform": share("slse", "uniform"),
-        "safeguarded_above_uniform": share("slse-safeguarded", "uniform"),
-    }
-
-
-def agreement(panels: tuple[Panel, ...], sizes: Sizes) -> dict[str, Any]:
-    """The largest absolute z-score over all uniform curves, and the number of comparisons.
-
-    Sizes below 10 are left out if there are others: for few samples the mean square depends on
-    rare large errors, and z is far from normal.
-    """
-    kept = sizes >= min(10, sizes[-1])
-    z = np.concatenate([c.z[kept] for p in panels for c in p.curves if c.z is not None])
-    return {
-        "smallest_size": int(sizes[kept][0]),
-        "comparisons": int(z.size),
-        "largest_abs_z": float(np.max(np.abs(z))),
-    }

@@ -20,9 +20,9 @@ from ...fusion.paths import fuse_path
 from ...rng import Key, RngLike
 from ...studies.curves import Panel
 from ...studies.experiment import Experiment
+from ...studies.experiment_run import LARGEST, Errors, ExperimentRun, Quantity, both_orders
 from ...studies.methods import METHODS
 from ...studies.replicate import Solves, Step
-from ...studies.study import LARGEST, Errors, Quantity, Study, both_orders
 from ...system import System
 from ...theory import moments
 
@@ -106,7 +106,7 @@ def power(
     >>> [panel.name for panel in result.panels]
     ['1a', '1b', '2a', '2b']
     """
-    study = Study(rng, replicates, samples, sizes, tol)
+    study = ExperimentRun(rng, replicates, samples, sizes, tol)
     angle_std = gate.positive("angle_std", angle_std, maximum=LARGEST)
     speed_std = gate.positive("speed_std", speed_std, maximum=LARGEST)
     options = {"data": data, "base": base, "dt": dt, "method": method}

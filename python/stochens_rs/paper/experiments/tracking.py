@@ -15,8 +15,15 @@ from ..._base.types import FUSIONS, Fusion
 from ...cases import random_system
 from ...rng import Key, RngLike
 from ...studies.experiment import Experiment
+from ...studies.experiment_run import (
+    LARGEST,
+    Errors,
+    ExperimentRun,
+    Orders,
+    Quantity,
+    both_orders,
+)
 from ...studies.replicate import Solves, Step
-from ...studies.study import LARGEST, Errors, Orders, Quantity, Study, both_orders
 from ...theory import moments
 
 # What figure 3(b) may show.
@@ -97,7 +104,7 @@ def tracking(
     >>> tracking(rng=1, replicates=2, samples=20, n=12, m=9).panel("3a").quantity
     'state x(1)'
     """
-    study = Study(rng, replicates, samples, sizes, tol)
+    study = ExperimentRun(rng, replicates, samples, sizes, tol)
     n, m = gate.size("n", n), gate.size("m", m)
     gate.choice("step_two", step_two, tuple(READINGS))
     spectral_radius = gate.positive("spectral_radius", spectral_radius, maximum=LARGEST)

@@ -1,0 +1,190 @@
+"""``stochens study``: errors against the number of samples, on many processors, resumable."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+from collections.abc import Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import contextmanager
+from functools import partial
+from typing import TYPE_CHECKING, Any, get_args
+
+import click
+import numpy as np
+
+from .._base.extras import extra
+from ..cases import CASES
+from ..fusion.fusing import Method
+from ..rng import as_key
+from ..studies import Results, Study, error
+from ._options import force_option, json_option, seed_option
+from ._output import INTERRUPTED, Folder, finite, grid, show_result
+from ._problem import problem
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_POINTS = 16  # of a logarithmic range
+
+
+@click.command("study", short_help="Errors against the number of samples.")
+@click.argument("source", metavar="PROBLEM")
+@click.option("--sizes", default="10:1000:log5", metavar="S", help="10,100 or 10:1e5:log[POINTS].")
+@click.option("--methods", default="uniform,alse", metavar="M", help="Fusions to be compared.")
+@click.option("--replicates", type=click.IntRange(min=1), default=100, help="Repetitions.")
+@click.option("--workers", type=click.IntRange(1, 1024), default=1, help="Processes.")
+@click.option("--dask", metavar="ADDRESS", help="Run on this Dask cluster instead.")
+@click.option("--path", metavar="FILE", help="Keep the numbers here; an existing study goes on.")
+@click.option("--time-limit", type=float, metavar="S", help="Time limit of this run in seconds.")
+@seed_option
+@click.option("--save", metavar="FILE", help="Save all numbers: .nc, .parquet or .json.")
+@click.option("--out", metavar="DIR", help="Also write study.json and the figure there.")
+@force_option
+@json_option
+@click.pass_context
+def study_command(
+    context: click.Context,
+    source: str,
+    sizes: str,
+    methods: str,
+    replicates: int,
+    workers: int,
+    dask: str | None,
+    path: str | None,
+    time_limit: float | None,
+    seed: int,
+    save: str | None,
+    out: str | None,
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Compare fusions by the errors of control and state, relative, over repeated samples.
+
+    PROBLEM is the name of an example system, or a file: .npz or JSON with A, B and optionally x0,
+    xf. With --path, the same command continues after Ctrl-C or a crash; the numbers are the same
+    bits as without, with any number of workers.
+    """
+    options = {k: v for k, v in context.params.items() if k not in ("out", "force", "as_json")}
+    folder = None if out is None else Folder(out, "study", options, force)
+    key = as_key(seed)
+    known = source in CASES
+    function = error(*problem(source if known else None, None if known else source, key))
+    axes = {"size": _sizes(sizes), "method": _methods(methods)}
+    made = Study(
+        function,
+        axes,
+        replicates=replicates,
+        rng=key.child("study"),
+        nested="size",
+        shared=["method"],
+    )
+    with _executor(workers, dask) as executor:
+        results = made.run(executor, path, progress=True, time_limit=time_limit)
+    facts = _facts(results, path)
+    show_result(facts, _text(results), as_json)
+    if save is not None:
+        results.save(save)
+    if folder is not None and results.values:
+        number = "state" if "state" in results.values else next(iter(results.values))
+        folder.write(facts, lambda: _figure(results, number))
+    if results.status == "interrupted":
+        context.exit(INTERRUPTED)
+
+
+@contextmanager
+def _executor(workers: int, dask: str | None) -> Iterator[Any]:
+    """None, what makes a pool of processes, or the executor of a cluster."""
+    if dask is not None:
+        with extra("a cluster needs distributed", "dask"):
+            from distributed import Client
+        with Client(dask) as client:
+            yield client.get_executor(pure=False)
+        return
+    yield partial(_pool, workers) if workers > 1 else None
+
+
+def _pool(workers: int) -> Executor:
+    """Processes that ignore Ctrl-C, which reaches all of a terminal: only this one answers it."""
+    made = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"))
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # they start so, and keep it
+    try:
+        for _ in range(workers):
+            made.submit(os.getpid)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    return made
+
+
+def _sizes(text: str) -> list[int]:
+    """Read ``10,100``, ``10:1000:log`` or ``10:1000:log5``."""
+    try:
+        if ":" not in text:
+            found = [_count(cell) for cell in text.split(",")]
+        else:
+            low, high, kind = text.split(":")
+            points = int(kind.removeprefix("log") or _POINTS) if kind.startswith("log") else 0
+            if not 1 <= points <= 10_000:
+                raise ValueError
+            steps = np.geomspace(_count(low), _count(high), points)
+            found = np.unique(np.rint(steps).astype(np.int64)).tolist()
+        if found != sorted(set(found)):
+            raise ValueError
+    except ValueError:
+        raise click.BadParameter(
+            f"{text!r} must be increasing numbers such as 10,100 or a range such as 10:1e5:log",
+            param_hint="--sizes",
+        ) from None
+    return found
+
+
+def _count(text: str) -> int:
+    value = float(text)
+    if not (1 <= value <= 1e9 and value.is_integer()):
+        raise ValueError
+    return int(value)
+
+
+def _methods(text: str) -> list[str]:
+    found, known = text.split(","), get_args(Method)
+    for one in found:
+        if one not in known or found.count(one) > 1:
+            listed = ", ".join(known)
+            raise click.BadParameter(f"{one!r}: give some of {listed}", param_hint="--methods")
+    return found
+
+
+def _facts(results: Results, path: str | None) -> dict[str, Any]:
+    columns = results.summary().columns
+    numbers = ("mean", "standard_error", "q10", "median", "q90")
+    return {
+        "schema": "stochens-study-summary/1",
+        "status": results.status,
+        **results.about,
+        "digest": results.digest,
+        "replicates": len(results.replicates),
+        "failed": len(results.failures),
+        "seconds": results.seconds,
+        "summary": {k: finite(v) if k in numbers else v for k, v in columns.items()},
+        "path": path,
+    }
+
+
+def _figure(results: Results, number: str) -> Figure:
+    figure = results.plot("size", number, "method").get_figure(root=True)
+    assert figure is not None  # it was made with the axes
+    return figure
+
+
+def _text(results: Results) -> str:
+    ran = int((results.done | results.failed).sum())
+    lines = [f"{results.status}: {ran} of {results.done.size} errors, {results.seconds:.3g} s"]
+    rows = results.summary().texts()
+    if len(rows) > 1:
+        name = rows[0].index("name")
+        kept = [row for row in rows if row[name] in ("name", "control", "state")]
+        lines += grid([[row[name], *row[:name], *row[name + 1 :]] for row in kept])
+    if results.failures:
+        lines.append(f"{len(results.failures)} failed, the first: {results.failures[0].error}")
+    return "\n".join(lines)

@@ -1,0 +1,161 @@
+"""The configurations of a study: named axes of values, and the text that each has in a key."""
+
+from __future__ import annotations
+
+import json
+import keyword
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from .._base import gate
+from .._base.gate import show
+from ..exceptions import InputError, InputTypeError
+from .digest import digest
+
+Label: TypeAlias = bool | int | float | str | None
+_RESERVED = ("key", "replicate", "status", "name")
+
+
+@dataclass(frozen=True)
+class Grid:
+    """The axes: for each name its labels, and the values that the function gets for them."""
+
+    labels: dict[str, tuple[Label, ...]]
+    values: dict[str, tuple[Any, ...]]
+    nested: str | None
+    shared: tuple[str, ...]
+
+    @property
+    def outer(self) -> tuple[str, ...]:
+        """The axes with one value in each call."""
+        return tuple(name for name in self.labels if name != self.nested)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The lengths of these axes."""
+        return tuple(len(self.labels[name]) for name in self.outer)
+
+    @property
+    def size(self) -> int:
+        """The number of configurations."""
+        return math.prod(self.shape)
+
+    def positions(self, number: int) -> dict[str, int]:
+        """Where a configuration lies on each axis; the last axis runs fastest."""
+        found = {}
+        for name, length in zip(reversed(self.outer), reversed(self.shape), strict=True):
+            number, found[name] = divmod(number, length)
+        return {name: found[name] for name in self.outer}
+
+    def configuration(self, number: int) -> dict[str, Any]:
+        """What the function gets: a value of each axis, and all values of the nested one."""
+        chosen = {name: self.values[name][at] for name, at in self.positions(number).items()}
+        return chosen if self.nested is None else {**chosen, self.nested: self.nested_values}
+
+    @property
+    def nested_values(self) -> Any:
+        """The values of the nested axis: an array if they are numbers."""
+        found = self.values[self.nested or ""]
+        numbers = all(gate.is_real(value) for value in found)
+        return np.array(found) if numbers else found
+
+    def text(self, number: int) -> str:
+        """The labels of a configuration as JSON, in the order of the names; not those of the nested
+        axis and of shared ones.
+        """
+        labels = {
+            name: _whole(self.labels[name][at])
+            for name, at in self.positions(number).items()
+            if name not in self.shared
+        }
+        return json.dumps(labels, sort_keys=True, separators=(",", ":"))
+
+    def described(self) -> dict[str, Any]:
+        """What must agree for a study to be continued, as plain values.
+
+        Objects are described by their digests, None stands for a value that is its own label.
+        """
+        digests = {
+            name: [
+                None if value is label else digest(f"grid[{name!r}]", value)
+                for label, value in zip(labels, self.values[name], strict=True)
+            ]
+            for name, labels in self.labels.items()
+        }
+        return {
+            "grid": {name: list(labels) for name, labels in self.labels.items()},
+            "digests": digests,
+            "nested": self.nested,
+            "shared": list(self.shared),
+        }
+
+
+def checked_grid(grid: object, nested: object = None, shared: object = ()) -> Grid:
+    """Check the axes of a study."""
+    if not isinstance(grid, Mapping):
+        raise InputTypeError(f"`grid` must be a mapping of axes to values, got {show(grid)}")
+    labels: dict[str, tuple[Label, ...]] = {}
+    values: dict[str, tuple[Any, ...]] = {}
+    for name, given in grid.items():
+        gate.text("grid", name)
+        if not name.isidentifier() or keyword.iskeyword(name) or name in _RESERVED:
+            raise InputError(f"`grid` must name its axes as arguments of a function, got {name!r}")
+        labels[name], values[name] = _axis(f"grid[{name!r}]", given)
+    names = tuple(labels)
+    if nested is not None:
+        nested = gate.choice("nested", nested, names)
+    axes = tuple(gate.choice("shared", name, names) for name in gate.items("shared", shared))
+    if nested in axes:
+        raise InputError(f"`shared` must not contain the nested axis {nested!r}")
+    return Grid(labels, values, nested, axes)
+
+
+def _axis(name: str, given: object) -> tuple[tuple[Label, ...], tuple[Any, ...]]:
+    """The labels and the values of one axis."""
+    if isinstance(given, Mapping):
+        for label in given:
+            gate.text(f"{name} label", label)
+        labels: tuple[Label, ...] = tuple(given)
+        values = tuple(given.values())
+    else:
+        values = labels = tuple(plain_label(name, value) for value in gate.items(name, given))
+    if not labels:
+        raise InputError(f"`{name}` must have at least one value, got none")
+    texts = [label_text(label) for label in labels]
+    if len(set(texts)) < len(texts):
+        twice = next(text for text in texts if texts.count(text) > 1)
+        raise InputError(f"`{name}` must have different values, got {twice} twice")
+    return labels, values
+
+
+def plain_label(name: str, value: object) -> Label:
+    """A number, a text or None, as Python has it."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    if value is None or type(value) in (bool, int):
+        return value  # type: ignore[return-value]
+    if isinstance(value, str):
+        return gate.text(name, value)
+    if isinstance(value, float):
+        if math.isnan(value):
+            raise InputError(f"`{name}` must not contain nan")
+        return float(value)
+    raise InputTypeError(
+        f"`{name}` must contain numbers, texts or None, got {show(value)}: give other values "
+        "names, as in {'a': ..., 'b': ...}"
+    )
+
+
+def label_text(label: Label) -> str:
+    """A label as JSON; equal numbers have one text."""
+    return json.dumps(_whole(label))
+
+
+def _whole(label: Label) -> Label:
+    """10 for 10.0."""
+    whole = isinstance(label, float) and label.is_integer() and abs(label) < gate.EXACT
+    return int(label) if whole else label  # type: ignore[arg-type]

@@ -1,0 +1,212 @@
+"""What a study has found: arrays with named axes."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._base import gate, html
+from .._base.types import Floats, Status
+from ..exceptions import InputError
+from ..plots.bands import Line, draw_bands
+from .grid import Label, label_text, plain_label
+from .methods import STYLES
+from .summary import Summary, summarized
+from .tables import Failure, Tabled
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+BAND = (0.1, 0.9)  # quantiles: the middle 80 % of the replicates
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Results(Tabled):
+    """The numbers of a study. Made by `Study.run`; see also `Study.results`.
+
+    Attributes
+    ----------
+    status : str
+        "completed"; "time_limit"; "interrupted" by Ctrl-C or SIGTERM; "workers_lost": the workers
+        of the executor died. All but the first can be run on.
+    grid : dict of str to tuple
+        The labels of each axis.
+    replicates : range
+        Their numbers.
+    values : dict of str to ndarray
+        By name. Axes: those of `grid` in their order, the replicates, then those of what the
+        function returned. nan where a replicate failed or has not run. Read-only; a study that is
+        run on fills in what is missing.
+    done, failed : ndarray of bool
+        Whether a replicate has run, and how; axes of `grid`, then replicates.
+    failures : list of Failure
+        In the order of the replicates.
+    about : dict of str to str
+        The key of the study, the name of its function, and where it ran: versions, platform,
+        processor. Numbers of equal studies are the same bits if these agree.
+    seconds : float
+        Time of the last run.
+    """
+
+    status: Status
+    grid: dict[str, tuple[Label, ...]]
+    replicates: range
+    values: dict[str, Floats]
+    done: NDArray[np.bool_]
+    failed: NDArray[np.bool_]
+    failures: list[Failure]
+    about: dict[str, str]
+    seconds: float
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of all numbers: equal if and only if they are the same bits."""
+        found = hashlib.sha256(self.done.tobytes() + self.failed.tobytes())
+        for name in sorted(self.values):
+            found.update(name.encode())
+            found.update(self.values[name].tobytes())
+        return found.hexdigest()
+
+    def select(self, **labels: Label) -> Results:
+        """Fix labels of some axes, which then are gone.
+
+        Parameters
+        ----------
+        **labels : label
+            One for each axis to be fixed.
+
+        Returns
+        -------
+        Results
+            Its `about` names them as well.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If there is no such axis or label.
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> def noise(key, scale):
+        ...     return {"x": scale * key.generator().normal()}
+        >>> results = se.Study(noise, {"scale": [1.0, 2.0]}, replicates=3, rng=1).run()
+        >>> results.select(scale=2.0).values["x"].shape
+        (3,)
+        """
+        values, grid, about, failures = self.values, dict(self.grid), self.about, self.failures
+        done, failed = self.done, self.failed
+        for name, label in labels.items():
+            gate.choice("axis", name, tuple(grid))
+            texts = [label_text(one) for one in grid[name]]
+            wanted = label_text(plain_label(name, label))
+            if wanted not in texts:
+                listed = ", ".join(texts)[:120]
+                raise InputError(f"`{name}` must be one of {listed}, got {gate.show(label)}")
+            at, axis = texts.index(wanted), list(grid).index(name)
+            values = {key: np.take(rows, at, axis=axis) for key, rows in values.items()}
+            done, failed = np.take(done, at, axis=axis), np.take(failed, at, axis=axis)
+            own = grid.pop(name)[at]
+            failures = [one for one in failures if one.configuration.get(name, own) == own]
+            about = {**about, name: str(label)}
+        rest = (values, done, failed, failures, about, self.seconds)
+        return Results(self.status, grid, self.replicates, *rest)
+
+    def summary(self) -> Summary:
+        """Mean, standard error, median and band of each number, for each configuration.
+
+        Returns
+        -------
+        Summary
+            A table; failed replicates are left out, and counted.
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> study = se.Study(lambda key: {"x": key.generator().normal()}, {}, replicates=99, rng=1)
+        >>> print(study.run().summary())
+        name  done  failed     mean  standard_error     q10  median   q90
+        x       99       0  ...
+        """
+        return summarized(self.grid, self.entries(), self.done, self.failed)
+
+    def plot(self, x: str, y: str, hue: str | None = None, *, ax: Axes | None = None) -> Axes:
+        """Draw the median over the replicates, and the band from their 10 % to their 90 % quantile.
+
+        Parameters
+        ----------
+        x : str
+            The axis across.
+        y : str
+            The number, such as "error", or "u[0]" for an entry of an array.
+        hue : str, optional
+            The axis with a line for each label. All other axes must have one label: see `select`.
+        ax : matplotlib Axes, optional
+            Where to draw; default: new axes.
+
+        Returns
+        -------
+        matplotlib Axes
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If there is no such axis or number, or another axis has more than one label.
+        ImportError
+            If matplotlib is not installed.
+        """
+        gate.choice("x", x, tuple(self.grid))
+        if hue is not None:
+            gate.choice("hue", hue, tuple(name for name in self.grid if name != x))
+        entries = dict(self.entries())
+        rows = entries[gate.choice("y", y, tuple(entries))]
+        for name, labels in self.grid.items():
+            if name not in (x, hue) and len(labels) > 1:
+                raise InputError(
+                    f"`x` and `hue` leave the axis {name!r} with {len(labels)} labels: fix one by "
+                    f"select({name}=...)"
+                )
+        names = [*self.grid, "replicate"]
+        first = [name for name in (hue, x, "replicate") if name is not None]
+        order = [names.index(name) for name in (*first, *(n for n in names if n not in first))]
+        cube = rows.transpose(order).reshape(
+            1 if hue is None else len(self.grid[hue]), len(self.grid[x]), len(self.replicates)
+        )
+        lines = []
+        for label, own in zip((None,) if hue is None else self.grid[hue], cube, strict=True):
+            band = np.array([_quantiles(one) for one in own]).T
+            style = STYLES.get((label, "product"))  # type: ignore[arg-type]
+            look = style and {"color": style.color, "marker": style.marker, "linestyle": style.line}
+            named = None if hue is None else style.label if style else f"{hue} = {label}"
+            lines.append(Line(named, band[0], band[1], band[2], look or {}))
+        title = f"median and 10-90 % band of {len(self.replicates)} replicates"
+        return draw_bands(self.grid[x], lines, x, y, title, ax)
+
+    def __repr__(self) -> str:
+        axes = " x ".join(f"{len(labels)} {name}" for name, labels in self.grid.items())
+        failed = f", {len(self.failures)} failed" if self.failures else ""
+        ran = int((self.done | self.failed).sum())
+        numbers = ", ".join(self.values) or "no numbers"
+        return (
+            f"<Results: {numbers} of {axes + ' x ' if axes else ''}{len(self.replicates)} "
+            f"replicates, {self.status}: {ran} of {self.done.size} ran{failed}>"
+        )
+
+    def _repr_html_(self) -> str:
+        table = self.summary()
+        rows = [*self.about.items(), ("digest", self.digest[:16])]
+        body = table.texts()[1:41]
+        return html.card(self, rows, html.grid(table.texts()[0], body) if body else "")
+
+
+def _quantiles(values: Floats) -> tuple[float, float, float]:
+    seen = values[~np.isnan(values)]
+    if not seen.size:
+        return np.nan, np.nan, np.nan
+    low, middle, high = np.quantile(seen, (BAND[0], 0.5, BAND[1]))
+    return float(low), float(middle), float(high)

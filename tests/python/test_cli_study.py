@@ -1,0 +1,164 @@
+"""`stochens study`, and the function that it runs."""
+
+from __future__ import annotations
+
+import json
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from stochens_rs import cli
+from stochens_rs.exceptions import InputError, ShapeError
+from stochens_rs.studies.replicate import Solves, Step
+
+A, B = np.array([[0.9, 0.2, 0.0], [0.1, 0.8, 0.3], [0.0, 0.1, 0.7]]), np.eye(3)[:, 1:]
+X0, XF = np.array([1.0, -1.0, 2.0]), np.array([0.0, 0.5, 1.0])
+SIZES = np.array([5, 40, 200])
+
+
+@pytest.fixture
+def problem(tmp_path: Path) -> str:
+    path = tmp_path / "problem.json"
+    values = {"A": A, "B": B, "x0": X0, "xf": XF}
+    path.write_text(json.dumps({name: value.tolist() for name, value in values.items()}))
+    return str(path)
+
+
+def run(capsys: pytest.CaptureFixture[str], *args: str) -> tuple[int, dict[str, object], str]:
+    code = cli.main(["study", *args, "--json"])
+    said = capsys.readouterr()
+    return code, json.loads(said.out) if said.out else {}, said.err
+
+
+@pytest.mark.parametrize("method", ["uniform", "alse", "slse"])
+def test_errors_are_those_of_the_experiments(method: str) -> None:
+    key = se.Key(bytes(range(32)))
+    found = se.studies.error((A, B), X0, XF)(key, SIZES, method)  # type: ignore[arg-type]
+    drawn, off = Step(A, B, X0, XF).draw(key, SIZES, 1e-9, {"A": Solves()})
+    for name, exact in (("x0", X0), ("xf", XF), ("A", A)):
+        assert np.array_equal(found[name], drawn[name].errors[method] / np.linalg.norm(exact))
+    wrong = off[method, "product"]
+    v = np.linalg.lstsq(B, XF - A @ X0, rcond=None)[0]
+    assert np.allclose(found["control"], np.linalg.norm(wrong, axis=1) / np.linalg.norm(v))
+    state = np.linalg.norm(wrong @ B.T, axis=1) / np.linalg.norm(A @ X0 + B @ v)
+    assert np.allclose(found["state"], state, rtol=1e-12)
+
+
+def test_what_is_zero_has_no_relative_error() -> None:
+    function = se.studies.error((A, B), X0, np.zeros(3))
+    assert set(function(se.Key(bytes(32)), SIZES, "uniform")) == {"x0", "A", "control", "state"}
+    again = pickle.loads(pickle.dumps(function))
+    assert np.array_equal(
+        again(se.Key(bytes(32)), SIZES, "alse")["A"],
+        function(se.Key(bytes(32)), SIZES, "alse")["A"],
+    )
+    with pytest.raises(InputError, match="one of `system`, `x0` and `xf` must not be 0"):
+        se.studies.error((np.zeros((3, 3)), B), np.zeros(3), np.zeros(3))
+    with pytest.raises(ShapeError, match="`x0` must have shape"):
+        se.studies.error((A, B), X0[:2], XF)
+
+
+def test_the_same_command_goes_on(
+    problem: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = str(tmp_path / "a.study")
+    args = [problem, "--sizes", "5:200:log3", "--methods", "uniform,slse", "--seed", "4"]
+    _, whole, _ = run(capsys, *args, "--replicates", "40")
+    assert whole["status"] == "completed"
+    code, first, _ = run(capsys, *args, "--replicates", "7", "--path", path)
+    assert code == 0
+    assert first["digest"] != whole["digest"]
+    saved = tmp_path / "all.json"
+    _, second, _ = run(
+        capsys, *args, "--replicates", "40", "--path", path, "--workers", "2", "--save", str(saved)
+    )
+    assert second["digest"] == whole["digest"]
+    assert json.loads(saved.read_text())["grid"]["size"] == [5, 32, 200]
+    code, _, told = run(capsys, *args[:-1], "5", "--replicates", "40", "--path", path)
+    assert code == 5
+    assert told.startswith("stochens: `key` of ")
+    code = cli.main(["study", *args, "--replicates", "40", "--path", path])
+    text = capsys.readouterr().out.splitlines()
+    assert text[0].startswith("completed: 240 of 240 errors")
+    assert len(text) == 2 + 2 * 6
+
+
+def test_figures_and_facts_are_written(
+    problem: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("matplotlib")
+    out = tmp_path / "out"
+    args = [problem, "--sizes", "5,50", "--replicates", "5", "--out", str(out)]
+    code, facts, told = run(capsys, *args)
+    assert code == 0
+    written = json.loads((out / "study.json").read_text())
+    assert written["digest"] == facts["digest"]
+    assert set(written["files"]) == {"study.json", "study.png", "study.svg"}
+    assert told.count("written: ") == 3
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="SIGINT cannot be sent on Windows")
+@pytest.mark.parametrize("workers", ["1", "2"])
+def test_ctrl_c_loses_nothing(
+    problem: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], workers: str
+) -> None:
+    path = tmp_path / "a.study"
+    args = [problem, "--sizes", "5,2000", "--replicates", "3000", "--path", str(path)]
+    command = [sys.executable, "-m", "stochens_rs", "study", *args, "--workers", workers, "--json"]
+    program = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    while not path.exists() and program.poll() is None:
+        time.sleep(0.01)
+    time.sleep(0.3 if workers == "1" else 0.7)
+    os.killpg(program.pid, signal.SIGINT)  # as a terminal does: to the workers too
+    out, told = program.communicate(timeout=60)
+    assert program.returncode == 130, told
+    facts = json.loads(out)
+    assert facts["status"] == "interrupted"
+    assert "Traceback" not in told
+    done = int(se.Study.resume(path).results.done.sum())
+    assert sum(facts["summary"]["done"][:4]) == done
+    _, resumed, _ = run(capsys, *args)
+    _, whole, _ = run(capsys, *args[:-2])
+    assert resumed["digest"] == whole["digest"]
+
+
+@pytest.mark.parametrize(
+    ("args", "code", "word"),
+    [
+        (["--sizes", "5,3"], 2, "--sizes"),
+        (["--sizes", "1:1000"], 2, "--sizes"),
+        (["--sizes", "1:1000:lin"], 2, "--sizes"),
+        (["--sizes", "0,5"], 2, "--sizes"),
+        (["--sizes", "1:1e12:log"], 2, "--sizes"),
+        (["--methods", "uniform,uniform"], 2, "--methods"),
+        (["--methods", "ales"], 2, "'ales'"),
+        (["--workers", "0"], 2, "--workers"),
+        (["--time-limit", "0"], 2, "time_limit"),
+        (["--path", "no/such/folder/a.study"], 5, "no/such/folder"),
+    ],
+)
+def test_bad_options(
+    problem: str, args: list[str], code: int, word: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["study", problem, "--replicates", "2", *args]) == code
+    told = capsys.readouterr().err
+    assert word in told
+    assert told.count("\n") == 1
+
+
+def test_a_missing_dask_is_named(
+    problem: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    assert cli.main(["study", problem, "--dask", "tcp://127.0.0.1:1"]) == 2
+    assert "stochens_rs[dask]" in capsys.readouterr().err

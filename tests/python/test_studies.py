@@ -1,0 +1,435 @@
+"""Studies: keys, numbers, failures, interruptions and what becomes of the results."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+import study_functions as functions
+from stochens_rs.exceptions import InputError, InputTypeError, SizeError
+from study_functions import GRID, fused, noise, prefixes, slow, sometimes
+
+FORK = pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
+
+
+def study(replicates: int | range = 7, **changed: object) -> se.Study:
+    given = {"rng": 3, "shared": ["method"], **changed}
+    return se.Study(fused, GRID, replicates=replicates, **given)  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def undisturbed() -> se.studies.Results:
+    return study().run()
+
+
+# -- numbers ---------------------------------------------------------------------------------------
+
+
+def test_numbers_are_those_of_the_documented_keys(undisturbed: se.studies.Results) -> None:
+    key = se.studies.study.as_key(3)
+    assert undisturbed.values["error"].shape == (3, 2, 7)
+    assert undisturbed.values["estimate"].shape == (3, 2, 7, 2, 2)
+    for i, size in enumerate(GRID["size"]):
+        own = key.child(f'{{"size":{size}}}')  # the methods share it
+        for r in range(7):
+            for j, method in enumerate(GRID["method"]):
+                found = fused(own.child(f"replicate {r}"), size, method)
+                assert undisturbed.values["error"][i, j, r] == found["error"]
+                assert np.array_equal(undisturbed.values["estimate"][i, j, r], found["estimate"])
+
+
+def test_numbers_depend_on_neither_other_values_nor_order() -> None:
+    whole = se.Study(noise, {"scale": [1.0, 2.0, 4.0]}, replicates=9, rng=5).run()
+    part = se.Study(noise, {"scale": [4, 1]}, replicates=range(4, 9), rng=5).run()
+    assert np.array_equal(part.values["x"], whole.values["x"][[2, 0], 4:])
+    other = se.Study(noise, {"scale": [1.0, 2.0, 4.0]}, replicates=9, rng=6).run()
+    assert not np.any(other.values["x"] == whole.values["x"])
+    assert not np.any(whole.values["x"][0] * 2 == whole.values["x"][1])  # other keys
+
+
+def test_nested_sizes_are_prefixes_of_one_sample() -> None:
+    results = se.Study(prefixes, {"size": [5, 20, 80]}, replicates=6, rng=1, nested="size").run()
+    assert results.values["error"].shape == (3, 6)
+    fewer = se.Study(prefixes, {"size": [20, 80]}, replicates=6, rng=1, nested="size").run()
+    assert np.array_equal(fewer.values["error"], results.values["error"][1:])
+    table = results.to_pandas()
+    assert list(table.columns) == ["size", "replicate", "error"]
+    assert len(table) == 18
+    assert results.select(size=20).values["error"].shape == (6,)
+
+
+def test_objects_have_names_in_the_grid() -> None:
+    systems = {"slow": se.System([[0.9]], [[1.0]]), "fast": se.System([[0.1]], [[1.0]])}
+
+    def first(key: se.Key, system: se.System) -> dict[str, float]:
+        return {"a": system.A[0, 0]}
+
+    results = se.Study(first, {"system": systems}, replicates=2, rng=1).run()
+    assert results.grid == {"system": ("slow", "fast")}
+    assert results.values["a"].tolist() == [[0.9, 0.9], [0.1, 0.1]]
+
+
+# -- executors -------------------------------------------------------------------------------------
+
+
+def test_threads_find_the_same(undisturbed: se.studies.Results) -> None:
+    with ThreadPoolExecutor(3) as threads:
+        assert study().run(threads).digest == undisturbed.digest
+
+
+@pytest.mark.parametrize("method", ["fork", "spawn"])
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+def test_processes_find_the_same(undisturbed: se.studies.Results, method: str) -> None:
+    if method == "fork" and not hasattr(os, "fork"):
+        pytest.skip("forks")
+    with ProcessPoolExecutor(2, mp_context=get_context(method)) as processes:
+        assert study().run(processes).digest == undisturbed.digest
+
+
+def test_loky_finds_the_same(undisturbed: se.studies.Results) -> None:
+    loky = pytest.importorskip("loky")
+    with loky.ProcessPoolExecutor(2) as processes:
+        assert study().run(processes).digest == undisturbed.digest
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_local_dask_cluster_finds_the_same(undisturbed: se.studies.Results) -> None:
+    distributed = pytest.importorskip("distributed")
+    options = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None}
+    with distributed.LocalCluster(**options) as cluster, distributed.Client(cluster) as client:
+        with pytest.raises(InputTypeError, match=r"got .*Client.*: pass client.get_executor\("):
+            study().run(client)
+        assert study().run(client.get_executor(pure=False)).digest == undisturbed.digest
+
+
+def test_workers_use_one_thread_each() -> None:
+    before = se.get_num_threads()
+    with ThreadPoolExecutor(2) as threads:
+        found = se.Study(functions.threads, {}, replicates=5, rng=1).run(threads)
+    assert set(found.values["threads"]) == {1.0}
+    assert se.get_num_threads() == before
+
+
+class Shuffled(Executor):
+    """Runs at the end, in a wild order, what was submitted; says how many waited."""
+
+    def __init__(self, seed: int, workers: int) -> None:
+        self._random = np.random.default_rng(seed)
+        self._max_workers, self._kept, self.most = workers, [], 0
+        self._lock = threading.Lock()
+
+    def submit(self, fn, /, *args, **kwargs):  # type: ignore[no-untyped-def]
+        future: Future[object] = Future()
+        with self._lock:
+            self._kept.append((future, fn, args))
+            self.most = max(self.most, len(self._kept))
+        if args[1] == 0 or self._random.random() < 0.1:
+            self._release()
+        else:
+            threading.Timer(0.02, self._release).start()
+        return future
+
+    def _release(self) -> None:
+        with self._lock:
+            for k in self._random.permutation(len(self._kept)):
+                future, fn, args = self._kept[k]
+                future.set_result(fn(*args))
+            self._kept.clear()
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_order_of_blocks_does_not_matter(undisturbed: se.studies.Results, seed: int) -> None:
+    executor = Shuffled(seed, 1 + seed)
+    assert study().run(executor).digest == undisturbed.digest
+    assert executor.most <= 2 * (1 + seed)  # a bounded queue
+
+
+def test_blocks_grow_to_their_time() -> None:
+    sizes: list[int] = []
+
+    class Counting(ThreadPoolExecutor):
+        def submit(self, fn, /, *args, **kwargs):  # type: ignore[no-untyped-def]
+            sizes.append(args[2] - args[1])
+            return super().submit(fn, *args, **kwargs)
+
+    with Counting(1) as executor:
+        se.Study(noise, {}, replicates=30_000, rng=1).run(executor)
+    assert sum(sizes) == 30_000
+    assert len(sizes) < 60
+    sizes.clear()
+    with Counting(1) as executor:
+        se.Study(slow, {}, replicates=400, rng=1).run(executor)
+    assert max(sizes) < 130  # half a second
+
+
+def test_what_workers_cannot_import_is_refused() -> None:
+    with (
+        ProcessPoolExecutor(1, mp_context=get_context("spawn")) as processes,
+        pytest.raises(InputError, match="workers must be able to import"),
+    ):
+        se.Study(lambda key: {"x": 1.0}, {}, replicates=2, rng=1).run(processes)
+
+
+# -- failures --------------------------------------------------------------------------------------
+
+
+def test_failures_are_kept_and_can_be_retried(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = se.Study(sometimes, {"scale": [1.0, 2.0]}, replicates=40, rng=8)
+    results = made.run()
+    assert results.status == "completed"
+    assert 5 <= len(results.failures) == results.failed.sum() <= 30
+    one = results.failures[0]
+    assert one.configuration["scale"] in (1.0, 2.0)
+    assert one.error.startswith("ValueError: x is ")
+    assert "\n" not in one.error
+    at = (results.grid["scale"].index(one.configuration["scale"]), one.replicate)
+    assert np.isnan(results.values["x"][at])
+    assert not results.done[at]
+    assert made.run().digest == results.digest  # not run again
+    assert made.retry().digest == results.digest  # they fail again
+    monkeypatch.setenv("STUDY_TEST_CALM", "1")
+    again = made.retry()
+    assert again.failures == []
+    assert again.digest == se.Study(noise, {"scale": [1.0, 2.0]}, replicates=40, rng=8).run().digest
+
+
+def test_a_function_that_always_fails_is_given_up() -> None:
+    def broken(key: se.Key) -> dict[str, float]:
+        raise RuntimeError("no such thing")
+
+    with pytest.raises(InputError, match=r"failed in the first \d+ replicates: RuntimeError"):
+        se.Study(broken, {}, replicates=10**6, rng=1).run()
+
+
+WRONG = {
+    "must return a mapping of numbers, got int 3": lambda key: 3,
+    "must return at least one number": lambda key: {},
+    "return x.real": lambda key: {"x": 1j},
+    "`x` must be a number or an array, got str 'text'": lambda key: {"x": "text"},
+    "return names as of arguments, got str 'a b'": lambda key: {"a b": 1},
+    "return names as of arguments, got int 3": lambda key: {3: 1},
+    "at most 2\\^53": lambda key: {"x": 2**53 + 2},
+}
+
+
+@pytest.mark.parametrize("text", WRONG)
+def test_what_a_function_must_return(text: str) -> None:
+    with pytest.raises(InputError, match=text):
+        se.Study(WRONG[text], {}, replicates=2, rng=1).run()
+
+
+def test_all_replicates_have_the_names_and_shapes_of_the_first() -> None:
+    calls: list[int] = []
+
+    def shapes(key: se.Key) -> dict[str, object]:
+        calls.append(0)
+        return [{"x": [1.0, 2.0]}, {"x": [1.0]}, {"x": 1.0}, {"y": 1}, {"x": (3, 4)}][
+            len(calls) - 1
+        ]
+
+    results = se.Study(shapes, {}, replicates=5, rng=1).run()
+    assert [one.replicate for one in results.failures] == [1, 2, 3]
+    assert "must have shape (2,) in all tasks, got (1,)" in results.failures[0].error
+    assert "must return the names 'x', got 'y'" in results.failures[2].error
+    assert results.values["x"].tolist()[4] == [3.0, 4.0]
+
+
+def test_numbers_keep_their_bits() -> None:
+    odd = [-0.0, np.inf, np.float32(0.1), np.int64(-3), True, 5e-324, np.nan]
+    results = se.Study(lambda key: {"x": odd[0], "all": odd}, {}, replicates=1, rng=1).run()
+    assert np.signbit(results.values["x"][0])
+    assert results.values["all"][0].tobytes() == np.array(odd, dtype=np.float64).tobytes()
+    assert results.done.all()
+    written = json.loads(json.dumps(results.to_dict(), allow_nan=False))
+    assert written["values"]["all"][0][:2] == [-0.0, "inf"]
+    assert written["values"]["all"][0][-1] is None
+
+
+BAD = [
+    ({"grid": [1]}, InputTypeError, "`grid` must be a mapping of axes to values"),
+    ({"grid": {"a b": [1]}}, InputError, "`grid` must name its axes as arguments"),
+    ({"grid": {"key": [1]}}, InputError, "`grid` must name its axes as arguments"),
+    ({"grid": {"a": []}}, InputError, "at least one value, got none"),
+    ({"grid": {"a": [1, 1.0]}}, InputError, "must have different values, got 1 twice"),
+    ({"grid": {"a": [np.nan]}}, InputError, "must not contain nan"),
+    ({"grid": {"a": [np.eye(2)]}}, InputTypeError, "give other values names, as in {'a': ..., 'b'"),
+    ({"grid": {"a": "text"}}, InputTypeError, "must be a list, got str 'text'"),
+    ({"grid": {"a": {1: 2}}}, InputTypeError, "label` must be a string, got int 1"),
+    ({"nested": "b"}, InputError, "`nested` must be 'a', got str 'b'"),
+    ({"nested": "a", "shared": ["a"]}, InputError, "must not contain the nested axis 'a'"),
+    ({"replicates": 0}, SizeError, "`replicates` must be in"),
+    ({"replicates": range(0, 8, 2)}, InputError, r"must be a range\(first, stop\)"),
+    ({"replicates": range(3, 3)}, InputError, r"must be a range\(first, stop\)"),
+    ({"replicates": 2**41}, SizeError, "`replicates` must be in"),
+    ({"function": 3}, InputTypeError, "`function` must be callable, got int 3"),
+]
+
+
+@pytest.mark.parametrize(("changed", "error", "text"), BAD)
+def test_bad_arguments(changed: dict[str, object], error: type[Exception], text: str) -> None:
+    given = {"function": noise, "grid": {"a": [1, 2]}, "replicates": 2, "rng": 1, **changed}
+    with pytest.raises(error, match=text):
+        se.Study(**given)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("executor", [3, "threads", object()])
+def test_bad_executors(executor: object) -> None:
+    with pytest.raises(InputTypeError, match=r"`executor` must be a concurrent.futures.Executor"):
+        study().run(executor)  # type: ignore[arg-type]
+
+
+def test_an_executor_that_was_shut_down() -> None:
+    executor = ThreadPoolExecutor(1)
+    executor.shutdown()
+    with pytest.raises(InputError, match="`executor` does not take tasks: RuntimeError"):
+        study().run(executor)
+    with pytest.raises(InputTypeError, match="`executor` must make an executor, got int 3"):
+        study().run(lambda: 3)  # type: ignore[arg-type, return-value]
+
+
+# -- interruptions ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.skipif(sys.platform == "win32", reason="signals cannot be sent to oneself on Windows")
+@pytest.mark.parametrize("workers", [0, 2])
+def test_a_signal_returns_what_is_done(number: signal.Signals, workers: int) -> None:
+    made = se.Study(slow, {"scale": [1.0, 2.0]}, replicates=150, rng=4)
+    before = [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)]
+    executor = ThreadPoolExecutor(workers) if workers else None
+    timer = threading.Timer(0.3, os.kill, (os.getpid(), number))
+    timer.start()
+    began = time.monotonic()
+    results = made.run(executor)
+    assert results.status == "interrupted"
+    assert time.monotonic() - began < 4.0
+    assert 0 < results.done.sum() < 300
+    assert [signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)] == before
+    again = made.run(executor)
+    assert again.status == "completed"
+    whole = se.Study(noise, {"scale": [1.0, 2.0]}, replicates=150, rng=4).run()
+    assert again.digest == whole.digest
+    if executor is not None:
+        executor.shutdown()
+
+
+PARTIAL = """
+import os, signal, threading
+import numpy as np, stochens_rs as se
+A = np.random.default_rng(0).standard_normal((100, 100))
+hard = se.sample(A, 19_000, rng=2)
+def fused(key, wait):  # returns after Ctrl-C with the best weights so far
+    if wait:
+        threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
+    fit = se.fuse(hard if wait else hard.prefix(20), "alse", target=A)
+    statuses.append(fit.status)
+    return {"error": fit.error}
+statuses = []
+results = se.Study(fused, {"wait": [False, True]}, replicates=1, rng=1).run()
+print(results.status, statuses[-1], results.done.tolist())
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="SIGINT cannot be sent to oneself on Windows")
+def test_a_result_that_ctrl_c_cut_short_is_not_kept() -> None:
+    run = subprocess.run(
+        [sys.executable, "-c", PARTIAL], capture_output=True, text=True, timeout=60
+    )
+    assert run.stdout.split("\n")[0] == "interrupted interrupted [[True], [False]]", run.stderr
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="SIGINT cannot be sent to oneself on Windows")
+def test_ctrl_c_in_a_study_of_studies_ends_both() -> None:
+    inner: list[str] = []
+
+    def outer(key: se.Key) -> dict[str, float]:
+        results = se.Study(slow, {}, replicates=100, rng=key).run()
+        inner.append(results.status)
+        return {"x": float(np.nanmean(results.values["x"]))}
+
+    threading.Timer(0.6, os.kill, (os.getpid(), signal.SIGINT)).start()
+    results = se.Study(outer, {}, replicates=1000, rng=1).run()
+    assert results.status == "interrupted"
+    assert inner[-1] == "interrupted"
+    assert results.done.sum() == len(inner) - 1
+
+
+def test_a_time_limit_ends_a_run() -> None:
+    made = se.Study(slow, {}, replicates=2000, rng=4)
+    results = made.run(time_limit=0.3)
+    assert results.status == "time_limit"
+    assert 0 < results.done.sum() < 300
+    assert repr(made).startswith("<Study: study_functions.slow of 2000 replicates, ")
+
+
+def test_progress_is_told() -> None:
+    seen: list[tuple[int, int | None]] = []
+    study().run(progress=lambda done, total: seen.append((done, total)))
+    assert seen[-1] == (42, 42)
+    with pytest.raises(InputTypeError, match="`progress` must be"):
+        study().run(progress="yes")  # type: ignore[arg-type]
+
+
+# -- workers that die ------------------------------------------------------------------------------
+
+
+@FORK
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+def test_a_pool_whose_workers_died_says_so(tmp_path: Path) -> None:
+    made = se.Study(functions.deadly, {"folder": [str(tmp_path)]}, replicates=30, rng=1)
+    with ProcessPoolExecutor(2, mp_context=get_context("fork")) as processes:
+        assert made.run(processes).status == "workers_lost"
+        assert made.run(processes).status == "workers_lost"
+    results = made.run(lambda: ProcessPoolExecutor(2, mp_context=get_context("fork")))
+    while results.status == "workers_lost":  # three in a row without a block
+        results = made.run(lambda: ProcessPoolExecutor(2, mp_context=get_context("fork")))
+    assert (
+        results.digest
+        == se.Study(functions.deadly, {"folder": [str(tmp_path)]}, replicates=30, rng=1)
+        .run()
+        .digest
+    )
+
+
+@FORK
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+def test_forty_workers_are_killed_and_nothing_changes(gen: np.random.Generator) -> None:
+    whole = se.Study(noise, {"scale": [1.0, 3.0]}, replicates=150, rng=2).run().digest
+    killed = 0
+    while killed < 40:
+        pools: list[ProcessPoolExecutor] = []
+        over = threading.Event()
+
+        def pool(pools: list[ProcessPoolExecutor] = pools) -> ProcessPoolExecutor:
+            pools.append(ProcessPoolExecutor(2, mp_context=get_context("fork")))
+            return pools[-1]
+
+        def kill(pools=pools, over=over) -> None:  # type: ignore[no-untyped-def]
+            nonlocal killed
+            while not over.wait(float(gen.uniform(0.02, 0.25))):
+                workers = list((pools[-1]._processes or {}) if pools else [])
+                if workers and not over.is_set():
+                    os.kill(workers[int(gen.integers(len(workers)))], signal.SIGKILL)
+                    killed += 1
+
+        killer = threading.Thread(target=kill)
+        killer.start()
+        made = se.Study(slow, {"scale": [1.0, 3.0]}, replicates=150, rng=2)
+        results = made.run(pool)
+        while results.status == "workers_lost":
+            results = made.run(pool)
+        over.set()
+        killer.join()
+        assert results.digest == whole

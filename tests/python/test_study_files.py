@@ -1,0 +1,503 @@
+"""The file of a study: continued, refused, damaged, merged, and hostile."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+import study_functions as functions
+from stochens_rs._base import state_file
+from stochens_rs.exceptions import (
+    InputError,
+    ResourceError,
+    StateError,
+    StateIOError,
+    StateLockedError,
+    StateNotFoundError,
+)
+from stochens_rs.studies import block, study_file
+from study_functions import noise, slow, sometimes
+
+GRID = {"scale": [1.0, 2.0]}
+
+
+def study(replicates: int | range = 20, **changed: object) -> se.Study:
+    given = {"function": noise, "grid": GRID, "rng": 5, **changed}
+    return se.Study(replicates=replicates, **given)  # type: ignore[arg-type]
+
+
+@pytest.fixture(autouse=True)
+def _written_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(study_file, "EVERY", 0.0)
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    """A study that is done."""
+    found = tmp_path / "a.study"
+    study().run(path=found)
+    return found
+
+
+WHOLE = study().run()
+
+
+# -- continued -------------------------------------------------------------------------------------
+
+
+def test_a_file_has_all_numbers(path: Path) -> None:
+    assert se.Study.resume(path).results.digest == WHOLE.digest
+    before = path.read_bytes()
+    assert study().run(path=path).digest == WHOLE.digest
+    assert path.read_bytes() == before  # nothing ran, nothing was written
+
+
+def test_a_run_continues_a_file(tmp_path: Path) -> None:
+    path = tmp_path / "a.study"
+    made = se.Study(slow, GRID, replicates=300, rng=5)
+    first = made.run(path=path, time_limit=0.2)
+    assert first.status == "time_limit"
+    again = se.Study(slow, GRID, replicates=300, rng=5).run(path=path, time_limit=0.2)
+    assert again.done.sum() > first.done.sum()
+    assert np.all(again.done | ~first.done)
+    third = se.Study.resume(path, slow)
+    assert third.results.digest == again.digest
+    assert third.run(path=path).digest == study(300).run().digest
+    assert se.Study.resume(path).results.status == "completed"
+
+
+def test_more_replicates_continue_it_and_fewer_are_refused(path: Path) -> None:
+    assert study(50).run(path=path).digest == study(50).run().digest
+    assert len(se.Study.resume(path).replicates) == 50
+    interrupted = study(80).run(path=path, time_limit=1e-9)
+    assert interrupted.status == "time_limit"
+    assert se.Study.resume(path, noise).run(path=path).digest == study(80).run().digest
+    with pytest.raises(StateError, match=r"`replicates` of .* reach beyond those of this study"):
+        study(20).run(path=path)
+    with pytest.raises(
+        StateError, match=r"`replicates` of .* is \[0, 20\], of this study \[0, 9\]"
+    ):
+        study(9).run(path=path)
+
+
+def test_numbers_found_before_are_written(tmp_path: Path) -> None:
+    made = study()
+    made.run()
+    made.run(path=tmp_path / "a.study")
+    assert se.Study.resume(tmp_path / "a.study").results.digest == WHOLE.digest
+
+
+def test_blocks_of_workers_are_written_soon(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also if the next one takes long."""
+    monkeypatch.setattr(study_file, "EVERY", 0.2)
+    path, seen = tmp_path / "a.study", []
+
+    def waits(key: se.Key, scale: float) -> dict[str, float]:
+        end = time.monotonic() + 10
+        while scale == 2.0 and time.monotonic() < end and not seen:
+            if path.exists() and se.Study.resume(path).results.done[0].sum() == 2:
+                seen.append(True)
+            time.sleep(0.02)
+        return noise(key, scale)
+
+    with ThreadPoolExecutor(4) as threads:
+        study(2, function=waits).run(threads, path)
+    assert seen
+
+
+def test_failures_are_in_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "a.study"
+    made = se.Study(sometimes, GRID, replicates=40, rng=8)
+    results = made.run(path=path)
+    loaded = se.Study.resume(path, sometimes)
+    assert loaded.results.digest == results.digest
+    assert loaded.results.failures == results.failures != []
+    monkeypatch.setenv("STUDY_TEST_CALM", "1")
+    calm = se.Study(noise, GRID, replicates=40, rng=8).run()
+    assert loaded.run(path=path).digest == results.digest
+    assert loaded.retry(path=path).digest == calm.digest
+    assert se.Study.resume(path).results.digest == calm.digest
+    assert se.Study.resume(path).results.failures == []
+
+
+def test_without_the_function_numbers_can_be_read_only(path: Path) -> None:
+    loaded = se.Study.resume(path)
+    assert loaded.results.about["function"] == "study_functions.noise"
+    with pytest.raises(InputError, match=r"`function` must be given: Study.resume\(path, function"):
+        loaded.run()
+
+
+# -- refused ---------------------------------------------------------------------------------------
+
+SYSTEM = se.System([[0.5]], [[1.0]])
+OFFSET = 1.0
+
+
+def with_system(key: se.Key, system: se.System) -> dict[str, float]:
+    return {"a": system.A[0, 0] + OFFSET}
+
+
+DIFFERENT = {
+    "key": {"rng": 6},
+    "grid": {"grid": {"scale": [1.0, 3.0]}},
+    "nested": {"nested": "scale"},
+    "shared": {"shared": ["scale"]},
+    "function": {"function": slow},
+}
+
+
+@pytest.mark.parametrize("field", DIFFERENT)
+def test_what_disagrees_is_named(path: Path, field: str) -> None:
+    before = path.read_bytes()
+    with pytest.raises(StateError, match=f"^`{field}` of .* is .*, of this study .*: continue it"):
+        study(**DIFFERENT[field]).run(path=path)
+    assert path.read_bytes() == before
+    with pytest.raises(StateError, match="`function"):
+        se.Study.resume(path, slow)
+
+
+def variants(offset: float) -> list[object]:
+    """Functions that have one name and do different things."""
+
+    def kept(key: se.Key, scale: float) -> dict[str, float]:
+        return {"x": scale + offset}
+
+    made = [kept]
+    for body in ("scale + 1.0", "scale + 2.0", "scale - 1.0"):
+        space: dict[str, object] = {"__name__": "test"}
+        exec(f"def kept(key, scale, more=1.0):\n    return {{'x': {body}}}", space)
+        made.append(space["kept"])  # type: ignore[arg-type]
+    return made
+
+
+def test_a_changed_function_is_noticed(tmp_path: Path) -> None:
+    functions_ = [variants(1.0)[0], variants(2.0)[0], *variants(1.0)[1:]]
+    functions_ += [lambda key, scale: {"x": scale}, lambda key, scale: {"x": scale + 1}]
+    for k, function in enumerate(functions_):
+        path = tmp_path / f"{k}.study"
+        study(function=function).run(path=path)
+        for j, other in enumerate(functions_):
+            if j == k:
+                study(function=other).run(path=path)
+                continue
+            with pytest.raises(StateError, match=r"`function(_digest)?` of"):
+                study(function=other).run(path=path)
+    again = variants(2.0)[0]  # made anew: the same
+    study(function=again).run(path=tmp_path / "1.study")
+
+
+def test_changed_globals_and_objects_are_noticed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a.study"
+    grid = {"system": {"only": SYSTEM}}
+    study(function=with_system, grid=grid).run(path=path)
+    same = {"system": {"only": se.System([[0.5]], [[1.0]])}}
+    assert se.Study.resume(path, with_system, same).run(path=path).status == "completed"
+    with pytest.raises(StateError, match="`digests` of"):
+        se.Study.resume(path, with_system)  # the system itself is not in the file
+    other = {"system": {"only": se.System([[0.6]], [[1.0]])}}
+    with pytest.raises(StateError, match="`digests` of"):
+        study(function=with_system, grid=other).run(path=path)
+    monkeypatch.setitem(globals(), "OFFSET", 2.0)
+    with pytest.raises(StateError, match="`function_digest` of"):
+        study(function=with_system, grid=grid).run(path=path)
+
+
+def test_a_function_that_holds_an_open_file_cannot_be_kept(tmp_path: Path) -> None:
+    with open(tmp_path / "notes", "w") as file:
+
+        def writes(key: se.Key, scale: float) -> dict[str, float]:
+            print(scale, file=file)
+            return noise(key, scale)
+
+        with pytest.raises(InputError, match=r"`function` contains .* cannot be saved"):
+            study(function=writes).run(path=tmp_path / "a.study")
+        assert study(function=writes).run().digest == WHOLE.digest  # without a file it can run
+
+
+def test_another_platform_is_refused(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    loaded = se.Study.resume(path, noise)
+    elsewhere = {**block.fingerprint(), "numpy": "1.26.0"}
+    for module in (block, se.studies.study):
+        monkeypatch.setattr(module, "fingerprint", lambda: elsewhere)
+    assert loaded.run(path=path).digest == WHOLE.digest  # nothing is left to run
+    with pytest.raises(StateError, match=r"`numpy` of the numbers so far is .*, here it is 1.26.0"):
+        study(30).run(path=path)
+
+
+def test_two_writers_are_refused(path: Path) -> None:
+    seen = []
+
+    def second(done: int, total: int | None) -> None:
+        if not seen:
+            with pytest.raises(StateLockedError):
+                study(40).run(path=path)
+            assert len(se.Study.resume(path).replicates) == 30  # reading is free
+            seen.append(done)
+
+    study(30).run(path=path, progress=second)
+    assert seen
+    study(40).run(path=path)
+
+
+def test_an_exception_of_the_progress_loses_nothing(tmp_path: Path) -> None:
+    def stop(done: int, total: int | None) -> None:
+        if done >= 10:
+            raise RuntimeError("enough")
+
+    with pytest.raises(RuntimeError, match="enough"):
+        study().run(path=tmp_path / "a.study", progress=stop)
+    assert se.Study.resume(tmp_path / "a.study").results.done.sum() >= 10
+
+
+# -- damaged ---------------------------------------------------------------------------------------
+
+
+def test_a_file_cut_anywhere_is_continued_or_refused(path: Path, tmp_path: Path) -> None:
+    content = path.read_bytes()
+    manifest = 8 + int.from_bytes(content[:8], "little")
+    cut = tmp_path / "cut.study"
+    outcomes = set()
+    for length in [*range(0, len(content), 97), manifest - 1, manifest, len(content) - 1]:
+        cut.write_bytes(content[:length])
+        if length < manifest:
+            with pytest.raises(StateError, match="is not the file of a study"):
+                study().run(path=cut)
+        else:
+            outcomes.add(int(se.Study.resume(cut).results.done.sum()))
+            assert study().run(path=cut).digest == WHOLE.digest
+            assert se.Study.resume(cut).results.digest == WHOLE.digest
+            assert list(study_file.records(str(cut)))[-1][0] == cut.stat().st_size
+    assert len(outcomes) > 3
+
+
+def test_every_changed_byte_is_seen(path: Path, tmp_path: Path, gen: np.random.Generator) -> None:
+    content = path.read_bytes()
+    hurt = tmp_path / "hurt.study"
+    for at in gen.choice(len(content), 300, replace=False):
+        changed = bytearray(content)
+        changed[at] ^= 1 << int(gen.integers(8))
+        hurt.write_bytes(changed)
+        try:
+            found = se.Study.resume(hurt).results
+        except (StateError, ResourceError):
+            continue
+        # only the last record may be missing
+        assert np.array_equal(found.values["x"][found.done], WHOLE.values["x"][found.done])
+        assert not found.done.all()
+        assert found.done.sum() > 20
+
+
+def test_zeros_at_the_end_are_replaced(path: Path) -> None:
+    with open(path, "ab") as file:
+        file.write(bytes(100_000))
+    assert se.Study.resume(path).results.digest == WHOLE.digest
+    assert study(30).run(path=path).digest == study(30).run().digest
+    assert list(study_file.records(str(path)))[-1][0] == path.stat().st_size
+
+
+def written(path: Path, *records: tuple[str, int, dict[str, np.ndarray]]) -> Path:
+    """A file whose records have correct digests."""
+    parts = [state_file.encode(kind, number, sections) for kind, number, sections in records]
+    path.write_bytes(b"".join(len(p).to_bytes(8, "little") + p for p in parts))
+    return path
+
+
+def text(value: object) -> np.ndarray:
+    return np.frombuffer(json.dumps(value).encode(), dtype=np.uint8)
+
+
+MANIFEST = study()._described()
+SECTIONS = {
+    "starts": np.array([0], dtype=np.uint64),
+    "counts": np.array([2], dtype=np.uint64),
+    "states": np.array([1, 2], dtype=np.uint8),
+    "values.x": np.array([0.5, np.nan]),
+    "about": text({"layout": {"x": []}, "platform": {"numpy": "2"}, "errors": {"1": "E: no"}}),
+}
+
+
+def about(**changed: object) -> dict[str, np.ndarray]:
+    return {"about": text({"layout": {"x": []}, "platform": {}, "errors": {}, **changed})}
+
+
+def test_the_hostile_files_are_near_a_good_one(tmp_path: Path) -> None:
+    records = (("study", 1, {"manifest": text(MANIFEST)}), ("study-block", 2, SECTIONS))
+    found = se.Study.resume(written(tmp_path / "a", *records)).results
+    assert found.values["x"][0, 0] == 0.5
+    assert found.failures == [se.studies.Failure({"scale": 2.0}, 0, "E: no")]
+
+
+HOSTILE = {
+    "no mapping": {"about": text([1])},
+    "layout is no mapping": about(layout=[1]),
+    "deep": {"about": np.frombuffer(b"[" * 100_000, dtype=np.uint8)},
+    "not JSON": {"about": np.frombuffer(b"\xff{", dtype=np.uint8)},
+    "other name": about(layout={"y": []}),
+    "other shape": about(layout={"x": [3]}),
+    "negative shape": about(layout={"x": [-1]}),
+    "vast shape": about(layout={"x": [2**40, 2**40]}),
+    "text as shape": about(layout={"x": "ab"}),
+    "number as error": about(errors={"1": 3}),
+    "text as task": about(errors={"one": "E"}),
+    "number as platform": about(platform={"numpy": 3}),
+    "far start": {"starts": np.array([2**63], dtype=np.uint64)},
+    "vast count": {"counts": np.array([2**63], dtype=np.uint64)},
+    "vast counts": {"starts": np.zeros(2, np.uint64), "counts": np.full(2, 2**63, np.uint64)},
+    "state 9": {"states": np.array([1, 9], dtype=np.uint8)},
+    "states as floats": {"states": np.array([1.0, 2.0])},
+    "values as bytes": {"values.x": np.zeros(2, np.uint8)},
+    "one more array": {"values.y": np.zeros(2)},
+    "done without numbers": about(layout={}),
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_hostile_blocks(tmp_path: Path, name: str) -> None:
+    records = (
+        ("study", 1, {"manifest": text(MANIFEST)}),
+        ("study-block", 2, {**SECTIONS, **HOSTILE[name]}),
+    )
+    path = written(tmp_path / "a.study", *records)
+    with pytest.raises((StateError, ResourceError)) as told:
+        se.Study.resume(path)
+    assert "\n" not in str(told.value)
+    with pytest.raises((StateError, ResourceError)):
+        study().run(path=path)
+
+
+MANIFESTS = {
+    "not a mapping": [1],
+    "no key": {k: v for k, v in MANIFEST.items() if k != "key"},
+    "no grid": {k: v for k, v in MANIFEST.items() if k != "grid"},
+    "schema": {**MANIFEST, "schema": "stochens-study/9"},
+    "short key": {**MANIFEST, "key": "00"},
+    "number as key": {**MANIFEST, "key": 3},
+    "grid is a list": {**MANIFEST, "grid": [1]},
+    "axis is a mapping of numbers": {**MANIFEST, "grid": {"a": [[1]]}},
+    "nested is a list": {**MANIFEST, "nested": [1]},
+    "shared is a number": {**MANIFEST, "shared": 3},
+    "replicates backwards": {**MANIFEST, "replicates": [5, 3]},
+    "replicates as floats": {**MANIFEST, "replicates": [0.0, 3.0]},
+    "vast replicates": {**MANIFEST, "replicates": [0, 2**40]},
+    "more replicates than vast": {**MANIFEST, "replicates": [0, 2**70]},
+    "function is a number": {**MANIFEST, "function": 3},
+}
+
+
+@pytest.mark.parametrize("name", MANIFESTS)
+def test_hostile_manifests(tmp_path: Path, name: str) -> None:
+    path = written(tmp_path / "a.study", ("study", 1, {"manifest": text(MANIFESTS[name])}))
+    with pytest.raises((StateError, ResourceError)) as told:
+        se.Study.resume(path)
+    assert "\n" not in str(told.value)
+    with pytest.raises((StateError, ResourceError)):
+        study().run(path=path)
+
+
+def test_records_out_of_order_are_refused(path: Path, tmp_path: Path) -> None:
+    records = (
+        ("study", 1, {"manifest": text(MANIFEST)}),
+        ("study-block", 3, SECTIONS),
+    )
+    with pytest.raises(StateError, match="must have record 2 at"):
+        se.Study.resume(written(tmp_path / "b.study", *records))
+
+
+def test_other_files_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(StateNotFoundError):
+        se.Study.resume(tmp_path / "none")
+    for name, content in (("empty", b""), ("zeros", bytes(500)), ("text", b"a,b\n1,2\n" * 50)):
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(StateError, match="is not the file of a study"):
+            study().run(path=tmp_path / name)
+        assert (tmp_path / name).read_bytes() == content
+    stream = se.Stream(([[2.0]], [[1.0]]), [1.0], [0.0], rng=1)
+    stream.save(tmp_path / "stream")
+    with pytest.raises(StateError, match="is not the file of a study"):
+        se.Study.resume(tmp_path / "stream")
+    with pytest.raises((StateError, StateIOError)):
+        se.Study.resume(tmp_path)
+    if hasattr(os, "mkfifo"):
+        os.mkfifo(tmp_path / "pipe")
+        with pytest.raises(StateError, match="no regular file"):
+            se.Study.resume(tmp_path / "pipe")
+    with pytest.raises((StateError, StateIOError)):
+        study().run(path=tmp_path / "missing" / "a.study")
+
+
+# -- merged ----------------------------------------------------------------------------------------
+
+
+def test_parts_become_one(tmp_path: Path) -> None:
+    for k, span in enumerate((range(8, 20), range(10), range(4, 9))):
+        study(span).run(path=tmp_path / f"{k}.study")
+    whole = se.Study.merge([tmp_path / f"{k}.study" for k in range(3)], tmp_path / "all.study")
+    assert whole.results.digest == WHOLE.digest
+    assert se.Study.resume(tmp_path / "all.study", noise).run().digest == WHOLE.digest
+    part = se.Study.merge([tmp_path / "2.study", tmp_path / "1.study"])
+    assert len(part.replicates) == 10
+    assert part.results.status == "completed"
+    hole = se.Study.merge([tmp_path / "2.study"])
+    assert hole.replicates == range(4, 9)
+    with pytest.raises(InputError, match="`path` must be a new file"):
+        se.Study.merge([tmp_path / "1.study"], tmp_path / "all.study")
+    with pytest.raises(InputError, match="`paths` must name at least one file"):
+        se.Study.merge([])
+
+
+def test_parts_that_differ_are_refused(tmp_path: Path) -> None:
+    study(range(5)).run(path=tmp_path / "0.study")
+    study(range(5, 9), rng=6).run(path=tmp_path / "1.study")
+    with pytest.raises(StateError, match=r"`key` of .*1.study differs from that of .*0.study"):
+        se.Study.merge([tmp_path / "0.study", tmp_path / "1.study"])
+    records = (("study", 1, {"manifest": text(MANIFEST)}), ("study-block", 2, SECTIONS))
+    written(tmp_path / "2.study", *records)
+    with pytest.raises(StateError, match=r"2.study: two blocks differ in `x` of the same replicat"):
+        se.Study.merge([tmp_path / "0.study", tmp_path / "2.study"])
+
+
+def test_parts_of_other_platforms_are_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    study(range(5)).run(path=tmp_path / "0.study")
+    here = block.fingerprint()
+    for module in (block, se.studies.study):
+        monkeypatch.setattr(module, "fingerprint", lambda: {**here, "numpy": "1.26.0"})
+    study(range(3, 20)).run(path=tmp_path / "1.study")
+    monkeypatch.undo()
+    whole = se.Study.merge([tmp_path / "0.study", tmp_path / "1.study"], tmp_path / "all.study")
+    assert whole.results.digest == WHOLE.digest
+    assert whole.results.about["numpy"] == f"{here['numpy']} or 1.26.0"
+    assert se.Study.resume(tmp_path / "all.study").results.about == whole.results.about
+
+
+# -- killed ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
+@pytest.mark.parametrize(("workers", "kills"), [(0, 30), (2, 10)])
+def test_killed_drivers_lose_nothing(tmp_path: Path, workers: int, kills: int, seed: int) -> None:
+    script = Path(functions.__file__).with_name("_study_driver.py")
+    run = subprocess.run(
+        [sys.executable, script, tmp_path, str(seed), str(kills), str(workers)],
+        capture_output=True,
+        text=True,
+        timeout=110,
+    )
+    assert run.returncode == 0, run.stderr
+    lines = [line.split() for line in run.stdout.splitlines()]
+    assert sum(int(own) for own, _ in lines) >= kills
+    assert all(same == "1" for _, same in lines)

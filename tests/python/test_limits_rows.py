@@ -91,3 +91,45 @@ def test_states_wait_for_time():
     assert np.all(np.abs(np.diff(plan.u.ravel(), prepend=0.0)) <= 0.1 + 1e-12)
     best = se.control(ONE, [3.0], [0.0], steps=30, Q=1.0, **sides)
     assert plan.objective - best.objective <= plan.gap + 1e-9
+
+
+@pytest.mark.parametrize("highest", [0.8, 0.7])
+def test_the_true_system_keeps_hard_limits_of_a_plan_from_data(highest):
+    """100 data sets at delta = 0.05: at most 11 may leave the limits (binomial, 1e-2); 0 did."""
+    A, B = np.array([[1.0, 0.1], [-0.2, 0.95]]), np.array([[0.0], [0.1]])
+    left = found = without = 0
+    for seed in range(100):
+        gen = np.random.default_rng(seed)
+        z = gen.standard_normal((40, 3))
+        y = z @ np.hstack([A, B]).T + 0.02 * gen.standard_normal((40, 2))
+        data = se.Trajectories.from_pairs(z[:, :2], z[:, 2:], y)
+        model = se.identify(data, design="independent", checks=False)
+        sides = [-np.inf, -highest], [np.inf, highest]
+        asked = {"steps": 8, "limits": (-6.0, 6.0), "state_limits": sides, "soft": False}
+        plan = se.control(model, [1.0, 0.0], [0.0, 0.0], **asked)
+        if plan.status == "infeasible":
+            assert plan.limited.missing > 1e-6
+            continue
+        assert np.abs(plan.predicted_states[1:, 1]).max() <= highest - plan.bound().tube[1:].min()
+        found += 1
+        left += bool(np.abs(plan.states((A, B), [1.0, 0.0])[1:, 1]).max() > highest)
+        # without a margin the limits are left about every second time
+        naive = se.control((model.A, model.B), [1.0, 0.0], [0.0, 0.0], **asked)
+        without += bool(np.abs(naive.states((A, B), [1.0, 0.0])[1:, 1]).max() > highest)
+    assert found >= 90
+    assert left <= 11
+    assert without >= 25
+
+
+def test_hard_limits_without_room_for_the_tube_say_what_is_missing():
+    gen = np.random.default_rng(1)
+    z = gen.standard_normal((12, 2))
+    noisy = se.Trajectories.from_pairs(
+        z[:, :1], z[:, 1:], z.sum(1)[:, None] + gen.standard_normal((12, 1))
+    )
+    model = se.identify(noisy, design="independent", checks=False)
+    plan = se.control(
+        model, [1.0], [0.0], steps=2, limits=(-3, 3), state_limits=(-0.1, 0.1), soft=False
+    )
+    assert plan.status == "infeasible"
+    assert plan.limited.missing > 0.1

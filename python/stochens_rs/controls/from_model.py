@@ -17,7 +17,9 @@ from ..identification.trajectories import Trajectories
 from ..theory.exact import best_control
 from .basis import ModelBasis
 from .entities import ending, fusion_over, step_warnings
+from .limit_certificate import within_state_limits
 from .limited import Horizon
+from .model_bound import Asked
 from .plan import Plan
 from .region_errors import trajectory
 from .task import asked_task
@@ -59,6 +61,9 @@ def model_control(
         u = _robust(model, start, goal, K, delta)[None, :]
     if task is not None:
         limited = Horizon(task, model.A, model.B, model.c).solve(start, time_limit=seconds)
+        if task.state_low is not None and task.soft is None:
+            basis, plain = ModelBasis(model, start, goal, x0_error), Asked(False, False, False)
+            limited, _ = within_state_limits(basis, limited, delta, plain)
         u = limited.u
     else:
         # what acts by rounding alone is 0: the data may say nothing of such an input

@@ -107,6 +107,7 @@ class Horizon:
     def __init__(self, task: Task, A: Floats, B: Floats, c: Floats | None = None) -> None:
         n, m = B.shape
         K = task.steps
+        A, B = np.ascontiguousarray(A), np.ascontiguousarray(B)  # as the core takes them
         self.task, self.A, self.B, self.c = task, A, B, c
         self.offset = np.zeros(n) if c is None else c
         powers = matrix_powers(A, K)

@@ -54,7 +54,7 @@ class InputTypeError(StochensError, TypeError):
     """An argument has a type, or an array a dtype, that is not accepted."""
 
 
-class ResourceError(StochensError, MemoryError):
+class ResourceError(MemoryError, StochensError):
     """A result needs more memory than this process may use; it was not computed.
 
     Parameters

@@ -508,3 +508,12 @@ def test_old_except_clauses_still_work(name, builtin):
 def assert_one_short_line(error):
     assert len(str(error)) <= 300
     assert re.search(r"[\r\n]", str(error)) is None
+
+
+def test_exceptions_come_back_from_a_cluster():
+    """Dask pickles exceptions by tblib, which makes them by `__new__` alone."""
+    tblib = pytest.importorskip("tblib.pickling_support")
+    error = ResourceError("m", 7, 5)
+    make, given = tblib.pickle_exception(error)[:2]
+    back = make(*given)
+    assert (type(back), back.needed_bytes, back.limit_bytes) == (ResourceError, 7, 5)

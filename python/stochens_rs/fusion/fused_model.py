@@ -17,7 +17,6 @@ from ..identification.identified import Identified
 from ..identification.model import Model
 from ..identification.part import Part
 from ..identification.region import Region
-from ..system import System
 from . import hull
 
 if TYPE_CHECKING:
@@ -114,24 +113,13 @@ class FusedModel(Identified):
         return noise_of(self.least_squares)
 
     @property
+    def _largest(self) -> Floats | None:
+        return self.least_squares._largest
+
+    @property
     def data(self) -> Trajectories:
         """The data that chose the weights."""
         return self.least_squares.data
-
-    @property
-    def A(self) -> Floats:
-        """The state matrix, shape (n, n), read-only."""
-        return self._Theta[:, : self.models.n]
-
-    @property
-    def B(self) -> Floats:
-        """The input matrix, shape (n, m), read-only."""
-        return self._Theta[:, self.models.n : self.models.n + self.models.m]
-
-    @property
-    def c(self) -> Floats | None:
-        """The offset, shape (n,), read-only; None without intercept."""
-        return self._Theta[:, -1] if self.least_squares.intercept else None
 
     @property
     def dt(self) -> float | None:
@@ -147,11 +135,6 @@ class FusedModel(Identified):
     def input_names(self) -> tuple[str, ...]:
         """The names of the inputs."""
         return self.data.input_names
-
-    @property
-    def system(self) -> System:
-        """The system ``(A, B)``; the offset is not in it."""
-        return System(self.A, self.B, dt=self.dt)
 
     @property
     def distance(self) -> float:

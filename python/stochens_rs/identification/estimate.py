@@ -12,7 +12,6 @@ from .._base import gate
 from .._base.records import by_constructor
 from ..exceptions import InputError, ShapeError
 from ..rng import Key
-from ..system import System
 from .assumptions import Assumptions
 from .certifying import Block, assembled, blocks
 from .checks import Checks
@@ -137,26 +136,6 @@ class Estimate(Identified):
         return gate.frozen(_corrected(self.triangle, d, self.n, self.size, covariance))
 
     @property
-    def A(self) -> Floats:
-        """The state matrix, shape (n, n), read-only."""
-        return self._Theta[:, : self.n]
-
-    @property
-    def B(self) -> Floats:
-        """The input matrix, shape (n, m), read-only."""
-        return self._Theta[:, self.n : self.n + self.m]
-
-    @property
-    def c(self) -> Floats | None:
-        """The offset, shape (n,), read-only; None without intercept."""
-        return self._Theta[:, -1] if self.intercept else None
-
-    @property
-    def system(self) -> System:
-        """The system ``(A, B)``; the offset is not in it."""
-        return System(self.A, self.B, dt=self.dt)
-
-    @property
     def covariance(self) -> Floats | None:
         """The covariance of the noise, shape (n, n): the known one, or ``S / nu`` of the residuals.
 
@@ -206,6 +185,13 @@ class Estimate(Identified):
         if self.assumptions.noisy_states and self.instruments is None:
             said.append("the states are measured with error, so that no region is known")
         return tuple(said)
+
+    @cached_property
+    def _largest(self) -> Floats | None:
+        if self.data.steps > 1:
+            return None
+        x, u, _ = self.data.pairs()
+        return np.hstack([np.abs(x).max(axis=0), np.abs(u).max(axis=0)])
 
     def _pairs(self) -> tuple[Floats, Floats]:
         """Z and Y, the rows of all pairs."""

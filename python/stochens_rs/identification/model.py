@@ -252,10 +252,4 @@ class Model(Durable, Resampled):
             ("residuals", checks),
             *(("warning", text) for text in self.warnings),
         ]
-        head = ["", *self.state_names, *self.input_names, "1"][: self._d + 1]
-        body = [
-            [name, *(f"{value:.4g}" for value in row)]
-            for name, row in zip(self.state_names, self._Theta, strict=True)
-        ]
-        small = self._d <= 12 and self.n <= 12
-        return html.card(self, rows, html.grid(head, body) if small else "")
+        return html.card(self, rows, self._table())

@@ -94,21 +94,6 @@ class Snapshot(Identified):
         return gate.frozen(self._block.fitted.H)
 
     @property
-    def A(self) -> Floats:
-        """The state matrix, shape (n, n), read-only."""
-        return self._Theta[:, : self.n]
-
-    @property
-    def B(self) -> Floats:
-        """The input matrix, shape (n, m), read-only."""
-        return self._Theta[:, self.n : self.n + self.m]
-
-    @property
-    def c(self) -> Floats | None:
-        """The offset, shape (n,), read-only; None without intercept."""
-        return self._Theta[:, -1] if self.intercept else None
-
-    @property
     def rank(self) -> int:
         """How many directions of z = (x, u, 1) the data determine."""
         return self._block.fitted.rank
@@ -231,13 +216,7 @@ class Snapshot(Identified):
 
     def _repr_html_(self) -> str:
         rows = [("assumed", self.assumptions.text), *(("warning", text) for text in self.warnings)]
-        head = ["", *self.state_names, *self.input_names, "1"][: self._d + 1]
-        body = [
-            [name, *(f"{value:.4g}" for value in row)]
-            for name, row in zip(self.state_names, self._Theta, strict=True)
-        ]
-        small = self._d <= 12 and self.n <= 12
-        return html.card(self, rows, html.grid(head, body) if small else "")
+        return html.card(self, rows, self._table())
 
 
 def planned(first: int, j: int) -> int:

@@ -57,7 +57,7 @@ def errors(N, rng, mixed):
 sizes = [3, 10, 20, 40, 100, 400]
 fig, axes = plt.subplots(1, 2, figsize=(11, 4), sharey=True)
 for ax, mixed in zip(axes, (True, False), strict=True):
-    seen = [[errors(N, np.random.default_rng([r, N]), mixed) for r in range(5)] for N in sizes]
+    seen = [[errors(N, np.random.default_rng([r, N]), mixed) for r in range(3)] for N in sizes]
     rms = np.sqrt(np.mean(np.square(seen), axis=1))
     for k, (name, curve) in enumerate(zip(NAMES, rms.T, strict=True)):
         color = ("C1", "0.5", "C2", "C0")[k]

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import ast
+import re
 import runpy
 import time
 import warnings
 from pathlib import Path
 
 import pytest
+
+import stochens_rs
 
 pytest.importorskip("matplotlib")
 
@@ -60,3 +63,46 @@ def test_example_asks_a_question_and_uses_public_names_only(path):
             assert not (node.module or "").startswith("stochens_rs")
         if isinstance(node, ast.Attribute):
             assert not node.attr.startswith("_")
+
+
+THEORY = GALLERY.parent / "theory"
+
+
+@pytest.mark.parametrize("path", sorted(THEORY.glob("[a-z]*.md")), ids=lambda path: path.stem)
+def test_blocks_of_theory_run_and_print_what_they_say(path, capsys):
+    if path.stem == "claims":
+        pytest.skip("written when the site is built")
+    namespace = {"__name__": "__theory__"}
+    found = re.findall(r"^```python\n(.*?)^```$", path.read_text("utf-8"), re.M | re.S)
+    assert found or path.stem == "index"
+    for block in found:
+        exec(compile(block, f"{path}:block", "exec"), namespace)
+        expected = re.findall(r"^print\(.*\)\s+# (.*)$", block, re.M)
+        assert expected
+        assert capsys.readouterr().out.splitlines() == expected
+
+
+def test_page_of_claims_has_every_statement(tmp_path):
+    names = runpy.run_path(str(THEORY / "_claims.py"))
+    claims = stochens_rs.paper.claims(rng=1, quick=True)
+    text = names["page"](claims)
+    assert text == names["page"](claims)
+    for k, row in enumerate(claims.rows, start=1):
+        assert f"](#claim-{k}) | {row.verdict} |" in text
+        assert (
+            f"(claim-{k})=\n## {names['readable'](row.item)}\n\n**{row.verdict.capitalize()}"
+            in text
+        )
+        assert all(names["readable"](one.text) in text for one in row.evidence)
+    assert len(re.findall(r"^## ", text, re.M)) == len(claims.rows)
+
+
+@pytest.mark.parametrize("path", sorted(THEORY.glob("[a-z]*.md")), ids=lambda path: path.stem)
+def test_formulas_are_written_as_mathml_is_made_of_them(path):
+    """Arguments have braces, and no subscript is on an accent: it would go below the letter."""
+    text = path.read_text("utf-8")
+    assert re.findall(r"\\(?:frac|binom|hat|bar)(?!\{).*", text) == []
+    assert re.findall(r"\\(?:hat|bar)\{.\}_.*", text) == []
+    assert re.findall(r"^\|.*\\\|.*", text, re.M) == [], (
+        "in a table this is one stroke: use \\lVert"
+    )

@@ -10,9 +10,9 @@ import pytest
 
 import stochens_rs as se
 from stochens_rs.paper import power, tracking
+from stochens_rs.paper.experiments.record import log_grid
 from stochens_rs.rng import as_key
 from stochens_rs.studies import Curve, Experiment
-from stochens_rs.studies.experiment_run import log_grid
 
 SMALL_POWER = {"rng": 5, "replicates": 6, "samples": 120}
 SMALL_TRACKING = {"rng": 5, "replicates": 3, "samples": 40, "n": 12, "m": 9}
@@ -174,7 +174,7 @@ def test_errors_are_those_of_the_public_functions(small_power):
     """Replicate 2, all samples, once more through sample, fuse and control."""
     system = se.cases.ieee14()
     x0, xf = np.array(small_power.settings["x0"]), np.zeros(10)
-    key = se.Key.from_hex(small_power.key).child("replicate-2")
+    key = se.Key.from_hex(small_power.key).child("{}").child("replicate 2")
     sampled = {
         name: se.sample(target, 120, rng=key.child(name))
         for name, target in (("x0", x0), ("xf", xf), ("A", system.A))

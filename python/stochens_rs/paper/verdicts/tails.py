@@ -9,14 +9,17 @@ The system is ``A = H / sqrt(n)`` with a Hadamard matrix H, ``x0 = (1, .., 1) / 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...rng import Key
+from ...studies import Study
 from ...system import System
 from ...theory import bounds
 from .. import bounds as printed_bounds
+from ..repeating import HERE, Where, complete
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -105,24 +108,49 @@ def drift_errors(A: Floats, x0: Floats, size: int, runs: int, gen: np.random.Gen
     return np.asarray(np.linalg.norm(means - A @ x0, axis=1))
 
 
-def measure(key: Key, *, n: int = 64, runs: int = 4000, delta: float = 0.01) -> Tails:
+def measure(
+    key: Key, *, n: int = 64, runs: int = 4000, delta: float = 0.01, where: Where = HERE
+) -> Tails:
     """Simulate the error and evaluate the bounds on a grid of sizes."""
     A, x0 = hard_system(n)
-    xf, system = np.zeros(n), System(A, np.eye(n))
-    printed = printed_bounds.Lemma42(system, x0, xf, reading="matrix")
-    gen = key.generator()
+    problem = System(A, np.eye(n)), x0, np.zeros(n)
+    formulas = bounds.candidates("state", *problem, fusion="diagonal")
+    names = ("simulated", *(one.name for one in formulas))
     sizes = np.array([10, 30, 100, 300, 1000, 3000])
-    rows, names = [], []
-    for size in sizes.tolist():
-        errors = drift_errors(A, x0, size, runs, gen)
-        ours = bounds.best("state", system, x0, xf, size=size, delta=delta, fusion="diagonal")
-        names.append(ours.bound.name)
-        theirs = printed.radius(size, delta)
-        quantile = float(np.quantile(errors, 1.0 - delta))
-        rows.append(
-            (quantile, ours.radius, theirs, (errors > ours.radius).sum(), (errors > theirs).sum())
-        )
-    table = np.array(rows)
-    empirical, radii, printed_radii = table[:, :3].T
-    failures = table[:, 3:].astype(np.int64)
-    return Tails(n, delta, runs, sizes, empirical, radii, tuple(names), printed_radii, failures)
+    function = partial(_at_size, problem, names, runs, delta)
+    study = Study(function, {"size": sizes.tolist()}, replicates=1, rng=key)
+    found = {k: v[:, 0] for k, v in complete(study, **where.of("tails")).items()}
+    return Tails(
+        n,
+        delta,
+        runs,
+        sizes,
+        found["empirical"],
+        found["ours"],
+        tuple(names[k] for k in found["name_of_bound"].astype(int)),
+        found["printed"],
+        np.stack([found["beyond_ours"], found["beyond_printed"]], axis=1).astype(np.int64),
+    )
+
+
+def _at_size(
+    problem: tuple[System, Floats, Floats],
+    names: tuple[str, ...],
+    runs: int,
+    delta: float,
+    key: Key,
+    size: int,
+) -> dict[str, float]:
+    """The quantile of the error for one size, both radii, and the runs beyond them."""
+    system, x0, xf = problem
+    errors = drift_errors(system.A, x0, size, runs, key.generator())
+    ours = bounds.best("state", system, x0, xf, size=size, delta=delta, fusion="diagonal")
+    printed = printed_bounds.Lemma42(system, x0, xf, reading="matrix").radius(size, delta)
+    return {
+        "empirical": float(np.quantile(errors, 1.0 - delta)),
+        "ours": ours.radius,
+        "name_of_bound": names.index(ours.bound.name),
+        "printed": printed,
+        "beyond_ours": int((errors > ours.radius).sum()),
+        "beyond_printed": int((errors > printed).sum()),
+    }

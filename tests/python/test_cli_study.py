@@ -108,9 +108,17 @@ def test_figures_and_facts_are_written(
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="SIGINT cannot be sent on Windows")
-@pytest.mark.parametrize("workers", ["1", "2"])
+@pytest.mark.parametrize(
+    ("workers", "number", "code"),
+    [("1", signal.SIGINT, 130), ("2", signal.SIGINT, 130), ("1", signal.SIGTERM, 143)],
+)
 def test_ctrl_c_loses_nothing(
-    problem: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], workers: str
+    problem: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    workers: str,
+    number: int,
+    code: int,
 ) -> None:
     path = tmp_path / "a.study"
     args = [problem, "--sizes", "5,2000", "--replicates", "3000", "--path", str(path)]
@@ -121,9 +129,9 @@ def test_ctrl_c_loses_nothing(
     while not path.exists() and program.poll() is None:
         time.sleep(0.01)
     time.sleep(0.3 if workers == "1" else 0.7)
-    os.killpg(program.pid, signal.SIGINT)  # as a terminal does: to the workers too
+    os.killpg(program.pid, number)  # as a terminal does: to the workers too
     out, told = program.communicate(timeout=60)
-    assert program.returncode == 130, told
+    assert program.returncode == code, told
     facts = json.loads(out)
     assert facts["status"] == "interrupted"
     assert "Traceback" not in told

@@ -113,44 +113,25 @@ def measure(
 ) -> Tails:
     """Simulate the error and evaluate the bounds on a grid of sizes."""
     A, x0 = hard_system(n)
-    problem = System(A, np.eye(n)), x0, np.zeros(n)
-    formulas = bounds.candidates("state", *problem, fusion="diagonal")
-    names = ("simulated", *(one.name for one in formulas))
+    xf, system = np.zeros(n), System(A, np.eye(n))
+    printed = printed_bounds.Lemma42(system, x0, xf, reading="matrix")
     sizes = np.array([10, 30, 100, 300, 1000, 3000])
-    function = partial(_at_size, problem, names, runs, delta)
-    study = Study(function, {"size": sizes.tolist()}, replicates=1, rng=key)
-    found = {k: v[:, 0] for k, v in complete(study, **where.of("tails")).items()}
-    return Tails(
-        n,
-        delta,
-        runs,
-        sizes,
-        found["empirical"],
-        found["ours"],
-        tuple(names[k] for k in found["name_of_bound"].astype(int)),
-        found["printed"],
-        np.stack([found["beyond_ours"], found["beyond_printed"]], axis=1).astype(np.int64),
-    )
+    study = Study(partial(_errors, A, x0, runs), {"size": sizes}, replicates=1, rng=key)
+    found = complete(study, **where.of("tails"))["errors"][:, 0]
+    rows, names = [], []
+    for size, errors in zip(sizes.tolist(), found, strict=True):
+        ours = bounds.best("state", system, x0, xf, size=size, delta=delta, fusion="diagonal")
+        names.append(ours.bound.name)
+        theirs = printed.radius(size, delta)
+        quantile = float(np.quantile(errors, 1.0 - delta))
+        rows.append(
+            (quantile, ours.radius, theirs, (errors > ours.radius).sum(), (errors > theirs).sum())
+        )
+    table = np.array(rows)
+    empirical, radii, printed_radii = table[:, :3].T
+    failures = table[:, 3:].astype(np.int64)
+    return Tails(n, delta, runs, sizes, empirical, radii, tuple(names), printed_radii, failures)
 
 
-def _at_size(
-    problem: tuple[System, Floats, Floats],
-    names: tuple[str, ...],
-    runs: int,
-    delta: float,
-    key: Key,
-    size: int,
-) -> dict[str, float]:
-    """The quantile of the error for one size, both radii, and the runs beyond them."""
-    system, x0, xf = problem
-    errors = drift_errors(system.A, x0, size, runs, key.generator())
-    ours = bounds.best("state", system, x0, xf, size=size, delta=delta, fusion="diagonal")
-    printed = printed_bounds.Lemma42(system, x0, xf, reading="matrix").radius(size, delta)
-    return {
-        "empirical": float(np.quantile(errors, 1.0 - delta)),
-        "ours": ours.radius,
-        "name_of_bound": names.index(ours.bound.name),
-        "printed": printed,
-        "beyond_ours": int((errors > ours.radius).sum()),
-        "beyond_printed": int((errors > printed).sum()),
-    }
+def _errors(A: Floats, x0: Floats, runs: int, key: Key, size: int) -> dict[str, Floats]:
+    return {"errors": drift_errors(A, x0, size, runs, key.generator())}

@@ -297,13 +297,15 @@ def test_lost_workers_and_failures_are_told(monkeypatch, tmp_path):
     power_key = as_key(1)
     monkeypatch.setattr(PowerErrors, "__call__", sometimes)
     with pytest.raises(se.exceptions.InputError, match="replicate 1 failed: ZeroDivisionError"):
-        power(rng=1, replicates=3, samples=10)
+        power(rng=1, replicates=3, samples=10, path=tmp_path / "a.study")
     monkeypatch.undo()
+    again = power(rng=1, replicates=3, samples=10, path=tmp_path / "a.study")
+    assert errors_of(again) == errors_of(power(rng=1, replicates=3, samples=10))
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as processes:
         processes.submit(os.getpid).result()
         for one in processes._processes.values():
             one.kill()
-        with pytest.raises(se.exceptions.InputError, match="`executor` has lost its workers"):
+        with pytest.raises(se.exceptions.InputError, match="the workers of `executor` have died"):
             power(rng=1, replicates=3, samples=10, executor=processes)
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._base import gate, html
+from .._base.labels import Labels, fitting
 from .._base.records import by_constructor
 from .._base.types import DELTA, FUSIONS, STATUSES, Floats, Fusion, Quantity, Status
 from ..exceptions import InputError, ShapeError
@@ -63,6 +64,8 @@ class Plan(Compared, Within, Drawn):
     limited : Limited, optional
         What is known about a control within limits or with weights: active limits, multipliers,
         gap, objective and what the limits cost, as properties of the plan too.
+    labels : Labels, optional
+        Names and units of the states and inputs, as those of the system.
     """
 
     u: Floats
@@ -73,6 +76,7 @@ class Plan(Compared, Within, Drawn):
     info: dict[str, Any] = field(default_factory=dict)
     basis: Basis | ModelBasis | None = None
     limited: Limited | None = None
+    labels: Labels | None = None
 
     def __post_init__(self) -> None:
         gate.kept("u", self.u, ndim=(2,))
@@ -89,6 +93,7 @@ class Plan(Compared, Within, Drawn):
             gate.instance("basis", self.basis, Basis)
         if self.limited is not None:
             gate.instance("limited", self.limited, Limited)
+        fitting(self.labels, self.predicted_states.shape[1], self.u.shape[1])
 
     def __reduce__(self) -> tuple[Any, ...]:
         return by_constructor(self)
@@ -248,7 +253,9 @@ class Plan(Compared, Within, Drawn):
             np.arange(self.steps + 1), self.predicted_states, "states of the model over the steps"
         )
         cost = () if self.limited is None else cost_rows(self.limited)
-        return html.card(self, [first, html.largest(self.u), *cost, *made_from(self.info)], drawn)
+        named = () if self.labels is None else self.labels.rows()
+        rows = [first, html.largest(self.u), *cost, *made_from(self.info), *named]
+        return html.card(self, rows, drawn)
 
     def __repr__(self) -> str:
         K, m = self.u.shape

@@ -151,7 +151,8 @@ class FusedModel(Identified):
     @property
     def system(self) -> System:
         """The system ``(A, B)``; the offset is not in it."""
-        return System(self.A, self.B, dt=self.dt)
+        names = self.labels
+        return System(self.A, self.B, dt=self.dt, states=names.states, inputs=names.inputs)
 
     @property
     def distance(self) -> float:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Literal
 
+from .._base.labels import Labels
+
 if TYPE_CHECKING:
     from .._base.types import Floats
     from .region import Region
@@ -45,6 +47,11 @@ class Identified(ABC):
     @abstractmethod
     def input_names(self) -> tuple[str, ...]:
         """The names of the inputs."""
+
+    @property
+    def labels(self) -> Labels:
+        """The names in one record, as that of a `System`; data have no units."""
+        return Labels(self.state_names, self.input_names)
 
     @property
     def centre(self) -> Literal["estimate"]:

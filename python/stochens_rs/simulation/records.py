@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .._base import html
+from .._base.labels import Labels, fitting
 from .._base.types import Centre, Floats
 from ..plots.states import draw_states
 
@@ -34,12 +35,18 @@ class Trajectory:
         ``k dt`` [s], or k if the system states no step length.
     dt : float or None
         The step length [s]; None if the system states none.
+    labels : Labels or None
+        Names and units of the states and inputs, as those of the system.
     """
 
     states: Floats
     inputs: Floats
     times: Floats
     dt: float | None = None
+    labels: Labels | None = None
+
+    def __post_init__(self) -> None:
+        fitting(self.labels, self.states.shape[-1], self.inputs.shape[-1])
 
     @property
     def steps(self) -> int:
@@ -72,13 +79,16 @@ class Trajectory:
         >>> path.plot().get_ylabel()
         'state'
         """
-        return draw_states(self.times, self.states, None, timed=self.dt is not None, ax=ax)
+        names = None if self.labels is None else self.labels.state_axes
+        timed = self.dt is not None
+        return draw_states(self.times, self.states, None, timed=timed, ax=ax, names=names)
 
     def _repr_html_(self) -> str:
         rows = [
             ("steps", html.duration(self.steps, self.dt)),
             html.ends(self.states),
             html.largest(self.inputs),
+            *(self.labels.rows() if self.labels else ()),
         ]
         return html.card(self, rows, html.states(self.times, self.states, "states over time"))
 
@@ -125,6 +135,8 @@ class EnsembleTrajectory:
     centre : {"truth", "estimate"} or None
         For "systems": what the models scatter about, as in `SystemEnsemble`. With "estimate" the
         spread is that of the estimate, and no statement about the true trajectory.
+    labels : Labels or None
+        Names and units of the states and inputs, as those of the system.
     """
 
     mean: Floats
@@ -141,6 +153,10 @@ class EnsembleTrajectory:
     key: Key | None
     status: str = "completed"
     centre: Centre | None = None
+    labels: Labels | None = None
+
+    def __post_init__(self) -> None:
+        fitting(self.labels, self.mean.shape[-1], self.inputs.shape[-1])
 
     @property
     def steps(self) -> int:
@@ -183,12 +199,15 @@ class EnsembleTrajectory:
         >>> path.plot().get_xlabel()
         'step k'
         """
-        timed = self.dt is not None
+        timed, names = self.dt is not None, None if self.labels is None else self.labels.state_axes
         if self.averaging == "systems":
             spread = None if self.variance is None else np.sqrt(self.variance)
             band = "± 2 standard deviations"
-            return draw_states(self.times, self.mean, spread, timed=timed, ax=ax, band=band)
-        return draw_states(self.times, self.mean, self.standard_error, timed=timed, ax=ax)
+            return draw_states(
+                self.times, self.mean, spread, timed=timed, ax=ax, band=band, names=names
+            )
+        error = self.standard_error
+        return draw_states(self.times, self.mean, error, timed=timed, ax=ax, names=names)
 
     def _repr_html_(self) -> str:
         error = self.standard_error
@@ -202,6 +221,7 @@ class EnsembleTrajectory:
             ("models about the", self.centre),
             html.ends(self.mean, "mean state"),
             ("standard error at the end", end),
+            *(self.labels.rows() if self.labels else ()),
         ]
         return html.card(self, rows, html.states(self.times, self.mean, "mean states over time"))
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._base import gate, html
+from .._base.labels import checked_names
 from .._base.records import by_constructor
 from ..exceptions import InputError
 from ..identification.assumptions import Assumptions
@@ -18,7 +19,6 @@ from ..identification.estimate import cautions
 from ..identification.identified import Identified
 from ..identification.least_squares import named
 from ..identification.region import Region
-from ..identification.runs import checked_names
 
 if TYPE_CHECKING:
     from .._base.types import Floats

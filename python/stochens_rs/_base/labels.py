@@ -9,12 +9,13 @@ from functools import lru_cache
 
 from ..exceptions import InputError, InputTypeError, ShapeError
 from . import gate
+from .records import Record
 
 _LISTED = 12  # most names in a cell of a table
 
 
 @dataclass(frozen=True)
-class Labels:
+class Labels(Record):
     """Names of the states and inputs of a system, and the units of some of them; hashable.
 
     Attributes

@@ -8,12 +8,12 @@ hold arrays of the size of the problem, never the realizations. `ModelBasis` is 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
 
 import numpy as np
 
 from .._base import gate
-from .._base.records import by_constructor
+from .._base.records import Record
 from .._base.types import AXES, Floats
 from ..ensembles.counts import Counts
 from ..ensembles.ensemble import Ensemble
@@ -39,7 +39,7 @@ _SAME_NORM = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Known:
+class Known(Record):
     """What is known about x0, xf or A: the estimate, and the exact values it stands for.
 
     Attributes
@@ -82,12 +82,9 @@ class Known:
         if self.key is not None:
             gate.instance("key", self.key, Key)
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return by_constructor(self)
-
 
 @dataclass(frozen=True, eq=False)
-class Basis:
+class Basis(Record):
     """What is known about x0, xf and A.
 
     Attributes
@@ -112,9 +109,6 @@ class Basis:
                     raise ShapeError(
                         f"`{what} of {name}` must have shape {shape}, got {array.shape}"
                     )
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return by_constructor(self)
 
     @property
     def entities(self) -> tuple[Known, Known, Known]:
@@ -141,7 +135,7 @@ class Basis:
 
 
 @dataclass(frozen=True, eq=False)
-class ModelBasis:
+class ModelBasis(Record):
     """What a plan for a model from data keeps.
 
     Attributes
@@ -167,9 +161,6 @@ class ModelBasis:
             if gate.kept(name, value, ndim=(1,)).shape != (n,):
                 raise ShapeError(f"`{name}` must have shape ({n},), got {value.shape}")
         gate.nonnegative("x0_error", self.x0_error)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return by_constructor(self)
 
 
 def known(name: str, value: Fit | Ensemble | Counts | Floats, estimate: Floats | None) -> Known:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 import numpy as np
 
 from .._base import gate, html
-from .._base.records import by_constructor
+from .._base.records import SavedRecord
 from .._base.types import STATUSES, Floats, Status
 from ..exceptions import InputError, ShapeError
 from ..plots.fleet import draw_misses
@@ -26,7 +26,7 @@ RISKS: tuple[Risk, ...] = get_args(Risk)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FleetPlan:
+class FleetPlan(SavedRecord):
     """One command for many units, made by `control_fleet`.
 
     Attributes
@@ -84,9 +84,6 @@ class FleetPlan:
         gate.kept("misses", self.misses, shape=(units.size,))
         if shape != (units.steps, units.systems.m):
             raise ShapeError(f"`u` must have shape {(units.steps, units.systems.m)}, got {shape}")
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return by_constructor(self)
 
     @property
     def gap(self) -> float:

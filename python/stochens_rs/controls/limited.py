@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import inf, sqrt
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from .. import _core
 from .._base import gate, memory
 from .._base.numbers import norm
-from .._base.records import by_constructor
+from .._base.records import Record
 from .._base.types import STATUSES, Floats, Status
 from ..exceptions import InputError, NonFiniteError
 from ..theory.dynamics import matrix_powers, states
@@ -29,7 +29,7 @@ OPTIMAL = 1e-9  # the gap of an "optimal" control, in units of J(0) + J(u), as i
 
 
 @dataclass(frozen=True, eq=False)
-class Limited:
+class Limited(Record):
     """What is known about a control within limits.
 
     Attributes
@@ -75,9 +75,6 @@ class Limited:
         gate.instance("task", self.task, Task)
         gate.kept("u", self.u, ndim=(2,))
         gate.choice("status", self.status, STATUSES)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return by_constructor(self)
 
     @property
     def limits_active(self) -> bool:

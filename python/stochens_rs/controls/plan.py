@@ -9,7 +9,7 @@ import numpy as np
 
 from .._base import gate, html
 from .._base.labels import Labels, fitting
-from .._base.records import by_constructor
+from .._base.records import SavedRecord
 from .._base.types import DELTA, FUSIONS, STATUSES, Floats, Fusion, Quantity, Status
 from ..exceptions import InputError, ShapeError
 from ..theory.records import Reachability
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Plan(Compared, Within, Drawn):
+class Plan(SavedRecord, Compared, Within, Drawn):
     """A control over K steps, its predicted states, and the data for its error bound.
 
     Attributes
@@ -94,9 +94,6 @@ class Plan(Compared, Within, Drawn):
         if self.limited is not None:
             gate.instance("limited", self.limited, Limited)
         fitting(self.labels, self.predicted_states.shape[1], self.u.shape[1])
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return by_constructor(self)
 
     def bound(
         self,

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from .._base import html
+from .._base.records import Record, SavedRecord
 from ..exceptions import SizeError
 from ..rng import Key
 from ..theory.records import RELATIVE_TO
@@ -14,7 +15,7 @@ _UPPER = "the errors are those without limits, which are no smaller"
 
 
 @dataclass(frozen=True)
-class Requirement:
+class Requirement(Record):
     """The number of realizations that one bound requires, and the errors with that number.
 
     Attributes
@@ -43,7 +44,7 @@ class Requirement:
 
 
 @dataclass(frozen=True, eq=False)
-class SamplePlan:
+class SamplePlan(SavedRecord):
     """Numbers of realizations for a given error; what `required_samples` returns.
 
     Attributes

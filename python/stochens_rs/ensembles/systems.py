@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 
 from .._base import gate, html
-from .._base.records import by_constructor
+from .._base.records import SavedRecord
 from .._base.types import CENTRES, Centre
 from ..exceptions import InputError, ShapeError
 from ..system import System
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SystemEnsemble:
+class SystemEnsemble(SavedRecord):
     """Models ``x(k+1) = A_s x(k) + B_s u(k) (+ c_s)``, s = 1, ..., N; immutable.
 
     Attributes
@@ -202,9 +202,6 @@ class SystemEnsemble:
         )
 
     __hash__ = None  # type: ignore[assignment]  # as for arrays
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return by_constructor(self)
 
     def __repr__(self) -> str:
         about = "" if self.centre is None else f", about the {self.centre}"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._base import gate, html
-from .._base.records import by_constructor
+from .._base.records import SavedRecord
 from .._base.types import STATUSES, Floats, Status
 from ..ensembles.ensemble import Ensemble
 from ..exceptions import InputTypeError, NonFiniteError, ShapeError
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Fit:
+class Fit(SavedRecord):
     """The estimate of one vector or matrix, fused from its realizations.
 
     Attributes
@@ -91,9 +91,6 @@ class Fit:
         if len(self.weights) != N:
             raise ShapeError(f"`weights` must have {N} rows, got {len(self.weights)}")
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return by_constructor(self)
-
     @property
     def shape(self) -> tuple[int, ...]:
         """Shape of the estimate."""
@@ -117,7 +114,7 @@ class Fit:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Path:
+class Path(SavedRecord):
     """Errors of the fusion of the first k realizations, for several k.
 
     Attributes

@@ -6,13 +6,14 @@ from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Literal
 
 from .._base.labels import Labels
+from .._base.records import Record
 
 if TYPE_CHECKING:
     from .._base.types import Floats
     from .region import Region
 
 
-class Identified(ABC):
+class Identified(Record, ABC, listed=False):
     """A model ``x(k+1) = A x(k) + B u(k) + c`` from data, with regions that contain the system.
 
     Base of the models that `identify`, `fuse` and `ModelStream` make; `control` takes any of them.

@@ -10,11 +10,11 @@ range of V.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .._base.records import by_constructor
+from .._base.records import Record
 from .least_squares import Fitted, length
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class Part(Record):
     """``(Theta - C) V (Theta - C)' <= factor S`` for some rows and columns of Theta.
 
     Attributes
@@ -49,9 +49,6 @@ class Part:
     ratio: float
     S: Floats
     factor: float
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return by_constructor(self)
 
     @classmethod
     def of(

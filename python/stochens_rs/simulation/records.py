@@ -12,6 +12,7 @@ import numpy as np
 
 from .._base import html
 from .._base.labels import Labels, fitting
+from .._base.records import SavedRecord
 from .._base.types import Centre, Floats
 from ..plots.states import draw_states
 
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Trajectory:
+class Trajectory(SavedRecord):
     """The trajectory of an exact system under given inputs.
 
     Attributes
@@ -97,7 +98,7 @@ class Trajectory:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class EnsembleTrajectory:
+class EnsembleTrajectory(SavedRecord):
     """Mean and covariance of random trajectories, or of those of several models of a system.
 
     Attributes

@@ -42,7 +42,7 @@ _EMPTY = 2**20  # the largest side of an array without entries
 
 
 @cache
-def declared(record: type[Any]) -> dict[str, Any]:
+def declared(record: Any) -> dict[str, Any]:
     """The arguments of the constructor of a record, and their types."""
     made_by = getattr(record, "_made_by", record)
     found = get_type_hints(made_by, localns={**vars(types), **RECORDS})
@@ -53,7 +53,9 @@ def written(name: str, value: Any, kind: Any, put: Put) -> Any:
     """Return plain data for a value of the declared type `kind`; `put` writes the arrays."""
     if isinstance(value, np.generic):
         value = value.item()
-    if value is None or isinstance(value, (bool, int, str)):
+    if value is None or isinstance(value, (bool, str)):
+        return value
+    if isinstance(value, int) and abs(value) < _LONGEST:
         return value
     if isinstance(value, float):
         if math.isfinite(value):
@@ -110,8 +112,9 @@ def restored(name: str, value: Any, kind: Any, get: Get) -> Any:
     elif isinstance(value, str):
         return _of_text(name, value, kind, options)
     elif isinstance(value, list):
-        if _dtype(kind) is not None:
-            return of_list(name, value, _dtype(kind))
+        dtype = _dtype(kind)
+        if dtype is not None:
+            return of_list(name, value, dtype)
         inner = _items(kind, len(value))
         if inner is not None:
             return tuple(
@@ -191,8 +194,8 @@ def _numbers(name: str, value: list[Any]) -> list[Any]:
             found.append(math.nan)
         elif isinstance(item, str) and item in _NOT_FINITE:
             found.append(_NOT_FINITE[item])
-        elif type(item) in (int, float):
-            found.append(float(item) if abs(item) < _LONGEST or type(item) is float else math.nan)
+        elif type(item) is float or (type(item) is int and abs(item) < _LONGEST):
+            found.append(float(item))
         else:
             raise InputTypeError(f"`{name}` must be nested lists of numbers")
     return found
@@ -295,7 +298,7 @@ def _said(kind: Any) -> str:
         if get_origin(one) is Literal:
             names += [repr(word) for word in get_args(one)]
         elif get_origin(one) is np.ndarray:
-            names.append("an array")
+            names.append("nested lists")
         else:
             names.append("None" if one is type(None) else getattr(one, "__name__", str(one)))
     return " or ".join(names)

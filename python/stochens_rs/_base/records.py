@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from ..exceptions import InputError, InputTypeError
+from ..exceptions import InputError, InputTypeError, ShapeError
 from . import gate, memory, plain
 from .durable import Durable, nothing_left
 
@@ -105,9 +105,10 @@ class Record:
         if not isinstance(data, Mapping):
             raise InputTypeError(f"`data` must be a dict of to_dict(), got {gate.show(data)}")
         try:
-            return _restored(cls, dict(data), _of_lists)
+            made: Self = _restored(cls, dict(data), _of_lists)
         except RecursionError:
             raise InputError("`data` must not be nested so deeply") from None
+        return made
 
 
 class SavedRecord(Record, Durable, listed=False):
@@ -152,7 +153,7 @@ class SavedRecord(Record, Durable, listed=False):
             tree = json.loads(text.tobytes(), parse_constant=_refused)
             if not isinstance(tree, dict):
                 raise InputError("`record` must be an object")
-            made = _restored(cls, tree, get)
+            made: Self = _restored(cls, tree, get)
         except RecursionError:
             raise InputError("`record` must not be nested so deeply") from None
         except ValueError as error:
@@ -161,6 +162,14 @@ class SavedRecord(Record, Durable, listed=False):
             raise InputError(f"`record` must be JSON: {error}"[:200]) from None
         nothing_left(sections)
         return made
+
+
+def require_shapes(record: Any, **wanted: tuple[int, ...]) -> None:
+    """Refuse arrays among the fields of a record that have other shapes; None is no array."""
+    for name, shape in wanted.items():
+        found = getattr(record, name)
+        if found is not None and np.shape(found) != shape:
+            raise ShapeError(f"`{name}` must have shape {shape}, got {np.shape(found)}")
 
 
 def _restored(cls: type[Any], tree: dict[str, Any], get: plain.Get) -> Any:

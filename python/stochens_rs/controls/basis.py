@@ -79,6 +79,14 @@ class Known(Record):
                 gate.kept(f"{what} of {self.name}", getattr(self, what))
         if self.size is not None:
             gate.size("size", self.size)
+        drawn = self.kind in ("iid", "systematic")
+        for what, missing in (
+            ("values", self.values is None and (drawn or self.kind in ("exact", "fitted"))),
+            ("estimate", self.estimate is None and self.kind == "fitted"),
+            ("size", self.size is None and drawn),
+        ):
+            if missing:
+                raise InputError(f"`{what} of {self.name}` must be known for kind '{self.kind}'")
         if self.key is not None:
             gate.instance("key", self.key, Key)
 

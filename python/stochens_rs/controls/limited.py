@@ -11,7 +11,7 @@ import numpy as np
 from .. import _core
 from .._base import gate, memory
 from .._base.numbers import norm
-from .._base.records import Record
+from .._base.records import Record, require_shapes
 from .._base.types import STATUSES, Floats, Status
 from ..exceptions import InputError, NonFiniteError
 from ..theory.dynamics import matrix_powers, states
@@ -73,7 +73,8 @@ class Limited(Record):
 
     def __post_init__(self) -> None:
         gate.instance("task", self.task, Task)
-        gate.kept("u", self.u, ndim=(2,))
+        K, m = gate.kept("u", self.u, shape=self.task.low.shape).shape
+        require_shapes(self, R=(m, m), active=(K, m), multipliers=(K, m))
         gate.choice("status", self.status, STATUSES)
 
     @property

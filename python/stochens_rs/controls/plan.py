@@ -9,7 +9,7 @@ import numpy as np
 
 from .._base import gate, html
 from .._base.labels import Labels, fitting
-from .._base.records import SavedRecord
+from .._base.records import SavedRecord, require_shapes
 from .._base.types import DELTA, FUSIONS, STATUSES, Floats, Fusion, Quantity, Status
 from ..exceptions import InputError, ShapeError
 from ..theory.records import Reachability
@@ -21,6 +21,7 @@ from .limit_bound import limited_bound
 from .limit_certificate import limited_certificate
 from .limited import Limited
 from .model_bound import certificate, declared
+from .plan_arrays import PlanArrays
 from .plan_bound import PlanBound, plan_bound
 from .plan_covariance import plan_covariance
 from .shown import expectation, made_from
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Plan(SavedRecord, Compared, Within, Drawn):
+class Plan(SavedRecord, Compared, Within, Drawn, PlanArrays):
     """A control over K steps, its predicted states, and the data for its error bound.
 
     Attributes
@@ -89,11 +90,18 @@ class Plan(SavedRecord, Compared, Within, Drawn):
         gate.instance("reachability", self.reachability, Reachability)
         gate.choice("fusion", self.fusion, FUSIONS)
         gate.choice("status", self.status, STATUSES)
-        if self.basis is not None and not isinstance(self.basis, ModelBasis):
-            gate.instance("basis", self.basis, Basis)
+        if isinstance(self.basis, ModelBasis):
+            require_shapes(self.basis.model, B=self._shape)
+        elif self.basis is not None:
+            require_shapes(gate.instance("basis", self.basis, Basis), B=self._shape)
         if self.limited is not None:
             gate.instance("limited", self.limited, Limited)
-        fitting(self.labels, self.predicted_states.shape[1], self.u.shape[1])
+            require_shapes(self.limited, u=self.u.shape)
+        fitting(self.labels, *self._shape)
+
+    @property
+    def _shape(self) -> tuple[int, int]:
+        return self.predicted_states.shape[1], self.u.shape[1]
 
     def bound(
         self,

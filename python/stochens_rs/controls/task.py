@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from .._base import gate
-from .._base.records import Record
+from .._base.records import Record, require_shapes
 from .._base.types import Floats
 from ..exceptions import InputError, InputTypeError, ShapeError
 
@@ -64,6 +64,9 @@ class Task(Record):
         n = gate.kept("reference", self.reference, ndim=(2,)).shape[1]
         for name in ("stage", "terminal"):
             gate.kept(name, getattr(self, name), shape=(n, n))
+        K, m = np.shape(self.low)
+        rows = {"reference": (K, n), "state_low": (K, n), "state_high": (K, n)}
+        require_shapes(self, R=(m, m), rate=(m,), previous=(m,), **rows)
 
     @property
     def steps(self) -> int:

@@ -8,6 +8,7 @@ import numpy as np
 
 from .._base import gate, html, memory
 from .._base.durable import Durable, nothing_left
+from .._base.tabled import Cube, Tabled
 from ..plots.residuals import draw_residuals
 from ..rng import RngLike, as_key
 from .certifying import METHODS, Method, Wish, parts, refuse, said, sign_region
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 
-class Model(Durable, Resampled):
+class Model(Durable, Tabled, Resampled):
     """A model ``x(k+1) = A x(k) + B u(k) + c`` identified from data, with what was assumed.
 
     Made by `identify`.
@@ -220,6 +221,22 @@ class Model(Durable, Resampled):
             frobenius=radius,
             signs=signs,
         )
+
+    def _cube(self) -> Cube:
+        variables = {
+            "A": (("state", "from_state"), self.A, None),
+            "B": (("state", "input"), self.B, None),
+            "c": (("state",), self.c, "state"),
+            "covariance": (("state", "other_state"), self.covariance, None),
+        }
+        attrs = {
+            "dt": self.dt,
+            "size": self.size,
+            "design": self.design,
+            "noise": self.noise,
+            "key": None if self.key is None else self.key.hex,
+        }
+        return Cube(variables, {}, attrs, self.labels)
 
     def _to_sections(self) -> Sections:
         return from_model(self)

@@ -21,6 +21,7 @@ from ..theory.exact import REACHABLE, factors
 from ..theory.tracking import reference_residuals
 from ..theory.tracking.errors import checked_reference
 from .controlled import Driven, controlled, made_by
+from .records import TrackingArrays
 from .simulating import columns
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Tracking(SavedRecord):
+class Tracking(SavedRecord, TrackingArrays):
     """A reference, and the trajectories of a system that tracks it.
 
     With `runs` given, `states`, `inputs` and `errors` have the runs as their first axis.

@@ -65,7 +65,8 @@ def written(name: str, value: Any, kind: Any, put: Put) -> Any:
     if isinstance(value, bytes):
         return value.hex()
     if isinstance(value, np.ndarray):
-        return put(name, value, _dtype(kind) == value.dtype)
+        dtype = _dtype(kind)  # numpy takes None for float64
+        return put(name, value, dtype is not None and dtype == value.dtype)
     if isinstance(value, tuple):
         inner = _items(kind, len(value))
         rows = [
@@ -207,7 +208,8 @@ def _of_dict(
     free, of = Any in options, _values(kind)
     if of is not None or (free and "type" not in value):
         inner = Any if of is None else of
-        return {key: restored(f"{name}.{key}", item, inner, get) for key, item in value.items()}
+        at = (f"{name}[{key!r:.40}]" for key in value)
+        return {key: restored(next(at), item, inner, get) for key, item in value.items()}
     what = value.get("type")
     rest = {key: item for key, item in value.items() if key != "type"}
     if what == "array" and (free or any(get_origin(one) is np.ndarray for one in options)):
@@ -235,7 +237,8 @@ def _made(name: str, record: type[Any], fields: dict[str, Any], get: Get) -> Any
     for field in (*wanted, *fields):
         if (field in wanted) != (field in fields):
             problem = "is missing" if field in wanted else "is no field"
-            raise InputError(f"`{at}{field:.60}` {problem} of {gate.article(record)}")
+            shown = f"`{at}{field}`" if field in wanted else gate.show(field)
+            raise InputError(f"{shown} {problem} of {gate.article(record)}")
     given = {field: restored(f"{at}{field}", fields[field], wanted[field], get) for field in wanted}
     try:
         made = getattr(record, "_made_by", record)(**given)
@@ -243,8 +246,8 @@ def _made(name: str, record: type[Any], fields: dict[str, Any], get: Get) -> Any
     except (StochensError, MemoryError):
         raise
     except Exception as error:  # whatever fields that do not go together lead to
-        where = f"`{name}`" if name else "the data"
-        raise InputError(f"{where} cannot be {gate.article(record)}: {error}"[:200]) from error
+        where, text = f"`{name}`" if name else "the data", " ".join(str(error).split())
+        raise InputError(f"{where} cannot be {gate.article(record)}: {text:.200}") from error
     return made
 
 

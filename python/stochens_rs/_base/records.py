@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from typing_extensions import Self
 
+SCHEMA = "stochens-record/1"
 _ROOM = __name__.partition(".")[0] + "."
 # Bytes of a number in a list, and of what a byte of JSON can become, in CPython.
 _IN_LIST, _PARSED = 40, 80
@@ -73,7 +74,7 @@ class Record:
         [[2.0], [2.0]]
         """
         found: dict[str, Any] = plain.written("", self, Any, _put_lists)
-        return {"schema": _schema(type(self)), **found}
+        return {"schema": SCHEMA, **found}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
@@ -128,7 +129,7 @@ class SavedRecord(Record, Durable, listed=False):
             sections[at] = array.ravel() if dtype == "float64" else flat.view(np.uint8)
             return {"type": "array", "name": at, "dtype": dtype, "shape": list(array.shape)}
 
-        tree = {"schema": _schema(type(self)), **plain.written("", self, Any, put)}
+        tree = {"schema": SCHEMA, **plain.written("", self, Any, put)}
         text = json.dumps(tree, allow_nan=False, separators=(",", ":")).encode()
         return {**sections, "record": np.frombuffer(text, dtype=np.uint8)}
 
@@ -174,15 +175,11 @@ def require_shapes(record: Any, **wanted: tuple[int, ...]) -> None:
 
 def _restored(cls: type[Any], tree: dict[str, Any], get: plain.Get) -> Any:
     schema = tree.pop("schema", None)
-    if schema != _schema(cls):
-        raise InputError(f"`schema` must be '{_schema(cls)}', got {gate.show(schema)}")
+    if schema != SCHEMA:
+        raise InputError(f"`schema` must be '{SCHEMA}', got {gate.show(schema)}")
     if tree.get("type") != cls.__name__:
         raise InputError(f"`type` must be '{cls.__name__}', got {gate.show(tree.get('type'))}")
     return plain.restored("", tree, cls, get)
-
-
-def _schema(cls: type[Any]) -> str:
-    return f"stochens-{cls._kind}/1"
 
 
 def _put_lists(name: str, array: NDArray[Any], known: bool) -> Any:

@@ -112,6 +112,8 @@ class Basis(Record):
         n = len(gate.kept("B", self.B, ndim=(2,)))
         for name, shape in (("x0", (n,)), ("xf", (n,)), ("A", (n, n))):
             one = gate.instance(name, getattr(self, name), Known)
+            if one.name != name:
+                raise InputError(f"`{name}` must be what is known of {name}, got {one.name!r:.40}")
             for what, array in (("estimate", one.estimate), ("values", one.values)):
                 if array is not None and array.shape != shape:
                     raise ShapeError(

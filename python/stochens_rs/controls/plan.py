@@ -96,7 +96,8 @@ class Plan(SavedRecord, Compared, Within, Drawn, PlanArrays):
             require_shapes(gate.instance("basis", self.basis, Basis), B=self._shape)
         if self.limited is not None:
             gate.instance("limited", self.limited, Limited)
-            require_shapes(self.limited, u=self.u.shape)
+            if not np.array_equal(self.limited.u, self.u):
+                raise InputError("`limited` must be of the control `u` of this plan")
         fitting(self.labels, *self._shape)
 
     @property

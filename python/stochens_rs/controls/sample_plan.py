@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from .._base import html
-from .._base.records import Record, SavedRecord
 from ..exceptions import SizeError
 from ..rng import Key
 from ..theory.records import RELATIVE_TO
@@ -15,7 +14,7 @@ _UPPER = "the errors are those without limits, which are no smaller"
 
 
 @dataclass(frozen=True)
-class Requirement(Record):
+class Requirement:
     """The number of realizations that one bound requires, and the errors with that number.
 
     Attributes
@@ -44,7 +43,7 @@ class Requirement(Record):
 
 
 @dataclass(frozen=True, eq=False)
-class SamplePlan(SavedRecord):
+class SamplePlan:
     """Numbers of realizations for a given error; what `required_samples` returns.
 
     Attributes

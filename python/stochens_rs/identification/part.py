@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .._base.records import Record
+from .._base import gate
+from .._base.records import Record, require_shapes
 from .least_squares import Fitted, length
 
 if TYPE_CHECKING:
@@ -49,6 +50,10 @@ class Part(Record):
     ratio: float
     S: Floats
     factor: float
+
+    def __post_init__(self) -> None:
+        gate.kept("S", self.S, ndim=(2,))
+        require_shapes(self, S=(len(self.rows),) * 2)
 
     @classmethod
     def of(

@@ -16,7 +16,7 @@ import pytest
 import stochens_rs as se
 from stochens_rs.paper import power, tracking
 from stochens_rs.paper.experiments.power import PowerErrors
-from stochens_rs.paper.experiments.record import log_grid
+from stochens_rs.paper.experiments.recording import log_grid
 from stochens_rs.rng import as_key
 from stochens_rs.studies import Curve, Experiment
 

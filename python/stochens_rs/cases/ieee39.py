@@ -8,7 +8,7 @@ import numpy as np
 
 from ..system import System
 from ._discretize import discretize
-from ._swing import Array, reduced_stiffness, swing
+from ._swing import Array, reduced_stiffness, swing, swing_labels
 
 __all__ = ["ieee39"]
 
@@ -88,4 +88,10 @@ def ieee39(*, dt: float = 0.01, method: Literal["zoh", "euler"] = "zoh") -> Syst
     """
     A_c, B_c, _ = _continuous(_D)
     A, B = discretize(A_c, B_c, dt, method)
-    return System(A, B, dt=dt, name=f"IEEE 39-bus (Pai data, system base, {method})")
+    return System(
+        A,
+        B,
+        dt=dt,
+        name=f"IEEE 39-bus (Pai data, system base, {method})",
+        **swing_labels(B.shape[1]),
+    )

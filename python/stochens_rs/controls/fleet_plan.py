@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
 
 import numpy as np
 
 from .._base import gate, html
-from .._base.records import by_constructor
+from .._base.records import SavedRecord, require_shapes
 from .._base.types import STATUSES, Floats, Status
 from ..exceptions import InputError, ShapeError
 from ..plots.fleet import draw_misses
@@ -17,6 +17,7 @@ from .fleet_certify import checked_radii, design_risk, threshold_of
 from .fleet_design import Box, Design, verified_support
 from .fleet_risk import METHODS, Method, RiskBound
 from .fleet_units import Systems, Units, read_starts, read_systems
+from .plan_arrays import FleetArrays
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,7 +28,7 @@ RISKS: tuple[Risk, ...] = get_args(Risk)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FleetPlan:
+class FleetPlan(SavedRecord, FleetArrays):
     """One command for many units, made by `control_fleet`.
 
     Attributes
@@ -85,9 +86,10 @@ class FleetPlan:
         gate.kept("misses", self.misses, shape=(units.size,))
         if shape != (units.steps, units.systems.m):
             raise ShapeError(f"`u` must have shape {(units.steps, units.systems.m)}, got {shape}")
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return by_constructor(self)
+        require_shapes(self, low=shape, high=shape, R=(shape[1],) * 2)
+        for name in ("support", "removed", "working"):
+            for unit in getattr(self, name):
+                gate.size(name, unit, minimum=0, maximum=units.size - 1)
 
     @property
     def gap(self) -> float:

@@ -86,6 +86,7 @@ def model_control(
         info=info,
         basis=ModelBasis(model, start, goal, x0_error),
         limited=limited,
+        labels=model.labels,
     )
 
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf, sqrt
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from .. import _core
 from .._base import gate, memory
 from .._base.numbers import norm
-from .._base.records import by_constructor
+from .._base.records import Record, require_shapes
 from .._base.types import STATUSES, Floats, Status
 from ..exceptions import InputError, NonFiniteError
 from ..theory.dynamics import matrix_powers, states
@@ -30,7 +30,7 @@ OPTIMAL = 1e-9  # the gap of an "optimal" control, in units of J(0) + J(u), as i
 
 
 @dataclass(frozen=True, eq=False)
-class Limited:
+class Limited(Record):
     """What is known about a control within limits.
 
     Attributes
@@ -74,11 +74,9 @@ class Limited:
 
     def __post_init__(self) -> None:
         gate.instance("task", self.task, Task)
-        gate.kept("u", self.u, ndim=(2,))
+        K, m = gate.kept("u", self.u, shape=self.task.low.shape).shape
+        require_shapes(self, R=(m, m), active=(K, m), multipliers=(K, m))
         gate.choice("status", self.status, STATUSES)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return by_constructor(self)
 
     @property
     def limits_active(self) -> bool:

@@ -69,4 +69,5 @@ def predict(model: Identified, x0: ArrayLike, inputs: ArrayLike, *, x0_error: fl
     exact = {"method": "exact", "size": None}
     info = {"x0": exact, "xf": exact, "A": {"method": "from data", "size": None}, "warnings": ()}
     basis = ModelBasis(model, start, path[-1].copy(), gate.nonnegative("x0_error", x0_error))
-    return Plan(u, path, best.reachability(), "product", "completed", info, basis)
+    reachability = best.reachability()
+    return Plan(u, path, reachability, "product", "completed", info, basis, labels=model.labels)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
 
 import numpy as np
 
 from .._base import gate, html
-from .._base.records import by_constructor
+from .._base.records import SavedRecord
 from .._base.types import STATUSES, Status
 from ..ensembles.systems import SystemEnsemble
 from ..exceptions import InputError, ShapeError
@@ -29,7 +29,7 @@ DATA_METHODS: tuple[DataMethod, ...] = get_args(DataMethod)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FusedModel(Identified):
+class FusedModel(SavedRecord, Identified):
     """A model ``x(k+1) = A x(k) + B u(k) + c`` mixed from given models and from data.
 
     Made by `fuse` with ``data=``. With ``Theta = [A B c]``, H least squares and ``F = sum_s
@@ -83,9 +83,6 @@ class FusedModel(Identified):
             raise InputError(f"`share` must be in [0, 1], got {self.share:g}")
         gate.nonnegative("gap", self.gap)
         gate.choice("status", self.status, STATUSES)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return by_constructor(self)
 
     @cached_property
     def _Theta(self) -> Floats:

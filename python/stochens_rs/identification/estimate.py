@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .._base import gate
-from .._base.records import by_constructor
 from ..exceptions import InputError, ShapeError
 from ..rng import Key
 from .assumptions import Assumptions
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Estimate(Identified):
+class Estimate(Identified, listed=False):
     """Least squares of measured data and what was assumed; the fields are those of `Model`."""
 
     data: Trajectories
@@ -60,9 +59,6 @@ class Estimate(Identified):
             raise InputError("`key` must be given for noise='symmetric', and only there")
         if self.key is not None:
             gate.instance("key", self.key, Key)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return by_constructor(self)
 
     @property
     def n(self) -> int:

@@ -6,6 +6,8 @@ from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Literal
 
 from .._base import html
+from .._base.labels import Labels
+from .._base.records import Record
 from ..system import System
 
 if TYPE_CHECKING:
@@ -15,7 +17,7 @@ if TYPE_CHECKING:
 LISTED = 12  # most rows and columns of a table of coefficients
 
 
-class Identified(ABC):
+class Identified(Record, ABC, listed=False):
     """A model ``x(k+1) = A x(k) + B u(k) + c`` from data, with regions that contain the system.
 
     Base of the models that `identify`, `fuse` and `ModelStream` make; `control` takes any of them.
@@ -66,12 +68,18 @@ class Identified(ABC):
     @property
     def system(self) -> System:
         """The system ``(A, B)``; the offset is not in it."""
-        return System(self.A, self.B, dt=self.dt)
+        names = self.state_names, self.input_names
+        return System(self.A, self.B, dt=self.dt, states=names[0], inputs=names[1])
 
     @property
     def _largest(self) -> Floats | None:
         """The largest absolute value of each state and input in the data, (n + m,), if known."""
         return None
+
+    @property
+    def labels(self) -> Labels:
+        """The names in one record, as that of a `System`; data have no units."""
+        return Labels(self.state_names, self.input_names)
 
     @property
     def centre(self) -> Literal["estimate"]:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import ceil, isqrt
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .._base import gate, html
-from .._base.records import by_constructor
+from .._base.labels import checked_names
 from ..exceptions import InputError
 from ..identification.assumptions import Assumptions
 from ..identification.certifying import Block, Wish, blocks, parts
@@ -18,7 +18,6 @@ from ..identification.estimate import cautions
 from ..identification.identified import Identified
 from ..identification.least_squares import named
 from ..identification.region import Region
-from ..identification.runs import checked_names
 
 if TYPE_CHECKING:
     from .._base.types import Floats
@@ -76,9 +75,6 @@ class Snapshot(Identified):
         if self.dt is not None:
             gate.positive("dt", self.dt)
         checked_names(self.n, self.m, self.state_names, self.input_names)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return by_constructor(self)
 
     @property
     def _d(self) -> int:

@@ -14,7 +14,7 @@ from ..._base import gate
 from ..._base.files import PathLike
 from ..._base.numbers import ROUNDING
 from ..._base.progress import Progress
-from ..._base.records import by_constructor
+from ..._base.records import Record
 from ..._base.types import FUSIONS, Floats
 from ...cases import CASES
 from ...ensembles.ensemble import Ensemble
@@ -26,7 +26,7 @@ from ...studies.experiment import Experiment
 from ...studies.scheduling import ExecutorLike
 from ...system import System
 from ...theory import moments
-from .record import LARGEST, Quantity, Record, both_orders
+from .recording import LARGEST, Quantity, Recording, both_orders
 from .replicate import Sizes, Step, solves
 
 _RULE_STEPS = 200  # samples of x0 to which the printed stopping rule is applied, at most
@@ -120,7 +120,7 @@ def power(
     >>> [panel.name for panel in result.panels]
     ['1a', '1b', '2a', '2b']
     """
-    record = Record(rng, replicates, samples, sizes, tol)
+    record = Recording(rng, replicates, samples, sizes, tol)
     angle_std = gate.positive("angle_std", angle_std, maximum=LARGEST)
     speed_std = gate.positive("speed_std", speed_std, maximum=LARGEST)
     options = {"data": data, "base": base, "dt": dt, "method": method}
@@ -183,13 +183,11 @@ def power(
 
 
 @dataclass(frozen=True, eq=False)
-class PowerErrors:
+class PowerErrors(Record, listed=False):
     """The errors of one replicate of `power`, for a study with nested sizes."""
 
     step: Step
     tol: float
-
-    __reduce__ = by_constructor
 
     def __call__(self, key: Key, size: Sizes) -> dict[str, Floats]:
         """The columns of the panels, the solves, and where the printed rule stops."""

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..._base.records import by_constructor
+from ..._base.records import Record
 from ..._base.types import STATUSES, Floats
 from ...controls.realization import realization_controls
 from ...ensembles.ensemble import Ensemble
@@ -63,15 +63,13 @@ def solves(name: str, entities: Iterable[Entity]) -> dict[str, Floats]:
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class Step(Record, listed=False):
     """The exact data of one step from x0 towards xf."""
 
     A: Floats
     B: Floats
     x0: Floats
     xf: Floats
-
-    __reduce__ = by_constructor
 
     @cached_property
     def exact(self) -> Best:

@@ -13,14 +13,14 @@ from numpy.typing import ArrayLike
 from ..._base import gate
 from ..._base.files import PathLike
 from ..._base.progress import Progress
-from ..._base.records import by_constructor
+from ..._base.records import Record
 from ..._base.types import FUSIONS, Floats, Fusion
 from ...cases import random_system
 from ...rng import Key, RngLike
 from ...studies.experiment import Experiment
 from ...studies.scheduling import ExecutorLike
 from ...theory import moments
-from .record import LARGEST, Orders, Quantity, Record, both_orders
+from .recording import LARGEST, Orders, Quantity, Recording, both_orders
 from .replicate import Sizes, Step, solves
 
 # What figure 3(b) may show.
@@ -107,7 +107,7 @@ def tracking(
     >>> tracking(rng=1, replicates=2, samples=20, n=12, m=9).panel("3a").quantity
     'state x(1)'
     """
-    record = Record(rng, replicates, samples, sizes, tol)
+    record = Recording(rng, replicates, samples, sizes, tol)
     n, m = gate.size("n", n), gate.size("m", m)
     gate.choice("step_two", step_two, tuple(READINGS))
     spectral_radius = gate.positive("spectral_radius", spectral_radius, maximum=LARGEST)
@@ -168,14 +168,12 @@ def tracking(
 
 
 @dataclass(frozen=True, eq=False)
-class TrackingErrors:
+class TrackingErrors(Record, listed=False):
     """The errors of one replicate of `tracking`, for a study with nested sizes."""
 
     one: Step
     two: Step
     tol: float
-
-    __reduce__ = by_constructor
 
     def __call__(self, key: Key, size: Sizes) -> dict[str, Floats]:
         """The columns of the panels by what they show, and the solves."""

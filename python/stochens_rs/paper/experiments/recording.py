@@ -47,7 +47,7 @@ class Quantity(NamedTuple):
     solves: str | None  # what its ALSE weights depend on; None: on a closed form
 
 
-class Record:
+class Recording:
     """One experiment: checks the options, runs its study, and makes the record."""
 
     def __init__(

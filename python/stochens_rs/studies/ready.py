@@ -19,6 +19,7 @@ from ..fusion.paths import fuse_path
 from ..rng import Key
 from ..system import System
 from ..theory.exact import Best, best_control
+from .units import PURE
 
 
 def error(system: Any, x0: ArrayLike, xf: ArrayLike, *, tol: float = 1e-9) -> SamplingError:
@@ -85,6 +86,11 @@ class SamplingError:
     tol: float
 
     __reduce__ = by_constructor
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Of its numbers."""
+        return dict.fromkeys((*self.norms(), "size"), PURE)
 
     @cached_property
     def _best(self) -> Best:

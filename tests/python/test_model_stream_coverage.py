@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from identification_data import DELTA, SKEWED, at_most, coverage, exactly, rolled, stable
+from coverage_study import DELTA, at_most, coverage, exactly
+from identification_data import SKEWED, rolled, stable
 from stochens_rs.identification import levels
 from stochens_rs.streams.snapshot import planned
 

@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from identification_data import DELTA, SKEWED, at_most, exactly
+from coverage_study import DELTA, at_most, exactly
+from identification_data import SKEWED
 from stochens_rs.exceptions import InputError, InputTypeError
 from stochens_rs.rng import as_key
 from stochens_rs.studies.digest import digest

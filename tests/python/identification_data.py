@@ -1,20 +1,13 @@
-"""Data for the tests of identification, and how simulated frequencies are judged.
-
-With R runs at level 5 % the number of failures is binomial. An exact statement is accepted between
-the quantiles of 0.5e-5 and 1 - 0.5e-5, a conservative one below the quantile of 1 - 1e-5: a false
-alarm of 1e-5 for each of the about 60 counts, once and for all, as seeds are fixed.
-"""
+"""Data for the tests of identification."""
 
 from __future__ import annotations
 
 import numpy as np
-from scipy import stats
 
+from coverage_study import failures
 from stochens_rs.reference import triangle as tr
 
-DELTA = 0.05
 RUNS = 1500
-ALARM = 1e-5
 LAMS = tuple(4.0**j for j in range(6))
 
 # y = Theta z + w by integer formulas, so that every number below can be checked anywhere.
@@ -73,20 +66,9 @@ def check(actual, expected, rtol=2e-12, atol=6e-13):  # numbers with 12 decimals
     np.testing.assert_allclose(actual, expected, rtol=rtol, atol=atol)
 
 
-def exactly(failures, runs, rate=DELTA):
-    low, high = stats.binom.ppf([ALARM / 2, 1 - ALARM / 2], runs, rate)
-    assert low <= failures <= high, f"{failures} of {runs}, expected {rate * runs:g}"
-
-
-def at_most(failures, runs, rate=DELTA):
-    high = stats.binom.ppf(1 - ALARM, runs, rate)
-    assert failures <= high, f"{failures} of {runs}, expected at most {rate * runs:g}"
-
-
 def misses(seed, runs, holds, **options):
     """How often holds(gen, Theta, Z, Y) is false over data of `independent`."""
-    gen = np.random.default_rng(seed)
-    return sum(not holds(gen, *independent(gen, **options)) for _ in range(runs))
+    return failures(lambda gen: not holds(gen, *independent(gen, **options)), runs, seed)
 
 
 def noisy_states(gen, T, sv, sw=0.1):
@@ -118,7 +100,3 @@ def hull(gen, Theta, spread, off=0.0, M=4):
     """Models around Theta whose hull holds it, or is `off` beside it."""
     models = Theta + spread * gen.standard_normal((M, *Theta.shape))
     return models - models.mean(axis=0) + Theta + off * gen.standard_normal(Theta.shape)
-
-
-def coverage(failures, runs):
-    return 1.0 - failures / runs

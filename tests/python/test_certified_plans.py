@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from identification_data import DELTA, POINT, Y, Z, check, rolled, stable
+from coverage_study import DELTA
+from identification_data import POINT, Y, Z, check, rolled, stable
 from stochens_rs.controls.region_errors import _by_rows, region_errors, trajectory
 from stochens_rs.exceptions import InputError, InputTypeError
 from stochens_rs.identification.identified import Identified

@@ -1,6 +1,6 @@
 """Certificates of plans from data hold as often as they say, and fail where a declaration is wrong.
 
-Every count is of runs at 5 %; what is accepted is in `identification_data`. All controls are chosen
+Every count is of runs at 5 %; what is accepted is in `coverage_study`. All controls are chosen
 after the data: that of the model, and the worst of some with the true system at hand.
 """
 
@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from identification_data import DELTA, SKEWED, at_most, coverage, stable
+from coverage_study import DELTA, at_most, coverage, failures, repeated
+from identification_data import SKEWED, stable
 from stochens_rs.controls.region_errors import trajectory
 from test_certified_plans import measured, model_of, under
 
@@ -75,9 +76,10 @@ REFUSED = ("known entries", True)
 @pytest.mark.filterwarnings("ignore:the data do not determine")
 def test_certificates_hold(kind, noise):
     """100 data sets for each of K = 1, 4, 6, with x0 off by as much as it may be."""
-    gen, runs, finite = np.random.default_rng([KINDS.index(kind), noise]), 100, 0
-    failed = np.zeros((3, 2), dtype=int)
-    for _ in range(runs):
+    runs = 100
+
+    def case(gen):
+        failed, finite = np.zeros((3, 2)), 0
         Theta, z, y, root = system(gen, kind)
         model = model_of(z, y, **options(gen, kind, Theta))
         x0, xf, off = gen.standard_normal((3, 4))
@@ -94,30 +96,34 @@ def test_certificates_hold(kind, noise):
             exact = None
             if K == 1 and np.isfinite(found.control):
                 exact = plan.error((Theta[:, :4], Theta[:, 4:]), start, xf)
-            failed[i] += violated(found, plan, np.array(path), exact)
-    for count in failed.ravel():
-        at_most(count, runs)
-    assert finite == 3 * runs
+            failed[i] = violated(found, plan, np.array(path), exact)
+        return {"failed": failed, "finite": finite}
+
+    found = repeated(case, runs, np.random.SeedSequence([KINDS.index(kind), noise]))
+    at_most(found["failed"].sum(axis=0), runs)
+    assert (found["finite"] == 3).all()
 
 
 @pytest.mark.parametrize("K", [1, 2])
 def test_certificates_hold_for_the_worst_control(K):
     """100 data sets, each with the worst of 8 controls for x0 that knows the true system."""
-    gen, runs, failed, closest = np.random.default_rng(K), 100, np.zeros(2, dtype=int), 0.0
-    for _ in range(runs):
+    runs = 100
+
+    def case(gen):
         Theta, z, y, _ = system(gen, "dense")
         plan = se.control(model_of(z, y), *gen.standard_normal((2, 4)), steps=K)
-        wrong = np.zeros(2, dtype=bool)
+        wrong, closest = np.zeros(2, dtype=bool), 0.0
         for _ in range(8):
             one = under(plan, gen.standard_normal((K, 2)))
             found, path = one.bound(), trajectory(Theta, plan.basis.x0, one.u)
             wrong |= violated(found, one, path)
             off = np.linalg.norm(path[-1] - one.predicted_states[-1])
             closest = max(closest, off / found.state)
-        failed += wrong
-    for count in failed:
-        at_most(count, runs)
-    assert closest > 0.4  # the bound is not just large
+        return {"failed": wrong, "closest": closest}
+
+    found = repeated(case, runs, K)
+    at_most(found["failed"].sum(axis=0), runs)
+    assert found["closest"].max() > 0.4  # the bound is not just large
 
 
 def test_components_by_rows_are_the_sharper_ones():
@@ -134,9 +140,9 @@ def test_components_by_rows_are_the_sharper_ones():
 
 def test_an_x0_that_was_fixed_has_a_smaller_certificate_that_holds():
     """200 data sets; the worst u of 6, x0 the same for all."""
-    gen, runs, failed, smaller = np.random.default_rng(12), 200, 0, []
-    x0 = gen.standard_normal(4)
-    for _ in range(runs):
+    runs, x0 = 200, np.random.default_rng(12).standard_normal(4)
+
+    def case(gen):
         Theta, z, y, _ = system(gen, "dense")
         plan = se.control(model_of(z, y), x0, gen.standard_normal(4))
         wrong = False
@@ -144,26 +150,30 @@ def test_an_x0_that_was_fixed_has_a_smaller_certificate_that_holds():
             one = under(plan, u[None])
             off = np.linalg.norm(trajectory(Theta, x0, u[None])[-1] - one.predicted_states[-1])
             wrong |= off > one.bound(x0_fixed=True).state
-        smaller.append(plan.bound(x0_fixed=True).state / plan.bound().state)
-        failed += wrong
-    at_most(failed, runs)
-    assert np.max(smaller) < 0.95
+        smaller = plan.bound(x0_fixed=True).state / plan.bound().state
+        return {"failed": wrong, "smaller": smaller}
+
+    found = repeated(case, runs, 12)
+    at_most(found["failed"].sum(), runs)
+    assert found["smaller"].max() < 0.95
 
 
 @pytest.mark.parametrize("noise", [False, True])
 def test_regression_over_all_steps_holds(noise):
     """300 sets of 30 runs; n = 2, m = 1, K = 4, both regions at half the level."""
-    gen, runs, failed, direct = np.random.default_rng([14, noise]), 300, 0, 0
-    Theta = np.hstack(stable(gen, 2, 1))
-    for _ in range(runs):
+    runs, seed = 300, [14, noise]
+    Theta = np.hstack(stable(np.random.default_rng(seed), 2, 1))
+
+    def case(gen):
         model = se.identify(measured(gen, Theta, 30, 4), checks=False)
         plan = se.control(model, *gen.standard_normal((2, 2)), steps=4)
         found = plan.bound(open_loop=True, noise=noise)
         x = plan.basis.x0
         for u in plan.u:
             x = Theta @ np.concatenate([x, u]) + noise * SIGMA * gen.standard_normal(2)
-        failed += np.linalg.norm(x - plan.basis.xf) > found.target
-        direct += found.method.startswith("direct")
+        return np.linalg.norm(x - plan.basis.xf) > found.target, found.method.startswith("direct")
+
+    failed, direct = failures(case, runs, np.random.SeedSequence(seed))
     at_most(failed, runs)
     assert direct > 20
 
@@ -171,8 +181,9 @@ def test_regression_over_all_steps_holds(noise):
 @pytest.mark.parametrize("noise", ["bounded", "sub-gaussian"])
 def test_noise_of_known_size_to_come(noise):
     """200 runs with feedback; noise of +-sigma / sqrt(n), which is both."""
-    gen, runs, failed = np.random.default_rng(16), 200, 0
-    for _ in range(runs):
+    runs = 200
+
+    def case(gen):
         A, B = stable(gen, 2, 1, size=1.05)
         Theta, x, u = np.hstack([A, B]), np.zeros((61, 2)), np.zeros((60, 1))
         w = gen.choice([-1.0, 1.0], (60, 2)) * SIGMA / np.sqrt(2)
@@ -180,14 +191,17 @@ def test_noise_of_known_size_to_come(noise):
             u[t] = -0.1 * x[t, :1] + gen.standard_normal()
             x[t + 1] = Theta @ np.concatenate([x[t], u[t]]) + w[t]
         model = se.identify(se.Trajectories(x, u), noise=noise, sigma=SIGMA, checks=False)
+        wrong = []
         for K in (1, 3):
             plan = se.control(model, x[-1], [0.0, 0.0], steps=K)
             path = [x[-1]]
             for acting in plan.u:
                 later = gen.choice([-1.0, 1.0], 2) * SIGMA / np.sqrt(2)
                 path.append(Theta @ np.concatenate([path[-1], acting]) + later)
-            failed += violated(plan.bound(noise=True), plan, np.array(path))[0]
-    at_most(failed, runs)
+            wrong.append(violated(plan.bound(noise=True), plan, np.array(path))[0])
+        return wrong
+
+    at_most(failures(case, runs, 16), runs)
 
 
 # -- wrong declarations ----------------------------------------------------------------------------
@@ -195,11 +209,12 @@ def test_noise_of_known_size_to_come(noise):
 
 def test_feedback_must_not_be_declared_as_open_loop():
     """At the worst x0 and u for regression over 4 steps, with the target where that leads."""
-    gen, runs, failed, K = np.random.default_rng(18), 100, 0, 4
+    runs, K = 100, 4
     Theta = np.array([[1.05, 0.2, 0.0], [0.0, 0.9, 1.0]])
     powers = [np.linalg.matrix_power(Theta[:, :2], k) for k in range(K + 1)]
     true = np.hstack([powers[K]] + [powers[K - 1 - k] @ Theta[:, 2:] for k in range(K)])
-    for _ in range(runs):
+
+    def failed(gen):
         data = measured(gen, Theta, 60, K, sigma=0.3, feedback=np.array([[-0.6, -0.9]]))
         direct = se.identify(data.k_step(K, open_loop=True), design="independent", checks=False)
         z = worst(direct, true)
@@ -207,64 +222,79 @@ def test_feedback_must_not_be_declared_as_open_loop():
         plan = se.control(se.identify(data, checks=False), z[:2], xf, steps=K)
         plan = under(plan, z[2:].reshape(K, 1))
         x = trajectory(Theta, z[:2], plan.u)[-1]
-        failed += np.linalg.norm(x - xf) > plan.bound(open_loop=True).target
-    assert coverage(failed, runs) < 0.3
+        return np.linalg.norm(x - xf) > plan.bound(open_loop=True).target
+
+    assert coverage(failures(failed, runs, 18), runs) < 0.3
 
 
 def test_runs_must_not_be_declared_as_independent_pairs():
     """A random walk with offset: the certificate at the worst state and input fails too often."""
-    gen, runs, failed = np.random.default_rng(20), 300, np.zeros(2, dtype=int)
+    runs = 300
     true = np.hstack([np.eye(3), np.zeros((3, 2))])
-    for _ in range(runs):
+
+    def case(gen):
+        wrong = []
         x = np.vstack([np.zeros(3), np.cumsum(gen.standard_normal((60, 3)), axis=0)])
         pairs = se.Trajectories.from_pairs(x[:-1], gen.standard_normal((60, 1)), x[1:])
         scalar = {"design": "independent", "covariance": "scalar"}
-        for i, declared in enumerate((scalar, {"sigma": 1.0})):
+        for declared in (scalar, {"sigma": 1.0}):
             model = se.identify(pairs, intercept=True, checks=False, **declared)
             z = worst(model, true)
             z /= z[-1]
             plan = under(se.control(model, z[:3], z[:3]), z[None, 3:4])
             off = np.linalg.norm(true @ z - plan.predicted_states[-1])
-            failed[i] += off > plan.bound().state
+            wrong.append(off > plan.bound().state)
+        return wrong
+
+    failed = failures(case, runs, 20)
     assert coverage(failed[0], runs) < 0.85
     at_most(failed[1], runs)
 
 
 def test_an_x0_must_not_be_declared_fixed_that_the_outcomes_chose():
     """x0 and u of the worst direction, with scalar noise, where the region is exact."""
-    gen, runs, failed = np.random.default_rng(22), 300, np.zeros(2, dtype=int)
-    for _ in range(runs):
+    runs = 300
+
+    def case(gen):
         Theta, x, y, _ = system(gen, "sparse B")
         model = model_of(x, y, covariance="scalar")
         z = worst(model, Theta)
         plan = under(se.control(model, z[:4], z[:4]), z[None, 4:])
         off = np.linalg.norm(Theta @ z - plan.predicted_states[-1])
-        failed += off > plan.bound().state, off > plan.bound(x0_fixed=True).state
+        return off > plan.bound().state, off > plan.bound(x0_fixed=True).state
+
+    failed = failures(case, runs, 22)
     at_most(failed[0], runs)
     assert coverage(failed[1], runs) < 0.9
 
 
 def test_noise_that_is_left_out_shows():
-    gen, runs, failed = np.random.default_rng(24), 200, np.zeros(2, dtype=int)
-    for _ in range(runs):
+    runs = 200
+
+    def case(gen):
         Theta, z, y, root = system(gen, "sparse B")
         plan = se.control(model_of(z, y), 0.1 * gen.standard_normal(4), np.zeros(4))
         x = Theta @ np.concatenate([plan.basis.x0, plan.u[0]]) + root @ gen.standard_normal(4)
         off = np.linalg.norm(x - plan.predicted_states[-1])
-        failed += off > plan.bound().state, off > plan.bound(noise=True).state
+        return off > plan.bound().state, off > plan.bound(noise=True).state
+
+    failed = failures(case, runs, 24)
     assert coverage(failed[0], runs) < 0.5
     at_most(failed[1], runs)
 
 
 def test_the_level_is_that_of_the_region():
     """1000 data sets at the worst z under scalar noise: about delta, neither more nor far less."""
-    gen, runs, failed = np.random.default_rng(26), 1000, 0
-    for _ in range(runs):
+    runs = 1000
+
+    def case(gen):
         Theta, x, y, _ = system(gen, "sparse B")
         model = model_of(x, y, covariance="scalar")
         z = worst(model, Theta)
         plan = under(se.control(model, z[:4], z[:4]), z[None, 4:])
         off = np.linalg.norm(Theta @ z - plan.predicted_states[-1])
-        failed += off > plan.bound().state
+        return off > plan.bound().state
+
+    failed = failures(case, runs, 26)
     at_most(failed, runs)
     assert failed > 0.5 * DELTA * runs

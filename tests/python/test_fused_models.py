@@ -15,19 +15,8 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from identification_data import (
-    DELTA,
-    SKEWED,
-    THETA,
-    Y,
-    Z,
-    at_most,
-    check,
-    coverage,
-    hull,
-    independent,
-    tuned,
-)
+from coverage_study import DELTA, at_most, coverage
+from identification_data import SKEWED, THETA, Y, Z, check, hull, independent, tuned
 from stochens_rs.exceptions import (
     DataWarning,
     InputError,

@@ -9,17 +9,8 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from identification_data import (
-    DELTA,
-    POINT,
-    THETA,
-    Y,
-    Z,
-    check,
-    independent,
-    noisy_states,
-    tuned,
-)
+from coverage_study import DELTA
+from identification_data import POINT, THETA, Y, Z, check, independent, noisy_states, tuned
 from stochens_rs import _core
 from stochens_rs.exceptions import DataWarning, InputError, InputTypeError, ShapeError
 from stochens_rs.identification import levels

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy import special, stats
 
-from identification_data import DELTA, LAMS, POINT, Y, Z, check, exactly, independent
+from coverage_study import DELTA, exactly
+from identification_data import LAMS, POINT, Y, Z, check, independent
 from stochens_rs import _core as core
 from stochens_rs.exceptions import InputError, NonFiniteError, ShapeError
 from stochens_rs.identification import least_squares as ls

@@ -5,14 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from coverage_study import DELTA, at_most, exactly, failures, repeated
 from identification_data import (
-    DELTA,
     LAMS,
     RUNS,
     SKEWED,
-    at_most,
     check,
-    exactly,
     hull,
     independent,
     k_step_case,
@@ -69,24 +67,23 @@ def test_coverage_of_combinations():
 def test_coverage_with_noise_to_come():
     """Model and three noises in one event: largest root, trace, and both at once."""
     root = SKEWED
-    failed = np.zeros(3, dtype=int)
-    gen = np.random.default_rng(25)
     q_R = qu.roy_quantile(4, 9, 34, DELTA)
     q_T = qu.trace_quantile(4, 9, 34, DELTA)
     both = qu.joint_radii(4, 9, 34, DELTA)
-    for _ in range(RUNS):
+
+    def failed(gen):
         Theta, z, y = independent(gen, root=root)
         m = tr.fit(tr.triangle(z, y))
         X = np.hstack([(m.H - Theta) @ m.root.T, root @ gen.standard_normal((4, 3))])
         sizes = np.linalg.svd(np.linalg.solve(np.linalg.cholesky(m.S), X), compute_uv=False)
         top, trace = sizes[0] ** 2, np.sum(sizes**2)
-        failed += [
+        return [
             top > q_R,
             trace > q_T,
             top > both.spectral**2 or trace > both.frobenius**2,
         ]
-    for count in failed:
-        exactly(count, RUNS)
+
+    exactly(failures(failed, RUNS, 25), RUNS)
 
 
 def test_coverage_with_independent_components():
@@ -136,52 +133,55 @@ def test_coverage_with_known_entries():
 def test_coverage_where_the_data_miss_directions():
     """Rank 3 of 6, also for a region of few pairs: the residual of the missing rows is counted."""
     mix = np.random.default_rng(32).standard_normal((3, 6))
-    gen, failed = np.random.default_rng(33), 0
-    for _ in range(RUNS):
+
+    def failed(gen):
         Theta, z = gen.standard_normal((2, 6)), gen.standard_normal((8, 3)) @ mix
         data = tr.triangle(z, z @ Theta.T + gen.standard_normal((8, 2)))
         region = rg.full(data, DELTA)
         assert region.fitted.rank == 3
         X = (region.fitted.H - Theta) @ region.fitted.root.T
         X = np.linalg.solve(np.linalg.cholesky(region.S), X)
-        failed += np.linalg.norm(X, 2) ** 2 > region.factor
-    exactly(failed, RUNS)
+        return np.linalg.norm(X, 2) ** 2 > region.factor
+
+    exactly(failures(failed, RUNS, 33), RUNS)
 
 
 def test_supermartingale_of_the_sphere_mixture():
     """Its mean is at most 1 at the true Theta, in closed loop, at all N."""
-    gen, values = np.random.default_rng(34), []
-    for _ in range(1500):
+
+    def value(gen):
         Theta, run = tuned(gen, 12)
         z, y = tr.pairs([run])
         data = tr.triangle(z, y - z @ Theta.T)
         M = at.ridge(data, 1.0, 0.5, 4.0, 0.0).H  # M V_lam^-1
         V = z.T @ z + 4.0 * np.eye(3)
         c = np.linalg.eigvalsh(M @ V @ M.T)[-1] / 2.0
-        values.append(np.exp(laws.log_hyp1f1(0.5, 1.0, c) - at.information(data, 4.0).ld / 2))
+        return {"M": np.exp(laws.log_hyp1f1(0.5, 1.0, c) - at.information(data, 4.0).ld / 2)}
+
+    values = repeated(value, 1500, 34)["M"]
     assert np.mean(values) <= 1.0 + 4.0 * np.std(values) / np.sqrt(len(values))
     assert np.mean(values) > 0.3  # not empty
 
 
 def test_level_of_the_residual_tests():
-    gen, runs = np.random.default_rng(35), 600
-    low = np.zeros(len(rt.NAMES), dtype=int)
-    for _ in range(runs):
+    runs = 600
+
+    def low(gen):
         _, z, y = independent(gen, n=2, d=3, N=14, root=SKEWED[:2, :2])
-        low += rt.p_values(z, y, 19, gen) <= 0.0501  # exactly one in twenty
-    for count in low:
-        exactly(count, runs)
+        return rt.p_values(z, y, 19, gen) <= 0.0501  # exactly one in twenty
+
+    exactly(failures(low, runs, 35), runs)
 
 
 def test_coverage_of_sign_perturbed_sums():
-    gen, failed = np.random.default_rng(36), 0
-    for _ in range(RUNS):
+    def failed(gen):
         z = gen.standard_normal((8, 2))
         w = gen.standard_t(1.5, (8, 2)) * np.arange(1, 9)[:, None]
         basis = np.linalg.qr(z)[0]
         vectors = signs.sign_vectors(20, 8, gen)
-        failed += not signs.contains(w, basis, vectors, 1, gen)
-    exactly(failed, RUNS)
+        return not signs.contains(w, basis, vectors, 1, gen)
+
+    exactly(failures(failed, RUNS, 36), RUNS)
 
 
 def test_ellipsoid_holds_the_set_of_sign_perturbed_sums():
@@ -200,9 +200,9 @@ def test_ellipsoid_holds_the_set_of_sign_perturbed_sums():
 
 def test_regions_for_any_design_hold_at_all_looks():
     """Feedback tuned by past noise, unstable plant, four looks; exogenous regions fail here."""
-    gen, runs = np.random.default_rng(38), 100
-    failed = np.zeros(3, dtype=int)
-    for _ in range(runs):
+    runs = 100
+
+    def failed(gen):
         Theta, run = tuned(gen, 150)
         z, y = tr.pairs([run])
         now = np.zeros(3, dtype=bool)
@@ -211,11 +211,13 @@ def test_regions_for_any_design_hold_at_all_looks():
             regions = [at.known_noise(data, 1.0, DELTA, LAMS)]
             regions.append(at.universal(data, DELTA, l0=1.0, psi=1.0, nu0=4.0))
             now[:2] |= [not rg.contains(region, Theta) for region in regions]
-        now[2] = not rg.contains(at.gaussian_noise(data, DELTA, LAMS), Theta)
-        failed += now
-    assert np.isfinite(at.gaussian_noise(data, DELTA, LAMS).factor)
-    for count in failed:
-        at_most(count, runs)
+        last = at.gaussian_noise(data, DELTA, LAMS)
+        now[2] = not rg.contains(last, Theta)
+        return {"failed": now, "finite": np.isfinite(last.factor)}
+
+    found = repeated(failed, runs, 38)
+    assert found["finite"].all()
+    at_most(found["failed"].sum(axis=0), runs)
 
 
 def past_inputs(run, lags=5):
@@ -229,20 +231,23 @@ def past_inputs(run, lags=5):
 
 @pytest.mark.parametrize(("sv", "sw"), [(0.3, 0.1), (0.1, 0.0), (0.0, 0.1)])
 def test_coverage_of_instruments(sv, sw):
-    gen, runs, failed, unbounded = np.random.default_rng(39), 250, 0, 0
-    for _ in range(runs):
+    runs = 250
+
+    def failed(gen):
         Theta, run = noisy_states(gen, 200, sv, sw)
         found = iv.instrumented(*past_inputs(run), DELTA)
-        failed += not iv.contains(found, Theta)
-        unbounded += found.status == "unbounded"
-    exactly(failed, runs)
+        return not iv.contains(found, Theta), found.status == "unbounded"
+
+    outside, unbounded = failures(failed, runs, 39)
+    exactly(outside, runs)
     assert unbounded < runs / 2
 
 
 @pytest.mark.parametrize("noise", [False, True])
 def test_certificates_of_several_steps_hold(noise):
-    gen, runs, failed, ratios = np.random.default_rng(40), 150, 0, []
-    for _ in range(runs):
+    runs = 150
+
+    def case(gen):
         Theta, data, x0, u = k_step_case(gen, 5)
         region = rg.joint(data, DELTA, future=5 if noise else 0)
         steps = cc.several_steps(
@@ -258,9 +263,10 @@ def test_certificates_of_several_steps_hold(noise):
         start = x0 + 0.01 * e0 / np.linalg.norm(e0)
         w = 0.1 * gen.standard_normal((5, 4)) if noise else None
         error = np.linalg.norm(rolled(Theta, start, u, w) - steps.states[-1])
-        failed += error > steps.radii[-1]
-        ratios.append(steps.radii[-1] / error)
-    at_most(failed, runs)
+        return {"ratio": steps.radii[-1] / error}
+
+    ratios = repeated(case, runs, 40)["ratio"]
+    at_most(np.sum(ratios < 1.0), runs)
     assert 3.0 < np.median(ratios) < 20.0
 
 
@@ -281,12 +287,13 @@ def test_robust_control_has_the_smallest_certificate(offset):
 
 def test_direct_regression_over_several_steps():
     """(x0, u0, .., u(K-1)) to x(K) of independent open-loop runs: exact pairs of one step."""
-    gen, runs, failed = np.random.default_rng(41), 600, 0
-    A, B = stable(gen, n=2, m=1)
+    runs = 600
+    A, B = stable(np.random.default_rng(41), n=2, m=1)
     Theta, K = np.hstack([A, B]), 3
     powers = [np.linalg.matrix_power(A, p) for p in range(K + 1)]
     direct = np.hstack([powers[K], *[powers[K - 1 - k] @ B for k in range(K)]])
-    for _ in range(runs):
+
+    def failed(gen):
         some = []
         for _ in range(14):
             x, u = [gen.standard_normal(2)], gen.standard_normal((K + 1, 1))
@@ -294,38 +301,41 @@ def test_direct_regression_over_several_steps():
                 x.append(Theta @ np.concatenate([x[-1], u[k]]) + 0.3 * gen.standard_normal(2))
             some.append((np.array(x), u))
         region = rg.full(tr.triangle(*tr.k_step(some, K)), DELTA)
-        failed += not rg.contains(region, direct)
-    exactly(failed, runs)
+        return not rg.contains(region, direct)
+
+    exactly(failures(failed, runs, 41), runs)
 
 
 @pytest.mark.parametrize("off", [0.0, 0.3, 3.0])
 def test_certificates_of_models_fused_by_data_hold(off):
-    gen, runs = np.random.default_rng(42), 60
-    failed, sizes = np.zeros(2, dtype=int), []
-    for _ in range(runs):
+    runs = 60
+
+    def case(gen):
         Theta, z, y = independent(gen, n=4, d=6, N=30)
         fused = fd.fuse(hull(gen, Theta, 0.5, off), tr.fit(tr.triangle(z, y)))
         error = np.linalg.norm((fused.F - Theta) @ fused.fitted.root.T)
         known = fd.certificate(fused, 1.0, DELTA)
         unknown = fd.certificate_unknown(fused, DELTA, cells=10)
-        failed += [error**2 > known.factor, error**2 > unknown.factor]
-        sizes.append(np.sqrt([known.factor, unknown.factor]))
-    for count in failed:
-        at_most(count, runs)
+        factors = np.array([known.factor, unknown.factor])
+        return {"failed": error**2 > factors, "size": np.sqrt(factors)}
+
+    found = repeated(case, runs, 42)
+    at_most(found["failed"].sum(axis=0), runs)
     if off == 0.0:  # sharper than least squares: chi with 24 degrees
-        assert np.median(sizes, axis=0)[0] < np.sqrt(laws.chi2_upper(DELTA, 24))
+        assert np.median(found["size"], axis=0)[0] < np.sqrt(laws.chi2_upper(DELTA, 24))
 
 
 def test_shrinking_towards_the_hull_beats_least_squares():
     for off, gain in ((0.0, 0.5), (0.3, 0.9), (30.0, 1.01)):
-        gen, risks = np.random.default_rng(43), []
-        for _ in range(250):
+
+        def case(gen, off=off):
             Theta, z, y = independent(gen, n=4, d=6, N=30)
             m = tr.fit(tr.triangle(z, y))
             fused = fd.fuse(hull(gen, Theta, 0.5, off), m)
             models = [m.H, fd.shrunken(fused, 1.0).model, fd.shrunken(fused).model]
-            risks.append([np.sum(((H - Theta) @ m.root.T) ** 2) for H in models])
-        mean = np.mean(risks, axis=0)
+            return {"risk": [np.sum(((H - Theta) @ m.root.T) ** 2) for H in models]}
+
+        mean = repeated(case, 250, 43)["risk"].mean(axis=0)
         assert np.all(mean[1:] <= gain * mean[0])
 
 
@@ -351,17 +361,17 @@ def stopped(gen, sigma=0.1, tolerance=0.15):
 
 
 def test_stopping_by_the_certificate_is_valid():
-    gen = np.random.default_rng(44)
-    found = np.array([stopped(gen) for _ in range(60)])
-    at_most(np.sum(found[:, 1] > 0.15), 60)
-    assert np.median(found[:, 0]) < 400
+    found = repeated(lambda gen: dict(zip(("N", "error"), stopped(gen), strict=True)), 60, 44)
+    at_most(np.sum(found["error"] > 0.15), 60)
+    assert np.median(found["N"]) < 400
     check(at.look_shares(2000, DELTA).sum(), DELTA * (1 - 1 / 2001))
 
 
 def test_coverage_of_the_correction_from_a_second_half():
     """For noise sigma^2 I the first-order correction has an exact ball; here the last direction."""
-    gen, runs, failed = np.random.default_rng(45), 500, 0
-    for _ in range(runs):
+    runs = 500
+
+    def failed(gen):
         Theta, first, x0, u = k_step_case(gen, 3, N=40)
         model = tr.fit(first)
         z = gen.standard_normal((40, 6))
@@ -372,21 +382,24 @@ def test_coverage_of_the_correction_from_a_second_half():
             zh = np.concatenate([x, step])
             exact = model.H[:, :4] @ exact + (Theta - model.H) @ zh
             x = model.H @ zh
-        failed += np.linalg.norm(split.correction - exact) > split.radius
-    at_most(failed, runs)
+        return np.linalg.norm(split.correction - exact) > split.radius
+
+    at_most(failures(failed, runs, 45), runs)
 
 
 def test_error_of_the_input_holds():
-    gen, runs, failed, finite = np.random.default_rng(46), 400, 0, 0
-    for _ in range(runs):
+    runs = 400
+
+    def case(gen):
         Theta, data, x0, _ = k_step_case(gen, 1)
         region = rg.full(data, DELTA)
         H, xf = region.fitted.H, gen.standard_normal(4)
         u = np.linalg.lstsq(H[:, 4:], xf - H[:, :4] @ x0)[0] + gen.normal(0, 0.1, 2)
         v = np.linalg.lstsq(Theta[:, 4:], xf - Theta[:, :4] @ x0)[0]
         limit = ie.input_bound(region, x0, u, xf)
-        finite += np.isfinite(limit)
-        failed += np.linalg.norm(u - v) > limit
+        return np.linalg.norm(u - v) > limit, np.isfinite(limit)
+
+    failed, finite = failures(case, runs, 46)
     at_most(failed, runs)
     assert finite > runs / 2
 

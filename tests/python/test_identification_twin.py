@@ -9,7 +9,8 @@ import pytest
 from scipy import stats
 
 import identification_data as d0
-from identification_data import ALARM, DELTA, LAMS, POINT, THETA, Y, Z, check, exactly, independent
+from coverage_study import ALARM, DELTA, exactly
+from identification_data import LAMS, POINT, THETA, Y, Z, check, independent
 from stochens_rs.reference import anytime as at
 from stochens_rs.reference import certified_control as cc
 from stochens_rs.reference import fusing_by_data as fd

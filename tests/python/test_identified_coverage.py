@@ -1,6 +1,6 @@
 """Regions of `identify` hold as often as they say, and fail where an assumption is broken.
 
-Every count is of runs at 5 %; what is accepted is in `identification_data`. The twin has the same
+Every count is of runs at 5 %; what is accepted is in `coverage_study`. The twin has the same
 tests for its own regions; here they go through the public face, with more runs.
 """
 
@@ -10,18 +10,8 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from identification_data import (
-    DELTA,
-    SKEWED,
-    at_most,
-    coverage,
-    exactly,
-    independent,
-    noisy_states,
-    rolled,
-    stable,
-    tuned,
-)
+from coverage_study import DELTA, at_most, coverage, exactly, failures
+from identification_data import SKEWED, independent, noisy_states, rolled, stable, tuned
 from stochens_rs.reference import regions as rg
 from stochens_rs.reference import triangle as tr
 
@@ -41,8 +31,7 @@ def misses(region, Theta):
 
 def count(seed, runs, failed, **options):
     """How often failed(gen, Theta, z, y) over data of `independent`."""
-    gen = np.random.default_rng(seed)
-    return sum(failed(gen, *independent(gen, **options)) for _ in range(runs))
+    return failures(lambda gen: failed(gen, *independent(gen, **options)), runs, seed)
 
 
 def test_coverage_of_the_full_region():
@@ -131,13 +120,15 @@ def test_coverage_with_known_entries():
 
 def test_coverage_where_the_data_miss_directions():
     mix = np.random.default_rng(88).standard_normal((3, 6))
-    gen, failed, runs = np.random.default_rng(89), 0, 2000
-    for _ in range(runs):
+    runs = 2000
+
+    def failed(gen):
         Theta, z = gen.standard_normal((2, 6)), gen.standard_normal((8, 3)) @ mix
         with pytest.warns(se.exceptions.DataWarning):
             model = model_of(z, z @ Theta.T + gen.standard_normal((8, 2)))
-        failed += misses(model.region(DELTA), Theta)
-    exactly(failed, runs)
+        return misses(model.region(DELTA), Theta)
+
+    exactly(failures(failed, runs, 89), runs)
 
 
 def test_coverage_of_sign_perturbed_sums():
@@ -153,9 +144,9 @@ def test_coverage_of_sign_perturbed_sums():
 
 def test_regions_for_any_design_hold_at_all_looks():
     """Feedback tuned by past noise, unstable plant, four looks; at one look the exact one fails."""
-    gen, runs = np.random.default_rng(91), 200
-    failed = np.zeros(4, dtype=int)
-    for _ in range(runs):
+    runs = 200
+
+    def case(gen):
         Theta, (x, u) = tuned(gen, 150)
         now = np.zeros(4, dtype=bool)
         for N in (8, 20, 60, 150):
@@ -170,33 +161,36 @@ def test_regions_for_any_design_hold_at_all_looks():
                 N == 150 and misses(unknown.region(DELTA), Theta),
                 misses(exact.region(DELTA), Theta),
             ]
-        failed += now
-    for one in failed[:3]:
-        at_most(one, runs)
+        return now
+
+    failed = failures(case, runs, 91)
+    at_most(failed[:3], runs)
     assert coverage(failed[3], runs) < 0.9
 
 
 @pytest.mark.parametrize(("sv", "sw"), [(0.3, 0.1), (0.1, 0.0)])
 def test_coverage_of_instruments(sv, sw):
-    gen, runs, failed, unbounded = np.random.default_rng(92), 400, 0, 0
-    for _ in range(runs):
+    runs = 400
+
+    def case(gen):
         Theta, run = noisy_states(gen, 200, sv, sw)
         data = se.Trajectories(*run)
         options = {"state_noise": "white", "instruments": data.past_inputs(5), "checks": False}
         try:
             region = se.identify(data, **options).region(DELTA)
         except se.exceptions.InputError:  # empty
-            failed += 1
-            continue
-        failed += misses(region, Theta)
-        unbounded += np.isinf(region.radius)
+            return True, False
+        return misses(region, Theta), np.isinf(region.radius)
+
+    failed, unbounded = failures(case, runs, 92)
     at_most(failed, runs)  # unbounded ones hold everything
     assert unbounded < runs / 2
 
 
 def test_last_pairs_of_runs_with_feedback_have_the_exact_region():
-    gen, runs, failed = np.random.default_rng(93), 800, 0
-    for _ in range(runs):
+    runs = 800
+
+    def failed(gen):
         Theta = None
         states, inputs = [], []
         for _ in range(12):
@@ -205,15 +199,17 @@ def test_last_pairs_of_runs_with_feedback_have_the_exact_region():
             inputs.append(u)
         data = se.Trajectories(states, inputs).last_pairs()
         model = se.identify(data, design="independent", checks=False)
-        failed += misses(model.region(DELTA), Theta)
-    exactly(failed, runs)
+        return misses(model.region(DELTA), Theta)
+
+    exactly(failures(failed, runs, 93), runs)
 
 
 def test_direct_regression_over_several_steps():
-    gen, runs, failed = np.random.default_rng(94), 500, 0
-    A, B = stable(gen, n=2, m=1)
+    runs = 500
+    A, B = stable(np.random.default_rng(94), n=2, m=1)
     Theta, K = np.hstack([A, B]), 3
-    for _ in range(runs):
+
+    def failed(gen):
         x, u = gen.standard_normal((14, K + 1, 2)), gen.standard_normal((14, K, 1))
         for run, inputs in zip(x, u, strict=True):
             for k in range(K):
@@ -222,8 +218,9 @@ def test_direct_regression_over_several_steps():
         region = se.identify(data, design="independent", checks=False).region(DELTA)
         powers = [np.linalg.matrix_power(A, p) for p in range(K + 1)]
         direct = np.hstack([powers[K - 1 - k] @ B for k in range(K)])
-        failed += not region.contains(powers[K], direct)
-    exactly(failed, runs)
+        return not region.contains(powers[K], direct)
+
+    exactly(failures(failed, runs, 94), runs)
 
 
 # -- without an assumption -------------------------------------------------------------------------
@@ -259,50 +256,60 @@ def test_directions_must_not_be_chosen_by_the_outcomes():
 
 def test_a_random_walk_with_offset_breaks_the_exact_region():
     """Which is why runs are refused: here they are passed off as pairs."""
-    gen, runs, failed = np.random.default_rng(98), 500, 0
-    for _ in range(runs):
+    runs = 500
+
+    def failed(gen):
         w = gen.standard_normal((101, 1))
         x, u = np.cumsum(w, axis=0), gen.standard_normal((100, 1))
         data = se.Trajectories.from_pairs(x[:-1], u, x[1:])
         model = se.identify(
             data, design="independent", intercept=True, known_B=[[0.0]], checks=False
         )
-        failed += not model.region(DELTA).contains([[1.0]], [[0.0]])
-    assert coverage(failed, runs) < 0.88
+        return not model.region(DELTA).contains([[1.0]], [[0.0]])
+
+    assert coverage(failures(failed, runs, 98), runs) < 0.88
 
 
 def test_noise_that_grows_breaks_the_region_and_warns():
-    gen, runs, failed, warned = np.random.default_rng(99), 60, 0, 0
-    for _ in range(runs):
+    runs = 60
+
+    def case(gen):
         Theta, z = gen.standard_normal((4, 6)), gen.standard_t(3, (100, 6))
         y = z @ Theta.T + np.sum(z * z, axis=1, keepdims=True) * gen.standard_normal((100, 4))
         model = model_of(z, y)
-        failed += misses(model.region(DELTA), Theta)
-        warned += "heteroscedasticity" in model.check(rng=1).failed(0.05)
+        warned = "heteroscedasticity" in model.check(rng=1).failed(0.05)
+        return misses(model.region(DELTA), Theta), warned
+
+    failed, warned = failures(case, runs, 99)
     assert coverage(failed, runs) < 0.1
     assert warned > 0.9 * runs
 
 
 def test_states_read_with_error_break_the_region_and_warn():
-    gen, runs, failed, warned = np.random.default_rng(100), 40, 0, 0
-    for _ in range(runs):
+    runs = 40
+
+    def case(gen):
         Theta, (x, u) = noisy_states(gen, 400, 0.3)
         pairs = se.Trajectories.from_pairs(x[:-1], u, x[1:])
         model = se.identify(pairs, design="independent", checks=False)
-        failed += misses(model.region(DELTA), Theta)
-        warned += "correlation at lag 1" in model.check(rng=1).failed(0.05)
+        warned = "correlation at lag 1" in model.check(rng=1).failed(0.05)
+        return misses(model.region(DELTA), Theta), warned
+
+    failed, warned = failures(case, runs, 100)
     assert coverage(failed, runs) < 0.6
     assert warned > 0.9 * runs
 
 
 def test_bootstrap_models_are_no_region():
     """The share of data sets whose models lie all nearer to H than the truth does."""
-    gen, runs, beyond = np.random.default_rng(101), 100, 0
-    for _ in range(runs):
+    runs = 100
+
+    def beyond(gen):
         Theta, z, y = independent(gen, n=2, d=4, N=12)
         models = model_of(z, y).bootstrap(19, method="residual", rng=1)
         m = tr.fit(tr.triangle(z, y))
         some = np.concatenate([models.A, models.B], axis=2)
         distances = np.linalg.norm((some - m.H) @ m.root.T, axis=(1, 2))
-        beyond += np.linalg.norm((Theta - m.H) @ m.root.T) > distances.max()
-    assert beyond > 0.05 * runs
+        return np.linalg.norm((Theta - m.H) @ m.root.T) > distances.max()
+
+    assert failures(beyond, runs, 101) > 0.05 * runs

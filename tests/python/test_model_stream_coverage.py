@@ -1,6 +1,6 @@
 """Looks at a `ModelStream` hold together as often as they say, and fail where they must.
 
-Counts are of runs in which any look at all fails, at 5 %; `identification_data` has what is
+Counts are of runs in which any look at all fails, at 5 %; `coverage_study` has what is
 accepted.
 """
 
@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from identification_data import DELTA, SKEWED, at_most, coverage, exactly, rolled, stable
+from coverage_study import DELTA, at_most, coverage, exactly, failures, repeated
+from identification_data import SKEWED, rolled, stable
 from stochens_rs.identification import levels
 from stochens_rs.streams.snapshot import planned
 
@@ -100,14 +101,14 @@ def test_stopping_by_the_certificate_is_valid(sigma, steps, runs, every, tol, lo
     Each look has its own target, reachable by the model so far. No run of these is wrong at any
     look; 5 % of them may be. Certificates must be of use as well: not far above the error.
     """
-    gen, wrong, stopped, ratios, forecasts = np.random.default_rng(111), 0, [], [], []
-    for _ in range(runs):
+
+    def case(gen):
         A, B = stable(gen, size=0.7)
         while np.abs(np.linalg.eigvals(A - 0.03 * B @ B.T)).max() > 0.95:
             A, B = stable(gen, size=0.7)
         (x,), (u,) = closed_loop(gen, 1, 400, A, B, 0.03 * B.T, 0.1 * np.eye(4))
         stream = se.ModelStream(4, 2, sigma=sigma)
-        x0, bad = gen.standard_normal(4), False
+        x0, bad, told = gen.standard_normal(4), False, np.nan
         for N in range(every, 401, every):
             stream.update(x[N - every : N], u[N - every : N], x[N - every + 1 : N + 1])
             v, model = gen.standard_normal((steps, 2)), stream.model
@@ -116,16 +117,17 @@ def test_stopping_by_the_certificate_is_valid(sigma, steps, runs, every, tol, lo
             error = np.linalg.norm(rolled(np.hstack([A, B]), x0, look.u) - xf)
             bad |= error > look.certificate
             if N == 80 and not look.stop:
-                forecasts.append((len(stopped), N + look.forecast))
+                told = N + look.forecast
             if look.stop:
-                ratios.append(look.certificate / error)
-                break
-        wrong += bad
-        stopped.append(N if look.stop else np.inf)
-    at_most(wrong, runs)
-    assert np.median(stopped) < 400
-    assert 1.0 < np.median(ratios) < loose
-    told = [N / stopped[run] for run, N in forecasts if np.isfinite(stopped[run])]
+                ratio = look.certificate / error
+                return {"failed": bad, "N": N, "ratio": ratio, "told": told / N}
+        return {"failed": bad, "N": np.inf, "ratio": np.nan, "told": np.nan}
+
+    found = repeated(case, runs, 111)
+    at_most(found["failed"].sum(), runs)
+    assert np.median(found["N"]) < 400
+    assert 1.0 < np.nanmedian(found["ratio"]) < loose
+    told = found["told"][~np.isnan(found["told"])]
     assert len(told) > 15
     assert 0.7 < np.median(told) < 2.0
 
@@ -135,19 +137,19 @@ def test_planned_looks_hold_together():
 
     The shares of 9 looks sum to 0.9 delta; failures are fewer, as those of looks are related.
     """
-    gen, runs, failed, first_failed = np.random.default_rng(112), 2000, 0, 0
-    Theta = gen.standard_normal((2, 3))
+    runs, Theta = 2000, np.random.default_rng(112).standard_normal((2, 3))
     sizes = [planned(12, j) for j in range(6)]
-    for _ in range(runs):
+
+    def case(gen):
         stream = se.ModelStream(2, 1, design="independent", first=12, delta=0.1)
-        wrong = False
-        for j, N in enumerate(sizes):
+        wrong = []
+        for N in sizes:
             z = gen.standard_normal((N - stream.size, 3))
             stream.update(z[:, :2], z[:, 2:], z @ Theta.T + gen.standard_normal((len(z), 2)))
-            misses = not stream.model.region().contains(Theta[:, :2], Theta[:, 2:])
-            wrong |= misses
-            first_failed += misses and j == 0
-        failed += wrong
+            wrong.append(not stream.model.region().contains(Theta[:, :2], Theta[:, 2:]))
+        return wrong[0], any(wrong)
+
+    first_failed, failed = failures(case, runs, 112)
     exactly(first_failed, runs, 0.05)  # delta / 2
     at_most(failed, runs, 0.1)
     assert failed > 0.05 * runs
@@ -182,28 +184,31 @@ def test_exact_regions_at_every_number_of_pairs_fail():
 
 def test_a_design_that_depends_on_the_noise_is_not_independent():
     """Whoever stops exploring when the estimate is wrong keeps it so: u = 0 from then on."""
-    gen, runs, N = np.random.default_rng(114), 400, 500
-    failed = np.zeros(2, dtype=int)
-    for _ in range(runs):
+    runs, N = 400, 500
+
+    def case(gen):
         u, w = gen.standard_normal(N), gen.standard_normal(N)
         size = np.abs(np.cumsum(u * w)) / np.sqrt(np.cumsum(u * u))  # |D| V^1/2
         late = size[10:] > 2.35
         if late.any():
             u[11 + int(np.argmax(late)) :] = 0.0
         declared = se.ModelStream(1, 1, design="independent", first=N), se.ModelStream(1, 1)
-        for k, stream in enumerate(declared):
+        for stream in declared:
             stream.update(np.zeros((N, 1)), u[:, None], (0.5 * u + w)[:, None])
-            failed[k] += not stream.model.region().contains([[0.0]], [[0.5]])
+        return [not stream.model.region().contains([[0.0]], [[0.5]]) for stream in declared]
+
+    failed = failures(case, runs, 114)
     assert coverage(failed[0], runs) < 0.9
     at_most(failed[1], runs)
 
 
 def test_noise_that_is_larger_than_declared_fails():
-    gen, runs, failed = np.random.default_rng(115), 100, 0
-    Theta = np.array([[0.5, 1.0]])
-    for _ in range(runs):
+    runs, Theta = 100, np.array([[0.5, 1.0]])
+
+    def failed(gen):
         z = gen.standard_normal((60, 2))
         stream = se.ModelStream(1, 1, sigma=0.1)
         stream.update(z[:, :1], z[:, 1:], z @ Theta.T + 0.4 * gen.standard_normal((60, 1)))
-        failed += not stream.model.region().contains(Theta[:, :1], Theta[:, 1:])
-    assert coverage(failed, runs) < 0.7
+        return not stream.model.region().contains(Theta[:, :1], Theta[:, 1:])
+
+    assert coverage(failures(failed, runs, 115), runs) < 0.7

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from identification_data import DELTA, exactly
+from coverage_study import DELTA, exactly
 from stochens_rs.exceptions import InputError, InputTypeError
 
 INDEPENDENT = {"design": "independent", "checks": False}

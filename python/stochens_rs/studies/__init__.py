@@ -3,9 +3,26 @@
 from .curves import Curve, Panel
 from .experiment import Experiment
 from .ready import error
+from .ready_coverage import coverage
+from .ready_fleet import fleet
+from .ready_loop import closed_loop
+from .ready_sampling import sampling_coverage
 from .results import Results
 from .study import Study
 from .summary import Summary
 from .tables import Failure
 
-__all__ = ["Curve", "Experiment", "Failure", "Panel", "Results", "Study", "Summary", "error"]
+__all__ = [
+    "Curve",
+    "Experiment",
+    "Failure",
+    "Panel",
+    "Results",
+    "Study",
+    "Summary",
+    "closed_loop",
+    "coverage",
+    "error",
+    "fleet",
+    "sampling_coverage",
+]

@@ -21,6 +21,7 @@ def collected(
     status: Status,
     about: dict[str, str],
     seconds: float,
+    units: dict[str, str],
 ) -> Results:
     """The results; their arrays share the memory of the table."""
     platforms = table.platforms or [fingerprint()]
@@ -35,6 +36,7 @@ def collected(
         failures=[_failure(grid, task, table.errors[task]) for task in sorted(table.errors)],
         about={**about, **where},
         seconds=seconds,
+        units=units,
     )
 
 

@@ -19,6 +19,7 @@ from ..fusion.paths import fuse_path
 from ..rng import Key
 from ..system import System
 from ..theory.exact import Best, best_control
+from .units import PURE
 
 
 def error(system: Any, x0: ArrayLike, xf: ArrayLike, *, tol: float = 1e-9) -> SamplingError:
@@ -83,6 +84,11 @@ class SamplingError(Record, listed=False):
     x0: Floats
     xf: Floats
     tol: float
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Of its numbers."""
+        return dict.fromkeys((*self.norms(), "size"), PURE)
 
     @cached_property
     def _best(self) -> Best:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -18,6 +18,7 @@ from .grid import Label, label_text, plain_label
 from .methods import STYLES
 from .summary import Summary, summarized
 from .tables import Failure, Tabled
+from .units import labelled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -51,6 +52,8 @@ class Results(Tabled):
         processor. Numbers of equal studies are the same bits if these agree.
     seconds : float
         Time of the last run.
+    units : dict of str to str
+        Of numbers and axes, as the function names them; "1" for pure numbers.
     """
 
     status: Status
@@ -62,6 +65,7 @@ class Results(Tabled):
     failures: list[Failure]
     about: dict[str, str]
     seconds: float
+    units: dict[str, str] = field(default_factory=dict)
 
     @cached_property
     def digest(self) -> str:
@@ -114,7 +118,7 @@ class Results(Tabled):
             own = grid.pop(name)[at]
             failures = [one for one in failures if one.configuration.get(name, own) == own]
             about = {**about, name: str(label)}
-        rest = (values, done, failed, failures, about, self.seconds)
+        rest = (values, done, failed, failures, about, self.seconds, self.units)
         return Results(self.status, grid, self.replicates, *rest)
 
     def summary(self) -> Summary:
@@ -185,7 +189,8 @@ class Results(Tabled):
             named = None if hue is None else style.label if style else f"{hue} = {label}"
             lines.append(Line(named, band[0], band[1], band[2], look or {}))
         title = f"median and 10-90 % band of {len(self.replicates)} replicates"
-        return draw_bands(self.grid[x], lines, x, y, title, ax)
+        of_x, of_y = (labelled(name, self.units) for name in (x, y))
+        return draw_bands(self.grid[x], lines, of_x, of_y, title, ax)
 
     def __repr__(self) -> str:
         axes = " x ".join(f"{len(labels)} {name}" for name, labels in self.grid.items())

@@ -26,6 +26,7 @@ from .signals import interruptions
 from .study_file import StudyFile
 from .table import Table
 from .table_file import open_table
+from .units import units_of
 
 _PATIENCE = 10  # first tasks that may fail before the study is given up
 
@@ -38,7 +39,8 @@ class Study(Kept):
     function : callable
         ``function(key, **configuration)`` returns a mapping of names to numbers or arrays of
         numbers, with the same names and shapes each time. All that is random in it must come from
-        `key` (a `Key`).
+        `key` (a `Key`). An attribute ``units`` of it, a mapping of numbers and axes to texts such
+        as "m/s", is for data sets and figures.
     grid : mapping
         For each axis its values: numbers, texts or None. Other values get labels: ``{"system":
         {"small": system, "large": other}}``.
@@ -95,6 +97,7 @@ class Study(Kept):
     ) -> None:
         if not callable(function):
             raise InputTypeError(f"`function` must be callable, got {show(function)}")
+        units_of(function)
         self._function: Function | None = function
         self._grid = checked_grid(grid, nested, shared)
         self.replicates = checked_replicates(replicates, self._grid.size)
@@ -177,7 +180,8 @@ class Study(Kept):
         """What has been found so far."""
         about = {"key": self.key.hex, "function": self._named()}
         status, seconds = self._status, self._seconds
-        return collected(self._table, self._grid, self.replicates, status, about, seconds)
+        found = (self._table, self._grid, self.replicates, status, about, seconds)
+        return collected(*found, units_of(self._function))
 
     def _run(
         self,

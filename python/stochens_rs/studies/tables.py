@@ -57,6 +57,7 @@ class Tabled:
     failures: list[Failure]
     about: dict[str, str]
     seconds: float
+    units: dict[str, str]
 
     def to_dict(self) -> dict[str, Any]:
         """Plain lists and numbers, ready for ``json.dumps``.
@@ -73,6 +74,7 @@ class Tabled:
             "grid": {name: list(labels) for name, labels in self.grid.items()},
             "replicates": [self.replicates.start, self.replicates.stop],
             "values": {name: plain.listed(rows) for name, rows in self.values.items()},
+            "units": self.units,
             "failures": [asdict(one) for one in self.failures],
             "seconds": self.seconds,
         }
@@ -114,7 +116,7 @@ class Tabled:
         -------
         xarray.Dataset
             Dimensions: the axes, "replicate", and ``u_0``, ``u_1``, ... of an array ``u``. Its
-            ``attrs`` have what is in `about`.
+            ``attrs`` have what is in `about`, those of numbers and axes their "units".
 
         Raises
         ------
@@ -131,7 +133,11 @@ class Tabled:
             for name, rows in self.values.items()
         }
         attrs = {**self.about, "status": self.status, "failed": len(self.failures)}
-        return xarray.Dataset(named, coordinates, attrs)
+        found = xarray.Dataset(named, coordinates, attrs)
+        for name, unit in self.units.items():
+            if name in found.variables:
+                found[name].attrs["units"] = unit
+        return found
 
     def save(self, path: PathLike) -> None:
         """Save as a table or data set, for other programs.

@@ -1,0 +1,176 @@
+"""A study of a feedback within limits: cost, limits reached, states beyond theirs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._base import gate
+from .._base.records import Record
+from .._base.types import Floats
+from ..controls.regulating import regulate
+from ..controls.regulator import checked_model
+from ..controls.task import sides, weight
+from ..rng import Key
+from ..simulation.closed_loop import track
+from ..simulation.controlled import deviations
+from ..system import System
+from .ready_runs import changed
+from .units import PURE
+
+
+def closed_loop(
+    system: Any,
+    x0: ArrayLike,
+    xf: ArrayLike | None = None,
+    *,
+    steps: int = 10,
+    limits: Any = None,
+    Q: ArrayLike = 1.0,
+    R: ArrayLike = 1.0,
+    state_limits: Any = None,
+    soft: float | bool | None = None,
+    noise: ArrayLike = 0.0,
+    length: int = 50,
+    model: Any = None,
+) -> ClosedLoop:
+    """Return the function of a study of a feedback, as `regulate` makes it, under noise.
+
+    Parameters
+    ----------
+    system : System or (A, B)
+        What is controlled.
+    x0 : array_like, shape (n,)
+        Where it begins.
+    xf : array_like, shape (n,), optional
+        The target; default: the origin.
+    steps : int, default 10
+        Number of steps K that each call of the feedback plans.
+    limits : float or tuple (low, high), optional
+        Limits of the inputs, each a number or (m,); one number L stands for (-L, L).
+    Q, R : float, array_like of shape (n,), (m,) or matrices, default 1.0
+        Weights of states and inputs.
+    state_limits : tuple (low, high), optional
+        Limits of the states, each a number or (n,).
+    soft : float or bool, optional
+        As in `regulate`.
+    noise : float or array_like, shape (n,), default 0.0
+        Standard deviations of the Gaussian noise w(k) of `system`.
+    length : int, default 50
+        Number of steps T that are simulated.
+    model : System or Model, optional
+        What the feedback plans with; default: `system`.
+
+    Returns
+    -------
+    ClosedLoop
+        ``function(key, steps, limits, Q, R, noise, model)``, for a grid of any of these. Pairs,
+        arrays and models need labels there.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If the arguments do not fit together.
+
+    Examples
+    --------
+    >>> import stochens_rs as se
+    >>> cart = ([[1.0, 0.1], [0.0, 1.0]], [[0.0], [0.1]])
+    >>> function = se.studies.closed_loop(cart, [1, 0], R=0.1, noise=0.001)
+    >>> study = se.Study(function, {"limits": [0.2, 1.0]}, replicates=5, rng=1)
+    >>> study.run().values["limited"].mean(axis=1) > 0.1
+    array([ True, False])
+    """
+    known = System.from_any(system)
+    n, m = known.n, known.m
+    goal = np.zeros(n) if xf is None else gate.vector("xf", xf, length=n).copy()
+    weight("Q", Q, n)
+    weight("R", R, m)
+    sides("limits", _pair(limits), 1, m)
+    sides("state_limits", state_limits, 1, n)
+    return ClosedLoop(
+        system=known,
+        x0=gate.vector("x0", x0, length=n).copy(),
+        xf=goal,
+        steps=gate.size("steps", steps),
+        limits=limits,
+        Q=Q,
+        R=R,
+        state_limits=state_limits,
+        soft=soft,
+        noise=deviations(noise, n),
+        length=gate.size("length", length),
+        model=known if model is None else checked_model(model),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class ClosedLoop(Record, listed=False):
+    """A system under a feedback within limits, with noise.
+
+    Calling it with a key, and any of `steps`, `limits`, `Q`, `R`, `noise`, `model` in place of
+    those here, returns "cost", ``sum_k ||x(k) - xf||_Q^2 + ||u(k-1)||_R^2`` over k = 1, ..., T with
+    the Q and R here, whatever the feedback has, so that costs can be compared; "limited", the share
+    of inputs that are at a limit; "violation", by how much a state was beyond its limits at most;
+    "distance", ``||x(T) - xf||``.
+
+    Attributes
+    ----------
+    system, x0, xf, steps, limits, Q, R, state_limits, soft, noise, length, model
+        As in `closed_loop`.
+    """
+
+    system: System
+    x0: Floats
+    xf: Floats
+    steps: int
+    limits: Any
+    Q: Any
+    R: Any
+    state_limits: Any
+    soft: float | bool | None
+    noise: Any
+    length: int
+    model: Any
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Of its numbers."""
+        return dict.fromkeys(("limited", "steps"), PURE)
+
+    def __call__(self, key: Key, **axes: Any) -> dict[str, float]:
+        """Return the numbers of one replicate."""
+        for name in axes:
+            gate.choice("axis", name, ("steps", "limits", "Q", "R", "noise", "model"))
+        now, (n, m) = changed(self, **axes), self.system.B.shape
+        limits = _pair(now.limits)
+        loop = regulate(
+            now.model,
+            now.steps,
+            self.xf,
+            limits=limits,
+            Q=now.Q,
+            R=now.R,
+            state_limits=self.state_limits,
+            soft=self.soft,
+        )
+        reference = np.tile(self.xf, (self.length + 1, 1))
+        ride = track(self.system, reference, controller=loop, x0=self.x0, noise=now.noise, rng=key)
+        low, high = sides("limits", limits, 1, m)
+        below, above = sides("state_limits", self.state_limits, 1, n)
+        x, u, off = ride.states[1:], ride.inputs, ride.states[1:] - self.xf
+        cost = np.sum((off @ weight("Q", self.Q, n)) * off)
+        return {
+            "cost": float(cost + np.sum((u @ weight("R", self.R, m)) * u)),
+            "limited": float(np.mean((u <= low) | (u >= high))),
+            "violation": float(max(0.0, (x - above).max(), (below - x).max())),
+            "distance": float(ride.errors[-1]),
+        }
+
+
+def _pair(limits: Any) -> Any:
+    """(-L, L) for a number L."""
+    return (-gate.nonnegative("limits", limits), limits) if gate.is_real(limits) else limits

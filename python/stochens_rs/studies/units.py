@@ -1,0 +1,30 @@
+"""Units of the numbers and axes of a study: texts that its function names."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+
+from .._base import gate
+from ..exceptions import InputTypeError
+
+PURE = "1"  # of a number without unit, as in the conventions of netCDF
+
+
+def units_of(function: object) -> dict[str, str]:
+    """The attribute ``units`` of a function, checked; empty if it has none."""
+    while isinstance(function, functools.partial):
+        function = function.func
+    given = getattr(function, "units", {})
+    if not isinstance(given, Mapping):
+        raise InputTypeError(
+            f"`function.units` must be a mapping of names to texts, got {gate.show(given)}"
+        )
+    names = {gate.text("function.units", name): unit for name, unit in given.items()}
+    return {name: gate.text(f"function.units[{name!r}]", unit) for name, unit in names.items()}
+
+
+def labelled(name: str, units: Mapping[str, str]) -> str:
+    """``u[0] [N]``: a number or an axis with its unit, if there is one."""
+    unit = units.get(name.partition("[")[0], PURE)
+    return name if unit == PURE else f"{name} [{unit}]"

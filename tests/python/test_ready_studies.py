@@ -1,0 +1,349 @@
+"""Ready functions of studies: what they return is what the package computes, and guarantees hold.
+
+Rates are judged as in `identification_data`: a false alarm of 1e-5 for each count.
+"""
+
+from __future__ import annotations
+
+import pickle
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from typing import Any
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from coverage_study import DELTA, at_most, exactly
+from identification_data import SKEWED
+from stochens_rs.exceptions import InputError, InputTypeError
+from stochens_rs.rng import as_key
+from stochens_rs.studies.digest import digest
+
+A = np.array([[0.9, 0.2], [-0.1, 0.8]])
+B = np.array([[0.0], [1.0]])
+CART = (np.array([[1.0, 0.1], [0.0, 0.95]]), np.array([[0.0], [0.1]]))
+KEY = as_key(7)
+
+
+def uneven() -> se.Trajectories:
+    """Three runs of 4, 9 and 2 steps."""
+    gen, states, inputs = np.random.default_rng(3), [], []
+    for T in (4, 9, 2):
+        u, x = gen.standard_normal((T, 1)), [gen.standard_normal(2)]
+        for acting in u:
+            x.append(A @ x[-1] + B @ acting + 0.01 * gen.standard_normal(2))
+        states.append(np.array(x))
+        inputs.append(u)
+    return se.Trajectories(states, inputs)
+
+
+def scattered(count: int, seed: int) -> se.SystemEnsemble:
+    gen = np.random.default_rng(seed)
+    drawn = (M * (1.0 + 0.1 * gen.standard_normal((count, *M.shape))) for M in CART)
+    return se.SystemEnsemble(*drawn)
+
+
+def ready() -> dict[str, Any]:
+    units = scattered(9, 0)
+    return {
+        "error": se.studies.error((A, B), [1, 1], [0.5, 0]),
+        "coverage": se.studies.coverage((A, B), [1, 0], [0, 0], noise=0.1, steps=2),
+        "own runs": se.studies.coverage((A, B), [1, 0], [0, 0], noise=0.1, runs=uneven()),
+        "sampling": se.studies.sampling_coverage((A, B), [1, 1], [0.5, 0], size=50),
+        "loop": se.studies.closed_loop(CART, [1, 0], limits=(-1, 1), noise=0.01, length=5),
+        "fleet": se.studies.fleet(units, [0, 0], [1, 0], 3, size=5, limits=(-1, 1), held_out=9),
+        "nominal fleet": se.studies.fleet(CART, [0, 0], [1, 0], 3, spread=0.1, limits=(-1, 1)),
+    }
+
+
+GRIDS = {"error": {"size": [10], "method": ["uniform"]}}
+
+
+@pytest.mark.parametrize("name", ready())
+def test_functions_are_pickled_and_depend_on_their_key_alone(name: str) -> None:
+    function, grid = ready()[name], GRIDS.get(name, {})
+    again = pickle.loads(pickle.dumps(function))
+    assert digest("function", again) == digest("function", function)
+    given = {axis: values[0] for axis, values in grid.items()}
+    first, other = function(KEY, **given), function(as_key(8), **given)
+    repeated = again(KEY, **given)
+    assert all(np.array_equal(first[key], repeated[key]) for key in first)
+    assert any(not np.array_equal(first[key], other[key]) for key in first)
+    axes = ("size", "steps", "delta", "beta")
+    assert set(function.units) <= {*first, *axes}
+
+
+def test_other_processes_find_the_same() -> None:
+    made = [se.Study(ready()[name], {}, replicates=4, rng=1) for name in ("coverage", "fleet")]
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as processes:
+        found = [study.run(processes).digest for study in made]
+    again = [se.Study(ready()[name], {}, replicates=4, rng=1) for name in ("coverage", "fleet")]
+    assert found == [study.run().digest for study in again]
+
+
+# -- certificates from runs ------------------------------------------------------------------------
+
+
+def test_runs_follow_the_truth_and_the_design() -> None:
+    F = np.array([[-0.2, -0.5]])
+    function = se.studies.coverage(
+        (A, B), [1, 0], [0, 0], noise=[0.1, 0.3], starts=[2, 0], excitation=0.5, feedback=F
+    )
+    data = function.design.draw(function.truth, 4000, KEY)
+    assert data.lengths.tolist() == [10] * 4000
+    x, u, y = data.pairs()
+    w, v = y - x @ A.T - u @ B.T, u - x @ F.T
+    assert np.allclose(w.T @ w / len(w), np.diag([0.01, 0.09]), atol=2e-3)
+    assert np.allclose(v.std(), 0.5, rtol=0.02)
+    assert abs(np.mean(v * w)) < 2e-3
+    first = x[::10]
+    assert np.allclose(first.std(axis=0), [2.0, 0.0], rtol=0.05)
+
+
+def test_numbers_are_those_of_the_package() -> None:
+    function = se.studies.coverage(
+        (A, B), [1, 0], [0.5, 0], noise=0.1, steps=3, size=12, identify={"sigma": 0.1}
+    )
+    data = function.design.draw(function.truth, 12, KEY.child("runs"))
+    model = se.identify(data, sigma=0.1)
+    plan = se.control(model, [1, 0], [0.5, 0], steps=3)
+    x = se.simulate((A, B), [1, 0], plan.u).states[-1]
+    found, bound = function(KEY), plan.bound(0.05).target
+    assert found["bound"] == bound
+    assert found["error"] == pytest.approx(np.linalg.norm(x - [0.5, 0]), rel=1e-12)
+    assert found["ratio"] == pytest.approx(bound / found["error"])
+    assert found["inside"] == model.region(0.05).contains(A, B)
+    assert function(KEY, size=12, steps=3, delta=0.05) == found
+    assert function(KEY, delta=0.5)["bound"] < bound
+
+
+def test_exact_regions_contain_the_truth_at_their_level() -> None:
+    """1500 sets of 15 runs with feedback, of which the last pairs are taken."""
+    function = se.studies.coverage(
+        (A, B), [1, 0], [0, 0], noise=0.1, size=15, length=3, feedback=[[-0.2, -0.5]],
+        identify={"design": "independent"},
+    )  # fmt: skip
+    found = se.Study(function, {}, replicates=1500, rng=1).run()
+    exactly(1500 - found.values["inside"].sum(), 1500)
+    at_most(1500 - found.values["covered"].sum(), 1500)
+
+
+def test_noise_that_is_larger_than_declared_shows() -> None:
+    function = se.studies.coverage(
+        (A, B), [1, 0], [0, 0], noise=0.1, identify={"sigma": 0.1}, bound={"noise": True}
+    )
+    found = se.Study(function, {"noise": [0.1, 0.5]}, replicates=200, rng=1).run()
+    fair, wrong = found.values["inside"].sum(axis=1)
+    at_most(200 - fair, 200)
+    assert wrong < 100
+    covered = found.values["covered"].sum(axis=1)
+    at_most(200 - covered[0], 200)
+
+
+def test_a_model_is_taken_as_the_truth_with_its_runs() -> None:
+    gen = np.random.default_rng(5)
+    x, u = gen.standard_normal((40, 4)), gen.standard_normal((40, 1))
+    true = gen.standard_normal((4, 5))
+    y = np.hstack([x, u]) @ true.T + 1.0 + gen.standard_normal((40, 4)) @ SKEWED.T
+    data = se.Trajectories.from_pairs(x, u, y)
+    model = se.identify(data, design="independent", intercept=True, checks=False)
+    function = se.studies.coverage(model, np.ones(4), np.zeros(4))
+    drawn = function.design.draw(function.truth, 40, KEY)
+    assert np.array_equal(drawn.pairs()[0], x)
+    assert np.array_equal(drawn.pairs()[1], u)
+    assert np.allclose(function.truth.root @ function.truth.root.T, model.covariance)
+    far = function.truth.step(x, u) - x @ model.A.T - u @ model.B.T
+    assert np.allclose(far, model.c)
+    found = se.Study(function, {}, replicates=500, rng=2).run()
+    exactly(500 - found.values["inside"].sum(), 500)
+    at_most(500 - found.values["covered"].sum(), 500)
+
+
+def test_runs_of_ones_own_are_repeated_in_turn() -> None:
+    own = uneven()
+    function = se.studies.coverage((A, B), [1, 0], [0, 0], noise=0.1, runs=own)
+    assert function.size == 3
+    drawn = function.design.draw(function.truth, 5, KEY)
+    assert drawn.lengths.tolist() == [4, 9, 2, 4, 9]
+    for (x, u), (x2, u2) in zip([*own.runs, *own.runs], drawn.runs, strict=False):
+        assert np.array_equal(u, u2)
+        assert np.array_equal(x[0], x2[0])
+    assert not np.array_equal(drawn.runs[0][0], drawn.runs[3][0])  # new noise in each
+
+
+# -- bounds from realizations ----------------------------------------------------------------------
+
+
+def test_bounds_from_realizations_are_those_of_the_plan_and_hold() -> None:
+    function = se.studies.sampling_coverage((A, B), [1, 1], [0.5, 0], size=40, delta=0.1)
+    plan = se.steer((A, B), [1, 1], [0.5, 0], 40, rng=KEY.child("plan"))
+    bound = plan.bound(0.1, rng=KEY.child("bound"))
+    error = plan.error(se.System(A, B), [1, 1], [0.5, 0])
+    found = function(KEY)
+    assert (found["bound"], found["error"]) == (bound.state, error.state)
+    results = se.Study(function, {"size": [40, 400]}, replicates=150, rng=1).run()
+    for covered in results.values["covered"].sum(axis=1):
+        at_most(150 - covered, 150, 0.1)
+        assert covered < 150  # the bound is not just large
+    half = results.values["error"] > results.values["bound"] / 2
+    assert half.mean() > 0.2
+
+
+# -- feedback --------------------------------------------------------------------------------------
+
+
+def test_a_loop_is_that_of_regulate_and_track() -> None:
+    limits = {"state_limits": (None, [np.inf, 0.3]), "soft": 1.0}
+    function = se.studies.closed_loop(
+        CART, [1, 0], [0.2, 0], Q=[2.0, 1.0], R=0.1, limits=0.5, noise=[0.0, 0.05], **limits
+    )
+    loop = se.regulate(CART, 10, [0.2, 0], Q=[2.0, 1.0], R=0.1, limits=(-0.5, 0.5), **limits)
+    reference = np.tile([0.2, 0.0], (51, 1))
+    options = {"controller": loop, "x0": [1, 0], "noise": [0.0, 0.05], "rng": KEY}
+    ride = se.track(CART, reference, **options)
+    found = function(KEY)
+    cost = sum(
+        2.0 * (x[0] - 0.2) ** 2 + x[1] ** 2 + 0.1 * u[0] ** 2
+        for x, u in zip(ride.states[1:], ride.inputs, strict=True)
+    )
+    assert found["cost"] == pytest.approx(cost, rel=1e-12)
+    assert found["limited"] == np.mean(np.abs(ride.inputs) == 0.5) > 0
+    assert found["violation"] == max(0.0, ride.states[1:, 1].max() - 0.3)
+    assert found["distance"] == ride.errors[-1]
+    # the judge is the same whatever the feedback has
+    assert function(KEY, R=10.0)["cost"] > found["cost"]
+    assert function(KEY, limits=5.0)["limited"] == 0.0
+    assert function(KEY, noise=0.0)["distance"] < 0.1
+
+
+def test_a_loop_can_plan_with_another_model() -> None:
+    wrong = se.System(CART[0], 4.0 * CART[1])  # an input believed four times as strong
+    axes = {"model": {"right": se.System(*CART), "wrong": wrong}}
+    function = se.studies.closed_loop(CART, [1, 0], R=0.01, noise=0.01)
+    found = se.Study(function, axes, replicates=5, rng=1, shared=["model"]).run()
+    right, worse = found.values["cost"]
+    assert (worse > right).all()
+
+
+# -- fleets ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("risk", ["worst", "mean"])
+def test_certificates_of_fleets_hold_for_the_exact_risk(risk: Any) -> None:
+    """The law is uniform on 2000 units; all of them tell its risk, which exceeds epsilon rarely."""
+    law = scattered(2000, 1)
+    function = se.studies.fleet(
+        law, [0, 0], [1, 0], 5, limits=(-2, 2), risk=risk, size=60, beta=DELTA, held_out=120
+    )
+    failed, runs = 0, 300
+    for r in range(runs):
+        key = KEY.child(f"replicate {r}")
+        plan = se.control_fleet(
+            function._drawn(key.child("design"), 60), [0, 0], [1, 0], 5, limits=(-2, 2), risk=risk
+        )
+        found = function(key)
+        assert found["value"] == plan.value
+        threshold = plan.threshold
+        misses = plan.validate(law, DELTA).misses
+        failed += np.mean(misses > threshold) > found["epsilon"]
+    at_most(failed, runs)
+    assert found["epsilon"] < 0.3
+
+
+def test_fresh_units_miss_as_the_law_says() -> None:
+    law = scattered(500, 2)
+    function = se.studies.fleet(law, [0, 0], [1, 0], 5, limits=(-2, 2), held_out=20_000)
+    plan = se.control_fleet(
+        function._drawn(KEY.child("design"), 100), [0, 0], [1, 0], 5, limits=(-2, 2), risk="worst"
+    )
+    misses, found = plan.validate(law, 0.5).misses, function(KEY)
+    assert found["miss_most"] == misses.max()
+    assert found["miss"] == pytest.approx(np.median(misses), rel=0.02)
+    assert found["share"] == pytest.approx(np.mean(misses > plan.threshold), abs=0.005)
+    assert found["held"] == (found["share"] <= found["epsilon"])
+    assert found["epsilon"] == plan.certify(1e-3).epsilon
+
+
+# -- units -----------------------------------------------------------------------------------------
+
+
+def test_units_are_in_data_sets_and_figures() -> None:
+    xarray = pytest.importorskip("xarray")
+
+    def fall(key: se.Key, time: float) -> dict[str, Any]:
+        return {"height": [5.0 * time**2, 1.0], "count": 3}
+
+    fall.units = {"height": "m", "time": "s", "count": "1"}  # type: ignore[attr-defined]
+    results = se.Study(fall, {"time": [1.0, 2.0]}, replicates=3, rng=1).run()
+    assert results.units == fall.units  # type: ignore[attr-defined]
+    data = results.to_xarray()
+    assert isinstance(data, xarray.Dataset)
+    assert data["height"].attrs == {"units": "m"}
+    assert data["time"].attrs == {"units": "s"}
+    assert data["count"].attrs == {"units": "1"}
+    assert data.attrs["key"] == results.about["key"]
+    assert results.select(time=1.0).to_xarray()["height"].attrs == {"units": "m"}
+    assert results.to_dict()["units"]["height"] == "m"
+    pytest.importorskip("matplotlib")
+    ax = results.plot("time", "height[0]")
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("time [s]", "height[0] [m]")
+    assert results.plot("time", "count").get_ylabel() == "count"
+    plain = se.Study(lambda key: {"x": 1.0}, {}, replicates=1, rng=1).run()
+    assert plain.units == {}
+
+
+# -- bad input -------------------------------------------------------------------------------------
+
+START = ([1, 0], [0, 0])
+WRONG = {
+    "`noise` must be given": lambda s: s.coverage((A, B), *START),
+    "`noise` must be standard deviations >= 0": lambda s: s.coverage(
+        (A, B), *START, noise=[0.1, -1]
+    ),
+    r"`starts` must have shape \(2,\)": lambda s: s.coverage((A, B), *START, noise=1, starts=[1]),
+    "did you mean 'sigma'": lambda s: s.coverage((A, B), *START, noise=1, identify={"sigm": 1}),
+    "`identify argument` must be": lambda s: s.coverage(
+        (A, B), *START, noise=1, identify={"instruments": 1}
+    ),
+    "must not have noise='bounded'": lambda s: s.coverage(
+        (A, B), *START, noise=1, identify={"noise": "bounded", "sigma": 1}
+    ),
+    "`bound` must be a mapping": lambda s: s.coverage((A, B), *START, noise=1, bound=0.1),
+    "`runs` must have n=1": lambda s: s.coverage(
+        ([[1.0]], [[1.0]]), [1], [0], noise=1, runs=uneven()
+    ),
+    r"`delta` must be in \(0, 1\)": lambda s: s.coverage((A, B), *START, noise=1, delta=2),
+    "`size` must be": lambda s: s.sampling_coverage((A, B), *START, size=0),
+    "`quantity` must be one of": lambda s: s.sampling_coverage((A, B), *START, quantity="x"),
+    r"`limits` must be >= 0": lambda s: s.closed_loop(CART, [1, 0], limits=-1),
+    "`length` must be": lambda s: s.closed_loop(CART, [1, 0], length=0),
+    r"`state_limits\[1\]` must be a number or have shape": lambda s: s.closed_loop(
+        CART, [1, 0], state_limits=(None, [1, 2, 3])
+    ),
+    "`axis` must be one of": lambda s: s.closed_loop(CART, [1, 0])(KEY, length=3),
+    "`spread` must be given": lambda s: s.fleet(CART, *START, 3),
+    "and only there": lambda s: s.fleet([CART], *START, 3, spread=0.1),
+    "`risk` must be one of": lambda s: s.fleet([CART], *START, 3, risk="least"),
+    "function.units": lambda s: s.Study(Unfit(), {}, replicates=1),
+}
+
+
+class Unfit:
+    units = "m"
+
+    def __call__(self, key: se.Key) -> dict[str, float]:
+        return {"x": 1.0}
+
+
+@pytest.mark.parametrize("text", WRONG)
+def test_bad_input_is_named(text: str) -> None:
+    with pytest.raises((InputError, InputTypeError), match=text):
+        WRONG[text](se.studies)
+
+
+def test_models_of_noisy_states_are_refused() -> None:
+    data = uneven()
+    model = se.identify(data, state_noise="white", instruments=data.past_inputs(2), checks=False)
+    with pytest.raises(InputError, match="states have no error"):
+        se.studies.coverage(model, *START)

@@ -198,7 +198,9 @@ WRONG = {
     "other inputs": (of_A, of_B, {"inputs": ["a", "b"]}, "`B`", "its columns", "'F'"),
     "unhashable": (of_A, of_B, {"states": [["p"], "v", "T"]}, "`states`", "string", "list"),
     "states as text": (of_A, of_B, {"states": "pvT"}, "`states`", "list", "'pvT'"),
-    "twice in states": (of_A, of_B, {"states": ["p", "p", "T"]}, "`states`", "different", "'p' twice"),
+    "twice in states": (
+        of_A, of_B, {"states": ["p", "p", "T"]}, "`states`", "different", "'p' twice"
+    ),
     "same names": (
         of_A, of_B.rename(columns={"F": "p"}), {}, "`inputs`", "must differ", "'p' in both"
     ),
@@ -246,6 +248,11 @@ def model():
     return se.identify(data)
 
 
+def ran(stream):
+    stream.step(5)
+    return stream.u
+
+
 MODEL = model()
 USES = {
     "control": lambda x, y, u, r, low: se.control(PLANT, x, y).u,
@@ -275,9 +282,7 @@ USES = {
     "required_samples": lambda x, y, u, r, low: (
         se.required_samples(PLANT, x, y, 0.5, rng=1, runs=50).size
     ),
-    "Stream": lambda x, y, u, r, low: (
-        se.Stream(PLANT, x, y, rng=1).run(max_steps=5).u
-    ),
+    "Stream": lambda x, y, u, r, low: ran(se.Stream(PLANT, x, y, rng=1)),
     "theory": lambda x, y, u, r, low: (
         se.theory.moments.trajectory_covariance(PLANT, x, u)
     ),
@@ -416,4 +421,4 @@ def test_missing_packages_are_named():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     lines = done.stdout.splitlines()
-    assert [line.split("[")[1][:6] for line in lines] == ["files]", "tables", "tables"]
+    assert [line.split("[")[1][:6] for line in lines] == ["bridge", "tables", "tables"]

@@ -84,7 +84,7 @@ class Exported:
 
 
 def _control(system: Any) -> Any:
-    with extra("to_control() needs python-control", "files"):
+    with extra("to_control() needs python-control", "bridges"):
         import control
     labels, n = system.labels, system.n
     return control.ss(

@@ -156,9 +156,13 @@ PAGES = (
     "docs/limits.md",
     "docs/measured-runs.md",
     "docs/studies.md",
+    "docs/systems.md",
 )
 # Packages of the extras `dev` that a page needs.
-NEEDED = {"docs/studies.md": ("distributed", "matplotlib", "pandas", "xarray")}
+NEEDED = {
+    "docs/studies.md": ("distributed", "matplotlib", "pandas", "xarray"),
+    "docs/systems.md": ("control", "pandas", "scipy", "xarray"),
+}
 MARKDOWN = [path for path in PAGES if (ROOT / path).exists()]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -170,7 +171,7 @@ def test_cut_and_damaged_matlab_files_raise_one_kind_of_error(tmp_path, compress
     assert fewer <= 3
     assert refused + fewer == len(whole)
     refused = 0
-    for _ in range(1000):
+    for _ in range(500):
         data = bytearray(whole)
         for k in gen.integers(120, len(whole), int(gen.integers(1, 4))):
             data[k] = int(gen.integers(256))
@@ -179,7 +180,7 @@ def test_cut_and_damaged_matlab_files_raise_one_kind_of_error(tmp_path, compress
             se.cases.from_file(path)
         except StochensError:
             refused += 1
-    assert refused > (900 if compressed else 300)
+    assert refused > (450 if compressed else 150)
 
 
 def test_packed_files_are_not_unpacked_beyond_memory(tmp_path, monkeypatch):
@@ -289,10 +290,8 @@ def test_cut_tables_are_refused_unless_rows_are_whole(tmp_path):
     read = []
     for cut in range(len(whole)):
         path.write_bytes(whole[:cut])
-        try:
+        with suppress(StochensError):
             read.append(se.cases.from_file(path).system)
-        except StochensError:
-            pass
     assert [(system.n, system.m) for system in read] == [(1, 3)] * len(read)
     assert len(read) <= 4  # the last number of the first row has three characters
 

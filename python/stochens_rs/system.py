@@ -5,13 +5,14 @@ x(k+1) = A x(k) + B u(k),    x(k) in R^n,  u(k) in R^m
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ._base import gate, html
-from ._base.labels import Labels, made_labels
-from .exceptions import InputError, InputTypeError
+from ._base import foreign, gate, html
+from ._base.exports import Exported
+from ._base.labelled import matrices
+from ._base.labels import Labels, made_labels, texts
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -21,13 +22,14 @@ if TYPE_CHECKING:
 __all__ = ["System"]
 
 
-class System:
+class System(Exported):
     """The system ``x(k+1) = A x(k) + B u(k)``; immutable and hashable.
 
     Parameters
     ----------
     A : array_like, shape (n, n)
-        ``A[i, j]`` is the effect of state j at step k on state i at step k + 1.
+        ``A[i, j]`` is the effect of state j at step k on state i at step k + 1. A and B may be
+        tables, see the notes.
     B : array_like, shape (n, m)
         ``B[i, j]`` is the effect of input j at step k on state i at step k + 1.
     dt : float or True, optional
@@ -58,10 +60,13 @@ class System:
 
     Notes
     -----
-    `A` and `B` are copied; the attributes are read-only. Here and in all other functions, tables
-    with labels (pandas, xarray) are refused unless the labels are 0, 1, 2, ... in order, because
-    their rows may be in another order than the states. Bring all tables into the same order and
-    pass plain arrays: ``A.loc[states, states].to_numpy()``.
+    `A` and `B` are copied; the attributes are read-only. Tables whose labels are names give them to
+    the system: A with the names of the states along rows and columns, B with those of the states
+    and the inputs (pandas; in xarray with the dimensions of `to_xarray`). Their rows and columns
+    may be in any order, which `states` and `inputs` decide if they are given, else the rows of A
+    and the columns of B. Wherever x0, xf or inputs over time are asked for, a table with the names
+    of the system is brought into its order. All other tables with labels are refused, unless these
+    are 0, 1, 2, ... in order: pass plain arrays, ``x0[states].to_numpy()``.
 
     Examples
     --------
@@ -94,99 +99,69 @@ class System:
         inputs: Iterable[str] | None = None,
         units: Mapping[str, str] | None = None,
     ) -> None:
+        names = texts("states", states), texts("inputs", inputs)
+        A, B, of_states, of_inputs = matrices(A, B, *names)
         checked_A = gate.matrix("A", A, square=True)
         checked_B = gate.matrix("B", B, rows=len(checked_A))
         label = None if name is None else " ".join(gate.text("name", name).split())  # one line
         n, m = checked_B.shape
-        labels = made_labels(n, m, states, inputs, units)
+        labels = made_labels(n, m, of_states, of_inputs, units)
         for slot, value in (
             ("_labels", labels),
             ("_A", gate.frozen(checked_A)),
             ("_B", gate.frozen(checked_B)),
-            ("_dt", _checked_dt(dt)),
+            ("_dt", foreign.checked_dt(dt)),
             ("_name", label or None),
         ):
             object.__setattr__(self, slot, value)
 
     @classmethod
-    def from_any(cls, system: object) -> System:
+    def from_any(cls, system: object, dt: float | None = None) -> System:
         """Convert a pair (A, B), or a system of another package.
 
         Parameters
         ----------
         system : object
-            A `System` (returned as it is), a tuple ``(A, B)`` or ``(A, B, dt)``, a discrete
-            ``control.StateSpace``, a discrete ``scipy.signal`` system in state-space form, or
-            any object with attributes ``A``, ``B`` and optionally ``dt`` and ``name``. None of
-            these packages is imported.
+            A `System` (returned as it is), a tuple ``(A, B)`` or ``(A, B, dt)``, a
+            ``control.StateSpace`` or ``TransferFunction``, a system of ``scipy.signal``, what
+            `to_xarray` returns, or any object with attributes ``A``, ``B`` and optionally ``dt``
+            and ``name``. None of these packages is imported. Names of states and inputs are kept.
+        dt : float, optional
+            The step [s] with which a system in continuous time is discretized, by a zero-order
+            hold: exact for inputs that are constant over each step. Without it such a system is
+            refused. Systems in discrete time have a step of their own.
 
         Returns
         -------
         System
-            With copies of A and B.
+            With copies of A and B. Its `name` says so if it was discretized ("zero-order hold"),
+            or realized from a transfer function, by the ``to_ss()`` of its package; the states are
+            those of that realization. Outputs (C, D) are left out.
 
         Raises
         ------
         InputTypeError
             If `system` is none of these.
         InputError
-            If the system is in continuous time or a model estimated from data, or A or B cannot be
-            used.
+            If the system is in continuous time and `dt` is missing, or in discrete time and `dt` is
+            another one; it is a model estimated from data; or A or B cannot be used.
+
+        Notes
+        -----
+        ``[[A_d, B_d], [0, I]] = exp(dt [[A, B], [0, 0]])``, by scaling and squaring (Higham, SIAM
+        J. Matrix Anal. Appl. 26(4), 2005).
 
         Examples
         --------
         >>> System.from_any(([[0.5]], [[1.0]], 0.01))
         <System: n=1 m=1 dt=0.01>
+        >>> System.from_any(([[0.0]], [[2.0]], 0), dt=0.1).B
+        array([[0.2]])
         """
         if isinstance(system, cls):
+            foreign.same_step(system.dt, dt)
             return system
-        if isinstance(system, type):
-            raise InputTypeError(f"`system` must be a System, got the class {system.__name__[:40]}")
-        if isinstance(system, tuple):
-            if len(system) not in (2, 3):
-                raise InputTypeError(
-                    f"`system` must be a tuple (A, B) or (A, B, dt), got {len(system)} items"
-                )
-            dt = system[2] if len(system) == 3 else None
-            if not (dt is None or isinstance(dt, (bool, np.bool_)) or gate.is_real(dt)):
-                raise InputTypeError(
-                    "`system` must be (A, B) or (A, B, dt) with a number dt > 0, got "
-                    f"{gate.show(dt)} as third item"
-                )
-            return cls(system[0], system[1], dt=dt)  # type: ignore[arg-type]
-        found = {word: _attribute(system, word) for word in ("A", "B", "dt", "name")}
-        if found["A"] is None or found["B"] is None:
-            hint = ""
-            if isinstance(system, list):
-                hint = "; use a tuple (A, B)"
-            elif isinstance(system, np.ndarray):
-                hint = "; pass (A, B)"
-            elif _attribute(system, "to_ss", ...) is not ...:
-                hint = "; call its to_ss() first"
-            raise InputTypeError(
-                "`system` must be a System, a tuple (A, B[, dt]) or an object with attributes A "
-                f"and B, got {gate.show(system)}{hint}"
-            )
-        if _attribute(system, "centre") == "estimate":
-            one = "`mean()`" if _attribute(system, "mean", ...) is not ... else "`system`"
-            raise InputError(
-                f"`system` must be known, got {gate.show(system)} estimated from data: pass its "
-                f"{one} to take the estimate as exact"
-            )
-        # scipy.signal sets dt = None for continuous systems; only their class says so.
-        if any(
-            kind.__name__ == "lti" and kind.__module__.startswith("scipy.signal")
-            for kind in type(system).__mro__
-        ):
-            raise InputError(_CONTINUOUS.format("`system` is a scipy.signal.lti"))
-        name: Any = found["name"]
-        return cls(
-            found["A"],
-            found["B"],
-            dt=found["dt"],
-            # python-control names systems without a name sys[0], sys[1], ...
-            name=name if isinstance(name, str) and not name.startswith("sys[") else None,
-        )
+        return cls(**foreign.arguments(system, dt))
 
     @property
     def A(self) -> NDArray[np.float64]:
@@ -282,32 +257,6 @@ class System:
             self,
             [("states n", self.n), ("inputs m", self.m), ("step dt", dt), *self._labels.rows()],
         )
-
-
-_CONTINUOUS = (
-    "{}, which means continuous time: discretize first, e.g. with scipy.signal.cont2discrete "
-    "or control.c2d"
-)
-
-
-def _attribute(system: object, word: str, missing: object = None) -> Any:
-    """Return an attribute of any object, or `missing`."""
-    try:
-        return getattr(system, word, missing)
-    except Exception as error:  # a property can raise anything
-        raise InputTypeError(
-            f"`system` must be a system whose attribute {word} can be read, got {gate.show(system)}"
-        ) from error
-
-
-def _checked_dt(dt: object) -> float | bool | None:
-    if dt is None:
-        return None
-    if isinstance(dt, (bool, np.bool_)) and dt:
-        return True
-    if gate.is_real(dt) and dt == 0:
-        raise InputError(_CONTINUOUS.format("`dt` is 0"))
-    return gate.positive("dt", dt)
 
 
 def _rebuild(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from stochens_rs import cases
-from stochens_rs.cases._discretize import discretize, expm
+from stochens_rs._base.discretize import discretize, expm
 from stochens_rs.cases._swing import reduced_stiffness, swing
 from stochens_rs.exceptions import InputError, InputTypeError
 from stochens_rs.rng import as_key

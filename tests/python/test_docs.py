@@ -157,11 +157,13 @@ PAGES = (
     "docs/measured-runs.md",
     "docs/saving.md",
     "docs/studies.md",
+    "docs/systems.md",
 )
 # Packages of the extras `dev` that a page needs.
 NEEDED = {
     "docs/saving.md": ("h5netcdf", "pandas", "xarray"),
     "docs/studies.md": ("distributed", "matplotlib", "pandas", "xarray"),
+    "docs/systems.md": ("control", "pandas", "scipy", "xarray"),
 }
 MARKDOWN = [path for path in PAGES if (ROOT / path).exists()]
 

@@ -53,6 +53,13 @@ def model(**options: Any) -> se.Model:
         return se.identify(data(), **({"design": "independent"} | options))
 
 
+def snapshot() -> Any:
+    stream = se.ModelStream(2, 1, sigma=0.1)
+    rows = data()._rows
+    stream.update(rows[:, :2], rows[:, 2:3], rows[:, 3:])
+    return stream.model
+
+
 def drawn(name: str, values: Any, size: int = 50, **options: Any) -> se.Ensemble:
     return se.sample(values, size, rng=key(name), **options)
 
@@ -99,6 +106,7 @@ PLANS = {
     "model, known": lambda: se.control(model(known_B=B), X0, XF, steps=2),
     "model, intercept": lambda: se.control(model(intercept=True), X0, XF, steps=2),
     "fused model": lambda: se.control(fused(), X0, XF, steps=2),
+    "model of a stream": lambda: se.control(snapshot(), X0, XF, steps=2),
     "by hand": lambda: replace(PLANS["exact"](), basis=None, info={}),
 }
 PARTS = {

@@ -9,16 +9,18 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError, SizeError
+from .labelled import aligned
+from .reading import article as article
+from .reading import found_shape, origin, shown_shape, whole
 from .reading import read as read
 from .reading import show as show
-from .reading import shown_shape, whole
 from .types import Floats
 
 if TYPE_CHECKING:
@@ -34,13 +36,20 @@ W = TypeVar("W", bound=str)
 EXACT = 2**53
 
 
-def vector(name: str, value: object, *, length: int | None = None) -> Floats:
-    """Return `value` as a C-contiguous float64 array of shape (length,), length >= 1."""
-    given = _numeric(name, value)
+def vector(
+    name: str, value: object, *, length: int | None = None, labels: Sequence[str] | None = None
+) -> Floats:
+    """Return `value` as a C-contiguous float64 array of shape (length,), length >= 1.
+
+    A table whose labels are `labels`, the names of its entries, is brought into their order.
+    """
+    given = _numeric(name, value if labels is None else aligned(name, value, labels))
     wanted = f"({'n' if length is None else length},)"
     if given.ndim != 1 or (length is not None and len(given) != length):
         hint = f"; use {name}.ravel()" if given.ndim == 2 and 1 in given.shape else ""
-        raise ShapeError(f"`{name}` must have shape {wanted}, got {_shape(value, given)}{hint}")
+        raise ShapeError(
+            f"`{name}` must have shape {wanted}, got {found_shape(value, given)}{hint}"
+        )
     return _finite(name, given)
 
 
@@ -51,9 +60,13 @@ def matrix(
     rows: int | None = None,
     cols: int | None = None,
     square: bool = False,
+    labels: Sequence[str] | None = None,
 ) -> Floats:
-    """Return `value` as a C-contiguous float64 array of shape (rows, cols), both >= 1."""
-    given = _numeric(name, value)
+    """Return `value` as a C-contiguous float64 array of shape (rows, cols), both >= 1.
+
+    `labels` of the columns as in `vector`.
+    """
+    given = _numeric(name, value if labels is None else aligned(name, value, labels))
     wanted = (
         "n" if rows is None else str(rows),
         ("n" if rows is None else str(rows)) if square else "m" if cols is None else str(cols),
@@ -62,23 +75,30 @@ def matrix(
     if not good or (square and given.shape[0] != given.shape[1]):
         one = given.ndim == 1 and not square and cols in (None, 1)
         hint = f"; use {name}.reshape(-1, 1) for one column" if one else ""
-        raise ShapeError(
-            f"`{name}` must have shape ({wanted[0]}, {wanted[1]}), got {_shape(value, given)}{hint}"
-        )
+        found = found_shape(value, given)
+        raise ShapeError(f"`{name}` must have shape ({wanted[0]}, {wanted[1]}), got {found}{hint}")
     return _finite(name, given)
 
 
-def inputs(name: str, value: object, *, cols: int, rows: str = "K", empty: bool = True) -> Floats:
+def inputs(
+    name: str,
+    value: object,
+    *,
+    cols: int,
+    rows: str = "K",
+    empty: bool = True,
+    labels: Sequence[str] | None = None,
+) -> Floats:
     """Return vectors over time as C-contiguous float64 of shape (rows, cols), rows >= 0.
 
-    `rows` is for messages; without `empty` there must be one at least.
+    `rows` is for messages; without `empty` there must be one at least; `labels` as in `matrix`.
     """
-    given = read(name, value)
+    given = read(name, value if labels is None else aligned(name, value, labels))
     if given.ndim != 2 or given.shape[1] != cols:
         hint = f"; use {name}.reshape(-1, {cols})" if given.ndim == 1 and given.size else ""
         raise ShapeError(
             f"`{name}` must have shape ({rows}, {cols}), one row per step, "
-            f"got {_shape(value, given)}{hint}"
+            f"got {found_shape(value, given)}{hint}"
         )
     if empty and not len(given):
         return np.zeros((0, cols))
@@ -90,10 +110,9 @@ def array(name: str, value: object, *, ndim: tuple[int, ...]) -> Floats:
     given = _numeric(name, value)
     if given.ndim not in ndim:
         wanted = " or ".join(str(k) for k in ndim)
-        found = _shape(value, given)
-        raise ShapeError(
-            f"`{name}` must have {wanted} dimensions, got {'shape ' * (found[0] == '(')}{found}"
-        )
+        found = found_shape(value, given)
+        what = "shape " * (found[0] == "(")
+        raise ShapeError(f"`{name}` must have {wanted} dimensions, got {what}{found}")
     return _finite(name, given)
 
 
@@ -252,11 +271,6 @@ def instance(name: str, value: object, kind: type[T]) -> T:
     return value
 
 
-def article(kind: type) -> str:
-    """The name of a class with its article."""
-    return f"{'an' if kind.__name__[0] in 'AEIOU' else 'a'} {kind.__name__}"
-
-
 def text(name: str, value: object) -> str:
     """Return a string that can be encoded as UTF-8 (without lone surrogates)."""
     if not isinstance(value, str):
@@ -286,25 +300,12 @@ def _numeric(name: str, value: object) -> NDArray[Any]:
     if given.dtype.kind not in "iuf":
         hint = {"c": f"; pass {name}.real", "b": f"; pass {name}.astype(float)"}
         raise InputTypeError(
-            f"`{name}` must contain integers or real floats, got {_origin(value, given)}"
+            f"`{name}` must contain integers or real floats, got {origin(value, given)}"
             f"{hint.get(given.dtype.kind, '') if isinstance(value, np.ndarray) else ''}"
         )
     if given.ndim > 0 and given.size == 0:
         raise ShapeError(f"`{name}` must have at least one entry, got shape {shown_shape(given)}")
     return given
-
-
-def _origin(value: object, given: NDArray[Any]) -> str:
-    if given.ndim == 0 and not isinstance(value, (np.ndarray, np.generic)):
-        return show(value)
-    return f"dtype {str(given.dtype)[:40]}"
-
-
-def _shape(value: object, given: NDArray[Any]) -> str:
-    """The shape that was found, or the scalar."""
-    if given.ndim == 0 and not isinstance(value, np.ndarray):
-        return show(value)
-    return shown_shape(given)
 
 
 def _finite(name: str, given: NDArray[Any]) -> Floats:

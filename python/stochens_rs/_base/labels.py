@@ -93,6 +93,13 @@ def made_labels(
     return Labels(*names, () if units is None else tuple(units.items()))
 
 
+def texts(argument: str, names: object) -> tuple[str, ...] | None:
+    """Names as a tuple of text; None for None."""
+    if names is None:
+        return None
+    return tuple(gate.text(argument, name) for name in gate.items(argument, names))
+
+
 def fitting(labels: object, n: int, m: int) -> None:
     """Check the field `labels` of a record of n states and m inputs."""
     if labels is not None:
@@ -143,9 +150,9 @@ def checked_units(names: Sequence[str], units: object) -> tuple[tuple[str, str],
 
 
 def _names(argument: str, names: object, count: int, letter: str) -> tuple[str, ...]:
-    if names is None:
+    found = texts(argument, names)
+    if found is None:
         return _numbered(letter, count)
-    found = tuple(gate.text(argument, name) for name in gate.items(argument, names))
     if len(found) != count:
         raise ShapeError(f"`{argument}` must have {count} names, got {len(found)}")
     if len(set(found)) < count:

@@ -10,7 +10,6 @@ import inspect
 import math
 import types as kinds_of_types
 from collections.abc import Callable
-from functools import cache
 from typing import (
     TYPE_CHECKING,
     Any,
@@ -36,17 +35,20 @@ if TYPE_CHECKING:
 # All classes that can be read, by their names: `Record` enters those of this package.
 RECORDS: dict[str, type[Any]] = {}
 DTYPES = ("float64", "int64", "int8", "bool", "uint8", "uint16", "uint32", "uint64")
+_DECLARED: dict[type[Any], dict[str, Any]] = {}
 _NOT_FINITE = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
 _LONGEST = 2**63  # of whole numbers
 _EMPTY = 2**20  # the largest side of an array without entries
 
 
-@cache
-def declared(record: Any) -> dict[str, Any]:
+def declared(record: type[Any]) -> dict[str, Any]:
     """The arguments of the constructor of a record, and their types."""
-    made_by = getattr(record, "_made_by", record)
-    found = get_type_hints(made_by, localns={**vars(types), **RECORDS})
-    return {name: found[name] for name in inspect.signature(made_by).parameters}
+    if record not in _DECLARED:
+        made_by = getattr(record, "_made_by", record)
+        found = get_type_hints(made_by, localns={**vars(types), **RECORDS})
+        names = inspect.signature(made_by).parameters
+        _DECLARED[record] = {name: found[name] for name in names}
+    return _DECLARED[record]
 
 
 def written(name: str, value: Any, kind: Any, put: Put) -> Any:

@@ -13,7 +13,7 @@ import numpy as np
 from ..exceptions import InputError, InputTypeError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -109,6 +109,40 @@ def _labels(value: Any) -> Iterator[tuple[str, list[Any]]]:
                 yield str(dim), labels
 
 
+def labels_along(value: Any) -> list[list[Any]]:
+    """The labels along each axis of a table, [] for an axis without; [] if it is no table."""
+    try:
+        dims, coords = getattr(value, "dims", None), getattr(value, "coords", None)
+        if dims is not None and coords is not None:
+            found = [list(np.asarray(coords[dim])) if dim in coords else [] for dim in dims]
+        else:
+            axes = (getattr(value, what, None) for what in ("index", "columns"))
+            found = [list(axis) for axis in axes if axis is not None and not callable(axis)]
+        return [[] if _counted(labels) else labels for labels in found]
+    except Exception:  # whatever a foreign object raises: `read` looks at it again
+        return []
+
+
+def shown_labels(labels: Sequence[Any]) -> str:
+    """At most three labels as text."""
+    some = ", ".join(f"{label!r:.24}" for label in labels[:3])
+    return f"{some}{', ...' if len(labels) > 3 else ''}"
+
+
+def origin(value: object, given: NDArray[Any]) -> str:
+    """The kind of numbers that was found."""
+    if given.ndim == 0 and not isinstance(value, (np.ndarray, np.generic)):
+        return show(value)
+    return f"dtype {str(given.dtype)[:40]}"
+
+
+def found_shape(value: object, given: NDArray[Any]) -> str:
+    """The shape that was found, or the scalar."""
+    if given.ndim == 0 and not isinstance(value, np.ndarray):
+        return show(value)
+    return shown_shape(given)
+
+
 def _counted(labels: list[Any], prefix: str | None = None) -> bool:
     """Whether labels are 0, 1, 2, ... as integers, or these after the prefix."""
     return all(
@@ -151,3 +185,8 @@ def whole(value: object) -> int | None:
         return operator.index(value)  # type: ignore[arg-type]
     except Exception:  # not an integer, or anything a foreign `__index__` raises
         return None
+
+
+def article(kind: type) -> str:
+    """The name of a class with its article."""
+    return f"{'an' if kind.__name__[0] in 'AEIOU' else 'a'} {kind.__name__}"

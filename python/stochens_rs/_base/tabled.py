@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -27,10 +28,10 @@ class Cube:
 
     Attributes
     ----------
-    variables : dict of str to (dims, array, unit)
+    variables : mapping of str to (dims, array, unit)
         The unit is a text, or "state" or "input": that of the states or inputs along the last
         dimension. Those whose array is None are left out.
-    coordinates : dict of str to (array, unit)
+    coordinates : mapping of str to (array, unit)
         Along the dimensions of these names.
     attrs : dict
         Texts and numbers, the key as text; None is left out.
@@ -38,8 +39,8 @@ class Cube:
         Names along the dimensions "state" and "input".
     """
 
-    variables: dict[str, tuple[tuple[str, ...], NDArray[Any] | None, str | None]]
-    coordinates: dict[str, tuple[NDArray[Any], str | None]]
+    variables: Mapping[str, tuple[tuple[str, ...], NDArray[Any] | None, str | None]]
+    coordinates: Mapping[str, tuple[NDArray[Any], str | None]]
     attrs: dict[str, Any]
     labels: Labels | None = None
 

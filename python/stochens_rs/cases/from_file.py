@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 
 from .._base import gate, memory
 from .._base.files import checked_path
-from ..exceptions import InputError, ResourceError
+from ..exceptions import InputError, ResourceError, ShapeError
 from ..system import System
+from ._from_csv import read_csv
+from ._from_mat import read_mat
 
-_NAMES = ("A", "B", "x0", "xf", "dt")
+_NAMES = ("A", "B", "x0", "xf", "dt", "states", "inputs", "units")
 _KINDS = {
     stat.S_IFDIR: "directory",
     stat.S_IFIFO: "pipe",
@@ -29,6 +31,7 @@ _KINDS = {
 # Bytes of memory per byte of JSON in the worst case: the 3 bytes "{}," become a dict of 80 bytes
 # and a pointer of 8, 29 per byte; the text itself is in memory too.
 _PARSED = 36
+_MEMORY = {".npz": 1, ".mat": 1, ".csv": 1}  # their readers look at what is in them
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +41,7 @@ class Problem:
     Attributes
     ----------
     system : System
-        ``A``, ``B`` and ``dt``.
+        ``A``, ``B`` and ``dt``, and names and units.
     x0, xf : ndarray, shape (n,), or None
         Initial state and target; None if the file does not have it.
     """
@@ -49,13 +52,15 @@ class Problem:
 
 
 def from_file(path: str | os.PathLike[str]) -> Problem:
-    """Read a problem from NumPy's ``.npz`` or from JSON.
+    """Read a problem from NumPy's ``.npz``, MATLAB's ``.mat``, ``.csv`` or JSON.
 
     Parameters
     ----------
     path : path
-        A ``.npz`` file; a file with any other name is read as JSON. Entries: ``A`` (n, n),
-        ``B`` (n, m), and optionally ``x0`` (n,), ``xf`` (n,) and the step ``dt`` [s].
+        A ``.npz``, ``.mat`` or ``.csv`` file; a file with any other name is read as JSON. Entries:
+        ``A`` (n, n), ``B`` (n, m), and optionally ``x0`` (n,), ``xf`` (n,), the step ``dt`` [s],
+        the names ``states`` (n) and ``inputs`` (m), and their ``units``: in JSON an object with
+        the units of some names, elsewhere texts in the order of states and inputs, "" for none.
 
     Returns
     -------
@@ -78,6 +83,21 @@ def from_file(path: str | os.PathLike[str]) -> Problem:
     -----
     Reading executes nothing: arrays of Python objects are refused.
 
+    MATLAB files of versions 5 to 7.2 are read, ``save(name, 'A', 'B', '-v7')``; texts are cells or
+    rows of characters.
+
+    A CSV file is the table [A B x0 xf] in UTF-8 with a row for each state. Its first row has the
+    names of the states, then those of the inputs, each with its unit if it has one, then ``x0``
+    and ``xf`` if there are such columns. A first column with the title ``state`` or without one
+    has the names of the rows, which may then be in any order. Lines above the first row may begin
+    with #, one of them be ``# dt = 0.1``. A table that has lost rows is one with fewer states and
+    more inputs: look at the n and m of the system. ::
+
+        # dt = 0.1
+        state,p [m],v,F [N],x0
+        p,1,0.1,0,2
+        v,0,0.9,0.1,0
+
     Examples
     --------
     >>> import json, tempfile, pathlib, stochens_rs as se
@@ -92,14 +112,19 @@ def from_file(path: str | os.PathLike[str]) -> Problem:
         kind = _KINDS.get(stat.S_IFMT(about.st_mode), "special file")
         cure = ": save it to a file first" if kind == "pipe" else ""
         raise InputError(f"{path} must be a regular file, got a {kind}{cure}")
-    archive = path.suffix.lower() == ".npz"
-    memory.need(f"to read {path}", about.st_size * (1 if archive else _PARSED))
-    found = _npz(path) if archive else _json(path, about.st_size)
+    kind = path.suffix.lower()
+    memory.need(f"to read {path}", about.st_size * _MEMORY.get(kind, _PARSED))
+    if kind == ".csv":
+        found = read_csv(path)
+    elif kind == ".mat":
+        found = read_mat(path, _NAMES)
+    else:
+        found = _npz(path) if kind == ".npz" else _json(path, about.st_size)
     unknown = sorted(set(found) - set(_NAMES))
     if unknown:
         raise InputError(
-            f"{path} must have the entries A and B, and optionally x0, xf and dt, "
-            f"got also {unknown[0]!r}"
+            f"{path} must have the entries A and B, and optionally x0, xf, dt, states, inputs and "
+            f"units, got also {unknown[0][:40]!r}"
         )
     missing = [name for name in ("A", "B") if name not in found]
     if missing:
@@ -107,12 +132,33 @@ def from_file(path: str | os.PathLike[str]) -> Problem:
     dt: Any = found.get("dt")
     if isinstance(dt, np.ndarray):
         dt = dt.item() if dt.size == 1 else dt
-    system = System(found["A"], found["B"], dt=dt)
+    names = {word: _texts(found.get(word)) for word in ("states", "inputs")}
+    plain = System(found["A"], found["B"], dt=dt, **names)
+    units = _units(plain, _texts(found.get("units")))
+    system = System(plain.A, plain.B, dt=dt, **names, units=units) if units else plain
     x0, xf = (
         None if found.get(name) is None else gate.vector(name, found[name], length=system.n)
         for name in ("x0", "xf")
     )
     return Problem(system, x0, xf)
+
+
+def _texts(value: Any) -> Any:
+    """An array of text as a list; anything else as it is."""
+    return value.tolist() if isinstance(value, np.ndarray) else value
+
+
+def _units(system: System, given: Any) -> Any:
+    """Units by name, from such an object or from texts in the order of states and inputs."""
+    if given is None or isinstance(given, dict):
+        return given
+    names = system.state_names + system.input_names
+    units = gate.items("units", given)
+    if len(units) != len(names):
+        raise ShapeError(
+            f"`units` must have {len(names)} texts, one for each state and input, got {len(units)}"
+        )
+    return dict(zip(names, units, strict=True))
 
 
 def _npz(path: Path) -> dict[str, Any]:
@@ -133,7 +179,7 @@ def _json(path: Path, size: int) -> dict[str, Any]:
         with path.open("rb") as file:
             found = json.loads(file.read(size).decode("utf-8"), object_pairs_hook=_object)
     except (ValueError, RecursionError) as error:  # not text, not JSON, or nested too deeply
-        raise InputError(f"{path} must be a .npz archive or JSON: {error}") from error
+        raise InputError(f"{path} must be JSON, or end in .npz, .mat or .csv: {error}") from error
     if not isinstance(found, dict):
         raise InputError(f"{path} must be a JSON object, got {type(found).__name__}")
     return found

@@ -7,8 +7,8 @@ from typing import Literal
 import numpy as np
 
 from .._base import gate
+from .._base.discretize import discretize
 from ..system import System
-from ._discretize import discretize
 from ._swing import SYSTEM_MVA, Array, reduced_stiffness, swing, swing_labels
 
 __all__ = ["ieee14"]

@@ -6,8 +6,8 @@ from typing import Literal
 
 import numpy as np
 
+from .._base.discretize import discretize
 from ..system import System
-from ._discretize import discretize
 from ._swing import Array, reduced_stiffness, swing, swing_labels
 
 __all__ = ["ieee39"]

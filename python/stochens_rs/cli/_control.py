@@ -63,7 +63,8 @@ def control_command(
     """Compute the control that leads from one state to another, also within limits.
 
     MODEL_OR_PROBLEM is a model that `stochens identify --save` wrote (.safetensors), or a system
-    that is known: .npz or JSON with A, B and optionally x0, xf.
+    that is known: .npz, .mat, .csv or JSON with A, B and optionally x0, xf, names and units
+    (`help(stochens_rs.cases.from_file)` says how).
 
     For a model, prints how far the true system can end from the target, with probability 1 - P,
     and of what that is made; the figure has the predicted states with the tube that contains the
@@ -85,7 +86,6 @@ def control_command(
     if source.endswith(".safetensors"):
         known = Model.load(source)
         x0, xf, n = None, None, known.n
-        names = known.state_names, known.input_names
     else:
         if noise or open_loop or robust:
             raise click.UsageError(
@@ -95,7 +95,7 @@ def control_command(
         problem = cases.from_file(source)
         known, x0, xf = problem.system, problem.x0, problem.xf
         n = known.n
-        names = tuple(f"x[{i}]" for i in range(n)), tuple(f"u[{j}]" for j in range(known.m))
+    names = known.state_names, known.input_names
     x0 = _state("--from", start, n, x0)
     xf = _state("--to", goal, n, np.zeros(n) if xf is None else xf)
     asked = limits_given(context.params, names)

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from .._base import memory
+from .._base.csv_file import read_cells
 from ..exceptions import InputError
 from ..identification import Trajectories
-
-# Bytes of memory for one of the file: a cell of few characters becomes an object of about 60.
-_PARSED = 30
 
 
 def read_runs(
@@ -44,30 +39,8 @@ def read_runs(
 
 
 def _columns(path: str) -> dict[str, list[str]]:
-    memory.need(f"to read {path}", Path(path).stat().st_size * _PARSED)
-    try:
-        with open(path, newline="", encoding="utf-8-sig") as file:
-            rows = csv.reader(file)
-            names = [name.strip() for name in next(rows, [])]
-            twice = next((name for name in names if names.count(name) > 1), None)
-            if not names:
-                raise InputError(f"{path} is empty: its first row must name the columns")
-            if twice is not None:
-                raise InputError(f"{path} has the column '{twice}' twice")
-            found: list[list[str]] = []
-            for row in rows:
-                if not row:
-                    continue
-                if len(row) != len(names):
-                    raise InputError(
-                        f"{path} has {len(row)} cells, not {len(names)}, in line {rows.line_num}"
-                    )
-                found.append([cell.strip() for cell in row])
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path} must be a CSV file in UTF-8: {error}") from None
-    if not found:
-        raise InputError(f"{path} has no rows below the names of its columns")
-    return dict(zip(names, map(list, zip(*found, strict=True)), strict=True))
+    names, rows, _ = read_cells(path)
+    return dict(zip(names, map(list, zip(*rows, strict=True)), strict=True))
 
 
 def _numbers(path: str, name: str, cells: list[str]) -> Any:

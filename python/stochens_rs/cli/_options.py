@@ -15,7 +15,7 @@ file_option = click.option(
     "--file",
     "path",
     metavar="FILE",
-    help="Your own system: .npz or JSON with A, B and optionally x0, xf.",
+    help="Your own system: .npz, .mat, .csv or JSON with A, B and optionally x0, xf.",
 )
 seed_option = click.option(
     "--seed",

@@ -55,9 +55,9 @@ def study_command(
 ) -> None:
     """Compare fusions by the errors of control and state, relative, over repeated samples.
 
-    PROBLEM is the name of an example system, or a file: .npz or JSON with A, B and optionally x0,
-    xf. With --path, the same command continues after Ctrl-C or a crash; the numbers are the same
-    bits as without, with any number of workers.
+    PROBLEM is the name of an example system, or a file: .npz, .mat, .csv or JSON with A, B and
+    optionally x0, xf. With --path, the same command continues after Ctrl-C or a crash; the numbers
+    are the same bits as without, with any number of workers.
     """
     options = {k: v for k, v in context.params.items() if k not in ("out", "force", "as_json")}
     folder = None if out is None else Folder(out, "study", options, force)

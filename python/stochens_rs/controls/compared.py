@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from .._base import gate
 from ..exceptions import ShapeError
@@ -65,8 +65,10 @@ class Compared:
         """
         fitting = self._fitting(system)
         if self.limited is not None:
-            start = gate.vector("x0", x0, length=fitting.n)
-            return limited_error(self.limited, fitting.A, fitting.B, start, xf, self.u)
+            how: Any = {"length": fitting.n, "labels": fitting.state_names}
+            start = gate.vector("x0", x0, **how)
+            goal = None if xf is None else gate.vector("xf", xf, **how)
+            return limited_error(self.limited, fitting.A, fitting.B, start, goal, self.u)
         checked, start, goal = checked_ends(fitting, x0, xf)
         best = best_control(checked.A, checked.B, start, goal, self.steps)
         return best.error(self.u.ravel(), start)
@@ -100,7 +102,8 @@ class Compared:
         True
         """
         checked = self._fitting(system)
-        return states(checked.A, checked.B, gate.vector("x0", x0, length=checked.n), self.u)
+        start = gate.vector("x0", x0, length=checked.n, labels=checked.state_names)
+        return states(checked.A, checked.B, start, self.u)
 
     def _fitting(self, system: object) -> System:
         checked = System.from_any(system)

@@ -109,14 +109,15 @@ def problem(
         if A.shape != (n, n):
             raise ShapeError(f"`A` must have shape (n, n), got {A.shape}")
         B, matrix = gate.matrix("B", pair[1], rows=n).copy(), Entity("A", A)
-        labels = default_labels(*B.shape)
+        labels = default_labels(n, B.shape[1])
     else:
         exact = System.from_any(system)
         n, B, matrix, labels = exact.n, exact.B, Entity("A", exact.A), exact.labels
-    return B, (_end("x0", x0, n), _end("xf", ending(reference, xf, n), n), matrix), labels
+    goal = ending(reference, xf, labels.states)
+    return B, (_end("x0", x0, labels.states), _end("xf", goal, labels.states), matrix), labels
 
 
-def ending(reference: Any, xf: Any, n: int) -> Any:
+def ending(reference: Any, xf: Any, names: tuple[str, ...]) -> Any:
     """The target: xf, or the last row of a reference."""
     if reference is None and xf is None:
         raise InputError("`xf` must be given without `reference`")
@@ -124,12 +125,13 @@ def ending(reference: Any, xf: Any, n: int) -> Any:
         return xf
     if xf is not None:
         raise InputError("`xf` must be None with `reference`, whose last row takes its place")
-    return gate.matrix("reference", reference, cols=n)[-1]
+    return gate.matrix("reference", reference, cols=len(names), labels=names)[-1]
 
 
-def _end(name: str, value: object, n: int) -> Entity:
+def _end(name: str, value: object, names: tuple[str, ...]) -> Entity:
+    n = len(names)
     if not _estimated(value):
-        return Entity(name, gate.vector(name, value, length=n).copy())
+        return Entity(name, gate.vector(name, value, length=n, labels=names).copy())
     if value.shape != (n,):
         raise ShapeError(f"`{name}` must have shape ({n},), got {value.shape}")
     return Entity(name, value)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from .._base import gate
+from .._base.labels import default_labels
 from ..exceptions import InputError
 from .fleet_design import Box, Design, least_mean, least_worst, without
 from .fleet_plan import RISKS, FleetPlan, Risk
@@ -91,7 +92,8 @@ def control_fleet(
     """
     units = read_units(systems, x0, xf, steps, Q)
     m = units.systems.m
-    low, high = sides("limits", limits, units.steps, m)
+    labels = default_labels(units.systems.n, m)
+    low, high = sides("limits", limits, units.steps, labels)
     box = Box(low.ravel(), high.ravel(), None if R is None else weight("R", R, m))
     gate.choice("risk", risk, RISKS)
     count = gate.size("discard", discard, minimum=0, maximum=max(0, units.size - 1))

@@ -44,11 +44,13 @@ def model_control(
 ) -> Plan:
     """Compute the control for a model; the arguments are those of `control`."""
     n, m = model.B.shape
-    start, goal = _exact("x0", x0, n), _exact("xf", ending(asked["reference"], xf, n), n)
+    labels = model.labels
+    start = _exact("x0", x0, labels.states)
+    goal = _exact("xf", ending(asked["reference"], xf, labels.states), labels.states)
     K, how = fusion_over(steps, fusion, n, m)
     if how != "product":
         raise InputError("`fusion` must be 'product' for a model from data, got 'diagonal'")
-    task, seconds = asked_task(n, m, K, goal, asked)
+    task, seconds = asked_task(n, m, K, goal, asked, labels)
     # what the offset alone adds over K steps
     drift = trajectory(model._Theta, np.zeros(n), np.zeros((K, m)))[-1]
     found = best_control(model.A, model.B, start, goal - drift, K)
@@ -86,7 +88,7 @@ def model_control(
         info=info,
         basis=ModelBasis(model, start, goal, x0_error),
         limited=limited,
-        labels=model.labels,
+        labels=labels,
     )
 
 
@@ -107,7 +109,7 @@ def _beyond(model: Identified, states: Floats, u: Floats) -> tuple[str, ...]:
     )
 
 
-def _exact(name: str, value: Any, n: int) -> Floats:
+def _exact(name: str, value: Any, names: tuple[str, ...]) -> Floats:
     if isinstance(value, Fit | Ensemble | Counts):
         mean = "its mean()" if isinstance(value, Ensemble) else "its estimate"
         rest = " or the exact target"
@@ -117,7 +119,7 @@ def _exact(name: str, value: Any, n: int) -> Floats:
             f"`{name}` must be an array with a model from data, got "
             f"{gate.article(type(value))}: pass {mean}{rest}"
         )
-    return gate.vector(name, value, length=n).copy()
+    return gate.vector(name, value, length=len(names), labels=names).copy()
 
 
 def _robust(model: Identified, x0: Floats, xf: Floats, K: int, delta: float) -> Floats:

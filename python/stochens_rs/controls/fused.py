@@ -188,7 +188,7 @@ def control(
     n, m = inputs.shape
     K, how = fusion_over(steps, fusion, n, m)
     start, goal = given[0].estimate(), given[1].estimate()
-    task, seconds = asked_task(n, m, K, goal, asked)
+    task, seconds = asked_task(n, m, K, goal, asked, labels)
     matrix: Floats | None = None
     limited: Limited | None = None
     if how == "diagonal":

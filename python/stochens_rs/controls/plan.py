@@ -25,7 +25,7 @@ from .plan_arrays import PlanArrays
 from .plan_bound import PlanBound, plan_bound
 from .plan_covariance import plan_covariance
 from .shown import expectation, made_from
-from .within import Within, cost_rows, cost_text
+from .within import Within, cost_rows, cost_text, worst_state
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -269,5 +269,6 @@ class Plan(SavedRecord, Compared, Within, Drawn, PlanArrays):
             self.reachability, self.basis, self.predicted_states[-1], K, self.covariance
         )
         if self.limited is not None:
-            text = f"without limits {text}; {cost_text(self.limited)}"
+            worst = worst_state(self.limited, self.predicted_states, self.labels)
+            text = f"without limits {text}; {cost_text(self.limited, worst)}"
         return f"<Plan {self.fusion}: {html.counted(K)}, m={m}, {self.status}, {text}>"

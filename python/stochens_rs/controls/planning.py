@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._base import gate
+from .._base.labels import Labels
 from .._base.numbers import smallest_size
 from .._base.types import DELTA, QUANTITIES, Floats, Fusion, Quantity
 from ..exceptions import InputError, SizeError
@@ -118,7 +119,7 @@ def required_samples(
     K, how = fusion_over(steps, fusion, checked.n, checked.m)
     relative = gate.flag("relative", relative)
     if limits is not None:
-        _limited(checked.n, checked.m, K, limits, kind, relative)
+        _limited(checked.labels, K, limits, kind, relative)
     key = as_key(rng)
     best = best_control(checked.A, checked.B, start, goal, K)
     relative_to, reference = best.compared(kind, start)
@@ -179,7 +180,7 @@ def required_samples(
     )
 
 
-def _limited(n: int, m: int, K: int, limits: Any, quantity: str, relative: bool) -> None:
+def _limited(labels: Labels, K: int, limits: Any, quantity: str, relative: bool) -> None:
     """Refuse limits where the sizes without them do not hold."""
     if K > 1:
         raise InputError(
@@ -196,7 +197,8 @@ def _limited(n: int, m: int, K: int, limits: Any, quantity: str, relative: bool)
             "`relative` must be False with `limits`: the state that an error would be relative to "
             "is another one within them"
         )
-    checked_task(n, m, K, np.zeros(n), limits=limits)
+    n, m = len(labels.states), len(labels.inputs)
+    checked_task(n, m, K, np.zeros(n), limits=limits, labels=labels)
 
 
 def _needed(errors: Callable[[int], Floats], allowed: float, delta: float, start: int) -> int:

@@ -59,8 +59,8 @@ def predict(model: Identified, x0: ArrayLike, inputs: ArrayLike, *, x0_error: fl
     if not isinstance(model, Identified):
         raise InputTypeError(f"`model` must be a model from data, got {gate.show(model)}")
     n, m = model.B.shape
-    start = gate.vector("x0", x0, length=n).copy()
-    u = gate.inputs("inputs", inputs, cols=m, empty=False).copy()
+    start = gate.vector("x0", x0, length=n, labels=model.state_names).copy()
+    u = gate.inputs("inputs", inputs, cols=m, empty=False, labels=model.input_names).copy()
     path = trajectory(model._Theta, start, u)
     if not np.isfinite(path).all():
         raise NonFiniteError("the predicted states overflow: give fewer or smaller `inputs`")

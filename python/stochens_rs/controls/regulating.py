@@ -90,7 +90,7 @@ def regulate(
     checked = checked_model(system)
     n, m = checked.B.shape
     K = gate.size("steps", steps)
-    goal = None if xf is None else gate.vector("xf", xf, length=n)
+    goal = None if xf is None else gate.vector("xf", xf, length=n, labels=checked.state_names)
     task = checked_task(
         n,
         m,
@@ -105,6 +105,7 @@ def regulate(
         reference=reference,
         state_limits=state_limits,
         soft=soft,
+        labels=checked.labels,
     )
     assert task is not None
     return Regulator(checked, task, time_limit)

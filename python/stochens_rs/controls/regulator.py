@@ -110,7 +110,7 @@ class Regulator:
                 return self._hold(started)
             if x is None:
                 raise InputError("`x` must be the state, or hold=True if it is not known, got None")
-            state = gate.vector("x", x, length=self.n).copy()
+            state = gate.vector("x", x, length=self.n, labels=self._system.state_names).copy()
             plan, status, gap = self._solve(state)
             # nothing above has changed the loop, so that an exception leaves it as it was
             self._plan, self._held = plan, 0

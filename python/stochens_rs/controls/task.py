@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from .._base import gate
+from .._base.labelled import aligned
+from .._base.labels import Labels, default_labels
 from .._base.records import Record, require_shapes
 from .._base.types import Floats
 from ..exceptions import InputError, InputTypeError, ShapeError
@@ -103,11 +105,13 @@ class Task(Record):
 
 
 def asked_task(
-    n: int, m: int, K: int, goal: Floats | None, asked: dict[str, Any]
+    n: int, m: int, K: int, goal: Floats | None, asked: dict[str, Any], labels: Labels
 ) -> tuple[Task | None, float | None]:
     """The task of the arguments of `control`, and the time for it [s]."""
     told = {name: value for name, value in asked.items() if name != "time_limit"}
-    task = checked_task(n, m, K, None if told["reference"] is not None else goal, **told)
+    task = checked_task(
+        n, m, K, None if told["reference"] is not None else goal, **told, labels=labels
+    )
     time_limit = asked["time_limit"]
     if time_limit is None:
         return task, None
@@ -139,11 +143,13 @@ def checked_task(
     reference: Any = None,
     state_limits: Any = None,
     soft: Any = None,
+    labels: Labels | None = None,
 ) -> Task | None:
     """Check the limits and weights of `control`; None if there are none.
 
-    `xf` is the target, or None where a `reference` is given.
+    `xf` is the target, or None where a `reference` is given. Messages use the names in `labels`.
     """
+    named = labels or default_labels(n, m)
     given = (limits, rate, Q, Qf, R, reference, state_limits)
     if all(value is None for value in given):
         for name, value in (("previous", previous), ("soft", soft)):
@@ -152,8 +158,8 @@ def checked_task(
                     f"`{name}` must be left out without limits, got {gate.show(value)}"
                 )
         return None
-    low, high = sides("limits", limits, K, m)
-    speed, before = _rates(rate, previous, low, high)
+    low, high = sides("limits", limits, K, named)
+    speed, before = _rates(rate, previous, low, high, named)
     stage = np.zeros((n, n)) if Q is None else weight("Q", Q, n)
     terminal = weight("Qf", Qf, n) if Qf is not None else stage if Q is not None else np.eye(n)
     if not stage.any() and not terminal.any():
@@ -162,13 +168,13 @@ def checked_task(
     cost = None if auto else weight("R", R, m, auto=True)
     below, above = None, None
     if state_limits is not None:
-        below, above = sides("state_limits", state_limits, K, n)
+        below, above = sides("state_limits", state_limits, K, named)
     return Task(
         low,
         high,
         stage,
         terminal,
-        _reference(reference, xf, K, n),
+        _reference(reference, xf, K, named.states),
         cost,
         speed,
         before,
@@ -205,8 +211,10 @@ def weight(name: str, value: Any, n: int, *, auto: bool = False) -> Floats:
     return half
 
 
-def sides(name: str, value: Any, K: int, m: int) -> tuple[Floats, Floats]:
+def sides(name: str, value: Any, K: int, labels: Labels) -> tuple[Floats, Floats]:
     """The pair (low, high), each a number, (m,), (K, m) or None, as two arrays (K, m)."""
+    names = labels.inputs if name == "limits" else labels.states
+    m = len(names)
     if value is None:
         return np.full((K, m), -np.inf), np.full((K, m), np.inf)
     try:
@@ -216,24 +224,26 @@ def sides(name: str, value: Any, K: int, m: int) -> tuple[Floats, Floats]:
         raise InputTypeError(f"`{name}` must be a pair (low, high), got {found}") from None
     if len(pair) != 2:
         raise InputError(f"`{name}` must be a pair (low, high), got {len(pair)} items")
-    low = _side(f"{name}[0]", pair[0], K, m, -np.inf)
-    high = _side(f"{name}[1]", pair[1], K, m, np.inf)
+    low = _side(f"{name}[0]", pair[0], K, names, -np.inf)
+    high = _side(f"{name}[1]", pair[1], K, names, np.inf)
     wrong = np.argwhere(low > high)
     if len(wrong):
         k, i = (int(j) for j in wrong[0])
+        entry = (labels.input if name == "limits" else labels.state)(i)
         raise InputError(
-            f"`{name}` must have low <= high, got {low[k, i]:.6g} > {high[k, i]:.6g} in entry {i} "
-            f"of step {k}"
+            f"`{name}` must have low <= high, got {low[k, i]:.6g} > {high[k, i]:.6g} for {entry} "
+            f"in step {k}"
         )
     if (low == np.inf).any() or (high == -np.inf).any():
         raise InputError(f"`{name}` must leave room: low is inf or high is -inf somewhere")
     return low, high
 
 
-def _side(name: str, value: Any, K: int, m: int, none: float) -> Floats:
+def _side(name: str, value: Any, K: int, names: tuple[str, ...], none: float) -> Floats:
+    m = len(names)
     if value is None:
         return np.full((K, m), none)
-    given = gate.read(name, value)
+    given = gate.read(name, aligned(name, value, names))
     if given.dtype.kind not in "iuf":
         raise InputTypeError(f"`{name}` must be a number or an array of numbers")
     if given.shape not in ((), (m,), (K, m)):
@@ -247,26 +257,24 @@ def _side(name: str, value: Any, K: int, m: int, none: float) -> Floats:
 
 
 def _rates(
-    rate: Any, previous: Any, low: Floats, high: Floats
+    rate: Any, previous: Any, low: Floats, high: Floats, labels: Labels
 ) -> tuple[Floats | None, Floats | None]:
     m = low.shape[1]
     if rate is None:
         if previous is not None:
             raise InputError("`previous` must be left out without `rate`")
         return None, None
+    rate = aligned("rate", rate, labels.inputs)
     given = gate.read("rate", rate)
-    speed = (
-        np.full(m, gate.positive("rate", rate))
-        if given.ndim == 0
-        else gate.vector("rate", rate, length=m)
-    )
+    one = given.ndim == 0
+    speed = np.full(m, gate.positive("rate", rate)) if one else gate.vector("rate", rate, length=m)
     if (speed <= 0.0).any():
         raise InputError(f"`rate` must be > 0, got {speed.min():.3g}")
     if previous is None:
         raise InputError(
             "`previous` must be given with `rate`: the input that is applied now, shape (m,)"
         )
-    before = gate.vector("previous", previous, length=m)
+    before = gate.vector("previous", previous, length=m, labels=labels.inputs)
     # what a later limit leaves: l'_k = max(l_k, l'_{k+1} - rate), and h' likewise
     below, above = low[-1], high[-1]
     for k in range(len(low) - 1, -1, -1):
@@ -275,27 +283,28 @@ def _rates(
         if (below > above).any():
             i = int(np.argmax(below > above))
             raise InputError(
-                f"`rate` is too small for `limits`: input {i} cannot be within those of step {k} "
-                f"and of the steps after it, {below[i] - above[i]:.3g} are missing"
+                f"`rate` is too small for `limits`: {labels.input(i)} cannot be within those of "
+                f"step {k} and of the steps after it, {below[i] - above[i]:.3g} are missing"
             )
     off = np.maximum(below - speed - before, before - above - speed)
     if (off > 0.0).any():
         i = int(np.argmax(off))
         raise InputError(
-            f"`previous` must be within `rate` of the limits, input {i} is {off[i]:.3g} too far"
+            f"`previous` must be within `rate` of the limits, {labels.input(i)} is {off[i]:.3g} "
+            "too far"
         )
     return speed, before
 
 
-def _reference(value: Any, xf: Floats | None, K: int, n: int) -> Floats:
+def _reference(value: Any, xf: Floats | None, K: int, names: tuple[str, ...]) -> Floats:
     """``r(1), ..., r(K)`` from (K + 1, n), or xf for all of them."""
     if value is None:
         if xf is None:
             raise InputError("`xf` must be given without `reference`")
-        return np.ascontiguousarray(np.broadcast_to(xf, (K, n)))
+        return np.ascontiguousarray(np.broadcast_to(xf, (K, len(names))))
     if xf is not None:
         raise InputError("`xf` must be None with `reference`, whose last row takes its place")
-    given = gate.matrix("reference", value, rows=K + 1, cols=n)
+    given = gate.matrix("reference", value, rows=K + 1, cols=len(names), labels=names)
     return np.ascontiguousarray(given[1:])
 
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._base.labels import Labels, default_labels
 from .._base.numbers import norm
 from ..theory.dynamics import states
 from ..theory.exact import EPS
@@ -57,16 +58,29 @@ class Within:
         return None if self.limited is None else self.limited.limits_active
 
 
-def cost_text(limited: Limited) -> str:
-    """What the limits cost and how many are active, in a few words."""
+def cost_text(limited: Limited, worst: str = "") -> str:
+    """What the limits cost and how many are active, in a few words.
+
+    `worst`: the state that misses hard limits most.
+    """
     text = f"J={limited.objective:.3g}"
     if limited.missed:
         text += f", {limited.missed:.2g} of it for the limits"
     count = int(np.count_nonzero(limited.active))
     text += f"; {count or 'none'} of {limited.active.size} inputs at a limit"
     if limited.status == "infeasible":
-        text += f"; state limits missed by {limited.missing:.3g}"
+        text += f"; state limits missed by {limited.missing:.3g}{worst and f' ({worst} most)'}"
     return text
+
+
+def worst_state(limited: Limited, states: Floats, labels: Labels | None) -> str:
+    """The state that is farthest beyond its hard limits, in words; "" if none is."""
+    task = limited.task
+    if task.state_low is None or task.state_high is None or limited.status != "infeasible":
+        return ""
+    over = np.maximum(states[1:] - task.state_high, task.state_low - states[1:]).max(axis=0)
+    named = labels or default_labels(states.shape[1], task.low.shape[1])
+    return named.state(int(np.argmax(over))) if over.max() > 0.0 else ""
 
 
 def cost_rows(limited: Limited) -> Iterator[tuple[str, object]]:

@@ -99,11 +99,11 @@ class Fit(SavedRecord, Tabled):
 
     def _cube(self) -> Cube:
         dims = ("entry",) if self.estimate.ndim == 1 else ("row", "column")
-        line = {"per-column": ("column",), "per-row": ("row",)}.get(self.info.get("weight_set"), ())
+        line = "column" if self.info.get("weight_set") == "per-column" else "row"
         variables = {
             "estimate": (dims, self.estimate, None),
             "target": (dims, self.target, None),
-            "weights": (("realization", *line), self.weights, None),
+            "weights": (("realization", line)[: self.weights.ndim], self.weights, None),
         }
         names = ("method", "status", "error", "gap", "lower_bound", "unseen")
         attrs = {name: getattr(self, name) for name in names}
@@ -155,8 +155,8 @@ class Path(SavedRecord, Tabled):
     estimates: Floats | None = None
 
     def _cube(self) -> Cube:
-        entries = () if self.estimates is None else ("entry", "row", "column")
-        dims = entries[:1] if np.ndim(self.estimates) == 2 else entries[1:]
+        vectors = self.estimates is None or self.estimates.ndim == 2
+        dims = ("entry",) if vectors else ("row", "column")
         variables = {
             "error": (("size",), self.errors, None),
             "gap": (("size",), self.gaps, None),

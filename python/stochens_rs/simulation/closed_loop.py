@@ -227,7 +227,7 @@ def track(
     """
     checked = System.from_any(system)
     n, m = checked.n, checked.m
-    r = checked_reference(reference, n).copy()
+    r = checked_reference(reference, checked.state_names).copy()
     if controller is not None:
         if size is not None or not feedback or sample_states or method != "uniform":
             raise InputError(
@@ -241,7 +241,7 @@ def track(
     else:
         size = gate.size("size", size)
     fed, sampled = gate.flag("feedback", feedback), gate.flag("sample_states", sample_states)
-    start = r[0] if x0 is None else gate.vector("x0", x0, length=n)
+    start = r[0] if x0 is None else gate.vector("x0", x0, length=n, labels=checked.state_names)
     name = gate.choice("method", method, METHODS)
     R = None if runs is None else gate.size("runs", runs)
     K = len(r) - 1

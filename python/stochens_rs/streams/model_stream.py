@@ -283,9 +283,14 @@ class ModelStream(Durable):
         """
         model = self.model
         limit = gate.positive("tol", tol)
-        start, goal = gate.vector("x0", x0, length=self.n), gate.vector("xf", xf, length=self.n)
+        how: Any = {"length": self.n, "labels": model.state_names}
+        start, goal = gate.vector("x0", x0, **how), gate.vector("xf", xf, **how)
         K = checked_steps(steps, self.n, self.m)
-        given = None if u is None else gate.matrix("u", u, rows=K, cols=self.m)
+        given = (
+            None
+            if u is None
+            else gate.matrix("u", u, rows=K, cols=self.m, labels=model.input_names)
+        )
         return look(model, start, goal, given, K, limit)
 
     def __repr__(self) -> str:

@@ -18,6 +18,7 @@ from ..fusion.fusing import Method
 from ..fusion.paths import fuse_path
 from ..rng import Key
 from ..system import System
+from ..theory.dynamics import checked_ends
 from ..theory.exact import Best, best_control
 from .units import PURE
 
@@ -54,9 +55,7 @@ def error(system: Any, x0: ArrayLike, xf: ArrayLike, *, tol: float = 1e-9) -> Sa
     >>> sorted(study.run().values)
     ['A', 'control', 'state', 'x0', 'xf']
     """
-    known = System.from_any(system)
-    start = gate.vector("x0", x0, length=known.n)
-    goal = gate.vector("xf", xf, length=known.n)
+    known, start, goal = checked_ends(system, x0, xf)
     made = SamplingError(known, start, goal, gate.positive("tol", tol))
     if not made.norms():
         raise InputError("one of `system`, `x0` and `xf` must not be 0: errors are relative")

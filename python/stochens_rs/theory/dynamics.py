@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from .._base import gate, memory
@@ -13,15 +15,15 @@ from ..system import System
 def checked_ends(system: object, x0: object, xf: object) -> tuple[System, Floats, Floats]:
     """Check a system, its initial state and its target."""
     checked = System.from_any(system)
-    n = checked.n
-    return checked, gate.vector("x0", x0, length=n), gate.vector("xf", xf, length=n)
+    how: Any = {"length": checked.n, "labels": checked.state_names}
+    return checked, gate.vector("x0", x0, **how), gate.vector("xf", xf, **how)
 
 
 def checked_motion(system: object, x0: object, u: object) -> tuple[System, Floats, Floats]:
     """Check a system, its initial state and its inputs."""
     checked = System.from_any(system)
-    start = gate.vector("x0", x0, length=checked.n)
-    return checked, start, gate.inputs("u", u, cols=checked.m)
+    start = gate.vector("x0", x0, length=checked.n, labels=checked.state_names)
+    return checked, start, gate.inputs("u", u, cols=checked.m, labels=checked.input_names)
 
 
 def checked_steps(steps: object, n: int, m: int) -> int:

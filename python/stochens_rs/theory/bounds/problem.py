@@ -74,8 +74,10 @@ class Problem:
             self.system, self.x0, self.xf = checked_ends(*data)
         else:
             system = self.system = System.from_any(data[0])
-            self.x0 = gate.vector("x0", data[1], length=system.n)
-            self.u = gate.inputs("u", data[2], cols=system.m, empty=False)
+            self.x0 = gate.vector("x0", data[1], length=system.n, labels=system.state_names)
+            self.u = gate.inputs(
+                "u", data[2], cols=system.m, empty=False, labels=system.input_names
+            )
 
     def rows(self, table: tuple[Row, ...]) -> dict[str, tuple[Row, str]]:
         """The rows of the table that apply, by name, each with its setting."""

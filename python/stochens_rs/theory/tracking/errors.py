@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -264,9 +265,10 @@ def tracking_bound(
     return bound
 
 
-def checked_reference(reference: object, n: int) -> Floats:
-    """Check a reference of at least one step."""
-    r = gate.inputs("reference", reference, cols=n, rows="K + 1", empty=False)
+def checked_reference(reference: object, names: Sequence[str]) -> Floats:
+    """Check a reference of at least one step for the states with these names."""
+    n = len(names)
+    r = gate.inputs("reference", reference, cols=n, rows="K + 1", empty=False, labels=names)
     if len(r) < 2:
         raise InputError(f"`reference` must have shape (K + 1, {n}) with K >= 1, got {r.shape}")
     return r
@@ -274,7 +276,7 @@ def checked_reference(reference: object, n: int) -> Floats:
 
 def _checked(system: object, reference: object) -> tuple[Floats, Floats, Floats]:
     checked = System.from_any(system)
-    return checked.A, checked.B, checked_reference(reference, checked.n)
+    return checked.A, checked.B, checked_reference(reference, checked.state_names)
 
 
 def _unreachable(A: Floats, U: Floats, r: Floats) -> Floats:

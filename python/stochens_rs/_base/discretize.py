@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .._base import gate
 from ..exceptions import InputError
+from . import gate
 
 Array = NDArray[np.float64]
 

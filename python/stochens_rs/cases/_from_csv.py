@@ -1,0 +1,95 @@
+"""A control problem from a table [A B x0 xf] with names, as CSV."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .._base.csv_file import read_cells
+from ..exceptions import InputError
+
+_WITH_UNIT = re.compile(r"(.*\S)\s+\[([^\[\]]*)\]")
+_STEP = re.compile(r"dt\s*=\s*(\S+)(\s+s)?")
+_ENDS = ("x0", "xf")  # columns behind those of A and B
+
+
+def read_csv(path: Path) -> dict[str, Any]:
+    """The entries A, B, states, inputs, units, and x0, xf and dt if the file has them."""
+    head, rows, comments = read_cells(path, comments=True)
+    if len(head) == 1 and ";" in head[0]:
+        raise InputError(f"{path} must have commas between its cells, got semicolons")
+    columns = dict(zip(head, map(list, zip(*rows, strict=True)), strict=True))
+    of_rows = columns.pop(head[0]) if head[0] in ("", "state") else None
+    found: dict[str, Any] = {name: columns.pop(name) for name in _ENDS if name in columns}
+    titles = list(columns)
+    if head[len(head) - len(found) :] != [name for name in _ENDS if name in found]:
+        raise InputError(f"{path} must have the columns x0 and xf last, in this order")
+    bare = next((title for title in titles if not title or _is_number(title)), None)
+    if bare is not None:
+        raise InputError(f"{path} must name its columns in the first row, got {bare[:30]!r}")
+    n = len(rows)
+    if len(titles) <= n:
+        raise InputError(
+            f"{path} must have a row for each state, and a column for each state and then for each "
+            f"input, got {n} rows and {len(titles)} such columns"
+        )
+    names, units = zip(*(_name_and_unit(title) for title in titles), strict=True)
+    order = list(range(n)) if of_rows is None else _order(path, of_rows, names[:n])
+    numbers = {
+        title: [_number(path, title, cells[k]) for k in order]
+        for title, cells in (columns | found).items()
+    }
+    A_B = np.array([numbers[title] for title in titles]).T
+    return {
+        "A": A_B[:, :n],
+        "B": A_B[:, n:],
+        "states": names[:n],
+        "inputs": names[n:],
+        "units": list(units),
+        **{name: numbers[name] for name in found},
+        **_step(path, comments),
+    }
+
+
+def _order(path: Path, of_rows: Sequence[str], states: Sequence[str]) -> list[int]:
+    """The row of each state."""
+    named = [_name_and_unit(cell)[0] for cell in of_rows]
+    wrong = next((name for name in states if named.count(name) != 1), None)
+    if wrong is not None:
+        raise InputError(
+            f"{path} must have the names of its columns {', '.join(states[:3])[:60]}, ... as names "
+            f"of its rows, each once, got {wrong[:30]!r} {named.count(wrong)} times"
+        )
+    return [named.index(name) for name in states]
+
+
+def _name_and_unit(title: str) -> tuple[str, str]:
+    """``delta_1 [rad]``: the name, and the unit or ""."""
+    split = _WITH_UNIT.fullmatch(title)
+    return (title, "") if split is None else (split[1], split[2])
+
+
+def _number(path: Path, title: str, cell: str) -> float:
+    if not _is_number(cell):
+        raise InputError(f"{path} must have numbers in column {title[:30]!r}, got {cell[:30]!r}")
+    return float(cell)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return "_" not in text
+
+
+def _step(path: Path, comments: Sequence[str]) -> dict[str, float]:
+    """``# dt = 0.1`` above the names of the columns."""
+    steps = [match[1] for match in map(_STEP.fullmatch, comments) if match]
+    if len(steps) > 1:
+        raise InputError(f"{path} must have one line '# dt = ...', got {len(steps)}")
+    return {"dt": _number(path, "dt", steps[0])} if steps else {}

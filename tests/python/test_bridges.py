@@ -1,0 +1,424 @@
+"""Systems of other packages in and out, checked against the packages themselves."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from stochens_rs import System
+from stochens_rs._base.labels import Labels
+from stochens_rs.exceptions import InputError, InputTypeError, ShapeError
+from test_gate import assert_one_short_line
+
+control = pytest.importorskip("control")
+signal = pytest.importorskip("scipy.signal")
+pd = pytest.importorskip("pandas")
+xr = pytest.importorskip("xarray")
+
+A = np.array([[0.0, 1.0, 0.0], [-2.0, -0.3, 0.5], [0.0, 0.4, -1.0]])
+B = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 2.0]])
+C, D = np.eye(3), np.zeros((3, 2))
+STATES, INPUTS = ["p", "v", "T"], ["F", "P"]
+UNITS = {"p": "m", "v": "m/s", "P": "W"}
+PLANT = System(A, B, dt=0.1, name="rig", states=STATES, inputs=INPUTS, units=UNITS)
+ORDERS = (["p", "v", "T"], ["T", "v", "p"], ["v", "T", "p"])
+
+
+# -- into the package --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_zero_order_hold_is_that_of_scipy_and_control(seed):
+    gen = np.random.default_rng(seed)
+    n, m = gen.integers(1, 7, 2)
+    A, B = gen.standard_normal((n, n)) * 10 ** gen.uniform(-2, 1), gen.standard_normal((n, m))
+    dt = float(10 ** gen.uniform(-3, 0))
+    mine = System.from_any(signal.lti(A, B, np.eye(n), np.zeros((n, m))), dt=dt)
+    theirs = signal.cont2discrete((A, B, np.eye(n), np.zeros((n, m))), dt, method="zoh")
+    np.testing.assert_allclose(mine.A, theirs[0], rtol=1e-9, atol=1e-12 * abs(theirs[0]).max())
+    np.testing.assert_allclose(mine.B, theirs[1], rtol=1e-9, atol=1e-12 * abs(theirs[1]).max())
+    other = System.from_any(control.ss(A, B, np.eye(n), 0), dt=dt)
+    np.testing.assert_array_equal(other.A, mine.A)
+    assert System.from_any((A, B, 0), dt=dt) == System.from_any((A, B, 0.0), dt=dt) == mine
+    assert mine.dt == dt
+    assert mine.name == "zero-order hold"
+
+
+def test_names_of_python_control_are_kept():
+    given = control.ss(A, B, C, D, 0.1, states=STATES, inputs=INPUTS, name="rig")
+    found = System.from_any(given)
+    assert (found.state_names, found.input_names) == (tuple(STATES), tuple(INPUTS))
+    assert (found.name, found.dt) == ("rig", 0.1)
+    sampled = System.from_any(control.ss(A, B, C, D, 0, states=STATES, inputs=INPUTS), dt=0.1)
+    assert sampled.labels == Labels(tuple(STATES), tuple(INPUTS))
+    assert sampled.name == "zero-order hold"
+    assert System.from_any(control.ss(A, B, C, D, 0, name="rig"), dt=0.1).name == (
+        "rig, zero-order hold"
+    )
+    assert not System.from_any(control.ss(A, B, C, D, 0.1)).labels.given
+
+
+RESPONSE = (np.array([1.0, 2.0]), np.array([1.0, 3.0, 5.0]))
+TRANSFERS = {
+    "control": (control.tf(*RESPONSE), control.ss(control.tf(*RESPONSE)), "control"),
+    "scipy": (signal.TransferFunction(*RESPONSE), signal.lti(*RESPONSE).to_ss(), "scipy.signal"),
+    "scipy, poles": (
+        signal.ZerosPolesGain([-2.0], [-1.0, -2.5], 3.0),
+        signal.ZerosPolesGain([-2.0], [-1.0, -2.5], 3.0).to_ss(), "scipy.signal",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", TRANSFERS)
+def test_transfer_functions_are_realized_and_say_how(what):
+    given, realized, package = TRANSFERS[what]
+    found = System.from_any(given, dt=0.05)
+    assert found.name == f"realized by {package} to_ss, zero-order hold"
+    assert found == System.from_any(realized, dt=0.05)
+    # the outputs of the discrete system under steps are those of the continuous one
+    y = se.simulate(found, np.zeros(found.n), np.ones((200, 1))).states @ realized.C.T
+    times = 0.05 * np.arange(201)
+    wanted = signal.step(signal.StateSpace(realized.A, realized.B, realized.C, realized.D), T=times)
+    np.testing.assert_allclose(y[:, 0], wanted[1], atol=1e-8)
+    with pytest.raises(InputError, match=r"continuous time: discretize it, e\.g\. with System"):
+        System.from_any(given)
+
+
+def test_discrete_transfer_functions():
+    for given in (control.tf([1.0], [1.0, -0.5], 0.1), signal.dlti([1.0], [1.0, -0.5], dt=0.1)):
+        found = System.from_any(given)
+        assert (found.dt, found.A[0, 0]) == (0.1, 0.5)
+        assert found.name is not None
+        assert found.name.endswith("to_ss")
+    named = System.from_any(control.tf([1.0], [1.0, -0.5], 0.1, name="G", inputs="F"))
+    assert (named.name, named.input_names) == ("G, realized by control to_ss", ("F",))
+
+
+BAD = {
+    "discrete, another dt": (lambda: control.ss(A, B, C, D, 0.1), 0.2, InputError, "is 0.1, got"),
+    "discrete, unspecified": (lambda: control.ss(A, B, C, D, True), 0.2, InputError, "is True"),
+    "a pair": (lambda: (A, B), 0.2, InputError, "`dt` must be left out for a system in discrete"),
+    "a System": (lambda: PLANT, 0.2, InputError, "whose dt is 0.1, got float 0.2"),
+    "no dt": (lambda: control.ss(A, B, C, D, 0), None, InputError, "`dt` is 0, which means"),
+    "dt of 0": (lambda: control.ss(A, B, C, D, 0), 0, ShapeError, "`dt` must be > 0"),
+    "dt < 0": (lambda: control.ss(A, B, C, D, 0), -1.0, ShapeError, "`dt` must be > 0"),
+    "dt True": (lambda: control.ss(A, B, C, D, 0), True, InputTypeError, "`dt` must be a real"),
+    "dt as text": (lambda: (A, B, 0), "0.1", InputTypeError, "`dt` must be a real number"),
+    "dt nan": (lambda: (A, B, 0), np.nan, InputError, "`dt` is nan"),
+    "huge dt": (lambda: (A, B, 0), 1e12, InputError, "`dt` is too large"),
+    "improper": (
+        lambda: signal.TransferFunction([1.0, 0.0, 0.0], [1.0, 2.0]), 0.1, InputError,
+        "cannot be brought into state space by its to_ss()",
+    ),
+    "no state": (
+        lambda: SimpleNamespace(A=np.zeros((0, 0)), B=np.zeros((0, 1)), dt=0), 0.1, ShapeError,
+        "`A` must have at least one entry",
+    ),
+    "not square": (lambda: (A[:2], B[:2], 0), 0.1, ShapeError, "`A` must have shape (n, n)"),
+    "response": (
+        lambda: control.frd([1.0, 2.0], [1.0, 2.0]), 0.1, InputError,
+        "`system` cannot be brought into state space",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", BAD)
+def test_what_cannot_be_converted_is_refused(what):
+    make, dt, kind, said = BAD[what]
+    kind = se.exceptions.SizeError if "> 0" in said else kind
+    with pytest.raises(kind) as caught:
+        System.from_any(make(), dt=dt)
+    assert said in str(caught.value)
+    assert_one_short_line(caught.value)
+
+
+def test_the_own_dt_may_be_given():
+    assert System.from_any(control.ss(A, B, C, D, 0.1), dt=0.1).dt == 0.1
+    assert System.from_any(PLANT, dt=0.1) is PLANT
+
+
+def test_several_inputs_without_slycot_are_refused_or_converted():
+    given = control.tf([[[1.0], [2.0]]], [[[1.0, 1.0], [1.0, 3.0]]])
+    try:
+        made = control.ss(given)
+    except Exception:
+        with pytest.raises(InputError, match="cannot be brought into state space"):
+            System.from_any(given, dt=0.1)
+    else:
+        assert System.from_any(given, dt=0.1) == System.from_any(made, dt=0.1)
+
+
+# -- tables ------------------------------------------------------------------------------------
+
+
+def frames(rows, columns):
+    of_A, of_B = PLANT.to_pandas()
+    return of_A.loc[rows, columns], of_B.loc[columns, INPUTS[::-1]]
+
+
+@pytest.mark.parametrize("rows", ORDERS)
+@pytest.mark.parametrize("columns", ORDERS)
+def test_tables_are_aligned(rows, columns):
+    of_A, of_B = frames(rows, columns)
+    found = System(of_A, of_B, dt=0.1)
+    assert (found.state_names, found.input_names) == (tuple(rows), ("P", "F"))
+    order = [STATES.index(name) for name in rows]
+    np.testing.assert_array_equal(found.A, A[np.ix_(order, order)])
+    np.testing.assert_array_equal(found.B, B[order][:, ::-1])
+    same = System(of_A, of_B, dt=0.1, states=STATES, inputs=INPUTS)
+    assert same == PLANT
+    assert System.from_any((of_A, of_B, 0.1)) == found
+    assert System.from_any((of_A, of_B, 0), dt=0.1) == System.from_any(
+        (found.A, found.B, 0), dt=0.1
+    )
+    assert System.from_any((of_A, of_B, 0), dt=0.1).state_names == tuple(rows)
+
+
+def test_one_table_needs_the_names():
+    of_A, of_B = frames(ORDERS[1], ORDERS[1])
+    assert System(of_A, B, dt=0.1, states=STATES) == PLANT
+    assert System(A, of_B, dt=0.1, states=STATES, inputs=INPUTS) == PLANT
+    for pair in ((of_A, B), (A, of_B)):
+        with pytest.raises(InputError, match=r"has labels .*to_numpy\(\) if the order is right"):
+            System(*pair)
+
+
+of_A, of_B = PLANT.to_pandas()
+WRONG = {
+    "other columns": (of_A.rename(columns={"p": "q"}), of_B, {}, "`A`", "its columns", "'q'"),
+    "other rows of B": (of_A, of_B.rename(index={"T": "U"}), {}, "`B`", "its rows", "'U'"),
+    "fewer rows": (of_A, of_B.loc[["p", "v"]], {}, "`B`", "its rows", "'T' is missing"),
+    "twice": (of_A.rename(columns={"T": "v"}), of_B, {}, "`A`", "columns", "got 'v'"),
+    "other states": (of_A, of_B, {"states": ["a", "b", "c"]}, "`A`", "its rows", "'p'"),
+    "other inputs": (of_A, of_B, {"inputs": ["a", "b"]}, "`B`", "its columns", "'F'"),
+    "unhashable": (of_A, of_B, {"states": [["p"], "v", "T"]}, "`states`", "string", "list"),
+    "states as text": (of_A, of_B, {"states": "pvT"}, "`states`", "list", "'pvT'"),
+    "twice in states": (
+        of_A, of_B, {"states": ["p", "p", "T"]}, "`states`", "different", "'p' twice"
+    ),
+    "same names": (
+        of_A, of_B.rename(columns={"F": "p"}), {}, "`inputs`", "must differ", "'p' in both"
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_other_labels_are_refused(what):
+    of_A, of_B, more, *said = WRONG[what]
+    with pytest.raises((InputError, InputTypeError)) as caught:
+        System(of_A, of_B, **more)
+    assert_one_short_line(caught.value)
+    for part in said:
+        assert part in str(caught.value)
+
+
+def test_numbers_as_labels_are_refused():
+    frame = pd.DataFrame(A, index=[3, 1, 2], columns=[3, 1, 2])
+    with pytest.raises(InputError, match="has labels"):
+        System(frame, pd.DataFrame(B, index=[3, 1, 2], columns=INPUTS))
+
+
+def test_data_sets_are_aligned_by_dimension_and_label():
+    data = PLANT.to_xarray().sel(state=ORDERS[1], state_next=ORDERS[2], input=["P", "F"])
+    found = System.from_any(data.transpose("input", "state", "state_next"))
+    assert found.state_names == tuple(ORDERS[2])
+    back = System(data.A, data.B.T, dt=0.1, states=STATES, inputs=INPUTS)
+    assert back == PLANT
+    with pytest.raises(InputError, match="has labels"):
+        System(data.A.rename(state="from"), data.B)
+
+
+X0 = pd.Series([1.0, 2.0, 3.0], index=STATES)
+XF = xr.DataArray([0.0, 0.1, 0.2], coords={"state": STATES})
+U = pd.DataFrame([[1.0, 0.0], [0.0, 2.0]], columns=INPUTS, index=[0.0, 0.1])
+REFERENCE = pd.DataFrame(np.arange(12.0).reshape(4, 3) / 9, columns=STATES)
+LIMITS = pd.Series([-1.0, -2.0], index=INPUTS), pd.Series([1.0, 2.0], index=INPUTS)
+
+
+def model():
+    gen = np.random.default_rng(1)
+    x, u = gen.standard_normal((80, 3)), gen.standard_normal((80, 2))
+    after = x @ (0.3 * A.T) + u @ B.T + 0.01 * gen.standard_normal((80, 3))
+    data = se.Trajectories.from_pairs(x, u, after, state_names=STATES, input_names=INPUTS)
+    return se.identify(data)
+
+
+def ran(stream):
+    stream.step(5)
+    return stream.u
+
+
+MODEL = model()
+USES = {
+    "control": lambda x, y, u, r, low: se.control(PLANT, x, y).u,
+    "control over steps": lambda x, y, u, r, low: se.control(PLANT, x, y, steps=4).u,
+    "control with limits": lambda x, y, u, r, low: (
+        se.control(PLANT, x, y, steps=4, limits=low, rate=low[1], previous=low[1]).u
+    ),
+    "reference": lambda x, y, u, r, low: se.control(PLANT, x, reference=r, steps=3, Q=1.0).u,
+    "state limits": lambda x, y, u, r, low: (
+        se.control(PLANT, x, y, steps=4, state_limits=(None, x + 1.0)).u
+    ),
+    "a model": lambda x, y, u, r, low: se.control(MODEL, x, y, steps=2, limits=low).u,
+    "predict": lambda x, y, u, r, low: se.predict(MODEL, x, u).predicted_states,
+    "steer": lambda x, y, u, r, low: se.steer(PLANT, x, y, 20, rng=1).u,
+    "simulate": lambda x, y, u, r, low: se.simulate(PLANT, x, u).states,
+    "simulate_ensemble": lambda x, y, u, r, low: se.simulate_ensemble(PLANT, x, u, 5, rng=1).mean,
+    "track": lambda x, y, u, r, low: se.track(PLANT, r, 5, x0=x, rng=1).states,
+    "regulate": lambda x, y, u, r, low: se.regulate(PLANT, 3, y, limits=low, Q=1.0)(x),
+    "states": lambda x, y, u, r, low: se.control(PLANT, X0, XF, steps=2).states(PLANT, x),
+    "error": lambda x, y, u, r, low: se.control(PLANT, X0, XF).error(PLANT, x, y).state,
+    "error within limits": lambda x, y, u, r, low: (
+        se.control(PLANT, X0, XF, limits=(-1, 1)).error(PLANT, x, y).state
+    ),
+    "realizations": lambda x, y, u, r, low: (
+        se.realization_controls(PLANT, x, y, limits=low, Q=np.eye(3))
+    ),
+    "required_samples": lambda x, y, u, r, low: (
+        se.required_samples(PLANT, x, y, 0.5, rng=1, runs=50).size
+    ),
+    "Stream": lambda x, y, u, r, low: ran(se.Stream(PLANT, x, y, rng=1)),
+    "theory": lambda x, y, u, r, low: (
+        se.theory.moments.trajectory_covariance(PLANT, x, u)
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", USES)
+def test_named_vectors_are_aligned(what):
+    use = USES[what]
+    plain = [X0.to_numpy(), XF.to_numpy(), U.to_numpy(), REFERENCE.to_numpy()]
+    expected = use(*plain, tuple(side.to_numpy() for side in LIMITS))
+    named = (X0, XF, U, REFERENCE, LIMITS)
+    shuffled = (
+        X0[["T", "p", "v"]], XF.sel(state=["v", "T", "p"]), U[["P", "F"]],
+        REFERENCE[["v", "p", "T"]], tuple(side[["P", "F"]] for side in LIMITS),
+    )  # fmt: skip
+    for given in (named, shuffled):
+        np.testing.assert_array_equal(use(*given), expected)
+
+
+REFUSED = {
+    "other names": X0.rename({"p": "q"}),
+    "fewer names": X0[["p", "v"]],
+    "twice": pd.Series([1.0, 2.0, 3.0], index=["p", "v", "v"]),
+    "numbers": pd.Series([1.0, 2.0, 3.0], index=[2, 1, 0]),
+    "mixed": pd.Series([1.0, 2.0, 3.0], index=["p", "v", 1]),
+    "unhashable": SimpleNamespace(index=pd.Index(["a", "b", "c"]), columns=None),
+    "coordinates": xr.DataArray([1.0, 2.0, 3.0], coords={"state": ["a", "b", "c"]}),
+}
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_other_names_of_vectors_are_refused(what):
+    with pytest.raises(InputError, match=r"`x0` has the labels .*, expected the names 'p', 'v'"):
+        se.control(PLANT, REFUSED[what], XF)
+
+
+def test_a_system_without_names_takes_no_other_order():
+    plain = System(A, B, dt=0.1)
+    with pytest.raises(InputError, match=r"`x0` has labels .*to_numpy\(\) if the order is right"):
+        se.control(plain, X0, np.zeros(3))
+    numbered = pd.Series([3.0, 1.0, 2.0], index=["x[2]", "x[0]", "x[1]"])
+    np.testing.assert_array_equal(
+        se.control(plain, numbered, np.zeros(3)).u,
+        se.control(plain, [1.0, 2.0, 3.0], np.zeros(3)).u,
+    )
+
+
+def test_rows_in_time_must_be_in_order():
+    late = U.set_axis([0.1, 0.0])
+    for bad in (late, U.set_axis(["a", "b"]), U.set_axis([0.0, 0.0])):
+        with pytest.raises(InputError, match="has labels"):
+            se.simulate(PLANT, X0, bad)
+    dated = U.set_axis(pd.date_range("2020", periods=2))
+    np.testing.assert_array_equal(
+        se.simulate(PLANT, X0, dated).states, se.simulate(PLANT, X0, U.to_numpy()).states
+    )
+
+
+# -- messages ----------------------------------------------------------------------------------
+
+
+def test_messages_name_the_input_or_state():
+    x, y = np.ones(3), np.zeros(3)
+    for system, who in ((PLANT, "input 'P'"), (System(A, B), "input 1")):
+        with pytest.raises(InputError, match=f"for {who} in step 0"):
+            se.control(system, x, y, limits=([0.0, 2.0], [1.0, 1.0]))
+        with pytest.raises(InputError, match=f"{who} is 4 too far"):
+            se.control(system, x, y, limits=(-1, 1), rate=1.0, previous=[0.0, 6.0])
+        low = np.array([[0.0, 0.0], [0.0, 9.0]])
+        with pytest.raises(InputError, match=f"{who} cannot be within those of step 0"):
+            se.control(system, x, y, steps=2, limits=(low, low), rate=1.0, previous=[0.0, 0.0])
+    high = np.array([[9.0, 9.0, 9.0], [9.0, -9.0, 9.0]])
+    with pytest.raises(InputError, match="for state 'v' in step 1"):
+        se.control(PLANT, x, y, steps=2, state_limits=(-1.0, high))
+    plan = se.control(
+        PLANT, x, y, steps=2, limits=(-0.1, 0.1), state_limits=([-9, -9, -0.01], 0.01), soft=False
+    )
+    assert plan.status == "infeasible"
+    assert "state limits missed by" in repr(plan)
+    over = (plan.predicted_states[1:] - 0.01).max(axis=0)
+    assert f"(state '{STATES[int(np.argmax(over))]}' most)" in repr(plan)
+
+
+# -- out of the package ------------------------------------------------------------------------
+
+
+def test_round_trip_through_python_control():
+    made = PLANT.to_control()
+    assert isinstance(made, control.StateSpace)
+    assert (made.dt, made.name) == (0.1, "rig")
+    assert (made.state_labels, made.input_labels) == (STATES, INPUTS)
+    assert made.output_labels == STATES
+    back = System.from_any(made)
+    assert back == PLANT
+    assert (back.name, back.state_names) == ("rig", PLANT.state_names)
+    u = np.ones((30, 2))
+    theirs = control.forced_response(made, inputs=u.T, initial_state=[1.0, 0.0, 2.0])
+    mine = se.simulate(PLANT, [1.0, 0.0, 2.0], u).states
+    np.testing.assert_allclose(theirs.states.T, mine[:-1], rtol=1e-12)
+    for system in (System(A, B), System(A, B, dt=True, name="1.5 kW")):
+        again = System.from_any(system.to_control())
+        assert again.dt is True
+        assert not again.labels.given
+    assert System(A, B, name="1.5 kW").to_control().name == "1_5 kW"
+
+
+def test_round_trip_through_pandas_and_xarray(tmp_path):
+    of_A, of_B = PLANT.to_pandas()
+    again = System(of_A, of_B, dt=PLANT.dt, units=PLANT.units)
+    assert again == PLANT
+    assert again.labels == PLANT.labels
+    of_A.iloc[:] = 0.0
+    assert PLANT.A.any()
+    data = PLANT.to_xarray()
+    assert data.A.sel(state_next="v", state="p") == A[1, 0]
+    assert data.attrs["dt"] == 0.1
+    data.to_netcdf(tmp_path / "rig.nc", engine="h5netcdf")
+    with xr.open_dataset(tmp_path / "rig.nc", engine="h5netcdf") as read:
+        for found in (System.from_any(data), System.from_any(read)):
+            assert found == PLANT
+            assert (found.labels, found.name) == (PLANT.labels, "rig")
+    plain = System.from_any(System(A, B).to_xarray())
+    assert plain == System(A, B)
+    assert not plain.labels.given
+
+
+def test_missing_packages_are_named():
+    code = (
+        "import sys\n"
+        "for name in ('control', 'pandas', 'xarray'): sys.modules[name] = None\n"
+        "import stochens_rs as se\n"
+        "for word in ('to_control', 'to_pandas', 'to_xarray'):\n"
+        "    try: getattr(se.System([[1.0]], [[1.0]]), word)()\n"
+        "    except ImportError as error: print(error)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    lines = done.stdout.splitlines()
+    assert [line.split("[")[1][:6] for line in lines] == ["bridge", "tables", "tables"]

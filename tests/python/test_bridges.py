@@ -320,6 +320,13 @@ def test_other_names_of_vectors_are_refused(what):
         se.control(PLANT, REFUSED[what], XF)
 
 
+def test_labels_of_numpy_are_shown_as_text():
+    with pytest.raises(InputError, match="has the labels 'a', 'b', 'c', expected the names 'p'"):
+        se.control(PLANT, REFUSED["coordinates"], XF)
+    named = System(A, B, states=np.array(STATES))
+    assert [type(name) for name in named.state_names] == [str] * 3
+
+
 def test_a_system_without_names_takes_no_other_order():
     plain = System(A, B, dt=0.1)
     with pytest.raises(InputError, match=r"`x0` has labels .*to_numpy\(\) if the order is right"):

@@ -248,6 +248,8 @@ OWN = {
 # Arguments that do take one of the values of NEVER.
 TAKEN = {
     ("System", "name"): {"text"},
+    ("System", "states"): {"text array"},
+    ("System", "inputs"): {"text array"},
     ("Trajectories", "state_names"): {"text array"},
     ("Trajectories", "input_names"): {"text array"},
     ("ModelStream", "state_names"): {"text array"},

@@ -97,7 +97,7 @@ def texts(argument: str, names: object) -> tuple[str, ...] | None:
     """Names as a tuple of text; None for None."""
     if names is None:
         return None
-    return tuple(gate.text(argument, name) for name in gate.items(argument, names))
+    return tuple(str(gate.text(argument, name)) for name in gate.items(argument, names))
 
 
 def fitting(labels: object, n: int, m: int) -> None:

@@ -125,7 +125,8 @@ def labels_along(value: Any) -> list[list[Any]]:
 
 def shown_labels(labels: Sequence[Any]) -> str:
     """At most three labels as text."""
-    some = ", ".join(f"{label!r:.24}" for label in labels[:3])
+    plain = [str(label) if isinstance(label, str) else label for label in labels[:3]]
+    some = ", ".join(f"{label!r:.24}" for label in plain)
     return f"{some}{', ...' if len(labels) > 3 else ''}"
 
 

@@ -35,7 +35,8 @@ def read_csv(path: Path) -> dict[str, Any]:
     if len(titles) <= n:
         raise InputError(
             f"{path} must have a row for each state, and a column for each state and then for each "
-            f"input, got {n} rows and {len(titles)} such columns"
+            f"input, got {n} rows and {len(titles)} such columns (measured runs become a model "
+            "with identify)"
         )
     names, units = zip(*(_name_and_unit(title) for title in titles), strict=True)
     order = list(range(n)) if of_rows is None else _order(path, of_rows, names[:n])

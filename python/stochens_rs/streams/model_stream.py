@@ -283,14 +283,12 @@ class ModelStream(Durable):
         """
         model = self.model
         limit = gate.positive("tol", tol)
-        how: Any = {"length": self.n, "labels": model.state_names}
-        start, goal = gate.vector("x0", x0, **how), gate.vector("xf", xf, **how)
-        K = checked_steps(steps, self.n, self.m)
-        given = (
-            None
-            if u is None
-            else gate.matrix("u", u, rows=K, cols=self.m, labels=model.input_names)
-        )
+        n, m, names = self.n, self.m, model.labels
+        start = gate.vector("x0", x0, length=n, labels=names.states)
+        goal = gate.vector("xf", xf, length=n, labels=names.states)
+        K = checked_steps(steps, n, m)
+        acting = names.inputs
+        given = None if u is None else gate.matrix("u", u, rows=K, cols=m, labels=acting)
         return look(model, start, goal, given, K, limit)
 
     def __repr__(self) -> str:

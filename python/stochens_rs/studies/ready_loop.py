@@ -86,14 +86,14 @@ def closed_loop(
     """
     known = System.from_any(system)
     n, m = known.n, known.m
-    goal = np.zeros(n) if xf is None else gate.vector("xf", xf, length=n).copy()
+    goal = np.zeros(n) if xf is None else gate.vector("xf", xf, length=n, labels=known.state_names)
     weight("Q", Q, n)
     weight("R", R, m)
-    sides("limits", _pair(limits), 1, m)
-    sides("state_limits", state_limits, 1, n)
+    sides("limits", _pair(limits), 1, known.labels)
+    sides("state_limits", state_limits, 1, known.labels)
     return ClosedLoop(
         system=known,
-        x0=gate.vector("x0", x0, length=n).copy(),
+        x0=gate.vector("x0", x0, length=n, labels=known.state_names).copy(),
         xf=goal,
         steps=gate.size("steps", steps),
         limits=limits,

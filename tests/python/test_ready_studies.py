@@ -1,6 +1,6 @@
 """Ready functions of studies: what they return is what the package computes, and guarantees hold.
 
-Rates are judged as in `identification_data`: a false alarm of 1e-5 for each count.
+Rates are judged as in `coverage_study`: a false alarm of 1e-5 for each count.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from coverage_study import DELTA, at_most, exactly
+from coverage_study import DELTA, at_most, exactly, failures
 from identification_data import SKEWED
 from stochens_rs.exceptions import InputError, InputTypeError
 from stochens_rs.rng import as_key
@@ -265,6 +265,28 @@ def test_fresh_units_miss_as_the_law_says() -> None:
     assert found["epsilon"] == plan.certify(1e-3).epsilon
 
 
+# -- how coverage is counted -----------------------------------------------------------------------
+
+
+def test_counts_of_coverage_see_what_is_wrong() -> None:
+    count = failures(lambda gen: gen.random(3) < [0.05, 0.1, 0.01], 1500, 1)
+    exactly(count[0], 1500)
+    at_most(count[[0, 2]], 1500)
+    for judge in (exactly, at_most):
+        with pytest.raises(AssertionError, match="of 1500, expected"):
+            judge(count[[0, 1]], 1500)
+    with pytest.raises(AssertionError, match="of 1500, expected"):
+        exactly(count[2], 1500)
+
+    def broken(gen: np.random.Generator) -> bool:
+        if gen.random() < 0.1:
+            raise ValueError("lost")
+        return False
+
+    with pytest.raises(AssertionError, match="ValueError: lost"):
+        failures(broken, 200, 1)
+
+
 # -- units -----------------------------------------------------------------------------------------
 
 
@@ -289,6 +311,20 @@ def test_units_are_in_data_sets_and_figures() -> None:
     ax = results.plot("time", "height[0]")
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("time [s]", "height[0] [m]")
     assert results.plot("time", "count").get_ylabel() == "count"
+
+    def both(key: se.Key, time: float, place: int) -> dict[str, float]:
+        return {"height": time * place}
+
+    both.units = {"place": "m", "time": ""}  # type: ignore[attr-defined]
+    ax = (
+        se.Study(both, {"time": [1, 2], "place": [3, 4]}, replicates=2, rng=1)
+        .run()
+        .plot("time", "height", "place")
+    )
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == [
+        "place = 3 m",
+        "place = 4 m",
+    ]
     plain = se.Study(lambda key: {"x": 1.0}, {}, replicates=1, rng=1).run()
     assert plain.units == {}
 

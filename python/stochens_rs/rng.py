@@ -20,6 +20,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ._base.gate import show, text
+from ._base.records import Record
 from .exceptions import InputTypeError, SeedError
 
 __all__ = ["Key", "RngLike", "as_key"]
@@ -30,7 +31,7 @@ _SEED_LIMIT = 2**4096
 
 
 @dataclass(frozen=True, slots=True, repr=False)
-class Key:
+class Key(Record):
     """The 256-bit key of a random stream; immutable and hashable.
 
     Parameters

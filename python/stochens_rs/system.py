@@ -10,9 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ._base import gate, html
+from ._base.labels import Labels, made_labels
 from .exceptions import InputError, InputTypeError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
     from numpy.typing import ArrayLike, NDArray
 
 __all__ = ["System"]
@@ -32,17 +35,26 @@ class System:
         unspecified step.
     name : str, optional
         A label that is shown; ``==`` ignores it.
+    states, inputs : sequence of str, optional
+        Names of the states (n) and of the inputs (m), all different. They are shown in errors,
+        tables and figures. Default: ``x[0], x[1], ...`` and ``u[0], u[1], ...``. ``==`` ignores
+        them, as it ignores `units`: it compares numbers.
+    units : mapping of str to str, optional
+        Units by the names of states and inputs, such as ``{"delta_1": "rad"}``. They are text that
+        is shown: nothing is converted.
 
     Raises
     ------
     ShapeError
-        If `A` is not square, or `B` has another number of rows.
+        If `A` is not square, `B` has another number of rows, or there are more or fewer names than
+        states or inputs.
     NonFiniteError
         If an entry, or `dt`, is nan or infinite.
     InputTypeError
-        If `A` or `B` does not hold real numbers, or `dt` or `name` has a wrong type.
+        If `A` or `B` does not hold real numbers, or another argument has a wrong type.
     InputError
-        If `dt` is 0 (continuous time) or negative, or `A` or `B` has labels.
+        If `dt` is 0 (continuous time) or negative, `A` or `B` has labels, two names are equal,
+        or a unit belongs to no state or input.
 
     Notes
     -----
@@ -58,14 +70,18 @@ class System:
     <System cart: n=2 m=1 dt=0.1>
     >>> system.A @ [0.0, 1.0]
     array([0.1, 1. ])
+    >>> cart = System(system.A, system.B, states=["p", "v"], inputs=["F"], units={"p": "m"})
+    >>> cart.state_names, cart.input_names, cart.units
+    (('p', 'v'), ('F',), {'p': 'm'})
     """
 
-    __slots__ = ("_A", "_B", "_dt", "_name")
+    __slots__ = ("_A", "_B", "_dt", "_labels", "_name")
 
     _A: NDArray[np.float64]
     _B: NDArray[np.float64]
     _dt: float | bool | None
     _name: str | None
+    _labels: Labels
 
     def __init__(
         self,
@@ -74,11 +90,17 @@ class System:
         *,
         dt: float | bool | None = None,
         name: str | None = None,
+        states: Iterable[str] | None = None,
+        inputs: Iterable[str] | None = None,
+        units: Mapping[str, str] | None = None,
     ) -> None:
         checked_A = gate.matrix("A", A, square=True)
         checked_B = gate.matrix("B", B, rows=len(checked_A))
         label = None if name is None else " ".join(gate.text("name", name).split())  # one line
+        n, m = checked_B.shape
+        labels = made_labels(n, m, states, inputs, units)
         for slot, value in (
+            ("_labels", labels),
             ("_A", gate.frozen(checked_A)),
             ("_B", gate.frozen(checked_B)),
             ("_dt", _checked_dt(dt)),
@@ -196,6 +218,26 @@ class System:
         """The label, or None."""
         return self._name
 
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """The names of the states; by default ``x[0]``, ``x[1]``, ...."""
+        return self._labels.states
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """The names of the inputs; by default ``u[0]``, ``u[1]``, ...."""
+        return self._labels.inputs
+
+    @property
+    def units(self) -> dict[str, str]:
+        """The units that are known, by the names of states and inputs; a copy."""
+        return dict(self._labels.units)
+
+    @property
+    def labels(self) -> Labels:
+        """Names and units in one hashable record, with `states`, `inputs` and `units`."""
+        return self._labels
+
     def __setattr__(self, attribute: str, value: object) -> None:
         raise AttributeError(f"a System is immutable: `{attribute}` cannot be set")
 
@@ -221,7 +263,8 @@ class System:
         return (self._dt is True, self._dt)  # True == 1.0 in Python, but not here
 
     def __reduce__(self) -> tuple[object, ...]:
-        return (_rebuild, (self._A, self._B, self._dt, self._name))
+        named = self._labels if self._labels.given else None
+        return (_rebuild, (self._A, self._B, self._dt, self._name, named))
 
     def __copy__(self) -> System:
         return self
@@ -235,7 +278,10 @@ class System:
 
     def _repr_html_(self) -> str:
         dt = f"{self.dt} s" if isinstance(self.dt, float) else str(self.dt)
-        return html.card(self, [("states n", self.n), ("inputs m", self.m), ("step dt", dt)])
+        return html.card(
+            self,
+            [("states n", self.n), ("inputs m", self.m), ("step dt", dt), *self._labels.rows()],
+        )
 
 
 _CONTINUOUS = (
@@ -264,5 +310,14 @@ def _checked_dt(dt: object) -> float | bool | None:
     return gate.positive("dt", dt)
 
 
-def _rebuild(A: ArrayLike, B: ArrayLike, dt: float | bool | None, name: str | None) -> System:
-    return System(A, B, dt=dt, name=name)
+def _rebuild(
+    A: ArrayLike,
+    B: ArrayLike,
+    dt: float | bool | None,
+    name: str | None,
+    labels: Labels | None = None,
+) -> System:
+    if labels is None:
+        return System(A, B, dt=dt, name=name)
+    states, inputs, units = labels.states, labels.inputs, dict(labels.units)
+    return System(A, B, dt=dt, name=name, states=states, inputs=inputs, units=units)

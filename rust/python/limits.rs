@@ -7,6 +7,7 @@ use pyo3::prelude::*;
 
 use super::convert::{array1, array2, slice};
 use super::error::ShapeError;
+use super::limited::{BoxControl, RowsControl};
 use super::run::{run, run_to_best};
 use super::shared::Shared;
 use crate::limits::{self, Batch, Bounds, Horizon, Penalty, Rows, RowsSolution, Solution, Solver, Status, Until};
@@ -61,70 +62,16 @@ where
     }
 }
 
-fn status_of(found: &Solution) -> Status {
-    found.status
+fn together<'a, A, B>(names: &str, first: &'a Option<A>, second: &'a Option<B>) -> PyResult<Option<(&'a A, &'a B)>> {
+    match (first, second) {
+        (Some(first), Some(second)) => Ok(Some((first, second))),
+        (None, None) => Ok(None),
+        _ => Err(ShapeError::new_err(format!("{names} go together: one of them is missing"))),
+    }
 }
 
-/// A control within limits, and how far from the best one it can be.
-#[pyclass(frozen, subclass, module = "stochens_rs._core")]
-pub(super) struct BoxControl(Solution);
-
-#[pymethods]
-impl BoxControl {
-    #[getter]
-    fn control<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        Ok(array1(py, try_copy("a control", &self.0.control)?))
-    }
-
-    #[getter]
-    fn active<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<i8>>> {
-        Ok(PyArray1::from_vec(py, try_copy("the limits of a control", &self.0.active)?))
-    }
-
-    #[getter]
-    fn multipliers<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        Ok(array1(py, try_copy("the multipliers of a control", &self.0.multipliers)?))
-    }
-
-    #[getter]
-    fn status(&self) -> &'static str {
-        self.0.status.as_str()
-    }
-
-    #[getter]
-    fn gap(&self) -> f64 {
-        self.0.gap
-    }
-
-    #[getter]
-    fn frank_wolfe(&self) -> f64 {
-        self.0.frank_wolfe
-    }
-
-    #[getter]
-    fn distance(&self) -> f64 {
-        self.0.distance
-    }
-
-    #[getter]
-    fn objective(&self) -> f64 {
-        self.0.objective
-    }
-
-    #[getter]
-    fn at_zero(&self) -> f64 {
-        self.0.at_zero
-    }
-
-    #[getter]
-    fn iterations(&self) -> usize {
-        self.0.iterations
-    }
-
-    #[getter]
-    fn method(&self) -> &'static str {
-        self.0.method.as_str()
-    }
+fn status_of(found: &Solution) -> Status {
+    found.status
 }
 
 /// The least `||M u - y||^2 + u' R u` within limits.
@@ -174,10 +121,9 @@ impl BoxSolver {
         let (rows, d) = m.as_array().dim();
         let (m, r) = (slice("M", &m)?, r.get()?);
         let bounds = Bounds::new(slice("low", &low)?, slice("high", &high)?, d)?;
-        let goal = match (&state, &target) {
-            (Some(state), Some(target)) => Some((slice("state", state)?, slice("target", target)?)),
-            (None, None) => None,
-            _ => return Err(ShapeError::new_err("`state` and `target` go together: one of them is missing")),
+        let goal = match together("`state` and `target`", &state, &target)? {
+            Some((state, target)) => Some((slice("state", state)?, slice("target", target)?)),
+            None => None,
         };
         let cost = (d * d) as f64 * (2 * rows + 2 * d) as f64;
         let solver = run(py, cost, |stop| Solver::new(m, r, bounds, shift, goal, stop))?;
@@ -247,6 +193,26 @@ pub(super) fn box_batch_each<'py>(
     given(py, found, size, d)
 }
 
+fn horizon<'a>(
+    a: &'a Matrix<'_>,
+    b: &'a Matrix<'_>,
+    x0: &'a Vector<'_>,
+    reference: &'a Matrix<'_>,
+    stage: &'a Matrix<'_>,
+    terminal: &'a Matrix<'_>,
+    r: &'a Matrix<'_>,
+) -> PyResult<Horizon<'a>> {
+    Ok(Horizon {
+        a: slice("A", a)?,
+        b: slice("B", b)?,
+        x0: slice("x0", x0)?,
+        reference: slice("reference", reference)?,
+        stage: slice("stage", stage)?,
+        terminal: slice("terminal", terminal)?,
+        r: slice("R", r)?,
+    })
+}
+
 /// The best inputs of many steps within limits.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "one call, named in the stub")]
@@ -265,61 +231,13 @@ pub(super) fn horizon_control(
     time_limit: Option<f64>,
 ) -> PyResult<BoxControl> {
     let ((n, m), steps) = (b.as_array().dim(), reference.as_array().dim().0);
-    let horizon = Horizon {
-        a: slice("A", &a)?,
-        b: slice("B", &b)?,
-        x0: slice("x0", &x0)?,
-        reference: slice("reference", &reference)?,
-        stage: slice("stage", &stage)?,
-        terminal: slice("terminal", &terminal)?,
-        r: slice("R", &r)?,
-    };
+    let horizon = horizon(&a, &b, &x0, &reference, &stage, &terminal, &r)?;
     let bounds = Bounds::new(slice("low", &low)?, slice("high", &high)?, steps.saturating_mul(m))?;
     let (warm, limit) = (signs(&warm)?, seconds(time_limit));
     let cost = 30.0 * steps as f64 * ((n + m) * (n + m) * n) as f64;
     let found =
         to_best(py, cost, status_of, |stop| limits::horizon_control(&horizon, bounds, warm, Until::new(stop, limit)))?;
     Ok(BoxControl(found))
-}
-
-/// A control with limits on states or rates as well.
-#[pyclass(frozen, extends = BoxControl, module = "stochens_rs._core")]
-pub(super) struct RowsControl {
-    rates: Vec<f64>,
-    states: Vec<f64>,
-    missing: f64,
-    excess: f64,
-}
-
-#[pymethods]
-impl RowsControl {
-    #[getter]
-    fn rates<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        Ok(array1(py, try_copy("the multipliers of the rates", &self.rates)?))
-    }
-
-    #[getter]
-    fn states<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        Ok(array1(py, try_copy("the multipliers of the states", &self.states)?))
-    }
-
-    #[getter]
-    fn missing(&self) -> f64 {
-        self.missing
-    }
-
-    #[getter]
-    fn excess(&self) -> f64 {
-        self.excess
-    }
-}
-
-fn together<'a, A, B>(names: &str, first: &'a Option<A>, second: &'a Option<B>) -> PyResult<Option<(&'a A, &'a B)>> {
-    match (first, second) {
-        (Some(first), Some(second)) => Ok(Some((first, second))),
-        (None, None) => Ok(None),
-        _ => Err(ShapeError::new_err(format!("{names} go together: one of them is missing"))),
-    }
 }
 
 /// The best inputs of many steps within limits on inputs, their changes and states.
@@ -344,15 +262,7 @@ pub(super) fn rows_control(
     time_limit: Option<f64>,
 ) -> PyResult<Py<RowsControl>> {
     let ((n, m), steps) = (b.as_array().dim(), reference.as_array().dim().0);
-    let horizon = Horizon {
-        a: slice("A", &a)?,
-        b: slice("B", &b)?,
-        x0: slice("x0", &x0)?,
-        reference: slice("reference", &reference)?,
-        stage: slice("stage", &stage)?,
-        terminal: slice("terminal", &terminal)?,
-        r: slice("R", &r)?,
-    };
+    let horizon = horizon(&a, &b, &x0, &reference, &stage, &terminal, &r)?;
     let bounds = Bounds::new(slice("low", &low)?, slice("high", &high)?, steps.saturating_mul(m))?;
     let mut rows = Rows { soft, ..Rows::default() };
     if let Some((rate, previous)) = together("`rate` and `previous`", &rate, &previous)? {
@@ -366,9 +276,5 @@ pub(super) fn rows_control(
     let status = |found: &RowsSolution| found.found.status;
     let found =
         to_best(py, cost, status, |stop| limits::rows_control(&horizon, bounds, rows, Until::new(stop, limit)))?;
-    let RowsSolution { found, rates, states, missing, excess } = found;
-    Py::new(
-        py,
-        PyClassInitializer::from(BoxControl(found)).add_subclass(RowsControl { rates, states, missing, excess }),
-    )
+    RowsControl::of(py, found)
 }

@@ -11,6 +11,7 @@ mod fleet;
 mod fuse;
 mod identify;
 mod laws;
+mod limited;
 mod limits;
 mod realizations;
 mod run;
@@ -47,9 +48,9 @@ mod _core {
         trace_quantile, wishart_quantile,
     };
     #[pymodule_export]
-    use super::limits::{
-        BoxControl, BoxSolver, RowsControl, box_batch, box_batch_each, box_control, horizon_control, rows_control,
-    };
+    use super::limited::{BoxControl, RowsControl};
+    #[pymodule_export]
+    use super::limits::{BoxSolver, box_batch, box_batch_each, box_control, horizon_control, rows_control};
     #[pymodule_export]
     use super::simulate::{
         simulate_estimates, simulate_mean_field, simulate_plan_estimates, simulate_plans, simulate_runs,

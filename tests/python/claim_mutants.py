@@ -17,6 +17,7 @@ import pytest
 import stochens_rs as se
 from stochens_rs.paper import bounds as printed_bounds
 from stochens_rs.paper import power, rationals, tracking
+from stochens_rs.paper.experiments import replicate
 from stochens_rs.paper.reachability import approximate, counterexamples, samples
 from stochens_rs.paper.verdicts import (
     algorithm_1,
@@ -31,7 +32,6 @@ from stochens_rs.paper.verdicts import (
     tails,
 )
 from stochens_rs.rng import as_key
-from stochens_rs.studies import replicate
 from stochens_rs.system import System
 from stochens_rs.theory import bounds
 

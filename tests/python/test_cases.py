@@ -122,7 +122,7 @@ def test_euler_keeps_the_zeros_and_zoh_fills_them():
 def test_ieee39_reference_numbers_without_damping():
     A_c, B_c, L = ieee39._continuous(np.zeros(10))
     frequencies, decays = modes(A_c)
-    expected = [0.68157, 0.99457, 1.07781, 1.14687, 1.26412, 1.28875, 1.45397, 1.47118, 1.50523]
+    expected = [0.68136, 0.99444, 1.07659, 1.14558, 1.26410, 1.28365, 1.45393, 1.47117, 1.50523]
     np.testing.assert_allclose(frequencies, expected, atol=6e-6)
     np.testing.assert_allclose(decays, 0.0, atol=1e-6)  # the double eigenvalue 0 moves by sqrt(eps)
     _, B = discretize(A_c, B_c, STEP, "zoh")

@@ -307,10 +307,10 @@ class Shifted(Identified):
 
     def __init__(self, model, shift):
         self.inner, self.shift = model, shift
+        self.of_A = np.arange(model._Theta.shape[1]) < len(model.A)
 
-    A = property(lambda self: self.inner.A + self.shift)
-    B = property(lambda self: self.inner.B)
-    c = property(lambda self: self.inner.c)
+    _Theta = property(lambda self: self.inner._Theta + self.shift * self.of_A)
+    warnings = property(lambda self: self.inner.warnings)
     dt = property(lambda self: self.inner.dt)
     state_names = property(lambda self: self.inner.state_names)
     input_names = property(lambda self: self.inner.input_names)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -66,6 +68,27 @@ def test_progress_counts_the_statements() -> None:
         se.exceptions.InputTypeError, match="`progress` must be None, True, False or a"
     ):
         se.paper.claims(quick=True, progress=3)
+
+
+def test_executors_and_files_change_nothing(found: se.paper.Claims, tmp_path: Path) -> None:
+    whole, folder = found.to_dict(), tmp_path / "made"
+
+    def stop(done: int, _: int | None) -> None:
+        if done == 28:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        se.paper.claims(quick=True, path=folder, progress=stop)
+    before = {path.name: path.read_bytes() for path in folder.glob("*.study")}
+    assert set(before) == {
+        f"{k}.study" for k in ("algorithm-1", "comparison", "one-step", "power", "tails")
+    }
+    with ThreadPoolExecutor(2) as threads:
+        again = se.paper.claims(quick=True, path=folder, executor=threads)
+    assert again.to_dict() == whole
+    assert before.items() <= {p.name: p.read_bytes() for p in folder.glob("*.study")}.items()
+    with pytest.raises(se.exceptions.StateError, match="`key` of"):
+        se.paper.claims(2, quick=True, path=folder)
 
 
 def test_another_seed_gives_the_same_verdicts() -> None:

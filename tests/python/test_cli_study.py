@@ -17,7 +17,8 @@ import pytest
 import stochens_rs as se
 from stochens_rs import cli
 from stochens_rs.exceptions import InputError, ShapeError
-from stochens_rs.studies.replicate import Solves, Step
+from stochens_rs.paper.experiments.replicate import Step
+from stochens_rs.studies.methods import METHODS, STYLES
 
 A, B = np.array([[0.9, 0.2, 0.0], [0.1, 0.8, 0.3], [0.0, 0.1, 0.7]]), np.eye(3)[:, 1:]
 X0, XF = np.array([1.0, -1.0, 2.0]), np.array([0.0, 0.5, 1.0])
@@ -42,10 +43,11 @@ def run(capsys: pytest.CaptureFixture[str], *args: str) -> tuple[int, dict[str, 
 def test_errors_are_those_of_the_experiments(method: str) -> None:
     key = se.Key(bytes(range(32)))
     found = se.studies.error((A, B), X0, XF)(key, SIZES, method)  # type: ignore[arg-type]
-    drawn, off = Step(A, B, X0, XF).draw(key, SIZES, 1e-9, {"A": Solves()})
+    drawn, off = Step(A, B, X0, XF).draw(key, SIZES, 1e-9)
     for name, exact in (("x0", X0), ("xf", XF), ("A", A)):
-        assert np.array_equal(found[name], drawn[name].errors[method] / np.linalg.norm(exact))
-    wrong = off[method, "product"]
+        errors = drawn[name].errors[:, METHODS.index(method)]
+        assert np.array_equal(found[name], errors / np.linalg.norm(exact))
+    wrong = off[:, list(STYLES).index((method, "product"))]
     v = np.linalg.lstsq(B, XF - A @ X0, rcond=None)[0]
     assert np.allclose(found["control"], np.linalg.norm(wrong, axis=1) / np.linalg.norm(v))
     state = np.linalg.norm(wrong @ B.T, axis=1) / np.linalg.norm(A @ X0 + B @ v)
@@ -106,9 +108,17 @@ def test_figures_and_facts_are_written(
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="SIGINT cannot be sent on Windows")
-@pytest.mark.parametrize("workers", ["1", "2"])
+@pytest.mark.parametrize(
+    ("workers", "number", "code"),
+    [("1", signal.SIGINT, 130), ("2", signal.SIGINT, 130), ("1", signal.SIGTERM, 143)],
+)
 def test_ctrl_c_loses_nothing(
-    problem: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], workers: str
+    problem: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    workers: str,
+    number: int,
+    code: int,
 ) -> None:
     path = tmp_path / "a.study"
     args = [problem, "--sizes", "5,2000", "--replicates", "3000", "--path", str(path)]
@@ -119,9 +129,9 @@ def test_ctrl_c_loses_nothing(
     while not path.exists() and program.poll() is None:
         time.sleep(0.01)
     time.sleep(0.3 if workers == "1" else 0.7)
-    os.killpg(program.pid, signal.SIGINT)  # as a terminal does: to the workers too
+    os.killpg(program.pid, number)  # as a terminal does: to the workers too
     out, told = program.communicate(timeout=60)
-    assert program.returncode == 130, told
+    assert program.returncode == code, told
     facts = json.loads(out)
     assert facts["status"] == "interrupted"
     assert "Traceback" not in told

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import json
+import multiprocessing
+import os
 import re
+import signal
+import sys
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 
 import numpy as np
 import pytest
 
 import stochens_rs as se
 from stochens_rs.paper import power, tracking
+from stochens_rs.paper.experiments.power import PowerErrors
+from stochens_rs.paper.experiments.recording import log_grid
 from stochens_rs.rng import as_key
 from stochens_rs.studies import Curve, Experiment
-from stochens_rs.studies.experiment_run import log_grid
 
 SMALL_POWER = {"rng": 5, "replicates": 6, "samples": 120}
 SMALL_TRACKING = {"rng": 5, "replicates": 3, "samples": 40, "n": 12, "m": 9}
@@ -174,7 +180,7 @@ def test_errors_are_those_of_the_public_functions(small_power):
     """Replicate 2, all samples, once more through sample, fuse and control."""
     system = se.cases.ieee14()
     x0, xf = np.array(small_power.settings["x0"]), np.zeros(10)
-    key = se.Key.from_hex(small_power.key).child("replicate-2")
+    key = se.Key.from_hex(small_power.key).child("{}").child("replicate 2")
     sampled = {
         name: se.sample(target, 120, rng=key.child(name))
         for name, target in (("x0", x0), ("xf", xf), ("A", system.A))
@@ -235,6 +241,72 @@ def test_first_replicates_do_not_depend_on_their_number(small_power):
     for a, b in zip(fewer.panels, small_power.panels, strict=True):
         for one, more in zip(a.curves, b.curves, strict=True):
             assert np.array_equal(one.errors, more.errors[:2])
+
+
+@pytest.mark.parametrize("run", ["power", "tracking"])
+def test_executors_and_files_change_no_bit(run, small_power, small_tracking, tmp_path):
+    function, options, whole = {
+        "power": (power, SMALL_POWER, small_power),
+        "tracking": (tracking, SMALL_TRACKING, small_tracking),
+    }[run]
+    with ProcessPoolExecutor(2, multiprocessing.get_context("spawn")) as processes:
+        for executor in (processes, ThreadPoolExecutor(3)):
+            again = function(**options, executor=executor)
+            assert errors_of(again) == errors_of(whole)
+            assert again.facts == whole.facts
+    path = tmp_path / "a.study"
+    fewer = {**options, "replicates": 2}
+    assert errors_of(function(**fewer, path=path)) == errors_of(function(**fewer))
+    again = function(**options, path=path)  # the first two are in the file
+    assert errors_of(again) == errors_of(whole)
+    assert again.facts == whole.facts
+    with pytest.raises(se.exceptions.StateError, match=r"`grid` of .*a.study is"):
+        function(**{**options, "samples": 20}, path=path)
+    with pytest.raises(se.exceptions.StateError, match="`function_digest` of"):
+        function(**options, tol=1e-6, path=path)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals differ")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_experiment_goes_on(number, tmp_path):
+    path = tmp_path / "a.study"
+
+    def interrupt(done, _):
+        if done >= 3:
+            os.kill(os.getpid(), number)
+
+    options = {"rng": 5, "replicates": 40, "samples": 30}
+    with pytest.raises(KeyboardInterrupt):
+        power(**options, path=path, progress=interrupt)
+    kept = se.Study.resume(path).results
+    assert 3 <= kept.done.all(axis=0).sum() < 40
+    assert signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler)
+    assert errors_of(power(**options, path=path)) == errors_of(power(**options))
+
+
+def test_lost_workers_and_failures_are_told(monkeypatch, tmp_path):
+    with pytest.raises(se.exceptions.InputError, match=r"`function` failed .* needs .* GiB"):
+        power(rng=1, replicates=2, samples=10**13)
+    honest = PowerErrors.__call__
+
+    def sometimes(self, key, size):
+        if key == power_key.child("{}").child("replicate 1"):
+            raise ZeroDivisionError("never")
+        return honest(self, key, size)
+
+    power_key = as_key(1)
+    monkeypatch.setattr(PowerErrors, "__call__", sometimes)
+    with pytest.raises(se.exceptions.InputError, match="replicate 1 failed: ZeroDivisionError"):
+        power(rng=1, replicates=3, samples=10, path=tmp_path / "a.study")
+    monkeypatch.undo()
+    again = power(rng=1, replicates=3, samples=10, path=tmp_path / "a.study")
+    assert errors_of(again) == errors_of(power(rng=1, replicates=3, samples=10))
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as processes:
+        processes.submit(os.getpid).result()
+        for one in processes._processes.values():
+            one.kill()
+        with pytest.raises(se.exceptions.InputError, match="the workers of `executor` have died"):
+            power(rng=1, replicates=3, samples=10, executor=processes)
 
 
 def test_round_trip_through_json(experiment):

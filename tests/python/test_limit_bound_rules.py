@@ -69,7 +69,7 @@ def test_a_moved_target():
         exact = Horizon(task, A, B)
         other = Horizon(replace(task, reference=task.reference + dr), A, B)
         best, moved = exact.solve(x0), other.solve(x0 + dx0)
-        M, start, _ = exact.weighted()
+        M, start, _ = exact.weighted
         goal = np.vstack([*[exact.roots[0]] * (K - 1), exact.roots[1]])
         d = float(np.linalg.norm(limited_errors.onto(M) @ (goal @ dr - start @ dx0)))
         D, du = best.distance + moved.distance, (best.u - moved.u).ravel()
@@ -97,7 +97,7 @@ def test_inexact_controls():
         u = np.clip(best.u + size * gen.normal(size=best.u.shape), task.low, task.high)
         at = uncertain_map.forces(exact.task, A, B, states(A, B, x0, u)[1:], u)
         gap, rest = uncertain_map.optimality(task, None, None, at.slope, u, 0.0)
-        M, du = exact.weighted()[0], (u - best.u).ravel()
+        M, du = exact.weighted[0], (u - best.u).ravel()
         D2 = float(np.sum((M @ du) ** 2) + task.R[0, 0] * np.sum(du**2))
         if rest == 0.0:
             seen.see("gap", 2 * D2, gap + 1e-9 * at.objective)
@@ -136,7 +136,7 @@ def test_an_uncertain_map():
         W = uncertain_map.weights(task, soft=True)
         alpha = float(np.sqrt(np.einsum("ki,kij,kj->", x - xh, W, x - xh)))
         found = apart(task, model, xh, u, alpha, 0.0)
-        M, du = exact.weighted()[0], (u - best.u).ravel()
+        M, du = exact.weighted[0], (u - best.u).ravel()
         p, q = float(np.linalg.norm(M @ du)), float(np.sqrt(task.R[0, 0]) * np.linalg.norm(du))
         J = value(task, true_A, true_B, start, u)
         slack = best.distance + 1e-9 * alpha
@@ -286,7 +286,7 @@ def test_a_known_error_is_the_error():
         found = planned.bound()
         exact = Horizon(planned.task, A, B)
         best = exact.solve(x0)
-        M = exact.weighted()[0]
+        M = exact.weighted[0]
         error = np.linalg.norm(M @ (planned.limited.u - best.u).ravel())
         np.testing.assert_allclose(found.state, error, atol=1e-7)
         np.testing.assert_allclose(

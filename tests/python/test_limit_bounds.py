@@ -69,7 +69,7 @@ def errors_of(gen, system, task, N, K, count):
         limited = Horizon(wanted, A_hat, B).solve(start)
         exact = Horizon(replace(task, reference=np.tile(xf, (K, 1)), R=limited.R), A, B)
         best = exact.solve(x0)
-        M = exact.weighted()[0]
+        M = exact.weighted[0]
         wrong = (limited.u - best.u).ravel()
         at = [
             uncertain_map.forces(exact.task, A, B, states(A, B, x0, u)[1:], u).objective

@@ -156,7 +156,7 @@ def test_long_horizons_equal_condensed_ones(gen):
         if way != "one-sided":
             assert lc.frank_wolfe_gap(p, u) <= 1e-9 * lp.objective(p, 0.0 * u)
         short = Horizon(plan.limited.task, A, B)
-        M, state, target = short.weighted()
+        M, state, target = short.weighted
         dense = _core.box_control(M, target - state @ x0, short.cost(), p.low, p.high, None, None)
         assert lp.norm(dense.control - u, p.H) <= plan.limited.distance + dense.distance + 1e-9
         np.testing.assert_allclose(plan.objective, dense.objective, rtol=1e-9)

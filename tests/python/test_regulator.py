@@ -275,7 +275,7 @@ def test_work_of_a_call_is_bounded():
         X = gen.normal(size=(n, m)) * np.logspace(0, -6 if index % 2 else 0, m)
         loop = se.regulate((F, X), K, limits=(-0.1, 0.1), Q=1.0, R=1e-8 if index % 2 else 0.1)
         low, high = loop._task.low.ravel(), loop._task.high.ravel()
-        M, state, target = loop._horizon.weighted()
+        M, state, target = loop._horizon.weighted
         cost = loop._horizon.cost()
         solver = _core.BoxSolver(M, cost, low, high, m, state, target)
         for _ in range(100):

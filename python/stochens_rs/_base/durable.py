@@ -121,3 +121,9 @@ class Durable:
             raise StateError(f"{os.fspath(path)} must have an array {error}, got none") from error
         except (InputError, InputTypeError) as error:
             raise StateError(f"{os.fspath(path)}: {error}") from error
+
+
+def nothing_left(sections: dict[str, Any]) -> None:
+    """Refuse arrays that nothing has taken."""
+    if sections:
+        raise InputError(f"a file of this kind has no array '{min(sections)}'")

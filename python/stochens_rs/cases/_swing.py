@@ -14,6 +14,7 @@ IEEE Trans. Circuits and Systems I 60(1), 2013.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,3 +93,13 @@ def swing(L_red: Array, H: Array, D: Array) -> tuple[Array, Array]:
     B = np.zeros((2 * g, g))
     B[g:] = np.diag(1.0 / M)
     return A, B
+
+
+def swing_labels(generators: int) -> dict[str, Any]:
+    """Names and units of the states and inputs of `swing`, as arguments of `System`."""
+    delta, omega, power = (
+        [f"{word}_{g + 1}" for g in range(generators)] for word in ("delta", "omega", "P")
+    )
+    units = [*((name, "rad") for name in delta), *((name, "rad/s") for name in omega)]
+    units += [(name, "pu") for name in power]
+    return {"states": delta + omega, "inputs": power, "units": dict(units)}

@@ -9,7 +9,7 @@ import numpy as np
 from .._base import gate
 from ..system import System
 from ._discretize import discretize
-from ._swing import SYSTEM_MVA, Array, reduced_stiffness, swing
+from ._swing import SYSTEM_MVA, Array, reduced_stiffness, swing, swing_labels
 
 __all__ = ["ieee14"]
 
@@ -112,4 +112,10 @@ def ieee14(
     gate.choice("base", base, ("system", "machine"))
     A_c, B_c, _ = _continuous(data, base)
     A, B = discretize(A_c, B_c, dt, method)
-    return System(A, B, dt=dt, name=f"IEEE 14-bus ({data} data, {base} base, {method})")
+    return System(
+        A,
+        B,
+        dt=dt,
+        name=f"IEEE 14-bus ({data} data, {base} base, {method})",
+        **swing_labels(B.shape[1]),
+    )

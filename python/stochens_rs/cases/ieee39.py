@@ -8,7 +8,7 @@ import numpy as np
 
 from ..system import System
 from ._discretize import discretize
-from ._swing import Array, reduced_stiffness, swing
+from ._swing import Array, reduced_stiffness, swing, swing_labels
 
 __all__ = ["ieee39"]
 
@@ -28,7 +28,7 @@ _BRANCHES = (
 _GENERATOR_BUSES = (30, 31, 32, 33, 34, 35, 36, 37, 38, 39)
 
 # On 100 MVA. H in s, x'd and D in per unit.
-_H = np.array([42.0, 30.3, 35.3, 28.6, 26.0, 34.8, 26.4, 24.3, 34.5, 500.0])
+_H = np.array([42.0, 30.3, 35.8, 28.6, 26.0, 34.8, 26.4, 24.3, 34.5, 500.0])
 _XD = np.array([0.031, 0.0697, 0.0531, 0.0436, 0.132, 0.05, 0.049, 0.057, 0.057, 0.006])
 _D = np.full(10, 50.0)
 
@@ -88,4 +88,10 @@ def ieee39(*, dt: float = 0.01, method: Literal["zoh", "euler"] = "zoh") -> Syst
     """
     A_c, B_c, _ = _continuous(_D)
     A, B = discretize(A_c, B_c, dt, method)
-    return System(A, B, dt=dt, name=f"IEEE 39-bus (Pai data, system base, {method})")
+    return System(
+        A,
+        B,
+        dt=dt,
+        name=f"IEEE 39-bus (Pai data, system base, {method})",
+        **swing_labels(B.shape[1]),
+    )

@@ -9,6 +9,7 @@ import click
 
 from .._base.files import versions
 from ..exceptions import InputError, InputTypeError, ResourceError, StateError
+from ..studies.signals import interruptions
 from . import _claims, _control, _identify, _info, _plan, _reproduce, _stream, _study
 from ._output import INTERRUPTED, note, occupy_standard_descriptors, show
 
@@ -17,7 +18,7 @@ __all__ = ["main"]
 OK, INTERNAL, USAGE, IO = 0, 1, 2, 5
 EXIT_CODES = (
     "Exit codes: 0 done, 1 internal error, 2 usage or input, 3 a verdict is contradicted (claims), "
-    "5 reading or writing files, 130 interrupted (Ctrl-C), 143 terminated (SIGTERM, stream)."
+    "5 reading or writing files, 130 interrupted (Ctrl-C), 143 terminated (SIGTERM)."
 )
 
 
@@ -79,8 +80,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     occupy_standard_descriptors()
     if sys.stdout is None:
         return _fail("standard output is closed: nowhere to write results", IO)
+    with interruptions() as told:
+        told.breakable = True
+        code = _code(None if argv is None else list(argv))
+    return 128 + told.number if code == INTERRUPTED and told.number else code
+
+
+def _code(args: list[str] | None) -> int:
     try:
-        args = None if argv is None else list(argv)
         code = cli.main(args=args, prog_name="stochens", standalone_mode=False)
         return code if isinstance(code, int) else OK
     except click.ClickException as error:

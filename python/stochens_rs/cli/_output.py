@@ -24,7 +24,7 @@ from ..plots.style import require_matplotlib
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-INTERRUPTED = 130  # exit code after Ctrl-C: 128 + SIGINT
+INTERRUPTED = 130  # exit code after Ctrl-C: 128 + SIGINT; after SIGTERM `main` returns 143
 
 
 def occupy_standard_descriptors() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from contextlib import nullcontext
 from typing import Any
 
 import click
@@ -13,6 +14,8 @@ from ..paper.report.page import COLUMNS, require_report
 from ..rng import as_key
 from ._options import force_option, json_option, seed_option
 from ._output import note, prepared, show_result
+from ._unfinished import unfinished
+from ._workers import pool, workers_option
 
 # Options of --quick.
 QUICK: dict[str, dict[str, Any]] = {
@@ -54,6 +57,8 @@ _NAMES = re.compile(r"results\.json|report\.html|(claims|(power|tracking)-figure
     default=True,
     help="Also check the paper's statements, for a section of the report.",
 )
+@workers_option
+@click.option("--resume", is_flag=True, help="Continue an unfinished run in DIR, if there is one.")
 @json_option
 def reproduce(
     out: str,
@@ -63,6 +68,8 @@ def reproduce(
     samples: int | None,
     quick: bool,
     with_claims: bool,
+    workers: int,
+    resume: bool,
     as_json: bool,
 ) -> None:
     """Repeat the two experiments of the paper and write a report with the figures.
@@ -74,6 +81,10 @@ def reproduce(
     A report in DIR is replaced if a run with the same options wrote it, or with --force. If DIR has
     a file of the same name that this command did not write, or that was changed since, the command
     stops before it computes anything (results.json lists the files with their SHA-256).
+
+    Until the report is written, the numbers are kept in DIR/unfinished. After Ctrl-C, SIGTERM or a
+    crash the same command with --resume continues, with the same results, with any number of
+    workers. Without --resume it stops if there are such numbers; --force removes them.
     """
     require_report()
     options = {
@@ -86,16 +97,22 @@ def reproduce(
     directory, earlier = prepared(out, "results.json", _NAMES, options, force)
     key = as_key(seed)
     given = {k: v for k, v in (("replicates", replicates), ("samples", samples)) if v is not None}
-    done = []
-    for name, run in (("power", paper.power), ("tracking", paper.tracking)):
-        chosen = {**(QUICK[name] if quick else {}), **given}
-        done.append(run(rng=key.child(name), progress=True, **chosen))
-    checked = None
-    if with_claims:
-        checked = paper.claims(key.child("claims"), quick=quick, progress=True)
-    for path in earlier:
-        path.unlink(missing_ok=True)
-    files = paper.write_report(done, directory, claims=checked, options=options)
+    done, checked = [], None
+    with (
+        unfinished(directory, options, resume=resume, force=force) as folder,
+        pool(workers) if workers > 1 else nullcontext() as executor,
+    ):
+        where: dict[str, Any] = {"executor": executor, "progress": True}
+        for name, run in (("power", paper.power), ("tracking", paper.tracking)):
+            chosen = {**(QUICK[name] if quick else {}), **given}
+            path = folder / f"{name}.study"
+            done.append(run(rng=key.child(name), path=path, **where, **chosen))
+        if with_claims:
+            path = folder / "claims"
+            checked = paper.claims(key.child("claims"), quick=quick, path=path, **where)
+        for path in earlier:
+            path.unlink(missing_ok=True)
+        files = paper.write_report(done, directory, claims=checked, options=options)
     rows = paper.final_errors(done)
     summary = {
         "schema": "stochens-reproduce/1",

@@ -2,19 +2,11 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import os
-import signal
-from collections.abc import Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor
-from contextlib import contextmanager
-from functools import partial
 from typing import TYPE_CHECKING, Any, get_args
 
 import click
 import numpy as np
 
-from .._base.extras import extra
 from ..cases import CASES
 from ..fusion.fusing import Method
 from ..rng import as_key
@@ -22,6 +14,7 @@ from ..studies import Results, Study, error
 from ._options import force_option, json_option, seed_option
 from ._output import INTERRUPTED, Folder, finite, grid, show_result
 from ._problem import problem
+from ._workers import executor, workers_option
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,7 +27,7 @@ _POINTS = 16  # of a logarithmic range
 @click.option("--sizes", default="10:1000:log5", metavar="S", help="10,100 or 10:1e5:log[POINTS].")
 @click.option("--methods", default="uniform,alse", metavar="M", help="Fusions to be compared.")
 @click.option("--replicates", type=click.IntRange(min=1), default=100, help="Repetitions.")
-@click.option("--workers", type=click.IntRange(1, 1024), default=1, help="Processes.")
+@workers_option
 @click.option("--dask", metavar="ADDRESS", help="Run on this Dask cluster instead.")
 @click.option("--path", metavar="FILE", help="Keep the numbers here; an existing study goes on.")
 @click.option("--time-limit", type=float, metavar="S", help="Time limit of this run in seconds.")
@@ -80,8 +73,8 @@ def study_command(
         nested="size",
         shared=["method"],
     )
-    with _executor(workers, dask) as executor:
-        results = made.run(executor, path, progress=True, time_limit=time_limit)
+    with executor(workers, dask) as run_by:
+        results = made.run(run_by, path, progress=True, time_limit=time_limit)
     facts = _facts(results, path)
     show_result(facts, _text(results), as_json)
     if save is not None:
@@ -91,30 +84,6 @@ def study_command(
         folder.write(facts, lambda: _figure(results, number))
     if results.status == "interrupted":
         context.exit(INTERRUPTED)
-
-
-@contextmanager
-def _executor(workers: int, dask: str | None) -> Iterator[Any]:
-    """None, what makes a pool of processes, or the executor of a cluster."""
-    if dask is not None:
-        with extra("a cluster needs distributed", "dask"):
-            from distributed import Client
-        with Client(dask) as client:
-            yield client.get_executor(pure=False)
-        return
-    yield partial(_pool, workers) if workers > 1 else None
-
-
-def _pool(workers: int) -> Executor:
-    """Processes that ignore Ctrl-C, which reaches all of a terminal: only this one answers it."""
-    made = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"))
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # they start so, and keep it
-    try:
-        for _ in range(workers):
-            made.submit(os.getpid)
-    finally:
-        signal.signal(signal.SIGINT, before)
-    return made
 
 
 def _sizes(text: str) -> list[int]:

@@ -8,12 +8,12 @@ hold arrays of the size of the problem, never the realizations. `ModelBasis` is 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
 
 import numpy as np
 
 from .._base import gate
-from .._base.records import by_constructor
+from .._base.records import Record
 from .._base.types import AXES, Floats
 from ..ensembles.counts import Counts
 from ..ensembles.ensemble import Ensemble
@@ -39,7 +39,7 @@ _SAME_NORM = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Known:
+class Known(Record):
     """What is known about x0, xf or A: the estimate, and the exact values it stands for.
 
     Attributes
@@ -79,15 +79,20 @@ class Known:
                 gate.kept(f"{what} of {self.name}", getattr(self, what))
         if self.size is not None:
             gate.size("size", self.size)
+        drawn = self.kind in ("iid", "systematic")
+        for what, missing in (
+            ("values", self.values is None and (drawn or self.kind in ("exact", "fitted"))),
+            ("estimate", self.estimate is None and self.kind == "fitted"),
+            ("size", self.size is None and drawn),
+        ):
+            if missing:
+                raise InputError(f"`{what} of {self.name}` must be known for kind '{self.kind}'")
         if self.key is not None:
             gate.instance("key", self.key, Key)
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return by_constructor(self)
-
 
 @dataclass(frozen=True, eq=False)
-class Basis:
+class Basis(Record):
     """What is known about x0, xf and A.
 
     Attributes
@@ -107,14 +112,13 @@ class Basis:
         n = len(gate.kept("B", self.B, ndim=(2,)))
         for name, shape in (("x0", (n,)), ("xf", (n,)), ("A", (n, n))):
             one = gate.instance(name, getattr(self, name), Known)
+            if one.name != name:
+                raise InputError(f"`{name}` must be what is known of {name}, got {one.name!r:.40}")
             for what, array in (("estimate", one.estimate), ("values", one.values)):
                 if array is not None and array.shape != shape:
                     raise ShapeError(
                         f"`{what} of {name}` must have shape {shape}, got {array.shape}"
                     )
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return by_constructor(self)
 
     @property
     def entities(self) -> tuple[Known, Known, Known]:
@@ -141,7 +145,7 @@ class Basis:
 
 
 @dataclass(frozen=True, eq=False)
-class ModelBasis:
+class ModelBasis(Record):
     """What a plan for a model from data keeps.
 
     Attributes
@@ -167,9 +171,6 @@ class ModelBasis:
             if gate.kept(name, value, ndim=(1,)).shape != (n,):
                 raise ShapeError(f"`{name}` must have shape ({n},), got {value.shape}")
         gate.nonnegative("x0_error", self.x0_error)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return by_constructor(self)
 
 
 def known(name: str, value: Fit | Ensemble | Counts | Floats, estimate: Floats | None) -> Known:

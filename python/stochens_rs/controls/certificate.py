@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from .._base import gate, html
-from .._base.records import by_constructor
+from .._base.records import SavedRecord
 from ..exceptions import ShapeError
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Certificate:
+class Certificate(SavedRecord):
     """Bounds on where the true system ends under a control that was computed from data.
 
     Made by `Plan.bound` for a plan whose system is a model from data.
@@ -85,9 +85,6 @@ class Certificate:
         for name in ("components", "tube"):
             if np.ndim(getattr(self, name)) != 1:  # entries may be infinite
                 raise ShapeError(f"`{name}` must have one dimension")
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return by_constructor(self)
 
     @property
     def larger(self) -> Literal["model error", "reachability"]:

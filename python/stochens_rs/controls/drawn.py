@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._base import gate, html
+from .._base.labels import Labels, default_labels
 from ..exceptions import ShapeError
 from ..plots.panels import Inputs
 from ..plots.tube import draw_tube
@@ -29,6 +30,7 @@ class Drawn:
     predicted_states: Floats
     limited: Limited | None
     basis: Basis | ModelBasis | None
+    labels: Labels | None
 
     def plot(
         self, certificate: Certificate | None = None, *, measured: ArrayLike | None = None
@@ -78,10 +80,9 @@ class Drawn:
                     f"`measured` must have shape {predicted.shape}, or (R, ..) for R runs, got "
                     f"{runs.shape}"
                 )
-        names, dt, target = [f"x[{i}]" for i in range(predicted.shape[1])], None, None
-        controls = [f"u[{j}]" for j in range(self.u.shape[1])]
+        dt, target = None, None
+        labels = self.labels or default_labels(predicted.shape[1], self.u.shape[1])
         if isinstance(basis, ModelBasis):
-            names, controls = list(basis.model.state_names), list(basis.model.input_names)
             dt = basis.model.dt
             target = None if np.array_equal(basis.xf, predicted[-1]) else basis.xf
         more: dict[str, Any] = {}
@@ -90,11 +91,12 @@ class Drawn:
             off = np.abs(task.reference[-1] - predicted[-1]).max()
             if target is None and off > 1e-6 * np.abs(predicted).max():
                 target = task.reference[-1]
-            more["inputs"] = Inputs(self.u, controls, task.low, task.high)
+            more["inputs"] = Inputs(self.u, labels.input_axes, task.low, task.high)
             if task.follows:
                 more["reference"], target = task.reference, None
             if task.state_low is not None and task.state_high is not None:
                 more["limits"] = task.state_low, task.state_high
+        names = labels.state_axes
         return draw_tube(
             predicted, tube, names, measured=runs, target=target, dt=dt, says=says, **more
         )

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from .. import _core
 from .._base import gate
+from .._base.labels import Labels, default_labels
 from .._base.types import FUSIONS, Floats, Fusion, Status
 from ..ensembles.counts import Counts
 from ..ensembles.ensemble import Ensemble
@@ -90,8 +91,8 @@ class Entity:
 
 def problem(
     system: SystemLike, x0: EntityLike, xf: EntityLike | None, reference: Any = None
-) -> tuple[Floats, tuple[Entity, Entity, Entity]]:
-    """Check all arguments of a control problem: B, and the entities x0, xf and A.
+) -> tuple[Floats, tuple[Entity, Entity, Entity], Labels]:
+    """Check all arguments of a control problem: B, the entities x0, xf and A, and the names.
 
     `system` is a system, or a pair (A, B) whose A may be a Fit, an Ensemble or Counts. The last row
     of a `reference` takes the place of `xf`.
@@ -108,10 +109,11 @@ def problem(
         if A.shape != (n, n):
             raise ShapeError(f"`A` must have shape (n, n), got {A.shape}")
         B, matrix = gate.matrix("B", pair[1], rows=n).copy(), Entity("A", A)
+        labels = default_labels(*B.shape)
     else:
         exact = System.from_any(system)
-        n, B, matrix = exact.n, exact.B, Entity("A", exact.A)
-    return B, (_end("x0", x0, n), _end("xf", ending(reference, xf, n), n), matrix)
+        n, B, matrix, labels = exact.n, exact.B, Entity("A", exact.A), exact.labels
+    return B, (_end("x0", x0, n), _end("xf", ending(reference, xf, n), n), matrix), labels
 
 
 def ending(reference: Any, xf: Any, n: int) -> Any:

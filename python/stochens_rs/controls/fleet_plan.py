@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
 
 import numpy as np
 
 from .._base import gate, html
-from .._base.records import by_constructor
+from .._base.records import SavedRecord, require_shapes
 from .._base.types import STATUSES, Floats, Status
 from ..exceptions import InputError, ShapeError
 from ..plots.fleet import draw_misses
 from ..theory import scenario
+from .fleet_certify import checked_radii, design_risk, threshold_of
 from .fleet_design import Box, Design, verified_support
-from .fleet_risk import Method, RiskBound
+from .fleet_risk import METHODS, Method, RiskBound
 from .fleet_units import Systems, Units, read_starts, read_systems
+from .plan_arrays import FleetArrays
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,7 +28,7 @@ RISKS: tuple[Risk, ...] = get_args(Risk)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FleetPlan:
+class FleetPlan(SavedRecord, FleetArrays):
     """One command for many units, made by `control_fleet`.
 
     Attributes
@@ -84,9 +86,10 @@ class FleetPlan:
         gate.kept("misses", self.misses, shape=(units.size,))
         if shape != (units.steps, units.systems.m):
             raise ShapeError(f"`u` must have shape {(units.steps, units.systems.m)}, got {shape}")
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return by_constructor(self)
+        require_shapes(self, low=shape, high=shape, R=(shape[1],) * 2)
+        for name in ("support", "removed", "working"):
+            for unit in getattr(self, name):
+                gate.size(name, unit, minimum=0, maximum=units.size - 1)
 
     @property
     def gap(self) -> float:
@@ -103,7 +106,7 @@ class FleetPlan:
     @property
     def threshold(self) -> float:
         """The largest miss of the units that were not left out."""
-        return float(np.delete(self.misses, self.removed).max())
+        return threshold_of(self.misses, self.removed)
 
     def certify(
         self,
@@ -167,51 +170,10 @@ class FleetPlan:
             )
         chosen: Method = "discarding" if self.removed else "compression"
         if method is not None:
-            chosen = gate.choice(
-                "method", method, ("compression", "a priori", "judged", "discarding")
-            )
-        if self.removed and chosen != "discarding":
-            raise InputError(
-                f"`method` {chosen!r} does not hold after units were left out: use 'discarding' "
-                "or validate(new_units)"
-            )
-        radii, failing = _radii(radius, delta, self.units.size)
-        if radii is not None and chosen != "compression":
-            raise InputError("`radius` needs method='compression', or validate(new_units)")
-        N, box = self.units.size, Box(self.low.ravel(), self.high.ravel(), self.R)
-        if chosen == "a priori":
-            count = box.free + 1
-            return RiskBound(
-                scenario.a_priori(N, count, beta), beta, chosen, N, count, self.threshold
-            )
-        if chosen == "discarding":
-            if any(self.misses[s] <= self.threshold for s in self.removed):
-                raise InputError(
-                    "a unit that was left out misses no more than the threshold, so that this "
-                    "bound does not hold: use validate(new_units)"
-                )
-            count = box.free + 1
-            found = scenario.discarding(N, len(self.removed), count, beta)
-            return RiskBound(found, beta, chosen, N, count, self.threshold)
-        support = self._verified(box)
-        count, threshold = N if support is None else len(support), self.threshold
-        if radii is not None:
-            # the unit that sets the threshold belongs to the subset
-            sums = self.misses + radii
-            top = int(np.argmax(sums))
-            threshold = float(sums[top])
-            count = min(N, count + (support is not None and top not in support))
-        law = scenario.judged if chosen == "judged" else scenario.compression
-        return RiskBound(
-            law(N, count, beta),
-            beta,
-            chosen,
-            N,
-            count,
-            threshold,
-            failing,
-            verified=support is not None,
-        )
+            chosen = gate.choice("method", method, METHODS[:4])
+        radii = checked_radii(radius, delta, self.units.size)
+        about = self.misses, self.removed, self._box.free
+        return design_risk(chosen, beta, *about, radii, self._verified)
 
     def validate(
         self,
@@ -277,7 +239,7 @@ class FleetPlan:
         starts = self.units.x0 if x0 is None else read_starts(x0, fresh.size, fresh.n)
         units = Units(fresh, starts, self.units.xf, self.units.Q, self.units.steps)
         misses = units.misses(self.u)
-        radii, failing = _radii(radius, delta, fresh.size)
+        radii, failing = checked_radii(radius, delta, fresh.size)
         if radii is not None:
             misses = misses + radii
         above = int(np.count_nonzero(misses > limit))
@@ -323,7 +285,11 @@ class FleetPlan:
         named = "threshold" if worst else "rms of the units"
         return draw_misses(self.misses, line, *marks, named=named, fresh=fresh, ax=ax)
 
-    def _verified(self, box: Box) -> list[int] | None:
+    @property
+    def _box(self) -> Box:
+        return Box(self.low.ravel(), self.high.ravel(), self.R)
+
+    def _verified(self) -> list[int] | None:
         found = Design(
             self.u.ravel(),
             self.value,
@@ -332,7 +298,7 @@ class FleetPlan:
             list(self.working),
             self.support,
         )
-        return verified_support(self.units, box, found, list(self.removed))
+        return verified_support(self.units, self._box, found, list(self.removed))
 
     def __repr__(self) -> str:
         K, m = self.u.shape
@@ -355,17 +321,3 @@ class FleetPlan:
             ("largest miss", self.threshold),
         ]
         return html.card(self, rows)
-
-
-def _radii(radius: Any, delta: Any, size: int) -> tuple[Floats | None, float]:
-    """Radii (N,) and the probability that one of them fails, or (None, 0)."""
-    if radius is None:
-        if delta is not None:
-            raise InputError("`delta` must be left out without `radius`")
-        return None, 0.0
-    if delta is None:
-        raise InputError("`delta` must be given with `radius`: how often a radius fails")
-    radii = gate.vector("radius", radius, length=size)
-    if (radii < 0.0).any():
-        raise InputError(f"`radius` must be >= 0, got {radii.min():.3g}")
-    return radii, gate.probability("delta", delta)

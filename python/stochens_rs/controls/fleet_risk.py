@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Literal, TypeAlias, get_args
 
 from .._base import gate, html
-from .._base.records import by_constructor
+from .._base.records import SavedRecord
 from .._base.types import Floats
 
 Method: TypeAlias = Literal["compression", "a priori", "judged", "discarding", "hold-out"]
@@ -22,7 +22,7 @@ _COUNTED = {
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RiskBound:
+class RiskBound(SavedRecord):
     """A fresh unit misses more than `threshold` with probability at most `epsilon` (+ `delta`).
 
     Attributes
@@ -64,9 +64,6 @@ class RiskBound:
     def __post_init__(self) -> None:
         gate.choice("method", self.method, METHODS)
         gate.probability("beta", self.beta)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return by_constructor(self)
 
     @property
     def covers(self) -> str:

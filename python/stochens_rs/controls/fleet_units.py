@@ -9,7 +9,7 @@ import numpy as np
 
 from .. import _core
 from .._base import gate
-from .._base.records import by_constructor
+from .._base.records import Record
 from .._base.threads import get_num_threads
 from .._base.types import Floats
 from ..ensembles import SystemEnsemble
@@ -28,7 +28,7 @@ Systems: TypeAlias = "SystemEnsemble | Sequence[System | Identified | Any]"
 
 
 @dataclass(frozen=True, eq=False)
-class Units:
+class Units(Record):
     """Units ``x_s(k+1) = A_s x_s(k) + B_s u(k) + c_s``, and where they shall go.
 
     Attributes
@@ -58,9 +58,6 @@ class Units:
         gate.kept("xf", self.xf, shape=(n,))
         gate.kept("Q", self.Q, shape=(n, n))
         gate.size("steps", self.steps)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return by_constructor(self)
 
     @property
     def size(self) -> int:

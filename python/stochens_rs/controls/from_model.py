@@ -13,7 +13,6 @@ from ..ensembles.counts import Counts
 from ..ensembles.ensemble import Ensemble
 from ..exceptions import InputError, InputTypeError
 from ..fusion.fits import Fit
-from ..identification.trajectories import Trajectories
 from ..theory.exact import best_control
 from .basis import ModelBasis
 from .entities import ending, fusion_over, step_warnings
@@ -50,9 +49,8 @@ def model_control(
     if how != "product":
         raise InputError("`fusion` must be 'product' for a model from data, got 'diagonal'")
     task, seconds = asked_task(n, m, K, goal, asked)
-    Theta = np.hstack([model.A, model.B, *([] if model.c is None else [model.c[:, None]])])
     # what the offset alone adds over K steps
-    drift = trajectory(Theta, np.zeros(n), np.zeros((K, m)))[-1]
+    drift = trajectory(model._Theta, np.zeros(n), np.zeros((K, m)))[-1]
     found = best_control(model.A, model.B, start, goal - drift, K)
     u, limited = found.u.reshape(K, m), None
     if robust and task is not None:
@@ -73,10 +71,9 @@ def model_control(
     exact = {"method": "exact", "size": None}
     info: dict[str, Any] = {"x0": exact, "xf": exact, "A": {"method": "from data", "size": None}}
     info["singular_values"] = found.factors.singular_values
-    said: tuple[str, ...] = getattr(model, "warnings", ())
-    predicted = trajectory(Theta, start, u)
+    predicted = trajectory(model._Theta, start, u)
     info["warnings"] = (
-        *said,
+        *model.warnings,
         *step_warnings(n, m, K, reachability.rank, exact=False),
         *_beyond(model, predicted, u),
     )
@@ -89,18 +86,17 @@ def model_control(
         info=info,
         basis=ModelBasis(model, start, goal, x0_error),
         limited=limited,
+        labels=model.labels,
     )
 
 
 def _beyond(model: Identified, states: Floats, u: Floats) -> tuple[str, ...]:
     """A warning if the plan leaves what was measured, where a plant need not be linear."""
-    data = getattr(model, "data", None)
-    if not isinstance(data, Trajectories) or data.steps > 1:
+    seen = model._largest
+    if seen is None:
         return ()
     names = (*model.state_names, *model.input_names)
-    x, acting, _ = data.pairs()
     planned = np.hstack([np.abs(states[:-1]).max(axis=0), np.abs(u).max(axis=0)])
-    seen = np.hstack([np.abs(x).max(axis=0), np.abs(acting).max(axis=0)])
     times = np.divide(planned, seen, out=np.zeros_like(planned), where=seen > 0.0)
     most = int(np.argmax(times))
     if times[most] <= BEYOND:
@@ -113,13 +109,13 @@ def _beyond(model: Identified, states: Floats, u: Floats) -> tuple[str, ...]:
 
 def _exact(name: str, value: Any, n: int) -> Floats:
     if isinstance(value, Fit | Ensemble | Counts):
-        mean = {Fit: "its estimate", Counts: "its estimate"}.get(type(value), "its mean()")
-        cure = f"pass {mean}, and as `x0_error` how far x0 may be from it" if name == "x0" else (
-            f"pass {mean} or the exact target"
-        )  # fmt: skip
+        mean = "its mean()" if isinstance(value, Ensemble) else "its estimate"
+        rest = " or the exact target"
+        if name == "x0":
+            rest = ", and as `x0_error` how far x0 may be from it"
         raise InputTypeError(
             f"`{name}` must be an array with a model from data, got "
-            f"{gate.article(type(value))}: {cure}"
+            f"{gate.article(type(value))}: pass {mean}{rest}"
         )
     return gate.vector(name, value, length=n).copy()
 

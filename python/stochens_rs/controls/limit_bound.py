@@ -63,7 +63,7 @@ def limited_bound(
             found = _moved(basis, limited, predicted, exact, errors, delta, key, fusion)
         else:
             found = _uncertain(basis, limited, predicted, exact, errors, delta, key)
-        M, state, target = exact.weighted()
+        M, state, target = exact.weighted
         missed = float(np.linalg.norm(M @ best.u.ravel() - target + state @ x0)) + best.distance
     # in the 2-norm where only the last state counts, with one weight
     scale = float(task.terminal[0, 0])
@@ -87,7 +87,7 @@ def limited_bound(
 
 def _known(exact: Horizon, limited: Limited, best: Limited, x0: Floats) -> _Radii:
     """Nothing is random: the error itself, with what the certificate of `best` may add."""
-    M = exact.weighted()[0]
+    M = exact.weighted[0]
     wrong, least = (limited.u - best.u).ravel(), _least(exact, M)
     J, J_best = (exact.objective(x0, u) for u in (limited.u, best.u))
     control = norm(wrong) + best.distance / np.sqrt(least) if least else np.inf
@@ -117,7 +117,7 @@ def _moved(
     """
     drawn = radii(MovedTarget(errors, exact), delta, key)
     d = drawn[0] if drawn else _formula(basis, exact, delta, fusion)
-    D, M = limited.distance, exact.weighted()[0]
+    D, M = limited.distance, exact.weighted[0]
     least, least_R = _least(exact, M), float(np.linalg.eigvalsh(limited.R)[0])
     control = (d + D) / np.sqrt(least) if least else np.inf
     if least_R > 0.0:
@@ -178,7 +178,7 @@ def _uncertain(
         limited.task.boxed
     ) else None  # fmt: skip
     if drawn:
-        least = _least(exact, exact.weighted()[0])
+        least = _least(exact, exact.weighted[0])
         state, control, excess = drawn
         return _Radii(
             state, control if least else np.inf, excess, "simulated", None if least else _MANY

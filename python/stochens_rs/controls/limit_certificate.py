@@ -171,7 +171,5 @@ def _certified(
     basis: ModelBasis, limited: Limited, delta: float, asked: Asked
 ) -> tuple[Floats, Certificate]:
     """The states of the model and the certificate."""
-    model = basis.model
-    Theta = np.hstack([model.A, model.B, *([] if model.c is None else [model.c[:, None]])])
-    at = trajectory(Theta, basis.x0, limited.u)
+    at = trajectory(basis.model._Theta, basis.x0, limited.u)
     return at, certificate(basis, limited.u, at, delta, asked, {})

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import inf, sqrt
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from .. import _core
 from .._base import gate, memory
 from .._base.numbers import norm
-from .._base.records import by_constructor
+from .._base.records import Record, require_shapes
 from .._base.types import STATUSES, Floats, Status
 from ..exceptions import InputError, NonFiniteError
 from ..theory.dynamics import matrix_powers, states
@@ -29,7 +30,7 @@ OPTIMAL = 1e-9  # the gap of an "optimal" control, in units of J(0) + J(u), as i
 
 
 @dataclass(frozen=True, eq=False)
-class Limited:
+class Limited(Record):
     """What is known about a control within limits.
 
     Attributes
@@ -73,11 +74,9 @@ class Limited:
 
     def __post_init__(self) -> None:
         gate.instance("task", self.task, Task)
-        gate.kept("u", self.u, ndim=(2,))
+        K, m = gate.kept("u", self.u, shape=self.task.low.shape).shape
+        require_shapes(self, R=(m, m), active=(K, m), multipliers=(K, m))
         gate.choice("status", self.status, STATUSES)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return by_constructor(self)
 
     @property
     def limits_active(self) -> bool:
@@ -101,7 +100,7 @@ class Limited:
 class Horizon:
     """``x(k) = f(k) + sum_j G_kj u(j)`` as weighted least squares: ``J(u) = ||M u - y||^2 + u'Ru``.
 
-    `state` is the matrix with ``y = target - state x0``.
+    In `weighted`, ``y = target - state x0``. Of `task` only `previous` may be changed later.
     """
 
     def __init__(self, task: Task, A: Floats, B: Floats, c: Floats | None = None) -> None:
@@ -130,6 +129,7 @@ class Horizon:
         """Whether the recursion of Riccati is used."""
         return self.task.steps * self.B.shape[1] >= LONG and self.task.steps > 1
 
+    @cached_property
     def drift(self) -> Floats:
         """``x(1), ..., x(K)`` from 0 without inputs: what the offset c does."""
         n, K = len(self.A), self.task.steps
@@ -137,18 +137,16 @@ class Horizon:
             return np.zeros((K, n))
         return states(self.A, np.eye(n), np.zeros(n), np.broadcast_to(self.offset, (K, n)))[1:]
 
+    @cached_property
     def weighted(self) -> tuple[Floats, Floats, Floats]:
         """``M`` (rows, m K), ``state`` (rows, n) and ``target`` (rows,)."""
-        stage, terminal = self.roots
-        steps = [(k, stage) for k in range(1, self.task.steps)] if len(stage) else []
-        steps.append((self.task.steps, terminal))
-        wanted = self.task.reference - self.drift()
-        target = np.concatenate([factor @ wanted[k - 1] for k, factor in steps])
-        return *self._stacked(steps), target
-
-    def _stacked(self, steps: list[tuple[int, Floats]]) -> tuple[Floats, Floats]:
-        """``F x(k)`` for all pairs (k, F) as ``M u + state x0``, and what c does."""
         K, (n, m) = self.task.steps, self.B.shape
+        stage, terminal = self.roots
+        # F x(k) = M u + state x0 + F drift(k) for all pairs (k, F)
+        steps = [(k, stage) for k in range(1, K)] if len(stage) else []
+        steps.append((K, terminal))
+        wanted = self.task.reference - self.drift
+        target = np.concatenate([factor @ wanted[k - 1] for k, factor in steps])
         rows = sum(len(factor) for _, factor in steps)
         memory.need("the control within limits", 8 * rows * (m * K + n + 1) * 3)
         M, state = np.zeros((rows, K, m)), np.empty((rows, n))
@@ -158,7 +156,7 @@ class Horizon:
             # x(k) = A^k x0 + sum_{j<k} A^(k-1-j) B u(j)
             M[part, :k] = np.einsum("rn,pnm->rpm", factor, self.pushes[k - 1 :: -1][:k])
             state[part] = factor @ self.powers[k]
-        return M.reshape(rows, K * m), state
+        return M.reshape(rows, K * m), state, target
 
     def cost(self) -> Floats:
         """R of all inputs: its diagonal (m K,), or the matrix."""
@@ -170,7 +168,7 @@ class Horizon:
 
     def objective(self, x0: Floats, u: Floats) -> float:
         """``J(u)``, with the weight of soft limits."""
-        off = states(self.A, self.B, x0, u)[1:] + self.drift()
+        off = states(self.A, self.B, x0, u)[1:] + self.drift
         stage, terminal = self.roots
         value = float(np.sum((u @ self.R) * u))
         away = off - self.task.reference
@@ -185,7 +183,7 @@ class Horizon:
         """What a distance in the norm of the problem is for the control and the last state."""
         least = float(np.linalg.eigvalsh(self.R)[0])
         if not self.long:
-            M = np.vstack([self.weighted()[0], np.kron(np.eye(self.task.steps), root(self.R))])
+            M = np.vstack([self.weighted[0], np.kron(np.eye(self.task.steps), root(self.R))])
             values = np.linalg.svd(M, compute_uv=False)
             sure = values[-1] - max(M.shape) * EPS * values[0]
             least = max(least, sure**2 if len(values) == M.shape[1] and sure > 0.0 else 0.0)
@@ -223,14 +221,14 @@ class Horizon:
         if not task.boxed:
             # x less what c does
             below, above = (
-                None if side is None else side - self.drift()
+                None if side is None else side - self.drift
                 for side in (task.state_low, task.state_high)
             )
             limits = task.low, task.high, task.rate, task.previous, below, above, task.soft
             return _core.rows_control(*self._steps(x0, task), *limits, time_limit)
         if self.long:
             return self.by_recursion(x0, task, None, time_limit)
-        M, state, target = self.weighted()
+        M, state, target = self.weighted
         low, high = task.low.ravel(), task.high.ravel()
         return _core.box_control(M, target - state @ x0, self.cost(), low, high, None, time_limit)
 
@@ -242,5 +240,5 @@ class Horizon:
         return _core.horizon_control(*self._steps(x0, task), *limits, warm, time_limit)
 
     def _steps(self, x0: Floats, task: Task) -> _Steps:
-        wanted = task.reference - self.drift()
+        wanted = task.reference - self.drift
         return self.A, self.B, x0, wanted, task.stage, task.terminal, self.R

@@ -50,7 +50,7 @@ class MovedTarget:
     def rounded(self, radii: tuple[float, ...]) -> tuple[float, ...]:
         """As `Errors.rounded`."""
         x0, xf, _ = (np.linalg.norm(entity.values) for entity in self.plan.entities)
-        _, start, _ = self.exact.weighted()
+        _, start, _ = self.exact.weighted
         size = np.linalg.norm(start) * x0 + np.linalg.norm(_goal(self.exact)) * xf
         return tuple(radius + ROUNDING * (radius + float(size)) for radius in radii)
 
@@ -58,7 +58,7 @@ class MovedTarget:
         """Independent errors, (runs, 1)."""
         x0, xf, A = self.plan.entities
         n, K = len(x0.values), self.exact.task.steps
-        M, start, _ = self.exact.weighted()
+        M, start, _ = self.exact.weighted
         goal, y = _goal(self.exact), self.plan.best.needed
         basis = onto(M) @ goal
         scale = np.ones(len(basis))
@@ -128,7 +128,7 @@ class LimitedErrors:
 
     @cached_property
     def _M(self) -> Floats:
-        return self.exact.weighted()[0]
+        return self.exact.weighted[0]
 
     def draw(self, runs: int, key: Key) -> Floats:
         """Independent errors, (runs, 3)."""
@@ -155,7 +155,7 @@ class LimitedErrors:
         M, y, size = condensed(
             exact, A_hat.reshape(runs, n, n), start, goal if self.follows else None
         )
-        (best_M, state, target), R = exact.weighted(), exact.cost()
+        (best_M, state, target), R = exact.weighted, exact.cost()
         d = R.shape[0]
         best_y = target - state @ x0.values
         full = np.diag(R)[None] if R.ndim == 1 else R[None]

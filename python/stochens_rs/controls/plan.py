@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._base import gate, html
-from .._base.records import by_constructor
+from .._base.labels import Labels, fitting
+from .._base.records import SavedRecord, require_shapes
 from .._base.types import DELTA, FUSIONS, STATUSES, Floats, Fusion, Quantity, Status
 from ..exceptions import InputError, ShapeError
 from ..theory.records import Reachability
@@ -20,6 +21,7 @@ from .limit_bound import limited_bound
 from .limit_certificate import limited_certificate
 from .limited import Limited
 from .model_bound import certificate, declared
+from .plan_arrays import PlanArrays
 from .plan_bound import PlanBound, plan_bound
 from .plan_covariance import plan_covariance
 from .shown import expectation, made_from
@@ -33,7 +35,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Plan(Compared, Within, Drawn):
+class Plan(SavedRecord, Compared, Within, Drawn, PlanArrays):
     """A control over K steps, its predicted states, and the data for its error bound.
 
     Attributes
@@ -63,6 +65,8 @@ class Plan(Compared, Within, Drawn):
     limited : Limited, optional
         What is known about a control within limits or with weights: active limits, multipliers,
         gap, objective and what the limits cost, as properties of the plan too.
+    labels : Labels, optional
+        Names and units of the states and inputs, as those of the system.
     """
 
     u: Floats
@@ -73,6 +77,7 @@ class Plan(Compared, Within, Drawn):
     info: dict[str, Any] = field(default_factory=dict)
     basis: Basis | ModelBasis | None = None
     limited: Limited | None = None
+    labels: Labels | None = None
 
     def __post_init__(self) -> None:
         gate.kept("u", self.u, ndim=(2,))
@@ -85,13 +90,19 @@ class Plan(Compared, Within, Drawn):
         gate.instance("reachability", self.reachability, Reachability)
         gate.choice("fusion", self.fusion, FUSIONS)
         gate.choice("status", self.status, STATUSES)
-        if self.basis is not None and not isinstance(self.basis, ModelBasis):
-            gate.instance("basis", self.basis, Basis)
+        if isinstance(self.basis, ModelBasis):
+            require_shapes(self.basis.model, B=self._shape)
+        elif self.basis is not None:
+            require_shapes(gate.instance("basis", self.basis, Basis), B=self._shape)
         if self.limited is not None:
             gate.instance("limited", self.limited, Limited)
+            if not np.array_equal(self.limited.u, self.u):
+                raise InputError("`limited` must be of the control `u` of this plan")
+        fitting(self.labels, *self._shape)
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return by_constructor(self)
+    @property
+    def _shape(self) -> tuple[int, int]:
+        return self.predicted_states.shape[1], self.u.shape[1]
 
     def bound(
         self,
@@ -248,7 +259,9 @@ class Plan(Compared, Within, Drawn):
             np.arange(self.steps + 1), self.predicted_states, "states of the model over the steps"
         )
         cost = () if self.limited is None else cost_rows(self.limited)
-        return html.card(self, [first, html.largest(self.u), *cost, *made_from(self.info)], drawn)
+        named = () if self.labels is None else self.labels.rows()
+        rows = [first, html.largest(self.u), *cost, *made_from(self.info), *named]
+        return html.card(self, rows, drawn)
 
     def __repr__(self) -> str:
         K, m = self.u.shape

@@ -9,6 +9,7 @@ import numpy as np
 
 from .._base import html
 from .._base.numbers import norm
+from .._base.records import SavedRecord
 from .._base.types import QUANTITIES, Floats
 from ..exceptions import InputError
 from ..rng import RngLike, as_key
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, repr=False)
-class PlanBound:
+class PlanBound(SavedRecord):
     """Bounds on the errors of a control, relative to the exact values.
 
     ``v`` is the best control, with limits the one with the least J within them, and

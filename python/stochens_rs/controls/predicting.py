@@ -61,13 +61,13 @@ def predict(model: Identified, x0: ArrayLike, inputs: ArrayLike, *, x0_error: fl
     n, m = model.B.shape
     start = gate.vector("x0", x0, length=n).copy()
     u = gate.inputs("inputs", inputs, cols=m, empty=False).copy()
-    Theta = np.hstack([model.A, model.B, *([] if model.c is None else [model.c[:, None]])])
-    path = trajectory(Theta, start, u)
+    path = trajectory(model._Theta, start, u)
     if not np.isfinite(path).all():
         raise NonFiniteError("the predicted states overflow: give fewer or smaller `inputs`")
-    drift = trajectory(Theta, np.zeros(n), np.zeros_like(u))[-1]
+    drift = trajectory(model._Theta, np.zeros(n), np.zeros_like(u))[-1]
     best = best_control(model.A, model.B, start, path[-1] - drift, len(u))
     exact = {"method": "exact", "size": None}
     info = {"x0": exact, "xf": exact, "A": {"method": "from data", "size": None}, "warnings": ()}
     basis = ModelBasis(model, start, path[-1].copy(), gate.nonnegative("x0_error", x0_error))
-    return Plan(u, path, best.reachability(), "product", "completed", info, basis)
+    reachability = best.reachability()
+    return Plan(u, path, reachability, "product", "completed", info, basis, labels=model.labels)

@@ -94,7 +94,7 @@ def realization_controls(
     >>> float(w.min())
     -1.0
     """
-    inputs, given = problem(system, x0, xf)
+    inputs, given, _ = problem(system, x0, xf)
     n, m = inputs.shape
     task = checked_task(n, m, 1, np.zeros(n), limits=limits, Q=Q, R=R)
     start, goal, matrix = (entity.realizations() for entity in given)

@@ -37,7 +37,7 @@ def solver_of(horizon: Horizon) -> Solver:
         return Anew(horizon)
     if horizon.long:
         return Recursion(horizon)
-    M, state, target = horizon.weighted()
+    M, state, target = horizon.weighted
     low, high = task.low.ravel(), task.high.ravel()
     return _core.BoxSolver(M, horizon.cost(), low, high, task.low.shape[1], state, target)
 

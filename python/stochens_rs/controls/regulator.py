@@ -289,9 +289,7 @@ class Regulator:
         3
         """
         system = self._system
-        names = [f"x[{i}]" for i in range(self.n)], [f"u[{j}]" for j in range(self.m)]
-        if isinstance(system, Identified):
-            names = list(system.state_names), list(system.input_names)
+        names = system.labels.state_axes, system.labels.input_axes
         dt = None if isinstance(system.dt, bool) else system.dt
         return figure(self.log, self._task, names, dt)
 

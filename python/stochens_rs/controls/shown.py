@@ -81,8 +81,9 @@ def made_from(info: dict[str, Any]) -> Iterator[tuple[str, object]]:
     """The realizations behind each entity, and the warnings."""
     for name in ("x0", "xf", "A"):
         one = info.get(name)
-        if one is not None:
-            size = "" if one.get("size") is None else f", {html.grouped(one['size'])} realizations"
+        if isinstance(one, dict) and "method" in one:
+            count = one.get("size")
+            size = f", {html.grouped(count)} realizations" if isinstance(count, int) else ""
             yield name, f"{one['method']}{size}"
-    for text in info.get("warnings", ()):
-        yield "warning", text
+    warnings = info.get("warnings")
+    yield from (("warning", text) for text in (warnings if isinstance(warnings, tuple) else ()))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from .._base import gate
-from .._base.records import by_constructor
+from .._base.records import Record, require_shapes
 from .._base.types import Floats
 from ..exceptions import InputError, InputTypeError, ShapeError
 
@@ -22,7 +22,7 @@ SOFT = 1e3  # weight of soft state limits, in units of the largest eigenvalue of
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
+class Task(Record):
     """``J(u) = sum_k ||x(k) - r(k)||^2_{Q_k} + ||u(k-1)||^2_R`` over k = 1, ..., K, and limits.
 
     Attributes
@@ -64,9 +64,9 @@ class Task:
         n = gate.kept("reference", self.reference, ndim=(2,)).shape[1]
         for name in ("stage", "terminal"):
             gate.kept(name, getattr(self, name), shape=(n, n))
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return by_constructor(self)
+        K, m = np.shape(self.low)
+        rows = {"reference": (K, n), "state_low": (K, n), "state_high": (K, n)}
+        require_shapes(self, R=(m, m), rate=(m,), previous=(m,), **rows)
 
     @property
     def steps(self) -> int:

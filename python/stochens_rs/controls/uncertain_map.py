@@ -172,7 +172,7 @@ def apart(task: Task, model: Model, states: Floats, u: Floats, alpha: float, gap
     h2 = alpha**2 + gamma**2
     rho = np.sqrt(h2 + 2.0 * gap)
     # ||v||_H^2 >= least ||v||^2 for the true H, without soft limits
-    radius, M = map_radius(model, sizes), Horizon(task, model.A, model.B).weighted()[0]
+    radius, M = map_radius(model, sizes), Horizon(task, model.A, model.B).weighted[0]
     s = np.linalg.svd(M, compute_uv=False)
     smallest = float(s[-1]) - ROUNDING * float(s[0]) if len(M) >= M.shape[1] else 0.0
     least = max(smallest - radius, 0.0) ** 2 + least_R

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .._base import gate
-from .._base.records import by_constructor
+from .._base.records import SavedRecord
 from .._base.types import Floats
 from ..exceptions import InputError, InputTypeError, ShapeError
 from ..rng import Key
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Counts:
+class Counts(SavedRecord):
     """How many of N realizations hit each entry.
 
     Attributes
@@ -69,9 +69,6 @@ class Counts:
         outside = (law.values == 0.0) & (self.counts != 0)
         if (hits != expected).any() or outside.any():
             raise InputError(f"`counts` must add up to {self.size} in every nonzero line")
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return by_constructor(self)
 
     @property
     def shape(self) -> tuple[int, ...]:

@@ -14,6 +14,7 @@ import numpy as np
 
 from .. import _core
 from .._base import gate, html, memory
+from .._base.records import SavedRecord
 from .._base.types import CENTRES, Axis, Centre, Floats, Scheme
 from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 from ..rng import Key
@@ -26,13 +27,38 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 
-class Ensemble(Realizations):
+def _rebuilt(
+    indices: NDArray[Any] | None,
+    target: Floats | None,
+    axis: Axis,
+    scheme: Scheme | None,
+    key: Key | None,
+    samples: Floats | None,
+    centre: Centre | None,
+) -> Ensemble:
+    """Make an ensemble from its fields, which may come from anywhere."""
+    if samples is not None:
+        return Ensemble.from_samples(samples, centre=centre)
+    if indices is None or target is None:
+        raise InputTypeError("an Ensemble must have samples, or indices and a target")
+    made = Ensemble.from_indices(indices, target, axis=axis)
+    if scheme is not None:
+        scheme = checked_scheme(scheme)
+    if key is not None:
+        key = gate.instance("key", key, Key)
+    assert made._draws is not None
+    return Ensemble._of_draws(made._draws, made._shape, axis, scheme, key)
+
+
+class Ensemble(SavedRecord, Realizations):
     """N realizations of one vector or matrix; immutable.
 
     Made by `sample`, `Ensemble.from_samples` or `Ensemble.from_indices`.
     """
 
     __slots__ = ()
+
+    _made_by = staticmethod(_rebuilt)
 
     def __init__(self, *_: object, **__: object) -> None:
         raise InputTypeError(
@@ -223,9 +249,8 @@ class Ensemble(Realizations):
         return result
 
     def __reduce__(self) -> tuple[Any, ...]:
-        if self._draws is None:
-            return (_brought, (self._dense(), self._centre))
-        return (_redrawn, (self.indices, self._values(), self._axis, self._scheme, self._key))
+        drawn = self.indices, self._values(), self._axis, self._scheme, self._key
+        return _rebuilt, (*drawn, self._samples, self._centre)
 
     def _repr_html_(self) -> str:
         nonzero = "any"
@@ -259,20 +284,3 @@ def _checked_indices(indices: ArrayLike, lines: tuple[int, ...]) -> NDArray[np.u
     if given.min() < 0 or given.max() >= length:
         raise InputError(f"`indices` must lie in [0, {length})")
     return np.ascontiguousarray(given, dtype=np.uint32)
-
-
-def _brought(samples: NDArray[np.float64], centre: Centre | None) -> Ensemble:
-    return Ensemble.from_samples(samples, centre=centre)
-
-
-def _redrawn(
-    indices: ArrayLike, target: ArrayLike, axis: Axis, scheme: Scheme | None, key: Key | None
-) -> Ensemble:
-    """Rebuild from a pickle."""
-    made = Ensemble.from_indices(indices, target, axis=axis)
-    if scheme is not None:
-        scheme = checked_scheme(scheme)
-    if key is not None:
-        key = gate.instance("key", key, Key)
-    assert made._draws is not None
-    return Ensemble._of_draws(made._draws, made._shape, axis, scheme, key)

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 from .._base import gate
-from .._base.records import by_constructor
+from .._base.records import Record
 from .._base.types import AXES, SCHEMES, Axis, Floats, Scheme
 
 
 @dataclass(frozen=True, eq=False)
-class Law:
+class Law(Record):
     """The distribution of realizations.
 
     Attributes
@@ -32,9 +31,6 @@ class Law:
         gate.kept("values", self.values)
         checked_axis(self.axis)
         checked_scheme(self.scheme)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return by_constructor(self)
 
 
 def checked_axis(axis: str) -> Axis:

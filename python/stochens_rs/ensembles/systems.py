@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 
 from .._base import gate, html
-from .._base.records import by_constructor
+from .._base.records import SavedRecord
+from .._base.tabled import Cube, Tabled, named
 from .._base.types import CENTRES, Centre
 from ..exceptions import InputError, ShapeError
 from ..system import System
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SystemEnsemble:
+class SystemEnsemble(SavedRecord, Tabled):
     """Models ``x(k+1) = A_s x(k) + B_s u(k) (+ c_s)``, s = 1, ..., N; immutable.
 
     Attributes
@@ -171,6 +172,15 @@ class SystemEnsemble:
         """
         return Ensemble.from_samples(self.A, centre=self.centre)
 
+    def _cube(self) -> Cube:
+        variables = {
+            "A": (("model", "state", "from_state"), self.A, None),
+            "B": (("model", "state", "input"), self.B, None),
+            "c": (("model", "state"), self.c, "state"),
+        }
+        attrs = {"dt": self.dt, "centre": self.centre, "about": self.about}
+        return Cube(variables, {}, attrs, named(None, self.n, self.m))
+
     def __len__(self) -> int:
         return self.size
 
@@ -202,9 +212,6 @@ class SystemEnsemble:
         )
 
     __hash__ = None  # type: ignore[assignment]  # as for arrays
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return by_constructor(self)
 
     def __repr__(self) -> str:
         about = "" if self.centre is None else f", about the {self.centre}"

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._base import gate, html
-from .._base.records import by_constructor
+from .._base.records import SavedRecord, require_shapes
+from .._base.tabled import Cube, Tabled
 from .._base.types import STATUSES, Floats, Status
 from ..ensembles.ensemble import Ensemble
 from ..exceptions import InputTypeError, NonFiniteError, ShapeError
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Fit:
+class Fit(SavedRecord, Tabled):
     """The estimate of one vector or matrix, fused from its realizations.
 
     Attributes
@@ -91,13 +92,23 @@ class Fit:
         if len(self.weights) != N:
             raise ShapeError(f"`weights` must have {N} rows, got {len(self.weights)}")
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return by_constructor(self)
-
     @property
     def shape(self) -> tuple[int, ...]:
         """Shape of the estimate."""
         return self.estimate.shape
+
+    def _cube(self) -> Cube:
+        dims = ("entry",) if self.estimate.ndim == 1 else ("row", "column")
+        line = {"per-column": ("column",), "per-row": ("row",)}.get(self.info.get("weight_set"), ())
+        variables = {
+            "estimate": (dims, self.estimate, None),
+            "target": (dims, self.target, None),
+            "weights": (("realization", *line), self.weights, None),
+        }
+        names = ("method", "status", "error", "gap", "lower_bound", "unseen")
+        attrs = {name: getattr(self, name) for name in names}
+        key = None if self.ensemble is None else self.ensemble.key
+        return Cube(variables, {}, attrs | {"key": None if key is None else key.hex})
 
     def _repr_html_(self) -> str:
         rows = [
@@ -117,7 +128,7 @@ class Fit:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Path:
+class Path(SavedRecord, Tabled):
     """Errors of the fusion of the first k realizations, for several k.
 
     Attributes
@@ -143,6 +154,16 @@ class Path:
     gaps: Floats | None = None
     estimates: Floats | None = None
 
+    def _cube(self) -> Cube:
+        entries = () if self.estimates is None else ("entry", "row", "column")
+        dims = entries[:1] if np.ndim(self.estimates) == 2 else entries[1:]
+        variables = {
+            "error": (("size",), self.errors, None),
+            "gap": (("size",), self.gaps, None),
+            "estimate": (("size", *dims), self.estimates, None),
+        }
+        return Cube(variables, {"size": (self.sizes, None)}, {"method": self.method})
+
     def _repr_html_(self) -> str:
         first, last = (html.grouped(int(self.sizes[k])) for k in (0, -1))
         rows = [
@@ -153,6 +174,8 @@ class Path:
         return html.card(self, rows, html.lines(self.sizes, [self.errors], about, log=True))
 
     def __post_init__(self) -> None:
+        count = len(self.sizes)
+        require_shapes(self, sizes=(count,), errors=(count,), gaps=(count,))
         for name in ("errors", "gaps"):
             values = getattr(self, name)
             if values is not None:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
 
 import numpy as np
 
 from .._base import gate, html
-from .._base.records import by_constructor
+from .._base.records import SavedRecord
 from .._base.types import STATUSES, Status
 from ..ensembles.systems import SystemEnsemble
 from ..exceptions import InputError, ShapeError
@@ -17,7 +17,6 @@ from ..identification.identified import Identified
 from ..identification.model import Model
 from ..identification.part import Part
 from ..identification.region import Region
-from ..system import System
 from . import hull
 
 if TYPE_CHECKING:
@@ -30,7 +29,7 @@ DATA_METHODS: tuple[DataMethod, ...] = get_args(DataMethod)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FusedModel(Identified):
+class FusedModel(SavedRecord, Identified):
     """A model ``x(k+1) = A x(k) + B u(k) + c`` mixed from given models and from data.
 
     Made by `fuse` with ``data=``. With ``Theta = [A B c]``, H least squares and ``F = sum_s
@@ -85,9 +84,6 @@ class FusedModel(Identified):
         gate.nonnegative("gap", self.gap)
         gate.choice("status", self.status, STATUSES)
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return by_constructor(self)
-
     @cached_property
     def _Theta(self) -> Floats:
         # F + share (t - F R') white, which is H - F where the data determine the model
@@ -114,24 +110,13 @@ class FusedModel(Identified):
         return noise_of(self.least_squares)
 
     @property
+    def _largest(self) -> Floats | None:
+        return self.least_squares._largest
+
+    @property
     def data(self) -> Trajectories:
         """The data that chose the weights."""
         return self.least_squares.data
-
-    @property
-    def A(self) -> Floats:
-        """The state matrix, shape (n, n), read-only."""
-        return self._Theta[:, : self.models.n]
-
-    @property
-    def B(self) -> Floats:
-        """The input matrix, shape (n, m), read-only."""
-        return self._Theta[:, self.models.n : self.models.n + self.models.m]
-
-    @property
-    def c(self) -> Floats | None:
-        """The offset, shape (n,), read-only; None without intercept."""
-        return self._Theta[:, -1] if self.least_squares.intercept else None
 
     @property
     def dt(self) -> float | None:
@@ -147,11 +132,6 @@ class FusedModel(Identified):
     def input_names(self) -> tuple[str, ...]:
         """The names of the inputs."""
         return self.data.input_names
-
-    @property
-    def system(self) -> System:
-        """The system ``(A, B)``; the offset is not in it."""
-        return System(self.A, self.B, dt=self.dt)
 
     @property
     def distance(self) -> float:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 import numpy as np
 
 from .._base import gate
-from .._base.records import by_constructor
+from .._base.records import Record
 from ..exceptions import InputError
 from ..theory.exact import EPS
 
@@ -30,7 +30,7 @@ COVARIANCES: tuple[Covariance, ...] = get_args(Covariance)
 
 
 @dataclass(frozen=True, eq=False)
-class Assumptions:
+class Assumptions(Record):
     """What is assumed about the data; `identify` says what each word means.
 
     Attributes
@@ -69,9 +69,6 @@ class Assumptions:
             gate.choice("state_noise", self.state_noise, ("none", "white"))
         else:
             _require_covariance("state_noise", self.state_noise)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return by_constructor(self)
 
     @property
     def noisy_states(self) -> bool:

@@ -7,13 +7,13 @@ of any statistic among simulated ones has an exact p-value at any N (Dufour and 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .. import _core
 from .._base import gate, html
-from .._base.records import by_constructor
+from .._base.records import Record
 from .._base.threads import get_num_threads
 from ..rng import Key, as_key
 from .least_squares import fit, only_rounding
@@ -37,7 +37,7 @@ KEY = as_key(20_020_101).child("residual tests")  # fixed, so that p-values repe
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Checks:
+class Checks(Record):
     """Tests of the residuals of a model, each with its p-value.
 
     Attributes
@@ -62,9 +62,6 @@ class Checks:
         gate.flag("exact", self.exact)
         for name in NAMES:
             gate.positive(name, self.p_values.get(name), maximum=1.0)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return by_constructor(self)
 
     def failed(self, level: float = LEVEL) -> tuple[str, ...]:
         """Name the tests that reject.

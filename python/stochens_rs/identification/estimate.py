@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .._base import gate
-from .._base.records import by_constructor
 from ..exceptions import InputError, ShapeError
 from ..rng import Key
-from ..system import System
 from .assumptions import Assumptions
 from .certifying import Block, assembled, blocks
 from .checks import Checks
@@ -27,7 +25,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Estimate(Identified):
+class Estimate(Identified, listed=False):
     """Least squares of measured data and what was assumed; the fields are those of `Model`."""
 
     data: Trajectories
@@ -61,9 +59,6 @@ class Estimate(Identified):
             raise InputError("`key` must be given for noise='symmetric', and only there")
         if self.key is not None:
             gate.instance("key", self.key, Key)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return by_constructor(self)
 
     @property
     def n(self) -> int:
@@ -137,26 +132,6 @@ class Estimate(Identified):
         return gate.frozen(_corrected(self.triangle, d, self.n, self.size, covariance))
 
     @property
-    def A(self) -> Floats:
-        """The state matrix, shape (n, n), read-only."""
-        return self._Theta[:, : self.n]
-
-    @property
-    def B(self) -> Floats:
-        """The input matrix, shape (n, m), read-only."""
-        return self._Theta[:, self.n : self.n + self.m]
-
-    @property
-    def c(self) -> Floats | None:
-        """The offset, shape (n,), read-only; None without intercept."""
-        return self._Theta[:, -1] if self.intercept else None
-
-    @property
-    def system(self) -> System:
-        """The system ``(A, B)``; the offset is not in it."""
-        return System(self.A, self.B, dt=self.dt)
-
-    @property
     def covariance(self) -> Floats | None:
         """The covariance of the noise, shape (n, n): the known one, or ``S / nu`` of the residuals.
 
@@ -206,6 +181,13 @@ class Estimate(Identified):
         if self.assumptions.noisy_states and self.instruments is None:
             said.append("the states are measured with error, so that no region is known")
         return tuple(said)
+
+    @cached_property
+    def _largest(self) -> Floats | None:
+        if self.data.steps > 1:
+            return None
+        x, u, _ = self.data.pairs()
+        return np.hstack([np.abs(x).max(axis=0), np.abs(u).max(axis=0)])
 
     def _pairs(self) -> tuple[Floats, Floats]:
         """Z and Y, the rows of all pairs."""

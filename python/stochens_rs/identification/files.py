@@ -137,12 +137,6 @@ def to_model(sections: Sections) -> tuple[tuple[Any, ...], dict[str, Any]]:
     }
 
 
-def nothing_left(sections: Sections) -> None:
-    """Refuse arrays that nothing has taken."""
-    if sections:
-        raise InputError(f"a file of this kind has no array '{min(sections)}'")
-
-
 def _counts(*values: int) -> NDArray[np.uint64]:
     return np.array(values, dtype=np.uint64)
 

@@ -5,12 +5,19 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Literal
 
+from .._base import html
+from .._base.labels import Labels
+from .._base.records import Record
+from ..system import System
+
 if TYPE_CHECKING:
     from .._base.types import Floats
     from .region import Region
 
+LISTED = 12  # most rows and columns of a table of coefficients
 
-class Identified(ABC):
+
+class Identified(Record, ABC, listed=False):
     """A model ``x(k+1) = A x(k) + B u(k) + c`` from data, with regions that contain the system.
 
     Base of the models that `identify`, `fuse` and `ModelStream` make; `control` takes any of them.
@@ -18,18 +25,8 @@ class Identified(ABC):
 
     @property
     @abstractmethod
-    def A(self) -> Floats:
-        """The state matrix, shape (n, n)."""
-
-    @property
-    @abstractmethod
-    def B(self) -> Floats:
-        """The input matrix, shape (n, m)."""
-
-    @property
-    @abstractmethod
-    def c(self) -> Floats | None:
-        """The offset, shape (n,), or None."""
+    def _Theta(self) -> Floats:
+        """``[A B c]`` or ``[A B]``, read-only."""
 
     @property
     @abstractmethod
@@ -47,6 +44,44 @@ class Identified(ABC):
         """The names of the inputs."""
 
     @property
+    @abstractmethod
+    def warnings(self) -> tuple[str, ...]:
+        """What to be careful about, one sentence each."""
+
+    @property
+    def A(self) -> Floats:
+        """The state matrix, shape (n, n), read-only."""
+        return self._Theta[:, : len(self.state_names)]
+
+    @property
+    def B(self) -> Floats:
+        """The input matrix, shape (n, m), read-only."""
+        n = len(self.state_names)
+        return self._Theta[:, n : n + len(self.input_names)]
+
+    @property
+    def c(self) -> Floats | None:
+        """The offset, shape (n,), read-only; None without intercept."""
+        d = len(self.state_names) + len(self.input_names)
+        return self._Theta[:, d] if self._Theta.shape[1] > d else None
+
+    @property
+    def system(self) -> System:
+        """The system ``(A, B)``; the offset is not in it."""
+        names = self.state_names, self.input_names
+        return System(self.A, self.B, dt=self.dt, states=names[0], inputs=names[1])
+
+    @property
+    def _largest(self) -> Floats | None:
+        """The largest absolute value of each state and input in the data, (n + m,), if known."""
+        return None
+
+    @property
+    def labels(self) -> Labels:
+        """The names in one record, as that of a `System`; data have no units."""
+        return Labels(self.state_names, self.input_names)
+
+    @property
     def centre(self) -> Literal["estimate"]:
         """Always "estimate": a model is not the system, and is not taken for it unasked."""
         return "estimate"
@@ -54,3 +89,12 @@ class Identified(ABC):
     @abstractmethod
     def region(self, delta: float = 0.05, *, future: int = 0, frobenius: bool = False) -> Region:
         """Return a set of models that contains the true one, as `Model.region` does."""
+
+    def _table(self) -> str:
+        """``[A B c]`` as HTML; empty if it is large."""
+        n, d = self._Theta.shape
+        if max(n, d) > LISTED:
+            return ""
+        head = ["", *self.state_names, *self.input_names, "1"][: d + 1]
+        rows = zip(self.state_names, self._Theta, strict=True)
+        return html.grid(head, [[name, *(f"{value:.4g}" for value in row)] for name, row in rows])

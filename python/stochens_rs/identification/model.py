@@ -7,14 +7,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._base import gate, html, memory
-from .._base.durable import Durable
+from .._base.durable import Durable, nothing_left
+from .._base.tabled import Cube, Tabled
 from ..plots.residuals import draw_residuals
 from ..rng import RngLike, as_key
 from .certifying import METHODS, Method, Wish, parts, refuse, said, sign_region
 from .certifying import directions as spanned
 from .checks import Checks, checked_residuals
 from .consistency import require_triangle_of
-from .files import Sections, from_model, nothing_left, to_model
+from .files import Sections, from_model, to_model
 from .instruments import instrumented, projected
 from .least_squares import fit, r_factor
 from .region import Region
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 
-class Model(Durable, Resampled):
+class Model(Durable, Tabled, Resampled):
     """A model ``x(k+1) = A x(k) + B u(k) + c`` identified from data, with what was assumed.
 
     Made by `identify`.
@@ -221,6 +222,22 @@ class Model(Durable, Resampled):
             signs=signs,
         )
 
+    def _cube(self) -> Cube:
+        variables = {
+            "A": (("state", "from_state"), self.A, None),
+            "B": (("state", "input"), self.B, None),
+            "c": (("state",), self.c, "state"),
+            "covariance": (("state", "other_state"), self.covariance, None),
+        }
+        attrs = {
+            "dt": self.dt,
+            "size": self.size,
+            "design": self.design,
+            "noise": self.noise,
+            "key": None if self.key is None else self.key.hex,
+        }
+        return Cube(variables, {}, attrs, self.labels)
+
     def _to_sections(self) -> Sections:
         return from_model(self)
 
@@ -229,10 +246,14 @@ class Model(Durable, Resampled):
         (rows, *about), fields = to_model(sections)
         nothing_left(sections)
         model = cls(Trajectories._of(gate.matrix("rows", rows), *about), **fields)
-        memory.need("the pairs", 3 * model.data._rows.nbytes)
-        zeta = () if model.instruments is None else (model.instruments,)
-        require_triangle_of(np.hstack([*zeta, *model._pairs()]), model.triangle)
+        model._verify()
         return model
+
+    def _verify(self) -> None:
+        """Refuse a triangle that is not that of the data."""
+        memory.need("the pairs", 3 * self.data._rows.nbytes)
+        zeta = () if self.instruments is None else (self.instruments,)
+        require_triangle_of(np.hstack([*zeta, *self._pairs()]), self.triangle)
 
     def __repr__(self) -> str:
         rank = "" if self.identifiable else f", rank {self.rank} of {self._d}"
@@ -252,10 +273,4 @@ class Model(Durable, Resampled):
             ("residuals", checks),
             *(("warning", text) for text in self.warnings),
         ]
-        head = ["", *self.state_names, *self.input_names, "1"][: self._d + 1]
-        body = [
-            [name, *(f"{value:.4g}" for value in row)]
-            for name, row in zip(self.state_names, self._Theta, strict=True)
-        ]
-        small = self._d <= 12 and self.n <= 12
-        return html.card(self, rows, html.grid(head, body) if small else "")
+        return html.card(self, rows, self._table())

@@ -10,11 +10,12 @@ range of V.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .._base.records import by_constructor
+from .._base import gate
+from .._base.records import Record, require_shapes
 from .least_squares import Fitted, length
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class Part(Record):
     """``(Theta - C) V (Theta - C)' <= factor S`` for some rows and columns of Theta.
 
     Attributes
@@ -50,8 +51,9 @@ class Part:
     S: Floats
     factor: float
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return by_constructor(self)
+    def __post_init__(self) -> None:
+        gate.kept("S", self.S, ndim=(2,))
+        require_shapes(self, S=(len(self.rows),) * 2)
 
     @classmethod
     def of(

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .._base import gate, html
-from .._base.records import by_constructor
+from .._base.records import SavedRecord
 from ..exceptions import InputError, ShapeError
 from .assumptions import LARGEST
 from .part import Part
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Region:
+class Region(SavedRecord):
     """Models ``[A B c]`` that contain the true one with probability at least ``1 - delta``.
 
     Made by `Model.region`.
@@ -68,9 +68,6 @@ class Region:
         gate.probability("delta", self.delta)
         for part in self.parts:
             gate.instance("parts", part, Part)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return by_constructor(self)
 
     @property
     def n(self) -> int:

@@ -25,7 +25,7 @@ Bootstrap: TypeAlias = Literal["pairs", "residual", "wild", "trajectories"]
 METHODS: tuple[Bootstrap, ...] = get_args(Bootstrap)
 
 
-class Resampled(Estimate):
+class Resampled(Estimate, listed=False):
     """Models from resampled data or from the law of the estimate."""
 
     def bootstrap(

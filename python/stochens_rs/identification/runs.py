@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .._base import gate, html
-from ..exceptions import InputError, ShapeError
+from .._base.labels import checked_names
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -171,27 +171,3 @@ class Runs:
             "states over the pairs" if self.single and len(self) > 1 else "states of the first run"
         )
         return html.card(self, rows, html.states(np.arange(len(states)), states, about))
-
-
-def checked_names(
-    n: int, m: int, state_names: object, input_names: object
-) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """The names of n states and m inputs, all different; None: ``x[0]``, ``u[0]``, ...."""
-    states = _names("state_names", state_names, n, "x")
-    inputs = _names("input_names", input_names, m, "u")
-    twice = next((name for name in inputs if name in states), None)
-    if twice is not None:
-        raise InputError(f"`input_names` must differ from `state_names`, got '{twice}' in both")
-    return states, inputs
-
-
-def _names(argument: str, names: object, count: int, letter: str) -> tuple[str, ...]:
-    if names is None:
-        return tuple(f"{letter}[{k}]" for k in range(count))
-    found = tuple(gate.text(argument, name) for name in gate.items(argument, names))
-    if len(found) != count:
-        raise ShapeError(f"`{argument}` must have {count} names, got {len(found)}")
-    if len(set(found)) < count:
-        twice = next(name for name in found if found.count(name) > 1)
-        raise InputError(f"`{argument}` must be different names, got '{twice[:40]}' twice")
-    return found

@@ -11,12 +11,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .. import _core
-from .._base.records import by_constructor
+from .._base.records import Record
 from .._base.threads import get_num_threads
 from ..exceptions import InputError
 from ..rng import Key
@@ -30,7 +30,7 @@ SIZE = 100  # sign vectors m, the one of ones included
 
 
 @dataclass(frozen=True, eq=False)
-class SignTest:
+class SignTest(Record):
     """The exact set of sign-perturbed sums, for one model at a time.
 
     Attributes
@@ -51,9 +51,6 @@ class SignTest:
     size: int
     largest: int
     key: Key
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return by_constructor(self)
 
     def _errors(self, Theta: Floats) -> Floats:
         return np.hstack([self.basis, self.Y - self.Z @ Theta.T])

@@ -12,17 +12,38 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._base import gate, memory
-from .._base.durable import Durable
+from .._base.durable import Durable, nothing_left
+from .._base.records import Record
 from ..exceptions import InputError, InputTypeError, ShapeError
-from .files import Sections, from_runs, nothing_left, to_runs
+from .files import Sections, from_runs, to_runs
 from .selecting import Selecting
 from .tables import read_table
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
+
+    from .._base.types import Floats
 
 
-class Trajectories(Durable, Selecting):
+def _rebuild(
+    rows: Floats,
+    lengths: NDArray[np.int64],
+    n: int,
+    dt: float | None,
+    state_names: tuple[str, ...],
+    input_names: tuple[str, ...],
+    steps: int,
+) -> Trajectories:
+    """Make trajectories from their fields, which may come from anywhere."""
+    checked, count = gate.matrix("rows", rows).copy(), gate.size("n", n)
+    each = np.array([gate.size("lengths", T) for T in np.asarray(lengths).tolist()], dtype=np.int64)
+    if checked.shape[1] <= 2 * count or each.sum() != len(checked):
+        raise InputTypeError("the fields of these Trajectories do not fit together")
+    size = gate.size("steps", steps)
+    return Trajectories._of(checked, each, count, dt, state_names, input_names, size)
+
+
+class Trajectories(Durable, Selecting, Record):
     """Measured runs: the states and inputs of each, one run after another; immutable.
 
     Parameters
@@ -64,6 +85,7 @@ class Trajectories(Durable, Selecting):
     __slots__ = ()
 
     _kind = "trajectories"
+    _made_by = staticmethod(_rebuild)
 
     def __init__(
         self,
@@ -250,21 +272,3 @@ def _several(name: str, value: Any) -> list[tuple[str, Any]]:
         if rows or getattr(first, "ndim", 1) == 2:
             return [(f"{name}[{k}]", one) for k, one in enumerate(value)]
     return [(name, value)]
-
-
-def _rebuild(
-    rows: ArrayLike,
-    lengths: ArrayLike,
-    n: int,
-    dt: float | None,
-    state_names: Sequence[str],
-    input_names: Sequence[str],
-    steps: int,
-) -> Trajectories:
-    """Make trajectories from their fields, which a pickle may have from anywhere."""
-    checked, count = gate.matrix("rows", rows).copy(), gate.size("n", n)
-    each = np.array([gate.size("lengths", T) for T in np.asarray(lengths).tolist()], dtype=np.int64)
-    if checked.shape[1] <= 2 * count or each.sum() != len(checked):
-        raise InputTypeError("the fields of these Trajectories do not fit together")
-    size = gate.size("steps", steps)
-    return Trajectories._of(checked, each, count, dt, state_names, input_names, size)

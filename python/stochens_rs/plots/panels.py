@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from .style import COLORS, INK, PALE, add_grid, add_labels, new_figure
+from .style import COLORS, INK, PALE, add_grid, add_labels, literal, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -56,7 +56,7 @@ def frame(ax: Axes, low: float, high: float, far: float, dt: float | None, name:
     """Set the range of a panel and name its axes."""
     pad = 0.04 * (high - low) + 0.01 * far
     ax.set_ylim(low - pad, high + pad)
-    add_labels(ax, "step k" if dt is None else "time [s]", name)
+    add_labels(ax, "step k" if dt is None else "time [s]", literal(name))
     add_grid(ax)
 
 

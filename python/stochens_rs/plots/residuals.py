@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .style import COLORS, INK, PALE, add_grid, add_labels, new_figure, require_matplotlib
+from .style import COLORS, INK, PALE, add_grid, add_labels, literal, new_figure, require_matplotlib
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -53,7 +53,7 @@ def draw_residuals(
         known = [] if p_values is None else [f"{p_values[test]:.2g}" for test in tests]
         said = f"   p = {', '.join(known)}" if known else ""
         ax.set_title(title + said, loc="left", fontsize=10.5, color=INK, pad=7)
-    handles = [_dot(COLORS[i], name) for i, name in enumerate(names[:LISTED])]
+    handles = [_dot(COLORS[i], literal(name)) for i, name in enumerate(names[:LISTED])]
     figure.legend(
         handles=handles, loc="upper left", ncols=LISTED, frameon=False, fontsize=9, labelcolor=INK
     )

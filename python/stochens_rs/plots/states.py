@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from .style import COLORS, INK, add_grid, add_labels, axes_or_new
+from .style import COLORS, INK, add_grid, add_labels, axes_or_new, literal
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,8 +26,12 @@ def draw_states(
     timed: bool,
     ax: Axes | None,
     band: str = "± 2 standard errors",
+    names: Sequence[str] | None = None,
 ) -> Axes:
-    """Draw `states` (K + 1, n) over `times`, and twice `error` around them, named `band`."""
+    """Draw `states` (K + 1, n) over `times`, and twice `error` around them, named `band`.
+
+    `names` of the states, with units, go into the legend; x_0, x_1, ... without them.
+    """
     ax = axes_or_new(ax)
     from matplotlib.patches import Patch
 
@@ -35,8 +39,9 @@ def draw_states(
     for i in range(states.shape[1]):
         color = COLORS[i % len(COLORS)]
         dash = DASHES[i // len(COLORS) % len(DASHES)]
+        label = f"$x_{{{i}}}$" if names is None or names[i] == f"x[{i}]" else literal(names[i])
         handles += ax.plot(
-            times, states[:, i], color=color, linestyle=dash, linewidth=1.4, label=f"$x_{{{i}}}$"
+            times, states[:, i], color=color, linestyle=dash, linewidth=1.4, label=label
         )
         if error is not None:
             low, high = states[:, i] - 2 * error[:, i], states[:, i] + 2 * error[:, i]

@@ -85,6 +85,13 @@ def add_labels(ax: Axes, across: str, up: str) -> None:
     ax.tick_params(labelsize=8.5, colors=INK, width=0.7)
 
 
+def literal(name: str) -> str:
+    """A user's name as text on one line: no mathematics, and not hidden from legends."""
+    line = " ".join(name.split())
+    short = line if len(line) <= 40 else f"{line[:39]}…"
+    return f"{' ' if short.startswith('_') else ''}{short}".replace("$", r"\$")
+
+
 def _pyplot_shows() -> bool:
     """Whether the user is in IPython or has loaded pyplot, and its backend shows figures."""
     if not in_ipython() and "matplotlib.pyplot" not in sys.modules:

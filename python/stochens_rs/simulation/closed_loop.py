@@ -9,6 +9,7 @@ import numpy as np
 
 from .. import _core
 from .._base import gate, html, memory
+from .._base.records import SavedRecord
 from .._base.threads import get_num_threads
 from .._base.types import Floats, Status
 from ..exceptions import InputError, NonFiniteError
@@ -20,6 +21,7 @@ from ..theory.exact import REACHABLE, factors
 from ..theory.tracking import reference_residuals
 from ..theory.tracking.errors import checked_reference
 from .controlled import Driven, controlled, made_by
+from .records import TrackingArrays
 from .simulating import columns
 
 if TYPE_CHECKING:
@@ -33,7 +35,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Tracking:
+class Tracking(SavedRecord, TrackingArrays):
     """A reference, and the trajectories of a system that tracks it.
 
     With `runs` given, `states`, `inputs` and `errors` have the runs as their first axis.

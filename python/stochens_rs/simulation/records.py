@@ -10,8 +10,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .._base import html
-from .._base.types import Centre, Floats
+from .._base import gate, html
+from .._base.labels import Labels, fitting
+from .._base.records import SavedRecord, require_shapes
+from .._base.tabled import Cube, Tabled, Timed, named, over_time, padded
+from .._base.types import Centre, Floats, Status
+from ..exceptions import ShapeError
 from ..plots.states import draw_states
 
 if TYPE_CHECKING:
@@ -21,7 +25,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Trajectory:
+class Trajectory(SavedRecord, Timed):
     """The trajectory of an exact system under given inputs.
 
     Attributes
@@ -34,12 +38,19 @@ class Trajectory:
         ``k dt`` [s], or k if the system states no step length.
     dt : float or None
         The step length [s]; None if the system states none.
+    labels : Labels or None
+        Names and units of the states and inputs, as those of the system.
     """
 
     states: Floats
     inputs: Floats
     times: Floats
     dt: float | None = None
+    labels: Labels | None = None
+
+    def __post_init__(self) -> None:
+        n, m = _over_time(self, "states")
+        fitting(self.labels, n, m)
 
     @property
     def steps(self) -> int:
@@ -72,13 +83,25 @@ class Trajectory:
         >>> path.plot().get_ylabel()
         'state'
         """
-        return draw_states(self.times, self.states, None, timed=self.dt is not None, ax=ax)
+        names = None if self.labels is None else self.labels.state_axes
+        timed = self.dt is not None
+        return draw_states(self.times, self.states, None, timed=timed, ax=ax, names=names)
+
+    def _cube(self) -> Cube:
+        clock, times = over_time(self.steps, self.dt, self.times)
+        variables = {
+            "states": ((clock, "state"), self.states, "state"),
+            "inputs": ((clock, "input"), padded(self.inputs), "input"),
+        }
+        labels = named(self.labels, self.states.shape[1], self.inputs.shape[1])
+        return Cube(variables, times, {"dt": self.dt}, labels)
 
     def _repr_html_(self) -> str:
         rows = [
             ("steps", html.duration(self.steps, self.dt)),
             html.ends(self.states),
             html.largest(self.inputs),
+            *(self.labels.rows() if self.labels else ()),
         ]
         return html.card(self, rows, html.states(self.times, self.states, "states over time"))
 
@@ -87,7 +110,7 @@ class Trajectory:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class EnsembleTrajectory:
+class EnsembleTrajectory(SavedRecord, Timed):
     """Mean and covariance of random trajectories, or of those of several models of a system.
 
     Attributes
@@ -125,6 +148,8 @@ class EnsembleTrajectory:
     centre : {"truth", "estimate"} or None
         For "systems": what the models scatter about, as in `SystemEnsemble`. With "estimate" the
         spread is that of the estimate, and no statement about the true trajectory.
+    labels : Labels or None
+        Names and units of the states and inputs, as those of the system.
     """
 
     mean: Floats
@@ -141,6 +166,14 @@ class EnsembleTrajectory:
     key: Key | None
     status: str = "completed"
     centre: Centre | None = None
+    labels: Labels | None = None
+
+    def __post_init__(self) -> None:
+        n, m = _over_time(self, "mean")
+        fitting(self.labels, n, m)
+        size, K = gate.size("replicates", self.replicates), self.steps
+        require_shapes(self, variance=(K + 1, n), covariance=(K + 1, n, n), runs=(size, K + 1, n))
+        gate.size("size", self.size)
 
     @property
     def steps(self) -> int:
@@ -183,12 +216,30 @@ class EnsembleTrajectory:
         >>> path.plot().get_xlabel()
         'step k'
         """
-        timed = self.dt is not None
+        timed, names = self.dt is not None, None if self.labels is None else self.labels.state_axes
         if self.averaging == "systems":
             spread = None if self.variance is None else np.sqrt(self.variance)
             band = "± 2 standard deviations"
-            return draw_states(self.times, self.mean, spread, timed=timed, ax=ax, band=band)
-        return draw_states(self.times, self.mean, self.standard_error, timed=timed, ax=ax)
+            return draw_states(
+                self.times, self.mean, spread, timed=timed, ax=ax, band=band, names=names
+            )
+        error = self.standard_error
+        return draw_states(self.times, self.mean, error, timed=timed, ax=ax, names=names)
+
+    def _cube(self) -> Cube:
+        clock, times = over_time(self.steps, self.dt, self.times)
+        variables = {
+            "mean": ((clock, "state"), self.mean, "state"),
+            "inputs": ((clock, "input"), padded(self.inputs), "input"),
+            "variance": ((clock, "state"), self.variance, None),
+            "covariance": ((clock, "state", "other_state"), self.covariance, None),
+            "runs": (("run", clock, "state"), self.runs, "state"),
+        }
+        attrs = {name: getattr(self, name) for name in ("dt", "size", "replicates", "averaging")}
+        attrs |= {"status": self.status, "centre": self.centre, "sampled": ", ".join(self.sampled)}
+        attrs["key"] = None if self.key is None else self.key.hex
+        labels = named(self.labels, self.mean.shape[1], self.inputs.shape[1])
+        return Cube(variables, times, attrs, labels)
 
     def _repr_html_(self) -> str:
         error = self.standard_error
@@ -202,6 +253,7 @@ class EnsembleTrajectory:
             ("models about the", self.centre),
             html.ends(self.mean, "mean state"),
             ("standard error at the end", end),
+            *(self.labels.rows() if self.labels else ()),
         ]
         return html.card(self, rows, html.states(self.times, self.mean, "mean states over time"))
 
@@ -211,3 +263,41 @@ class EnsembleTrajectory:
             f"<EnsembleTrajectory {self.averaging}: n={self.mean.shape[1]}, "
             f"{html.counted(self.steps)}, N={self.size}, {self.replicates} trajectories{about}>"
         )
+
+
+class TrackingArrays(Tabled):
+    """What `Tracking` gives to data sets."""
+
+    states: Floats
+    inputs: Floats
+    errors: Floats
+    reference: Floats
+    residuals: Floats
+    key: Key
+    status: Status
+
+    def _cube(self) -> Cube:
+        K, m = self.inputs.shape[-2:]
+        clock, times = over_time(K, None)
+        run = ("run",) if self.states.ndim == 3 else ()
+        residuals = np.concatenate([[np.nan], self.residuals])
+        variables = {
+            "states": ((*run, clock, "state"), self.states, "state"),
+            "inputs": ((*run, clock, "input"), padded(self.inputs), "input"),
+            "reference": ((clock, "state"), self.reference, "state"),
+            "errors": ((*run, clock), self.errors, None),
+            "residuals": ((clock,), residuals, None),
+        }
+        attrs = {"status": self.status, "key": self.key.hex}
+        return Cube(variables, times, attrs, named(None, self.states.shape[-1], m))
+
+
+def _over_time(record: Trajectory | EnsembleTrajectory, states: str) -> tuple[int, int]:
+    """Check the arrays over time; returns the numbers of states and inputs."""
+    length, n = gate.kept(states, getattr(record, states), ndim=(2,)).shape
+    gate.kept("times", record.times, shape=(length,))
+    if np.ndim(record.inputs) != 2:
+        raise ShapeError(f"`inputs` must have two dimensions, got {np.ndim(record.inputs)}")
+    m = record.inputs.shape[1]
+    require_shapes(record, inputs=(length - 1, m))
+    return n, m

@@ -70,7 +70,7 @@ def simulate(system: System | Any, x0: ArrayLike, u: ArrayLike) -> Trajectory:
     memory.need("the trajectory", 2 * 8 * (len(inputs) + 1) * checked.n)  # and a copy
     states = _core.trajectory(*columns(checked), start.reshape(1, -1), inputs)
     dt = _dt(checked)
-    return Trajectory(states, inputs.copy(), _times(dt, len(inputs)), dt)
+    return Trajectory(states, inputs.copy(), _times(dt, len(inputs)), dt, checked.labels)
 
 
 def simulate_ensemble(
@@ -217,6 +217,7 @@ def simulate_ensemble(
         sampled=tuple(name for name, flag in zip(flags, drawn, strict=True) if flag),
         dt=_dt(checked),
         key=key,
+        labels=checked.labels,
     )
 
 

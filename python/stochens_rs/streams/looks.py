@@ -9,14 +9,14 @@ from __future__ import annotations
 import warnings
 from dataclasses import dataclass
 from math import inf, isfinite
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .. import _core
 from .._base import gate, html
 from .._base.numbers import norm
-from .._base.records import by_constructor
+from .._base.records import Record
 from ..exceptions import DataWarning
 from ..identification.least_squares import only_rounding
 from ..theory.dynamics import matrix_powers
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Look:
+class Look(Record):
     """What the data so far say about reaching xf from x0. Made by `ModelStream.look`.
 
     Attributes
@@ -73,9 +73,6 @@ class Look:
         gate.positive("tol", self.tol)
         gate.size("size", self.size, minimum=0)
         gate.probability("delta", self.delta)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return by_constructor(self)
 
     @property
     def stop(self) -> bool:

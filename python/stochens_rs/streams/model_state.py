@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._base import gate
+from .._base.labels import checked_names
 from ..exceptions import InputError
 from ..identification.assumptions import (
     COVARIANCES,
@@ -18,7 +19,6 @@ from ..identification.assumptions import (
     checked_scale,
 )
 from ..identification.levels import GRID, PRIOR_NOISE
-from ..identification.runs import checked_names
 from .snapshot import Snapshot
 
 if TYPE_CHECKING:

@@ -12,6 +12,7 @@ import numpy as np
 from .. import _core
 from .._base import gate, html, memory
 from .._base.durable import Durable
+from .._base.labels import checked_names
 from .._base.types import DELTA
 from ..exceptions import InputError
 from ..identification.assumptions import (
@@ -22,7 +23,6 @@ from ..identification.assumptions import (
     checked_assumptions,
     checked_scale,
 )
-from ..identification.runs import checked_names
 from ..theory.dynamics import checked_steps
 from .looks import Look, look
 from .model_state import from_sections, refuse, to_sections

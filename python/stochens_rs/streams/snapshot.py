@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import ceil, isqrt
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .._base import gate, html
-from .._base.records import by_constructor
+from .._base.labels import checked_names
 from ..exceptions import InputError
 from ..identification.assumptions import Assumptions
 from ..identification.certifying import Block, Wish, blocks, parts
@@ -18,7 +18,6 @@ from ..identification.estimate import cautions
 from ..identification.identified import Identified
 from ..identification.least_squares import named
 from ..identification.region import Region
-from ..identification.runs import checked_names
 
 if TYPE_CHECKING:
     from .._base.types import Floats
@@ -77,9 +76,6 @@ class Snapshot(Identified):
             gate.positive("dt", self.dt)
         checked_names(self.n, self.m, self.state_names, self.input_names)
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return by_constructor(self)
-
     @property
     def _d(self) -> int:
         return len(self.scale)
@@ -92,21 +88,6 @@ class Snapshot(Identified):
     def _Theta(self) -> Floats:
         """``[A B c]``, read-only."""
         return gate.frozen(self._block.fitted.H)
-
-    @property
-    def A(self) -> Floats:
-        """The state matrix, shape (n, n), read-only."""
-        return self._Theta[:, : self.n]
-
-    @property
-    def B(self) -> Floats:
-        """The input matrix, shape (n, m), read-only."""
-        return self._Theta[:, self.n : self.n + self.m]
-
-    @property
-    def c(self) -> Floats | None:
-        """The offset, shape (n,), read-only; None without intercept."""
-        return self._Theta[:, -1] if self.intercept else None
 
     @property
     def rank(self) -> int:
@@ -231,13 +212,7 @@ class Snapshot(Identified):
 
     def _repr_html_(self) -> str:
         rows = [("assumed", self.assumptions.text), *(("warning", text) for text in self.warnings)]
-        head = ["", *self.state_names, *self.input_names, "1"][: self._d + 1]
-        body = [
-            [name, *(f"{value:.4g}" for value in row)]
-            for name, row in zip(self.state_names, self._Theta, strict=True)
-        ]
-        small = self._d <= 12 and self.n <= 12
-        return html.card(self, rows, html.grid(head, body) if small else "")
+        return html.card(self, rows, self._table())
 
 
 def planned(first: int, j: int) -> int:

@@ -109,6 +109,7 @@ class Interruption:
 
     def __init__(self) -> None:
         self.count = 0
+        self.number = 0  # of the first signal
         self.breakable = False
 
 

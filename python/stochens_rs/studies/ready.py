@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._base import gate
-from .._base.records import by_constructor
+from .._base.records import Record
 from .._base.types import Floats
 from ..ensembles.sampling import sample
 from ..exceptions import InputError
@@ -64,7 +64,7 @@ def error(system: Any, x0: ArrayLike, xf: ArrayLike, *, tol: float = 1e-9) -> Sa
 
 
 @dataclass(frozen=True, eq=False)
-class SamplingError:
+class SamplingError(Record, listed=False):
     """Errors of estimates from samples, and of the control that is computed with them.
 
     Calling it with ``(key, size, method)`` samples x0, xf and A, ``size[-1]`` realizations each,
@@ -84,8 +84,6 @@ class SamplingError:
     x0: Floats
     xf: Floats
     tol: float
-
-    __reduce__ = by_constructor
 
     @property
     def units(self) -> dict[str, str]:

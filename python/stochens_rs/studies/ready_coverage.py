@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._base import gate
-from .._base.records import by_constructor
+from .._base.records import Record
 from .._base.types import DELTA, Floats
 from ..controls import Plan
 from ..controls.fused import control as controlled
@@ -140,7 +140,7 @@ def _declared(model: Model) -> dict[str, Any]:
 
 
 @dataclass(frozen=True, eq=False)
-class RunCoverage:
+class RunCoverage(Record, listed=False):
     """Runs drawn from a truth, identified, and whether what follows from them holds.
 
     Calling it with a key, and `size`, `steps`, `delta` or `noise` in place of those here, returns
@@ -169,8 +169,6 @@ class RunCoverage:
     identify: dict[str, Any]
     control: dict[str, Any]
     bound: dict[str, Any]
-
-    __reduce__ = by_constructor
 
     def __post_init__(self) -> None:
         gate.size("size", self.size)

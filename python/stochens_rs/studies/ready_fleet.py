@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._base import gate
-from .._base.records import by_constructor
+from .._base.records import Record
 from .._base.types import Floats
 from ..controls.fleet import control_fleet
 from ..controls.fleet_plan import RISKS, Risk
@@ -109,7 +109,7 @@ def fleet(
 
 
 @dataclass(frozen=True, eq=False)
-class Fleet:
+class Fleet(Record, listed=False):
     """One command for units that are drawn, and what becomes of others.
 
     Calling it with a key, and `size`, `steps`, `risk` or `beta` in place of those here, returns the
@@ -140,8 +140,6 @@ class Fleet:
     limits: Any
     Q: Any
     R: Any
-
-    __reduce__ = by_constructor
 
     def __post_init__(self) -> None:
         gate.size("size", self.size)

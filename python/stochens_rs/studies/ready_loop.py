@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._base import gate
-from .._base.records import by_constructor
+from .._base.records import Record
 from .._base.types import Floats
 from ..controls.regulating import regulate
 from ..controls.regulator import checked_model
@@ -108,7 +108,7 @@ def closed_loop(
 
 
 @dataclass(frozen=True, eq=False)
-class ClosedLoop:
+class ClosedLoop(Record, listed=False):
     """A system under a feedback within limits, with noise.
 
     Calling it with a key, and any of `steps`, `limits`, `Q`, `R`, `noise`, `model` in place of
@@ -135,8 +135,6 @@ class ClosedLoop:
     noise: Any
     length: int
     model: Any
-
-    __reduce__ = by_constructor
 
     @property
     def units(self) -> dict[str, str]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from .._base import gate, memory
 from .._base.gate import show
-from .._base.records import by_constructor
+from .._base.records import Record
 from .._base.types import Floats
 from ..exceptions import InputError, InputTypeError
 from ..identification import Trajectories
@@ -22,18 +22,16 @@ from ..system import System
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-Record = TypeVar("Record", bound="DataclassInstance")
+Function = TypeVar("Function", bound="DataclassInstance")
 
 
 @dataclass(frozen=True, eq=False)
-class Truth:
+class Truth(Record, listed=False):
     """``x(k+1) = A x(k) + B u(k) + c + w(k)``, w(k) Gaussian with covariance ``root root'``."""
 
     system: System
     root: Floats
     c: Floats | None = None
-
-    __reduce__ = by_constructor
 
     def noise(self, key: Key, *shape: int, sigma: float | None = None) -> Floats:
         """Draw w, (*shape, n); `sigma` in place of the root: covariance ``sigma^2 I``."""
@@ -47,7 +45,7 @@ class Truth:
 
 
 @dataclass(frozen=True, eq=False)
-class Design:
+class Design(Record, listed=False):
     """How runs are made: drawn starts and inputs, or those of runs that were measured.
 
     Attributes
@@ -67,8 +65,6 @@ class Design:
     feedback: Floats
     length: int
     runs: Trajectories | None = None
-
-    __reduce__ = by_constructor
 
     def draw(self, truth: Truth, size: int, key: Key, sigma: float | None = None) -> Trajectories:
         """Runs of the true system, `size` of them."""
@@ -148,7 +144,7 @@ def options(
     return {gate.choice(f"{name} argument", key, own): one for key, one in value.items()}
 
 
-def changed(function: Record, **values: Any) -> Record:
+def changed(function: Function, **values: Any) -> Function:
     """A ready function with what an axis of the grid has in place of its own."""
     given = {name: value for name, value in values.items() if value is not None}
     return replace(function, **given) if given else function

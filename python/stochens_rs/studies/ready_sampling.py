@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._base import gate
-from .._base.records import by_constructor
+from .._base.records import Record
 from .._base.types import DELTA, QUANTITIES, Floats, Quantity
 from ..controls.steering import steer
 from ..fusion.fusing import Method
@@ -81,7 +81,7 @@ def sampling_coverage(
 
 
 @dataclass(frozen=True, eq=False)
-class SamplingCoverage:
+class SamplingCoverage(Record, listed=False):
     """A plan from realizations that are drawn, and whether its bound holds.
 
     Calling it with a key, and `size`, `steps`, `delta` or `method` in place of those here, returns
@@ -105,8 +105,6 @@ class SamplingCoverage:
     method: Method
     quantity: Quantity
     limits: LimitsLike
-
-    __reduce__ = by_constructor
 
     def __post_init__(self) -> None:
         gate.size("size", self.size)

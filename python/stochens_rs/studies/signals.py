@@ -36,6 +36,7 @@ def interruptions() -> Iterator[Interruption]:
             return
         for one in _open:
             one.count += 1
+            one.number = one.number or number
         if found.breakable:
             raise KeyboardInterrupt
 

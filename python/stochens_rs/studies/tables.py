@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._base import files, gate
+from .._base import files, gate, plain
 from .._base.extras import extra
 from .._base.files import PathLike
 from .._base.types import Floats, Status
@@ -67,22 +67,13 @@ class Tabled:
         dict
             nan as None, infinite numbers as the texts "inf" and "-inf".
         """
-
-        def plain(rows: Floats) -> Any:
-            if np.isfinite(rows).all():
-                return rows.tolist()
-            kept = rows.astype(object)
-            kept[np.isnan(rows)] = None
-            kept[np.isposinf(rows)], kept[np.isneginf(rows)] = "inf", "-inf"
-            return kept.tolist()
-
         return {
             "schema": SCHEMA,
             "status": self.status,
             **self.about,
             "grid": {name: list(labels) for name, labels in self.grid.items()},
             "replicates": [self.replicates.start, self.replicates.stop],
-            "values": {name: plain(rows) for name, rows in self.values.items()},
+            "values": {name: plain.listed(rows) for name, rows in self.values.items()},
             "units": self.units,
             "failures": [asdict(one) for one in self.failures],
             "seconds": self.seconds,

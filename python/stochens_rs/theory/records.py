@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from .._base import html
+from .._base.records import Record
 
 # The vectors that errors are relative to, by their names in `PlanError`.
 RELATIVE_TO = {
@@ -16,7 +17,7 @@ RELATIVE_TO = {
 
 
 @dataclass(frozen=True)
-class Reachability:
+class Reachability(Record):
     """Whether a control over K steps can reach the (estimated) target.
 
     ``C_K = [B, A B, ..., A^{K-1} B]``; one step: ``C_1 = B``.
@@ -55,7 +56,7 @@ class Reachability:
 
 
 @dataclass(frozen=True)
-class PlanError:
+class PlanError(Record):
     """The error of a control for a system that is known exactly.
 
     ``v = B^+ (xf - A x0)`` is the best control, ``x_actual = A x0 + B v`` the state it leads to.

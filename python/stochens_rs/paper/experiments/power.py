@@ -3,30 +3,33 @@
 from __future__ import annotations
 
 import inspect
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..._base import gate
+from ..._base.files import PathLike
 from ..._base.numbers import ROUNDING
 from ..._base.progress import Progress
-from ..._base.types import FUSIONS
+from ..._base.records import Record
+from ..._base.types import FUSIONS, Floats
 from ...cases import CASES
-from ...ensembles.sampling import sample
+from ...ensembles.ensemble import Ensemble
 from ...exceptions import InputError
 from ...fusion.paths import fuse_path
 from ...rng import Key, RngLike
 from ...studies.curves import Panel
 from ...studies.experiment import Experiment
-from ...studies.experiment_run import LARGEST, Errors, ExperimentRun, Quantity, both_orders
-from ...studies.methods import METHODS
-from ...studies.replicate import Solves, Step
+from ...studies.scheduling import ExecutorLike
 from ...system import System
 from ...theory import moments
+from .recording import LARGEST, Quantity, Recording, both_orders
+from .replicate import Sizes, Step, solves
 
-Floats = NDArray[np.float64]
+_RULE_STEPS = 200  # samples of x0 to which the printed stopping rule is applied, at most
 
 
 def power(
@@ -44,6 +47,8 @@ def power(
     speed_std: float = 0.1,
     tol: float = 1e-10,
     progress: Progress = None,
+    executor: ExecutorLike = None,
+    path: PathLike | None = None,
 ) -> Experiment:
     """Errors of the estimates of x0 and A, of the control and of the state, against the number of
     samples.
@@ -79,7 +84,11 @@ def power(
         count as zero.
     progress : None, bool or callable, optional
         True: a bar on a terminal or in a notebook. A callable is called as
-        ``progress(done, total)`` after each replicate.
+        ``progress(done, total)`` as replicates are done.
+    executor, path : optional
+        As in :meth:`stochens_rs.Study.run`: where the replicates run, and the file in which their
+        errors are kept as they are found. The results are the same bits with any executor, and
+        after any interruption.
 
     Returns
     -------
@@ -92,12 +101,17 @@ def power(
     ------
     InputError
         A size, a choice or a parameter that cannot be used.
+    KeyboardInterrupt
+        After Ctrl-C or SIGTERM, when what is done is in `path`: the same call continues.
+    StateError, StateIOError
+        The file is of another run, damaged, in use, or cannot be written.
 
     Notes
     -----
     The exact values for uniform weights are the second moments of
     :mod:`stochens_rs.theory.moments`; the paper has none. Keys: "x0" for the initial state;
-    "replicate-r" for replicate r, and below it "x0", "xf", "A" for the samples.
+    those of a `Study` without axes in its key for the replicates, and below them "x0", "xf", "A"
+    for the samples.
 
     Examples
     --------
@@ -106,28 +120,16 @@ def power(
     >>> [panel.name for panel in result.panels]
     ['1a', '1b', '2a', '2b']
     """
-    study = ExperimentRun(rng, replicates, samples, sizes, tol)
+    record = Recording(rng, replicates, samples, sizes, tol)
     angle_std = gate.positive("angle_std", angle_std, maximum=LARGEST)
     speed_std = gate.positive("speed_std", speed_std, maximum=LARGEST)
     options = {"data": data, "base": base, "dt": dt, "method": method}
     system = _system(case, options)
     A, B, n = system.A, system.B, system.n
     scale = np.repeat([angle_std, speed_std], n // 2)
-    x0, xf = study.key.child("x0").generator().standard_normal(n) * scale, np.zeros(n)
-    step, solves = Step(A, B, x0, xf), {"x0": Solves(), "A": Solves()}
-
-    def replicate(key: Key) -> Errors:
-        drawn, controls = step.draw(key, study.sizes, study.tol, solves)
-        errors: Errors = {}
-        for method in METHODS:
-            errors["1a", method, None] = drawn["x0"].errors[method]
-            errors["1b", method, None] = drawn["A"].errors[method]
-        for (method, fusion), error in controls.items():
-            errors["2a", method, fusion] = np.linalg.norm(error, axis=1)
-            errors["2b", method, fusion] = np.linalg.norm(error @ B.T, axis=1)
-        return errors
-
-    study.run("power network", replicate, progress)
+    x0, xf = record.key.child("x0").generator().standard_normal(n) * scale, np.zeros(n)
+    step = Step(A, B, x0, xf)
+    record.run("power network", PowerErrors(step, record.tol), progress, executor, path)
 
     def columns(N: int) -> Floats:  # independent: one block each
         return np.array([moments.vector_covariance(column, N) for column in A.T])
@@ -140,18 +142,18 @@ def power(
     matrix = {None: both_orders(columns)}
     control, state = fused(moments.control_covariance), fused(moments.state_covariance)
     panels = tuple(
-        study.panel(Quantity(name, name[0], *shown))
+        record.panel(Quantity(name, name, name[0], *shown))
         for name, *shown in (
             ("1a", "initial state", r"$\|\hat x_0 - x_0\| \,/\, \|x_0\|$", x0, vector, None),
-            ("1b", "system matrix", r"$\|\hat A - A\|_F \,/\, \|A\|_F$", A, matrix, solves["A"]),
-            ("2a", "control", r"$\|u - v^*\| \,/\, \|v^*\|$", v, control, solves["A"]),
+            ("1b", "system matrix", r"$\|\hat A - A\|_F \,/\, \|A\|_F$", A, matrix, "A"),
+            ("2a", "control", r"$\|u - v^*\| \,/\, \|v^*\|$", v, control, "A"),
             (
                 "2b",
                 "state after one step",
                 r"$\|B(u - v^*)\| \,/\, \|x_{\rm actual}\|$",
                 reached,
                 state,
-                solves["A"],
+                "A",
             ),
         )
     )
@@ -159,15 +161,13 @@ def power(
     facts: dict[str, Any] = {
         "reachability": {**step.unreachable(), "rank": int(np.linalg.matrix_rank(B))},
         "slse_mean_square_over_bound": {
-            p.name: _slse_over_bound(p, study.sizes) for p in estimates
+            p.name: _slse_over_bound(p, record.sizes) for p in estimates
         },
-        "zero_from": {p.name: _zero_from(p, study.sizes) for p in estimates},
+        "zero_from": {p.name: _zero_from(p, record.sizes) for p in estimates},
         "smallest_slse_error": {
             p.name: float(p.curve("slse").errors[:, -1].min()) for p in estimates
         },
-        "stopping_rule": _printed_stopping_rule(
-            x0, [key.child("x0") for key in study.keys], min(int(samples), 200)
-        ),
+        "stopping_rule": _stopping_rule(*(record.values[k][0] for k in ("stop", "stop_error"))),
     }
     settings = {
         "case": case,
@@ -178,7 +178,33 @@ def power(
         "x0": x0.tolist(),
     }
     title = "Power network, one step to the origin"
-    return study.experiment("power", title, system, panels, solves, facts, settings)
+    solved = {"x0": "x0", "A": "A"}
+    return record.experiment("power", title, system, panels, solved, facts, settings)
+
+
+@dataclass(frozen=True, eq=False)
+class PowerErrors(Record, listed=False):
+    """The errors of one replicate of `power`, for a study with nested sizes."""
+
+    step: Step
+    tol: float
+
+    def __call__(self, key: Key, size: Sizes) -> dict[str, Floats]:
+        """The columns of the panels, the solves, and where the printed rule stops."""
+        drawn, controls = self.step.draw(key, size, self.tol)
+        x0, A = drawn["x0"], drawn["A"]
+        stop = _printed_stop(x0.ensemble, self.step.x0)
+        return {
+            "panel_1a": x0.errors,
+            "panel_1b": A.errors,
+            "panel_2a": np.linalg.norm(controls, axis=2),
+            "panel_2b": np.linalg.norm(controls @ self.step.B.T, axis=2),
+            **solves("x0", [x0]),
+            **solves("A", [A]),
+            # the same for all sizes
+            "stop": np.full(len(size), stop[0]),
+            "stop_error": np.full(len(size), stop[1]),
+        }
 
 
 def _system(case: str, options: dict[str, Any]) -> System:
@@ -194,14 +220,14 @@ def _system(case: str, options: dict[str, Any]) -> System:
     return made(**{name: value for name, value in options.items() if name in known})
 
 
-def _zero_from(panel: Panel, sizes: NDArray[np.int64]) -> int | None:
+def _zero_from(panel: Panel, sizes: Sizes) -> int | None:
     """The smallest size from which on all errors of ALSE are zero (to the panel's level)."""
     zero = np.all(panel.curve("alse").errors <= panel.zero_level, axis=0)
     steady = np.logical_and.accumulate(zero[::-1])[::-1]
     return int(sizes[np.argmax(steady)]) if steady.any() else None
 
 
-def _slse_over_bound(panel: Panel, sizes: NDArray[np.int64]) -> float:
+def _slse_over_bound(panel: Panel, sizes: Sizes) -> float:
     """Largest ratio, over the sizes from 2 on, of SLSE's mean square to the exact one of uniform
     weights.
 
@@ -214,28 +240,31 @@ def _slse_over_bound(panel: Panel, sizes: NDArray[np.int64]) -> float:
     return float(np.max((panel.curve("slse").rms[later] / exact[later]) ** 2))
 
 
-def _printed_stopping_rule(x0: Floats, keys: list[Key], steps: int) -> dict[str, Any]:
-    """Where Algorithm 1's printed test would stop while it refines x0, and the error at that step.
+def _printed_stop(ensemble: Ensemble, x0: Floats) -> tuple[float, float]:
+    """Where Algorithm 1's printed test would stop while it refines x0, and the relative error then.
 
     The printed ``error = ||(w1 - 1) v + w2 v'||`` is the length of the last change. A sample that
     does not help gets weight 0, the change is 0, and the loop ends for every positive error
-    bound. For each key the SLSE estimate of x0 is followed, for at most `steps` samples, until its
-    first step without a change.
+    bound. The SLSE estimate of x0 is followed, for at most `_RULE_STEPS` samples, until its first
+    step without a change; nan if there is none.
     """
-    sizes = np.arange(1, steps + 1)
+    sizes = np.arange(1, min(_RULE_STEPS, ensemble.size) + 1)
     norm = float(np.linalg.norm(x0))
-    stops, errors = [], []
-    for key in keys:
-        path = fuse_path(sample(x0, steps, rng=key), sizes, "slse", target=x0, estimates=True)
-        assert path.estimates is not None  # estimates=True
-        change = np.linalg.norm(np.diff(path.estimates, axis=0), axis=1)
-        still = np.flatnonzero(change <= ROUNDING * norm)
-        if still.size:
-            stop = int(still[0]) + 1  # index of the size whose step changed nothing
-            stops.append(int(sizes[stop]))
-            errors.append(float(path.errors[stop]) / norm)
+    path = fuse_path(ensemble, sizes, "slse", target=x0, estimates=True)
+    assert path.estimates is not None  # estimates=True
+    change = np.linalg.norm(np.diff(path.estimates, axis=0), axis=1)
+    still = np.flatnonzero(change <= ROUNDING * norm)
+    if not still.size:
+        return np.nan, np.nan
+    stop = int(still[0]) + 1  # index of the size whose step changed nothing
+    return float(sizes[stop]), float(path.errors[stop]) / norm
+
+
+def _stopping_rule(stops: Floats, errors: Floats) -> dict[str, Any]:
+    """How often, where and how far away the printed rule stops."""
+    found = ~np.isnan(stops)
     return {
-        "stopped": len(stops) / len(keys),
-        "median_stop": float(np.median(stops)) if stops else None,
-        "median_relative_error": float(np.median(errors)) if errors else None,
+        "stopped": float(np.mean(found)),
+        "median_stop": float(np.median(stops[found])) if found.any() else None,
+        "median_relative_error": float(np.median(errors[found])) if found.any() else None,
     }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal
 
@@ -10,21 +11,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._base import gate
+from ..._base.files import PathLike
 from ..._base.progress import Progress
-from ..._base.types import FUSIONS, Fusion
+from ..._base.records import Record
+from ..._base.types import FUSIONS, Floats, Fusion
 from ...cases import random_system
 from ...rng import Key, RngLike
 from ...studies.experiment import Experiment
-from ...studies.experiment_run import (
-    LARGEST,
-    Errors,
-    ExperimentRun,
-    Orders,
-    Quantity,
-    both_orders,
-)
-from ...studies.replicate import Solves, Step
+from ...studies.scheduling import ExecutorLike
 from ...theory import moments
+from .recording import LARGEST, Orders, Quantity, Recording, both_orders
+from .replicate import Sizes, Step, solves
 
 # What figure 3(b) may show.
 READINGS = {
@@ -45,6 +42,8 @@ def tracking(
     step_two: Literal["rolled", "reference"] = "rolled",
     tol: float = 1e-10,
     progress: Progress = None,
+    executor: ExecutorLike = None,
+    path: PathLike | None = None,
 ) -> Experiment:
     """Relative errors of the computed x(1) and x(2) against the number of samples.
 
@@ -76,7 +75,9 @@ def tracking(
         Relative duality gap asked of the ALSE solves.
     progress : None, bool or callable, optional
         True: a bar on a terminal or in a notebook. A callable is called as
-        ``progress(done, total)`` after each replicate.
+        ``progress(done, total)`` as replicates are done.
+    executor, path : optional
+        As in `power`.
 
     Returns
     -------
@@ -89,14 +90,16 @@ def tracking(
     ------
     InputError
         A size, a choice or a parameter that cannot be used.
+    KeyboardInterrupt, StateError, StateIOError
+        As in `power`.
 
     Notes
     -----
     With ``e(t) = B (u(t) - v(t))``, independent for t = 0 and 1 and of mean zero under uniform
     weights: ``x_comp(1) - x_actual(1) = e(0)``, ``x_comp(2) - x_actual(2) = A e(0) + e(1)``
     rolled and ``e(1)`` from the reference. Hence the exact mean squares ``tr C_0`` and ``tr(A C_0
-    A^T) + tr C_1``, ``C_t = Cov e(t)``. Keys: "system", "x0", "x1", "x2"; "replicate-r", below it
-    "step-t", below it "x0", "xf", "A".
+    A^T) + tr C_1``, ``C_t = Cov e(t)``. Keys: "system", "x0", "x1", "x2"; below those of the
+    replicates (see `power`) "step-t", below it "x0", "xf", "A".
 
     Examples
     --------
@@ -104,35 +107,18 @@ def tracking(
     >>> tracking(rng=1, replicates=2, samples=20, n=12, m=9).panel("3a").quantity
     'state x(1)'
     """
-    study = ExperimentRun(rng, replicates, samples, sizes, tol)
+    record = Recording(rng, replicates, samples, sizes, tol)
     n, m = gate.size("n", n), gate.size("m", m)
     gate.choice("step_two", step_two, tuple(READINGS))
     spectral_radius = gate.positive("spectral_radius", spectral_radius, maximum=LARGEST)
-    key = study.key
+    key = record.key
     system = random_system(n, m, rng=key.child("system"), spectral_radius=spectral_radius)
     A, B = system.A, system.B
     x = [key.child(f"x{t}").generator().standard_normal(n) for t in range(3)]
     one, two = steps = [Step(A, B, x[t], x[t + 1]) for t in range(2)]
     other = "reference" if step_two == "rolled" else "rolled"
     panel = {"x1": "3a", step_two: "3b", other: "3b-alternative"}
-    solves = Solves()
-    of_entity = dict.fromkeys(("x0", "xf", "A"), solves)
-
-    def replicate(key: Key) -> Errors:
-        errors: Errors = {}
-        first, second = (
-            step.draw(key.child(f"step-{t}"), study.sizes, study.tol, of_entity)[1]
-            for t, step in enumerate(steps)
-        )
-        for method, fusion in first:
-            # What each step adds to the state: e(t) = B (u(t) - v(t))
-            e = [controls[method, fusion] @ B.T for controls in (first, second)]
-            states = {"x1": e[0], "rolled": e[0] @ A.T + e[1], "reference": e[1]}
-            for name, error in states.items():
-                errors[panel[name], method, fusion] = np.linalg.norm(error, axis=1)
-        return errors
-
-    study.run("tracking", replicate, progress)
+    record.run("tracking", TrackingErrors(one, two, record.tol), progress, executor, path)
 
     orders: dict[str, dict[Fusion, Orders]] = {"x1": {}, "rolled": {}, "reference": {}}
     for fusion in FUSIONS:
@@ -153,15 +139,16 @@ def tracking(
     names = {"x1": "state x(1)", **READINGS}
     symbol = r"$\|x_{\rm comp} - x_{\rm actual}\| \,/\, \|x_{\rm actual}\|$"
     panels = tuple(
-        study.panel(
+        record.panel(
             Quantity(
                 name,
+                shown,
                 None if shown == other else "3",
                 names[shown],
                 symbol,
                 reached[shown],
                 orders[shown],
-                solves,
+                "all",
             )
         )
         for shown, name in panel.items()
@@ -176,8 +163,29 @@ def tracking(
     }
     settings = {"spectral_radius": float(spectral_radius), "step_two": step_two}
     title = "Tracking two reference states in a large random system"
-    solved = {"x(t), x(t+1), A": solves}
-    return study.experiment("tracking", title, system, panels, solved, facts, settings)
+    solved = {"x(t), x(t+1), A": "all"}
+    return record.experiment("tracking", title, system, panels, solved, facts, settings)
+
+
+@dataclass(frozen=True, eq=False)
+class TrackingErrors(Record, listed=False):
+    """The errors of one replicate of `tracking`, for a study with nested sizes."""
+
+    one: Step
+    two: Step
+    tol: float
+
+    def __call__(self, key: Key, size: Sizes) -> dict[str, Floats]:
+        """The columns of the panels by what they show, and the solves."""
+        steps = (self.one, self.two)
+        drawn = [step.draw(key.child(f"step-{t}"), size, self.tol) for t, step in enumerate(steps)]
+        # What each step adds to the state: e(t) = B (u(t) - v(t))
+        first, second = (controls @ self.one.B.T for _, controls in drawn)
+        states = {"x1": first, "rolled": first @ self.one.A.T + second, "reference": second}
+        return {
+            **{f"panel_{name}": np.linalg.norm(e, axis=2) for name, e in states.items()},
+            **solves("all", (one for entities, _ in drawn for one in entities.values())),
+        }
 
 
 def _required_size(orders: Orders, level: float) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from itertools import pairwise, product
 from typing import TYPE_CHECKING, Literal
 
@@ -11,8 +12,11 @@ import numpy as np
 
 from ...rng import Key
 from ...streams.stream import Stream
+from ...studies import Study
+from ...system import System
 from ...theory.exact import best_control
 from .. import rationals as exact
+from ..repeating import HERE, Where, complete
 from .records import Claim, claim
 
 if TYPE_CHECKING:
@@ -55,36 +59,44 @@ class Streamed:
     stops: Floats
 
 
-def measure(key: Key, *, runs: int = 40, steps: tuple[int, int] = (200, 2000)) -> Streamed:
+def measure(
+    key: Key, *, runs: int = 40, steps: tuple[int, int] = (200, 2000), where: Where = HERE
+) -> Streamed:
     """Run both variants and the printed rule on a random system with n = 10, m = 5."""
     n, m = 10, 5
     gen = key.generator()
     A, B, x0 = gen.standard_normal((n, n)), gen.standard_normal((n, m)), gen.standard_normal(n)
     A /= np.abs(np.linalg.eigvals(A)).max()
-    xf = gen.standard_normal(n)
+    function = partial(_errors, System(A, B), x0, gen.standard_normal(n), steps)
+    found = complete(Study(function, {}, replicates=runs, rng=key), **where.of("algorithm-1"))
+    control, state = ({v: found[f"{what}_{v}"] for v in VARIANTS} for what in ("control", "state"))
+    return Streamed(n, m, steps, control, state, found["bound"], found["stops"])
+
+
+def _errors(
+    system: System, x0: Floats, xf: Floats, steps: tuple[int, int], key: Key
+) -> dict[str, list[float]]:
+    """One run of both variants and of the printed rule; the fields of `Streamed`."""
+    A, B = system.A, system.B
     v = best_control(A, B, x0, xf).u
-    control = {variant: np.zeros((runs, 2)) for variant in VARIANTS}
-    state = {variant: np.zeros((runs, 2)) for variant in VARIANTS}
-    bound, stops = np.zeros((runs, 2)), np.zeros((runs, 2))
+    found: dict[str, list[float]] = {"bound": []}
 
     def error(stream: Stream) -> float:
         return float(np.linalg.norm(stream.u - v) / np.linalg.norm(v))
 
-    for r in range(runs):
-        child = key.child(str(r))
-        for variant in VARIANTS:
-            stream = Stream((A, B), x0, xf, rng=child, variant=variant)
-            for k, upto in enumerate(steps):
-                stream.step(upto - stream.steps)
-                control[variant][r, k] = error(stream)
-                state[variant][r, k] = np.linalg.norm(B @ (stream.u - v))
-                if variant == "consistent":
-                    bound[r, k] = mean_square_bound(x0, xf, A, stream.counts)
-        printed = Stream((A, B), x0, xf, rng=child, variant="literal")
-        if printed.run(tol=ERROR_BOUND, max_steps=steps[1], rule="printed").status == "interrupted":
-            raise KeyboardInterrupt  # an incomplete run is not evidence
-        stops[r] = printed.steps, error(printed)
-    return Streamed(n, m, steps, control, state, bound, stops)
+    for variant in VARIANTS:
+        stream = Stream(system, x0, xf, rng=key, variant=variant)
+        control = found[f"control_{variant}"] = []
+        state = found[f"state_{variant}"] = []
+        for upto in steps:
+            stream.step(upto - stream.steps)
+            control.append(error(stream))
+            state.append(float(np.linalg.norm(B @ (stream.u - v))))
+            if variant == "consistent":
+                found["bound"].append(mean_square_bound(x0, xf, A, stream.counts))
+    printed = Stream(system, x0, xf, rng=key, variant="literal")
+    printed.run(tol=ERROR_BOUND, max_steps=steps[1], rule="printed")
+    return {**found, "stops": [printed.steps, error(printed)]}
 
 
 def mean_square_bound(x0: Floats, xf: Floats, A: Floats, drawn: dict[str, int]) -> float:

@@ -9,13 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..._base import gate
+from ..._base import files, gate
+from ..._base.files import PathLike
 from ..._base.progress import Progress, progress_bar
 from ...rng import RngLike, as_key
+from ...studies.scheduling import ExecutorLike, checked_executor
+from ..repeating import Where
 from . import algorithm_1 as streams
 from . import definitions, tails
 from . import lemmas_on_reachability as reachability
@@ -32,7 +36,14 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 
-def claims(rng: RngLike = 1, *, quick: bool = False, progress: Progress = None) -> Claims:
+def claims(
+    rng: RngLike = 1,
+    *,
+    quick: bool = False,
+    progress: Progress = None,
+    executor: ExecutorLike = None,
+    path: PathLike | None = None,
+) -> Claims:
     """Check the statements of the paper.
 
     Parameters
@@ -44,6 +55,12 @@ def claims(rng: RngLike = 1, *, quick: bool = False, progress: Progress = None) 
     progress : None, bool or callable, optional
         True: a bar on a terminal or in a notebook. A callable is called as
         ``progress(done, total)`` after each statement.
+    executor : optional
+        Where simulations run, as in :meth:`stochens_rs.Study.run`; the results are the same bits
+        with any. A function that makes executors is called for each of seven simulations.
+    path : path, optional
+        A folder, made if missing, with a file for each simulation, which keep the numbers as they
+        are found. What is exact is computed again by a call that continues.
 
     Returns
     -------
@@ -55,6 +72,10 @@ def claims(rng: RngLike = 1, *, quick: bool = False, progress: Progress = None) 
     ------
     InputError, InputTypeError
         If an argument cannot be used.
+    KeyboardInterrupt
+        After Ctrl-C or SIGTERM, when what is done is in `path`: the same call continues.
+    StateError, StateIOError
+        A file is of another run, damaged, in use, or cannot be written.
 
     Examples
     --------
@@ -64,19 +85,21 @@ def claims(rng: RngLike = 1, *, quick: bool = False, progress: Progress = None) 
     ('false', True)
     """
     key, quick = as_key(rng), gate.flag("quick", quick)
+    folder = None if path is None else Path(files.checked_path("path", path))
+    where = Where(checked_executor(executor), folder)
 
     # each is computed by the first statement that needs it
     @cache
     def measured() -> tails.Tails:
-        return tails.measure(key.child("tails"), runs=1000 if quick else 10_000)
+        return tails.measure(key.child("tails"), runs=1000 if quick else 10_000, where=where)
 
     @cache
     def compared() -> Comparison:
-        return compare(_vector(), key.child("comparison"), 400 if quick else 2000, 1000)
+        return compare(_vector(), key.child("comparison"), 400 if quick else 2000, 1000, where)
 
     @cache
     def streamed() -> streams.Streamed:
-        return streams.measure(key.child("algorithm 1"))
+        return streams.measure(key.child("algorithm 1"), where=where)
 
     checks: list[Callable[[], Claim]] = [
         lambda: streams.variance(streamed()),
@@ -104,9 +127,11 @@ def claims(rng: RngLike = 1, *, quick: bool = False, progress: Progress = None) 
         lambda: weights.first_inequality(key.child("4.5")),
         lambda: weights.second_inequality(compared()),
         weights.norms,
-        *section_5(key.child("figures"), *((4, 300) if quick else (20, 1000))),
+        *section_5(key.child("figures"), *((4, 300) if quick else (20, 1000)), where),
     ]
     rows = []
+    if folder is not None:
+        folder.mkdir(parents=True, exist_ok=True)
     with progress_bar(progress, len(checks), "claims") as done:
         for check in checks:
             rows.append(check())

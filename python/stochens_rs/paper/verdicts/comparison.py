@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..._base.numbers import ROUNDING
 from ...ensembles.sampling import sample
+from ...fusion.fusing import Method
 from ...fusion.paths import fuse_path
 from ...rng import Key
+from ...studies import Study
 from ...theory.moments import vector_mse
+from ..repeating import HERE, Where, complete
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -72,14 +76,17 @@ class Comparison:
         }
 
 
-def compare(target: Floats, key: Key, runs: int, size: int) -> Comparison:
+def compare(target: Floats, key: Key, runs: int, size: int, where: Where = HERE) -> Comparison:
     """Fuse the same realizations both ways, `runs` times."""
     sizes = np.unique(np.geomspace(1, size, 40).astype(np.int64))
-    squares: dict[str, list[Floats]] = {"slse": [], "uniform": []}
-    for r in range(runs):
-        ensemble = sample(target, size, rng=key.child(str(r)))
-        for method, rows in squares.items():
-            path = fuse_path(ensemble, sizes, method, target=target)  # type: ignore[arg-type]
-            rows.append(path.errors**2)
+    function, grid = partial(_squared_errors, target), {"size": sizes.tolist()}
+    study = Study(function, grid, replicates=runs, rng=key, nested="size")
+    squares = complete(study, **where.of("comparison"))
     bound = np.array([vector_mse(target, int(k)) for k in sizes])
-    return Comparison(target, sizes, np.array(squares["slse"]), np.array(squares["uniform"]), bound)
+    return Comparison(target, sizes, squares["slse"].T, squares["uniform"].T, bound)
+
+
+def _squared_errors(target: Floats, key: Key, size: NDArray[np.int64]) -> dict[str, Floats]:
+    ensemble = sample(target, int(size[-1]), rng=key)
+    methods: tuple[Method, ...] = ("slse", "uniform")
+    return {one: fuse_path(ensemble, size, one, target=target).errors ** 2 for one in methods}

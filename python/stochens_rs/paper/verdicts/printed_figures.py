@@ -15,6 +15,7 @@ from ...theory.exact import best_control
 from ...theory.moments import state_rms
 from ..experiments.power import power
 from ..experiments.tracking import tracking
+from ..repeating import HERE, Where
 from . import section_5_2
 from .records import Claim, claim
 
@@ -22,22 +23,25 @@ if TYPE_CHECKING:
     from ...studies import Experiment
 
 
-def section_5(key: Key, replicates: int, samples: int) -> list[Callable[[], Claim]]:
+def section_5(
+    key: Key, replicates: int, samples: int, where: Where = HERE
+) -> list[Callable[[], Claim]]:
     """One call for each statement; the first that needs one of the two experiments runs it."""
 
     @cache
     def small() -> Experiment:
-        return power(rng=key.child("power"), replicates=replicates, samples=samples)
+        own = key.child("power")
+        return power(rng=own, replicates=replicates, samples=samples, **where.of("power"))
 
     @cache
     def large() -> Experiment:
-        half = max(2, replicates // 2)
-        return tracking(rng=key.child("tracking"), replicates=half, samples=samples, n=40, m=32)
+        own, half, at = key.child("tracking"), max(2, replicates // 2), where.of("tracking")
+        return tracking(rng=own, replicates=half, samples=samples, n=40, m=32, **at)
 
     return [
         lambda: _estimates(small()),
         lambda: _controls(small()),
-        lambda: section_5_2.one_step_only(key.child("one step")),
+        lambda: section_5_2.one_step_only(key.child("one step"), where),
         lambda: _states(key.child("states"), large()),
         lambda: section_5_2.ordering(large()),
         section_5_2.computed_states,

@@ -9,14 +9,17 @@ The system is ``A = H / sqrt(n)`` with a Hadamard matrix H, ``x0 = (1, .., 1) / 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...rng import Key
+from ...studies import Study
 from ...system import System
 from ...theory import bounds
 from .. import bounds as printed_bounds
+from ..repeating import HERE, Where, complete
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -105,16 +108,18 @@ def drift_errors(A: Floats, x0: Floats, size: int, runs: int, gen: np.random.Gen
     return np.asarray(np.linalg.norm(means - A @ x0, axis=1))
 
 
-def measure(key: Key, *, n: int = 64, runs: int = 4000, delta: float = 0.01) -> Tails:
+def measure(
+    key: Key, *, n: int = 64, runs: int = 4000, delta: float = 0.01, where: Where = HERE
+) -> Tails:
     """Simulate the error and evaluate the bounds on a grid of sizes."""
     A, x0 = hard_system(n)
     xf, system = np.zeros(n), System(A, np.eye(n))
     printed = printed_bounds.Lemma42(system, x0, xf, reading="matrix")
-    gen = key.generator()
     sizes = np.array([10, 30, 100, 300, 1000, 3000])
+    study = Study(partial(_errors, A, x0, runs), {"size": sizes}, replicates=1, rng=key)
+    found = complete(study, **where.of("tails"))["errors"][:, 0]
     rows, names = [], []
-    for size in sizes.tolist():
-        errors = drift_errors(A, x0, size, runs, gen)
+    for size, errors in zip(sizes.tolist(), found, strict=True):
         ours = bounds.best("state", system, x0, xf, size=size, delta=delta, fusion="diagonal")
         names.append(ours.bound.name)
         theirs = printed.radius(size, delta)
@@ -126,3 +131,7 @@ def measure(key: Key, *, n: int = 64, runs: int = 4000, delta: float = 0.01) -> 
     empirical, radii, printed_radii = table[:, :3].T
     failures = table[:, 3:].astype(np.int64)
     return Tails(n, delta, runs, sizes, empirical, radii, tuple(names), printed_radii, failures)
+
+
+def _errors(A: Floats, x0: Floats, runs: int, key: Key, size: int) -> dict[str, Floats]:
+    return {"errors": drift_errors(A, x0, size, runs, key.generator())}

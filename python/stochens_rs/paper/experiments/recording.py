@@ -1,49 +1,54 @@
-"""The run of an experiment: independent replicates, and the record of their errors."""
+"""The record of an experiment: its options, checked, and its panels from the numbers of a study."""
 
 from __future__ import annotations
 
 import hashlib
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._base import gate
-from .._base.progress import Progress, progress_bar
-from .._base.types import Fusion
-from ..fusion.fusing import Method
-from ..rng import Key, RngLike, as_key
-from ..system import System
-from .curves import Curve, Panel
-from .experiment import Experiment
-from .replicate import Floats, Sizes, Solves
+from ..._base import gate
+from ..._base.files import PathLike
+from ..._base.progress import Progress, progress_bar
+from ..._base.types import STATUSES, Floats, Fusion
+from ...fusion.fusing import Method
+from ...rng import RngLike, as_key
+from ...studies import Study
+from ...studies.block import Function
+from ...studies.curves import Curve, Panel
+from ...studies.experiment import Experiment
+from ...studies.methods import METHODS, STYLES
+from ...studies.scheduling import ExecutorLike
+from ...system import System
+from ..repeating import complete
+from .replicate import Sizes
 
 LARGEST = 1e100  # allowed scale: squares of results do not overflow
 ROUNDING = 1e-13  # relative errors up to here count as zero: 450 times the machine epsilon
 
 # Covariance of an error under uniform weights: C1 and C2 of C(N) = C1 / N + C2 / N^2.
 Orders = tuple[Floats, Floats]
-# Absolute errors of one replicate, (k,) for every (panel, method, fusion).
-Errors = dict[tuple[str, Method, Fusion | None], Floats]
 
 
 class Quantity(NamedTuple):
     """What one panel shows."""
 
     panel: str
+    values: str  # "1a" for the numbers "panel_1a"
     figure: str | None
     name: str
     symbol: str
     target: Floats  # errors are divided by its norm
     orders: Mapping[Any, Orders]  # by fusion; None for the estimate of an entity
-    solves: Solves | None  # what its ALSE weights depend on; None: on a closed form
+    solves: str | None  # what its ALSE weights depend on; None: on a closed form
 
 
-class ExperimentRun:
-    """Replicates of one experiment: checks the options, runs them, and makes the record."""
+class Recording:
+    """One experiment: checks the options, runs its study, and makes the record."""
 
     def __init__(
         self, rng: RngLike, replicates: int, samples: int, sizes: ArrayLike | None, tol: float
@@ -56,38 +61,56 @@ class ExperimentRun:
             log_grid(samples) if sizes is None else gate.sizes("sizes", sizes, maximum=samples)
         )
         self.tol = gate.positive("tol", tol)
-        self.errors: Errors = {}
+        self.values: dict[str, Floats] = {}  # (k, replicates, ...) by name
 
-    @property
-    def keys(self) -> list[Key]:
-        """One key for each replicate."""
-        return [self.key.child(f"replicate-{r}") for r in range(self.replicates)]
+    def run(
+        self,
+        what: str,
+        function: Function,
+        progress: Progress,
+        executor: ExecutorLike,
+        path: PathLike | None,
+    ) -> None:
+        """Run all replicates.
 
-    def run(self, what: str, replicate: Callable[[Key], Errors], progress: Progress) -> None:
-        """Run all replicates; their errors are kept as (replicates, k) arrays."""
-        found: list[Errors] = []
-        with progress_bar(progress, self.replicates, what) as done:
-            for key in self.keys:
-                found.append(replicate(key))
-                done(len(found))
-        self.errors = {name: np.array([one[name] for one in found]) for name in found[0]}
+        ``function(key, size)`` returns the absolute errors of each panel as "panel_1a", ...,
+        (k, curves), the columns in the order of `METHODS` or `STYLES`, and what `solves` made.
+        """
+        grid = {"size": self.sizes.tolist()}
+        study = Study(function, grid, replicates=self.replicates, rng=self.key, nested="size")
+        with progress_bar(progress, self.replicates, what) as tell:
+            self.values = complete(study, executor, path, lambda done, _: tell(done))
+
+    def solves(self, name: str) -> dict[str, Any]:
+        """Number of solves for ALSE weights, how they ended, the worst relative gap, and `tol`."""
+        codes, counts = np.unique(self.values[f"status_{name}"], return_counts=True)
+        ended = {str(STATUSES[int(k)]): n for k, n in zip(codes, counts.tolist(), strict=True)}
+        return {
+            "solves": sum(ended.values()),
+            "statuses": dict(sorted(ended.items())),
+            "worst_relative_gap": float(self.values[f"gap_{name}"].max()),
+            "tol": self.tol,
+        }
 
     def panel(self, shown: Quantity) -> Panel:
         """The relative errors of one quantity, with the exact ones of uniform weights."""
         norm = float(np.linalg.norm(shown.target))
+        columns = (self.values[f"panel_{shown.values}"] / norm).transpose(2, 1, 0)
+        looks: Iterable[tuple[Method, Fusion | None]] = (
+            STYLES if len(columns) == len(STYLES) else ((method, None) for method in METHODS)
+        )
         curves = []
-        for (panel, method, fusion), errors in self.errors.items():
-            if panel == shown.panel:
-                exact = (
-                    exact_moments(shown.orders[fusion], self.sizes, norm)
-                    if method == "uniform"
-                    else (None, None)
-                )
-                curves.append(Curve(method, fusion, errors / norm, *exact))
+        for (method, fusion), errors in zip(looks, columns, strict=True):
+            exact = (
+                exact_moments(shown.orders[fusion], self.sizes, norm)
+                if method == "uniform"
+                else (None, None)
+            )
+            curves.append(Curve(method, fusion, errors, *exact))
         level, label = ROUNDING, "zero to rounding"
         if shown.solves is not None:
             # The gap bounds the squared error in excess of the smallest possible one.
-            level = math.sqrt(max(self.tol, shown.solves.worst_gap))
+            level = math.sqrt(max(self.tol, self.solves(shown.solves)["worst_relative_gap"]))
             label = "zero to solver tolerance"
         return Panel(
             name=shown.panel,
@@ -106,11 +129,14 @@ class ExperimentRun:
         title: str,
         system: System,
         panels: tuple[Panel, ...],
-        solves: Mapping[str, Solves],
+        solves: Mapping[str, str],
         facts: Mapping[str, Any],
         settings: Mapping[str, Any],
     ) -> Experiment:
-        """The finished record; `facts` and `settings` are those of this experiment only."""
+        """The finished record; `facts` and `settings` are those of this experiment only.
+
+        `solves` names what is told of ALSE, and where it is in the study.
+        """
         return Experiment(
             name=name,
             title=title,
@@ -131,7 +157,7 @@ class ExperimentRun:
             sizes=self.sizes,
             panels=panels,
             facts={
-                "alse": {entity: one.to_dict(self.tol) for entity, one in solves.items()},
+                "alse": {entity: self.solves(one) for entity, one in solves.items()},
                 "ordering": {panel.name: ordering(panel) for panel in panels},
                 "theory": agreement(panels, self.sizes),
                 **facts,

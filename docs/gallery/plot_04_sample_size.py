@@ -1,0 +1,50 @@
+"""
+How many realizations keep the error of the control below 5 %?
+==============================================================
+
+Asked before anything is drawn. Every bound answers with a number that is enough; the simulated one
+is close to the number that is needed, and the formulas hold for every probability.
+"""
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import stochens_rs as se
+
+plt.style.use(["seaborn-v0_8-colorblind", {"figure.constrained_layout.use": True}])
+
+system = se.cases.ieee14(dt=0.1)
+x0 = np.array([0.0, 0.02, -0.015, 0.01, -0.005, *[0.0] * 5])  # angles [rad], speeds [rad/s]
+xf = np.zeros(10)
+need = se.required_samples(system, x0, xf, 0.05, delta=0.01, quantity="control", rng=1)
+print(need)
+
+# %%
+# ``expected_size`` brings the root mean square error there, which is no guarantee.
+names = [row.name for row in need.rows] + ["expected error, no guarantee"]
+sizes = [row.size for row in need.rows] + [need.expected_size]
+
+# %%
+# On the right the error that one in a hundred repetitions exceeds, over the number of realizations.
+norm = np.linalg.norm(se.control(system, x0, xf).u)
+grid = np.geomspace(1000, 200_000, 6).astype(int)
+simulated = se.theory.bounds.bound("simulated", "control", system, x0, xf)
+radii = [simulated.radius(int(N), 0.01) / norm for N in grid]
+rms = [se.theory.moments.control_rms(system, x0, xf, int(N)) / norm for N in grid]
+
+fig, (left, right) = plt.subplots(1, 2, figsize=(10, 3.6), width_ratios=(1.2, 1))
+left.barh(names, sizes, color=["C0"] * (len(names) - 1) + ["0.7"])
+for k, size in enumerate(sizes):
+    left.text(size * 1.1, k, f"{size:,}", va="center", color="0.25")
+left.set(xscale="log", xlim=(1000, 10 * max(sizes)), xlabel="realizations that are enough")
+left.invert_yaxis()
+right.loglog(grid, radii, "o-", color="C0")
+right.loglog(grid, rms, color="0.5")
+right.axhline(0.05, color="C2", lw=1)
+right.text(grid[0], 0.052, "5 %", color="C2", va="bottom")
+right.text(grid[3], 1.3 * radii[3], "bound for 1 %", color="C0")
+right.text(grid[3], 0.5 * rms[3], "rms, exact", color="0.35", ha="right")
+right.set(xlabel="realizations N", ylabel="relative error of the control")
+for ax in (left, right):
+    ax.spines[["top", "right"]].set_visible(False)
+plt.show()

@@ -1,0 +1,162 @@
+"""Names and units of the states and inputs of a system."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+from ..exceptions import InputError, InputTypeError, ShapeError
+from . import gate
+from .records import Record
+
+_LISTED = 12  # most names in a cell of a table
+
+
+@dataclass(frozen=True)
+class Labels(Record):
+    """Names of the states and inputs of a system, and the units of some of them; hashable.
+
+    Attributes
+    ----------
+    states, inputs : tuple of str
+        The names, all different. The default of state i is ``x[i]``, that of input j ``u[j]``.
+    units : tuple of (name, unit)
+        The units that are known, in the order of the names.
+    """
+
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    units: tuple[tuple[str, str], ...] = ()
+
+    def __post_init__(self) -> None:
+        n, m = (len(gate.items(name, getattr(self, name))) for name in ("states", "inputs"))
+        names = checked_names(n, m, self.states, self.inputs, ("states", "inputs"))
+        units = checked_units((*names[0], *names[1]), self.units)
+        for name, value in (("states", names[0]), ("inputs", names[1]), ("units", units)):
+            object.__setattr__(self, name, value)
+
+    @property
+    def given(self) -> bool:
+        """Whether there is a name or a unit that is not the default."""
+        return self != default_labels(len(self.states), len(self.inputs))
+
+    def axis(self, name: str) -> str:
+        """What an axis says: ``delta_1 [rad]``, or the name alone if no unit is known."""
+        unit = dict(self.units).get(name)
+        return name if unit is None else f"{name} [{unit}]"
+
+    @property
+    def state_axes(self) -> tuple[str, ...]:
+        """The names of the states with their units."""
+        return tuple(self.axis(name) for name in self.states)
+
+    @property
+    def input_axes(self) -> tuple[str, ...]:
+        """The names of the inputs with their units."""
+        return tuple(self.axis(name) for name in self.inputs)
+
+    def state(self, i: int) -> str:
+        """What an error says: ``state 'delta_1'``, or ``state 0`` for a default name."""
+        return _said("state", "x", i, self.states[i])
+
+    def input(self, j: int) -> str:
+        """What an error says: ``input 'T_m3'``, or ``input 2`` for a default name."""
+        return _said("input", "u", j, self.inputs[j])
+
+    def rows(self) -> Iterator[tuple[str, str]]:
+        """Rows of a table: the names with their units, if any was given."""
+        if self.given:
+            for what, axes in (("states", self.state_axes), ("inputs", self.input_axes)):
+                yield what, ", ".join(axes[:_LISTED]) + ", …" * (len(axes) > _LISTED)
+
+
+@lru_cache(maxsize=64)
+def default_labels(n: int, m: int) -> Labels:
+    """``x[0], x[1], ...`` and ``u[0], u[1], ...``."""
+    return Labels(_numbered("x", n), _numbered("u", m))
+
+
+def made_labels(
+    n: int, m: int, states: object = None, inputs: object = None, units: object = None
+) -> Labels:
+    """Check the arguments `states`, `inputs` and `units` of a system with n states, m inputs."""
+    if states is None and inputs is None and units is None:
+        return default_labels(n, m)
+    names = checked_names(n, m, states, inputs, ("states", "inputs"))
+    if units is not None and not isinstance(units, Mapping):
+        raise InputTypeError(
+            "`units` must be a mapping from names of states and inputs to units, got "
+            f"{gate.show(units)}"
+        )
+    return Labels(*names, () if units is None else tuple(units.items()))
+
+
+def fitting(labels: object, n: int, m: int) -> None:
+    """Check the field `labels` of a record of n states and m inputs."""
+    if labels is not None:
+        found = gate.instance("labels", labels, Labels)
+        if (len(found.states), len(found.inputs)) != (n, m):
+            raise ShapeError(
+                f"`labels` must name {n} states and {m} inputs, got {len(found.states)} and "
+                f"{len(found.inputs)}"
+            )
+
+
+def checked_names(
+    n: int,
+    m: int,
+    states: object,
+    inputs: object,
+    arguments: tuple[str, str] = ("state_names", "input_names"),
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """The names of n states and m inputs, all different; None: ``x[0]``, ``u[0]``, ...."""
+    of_states = _names(arguments[0], states, n, "x")
+    of_inputs = _names(arguments[1], inputs, m, "u")
+    known = set(of_states)
+    twice = next((name for name in of_inputs if name in known), None)
+    if twice is not None:
+        raise InputError(
+            f"`{arguments[1]}` must differ from `{arguments[0]}`, got {twice[:40]!r} in both"
+        )
+    return of_states, of_inputs
+
+
+def checked_units(names: Sequence[str], units: object) -> tuple[tuple[str, str], ...]:
+    """The units, one line each, in the order of the names; those that are empty are left out."""
+    found: dict[str, str] = {}
+    for pair in gate.items("units", units):
+        if not isinstance(pair, (tuple, list)) or len(pair) != 2:
+            raise InputTypeError(f"`units` must be pairs (name, unit), got {gate.show(pair)}")
+        name, unit = pair
+        if not isinstance(name, str) or name not in names:
+            near = difflib.get_close_matches(str(name)[:40], names, n=1)
+            raise InputError(
+                "`units` must name states and inputs of the system, got "
+                f"{gate.show(name)}{f'; did you mean {near[0][:40]!r}?' if near else ''}"
+            )
+        if name in found:
+            raise InputError(f"`units` must name every state and input once, got {name[:40]!r}")
+        found[name] = " ".join(gate.text(f"units[{name[:40]!r}]", unit).split())
+    return tuple((name, found[name]) for name in names if found.get(name))
+
+
+def _names(argument: str, names: object, count: int, letter: str) -> tuple[str, ...]:
+    if names is None:
+        return _numbered(letter, count)
+    found = tuple(gate.text(argument, name) for name in gate.items(argument, names))
+    if len(found) != count:
+        raise ShapeError(f"`{argument}` must have {count} names, got {len(found)}")
+    if len(set(found)) < count:
+        twice = next(name for name in found if found.count(name) > 1)
+        raise InputError(f"`{argument}` must be different names, got {twice[:40]!r} twice")
+    return found
+
+
+def _numbered(letter: str, count: int) -> tuple[str, ...]:
+    return tuple(f"{letter}[{k}]" for k in range(count))
+
+
+def _said(what: str, letter: str, place: int, name: str) -> str:
+    return f"{what} {place}" if name == f"{letter}[{place}]" else f"{what} {name[:40]!r}"

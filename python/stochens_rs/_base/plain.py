@@ -1,0 +1,307 @@
+"""Records as plain data: numbers, texts, lists and dicts, and back by the declared types.
+
+A record is a class that `Record` has listed; what its constructor takes is what is written. Reading
+follows the declared types of that constructor, so that nothing else can be made or called.
+"""
+
+from __future__ import annotations
+
+import inspect
+import math
+import types as kinds_of_types
+from collections.abc import Callable
+from functools import cache
+from typing import (
+    TYPE_CHECKING,
+    Any,
+    Literal,
+    TypeAlias,
+    Union,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
+
+import numpy as np
+
+from ..exceptions import InputError, InputTypeError, StochensError
+from . import gate, types
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Put: TypeAlias = Callable[[str, NDArray[Any], bool], Any]
+    Get: TypeAlias = Callable[[str, dict[str, Any]], NDArray[Any]]
+
+# All classes that can be read, by their names: `Record` enters those of this package.
+RECORDS: dict[str, type[Any]] = {}
+DTYPES = ("float64", "int64", "int8", "bool", "uint8", "uint16", "uint32", "uint64")
+_NOT_FINITE = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
+_LONGEST = 2**63  # of whole numbers
+_EMPTY = 2**20  # the largest side of an array without entries
+
+
+@cache
+def declared(record: Any) -> dict[str, Any]:
+    """The arguments of the constructor of a record, and their types."""
+    made_by = getattr(record, "_made_by", record)
+    found = get_type_hints(made_by, localns={**vars(types), **RECORDS})
+    return {name: found[name] for name in inspect.signature(made_by).parameters}
+
+
+def written(name: str, value: Any, kind: Any, put: Put) -> Any:
+    """Return plain data for a value of the declared type `kind`; `put` writes the arrays."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    if value is None or isinstance(value, (bool, str)):
+        return value
+    if isinstance(value, int) and abs(value) < _LONGEST:
+        return value
+    if isinstance(value, float):
+        if math.isfinite(value):
+            return value
+        text = str(value)
+        return text if float in _options(kind) else {"type": "float", "value": text}
+    if isinstance(value, bytes):
+        return value.hex()
+    if isinstance(value, np.ndarray):
+        dtype = _dtype(kind)  # numpy takes None for float64
+        return put(name, value, dtype is not None and dtype == value.dtype)
+    if isinstance(value, tuple):
+        inner = _items(kind, len(value))
+        rows = [
+            written(f"{name}.{k}", item, of, put)
+            for k, (item, of) in enumerate(zip(value, inner or [Any] * len(value), strict=True))
+        ]
+        return {"type": "tuple", "items": rows} if inner is None else rows
+    if isinstance(value, list):
+        return [written(f"{name}.{k}", item, Any, put) for k, item in enumerate(value)]
+    if isinstance(value, dict) and all(isinstance(key, str) for key in value):
+        of = _values(kind)
+        found = {
+            key: written(f"{name}.{k}", item, Any if of is None else of, put)
+            for k, (key, item) in enumerate(value.items())
+        }
+        return {"type": "dict", "items": found} if of is None and "type" in value else found
+    record = type(value)
+    if RECORDS.get(record.__name__) is not record:
+        raise InputTypeError(f"`{name}` cannot be saved: {gate.show(value)}")
+    fields = declared(record)
+    at = f"{name}." if name else ""
+    parts = {
+        field: written(f"{at}{field}", part, fields[field], put)
+        for field, part in zip(fields, value.__reduce__()[1], strict=True)
+    }
+    if _short(record) and record in _options(kind):
+        return next(iter(parts.values()))
+    return {"type": record.__name__, **parts}
+
+
+def restored(name: str, value: Any, kind: Any, get: Get) -> Any:
+    """Undo `written`; what is not of the declared type is refused."""
+    options = _options(kind)
+    free = Any in options
+    if value is None or isinstance(value, bool):
+        if free or type(value) in options:
+            return value
+    elif isinstance(value, int):
+        if abs(value) < _LONGEST and (free or int in options or float in options):
+            return value
+    elif isinstance(value, float):
+        if math.isfinite(value) and (free or float in options):
+            return value
+    elif isinstance(value, str):
+        return _of_text(name, value, kind, options)
+    elif isinstance(value, list):
+        dtype = _dtype(kind)
+        if dtype is not None:
+            return of_list(name, value, dtype)
+        inner = _items(kind, len(value))
+        if inner is not None:
+            return tuple(
+                restored(f"{name}[{k}]", item, of, get)
+                for k, (item, of) in enumerate(zip(value, inner, strict=True))
+            )
+        if free:
+            return [restored(f"{name}[{k}]", item, Any, get) for k, item in enumerate(value)]
+    elif isinstance(value, dict):
+        return _of_dict(name, value, kind, options, get)
+    raise InputTypeError(f"`{name}` must be {_said(kind)}, got {gate.show(value)}")
+
+
+def listed(array: NDArray[Any]) -> Any:
+    """The entries as nested lists, ready for JSON: nan as None, infinite ones as "inf", "-inf"."""
+    if array.dtype.kind != "f" or np.isfinite(array).all():
+        return array.tolist()
+    kept = array.astype(object)
+    kept[np.isnan(array)] = None
+    kept[np.isposinf(array)], kept[np.isneginf(array)] = "inf", "-inf"
+    return kept.tolist()
+
+
+def shaped(name: str, array: NDArray[Any], shape: Any) -> NDArray[Any]:
+    """Return the array in this shape, which may come from anywhere."""
+    good = isinstance(shape, list) and len(shape) <= 8
+    good = good and all(type(side) is int and side >= 0 for side in shape)
+    if not good or math.prod(shape) != array.size or (not array.size and max(shape) > _EMPTY):
+        raise InputError(f"`{name}` must have {array.size} entries, got another shape")
+    return array.reshape(shape)
+
+
+def _of_text(name: str, value: str, kind: Any, options: tuple[Any, ...]) -> Any:
+    if Any in options or str in options:
+        return value
+    words = [word for one in options if get_origin(one) is Literal for word in get_args(one)]
+    if value in words:
+        return value
+    if float in options and value in _NOT_FINITE:
+        return _NOT_FINITE[value]
+    short = [one for one in options if _short(one)]
+    if short:
+        return _made(name, short[0], dict.fromkeys(declared(short[0]), value), _no_arrays)
+    if bytes in options:
+        try:
+            return bytes.fromhex(value)
+        except ValueError:
+            raise InputError(f"`{name}` must be hexadecimal, got {gate.show(value)}") from None
+    if words:
+        gate.choice(name, value, tuple(words))
+    raise InputTypeError(f"`{name}` must be {_said(kind)}, got {gate.show(value)}")
+
+
+def of_list(name: str, value: list[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Undo `listed`."""
+    if dtype.kind == "f":
+        value = _numbers(name, value)
+    try:
+        found = np.array(value)
+        good = found.dtype.kind in ("iuf" if dtype.kind == "f" else dtype.kind.replace("u", "iu"))
+        array = found.astype(dtype)
+        good = good and (dtype.kind == "f" or bool((array == found).all()))
+    except (ValueError, OverflowError):
+        good = False
+    if not good or not array.size:
+        raise InputTypeError(f"`{name}` must be nested lists of {dtype.name} of equal lengths")
+    return array
+
+
+def _numbers(name: str, value: list[Any]) -> list[Any]:
+    """Nested lists with numbers in the places of what `listed` writes for those not finite."""
+    found: list[Any] = []
+    for item in value:
+        if isinstance(item, list):
+            found.append(_numbers(name, item))
+        elif item is None:
+            found.append(math.nan)
+        elif isinstance(item, str) and item in _NOT_FINITE:
+            found.append(_NOT_FINITE[item])
+        elif type(item) is float or (type(item) is int and abs(item) < _LONGEST):
+            found.append(float(item))
+        else:
+            raise InputTypeError(f"`{name}` must be nested lists of numbers")
+    return found
+
+
+def _of_dict(
+    name: str, value: dict[str, Any], kind: Any, options: tuple[Any, ...], get: Get
+) -> Any:
+    free, of = Any in options, _values(kind)
+    if of is not None or (free and "type" not in value):
+        inner = Any if of is None else of
+        at = (f"{name}[{key!r:.40}]" for key in value)
+        return {key: restored(next(at), item, inner, get) for key, item in value.items()}
+    what = value.get("type")
+    rest = {key: item for key, item in value.items() if key != "type"}
+    if what == "array" and (free or any(get_origin(one) is np.ndarray for one in options)):
+        array, wanted = get(name, rest), _dtype(kind)
+        if wanted is not None and array.dtype != wanted:
+            raise InputTypeError(f"`{name}` must be of {wanted.name}, got {array.dtype.name}")
+        return array
+    if free and what == "tuple" and isinstance(rest.get("items"), list):
+        return tuple(restored(name, item, Any, get) for item in rest["items"])
+    if free and what == "dict" and isinstance(rest.get("items"), dict):
+        return {key: restored(name, item, Any, get) for key, item in rest["items"].items()}
+    if free and what == "float" and rest.get("value") in tuple(_NOT_FINITE):
+        return _NOT_FINITE[rest["value"]]
+    record = RECORDS.get(what) if isinstance(what, str) else None
+    bases = tuple(one for one in options if isinstance(one, type) and get_origin(one) is None)
+    if record is None or not (free or issubclass(record, bases)):
+        shown = gate.show(what if "type" in value else value)
+        raise InputTypeError(f"`{name}` must be {_said(kind)}, got {shown}")
+    return _made(name, record, rest, get)
+
+
+def _made(name: str, record: type[Any], fields: dict[str, Any], get: Get) -> Any:
+    """Call the constructor of a record, which checks the fields."""
+    wanted, at = declared(record), f"{name}." if name else ""
+    for field in (*wanted, *fields):
+        if (field in wanted) != (field in fields):
+            problem = "is missing" if field in wanted else "is no field"
+            shown = f"`{at}{field}`" if field in wanted else gate.show(field)
+            raise InputError(f"{shown} {problem} of {gate.article(record)}")
+    given = {field: restored(f"{at}{field}", fields[field], wanted[field], get) for field in wanted}
+    try:
+        made = getattr(record, "_made_by", record)(**given)
+        made._verify()
+    except (StochensError, MemoryError):
+        raise
+    except Exception as error:  # whatever fields that do not go together lead to
+        where, text = f"`{name}`" if name else "the data", " ".join(str(error).split())
+        raise InputError(f"{where} cannot be {gate.article(record)}: {text:.200}") from error
+    return made
+
+
+def _no_arrays(name: str, _: dict[str, Any]) -> NDArray[Any]:
+    raise InputTypeError(f"`{name}` must not be an array")
+
+
+def _options(kind: Any) -> tuple[Any, ...]:
+    """The types of a union; of another type this type alone."""
+    union = get_origin(kind) in (Union, kinds_of_types.UnionType)
+    return get_args(kind) if union else (kind,)
+
+
+def _dtype(kind: Any) -> np.dtype[Any] | None:
+    """The dtype of a declared array; None if there is no array, or one of any dtype."""
+    for one in _options(kind):
+        if get_origin(one) is np.ndarray:
+            scalar = get_args(get_args(one)[1])[0]
+            return None if scalar is Any else np.dtype(scalar)
+    return None
+
+
+def _items(kind: Any, count: int) -> list[Any] | None:
+    """The types of the items of a declared tuple with this many; None if there is none."""
+    for one in _options(kind):
+        if get_origin(one) is tuple:
+            inner = get_args(one)
+            if inner[-1] is Ellipsis:
+                return [inner[0]] * count
+            if len(inner) == count:
+                return list(inner)
+    return None
+
+
+def _values(kind: Any) -> Any:
+    """The type of the values of a declared dict; None if there is none."""
+    found = [get_args(one)[1] for one in _options(kind) if get_origin(one) is dict]
+    return found[0] if found else None
+
+
+def _short(kind: Any) -> bool:
+    """Whether a class is a record with one field of bytes, as `Key`."""
+    listed = isinstance(kind, type) and RECORDS.get(kind.__name__) is kind
+    return listed and list(declared(kind).values()) == [bytes]
+
+
+def _said(kind: Any) -> str:
+    """A declared type in words."""
+    names = []
+    for one in _options(kind):
+        if get_origin(one) is Literal:
+            names += [repr(word) for word in get_args(one)]
+        elif get_origin(one) is np.ndarray:
+            names.append("nested lists")
+        else:
+            names.append("None" if one is type(None) else getattr(one, "__name__", str(one)))
+    return " or ".join(names)

@@ -1,0 +1,206 @@
+"""Records with axes as data sets of xarray and tables of pandas, with names and units."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..exceptions import InputError
+from . import memory
+from .extras import extra
+from .files import versions
+from .labels import Labels, default_labels
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+    from numpy.typing import NDArray
+
+    from .types import Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Cube:
+    """Arrays with named dimensions.
+
+    Attributes
+    ----------
+    variables : dict of str to (dims, array, unit)
+        The unit is a text, or "state" or "input": that of the states or inputs along the last
+        dimension. Those whose array is None are left out.
+    coordinates : dict of str to (array, unit)
+        Along the dimensions of these names.
+    attrs : dict
+        Texts and numbers, the key as text; None is left out.
+    labels : Labels, optional
+        Names along the dimensions "state" and "input".
+    """
+
+    variables: dict[str, tuple[tuple[str, ...], NDArray[Any] | None, str | None]]
+    coordinates: dict[str, tuple[NDArray[Any], str | None]]
+    attrs: dict[str, Any]
+    labels: Labels | None = None
+
+    def there(self) -> dict[str, tuple[tuple[str, ...], NDArray[Any], str | None]]:
+        """The variables that are not None."""
+        return {
+            name: (dims, array, unit)
+            for name, (dims, array, unit) in self.variables.items()
+            if array is not None
+        }
+
+    def names(self, dim: str) -> tuple[str, ...] | None:
+        """The names along "state" or "input"."""
+        if self.labels is None:
+            return None
+        return {"state": self.labels.states, "input": self.labels.inputs}.get(dim)
+
+    def about(self) -> dict[str, Any]:
+        """The attributes, with the versions."""
+        return {name: one for name, one in (self.attrs | versions()).items() if one is not None}
+
+
+class Tabled:
+    """Base of the records that have axes."""
+
+    __slots__ = ()
+
+    def _cube(self) -> Cube:
+        raise NotImplementedError
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Give the arrays named dimensions, coordinates and units.
+
+        Returns
+        -------
+        xarray.Dataset
+            Along "state" and "input" stand the names of the system; their units, where some are
+            known, are the coordinates "state_unit" and "input_unit", and ``attrs["units"]`` of a
+            variable whose entries all have the same. "time" [s] where the length of a step is
+            known, else "step". Inputs have nan at the last time, where none acts. ``attrs`` has
+            the key and the versions.
+
+        Raises
+        ------
+        ImportError
+            If xarray is not installed (extra ``tables``).
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> system = se.System([[0.5]], [[1.0]], dt=0.1, states=["T"], units={"T": "K"})
+        >>> data = se.simulate(system, [2.0], [[1.0], [0.0]]).to_xarray()
+        >>> data["states"].dims, data["states"].attrs
+        (('time', 'state'), {'units': 'K'})
+        >>> float(data["states"].sel(state="T", time=0.2))
+        1.0
+        """
+        with extra("data sets need xarray", "tables"):
+            import xarray
+        cube = self._cube()
+        there = cube.there()
+        memory.need("the data set", sum(array.nbytes for _, array, _ in there.values()))
+        units = {} if cube.labels is None else dict(cube.labels.units)
+        coordinates: dict[str, Any] = {
+            name: (name, array, {} if unit is None else {"units": unit})
+            for name, (array, unit) in cube.coordinates.items()
+        }
+        same: dict[str, str] = {}
+        used = {dim for dims, _, _ in there.values() for dim in dims}
+        for dim in sorted(used):
+            names = cube.names(dim.removeprefix("from_").removeprefix("other_"))
+            if names is None:
+                continue
+            coordinates[dim] = (dim, np.array(names, dtype=object))
+            own = [units.get(name, "") for name in names]
+            if any(own) and dim in ("state", "input"):
+                coordinates[f"{dim}_unit"] = (dim, np.array(own, dtype=object))
+                if len(set(own)) == 1:
+                    same[dim] = own[0]
+        variables = {}
+        for name, (dims, array, unit) in there.items():
+            found = same.get(unit) if unit in ("state", "input") else unit
+            variables[name] = (dims, array, {} if found is None else {"units": found})
+        return xarray.Dataset(variables, coordinates, cube.about())
+
+
+class Timed(Tabled):
+    """Base of the records over time."""
+
+    __slots__ = ()
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """One row for each time.
+
+        Returns
+        -------
+        pandas.DataFrame
+            The index is "time" [s] where the length of a step is known, else "step". The columns
+            are the states, then the inputs, by their names, with nan in the last row of the
+            inputs, where none acts; then what else is known of each, such as ``variance[p]``.
+            ``attrs`` has "units" by name, the key and the versions.
+
+        Raises
+        ------
+        ImportError
+            If pandas is not installed (extra ``tables``).
+        InputError
+            If a name of yours is that of another column.
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> system = se.System([[0.5]], [[1.0]], dt=0.1, states=["T"], inputs=["heat"])
+        >>> se.simulate(system, [2.0], [[1.0], [0.0]]).to_pandas()
+                T  heat
+        time
+        0.0   2.0   1.0
+        0.1   2.0   0.0
+        0.2   1.0   NaN
+        """
+        with extra("tables need pandas", "tables"):
+            import pandas
+        cube = self._cube()
+        clock, (times, _) = next(iter(cube.coordinates.items()))
+        columns: dict[str, Any] = {}
+        seen: set[str] = set()
+        for name, (dims, array, _) in cube.there().items():
+            if dims not in ((clock, "state"), (clock, "input")):
+                continue
+            plain = dims[1] not in seen
+            seen.add(dims[1])
+            for own, column in zip(cube.names(dims[1]) or (), array.T, strict=True):
+                title = own if plain else f"{name}[{own}]"
+                if title in columns:
+                    raise InputError(f"two columns would be '{title:.60}': use to_xarray()")
+                columns[title] = column
+        found = pandas.DataFrame(columns, index=pandas.Index(times, name=clock))
+        units = {} if cube.labels is None else dict(cube.labels.units)
+        found.attrs = {**cube.about(), "units": units}
+        return found
+
+
+def over_time(
+    steps: int, dt: float | None, times: Floats | None = None
+) -> tuple[str, dict[str, tuple[NDArray[Any], str | None]]]:
+    """The dimension of K + 1 times and its coordinate: "time" [s], or "step"."""
+    if dt is None:
+        return "step", {"step": (np.arange(steps + 1), None)}
+    return "time", {"time": (np.arange(steps + 1) * dt if times is None else times, "s")}
+
+
+def padded(rows: NDArray[Any] | None, *, first: bool = False) -> Floats | None:
+    """Rows of K steps as those of K + 1 times, with nan in the last one, or in the first."""
+    if rows is None:
+        return None
+    missing = np.full((*rows.shape[:-2], 1, rows.shape[-1]), np.nan)
+    parts = (missing, rows) if first else (rows, missing)
+    found: Floats = np.concatenate(parts, axis=-2, dtype=np.float64)
+    return found
+
+
+def named(labels: Labels | None, n: int, m: int) -> Labels:
+    """The labels of n states and m inputs, by default ``x[0]``, ..., ``u[0]``, ...."""
+    return default_labels(n, m) if labels is None else labels

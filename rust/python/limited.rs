@@ -1,0 +1,110 @@
+//! Controls within limits, as Python sees them.
+
+use numpy::PyArray1;
+use pyo3::prelude::*;
+
+use super::convert::array1;
+use crate::limits::{RowsSolution, Solution};
+use crate::memory::try_copy;
+
+/// A control within limits, and how far from the best one it can be.
+#[pyclass(frozen, subclass, module = "stochens_rs._core")]
+pub(super) struct BoxControl(pub(super) Solution);
+
+#[pymethods]
+impl BoxControl {
+    #[getter]
+    fn control<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        Ok(array1(py, try_copy("a control", &self.0.control)?))
+    }
+
+    #[getter]
+    fn active<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<i8>>> {
+        Ok(PyArray1::from_vec(py, try_copy("the limits of a control", &self.0.active)?))
+    }
+
+    #[getter]
+    fn multipliers<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        Ok(array1(py, try_copy("the multipliers of a control", &self.0.multipliers)?))
+    }
+
+    #[getter]
+    fn status(&self) -> &'static str {
+        self.0.status.as_str()
+    }
+
+    #[getter]
+    fn gap(&self) -> f64 {
+        self.0.gap
+    }
+
+    #[getter]
+    fn frank_wolfe(&self) -> f64 {
+        self.0.frank_wolfe
+    }
+
+    #[getter]
+    fn distance(&self) -> f64 {
+        self.0.distance
+    }
+
+    #[getter]
+    fn objective(&self) -> f64 {
+        self.0.objective
+    }
+
+    #[getter]
+    fn at_zero(&self) -> f64 {
+        self.0.at_zero
+    }
+
+    #[getter]
+    fn iterations(&self) -> usize {
+        self.0.iterations
+    }
+
+    #[getter]
+    fn method(&self) -> &'static str {
+        self.0.method.as_str()
+    }
+}
+
+/// A control with limits on states or rates as well.
+#[pyclass(frozen, extends = BoxControl, module = "stochens_rs._core")]
+pub(super) struct RowsControl {
+    rates: Vec<f64>,
+    states: Vec<f64>,
+    missing: f64,
+    excess: f64,
+}
+
+#[pymethods]
+impl RowsControl {
+    #[getter]
+    fn rates<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        Ok(array1(py, try_copy("the multipliers of the rates", &self.rates)?))
+    }
+
+    #[getter]
+    fn states<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        Ok(array1(py, try_copy("the multipliers of the states", &self.states)?))
+    }
+
+    #[getter]
+    fn missing(&self) -> f64 {
+        self.missing
+    }
+
+    #[getter]
+    fn excess(&self) -> f64 {
+        self.excess
+    }
+}
+
+impl RowsControl {
+    pub(super) fn of(py: Python<'_>, solution: RowsSolution) -> PyResult<Py<Self>> {
+        let RowsSolution { found, rates, states, missing, excess } = solution;
+        let own = Self { rates, states, missing, excess };
+        Py::new(py, PyClassInitializer::from(BoxControl(found)).add_subclass(own))
+    }
+}

@@ -1,0 +1,108 @@
+"""Every example of the gallery runs, prints no warning, and draws a figure."""
+
+from __future__ import annotations
+
+import ast
+import re
+import runpy
+import time
+import warnings
+from pathlib import Path
+
+import pytest
+
+import stochens_rs
+
+pytest.importorskip("matplotlib")
+
+GALLERY = Path(__file__).resolve().parents[2] / "docs" / "gallery"
+EXAMPLES = sorted(GALLERY.glob("plot_*.py"))
+
+
+def test_there_are_examples():
+    assert len(EXAMPLES) >= 12
+
+
+@pytest.fixture
+def pyplot(monkeypatch):
+    """Pyplot that opens no window, as it was before afterwards."""
+    import matplotlib
+
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    with matplotlib.rc_context():
+        matplotlib.use("agg")
+        import matplotlib.pyplot as plt
+
+        plt.close("all")
+        monkeypatch.setattr(plt, "show", lambda: None)
+        yield plt
+        plt.close("all")
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_example_draws_a_figure_without_warnings(path, pyplot, record_property, capsys):
+    begin = time.perf_counter()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        runpy.run_path(str(path), run_name="__main__")
+    record_property("seconds", round(time.perf_counter() - begin, 2))
+    figures = [pyplot.figure(number) for number in pyplot.get_fignums()]
+    assert figures, "no figure"
+    assert all(ax.has_data() for figure in figures for ax in figure.axes)
+    assert "warning" not in capsys.readouterr().err.lower()
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_example_asks_a_question_and_uses_public_names_only(path):
+    tree = ast.parse(path.read_text("utf-8"))
+    title, line = (ast.get_docstring(tree) or "").splitlines()[:2]
+    assert title.endswith("?"), "the title is a question"
+    assert line == "=" * len(title)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom):
+            assert not (node.module or "").startswith("stochens_rs")
+        if isinstance(node, ast.Attribute):
+            assert not node.attr.startswith("_")
+
+
+THEORY = GALLERY.parent / "theory"
+
+
+@pytest.mark.parametrize("path", sorted(THEORY.glob("[a-z]*.md")), ids=lambda path: path.stem)
+def test_blocks_of_theory_run_and_print_what_they_say(path, capsys):
+    if path.stem == "claims":
+        pytest.skip("written when the site is built")
+    namespace = {"__name__": "__theory__"}
+    found = re.findall(r"^```python\n(.*?)^```$", path.read_text("utf-8"), re.M | re.S)
+    assert found or path.stem == "index"
+    for block in found:
+        exec(compile(block, f"{path}:block", "exec"), namespace)
+        expected = re.findall(r"^print\(.*\)\s+# (.*)$", block, re.M)
+        assert expected
+        assert capsys.readouterr().out.splitlines() == expected
+
+
+def test_page_of_claims_has_every_statement(tmp_path):
+    names = runpy.run_path(str(THEORY / "_claims.py"))
+    claims = stochens_rs.paper.claims(rng=1, quick=True)
+    text = names["page"](claims)
+    assert text == names["page"](claims)
+    for k, row in enumerate(claims.rows, start=1):
+        assert f"](#claim-{k}) | {row.verdict} |" in text
+        assert (
+            f"(claim-{k})=\n## {names['readable'](row.item)}\n\n**{row.verdict.capitalize()}"
+            in text
+        )
+        assert all(names["readable"](one.text) in text for one in row.evidence)
+    assert len(re.findall(r"^## ", text, re.M)) == len(claims.rows)
+
+
+@pytest.mark.parametrize("path", sorted(THEORY.glob("[a-z]*.md")), ids=lambda path: path.stem)
+def test_formulas_are_written_as_mathml_is_made_of_them(path):
+    """Arguments have braces, and no subscript is on an accent: it would go below the letter."""
+    text = path.read_text("utf-8")
+    assert re.findall(r"\\(?:frac|binom|hat|bar)(?!\{).*", text) == []
+    assert re.findall(r"\\(?:hat|bar)\{.\}_.*", text) == []
+    assert re.findall(r"^\|.*\\\|.*", text, re.M) == [], (
+        "in a table this is one stroke: use \\lVert"
+    )

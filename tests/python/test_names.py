@@ -1,0 +1,189 @@
+"""Names and units of states and inputs: checked once, kept, and shown with every result."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from stochens_rs._base.labels import Labels, default_labels
+from stochens_rs.exceptions import InputError, InputTypeError, ShapeError, StochensError
+from test_gate import assert_one_short_line
+
+A, B = [[1.0, 0.1], [0.0, 0.9]], [[0.0], [0.1]]
+NAMED = {"states": ["p", "v"], "inputs": ["F"], "units": {"F": "N", "p": "m"}}
+CART = se.System(A, B, dt=0.1, **NAMED)
+LABELS = Labels(("p", "v"), ("F",), (("p", "m"), ("F", "N")))
+
+
+def test_a_system_keeps_names_and_units():
+    assert CART.state_names == ("p", "v")
+    assert CART.input_names == ("F",)
+    assert CART.units == {"p": "m", "F": "N"}
+    assert CART.labels == LABELS
+    assert CART.labels.given
+    CART.units["v"] = "a copy"
+    assert "v" not in CART.units
+
+
+def test_defaults_are_those_of_models():
+    plain = se.System(A, B)
+    assert plain.state_names == ("x[0]", "x[1]")
+    assert plain.input_names == ("u[0]",)
+    assert plain.units == {}
+    assert not plain.labels.given
+    data = se.Trajectories([np.eye(3)[:, :2]], [[[1.0], [0.0]]])
+    assert (data.state_names, data.input_names) == (plain.state_names, plain.input_names)
+
+
+@pytest.mark.parametrize(
+    "again", [copy.copy, copy.deepcopy, lambda s: pickle.loads(pickle.dumps(s))]
+)
+def test_copies_keep_them(again):
+    assert again(CART).labels == LABELS
+    assert again(se.System(A, B)).labels == default_labels(2, 1)
+
+
+def test_systems_are_compared_by_their_numbers():
+    plain = se.System(A, B, dt=0.1)
+    assert plain == CART
+    assert hash(plain) == hash(CART)
+
+
+BAD = {
+    "too few": ({"states": ["p"]}, ShapeError, "`states` must have 2 names, got 1"),
+    "too many": ({"inputs": ["F", "G"]}, ShapeError, "`inputs` must have 1 names, got 2"),
+    "a string": ({"states": "pv"}, InputTypeError, "`states` must be a list"),
+    "a number": ({"states": ["p", 1]}, InputTypeError, "`states` must be a string"),
+    "twice": ({"states": ["p", "p"]}, InputError, "`states` must be different names, got 'p'"),
+    "in both": (
+        {"states": ["p", "F"], "inputs": ["F"]}, InputError,
+        "`inputs` must differ from `states`, got 'F' in both",
+    ),
+    "a default of the other": ({"states": ["p", "u[0]"]}, InputError, "got 'u[0]' in both"),
+    "surrogate": ({"states": ["p", "\ud800"]}, InputError, "`states` must be valid UTF-8"),
+    "many lines": ({"states": ["a\nb" * 99] * 2}, InputError, r"got 'a\nba"),
+    "units as a list": ({"units": ["m"]}, InputTypeError, "`units` must be a mapping"),
+    "unit of nothing": (
+        {**NAMED, "units": {"w": "m"}}, InputError,
+        "`units` must name states and inputs of the system, got str 'w'",
+    ),
+    "a near miss": (
+        {"states": ["speed", "v"], "units": {"sped": "m"}}, InputError, "did you mean 'speed'?"
+    ),
+    "unit of a number": ({"units": {0: "m"}}, InputError, "`units` must name states"),
+    "unit that is none": ({**NAMED, "units": {"p": 1}}, InputTypeError, "`units['p']`"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", BAD)
+def test_wrong_names_are_refused(what):
+    given, kind, said = BAD[what]
+    with pytest.raises(kind) as caught:
+        se.System(A, B, **given)
+    assert said in str(caught.value)
+    assert_one_short_line(caught.value)
+
+
+def test_text_of_axes_and_errors():
+    assert LABELS.state_axes == ("p [m]", "v")
+    assert LABELS.input_axes == ("F [N]",)
+    assert (LABELS.state(1), LABELS.input(0)) == ("state 'v'", "input 'F'")
+    assert default_labels(2, 1).state(1) == "state 1"
+    assert Labels(("p", "v"), ("F",), (("F", " N\n/m "), ("p", ""))).units == (("F", "N /m"),)
+
+
+def test_records_refuse_labels_of_another_size():
+    plan = se.control(CART, [1.0, 0.0], [0.0, 0.0], steps=2)
+    wrong = default_labels(3, 1)
+    for record in (plan, se.simulate(CART, [1.0, 0.0], plan.u)):
+        from dataclasses import replace
+
+        assert record.labels == LABELS
+        with pytest.raises(ShapeError, match="`labels` must name 2 states and 1 inputs, got 3"):
+            replace(record, labels=wrong)
+        with pytest.raises(InputTypeError, match="`labels` must be a Labels"):
+            replace(record, labels="p, v")
+
+
+def model():
+    gen = np.random.default_rng(1)
+    x, u = gen.standard_normal((60, 2)), gen.standard_normal((60, 1))
+    after = x @ np.transpose(A) + u @ np.transpose(B) + 0.01 * gen.standard_normal((60, 2))
+    data = se.Trajectories.from_pairs(x, u, after, state_names=["p", "v"], input_names=["F"])
+    return se.identify(data)
+
+
+def test_every_result_has_the_names():
+    x0, xf = [1.0, 0.0], [0.0, 0.0]
+    fit = se.fuse(se.sample(CART.A, 50, rng=1))
+    assert se.control((fit, CART.B), x0, xf).labels == default_labels(2, 1)
+    assert se.steer(CART, x0, xf, 50, steps=3, rng=1).labels == LABELS
+    assert se.control(CART, x0, xf, steps=3, limits=(-1.0, 1.0)).labels == LABELS
+    assert se.simulate_ensemble(CART, x0, [[1.0]], 5, rng=1).labels == LABELS
+    found, bare = model(), Labels(("p", "v"), ("F",))
+    assert found.system.labels == found.labels == bare
+    assert se.control(found, x0, xf, steps=3).labels == bare
+    assert se.predict(found, x0, [[1.0]]).labels == bare
+    plan = se.control(CART, x0, xf, steps=3)
+    assert pickle.loads(pickle.dumps(plan)).labels == LABELS
+
+
+def texts(figure):
+    shown = []
+    for ax in figure.axes:
+        shown.append(ax.get_ylabel())
+        if ax.get_legend() is not None:
+            shown += [text.get_text() for text in ax.get_legend().get_texts()]
+    return shown
+
+
+def test_figures_and_notebooks_show_names_and_units():
+    x0, u = [1.0, 0.0], [[1.0], [0.0]]
+    for path in (se.simulate(CART, x0, u), se.simulate_ensemble(CART, x0, u, 9, rng=1)):
+        assert [t for t in texts(path.plot().figure) if t in ("p [m]", "v")] == ["p [m]", "v"]
+        assert "p [m], v" in path._repr_html_()
+        assert "F [N]" in path._repr_html_()
+    plan = se.control(CART, x0, [0.0, 0.0], steps=4, limits=(-50.0, 50.0))
+    assert texts(plan.plot()) == ["p [m]", "v", "F [N]"]
+    assert "p [m], v" in plan._repr_html_()
+    assert "p [m], v" in CART._repr_html_()
+    loop = se.regulate(CART, 3, limits=(-1.0, 1.0))
+    loop([1.0, 0.0])
+    assert texts(loop.plot())[:3] == ["p [m]", "v", "F [N]"]
+    bare = se.simulate((A, B), x0, u)
+    assert texts(bare.plot().figure) == ["state", "$x_{0}$", "$x_{1}$"]
+    assert "x[0]" not in bare._repr_html_()
+
+
+def test_hostile_names_are_drawn_as_they_are(tmp_path):
+    names = ["$\\frac", "_hidden", "a\nb", "50 $ and 60 $", "<b>&", "x" * 300, "\\$", "^_{"]
+    system = se.System(0.5 * np.eye(8), np.ones((8, 1)), states=names, inputs=["__$"])
+    path = se.simulate(system, np.ones(8), [[1.0]])
+    ax = path.plot()
+    ax.figure.savefig(tmp_path / "names.png")
+    shown = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert len(shown) == 8
+    assert shown[2] == "a b"
+    assert len(shown[5]) == 40
+    se.control(system, np.ones(8), np.zeros(8), limits=(-1, 1)).plot().savefig(tmp_path / "p.png")
+    assert "&lt;b&gt;&amp;" in path._repr_html_()
+
+
+def test_cases_have_names_and_units():
+    for make, g in ((se.cases.ieee14, 5), (se.cases.ieee39, 10)):
+        system = make()
+        assert system.state_names[:1] + system.state_names[-1:] == ("delta_1", f"omega_{g}")
+        assert system.input_names[-1] == f"P_{g}"
+        assert len(system.units) == 3 * g
+        assert (system.units["delta_1"], system.units["omega_1"]) == ("rad", "rad/s")
+        assert system.units["P_2"] == "pu"
+
+
+def test_nothing_of_a_system_is_changed_by_wrong_names():
+    with pytest.raises(StochensError):
+        se.System(A, B, states=["p"])
+    assert default_labels(2, 1) == Labels(("x[0]", "x[1]"), ("u[0]",))

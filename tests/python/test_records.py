@@ -1,0 +1,372 @@
+"""Records: files, plain data and pickles give back every bit, or a clear error."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import pickle
+import struct
+import warnings
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+
+import stochens_rs as se
+from stochens_rs._base import plain
+from stochens_rs._base.records import Record, SavedRecord
+from stochens_rs.exceptions import (
+    InputTypeError,
+    StochensError,
+)
+
+SYSTEM = se.System(
+    [[1.0, 0.1], [0.0, 0.9]],
+    [[0.0], [0.1]],
+    dt=0.1,
+    states=["Größe", "v"],
+    inputs=["F"],
+    units={"v": "m/s", "F": "N"},
+)
+A, B, X0, XF = SYSTEM.A, SYSTEM.B, [1.0, 0.5], [0.0, 0.0]
+
+
+def key(name: str) -> se.Key:
+    return se.Key(bytes(range(32))).child(name)
+
+
+def data(N: int = 60) -> se.Trajectories:
+    x, w, u = np.random.default_rng(3).standard_normal((3, N, 2))
+    u = u[:, :1]
+    return se.Trajectories.from_pairs(x, u, x @ A.T + u @ B.T + 0.01 * w, dt=0.1)
+
+
+def model(**options: Any) -> se.Model:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return se.identify(data(), **({"design": "independent"} | options))
+
+
+def drawn(name: str, values: Any, size: int = 50, **options: Any) -> se.Ensemble:
+    return se.sample(values, size, rng=key(name), **options)
+
+
+def control(A_: Any = A, x0: Any = X0, xf: Any = XF, **options: Any) -> se.Plan:
+    return se.control((A_, B), x0, xf, **options)
+
+
+def fused() -> Any:
+    return se.fuse([(A, B), (0.9 * A, B)], "alse", data=data(), design="independent")
+
+
+PLANS = {
+    "exact": lambda: control(steps=3),
+    "iid": lambda: control(drawn("A", A), drawn("x0", X0), steps=4),
+    "rows": lambda: control(drawn("A", A, axis="rows"), drawn("x0", X0)),
+    "systematic": lambda: control(drawn("A", A, scheme="systematic"), steps=2),
+    "diagonal": lambda: control(drawn("A", A), drawn("x0", X0), fusion="diagonal"),
+    "plan of counts": lambda: control(se.sample_counts(A, 10**6, rng=key("A")), steps=3),
+    "fits": lambda: control(
+        se.fuse(drawn("A", A), "alse", target=A),
+        se.fuse(drawn("x0", X0), "slse", target=X0),
+        steps=2,
+    ),
+    "brought": lambda: control(se.Ensemble.from_samples(drawn("A", A).dense()), steps=2),
+    "estimate": lambda: control(model().bootstrap(20, rng=1).realizations_of_A(), steps=2),
+    "limits": lambda: control(drawn("A", A), drawn("x0", X0), steps=4, limits=(-2.0, 2.0)),
+    "rows of limits": lambda: control(
+        A,
+        drawn("x0", X0),
+        steps=4,
+        Q=1.0,
+        rate=1.0,
+        previous=[0.0],
+        state_limits=([-3.0, -9.0], None),
+    ),
+    "soft": lambda: control(steps=3, Q=1.0, state_limits=(-0.1, 0.1), soft=5.0),
+    "reference": lambda: control(xf=None, steps=3, Q=1.0, reference=np.ones((4, 2))),
+    "steer": lambda: se.steer(SYSTEM, X0, XF, 100, steps=3, rng=2),
+    "plan of a model": lambda: se.control(model(), X0, XF, steps=3),
+    "model, one step": lambda: se.control(model(covariance="diagonal"), X0, XF),
+    "model, limits": lambda: se.control(model(sigma=0.01), X0, XF, steps=3, limits=(-9.0, 9.0)),
+    "model, signs": lambda: se.control(model(noise="symmetric", rng=5), X0, XF),
+    "model, known": lambda: se.control(model(known_B=B), X0, XF, steps=2),
+    "model, intercept": lambda: se.control(model(intercept=True), X0, XF, steps=2),
+    "fused model": lambda: se.control(fused(), X0, XF, steps=2),
+    "by hand": lambda: replace(PLANS["exact"](), basis=None, info={}),
+}
+PARTS = {
+    "fit": lambda: se.fuse(drawn("A", A), "alse", target=A),
+    "fit per column": lambda: se.fuse(drawn("A", A), "alse", target=A, weight_set="per-column"),
+    "fit without target": lambda: se.fuse(drawn("x0", X0)),
+    "fit of samples": lambda: se.fuse(
+        se.Ensemble.from_samples(drawn("A", A, 9).dense(), centre="truth"), "alse", target=A
+    ),
+    "path": lambda: se.fuse_path(drawn("A", A), [1, 5, 50], "alse", target=A, estimates=True),
+    "trajectory": lambda: se.simulate(SYSTEM, X0, [[1.0], [0.0]]),
+    "no steps": lambda: se.simulate((A, B), X0, np.zeros((0, 1))),
+    "mean": lambda: se.simulate_ensemble(SYSTEM, X0, [[1.0], [0.0]], 9, rng=1),
+    "runs": lambda: se.simulate_ensemble(
+        (A, B), X0, [[1.0]], 9, rng=1, covariance="full", return_runs=True
+    ),
+    "models": lambda: se.simulate_ensemble(model().bootstrap(7, rng=1), X0, [[1.0]]),
+    "tracking": lambda: se.track(SYSTEM, [[1.0, 1.0], [1.1, 1.0]], 10, rng=1),
+    "ensemble": lambda: drawn("A", A, axis="rows"),
+    "many entries": lambda: drawn("x", np.arange(1.0, 400.0)),
+    "part": lambda: drawn("A", A, scheme="systematic").prefix(7),
+    "given": lambda: se.Ensemble.from_indices([0, 1, 1], [1.0, -2.0]),
+    "counts": lambda: se.sample_counts(A, 10**9, rng=1),
+    "bootstrap": lambda: model(intercept=True).bootstrap(5, rng=1),
+    "model": lambda: model(),
+    "runs of a model": lambda: se.Trajectories(np.ones((3, 4, 2)), np.ones((3, 3, 1)), dt=0.1),
+    "fused": fused,
+    "region": lambda: model().region(0.1),
+    "region of signs": lambda: model(noise="symmetric", rng=5).region(0.1),
+    "bound": lambda: PLANS["iid"]().bound(),
+    "certificate": lambda: PLANS["plan of a model"]().bound(),
+    "infinite certificate": lambda: replace(PLANS["plan of a model"]().bound(), target=math.inf),
+    "error": lambda: PLANS["iid"]().error(SYSTEM, X0, XF),
+    "reachability": lambda: PLANS["iid"]().reachability,
+    "fleet": lambda: se.control_fleet([(A, B), (0.9 * A, B)], X0, XF, 3, risk="worst"),
+    "key": lambda: key("x"),
+}
+
+
+def same(a: Any, b: Any) -> bool:
+    """Equal in every bit, type and field; a number of NumPy comes back as one of Python."""
+    a, b = (one.item() if isinstance(one, np.generic) else one for one in (a, b))
+    if type(a) is not type(b):
+        return False
+    if isinstance(a, np.ndarray):
+        return (a.dtype, a.shape, a.tobytes()) == (b.dtype, b.shape, b.tobytes())
+    if isinstance(a, float):
+        return struct.pack("d", a) == struct.pack("d", b)
+    if isinstance(a, (list, tuple)):
+        return len(a) == len(b) and all(map(same, a, b))
+    if isinstance(a, dict):
+        return list(a) == list(b) and all(map(same, a.values(), b.values()))
+    if isinstance(a, Record) and not isinstance(a, se.Key):
+        mine, its = (one.__reduce__()[1] for one in (a, b))
+        return len(mine) == len(its) and all(map(same, mine, its))
+    return bool(a == b)
+
+
+@pytest.mark.parametrize("name", [*PLANS, *PARTS])
+def test_every_record_comes_back_bit_for_bit(name: str, tmp_path: Path) -> None:
+    made = (PLANS | PARTS)[name]()
+    kind = type(made)
+    text = json.dumps(made.to_dict(), allow_nan=False)
+    assert same(kind.from_dict(json.loads(text)), made)
+    assert same(kind.from_dict(made.to_dict()), made)
+    assert same(pickle.loads(pickle.dumps(made)), made)
+    if not hasattr(made, "save"):
+        return
+    assert made.save(tmp_path / "a") == 1
+    loaded = kind.load(tmp_path / "a")
+    assert same(loaded, made)
+    assert repr(loaded) == repr(made)
+    assert loaded.save(tmp_path / "b") == 1
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+
+
+def outcome(call: Any) -> Any:
+    """What a call returns as plain data, or what it refuses."""
+    try:
+        found = call()
+    except StochensError as error:
+        return type(error), str(error)
+    return repr(found.to_dict() if hasattr(found, "to_dict") else found.tolist())
+
+
+def questions(plan: se.Plan) -> list[Any]:
+    goal = None if plan.limited is not None and plan.limited.task.follows else XF
+    return [
+        outcome(lambda: plan.bound(0.05)),
+        outcome(lambda: plan.bound(0.3, rng=7)),
+        outcome(lambda: plan.bound(system=SYSTEM)),
+        outcome(lambda: plan.bound(noise=True)),
+        outcome(lambda: plan.covariance()),
+        outcome(lambda: plan.covariance("control")),
+        outcome(lambda: plan.error(SYSTEM, X0, goal)),
+        outcome(lambda: plan.states(SYSTEM, X0)),
+    ]
+
+
+@pytest.mark.parametrize("name", PLANS)
+def test_a_loaded_plan_answers_as_the_saved_one(name: str, tmp_path: Path) -> None:
+    plan = PLANS[name]()
+    plan.save(tmp_path / "plan")
+    loaded = se.Plan.load(tmp_path / "plan")
+    wanted = questions(plan)
+    assert questions(loaded) == wanted
+    assert questions(se.Plan.from_dict(json.loads(json.dumps(plan.to_dict())))) == wanted
+    answers = [one for one in wanted if isinstance(one, str)]
+    assert len(answers) >= (2 if name in ("by hand", "brought", "estimate") else 3)
+
+
+def test_random_plans_answer_alike(tmp_path: Path) -> None:
+    """80 plans of 1 to 4 states and steps, unlike laws, sizes, limits and fits."""
+    gen, bounds = np.random.default_rng(11), 0
+    for k in range(80):
+        n, m, K = (int(gen.integers(1, 5)) for _ in range(3))
+        A_ = gen.standard_normal((n, n)) * (gen.random((n, n)) < 0.7)
+        B_, x0, xf = gen.standard_normal((n, m)), gen.standard_normal(n), gen.standard_normal(n)
+        size = int(gen.integers(5, 500))
+        ways: list[Any] = [
+            lambda name, value: value,
+            lambda name, value, N=size: drawn(name, value, N),
+            lambda name, value, N=size: se.fuse(drawn(name, value, N), "alse", target=value),
+            lambda name, value, N=size: se.sample_counts(value, N, rng=key(name)),
+        ]
+        chosen = [ways[int(gen.integers(4))] for _ in range(3)]
+        options: dict[str, Any] = {"limits": (-1.0, 1.0)} if gen.random() < 0.4 else {}
+        parts = (one(name, v) for one, name, v in zip(chosen, "A0f", (A_, x0, xf), strict=True))
+        mine, start, goal = parts
+        plan = se.control((mine, B_), start, goal, steps=K, **options)
+        plan.save(tmp_path / f"{k}")
+        loaded = se.Plan.load(tmp_path / f"{k}")
+        assert same(loaded, plan)
+        wanted = outcome(lambda plan=plan: plan.bound(0.1))
+        assert outcome(lambda loaded=loaded: loaded.bound(0.1)) == wanted
+        bounds += isinstance(wanted, str)
+    assert bounds >= 60
+
+
+def test_a_loaded_fit_goes_into_control_as_the_saved_one(tmp_path: Path) -> None:
+    for name in ("fit", "fit without target", "fit of samples"):
+        fit = PARTS[name]()
+        fit.save(tmp_path / name)
+        loaded = se.Fit.load(tmp_path / name)
+        assert loaded.ensemble == fit.ensemble
+        plans = [
+            se.control((one, B), X0, XF) if one.estimate.ndim == 2 else control(A, one)
+            for one in (fit, loaded)
+        ]
+        assert same(*plans)
+        assert outcome(plans[0].bound) == outcome(plans[1].bound)
+
+
+def test_the_files_of_models_and_trajectories_are_those_of_before(tmp_path: Path) -> None:
+    rows = np.arange(40.0).reshape(8, 5)
+    runs = se.Trajectories.from_pairs(
+        rows[:, :2], rows[:, 2:3], rows[:, 3:], dt=0.5, state_names=["a", "b"]
+    )
+    runs.save(tmp_path / "runs")
+    digest = hashlib.sha256((tmp_path / "runs").read_bytes()).hexdigest()
+    assert digest == "30f0e993a199f80e1f3af4360406a081a39fd599e6c502c01ca3c22e392f7209"
+    assert not issubclass(se.Model, SavedRecord)
+
+
+# -- any values ------------------------------------------------------------------------------------
+
+FLOATS = st.floats(allow_nan=True, allow_infinity=True)
+PLAIN = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.integers(-(2**63) + 1, 2**63 - 1),
+    FLOATS,
+    st.text(),
+    st.sampled_from(["nan", "inf", "type", "array"]),
+    arrays.arrays(
+        st.sampled_from([np.float64, np.int64, np.int8, np.bool_, np.uint8, np.uint16, np.uint32]),
+        arrays.array_shapes(min_dims=0, max_dims=3, min_side=0, max_side=3),
+    ),
+    st.binary(min_size=32, max_size=32).map(se.Key),
+)
+NAMES = st.one_of(st.text(), st.just("type"))
+INFO = st.dictionaries(
+    NAMES,
+    st.recursive(
+        PLAIN,
+        lambda inner: st.one_of(
+            st.lists(inner, max_size=3),
+            st.lists(inner, max_size=3).map(tuple),
+            st.dictionaries(NAMES, inner, max_size=3),
+        ),
+        max_leaves=8,
+    ),
+    max_size=4,
+)
+
+
+@given(INFO)
+def test_any_entries_of_a_dict_come_back(info: dict[str, Any]) -> None:
+    plan = replace(EXACT, info=info)
+    text = json.dumps(plan.to_dict(), allow_nan=False)
+    assert canonical(se.Plan.from_dict(json.loads(text)).info) == canonical(info)
+    sections = plan._to_sections()
+    assert canonical(se.Plan._from_sections(dict(sections)).info) == canonical(info)
+
+
+def canonical(value: Any) -> str:
+    """A text that tells types and values apart; all nan are one, as JSON has it."""
+    if isinstance(value, np.ndarray):
+        return f"array {value.dtype.name} {value.shape} {value.tolist()}"
+    if isinstance(value, dict):
+        return f"dict {[(name, canonical(item)) for name, item in value.items()]}"
+    if isinstance(value, (list, tuple)):
+        return f"{type(value).__name__} {[canonical(item) for item in value]}"
+    return f"{type(value).__name__} {value!r}"
+
+
+EXACT = PLANS["exact"]()
+CERTIFICATE = PLANS["plan of a model"]().bound()
+
+
+@given(
+    arrays.arrays(np.float64, arrays.array_shapes(min_dims=3, max_dims=3, max_side=4)),
+    arrays.arrays(np.float64, st.integers(0, 5), elements=st.floats(width=64)),
+    FLOATS,
+)
+def test_any_numbers_come_back(A_: np.ndarray, tube: np.ndarray, control: float) -> None:
+    given_ = replace(CERTIFICATE, tube=tube, control=control)
+    for back in (
+        type(given_).from_dict(json.loads(json.dumps(given_.to_dict(), allow_nan=False))),
+        type(given_)._from_sections(given_._to_sections()),
+    ):
+        assert canonical(back.tube) == canonical(tube)
+        assert repr(back.control) == repr(control)
+    if A_.shape[1] == A_.shape[2] and np.isfinite(A_).all():
+        models = se.SystemEnsemble(A_, A_[:, :, :1])
+        text = json.dumps(models.to_dict(), allow_nan=False)
+        assert same(se.SystemEnsemble.from_dict(json.loads(text)), models)
+        assert same(se.SystemEnsemble._from_sections(models._to_sections()), models)
+
+
+def test_all_declared_types_can_be_read() -> None:
+    """Every field of every listed class is of a type that `plain` knows."""
+    assert len(plain.RECORDS) > 30
+    assert not {"Estimate", "Identified", "Record", "SavedRecord"} & set(plain.RECORDS)
+    for name, record in plain.RECORDS.items():
+        assert record.__module__.startswith("stochens_rs.")
+        for field, kind in plain.declared(record).items():
+            for one in plain._options(kind):
+                known = (
+                    one in (Any, bool, int, float, str, bytes, type(None))
+                    or plain.RECORDS.get(getattr(one, "__name__", "")) is one
+                    or plain.get_origin(one) in (plain.Literal, tuple, dict, np.ndarray)
+                    or one is se.identification.identified.Identified
+                )
+                assert known, (name, field, one)
+
+
+def test_what_is_not_of_the_package_is_refused(tmp_path: Path) -> None:
+    class Plan(se.Plan):
+        """A class of a user with a name of the package."""
+
+    assert plain.RECORDS["Plan"] is se.Plan
+    own = Plan(EXACT.u, EXACT.predicted_states, EXACT.reachability, "product", "completed")
+    with pytest.raises(InputTypeError, match="cannot be saved"):
+        own.save(tmp_path / "own")
+    for wrong in (object(), 1j, {1: 2}, {1, 2}, np.array(["a"]), np.datetime64("now"), 2**70):
+        plan = replace(EXACT, info={"mine": wrong})
+        for call in (plan.to_dict, lambda plan=plan: plan.save(tmp_path / "wrong")):
+            with pytest.raises(InputTypeError, match=r"`info.0` "):
+                call()
+    assert not (tmp_path / "wrong").exists()

@@ -1,0 +1,351 @@
+"""Files and data of records from anywhere: the saved record, or a clear error; nothing is run."""
+
+from __future__ import annotations
+
+import contextlib
+import copy
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from stochens_rs._base import memory, plain, state_file
+from stochens_rs.exceptions import (
+    InputError,
+    InputTypeError,
+    ResourceError,
+    StateError,
+    StateNotFoundError,
+    StateRecoveredWarning,
+    StochensError,
+)
+from test_records import PARTS, PLANS, same
+
+ALL = PLANS | PARTS
+FILES = [name for name, make in ALL.items() if hasattr(make(), "save")]
+
+
+def parts(record: Any) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """The JSON and the arrays of its file."""
+    sections = {name: np.array(array) for name, array in record._to_sections().items()}
+    return json.loads(sections.pop("record").tobytes()), sections
+
+
+def sealed(path: Path, kind: str, tree: Any, arrays: dict[str, np.ndarray]) -> Path:
+    """A file with a correct digest."""
+    text = tree if isinstance(tree, bytes) else json.dumps(tree).encode()
+    state_file.save(path, kind, {**arrays, "record": np.frombuffer(text, np.uint8)})
+    return path
+
+
+def test_every_torn_file_is_refused_or_the_previous_one_taken(tmp_path: Path) -> None:
+    """Cut at 60 places, a bit flipped in 150: never another plan."""
+    path, plan = tmp_path / "plan", PLANS["limits"]()
+    plan.save(path)
+    content, gen = path.read_bytes(), np.random.default_rng(1)
+    for cut in gen.choice(len(content), 60, replace=False):
+        path.write_bytes(content[:cut])
+        with pytest.raises(StateError):
+            se.Plan.load(path)
+    for at in gen.choice(len(content), 150, replace=False):
+        flipped = bytearray(content)
+        flipped[at] ^= 1 << int(gen.integers(8))
+        path.write_bytes(flipped)
+        with pytest.raises(StateError):
+            se.Plan.load(path)
+    path.write_bytes(content)
+    assert plan.save(path) == 2
+    path.write_bytes(content[:50])
+    with pytest.warns(StateRecoveredWarning, match="generation 1 was loaded"):
+        assert same(se.Plan.load(path), plan)
+
+
+def test_a_file_says_what_it_is(tmp_path: Path) -> None:
+    PARTS["fit"]().save(tmp_path / "fit")
+    before = (tmp_path / "fit").read_bytes()
+    for kind in (se.Plan, se.Trajectory, se.Model, se.controls.Certificate):
+        with pytest.raises(StateError, match="holds a state of kind"):
+            kind.load(tmp_path / "fit")
+    with pytest.raises(StateError):
+        PLANS["exact"]().save(tmp_path / "fit")
+    assert (tmp_path / "fit").read_bytes() == before
+    with pytest.raises(StateNotFoundError):
+        se.Plan.load(tmp_path / "none")
+    for wrong in (3, None, b"x"):
+        with pytest.raises(InputTypeError, match="`path` must be a path"):
+            se.Fit.load(wrong)
+    with pytest.raises(InputError, match=r"`type` must be 'Plan', got str 'Fit'"):
+        se.Plan.from_dict(PARTS["fit"]().to_dict())
+
+
+def put(*where: Any, to: Any) -> Callable[[dict[str, Any], dict[str, np.ndarray]], None]:
+    def change(tree: dict[str, Any], _: dict[str, np.ndarray]) -> None:
+        for step in where[:-1]:
+            tree = tree[step]
+        tree[where[-1]] = to
+
+    return change
+
+
+def without(*where: Any) -> Callable[[dict[str, Any], dict[str, np.ndarray]], None]:
+    def change(tree: dict[str, Any], _: dict[str, np.ndarray]) -> None:
+        for step in where[:-1]:
+            tree = tree[step]
+        del tree[where[-1]]
+
+    return change
+
+
+def array(name: str, to: Any) -> Callable[[dict[str, Any], dict[str, np.ndarray]], None]:
+    def change(_: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
+        if to is None:
+            del arrays[name]
+        else:
+            arrays[name] = to(arrays.get(name)) if callable(to) else to
+
+    return change
+
+
+def nan(values: np.ndarray) -> np.ndarray:
+    values[0] = np.nan
+    return values
+
+
+BIG = 2**62
+LIMITS, MODEL = "limits", "plan of a model"
+HOSTILE = [
+    (LIMITS, put("schema", to="stochens-record/2"), "`schema` must be 'stochens-record/1'"),
+    (LIMITS, put("type", to="Fit"), "`type` must be 'Plan', got str 'Fit'"),
+    (LIMITS, without("fusion"), "`fusion` is missing of a Plan"),
+    (LIMITS, put("more", to=1), "str 'more' is no field of a Plan"),
+    (LIMITS, put("fusion", to="sum"), "`fusion` must be one of 'product', 'diagonal'"),
+    (LIMITS, put("fusion", to=1), "`fusion` must be 'product' or 'diagonal', got int 1"),
+    (LIMITS, put("u", to=None), "`u` must be nested lists, got None"),
+    (LIMITS, put("u", to=[[1.0], [1.0, 2.0]]), "`u` must be nested lists of float64 of equal"),
+    (LIMITS, put("u", to=[["1.0"]] * 4), "`u` must be nested lists of numbers"),
+    (LIMITS, put("u", to=[[1.0]]), "`predicted_states` must have 2 rows"),
+    (LIMITS, put("u", "name", to="none"), "`u` must be an array of float64 in this file"),
+    (LIMITS, put("u", "name", to=["u"]), "`u` must be an array of float64 in this file"),
+    (LIMITS, put("u", "name", to="predicted_states"), "`u` must have 10 entries"),
+    (LIMITS, put("u", "shape", to=[4, -1]), "`u` must have 4 entries"),
+    (LIMITS, put("u", "shape", to=[BIG, BIG]), "`u` must have 4 entries"),
+    (LIMITS, put("u", "shape", to=[4.0, 1]), "`u` must have 4 entries"),
+    (LIMITS, put("u", "shape", to=[1] * 40 + [4]), "`u` must have 4 entries"),
+    (LIMITS, put("u", "dtype", to="object"), "`u` must be an array of float64 or"),
+    (LIMITS, put("u", "dtype", to="int64"), "`u` must be an array of int64 in this file"),
+    (LIMITS, array("u", None), "`u` must be an array of float64 in this file"),
+    (LIMITS, array("u", nan), r"`u\[0, 0\]` is nan"),
+    (LIMITS, array("u", np.zeros(3)), "`u` must have 3 entries"),
+    (LIMITS, array("u", np.zeros(4, np.uint64)), "`u` must be an array of float64 in this file"),
+    (LIMITS, array("more", np.zeros(4)), "no array 'more'"),
+    (LIMITS, array("limited.active", np.zeros(0, np.uint8)), "`limited.active` must have 0 entr"),
+    (LIMITS, put("limited", "active", to=[[300]] * 4), "`limited.active` must be nested lists of"),
+    (LIMITS, put("limited", "active", to=[[0, 1]]), "no array 'limited.active'|`active` must have"),
+    (LIMITS, put("limited", "gap", to="much"), "`limited.gap` must be float, got str 'much'"),
+    (LIMITS, put("limited", "gap", to=10**400), "`limited.gap` must be float, got int of"),
+    (LIMITS, put("limited", "task", to=None), "`limited.task` must be Task, got None"),
+    (LIMITS, put("limited", "task", "follows", to=0), "`limited.task.follows` must be bool"),
+    (LIMITS, put("basis", "type", to="Estimate"), "`basis` must be Basis or ModelBasis or None"),
+    (LIMITS, put("basis", "type", to="os.system"), "`basis` must be Basis or ModelBasis or None"),
+    (LIMITS, put("basis", "type", to=["Basis"]), "`basis` must be Basis or ModelBasis or None"),
+    (LIMITS, put("basis", "type", to="Fit"), "`basis` must be Basis or ModelBasis or None"),
+    (LIMITS, put("basis", to={}), "`basis` must be Basis or ModelBasis or None"),
+    (LIMITS, put("basis", "A", "key", to="00"), "`bytes32` must have 32 bytes"),
+    (LIMITS, put("basis", "A", "key", to="x" * 64), "`basis.A.key.bytes32` must be hexadecimal"),
+    (LIMITS, put("basis", "A", "key", to=7), "`basis.A.key` must be Key or None"),
+    (LIMITS, put("basis", "A", "size", to=2.5), "`basis.A.size` must be int or None"),
+    (LIMITS, put("basis", "A", "size", to=True), "`basis.A.size` must be int or None"),
+    (LIMITS, put("basis", "A", "size", to=None), "`size of A` must be known for kind 'iid'"),
+    (LIMITS, put("basis", "A", "kind", to="sure"), "`basis.A.kind` must be one of 'exact'"),
+    (LIMITS, put("basis", "A", "values", "shape", to=[4]), "`values of A` must have shape"),
+    (LIMITS, put("info", to=[]), "`info` must be dict, got an object of type list"),
+    (
+        LIMITS,
+        put("info", "x", to={"type": "Region"}),
+        r"`info\['x'\].centre` is missing of a Region",
+    ),
+    (LIMITS, put("info", "x", to={"type": "tuple"}), r"`info\['x'\]` must be Any, got str 'tuple'"),
+    (LIMITS, put("labels", "states", to=["a", "a"]), "`states` must be different names"),
+    (LIMITS, put("labels", "states", to=["a"]), "`labels` must name 2 states"),
+    (LIMITS, put("labels", "units", to=[["u[0]"]]), "`labels.units"),
+    (LIMITS, put("reachability", "reachable", to=None), "`reachability.reachable` must be bool"),
+    (MODEL, array("basis.model.data.rows", nan), r"`rows\[0, 0\]` is nan"),
+    (MODEL, array("basis.model.data.rows", lambda rows: rows + 1.0), "`triangle` must be that of"),
+    (MODEL, array("basis.model.triangle", lambda R: 2.0 * R), "`triangle` must be that of the"),
+    (MODEL, put("basis", "model", "data", "n", to=5), "these Trajectories do not fit together"),
+    (MODEL, put("basis", "model", "data", "n", to=1), "must have"),
+    (MODEL, put("basis", "model", "type", to="Resampled"), "`basis.model` must be Identified"),
+    (MODEL, put("basis", "model", "type", to="Plan"), "`basis.model` must be Identified"),
+    (MODEL, put("basis", "x0_error", to="-inf"), "`x0_error` must be >= 0"),
+    (MODEL, put("basis", "model", "assumptions", "covariance", to="known"), "`known` must be the"),
+    ("fit", array("weights", nan), r"`weights\[0\]` is nan"),
+    ("fit", put("ensemble", "scheme", to="random"), "`ensemble.scheme` must be one of 'iid'"),
+    ("fit", put("ensemble", "indices", to=None), "an Ensemble must have samples, or indices"),
+    ("fit", array("ensemble.indices", lambda i: i * 0 + 9), r"`indices` must lie in \[0, 2\)"),
+    ("fit", put("error", to="nan"), "the error of the fit overflows"),
+    ("fit", put("ensemble", "axis", to=None), "`ensemble.axis` must be 'columns' or 'rows', got"),
+    ("path", put("gaps", to=[0.0]), "`gaps` must have shape|no array"),
+    ("trajectory", put("times", to=[0.0]), "`times` must have shape"),
+    ("trajectory", put("states", "shape", to=[6]), "`states` must have 2 dimensions"),
+    ("no steps", put("inputs", "shape", to=[0, BIG]), "`inputs` must have 0 entries"),
+    ("no steps", put("inputs", "shape", to=[1, 0]), "`inputs` must have shape"),
+    ("runs", put("replicates", to=0), "`replicates` must be in"),
+    ("runs", put("size", to=-3), "`size` must be in"),
+    ("runs", put("sampled", to=[1]), r"`sampled\[0\]` must be str, got int 1"),
+    ("fleet", put("support", to=[9]), "`support` must be in"),
+    ("fleet", put("low", to=[[0.0]]), "`low` must have shape|no array"),
+    ("counts", put("counts", to=[[1.5, 0], [0, 0]]), "`counts` must be nested lists of int64"),
+    ("certificate", put("delta", to=1.5), "`delta` must be in"),
+    ("certificate", put("tube", to=[[1.0]]), "`tube` must have one dimension"),
+]
+
+
+@pytest.mark.parametrize(("name", "change", "said"), HOSTILE)
+def test_a_sealed_file_with_wrong_contents_is_refused(name, change, said, tmp_path) -> None:
+    made = ALL[name]()
+    tree, arrays = parts(made)
+    change(tree, arrays)
+    path = sealed(tmp_path / "a", made._kind, tree, arrays)
+    with pytest.raises(StateError, match=said) as caught:
+        type(made).load(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+TEXTS = [
+    (b"", "`record` must be JSON"),
+    (b"[]", "`record` must be an object"),
+    (b'{"a": NaN}', "`record` must have no NaN"),
+    (b"\xff", "`record` must be JSON"),
+    (b"[" * 200_000, "nested so deeply"),
+    (b'{"a":' * 200_000, "nested so deeply"),
+    (b'{"schema":"stochens-record/1","type":"Plan","u":' + b"9" * 5000 + b"}", "record|field"),
+]
+
+
+@pytest.mark.parametrize(("text", "said"), TEXTS)
+def test_texts_that_are_no_record(text: bytes, said: str, tmp_path: Path) -> None:
+    path = sealed(tmp_path / "a", "plan", text, {})
+    with pytest.raises(StateError, match=said):
+        se.Plan.load(path)
+    state_file.save(tmp_path / "b", "plan", {"u": np.zeros(1)})
+    with pytest.raises(StateError, match="must have an array 'record'"):
+        se.Plan.load(tmp_path / "b")
+    state_file.save(tmp_path / "c", "plan", {"record": np.zeros(1)})
+    with pytest.raises(StateError, match="`record` must be of uint8"):
+        se.Plan.load(tmp_path / "c")
+
+
+def test_dicts_from_anywhere_are_refused() -> None:
+    deep: Any = []
+    for _ in range(100_000):
+        deep = [deep]
+    good = PLANS["exact"]().to_dict()
+    for wrong, error in (
+        (None, InputTypeError),
+        ([], InputTypeError),
+        ({}, InputError),
+        ({**good, "u": np.zeros((3, 1))}, InputTypeError),
+        ({**good, "u": deep}, InputError),
+        ({**good, "info": {"a": deep}}, InputError),
+        ({**good, "info": {"a": object()}}, InputTypeError),
+        ({**good, 3: 1}, InputError),
+    ):
+        with pytest.raises(error):
+            se.Plan.from_dict(wrong)
+    assert same(se.Plan.from_dict(good), PLANS["exact"]())  # the dict is not changed
+
+
+def test_only_listed_constructors_are_called(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
+    """Every call that a file leads to is one of the list, and of the declared class."""
+    called: list[Any] = []
+    own = plain._made
+
+    def watched(name: str, record: Any, fields: Any, get: Any) -> Any:
+        called.append(record)
+        return own(name, record, fields, get)
+
+    monkeypatch.setattr(plain, "_made", watched)
+    for name in FILES:
+        made = ALL[name]()
+        made.save(tmp_path / name.replace(" ", "-"))
+        type(made).load(tmp_path / name.replace(" ", "-"))
+    assert len(called) > 100
+    assert set(called) <= set(plain.RECORDS.values())
+
+
+WILD = [None, True, 0, -1, 2**53, 2.5, -1e300, "inf", "nan", "", "Plan", [], [[]], [1.0], {}]
+
+
+def places(tree: Any, at: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    items = tree.items() if isinstance(tree, dict) else enumerate(tree)
+    found = []
+    for name, item in items:
+        found.append((*at, name))
+        if isinstance(item, (dict, list)):
+            found += places(item, (*at, name))
+    return found
+
+
+def test_random_contents_give_a_record_or_a_clear_error(tmp_path: Path) -> None:
+    """800 files with correct digests: an entry of the JSON or of an array replaced."""
+    gen, path = np.random.default_rng(7), tmp_path / "a"
+    made = [ALL[name]() for name in FILES if not isinstance(ALL[name](), se.Model)]
+    made = [one for one in made if "record" in one._to_sections()]
+    refused, loaded, said = 0, 0, []
+    for k in range(800):
+        record = made[k % len(made)]
+        tree, arrays = parts(record)
+        if gen.random() < 0.7 or not arrays:
+            where = places(tree)
+            at = where[int(gen.integers(len(where)))]
+            wild = copy.deepcopy(WILD[int(gen.integers(len(WILD)))])
+            put(*at, to=wild)(tree, arrays)
+        else:
+            name = sorted(arrays)[int(gen.integers(len(arrays)))]
+            values = arrays[name]
+            if not values.size:
+                continue
+            if values.dtype == np.float64:
+                values[int(gen.integers(values.size))] = gen.choice([np.nan, np.inf, -1.0, 1e300])
+            else:
+                values[int(gen.integers(values.size))] = gen.integers(256)
+        path.unlink(missing_ok=True)
+        sealed(path, record._kind, tree, arrays)
+        try:
+            found = type(record).load(path)
+        except StateError as error:
+            refused += 1
+            said.append(str(error))
+            continue
+        loaded += 1
+        assert isinstance(found.to_dict(), dict)
+        if isinstance(found, se.Plan):
+            with contextlib.suppress(StochensError), np.errstate(all="ignore"):
+                found.bound(0.2)
+    assert refused > 400
+    assert not any("\n" in text for text in said)
+    assert loaded > 50
+
+
+def test_memory_is_asked_for_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ensemble = PARTS["bootstrap"]()
+    ensemble.save(tmp_path / "a")
+    monkeypatch.setattr(memory, "_SMALL", 0)
+    monkeypatch.setattr(memory, "memory_left", lambda: 100)
+    for call in (
+        ensemble.to_dict,
+        lambda: ensemble.save(tmp_path / "b"),
+        lambda: type(ensemble).load(tmp_path / "a"),
+    ):
+        with pytest.raises(ResourceError):
+            call()
+    size = (tmp_path / "a").stat().st_size
+    monkeypatch.setattr(memory, "memory_left", lambda: 5 * size)  # the file, but not its text
+    with pytest.raises(ResourceError, match="the text of a saved record"):
+        type(ensemble).load(tmp_path / "a")
+    assert not (tmp_path / "b").exists()

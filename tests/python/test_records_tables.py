@@ -1,0 +1,146 @@
+"""Data sets and tables of records: dimensions, names, units, keys, and what goes back in."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from stochens_rs.exceptions import InputError
+from test_records import PARTS, PLANS, SYSTEM, X0, A, B, data, key
+
+pandas = pytest.importorskip("pandas")
+xarray = pytest.importorskip("xarray")
+TABLED = ("to_xarray", "to_pandas")
+ALL = PLANS | PARTS
+CUBES = [name for name, make in ALL.items() if hasattr(make(), "to_xarray")]
+
+
+def test_which_records_have_axes() -> None:
+    kinds = {type(ALL[name]()).__name__ for name in CUBES}
+    timed = {"Plan", "Trajectory", "EnsembleTrajectory"}
+    others = {"Fit", "Path", "Model", "Tracking", "SystemEnsemble", "FleetPlan"}
+    assert kinds == timed | others
+    assert {type(ALL[name]()).__name__ for name in CUBES if hasattr(ALL[name](), "to_pandas")} == (
+        timed
+    )
+
+
+@pytest.mark.parametrize("name", CUBES)
+def test_every_data_set_can_be_written(name: str, tmp_path: Path) -> None:
+    pytest.importorskip("h5netcdf")
+    made = ALL[name]().to_xarray()
+    assert {"stochens_rs", "python", "numpy", "platform"} <= set(made.attrs)
+    made.to_netcdf(tmp_path / "a.nc", engine="h5netcdf")
+    with xarray.open_dataset(tmp_path / "a.nc", engine="h5netcdf") as back:
+        assert made.equals(back.load())
+        assert {k: str(v) for k, v in back.attrs.items()} == {
+            k: str(v) for k, v in made.attrs.items()
+        }
+
+
+def test_a_trajectory_has_names_units_and_times() -> None:
+    path = se.simulate(SYSTEM, X0, [[1.0], [0.0], [2.0]])
+    made = path.to_xarray()
+    assert made["states"].dims == ("time", "state")
+    assert made["inputs"].dims == ("time", "input")
+    assert made["time"].attrs == {"units": "s"}
+    assert made["inputs"].attrs == {"units": "N"}
+    assert made["states"].attrs == {}  # of two units
+    assert made["state_unit"].to_numpy().tolist() == ["", "m/s"]
+    np.testing.assert_array_equal(made["states"].sel(state="v"), path.states[:, 1])
+    np.testing.assert_array_equal(made["inputs"][:-1], path.inputs)
+    assert np.isnan(made["inputs"][-1]).all()
+    np.testing.assert_array_equal(made["time"], path.times)
+    bare = se.simulate((A, B), X0, [[1.0]]).to_xarray()
+    assert bare["states"].dims == ("step", "state")
+    assert bare["state"].to_numpy().tolist() == ["x[0]", "x[1]"]
+    assert "state_unit" not in bare.coords
+    assert bare["step"].to_numpy().tolist() == [0, 1]
+
+
+def test_all_states_of_one_unit_give_it_to_the_variable() -> None:
+    system = se.System(A, B, states=["a", "b"], units={"a": "K", "b": "K"})
+    assert se.simulate(system, X0, [[1.0]]).to_xarray()["states"].attrs == {"units": "K"}
+
+
+def test_the_table_of_a_trajectory_goes_back_into_identification() -> None:
+    path = se.simulate(SYSTEM, X0, np.random.default_rng(1).standard_normal((30, 1)))
+    table = path.to_pandas()
+    assert list(table.columns) == ["Größe", "v", "F"]
+    assert table.index.name == "time"
+    assert table.attrs["units"] == {"v": "m/s", "F": "N"}
+    runs = se.Trajectories.from_table(
+        table.reset_index(), states=["Größe", "v"], inputs=["F"], time="time"
+    )
+    (states, inputs) = runs.runs[0]
+    np.testing.assert_array_equal(states, path.states)
+    np.testing.assert_array_equal(inputs, path.inputs)
+    assert runs.dt == pytest.approx(0.1)
+
+
+def test_the_moments_of_an_ensemble() -> None:
+    path = PARTS["runs"]()
+    made = path.to_xarray()
+    assert made["runs"].dims == ("run", "step", "state")
+    assert made["covariance"].dims == ("step", "state", "other_state")
+    np.testing.assert_array_equal(made["covariance"], path.covariance)
+    np.testing.assert_array_equal(made["runs"].mean("run"), path.runs.mean(axis=0))
+    assert made.attrs["key"] == path.key.hex
+    assert made.attrs["sampled"] == "A, B, x0"
+    table = path.to_pandas()
+    assert list(table.columns) == ["x[0]", "x[1]", "u[0]", "variance[x[0]]", "variance[x[1]]"]
+    np.testing.assert_array_equal(table["variance[x[1]]"], path.variance[:, 1])
+    assert "key" not in PARTS["models"]().to_xarray().attrs
+
+
+def test_a_plan_has_its_control_limits_and_keys() -> None:
+    plan = PLANS["limits"]()
+    made = plan.to_xarray()
+    np.testing.assert_array_equal(made["u"][:-1], plan.u)
+    np.testing.assert_array_equal(made["predicted_states"], plan.predicted_states)
+    np.testing.assert_array_equal(made["active"][:-1], plan.active)
+    assert made["high"][:-1].to_numpy().tolist() == [[2.0]] * 4
+    assert made.attrs["key_A"] == key("A").hex
+    assert made.attrs["size_x0"] == 50
+    table = plan.to_pandas()
+    assert list(table.columns)[:5] == ["x[0]", "x[1]", "u[0]", "low[u[0]]", "high[u[0]]"]
+    named = PLANS["steer"]()
+    assert list(named.to_pandas().columns) == ["Größe", "v", "F"]
+    assert named.to_xarray().attrs["key"] == named.info["key"].hex
+    of_model = PLANS["plan of a model"]().to_xarray()
+    assert of_model["time"].to_numpy().tolist() == pytest.approx([0.0, 0.1, 0.2, 0.3])
+
+
+def test_a_fit_and_a_model() -> None:
+    fit = PARTS["fit"]()
+    made = fit.to_xarray()
+    assert dict(made["estimate"].sizes) == {"row": 2, "column": 2}
+    np.testing.assert_array_equal(made["weights"], fit.weights)
+    assert made.attrs["key"] == key("A").hex
+    assert PARTS["fit per column"]().to_xarray()["weights"].dims == ("realization", "column")
+    model = se.identify(data(), design="independent", intercept=True)
+    found = model.to_xarray()
+    np.testing.assert_array_equal(found["A"].sel(state="x[1]", from_state="x[0]"), model.A[1, 0])
+    np.testing.assert_array_equal(found["B"].sel(input="u[0]"), model.B[:, 0])
+    np.testing.assert_array_equal(found["c"], model.c)
+    np.testing.assert_array_equal(found["covariance"], model.covariance)
+
+
+def test_two_columns_of_one_name_are_refused() -> None:
+    system = se.System(A, B, states=["v", "variance[v]"])
+    path = se.simulate_ensemble(system, X0, [[1.0]], 9, rng=1)
+    with pytest.raises(InputError, match="two columns would be"):
+        path.to_pandas()
+    assert path.to_xarray()["variance"].shape == (2, 2)
+
+
+@pytest.mark.parametrize(("call", "package"), [("to_xarray", "xarray"), ("to_pandas", "pandas")])
+def test_a_missing_package_is_named(call: str, package: str, monkeypatch: Any) -> None:
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(ImportError, match=rf"need {package}: .*stochens_rs\[tables\]"):
+        getattr(PARTS["trajectory"](), call)()

@@ -86,7 +86,9 @@ def closed_loop(
     """
     known = System.from_any(system)
     n, m = known.n, known.m
-    goal = np.zeros(n) if xf is None else gate.vector("xf", xf, length=n, labels=known.state_names)
+    goal = np.zeros(n)
+    if xf is not None:
+        goal = gate.vector("xf", xf, length=n, labels=known.state_names).copy()
     weight("Q", Q, n)
     weight("R", R, m)
     sides("limits", _pair(limits), 1, known.labels)

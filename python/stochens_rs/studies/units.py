@@ -26,5 +26,11 @@ def units_of(function: object) -> dict[str, str]:
 
 def labelled(name: str, units: Mapping[str, str]) -> str:
     """``u[0] [N]``: a number or an axis with its unit, if there is one."""
-    unit = units.get(name.partition("[")[0], PURE)
-    return name if unit == PURE else f"{name} [{unit}]"
+    unit = suffix(name.partition("[")[0], units).strip()
+    return f"{name} [{unit}]" if unit else name
+
+
+def suffix(name: str, units: Mapping[str, str]) -> str:
+    """What follows a value in a text: `` N``, or nothing for a pure number."""
+    unit = units.get(name, PURE)
+    return "" if unit in (PURE, "") else f" {unit}"

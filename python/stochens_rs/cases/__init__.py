@@ -11,11 +11,22 @@ from collections.abc import Callable
 
 from ..system import System
 from .from_file import Problem, from_file
+from .from_matpower import from_matpower
 from .ieee14 import ieee14
 from .ieee39 import ieee39
 from .random_system import random_system
+from .swing import swing
 
 # Each can be called without arguments. States: angles in rad, then as many speeds in rad/s.
 CASES: dict[str, Callable[..., System]] = {"ieee14": ieee14, "ieee39": ieee39}
 
-__all__ = ["CASES", "Problem", "from_file", "ieee14", "ieee39", "random_system"]
+__all__ = [
+    "CASES",
+    "Problem",
+    "from_file",
+    "from_matpower",
+    "ieee14",
+    "ieee39",
+    "random_system",
+    "swing",
+]

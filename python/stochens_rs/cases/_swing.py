@@ -14,9 +14,13 @@ IEEE Trans. Circuits and Systems I 60(1), 2013.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ..system import System
+from ._discretize import discretize
 
 Array = NDArray[np.float64]
 Branch = tuple[int, int, float]
@@ -61,7 +65,9 @@ def reduced_stiffness(
     return np.asarray((L_red + L_red.T) / 2.0, dtype=np.float64)
 
 
-def swing(L_red: Array, H: Array, D: Array) -> tuple[Array, Array]:
+def swing_matrices(
+    L_red: Array, H: Array, D: Array, frequency: float = FREQUENCY_HZ
+) -> tuple[Array, Array]:
     """Continuous-time swing equations ``M delta'' + D_rad delta' + L_red delta = P``.
 
     Parameters
@@ -73,17 +79,19 @@ def swing(L_red: Array, H: Array, D: Array) -> tuple[Array, Array]:
     D : (g,) array
         Damping in per unit power per per-unit speed. (The state holds rad/s, so it enters as
         ``D / w0``.)
+    frequency : float
+        Nominal frequency in Hz.
 
     Returns
     -------
     A : (2 g, 2 g) array
         ``[[0, I], [-M^-1 L_red, -M^-1 D_rad]]`` with ``M = 2 H / w0``, ``D_rad = D / w0`` and
-        ``w0 = 2 pi 60`` rad/s. State: angles in rad, then speed deviations in rad/s.
+        ``w0 = 2 pi frequency`` rad/s. State: angles in rad, then speed deviations in rad/s.
     B : (2 g, g) array
         ``[[0], [M^-1]]``. Input: mechanical power in per unit.
     """
     g = H.size
-    w0 = 2.0 * np.pi * FREQUENCY_HZ
+    w0 = 2.0 * np.pi * frequency
     M = 2.0 * H / w0
     A = np.zeros((2 * g, 2 * g))
     A[:g, g:] = np.eye(g)
@@ -92,3 +100,25 @@ def swing(L_red: Array, H: Array, D: Array) -> tuple[Array, Array]:
     B = np.zeros((2 * g, g))
     B[g:] = np.diag(1.0 / M)
     return A, B
+
+
+def swing_labels(machines: Sequence[str]) -> dict[str, Any]:
+    """Names and units of the states and inputs, for machines named by their buses."""
+    delta, omega, power = (
+        [f"{word}_{machine}" for machine in machines] for word in ("delta", "omega", "T_m")
+    )
+    units = dict.fromkeys(delta, "rad") | dict.fromkeys(omega, "rad/s") | dict.fromkeys(power, "pu")
+    return {"states": delta + omega, "inputs": power, "units": units}
+
+
+def discrete(
+    A: Array,
+    B: Array,
+    machines: Sequence[str],
+    dt: float,
+    method: Literal["zoh", "euler"],
+    name: str | None,
+) -> System:
+    """The discrete-time system of the continuous-time swing equations."""
+    A_d, B_d = discretize(A, B, dt, method)
+    return System(A_d, B_d, dt=dt, name=name)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ._base import gate, html
+from ._base.simulator import linear_mujoco
 from .exceptions import InputError, InputTypeError
 
 if TYPE_CHECKING:
@@ -165,6 +166,73 @@ class System:
             # python-control names systems without a name sys[0], sys[1], ...
             name=name if isinstance(name, str) and not name.startswith("sys[") else None,
         )
+
+    @classmethod
+    def from_mujoco(
+        cls,
+        model: object,
+        data: object,
+        *,
+        frame_skip: int = 1,
+        eps: float = 1e-6,
+        centered: bool = True,
+        tolerance: float = 1e-6,
+    ) -> System:
+        """Linearize a MuJoCo simulation at the point of `data`, by ``mujoco.mjd_transitionFD``.
+
+        Parameters
+        ----------
+        model : mujoco.MjModel
+            With nv degrees of freedom, na activations and nu actuators.
+        data : mujoco.MjData
+            An equilibrium ``(qpos, qvel, act, ctrl)``; it is not changed.
+        frame_skip : int, default 1
+            Steps of the simulator for each control, which is held: ``A = A_1^k`` and
+            ``B = (I + A_1 + ... + A_1^(k-1)) B_1``.
+        eps : float, default 1e-6
+            Step of the finite differences.
+        centered : bool, default True
+            Central differences; False takes forward ones, in half the time.
+        tolerance : float, default 1e-6
+            Largest change of a state [rad, m, rad/s, m/s] in one control step without a change of
+            ``ctrl``. What is allowed is left out of the system, which has no offset.
+
+        Returns
+        -------
+        System
+            ``A`` (n, n) and ``B`` (n, nu) with ``n = 2 nv + na``. States are deviations from the
+            point: the nv positions, in the space of speeds (``mj_differentiatePos``, so that a
+            free joint has 6), the nv speeds, the na activations. Inputs are deviations from
+            ``data.ctrl``. ``dt`` is ``frame_skip * model.opt.timestep``.
+
+        Raises
+        ------
+        InputError
+            If `data` is not at an equilibrium or not of `model`, or the integrator of `model` is
+            RK4, which MuJoCo does not differentiate.
+        InputTypeError
+            If `model` or `data` is of another type.
+        ImportError
+            If MuJoCo is not installed (extra ``mujoco``).
+
+        Notes
+        -----
+        It holds near the point. Limits of joints, limits of ``ctrl`` and contacts that begin or
+        end are not linear: away from them only.
+
+        References
+        ----------
+        MuJoCo documentation, API reference, ``mjd_transitionFD``.
+        """
+        A, B, dt, name, _ = linear_mujoco(
+            model,
+            data,
+            gate.size("frame_skip", frame_skip),
+            gate.positive("eps", eps),
+            gate.flag("centered", centered),
+            gate.nonnegative("tolerance", tolerance),
+        )
+        return cls(A, B, dt=dt, name=name)
 
     @property
     def A(self) -> NDArray[np.float64]:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .._base import gate
 from ..exceptions import InputError
 from ._machines import Machines
-from ._network import Array, Indices, Network
+from ._network import Array, Complex, Indices, Network
 
 
 def check_balance(network: Network, mismatch: float) -> None:
@@ -47,15 +46,13 @@ def matched(network: Network, machines: Machines) -> Machines:
     for bus in np.union1d(network.at, list(rows)):
         found = rows.get(int(bus), [])
         if len(found) != units[bus]:
+            hint = "" if found else (
+                "; a plant without inertia is a negative load: take it out of gen and subtract "
+                "its power from PD and QD"
+            )
             raise InputError(
                 "`machines` must have one row per generator in service: bus "
-                f"{network.label[bus]} has {units[bus]} generators and {len(found)} rows"
-                + (
-                    "; a plant without inertia is a negative load: take it out of gen and "
-                    "subtract its power from PD and QD"
-                    if not found
-                    else ""
-                )
+                f"{network.label[bus]} has {units[bus]}, got {len(found)}{hint}"
             )
         if len({int(machines.bus[row]) for row in found}) > 1:
             raise InputError(
@@ -66,13 +63,11 @@ def matched(network: Network, machines: Machines) -> Machines:
     return machines.take(ordered)
 
 
-def synchronizing(network: Network, xd1: Array) -> Array:
-    """``K[i, j] = dP_i / d delta_j`` [pu/rad] between the machines, rows sum to 0.
+def internal(network: Network, xd1: Array) -> tuple[Complex, Complex]:
+    """Voltages behind transient reactance (g,) and the admittances (g, g) between them.
 
-    Voltages behind transient reactance E = V + j x'd I with I = conj(S / V); loads as admittances
-    conj(S) / |V|^2; Y the admittances between the E after the buses are eliminated. From
-    ``P_i = sum_j E_i E_j (G_ij cos d_ij + B_ij sin d_ij)``, for j != i,
-    ``K_ij = E_i E_j (G_ij sin d_ij - B_ij cos d_ij)`` (Anderson and Fouad, ch. 2 and 3).
+    ``E = V + j x'd I`` with ``I = conj(S / V)``; loads become the admittances ``conj(S) / |V|^2``,
+    and all buses are eliminated (Kron reduction).
     """
     V, at = network.V, network.at
     E = V[at] + 1j * xd1 * (network.power / V[at]).conj()
@@ -82,9 +77,19 @@ def synchronizing(network: Network, xd1: Array) -> Array:
     Y_lg = np.zeros((len(V), len(at)), dtype=np.complex128)
     Y_lg[at, np.arange(len(at))] = -y
     try:
-        Y: NDArray[np.complex128] = np.diag(y) - Y_lg.T @ np.linalg.solve(Y_ll, Y_lg)
+        Y = np.diag(y) - Y_lg.T @ np.linalg.solve(Y_ll, Y_lg)
     except np.linalg.LinAlgError:
         raise InputError("`case` cannot be reduced: its admittance matrix is singular") from None
+    return E, np.asarray(Y, dtype=np.complex128)
+
+
+def synchronizing(network: Network, xd1: Array) -> Array:
+    """``K[i, j] = dP_i / d delta_j`` [pu/rad] between the machines; rows sum to 0.
+
+    From ``P_i = sum_j E_i E_j (G_ij cos d_ij + B_ij sin d_ij)`` with ``d_ij = delta_i - delta_j``,
+    ``K_ij = E_i E_j (G_ij sin d_ij - B_ij cos d_ij)`` for j != i.
+    """
+    E, Y = internal(network, xd1)
     angle = np.angle(E)
     d = angle[:, None] - angle[None, :]
     K = np.outer(np.abs(E), np.abs(E)) * (Y.real * np.sin(d) - Y.imag * np.cos(d))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from .._base import gate, memory
 from .._base.extras import extra
 from .._base.files import checked_path
-from ..exceptions import InputError, InputTypeError
+from ..exceptions import InputError, InputTypeError, ShapeError
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -27,6 +27,12 @@ FROM, TO, R, X, CHARGING, TAP, SHIFT, STATUS = 0, 1, 2, 3, 4, 8, 9, 10
 # Added by pandapower: what the `to` end differs by, and the conductance to ground.
 R_ASYM, X_ASYM, G, G_ASYM, B_ASYM = 21, 22, 23, 24, 25
 WIDTH = {"bus": 9, "gen": 8, "branch": 11}
+STATE = {"bus": TYPE, "gen": GEN_STATUS, "branch": STATUS}
+USED = {
+    "bus": (BUS, TYPE, PD, QD, GS, BS, VM, VA),
+    "gen": (GEN_BUS, PG, QG, GEN_STATUS),  # and MBASE, which may be nan
+    "branch": (FROM, TO, R, X, CHARGING, TAP, SHIFT, STATUS, R_ASYM, X_ASYM, G, G_ASYM, B_ASYM),
+}
 ISOLATED = 4  # type of a bus without connection
 
 
@@ -140,12 +146,10 @@ def _network(
     bus, gen, branch = (_table(case, key) for key in WIDTH)
     if "dcline" in case and np.size(case["dcline"]) and np.asarray(case["dcline"])[:, 2].any():
         raise InputError("`case` has DC lines in service, which this model leaves out")
-    bus = bus[bus[:, TYPE] != ISOLATED]
     label = bus[:, BUS].astype(np.int64)
     index = {int(number): k for k, number in enumerate(label)}
     if len(index) < len(bus):
         raise InputError("`case['bus']` must have every bus number once")
-    gen, branch = gen[gen[:, GEN_STATUS] > 0], branch[branch[:, STATUS] > 0]
     at = _indices("case['gen']", gen[:, GEN_BUS], index)
     ends = (_indices("case['branch']", branch[:, column], index) for column in (FROM, TO))
     memory.need(f"the admittances of {len(bus)} buses", 16 * 4 * len(bus) ** 2)
@@ -175,13 +179,25 @@ def _network(
 
 
 def _table(case: Mapping[str, Any], key: str) -> Array:
-    table = gate.matrix(f"case['{key}']", case[key])
-    if table.shape[1] < WIDTH[key]:
-        raise InputError(
-            f"`case['{key}']` must have at least the {WIDTH[key]} columns of MATPOWER's format, "
-            f"got {table.shape[1]}"
+    """The rows in service of one of the tables, as floats that are finite where they are used."""
+    name = f"case['{key}']"
+    given = gate.read(name, case[key])
+    if given.ndim != 2 or not len(given) or given.shape[1] < WIDTH[key]:
+        raise ShapeError(
+            f"`{name}` must have one row or more, of at least the {WIDTH[key]} columns of "
+            f"MATPOWER's format, got shape {given.shape}"
         )
-    return table
+    if given.dtype.kind not in "iuf":
+        gate.matrix(name, given)  # raises
+    status = given[:, STATE[key]]
+    rows = status != ISOLATED if key == "bus" else status > 0
+    used = rows[:, None] & np.isin(np.arange(given.shape[1]), USED[key])
+    table = gate.matrix(name, np.where(used, given, 0)).copy()  # the rest may be nan
+    if key == "gen":
+        table[:, MBASE] = given[:, MBASE]
+    if not rows.any():
+        raise InputError(f"`{name}` has no row in service")
+    return table[rows]
 
 
 def _indices(name: str, numbers: Array, index: dict[int, int]) -> Indices:

@@ -73,7 +73,7 @@ def from_matpower(
     -----
     No power flow is solved: voltages and powers are taken from the case, and refused if they miss
     the balance by more than `mismatch`. The files of MATPOWER hold rounded or no solutions:
-    ``case39`` is solved to 10^-4 pu, ``case14`` to 0.02 and ``case9`` not at all.
+    ``case39`` is solved to 10^-4 pu, ``case14`` to 0.04 and ``case9`` not at all.
 
     The classical model leaves much out: a machine is a constant voltage behind x'd, with
     constant mechanical power but for the input, without governor, exciter, stabilizer and

@@ -82,9 +82,7 @@ def solve(case):
 
     z = np.concatenate([np.zeros(len(angles)), np.ones(len(volts))])
     for _ in range(12):
-        J = np.column_stack(
-            [(missed(z + e) - missed(z - e)) / 2e-6 for e in 1e-6 * np.eye(len(z))]
-        )
+        J = np.column_stack([(missed(z + e) - missed(z - e)) / 2e-6 for e in 1e-6 * np.eye(len(z))])
         z = z - np.linalg.solve(J, missed(z))
     assert np.abs(missed(z)).max() < 1e-10
     V = voltages(z)
@@ -97,7 +95,11 @@ def solve(case):
 
 def write_m(path, case):
     """Write a case in MATPOWER's format."""
-    lines = [f"function mpc = {path.stem}", "mpc.version = '2';", f"mpc.baseMVA = {case['baseMVA']};"]
+    lines = [
+        f"function mpc = {path.stem}",
+        "mpc.version = '2';",
+        f"mpc.baseMVA = {case['baseMVA']};",
+    ]
     for key in ("bus", "gen", "branch"):
         rows = "\n".join("\t" + "\t".join(repr(float(x)) for x in row) + ";" for row in case[key])
         lines += ["", f"mpc.{key} = [", rows, "];"]

@@ -24,7 +24,7 @@ FREE = """<mujoco><option timestep="0.01" gravity="0 0 0" integrator="implicitfa
 <body name="box"><freejoint name="root"/><geom type="box" size="0.3 0.2 0.1" mass="2"/>
 <body pos="0 0 .3"><joint type="ball"/><geom pos="0 0 .2" size="0.1" mass="1"/></body>
 </body></worldbody><actuator><motor name="push" joint="root" gear="1 0 0 0 0 1"/>
-</actuator></mujoco>""".replace('', "")
+</actuator></mujoco>"""
 
 
 def loaded(xml):
@@ -69,7 +69,7 @@ def test_matrices_are_the_derivatives_of_the_simulator(xml, frame_skip):
 
 
 def test_data_and_model_are_left_alone():
-    mujoco, model, data = loaded(CART)
+    _, model, data = loaded(CART)
     data.ctrl[1] = 0.0
     before = [getattr(data, word).copy() for word in ("qpos", "qvel", "act", "ctrl", "qacc")]
     se.System.from_mujoco(model, data)
@@ -122,7 +122,7 @@ def test_models_of_gymnasium():
     folder = Path(gymnasium.__file__).parent / "envs/mujoco/assets"
     model = mujoco.MjModel.from_xml_path(str(folder / "inverted_pendulum.xml"))
     data = mujoco.MjData(model)
-    with pytest.raises(InputError, match="RK4, which MuJoCo cannot differentiate: set model.opt"):
+    with pytest.raises(InputError, match=r"RK4, which MuJoCo cannot differentiate: set model.opt"):
         se.System.from_mujoco(model, data)
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     with pytest.raises(InputError, match=r"v_hinge moves by 0.00.* in one control step") as caught:

@@ -7,9 +7,9 @@ import re
 
 import numpy as np
 import pytest
-from grids import MACHINES_9, MACHINES_39, admittances, modes, nine_buses, write_m
 
 import stochens_rs as se
+from grids import MACHINES_9, MACHINES_39, admittances, modes, nine_buses, write_m
 from stochens_rs.cases import _classical, _machines, _network
 from stochens_rs.exceptions import InputError, InputTypeError, ShapeError
 

@@ -21,7 +21,9 @@ def linear_mujoco(
         import mujoco
     for name, value, kind in (("model", model, mujoco.MjModel), ("data", data, mujoco.MjData)):
         if not isinstance(value, kind):
-            raise InputTypeError(f"`{name}` must be a mujoco.{kind.__name__}, got {gate.show(value)}")
+            raise InputTypeError(
+                f"`{name}` must be a mujoco.{kind.__name__}, got {gate.show(value)}"
+            )
     nv, na, nu = int(model.nv), int(model.na), int(model.nu)
     if data.qvel.size != nv or data.qpos.size != model.nq or data.ctrl.size != nu:
         raise InputError("`data` must be of `model`: mujoco.MjData(model)")

@@ -46,9 +46,13 @@ def matched(network: Network, machines: Machines) -> Machines:
     for bus in np.union1d(network.at, list(rows)):
         found = rows.get(int(bus), [])
         if len(found) != units[bus]:
-            hint = "" if found else (
-                "; a plant without inertia is a negative load: take it out of gen and subtract "
-                "its power from PD and QD"
+            hint = (
+                ""
+                if found
+                else (
+                    "; a plant without inertia is a negative load: take it out of gen and subtract "
+                    "its power from PD and QD"
+                )
             )
             raise InputError(
                 "`machines` must have one row per generator in service: bus "

@@ -90,9 +90,7 @@ def read_machines(machines: object) -> Machines:
                 f"`machines['{name}']` must be {'>= 0' if name == 'D' else '> 0'}, "
                 f"got {values[k]:g} at bus {bus[k]:.0f}"
             )
-    return Machines(
-        bus.astype(np.int64), found["H"], found["D"], found["xd1"], found.get("mva")
-    )
+    return Machines(bus.astype(np.int64), found["H"], found["D"], found["xd1"], found.get("mva"))
 
 
 def _columns(machines: object) -> dict[str, Any]:

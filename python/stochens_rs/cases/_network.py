@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -101,7 +102,9 @@ def _file(path: Path) -> dict[str, Any]:
     with extra(f"{path} is a MATPOWER file, read by matpowercaseframes", "grids"):
         import matpowercaseframes
     try:
-        frames = matpowercaseframes.CaseFrames(str(path))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of the parser, about pandas
+            frames = matpowercaseframes.CaseFrames(str(path))
         tables = {name: getattr(frames, name).to_numpy(dtype=float) for name in WIDTH}
         if "dcline" in frames.attributes:
             tables["dcline"] = frames.dcline.to_numpy(dtype=float)
@@ -151,9 +154,9 @@ def _network(
     if len(index) < len(bus):
         raise InputError("`case['bus']` must have every bus number once")
     at = _indices("case['gen']", gen[:, GEN_BUS], index)
-    ends = (_indices("case['branch']", branch[:, column], index) for column in (FROM, TO))
+    f, t = (_indices("case['branch']", branch[:, column], index) for column in (FROM, TO))
     memory.need(f"the admittances of {len(bus)} buses", 16 * 4 * len(bus) ** 2)
-    Y = _admittances(branch, *ends, len(bus))
+    Y = _admittances(branch, f, t, len(bus))
     np.fill_diagonal(Y, Y.diagonal() + (bus[:, GS] + 1j * bus[:, BS]) / mva)
     if not (bus[:, VM] > 0.0).all():
         k = int(np.argmin(bus[:, VM]))
@@ -170,12 +173,16 @@ def _network(
         bus_of=bus_of,
         label=label,
         Y=Y,
-        V=bus[:, VM] * np.exp(1j * np.deg2rad(bus[:, VA])),
-        load=(bus[:, PD] + 1j * bus[:, QD]) / mva,
+        V=_complex(bus[:, VM] * np.exp(1j * np.deg2rad(bus[:, VA]))),
+        load=_complex((bus[:, PD] + 1j * bus[:, QD]) / mva),
         at=at,
-        power=(gen[:, PG] + 1j * gen[:, QG]) / mva,
+        power=_complex((gen[:, PG] + 1j * gen[:, QG]) / mva),
         rating=gen[:, MBASE],
     )
+
+
+def _complex(values: NDArray[Any]) -> Complex:
+    return values.astype(np.complex128)
 
 
 def _table(case: Mapping[str, Any], key: str) -> Array:

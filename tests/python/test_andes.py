@@ -10,6 +10,7 @@ import pytest
 import stochens_rs as se
 from grids import MACHINES_9, nine_buses
 from stochens_rs.exceptions import InputError, InputTypeError
+from test_hostile import NEVER
 
 # Of ANDES and of the packages it imports.
 pytestmark = pytest.mark.filterwarnings("ignore")
@@ -129,7 +130,7 @@ def test_bad_arguments_are_refused(andes):
         se.cases.from_andes(system)
 
 
-def test_other_objects_are_refused():
-    for thing in (None, 3, "case.xlsx", np.eye(2)):
-        with pytest.raises(InputTypeError, match="`system` must be an ANDES system"):
-            se.cases.from_andes(thing)
+@pytest.mark.parametrize("what", NEVER)
+def test_other_objects_are_refused(what):
+    with pytest.raises(InputTypeError, match="`system` must be an ANDES system"):
+        se.cases.from_andes(NEVER[what])

@@ -10,7 +10,7 @@ import pytest
 
 from stochens_rs import cases
 from stochens_rs.cases._discretize import discretize, expm
-from stochens_rs.cases._swing import reduced_stiffness, swing_matrices
+from stochens_rs.cases._swing import reduced_stiffness, swing
 from stochens_rs.exceptions import InputError, InputTypeError
 from stochens_rs.rng import as_key
 
@@ -185,7 +185,7 @@ def test_two_machines_on_one_bus_and_parallel_lines():
 def test_swing_has_the_textbook_frequency_and_damping():
     # One machine on a stiff bus, delta'' + D/(2H) delta' + w0/(2H) K delta = 0.
     K, H, D, w0 = 1.5, 4.0, 2.0, 2.0 * np.pi * 60.0
-    A, B = swing_matrices(np.array([[K]]), np.array([H]), np.array([D]))
+    A, B = swing(np.array([[K]]), np.array([H]), np.array([D]))
     eigenvalue = np.linalg.eigvals(A)[0]
     decay = D / (4.0 * H)
     assert -eigenvalue.real == pytest.approx(decay, rel=1e-12)

@@ -155,10 +155,14 @@ PAGES = (
     "docs/fleet.md",
     "docs/limits.md",
     "docs/measured-runs.md",
+    "docs/networks.md",
     "docs/studies.md",
 )
 # Packages of the extras `dev` that a page needs.
-NEEDED = {"docs/studies.md": ("distributed", "matplotlib", "pandas", "xarray")}
+NEEDED = {
+    "docs/networks.md": ("pypower",),
+    "docs/studies.md": ("distributed", "matplotlib", "pandas", "xarray"),
+}
 MARKDOWN = [path for path in PAGES if (ROOT / path).exists()]
 
 

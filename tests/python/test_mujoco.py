@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from stochens_rs.exceptions import InputError, InputTypeError
+from stochens_rs.exceptions import InputError, InputTypeError, StochensError
+from test_hostile import NEVER
 
 # A cart with a pole and a motor with a lag (one activation), and a free box held by nothing.
 CART = """<mujoco model="cart and pole"><option timestep="0.005" integrator="implicitfast"/>
@@ -171,6 +172,16 @@ def test_bad_arguments_are_refused():
     ):
         with pytest.raises(error, match=re.escape(text)):
             se.System.from_mujoco(*arguments, **options)
+
+
+@pytest.mark.parametrize("what", NEVER)
+def test_foreign_objects_are_refused_in_one_line(what):
+    _, model, data = loaded(CART)
+    for arguments in ((NEVER[what], data), (model, NEVER[what])):
+        with pytest.raises(StochensError) as caught:
+            se.System.from_mujoco(*arguments)
+        assert "\n" not in str(caught.value)
+        assert len(str(caught.value)) <= 300
 
 
 def test_extra_is_named(monkeypatch):

@@ -182,21 +182,19 @@ def test_units_at_one_bus_keep_their_order():
     one = modes(se.cases.from_matpower(NINE, MACHINES_9))
     gap = np.abs(modes(two)[:, None] - one[None, :]).min(axis=0)
     np.testing.assert_allclose(gap, 0.0, atol=1e-8)
-    assert _classical.generator_names(np.array([1, 2, 3, 2])) == ["1", "2", "3", "2_2"]
+    labels = _classical.labels([1, 2, 2])
+    assert labels["states"][:3] == ["delta_1", "delta_2", "delta_2_2"]
+    assert labels["inputs"] == ["T_m_1", "T_m_2", "T_m_2_2"]
+    assert labels["units"]["omega_2_2"] == "rad/s"
 
 
 def test_swing_is_the_model_of_the_ieee_cases():
-    from stochens_rs.cases import _swing
     from stochens_rs.cases.ieee14 import _BRANCHES, _CLASSIC, _GENERATOR_BUSES
 
     rating, H, xd1, D = _CLASSIC.T
     machines = {"bus": _GENERATOR_BUSES, "H": H, "D": D, "xd1": xd1, "mva": rating}
     system = se.cases.swing(np.array(_BRANCHES), machines, base="machine", dt=0.02)
     assert system == se.cases.ieee14(dt=0.02)
-    labels = _swing.swing_labels(["1", "2_2"])
-    assert labels["states"] == ["delta_1", "delta_2_2", "omega_1", "omega_2_2"]
-    assert labels["inputs"] == ["T_m_1", "T_m_2_2"]
-    assert labels["units"]["omega_1"] == "rad/s"
 
 
 # -- the real packages ---------------------------------------------------------------------------
@@ -363,7 +361,7 @@ def test_bus_without_generator_is_refused():
 
 def test_arguments_are_checked(tmp_path):
     machines = {"bus": [1, 3], "H": [4.0, 6.0], "D": [2.0, 2.0], "xd1": [0.3, 0.2]}
-    lines = [[1, 2, 0.1], [2, 3, 0.2]]
+    lines, tiny = [[1, 2, 0.1], [2, 3, 0.2]], {**MACHINES_9, 1: {**ROW, "xd1": 1e-320}}
     for call, text in (
         (lambda: se.cases.from_matpower(NINE, MACHINES_9, base="mva"), "`base` must be one of"),
         (lambda: se.cases.from_matpower(NINE, MACHINES_9, dt=0.0), "`dt` must be > 0"),
@@ -371,6 +369,9 @@ def test_arguments_are_checked(tmp_path):
         (lambda: se.cases.from_matpower(NINE, MACHINES_9, mismatch=0), "`mismatch` must be > 0"),
         (lambda: se.cases.from_matpower(tmp_path / "a.raw", {}), "for some only"),
         (lambda: se.cases.from_matpower(tmp_path / "a.raw", MACHINES_9), "MATPOWER .m file"),
+        (lambda: se.cases.swing(lines, machines, frequency=0.1), "`frequency` must be at least 1"),
+        (lambda: se.cases.swing(lines, {**machines, "xd1": [1e-320, 1.0]}), "is nan"),
+        (lambda: se.cases.from_matpower(NINE, tiny), "`K[0, 0]` is nan"),
         (lambda: se.cases.swing([[1, 2, -0.1]], machines), "must have a reactance > 0"),
         (lambda: se.cases.swing([[1, 2, 0.1]], machines), "names bus 3, which no branch has"),
         (lambda: se.cases.swing([*lines, [8, 9, 0.1]], machines), "connect every bus"),

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from typing import Any
+
 import numpy as np
 
 from .._base import gate
 from ..exceptions import InputError
 from ._machines import Machines
-from ._network import Array, Complex, Indices, Network
+from ._network import Array, Complex, Network
 
 
 def check_balance(network: Network, mismatch: float) -> None:
@@ -102,11 +105,15 @@ def synchronizing(network: Network, xd1: Array) -> Array:
     return gate.matrix("K", K)
 
 
-def generator_names(labels: Indices) -> list[str]:
-    """The bus numbers as text; further machines at a bus are counted: 1, 1_2, 1_3."""
-    seen: dict[int, int] = {}
-    names = []
-    for label in labels.tolist():
-        seen[label] = seen.get(label, 0) + 1
-        names.append(f"{label}" if seen[label] == 1 else f"{label}_{seen[label]}")
-    return names
+def labels(buses: list[int]) -> dict[str, Any]:
+    """Names and units of states and inputs; further machines at a bus are counted: 1, 1_2, 1_3."""
+    seen: Counter[int] = Counter()
+    machines = []
+    for bus in buses:
+        seen[bus] += 1
+        machines.append(f"{bus}" if seen[bus] == 1 else f"{bus}_{seen[bus]}")
+    delta, omega, power = (
+        [f"{word}_{machine}" for machine in machines] for word in ("delta", "omega", "T_m")
+    )
+    units = dict.fromkeys(delta, "rad") | dict.fromkeys(omega, "rad/s") | dict.fromkeys(power, "pu")
+    return {"states": delta + omega, "inputs": power, "units": units}

@@ -14,19 +14,26 @@ IEEE Trans. Circuits and Systems I 60(1), 2013.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..system import System
-from ._discretize import discretize
+from .._base import gate
+from ..exceptions import SizeError
 
 Array = NDArray[np.float64]
 Branch = tuple[int, int, float]
 
 SYSTEM_MVA = 100.0  # base power of the IEEE test networks
 FREQUENCY_HZ = 60.0  # North America
+
+
+def checked_frequency(frequency: object) -> float:
+    """Return a nominal frequency in Hz."""
+    hertz = gate.positive("frequency", frequency, maximum=1000.0)
+    if hertz < 1.0:
+        raise SizeError(f"`frequency` must be at least 1 Hz, got {hertz:g}")
+    return hertz
 
 
 def reduced_stiffness(
@@ -65,9 +72,7 @@ def reduced_stiffness(
     return np.asarray((L_red + L_red.T) / 2.0, dtype=np.float64)
 
 
-def swing_matrices(
-    L_red: Array, H: Array, D: Array, frequency: float = FREQUENCY_HZ
-) -> tuple[Array, Array]:
+def swing(L_red: Array, H: Array, D: Array, frequency: float = FREQUENCY_HZ) -> tuple[Array, Array]:
     """Continuous-time swing equations ``M delta'' + D_rad delta' + L_red delta = P``.
 
     Parameters
@@ -79,7 +84,7 @@ def swing_matrices(
     D : (g,) array
         Damping in per unit power per per-unit speed. (The state holds rad/s, so it enters as
         ``D / w0``.)
-    frequency : float
+    frequency : float, default 60
         Nominal frequency in Hz.
 
     Returns
@@ -100,25 +105,3 @@ def swing_matrices(
     B = np.zeros((2 * g, g))
     B[g:] = np.diag(1.0 / M)
     return A, B
-
-
-def swing_labels(machines: Sequence[str]) -> dict[str, Any]:
-    """Names and units of the states and inputs, for machines named by their buses."""
-    delta, omega, power = (
-        [f"{word}_{machine}" for machine in machines] for word in ("delta", "omega", "T_m")
-    )
-    units = dict.fromkeys(delta, "rad") | dict.fromkeys(omega, "rad/s") | dict.fromkeys(power, "pu")
-    return {"states": delta + omega, "inputs": power, "units": units}
-
-
-def discrete(
-    A: Array,
-    B: Array,
-    machines: Sequence[str],
-    dt: float,
-    method: Literal["zoh", "euler"],
-    name: str | None,
-) -> System:
-    """The discrete-time system of the continuous-time swing equations."""
-    A_d, B_d = discretize(A, B, dt, method)
-    return System(A_d, B_d, dt=dt, name=name)

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from typing import Literal
 
+import numpy as np
+
 from .._base import gate
 from ..system import System
-from ._classical import check_balance, generator_names, matched, synchronizing
+from ._classical import check_balance, matched, synchronizing
+from ._discretize import discretize
 from ._machines import read_machines
 from ._network import read_network
-from ._swing import FREQUENCY_HZ, discrete, swing_matrices
+from ._swing import FREQUENCY_HZ, checked_frequency, swing
 
 __all__ = ["from_matpower"]
 
@@ -31,11 +34,11 @@ def from_matpower(
     case : path, mapping or pandapower net
         A MATPOWER ``.m`` file (read by the package matpowercaseframes: extra ``grids``); a
         dictionary with ``baseMVA``, ``bus``, ``gen`` and ``branch`` in MATPOWER's format, as
-        pypower has it; or a pandapower net after ``pandapower.runpp(net)``, whose internal tables
-        ``net._ppc`` are read, not ``net.bus``, ``net.line`` and so on.
+        pypower has it; or a pandapower net, of which the tables ``net._ppc`` of the last
+        ``pandapower.runpp(net)`` are read, not ``net.bus``, ``net.line`` and so on.
     machines : mapping, DataFrame or path of a CSV file
-        One row per generator in service, with columns ``bus`` (its number in the case), ``H``
-        [s], ``D`` [per unit power per per-unit speed, may be 0], ``xd1`` (transient reactance x'd
+        One row per generator in service (with pandapower, ``ext_grid`` too), with columns ``bus``
+        (its number in the case, or in ``net.bus``), ``H`` [s], ``D`` [per unit power per per-unit speed, may be 0], ``xd1`` (transient reactance x'd
         [pu]) and optionally ``mva``; or ``{bus: {"H": ..., "D": ..., "xd1": ...}}``. Several
         generators at one bus take their rows in order. Other columns are ignored.
     dt : float, default 0.01
@@ -107,12 +110,14 @@ def from_matpower(
     gate.choice("base", base, ("system", "machine"))
     mismatch = gate.positive("mismatch", mismatch)
     if frequency is not None:
-        frequency = gate.positive("frequency", frequency)
+        frequency = checked_frequency(frequency)
     data = read_machines(machines)
     network = read_network(case)
     check_balance(network, mismatch)
     data = matched(network, data).on(base, network.mva, network.rating)
-    hertz = frequency or network.frequency or FREQUENCY_HZ
-    A, B = swing_matrices(synchronizing(network, data.xd1), data.H, data.D, hertz)
+    hertz = frequency or checked_frequency(network.frequency or FREQUENCY_HZ)
+    with np.errstate(all="ignore"):  # what is not finite is refused
+        A_c, B_c = swing(synchronizing(network, data.xd1), data.H, data.D, hertz)
+    A, B = discretize(A_c, B_c, dt, method)
     name = f"{network.name[:60]} (classical model, {hertz:g} Hz, {method})"
-    return discrete(A, B, generator_names(network.label[network.at]), dt, method, name)
+    return System(A, B, dt=dt, name=name)

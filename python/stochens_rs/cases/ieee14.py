@@ -8,7 +8,8 @@ import numpy as np
 
 from .._base import gate
 from ..system import System
-from ._swing import SYSTEM_MVA, Array, discrete, reduced_stiffness, swing_matrices
+from ._discretize import discretize
+from ._swing import SYSTEM_MVA, Array, reduced_stiffness, swing
 
 __all__ = ["ieee14"]
 
@@ -44,7 +45,7 @@ def _continuous(data: str, base: str) -> tuple[Array, Array, Array]:
     # Reactances shrink and inertia and damping grow with the rating of the machine.
     ratio = rating / SYSTEM_MVA if base == "system" else np.ones_like(rating)
     L_red = reduced_stiffness(14, _BRANCHES, _GENERATOR_BUSES, xd / ratio)
-    A, B = swing_matrices(L_red, H * ratio, D * ratio)
+    A, B = swing(L_red, H * ratio, D * ratio)
     return A, B, L_red
 
 
@@ -110,5 +111,5 @@ def ieee14(
     gate.choice("data", data, ("classic", "andes"))
     gate.choice("base", base, ("system", "machine"))
     A_c, B_c, _ = _continuous(data, base)
-    name = f"IEEE 14-bus ({data} data, {base} base, {method})"
-    return discrete(A_c, B_c, [f"{bus}" for bus in _GENERATOR_BUSES], dt, method, name)
+    A, B = discretize(A_c, B_c, dt, method)
+    return System(A, B, dt=dt, name=f"IEEE 14-bus ({data} data, {base} base, {method})")

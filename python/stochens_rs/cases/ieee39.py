@@ -7,7 +7,8 @@ from typing import Literal
 import numpy as np
 
 from ..system import System
-from ._swing import Array, discrete, reduced_stiffness, swing_matrices
+from ._discretize import discretize
+from ._swing import Array, reduced_stiffness, swing
 
 __all__ = ["ieee39"]
 
@@ -35,7 +36,7 @@ _D = np.full(10, 50.0)
 def _continuous(D: Array) -> tuple[Array, Array, Array]:
     """Continuous-time ``A``, ``B`` for the damping ``D`` (10,), and the stiffness ``L_red``."""
     L_red = reduced_stiffness(39, _BRANCHES, _GENERATOR_BUSES, _XD)
-    A, B = swing_matrices(L_red, _H, D)
+    A, B = swing(L_red, _H, D)
     return A, B, L_red
 
 
@@ -86,5 +87,5 @@ def ieee39(*, dt: float = 0.01, method: Literal["zoh", "euler"] = "zoh") -> Syst
     ((20, 20), (20, 10))
     """
     A_c, B_c, _ = _continuous(_D)
-    name = f"IEEE 39-bus (Pai data, system base, {method})"
-    return discrete(A_c, B_c, [f"{bus}" for bus in _GENERATOR_BUSES], dt, method, name)
+    A, B = discretize(A_c, B_c, dt, method)
+    return System(A, B, dt=dt, name=f"IEEE 39-bus (Pai data, system base, {method})")

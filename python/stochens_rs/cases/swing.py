@@ -10,9 +10,10 @@ from numpy.typing import ArrayLike
 from .._base import gate, memory
 from ..exceptions import InputError
 from ..system import System
-from ._classical import generator_names
+from ._discretize import discretize
 from ._machines import read_machines
-from ._swing import FREQUENCY_HZ, SYSTEM_MVA, discrete, reduced_stiffness, swing_matrices
+from ._swing import FREQUENCY_HZ, SYSTEM_MVA, checked_frequency, reduced_stiffness
+from ._swing import swing as swing_matrices
 
 __all__ = ["swing"]
 
@@ -101,9 +102,12 @@ def swing(
         for (f, t), x in zip(ends.reshape(-1, 2), given[:, 2], strict=True)
     ]
     at = [place[bus] + 1 for bus in data.bus.tolist()]
-    try:
-        L = reduced_stiffness(len(numbers), rows, at, data.xd1)
-    except np.linalg.LinAlgError:
-        raise InputError("`branches` must connect every bus to a machine") from None
-    A, B = swing_matrices(L, data.H, data.D, gate.positive("frequency", frequency))
-    return discrete(A, B, generator_names(data.bus), dt, method, name)
+    hertz = checked_frequency(frequency)
+    with np.errstate(all="ignore"):  # what is not finite is refused
+        try:
+            L = reduced_stiffness(len(numbers), rows, at, data.xd1)
+        except np.linalg.LinAlgError:
+            raise InputError("`branches` must connect every bus to a machine") from None
+        A_c, B_c = swing_matrices(gate.matrix("L", L), data.H, data.D, hertz)
+    A, B = discretize(A_c, B_c, dt, method)
+    return System(A, B, dt=dt, name=name)

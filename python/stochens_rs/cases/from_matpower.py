@@ -37,10 +37,11 @@ def from_matpower(
         pypower has it; or a pandapower net, of which the tables ``net._ppc`` of the last
         ``pandapower.runpp(net)`` are read, not ``net.bus``, ``net.line`` and so on.
     machines : mapping, DataFrame or path of a CSV file
-        One row per generator in service (with pandapower, ``ext_grid`` too), with columns ``bus``
-        (its number in the case, or in ``net.bus``), ``H`` [s], ``D`` [per unit power per per-unit speed, may be 0], ``xd1`` (transient reactance x'd
-        [pu]) and optionally ``mva``; or ``{bus: {"H": ..., "D": ..., "xd1": ...}}``. Several
-        generators at one bus take their rows in order. Other columns are ignored.
+        One row per generator in service (of pandapower also the ``ext_grid``), with columns
+        ``bus`` (its number in the case, or in ``net.bus``), ``H`` [s], ``D`` [per unit power per
+        per-unit speed, may be 0], ``xd1`` (transient reactance x'd [pu]) and optionally ``mva``;
+        or ``{bus: {"H": ..., "D": ..., "xd1": ...}}``. Several generators at one bus take their
+        rows in order. Other columns are ignored.
     dt : float, default 0.01
         Step in seconds.
     method : {"zoh", "euler"}, default "zoh"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import os
+import select
 import shutil
 import subprocess
 import sys
@@ -46,17 +47,15 @@ class Browser:
         if self.session:
             asked["sessionId"] = self.session
         os.write(self.writing, json.dumps(asked).encode() + b"\0")
-        end = time.monotonic() + LIMIT
-        while time.monotonic() < end:
-            said = self._message()
-            if said.get("id") == self.count:
-                assert "error" not in said, said["error"]
-                return said["result"]
+        while (said := self._message()).get("id") != self.count:
             self.events.append(said)
-        raise TimeoutError(method)
+        assert "error" not in said, said["error"]
+        return said["result"]
 
     def _message(self):
         while b"\0" not in self.rest:
+            if not select.select([self.reading], [], [], LIMIT)[0]:
+                raise TimeoutError(f"no answer of the browser in {LIMIT:g} s")
             got = os.read(self.reading, 1 << 20)
             if not got:
                 raise EOFError(f"the browser ended with {self.process.wait()}")

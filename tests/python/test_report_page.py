@@ -15,7 +15,6 @@ pytest.importorskip("matplotlib")
 pytest.importorskip("jinja2")
 
 import browser
-
 from stochens_rs import paper
 from stochens_rs.paper.report.page import COLUMNS
 
@@ -168,7 +167,8 @@ def test_what_scrolls_says_so(page, report):
 
 def test_dark_is_dark(page, report):
     color = "getComputedStyle(document.body).backgroundColor"
-    line = """getComputedStyle(document.querySelector('[role=img] [style*="stroke: var(--blue)"]')).stroke"""
+    line = """getComputedStyle(document.querySelector(
+        '[role=img] [style*="stroke: var(--blue)"]')).stroke"""
     looks = []
     for dark in (False, True):
         page.open(report.as_uri(), dark=dark)

@@ -51,8 +51,8 @@ def figure(
     result = new_figure(5.0 * len(panels), 5.0, header=0.62, footer=0.55, shown=shown)
     for position, one in enumerate(panels, start=1):
         ax = panel(one, sizes, ax=result.add_subplot(1, len(panels), position))
-        title_of = {"fontsize": 10.5, "color": INK, "pad": 7, "parse_math": False}
-        ax.set_title(f"({one.name[1:]}) {one.quantity}", loc="left", **title_of)
+        look: dict[str, Any] = {"fontsize": 10.5, "color": INK, "pad": 7, "parse_math": False}
+        ax.set_title(f"({one.name[1:]}) {one.quantity}", loc="left", **look)
     heading(result, title, ran)
     legend(result, panels)
     return result

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from markupsafe import Markup
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from numpy.typing import NDArray
 
     from ...studies import Experiment, Panel
     from ..verdicts.records import Claims
@@ -97,7 +98,7 @@ def claims_figure(claims: Claims) -> list[tuple[Drawing, list[Mark]]]:
     return made
 
 
-def seen(panel: Panel, sizes: Sequence[int]) -> str:
+def seen(panel: Panel, sizes: NDArray[np.int64]) -> str:
     """What a panel shows, in words: where each median starts and ends."""
     said = []
     for curve in panel.curves:
@@ -164,7 +165,7 @@ def _inline(made: Figure, name: str) -> Markup:
     box = re.search(r'viewBox="[^"]*"', svg)
     assert box is not None
     body = svg[svg.index(">") + 1 :]
-    return Markup(  # noqa: S704 - made by matplotlib, without a text of anyone's
+    return Markup(
         f'<svg {box[0]} aria-hidden="true" focusable="false">{re.sub(chr(10) + " *", " ", body)}'
     )
 

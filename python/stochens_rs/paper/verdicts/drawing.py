@@ -36,7 +36,7 @@ def draw_tails(ax: Axes, tails: Tails) -> None:
     ax.loglog(tails.sizes, tails.ours, "-", color=_OURS, lw=2, label=f"{tails.bound} bound (holds)")
     ax.loglog(tails.sizes, tails.empirical, "o", color=INK, ms=5, label=f"{percent} of the runs")
     ax.loglog(
-        tails.sizes, tails.printed, "--", color=_PAPER, lw=2, label="Lemma 4.2 with ||A||, C = n"
+        tails.sizes, tails.printed, "--", color=_PAPER, lw=2, label="Lemma 4.2 with ‖A‖, C = n"
     )
     ax.fill_between(tails.sizes, tails.printed, tails.empirical, color=_PAPER, alpha=0.10, lw=0)
     ax.set_title(f"Tail bounds: Hadamard system, n = {tails.n}", loc="left", size=10.5, color=INK)

@@ -48,7 +48,7 @@ def exact_recovery(key: Key) -> Claim:
     fits = {k: fuse(ensemble.prefix(k), "alse", target=A) for k in (10, 20, 40, 80, 160, 400)}
     first = next((k for k, fit in fits.items() if fit.exact), None)
     errors = ", ".join(
-        f"{f'{fit.error:.2g}' if fit.error > ROUNDING * n else '0 to rounding'} (N = {k})"
+        f"{'0 to rounding' if fit.exact else f'{fit.error:.2g}'} (N = {k})"
         for k, fit in fits.items()
     )
     # both entries of both columns are hit, but always together

@@ -19,7 +19,6 @@ from markupsafe import escape
 
 from stochens_rs import paper
 from stochens_rs.paper import power, tracking
-from stochens_rs.paper.report import drawings
 from stochens_rs.paper.report.formulas import number, percent, readable
 from stochens_rs.paper.report.page import COLUMNS, render
 from stochens_rs.studies import Experiment
@@ -131,19 +130,6 @@ def test_figures_say_what_is_seen(page, experiments):
             if curve.median[-1] > panel.zero_level:
                 assert f"to {percent(curve.median[-1])}" in said
     assert len(set(page.images)) == len(shown)
-
-
-def test_what_is_seen_changes_with_the_errors(experiments):
-    panel = experiments[0].panel("1a")
-    alse = panel.curve("alse")
-    errors = np.full_like(alse.errors, 0.25)
-    flat = dataclasses.replace(panel, curves=(dataclasses.replace(alse, errors=errors),))
-    sizes = experiments[0].sizes
-    assert "ALSE stays from 25 % to 25 %" in drawings.seen(flat, sizes)
-    errors[:, 3:] = 0.0
-    assert f"ALSE is at zero to rounding from N = {sizes[3]} on" in drawings.seen(flat, sizes)
-    errors[:, -1] = 2.0
-    assert "ALSE rises from 25 % to 200 %" in drawings.seen(flat, sizes)
 
 
 def test_drawings_have_the_colours_of_the_page(written):

@@ -299,7 +299,7 @@ def test_print_without_rules_is_found(page, report, tmp_path):
 
 
 def test_a_long_hostile_name_does_not_widen_the_page(page, tmp_path):
-    name = "<script>document.title = 'gone'</script> \u202e\u05d0\u05d1 " + "long-name-" * 12
+    name = "<script>document.title = 'gone'</script> \u202e\u05d0\u05d1 " + "longname" * 20
     one = paper.power(rng=3, replicates=2, samples=20)
     settings = {**one.settings, "system": name}
     hostile = dataclasses.replace(one, title=name, settings=settings)

@@ -1,12 +1,17 @@
-"""Formulas of the report: HTML of statements in plain characters, MathML, numbers."""
+"""Parts of the report: formulas, numbers, and what its drawings say."""
 
 from __future__ import annotations
 
+import dataclasses
 import re
 
+import numpy as np
 import pytest
 
+pytest.importorskip("matplotlib")
+
 from stochens_rs import paper
+from stochens_rs.paper.report import drawings
 from stochens_rs.paper.report.formulas import gap, mathml, percent, readable
 
 
@@ -57,3 +62,17 @@ def test_rounding_of_zero_is_not_a_number():
 )
 def test_percent(share, text):
     assert percent(share) == text
+
+
+def test_what_is_seen_changes_with_the_errors():
+    power = paper.power(rng=3, replicates=4, samples=60)
+    panel = power.panel("1a")
+    alse = panel.curve("alse")
+    errors = np.full_like(alse.errors, 0.25)
+    flat = dataclasses.replace(panel, curves=(dataclasses.replace(alse, errors=errors),))
+    sizes = power.sizes
+    assert "ALSE stays from 25 % to 25 %" in drawings.seen(flat, sizes)
+    errors[:, 3:] = 0.0
+    assert f"ALSE is at zero to rounding from N = {sizes[3]} on" in drawings.seen(flat, sizes)
+    errors[:, -1] = 2.0
+    assert "ALSE rises from 25 % to 200 %" in drawings.seen(flat, sizes)

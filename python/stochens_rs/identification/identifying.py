@@ -157,7 +157,9 @@ def identify(
         runs, zeta = runs._thinned(), zeta[keep]
         Z = np.hstack([zeta, Z[keep]])
     triangle = _core.triangle(Z, get_num_threads())
-    if not np.isfinite(triangle).all():
+    with np.errstate(over="ignore"):
+        squares = np.sum(triangle * triangle)
+    if not np.isfinite(squares):
         raise NonFiniteError("the squares of the data overflow: scale the data down")
     model = Model(runs, triangle, assumed, sizes, offset, known, zeta, tested, key)
     if model.warnings:

@@ -24,8 +24,8 @@ from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
+
 import stochens_rs as se
-from stochens_rs import _core
 from stochens_rs._base import state_file
 from stochens_rs.cli._csv import read_runs
 
@@ -36,6 +36,7 @@ except ImportError:  # not on Windows
 
 CORPUS = Path(__file__).parent / "corpus"
 LARGEST = 4096  # bytes of a file that is kept
+MOST = 20  # files that are kept for a reader, in addition to those that are not refused properly
 SLOW = 30  # seconds that no file of this size may take
 MEMORY = 3 * 2**30  # bytes of this process: a file may promise more numbers than it has
 A, B, X0, XF = [[0.9, 0.2], [-0.1, 0.8]], [[0.0], [1.0]], [1.0, -1.0], [0.0, 0.5]
@@ -296,7 +297,7 @@ def search(name: str, seconds: float, seed: int) -> tuple[int, int]:
         content = changed(name, draw.choice([files[0], draw.choice(files)]), draw)
         tried += 1
         kept = own / (sha256(content).hexdigest()[:12] + READERS[name][0])
-        faulthandler.dump_traceback_later(SLOW, exit=True)
+        faulthandler.dump_traceback_later(SLOW, exit=True, file=sys.__stderr__)
         try:
             how = outcome(name, content, folder)
         except BaseException:
@@ -307,8 +308,9 @@ def search(name: str, seconds: float, seed: int) -> tuple[int, int]:
         if how not in seen and len(content) <= LARGEST:
             seen.add(how)
             files.append(content)
-            kept.write_bytes(content)
             new += 1
+            if len(list(own.iterdir())) < MOST:
+                kept.write_bytes(content)
     shutil.rmtree(folder)
     return tried, new
 

@@ -1,15 +1,17 @@
-"""Check that a wheel is complete and small, and that it works where it is installed, without Rust.
+"""Check that wheels are complete and small, and that the one for this machine works without Rust.
 
-`python -I check_wheel.py FILE.whl [PLATFORM]`: the file that was installed into an environment
-without Rust, and the prefix of the platform tag in its name. `--packed FILE.whl`: only what can be
-seen without installing it, for a wheel of another machine.
+`python check_wheel.py FOLDER [PLATFORM]` looks into all wheels of a folder, and installs the one
+that fits this Python into an empty environment; the tag of its platform must begin with PLATFORM.
 """
 
 from __future__ import annotations
 
+import os
 import re
-import shutil
+import subprocess
 import sys
+import tempfile
+import venv
 from email import message_from_bytes
 from pathlib import Path
 from zipfile import ZipFile
@@ -19,15 +21,24 @@ EXTENSION = re.compile(r"stochens_rs/_core(\.abi3\.so|\.pyd)")
 LICENSES = ["LICENSE", "THIRD-PARTY-LICENSES"]
 FILES = ["py.typed", "_core.pyi", "paper/report/report.html.j2", "paper/verdicts/statements.ini"]
 
+USE = """
+import shutil
+import stochens_rs as se
 
-def check_packed(wheel: Path, platform: str = "") -> None:
+assert shutil.which("cargo") is None
+A = [[0.9, 0.2], [-0.1, 0.8]]
+fit = se.fuse(se.sample(A, 1000, rng=1), "alse", target=A)
+assert fit.status == "optimal"
+assert fit.error < 1e-3, fit.error
+print(f"it works: fused 1000 realizations, error {fit.error:.1e}")
+"""
+
+
+def look(wheel: Path) -> None:
     """Fail at the first fault of the file."""
-    *_, abi, tags = wheel.stem.split("-")
-    assert abi == "abi3", f"{wheel}: not for all versions of Python"
-    assert any(tag.startswith(platform) for tag in tags.split(".")), f"{wheel}: not for {platform}"
+    assert wheel.stem.split("-")[-2] == "abi3", f"{wheel}: not for all versions of Python"
     size = wheel.stat().st_size
     assert size <= LIMIT, f"{wheel}: {size} bytes, allowed are {LIMIT}"
-
     with ZipFile(wheel) as packed:
         names = packed.namelist()
         missing = {f"stochens_rs/{name}" for name in FILES} - set(names)
@@ -46,20 +57,36 @@ def check_packed(wheel: Path, platform: str = "") -> None:
     print(f"{wheel.name} is complete: {size / 1e6:.2f} MB")
 
 
-def check_installed() -> None:
-    """Fail if what is installed cannot do its work."""
-    import stochens_rs as se
+def attempt(folder: Path, platform: str) -> None:
+    """Install the wheel that fits into an empty environment, where nothing can be compiled."""
+    with tempfile.TemporaryDirectory() as place:
+        own, picked = Path(place, "own"), Path(place, "picked")
+        venv.create(own, with_pip=True)
+        programs = own / ("Scripts" if os.name == "nt" else "bin")
+        python = programs / "python"
+        environment = {**os.environ, "PATH": str(programs)}
 
-    assert shutil.which("cargo") is None
-    A = [[0.9, 0.2], [-0.1, 0.8]]
-    fit = se.fuse(se.sample(A, 1000, rng=1), "alse", target=A)
-    assert fit.status == "optimal"
-    assert fit.error < 1e-3, fit.error
-    print(f"it works: fused 1000 realizations, error {fit.error:.1e}")
+        def run(*command: object) -> None:
+            subprocess.run(list(map(str, command)), check=True, cwd=place, env=environment)
+
+        pip = [python, "-m", "pip", "--quiet", "--disable-pip-version-check"]
+        only = ["--no-deps", "--no-index", "--find-links", folder.resolve()]
+        run(*pip, "download", *only, "--dest", picked, "stochens_rs")
+        (wheel,) = picked.iterdir()
+        tags = wheel.stem.split("-")[-1].split(".")
+        assert any(tag.startswith(platform) for tag in tags), f"{wheel}: not for {platform}"
+        run(*pip, "install", "--only-binary", ":all:", wheel)
+        run(python, "-I", "-c", USE)
+
+
+def main(folder: Path, platform: str = "") -> None:
+    """Look into all wheels, and try one."""
+    wheels = sorted(folder.glob("*.whl"))
+    assert wheels, f"{folder}: no wheel"
+    for wheel in wheels:
+        look(wheel)
+    attempt(folder, platform)
 
 
 if __name__ == "__main__":
-    arguments = [a for a in sys.argv[1:] if a != "--packed"]
-    check_packed(Path(arguments[0]), *arguments[1:])
-    if "--packed" not in sys.argv:
-        check_installed()
+    main(Path(sys.argv[1]), *sys.argv[2:])

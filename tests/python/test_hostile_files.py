@@ -1,0 +1,60 @@
+"""Files that were refused in different ways, and what the search for more of them would notice."""
+
+from __future__ import annotations
+
+import importlib.util
+import random
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def _readers():
+    spec = importlib.util.spec_from_file_location("readers", ROOT / "fuzz" / "readers.py")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["readers"] = module  # `half` is looked up there
+    spec.loader.exec_module(module)
+    return module
+
+
+readers = _readers()
+CORPUS = ROOT / "fuzz" / "corpus"
+
+
+@pytest.mark.parametrize("name", readers.READERS)
+def test_an_example_is_read(name, tmp_path):
+    assert readers.outcome(name, readers.example(name), tmp_path) == ""
+
+
+@pytest.mark.parametrize("name", readers.READERS)
+def test_files_of_the_corpus_are_read_or_refused(name, tmp_path):
+    files = sorted((CORPUS / name).iterdir())
+    found = {readers.outcome(name, path.read_bytes(), tmp_path) for path in files}
+    assert len(files) >= 5
+    assert len(found) >= len(files) // 2  # they are kept since each was refused in its own way
+
+
+@pytest.mark.parametrize("name", readers.READERS)
+def test_changed_files_are_read_or_refused(name, tmp_path, seed):
+    draw, good = random.Random(seed), readers.example(name)
+    found = {readers.outcome(name, readers.changed(name, good, draw), tmp_path) for _ in range(100)}
+    assert len(found) >= 3
+
+
+def test_the_search_notices_what_lets_a_foreign_exception_out(monkeypatch, tmp_path, capsys):
+    suffix, kind, write, read = readers.READERS["problem"]
+
+    def careless(path):
+        content = path.read_bytes()
+        read(path)
+        {b"{": 1}[content[:1]]  # a file may begin with a space
+
+    monkeypatch.setitem(readers.READERS, "problem", (suffix, kind, write, careless))
+    monkeypatch.setattr(readers, "CORPUS", tmp_path)
+    with pytest.raises(KeyError):
+        readers.search("problem", 60.0, 3)
+    said = capsys.readouterr().err
+    assert [path for path in (tmp_path / "problem").iterdir() if str(path) in said]

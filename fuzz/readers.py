@@ -10,6 +10,7 @@ it are reached.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import faulthandler
 import json
 import random
@@ -19,7 +20,7 @@ import sys
 import tempfile
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from hashlib import sha256
 from pathlib import Path
 
@@ -38,7 +39,7 @@ CORPUS = Path(__file__).parent / "corpus"
 LARGEST = 4096  # bytes of a file that is kept
 MOST = 20  # files that are kept for a reader, in addition to those that are not refused properly
 SLOW = 30  # seconds that no file of this size may take
-MEMORY = 3 * 2**30  # bytes of this process: a file may promise more numbers than it has
+MORE = 2**29  # bytes that reading may take: a file may promise more numbers than it has
 A, B, X0, XF = [[0.9, 0.2], [-0.1, 0.8]], [[0.0], [1.0]], [1.0, -1.0], [0.0, 0.5]
 
 
@@ -181,13 +182,28 @@ def example(name: str) -> bytes:
         return path.read_bytes()
 
 
+@contextlib.contextmanager
+def _little_memory() -> Iterator[None]:
+    mapped = Path("/proc/self/statm")
+    if resource is None or not mapped.exists():
+        yield
+        return
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    limit = int(mapped.read_text().split()[0]) * resource.getpagesize() + MORE
+    resource.setrlimit(resource.RLIMIT_AS, (limit, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, before)
+
+
 def outcome(name: str, content: bytes, folder: Path) -> str:
     """Read a file; return how it was refused, without its numbers, or "" if it was read."""
     suffix, _, _, read = READERS[name]
     path = folder / f"{name}{suffix}"
     path.write_bytes(content)
     try:
-        with warnings.catch_warnings(), np.errstate(all="ignore"):
+        with _little_memory(), warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
             read(path)
     except se.StochensError as error:
@@ -316,8 +332,6 @@ def search(name: str, seconds: float, seed: int) -> tuple[int, int]:
 
 
 if __name__ == "__main__":
-    if resource is not None:
-        resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=float, default=3.0, help="for all readers together")
     parser.add_argument("--seed", type=int, default=time.time_ns() % 2**32)

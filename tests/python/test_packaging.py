@@ -44,13 +44,16 @@ def test_all_is_every_extra_of_users():
 
 def test_conda_recipe_asks_for_the_same():
     tomllib = pytest.importorskip("tomllib")
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    manifest = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
+    project = manifest["project"]
     recipe = (ROOT / "packaging" / "recipe.yaml").read_text("utf-8")
     assert f'version: "{project["version"]}"' in recipe
     run = re.search(r"\n  run:\n((?:    - .*\n)+)", recipe)[1]
     asked = [line.removeprefix("- ") for line in map(str.strip, run.splitlines())]
     assert asked == ["python", *(re.sub("(?=>=)", " ", one) for one in project["dependencies"])]
-    (needed,) = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["build-system"]["requires"]
+    (needed,) = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["build-system"][
+        "requires"
+    ]
     assert recipe.count(f"- {re.sub('(?=>=)', ' ', needed)}\n") == 2
 
 

@@ -148,6 +148,9 @@ def identify(
     zeta = None if instruments is None else _instruments(instruments, runs, d, offset)
     refuse(assumed, known, zeta, runs.single)
     Z = _rows(runs, offset)
+    with np.errstate(over="ignore"):
+        if not np.isfinite(np.vdot(Z, Z)):
+            raise NonFiniteError("the squares of the data overflow: scale the data down")
     tested = None
     if gate.flag("checks", checks) and runs.size * n * DRAWS <= WORK:
         own, outcomes = np.ascontiguousarray(Z[:, :d]), np.ascontiguousarray(Z[:, d:])
@@ -157,10 +160,8 @@ def identify(
         runs, zeta = runs._thinned(), zeta[keep]
         Z = np.hstack([zeta, Z[keep]])
     triangle = _core.triangle(Z, get_num_threads())
-    with np.errstate(over="ignore"):
-        squares = np.sum(triangle * triangle)
-    if not np.isfinite(squares):
-        raise NonFiniteError("the squares of the data overflow: scale the data down")
+    if not np.isfinite(triangle).all():
+        raise NonFiniteError("the products of data and instruments overflow: scale them down")
     model = Model(runs, triangle, assumed, sizes, offset, known, zeta, tested, key)
     if model.warnings:
         said, more = model.warnings[0], len(model.warnings) - 1

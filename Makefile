@@ -164,7 +164,7 @@ MANYLINUX = $(if $(findstring linux-gnu,$(shell PATH="$(PATH)" rustc -vV)),manyl
 
 LINUX := $(foreach libc,gnu musl,x86_64-unknown-linux-$(libc) aarch64-unknown-linux-$(libc))
 
-# All crates optimized together: a third smaller, and minutes longer than what tests need.
+# All crates optimized together: the extension is 7 % smaller, and takes minutes longer to build.
 wheel wheels sdist: export CARGO_PROFILE_RELEASE_LTO := fat
 wheel wheels sdist: export CARGO_PROFILE_RELEASE_CODEGEN_UNITS := 1
 

@@ -16,7 +16,7 @@ from email import message_from_bytes
 from pathlib import Path
 from zipfile import ZipFile
 
-LIMIT = 3_000_000  # bytes
+LIMIT = 3 * 2**20  # bytes
 EXTENSION = re.compile(r"stochens_rs/_core(\.abi3\.so|\.pyd)")
 LICENSES = ["LICENSE", "THIRD-PARTY-LICENSES"]
 FILES = ["py.typed", "_core.pyi", "paper/report/report.html.j2", "paper/verdicts/statements.ini"]

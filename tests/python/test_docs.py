@@ -152,9 +152,12 @@ def test_docstring_examples(name):
 PAGES = (
     "README.md",
     "CONTRIBUTING.md",
+    "docs/close-the-loop.md",
+    "docs/few-bits.md",
     "docs/fleet.md",
     "docs/limits.md",
     "docs/measured-runs.md",
+    "docs/several-models.md",
     "docs/studies.md",
 )
 # Packages of the extras `dev` that a page needs.

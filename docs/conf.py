@@ -42,6 +42,7 @@ autosummary_ignore_module_all = False
 CLASSES = ("paper.Claims", "theory.bounds.Best", "theory.bounds.Bound", "Study", "Stream", "Model")
 autosummary_filename_map = {f"stochens_rs.{name}": f"stochens_rs.{name}-class" for name in CLASSES}
 autodoc_typehints = "none"  # the types are in the sections of the docstring
+toc_object_entries_show_parents = "hide"
 autodoc_default_options = {"member-order": "bysource"}
 numpydoc_show_class_members = False
 
@@ -68,6 +69,7 @@ html_title = project
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_show_sourcelink = False
+html_context = {"default_mode": "auto"}
 html_show_search_summary = False  # it would be fetched, which a browser refuses for files
 html_theme_options: dict[str, Any] = {
     "article_header_end": ["notebook"],

@@ -85,9 +85,14 @@ def is_foreign(address: str) -> bool:
     return bool(LOADED.search(address)) or address.startswith(("http:", "https:", "//"))
 
 
+def pages(site: Path) -> list[Path]:
+    """All pages, without the templates that the theme leaves beside its styles."""
+    return [path for path in sorted(site.rglob("*.html")) if "_static" not in path.parts]
+
+
 def faults(site: Path) -> Iterator[str]:
     """What is wrong with links and loads."""
-    found = {path: Page(path.read_text("utf-8")) for path in sorted(site.rglob("*.html"))}
+    found = {path: Page(path.read_text("utf-8")) for path in pages(site)}
     for path, page in found.items():
         name = path.relative_to(site).as_posix()
         for address in page.loads:
@@ -229,7 +234,7 @@ RESULTS = '[...document.querySelectorAll("#search-results li a")].map(a => a.tex
 
 def seen(browser: Browser, site: Path) -> Iterator[str]:
     """What is wrong with the pages in a browser."""
-    for path in sorted(site.rglob("*.html")):
+    for path in pages(site):
         name = path.relative_to(site).as_posix()
         if name.startswith("rust/"):
             continue

@@ -19,9 +19,12 @@ def mathml(formula: str, block: bool) -> str:
     if block and "&" in text and r"\begin" not in text:
         text = rf"\begin{{align}}{text}\end{{align}}"
     try:
-        return tex2mathml(text, as_block=block)
+        made = tex2mathml(text, as_block=block)
     except (MathError, SyntaxError) as error:
         raise SphinxError(f"the formula {formula!r} cannot be shown as MathML: {error}") from error
+    made = made.replace('false">/</mo>', 'false" lspace="0" rspace="0">/</mo>')
+    # As in LaTeX, only \left\| and \right\| grow with what is between them.
+    return made if r"\left\|" in text else made.replace("<mo>‖</mo>", '<mo stretchy="false">‖</mo>')
 
 
 def inline(writer: Any, node: nodes.math) -> None:
@@ -35,7 +38,7 @@ def display(writer: Any, node: nodes.math_block) -> None:
     ids = "".join(f'<span id="{one}"></span>' for one in node["ids"])
     number = f'<span class="eqno">({node["number"]})</span>' if node.get("number") else ""
     body = mathml(node.astext(), block=True)
-    writer.body.append(f'{ids}<div class="math" tabindex="0">{number}{body}</div>')
+    writer.body.append(f'{ids}<div class="formula" tabindex="0">{number}{body}</div>')
     raise nodes.SkipNode
 
 

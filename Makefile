@@ -10,7 +10,7 @@ VENV := .venv
 BIN := $(abspath $(VENV))/bin
 PY := $(BIN)/python
 # What is made for the site.
-SITE := docs/build docs/examples docs/api/generated docs/api/examples
+SITE := docs/build docs/examples docs/api/generated docs/api/examples docs/theory/claims.md
 
 # A changed source of the extension requires a build; Python sources are used in place.
 SOURCES := Cargo.toml Cargo.lock pyproject.toml $(shell find rust -name '*.rs')
@@ -51,6 +51,7 @@ bench: $(VENV)/.bench ## time the core and the package, compare with peers, writ
 
 docs: $(VENV)/.docs ## the site in docs/build/: guide, gallery, theory, API of both languages
 	rm -rf $(SITE) build/doctrees
+	"$(PY)" docs/theory/_claims.py
 	"$(PY)" -m sphinx --fail-on-warning --keep-going --quiet -d build/doctrees docs docs/build
 	RUSTDOCFLAGS="-D warnings" cargo doc --release --locked --no-deps
 	cp -R "$${CARGO_TARGET_DIR:-target}/doc" docs/build/rust

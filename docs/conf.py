@@ -85,15 +85,19 @@ html_sidebars: dict[str, list[str]] = {
 }
 
 
+ROOMS = ("", "controls.", "fusion.", "identification.", "streams.", "studies.", "theory.")
+
+
 def find_public(_app: Any, env: Any, node: Any, content: Any) -> Any:
-    """Link `control` in any docstring to stochens_rs.control."""
-    if node.get("refdomain") != "py" or node["reftarget"].startswith("stochens_rs."):
+    """Link `control` or `Certificate` in any docstring to the page of that name."""
+    if node.get("refdomain") != "py":
         return None
-    name = f"stochens_rs.{node['reftarget'].removeprefix('se.')}"
     domain, builder = env.get_domain("py"), env.app.builder
-    if name not in domain.objects:
-        return None
-    return domain.resolve_xref(env, node["refdoc"], builder, "obj", name, node, content)
+    for room in ROOMS:
+        name = f"stochens_rs.{room}{node['reftarget'].removeprefix('se.')}"
+        if name in domain.objects:
+            return domain.resolve_xref(env, node["refdoc"], builder, "obj", name, node, content)
+    return None
 
 
 def setup(app: Any) -> None:

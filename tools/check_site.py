@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import base64
+import fcntl
 import html.parser
 import itertools
 import json
@@ -132,14 +133,17 @@ class Browser:
         self.folder = tempfile.mkdtemp()
         reads, self.into = os.pipe()
         self.out, writes = os.pipe()
+        # The browser reads descriptor 3 and writes 4; copies above them are in nobody's way.
+        ends = [fcntl.fcntl(end, fcntl.F_DUPFD_CLOEXEC, 10) for end in (reads, writes)]
         options = "--headless --no-sandbox --disable-gpu --hide-scrollbars --remote-debugging-pipe"
-        command = [program, *options.split(), f"--user-data-dir={self.folder}", "about:blank"]
-        script = f'exec "$0" "$@" 3<&{reads} 4>&{writes}'
         self.process = subprocess.Popen(
-            ["sh", "-c", script, *command], pass_fds=(reads, writes), stderr=subprocess.DEVNULL
+            [program, *options.split(), f"--user-data-dir={self.folder}", "about:blank"],
+            stderr=subprocess.DEVNULL,
+            close_fds=False,  # those of Python are not inherited anyway
+            preexec_fn=lambda: [os.dup2(end, k) for k, end in enumerate(ends, start=3)],
         )
-        os.close(reads)
-        os.close(writes)
+        for end in (reads, writes, *ends):
+            os.close(end)
         self.numbers, self.rest, self.session = itertools.count(1), b"", {}
         self.events: list[dict[str, Any]] = []
         made = self.call("Target.createTarget", url="about:blank")["targetId"]
@@ -222,11 +226,12 @@ def complaint(event: dict[str, Any]) -> str | None:
 
 # What stands out of the page to the right, outside of boxes that scroll or are cut.
 WIDE = """(() => {
-  if (document.documentElement.scrollWidth <= innerWidth + 1) return [];
+  const edge = document.documentElement.clientWidth + 1;
+  if (document.documentElement.scrollWidth <= edge) return [];
   const boxed = e => e && e !== document.body &&
     (getComputedStyle(e).overflowX !== "visible" || boxed(e.parentElement));
   return [...document.body.querySelectorAll("*")].filter(e =>
-    e.getBoundingClientRect().right > innerWidth + 1 && !boxed(e.parentElement)
+    e.getBoundingClientRect().right > edge && !boxed(e.parentElement)
   ).slice(0, 3).map(e => e.tagName.toLowerCase() + "." + e.className);
 })()"""
 RESULTS = '[...document.querySelectorAll("#search-results li a")].map(a => a.textContent)'

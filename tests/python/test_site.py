@@ -7,6 +7,7 @@ import importlib.util
 import inspect
 import json
 import re
+import shutil
 import sys
 from pathlib import Path
 
@@ -234,3 +235,36 @@ def test_the_check_has_an_exit_code(site, monkeypatch, capsys):
     (site / "s.css").unlink()
     assert CHECK.main() == 1
     assert "s.css, which does not exist" in capsys.readouterr().out
+
+
+WRONG = {
+    "<script>console.error('no')</script>": "says no",
+    "<script>throw new Error('bad')</script>": "raises Error: bad",
+    '<img src="none.png">': "could not load a Image",
+    '<div style="width: 1300px">a</div>': "is wider than 1280 px: div.",
+    '<div style="width: 500px" class="b">a</div>': "is wider than 390 px: div.b",
+    '<img src="http://127.0.0.1:9/a.png">': "requests http://127.0.0.1:9/a.png",
+}
+
+
+def test_a_browser_sees_what_is_wrong(tmp_path):
+    program = shutil.which("chromium") or shutil.which("google-chrome")
+    if program is None:
+        pytest.skip("needs Chromium")
+    view = '<meta name="viewport" content="width=device-width">'
+    for k, html in enumerate(WRONG):
+        (tmp_path / f"{k}.html").write_text(f"{view}<p>a</p>{html}")
+    boxed = '<div style="overflow-x: auto"><p style="width: 2000px">a</p></div>'
+    (tmp_path / "good.html").write_text(f'{view}{boxed}<a href="http://127.0.0.1:9/">b</a>')
+    (tmp_path / "search.html").write_text('<ul id="search-results"><li><a>sample</a></li></ul>')
+    browser = CHECK.Browser(program)
+    try:
+        found = list(CHECK.seen(browser, tmp_path))
+        CHECK.take_pictures(browser, tmp_path, tmp_path / "pictures", ["good"])
+    finally:
+        browser.close()
+    for k, text in enumerate(WRONG.values()):
+        assert any(line.startswith(f"{k}.html {text}") for line in found), (text, found)
+    assert found[-1] == "the search for identify finds ['sample']"
+    assert not any(line.startswith(("good", "search.html")) for line in found)
+    assert len(list((tmp_path / "pictures").glob("*.png"))) == 4

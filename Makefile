@@ -11,6 +11,8 @@ VENV := .venv
 # Absolute, because some steps run in another directory.
 BIN := $(abspath $(VENV))/bin
 PY := $(BIN)/python
+# What is made for the site.
+SITE := docs/build docs/examples docs/api/generated docs/api/examples docs/theory/claims.md
 
 # Rust in PATH or where its installer puts it; else RUST, which the rule for it installs there.
 CACHE := $(or $(XDG_CACHE_HOME),$(HOME)/.cache)/puccinialin
@@ -61,12 +63,13 @@ bench: $(VENV)/.bench ## time the core and the package, compare with peers, writ
 	cargo bench --locked
 	OPENBLAS_NUM_THREADS=1 "$(PY)" benches/peers.py --write
 
-docs: $(VENV)/.docs ## API pages of both languages in docs/build/
+docs: $(VENV)/.docs ## the site in docs/build/: guide, gallery, theory, API of both languages
+	rm -rf $(SITE) build/doctrees
+	"$(PY)" docs/theory/_claims.py
+	"$(PY)" -m sphinx --fail-on-warning --keep-going --quiet -d build/doctrees docs docs/build
 	RUSTDOCFLAGS="-D warnings" cargo doc --release --locked --no-deps
-	rm -rf docs/build
-	mkdir -p docs/build
 	cp -R "$${CARGO_TARGET_DIR:-target}/doc" docs/build/rust
-	"$(PY)" -m pdoc --docformat numpy --math -o docs/build/python stochens_rs
+	"$(PY)" tools/check_site.py docs/build
 
 wheel: stage $(VENV)/.maturin ## build a wheel into dist/, then test it in an environment without Rust
 	rm -rf dist/*.whl
@@ -107,7 +110,7 @@ UNSAFE := pages:: past_caches:: wide:: slse_tables:: sample::categorical sample:
           sample::sequence stream::tests singleton_rows the_layout_of
 
 clean: ## remove everything that make has made, with .venv and results/
-	rm -rf $(VENV) results dist build docs/build target .mypy_cache .ruff_cache .pytest_cache \
+	rm -rf $(VENV) results dist build $(SITE) target .mypy_cache .ruff_cache .pytest_cache \
 	    .hypothesis .benchmarks
 	find python tests benches docs tools -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true
 	rm -f python/stochens_rs/_core*.so python/stochens_rs/_core*.pyd

@@ -152,11 +152,14 @@ def test_docstring_examples(name):
 PAGES = (
     "README.md",
     "CONTRIBUTING.md",
+    "docs/close-the-loop.md",
+    "docs/few-bits.md",
     "docs/fleet.md",
     "docs/limits.md",
     "docs/measured-runs.md",
     "docs/networks.md",
     "docs/saving.md",
+    "docs/several-models.md",
     "docs/studies.md",
     "docs/systems.md",
 )

@@ -19,7 +19,8 @@ from .ieee39 import ieee39
 from .random_system import random_system
 from .swing import swing
 
-# Each can be called without arguments. States: angles in rad, then as many speeds in rad/s.
+#: The examples that the command line knows by name. Each can be called without arguments. States:
+#: angles in rad, then as many speeds in rad/s.
 CASES: dict[str, Callable[..., System]] = {"ieee14": ieee14, "ieee39": ieee39}
 
 __all__ = [

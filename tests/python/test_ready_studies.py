@@ -394,3 +394,17 @@ def test_models_of_noisy_states_are_refused() -> None:
     model = se.identify(data, state_noise="white", instruments=data.past_inputs(2), checks=False)
     with pytest.raises(InputError, match="states have no error"):
         se.studies.coverage(model, *START)
+
+
+def test_distances_have_the_unit_that_all_states_share():
+    A, B, units = [[1.0, 0.1], [0.0, 1.0]], [[0.0], [1.0]], {"p": "m", "q": "m", "f": "N"}
+    made = {
+        unit: se.System(A, B, states=["p", "q"], inputs=["f"], units={**units, "q": unit})
+        for unit in ("m", "m/s")
+    }
+    ends = [1.0, 0.0], [0.0, 0.0]
+    loop = se.studies.closed_loop(made["m"], *ends, noise=0.01)
+    runs = se.studies.coverage(made["m"], *ends, noise=0.01)
+    assert [loop.units[name] for name in ("distance", "violation", "noise")] == ["m"] * 3
+    assert (runs.units["bound"], runs.units["error"], runs.units["ratio"]) == ("m", "m", "1")
+    assert "distance" not in se.studies.closed_loop(made["m/s"], *ends, noise=0.01).units

@@ -152,6 +152,7 @@ def test_docstring_examples(name):
 PAGES = (
     "README.md",
     "CONTRIBUTING.md",
+    "docs/compare.md",
     "docs/fleet.md",
     "docs/limits.md",
     "docs/measured-runs.md",

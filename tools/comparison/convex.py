@@ -58,7 +58,7 @@ def _fused():
     assert np.allclose(w.value @ [0.0, 0.2, -0.3], 0.0, atol=0.02)
 
 
-no(IT, "update", r"recursive|online|partial_fit")
+no(IT, "update", r"recursive|rls|partial_fit|^update$|model_?stream")
 no(IT, "stop", r"stop_rule|sequential|anytime")
 
 
@@ -208,7 +208,7 @@ def _integers():
     assert abs(problem.solve() - 4.0) < 1e-6
 
 
-no(IT, "discrete", r"discretize|zoh|c2d")
+no(IT, "discrete", r"discreti|sample_system|c2d")
 no(IT, "continuous", r"solve_ivp|simulate|odeint")
 no(IT, "transfer", r"transfer_function|zpk|state_space")
 no(IT, "frequency", r"bode|nyquist|locus|margin")

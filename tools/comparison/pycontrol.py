@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import logging
 import pickle
 from importlib import metadata
 
@@ -51,7 +52,7 @@ def _model():
 no(IT, "region", r"confiden|credib|bootstrap|uncertain_(region|set)")
 no(IT, "posterior", r"posterior|nuts|mcmc|hamiltonian")
 no(IT, "fused", r"fuse|mixture|average_models|model_weight")
-no(IT, "update", r"recursive|rls|^online|_online|partial_fit")
+no(IT, "update", r"recursive|rls|partial_fit|^update$|model_?stream")
 no(IT, "stop", r"stop_rule|sequential|enough|anytime")
 
 
@@ -86,7 +87,29 @@ def _feedback():
     assert response.outputs.shape[-1] == 4
 
 
-no(IT, "log", r"latency|solve_time|step_time|elapsed")
+@cell(
+    IT,
+    "log",
+    "partly",
+    "`log=True` logs evaluations of the cost, not the calls or how they end",
+)
+def _log():
+    import control.optimal as optimal
+
+    cart, cost, limits = task()
+    logger, kept = logging.getLogger(), []
+    handler, level = logging.Handler(), logger.level
+    handler.emit = lambda record: kept.append(record.getMessage())
+    logger.addHandler(handler)
+    logger.setLevel(logging.INFO)
+    try:
+        loop = optimal.create_mpc_iosystem(cart, TIMES[:4], cost, limits, log=True)
+        loop.output(0.0, np.zeros(loop.nstates), [1.0, 0.0])
+    finally:
+        logger.removeHandler(handler)
+        logger.setLevel(level)
+    assert [line for line in kept if "_cost_function" in line]
+    assert not [line for line in kept if "success" in line or "status" in line]
 
 
 @cell(IT, "gap", "no")

@@ -33,9 +33,10 @@ MEASURED = (
 WORDS = """\
 Each cell was found by running something: a small computation whose result is known, or a search of
 all names in the sources of the package. "No" only says that a package does not offer this; often it
-was never meant to. "Partly" has a [note](#notes), whose number stands beside it, and so have some
-others. Sizes are those of the installed files; times are medians of nine fresh processes, less that
-of Python itself. The program that writes this page stops where a cell is wrong:
+was never meant to. A dash: it draws nothing at random. "Partly" has a [note](#notes), whose number
+stands beside it, and so have some others. Sizes are those of the installed files; times are medians
+of nine fresh processes, less that of Python itself. The program that writes this page stops where a
+cell is wrong:
 
 ```sh
 python -m venv compare

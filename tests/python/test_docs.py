@@ -154,6 +154,7 @@ PAGES = (
     "CONTRIBUTING.md",
     "docs/close-the-loop.md",
     "docs/few-bits.md",
+    "docs/compare.md",
     "docs/fleet.md",
     "docs/limits.md",
     "docs/measured-runs.md",

@@ -23,13 +23,14 @@ from . import (
     _stream,
     _study,
 )
-from ._command import INTERNAL, INTERRUPTED, IO, OK, USAGE, exit_codes
+from ._command import INTERNAL, INTERRUPTED, IO, OK, USAGE, Group, exit_codes
 from ._output import note, occupy_standard_descriptors, show
 
 __all__ = ["main"]
 
 
 @click.group(
+    cls=Group,
     invoke_without_command=True,
     epilog=exit_codes({3: "a verdict is contradicted (claims)"}),
     context_settings={

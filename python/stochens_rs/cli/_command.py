@@ -9,6 +9,7 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
+from .._base.gate import nearest
 from ..exceptions import InputError, InputTypeError
 
 OK, INTERNAL, USAGE, IO = 0, 1, 2, 5
@@ -28,6 +29,16 @@ def exit_codes(others: Mapping[int, str] | None = None) -> str:
     """All exit codes and what they mean, in a sentence."""
     meanings = sorted({**_MEANINGS, **(others or {})}.items())
     return f"Exit codes: {', '.join(f'{code} {meaning}' for code, meaning in meanings)}."
+
+
+class Group(click.Group):
+    """The subcommands; an unknown one is answered by the nearest name."""
+
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
+        """Find the subcommand."""
+        if self.get_command(ctx, args[0]) is None and not ctx.resilient_parsing:
+            ctx.fail(f"No such command {args[0]!r}{nearest(args[0], self.commands)}")
+        return super().resolve_command(ctx, args)
 
 
 class Command(click.Command):

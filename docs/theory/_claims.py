@@ -11,6 +11,7 @@ import re
 from pathlib import Path
 
 import stochens_rs as se
+from stochens_rs.paper.report import formulas
 
 PAGE = Path(__file__).with_name("claims.md")
 HEAD = """# What the paper says, and what is true
@@ -23,20 +24,17 @@ an enumeration of all cases, a simulation, or one of the paper's experiments; {c
 
 `paper.claims` and `stochens claims` compute it again; each piece of evidence has a test that fails
 if it is altered. v is the exact control, u a computed one, B⁺ the pseudoinverse, P = B B⁺; x(s) is
-realization s of x, x_hat an estimate; g(w) is the sum of the absolute values of a vector, g(A) the
+realization s of x, x̂ an estimate; g(w) is the sum of the absolute values of a vector, g(A) the
 largest of the columns of A.
 
 | statement | verdict |
 |---|---|
 """
-SIGNS = {"<=": "≤", ">=": "≥", "||": "‖", "->": "→", "^2": "²", "^+": "⁺"}
 
 
 def readable(text: str) -> str:
-    """The plain text of a statement as Markdown, with the usual signs for the commonest symbols."""
-    for plain, sign in SIGNS.items():
-        text = text.replace(plain, sign)
-    return re.sub(r"([\\`*_{}\[\]<>$|^~#])", r"\\\1", text)
+    """A statement as Markdown, with HTML for the indices and powers in its formulas."""
+    return re.sub(r"([\\`*_{}\[\]$|^~#])", r"\\\1", formulas.readable(text))
 
 
 def page(claims: se.paper.Claims) -> str:

@@ -13,6 +13,7 @@ from ._base import foreign, gate, html
 from ._base.exports import Exported
 from ._base.labelled import matrices
 from ._base.labels import Labels, made_labels, texts
+from ._base.simulator import Simulated
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["System"]
 
 
-class System(Exported):
+class System(Exported, Simulated):
     """The system ``x(k+1) = A x(k) + B u(k)``; immutable and hashable.
 
     Parameters

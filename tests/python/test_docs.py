@@ -152,15 +152,20 @@ def test_docstring_examples(name):
 PAGES = (
     "README.md",
     "CONTRIBUTING.md",
+    "docs/close-the-loop.md",
+    "docs/few-bits.md",
     "docs/fleet.md",
     "docs/limits.md",
     "docs/measured-runs.md",
+    "docs/networks.md",
     "docs/saving.md",
+    "docs/several-models.md",
     "docs/studies.md",
     "docs/systems.md",
 )
 # Packages of the extras `dev` that a page needs.
 NEEDED = {
+    "docs/networks.md": ("pypower",),
     "docs/saving.md": ("h5netcdf", "pandas", "xarray"),
     "docs/studies.md": ("distributed", "matplotlib", "pandas", "xarray"),
     "docs/systems.md": ("control", "pandas", "scipy", "xarray"),

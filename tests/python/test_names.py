@@ -174,13 +174,17 @@ def test_hostile_names_are_drawn_as_they_are(tmp_path):
 
 
 def test_cases_have_names_and_units():
-    for make, g in ((se.cases.ieee14, 5), (se.cases.ieee39, 10)):
+    for make, g, first, last in ((se.cases.ieee14, 5, 1, 8), (se.cases.ieee39, 10, 30, 39)):
         system = make()
-        assert system.state_names[:1] + system.state_names[-1:] == ("delta_1", f"omega_{g}")
-        assert system.input_names[-1] == f"P_{g}"
+        assert system.state_names[0] == f"delta_{first}"
+        assert system.state_names[-1] == f"omega_{last}"
+        assert system.input_names[-1] == f"T_m_{last}"
         assert len(system.units) == 3 * g
-        assert (system.units["delta_1"], system.units["omega_1"]) == ("rad", "rad/s")
-        assert system.units["P_2"] == "pu"
+        assert [system.units[f"{word}_{first}"] for word in ("delta", "omega", "T_m")] == [
+            "rad",
+            "rad/s",
+            "pu",
+        ]
 
 
 def test_nothing_of_a_system_is_changed_by_wrong_names():

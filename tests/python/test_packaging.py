@@ -32,6 +32,42 @@ def test_both_manifests_say_the_same():
     assert project["license-files"] == ["LICENSE", "THIRD-PARTY-LICENSES"]
 
 
+def test_all_is_every_extra_of_users():
+    tomllib = pytest.importorskip("tomllib")
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    extras = set(project["optional-dependencies"]) - {"all", "dev", "bench", "docs"}
+    (every,) = project["optional-dependencies"]["all"]
+    name, _, named = every.rstrip("]").partition("[")
+    assert name == project["name"]
+    assert set(named.split(",")) == extras
+
+
+def test_conda_recipe_asks_for_the_same():
+    tomllib = pytest.importorskip("tomllib")
+    manifest = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
+    project = manifest["project"]
+    recipe = (ROOT / "packaging" / "recipe.yaml").read_text("utf-8")
+    assert f'version: "{project["version"]}"' in recipe
+    run = re.search(r"\n  run:\n((?:    - .*\n)+)", recipe)[1]
+    asked = [line.removeprefix("- ") for line in map(str.strip, run.splitlines())]
+    assert asked == ["python", *(re.sub("(?=>=)", " ", one) for one in project["dependencies"])]
+    (needed,) = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["build-system"][
+        "requires"
+    ]
+    assert recipe.count(f"- {re.sub('(?=>=)', ' ', needed)}\n") == 2
+
+
+def test_importing_the_package_imports_nothing_that_takes_long():
+    code = "import sys, stochens_rs; print(*{name.split('.')[0] for name in sys.modules})"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    imported = set(done.stdout.split())
+    assert {"stochens_rs", "numpy"} <= imported
+    slow = {"click", "dask", "distributed", "h5netcdf", "h5py", "IPython", "jinja2", "loky"}
+    slow |= {"matplotlib", "pandas", "pyarrow", "scipy", "tqdm", "xarray"}
+    slow |= {"asyncio", "http", "multiprocessing", "sqlite3", "unittest", "xml"}  # of Python's own
+    assert imported & slow == set()
+
+
 def test_third_party_licenses_are_those_of_the_linked_crates():
     tool = ROOT / "tools" / "third_party_licenses.py"
     ended = subprocess.run([sys.executable, tool, "--check"], capture_output=True, text=True)

@@ -1,8 +1,9 @@
-"""Example systems: two power networks from public data, random systems, and systems from files.
+"""Example systems: power networks, random systems, and systems from files.
 
-`ieee14`, `ieee39` and `random_system` return a :class:`stochens_rs.System` whose ``name`` states
-the data, the base and the discretization. `CASES` has those that the command line and
-:func:`stochens_rs.paper.power` know by name.
+All but `from_file` return a :class:`stochens_rs.System` whose ``name`` states the data and the
+discretization: `ieee14` and `ieee39` from public data, `swing` from branches and machines,
+`from_matpower` from a solved case of MATPOWER, pypower or pandapower, `from_andes` from ANDES.
+`CASES` has those that the command line and :func:`stochens_rs.paper.power` know by name.
 """
 
 from __future__ import annotations
@@ -10,12 +11,26 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ..system import System
+from .from_andes import from_andes
 from .from_file import Problem, from_file
+from .from_matpower import from_matpower
 from .ieee14 import ieee14
 from .ieee39 import ieee39
 from .random_system import random_system
+from .swing import swing
 
-# Each can be called without arguments. States: angles in rad, then as many speeds in rad/s.
+#: The examples that the command line knows by name. Each can be called without arguments. States:
+#: angles in rad, then as many speeds in rad/s.
 CASES: dict[str, Callable[..., System]] = {"ieee14": ieee14, "ieee39": ieee39}
 
-__all__ = ["CASES", "Problem", "from_file", "ieee14", "ieee39", "random_system"]
+__all__ = [
+    "CASES",
+    "Problem",
+    "from_andes",
+    "from_file",
+    "from_matpower",
+    "ieee14",
+    "ieee39",
+    "random_system",
+    "swing",
+]

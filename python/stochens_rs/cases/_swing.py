@@ -13,17 +13,29 @@ IEEE Trans. Circuits and Systems I 60(1), 2013.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .._base import gate
+from ..exceptions import SizeError
+
 Array = NDArray[np.float64]
 Branch = tuple[int, int, float]
 
 SYSTEM_MVA = 100.0  # base power of the IEEE test networks
 FREQUENCY_HZ = 60.0  # North America
+
+
+def checked_frequency(frequency: object) -> float:
+    """Return a nominal frequency in Hz."""
+    hertz = gate.positive("frequency", frequency, maximum=1000.0)
+    if hertz < 1.0:
+        raise SizeError(f"`frequency` must be at least 1 Hz, got {hertz:g}")
+    return hertz
 
 
 def reduced_stiffness(
@@ -62,7 +74,7 @@ def reduced_stiffness(
     return np.asarray((L_red + L_red.T) / 2.0, dtype=np.float64)
 
 
-def swing(L_red: Array, H: Array, D: Array) -> tuple[Array, Array]:
+def swing(L_red: Array, H: Array, D: Array, frequency: float = FREQUENCY_HZ) -> tuple[Array, Array]:
     """Continuous-time swing equations ``M delta'' + D_rad delta' + L_red delta = P``.
 
     Parameters
@@ -74,17 +86,19 @@ def swing(L_red: Array, H: Array, D: Array) -> tuple[Array, Array]:
     D : (g,) array
         Damping in per unit power per per-unit speed. (The state holds rad/s, so it enters as
         ``D / w0``.)
+    frequency : float, default 60
+        Nominal frequency in Hz.
 
     Returns
     -------
     A : (2 g, 2 g) array
         ``[[0, I], [-M^-1 L_red, -M^-1 D_rad]]`` with ``M = 2 H / w0``, ``D_rad = D / w0`` and
-        ``w0 = 2 pi 60`` rad/s. State: angles in rad, then speed deviations in rad/s.
+        ``w0 = 2 pi frequency`` rad/s. State: angles in rad, then speed deviations in rad/s.
     B : (2 g, g) array
         ``[[0], [M^-1]]``. Input: mechanical power in per unit.
     """
     g = H.size
-    w0 = 2.0 * np.pi * FREQUENCY_HZ
+    w0 = 2.0 * np.pi * frequency
     M = 2.0 * H / w0
     A = np.zeros((2 * g, 2 * g))
     A[:g, g:] = np.eye(g)
@@ -95,11 +109,18 @@ def swing(L_red: Array, H: Array, D: Array) -> tuple[Array, Array]:
     return A, B
 
 
-def swing_labels(generators: int) -> dict[str, Any]:
-    """Names and units of the states and inputs of `swing`, as arguments of `System`."""
+def swing_labels(buses: Sequence[int]) -> dict[str, Any]:
+    """Names and units of states and inputs, as arguments of `System`.
+
+    Further machines at a bus are counted: 1, 1_2, 1_3.
+    """
+    seen: Counter[int] = Counter()
+    machines = []
+    for bus in buses:
+        seen[bus] += 1
+        machines.append(f"{bus}" if seen[bus] == 1 else f"{bus}_{seen[bus]}")
     delta, omega, power = (
-        [f"{word}_{g + 1}" for g in range(generators)] for word in ("delta", "omega", "P")
+        [f"{word}_{machine}" for machine in machines] for word in ("delta", "omega", "T_m")
     )
-    units = [*((name, "rad") for name in delta), *((name, "rad/s") for name in omega)]
-    units += [(name, "pu") for name in power]
-    return {"states": delta + omega, "inputs": power, "units": dict(units)}
+    units = dict.fromkeys(delta, "rad") | dict.fromkeys(omega, "rad/s") | dict.fromkeys(power, "pu")
+    return {"states": delta + omega, "inputs": power, "units": units}

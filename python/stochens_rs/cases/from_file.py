@@ -162,16 +162,17 @@ def _units(system: System, given: Any) -> Any:
 
 
 def _npz(path: Path) -> dict[str, Any]:
-    try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            unpacked = sum(entry.file_size for entry in archive.zip.infolist())
-            memory.need(f"{path}, unpacked,", unpacked)
-            _once(archive.files)
-            return {name: archive[name] for name in archive.files}
-    except (OSError, ResourceError):
-        raise
-    except Exception as error:  # a damaged archive raises anything from three libraries
-        raise InputError(f"{path} must be an archive of numeric arrays: {error}") from error
+    with path.open("rb") as file:
+        try:
+            with np.load(file, allow_pickle=False) as archive:
+                unpacked = sum(entry.file_size for entry in archive.zip.infolist())
+                memory.need(f"{path}, unpacked,", unpacked)
+                _once(archive.files)
+                return {name: archive[name] for name in archive.files}
+        except ResourceError:
+            raise
+        except Exception as error:  # a damaged archive raises anything from three libraries
+            raise InputError(f"{path} must be an archive of numeric arrays: {error}") from error
 
 
 def _json(path: Path, size: int) -> dict[str, Any]:

@@ -117,5 +117,5 @@ def ieee14(
         B,
         dt=dt,
         name=f"IEEE 14-bus ({data} data, {base} base, {method})",
-        **swing_labels(B.shape[1]),
+        **swing_labels(_GENERATOR_BUSES),
     )

@@ -93,5 +93,5 @@ def ieee39(*, dt: float = 0.01, method: Literal["zoh", "euler"] = "zoh") -> Syst
         B,
         dt=dt,
         name=f"IEEE 39-bus (Pai data, system base, {method})",
-        **swing_labels(B.shape[1]),
+        **swing_labels(_GENERATOR_BUSES),
     )

@@ -148,6 +148,9 @@ def identify(
     zeta = None if instruments is None else _instruments(instruments, runs, d, offset)
     refuse(assumed, known, zeta, runs.single)
     Z = _rows(runs, offset)
+    with np.errstate(over="ignore"):
+        if not np.isfinite(np.vdot(Z, Z)):
+            raise NonFiniteError("the squares of the data overflow: scale the data down")
     tested = None
     if gate.flag("checks", checks) and runs.size * n * DRAWS <= WORK:
         own, outcomes = np.ascontiguousarray(Z[:, :d]), np.ascontiguousarray(Z[:, d:])
@@ -158,7 +161,7 @@ def identify(
         Z = np.hstack([zeta, Z[keep]])
     triangle = _core.triangle(Z, get_num_threads())
     if not np.isfinite(triangle).all():
-        raise NonFiniteError("the squares of the data overflow: scale the data down")
+        raise NonFiniteError("the products of data and instruments overflow: scale them down")
     model = Model(runs, triangle, assumed, sizes, offset, known, zeta, tested, key)
     if model.warnings:
         said, more = model.warnings[0], len(model.warnings) - 1

@@ -56,10 +56,11 @@ class _Place:
     """Words for a row of a run: ``in run 'a' at time 0.2``."""
 
     def __init__(self, label: object, places: NDArray[np.intp], times: Floats | None) -> None:
-        self.label, self.places, self.times = label, places, times
+        text = "".join(c if c.isprintable() else "?" for c in f"{label!s:.30}")  # one line
+        self.label, self.places, self.times = None if label is None else text, places, times
 
     def __call__(self, row: int) -> str:
-        run = "" if self.label is None else f"in run {self.label!s:.30} "
+        run = "" if self.label is None else f"in run {self.label} "
         at = f"in row {self.places[row]}"
         return run + (at if self.times is None else f"at time {self.times[self.places[row]]:.6g}")
 

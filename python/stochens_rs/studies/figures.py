@@ -51,9 +51,8 @@ def figure(
     result = new_figure(5.0 * len(panels), 5.0, header=0.62, footer=0.55, shown=shown)
     for position, one in enumerate(panels, start=1):
         ax = panel(one, sizes, ax=result.add_subplot(1, len(panels), position))
-        ax.set_title(
-            f"({one.name[1:]}) {one.quantity}", loc="left", fontsize=10.5, color=INK, pad=7
-        )
+        look: dict[str, Any] = {"fontsize": 10.5, "color": INK, "pad": 7, "parse_math": False}
+        ax.set_title(f"({one.name[1:]}) {one.quantity}", loc="left", **look)
     heading(result, title, ran)
     legend(result, panels)
     return result
@@ -143,31 +142,14 @@ def heading(result: Figure, title: str, ran: str) -> None:
             color=color,
             weight=weight,
             va="top",
+            parse_math=False,
         )
 
 
 def legend(result: Figure, shown: Sequence[Panel], *, columns: int | None = None) -> None:
     """One legend below all panels: a row of methods, then what the other marks mean."""
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-
-    curves = [curve for one in shown for curve in one.curves]
-    present = {curve.look for curve in curves}
-    handles: list[Any] = [
-        Line2D([], [], label=style.label, **_line(style))
-        for key, style in STYLES.items()
-        if key in present
-    ]
-    columns = columns or len(handles)
-    if any(curve.exact_rms is not None for curve in curves):
-        handles += [
-            Line2D([], [], label="exact rms of uniform", **EXACT),
-            Line2D([], [], label="rms of its replicates", **MEASURED),
-        ]
-    handles += [
-        Patch(facecolor=PALE, alpha=0.25, label="10-90 % of replicates"),
-        Line2D([], [], color=PALE, linewidth=0.7, label="one single run"),
-    ]
+    handles = marks(shown)
+    columns = columns or len({curve.look for one in shown for curve in one.curves})
     result.legend(
         handles=_by_rows(handles, columns),
         loc="lower left",
@@ -179,6 +161,30 @@ def legend(result: Figure, shown: Sequence[Panel], *, columns: int | None = None
         handlelength=3.0,
         columnspacing=1.5,
     )
+
+
+def marks(shown: Sequence[Panel]) -> list[Any]:
+    """What a legend explains, with labels: the methods present, then the other marks."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    curves = [curve for one in shown for curve in one.curves]
+    present = {curve.look for curve in curves}
+    handles: list[Any] = [
+        Line2D([], [], label=style.label, **_line(style))
+        for key, style in STYLES.items()
+        if key in present
+    ]
+    if any(curve.exact_rms is not None for curve in curves):
+        handles += [
+            Line2D([], [], label="exact rms of uniform", **EXACT),
+            Line2D([], [], label="rms of its replicates", **MEASURED),
+        ]
+    return [
+        *handles,
+        Patch(facecolor=PALE, alpha=0.25, label="10-90 % of replicates"),
+        Line2D([], [], color=PALE, linewidth=0.7, label="one single run"),
+    ]
 
 
 def _line(style: Style) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from ..identification.identifying import identify as identified
 from ..rng import Key
 from ..system import System
 from .ready_runs import Design, Truth, changed, checked_design, deviations, options
-from .units import PURE
+from .units import PURE, of_states
 
 
 def coverage(
@@ -178,7 +178,8 @@ class RunCoverage(Record, listed=False):
     @property
     def units(self) -> dict[str, str]:
         """Of its numbers."""
-        return dict.fromkeys(("inside", "covered", "ratio", "size", "steps", "delta"), PURE)
+        pure = dict.fromkeys(("inside", "covered", "ratio", "size", "steps", "delta"), PURE)
+        return pure | of_states(self.truth.system.labels, "bound", "error", "noise")
 
     def __call__(
         self,

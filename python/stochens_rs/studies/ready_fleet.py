@@ -53,12 +53,13 @@ def fleet(
     size : int, default 100
         Number of units for the design.
     held_out : int, default 1000
-        Number of fresh units.
+        For a nominal system: number of fresh units that tell the misses. Of an ensemble all units
+        do, exactly.
     risk : {"mean", "worst"}, default "worst"
         As in `control_fleet`.
     beta : float, default 1e-3
         Probability that the certificate fails: `FleetPlan.certify`; for the mean
-        `FleetPlan.validate` on half of the fresh units.
+        `FleetPlan.validate` on `size` more units.
     limits, Q, R
         As in `control_fleet`.
 
@@ -98,7 +99,7 @@ def fleet(
         steps=steps,
         spread=None if spread is None else gate.nonnegative("spread", spread),
         size=size,
-        held_out=gate.size("held_out", held_out, minimum=2),
+        held_out=gate.size("held_out", held_out),
         risk=risk,
         beta=beta,
         limits=limits,
@@ -113,11 +114,11 @@ class Fleet(Record, listed=False):
 
     Calling it with a key, and `size`, `steps`, `risk` or `beta` in place of those here, returns the
     "value" that was minimised; "miss", "miss90" and "miss_most", the median, the 90 % quantile and
-    the largest miss of the fresh units; "epsilon", the certified share of the law that misses more
-    than the units of the design; "share", how many of the fresh units do; "held", whether that is
-    at most epsilon (0 or 1).
+    the largest miss over the law; "epsilon", the certified share of the law that misses more than
+    the units of the design; "share", how many do; "held", whether that is at most epsilon (0 or 1).
 
-    The share is an estimate: where it is near epsilon, it can be larger by chance.
+    For a nominal system misses and share are estimates from fresh units: a share near epsilon can
+    be larger by chance.
 
     Attributes
     ----------
@@ -171,13 +172,14 @@ class Fleet(Record, listed=False):
             R=self.R,
             risk=now.risk,
         )
-        fresh = self._drawn(key.child("fresh"), self.held_out)
         if now.risk == "worst":
             certified = plan.certify(now.beta)
         else:  # no bound of a mean follows from its own units
-            half = self.held_out // 2
-            certified, fresh = plan.validate(fresh[:half], now.beta), fresh[half:]
-        units = Units(fresh, plan.units.x0, plan.units.xf, plan.units.Q, now.steps)
+            certified = plan.validate(self._drawn(key.child("more"), now.size), now.beta)
+        law = self.law
+        if self.spread is not None:
+            law = self._drawn(key.child("fresh"), self.held_out)
+        units = Units(law, plan.units.x0, plan.units.xf, plan.units.Q, now.steps)
         misses = units.misses(plan.u)
         share = float(np.mean(misses > certified.threshold))
         return {

@@ -19,7 +19,7 @@ from ..simulation.closed_loop import track
 from ..simulation.controlled import deviations
 from ..system import System
 from .ready_runs import changed
-from .units import PURE
+from .units import PURE, of_states
 
 
 def closed_loop(
@@ -86,14 +86,16 @@ def closed_loop(
     """
     known = System.from_any(system)
     n, m = known.n, known.m
-    goal = np.zeros(n) if xf is None else gate.vector("xf", xf, length=n).copy()
+    goal = np.zeros(n)
+    if xf is not None:
+        goal = gate.vector("xf", xf, length=n, labels=known.state_names).copy()
     weight("Q", Q, n)
     weight("R", R, m)
-    sides("limits", _pair(limits), 1, m)
-    sides("state_limits", state_limits, 1, n)
+    sides("limits", _pair(limits), 1, known.labels)
+    sides("state_limits", state_limits, 1, known.labels)
     return ClosedLoop(
         system=known,
-        x0=gate.vector("x0", x0, length=n).copy(),
+        x0=gate.vector("x0", x0, length=n, labels=known.state_names).copy(),
         xf=goal,
         steps=gate.size("steps", steps),
         limits=limits,
@@ -139,7 +141,8 @@ class ClosedLoop(Record, listed=False):
     @property
     def units(self) -> dict[str, str]:
         """Of its numbers."""
-        return dict.fromkeys(("limited", "steps"), PURE)
+        lengths = of_states(self.system.labels, "violation", "distance", "noise")
+        return dict.fromkeys(("limited", "steps"), PURE) | lengths
 
     def __call__(self, key: Key, **axes: Any) -> dict[str, float]:
         """Return the numbers of one replicate."""
@@ -159,8 +162,8 @@ class ClosedLoop(Record, listed=False):
         )
         reference = np.tile(self.xf, (self.length + 1, 1))
         ride = track(self.system, reference, controller=loop, x0=self.x0, noise=now.noise, rng=key)
-        low, high = sides("limits", limits, 1, m)
-        below, above = sides("state_limits", self.state_limits, 1, n)
+        low, high = sides("limits", limits, 1, self.system.labels)
+        below, above = sides("state_limits", self.state_limits, 1, self.system.labels)
         x, u, off = ride.states[1:], ride.inputs, ride.states[1:] - self.xf
         cost = np.sum((off @ weight("Q", self.Q, n)) * off)
         return {

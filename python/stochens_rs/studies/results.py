@@ -18,7 +18,7 @@ from .grid import Label, label_text, plain_label
 from .methods import STYLES
 from .summary import Summary, summarized
 from .tables import Failure, Tabled
-from .units import labelled
+from .units import labelled, suffix
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -181,12 +181,13 @@ class Results(Tabled):
         cube = rows.transpose(order).reshape(
             1 if hue is None else len(self.grid[hue]), len(self.grid[x]), len(self.replicates)
         )
+        unit = suffix(hue or "", self.units)
         lines = []
         for label, own in zip((None,) if hue is None else self.grid[hue], cube, strict=True):
             band = np.array([_quantiles(one) for one in own]).T
             style = STYLES.get((label, "product"))  # type: ignore[arg-type]
             look = style and {"color": style.color, "marker": style.marker, "linestyle": style.line}
-            named = None if hue is None else style.label if style else f"{hue} = {label}"
+            named = None if hue is None else style.label if style else f"{hue} = {label}{unit}"
             lines.append(Line(named, band[0], band[1], band[2], look or {}))
         title = f"median and 10-90 % band of {len(self.replicates)} replicates"
         of_x, of_y = (labelled(name, self.units) for name in (x, y))

@@ -6,6 +6,7 @@ import functools
 from collections.abc import Mapping
 
 from .._base import gate
+from .._base.labels import Labels
 from ..exceptions import InputTypeError
 
 PURE = "1"  # of a number without unit, as in the conventions of netCDF
@@ -24,7 +25,20 @@ def units_of(function: object) -> dict[str, str]:
     return {name: gate.text(f"function.units[{name!r}]", unit) for name, unit in names.items()}
 
 
+def of_states(labels: Labels, *numbers: str) -> dict[str, str]:
+    """The unit of numbers that are lengths of states: the one of all states, if they share one."""
+    units = dict(labels.units)
+    found = {units.get(name, "") for name in labels.states}
+    return dict.fromkeys(numbers, found.pop()) if len(found) == 1 and "" not in found else {}
+
+
 def labelled(name: str, units: Mapping[str, str]) -> str:
     """``u[0] [N]``: a number or an axis with its unit, if there is one."""
-    unit = units.get(name.partition("[")[0], PURE)
-    return name if unit == PURE else f"{name} [{unit}]"
+    unit = suffix(name.partition("[")[0], units).strip()
+    return f"{name} [{unit}]" if unit else name
+
+
+def suffix(name: str, units: Mapping[str, str]) -> str:
+    """What follows a value in a text: `` N``, or nothing for a pure number."""
+    unit = units.get(name, PURE)
+    return "" if unit in (PURE, "") else f" {unit}"

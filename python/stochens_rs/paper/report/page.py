@@ -2,17 +2,17 @@
 
 `write_report` turns finished experiments into ``report.html`` (self-contained: figures and style
 are inlined, nothing is loaded from anywhere), ``results.json`` and the figures as PNG and SVG.
-The text is in the templates beside this file. All its numbers are read from the experiments;
-nothing is computed here.
+The text is in the templates beside this file, one for each section. All its numbers are read from
+the experiments; nothing is computed here.
 """
 
 from __future__ import annotations
 
-import base64
 import inspect
 import os
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,14 +22,29 @@ from ...plots.files import save_figures
 from ...plots.style import require_matplotlib
 from ...studies.methods import STYLES
 from .. import experiments as _experiments
+from .drawings import claims_figure, figure
+from .formulas import gap, mathml, number, percent, readable, thousands
 
 if TYPE_CHECKING:
+    from markupsafe import Markup
+
     from ...studies import Experiment, Panel
     from ..verdicts.records import Claims
 
 SCHEMA = "stochens-results/1"
 # Columns of the table of final errors that hold numbers: key in `final_errors`, heading.
 COLUMNS = {"median": "median", "q10": "10 %", "q90": "90 %", "rms": "rms"}
+
+# Sections of the page: id and name of the template, heading.
+SECTIONS = (
+    ("figures", "Figures"),
+    ("errors", "Errors after all samples"),
+    ("agreements", "What agrees with the paper"),
+    ("deviations", "What cannot agree, and why"),
+    ("claims", "The paper, statement by statement"),
+    ("settings", "What was run"),
+    ("repeat", "To repeat it"),
+)
 
 
 def final_errors(experiments: Sequence[Experiment]) -> list[dict[str, Any]]:
@@ -53,30 +68,33 @@ def final_errors(experiments: Sequence[Experiment]) -> list[dict[str, Any]]:
     >>> final_errors([power(rng=1, replicates=2, samples=20)])[0]["method"]
     'uniform'
     """
-    rows = []
-    for experiment in experiments:
-        for panel in experiment.panels:
-            for curve in panel.curves:
-                low, high = curve.band
-                exact, z, worst = curve.exact_rms, curve.z, curve.errors[:, -1].max()
-                rows.append(
-                    {
-                        "experiment": experiment.name,
-                        "panel": panel.name,
-                        "quantity": panel.quantity,
-                        "method": curve.name,
-                        "samples": int(experiment.sizes[-1]),
-                        "replicates": experiment.replicates,
-                        "median": float(curve.median[-1]),
-                        "q10": float(low[-1]),
-                        "q90": float(high[-1]),
-                        "rms": float(curve.rms[-1]),
-                        "zero": panel.zero_label if worst <= panel.zero_level else None,
-                        "exact_rms": None if exact is None else float(exact[-1]),
-                        "z": None if z is None else float(z[-1]),
-                    }
-                )
-    return rows
+    return [
+        row
+        for experiment in experiments
+        for panel in experiment.panels
+        for row in _rows(experiment, panel)
+    ]
+
+
+def _rows(experiment: Experiment, panel: Panel) -> Iterator[dict[str, Any]]:
+    for curve in panel.curves:
+        low, high = curve.band
+        exact, z, worst = curve.exact_rms, curve.z, curve.errors[:, -1].max()
+        yield {
+            "experiment": experiment.name,
+            "panel": panel.name,
+            "quantity": panel.quantity,
+            "method": curve.name,
+            "samples": int(experiment.sizes[-1]),
+            "replicates": experiment.replicates,
+            "median": float(curve.median[-1]),
+            "q10": float(low[-1]),
+            "q90": float(high[-1]),
+            "rms": float(curve.rms[-1]),
+            "zero": panel.zero_label if worst <= panel.zero_level else None,
+            "exact_rms": None if exact is None else float(exact[-1]),
+            "z": None if z is None else float(z[-1]),
+        }
 
 
 def write_report(
@@ -139,7 +157,7 @@ def write_report(
     with tempfile.TemporaryDirectory(dir=directory) as made:
         page = Path(made, "report.html")
         figures = save_figures(drawn, made)
-        text = render("report.html.j2", experiments, page.parent, title=title, claims=claims)
+        text = render("report.html.j2", experiments, title=title, claims=claims)
         page.write_text(text, encoding="utf-8")
         return write_listed(directory, "results.json", results, [*figures, page])
 
@@ -151,11 +169,13 @@ def require_report() -> None:
         import jinja2  # noqa: F401
 
 
-def render(
-    template: str, experiments: Sequence[Experiment], directory: Path | None = None, **more: Any
-) -> str:
-    """Fill in one of the templates; `directory` has the figures."""
+def render(template: str, experiments: Sequence[Experiment], **more: Any) -> str:
+    """Fill in one of the templates."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
+    from markupsafe import Markup
+
+    def html(written: Callable[[Any], str]) -> Callable[[Any], Markup]:
+        return lambda value: Markup(written(value))
 
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent),
@@ -165,45 +185,54 @@ def render(
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters.update(number=number, percent=percent, thousands=thousands)
-
-    def source(name: str) -> str:
-        assert directory is not None
-        svg = base64.b64encode((directory / f"{name}.svg").read_bytes()).decode("ascii")
-        return f"data:image/svg+xml;base64,{svg}"
-
+    environment.filters.update(
+        number=html(lambda value: readable(number(value))),
+        percent=lambda share: percent(share).replace(" ", "\u00a0"),
+        thousands=thousands,
+        readable=html(readable),
+        mathml=html(mathml),
+        breakable=html(_breakable),
+    )
     named = {experiment.name: experiment for experiment in experiments}
     return environment.get_template(template).render(
         {
             "experiments": experiments,
             "power": named.get("power"),
             "tracking": named.get("tracking"),
-            "rows": final_errors(experiments),
+            "claims": None,
+            "sections": [one for one in SECTIONS if one[0] != "claims" or more.get("claims")],
+            "tables": tables(experiments),
             "columns": COLUMNS,
             "methods": [one for (_, fusion), one in STYLES.items() if fusion == "product"],
             "code": _code(experiments),
-            "source": source,
+            "figure": figure,
+            "claims_figure": claims_figure,
             "last": last,
+            "error": error,
             "or_zero": or_zero,
+            "gap": html(lambda value: readable(gap(value))),
             "has_zeros": has_zeros,
             **more,
         }
     )
 
 
-def number(value: float) -> str:
-    """Three significant digits."""
-    return f"{value:.3g}"
+Rows = list[tuple[dict[str, Any], str]]
 
 
-def percent(share: float) -> str:
-    """A share in per cent with two significant digits; a positive one is never shown as 0."""
-    return "less than 0.01 %" if 0 < share < 1e-4 else f"{float(f'{100 * share:.2g}'):g} %"
-
-
-def thousands(count: int) -> str:
-    """A count with thin spaces between thousands."""
-    return f"{count:,}".replace(",", "\u2009")
+def tables(experiments: Sequence[Experiment]) -> list[tuple[Panel, Rows]]:
+    """Each panel with its rows of `final_errors`, and what the figures call their methods."""
+    return [
+        (
+            panel,
+            [
+                (row, STYLES[curve.look].label)
+                for row, curve in zip(_rows(experiment, panel), panel.curves, strict=True)
+            ],
+        )
+        for experiment in experiments
+        for panel in experiment.panels
+    ]
 
 
 def last(panel: Panel, method: str) -> float:
@@ -211,11 +240,24 @@ def last(panel: Panel, method: str) -> float:
     return float(panel.curve(method).median[-1])
 
 
-def or_zero(value: float, panel: Panel) -> str:
+def error(panel: Panel, method: str) -> str:
+    """Median error after all samples, in per cent."""
+    value = last(panel, method)
+    return panel.zero_label if value <= panel.zero_level else percent(value).replace(" ", "\u00a0")
+
+
+def or_zero(value: float, panel: Panel, zero: str | None = None) -> Markup:
     """A number, or the reason why it counts as zero."""
-    if value == 0:
-        return "0"
-    return panel.zero_label if value <= panel.zero_level else number(value)
+    from markupsafe import Markup
+
+    if value > panel.zero_level:
+        return Markup(readable(number(value)))
+    return Markup(escape("0" if value == 0 else zero or panel.zero_label))
+
+
+def _breakable(key: str) -> str:
+    """Hexadecimal digits with places where a line may end."""
+    return "<wbr>".join(escape(key[k : k + 8]) for k in range(0, len(key), 8))
 
 
 def has_zeros(experiment: Experiment, figure: str) -> bool:

@@ -62,6 +62,18 @@ class Comparison:
         rounding = ROUNDING * float(self.target @ self.target)
         return np.asarray((self.slse > self.uniform + rounding).mean(axis=0))
 
+    @property
+    def seen(self) -> str:
+        """What a figure of them shows, in words."""
+        uniform, most = self.uniform.mean(axis=0), int(np.argmax(self.worse))
+        return (
+            f"Mean square errors of {len(self.slse)} runs from N = {self.sizes[0]} to "
+            f"{self.sizes[-1]}, on logarithmic axes: SLSE falls from {self.mean_square[0]:.2g} to "
+            f"{self.mean_square[-1]:.2g}, uniform weights from {uniform[0]:.2g} to "
+            f"{uniform[-1]:.2g} along V / N. SLSE is worse in at most "
+            f"{100 * self.worse[most]:.2g} % of the runs, at N = {self.sizes[most]}."
+        )
+
     def to_dict(self) -> dict[str, Any]:
         """What the figure shows, as plain lists."""
         return {

@@ -6,6 +6,7 @@ from functools import reduce
 
 import numpy as np
 
+from ..._base.numbers import ROUNDING
 from ...cases import random_system
 from ...rng import Key
 from ...theory.exact import best_control
@@ -79,10 +80,11 @@ def sample_reachability(key: Key) -> Claim:
     xf = A @ x0 + B @ gen.standard_normal(m)
     one = best_control(A, B, x0, xf).reachability()
     every = reachability.sample_reachability((A, B), x0, xf)
+    residual = f"{one.relative:.0e}" if one.relative > ROUNDING else "0 to rounding"
     text = (
         f"Random system, n = {n}, m = {m}, xf = A x0 + B u: reachable (relative residual "
-        f"{one.relative:.0e}), but only {every.reachable_atoms} of {every.atoms} different "
-        "realizations are; the root mean square of their distances to reachable targets is "
+        f"{residual}), but only {every.reachable_atoms} of {every.atoms} different realizations "
+        f"are; the root mean square of their distances to reachable targets is "
         f"{every.rms_residual:.3g}."
     )
     confirms = one.reachable and every.reachable_atoms == 0

@@ -24,18 +24,19 @@ def draw_claims(tails: Tails, compared: Comparison, shown: bool) -> Figure:
     require_matplotlib()
     made = new_figure(10.0, 4.5, header=0.42, footer=0.0, shown=shown)
     left, right = made.subplots(1, 2)
-    _tails(left, tails)
-    _comparison(right, compared)
+    draw_tails(left, tails)
+    draw_comparison(right, compared)
     made.text(0.012, 0.985, "What the lemmas say, and what happens", size=13, va="top", color=INK)
     return made
 
 
-def _tails(ax: Axes, tails: Tails) -> None:
+def draw_tails(ax: Axes, tails: Tails) -> None:
+    """The error that few runs exceed, a bound that holds, and that of Lemma 4.2."""
     percent = f"{100 * (1 - tails.delta):g} %"
     ax.loglog(tails.sizes, tails.ours, "-", color=_OURS, lw=2, label=f"{tails.bound} bound (holds)")
     ax.loglog(tails.sizes, tails.empirical, "o", color=INK, ms=5, label=f"{percent} of the runs")
     ax.loglog(
-        tails.sizes, tails.printed, "--", color=_PAPER, lw=2, label="Lemma 4.2 with ||A||, C = n"
+        tails.sizes, tails.printed, "--", color=_PAPER, lw=2, label="Lemma 4.2 with ‖A‖, C = n"
     )
     ax.fill_between(tails.sizes, tails.printed, tails.empirical, color=_PAPER, alpha=0.10, lw=0)
     ax.set_title(f"Tail bounds: Hadamard system, n = {tails.n}", loc="left", size=10.5, color=INK)
@@ -44,7 +45,8 @@ def _tails(ax: Axes, tails: Tails) -> None:
     _finish(ax)
 
 
-def _comparison(ax: Axes, compared: Comparison) -> None:
+def draw_comparison(ax: Axes, compared: Comparison) -> None:
+    """Mean squares of SLSE and of uniform weights, and how often SLSE is worse."""
     sizes = compared.sizes
     uniform, slse = STYLES["uniform", "product"], STYLES["slse", "product"]
     ax.loglog(sizes, compared.bound, "-", color=uniform.color, lw=2, label="V / N, the bound")

@@ -47,7 +47,10 @@ def exact_recovery(key: Key) -> Claim:
     ensemble = sample(A, 400, rng=key)
     fits = {k: fuse(ensemble.prefix(k), "alse", target=A) for k in (10, 20, 40, 80, 160, 400)}
     first = next((k for k, fit in fits.items() if fit.exact), None)
-    errors = ", ".join(f"{fit.error:.1e} (N = {k})" for k, fit in fits.items())
+    errors = ", ".join(
+        f"{'0 to rounding' if fit.exact else f'{fit.error:.2g}'} (N = {k})"
+        for k, fit in fits.items()
+    )
     # both entries of both columns are hit, but always together
     together = [exact.array([[3, 3], [0, 0]]), exact.array([[0, 0], [3, 3]])]
     # two realizations: SLSE is the optimum of the segment

@@ -68,6 +68,20 @@ class Tails:
         """The names of `bounds`, each once."""
         return ", ".join(dict.fromkeys(self.bounds))
 
+    @property
+    def seen(self) -> str:
+        """What a figure of them shows, in words."""
+        above = self.ours / self.empirical
+        broken = int((self.empirical > self.printed).sum())
+        return (
+            f"State error not exceeded in {100 * (1 - self.delta):g} % of {self.runs} runs, on "
+            f"logarithmic axes: from {self.empirical[0]:.2g} at N = {self.sizes[0]} to "
+            f"{self.empirical[-1]:.2g} at N = {self.sizes[-1]}. The {self.bound} bound is "
+            f"{above.min():.2g} to {above.max():.2g} times as large; the radius of Lemma 4.2 is "
+            f"smaller than the error at {broken} of {len(self.sizes)} sizes, and "
+            f"{self.printed[0]:.2g} at N = {self.sizes[0]}."
+        )
+
     def to_dict(self) -> dict[str, Any]:
         """The fields as plain numbers and lists."""
         plain = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in vars(self).items()}

@@ -37,3 +37,20 @@ pub(crate) fn widest<W: Work>(work: W) -> W::Out {
     }
     work.run()
 }
+
+/// The registers that [`widest`] and `wide` choose: what the processor has of `avx2` and `avx512f`, else `portable`.
+#[cfg_attr(not(feature = "python"), allow(dead_code, reason = "the package reports it"))]
+pub(crate) fn registers() -> &'static str {
+    #[cfg(target_arch = "x86_64")]
+    {
+        use std::arch::is_x86_feature_detected;
+
+        if is_x86_feature_detected!("avx512f") {
+            return "avx512f";
+        }
+        if is_x86_feature_detected!("avx2") {
+            return "avx2";
+        }
+    }
+    "portable"
+}

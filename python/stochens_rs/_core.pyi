@@ -21,6 +21,7 @@ __all__ = [
     "box_batch",
     "box_batch_each",
     "box_control",
+    "build",
     "chi2_quantile",
     "chi2_upper",
     "closed_form",
@@ -325,6 +326,7 @@ def storage_decode(
     source: str | os.PathLike[str], bytes: bytes, kind: str
 ) -> tuple[int, dict[str, _Section]]: ...
 def version() -> str: ...
+def build() -> tuple[bool, str]: ...
 
 # identification from measured pairs: `q` = whitened regressors (N, rank), `e` = residuals (N, n)
 

@@ -61,11 +61,17 @@ mod _core {
     #[pymodule_export]
     use super::streaming::{PyDataStream, PyStream};
     #[pymodule_export]
-    use super::version;
+    use super::{build, version};
 }
 
 /// The version of the core.
 #[pyfunction]
 fn version() -> &'static str {
     env!("CARGO_PKG_VERSION")
+}
+
+/// Whether the core is a release build, and the registers for which its kernels were chosen.
+#[pyfunction]
+fn build() -> (bool, &'static str) {
+    (!cfg!(debug_assertions), crate::widest::registers())
 }

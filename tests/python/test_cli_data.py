@@ -271,7 +271,7 @@ def test_control_of_a_known_system(tmp_path, capsys):
         (["--from", "1,up"], ["--from", "'1,up'"]),
         (["--from", "1,0", "--steps", "0"], ["--steps"]),
         (["--from", "1,0", "--steps", "3", "--robust"], ["robust"]),
-        (["--from", "1,0", "--open-loop"], ["open_loop"]),
+        (["--from", "1,0", "--open-loop"], ["--open-loop"]),
     ],
 )
 def test_bad_controls_are_named(table, tmp_path, capsys, args, words):
@@ -368,7 +368,7 @@ def test_control_of_a_model_within_limits(table, tmp_path, capsys):
         (["--state-limits", "u[0]=-1,1"], "must be one of x[0], x[1]"),
         (["--R", "1,2,3"], "1 or 2 finite numbers"),
         (["--Q", "inf"], "1 or 2 finite numbers"),
-        (["--rate", "0.1"], "`previous` must be given"),
+        (["--rate", "0.1"], "--previous must be given"),
         (["--hard"], "--hard is for --state-limits"),
     ],
 )

@@ -153,7 +153,7 @@ def test_ctrl_c_loses_nothing(
         (["--methods", "uniform,uniform"], 2, "--methods"),
         (["--methods", "ales"], 2, "'ales'"),
         (["--workers", "0"], 2, "--workers"),
-        (["--time-limit", "0"], 2, "time_limit"),
+        (["--time-limit", "0"], 2, "--time-limit"),
         (["--path", "no/such/folder/a.study"], 5, "no/such/folder"),
     ],
 )

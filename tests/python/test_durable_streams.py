@@ -475,8 +475,8 @@ def test_the_help_has_the_exit_codes_and_the_lock(capsys: pytest.CaptureFixture[
         "Exit codes: 0 ",
         "2 usage",
         "5 read",
-        "130 in",
-        "143 te",
+        "130 Ctrl-C",
+        "143 SIGTERM",
         "FILE.lock",
         "FILE.prev",
     ):
@@ -504,7 +504,7 @@ def test_usage(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["stream", "--case", "ieee14", "--resume"]) == 2
     assert "--checkpoint" in capsys.readouterr().err
     assert cli.main(["stream", "--case", "ieee14", "--tol", "-1"]) == 2
-    assert "`tol` must be > 0, got float -1.0" in capsys.readouterr().err  # as it was given
+    assert "--tol must be > 0, got float -1.0" in capsys.readouterr().err  # as it was given
     foreign = tmp_path / "text"
     foreign.write_text("somebody else's")
     assert cli.main(["stream", "--case", "ieee14", "--resume", "--checkpoint", str(foreign)]) == 5

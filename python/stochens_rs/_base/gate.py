@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -206,9 +206,14 @@ def choice(name: str, value: object, allowed: tuple[W, ...]) -> W:
         raise InputTypeError(f"`{name}` must be {listed}, got {show(value)}")
     if value in allowed:
         return value
-    near = difflib.get_close_matches(value[:40].lower(), allowed, n=1)
-    hint = f"; did you mean '{near[0]}'?" if near else ""
-    raise InputError(f"`{name}` must be {listed}, got {show(value)}{hint}")
+    raise InputError(f"`{name}` must be {listed}, got {show(value)}{nearest(value, allowed)}")
+
+
+def nearest(value: str, allowed: Iterable[str]) -> str:
+    """The end of a message that asks whether one of `allowed` was meant; "" if none is near."""
+    names = {name.lower(): name for name in allowed}
+    near = difflib.get_close_matches(value[:40].lower(), names, n=1)
+    return f"; did you mean {names[near[0]][:40]!r}?" if near else ""
 
 
 def items(name: str, value: object) -> list[Any]:

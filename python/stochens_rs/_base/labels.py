@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -138,10 +137,9 @@ def checked_units(names: Sequence[str], units: object) -> tuple[tuple[str, str],
             raise InputTypeError(f"`units` must be pairs (name, unit), got {gate.show(pair)}")
         name, unit = pair
         if not isinstance(name, str) or name not in names:
-            near = difflib.get_close_matches(str(name)[:40], names, n=1)
             raise InputError(
                 "`units` must name states and inputs of the system, got "
-                f"{gate.show(name)}{f'; did you mean {near[0][:40]!r}?' if near else ''}"
+                f"{gate.show(name)}{gate.nearest(str(name), names)}"
             )
         if name in found:
             raise InputError(f"`units` must name every state and input once, got {name[:40]!r}")

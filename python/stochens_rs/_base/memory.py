@@ -10,6 +10,8 @@ from ..exceptions import ResourceError
 _SHARE = 0.8
 # Bytes below which the operating system is not asked: asking takes longer than allocating them.
 _SMALL = 2**24
+# Bytes above which the limit of a control group is none: version 1 has 2^63 less a page for that.
+_NO_LIMIT = 2**60
 
 
 def need(what: str, needed_bytes: int) -> None:
@@ -34,11 +36,21 @@ def memory_left() -> int | None:
     (versions 1 and 2, with all parents) minus their use; the available memory of the machine.
     Sources that do not exist, as on macOS and Windows, are skipped.
     """
-    found: list[int] = []
-    for source in (_address_space_left, _cgroups_left, _machine_left):
+    return min(left_by_source().values(), default=None)
+
+
+def left_by_source() -> dict[str, int]:
+    """Bytes that this process may still use by each limit that there is."""
+    found: dict[str, int] = {}
+    for name, source in (
+        ("address space", _address_space_left),
+        ("control groups", _cgroups_left),
+        ("machine", _machine_left),
+    ):
         with contextlib.suppress(OSError, ValueError):  # another format of these files
-            found += source()
-    return max(0, min(found)) if found else None
+            if left := source():
+                found[name] = max(0, min(left))
+    return found
 
 
 def _address_space_left() -> list[int]:
@@ -72,6 +84,8 @@ def _cgroups_left() -> list[int]:
             limit, used = _text(f"{folder}/{names[0]}"), _text(f"{folder}/{names[1]}")
             if not (limit.strip().isdigit() and used.strip().isdigit()):
                 continue  # "max", or no such file
+            if int(limit) > _NO_LIMIT:
+                continue
             stat = dict(s.split() for s in _text(f"{folder}/memory.stat").splitlines())
             # Inactive files in the page cache count as use, but the kernel frees them if needed.
             found.append(int(limit) - int(used) + int(stat.get(names[2], 0)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -12,7 +13,7 @@ import numpy as np
 from ..exceptions import InputTypeError
 from .gate import show
 
-__all__ = ["Progress", "in_ipython", "progress_bar"]
+__all__ = ["Progress", "in_ipython", "progress_bar", "watched"]
 
 # None, a flag, or a function f(done, total).
 Progress: TypeAlias = bool | Callable[[int, int | None], object] | None
@@ -24,12 +25,19 @@ def in_ipython() -> bool:
     return ipython is not None and ipython.get_ipython() is not None
 
 
+def watched() -> bool:
+    """Whether standard error shows lines that are overwritten: no pipe, file or ``TERM=dumb``."""
+    if sys.stderr is None:
+        return False
+    return in_ipython() or (sys.stderr.isatty() and os.environ.get("TERM") != "dumb")
+
+
 def progress_bar(
     progress: Progress, total: int | None, what: str, unit: str = "it"
 ) -> AbstractContextManager[Callable[[int], object]]:
     """Turn `progress` into a context that gives a function ``f(done)``.
 
-    A pipe or a file on stderr gets no bar: nobody watches it.
+    There is no bar where it is not `watched`.
 
     Raises
     ------
@@ -51,7 +59,7 @@ def _bar(
     if callable(progress):
         call = progress
         yield lambda done: call(done, total)
-    elif progress and sys.stderr is not None and (sys.stderr.isatty() or in_ipython()):
+    elif progress and watched():
         from tqdm import tqdm
 
         with tqdm(total=total, desc=what, unit=unit, unit_scale=True, leave=False) as bar:

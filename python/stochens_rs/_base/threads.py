@@ -15,6 +15,7 @@ T = TypeVar("T")
 # Seconds between two looks for signals: on Windows, waiting for a thread does not notice them.
 _PAUSE = 0.05
 
+VARIABLE = "STOCHENS_NUM_THREADS"
 _MOST = 1024  # threads of one call
 _limit: int | None = None
 _single = 0  # how many `one_thread` blocks are open, in all threads together
@@ -58,16 +59,21 @@ def get_num_threads() -> int:
     int
         At least 1.
     """
+    return threads_by()[0]
+
+
+def threads_by() -> tuple[int, str]:
+    """How many threads one call may use, and what says so."""
     if _single:
-        return 1
+        return 1, "a worker"
     if _limit is not None:
-        return _limit
-    asked = os.environ.get("STOCHENS_NUM_THREADS", "")
+        return _limit, "set_num_threads"
+    asked = os.environ.get(VARIABLE, "")
     if asked.isdecimal() and len(asked) <= 4 and int(asked) > 0:
-        return min(int(asked), _MOST)
+        return min(int(asked), _MOST), VARIABLE
     if hasattr(os, "sched_getaffinity"):
-        return max(1, len(os.sched_getaffinity(0)))
-    return os.cpu_count() or 1
+        return max(1, len(os.sched_getaffinity(0))), "processors"
+    return os.cpu_count() or 1, "processors"
 
 
 @contextmanager

@@ -124,7 +124,7 @@ def from_file(path: str | os.PathLike[str]) -> Problem:
     if unknown:
         raise InputError(
             f"{path} must have the entries A and B, and optionally x0, xf, dt, states, inputs and "
-            f"units, got also {unknown[0][:40]!r}"
+            f"units, got also {unknown[0][:40]!r}{gate.nearest(unknown[0], _NAMES)}"
         )
     missing = [name for name in ("A", "B") if name not in found]
     if missing:
@@ -180,7 +180,10 @@ def _json(path: Path, size: int) -> dict[str, Any]:
         with path.open("rb") as file:
             found = json.loads(file.read(size).decode("utf-8"), object_pairs_hook=_object)
     except (ValueError, RecursionError) as error:  # not text, not JSON, or nested too deeply
-        raise InputError(f"{path} must be JSON, or end in .npz, .mat or .csv: {error}") from error
+        meant = gate.nearest(path.suffix, _MEMORY)
+        raise InputError(
+            f"{path} must be JSON, or end in .npz, .mat or .csv: {error}{meant}"
+        ) from error
     if not isinstance(found, dict):
         raise InputError(f"{path} must be a JSON object, got {type(found).__name__}")
     return found

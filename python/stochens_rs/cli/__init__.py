@@ -2,29 +2,37 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
 
 import click
 
 from .._base.files import versions
+from .._base.gate import nearest
 from ..exceptions import InputError, InputTypeError, ResourceError, StateError
 from ..studies.signals import interruptions
-from . import _claims, _control, _identify, _info, _plan, _reproduce, _stream, _study
-from ._output import INTERRUPTED, note, occupy_standard_descriptors, show
+from . import (
+    _claims,
+    _completion,
+    _control,
+    _doctor,
+    _identify,
+    _plan,
+    _reproduce,
+    _stream,
+    _study,
+)
+from ._command import INTERNAL, INTERRUPTED, IO, OK, USAGE, Group, exit_codes
+from ._output import note, occupy_standard_descriptors, show
 
 __all__ = ["main"]
 
-OK, INTERNAL, USAGE, IO = 0, 1, 2, 5
-EXIT_CODES = (
-    "Exit codes: 0 done, 1 internal error, 2 usage or input, 3 a verdict is contradicted (claims), "
-    "5 reading or writing files, 130 interrupted (Ctrl-C), 143 terminated (SIGTERM)."
-)
-
 
 @click.group(
+    cls=Group,
     invoke_without_command=True,
-    epilog=EXIT_CODES,
+    epilog=exit_codes({3: "a verdict is contradicted (claims)"}),
     context_settings={
         "help_option_names": ["-h", "--help"],
         "max_content_width": 100,
@@ -38,7 +46,10 @@ EXIT_CODES = (
 def cli(context: click.Context) -> None:
     """Control of a linear system that is known only through random realizations.
 
-    Results go to standard output; progress, names of written files and errors to standard error.
+    Results go to standard output, with --json as one JSON object; progress, names of written files
+    and errors to standard error, an error as one line with an exit code.
+
+    `stochens COMMAND --help` has examples.
     """
     if context.invoked_subcommand is None:
         show(context.get_help())
@@ -52,9 +63,9 @@ for _command in (
     _study.study_command,
     _identify.identify_command,
     _control.control_command,
-    _info.info,
+    _doctor.doctor,
+    _completion.completion,
 ):
-    _command.epilog = EXIT_CODES
     cli.add_command(_command)
 
 
@@ -94,14 +105,25 @@ def _code(args: list[str] | None) -> int:
         return _fail(error.format_message(), USAGE)
     except (click.Abort, KeyboardInterrupt):
         return _fail("interrupted", INTERRUPTED)
-    except SystemExit:  # raised by click when the reader of the output has closed it
-        return IO
+    except SystemExit as end:  # of click: a completion, or the reader of the output has closed it
+        return OK if not end.code else IO
+    except FileNotFoundError as error:
+        return _fail(f"{error}{_neighbour(error.filename)}", IO)
     except (OSError, StateError) as error:
         return _fail(str(error), IO)
     except (InputError, InputTypeError, ResourceError, ImportError) as error:
         return _fail(str(error), USAGE)
     except Exception as error:
         return _fail(f"internal error: {type(error).__name__}: {error}", INTERNAL)
+
+
+def _neighbour(path: object) -> str:
+    """Ask whether a file with a similar name was meant."""
+    folder, name = os.path.split(str(path or ""))
+    try:
+        return nearest(name, os.listdir(folder or "."))
+    except OSError:
+        return ""
 
 
 def _fail(message: str, code: int) -> int:

@@ -5,14 +5,20 @@ from __future__ import annotations
 import click
 
 from .. import paper
-from ._options import force_option, json_option, seed_option
+from ._command import Command
+from ._options import force_option, json_option, out_option, seed_option
 from ._output import Folder, show_result
 
 
-@click.command(short_help="Check the statements of the paper.")
+@click.command(
+    cls=Command,
+    short_help="Check the statements of the paper.",
+    examples=["claims --quick", "claims --out checked", "claims --json | jq .confirmed"],
+    codes={3: "a verdict is contradicted"},
+)
 @seed_option
 @click.option("--quick", is_flag=True, help="Fewer runs: a second or two instead of ten.")
-@click.option("--out", metavar="DIR", help="Also write claims.json and the figure there.")
+@out_option("claims")
 @force_option
 @json_option
 @click.pass_context
@@ -28,9 +34,8 @@ def claims(
     realization s of x and x_hat an estimate; g(w) is the sum of the absolute values of a vector,
     g(A) the largest of the columns of A.
 
-    Files in DIR are replaced if a run with the same options wrote them, or with --force. If DIR has
-    a file of the same name that this command did not write, or that was changed since, the command
-    stops before it computes anything (claims.json lists the files with their SHA-256).
+    Files in DIR are replaced if a run with the same options wrote them, or with --force; other
+    files never are (claims.json lists its files with their SHA-256).
     """
     folder = None
     if out is not None:

@@ -15,32 +15,52 @@ from .._base.types import DELTA
 from ..controls import Certificate, Plan, control
 from ..exceptions import DataWarning
 from ..identification import Model
-from ._limits import limit_facts, limit_lines, limit_options, limits_given
-from ._options import force_option, json_option
+from ._command import Command
+from ._limits import LIMIT_NAMES, limit_facts, limit_lines, limit_options, limits_given
+from ._options import FILE, force_option, json_option, out_option, steps_option
 from ._output import Folder, finite, grid, show_result
 from ._problem import share
 
 
-@click.command("control", short_help="Compute a control and certify where it leads.")
-@click.argument("source", metavar="MODEL_OR_PROBLEM")
-@click.option("--from", "start", metavar="X,Y", help="The initial state; default: of the problem.")
-@click.option("--to", "goal", metavar="X,Y", help="The target; default: of the problem, or 0.")
-@click.option("--steps", type=click.IntRange(min=1), default=1, help="Number of steps.")
+@click.command(
+    "control",
+    cls=Command,
+    short_help="Compute a control and certify where it leads.",
+    examples=[
+        "control model.safetensors --from 1,0 --to 0,0 --steps 20",
+        "control model.safetensors --from 1,0 --limits -1,1 --x0-error 0.1",
+        "control system.json --steps 10 --Q 1 --R 0.1 --json",
+    ],
+    sections={
+        "Options": [],  # the others, first
+        "Certificate of a model": ["delta", "x0_error", "noise", "open_loop", "robust"],
+        "Limits and weights": LIMIT_NAMES,
+    },
+    arguments={"x0": "start", "xf": "goal"},
+)
+@click.argument("source", metavar="MODEL_OR_PROBLEM", type=FILE)
+@click.option("--from", "start", metavar="X,Y", help="Initial state; default: of the problem.")
+@click.option("--to", "goal", metavar="X,Y", help="Target; default: of the problem, or 0.")
+@steps_option
 @click.option(
     "--delta",
     metavar="P",
     default=f"{DELTA:.0%}",
     help="Probability that the certificate does not hold.",
 )
-@click.option("--noise", is_flag=True, help="Include the noise of the run to come.")
 @click.option(
-    "--open-loop",
-    is_flag=True,
-    help="The inputs of the measured runs did not react to the states: often a smaller bound.",
+    "--x0-error",
+    metavar="E",
+    type=float,
+    default=0.0,
+    show_default=False,
+    help="The true initial state is within E of --from (2-norm).",
 )
-@click.option("--robust", is_flag=True, help="The control of least certificate; for one step.")
+@click.option("--noise", is_flag=True, help="Include the noise of the run to come.")
+@click.option("--open-loop", is_flag=True, help="The measured inputs did not react to the states.")
+@click.option("--robust", is_flag=True, help="The control of least certificate; one step.")
 @limit_options
-@click.option("--out", metavar="DIR", help="Also write control.json and the figure there.")
+@out_option("control")
 @force_option
 @json_option
 @click.pass_context
@@ -53,6 +73,7 @@ def control_command(
     steps: int,
     delta: str,
     noise: bool,
+    x0_error: float,
     open_loop: bool,
     robust: bool,
     out: str | None,
@@ -60,19 +81,14 @@ def control_command(
     as_json: bool,
     **_: Any,
 ) -> None:
-    """Compute the control that leads from one state to another, also within limits.
+    """Compute the control from one state to another, also within limits.
 
-    MODEL_OR_PROBLEM is a model that `stochens identify --save` wrote (.safetensors), or a system
-    that is known: .npz, .mat, .csv or JSON with A, B and optionally x0, xf, names and units
-    (`help(stochens_rs.cases.from_file)` says how).
+    MODEL_OR_PROBLEM is a model that `stochens identify --save` wrote (.safetensors), or a known
+    system: .npz, .mat, .csv or JSON with A, B and optionally x0, xf, names and units.
 
     For a model, prints how far the true system can end from the target, with probability 1 - P,
-    and of what that is made; the figure has the predicted states with the tube that contains the
-    true ones. The certificate rests on what was declared to `stochens identify`.
-
-    With limits or weights the control is the best one within them: of least sum over the steps of
-    the squared distance of the state from the target, weighted by --Q and --Qf, and of the squared
-    inputs, weighted by --R.
+    under the assumptions declared to `stochens identify`. With limits or weights, minimizes the
+    weighted squares of the distances from the target (--Q, --Qf) and of the inputs (--R).
     """
     probability = share(delta, "--delta")
     written = ("out", "force", "as_json")
@@ -87,10 +103,10 @@ def control_command(
         known = Model.load(source)
         x0, xf, n = None, None, known.n
     else:
-        if noise or open_loop or robust:
+        if noise or open_loop or robust or x0_error:
             raise click.UsageError(
-                "--noise, --open-loop and --robust are for models (.safetensors), not for a system "
-                "that is known"
+                "--x0-error, --noise, --open-loop and --robust are for models (.safetensors), not "
+                "for a system that is known"
             )
         problem = cases.from_file(source)
         known, x0, xf = problem.system, problem.x0, problem.xf
@@ -99,6 +115,8 @@ def control_command(
     x0 = _state("--from", start, n, x0)
     xf = _state("--to", goal, n, np.zeros(n) if xf is None else xf)
     asked = limits_given(context.params, names)
+    if x0_error:
+        asked["x0_error"] = x0_error
     if robust:
         asked |= {"robust": True, "delta": probability}
     plan = control(known, x0, xf, steps=steps, **asked)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from .._base.csv_file import read_cells
+from .._base.gate import nearest
 from ..exceptions import InputError
 from ..identification import Trajectories
 
@@ -21,7 +22,7 @@ def read_runs(
     for option, names in wanted:
         for name in names:
             if name is not None and name not in columns:
-                known = ", ".join(list(columns)[:8])
+                known = f"{', '.join(list(columns)[:8])}{nearest(name, columns)}"
                 raise InputError(f"{path} has no column '{name}' for {option}: it has {known}")
     table: dict[str, Any] = {name: _numbers(path, name, columns[name]) for name in states}
     table |= {name: _numbers(path, name, columns[name]) for name in inputs}

@@ -14,59 +14,77 @@ from ..identification import Model, Trajectories, identify
 from ..identification.assumptions import COVARIANCES, DESIGNS, NOISES
 from ..identification.region import Region
 from ..rng import as_key
+from ._command import Command
 from ._csv import read_runs
-from ._options import force_option, json_option, seed_option
+from ._options import FILE, Choice, force_option, json_option, out_option, seed_option
 from ._output import Folder, finite, grid, note, show_result
 from ._problem import share
 
 
-@click.command("identify", short_help="Fit a model to measured runs.")
-@click.argument("runs", metavar="RUNS.csv")
+@click.command(
+    "identify",
+    cls=Command,
+    short_help="Fit a model to measured runs.",
+    examples=[
+        "identify runs.csv --states x,v --inputs F --by run --time t",
+        "identify runs.csv --states x,v --inputs F --save model.safetensors",
+    ],
+    sections={
+        "Table": ["states", "inputs", "by", "time", "last_pairs"],
+        "Assumptions": ["design", "noise", "sigma", "covariance", "intercept", "lags"],
+    },
+)
+@click.argument("runs", metavar="RUNS.csv", type=FILE)
 @click.option("--states", required=True, metavar="A,B", help="Columns of the states.")
 @click.option("--inputs", required=True, metavar="U,V", help="Columns of the inputs.")
-@click.option(
-    "--by",
-    metavar="COLUMN",
-    help="The column that tells the runs apart; without it, all rows are one run.",
-)
-@click.option("--time", metavar="COLUMN", help="The column of times [s], or of dates and times.")
+@click.option("--by", metavar="COLUMN", help="The column that tells runs apart; else one run.")
+@click.option("--time", metavar="COLUMN", help="The column of times [s], or of dates.")
 @click.option(
     "--design",
-    type=click.Choice(DESIGNS),
+    type=Choice(DESIGNS),
+    metavar="D",
     default="adaptive",
-    help="independent: all states and inputs are independent of the noise of the next state; with "
-    "several steps in a run add --last-pairs.",
+    help="adaptive, or independent: all states and inputs are independent of the noise of the next "
+    "state (several steps: --last-pairs).",
 )
 @click.option("--last-pairs", is_flag=True, help="Use only the last step of each run.")
-@click.option("--noise", type=click.Choice(NOISES), default="gaussian", help="Law of the noise.")
+@click.option(
+    "--noise",
+    type=Choice(NOISES),
+    metavar="LAW",
+    default="gaussian",
+    help=f"{', '.join(NOISES[:-1])} or {NOISES[-1]}.",
+)
 @click.option(
     "--sigma",
+    metavar="S",
     type=float,
-    help="Known standard deviation of the noise; for bounded, its largest 2-norm.",
+    help="Known deviation of the noise; bounded: its largest 2-norm.",
 )
 @click.option(
     "--covariance",
-    type=click.Choice([one for one in COVARIANCES if one != "known"]),
+    type=Choice([one for one in COVARIANCES if one != "known"]),
+    metavar="C",
     default="full",
-    help="What is known of the covariance.",
+    help="Of the noise: full, diagonal or scalar.",
 )
 @click.option("--intercept", is_flag=True, help="Fit an offset c as well.")
 @click.option(
     "--lags",
     type=click.IntRange(min=0),
     metavar="L",
-    help="States are measured with error: take the present and L past inputs, which do not react "
-    "to the states, as instruments.",
+    help="States have errors: the present and L past inputs, which do not react to the states, are "
+    "the instruments.",
 )
 @click.option(
     "--delta",
     metavar="P",
     default=f"{DELTA:.0%}",
-    help="Probability that the region does not contain the system.",
+    help="Probability that the region misses the system.",
 )
 @seed_option
-@click.option("--save", metavar="FILE", help="Save the model, for `stochens control`.")
-@click.option("--out", metavar="DIR", help="Also write identify.json and the figure there.")
+@click.option("--save", type=FILE, metavar="FILE", help="Save the model, for `stochens control`.")
+@out_option("identify")
 @force_option
 @json_option
 @click.pass_context
@@ -91,17 +109,12 @@ def identify_command(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Fit x(k+1) = A x(k) + B u(k) + c + w(k) to the runs in a table, and certify the fit.
+    """Fit x(k+1) = A x(k) + B u(k) + c + w(k) to a table of runs, with a region.
 
-    The first row of RUNS.csv names the columns; every other row has the states and inputs of one
-    time of one run. Times of a run must be equally far apart. Cells of an input in the last row of
-    a run may be empty.
-
-    Prints A, B and c with bounds that hold for all entries at once, the standard deviations of the
-    residuals, and tests of the residuals: a small p speaks against an assumption, and no p proves
-    one. The figure shows the residuals. The assumptions are yours: --design, --noise, --sigma.
-
-    With --lags L the region has a centre of its own, which is the model that is printed.
+    The first row of RUNS.csv names the columns; every other row is one time of one run. The last
+    inputs of a run may be empty. Prints A, B and c with bounds that hold for all entries at once,
+    under the assumptions that you declare, and tests of the residuals: a small p speaks against an
+    assumption, no p proves one.
     """
     probability = share(delta, "--delta")
     options = {k: v for k, v in context.params.items() if k not in ("out", "force", "as_json")}

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 import numpy as np
 
+from .._base.gate import nearest
 from ._output import finite
 
 if TYPE_CHECKING:
@@ -20,37 +21,24 @@ F = TypeVar("F", bound=Callable[..., Any])
 _OPTIONS = (
     click.option(
         "--limits",
-        metavar="[INPUT=]LOW,HIGH",
+        metavar="LOW,HIGH",
         multiple=True,
-        help="Limits of all inputs, or of one; may be repeated. inf: none on that side.",
+        help="Of all inputs, or INPUT=LOW,HIGH; repeatable.",
     ),
-    click.option(
-        "--rate", metavar="R", help="Largest change of an input in a step; one number or for each."
-    ),
-    click.option(
-        "--previous", metavar="U", help="With --rate: the inputs applied now, with commas."
-    ),
-    click.option(
-        "--Q",
-        "Q",
-        metavar="W",
-        help="Weight of the states: one number or one for each; default: only the last one counts.",
-    ),
-    click.option("--Qf", "Qf", metavar="W", help="Weight of the last state; default: that of --Q."),
-    click.option(
-        "--R",
-        "R",
-        metavar="W",
-        help="Weight of the inputs: one number or one for each; default: almost 0.",
-    ),
+    click.option("--rate", metavar="R", help="Largest change of an input in a step; one or each."),
+    click.option("--previous", metavar="U", help="With --rate: the inputs applied now."),
+    click.option("--Q", "Q", metavar="W", help="Weight of the states, one or each; default: 0."),
+    click.option("--Qf", "Qf", metavar="W", help="Weight of the last state; default: --Q, or 1."),
+    click.option("--R", "R", metavar="W", help="Weight of the inputs; default: almost 0."),
     click.option(
         "--state-limits",
-        metavar="[STATE=]LOW,HIGH",
+        metavar="LOW,HIGH",
         multiple=True,
-        help="Limits of all states, or of one; may be repeated. Soft unless --hard.",
+        help="As --limits, of the states; soft unless --hard.",
     ),
     click.option("--hard", is_flag=True, help="The limits of the states must hold."),
 )
+LIMIT_NAMES = ("limits", "rate", "previous", "Q", "Qf", "R", "state_limits", "hard")
 
 
 def limit_options(command: F) -> F:
@@ -127,7 +115,7 @@ def _sides(option: str, texts: Sequence[str], names: Sequence[str]) -> tuple[Flo
     for text in sorted(texts, key=lambda text: "=" in text):  # those of all, then those of one
         name, equals, pair = text.rpartition("=")
         if equals and name not in names:
-            known = ", ".join(names)
+            known = f"{', '.join(names)}{nearest(name, names)}"
             raise click.BadParameter(f"{name!r} must be one of {known}", param_hint=option)
         values = _numbers(option, pair)
         if len(values) != 2 or any(map(math.isnan, values)):

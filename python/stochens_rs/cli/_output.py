@@ -9,6 +9,7 @@ import re
 import sys
 import tempfile
 from collections.abc import Callable
+from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,8 +24,6 @@ from ..plots.style import require_matplotlib
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-INTERRUPTED = 130  # exit code after Ctrl-C: 128 + SIGINT; after SIGTERM `main` returns 143
 
 
 def occupy_standard_descriptors() -> None:
@@ -70,7 +69,10 @@ def prepared(
     if not out.strip():
         raise click.BadParameter("the directory has no name", param_hint="--out")
     directory = Path(out)
+    new = [path for path in (directory, *directory.parents) if not path.exists()]
     directory.mkdir(parents=True, exist_ok=True)
+    if context := click.get_current_context(silent=True):
+        context.call_on_close(partial(_remove_empty, new))
     with tempfile.TemporaryFile(dir=directory):
         pass
     return directory, _replaceable(directory, index, names, options, force)
@@ -112,6 +114,13 @@ def grid(rows: list[list[str]]) -> list[str]:
         ).rstrip()
         for row in rows
     ]
+
+
+def _remove_empty(made: list[Path]) -> None:
+    """Remove directories, the innermost first, if nothing was written to them."""
+    with contextlib.suppress(OSError):
+        for path in made:
+            path.rmdir()
 
 
 def _replaceable(

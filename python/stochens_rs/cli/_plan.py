@@ -7,21 +7,34 @@ import click
 from .._base.types import DELTA
 from ..controls.planning import required_samples
 from ..rng import as_key
-from ._options import case_option, file_option, json_option, seed_option
+from ._command import Command
+from ._options import (
+    Choice,
+    case_option,
+    file_option,
+    json_option,
+    seed_option,
+    steps_option,
+)
 from ._output import show_result
 from ._problem import problem, share
 
 
-@click.command(short_help="Find the number of samples for an accuracy.")
+@click.command(
+    cls=Command,
+    short_help="Find the number of samples for an accuracy.",
+    examples=["plan --case ieee14 --error 5%", "plan --file system.json --delta 1% --json"],
+)
 @case_option
 @file_option
 @click.option(
     "--error",
     metavar="E",
     default="5%",
-    help="Largest error, 5% or 0.05 of the norm of the exact control or of the state it leads to; "
-    "with --absolute in units of the control or state.",
+    help="Largest error: 5% or 0.05 of the norm of the exact control or state; with --absolute in "
+    "their units.",
 )
+@click.option("--absolute", is_flag=True, help="--error is absolute, not relative.")
 @click.option(
     "--delta",
     metavar="P",
@@ -30,26 +43,20 @@ from ._problem import problem, share
 )
 @click.option(
     "--quantity",
-    type=click.Choice(["state", "control"]),
+    type=Choice(["state", "control"]),
     default="state",
     help="Error of the state after the last step, or of the control.",
 )
 @click.option(
     "--fusion",
-    type=click.Choice(["product", "diagonal"]),
+    type=Choice(["product", "diagonal"]),
     default="product",
-    help="product: average x0, xf and A, then compute the control; diagonal: average the controls "
-    "of single realizations.",
+    help="Average x0, xf and A, or the controls of single realizations.",
 )
-@click.option(
-    "--steps",
-    type=click.IntRange(min=1),
-    default=1,
-    help="Number of steps of the control.",
-)
-@click.option("--absolute", is_flag=True, help="--error is absolute, not relative.")
+@steps_option
 @click.option(
     "--runs",
+    metavar="R",
     type=click.IntRange(min=20),
     default=1000,
     help="Number of simulated runs.",

@@ -12,7 +12,8 @@ from .. import paper
 from .._base.files import versions
 from ..paper.report.page import COLUMNS, require_report
 from ..rng import as_key
-from ._options import force_option, json_option, seed_option
+from ._command import Command
+from ._options import DIRECTORY, force_option, json_option, seed_option
 from ._output import note, prepared, show_result
 from ._unfinished import unfinished
 from ._workers import pool, workers_option
@@ -27,35 +28,46 @@ QUICK: dict[str, dict[str, Any]] = {
 _NAMES = re.compile(r"results\.json|report\.html|(claims|(power|tracking)-figure-\d)\.(png|svg)")
 
 
-@click.command(short_help="Run the paper's experiments, write a report.")
+@click.command(
+    cls=Command,
+    short_help="Run the paper's experiments, write a report.",
+    examples=[
+        "reproduce --quick --out first-look",
+        "reproduce --workers 4",
+        "reproduce --workers 4 --resume",
+    ],
+)
 @click.option(
     "--out",
+    type=DIRECTORY,
     default="stochens-report",
     metavar="DIR",
-    help="Directory for report.html, results.json and the figures; made if missing.",
+    help="For report.html, results.json and the figures.",
 )
 @force_option
 @seed_option
 @click.option(
     "--replicates",
+    metavar="R",
     type=click.IntRange(min=1),
-    help="Independent repetitions of both experiments.  [default: 100 and 20]",
+    help="Repetitions of both experiments.  [default: 100 and 20]",
 )
 @click.option(
     "--samples",
+    metavar="N",
     type=click.IntRange(min=1),
     help="Realizations of each entity.  [default: 1000]",
 )
 @click.option(
     "--quick",
     is_flag=True,
-    help="A first look in seconds: few replicates and samples, a smaller system in tracking.",
+    help="A first look in seconds, with fewer and smaller runs.",
 )
 @click.option(
     "--claims/--no-claims",
     "with_claims",
     default=True,
-    help="Also check the paper's statements, for a section of the report.",
+    help="Also check the paper's statements.",
 )
 @workers_option
 @click.option("--resume", is_flag=True, help="Continue an unfinished run in DIR, if there is one.")
@@ -78,13 +90,10 @@ def reproduce(
     uniform weights also the exact root mean square, and z, the difference between the mean square
     and its exact value in standard errors.
 
-    A report in DIR is replaced if a run with the same options wrote it, or with --force. If DIR has
-    a file of the same name that this command did not write, or that was changed since, the command
-    stops before it computes anything (results.json lists the files with their SHA-256).
-
-    Until the report is written, the numbers are kept in DIR/unfinished. After Ctrl-C, SIGTERM or a
-    crash the same command with --resume continues, with the same results, with any number of
-    workers. Without --resume it stops if there are such numbers; --force removes them.
+    A report in DIR is replaced if a run with the same options wrote it, or with --force; other
+    files never are. Until it is written, the numbers are kept in DIR/unfinished: after Ctrl-C,
+    SIGTERM or a crash --resume continues, with the same results and any number of workers, and
+    --force removes them.
     """
     require_report()
     options = {

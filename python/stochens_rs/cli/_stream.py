@@ -15,18 +15,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._base import gate
+from .._base.progress import watched
 from ..exceptions import InputError
 from ..rng import as_key
 from ..streams.stream import Stream
 from ..theory.exact import best_control
-from ._options import case_option, file_option, json_option, seed_option
-from ._output import INTERRUPTED, note, show_result
+from ._command import INTERRUPTED, TERMINATED, Command
+from ._options import FILE, case_option, file_option, json_option, seed_option
+from ._output import note, show_result
 from ._problem import problem, share
 
-TERMINATED = 143  # exit code after SIGTERM: 128 + SIGTERM
 
-
-@click.command(short_help="Refine a control sample by sample.")
+@click.command(
+    cls=Command,
+    short_help="Refine a control sample by sample.",
+    examples=[
+        "stream --case ieee14 --tol 10%",
+        "stream --file system.json --checkpoint run.state",
+        "stream --file system.json --checkpoint run.state --resume",
+    ],
+)
 @case_option
 @file_option
 @click.option(
@@ -36,7 +44,10 @@ TERMINATED = 143  # exit code after SIGTERM: 128 + SIGTERM
     help="Stop when the bound on the state error is this small, relative to the reached state.",
 )
 @click.option(
-    "--max-steps", type=click.IntRange(min=1), help="Largest number of steps in this run."
+    "--max-steps",
+    metavar="K",
+    type=click.IntRange(min=1),
+    help="Largest number of steps in this run.",
 )
 @click.option("--time-limit", type=float, metavar="S", help="Time limit of this run in seconds.")
 @click.option(
@@ -45,10 +56,11 @@ TERMINATED = 143  # exit code after SIGTERM: 128 + SIGTERM
 @seed_option
 @click.option(
     "--checkpoint",
+    type=FILE,
     metavar="FILE",
     help="Save the state to this file during the run and at its end.",
 )
-@click.option("--every", type=float, default=60.0, help="Seconds between checkpoints.")
+@click.option("--every", metavar="S", type=float, default=60.0, help="Seconds between checkpoints.")
 @click.option("--resume", is_flag=True, help="Continue from the checkpoint.")
 @json_option
 @click.pass_context
@@ -84,17 +96,17 @@ def stream(
         raise click.UsageError(f"{checkpoint} exists: give --resume, or another name")
     best = best_control(system.A, system.B, x0, xf)
     scale, reach = float(np.linalg.norm(best.reached)) or 1.0, best.reachability()
-    watched = sys.stderr is not None and sys.stderr.isatty()
+    shown = watched()
     with _signals() as received:
         run = made.run(
             tol=relative * scale,
             max_steps=max_steps,
             time_limit=time_limit,
-            progress=_Line(made, scale) if watched else False,
+            progress=_Line(made, scale) if shown else False,
             checkpoint=checkpoint,
             every=every,
         )
-    if watched:
+    if shown:
         note("")
     facts = {
         "schema": "stochens-stream/1",

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
 import click
 import numpy as np
 
+from .._base.gate import choice, nearest
 from ..cases import CASES
 from ..fusion.fusing import Method
 from ..rng import as_key
 from ..studies import Results, Study, error
-from ._options import force_option, json_option, seed_option
-from ._output import INTERRUPTED, Folder, finite, grid, show_result
+from ..studies.tables import SUFFIXES
+from ._command import INTERRUPTED, Command
+from ._options import FILE, Place, Words, force_option, json_option, out_option, seed_option
+from ._output import Folder, finite, grid, show_result
 from ._problem import problem
 from ._workers import executor, workers_option
 
@@ -22,18 +26,39 @@ if TYPE_CHECKING:
 _POINTS = 16  # of a logarithmic range
 
 
-@click.command("study", short_help="Errors against the number of samples.")
-@click.argument("source", metavar="PROBLEM")
+@click.command(
+    "study",
+    cls=Command,
+    short_help="Errors against the number of samples.",
+    examples=[
+        "study ieee14 --sizes 10:1e4:log5 --methods uniform,alse",
+        "study system.json --path run.study --workers 4 --save errors.parquet",
+    ],
+)
+@click.argument("source", metavar="PROBLEM", type=Place("file", CASES))
 @click.option("--sizes", default="10:1000:log5", metavar="S", help="10,100 or 10:1e5:log[POINTS].")
-@click.option("--methods", default="uniform,alse", metavar="M", help="Fusions to be compared.")
-@click.option("--replicates", type=click.IntRange(min=1), default=100, help="Repetitions.")
+@click.option(
+    "--methods",
+    type=Words(get_args(Method)),
+    default="uniform,alse",
+    metavar="M",
+    help=f"Of {', '.join(get_args(Method))}.",
+)
+@click.option(
+    "--replicates", metavar="R", type=click.IntRange(min=1), default=100, help="Repetitions."
+)
 @workers_option
 @click.option("--dask", metavar="ADDRESS", help="Run on this Dask cluster instead.")
-@click.option("--path", metavar="FILE", help="Keep the numbers here; an existing study goes on.")
+@click.option(
+    "--path",
+    type=FILE,
+    metavar="FILE",
+    help="Keep the numbers here; an existing study goes on.",
+)
 @click.option("--time-limit", type=float, metavar="S", help="Time limit of this run in seconds.")
 @seed_option
-@click.option("--save", metavar="FILE", help="Save all numbers: .nc, .parquet or .json.")
-@click.option("--out", metavar="DIR", help="Also write study.json and the figure there.")
+@click.option("--save", type=FILE, metavar="FILE", help=f"All numbers: {', '.join(SUFFIXES)}.")
+@out_option("study")
 @force_option
 @json_option
 @click.pass_context
@@ -62,7 +87,14 @@ def study_command(
     options = {k: v for k, v in context.params.items() if k not in ("out", "force", "as_json")}
     folder = None if out is None else Folder(out, "study", options, force)
     key = as_key(seed)
+    if save is not None:
+        choice("save", Path(save).suffix, SUFFIXES)
     known = source in CASES
+    if not known and not Path(source).suffix and not Path(source).exists():
+        names = f"{' or '.join(CASES)}, or a file"
+        raise click.BadParameter(
+            f"{source!r} must be {names}{nearest(source, CASES)}", param_hint="PROBLEM"
+        )
     function = error(*problem(source if known else None, None if known else source, key))
     axes = {"size": _sizes(sizes), "method": _methods(methods)}
     made = Study(
@@ -76,9 +108,9 @@ def study_command(
     with executor(workers, dask) as run_by:
         results = made.run(run_by, path, progress=True, time_limit=time_limit)
     facts = _facts(results, path)
-    show_result(facts, _text(results), as_json)
     if save is not None:
         results.save(save)
+    show_result(facts, _text(results), as_json)
     if folder is not None and results.values:
         number = "state" if "state" in results.values else next(iter(results.values))
         folder.write(facts, lambda: _figure(results, number))
@@ -119,8 +151,10 @@ def _methods(text: str) -> list[str]:
     found, known = text.split(","), get_args(Method)
     for one in found:
         if one not in known or found.count(one) > 1:
-            listed = ", ".join(known)
-            raise click.BadParameter(f"{one!r}: give some of {listed}", param_hint="--methods")
+            raise click.BadParameter(
+                f"{one!r}: give some of {', '.join(known)}{nearest(one, set(known) - {one})}",
+                param_hint="--methods",
+            )
     return found
 
 

@@ -10,7 +10,9 @@ from typing import Any
 
 from .._base import state_file
 from .._base.files import write_text
-from ..exceptions import InputError
+from ..exceptions import InputError, StateError
+from ..studies.block import DONE
+from ..studies.study_file import read_blocks
 from ._output import note
 
 _INDEX = "options.json"
@@ -22,7 +24,8 @@ def unfinished(
 ) -> Iterator[Path]:
     """Give the folder for the files of studies, which are removed if the run gets to its end.
 
-    Raises if it has those of another run, or, without `resume`, of any; `force` removes them.
+    It is removed as well after an error before there are any numbers. Raises if it has those of
+    another run, or, without `resume`, of any; `force` removes them.
     """
     folder = directory / "unfinished"
     folder.mkdir(exist_ok=True)
@@ -32,14 +35,29 @@ def unfinished(
         if index.exists():
             _require_use(index, options, resume=resume, force=force)
         write_text(index, json.dumps(dict(options)) + "\n")
-        yield folder
+        try:
+            yield folder
+        except Exception:
+            if not _has_numbers(folder):
+                _remove(folder)
+            raise
         _remove(folder)
     finally:
         lock.release()
-    (folder / "run.lock").unlink(missing_ok=True)
-    for emptied in (folder / "claims", folder):
-        with suppress(OSError):  # something of the user's is there
-            emptied.rmdir()
+        if not index.exists():
+            (folder / "run.lock").unlink(missing_ok=True)
+            for emptied in (folder / "claims", folder):
+                with suppress(OSError):  # something of the user's is there
+                    emptied.rmdir()
+
+
+def _has_numbers(folder: Path) -> bool:
+    """Whether a study keeps numbers, not only failures; or cannot be read."""
+    try:
+        kept = (block for path in folder.rglob("*.study") for block in read_blocks(str(path)))
+        return any((block.states == DONE).any() for block in kept)
+    except (OSError, StateError):
+        return True
 
 
 def _require_use(index: Path, options: Mapping[str, Any], *, resume: bool, force: bool) -> None:

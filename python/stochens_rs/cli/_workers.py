@@ -16,7 +16,7 @@ import click
 from .._base.extras import extra
 
 workers_option = click.option(
-    "--workers", type=click.IntRange(1, 1024), default=1, help="Processes."
+    "--workers", metavar="P", type=click.IntRange(1, 1024), default=1, help="Processes."
 )
 
 

@@ -1,0 +1,278 @@
+"""What all commands share: help on one screen, hints, JSON, completion, terminals."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import shlex
+import shutil
+import struct
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from stochens_rs import cli
+
+COMMANDS = sorted(cli.cli.commands)
+SYSTEM = {"A": [[0.9, 0.2], [0.0, 0.8]], "B": [[0.0], [1.0]], "x0": [1.0, 0.0]}
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    """A directory with a system and a table of runs, which is the current one."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "system.json").write_text(json.dumps(SYSTEM))
+    rng, lines = np.random.default_rng(1), ["run,x,v,F"]
+    for run in range(20):
+        x = rng.standard_normal(2)
+        for _ in range(5):
+            u = rng.standard_normal()
+            lines.append(f"{run},{x[0]},{x[1]},{u}")
+            x = SYSTEM["A"] @ x + np.ravel(SYSTEM["B"]) * u + 0.01 * rng.standard_normal(2)
+    (tmp_path / "runs.csv").write_text("\n".join(lines) + "\n")
+    return tmp_path
+
+
+def failed(capsys, *args, code=2):
+    """The one line on standard error of a command that fails."""
+    assert cli.main([*args]) == code
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith("stochens: ")
+    assert captured.err.count("\n") == 1
+    return captured.err
+
+
+# -- help ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["", *COMMANDS])
+def test_help_is_one_screen_with_examples_and_exit_codes(name, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    assert cli.main([*filter(None, [name]), "--help"]) == 0
+    text = capsys.readouterr().out
+    lines = text.splitlines()
+    assert len(lines) <= 46, len(lines)
+    assert max(map(len, lines)) <= 80
+    words = " ".join(text.split())
+    for code in ("0 done", "2 usage", "5 reading", "130 Ctrl-C", "143 SIGTERM"):
+        assert code in words
+    assert ("3 a verdict" in words) == (name in ("", "claims"))
+    assert name == "" or f"Examples:\n  stochens {name}" in text
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_examples_are_understood(name):
+    command = cli.cli.commands[name]
+    assert 1 <= len(command.examples) <= 3
+    for line in command.examples:
+        first, *args = shlex.split(line.partition(" | ")[0], comments=True)
+        assert first == name
+        command.make_context(name, args).close()
+
+
+def test_no_summary_of_a_command_is_cut(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    assert cli.main(["--help"]) == 0
+    assert "..." not in capsys.readouterr().out.partition("Commands:")[2]
+    assert all(0 < len(one.short_help) <= 45 for one in cli.cli.commands.values())
+
+
+# -- hints -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("args", "said", "code"),
+    [
+        ("contrl system.json", "did you mean 'control'?", 2),
+        ("plan --cas ieee14", "Did you mean", 2),
+        ("plan --case ieee41", "did you mean 'ieee14'?", 2),
+        ("plan --case ieee14 --fusion diagnal", "did you mean 'diagonal'?", 2),
+        ("study ieee93", "did you mean 'ieee39'?", 2),
+        ("study ieee14 --methods alse,unifrom", "did you mean 'uniform'?", 2),
+        ("study ieee14 --save a.parqet", "--save must be one of '.parquet', '.nc', '.json'", 2),
+        ("study ieee14 --save a.parqet", "did you mean '.parquet'?", 2),
+        ("plan --file sytem.json", "did you mean 'system.json'?", 5),
+        ("control sytem.json", "did you mean 'system.json'?", 5),
+        ("control modle.safetensors --from 1,0", "did you mean 'model.safetensors'?", 5),
+        ("control system.nzp", "did you mean '.npz'?", 2),
+        ("control key.json", "got also 'x_0'; did you mean 'x0'?", 2),
+        ("identify runs.csv --states x,vv --inputs F", "did you mean 'v'?", 2),
+        ("control named.json --limits force=-1,1", "did you mean 'forces'?", 2),
+        ("completion bsh", "did you mean 'bash'?", 2),
+    ],
+)
+def test_the_nearest_name_is_suggested(args, said, code, place, capsys):
+    (place / "system.nzp").write_bytes(b"\x93NUMPY")
+    (place / "model.safetensors").write_bytes(b"")
+    (place / "key.json").write_text(json.dumps({"A": [[1]], "B": [[1]], "x_0": [1]}))
+    (place / "named.json").write_text(json.dumps({**SYSTEM, "inputs": ["forces"]}))
+    assert said in failed(capsys, *args.split(), code=code)
+
+
+@pytest.mark.parametrize(
+    ("args", "said"),
+    [
+        ("study ieee14 --time-limit -1", "stochens: --time-limit must be > 0"),
+        ("plan --case ieee14 --delta 100%", "stochens: --delta must be in (0, 1)"),
+        ("control system.json --steps 2 --Q -1", "--Q"),
+        ("control system.json --rate 1", "--previous"),
+        ("control system.json --limits 1,-1", "--limits"),
+        ("control system.json --x0-error 1", "--x0-error"),
+        ("stream --file system.json --tol 0", "stochens: --tol must be > 0"),
+        ("study system.json --sizes 10,5", "--sizes"),
+    ],
+)
+def test_errors_name_the_option_as_it_is_typed(args, said, place, capsys):
+    err = failed(capsys, *args.split())
+    assert said in err
+    assert "`" not in err
+
+
+def test_an_entry_of_a_file_is_not_called_an_option(place, capsys):
+    (place / "bad.json").write_text(json.dumps({**SYSTEM, "x0": [1.0]}))
+    assert "`x0` must" in failed(capsys, "control", "bad.json")
+
+
+# -- JSON ------------------------------------------------------------------------------------------
+
+RUNS = "identify runs.csv --states x,v --inputs F --by run"
+AS_JSON = {
+    "claims": "claims --quick",
+    "control": "control system.json",
+    "doctor": "doctor",
+    "identify": RUNS,
+    "plan": "plan --file system.json --runs 20 --error 50%",
+    "reproduce": "reproduce --quick --no-claims --replicates 2 --samples 12",
+    "stream": "stream --file system.json --max-steps 10",
+    "study": "study system.json --sizes 10 --replicates 2",
+}
+
+
+@pytest.mark.parametrize("name", [name for name in COMMANDS if name != "completion"])
+def test_json_is_one_object_and_all_of_standard_output(name, place, capsys):
+    if name == "reproduce":
+        pytest.importorskip("matplotlib")
+
+    def refuse(word):
+        raise AssertionError(f"{word} is not JSON")
+
+    assert cli.main([*AS_JSON[name].split(), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out, parse_constant=refuse)
+    assert isinstance(found, dict)
+    failed(capsys, name, "--json", "--no-such-option")
+
+
+# -- terminals and pipes ---------------------------------------------------------------------------
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals")
+@pytest.mark.parametrize(
+    ("terminal", "environment", "bars"),
+    [
+        (True, {"TERM": "xterm-256color", "FORCE_COLOR": "1"}, True),
+        (True, {"TERM": "xterm-256color", "NO_COLOR": "1"}, True),
+        (True, {"TERM": "dumb"}, False),
+        (False, {"TERM": "xterm-256color", "FORCE_COLOR": "1"}, False),
+    ],
+)
+def test_bars_are_for_terminals_and_nothing_is_coloured(terminal, environment, bars, place):
+    fcntl, termios = pytest.importorskip("fcntl"), pytest.importorskip("termios")
+    master, slave = os.openpty()
+    fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
+    program = [sys.executable, "-m", "stochens_rs", *AS_JSON["study"].split(), "--json"]
+    run = subprocess.Popen(
+        program,
+        stdout=subprocess.PIPE,
+        stderr=slave if terminal else subprocess.PIPE,
+        env={**os.environ, **environment},
+    )
+    out, err = run.communicate(timeout=120)
+    os.set_blocking(master, False)
+    with io.FileIO(master) as reader, io.FileIO(slave):
+        shown = b"".join(iter(lambda: reader.read(4096) or b"", b""))
+    assert run.returncode == 0
+    assert isinstance(json.loads(out), dict)
+    told = shown if terminal else err
+    assert (b"study" in told) == bars
+    assert (b"\r" in told) == bars
+    assert b"\x1b[" not in told.replace(b"\x1b[A", b"")  # tqdm moves the cursor
+    assert b"\x1b" not in out
+
+
+# -- completion ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion_scripts_are_understood_by_their_shells(shell, capsys, tmp_path):
+    if shell == "bash" and shutil.which("bash") is None:
+        pytest.skip("click asks bash for its version")
+    assert cli.main(["completion", shell]) == 0
+    script = capsys.readouterr().out
+    assert "_STOCHENS_COMPLETE" in script
+    if shutil.which(shell):
+        (tmp_path / "script").write_text(script)
+        subprocess.run([shell, "-n", tmp_path / "script"], check=True, timeout=60)
+
+
+@pytest.mark.parametrize(
+    ("line", "offered"),
+    [
+        ("co", ["plain,completion", "plain,control"]),
+        ("plan --case ", ["plain,ieee14", "plain,ieee39"]),
+        ("plan --quantity s", ["plain,state"]),
+        ("study ie", ["plain,ieee14", "plain,ieee39"]),
+        ("study sys", ["file,sys"]),
+        ("study ieee14 --methods uniform,slse-", ["plain,uniform,slse-safeguarded"]),
+        ("study ieee14 --methods uniform,uni", []),
+        ("control mod", ["file,mod"]),
+        ("control m --out d", ["dir,d"]),
+        ("control m --x0", ["plain,--x0-error"]),
+        ("completion z", ["plain,zsh"]),
+    ],
+)
+def test_names_and_choices_are_completed(line, offered, monkeypatch, capsys):
+    words = f"stochens {line}"
+    monkeypatch.setenv("_STOCHENS_COMPLETE", "bash_complete")
+    monkeypatch.setenv("COMP_WORDS", words)
+    monkeypatch.setenv("COMP_CWORD", str(len(words.split(" ")) - 1))
+    assert cli.main([]) == 0
+    assert capsys.readouterr().out.split() == offered
+
+
+# -- nothing is left behind, and single options ----------------------------------------------------
+
+
+def test_an_error_before_any_number_leaves_nothing_behind(place, capsys):
+    pytest.importorskip("matplotlib")
+    before = sorted(place.iterdir())
+    many = ["--quick", "--no-claims", "--samples", "10000000000000", "--out", "new/er"]
+    for _ in range(2):  # the second run needs no --force
+        assert "GiB" in failed(capsys, "reproduce", *many)
+        assert sorted(place.iterdir()) == before
+    failed(capsys, "control", "no such file", "--out", "new", code=5)
+    assert sorted(place.iterdir()) == before
+    (place / "mine").mkdir()
+    failed(capsys, "control", "no such file", "--out", "mine", code=5)
+    assert (place / "mine").is_dir()  # it was there
+
+
+def test_x0_error_is_that_of_the_package(place, capsys):
+    assert cli.main([*RUNS.split(), "--save", "model.safetensors"]) == 0
+    capsys.readouterr()
+    model, targets = se.identification.Model.load("model.safetensors"), []
+    for off in (0.0, 0.1):
+        line = f"control model.safetensors --from 1,0 --steps 3 --x0-error {off} --json"
+        assert cli.main(line.split()) == 0
+        found = json.loads(capsys.readouterr().out)
+        plan = se.control(model, [1.0, 0.0], [0.0, 0.0], steps=3, x0_error=off)
+        targets.append(found["certificate"]["target"])
+        assert targets[-1] == plan.bound(0.05).target
+        assert ("x0 within 0.1" in found["certificate"]["assumption"]) == (off > 0)
+    assert targets[0] < targets[1]
+    line = "control model.safetensors --from 1,0 --x0-error -1"
+    assert "--x0-error must be >= 0" in failed(capsys, *line.split())

@@ -9,11 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._base import gate
+from .._base.labels import default_labels
 from .._base.records import Record
 from .._base.types import Floats
 from ..controls.fleet import control_fleet
 from ..controls.fleet_plan import RISKS, Risk
 from ..controls.fleet_units import Units, read_systems, read_units
+from ..controls.task import sides, weight
 from ..ensembles import SystemEnsemble
 from ..exceptions import InputError
 from ..rng import Key
@@ -92,6 +94,9 @@ def fleet(
         raise InputError("`spread` must be given for one nominal system, and only there")
     law = SystemEnsemble.from_systems([units]) if nominal else read_systems(units)
     read_units(law, gate.vector("x0", x0), xf, steps, Q)
+    sides("limits", limits, gate.size("steps", steps), default_labels(law.n, law.m))
+    if R is not None:
+        weight("R", R, law.m)
     return Fleet(
         law=law,
         x0=gate.vector("x0", x0, length=law.n).copy(),

@@ -85,27 +85,23 @@ def closed_loop(
     array([ True, False])
     """
     known = System.from_any(system)
-    n, m = known.n, known.m
+    n = known.n
     goal = np.zeros(n)
     if xf is not None:
         goal = gate.vector("xf", xf, length=n, labels=known.state_names).copy()
-    weight("Q", Q, n)
-    weight("R", R, m)
-    sides("limits", _pair(limits), 1, known.labels)
-    sides("state_limits", state_limits, 1, known.labels)
+    acting = known if model is None else checked_model(model)
+    options = {"Q": Q, "R": R, "state_limits": state_limits, "soft": soft}
+    regulate(acting, steps, goal, limits=_pair(limits), **options)  # refuses what does not fit
     return ClosedLoop(
         system=known,
         x0=gate.vector("x0", x0, length=n, labels=known.state_names).copy(),
         xf=goal,
-        steps=gate.size("steps", steps),
+        steps=steps,
         limits=limits,
-        Q=Q,
-        R=R,
-        state_limits=state_limits,
-        soft=soft,
+        **options,
         noise=deviations(noise, n),
         length=gate.size("length", length),
-        model=known if model is None else checked_model(model),
+        model=acting,
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,6 +12,7 @@ from .._base import gate
 from .._base.records import Record
 from .._base.types import DELTA, QUANTITIES, Floats, Quantity
 from ..controls.steering import steer
+from ..controls.task import sides
 from ..fusion.fusing import Method
 from ..rng import Key
 from ..system import System
@@ -77,6 +78,8 @@ def sampling_coverage(
     known = System.from_any(system)
     start = gate.vector("x0", x0, length=known.n).copy()
     goal = gate.vector("xf", xf, length=known.n).copy()
+    gate.choice("method", method, get_args(Method))
+    sides("limits", limits, gate.size("steps", steps), known.labels)
     return SamplingCoverage(known, start, goal, size, steps, delta, method, quantity, limits)
 
 

@@ -56,3 +56,14 @@ def deadly(key: Key, folder: str) -> dict[str, float]:
         open(mark, "w").close()
         os.kill(os.getpid(), signal.SIGKILL)
     return noise(key)
+
+
+def deaf(key: se.Key, part: str) -> dict[str, float]:
+    """One worker that SIGTERM does not end, and one that dies."""
+    if part == "first":
+        return {"x": 0.0}
+    if part == "stays":
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        time.sleep(600.0)
+    time.sleep(0.5)
+    os._exit(1)

@@ -404,6 +404,24 @@ def test_a_pool_whose_workers_died_says_so(tmp_path: Path) -> None:
     )
 
 
+def test_a_broken_pool_does_not_outlive_the_run() -> None:
+    """Nor does it keep the interpreter from ending, if a worker does not answer SIGTERM."""
+    text = """
+from concurrent.futures import ProcessPoolExecutor
+import stochens_rs as se, study_functions
+if __name__ == "__main__":
+    grid = {"part": ["first", "stays", "dies"]}
+    study = se.Study(study_functions.deaf, grid, replicates=1, rng=1)
+    pool = ProcessPoolExecutor(2)
+    print(study.run(pool).status)
+"""
+    folder = Path(__file__).parent
+    done = subprocess.run(
+        [sys.executable, "-c", text], capture_output=True, text=True, timeout=60, cwd=folder
+    )
+    assert done.stdout == "workers_lost\n", done.stderr
+
+
 @FORK
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
 def test_forty_workers_are_killed_and_nothing_changes(gen: np.random.Generator) -> None:

@@ -12,8 +12,10 @@ from concurrent.futures import (
     CancelledError,
     Executor,
     Future,
+    ProcessPoolExecutor,
     wait,
 )
+from contextlib import suppress
 from typing import TypeAlias
 
 from .._base.gate import show
@@ -118,6 +120,7 @@ class Run:
         finally:
             for future in pending:
                 future.cancel()
+            _end_broken(executor)
 
     def _by(
         self,
@@ -183,6 +186,18 @@ class Run:
                 del pending[future]
                 if (block := _result(future)) is not None:
                     self._layout = self._keep(block)
+
+
+def _end_broken(executor: Executor) -> None:
+    """End the workers of a broken pool, which would wait for them for ever.
+
+    Python drops a SIGTERM that reaches a worker while it is being forked, if this process catches
+    SIGTERM, as it does during a run.
+    """
+    if isinstance(executor, ProcessPoolExecutor) and executor._broken:
+        for worker in dict(executor._processes or {}).values():
+            with suppress(OSError, ValueError):  # it has ended
+                worker.kill()
 
 
 def _result(future: Future[Block]) -> Block | None:

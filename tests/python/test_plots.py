@@ -361,7 +361,7 @@ def test_infinite_certificates_are_marked_at_the_edge():
     for values in ([2.0, 1.0], [0.3, 0.2, 0.1], [3.0, 2.5, 2.0], [0.985]):
         assert values in drawn
     labels = [text.get_text() for text in ax.get_legend().get_texts()]
-    assert labels == ["one", "two", "certificate", "true error", "at the upper edge: infinite"]
+    assert labels == ["one", "two", "certificate", "true error", "at the upper edge: infinite", "tolerance 0.5"]
     ax.figure.canvas.draw()
 
 

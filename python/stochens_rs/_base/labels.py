@@ -65,11 +65,37 @@ class Labels(Record):
         """What an error says: ``input 'T_m3'``, or ``input 2`` for a default name."""
         return _said("input", "u", j, self.inputs[j])
 
+    def places(self, argument: str, chosen: object) -> list[int]:
+        """The places of states, which are given as names or numbers; all of them for None."""
+        if chosen is None:
+            return list(range(len(self.states)))
+        found, last = [], len(self.states) - 1
+        for one in gate.items(argument, [chosen] if isinstance(chosen, (str, int)) else chosen):
+            if isinstance(one, str):
+                found.append(self.states.index(gate.choice(argument, one, self.states)))
+            else:
+                found.append(gate.size(argument, one, minimum=0, maximum=last))
+        return found
+
+    def units_of(self, places: Sequence[int]) -> str | None:
+        """The unit that these states have in common."""
+        known = dict(self.units)
+        found = {known.get(self.states[i]) for i in places}
+        return found.pop() if len(found) == 1 else None
+
     def rows(self) -> Iterator[tuple[str, str]]:
         """Rows of a table: the names with their units, if any was given."""
         if self.given:
             for what, axes in (("states", self.state_axes), ("inputs", self.input_axes)):
                 yield what, ", ".join(axes[:_LISTED]) + ", …" * (len(axes) > _LISTED)
+
+
+def two_states(labels: Labels, across: object, up: object) -> list[int]:
+    """The places of two different states, for a phase portrait."""
+    pair = [labels.places("across", across)[0], labels.places("up", up)[0]]
+    if pair[0] == pair[1]:
+        raise InputError(f"`up` must differ from `across`, got {gate.show(up)} twice")
+    return pair
 
 
 @lru_cache(maxsize=64)

@@ -6,19 +6,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .._base import gate, html
-from .._base.labels import Labels, fitting
+from .._base.labels import Labels, default_labels, fitting, two_states
 from .._base.records import SavedRecord, require_shapes
 from .._base.tabled import Cube, Tabled, Timed, named, over_time, padded
 from .._base.types import Centre, Floats, Status
 from ..exceptions import ShapeError
-from ..plots.states import draw_states
+from ..plots.states import draw_phase, draw_states
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from matplotlib.axes import Axes
 
     from ..rng import Key
@@ -57,11 +59,15 @@ class Trajectory(SavedRecord, Timed):
         """The number of steps K."""
         return len(self.inputs)
 
-    def plot(self, *, ax: Axes | None = None) -> Axes:
+    def plot(
+        self, states: str | int | Sequence[str | int] | None = None, *, ax: Axes | None = None
+    ) -> Axes:
         """Draw every state over time.
 
         Parameters
         ----------
+        states : str, int or list of them, optional
+            Which states, by name or number. Default: all.
         ax : matplotlib Axes, optional
             Where to draw. Default: new axes on a figure of their own, which a notebook shows. In a
             script ``path.plot().figure.savefig("path.png")`` saves it; for a window, pass
@@ -75,6 +81,8 @@ class Trajectory(SavedRecord, Timed):
         ------
         ImportError
             matplotlib is not installed.
+        InputError, InputTypeError
+            There is no such state.
 
         Examples
         --------
@@ -83,9 +91,38 @@ class Trajectory(SavedRecord, Timed):
         >>> path.plot().get_ylabel()
         'state'
         """
-        names = None if self.labels is None else self.labels.state_axes
-        timed = self.dt is not None
-        return draw_states(self.times, self.states, None, timed=timed, ax=ax, names=names)
+        at, how = _shown(self, states)
+        return draw_states(self.times, self.states[:, at], None, ax=ax, **how)
+
+    def plot_phase(self, across: str | int, up: str | int, *, ax: Axes | None = None) -> Axes:
+        """Draw two states against each other: a ring at the start, a dot at the end.
+
+        Parameters
+        ----------
+        across, up : str or int
+            The two states, by name or number.
+        ax : matplotlib Axes, optional
+            Where to draw, as for `plot`.
+
+        Returns
+        -------
+        matplotlib Axes
+
+        Raises
+        ------
+        ImportError
+            matplotlib is not installed.
+        InputError, InputTypeError
+            There is no such state.
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> path = se.simulate(([[1.0, 0.1], [-0.1, 1.0]], [[0.0], [0.1]]), [1.0, 0.0], [[0.0]] * 9)
+        >>> path.plot_phase(0, 1).get_xlabel()
+        'x[0]'
+        """
+        return _phase(self, self.states, across, up, ax)
 
     def _cube(self) -> Cube:
         clock, times = over_time(self.steps, self.dt, self.times)
@@ -190,13 +227,17 @@ class EnsembleTrajectory(SavedRecord, Timed):
         error: Floats = np.sqrt(self.variance / self.replicates)
         return error
 
-    def plot(self, *, ax: Axes | None = None) -> Axes:
+    def plot(
+        self, states: str | int | Sequence[str | int] | None = None, *, ax: Axes | None = None
+    ) -> Axes:
         """Draw the mean of every state over time, with a band of two standard errors.
 
         For the models of a SystemEnsemble the band is two standard deviations of the models.
 
         Parameters
         ----------
+        states : str, int or list of them, optional
+            Which states, by name or number. Default: all.
         ax : matplotlib Axes, optional
             Where to draw, as for `Trajectory.plot`.
 
@@ -216,15 +257,44 @@ class EnsembleTrajectory(SavedRecord, Timed):
         >>> path.plot().get_xlabel()
         'step k'
         """
-        timed, names = self.dt is not None, None if self.labels is None else self.labels.state_axes
-        if self.averaging == "systems":
-            spread = None if self.variance is None else np.sqrt(self.variance)
-            band = "± 2 standard deviations"
-            return draw_states(
-                self.times, self.mean, spread, timed=timed, ax=ax, band=band, names=names
-            )
+        at, how = _shown(self, states)
         error = self.standard_error
-        return draw_states(self.times, self.mean, error, timed=timed, ax=ax, names=names)
+        if self.averaging == "systems":
+            error = None if self.variance is None else np.sqrt(self.variance)
+            how["band"] = "± 2 standard deviations"
+        error = None if error is None else error[:, at]
+        return draw_states(self.times, self.mean[:, at], error, ax=ax, **how)
+
+    def plot_phase(self, across: str | int, up: str | int, *, ax: Axes | None = None) -> Axes:
+        """Draw the means of two states against each other, as `Trajectory.plot_phase` does.
+
+        Parameters
+        ----------
+        across, up : str or int
+            The two states, by name or number.
+        ax : matplotlib Axes, optional
+            Where to draw, as for `plot`.
+
+        Returns
+        -------
+        matplotlib Axes
+
+        Raises
+        ------
+        ImportError
+            matplotlib is not installed.
+        InputError, InputTypeError
+            There is no such state.
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> system = [[1.0, 0.1], [-0.1, 1.0]], [[0.0], [0.1]]
+        >>> path = se.simulate_ensemble(system, [1.0, 0.0], [[0.0]] * 9, 100, rng=1)
+        >>> path.plot_phase(0, 1).get_ylabel()
+        'x[1]'
+        """
+        return _phase(self, self.mean, across, up, ax)
 
     def _cube(self) -> Cube:
         clock, times = over_time(self.steps, self.dt, self.times)
@@ -290,6 +360,34 @@ class TrackingArrays(Tabled):
         }
         attrs = {"status": self.status, "key": self.key.hex}
         return Cube(variables, times, attrs, named(None, self.states.shape[-1], m))
+
+
+def _labels(path: Trajectory | EnsembleTrajectory) -> Labels:
+    of = path.states if isinstance(path, Trajectory) else path.mean
+    return path.labels or default_labels(of.shape[1], path.inputs.shape[1])
+
+
+def _shown(path: Trajectory | EnsembleTrajectory, states: object) -> tuple[Any, dict[str, Any]]:
+    """The places of the chosen states, and how they are named."""
+    labels = _labels(path)
+    at = labels.places("states", states)
+    unit = labels.units_of(at)
+    said = labels.state_axes if unit is None else labels.states
+    up = "state" if unit is None else f"state [{unit}]"
+    return at, {"names": [said[i] for i in at], "up": up, "timed": path.dt is not None}
+
+
+def _phase(
+    path: Trajectory | EnsembleTrajectory,
+    states: Floats,
+    across: object,
+    up: object,
+    ax: Axes | None,
+) -> Axes:
+    labels = _labels(path)
+    at = two_states(labels, across, up)
+    names = labels.state_axes
+    return draw_phase([(states[:, at], None)], (names[at[0]], names[at[1]]), ax=ax)
 
 
 def _over_time(record: Trajectory | EnsembleTrajectory, states: str) -> tuple[int, int]:

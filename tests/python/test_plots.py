@@ -537,6 +537,9 @@ def test_labels_at_the_ends_of_lines_keep_apart():
     boxes = sorted((text.get_window_extent() for text in ax.texts), key=lambda box: box.y0)
     assert len(boxes) == 5
     assert all(low.y1 <= high.y0 + 3.0 for low, high in itertools.pairwise(boxes))
+    ax.set_ylim(0.01, 5.0)  # the ends leave, and the labels go where the lines do
+    assert {text.get_visible() for text in ax.texts} == {True, False}
+    assert all(0.01 <= text.xy[1] <= 5.0 for text in ax.texts if text.get_visible())
     free = Figure().add_subplot()  # without a layout there is no room for them
     se.simulate(system, np.arange(5.0), np.zeros((9, 1))).plot(ax=free)
     assert len(free.get_legend().get_texts()) == 5

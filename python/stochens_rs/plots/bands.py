@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from .states import label_lines
+from .ends import label_ends
 from .style import add_grid, add_key, add_labels, axes_or_new, look_of, number_text
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ def draw_bands(
     add_labels(ax, x, y)
     add_grid(ax)
     named = [line for line in handles if not line.get_label().startswith("_")]
-    if len(at) > 1 and numbers and label_lines(ax, named):
+    if len(at) > 1 and numbers and label_ends(ax, named):
         named = []
     grey = Patch(color=theme.ink, alpha=theme.fill, linewidth=0, label=band)
     add_key(ax, handles=[*named, grey] if band else named)

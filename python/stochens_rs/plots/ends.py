@@ -2,48 +2,66 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from .style import SMALL, look_of, readable, root_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.lines import Line2D
 
 MOST = 6  # lines that are labelled at their ends; more need a legend
 _ID = "stochens-end"
 _GAP = 1.25 * SMALL  # points from line to line of text
 
 
-def label_ends(ax: Axes, ends: Sequence[tuple[float, float, str, str]]) -> bool:
-    """Write texts beside the ends (x, y, text, color) of lines, apart from each other.
+def label_ends(ax: Axes, lines: Sequence[Line2D]) -> bool:
+    """Write the labels of lines beside their last points in sight, apart from each other.
 
-    Returns False, and writes nothing, if there are too many, an end is not finite, or the layout
-    of the figure makes no room for them: then a legend has to do it.
+    They follow when the range of an axis changes. Returns False, and writes nothing, if there are
+    too many, or the layout of the figure makes no room for them: then a legend has to do it.
     """
     root = root_of(ax)
     room = ax.get_window_extent().height * 72.0 / root.dpi
-    there: list[Any] = [text for text in ax.texts if text.get_gid() == _ID]
-    count = len(there) + len(ends)
-    finite = all(math.isfinite(x) and math.isfinite(y) for x, y, *_ in ends)
+    count = len(lines) + sum(text.get_gid() == _ID for text in ax.texts)
+    finite = all(np.isfinite(line.get_xydata()[-1]).all() for line in lines)  # type: ignore[index]
     if not (finite and 0 < count <= min(MOST, room / _GAP)) or root.get_layout_engine() is None:
         return False
     look = look_of(ax)
-    for x, y, text, color in ends:
-        there.append(
-            ax.annotate(
-                text, (x, y), (5.0, 0.0), textcoords="offset points", va="center", gid=_ID,
-                fontsize=SMALL, color=readable(color, look), annotation_clip=False,
-            )
+    pairs = []
+    for line in lines:
+        color = readable(str(line.get_color()), look)
+        text = ax.annotate(
+            str(line.get_label()), (0.0, 0.0), (5.0, 0.0), textcoords="offset points",
+            va="center", gid=_ID, fontsize=SMALL, color=color, annotation_clip=False,
         )  # fmt: skip
-    ax.get_ylim()  # matplotlib sets the range when it is asked for
-    ax.autoscale_view()
-    points: list[Any] = [ax.transData.transform(text.xy) for text in there]
-    at = [float(point[1]) * 72.0 / root.dpi for point in points]
-    for text, was, now in zip(there, at, _apart(at, _GAP), strict=True):
-        text.set_position((5.0, now - was))
+        pairs.append((text, np.asarray(line.get_xydata(), dtype=np.float64)))
+
+    def move(_: object = None) -> None:
+        low, high = np.sort(np.stack([ax.get_xlim(), ax.get_ylim()]), axis=1).T
+        for text, points in pairs:
+            seen = np.flatnonzero(((points >= low) & (points <= high)).all(axis=1))
+            text.set_visible(bool(seen.size))
+            if seen.size:
+                text.xy = float(points[seen[-1], 0]), float(points[seen[-1], 1])
+        _spread(ax)
+
+    move()
+    ax.callbacks.connect("xlim_changed", move)
+    ax.callbacks.connect("ylim_changed", move)
     return True
+
+
+def _spread(ax: Axes) -> None:
+    """Move the labels up and down, so that none covers another one."""
+    texts: list[Any] = [t for t in ax.texts if t.get_gid() == _ID and t.get_visible()]
+    points: list[Any] = [ax.transData.transform(text.xy) for text in texts]
+    at = [float(point[1]) * 72.0 / root_of(ax).dpi for point in points]
+    for text, was, now in zip(texts, at, _apart(at, _GAP), strict=True):
+        text.set_position((5.0, now - was))
 
 
 def _apart(at: Sequence[float], gap: float) -> list[float]:

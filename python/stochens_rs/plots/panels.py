@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from .._base import gate
 from .style import (
     TEXT,
     add_grid,
@@ -50,12 +51,14 @@ def panel_grid(
 ) -> tuple[Figure | SubFigure, list[Axes]]:
     """`count` panels in `figure`, or in a new one; a legend gets its room above them."""
     require_matplotlib()
+    from matplotlib.figure import FigureBase
+
     columns = columns or min(count, 2 if count in (2, 4) else 3)
     rows = -(-count // columns)
     if figure is None:
         size = 1.2 + 3.4 * columns, 0.9 + 2.3 * rows
         figure = new_figure(*size, header=0.0, footer=0.0, face=None)
-    elif root_of(figure).get_layout_engine() is None:
+    elif root_of(gate.instance("figure", figure, FigureBase)).get_layout_engine() is None:
         root_of(figure).set_layout_engine("constrained")
     return figure, [figure.add_subplot(rows, columns, i + 1) for i in range(count)]
 

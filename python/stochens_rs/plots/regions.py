@@ -34,5 +34,6 @@ def draw_region(
     add_labels(ax, across, up)
     add_grid(ax)
     ax.autoscale_view()
-    add_key(ax, loc="upper left", bbox_to_anchor=(1.01, 1.0))
+    if ax.get_legend_handles_labels()[0]:  # matplotlib leaves out empty labels
+        add_key(ax, loc="upper left", bbox_to_anchor=(1.01, 1.0))
     return ax

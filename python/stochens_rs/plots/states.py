@@ -14,6 +14,7 @@ from .style import add_grid, add_key, add_labels, axes_or_new, blend, literal, l
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
+    from matplotlib.lines import Line2D
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
@@ -43,20 +44,21 @@ def draw_states(
     from matplotlib.patches import Patch
 
     look = look_of(ax)
+    lines: list[Line2D] = []
     handles: list[Artist] = []
     for i in range(states.shape[1]):
         color = look.color(i)
         dash = DASHES[i // len(look.colors) % len(DASHES)]
         label = f"$x_{{{i}}}$" if names is None or names[i] == f"x[{i}]" else literal(names[i])
-        handles += ax.plot(
+        lines += ax.plot(
             times, states[:, i], color=color, linestyle=dash, linewidth=1.6, label=label
         )
         if error is not None:
             low, high = states[:, i] - 2 * error[:, i], states[:, i] + 2 * error[:, i]
             ax.fill_between(times, low, high, color=color, alpha=look.fill, linewidth=0)
     finish(ax, "time [s]" if timed else "step k", up)
-    if states.shape[1] > LISTED or (len(times) > 1 and label_lines(ax, handles)):
-        handles = []
+    if states.shape[1] <= LISTED and not (len(times) > 1 and label_ends(ax, lines)):
+        handles += lines
     if error is not None:
         handles.append(Patch(color=look.ink, alpha=look.fill, linewidth=0, label=band))
     if handles:
@@ -148,7 +150,7 @@ def draw_tracking(distance: Floats, residuals: Floats, *, ax: Axes | None) -> Ax
     ]
     finish(ax, "step k", "distance from the reference")
     ax.set_ylim(bottom=0.0)
-    if not label_lines(ax, lines):
+    if not label_ends(ax, lines):
         add_key(ax, handles=lines)
     return ax
 
@@ -157,9 +159,3 @@ def finish(ax: Axes, across: str, up: str) -> None:
     """Label the axes and draw the grid."""
     add_labels(ax, across, up)
     add_grid(ax)
-
-
-def label_lines(ax: Axes, lines: Sequence[Any]) -> bool:
-    """Write the labels of lines at their last points; False if a legend has to say them."""
-    ends = [(line.get_xdata()[-1], line.get_ydata()[-1], line) for line in lines]
-    return label_ends(ax, [(x, y, line.get_label(), line.get_color()) for x, y, line in ends])

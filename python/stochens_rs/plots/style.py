@@ -74,7 +74,7 @@ def look_of(where: Axes | Figure | SubFigure) -> Look:
     return DARK if seen + rest * paper < 0.5 else LIGHT
 
 
-def root_of(where: Axes | Figure | SubFigure) -> Figure:
+def root_of(where: Any) -> Figure:
     """The figure that holds axes or a subfigure."""
     found: Figure = _outwards(where)[-1]
     return found

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .states import finish, label_lines
+from .ends import label_ends
+from .states import finish
 from .style import add_key, axes_or_new, look_of
 
 if TYPE_CHECKING:
@@ -34,6 +35,6 @@ def draw_trace(
         if shown.any():
             lines += ax.plot(steps[shown], values[shown], line, color=color, label=label, lw=1.6)
     finish(ax, "step", r"$\|B(v - v^*)\|$")
-    if lines and not label_lines(ax, lines):
+    if lines and not label_ends(ax, lines):
         add_key(ax)
     return ax

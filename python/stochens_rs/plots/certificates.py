@@ -39,17 +39,19 @@ def draw_certificates(
     theme = look_of(ax)
     handles: list[Any] = []
     edge = ax.get_xaxis_transform()
+    endless = [label for label, (one, _) in curves.items() if not np.isfinite(one).all()]
     for k, (label, (certificate, error)) in enumerate(curves.items()):
         color, marker = theme.color(k), MARKERS[k % len(MARKERS)]
         finite = np.isfinite(certificate)
         look: dict[str, Any] = {"color": color, "marker": marker, "markersize": 5}
         ax.plot(sizes[finite], certificate[finite], linewidth=1.6, **look)
-        apart = 7.0 * (k - (len(curves) - 1) / 2)  # open markers beside each other
-        aside = offset_copy(edge, root_of(ax), apart, units="points")
-        ax.plot(
+        beside = endless.index(label) - (len(endless) - 1) / 2 if label in endless else 0.0
+        aside = offset_copy(edge, root_of(ax), 8.0 * beside, units="points")
+        at_edge = ax.plot(
             sizes[~finite], np.full((~finite).sum(), 0.985), linestyle="", clip_on=False,
             markerfacecolor=theme.face, transform=aside, **look,
         )  # fmt: skip
+        at_edge[0].set_in_layout(False)  # matplotlib would leave room for it far away
         if error is not None:
             ax.plot(sizes, error, "--", linewidth=1.0, **{**look, "markersize": 2.5})
         handles.append(Line2D([], [], linewidth=1.6, label=label, **look))
@@ -60,7 +62,7 @@ def draw_certificates(
     handles.append(Line2D([], [], label="certificate", **grey))
     if any(error is not None for _, error in curves.values()):
         handles.append(Line2D([], [], linestyle="--", linewidth=1.0, label="true error", **grey))
-    if any(not np.isfinite(one).all() for one, _ in curves.values()):
+    if endless:
         open_: dict[str, Any] = {"linestyle": "", "marker": "o", "markerfacecolor": theme.face}
         handles.append(Line2D([], [], label="at the upper edge: infinite", **open_, **grey))
     if tol is not None:

@@ -13,7 +13,7 @@ from ..exceptions import InputError, ShapeError
 from ..plots.regions import draw_region
 from .assumptions import LARGEST
 from .part import Part
-from .shadow import shadow
+from .shadow import chosen_entry, coefficient, shadow
 from .signs import SignTest
 
 if TYPE_CHECKING:
@@ -274,7 +274,9 @@ class Region(SavedRecord):
         >>> ax.get_xlabel(), ax.get_ylabel()
         ('A[0, 0]', 'B[0, 0]')
         """
-        one, other = self._entry("across", across), self._entry("up", up)
+        size = self.n, self.m, self.centre.shape[1]
+        one = chosen_entry("across", across, size, self.parts)
+        other = chosen_entry("up", up, size, self.parts)
         if one == other:
             raise InputError(f"`up` must differ from `across`, got {other} twice")
         corners = shadow(self.parts, one, other)
@@ -282,26 +284,8 @@ class Region(SavedRecord):
             raise InputError("the data do not determine these coefficients: there is no edge")
         centre = np.array([self.centre[one], self.centre[other]])
         said = f"{100 * (1 - self.delta):.6g} %" if label is None else gate.text("label", label)
-        return draw_region(centre, corners + centre, said, self._name(one), self._name(other), ax)
-
-    def _entry(self, argument: str, entry: object) -> tuple[int, int]:
-        """Row and column of a coefficient that is not known."""
-        pair = gate.items(argument, entry)
-        if len(pair) != 2:
-            raise ShapeError(f"`{argument}` must be (row, column), got {len(pair)} items")
-        n, d = self.centre.shape
-        ends = n - 1, d - 1
-        i, j = (
-            gate.size(argument, k, minimum=0, maximum=end)
-            for k, end in zip(pair, ends, strict=True)
-        )
-        if not any(i in part.rows and j in part.columns for part in self.parts):
-            raise InputError(f"`{argument}` must be estimated, {self._name((i, j))} is known")
-        return i, j
-
-    def _name(self, entry: tuple[int, int]) -> str:
-        (i, j), n = entry, self.n
-        return f"A[{i}, {j}]" if j < n else f"B[{i}, {j - n}]" if j < n + self.m else f"c[{i}]"
+        across_, up_ = (coefficient(entry, self.n, self.m) for entry in (one, other))
+        return draw_region(centre, corners + centre, said, across_, up_, ax)
 
     def _z(self, x: ArrayLike, u: ArrayLike) -> Floats:
         """``z = (x, u)``, with 1 behind it for a model with intercept."""

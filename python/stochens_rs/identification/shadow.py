@@ -13,6 +13,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._base import gate
+from ..exceptions import InputError, ShapeError
+
 if TYPE_CHECKING:
     from .._base.types import Floats
     from .part import Part
@@ -51,6 +54,27 @@ def shadow(parts: Sequence[Part], one: tuple[int, int], other: tuple[int, int]) 
     after, cos1, sin1 = np.roll(reach, -1), np.roll(cos, -1), np.roll(sin, -1)
     corners = np.stack([reach * sin1 - after * sin, after * cos - reach * cos1], axis=1)
     return np.asarray(corners / np.sin(2.0 * np.pi / DIRECTIONS), dtype=np.float64)
+
+
+def coefficient(entry: tuple[int, int], n: int, m: int) -> str:
+    """The name of an entry of ``[A B c]``."""
+    i, j = entry
+    return f"A[{i}, {j}]" if j < n else f"B[{i}, {j - n}]" if j < n + m else f"c[{i}]"
+
+
+def chosen_entry(
+    argument: str, entry: object, size: tuple[int, int, int], parts: Sequence[Part]
+) -> tuple[int, int]:
+    """Row and column of a coefficient that is not known; `size` is n, m and the columns."""
+    n, m, d = size
+    pair = gate.items(argument, entry)
+    if len(pair) != 2:
+        raise ShapeError(f"`{argument}` must be (row, column), got {len(pair)} items")
+    i = gate.size(argument, pair[0], minimum=0, maximum=n - 1)
+    j = gate.size(argument, pair[1], minimum=0, maximum=d - 1)
+    if not any(_has(part, (i, j)) for part in parts):
+        raise InputError(f"`{argument}` must be estimated, {coefficient((i, j), n, m)} is known")
+    return i, j
 
 
 def _has(part: Part, entry: tuple[int, int]) -> bool:

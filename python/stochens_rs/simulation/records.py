@@ -6,17 +6,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .._base import gate, html
-from .._base.labels import Labels, default_labels, fitting, two_states
+from .._base.labels import Labels, fitting
 from .._base.records import SavedRecord, require_shapes
 from .._base.tabled import Cube, Tabled, Timed, named, over_time, padded
 from .._base.types import Centre, Floats, Status
 from ..exceptions import ShapeError
-from ..plots.states import draw_phase, draw_states
+from ..plots.states import draw_states
+from .phased import Phased
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Trajectory(SavedRecord, Timed):
+class Trajectory(SavedRecord, Phased, Timed):
     """The trajectory of an exact system under given inputs.
 
     Attributes
@@ -91,38 +92,8 @@ class Trajectory(SavedRecord, Timed):
         >>> path.plot().get_ylabel()
         'state'
         """
-        at, how = _shown(self, states)
+        at, how = self._shown(states)
         return draw_states(self.times, self.states[:, at], None, ax=ax, **how)
-
-    def plot_phase(self, across: str | int, up: str | int, *, ax: Axes | None = None) -> Axes:
-        """Draw two states against each other: a ring at the start, a dot at the end.
-
-        Parameters
-        ----------
-        across, up : str or int
-            The two states, by name or number.
-        ax : matplotlib Axes, optional
-            Where to draw, as for `plot`.
-
-        Returns
-        -------
-        matplotlib Axes
-
-        Raises
-        ------
-        ImportError
-            matplotlib is not installed.
-        InputError, InputTypeError
-            There is no such state.
-
-        Examples
-        --------
-        >>> import stochens_rs as se
-        >>> path = se.simulate(([[1.0, 0.1], [-0.1, 1.0]], [[0.0], [0.1]]), [1.0, 0.0], [[0.0]] * 9)
-        >>> path.plot_phase(0, 1).get_xlabel()
-        'x[0]'
-        """
-        return _phase(self, self.states, across, up, ax)
 
     def _cube(self) -> Cube:
         clock, times = over_time(self.steps, self.dt, self.times)
@@ -147,7 +118,7 @@ class Trajectory(SavedRecord, Timed):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class EnsembleTrajectory(SavedRecord, Timed):
+class EnsembleTrajectory(SavedRecord, Phased, Timed):
     """Mean and covariance of random trajectories, or of those of several models of a system.
 
     Attributes
@@ -257,44 +228,13 @@ class EnsembleTrajectory(SavedRecord, Timed):
         >>> path.plot().get_xlabel()
         'step k'
         """
-        at, how = _shown(self, states)
+        at, how = self._shown(states)
         error = self.standard_error
         if self.averaging == "systems":
             error = None if self.variance is None else np.sqrt(self.variance)
             how["band"] = "± 2 standard deviations"
         error = None if error is None else error[:, at]
         return draw_states(self.times, self.mean[:, at], error, ax=ax, **how)
-
-    def plot_phase(self, across: str | int, up: str | int, *, ax: Axes | None = None) -> Axes:
-        """Draw the means of two states against each other, as `Trajectory.plot_phase` does.
-
-        Parameters
-        ----------
-        across, up : str or int
-            The two states, by name or number.
-        ax : matplotlib Axes, optional
-            Where to draw, as for `plot`.
-
-        Returns
-        -------
-        matplotlib Axes
-
-        Raises
-        ------
-        ImportError
-            matplotlib is not installed.
-        InputError, InputTypeError
-            There is no such state.
-
-        Examples
-        --------
-        >>> import stochens_rs as se
-        >>> system = [[1.0, 0.1], [-0.1, 1.0]], [[0.0], [0.1]]
-        >>> path = se.simulate_ensemble(system, [1.0, 0.0], [[0.0]] * 9, 100, rng=1)
-        >>> path.plot_phase(0, 1).get_ylabel()
-        'x[1]'
-        """
-        return _phase(self, self.mean, across, up, ax)
 
     def _cube(self) -> Cube:
         clock, times = over_time(self.steps, self.dt, self.times)
@@ -360,34 +300,6 @@ class TrackingArrays(Tabled):
         }
         attrs = {"status": self.status, "key": self.key.hex}
         return Cube(variables, times, attrs, named(None, self.states.shape[-1], m))
-
-
-def _labels(path: Trajectory | EnsembleTrajectory) -> Labels:
-    of = path.states if isinstance(path, Trajectory) else path.mean
-    return path.labels or default_labels(of.shape[1], path.inputs.shape[1])
-
-
-def _shown(path: Trajectory | EnsembleTrajectory, states: object) -> tuple[Any, dict[str, Any]]:
-    """The places of the chosen states, and how they are named."""
-    labels = _labels(path)
-    at = labels.places("states", states)
-    unit = labels.units_of(at)
-    said = labels.state_axes if unit is None else labels.states
-    up = "state" if unit is None else f"state [{unit}]"
-    return at, {"names": [said[i] for i in at], "up": up, "timed": path.dt is not None}
-
-
-def _phase(
-    path: Trajectory | EnsembleTrajectory,
-    states: Floats,
-    across: object,
-    up: object,
-    ax: Axes | None,
-) -> Axes:
-    labels = _labels(path)
-    at = two_states(labels, across, up)
-    names = labels.state_axes
-    return draw_phase([(states[:, at], None)], (names[at[0]], names[at[1]]), ax=ax)
 
 
 def _over_time(record: Trajectory | EnsembleTrajectory, states: str) -> tuple[int, int]:

@@ -41,21 +41,15 @@ many = {
 }
 
 # %%
-# ``bound`` holds for all states and inputs at once: in the direction (x, u) it is the distance of
-# the edge from the centre. From the distances in all directions follows the edge. (For symmetric
+# ``plot`` draws which pairs of two coefficients are in a region, here of all two. (For symmetric
 # laws it is an ellipse around the exact set, which ``contains`` knows.)
-angles = np.linspace(0.0, 2.0 * np.pi, 721)
-cos, sin = np.cos(angles), np.sin(angles)
-fig, (left, right) = plt.subplots(1, 2, figsize=(10, 4), width_ratios=(1.1, 1))
-colors = "C0", "C1", "C2", "0.35"
-for region, color in zip(one.values(), colors, strict=True):
-    away = np.array([region.bound([c], [s]) for c, s in zip(cos, sin, strict=True)])
-    turn = np.gradient(away, angles)
-    edge = region.centre.T + np.array([away * cos - turn * sin, away * sin + turn * cos])
-    left.plot(*edge, color=color, lw=2)
+fig, (left, right) = plt.subplots(1, 2, figsize=(10, 4), width_ratios=(1.4, 1))
+for name, region in one.items():
+    region.plot(label=name, ax=left)
 left.plot(a, b, "P", color="k", ms=9)
 left.text(a + 0.015, b, "true", va="center")
 left.set(xlabel="a", ylabel="b", title="one set of 20 pairs")
+colors = [edge.get_edgecolor() for edge in left.patches]
 right.barh(list(many), many.values(), color=colors)
 for k, width in enumerate(many.values()):
     right.text(width, k, f" {width:.2f}", va="center")

@@ -169,7 +169,7 @@ NEEDED = {
     "docs/networks.md": ("pypower",),
     "docs/saving.md": ("h5netcdf", "pandas", "xarray"),
     "docs/studies.md": ("distributed", "matplotlib", "pandas", "xarray"),
-    "docs/systems.md": ("control", "pandas", "scipy", "xarray"),
+    "docs/systems.md": ("control", "matplotlib", "pandas", "scipy", "xarray"),
 }
 MARKDOWN = [path for path in PAGES if (ROOT / path).exists()]
 

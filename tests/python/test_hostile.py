@@ -255,6 +255,9 @@ OWN = {
     "Study": {"function": drawn, "grid": {"a": [1, 2]}, "replicates": 2},
     "panel": {"name": "3a"},
     "Experiment.panel": {"name": "3a"},
+    "Plan.plot_phase": {"across": 0, "up": 1},
+    "Trajectory.plot_phase": {"across": 0, "up": 1},
+    "EnsembleTrajectory.plot_phase": {"across": 0, "up": 1},
 }
 # Arguments that do take one of the values of NEVER.
 TAKEN = {
@@ -286,6 +289,7 @@ TAKEN = {
     ("power", "path"): {"text"},
     ("tracking", "path"): {"text"},
     ("Study.run", "path"): {"text"},
+    ("Region.plot", "label"): {"text"},
     ("Study.retry", "path"): {"text"},
 }
 CALLED = {"class", "function"}  # what `progress` does is its own affair
@@ -307,6 +311,8 @@ MADE = {
     "Study": study,
     "Bound": lambda: se.theory.bounds.bound("McDiarmid", "state", (A, B), X0, XF),
     "Simulated": lambda: se.theory.bounds.bound("simulated", "vector", X0),
+    "Trajectory": lambda: se.simulate((A, B), X0, [[1.0, 0.0]]),
+    "EnsembleTrajectory": lambda: se.simulate_ensemble((A, B), X0, [[1.0, 0.0]], 3, rng=1),
     "Experiment": experiment,
     "Panel": lambda: experiment().panels[0],
 }

@@ -136,6 +136,7 @@ def texts(figure):
     shown = []
     for ax in figure.axes:
         shown.append(ax.get_ylabel())
+        shown += [text.get_text() for text in ax.texts]
         if ax.get_legend() is not None:
             shown += [text.get_text() for text in ax.get_legend().get_texts()]
     return shown

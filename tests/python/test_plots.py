@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import subprocess
 import sys
@@ -17,7 +18,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 import stochens_rs as se
-from stochens_rs.exceptions import DataWarning, InputError
+from stochens_rs.exceptions import DataWarning, InputError, InputTypeError
 from stochens_rs.plots import files as plots
 from stochens_rs.plots.certificates import draw_certificates
 from stochens_rs.plots.residuals import draw_residuals
@@ -361,7 +362,14 @@ def test_infinite_certificates_are_marked_at_the_edge():
     for values in ([2.0, 1.0], [0.3, 0.2, 0.1], [3.0, 2.5, 2.0], [0.985]):
         assert values in drawn
     labels = [text.get_text() for text in ax.get_legend().get_texts()]
-    assert labels == ["one", "two", "certificate", "true error", "at the upper edge: infinite"]
+    assert labels == [
+        "one",
+        "two",
+        "certificate",
+        "true error",
+        "at the upper edge: infinite",
+        "tolerance 0.5",
+    ]
     ax.figure.canvas.draw()
 
 
@@ -428,3 +436,189 @@ def test_limits_of_states_are_bands():
     assert {1.0, 2.0} == set(band[:, 0])  # x(0) has no limits
     assert {1.5, 2.5} <= set(band[:, 1])
     assert labels_of(figure) == ["limits", "predicted"]
+
+
+# -- one rule for all of them ----------------------------------------------------------------------
+
+
+def test_panels_go_where_the_user_wants_them():
+    """Into a figure or a part of one; the figure that is returned can be saved."""
+    model, (states, inputs) = identified()
+    plan = se.predict(model, states[0], inputs)
+    loop = se.regulate(model, 3, limits=(-1.0, 1.0))
+    loop([1.0, 0.0])
+    for result, count in ((plan, 2), (loop, 4), (model, 4)):
+        own = Figure()
+        assert result.plot(figure=own) is own
+        assert own.get_layout_engine() is not None
+        assert len(own.axes) == count
+        whole = Figure(layout="constrained")
+        left, right = whole.subfigures(1, 2)
+        assert result.plot(figure=right) is whole
+        assert (len(left.axes), len(right.axes)) == (0, count)
+        assert len(right.legends) == 1
+        whole.savefig(os.devnull, format="png")
+
+
+def test_sphinx_gallery_collects_the_figures(monkeypatch):
+    plt.close("all")
+    monkeypatch.setitem(sys.modules, "sphinx_gallery.gen_rst", object())
+    try:
+        figure = se.control(([[0.5]], [[1.0]]), [1.0], [0.0], steps=2).plot()
+        assert [plt.figure(number) for number in plt.get_fignums()] == [figure]
+    finally:
+        plt.close("all")
+
+
+def test_one_call_saves_both_files(tmp_path):
+    path = se.simulate(([[0.5]], [[1.0]]), [0.0], [[1.0], [0.0]])
+    ax = path.plot()
+    names = ["a.png", "a.svg"]
+    for drawn, to in ((ax, tmp_path / "a"), (ax.figure, str(tmp_path / "a.svg"))):
+        assert [one.name for one in se.plots.save(drawn, to)] == names
+        assert all((tmp_path / name).stat().st_size > 1000 for name in names)
+    part = Figure(facecolor="black").subfigures(1, 2)[0]
+    png, _ = se.plots.save(part.add_subplot(), tmp_path / "1.5", dpi=50)
+    assert png.name == "1.5.png"
+    assert matplotlib.image.imread(png)[0, 0, :3].max() == 0.0  # in its own background
+    with pytest.raises(InputTypeError, match="`drawn` must be a figure or axes"):
+        se.plots.save(path, tmp_path / "b")
+    with pytest.raises(InputError, match="`path` must name a file"):
+        se.plots.save(ax, "")
+
+
+def test_a_plan_knows_the_step_of_its_system():
+    cart = se.System([[1.0, 0.1], [0.0, 1.0]], [[0.0], [0.1]], dt=0.1)
+    plans = [
+        se.control(cart, [1.0, 0.0], [0.0, 0.0], steps=4),
+        se.steer(cart, [1.0, 0.0], [0.0, 0.0], 100, steps=4, rng=1),
+    ]
+    for plan in plans:
+        ax = plan.plot().axes[0]
+        assert plan.dt == 0.1
+        assert ax.get_xlabel() == "time [s]"
+        assert ax.lines[0].get_xdata()[-1] == pytest.approx(0.4)
+    assert se.control((cart.A, cart.B), [1.0, 0.0], [0.0, 0.0]).dt is None
+
+
+def test_titles_of_the_user_stand_alone():
+    study = se.Study(
+        lambda key, size: {"x": key.generator().normal()}, {"size": [1, 2]}, replicates=9, rng=1
+    )
+    ax = study.run().plot("size", "x")
+    assert [ax.get_title(loc=loc) for loc in ("left", "center", "right")] == ["", "", ""]
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["10-90 % of 9 replicates"]
+
+
+def test_some_states_with_the_unit_they_share():
+    labels = {"states": ["a", "b", "v"], "units": {"a": "rad", "b": "rad", "v": "rad/s"}}
+    system = se.System(0.5 * np.eye(3), np.ones((3, 1)), **labels)
+    for path in (
+        se.simulate(system, np.ones(3), np.zeros((4, 1))),
+        se.simulate_ensemble(system, np.ones(3), np.zeros((4, 1)), 9, rng=1),
+    ):
+        ax = path.plot(["b", 0])
+        assert ax.get_ylabel() == "state [rad]"
+        assert [text.get_text() for text in ax.texts] == ["b", "a"]
+        assert path.plot("v").get_ylabel() == "state [rad/s]"
+        assert path.plot().get_ylabel() == "state"
+        with pytest.raises(InputError, match="`states` must be one of 'a', 'b', 'v', got str 'c'"):
+            path.plot("c")
+        with pytest.raises(InputError, match=r"`states` must be in \[0, 2\]"):
+            path.plot([3])
+        with pytest.raises(InputError, match="`up` must differ from `across`"):
+            path.plot_phase("a", 0)
+
+
+def test_labels_at_the_ends_of_lines_keep_apart():
+    system = se.System(0.1 * np.eye(5), np.ones((5, 1)))
+    ax = se.simulate(system, np.arange(5.0), np.zeros((9, 1))).plot()  # all of them end at 0
+    ax.figure.canvas.draw()
+    boxes = sorted((text.get_window_extent() for text in ax.texts), key=lambda box: box.y0)
+    assert len(boxes) == 5
+    assert all(low.y1 <= high.y0 + 3.0 for low, high in itertools.pairwise(boxes))
+    ax.set_ylim(0.01, 5.0)  # the ends leave, and the labels go where the lines do
+    assert {text.get_visible() for text in ax.texts} == {True, False}
+    assert all(0.01 <= text.xy[1] <= 5.0 for text in ax.texts if text.get_visible())
+    free = Figure().add_subplot()  # without a layout there is no room for them
+    se.simulate(system, np.arange(5.0), np.zeros((9, 1))).plot(ax=free)
+    assert len(free.get_legend().get_texts()) == 5
+    assert len(free.texts) == 0
+
+
+def test_phase_portraits_show_the_way_and_the_tube():
+    model, (states, inputs) = identified()
+    plan = se.predict(model, states[0], inputs)
+    found = plan.bound(0.05, noise=True)
+    ax = plan.plot_phase("state 0", 1, found, measured=states)
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("state 0", "state 1")
+    way = ax.lines[0].get_xydata()
+    assert np.array_equal(way, plan.predicted_states)
+    discs = [one for one in ax.patches if one.get_fill()]
+    for disc, state, radius, true in zip(discs, way, found.tube, states, strict=True):
+        assert disc.center == tuple(state)
+        assert disc.radius == radius
+        assert np.hypot(*(true - state)) <= radius
+    assert ax.lines[1].get_xydata().tolist() == [way[0].tolist()]
+    assert ax.lines[2].get_xydata().tolist() == [way[-1].tolist()]
+    path = se.simulate(se.System(model.A, model.B), states[0], inputs)
+    assert np.array_equal(path.plot_phase(1, 0).lines[0].get_xydata(), path.states[:, ::-1])
+
+
+@pytest.mark.parametrize("options", [{}, {"components": True}, {"frobenius": True}])
+def test_the_edge_of_a_region_is_the_shadow_of_it(options):
+    """No model in the region leaves the polygon, and models come close to each part of it."""
+    model, _ = identified()
+    region = model.region(0.05, **options)
+    rng = np.random.default_rng(1)
+    for pair in (((0, 0), (0, 1)), ((0, 0), (1, 2)), ((1, 0), (0, 2))):
+        (edge,) = region.plot(*pair).patches
+        corners = edge.get_xy()[:-1]
+        centre = np.array([region.centre[entry] for entry in pair])
+        angles = np.arctan2(*(corners - centre).T[::-1])
+        reached = np.zeros(12)
+        for turn in range(12):  # the models that go farthest in this direction
+            t = 2.0 * np.pi * turn / 12
+            G = np.zeros(region.centre.shape)
+            G[pair[0]], G[pair[1]] = np.cos(t), np.sin(t)
+            D = np.zeros(G.shape)
+            for part in region.parts:
+                rows, root = part.rows, np.linalg.cholesky(part.S)
+                left, _, right = np.linalg.svd(root.T @ G[rows] @ part.white.T, full_matrices=False)
+                D[rows] = np.sqrt(part.factor) * root @ left @ right @ part.white
+            if not options.get("frobenius"):
+                assert region.contains(*np.hsplit(region.centre + (1 - 1e-9) * D, [2]))
+            step = np.array([D[entry] for entry in pair])
+            reached[turn] = step @ [np.cos(t), np.sin(t)]
+            far = (corners - centre) @ [np.cos(t), np.sin(t)]
+            assert far.max() == pytest.approx(reached[turn], rel=1e-4)
+        for _ in range(50):  # any others
+            D = np.zeros(G.shape)
+            for part in region.parts:
+                W = rng.standard_normal((len(part.rows), len(part.white)))
+                W /= np.linalg.norm(W, 2)
+                D[part.rows] = np.sqrt(part.factor) * np.linalg.cholesky(part.S) @ W @ part.white
+            step = np.array([D[entry] for entry in pair])
+            normals = np.stack([np.cos(angles), np.sin(angles)])
+            assert (step @ normals <= ((corners - centre) @ normals).max(axis=0) + 1e-12).all()
+
+
+def test_regions_that_cannot_be_drawn_say_why():
+    model, _ = identified()
+    region = model.region()
+    with pytest.raises(InputError, match="`up` must differ"):
+        region.plot((0, 0), (0, 0))
+    with pytest.raises(InputError, match=r"`across` must be in \[0, 1\], got int 2"):
+        region.plot((2, 0))
+    with pytest.raises(InputError, match=r"`up` must be \(row, column\), got 3 items"):
+        region.plot((0, 0), (0, 1, 2))
+    ax = region.plot((0, 2), (1, 1), label="one")
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("B[0, 0]", "A[1, 1]")
+    region.plot((0, 2), (1, 1), label="two", ax=ax)
+    first, second = ax.patches
+    assert first.get_edgecolor() != second.get_edgecolor()
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["one", "two"]
+    with pytest.warns(DataWarning, match="do not determine"):
+        few, _ = identified(n=14, runs=1)
+    with pytest.raises(InputError, match="do not determine"):
+        few.region().plot()

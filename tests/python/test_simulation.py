@@ -610,7 +610,8 @@ def test_plots_show_every_state() -> None:
     found = se.simulate_ensemble((A, B), x0, u, 50, rng=1)
     legend = [text.get_text() for text in found.plot().get_legend().get_texts()]
     assert legend[-1] == "± 2 standard errors"
-    assert not [text for text in ax.get_legend().get_texts() if "standard" in text.get_text()]
+    assert ax.get_legend() is None
+    assert [text.get_text() for text in ax.texts] == [f"$x_{{{i}}}$" for i in range(5)]
     again = found.plot(ax=ax)
     assert again is ax
     assert len(ax.collections) == 5

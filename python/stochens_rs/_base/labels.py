@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -64,11 +64,41 @@ class Labels(Record):
         """What an error says: ``input 'T_m3'``, or ``input 2`` for a default name."""
         return _said("input", "u", j, self.inputs[j])
 
+    def place(self, argument: str, state: object) -> int:
+        """The place of a state, which is given by name or number."""
+        if isinstance(state, str):
+            return self.states.index(gate.choice(argument, state, self.states))
+        return gate.size(argument, state, minimum=0, maximum=len(self.states) - 1)
+
+    def places(self, argument: str, chosen: object) -> list[int]:
+        """The places of one state or several; of all of them for None."""
+        if chosen is None:
+            return list(range(len(self.states)))
+        several = isinstance(chosen, Iterable) and not isinstance(chosen, (str, bytes))
+        found = gate.items(argument, chosen) if several else [chosen]
+        if not found:
+            raise InputError(f"`{argument}` must name a state, got none")
+        return [self.place(argument, one) for one in found]
+
+    def units_of(self, places: Sequence[int]) -> str | None:
+        """The unit that these states have in common."""
+        known = dict(self.units)
+        found = {known.get(self.states[i]) for i in places}
+        return found.pop() if len(found) == 1 else None
+
     def rows(self) -> Iterator[tuple[str, str]]:
         """Rows of a table: the names with their units, if any was given."""
         if self.given:
             for what, axes in (("states", self.state_axes), ("inputs", self.input_axes)):
                 yield what, ", ".join(axes[:_LISTED]) + ", …" * (len(axes) > _LISTED)
+
+
+def two_states(labels: Labels, across: object, up: object) -> list[int]:
+    """The places of two different states, for a phase portrait."""
+    pair = [labels.place("across", across), labels.place("up", up)]
+    if pair[0] == pair[1]:
+        raise InputError(f"`up` must differ from `across`, got {gate.show(up)} twice")
+    return pair
 
 
 @lru_cache(maxsize=64)

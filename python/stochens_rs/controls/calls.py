@@ -17,7 +17,7 @@ from ..plots.panels import Inputs
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
 
     from .task import Task
 
@@ -69,11 +69,12 @@ def curves(calls: Sequence[Call], n: int) -> str:
     return html.states(np.arange(len(calls)), _states(calls, n), "states over the calls")
 
 
-def figure(
+def drawn_calls(
     calls: Sequence[Call],
     task: Task,
     names: tuple[Sequence[str], Sequence[str]],
     dt: float | None,
+    figure: Figure | SubFigure | None,
 ) -> Figure:
     """States, inputs as steps within the limits of the first step, time of each call."""
     if not calls:
@@ -82,8 +83,9 @@ def figure(
     low, high = (np.broadcast_to(side[0], (len(calls), m)) for side in (task.low, task.high))
     held = np.array([call.status == "held" for call in calls])
     inputs = Inputs(np.array([call.u for call in calls]), names[1], low, high, held)
-    seconds = np.array([call.seconds for call in calls])
-    return draw_calls(_states(calls, n), names[0], inputs, task.reference[-1], seconds, dt=dt)
+    took = np.array([call.seconds for call in calls])
+    last = task.reference[-1]
+    return draw_calls(_states(calls, n), names[0], inputs, last, took, dt=dt, figure=figure)
 
 
 def _states(calls: Sequence[Call], n: int) -> Floats:

@@ -91,8 +91,8 @@ class Entity:
 
 def problem(
     system: SystemLike, x0: EntityLike, xf: EntityLike | None, reference: Any = None
-) -> tuple[Floats, tuple[Entity, Entity, Entity], Labels]:
-    """Check all arguments of a control problem: B, the entities x0, xf and A, and the names.
+) -> tuple[Floats, tuple[Entity, Entity, Entity], Labels, float | None]:
+    """Check all arguments of a control problem: B, the entities x0, xf and A, the names, and dt.
 
     `system` is a system, or a pair (A, B) whose A may be a Fit, an Ensemble or Counts. The last row
     of a `reference` takes the place of `xf`.
@@ -109,12 +109,14 @@ def problem(
         if A.shape != (n, n):
             raise ShapeError(f"`A` must have shape (n, n), got {A.shape}")
         B, matrix = gate.matrix("B", pair[1], rows=n).copy(), Entity("A", A)
-        labels = default_labels(n, B.shape[1])
+        labels, dt = default_labels(n, B.shape[1]), None
     else:
         exact = System.from_any(system)
         n, B, matrix, labels = exact.n, exact.B, Entity("A", exact.A), exact.labels
+        dt = exact.dt if isinstance(exact.dt, float) else None
     goal = ending(reference, xf, labels.states)
-    return B, (_end("x0", x0, labels.states), _end("xf", goal, labels.states), matrix), labels
+    ends = _end("x0", x0, labels.states), _end("xf", goal, labels.states)
+    return B, (*ends, matrix), labels, dt
 
 
 def ending(reference: Any, xf: Any, names: tuple[str, ...]) -> Any:

@@ -89,6 +89,7 @@ def model_control(
         basis=ModelBasis(model, start, goal, x0_error),
         limited=limited,
         labels=labels,
+        dt=model.dt,
     )
 
 

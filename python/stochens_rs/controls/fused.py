@@ -184,7 +184,7 @@ def control(
         )
     if least or level != DELTA or off:
         raise InputError("`robust`, `delta` and `x0_error` are for models from data")
-    inputs, given, labels = problem(system, x0, xf, reference)
+    inputs, given, labels, dt = problem(system, x0, xf, reference)
     n, m = inputs.shape
     K, how = fusion_over(steps, fusion, n, m)
     start, goal = given[0].estimate(), given[1].estimate()
@@ -227,6 +227,7 @@ def control(
         basis=Basis(inputs, x0_known, xf_known, A_known),
         limited=limited,
         labels=labels,
+        dt=dt,
     )
 
 

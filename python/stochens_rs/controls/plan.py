@@ -67,6 +67,8 @@ class Plan(SavedRecord, Compared, Within, Drawn, PlanArrays):
         gap, objective and what the limits cost, as properties of the plan too.
     labels : Labels, optional
         Names and units of the states and inputs, as those of the system.
+    dt : float, optional
+        The step length [s], as that of the system or the model.
     """
 
     u: Floats
@@ -78,6 +80,7 @@ class Plan(SavedRecord, Compared, Within, Drawn, PlanArrays):
     basis: Basis | ModelBasis | None = None
     limited: Limited | None = None
     labels: Labels | None = None
+    dt: float | None = None
 
     def __post_init__(self) -> None:
         gate.kept("u", self.u, ndim=(2,))
@@ -99,6 +102,8 @@ class Plan(SavedRecord, Compared, Within, Drawn, PlanArrays):
             if not np.array_equal(self.limited.u, self.u):
                 raise InputError("`limited` must be of the control `u` of this plan")
         fitting(self.labels, *self._shape)
+        if self.dt is not None:
+            gate.positive("dt", self.dt)
 
     @property
     def _shape(self) -> tuple[int, int]:

@@ -29,10 +29,10 @@ class PlanArrays(Timed):
     basis: Basis | ModelBasis | None
     limited: Limited | None
     labels: Labels | None
+    dt: float | None
 
     def _cube(self) -> Cube:
-        model = self.basis.model if isinstance(self.basis, ModelBasis) else None
-        clock, times = over_time(len(self.u), None if model is None else model.dt)
+        clock, times = over_time(len(self.u), self.dt)
         variables: dict[str, Any] = {
             "predicted_states": ((clock, "state"), self.predicted_states, "state"),
             "u": ((clock, "input"), padded(self.u), "input"),

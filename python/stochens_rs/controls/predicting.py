@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -70,4 +70,5 @@ def predict(model: Identified, x0: ArrayLike, inputs: ArrayLike, *, x0_error: fl
     info = {"x0": exact, "xf": exact, "A": {"method": "from data", "size": None}, "warnings": ()}
     basis = ModelBasis(model, start, path[-1].copy(), gate.nonnegative("x0_error", x0_error))
     reachability = best.reachability()
-    return Plan(u, path, reachability, "product", "completed", info, basis, labels=model.labels)
+    known: Any = {"labels": model.labels, "dt": model.dt}
+    return Plan(u, path, reachability, "product", "completed", info, basis, **known)

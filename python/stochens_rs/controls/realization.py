@@ -94,7 +94,7 @@ def realization_controls(
     >>> float(w.min())
     -1.0
     """
-    inputs, given, labels = problem(system, x0, xf)
+    inputs, given, labels, _ = problem(system, x0, xf)
     n, m = inputs.shape
     task = checked_task(n, m, 1, np.zeros(n), limits=limits, Q=Q, R=R, labels=labels)
     start, goal, matrix = (entity.realizations() for entity in given)

@@ -15,7 +15,7 @@ from .._base import gate, html
 from ..exceptions import InputError, NonFiniteError, ShapeError
 from ..identification.identified import Identified
 from ..system import System
-from .calls import Call, counted, curves, facts, figure
+from .calls import Call, counted, curves, drawn_calls, facts
 from .limited import Horizon
 from .receding import solver_of
 from .task import Task
@@ -23,7 +23,7 @@ from .task import Task
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
     from numpy.typing import ArrayLike
 
     from .._base.types import Floats, Status
@@ -263,10 +263,15 @@ class Regulator:
             self._log.clear()
             self._solver.resume(None)
 
-    def plot(self) -> Figure:
+    def plot(self, *, figure: Figure | SubFigure | None = None) -> Figure:
         """Draw the calls in the log: states, inputs within their limits, time of each call.
 
         An input is thick where it is at one of its limits; held ones are marked.
+
+        Parameters
+        ----------
+        figure : matplotlib Figure or SubFigure, optional
+            Where to draw; the default is a new figure.
 
         Returns
         -------
@@ -290,8 +295,8 @@ class Regulator:
         """
         system = self._system
         names = system.labels.state_axes, system.labels.input_axes
-        dt = None if isinstance(system.dt, bool) else system.dt
-        return figure(self.log, self._task, names, dt)
+        dt = system.dt if isinstance(system.dt, float) else None
+        return drawn_calls(self.log, self._task, names, dt, figure)
 
     def __repr__(self) -> str:
         said = f", the last: {counted(self.log[-10:])}" if self._log else ""

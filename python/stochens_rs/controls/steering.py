@@ -100,4 +100,8 @@ def steer(
         for name, target in (("x0", start), ("xf", goal), ("A", checked.A))
     )
     plan = control((A_fit, checked.B), x0_fit, xf_fit, steps=steps, fusion=how, limits=limits)
-    return replace(plan, info={**plan.info, "key": key}, labels=checked.labels)
+    known: Any = {
+        "labels": checked.labels,
+        "dt": checked.dt if isinstance(checked.dt, float) else None,
+    }
+    return replace(plan, info={**plan.info, "key": key}, **known)

@@ -23,7 +23,7 @@ from .resampling import Resampled
 from .trajectories import Trajectories
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
     from numpy.typing import ArrayLike
 
 
@@ -85,8 +85,13 @@ class Model(Durable, Tabled, Resampled):
         exact = self.design == "independent"
         return checked_residuals(*self._pairs(), exact=exact, draws=count, key=key)
 
-    def plot(self) -> Figure:
+    def plot(self, *, figure: Figure | SubFigure | None = None) -> Figure:
         """Draw what the checks look at: residuals over time, lags, quantiles and leverages.
+
+        Parameters
+        ----------
+        figure : matplotlib Figure or SubFigure, optional
+            Where to draw; the default is a new figure.
 
         Returns
         -------
@@ -112,7 +117,7 @@ class Model(Durable, Tabled, Resampled):
         white = fit(r_factor(self._own), self._d, self.size).white
         leverages = np.sum((Z @ white.T) ** 2, axis=1)
         tested = None if self.checks is None else self.checks.p_values
-        return draw_residuals(residuals, leverages, self.state_names, tested)
+        return draw_residuals(residuals, leverages, self.state_names, tested, figure)
 
     def region(
         self,

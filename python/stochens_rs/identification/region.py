@@ -10,11 +10,14 @@ import numpy as np
 from .._base import gate, html
 from .._base.records import SavedRecord
 from ..exceptions import InputError, ShapeError
+from ..plots.regions import draw_region
 from .assumptions import LARGEST
 from .part import Part
+from .shadow import chosen_entry, coefficient, shadow
 from .signs import SignTest
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from numpy.typing import ArrayLike
 
     from .._base.types import Floats
@@ -227,6 +230,62 @@ class Region(SavedRecord):
                 size = part.length(np.eye(len(self.centre[0]))[column])
                 found[part.rows, column] = [_product(float(s), size) for s in part.deviations]
         return found
+
+    def plot(
+        self,
+        across: tuple[int, int] = (0, 0),
+        up: tuple[int, int] = (0, 1),
+        *,
+        label: str | None = None,
+        ax: Axes | None = None,
+    ) -> Axes:
+        """Draw which pairs of two coefficients are in the region, whatever the others are.
+
+        Parameters
+        ----------
+        across, up : (int, int), default (0, 0) and (0, 1)
+            Row and column in ``[A B c]`` of the coefficients.
+        label : str, optional
+            What the region is called; the default is its probability.
+        ax : matplotlib Axes, optional
+            Where to draw. Each further region gets the next colour.
+
+        Returns
+        -------
+        matplotlib Axes
+
+        Raises
+        ------
+        ImportError
+            If matplotlib is not installed.
+        InputError, InputTypeError
+            If there is no such coefficient, it is known, or the data do not determine it.
+
+        Notes
+        -----
+        For noise of symmetric law the exact set, which `contains` asks, is inside.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> x, u, w = np.random.default_rng(1).standard_normal((3, 20, 1))
+        >>> data = se.Trajectories.from_pairs(x, u, 0.5 * x + u + 0.1 * w)
+        >>> ax = se.identify(data, sigma=0.1).region(0.05).plot()
+        >>> ax.get_xlabel(), ax.get_ylabel()
+        ('A[0, 0]', 'B[0, 0]')
+        """
+        size = self.n, self.m, self.centre.shape[1]
+        one = chosen_entry("across", across, size, self.parts)
+        other = chosen_entry("up", up, size, self.parts)
+        if one == other:
+            raise InputError(f"`up` must differ from `across`, got {other} twice")
+        corners = shadow(self.parts, one, other)
+        if corners is None:
+            raise InputError("the data do not determine these coefficients: there is no edge")
+        centre = np.array([self.centre[one], self.centre[other]])
+        said = f"{100 * (1 - self.delta):.6g} %" if label is None else gate.text("label", label)
+        across_, up_ = (coefficient(entry, self.n, self.m) for entry in (one, other))
+        return draw_region(centre, corners + centre, said, across_, up_, ax)
 
     def _z(self, x: ArrayLike, u: ArrayLike) -> Floats:
         """``z = (x, u)``, with 1 behind it for a model with intercept."""

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from .style import COLORS, INK, add_grid, add_labels, axes_or_new
+from .ends import label_ends
+from .style import add_grid, add_key, add_labels, axes_or_new, look_of, number_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 
 _DECADES = 1.0  # positive values over more than this have a logarithmic axis
 _MARKERS = "os^vDPX"
+_TICKS = 6  # most values on a logarithmic axis that have a tick each
 
 
 class Line(NamedTuple):
@@ -30,23 +32,31 @@ class Line(NamedTuple):
 
 
 def draw_bands(
-    across: Sequence[Any], lines: Sequence[Line], x: str, y: str, title: str, ax: Axes | None
+    across: Sequence[Any], lines: Sequence[Line], x: str, y: str, band: str, ax: Axes | None
 ) -> Axes:
-    """Draw each line over `across`: numbers, or texts, which are set side by side."""
+    """Draw each line over `across`: numbers, or texts, which are set side by side.
+
+    The legend says what the `band` is.
+    """
     ax = axes_or_new(ax)
+    from matplotlib.patches import Patch
+
+    theme = look_of(ax)
+    handles: list[Any] = []
     numbers = all(isinstance(one, (int, float)) and not isinstance(one, bool) for one in across)
     at = np.asarray(across if numbers else range(len(across)), dtype=np.float64)
     order = np.argsort(at)
     for k, line in enumerate(lines):
-        own = {"color": COLORS[k % len(COLORS)], "marker": _MARKERS[k % len(_MARKERS)]}
+        own = {"color": theme.color(k), "marker": _MARKERS[k % len(_MARKERS)]}
         look = own | line.look
-        ax.plot(at[order], line.middle[order], label=line.label, lw=1.6, ms=4, **look)
+        look["color"] = theme.like(look["color"])
+        handles += ax.plot(at[order], line.middle[order], label=line.label, lw=1.6, ms=4, **look)
         ax.fill_between(
             at[order],
             line.low[order],
             line.high[order],
             color=look["color"],
-            alpha=0.15,
+            alpha=theme.fill,
             linewidth=0,
         )
     if numbers and _wide(at):
@@ -55,12 +65,17 @@ def draw_bands(
         ax.set_yscale("log")
     if not numbers:
         ax.set_xticks(at, [str(one) for one in across])
+        ax.margins(x=0.15)
+    elif len(at) <= _TICKS and _wide(at):
+        ax.set_xticks(at, [number_text(one) for one in at])
+        ax.minorticks_off()
     add_labels(ax, x, y)
     add_grid(ax)
-    if title:
-        ax.set_title(title, loc="left", fontsize=9.5, color=INK)
-    if any(line.label is not None for line in lines):
-        ax.legend(fontsize=8.5, frameon=False, labelcolor=INK)
+    named = [line for line in handles if not line.get_label().startswith("_")]
+    if len(at) > 1 and numbers and label_ends(ax, named):
+        named = []
+    grey = Patch(color=theme.ink, alpha=theme.fill, linewidth=0, label=band)
+    add_key(ax, handles=[*named, grey] if band else named)
     return ax
 
 

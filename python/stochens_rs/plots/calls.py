@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .panels import PANELS, Inputs, add_legend, draw_inputs, extent, frame, panel_grid
-from .style import COLORS, INK, add_grid, add_labels, require_matplotlib
+from .style import add_grid, add_labels, look_of, require_matplotlib, root_of
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
@@ -25,6 +25,7 @@ def draw_calls(
     seconds: Floats,
     *,
     dt: float | None = None,
+    figure: Figure | SubFigure | None = None,
 ) -> Figure:
     """Draw each state (T, n), nan where it was not known, each input, and the time of each call.
 
@@ -35,22 +36,28 @@ def draw_calls(
 
     n, m = (min(count, PANELS) for count in (states.shape[1], inputs.u.shape[1]))
     times = np.arange(len(states)) * (1.0 if dt is None else dt)
-    figure, panels = panel_grid(n + m + 1)
+    figure, panels = panel_grid(n + m + 1, figure)
+    look = look_of(panels[0])
     for i, ax in enumerate(panels[:n]):
         low, high, far = extent(np.append(states[:, i], target[i]))
-        ax.axhline(target[i], color=INK, linestyle="--", linewidth=1, label="target")
+        ax.axhline(target[i], color=look.ink, linestyle="--", linewidth=1, label="target")
         ax.plot(
-            times, states[:, i], ".-", color=COLORS[0], linewidth=1.2, markersize=4, label="state"
+            times,
+            states[:, i],
+            ".-",
+            color=look.color(0),
+            linewidth=1.2,
+            markersize=4,
+            label="state",
         )
         frame(ax, low, high, far, dt, names[i])
     draw_inputs(panels[n : n + m], inputs, dt)
     last = panels[-1]
-    last.plot(times, 1e6 * seconds, ".", color=COLORS[5], markersize=4)
+    last.plot(times, 1e6 * seconds, ".", color=look.color(5), markersize=4)
     last.set_yscale("log")
     last.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    last.yaxis.set_major_formatter("{x:g}")
     last.minorticks_off()
     add_labels(last, "step k" if dt is None else "time [s]", "time of a call [µs]")
     add_grid(last)
-    add_legend(figure)
-    return figure
+    add_legend(figure, panels)
+    return root_of(figure)

@@ -7,18 +7,28 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from .style import COLORS, INK, PALE, add_grid, add_labels, literal, new_figure
+from .._base import gate
+from .style import (
+    TEXT,
+    add_grid,
+    add_labels,
+    literal,
+    look_of,
+    new_figure,
+    require_matplotlib,
+    root_of,
+)
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
 
 PANELS = 12  # most states, and most inputs, that are drawn
-BAND: dict[str, Any] = {"color": PALE, "alpha": 0.16, "linewidth": 0, "label": "limits"}
+_ENTRY = 1.3  # inches for an entry of the legend
 WIDE = 30.0  # ranges of an input up to which all of its limits are seen
 SEEN = 3.0  # how far tubes and limits may go beyond the curves, in ranges of these
 
@@ -36,11 +46,20 @@ class Inputs(NamedTuple):
     held: NDArray[np.bool_] | None = None
 
 
-def panel_grid(count: int) -> tuple[Figure, list[Axes]]:
-    """A figure with `count` panels and room for a legend above them."""
-    columns = min(count, 2 if count in (2, 4) else 3)
+def panel_grid(
+    count: int, figure: Figure | SubFigure | None, columns: int | None = None
+) -> tuple[Figure | SubFigure, list[Axes]]:
+    """`count` panels in `figure`, or in a new one; a legend gets its room above them."""
+    require_matplotlib()
+    from matplotlib.figure import FigureBase
+
+    columns = columns or min(count, 2 if count in (2, 4) else 3)
     rows = -(-count // columns)
-    figure = new_figure(1.2 + 3.4 * columns, 0.9 + 2.3 * rows, header=0.4, footer=0.0)
+    if figure is None:
+        size = 1.2 + 3.4 * columns, 0.9 + 2.3 * rows
+        figure = new_figure(*size, header=0.0, footer=0.0, face=None)
+    elif root_of(gate.instance("figure", figure, FigureBase)).get_layout_engine() is None:
+        root_of(figure).set_layout_engine("constrained")
     return figure, [figure.add_subplot(rows, columns, i + 1) for i in range(count)]
 
 
@@ -69,6 +88,9 @@ def draw_limits(
     time more than limits they are steps.
     """
     least, most, far = shown
+    look = look_of(ax)
+    band: Any = {"color": look.pale, "alpha": look.fill, "linewidth": 0, "label": "limits"}
+    edge: Any = {"color": look.pale, "linewidth": 0.8}
     floor, top = least, most
     low, high = (side[np.isfinite(side)] for side in limits)
     if low.size:
@@ -80,9 +102,14 @@ def draw_limits(
         below, above = (np.clip(side, floor - pad, top + pad) for side in limits)
         if len(times) > len(below):
             below, above = np.append(below, below[-1]), np.append(above, above[-1])
-            ax.fill_between(times, below, above, step="post", **BAND)
+            ax.fill_between(times, below, above, step="post", **band)
         else:
-            ax.fill_between(times, below, above, **BAND)
+            ax.fill_between(times, below, above, **band)
+        for side in limits:
+            if np.isfinite(side).any():
+                drawn = np.append(side, side[-1]) if len(times) > len(side) else side
+                how = "steps-post" if len(times) > len(side) else "default"
+                ax.plot(times, drawn, drawstyle=how, zorder=1.5, **edge)
     return floor, top
 
 
@@ -92,34 +119,40 @@ def draw_inputs(panels: Sequence[Axes], given: Inputs, dt: float | None) -> None
     times = np.arange(len(u) + 1) * (1.0 if dt is None else dt)
     at_limit = (u <= given.low) | (u >= given.high)
     for i, ax in enumerate(panels):
-        limits = given.low[:, i], given.high[:, i]
+        look, limits = look_of(ax), (given.low[:, i], given.high[:, i])
         ends = np.concatenate([side[np.isfinite(side)] for side in limits])
         least, most, far = extent(u[:, i])
         if ends.size and (np.ptp(ends) <= WIDE * (most - least) or most == least):
             far = max(far, float(np.abs(ends - least).max()))
         floor, top = draw_limits(ax, times, limits, (least, most, far))
-        ax.stairs(u[:, i], times, baseline=None, color=COLORS[2], linewidth=1.4, label="input")
+        ax.stairs(u[:, i], times, baseline=None, color=look.color(2), linewidth=1.4, label="input")
         if at_limit[:, i].any():
             thick = np.where(at_limit[:, i], u[:, i], np.nan)
             ax.stairs(
-                thick, times, baseline=None, color=COLORS[2], linewidth=4.0, label="at its limit"
+                thick,
+                times,
+                baseline=None,
+                color=look.color(2),
+                linewidth=4.0,
+                label="at its limit",
             )
         if given.held is not None and given.held.any():
             middle = (times[:-1] + times[1:]) / 2.0
             ax.plot(
-                middle[given.held], u[given.held, i], "o", color=INK, markerfacecolor="white",
-                markersize=4.5, label="held",
+                middle[given.held], u[given.held, i], "o", color=look.ink, label="held",
+                markerfacecolor=look.face, markersize=4.5,
             )  # fmt: skip
         frame(ax, floor, top, SEEN * (top - floor) or 1.0, dt, given.names[i])
 
 
-def add_legend(figure: Figure) -> None:
+def add_legend(figure: Figure | SubFigure, panels: Sequence[Axes]) -> None:
     """Say above all panels what is drawn in any of them."""
     found: dict[str, Artist] = {}
-    for ax in figure.axes:
+    for ax in panels:
         for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
             found.setdefault(label, handle)
+    wide = figure.bbox.width / root_of(figure).dpi
     figure.legend(
-        list(found.values()), list(found), loc="upper left", ncols=max(4, len(found)),
-        frameon=False, fontsize=9, labelcolor=INK,
+        list(found.values()), list(found), loc="outside upper left", frameon=False,
+        ncols=max(1, int(wide / _ENTRY)), fontsize=TEXT - 0.5, labelcolor=look_of(panels[0]).ink,
     )  # fmt: skip

@@ -1,29 +1,59 @@
-"""Colours, and new figures with or without pyplot.
+"""Colours for light and dark backgrounds, texts of numbers, and new figures.
 
-In a notebook, or if pyplot is loaded with a backend that opens windows, new figures belong to
-pyplot, which shows and closes them. Elsewhere no global state of matplotlib changes. matplotlib is
-an optional dependency and is imported inside the functions.
+A figure follows matplotlib's own settings (``plt.style.use("dark_background")``) and the axes it is
+given: on a dark face the ink is light. In a notebook, while sphinx-gallery runs, or if pyplot is
+loaded with a backend that opens windows, new figures belong to pyplot, which shows and closes them.
+Elsewhere no global state of matplotlib changes. matplotlib is an optional dependency and is
+imported inside the functions.
 """
 
 from __future__ import annotations
 
 import sys
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from .._base.extras import extra
 from .._base.progress import in_ipython
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
 
 # The palette of Okabe and Ito (2008), distinct for all colour vision.
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#E69F00", "#56B4E9", "#CC79A7", "#222222")
 INK = "#222222"
 PALE = "#6b6b6b"
 GRID = "#e4e4e4"
+SMALL, TEXT, TITLE = 8.5, 9.5, 10.5  # points: ticks and notes, names of axes, titles
 _SIZE = (5.6, 4.2)  # inches: width and height of a figure with one panel
+
+
+class Look(NamedTuple):
+    """What is drawn on one kind of background."""
+
+    ink: str
+    pale: str
+    grid: str
+    face: str  # inside open markers
+    fill: float  # opacity of bands
+    colors: tuple[str, ...]
+
+    def color(self, k: int) -> str:
+        """The colour of the k-th line."""
+        return self.colors[k % len(self.colors)]
+
+    def like(self, color: str) -> str:
+        """A colour of the light palette as it is here; any other as it is."""
+        return self.colors[COLORS.index(color)] if color in COLORS else color
+
+
+LIGHT = Look(INK, PALE, GRID, "#ffffff", 0.18, COLORS)
+# The same hues, lighter, in the same order.
+DARK = Look(
+    "#f2f2f2", "#a8a8a8", "#3d3d3d", "#111111", 0.3,
+    ("#3E9BDB", "#F07A3A", "#12B886", "#F7C948", "#A5DCFF", "#E08FC0", "#f2f2f2"),
+)  # fmt: skip
 
 
 def require_matplotlib() -> None:
@@ -32,14 +62,56 @@ def require_matplotlib() -> None:
         import matplotlib  # noqa: F401
 
 
+def look_of(where: Axes | Figure | SubFigure) -> Look:
+    """`DARK` where the face is dark, or is transparent and matplotlib writes in a light colour."""
+    from matplotlib import rcParams
+
+    seen, rest = 0.0, 1.0
+    for one in _outwards(where):
+        light, alpha = _light(one.get_facecolor())
+        seen, rest = seen + rest * alpha * light, rest * (1.0 - alpha)
+    paper = 1.0 - round(_light(rcParams["text.color"])[0])
+    return DARK if seen + rest * paper < 0.5 else LIGHT
+
+
+def root_of(where: Any) -> Figure:
+    """The figure that holds axes or a subfigure."""
+    found: Figure = _outwards(where)[-1]
+    return found
+
+
+def _outwards(where: Any) -> list[Any]:
+    """Axes, subfigure, figure."""
+    found = [where]
+    while (around := getattr(found[-1], "figure", None)) not in (None, found[-1]):
+        found.append(around)
+    return found
+
+
+def _light(color: Any) -> tuple[float, float]:
+    """Luma of a colour in 0 .. 1, and its opacity."""
+    from matplotlib.colors import to_rgba
+
+    red, green, blue, alpha = to_rgba(color)
+    return 0.299 * red + 0.587 * green + 0.114 * blue, alpha
+
+
 # Backends that write files: pyplot would keep the figures open without showing them.
 _FILES = ("agg", "cairo", "pdf", "pgf", "ps", "svg", "template")
 
 
 def new_figure(
-    width: float, height: float, *, header: float, footer: float, shown: bool = True
+    width: float,
+    height: float,
+    *,
+    header: float,
+    footer: float,
+    shown: bool = True,
+    face: str | None = "white",
 ) -> Figure:
     """Return a new figure; sizes in inches, `header` and `footer` are kept free.
+
+    Its background is `face`; with None that of matplotlib's settings.
 
     If pyplot shows figures, in a notebook or on a screen, the figure belongs to pyplot, unless
     `shown` is False.
@@ -52,7 +124,7 @@ def new_figure(
     look: dict[str, Any] = {
         "figsize": (width, height),
         "layout": ConstrainedLayoutEngine(w_pad=0.09, h_pad=0.06, wspace=0.05, rect=free),
-        "facecolor": "white",
+        "facecolor": face,
     }
     if shown and _pyplot_shows():
         import matplotlib.pyplot as plt
@@ -68,21 +140,85 @@ def new_figure(
 def axes_or_new(ax: Axes | None, width: float = _SIZE[0]) -> Axes:
     """Return `ax`, or axes on a new figure."""
     require_matplotlib()
-    return new_figure(width, _SIZE[1], header=0.0, footer=0.0).add_subplot() if ax is None else ax
+    if ax is not None:
+        return ax
+    return new_figure(width, _SIZE[1], header=0.0, footer=0.0, face=None).add_subplot()
 
 
 def add_grid(ax: Axes) -> None:
-    """Draw a pale grid behind the data, and no frame at the top and the right."""
-    ax.grid(True, which="major", color=GRID, linewidth=0.7)
+    """Draw a pale grid behind the data, no frame at the top and the right, numbers in full."""
+    look = look_of(ax)
+    ax.grid(True, which="major", color=look.grid, linewidth=0.7)
     ax.set_axisbelow(True)
     ax.spines[["top", "right"]].set_visible(False)
+    ax.spines[["bottom", "left"]].set(color=look.pale, linewidth=0.7)
+    for axis in (ax.xaxis, ax.yaxis):
+        if isinstance(axis.get_major_formatter(), _fixed()):
+            continue
+        axis.set_major_formatter(number_text)
+        if axis.get_scale() == "log":
+            axis.set_minor_formatter(partial(_between, axis))
 
 
 def add_labels(ax: Axes, across: str, up: str) -> None:
     """Name the axes, with units."""
-    ax.set_xlabel(across, fontsize=9.5, color=INK)
-    ax.set_ylabel(up, fontsize=9.5, color=INK)
-    ax.tick_params(labelsize=8.5, colors=INK, width=0.7)
+    ink = look_of(ax).ink
+    ax.set_xlabel(across, fontsize=TEXT, color=ink)
+    ax.set_ylabel(up, fontsize=TEXT, color=ink)
+    ax.tick_params(which="both", labelsize=SMALL, colors=ink, width=0.7)
+
+
+def add_key(ax: Axes, **how: Any) -> None:
+    """A legend in the ink of the axes."""
+    ax.legend(**{"fontsize": SMALL, "frameon": False, "labelcolor": look_of(ax).ink, **how})
+
+
+def number_text(value: float, place: object = None) -> str:
+    """0.001, 0.25, 10 000, and powers of ten beyond."""
+    size = abs(value)
+    if size != 0.0 and not 9.99e-5 < size < 1e6:
+        digits, power = f"{value:.3e}".split("e")
+        digits, power = digits.rstrip("0").rstrip("."), f"10^{{{int(power)}}}"
+        sign = "-" if value < 0 else ""
+        return f"${sign}{power}$" if digits in ("1", "-1") else rf"${digits} \cdot {power}$"
+    text = f"{value:,.10g}".replace(",", "" if size < 1e4 else "\u2009")
+    return text.replace("-", "\u2212")
+
+
+def _between(axis: Any, value: float, place: object = None) -> str:
+    """2 and 5 times powers of ten, on a logarithmic axis of less than 1.5 decades."""
+    low, high = sorted(axis.get_view_interval())
+    short = low > 0.0 and high < 10.0**1.5 * low
+    return number_text(value) if short and f"{value:.0e}"[0] in "25" else ""
+
+
+def readable(color: str, look: Look) -> str:
+    """`color`, mixed with ink until text in it has the contrast 4.5 of WCAG on the face."""
+    mixed = (blend(color, look.ink, share / 10) for share in range(11))
+    return next((one for one in mixed if contrast(one, look.face) >= 4.5), look.ink)
+
+
+def blend(color: str, other: str, share: float) -> str:
+    """`color`, with a share of the other."""
+    from matplotlib.colors import to_hex, to_rgb
+
+    pairs = zip(to_rgb(color), to_rgb(other), strict=True)
+    red, green, blue = ((1.0 - share) * one + share * two for one, two in pairs)
+    return str(to_hex((red, green, blue)))
+
+
+def contrast(one: Any, other: Any) -> float:
+    """The contrast of two colours as WCAG 2.2 defines it, 1 to 21."""
+    from matplotlib.colors import to_rgb
+
+    def luminance(color: Any) -> float:
+        linear = [
+            c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in to_rgb(color)
+        ]
+        return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+    low, high = sorted((luminance(one), luminance(other)))
+    return (high + 0.05) / (low + 0.05)
 
 
 def literal(name: str) -> str:
@@ -92,10 +228,19 @@ def literal(name: str) -> str:
     return f"{' ' if short.startswith('_') else ''}{short}".replace("$", r"\$")
 
 
+def _fixed() -> tuple[type, ...]:
+    """Formatters that somebody chose."""
+    from matplotlib.ticker import FixedFormatter, FuncFormatter, StrMethodFormatter
+
+    return FixedFormatter, FuncFormatter, StrMethodFormatter
+
+
 def _pyplot_shows() -> bool:
     """Whether the user is in IPython or has loaded pyplot, and its backend shows figures."""
     if not in_ipython() and "matplotlib.pyplot" not in sys.modules:
         return False
+    if "sphinx_gallery.gen_rst" in sys.modules:  # it collects the figures of pyplot
+        return True
     import matplotlib
 
     return matplotlib.get_backend().lower() not in _FILES

@@ -6,7 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .style import COLORS, INK, add_grid, axes_or_new
+from .ends import label_ends
+from .states import finish
+from .style import add_key, axes_or_new, look_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,17 +24,17 @@ def draw_trace(
     ax = axes_or_new(ax)
     ax.set_xscale("log")
     ax.set_yscale("log")
+    look = look_of(ax)
     curves = (  # dashed, so that both are visible where they agree
-        (errors, "error", COLORS[0], "-"),
-        (certificates, "certificate", COLORS[1], "--"),
+        (errors, "error", look.color(0), "-"),
+        (certificates, "certificate", look.color(1), "--"),
     )
+    lines = []
     for values, label, color, line in curves:
         shown = (steps > 0) & (values > 0.0)  # False for nan
         if shown.any():
-            ax.plot(steps[shown], values[shown], line, color=color, label=label, lw=1.6)
-    ax.set_xlabel("step", color=INK)
-    ax.set_ylabel(r"$\|B(v - v^*)\|$", color=INK)
-    add_grid(ax)
-    if ax.get_legend_handles_labels()[0]:
-        ax.legend(frameon=False)
+            lines += ax.plot(steps[shown], values[shown], line, color=color, label=label, lw=1.6)
+    finish(ax, "step", r"$\|B(v - v^*)\|$")
+    if lines and not label_ends(ax, lines):
+        add_key(ax)
     return ax

@@ -17,10 +17,10 @@ from .panels import (
     frame,
     panel_grid,
 )
-from .style import COLORS, INK, require_matplotlib
+from .style import look_of, root_of
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
@@ -38,6 +38,7 @@ def draw_tube(
     inputs: Inputs | None = None,
     dt: float | None = None,
     says: str = "",
+    figure: Figure | SubFigure | None = None,
 ) -> Figure:
     """Draw each state of `predicted` (K + 1, n) in its panel over time, and then each input.
 
@@ -46,18 +47,18 @@ def draw_tube(
     `reference` (K, n) and `limits` (K, n) of x(1) .. x(K). The tube bounds the distance in the
     2-norm, hence each state.
     """
-    require_matplotlib()
     n = min(predicted.shape[1], PANELS)
     m = 0 if inputs is None else min(inputs.u.shape[1], PANELS)
     runs = np.zeros((0, *predicted.shape)) if measured is None else measured
     runs = runs[None] if runs.ndim == 2 else runs
     times = np.arange(len(predicted)) * (1.0 if dt is None else dt)
-    figure, panels = panel_grid(n + m)
+    figure, panels = panel_grid(n + m, figure)
     for i, ax in enumerate(panels[:n]):
         shown = np.concatenate([predicted[:, i], runs[:, :, i].ravel()])
         shown = shown if target is None else np.append(shown, target[i])
         shown = shown if reference is None else np.append(shown, reference[:, i])
         floor, top, reach = extent(shown)
+        look = look_of(ax)
         if limits is not None:
             sides = limits[0][:, i], limits[1][:, i]
             floor, top = draw_limits(ax, times[1:], sides, (floor, top, reach))
@@ -65,19 +66,32 @@ def draw_tube(
             radius = np.minimum(tube, 10.0 * reach)
             low, high = predicted[:, i] - radius, predicted[:, i] + radius
             floor, top = max(floor - reach, low.min()), min(top + reach, high.max())
-            ax.fill_between(times, low, high, color=COLORS[0], alpha=0.16, linewidth=0, label=says)
+            ax.fill_between(
+                times, low, high, color=look.color(0), alpha=look.fill, linewidth=0, label=says
+            )
         if reference is not None:
-            ax.plot(times[1:], reference[:, i], "--", color=INK, linewidth=1, label="reference")
-        ax.plot(times, predicted[:, i], color=COLORS[0], linewidth=1.6, label="predicted")
+            ax.plot(
+                times[1:], reference[:, i], "--", color=look.ink, linewidth=1, label="reference"
+            )
+        ax.plot(times, predicted[:, i], color=look.color(0), linewidth=1.6, label="predicted")
         for k, run in enumerate(runs):
             ax.plot(
-                times, run[:, i], ".", color=COLORS[1], markersize=5 if len(runs) == 1 else 3,
-                alpha=1.0 if len(runs) == 1 else 0.5, label="measured" if k == 0 else None,
+                times, run[:, i], ".", color=look.color(1), markersize=5 if len(runs) == 1 else 4,
+                alpha=1.0 if len(runs) == 1 else 0.7, label="measured" if k == 0 else None,
             )  # fmt: skip
         if target is not None:
-            ax.plot(times[-1], target[i], "x", color=INK, markersize=8, mew=1.8, label="target")
+            ax.plot(
+                times[-1],
+                target[i],
+                "x",
+                color=look.ink,
+                markersize=8,
+                mew=1.8,
+                clip_on=False,
+                label="target",
+            )
         frame(ax, floor, top, reach, dt, names[i])
     if inputs is not None:
         draw_inputs(panels[n:], inputs, dt)
-    add_legend(figure)
-    return figure
+    add_legend(figure, panels)
+    return root_of(figure)

@@ -17,15 +17,18 @@ from .._base.tabled import Cube, Tabled, Timed, named, over_time, padded
 from .._base.types import Centre, Floats, Status
 from ..exceptions import ShapeError
 from ..plots.states import draw_states
+from .phased import Phased
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from matplotlib.axes import Axes
 
     from ..rng import Key
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Trajectory(SavedRecord, Timed):
+class Trajectory(SavedRecord, Phased, Timed):
     """The trajectory of an exact system under given inputs.
 
     Attributes
@@ -57,11 +60,15 @@ class Trajectory(SavedRecord, Timed):
         """The number of steps K."""
         return len(self.inputs)
 
-    def plot(self, *, ax: Axes | None = None) -> Axes:
+    def plot(
+        self, states: str | int | Sequence[str | int] | None = None, *, ax: Axes | None = None
+    ) -> Axes:
         """Draw every state over time.
 
         Parameters
         ----------
+        states : str, int or list of them, optional
+            Which states, by name or number. Default: all.
         ax : matplotlib Axes, optional
             Where to draw. Default: new axes on a figure of their own, which a notebook shows. In a
             script ``path.plot().figure.savefig("path.png")`` saves it; for a window, pass
@@ -75,6 +82,8 @@ class Trajectory(SavedRecord, Timed):
         ------
         ImportError
             matplotlib is not installed.
+        InputError, InputTypeError
+            There is no such state.
 
         Examples
         --------
@@ -83,9 +92,8 @@ class Trajectory(SavedRecord, Timed):
         >>> path.plot().get_ylabel()
         'state'
         """
-        names = None if self.labels is None else self.labels.state_axes
-        timed = self.dt is not None
-        return draw_states(self.times, self.states, None, timed=timed, ax=ax, names=names)
+        at, how = self._shown(states)
+        return draw_states(self.times, self.states[:, at], None, ax=ax, **how)
 
     def _cube(self) -> Cube:
         clock, times = over_time(self.steps, self.dt, self.times)
@@ -110,7 +118,7 @@ class Trajectory(SavedRecord, Timed):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class EnsembleTrajectory(SavedRecord, Timed):
+class EnsembleTrajectory(SavedRecord, Phased, Timed):
     """Mean and covariance of random trajectories, or of those of several models of a system.
 
     Attributes
@@ -190,13 +198,17 @@ class EnsembleTrajectory(SavedRecord, Timed):
         error: Floats = np.sqrt(self.variance / self.replicates)
         return error
 
-    def plot(self, *, ax: Axes | None = None) -> Axes:
+    def plot(
+        self, states: str | int | Sequence[str | int] | None = None, *, ax: Axes | None = None
+    ) -> Axes:
         """Draw the mean of every state over time, with a band of two standard errors.
 
         For the models of a SystemEnsemble the band is two standard deviations of the models.
 
         Parameters
         ----------
+        states : str, int or list of them, optional
+            Which states, by name or number. Default: all.
         ax : matplotlib Axes, optional
             Where to draw, as for `Trajectory.plot`.
 
@@ -216,15 +228,13 @@ class EnsembleTrajectory(SavedRecord, Timed):
         >>> path.plot().get_xlabel()
         'step k'
         """
-        timed, names = self.dt is not None, None if self.labels is None else self.labels.state_axes
-        if self.averaging == "systems":
-            spread = None if self.variance is None else np.sqrt(self.variance)
-            band = "± 2 standard deviations"
-            return draw_states(
-                self.times, self.mean, spread, timed=timed, ax=ax, band=band, names=names
-            )
+        at, how = self._shown(states)
         error = self.standard_error
-        return draw_states(self.times, self.mean, error, timed=timed, ax=ax, names=names)
+        if self.averaging == "systems":
+            error = None if self.variance is None else np.sqrt(self.variance)
+            how["band"] = "± 2 standard deviations"
+        error = None if error is None else error[:, at]
+        return draw_states(self.times, self.mean[:, at], error, ax=ax, **how)
 
     def _cube(self) -> Cube:
         clock, times = over_time(self.steps, self.dt, self.times)

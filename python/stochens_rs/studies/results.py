@@ -189,9 +189,9 @@ class Results(Tabled):
             look = style and {"color": style.color, "marker": style.marker, "linestyle": style.line}
             named = None if hue is None else style.label if style else f"{hue} = {label}{unit}"
             lines.append(Line(named, band[0], band[1], band[2], look or {}))
-        title = f"median and 10-90 % band of {len(self.replicates)} replicates"
+        said = f"10-90 % of {len(self.replicates)} replicates"
         of_x, of_y = (labelled(name, self.units) for name in (x, y))
-        return draw_bands(self.grid[x], lines, of_x, of_y, title, ax)
+        return draw_bands(self.grid[x], lines, of_x, of_y, said, ax)
 
     def __repr__(self) -> str:
         axes = " x ".join(f"{len(labels)} {name}" for name, labels in self.grid.items())

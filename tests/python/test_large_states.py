@@ -1,4 +1,4 @@
-"""Certificates of plans for states whose squares overflow: infinite, or scaled, without a warning."""
+"""Certificates of plans whose squares overflow: infinite, or scaled, without a warning."""
 
 from __future__ import annotations
 
@@ -39,9 +39,8 @@ def test_bounds_of_large_states_are_scaled_or_infinite(gen, way, K):
         size = 2.0**power
         try:
             found = planned(model, size, K, way).bound(0.1)
-        except NonFiniteError as error:
+        except NonFiniteError:
             assert power > 506
-            assert "scale" in str(error)
             continue
         for name in ("state", "control"):
             small, large = getattr(once, name), getattr(found, name)

@@ -27,6 +27,7 @@ __all__ = [
     "closed_form",
     "diagonal_quantile",
     "f_upper",
+    "fleet_gains",
     "fleet_misses",
     "fleet_moments",
     "fleet_slope",
@@ -558,14 +559,17 @@ def fleet_slope(units: _Units, u: _Floats, threads: int) -> tuple[float, _Floats
 # (N,): (||G_s u - b_s||_Q^2 + beside)^1/2
 def fleet_misses(units: _Units, u: _Floats, beside: float, threads: int) -> _Floats: ...
 
+# (N,): ||Q^1/2 G_s||_F^2
+def fleet_gains(units: _Units, threads: int) -> _Floats: ...
+
 # u, value, lower_bound, the units solved for last, their shares of the dual, status, calls of the
-# solver; `cost` is R^1/2 (rows, d); `skip` units are left out; `start` are those to begin with.
-# After Ctrl-C the best so far.
+# solver; `cost` is r (d,) and F (rows, d) with R = diag(r) + F'F; `skip` units are left out;
+# `start` are those to begin with. After Ctrl-C the best so far.
 def fleet_worst(
     units: _Units,
     low: _Floats,
     high: _Floats,
-    cost: _Floats,
+    cost: tuple[_Floats, _Floats],
     skip: list[int],
     start: list[int],
     tolerance: float,

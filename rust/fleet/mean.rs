@@ -143,6 +143,29 @@ pub fn triangle(units: &Units<'_>, stop: &Stop) -> Result<Vec<f64>> {
     Ok(r)
 }
 
+/// `||Q^1/2 G_s||_F^2` of every unit.
+///
+/// # Errors
+/// [`Error::Overflow`], [`Error::Memory`], [`Error::Interrupted`].
+pub fn gains(units: &Units<'_>, threads: usize, stop: &Stop) -> Result<Vec<f64>> {
+    let (q, side, chunk) = (units.rows(), units.inputs() + 1, units.chunk());
+    let mut found = try_zeros(WHAT, units.size)?;
+    let threads = units.threads(threads, units.work() * q as f64 / units.n as f64);
+    for_each_chunk(found.chunks_mut(chunk).enumerate(), threads, stop, |(block, out)| {
+        let mut filler = Filler::new(units)?;
+        let mut rows = try_zeros(WHAT, checked_len(WHAT, q, side)?)?;
+        for (i, gain) in out.iter_mut().enumerate() {
+            filler.fill(units, block * chunk + i, side, &mut rows);
+            *gain = dot(&filler.map, &filler.map);
+        }
+        Ok(())
+    })?;
+    match found.iter().all(|gain| gain.is_finite()) {
+        true => Ok(found),
+        false => Err(Error::Overflow { what: "the map of a unit" }),
+    }
+}
+
 /// `mean_s ||G_s u - b_s||_Q^2` and `mean_s G_s'Q (G_s u - b_s)`, from the residuals of all units.
 ///
 /// # Errors

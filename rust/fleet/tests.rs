@@ -57,7 +57,7 @@ fn two_units_have_their_commands() {
     let (square, gradient) = slope(&two, &[0.6], 1, &stop).unwrap();
     assert!((square - 0.1).abs() < 1e-15 && gradient[0].abs() < 1e-15);
     for (end, u, value) in [(f64::INFINITY, 2.0 / 3.0, 1.0 / 3.0), (0.5, 0.5, 0.5)] {
-        let limits = Limits { low: &[-end], high: &[end], cost: &[] };
+        let limits = Limits { low: &[-end], high: &[end], diagonal: &[0.0], cost: &[] };
         let best = worst(&two, limits, (&[false; 2], &[]), 1e-7, None, 1, &stop).unwrap();
         assert!((best.control[0] - u).abs() < 1e-8 && (best.value - value).abs() < 1e-8);
         assert!(best.value - best.lower_bound <= 1e-7 * best.value && best.lower_bound <= value + 1e-15);

@@ -2,8 +2,8 @@
 
 use std::time::{Duration, Instant};
 
-use super::cones::Problem;
-use super::dual::lower_bound;
+use super::cones::{Limits, Problem};
+use super::dual::Dual;
 use super::units::{Room, Units, WHAT};
 use crate::error::{Error, Result};
 use crate::limits::Status;
@@ -17,17 +17,12 @@ const FEW: usize = 5;
 const FAR: f64 = 0.9;
 /// Of the largest miss at the start: differences below it do not count.
 const FLOOR: f64 = 1e-9;
-
-/// What a command may be, and what else it costs.
-#[derive(Clone, Copy)]
-pub struct Limits<'a> {
-    /// Lower limits, `d`.
-    pub low: &'a [f64],
-    /// Upper limits, `d`.
-    pub high: &'a [f64],
-    /// `R^{1/2}`, `(rows, d)`, or empty.
-    pub cost: &'a [f64],
-}
+/// Of the largest miss at the start: values below it are no size to scale a problem by.
+const SMALLEST: f64 = 1e-4;
+/// Gap of an optimal result, relative to the largest miss at the start.
+const NEAR: f64 = 1e-6;
+/// Or the difference of the squares of value and lower bound in an optimal result, relative to `J(0) + J(u)`.
+const OPTIMAL: f64 = 1e-9;
 
 /// The command with the least largest miss.
 pub struct Worst {
@@ -67,7 +62,7 @@ pub fn worst(
     let mut u = try_collect(WHAT, near_zero)?;
     let mut misses = look(units, limits, &u, threads, stop)?;
     let value = largest(&misses, skip);
-    let floor = FLOOR * value;
+    let (floor, at_zero) = (FLOOR * value, value);
     let mut best = Worst {
         control: try_copy(WHAT, &u)?,
         value,
@@ -87,7 +82,7 @@ pub fn worst(
         (best.lower_bound, best.working, best.shares) = (value, try_collect(WHAT, most)?, try_copy(WHAT, &[1.0])?);
         return Ok(best);
     }
-    let mut chosen = Chosen::new(units, limits)?;
+    let mut chosen = Chosen::new(units)?;
     let mut before = 0.0;
     loop {
         if stop.requested() || deadline.is_some_and(|deadline| Instant::now() >= deadline) {
@@ -95,16 +90,17 @@ pub fn worst(
             break;
         }
         chosen.take(units, &working)?;
+        // Clarabel's tolerances are of a problem whose value is about 1
+        let size = best.value.max(SMALLEST * at_zero);
         let left = deadline.map(|deadline| deadline.saturating_duration_since(Instant::now()));
         let problem = Problem {
             maps: &chosen.maps,
             targets: &chosen.targets,
-            rows: chosen.rows,
-            low: limits.low,
-            high: limits.high,
+            rows: units.rows(),
+            limits,
             free: &free,
             gain: chosen.gain(d),
-            unit: power_of_two(value / chosen.gain(d)),
+            unit: power_of_two(size / chosen.gain(d)),
         };
         let mut proposal = problem.solve(left)?;
         best.solves += 1;
@@ -112,8 +108,8 @@ pub fn worst(
             best.status = Status::Inaccurate;
             break;
         }
-        let ends = (limits.low, limits.high);
-        let (bound, shares) = lower_bound(&chosen.maps, &chosen.targets, chosen.rows, ends, &mut proposal.vectors)?;
+        let known = Dual { maps: &chosen.maps, targets: &chosen.targets, rows: units.rows(), limits };
+        let (bound, shares) = known.lower_bound(&mut proposal.vectors)?;
         u = proposal.control;
         misses = match look(units, limits, &u, threads, stop) {
             Err(Error::Interrupted) => continue,
@@ -129,6 +125,9 @@ pub fn worst(
             break;
         }
         let more = top(&misses, skip, &working, bound * (1.0 + 1e-3 * tolerance))?;
+        if more.is_empty() && best.value.max(SMALLEST * at_zero) < size / 2.0 {
+            continue; // once more, in the size of the value
+        }
         if more.is_empty() {
             best.status = Status::Inaccurate; // all that matters was solved for: Clarabel gets no nearer
             break;
@@ -139,6 +138,13 @@ pub fn worst(
         before = bound;
         try_extend(WHAT, &mut working, more)?;
     }
+    // J(u) - J(v) <= value^2 - lower_bound^2
+    let square = |x: f64| x * x / at_zero;
+    let near = best.value - best.lower_bound <= NEAR * at_zero
+        || square(best.value) - square(best.lower_bound) <= OPTIMAL * (at_zero + square(best.value));
+    if near && best.status == Status::Inaccurate {
+        best.status = Status::Optimal;
+    }
     Ok(best)
 }
 
@@ -147,6 +153,7 @@ fn check(units: &Units<'_>, limits: Limits<'_>, skip: &[bool], start: &[usize]) 
     let lengths = [
         ("low", limits.low.len(), d),
         ("high", limits.high.len(), d),
+        ("R", limits.diagonal.len(), d),
         ("R", limits.cost.len(), limits.cost.len() / d * d),
         ("skip", skip.len(), units.size),
     ];
@@ -159,6 +166,9 @@ fn check(units: &Units<'_>, limits: Limits<'_>, skip: &[bool], start: &[usize]) 
     if !limits.low.iter().zip(limits.high).all(|(low, high)| low <= high) {
         return Err(Error::Value { name: "low", expected: "at most `high`", found: "more".into() });
     }
+    if !limits.diagonal.iter().chain(limits.cost).all(|v| v.is_finite()) || limits.diagonal.iter().any(|v| *v < 0.0) {
+        return Err(Error::Value { name: "R", expected: "finite and at least 0", found: "another".into() });
+    }
     if start.iter().any(|&s| s >= units.size || skip[s]) || skip.iter().all(|skip| *skip) {
         return Err(Error::Value { name: "start", expected: "units that are not left out", found: "others".into() });
     }
@@ -166,8 +176,9 @@ fn check(units: &Units<'_>, limits: Limits<'_>, skip: &[bool], start: &[usize]) 
 }
 
 fn look(units: &Units<'_>, limits: Limits<'_>, u: &[f64], threads: usize, stop: &Stop) -> Result<Vec<f64>> {
-    let beside = limits.cost.chunks_exact(u.len()).map(|row| dot(row, u).powi(2)).sum();
-    units.misses(u, beside, threads, stop)
+    let own: f64 = u.iter().zip(limits.diagonal).map(|(u, r)| r * u * u).sum();
+    let others: f64 = limits.cost.chunks_exact(u.len()).map(|row| dot(row, u).powi(2)).sum();
+    units.misses(u, own + others, threads, stop)
 }
 
 fn largest(misses: &[f64], skip: &[bool]) -> f64 {
@@ -194,28 +205,24 @@ fn power_of_two(x: f64) -> f64 {
 }
 
 /// The maps and targets of the units that are solved for.
-struct Chosen<'a> {
-    cost: &'a [f64],
-    rows: usize,
+struct Chosen {
     room: Room,
     maps: Vec<f64>,
     targets: Vec<f64>,
 }
 
-impl<'a> Chosen<'a> {
-    fn new(units: &Units<'_>, limits: Limits<'a>) -> Result<Self> {
-        let rows = units.rows() + limits.cost.len() / units.inputs();
-        Ok(Self { cost: limits.cost, rows, room: Room::new(units)?, maps: Vec::new(), targets: Vec::new() })
+impl Chosen {
+    fn new(units: &Units<'_>) -> Result<Self> {
+        Ok(Self { room: Room::new(units)?, maps: Vec::new(), targets: Vec::new() })
     }
 
     fn take(&mut self, units: &Units<'_>, working: &[usize]) -> Result<()> {
-        let (d, q, rows) = (units.inputs(), units.rows(), self.rows);
+        let (d, rows) = (units.inputs(), units.rows());
         self.maps = try_zeros(WHAT, checked_len(WHAT, working.len() * rows, d)?)?;
         self.targets = try_zeros(WHAT, working.len() * rows)?;
         let parts = self.maps.chunks_exact_mut(rows * d).zip(self.targets.chunks_exact_mut(rows));
         for (&s, (map, target)) in working.iter().zip(parts) {
-            units.map(s, &mut self.room, &mut map[..q * d], &mut target[..q]);
-            map[q * d..].copy_from_slice(self.cost);
+            units.map(s, &mut self.room, map, target);
         }
         match self.maps.iter().chain(&self.targets).all(|v| v.is_finite()) {
             true => Ok(()),

@@ -109,7 +109,9 @@ impl Interior {
             *self = Self::new(d)?;
         }
         let objective = q.slope(u, g);
-        let count = self.start(bounds, u, g, held);
+        // where there is one limit, as far inside as moves J by 1e-6 of its size
+        let near = 1e-3 * (q.scale() + objective).sqrt();
+        let count = self.start((bounds, near), u, (g, q.curvature()), held);
         let mut objective = if count > 0 { q.slope(u, g) } else { objective };
         for done in 0..MOST {
             if let Some(status) = until.reached() {
@@ -148,7 +150,13 @@ impl Interior {
     }
 
     /// Slacks and multipliers for a start near `u`, which is moved inside; the number of finite limits.
-    fn start(&mut self, bounds: Bounds<'_>, u: &mut [f64], g: &[f64], held: &[i8]) -> usize {
+    fn start(
+        &mut self,
+        (bounds, near): (Bounds<'_>, f64),
+        u: &mut [f64],
+        (g, curvature): (&[f64], &[f64]),
+        held: &[i8],
+    ) -> usize {
         let (mut count, d) = (0, u.len());
         let free = |i: &usize| held[*i] == 0;
         let size = (0..d).filter(free).map(|i| g[i].abs()).sum::<f64>() / (0..d).filter(free).count().max(1) as f64;
@@ -161,16 +169,17 @@ impl Interior {
             if held[i] != 0 {
                 continue;
             }
+            let inside = (near / curvature[i].sqrt()).max(f64::MIN_POSITIVE);
             if width.is_finite() {
                 // slacks of their own: near a limit u - low has lost its digits
                 let part = ((u[i] - bounds.low[i]) / width).clamp(0.1, 0.9);
                 (low.slack[i], high.slack[i]) = (part * width, (1.0 - part) * width);
                 u[i] = bounds.clip(i, bounds.low[i] + low.slack[i]);
             } else if bounds.low[i].is_finite() {
-                low.slack[i] = (u[i] - bounds.low[i]).max(0.1 * bounds.low[i].abs()).max(1e-3);
+                low.slack[i] = (u[i] - bounds.low[i]).max(inside);
                 u[i] = bounds.low[i] + low.slack[i];
             } else if bounds.high[i].is_finite() {
-                high.slack[i] = (bounds.high[i] - u[i]).max(0.1 * bounds.high[i].abs()).max(1e-3);
+                high.slack[i] = (bounds.high[i] - u[i]).max(inside);
                 u[i] = bounds.high[i] - high.slack[i];
             }
             for side in [low, high] {

@@ -1,16 +1,25 @@
 //! A problem by orthogonal factors, for ill-conditioned ones: `[M y; R^(1/2) 0] = Q [T c; 0 p]` gives
-//! `J(u) = ||T u - c||^2 + p^2`, and a face is solved by the triangle of `T_F`. No matrix is squared.
+//! `J(u) = ||T u - c||^2 + p^2`, and a face is solved by the triangle of `T_F`. No matrix is squared. Where `T` is
+//! singular, `J(u) + damping ||u||^2` is minimised, whose control is unique, and [`Orthogonal::certified`] judges it by J.
 
 use super::bounds::Bounds;
+use super::certificate::{Certificate, frank_wolfe};
 use super::dense::Dense;
 use super::kernel::{add_transposed, padded, times};
 use super::quadratic::Quadratic;
+use crate::control::pseudoinverse;
 use crate::error::Result;
 use crate::identify::triangle;
-use crate::memory::{checked_len, try_room, try_zeros};
+use crate::memory::{checked_len, try_copy, try_filled, try_room, try_zeros};
 use crate::parallel::Stop;
+use crate::vector::{axpy, dot};
 
 const WHAT: &str = "a control within limits";
+
+/// Diagonal of a singular `T`: what products of matrices of lower rank are rounded by.
+const SINGULAR: f64 = 16.0 * f64::EPSILON;
+/// Added to the squares of a singular `T`, relative to the largest: a little more than rounding.
+const DAMPED: f64 = 1e-14;
 
 /// `R` of the columns of some inputs, `k x k` row by row.
 #[derive(Default)]
@@ -69,6 +78,7 @@ pub(super) struct Orthogonal {
     rest: f64,
     zero: f64,
     curvature: Vec<f64>,
+    damping: f64,
     residual: Vec<f64>,
     work: Vec<f64>,
     face: Upper,
@@ -108,7 +118,7 @@ impl Orthogonal {
             c[i] = row[d];
             row.iter().zip(&mut curvature).for_each(|(v, sum)| *sum += v * v);
         }
-        Ok(Self {
+        let mut new = Self {
             d,
             ld,
             t,
@@ -116,11 +126,78 @@ impl Orthogonal {
             rest: found[width * width - 1].powi(2) + dense.rest,
             zero: dense.scale(),
             curvature,
+            damping: 0.0,
             residual: try_zeros(WHAT, d)?,
             work: try_zeros(WHAT, ld)?,
             face: Upper::default(),
             other: Upper::default(),
-        })
+        };
+        // an input that changes nothing stays where it is
+        let mut idle = try_filled(WHAT, 0, d)?;
+        idle.iter_mut().zip(&new.curvature).for_each(|(idle, v)| *idle = i8::from(*v == 0.0));
+        // what is left of each column beside those before it
+        let upper = new.upper(&idle, None, None, stop)?;
+        let least = |i: usize| SINGULAR * d as f64 * new.curvature[upper.free[i]].sqrt();
+        if (0..upper.free.len()).any(|i| upper.at(i, i) <= least(i)) {
+            new.damping = DAMPED * new.curvature.iter().fold(0.0f64, |m, v| m.max(*v));
+        }
+        Ok(new)
+    }
+
+    /// Whether `T` is singular to rounding.
+    pub(super) fn damped(&self) -> bool {
+        self.damping > 0.0
+    }
+
+    /// `J(u)` without damping, its half gradient in `g`, and how far it is from the least.
+    ///
+    /// With `r = T u - c` and any `v`, `J(z) >= J(u) - ||r - v||^2 + 2 sum_i (T'v)_i (z_i - u_i)` for all z. The sum is at
+    /// least 0 within the limits if `T'v` is 0 but for inputs at a limit that balances it. So v is r less its part in the
+    /// range of the columns of the other inputs. Inputs with `held` not 0 do not change.
+    pub(super) fn certified(
+        &mut self,
+        bounds: Bounds<'_>,
+        held: &[i8],
+        (u, g): (&[f64], &mut [f64]),
+        stop: &Stop,
+    ) -> Result<Certificate> {
+        let (d, ld) = (self.d, self.ld);
+        let damping = std::mem::take(&mut self.damping);
+        let objective = self.slope(u, g);
+        self.damping = damping;
+        let frank_wolfe = frank_wolfe(bounds, u, g);
+        let mut found = Certificate { objective, gap: frank_wolfe, frank_wolfe, distance: (frank_wolfe / 2.0).sqrt() };
+        let mut open = try_filled(WHAT, false, d)?;
+        let (mut v, mut slope) = (try_copy(WHAT, &self.residual)?, try_copy(WHAT, g)?);
+        loop {
+            stop.check()?;
+            let mut more = false;
+            for (i, open) in open.iter_mut().enumerate().filter(|(i, open)| held[*i] == 0 && !**open) {
+                let at = bounds.reached(i, u[i], slope[i]);
+                *open = !(at < 0 && slope[i] >= 0.0 || at > 0 && slope[i] <= 0.0);
+                more |= *open;
+            }
+            if !more {
+                found.improve(self.residual.iter().zip(&v).map(|(r, v)| (r - v).powi(2)).sum());
+                return Ok(found);
+            }
+            let count = open.iter().filter(|open| **open).count();
+            let mut columns = try_room(WHAT, checked_len(WHAT, d, count)?)?;
+            for row in self.t.chunks_exact(ld).take(d) {
+                columns.extend(row.iter().zip(&open).filter(|(_, open)| **open).map(|(t, _)| t));
+            }
+            let basis = pseudoinverse(&columns, d, count)?.basis;
+            // twice: what rounding left the first time
+            for _ in 0..2 {
+                for direction in basis.chunks_exact(d) {
+                    axpy(-dot(direction, &v), direction, &mut v);
+                }
+            }
+            let work = &mut self.work;
+            work.fill(0.0);
+            add_transposed(&self.t, &v, true, work);
+            slope.copy_from_slice(&work[..d]);
+        }
     }
 
     /// The triangle of the columns with `held = 0`, of rows of `diagonal` below, and of a right side.
@@ -133,7 +210,8 @@ impl Orthogonal {
         if width == 0 {
             return Ok(Upper::default());
         }
-        let more = if diagonal.is_some() { k } else { 0 };
+        let damped = diagonal.is_some() || self.damping > 0.0;
+        let more = if damped { k } else { 0 };
         let mut rows = try_zeros(WHAT, checked_len(WHAT, d + more, width)?)?;
         for (i, row) in rows.chunks_exact_mut(width).take(d).enumerate() {
             row.iter_mut().zip(&free).for_each(|(to, &j)| *to = self.t[i * ld + j]);
@@ -141,9 +219,9 @@ impl Orthogonal {
                 row[k] = right[i];
             }
         }
-        if let Some(diagonal) = diagonal {
+        if damped {
             for (j, row) in rows[d * width..].chunks_exact_mut(width).enumerate() {
-                row[j] = diagonal[free[j]].sqrt();
+                row[j] = (self.damping + diagonal.map_or(0.0, |diagonal| diagonal[free[j]])).sqrt();
             }
         }
         Ok(Upper { r: triangle(&rows, width, 1, stop)?, free, width })
@@ -188,7 +266,8 @@ impl Quadratic for Orthogonal {
 
     fn pull(&mut self, u: &[f64], g: &mut [f64]) -> f64 {
         self.slope(u, g);
-        self.residual.iter().zip(&self.c).map(|(v, c)| (v + c).powi(2)).sum()
+        let seen: f64 = self.residual.iter().zip(&self.c).map(|(v, c)| (v + c).powi(2)).sum();
+        seen + self.damping * dot(u, u)
     }
 
     fn slope(&mut self, u: &[f64], g: &mut [f64]) -> f64 {
@@ -200,7 +279,8 @@ impl Quadratic for Orthogonal {
         work.fill(0.0);
         add_transposed(&self.t, &self.residual, true, work);
         g.copy_from_slice(&work[..g.len()]);
-        self.residual.iter().map(|v| v * v).sum::<f64>() + self.rest
+        axpy(self.damping, u, g);
+        self.residual.iter().map(|v| v * v).sum::<f64>() + self.rest + self.damping * dot(u, u)
     }
 
     fn barrier(&mut self, held: &[i8], diagonal: &[f64], stop: &Stop) -> Result<bool> {

@@ -21,6 +21,8 @@ const PATIENCE: usize = 4;
 /// Gaps relative to `J(0) + J(u)`: where refinement ends, and from where more is tried.
 const EXACT: f64 = 1e-14;
 pub(super) const GOOD: f64 = 5e-13;
+/// Rounding of the root of J from which no dual residual is believed, relative to that of J(0).
+const UNKNOWN: f64 = 1e-6;
 /// Rounding of a gradient, in units of its size.
 const ROUNDING: f64 = 16.0 * f64::EPSILON;
 
@@ -30,7 +32,7 @@ pub(super) struct Search {
     pub(super) u: Vec<f64>,
     pub(super) g: Vec<f64>,
     pub(super) held: Vec<i8>,
-    fixed: Vec<i8>,
+    pub(super) fixed: Vec<i8>,
     v: Vec<f64>,
     step: Vec<f64>,
     e: Vec<f64>,
@@ -270,9 +272,10 @@ impl Search {
             found.improve(self.dual_residual(q, bounds, until)?);
         }
         let best = &self.certificate;
-        // without a limit on some side the gap is infinite at first: there the later one is the corrected one; of several
-        // exact ones the last is at its limits, where an interior point only comes close
-        let unknown = found.gap == f64::INFINITY && best.gap == f64::INFINITY;
+        // without a limit on some side the gap is infinite at first: there the later one is the corrected one, if it does
+        // not cost more; of several exact ones the last is at its limits, where an interior point only comes close
+        let lower = objective <= best.objective + EXACT * scale;
+        let unknown = found.gap == f64::INFINITY && best.gap == f64::INFINITY && lower;
         if found.gap < best.gap || unknown || found.gap <= EXACT * scale {
             std::mem::swap(&mut self.u, &mut self.v);
             std::mem::swap(&mut self.g, &mut self.step);
@@ -284,6 +287,11 @@ impl Search {
 
     /// `e' H^{-1} e` with `e` the half gradient where no limit balances it: `D^2` and `J(u) - min J` are at most this.
     fn dual_residual(&mut self, q: &mut impl Quadratic, bounds: Bounds<'_>, until: Until<'_>) -> Result<f64> {
+        // ||M u - y|| is rounded by eps sum_i ||M_i|| |u_i|: where that is large, little is known of J(u)
+        let sizes: f64 = self.v.iter().zip(q.curvature()).map(|(v, curvature)| v.abs() * curvature.sqrt()).sum();
+        if f64::EPSILON * sizes > UNKNOWN * q.scale().sqrt() {
+            return Ok(f64::INFINITY);
+        }
         for (i, e) in self.e.iter_mut().enumerate() {
             let (at, g) = (bounds.reached(i, self.v[i], self.step[i]), self.step[i]);
             let balanced = self.fixed[i] != 0 || at < 0 && g >= 0.0 || at > 0 && g <= 0.0;

@@ -109,6 +109,10 @@ pub(super) fn find(
         let mut exact = Orthogonal::new(dense, until.stop)?;
         let mut again = Search::new(dense.d)?;
         early = again.run(&mut exact, bounds, Some(&search.held), until)?;
+        if exact.damped() && again.certificate.objective.is_finite() {
+            let of = (&*again.u, &mut *again.g);
+            again.certificate = exact.certified(bounds, &again.fixed, of, until.stop)?;
+        }
         if again.certificate.gap < found.gap {
             found = again.certificate;
             (search.u, search.g) = (again.u, again.g);

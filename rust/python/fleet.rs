@@ -111,6 +111,18 @@ pub(super) fn fleet_misses<'py>(
     Ok(array1(py, run(py, cost, |stop| given.misses(u, beside, threads, stop))?))
 }
 
+/// `||Q^1/2 G_s||_F^2` of every unit (N,).
+#[pyfunction]
+pub(super) fn fleet_gains<'py>(
+    py: Python<'py>,
+    units: UnitsArgument<'py>,
+    threads: usize,
+) -> PyResult<Bound<'py, PyArray1<f64>>> {
+    let (given, cost) = (units.get()?, units.cost());
+    let d = given.steps * given.m;
+    Ok(array1(py, run(py, cost * d as f64, |stop| fleet::gains(&given, threads, stop))?))
+}
+
 type Found<'py> = (Bound<'py, PyArray1<f64>>, f64, f64, Vec<usize>, Bound<'py, PyArray1<f64>>, &'static str, usize);
 
 /// `(u (d,), value, lower_bound, working, shares, status, solves)`: the least largest miss without the units in `skip`.
@@ -121,7 +133,7 @@ pub(super) fn fleet_worst<'py>(
     units: UnitsArgument<'py>,
     low: Vector<'py>,
     high: Vector<'py>,
-    cost: Matrix<'py>,
+    cost: (Vector<'py>, Matrix<'py>),
     skip: Vec<usize>,
     start: Vec<usize>,
     tolerance: f64,
@@ -129,7 +141,12 @@ pub(super) fn fleet_worst<'py>(
     threads: usize,
 ) -> PyResult<Found<'py>> {
     let given = units.get()?;
-    let limits = Limits { low: slice("low", &low)?, high: slice("high", &high)?, cost: slice("R", &cost)? };
+    let limits = Limits {
+        low: slice("low", &low)?,
+        high: slice("high", &high)?,
+        diagonal: slice("R", &cost.0)?,
+        cost: slice("R", &cost.1)?,
+    };
     let mut left_out = try_filled("a command for a fleet", false, given.size)?;
     for s in skip {
         let of = left_out.get_mut(s).ok_or_else(|| InputError::new_err(format!("there is no unit {s}")))?;

@@ -55,10 +55,14 @@ def test_two_units_have_their_commands() -> None:
         limits = None if limit is None else (-limit, limit)
         plan = se.control_fleet(two, [0.0], [1.0], 1, limits=limits, risk="worst")
         assert plan.u[0, 0] == pytest.approx(u, abs=1e-8)
-        assert plan.value == pytest.approx(value, abs=1e-8)
+        assert plan.value == pytest.approx(value, abs=1e-7)  # the weight is in it
+        assert plan.threshold == pytest.approx(value, abs=1e-8)
         assert 0.0 <= plan.gap < 1e-7
         assert plan.status == "optimal"
-        assert plan.certify(0.1).count == support
+        # the unit with the larger gain, which the weight was taken from, is counted
+        assert plan.certify(0.1).count == 2
+        own = se.control_fleet(two, [0.0], [1.0], 1, limits=limits, R=0.0, risk="worst")
+        assert own.certify(0.1).count == support
         assert plan.active.tolist() == [[int(limit is not None)]]
     zero = se.control_fleet(gains(0.0, 2.0), [0.0], [1.0], 1)
     assert zero.u[0, 0] == pytest.approx(0.5)
@@ -82,7 +86,7 @@ def test_the_largest_miss_is_that_of_all_cones_at_once(
         plan = se.control_fleet(
             fleet, x0, np.zeros(n), K, limits=(low, high), Q=Q, R=R, risk="worst"
         )
-        whole = None if R is None else np.kron(np.eye(K), R)
+        whole = np.kron(np.eye(K), plan.R)
         units = [twin.unit(G, b, Q=Q, R=whole) for G, b in maps(plan.units)]
         best = twin.worst(units, low.ravel(), high.ravel())
         assert plan.value == pytest.approx(best.value, rel=1e-6)
@@ -100,7 +104,8 @@ def test_open_limits_and_one_sided_ones(gen: np.random.Generator) -> None:
         plan = se.control_fleet(
             fleet, [3.0, -1.0, 2.0], np.zeros(3), 2, limits=limits, risk="worst"
         )
-        units = [twin.unit(G, b) for G, b in maps(plan.units)]
+        whole = np.kron(np.eye(2), plan.R)
+        units = [twin.unit(G, b, R=whole) for G, b in maps(plan.units)]
         best = twin.worst(units, plan.low.ravel(), plan.high.ravel())
         assert plan.value == pytest.approx(best.value, rel=1e-6)
         assert plan.gap <= 1e-6
@@ -183,16 +188,18 @@ def test_order_and_units_of_measurement_do_not_matter(gen: np.random.Generator) 
 
 
 def test_copies_of_units_count_once() -> None:
-    plan = se.control_fleet(gains(1, 2, 1, 2, 2, 1, 1.5), [0.0], [1.0], 1, risk="worst")
-    risk = plan.certify(0.1)
-    assert (risk.count, risk.verified) == (2, True)
+    for R, most in ((0.0, 2), (None, 3)):  # one of the copies is that of the weight
+        plan = se.control_fleet(gains(1, 2, 1, 2, 2, 1, 1.5), [0.0], [1.0], 1, R=R, risk="worst")
+        risk = plan.certify(0.1)
+        assert risk.verified
+        assert risk.count <= most
 
 
 def test_a_unit_that_no_input_moves_gives_no_false_support() -> None:
     """It misses 1 for every u, and the others less for all u in (-4/2.1, -2/1.9)."""
     gains, x0 = np.array([0.0, 1.9, 2.0, 2.1])[:, None, None], [[1.0], [3.0], [3.0], [3.0]]
     fleet = se.SystemEnsemble(np.ones((4, 1, 1)), gains)
-    plan = se.control_fleet(fleet, x0, [0.0], 1, limits=(-5, 5), risk="worst")
+    plan = se.control_fleet(fleet, x0, [0.0], 1, limits=(-5, 5), R=0.0, risk="worst")
     assert plan.value == pytest.approx(1.0)
     assert plan.misses[0] == plan.threshold
     # by its multipliers it were 1
@@ -214,7 +221,7 @@ def test_units_left_out_miss_more() -> None:
     assert plan.value == pytest.approx((kept.max() - kept.min()) / 2, rel=1e-6)
     risk = plan.certify(0.05)
     assert risk.method == "discarding"
-    assert risk.epsilon == se.theory.scenario.discarding(60, 6, 2, 0.05)
+    assert risk.epsilon == se.theory.scenario.discarding(60, 6, 3, 0.05)
     with pytest.raises(InputError, match="does not hold after units were left out"):
         plan.certify(0.05, method="compression")
 
@@ -308,7 +315,7 @@ def test_a_working_set_that_can_be_reached_gives_no_bound(limits):
         A = 0.5 + 0.3 * gen.standard_normal((N, 1, 1))
         B = 1.0 + 0.4 * gen.standard_normal((N, 1, 2))
         plan = se.control_fleet(
-            se.SystemEnsemble(A, B), [1.0], [-3.0], K, limits=limits, risk="worst"
+            se.SystemEnsemble(A, B), [1.0], [-3.0], K, limits=limits, R=0.0, risk="worst"
         )
         a = A[:, 0]
         G = np.hstack([a ** (K - 1 - k) * B[:, 0] for k in range(K)])

@@ -385,6 +385,31 @@ def test_a_control_that_cannot_keep_the_limits_says_by_how_much(gen):
             assert found.missing > 0.1
 
 
+def test_a_time_limit_ends_the_search_for_limits_that_the_tube_keeps(gen):
+    A, B = np.array([[0.9, 0.2], [0.0, 0.8]]), np.array([[0.0], [1.0]])
+    model = measured(gen, A, B, 60, 0.1)
+    x0, xf = np.array([1.0, 1.0]), np.zeros(2)
+    basis = ModelBasis(model, x0, xf)
+    # without a margin the first state is at its limit
+    task = checked_task(
+        2, 1, 2, np.ones(2), limits=(-1, 1), R=1e-3, state_limits=(-1.0, 0.98), soft=False
+    )
+    first = Horizon(task, model.A, model.B).solve(x0)
+    found, bound = limit_certificate.within_state_limits(basis, first, 0.1, PLAIN, 0.0)
+    assert found.status == "user_limit"
+    assert np.array_equal(found.u, first.u)
+    at = states(model.A, model.B, x0, found.u)
+    assert found.missing == limit_certificate.lacking(task, at, bound.tube) > 0.0
+    for limit in (None, 60.0):
+        done, _ = limit_certificate.within_state_limits(basis, first, 0.1, PLAIN, limit)
+        assert done.status != "user_limit"
+        assert done.missing < found.missing
+    more = {"limits": (-1, 1), "state_limits": (-1.0, 0.98), "soft": False}
+    plan = se.control(model, x0, xf, steps=2, time_limit=1e-9, **more)
+    assert plan.status == "user_limit"
+    assert plan.limited.missing > 0.0
+
+
 # -- through the face ------------------------------------------------------------------------------
 
 

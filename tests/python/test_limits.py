@@ -240,3 +240,13 @@ def test_rates_equal_the_twin(gen):
         held += bool(np.any(best.rows > 1e-6))
     assert held > 30
     assert infeasible > 3
+
+
+def test_one_number_is_the_previous_input_of_all():
+    more = {"limits": (-1.0, 1.0), "rate": 0.4}
+    for given in (0.2, [0.2, 0.2]):
+        plan = se.control(INPUTS, [1.0, 0.0], [3.0, 3.0], previous=given, **more)
+        assert np.array_equal(plan.limited.task.previous, [0.2, 0.2])
+        np.testing.assert_allclose(plan.u[0], 0.6, atol=1e-9)
+        loop = se.regulate(INPUTS, 1, xf=[3.0, 3.0], previous=given, **more)
+        np.testing.assert_allclose(loop([1.0, 0.0]), 0.6, atol=1e-9)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from .._base import gate
 from .._base.labels import default_labels
 from ..exceptions import InputError
-from .fleet_design import Box, Design, least_mean, least_worst, without
+from .fleet_design import Box, Design, least_mean, least_worst, tiny_weight, without
 from .fleet_plan import RISKS, FleetPlan, Risk
 from .fleet_units import Systems, read_units
 from .task import sides, weight
@@ -48,7 +49,10 @@ def control_fleet(
     Q : float or array_like, shape (n,) or (n, n), optional
         The miss of a unit is ``||x_s(K) - xf||_Q``; the default is 1.
     R : float or array_like, shape (m,) or (m, m), optional
-        Weight of the inputs, ``||u||_R^2 = sum_k u(k)'R u(k)``; the default is 0.
+        Weight of the inputs, ``||u||_R^2 = sum_k u(k)'R u(k)``. The default is 0 for the mean. For
+        the largest miss it is ``1e-8 max_s tr(G_s'Q G_s) / (K m)`` times I, with G_s the map from
+        the inputs to ``x_s(K)``: of commands that miss about as much, the smallest. With ``R=0``
+        the miss alone counts, however large the inputs.
     risk : {"mean", "worst"}, default "mean"
         Minimise ``mean_s miss_s^2 + ||u||_R^2``, or the largest ``miss_s^2 + ||u||_R^2``.
     discard : int, default 0
@@ -74,8 +78,8 @@ def control_fleet(
 
     Notes
     -----
-    The mean needs ``H = mean_s G_s'Q G_s + R``, with G_s the map from the inputs to ``x_s(K)``: the
-    spread of the units is in it, so that it needs no R to be regular.
+    The mean needs ``H = mean_s G_s'Q G_s + R``: the spread of the units is in it, so that it needs
+    no R to be regular.
 
     The largest miss is found by active units: a second-order cone problem for a few of them, then
     the misses of all, then those that miss most are taken in. The lower bound is a value of the
@@ -98,6 +102,9 @@ def control_fleet(
     gate.choice("risk", risk, RISKS)
     count = gate.size("discard", discard, minimum=0, maximum=max(0, units.size - 1))
     limit = None if time_limit is None else gate.positive("time_limit", time_limit)
+    chosen = tiny_weight(units) if risk == "worst" and R is None else None
+    if chosen is not None:
+        box = replace(box, R=chosen[0])
     removed: tuple[int, ...] = ()
     if risk == "mean":
         if count:
@@ -122,4 +129,5 @@ def control_fleet(
         high,
         box.R,
         tuple(found.working),
+        None if chosen is None else chosen[1],
     )

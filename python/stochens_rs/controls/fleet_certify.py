@@ -30,13 +30,14 @@ def design_risk(
     misses: Floats,
     removed: Sequence[int],
     free: int,
+    widest: int | None,
     radii: Radii,
     verified: Callable[[], list[int] | None],
 ) -> RiskBound:
     """Bound the risk of a fresh unit, from the units of the design.
 
-    `free` is the number of variables; `verified` finds the units that alone give the command, None
-    if they do not.
+    `free` is the number of variables, `widest` the unit that R was taken from, if any; `verified`
+    finds the units that alone give the command, None if they do not.
     """
     N, threshold, (radius, failing) = len(misses), threshold_of(misses, removed), radii
     if removed and method != "discarding":
@@ -46,7 +47,7 @@ def design_risk(
         )
     if radius is not None and method != "compression":
         raise InputError("`radius` needs method='compression', or validate(new_units)")
-    count = free + 1  # the variables, and the value
+    count = free + 1 + (widest is not None)  # the variables, the value, and R
     if method == "a priori":
         found = scenario.a_priori(N, count, beta)
         return RiskBound(found, beta, method, N, count, threshold)
@@ -59,6 +60,8 @@ def design_risk(
         found = scenario.discarding(N, len(removed), count, beta)
         return RiskBound(found, beta, method, N, count, threshold)
     support = verified()
+    if support is not None and widest is not None:
+        support = sorted({*support, widest})
     count = N if support is None else len(support)
     if radius is not None:
         # the unit that sets the threshold belongs to the subset

@@ -13,7 +13,7 @@ from .._base import memory
 from .._base.threads import get_num_threads
 from .._base.types import Floats, Status
 from ..theory.exact import EPS
-from .task import root
+from .task import REGULAR, root
 
 if TYPE_CHECKING:
     from .fleet_units import Units
@@ -49,6 +49,18 @@ class Box:
         if self.R is None:
             return np.zeros((d, d))
         return np.asarray(np.kron(np.eye(d // len(self.R)), self.R), dtype=np.float64)
+
+    def split(self, d: int) -> tuple[Floats, Floats]:
+        """``r`` (d,) and ``F`` (rows, d) with ``R = diag(r) + F'F``, r as large as that allows."""
+        if self.R is None:
+            return np.zeros(d), np.zeros((0, d))
+        K, r = d // len(self.R), np.diag(self.R)
+        rest = self.R - np.diag(r)
+        if not rest.any():
+            return np.tile(r, K), np.zeros((0, d))
+        least = max(0.0, float(np.linalg.eigvalsh(self.R)[0]))
+        F = root(self.R - least * np.eye(len(r)))
+        return np.full(d, least), np.ascontiguousarray(np.kron(np.eye(K), F))
 
     @property
     def free(self) -> int:
@@ -118,6 +130,18 @@ def least_mean(units: Units, box: Box, time_limit: float | None) -> Design:
     return Design(u, float(np.sqrt(J)), float(np.sqrt(max(0.0, J - gap))), status, [])
 
 
+def tiny_weight(units: Units) -> tuple[Floats, int] | None:
+    """``R = 1e-8 max_s tr(G_s'Q G_s) / (K m) I``, and the unit whose map is that large.
+
+    None if no input moves a unit. By the largest, not by the mean: then R is that of one unit, and
+    the units that carry a command, together with this one, give the same command.
+    """
+    gains = _core.fleet_gains(units.arrays, get_num_threads())
+    widest = int(np.argmax(gains))
+    share = REGULAR * float(gains[widest]) / units.inputs
+    return (share * np.eye(units.systems.m), widest) if share > 0.0 else None
+
+
 def least_worst(
     units: Units,
     box: Box,
@@ -126,13 +150,11 @@ def least_worst(
     time_limit: float | None = None,
 ) -> Design:
     """Minimise ``max_s (||G_s u - b_s||_Q^2 + ||u||_R^2)^(1/2)`` over the units not in `skip`."""
-    d = units.inputs
-    cost = root(box.cost(d)) if box.R is not None else np.zeros((0, d))
     u, value, lower, working, shares, status, _ = _core.fleet_worst(
         units.arrays,
         box.low,
         box.high,
-        cost,
+        box.split(units.inputs),
         skip,
         start,
         TOLERANCE,
@@ -180,7 +202,8 @@ def verified_support(units: Units, box: Box, found: Design, skip: list[int]) -> 
     def same(few: list[int]) -> bool:
         alone = least_worst(units.part(few), box, [], list(range(len(few))))
         near = np.abs(alone.u - found.u).max() <= np.sqrt(SAME) * np.abs(found.u).max()
-        return bool(near and abs(alone.value - found.value) <= SAME * found.value)
+        unsure = SAME * found.value + found.value - found.lower_bound
+        return bool(near and abs(alone.value - found.value) <= unsure)
 
     kept = sorted(set(found.working) - set(skip))
     if not same(kept):

@@ -45,9 +45,10 @@ class FleetPlan(SavedRecord, FleetArrays):
     lower_bound : float
         No command within the limits has a smaller value; recomputed from all units.
     gap : float
-        ``(value - lower_bound) / value``.
+        ``value - lower_bound``, relative to the value at 0 (clipped into the limits).
     status : str
-        "optimal", or why it is not.
+        "optimal", or why it is not. "worst": `gap` is at most 1e-6, or ``value^2 - lower_bound^2``
+        at most 1e-9 of the sum of the squares of the values at u and at 0.
     active : ndarray of int8, shape (K, m)
         -1 at the lower limit, 1 at the upper one.
     support : tuple of int
@@ -59,9 +60,11 @@ class FleetPlan(SavedRecord, FleetArrays):
     low, high : ndarray, shape (K, m)
         The limits.
     R : ndarray, shape (m, m), or None
-        The weight of the inputs in one step.
+        The weight of the inputs in one step; of "worst" also where none was given.
     working : tuple of int
         The units that the last problem was solved for.
+    widest : int or None
+        The unit that R was taken from, where none was given; `certify` counts it.
     """
 
     u: Floats
@@ -77,6 +80,7 @@ class FleetPlan(SavedRecord, FleetArrays):
     high: Floats
     R: Floats | None = None
     working: tuple[int, ...] = ()
+    widest: int | None = None
 
     def __post_init__(self) -> None:
         shape = gate.kept("u", self.u, ndim=(2,)).shape
@@ -90,11 +94,21 @@ class FleetPlan(SavedRecord, FleetArrays):
         for name in ("support", "removed", "working"):
             for unit in getattr(self, name):
                 gate.size(name, unit, minimum=0, maximum=units.size - 1)
+        if self.widest is not None:
+            gate.size("widest", self.widest, minimum=0, maximum=units.size - 1)
 
     @property
     def gap(self) -> float:
-        """How far the value can be from the least one, relative to it."""
-        return (self.value - self.lower_bound) / self.value if self.value > 0.0 else 0.0
+        """How far the value can be from the least one, relative to the value at 0.
+
+        0 is clipped into the limits. A value that can be 0 has no other scale.
+        """
+        zero = np.clip(0.0, self.low, self.high)
+        misses = np.delete(self.units.misses(zero), self.removed)
+        beside = 0.0 if self.R is None else float(np.sum(zero @ self.R * zero))
+        square = np.mean(misses**2) if self.risk == "mean" else misses.max() ** 2
+        scale = float(np.sqrt(square + beside))
+        return (self.value - self.lower_bound) / scale if scale > 0.0 else 0.0
 
     @property
     def active(self) -> NDArray[np.int8]:
@@ -148,8 +162,13 @@ class FleetPlan(SavedRecord, FleetArrays):
         -----
         The support is found by leaving out one unit after another, and verified: the problem is
         solved for it alone and must give the same value, up to 1e-6, and the same command, up to
-        1e-3 of its largest input. Where it does not, as for units that no input moves, the number
-        of units stands in place of the support, and the bound is 1.
+        1e-3 of its largest input. Where it does not, as for units that no input moves and R = 0,
+        the number of units stands in place of the support, and the bound is 1.
+
+        Where R was not given it depends on one unit, `widest`: with this unit the support gives R
+        and the command, so that it belongs to the count. It counts as one more variable, too: given
+        that unit, the others are independent draws with smaller maps, and a fresh unit with a
+        larger map is one of at most N + 1 that has the largest.
 
         Examples
         --------
@@ -172,7 +191,7 @@ class FleetPlan(SavedRecord, FleetArrays):
         if method is not None:
             chosen = gate.choice("method", method, METHODS[:4])
         radii = checked_radii(radius, delta, self.units.size)
-        about = self.misses, self.removed, self._box.free
+        about = self.misses, self.removed, self._box.free, self.widest
         return design_risk(chosen, beta, *about, radii, self._verified)
 
     def validate(

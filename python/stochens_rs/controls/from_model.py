@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -60,10 +61,12 @@ def model_control(
     if robust:
         u = _robust(model, start, goal, K, delta)[None, :]
     if task is not None:
+        end = None if seconds is None else monotonic() + seconds
         limited = Horizon(task, model.A, model.B, model.c).solve(start, time_limit=seconds)
         if task.state_low is not None and task.soft is None:
             basis, plain = ModelBasis(model, start, goal, x0_error), Asked(False, False, False)
-            limited, _ = within_state_limits(basis, limited, delta, plain)
+            left = None if end is None else end - monotonic()
+            limited, _ = within_state_limits(basis, limited, delta, plain, left)
         u = limited.u
     else:
         # what acts by rounding alone is 0: the data may say nothing of such an input

@@ -16,7 +16,7 @@ from .limited import Horizon
 from .limited_errors import LimitedErrors, MovedTarget
 from .plan_bound import PlanBound, distances, plan_errors
 from .task import root
-from .uncertain_map import HARD, SMALL, Model, apart, weights
+from .uncertain_map import HARD, SMALL, Model, apart, product, weights
 
 if TYPE_CHECKING:
     from .._base.types import Floats, Fusion
@@ -125,7 +125,7 @@ def _moved(
     if exact.task.boxed:
         control = min(control, _inside(exact, M, limited, predicted, d))
     reason = None if np.isfinite(control) else _MANY
-    return _Radii(d + D, control, d**2 + limited.gap, FIRM, reason)
+    return _Radii(d + D, control, product(d, d) + limited.gap, FIRM, reason)
 
 
 def _inside(exact: Horizon, M: Floats, limited: Limited, predicted: Floats, d: float) -> float:
@@ -209,4 +209,4 @@ def _least(exact: Horizon, M: Floats) -> float:
     s = np.linalg.svd(np.vstack([M, root(_cost(exact))]), compute_uv=False)
     if len(s) < M.shape[1] or not s[-1] > max(M.shape) * np.finfo(np.float64).eps * s[0]:
         return 0.0
-    return float(s[-1]) ** 2 * (1.0 - ROUNDING)
+    return product(s[-1], s[-1]) * (1.0 - ROUNDING)

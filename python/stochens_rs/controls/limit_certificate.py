@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from math import sqrt
+from math import inf, sqrt
+from time import monotonic
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -141,15 +142,20 @@ def lacking(task: Task, states: Floats, radii: Floats) -> float:
 
 
 def within_state_limits(
-    basis: ModelBasis, first: Limited, delta: float, asked: Asked
+    basis: ModelBasis,
+    first: Limited,
+    delta: float,
+    asked: Asked,
+    time_limit: float | None = None,
 ) -> tuple[Limited, Certificate]:
     """A control under which the true system keeps hard limits of its states, and its certificate.
 
     `first` is the best control without a margin. The tube around its states says by how much to
     move the limits inward, and the tube of the control within those whether that was enough; if
     not, the limits move on. If that ends nowhere, its status is "infeasible" and `missing` says by
-    how much.
+    how much. After `time_limit` seconds the limits move no further: then it is "user_limit".
     """
+    end = inf if time_limit is None else monotonic() + time_limit
     model, task, found = basis.model, first.task, first
     at, bound = _certified(basis, first, delta, asked)
     missing, radii = lacking(task, at, bound.tube), bound.tube
@@ -159,11 +165,17 @@ def within_state_limits(
         assert inward.state_high is not None
         if not 0.0 < missing < np.inf or np.any(inward.state_low > inward.state_high):
             break
-        found = Horizon(inward, model.A, model.B, model.c).solve(basis.x0)
+        left = end - monotonic()
+        if left <= 0.0:
+            found = replace(found, status="user_limit")
+            break
+        horizon = Horizon(inward, model.A, model.B, model.c)
+        found = horizon.solve(basis.x0, time_limit=None if time_limit is None else left)
         at, bound = _certified(basis, found, delta, asked)
         missing, radii = lacking(task, at, bound.tube), np.maximum(radii, bound.tube)
     if missing > ROUNDING * float(np.abs(at).max()):
-        found = replace(found, status="infeasible", missing=missing)
+        status = found.status if found.status in ("user_limit", "interrupted") else "infeasible"
+        found = replace(found, status=status, missing=missing)
     return replace(found, task=task), bound
 
 

@@ -42,6 +42,7 @@ def declared(noise: object, open_loop: object, x0_fixed: object) -> Asked:
     return Asked(*(gate.flag(name, value) for name, value in names))
 
 
+@np.errstate(over="ignore")
 def certificate(
     basis: ModelBasis,
     u: Floats,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import sqrt
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -200,7 +201,9 @@ def _along_trajectory(
     with np.errstate(over="ignore", invalid="ignore"):
         along = float(norms[-2::-1] @ np.linalg.norm(predicted[:-1], axis=1))
         total = ef + norms[-1] * e0 + eA * along + norm(predicted[-1] - xf_hat)
-        state = float(np.sqrt(max(0.0, total**2 - norm(errors.best.missed) ** 2)))
+        # total^2 - missed^2, of factors that do not overflow
+        missed = norm(errors.best.missed)
+        state = sqrt(max(0.0, total - missed)) * sqrt(total + missed)
         # u - v = C^+ C (u - v) + (I - C^+ C) u
         aside, s = norm(errors.best.aside(u.ravel())), errors.best.factors.s
         return errors.rounded((state, float(np.hypot(state / s[-1], aside)) if s.size else aside))

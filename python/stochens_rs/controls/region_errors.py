@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from .. import _core
+from ..exceptions import NonFiniteError
 from ..theory.dynamics import matrix_powers, spectral_norms, states
 
 if TYPE_CHECKING:
@@ -40,12 +41,14 @@ class Errors(NamedTuple):
     components: Floats
 
 
+@np.errstate(over="ignore")
 def region_errors(
     region: Region, x0: Floats, u: Floats, *, rho0: float, to_come: ToCome | None = None
 ) -> Errors:
     """The errors under the inputs `u` (K, m) from an x0 known up to `rho0`.
 
-    They include the noise that the region covers (``region.future``), or that of `to_come`.
+    They include the noise that the region covers (``region.future``), or that of `to_come`. Where a
+    square overflows they are infinite.
     """
     if len(region.parts) == 1:
         return _one_part(region, x0, u, rho0, to_come)
@@ -110,17 +113,21 @@ def _one_part(region: Region, x0: Floats, u: Floats, rho0: float, to_come: ToCom
         root, noise = to_come.root, True
         frobenius = float(np.hypot(frobenius, np.sqrt(min(n, K)) * to_come.radius))
         spectral = float(np.hypot(spectral, to_come.radius))
-    at, radii, _, b, sizes = _core.several_steps(
-        np.ascontiguousarray(region.centre),
-        white,
-        root,
-        missing,
-        part.ratio,
-        x0,
-        u,
-        d > n + region.m,
-        (spectral, frobenius, rho0, noise),
-    )
+    try:
+        at, radii, _, b, sizes = _core.several_steps(
+            np.ascontiguousarray(region.centre),
+            white,
+            root,
+            missing,
+            part.ratio,
+            x0,
+            u,
+            d > n + region.m,
+            (spectral, frobenius, rho0, noise),
+        )
+    except NonFiniteError:  # a square overflows
+        at = trajectory(region.centre, x0, u)
+        return Errors(at, np.array([rho0, *np.full(K, np.inf)]), np.full(n, np.inf))
     if not np.isfinite(radii[-1]):
         return Errors(at, radii, np.full(n, np.inf))
     powers = matrix_powers(region.centre[:, :n], K)
@@ -130,7 +137,7 @@ def _one_part(region: Region, x0: Floats, u: Floats, rho0: float, to_come: ToCom
     squares = np.einsum("jr,jik->irk", z @ white.T, M).reshape(n, -1)
     whole = np.sum(squares**2, axis=1) + (np.sum(m**2, axis=0) if noise else 0.0)
     crude = spectral * ((np.hypot(1.0, sizes) if noise else sizes) @ m)
-    first = crude if np.isinf(frobenius) else np.minimum(frobenius * np.sqrt(whole), crude)
+    first = crude if np.isinf(frobenius) else np.minimum(_product(np.sqrt(whole), frobenius), crude)
     rest = spectral * np.sum(_product(m, b[:K, None]), axis=0)
     components = first + rest + rho0 * np.linalg.norm(powers[K], axis=1)
     if added and to_come is not None:

@@ -46,7 +46,7 @@ def regulate(
     limits, rate, Q, Qf, R, state_limits, soft
         As in `control`. What differs from step to step belongs to the steps of each plan: the
         input that is returned is always that of the first one.
-    previous : array_like, shape (m,), optional
+    previous : float or array_like, shape (m,), optional
         With `rate`: the input applied before the first call. Later the one returned last.
     reference : array_like, shape (K + 1, n), optional
         The states wanted over the steps of each plan, in place of `xf`.

@@ -272,9 +272,12 @@ def _rates(
         raise InputError(f"`rate` must be > 0, got {speed.min():.3g}")
     if previous is None:
         raise InputError(
-            "`previous` must be given with `rate`: the input that is applied now, shape (m,)"
+            "`previous` must be given with `rate`: the input that is applied now, a number or (m,)"
         )
-    before = gate.vector("previous", previous, length=m, labels=labels.inputs)
+    previous = aligned("previous", previous, labels.inputs)
+    if gate.read("previous", previous).ndim == 0:
+        previous = [previous] * m
+    before = gate.vector("previous", previous, length=m)
     # what a later limit leaves: l'_k = max(l_k, l'_{k+1} - rate), and h' likewise
     below, above = low[-1], high[-1]
     for k in range(len(low) - 1, -1, -1):

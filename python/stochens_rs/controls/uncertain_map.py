@@ -11,6 +11,7 @@ of the state add ``soft C'C`` to Q in alpha, and their force to ``Q (G^ w - b^)`
 
 from __future__ import annotations
 
+from math import hypot, sqrt
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -130,12 +131,12 @@ def costate_errors(model: Model, costates: Floats) -> float:
     ``||c_k|| <= (||B^|| + b) d_(k+1) + b(p^_(k+1))``.
     """
     norm_A, norm_B = (float(np.linalg.norm(X, 2)) for X in (model.A, model.B))
-    delta, squares = 0.0, 0.0
+    delta, total = 0.0, 0.0
     for p in costates[::-1]:
         along_A, along_B = model.along(p)
-        squares += (product(norm_B + model.radii[1], delta) + along_B) ** 2
+        total = hypot(total, product(norm_B + model.radii[1], delta) + along_B)
         delta = product(norm_A + model.radii[0], delta) + along_A
-    return float(np.sqrt(squares))
+    return total
 
 
 def map_radius(model: Model, sizes: Floats) -> float:
@@ -150,12 +151,14 @@ def map_radius(model: Model, sizes: Floats) -> float:
     norm_A, norm_B = norms[1], float(np.linalg.norm(model.B, 2))
     E, blocks = 0.0, []
     for size in norms[:-1]:
-        blocks.append((product(E, norm_B + b) + product(size, b)) ** 2)
+        block = product(E, norm_B + b) + product(size, b)
+        blocks.append(block * block)
         E = product(norm_A + a, E) + product(size, a)
     shares = np.where(sizes > 0.0, np.cumsum(blocks), 0.0)
     return float(np.sqrt(np.sum(np.where(sizes > 0.0, sizes * shares, 0.0))))
 
 
+@np.errstate(over="ignore")
 def apart(task: Task, model: Model, states: Floats, u: Floats, alpha: float, gap: float) -> Apart:
     """Bound how far the control `u`, under which the model has these states, is from the best.
 
@@ -169,20 +172,21 @@ def apart(task: Task, model: Model, states: Floats, u: Floats, alpha: float, gap
     c = costate_errors(model, at.costates) + unbalanced
     least_R = max(float(np.linalg.eigvalsh(task.R)[0]), 0.0)
     gamma = _over(c, least_R)
-    h2 = alpha**2 + gamma**2
-    rho = np.sqrt(h2 + 2.0 * gap)
+    h, slack = hypot(alpha, gamma), sqrt(2.0 * gap)
+    rho = hypot(h, slack)
     # ||v||_H^2 >= least ||v||^2 for the true H, without soft limits
     radius, M = map_radius(model, sizes), Horizon(task, model.A, model.B).weighted[0]
     s = np.linalg.svd(M, compute_uv=False)
     smallest = float(s[-1]) - ROUNDING * float(s[0]) if len(M) >= M.shape[1] else 0.0
-    least = max(smallest - radius, 0.0) ** 2 + least_R
+    sure = max(smallest - radius, 0.0)
+    least = sure * sure + least_R
     e = alpha + _over(c, least)
-    small = (e + np.sqrt(e * e + 2.0 * gap)) / 2.0
-    weighted, distance = min((gamma + rho) / 2.0, small), min((np.sqrt(h2) + rho) / 2.0, small)
+    small = (e + hypot(e, slack)) / 2.0
+    weighted, distance = min((gamma + rho) / 2.0, small), min((h + rho) / 2.0, small)
     # N = J^1/2: N(w) <= N^(w) + alpha, N(u) >= N(w) - sqrt(gap) - 2 alpha - ||G - G^|| ||w - u||
-    most = np.sqrt(at.objective) + alpha
+    most = sqrt(at.objective) + alpha
     away = float(np.linalg.norm(np.maximum(task.high - u, u - task.low)))
-    less = np.sqrt(gap) + 2.0 * alpha + product(radius, away)
+    less = sqrt(gap) + 2.0 * alpha + product(radius, away)
     less = most if unbalanced else min(less, most)
     regret = less * (2.0 * most - less) if np.isfinite(most) else np.inf
     return Apart(
@@ -190,13 +194,13 @@ def apart(task: Task, model: Model, states: Floats, u: Floats, alpha: float, gap
         weighted=float(weighted),
         distance=float(distance),
         control=float(min(_over(weighted, least_R), _over(distance, least))),
-        excess=float(min(h2 + gap, e * e + gap, regret)),
+        excess=float(min(h * h + gap, e * e + gap, regret)),
     )
 
 
 def product(a: float, b: float) -> float:
     """``a b``, where 0 times infinity is 0: nothing to bound."""
-    return 0.0 if a == 0.0 or b == 0.0 else float(a * b)
+    return 0.0 if a == 0.0 or b == 0.0 else float(a) * float(b)
 
 
 def _over(size: float, least: float) -> float:

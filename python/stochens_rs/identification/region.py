@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import hypot
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -182,7 +183,7 @@ class Region(SavedRecord):
             terms = [_product(part.radius, np.hypot(1.0, part.length(z))) for part in self.parts]
         else:
             terms = [_product(part.radius, part.length(z)) for part in self.parts]
-        return float(np.linalg.norm(terms))
+        return hypot(*terms)
 
     def component_bounds(self, x: ArrayLike, u: ArrayLike) -> Floats:
         """Bound every component of one step: ``|((Theta - C) z)_i|``.

@@ -77,8 +77,8 @@ def fleet(
 
     Notes
     -----
-    With risk="worst" a replicate fails where the command is not optimal, which happens with many
-    inputs that have neither limits nor a weight R.
+    With risk="worst" a replicate fails where the command is not optimal, which happens with R=0 and
+    many inputs without limits.
 
     Examples
     --------

@@ -89,7 +89,7 @@ def test_the_same_command_goes_on(
     assert told.startswith("stochens: `key` of ")
     code = cli.main(["study", *args, "--replicates", "40", "--path", path])
     text = capsys.readouterr().out.splitlines()
-    assert text[0].startswith("completed: 240 of 240 errors")
+    assert text[0].startswith("completed: 240 of 240 replicates")
     assert len(text) == 2 + 2 * 6
 
 

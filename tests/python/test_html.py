@@ -155,8 +155,8 @@ def test_a_bound_says_what_it_covers_in_short():
     assert f"state within {bound.state:.3g}," in repr(bound)
     assert bound.covers.startswith("each of the two with probability 95 % at least, over the draws")
     exact = se.control(SYSTEM, X0, XF).bound()
-    assert "surely" in repr(exact)
-    assert "surely" in exact.covers
+    assert "if what was given is exact" in repr(exact)
+    assert "if what was given is exact" in exact.covers
     fit = se.fuse(se.sample(SYSTEM.A, 9, rng=1), "slse", target=SYSTEM.A)
     assert "targets of the fits" in se.control((fit, SYSTEM.B), X0, XF).bound().covers
 

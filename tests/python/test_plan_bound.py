@@ -160,9 +160,13 @@ def test_systematic_samples():
 def test_an_array_counts_as_exact():
     ensemble = se.sample(np.eye(2), 20, rng=1)
     own = ensemble.combine(np.full(20, 1 / 20))
-    assert "surely" in repr(se.control((own, np.eye(2)), [1.0, 2.0], [0.0, 0.0]).bound())
+    assert "if what was given is exact" in repr(
+        se.control((own, np.eye(2)), [1.0, 2.0], [0.0, 0.0]).bound()
+    )
     fit = se.fuse(ensemble)
-    assert "surely" not in repr(se.control((fit, np.eye(2)), [1.0, 2.0], [0.0, 0.0]).bound())
+    assert "if what was given is exact" not in repr(
+        se.control((fit, np.eye(2)), [1.0, 2.0], [0.0, 0.0]).bound()
+    )
     for text in (se.Ensemble.combine.__doc__, se.control.__doc__):
         assert "as exact" in text
         assert "pass a Fit" in " ".join(text.split())

@@ -332,7 +332,7 @@ def test_units_are_in_data_sets_and_figures() -> None:
         .run()
         .plot("time", "height", "place")
     )
-    assert [text.get_text() for text in ax.get_legend().get_texts()] == [
+    assert [text.get_text() for text in ax.texts] == [
         "place = 3 m",
         "place = 4 m",
     ]

@@ -84,7 +84,7 @@ class Durable:
         Returns
         -------
         Self
-            Equal to the saved one, bit for bit; a stream continues exactly as it.
+            With the same bits in every field; a stream continues exactly as it.
 
         Raises
         ------

@@ -91,6 +91,11 @@ def _of_object(system: Any) -> dict[str, Any]:
             f"`system` must be known, got {gate.show(system)} estimated from data: pass its "
             f"{one} to take the estimate as exact"
         )
+    if np.ndim(found["A"]) == 3:
+        raise InputTypeError(
+            f"`system` must be one system, got {gate.show(system)} of {len(found['A'])}: pass its "
+            "`mean()`, or all of them to simulate_ensemble or control_fleet"
+        )
     name = found["name"]
     named = isinstance(name, str) and not name.startswith(_UNNAMED)
     found["name"] = _joined(name.partition("$")[0] if named else None, realized)

@@ -88,7 +88,7 @@ class Record:
         Returns
         -------
         Self
-            Equal to the one that was written, bit for bit.
+            With the same bits in every field.
 
         Raises
         ------

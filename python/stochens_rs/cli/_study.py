@@ -16,7 +16,7 @@ from ..studies import Results, Study, error
 from ..studies.tables import SUFFIXES
 from ._command import INTERRUPTED, Command
 from ._options import FILE, Place, Words, force_option, json_option, out_option, seed_option
-from ._output import Folder, finite, grid, show_result
+from ._output import Folder, finite, grid, note, show_result
 from ._problem import problem
 from ._workers import executor, workers_option
 
@@ -115,6 +115,8 @@ def study_command(
         number = "state" if "state" in results.values else next(iter(results.values))
         folder.write(facts, lambda: _figure(results, number))
     if results.status == "interrupted":
+        if path is not None:
+            note("the same command continues")
         context.exit(INTERRUPTED)
 
 
@@ -175,14 +177,18 @@ def _facts(results: Results, path: str | None) -> dict[str, Any]:
 
 
 def _figure(results: Results, number: str) -> Figure:
-    figure = results.plot("size", number, "method").get_figure(root=True)
+    ax = results.plot("size", number, "method")
+    ax.set_ylabel(f"relative error of the {number}")
+    if np.nanmax(results.values[number]) > 0.0:  # errors of ALSE end at rounding
+        ax.set_yscale("log")
+    figure = ax.get_figure(root=True)
     assert figure is not None  # it was made with the axes
     return figure
 
 
 def _text(results: Results) -> str:
     ran = int((results.done | results.failed).sum())
-    lines = [f"{results.status}: {ran} of {results.done.size} errors, {results.seconds:.3g} s"]
+    lines = [f"{results.status}: {ran} of {results.done.size} replicates, {results.seconds:.3g} s"]
     rows = results.summary().texts()
     if len(rows) > 1:
         name = rows[0].index("name")

@@ -41,6 +41,9 @@ def unfinished(
             if not _has_numbers(folder):
                 _remove(folder)
             raise
+        except KeyboardInterrupt:
+            note("what was computed is kept: the same command with --resume continues")
+            raise
         _remove(folder)
     finally:
         lock.release()

@@ -94,22 +94,30 @@ def problem(
 ) -> tuple[Floats, tuple[Entity, Entity, Entity], Labels, float | None]:
     """Check all arguments of a control problem: B, the entities x0, xf and A, the names, and dt.
 
-    `system` is a system, or a pair (A, B) whose A may be a Fit, an Ensemble or Counts. The last row
-    of a `reference` takes the place of `xf`.
+    `system` is a system, or (A, B) or (A, B, dt) whose A may be a Fit, an Ensemble or Counts; in
+    place of B, a nominal System gives its B, names and dt. The last row of a `reference` takes the
+    place of `xf`.
     """
     pair: tuple[Any, ...] = system if isinstance(system, tuple) else ()
     A = pair[0] if pair else None
     if _estimated(A):
-        if len(pair) != 2:
+        if len(pair) not in (2, 3):
             raise InputTypeError(
-                f"`system` must be a pair (A, B) when A is {gate.article(type(A))}, got "
-                f"{len(pair)} items"
+                f"`system` must be a pair (A, B) or (A, B, dt) when A is "
+                f"{gate.article(type(A))}, got {len(pair)} items"
             )
         n = A.shape[0]
         if A.shape != (n, n):
             raise ShapeError(f"`A` must have shape (n, n), got {A.shape}")
-        B, matrix = gate.matrix("B", pair[1], rows=n).copy(), Entity("A", A)
-        labels, dt = default_labels(n, B.shape[1]), None
+        matrix = Entity("A", A)
+        if isinstance(pair[1], System):  # B, names and step of a nominal system
+            B, labels, given = pair[1].B, pair[1].labels, pair[1].dt
+            gate.matrix("B", B, rows=n)
+        else:
+            B, given = gate.matrix("B", pair[1], rows=n).copy(), None
+            labels = default_labels(n, B.shape[1])
+        dt = gate.positive("dt", pair[2]) if len(pair) == 3 else given
+        dt = dt if isinstance(dt, float) else None
     else:
         exact = System.from_any(system)
         n, B, matrix, labels = exact.n, exact.B, Entity("A", exact.A), exact.labels

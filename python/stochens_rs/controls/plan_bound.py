@@ -87,7 +87,7 @@ class PlanBound(SavedRecord):
     def covers(self) -> str:
         """The probability of the radii and the meaning of the exact values, in words."""
         how = (
-            "surely, as nothing was drawn"
+            "for certain if what was given is exact, as nothing was drawn"
             if self.certain
             else f"each of the two with {self._share} at least, over the draws of the realizations"
         )
@@ -103,10 +103,11 @@ class PlanBound(SavedRecord):
         return f"probability {100 * (1 - self.delta):.6g} %"
 
     def __repr__(self) -> str:
+        sure = "if what was given is exact" if self.certain else f"with {self._share}"
         return (
             f"<PlanBound: state within {self.state:.3g}, {self.target:.3g} from xf"
             f"{' (weighted)' if self.norm == 'Q' else ''}, control within "
-            f"{self.control:.3g}, {'surely' if self.certain else f'with {self._share}'}>"
+            f"{self.control:.3g}, {sure}>"
         )
 
     def _repr_html_(self) -> str:

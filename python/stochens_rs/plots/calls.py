@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .panels import PANELS, Inputs, add_legend, draw_inputs, extent, frame, panel_grid
+from .panels import PANELS, Inputs, add_legend, draw_inputs, extent, frame, panel_grid, tell_omitted
 from .style import add_grid, add_labels, look_of, require_matplotlib, root_of
 
 if TYPE_CHECKING:
@@ -37,6 +37,7 @@ def draw_calls(
     n, m = (min(count, PANELS) for count in (states.shape[1], inputs.u.shape[1]))
     times = np.arange(len(states)) * (1.0 if dt is None else dt)
     figure, panels = panel_grid(n + m + 1, figure)
+    tell_omitted(figure, {"states": states.shape[1], "inputs": inputs.u.shape[1]})
     look = look_of(panels[0])
     for i, ax in enumerate(panels[:n]):
         low, high, far = extent(np.append(states[:, i], target[i]))

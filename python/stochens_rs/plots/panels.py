@@ -9,6 +9,7 @@ import numpy as np
 
 from .._base import gate
 from .style import (
+    SMALL,
     TEXT,
     add_grid,
     add_labels,
@@ -61,6 +62,15 @@ def panel_grid(
     elif root_of(gate.instance("figure", figure, FigureBase)).get_layout_engine() is None:
         root_of(figure).set_layout_engine("constrained")
     return figure, [figure.add_subplot(rows, columns, i + 1) for i in range(count)]
+
+
+def tell_omitted(figure: Figure | SubFigure, counts: dict[str, int]) -> None:
+    """Say below the panels that some states or inputs have none."""
+    more = [f"{PANELS} of {count} {what}" for what, count in counts.items() if count > PANELS]
+    if more:
+        words = f"the first {' and the first '.join(more)}"
+        ink = look_of(figure.axes[0]).ink
+        figure.supxlabel(words, fontsize=SMALL, color=ink, x=0.01, ha="left")
 
 
 def extent(values: Floats) -> tuple[float, float, float]:

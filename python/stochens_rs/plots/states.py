@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .ends import label_ends
+from .ends import MOST, label_ends
 from .panels import extent
 from .style import add_grid, add_key, add_labels, axes_or_new, blend, literal, look_of
 
@@ -57,7 +57,10 @@ def draw_states(
             low, high = states[:, i] - 2 * error[:, i], states[:, i] + 2 * error[:, i]
             ax.fill_between(times, low, high, color=color, alpha=look.fill, linewidth=0)
     finish(ax, "time [s]" if timed else "step k", up)
-    if states.shape[1] <= LISTED and not (len(times) > 1 and label_ends(ax, lines)):
+    if len(lines) > LISTED:  # only those that move most have names
+        most = np.argsort(-np.ptp(states, axis=0), kind="stable")[:MOST]
+        lines = [lines[i] for i in sorted(most.tolist())]
+    if not (len(times) > 1 and label_ends(ax, lines)):
         handles += lines
     if error is not None:
         handles.append(Patch(color=look.ink, alpha=look.fill, linewidth=0, label=band))

@@ -16,6 +16,7 @@ from .panels import (
     extent,
     frame,
     panel_grid,
+    tell_omitted,
 )
 from .style import look_of, root_of
 
@@ -53,6 +54,8 @@ def draw_tube(
     runs = runs[None] if runs.ndim == 2 else runs
     times = np.arange(len(predicted)) * (1.0 if dt is None else dt)
     figure, panels = panel_grid(n + m, figure)
+    found = 0 if inputs is None else inputs.u.shape[1]
+    tell_omitted(figure, {"states": predicted.shape[1], "inputs": found})
     for i, ax in enumerate(panels[:n]):
         shown = np.concatenate([predicted[:, i], runs[:, :, i].ravel()])
         shown = shown if target is None else np.append(shown, target[i])

@@ -86,7 +86,7 @@ class Tabled:
         -------
         pandas.DataFrame
             Columns: the axes, "replicate", then the numbers; an array has a column for each of its
-            entries, ``u[0]``, ``u[1]``, ... Its ``attrs`` have what is in `about`.
+            entries, ``u[0]``, ``u[1]``, ... Its ``attrs`` have `about` and the units.
 
         Raises
         ------
@@ -106,7 +106,7 @@ class Tabled:
             columns[name] = pandas.Series(list(labels)).to_numpy()[where]
         columns |= {name: rows[ran] for name, rows in self.entries()}
         found = pandas.DataFrame(columns)
-        found.attrs = {**self.about, "status": self.status}
+        found.attrs = {**self.about, "status": self.status, "units": dict(self.units)}
         return found
 
     def to_xarray(self) -> xarray.Dataset:

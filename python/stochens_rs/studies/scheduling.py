@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import time
 from collections import deque
 from collections.abc import Callable, Iterable
@@ -12,7 +13,6 @@ from concurrent.futures import (
     CancelledError,
     Executor,
     Future,
-    ProcessPoolExecutor,
     wait,
 )
 from contextlib import suppress
@@ -194,7 +194,8 @@ def _end_broken(executor: Executor) -> None:
     Python drops a SIGTERM that reaches a worker while it is being forked, if this process catches
     SIGTERM, as it does during a run.
     """
-    if isinstance(executor, ProcessPoolExecutor) and executor._broken:
+    pools = sys.modules.get("concurrent.futures.process")  # slow to import
+    if pools and isinstance(executor, pools.ProcessPoolExecutor) and executor._broken:
         for worker in dict(executor._processes or {}).values():
             with suppress(OSError, ValueError):  # it has ended
                 worker.kill()

@@ -336,6 +336,36 @@ def test_control_within_limits_says_what_python_says(rig, tmp_path, capsys):
     assert ran(capsys, "control", path, "--steps", 6)["limits"] is None
 
 
+def test_inputs_at_their_rate_are_counted_and_have_stars(tmp_path, capsys):
+    path = tmp_path / "problem.json"
+    path.write_text(json.dumps({"A": [[1.0]], "B": [[1.0]], "x0": [0.0]}))
+    options = ["--to", 9, "--steps", 4, "--limits", "-1,1", "--rate", 0.4, "--previous", 0]
+    assert cli.main([*map(str, ["control", path, *options])]) == 0
+    text = capsys.readouterr().out
+    assert "2 of 4 inputs at a limit, 2 at their rate (*)" in text
+    assert text.count("*") == 5
+    limits = ran(capsys, "control", path, *options)["limits"]
+    assert limits["rate_active"] == [[1], [1], [0], [0]]
+    assert limits["active"] == [[0], [0], [1], [1]]
+    assert limits["state_active"] is None
+    walled = ["--to", 9, "--steps", 4, "--Q", 1, "--state-limits", "-1,1", "--hard"]
+    assert cli.main([*map(str, ["control", path, *walled])]) == 0
+    text = capsys.readouterr().out
+    assert "none of 4 inputs at a limit, 4 of 4 states at a limit (*)" in text
+    assert text.count("*") == 5
+
+
+def test_the_certificate_is_printed_for_each_state(table, tmp_path, capsys):
+    file = tmp_path / "model.safetensors"
+    ran(capsys, "identify", table, *OPTIONS, "--sigma", 0.01, "--save", file)
+    assert cli.main(["control", str(file), "--from", "1,0", "--steps", "4"]) == 0
+    text = capsys.readouterr().out
+    found = ran(capsys, "control", file, "--from", "1,0", "--steps", 4)["certificate"]
+    angle, rate = found["components"]
+    line = f"each       angle within {angle:.4g}, rate within {rate:.4g}\n"
+    assert line in text
+
+
 def test_limits_of_states_on_the_command_line(rig, capsys):
     path, system = rig
     found = ran(capsys, "control", path, "--steps", 4, "--Q", 1, "--state-limits", "x[1]=0.3,inf")

@@ -7,6 +7,7 @@ import pytest
 
 import stochens_rs as se
 from limit_plans import exactly
+from stochens_rs.controls.limited import Horizon
 from stochens_rs.reference import limited_control as lc
 from stochens_rs.reference import limited_problems as lp
 
@@ -19,8 +20,59 @@ def test_two_steps_with_a_limit_on_changes_by_hand():
     sides = {"limits": (-0.5, 0.5), "R": 0.0, "rate": 0.5, "previous": [0.0]}
     plan = se.control(TWO, *ends, steps=2, **sides)
     np.testing.assert_allclose([*plan.u.ravel(), plan.objective], [-0.4, 0.1, 0.45], atol=1e-13)
-    assert (plan.status, plan.limits_active, plan.limited.missing) == ("optimal", False, 0.0)
+    assert (plan.status, plan.limits_active, plan.limited.missing) == ("optimal", True, 0.0)
+    assert not plan.active.any()
+    assert plan.rate_active.tolist() == [[0], [1]]  # -0.4 from 0, then 0.5 up
     assert plan.missed == pytest.approx(0.45)  # without limits the target is reached
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_what_limits_of_rates_and_states_are_active(sign):
+    """Rises of 0.4 are at the rate though rounding takes them beyond it; wide rates are not."""
+    goal, sides = [sign * 5.0], {"steps": 4, "previous": 0.0, "R": 0.01}
+    plan = se.control(ONE, [0.0], goal, rate=0.4, **sides)
+    np.testing.assert_allclose(plan.u.ravel(), sign * np.array([0.4, 0.8, 1.2, 1.6]), rtol=1e-14)
+    assert plan.rate_active.dtype == np.int8
+    assert plan.rate_active.tolist() == [[sign]] * 4
+    assert plan.limits_active
+    assert not plan.active.any()
+    assert "none of 4 inputs at a limit, 4 at their rate" in repr(plan)
+    said = f"{2 * (1 - sign)} falling, {2 * (1 + sign)} rising, of 4"
+    assert said in plan._repr_html_()
+    back = type(plan).from_dict(plan.to_dict())
+    assert np.array_equal(back.rate_active, plan.rate_active)
+    wide = se.control(ONE, [0.0], goal, rate=9.0, **sides)
+    assert not wide.limits_active
+    assert not wide.rate_active.any()
+    assert wide.state_active is None
+    # the states stop at 1 of 5
+    walls = {"state_limits": (-1.0, 1.0), "soft": False, "Q": 1.0, "R": 0.01}
+    stopped = se.control(ONE, [0.0], goal, steps=4, **walls)
+    assert stopped.state_active.tolist() == [[sign]] * 4
+    assert stopped.limits_active
+    assert "4 of 4 states at a limit" in repr(stopped)
+    inside = se.control(ONE, [0.0], [0.5], steps=4, **walls)
+    assert not inside.limits_active
+    assert inside.state_active.tolist() == [[0]] * 4
+    assert se.control(ONE, [0.0], goal).state_active is None
+    assert se.control(ONE, [0.0], goal).rate_active is None
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+def test_active_rates_are_those_with_multipliers(gen, scale):
+    """30 systems, one input in 3 steps or two in 12; the core's multipliers say the same."""
+    seen = 0
+    for i in range(30):
+        m, K = (1, 3) if i % 2 else (2, 12)
+        A, B = 0.5 * gen.normal(size=(3, 3)), gen.normal(size=(3, m))
+        how = {"rate": 0.2 * scale, "previous": 0.0, "Q": 1.0, "R": 1.0, "steps": K}
+        x0 = scale * gen.normal(size=3)
+        plan = se.control((A, B), x0, [0.0] * 3, **how)
+        found = Horizon(plan.limited.task, A, B).best(x0, plan.limited.task, None)
+        assert np.array_equal(plan.rate_active.ravel(), np.sign(found.rates))
+        assert plan.limits_active == plan.rate_active.any()
+        seen += np.count_nonzero(plan.rate_active)
+    assert seen > 30
 
 
 def test_state_limits_that_cannot_be_kept_by_hand():

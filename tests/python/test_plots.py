@@ -404,6 +404,25 @@ def test_a_plan_within_limits_draws_its_inputs():
     assert np.isfinite(band).all()
 
 
+def test_inputs_at_their_rate_are_thick_in_another_colour():
+    how = {"steps": 4, "limits": (-1.0, 1.0), "rate": 0.4, "previous": 0.0, "R": 0.01}
+    plan = se.control(([[1.0]], [[1.0]]), [0.0], [9.0], **how)
+    assert plan.rate_active.ravel().tolist() == [1, 1, 0, 0]
+    figure = plan.plot()
+    assert labels_of(figure)[-2:] == ["at its rate", "at its limit"]
+    _, rate, limit = figure.axes[1].patches
+    assert np.isfinite(rate.get_data().values).tolist() == [True, True, False, False]
+    assert np.isfinite(limit.get_data().values).tolist() == [False, False, True, True]
+    assert rate.get_edgecolor() != limit.get_edgecolor()
+
+
+def test_the_distance_of_one_run_is_no_mean():
+    for runs, says in ((None, "distance"), (3, "distance (rms)")):
+        run = se.track(([[0.5]], [[1.0]]), [[0.0], [1.0], [2.0]], 100, runs=runs, rng=1)
+        assert run.plot().lines[0].get_label() == says
+        assert ("(rms)" in run._repr_html_()) == (runs is not None)
+
+
 def test_far_limits_do_not_hide_the_inputs():
     figure = se.control(PUSHED, [1.0, 0.0], [0.0, 0.0], steps=8, limits=(-1e9, 1e9)).plot()
     u = figure.axes[2].patches[0].get_data().values

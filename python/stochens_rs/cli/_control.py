@@ -21,6 +21,8 @@ from ._options import FILE, force_option, json_option, out_option, steps_option
 from ._output import Folder, finite, grid, show_result
 from ._problem import share
 
+LISTED = 12  # states whose certificates are printed; JSON has all
+
 
 @click.command(
     "control",
@@ -188,10 +190,11 @@ def _text(plan: Plan, found: Certificate | None, xf: Any, names: tuple[Any, Any]
     tube = [] if found is None else ["tube"]
     rows = [["step", *names[1], *names[0], *tube]]
     inputs, path = _rounded(plan.u), _rounded(plan.predicted_states)
-    for k, state in enumerate(path):
+    at = None if plan.state_active is None else np.pad(plan.state_active, ((1, 0), (0, 0)))
+    for k in range(len(path)):
         u = _inputs(plan, inputs, k) if k < plan.steps else [""] * plan.u.shape[1]
         radius = [] if found is None else [f"{found.tube[k]:.3g}"]
-        rows.append([str(k), *u, *(f"{value:.4g}" for value in state), *radius])
+        rows.append([str(k), *u, *_starred(path, k, at), *radius])
     lines = [*grid(rows), ""]
     if found is None:
         off = float(np.linalg.norm(plan.predicted_states[-1] - xf))
@@ -203,6 +206,7 @@ def _text(plan: Plan, found: Certificate | None, xf: Any, names: tuple[Any, Any]
             f"{100 * (1 - found.delta):g} %, {'with' if found.noise else 'without'} noise",
             f"of that    {_reach(plan, found)} {where}, {found.model_error:.4g} by its error"
             f"{'' if plan.limited else f': mostly {found.larger}'}",
+            f"each       {_components(found, names[0])}",
             f"by         {found.method}",
             f"for        {found.assumption}",
         ]
@@ -213,16 +217,29 @@ def _text(plan: Plan, found: Certificate | None, xf: Any, names: tuple[Any, Any]
 
 
 def _inputs(plan: Plan, inputs: Any, k: int) -> list[str]:
-    """The inputs of a step, with a star at a limit."""
-    active = np.zeros_like(inputs, dtype=bool) if plan.active is None else plan.active != 0
-    stars = np.where(active[k], "*", " " if active.any() else "")
-    return [f"{value:.4g}{star}" for value, star in zip(inputs[k], stars, strict=True)]
+    """The inputs of a step, with a star at a limit or a rate."""
+    limited = plan.limited
+    return _starred(inputs, k, None if limited is None else limited.active | limited.rate_active)
+
+
+def _starred(values: Any, k: int, active: Any) -> list[str]:
+    """The values of a time, with a star where one is active, and room for it elsewhere."""
+    marked = np.zeros_like(values, dtype=bool) if active is None else active != 0
+    stars = np.where(marked[k], "*", " " if marked.any() else "")
+    return [f"{value:.4g}{star}" for value, star in zip(values[k], stars, strict=True)]
 
 
 def _reach(plan: Plan, found: Certificate) -> str:
     """How far the model ends from the target; 0 where that is rounding beside the states."""
     rounding = ROUNDING * float(np.abs(plan.predicted_states).max())
     return f"{found.reach if found.reach > rounding else 0.0:.4g}"
+
+
+def _components(found: Certificate, names: Any) -> str:
+    """How far each state can end from its target, in the unit of its data."""
+    pairs = zip(names[:LISTED], found.components, strict=False)
+    more = ", …" * (len(names) > LISTED)
+    return ", ".join(f"{name} within {value:.4g}" for name, value in pairs) + more
 
 
 def _rounded(values: Any) -> Any:

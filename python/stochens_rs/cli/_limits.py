@@ -10,6 +10,7 @@ import click
 import numpy as np
 
 from .._base.gate import nearest
+from ..controls.within import at_limits
 from ._output import finite
 
 if TYPE_CHECKING:
@@ -83,6 +84,8 @@ def limit_facts(plan: Plan) -> dict[str, Any] | None:
         "low": finite(limited.task.low),
         "high": finite(limited.task.high),
         "active": limited.active.tolist(),
+        "rate_active": limited.rate_active.tolist(),
+        "state_active": None if limited.state_active is None else limited.state_active.tolist(),
         "multipliers": limited.multipliers.tolist(),
         "R": limited.R.tolist(),
         "objective": limited.objective,
@@ -98,10 +101,9 @@ def limit_lines(plan: Plan) -> list[str]:
     limited = plan.limited
     if limited is None:
         return []
-    count = int(np.count_nonzero(limited.active))
     lines = [
-        f"limits     {count} of {limited.active.size} inputs at a limit (*); {limited.missed:.4g} "
-        f"of the cost {limited.objective:.4g} is for the limits",
+        f"limits     {at_limits(limited)} (*); {limited.missed:.4g} of the cost "
+        f"{limited.objective:.4g} is for the limits",
         f"solved     {limited.status}, the cost is within {limited.gap:.2g} of the least",
     ]
     if limited.missing > 0.0:

@@ -44,7 +44,8 @@ class Drawn:
     ) -> Figure:
         """Draw the predicted states, each in its panel; within limits the inputs too.
 
-        An input is drawn as steps, its limits as a grey band, thick where it is at one of them.
+        An input is drawn as steps, its limits as a grey band, thick where it is at one of them,
+        and in another colour where it changes by its rate.
 
         Parameters
         ----------
@@ -80,7 +81,8 @@ class Drawn:
         more: dict[str, Any] = {}
         if self.limited is not None:
             task = self.limited.task
-            more["inputs"] = Inputs(self.u, labels.input_axes, task.low, task.high)
+            at_rate = self.limited.rate_active != 0
+            more["inputs"] = Inputs(self.u, labels.input_axes, task.low, task.high, at_rate=at_rate)
             if task.follows:
                 more["reference"] = task.reference
             if task.state_low is not None and task.state_high is not None:

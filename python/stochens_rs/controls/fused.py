@@ -132,9 +132,10 @@ def control(
     more steps, or regularise; ``info["warnings"]`` says so.
 
     Limits or weights: ``J(u) = sum_k ||x(k) - r(k)||^2_Q + ||u(k-1)||^2_R`` over k = 1, ..., K,
-    with Qf at K, is minimised within the limits, which `u` keeps exactly. The gap ``J(u) - min J``
-    is computed from the result, whatever the solver says; "optimal" means that it is at most
-    ``1e-9 (J(0) + J(u))``. fusion="diagonal" is then the control of the average of
+    with Qf at K, is minimised within the limits. `u` keeps its own limits exactly, `rate` and hard
+    `state_limits` to rounding; ``rate_active`` and ``state_active`` say where. The gap
+    ``J(u) - min J`` is computed from the result, whatever the solver says; "optimal" means that it
+    is at most ``1e-9 (J(0) + J(u))``. fusion="diagonal" is then the control of the average of
     ``xf^s - A^s x0^s``: the average of the controls within limits would be biased. With
     R = 0 more than one control may be the best, and the one returned need not be the smallest.
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from .. import _core
 from .._base import gate, memory
-from .._base.numbers import norm
+from .._base.numbers import ROUNDING, norm
 from .._base.records import Record, require_shapes
 from .._base.types import STATUSES, Floats, Status
 from ..exceptions import InputError, NonFiniteError
@@ -58,6 +58,9 @@ class Limited(Record):
     missing : float
         By how much hard state limits cannot be met; 0 if they can. Else the control is the best
         one within limits that are wider by this, and so are gap and distance.
+    state_active : ndarray of int8, shape (K, n), optional
+        Of ``x(1), ..., x(K)``: -1 at or below the lower limit to rounding, 1 at or above the
+        upper one, else 0; None without limits of states.
     """
 
     task: Task
@@ -71,17 +74,33 @@ class Limited(Record):
     missed: float
     status: Status
     missing: float = 0.0
+    state_active: NDArray[np.int8] | None = None
 
     def __post_init__(self) -> None:
         gate.instance("task", self.task, Task)
         K, m = gate.kept("u", self.u, shape=self.task.low.shape).shape
-        require_shapes(self, R=(m, m), active=(K, m), multipliers=(K, m))
+        states = self.task.reference.shape
+        require_shapes(self, R=(m, m), active=(K, m), multipliers=(K, m), state_active=states)
         gate.choice("status", self.status, STATUSES)
 
     @property
+    def rate_active(self) -> NDArray[np.int8]:
+        """1 where an input rises by its rate to rounding, -1 where it falls by it, else 0; (K, m).
+
+        Row k is of the change ``u(k) - u(k-1)``.
+        """
+        rate, previous = self.task.rate, self.task.previous
+        if rate is None or previous is None:
+            return np.zeros(self.u.shape, dtype=np.int8)
+        change = np.diff(self.u, axis=0, prepend=previous[None])
+        size = np.maximum(np.abs(self.u).max(axis=0), np.abs(previous))
+        return _sides(change, -rate, rate, np.maximum(rate, size))
+
+    @property
     def limits_active(self) -> bool:
-        """Whether an input is at a limit."""
-        return bool(self.active.any())
+        """Whether an input is at a limit or changes by its rate, or a state is at a limit."""
+        found = self.active, self.rate_active, self.state_active
+        return any(bool(one.any()) for one in found if one is not None)
 
     def exact(self, xf: ArrayLike | None) -> Task:
         """The same task with the exact target, and with the weight R that was used."""
@@ -95,6 +114,13 @@ class Limited(Record):
         elif xf is not None:
             raise InputError("`xf` must be None: this plan has a reference")
         return replace(self.task, reference=wanted, R=self.R)
+
+
+def _sides(values: Floats, low: Floats, high: Floats, size: Floats) -> NDArray[np.int8]:
+    """1 where `values` are at `high` or above to rounding beside `size`, -1 at `low` or below."""
+    near = ROUNDING * size
+    found = np.where(values >= high - near, 1, np.where(values <= low + near, -1, 0))
+    return found.astype(np.int8)
 
 
 class Horizon:
@@ -200,6 +226,11 @@ class Horizon:
         shape = task.low.shape
         u = found.control.reshape(shape)
         least = found.objective
+        state_active = None
+        if task.state_low is not None and task.state_high is not None:
+            along = states(self.A, self.B, x0, u)[1:] + self.drift
+            low, high = task.state_low, task.state_high
+            state_active = _sides(along, low, high, np.abs(along).max(axis=0))
         if found.active.any() or not task.boxed:
             least = self.best(x0, task.unlimited(), None).objective
         return Limited(
@@ -214,6 +245,7 @@ class Horizon:
             missed=max(0.0, found.objective - least),
             status=found.status,
             missing=found.missing if isinstance(found, _core.RowsControl) else 0.0,
+            state_active=state_active,
         )
 
     def best(self, x0: Floats, task: Task, time_limit: float | None) -> _core.BoxControl:

@@ -49,6 +49,7 @@ class PlanArrays(Timed):
                 ("low", task.low, "input"),
                 ("high", task.high, "input"),
                 ("active", self.limited.active, None),
+                ("rate_active", None if task.rate is None else self.limited.rate_active, None),
                 ("multipliers", self.limited.multipliers, None),
             ):
                 variables[name] = ((clock, "input"), padded(rows), unit)

@@ -74,6 +74,9 @@ def regulate(
     and the same once more with orthogonal factors where rounding asks for them. Each plan's gap is
     computed from the data, and is in the log.
 
+    With `rate` or `state_limits` each call solves its plan anew, from no earlier one: milliseconds
+    in place of tens of microseconds for a small problem.
+
     A feedback corrects errors of the model at the next state. That the loop is stable does not
     follow: it needs a K that is long enough, or a weight Qf that continues the cost.
 

@@ -33,6 +33,22 @@ class Within:
         return None if self.limited is None else self.limited.active
 
     @property
+    def rate_active(self) -> NDArray[np.int8] | None:
+        """1 where an input rises by its rate to rounding, -1 where it falls by it, else 0; (K, m).
+
+        Row k is of the change ``u(k) - u(k-1)``.
+        """
+        return None if self.limited is None else self.limited.rate_active
+
+    @property
+    def state_active(self) -> NDArray[np.int8] | None:
+        """-1 where a state is at its lower limit or beyond, 1 at the upper one, else 0; (K, n).
+
+        Of ``x(1), ..., x(K)``, to rounding; None without limits of states.
+        """
+        return None if self.limited is None else self.limited.state_active
+
+    @property
     def multipliers(self) -> Floats | None:
         """By how much J falls per unit of each limit of an input, >= 0; (K, m)."""
         return None if self.limited is None else self.limited.multipliers
@@ -54,8 +70,20 @@ class Within:
 
     @property
     def limits_active(self) -> bool | None:
-        """Whether an input is at a limit."""
+        """Whether an input is at a limit or changes by its rate, or a state is at a limit."""
         return None if self.limited is None else self.limited.limits_active
+
+
+def at_limits(limited: Limited) -> str:
+    """How many inputs are at a limit and at their rate, and how many states, in a few words."""
+    count = int(np.count_nonzero(limited.active))
+    text = f"{count or 'none'} of {limited.active.size} inputs at a limit"
+    if limited.task.rate is not None:
+        text += f", {np.count_nonzero(limited.rate_active) or 'none'} at their rate"
+    at = limited.state_active
+    if at is not None:
+        text += f", {np.count_nonzero(at) or 'none'} of {at.size} states at a limit"
+    return text
 
 
 def cost_text(limited: Limited, worst: str = "") -> str:
@@ -66,8 +94,7 @@ def cost_text(limited: Limited, worst: str = "") -> str:
     text = f"J={limited.objective:.3g}"
     if limited.missed:
         text += f", {limited.missed:.2g} of it for the limits"
-    count = int(np.count_nonzero(limited.active))
-    text += f"; {count or 'none'} of {limited.active.size} inputs at a limit"
+    text += f"; {at_limits(limited)}"
     if limited.status == "infeasible":
         text += f"; state limits missed by {limited.missing:.3g}{worst and f' ({worst} most)'}"
     return text
@@ -90,6 +117,13 @@ def cost_rows(limited: Limited) -> Iterator[tuple[str, object]]:
     yield "off the least J by", f"{limited.gap:.2g} at most"
     low, high = (int(np.count_nonzero(limited.active == side)) for side in (-1, 1))
     yield "inputs at a limit", f"{low} at the lower, {high} at the upper, of {limited.active.size}"
+    if limited.task.rate is not None:
+        fall, rise = (int(np.count_nonzero(limited.rate_active == side)) for side in (-1, 1))
+        yield "inputs at their rate", f"{fall} falling, {rise} rising, of {limited.active.size}"
+    at = limited.state_active
+    if at is not None:
+        low, high = (int(np.count_nonzero(at == side)) for side in (-1, 1))
+        yield "states at a limit", f"{low} at the lower, {high} at the upper, of {at.size}"
     if limited.status == "infeasible":
         yield "state limits missed by", limited.missing
 

@@ -37,7 +37,8 @@ SEEN = 3.0  # how far tubes and limits may go beyond the curves, in ranges of th
 class Inputs(NamedTuple):
     """Inputs `u` (K, m) with their names and limits (K, m), which may be infinite.
 
-    `held` (K,) are those that were held without a state.
+    `held` (K,) are those that were held without a state, `at_rate` (K, m) those whose change from
+    the one before is as large as it may be.
     """
 
     u: Floats
@@ -45,6 +46,7 @@ class Inputs(NamedTuple):
     low: Floats
     high: Floats
     held: NDArray[np.bool_] | None = None
+    at_rate: NDArray[np.bool_] | None = None
 
 
 def panel_grid(
@@ -124,10 +126,14 @@ def draw_limits(
 
 
 def draw_inputs(panels: Sequence[Axes], given: Inputs, dt: float | None) -> None:
-    """Draw each input as steps: its limits a grey band, thick where it is at one of them."""
+    """Draw each input as steps: its limits a grey band, thick where it is at one of them.
+
+    Also thick, in another colour, where it is at its rate.
+    """
     u = given.u
     times = np.arange(len(u) + 1) * (1.0 if dt is None else dt)
     at_limit = (u <= given.low) | (u >= given.high)
+    at_rate = np.zeros_like(at_limit) if given.at_rate is None else given.at_rate
     for i, ax in enumerate(panels):
         look, limits = look_of(ax), (given.low[:, i], given.high[:, i])
         ends = np.concatenate([side[np.isfinite(side)] for side in limits])
@@ -136,16 +142,13 @@ def draw_inputs(panels: Sequence[Axes], given: Inputs, dt: float | None) -> None
             far = max(far, float(np.abs(ends - least).max()))
         floor, top = draw_limits(ax, times, limits, (least, most, far))
         ax.stairs(u[:, i], times, baseline=None, color=look.color(2), linewidth=1.4, label="input")
-        if at_limit[:, i].any():
-            thick = np.where(at_limit[:, i], u[:, i], np.nan)
-            ax.stairs(
-                thick,
-                times,
-                baseline=None,
-                color=look.color(2),
-                linewidth=4.0,
-                label="at its limit",
-            )
+        for where, color, label in (
+            (at_rate & ~at_limit, look.color(1), "at its rate"),
+            (at_limit, look.color(2), "at its limit"),
+        ):
+            if where[:, i].any():
+                thick = np.where(where[:, i], u[:, i], np.nan)
+                ax.stairs(thick, times, baseline=None, color=color, linewidth=4.0, label=label)
         if given.held is not None and given.held.any():
             middle = (times[:-1] + times[1:]) / 2.0
             ax.plot(

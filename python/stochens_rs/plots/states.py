@@ -142,13 +142,17 @@ def _near(ax: Axes, points: Floats) -> None:
     ax.set_ylim(*seen[1])
 
 
-def draw_tracking(distance: Floats, residuals: Floats, *, ax: Axes | None) -> Axes:
-    """Draw the distance (K + 1,) from a reference and the distance out of reach in a step (K,)."""
+def draw_tracking(distance: Floats, residuals: Floats, *, averaged: bool, ax: Axes | None) -> Axes:
+    """Draw the distance (K + 1,) from a reference and the distance out of reach in a step (K,).
+
+    `averaged`: the distance is the root mean square over several runs.
+    """
     ax = axes_or_new(ax)
     look = look_of(ax)
     steps = range(len(distance))
+    name = "distance (rms)" if averaged else "distance"
     lines = [
-        *ax.plot(steps, distance, color=look.color(0), linewidth=1.6, label="distance (rms)"),
+        *ax.plot(steps, distance, color=look.color(0), linewidth=1.6, label=name),
         *ax.plot(steps[1:], residuals, "--", color=look.ink, linewidth=1, label="out of reach"),
     ]
     finish(ax, "step k", "distance from the reference")

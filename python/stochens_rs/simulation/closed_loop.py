@@ -115,18 +115,20 @@ class Tracking(SavedRecord, TrackingArrays):
         >>> run.plot().get_xlabel()
         'step k'
         """
-        return draw_tracking(np.sqrt(self.mean_square), self.residuals, ax=ax)
+        distance, several = np.sqrt(self.mean_square), self.states.ndim == 3
+        return draw_tracking(distance, self.residuals, averaged=several, ax=ax)
 
     def _repr_html_(self) -> str:
         distance = np.sqrt(self.mean_square)
+        rms = " (rms)" * (self.states.ndim == 3)
         rows = [
             ("steps", html.grouped(len(self.residuals))),
             *made_by(self.info),
             ("runs", self.info["runs"]),
-            ("off by (rms)", f"{distance[-1]:.4g} at the end, {distance.max():.4g} at most"),
+            (f"off by{rms}", f"{distance[-1]:.4g} at the end, {distance.max():.4g} at most"),
             ("out of reach in one step", f"{self.residuals.max():.4g} at most"),
         ]
-        about = "distance from the reference (rms) over the steps"
+        about = f"distance from the reference{rms} over the steps"
         return html.card(self, rows, html.lines(np.arange(len(distance)), [distance], about))
 
 

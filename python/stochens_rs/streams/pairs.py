@@ -44,12 +44,12 @@ def pair_rows(about: Snapshot, x: Any, u: Any, x_next: Any) -> Floats:
 
 def _refuse_runs(about: Snapshot, runs: Trajectories) -> None:
     """Refuse runs of another system."""
+    if runs.steps != 1:
+        raise InputError(f"`x` must be runs with one step a pair, got {runs.steps} steps a pair")
     if (runs.n, runs.m) != (about.n, about.m):
         raise InputError(
             f"`x` must be runs with n={about.n} m={about.m}, got n={runs.n} m={runs.m}"
         )
-    if runs.steps != 1:
-        raise InputError(f"`x` must be runs with one step a pair, got {runs.steps} steps a pair")
     if runs.dt != about.dt:
         raise InputError(
             f"`x` must be runs with dt={about.dt}, got dt={runs.dt}: pass dt={runs.dt} to "

@@ -41,7 +41,7 @@ def read_cells(path: PathLike, *, comments: bool = False) -> Cells:
             other = next((c for c in ";\t|" if len(names) == 1 and c in names[0]), None)
             if other is not None:
                 raise InputError(
-                    f"{path} must have commas between its columns, got {other!r} in its first row: "
+                    f"{path} must have commas between its cells, got {other!r} in its first row: "
                     "save it with commas, and with points in the numbers"
                 )
             if not names:

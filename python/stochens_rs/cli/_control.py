@@ -89,8 +89,8 @@ def control_command(
 ) -> None:
     """Compute the control from one state to another, also within limits.
 
-    MODEL_OR_PROBLEM is a model that `stochens identify --save` wrote, under any name, or a
-    known system: .npz, .mat, .csv or JSON with A, B and optionally x0, xf, names and units.
+    MODEL_OR_PROBLEM is a model of `stochens identify --save`, or a known system: .npz, .mat, .csv
+    or JSON with A, B and optionally x0, xf, names and units.
 
     For a model, prints how far the true system can end from the target, with probability 1 - P,
     under the assumptions declared to `stochens identify`. With limits or weights, minimizes the
@@ -110,8 +110,8 @@ def control_command(
     else:
         if noise or open_loop or robust or x0_error:
             raise click.UsageError(
-                "--x0-error, --noise, --open-loop and --robust are for models, as `stochens "
-                "identify --save` writes them, not for a system that is known"
+                "--x0-error, --noise, --open-loop and --robust are for models of identify "
+                "--save, not for a system that is known"
             )
         problem = cases.from_file(source)
         known, x0, xf = problem.system, problem.x0, problem.xf
@@ -149,9 +149,8 @@ def _certified(plan: Plan, delta: float, noise: bool, open_loop: bool) -> Any:
             else "; or give --open-loop, if the measured inputs did not react"
         )
         raise click.UsageError(
-            "--noise needs a bound on the noise to come, and this model has none: make it by "
-            "`stochens identify` with --sigma S, or with --last-pairs --design independent"
-            f"{steps}"
+            "--noise needs a bound on the noise to come, and this model has none: identify "
+            f"with --sigma S, or with --last-pairs --design independent{steps}"
         ) from error
 
 

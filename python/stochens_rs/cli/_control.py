@@ -89,8 +89,8 @@ def control_command(
 ) -> None:
     """Compute the control from one state to another, also within limits.
 
-    MODEL_OR_PROBLEM is a model of `stochens identify --save`, or a known system: .npz, .mat, .csv
-    or JSON with A, B and optionally x0, xf, names and units.
+    MODEL_OR_PROBLEM is a model of `identify --save`, or a known system: .npz, .mat, .csv or JSON
+    with A, B and optionally x0, xf, names and units.
 
     For a model, prints how far the true system can end from the target, with probability 1 - P,
     under the assumptions declared to `stochens identify`. With limits or weights, minimizes the

@@ -151,7 +151,7 @@ def changed(lines, row, column, text):
         (lambda lines: changed(lines, 40, 1, "soon"), ["'t'", "'soon'", "row 41", "dates"]),
         (lambda lines: changed(lines, 40, 0, ""), ["'run'", "row 41"]),
         (lambda lines: [*lines[:40], "r1,3.0"], ["2 cells, not 5", "line 41"]),
-        (lambda lines: [line.replace(",", ";") for line in lines], ["no column 'angle'"]),
+        (lambda lines: [line.replace(",", ";") for line in lines], ["commas", "got ';'"]),
         (lambda lines: ["run,t,angle,angle,torque", *lines[1:]], ["'angle' twice"]),
         (lambda lines: lines[:1], ["no rows"]),
         (lambda lines: [""], ["empty"]),
@@ -188,6 +188,67 @@ def test_bad_options_are_named(table, capsys, args, words):
     error = failed(capsys, "identify", table, *args)
     for word in words:
         assert word in error
+
+
+def test_a_forgotten_by_is_named(table, lines, capsys):
+    error = failed(capsys, "identify", table, *COLUMNS, "--time", "t")
+    assert "sort it, or, if there are several runs, give --by (columns not used: run)" in error
+    table.write_text("\n".join(lines[:22]))  # one run
+    assert cli.main(["identify", str(table), *COLUMNS]) == 0
+    text = capsys.readouterr().out
+    assert text.startswith("1 run, 20 pairs;")
+    assert "not used   run, t: all rows are one run; --by COLUMN" in text
+    assert cli.main(["identify", str(table), *OPTIONS]) == 0
+    assert "not used" not in capsys.readouterr().out
+
+
+def test_bounds_that_say_nothing_come_with_a_cure(table, lines, capsys):
+    cure = "declare --design independent if it is, or give --sigma"
+    args = [str(table), *OPTIONS, "--last-pairs"]
+    assert cli.main(["identify", *args]) == 0
+    text = capsys.readouterr().out
+    assert "hint       --design independent would" in text
+    assert "angle(k+1), rate(k+1) are infinite or larger" in text
+    assert cure in text
+    for more in (["--design", "independent"], ["--design", "independent", "--sigma", "0.01"]):
+        assert cli.main(["identify", *args, *more]) == 0
+        text = capsys.readouterr().out
+        assert "hint" not in text
+        assert "infinite or larger" not in text
+    table.write_text("\n".join(lines[:5]))
+    found = ran(capsys, "identify", table, *OPTIONS, "--sigma", 0.01)
+    assert "measure more runs, or declare --last-pairs --design" in found["warnings"][-1]
+    assert "--sigma" not in found["warnings"][-1]
+
+
+def test_another_name_of_the_model_is_no_other_run(table, tmp_path, capsys):
+    pytest.importorskip("matplotlib")
+    args = ["identify", table, *OPTIONS, "--out", tmp_path / "out", "--save"]
+    for name in ("a.state", "b.state"):
+        assert ran(capsys, *args, tmp_path / name)["saved"] == str(tmp_path / name)
+    assert (tmp_path / "b.state").exists()
+
+
+def test_a_model_is_known_by_its_content(table, tmp_path, capsys):
+    file = tmp_path / "m.state"
+    ran(capsys, "identify", table, *OPTIONS, "--save", file)
+    where = ["control", file, "--from", "1,0", "--steps"]
+    assert ran(capsys, *where, 2)["certificate"] is not None
+    with pytest.raises(se.exceptions.InputError, match="a saved object"):
+        se.cases.from_file(file)
+    # the noise to come has no bound: said in options, and both cures are ones
+    error = failed(capsys, *where, 2, "--noise")
+    for word in ("--sigma S", "--last-pairs --design independent", "--open-loop"):
+        assert word in error
+    assert "--open-loop" not in failed(capsys, *where, 1, "--noise")
+    assert ran(capsys, *where, 2, "--noise", "--open-loop")["certificate"]["noise"] is True
+    for options in (["--sigma", 0.01], ["--last-pairs", "--design", "independent"]):
+        file.unlink()
+        ran(capsys, "identify", table, *OPTIONS, *options, "--save", file)
+        assert ran(capsys, *where, 2, "--noise")["certificate"]["noise"] is True
+    se.ModelStream(1, 1).save(tmp_path / "stream.state")
+    assert cli.main(["control", str(tmp_path / "stream.state"), "--from", "1,0"]) == 5
+    assert "pairs" in capsys.readouterr().err
 
 
 def test_files_that_cannot_be_read(tmp_path, capsys):

@@ -200,6 +200,7 @@ def test_nothing_is_certain_without_data():
         stream = se.ModelStream(2, 1, **options)
         look = stream.look([1.0, 0.0], [0.0, 0.0], tol=1.0)
         assert (look.certificate, look.forecast, look.stop) == (np.inf, np.inf, False)
+        assert "after 0 pairs, tol 1, forecast: unknown" in repr(look)
         assert stream.model.missing == ("x[0]", "x[1]", "u[0]")
         assert stream.model.region().bound([0.0, 1.0], [0.0]) == np.inf
         stream.update([1.0, 0.0], [0.0], [1.0, 0.0])
@@ -230,6 +231,7 @@ def test_bad_pairs_are_refused_before_any_is_taken_in():
     runs = se.Trajectories.from_pairs(z[:, :3], z[:, 3:], y[:, :3])
     run = se.Trajectories(y, z[1:, 4:])
     named = se.Trajectories.from_pairs(z[:, :4], z[:, 4:], y, state_names=list("abcd"))
+    timed = se.Trajectories.from_pairs(z[:, :4], z[:, 4:], y, dt=0.1)
     for pairs, error, text in (
         ((z[:, :4], z[:, 4:], bad), NonFiniteError, r"`x_next\[39, 2\]` is nan"),
         ((z[:, :4], z[:, 4:], y[:-1]), ShapeError, r"`x_next` must have shape \(40, 4\)"),
@@ -238,12 +240,18 @@ def test_bad_pairs_are_refused_before_any_is_taken_in():
         ((z[:, :4], z[:, 4:], huge), StochensError, "overflow"),
         ((z[:, :4],), InputError, "`u` and `x_next` must be given"),
         ((runs,), InputError, "must be runs with n=4 m=2"),
-        ((named,), InputError, "the names of the stream"),
+        ((named,), InputError, r"the names of the stream, states 'x\[0\]'.*got states 'a', 'b'"),
+        ((named,), InputError, r"pass state_names=\['a', .*input_names=\['u\[0\]'.* to ModelStr"),
+        ((timed,), InputError, r"with dt=None, got dt=0\.1: pass dt=0\.1 to ModelStream"),
+        ((run.k_step(2, open_loop=True),), InputError, "one step a pair, got 2 steps"),
         ((run, z[:, 4:], y), InputError, "must be left out with Trajectories"),
     ):
         with pytest.raises(error, match=text):
             stream.update(*pairs)
         assert pickle.dumps(stream) == before
+    other = se.ModelStream(4, 2, state_names=list("efgh"))
+    with pytest.raises(InputError, match=r"got states 'a'.*pass state_names=\['e'.* to the runs"):
+        other.update(named)
     independent = se.ModelStream(4, 2, design="independent")
     with pytest.raises(InputError, match=r"single pairs for design='independent'"):
         independent.update(run)

@@ -256,7 +256,7 @@ BAD_CSV = {
     "no input": ("p,v\n1,2\n3,4\n", "got 2 rows and 2 such columns"),
     "too few columns": ("p\n1\n2\n", "got 2 rows and 1 such columns"),
     "ragged": ("p,v,F\n1,2,3\n4,5\n", "has 2 cells, not 3, in line 3"),
-    "semicolons": ("p;v;F\n1;2;3\n", "commas between its cells, got semicolons"),
+    "semicolons": ("p;v;F\n1;2;3\n", "commas between its cells, got ';' in its first row"),
     "decimal commas": ("p,v,F\n0,5,1,2\n", "has 4 cells, not 3"),
     "text": ("p,v,F\n1,2,x\n4,5,6\n", "must have numbers in column 'F', got 'x'"),
     "an empty cell": ("p,v,F\n1,2,\n4,5,6\n", "must have numbers in column 'F', got ''"),

@@ -279,6 +279,9 @@ def test_a_table_without_runs_is_said_to_be_one_run():
     table = {"x": [0.0, 1.0, 2.0, 3.0], "u": [1.0, np.nan, 1.0, np.nan]}
     with pytest.raises(InputError, match=r"without `by`, all rows are one run"):
         se.Trajectories.from_table(table, states=["x"], inputs=["u"])
+    table["t"] = [0.0, 1.0, 0.0, 1.0]
+    with pytest.raises(InputError, match=r"sort it, or, if there are several runs, give `by`"):
+        se.Trajectories.from_table(table, states=["x"], inputs=["u"], time="t")
 
 
 def test_a_table_is_no_data_to_identify():

@@ -38,6 +38,12 @@ def read_cells(path: PathLike, *, comments: bool = False) -> Cells:
                 head = next(rows, [])
             names = [name.strip() for name in head]
             twice = next((name for name in names if names.count(name) > 1), None)
+            other = next((c for c in ";\t|" if len(names) == 1 and c in names[0]), None)
+            if other is not None:
+                raise InputError(
+                    f"{path} must have commas between its cells, got {other!r} in its first row: "
+                    "save it with commas, and with points in the numbers"
+                )
             if not names:
                 raise InputError(f"{path} is empty: its first row must name the columns")
             if twice is not None:

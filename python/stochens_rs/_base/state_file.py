@@ -10,6 +10,7 @@ import os
 import warnings
 import weakref
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -28,6 +29,17 @@ if TYPE_CHECKING:
 
 
 _ELEMENTS = (np.dtype(np.uint8), np.dtype(np.uint64), np.dtype(np.float64))
+
+
+def is_state(path: PathLike) -> bool:
+    """Whether a file begins as one that `save` wrote: the length of a JSON header, and its "{"."""
+    found = Path(checked_path("path", path))
+    if not found.is_file():  # a pipe may block
+        return False
+    with found.open("rb") as file:
+        begin = file.read(9)
+    length = int.from_bytes(begin[:8], "little")
+    return begin[8:] == b"{" and length + 8 <= found.stat().st_size
 
 
 def save(

@@ -20,8 +20,6 @@ _ENDS = ("x0", "xf")  # columns behind those of A and B
 def read_csv(path: Path) -> dict[str, Any]:
     """The entries A, B, states, inputs, units, and x0, xf and dt if the file has them."""
     head, rows, comments = read_cells(path, comments=True)
-    if len(head) == 1 and ";" in head[0]:
-        raise InputError(f"{path} must have commas between its cells, got semicolons")
     columns = dict(zip(head, map(list, zip(*rows, strict=True)), strict=True))
     of_rows = columns.pop(head[0]) if head[0] in ("", "state") else None
     found: dict[str, Any] = {name: columns.pop(name) for name in _ENDS if name in columns}

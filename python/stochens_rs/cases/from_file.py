@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._base import gate, memory
+from .._base import gate, memory, state_file
 from .._base.files import checked_path
 from ..exceptions import InputError, ResourceError, ShapeError
 from ..system import System
@@ -113,6 +113,8 @@ def from_file(path: str | os.PathLike[str]) -> Problem:
         cure = ": save it to a file first" if kind == "pipe" else ""
         raise InputError(f"{path} must be a regular file, got a {kind}{cure}")
     kind = path.suffix.lower()
+    if state_file.is_state(path):
+        raise InputError(f"{path} must be a problem, got a saved object: Model.load reads a model")
     memory.need(f"to read {path}", about.st_size * _MEMORY.get(kind, _PARSED))
     if kind == ".csv":
         found = read_csv(path)

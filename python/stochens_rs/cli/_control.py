@@ -10,15 +10,16 @@ import click
 import numpy as np
 
 from .. import cases
+from .._base import state_file
 from .._base.numbers import ROUNDING
 from .._base.types import DELTA
 from ..controls import Certificate, Plan, control
-from ..exceptions import DataWarning
+from ..exceptions import DataWarning, InputError
 from ..identification import Model
 from ._command import Command
 from ._limits import LIMIT_NAMES, limit_facts, limit_lines, limit_options, limits_given
 from ._options import FILE, force_option, json_option, out_option, steps_option
-from ._output import Folder, finite, grid, show_result
+from ._output import WRITTEN, Folder, finite, grid, show_result
 from ._problem import share
 
 LISTED = 12  # states whose certificates are printed; JSON has all
@@ -58,7 +59,12 @@ LISTED = 12  # states whose certificates are printed; JSON has all
     show_default=False,
     help="The true initial state is within E of --from (2-norm).",
 )
-@click.option("--noise", is_flag=True, help="Include the noise of the run to come.")
+@click.option(
+    "--noise",
+    is_flag=True,
+    help="Include the noise of the run to come; several --steps must have been fixed before the "
+    "data were seen.",
+)
 @click.option("--open-loop", is_flag=True, help="The measured inputs did not react to the states.")
 @click.option("--robust", is_flag=True, help="The control of least certificate; one step.")
 @limit_options
@@ -85,30 +91,29 @@ def control_command(
 ) -> None:
     """Compute the control from one state to another, also within limits.
 
-    MODEL_OR_PROBLEM is a model that `stochens identify --save` wrote (.safetensors), or a known
-    system: .npz, .mat, .csv or JSON with A, B and optionally x0, xf, names and units.
+    MODEL_OR_PROBLEM is a model of `identify --save`, or a known system: .npz, .mat, .csv or JSON
+    with A, B and optionally x0, xf, names and units.
 
     For a model, prints how far the true system can end from the target, with probability 1 - P,
     under the assumptions declared to `stochens identify`. With limits or weights, minimizes the
     weighted squares of the distances from the target (--Q, --Qf) and of the inputs (--R).
     """
     probability = share(delta, "--delta")
-    written = ("out", "force", "as_json")
     options = {
         name: list(value) if isinstance(value, tuple) else value  # as JSON has them
         for name, value in context.params.items()
-        if name not in written
+        if name not in WRITTEN
     }
     folder = None if out is None else Folder(out, "control", options, force)
     known: Any
-    if source.endswith(".safetensors"):
+    if source.endswith(".safetensors") or state_file.is_state(source):
         known = Model.load(source)
         x0, xf, n = None, None, known.n
     else:
         if noise or open_loop or robust or x0_error:
             raise click.UsageError(
-                "--x0-error, --noise, --open-loop and --robust are for models (.safetensors), not "
-                "for a system that is known"
+                "--x0-error, --noise, --open-loop and --robust are for models of identify "
+                "--save, not for a system that is known"
             )
         problem = cases.from_file(source)
         known, x0, xf = problem.system, problem.x0, problem.xf
@@ -126,11 +131,29 @@ def control_command(
     if isinstance(known, Model):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DataWarning)  # the text has the reasons
-            found = plan.bound(probability, noise=noise, open_loop=open_loop)
+            found = _certified(plan, probability, noise, open_loop)
     facts = _facts(plan, found, x0, xf, names)
     show_result(facts, _text(plan, found, xf, names), as_json)
     if folder is not None:
         folder.write(facts, lambda: plan.plot(found))
+
+
+def _certified(plan: Plan, delta: float, noise: bool, open_loop: bool) -> Any:
+    """The certificate; that the noise to come has no bound is said in options."""
+    try:
+        return plan.bound(delta, noise=noise, open_loop=open_loop)
+    except InputError as error:
+        if not noise or not str(error).startswith("`noise` must be False"):
+            raise
+        steps = (
+            ""
+            if plan.steps == 1 or open_loop
+            else "; or give --open-loop, if the measured inputs did not react"
+        )
+        raise click.UsageError(
+            "--noise needs a bound on the noise to come, and this model has none: identify "
+            f"with --sigma S, or with --last-pairs --design independent{steps}"
+        ) from error
 
 
 def _state(option: str, text: str | None, n: int, default: Any) -> Any:

@@ -15,8 +15,11 @@ from ..identification import Trajectories
 
 def read_runs(
     path: str, states: Sequence[str], inputs: Sequence[str], by: str | None, time: str | None
-) -> Trajectories:
-    """Read runs from a CSV file whose first row names the columns; messages name the file."""
+) -> tuple[Trajectories, list[str]]:
+    """Read runs from a CSV file whose first row names the columns; messages name the file.
+
+    Returns them and the columns that are not used.
+    """
     columns = _columns(path)
     wanted = (("--states", states), ("--inputs", inputs), ("--by", [by]), ("--time", [time]))
     for option, names in wanted:
@@ -33,10 +36,18 @@ def read_runs(
         empty = next((k for k, label in enumerate(columns[by]) if not label), None)
         if empty is not None:
             raise InputError(f"{path} has no run in column '{by}', row {empty + 2}")
+    unused = [name for name in columns if name not in table]
     try:
-        return Trajectories.from_table(table, states=states, inputs=inputs, by=by, time=time)
+        runs = Trajectories.from_table(table, states=states, inputs=inputs, by=by, time=time)
     except InputError as error:
-        raise type(error)(f"{path}: {error}") from None
+        left = f" (columns not used: {listed(unused)})" if unused and by is None else ""
+        raise type(error)(f"{path}: {error}{left}") from None
+    return runs, unused
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names with commas, the first of many."""
+    return ", ".join([*(name[:30] for name in names[:8]), *(["..."] if len(names) > 8 else [])])
 
 
 def _columns(path: str) -> dict[str, list[str]]:

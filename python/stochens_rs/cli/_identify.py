@@ -8,6 +8,7 @@ from typing import Any
 import click
 import numpy as np
 
+from .._base.html import number_of
 from .._base.types import DELTA
 from ..exceptions import DataWarning
 from ..identification import Model, Trajectories, identify
@@ -15,9 +16,9 @@ from ..identification.assumptions import COVARIANCES, DESIGNS, NOISES
 from ..identification.region import Region
 from ..rng import as_key
 from ._command import Command
-from ._csv import read_runs
+from ._csv import listed, read_runs
 from ._options import FILE, Choice, force_option, json_option, out_option, seed_option
-from ._output import Folder, finite, grid, note, show_result
+from ._output import WRITTEN, Folder, finite, grid, note, show_result
 from ._problem import share
 
 
@@ -117,9 +118,9 @@ def identify_command(
     assumption, no p proves one.
     """
     probability = share(delta, "--delta")
-    options = {k: v for k, v in context.params.items() if k not in ("out", "force", "as_json")}
+    options = {k: v for k, v in context.params.items() if k not in WRITTEN}
     folder = None if out is None else Folder(out, "identify", options, force)
-    data = read_runs(runs, _names("--states", states), _names("--inputs", inputs), by, time)
+    data, unused = read_runs(runs, _names("--states", states), _names("--inputs", inputs), by, time)
     if last_pairs:
         data = data.last_pairs()
     elif design == "independent" and not data.single:
@@ -143,8 +144,20 @@ def identify_command(
     region = model.region(probability)
     if save is not None:
         model.save(save)
-    facts = _facts(model, data, region, save)
-    show_result(facts, _text(model, data, region), as_json)
+    careful = [*model.warnings, *_useless(model, data, region)]
+    facts = {**_facts(model, data, region, save), "unused": unused, "warnings": careful}
+    lines = [_text(model, data, region)]
+    if unused and by is None:
+        lines.append(
+            f"not used   {listed(unused)}: all rows are one run; --by COLUMN tells runs apart"
+        )
+    lines += [f"warning    {text}" for text in careful]
+    if last_pairs and _exact_is_possible(model):
+        lines.append(
+            "hint       --design independent would use exact laws, with smaller bounds; declare it "
+            "if no state or input depends on the noise of a next state"
+        )
+    show_result(facts, "\n".join(lines), as_json)
     if save is not None:
         note(f"written: {save}")
     if folder is not None:
@@ -187,7 +200,6 @@ def _facts(model: Model, data: Trajectories, region: Region, save: str | None) -
             "assumption": region.assumption,
         },
         "checks": None if checks is None else {"exact": checks.exact, **checks.p_values},
-        "warnings": list(model.warnings),
         "saved": save,
     }
 
@@ -205,8 +217,9 @@ def _text(model: Model, data: Trajectories, region: Region) -> str:
         [f"{name}(k+1)", *row, f"{deviation:.3g}"]
         for name, row, deviation in zip(model.state_names, cells, deviations, strict=True)
     ]
+    counts = f"{number_of(len(data), 'run')}, {number_of(model.size, 'pair')}"
     lines = [
-        f"{len(data)} runs, {model.size} pairs{dt}; rank {model.rank} of {len(columns)}",
+        f"{counts}{dt}; rank {model.rank} of {len(columns)}",
         "",
         *grid([["", *columns, "deviation"], *body]),
         "",
@@ -217,4 +230,32 @@ def _text(model: Model, data: Trajectories, region: Region) -> str:
         kind = "p" if model.checks.exact else "p, approximate"
         tests = ", ".join(f"{name} {p:.2g}" for name, p in model.checks.p_values.items())
         lines.append(f"residuals  {tests} ({kind})")
-    return "\n".join([*lines, *(f"warning    {text}" for text in model.warnings)])
+    return "\n".join(lines)
+
+
+def _exact_is_possible(model: Model) -> bool:
+    """Whether an independent design would have a region by exact laws."""
+    noisy = model.instruments is not None or model.noise != "gaussian"
+    return model.design == "adaptive" and not noisy
+
+
+def _useless(model: Model, data: Trajectories, region: Region) -> list[str]:
+    """A warning with its cure if a bound is infinite, or no entry of a row differs from 0."""
+    bounds, size = region.entry_bounds, np.abs(region.centre)
+    rows = [
+        name
+        for name, bound, value in zip(model.state_names, bounds, size, strict=True)
+        if np.isinf(bound).any() or (bound >= value).all()
+    ]
+    if not rows:
+        return []
+    cures = ["measure more runs"]
+    if _exact_is_possible(model):
+        pairs = "" if data.single else "--last-pairs "
+        cures.append(f"declare {pairs}--design independent if it is")
+    if model.assumptions.known is None:
+        cures.append("give --sigma if the noise is known")
+    return [
+        f"the bounds of {listed([f'{name}(k+1)' for name in rows])} are infinite or larger than "
+        f"every coefficient: {', or '.join(cures)}"
+    ]

@@ -27,7 +27,7 @@ _OPTIONS = (
         help="Of all inputs, or INPUT=LOW,HIGH; repeatable.",
     ),
     click.option("--rate", metavar="R", help="Largest change of an input in a step; one or each."),
-    click.option("--previous", metavar="U", help="With --rate: the inputs applied now."),
+    click.option("--previous", metavar="U", help="The inputs applied now; required with --rate."),
     click.option("--Q", "Q", metavar="W", help="Weight of the states, one or each; default: 0."),
     click.option("--Qf", "Qf", metavar="W", help="Weight of the last state; default: --Q, or 1."),
     click.option("--R", "R", metavar="W", help="Weight of the inputs; default: almost 0."),

@@ -25,6 +25,9 @@ from ..plots.style import require_matplotlib
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+# Options that say where the results go, and are no part of what is computed.
+WRITTEN = ("out", "force", "as_json", "save")
+
 
 def occupy_standard_descriptors() -> None:
     """Open closed standard streams (``2>&-``), so that no later file gets their numbers."""

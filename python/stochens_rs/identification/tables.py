@@ -138,7 +138,10 @@ def _checked_step(times: Floats, where: _Place, dt: float | None) -> float:
     steps = np.diff(times)
     if (steps <= 0.0).any():
         row = int(np.argmax(steps <= 0.0)) + 1
-        raise InputError(f"`time` must increase within a run, but does not {where(row)}: sort it")
+        raise InputError(
+            f"`time` must increase within a run, but does not {where(row)}: sort it"
+            + (", or, if there are several runs, give `by`" if where.label is None else "")
+        )
     usual = float(np.median(steps)) if dt is None else dt
     # rounding of the times themselves, and of what is written with few digits
     slack = EQUAL * usual + 8.0 * EPS * float(np.abs(times).max())

@@ -48,8 +48,8 @@ class Look(Record):
         The tolerance.
     forecast : float
         How many more pairs are expected until the certificate is within the tolerance, if data go
-        on like those so far; inf: never, because the model itself ends too far from xf, or because
-        the data so far do not determine what is needed. A forecast, not a bound.
+        on like those so far; inf: never, because the model itself ends too far from xf, or unknown,
+        because the data so far do not determine what is needed. A forecast, not a bound.
     size : int
         The number of pairs so far.
     delta : float
@@ -79,9 +79,15 @@ class Look(Record):
         """Whether the certificate is within the tolerance: the data are enough."""
         return self.certificate <= self.tol
 
+    def _more(self) -> str:
+        """The forecast in words."""
+        if isfinite(self.forecast):
+            return f"about {self.forecast:.4g} more pairs"
+        return "never" if isfinite(self.model_error) else "unknown"
+
     def __repr__(self) -> str:
         pairs = html.number_of(self.size, "pair")
-        then = "enough" if self.stop else f"forecast: {_more(self.forecast)}"
+        then = "enough" if self.stop else f"forecast: {self._more()}"
         return f"<Look: within {self.certificate:.4g} after {pairs}, tol {self.tol:g}, {then}>"
 
     def _repr_html_(self) -> str:
@@ -93,17 +99,13 @@ class Look(Record):
             ("the model ends", f"{self.reach:.4g} from xf"),
             ("the system", f"{self.model_error:.4g} from there at most, without noise"),
             ("for", self.assumption),
-            ("forecast", None if self.stop else _more(self.forecast)),
+            ("forecast", None if self.stop else self._more()),
             ("control u", html.vector(self.u.ravel())),
         ]
         return html.card(self, rows)
 
 
 FAR = 2.0**30  # pairs; laws of more are slow to compute
-
-
-def _more(forecast: float) -> str:
-    return f"about {forecast:.4g} more pairs" if isfinite(forecast) else "never"
 
 
 def look(model: Snapshot, x0: Floats, xf: Floats, u: Floats | None, steps: int, tol: float) -> Look:

@@ -7,12 +7,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._base import gate, memory
+from .._base.labels import checked_names
 from ..exceptions import InputError
 from ..identification.trajectories import Trajectories
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from .._base.types import Floats
     from .snapshot import Snapshot
+
+LISTED = 6  # most names in a message
 
 
 def pair_rows(about: Snapshot, x: Any, u: Any, x_next: Any) -> Floats:
@@ -39,15 +44,38 @@ def pair_rows(about: Snapshot, x: Any, u: Any, x_next: Any) -> Floats:
 
 def _refuse_runs(about: Snapshot, runs: Trajectories) -> None:
     """Refuse runs of another system."""
-    theirs = runs.n, runs.m, runs.dt, runs.steps, runs.state_names, runs.input_names
-    if theirs != (about.n, about.m, about.dt, 1, about.state_names, about.input_names):
-        dt = "" if about.dt is None else f" dt={about.dt:g}"
+    if runs.steps != 1:
+        raise InputError(f"`x` must be runs with one step a pair, got {runs.steps} steps a pair")
+    if (runs.n, runs.m) != (about.n, about.m):
         raise InputError(
-            f"`x` must be runs with n={about.n} m={about.m}{dt}, one step a pair, and the names "
-            f"of the stream, got {runs!r}"
+            f"`x` must be runs with n={about.n} m={about.m}, got n={runs.n} m={runs.m}"
+        )
+    if runs.dt != about.dt:
+        raise InputError(
+            f"`x` must be runs with dt={about.dt}, got dt={runs.dt}: pass dt={runs.dt} to "
+            "ModelStream"
+        )
+    names = about.state_names, about.input_names
+    theirs = runs.state_names, runs.input_names
+    if theirs != names:
+        named = names != checked_names(about.n, about.m, None, None)
+        pass_on, to = (names, "the runs") if named else (theirs, "ModelStream")
+        raise InputError(
+            f"`x` must be runs with the names of the stream, {_listed(names)}, got "
+            f"{_listed(theirs)}: pass state_names=[{_words(pass_on[0])}], "
+            f"input_names=[{_words(pass_on[1])}] to {to}"
         )
     if about.assumptions.design == "independent" and not runs.single:
         raise InputError(
             "`x` must be single pairs for design='independent', got runs of several steps, "
             "whose states contain earlier noise; use last_pairs()"
         )
+
+
+def _listed(names: tuple[Sequence[str], Sequence[str]]) -> str:
+    return f"states {_words(names[0])} and inputs {_words(names[1])}"
+
+
+def _words(names: Sequence[str]) -> str:
+    more = ["..."] if len(names) > LISTED else []
+    return ", ".join([*(repr(name[:30]) for name in names[:LISTED]), *more])

@@ -61,7 +61,7 @@ for k, (name, one) in enumerate(found.items()):
     certificate, error = np.median(one, axis=1).T
     ax.loglog(sizes, certificate, "o-", color=f"C{k}")
     ax.loglog(sizes, error, ":", color=f"C{k}")
-    ax.text(440, certificate[-1] * (0.72, 1.0, 1.2)[k], name, color=f"C{k}", va="center")
+    ax.text(440, certificate[-1] * (0.62, 1.0, 1.2)[k], name, color=f"C{k}", va="center")
 ax.axhline(0.1, color="0.5", lw=0.8)
 ax.text(2100, 0.105, "0.1: close the loop", ha="right", va="bottom", color="0.35")
 ax.text(440, 0.004, "dotted: where the\nrig really ended", color="0.35", va="center")

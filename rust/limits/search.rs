@@ -21,7 +21,7 @@ const PATIENCE: usize = 4;
 /// Gaps relative to `J(0) + J(u)`: where refinement ends, and from where more is tried.
 const EXACT: f64 = 1e-14;
 pub(super) const GOOD: f64 = 5e-13;
-/// Rounding of the root of J from which no dual residual is believed, relative to that of J(0).
+/// Rounding of the root of J from which no dual residual is believed, relative to that of `J(0) + J(u)`.
 const UNKNOWN: f64 = 1e-6;
 /// Rounding of a gradient, in units of its size.
 const ROUNDING: f64 = 16.0 * f64::EPSILON;
@@ -225,7 +225,8 @@ impl Search {
         if self.certificate.gap > GOOD * (q.scale() + self.certificate.objective) {
             self.v.copy_from_slice(&self.u);
             self.step.copy_from_slice(&self.g);
-            let squared = self.dual_residual(q, bounds, until)?;
+            let scale = q.scale() + self.certificate.objective;
+            let squared = self.dual_residual(q, bounds, scale, until)?;
             self.certificate.improve(squared);
         }
         Ok(())
@@ -269,7 +270,7 @@ impl Search {
         let frank_wolfe = frank_wolfe(bounds, &self.v, &self.step);
         let mut found = Certificate { objective, gap: frank_wolfe, frank_wolfe, distance: (frank_wolfe / 2.0).sqrt() };
         if dual && frank_wolfe > GOOD * scale {
-            found.improve(self.dual_residual(q, bounds, until)?);
+            found.improve(self.dual_residual(q, bounds, scale, until)?);
         }
         let best = &self.certificate;
         // without a limit on some side the gap is infinite at first: there the later one is the corrected one, if it does
@@ -286,10 +287,16 @@ impl Search {
     }
 
     /// `e' H^{-1} e` with `e` the half gradient where no limit balances it: `D^2` and `J(u) - min J` are at most this.
-    fn dual_residual(&mut self, q: &mut impl Quadratic, bounds: Bounds<'_>, until: Until<'_>) -> Result<f64> {
+    fn dual_residual(
+        &mut self,
+        q: &mut impl Quadratic,
+        bounds: Bounds<'_>,
+        scale: f64,
+        until: Until<'_>,
+    ) -> Result<f64> {
         // ||M u - y|| is rounded by eps sum_i ||M_i|| |u_i|: where that is large, little is known of J(u)
         let sizes: f64 = self.v.iter().zip(q.curvature()).map(|(v, curvature)| v.abs() * curvature.sqrt()).sum();
-        if f64::EPSILON * sizes > UNKNOWN * q.scale().sqrt() {
+        if f64::EPSILON * sizes > UNKNOWN * scale.sqrt() {
             return Ok(f64::INFINITY);
         }
         for (i, e) in self.e.iter_mut().enumerate() {

@@ -37,7 +37,7 @@ fn a_solver_agrees_with_single_calls() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(500))]
+    #![proptest_config(ProptestConfig::with_cases(20_000))]
 
     /// All answers of small problems are those of enumeration; certificates bound what is left.
     #[test]

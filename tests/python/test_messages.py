@@ -41,12 +41,12 @@ CALLS = [
         "`B` must be an array, got a tuple of arrays: pass B alone",
     ),
     (
-        lambda: se.control((FIT, B, 0.1), X0, XF),
-        "`system` must be a pair (A, B) when A is a Fit, got 3 items",
+        lambda: se.control((FIT, B, 0.1, 2), X0, XF),
+        "`system` must be a pair (A, B) or (A, B, dt) when A is a Fit, got 4 items",
     ),
     (
-        lambda: se.realization_controls((ENSEMBLE, B, 0.1), X0, XF),
-        "`system` must be a pair (A, B) when A is an Ensemble, got 3 items",
+        lambda: se.realization_controls((ENSEMBLE, B, 0.1, 2), X0, XF),
+        "`system` must be a pair (A, B) or (A, B, dt) when A is an Ensemble, got 4 items",
     ),
     (
         lambda: se.control(se.System, X0, XF),

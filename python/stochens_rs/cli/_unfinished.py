@@ -42,7 +42,8 @@ def unfinished(
                 _remove(folder)
             raise
         except KeyboardInterrupt:
-            note("what was computed is kept: the same command with --resume continues")
+            if _has_numbers(folder):
+                note("what was computed is kept: the same command with --resume continues")
             raise
         _remove(folder)
     finally:

@@ -7,6 +7,9 @@ OUT ?= results
 # Where the files of the repository can be fetched (https://.../raw/HEAD), for the links of a package.
 ADDRESS ?=
 MINUTES ?= 3
+# Each file of tests runs in one process; a process for each core.
+PARALLEL ?= --numprocesses auto --dist loadfile
+LIBRARY := $(if $(findstring Darwin,$(shell uname)),libstochens.dylib,libstochens.so)
 VENV := .venv
 # Absolute, because some steps run in another directory.
 BIN := $(abspath $(VENV))/bin
@@ -35,7 +38,7 @@ DEVELOP := env -u CONDA_PREFIX VIRTUAL_ENV="$(abspath $(VENV))" \
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup reproduce test lint bench docs wheel wheels sdist licenses fuzz unsafe stage clean
+.PHONY: help setup reproduce test quick lint bench docs wheel wheels sdist licenses fuzz unsafe stage clean
 
 help: ## show this list
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1|\2/p' $(MAKEFILE_LIST) | \
@@ -48,12 +51,20 @@ reproduce: $(VENV)/.run ## build, then run both experiments: figures and report 
 
 test: $(VENV)/.dev ## all tests: the Rust core without Python, then the Python package
 	cargo test --release --locked
-	"$(PY)" -m pytest
+	"$(PY)" -m pytest $(PARALLEL)
 
-lint: $(VENV)/.dev ## format, clippy, ruff, mypy --strict, stubs against the extension
+quick: $(VENV)/.dev ## what a change needs at once: a fast build of the extension, the tests not marked slow
+	cargo rustc --quiet --profile quick --locked --lib --features python --crate-type cdylib
+	@# The next `make test` builds the release again.
+	rm -f "$(VENV)/.dev" "$(VENV)/.run"
+	cp "$${CARGO_TARGET_DIR:-target}/quick/$(LIBRARY)" python/stochens_rs/_core.abi3.so
+	"$(PY)" -m pytest $(PARALLEL) -m "not slow" -q
+
+lint: $(VENV)/.dev ## format, clippy, rustdoc, ruff, mypy --strict, stubs against the extension
 	cargo fmt --check
 	cargo clippy --release --locked --all-targets -- -D warnings
 	PYO3_PYTHON="$(PY)" cargo clippy --release --locked --all-targets --features python -- -D warnings
+	RUSTDOCFLAGS="-D warnings" cargo doc --release --locked --no-deps
 	"$(BIN)/ruff" check .
 	"$(BIN)/ruff" format --check .
 	"$(PY)" -m mypy

@@ -30,6 +30,7 @@
 #![deny(missing_docs, unsafe_code)]
 #![cfg_attr(test, allow(clippy::disallowed_methods, clippy::disallowed_macros))]
 
+mod compensated;
 pub mod control;
 mod error;
 mod fault;
@@ -48,6 +49,7 @@ mod prefetch;
 #[allow(missing_docs, reason = "the Python side is documented in the package")]
 mod python;
 pub mod sample;
+mod scaled;
 pub mod simulate;
 pub mod storage;
 mod stream;

@@ -180,6 +180,15 @@ where
     T: Send + 'static,
     F: FnOnce() -> Result<T> + Send + 'static,
 {
+    detached_until(name, || stop.requested_after_a_wait(), work)
+}
+
+/// The same, left behind once `ended()`.
+pub(crate) fn detached_until<T, F>(name: &str, ended: impl Fn() -> bool, work: F) -> Result<T>
+where
+    T: Send + 'static,
+    F: FnOnce() -> Result<T> + Send + 'static,
+{
     let (send, receive) = sync_channel(1);
     let slot = Arc::new(Mutex::new(Some(work)));
     let theirs = Arc::clone(&slot);
@@ -195,7 +204,7 @@ where
     loop {
         match receive.recv_timeout(WAIT) {
             Ok(Some(result)) => return result,
-            Err(RecvTimeoutError::Timeout) if stop.requested_after_a_wait() => return Err(Error::Interrupted),
+            Err(RecvTimeoutError::Timeout) if ended() => return Err(Error::Interrupted),
             Err(RecvTimeoutError::Timeout) => {}
             Ok(None) | Err(RecvTimeoutError::Disconnected) => {
                 return Err(Error::Numerical("the solver's thread ended without a result".into()));

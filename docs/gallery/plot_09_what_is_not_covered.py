@@ -39,7 +39,8 @@ def runs(excursion, rng, count=100, steps=5):
 
 # %%
 # Runs of small excursions make a good linear model for small angles, and no residual can warn of
-# angles that no run has visited. Runs of large excursions are not linear: the residuals say so.
+# angles that no run has visited. Runs of large excursions are not linear: the residuals say so, and
+# as states one step earlier explain most of what is left, nothing is certified.
 angles = np.geomspace(0.01, 1.5, 14)
 found = {}
 for excursion in (0.02, 0.3):
@@ -61,7 +62,11 @@ fig, axes = plt.subplots(1, 2, figsize=(9.5, 3.8), sharey=True)
 for ax, (excursion, rows) in zip(axes, found.items(), strict=True):
     ax.axvspan(angles[0], 2 * excursion, color="0.92")
     ax.text(0.03, 0.92, "grey: where most runs were", color="0.35", transform=ax.transAxes)
+    if np.isinf(rows[:, 0]).all():
+        ax.text(0.03, 0.84, "no certificate: see model.doubts", color="C0", transform=ax.transAxes)
     for column, color, label in ((0, "C0", "certificate"), (1, "C2", "true error")):
+        if np.isinf(rows[:, column]).all():
+            continue
         ax.loglog(angles, rows[:, column], "o-", color=color, ms=4)
         ax.text(1.7, rows[-1, column], label, color=color, va="center")
     ax.set(xlabel="the task starts at [rad]", title=f"runs of about {excursion} rad")

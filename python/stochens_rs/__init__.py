@@ -11,38 +11,40 @@ algorithms in plain NumPy.
 
 import importlib
 import logging
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from . import cases, exceptions, paper, plots, studies, theory
-from ._base.threads import get_num_threads, set_num_threads
 from ._core import version as _version
-from .controls import (
-    Plan,
-    Regulator,
-    control,
-    control_fleet,
-    predict,
-    realization_controls,
-    regulate,
-    required_samples,
-    steer,
-)
-from .ensembles import Counts, Ensemble, SystemEnsemble, sample, sample_counts
-from .exceptions import StochensError
-from .fusion import Fit, fuse, fuse_path
-from .identification import Model, Trajectories, identify
-from .rng import Key
-from .simulation import (
-    EnsembleTrajectory,
-    Tracking,
-    Trajectory,
-    simulate,
-    simulate_ensemble,
-    track,
-)
-from .streams import DataStream, ModelStream, Stream
-from .studies import Study
-from .system import System
+
+if TYPE_CHECKING:
+    from . import cases, exceptions, paper, plots, studies, theory
+    from ._base.threads import get_num_threads, set_num_threads
+    from .controls import (
+        Plan,
+        Regulator,
+        control,
+        control_fleet,
+        predict,
+        realization_controls,
+        regulate,
+        required_samples,
+        steer,
+    )
+    from .ensembles import Counts, Ensemble, SystemEnsemble, sample, sample_counts
+    from .exceptions import StochensError
+    from .fusion import Fit, fuse, fuse_path
+    from .identification import Model, Trajectories, identify
+    from .rng import Key
+    from .simulation import (
+        EnsembleTrajectory,
+        Tracking,
+        Trajectory,
+        simulate,
+        simulate_ensemble,
+        track,
+    )
+    from .streams import DataStream, ModelStream, Stream
+    from .studies import Study
+    from .system import System
 
 __version__ = _version()
 
@@ -92,17 +94,50 @@ __all__ = [
     "track",
 ]
 
+# Where each name comes from. Nothing is imported before its first use: `import stochens_rs` then
+# adds a few milliseconds to that of NumPy.
+_ROOMS = {
+    "_base.threads": "get_num_threads set_num_threads",
+    "controls": "Plan Regulator control control_fleet predict realization_controls regulate "
+    "required_samples steer",
+    "ensembles": "Counts Ensemble SystemEnsemble sample sample_counts",
+    "exceptions": "StochensError",
+    "fusion": "Fit fuse fuse_path",
+    "identification": "Model Trajectories identify",
+    "rng": "Key",
+    "simulation": "EnsembleTrajectory Tracking Trajectory simulate simulate_ensemble track",
+    "streams": "DataStream ModelStream Stream",
+    "studies": "Study",
+    "system": "System",
+}
+_HOME = {name: room for room, names in _ROOMS.items() for name in names.split()}
+
 
 def __getattr__(name: str) -> Any:
-    if name == "reference":  # imported at its first use: the package does not need it
-        return importlib.import_module(".reference", __name__)
-    rooms = (k for k, v in globals().items() if k[0] != "_" and name in getattr(v, "__all__", ()))
-    hint = next((f"; it is {__name__}.{room}.{name}" for room in rooms), "")
-    raise AttributeError(f"{__name__} has no attribute {name!r}{hint}")
+    if name in _HOME:
+        value = getattr(importlib.import_module(f".{_HOME[name]}", __name__), name)
+    elif name in __all__:
+        value = importlib.import_module(f".{name}", __name__)
+    else:
+        raise AttributeError(f"{__name__} has no attribute {name!r}{_hint(name)}")
+    globals()[name] = value
+    return value
+
+
+def _hint(name: str) -> str:
+    """Say where a name that is not at the top can be found."""
+    if not name.startswith("_"):
+        # `paper` last: it names again what it takes from `studies`
+        rooms = {*_ROOMS, *__all__} - {*_HOME, "_base.threads", "__version__", "paper"}
+        for room in [*sorted(rooms), "paper"]:
+            found = importlib.import_module(f".{room}", __name__)
+            if name in getattr(found, "__all__", ()):
+                return f"; it is {__name__}.{room}.{name}"
+    return ""
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__} - {"Any", "importlib", "logging"})
+    return sorted({*globals(), *__all__} - {"Any", "TYPE_CHECKING", "importlib", "logging"})
 
 
 logging.getLogger("stochens").addHandler(logging.NullHandler())

@@ -17,6 +17,7 @@ __all__ = [
     "alse",
     "alse_path",
     "alse_prefixes",
+    "best_control",
     "bootstrap",
     "box_batch",
     "box_batch_each",
@@ -39,8 +40,10 @@ __all__ = [
     "log_multigamma",
     "mean_difference",
     "noncentrality_limit",
+    "normal_quantile",
     "one_noise",
     "pseudoinverse",
+    "pushed",
     "realization_controls",
     "region_draws",
     "residual_p_values",
@@ -149,7 +152,7 @@ class DataStream:
         cls, b: _Floats, x0: _Floats | None, xf: _Floats | None, a: _Floats | None
     ) -> DataStream: ...
     def update(self, entity: int, samples: _Floats) -> None: ...
-    def control(self) -> _Floats: ...
+    def control(self) -> tuple[_Floats, float]: ...
     def estimates(self) -> tuple[_Floats, _Floats, _Floats]: ...
     def statistics(self) -> tuple[list[int], list[float], list[float], list[float]]: ...
     def evidence(self) -> tuple[list[float], list[float]]: ...
@@ -207,7 +210,18 @@ def alse_prefixes(
     sizes: list[int],
     keep_estimates: bool,
 ) -> tuple[_Floats, _Floats, list[_Status], _Floats]: ...
+def best_control(
+    a: _Floats,
+    b: _Floats,
+    steps: int,
+    factors: tuple[_Floats, _Floats, _Floats, float],
+    x0: _Floats,
+    xf: _Floats,
+) -> tuple[list[_Floats], list[float]]: ...
 def pseudoinverse(b: _Floats) -> tuple[_Floats, _Floats, _Floats, float, _Floats]: ...
+def pushed(
+    a: _Floats, b: _Floats, steps: int, high: _Floats, low: _Floats
+) -> tuple[_Floats, float]: ...
 def realization_controls(
     out: _Floats,
     fresh: bool,
@@ -343,6 +357,7 @@ def trace_quantile(n: int, d: int, nu: int, delta: float, threads: int) -> float
 def joint_radii(n: int, d: int, nu: int, delta: float, threads: int) -> tuple[float, float]: ...
 def chi2_quantile(probability: float, degrees: float) -> float: ...
 def chi2_upper(delta: float, degrees: float) -> float: ...
+def normal_quantile(covariance: _Floats, delta: float) -> float: ...
 def f_upper(delta: float, a: float, b: float) -> float: ...
 def noncentrality_limit(x: float, degrees: float, delta: float) -> float: ...
 def sphere_level(n: int, ld: float, delta: float) -> float: ...
@@ -361,6 +376,7 @@ def several_steps(
     inputs: _Floats,
     offset: bool,
     radii: tuple[float, float, float, bool],  # spectral, frobenius, rho0, noise of the run
+    to_come: tuple[_Floats, float, float] | None,  # root, level of the last state and of others
 ) -> tuple[_Floats, _Floats, _Floats, _Floats, _Floats]: ...
 def robust_control(
     h: _Floats, white: _Floats, x0: _Floats, xf: _Floats, offset: bool, beta: float
@@ -388,7 +404,7 @@ def region_draws(
 def residuals(z: _Floats, y: _Floats, white: _Floats) -> tuple[_Floats, _Floats, _Floats]: ...
 def residual_p_values(
     z: _Floats, y: _Floats, white: _Floats, draws: int, key: bytes, threads: int
-) -> _Floats: ...
+) -> tuple[_Floats, _Floats]: ...
 def sign_radii(
     rows: _Floats, n: int, size: int, key: bytes, signs: _Floats | None, threads: int
 ) -> _Floats: ...
@@ -437,7 +453,7 @@ class BoxControl:
     @property
     def method(self) -> Literal["pivoting", "interior point", "refinement"]: ...
 
-# `warm`: `active` of a problem nearby; `time_limit` in seconds, looked at between two
+# `warm`: `active` of a problem nearby; `time_limit` in seconds, looked at within
 # factorizations
 def box_control(
     m: _Floats,
@@ -485,7 +501,8 @@ def box_batch_each(
 # K steps of x(k+1) = A x(k) + B u(k) by Riccati's recursion, for long horizons. Least
 # sum_{k=1..K} ||x(k) - reference(k)||^2_{Q_k} + sum_k ||u(k)||^2_R: `reference` (K, n) for x(1)
 # .. x(K), Q_k = `stage` (n, n), at K `terminal`; R (m, m); limits (K, m). `control`, `active`,
-# `multipliers` and `warm` are (K m,), step by step.
+# `multipliers` and `warm` are (K m,), step by step; `warm` of `rows_control` has the signs of rates
+# and of states (K n,) behind them, where there are such limits.
 def horizon_control(
     a: _Floats,
     b: _Floats,
@@ -538,6 +555,7 @@ def rows_control(
     state_low: _Floats | None,
     state_high: _Floats | None,
     soft: float | None,
+    warm: NDArray[np.int8] | None,
     time_limit: float | None,
 ) -> RowsControl: ...
 
@@ -577,7 +595,7 @@ def fleet_worst(
     threads: int,
 ) -> tuple[_Floats, float, float, list[int], _Floats, _Status, int]: ...
 def scenario_at_most(size: int, most: int, beta: float) -> float: ...
-def scenario_compression(size: int, support: int, beta: float) -> float: ...
+def scenario_compression(size: int, support: int, violations: int, beta: float) -> float: ...
 def scenario_discarding(size: int, discarded: int, dimension: int, beta: float) -> float: ...
 def scenario_judged(size: int, support: int, beta: float) -> float: ...
 def scenario_relaxed(size: int, support: int, beta: float) -> tuple[float, float]: ...

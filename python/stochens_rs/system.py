@@ -12,7 +12,7 @@ import numpy as np
 from ._base import foreign, gate, html
 from ._base.exports import Exported
 from ._base.labelled import matrices
-from ._base.labels import Labels, made_labels, texts
+from ._base.labels import Labels, made_labels, order_of, texts
 from ._base.simulator import Simulated
 
 if TYPE_CHECKING:
@@ -104,7 +104,8 @@ class System(Exported, Simulated):
         A, B, of_states, of_inputs = matrices(A, B, *names)
         checked_A = gate.matrix("A", A, square=True)
         checked_B = gate.matrix("B", B, rows=len(checked_A))
-        label = None if name is None else " ".join(gate.text("name", name).split())  # one line
+        label = None if name is None else " ".join(gate.text("name", name).split())
+        gate.line("name", label or "")
         n, m = checked_B.shape
         labels = made_labels(n, m, of_states, of_inputs, units)
         for slot, value in (
@@ -213,6 +214,14 @@ class System(Exported, Simulated):
     def labels(self) -> Labels:
         """Names and units in one hashable record, with `states`, `inputs` and `units`."""
         return self._labels
+
+    def _in_order(self, argument: str, labels: Labels | None) -> System:
+        """The same system, with states and inputs in the order of these names, see `order_of`."""
+        order = order_of(argument, self._labels, labels)
+        if order == (None, None):
+            return self
+        matrices = order.matrices(self._A, self._B)
+        return _rebuild(*matrices, self._dt, self._name, order.labels(self._labels))
 
     def __setattr__(self, attribute: str, value: object) -> None:
         raise AttributeError(f"a System is immutable: `{attribute}` cannot be set")

@@ -4,13 +4,17 @@
 //! per-realization controls. They are different estimators with the same mean; product fusion is never worse.
 
 mod batch;
+mod best;
 mod dense_rows;
+mod pairs;
 mod pseudoinverse;
 mod realizations;
 mod singleton_rows;
 mod steps;
 
 pub use batch::Memory;
+pub use best::{Best, Factors, best_control, pushed};
+pub use pairs::Motion;
 pub use pseudoinverse::{Pseudoinverse, pseudoinverse};
 pub use realizations::{Entity, Realized};
 pub(crate) use steps::steps_control;

@@ -60,18 +60,18 @@ pub fn judged(size: usize, support: usize, beta: f64) -> Result<f64> {
     })
 }
 
-/// `C(N, k) t^(N-k) = beta / N sum_{m=k}^{N-1} C(m, k) t^(m-k)`, `e = 1 - t` (Campi, Garatti 2023).
+/// `C(N, k) P(Bin(N - k, e) <= r) = beta / N` for a command that k of N units give, and a threshold that at most r of the
+/// others miss more than (Floyd, Warmuth 1995).
 ///
 /// # Errors
 /// [`Error::Value`] for a `beta` outside (0, 1).
-pub fn compression(size: usize, support: usize, beta: f64) -> Result<f64> {
+pub fn compression(size: usize, support: usize, violations: usize, beta: f64) -> Result<f64> {
     level("beta", beta)?;
-    let (n, k, log_beta) = (size as f64, support as f64, beta.ln());
+    let (n, k, r) = (size as f64, support as f64, violations as f64);
     if support >= size {
         return Ok(1.0);
     }
-    // N e P(Bin(N, e) = k) = beta P(Bin(N, e) >= k + 1)
-    falling(near(n, k), |odds| n.ln() + odds.log_e + log_pmf(n, k, odds) - log_beta - log_tails(n, k, odds).1)
+    limit(n - k, r, beta.ln() - n.ln() - log_choose(n, k))
 }
 
 /// The two roots around `t = 1 - k/N` of `C(N, k) t^(N-k) = beta / 2N sum_{i=k}^{N-1} C(i, k) t^(i-k) + beta / 6N

@@ -12,16 +12,20 @@ fn risks_of_the_published_equations() {
     check(at_most(3000, 20, 1e-6).unwrap(), 0.016696732911);
     check(judged(60, 3, 0.05).unwrap(), 0.166517980033);
     check(judged(3000, 5, 1e-6).unwrap(), 0.009723323179);
-    check(compression(60, 3, 0.05).unwrap(), 0.166166277318);
-    check(compression(60, 0, 0.05).unwrap(), 0.071746180266);
-    check(compression(200, 15, 1e-6).unwrap(), 0.219755156890);
+    // t^(N-k) = beta / (N C(N, k)), so e = 1 - t
+    for (n, k, beta, choose) in [(60, 3, 0.05f64, 34220.0), (60, 0, 0.05, 1.0), (300, 2, 1e-6, 44850.0)] {
+        let level = (beta / n as f64 / choose).ln() / (n - k) as f64;
+        check(compression(n, k, 0, beta).unwrap(), -level.exp_m1());
+    }
+    assert!(compression(60, 3, 2, 0.05).unwrap() > compression(60, 3, 1, 0.05).unwrap());
+    assert_eq!(compression(60, 3, 57, 0.05), Ok(1.0));
     check(relaxed(60, 3, 0.05).unwrap().1, 0.181159658474);
     let (low, high) = relaxed(60, 10, 0.01).unwrap();
     check(low, 0.046720257502);
     check(high, 0.377934953896);
     assert_eq!((required(0.05, 21, 1e-6), required(0.01, 21, 1e-6)), (Ok(992), Ok(5020)));
     check(at_most(7, 6, 1e-9).unwrap(), 1.0 - 1e-9 / 7.0); // 1 - e^7 = beta
-    assert_eq!((at_most(5, 5, 0.1), compression(5, 5, 0.1)), (Ok(1.0), Ok(1.0)));
+    assert_eq!((at_most(5, 5, 0.1), compression(5, 5, 0, 0.1)), (Ok(1.0), Ok(1.0)));
     assert!(at_most(5, 1, 0.0).is_err() && judged(5, 1, f64::NAN).is_err() && required(1.0, 1, 0.5).is_err());
 }
 

@@ -32,7 +32,7 @@ pub struct Worst {
     pub value: f64,
     /// No command within the limits has a smaller largest miss.
     pub lower_bound: f64,
-    /// The units that were solved for last.
+    /// The units that `control` was solved for; of the first problem, if none gave a better one than 0.
     pub working: Vec<usize>,
     /// What each of them weighs in the dual, sum 1.
     pub shares: Vec<f64>,
@@ -119,8 +119,10 @@ pub fn worst(
         best.lower_bound = best.lower_bound.max(bound);
         if most < best.value {
             (best.value, best.control) = (most, try_copy(WHAT, &u)?);
+            (best.working, best.shares) = (try_copy(WHAT, &working)?, shares);
+        } else if best.shares.is_empty() {
+            (best.working, best.shares) = (try_copy(WHAT, &working)?, shares);
         }
-        (best.working, best.shares) = (try_copy(WHAT, &working)?, shares);
         if best.value - best.lower_bound <= tolerance * best.value + floor {
             break;
         }
@@ -135,7 +137,7 @@ pub fn worst(
         if bound > before + tolerance * before {
             working.retain(|&s| misses[s] >= FAR * bound);
         }
-        before = bound;
+        before = before.max(bound);
         try_extend(WHAT, &mut working, more)?;
     }
     // J(u) - J(v) <= value^2 - lower_bound^2

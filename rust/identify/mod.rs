@@ -7,6 +7,8 @@ mod distributions;
 mod largest_root;
 mod legendre;
 mod levels;
+mod normal_norm;
+mod nuclear;
 mod powers;
 mod quantiles;
 mod replicates;
@@ -23,6 +25,7 @@ pub use beta_model::DRAWS;
 pub use distributions::{chi2_quantile, chi2_upper, f_upper, noncentrality_limit};
 pub(crate) use distributions::{level, positive_root, root};
 pub use levels::{least_squares_level, one_noise, sphere_level};
+pub use normal_norm::normal_quantile;
 pub use quantiles::{
     diagonal_quantile, joint_radii, log_multigamma, row_quantile, roy_quantile, scalar_quantile, smallest_quantile,
     trace_quantile, wishart_quantile,
@@ -30,7 +33,7 @@ pub use quantiles::{
 pub use replicates::{Centre, region_draws, residual_models, weighted_models};
 pub use residual_tests::{Residuals, STATISTICS, residual_p_values, residuals};
 pub use robust_control::robust_control;
-pub use several_steps::{Fitted, Radii, Steps, several_steps};
+pub use several_steps::{Fitted, Radii, Steps, ToCome, several_steps};
 pub use signs::{sign_radii, sign_statistics};
 pub use triangle::{triangle, update};
 pub use weighted_sums::{Pairs, Weights};

@@ -5,8 +5,11 @@ use faer::{Accum, MatMut, MatRef, Par};
 
 use crate::error::Result;
 use crate::memory::{checked_len, try_room, try_zeros};
+use crate::parallel::Stop;
 
+use super::nuclear::{Effort, Terms};
 use super::symmetric::{Symmetric, spectral_norm};
+use super::triangle::triangle;
 
 const WHAT: &str = "a certificate of several steps";
 
@@ -16,15 +19,6 @@ pub(super) fn product(a: &[f64], b: &[f64], n: usize, k: usize, m: usize) -> Res
     let (a, b) = (MatRef::from_row_major_slice(a, n, k), MatRef::from_row_major_slice(b, k, m));
     matmul(MatMut::from_row_major_slice_mut(&mut out, n, m), Accum::Replace, a, b, 1.0, Par::Seq);
     Ok(out)
-}
-
-/// The largest singular value of a `rows x cols` matrix with few rows, from the product with its transpose.
-fn wide_norm(m: &[f64], rows: usize, cols: usize, small: &mut Symmetric) -> Result<f64> {
-    let scale = crate::fuse::power_of_two_scale(m);
-    let matrix = MatRef::from_row_major_slice(m, rows, cols);
-    let gram = MatMut::from_row_major_slice_mut(&mut small.matrix, rows, rows);
-    matmul(gram, Accum::Replace, matrix, matrix.transpose(), 1.0 / scale / scale, Par::Seq);
-    Ok(scale * small.largest()?.max(0.0).sqrt())
 }
 
 /// `a b`, where 0 times infinity is 0: nothing to bound.
@@ -83,38 +77,82 @@ impl Powers {
         }
     }
 
-    /// `lin_k`, from the `c_j`, their lengths (with noise), and the bounds.
+    /// `lin_k` of `c_0, .., c_{k-1}`, which have these `lengths`; a bound of the largest value over `||Gamma||_2 <= spectral`,
+    /// `||Gamma||_F <= frobenius`, the smallest of
+    ///
+    /// ```text
+    /// min(frobenius, spectral sqrt(min(n, r))) || sum_j c_j' (x) M_{k-1-j} ||,    r coordinates of the c_j
+    /// spectral wcs(M, ||c_j||)
+    /// spectral nuc(T)                                                            see `nuclear`.
+    /// ```
     pub fn linear(
         &mut self,
-        c: &[Vec<f64>],
+        c: &Span,
         lengths: &[f64],
         (spectral, frobenius): (f64, f64),
-        noise: bool,
+        effort: Effort,
     ) -> Result<f64> {
+        let k = lengths.len();
         if !lengths.iter().all(|length| length.is_finite()) {
             return Ok(f64::INFINITY);
         }
-        let (k, (rows, n)) = (c.len(), (self.rows, self.n));
         let crude = times(spectral, self.cauchy_schwarz(lengths)?);
-        if frobenius == f64::INFINITY {
+        let (c, r) = c.first(k)?;
+        if r == 0 || self.rows == 0 || crude == 0.0 {
             return Ok(crude);
         }
-        // [sum_j c_j' (x) M_{k-1-j}, and the M themselves for the noise]: exact for all Gamma at once
-        let rank = c.first().map_or(0, Vec::len);
-        let cols = (rank + if noise { k } else { 0 }) * n;
-        let mut total = try_zeros(WHAT, checked_len(WHAT, rows, cols)?)?;
-        for (j, c) in c.iter().enumerate() {
-            let matrix = &self.matrices[k - 1 - j];
-            for (to, from) in total.chunks_exact_mut(cols.max(1)).zip(matrix.chunks_exact(n)) {
-                for (to, c) in to.chunks_exact_mut(n).zip(c) {
-                    to.iter_mut().zip(from).for_each(|(to, from)| *to += c * from);
-                }
-                if noise {
-                    to[(rank + j) * n..(rank + j + 1) * n].copy_from_slice(from);
-                }
-            }
+        let (matrices, norms) = (&self.matrices[..k], &self.norms[..k]);
+        let terms = Terms { matrices, norms, c: &c, rows: self.rows, n: self.n, r };
+        let size = terms.frobenius(&mut self.small)?;
+        let least = self.n.min(r);
+        let found = crude.min(times(frobenius.min(spectral * (least as f64).sqrt()), size));
+        // rank one: that is exact already
+        if least == 1 || !(spectral.is_finite() && found > spectral * size) {
+            return Ok(found);
         }
-        let exact = if cols == 0 { 0.0 } else { wide_norm(&total, rows, cols, &mut self.small)? };
-        Ok(times(frobenius, exact).min(crude))
+        Ok(found.min(times(spectral, terms.largest(effort, found / spectral)?)))
+    }
+}
+
+/// Coordinates of `c_0, .., c_{K-1}`, as few as there can be for the first 1, 2, .. of them.
+pub(super) struct Span {
+    /// The vectors themselves, row by row (K, size).
+    own: Vec<f64>,
+    size: usize,
+    /// `Q' c_j` of an orthonormal Q in row `j`, 0 from `j + 1` on (K, K).
+    rotated: Vec<f64>,
+    steps: usize,
+}
+
+impl Span {
+    /// Of the rows of `c` (K, rank); with `noise` each has a further coordinate of its own, 1.
+    pub fn new(c: &[f64], steps: usize, noise: bool, stop: &Stop) -> Result<Self> {
+        let rank = c.len().checked_div(steps).unwrap_or(0);
+        let size = rank + if noise { steps } else { 0 };
+        let len = checked_len(WHAT, steps, size)?;
+        let [mut own, mut columns] = [try_zeros(WHAT, len)?, try_zeros(WHAT, len)?];
+        for j in 0..steps {
+            let row = &mut own[j * size..(j + 1) * size];
+            row[..rank].copy_from_slice(&c[j * rank..(j + 1) * rank]);
+            if noise {
+                row[rank + j] = 1.0;
+            }
+            row.iter().enumerate().for_each(|(i, v)| columns[i * steps + j] = *v);
+        }
+        let mut rotated = try_zeros(WHAT, checked_len(WHAT, steps, steps)?)?;
+        if len > 0 {
+            let r = triangle(&columns, steps, 1, stop)?;
+            (0..r.len()).for_each(|at| rotated[at] = r[at % steps * steps + at / steps]);
+        }
+        Ok(Self { own, size, rotated, steps })
+    }
+
+    /// Those of the first `k`, and how many there are of each.
+    fn first(&self, k: usize) -> Result<(Vec<f64>, usize)> {
+        let (values, stride, r) =
+            if k < self.size { (&self.rotated, self.steps, k) } else { (&self.own, self.size, self.size) };
+        let mut found = try_room(WHAT, checked_len(WHAT, k, r)?)?;
+        values.chunks_exact(stride.max(1)).take(k).for_each(|row| found.extend_from_slice(&row[..r]));
+        Ok((found, r))
     }
 }

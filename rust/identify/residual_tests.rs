@@ -149,7 +149,8 @@ fn whiten(e: &mut [f64], n: usize, square: &mut [f64]) -> Result<()> {
     Ok(())
 }
 
-/// `(1 + #{simulated >= observed}) / (draws + 1)` for each statistic of the residuals of `n` outcomes; NaN for `N - rank < n`.
+/// `(1 + #{simulated >= observed}) / (draws + 1)` for each statistic of the residuals of `n` outcomes, and how many standard
+/// deviations of the simulated ones it is above their mean (0 where they are all equal); NaN for `N - rank < n`.
 ///
 /// # Errors
 /// [`Error::Numerical`] for residuals that are dependent, [`Error::Memory`], [`Error::Interrupted`].
@@ -160,33 +161,39 @@ pub fn residual_p_values(
     key: &Key,
     threads: usize,
     stop: &Stop,
-) -> Result<[f64; STATISTICS]> {
+) -> Result<[[f64; STATISTICS]; 2]> {
     let size = found.leverages.len();
     let rank = found.basis.len().checked_div(size).unwrap_or(0);
     if size < rank + n {
-        return Ok([f64::NAN; STATISTICS]);
+        return Ok([[f64::NAN; STATISTICS]; 2]);
     }
     room_for_products()?;
     let mut square = try_zeros(WHAT, n * n)?;
     let observed = statistics(&mut try_copy(WHAT, &found.residuals)?, found, (rank, n), &mut square)?;
-    let mut larger = try_zeros::<u8>(WHAT, checked_len(WHAT, draws, STATISTICS)?)?;
-    for_each_chunk(larger.chunks_mut(8 * STATISTICS).enumerate(), threads, stop, |(chunk, larger)| {
+    let mut drawn = try_zeros(WHAT, checked_len(WHAT, draws, STATISTICS)?)?;
+    for_each_chunk(drawn.chunks_mut(8 * STATISTICS).enumerate(), threads, stop, |(chunk, drawn)| {
         room_for_products()?;
         let (mut x, mut square) = (try_zeros(WHAT, size * n)?, try_zeros(WHAT, n * n)?);
         let mut along = try_zeros(WHAT, rank * n)?;
-        for (draw, larger) in larger.chunks_exact_mut(STATISTICS).enumerate() {
+        for (draw, drawn) in drawn.chunks_exact_mut(STATISTICS).enumerate() {
             let mut rng = key.stream(Purpose::Replicates, 8 * chunk + draw);
             x.fill_with(|| StandardNormal.sample(&mut rng));
             project(&found.basis, &mut x, (rank, n), &mut along, stop)?;
-            let simulated = statistics(&mut x, found, (rank, n), &mut square)?;
-            for ((larger, s), o) in larger.iter_mut().zip(simulated).zip(observed) {
-                *larger = u8::from(s >= o * (1.0 - 1e-12));
-            }
+            drawn.copy_from_slice(&statistics(&mut x, found, (rank, n), &mut square)?);
         }
         Ok(())
     })?;
-    let count = |i: usize| larger.iter().skip(i).step_by(STATISTICS).map(|&larger| f64::from(larger)).sum::<f64>();
-    Ok(std::array::from_fn(|i| (1.0 + count(i)) / (draws as f64 + 1.0)))
+    let all = |i: usize| drawn.iter().skip(i).step_by(STATISTICS);
+    let p_value = |i: usize| {
+        let larger = all(i).filter(|&&s| s >= observed[i] * (1.0 - 1e-12)).count();
+        (1.0 + larger as f64) / (draws as f64 + 1.0)
+    };
+    let distance = |i: usize| {
+        let mean = all(i).sum::<f64>() / draws as f64;
+        let variance = all(i).map(|s| (s - mean).powi(2)).sum::<f64>() / draws as f64;
+        if variance > 0.0 { (observed[i] - mean) / variance.sqrt() } else { 0.0 }
+    };
+    Ok([std::array::from_fn(p_value), std::array::from_fn(distance)])
 }
 
 #[cfg(test)]
@@ -228,7 +235,10 @@ mod tests {
         }
         let p = |threads| residual_p_values(&found, 1, 199, &Key([1; 32]), threads, &Stop::new()).unwrap();
         assert_eq!(p(1), p(3));
-        assert!(p(1).iter().all(|p| (0.005..=1.0).contains(p)) && p(1)[3] == 1.0);
-        assert!(residual_p_values(&found, 6, 9, &Key([1; 32]), 1, &Stop::new()).unwrap()[0].is_nan());
+        let [p, distances] = p(1);
+        assert!(p.iter().all(|p| (0.005..=1.0).contains(p)) && p[3] == 1.0 && distances[3] == 0.0);
+        // a statistic above all simulated ones is above their mean, and one that none is below is not
+        assert!(p.iter().zip(distances).all(|(&p, distance)| distance.is_finite() && (p > 0.005 || distance > 0.0)));
+        assert!(residual_p_values(&found, 6, 9, &Key([1; 32]), 1, &Stop::new()).unwrap()[0][0].is_nan());
     }
 }

@@ -10,19 +10,25 @@
 //! `Powers::cauchy_schwarz`:
 //!
 //! ```text
-//! lin_k(M) = min(frobenius || sum_{j<k} c_j' (x) M_{k-1-j} ||, spectral wcs(M, ||c_j||))
-//! b_k = lin_k(W^(1/2) M) + ||W^(1/2) A^k|| rho0 + spectral wcs(W^(1/2) M_{k-1-j}, b_j)
-//! r_k = lin_k(M)         + ||A^k|| rho0         + spectral wcs(M_{k-1-j}, b_j).
+//! lin_k(M) >= ||sum_{j<k} M_{k-1-j} Gamma c_j||                                  see `Powers::linear`
+//! b_k = lin_k(W^(1/2) M) + ||W^(1/2) A^k|| rho0 + spectral wcs(W^(1/2) M_{k-1-j}, b_j) (+ nu_k)
+//! r_k = lin_k(M)         + ||A^k|| rho0         + spectral wcs(M_{k-1-j}, b_j)         (+ omega_k).
 //! ```
 //!
 //! First order plus rest: `rest(k+1) = A rest(k) + D_x e(k)` and `||V^(-1/2) (e_j, 0)|| = ||W^(1/2) e_j|| <= b_j` by induction.
+//!
+//! Gaussian noise to come of covariance `<= N` is independent of the data: given them, `n_k = sum_{i<k} A^(k-1-i) w(i)` is
+//! Gaussian of covariance `<= N_k = sum_{p<k} A^p N A^p'`, so that `||n_k|| <= omega_k` and `||W^(1/2) n_k|| <= nu_k` with
+//! quantiles of [`normal_quantile`], each with its own probability; `e_k` holds `n_k`, hence nu_k in b_k.
 
 use crate::error::{Error, Result};
 use crate::fuse::norm;
 use crate::memory::{checked_len, room_for_products, try_room, try_zeros};
 use crate::parallel::Stop;
 
-use super::powers::{Powers, product, times};
+use super::normal_norm::normal_quantile;
+use super::nuclear::Effort;
+use super::powers::{Powers, Span, product, times};
 use super::symmetric::spectral_norm;
 
 const WHAT: &str = "a certificate of several steps";
@@ -49,9 +55,24 @@ pub struct Fitted<'a> {
     pub d: usize,
 }
 
+/// Gaussian noise of the run to come, independent of the data.
+#[derive(Debug, Clone, Copy)]
+pub struct ToCome<'a> {
+    /// A root of the covariance, or of a bound of it (n, n).
+    pub root: &'a [f64],
+    /// The probability that the last state is off by more than what is added for it.
+    pub end: f64,
+    /// The same of each earlier state, and again of its effect through the model's error.
+    pub before: f64,
+}
+
+/// How long to look for a better bound of the last state, and of all others.
+const LAST: Effort = Effort { rounds: 10, tolerance: 1e-3 };
+const OTHERS: Effort = Effort { rounds: 3, tolerance: 1e-2 };
+
 /// What is assumed of the error.
 #[derive(Debug, Clone, Copy)]
-pub struct Radii {
+pub struct Radii<'a> {
     /// Bound of `||Gamma||_2`.
     pub spectral: f64,
     /// Bound of `||Gamma||_F`, or infinity.
@@ -60,6 +81,8 @@ pub struct Radii {
     pub rho0: f64,
     /// Whether the noise of the run counts: the radii must be those of `d + K` columns.
     pub noise: bool,
+    /// Noise of the run besides.
+    pub to_come: Option<ToCome<'a>>,
 }
 
 /// `||x(k) - states[k]|| <= radii[k]`.
@@ -132,7 +155,7 @@ pub fn several_steps(
     x0: &[f64],
     inputs: &[f64],
     offset: bool,
-    radii: Radii,
+    radii: Radii<'_>,
     stop: &Stop,
 ) -> Result<Steps> {
     let rank = fitted.checked()?;
@@ -141,6 +164,12 @@ pub fn several_steps(
     if x0.len() != n || m == 0 || !inputs.len().is_multiple_of(m) {
         let found = format!("{} and {} entries", x0.len(), inputs.len());
         return Err(Error::Shape { name: "x0, inputs", expected: format!("{n} entries and rows of {m}"), found });
+    }
+    if let Some(noise) = radii.to_come
+        && noise.root.len() != n * n
+    {
+        let found = noise.root.len().to_string();
+        return Err(Error::Shape { name: "noise to come", expected: format!("a root of {} entries", n * n), found });
     }
     room_for_products()?;
     let steps = inputs.len() / m;
@@ -151,7 +180,7 @@ pub fn several_steps(
 
     let mut states = try_zeros(WHAT, checked_len(WHAT, steps + 1, n)?)?;
     states[..n].copy_from_slice(x0);
-    let (mut c, mut sizes) = (try_room(WHAT, steps)?, try_room(WHAT, steps)?);
+    let (mut c, mut sizes) = (try_room(WHAT, checked_len(WHAT, steps, rank)?)?, try_room(WHAT, steps)?);
     let mut z = try_zeros(WHAT, d)?;
     for (k, u) in inputs.chunks_exact(m).enumerate() {
         let (done, rest) = states.split_at_mut((k + 1) * n);
@@ -163,7 +192,7 @@ pub fn several_steps(
         rest[..n].copy_from_slice(&product(fitted.model, &z, n, d, 1)?);
         let white = product(fitted.white, &z, rank, d, 1)?;
         sizes.push(if fitted.sees(&z) { norm(white.iter().copied()) } else { f64::INFINITY });
-        c.push(white);
+        c.extend(white);
     }
     if !states.iter().all(|v| v.is_finite()) {
         return Err(Error::Overflow { what: "the model's trajectory" });
@@ -171,11 +200,15 @@ pub fn several_steps(
     let mut lengths = try_room(WHAT, steps)?;
     lengths.extend(sizes.iter().map(|size: &f64| if radii.noise { size.hypot(1.0) } else { *size }));
 
+    let c = Span::new(&c, steps, radii.noise, stop)?;
+    let bounds = (radii.spectral, radii.frobenius);
+
     let known = fitted.sees_states();
     let mut outside = Powers::new(n, n, steps)?; // M_p
     let mut inside = Powers::new(rank, n, steps)?; // W^(1/2) M_p
     let mut power = try_zeros(WHAT, n * n)?;
     (0..n).for_each(|i| power[i * (n + 1)] = 1.0);
+    let mut covariance = try_zeros(WHAT, n * n)?;
     let [mut linear, mut rest, mut r] =
         [try_room(WHAT, steps + 1)?, try_room(WHAT, steps + 1)?, try_room(WHAT, steps + 1)?];
     let start = |matrix: &[f64], rows: usize| -> Result<f64> {
@@ -189,16 +222,38 @@ pub fn several_steps(
         stop.check()?;
         outside.push(product(&power, fitted.root, n, n, n)?)?;
         inside.push(product(&half, &outside.matrices[k - 1], rank, n, n)?)?;
+        let (mut omega, mut nu) = (0.0, 0.0);
+        if let Some(noise) = radii.to_come {
+            // N_k = sum_p (A^p root) (A^p root)'
+            let moved = product(&power, noise.root, n, n, n)?;
+            for (i, to) in covariance.chunks_exact_mut(n).enumerate() {
+                let row = &moved[i * n..(i + 1) * n];
+                let along = moved.chunks_exact(n).map(|other| row.iter().zip(other).map(|(a, b)| a * b).sum::<f64>());
+                to.iter_mut().zip(along).for_each(|(to, value)| *to += value);
+            }
+            omega = normal_quantile(&covariance, n, if k < steps { noise.before } else { noise.end })?;
+            if k < steps && known {
+                let moved = product(&half, &covariance, rank, n, n)?;
+                let mut seen = try_zeros(WHAT, checked_len(WHAT, rank, rank)?)?;
+                for (to, row) in seen.chunks_exact_mut(rank.max(1)).zip(moved.chunks_exact(n)) {
+                    let along =
+                        half.chunks_exact(n).map(|other| row.iter().zip(other).map(|(a, b)| a * b).sum::<f64>());
+                    to.iter_mut().zip(along).for_each(|(to, value)| *to = value);
+                }
+                nu = normal_quantile(&seen, rank, noise.before)?;
+            }
+        }
         power = product(&a, &power, n, n, n)?;
         if !power.iter().all(|v| v.is_finite()) {
             return Err(Error::Overflow { what: "a power of the model's A" });
         }
-        linear.push(outside.linear(&c[..k], &lengths[..k], (radii.spectral, radii.frobenius), radii.noise)?);
+        let efforts = if k < steps { OTHERS } else { LAST };
+        linear.push(outside.linear(&c, &lengths[..k], bounds, efforts)?);
         let back = times(radii.spectral, outside.cauchy_schwarz(&rest[..k])?);
-        r.push(linear[k] + start(&power, n)? + back);
+        r.push(linear[k] + start(&power, n)? + back + omega);
         let back = times(radii.spectral, inside.cauchy_schwarz(&rest[..k])?);
-        let first = inside.linear(&c[..k], &lengths[..k], (radii.spectral, radii.frobenius), radii.noise)?;
-        rest.push(seen(first + start(&product(&half, &power, rank, n, n)?, rank)? + back));
+        let first = inside.linear(&c, &lengths[..k], bounds, OTHERS)?;
+        rest.push(seen(first + start(&product(&half, &power, rank, n, n)?, rank)? + back + nu));
     }
     Ok(Steps { states, radii: r, linear, rest, sizes })
 }
@@ -212,11 +267,12 @@ mod tests {
     fn a_scalar_system() {
         let (a, b, white, s) = (0.8, 1.0, [0.1, 0.0, 0.0, 0.2], 0.5);
         let fitted = Fitted { model: &[a, b], white: &white, root: &[s], missing: &[], ratio: 1.0, n: 1, d: 2 };
-        let radii = Radii { spectral: 1.5, frobenius: f64::INFINITY, rho0: 0.0, noise: false };
+        let radii = Radii { spectral: 1.5, frobenius: f64::INFINITY, rho0: 0.0, noise: false, to_come: None };
         let found = several_steps(&fitted, &[2.0], &[1.0, -1.0], false, radii, &Stop::new()).unwrap();
         let states = [2.0, 2.6, 0.8 * 2.6 - 1.0];
         let sizes = [(0.04f64 + 0.04).sqrt(), (0.26f64 * 0.26 + 0.04).sqrt()];
-        let first = [0.0, 1.5 * s * sizes[0], 1.5 * s * (a * sizes[0] + sizes[1])];
+        // ||a c_0 + c_1|| with c_0 = (0.2, 0.2) and c_1 = (0.26, -0.2)
+        let first = [0.0, 1.5 * s * sizes[0], 1.5 * s * (a * 0.2 + 0.26f64).hypot(a * 0.2 - 0.2)];
         let b1 = 0.1 * first[1];
         let r2 = first[2] + 1.5 * s * b1;
         let near = |x: f64, y: f64| assert!((x - y).abs() < 1e-14, "{x} is not {y}");
@@ -235,7 +291,7 @@ mod tests {
         let (white, missing) = ([0.1, 0.0], [0.0, 1.0]); // nothing is known of B
         let fitted =
             Fitted { model: &[0.8, 1.0], white: &white, root: &[1.0], missing: &missing, ratio: 1.0, n: 1, d: 2 };
-        let radii = Radii { spectral: 1.0, frobenius: 1.0, rho0: 0.0, noise: false };
+        let radii = Radii { spectral: 1.0, frobenius: 1.0, rho0: 0.0, noise: false, to_come: None };
         let found = several_steps(&fitted, &[1.0], &[0.0, 1.0], false, radii, &Stop::new()).unwrap();
         assert!(found.radii[1].is_finite() && found.radii[2] == f64::INFINITY);
         assert_eq!(found.sizes[1], f64::INFINITY);

@@ -8,6 +8,11 @@ const WHAT: &str = "the eigenvalues of a symmetric matrix";
 /// The eigenvalues of the symmetric tridiagonal matrix with `diagonal` and `below[i]` in row `i + 1`, in no order, in
 /// place of `diagonal`; `below`, as long as `diagonal`, is overwritten. QL with implicit shifts (Martin and Wilkinson 1968).
 pub(super) fn tridiagonal_eigenvalues(diagonal: &mut [f64], below: &mut [f64]) -> Result<()> {
+    tridiagonal_eigenpairs(diagonal, below, &mut [])
+}
+
+/// The same; rows of `vectors` take part in the rotations, so that those of I become eigenvectors.
+fn tridiagonal_eigenpairs(diagonal: &mut [f64], below: &mut [f64], vectors: &mut [f64]) -> Result<()> {
     let (n, d, e) = (diagonal.len(), diagonal, below);
     for l in 0..n {
         let mut sweeps = 0;
@@ -41,6 +46,12 @@ pub(super) fn tridiagonal_eigenvalues(diagonal: &mut [f64], below: &mut [f64]) -
                 p = s * r;
                 d[i + 1] = g + p;
                 g = c * r - b;
+                if !vectors.is_empty() {
+                    let (row, next) = vectors[i * n..(i + 2) * n].split_at_mut(n);
+                    for (row, next) in row.iter_mut().zip(next) {
+                        (*row, *next) = (c * *row - s * *next, s * *row + c * *next);
+                    }
+                }
             }
             if whole {
                 d[l] -= p;
@@ -65,21 +76,50 @@ impl Symmetric {
         Ok(Self { matrix: zeros(checked_len(WHAT, n, n)?)?, diagonal: zeros(n)?, below: zeros(n)? })
     }
 
-    /// The eigenvalues of `matrix`, of which the lower half is read and overwritten, in no order.
-    pub(super) fn eigenvalues(&mut self) -> Result<&[f64]> {
+    /// The tridiagonal matrix in place of `matrix`, of which the lower half is read, divided by what is returned.
+    fn reduce(&mut self) -> Result<f64> {
         let n = self.diagonal.len();
         let largest = self.matrix.iter().fold(0.0f64, |m, v| m.max(v.abs()));
-        if largest == 0.0 {
-            self.diagonal.fill(0.0);
-            return Ok(&self.diagonal);
-        }
         if !largest.is_finite() {
             return Err(Error::Overflow { what: "a small symmetric matrix" });
         }
-        self.matrix.iter_mut().for_each(|v| *v /= largest);
-        tridiagonal(&mut self.matrix, n, &mut self.diagonal, &mut self.below);
+        if largest > 0.0 {
+            self.matrix.iter_mut().for_each(|v| *v /= largest);
+            tridiagonal(&mut self.matrix, n, &mut self.diagonal, &mut self.below);
+        } else {
+            self.diagonal.fill(0.0);
+            self.below.fill(0.0);
+        }
+        Ok(largest)
+    }
+
+    /// The eigenvalues of `matrix`, of which the lower half is read and overwritten, in no order.
+    pub(super) fn eigenvalues(&mut self) -> Result<&[f64]> {
+        let largest = self.reduce()?;
         tridiagonal_eigenvalues(&mut self.diagonal, &mut self.below)?;
         self.diagonal.iter_mut().for_each(|v| *v *= largest);
+        Ok(&self.diagonal)
+    }
+
+    /// The same with eigenvectors of length 1, row by row in `vectors` (n, n).
+    pub(super) fn eigenpairs(&mut self, vectors: &mut [f64]) -> Result<&[f64]> {
+        let (n, largest) = (self.diagonal.len(), self.reduce()?);
+        vectors.fill(0.0);
+        (0..n).for_each(|i| vectors[i * (n + 1)] = 1.0);
+        tridiagonal_eigenpairs(&mut self.diagonal, &mut self.below, vectors)?;
+        self.diagonal.iter_mut().for_each(|v| *v *= largest);
+        // back by the reflections I - 2 v v' / ||v||^2 that `tridiagonal` left in the rows
+        for i in 2..n {
+            let v = &self.matrix[i * n..i * n + i];
+            if v[..i - 1].iter().all(|v| *v == 0.0) {
+                continue;
+            }
+            let half = v.iter().map(|v| v * v).sum::<f64>() / 2.0;
+            for vector in vectors.chunks_exact_mut(n) {
+                let along = v.iter().zip(&*vector).map(|(v, x)| v * x).sum::<f64>() / half;
+                vector.iter_mut().zip(v).for_each(|(x, v)| *x -= along * v);
+            }
+        }
         Ok(&self.diagonal)
     }
 
@@ -193,6 +233,27 @@ mod tests {
         let mut found = s.eigenvalues().unwrap().to_vec();
         found.sort_by(f64::total_cmp);
         assert!((found[5] - 56.0).abs() < 1e-13 && found[..5].iter().all(|v| (v - 1.0).abs() < 1e-13));
+    }
+
+    #[test]
+    fn eigenvectors_give_the_matrix_back() {
+        for n in [1usize, 2, 3, 7, 20] {
+            let entry =
+                |i: usize, j: usize| ((i.min(j) * 7 + i.max(j) * 3) as f64).sin() * f64::from(u8::from(i / 3 == j / 3));
+            let mut s = Symmetric::new(n).unwrap();
+            (0..n * n).for_each(|at| s.matrix[at] = entry(at / n, at % n));
+            let mut vectors = vec![0.0; n * n];
+            let values = s.eigenpairs(&mut vectors).unwrap();
+            for i in 0..n {
+                for j in 0..n {
+                    let sum = |f: &dyn Fn(usize) -> f64| {
+                        (0..n).map(|q| f(q) * vectors[q * n + i] * vectors[q * n + j]).sum::<f64>()
+                    };
+                    assert!((sum(&|q| values[q]) - entry(i, j)).abs() < 1e-13, "{n} {i} {j}");
+                    assert!((sum(&|_| 1.0) - f64::from(u8::from(i == j))).abs() < 1e-13);
+                }
+            }
+        }
     }
 
     #[test]

@@ -36,7 +36,7 @@ pub fn box_batch(
     let d = bounds.low.len();
     let (mut dense, rows) = stacked(m, d, r)?;
     checked_rows("y", y.len(), size, rows)?;
-    dense.invert(stop)?;
+    dense.invert(Until::new(stop, None))?;
     let table = tables(&mut dense, bounds, rows, stop)?;
     let dense = &dense;
     let work = |first: usize, u: &mut [f64], mut gaps: Option<&mut [f64]>| {

@@ -7,16 +7,18 @@ use faer::linalg::triangular_inverse::invert_lower_triangular;
 use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
 use faer::{Accum, MatMut, MatRef, Par};
 
-use super::kernel::{padded, solved};
+use super::kernel::{padded, small_product, solved};
+use super::quadratic::Until;
 use super::tiles::{factored, gram, inverted, mirror};
 use crate::error::Result;
 use crate::memory::{checked_len, room_for_products, try_zeros};
-use crate::parallel::Stop;
 
 const WHAT: &str = "a control within limits";
 
 /// Rows up to which one kernel takes the whole matrix, and of a panel above.
 const PANEL: usize = 128;
+/// Columns of a square between two looks at the clock.
+const COLUMNS: usize = 512;
 
 #[derive(Default)]
 pub(super) struct Factor {
@@ -38,24 +40,29 @@ impl Factor {
 
     /// Factors the matrix of `n` rows whose column `j` from the diagonal on is written by `column(j, into)`. False if it
     /// is not positive definite to rounding.
-    pub(super) fn set(&mut self, n: usize, mut column: impl FnMut(usize, &mut [f64]), stop: &Stop) -> Result<bool> {
+    pub(super) fn set(
+        &mut self,
+        n: usize,
+        mut column: impl FnMut(usize, &mut [f64]),
+        until: Until<'_>,
+    ) -> Result<bool> {
         (self.n, self.ld) = (n, padded(n));
         for (j, line) in self.lower.chunks_exact_mut(self.ld.max(1)).take(n).enumerate() {
             column(j, &mut line[j..n]);
             line[n..].fill(0.0);
         }
         if n > PANEL {
-            return self.by_panels(stop);
+            return self.by_panels(until);
         }
         let (lower, inverse) = (&mut self.lower, &mut self.inverse);
         Ok(factored(lower, n, padded(n), inverse))
     }
 
-    fn by_panels(&mut self, stop: &Stop) -> Result<bool> {
+    fn by_panels(&mut self, until: Until<'_>) -> Result<bool> {
         room_for_products()?;
         let (n, ld) = (self.n, self.ld);
         for start in (0..n).step_by(PANEL) {
-            stop.check()?;
+            until.check()?;
             let width = PANEL.min(n - start);
             let (done, rest) = self.lower[..n * ld].split_at_mut(start * ld);
             let mut panel =
@@ -126,7 +133,7 @@ impl Factor {
 }
 
 /// `h = rows' rows`, `d` lines of the length `ld` of a row.
-pub(super) fn squared(rows: &[f64], d: usize, ld: usize, h: &mut [f64]) -> Result<()> {
+pub(super) fn squared(rows: &[f64], d: usize, ld: usize, h: &mut [f64], until: Until<'_>) -> Result<()> {
     if d <= PANEL {
         gram(rows, d, ld, h);
         return Ok(());
@@ -134,9 +141,39 @@ pub(super) fn squared(rows: &[f64], d: usize, ld: usize, h: &mut [f64]) -> Resul
     room_for_products()?;
     let (m, full) =
         (MatRef::from_row_major_slice(rows, rows.len() / ld, ld).subcols(0, d), BlockStructure::Rectangular);
-    let to = MatMut::from_column_major_slice_with_stride_mut(h, d, d, ld);
-    let lower = BlockStructure::TriangularLower;
-    triangular::matmul(to, lower, Accum::Replace, m.transpose(), full, m, full, 1.0, Par::Seq);
+    let (lower, mut to) =
+        (BlockStructure::TriangularLower, MatMut::from_column_major_slice_with_stride_mut(h, d, d, ld));
+    for start in (0..d).step_by(COLUMNS) {
+        until.check()?;
+        let width = COLUMNS.min(d - start);
+        let (some, below) = (m.subcols(start, width), m.subcols(start + width, d - start - width));
+        let (to_some, to_below) = to.as_mut().submatrix_mut(start, start, d - start, width).split_at_row_mut(width);
+        triangular::matmul(to_some, lower, Accum::Replace, some.transpose(), full, some, full, 1.0, Par::Seq);
+        matmul(to_below, Accum::Replace, below.transpose(), some, 1.0, Par::Seq);
+    }
     mirror(h, d, ld);
+    Ok(())
+}
+
+/// `out = A B`, or `A' B`, in lines of `ld`; `A` in lines of `la` has `inner` columns, or rows.
+pub(super) fn product(
+    a: &[f64],
+    la: usize,
+    transposed: bool,
+    inner: usize,
+    b: &[f64],
+    out: &mut [f64],
+    ld: usize,
+) -> Result<()> {
+    let lines = out.len() / ld;
+    if inner <= PANEL || lines <= PANEL {
+        small_product(a, la, transposed, inner, b, out, ld);
+        return Ok(());
+    }
+    room_for_products()?;
+    let a = MatRef::from_row_major_slice(a, a.len() / la, la);
+    let a = if transposed { a.submatrix(0, 0, inner, lines).transpose() } else { a.submatrix(0, 0, lines, inner) };
+    let b = MatRef::from_row_major_slice(b, b.len() / ld, ld).subrows(0, inner);
+    matmul(MatMut::from_row_major_slice_mut(out, lines, ld), Accum::Replace, a, b, 1.0, Par::Seq);
     Ok(())
 }

@@ -159,7 +159,9 @@ impl Interior {
     ) -> usize {
         let (mut count, d) = (0, u.len());
         let free = |i: &usize| held[*i] == 0;
-        let size = (0..d).filter(free).map(|i| g[i].abs()).sum::<f64>() / (0..d).filter(free).count().max(1) as f64;
+        // in units of the inputs in which H has a diagonal of 1
+        let total = (0..d).filter(free).map(|i| g[i].abs() / curvature[i].sqrt()).sum::<f64>();
+        let size = total / (0..d).filter(free).count().max(1) as f64;
         self.step.fill(0.0);
         for i in 0..d {
             let width = bounds.high[i] - bounds.low[i];
@@ -185,7 +187,7 @@ impl Interior {
             for side in [low, high] {
                 if side.there(i) {
                     count += 1;
-                    side.z[i] = (side.sign * g[i]).max(0.0) + 0.1 * size + f64::MIN_POSITIVE;
+                    side.z[i] = (side.sign * g[i]).max(0.0) + 0.1 * size * curvature[i].sqrt() + f64::MIN_POSITIVE;
                 }
             }
         }
@@ -200,10 +202,9 @@ impl Interior {
                 self.diagonal[i] += side.z[i] / side.slack[i];
             }
         }
-        let most = q.curvature().iter().fold(0.0f64, |m, v| m.max(*v));
         for more in [0.0, 1e-14, 1e-11] {
-            self.diagonal.iter_mut().for_each(|v| *v += more * most);
-            if q.barrier(held, &self.diagonal, until.stop)? {
+            self.diagonal.iter_mut().zip(q.curvature()).for_each(|(v, h)| *v += more * h);
+            if q.barrier(held, &self.diagonal, until)? {
                 return Ok(true);
             }
         }

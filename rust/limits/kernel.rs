@@ -155,7 +155,7 @@ kernel! {
 
 kernel! {
     /// `out = A B`, or `A' B`, in lines of `ld`; `A` in lines of `la` has `inner` columns, or rows.
-    fn product<'a>(
+    fn small_product<'a>(
         a: &'a [f64], la: usize, transposed: bool, inner: usize, b: &'a [f64], out: &'a mut [f64], ld: usize,
     ) -> () {
         for (i, out) in out.chunks_exact_mut(ld).enumerate() {

@@ -1,12 +1,13 @@
 //! A problem by orthogonal factors, for ill-conditioned ones: `[M y; R^(1/2) 0] = Q [T c; 0 p]` gives
 //! `J(u) = ||T u - c||^2 + p^2`, and a face is solved by the triangle of `T_F`. No matrix is squared. Where `T` is
-//! singular, `J(u) + damping ||u||^2` is minimised, whose control is unique, and [`Orthogonal::certified`] judges it by J.
+//! singular, `J(u) + damping sum_i H_ii u_i^2` is minimised, whose control is unique and does not depend on the units of
+//! inputs, and [`Orthogonal::certified`] judges it by J.
 
 use super::bounds::Bounds;
 use super::certificate::{Certificate, frank_wolfe};
 use super::dense::Dense;
 use super::kernel::{add_transposed, padded, times};
-use super::quadratic::Quadratic;
+use super::quadratic::{Quadratic, Until};
 use crate::control::pseudoinverse;
 use crate::error::Result;
 use crate::identify::triangle;
@@ -18,7 +19,7 @@ const WHAT: &str = "a control within limits";
 
 /// Diagonal of a singular `T`: what products of matrices of lower rank are rounded by.
 const SINGULAR: f64 = 16.0 * f64::EPSILON;
-/// Added to the squares of a singular `T`, relative to the largest: a little more than rounding.
+/// Added to the square of each column of a singular `T`, relative to it: a little more than rounding.
 const DAMPED: f64 = 1e-14;
 
 /// `R` of the columns of some inputs, `k x k` row by row.
@@ -108,9 +109,9 @@ pub(super) fn reduce(
 }
 
 impl Orthogonal {
-    pub(super) fn new(dense: &Dense, stop: &Stop) -> Result<Self> {
+    pub(super) fn new(dense: &Dense, until: Until<'_>) -> Result<Self> {
         let (d, ld) = (dense.d, dense.ld);
-        let (found, width) = reduce((&dense.m, d, ld), &dense.r, &[&dense.y], stop)?;
+        let (found, width) = reduce((&dense.m, d, ld), &dense.r, &[&dense.y], until.stop)?;
         let (mut t, mut c, mut curvature) =
             (try_zeros(WHAT, checked_len(WHAT, d, ld)?)?, try_zeros(WHAT, d)?, try_zeros(WHAT, d)?);
         for (i, row) in found.chunks_exact(width).take(d).enumerate() {
@@ -136,10 +137,10 @@ impl Orthogonal {
         let mut idle = try_filled(WHAT, 0, d)?;
         idle.iter_mut().zip(&new.curvature).for_each(|(idle, v)| *idle = i8::from(*v == 0.0));
         // what is left of each column beside those before it
-        let upper = new.upper(&idle, None, None, stop)?;
+        let upper = new.upper(&idle, None, None, until)?;
         let least = |i: usize| SINGULAR * d as f64 * new.curvature[upper.free[i]].sqrt();
         if (0..upper.free.len()).any(|i| upper.at(i, i) <= least(i)) {
-            new.damping = DAMPED * new.curvature.iter().fold(0.0f64, |m, v| m.max(*v));
+            new.damping = DAMPED;
         }
         Ok(new)
     }
@@ -147,6 +148,11 @@ impl Orthogonal {
     /// Whether `T` is singular to rounding.
     pub(super) fn damped(&self) -> bool {
         self.damping > 0.0
+    }
+
+    /// `damping sum_i H_ii u_i^2`
+    fn damped_part(&self, u: &[f64]) -> f64 {
+        self.damping * u.iter().zip(&self.curvature).map(|(u, h)| h * u * u).sum::<f64>()
     }
 
     /// `J(u)` without damping, its half gradient in `g`, and how far it is from the least.
@@ -159,7 +165,7 @@ impl Orthogonal {
         bounds: Bounds<'_>,
         held: &[i8],
         (u, g): (&[f64], &mut [f64]),
-        stop: &Stop,
+        until: Until<'_>,
     ) -> Result<Certificate> {
         let (d, ld) = (self.d, self.ld);
         let damping = std::mem::take(&mut self.damping);
@@ -170,7 +176,9 @@ impl Orthogonal {
         let mut open = try_filled(WHAT, false, d)?;
         let (mut v, mut slope) = (try_copy(WHAT, &self.residual)?, try_copy(WHAT, g)?);
         loop {
-            stop.check()?;
+            if until.reached().is_some() {
+                return Ok(found);
+            }
             let mut more = false;
             for (i, open) in open.iter_mut().enumerate().filter(|(i, open)| held[*i] == 0 && !**open) {
                 let at = bounds.reached(i, u[i], slope[i]);
@@ -183,8 +191,10 @@ impl Orthogonal {
             }
             let count = open.iter().filter(|open| **open).count();
             let mut columns = try_room(WHAT, checked_len(WHAT, d, count)?)?;
+            // columns of size 1: the units of inputs do not decide about the rank
             for row in self.t.chunks_exact(ld).take(d) {
-                columns.extend(row.iter().zip(&open).filter(|(_, open)| **open).map(|(t, _)| t));
+                let some = row.iter().zip(&self.curvature).zip(&open).filter(|(_, open)| **open);
+                columns.extend(some.map(|((t, h), _)| t / h.sqrt()));
             }
             let basis = pseudoinverse(&columns, d, count)?.basis;
             // twice: what rounding left the first time
@@ -201,7 +211,7 @@ impl Orthogonal {
     }
 
     /// The triangle of the columns with `held = 0`, of rows of `diagonal` below, and of a right side.
-    fn upper(&self, held: &[i8], diagonal: Option<&[f64]>, right: Option<&[f64]>, stop: &Stop) -> Result<Upper> {
+    fn upper(&self, held: &[i8], diagonal: Option<&[f64]>, right: Option<&[f64]>, until: Until<'_>) -> Result<Upper> {
         let (d, ld) = (self.d, self.ld);
         let mut free = try_room(WHAT, d)?;
         free.extend((0..d).filter(|&i| held[i] == 0));
@@ -221,16 +231,21 @@ impl Orthogonal {
         }
         if damped {
             for (j, row) in rows[d * width..].chunks_exact_mut(width).enumerate() {
-                row[j] = (self.damping + diagonal.map_or(0.0, |diagonal| diagonal[free[j]])).sqrt();
+                let i = free[j];
+                row[j] = (self.damping * self.curvature[i] + diagonal.map_or(0.0, |diagonal| diagonal[i])).sqrt();
             }
         }
-        Ok(Upper { r: triangle(&rows, width, 1, stop)?, free, width })
+        Ok(Upper { r: triangle(&rows, width, 1, until.stop)?, free, width })
     }
 }
 
 impl Quadratic for Orthogonal {
     fn size(&self) -> usize {
         self.d
+    }
+
+    fn prepare(&mut self, _: Until<'_>) -> Result<()> {
+        Ok(())
     }
 
     fn curvature(&self) -> &[f64] {
@@ -241,14 +256,14 @@ impl Quadratic for Orthogonal {
         self.zero
     }
 
-    fn face(&mut self, held: &[i8], u: &mut [f64], stop: &Stop) -> Result<bool> {
+    fn face(&mut self, held: &[i8], u: &mut [f64], until: Until<'_>) -> Result<bool> {
         // T_F u_F = c - T_W u_W
         let work = &mut self.work;
         work.fill(0.0);
         work.iter_mut().zip(u.iter().zip(held)).for_each(|(to, (u, held))| *to = if *held != 0 { *u } else { 0.0 });
         times(&self.t, work, true, &mut self.residual);
         self.residual.iter_mut().zip(&self.c).for_each(|(v, c)| *v = c - *v);
-        self.face = self.upper(held, None, Some(&self.residual), stop)?;
+        self.face = self.upper(held, None, Some(&self.residual), until)?;
         if !self.face.regular() {
             return Ok(false);
         }
@@ -267,7 +282,7 @@ impl Quadratic for Orthogonal {
     fn pull(&mut self, u: &[f64], g: &mut [f64]) -> f64 {
         self.slope(u, g);
         let seen: f64 = self.residual.iter().zip(&self.c).map(|(v, c)| (v + c).powi(2)).sum();
-        seen + self.damping * dot(u, u)
+        seen + self.damped_part(u)
     }
 
     fn slope(&mut self, u: &[f64], g: &mut [f64]) -> f64 {
@@ -279,12 +294,12 @@ impl Quadratic for Orthogonal {
         work.fill(0.0);
         add_transposed(&self.t, &self.residual, true, work);
         g.copy_from_slice(&work[..g.len()]);
-        axpy(self.damping, u, g);
-        self.residual.iter().map(|v| v * v).sum::<f64>() + self.rest + self.damping * dot(u, u)
+        g.iter_mut().zip(u.iter().zip(&self.curvature)).for_each(|(g, (u, h))| *g += self.damping * h * u);
+        self.residual.iter().map(|v| v * v).sum::<f64>() + self.rest + self.damped_part(u)
     }
 
-    fn barrier(&mut self, held: &[i8], diagonal: &[f64], stop: &Stop) -> Result<bool> {
-        self.other = self.upper(held, Some(diagonal), None, stop)?;
+    fn barrier(&mut self, held: &[i8], diagonal: &[f64], until: Until<'_>) -> Result<bool> {
+        self.other = self.upper(held, Some(diagonal), None, until)?;
         Ok(self.other.regular())
     }
 
@@ -292,8 +307,8 @@ impl Quadratic for Orthogonal {
         self.other.solve(v, &mut self.work);
     }
 
-    fn dual_norm(&mut self, held: &[i8], e: &[f64], stop: &Stop) -> Result<f64> {
-        let upper = self.upper(held, None, None, stop)?;
+    fn dual_norm(&mut self, held: &[i8], e: &[f64], until: Until<'_>) -> Result<f64> {
+        let upper = self.upper(held, None, None, until)?;
         if !upper.regular() {
             return Ok(f64::INFINITY);
         }
@@ -303,7 +318,7 @@ impl Quadratic for Orthogonal {
         Ok(work.iter().map(|v| v * v).sum())
     }
 
-    fn guess(&mut self, bounds: Bounds<'_>, _: &[i8], u: &mut [f64], _: &Stop) -> Result<()> {
+    fn guess(&mut self, bounds: Bounds<'_>, _: &[i8], u: &mut [f64], _: Until<'_>) -> Result<()> {
         u.iter_mut().enumerate().for_each(|(i, u)| *u = bounds.clip(i, *u));
         Ok(())
     }

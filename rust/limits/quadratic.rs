@@ -4,11 +4,17 @@
 use std::time::{Duration, Instant};
 
 use super::bounds::Bounds;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::parallel::Stop;
+
+/// Time after a limit for work that has it to end on its own.
+const GRACE: Duration = Duration::from_millis(100);
 
 pub(super) trait Quadratic {
     fn size(&self) -> usize;
+
+    /// Computes what all of the following needs, unless it is there.
+    fn prepare(&mut self, until: Until<'_>) -> Result<()>;
 
     /// `diag H`
     fn curvature(&self) -> &[f64];
@@ -17,7 +23,7 @@ pub(super) trait Quadratic {
     fn scale(&self) -> f64;
 
     /// The minimiser of `J` over the inputs with `held = 0`, given the others. False if it is not unique to rounding.
-    fn face(&mut self, held: &[i8], u: &mut [f64], stop: &Stop) -> Result<bool>;
+    fn face(&mut self, held: &[i8], u: &mut [f64], until: Until<'_>) -> Result<bool>;
 
     /// `v <- H_FF^{-1} v` on the free inputs `F` of the last face, 0 elsewhere.
     fn correct(&mut self, v: &mut [f64]);
@@ -29,16 +35,16 @@ pub(super) trait Quadratic {
     fn slope(&mut self, u: &[f64], g: &mut [f64]) -> f64;
 
     /// Factors `H + diag(diagonal)` for the inputs with `held = 0`, beside the face; false if it is not positive definite to rounding.
-    fn barrier(&mut self, held: &[i8], diagonal: &[f64], stop: &Stop) -> Result<bool>;
+    fn barrier(&mut self, held: &[i8], diagonal: &[f64], until: Until<'_>) -> Result<bool>;
 
     /// `v <- (H + diag)^{-1} v` by the last [`Self::barrier`], 0 elsewhere.
     fn newton(&mut self, v: &mut [f64]);
 
     /// An upper bound of `e' H^{-1} e` over the inputs with `held = 0`; infinite where `H` is singular to rounding.
-    fn dual_norm(&mut self, held: &[i8], e: &[f64], stop: &Stop) -> Result<f64>;
+    fn dual_norm(&mut self, held: &[i8], e: &[f64], until: Until<'_>) -> Result<f64>;
 
     /// A control to begin with, inside the limits; `held` names inputs that stay at their limit.
-    fn guess(&mut self, bounds: Bounds<'_>, held: &[i8], u: &mut [f64], stop: &Stop) -> Result<()>;
+    fn guess(&mut self, bounds: Bounds<'_>, held: &[i8], u: &mut [f64], until: Until<'_>) -> Result<()>;
 }
 
 /// How a computation ended.
@@ -118,5 +124,20 @@ impl<'a> Until<'a> {
         } else {
             None
         }
+    }
+
+    /// [`Error::Interrupted`] once there is a reason to end; loops call this every few milliseconds of work.
+    pub(super) fn check(&self) -> Result<()> {
+        if self.reached().is_some() { Err(Error::Interrupted) } else { Ok(()) }
+    }
+
+    /// For a thread that waits for work which looks at the clock itself.
+    pub(super) fn overdue(&self) -> bool {
+        self.stop.requested_after_a_wait() || self.deadline.is_some_and(|deadline| deadline.elapsed() > GRACE)
+    }
+
+    /// What the status is after [`Error::Interrupted`].
+    pub(super) fn ended(&self) -> Status {
+        self.reached().unwrap_or(Status::Interrupted)
     }
 }

@@ -8,7 +8,7 @@ use super::bounds::Bounds;
 use super::certificate::{Certificate, frank_wolfe};
 use super::interior::Interior;
 use super::quadratic::{Method, Quadratic, Status, Until};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::memory::try_zeros;
 
 const WHAT: &str = "a control within limits";
@@ -73,6 +73,7 @@ impl Search {
         until: Until<'_>,
     ) -> Result<Option<Status>> {
         (self.certificate, self.factorizations, self.method) = Default::default();
+        q.prepare(until)?;
         self.begin(q, bounds, warm, until)?;
         let method = self.method;
         let mut end = self.pivot(q, bounds, until, PIVOTS)?;
@@ -129,7 +130,7 @@ impl Search {
                 }
             }
             None => {
-                q.guess(bounds, &self.fixed, &mut self.v, until.stop)?;
+                q.guess(bounds, &self.fixed, &mut self.v, until)?;
                 for (i, held) in self.held.iter_mut().enumerate() {
                     *held = if self.fixed[i] != 0 { 1 } else { bounds.reached(i, self.v[i], 0.0) };
                 }
@@ -157,7 +158,7 @@ impl Search {
             }
             self.hold(bounds);
             self.factorizations += 1;
-            if !q.face(&self.held, &mut self.v, until.stop)? {
+            if !q.face(&self.held, &mut self.v, until)? {
                 return Ok(End::Stuck);
             }
             let squared = q.pull(&self.v, &mut self.step);
@@ -304,7 +305,10 @@ impl Search {
             let balanced = self.fixed[i] != 0 || at < 0 && g >= 0.0 || at > 0 && g <= 0.0;
             *e = if balanced { 0.0 } else { g };
         }
-        q.dual_norm(&self.fixed, &self.e, until.stop)
+        match q.dual_norm(&self.fixed, &self.e, until) {
+            Err(Error::Interrupted) => Ok(f64::INFINITY), // no time for its factors: the other bound is left
+            found => found,
+        }
     }
 }
 

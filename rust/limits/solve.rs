@@ -97,22 +97,14 @@ pub(super) fn find(
     warm: Option<&[i8]>,
     until: Until<'_>,
 ) -> Result<(Option<Status>, Certificate)> {
-    let mut early = match search.run(dense, bounds, warm, until) {
-        Err(Error::Interrupted) => Some(Status::Interrupted),
-        other => other?,
-    };
+    let mut early = or_ended(search.run(dense, bounds, warm, until), until)?;
     if !search.certificate.objective.is_finite() {
         search.give_up(dense, bounds);
     }
     let mut found = search.certificate;
     if early.is_none() && found.gap > GOOD * (dense.scale() + found.objective) {
-        let mut exact = Orthogonal::new(dense, until.stop)?;
         let mut again = Search::new(dense.d)?;
-        early = again.run(&mut exact, bounds, Some(&search.held), until)?;
-        if exact.damped() && again.certificate.objective.is_finite() {
-            let of = (&*again.u, &mut *again.g);
-            again.certificate = exact.certified(bounds, &again.fixed, of, until.stop)?;
-        }
+        early = or_ended(refined(dense, &mut again, bounds, &search.held, until), until)?;
         if again.certificate.gap < found.gap {
             found = again.certificate;
             (search.u, search.g) = (again.u, again.g);
@@ -121,6 +113,31 @@ pub(super) fn find(
         search.factorizations += again.factorizations;
     }
     Ok((early, found))
+}
+
+/// The same with orthogonal factors.
+fn refined(
+    dense: &Dense,
+    search: &mut Search,
+    bounds: Bounds<'_>,
+    held: &[i8],
+    until: Until<'_>,
+) -> Result<Option<Status>> {
+    let mut exact = Orthogonal::new(dense, until)?;
+    let early = or_ended(search.run(&mut exact, bounds, Some(held), until), until);
+    if exact.damped() && search.certificate.objective.is_finite() {
+        let of = (&*search.u, &mut *search.g);
+        search.certificate = exact.certified(bounds, &search.fixed, of, until)?;
+    }
+    early
+}
+
+/// A stop as a status.
+pub(super) fn or_ended(found: Result<Option<Status>>, until: Until<'_>) -> Result<Option<Status>> {
+    match found {
+        Err(Error::Interrupted) => Ok(Some(until.ended())),
+        other => other,
+    }
 }
 
 /// The result of a search.

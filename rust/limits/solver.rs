@@ -33,7 +33,7 @@ impl Solver {
     /// before has reached, this many inputs later. `goal`: `state` (rows, n) and `target`.
     ///
     /// # Errors
-    /// As [`box_control`], and [`Error::Interrupted`].
+    /// As [`super::box_control`], and [`Error::Interrupted`].
     pub fn new(
         m: &[f64],
         r: Penalty<'_>,
@@ -55,7 +55,7 @@ impl Solver {
             (dense, map) = reduced(&dense, rows, state, target, n, stop)?;
             rows = d;
         }
-        dense.invert(stop)?;
+        dense.prepare(Until::new(stop, None))?;
         let (low, high) = (try_copy(WHAT, bounds.low)?, try_copy(WHAT, bounds.high)?);
         Ok(Self { search: Search::new(d)?, dense, rows, low, high, shift, map, warm: None })
     }
@@ -63,7 +63,7 @@ impl Solver {
     /// The best control for `given`, which is `x` or `y`. After an error, all is as before.
     ///
     /// # Errors
-    /// As [`box_control`].
+    /// As [`super::box_control`].
     pub fn solve(&mut self, given: &[f64], until: Until<'_>) -> Result<Solution> {
         let d = self.low.len();
         match &self.map {
@@ -149,4 +149,32 @@ fn reduced(
     small.set(&t, &try_zeros(WHAT, d)?)?;
     small.triangular = true;
     Ok((small, Some((map, n + 1))))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// It costs three times the factor that is enough there.
+    #[test]
+    fn an_inverse_is_formed_for_limits_only() {
+        let (d, stop) = (40, Stop::new());
+        let m: Vec<f64> =
+            (0..d * d).map(|i| if i % (d + 1) == 0 { 2.0 } else { (i as f64).sin() / d as f64 }).collect();
+        let (low, high, r) = (vec![-1.0; d], vec![1.0; d], vec![0.1; d]);
+        let bounds = Bounds { low: &low, high: &high };
+        let mut solver = Solver::new(&m, Penalty::Diagonal(&r), bounds, 0, None, &stop).unwrap();
+        for size in [0.1, 0.2, 0.3] {
+            let y: Vec<f64> = (0..d).map(|i| size * (i as f64).cos()).collect();
+            let found = solver.solve(&y, Until::new(&stop, None)).unwrap();
+            assert!(found.gap <= 1e-12 && found.active.iter().all(|side| *side == 0), "{found:?}");
+            assert!(solver.dense.inverse().is_none());
+        }
+        let y: Vec<f64> = (0..d).map(|i| if i < 5 { 9.0 } else { 0.1 }).collect();
+        for _ in 0..3 {
+            let found = solver.solve(&y, Until::new(&stop, None)).unwrap();
+            assert!(found.gap <= 1e-11 && found.active[..5] == [1; 5], "{found:?}");
+        }
+        assert!(solver.dense.inverse().is_some());
+    }
 }

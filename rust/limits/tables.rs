@@ -3,7 +3,7 @@
 use super::bounds::Bounds;
 use super::dense::Dense;
 use super::kernel::{Work, widest};
-use super::quadratic::Quadratic;
+use super::quadratic::{Quadratic, Until};
 use crate::error::Result;
 use crate::memory::{try_collect, try_room};
 use crate::parallel::Stop;
@@ -66,7 +66,7 @@ impl<const D: usize> Table<D> {
         for free in 0..1 << D {
             let held: [i8; D] = std::array::from_fn(|i| 1 - (free >> i & 1) as i8);
             let mut block = [[0.0; D]; D];
-            dense.barrier(&held, &[0.0; D], stop)?;
+            dense.barrier(&held, &[0.0; D], Until::new(stop, None))?;
             for (i, row) in block.iter_mut().enumerate().filter(|(i, _)| free >> i & 1 == 1) {
                 row[i] = 1.0;
                 dense.newton(row);

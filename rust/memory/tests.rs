@@ -10,7 +10,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::*;
-use crate::control::{Entity, Realized, pseudoinverse};
+use crate::control::{Entity, Factors, Motion, Realized, best_control, pseudoinverse};
 use crate::fuse::{self, Dense, Settings, Weights};
 use crate::identify;
 use crate::limits::{self, Bounds, Horizon, Penalty, Rows, Until};
@@ -255,6 +255,16 @@ fn call(name: &str) -> Option<Call> {
             let b = entries(150 * 20);
             Box::new(move || pseudoinverse(&b, 150, 20).map(drop))
         }
+        "best control" => {
+            let (a, b, x) = (entries(30 * 30), entries(30 * 2), entries(30));
+            Box::new(move || {
+                let p = pseudoinverse(&b, 30, 2)?;
+                let factors =
+                    Factors { basis: &p.basis, right: &p.right, singular_values: &p.singular_values, gap: 0.1 };
+                let motion = Motion { a: &a, b: &b, n: 30, m: 2, steps: 1 };
+                best_control(&motion, &factors, &x, &x, &stop).map(drop)
+            })
+        }
         "limits" | "limits of steps" => {
             let (one, steps) = (entries(N * N), name == "limits of steps");
             let ill: Vec<f64> = one.iter().enumerate().map(|(i, v)| v * 0.8f64.powi((i % N) as i32)).collect();
@@ -286,6 +296,7 @@ fn call(name: &str) -> Option<Call> {
         }
         "limits of rows" => {
             let (one, low, high) = (entries(2 * N), vec![-1.0; 2 * N], vec![1.0; 2 * N]);
+            let warm: Vec<i8> = (0..4 * N).map(|i| i8::from(i % 4 == 0)).collect();
             Box::new(move || {
                 let until = || Until::new(&stop, None);
                 let (stage, terminal, r) = (&[1.0, 0.0, 0.0, 1.0], &[1.0, 0.0, 0.0, 1.0], &[0.01]);
@@ -294,9 +305,10 @@ fn call(name: &str) -> Option<Call> {
                 let bounds = Bounds::new(&low[..N], &high[..N], N)?;
                 let rate = Some((&[0.3][..], &[0.0][..]));
                 let soft = Rows { rate, states: Some((&low, &high)), soft: Some(2.0) };
-                limits::rows_control(&horizon, bounds, soft, until())?;
+                limits::rows_control(&horizon, bounds, soft, None, until())?;
                 let hard = Rows { states: Some((&high, &high)), soft: None, ..soft };
-                limits::rows_control(&horizon, bounds, hard, until()).map(drop)
+                limits::rows_control(&horizon, bounds, hard, None, until())?;
+                limits::rows_control(&horizon, bounds, soft, Some(&warm), until()).map(drop)
             })
         }
         "controls" => {
@@ -384,7 +396,8 @@ fn call(name: &str) -> Option<Call> {
                 let (n, d) = (40, 42);
                 let (white, root) = (&square, &square[..n * n]);
                 let fitted = identify::Fitted { model: &model, white, root, missing: &[], ratio: 1.0, n, d };
-                let radii = identify::Radii { spectral: 1.0, frobenius: 2.0, rho0: 0.1, noise: true };
+                let to_come = Some(identify::ToCome { root, end: 0.02, before: 0.01 });
+                let radii = identify::Radii { spectral: 1.0, frobenius: 9.0, rho0: 0.1, noise: true, to_come };
                 identify::several_steps(&fitted, &model[..n], &model[..6], false, radii, &stop).map(drop)
             })
         }
@@ -422,7 +435,7 @@ fn call(name: &str) -> Option<Call> {
     })
 }
 
-const CALLS: [&str; 38] = [
+const CALLS: [&str; 39] = [
     "sample",
     "systematic",
     "counts",
@@ -440,6 +453,7 @@ const CALLS: [&str; 38] = [
     "slse dense",
     "paths",
     "pseudoinverse",
+    "best control",
     "limits",
     "limits of steps",
     "limits of rows",

@@ -1,6 +1,6 @@
 //! The pseudoinverse and the controls of realizations.
 
-use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
 use super::convert::{array1, array2, slice};
@@ -27,10 +27,81 @@ pub(super) fn pseudoinverse<'py>(
     Ok((
         array2(py, p.basis, p.rank, rows)?,
         array2(py, p.right, p.rank, cols)?,
-        array1(py, p.singular_values),
+        array1(py, p.singular_values)?,
         p.condition,
         array2(py, p.matrix, cols, rows)?,
     ))
+}
+
+/// The best control over `steps` steps from the factors of `C_K` by [`pseudoinverse`] and a lower bound `gap` of its least
+/// singular value that is not 0: `((control, free, needed, residual), (control_rounding, state_rounding, upper, lower,
+/// size, unit))`, see [`control::Best`].
+#[pyfunction]
+#[expect(clippy::type_complexity, reason = "one tuple per call, named in the stub")]
+pub(super) fn best_control<'py>(
+    py: Python<'py>,
+    a: PyReadonlyArray2<'py, f64>,
+    b: PyReadonlyArray2<'py, f64>,
+    steps: usize,
+    factors: (PyReadonlyArray2<'py, f64>, PyReadonlyArray2<'py, f64>, PyReadonlyArray1<'py, f64>, f64),
+    x0: PyReadonlyArray1<'py, f64>,
+    xf: PyReadonlyArray1<'py, f64>,
+) -> PyResult<([Bound<'py, PyArray1<f64>>; 4], [f64; 6])> {
+    let (n, m) = b.as_array().dim();
+    let (left, right, singular_values, gap) = &factors;
+    let rank = left.as_array().nrows();
+    let fits = [
+        ("A", a.as_array().dim(), (n, n)),
+        ("x0 and xf", (x0.len(), xf.len()), (n, n)),
+        ("left", left.as_array().dim(), (rank, n)),
+        ("right", right.as_array().dim(), (rank, m.saturating_mul(steps))),
+    ];
+    for (name, found, expected) in fits {
+        if found != expected || steps == 0 || n == 0 || m == 0 {
+            return Err(ShapeError::new_err(format!("`{name}` must have the shape {expected:?}, got {found:?}")));
+        }
+    }
+    if singular_values.len() < rank {
+        return Err(ShapeError::new_err(format!("`singular_values` must have {rank} entries at least")));
+    }
+    let motion = control::Motion { a: slice("A", &a)?, b: slice("B", &b)?, n, m, steps };
+    let factors = control::Factors {
+        basis: slice("left", left)?,
+        right: slice("right", right)?,
+        singular_values: slice("singular_values", singular_values)?,
+        gap: *gap,
+    };
+    let (x0, xf) = (slice("x0", &x0)?, slice("xf", &xf)?);
+    let cost = 200.0 * (n * (n + m)) as f64 * steps as f64;
+    let best = run(py, cost, |stop| control::best_control(&motion, &factors, x0, xf, stop))?;
+    let vectors =
+        [array1(py, best.control)?, array1(py, best.free)?, array1(py, best.needed)?, array1(py, best.residual)?];
+    let numbers = [best.control_rounding, best.state_rounding, best.upper, best.lower, best.size, best.unit];
+    Ok((vectors, numbers))
+}
+
+/// `C_K (high + low)` for a control in the order of `C_K`, and a bound on the error of that; rounding to doubles is not in
+/// it.
+#[pyfunction]
+pub(super) fn pushed<'py>(
+    py: Python<'py>,
+    a: PyReadonlyArray2<'py, f64>,
+    b: PyReadonlyArray2<'py, f64>,
+    steps: usize,
+    high: PyReadonlyArray1<'py, f64>,
+    low: PyReadonlyArray1<'py, f64>,
+) -> PyResult<(Bound<'py, PyArray1<f64>>, f64)> {
+    let (n, m) = b.as_array().dim();
+    let width = m.saturating_mul(steps);
+    let (found, expected) = ((a.as_array().dim(), high.len(), low.len()), ((n, n), width, width));
+    if found != expected || steps == 0 || n == 0 || m == 0 {
+        return Err(ShapeError::new_err(format!("the shapes must be {expected:?}, got {found:?}")));
+    }
+    let motion = control::Motion { a: slice("A", &a)?, b: slice("B", &b)?, n, m, steps };
+    let (high, low) = (slice("high", &high)?, slice("low", &low)?);
+    let cost = 20.0 * (n * (n + m)) as f64 * steps as f64;
+    let (state, off) = run(py, cost, |_| control::pushed(&motion, high, low))?;
+    Ok((array1(py, state)?, off))
 }
 
 /// `B^+ (xf^s - A^s x0^s)` for every realization, given `B^+` (m, n), into `out` (size, m); `fresh`: it has never been
@@ -72,5 +143,5 @@ pub(super) fn mean_difference<'py>(
     let realized = Realized::new(x0.entity("x0", false)?, xf.entity("xf", false)?, a.entity("A", rows)?, n)?;
     let cost = realized.size() as f64 * realized.cost();
     let mean = run(py, cost, |stop| realized.mean(stop))?;
-    Ok(array1(py, mean))
+    array1(py, mean)
 }

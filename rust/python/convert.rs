@@ -1,9 +1,10 @@
 //! NumPy arrays to slices and back. The package's gate has made them C-contiguous doubles.
 
-use numpy::{PyArray1, PyArray2, PyReadonlyArray, PyReadonlyArray2, PyUntypedArrayMethods, ndarray};
+use numpy::{Element, PyArray1, PyArray2, PyReadonlyArray, PyReadonlyArray2, PyUntypedArrayMethods, ndarray};
 use pyo3::prelude::*;
 use pyo3::types::PyList;
 
+use super::arrays::{Values, array};
 use super::error::{InputError, ShapeError};
 use crate::Key;
 use crate::memory::{try_copy, try_room};
@@ -27,14 +28,17 @@ pub(super) fn key(bytes: &[u8]) -> PyResult<Key> {
 
 /// A `rows x cols` array from its entries.
 pub(super) fn array2(py: Python<'_>, values: Vec<f64>, rows: usize, cols: usize) -> PyResult<Bound<'_, PyArray2<f64>>> {
-    let array = ndarray::Array2::from_shape_vec((rows, cols), values)
-        .map_err(|e| ShapeError::new_err(format!("a result does not have {rows} x {cols} entries: {e}")))?;
-    Ok(PyArray2::from_owned_array(py, array))
+    array(py, values, [rows, cols])
 }
 
 /// A one-dimensional array.
-pub(super) fn array1(py: Python<'_>, values: Vec<f64>) -> Bound<'_, PyArray1<f64>> {
-    PyArray1::from_vec(py, values)
+pub(super) fn array1<T>(py: Python<'_>, values: Vec<T>) -> PyResult<Bound<'_, PyArray1<T>>>
+where
+    T: Element,
+    Values: From<Vec<T>>,
+{
+    let length = values.len();
+    array(py, values, [length])
 }
 
 /// A fusing method by its name.

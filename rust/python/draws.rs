@@ -2,10 +2,11 @@
 
 use std::sync::Arc;
 
-use numpy::{PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, ndarray};
+use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 
-use super::convert::{array2, key, law, slice};
+use super::arrays::{array, over};
+use super::convert::{array1, array2, key, law, slice};
 use super::error::{InputError, ShapeError};
 use super::run::run;
 use crate::memory::{checked_len, try_collect, try_copy};
@@ -103,8 +104,8 @@ impl Draws {
     }
 
     /// The 1-norm of every line.
-    fn gamma<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, numpy::PyArray1<f64>>> {
-        Ok(super::convert::array1(py, try_copy("the 1-norms", self.inner.law().gamma())?))
+    fn gamma<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        array1(py, try_copy("the 1-norms", self.inner.law().gamma())?)
     }
 
     /// The indices (size, lines), a read-only view that keeps this object alive.
@@ -112,14 +113,11 @@ impl Draws {
         let this = slf.get();
         let shape = (this.size(), this.lines());
         with_indices!(&**this.inner.indices(), indices => {
-            let view = ndarray::ArrayView2::from_shape(shape, &indices[..shape.0 * shape.1])
-                .map_err(|e| ShapeError::new_err(e.to_string()))?;
-            // SAFETY: the view points into the `Arc<Indices>` that `slf` owns. `slf` is the array's base object, so it
-            // lives as long; the class is frozen and nothing mutates or reallocates the indices; the flag below keeps
-            // NumPy from writing.
+            let values = &indices[..shape.0 * shape.1];
+            // SAFETY: the values lie in the `Arc<Indices>` that `slf` owns. `slf` is the array's base object, so it lives
+            // as long; the class is frozen and nothing mutates or reallocates the indices; NumPy may not write.
             #[allow(unsafe_code, reason = "sharing the indices with NumPy without a copy")]
-            let array = unsafe { PyArray2::borrow_from_array(&view, slf.clone().into_any()) };
-            array.readwrite().make_nonwriteable();
+            let array = unsafe { over(values.as_ptr(), shape.into(), slf.clone().into_any(), false)? };
             Ok(array.into_any())
         })
     }
@@ -159,9 +157,7 @@ impl Draws {
 fn counts_array(py: Python<'_>, counts: Vec<u64>, lines: usize, length: usize) -> PyResult<Bound<'_, PyArray2<i64>>> {
     // at most 2^53 realizations: every count fits
     let counts: Vec<i64> = try_collect("the counts", counts.into_iter().map(|c| c as i64))?;
-    let array =
-        ndarray::Array2::from_shape_vec((lines, length), counts).map_err(|e| ShapeError::new_err(e.to_string()))?;
-    Ok(PyArray2::from_owned_array(py, array))
+    array(py, counts, [lines, length])
 }
 
 /// Hits of every entry (lines, length) in `size` realizations that are not drawn one by one.

@@ -71,7 +71,7 @@ pub(super) fn fleet_moments<'py>(
     let (given, cost) = (units.get()?, units.cost());
     let d = given.steps * given.m;
     let found = run(py, cost * d as f64, |stop| fleet::moments(&given, threads, stop))?;
-    Ok((array2(py, found.h, d, d)?, array1(py, found.f), found.constant))
+    Ok((array2(py, found.h, d, d)?, array1(py, found.f)?, found.constant))
 }
 
 /// `R` (d + 1, d + 1) with `R'R = sum_s [Q^1/2 (G_s b_s)]'[...]`
@@ -94,7 +94,7 @@ pub(super) fn fleet_slope<'py>(
     let (given, cost) = (units.get()?, units.cost());
     let u = command(&given, &u)?;
     let (square, gradient) = run(py, cost, |stop| fleet::slope(&given, u, threads, stop))?;
-    Ok((square, array1(py, gradient)))
+    Ok((square, array1(py, gradient)?))
 }
 
 /// The miss of every unit at `u` (N,); `beside` is the square that the inputs cost.
@@ -108,7 +108,7 @@ pub(super) fn fleet_misses<'py>(
 ) -> PyResult<Bound<'py, PyArray1<f64>>> {
     let (given, cost) = (units.get()?, units.cost());
     let u = command(&given, &u)?;
-    Ok(array1(py, run(py, cost, |stop| given.misses(u, beside, threads, stop))?))
+    array1(py, run(py, cost, |stop| given.misses(u, beside, threads, stop))?)
 }
 
 /// `||Q^1/2 G_s||_F^2` of every unit (N,).
@@ -120,7 +120,7 @@ pub(super) fn fleet_gains<'py>(
 ) -> PyResult<Bound<'py, PyArray1<f64>>> {
     let (given, cost) = (units.get()?, units.cost());
     let d = given.steps * given.m;
-    Ok(array1(py, run(py, cost * d as f64, |stop| fleet::gains(&given, threads, stop))?))
+    array1(py, run(py, cost * d as f64, |stop| fleet::gains(&given, threads, stop))?)
 }
 
 type Found<'py> = (Bound<'py, PyArray1<f64>>, f64, f64, Vec<usize>, Bound<'py, PyArray1<f64>>, &'static str, usize);
@@ -162,8 +162,8 @@ pub(super) fn fleet_worst<'py>(
         (found, _) => found,
     };
     let working = try_collect("a command for a fleet", found.working.iter().copied())?;
-    let control = array1(py, try_copy("a command for a fleet", &found.control)?);
-    let shares = array1(py, found.shares);
+    let control = array1(py, try_copy("a command for a fleet", &found.control)?)?;
+    let shares = array1(py, found.shares)?;
     Ok((control, found.value, found.lower_bound, working, shares, found.status.as_str(), found.solves))
 }
 
@@ -179,10 +179,10 @@ pub(super) fn scenario_judged(size: usize, support: usize, beta: f64) -> PyResul
     Ok(fleet::judged(size, support, beta)?)
 }
 
-/// The compression form.
+/// Of a command that a few units give.
 #[pyfunction]
-pub(super) fn scenario_compression(size: usize, support: usize, beta: f64) -> PyResult<f64> {
-    Ok(fleet::compression(size, support, beta)?)
+pub(super) fn scenario_compression(size: usize, support: usize, violations: usize, beta: f64) -> PyResult<f64> {
+    Ok(fleet::compression(size, support, violations, beta)?)
 }
 
 /// From below and from above.

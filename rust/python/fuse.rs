@@ -94,7 +94,7 @@ pub(super) fn alse<'py>(
     };
     let solution = told(ended, |solution| solution.status == fuse::Status::Interrupted)?;
     Ok(Alse {
-        weights: array1(py, solution.weights).unbind(),
+        weights: array1(py, solution.weights)?.unbind(),
         estimate: array2(py, solution.estimate, lines, length)?.unbind(),
         error: solution.error,
         gap: solution.gap,
@@ -139,9 +139,9 @@ pub(super) fn slse<'py>(
     };
     let kept = if keep_estimates { sizes.len() } else { 0 };
     Ok((
-        array1(py, fit.weights),
+        array1(py, fit.weights)?,
         array2(py, fit.estimate, lines, length)?,
-        array1(py, fit.errors),
+        array1(py, fit.errors)?,
         array2(py, fit.estimates, kept, lines * length)?,
     ))
 }
@@ -161,7 +161,7 @@ pub(super) fn uniform_path<'py>(
     let cost = (inner.size() * inner.law().lines()) as f64 + 5.0 * (sizes.len() * values.len()) as f64;
     let path = run(py, cost, |stop| fuse::uniform_path(&inner, values, &sizes, keep_estimates, stop))?;
     let kept = if keep_estimates { sizes.len() } else { 0 };
-    Ok((array1(py, path.errors), array2(py, path.estimates, kept, values.len())?))
+    Ok((array1(py, path.errors)?, array2(py, path.estimates, kept, values.len())?))
 }
 
 /// The closed form of prefixes: `(errors, gaps, relative_gaps, estimates)`.
@@ -183,7 +183,7 @@ pub(super) fn alse_path<'py>(
     let gaps = try_collect("the gaps", path.gaps.iter().map(|gap| gap.absolute))?;
     let relative = try_collect("the gaps", path.gaps.iter().map(|gap| gap.relative))?;
     let estimates = array2(py, path.estimates, kept, values.len())?;
-    Ok((array1(py, path.errors), array1(py, gaps), array1(py, relative), estimates))
+    Ok((array1(py, path.errors)?, array1(py, gaps)?, array1(py, relative)?, estimates))
 }
 
 /// ALSE of prefixes by the certified solver: `(errors, gaps, statuses, estimates)`; `limits` as for `alse`.
@@ -218,5 +218,5 @@ pub(super) fn alse_prefixes<'py>(
     let (errors, gaps, statuses, estimates) = told(ended, |path| path.2.contains(&fuse::Status::Interrupted))?;
     let kept = if keep_estimates { sizes.len() } else { 0 };
     let statuses = try_collect("the statuses", statuses.iter().map(|status| status.as_str()))?;
-    Ok((array1(py, errors), array1(py, gaps), statuses, array2(py, estimates, kept, values.len())?))
+    Ok((array1(py, errors)?, array1(py, gaps)?, statuses, array2(py, estimates, kept, values.len())?))
 }

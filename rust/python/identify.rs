@@ -6,7 +6,7 @@ use pyo3::prelude::*;
 use super::convert::{array1, array2, key, slice};
 use super::error::{InputError, ShapeError};
 use super::run::{UNTIL_STOPPED, run, run_unstoppable};
-use crate::identify::{self, Centre, Fitted, Pairs, Radii, Weights};
+use crate::identify::{self, Centre, Fitted, Pairs, Radii, ToCome, Weights};
 use crate::memory::try_copy;
 
 type Matrix<'py> = Bound<'py, PyArray2<f64>>;
@@ -58,6 +58,7 @@ pub(super) fn several_steps<'py>(
     inputs: PyReadonlyArray2<'py, f64>,
     offset: bool,
     radii: (f64, f64, f64, bool),
+    to_come: Option<(PyReadonlyArray2<'py, f64>, f64, f64)>,
 ) -> PyResult<(Matrix<'py>, Vector<'py>, Vector<'py>, Vector<'py>, Vector<'py>)> {
     let (n, d) = h.as_array().dim();
     let fitted = Fitted {
@@ -71,16 +72,20 @@ pub(super) fn several_steps<'py>(
     };
     let (x0, inputs) = (slice("x0", &x0)?, slice("inputs", &inputs)?);
     let (spectral, frobenius, rho0, noise) = radii;
-    let radii = Radii { spectral, frobenius, rho0, noise };
+    let to_come = match &to_come {
+        None => None,
+        Some((root, end, before)) => Some(ToCome { root: slice("noise to come", root)?, end: *end, before: *before }),
+    };
+    let radii = Radii { spectral, frobenius, rho0, noise, to_come };
     let steps = inputs.len().checked_div((d - n.min(d)).max(1)).unwrap_or(0) as f64;
     let cost = 10.0 * steps * steps * (n * n) as f64 * d as f64;
     let found = run(py, cost, |stop| identify::several_steps(&fitted, x0, inputs, offset, radii, stop))?;
     Ok((
         array2(py, found.states, found.sizes.len() + 1, n)?,
-        array1(py, found.radii),
-        array1(py, found.linear),
-        array1(py, found.rest),
-        array1(py, found.sizes),
+        array1(py, found.radii)?,
+        array1(py, found.linear)?,
+        array1(py, found.rest)?,
+        array1(py, found.sizes)?,
     ))
 }
 
@@ -106,7 +111,7 @@ pub(super) fn robust_control<'py>(
     let [h, white] = [try_copy("H", slice("H", &h)?)?, try_copy("white", slice("white", &white)?)?];
     let [x0, xf] = [try_copy("x0", slice("x0", &x0)?)?, try_copy("xf", slice("xf", &xf)?)?];
     let u = run_unstoppable(py, cost, move || identify::robust_control(&h, &white, &x0, &xf, offset, beta))?;
-    Ok(array1(py, u))
+    array1(py, u)
 }
 
 /// A model and its `white` (rank, d).
@@ -192,7 +197,7 @@ pub(super) fn residuals<'py>(
     let ((size, d), (_, n), (rank, _)) = (z.as_array().dim(), y.as_array().dim(), white.as_array().dim());
     let (z, y, white) = (slice("Z", &z)?, slice("Y", &y)?, slice("white", &white)?);
     let found = run(py, (size * rank * (d + n)) as f64, |stop| identify::residuals(z, y, white, (d, n), stop))?;
-    Ok((array2(py, found.basis, size, rank)?, array2(py, found.residuals, size, n)?, array1(py, found.leverages)))
+    Ok((array2(py, found.basis, size, rank)?, array2(py, found.residuals, size, n)?, array1(py, found.leverages)?))
 }
 
 /// p-values of five statistics of the residuals `y - H z` by `draws` simulations; NaN for too few pairs.
@@ -205,14 +210,14 @@ pub(super) fn residual_p_values<'py>(
     draws: usize,
     key: &[u8],
     threads: usize,
-) -> PyResult<Vector<'py>> {
+) -> PyResult<(Vector<'py>, Vector<'py>)> {
     let (d, n) = (z.as_array().dim().1, y.as_array().dim().1);
     let (z, y, white, key) = (slice("Z", &z)?, slice("Y", &y)?, slice("white", &white)?, self::key(key)?);
-    let p = run(py, UNTIL_STOPPED, |stop| {
+    let [p, distances] = run(py, UNTIL_STOPPED, |stop| {
         let found = identify::residuals(z, y, white, (d, n), stop)?;
         identify::residual_p_values(&found, n, draws, &key, threads, stop)
     })?;
-    Ok(array1(py, p.into()))
+    Ok((array1(py, p.into())?, array1(py, distances.into())?))
 }
 
 /// The radius (size) of each sign vector for pairs `rows` (N, rank + n), infinite where it bounds nothing. `signs` (size, N)
@@ -230,7 +235,7 @@ pub(super) fn sign_radii<'py>(
     let (pairs, key) = (pairs(&rows, n, None)?, self::key(key)?);
     let signs = signs.as_ref().map(|signs| slice("signs", signs)).transpose()?;
     let signs = signs.map_or(Weights::Signs(&key), Weights::Given);
-    Ok(array1(py, run(py, UNTIL_STOPPED, |stop| identify::sign_radii(&pairs, signs, size, threads, stop))?))
+    array1(py, run(py, UNTIL_STOPPED, |stop| identify::sign_radii(&pairs, signs, size, threads, stop))?)
 }
 
 /// `||sum a e q'||_F` (size) of each sign vector for pairs `rows` (N, rank + n). `signs` (size, N) replace what `key` draws.
@@ -247,5 +252,5 @@ pub(super) fn sign_statistics<'py>(
     let (pairs, key) = (pairs(&rows, n, None)?, self::key(key)?);
     let signs = signs.as_ref().map(|signs| slice("signs", signs)).transpose()?;
     let signs = signs.map_or(Weights::Signs(&key), Weights::Given);
-    Ok(array1(py, run(py, UNTIL_STOPPED, |stop| identify::sign_statistics(&pairs, signs, size, threads, stop))?))
+    array1(py, run(py, UNTIL_STOPPED, |stop| identify::sign_statistics(&pairs, signs, size, threads, stop))?)
 }

@@ -1,6 +1,6 @@
 //! The laws of the errors of identified models: quantiles, limits, levels.
 
-use numpy::PyReadonlyArray1;
+use numpy::{PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 
 use super::convert::slice;
@@ -51,6 +51,13 @@ pub(super) fn chi2_quantile(probability: f64, degrees: f64) -> PyResult<f64> {
 #[pyfunction]
 pub(super) fn chi2_upper(delta: f64, degrees: f64) -> PyResult<f64> {
     Ok(identify::chi2_upper(delta, degrees)?)
+}
+
+/// `t` with `P(||x|| > t) <= delta` for normal x of this covariance (n, n).
+#[pyfunction]
+pub(super) fn normal_quantile(py: Python<'_>, covariance: PyReadonlyArray2<'_, f64>, delta: f64) -> PyResult<f64> {
+    let (n, values) = (covariance.as_array().nrows(), slice("covariance", &covariance)?);
+    run(py, UNTIL_STOPPED, |_| identify::normal_quantile(values, n, delta))
 }
 
 /// `x` with `P(F_{a,b} > x) = delta`.

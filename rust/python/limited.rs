@@ -15,17 +15,17 @@ pub(super) struct BoxControl(pub(super) Solution);
 impl BoxControl {
     #[getter]
     fn control<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        Ok(array1(py, try_copy("a control", &self.0.control)?))
+        array1(py, try_copy("a control", &self.0.control)?)
     }
 
     #[getter]
     fn active<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<i8>>> {
-        Ok(PyArray1::from_vec(py, try_copy("the limits of a control", &self.0.active)?))
+        array1(py, try_copy("the limits of a control", &self.0.active)?)
     }
 
     #[getter]
     fn multipliers<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        Ok(array1(py, try_copy("the multipliers of a control", &self.0.multipliers)?))
+        array1(py, try_copy("the multipliers of a control", &self.0.multipliers)?)
     }
 
     #[getter]
@@ -82,12 +82,12 @@ pub(super) struct RowsControl {
 impl RowsControl {
     #[getter]
     fn rates<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        Ok(array1(py, try_copy("the multipliers of the rates", &self.rates)?))
+        array1(py, try_copy("the multipliers of the rates", &self.rates)?)
     }
 
     #[getter]
     fn states<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        Ok(array1(py, try_copy("the multipliers of the states", &self.states)?))
+        array1(py, try_copy("the multipliers of the states", &self.states)?)
     }
 
     #[getter]

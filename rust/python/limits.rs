@@ -138,7 +138,7 @@ impl BoxSolver {
 
     fn warm<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray1<i8>>>> {
         let copy = |solver: &mut Solver, _: &Stop| solver.warm().map(|warm| try_copy("a start", warm)).transpose();
-        Ok(self.inner.with(py, 0.0, copy)?.map(|warm| PyArray1::from_vec(py, warm)))
+        self.inner.with(py, 0.0, copy)?.map(|warm| array1(py, warm)).transpose()
     }
 
     fn resume(&self, py: Python<'_>, warm: Option<Signs<'_>>) -> PyResult<()> {
@@ -148,7 +148,7 @@ impl BoxSolver {
 }
 
 fn given(py: Python<'_>, (u, gaps): Batch, size: usize, d: usize) -> PyResult<Given<'_>> {
-    Ok((array2(py, u, size, d)?, gaps.map(|gaps| array1(py, gaps))))
+    Ok((array2(py, u, size, d)?, gaps.map(|gaps| array1(py, gaps)).transpose()?))
 }
 
 /// Controls (N, d) for the rows of `y` (N, rows), and their gaps.
@@ -259,6 +259,7 @@ pub(super) fn rows_control(
     state_low: Option<Matrix<'_>>,
     state_high: Option<Matrix<'_>>,
     soft: Option<f64>,
+    warm: Option<Signs<'_>>,
     time_limit: Option<f64>,
 ) -> PyResult<Py<RowsControl>> {
     let ((n, m), steps) = (b.as_array().dim(), reference.as_array().dim().0);
@@ -271,10 +272,10 @@ pub(super) fn rows_control(
     if let Some((low, high)) = together("`state_low` and `state_high`", &state_low, &state_high)? {
         rows.states = Some((slice("state_low", low)?, slice("state_high", high)?));
     }
-    let limit = seconds(time_limit);
+    let (warm, limit) = (signs(&warm)?, seconds(time_limit));
     let cost = 300.0 * steps as f64 * ((2 * n + m) as f64).powi(3);
     let status = |found: &RowsSolution| found.found.status;
     let found =
-        to_best(py, cost, status, |stop| limits::rows_control(&horizon, bounds, rows, Until::new(stop, limit)))?;
+        to_best(py, cost, status, |stop| limits::rows_control(&horizon, bounds, rows, warm, Until::new(stop, limit)))?;
     RowsControl::of(py, found)
 }

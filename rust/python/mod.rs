@@ -3,6 +3,7 @@
 //! It converts arrays, releases the interpreter, handles signals and maps errors; it computes nothing. Shapes are those
 //! of the core: a law's arrays are `(lines, length)`, and the package turns columns or rows of a matrix into lines.
 
+mod arrays;
 mod control;
 mod convert;
 mod draws;
@@ -26,7 +27,7 @@ use pyo3::prelude::*;
 #[pymodule]
 mod _core {
     #[pymodule_export]
-    use super::control::{mean_difference, pseudoinverse, realization_controls};
+    use super::control::{best_control, mean_difference, pseudoinverse, pushed, realization_controls};
     #[pymodule_export]
     use super::draws::{Draws, sample_counts};
     #[pymodule_export]
@@ -44,8 +45,8 @@ mod _core {
     #[pymodule_export]
     use super::laws::{
         chi2_quantile, chi2_upper, diagonal_quantile, f_upper, joint_radii, least_squares_level, log_multigamma,
-        noncentrality_limit, one_noise, row_quantile, roy_quantile, scalar_quantile, smallest_quantile, sphere_level,
-        trace_quantile, wishart_quantile,
+        noncentrality_limit, normal_quantile, one_noise, row_quantile, roy_quantile, scalar_quantile,
+        smallest_quantile, sphere_level, trace_quantile, wishart_quantile,
     };
     #[pymodule_export]
     use super::limited::{BoxControl, RowsControl};

@@ -38,8 +38,8 @@ fn products(a: &PyReadonlyArray2<'_, f64>, b: &PyReadonlyArray2<'_, f64>) -> f64
 fn moments(py: Python<'_>, ensemble: Ensemble, n: usize) -> PyResult<Moments<'_>> {
     let times = ensemble.mean.len() / n;
     let variance = ensemble.variance.map(|v| array2(py, v, times, n)).transpose()?;
-    let covariance = ensemble.covariance.map(|c| array1(py, c));
-    Ok((array2(py, ensemble.mean, times, n)?, variance, covariance, array1(py, ensemble.runs)))
+    let covariance = ensemble.covariance.map(|c| array1(py, c)).transpose()?;
+    Ok((array2(py, ensemble.mean, times, n)?, variance, covariance, array1(py, ensemble.runs)?))
 }
 
 /// The exact states `x(0), ..., x(K)` (K + 1, n).
@@ -266,5 +266,5 @@ pub(super) fn simulate_estimates<'py>(
     let key = self::key(key)?;
     let errors =
         run(py, cost * runs as f64, |stop| simulate::estimate_errors(&average, norm, runs, &key, threads, stop))?;
-    Ok(array1(py, errors))
+    array1(py, errors)
 }

@@ -3,10 +3,12 @@
 use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 
-use numpy::{PyArray1, PyArrayDescrMethods, PyReadonlyArray1, PyUntypedArray, PyUntypedArrayMethods, dtype};
+use numpy::{PyArrayDescrMethods, PyReadonlyArray1, PyUntypedArray, PyUntypedArrayMethods, dtype};
 use pyo3::prelude::*;
-use pyo3::types::{PyBytes, PyDict};
+use pyo3::types::{PyBytes, PyDict, PyList, PyString};
 
+use super::arrays::{bytes as bytes_of, mapping, text};
+use super::convert::array1;
 use super::error::{InputTypeError, ShapeError};
 use super::run::run;
 use crate::Error;
@@ -44,6 +46,22 @@ impl<'py> FromPyObject<'_, 'py> for Array<'py> {
     }
 }
 
+/// The sections of a state: a list of names and arrays.
+pub(super) struct Given<'py>(Vec<(Bound<'py, PyString>, Array<'py>)>);
+
+impl<'py> FromPyObject<'_, 'py> for Given<'py> {
+    type Error = PyErr;
+
+    fn extract(object: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        let list = object.cast::<PyList>()?;
+        let mut given = try_room("the sections", list.len())?;
+        for pair in list.iter() {
+            given.push(pair.extract()?);
+        }
+        Ok(Self(given))
+    }
+}
+
 /// A writer's lock on the state file at `path`, held until `release`, until this object is freed, or until the process
 /// ends.
 #[pyclass(frozen, weakref, module = "stochens_rs._core")]
@@ -71,7 +89,7 @@ pub(super) fn storage_save(
     py: Python<'_>,
     path: PathBuf,
     kind: &str,
-    sections: Vec<(String, Array<'_>)>,
+    sections: Given<'_>,
     held: Option<&Bound<'_, StateLock>>,
 ) -> PyResult<u64> {
     let (sections, bytes) = checked(&sections)?;
@@ -87,10 +105,10 @@ pub(super) fn storage_save(
 }
 
 /// The sections as the core takes them, and their bytes.
-fn checked<'a>(given: &'a [(String, Array<'_>)]) -> PyResult<(Vec<Section<'a>>, f64)> {
+fn checked<'a>(Given(given): &'a Given<'_>) -> PyResult<(Vec<Section<'a>>, f64)> {
     let mut sections = try_room("the sections", given.len())?;
     for (name, array) in given {
-        sections.push(Section { name: name.into(), values: values(array)? });
+        sections.push(Section { name: name.to_str()?.into(), values: values(array)? });
     }
     let bytes: usize = sections
         .iter()
@@ -131,11 +149,11 @@ pub(super) fn storage_encode<'py>(
     py: Python<'py>,
     kind: &str,
     generation: u64,
-    sections: Vec<(String, Array<'_>)>,
+    sections: Given<'_>,
 ) -> PyResult<Bound<'py, PyBytes>> {
     let (sections, bytes) = checked(&sections)?;
     let encoded = run(py, PER_BYTE * bytes, |stop| storage::encode(kind, generation, &sections, stop))?;
-    Ok(PyBytes::new(py, &encoded))
+    bytes_of(py, &encoded)
 }
 
 /// The contents of a state file of this `kind` with these bytes: `(generation, sections)`; `source` is its name in
@@ -153,13 +171,13 @@ pub(super) fn storage_decode<'py>(
 
 /// Generation and arrays, by their names.
 fn arrays(py: Python<'_>, found: Container) -> PyResult<(u64, Bound<'_, PyDict>)> {
-    let sections = PyDict::new(py);
+    let sections = mapping(py)?;
     for section in found.sections {
-        let name = section.name;
+        let name = text(py, &section.name)?;
         match section.values {
-            Values::Bytes(values) => sections.set_item(name, PyArray1::from_vec(py, values.into_owned()))?,
-            Values::Integers(values) => sections.set_item(name, PyArray1::from_vec(py, values.into_owned()))?,
-            Values::Reals(values) => sections.set_item(name, PyArray1::from_vec(py, values.into_owned()))?,
+            Values::Bytes(values) => sections.set_item(name, array1(py, values.into_owned())?)?,
+            Values::Integers(values) => sections.set_item(name, array1(py, values.into_owned())?)?,
+            Values::Reals(values) => sections.set_item(name, array1(py, values.into_owned())?)?,
         }
     }
     Ok((found.generation, sections))

@@ -32,12 +32,16 @@ fn geometry(py: Python<'_>, b: &PyReadonlyArray2<'_, f64>) -> PyResult<Geometry>
 }
 
 fn to_python<'py>(py: Python<'py>, sections: Sections) -> PyResult<Vec<(String, Bound<'py, PyAny>)>> {
-    let array = |section| match section {
-        Section::U8(values) => PyArray1::from_vec(py, values).into_any(),
-        Section::U64(values) => PyArray1::from_vec(py, values).into_any(),
-        Section::F64(values) => PyArray1::from_vec(py, values).into_any(),
-    };
-    Ok(try_collect("the sections", sections.0.into_iter().map(|(name, section)| (name, array(section))))?)
+    let mut made = try_room("the sections", sections.0.len())?;
+    for (name, section) in sections.0 {
+        let array = match section {
+            Section::U8(values) => array1(py, values)?.into_any(),
+            Section::U64(values) => array1(py, values)?.into_any(),
+            Section::F64(values) => array1(py, values)?.into_any(),
+        };
+        made.push((name, array));
+    }
+    Ok(made)
 }
 
 fn from_python(sections: Vec<(String, Array<'_>)>) -> PyResult<Sections> {
@@ -146,13 +150,13 @@ impl PyStream {
 
     /// The control (m,).
     fn control<'py>(&self, py: Python<'py>) -> PyResult<Array1<'py>> {
-        Ok(array1(py, self.read(py, Stream::control)?))
+        array1(py, self.read(py, Stream::control)?.control)
     }
 
     /// The estimates of x0 (n,), xf (n,) and of A, its columns as rows.
     fn estimates<'py>(&self, py: Python<'py>) -> PyResult<(Array1<'py>, Array1<'py>, Array2<'py>)> {
         let [x0, xf, a] = self.read(py, |stream| stream.estimates())?;
-        Ok((array1(py, x0), array1(py, xf), array2(py, a, self.n, self.n)?))
+        Ok((array1(py, x0)?, array1(py, xf)?, array2(py, a, self.n, self.n)?))
     }
 
     /// Steps taken, and realizations used for x0, xf, A.
@@ -180,7 +184,7 @@ impl PyStream {
         let trace = self.inner.with(py, 1e4, |stream, _| try_copy("the trace", stream.trace()))?;
         let values = try_collect("the trace", trace.iter().map(|e| [e.certificate, e.error, e.size]))?;
         let steps = try_collect("the trace", trace.iter().map(|e| e.step))?;
-        Ok((PyArray1::from_vec(py, steps), array2(py, values.into_flattened(), trace.len(), 3)?))
+        Ok((array1(py, steps)?, array2(py, values.into_flattened(), trace.len(), 3)?))
     }
 
     /// The state as named arrays.
@@ -236,9 +240,10 @@ impl PyDataStream {
         self.inner.with(py, cost, |data, stop| data.update(entity, &samples, stop))
     }
 
-    /// The control (m,).
-    fn control<'py>(&self, py: Python<'py>) -> PyResult<Array1<'py>> {
-        Ok(array1(py, self.inner.with(py, square(self.n), |data, _| data.control())?))
+    /// The control (m,), and what its rounding moves the state by at most.
+    fn control<'py>(&self, py: Python<'py>) -> PyResult<(Array1<'py>, f64)> {
+        let best = self.inner.with(py, square(self.n), |data, _| data.control())?;
+        Ok((array1(py, best.control)?, best.state_rounding))
     }
 
     /// The estimates of x0 (n,), xf (n,), A (n, n).
@@ -247,7 +252,7 @@ impl PyDataStream {
             let [x0, xf, a] = data.estimates();
             Ok([try_copy("x0", x0)?, try_copy("xf", xf)?, try_copy("A", a)?])
         })?;
-        Ok((array1(py, x0), array1(py, xf), array2(py, a, self.n, self.n)?))
+        Ok((array1(py, x0)?, array1(py, xf)?, array2(py, a, self.n, self.n)?))
     }
 
     /// Per entity: realizations, `sqrt(sum ||E - mean||^2)`, `max ||E - E_1||`, `||F - target||` (nan without one).

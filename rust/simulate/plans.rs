@@ -21,14 +21,12 @@ use crate::stream::{Key, Purpose};
 
 mod average;
 mod estimates;
+mod sizes;
 
 pub use average::{Average, Estimate};
 pub use estimates::{Norm, estimate_errors};
 
-const WHAT: &str = "a simulated run";
-
-/// Runs that a thread takes at a time.
-const CHUNK: usize = 16;
+use sizes::{CHUNK, WHAT};
 
 /// The fused control of a problem, whose realizations every run draws again.
 #[derive(Debug, Clone)]

@@ -61,10 +61,7 @@ impl Stream {
                 Some((Rule::Certificate, tolerance)) => {
                     self.step();
                     // the second part alone costs O(1)
-                    if self.steps().is_multiple_of(n)
-                        && self.matrix_part() <= tolerance
-                        && self.certificate()?.0 <= tolerance
-                    {
+                    if self.steps().is_multiple_of(n) && self.matrix_part() <= tolerance && self.bound()? <= tolerance {
                         return Ok(End::Converged);
                     }
                 }

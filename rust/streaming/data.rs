@@ -2,6 +2,7 @@
 
 use super::geometry::Geometry;
 use super::sections::NAMES;
+use crate::control::Best;
 use crate::error::{Error, Result};
 use crate::fuse::{Dense, distance, norm, step_towards};
 use crate::memory::{checked_len, try_collect, try_zeros};
@@ -207,21 +208,17 @@ impl Data {
         [0, 1, 2].map(|k| self.feeds[k].target.as_ref().map_or(f64::NAN, |t| distance(self.feeds[k].current(), t)))
     }
 
-    /// `Ff - FA F0`.
-    fn difference(&self) -> Result<Vec<f64>> {
-        let [x0, xf, a] = self.estimates();
-        minus(xf, &rows_times(a, x0)?)
-    }
-
-    /// The control `v = B^+ (Ff - FA F0)`.
+    /// The control `v = B^+ (Ff - FA F0)`, with its rounding.
     ///
     /// # Errors
-    /// [`Error::Overflow`] if it is not representable.
-    pub fn control(&self) -> Result<Vec<f64>> {
-        self.geometry.control(&self.difference()?)
+    /// [`Error::Overflow`] if it is not representable, [`Error::Memory`].
+    pub fn control(&self) -> Result<Best> {
+        let [x0, xf, a] = self.estimates();
+        self.geometry.best(a, x0, xf)
     }
 
-    /// The certificate towards the targets, and the exact `||B (v - v*)||`; `None` unless all three have one.
+    /// The certificate towards the targets, with the rounding of the control, and `||B (v - v*)||` for the control in
+    /// doubles; `None` unless all three have one.
     ///
     /// # Errors
     /// [`Error::Memory`].
@@ -230,11 +227,17 @@ impl Data {
         let (Some(t0), Some(tf), Some(ta)) = (&x0.target, &xf.target, &a.target) else { return Ok(None) };
         let (d0, df, da) = (minus(x0.current(), t0)?, minus(xf.current(), tf)?, minus(a.current(), ta)?);
         let apart = minus(&df, &rows_times(ta, &d0)?)?;
-        let off = minus(&apart, &rows_times(&da, x0.current())?)?;
+        let mut off = minus(&apart, &rows_times(&da, x0.current())?)?;
         let matrix = size(&da) * size(x0.current());
         let mut room = try_zeros(WHAT, self.geometry.n)?;
-        let mut projected = |z: &[f64]| self.geometry.projected_norm(z, &mut room);
-        Ok(Some((projected(&apart) + matrix, projected(&off))))
+        let bound = self.geometry.projected_norm(&apart, &mut room) + matrix;
+        let best = self.control()?;
+        // sums of n + 3 terms (Higham, Accuracy and Stability of Numerical Algorithms (2002), 3.1)
+        let terms = (self.geometry.n + 8) as f64 * f64::EPSILON;
+        let sums = terms * (bound + size(&df) + size(ta) * size(&d0));
+        let rounding = self.geometry.rounding(&apart, &best.needed);
+        off.iter_mut().zip(&best.shift).for_each(|(off, shift)| *off += shift);
+        Ok(Some((bound + sums + rounding, self.geometry.projected_norm(&off, &mut room))))
     }
 }
 

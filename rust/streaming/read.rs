@@ -3,6 +3,7 @@
 use super::slot::Slot;
 use super::stream::{Config, Lines, Room, Stream, Variant};
 use super::trace::Entry;
+use crate::control::Best;
 use crate::error::Result;
 use crate::memory::try_zeros;
 use crate::vector::{dot, norm};
@@ -39,12 +40,22 @@ impl Stream {
         out.iter_mut().zip(free).for_each(|(f, y)| *f = *f * xf.scale - y * x0.scale * a.scale);
     }
 
-    /// The control `v`.
+    /// The control `v`, computed from the estimates, with its rounding.
     ///
     /// # Errors
-    /// [`crate::Error::Overflow`] if it is not representable.
-    pub fn control(&self) -> Result<Vec<f64>> {
-        self.geometry.control(&self.difference()?)
+    /// [`crate::Error::Overflow`] if it is not representable, [`crate::Error::Memory`].
+    pub fn control(&self) -> Result<Best> {
+        let n = self.geometry.n;
+        if !self.consistent() {
+            let nothing = try_zeros("no free motion", n * n)?;
+            return self.geometry.best(&nothing, &nothing[..n], &self.difference()?);
+        }
+        let [x0, xf, columns] = self.estimates()?;
+        let mut a = try_zeros("A by rows", n * n)?;
+        for (j, column) in columns.chunks_exact(n).enumerate() {
+            column.iter().enumerate().for_each(|(i, value)| a[i * n + j] = *value);
+        }
+        self.geometry.best(&a, &x0, &xf)
     }
 
     /// `||F - E*||` for `x0`, `xf`, `A`, from the entries.
@@ -64,28 +75,41 @@ impl Stream {
         a.run.state.er.max(0.0).sqrt() * a.scale * (norm(&self.start.f) * self.slots[0].scale)
     }
 
-    /// A bound on `||B (v - v*)||`, and its value, in `O(n^2)`. The bound is
-    /// `||P [(Ff - xf) - A (F0 - x0)]|| + ||FA - A|| ||F0||`, NaN for the variants whose control does not follow from
-    /// their estimates; the value is `||P [(Ff - FA F0) - (xf - A x0)]||`, from differences that do not cancel.
+    /// A bound on `||B (v - v*)||`, and its value for the control in doubles, in `O(n^2)`. The bound is
+    /// `||P [(Ff - xf) - A (F0 - x0)]|| + ||FA - A|| ||F0||` with what rounding may add, NaN for the variants whose
+    /// control does not follow from their estimates.
+    ///
+    /// # Errors
+    /// As [`Stream::control`].
+    pub fn certificate(&self) -> Result<(f64, f64)> {
+        let mut room = Room::lines(self.geometry.n)?;
+        let (bound, _) = self.certificate_in(&mut room);
+        let [line, .., apart, _] = &mut room;
+        apart.iter_mut().zip(&self.control()?.shift).for_each(|(y, shift)| *y += shift);
+        Ok((bound, self.geometry.projected_norm(apart, line)))
+    }
+
+    /// The bound alone.
     ///
     /// # Errors
     /// [`crate::Error::Memory`].
-    pub fn certificate(&self) -> Result<(f64, f64)> {
-        Ok(self.certificate_in(&mut Room::lines(self.geometry.n)?))
+    pub(super) fn bound(&self) -> Result<f64> {
+        Ok(self.certificate_in(&mut Room::lines(self.geometry.n)?).0)
     }
 
-    /// The same, with scratch space.
+    /// The bound, and the value without rounding, `||P [(Ff - FA F0) - (xf - A x0)]||`, from differences that do not
+    /// cancel; these are left in the fifth of the lines.
     pub(super) fn certificate_in(&self, room: &mut Lines) -> (f64, f64) {
         let [x0, xf, a] = &self.slots;
         let n = self.geometry.n;
         let [line, off, start, moved, apart, matrix] = room;
         if !self.consistent() {
-            self.difference_in(off);
+            self.difference_in(apart);
             for (column, x) in a.law.values().chunks_exact(n).zip(x0.law.values()) {
-                off.iter_mut().zip(column).for_each(|(off, a)| *off += a * x);
+                apart.iter_mut().zip(column).for_each(|(off, a)| *off += a * x);
             }
-            off.iter_mut().zip(xf.law.values()).for_each(|(off, f)| *off -= f);
-            return (f64::NAN, self.geometry.projected_norm(off, line));
+            apart.iter_mut().zip(xf.law.values()).for_each(|(off, f)| *off -= f);
+            return (f64::NAN, self.geometry.projected_norm(apart, line));
         }
         x0.visit(false, [line, off], |_, line, off| {
             start.copy_from_slice(line);
@@ -101,10 +125,17 @@ impl Stream {
             matrix.iter_mut().zip(off).for_each(|(y, off)| *y += off * f);
             apart.iter_mut().zip(&a.law.values()[j * n..(j + 1) * n]).for_each(|(y, a)| *y -= a * d);
         });
+        let mut goal = 0.0;
         xf.visit(false, [line, off], |_, _, off| {
+            goal = norm(off) * xf.scale;
             apart.iter_mut().zip(off).for_each(|(y, off)| *y = *y * x0.scale + off * xf.scale);
         });
         let bound = self.geometry.projected_norm(apart, line) + er.sqrt() * a.scale * (norm(start) * x0.scale);
+        // sums of n + 3 terms (Higham, Accuracy and Stability of Numerical Algorithms (2002), 3.1)
+        let terms = (n + 8) as f64 * f64::EPSILON;
+        let sums = terms * (bound + goal + self.size_a * (norm(moved) * x0.scale));
+        self.difference_in(line);
+        let bound = bound + sums + self.geometry.rounding(apart, line);
         apart.iter_mut().zip(&*matrix).for_each(|(y, off)| *y -= off * a.scale * x0.scale);
         (bound, self.geometry.projected_norm(apart, line))
     }

@@ -1,6 +1,6 @@
 //! The stream: the choice of the slot, and the update of its estimate and of all that depends on it.
 
-use super::geometry::Geometry;
+use super::geometry::{Geometry, scaled_norm};
 use super::products::{Products, Start};
 use super::slot::Slot;
 use super::trace::{Entry, on_grid};
@@ -73,6 +73,8 @@ pub struct Stream {
     pub(super) drift: f64,
     pub(super) trace: Vec<Entry>,
     refresh_every: u64,
+    /// `||A||_F`
+    pub(super) size_a: f64,
     /// `||A||_2`, needed for [`Order::Gain`]
     norm_a: f64,
     work: [Vec<f64>; 2],
@@ -148,6 +150,7 @@ impl Stream {
             }
         }
         let slot = |values, lines, key: Key| Slot::new(values, lines, n, key, config.safeguard);
+        let size_a = scaled_norm(&laws.a);
         let norm_a = if config.order == Order::Gain { spectral_norm(&laws.a, n)? } else { 0.0 };
         let slots = [slot(laws.x0, 1, laws.keys[0])?, slot(laws.xf, 1, laws.keys[1])?, slot(laws.a, n, laws.keys[2])?];
         // ||Ff - FA F0||_1 <= gf + gA g0 for all means of realizations: if this is finite, nothing overflows later
@@ -168,6 +171,7 @@ impl Stream {
             drift: 0.0,
             trace: try_room(WHAT, MOST_ENTRIES)?,
             refresh_every: 16 * n.max(16) as u64,
+            size_a,
             norm_a,
             work: [try_zeros(WHAT, n)?, try_zeros(WHAT, n)?],
             room: Room::new(n, &slots[0])?,

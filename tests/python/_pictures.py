@@ -66,7 +66,8 @@ def plan() -> se.Plan:
 
 
 def certified(draw: Callable[[Any], Any]) -> Any:
-    exact = plan().states(CART, [-1.0, 0.0])
+    # without names: those of the runs contain units
+    exact = plan().states(se.System(CART.A, CART.B), [-1.0, 0.0])
     runs = exact + 0.005 * np.random.default_rng(1).standard_normal((2, *exact.shape))
     return draw((plan(), plan().bound(0.05), runs))
 

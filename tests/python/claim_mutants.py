@@ -33,7 +33,8 @@ from stochens_rs.paper.verdicts import (
 )
 from stochens_rs.rng import as_key
 from stochens_rs.system import System
-from stochens_rs.theory import bounds
+from stochens_rs.theory import bounds, exact
+from stochens_rs.theory.bounds import inequalities
 
 KEY = as_key(1)
 W = np.array([2.0, 1.0, 1.0])
@@ -187,6 +188,19 @@ def _scaled_best(honest: Any, *args: Any, **kwargs: Any) -> Any:
     return SimpleNamespace(radius=0.2 * found.radius, bound=found.bound)
 
 
+HONEST_CONTROL: Any = exact.Best.u.fget  # type: ignore[attr-defined]
+# sqrt is in the radius only; the probability of an error is left as it is
+half_of_mcdiarmid = change(inequalities, "mcdiarmid", lambda honest, *args: 0.5 * honest(*args))
+
+
+class WrongStream(se.Stream):
+    """A stream whose control is wrong by 3 %."""
+
+    @property
+    def u(self) -> Any:
+        return 1.03 * super().u
+
+
 MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
     ("Contribution vi", 0): {
         "the printed loop has fused estimates": put(
@@ -203,6 +217,16 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
             algorithm_1, "mean_square_bound", lambda honest, *args: 1e-4 * honest(*args)
         ),
     },
+    ("Contribution vi", 2): {
+        "the printed loop has fused estimates": put(
+            algorithm_1, "_printed", lambda samples, w: rationals.slse_path(samples, w)[-1]
+        ),
+        "a bound that says nothing": change(
+            algorithm_1,
+            "Lemma42",
+            lambda honest, system, x0, xf, C: honest(system, 100.0 * x0, xf, C=C),
+        ),
+    },
     ("Definition 2.1, eq. (3)", 0): {
         "products from left to right": change(
             definitions, "_product", lambda honest, factors: honest(factors[::-1])
@@ -210,6 +234,10 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
     },
     ("Definition 2.2", 0): {"no randomness": put(rationals, "matrix_atoms", certain)},
     ("Definition 2.3", 0): {
+        "another length": double,
+        "every control is the chosen one": put(rationals, "square", lambda x: rationals.ZERO),
+    },
+    ("Definition 2.3", 1): {
         "biased realizations": change(
             approximate,
             "simulate_ensemble",
@@ -225,6 +253,17 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
     ("Lemma 3.1", 0): {"good realizations in one run": aligned},
     ("Remark after Lemma 3.1", 0): {"good realizations in one run": aligned},
     ("Lemma 3.2", 0): {"good realizations at one index": aligned},
+    ("Lemma 3.2", 1): {
+        "every control 3 % too large": put(
+            exact.Best, "u", property(lambda best: 1.03 * HONEST_CONTROL(best))
+        ),
+        "realization controls 3 % too large": change(
+            lemmas_on_reachability,
+            "realization_controls",
+            lambda honest, *args: 1.03 * honest(*args),
+        ),
+        "another length": double,
+    },
     ("Remark after Lemma 3.2, reachable", 0): {"good realizations at one index": aligned},
     ("Remark after Lemma 3.2, reachable", 1): {"biased realizations": double},
     ("Remark after Lemma 3.2, any sequence", 0): {
@@ -270,7 +309,7 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
         "a bound of ours that does not": put(
             lemmas_on_tails.bounds,
             "bound",
-            lambda name, quantity, w: printed_bounds.OneVector(w, C=4.0),
+            lambda *_, **__: printed_bounds.OneVector([0.5, 0.5], C=4.0),
         ),
     },
     ("Lemma 4.2", 1): {
@@ -286,6 +325,7 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
             printed_bounds, "largest_realization", lambda A: float(np.linalg.norm(A, 2))
         ),
     },
+    ("Lemma 4.2", 3): {"McDiarmid's radius halved": half_of_mcdiarmid},
     ("Proof of Lemma 4.2, norm", 0): {
         "the largest entry for a sum": put(
             lemmas_on_tails, "_row_sums", lambda M: max(abs(x) for row in M for x in row)
@@ -312,6 +352,7 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
             ),
         ),
     },
+    ("Lemma 4.3", 2): {"McDiarmid's radius halved": half_of_mcdiarmid},
     ("Lemma 4.4", 0): {"realizations of length 1": unit},
     ("Lemma 4.4", 1): {"realizations of length 1": unit},
     ("Remark after Lemma 4.4", 0): {
@@ -328,7 +369,11 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
         "both with fused estimates": stream("consistent"),
         "both as printed": stream("literal"),
     },
-    ("Algorithm 1", 1): {"the certificate as rule": stream("consistent", "certificate")},
+    ("Algorithm 1", 1): {
+        "every control 3 % too large": put(algorithm_1, "Stream", WrongStream),
+        "both as printed": stream("literal"),
+    },
+    ("Algorithm 1", 2): {"the certificate as rule": stream("consistent", "certificate")},
     ("Lemma 4.5, recursion", 0): {"the corrected recursion is the printed one": printed_recursion},
     ("Lemma 4.5, recursion", 1): {
         "the corrected recursion is the printed one": printed_recursion,
@@ -370,7 +415,14 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
         "SLSE is ALSE": as_method(replicate, "fuse_path", "slse", "alse"),
     },
     ("Figure 2", 0): {"ALSE is exact from the first realization on": exact_path("alse")},
-    ("Section 5.2, one step", 0): {"no randomness": put(rationals, "matrix_atoms", certain)},
+    ("Section 5.2, one step", 0): {
+        "no randomness": put(rationals, "matrix_atoms", certain),
+        "every control 3 % too large": change(
+            section_5_2,
+            "control",
+            lambda honest, *args, **kwargs: SimpleNamespace(u=1.03 * honest(*args, **kwargs).u),
+        ),
+    },
     ("Section 5.2, one step", 1): {
         "no more realizations": change(
             section_5_2,

@@ -26,6 +26,17 @@ def pytest_report_header(config: pytest.Config) -> str:
     return f"test seed: {config.getoption('--seed')}"
 
 
+# What `make quick` leaves out: coverage studies, hostile input, pictures, pages, the paper's runs.
+SLOW = ("coverage", "hostile", "hidden_systems", "pictures", "gallery", "notebook", "experiments",
+        "claims", "reproduce", "report_page", "scenario", "interrupt", "durable")  # fmt: skip
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if any(word in item.path.stem for word in SLOW):
+            item.add_marker("slow")
+
+
 @pytest.fixture
 def seed(request: pytest.FixtureRequest) -> int:
     """Seed of this run: a test that takes it must pass for every seed."""

@@ -35,6 +35,23 @@ def slow(key: Key, scale: float = 1.0) -> dict[str, float]:
     return noise(key, scale)
 
 
+class Clock:
+    """Stands for the module `time`, so that `slow` takes 4 ms on every machine."""
+
+    now = 0.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+    perf_counter = monotonic
+
+    def sleep(self, seconds: float) -> None:
+        self.now += seconds
+
+    def __reduce__(self) -> str:  # its state says nothing of a function
+        return "clock"
+
+
 def prefixes(key: Key, size: Any) -> dict[str, Any]:
     """Return one error for each size, on prefixes of one sample."""
     ensemble = se.sample(TARGET, int(size[-1]), rng=key)

@@ -8,6 +8,7 @@ import pickle
 import numpy as np
 import pytest
 
+from hidden_systems import of_each_kind
 from stochens_rs import cases
 from stochens_rs._base.discretize import discretize, expm
 from stochens_rs.cases._swing import reduced_stiffness, swing
@@ -251,6 +252,34 @@ def test_zoh_of_a_very_long_step_keeps_the_common_angle():
     # What is left is the common angle: rank 1, and A_d^2 = A_d.
     assert np.linalg.matrix_rank(A_d, tol=1e-5) == 1
     np.testing.assert_allclose(A_d @ A_d, A_d, atol=1e-6 * np.abs(A_d).max())
+
+
+def test_zoh_does_not_depend_on_the_units_of_the_inputs():
+    gen = np.random.default_rng(4)
+    for one in of_each_kind(gen, without=("mixed_state_units",)):  # its A is refused
+        m = one.B.shape[1]
+        for dt in (1e-3, 0.1, 7.0):
+            A_d, B_d = discretize(one.A, one.B, dt, "zoh")
+            powers = gen.integers(-300, 300, m)
+            again_A, again_B = discretize(one.A, np.ldexp(one.B, powers), dt, "zoh")
+            np.testing.assert_array_equal(again_A, A_d)
+            np.testing.assert_array_equal(again_B, np.ldexp(B_d, powers))
+            for unit in (1e-12, 1e8, 2e10, 1e100):
+                again_A, again_B = discretize(one.A, unit * one.B, dt, "zoh")
+                np.testing.assert_array_equal(again_A, A_d)
+                error = np.abs(again_B / unit - B_d).max(axis=0)
+                assert (error <= 1e-13 * np.abs(B_d).max(axis=0)).all()
+
+
+def test_zoh_of_one_huge_input_names_no_time_scale():
+    A, dt = np.array([[-1.0]]), 0.1
+    A_d, B_d = discretize(A, np.array([[2e10]]), dt, "zoh")
+    assert A_d[0, 0] == pytest.approx(np.exp(-0.1), rel=1e-15)
+    assert B_d[0, 0] == pytest.approx(-2e10 * np.expm1(-0.1), rel=1e-15)
+    with pytest.raises(InputError, match=r"too large .2e.09 s. for the time scales"):
+        discretize(A, np.array([[1.0]]), 2e9, "zoh")
+    with pytest.raises(InputError, match="B of the discretized system is not finite"):
+        discretize(np.zeros((1, 1)), np.array([[1e308]]), 1e5, "zoh")
 
 
 def test_zoh_of_the_double_integrator():

@@ -84,7 +84,15 @@ def test_three_steps_of_the_formula_data():
     part = replace(region.parts[0], factor=1.2)
     region = replace(region, parts=(part,), frobenius=np.sqrt(1.5))
     errors = region_errors(region, POINT[:2], np.array([[0.5], [0.0], [-0.5]]), rho0=0.0)
-    check(errors.radii[-1], 0.260230790267)
+    twin = cc.several_steps(
+        tr.fit(tr.triangle(Z, Y)),
+        POINT[:2],
+        [[0.5], [0.0], [-0.5]],
+        spectral=np.sqrt(1.2),
+        frobenius=np.sqrt(1.5),
+    )
+    np.testing.assert_allclose(errors.radii, twin.radii, rtol=1e-9)
+    assert errors.radii[-1] < 0.260230790267  # by the weighted inequality
     check(errors.states[-1], [0.491473192146, -0.693577119257])
     assert (errors.components <= errors.radii[-1] * (1 + 1e-12)).all()
     # row by row: never worse than the recursion with norms throughout
@@ -234,19 +242,22 @@ def test_no_model_of_the_region_leaves_the_tube(kind, noise, ends):
 @pytest.mark.parametrize("law", ["gaussian", "bounded", "sub-gaussian"])
 @pytest.mark.parametrize("K", [1, 3])
 def test_noise_of_known_size_joins_the_radii(law, K):
-    """||[D V^1/2, w]|| from both parts, each at half of delta; one step: the sum."""
+    """||[D V^1/2, w]|| from both parts, each at half of delta; one step, or Gaussian: the sum."""
     gen, _, z, y = case(41)
     model = model_of(z, y, noise=law, sigma=0.3, design="adaptive")
     plan = se.control(model, *gen.standard_normal((2, 4)), steps=K)
     rho = np.sqrt(model.region(DELTA / 2).parts[0].factor)
     q = {
-        "gaussian": np.sqrt(wishart_quantile(4, K, DELTA / 2)),
+        "gaussian": np.sqrt(wishart_quantile(4, 1, DELTA / 2)),
         "bounded": np.sqrt(K),
         "sub-gaussian": np.sqrt(K) * one_noise(4, DELTA / 2 / K),
     }[law]
     fitted, S = tr.fit(tr.triangle(z, y)), 0.09 * np.eye(4)
     if K == 1:
         options = {"spectral": rho}
+    elif law == "gaussian":
+        noise = 0.09 * np.eye(4), 0.4 * DELTA, 0.1 * DELTA / 4
+        options = {"spectral": rho, "frobenius": 2.0 * rho, "to_come": noise}
     else:
         both = np.hypot(2.0 * rho, np.sqrt(min(4, K)) * q)
         options = {"spectral": np.hypot(rho, q), "frobenius": both, "noise": True}
@@ -373,7 +384,7 @@ def test_plans_and_certificates_are_kept():
     again = pickle.loads(pickle.dumps(plan))
     assert again.bound().target == plan.bound().target
     assert pickle.loads(pickle.dumps(plan.bound())).start == plan.bound().start
-    assert repr(plan).endswith("true system: see bound()>")
+    assert f"true system: see bound(), {len(plan.warnings)} warnings>" in repr(plan)
     exact = se.System(*np.split(np.hstack(stable(gen)), [4], axis=1))
     assert plan.error(exact, plan.basis.x0, plan.basis.xf).state > 0.0
     assert plan.states(exact, plan.basis.x0).shape == (3, 4)
@@ -404,7 +415,8 @@ def refusals():
     yield InputError, "`x0_fixed` must be False over 2", lambda: two.bound(x0_fixed=True)
     yield InputError, "longest run", lambda: two.bound(open_loop=True)
     yield InputError, "needs 14 runs", lambda: runs.bound(open_loop=True)
-    yield InputError, "`noise` must be False", lambda: runs.bound(noise=True)
+    signs = se.control(model_of(z, y, noise="symmetric", rng=1), x0, xf, steps=3)
+    yield InputError, "`noise` must be False", lambda: signs.bound(noise=True)
     yield (
         InputError, "noise='bounded'",
         lambda: se.control(bounded, x0, xf, steps=3).bound(open_loop=True),

@@ -134,12 +134,12 @@ def test_interrupt_ends_with_130(tmp_path):
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     try:
-        deadline = time.monotonic() + 60
-        while not out.exists() and time.monotonic() < deadline:
+        deadline = time.monotonic() + 200
+        begun = out / "unfinished" / "power.study"
+        while not begun.exists() and time.monotonic() < deadline:
             time.sleep(0.05)
-        time.sleep(0.3)
         process.send_signal(signal.SIGINT)
-        stdout, stderr = process.communicate(timeout=60)
+        stdout, stderr = process.communicate(timeout=200)
     finally:
         process.kill()
     assert process.returncode == 130

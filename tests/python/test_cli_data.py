@@ -236,16 +236,19 @@ def test_a_model_is_known_by_its_content(table, tmp_path, capsys):
     assert ran(capsys, *where, 2)["certificate"] is not None
     with pytest.raises(se.exceptions.InputError, match="a saved object"):
         se.cases.from_file(file)
-    # the noise to come has no bound: said in options, and both cures are ones
+    assert ran(capsys, *where, 2, "--noise", "--open-loop")["certificate"]["noise"] is True
+    for options in ([], ["--sigma", 0.01], ["--last-pairs", "--design", "independent"]):
+        file.unlink()
+        ran(capsys, "identify", table, *OPTIONS, *options, "--save", file)
+        assert ran(capsys, *where, 2, "--noise")["certificate"]["noise"] is True
+    # the noise to come has no bound: said in options
+    file.unlink()
+    pairs = ["--last-pairs", "--design", "independent", "--noise", "symmetric", "--seed", 1]
+    ran(capsys, "identify", table, *OPTIONS, *pairs, "--save", file)
     error = failed(capsys, *where, 2, "--noise")
     for word in ("--sigma S", "--last-pairs --design independent", "--open-loop"):
         assert word in error
     assert "--open-loop" not in failed(capsys, *where, 1, "--noise")
-    assert ran(capsys, *where, 2, "--noise", "--open-loop")["certificate"]["noise"] is True
-    for options in (["--sigma", 0.01], ["--last-pairs", "--design", "independent"]):
-        file.unlink()
-        ran(capsys, "identify", table, *OPTIONS, *options, "--save", file)
-        assert ran(capsys, *where, 2, "--noise")["certificate"]["noise"] is True
     se.ModelStream(1, 1).save(tmp_path / "stream.state")
     assert cli.main(["control", str(tmp_path / "stream.state"), "--from", "1,0"]) == 5
     assert "pairs" in capsys.readouterr().err
@@ -454,6 +457,8 @@ def test_control_of_a_model_within_limits(table, tmp_path, capsys):
         (["--limits", "1"], "LOW,HIGH"),
         (["--limits", "1,0"], "low <= high"),
         (["--limits", "a,b"], "numbers with commas"),
+        (["--limits", "0,1_5"], "numbers with commas"),
+        (["--to", "0,1_5"], "numbers with commas"),
         (["--limits", "nan,1"], "LOW,HIGH"),
         (["--limits", "speed=-1,1"], "'speed' must be one of u[0], u[1]"),
         (["--state-limits", "u[0]=-1,1"], "must be one of x[0], x[1]"),
@@ -465,3 +470,10 @@ def test_control_of_a_model_within_limits(table, tmp_path, capsys):
 )
 def test_bad_limits_are_named(rig, capsys, args, words):
     assert words in failed(capsys, "control", rig[0], "--steps", 3, *args)
+
+
+def test_an_underscore_is_no_part_of_a_number(tmp_path, capsys):
+    path = tmp_path / "runs.csv"
+    path.write_text("x,u\n0,1\n1_5,1\n2,1\n")
+    words = failed(capsys, "identify", path, "--states", "x", "--inputs", "u")
+    assert "must have numbers in column 'x', got '1_5' in row 3" in words

@@ -30,7 +30,7 @@ def test_doctor_says_what_is_there(capsys, monkeypatch):
     assert (found["threads"], found["threads_by"]) == (3, "STOCHENS_NUM_THREADS")
     assert found["warnings"] == found["broken"] == []
     assert all(left >= 0 for left in found["memory_left"].values())
-    for word in ("stochens_rs", "release build", "numpy", "threads", "works        yes"):
+    for word in ("stochens_rs", "release build", "numpy", "threads", "works         yes"):
         assert word in text
 
 
@@ -76,3 +76,17 @@ def test_the_draws_of_doctor_are_those_of_the_twin():
     key = hashlib.sha256(b"stochens key v1\0int\x001").digest()
     drawn = twin.sample_indices(np.arange(1.0, 6.0), 1000, key=key, scheme="iid", axis=0)
     assert hashlib.sha256(drawn.astype("<i8").tobytes()).hexdigest() == cli._doctor._DRAWS
+
+
+def test_doctor_validates_the_core_against_numpy(capsys, monkeypatch):
+    assert cli.main(["doctor", "--validate", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)["validation"]
+    assert len(found) == 10
+    assert all(one["passed"] and one["cases"] >= 20 for one in found)
+    assert doctor(capsys)[0]["validation"] == []
+    own = twin.validation.controls.control
+    monkeypatch.setattr(
+        twin.validation.controls, "control", lambda *args, **how: 1.001 * own(*args, **how)
+    )
+    assert cli.main(["doctor", "--validate"]) == 1
+    assert "control, product fusion" in capsys.readouterr().out

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import json
-import os
 import pickle
 import signal
 import subprocess
 import sys
-import time
+from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +15,7 @@ import pytest
 
 import stochens_rs as se
 from stochens_rs import cli
+from stochens_rs.cli import _workers
 from stochens_rs.exceptions import InputError, ShapeError
 from stochens_rs.paper.experiments.replicate import Step
 from stochens_rs.studies.methods import METHODS, STYLES
@@ -107,6 +107,26 @@ def test_figures_and_facts_are_written(
     assert told.count("written: ") == 3
 
 
+# The command, which sends a signal to itself and its workers, as a terminal does, when so many
+# blocks are there.
+INTERRUPTED = """
+import os, sys
+from stochens_rs import cli
+from stochens_rs.cli import _workers
+from stochens_rs.studies.table import Table
+
+def add(table, block, _add=Table.add, _seen=[]):
+    _add(table, block)
+    _seen.append(block)
+    if len(_seen) == 5:
+        os.killpg(0, int(sys.argv[1]))
+
+if __name__ == "__main__":
+    Table.add = add
+    sys.exit(cli.main(sys.argv[2:]))
+"""
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="SIGINT cannot be sent on Windows")
 @pytest.mark.parametrize(
     ("workers", "number", "code"),
@@ -120,26 +140,51 @@ def test_ctrl_c_loses_nothing(
     number: int,
     code: int,
 ) -> None:
-    path = tmp_path / "a.study"
-    args = [problem, "--sizes", "5,2000", "--replicates", "3000", "--path", str(path)]
-    command = [sys.executable, "-m", "stochens_rs", "study", *args, "--workers", workers, "--json"]
-    program = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    path, script = tmp_path / "a.study", tmp_path / "script.py"
+    script.write_text(INTERRUPTED)
+    args = [problem, "--sizes", "5,20", "--replicates", "400", "--path", str(path)]
+    command = [sys.executable, str(script), str(number), "study", *args, "--workers", workers]
+    done = subprocess.run(
+        [*command, "--json"], capture_output=True, text=True, start_new_session=True, timeout=300
     )
-    while not path.exists() and program.poll() is None:
-        time.sleep(0.01)
-    time.sleep(0.3 if workers == "1" else 0.7)
-    os.killpg(program.pid, number)  # as a terminal does: to the workers too
-    out, told = program.communicate(timeout=60)
-    assert program.returncode == code, told
-    facts = json.loads(out)
+    assert done.returncode == code, done.stderr
+    facts = json.loads(done.stdout)
     assert facts["status"] == "interrupted"
-    assert "Traceback" not in told
-    done = int(se.Study.resume(path).results.done.sum())
-    assert sum(facts["summary"]["done"][:4]) == done
+    assert "Traceback" not in done.stderr
+    kept = int(se.Study.resume(path).results.done.sum())
+    assert 0 < kept < 1600
+    assert sum(facts["summary"]["done"][:4]) == kept
     _, resumed, _ = run(capsys, *args)
     _, whole, _ = run(capsys, *args[:-2])
     assert resumed["digest"] == whole["digest"]
+
+
+def test_what_did_not_get_to_its_end_has_an_exit_code_of_its_own(
+    problem: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    args = [problem, "--sizes", "5", "--replicates", "40", "--path", str(tmp_path / "a.study")]
+    code, facts, told = run(capsys, *args, "--time-limit", "1e-9")
+    assert (code, facts["status"]) == (4, "time_limit")
+    assert "the same command continues" in told
+
+    class Dead(ThreadPoolExecutor):
+        def submit(self, fn, /, *args, **kwargs):  # type: ignore[no-untyped-def]
+            raise BrokenExecutor
+
+    monkeypatch.setattr(_workers, "pool", lambda workers: Dead(workers))
+    code, facts, told = run(capsys, *args, "--workers", "2")
+    assert (code, facts["status"]) == (6, "workers_lost")
+    code, facts, _ = run(capsys, *args)
+    assert (code, facts["status"]) == (0, "completed")
+    assert cli.main(["stream", "--case", "ieee14", "--tol", "1e-9%", "--time-limit", "1e-9"]) == 4
+    capsys.readouterr()
+    for command, codes in (("study", ("4 time limit", "6 workers lost")), ("stream", ("4 time",))):
+        assert cli.main([command, "--help"]) == 0
+        said = " ".join(capsys.readouterr().out.split())
+        assert all(one in said for one in codes)
 
 
 @pytest.mark.parametrize(

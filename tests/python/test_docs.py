@@ -216,7 +216,7 @@ def test_links_lead_somewhere(path):
 # The name that an inline code begins with.
 DOTTED = re.compile(r"`~?([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)+)")
 ROOTS = {}
-for room in [stochens_rs, *vars(stochens_rs).values()]:
+for room in [stochens_rs, *(getattr(stochens_rs, name) for name in stochens_rs.__all__)]:
     if inspect.ismodule(room) and room.__name__.startswith("stochens_rs"):
         for item in [*getattr(room, "__all__", ()), *vars(stochens_rs)]:
             obj = getattr(room, item, None)

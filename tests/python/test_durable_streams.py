@@ -63,9 +63,17 @@ def test_resuming_is_never_having_stopped(tmp_path: Path, options: dict[str, obj
 def test_checkpoints_on_the_way(tmp_path: Path) -> None:
     path = tmp_path / "a.state"
     stream = make()
-    run = stream.run(time_limit=0.7, checkpoint=path, every=0.05)
-    assert run.status == "time_limit"
-    assert stream.save(path) >= 4  # every slice of 0.2 s, and the end
+    told: list[int] = []
+
+    def stop(done: int, _: int | None) -> None:
+        told.append(done)
+        if len(told) == 4:
+            raise KeyboardInterrupt
+
+    # the progress is told, then a checkpoint is written, every 0.2 s
+    run = stream.run(tol=1e-300, checkpoint=path, every=0.05, progress=stop)
+    assert run.status == "interrupted"
+    assert stream.save(path) == 3 + 1 + 1  # before the last one, at the end, and this one
     assert same(se.Stream.load(path), stream)
     whole = make()
     whole.step(stream.steps)
@@ -287,7 +295,7 @@ def test_a_hundred_kills(tmp_path: Path) -> None:
     path, moments = tmp_path / "a.state", random.Random(4)
     make().save(path)
     acknowledged = 0
-    for _ in range(100):
+    for turn in range(100):
         read, write = os.pipe()
         child = os.fork()
         if child == 0:
@@ -298,10 +306,11 @@ def test_a_hundred_kills(tmp_path: Path) -> None:
                 stream.save(path)
                 os.write(write, stream.steps.to_bytes(8, "little"))
         os.close(write)
+        # every second one surely at work; the others perhaps while they load
+        told = os.read(read, 8) if turn % 2 else b""
         time.sleep(moments.uniform(0.0, 0.03))
         os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
-        told = b""
         while block := os.read(read, 1 << 16):
             told += block
         os.close(read)
@@ -378,15 +387,16 @@ def test_ctrl_c_is_not_lost_while_loading(small: Path) -> None:
         fired += 1
         raise KeyboardInterrupt
 
-    started = time.perf_counter()
+    fastest = np.inf  # so that a timer ends within the load, however busy the machine is
     for _ in range(50):
+        started = time.perf_counter()
         se.Stream.load(small)
-    usual = (time.perf_counter() - started) / 50
+        fastest = min(fastest, time.perf_counter() - started)
     moments, before = random.Random(5), signal.signal(signal.SIGALRM, interrupt)
     try:
         for _ in range(1000):
             try:
-                signal.setitimer(signal.ITIMER_REAL, moments.uniform(0.01, 0.99) * usual)
+                signal.setitimer(signal.ITIMER_REAL, moments.uniform(0.01, 0.99) * fastest)
                 se.Stream.load(small)
                 signal.setitimer(signal.ITIMER_REAL, 0.0)
             except KeyboardInterrupt:
@@ -529,11 +539,11 @@ def test_a_signal_saves_before_leaving(tmp_path: Path, number: int, code: int) -
         stderr=subprocess.PIPE,
         text=True,
     )
-    limit = time.monotonic() + 30.0
+    limit = time.monotonic() + 200.0
     while not state.exists() and time.monotonic() < limit:
         time.sleep(0.02)
     child.send_signal(number)
-    out, err = child.communicate(timeout=30)
+    out, err = child.communicate(timeout=200)
     assert child.returncode == code, err
     told = json.loads(out)
     assert told["status"] == "interrupted"

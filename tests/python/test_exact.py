@@ -130,7 +130,7 @@ def test_targets_within_reach_are_called_so(condition, shape, generic):
         plan = se.control((A, B), x0, xf)
         assert plan.reachability.reachable
         assert plan.reachability.rank == min(B.shape)
-        assert plan.reachability.residual <= plan.reachability.rounding
+        assert plan.reachability.residual <= plan.reachability.upper * (1.0 + 1e-12)
         lost.append(np.linalg.norm(plan.predicted_states[-1] - xf) / np.linalg.norm(xf))
         assert best_control(A, B, x0, xf).reachability() == plan.reachability
     if not generic:  # controls of size 1 lead there to the last digit: 2 to 4 eps without refining
@@ -147,9 +147,10 @@ def test_targets_out_of_reach_are_not_called_reachable(condition):
         exact = rational(B)
         away = length(minus(column(xf), times(exact, best(exact, column(xf)))))
         found = se.control((A, B), x0, xf).reachability
-        assert not found.reachable
-        assert found.rounding < 0.1 * away
-        assert abs(found.residual - away) <= found.rounding + 1e-3 * away
+        assert found.verdict == "not reachable"
+        assert found.lower <= away <= found.upper < 1.001 * found.lower
+        # up to there, the rank is beyond doubt
+        assert found.size == math.inf if condition < 1e14 else found.size > 1e20
 
 
 @pytest.mark.parametrize("tiny", [1e-3, 1e-8, 1e-11, 1e-13, 1e-16, 1e-20])
@@ -166,10 +167,10 @@ def test_a_small_wish_is_not_lost_in_the_free_motion(gen, tiny):
         found = plan.reachability
         if tiny > 1e-14:
             assert found.relative == pytest.approx(0.8, rel=1e-3)
-            assert not found.reachable
+            assert found.verdict == "not reachable"
         else:
-            assert found.residual <= found.rounding < 1e-12 * np.linalg.norm(A) * np.linalg.norm(x0)
-            assert found.reachable
+            assert found.upper < 1e-12 * np.linalg.norm(A) * np.linalg.norm(x0)
+            assert found.verdict == "reachable"
             if found.relative:
                 assert "reachable up to rounding" in repr(plan)
 
@@ -195,7 +196,7 @@ def check(error, B, wish, u):
 @pytest.mark.parametrize("condition", CONDITIONS)
 def test_errors_hold_within_their_rounding(condition, shape, kind):
     """For the control of the plan itself, whose error comes out as 0, and for a wrong one."""
-    theta, largest = (2 * max(SHAPES[shape]) + 4) * np.finfo(float).eps * condition, 0.0
+    largest = 0.0
     for seed in range(8):
         gen = np.random.default_rng(seed)
         B, x0, xf, A = reachable_problem(seed, shape, condition, kind == "any")
@@ -209,15 +210,12 @@ def test_errors_hold_within_their_rounding(condition, shape, kind):
         v = plan.u[0]
         true, size, wanted = check(error, exact, wish, v)
         largest = max(largest, true / size)
-        # as small as the theory allows: the allowance says something
-        widest = size + condition * error.residual
-        assert error.control_rounding <= 40.0 * theta / (1.0 - theta) ** 2 * widest
         u = v + 1e-3 * np.linalg.norm(v) * gen.standard_normal(len(v))
         other = best_control(A, B, x0, xf).error(u, x0)
         check(other, exact, wish, u)
         assert wanted > 0.0
-    if condition >= 1e12:  # there is something to be covered
-        assert largest > 1e-7
+    if kind != "out":  # a large residual acts with the square of the condition
+        assert largest < np.finfo(float).eps
 
 
 @pytest.mark.parametrize(("n", "m", "K"), [(4, 1, 4), (4, 2, 3), (3, 1, 8), (5, 1, 3)])

@@ -9,6 +9,7 @@ import pytest
 from scipy.optimize import linprog
 
 import stochens_rs as se
+from stochens_rs.controls.fleet_design import Box, least_worst, tiny_weight
 from stochens_rs.controls.fleet_units import Units
 from stochens_rs.exceptions import InputError, InputTypeError, ShapeError, SizeError
 from stochens_rs.reference import populations as twin
@@ -190,9 +191,7 @@ def test_order_and_units_of_measurement_do_not_matter(gen: np.random.Generator) 
 def test_copies_of_units_count_once() -> None:
     for R, most in ((0.0, 2), (None, 3)):  # one of the copies is that of the weight
         plan = se.control_fleet(gains(1, 2, 1, 2, 2, 1, 1.5), [0.0], [1.0], 1, R=R, risk="worst")
-        risk = plan.certify(0.1)
-        assert risk.verified
-        assert risk.count <= most
+        assert plan.certify(0.1).count <= most
 
 
 def test_a_unit_that_no_input_moves_gives_no_false_support() -> None:
@@ -220,10 +219,14 @@ def test_units_left_out_miss_more() -> None:
     kept = np.delete(starts[:, 0], plan.removed)
     assert plan.value == pytest.approx((kept.max() - kept.min()) / 2, rel=1e-6)
     risk = plan.certify(0.05)
-    assert risk.method == "discarding"
-    assert risk.epsilon == se.theory.scenario.discarding(60, 6, 3, 0.05)
+    assert risk.method == "compression"
+    found = se.theory.scenario.compression(60, len(plan.support), 0.05, violations=6)
+    assert risk.epsilon == found
+    assert not set(plan.support) & set(plan.removed)
+    convex = plan.certify(0.05, method="discarding")
+    assert convex.epsilon == se.theory.scenario.discarding(60, 6, 3, 0.05)
     with pytest.raises(InputError, match="does not hold after units were left out"):
-        plan.certify(0.05, method="compression")
+        plan.certify(0.05, method="a priori")
 
 
 def test_radii_of_models_enter_the_threshold() -> None:
@@ -232,7 +235,9 @@ def test_radii_of_models_enter_the_threshold() -> None:
     radius[7] = 0.5
     risk = plan.certify(0.1, radius=radius, delta=0.02)
     assert risk.threshold == pytest.approx(plan.misses[7] + 0.5)
-    assert risk.count == 3
+    # the unit that sets the threshold is not of those that give the command
+    assert 7 not in plan.support
+    assert risk.count == 2
     assert risk.delta == 0.02
     assert "+ 2 %" in repr(risk)
     assert "plant behind" in risk.covers
@@ -242,21 +247,35 @@ def test_radii_of_models_enter_the_threshold() -> None:
         plan.certify(0.1, radius=radius)
 
 
-def test_a_time_limit_gives_the_best_so_far(gen: np.random.Generator) -> None:
-    fleet = drawn(gen, 3000, 4, 2)
-    plan = se.control_fleet(
-        fleet,
-        [3.0, 1.0, -2.0, 1.0],
-        np.zeros(4),
-        10,
-        limits=(-1, 1),
-        risk="worst",
-        time_limit=1e-9,
-    )
-    assert plan.status == "user_limit"
-    assert plan.value == pytest.approx(plan.misses.max())
-    with pytest.raises(InputError, match="needs an optimal plan"):
-        plan.certify(0.1)
+def test_a_time_limit_gives_a_command_that_is_certified(gen: np.random.Generator) -> None:
+    fleet, x0 = drawn(gen, 3000, 4, 2), [3.0, 1.0, -2.0, 1.0]
+    for limit in (1e-9, 1e-3, 5e-3, 0.02):
+        plan = se.control_fleet(
+            fleet, x0, np.zeros(4), 10, limits=(-1, 1), risk="worst", time_limit=limit
+        )
+        assert plan.value == pytest.approx(plan.misses.max(), rel=1e-6)
+        assert plan.lower_bound <= plan.value
+        count = len(plan.support)
+        assert np.array_equal(plan.u.ravel(), alone(plan))
+        risk = plan.certify(0.1)
+        assert (risk.count, risk.threshold) == (count, plan.threshold)
+        assert risk.epsilon == se.theory.scenario.compression(3000, count, 0.1)
+        if limit == 1e-9:
+            assert (plan.status, count) == ("user_limit", 0)
+            with pytest.raises(InputError, match="needs an optimal plan"):
+                plan.certify(0.1, method="a priori")
+
+
+def alone(plan: se.FleetPlan) -> np.ndarray:
+    """The command of a plan from its support alone: of the other units nothing is known."""
+    few = list(plan.support)
+    if not few:
+        return np.clip(np.zeros(plan.u.size), plan.low.ravel(), plan.high.ravel())
+    units = plan.units.part(few)
+    box = Box(plan.low.ravel(), plan.high.ravel(), plan.R)
+    if plan.widest is not None:
+        box = Box(box.low, box.high, tiny_weight(units)[0])
+    return least_worst(units, box, [], list(range(len(few)))).u
 
 
 def test_plans_are_pickled_and_shown() -> None:

@@ -27,7 +27,6 @@ def test_bounds_of_small_fleets_hold() -> None:
         bounds = {
             "a_priori": plan.certify(BETA, method="a priori").epsilon,
             "compression": compressed.epsilon,
-            "judged": scenario.judged(N, compressed.count, BETA),
         }
         exceeded = {name: risk > epsilon for name, epsilon in bounds.items()}
         # for a threshold that was fixed beforehand
@@ -37,9 +36,9 @@ def test_bounds_of_small_fleets_hold() -> None:
         return {**exceeded, "hold_out": above > held.epsilon, "support": compressed.count}
 
     found = repeated(case, FLEETS, 7)
-    for name in ("a_priori", "compression", "judged", "hold_out"):
+    for name in ("a_priori", "compression", "hold_out"):
         at_most(found[name].sum(), FLEETS, BETA)
-    # unverified supports are rare, and the bounds are no trivial ones
+    # the bounds are no trivial ones, and supports are mostly those
     # of two inputs, the value, and the unit that the weight was taken from
     assert np.count_nonzero(found["support"] > 4) <= FLEETS // 100
     assert found["a_priori"].any()

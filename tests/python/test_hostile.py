@@ -393,9 +393,16 @@ SWEPT = swept()
 
 
 @pytest.mark.parametrize("label", SWEPT)
-def test_good_arguments_pass(label):
+def test_good_arguments_pass(label, tmp_path, monkeypatch):
     _, obj, owner, parameters = SWEPT[label]
     if label == "from_file":
+        A, B = np.array([[0.9, 0.2], [0.0, 0.8]]), np.array([[0.0], [1.0]])
+        np.savez(tmp_path / "problem.npz", A=A, B=B)
+        monkeypatch.setitem(GOOD, "path", tmp_path / "problem.npz")
+        found = call(label, parameters, obj, owner, None, None)
+        assert (found.system.A == A).all()
+        assert (found.system.B == B).all()
+        assert found.x0 is found.xf is None
         return
     call(label, parameters, obj, owner, None, None)
 

@@ -69,7 +69,7 @@ RECORDS = {
         lambda: se.control(model(), X0, XF, steps=2).bound(),
         ["of the predicted one", "95 % at least", "only the state", "<polyline"],
     ),
-    "Reachability": (lambda: plan().reachability, ["rank", "condition", "yes"]),
+    "Reachability": (lambda: plan().reachability, ["verdictreachable", "rank", "condition"]),
     "Trajectory": (
         lambda: se.simulate(SYSTEM, X0, np.ones((20, 2))),
         ["20 of 0.1 s", "2.236 at the start", "largest |u|", "<polyline"],
@@ -149,7 +149,7 @@ def test_a_bound_says_what_it_covers_in_short():
     assert str(bound) == repr(bound)
     assert re.fullmatch(
         r"<PlanBound: state within [\d.]+, [\d.]+ from xf, control within [\d.]+, with "
-        r"probability 95 %>",
+        r"probability 95 % \(simulated\)>",
         repr(bound),
     )
     assert f"state within {bound.state:.3g}," in repr(bound)

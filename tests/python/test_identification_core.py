@@ -182,6 +182,7 @@ def steps(fitted, x0, inputs, *, spectral, frobenius=np.inf, rho0=0.0, noise=Fal
         inputs,
         inputs.shape[1] == d - n - 1,
         (spectral, frobenius, rho0, noise),
+        None,
     )
 
 
@@ -195,15 +196,17 @@ def test_several_steps(gen, options, offset):
     x0, u = gen.standard_normal(4), gen.standard_normal((5, 2))
     expected = cc.several_steps(fitted, x0, u, spectral=1.1, **options)
     for found, value in zip(steps(fitted, x0, u, spectral=1.1, **options), expected, strict=True):
-        check(found, value, rtol=1e-10, atol=1e-12)
+        # the search for the nuclear bound stops within 1e-6 of the least: rounding moves it so far
+        check(found, value, rtol=1e-6, atol=1e-12)
 
 
 def test_steps_of_the_data_set():
     found = steps(
         FIT, [1.0, -1.0], [[0.5], [0.0], [-0.5]], spectral=np.sqrt(1.2), frobenius=np.sqrt(1.5)
     )
-    check(found[2][3], 0.236959828427)
-    check(found[1][3], 0.260230790267)
+    # nuclear norms: 6 % below 0.236959828427 and 0.260230790267 by the weighted inequality
+    assert 0.94 * 0.236959828427 < found[2][3] < 0.95 * 0.236959828427
+    assert 0.93 * 0.260230790267 < found[1][3] < 0.95 * 0.260230790267
     noisy = steps(
         FIT, POINT[:2], [POINT[2:]], spectral=np.sqrt(qu.roy_quantile(2, 4, 9, DELTA)), noise=True
     )
@@ -483,10 +486,13 @@ def test_p_values_of_residuals(gen):
     _, z, y = independent(gen, n=2, d=3, N=60)
     white = fitted_to(z, y).white
     own = rt.p_values(z, y, 2000, gen)
-    found = core.residual_p_values(z, y, white, 2000, KEY, 1)
+    found, distances = core.residual_p_values(z, y, white, 2000, KEY, 1)
     assert np.all(np.abs(found - own) < 5 * np.sqrt(2 * 0.25 / 2000))
-    assert np.array_equal(found, core.residual_p_values(z, y, white, 2000, KEY, 2))
+    assert np.array_equal(found, core.residual_p_values(z, y, white, 2000, KEY, 2)[0])
+    assert np.all(np.abs(distances) < 6)
     w = gen.standard_normal((61, 2))
     correlated = z @ np.ones((3, 2)) + w[1:] + 0.9 * w[:-1]
-    assert core.residual_p_values(z, correlated, white, 999, KEY, 1)[1] < 0.01
+    found, distances = core.residual_p_values(z, correlated, white, 999, KEY, 1)
+    assert found[1] < 0.01
+    assert distances[1] > 4  # Gaussian noise has 0 +- 1
     assert np.all(np.isnan(core.residual_p_values(z[:4], y[:4], white, 9, KEY, 1)))

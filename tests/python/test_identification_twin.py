@@ -269,9 +269,14 @@ def test_several_steps():
     steps = steps_of_the_data_set(frobenius=np.sqrt(1.5))
     check(steps.states[3], [0.491473192146, -0.693577119257])
     check(steps.sizes, [0.178749950455, 0.085974974573, 0.086239745577])
-    check(steps.linear[3], 0.236959828427)
-    check(steps.rest, [0.0, 0.012958575976, 0.019349802407, 0.025776650886], rtol=3e-11)
-    check(steps.radii[3], 0.260230790267)
+    # nuclear norms: 6 % below the weighted inequality
+    root = np.linalg.cholesky(1.2 * FIT.S)
+    back = [np.linalg.matrix_power(FIT.H[:, :2], p) @ root for p in (2, 1, 0)]
+    check(cc.weighted_cauchy_schwarz(back, steps.sizes), 0.236959828427)
+    assert 0.94 * 0.236959828427 < steps.linear[3] < 0.95 * 0.236959828427
+    check(steps.rest[1], 0.012958575976, rtol=3e-11)
+    assert (steps.rest <= np.array([0.0, 0.012958575977, 0.019349802408, 0.025776650887])).all()
+    assert 0.93 * 0.260230790267 < steps.radii[3] < 0.95 * 0.260230790267
     beta = np.sqrt(1.2 * np.linalg.norm(FIT.S, 2))
     scalar = cc.scalar_steps(FIT, steps.states, steps.sizes, beta=beta)
     check(scalar[1:], [0.132482260241, 0.202310782847, 0.275234378473])

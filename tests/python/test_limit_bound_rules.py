@@ -329,6 +329,27 @@ def test_half_of_the_bounds_is_exceeded_too_often():
             assert exceeded_too_often(excess, found.excess / 4, 0.1)
 
 
+def test_the_drawn_excess_has_the_slope_at_the_best_control(monkeypatch):
+    """``J(u) - J(v) = <J'(v), u - v> + ||u - v||_H^2``; means within 5 standard errors (1e-6)."""
+    seen, radii = [], limit_bound.radii
+
+    def keeping(errors, delta, key):
+        seen.append((errors, key))
+        return radii(errors, delta, key)
+
+    monkeypatch.setattr(limit_bound, "radii", keeping)
+    planned, system = drawn("Gaussian", 10, 3, limits=(-0.05, 0.05), Q=1.0, R=0.1)
+    planned.bound(0.1)
+    errors, key = seen[0]
+    state, control, excess = errors.draw(4000, key).T
+    curved = state**2 + 0.1 * control**2
+    assert np.all(excess >= curved * (1 - 1e-9))
+    theirs = errors_of(np.random.default_rng(3), system, planned.task, 10, 3, 300)[2]
+    spread = np.hypot(theirs.std() / np.sqrt(300), excess.std() / np.sqrt(4000))
+    assert abs(excess.mean() - theirs.mean()) < 5 * spread
+    assert theirs.mean() - curved.mean() > 10 * spread  # without the slope it would be noticed
+
+
 def test_an_uncertain_map_is_not_a_moved_target():
     """Several steps with A drawn, bounded as if the map were exact: exceeded too often."""
     A, B = np.array([[0.0, 2.0], [0.0, 0.0]]), np.array([[0.0], [1.0]])

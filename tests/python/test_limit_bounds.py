@@ -7,11 +7,13 @@ plus 4 standard errors, as in test_bounds_coverage, whose systems and draws thes
 from __future__ import annotations
 
 from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 import pytest
 
 import stochens_rs as se
+from hidden_systems import of_each_kind
 from limit_problems import draws, weight
 from stochens_rs import _core
 from stochens_rs.controls import limit_bound, limit_certificate, limited_errors, uncertain_map
@@ -94,6 +96,26 @@ def test_for_one_step_and_Q_1_the_simulated_radius_is_that_without_limits():
         assert new.solver == planned.limited.distance < 1e-6 * new.state
         assert new.excess == pytest.approx(new.state**2, rel=1e-6)
         assert new.target >= new.state
+
+
+def test_a_small_weight_beside_a_huge_entry_is_not_lost():
+    """``||L|| d`` for ``L = (B'B + R)^-1 B'`` in rationals, where no limit comes into play."""
+    A, B, R = 0.5 * np.eye(2), np.array([[1e10, 1.0], [0.0, 1.0]]), 0.1
+    x0 = se.sample([1.0, -2.0], 10_000, rng=1)
+    target = 0.5 * x0.mean() + [1.0, 0.0]  # the second input is not needed
+    bound = se.control((A, B), x0, target, limits=(-9, 9), R=R).bound()
+    exact = [[Fraction(value) for value in row] for row in B.tolist()]
+    (a, b), (c, d) = (
+        [sum(exact[k][i] * exact[k][j] for k in range(2)) + (i == j) * Fraction(R) for j in (0, 1)]
+        for i in (0, 1)
+    )
+    det = a * d - b * c
+    inverse = [[d / det, -b / det], [-c / det, a / det]]
+    L = [[sum(inverse[i][k] * exact[j][k] for k in (0, 1)) for j in (0, 1)] for i in (0, 1)]
+    gain = np.linalg.norm(np.array(L, dtype=float), 2)
+    assert gain > 0.6  # with R lost it is 0
+    moved = bound.state - bound.solver
+    assert gain * moved <= bound.control <= 1.1 * gain * moved + 2.0 * bound.solver / R
 
 
 def test_the_projection_is_that_of_the_twin(gen):
@@ -228,7 +250,7 @@ def test_alpha_and_gamma_are_those_of_the_twin(K):
         R = 10.0 ** gen.uniform(-1, 1)
         Q = np.eye(n) if K > 1 else weight(gen, n)
         limited, found, predicted = certified(model, x0, xf, K, limits=(-0.5, 0.5), Q=Q, R=R)
-        region = limit_certificate.step_region(ModelBasis(model, x0, xf), 0.1, K, PLAIN)[1][0]
+        region = limit_certificate.step_regions(ModelBasis(model, x0, xf), 0.1, K, PLAIN)[1][0]
         part = region.parts[0]
         S = part.factor * part.S
         alpha = np.sqrt(np.sum(found.tube[1:] ** 2))
@@ -331,3 +353,29 @@ def test_coverage_of_certificates(name, K, more):
         assert np.isfinite(found.excess)
         assert np.isfinite(found.control) == (found.control_reason is None)
     assert wrong.max() <= delta * count + 4.0 * np.sqrt(delta * (1 - delta) * count), wrong
+
+
+def test_the_control_is_at_most_what_the_limits_allow():
+    """Each hidden kind, 12 steps, few pairs: never above the farthest corner, and it says which."""
+    gen, methods = np.random.default_rng(19), []
+    for one in of_each_kind(gen, 3, 2, without=("mixed_state_units", "one_huge_entry", "graded")):
+        n, m = one.B.shape
+        x0, xf = gen.normal(size=(2, n))
+        model = measured(gen, one.A, one.B, 25 + 2 * m, 0.3)
+        for more in ({"R": 1e-3}, {"R": 1e-3, "state_limits": (-50.0, 50.0), "soft": False}):
+            limited, found, _ = certified(model, x0, xf, 12, limits=(-1.0, 0.5), Q=1.0, **more)
+            corner = np.where(limited.u > -0.25, -1.0, 0.5)
+            farthest = np.linalg.norm(limited.u - corner)
+            assert found.control <= farthest * ONCE <= np.sqrt(12 * m) * 1.5 * ONCE**2
+            assert found.control_reason is None
+            assert (found.control_method == limit_certificate.ALONE) == (
+                found.control == pytest.approx(farthest)
+            )
+            task = replace(limited.task, R=limited.R, state_low=None, state_high=None)
+            best = Horizon(task, one.A, one.B).solve(x0)
+            assert np.linalg.norm(limited.u - best.u) <= farthest * ONCE
+            methods.append(found.control_method)
+    assert limit_certificate.ALONE in methods
+    # without limits of the inputs there is no corner
+    free = certified(model, x0, xf, 12, limits=(-np.inf, np.inf), Q=1.0, R=1e-3)[1]
+    assert free.control_method != limit_certificate.ALONE

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import copy
+import dataclasses
 import pickle
 import threading
 import time
@@ -13,7 +14,10 @@ import pytest
 
 import stochens_rs as se
 from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
+from stochens_rs.fusion import paths
+from test_records import PARTS, PLANS
 
+Figure = pytest.importorskip("matplotlib.figure").Figure
 nan, inf = float("nan"), float("inf")
 A, B = np.array([[0.9, 0.2], [-0.1, 0.8]]), np.array([[1.0, 0.0], [0.5, 1.0]])
 X0, XF = np.array([1.0, 2.0]), np.array([0.5, 0.0])
@@ -25,6 +29,8 @@ def fit(**changed):
     return se.Fit(**made | {"status": "completed", "method": "uniform"} | changed)
 
 
+DRAWS = se.sample(A, 3, rng=1)
+EQUAL = {"ensemble": DRAWS, "weights": np.full(3, 1.0 / 3.0)}
 HAND_MADE = [
     ({"estimate": "A"}, InputTypeError, "`estimate`"),
     ({"estimate": A.tolist()}, InputTypeError, "`estimate`"),
@@ -49,6 +55,24 @@ HAND_MADE = [
     ({"ensemble": A}, InputTypeError, "`ensemble`"),
     ({"ensemble": se.sample(X0, 1, rng=1)}, ShapeError, "`ensemble`"),
     ({"ensemble": se.sample(A, 2, rng=1)}, ShapeError, "`weights`"),
+    (EQUAL, InputError, "`estimate` must be the sum of the realizations .* differs from it by"),
+    (EQUAL | {"estimate": DRAWS.mean() * (1.0 + 1e-9)}, InputError, "differs from it by"),
+    (
+        EQUAL | {"estimate": DRAWS.mean(), "weights": np.array([0.5, 0.25, 0.25])},
+        InputError,
+        "`weights` must be 1 / 3 each for method 'uniform', got 0.25 to 0.5",
+    ),
+    ({"weights": np.ones(2)}, InputError, "`weights` must be 1 / 2 each"),
+    (
+        EQUAL | {"estimate": DRAWS.mean(), "weights": np.full(3, 0.5), "method": "alse"},
+        InputError,
+        "differs from it by",
+    ),
+    (
+        EQUAL | {"estimate": DRAWS.mean(), "weights": np.full((3, 3), 1.0 / 3.0)},
+        ShapeError,
+        r"`weights` must have shape \(3, 2\), got \(3, 3\)",
+    ),
 ]
 
 
@@ -56,6 +80,53 @@ HAND_MADE = [
 def test_hand_made_fit_is_checked(changed, error, message):
     with pytest.raises(error, match=message):
         fit(**changed)
+
+
+def honest_fits():
+    gen = np.random.default_rng(5)
+    for shape in ((5,), (4, 3)):
+        target = gen.standard_normal(shape) * 10.0 ** gen.integers(-8, 9, shape)
+        for axis in ("columns", "rows"):
+            for N in (1, 2, 300, 20_000):
+                yield se.sample(target, N, rng=N, axis=axis), target
+        for N in (1, 40):
+            samples = target + gen.standard_normal((N, *shape)) * np.abs(target)
+            yield se.Ensemble.from_samples(samples), target
+
+
+def test_honest_fits_come_back_and_others_do_not():
+    count = 0
+    for ensemble, target in honest_fits():
+        made = [se.fuse(ensemble), se.fuse(ensemble, "slse", target=target)]
+        made += [se.fuse(ensemble, "slse-safeguarded", target=target)]
+        if ensemble.size <= 300:
+            kinds = ["simplex", "subsimplex"]
+            if target.ndim == 2:
+                kinds.append("per-row" if ensemble.axis == "rows" else "per-column")
+            if target.ndim == 2 and not ensemble.is_singleton:
+                kinds.append("per-row")
+            made += [se.fuse(ensemble, "alse", target=target, weight_set=one) for one in kinds]
+            made.append(se.fuse(ensemble, weights=np.arange(1.0, ensemble.size + 1.0)))
+        for one in made:
+            again = pickle.loads(pickle.dumps(one))
+            np.testing.assert_array_equal(again.estimate, one.estimate)
+            wrong = one.estimate.copy()
+            largest = np.unravel_index(np.abs(wrong).argmax(), wrong.shape)
+            wrong[largest] *= 1.03
+            if wrong[largest] != one.estimate[largest]:
+                with pytest.raises(InputError, match="differs from it by"):
+                    pickle.loads(pickle.dumps(forged(one, estimate=wrong)))
+                count += 1
+    assert count > 80
+
+
+@pytest.mark.parametrize("drawn", [True, False])
+def test_a_path_of_a_method_that_is_not_written_is_no_average(monkeypatch, drawn):
+    monkeypatch.setattr(paths, "checked_ensemble", lambda ensemble, method: (ensemble, method))
+    ensemble = se.sample(A, 5, rng=1)
+    given = ensemble if drawn else se.Ensemble.from_samples(ensemble.dense())
+    with pytest.raises(InputError, match="`method` must be one of 'uniform', 'alse'"):
+        se.fuse_path(given, [1, 5], "median", target=A)
 
 
 @pytest.mark.parametrize("shape", [(2, 2), (3, 3), (2,)])
@@ -359,12 +430,20 @@ def test_no_result_of_fuse_is_silently_not_finite(kind, scale):
     made = se.sample(target, 5, rng=3)
     if "dense" in kind:
         made = se.Ensemble.from_samples(made.dense())
+    returned = []
     for call in every_way(made, target / 3.0):
+        returned.append(False)
         with contextlib.suppress(NonFiniteError):
             found = call()
-            for name, value in vars(found).items():
-                if isinstance(value, (float, np.ndarray)):
-                    assert np.isfinite(value).all(), f"{found}: {name} = {value}"
+            returned[-1] = True
+        if not returned[-1]:
+            continue
+        values = [v for v in vars(found).values() if isinstance(v, (float, np.ndarray))]
+        assert len(values) >= 2
+        assert all(np.isfinite(value).all() for value in values), f"{found}: {vars(found)}"
+    # without squares in the result, and with squares that do not overflow
+    assert all(returned[:6])
+    assert all(returned) or scale > 1e160
 
 
 def test_what_overflows_in_fuse_is_named():
@@ -377,3 +456,46 @@ def test_what_overflows_in_fuse_is_named():
         se.fuse(made, "alse", target=target)
     with pytest.raises(NonFiniteError, match=r"gap of the fit overflows"):
         se.fuse_path(made, [2, 5], "alse", target=target)
+
+
+# -- shown and drawn ---------------------------------------------------------------------------
+
+JUNK = [
+    None, "x", 3, -1.5, nan, True, [], {}, (), object(), np.zeros(0), np.zeros((3, 7)),
+    np.array(["a"]), np.ones((2, 2, 2)), np.full(2, nan), {"size": "x"}, {"size": 0},
+    {"limits": 5}, {"limits": (X0, XF)}, {"limits": (X0, XF), "statuses": 3},
+]  # fmt: skip
+WAYS = ("__repr__", "_repr_html_", "plot", "to_xarray", "to_dict")
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("name", ["exact", "limits", *PARTS])
+def test_a_record_with_a_wrong_field_is_refused_or_shown(name):
+    """Every field of every record by 20 values: an error of ours, or all of its views."""
+    pytest.importorskip("matplotlib")
+    made, refused = (PLANS | PARTS)[name](), 0
+    for field in dataclasses.fields(made) if dataclasses.is_dataclass(made) else ():
+        for junk in JUNK if field.init else ():
+            try:
+                wrong = dataclasses.replace(made, **{field.name: junk})
+            except se.StochensError:
+                refused += 1
+                continue
+            for way in WAYS:
+                with contextlib.suppress(se.StochensError):
+                    getattr(wrong, way, str)()
+    assert refused > 5 or not dataclasses.is_dataclass(made)
+
+
+@pytest.mark.parametrize("junk", [3, "x", object(), [], np.zeros(2), Figure()])
+def test_what_is_no_axes_is_refused(junk):
+    path = se.simulate((A, B), X0, [[1.0, 0.0]])
+    run = se.track((A, B), [X0, XF], 10, rng=1)
+    for draw in (path.plot, run.plot, lambda ax: path.plot_phase(0, 1, ax=ax)):
+        with pytest.raises(InputTypeError, match="`ax` must be an Axes, got"):
+            draw(ax=junk)
+
+
+def test_a_tracking_without_a_word_of_its_making_is_shown():
+    run = dataclasses.replace(se.track((A, B), [X0, XF], 10, rng=1), info={})
+    assert "completed" in run._repr_html_()

@@ -12,8 +12,9 @@ pytest.importorskip("resource")
 # Every call runs in children of one process that has made its inputs: each child may map so many
 # more bytes than are mapped, from nothing to enough. The parent says how they end.
 LADDER = r"""
-import json, os, resource, signal, sys
+import json, os, resource, signal, sys, tempfile
 import numpy as np, stochens_rs as se
+from stochens_rs._base import state_file
 
 n, size, rungs = map(int, sys.argv[1:])
 se.set_num_threads(2)
@@ -33,6 +34,10 @@ weights = np.full(size, 1 / size)
 u = rng.normal(size=(3, 2))
 stream = se.Stream((A, B), x0, xf, rng=4)
 stream.step(5)
+sections = {"values": rng.normal(size=n * n), **{f"s{k}": np.zeros(1) for k in range(4000)}}
+encoded = state_file.encode("k", 1, sections)
+folder = tempfile.mkdtemp()
+state_file.save(folder + "/saved", "k", sections)
 
 def run_stream():
     stream = se.Stream((A, B), x0, xf, rng=4)
@@ -86,6 +91,10 @@ calls = {
     "Stream": run_stream,
     "Stream pickled": lambda: __import__("pickle").loads(__import__("pickle").dumps(stream)),
     "DataStream": feed,
+    "state encoded": lambda: state_file.encode("k", 1, sections),
+    "state decoded": lambda: state_file.decode("state", encoded, "k"),
+    "state saved": lambda: state_file.save(folder + "/new", "k", sections),
+    "state loaded": lambda: state_file.load(folder + "/saved", "k"),
 }
 
 def mapped():
@@ -124,6 +133,7 @@ ENVIRONMENT = {
     "MALLOC_TRIM_THRESHOLD_": "0",
     "MALLOC_ARENA_MAX": "1",
     "OPENBLAS_NUM_THREADS": "1",
+    "RUST_BACKTRACE": "1",  # of a panic: it needs memory, too
 }
 
 
@@ -139,7 +149,7 @@ def test_every_call_under_a_shrinking_limit() -> None:
     )
     assert run.returncode == 0, run.stderr
     ends = json.loads(run.stdout)
-    assert len(ends) == 33
+    assert len(ends) == 37
     for name, codes in ends.items():
         assert set(codes) <= {0, 1}, f"{name}: {codes} (0 done, 1 MemoryError, negative: a signal)"
         assert codes[-1] == 0, f"{name}: {codes}"

@@ -22,7 +22,7 @@ from stochens_rs.exceptions import (
 )
 
 A, B = np.array([[0.9, 0.2], [-0.1, 0.8]]), np.array([[0.0], [1.0]])
-NAMED = {"state_names": ["Größe", ""], "input_names": ["u\n0"], "dt": 0.1}
+NAMED = {"state_names": ["Größe", ""], "input_names": ["u 0"], "dt": 0.1}
 
 
 def pairs(N: int = 60, **about) -> se.Trajectories:
@@ -96,6 +96,7 @@ def test_a_loaded_model_is_the_saved_one_bit_for_bit(name: str, tmp_path: Path) 
     else:
         mine, its = model.checks, loaded.checks
         assert (its.p_values, its.draws, its.exact) == (mine.p_values, mine.draws, mine.exact)
+        assert its.distances == mine.distances
     assert repr(loaded) == repr(model)
     if name == "noisy states":
         return
@@ -272,7 +273,11 @@ HOSTILE = [
     ("plain", {"p_values": 2.0 * np.ones(5)}, "must be at most 1"),
     ("plain", {"draws": counts(0, 0)}, "`draws` must be in"),
     ("plain", {"draws": counts(99, 5)}, "`exact` must be 0 or 1"),
-    ("plain", {"draws": None}, "no array 'p_values'"),
+    ("plain", {"draws": None}, "no array 'distances'"),
+    ("plain", {"distances": np.ones(6)}, "`distances` must have 5 entries"),
+    ("plain", {"distances": np.full(5, np.nan)}, "`distances` must have a number for"),
+    ("plain", {"exact": np.array([2], dtype=np.uint64)}, "`exact` must have numbers of states"),
+    ("plain", {"exact": np.array([1, 0], dtype=np.uint64)}, "`exact` must be different states"),
     ("known entries", {"known": np.full(6, NAN)}, "`known` must have numbers up to"),
     ("known entries", {"known": np.full(6, np.inf)}, "`known` must have numbers up to"),
     ("known entries", {"known": np.ones(6)}, "`known` must have numbers up to"),

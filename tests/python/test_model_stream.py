@@ -207,9 +207,45 @@ def test_nothing_is_certain_without_data():
         assert stream.look([0.0, 1.0], [0.0, 0.0], tol=1.0, steps=3).certificate == np.inf
     stream = se.ModelStream(1, 1, design="independent", first=5)
     stream.update(np.arange(5.0)[:, None], np.zeros((5, 1)), 2.0 * np.arange(5.0)[:, None])
-    with pytest.warns(DataWarning, match="but for rounding"):
-        look = stream.look([0.0], [1.0], tol=1.0, u=[[1.0]])
-    assert look.certificate == np.inf
+    with pytest.warns(DataWarning, match="certificate is infinite: .* has no residual"):
+        look = stream.look([1.0], [2.0], tol=1.0, u=[[0.0]])
+    assert look.certificate == look.forecast == np.inf
+    assert look.doubts == stream.model.doubts
+    assert "1 warning" in repr(look)
+    stream = se.ModelStream(1, 1, design="independent", first=5, exact=[0])
+    stream.update(np.arange(5.0)[:, None], np.zeros((5, 1)), 2.0 * np.arange(5.0)[:, None])
+    assert stream.look([1.0], [2.0], tol=1.0, u=[[0.0]]).certificate < 1e-9
+    assert stream.look([0.0], [1.0], tol=1.0, u=[[1.0]]).certificate == np.inf
+
+
+@pytest.mark.parametrize("options", [{}, {"sigma": None}])
+def test_a_far_forecast_grows_with_the_square_of_the_error(options):
+    """Beyond 2^30 pairs a tenth of the error takes a hundred times the pairs."""
+    stream, _, _ = filled(60, **options)
+    x0, xf = np.ones(4), np.full(4, 0.2)
+    u = np.linalg.lstsq(stream.model.B, xf - stream.model.A @ x0)[0]
+    reach = stream.look(x0, xf, tol=1.0, u=[u]).reach
+    near, far, farther = (
+        stream.look(x0, xf, tol=reach + room, u=[u]).forecast for room in (2e-4, 1e-7, 1e-8)
+    )
+    assert near < 2.0**30 < far
+    assert farther == pytest.approx(100.0 * far, rel=1e-3)
+    # and the two rules meet: logarithms of the law of the noise are all that they differ by
+    assert far == pytest.approx(4e6 * near, rel=0.3)
+
+
+def test_a_look_asks_for_one_new_quantile():
+    """Those that the forecast takes are for powers of 2, which all looks share."""
+    stream, z, y = filled(200, sigma=None)
+    levels.smallest_quantile.cache_clear()
+    asked = []
+    for k in range(8):
+        before = levels.smallest_quantile.cache_info().misses
+        look = stream.look(np.ones(4), np.full(4, 0.1), tol=0.8)
+        assert 1.0 < look.forecast < 1e5
+        asked.append(levels.smallest_quantile.cache_info().misses - before)
+        stream.update(z[k, :4], z[k, 4:], y[k])
+    assert max(asked[1:]) <= 1 < asked[0]
 
 
 def test_too_few_pairs_have_a_forecast_all_the_same():

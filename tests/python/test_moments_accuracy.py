@@ -162,3 +162,51 @@ def test_variances_behind_the_bounds(quantity):
                 found = at.mean_square(*map(float, rates))
                 worst = max(worst, relative_error(np.diag([found]), np.diag([exact])))
     assert worst < TOLERANCE
+
+
+def nearly_whole_counts(seed):
+    """(w, N): ``N |w_i| / g`` whole numbers; of decimal fractions, but for rounding."""
+    gen = np.random.default_rng(seed)
+    for _ in range(300):
+        parts = gen.integers(0, 50, int(gen.integers(1, 7)))
+        N = int(parts.sum())
+        if N:
+            signs = gen.choice([-1.0, 1.0], len(parts))
+            yield signs * parts, N * int(10.0 ** gen.uniform(0.0, 13.0)), True
+            yield signs * parts / 10.0, N * int(10.0 ** gen.uniform(0.0, 10.0)), False
+
+
+def test_systematic_samples_of_single_entries_are_exact():
+    gen = np.random.default_rng(2)
+    for _ in range(300):
+        w, N = np.zeros(3), int(10.0 ** gen.uniform(0.0, 15.9))
+        w[gen.integers(3)] = gen.standard_normal() * 10.0 ** gen.uniform(-3.0, 8.0)
+        assert moments.systematic_mse(w, N) == 0.0
+        assert not moments.systematic_covariance(w, N).any()
+    system = System(np.diag([0.3, 0.7, 1e8]), np.eye(3))
+    x0, xf = np.array([0.0, 0.1, 0.0]), np.zeros(3)
+    assert moments.state_rms(system, x0, xf, 10**9 + 7, scheme="systematic") == 0.0
+
+
+def test_systematic_samples_where_counts_are_nearly_whole():
+    for w, N, whole in nearly_whole_counts(3):
+        exact = systematic_covariance(fractions(w), N)
+        assert not whole or not exact.any()
+        mse, found = moments.systematic_mse(w, N), moments.systematic_covariance(w, N)
+        if whole:
+            assert mse == 0.0
+            assert not found.any()
+        trace = float(exact.trace())
+        assert mse == pytest.approx(trace, rel=TOLERANCE, abs=0.0)
+        variances = np.array([float(v) for v in np.diagonal(exact)])
+        np.testing.assert_allclose(np.diagonal(found), variances, rtol=TOLERANCE, atol=0.0)
+        # a covariance is the difference of numbers of size 1 that are rounded
+        sd = np.sqrt(variances)
+        slack = np.minimum(2.0 * np.outer(sd, sd), 1e-15 * (np.abs(w).sum() / N) ** 2)
+        error = np.array(
+            [
+                [float(abs(a - Fraction(float(b)))) for a, b in zip(*rows, strict=True)]
+                for rows in zip(exact, found, strict=True)
+            ]
+        )
+        assert (error <= slack + TOLERANCE * np.outer(sd, sd)).all()

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from stochens_rs import cli
 from stochens_rs._base.labels import Labels, default_labels
 from stochens_rs.exceptions import InputError, InputTypeError, ShapeError, StochensError
 from test_gate import assert_one_short_line
@@ -65,7 +66,12 @@ BAD = {
     ),
     "a default of the other": ({"states": ["p", "u[0]"]}, InputError, "got 'u[0]' in both"),
     "surrogate": ({"states": ["p", "\ud800"]}, InputError, "`states` must be valid UTF-8"),
-    "many lines": ({"states": ["a\nb" * 99] * 2}, InputError, r"got 'a\nba"),
+    "many lines": ({"states": ["a\nb" * 99] * 2}, InputError, "must be one line of text"),
+    "an escape": ({"states": ["p\x1b[2J", "v"]}, InputError, "got str 'p\\x1b[2J'"),
+    "another direction": ({"inputs": ["F\u202e"]}, InputError, "`inputs` must be one line"),
+    "an escape in a unit": (
+        {**NAMED, "units": {"p": "m\x9b"}}, InputError, "`units['p']` must be one line of text"
+    ),
     "units as a list": ({"units": ["m"]}, InputTypeError, "`units` must be a mapping"),
     "unit of nothing": (
         {**NAMED, "units": {"w": "m"}}, InputError,
@@ -161,7 +167,7 @@ def test_figures_and_notebooks_show_names_and_units():
 
 
 def test_hostile_names_are_drawn_as_they_are(tmp_path):
-    names = ["$\\frac", "_hidden", "a\nb", "50 $ and 60 $", "<b>&", "x" * 300, "\\$", "^_{"]
+    names = ["$\\frac", "_hidden", "a\u00a0b", "50 $ and 60 $", "<b>&", "x" * 300, "\\$", "^_{"]
     system = se.System(0.5 * np.eye(8), np.ones((8, 1)), states=names, inputs=["__$"])
     path = se.simulate(system, np.ones(8), [[1.0]])
     ax = path.plot()
@@ -172,6 +178,25 @@ def test_hostile_names_are_drawn_as_they_are(tmp_path):
     assert len(shown[5]) == 40
     se.control(system, np.ones(8), np.zeros(8), limits=(-1, 1)).plot().savefig(tmp_path / "p.png")
     assert "&lt;b&gt;&amp;" in path._repr_html_()
+
+
+def test_no_control_character_reaches_a_repr_or_a_terminal(tmp_path, capsys):
+    with pytest.raises(InputError, match=r"`name` must be one line of text .* got str '\\x07'"):
+        se.System(A, B, name="\x07")
+    with pytest.raises(InputError, match="`state_names` must be one line of text"):
+        se.Trajectories([[0.0], [1.0]], [[1.0]], state_names=["\x1b]0;title\x07"])
+    table = {"\x1b[31mx": [0.0, 1.0, 2.0], "u": [1.0, 1.0, 1.0]}
+    with pytest.raises(InputError, match="one line of text"):
+        se.Trajectories.from_table(table, states=["\x1b[31mx"], inputs=["u"])
+    with pytest.raises(InputError) as caught:  # the names of other columns are in the message
+        se.Trajectories.from_table(table, states=["y"], inputs=["u"])
+    assert str(caught.value).isprintable()
+    path = tmp_path / "a.csv"
+    path.write_text("\x1b[31mx,y,u\n0,0,1\n1,0,1\n2,0,1\n")
+    assert cli.main(["identify", str(path), "--states", "y", "--inputs", "u"]) == 2
+    said = capsys.readouterr()
+    assert "one line of text without control characters" in said.err
+    assert "\x1b" not in said.out + said.err
 
 
 def test_cases_have_names_and_units():

@@ -272,8 +272,8 @@ def test_tables_of_machines(tmp_path):
 # -- hostile input -------------------------------------------------------------------------------
 
 
-def changed(key, row, column, value):
-    case = copy.deepcopy(NINE)
+def changed(key, row, column, value, case=NINE):
+    case = copy.deepcopy(case)
     case[key][row, column] = value
     return case
 
@@ -291,6 +291,10 @@ BAD_CASES = [
     (changed("bus", 4, 2, 160.0), InputError, "the balance is off by 0.35 pu at bus 5"),
     (changed("branch", 2, 1, 77.0), InputError, "`case['branch']` names bus 77"),
     (changed("branch", 2, 3, 0.0), InputError, "`case['branch'][2]` has no impedance"),
+    (
+        changed("branch", 2, 3, 0.0, changed("branch", 1, 10, 0.0)),
+        InputError, "`case['branch'][2]` has no impedance",
+    ),
     (changed("branch", 2, 3, np.inf), InputError, "`case['branch'][2, 3]` is inf"),
     (changed("gen", slice(None), 7, 0.0), InputError, "`case['gen']` has no row in service"),
     ({**NINE, "dcline": [[1, 2, 1.0]]}, InputError, "DC lines"),

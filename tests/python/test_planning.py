@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from hidden_systems import stable
 from stochens_rs import cli
 from stochens_rs._base.numbers import smallest_size
 from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError, SizeError
 from stochens_rs.rng import as_key
 from stochens_rs.theory import bounds, moments
+from stochens_rs.theory.bounds.drawn_errors import PlanErrors
 
 GEN = np.random.default_rng(0)
 SYSTEM = se.System(GEN.standard_normal((4, 4)), GEN.standard_normal((4, 2)))
@@ -97,8 +99,26 @@ def test_what_no_bound_can_promise_is_said() -> None:
 
 
 def test_several_steps_need_a_delta_that_can_be_simulated() -> None:
-    with pytest.raises(SizeError, match="`delta` must be at least about 1e-4"):
+    with pytest.raises(SizeError, match=r"`delta` must be at least .* got 1e-07"):
         se.required_samples(SYSTEM, X0, XF, 0.1, delta=1e-7, steps=3, runs=20, rng=1)
+
+
+@pytest.mark.parametrize(("n", "steps"), [(40, 1), (40, 2)])
+def test_a_search_at_a_small_delta_costs_a_few_seconds(n, steps, monkeypatch) -> None:
+    """The work of all draws, by the costs that the budget knows: 5 s of one thread; 20 s before."""
+    work = []
+    draw = PlanErrors.draw
+
+    def counted(self: PlanErrors, runs: int, key: se.Key) -> object:
+        work.append(runs * self.cost * 1e-9)
+        return draw(self, min(runs, 64), key) if runs > 64 else draw(self, runs, key)
+
+    monkeypatch.setattr(PlanErrors, "draw", counted)
+    gen = np.random.default_rng(1)
+    system = se.System(stable(gen, n), gen.standard_normal((n, n // 2)))
+    x0, xf = gen.standard_normal((2, n))
+    se.required_samples(system, x0, xf, 0.1, delta=0.001, steps=steps, rng=1)
+    assert sum(work) < 5.0
 
 
 def test_the_smallest_size_is_found() -> None:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import struct
+import time
+import tracemalloc
 from contextlib import suppress
 
 import numpy as np
@@ -107,7 +110,7 @@ MAT = {
     "three dimensions": ({"A": np.ones((2, 2, 2)), "B": B}, r"`A` must have shape \(n, n\)"),
     "wrong rows": ({"A": A, "B": B[:1]}, r"`B` must have shape \(2, m\)"),
     "complex": ({"A": A * 1j, "B": B}, "real numbers in A, got complex ones"),
-    "empty": ({"A": np.zeros((0, 0)), "B": B}, "`A` must have at least one entry"),
+    "empty": ({"A": np.zeros((0, 0)), "B": B}, "must have numbers in A, got shape"),
     "nan": ({"A": A * np.nan, "B": B}, r"`A\[0, 0\]` is nan"),
     "two steps": ({"A": A, "B": B, "dt": [0.1, 0.2]}, "`dt` must be a real number"),
     "continuous time": ({"A": A, "B": B, "dt": 0.0}, "continuous time"),
@@ -183,6 +186,49 @@ def test_cut_and_damaged_matlab_files_raise_one_kind_of_error(tmp_path, compress
     assert refused > (450 if compressed else 150)
 
 
+def element(kind, data):
+    return struct.pack("<II", kind, len(data)) + data + bytes(-len(data) % 8)
+
+
+def matlab_array(kind, dims, name, *parts):
+    """An array as MATLAB writes it, of any class and shape."""
+    shape = np.array(dims, "<i4").tobytes()
+    head = (element(6, struct.pack("<II", kind, 0)), element(5, shape), element(1, name))
+    return element(14, b"".join(head + parts))
+
+
+DOUBLE, CHARS, CELL, MOST = 6, 4, 1, 2**31 - 1
+ONE, NONE = element(9, struct.pack("<d", 1.0)), element(16, b"")
+HUGE_SHAPES = {
+    "rows of no text": matlab_array(CHARS, (20_000_000, 0), b"units", NONE),
+    "a cell of rows of no text": matlab_array(
+        CELL, (1, 1), b"states", matlab_array(CHARS, (20_000_000, 0), b"", NONE)
+    ),
+    "dimensions": matlab_array(DOUBLE, (1,) * 100_000, b"x0", ONE),
+    "large dimensions": matlab_array(DOUBLE, (MOST,) * 100_000, b"x0", ONE),
+    "dimensions of cells": matlab_array(CELL, (MOST,) * 100_000, b"states"),
+    "no numbers": matlab_array(DOUBLE, (MOST, MOST, 0), b"x0", element(9, b"")),
+}
+
+
+@pytest.mark.parametrize("what", HUGE_SHAPES)
+def test_shapes_that_no_bytes_stand_behind_are_refused(tmp_path, what):
+    """9.6 s and 758 MB for the first one before."""
+    path = tmp_path / "a.mat"
+    known = (matlab_array(DOUBLE, (1, 1), name, ONE) for name in (b"A", b"B"))
+    head = b"MATLAB 5.0".ljust(124) + struct.pack("<H", 0x100) + b"IM"
+    path.write_bytes(head + b"".join(known))
+    assert se.cases.from_file(path).system.m == 1
+    path.write_bytes(path.read_bytes() + HUGE_SHAPES[what])
+    tracemalloc.start()
+    try:
+        with pytest.raises(InputError, match=r"without characters|dimensions|got shape"):
+            se.cases.from_file(path)
+        assert tracemalloc.get_traced_memory()[1] < 20e6
+    finally:
+        tracemalloc.stop()
+
+
 def test_packed_files_are_not_unpacked_beyond_memory(tmp_path, monkeypatch):
     from stochens_rs._base import memory
     from stochens_rs.exceptions import ResourceError
@@ -243,6 +289,32 @@ def test_what_pandas_writes(tmp_path):
     assert found.state_names == SYSTEM.state_names
 
 
+@pytest.mark.parametrize(
+    ("line", "dt"),
+    [
+        ("dt = 0.1", 0.1), ("dt=.1 s", 0.1), ("Dt = 0.1", 0.1), ("DT: 1e-1S", 0.1),
+        ("dt = 100 ms", 0.1), ("dt = 100ms,,,", 0.1), ("dt [ms] = 100", 0.1), ("dt (s) = 0.1", 0.1),
+        ("dt = 250 [us]", 250e-6), ("dt = 250 \u00b5s", 250e-6), ("dt = 250 \u03bcs", 250e-6),
+        ("dt = 1.5 min", 90.0), ("dt = 2 H", 7200.0), ("# dt = 0.1", 0.1),
+        ("width 3, adt = 2", None), ("the mdt is 0.1", None), ("", None),
+    ],
+)  # fmt: skip
+def test_steps_with_units(tmp_path, line, dt):
+    path = tmp_path / "a.csv"
+    path.write_text(f"#{line}\np,F\n1,2\n", encoding="utf-8")
+    assert se.cases.from_file(path).system.dt == dt
+
+
+def test_many_columns_are_read_in_proportion(tmp_path):
+    """Comparing each of 1e5 names with each takes 200 s."""
+    path = tmp_path / "a.csv"
+    names = ",".join(f"c{k}" for k in range(100_000))
+    path.write_text(f"{names}\n{'1,' * 99_999}1\n")
+    before = time.process_time()
+    assert se.cases.from_file(path).system.m == 99_999
+    assert time.process_time() - before < 20.0
+
+
 BAD_CSV = {
     "empty": ("", "is empty"),
     "comments only": ("# dt = 1\n", "is empty"),
@@ -267,7 +339,19 @@ BAD_CSV = {
     "other rows": ("state,p,v,F\np,1,2,3\nw,4,5,6\n", "as names of its rows, each once, got 'v'"),
     "rows twice": ("state,p,v,F\np,1,2,3\np,4,5,6\n", "got 'p' 2 times"),
     "two steps": ("# dt = 1\n# dt = 2\np,F\n1,2\n", "must have one line '# dt"),
-    "a step that is none": ("# dt = soon\np,F\n1,2\n", "numbers in column 'dt', got 'soon'"),
+    "a step that is none": (
+        "# dt = soon\np,F\n1,2\n", "the step as '# dt = 0.1', in s or with .* got '# dt = soon'"
+    ),
+    "a step in days": ("# dt = 2 d\np,F\n1,2\n", "the units ms, us, min and h, got '# dt = 2 d'"),
+    "a step with a comma": ("# dt = 0,1\np,F\n1,2\n", "got '# dt = 0,1'"),
+    "a step with an underscore": ("# dt = 1_5\np,F\n1,2\n", "got '# dt = 1_5'"),
+    "a step in words": ("# dt is 0.1 s\np,F\n1,2\n", "got '# dt is 0.1 s'"),
+    "a step among words": ("# cart, dt=0.1\np,F\n1,2\n", "got '# cart, dt=0.1'"),
+    "a step in two units": ("# dt [ms] = 1 s\np,F\n1,2\n", r"got '# dt \[ms\] = 1 s'"),
+    "a step of nan": ("# dt = nan\np,F\n1,2\n", "got '# dt = nan'"),
+    "no step": ("# DT =\np,F\n1,2\n", "got '# DT ='"),
+    "an escape": ("p\x1b[31m,F\n1,2\n", r"without control characters, got 'p\\x1b\[31m'"),
+    "a name of two lines": ('"p\nq",F\n1,2\n', r"one line of text .* got 'p\\nq'"),
     "continuous time": ("# dt = 0\np,F\n1,2\n", "continuous time"),
     "bytes": (b"p,F\n\xff,1\n", "CSV file in UTF-8"),
     "zeros": (b"p,F\n\0,1\n", "CSV file in UTF-8|must have numbers"),

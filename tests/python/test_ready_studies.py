@@ -19,6 +19,7 @@ from identification_data import SKEWED
 from stochens_rs.exceptions import InputError, InputTypeError
 from stochens_rs.rng import as_key
 from stochens_rs.studies.digest import digest
+from stochens_rs.studies.ready_runs import Design, Truth
 
 A = np.array([[0.9, 0.2], [-0.1, 0.8]])
 B = np.array([[0.0], [1.0]])
@@ -99,6 +100,34 @@ def test_runs_follow_the_truth_and_the_design() -> None:
     assert abs(np.mean(v * w)) < 2e-3
     first = x[::10]
     assert np.allclose(first.std(axis=0), [2.0, 0.0], rtol=0.05)
+
+
+@pytest.mark.parametrize("own", [False, True])
+def test_no_noise_is_used_twice(own: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither by two runs, nor in the runs and behind them, nor in another replicate."""
+    drawn: list[np.ndarray] = []
+    draw, declared = Truth.noise, {"identify": {"sigma": 0.1}, "bound": {"noise": True}}
+
+    def noise(truth: Truth, *args: Any, **options: Any) -> np.ndarray:
+        drawn.append(draw(truth, *args, **options))
+        return drawn[-1]
+
+    monkeypatch.setattr(Truth, "noise", noise)
+    runs = uneven() if own else None
+    function = se.studies.coverage(
+        (A, B), [1, 0], [0, 0], noise=0.1, size=12, steps=5, runs=runs, **declared
+    )
+    data: list[se.Trajectories] = []
+    made = Design.draw
+    monkeypatch.setattr(Design, "draw", lambda *args: data.append(made(*args)) or data[-1])
+    for r in range(3):
+        function(KEY.child(f"replicate {r}"))
+    found = np.concatenate([w.ravel() for w in drawn])
+    assert len(drawn) == 6
+    assert np.unique(found).size == found.size == 3 * 2 * (12 * (9 if own else 10) + 5)
+    for one in data:  # and what is drawn is what the runs have
+        x, u, y = one.pairs()
+        assert np.unique((y - x @ A.T - u @ B.T).round(12)).size == 2 * len(x)
 
 
 def test_numbers_are_those_of_the_package() -> None:
@@ -211,8 +240,16 @@ def test_a_loop_is_that_of_regulate_and_track() -> None:
     assert found["limited"] == np.mean(np.abs(ride.inputs) == 0.5) > 0
     assert found["violation"] == max(0.0, ride.states[1:, 1].max() - 0.3)
     assert found["distance"] == ride.errors[-1]
-    # the judge is the same whatever the feedback has
-    assert function(KEY, R=10.0)["cost"] > found["cost"]
+    # the feedback has the weights of the axes, the judge its own
+    for weights in ({"Q": [0.1, 3.0]}, {"R": 10.0}, {"Q": [0.1, 3.0], "R": 10.0}):
+        loop = se.regulate(CART, 10, [0.2, 0], **({"Q": [2.0, 1.0], "R": 0.1} | weights),
+                           limits=(-0.5, 0.5), **limits)  # fmt: skip
+        ride = se.track(CART, reference, **(options | {"controller": loop}))
+        off = ride.states[1:] - [0.2, 0.0]
+        cost = np.sum(off**2 * [2.0, 1.0]) + 0.1 * np.sum(ride.inputs**2)
+        other = function(KEY, **weights)
+        assert other["cost"] == pytest.approx(cost, rel=1e-12) != found["cost"]
+        assert other["distance"] == ride.errors[-1] != found["distance"]
     assert function(KEY, limits=5.0)["limited"] == 0.0
     assert function(KEY, noise=0.0)["distance"] < 0.1
 
@@ -259,6 +296,24 @@ def test_few_units_of_a_law_are_drawn_often_and_the_certificate_holds() -> None:
     found = se.Study(function, {"risk": ["worst", "mean"]}, replicates=300, rng=1).run().values
     at_most(300 - found["held"].sum(axis=1), 300)
     assert (found["share"].max(axis=1) > 0.3).all()
+
+
+def test_fresh_units_of_a_nominal_fleet_are_not_those_of_the_design() -> None:
+    """x(1) = B u with 20 gains: 2/21 of the law miss more than the threshold, in the mean.
+
+    With as many fresh units as units of the design, those of the design's key would all be below.
+    """
+    runs, N = 200, 20
+    function = se.studies.fleet(
+        ([[0.0]], [[1.0]]), [0.0], [1.0], 1, spread=0.1, size=N, held_out=N, beta=DELTA
+    )
+    values = se.Study(function, {}, replicates=runs, rng=31).run().values
+    # the share of one run varies by less than .2: five standard errors, an alarm of 1e-6
+    assert abs(values["share"].mean() - 2 / (N + 1)) <= 5 * 0.2 / np.sqrt(runs)
+    assert values["share"].std() > 0.0
+    # for the mean, the units of the design in place of the others are refused by `validate`
+    mean = se.Study(function, {"risk": ["mean"]}, replicates=20, rng=31).run()
+    assert not mean.failures
 
 
 def test_a_nominal_fleet_misses_as_units_drawn_by_hand() -> None:

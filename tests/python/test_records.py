@@ -354,7 +354,7 @@ def test_all_declared_types_can_be_read() -> None:
     for name, record in plain.RECORDS.items():
         assert record.__module__.startswith("stochens_rs.")
         for field, kind in plain.declared(record).items():
-            for one in plain._options(kind):
+            for one in plain.kinds(kind):
                 known = (
                     one in (Any, bool, int, float, str, bytes, type(None))
                     or plain.RECORDS.get(getattr(one, "__name__", "")) is one

@@ -172,7 +172,7 @@ HOSTILE = [
     (LIMITS, put("labels", "states", to=["a", "a"]), "`states` must be different names"),
     (LIMITS, put("labels", "states", to=["a"]), "`labels` must name 2 states"),
     (LIMITS, put("labels", "units", to=[["u[0]"]]), "`labels.units"),
-    (LIMITS, put("reachability", "reachable", to=None), "`reachability.reachable` must be bool"),
+    (LIMITS, put("reachability", "verdict", to=None), "`reachability.verdict` must be"),
     (MODEL, array("basis.model.data.rows", nan), r"`rows\[0, 0\]` is nan"),
     (MODEL, array("basis.model.data.rows", lambda rows: rows + 1.0), "`triangle` must be that of"),
     (MODEL, array("basis.model.triangle", lambda R: 2.0 * R), "`triangle` must be that of the"),

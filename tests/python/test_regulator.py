@@ -12,7 +12,8 @@ import pytest
 import stochens_rs as se
 from limit_problems import draw_steps
 from stochens_rs import _core
-from stochens_rs.controls.receding import Recursion
+from stochens_rs.controls.limited import Horizon
+from stochens_rs.controls.receding import Receding
 from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 from stochens_rs.reference.limited_control import solve
 from stochens_rs.reference.limited_problems import (
@@ -58,21 +59,26 @@ def test_oracle_of_one_integrator():
 
 
 def test_equals_the_twin_at_every_state():
-    """60 random loops of unlike kinds, 5 calls each: J, gap and inputs are those of the twin."""
-    gen, checked = np.random.default_rng(15), 0
+    """60 random loops of unlike kinds, half with rates, 5 calls each: J, gap and inputs."""
+    gen, checked, at_rate = np.random.default_rng(15), 0, 0
     for index in range(60):
         A, B, x0, K, more = draw_steps(gen, index)
-        for name in ("rate", "previous", "S"):
-            more.pop(name, None)
+        more.pop("S", None)
         goal, low, high = np.ones(len(A)), more.pop("low"), more.pop("high")
-        found = twin(A, B, x0, goal, K, 5, low=low, high=high, **more)
-        loop = se.regulate((A, B), K, goal, limits=(low, high), **more)
-        for k, best in enumerate(found.solutions):
-            u = loop(found.states[k])
+        rate, last = more.get("rate", np.inf), more.pop("previous", np.zeros(B.shape[1]))
+        begin = {"previous": last} if "rate" in more else {}
+        found = twin(A, B, x0, goal, K, 5, low=low, high=high, **begin, **more)
+        loop = se.regulate((A, B), K, goal, limits=(low, high), **begin, **more)
+        for x in found.states[:-1]:
+            u = loop(x)
             assert np.all((low <= u) & (u <= high))
-            problem = several_steps(A, B, found.states[k], goal, K, low=low, high=high, **more)
+            assert np.all(np.abs(u - last) <= rate + 1e-12)
+            at_rate += bool(np.any(np.abs(u - last) >= rate - 1e-9))
+            limits = {"low": low, "high": high, "previous": last}
+            problem = several_steps(A, B, x, goal, K, **limits, **more)
+            best = solve(problem)
             scale = objective(problem, 0.0 * best.u) + best.objective
-            gap = loop.log[-1].gap
+            gap, last = loop.log[-1].gap, u
             assert objective(problem, loop.plan.ravel()) - best.objective <= gap + 1e-12 * scale
             assert gap <= 1e-9 * scale
             apart = loop.plan.ravel() - best.u
@@ -80,6 +86,40 @@ def test_equals_the_twin_at_every_state():
             assert apart @ problem.H @ apart <= (gap**0.5 + best.distance) ** 2 + 1e-12 * scale
             checked += bool(np.any((u == low) | (u == high)))
     assert checked > 60  # of 300 inputs
+    assert at_rate > 20  # of 150
+
+
+@pytest.mark.parametrize("kind", ["rate", "soft", "hard", "rate and soft"])
+def test_limits_of_rates_and_states_begin_at_those_of_the_call_before(kind):
+    """5 loops of 10 disturbed steps: each plan is that of `control`; an interior point is rare."""
+    short = calls = 0
+    for index in range(5):
+        F, X, gen = plant(60 + index, 3, 2)
+        F = F / 1.1
+        task = {"limits": (-0.6, 0.6), "Q": 1.0, "R": 0.1}
+        rate = {"rate": 0.25} if "rate" in kind else {}
+        if kind != "rate":
+            task |= {"state_limits": (-2.5, 2.5), "soft": None if "soft" in kind else False}
+        last, x = np.zeros(2), np.ones(3)
+        begin = {"previous": last} if rate else {}
+        loop = se.regulate((F, X), 15, **task, **rate, **begin)
+        for _ in range(10):
+            u = loop(x)
+            now = {"previous": last} if rate else {}
+            plan = se.control((F, X), x, np.zeros(3), steps=15, **task, **rate, **now)
+            gap = loop.log[-1].gap
+            assert loop.log[-1].status == plan.status
+            if plan.status == "optimal":
+                J, size = (plan.limited.task, F, X), 1e-12 * plan.objective
+                apart = Horizon(*J).objective(x, loop.plan) - plan.objective
+                assert -plan.gap - size <= apart <= gap + size
+                assert gap <= 1e-10 * (1.0 + plan.objective)
+                assert np.allclose(loop.plan, plan.u, rtol=1e-6, atol=1e-6)
+            x, last = F @ x + X @ u + 0.2 * gen.normal(size=3), u
+            # as the next call does; its limits are then those of this state
+            short += loop._solver.solve(x, None).iterations <= 10
+            calls += 1
+    assert short > 0.7 * calls  # an interior point alone takes more
 
 
 @pytest.mark.parametrize("index", range(12))
@@ -315,7 +355,7 @@ def test_long_horizons_go_by_recursion():
     """K = 300: the inputs are those of K = 200, up to what the end matters; warm equals cold."""
     options = {"limits": (-0.5, 0.5), "Q": 1.0, "R": 0.1}
     long, short = (se.regulate((A, B), K, **options) for K in (300, 200))
-    assert isinstance(long._solver, Recursion)
+    assert isinstance(long._solver, Receding)
     assert isinstance(short._solver, _core.BoxSolver)
     x = np.array([3.0, 0.1])
     for _ in range(5):

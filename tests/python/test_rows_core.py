@@ -34,7 +34,7 @@ class Case(NamedTuple):
     soft: float | None = None
 
     def solve(self, time_limit: float | None = None) -> core.RowsControl:
-        return core.rows_control(*self, time_limit)
+        return core.rows_control(*self, None, time_limit)
 
     def problem(self) -> problems.Problem:
         """Without limits on states."""

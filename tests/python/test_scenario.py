@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -16,9 +18,6 @@ def test_published_values() -> None:
         0.016696732911: scenario.a_priori(3000, 21, 1e-6),
         0.166517980033: scenario.judged(60, 3, 0.05),
         0.009723323179: scenario.judged(3000, 5, 1e-6),
-        0.166166277318: scenario.compression(60, 3, 0.05),
-        0.071746180266: scenario.compression(60, 0, 0.05),
-        0.219755156890: scenario.compression(200, 15, 1e-6),
         0.181159658474: scenario.relaxed(60, 3, 0.05)[1],
         0.046720257502: scenario.relaxed(60, 10, 0.01)[0],
         0.377934953896: scenario.relaxed(60, 10, 0.01)[1],
@@ -32,6 +31,10 @@ def test_published_values() -> None:
     # k = 0 in closed form: 61 e (1-e)^60 = beta (1 - (1-e)^61)
     e = scenario.judged(60, 0, 0.05)
     assert 61 * e * (1 - e) ** 60 == pytest.approx(0.05 * (1 - (1 - e) ** 61), rel=1e-13)
+    # r = 0 in closed form: C(N, k) (1-e)^(N-k) = beta / N
+    for N, k, beta in ((60, 3, 0.05), (60, 0, 0.05), (200, 15, 1e-6), (300, 2, 1e-6)):
+        e = 1.0 - (beta / (N * math.comb(N, k))) ** (1.0 / (N - k))
+        assert scenario.compression(N, k, beta) == pytest.approx(e, rel=1e-12)
     after = [scenario.discarding(3000, r, 21, 1e-6) for r in (30, 150)]
     assert np.round(after, 4).tolist() == [0.0481, 0.1206]
     fresh = [scenario.hold_out(3000, v, 1e-6) for v in (0, 30, 150)]
@@ -48,6 +51,10 @@ def test_all_bounds_equal_the_sums_of_the_reference(gen: np.random.Generator) ->
             (scenario.a_priori(N, d, beta), twin.a_priori(N, d, beta)),
             (scenario.judged(N, k, beta), twin.judged(N, k, beta)),
             (scenario.compression(N, k, beta), twin.compression(N, k, beta)),
+            (
+                scenario.compression(N, k, beta, violations=r),
+                twin.compression(N, k, beta, r),
+            ),
             (scenario.discarding(N, r, d, beta), twin.discarding(N, r, d, beta)),
             (scenario.hold_out(N, k, beta), twin.hold_out(N, k, beta)),
             *zip(scenario.relaxed(N, k, beta), twin.relaxed(N, k, beta), strict=True),
@@ -61,7 +68,9 @@ def test_large_sizes_stay_in_order() -> None:
     N, beta = 10**9, 1e-6
     assert N * scenario.hold_out(N, 0, beta) == pytest.approx(-np.log(beta), rel=1e-7)
     lower, upper = scenario.relaxed(N, 1000, beta)
-    assert lower < 1e-6 < scenario.compression(N, 1000, beta) < upper < 1.3e-6
+    assert lower < 1e-6 < upper < scenario.judged(N, 1000, beta) * 1.1 < 1.4e-6
+    # k ln(N / k) + k of all choices of k units
+    assert N * scenario.compression(N, 1000, beta) == pytest.approx(14845.6, rel=1e-4)
     assert scenario.required_scenarios(1e-8, 1, beta) == pytest.approx(
         -np.log(beta) * 1e8, rel=1e-7
     )

@@ -49,15 +49,64 @@ def test_the_order_statistic_fails_as_often_as_it_may():
     assert (1.0 - found).mean() < delta
 
 
-def test_runs_are_bought_within_limits():
+def test_the_largest_of_few_errors_fails_as_often_as_it_may():
+    """It is beaten by a fresh error with probability 1 / (R + 1), over both.
+
+    10 000 bounds from 40 errors at delta .1, which are too few for a binomial tail: 244 failures
+    expected, +-5 standard errors; the mutant, the second largest, fails 488 times.
+    """
+    delta = 0.1
+    draws = np.random.default_rng(2).random((10_000, 41))
+    assert drawn_errors.exceedances(40, delta) is None
+    found = np.array([drawn_errors.order_statistic(errors, delta) for errors in draws[:, :40]])
+    assert abs((draws[:, 40] > found).sum() - 244) < 78
+    second = np.sort(draws[:, :40], axis=1)[:, -2]
+    assert (draws[:, 40] > second).sum() > 400
+
+
+def test_a_search_of_ten_sizes_fails_as_often_as_it_may():
+    """Sizes of which each has the quantile p beyond eps, p (1 - p)^R as large as it can be.
+
+    The first that passes is returned and then fails with probability p: over 400 000 searches of
+    ten looks at R = 4 / delta errors, at most delta.
+    """
+    delta, R = 0.05, 80
+    p = 1.0 / (R + 1)
+    gen = np.random.default_rng(3)
+    passed = (gen.random((400_000, 10)) < (1.0 - p) ** R).any(axis=1)
+    failed = passed & (gen.random(400_000) < p)
+    assert failed.mean() < delta
+    # the mutant: twice as large steps of R, a look with fewer errors
+    assert 10 * p * (1.0 - p) ** (R / 2) > delta
+
+
+def test_errors_are_bought_by_their_work():
+    """As many as half a second gives, but 4 / delta at least, within 10 s of one thread."""
     assert drawn_errors.runs_for(0.05, 1e4) == 8192
-    assert drawn_errors.runs_for(0.001, 1e3) == 131072
-    assert drawn_errors.runs_for(1e-6, 1e3) is None
     assert drawn_errors.runs_for(0.05, 1e12) is None
-    for delta in (0.5, 0.05, 0.01, 0.001):
-        for cost in (1e3, 1e5, 1e6):
+    assert drawn_errors.runs_for(0.001, 1e3) == 131072
+    assert drawn_errors.runs_for(0.001, 1e6) == 4000
+    assert drawn_errors.runs_for(1e-6, 1e3) is None  # 2^21 at most
+    for cost in (1e3, 1e5, 1e6, 1e9):
+        least = drawn_errors.least_delta(cost)
+        runs = drawn_errors.runs_for(least, cost)
+        assert 4.0 / least <= runs <= 4.0 / least + 1
+        assert runs * cost <= 1e10 + cost
+        assert drawn_errors.runs_for(0.99 * least, cost) is None
+        for delta in (0.5, 0.05, 0.01, 0.001):
             runs = drawn_errors.runs_for(delta, cost)
-            assert runs is None or drawn_errors.exceedances(runs, delta) is not None
+            assert runs is None or runs >= 4.0 / delta
+
+
+@pytest.mark.parametrize(("n", "K", "least"), [(5, 1, 4e-6), (20, 4, 6e-5), (100, 4, 1.5e-3)])
+def test_small_probabilities_are_simulated(n, K, least):
+    gen = np.random.default_rng(n)
+    data = (gen.standard_normal((n, n)), gen.standard_normal((n, n // 2))), *np.ones((2, n))
+    bound = bounds.bound("simulated", "state", *data, steps=K)
+    assert bound.least_delta(10**5) <= least
+    assert bound.possible(10**5, least)
+    assert not bound.possible(10**5, 0.99 * bound.least_delta(10**5))
+    assert bound.least_delta(None) == 0.0
 
 
 # -- the law of the errors -------------------------------------------------------------------------
@@ -327,9 +376,9 @@ def test_radius_probability_and_size_agree():
             assert size == pytest.approx(300, rel=0.05)
         assert bound.radius(None, 0.1) == 0.0
         assert bound.probability(300, 1e-9) == 1.0
-    with pytest.raises(SizeError, match="`delta` must be at least about 1e-4"):
+    with pytest.raises(SizeError, match=r"`delta` must be at least .* got 1e-07"):
         bound.radius(100, 1e-7)
-    with pytest.raises(SizeError, match="`delta` must be at least about 1e-4"):
+    with pytest.raises(SizeError, match=r"`delta` must be at least .* got 1e-07"):
         bound.required_size(1.0, 1e-7)
     with pytest.raises(SizeError, match="more than 2"):
         bound.required_size(1e-12, 0.1)

@@ -133,7 +133,9 @@ def test_trace_is_thin_and_the_same_in_one_run_or_many():
     assert trace.steps[-1] == 9216
     later = make(3)
     later.step(256)
-    assert later.trace.errors[-1] == later.error == trace.errors[trace.steps == 256][0]
+    assert later.trace.errors[-1] == trace.errors[trace.steps == 256][0]
+    # `error` is that of the control in doubles
+    assert later.error == pytest.approx(later.trace.errors[-1], rel=1e-12)
     assert later.trace.certificates[-1] == later.certificate
 
 
@@ -160,8 +162,8 @@ def test_how_runs_end():
     assert (run.status, run.steps, run.rule) == ("max_steps", 1234, None)
     timed = stream.run(time_limit=0.05)
     assert timed.status == "time_limit"
-    assert timed.steps > 0
-    assert 0.04 < timed.seconds < 2.0
+    assert timed.steps == stream.steps - 1234
+    assert timed.seconds >= 0.05
     late = make(1)
     tol = late.certificate * 1e-3
     late.step(0x7FFF)
@@ -201,8 +203,14 @@ def test_a_time_limit_that_ends_below_the_tolerance_has_converged():
 def test_progress(capsys):
     seen = []
     stream = make(1)
-    stream.run(time_limit=0.45, progress=lambda done, total: seen.append((done, total)))
-    assert len(seen) >= 2
+
+    def told(done, total):
+        seen.append((done, total))
+        if len(seen) == 3:
+            raise KeyboardInterrupt
+
+    assert stream.run(tol=1e-300, progress=told).status == "interrupted"
+    assert len(seen) == 3
     assert seen[-1] == (stream.steps, None)
     assert [done for done, _ in seen] == sorted(done for done, _ in seen)
     stream.run(max_steps=1000, progress=True)
@@ -216,8 +224,11 @@ import stochens_rs as se
 
 B, x, A = np.eye(50), np.ones(50), np.random.default_rng(0).standard_normal((50, 50)) / 50
 busy, idle = se.Stream((A, B), x, x, rng=1), se.Stream((A, B), x, x, rng=1)
-threading.Thread(target=busy.step, args=(10**12,), daemon=True).start()
-time.sleep(0.2)
+thread = threading.Thread(target=busy.step, args=(10**12,), daemon=True)
+thread.start()
+clock = time.pthread_getcpuclockid(thread.ident)
+while time.clock_gettime(clock) < 0.1:  # it can only have worked in that call
+    time.sleep(0.01)
 child = os.fork()
 if child == 0:
     for use in (lambda: busy.steps, busy.step, lambda: busy.save("/nowhere")):
@@ -232,7 +243,7 @@ if child == 0:
     [worker.start() for worker in workers]
     [worker.join() for worker in workers]
     os._exit(0 if idle.steps == 21_000 else 3)
-limit = time.monotonic() + 20
+limit = time.monotonic() + 200
 while time.monotonic() < limit:
     done, status = os.waitpid(child, os.WNOHANG)
     if done:
@@ -248,7 +259,7 @@ os._exit(0)
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
 def test_a_child_forked_while_a_thread_steps():
-    run = subprocess.run([sys.executable, "-c", FORKED], capture_output=True, text=True, timeout=60)
+    run = subprocess.run([sys.executable, "-c", FORKED], capture_output=True, text=True)
     assert run.stdout == "ended 0\n", run.stderr
 
 
@@ -277,19 +288,24 @@ import faulthandler, os, signal, sys, threading, time
 import numpy as np
 import stochens_rs as se
 
-faulthandler.dump_traceback_later(40, exit=True)  # says where, should a signal get lost
+faulthandler.dump_traceback_later(200, exit=True)  # says where, should a signal get lost
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
 
 def interrupt_after(seconds):
-    threading.Timer(seconds, os.kill, (os.getpid(), signal.SIGINT)).start()
+    begun = time.process_time()  # of this process: it is at work then
+    def wait():
+        while time.process_time() < begun + seconds:
+            time.sleep(0.01)
+        os.kill(os.getpid(), signal.SIGINT)
+    threading.Thread(target=wait).start()
 
 A = np.random.default_rng(0).standard_normal((30, 30)) / 6
 B, x = np.ones((30, 3)), np.ones(30)
 stream = se.Stream((A, B), x, x, rng=1)
 interrupt_after(0.3)
-run = stream.run(tol=1e-300, time_limit=60.0)
+run = stream.run(tol=1e-300)
 assert run.status == "interrupted", run
-assert 0 < run.steps == stream.steps and run.seconds < 20, run
+assert 0 < run.steps == stream.steps, run
 interrupt_after(0.3)
 try:
     stream.step(10**12)
@@ -327,7 +343,7 @@ def test_interrupts_leave_a_complete_state():
         [sys.executable, "-c", textwrap.dedent(INTERRUPTED)],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=300,
         env={**os.environ, "PYTHONFAULTHANDLER": "1"},
     )
     assert done.stdout == "good\n", done.stderr

@@ -7,15 +7,16 @@ import os
 import subprocess
 import sys
 import time
+import types
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.stats
 
 import stochens_rs as se
 import study_functions as functions
-from stochens_rs._base import state_file
 from stochens_rs.exceptions import (
     InputError,
     ResourceError,
@@ -24,7 +25,9 @@ from stochens_rs.exceptions import (
     StateLockedError,
     StateNotFoundError,
 )
-from stochens_rs.studies import block, study_file
+from stochens_rs.studies import block, scheduling, study_file
+from stochens_rs.studies.block import DONE, FAILED, WAITING
+from stochens_rs.studies.table import Table
 from study_functions import noise, slow, sometimes
 
 GRID = {"scale": [1.0, 2.0]}
@@ -61,13 +64,15 @@ def test_a_file_has_all_numbers(path: Path) -> None:
     assert path.read_bytes() == before  # nothing ran, nothing was written
 
 
-def test_a_run_continues_a_file(tmp_path: Path) -> None:
-    path = tmp_path / "a.study"
-    made = se.Study(slow, GRID, replicates=300, rng=5)
-    first = made.run(path=path, time_limit=0.2)
+def test_a_run_continues_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, clock = tmp_path / "a.study", functions.Clock()
+    for module in (scheduling, block, functions):
+        monkeypatch.setattr(module, "time", clock)
+    first = study(300, function=slow).run(path=path, time_limit=0.2)
     assert first.status == "time_limit"
-    again = se.Study(slow, GRID, replicates=300, rng=5).run(path=path, time_limit=0.2)
-    assert again.done.sum() > first.done.sum()
+    assert 50 <= first.done.sum() <= 75
+    again = study(300, function=slow).run(path=path, time_limit=0.2)
+    assert 100 <= again.done.sum() <= 150
     assert np.all(again.done | ~first.done)
     third = se.Study.resume(path, slow)
     assert third.results.digest == again.digest
@@ -104,7 +109,7 @@ def test_blocks_of_workers_are_written_soon(
     path, seen = tmp_path / "a.study", []
 
     def waits(key: se.Key, scale: float) -> dict[str, float]:
-        end = time.monotonic() + 10
+        end = time.monotonic() + 100
         while scale == 2.0 and time.monotonic() < end and not seen:
             if path.exists() and se.Study.resume(path).results.done[0].sum() == 2:
                 seen.append(True)
@@ -215,6 +220,121 @@ def test_changed_globals_and_objects_are_noticed(
         study(function=with_system, grid=grid).run(path=path)
 
 
+def made(source: str, name: str = "function") -> object:
+    """What a module with this source has under a name."""
+    module = sys.modules["users_module"] = types.ModuleType("users_module")  # for dataclasses
+    exec("import functools, re\nfrom dataclasses import dataclass\n" + source, module.__dict__)
+    return module.__dict__[name]
+
+
+USES = "def function(key, scale):\n    return {'x': "
+CHANGED = {
+    "dict": ("T = {'gain': 6.0}\n", "T = {'gain': 105.0}\n", "T['gain']}"),
+    "list": ("T = [1, [2, 3]]\n", "T = [1, [2, 4]]\n", "T[1][1]}"),
+    "set": ("T = {1, 2}\n", "T = {1, 3}\n", "max(T)}"),
+    "object": ("T = re.compile('a')\n", "T = re.compile('b')\n", "len(T.findall('ab'))}"),
+    "cached": (
+        "@functools.cache\ndef f(a): return a + 1\n",
+        "@functools.cache\ndef f(a): return a + 2\n",
+        "f(scale)}",
+    ),
+    "what a cached function names": (
+        "T = [1]\n@functools.lru_cache(9)\ndef f(a): return a + T[0]\n",
+        "T = [2]\n@functools.lru_cache(9)\ndef f(a): return a + T[0]\n",
+        "f(scale)}",
+    ),
+    "method": (
+        "class T:\n    @property\n    def a(self): return 1.0\n",
+        "class T:\n    @property\n    def a(self): return 2.0\n",
+        "T().a}",
+    ),
+    "inherited method": (
+        "class A:\n    def a(self): return 1.0\nclass T(A): pass\n",
+        "class A:\n    def a(self): return 2.0\nclass T(A): pass\n",
+        "T().a()}",
+    ),
+    "class of a global": (
+        "@dataclass\nclass C:\n    b: float\n    def a(self): return self.b\nT = [C(1.0)]\n",
+        "@dataclass\nclass C:\n    b: float\n    def a(self): return -self.b\nT = [C(1.0)]\n",
+        "T[0].a()}",
+    ),
+    "value of a class": ("class T:\n    a = [1]\n", "class T:\n    a = [2]\n", "T.a[0]}"),
+    "in an inner function": ("T = [1]\n", "T = [2]\n", "(lambda: T[0])()}"),
+    "which function": ("from math import sin as f\n", "from math import cos as f\n", "f(scale)}"),
+}
+
+
+@pytest.mark.parametrize("name", CHANGED)
+def test_a_change_of_what_a_function_names_is_noticed(name: str) -> None:
+    before, after, ends = CHANGED[name]
+    first = study(function=made(before + USES + ends))._described()
+    again = study(function=made(before + USES + ends))._described()
+    other = study(function=made(after + USES + ends))._described()
+    assert first == again
+    assert [k for k in first if first[k] != other[k]] == ["function_digest"]
+
+
+def test_a_changed_call_of_an_object_is_noticed() -> None:
+    source = (
+        "class F:\n    def __call__(self, key, scale):\n        return {{'x': scale * {}}}\nf = F()"
+    )
+    found = [study(function=made(source.format(k), "f"))._described() for k in (1.0, 2.0, 1.0)]
+    assert found[0] != found[1]
+    assert found[0] == found[2]
+    # and of an object in an axis, if its class is where the function is
+    source += "\ndef function(key, c):\n    return {{'x': c.n}}"
+    digests = []
+    for k in (1.0, 1.0, 2.0):
+        function = made(source.format(k))
+        grid = {"c": {"only": function.__globals__["f"]}}  # type: ignore[attr-defined]
+        digests.append(study(function=function, grid=grid)._described()["digests"])
+    assert digests[0] == digests[1] != digests[2]
+
+
+def test_what_says_nothing_of_a_function_may_change() -> None:
+    """A cache that has been filled, a global that is not read, and the order of a dict."""
+    uses = USES + "f(T['a']) + key.T}"
+    cached = "@functools.cache\ndef f(a): return a\n"
+    sources = ("T = {'a': 1, 'b': 2}\nU = 1\n", "T = {'b': 2, 'a': 1}\nU = 2\n")
+    first, other = (made(cached + one + uses) for one in sources)
+    described = study(function=first)._described()
+    assert described == study(function=other)._described()
+    first.__globals__["f"](3.0)  # type: ignore[attr-defined]
+    assert described == study(function=first)._described()
+
+
+def test_what_packages_offer_is_known_by_its_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An object of SciPy contains the state of NumPy's generator, which is another in each run."""
+    source = "from scipy.stats import norm as T\nfrom numpy import sin\nfrom math import cos\n"
+    source += USES + "len([T, sin, cos, re.compile])}"
+    found = study(function=made(source))._described()
+    generator = np.random.RandomState(1)
+    monkeypatch.setattr(scipy.stats.norm, "_random_state", generator)
+    assert study(function=made(source))._described() == found
+    other = source.replace("norm", "expon")
+    assert study(function=made(other))._described() != found
+
+
+def test_a_changed_global_does_not_mix_numbers(tmp_path: Path) -> None:
+    function = made("T = {'a': 6.0}\n" + USES + "T['a']}")
+    study(3, function=function).run(path=tmp_path / "a.study")
+    function.__globals__["T"]["a"] = 105.0  # type: ignore[attr-defined]
+    with pytest.raises(StateError, match="`function_digest` of"):
+        study(9, function=function).run(path=tmp_path / "a.study")
+
+
+@pytest.mark.parametrize(
+    "what", ["threading.Lock()", "(k for k in [1])", "[{'a': memoryview(b'')}]"]
+)
+def test_a_global_that_cannot_be_kept_is_refused(what: str, tmp_path: Path) -> None:
+    function = made(f"import threading\nT = {what}\n" + USES + "len([T])}")
+    with pytest.raises(
+        InputError, match=r"contains .* as global 'users_module.T', which cannot be"
+    ):
+        study(function=function).run(path=tmp_path / "a.study")
+    assert study(function=function).run().status == "completed"
+
+
 def test_a_function_that_holds_an_open_file_cannot_be_kept(tmp_path: Path) -> None:
     with open(tmp_path / "notes", "w") as file:
 
@@ -279,25 +399,85 @@ def test_a_file_cut_anywhere_is_continued_or_refused(path: Path, tmp_path: Path)
             outcomes.add(int(se.Study.resume(cut).results.done.sum()))
             assert study().run(path=cut).digest == WHOLE.digest
             assert se.Study.resume(cut).results.digest == WHOLE.digest
-            assert list(study_file.records(str(cut)))[-1][0] == cut.stat().st_size
+            assert cut.read_bytes().endswith(study_file._mark(last_record(cut)[0]))
     assert len(outcomes) > 3
 
 
-def test_every_changed_byte_is_seen(path: Path, tmp_path: Path, gen: np.random.Generator) -> None:
+def last_record(path: Path) -> tuple[int, int]:
+    """Where it begins and ends, without its mark."""
+    return list(study_file.records(str(path)))[-1][:2]
+
+
+def test_a_changed_bit_anywhere_loses_nothing_without_a_word(
+    path: Path, tmp_path: Path, gen: np.random.Generator
+) -> None:
+    """Some of all bytes, and every one of the last record, which is the one that may be torn."""
     content = path.read_bytes()
+    start, end = last_record(path)
+    assert len(content) == end + 16
     hurt = tmp_path / "hurt.study"
-    for at in gen.choice(len(content), 300, replace=False):
+    for at in [*gen.choice(start, 100, replace=False), *range(start, len(content))]:
         changed = bytearray(content)
         changed[at] ^= 1 << int(gen.integers(8))
         hurt.write_bytes(changed)
-        try:
-            found = se.Study.resume(hurt).results
-        except (StateError, ResourceError):
+        if at >= end:  # of the last mark: all numbers are there, and the mark is written again
+            assert study().run(path=hurt).digest == WHOLE.digest
+            assert hurt.read_bytes() == content
             continue
-        # only the last record may be missing
-        assert np.array_equal(found.values["x"][found.done], WHOLE.values["x"][found.done])
-        assert not found.done.all()
-        assert found.done.sum() > 20
+        with pytest.raises((StateError, ResourceError)):
+            study().run(path=hurt)
+        assert hurt.read_bytes() == changed
+
+
+@pytest.mark.parametrize("piece", [1, 7, 23, 64])
+def test_a_mark_is_found_wherever_pieces_end(
+    path: Path, monkeypatch: pytest.MonkeyPatch, piece: int
+) -> None:
+    """It may be split over two pieces; and what only looks like one says nothing."""
+    content = path.read_bytes()
+    start, end = last_record(path)
+    monkeypatch.setattr(study_file, "_PIECE", piece)
+    for shift in range(piece):
+        path.write_bytes(content[:end] + bytes(shift) + content[end:])
+        with open(path, "rb") as file:
+            assert study_file._marked(file, start)
+            assert not study_file._marked(file, start + 1)
+            assert not study_file._marked(file, end + shift + 1)
+        path.write_bytes(content[: end + 15])
+        with open(path, "rb") as file:
+            assert not study_file._marked(file, start)
+
+
+def test_a_file_of_another_schema_is_left_alone(tmp_path: Path) -> None:
+    manifest = {**MANIFEST, "schema": "stochens-study/1"}
+    path = written(tmp_path / "a.study", ("study", 1, {"manifest": text(manifest)}))
+    path.write_bytes(path.read_bytes()[:-16] + bytes(300))  # which had no marks
+    before = path.read_bytes()
+    with pytest.raises(StateError, match=r"`schema` of .* must be 'stochens-study/2'"):
+        study().run(path=path)
+    assert path.read_bytes() == before
+
+
+def test_a_full_disk_leaves_no_part_of_a_record(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, write = tmp_path / "a.study", study_file.StudyFile._write
+    calls: list[int] = []
+
+    def full(file: study_file.StudyFile, content: bytes) -> None:
+        calls.append(len(content))
+        if len(calls) in (7, 12):  # a record, a mark
+            write(file, content[: len(content) // 2])
+            raise OSError(28, "No space left on device")
+        write(file, content)
+
+    monkeypatch.setattr(study_file.StudyFile, "_write", full)
+    made = study()
+    for _ in range(2):
+        with pytest.raises(StateIOError, match="No space left"):
+            made.run(path=path)
+    assert made.run(path=path).digest == WHOLE.digest
+    assert se.Study.resume(path).results.digest == WHOLE.digest
 
 
 def test_zeros_at_the_end_are_replaced(path: Path) -> None:
@@ -305,13 +485,15 @@ def test_zeros_at_the_end_are_replaced(path: Path) -> None:
         file.write(bytes(100_000))
     assert se.Study.resume(path).results.digest == WHOLE.digest
     assert study(30).run(path=path).digest == study(30).run().digest
-    assert list(study_file.records(str(path)))[-1][0] == path.stat().st_size
+    assert last_record(path)[1] + 16 == path.stat().st_size
 
 
 def written(path: Path, *records: tuple[str, int, dict[str, np.ndarray]]) -> Path:
     """A file whose records have correct digests."""
-    parts = [state_file.encode(kind, number, sections) for kind, number, sections in records]
-    path.write_bytes(b"".join(len(p).to_bytes(8, "little") + p for p in parts))
+    content = b""
+    for record in records:
+        content += study_file._framed(*record) + study_file._mark(len(content))
+    path.write_bytes(content)
     return path
 
 
@@ -438,6 +620,29 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
         study().run(path=tmp_path / "missing" / "a.study")
 
 
+@pytest.mark.parametrize("old", [WAITING, DONE, FAILED])
+@pytest.mark.parametrize("new", [WAITING, DONE, FAILED])
+def test_what_becomes_of_a_task_that_occurs_twice(old: int, new: int) -> None:
+    """What is done stays, a failure may be replaced by anything but nothing."""
+
+    def block_with(state: int, text: str) -> block.Block:
+        values = {"x": np.array([1.0, 0.5 if state == DONE else np.nan, 2.0])}
+        states = np.array([DONE, state, DONE], dtype=np.uint8)
+        errors = {4: text} if state == FAILED else {}
+        return block.Block(3, states, {"x": ()}, values, errors, {"numpy": "2"})
+
+    found = Table((2, 7))
+    found.add(block_with(old, "old"))
+    found.add(block_with(new, "new"))
+    state = DONE if DONE in (old, new) else max(old, new)
+    assert found.states.tolist() == [WAITING, DONE, state, DONE, WAITING]
+    wanted = [np.nan, 1.0, 0.5 if state == DONE else np.nan, 2.0, np.nan]
+    assert np.array_equal(found.values["x"], wanted, equal_nan=True)
+    told = {} if state != FAILED else {4: "new" if new == FAILED else "old"}
+    assert found.errors == told
+    assert found.count(FAILED) == len(told)
+
+
 # -- merged ----------------------------------------------------------------------------------------
 
 
@@ -495,7 +700,7 @@ def test_killed_drivers_lose_nothing(tmp_path: Path, workers: int, kills: int, s
         [sys.executable, script, tmp_path, str(seed), str(kills), str(workers)],
         capture_output=True,
         text=True,
-        timeout=110,
+        timeout=600,
     )
     assert run.returncode == 0, run.stderr
     lines = [line.split() for line in run.stdout.splitlines()]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 import subprocess
@@ -58,6 +59,39 @@ def test_a_summary_of_nothing() -> None:
     assert part.status == "time_limit"
     infinite = se.Study(lambda key: {"x": math.inf}, {}, replicates=3, rng=1).run()
     assert infinite.summary().columns["mean"] == [math.inf]
+
+
+def test_no_axis_has_a_name_that_results_use() -> None:
+    """It would be overwritten, or overwrite something."""
+    names = {*RESULTS.summary().columns, *RESULTS.about, *RESULTS.to_dict(), "replicate", "self"}
+    names |= {field.name for field in dataclasses.fields(se.studies.Results)}
+    for name in sorted(names - set(GRID) - {"about"}):
+        with pytest.raises(InputError, match=f"`grid` must not have an axis '{name}'"):
+            se.Study(noise, {name: [1.0]}, replicates=3, rng=1)
+
+
+def test_the_figure_of_a_part_says_how_many_replicates_it_shows() -> None:
+    pytest.importorskip("matplotlib")
+    calls: list[float] = []
+
+    def ends(key: se.Key, scale: float) -> dict[str, float]:
+        calls.append(scale)
+        if len(calls) > 8:
+            raise KeyboardInterrupt
+        return noise(key, scale)
+
+    part = se.Study(ends, {"scale": [1.0, 2.0, 3.0]}, replicates=400, rng=1).run()
+    assert part.status == "interrupted"
+
+    def said(results: se.studies.Results) -> list[str]:
+        ax = results.plot("scale", "x")
+        legend = ax.get_legend() or ax.figure.legends[0]
+        return [one.get_text() for one in legend.get_texts()]
+
+    assert said(part) == ["10-90 % of 2 to 3 of 400 replicates"]
+    whole = se.Study(noise, {"scale": [1.0, 2.0, 3.0]}, replicates=9, rng=1).run()
+    assert said(whole) == ["10-90 % of 9 replicates"]
+    assert said(FAILING)[0].endswith(" of 40 replicates")
 
 
 def test_tables_are_tidy() -> None:

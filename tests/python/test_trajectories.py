@@ -230,10 +230,24 @@ def test_without_runs_and_times():
     assert (data.lengths.tolist(), data.dt) == ([4], None)
 
 
+def test_times_written_with_few_digits_are_equally_far_apart():
+    """By a thousandth of the step, within a run and between runs."""
+    assert read(table(t=[0.0, 0.1, 0.20005, 5.0, 5.10008])).dt == pytest.approx(0.1, rel=1e-3)
+
+
 def test_dates_give_seconds():
     times = pd.date_range("2020-01-01", periods=3, freq="min")
     frame = pd.DataFrame({"t": times, "x": [1.0, 2, 3], "v": [1.0, 2, 3], "u": [1.0, 2, 3]})
     assert read(frame, by=None).dt == 60.0
+
+
+@pytest.mark.parametrize("labels", [[1, 1, True, True], [0, 0, False, False], [1, 1, "1", "1"]])
+def test_runs_with_different_labels_are_different_runs(labels):
+    columns = {"run": labels, "x": [1.0, 2, 3, 4], "v": [1.0] * 4, "u": [1.0] * 4}
+    for one in (columns, {**columns, "run": np.array(labels, dtype=object)}, pd.DataFrame(columns)):
+        assert read(one, time=None).lengths.tolist() == [1, 1]
+    same = {**columns, "run": [1, 1.0, 1, np.int64(1)]}
+    assert read(same, time=None).lengths.tolist() == [3]
 
 
 BAD_TABLES = {
@@ -242,6 +256,9 @@ BAD_TABLES = {
         "`time` must have equal steps of 0.1, but the next row in run a at time 0.2 is 0.2 later",
     ),
     "another step": (table(t=[0.0, 0.1, 0.2, 5.0, 5.2]), "in run b at time 5 is 0.2 later"),
+    "nearly equal": (
+        table(t=[0.0, 0.1, 0.2, 5.0, 5.1002]), "in run b at time 5 is 0.1002 later: divide the run"
+    ),
     "order": (table(t=[0.0, 0.2, 0.1, 5.0, 5.1]), "must increase within a run, but does not in ru"),
     "missing state": (table(x=[1.0, np.nan, 3.0, 4.0, 5.0]), "`table['x']` is nan in run a at tim"),
     "missing input": (table(u=[7.0, np.nan, 1.0, 9.0, 1.0]), "`table['u']` is nan in run a at tim"),
@@ -252,6 +269,19 @@ BAD_TABLES = {
     "text": (table(v=list("abcde")), "`table['v']` must contain real numbers, got dtype <U1"),
     "missing time": (table(t=[0.0, np.nan, 0.2, 5.0, 5.1]), "`time` is missing in row 1"),
     "missing run": (table(run=["a", "a", None, "b", "b"]), "`by` is missing in row 2"),
+    "missing run of pandas": (
+        pd.DataFrame(table(run=pd.array([1, 1, None, 2, 2]))), "`by` is missing in row 2"
+    ),
+    "missing date": (
+        table(run=np.array(["2020-01-01"] * 2 + ["NaT"] * 3, "M8[ns]")), "`by` is missing in row 2"
+    ),
+    "a list as run": (
+        table(run=np.array([[1], [2], [3], [4], None], object)[[0, 1, 2, 3, 4]]),
+        "`by` is missing in row 0, or no label: an object of type list",
+    ),
+    "an escape": (
+        table(**{"\x1b[31m": [1.0] * 5}, x=list("abcde")), "`table['x']` must contain real numbers"
+    ),
     "no table": ([1.0, 2.0], "`table` must be a table or a mapping of columns, got an object"),
     "labels": (
         table(x=pd.Series([1.0] * 5, index=list("edcba"))), "`table['x']` has labels (index: 'e'"

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import csv
+from collections import Counter
 from pathlib import Path
 from typing import NamedTuple
 
 from ..exceptions import InputError
 from . import memory
 from .files import PathLike
+from .reading import printable
 
 # Bytes of memory for one of the file: a cell of few characters becomes an object of about 60.
 _PARSED = 30
@@ -33,11 +35,12 @@ def read_cells(path: PathLike, *, comments: bool = False) -> Cells:
         with open(path, newline="", encoding="utf-8-sig") as file:
             rows = csv.reader(file)
             head = next(rows, [])
-            while comments and head and head[0].startswith("#"):
-                said.append(",".join(head)[1:].strip())
+            while comments and head and head[0].lstrip().startswith("#"):
+                said.append(",".join(head).strip(" \t,#"))  # a spreadsheet adds commas
                 head = next(rows, [])
             names = [name.strip() for name in head]
-            twice = next((name for name in names if names.count(name) > 1), None)
+            twice = next((name for name, count in Counter(names).items() if count > 1), None)
+            odd = next((name for name in names if printable(name) != name), None)
             other = next((c for c in ";\t|" if len(names) == 1 and c in names[0]), None)
             if other is not None:
                 raise InputError(
@@ -46,6 +49,11 @@ def read_cells(path: PathLike, *, comments: bool = False) -> Cells:
                 )
             if not names:
                 raise InputError(f"{path} is empty: its first row must name the columns")
+            if odd is not None:
+                raise InputError(
+                    f"{path} must name its columns in one line of text without control characters, "
+                    f"got {odd[:40]!r}"
+                )
             if twice is not None:
                 raise InputError(f"{path} has the column {twice[:40]!r} twice")
             found: list[list[str]] = []

@@ -79,8 +79,9 @@ def discretize(A: Array, B: Array, dt: float, method: str) -> tuple[Array, Array
         Step in seconds.
     method : {"zoh", "euler"}
         ``"zoh"``: exact for inputs held constant over a step,
-        ``[[A_d, B_d], [0, I]] = exp(dt [[A, B], [0, 0]])``. ``"euler"``: ``A_d = I + dt A``,
-        ``B_d = dt B``, which keeps the zeros of ``A`` (``"zoh"`` fills them).
+        ``[[A_d, B_d], [0, I]] = exp(dt [[A, B], [0, 0]])``; A_d depends on A only, and the units of
+        an input on its column of B_d only. ``"euler"``: ``A_d = I + dt A``, ``B_d = dt B``, which
+        keeps the zeros of ``A`` (``"zoh"`` fills them).
 
     Returns
     -------
@@ -101,14 +102,24 @@ def discretize(A: Array, B: Array, dt: float, method: str) -> tuple[Array, Array
         else:
             augmented = np.zeros((n + m, n + m))
             augmented[:n, :n] = dt * A
-            augmented[:n, n:] = dt * B
             if not float(np.abs(augmented).sum(axis=0).max()) <= _NORM_LIMIT:
                 raise InputError(
                     f"`dt` is too large ({dt:g} s) for the time scales of the system: the result "
                     "would be rounding only"
                 )
+            # B_d is linear in dt B: its columns are brought to a 1-norm below 1 by powers of two,
+            # hence exactly, and then have no part in the norm that chooses the scaling
+            short, exponent = np.frexp(dt)
+            largest = np.frexp(np.abs(B).max(axis=0))[1]
+            scaled = np.ldexp(B, -largest)
+            more = np.frexp(np.abs(scaled).sum(axis=0))[1]
+            augmented[:n, n:] = short * np.ldexp(scaled, -more)
             whole = expm(augmented)
-            A_d, B_d = whole[:n, :n], whole[:n, n:]
-    if not (np.isfinite(A_d).all() and np.isfinite(B_d).all()):
-        raise InputError(f"`dt` is too large ({dt:g} s): the discretized system is not finite")
+            A_d = whole[:n, :n]
+            B_d = np.ldexp(whole[:n, n:], exponent + largest + more)
+    for name, found in (("A", A_d), ("B", B_d)):
+        if not np.isfinite(found).all():
+            raise InputError(
+                f"`dt` is too large ({dt:g} s): {name} of the discretized system is not finite"
+            )
     return np.ascontiguousarray(A_d), np.ascontiguousarray(B_d)

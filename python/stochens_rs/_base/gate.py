@@ -11,6 +11,7 @@ import difflib
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
+from itertools import islice
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -18,7 +19,7 @@ import numpy as np
 from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError, SizeError
 from .labelled import aligned
 from .reading import article as article
-from .reading import found_shape, origin, shown_shape, whole
+from .reading import found_shape, origin, printable, shown_shape, whole
 from .reading import read as read
 from .reading import show as show
 from .types import Floats
@@ -211,7 +212,7 @@ def choice(name: str, value: object, allowed: tuple[W, ...]) -> W:
 
 def nearest(value: str, allowed: Iterable[str]) -> str:
     """The end of a message that asks whether one of `allowed` was meant; "" if none is near."""
-    names = {name.lower(): name for name in allowed}
+    names = {name.lower(): name for name in islice(allowed, 1000)}
     near = difflib.get_close_matches(value[:40].lower(), names, n=1)
     return f"; did you mean {names[near[0]][:40]!r}?" if near else ""
 
@@ -285,6 +286,15 @@ def text(name: str, value: object) -> str:
     except UnicodeEncodeError:
         raise InputError(f"`{name}` must be valid UTF-8 text, got {show(value)}") from None
     return value
+
+
+def line(name: str, value: object) -> str:
+    """Return a string of one line, without control characters: it will be printed."""
+    if printable(text(name, value)) != value:
+        raise InputError(
+            f"`{name}` must be one line of text without control characters, got {show(value)}"
+        )
+    return str(value)
 
 
 def is_real(value: object) -> TypeGuard[float]:

@@ -66,6 +66,22 @@ def number_of(count: int, what: str) -> str:
     return f"{count} {what}{'' if count == 1 else 's'}"
 
 
+def listed(names: Sequence[str]) -> str:
+    """``a, b and c``; of more than four names the first three."""
+    some = [*names[:3], f"{len(names) - 3} others"] if len(names) > 4 else list(names)
+    return f"{', '.join(some[:-1])} and {some[-1]}" if len(some) > 1 else some[0]
+
+
+def two(value: float) -> str:
+    """Two digits, without an exponent where there are not many zeros."""
+    return f"{float(f'{value:.2g}'):g}"
+
+
+def warned(warnings: Sequence[str]) -> str:
+    """``, 2 warnings``; nothing without."""
+    return f", {number_of(len(warnings), 'warning')}" if warnings else ""
+
+
 def ends(states: Floats, what: str = "state") -> tuple[str, object]:
     """The row for where a trajectory begins and ends."""
     start, end = np.linalg.norm(states[[0, -1]], axis=1)

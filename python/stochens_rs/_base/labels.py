@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TYPE_CHECKING, NamedTuple
 
 from ..exceptions import InputError, InputTypeError, ShapeError
 from . import gate
 from .records import Record
+
+if TYPE_CHECKING:
+    from .types import Floats
 
 _LISTED = 12  # most names in a cell of a table
 
@@ -93,6 +98,75 @@ class Labels(Record):
                 yield what, ", ".join(axes[:_LISTED]) + ", …" * (len(axes) > _LISTED)
 
 
+class Order(NamedTuple):
+    """Where the states and inputs of a system stand in another one; None: where they stand here."""
+
+    states: list[int] | None
+    inputs: list[int] | None
+
+    def matrices(self, A: Floats, B: Floats) -> tuple[Floats, Floats]:
+        """``A``, ``B``, or several of each, in this order."""
+        return self._states(self._states(A), -2), self.of_inputs(self._states(B, -2))
+
+    def of_states(self, x: Floats) -> Floats:
+        """States along the last axis in this order."""
+        return self._states(x)
+
+    def of_inputs(self, u: Floats) -> Floats:
+        """Inputs along the last axis in this order."""
+        return u if self.inputs is None else u[..., self.inputs]
+
+    def labels(self, known: Labels) -> Labels:
+        """The names in this order."""
+        states, inputs = (
+            names if order is None else tuple(names[i] for i in order)
+            for names, order in ((known.states, self.states), (known.inputs, self.inputs))
+        )
+        return Labels(states, inputs, known.units)
+
+    def back(self) -> Order:
+        """The order that undoes this one."""
+        return Order(
+            *(None if o is None else sorted(range(len(o)), key=o.__getitem__) for o in self)
+        )
+
+    def _states(self, x: Floats, axis: int = -1) -> Floats:
+        return x if self.states is None else x.take(self.states, axis=axis)
+
+
+def order_of(argument: str, found: Labels | None, wanted: Labels | None) -> Order:
+    """Where the states and inputs that are `wanted` stand among those of a system that was `found`.
+
+    The same names in another order are brought into order, other names are refused. Names that were
+    not given fit all others.
+    """
+    if found is None or wanted is None:
+        return Order(None, None)
+    return Order(
+        _order_along(argument, "states", "x", found.states, wanted.states),
+        _order_along(argument, "inputs", "u", found.inputs, wanted.inputs),
+    )
+
+
+def _order_along(
+    argument: str, what: str, letter: str, found: tuple[str, ...], wanted: tuple[str, ...]
+) -> list[int] | None:
+    if found == wanted:
+        return None
+    if sorted(found) == sorted(wanted):
+        return [found.index(name) for name in wanted]
+    if _numbered(letter, len(wanted)) in (found, wanted):
+        return None
+    raise InputError(
+        f"`{argument}` must have the {what} {_some(wanted)} in any order, or none by name, got "
+        f"{_some(found)}"
+    )
+
+
+def _some(names: Sequence[str]) -> str:
+    return ", ".join(repr(name[:40]) for name in names[:_LISTED]) + ", ..." * (len(names) > _LISTED)
+
+
 def two_states(labels: Labels, across: object, up: object) -> list[int]:
     """The places of two different states, for a phase portrait."""
     pair = [labels.place("across", across), labels.place("up", up)]
@@ -126,7 +200,7 @@ def texts(argument: str, names: object) -> tuple[str, ...] | None:
     """Names as a tuple of text; None for None."""
     if names is None:
         return None
-    return tuple(str(gate.text(argument, name)) for name in gate.items(argument, names))
+    return tuple(gate.line(argument, name) for name in gate.items(argument, names))
 
 
 def fitting(labels: object, n: int, m: int) -> None:
@@ -162,18 +236,20 @@ def checked_names(
 def checked_units(names: Sequence[str], units: object) -> tuple[tuple[str, str], ...]:
     """The units, one line each, in the order of the names; those that are empty are left out."""
     found: dict[str, str] = {}
+    known = set(names)
     for pair in gate.items("units", units):
         if not isinstance(pair, (tuple, list)) or len(pair) != 2:
             raise InputTypeError(f"`units` must be pairs (name, unit), got {gate.show(pair)}")
         name, unit = pair
-        if not isinstance(name, str) or name not in names:
+        if not isinstance(name, str) or name not in known:
             raise InputError(
                 "`units` must name states and inputs of the system, got "
                 f"{gate.show(name)}{gate.nearest(str(name), names)}"
             )
         if name in found:
             raise InputError(f"`units` must name every state and input once, got {name[:40]!r}")
-        found[name] = " ".join(gate.text(f"units[{name[:40]!r}]", unit).split())
+        said = f"units[{name[:40]!r}]"
+        found[name] = gate.line(said, " ".join(gate.text(said, unit).split()))
     return tuple((name, found[name]) for name in names if found.get(name))
 
 
@@ -184,7 +260,7 @@ def _names(argument: str, names: object, count: int, letter: str) -> tuple[str, 
     if len(found) != count:
         raise ShapeError(f"`{argument}` must have {count} names, got {len(found)}")
     if len(set(found)) < count:
-        twice = next(name for name in found if found.count(name) > 1)
+        twice = next(name for name, count in Counter(found).items() if count > 1)
         raise InputError(f"`{argument}` must be different names, got {twice[:40]!r} twice")
     return found
 

@@ -63,7 +63,7 @@ def written(name: str, value: Any, kind: Any, put: Put) -> Any:
         if math.isfinite(value):
             return value
         text = str(value)
-        return text if float in _options(kind) else {"type": "float", "value": text}
+        return text if float in kinds(kind) else {"type": "float", "value": text}
     if isinstance(value, bytes):
         return value.hex()
     if isinstance(value, np.ndarray):
@@ -94,14 +94,14 @@ def written(name: str, value: Any, kind: Any, put: Put) -> Any:
         field: written(f"{at}{field}", part, fields[field], put)
         for field, part in zip(fields, value.__reduce__()[1], strict=True)
     }
-    if _short(record) and record in _options(kind):
+    if _short(record) and record in kinds(kind):
         return next(iter(parts.values()))
     return {"type": record.__name__, **parts}
 
 
 def restored(name: str, value: Any, kind: Any, get: Get) -> Any:
     """Undo `written`; what is not of the declared type is refused."""
-    options = _options(kind)
+    options = kinds(kind)
     free = Any in options
     if value is None or isinstance(value, bool):
         if free or type(value) in options:
@@ -153,8 +153,8 @@ def shaped(name: str, array: NDArray[Any], shape: Any) -> NDArray[Any]:
 def _of_text(name: str, value: str, kind: Any, options: tuple[Any, ...]) -> Any:
     if Any in options or str in options:
         return value
-    words = [word for one in options if get_origin(one) is Literal for word in get_args(one)]
-    if value in words:
+    allowed = words(kind)
+    if value in allowed:
         return value
     if float in options and value in _NOT_FINITE:
         return _NOT_FINITE[value]
@@ -166,8 +166,8 @@ def _of_text(name: str, value: str, kind: Any, options: tuple[Any, ...]) -> Any:
             return bytes.fromhex(value)
         except ValueError:
             raise InputError(f"`{name}` must be hexadecimal, got {gate.show(value)}") from None
-    if words:
-        gate.choice(name, value, tuple(words))
+    if allowed:
+        gate.choice(name, value, allowed)
     raise InputTypeError(f"`{name}` must be {_said(kind)}, got {gate.show(value)}")
 
 
@@ -257,15 +257,20 @@ def _no_arrays(name: str, _: dict[str, Any]) -> NDArray[Any]:
     raise InputTypeError(f"`{name}` must not be an array")
 
 
-def _options(kind: Any) -> tuple[Any, ...]:
+def kinds(kind: Any) -> tuple[Any, ...]:
     """The types of a union; of another type this type alone."""
     union = get_origin(kind) in (Union, kinds_of_types.UnionType)
     return get_args(kind) if union else (kind,)
 
 
+def words(kind: Any) -> tuple[Any, ...]:
+    """The words among which a declared type has its values; none if there are none."""
+    return tuple(w for one in kinds(kind) if get_origin(one) is Literal for w in get_args(one))
+
+
 def _dtype(kind: Any) -> np.dtype[Any] | None:
     """The dtype of a declared array; None if there is no array, or one of any dtype."""
-    for one in _options(kind):
+    for one in kinds(kind):
         if get_origin(one) is np.ndarray:
             scalar = get_args(get_args(one)[1])[0]
             return None if scalar is Any else np.dtype(scalar)
@@ -274,7 +279,7 @@ def _dtype(kind: Any) -> np.dtype[Any] | None:
 
 def _items(kind: Any, count: int) -> list[Any] | None:
     """The types of the items of a declared tuple with this many; None if there is none."""
-    for one in _options(kind):
+    for one in kinds(kind):
         if get_origin(one) is tuple:
             inner = get_args(one)
             if inner[-1] is Ellipsis:
@@ -286,7 +291,7 @@ def _items(kind: Any, count: int) -> list[Any] | None:
 
 def _values(kind: Any) -> Any:
     """The type of the values of a declared dict; None if there is none."""
-    found = [get_args(one)[1] for one in _options(kind) if get_origin(one) is dict]
+    found = [get_args(one)[1] for one in kinds(kind) if get_origin(one) is dict]
     return found[0] if found else None
 
 
@@ -299,7 +304,7 @@ def _short(kind: Any) -> bool:
 def _said(kind: Any) -> str:
     """A declared type in words."""
     names = []
-    for one in _options(kind):
+    for one in kinds(kind):
         if get_origin(one) is Literal:
             names += [repr(word) for word in get_args(one)]
         elif get_origin(one) is np.ndarray:

@@ -6,6 +6,7 @@ Tables with labels are refused, because their entries may be in another order th
 from __future__ import annotations
 
 import operator
+import unicodedata
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -167,6 +168,21 @@ def show(value: object) -> str:
     if isinstance(value, (bool, int, float, np.generic)):
         return f"{kind} {value!s:.34}"
     return f"an object of type {kind}"
+
+
+def number(text: str) -> float:
+    """The number that a text is, as `float`; but 1_5, which is 15 in Python, is a ValueError."""
+    if "_" in text:
+        raise ValueError(f"{text!r} is not a number")
+    return float(text)
+
+
+def printable(text: str) -> str:
+    """The text with ? for what is not printed as one line, such as what moves a cursor."""
+    if text.isprintable():
+        return text
+    # other blanks of Unicode, such as the one that breaks no line, do no harm
+    return "".join(c if c.isprintable() or unicodedata.category(c) == "Zs" else "?" for c in text)
 
 
 def shown_shape(given: NDArray[Any]) -> str:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from ..exceptions import InputError, InputTypeError, ShapeError
+from . import fields as fields_of
 from . import gate, memory, plain
 from .durable import Durable, nothing_left
 
@@ -41,6 +42,11 @@ class Record:
             cls._kind = re.sub(r"(?<!^)(?=[A-Z])", "-", cls.__name__).lower()
         if listed and cls.__module__.startswith(_ROOM):
             plain.RECORDS[cls.__name__] = cls
+
+    def __post_init__(self) -> None:
+        """Check that the fields are of their declared types; a class checks what else must hold."""
+        if plain.RECORDS.get(type(self).__name__) is type(self):
+            fields_of.check(self)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), tuple(getattr(self, one.name) for one in fields(self))  # type: ignore[arg-type]

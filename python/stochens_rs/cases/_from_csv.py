@@ -10,10 +10,22 @@ from typing import Any
 import numpy as np
 
 from .._base.csv_file import read_cells
+from .._base.reading import number, printable
 from ..exceptions import InputError
 
 _WITH_UNIT = re.compile(r"(.*\S)\s+\[([^\[\]]*)\]")
-_STEP = re.compile(r"dt\s*=\s*(\S+)(\s+s)?")
+# A comment about the step, and one that can be read: dt = 0.1, dt = 100 ms, dt [ms] = 100.
+_ABOUT_STEP = re.compile(r"\bdt\s*([=:]|[\[(].*[=:])|^dt\b.*\d|^dt$", re.IGNORECASE)
+_STEP = re.compile(
+    r"dt\s*(?:[\[(]\s*(?P<before>\w+)\s*[\])])?\s*[=:]\s*(?P<step>[-+.\d]+(?:e[-+]?\d+)?)"
+    r"\s*[\[(]?(?P<after>\w+)?[\])]?",
+    re.IGNORECASE,
+)
+# (times, parts): dt * times / parts is rounded once; two letters for micro in Unicode
+_SECONDS = {
+    "s": (1, 1), "ms": (1, 1000), "us": (1, 10**6), "\u00b5s": (1, 10**6), "\u03bcs": (1, 10**6),
+    "min": (60, 1), "h": (3600, 1),
+}  # fmt: skip
 _ENDS = ("x0", "xf")  # columns behind those of A and B
 
 
@@ -73,9 +85,12 @@ def _name_and_unit(title: str) -> tuple[str, str]:
 
 
 def _number(path: Path, title: str, cell: str) -> float:
-    if not _is_number(cell):
-        raise InputError(f"{path} must have numbers in column {title[:30]!r}, got {cell[:30]!r}")
-    return float(cell)
+    try:
+        return number(cell)
+    except ValueError:
+        raise InputError(
+            f"{path} must have numbers in column {title[:30]!r}, got {cell[:30]!r}"
+        ) from None
 
 
 def _is_number(text: str) -> bool:
@@ -83,12 +98,22 @@ def _is_number(text: str) -> bool:
         float(text)
     except ValueError:
         return False
-    return "_" not in text
+    return True
 
 
 def _step(path: Path, comments: Sequence[str]) -> dict[str, float]:
-    """``# dt = 0.1`` above the names of the columns."""
-    steps = [match[1] for match in map(_STEP.fullmatch, comments) if match]
+    """``# dt = 0.1`` or ``# dt = 100 ms`` above the names of the columns, in seconds."""
+    steps = [line for line in comments if _ABOUT_STEP.search(line)]
     if len(steps) > 1:
         raise InputError(f"{path} must have one line '# dt = ...', got {len(steps)}")
-    return {"dt": _number(path, "dt", steps[0])} if steps else {}
+    if not steps:
+        return {}
+    found = _STEP.fullmatch(steps[0])
+    unit = "" if found is None else (found["before"] or found["after"] or "s").lower()
+    if found is None or unit not in _SECONDS or (found["before"] and found["after"]):
+        raise InputError(
+            f"{path} must have the step as '# dt = 0.1', in s or with one of the units ms, us, "
+            f"min and h, got '# {printable(steps[0][:40])}'"
+        )
+    times, parts = _SECONDS[unit]
+    return {"dt": _number(path, "dt", found["step"]) * times / parts}

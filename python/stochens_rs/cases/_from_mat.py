@@ -31,6 +31,7 @@ _CLASSES = {
 }  # fmt: skip
 _NUMERIC = range(6, 16)  # double, single, and integers
 _COMPLEX = 0x800
+_DIMENSIONS = 32  # all have two; more than NumPy's 32 to 64 are an error there
 
 
 class _Broken(Exception):
@@ -136,6 +137,8 @@ def _variable(path: Path, element: _Element, order: str, known: Collection[str])
     values = _numbers(part, order)
     if len(values) != math.prod(dims):
         raise _Broken(f"{name} has {len(values)} values for its shape {dims[:4]}")
+    if not len(values):
+        raise InputError(f"{path} must have numbers in {name}, got shape {dims[:4]}")
     memory.need(f"{name} in {path}", 8 * len(values))
     if name in ("x0", "xf") and len(dims) == 2 and 1 in dims:  # MATLAB has no vectors
         dims = (len(values),)
@@ -153,7 +156,10 @@ def _array(
     if len(head) < 3 or [part.kind for part in head] != [6, 5, 1] or len(head[0].data) != 8:
         raise _Broken("an array has no flags, shape and name")
     flags = int(_numbers(head[0], order)[0])
-    dims = tuple(int(size) for size in _numbers(head[1], order))
+    sizes = _numbers(head[1], order)
+    if len(sizes) > _DIMENSIONS:
+        raise _Broken(f"an array has {len(sizes)} dimensions")
+    dims = tuple(int(size) for size in sizes)
     if min(dims, default=-1) < 0:
         raise _Broken(f"an array has the shape {dims[:4]}")
     return flags & 0xFF, dims, bytes(head[2].data).decode("ascii"), flags, parts
@@ -194,4 +200,6 @@ def _rows(part: _Element, order: str, dims: tuple[int, ...]) -> list[str]:
     text = bytes(part.data).decode(coding)
     if len(dims) != 2 or len(text) != math.prod(dims):
         raise _Broken(f"text of {len(text)} characters has the shape {dims[:4]}")
+    if not text and dims[0] > 1:  # as many as the file says, from no bytes
+        raise _Broken(f"text without characters has {dims[0]} rows")
     return [text[row :: dims[0]].rstrip() for row in range(dims[0])]

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from .._base import gate
 from .._base.files import checked_path
+from .._base.reading import number
 from ..exceptions import InputError, InputTypeError
 
 Array = NDArray[np.float64]
@@ -145,15 +146,15 @@ def _csv(path: Path) -> dict[str, Any]:
     columns: dict[str, Any] = {name: [] for name in names}
     if len(columns) < len(names):
         raise InputError(f"{path}: a column appears twice among {', '.join(names)[:80]}")
-    for number, row in enumerate(rows[1:], start=2):
+    for place, row in enumerate(rows[1:], start=2):
         if len(row) != len(names):
-            raise InputError(f"{path}, row {number}: {len(names)} entries expected, got {len(row)}")
+            raise InputError(f"{path}, row {place}: {len(names)} entries expected, got {len(row)}")
         for name, text in zip(names, row, strict=True):
             if name in (*_NEEDED, "x'd", "mva"):
                 try:
-                    columns[name].append(float(text))
+                    columns[name].append(number(text))
                 except ValueError:
                     raise InputError(
-                        f"{path}, row {number}: {name} must be a number, got {gate.show(text)}"
+                        f"{path}, row {place}: {name} must be a number, got {gate.show(text)}"
                     ) from None
     return columns

@@ -146,7 +146,7 @@ def _network(
         )
     base = case["baseMVA"]
     mva = gate.positive("case['baseMVA']", base.item() if isinstance(base, np.ndarray) else base)
-    bus, gen, branch = (_table(case, key) for key in WIDTH)
+    (bus, _), (gen, _), (branch, places) = (_table(case, key) for key in WIDTH)
     if "dcline" in case and np.size(case["dcline"]) and np.asarray(case["dcline"])[:, 2].any():
         raise InputError("`case` has DC lines in service, which this model leaves out")
     label = bus[:, BUS].astype(np.int64)
@@ -156,7 +156,7 @@ def _network(
     at = _indices("case['gen']", gen[:, GEN_BUS], index)
     f, t = (_indices("case['branch']", branch[:, column], index) for column in (FROM, TO))
     memory.need(f"the admittances of {len(bus)} buses", 16 * 4 * len(bus) ** 2)
-    Y = _admittances(branch, f, t, len(bus))
+    Y = _admittances(branch, places, f, t, len(bus))
     np.fill_diagonal(Y, Y.diagonal() + (bus[:, GS] + 1j * bus[:, BS]) / mva)
     if not (bus[:, VM] > 0.0).all():
         k = int(np.argmin(bus[:, VM]))
@@ -185,8 +185,8 @@ def _complex(values: NDArray[Any]) -> Complex:
     return values.astype(np.complex128)
 
 
-def _table(case: Mapping[str, Any], key: str) -> Array:
-    """The rows in service of one of the tables, as floats that are finite where they are used."""
+def _table(case: Mapping[str, Any], key: str) -> tuple[Array, Indices]:
+    """The rows in service, as floats that are finite where they are used, and their places."""
     name = f"case['{key}']"
     given = gate.read(name, case[key])
     if given.ndim != 2 or not len(given) or given.shape[1] < WIDTH[key]:
@@ -204,7 +204,7 @@ def _table(case: Mapping[str, Any], key: str) -> Array:
         table[:, MBASE] = given[:, MBASE]
     if not rows.any():
         raise InputError(f"`{name}` has no row in service")
-    return table[rows]
+    return table[rows], np.flatnonzero(rows)
 
 
 def _indices(name: str, numbers: Array, index: dict[int, int]) -> Indices:
@@ -214,7 +214,7 @@ def _indices(name: str, numbers: Array, index: dict[int, int]) -> Indices:
     return np.array([index[int(number)] for number in numbers], dtype=np.int64)
 
 
-def _admittances(branch: Array, f: Indices, t: Indices, buses: int) -> Complex:
+def _admittances(branch: Array, places: Indices, f: Indices, t: Indices, buses: int) -> Complex:
     """Bus admittance matrix (MATPOWER User's Manual, section 3.2: pi model with a transformer)."""
     own = np.zeros((len(branch), 5))  # in MATPOWER's format both ends are alike
     if branch.shape[1] > B_ASYM:
@@ -223,7 +223,7 @@ def _admittances(branch: Array, f: Indices, t: Indices, buses: int) -> Complex:
     z_t = z + own[:, 0] + 1j * own[:, 1]
     if not (z.all() and z_t.all()):
         k = int(np.argmin(np.abs(z * z_t)))
-        raise InputError(f"`case['branch'][{k}]` has no impedance: join its two buses")
+        raise InputError(f"`case['branch'][{places[k]}]` has no impedance: join its two buses")
     charging = own[:, 2] + 1j * branch[:, CHARGING]
     ratio = np.where(branch[:, TAP] == 0.0, 1.0, branch[:, TAP])
     tap = ratio * np.exp(1j * np.deg2rad(branch[:, SHIFT]))

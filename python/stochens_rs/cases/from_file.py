@@ -90,8 +90,8 @@ def from_file(path: str | os.PathLike[str]) -> Problem:
     names of the states, then those of the inputs, each with its unit if it has one, then ``x0``
     and ``xf`` if there are such columns. A first column with the title ``state`` or without one
     has the names of the rows, which may then be in any order. Lines above the first row may begin
-    with #, one of them be ``# dt = 0.1``. A table that has lost rows is one with fewer states and
-    more inputs: look at the n and m of the system. ::
+    with #, one of them be ``# dt = 0.1`` (in s) or ``# dt = 100 ms`` (or us, min, h). A table that
+    has lost rows is one with fewer states and more inputs: look at the n and m of the system. ::
 
         # dt = 0.1
         state,p [m],v,F [N],x0
@@ -160,7 +160,7 @@ def _units(system: System, given: Any) -> Any:
         raise ShapeError(
             f"`units` must have {len(names)} texts, one for each state and input, got {len(units)}"
         )
-    return dict(zip(names, units, strict=True))
+    return {name: unit for name, unit in zip(names, units, strict=True) if unit != ""}
 
 
 def _npz(path: Path) -> dict[str, Any]:

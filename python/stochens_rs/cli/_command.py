@@ -13,6 +13,7 @@ from .._base.gate import nearest
 from ..exceptions import InputError, InputTypeError
 
 OK, INTERNAL, USAGE, IO = 0, 1, 2, 5
+TIME_LIMIT, WORKERS_LOST = 4, 6  # of commands that can be run on
 INTERRUPTED, TERMINATED = 130, 143  # 128 + SIGINT, 128 + SIGTERM
 _MEANINGS = {
     OK: "done",

@@ -12,6 +12,7 @@ import numpy as np
 from .. import cases
 from .._base import state_file
 from .._base.numbers import ROUNDING
+from .._base.reading import number
 from .._base.types import DELTA
 from ..controls import Certificate, Plan, control
 from ..exceptions import DataWarning, InputError
@@ -163,7 +164,7 @@ def _state(option: str, text: str | None, n: int, default: Any) -> Any:
             raise click.UsageError(f"give {option}, {n} numbers with commas")
         return default
     try:
-        values = [float(cell) for cell in text.split(",")]
+        values = [number(cell) for cell in text.split(",")]
     except ValueError:
         raise click.BadParameter(
             f"{text!r} must be numbers with commas", param_hint=option
@@ -185,8 +186,9 @@ def _facts(
         "steps": plan.steps,
         "u": plan.u.tolist(),
         "predicted_states": plan.predicted_states.tolist(),
-        "out_of_reach": plan.reachability.residual if not plan.reachability.reachable else 0.0,
-        "warnings": list(plan.info["warnings"]),
+        "reach": plan.reachability.verdict,
+        "out_of_reach": 0.0 if plan.reachability.reachable else plan.reachability.residual,
+        "warnings": list(plan.warnings),
         "limits": limit_facts(plan),
         "certificate": None
         if found is None
@@ -205,6 +207,7 @@ def _facts(
             "noise": found.noise,
             "assumption": found.assumption,
             "missing": list(found.missing),
+            "doubts": list(found.doubts),
         },
     }
 
@@ -222,6 +225,8 @@ def _text(plan: Plan, found: Certificate | None, xf: Any, names: tuple[Any, Any]
     if found is None:
         off = float(np.linalg.norm(plan.predicted_states[-1] - xf))
         lines.append(f"ends       {off:.4g} from the target; the system is taken as known")
+    elif found.doubts:
+        lines.append("certified  nothing: columns of the data are no states of a plant, see below")
     else:
         where = "out of reach of the model" if plan.limited is None else "where the model ends"
         lines += [
@@ -236,7 +241,7 @@ def _text(plan: Plan, found: Certificate | None, xf: Any, names: tuple[Any, Any]
         if found.missing:
             lines.append(f"unknown    {'; '.join(found.missing)}")
     lines += limit_lines(plan)
-    return "\n".join([*lines, *(f"warning    {text}" for text in plan.info["warnings"])])
+    return "\n".join([*lines, *(f"warning    {text}" for text in plan.warnings)])
 
 
 def _inputs(plan: Plan, inputs: Any, k: int) -> list[str]:

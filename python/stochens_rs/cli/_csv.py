@@ -9,6 +9,7 @@ import numpy as np
 
 from .._base.csv_file import read_cells
 from .._base.gate import nearest
+from .._base.reading import number
 from ..exceptions import InputError
 from ..identification import Trajectories
 
@@ -60,7 +61,7 @@ def _numbers(path: str, name: str, cells: list[str]) -> Any:
     found = np.empty(len(cells))
     for k, cell in enumerate(cells):
         try:
-            found[k] = float(cell) if cell else np.nan
+            found[k] = number(cell) if cell else np.nan
         except ValueError:
             raise InputError(
                 f"{path} must have numbers in column '{name}', got {cell[:30]!r} in row {k + 2}"

@@ -12,7 +12,7 @@ from typing import Any
 import click
 import numpy as np
 
-from .. import _core
+from .. import _core, reference
 from .._base.files import versions
 from .._base.memory import left_by_source
 from .._base.threads import VARIABLE, threads_by
@@ -33,12 +33,13 @@ _DRAWS = "e39698281e382f953d168f7f6cd2b1234dfafd7b1bacfa25ef7d9da23c6405a9"
 @click.command(
     cls=Command,
     short_help="Check the installation; say what it uses.",
-    examples=["doctor", "doctor --json"],
+    examples=["doctor", "doctor --validate"],
     codes={INTERNAL: "something essential is broken"},
 )
+@click.option("--validate", is_flag=True, help="Compare the core with the same in NumPy.")
 @json_option
 @click.pass_context
-def doctor(context: click.Context, as_json: bool) -> None:
+def doctor(context: click.Context, validate: bool, as_json: bool) -> None:
     """Check the installation, and say what it uses: put the output into reports of errors.
 
     Versions, instructions of the processor, threads, memory that is left, and the extras with the
@@ -60,7 +61,10 @@ def doctor(context: click.Context, as_json: bool) -> None:
         "memory_left": left_by_source(),
         "extras": _extras(),
     }
+    compared = reference.validate() if validate else ()
+    facts["validation"] = [one._asdict() | {"passed": one.passed} for one in compared]
     facts["warnings"], facts["broken"] = _warnings(facts), _broken(facts)
+    facts["broken"] += [str(one) for one in compared if not one.passed]
     show_result(facts, _text(facts), as_json)
     if facts["broken"]:
         context.exit(INTERNAL)
@@ -128,6 +132,10 @@ def _text(facts: dict[str, Any]) -> str:
         gone = ", ".join(one for one, version in packages.items() if not version)
         cure = f"no {gone}: pip install 'stochens_rs[{name}]'" if gone else ""
         rows.append((f"[{name}]", "; ".join(filter(None, (here, cure)))))
+    rows += [
+        (f"validated {at}", f"{one['name']}, {one['cases']} problems: {one['difference']:.2g}")
+        for at, one in enumerate(facts["validation"], 1)
+    ]
     rows += [("warning", text) for text in facts["warnings"]]
     rows += [("broken", text) for text in facts["broken"]] or [("works", "yes")]
-    return "\n".join(f"{name:<12} {value}" for name, value in rows)
+    return "\n".join(f"{name:<13} {value}" for name, value in rows)

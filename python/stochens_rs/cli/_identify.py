@@ -32,7 +32,7 @@ from ._problem import share
     ],
     sections={
         "Table": ["states", "inputs", "by", "time", "last_pairs"],
-        "Assumptions": ["design", "noise", "sigma", "covariance", "intercept", "lags"],
+        "Assumptions": ["design", "noise", "sigma", "covariance", "exact", "intercept", "lags"],
     },
 )
 @click.argument("runs", metavar="RUNS.csv", type=FILE)
@@ -69,6 +69,11 @@ from ._problem import share
     default="full",
     help="Of the noise: full, diagonal or scalar.",
 )
+@click.option(
+    "--exact",
+    metavar="A,B",
+    help="States without noise of their own: it is 0, or follows from that of the other states.",
+)
 @click.option("--intercept", is_flag=True, help="Fit an offset c as well.")
 @click.option(
     "--lags",
@@ -101,6 +106,7 @@ def identify_command(
     noise: Any,
     sigma: float | None,
     covariance: Any,
+    exact: str | None,
     intercept: bool,
     lags: int | None,
     delta: str,
@@ -136,6 +142,7 @@ def identify_command(
             noise=noise,
             sigma=sigma,
             covariance=covariance,
+            exact=() if exact is None else _names("--exact", exact),
             intercept=intercept,
             state_noise="none" if lags is None else "white",
             instruments=None if lags is None else data.past_inputs(lags),

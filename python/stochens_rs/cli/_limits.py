@@ -10,6 +10,7 @@ import click
 import numpy as np
 
 from .._base.gate import nearest
+from .._base.reading import number
 from ..controls.within import at_limits
 from ._output import finite
 
@@ -138,7 +139,7 @@ def _each(option: str, text: str, count: int) -> float | Floats:
 
 def _numbers(option: str, text: str) -> list[float]:
     try:
-        return [float(cell) for cell in text.split(",")]
+        return [number(cell) for cell in text.split(",")]
     except ValueError:
         raise click.BadParameter(
             f"{text!r} must be numbers with commas", param_hint=option

@@ -8,6 +8,7 @@ import click
 import numpy as np
 
 from .. import cases
+from .._base.reading import number
 from .._base.types import Floats
 from ..rng import Key
 from ..system import System
@@ -30,15 +31,15 @@ def problem(case: str | None, path: str | None, key: Key) -> tuple[System, Float
 
 def share(text: str, option: str, *, relative: bool = True) -> float:
     """Read ``5%`` or ``0.05``; refuse a relative 5 without percent sign as a likely mistake."""
-    number = text.strip().removesuffix("%")
+    figure = text.strip().removesuffix("%")
     try:
-        value = float(number)
+        value = number(figure)
     except ValueError:
         raise click.BadParameter(f"{text!r} is not a number", param_hint=option) from None
     if text.strip().endswith("%"):
         return value / 100.0
     if relative and 1.0 <= value < math.inf:
         raise click.UsageError(
-            f"{option}: {number} is {100 * value:g} %: give {number}%, or a number below 1"
+            f"{option}: {figure} is {100 * value:g} %: give {figure}%, or a number below 1"
         )
     return value

@@ -20,7 +20,7 @@ from ..exceptions import InputError
 from ..rng import as_key
 from ..streams.stream import Stream
 from ..theory.exact import best_control
-from ._command import INTERRUPTED, TERMINATED, Command
+from ._command import INTERRUPTED, TERMINATED, TIME_LIMIT, Command
 from ._options import FILE, case_option, file_option, json_option, seed_option
 from ._output import note, show_result
 from ._problem import problem, share
@@ -34,6 +34,7 @@ from ._problem import problem, share
         "stream --file system.json --checkpoint run.state",
         "stream --file system.json --checkpoint run.state --resume",
     ],
+    codes={TIME_LIMIT: "time limit reached"},
 )
 @case_option
 @file_option
@@ -80,7 +81,7 @@ def stream(
 ) -> None:
     """Refine a control one realization at a time, until it is certified.
 
-    A run that reaches its limit of steps or time is done as well, with exit code 0.
+    A run that reaches its limit of steps is done as well, with exit code 0.
 
     Ctrl-C and SIGTERM save the state before the run ends; with --resume it continues with the same
     results as without the interruption. Beside the checkpoint FILE are FILE.prev, the state before
@@ -117,6 +118,7 @@ def stream(
         "certificate": run.certificate,
         "error": run.error,
         "reached_norm": scale,
+        "reach": reach.verdict,
         "out_of_reach": 0.0 if reach.reachable else reach.residual,
         "out_of_reach_relative": 0.0 if reach.reachable else reach.relative,
         "u": made.u.tolist(),
@@ -127,6 +129,8 @@ def stream(
     show_result(facts, _text(facts, made.u), as_json)
     if run.status == "interrupted":
         context.exit(TERMINATED if signal.SIGTERM in received else INTERRUPTED)
+    if run.status == "time_limit":
+        context.exit(TIME_LIMIT)
 
 
 def _resumed(made: Stream, checkpoint: str | None) -> Stream:
@@ -186,7 +190,9 @@ def _text(facts: dict[str, object], control: NDArray[np.float64]) -> str:
         f"state error {100 * error / scale:.3g} %, certified {100 * certificate / scale:.3g} %",
         f"u = [{', '.join(f'{value:.6g}' for value in control)}]",
     ]
-    if facts["out_of_reach"]:
+    if facts["reach"] == "undecided":
+        lines.append(f"undecided whether xf is within reach: {facts['out_of_reach']:.3g} away")
+    elif facts["out_of_reach"]:
         share = 100 * float(str(facts["out_of_reach_relative"]))
         lines.append(f"out of reach: {facts['out_of_reach']:.3g} ({share:.3g} % of xf - A x0)")
     if facts["checkpoint"] is not None:

@@ -9,12 +9,13 @@ import click
 import numpy as np
 
 from .._base.gate import choice, nearest
+from .._base.reading import number
 from ..cases import CASES
 from ..fusion.fusing import Method
 from ..rng import as_key
 from ..studies import Results, Study, error
 from ..studies.tables import SUFFIXES
-from ._command import INTERRUPTED, Command
+from ._command import INTERRUPTED, TIME_LIMIT, WORKERS_LOST, Command
 from ._options import FILE, Place, Words, force_option, json_option, out_option, seed_option
 from ._output import Folder, finite, grid, note, show_result
 from ._problem import problem
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _POINTS = 16  # of a logarithmic range
+_CODES = {"interrupted": INTERRUPTED, "time_limit": TIME_LIMIT, "workers_lost": WORKERS_LOST}
 
 
 @click.command(
@@ -34,6 +36,7 @@ _POINTS = 16  # of a logarithmic range
         "study ieee14 --sizes 10:1e4:log5 --methods uniform,alse",
         "study system.json --path run.study --workers 4 --save errors.parquet",
     ],
+    codes={TIME_LIMIT: "time limit reached", WORKERS_LOST: "workers lost"},
 )
 @click.argument("source", metavar="PROBLEM", type=Place("file", CASES))
 @click.option("--sizes", default="10:1000:log5", metavar="S", help="10,100 or 10:1e5:log[POINTS].")
@@ -114,10 +117,10 @@ def study_command(
     if folder is not None and results.values:
         number = "state" if "state" in results.values else next(iter(results.values))
         folder.write(facts, lambda: _figure(results, number))
-    if results.status == "interrupted":
+    if results.status in _CODES:
         if path is not None:
             note("the same command continues")
-        context.exit(INTERRUPTED)
+        context.exit(_CODES[results.status])
 
 
 def _sizes(text: str) -> list[int]:
@@ -143,7 +146,7 @@ def _sizes(text: str) -> list[int]:
 
 
 def _count(text: str) -> int:
-    value = float(text)
+    value = number(text)
     if not (1 <= value <= 1e9 and value.is_integer()):
         raise ValueError
     return int(value)

@@ -26,6 +26,7 @@ from ..system import System
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
+    from .._base.labels import Labels
     from .._base.types import Axis
 
 
@@ -101,14 +102,21 @@ class Basis(Record):
         The input matrix.
     x0, xf, A : Known
         What is known about x0, xf and A.
+    rounding : tuple of float, default (0, 0)
+        How far the control u, in doubles, can be from the exact one of the estimates, v:
+        ``||C_K (u - v)||`` for their ``C_K``, and ``||u - v||``.
     """
 
     B: Floats
     x0: Known
     xf: Known
     A: Known
+    rounding: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
+        for off in self.rounding:
+            if not (isinstance(off, float) and off >= 0.0):
+                raise InputError(f"`rounding` must be two numbers >= 0, got {gate.show(off)}")
         n = len(gate.kept("B", self.B, ndim=(2,)))
         for name, shape in (("x0", (n,)), ("xf", (n,)), ("A", (n, n))):
             one = gate.instance(name, getattr(self, name), Known)
@@ -207,6 +215,7 @@ def completed(
     x0: ArrayLike | None,
     xf: ArrayLike | None,
     what: str,
+    labels: Labels | None = None,
 ) -> Basis:
     """The basis of a plan, in which the given exact values complete the unknown laws."""
     if basis is None:
@@ -224,6 +233,8 @@ def completed(
         declared["xf"] = gate.vector("xf", xf, length=n)
     if system is not None:
         checked = System.from_any(system)
+        if checked.B.shape == basis.B.shape:
+            checked = checked._in_order("system", labels)
         if checked.B.shape != basis.B.shape:
             raise ShapeError(f"`system.B` must have shape {basis.B.shape}, got {checked.B.shape}")
         if not np.array_equal(checked.B, basis.B):
@@ -240,7 +251,8 @@ def completed(
                 "are not independent: draw with key.child(name), or with one Generator"
             )
         seen[entity.key] = entity.name
-    return Basis(basis.B, entities["x0"], entities["xf"], entities["A"])
+    x0_known, xf_known, A_known = (entities[entity.name] for entity in basis.entities)
+    return replace(basis, x0=x0_known, xf=xf_known, A=A_known)
 
 
 def _declare(entity: Known, values: Floats | None, what: str) -> Known:

@@ -9,7 +9,7 @@ import numpy as np
 
 from .._base import gate, html
 from .._base.records import SavedRecord
-from ..exceptions import ShapeError
+from ..exceptions import InputError, ShapeError
 
 if TYPE_CHECKING:
     from .._base.types import Floats
@@ -36,14 +36,19 @@ class Certificate(SavedRecord):
         What an uncertain x0 adds.
     components : ndarray, shape (n,)
         ``|x(K) - xf|_i`` is at most this, for all i at once. For one step without noise a statement
-        of its own, by a sharper region for each row, with probability ``1 - delta``; else in the
-        same event as `target`.
+        of its own, by a sharper region for each row, and with Gaussian noise of bounded covariance
+        by a quantile for each component, with probability ``1 - delta``; else in the same event as
+        `target`.
     tube : ndarray, shape (K + 1,)
         ``||x(k) - xh(k)||`` is at most this, for all k at once, around ``predicted_states``.
     control : float
         ``||u - v||`` is at most this, v the exact best control; infinite where it is not known.
     control_reason : str or None
         Why `control` is infinite.
+    control_method : str or None
+        What gave `control`: "the region"; with limits "how far the best control moves in the
+        region", or "the limits alone" where no control within them is further away. None where it
+        is infinite.
     delta : float
         `target`, `state`, `tube` and `control` hold together with probability ``1 - delta``.
     assumption : str
@@ -60,6 +65,11 @@ class Certificate(SavedRecord):
         true system under u and v.
     missing : tuple of str
         The directions that the data do not determine, where `target` is infinite.
+    doubts : tuple of str
+        Why nothing is certified: columns of the data that are no states of a plant, unless they
+        are declared, see `Model.doubts`.
+    warnings : tuple of str
+        What to be careful about: the warnings of the model.
     """
 
     target: float
@@ -78,10 +88,16 @@ class Certificate(SavedRecord):
     missing: tuple[str, ...] = ()
     excess: float | None = None
     apart: float | None = None
+    control_method: str | None = None
+    doubts: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         gate.probability("delta", self.delta)
         gate.flag("noise", self.noise)
+        if self.doubts and np.isfinite(self.target):
+            raise InputError("`target` must be infinite where there are `doubts`")
         for name in ("components", "tube"):
             if np.ndim(getattr(self, name)) != 1:  # entries may be infinite
                 raise ShapeError(f"`{name}` must have one dimension")
@@ -102,15 +118,20 @@ class Certificate(SavedRecord):
     def __repr__(self) -> str:
         if np.isfinite(self.target):
             what = f"within {self.target:.3g} of xf, mostly {self.larger}"
+        elif self.doubts:
+            what = f"nothing is certified: {self.doubts[0]}"
         elif self.missing:
             some = ", ".join(self.missing[:3])
             what = f"unbounded: the data do not determine the system along {some}"
         else:
             what = "unbounded: too few data, weak instruments, or too many steps"
-        return f"<Certificate: {what}, {self._share}, {self.method} {self._run}>"
+        careful = html.warned([text for text in self.warnings if text not in self.doubts])
+        return f"<Certificate: {what}, {self._share}, {self.method} {self._run}{careful}>"
 
     def _repr_html_(self) -> str:
-        control = self.control_reason or f"within {self.control:.4g} of the exact best one"
+        control = self.control_reason or (
+            f"within {self.control:.4g} of the exact best one, by {self.control_method}"
+        )
         rows = [
             ("last state", f"within {self.state:.4g} of the predicted one"),
             ("model ends off xf by", self.reach),
@@ -122,6 +143,8 @@ class Certificate(SavedRecord):
             ("holds with", f"{self._share} at least"),
             ("for", self.assumption),
             ("not determined", "; ".join(self.missing) or None),
+            *(("nothing is certified", text) for text in self.doubts),
+            *(("warning", text) for text in self.warnings if text not in self.doubts),
         ]
         drawn = html.states(
             np.arange(len(self.tube)), self.tube[:, None], "radius around the predicted states"

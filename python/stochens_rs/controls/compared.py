@@ -14,6 +14,7 @@ from .within import limited_error
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
+    from .._base.labels import Labels
     from .._base.types import Floats
     from ..theory.records import PlanError
     from .limited import Limited
@@ -25,6 +26,7 @@ class Compared:
     u: Floats
     predicted_states: Floats
     limited: Limited | None
+    labels: Labels | None
 
     @property
     def steps(self) -> int:
@@ -37,9 +39,10 @@ class Compared:
         Parameters
         ----------
         system : System
-            The true system.
+            The true system. The names of the plan in another order are brought into its order.
         x0, xf : array_like, shape (n,)
-            The true initial state and the target; xf is left out for a plan with a reference.
+            The true initial state and the target, in the order of the plan; xf is left out for a
+            plan with a reference.
 
         Returns
         -------
@@ -79,9 +82,9 @@ class Compared:
         Parameters
         ----------
         system : System
-            The true system.
+            The true system, as in `error`.
         x0 : array_like, shape (n,)
-            Its initial state.
+            Its initial state, in the order of the plan.
 
         Returns
         -------
@@ -113,4 +116,4 @@ class Compared:
                 f"`system` must have n={n} and m={m} as this plan, got n={checked.n} and "
                 f"m={checked.m}"
             )
-        return checked
+        return checked._in_order("system", self.labels)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from .._base import gate
 from .._base.labels import default_labels
 from ..exceptions import InputError
-from .fleet_design import Box, Design, least_mean, least_worst, tiny_weight, without
+from .fleet_design import Box, Worst, least_mean, worst_of_few
 from .fleet_plan import RISKS, FleetPlan, Risk
 from .fleet_units import Systems, read_units
 from .task import sides, weight
@@ -37,7 +36,8 @@ def control_fleet(
     systems : SystemEnsemble or sequence of System or Identified
         The units ``x_s(k+1) = A_s x_s(k) + B_s u(k) (+ c_s)``: different plants, such as machines
         of one series. Not realizations or bootstrap models of *one* plant: for these `control` is
-        right, and models with ``centre="estimate"`` are refused.
+        right, and models with ``centre="estimate"`` are refused. The names of the first unit in
+        another order are brought into its order.
     x0 : array_like, shape (n,) or (N, n)
         Where the units begin: all at one state, or each at its own.
     xf : array_like, shape (n,)
@@ -60,7 +60,8 @@ def control_fleet(
         without which the value falls most. For a certificate fix the number before the units are
         seen.
     time_limit : float, optional
-        Seconds after which the best command so far is returned, with status "user_limit".
+        Seconds after which the search ends, with status "user_limit". With "worst" the command is
+        then solved for the units found so far, which takes at most as long again.
 
     Returns
     -------
@@ -83,7 +84,7 @@ def control_fleet(
 
     The largest miss is found by active units: a second-order cone problem for a few of them, then
     the misses of all, then those that miss most are taken in. The lower bound is a value of the
-    dual, recomputed.
+    dual, recomputed. In the end the command is solved once more for `FleetPlan.support` alone.
 
     Examples
     --------
@@ -96,38 +97,32 @@ def control_fleet(
     """
     units = read_units(systems, x0, xf, steps, Q)
     m = units.systems.m
-    labels = default_labels(units.systems.n, m)
+    labels = units.systems.labels or default_labels(units.systems.n, m)
     low, high = sides("limits", limits, units.steps, labels)
     box = Box(low.ravel(), high.ravel(), None if R is None else weight("R", R, m))
     gate.choice("risk", risk, RISKS)
     count = gate.size("discard", discard, minimum=0, maximum=max(0, units.size - 1))
     limit = None if time_limit is None else gate.positive("time_limit", time_limit)
-    chosen = tiny_weight(units) if risk == "worst" and R is None else None
-    if chosen is not None:
-        box = replace(box, R=chosen[0])
-    removed: tuple[int, ...] = ()
     if risk == "mean":
         if count:
             raise InputError("`discard` needs risk='worst', got risk='mean'")
-        found: Design = least_mean(units, box, limit)
-    elif count:
-        found, removed = without(units, box, count, limit)
+        found = Worst(least_mean(units, box, limit), box, (), None)
     else:
-        found = least_worst(units, box, [], [], limit)
-    u = found.u.reshape(low.shape)
+        found = worst_of_few(units, box, R is None, count, limit)
+    design, u = found.design, found.design.u.reshape(low.shape)
     return FleetPlan(
         u,
         risk,
         units.misses(u),
-        found.value,
-        found.lower_bound,
-        found.status,
-        found.support,
-        removed,
+        design.value,
+        design.lower_bound,
+        design.status,
+        design.support,
+        found.removed,
         units,
         low,
         high,
-        box.R,
-        tuple(found.working),
-        None if chosen is None else chosen[1],
+        found.box.R,
+        found.widest,
+        count,
     )

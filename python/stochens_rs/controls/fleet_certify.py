@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, TypeAlias
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from ..theory import scenario
 from .fleet_risk import Method, RiskBound
 
 if TYPE_CHECKING:
-    from .._base.types import Floats
+    from .._base.types import Floats, Status
 
 # Radii (N,) or None, and the probability that one of them fails.
 Radii: TypeAlias = "tuple[Floats | None, float]"
@@ -24,54 +24,49 @@ def threshold_of(misses: Floats, removed: Sequence[int]) -> float:
     return float(np.delete(misses, removed).max())
 
 
-def design_risk(
-    method: Method,
-    beta: float,
-    misses: Floats,
-    removed: Sequence[int],
-    free: int,
-    widest: int | None,
-    radii: Radii,
-    verified: Callable[[], list[int] | None],
-) -> RiskBound:
-    """Bound the risk of a fresh unit, from the units of the design.
+class Made(NamedTuple):
+    """What a bound of the risk takes of a plan; `variables` of the convex problem."""
 
-    `free` is the number of variables, `widest` the unit that R was taken from, if any; `verified`
-    finds the units that alone give the command, None if they do not.
-    """
-    N, threshold, (radius, failing) = len(misses), threshold_of(misses, removed), radii
-    if removed and method != "discarding":
+    misses: Floats
+    removed: Sequence[int]
+    discard: int
+    support: int
+    variables: int
+    status: Status
+
+
+def design_risk(method: Method, beta: float, plan: Made, radii: Radii) -> RiskBound:
+    """Bound the risk of a fresh unit, from the units of the design."""
+    N, (radius, failing) = len(plan.misses), radii
+    threshold = threshold_of(plan.misses, plan.removed)
+    if method == "compression":
+        if radius is not None:
+            threshold = threshold_of(plan.misses + radius, plan.removed)
+        count = plan.support
+        found = scenario.compression(N, count, beta, violations=plan.discard)
+        return RiskBound(found, beta, method, N, count, threshold, failing)
+    if plan.status != "optimal":
         raise InputError(
-            f"`method` {method!r} does not hold after units were left out: use 'discarding' or "
-            "validate(new_units)"
+            f"`method` {method!r} needs an optimal plan, this one is {plan.status!r}: use "
+            "'compression', or validate(new_units)"
         )
-    if radius is not None and method != "compression":
+    if radius is not None:
         raise InputError("`radius` needs method='compression', or validate(new_units)")
-    count = free + 1 + (widest is not None)  # the variables, the value, and R
-    if method == "a priori":
-        found = scenario.a_priori(N, count, beta)
-        return RiskBound(found, beta, method, N, count, threshold)
+    count = plan.variables
     if method == "discarding":
-        if any(misses[s] <= threshold for s in removed):
+        if any(plan.misses[s] <= threshold for s in plan.removed):
             raise InputError(
                 "a unit that was left out misses no more than the threshold, so that this bound "
-                "does not hold: use validate(new_units)"
+                "does not hold: use 'compression', or validate(new_units)"
             )
-        found = scenario.discarding(N, len(removed), count, beta)
+        found = scenario.discarding(N, len(plan.removed), count, beta)
         return RiskBound(found, beta, method, N, count, threshold)
-    support = verified()
-    if support is not None and widest is not None:
-        support = sorted({*support, widest})
-    count = N if support is None else len(support)
-    if radius is not None:
-        # the unit that sets the threshold belongs to the subset
-        sums = misses + radius
-        top = int(np.argmax(sums))
-        threshold = float(sums[top])
-        count = min(N, count + (support is not None and top not in support))
-    law = scenario.judged if method == "judged" else scenario.compression
-    sure = support is not None
-    return RiskBound(law(N, count, beta), beta, method, N, count, threshold, failing, verified=sure)
+    if plan.discard:
+        raise InputError(
+            f"`method` {method!r} does not hold after units were left out: use 'compression', "
+            "'discarding' or validate(new_units)"
+        )
+    return RiskBound(scenario.a_priori(N, count, beta), beta, method, N, count, threshold)
 
 
 def checked_radii(radius: Any, delta: Any, size: int) -> Radii:

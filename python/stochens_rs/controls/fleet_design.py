@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import monotonic
 from typing import TYPE_CHECKING
 
@@ -16,17 +16,22 @@ from ..theory.exact import EPS
 from .task import REGULAR, root
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from .fleet_units import Units
 
 TOLERANCE = 1e-7  # of the largest miss, relative
 GOOD = 1e-9  # of the mean of the squared misses, relative to J(0) + J(u)
 SQUARED = 1e-10  # eigenvalues of H below this share are better had without squares
-SAME = 1e-6  # two largest misses are the same up to this, relative; commands up to its root
+FLOOR = 1e-9  # of the largest miss at the start: values closer than this are the same
+NEAR, SQUARES = 1e-6, 1e-9  # "optimal": gap, or that of the squares relative to J(0) + J(u)
+
+STOPPED = ("user_limit", "interrupted")
 
 
 @dataclass(frozen=True)
 class Design:
-    """What was found: `value`, `lower_bound` as in `FleetPlan`; `working` was solved for."""
+    """What was found: `value`, `lower_bound`, `support` as in `FleetPlan`; `working` was solved."""
 
     u: Floats
     value: float
@@ -61,11 +66,6 @@ class Box:
         least = max(0.0, float(np.linalg.eigvalsh(self.R)[0]))
         F = root(self.R - least * np.eye(len(r)))
         return np.full(d, least), np.ascontiguousarray(np.kron(np.eye(K), F))
-
-    @property
-    def free(self) -> int:
-        """The number of inputs that are not fixed."""
-        return int(np.count_nonzero(self.low < self.high))
 
 
 def least_mean(units: Units, box: Box, time_limit: float | None) -> Design:
@@ -123,23 +123,29 @@ def least_mean(units: Units, box: Box, time_limit: float | None) -> Design:
             u, J, gap, g = found.control, J2, gap2, g2
         else:
             break
-        if status in ("user_limit", "interrupted") or gap <= EPS * (at_zero + J):
+        if status in STOPPED or gap <= EPS * (at_zero + J):
             break
     if status in ("optimal", "optimal_inaccurate"):
         status = "optimal" if gap <= GOOD * (at_zero + J) else "optimal_inaccurate"
     return Design(u, float(np.sqrt(J)), float(np.sqrt(max(0.0, J - gap))), status, [])
 
 
-def tiny_weight(units: Units) -> tuple[Floats, int] | None:
+def tiny_weight(units: Units, skip: Sequence[int] = ()) -> tuple[Floats, int] | None:
     """``R = 1e-8 max_s tr(G_s'Q G_s) / (K m) I``, and the unit whose map is that large.
 
-    None if no input moves a unit. By the largest, not by the mean: then R is that of one unit, and
-    the units that carry a command, together with this one, give the same command.
+    None if no input moves a unit. By the largest, not by the mean: then R is that of one unit.
     """
     gains = _core.fleet_gains(units.arrays, get_num_threads())
+    gains[list(skip)] = 0.0
     widest = int(np.argmax(gains))
     share = REGULAR * float(gains[widest]) / units.inputs
     return (share * np.eye(units.systems.m), widest) if share > 0.0 else None
+
+
+def weighed(units: Units, box: Box, tiny: bool, skip: Sequence[int] = ()) -> tuple[Box, int | None]:
+    """`box`, if `tiny` with the tiny weight of the units not in `skip`, and the unit it is of."""
+    found = tiny_weight(units, skip) if tiny else None
+    return (box, None) if found is None else (replace(box, R=found[0]), found[1])
 
 
 def least_worst(
@@ -165,53 +171,103 @@ def least_worst(
     return Design(u, value, lower, status, working, tuple(carried))
 
 
-def without(
-    units: Units, box: Box, count: int, time_limit: float | None
-) -> tuple[Design, tuple[int, ...]]:
-    """Leave out `count` units, each time the one without which the value falls most.
+@dataclass(frozen=True)
+class Worst:
+    """A command with the least largest miss: `removed`, `widest` as in `FleetPlan`."""
 
-    Returns the design and the units left out, in their order.
+    design: Design
+    box: Box
+    removed: tuple[int, ...]
+    widest: int | None
+
+
+def worst_of_few(
+    units: Units, box: Box, tiny: bool, discard: int, time_limit: float | None
+) -> Worst:
+    """Leave out `discard` units and find the command, solved for a few units alone.
+
+    The units left out go one by one, each time the one without which the value falls most.
     """
-    end = None if time_limit is None else monotonic() + time_limit
+    began = monotonic()
 
     def left() -> float | None:
-        return None if end is None else max(1e-3, end - monotonic())
+        return None if time_limit is None else max(1e-3, began + time_limit - monotonic())
 
     gone: list[int] = []
-    now = least_worst(units, box, [], [], time_limit)
-    while len(gone) < count and now.status not in ("user_limit", "interrupted"):
+    own, widest = weighed(units, box, tiny)
+    now = least_worst(units, own, [], [], time_limit)
+    while len(gone) < discard and now.status not in STOPPED:
         # the value among those solved for, without one of them: below that of all the others
         others = {i: [s for s in now.working if s != i] for i in now.support}
         values = {
-            i: least_worst(units.part(few), box, [], list(range(len(few))), left()).value
+            i: least_worst(units.part(few), own, [], list(range(len(few))), left()).value
             for i, few in others.items()
             if few
         }
         out = min(values, key=lambda i: values[i]) if values else now.working[0]
         gone.append(out)
-        now = least_worst(units, box, gone, others.get(out, []), left())
-    return now, tuple(gone)
+        if out == widest:
+            own, widest = weighed(units, box, tiny, gone)
+        now = least_worst(units, own, gone, others.get(out, []), left())
+    # what a stop cut short may take as long again
+    budget = monotonic() - began if now.status in STOPPED else None
+    few = of_few(units, own, tiny, widest, now, gone, budget)
+    return Worst(few, own, tuple(gone), widest)
 
 
-def verified_support(units: Units, box: Box, found: Design, skip: list[int]) -> list[int] | None:
-    """Units that alone give the same command and value, none of them dispensable; None if unknown.
+def of_few(
+    units: Units,
+    box: Box,
+    tiny: bool,
+    widest: int | None,
+    found: Design,
+    gone: list[int],
+    budget: float | None,
+) -> Design:
+    """Solve again for the few units that carry `found`: a function of these and of nothing else.
 
-    One after another is left out where nothing changes without it, so that of copies one remains.
+    They are taken in the order of the fleet, from one start, with the R of these units, so that
+    `certify` can count them. The units are chosen freely: first those with multipliers, then all
+    that the last problem was solved for. Where a stop leaves no command, `found` is that of all.
     """
+    kept = np.delete(np.arange(units.size), gone)
 
-    def same(few: list[int]) -> bool:
-        alone = least_worst(units.part(few), box, [], list(range(len(few))))
-        near = np.abs(alone.u - found.u).max() <= np.sqrt(SAME) * np.abs(found.u).max()
-        unsure = SAME * found.value + found.value - found.lower_bound
-        return bool(near and abs(alone.value - found.value) <= unsure)
+    def largest(u: Floats, R: Floats | None) -> float:
+        beside = (
+            0.0 if R is None else float(np.sum(u.reshape(-1, len(R)) @ R * u.reshape(-1, len(R))))
+        )
+        return float(_core.fleet_misses(units.arrays, u, beside, get_num_threads())[kept].max())
 
-    kept = sorted(set(found.working) - set(skip))
-    if not same(kept):
-        return None
-    if found.support and same(list(found.support)):
-        kept = list(found.support)
-    for s in list(kept):
-        rest = [i for i in kept if i != s]
-        if rest and same(rest):
-            kept = rest
-    return kept
+    start = np.clip(np.zeros(units.inputs), box.low, box.high)
+    if np.array_equal(found.u, start):
+        return replace(found, support=())  # the command of no unit
+    at_start, status = largest(start, box.R), found.status
+    best: Design | None = None
+    for some in (found.support, found.working):
+        few = distinct(units, sorted({*some, *(() if widest is None else (widest,))}))
+        part = units.part(few)
+        alone = least_worst(part, weighed(part, box, tiny)[0], [], list(range(len(few))), budget)
+        if alone.status in STOPPED:
+            status = alone.status
+            break
+        value = largest(alone.u, box.R)
+        if best is None or value < best.value:
+            best = replace(found, u=alone.u, value=value, support=tuple(few))
+        if value <= found.value + TOLERANCE * found.value + FLOOR * at_start:
+            break
+    if best is None:
+        return replace(found, status=status, support=tuple(int(s) for s in kept))
+    if best.value >= at_start:
+        best = replace(found, u=start, value=at_start, support=())
+    lower = min(found.lower_bound, best.value)
+    gap, squares = best.value - lower, best.value**2 - lower**2
+    if status not in STOPPED:
+        near = gap <= NEAR * at_start or squares <= SQUARES * (at_start**2 + best.value**2)
+        status = "optimal" if near else "optimal_inaccurate"
+    return replace(best, lower_bound=lower, status=status)
+
+
+def distinct(units: Units, chosen: list[int]) -> list[int]:
+    """The first of each group of equal units."""
+    rows = units.part(chosen).rows()
+    return [chosen[i] for i in sorted(np.unique(rows, axis=0, return_index=True)[1])]

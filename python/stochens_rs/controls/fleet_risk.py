@@ -9,13 +9,12 @@ from .._base import gate, html
 from .._base.records import SavedRecord
 from .._base.types import Floats
 
-Method: TypeAlias = Literal["compression", "a priori", "judged", "discarding", "hold-out"]
+Method: TypeAlias = Literal["compression", "a priori", "discarding", "hold-out"]
 METHODS: tuple[Method, ...] = get_args(Method)
 
 _COUNTED = {
     "compression": "units that alone give the command",
     "a priori": "variables",
-    "judged": "units that the command rests on",
     "discarding": "variables, after units were left out",
     "hold-out": "of the fresh units above the threshold",
 }
@@ -32,13 +31,13 @@ class RiskBound(SavedRecord):
     beta : float
         The bound fails with at most this probability, over the units it was computed from.
     method : str
-        "compression", "a priori", "judged", "discarding": from the units of the design, see
+        "compression", "a priori", "discarding": from the units of the design, see
         `theory.scenario`. "hold-out": from fresh units.
     size : int
         The number of these units.
     count : int
-        What `method` counts: the units that alone give the command (compression, judged), the
-        variables (a priori, discarding), the units above the threshold (hold-out).
+        What `method` counts: the units that alone give the command (compression), the variables
+        (a priori, discarding), the units above the threshold (hold-out).
     threshold : float
         The miss ``||x_s(K) - xf||_Q`` that is spoken of; with regions, of the plants behind the
         models.
@@ -46,9 +45,6 @@ class RiskBound(SavedRecord):
         With regions of models, the probability that the region of a fresh unit fails; else 0.
     misses : ndarray, shape (size,), or None
         The misses of the fresh units of a hold-out.
-    verified : bool
-        Whether a subset of `count` units was verified to give the command; if not, `count` is
-        `size` and nothing is known.
     """
 
     epsilon: float
@@ -59,9 +55,9 @@ class RiskBound(SavedRecord):
     threshold: float
     delta: float = 0.0
     misses: Floats | None = None
-    verified: bool = True
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         gate.choice("method", self.method, METHODS)
         gate.probability("beta", self.beta)
 
@@ -81,10 +77,9 @@ class RiskBound(SavedRecord):
         how = f"{100 * self.epsilon:.4g} %"
         if self.delta:
             how += f" + {100 * self.delta:.4g} %"
-        open_ = "" if self.verified else ", no subset verified"
         return (
             f"<RiskBound {self.method}: a fresh unit misses more than {self.threshold:.4g} with at "
-            f"most {how}, {self.count} of {self.size}{open_}>"
+            f"most {how}, {self.count} of {self.size}>"
         )
 
     def _repr_html_(self) -> str:

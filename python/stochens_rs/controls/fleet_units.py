@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 from .. import _core
 from .._base import gate
+from .._base.labels import order_of
 from .._base.records import Record
 from .._base.threads import get_num_threads
 from .._base.types import Floats
@@ -78,9 +79,24 @@ class Units(Record):
     def part(self, chosen: list[int]) -> Units:
         """Some of the units."""
         s = self.systems
-        few = SystemEnsemble(s.A[chosen], s.B[chosen], None if s.c is None else s.c[chosen])
+        c = None if s.c is None else s.c[chosen]
+        few = replace(s, A=s.A[chosen], B=s.B[chosen], c=c)
         x0 = self.x0 if len(self.x0) == 1 else self.x0[chosen]
         return Units(few, x0, self.xf, self.Q, self.steps)
+
+    def rows(self) -> Floats:
+        """All numbers of each unit, with where it begins, in one row."""
+        s, N = self.systems, self.size
+        c = np.zeros((N, s.n)) if s.c is None else s.c
+        x0 = np.broadcast_to(self.x0, (N, s.n))
+        # + 0.0: -0.0 is 0.0
+        return np.hstack([s.A.reshape(N, -1), s.B.reshape(N, -1), c, x0]) + 0.0
+
+    def same(self, other: Units) -> bool:
+        """Whether these are the units of another record, in any order."""
+        if self.size != other.size:
+            return False
+        return sorted(self.rows().tolist()) == sorted(other.rows().tolist())
 
     def misses(self, u: Floats) -> Floats:
         """``||x_s(K) - xf||_Q`` of every unit, shape (N,)."""
@@ -126,13 +142,18 @@ def _of_models(models: list[Any]) -> SystemEnsemble:
             )
         if model.B.shape != first.B.shape or model.dt != first.dt:
             raise ShapeError(f"`systems[{k}]` must have n, m and dt of the first")
+    labels = next((model.labels for model in models if model.labels.given), None)
+    orders = [order_of(f"systems[{k}]", one.labels, labels) for k, one in enumerate(models)]
+    each = list(zip(models, orders, strict=True))
+    pairs = [order.matrices(model.A, model.B) for model, order in each]
     n = len(first.A)
-    offsets = [np.zeros(n) if model.c is None else model.c for model in models]
+    offsets = [np.zeros(n) if one.c is None else order.of_states(one.c) for one, order in each]
     return SystemEnsemble(
-        np.array([model.A for model in models]),
-        np.array([model.B for model in models]),
+        np.array([A for A, _ in pairs]),
+        np.array([B for _, B in pairs]),
         np.array(offsets) if any(model.c is not None for model in models) else None,
         dt=first.dt,
+        labels=labels,
     )
 
 

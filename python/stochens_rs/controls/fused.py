@@ -8,12 +8,11 @@ import numpy as np
 
 from .. import _core
 from .._base import gate
-from .._base.numbers import norm
 from .._base.types import DELTA, Floats, Fusion, worst
 from ..exceptions import InputError
 from ..identification.identified import Identified
 from ..theory.dynamics import states
-from ..theory.exact import EPS, best, best_control
+from ..theory.exact import best, best_control
 from .basis import Basis, known
 from .entities import fusion_over, problem, step_warnings
 from .from_model import model_control
@@ -225,7 +224,9 @@ def control(
         fusion=how,
         status=worst([entity.status for entity in given] + ([limited.status] if limited else [])),
         info=info,
-        basis=Basis(inputs, x0_known, xf_known, A_known),
+        basis=Basis(
+            inputs, x0_known, xf_known, A_known, (found.state_rounding, found.control_rounding)
+        ),
         limited=limited,
         labels=labels,
         dt=dt,
@@ -237,5 +238,4 @@ def _paired(B: Floats, given: tuple[Entity, Entity, Entity], goal: Floats) -> Be
     first, last, matrices = (entity.realizations() for entity in given)
     difference = _core.mean_difference(len(B), first, last, matrices, given[2].by_rows)
     free = goal - difference  # the average of A^s x0^s
-    unsure = EPS * (norm(free) + norm(goal))  # the averages count as exact
-    return best(B, free, difference, unsure)
+    return best(B, free, difference)  # the averages count as exact

@@ -10,8 +10,9 @@ import numpy as np
 from .._base.numbers import ROUNDING, norm
 from ..exceptions import InputError
 from ..rng import RngLike, as_key
-from ..theory.bounds.drawn_errors import radii
+from ..theory.bounds.drawn_errors import not_simulated, radii
 from ..theory.dynamics import matrix_powers, spectral_norms
+from ..theory.exact import EPS
 from .limited import Horizon
 from .limited_errors import LimitedErrors, MovedTarget
 from .plan_bound import PlanBound, distances, plan_errors
@@ -65,6 +66,11 @@ def limited_bound(
             found = _uncertain(basis, limited, predicted, exact, errors, delta, key)
         M, state, target = exact.weighted
         missed = float(np.linalg.norm(M @ best.u.ravel() - target + state @ x0)) + best.distance
+        off = _rounding(M, limited.u, best.u) + sum(state.shape) * EPS * norm(state) * norm(x0)
+        found, missed = (
+            _with_rounding(found, off, limited.objective, _least(exact, M)),
+            missed + off,
+        )
     # in the 2-norm where only the last state counts, with one weight
     scale = float(task.terminal[0, 0])
     plain = not task.stage.any() and np.array_equal(task.terminal, scale * np.eye(len(x0)))
@@ -85,9 +91,28 @@ def limited_bound(
     )
 
 
+def _rounding(M: Floats, *controls: Floats) -> float:
+    """Rounding of ``M u`` for these u, ``(rows + columns) eps ||M||_F ||u||`` each at most.
+
+    Rounding in ``A^k B`` and ``A^k x0`` themselves is not in it.
+    """
+    return sum(M.shape) * EPS * norm(M) * sum(norm(u) for u in controls)
+
+
+def _with_rounding(found: _Radii, off: float, objective: float, least: float) -> _Radii:
+    """The radii where every ``M u`` is wrong by `off`; the one place where this is added."""
+    if not off:
+        return found
+    return found._replace(
+        state=found.state + off,
+        control=found.control + off / np.sqrt(least) if least else found.control,
+        excess=found.excess + product(2.0 * np.sqrt(objective) + off, off),
+    )
+
+
 def _known(exact: Horizon, limited: Limited, best: Limited, x0: Floats) -> _Radii:
     """Nothing is random: the error itself, with what the certificate of `best` may add."""
-    M = exact.weighted[0]
+    M = exact.condensed
     wrong, least = (limited.u - best.u).ravel(), _least(exact, M)
     J, J_best = (exact.objective(x0, u) for u in (limited.u, best.u))
     control = norm(wrong) + best.distance / np.sqrt(least) if least else np.inf
@@ -115,27 +140,36 @@ def _moved(
     The inequalities of the two best controls, each tested at the other, add up to ``||B du||_Q^2 +
     ||du||_R^2 <= <B du, b^ - b>_Q``. With soft limits of the states d is that of `MovedTarget`.
     """
-    drawn = radii(MovedTarget(errors, exact), delta, key)
-    d = drawn[0] if drawn else _formula(basis, exact, delta, fusion)
-    D, M = limited.distance, exact.weighted[0]
+    moved = MovedTarget(errors, exact)
+    drawn = radii(moved, delta, key)
+    why = None if drawn else not_simulated(delta, moved.cost)
+    d = drawn[0] if drawn else _formula(basis, exact, delta, fusion, why)
+    D, M = limited.distance, exact.condensed
     least, least_R = _least(exact, M), float(np.linalg.eigvalsh(limited.R)[0])
     control = (d + D) / np.sqrt(least) if least else np.inf
     if least_R > 0.0:
         control = min(control, (d / 2.0 + D) / np.sqrt(least_R))
     if exact.task.boxed:
         control = min(control, _inside(exact, M, limited, predicted, d))
-    reason = None if np.isfinite(control) else _MANY
+    reason = why if np.isfinite(control) else _MANY
     return _Radii(d + D, control, product(d, d) + limited.gap, FIRM, reason)
 
 
 def _inside(exact: Horizon, M: Floats, limited: Limited, predicted: Floats, d: float) -> float:
-    """Where no limit comes into play for any b within d, ``u = L b``: ``||L|| d``."""
-    H = M.T @ M + _cost(exact)
+    """Where no limit comes into play for any b within d, ``u = L b``: ``||L|| d``.
+
+    ``L = H^+ M' = [M; R^(1/2)]^+ [I; 0]``: in H a small R would be lost beside a large M.
+    """
     stage, terminal = exact.roots
     off = limited.task.reference - predicted[1:]
     rest = np.concatenate([*(stage @ r for r in off[:-1]), terminal @ off[-1]])
-    tiny = max(M.shape) * float(np.finfo(np.float64).eps)
-    L = np.linalg.pinv(H, rcond=tiny, hermitian=True) @ M.T
+    stacked = np.vstack([M, root(_cost(exact))])
+    U, s, V = np.linalg.svd(stacked, full_matrices=False)
+    tiny = max(stacked.shape) * float(np.finfo(np.float64).eps)
+    kept = s > tiny * s[0]
+    L = V[kept].T / s[kept] @ U[: len(M), kept].T
+    if kept.any():
+        d *= 1.0 + tiny * s[0] / s[kept][-1]  # what rounding may add to L
     free = L @ (rest + M @ limited.u.ravel())
     reach = np.linalg.norm(L, axis=1) * d
     low, high = exact.task.low.ravel(), exact.task.high.ravel()
@@ -144,13 +178,13 @@ def _inside(exact: Horizon, M: Floats, limited: Limited, predicted: Floats, d: f
     return norm(limited.u.ravel() - free) + float(np.linalg.norm(L, 2)) * d
 
 
-def _formula(basis: Basis, exact: Horizon, delta: float, fusion: Fusion) -> float:
+def _formula(basis: Basis, exact: Horizon, delta: float, fusion: Fusion, why: str | None) -> float:
     """A bound of the d of `MovedTarget` that needs no simulation."""
     task = exact.task
     if fusion == "diagonal":
         raise InputError(
-            "no formula bounds a control within limits of paired realizations, and this `delta` is "
-            "too small to simulate: use fusion='product'"
+            "no formula bounds a control within limits of paired realizations (use "
+            f"fusion='product'), and {why}"
         )
     e0, ef, eA = distances(basis, delta, "Frobenius")
     Q, W = (weights(task, soft=soft) for soft in (False, True))
@@ -174,11 +208,10 @@ def _uncertain(
 ) -> _Radii:
     """The map moves with A: errors drawn from the law, or the inequality of `uncertain_map`."""
     follows = basis.xf.kind != "exact" and not limited.task.follows
-    drawn = radii(LimitedErrors(errors, exact, limited, follows), delta, key) if (
-        limited.task.boxed
-    ) else None  # fmt: skip
+    law = LimitedErrors(errors, exact, limited, follows)
+    drawn = radii(law, delta, key) if limited.task.boxed else None
     if drawn:
-        least = _least(exact, exact.weighted[0])
+        least = _least(exact, exact.condensed)
         state, control, excess = drawn
         return _Radii(
             state, control if least else np.inf, excess, "simulated", None if least else _MANY
@@ -195,7 +228,8 @@ def _uncertain(
     model = Model(basis.estimates[2], basis.B, (eA, 0.0), lambda p: (eA * norm(p), 0.0))
     task = replace(limited.task, R=limited.R)
     found = apart(task, model, predicted[1:], limited.u, alpha, limited.gap)
-    reason = None if np.isfinite(found.control) else SMALL
+    why = not_simulated(delta, law.cost) if limited.task.boxed else None
+    reason = why if np.isfinite(found.control) else SMALL
     return _Radii(found.state, found.control, found.excess, "uncertain map", reason)
 
 

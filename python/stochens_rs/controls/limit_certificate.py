@@ -11,9 +11,9 @@ import numpy as np
 
 from .._base.numbers import ROUNDING
 from .limited import Horizon
-from .model_bound import certificate, step_region
+from .model_bound import certificate, step_regions
 from .region_errors import spread, trajectory
-from .uncertain_map import HARD, SMALL, Model, apart, product, weights
+from .uncertain_map import HARD, SMALL, Model, apart, farthest, product, weights
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from .model_bound import Asked
     from .task import Task
 
+ALONE, MOVED = "the limits alone", "how far the best control moves in the region"
 _DIRECT = "a region over all steps at once says nothing of single steps"
 
 ROUNDS = 8  # of moving limits inward; the radii settled after 2 to 4 in 300 random plans
@@ -46,9 +47,11 @@ def limited_certificate(
     comparison with the best control of the true system, in the same event.
     """
     found = certificate(basis, limited.u, predicted, delta, asked, exact)
+    if found.doubts:
+        return replace(found, excess=np.inf, apart=np.inf)
     task, tube = replace(limited.task, R=limited.R), found.tube[1:]
-    own = step_region(basis, delta, len(limited.u), asked)[1]
-    region = None if own is None else own[0]
+    _, regions, _ = step_regions(basis, delta, len(limited.u), asked)
+    region = regions[0] if regions else None
     reason: str | None = None
     if task.state_low is not None and task.soft is None:
         reason = HARD
@@ -57,15 +60,25 @@ def limited_certificate(
     elif not np.isfinite(tube).all():
         reason = "the data do not determine where the control leads"
     if reason is not None or region is None:
-        text = f"only the state is certified: {reason}"
-        return replace(found, control=np.inf, control_reason=text, excess=np.inf, apart=np.inf)
+        found = replace(found, control=np.inf, excess=np.inf, apart=np.inf)
+        return _at_most(found, farthest(limited.task, limited.u), reason)
     W = np.linalg.norm(weights(task, soft=True), 2, axis=(1, 2))
     alpha = float(np.sqrt(W @ tube**2))
     if len(tube) == 1 and not task.soft and not basis.x0_error and not asked.noise:
         alpha = min(alpha, _weighted(region, basis, limited, predicted))
     by = apart(task, _model(basis, region), predicted[1:], limited.u, alpha, limited.gap)
-    said = None if np.isfinite(by.control) else f"only the state is certified: {SMALL}"
-    return replace(found, control=by.control, control_reason=said, excess=by.excess, apart=by.state)
+    found = replace(found, control=by.control, excess=by.excess, apart=by.state)
+    return _at_most(found, farthest(limited.task, limited.u), SMALL)
+
+
+def _at_most(found: Certificate, farthest: float, reason: str | None) -> Certificate:
+    """No control within the limits is further away than `farthest`; or why there is no bound."""
+    if farthest < found.control:
+        return replace(found, control=farthest, control_method=ALONE, control_reason=None)
+    if np.isfinite(found.control):
+        return replace(found, control_method=MOVED, control_reason=None)
+    text = f"only the state is certified: {reason}"
+    return replace(found, control_method=None, control_reason=text)
 
 
 def _weighted(region: Region, basis: ModelBasis, limited: Limited, predicted: Floats) -> float:

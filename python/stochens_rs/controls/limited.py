@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import inf, sqrt
+from math import inf, isnan, nan, sqrt
+from time import perf_counter
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
@@ -24,8 +25,10 @@ if TYPE_CHECKING:
 
     _Steps: TypeAlias = tuple[Floats, Floats, Floats, Floats, Floats, Floats, Floats]
 
-# From this many inputs on the recursion of Riccati is faster than condensed matrices (measured).
+# From this many inputs on the recursion of Riccati is faster than condensed matrices (measured for
+# few states), unless its work, n^2 (3 n + 4 m) for each step and factorization, is larger.
 LONG = 250
+FACTORS = 8  # that are usual
 OPTIMAL = 1e-9  # the gap of an "optimal" control, in units of J(0) + J(u), as in the core
 
 
@@ -52,7 +55,8 @@ class Limited(Record):
     objective : float
         ``J(u)``.
     missed : float
-        What the limits cost: ``J(u)`` less the least J without limits; 0 if none is active.
+        What the limits cost: ``J(u)`` less the least J without limits; 0 if none is active, nan if
+        the time limit came before.
     status : str
         "optimal", or why it is not.
     missing : float
@@ -123,6 +127,10 @@ def _sides(values: Floats, low: Floats, high: Floats, size: Floats) -> NDArray[n
     return found.astype(np.int8)
 
 
+def _left(time_limit: float | None, started: float) -> float | None:
+    return None if time_limit is None else max(0.0, time_limit - (perf_counter() - started))
+
+
 class Horizon:
     """``x(k) = f(k) + sum_j G_kj u(j)`` as weighted least squares: ``J(u) = ||M u - y||^2 + u'Ru``.
 
@@ -135,25 +143,37 @@ class Horizon:
         A, B = np.ascontiguousarray(A), np.ascontiguousarray(B)  # as the core takes them
         self.task, self.A, self.B, self.c = task, A, B, c
         self.offset = np.zeros(n) if c is None else c
-        powers = matrix_powers(A, K)
         with np.errstate(over="ignore", invalid="ignore"):
-            self.pushes = powers[:-1] @ B  # A^p B
-            self.powers = powers
+            self.pushes = np.empty((K, n, m))  # A^p B
+            self.pushes[0] = B
+            for p in range(1, K):
+                self.pushes[p] = A @ self.pushes[p - 1]
             self.roots = task.weights()
-            stage, terminal = self.roots
+            # Q^1/2 A^p B, of the stages and at the end
+            self._seen = tuple(factor @ self.pushes for factor in self.roots)
             # tr(G'QG) = sum_p (K - 1 - p) ||Q^1/2 A^p B||^2 + ||Qf^1/2 A^p B||^2
             left = np.arange(K - 1, -1, -1)
-            size = np.sum((stage @ self.pushes) ** 2, axis=(1, 2)) @ left
-            size += np.sum((terminal @ self.pushes) ** 2)
+            size = np.sum(self._seen[0] ** 2, axis=(1, 2)) @ left + np.sum(self._seen[1] ** 2)
         if not np.isfinite(size):
+            matrix_powers(A, K)  # raises if one of them overflows, with its exponent
             raise NonFiniteError("the weighted effect of the inputs overflows: scale it down")
         regular = REGULAR * float(size) / (m * K) or 1.0
         self.R: Floats = regular * np.eye(m) if task.R is None else task.R
 
+    @cached_property
+    def powers(self) -> Floats:
+        """``I, A, ..., A^K``, (K + 1, n, n)."""
+        return matrix_powers(self.A, self.task.steps)
+
     @property
     def long(self) -> bool:
         """Whether the recursion of Riccati is used."""
-        return self.task.steps * self.B.shape[1] >= LONG and self.task.steps > 1
+        (n, m), K = self.B.shape, self.task.steps
+        if K * m < LONG or K == 1:
+            return False
+        rows = (K - 1) * len(self.roots[0]) + len(self.roots[1])
+        condensed, recursion = (K * m) ** 2 * (rows + K * m), K * n * n * (3 * n + 4 * m)
+        return K >= LONG or condensed > FACTORS * recursion
 
     @cached_property
     def drift(self) -> Floats:
@@ -164,25 +184,31 @@ class Horizon:
         return states(self.A, np.eye(n), np.zeros(n), np.broadcast_to(self.offset, (K, n)))[1:]
 
     @cached_property
+    def condensed(self) -> Floats:
+        """``M`` (rows, m K): ``F x(k)`` of the inputs for the roots F of the weights, k = 1..K."""
+        K, m = self.task.steps, self.B.shape[1]
+        stage, terminal = self._seen
+        rows, row = (K - 1) * stage.shape[1] + terminal.shape[1], 0
+        memory.need("the control within limits", 8 * rows * (m * K + len(self.A) + 1) * 3)
+        M = np.zeros((rows, K, m))
+        for k in range(1, K + 1):
+            seen = terminal if k == K else stage
+            # x(k) = A^k x0 + sum_{j<k} A^(k-1-j) B u(j)
+            part = slice(row, row := row + seen.shape[1])
+            M[part, :k] = seen[k - 1 :: -1].transpose(1, 0, 2)
+        return M.reshape(rows, K * m)
+
+    def _weighed(self, along: Floats) -> Floats:
+        """``F x(k)`` of x(1), ..., x(K), (K, n) or (K, n, columns), below each other."""
+        stage, terminal = self.roots
+        parts = [stage @ x for x in along[:-1]] if len(stage) else []
+        return np.concatenate([*parts, terminal @ along[-1]])
+
+    @cached_property
     def weighted(self) -> tuple[Floats, Floats, Floats]:
         """``M`` (rows, m K), ``state`` (rows, n) and ``target`` (rows,)."""
-        K, (n, m) = self.task.steps, self.B.shape
-        stage, terminal = self.roots
-        # F x(k) = M u + state x0 + F drift(k) for all pairs (k, F)
-        steps = [(k, stage) for k in range(1, K)] if len(stage) else []
-        steps.append((K, terminal))
-        wanted = self.task.reference - self.drift
-        target = np.concatenate([factor @ wanted[k - 1] for k, factor in steps])
-        rows = sum(len(factor) for _, factor in steps)
-        memory.need("the control within limits", 8 * rows * (m * K + n + 1) * 3)
-        M, state = np.zeros((rows, K, m)), np.empty((rows, n))
-        row = 0
-        for k, factor in steps:
-            part = slice(row, row := row + len(factor))
-            # x(k) = A^k x0 + sum_{j<k} A^(k-1-j) B u(j)
-            M[part, :k] = np.einsum("rn,pnm->rpm", factor, self.pushes[k - 1 :: -1][:k])
-            state[part] = factor @ self.powers[k]
-        return M.reshape(rows, K * m), state, target
+        state = self._weighed(self.powers[1:])
+        return self.condensed, state, self._weighed(self.task.reference - self.drift)
 
     def cost(self) -> Floats:
         """R of all inputs: its diagonal (m K,), or the matrix."""
@@ -209,7 +235,7 @@ class Horizon:
         """What a distance in the norm of the problem is for the control and the last state."""
         least = float(np.linalg.eigvalsh(self.R)[0])
         if not self.long:
-            M = np.vstack([self.weighted[0], np.kron(np.eye(self.task.steps), root(self.R))])
+            M = np.vstack([self.condensed, np.kron(np.eye(self.task.steps), root(self.R))])
             values = np.linalg.svd(M, compute_uv=False)
             sure = values[-1] - max(M.shape) * EPS * values[0]
             least = max(least, sure**2 if len(values) == M.shape[1] and sure > 0.0 else 0.0)
@@ -221,18 +247,19 @@ class Horizon:
 
     def solve(self, x0: Floats, *, time_limit: float | None = None) -> Limited:
         """The best control from x0."""
-        task = self.task
+        task, started = self.task, perf_counter()
         found = self.best(x0, task, time_limit)
         shape = task.low.shape
         u = found.control.reshape(shape)
-        least = found.objective
+        least = nan if found.status == "user_limit" else found.objective
         state_active = None
         if task.state_low is not None and task.state_high is not None:
             along = states(self.A, self.B, x0, u)[1:] + self.drift
             low, high = task.state_low, task.state_high
             state_active = _sides(along, low, high, np.abs(along).max(axis=0))
-        if found.active.any() or not task.boxed:
-            least = self.best(x0, task.unlimited(), None).objective
+        if found.status != "user_limit" and (found.active.any() or not task.boxed):
+            free = self.best(x0, task.unlimited(), _left(time_limit, started))
+            least = nan if free.status == "user_limit" else free.objective
         return Limited(
             task=task,
             R=self.R,
@@ -242,34 +269,32 @@ class Horizon:
             gap=found.gap,
             distance=found.distance,
             objective=found.objective,
-            missed=max(0.0, found.objective - least),
+            missed=nan if isnan(least) else max(0.0, found.objective - least),
             status=found.status,
             missing=found.missing if isinstance(found, _core.RowsControl) else 0.0,
             state_active=state_active,
         )
 
-    def best(self, x0: Floats, task: Task, time_limit: float | None) -> _core.BoxControl:
-        """The best control from x0 as the core has it."""
+    def best(
+        self, x0: Floats, task: Task, time_limit: float | None, warm: NDArray[np.int8] | None = None
+    ) -> _core.BoxControl:
+        """The best control from x0 as the core has it, begun at the active limits `warm`."""
         if not task.boxed:
             # x less what c does
             below, above = (
                 None if side is None else side - self.drift
                 for side in (task.state_low, task.state_high)
             )
-            limits = task.low, task.high, task.rate, task.previous, below, above, task.soft
-            return _core.rows_control(*self._steps(x0, task), *limits, time_limit)
+            rows = task.low, task.high, task.rate, task.previous, below, above, task.soft
+            return _core.rows_control(*self._steps(x0, task), *rows, warm, time_limit)
         if self.long:
-            return self.by_recursion(x0, task, None, time_limit)
-        M, state, target = self.weighted
-        low, high = task.low.ravel(), task.high.ravel()
-        return _core.box_control(M, target - state @ x0, self.cost(), low, high, None, time_limit)
-
-    def by_recursion(
-        self, x0: Floats, task: Task, warm: NDArray[np.int8] | None, time_limit: float | None
-    ) -> _core.BoxControl:
-        """The same by Riccati's recursion, begun at the active limits `warm`."""
-        limits = task.low, task.high
-        return _core.horizon_control(*self._steps(x0, task), *limits, warm, time_limit)
+            limits = task.low, task.high
+            return _core.horizon_control(*self._steps(x0, task), *limits, warm, time_limit)
+        started, alone = perf_counter(), states(self.A, self.B, x0, np.zeros(task.low.shape))[1:]
+        y = self._weighed(task.reference - self.drift - alone)
+        M, low, high = self.condensed, task.low.ravel(), task.high.ravel()
+        left = _left(time_limit, started)
+        return _core.box_control(M, y, self.cost(), low, high, warm, left)
 
     def _steps(self, x0: Floats, task: Task) -> _Steps:
         wanted = task.reference - self.drift

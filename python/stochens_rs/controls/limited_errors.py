@@ -128,7 +128,7 @@ class LimitedErrors:
 
     @cached_property
     def _M(self) -> Floats:
-        return self.exact.weighted[0]
+        return self.exact.condensed
 
     def draw(self, runs: int, key: Key) -> Floats:
         """Independent errors, (runs, 3)."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from math import sqrt
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -13,10 +13,9 @@ from .._base import gate, html
 from .._base.numbers import norm
 from ..exceptions import DataWarning, InputError
 from ..identification.identifying import identify
-from ..identification.levels import wishart_quantile
 from ..identification.model import Model
 from .certificate import Certificate
-from .region_errors import ToCome, region_errors, root_of, spread
+from .region_errors import GaussianNoise, SizedNoise, region_errors, root_of, spread
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -26,6 +25,12 @@ if TYPE_CHECKING:
     from ..identification.identified import Identified
     from ..identification.region import Region
     from .basis import ModelBasis
+    from .region_errors import ToCome
+
+# Of the probability of failure with Gaussian noise to come: the region, the noise of the last
+# state, and that of earlier states with what the error of the model makes of it. For one step the
+# last share goes to the noise, too. Fixed before the data.
+REGION, END, BEFORE = 0.5, 0.4, 0.1
 
 
 class Asked(NamedTuple):
@@ -60,13 +65,14 @@ def certificate(
                 "values; Plan.error compares with them"
             )
     _refuse(basis, K, asked)
-    share, single = step_region(basis, delta, K, asked)
+    if model.doubts:
+        return _nothing(basis, u, predicted, delta, asked)
+    share, regions, to_come = step_regions(basis, delta, K, asked)
     ways = []
-    if single is not None:
-        region, to_come = single
+    if regions:
         steps = model.data.steps if isinstance(model, Model) else 1
         method = "several steps" if K > 1 else "one step" if steps == 1 else _direct_name(steps)
-        ways.append(_Way.of(basis, region, u, predicted, method, to_come))
+        ways += [_Way.of(basis, one, u, predicted, method, to_come) for one in regions]
     if asked.open_loop:
         direct = _direct(basis, u, share, asked)
         ways.append(_Way.of(basis, direct, u.reshape(1, -1), predicted, _direct_name(K), None))
@@ -79,7 +85,8 @@ def certificate(
         components = np.abs(own.states[-1] - basis.xf) + own.components
     reason, control = "over several steps no bound of the control is known", np.inf
     if K == 1 or asked.open_loop:
-        reason, control = _control_error(basis, ways[-1])
+        found = (_control_error(basis, way) for way in (ways if K == 1 else ways[-1:]))
+        reason, control = min(found, key=lambda one: one[1])
     return Certificate(
         target=best.target,
         state=float(tube[-1]),
@@ -90,21 +97,54 @@ def certificate(
         tube=tube,
         control=control,
         control_reason=f"only the state is certified: {reason}" if np.isinf(control) else None,
+        control_method=None if np.isinf(control) else "the region",
         delta=delta,
         assumption=_said(basis, ways, asked),
         method=best.method,
         noise=asked.noise,
         missing=best.region.missing if np.isinf(best.target) else (),
+        warnings=model.warnings,
     )
 
 
-def step_region(
+def _nothing(
+    basis: ModelBasis, u: Floats, predicted: Floats, delta: float, asked: Asked
+) -> Certificate:
+    """A certificate of nothing: the columns of the data are no states of a plant."""
+    everywhere = np.full(len(predicted), np.inf)
+    everywhere[0] = basis.x0_error
+    reason = "the columns of the data are no states of a plant, see `doubts`"
+    return Certificate(
+        target=np.inf,
+        state=np.inf,
+        reach=norm(predicted[-1] - basis.xf),
+        model_error=np.inf,
+        start=basis.x0_error,
+        components=np.full(len(basis.xf), np.inf),
+        tube=everywhere,
+        control=np.inf,
+        control_reason=f"nothing is certified: {reason}",
+        delta=delta,
+        assumption="none that would do: see `doubts`",
+        method="several steps" if len(u) > 1 else "one step",
+        noise=asked.noise,
+        doubts=basis.model.doubts,
+        warnings=basis.model.warnings,
+    )
+
+
+def step_regions(
     basis: ModelBasis, delta: float, K: int, asked: Asked
-) -> tuple[float, tuple[Region, ToCome | None] | None]:
-    """The level of each region, and the one for single steps with its noise to come, if any."""
-    able = not asked.noise or _noise_to_come(basis.model) != "unknown"
+) -> tuple[float, tuple[Region, ...], ToCome | None]:
+    """The level of each event, the regions for single steps that hold in it, and noise to come."""
+    kind = _noise_to_come(basis.model)
+    # with a covariance from the data the direct regression is sharper: it has the whole level
+    estimated = kind == "Gaussian" and basis.model.assumptions.known is None  # type: ignore[attr-defined]
+    able = not asked.noise or (kind != "unknown" and not estimated)
     share = delta / 2.0 if asked.open_loop and able else delta
-    return share, _region(basis, share, K, asked) if able or not asked.open_loop else None
+    if asked.open_loop and not able:
+        return share, (), None
+    return share, *_regions(basis, share, K, asked)
 
 
 class _Way(NamedTuple):
@@ -166,8 +206,10 @@ def _said(basis: ModelBasis, ways: list[_Way], asked: Asked) -> str:
         )
     if basis.x0_error:
         text += f"; x0 within {basis.x0_error:.4g}"
-    if ways[0].to_come is not None:
+    if isinstance(ways[0].to_come, SizedNoise):
         text += "; noise to come of the same size, at half of the probability of failure"
+    if isinstance(ways[0].to_come, GaussianNoise):
+        text += "; noise to come independent of the data, at half of the probability of failure"
     return text
 
 
@@ -195,20 +237,27 @@ def _refuse(basis: ModelBasis, K: int, asked: Asked) -> None:
             )
 
 
-def _noise_to_come(model: Identified) -> str:
-    """What bounds the noise of a run to come: the "region", its "known" size, or "unknown"."""
-    assumed: Assumptions | None = getattr(model, "assumptions", None)
-    if not isinstance(model, Model):
-        return "region" if assumed is None or assumed.known is None else "known"
-    exact = model.design == "independent" and model.noise == "gaussian"
-    if exact and model.instruments is None and len(model._blocks) == 1:
+def _noise_to_come(model: Identified) -> Literal["Gaussian", "sized", "region", "unknown"]:
+    """What bounds the noise of a run to come: its law and covariance, its size, or the region."""
+    source = getattr(model, "least_squares", model)  # of a fused model
+    assumed: Assumptions | None = getattr(source, "assumptions", None)
+    if assumed is None:
         return "region"
-    known = model.assumptions.known is not None and model.instruments is None
-    return "known" if known else "unknown"
+    if getattr(source, "instruments", None) is not None:
+        return "unknown"
+    if assumed.known is not None:
+        return "Gaussian" if assumed.noise == "gaussian" else "sized"
+    if not isinstance(model, Model):
+        return "region"
+    if assumed.noise != "gaussian" or len(model._blocks) > 1:
+        return "unknown"
+    return "region" if assumed.design == "independent" else "Gaussian"
 
 
-def _region(basis: ModelBasis, delta: float, K: int, asked: Asked) -> tuple[Region, ToCome | None]:
-    """The region for K steps, and the noise to come where that is not in it."""
+def _regions(
+    basis: ModelBasis, delta: float, K: int, asked: Asked
+) -> tuple[tuple[Region, ...], ToCome | None]:
+    """The regions for K steps, in one event, and the noise to come where that is not in them."""
     model, kind = basis.model, _noise_to_come(basis.model)
     options: dict[str, Any] = {}
     named: list[str] = []
@@ -220,36 +269,40 @@ def _region(basis: ModelBasis, delta: float, K: int, asked: Asked) -> tuple[Regi
         and (model.instruments is not None or model.noise == "symmetric" or len(model._blocks) > 1)
     ):
         options["frobenius"] = True
+    whole = delta
     if asked.noise and kind == "region":
         options["future"] = K
         named.append("`noise`")
-    elif asked.noise:
-        if kind == "unknown":
-            raise InputError(
-                "`noise` must be False: noise to come is bounded for noise of known covariance or "
-                "size (`sigma` of identify), for Gaussian noise with design='independent' and no "
-                "single known entries, and over several steps with open_loop=True; this model has "
-                "none of these"
-            )
+    elif asked.noise and kind == "Gaussian":
+        delta *= REGION
+        if isinstance(model, Model) and model.assumptions.known is None:
+            options["method"] = "mixture"  # which bounds the covariance as well
+    elif asked.noise and kind == "sized":
         delta /= 2.0
+    elif asked.noise:
+        raise InputError(
+            "`noise` must be False: noise to come is bounded for noise of known covariance or "
+            "size (`sigma` of identify), for Gaussian noise without single known entries, and over "
+            "several steps with open_loop=True; this model has none of these"
+        )
     try:
-        region = model.region(delta, **options)
+        regions = model._regions(delta, **options)
     except InputError as error:
         if not named:
             raise
         raise InputError(f"{' and '.join(named)} must be False: {error}") from None
     if not asked.noise or kind == "region":
-        return region, None
+        return regions, None
+    n, bound = regions[0].n, regions[0].noise
+    if kind == "Gaussian":
+        # too few pairs for a bound of the covariance: infinite
+        root = np.diag(np.full(n, np.inf)) if bound is None else root_of(bound)
+        end = END if K > 1 else END + BEFORE
+        return regions, GaussianNoise(root, end * whole, BEFORE * whole / (2 * max(K - 1, 1)))
     assumed: Assumptions = model.assumptions  # type: ignore[attr-defined]
     assert assumed.known is not None
-    n, law = region.n, assumed.noise
-    if law == "gaussian":
-        radius = sqrt(wishart_quantile(n, K, delta))
-    elif law == "bounded":
-        radius = sqrt(K)
-    else:
-        radius = sqrt(K) * _core.one_noise(n, delta / K)
-    return region, ToCome(radius, root_of(assumed.known))
+    radius = sqrt(K) if assumed.noise == "bounded" else sqrt(K) * _core.one_noise(n, delta / K)
+    return regions, SizedNoise(radius, root_of(assumed.known))
 
 
 def _sharper_by_rows(basis: ModelBasis, region: Region, asked: Asked) -> bool:

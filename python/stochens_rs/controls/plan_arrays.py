@@ -88,4 +88,4 @@ class FleetArrays(Tabled):
         names = ("risk", "status", "value", "lower_bound", "threshold")
         attrs = {name: getattr(self, name) for name in names}
         systems = self.units.systems
-        return Cube(variables, steps, attrs, named(None, systems.n, systems.m))
+        return Cube(variables, steps, attrs, named(systems.labels, systems.n, systems.m))

@@ -15,8 +15,9 @@ from .._base.types import QUANTITIES, Floats
 from ..exceptions import InputError
 from ..rng import RngLike, as_key
 from ..theory import bounds
-from ..theory.bounds.drawn_errors import Entity, PlanErrors, radii
+from ..theory.bounds.drawn_errors import Entity, PlanErrors, not_simulated, radii
 from ..theory.dynamics import matrix_powers, spectral_norms
+from ..theory.exact import EPS
 from ..theory.formulas import checked_finite
 from .basis import Basis
 
@@ -67,7 +68,8 @@ class PlanBound(SavedRecord):
     excess : float or None
         With limits: ``J(u) - J(v)`` is at most this, exceeded with at most the probability `delta`.
     reason : str or None
-        Why a bound is infinite.
+        Why a bound is infinite, or a formula, several times larger than what is simulated from a
+        larger `delta` on.
     """
 
     state: float
@@ -104,11 +106,18 @@ class PlanBound(SavedRecord):
 
     def __repr__(self) -> str:
         sure = "if what was given is exact" if self.certain else f"with {self._share}"
+        both = self.state_bound == self.control_bound
+        state, control = ("" if both else f" ({name})" for name in self._methods)
         return (
-            f"<PlanBound: state within {self.state:.3g}, {self.target:.3g} from xf"
+            f"<PlanBound: state within {self.state:.3g}{state}, {self.target:.3g} from xf"
             f"{' (weighted)' if self.norm == 'Q' else ''}, control within "
-            f"{self.control:.3g}, {sure}>"
+            f"{self.control:.3g}{control}, {sure}{f' ({self._methods[0]})' if both else ''}"
+            f"{f'; {self.reason}' if self.reason else ''}>"
         )
+
+    @property
+    def _methods(self) -> tuple[str, str]:
+        return self.state_bound, self.control_bound
 
     def _repr_html_(self) -> str:
         state = (
@@ -117,7 +126,7 @@ class PlanBound(SavedRecord):
         )
         control = f"within {self.control:.4g} of the exact one ({self.control_bound})"
         rows = [("state", state), ("control", control), ("holds", self.covers)]
-        return html.card(self, [*rows, ("infinite because", self.reason)])
+        return html.card(self, [*rows, ("because", self.reason)])
 
 
 def plan_bound(
@@ -128,24 +137,51 @@ def plan_bound(
     errors = plan_errors(basis, len(u), fusion)
     fitted = any(entity.kind == "fitted" for entity in basis.entities)
     found: tuple[float, ...]
+    reason = None
     if not errors.random:
         error = errors.best.error(u.ravel(), basis.values[0])
-        found, names = errors.rounded((error.state, error.control)), ("exact error",) * 2
+        names = ("exact error",) * 2
+        found = error.state + error.state_rounding, error.control + error.control_rounding
     elif drawn := radii(errors, delta, key):
         found, names = drawn, ("simulated",) * 2
     else:
+        reason = not_simulated(delta, errors.cost)
         found, names = _formulas(basis, u, predicted, errors, delta, fusion)
-    state, control = (checked_finite(radius, "bound") for radius in found)
+    state, control = _handed_out(basis, errors, *found) if errors.random else found
+    digits = errors.best.gap > 0.0 and np.isfinite(basis.rounding).all()
+    if digits:
+        checked_finite(np.array([state, control]), "bound")
     return PlanBound(
         state=state,
         control=control,
-        target=float(np.hypot(state, norm(errors.best.missed))) + errors.best.state_rounding,
+        target=float(np.hypot(state, errors.best.upper)) * (1.0 + 4.0 * EPS),
         delta=delta,
         state_bound=names[0],
         control_bound=names[1],
         relative_to="targets" if fitted else "laws",
         certain=not errors.random,
+        reason=reason if digits else _DIGITS,
     )
+
+
+_DIGITS = "the condition of C_K is so large that rounding leaves no digit of the control for sure"
+
+
+def _handed_out(
+    basis: Basis, errors: PlanErrors, state: float, control: float
+) -> tuple[float, float]:
+    """The radii of the exact control of the estimates, with the rounding of that in doubles.
+
+    The one place where it is added, whatever the method. ``||C_K (u - v)||`` is known for the
+    estimates, which is all over one step; over several it is at most ``||C_K|| ||u - v||``. The
+    averages themselves are rounded like ``xf - A^K x0``.
+    """
+    best = errors.best
+    state, control = state + 2.0 * best.unsure, control + best.amplified(2.0 * best.unsure)
+    off_state, off_control = basis.rounding
+    if errors.several:
+        off_state = float(errors.best.factors.singular_values[0]) * off_control
+    return state + off_state, control + off_control
 
 
 def plan_errors(basis: Basis, steps: int, fusion: Fusion) -> PlanErrors:
@@ -179,8 +215,8 @@ def _formulas(
         return (state.radius, control.radius), (state.bound.name, control.bound.name)
     if fusion == "diagonal":
         raise InputError(
-            "no formula bounds paired systematic realizations, which are dependent, and this "
-            "`delta` is too small to simulate: use fusion='product'"
+            "no formula bounds paired systematic realizations, which are dependent (use "
+            f"fusion='product'), and {not_simulated(delta, errors.cost)}"
         )
     e0, ef, eA = distances(basis, delta, "Frobenius")
     x0_hat, _, A_hat = basis.estimates
@@ -202,12 +238,21 @@ def _along_trajectory(
     with np.errstate(over="ignore", invalid="ignore"):
         along = float(norms[-2::-1] @ np.linalg.norm(predicted[:-1], axis=1))
         total = ef + norms[-1] * e0 + eA * along + norm(predicted[-1] - xf_hat)
+        # A xh + B u is rounded by (n + m) eps (||A||_F ||xh|| + ||B||_F ||u||) at most
+        A, B = basis.values[2], basis.B
+        sizes = np.linalg.norm(predicted[:-1], axis=1), np.linalg.norm(u, axis=1)
+        terms = sum(B.shape) * EPS * ((norm(A) + eA) * sizes[0] + norm(B) * sizes[1])
+        total += float(norms[-2::-1] @ terms)
         # total^2 - missed^2, of factors that do not overflow
-        missed = norm(errors.best.missed)
+        missed = max(0.0, norm(errors.best.missed) - errors.best.state_rounding)
         state = sqrt(max(0.0, total - missed)) * sqrt(total + missed)
         # u - v = C^+ C (u - v) + (I - C^+ C) u
-        aside, s = norm(errors.best.aside(u.ravel())), errors.best.factors.s
-        return errors.rounded((state, float(np.hypot(state / s[-1], aside)) if s.size else aside))
+        aside, gap = errors.best.aside(u.ravel()), errors.best.gap
+        if gap <= 0.0:
+            return errors.rounded((state, np.inf))
+        # the rows of the factors are turned by at most off / gap
+        turned = errors.best.off / gap * norm(u) if errors.best.factors.s.size < u.size else 0.0
+        return errors.rounded((state, float(np.hypot(state / gap, norm(aside) + turned))))
 
 
 def distances(basis: Basis, delta: float, matrix_norm: str) -> tuple[float, float, float]:

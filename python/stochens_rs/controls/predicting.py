@@ -67,7 +67,12 @@ def predict(model: Identified, x0: ArrayLike, inputs: ArrayLike, *, x0_error: fl
     drift = trajectory(model._Theta, np.zeros(n), np.zeros_like(u))[-1]
     best = best_control(model.A, model.B, start, path[-1] - drift, len(u))
     exact = {"method": "exact", "size": None}
-    info = {"x0": exact, "xf": exact, "A": {"method": "from data", "size": None}, "warnings": ()}
+    info = {
+        "x0": exact,
+        "xf": exact,
+        "A": {"method": "from data", "size": None},
+        "warnings": model.warnings,
+    }
     basis = ModelBasis(model, start, path[-1].copy(), gate.nonnegative("x0_error", x0_error))
     reachability = best.reachability()
     known: Any = {"labels": model.labels, "dt": model.dt}

@@ -24,7 +24,7 @@ class Solver(Protocol):
         """The best control from a state, begun at the active limits of the one before."""
 
     def warm(self) -> Signs | None:
-        """The active limits at which the next call begins, before they are shifted by a step."""
+        """The active limits of the last call; the next one begins at them, shifted by a step."""
 
     def resume(self, warm: Signs | None) -> None:
         """Begin there; None: from anew."""
@@ -33,17 +33,15 @@ class Solver(Protocol):
 def solver_of(horizon: Horizon) -> Solver:
     """The solver for the kind of limits and the number of inputs."""
     task = horizon.task
-    if not task.boxed:
-        return Anew(horizon)
-    if horizon.long:
-        return Recursion(horizon)
+    if horizon.long or not task.boxed:
+        return Receding(horizon)
     M, state, target = horizon.weighted
     low, high = task.low.ravel(), task.high.ravel()
     return _core.BoxSolver(M, horizon.cost(), low, high, task.low.shape[1], state, target)
 
 
-class Recursion:
-    """Riccati's recursion for long horizons."""
+class Receding:
+    """Long horizons, and limits of rates and states: a problem for each call."""
 
     def __init__(self, horizon: Horizon) -> None:
         self._horizon = horizon
@@ -51,11 +49,17 @@ class Recursion:
 
     def solve(self, given: Floats, time_limit: float | None) -> _core.BoxControl:
         """As `Solver.solve`."""
-        warm, m = self._warm, self._horizon.B.shape[1]
+        task, warm = self._horizon.task, self._warm
+        K, m = task.low.shape
         if warm is not None:
-            warm = np.concatenate([warm[m:], warm[-m:]])
-        found = self._horizon.by_recursion(given, self._horizon.task, warm, time_limit)
-        self._warm = found.active
+            later = np.vstack([warm[1:], warm[-1:]])  # one step later, the last step once more
+            kinds = np.split(later, [m, m if task.rate is None else 2 * m], axis=1)
+            warm = np.concatenate([kind.ravel() for kind in kinds])
+        found = self._horizon.best(given, task, time_limit, warm)
+        kinds = [found.active]
+        if isinstance(found, _core.RowsControl):
+            kinds += [np.sign(found.rates), np.sign(found.states)]
+        self._warm = np.hstack([kind.reshape(K, -1) for kind in kinds]).astype(np.int8)
         return found
 
     def warm(self) -> Signs | None:
@@ -65,21 +69,3 @@ class Recursion:
     def resume(self, warm: Signs | None) -> None:
         """As `Solver.resume`."""
         self._warm = warm
-
-
-class Anew:
-    """Limits of rates and states: each plan from the start."""
-
-    def __init__(self, horizon: Horizon) -> None:
-        self._horizon = horizon
-
-    def solve(self, given: Floats, time_limit: float | None) -> _core.BoxControl:
-        """As `Solver.solve`."""
-        return self._horizon.best(given, self._horizon.task, time_limit)
-
-    def warm(self) -> Signs | None:
-        """There is none."""
-        return None
-
-    def resume(self, warm: Signs | None) -> None:
-        """Nothing to begin at."""

@@ -10,11 +10,12 @@ also for those chosen after the data, in the event that Theta is in the region.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
 from .. import _core
+from .._base.numbers import ROUNDING
 from ..exceptions import NonFiniteError
 from ..theory.dynamics import matrix_powers, spectral_norms, states
 
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from ..identification.region import Region
 
 
-class ToCome(NamedTuple):
+class SizedNoise(NamedTuple):
     """Noise to come that is not in the region: ``||[w(0) .. w(K-1)]|| <= radius`` after `root`^-1.
 
     `root` (n, n) is a root of the known covariance.
@@ -33,8 +34,27 @@ class ToCome(NamedTuple):
     root: Floats
 
 
+class GaussianNoise(NamedTuple):
+    """Gaussian noise to come, independent of the data, of covariance at most ``root root'``.
+
+    Given the data, its part ``sum_i A^(k-1-i) w(i)`` of e(k) is Gaussian, A that of the centre.
+    `end` is the level of its quantile for the last state, `before` that of each earlier one, and
+    again of what the error of the model makes of it.
+    """
+
+    root: Floats
+    end: float
+    before: float
+
+
+ToCome: TypeAlias = SizedNoise | GaussianNoise
+
+
 class Errors(NamedTuple):
-    """``||x(k) - states[k]|| <= radii[k]``, ``|x(K) - states[K]|_i <= components[i]``."""
+    """``||x(k) - states[k]|| <= radii[k]``, ``|x(K) - states[K]|_i <= components[i]``.
+
+    With `GaussianNoise` the components are a statement of their own.
+    """
 
     states: Floats
     radii: Floats
@@ -85,8 +105,8 @@ def _one_part(region: Region, x0: Floats, u: Floats, rho0: float, to_come: ToCom
     """``D = S^1/2 Gamma V^-1/2`` with bounds of both norms of Gamma: see the core.
 
     Components, by the same expansion with a row m_j of ``A^(K-1-j) S^1/2`` in place of the matrix:
-    ``min(frobenius ||sum m_j c_j'||_F, spectral sum ||m_j|| ||c_j||) + ||(A^K)_i|| rho0 + spectral
-    sum ||m_j|| b_j`` with ``c_j = V^-1/2 z(j)`` and ``||V^-1/2 (e(j), 0)|| <= b_j``.
+    ``min(frobenius ||N||_F, spectral ||N||_*) + ||(A^K)_i|| rho0 + spectral sum ||m_j|| b_j`` with
+    ``N = sum m_j' c_j'``, ``c_j = V^-1/2 z(j)`` and ``||V^-1/2 (e(j), 0)|| <= b_j``.
     """
     part = region.parts[0]
     (n, d), K = region.centre.shape, len(u)
@@ -100,21 +120,16 @@ def _one_part(region: Region, x0: Floats, u: Floats, rho0: float, to_come: ToCom
         at = trajectory(region.centre, x0, u)
         return Errors(at, np.array([rho0, np.inf]), np.full(n, np.inf))
     noise, added = region.future > 0, 0.0
-    S, spectral = part.S, float(np.sqrt(part.factor))
-    columns = rank + (K if noise else 0)
-    frobenius = region.frobenius
-    if frobenius is None:
-        frobenius = np.inf if K == 1 else spectral * float(np.sqrt(min(n, columns)))
-    if to_come is None:
-        root = root_of(S)
-    elif K == 1:
-        root, added = root_of(S), to_come.radius
-    else:  # ||[X, W]||^2 <= ||X||^2 + ||W||^2, in both norms
+    root, spectral = root_of(part.S), float(np.sqrt(part.factor))
+    frobenius = np.inf if region.frobenius is None else region.frobenius
+    if isinstance(to_come, SizedNoise) and K == 1:
+        added = to_come.radius
+    elif isinstance(to_come, SizedNoise):  # ||[X, W]||^2 <= ||X||^2 + ||W||^2, in both norms
         root, noise = to_come.root, True
         frobenius = float(np.hypot(frobenius, np.sqrt(min(n, K)) * to_come.radius))
         spectral = float(np.hypot(spectral, to_come.radius))
     try:
-        at, radii, _, b, sizes = _core.several_steps(
+        at, radii, _, b, _ = _core.several_steps(
             np.ascontiguousarray(region.centre),
             white,
             root,
@@ -124,6 +139,7 @@ def _one_part(region: Region, x0: Floats, u: Floats, rho0: float, to_come: ToCom
             u,
             d > n + region.m,
             (spectral, frobenius, rho0, noise),
+            (*to_come,) if isinstance(to_come, GaussianNoise) else None,
         )
     except NonFiniteError:  # a square overflows
         at = trajectory(region.centre, x0, u)
@@ -134,13 +150,16 @@ def _one_part(region: Region, x0: Floats, u: Floats, rho0: float, to_come: ToCom
     M = powers[:K][::-1] @ root
     m = np.linalg.norm(M, axis=2)
     z = np.hstack([at[:-1], u, np.ones((K, d - n - region.m))])
-    squares = np.einsum("jr,jik->irk", z @ white.T, M).reshape(n, -1)
-    whole = np.sum(squares**2, axis=1) + (np.sum(m**2, axis=0) if noise else 0.0)
-    crude = spectral * ((np.hypot(1.0, sizes) if noise else sizes) @ m)
-    first = crude if np.isinf(frobenius) else np.minimum(_product(np.sqrt(whole), frobenius), crude)
+    c = z @ white.T
+    c = np.linalg.qr((np.hstack([c, np.eye(K)]) if noise else c).T)[1]
+    values = np.linalg.svd(np.einsum("rj,jik->irk", c, M), compute_uv=False)
+    whole = _product(np.linalg.norm(values, axis=1), frobenius)
+    first = np.minimum(whole, spectral * values.sum(axis=1) * (1.0 + ROUNDING))
     rest = spectral * np.sum(_product(m, b[:K, None]), axis=0)
     components = first + rest + rho0 * np.linalg.norm(powers[K], axis=1)
-    if added and to_come is not None:
+    if isinstance(to_come, GaussianNoise):
+        components += _noisy_components(powers[:K], to_come)
+    elif added and to_come is not None:
         radii[-1] += added * float(np.linalg.norm(to_come.root, 2))
         components += added * np.linalg.norm(to_come.root, axis=1)
     return Errors(at, radii, components)
@@ -154,7 +173,8 @@ def _by_rows(region: Region, x0: Floats, u: Floats, rho0: float, to_come: ToCome
 
         E_k = |(A^k)_i| rho0 + sum_{j<k} |A^(k-1-j)| (c(z(j)) + s r_j + omega)
 
-    (componentwise) and the same with norms throughout, is a bound of ``||e(k)||``.
+    (componentwise) and the same with norms throughout, is a bound of ``||e(k)||``; omega bounds
+    noise of known size, the quantile of Gaussian noise is added to r_k.
     """
     n, K = region.n, len(u)
     at = trajectory(region.centre, x0, u)
@@ -163,7 +183,7 @@ def _by_rows(region: Region, x0: Floats, u: Floats, rho0: float, to_come: ToCome
     s = np.zeros(n)
     s[order] = _spreads(region, slice(n))
     omega, size = np.zeros(n), 0.0
-    if to_come is not None:
+    if isinstance(to_come, SizedNoise):
         omega = to_come.radius * np.linalg.norm(to_come.root, axis=1)
         size = to_come.radius * float(np.linalg.norm(to_come.root, 2))
     powers = matrix_powers(region.centre[:, :n], K)
@@ -177,7 +197,22 @@ def _by_rows(region: Region, x0: Floats, u: Floats, rho0: float, to_come: ToCome
         pushes = np.linalg.norm(c[:k], axis=1) + _product(r[:k], float(np.linalg.norm(s))) + size
         whole = norms[k] * rho0 + float(np.sum(_product(norms[back], pushes)))
         r[k] = min(float(np.linalg.norm(components)), whole)
-    return Errors(at, r, np.minimum(components, r[-1]))
+        components = np.minimum(components, r[k])
+        if isinstance(to_come, GaussianNoise):
+            moved = powers[:k] @ to_come.root  # e(k) has the quantile of its own part of the noise
+            covariance = np.ascontiguousarray(np.einsum("pik,pjk->ij", moved, moved))
+            level = to_come.end if k == K else to_come.before
+            r[k] += _core.normal_quantile(covariance, level)
+    if isinstance(to_come, GaussianNoise):
+        components += _noisy_components(powers[:K], to_come)
+    return Errors(at, r, components)
+
+
+def _noisy_components(powers: Floats, noise: GaussianNoise) -> Floats:
+    """Of ``sum_p A^p w``, at the level `end` for all of them together."""
+    deviations = np.linalg.norm(powers @ noise.root, axis=(0, 2))
+    times = float(np.sqrt(_core.chi2_upper(noise.end / len(noise.root), 1)))
+    return np.asarray(times * deviations)
 
 
 def _product(a: Floats, b: Floats | float) -> Floats:

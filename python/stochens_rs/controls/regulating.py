@@ -52,7 +52,7 @@ def regulate(
         The states wanted over the steps of each plan, in place of `xf`.
     time_limit : float, optional
         Seconds after which a call returns the best plan so far, with status "user_limit"; looked
-        at between two factorizations.
+        at within factorizations.
 
     Returns
     -------
@@ -74,8 +74,9 @@ def regulate(
     and the same once more with orthogonal factors where rounding asks for them. Each plan's gap is
     computed from the data, and is in the log.
 
-    With `rate` or `state_limits` each call solves its plan anew, from no earlier one: milliseconds
-    in place of tens of microseconds for a small problem.
+    With `rate` or `state_limits` a call begins at the active limits of the call before as well, and
+    exchanges them at most 10 times; where that does not lead to a plan whose gap is certified, the
+    plan is solved from no earlier one: milliseconds in place of tenths of one.
 
     A feedback corrects errors of the model at the next state. That the loop is stable does not
     follow: it needs a K that is long enough, or a weight Qf that continues the cost.

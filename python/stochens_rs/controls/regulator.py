@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._base import gate, html
+from .._base.labels import order_of
 from ..exceptions import InputError, NonFiniteError, ShapeError
 from ..identification.identified import Identified
 from ..system import System
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
     from numpy.typing import ArrayLike
 
+    from .._base.labels import Labels
     from .._base.types import Floats, Status
 
 LOGGED = 1000  # calls that the log keeps
@@ -46,13 +48,21 @@ class Regulator:
         What they minimise, and the limits.
     time_limit : float, optional
         Seconds after which a call returns the best plan so far.
+    labels : Labels, optional
+        The names in the order of `task`; the default is those of the system.
     """
 
     def __init__(
-        self, system: System | Identified, task: Task, time_limit: float | None = None
+        self,
+        system: System | Identified,
+        task: Task,
+        time_limit: float | None = None,
+        labels: Labels | None = None,
     ) -> None:
         self._time_limit = None if time_limit is None else gate.positive("time_limit", time_limit)
-        self._set(checked_model(system), gate.instance("task", task, Task))
+        checked = checked_model(system)
+        self._labels = checked.labels if labels is None else labels
+        self._set(checked, gate.instance("task", task, Task))
         self._plan: Floats | None = None
         self._held = self._calls = 0
         self._log: deque[Call] = deque(maxlen=LOGGED)
@@ -67,8 +77,10 @@ class Regulator:
                     *wanted, *sizes
                 )
             )
+        order = order_of("system", system.labels, self._labels)
         c = system.c if isinstance(system, Identified) else None
-        A, B = np.ascontiguousarray(system.A), np.ascontiguousarray(system.B)
+        c = None if c is None else order.of_states(c)
+        A, B = (np.ascontiguousarray(M) for M in order.matrices(system.A, system.B))
         horizon = Horizon(task, A, B, c)
         solver = solver_of(horizon)
         self._system, self._task, self._horizon, self._solver = system, task, horizon, solver
@@ -110,7 +122,7 @@ class Regulator:
                 return self._hold(started)
             if x is None:
                 raise InputError("`x` must be the state, or hold=True if it is not known, got None")
-            state = gate.vector("x", x, length=self.n, labels=self._system.state_names).copy()
+            state = gate.vector("x", x, length=self.n, labels=self._labels.states).copy()
             plan, status, gap = self._solve(state)
             # nothing above has changed the loop, so that an exception leaves it as it was
             self._plan, self._held = plan, 0
@@ -158,6 +170,7 @@ class Regulator:
         with self._turn():
             return {
                 "system": self._system,
+                "labels": self._labels,
                 "task": self._task,
                 "time_limit": self._time_limit,
                 "plan": self._plan,
@@ -168,7 +181,8 @@ class Regulator:
             }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        Regulator.__init__(self, state["system"], state["task"], state["time_limit"])
+        words = ("system", "task", "time_limit", "labels")
+        Regulator.__init__(self, *(state[word] for word in words))
         self._plan, self._held, self._calls = state["plan"], state["held"], state["calls"]
         self._log.extend(state["log"])
         self._solver.resume(state["warm"])
@@ -224,7 +238,8 @@ class Regulator:
         Parameters
         ----------
         system : System or model
-            Of the same size; for example ``stream.model`` of a `ModelStream`.
+            Of the same size; for example ``stream.model`` of a `ModelStream`. The names of this
+            loop in another order are brought into its order.
 
         Raises
         ------
@@ -243,6 +258,8 @@ class Regulator:
             warm = self._solver.warm()
             self._set(checked, self._task)
             self._solver.resume(warm)
+            if not self._labels.given:
+                self._labels = checked.labels
 
     def reset(self) -> None:
         """Forget the last plan, its active limits and the log; keep the system.
@@ -294,7 +311,7 @@ class Regulator:
         3
         """
         system = self._system
-        names = system.labels.state_axes, system.labels.input_axes
+        names = self._labels.state_axes, self._labels.input_axes
         dt = system.dt if isinstance(system.dt, float) else None
         return drawn_calls(self.log, self._task, names, dt, figure)
 

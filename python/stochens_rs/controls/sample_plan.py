@@ -24,8 +24,8 @@ class Requirement:
     source : str
         The inequality and the numbers that it is used with.
     size : int or None
-        The smallest sufficient number of realizations ("simulated": within 1 %); None if that is
-        above 2^53, or `delta` too small to simulate.
+        The smallest sufficient number of realizations ("simulated": within 1 to 5 %); None if that
+        is above 2^53, or `delta` too small to simulate.
     rms : float or None
         Exact root mean square error at `size`; None over several steps.
     quantile : float or None

@@ -11,7 +11,7 @@ from .._base import html
 from .._base.numbers import norm
 from .._base.types import Floats
 from ..exceptions import StochensError
-from ..theory.exact import EPS, best_control
+from ..theory.exact import best_control
 from .basis import ModelBasis
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ def expectation(
 
     The model ends at `end`; `covariance` computes that of the true system's last state.
     """
-    text = reach_text(reach)
+    text = reach.text
     if isinstance(basis, ModelBasis):
         off = norm(basis.xf - end)
         return f"{text}; the model ends {off:.2g} from xf; true system: see bound()"
@@ -67,14 +67,6 @@ def _expected(basis: Basis, K: int, covariance: Callable[[], Floats]) -> float |
         return hypot(spread, norm(best_control(A, basis.B, x0, xf, K).missed))
     except StochensError:
         return None
-
-
-def reach_text(reach: Reachability) -> str:
-    """Whether the target is within reach, in a few words."""
-    if not reach.reachable:
-        return f"out of reach {100 * reach.relative:.3g} %"
-    certain = reach.relative * reach.relative <= EPS
-    return "reachable" if certain else "reachable up to rounding"
 
 
 def made_from(info: dict[str, Any]) -> Iterator[tuple[str, object]]:

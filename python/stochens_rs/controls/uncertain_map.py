@@ -82,6 +82,11 @@ def weights(task: Task, *, soft: bool) -> Floats:
     return found
 
 
+def farthest(task: Task, u: Floats) -> float:
+    """The largest distance of `u` from a control within the limits of single inputs."""
+    return float(np.linalg.norm(np.maximum(task.high - u, u - task.low)))
+
+
 def forces(task: Task, A: Floats, B: Floats, states: Floats, u: Floats) -> Forces:
     """The forces at the states ``x(1), ..., x(K)`` under `u` (K, m)."""
     assert task.R is not None
@@ -175,7 +180,7 @@ def apart(task: Task, model: Model, states: Floats, u: Floats, alpha: float, gap
     h, slack = hypot(alpha, gamma), sqrt(2.0 * gap)
     rho = hypot(h, slack)
     # ||v||_H^2 >= least ||v||^2 for the true H, without soft limits
-    radius, M = map_radius(model, sizes), Horizon(task, model.A, model.B).weighted[0]
+    radius, M = map_radius(model, sizes), Horizon(task, model.A, model.B).condensed
     s = np.linalg.svd(M, compute_uv=False)
     smallest = float(s[-1]) - ROUNDING * float(s[0]) if len(M) >= M.shape[1] else 0.0
     sure = max(smallest - radius, 0.0)
@@ -185,7 +190,7 @@ def apart(task: Task, model: Model, states: Floats, u: Floats, alpha: float, gap
     weighted, distance = min((gamma + rho) / 2.0, small), min((h + rho) / 2.0, small)
     # N = J^1/2: N(w) <= N^(w) + alpha, N(u) >= N(w) - sqrt(gap) - 2 alpha - ||G - G^|| ||w - u||
     most = sqrt(at.objective) + alpha
-    away = float(np.linalg.norm(np.maximum(task.high - u, u - task.low)))
+    away = farthest(task, u)
     less = sqrt(gap) + 2.0 * alpha + product(radius, away)
     less = most if unbalanced else min(less, most)
     regret = less * (2.0 * most - less) if np.isfinite(most) else np.inf

@@ -65,7 +65,7 @@ class Within:
 
     @property
     def missed(self) -> float | None:
-        """What the limits cost: ``J(u)`` less the least J without limits."""
+        """What the limits cost: ``J(u)`` less the least J without limits; nan if time was out."""
         return None if self.limited is None else self.limited.missed
 
     @property
@@ -92,7 +92,7 @@ def cost_text(limited: Limited, worst: str = "") -> str:
     `worst`: the state that misses hard limits most.
     """
     text = f"J={limited.objective:.3g}"
-    if limited.missed:
+    if limited.missed > 0.0:
         text += f", {limited.missed:.2g} of it for the limits"
     text += f"; {at_limits(limited)}"
     if limited.status == "infeasible":
@@ -152,7 +152,7 @@ def limited_error(
         state_relative=_ratio(state, length),
         residual=norm(target - reached),
         control_rounding=off_control + EPS * (size + control),
-        state_rounding=off_state + u.size * EPS * pushed * control,
+        state_rounding=off_state + (u.size + len(x0)) * EPS * pushed * (size + control),
         control_relative_to="v" if size else "nothing",
         state_relative_to=where,
         objective=horizon.objective(x0, u) - best.objective,

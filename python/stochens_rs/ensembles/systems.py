@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
 from .._base import gate, html
+from .._base.labels import Labels, fitting, order_of
 from .._base.records import SavedRecord
 from .._base.tabled import Cube, Tabled, named
 from .._base.types import CENTRES, Centre
@@ -41,6 +42,8 @@ class SystemEnsemble(SavedRecord, Tabled):
         The time between two steps [s].
     about : str, default ""
         Where the models are from, in words.
+    labels : Labels, optional
+        The names of states and inputs, and units; see `System.labels`.
 
     Raises
     ------
@@ -61,6 +64,7 @@ class SystemEnsemble(SavedRecord, Tabled):
     centre: Centre | None = None
     dt: float | None = None
     about: str = ""
+    labels: Labels | None = None
 
     def __post_init__(self) -> None:
         A = gate.array("A", self.A, ndim=(3,))
@@ -78,7 +82,8 @@ class SystemEnsemble(SavedRecord, Tabled):
             gate.choice("centre", self.centre, CENTRES)
         if self.dt is not None:
             object.__setattr__(self, "dt", gate.positive("dt", self.dt))
-        gate.text("about", self.about)
+        gate.line("about", self.about)
+        fitting(self.labels, n, B.shape[2])
 
     @classmethod
     def from_systems(
@@ -89,19 +94,20 @@ class SystemEnsemble(SavedRecord, Tabled):
         Parameters
         ----------
         systems : sequence of System
-            At least one; or anything `System.from_any` takes. All of one size and one `dt`.
+            At least one; or anything `System.from_any` takes. All of one size and one `dt`. Those
+            with the names of the first in another order are brought into its order.
         centre : {"truth", "estimate"}, optional
             As in `SystemEnsemble`.
 
         Returns
         -------
         SystemEnsemble
-            The systems, in their order.
+            The systems, in their order, with the names of the first that has some.
 
         Raises
         ------
         InputError, InputTypeError
-            If the systems differ in size or in `dt`, or one cannot be used.
+            If the systems differ in size, in `dt` or in their names, or one cannot be used.
 
         Examples
         --------
@@ -120,8 +126,10 @@ class SystemEnsemble(SavedRecord, Tabled):
                     f"dt={first.dt}, got n={system.n} m={system.m} dt={system.dt}"
                 )
         dt = first.dt if isinstance(first.dt, float) else None
+        labels = next((one.labels for one in found if one.labels.given), None)
+        found = [one._in_order(f"systems[{k}]", labels) for k, one in enumerate(found)]
         A, B = np.array([one.A for one in found]), np.array([one.B for one in found])
-        return cls(A, B, centre=centre, dt=dt)
+        return cls(A, B, centre=centre, dt=dt, labels=labels)
 
     @property
     def size(self) -> int:
@@ -153,7 +161,23 @@ class SystemEnsemble(SavedRecord, Tabled):
         array([[0.75]])
         """
         with np.errstate(over="ignore"):  # `System` refuses what is not finite
-            return System(self.A.mean(axis=0), self.B.mean(axis=0), dt=self.dt)
+            return self._system(self.A.mean(axis=0), self.B.mean(axis=0))
+
+    def _system(self, A: NDArray[np.float64], B: NDArray[np.float64]) -> System:
+        known = self.labels
+        if known is None:
+            return System(A, B, dt=self.dt)
+        words: Any = {"states": known.states, "inputs": known.inputs, "units": dict(known.units)}
+        return System(A, B, dt=self.dt, **words)
+
+    def _in_order(self, argument: str, labels: Labels | None) -> SystemEnsemble:
+        """The same models, with states and inputs in the order of these names, see `order_of`."""
+        order = order_of(argument, self.labels, labels)
+        if self.labels is None or order == (None, None):
+            return self
+        A, B = order.matrices(self.A, self.B)
+        c = None if self.c is None else order.of_states(self.c)
+        return replace(self, A=A, B=B, c=c, labels=order.labels(self.labels))
 
     def realizations_of_A(self) -> Ensemble:
         """Return the state matrices as realizations of A, for `fuse` and `control`.
@@ -179,7 +203,7 @@ class SystemEnsemble(SavedRecord, Tabled):
             "c": (("model", "state"), self.c, "state"),
         }
         attrs = {"dt": self.dt, "centre": self.centre, "about": self.about}
-        return Cube(variables, {}, attrs, named(None, self.n, self.m))
+        return Cube(variables, {}, attrs, named(self.labels, self.n, self.m))
 
     def __len__(self) -> int:
         return self.size
@@ -194,9 +218,9 @@ class SystemEnsemble(SavedRecord, Tabled):
             A, B, c = self.A[s], self.B[s], None if self.c is None else self.c[s]
             if not len(A):
                 raise InputError("the slice must name at least one model")
-            return SystemEnsemble(A, B, c, self.centre, self.dt, self.about)
+            return replace(self, A=A, B=B, c=c)
         index = gate.size("model", s, minimum=-self.size, maximum=self.size - 1)
-        return System(self.A[index], self.B[index], dt=self.dt)
+        return self._system(self.A[index], self.B[index])
 
     def __iter__(self) -> Iterator[System]:
         return (self[s] for s in range(self.size))

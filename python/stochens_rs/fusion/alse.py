@@ -132,8 +132,7 @@ def solve(ensemble: Ensemble, goal: Floats, options: AlseOptions) -> Fit:
         unseen=found.unseen,
         info=info,
         target=goal,
-        ensemble=ensemble,
-    )
+    )._of(ensemble)
 
 
 def path(
@@ -177,8 +176,7 @@ def _closed_form(
         unseen=unseen,
         info=info | {"solver": "closed form", "iterations": 0},
         target=goal,
-        ensemble=ensemble,
-    )
+    )._of(ensemble)
 
 
 def _line_by_line(
@@ -216,8 +214,7 @@ def _line_by_line(
         unseen=sum(fit.unseen or 0 for fit in fits),
         info=info | {"iterations": sum(fit.info["iterations"] for fit in fits)},
         target=goal,
-        ensemble=ensemble,
-    )
+    )._of(ensemble)
 
 
 def _least_error(error: float, gap: float) -> float:

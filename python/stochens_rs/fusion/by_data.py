@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .._base import gate, html, memory
+from .._base.labels import order_of
 from ..ensembles.ensemble import Ensemble
 from ..ensembles.systems import SystemEnsemble
 from ..exceptions import DataWarning, InputError, InputTypeError, NonFiniteError, ShapeError
 from ..identification.identified import Identified
 from ..identification.identifying import identify
 from ..identification.model import Model
-from ..system import System
 from . import alse, hull
 from .fused_model import DataMethod, FusedModel, noise_of, stacked, units
 
@@ -38,6 +39,7 @@ def fuse_by_data(
     """Choose the weights by the data and mix; `fuse` says what the arguments are."""
     given = _models(models, data, gate.flag("independent", independent))
     least = _least_squares(given, method, data, design, sigma)
+    given = given._in_order("ensemble", least.labels)
     f = least._blocks[0].fitted
     if f.rank == 0:
         raise InputError("`data` determine nothing: all states and inputs are 0")
@@ -194,12 +196,14 @@ def shared_rows(a: Any, b: Any) -> int:
 
 def _stack(items: list[Any]) -> SystemEnsemble:
     """One ensemble of systems, pairs (A, B) and models from data."""
-    systems = [
-        System(one.A, one.B, dt=one.dt) if isinstance(one, Identified) else one for one in items
-    ]
-    made = SystemEnsemble.from_systems(systems)
-    offsets = [one.c if isinstance(one, Identified) else None for one in items]
-    if all(c is None for c in offsets):
+    made = SystemEnsemble.from_systems(
+        [one.system if isinstance(one, Identified) else one for one in items]
+    )
+    models = [one if isinstance(one, Identified) else None for one in items]
+    if all(one is None or one.c is None for one in models):
         return made
-    c = np.array([np.zeros(made.n) if c is None else c for c in offsets])
-    return SystemEnsemble(made.A, made.B, c, dt=made.dt)
+    c = np.zeros((made.size, made.n))
+    for k, one in enumerate(models):
+        if one is not None and one.c is not None:
+            c[k] = order_of(f"systems[{k}]", one.labels, made.labels).of_states(one.c)
+    return replace(made, c=c)

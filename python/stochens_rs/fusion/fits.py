@@ -9,14 +9,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._base import gate, html
+from .._base.numbers import ROUNDING
 from .._base.records import SavedRecord, require_shapes
 from .._base.tabled import Cube, Tabled
 from .._base.types import STATUSES, Floats, Status
 from ..ensembles.ensemble import Ensemble
-from ..exceptions import InputTypeError, NonFiniteError, ShapeError
+from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
+from ..theory.exact import EPS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+_BLOCK = 1 << 20  # entries of dense realizations at a time
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -73,6 +77,7 @@ class Fit(SavedRecord, Tabled):
     ensemble: Ensemble | None = None
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         gate.kept("estimate", self.estimate)
         gate.kept("weights", self.weights)
         if self.target is not None:
@@ -82,8 +87,14 @@ class Fit(SavedRecord, Tabled):
             if value is not None:
                 _checked_finite(name, value)
         gate.choice("status", self.status, STATUSES)
-        gate.text("method", self.method)
+        gate.line("method", self.method)
         gate.flag("exact", self.exact)
+        low, high = self.weights.min() * len(self.weights), self.weights.max() * len(self.weights)
+        if self.method == "uniform" and not 1.0 - ROUNDING <= low <= high <= 1.0 + ROUNDING:
+            raise InputError(
+                f"`weights` must be 1 / {len(self.weights)} each for method 'uniform', got "
+                f"{self.weights.min():.6g} to {self.weights.max():.6g}"
+            )
         if self.ensemble is None:
             return
         N, shape = gate.instance("ensemble", self.ensemble, Ensemble).size, self.ensemble.shape
@@ -91,6 +102,46 @@ class Fit(SavedRecord, Tabled):
             raise ShapeError(f"`ensemble` must have shape {self.shape}, got {shape}")
         if len(self.weights) != N:
             raise ShapeError(f"`weights` must have {N} rows, got {len(self.weights)}")
+        lines = (N,) if 1 in (self.weights.ndim, len(shape)) else (N, shape[not self._by_rows])
+        if self.weights.shape != lines:
+            raise ShapeError(f"`weights` must have shape {lines}, got {self.weights.shape}")
+        self._check_sum(self.ensemble)
+
+    def _of(self, ensemble: Ensemble) -> Fit:
+        """Take the realizations of which the estimate was just computed as the weighted sum."""
+        object.__setattr__(self, "ensemble", ensemble)
+        return self
+
+    def _check_sum(self, ensemble: Ensemble) -> None:
+        """Refuse an estimate that is not ``sum_s weights[s] E_s``, but for rounding."""
+        if self.weights.ndim == 1:
+            found = ensemble.combine(self.weights)
+        else:
+            found, last = np.zeros(self.shape), 0
+            product = "sij,si->ij" if self._by_rows else "sij,sj->ij"
+            for block in ensemble._dense_blocks(max(1, _BLOCK // self.estimate.size)):
+                first, last = last, last + len(block)
+                found += np.einsum(product, block, self.weights[first:last])
+        if ensemble.atoms is not None:
+            largest = np.abs(ensemble.atoms)
+        else:
+            assert ensemble.samples is not None
+            largest = np.maximum(ensemble.samples.max(axis=0), -ensemble.samples.min(axis=0))
+        # a sum of N terms, in any order, is rounded by N eps sum |w E| at most, and so are weights
+        # that are products of N factors
+        total = max(1.0, float(np.abs(self.weights).sum(axis=0).max()))
+        slack = (ROUNDING + 4.0 * EPS * ensemble.size) * total
+        if not (np.abs(self.estimate - found) <= slack * largest).all():
+            off = float(np.abs(self.estimate - found).max())
+            raise InputError(
+                "`estimate` must be the sum of the realizations of `ensemble` with `weights`, got "
+                f"one that differs from it by {off:.3g}"
+            )
+
+    @property
+    def _by_rows(self) -> bool:
+        """Whether weights of lines belong to rows."""
+        return self.info.get("weight_set") == "per-row"
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -99,7 +150,7 @@ class Fit(SavedRecord, Tabled):
 
     def _cube(self) -> Cube:
         dims = ("entry",) if self.estimate.ndim == 1 else ("row", "column")
-        line = "column" if self.info.get("weight_set") == "per-column" else "row"
+        line = "row" if self._by_rows else "column"
         variables = {
             "estimate": (dims, self.estimate, None),
             "target": (dims, self.target, None),
@@ -174,8 +225,12 @@ class Path(SavedRecord, Tabled):
         return html.card(self, rows, html.lines(self.sizes, [self.errors], about, log=True))
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         count = len(self.sizes)
         require_shapes(self, sizes=(count,), errors=(count,), gaps=(count,))
+        if self.estimates is not None:
+            gate.kept("estimates", self.estimates, ndim=(2, 3))
+            require_shapes(self, estimates=(count, *self.estimates.shape[1:]))
         for name in ("errors", "gaps"):
             values = getattr(self, name)
             if values is not None:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -152,6 +152,11 @@ class FusedModel(SavedRecord, Identified):
         return None if self.method != "alse" else hull.explained(self._hull, self._noise)
 
     @property
+    def doubts(self) -> tuple[str, ...]:
+        """Why no certificate of a plan from this model is finite: those of `least_squares`."""
+        return self.least_squares.doubts
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """What to be careful about, one sentence each."""
         said, data = [], self.least_squares
@@ -165,9 +170,7 @@ class FusedModel(SavedRecord, Identified):
         if self.method == "alse" and self._noise.variance is None and self._noise.degrees == 0:
             said.append("there are too few pairs to estimate the noise: declare sigma if known")
         if data.design == "adaptive":
-            said.append(
-                "design='adaptive': the region is that of least squares, moved to this model"
-            )
+            said.append("design='adaptive': the region is that of least squares")
         return (*said, *data.warnings)
 
     def region(self, delta: float = 0.05, *, future: int = 0, frobenius: bool = False) -> Region:
@@ -185,8 +188,9 @@ class FusedModel(SavedRecord, Identified):
         Returns
         -------
         Region
-            A ball around this model in the norm of ``V^1/2``, with its assumption in words.
-            Infinite for z that the data do not determine.
+            A ball around this model in the norm of ``V^1/2``, or the region of least squares, whose
+            centre is least squares; the assumption says which. Infinite for z that the data do not
+            determine.
 
         Raises
         ------
@@ -199,10 +203,12 @@ class FusedModel(SavedRecord, Identified):
         delta / 2 each. One is around the mixture F, from the data alone: its part off the affine
         hull of the models is bounded by the upper limit of the noncentrality of chi^2_{p-k}, the
         part in it by chi_k (after Baraud 2004); it is small if some mixture is near the truth. The
-        other is around least squares. For points between,
+        other is the region of least squares (`Model.region`). For points between,
         ``||X_s||^2 = (1 - s) ||X_0||^2 + s ||X_1||^2 - s (1 - s) ||F - H||^2`` gives the smaller
-        of both and less. Otherwise the region of least squares (`Model.region`) is moved by the
-        triangle inequality.
+        of both and less. The result is the smaller of that ball and the region of least squares,
+        which `Plan.bound` uses both. Where the ball cannot be expected to be smaller, which the
+        numbers of pairs and models decide, not the outcomes, and for all other methods and designs,
+        it is the region of least squares with the whole delta.
 
         Examples
         --------
@@ -214,42 +220,70 @@ class FusedModel(SavedRecord, Identified):
         >>> fused.region(0.05).contains([[0.8]], [[1.1]])
         True
         """
-        data, known = self.least_squares, self.least_squares.assumptions.known
         delta = gate.probability("delta", delta)
-        extra = gate.size("future", future, minimum=0, maximum=10_000)
-        entries = gate.flag("frobenius", frobenius)
-        exact = self.method == "alse" and data.design == "independent"
-        share = delta / 2.0 if exact else delta
-        own = data.region(share, future=extra, frobenius=entries and not exact)
-        text, a, b = own.assumption, np.inf, _radius(own, known is not None)
-        if exact:
-            noise, columns = self._noise, self._fitted.rank + extra
-            a = float(np.sqrt(hull.hull_radius2(self._hull, noise, share, data.n * extra)))
-            if entries:
-                b = float(np.sqrt(hull.frobenius_radius2(data.n, columns, noise, share)))
-            text += "; models independent of the data"
-        ball = hull.frobenius_ball if entries else hull.ball
-        radius = ball(b, a, self._hull.away, self.share)
+        options = {
+            "future": gate.size("future", future, minimum=0, maximum=10_000),
+            "frobenius": gate.flag("frobenius", frobenius),
+        }
+        if self._sharper(delta, options["future"]):
+            return self._regions(delta, **options)[0]
+        return self._own(delta, delta, **options)
+
+    @property
+    def _exact(self) -> bool:
+        """Whether there is a ball around the mixture from the data alone."""
+        return self.method == "alse" and self.least_squares.design == "independent"
+
+    def _own(self, delta: float, level: float, **options: Any) -> Region:
+        """The region of least squares at this level, as one of those that hold with `delta`."""
+        found = self.least_squares.region(level, **options)
+        text = found.assumption + "; the region of least squares, which is the smaller one"
+        return replace(found, delta=delta, assumption=text)
+
+    def _sharper(self, delta: float, future: int) -> bool:
+        """Whether the ball is expected to be smaller than least squares with the whole delta.
+
+        For a truth in the hull, at the mean of what the noise leaves off it. Fixed by sizes.
+        """
+        if not self._exact:
+            return False
+        noise, k = self._noise, self._hull.k
+        usual = noise._replace(rss=float(noise.degrees))
+        mean = self._hull._replace(off2=float(self._hull.p - k), along=0.0)
+        ball = hull.hull_radius2(mean, usual, delta / 2.0, self.least_squares.n * future)
+        own = self.least_squares.region(delta, future=future).parts[0]
+        return ball < own.factor * (usual.rss if noise.variance is None else 1.0)
+
+    def _regions(self, delta: float, **options: Any) -> tuple[Region, ...]:
+        if not self._exact:
+            return (self._own(delta, delta, **options),)
+        found = self._own(delta, delta / 2.0, **options), self._ball(delta, **options)
+        return tuple(sorted(found, key=lambda region: region.radius))
+
+    def _ball(self, delta: float, *, future: int = 0, frobenius: bool = False) -> Region:
+        """A ball around this model, in one event with least squares at delta / 2."""
+        data, known = self.least_squares, self.least_squares.assumptions.known
+        own = data.region(delta / 2.0, future=future, frobenius=frobenius)
+        a = np.sqrt(hull.hull_radius2(self._hull, self._noise, delta / 2.0, data.n * future))
+        ball = hull.frobenius_ball if frobenius else hull.ball
+        radius = ball(_radius(own, known is not None), float(a), self._hull.away, self.share)
         shape = np.eye(data.n) if known is None else known
         block = data._blocks[0]
-        return Region(
+        return replace(
+            own,
             centre=self._Theta,
-            m=data.m,
             delta=delta,
-            assumption=text,
-            missing=data.missing,
+            assumption=own.assumption + "; models independent of the data",
             parts=(Part.of(self._fitted, block.rows, block.columns, shape, radius**2),),
-            future=extra,
-            frobenius=radius if entries else None,
+            frobenius=radius if frobenius else None,
         )
 
     def __repr__(self) -> str:
-        data, careful = self.least_squares, len(self.warnings)
-        said = f", {html.number_of(careful, 'warning')}" if careful else ""
+        data = self.least_squares
         return (
             f"<FusedModel {self.method}: {html.number_of(self.models.size, 'model')}, n={data.n} "
             f"m={data.m}, {html.number_of(data.size, 'pair')}, "
-            f"{100 * self.share:.3g} % least squares{said}>"
+            f"{100 * self.share:.3g} % least squares{html.warned(self.warnings)}>"
         )
 
     def _repr_html_(self) -> str:

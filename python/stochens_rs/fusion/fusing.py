@@ -86,7 +86,8 @@ def fuse(
     ensemble : Ensemble, SystemEnsemble, or list of systems or models
         N realizations of a vector or matrix; of a SystemEnsemble the matrices ``[A B c]``. With
         `data`: models that were fixed before the data or made of other data, as a SystemEnsemble
-        or a list of systems, pairs ``(A, B)`` and Models. For "pooled": a list of Models.
+        or a list of systems, pairs ``(A, B)`` and Models; the names of the data in another order
+        are brought into its order. For "pooled": a list of Models.
     method : str, default "uniform"
         "uniform": the average. "alse" (accumulated least squares): the weights that minimise
         ``||sum_s w_s E_s - target||``; with `data`, those of the mixture of models that is nearest
@@ -243,15 +244,23 @@ def fuse(
     if name == "uniform":
         estimate = given.mean()
         error = None if goal is None else numbers.norm(estimate - goal)
-        equal = np.full(given.size, 1.0 / given.size)
-        return Fit(estimate, equal, error, None, "completed", name, target=goal, ensemble=given)
-    assert goal is not None
-    if name == "alse":
-        return alse.solve(given, goal, options)
-    steps = _core.slse(given._core_realizations(), given._lines_of(goal), name, [given.size], False)
-    estimate = given._from_core(steps[1])
-    error = float(steps[2][0])
-    return Fit(estimate, steps[0], error, None, "completed", name, target=goal, ensemble=given)
+        w = np.full(given.size, 1.0 / given.size)
+    else:
+        assert goal is not None
+        if name == "alse":
+            return alse.solve(given, goal, options)
+        lines, sizes = given._lines_of(goal), [given.size]
+        w, sums, errors, _ = _core.slse(given._core_realizations(), lines, name, sizes, False)
+        estimate, error = given._from_core(sums), float(errors[0])
+    return Fit(
+        estimate=estimate,
+        weights=w,
+        error=error,
+        gap=None,
+        status="completed",
+        method=name,
+        target=goal,
+    )._of(given)
 
 
 def _refuse(where: str, **arguments: object) -> None:

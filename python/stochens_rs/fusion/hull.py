@@ -183,16 +183,6 @@ def noncentrality(x: float, degrees: int, delta: float) -> float:
     return float((np.sqrt(x) + np.sqrt(_core.chi2_upper(min(2.0 * delta, 0.999), 1))) ** 2)
 
 
-def frobenius_radius2(n: int, columns: int, noise: Noise, delta: float) -> float:
-    """The exact quantile of ``||(H - Theta) V^1/2||_F^2`` for least squares: chi^2 or F."""
-    if noise.variance is not None:
-        return noise.variance * _core.chi2_upper(delta, n * columns)
-    if noise.degrees == 0:
-        return np.inf
-    level = _core.f_upper(delta, n * columns, noise.degrees)
-    return noise.rss * n * columns / noise.degrees * level
-
-
 def ball(b: float, a: float, away: Floats, share: float) -> float:
     """Spectral radius around ``point + share away``: Theta within b of t (spectral), a of `point`.
 

@@ -106,7 +106,7 @@ def fuse_path(
 
 
 def _one_by_one(
-    ensemble: Ensemble, goal: Floats, method: str, options: alse.AlseOptions, sizes: list[int]
+    ensemble: Ensemble, goal: Floats, method: Method, options: alse.AlseOptions, sizes: list[int]
 ) -> tuple[Floats, Floats | None, tuple[Status, ...], Floats]:
     """Fuse every prefix separately, all within one time limit."""
     clock, interrupted = alse.Clock(options), False
@@ -122,7 +122,7 @@ def _one_by_one(
                 clock.end()
             fits.append(fit)
         else:
-            fits.append(fuse(prefix, "uniform", target=goal))
+            fits.append(fuse(prefix, method, target=goal))
     errors = np.array([fit.error for fit in fits], dtype=np.float64)
     gaps = np.array([fit.gap for fit in fits], dtype=np.float64) if method == "alse" else None
     stack = np.stack([fit.estimate.ravel() for fit in fits])

@@ -48,13 +48,12 @@ def weighted(ensemble: Ensemble, goal: Floats | None, weights: object, variances
     estimate = ensemble.combine(chosen)
     error = None if goal is None else numbers.norm(estimate - goal)
     return Fit(
-        estimate,
-        chosen,
-        error,
-        None,
-        "completed",
-        method,
+        estimate=estimate,
+        weights=chosen,
+        error=error,
+        gap=None,
+        status="completed",
+        method=method,
         info=info,
         target=goal,
-        ensemble=ensemble,
-    )
+    )._of(ensemble)

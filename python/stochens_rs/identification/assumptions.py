@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
@@ -45,6 +46,8 @@ class Assumptions(Record):
         The covariance, if it is known; for other noise than Gaussian an upper bound.
     state_noise : "none", "white" or ndarray of shape (n, n)
         The error of the measured states; an array is its covariance.
+    exact : tuple of int
+        The states without noise of their own: it is 0, or a combination of that of other states.
     """
 
     design: Design
@@ -52,6 +55,7 @@ class Assumptions(Record):
     covariance: Covariance
     known: Floats | None = None
     state_noise: StateNoise | Floats = "none"
+    exact: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         gate.choice("design", self.design, DESIGNS)
@@ -69,6 +73,8 @@ class Assumptions(Record):
             gate.choice("state_noise", self.state_noise, ("none", "white"))
         else:
             _require_covariance("state_noise", self.state_noise)
+        if list(self.exact) != sorted({gate.size("exact", i, minimum=0) for i in self.exact}):
+            raise InputError("`exact` must be different states in their order")
 
     @property
     def noisy_states(self) -> bool:
@@ -96,8 +102,10 @@ def checked_assumptions(
     covariance: Any,
     sigma: object,
     state_noise: Any,
+    exact: object = (),
+    names: Sequence[str] = (),
 ) -> Assumptions:
-    """Check the arguments of `identify` that are declarations."""
+    """Check the arguments of `identify` that are declarations; `names` are those of the states."""
     law = gate.choice("noise", noise, NOISES)
     plan = gate.choice("design", design, DESIGNS)
     known, word = None, "known"
@@ -126,7 +134,19 @@ def checked_assumptions(
         error = _positive_definite("state_noise", state_noise, n, semi=True)
     else:
         gate.choice("state_noise", state_noise, ("none", "white"))
-    return Assumptions(plan, law, word, known, error)  # type: ignore[arg-type]
+    without = checked_exact(exact, names)
+    return Assumptions(plan, law, word, known, error, without)  # type: ignore[arg-type]
+
+
+def checked_exact(exact: object, names: Sequence[str]) -> tuple[int, ...]:
+    """The numbers of the states in `exact`, which are given by name or number."""
+    found = set()
+    for one in [exact] if isinstance(exact, str) else gate.items("exact", exact):
+        if isinstance(one, str):
+            found.add(names.index(gate.choice("exact", one, tuple(names))))
+        else:
+            found.add(gate.size("exact", one, minimum=0, maximum=len(names) - 1))
+    return tuple(sorted(found))
 
 
 def checked_scale(scale: Any, count: int, offset: bool) -> Floats:
@@ -147,18 +167,25 @@ def _positive_definite(name: str, value: ArrayLike, n: int, *, semi: bool = Fals
         raise InputError(f"`{name}` must have entries up to {LARGEST:g}")
     if not np.allclose(given, given.T, rtol=1e-9, atol=0.0):
         raise InputError(f"`{name}` must be symmetric")
-    values = np.linalg.eigvalsh(given)
-    if values[0] < 0.0 or (values[0] == 0.0 and not semi):
+    least = _least_correlation(given)
+    if least < 0.0 or (least == 0.0 and not semi):
         raise InputError(
-            f"`{name}` must be positive definite, its least eigenvalue is {values[0]:.3g}"
+            f"`{name}` must be positive definite, the least eigenvalue of its correlation matrix "
+            f"is {least:.3g}"
         )
     return (given + given.T) / 2.0
+
+
+def _least_correlation(given: Floats) -> float:
+    """The least eigenvalue in units in which the diagonal is 1: the same in all units."""
+    sizes = np.sqrt(np.abs(np.diag(given)))
+    sizes = np.where(sizes == 0.0, 1.0, sizes)
+    return float(np.linalg.eigvalsh(given / sizes[:, None] / sizes)[0])
 
 
 def _require_covariance(name: str, stored: Floats) -> None:
     """Refuse a field that is no covariance, up to the rounding of its eigenvalues."""
     n = len(gate.kept(name, stored, ndim=(2,)))
     gate.kept(name, stored, shape=(n, n))
-    values = np.linalg.eigvalsh(stored)
-    if (stored != stored.T).any() or values[0] < -n * EPS * abs(values[-1]):
+    if (stored != stored.T).any() or _least_correlation(stored) < -n * EPS:
         raise InputError(f"`{name}` must be symmetric and positive definite")

@@ -74,10 +74,10 @@ def assembled(found: list[Block], known: Floats | None, n: int, d: int) -> Float
 
 def parts(
     found: list[Block], noise: Assumptions, wish: Wish, scale: Floats, n: int
-) -> tuple[tuple[Part, ...], float | None]:
-    """The parts of the region, and the Frobenius radius if there is one."""
+) -> tuple[tuple[Part, ...], float | None, Floats | None]:
+    """The parts of the region, and the Frobenius radius and the bound of the noise if there are."""
     made = []
-    frobenius = None
+    frobenius, bound = None, noise.known
     for block in found:
         rows, columns, f = block
         delta = wish.delta
@@ -94,14 +94,15 @@ def parts(
                 spectral, frobenius = levels.joint_radii(n, rank + wish.future, f.nu, delta)
                 made.append(Part.of(f, rows, columns, f.S, spectral**2))
                 continue
-            factor, S = levels.independent(f, noise, known, rank + wish.future, delta)
+            factor, S, _ = levels.independent(f, noise, known, rank + wish.future, delta)
         else:
             options = scale[columns], scale[rows], delta, wish.method, wish.anytime
-            factor, S = levels.adaptive(f, noise, known, *options)
+            factor, S, own = levels.adaptive(f, noise, known, *options)
+            bound = own if len(found) == 1 else bound
         made.append(Part.of(f, rows, columns, S, float(factor)))
         if wish.frobenius and len(found) == 1:  # ||G||_F <= sqrt(min(n, d)) ||G||
             frobenius = float(np.sqrt(factor * min(len(rows), f.rank + wish.future)))
-    return tuple(made), frobenius
+    return tuple(made), frobenius, bound
 
 
 def _directed(f: Fitted, Q: Floats | None) -> tuple[Fitted, int]:

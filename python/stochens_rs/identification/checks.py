@@ -15,10 +15,14 @@ from .. import _core
 from .._base import gate, html
 from .._base.records import Record
 from .._base.threads import get_num_threads
+from ..exceptions import InputError
 from ..rng import Key, as_key
-from .least_squares import fit, only_rounding
+from .dependences import spanned
+from .least_squares import fit
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from .._base.types import Floats
 
 
@@ -32,7 +36,7 @@ HINTS = (
 )
 DRAWS = 499
 LEVEL = 0.01  # of a warning, over all tests together
-WORK = 4e7  # normal variates that `identify` draws at most, about half a second
+WORK = 1.6e8  # normal variates that `identify` draws at most, about three seconds of one core
 KEY = as_key(20_020_101).child("residual tests")  # fixed, so that p-values repeat
 
 
@@ -46,6 +50,9 @@ class Checks(Record):
         "correlation in time" (lags 1 to 5), "correlation at lag 1", "tails" (Mardia's kurtosis),
         "heteroscedasticity" (squared residuals against leverages), "change" (the two halves of
         the data). Small where an assumption fails.
+    distances : dict of str to float
+        How far each statistic is from the mean of the simulated ones, in their standard deviations:
+        what tells p-values at their least apart.
     draws : int
         The number of simulated data sets; no p-value is below ``1 / (draws + 1)``.
     exact : bool
@@ -54,6 +61,7 @@ class Checks(Record):
     """
 
     p_values: dict[str, float]
+    distances: dict[str, float]
     draws: int
     exact: bool
 
@@ -62,6 +70,8 @@ class Checks(Record):
         gate.flag("exact", self.exact)
         for name in NAMES:
             gate.positive(name, self.p_values.get(name), maximum=1.0)
+            if not np.isfinite(self.distances.get(name, np.nan)):
+                raise InputError(f"`distances` must have a number for {name}")
 
     def failed(self, level: float = LEVEL) -> tuple[str, ...]:
         """Name the tests that reject.
@@ -92,25 +102,46 @@ class Checks(Record):
         """One sentence for each test that rejects at the default level."""
         hints = dict(zip(NAMES, HINTS, strict=True))
         return tuple(
-            f"{name} in the residuals (p = {self.p_values[name]:.2g}): {hints[name]}"
-            for name in self.failed()
+            f"{name} in the residuals ({self._said(name)}): {hints[name]}" for name in self.failed()
         )
 
+    def _said(self, name: str) -> str:
+        """The p-value; where none is smaller, how far off the statistic is."""
+        p = self.p_values[name]
+        if p > 1.0 / (self.draws + 1) * (1.0 + 1e-9):
+            return f"p = {p:.2g}"
+        away = f"{html.two(self.distances[name])} standard deviations off"
+        return f"p <= {p:.2g}, beyond all {self.draws} simulated, {away}"
+
     def __repr__(self) -> str:
-        smallest = min(self.p_values, key=self.p_values.__getitem__)
+        name = min(NAMES, key=lambda one: (self.p_values[one], -self.distances[one]))
         kind = "exact" if self.exact else "approximate"
-        return f"<Checks: smallest of 5 {kind} p-values {self.p_values[smallest]:.3g}, {smallest}>"
+        return f"<Checks: smallest of 5 {kind} p-values: {name}, {self._said(name)}>"
 
     def _repr_html_(self) -> str:
-        return html.card(self, list(self.p_values.items()))
+        return html.card(self, [(name, self._said(name)) for name in NAMES])
 
 
 def checked_residuals(
-    Z: Floats, Y: Floats, *, exact: bool, draws: int = DRAWS, key: Key = KEY
+    Z: Floats,
+    Y: Floats,
+    rows: NDArray[np.int64],
+    *,
+    exact: bool,
+    draws: int = DRAWS,
+    key: Key = KEY,
 ) -> Checks | None:
-    """Test the residuals of least squares of `Y` on `Z`; None with too few pairs for a test."""
+    """Test the residuals of least squares of `Y` on `Z`; None with too few pairs for a test.
+
+    Of the states `rows`, and where their residuals are tied to each other, of as many combinations
+    as are not: the statistics are those of any basis.
+    """
     f = fit(_core.triangle(np.hstack([Z, Y]), get_num_threads()), Z.shape[1], len(Z))
-    if f.rank < 1 or f.nu < len(f.S) or len(Z) < 4 or only_rounding(f, Y):
+    basis = spanned(f, rows).basis
+    count = basis.shape[1]
+    if f.rank < 1 or count < 1 or f.nu < len(f.S) or len(Z) < 4:
         return None
-    found = _core.residual_p_values(Z, Y, f.white, draws, bytes(key), get_num_threads())
-    return Checks(dict(zip(NAMES, found.tolist(), strict=True)), draws, exact)
+    free = np.ascontiguousarray(Y[:, rows] @ basis)
+    found = _core.residual_p_values(Z, free, f.white, draws, bytes(key), get_num_threads())
+    p_values, distances = (dict(zip(NAMES, one.tolist(), strict=True)) for one in found)
+    return Checks(p_values, distances, draws, exact)

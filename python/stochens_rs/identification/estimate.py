@@ -13,11 +13,12 @@ from ..exceptions import InputError, ShapeError
 from ..rng import Key
 from .assumptions import Assumptions
 from .certifying import Block, assembled, blocks
-from .checks import Checks
+from .checks import DRAWS, WORK, Checks
 from .consistency import refuse, require_sound
+from .dependences import Lag, Range, exact_relations, one_more_lag, spanned, tested_rows
 from .identified import Identified
 from .instruments import projected, two_stages
-from .least_squares import TRUSTED, named, only_rounding
+from .least_squares import TRUSTED, Fitted, fit, named, r_factor
 from .trajectories import Trajectories
 
 if TYPE_CHECKING:
@@ -49,7 +50,10 @@ class Estimate(Identified, listed=False):
             gate.kept("instruments", self.instruments, shape=(self.size, max(r, d)))
         gate.kept("triangle", self.triangle, shape=(r + d + n,) * 2)
         gate.kept("scale", self.scale, shape=(d,))
-        if self.known is not None and self.known.shape != (n, d):
+        if self.known is not None and gate.instance("known", self.known, np.ndarray).shape != (
+            n,
+            d,
+        ):
             raise ShapeError(f"`known` must have shape ({n}, {d}), got {self.known.shape}")
         if self.checks is not None:
             gate.instance("checks", self.checks, Checks)
@@ -176,11 +180,45 @@ class Estimate(Identified, listed=False):
     @property
     def warnings(self) -> tuple[str, ...]:
         """What to be careful about, one sentence each; see also `checks`."""
-        said = [] if self.checks is None else list(self.checks.warnings)
-        said += cautions(self._blocks, self.missing, self._own[:, self._d :])
+        said, lag = list(self.doubts), self._lag
+        if lag is not None and lag.significant and not lag.refuses:
+            said.append(lag.said(self.state_names))
+        if self.checks is not None:
+            said += self.checks.warnings
+        elif self.size * self.n * DRAWS > WORK:
+            said.append(
+                f"the residuals were not tested, as {self.size} pairs take long: see Model.check"
+            )
+        said += cautions(self._blocks, self.missing)
         if self.assumptions.noisy_states and self.instruments is None:
             said.append("the states are measured with error, so that no region is known")
         return tuple(said)
+
+    @cached_property
+    def doubts(self) -> tuple[str, ...]:
+        """Why no certificate of a plan from this model is finite, one sentence each.
+
+        Columns that are tied exactly, or of which states and inputs one step earlier explain a
+        tenth of the variance or more, and that `identify` was not told to be so: they are no states
+        of a plant. Empty where nothing of this is seen, which does not prove that they are.
+        """
+        said = exact_relations(*self._residuals, self.state_names)
+        lag = self._lag
+        return said if lag is None or not lag.refuses else (*said, lag.said(self.state_names))
+
+    @cached_property
+    def _residuals(self) -> tuple[Fitted, Range]:
+        """Least squares without regard to known entries, and what its residuals span."""
+        R = self._own if self.instruments is None else r_factor(self._own)
+        f = fit(R, self._d, self.size)
+        return f, spanned(f, tested_rows(self.assumptions, self.known, self.n))
+
+    @cached_property
+    def _lag(self) -> Lag | None:
+        """The test of one more lag; None where errors of reading are declared, or none is known."""
+        if self.assumptions.noisy_states:
+            return None
+        return one_more_lag(self.data, self.intercept, self._residuals[1])
 
     @cached_property
     def _largest(self) -> Floats | None:
@@ -196,8 +234,8 @@ class Estimate(Identified, listed=False):
         return np.hstack([x, u, ones]), np.ascontiguousarray(y)
 
 
-def cautions(found: list[Block], missing: tuple[str, ...], outcomes: Floats) -> list[str]:
-    """What to be careful about in a fit; `outcomes` (.., n): rows with their column lengths."""
+def cautions(found: list[Block], missing: tuple[str, ...]) -> list[str]:
+    """What to be careful about in a fit."""
     said = []
     if missing:
         said.append(f"the data do not determine the model along {'; '.join(missing)}")
@@ -206,8 +244,6 @@ def cautions(found: list[Block], missing: tuple[str, ...], outcomes: Floats) -> 
         said.append(
             f"the states and inputs are nearly dependent (ratio {ratio:.1e}): bounds are large"
         )
-    if any(b.fitted.nu > 0 and only_rounding(b.fitted, outcomes[:, b.rows]) for b in found):
-        said.append("residuals are 0 but for rounding, which no region covers")
     return said
 
 

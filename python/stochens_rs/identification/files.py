@@ -86,7 +86,10 @@ def from_model(model: Any) -> Sections:
     found |= {name: array.ravel() for name, array in optional.items() if array is not None}
     if checks is not None:
         found["p_values"] = np.array([checks.p_values[name] for name in NAMES])
+        found["distances"] = np.array([checks.distances[name] for name in NAMES])
         found["draws"] = _counts(checks.draws, int(checks.exact))
+    if assumed.exact:
+        found["exact"] = _counts(*assumed.exact)
     if model.key is not None:
         found["key"] = _bytes(bytes(model.key))
     return found
@@ -111,12 +114,14 @@ def to_model(sections: Sections) -> tuple[tuple[Any, ...], dict[str, Any]]:
     state_noise: Any = error if covariance is None else covariance
     checks = None
     if "draws" in sections:
-        values = _taken(sections, "p_values", np.float64)
-        if len(values) != len(NAMES):
-            raise InputError(f"`p_values` must have {len(NAMES)} entries, got {len(values)}")
+        tests = []
+        for name in ("p_values", "distances"):
+            values = _taken(sections, name, np.float64)
+            if len(values) != len(NAMES):
+                raise InputError(f"`{name}` must have {len(NAMES)} entries, got {len(values)}")
+            tests.append(dict(zip(NAMES, values.tolist(), strict=True)))
         draws, exact = _whole(sections, "draws", 2)
-        tests = dict(zip(NAMES, values.tolist(), strict=True))
-        checks = Checks(tests, draws, _flag("exact", exact))
+        checks = Checks(tests[0], tests[1], draws, _flag("exact", exact))
     key = _taken(sections, "key", np.uint8) if "key" in sections else None
     there = "known" in sections, "instruments" in sections
     return data, {
@@ -127,6 +132,7 @@ def to_model(sections: Sections) -> tuple[tuple[Any, ...], dict[str, Any]]:
             _choice(words[2], COVARIANCES),
             known,
             state_noise,
+            exact_states(sections, n),
         ),
         "scale": _taken(sections, "scale", np.float64),
         "intercept": bool(offset),
@@ -135,6 +141,16 @@ def to_model(sections: Sections) -> tuple[tuple[Any, ...], dict[str, Any]]:
         "checks": checks,
         "key": None if key is None else Key(key.tobytes()),
     }
+
+
+def exact_states(sections: Sections, n: int) -> tuple[int, ...]:
+    """The states that were declared as exact, taken from the arrays."""
+    if "exact" not in sections:
+        return ()
+    found = _taken(sections, "exact", np.uint64).tolist()
+    if any(state >= n for state in found):
+        raise InputError(f"`exact` must have numbers of states, below {n}")
+    return tuple(found)
 
 
 def _counts(*values: int) -> NDArray[np.uint64]:

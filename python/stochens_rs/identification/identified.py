@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from .._base import html
 from .._base.labels import Labels
@@ -49,6 +49,11 @@ class Identified(Record, ABC, listed=False):
         """What to be careful about, one sentence each."""
 
     @property
+    def doubts(self) -> tuple[str, ...]:
+        """Why no certificate of a plan from this model is finite, one sentence each."""
+        return ()
+
+    @property
     def A(self) -> Floats:
         """The state matrix, shape (n, n), read-only."""
         return self._Theta[:, : len(self.state_names)]
@@ -89,6 +94,10 @@ class Identified(Record, ABC, listed=False):
     @abstractmethod
     def region(self, delta: float = 0.05, *, future: int = 0, frobenius: bool = False) -> Region:
         """Return a set of models that contains the true one, as `Model.region` does."""
+
+    def _regions(self, delta: float, **options: Any) -> tuple[Region, ...]:
+        """Regions that hold in one event, the smallest first; the options are those of `region`."""
+        return (self.region(delta, **options),)
 
     def _table(self) -> str:
         """``[A B c]`` as HTML; empty if it is large."""

@@ -24,6 +24,7 @@ from .assumptions import (
 )
 from .checks import DRAWS, WORK, checked_residuals
 from .consistency import refuse
+from .dependences import tested_rows
 from .model import Model
 from .trajectories import Trajectories, pooled
 
@@ -44,6 +45,7 @@ def identify(
     known_A: ArrayLike | None = None,
     known_B: ArrayLike | None = None,
     state_noise: StateNoise | ArrayLike = "none",
+    exact: Sequence[str | int] = (),
     instruments: ArrayLike | None = None,
     scale: ArrayLike = 1.0,
     checks: bool = True,
@@ -79,6 +81,12 @@ def identify(
         that they are set points; errors of `x_next` alone count as noise. "white": errors
         independent in time, which bias least squares; a region then needs `instruments`. An array:
         the covariance of the errors, for a consistent estimate without a region.
+    exact : sequence of str or int, default ()
+        States, by name or number, without noise of their own: your declaration that it is 0, or a
+        combination of that of the other states, as where one force disturbs position and velocity,
+        or for the states of a Kalman filter in its steady state. Not for columns that were computed
+        from others, as velocities by finite differences: they are no states. Rows of which the
+        whole state matrix is in `known_A` count as declared.
     instruments : array_like, shape (N, r), optional
         For noisy states: numbers that go with each pair and are independent of all noise, at least
         as many as unknowns of a row. In open loop ``data.past_inputs(lags)``; in closed loop an
@@ -88,8 +96,8 @@ def identify(
         ``design="adaptive"`` hold for any scale, and are smallest if it is right within a factor of
         ten or so.
     checks : bool, default True
-        Whether to test the residuals; not done for more than about 80 000 / n pairs, for which
-        `Model.check` does it.
+        Whether to test the residuals; not done for more than about 320 000 / n pairs, of which a
+        warning says so: `Model.check` does it. `Model.doubts` are looked for in any case.
     rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
         Source of the random sign vectors for ``noise="symmetric"``. They are drawn here, once: to
         identify the same data again with other ones, and choose, breaks the region.
@@ -107,8 +115,9 @@ def identify(
     Warns
     -----
     DataWarning
-        If the residuals speak against an assumption, with a probability of false alarm of 0.01; if
-        the data do not determine the model. No warning is no proof.
+        If columns are no states of a plant, see `Model.doubts`: then no certificate is finite. If
+        the residuals speak against an assumption, with a probability of false alarm of 0.01; if
+        they were not tested; if the data do not determine the model. No warning is no proof.
 
     Notes
     -----
@@ -138,7 +147,9 @@ def identify(
     """
     runs = pooled(data)
     n = runs.n
-    assumed = checked_assumptions(n, design, noise, covariance, sigma, state_noise)
+    assumed = checked_assumptions(
+        n, design, noise, covariance, sigma, state_noise, exact, runs.state_names
+    )
     offset = gate.flag("intercept", intercept)
     d = n + runs.m + offset
     known = _known(n, runs.m, offset, known_A, known_B)
@@ -154,7 +165,8 @@ def identify(
     tested = None
     if gate.flag("checks", checks) and runs.size * n * DRAWS <= WORK:
         own, outcomes = np.ascontiguousarray(Z[:, :d]), np.ascontiguousarray(Z[:, d:])
-        tested = checked_residuals(own, outcomes, exact=assumed.design == "independent")
+        rows = tested_rows(assumed, known, n)
+        tested = checked_residuals(own, outcomes, rows, exact=assumed.design == "independent")
     if zeta is not None:
         keep = runs._places() % 2 == 0
         runs, zeta = runs._thinned(), zeta[keep]

@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from .._base.numbers import TINY
 from ..exceptions import InputError
 from ..theory.exact import EPS
+from .least_squares import SLACK
 from .levels import roy_quantile
 from .part import Part
 
@@ -67,7 +69,12 @@ def instrumented(found: Projected, d: int, delta: float) -> tuple[Floats, Part]:
         if np.linalg.eigvalsh(V)[0] > 1e-12 * d:
             C = np.linalg.solve(V, YZ.T).T
             S = C @ V @ C.T - YY
-            if np.linalg.eigvalsh(S)[0] < 0.0:
+            # widened by the rounding of these differences, which noise of few sources leaves alone
+            terms = np.sum(inside[:, d:] ** 2, axis=0) + q * np.sum(outside[:, d:] ** 2, axis=0)
+            terms += np.diag(np.abs(C) @ np.abs(V) @ np.abs(C.T))
+            S += n * np.diag(SLACK * (d + n) * EPS * terms)
+            sizes = np.sqrt(np.maximum(np.diag(S), TINY))
+            if np.linalg.eigvalsh(S / sizes[:, None] / sizes)[0] < -SLACK * n * EPS:
                 raise InputError(
                     f"no model explains these data with these `instruments` (delta={delta:g}): an "
                     "instrument depends on the noise, or the noise is not white or not Gaussian"

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -22,7 +22,14 @@ from .least_squares import Fitted, r_factor
 if TYPE_CHECKING:
     from .._base.types import Floats
 
-    Shaped: TypeAlias = tuple[float, Floats]  # factor and S
+
+class Shaped(NamedTuple):
+    """The factor and S; the covariance of the noise is at most `noise` in the same event."""
+
+    factor: float
+    S: Floats
+    noise: Floats | None = None
+
 
 # lam of the mixtures in units of the squared scale of z, and the prior of the universal region;
 # fixed before the data.
@@ -79,16 +86,16 @@ def independent(
     """
     n = len(f.S)
     if columns == 0:
-        return 0.0, f.S
+        return Shaped(0.0, f.S, known)
     if known is not None:
-        return wishart_quantile(n, columns, delta), known
+        return Shaped(wishart_quantile(n, columns, delta), known, known)
     if f.nu < 1:
-        return np.inf, np.eye(n)
+        return Shaped(np.inf, np.eye(n))
     if noise.covariance == "scalar" and n > 1:
-        return scalar_quantile(n, columns, f.nu, delta), np.trace(f.S) * np.eye(n)
+        return Shaped(scalar_quantile(n, columns, f.nu, delta), np.trace(f.S) * np.eye(n))
     if noise.covariance == "diagonal" and n > 1:
-        return diagonal_quantile(n, columns, f.nu, delta), np.diag(np.diag(f.S))
-    return roy_quantile(n, columns, f.nu, delta), f.S
+        return Shaped(diagonal_quantile(n, columns, f.nu, delta), np.diag(np.diag(f.S)))
+    return Shaped(roy_quantile(n, columns, f.nu, delta), f.S)
 
 
 def adaptive(
@@ -109,16 +116,17 @@ def adaptive(
     """
     n = len(f.S)
     if f.rank == 0:
-        return 0.0, f.S
+        return Shaped(0.0, f.S, known)
     if known is not None:
-        return mixture_level(f, n, scale, delta), known
+        return Shaped(mixture_level(f, n, scale, delta), known, known)
     share = delta / 2.0 if method == "auto" else delta
     found: list[Shaped] = []
     if method != "universal":
         found.append(_unknown_noise(f, noise, scale, share, anytime))
     if method != "mixture":
-        found.append((universal(f, scale, state_scale, share), f.S))
-    return min(found, key=lambda one: one[0] * float(np.linalg.norm(one[1], 2)))
+        found.append(Shaped(universal(f, scale, state_scale, share), f.S))
+    best = min(found, key=lambda one: one.factor * float(np.linalg.norm(one.S, 2)))
+    return best._replace(noise=found[0].noise)
 
 
 def mixture_level(f: Fitted, n: int, scale: Floats, delta: float) -> float:
@@ -136,7 +144,8 @@ def _unknown_noise(
     """Gaussian noise of one covariance: rho^2 at delta / 2, and as much for the covariance.
 
     full: ``S >= (a - rho^2) Sigma``, a the quantile of the smallest root of W_n(I, N); scalar:
-    ``tr S >= (chi^2_{nN} - min(n, rank) rho^2) sigma^2``. `anytime` shares by 1 / (N (N + 1)).
+    ``tr S >= (chi^2_{nN} - min(n, rank) rho^2) sigma^2``: the covariance is at most S over that.
+    `anytime` shares by 1 / (N (N + 1)).
     """
     n = len(f.S)
     share = delta / 2.0 / (f.N * (f.N + 1.0) if anytime else 1.0)
@@ -147,7 +156,7 @@ def _unknown_noise(
     else:
         left = smallest_quantile(n, f.N, share) - rho2
         S = f.S
-    return (rho2 / left if left > 0.0 else np.inf), S
+    return Shaped(rho2 / left, S, S / left) if left > 0.0 else Shaped(np.inf, S)
 
 
 def universal(f: Fitted, scale: Floats, state_scale: Floats, delta: float) -> float:

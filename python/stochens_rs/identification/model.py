@@ -15,6 +15,7 @@ from .certifying import METHODS, Method, Wish, parts, refuse, said, sign_region
 from .certifying import directions as spanned
 from .checks import Checks, checked_residuals
 from .consistency import require_triangle_of
+from .dependences import tested_rows
 from .files import Sections, from_model, to_model
 from .instruments import instrumented, projected
 from .least_squares import fit, r_factor
@@ -40,7 +41,7 @@ class Model(Durable, Tabled, Resampled):
         R with ``R' R = W' W`` for the rows ``W = (x, u, 1, x_next)`` of all pairs, with the
         instruments before them if there are any: all that the estimate and most regions need.
     assumptions : Assumptions
-        Design, noise, covariance and state noise, as declared.
+        Design, noise, covariance, state noise and exact states, as declared.
     scale : ndarray, shape (n + m,) or (n + m + 1,)
         The sizes of states and inputs that were expected before the data.
     intercept : bool
@@ -82,8 +83,9 @@ class Model(Durable, Tabled, Resampled):
         99
         """
         count, key = gate.size("draws", draws), as_key(rng)
+        rows = tested_rows(self.assumptions, self.known, self.n)
         exact = self.design == "independent"
-        return checked_residuals(*self._pairs(), exact=exact, draws=count, key=key)
+        return checked_residuals(*self._pairs(), rows, exact=exact, draws=count, key=key)
 
     def plot(self, *, figure: Figure | SubFigure | None = None) -> Figure:
         """Draw what the checks look at: residuals over time, lags, quantiles and leverages.
@@ -205,6 +207,7 @@ class Model(Durable, Tabled, Resampled):
         noise, by_rows = self.assumptions, len(self._blocks) > 1
         refuse(noise, wish, self.instruments is not None, by_rows)
         centre, signs, radius, text = self._Theta, None, None, ""
+        covariance = None
         found = self._blocks_of(by_rows=True) if wish.components and not by_rows else self._blocks
         if self.instruments is not None:
             source = projected(self.triangle, self.instruments.shape[1], self.size)
@@ -214,7 +217,7 @@ class Model(Durable, Tabled, Resampled):
             made, signs, text = sign_region(found[0], centre, *self._pairs(), wish.delta, self.key)
             radius = made[0].radius
         else:
-            made, radius = parts(found, noise, wish, self.scale, self.n)
+            made, radius, covariance = parts(found, noise, wish, self.scale, self.n)
         return Region(
             centre=gate.frozen(centre),
             m=self.m,
@@ -225,6 +228,7 @@ class Model(Durable, Tabled, Resampled):
             future=wish.future,
             frobenius=radius,
             signs=signs,
+            noise=None if covariance is None else gate.frozen(covariance),
         )
 
     def _cube(self) -> Cube:
@@ -264,15 +268,14 @@ class Model(Durable, Tabled, Resampled):
         rank = "" if self.identifiable else f", rank {self.rank} of {self._d}"
         dt = "" if self.dt is None else f" dt={self.dt:g}"
         over = "" if self.data.steps == 1 else f" over {self.data.steps} steps"
-        careful = len(self.warnings)
-        warned = f", {html.number_of(careful, 'warning')}" if careful else ""
         pairs = html.number_of(self.size, "pair")
         return (
-            f"<Model: n={self.n} m={self.m}{dt}{over}, {pairs}, {self.design} design{rank}{warned}>"
+            f"<Model: n={self.n} m={self.m}{dt}{over}, {pairs}, {self.design} design{rank}"
+            f"{html.warned(self.warnings)}>"
         )
 
     def _repr_html_(self) -> str:
-        checks = None if self.checks is None else repr(self.checks)[1:-1]
+        checks = "not tested" if self.checks is None else repr(self.checks)[1:-1]
         rows = [
             ("assumed", said(self.assumptions, None, self.instruments is not None)),
             ("residuals", checks),

@@ -16,12 +16,15 @@ import numpy as np
 
 from .._base import gate
 from .._base.records import Record, require_shapes
+from ..theory.exact import EPS
 from .least_squares import Fitted, length
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from .._base.types import Floats
+
+WIDER = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +67,15 @@ class Part(Record):
         S: Floats,
         factor: float,
     ) -> Part:
-        """The part around least squares."""
+        """The part around least squares, widened by its rounding.
+
+        With rows wrong by r, in the data and in D, ``||l' D V^1/2||`` is at most ``sqrt(factor)
+        (||l' E|| + |l|' r) + |l|' r``, and ``(|l|' r)^2 <= n l' diag(r^2) l``. The factor WIDER
+        takes the product of both terms, up to 2 / WIDER^2 of the first one.
+        """
+        if 0.0 < factor < np.inf:
+            r = WIDER * (1.0 + factor**-0.5) * fitted.rounding
+            S = S + len(S) * np.diag(r**2)
         some = fitted.white, fitted.root, fitted.missing, fitted.ratio
         return cls(rows, columns, *some, S, factor)
 
@@ -90,9 +101,21 @@ class Part(Record):
         """Whether this difference of Theta from the centre is in the part."""
         if not np.isfinite(self.factor):
             return True
+        inside = difference[np.ix_(self.rows, self.columns)]
+        n, terms = len(inside), sum(self.root.shape)
         with np.errstate(over="ignore", invalid="ignore"):
-            X = difference[np.ix_(self.rows, self.columns)] @ self.root.T
-            square = X @ X.T
-        if not np.isfinite(square).all():
+            X = inside @ self.root.T
+            # in units of the rows, those of S or of the rounding of X: no units, no singular S
+            rounding = terms * EPS * (np.abs(inside) @ np.linalg.norm(self.root, axis=0))
+            sizes = np.hypot(self.deviations, rounding)
+            if np.any(X[sizes == 0.0]):
+                return False
+            sizes = np.where(sizes == 0.0, 1.0, sizes)
+            X /= sizes[:, None]
+        if not np.isfinite(X).all() or np.abs(X).max(initial=0.0) > 2.0:
             return False
-        return bool(np.linalg.eigvalsh(self.factor * self.S - square)[0] >= 0.0)
+        room = self.factor * self.S / sizes[:, None] / sizes
+        room += n * np.diag((rounding / sizes) ** 2)
+        # entries of up to 1, wrong by the rounding of `terms` products, and the eigenvalues by n
+        least = np.linalg.eigvalsh(room - X @ X.T)[0]
+        return bool(least >= -n * (terms + n) * EPS)

@@ -53,6 +53,9 @@ class Region(SavedRecord):
         spectral norm is bounded.
     signs : SignTest or None
         The exact set for noise of symmetric law, which `contains` asks.
+    noise : ndarray, shape (n, n), or None
+        The covariance of the noise is at most this, in the same event; None where no bound is
+        known.
     """
 
     centre: Floats
@@ -64,8 +67,10 @@ class Region(SavedRecord):
     future: int = 0
     frobenius: float | None = None
     signs: SignTest | None = None
+    noise: Floats | None = None
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         n, d = gate.kept("centre", self.centre, ndim=(2,)).shape
         if d not in (n + gate.size("m", self.m), n + self.m + 1):
             raise ShapeError(f"`centre` must have {n + self.m} columns, or one more, got {d}")

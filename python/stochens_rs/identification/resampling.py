@@ -137,6 +137,7 @@ class Resampled(Estimate, listed=False):
             models[:, :, -1] if self.intercept else None,
             centre="estimate",
             dt=self.dt,
+            labels=self.labels if self.labels.given else None,
             about=about + (f", {lost} of {asked} left out: not determined" if lost else ""),
         )
 

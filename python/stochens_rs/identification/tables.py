@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._base import gate
+from .._base.reading import printable
 from ..exceptions import InputError, InputTypeError, ShapeError
 from ..theory.exact import EPS
 
@@ -56,7 +57,7 @@ class _Place:
     """Words for a row of a run: ``in run 'a' at time 0.2``."""
 
     def __init__(self, label: object, places: NDArray[np.intp], times: Floats | None) -> None:
-        text = "".join(c if c.isprintable() else "?" for c in f"{label!s:.30}")  # one line
+        text = printable(f"{label!s:.30}")
         self.label, self.places, self.times = None if label is None else text, places, times
 
     def __call__(self, row: int) -> str:
@@ -75,7 +76,7 @@ def _column(table: Any, argument: str, name: Any) -> NDArray[Any]:
     except MemoryError:
         raise
     except Exception:  # whatever a table raises for what is no column
-        known = ", ".join(f"{one!s:.20}" for one in list(_column_names(table))[:6])
+        known = ", ".join(printable(f"{one!s:.20}") for one in list(_column_names(table))[:6])
         raise InputError(
             f"`{argument}` names {gate.show(name)}, but the columns of `table` are {known}"
         ) from None
@@ -122,15 +123,29 @@ def _runs(table: Any, by: Any, rows: int) -> list[tuple[Any, NDArray[np.intp]]]:
     """The label and the rows of each run, in the order of their first rows."""
     if by is None:
         return [(None, np.arange(rows))]
-    labels = _column(table, "by", by)
+    labels = _labels(table, by)
     if len(labels) != rows:
         raise ShapeError(f"`by` must be a column of {rows} rows, got {len(labels)}")
-    found: dict[Any, list[int]] = {}
-    for row, label in enumerate(labels.tolist()):
-        if label is None or label != label:  # nan
-            raise InputError(f"`by` is missing in row {row}")
-        found.setdefault(label, []).append(row)
-    return [(label, np.array(places)) for label, places in found.items()]
+    found: dict[tuple[bool, Any], list[int]] = {}
+    for row, label in enumerate(labels):
+        try:
+            missing = label is None or bool(label != label)  # nan
+            # True is apart from 1, which it equals
+            found.setdefault((isinstance(label, (bool, np.bool_)), label), []).append(row)
+        except (TypeError, ValueError):  # missing as pandas says it, or a list
+            missing = True
+        if missing:
+            raise InputError(f"`by` is missing in row {row}, or no label: {gate.show(label)}")
+    return [(label, np.array(places)) for (_, label), places in found.items()]
+
+
+def _labels(table: Any, by: Any) -> list[Any]:
+    """The labels of the rows as they are: NumPy makes 1 of True, and text of both beside text."""
+    column = _column(table, "by", by)
+    if column.dtype.kind in "mM":
+        return [None if np.isnat(time) else time.item() for time in column]
+    given = table[by]
+    return list(given) if isinstance(given, (list, tuple)) else column.tolist()
 
 
 def _checked_step(times: Floats, where: _Place, dt: float | None) -> float:

@@ -1,8 +1,8 @@
 """The same computations in plain NumPy, close to the equations.
 
 This package and the rest of `stochens_rs` do not import each other: they share the mathematics and
-the definition of the random streams, but no code. Tests compare the random draws bit for bit and
-all other results to rounding.
+the definition of the random streams, but no code. `validate` compares them on this machine: the
+random draws bit for bit and all other results to rounding.
 
 * `streams`  - random words: ChaCha8, xoshiro256++, the alias table, the shuffle;
 * `sampling` - realizations as indices, and what is built from indices;
@@ -63,9 +63,11 @@ from .streams import (
     shuffle,
     xoshiro256pp,
 )
+from .validation import Comparison, validate
 
 __all__ = [
     "AliasTable",
+    "Comparison",
     "Fused",
     "Greedy",
     "PlanError",
@@ -108,5 +110,6 @@ __all__ = [
     "to_lines",
     "track",
     "uniform",
+    "validate",
     "xoshiro256pp",
 ]

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .laws import f_upper, scipy
+from .laws import f_upper, normal_quantile, scipy
 from .regions import Region, _times, bound, radius
 from .triangle import Fitted, fit, seen, triangle
 
@@ -117,6 +117,10 @@ def state_and_input(fitted: Fitted, x: ArrayLike, u: ArrayLike) -> Array:
 # -- several steps ---------------------------------------------------------------------------------
 
 
+# rounds and tolerance of `over_spectral_ball` for the last state and for all others
+LAST, OTHERS = (10, 1e-3), (3, 1e-2)
+
+
 class Steps(NamedTuple):
     """||x(k) - states[k]|| <= radii[k]; first-order part `linear[k]`, `sizes[k]` = ||z(k)||."""
 
@@ -142,6 +146,53 @@ def weighted_cauchy_schwarz(M: list[Array], c: ArrayLike) -> float:
     return float(np.sqrt(np.linalg.norm(gram, 2) * sum(a * s for a, _, s in terms)))
 
 
+def over_spectral_ball(M: list[Array], c: Array, rounds: int = 40, tol: float = 1e-6) -> float:
+    """Above ||sum_j M_j Gamma c_j|| for all ||Gamma||_2 <= 1; c_j in the rows of `c`.
+
+    The largest value is that of ||N(l)||_*, N(l) = sum_j M_j' l c_j', over unit vectors l, and by
+    ||N||_* <= ||N T^(-1/2)||_F ||T^(1/2)||_F for every T > 0 at most
+
+        nuc(T) = sqrt(tr T lam_max(sum_ij (c_i' T^-1 c_j) M_i M_j')).
+
+    T_0 = sum_j (||M_j|| / ||c_j||) c_j c_j' gives at most the weighted inequality; T = S(X)^(1/2),
+    S(X) = sum_ij tr(M_i' X M_j) c_i c_j', X by Frank-Wolfe steps for max tr S(X)^(1/2), the least
+    of nuc, which is only used to stop.
+    """
+    pairs = zip(M, c, strict=True)
+    sizes = [(float(np.linalg.norm(m, 2)), float(np.linalg.norm(a))) for m, a in pairs]
+    kept = [j for j, (s, a) in enumerate(sizes) if s * a > 0.0]
+    if not kept:
+        return 0.0
+    # coordinates in the span of the c_j, or fewer
+    c = np.linalg.qr(c[kept].T)[1].T if len(kept) < c.shape[1] else c[kept]
+    M = [M[j] for j in kept]
+    squares = (sizes[j][0] / sizes[j][1] * np.outer(a, a) for j, a in zip(kept, c, strict=True))
+    T = np.sum(list(squares), axis=0)
+    best, S = np.inf, np.zeros(())
+    for k in range(rounds):
+        values, turned = np.linalg.eigh(T)
+        values = np.maximum(values, 0.0)
+        values = values + 1e-9 * values.sum() / len(values)
+        y = c @ turned / np.sqrt(values)
+        Z = np.sum([np.kron(a[None, :], m) for a, m in zip(y, M, strict=True)], axis=0)
+        tops, directions = np.linalg.eigh(Z @ Z.T)
+        # for rounding: of eigenvalues, and of y where T is nearly singular
+        r = len(values)
+        rough = sum(sizes[j][0] * float(np.linalg.norm(a)) for j, a in zip(kept, y, strict=True))
+        lost = r * np.finfo(np.float64).eps * np.sqrt(r / 1e-9) * rough
+        found = np.sqrt(tops[-1]) * (1.0 + 1e-9) + lost
+        best = min(best, float(np.sqrt(values.sum()) * found))
+        top = directions[:, -1]
+        N = np.sum([np.outer(m.T @ top, a) for m, a in zip(M, c, strict=True)], axis=0)
+        S = S + 2.0 / (k + 2.0) * (N.T @ N - S)
+        values, turned = np.linalg.eigh(S)
+        roots = np.sqrt(np.where(values > 1e-13 * values[-1], values, 0.0))
+        if best <= (1.0 + tol) * roots.sum():
+            break
+        T = turned * roots @ turned.T
+    return best
+
+
 def several_steps(
     fitted: Fitted,
     x0: ArrayLike,
@@ -152,6 +203,7 @@ def several_steps(
     rho0: float = 0.0,
     noise: bool = False,
     S: ArrayLike | None = None,
+    to_come: tuple[Array, float, float] | None = None,
 ) -> Steps:
     """The error of the model's trajectory under ||Gamma||_2 <= spectral, ||Gamma||_F <= frobenius.
 
@@ -159,14 +211,21 @@ def several_steps(
     V^(-1/2). With c_k = V^(-1/2) z(k), M_p = A^p S^(1/2), W = (V^-1)_xx, wcs the weighted
     inequality:
 
-        lin_k(M) = min(frobenius || sum_{j<k} c_j' (x) M_{k-1-j} ||, spectral wcs(M, ||c_j||))
+        lin_k(M) = min(min(frobenius, spectral sqrt(r)) || sum_{j<k} c_j' (x) M_{k-1-j} ||,
+                       spectral wcs(M, ||c_j||), spectral over_spectral_ball(M, c))
         b_k = lin_k(W^(1/2) M) + ||W^(1/2) A^k|| rho0 + spectral wcs(W^(1/2) M_{k-1-j}, b_j)
         r_k = lin_k(M)         + ||A^k|| rho0         + spectral wcs(M_{k-1-j}, b_j).
 
     First order plus rest: rest(k+1) = A rest(k) + D_x e(k) and ||V^(-1/2)(e_j, 0)|| =
     ||W^(1/2) e_j|| <= b_j by induction. The Frobenius branch is the exact maximum of the first
-    order. All k and all inputs in one event. `noise`: the radii must be those of d + K columns; K
-    blocks M join the sum and ||c_j|| becomes sqrt(1 + ||c_j||^2).
+    order over the Frobenius ball; r is the smallest of n, k and the entries of c_j. All k and all
+    inputs in one event. `noise`: the radii must be those of d + K columns; K blocks M join the sum
+    and ||c_j|| becomes sqrt(1 + ||c_j||^2).
+
+    `to_come` = (N, end, before): Gaussian noise to come of covariance N, independent of the data.
+    Given them, n_k = sum_{p<k} A^p w is N(0, N_k), N_k = sum_{p<k} A^p N A^p'; r_k gets the
+    quantile of ||n_k||, b_k that of ||W^(1/2) n_k||, as e_k holds n_k, at the level `before` each,
+    r_K at `end`.
     """
     m = fitted
     n = len(m.H)
@@ -184,16 +243,27 @@ def several_steps(
         powers.append(A @ powers[-1])
     weights = np.hypot(1.0, sizes) if noise else np.array(sizes)
 
-    def linear(M: list[Array], k: int) -> float:
+    seen_by = np.array(c)  # rows c_j, with an entry of its own each for the noise
+    if noise:
+        seen_by = np.hstack([seen_by, np.eye(len(c))])
+
+    def linear(M: list[Array], k: int, effort: tuple[int, float]) -> float:
         if not np.all(np.isfinite(weights[:k])):
             return np.inf
-        blocks = [np.kron(c[j][None, :], M[k - 1 - j]) for j in range(k)]
-        total = sum(blocks, np.zeros((len(M[0]), n * len(m.white))))
-        if noise:
-            total = np.hstack([total, *[M[k - 1 - j] for j in range(k)]])
-        exact = _product(frobenius, float(np.linalg.norm(total, 2)))
-        crude = weighted_cauchy_schwarz([M[k - 1 - j] for j in range(k)], weights[:k])
-        return min(exact, _product(spectral, crude))
+        back, rows = [M[k - 1 - j] for j in range(k)], seen_by[:k]
+        total = sum(
+            (np.kron(a[None, :], m) for a, m in zip(rows, back, strict=True)),
+            np.zeros((len(M[0]), n * rows.shape[1])),
+        )
+        size, rank = float(np.linalg.norm(total, 2)), min(n, *rows.shape)
+        crude = weighted_cauchy_schwarz(back, weights[:k])
+        found = [
+            _product(min(frobenius, spectral * np.sqrt(rank)), size),
+            _product(spectral, crude),
+        ]
+        if rank > 1 and np.isfinite(spectral):
+            found.append(_product(spectral, over_spectral_ball(back, rows, *effort)))
+        return float(min(found))
 
     M = [power @ root for power in powers]
     WM = [half @ power @ root for power in powers]
@@ -203,11 +273,20 @@ def several_steps(
         past = np.array(rest)
         back = [M[k - 1 - j] for j in range(k)]
         back_W = [WM[k - 1 - j] for j in range(k)]
-        first.append(linear(M, k))
+        first.append(linear(M, k, OTHERS if k < len(c) else LAST))
         start = float(np.linalg.norm(powers[k], 2)) * rho0
         r.append(first[-1] + start + _product(spectral, weighted_cauchy_schwarz(back, past)))
         start = float(np.linalg.norm(half @ powers[k], 2)) * rho0
-        b = linear(WM, k) + start + _product(spectral, weighted_cauchy_schwarz(back_W, past))
+        b = (
+            linear(WM, k, OTHERS)
+            + start
+            + _product(spectral, weighted_cauchy_schwarz(back_W, past))
+        )
+        if to_come is not None:
+            N, end, before = to_come
+            N_k = sum((power @ N @ power.T for power in powers[:k]), np.zeros((n, n)))
+            r[-1] += normal_quantile(N_k, before if k < len(c) else end)
+            b += normal_quantile(half @ N_k @ half.T, before) if k < len(c) else 0.0
         rest.append(b if known else np.inf)
     return Steps(np.array(states), np.array(r), np.array(first), np.array(rest), np.array(sizes))
 

@@ -52,6 +52,35 @@ def f_upper(delta: float, a: float, b: float) -> float:
     return float(scipy().stats.f.isf(delta, a, b))
 
 
+def normal_quantile(covariance: Array, delta: float) -> float:
+    """t with P(||x|| > t) = `delta` for x ~ N(0, covariance).
+
+    With b = min lam_i, sum lam_i g_i^2 / b is a mixture of chi^2 of n + 2 k degrees with weights
+    a_0 = prod sqrt(b / lam_i), a_(k+1) = sum_i h_i / (2 (k + 1)), h_i <- (1 - b / lam_i) (h_i +
+    a_k), which are positive with sum 1 (Ruben 1962). Eigenvalues are raised to .001 of the largest.
+    """
+    values = np.linalg.eigvalsh(covariance)
+    top = float(values[-1])
+    if top <= 0.0:
+        return 0.0
+    lam = np.maximum(values[values > 1e-15 * len(values) * top] / top, 1e-3)
+    b = float(lam.min())
+    weights, h = [float(np.prod(np.sqrt(b / lam)))], np.zeros(len(lam))
+    total = weights[0]
+    while total < 1.0 - 1e-12 and len(weights) < 30_000:
+        h = (1.0 - b / lam) * (h + weights[-1])
+        weights.append(float(h.sum()) / (2.0 * len(weights)))
+        total += weights[-1]
+    degrees = len(lam) / 2.0 + np.arange(len(weights))
+    above = scipy().special.gammaincc
+
+    def left(q: float) -> float:
+        return float(np.dot(weights, above(degrees, q / (2.0 * b)))) - delta
+
+    high = 1.001 * chi2_upper(delta, len(lam))
+    return float(np.sqrt(top * root(left, 1e-6 * high, high)))
+
+
 def order_quantile(draws: Array, delta: float) -> float:
     """The ceil((1 - delta) (M + 1))-th smallest of M draws; infinite if there are too few.
 

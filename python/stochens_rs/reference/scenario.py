@@ -77,20 +77,13 @@ def judged(N: int, k: int, beta: float) -> float:
     return 1.0 if k >= N else _solve(f)
 
 
-def compression(N: int, k: int, beta: float) -> float:
-    """C(N, k) t^(N-k) = beta / N sum_{m=k}^{N-1} C(m, k) t^(m-k), e = 1 - t.
+def compression(N: int, k: int, beta: float, r: int = 0) -> float:
+    """C(N, k) P(Bin(N - k, e) <= r) = beta / N (Littlestone, Warmuth 1986).
 
-    k: size of any subset of the units that was verified to give the same u and value under one
-    tie-break; no nondegeneracy (Campi, Garatti 2023). Nothing verified: k = N.
+    k units alone give the command; at most r of the others miss more than the threshold.
     """
-    m = np.arange(k, N)
-
-    def f(x: float) -> float:
-        log_t = np.log1p(-np.exp(x))
-        right = np.log(beta) - np.log(N) + log_sum(log_choose(m, k) + (m - k) * log_t)
-        return float(log_choose(N, k) + (N - k) * log_t - right)
-
-    return 1.0 if k >= N else _solve(f)
+    shift = float(log_choose(N, k)) + np.log(N) - np.log(beta)
+    return 1.0 if k + r >= N else _solve(lambda x: log_at_most(N - k, r, x) + shift)
 
 
 def relaxed(N: int, k: int, beta: float) -> tuple[float, float]:

@@ -9,10 +9,10 @@ import numpy as np
 
 from .. import _core
 from .._base import gate, html, memory
-from .._base.records import SavedRecord
+from .._base.records import SavedRecord, require_shapes
 from .._base.threads import get_num_threads
 from .._base.types import Floats, Status
-from ..exceptions import InputError, NonFiniteError
+from ..exceptions import InputError, NonFiniteError, ShapeError
 from ..fusion.fusing import METHODS
 from ..plots.states import draw_tracking
 from ..rng import Key, RngLike, as_key
@@ -20,7 +20,7 @@ from ..system import System
 from ..theory.exact import REACHABLE, factors
 from ..theory.tracking import reference_residuals
 from ..theory.tracking.errors import checked_reference
-from .controlled import Driven, controlled, made_by
+from .controlled import Driven, check_info, controlled, made_by
 from .records import TrackingArrays
 from .simulating import columns
 
@@ -75,6 +75,21 @@ class Tracking(SavedRecord, TrackingArrays):
     status: Status
     info: dict[str, Any] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        *_, length, n = gate.kept("states", self.states, ndim=(2, 3)).shape
+        runs, m = self.states.shape[:-2], self.inputs.shape[-1] if self.inputs.ndim else 0
+        require_shapes(
+            self,
+            inputs=(*runs, length - 1, m),
+            errors=(*runs, length),
+            reference=(length, n),
+            residuals=(length - 1,),
+        )
+        check_info(self.info)
+        if length < 2 or not m:
+            raise ShapeError(f"`inputs` must have a step and an input, got {self.inputs.shape}")
+
     @property
     def mean_square(self) -> Floats:
         """``||x(k) - r(k)||^2`` averaged over the runs, shape (K + 1,)."""
@@ -124,7 +139,7 @@ class Tracking(SavedRecord, TrackingArrays):
         rows = [
             ("steps", html.grouped(len(self.residuals))),
             *made_by(self.info),
-            ("runs", self.info["runs"]),
+            ("runs", self.info.get("runs")),
             (f"off by{rms}", f"{distance[-1]:.4g} at the end, {distance.max():.4g} at most"),
             ("out of reach in one step", f"{self.residuals.max():.4g} at most"),
         ]
@@ -160,8 +175,9 @@ def track(
         `sample_states` and `method`.
     controller : Regulator or callable, optional
         ``u(k) = controller(x(k))``, for example what `regulate` makes. With `runs` every run begins
-        with a copy of the Regulator; without, it goes on itself, and its log has the run. Another
-        callable is called as it is.
+        with a copy of the Regulator; without, it goes on itself, and its log has the run. One with
+        the names of `system` in another order gets the states in its own order. Another callable is
+        called as it is.
     noise : float or array_like, shape (n,), optional
         With a `controller`: standard deviations of Gaussian noise w(k), added to every x(k + 1).
     feedback : bool, default True

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from .._base import gate, html
+from .._base.labels import order_of
 from .._base.types import worst
 from ..controls import Regulator
 from ..exceptions import InputError, InputTypeError, NonFiniteError
@@ -50,6 +51,9 @@ def controlled(
         raise InputError(
             f"`controller` must be for n={n} and m={m} as `system`, got n={loop.n} and m={loop.m}"
         )
+    # what the controller calls by the same names stands where it has it
+    order = order_of("system", system.labels, None if loop is None else loop._labels)
+    back = order.back()
     sigma = deviations(noise, n)
     states, inputs = np.empty((runs or 1, K + 1, n)), np.empty((runs or 1, K, m))
     seen: Counter[Status] = Counter()
@@ -59,7 +63,8 @@ def controlled(
         w = key.child(f"replicate-{i}").child("noise").generator().standard_normal((K, n)) * sigma
         x[0] = start
         for k in range(K):
-            u[k] = gate.vector("controller(x)", act(x[k].copy()), length=m)
+            found = gate.vector("controller(x)", act(order.of_states(x[k]).copy()), length=m)
+            u[k] = back.of_inputs(found)
             if isinstance(act, Regulator):
                 seen[act.log[-1].status] += 1
             with np.errstate(over="ignore", invalid="ignore"):
@@ -68,7 +73,7 @@ def controlled(
                 raise NonFiniteError(f"the state overflows at step {k + 1} under `controller`")
     info = {
         "controller": type(controller).__name__,
-        "limits": None if loop is None else loop.limits,
+        "limits": None if loop is None else tuple(map(back.of_inputs, loop.limits)),
         "statuses": dict(seen),
         "noise": sigma,
     }
@@ -85,13 +90,26 @@ def deviations(noise: Any, n: int) -> Floats:
     return sigma.copy()
 
 
+def check_info(info: dict[str, Any]) -> None:
+    """Refuse a description of what chose the inputs that `made_by` cannot read."""
+    for name in ("size", "runs"):
+        if info.get(name) is not None:
+            gate.size(f"info['{name}']", info[name])
+    limits = info.get("limits")
+    if limits is not None:
+        pair = isinstance(limits, tuple) and len(limits) == 2
+        if not pair or not all(isinstance(one, np.ndarray) and one.ndim == 1 for one in limits):
+            raise InputTypeError(f"`info['limits']` must be (low, high), got {gate.show(limits)}")
+        gate.instance("info['statuses']", info.get("statuses"), dict)
+
+
 def made_by(info: dict[str, Any]) -> Iterator[tuple[str, object]]:
     """Rows about what chose the inputs."""
     if "size" in info:
         yield "realizations N per step", html.grouped(info["size"])
         return
-    yield "controller", info["controller"]
-    if info["limits"] is not None:
+    yield "controller", info.get("controller")
+    if info.get("limits") is not None:
         low, high = map(html.vector, info["limits"])
         yield "limits", f"{low} to {high}"
         yield "calls", ", ".join(f"{count} {what}" for what, count in info["statuses"].items())

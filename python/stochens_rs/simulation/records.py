@@ -52,6 +52,7 @@ class Trajectory(SavedRecord, Phased, Timed):
     labels: Labels | None = None
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         n, m = _over_time(self, "states")
         fitting(self.labels, n, m)
 
@@ -177,6 +178,7 @@ class EnsembleTrajectory(SavedRecord, Phased, Timed):
     labels: Labels | None = None
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         n, m = _over_time(self, "mean")
         fitting(self.labels, n, m)
         size, K = gate.size("replicates", self.replicates), self.steps

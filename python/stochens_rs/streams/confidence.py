@@ -11,6 +11,7 @@ from .. import _core
 from .._base import html
 from .._base.threads import interruptible
 from ..exceptions import InputError
+from ..theory.exact import EPS
 from .state import ENTITIES
 
 if TYPE_CHECKING:
@@ -29,7 +30,8 @@ class Confidence:
     Attributes
     ----------
     state : float
-        Radius for the state: ``||B (v - v*)|| <= state`` with v* the control from the exact means.
+        Radius for the state: ``||B (v - v*)|| <= state`` with v* the control from the exact means
+        and v the one in doubles, whose rounding is included.
     x0, xf, A : float
         Radii for x0 and xf (2-norm) and A (Frobenius norm).
     delta : float
@@ -99,6 +101,8 @@ def radii_of_means(
     # r_f + (||FA|| + r_A) r_0 + r_A ||F0||, where inf * 0 counts as 0
     parts = [(norm + rA, r0), (rA, float(np.linalg.norm(x0)))]
     state = rf + sum(a * b if a != 0.0 and b != 0.0 else 0.0 for a, b in parts)
+    # the control in doubles, and rounding of norms and sums
+    state += core.control()[1] + len(x0) * 4.0 * EPS * state
     single = [name for name, r in zip(ENTITIES, radii, strict=True) if not np.isfinite(r)]
     reason = None
     if single:

@@ -146,9 +146,9 @@ class DataStream(Durable):
 
     @property
     def u(self) -> Floats:
-        """The control v, shape (m,); needs a realization of x0, xf and A."""
+        """The control v, rounded to doubles, shape (m,); needs a realization of x0, xf and A."""
         self._seen("u")
-        return self._core.control()
+        return self._core.control()[0]
 
     @property
     def estimates(self) -> dict[str, Floats]:
@@ -167,7 +167,8 @@ class DataStream(Durable):
     def certificate(self) -> float | None:
         """Upper bound on `error`: ``||P [(Ff - xf) - A (F0 - x0)]|| + ||FA - A|| ||F0||``.
 
-        With the targets xf, x0, A and ``P = B B^+``. None unless all three targets are given.
+        With the targets xf, x0, A and ``P = B B^+``; and what rounding may add, that of `u` to
+        doubles included. None unless all three targets are given.
         """
         self._seen("certificate")
         found = self._core.certificate()
@@ -175,7 +176,7 @@ class DataStream(Durable):
 
     @property
     def error(self) -> float | None:
-        """``||B (v - v*)||``, v* from the targets; None unless all three targets are given."""
+        """``||B (u - v*)||``, v* from the targets; None unless all three targets are given."""
         self._seen("error")
         found = self._core.certificate()
         return None if found is None else found[1]
@@ -206,8 +207,9 @@ class DataStream(Durable):
         independent with the same law. Then, with probability at least 1 - delta and for **all**
         numbers of realizations at once, ``||F - mu|| <= r`` for each of x0, xf and A, and
         ``||B (v - v*)|| <= r_f + (||FA|| + r_A) r_0 + r_A ||F0||``; mu are the exact means of the
-        laws and v* is the control from them. It may therefore be evaluated after any realization,
-        also to decide when to stop. A bias of the realizations is not covered.
+        laws and v* is the control from them. The rounding of `u` is added to `state`. It may
+        therefore be evaluated after any realization, also to decide when to stop. A bias of the
+        realizations is not covered.
 
         *Radius.* Bernstein's inequality for vectors, independent of the dimension, with the
         variance V bounded from the data. With ``D^2 = sum ||E_i - F||^2`` and delta_E = delta /

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
-from math import inf, isfinite
+from math import floor, inf, isfinite, log2
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,7 +18,6 @@ from .._base import gate, html
 from .._base.numbers import norm
 from .._base.records import Record
 from ..exceptions import DataWarning
-from ..identification.least_squares import only_rounding
 from ..theory.dynamics import matrix_powers
 from ..theory.exact import best_control
 
@@ -56,6 +55,9 @@ class Look(Record):
         The probability that any certificate of the stream is wrong, at most.
     assumption : str
         What the certificate rests on.
+    doubts : tuple of str
+        Why `certificate` is infinite however many pairs there are: columns that are no states of a
+        plant, unless they are declared as `exact`.
     """
 
     u: Floats
@@ -67,8 +69,10 @@ class Look(Record):
     size: int
     delta: float
     assumption: str
+    doubts: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         gate.kept("u", self.u, ndim=(2,))
         gate.positive("tol", self.tol)
         gate.size("size", self.size, minimum=0)
@@ -88,6 +92,7 @@ class Look(Record):
     def __repr__(self) -> str:
         pairs = html.number_of(self.size, "pair")
         then = "enough" if self.stop else f"forecast: {self._more()}"
+        then += html.warned(self.doubts)
         return f"<Look: within {self.certificate:.4g} after {pairs}, tol {self.tol:g}, {then}>"
 
     def _repr_html_(self) -> str:
@@ -99,6 +104,7 @@ class Look(Record):
             ("the model ends", f"{self.reach:.4g} from xf"),
             ("the system", f"{self.model_error:.4g} from there at most, without noise"),
             ("for", self.assumption),
+            *(("nothing is certified", text) for text in self.doubts),
             ("forecast", None if self.stop else self._more()),
             ("control u", html.vector(self.u.ravel())),
         ]
@@ -110,17 +116,17 @@ FAR = 2.0**30  # pairs; laws of more are slow to compute
 
 def look(model: Snapshot, x0: Floats, xf: Floats, u: Floats | None, steps: int, tol: float) -> Look:
     """Control by the model, or the given u; its certificate, and the forecast."""
-    region, fitted = model.region(), model._block.fitted
-    outcomes = model.triangle[:, -model.n :]
-    if model.assumptions.known is None and fitted.nu > 0 and only_rounding(fitted, outcomes):
-        said = "residuals are 0 but for rounding, which the certificate does not cover"
-        warnings.warn(DataWarning(said), stacklevel=3)
+    region = model.region()
+    for said in model.doubts:
+        warnings.warn(DataWarning(f"the certificate is infinite: {said}"), stacklevel=3)
     if u is None:
         A, goal = model.A, xf
         if model.c is not None:  # x(K) = A^K x0 + C_K u + sum_{k<K} A^k c
             goal = xf - matrix_powers(A, steps)[:-1].sum(axis=0) @ model.c
         u = best_control(A, model.B, x0, goal, steps).u.reshape(steps, model.m)
     end, error = _ends(model, region, x0, u)
+    if model.doubts:
+        error = inf
     reach = norm(end - xf)
     return Look(
         u=gate.frozen(u),
@@ -128,10 +134,11 @@ def look(model: Snapshot, x0: Floats, xf: Floats, u: Floats | None, steps: int, 
         reach=reach,
         model_error=error,
         tol=tol,
-        forecast=_forecast(model, x0, u, reach, error, tol),
+        forecast=inf if model.doubts else _forecast(model, x0, u, reach, error, tol),
         size=model.size,
         delta=model.delta,
         assumption=region.assumption,
+        doubts=model.doubts,
     )
 
 
@@ -142,7 +149,6 @@ def _ends(model: Snapshot, region: Region, x0: Floats, u: Floats) -> tuple[Float
     # columns: a root of S; of any S where there is no bound
     values, vectors = np.linalg.eigh(part.S if isfinite(factor) else np.eye(model.n))
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    spectral, wider = np.sqrt(factor), np.sqrt(factor * min(model.n, fitted.rank))
     states, radii, *_ = _core.several_steps(
         model._Theta,
         np.ascontiguousarray(fitted.white),
@@ -152,7 +158,8 @@ def _ends(model: Snapshot, region: Region, x0: Floats, u: Floats) -> tuple[Float
         x0,
         u,
         model.intercept,
-        (float(spectral), float(wider), 0.0, False),
+        (float(np.sqrt(factor)), inf, 0.0, False),
+        None,
     )
     return states[-1], float(radii[-1])
 
@@ -168,7 +175,8 @@ def _forecast(
         return inf
     while error > room and size < FAR:
         before = size, error
-        later = model._after(2.0 * size)
+        # powers of 2: all looks share the quantiles for these numbers of pairs, which are kept
+        later = model._after(2.0 ** (floor(log2(size)) + 1))
         size, error = float(later.size), _ends(later, later._region(model.delta), x0, u)[1]
     if error > room:  # far away, the error falls as N^(-1/2)
         size *= (error / room) ** 2

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from ..identification.assumptions import (
     checked_assumptions,
     checked_scale,
 )
+from ..identification.files import exact_states
 from ..identification.levels import GRID, PRIOR_NOISE
 from .snapshot import Snapshot
 
@@ -67,6 +69,7 @@ def to_sections(model: Snapshot) -> dict[str, Any]:
         "dt": np.array([model.dt or 0.0]),
         "mixtures": MIXTURES,
         "names": np.frombuffer(names, dtype=np.uint8),
+        "exact": np.array(assumed.exact, dtype=np.uint64),
     }
 
 
@@ -95,7 +98,9 @@ def from_sections(sections: dict[str, Any]) -> Snapshot:
         size=size,
         n=n,
         m=m,
-        assumptions=_assumptions(n, design, noise, covariance, known),
+        assumptions=replace(
+            _assumptions(n, design, noise, covariance, known), exact=exact_states(sections, n)
+        ),
         scale=gate.frozen(scale),
         intercept=bool(offset),
         delta=delta,

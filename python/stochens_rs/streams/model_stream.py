@@ -50,7 +50,7 @@ class ModelStream(Durable):
         "adaptive": inputs may depend on all that was seen before. "independent": your declaration
         that no state or input of a pair depends on the noise of any pair, nor on a look; regions
         are then exact and usually smaller, but looks are possible at planned numbers of pairs only.
-    noise, covariance, sigma, intercept, scale
+    noise, covariance, sigma, intercept, scale, exact
         As in `identify`; `noise` is not "symmetric". States must be measured without error.
     delta : float, default 0.05
         The probability that any look at the stream is wrong, at most, in (0, 1).
@@ -109,6 +109,7 @@ class ModelStream(Durable):
         sigma: float | None = None,
         intercept: bool = False,
         scale: ArrayLike = 1.0,
+        exact: Sequence[str | int] = (),
         delta: float = DELTA,
         first: int | None = None,
         dt: float | None = None,
@@ -119,12 +120,13 @@ class ModelStream(Durable):
         offset = gate.flag("intercept", intercept)
         d = states + inputs + offset
         memory.need("a stream", 4 * 8 * (d + states) ** 2)  # two triangles, the model
-        assumed = checked_assumptions(states, design, noise, covariance, sigma, "none")
+        names = checked_names(states, inputs, state_names, input_names)
+        declared = design, noise, covariance, sigma, "none", exact, names[0]
+        assumed = checked_assumptions(states, *declared)
         refuse(assumed)
         if first is not None and assumed.design == "adaptive":
             raise InputError("`first` needs design='independent': others may be looked at any time")
         begin = 2 * (states + d) if first is None else gate.size("first", first)
-        names = checked_names(states, inputs, state_names, input_names)
         about = Snapshot(
             triangle=gate.frozen(np.zeros((d + states,) * 2)),
             size=0,
@@ -262,7 +264,7 @@ class ModelStream(Durable):
         Warns
         -----
         DataWarning
-            If the residuals are 0 but for rounding, which no certificate covers.
+            If columns are tied exactly and not declared as `exact`: the certificate is infinite.
 
         Notes
         -----

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._base import gate, memory
-from .._base.labels import checked_names
+from .._base.labels import Labels, checked_names, order_of
 from ..exceptions import InputError
 from ..identification.trajectories import Trajectories
 
@@ -27,7 +27,10 @@ def pair_rows(about: Snapshot, x: Any, u: Any, x_next: Any) -> Floats:
         if u is not None or x_next is not None:
             raise InputError("`u` and `x_next` must be left out with Trajectories")
         _refuse_runs(about, x)
+        order = order_of("x", Labels(x.state_names, x.input_names), about.labels)
         before, inputs, after = x.pairs()
+        before, after = order.of_states(before), order.of_states(after)
+        inputs = order.of_inputs(inputs)
     elif u is None or x_next is None:
         raise InputError("`u` and `x_next` must be given with `x`")
     elif gate.array("x", x, ndim=(1, 2)).ndim == 1:
@@ -57,7 +60,7 @@ def _refuse_runs(about: Snapshot, runs: Trajectories) -> None:
         )
     names = about.state_names, about.input_names
     theirs = runs.state_names, runs.input_names
-    if theirs != names:
+    if any(sorted(mine) != sorted(its) for mine, its in zip(names, theirs, strict=True)):
         named = names != checked_names(about.n, about.m, None, None)
         pass_on, to = (names, "the runs") if named else (theirs, "ModelStream")
         raise InputError(

@@ -58,7 +58,7 @@ class Trace:
     certificates : ndarray, shape (k,)
         The bound on ``||B (v - v*)||``; nan for the variants "semi" and "literal".
     errors : ndarray, shape (k,)
-        ``||B (v - v*)||``.
+        ``||B (v - v*)||`` without the rounding of v to doubles.
     step_sizes : ndarray, shape (k,)
         The step size t of each of these steps (1 at the start).
     """

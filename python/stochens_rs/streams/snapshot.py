@@ -14,6 +14,7 @@ from .._base.labels import checked_names
 from ..exceptions import InputError
 from ..identification.assumptions import Assumptions
 from ..identification.certifying import Block, Wish, blocks, parts
+from ..identification.dependences import exact_relations, spanned, tested_rows
 from ..identification.estimate import cautions
 from ..identification.identified import Identified
 from ..identification.least_squares import named
@@ -108,7 +109,14 @@ class Snapshot(Identified):
     @property
     def warnings(self) -> tuple[str, ...]:
         """What to be careful about, one sentence each."""
-        return tuple(cautions([self._block], self.missing, self.triangle[:, self._d :]))
+        return (*self.doubts, *cautions([self._block], self.missing))
+
+    @cached_property
+    def doubts(self) -> tuple[str, ...]:
+        """Why no certificate is finite: exact relations that were not declared, as in `Model`."""
+        f = self._block.fitted
+        found = spanned(f, tested_rows(self.assumptions, None, self.n))
+        return exact_relations(f, found, self.state_names)
 
     def region(
         self, delta: float | None = None, *, future: int = 0, frobenius: bool = False
@@ -180,7 +188,7 @@ class Snapshot(Identified):
             delta /= (j + 1.0) * (j + 2.0)
             text = f"{self.assumptions.text}, independent of all states and inputs, planned looks"
         wish = Wish(delta, anytime=True)
-        made, _ = parts([self._block], self.assumptions, wish, self.scale, self.n)
+        made, _, covariance = parts([self._block], self.assumptions, wish, self.scale, self.n)
         # ||G||_F <= sqrt(min(n, rank)) ||G||: the same event
         wider = float(np.sqrt(made[0].factor * min(self.n, self.rank))) if frobenius else None
         return Region(
@@ -191,6 +199,7 @@ class Snapshot(Identified):
             missing=self.missing,
             parts=made,
             frobenius=wider,
+            noise=None if covariance is None else gate.frozen(covariance),
         )
 
     def _size_after(self, size: float) -> int:
@@ -208,7 +217,8 @@ class Snapshot(Identified):
         dt = "" if self.dt is None else f" dt={self.dt:g}"
         pairs = html.number_of(self.size, "pair")
         design = self.assumptions.design
-        return f"<Snapshot: n={self.n} m={self.m}{dt}, {pairs}, {design} design{rank}>"
+        warned = html.warned(self.warnings)
+        return f"<Snapshot: n={self.n} m={self.m}{dt}, {pairs}, {design} design{rank}{warned}>"
 
     def _repr_html_(self) -> str:
         rows = [("assumed", self.assumptions.text), *(("warning", text) for text in self.warnings)]

@@ -69,7 +69,7 @@ class Stream(Durable):
     -----
     *Invariant* (corrected Algorithm 1): in the consistent variant, ``v = B^+ (Ff - FA F0)`` after
     every step. A step costs O(n) (more above n = 300 or so, where A leaves the processor's caches),
-    `u` O(n m), `certificate` and `error` O(n^2). All running sums are computed again every
+    `u`, `certificate` and `error` O(n^2 + n m). All running sums are computed again every
     ``16 max(n, 16)`` steps; `drift` is the largest correction so far.
 
     *Mean-square bound*, for ``n_i`` realizations in slot i, chosen independently of them, and
@@ -150,7 +150,7 @@ class Stream(Durable):
 
     @property
     def u(self) -> Floats:
-        """The control v, shape (m,)."""
+        """The control v of the estimates, rounded to doubles, shape (m,)."""
         return self._core.control()
 
     @property
@@ -168,14 +168,15 @@ class Stream(Durable):
     def certificate(self) -> float | None:
         """Upper bound on `error`: ``||P [(Ff - xf) - A (F0 - x0)]|| + ||FA - A|| ||F0||``.
 
-        ``P = B B^+``. None for the variants "semi" and "literal".
+        ``P = B B^+``; and what rounding may add, that of `u` to doubles included. None for the
+        variants "semi" and "literal".
         """
         value = self._core.certificate()[0]
         return None if np.isnan(value) else value
 
     @property
     def error(self) -> float:
-        """``||B (v - v*)||``, ``v* = B^+ (xf - A x0)``: distance from the best reachable state."""
+        """``||B (u - v*)||``, ``v* = B^+ (xf - A x0)``: distance from the best reachable state."""
         return self._core.certificate()[1]
 
     @property

@@ -17,7 +17,12 @@ from ..exceptions import InputError, InputTypeError
 from .digest import digest
 
 Label: TypeAlias = bool | int | float | str | None
-_RESERVED = ("key", "replicate", "status", "name")
+# arguments of functions, and what results, their `about` and their summaries have themselves
+_RESERVED = (
+    *("key", "self", "replicate", "replicates", "name", "status", "schema", "grid", "values"),
+    *("units", "failures", "seconds", "done", "failed", "mean", "standard_error", "median"),
+    *("q10", "q90", "function", "stochens_rs", "python", "numpy", "platform", "processor"),
+)
 
 
 @dataclass(frozen=True)
@@ -74,14 +79,15 @@ class Grid:
         }
         return json.dumps(labels, sort_keys=True, separators=(",", ":"))
 
-    def described(self) -> dict[str, Any]:
+    def described(self, home: str = "") -> dict[str, Any]:
         """What must agree for a study to be continued, as plain values.
 
-        Objects are described by their digests, None stands for a value that is its own label.
+        Objects are described by their digests (see `digest` for `home`), None stands for a value
+        that is its own label.
         """
         digests = {
             name: [
-                None if value is label else digest(f"grid[{name!r}]", value)
+                None if value is label else digest(f"grid[{name!r}]", value, home)
                 for label, value in zip(labels, self.values[name], strict=True)
             ]
             for name, labels in self.labels.items()
@@ -102,8 +108,13 @@ def checked_grid(grid: object, nested: object = None, shared: object = ()) -> Gr
     values: dict[str, tuple[Any, ...]] = {}
     for name, given in grid.items():
         gate.text("grid", name)
-        if not name.isidentifier() or keyword.iskeyword(name) or name in _RESERVED:
+        if not name.isidentifier() or keyword.iskeyword(name):
             raise InputError(f"`grid` must name its axes as arguments of a function, got {name!r}")
+        if name in _RESERVED:
+            raise InputError(
+                f"`grid` must not have an axis {name!r}: this name is that of something else in "
+                "results, choose another one"
+            )
         labels[name], values[name] = _axis(f"grid[{name!r}]", given)
     names = tuple(labels)
     if nested is not None:

@@ -10,10 +10,10 @@ from .._core import version
 from ..exceptions import InputError, StateError
 from ..rng import Key
 from .block import Block, Function
-from .digest import digest, full_name
+from .digest import digest, full_name, home_of
 from .grid import Grid
 
-SCHEMA = "stochens-study/1"
+SCHEMA = "stochens-study/2"
 MOST = 2**40  # tasks
 
 Manifest = dict[str, Any]
@@ -21,14 +21,15 @@ Manifest = dict[str, Any]
 
 def described(function: Function, grid: Grid, key: Key, replicates: range) -> Manifest:
     """The manifest of a study."""
+    home = home_of(function)
     return {
         "schema": SCHEMA,
         "stochens_rs": version(),
         "key": key.hex,
-        **grid.described(),
+        **grid.described(home),
         "replicates": [replicates.start, replicates.stop],
         "function": full_name(function),
-        "function_digest": digest("function", function),
+        "function_digest": digest("function", function, home),
     }
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._base import gate
+from .._base.numbers import norm
 from .._base.records import Record
 from .._base.types import Floats
 from ..ensembles.sampling import sample
@@ -102,7 +103,7 @@ class SamplingError(Record, listed=False):
         """
         exact = {"x0": self.x0, "xf": self.xf, "A": self.system.A}
         values = {**exact, "control": self._best.u, "state": self._best.reached}
-        found = {name: float(np.linalg.norm(value)) for name, value in values.items()}
+        found = {name: norm(value) for name, value in values.items()}
         return {name: value for name, value in found.items() if value}
 
     def __call__(self, key: Key, size: ArrayLike, method: Method) -> dict[str, Floats]:

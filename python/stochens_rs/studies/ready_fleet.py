@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -75,11 +75,6 @@ def fleet(
     InputError, InputTypeError
         If the arguments do not fit together.
 
-    Notes
-    -----
-    With risk="worst" a replicate fails where the command is not optimal, which happens with R=0 and
-    many inputs without limits.
-
     Examples
     --------
     >>> import stochens_rs as se
@@ -94,7 +89,7 @@ def fleet(
         raise InputError("`spread` must be given for one nominal system, and only there")
     law = SystemEnsemble.from_systems([units]) if nominal else read_systems(units)
     read_units(law, gate.vector("x0", x0), xf, steps, Q)
-    sides("limits", limits, gate.size("steps", steps), default_labels(law.n, law.m))
+    sides("limits", limits, gate.size("steps", steps), law.labels or default_labels(law.n, law.m))
     if R is not None:
         weight("R", R, law.m)
     return Fleet(
@@ -202,7 +197,7 @@ class Fleet(Record, listed=False):
         gen, law = key.generator(), self.law
         if self.spread is None:
             s = gen.integers(0, law.size, count)
-            return SystemEnsemble(law.A[s], law.B[s], None if law.c is None else law.c[s])
+            return replace(law, A=law.A[s], B=law.B[s], c=None if law.c is None else law.c[s])
         draw, scale = gen.standard_normal, self.spread
         A, B = (M * (1.0 + scale * draw((count, *M.shape[1:]))) for M in (law.A, law.B))
-        return SystemEnsemble(A, B)
+        return SystemEnsemble(A, B, labels=law.labels)

@@ -9,11 +9,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._base import gate
+from .._base.labels import order_of
 from .._base.records import Record
 from .._base.types import Floats
 from ..controls.regulating import regulate
 from ..controls.regulator import checked_model
 from ..controls.task import sides, weight
+from ..exceptions import InputError, ShapeError
+from ..identification.identified import Identified
 from ..rng import Key
 from ..simulation.closed_loop import track
 from ..simulation.controlled import deviations
@@ -89,7 +92,7 @@ def closed_loop(
     goal = np.zeros(n)
     if xf is not None:
         goal = gate.vector("xf", xf, length=n, labels=known.state_names).copy()
-    acting = known if model is None else checked_model(model)
+    acting = known if model is None else _acting(model, known)
     options = {"Q": Q, "R": R, "state_limits": state_limits, "soft": soft}
     regulate(acting, steps, goal, limits=_pair(limits), **options)  # refuses what does not fit
     return ClosedLoop(
@@ -147,7 +150,7 @@ class ClosedLoop(Record, listed=False):
         now, (n, m) = changed(self, **axes), self.system.B.shape
         limits = _pair(now.limits)
         loop = regulate(
-            now.model,
+            _acting(now.model, self.system),
             now.steps,
             self.xf,
             limits=limits,
@@ -168,6 +171,24 @@ class ClosedLoop(Record, listed=False):
             "violation": float(max(0.0, (x - above).max(), (below - x).max())),
             "distance": float(ride.errors[-1]),
         }
+
+
+def _acting(model: Any, system: System) -> System | Identified:
+    """The model that plans, in the order of the system whose limits and weights it gets."""
+    acting = checked_model(model)
+    if acting.B.shape != system.B.shape:
+        raise ShapeError(
+            f"`model` must have n={system.n} and m={system.m} as `system`, got "
+            f"n={acting.B.shape[0]} and m={acting.B.shape[1]}"
+        )
+    if isinstance(acting, System):
+        return acting._in_order("model", system.labels)
+    if order_of("model", acting.labels, system.labels) != (None, None):
+        raise InputError(
+            "`model` must have its states and inputs in the order of `system`: identify it with "
+            "the names in this order"
+        )
+    return acting
 
 
 def _pair(limits: Any) -> Any:

@@ -34,7 +34,7 @@ class Results(Tabled):
     ----------
     status : str
         "completed"; "time_limit"; "interrupted" by Ctrl-C or SIGTERM; "workers_lost": the workers
-        of the executor died. All but the first can be run on.
+        of the executor died or could not be started. All but the first can be run on.
     grid : dict of str to tuple
         The labels of each axis.
     replicates : range
@@ -189,7 +189,7 @@ class Results(Tabled):
             look = style and {"color": style.color, "marker": style.marker, "linestyle": style.line}
             named = None if hue is None else style.label if style else f"{hue} = {label}{unit}"
             lines.append(Line(named, band[0], band[1], band[2], look or {}))
-        said = f"10-90 % of {len(self.replicates)} replicates"
+        said = f"10-90 % of {_counted(np.sum(~np.isnan(cube), axis=2), len(self.replicates))}"
         of_x, of_y = (labelled(name, self.units) for name in (x, y))
         return draw_bands(self.grid[x], lines, of_x, of_y, said, ax)
 
@@ -208,6 +208,14 @@ class Results(Tabled):
         rows = [*self.about.items(), ("digest", self.digest[:16])]
         body = table.texts()[1:41]
         return html.card(self, rows, html.grid(table.texts()[0], body) if body else "")
+
+
+def _counted(drawn: NDArray[np.int64], replicates: int) -> str:
+    """How many replicates each point of a figure stands for, of all."""
+    least, most = int(drawn.min()), int(drawn.max())
+    if least == replicates:
+        return f"{replicates} replicates"
+    return f"{most if least == most else f'{least} to {most}'} of {replicates} replicates"
 
 
 def _quantiles(values: Floats) -> tuple[float, float, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import os
 import sys
 import time
@@ -90,6 +91,7 @@ class Run:
         self._work, self._layout, self._keep, self._idle = work, layout, keep, idle
         self._interruption = interruption
         self._end = None if time_limit is None else time.monotonic() + time_limit
+        self.reason: Exception | None = None  # why the last worker that was not started was not
 
     def _over(self) -> Status | None:
         """Why the run is to end now, if it is."""
@@ -114,7 +116,7 @@ class Run:
     def by(self, executor: Executor, spans: Iterable[Span]) -> Status:
         """Run all tasks by an executor; "workers_lost" if its workers have died."""
         pending: dict[Future[Block], Span] = {}
-        workers = workers_of(executor)
+        workers, self.reason = workers_of(executor), None
         try:
             return self._by(executor, Blocks(spans, _THERE, workers), workers, pending)
         finally:
@@ -144,6 +146,7 @@ class Run:
                 span = blocks.take()
                 future = self._submitted(executor, span)
                 if future is None:
+                    self._wait_for_last(pending)
                     return "workers_lost"
                 pending[future] = span
             if not pending:
@@ -169,6 +172,9 @@ class Run:
         try:
             return executor.submit(run_block, self._work, *span, self._layout)
         except BrokenExecutor:
+            return None
+        except (OSError, EOFError) as error:  # a worker could not be started
+            self.reason = error
             return None
         except Exception as error:
             raise InputError(f"`executor` does not take tasks: {_one_line(error)}") from error
@@ -236,13 +242,23 @@ def run_all(run: Run, executor: ExecutorLike, waiting: Callable[[], list[Span]])
         try:
             status = run.by(made, waiting())
         finally:  # blocks that still run are not wanted
-            made.shutdown(wait=status == "completed", cancel_futures=True)
+            _shut_down(made, wait=status == "completed")
         if status != "workers_lost":
             return status
         before, left = left, sum(stop - start for start, stop in waiting())
         tries = tries + 1 if left == before else 0
         if tries >= _LOST:
+            if run.reason is not None:
+                text = f"`executor` cannot start workers: {_one_line(run.reason)}"
+                raise InputError(text) from run.reason
             return status
+
+
+def _shut_down(executor: Executor, *, wait: bool) -> None:
+    """Give up its workers; not all executors have an option to cancel what waits."""
+    takes = inspect.signature(executor.shutdown).parameters
+    options = {"cancel_futures": True} if "cancel_futures" in takes else {}
+    executor.shutdown(wait=wait, **options)
 
 
 def checked_executor(executor: object) -> ExecutorLike:

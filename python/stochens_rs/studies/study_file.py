@@ -1,8 +1,9 @@
 """The file of a study: what the study is, then blocks of numbers as they are done.
 
 Each record is a state file of `docs/state-format.md` with its length (8 bytes, little-endian)
-before it: first the manifest, then blocks, numbered by their generation. Records are only ever
-appended. An incomplete last one, of a writer that was killed, is replaced by the next.
+before it, and a mark behind it that is written when the record is on the disk: first the manifest,
+then blocks, numbered by their generation. Records are only ever appended. A last one that cannot be
+read is replaced by the next if no mark follows: its writer was killed. With a mark it is damaged.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import os
 import stat
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -23,8 +25,8 @@ from ..exceptions import InputError, InputTypeError, StateError, StateIOError, S
 from .block import DONE, FAILED, Block, Layout
 
 MANIFEST, BLOCK = "study", "study-block"  # kinds of records
-_BEGINNING = b'{"__metadata__":{"format":"stochens"'  # of each record, behind two lengths
-_AHEAD = 16
+_MARK = b"\x89STU\r\n\x1a\xff"  # then where its record begins; in no text, and in no plain number
+_MARKED = len(_MARK) + 8
 EVERY = 1.0  # seconds between two writes
 _MOST_BYTES = 2**26  # that wait to be written
 _PIECE = 2**20
@@ -47,7 +49,7 @@ class StudyFile:
         part = f"{self.path}.part"
         try:
             with open(part, "wb") as file:
-                file.write(_framed(MANIFEST, 1, {"manifest": _json(manifest)}))
+                file.write(_framed(MANIFEST, 1, {"manifest": _json(manifest)}) + _mark(0))
                 file.flush()
                 os.fsync(file.fileno())
             os.replace(part, self.path)
@@ -60,15 +62,16 @@ class StudyFile:
 
     def extend(self) -> Iterator[Block]:
         """Return the blocks of an existing file; then more can be appended."""
-        end = 0
-        for at, found in records(self.path):
-            self._records, end = self._records + 1, at
+        start = end = 0
+        for at, after, found in records(self.path):
+            self._records, start, end = self._records + 1, at, after
             if isinstance(found, list):
                 yield from found
         try:
             self._file = open(self.path, "r+b", buffering=0)  # noqa: SIM115
-            self._file.truncate(end)
             self._file.seek(end)
+            self._write(_mark(start))  # the writer may have been killed before it
+            self._file.truncate()
         except OSError as error:
             raise _failed(error, self.path) from error
 
@@ -90,16 +93,24 @@ class StudyFile:
         self._last = time.monotonic()
         if not self._waiting or self._file is None:
             return
-        self._records += 1
-        record = _framed(BLOCK, self._records, _sections(self._waiting))
+        record = _framed(BLOCK, self._records + 1, _sections(self._waiting))
+        start = self._file.tell()
         try:
-            written = 0
-            while written < len(record):
-                written += self._file.write(memoryview(record)[written:])
+            self._write(record)
             os.fsync(self._file.fileno())
+            self._write(_mark(start))
         except OSError as error:
+            with suppress(OSError):  # nothing may be appended to a part of a record
+                self._file.seek(start)
+                self._file.truncate()
             raise _failed(error, self.path) from error
+        self._records += 1
         self._waiting, self._bytes = [], 0
+
+    def _write(self, content: bytes) -> None:
+        written = 0
+        while self._file is not None and written < len(content):
+            written += self._file.write(memoryview(content)[written:])
 
     def close(self) -> None:
         """Give the file free; what waits is not written."""
@@ -110,22 +121,23 @@ class StudyFile:
 
 def read_manifest(path: str) -> dict[str, Any]:
     """Return the first record of a file."""
-    for _, found in records(path):
+    for _, _, found in records(path):
         return found  # type: ignore[return-value]
     raise StateError(f"{path} is not the file of a study: it is empty")
 
 
 def read_blocks(path: str) -> Iterator[Block]:
     """Yield the blocks of a file in their order."""
-    for _, found in records(path):
+    for _, _, found in records(path):
         if isinstance(found, list):
             yield from found
 
 
-def records(path: str) -> Iterator[tuple[int, dict[str, Any] | list[Block]]]:
-    """Yield the records: where each ends, and the manifest or blocks.
+def records(path: str) -> Iterator[tuple[int, int, dict[str, Any] | list[Block]]]:
+    """Yield the records: where each begins and ends, and the manifest or blocks.
 
-    Stops in front of an incomplete last record. Raises `StateError` if any other is damaged.
+    Stops in front of a last record that was not completed. Raises `StateError` if any other cannot
+    be read.
     """
     try:
         # without waiting for a writer, should it be a pipe
@@ -154,30 +166,44 @@ def records(path: str) -> Iterator[tuple[int, dict[str, Any] | list[Block]]]:
             except StateError as error:
                 if not number:
                     raise StateError(f"{path} is not the file of a study: {error}") from error
-                if _goes_on(file, at):
+                if _marked(file, at):
                     raise StateError(f"{path} is damaged at byte {at}: {error}") from error
                 return
-            at, number = at + 8 + length, number + 1
+            start, end, number = at, at + 8 + length, number + 1
             if generation != number:
-                raise StateError(f"{path} must have record {number} at {at}, got {generation}")
+                raise StateError(f"{path} must have record {number} at {start}, got {generation}")
             try:
-                yield at, (_blocks if kind == BLOCK else _manifest)(sections)
+                yield start, end, (_blocks if kind == BLOCK else _manifest)(sections)
             except (KeyError, InputError, InputTypeError, ValueError, RecursionError) as error:
                 text = f"{path}: record {number} is not one of a study: {error}"
                 raise StateError(text) from error
+            if file.read(_MARKED) != _mark(start):
+                if _marked(file, end):
+                    raise StateError(f"{path} is damaged at byte {end}: no mark of record {number}")
+                return
+            at = end + _MARKED
 
 
-def _goes_on(file: BinaryIO, at: int) -> bool:
-    """Whether another record begins behind the one at `at`, which then is damaged, not cut off."""
-    at += _AHEAD + 1
+def _mark(start: int) -> bytes:
+    """What stands behind a complete record that begins at `start`."""
+    return _MARK + start.to_bytes(8, "little")
+
+
+def _marked(file: BinaryIO, at: int) -> bool:
+    """Whether a record that begins at `at` or behind it was completed: then this one was, too."""
+    place = at
     while True:
-        file.seek(at)
-        piece = file.read(_PIECE + len(_BEGINNING))
-        if _BEGINNING in piece:
-            return True
-        if len(piece) <= len(_BEGINNING):
+        file.seek(place)
+        piece = file.read(_PIECE + _MARKED - 1)  # a mark may be split over two pieces
+        found = piece.find(_MARK)
+        while 0 <= found <= len(piece) - _MARKED:
+            start = int.from_bytes(piece[found + len(_MARK) : found + _MARKED], "little")
+            if at <= start < place + found:
+                return True
+            found = piece.find(_MARK, found + 1)
+        if len(piece) < _PIECE + _MARKED - 1:
             return False
-        at += _PIECE
+        place += _PIECE
 
 
 def _framed(kind: str, number: int, sections: dict[str, NDArray[Any]]) -> bytes:

@@ -25,8 +25,9 @@ def open_table(
     """
     before = Table(table.span)
     if os.path.lexists(file.path):
-        found, blocks = read_manifest(file.path), list(file.extend())
-        require_same(file.path, found, manifest)
+        found = read_manifest(file.path)
+        require_same(file.path, found, manifest)  # before anything is written
+        blocks = list(file.extend())
         enter(file.path, before, blocks)
         _reach(file, table, reached(file.path, found, blocks, size), size)
         there = before.platforms

@@ -1,20 +1,20 @@
 """The best control of known data, the state it leads to, and the rounding errors of both.
 
 ``y = xf - x_free`` is what a control has to add to the free motion. ``v = B^+ y`` is the smallest
-of the controls that come nearest to it; over several steps ``C_K`` takes the place of ``B``.
-``B^+`` is not formed here: with ``v = V (1/s) (U^T y)`` and one step of refinement, the error of
-``B v`` is about ``eps ||B|| ||v||``; with the matrix ``B^+`` it would be ``eps condition ||y||``.
+of the controls that come nearest to it; over several steps ``C_K`` takes the place of ``B``. The
+core refines v with residuals in twice the precision, which also bound its error: `v` is the exact
+control rounded to doubles, unless the condition is above about 1e14.
 
 One rank rule for everything: singular values up to ``eta sigma_max``, ``eta = max(n, m) eps``,
-count as 0. Allowances for rounding: the computed factors are those of a matrix at a distance of at
-most ``theta ||B||`` (LAPACK Users' Guide, 4.9), with ``theta = (2 max(n, m) + 4) eps`` (measured:
+count as 0. The computed factors are those of a matrix at a distance of at most ``theta ||B||``
+(LAPACK Users' Guide, 4.9), with ``theta = (2 max(n, m) + 4) eps`` (measured:
 ``2.41 max(n, m) eps`` at most, for 2 700 matrices of up to 300 rows, half of them badly scaled).
-Wedin, BIT 13 (1973) 217-232, bounds the effect on ``v`` and ``B v``.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf, sqrt
 
@@ -25,11 +25,12 @@ from .._base import memory
 from .._base.numbers import norm
 from .._base.types import Floats
 from ..exceptions import NonFiniteError
-from .dynamics import controllability, matrix_powers
-from .records import PlanError, Reachability
+from .dynamics import matrix_powers
+from .records import EPS as EPS
+from .records import PlanError, Reachability, Verdict
 
-EPS = float(np.finfo(np.float64).eps)
 REACHABLE = sqrt(EPS)  # 1.5e-8: relative residuals up to here, half of the digits, count as 0
+LARGEST = 1e20  # times ||y|| / ||C_K||: `lower` is about controls up to there where rank is unsure
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,10 +49,6 @@ class Factors:
         """``B^+ y``, refined once: that brings ``B v`` 3 to 5 times nearer, at any condition."""
         v = self._apply(y)
         return v + self._apply(y - self.B @ v)
-
-    def missed(self, y: Floats) -> Floats:
-        """``(I - B B^+) y``."""
-        return np.zeros_like(y) if len(self.s) == len(y) else y - self.U @ (self.U.T @ y)
 
     @property
     def off(self) -> float:
@@ -82,11 +79,15 @@ def factors(B: Floats) -> Factors:
 class Best:
     """The best control for one right-hand side.
 
-    `v` is in the order of ``C_K``: u(K-1), ..., u(0). `unsure` bounds the rounding in the norm of
-    `needed` (``y``), `off` how far the matrix that was factored can be from the exact one, its
-    factors included.
+    `v` is in the order of ``C_K``: u(K-1), ..., u(0). `off` bounds how far the matrix that was
+    factored can be from the exact one, its factors included, and `unsure` the rounding of
+    ``xf - A^K x0`` in doubles. `control_rounding` and `state_rounding` bound ``||v - v*||`` and
+    ``||C_K (v - v*)||`` for the exact control v*; `lower` and `upper` the least distance from the
+    target, `lower` for all controls up to `size` in norm.
     """
 
+    A: Floats
+    B: Floats
     factors: Factors
     free: Floats
     needed: Floats
@@ -95,6 +96,11 @@ class Best:
     unsure: float
     off: float
     steps: int
+    control_rounding: float
+    state_rounding: float
+    lower: float
+    upper: float
+    size: float
 
     @property
     def u(self) -> Floats:
@@ -116,55 +122,49 @@ class Best:
         return np.asarray(self.free + self.pushed)
 
     def reachability(self) -> Reachability:
-        """The part of the target that no control reaches, with its rounding error."""
-        residual, needed = norm(self.missed), norm(self.needed)
-        relative = residual / needed if needed else 0.0
-        # if y = B v, then ||(I - P_hat) y|| = ||(I - P_hat) (B - B_hat) v|| <= off ||v||
-        rounding = self.unsure + self.off * norm(self.v)
+        """The part of the target that no control reaches, with bounds."""
+        needed, gain = length(self.needed), float(self.factors.singular_values[0])
+        # the wish is known to about eps of its own size, the unit of the rest
+        near = max(REACHABLE * needed, self.unsure)
+        verdict: Verdict
+        if self.upper <= near:
+            verdict = "reachable"
+        elif self.lower > near and 2.0 * self.size * gain >= LARGEST * needed:
+            verdict = "not reachable"
+        else:
+            verdict = "undecided"
+        residual = length(self.missed)
         return Reachability(
+            verdict=verdict,
             residual=residual,
-            relative=relative,
+            relative=residual / needed if needed else 0.0,
+            lower=self.lower,
+            upper=self.upper,
+            size=self.size,
             rank=len(self.factors.s),
             condition=self.factors.condition,
-            reachable=relative <= REACHABLE or residual <= rounding,
-            rounding=rounding,
         )
 
     @property
     def gap(self) -> float:
         """A lower bound of the smallest singular value of the exact matrix; inf for rank 0."""
-        return float(self.factors.s[-1]) - self.off if len(self.factors.s) else inf
+        return gap(self.factors, self.off)
 
-    @property
-    def _turned(self) -> float:
-        """Effect of the rounded range: ``||P_hat (I-P) y|| <= off / sigma_min ||(I-P) y||``."""
-        residual = norm(self.missed)
-        if not residual:
+    def amplified(self, state: float) -> float:
+        """What an error of the wish moves the control by at most; inf if no gap is known."""
+        if not state:
             return 0.0
-        return self.off / self.gap * residual if self.gap > 0.0 else inf
-
-    @property
-    def state_rounding(self) -> float:
-        """Bound on the rounding error of ``||B v||``, of the state and of the residual."""
-        return self.unsure + (self.off + self.factors.spread) * norm(self.v) + self._turned
-
-    @property
-    def control_rounding(self) -> float:
-        """Bound on that of ``||v||``: ``(unsure + 2 off ||v|| + turned) / sigma_min``."""
-        if self.gap <= 0.0:
-            return inf
-        size = norm(self.v)
-        return (self.unsure + 2.0 * self.off * size + self._turned) / self.gap + EPS * size
+        return state / self.gap if self.gap > 0.0 else inf
 
     @property
     def moves(self) -> bool:
-        """Whether ``B v`` can be told apart from 0."""
-        return norm(self.pushed) > self.unsure + self._turned
+        """Whether `B v` can be told apart from the rounding of ``xf - A x0`` in doubles."""
+        return norm(self.pushed) > self.unsure
 
     @property
     def arrives(self) -> bool:
         """Whether the state reached can be told apart from 0."""
-        return norm(self.reached) > self.state_rounding
+        return norm(self.reached) > self.unsure + self.state_rounding
 
     def aside(self, u: Floats) -> Floats:
         """``(I - C_K^+ C_K) u`` in the order of ``C_K``: the part without effect on the state."""
@@ -174,19 +174,25 @@ class Best:
     def error(self, u: Floats, x0: Floats) -> PlanError:
         """Compare another control, in the order of time, with this one."""
         with np.errstate(over="ignore", invalid="ignore"):
-            wrong = self._reversed(u) - self.v
-            shift = self.factors.B @ wrong
-        representable(wrong, shift)
-        control, state = norm(wrong), norm(shift)
-        (to, size), (where, length) = self.compared("control", x0), self.compared("state", x0)
+            # u - v = wrong + rest exactly (Knuth)
+            other = self._reversed(u)
+            wrong = other - self.v
+            back = wrong - other
+            rest = (other - (wrong - back)) - (self.v + back)
+            representable(wrong, rest)
+            shift, off = _core.pushed(self.A, self.B, self.steps, wrong, rest)
+        representable(shift)
+        control, state, residual = length(wrong), length(shift), length(self.missed)
+        (to, size), (where, last) = self.compared("control", x0), self.compared("state", x0)
+        # a norm of entries that are rounded once is rounded by 2 eps at most
         return PlanError(
             control=control,
             control_relative=_ratio(control, size),
             state=state,
-            state_relative=_ratio(state, length),
-            residual=norm(self.missed),
-            control_rounding=self.control_rounding + EPS * control,
-            state_rounding=self.state_rounding + self.factors.spread * control,
+            state_relative=_ratio(state, last),
+            residual=residual,
+            control_rounding=self.control_rounding + 2.0 * EPS * control,
+            state_rounding=self.state_rounding + off + 2.0 * EPS * max(state, residual),
             control_relative_to=to,
             state_relative_to=where,
         )
@@ -204,51 +210,97 @@ class Best:
         return (name, size) if size else ("nothing", 0.0)
 
 
-def best(
-    B: Floats, free: Floats, needed: Floats, unsure: float, off: float = 0.0, steps: int = 1
-) -> Best:
-    """Solve for the control that adds `needed` to `free`.
-
-    `off` bounds the rounding in `B` itself, ``C_K`` for several steps.
-    """
-    representable(free, needed)
-    found = factors(B)
-    with np.errstate(over="ignore", invalid="ignore"):
-        v, missed = found.solve(needed), found.missed(needed)
-        made = Best(found, free, needed, v, missed, unsure, off + found.off, steps)
-        representable(v, missed, made.pushed, made.reached)
-    return made
+def best(B: Floats, free: Floats, needed: Floats) -> Best:
+    """Solve ``B v = needed`` for the control that adds `needed` to `free` in one step."""
+    nothing = np.zeros(len(B))
+    made = _solved(np.zeros((len(B), len(B))), B, B, nothing, needed, 1, 0.0)
+    return replace(made, free=free, unsure=EPS * (norm(free) + norm(free + needed)))
 
 
 def best_control(
     A: Floats, B: Floats, x0: Floats, xf: Floats, steps: int = 1, name: str = "A"
 ) -> Best:
     """Solve ``A^K x0 + C_K v = xf``; `name` is that of `A` in messages."""
-    powers = matrix_powers(A, steps, name)
-    C = controllability(powers[:-1], B)
-    with np.errstate(over="ignore", invalid="ignore"):
-        free = powers[-1] @ x0
-        unsure, off = summed(powers[-1], x0, xf), 0.0
-        if steps > 1:
-            # A^(k+1) = A^k A is rounded by n eps ||A^k|| ||A|| for k > 0, and that is carried on:
-            # ||error of A^k|| <= n eps ||A|| sum_{0 < i < k} ||A^i|| ||A^(k-1-i)||
-            unit = len(A) * EPS
-            size = np.linalg.norm(powers, axis=(1, 2))
-            size[0] = 1.0
-            rounded = np.append(0.0, size[1:])  # A^0 is exact
-            wrong = np.append(0.0, unit * size[1] * np.convolve(rounded, size)[:steps])
-            off = norm(B) * norm((wrong + unit * rounded)[:-1])
-            unsure += norm(x0) * float(wrong[-1])
-        return best(C, free, xf - free, unsure, off, steps)
+    C, off = _rounded_controllability(A, B, steps, name)
+    return _solved(A, B, C, x0, xf, steps, off, name)
 
 
-def summed(A: Floats, x: Floats, other: Floats) -> float:
-    """Bound of the rounding in ``other - A x``: ``(n + 1) eps || |A| |x| + |other| ||``.
+def _rounded_controllability(A: Floats, B: Floats, steps: int, name: str) -> tuple[Floats, float]:
+    """``[B, A B, ..., A^{K-1} B]``, and a bound of its rounding in the Frobenius norm.
 
-    Higham, Accuracy and Stability of Numerical Algorithms (2002), 3.5.
+    ``A X`` is rounded by at most ``n eps |A| |X|``, and that is carried on (Higham, Accuracy and
+    Stability of Numerical Algorithms (2002), 3.5).
     """
-    unit = (len(x) + 1) * EPS
-    return norm(np.abs(A) @ (unit * np.abs(x)) + unit * np.abs(other))
+    if steps == 1:
+        return B, 0.0
+    blocks, wrong, size = [B], [np.zeros_like(B)], np.abs(A)
+    with np.errstate(over="ignore", invalid="ignore"):
+        for _ in range(steps - 1):
+            wrong.append(size @ (wrong[-1] + len(A) * EPS * np.abs(blocks[-1])))
+            blocks.append(A @ blocks[-1])
+    C = np.hstack(blocks)
+    if not np.isfinite(C).all():
+        matrix_powers(A, steps, name)  # refuses a power that overflows
+        raise NonFiniteError("`A` to a power times `B` overflows: take fewer steps")
+    return C, norm(np.hstack(wrong))
+
+
+def _solved(
+    A: Floats,
+    B: Floats,
+    C: Floats,
+    x0: Floats,
+    xf: Floats,
+    steps: int,
+    off: float,
+    name: str = "A",
+) -> Best:
+    found = factors(C)
+    off += found.off
+    A, B = np.ascontiguousarray(A), np.ascontiguousarray(B)
+    parts = (
+        np.ascontiguousarray(found.U.T),
+        np.ascontiguousarray(found.V.T),
+        found.singular_values,
+        gap(found, off),
+    )
+    vectors, numbers = _core.best_control(
+        A, B, steps, parts, np.ascontiguousarray(x0), np.ascontiguousarray(xf)
+    )
+    v, free, needed, missed = vectors
+    control, state, upper, lower, size, unit = numbers
+    if not (np.isfinite(free).all() and np.isfinite(needed).all()):
+        matrix_powers(A, steps, name)  # refuses a power that overflows
+    with np.errstate(over="ignore", invalid="ignore"):
+        made = Best(
+            A=A,
+            B=B,
+            factors=found,
+            free=free,
+            needed=needed,
+            v=v,
+            missed=missed,
+            unsure=(len(B) + 1) * EPS * unit,
+            off=off,
+            steps=steps,
+            control_rounding=control,
+            state_rounding=state,
+            lower=lower,
+            upper=upper,
+            size=size,
+        )
+        representable(free, needed, v, missed, made.pushed, made.reached)
+    return made
+
+
+def gap(found: Factors, off: float) -> float:
+    """A lower bound of the least singular value that is not 0, of a matrix at a distance `off`."""
+    return float(found.s[-1]) - off if len(found.s) else inf
+
+
+def length(x: Floats) -> float:
+    """``||x||``, rounded once."""
+    return math.hypot(*x.ravel().tolist())
 
 
 def representable(*results: Floats) -> None:

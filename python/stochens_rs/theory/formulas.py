@@ -9,7 +9,7 @@ import math
 from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from .._base import gate
 from .._base.types import AXES, FUSIONS, SCHEMES, Floats
@@ -87,37 +87,41 @@ def vector_excess(A: Floats, x: Floats, axis: str) -> Floats:
     return np.diag(weights.sum(axis=1) * squares)
 
 
-def fractional_parts(
-    N: float, part: Floats, rest: Floats, g: Floats | float
-) -> tuple[Floats, Floats]:
-    """``f = frac(N part / g)`` and ``1 - f`` for ``part + rest = g``.
+def whole_numbers(values: Floats) -> NDArray[Any]:
+    """Integers W of any size with ``|values| = W 2^e`` exactly, e constant along the last axis."""
+    mantissas, exponents = np.frexp(np.abs(values))
+    least = exponents.min(axis=-1, keepdims=True, where=values != 0.0, initial=2000)
+    shifts = np.where(values == 0.0, 0, exponents - least)
+    return np.asarray(np.ldexp(mantissas, 53).astype(np.int64).astype(object) << shifts)
 
-    ``fmod`` does not round: where ``N part / g`` is an integer, f is exactly 0. Just below an
-    integer, ``1 - f`` is computed as the remainder of ``N rest / g``.
-    """
-    f, other = np.fmod(N * part, g) / g, np.fmod(N * rest, g) / g
-    below = (other > 0.0) & (other < 0.5) & ((f > 0.5) | (N * rest < 0.5 * g))
-    return np.where(below, 1.0 - other, f), np.where(below, other, 1.0 - f)
+
+def fractional_parts(N: float, parts: NDArray[Any], whole: NDArray[Any]) -> tuple[Floats, Floats]:
+    """``f = frac(N parts / whole)`` and ``1 - f`` of integers, each correct to its last digit."""
+    remainders = int(N) * parts % whole
+    f, rest = remainders / whole, (whole - remainders) / whole
+    return f.astype(np.float64), rest.astype(np.float64)
 
 
 def systematic_vector_covariance(w: Floats, N: float) -> Floats:
     """Covariance of the average of N systematic samples of a vector; N = 0: known exactly."""
-    largest, exponent = np.frexp(np.abs(w).max())
-    if largest == 0.0 or N == 0.0:
+    if N == 0.0 or not w.any():
         return np.zeros((w.size, w.size))
-    # Scaled by a power of two, hence exactly, so that N |w_i| does not overflow.
-    absolute = np.ldexp(np.abs(w), -exponent)
-    g = float(absolute.sum())
-    # f_i = frac(N |w_i| / g), phi_i = frac(N (p_1 + ... + p_i)), psi = 1 - phi.
-    f, f_rest = fractional_parts(N, absolute, sum_of_others(absolute[:, None])[:, 0], g)
-    after = np.append(np.cumsum(absolute[:0:-1])[::-1], 0.0)
-    phi, psi = fractional_parts(N, np.cumsum(absolute), after, g)
-    phi[-1] = 0.0
+    W = whole_numbers(w)
+    # f_i = frac(N |w_i| / g), phi_i = frac(N (p_1 + ... + p_i)), psi = 1 - phi
+    f, f_rest = fractional_parts(N, W, W.sum())
+    phi, psi = fractional_parts(N, np.cumsum(W), W.sum())
     both = np.minimum.outer(phi, phi) * np.minimum.outer(psi, psi)  # Cov(b_i, b_k)
     counts = np.diff(np.diff(both, axis=0, prepend=0.0), axis=1, prepend=0.0)
+    # |Cov(N_i, N_k)| <= sd(N_i) sd(N_k), also where the differences are rounding: 0 where N p_i is
+    # an integer
+    sd = np.sqrt(f * f_rest)
+    most = np.outer(sd, sd)
+    counts = np.clip(counts, -most, most)
     np.fill_diagonal(counts, f * f_rest)
-    hit = np.sign(w) * (f > 0.0)  # where N p_i is an integer, so is N_i: no variance
-    covariance = (g / N) * (g / N) * counts * np.outer(hit, hit)
+    # scaled by a power of two, hence exactly, so that g^2 does not overflow
+    exponent = np.frexp(np.abs(w).max())[1]
+    scale = float(np.ldexp(np.abs(w), -exponent).sum()) / N
+    covariance = scale * scale * counts * np.outer(np.sign(w), np.sign(w))
     return np.asarray(np.ldexp(covariance, 2 * exponent), dtype=np.float64)
 
 

@@ -3,9 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf
+from typing import Literal, TypeAlias, get_args
 
-from .._base import html
+import numpy as np
+
+from .._base import gate, html
 from .._base.records import Record
+
+EPS = float(np.finfo(np.float64).eps)
+
+Verdict: TypeAlias = Literal["reachable", "not reachable", "undecided"]
+VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
 
 # The vectors that errors are relative to, by their names in `PlanError`.
 RELATIVE_TO = {
@@ -24,32 +33,59 @@ class Reachability(Record):
 
     Attributes
     ----------
+    verdict : {"reachable", "not reachable", "undecided"}
+        "reachable": `upper` is at most 1.5e-8 (the square root of ``eps = 2.2e-16``) of
+        ``||xf - A^K x0||``, or at most the rounding of ``xf - A^K x0`` in doubles,
+        ``(n + 1) eps || |A| |A^{K-1} x0| + |xf| ||``. "not reachable": `lower` is above both, for
+        all controls up to ``1e20 ||xf - A^K x0|| / ||C_K||`` at least. "undecided" otherwise:
+        `C_K` is so near to a matrix of smaller rank that doubles do not decide.
     residual : float
-        ``||(I - C_K C_K^+)(xf - A^K x0)||``: the distance to the target that no control can remove.
+        ``||(I - C_K C_K^+)(xf - A^K x0)||``: the distance to the target that no control can remove,
+        with the rank below.
     relative : float
         `residual` over ``||xf - A^K x0||``; 0 if that is 0.
+    lower, upper : float
+        The least distance to the target lies between the two: a control reaches `upper`, and none
+        up to `size` comes nearer than `lower`. Rounding is included; A, B, x0 and xf count as
+        exact. (For fusion="diagonal" the averages count as exact.)
+    size : float
+        The norm of the controls that `lower` is about; inf: of all controls.
     rank : int
         Rank of ``C_K``: singular values up to ``eta sigma_max``, ``eta = max(n, m K) eps``, count
         as 0.
     condition : float
         Largest over smallest singular value of ``C_K`` above the rank cut-off.
-    reachable : bool
-        Whether `relative` is at most 1.5e-8, the square root of the rounding unit ``eps``, or
-        `residual` at most `rounding`.
-    rounding : float
-        The largest `residual` that rounding can cause for a target within reach,
-        ``(n + 1) eps || |A| |x0| + |xf| || + theta ||B|| ||u||`` with the control u for it and
-        ``theta = (2 max(n, m) + 4) eps``. A smaller `residual` has no meaning. (Over several steps
-        it includes the rounding of ``A^K x0`` and ``C_K``. For fusion="diagonal" the averages count
-        as exact.)
     """
 
+    verdict: Verdict
     residual: float
     relative: float
+    lower: float
+    upper: float
+    size: float
     rank: int
     condition: float
-    reachable: bool
-    rounding: float
+
+    def __post_init__(self) -> None:
+        gate.choice("verdict", self.verdict, VERDICTS)
+
+    @property
+    def reachable(self) -> bool | None:
+        """Whether the target is within reach; None if that is undecided."""
+        return None if self.verdict == "undecided" else self.verdict == "reachable"
+
+    @property
+    def text(self) -> str:
+        """The verdict in a few words."""
+        if self.verdict == "reachable":
+            # a relative residual above 1.5e-8 is rounding of xf - A x0
+            sure = self.relative * self.relative <= EPS
+            return "reachable" if sure else "reachable up to rounding"
+        share = f"{100 * self.relative:.3g} %"
+        if self.verdict == "not reachable":
+            return f"out of reach {share}"
+        low = f"{self.lower:.2g}" + (f" (for controls up to {self.size:.1g})" * (self.size < inf))
+        return f"undecided whether reachable: {self.upper:.2g} ({share}) away, {low} at least"
 
     def _repr_html_(self) -> str:
         return html.record(self)
@@ -94,18 +130,11 @@ class PlanError(Record):
     the triangle inequality does: ``state + residual``. The two allowances for rounding are then
     those of the solver of v and of the sums; rounding of ``A^k B`` and ``A^k x0`` is not included.
 
-    Rounding without limits: the factors of B are exact for a matrix ``B + E``,
-    ``||E|| <= theta ||B||``, ``theta = (2 max(n, m) + 4) eps`` (LAPACK Users' Guide, 4.9, and
-    measured); ``xf - A x0`` is off by ``rho = (n + 1) eps || |A| |x0| + |xf| ||`` at most. To first
-    order in ``theta condition(B)`` (Wedin, BIT 13 (1973) 217-232), with r the residual,
-    ``g = sigma_min(B) - theta ||B||``, ``t = theta ||B|| ||r|| / g``, ``eta = max(n, m) eps``, and
-    B of the rank that the rule of `Reachability` finds:
-
-    - `control_rounding` = ``(rho + 2 theta ||B|| ||v|| + t) / g + eps (||u - v|| + ||v||)``;
-    - `state_rounding` = ``rho + theta ||B|| ||v|| + t + eta ||B||_F (||v|| + ||u - v||)``.
-
-    Over several steps ``C_K`` and ``A^K x0`` take the places of B and ``A x0``; their rounding
-    errors are added to ``theta ||B||`` and ``rho``.
+    Rounding without limits: ``f = y - r - C v``, ``g = C^T r`` and ``h = v - C^T w`` are computed
+    in twice the precision, for ``y = xf - A^K x0``, ``C = C_K``, the residual r and some w. With s
+    at most the least singular value of C above the rank cut-off of `Reachability`,
+    ``||v - v*|| <= ||h|| + ||f|| / s + ||g|| / s^2`` and
+    ``||C (v - v*)|| <= ||f|| + ||g|| / s`` for the exact control v*; and v is rounded to doubles.
     """
 
     control: float

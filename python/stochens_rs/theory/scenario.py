@@ -83,7 +83,8 @@ def judged(size: int, support: int, beta: float) -> float:
     Notes
     -----
     Nondegenerate: the units of the support alone give the same design, with probability 1. Copies
-    of units and units that no input moves break this; `compression` does not need it.
+    of units and units that no input moves break this, and no computation up to a tolerance can
+    verify it; `compression` does not need it.
 
     Examples
     --------
@@ -96,39 +97,58 @@ def judged(size: int, support: int, beta: float) -> float:
     return _core.scenario_judged(size, support, gate.probability("beta", beta))
 
 
-def compression(size: int, support: int, beta: float) -> float:
-    """Bound the risk of a design by the size of a subset that alone gives the same design.
+def compression(size: int, support: int, beta: float, *, violations: int = 0) -> float:
+    """Bound the risk of a command that a few of the units alone give.
 
     Parameters
     ----------
     size : int
         The number of units N.
     support : int
-        The number k of units in any subset that was verified to give the same design; N if none
-        was.
+        The number k of units that the command was computed from, at most N. They may be chosen by
+        any rule, after all units were seen.
     beta : float
         Probability of failure of the bound, in (0, 1).
+    violations : int, default 0
+        The number r, fixed before the units were seen: at most r of the other N - k units miss more
+        than the threshold.
 
     Returns
     -------
     float
-        ``e`` with ``C(N, k) (1-e)^(N-k) = beta/N sum_{m=k}^{N-1} C(m, k) (1-e)^(m-k)``; 1 for
-        k = N. (Campi and Garatti 2023; nothing is assumed of the law.)
+        ``e`` with ``C(N, k) sum_{i<=r} C(N-k, i) e^i (1-e)^(N-k-i) = beta/N``; for r = 0
+        ``C(N, k) (1-e)^(N-k) = beta/N``. 1 if k + r >= N. (Littlestone and Warmuth 1986; Floyd and
+        Warmuth 1995.)
 
     Raises
     ------
     SizeError, InputError, InputTypeError
         If an argument is out of its range.
 
+    Notes
+    -----
+    The units must be independent draws of one law, and the command a fixed function of the k units
+    in the order of their numbers: bit for bit, with all its settings, and not of the other units or
+    of the clock. Neither convexity nor an optimum is needed. The threshold may be computed from all
+    units; it needs no place among the k.
+
+    Proof. Fix k numbers. Their command u is independent of the other N - k units, whose misses
+    under u are independent draws of one law. Let q be the smallest x with P(miss > x) <= e. A
+    threshold with a risk above e is below q, while P(miss >= q) >= e; at most r of the other units
+    miss q or more then: with probability at most ``P(Bin(N-k, e) <= r)``. There are C(N, k) choices
+    of k numbers, and N values of k below N: in all beta.
+
     Examples
     --------
     >>> from stochens_rs.theory import scenario
     >>> round(scenario.compression(60, 3, 0.05), 10)
-    0.1661662773
+    0.2647576671
     """
     size = gate.size("size", size)
     support = gate.size("support", support, minimum=0, maximum=size)
-    return _core.scenario_compression(size, support, gate.probability("beta", beta))
+    violations = gate.size("violations", violations, minimum=0, maximum=size)
+    beta = gate.probability("beta", beta)
+    return _core.scenario_compression(size, support, violations, beta)
 
 
 def relaxed(size: int, support: int, beta: float) -> tuple[float, float]:

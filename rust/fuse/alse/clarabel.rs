@@ -10,7 +10,8 @@ use std::time::Duration;
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettings, DefaultSettingsBuilder, DefaultSolver, IPSolver, SolverError, SupportedConeT};
 
-use super::{Proposal, Realizations, Settings};
+use super::realizations::Realizations;
+use super::solution::{Proposal, Settings};
 use crate::error::{Error, Result};
 use crate::fuse::Weights;
 use crate::memory::{covered, try_collect, try_copy, try_filled, try_room, try_zeros};

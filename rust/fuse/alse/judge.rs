@@ -1,7 +1,9 @@
 //! Checks every proposal: feasible weights, with error and gap recomputed from the realizations.
 
-use super::{Proposal, Realizations, Settings, Solution, Status};
+use super::realizations::Realizations;
+use super::solution::{Proposal, Settings, Solution};
 use crate::error::Result;
+use crate::fuse::simplex::Status;
 use crate::fuse::{Weights, distance, power_of_two_scale};
 use crate::memory::try_collect;
 use crate::parallel::Stop;

@@ -7,11 +7,10 @@
 mod clarabel;
 mod judge;
 mod realizations;
+mod solution;
 
-use std::time::{Duration, Instant};
-
-use super::simplex::{self, Options};
-use super::{Weights, distance};
+use super::distance;
+use super::simplex;
 use crate::error::{Error, Result};
 use crate::memory::try_filled;
 use crate::parallel::Stop;
@@ -19,92 +18,12 @@ use crate::sample::Singletons;
 
 pub use super::simplex::Status;
 pub use realizations::Realizations;
+pub use solution::{Settings, Solution};
+
+use solution::{Clock, Proposal};
 
 /// Nonzero entries up to which Clarabel is tried: about a minute on one core.
 const SECOND_OPINION: usize = 200_000;
-
-/// Weight set, tolerance, and limits on time and passes.
-#[derive(Debug, Clone, Copy)]
-pub struct Settings {
-    /// The set of feasible weights.
-    pub set: Weights,
-    /// Largest gap, relative to `||E*||^2` (to the squared norm of a realization where `E* = 0`).
-    pub tol: f64,
-    /// Wall time after which the best weights so far are returned.
-    pub time_limit: Option<Duration>,
-    /// Passes over the realizations (one product with `S`, one with `S^T`) after which the best weights so far are
-    /// returned.
-    pub max_passes: Option<usize>,
-    /// Number of threads, which share the realizations.
-    pub threads: usize,
-}
-
-impl Settings {
-    /// One thread and no limits.
-    pub const fn new(set: Weights, tol: f64) -> Self {
-        Self { set, tol, time_limit: None, max_passes: None, threads: 1 }
-    }
-
-    fn options(&self, clock: &Clock) -> Options {
-        let defaults = Options::default();
-        Options {
-            tol: self.tol,
-            subsimplex: self.set == Weights::Subsimplex,
-            threads: self.threads,
-            time_limit: clock.left(),
-            max_passes: self.max_passes.unwrap_or(defaults.max_passes),
-        }
-    }
-}
-
-/// When the time limit ends.
-struct Clock(Option<Instant>);
-
-impl Clock {
-    fn start(settings: &Settings) -> Self {
-        Self(settings.time_limit.and_then(|limit| Instant::now().checked_add(limit)))
-    }
-
-    fn left(&self) -> Option<Duration> {
-        self.0.map(|end| end.saturating_duration_since(Instant::now()))
-    }
-
-    fn over(&self) -> bool {
-        self.left() == Some(Duration::ZERO)
-    }
-}
-
-/// Weights with their certificate.
-#[derive(Debug, Clone)]
-pub struct Solution {
-    /// One weight per realization, feasible.
-    pub weights: Vec<f64>,
-    /// `sum_i w_i E_i`.
-    pub estimate: Vec<f64>,
-    /// `||sum_i w_i E_i - E*||`.
-    pub error: f64,
-    /// `max_v <f'(w), w - v>` over the weight set, for `f = ||sum_i w_i E_i - E*||^2`: at least `f(w) - min f`.
-    pub gap: f64,
-    /// A proved lower bound on the error of any weights.
-    pub lower_bound: f64,
-    /// Nonzero entries of the target that are zero in every realization.
-    pub unseen: usize,
-    /// The target lies in the hull of the realizations, so the error is rounding only.
-    pub exact: bool,
-    /// Status that follows from the recomputed gap.
-    pub status: Status,
-    /// Which solver proposed the weights, and its number of iterations.
-    pub solver: &'static str,
-    /// Iterations of that solver.
-    pub iterations: u64,
-}
-
-/// Weights from a solver, feasible or not.
-struct Proposal {
-    weights: Vec<f64>,
-    solver: &'static str,
-    iterations: u64,
-}
 
 /// Solves `min ||sum_i w_i E_i - target||` to a gap of `tol ||target||^2`.
 ///

@@ -10,9 +10,9 @@
 //! arithmetic, and every candidate within rounding of it is evaluated again in twice the precision. The cost is one
 //! pass.
 
-use super::compensated::{Sum, dot};
 use super::operator::{Operator, Residual};
 use super::problem::SEARCH;
+use crate::compensated::{Sum, dot};
 use crate::error::Result;
 use crate::memory::try_zeros;
 

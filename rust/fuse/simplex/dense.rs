@@ -3,11 +3,11 @@
 use std::borrow::Cow;
 use std::ops::Range;
 
-use super::compensated::{Sum, dot as compensated_dot, two_product, two_sum};
 use super::operator::{Operator, Precondition, Residual};
 use super::parallel;
 use super::problem::SEARCH;
 use super::triangle::Triangle;
+use crate::compensated::{Sum, dot as compensated_dot, two_product, two_sum};
 use crate::error::Result;
 use crate::memory::{checked_len, try_collect, try_room, try_zeros};
 use crate::vector::{axpy, dot};

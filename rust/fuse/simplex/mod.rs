@@ -14,7 +14,6 @@ mod active_set;
 mod budget;
 mod certificate;
 mod climb;
-mod compensated;
 mod dense;
 mod face;
 mod factor;

@@ -9,12 +9,12 @@
 use std::borrow::Cow;
 use std::ops::Range;
 
-use super::compensated::{Sum, two_product, two_sum};
 use super::kernel::{gather, scatter};
 use super::operator::{Operator, Precondition, Residual};
 use super::parallel;
 use super::problem::SEARCH;
 use super::triangle::Triangle;
+use crate::compensated::{Sum, two_product, two_sum};
 use crate::error::Result;
 use crate::memory::{checked_len, try_collect, try_extend, try_push, try_room, try_zeros};
 use crate::sample::Index;

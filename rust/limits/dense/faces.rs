@@ -5,13 +5,14 @@ use crate::error::Result;
 use crate::limits::bounds::Bounds;
 use crate::limits::factor::Factor;
 use crate::limits::kernel::{add_lines, add_transposed, descend, padded, times};
-use crate::limits::quadratic::Quadratic;
+use crate::limits::quadratic::{Quadratic, Until};
 use crate::memory::{try_room, try_zeros};
-use crate::parallel::Stop;
 use crate::vector;
 
 /// Inputs from which the inverse of `H` is worth its cost.
 const SMALL: usize = 16;
+/// Inputs up to which the inverse, which cannot be interrupted, takes a second at most.
+const LARGE: usize = 1500;
 /// Most sweeps of coordinate descent that guess which limits are reached.
 const SWEEPS: usize = 4;
 
@@ -41,6 +42,10 @@ impl Quadratic for Dense {
         self.d
     }
 
+    fn prepare(&mut self, until: Until<'_>) -> Result<()> {
+        if self.prepared { Ok(()) } else { self.square(until) }
+    }
+
     fn curvature(&self) -> &[f64] {
         &self.curvature
     }
@@ -49,14 +54,16 @@ impl Quadratic for Dense {
         self.zero
     }
 
-    fn face(&mut self, held: &[i8], u: &mut [f64], stop: &Stop) -> Result<bool> {
+    fn face(&mut self, held: &[i8], u: &mut [f64], until: Until<'_>) -> Result<bool> {
         let (d, ld) = (self.d, self.ld);
         let limits = held.iter().filter(|held| **held != 0).count();
         self.faces += 1;
-        if d >= SMALL && !self.tried && 2 * limits <= d && self.faces > 1 + usize::from(!self.unlimited) {
-            self.invert(stop)?;
+        let again = self.unlimited && limits == 0; // the last face was the same
+        let due = (SMALL..=LARGE).contains(&d) && !self.tried && self.faces > 1 + usize::from(!self.unlimited);
+        if due && !again && 2 * limits <= d {
+            self.invert(until)?;
         }
-        self.unlimited = false;
+        self.unlimited = again && !self.inverted;
         if self.inverted && 2 * limits <= d {
             self.by_inverse = true;
             self.ill = false;
@@ -66,7 +73,7 @@ impl Quadratic for Dense {
             let column = |j: usize, to: &mut [f64]| {
                 to.iter_mut().zip(&limits[j..]).for_each(|(to, &i)| *to = inverse[limits[j] * ld + i]);
             };
-            if !self.factor.set(limits.len(), column, stop)? {
+            if !self.factor.set(limits.len(), column, until)? {
                 return Ok(false);
             }
             if self.centre.is_empty() {
@@ -81,7 +88,7 @@ impl Quadratic for Dense {
             return Ok(true);
         }
         self.by_inverse = false;
-        if !block((&self.h, ld), held, &mut self.free, None, &mut self.factor, stop)? {
+        if !self.unlimited && !block((&self.h, ld), held, &mut self.free, None, &mut self.factor, until)? {
             return Ok(false);
         }
         self.unlimited = limits == 0;
@@ -149,25 +156,26 @@ impl Quadratic for Dense {
         vector::dot(&self.residual, &self.residual) + of_inputs + self.rest
     }
 
-    fn barrier(&mut self, held: &[i8], diagonal: &[f64], stop: &Stop) -> Result<bool> {
+    fn barrier(&mut self, held: &[i8], diagonal: &[f64], until: Until<'_>) -> Result<bool> {
         self.whole = false;
         if self.others.capacity() < self.d {
             (self.other, self.others) = (Factor::new(self.d)?, try_room(WHAT, self.d)?);
         }
-        block((&self.h, self.ld), held, &mut self.others, Some(diagonal), &mut self.other, stop)
+        block((&self.h, self.ld), held, &mut self.others, Some(diagonal), &mut self.other, until)
     }
 
     fn newton(&mut self, v: &mut [f64]) {
         solve_block(&self.other, &self.others, &mut self.work, v);
     }
 
-    fn dual_norm(&mut self, held: &[i8], e: &[f64], stop: &Stop) -> Result<f64> {
-        let by_inverse = self.inverted && held.iter().all(|held| *held == 0);
-        if !by_inverse && !self.whole {
+    fn dual_norm(&mut self, held: &[i8], e: &[f64], until: Until<'_>) -> Result<f64> {
+        let all = held.iter().all(|held| *held == 0);
+        let (by_inverse, by_face) = (self.inverted && all, self.unlimited && all);
+        if !by_inverse && !by_face && !self.whole {
             let zeros = try_zeros(WHAT, self.d)?;
-            self.whole = self.barrier(held, &zeros, stop)?;
+            self.whole = self.barrier(held, &zeros, until)?;
         }
-        if !by_inverse && !self.whole {
+        if !by_inverse && !by_face && !self.whole {
             return Ok(if e.iter().all(|e| *e == 0.0) { 0.0 } else { f64::INFINITY });
         }
         let mut v = std::mem::take(&mut self.third);
@@ -175,6 +183,8 @@ impl Quadratic for Dense {
         if by_inverse {
             times(&self.inverse, &v, false, &mut self.second);
             v.copy_from_slice(&self.second);
+        } else if by_face {
+            self.solve_block(&mut v[..self.d]);
         } else {
             self.newton(&mut v[..self.d]);
         }
@@ -183,7 +193,7 @@ impl Quadratic for Dense {
         Ok(squared.abs())
     }
 
-    fn guess(&mut self, bounds: Bounds<'_>, held: &[i8], u: &mut [f64], _: &Stop) -> Result<()> {
+    fn guess(&mut self, bounds: Bounds<'_>, held: &[i8], u: &mut [f64], _: Until<'_>) -> Result<()> {
         let (ld, h, g) = (self.ld, &self.h, &mut self.second);
         g.iter_mut().zip(&self.f).for_each(|(g, f)| *g = -f);
         add_lines(h, ld, u.iter().copied().enumerate().filter(|(_, u)| *u != 0.0), g);
@@ -199,7 +209,7 @@ fn block(
     free: &mut Vec<usize>,
     diagonal: Option<&[f64]>,
     factor: &mut Factor,
-    stop: &Stop,
+    until: Until<'_>,
 ) -> Result<bool> {
     free.clear();
     free.extend((0..held.len()).filter(|&i| held[i] == 0));
@@ -215,7 +225,7 @@ fn block(
             to[0] += diagonal[free[j]];
         }
     };
-    factor.set(free.len(), column, stop)
+    factor.set(free.len(), column, until)
 }
 
 /// `v <- A^{-1} v` on the inputs `free` of the factor, 0 elsewhere.

@@ -7,8 +7,8 @@ use std::cell::Cell;
 use crate::error::{Error, Result, require_finite};
 use crate::limits::factor::{Factor, squared};
 use crate::limits::kernel::{add_transposed, padded};
+use crate::limits::quadratic::{Quadratic, Until};
 use crate::memory::{checked_len, try_copy, try_room, try_zeros};
-use crate::parallel::Stop;
 use crate::vector;
 
 const WHAT: &str = "a control within limits";
@@ -25,7 +25,9 @@ pub(super) struct Dense {
     /// `m` has zeros below its diagonal.
     pub(super) triangular: bool,
     pub(super) r: Vec<f64>,
+    /// `M'M + R`, from [`Quadratic::prepare`] on.
     pub(super) h: Vec<f64>,
+    prepared: bool,
     curvature: Vec<f64>,
     pub(super) y: Vec<f64>,
     /// A part of `J` that no input changes.
@@ -53,7 +55,7 @@ pub(super) struct Dense {
     spare: Vec<f64>,
     /// `H^{-1} M'y`, from the first face on that uses it.
     centre: Vec<f64>,
-    /// Faces since the last `y`, and whether `factor` is of `H` itself.
+    /// Faces since the last `M`, and whether `factor` is of `H` itself.
     faces: usize,
     unlimited: bool,
     /// The limits of the last face are few: `factor` is of the block of `H^{-1}` that belongs to them.
@@ -114,8 +116,8 @@ impl Dense {
         copy.h.copy_from_slice(&self.h);
         copy.curvature.copy_from_slice(&self.curvature);
         copy.inverse = try_copy(WHAT, &self.inverse)?;
-        copy.inverted = self.inverted;
-        (copy.triangular, copy.tried) = (self.triangular, self.tried);
+        (copy.prepared, copy.inverted, copy.tried) = (self.prepared, self.inverted, self.tried);
+        copy.triangular = self.triangular;
         Ok(copy)
     }
 
@@ -132,17 +134,24 @@ impl Dense {
         for (line, row) in self.m.chunks_exact_mut(ld.max(1)).zip(m.chunks_exact(d.max(1))) {
             line[..d].copy_from_slice(row);
         }
-        (self.inverted, self.tried, self.whole) = (false, false, false);
-        squared(&self.m, d, ld, &mut self.h)?;
+        (self.prepared, self.inverted, self.tried, self.whole) = (false, false, false, false);
+        (self.faces, self.unlimited) = (0, false);
+        Ok(())
+    }
+
+    fn square(&mut self, until: Until<'_>) -> Result<()> {
+        let (d, ld) = (self.d, self.ld);
+        squared(&self.m, d, ld, &mut self.h, until)?;
         for i in 0..d {
             let entry = &mut self.h[i * ld + i];
             *entry += self.r[i];
             self.curvature[i] = *entry;
         }
+        self.prepared = true;
         if self.curvature.iter().all(|v| v.is_finite()) {
             Ok(())
         } else {
-            require_finite("M", m)?;
+            require_finite("M", &self.m)?;
             Err(Error::Overflow { what: "the square of `M`" })
         }
     }
@@ -152,12 +161,12 @@ impl Dense {
         self.y.copy_from_slice(y);
         self.f.fill(0.0);
         self.centre.clear();
-        (self.faces, self.unlimited) = (0, false);
         add_transposed(&self.m, &self.y, self.triangular, &mut self.f);
         self.zero = vector::dot(&self.y, &self.y) + self.rest;
         if self.zero.is_finite() && self.f.iter().all(|v| v.is_finite()) {
             Ok(())
         } else {
+            require_finite("M", &self.m)?;
             require_finite("y", y)?;
             Err(Error::Overflow { what: "the square of `y`" })
         }
@@ -169,12 +178,13 @@ impl Dense {
     }
 
     /// Keeps `H^{-1}` if the condition of `H` is small enough for it.
-    pub(super) fn invert(&mut self, stop: &Stop) -> Result<()> {
+    pub(super) fn invert(&mut self, until: Until<'_>) -> Result<()> {
+        self.prepare(until)?;
         let (d, ld, h) = (self.d, self.ld, &self.h);
         self.tried = true;
         let there = std::mem::take(&mut self.unlimited);
         let column = |j: usize, to: &mut [f64]| to.copy_from_slice(&h[j * ld + j..j * ld + d]);
-        if !(there || self.factor.set(d, column, stop)?) || self.factor.condition() > ILL {
+        if !(there || self.factor.set(d, column, until)?) || self.factor.condition() > ILL {
             return Ok(());
         }
         for memory in [&mut self.inverse, &mut self.spare] {

@@ -4,13 +4,16 @@ use super::{Riccati, WHAT, add_transposed};
 use crate::error::Result;
 use crate::limits::bounds::Bounds;
 use crate::limits::kernel::{add_times, dot};
-use crate::limits::quadratic::Quadratic;
+use crate::limits::quadratic::{Quadratic, Until};
 use crate::memory::{try_copy, try_zeros};
-use crate::parallel::Stop;
 
 impl Quadratic for Riccati {
     fn size(&self) -> usize {
         self.steps * self.m
+    }
+
+    fn prepare(&mut self, until: Until<'_>) -> Result<()> {
+        if self.curvature.is_empty() { self.set_curvature(until) } else { Ok(()) }
     }
 
     fn curvature(&self) -> &[f64] {
@@ -21,9 +24,9 @@ impl Quadratic for Riccati {
         self.zero.min(self.size)
     }
 
-    fn face(&mut self, held: &[i8], u: &mut [f64], stop: &Stop) -> Result<bool> {
+    fn face(&mut self, held: &[i8], u: &mut [f64], until: Until<'_>) -> Result<bool> {
         let mut gains = std::mem::take(&mut self.face);
-        let positive = self.recursion(&mut gains, held, None, stop);
+        let positive = self.recursion(&mut gains, held, None, until);
         if matches!(positive, Ok(true)) {
             self.roll(&gains, false, u, None);
         }
@@ -84,10 +87,10 @@ impl Quadratic for Riccati {
         sum
     }
 
-    fn barrier(&mut self, held: &[i8], diagonal: &[f64], stop: &Stop) -> Result<bool> {
+    fn barrier(&mut self, held: &[i8], diagonal: &[f64], until: Until<'_>) -> Result<bool> {
         self.whole = false;
         let mut gains = std::mem::take(&mut self.other);
-        let positive = self.recursion(&mut gains, held, Some(diagonal), stop);
+        let positive = self.recursion(&mut gains, held, Some(diagonal), until);
         self.other = gains;
         positive
     }
@@ -98,10 +101,10 @@ impl Quadratic for Riccati {
         self.other = gains;
     }
 
-    fn dual_norm(&mut self, held: &[i8], e: &[f64], stop: &Stop) -> Result<f64> {
+    fn dual_norm(&mut self, held: &[i8], e: &[f64], until: Until<'_>) -> Result<f64> {
         if !self.whole {
             let zeros = try_zeros(WHAT, e.len())?;
-            self.whole = self.barrier(held, &zeros, stop)?;
+            self.whole = self.barrier(held, &zeros, until)?;
         }
         if !self.whole {
             return Ok(if e.iter().all(|e| *e == 0.0) { 0.0 } else { f64::INFINITY });
@@ -112,10 +115,10 @@ impl Quadratic for Riccati {
     }
 
     /// The best control without limits, clipped step by step.
-    fn guess(&mut self, bounds: Bounds<'_>, held: &[i8], u: &mut [f64], stop: &Stop) -> Result<()> {
+    fn guess(&mut self, bounds: Bounds<'_>, held: &[i8], u: &mut [f64], until: Until<'_>) -> Result<()> {
         if !self.whole {
             let zeros = try_zeros(WHAT, u.len())?;
-            self.whole = self.barrier(held, &zeros, stop)?;
+            self.whole = self.barrier(held, &zeros, until)?;
         }
         if self.whole {
             let gains = std::mem::take(&mut self.other);

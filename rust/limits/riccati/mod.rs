@@ -10,14 +10,15 @@ mod recursion;
 
 use crate::error::{Error, Result, require_finite};
 use crate::limits::bounds::Bounds;
-use crate::limits::kernel::{add_lines, add_times, dot, padded, product};
-use crate::limits::quadratic::{Quadratic, Status, Until};
+use crate::limits::factor::product;
+use crate::limits::kernel::{add_lines, add_times, dot, padded};
+use crate::limits::quadratic::{Quadratic, Until};
 use crate::limits::search::Search;
-use crate::limits::solve::{Penalty, Solution, checked_rows, checked_warm, told};
+use crate::limits::solve::{Penalty, Solution, checked_rows, checked_warm, or_ended, told};
 use crate::memory::{checked_len, try_zeros};
-use crate::parallel::Stop;
 
 const WHAT: &str = "a control of many steps";
+const OVERFLOW: Error = Error::Overflow { what: "the state without inputs over all steps" };
 
 /// A problem of many steps; matrices row by row.
 #[derive(Clone, Copy)]
@@ -99,6 +100,7 @@ pub(super) struct Riccati {
     r: Lines,
     x0: Vec<f64>,
     reference: Lines,
+    /// From [`Quadratic::prepare`] on.
     curvature: Vec<f64>,
     /// `-J'(0) / 2`, and `J(0)`.
     f: Vec<f64>,
@@ -117,7 +119,7 @@ pub(super) struct Riccati {
 }
 
 impl Riccati {
-    pub(super) fn new(h: &Horizon<'_>, stop: &Stop) -> Result<Self> {
+    pub(super) fn new(h: &Horizon<'_>) -> Result<Self> {
         let n = h.x0.len();
         let (m, steps) = (h.b.len().checked_div(n).unwrap_or(0), h.reference.len().checked_div(n).unwrap_or(0));
         let named = [
@@ -152,8 +154,8 @@ impl Riccati {
             r: Lines::new(h.r, m, m)?,
             x0,
             reference: Lines::new(h.reference, steps, n)?,
-            curvature: try_zeros(WHAT, checked_len(WHAT, steps, m)?)?,
-            f: try_zeros(WHAT, steps * m)?,
+            curvature: Vec::new(),
+            f: try_zeros(WHAT, checked_len(WHAT, steps, m)?)?,
             zero: f64::INFINITY,
             references: 0.0,
             size: 0.0,
@@ -164,7 +166,6 @@ impl Riccati {
             work: [state()?, state()?, state()?, input()?, input()?],
             squares: [Lines::zeros(n, n)?, Lines::zeros(n, m)?, Lines::zeros(n, n)?, Lines::zeros(m, n)?],
         };
-        new.set_curvature(stop)?;
         for t in 0..steps {
             new.work[0].fill(0.0);
             add_times(&new.q[usize::from(t + 1 == steps)].values, new.reference.line(t), 1.0, &mut new.work[0][..n]);
@@ -173,30 +174,30 @@ impl Riccati {
         let (mut g, u) = (try_zeros(WHAT, steps * m)?, try_zeros(WHAT, steps * m)?);
         new.zero = new.slope(&u, &mut g);
         new.f.iter_mut().zip(&g).for_each(|(f, g)| *f = 0.0 - g);
-        if new.zero.is_finite() && new.f.iter().chain(&new.curvature).all(|v| v.is_finite()) {
-            Ok(new)
-        } else {
-            Err(Error::Overflow { what: "the state without inputs over all steps" })
-        }
+        if new.zero.is_finite() && new.f.iter().all(|v| v.is_finite()) { Ok(new) } else { Err(OVERFLOW) }
     }
 
     /// `diag(R + B' S B)` with `S_k = Q_k + A' S_{k+1} A`.
-    fn set_curvature(&mut self, stop: &Stop) -> Result<()> {
+    pub(super) fn set_curvature(&mut self, until: Until<'_>) -> Result<()> {
         let (n, m, ln, lm) = (self.n, self.m, self.ln, self.lm);
-        let mut s = self.q[1].clone();
+        let (mut s, mut curvature) = (self.q[1].clone(), try_zeros(WHAT, self.steps * m)?);
         for t in (0..self.steps).rev() {
-            stop.check()?;
+            until.check()?;
             let [sa, sb, next, _] = &mut self.squares;
-            product(&s.values, ln, false, n, &self.b.values, &mut sb.values, lm);
+            product(&s.values, ln, false, n, &self.b.values, &mut sb.values, lm)?;
             for j in 0..m {
                 let sum: f64 = (0..n).map(|i| self.b.values[i * lm + j] * sb.values[i * lm + j]).sum();
-                self.curvature[t * m + j] = self.r.values[j * lm + j] + sum;
+                curvature[t * m + j] = self.r.values[j * lm + j] + sum;
             }
-            product(&s.values, ln, false, n, &self.a.values, &mut sa.values, ln);
-            product(&self.a.values, ln, true, n, &sa.values, &mut next.values, ln);
+            product(&s.values, ln, false, n, &self.a.values, &mut sa.values, ln)?;
+            product(&self.a.values, ln, true, n, &sa.values, &mut next.values, ln)?;
             next.values.iter_mut().zip(&self.q[0].values).for_each(|(s, q)| *s += q);
             std::mem::swap(&mut s.values, &mut next.values);
         }
+        if !curvature.iter().all(|v| v.is_finite()) {
+            return Err(OVERFLOW);
+        }
+        self.curvature = curvature;
         Ok(())
     }
 }
@@ -204,22 +205,19 @@ impl Riccati {
 /// The best inputs of a horizon within `bounds` (K m), step by step, from the limits that `warm` names.
 ///
 /// # Errors
-/// As [`crate::limits::box_control`], and [`Error::Interrupted`] before a first control.
+/// As [`crate::limits::box_control`].
 pub fn horizon_control(
     horizon: &Horizon<'_>,
     bounds: Bounds<'_>,
     warm: Option<&[i8]>,
     until: Until<'_>,
 ) -> Result<Solution> {
-    let mut problem = Riccati::new(horizon, until.stop)?;
+    let mut problem = Riccati::new(horizon)?;
     let d = problem.size();
     checked_rows("low", bounds.low.len(), 1, d)?;
     checked_warm(warm, d)?;
     let mut search = Search::new(d)?;
-    let early = match search.run(&mut problem, bounds, warm, until) {
-        Err(Error::Interrupted) => Some(Status::Interrupted),
-        other => other?,
-    };
+    let early = or_ended(search.run(&mut problem, bounds, warm, until), until)?;
     if !search.certificate.objective.is_finite() {
         search.give_up(&mut problem, bounds);
     }

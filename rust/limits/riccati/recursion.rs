@@ -3,10 +3,11 @@
 use super::{Gains, Riccati, WHAT, add_transposed};
 use crate::error::Result;
 use crate::limits::bounds::Bounds;
-use crate::limits::kernel::{Work, add_line, add_lines, add_times, axpy, kernel, product, solved, widest};
+use crate::limits::factor::product;
+use crate::limits::kernel::{Work, add_line, add_lines, add_times, axpy, kernel, solved, widest};
+use crate::limits::quadratic::Until;
 use crate::limits::tiles::factored;
 use crate::memory::{checked_len, try_filled, try_zeros};
-use crate::parallel::Stop;
 
 impl Riccati {
     /// The recursion with `held` inputs out, and `diagonal` added to `R`; false where some `G` is singular to rounding.
@@ -15,7 +16,7 @@ impl Riccati {
         gains: &mut Gains,
         held: &[i8],
         diagonal: Option<&[f64]>,
-        stop: &Stop,
+        until: Until<'_>,
     ) -> Result<bool> {
         let (n, m, ln, lm, steps) = (self.n, self.m, self.ln, self.lm, self.steps);
         if gains.held.len() != held.len() {
@@ -27,7 +28,7 @@ impl Riccati {
         }
         gains.held.copy_from_slice(held);
         for t in (0..steps).rev() {
-            stop.check()?;
+            until.check()?;
             let held = &held[t * m..(t + 1) * m];
             let (before, after) = gains.p.split_at_mut(t * n * ln);
             let p = &mut after[..n * ln];
@@ -39,10 +40,10 @@ impl Riccati {
             let g = &mut gains.lower[t * m * lm..(t + 1) * m * lm];
             let inverse = &mut gains.inverse[t * m..(t + 1) * m];
             let [pa, pb, _, bpa] = &mut self.squares;
-            product(p, ln, false, n, &self.a.values, &mut pa.values, ln);
-            product(p, ln, false, n, &self.b.values, &mut pb.values, lm);
-            product(&self.b.values, lm, true, n, &pb.values, g, lm);
-            product(&self.b.values, lm, true, n, &pa.values, &mut bpa.values, ln);
+            product(p, ln, false, n, &self.a.values, &mut pa.values, ln)?;
+            product(p, ln, false, n, &self.b.values, &mut pb.values, lm)?;
+            product(&self.b.values, lm, true, n, &pb.values, g, lm)?;
+            product(&self.b.values, lm, true, n, &pa.values, &mut bpa.values, ln)?;
             g.iter_mut().zip(&self.r.values).for_each(|(g, r)| *g += r);
             for j in 0..m {
                 if let Some(diagonal) = diagonal {
@@ -63,7 +64,7 @@ impl Riccati {
             if positive && t > 0 {
                 // P <- Q + A' P A - (B' P A)' L
                 let next = &mut before[(t - 1) * n * ln..];
-                product(&self.a.values, ln, true, n, &pa.values, next, ln);
+                product(&self.a.values, ln, true, n, &pa.values, next, ln)?;
                 next.iter_mut().zip(&self.q[0].values).for_each(|(p, q)| *p += q);
                 for j in (0..m).filter(|&j| held[j] == 0) {
                     let (row, gain) = (bpa.line(j), &gain[j * ln..(j + 1) * ln]);

@@ -5,10 +5,11 @@
 use super::program::{Point, Program};
 use super::task::{Task, WHAT, largest};
 use crate::error::Result;
-use crate::memory::{try_filled, try_push, try_zeros};
+use crate::memory::{try_copy, try_filled, try_push, try_zeros};
 
-/// Limits beyond this, in units of the sizes, are left to the certificate.
-const FAR: f64 = 1e12;
+/// Limits beyond this, in units of the sizes, are left to the exchange of limits first, as an interior point that begins
+/// among them ends early; beyond the second number to the certificate.
+pub(super) const FAR: [f64; 2] = [1e3, 1e12];
 
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
@@ -18,7 +19,7 @@ pub(super) enum Kind {
 }
 
 /// A row of a program: the kind and entry of its limit, 1 at the upper and -1 at the lower side, 0 where both are equal.
-type Row = (Kind, usize, i8);
+pub(super) type Row = (Kind, usize, i8);
 
 /// Multipliers, `>= 0` at the upper side and `<= 0` at the lower; `J' + inputs + D' rates + G' states = 0` at the minimum.
 pub(super) struct Multipliers {
@@ -94,8 +95,8 @@ impl Task<'_> {
         }
     }
 
-    pub(super) fn unit(&self, kind: Kind) -> f64 {
-        if kind == Kind::State { self.size.0 } else { self.size.1 }
+    pub(super) fn unit(&self, kind: Kind, i: usize) -> f64 {
+        if kind == Kind::State { self.size.0 } else { self.size.1[i % self.m] }
     }
 
     pub(super) fn kinds(&self) -> [(Kind, usize); 3] {
@@ -112,9 +113,9 @@ impl Task<'_> {
 
     /// The size of `J`, to scale by.
     pub(super) fn scale(&self) -> f64 {
-        let (state, input) = self.size;
+        let (state, input) = (self.size.0, &self.size.1);
         let of_states = largest(self.h.stage.iter().chain(self.h.terminal)) * state * state;
-        let of_inputs = largest(self.h.r) * input * input;
+        let of_inputs = input.iter().enumerate().fold(0.0f64, |v, (j, u)| v.max(self.h.r[j * self.m + j] * u * u));
         if of_states > 0.0 {
             of_states
         } else if of_inputs > 0.0 {
@@ -127,14 +128,16 @@ impl Task<'_> {
     /// `J` less its linear part, and the steps; `start`: with the state before the first one.
     fn program(&self, more: usize, weighed: bool, start: bool) -> Result<Program> {
         let (n, m, steps) = (self.n, self.m, self.steps);
-        let ((state, input), d) = (self.size, steps * m);
+        let (state, input, d) = (self.size.0, &self.size.1, steps * m);
         let shared = 2 * n + m + if self.low.is_empty() { 0 } else { 2 * n };
         let mut program = Program::new(d + steps * n + more, (steps, 2 * (shared + 1)))?;
         if weighed {
             let scale = 2.0 / self.scale();
+            let mut r = try_copy(WHAT, self.h.r)?;
+            r.iter_mut().enumerate().for_each(|(i, r)| *r *= input[i / m] * input[i % m]);
             for t in 0..steps {
                 let q = if t + 1 == steps { self.h.terminal } else { self.h.stage };
-                program.weigh(t * m, self.h.r, m, scale * input * input)?;
+                program.weigh(t * m, &r, m, scale)?;
                 program.weigh(d + t * n, q, n, scale * state * state)?;
             }
         }
@@ -151,7 +154,7 @@ impl Task<'_> {
                     right = a.iter().zip(self.h.x0).map(|(a, x)| a * x).sum::<f64>() / state;
                 }
                 for (j, b) in b.iter().enumerate() {
-                    program.entry(row, t * m + j, -b * input / state)?;
+                    program.entry(row, t * m + j, -b * input[j] / state)?;
                 }
                 program.row(&[(d + t * n + i, 1.0)], right, true)?;
             }
@@ -177,11 +180,11 @@ impl Task<'_> {
         if let Some(amount) = amount {
             to.entry(row, amount, -1.0)?;
         }
-        to.row(&[(at, sign)], right / self.unit(kind), equal)
+        to.row(&[(at, sign)], right / self.unit(kind, i), equal)
     }
 
-    /// The whole problem, and the rows after those of the steps.
-    pub(super) fn whole(&self, aim: Aim) -> Result<(Program, Vec<Row>)> {
+    /// The whole problem but for limits beyond `far`, and the rows after those of the steps.
+    pub(super) fn whole(&self, aim: Aim, far: f64) -> Result<(Program, Vec<Row>)> {
         let mut rows: Vec<Row> = Vec::new();
         for (kind, len) in self.kinds() {
             for i in (0..len).filter(|&i| self.fixed(kind, i) && !(kind == Kind::State && aim == Aim::Least)) {
@@ -193,7 +196,7 @@ impl Task<'_> {
             for i in (0..len).filter(|&i| !self.fixed(kind, i) || kind == Kind::State && aim == Aim::Least) {
                 let (low, high) = self.limits(kind, i);
                 for (side, limit) in [(1, high), (-1, low)] {
-                    if limit.abs() <= FAR * self.unit(kind) {
+                    if limit.abs() <= far * self.unit(kind, i) {
                         try_push(WHAT, &mut rows, (kind, i, side))?;
                     }
                 }
@@ -249,13 +252,13 @@ impl Task<'_> {
     /// Inputs, multipliers, and the limits whose multiplier is larger than the distance from them.
     pub(super) fn read(&self, point: &Point, rows: &[Row], aim: Aim) -> Result<(Vec<f64>, Multipliers, Held)> {
         let mut u = try_zeros(WHAT, self.steps * self.m)?;
-        u.iter_mut().zip(&point.z).for_each(|(u, z)| *u = z * self.size.1);
+        u.iter_mut().zip(&point.z).enumerate().for_each(|(i, (u, z))| *u = z * self.unit(Kind::Input, i));
         let (mut found, mut held) = (Multipliers::zeros(self)?, Held::none(self)?);
         let scale = if aim == Aim::Least { self.size.0 } else { self.scale() };
         let skipped = self.steps * self.n;
         for (&(kind, i, side), (z, s)) in rows.iter().zip(point.multipliers.iter().zip(&point.slacks).skip(skipped)) {
             let sign = if side < 0 { -1.0 } else { 1.0 };
-            found.of(kind)[i] += sign * z * scale / self.unit(kind);
+            found.of(kind)[i] += sign * z * scale / self.unit(kind, i);
             if side == 0 || z > s {
                 held.of(kind)[i] = if side == 0 { 1 } else { side };
             }
@@ -289,8 +292,9 @@ impl Task<'_> {
                 try_push(WHAT, &mut rows, (kind, i, 0))?;
             }
         }
-        let to_scale = self.size.1 / self.scale();
-        program.linear.iter_mut().zip(g).for_each(|(q, g)| *q = g * to_scale);
+        let scale = self.scale();
+        let of_inputs = program.linear.iter_mut().zip(g).enumerate();
+        of_inputs.for_each(|(i, (q, g))| *q = g * self.unit(Kind::Input, i) / scale);
         let unit = largest(program.linear.iter().chain(&program.right));
         if unit == 0.0 {
             return Ok(None);

@@ -1,8 +1,8 @@
 //! What limits on states lack that cannot be met: a linear program, and a bound from its multipliers.
 
 use super::Search;
-use super::assembly::Aim;
-use super::task::{WHAT, largest};
+use super::assembly::{Aim, FAR, Kind};
+use super::task::WHAT;
 use crate::error::{Error, Result};
 use crate::limits::quadratic::Until;
 use crate::memory::try_zeros;
@@ -15,7 +15,7 @@ impl Search<'_, '_> {
     /// one: for `v >= 0` with sum 1 and any `w`, `min_u v' (C u - c) + w' (rates) <=` every excess.
     pub(super) fn least(&mut self, until: Until<'_>) -> Result<(Vec<f64>, f64, bool)> {
         let task = self.task;
-        let (program, rows) = task.whole(Aim::Least)?;
+        let (program, rows) = task.whole(Aim::Least, FAR[1])?;
         let point = program.solve(until)?;
         self.iterations += point.iterations;
         let (mut u, mut found, _) = task.read(&point, &rows, Aim::Least)?;
@@ -41,8 +41,9 @@ impl Search<'_, '_> {
         }
         task.pull(&found.states, &mut g)?;
         task.pull_changes(&found.rates, &mut g);
-        let large = LARGE * largest(&u).max(task.size.1);
+        let most = u.iter().enumerate().fold(1.0f64, |most, (i, u)| most.max(u.abs() / task.unit(Kind::Input, i)));
         for (i, (u, g)) in u.iter().zip(&g).enumerate() {
+            let large = LARGE * most * task.unit(Kind::Input, i);
             let to = if *g > 0.0 { task.bounds().low[i].max(-large) } else { task.bounds().high[i].min(large) };
             least -= g * (u - to);
         }

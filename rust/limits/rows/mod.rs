@@ -1,5 +1,6 @@
 //! Many steps with limits on inputs, on their changes and on states: a sparse interior point proposes, one linear system
-//! for the active limits corrects, and the certificate is computed from the data.
+//! for the active limits corrects, and the certificate is computed from the data. In a loop the active limits of the call
+//! before propose, and the interior point is asked where they do not lead to a control that is certified.
 //!
 //! For any `u` within all limits, multipliers `l >= 0` of its rows `C u <= c`, `e = J'(u) + C' l` and `s = l' (c - C u)`:
 //! `J(u) - min J <= s + ||e||^2_{H^-1} / 4` and `||u - u*||_H <= (||e||_{H^-1} + (||e||^2_{H^-1} + 8 s)^(1/2)) / 4`.
@@ -7,6 +8,7 @@
 //! the certificate is then for limits that are wider by this rounding. With soft limits `J'` has their weight and `H` has not.
 
 mod assembly;
+mod follow;
 mod missing;
 mod polish;
 mod program;
@@ -17,7 +19,9 @@ mod tests;
 
 pub use task::Rows;
 
-use assembly::{Aim, Kind, Multipliers};
+use assembly::{Aim, FAR, Kind, Multipliers, Row};
+use follow::GOOD;
+use program::Program;
 use task::{Task, WHAT};
 
 use super::bounds::Bounds;
@@ -25,7 +29,7 @@ use super::certificate::{Certificate, frank_wolfe};
 use super::quadratic::{Method, Quadratic, Status, Until};
 use super::riccati::{Horizon, Riccati};
 use super::search;
-use super::solve::{Solution, told};
+use super::solve::{Solution, checked_warm, or_ended, told};
 use crate::error::{Error, Result};
 use crate::memory::{try_copy, try_filled, try_zeros};
 
@@ -132,7 +136,7 @@ impl<'a, 'b> Search<'a, 'b> {
         task.pull_changes(&rows.rates, &mut pulled);
         g.iter_mut().zip(&pulled).for_each(|(g, v)| *g += 0.5 * v);
         slack += g.iter().zip(&task.width).map(|(g, width)| 2.0 * g.abs() * width).sum::<f64>();
-        let frank_wolfe = frank_wolfe(task.bounds(), &u, &g) + slack;
+        let frank_wolfe = frank_wolfe(task.reachable(), &u, &g) + slack;
         let (squared, near) = self.dual_norm(&u, &g, until)?;
         let all = slack + near;
         let (excess, relative) = if task.hard() { task.excess(&x) } else { (0.0, 0.0) };
@@ -165,9 +169,9 @@ impl<'a, 'b> Search<'a, 'b> {
         let (task, d, mut near) = (self.task, u.len(), 0.0);
         let mut e = try_copy(WHAT, g)?;
         for (i, e) in e.iter_mut().enumerate() {
-            let limit = if *e > 0.0 { task.bounds().low[i] } else { task.bounds().high[i] };
+            let limit = if *e > 0.0 { task.reachable().low[i] } else { task.reachable().high[i] };
             let off = (u[i] - limit).abs();
-            if self.fixed[i] != 0 || off <= REACHED * u[i].abs().max(task.size.1) {
+            if self.fixed[i] != 0 || off <= REACHED * u[i].abs().max(task.unit(Kind::Input, i)) {
                 near += if self.fixed[i] != 0 { 0.0 } else { 2.0 * e.abs() * off };
                 *e = 0.0;
             }
@@ -176,7 +180,10 @@ impl<'a, 'b> Search<'a, 'b> {
             return Ok((0.0, near));
         }
         if self.regular.is_none() {
-            self.regular = Some(self.q.barrier(&self.fixed, &try_zeros(WHAT, d)?, until.stop)?);
+            self.regular = match self.q.barrier(&self.fixed, &try_zeros(WHAT, d)?, until) {
+                Err(Error::Interrupted) => None, // no time for its factors: the other bound is left
+                found => Some(found?),
+            };
         }
         if self.regular != Some(true) {
             return Ok((f64::INFINITY, near));
@@ -202,10 +209,27 @@ impl<'a, 'b> Search<'a, 'b> {
         if let Some(early) = until.reached() {
             return Ok(Some(early));
         }
-        let (program, rows) = self.task.whole(Aim::Best)?;
+        let mut count = usize::MAX;
+        for far in FAR {
+            if self.best.as_ref().is_some_and(|best| best.merit <= GOOD) {
+                break;
+            }
+            let (program, rows) = self.task.whole(Aim::Best, far)?;
+            if count == rows.len() {
+                break;
+            }
+            count = rows.len();
+            if let Some(early) = self.propose(program, &rows, until)? {
+                return Ok(Some(early));
+            }
+        }
+        Ok(None)
+    }
+
+    fn propose(&mut self, program: Program, rows: &[Row], until: Until<'_>) -> Result<Option<Status>> {
         let point = program.solve(until)?;
         self.iterations += point.iterations;
-        let (u, multipliers, held) = self.task.read(&point, &rows, Aim::Best)?;
+        let (u, multipliers, held) = self.task.read(&point, rows, Aim::Best)?;
         self.judge(&u, &multipliers, Method::Interior, until)?;
         if point.timed_out {
             return Ok(Some(Status::Limit));
@@ -219,14 +243,14 @@ impl<'a, 'b> Search<'a, 'b> {
     /// The same, with a stop as a status. A solver that fails leaves what there is.
     fn try_run(&mut self, until: Until<'_>) -> Result<Option<Status>> {
         match self.run(until) {
-            Err(Error::Interrupted) => Ok(Some(Status::Interrupted)),
             Err(Error::Numerical(_)) => Ok(None),
-            other => other,
+            other => or_ended(other, until),
         }
     }
 }
 
-/// The best inputs of a horizon within `bounds` (K m), step by step, and within `rows`.
+/// The best inputs of a horizon within `bounds` (K m), step by step, and within `rows`. `warm`: signs of the limits that are
+/// probably reached, of inputs, then of rates and of states where there are such limits.
 ///
 /// # Errors
 /// As [`super::horizon_control`], and [`Error::Value`] for `rate`, `previous`, `state_low` and `soft`.
@@ -234,14 +258,25 @@ pub fn rows_control(
     horizon: &Horizon<'_>,
     bounds: Bounds<'_>,
     rows: Rows<'_>,
+    warm: Option<&[i8]>,
     until: Until<'_>,
 ) -> Result<RowsSolution> {
-    let mut q = Riccati::new(horizon, until.stop)?;
+    let mut q = Riccati::new(horizon)?;
     let task = Task::new(*horizon, bounds, rows)?;
     let none = Multipliers::zeros(&task)?;
     let mut search = Search::new(&task, &mut q)?;
-    search.judge(&none.inputs, &none, Method::Interior, until)?;
-    let mut early = search.try_run(until)?;
+    let mut early = None;
+    if let Some(warm) = warm {
+        checked_warm(Some(warm), task.kinds().iter().map(|(_, len)| len).sum())?;
+        let mut held = task.held(warm)?;
+        early = or_ended(search.follow(&mut held, until), until)?;
+    }
+    if search.best.as_ref().is_none_or(|best| best.merit > GOOD) {
+        search.judge(&none.inputs, &none, Method::Interior, until)?;
+        if early.is_none() {
+            early = search.try_run(until)?;
+        }
+    }
     let mut missing = 0.0;
     let unmet = early.is_none()
         && task.hard()
@@ -256,7 +291,7 @@ pub fn rows_control(
                     widened = Some((task.widened(amount * (1.0 + ROOM))?, u));
                 }
             }
-            Err(Error::Interrupted) => early = Some(Status::Interrupted),
+            Err(Error::Interrupted) => early = Some(until.ended()),
             Err(Error::Numerical(_)) => {}
             Err(other) => return Err(other),
         }

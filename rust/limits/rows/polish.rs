@@ -2,7 +2,7 @@
 //! residuals, so that each round gains digits. Limits with the wrong sign and limits that are broken are exchanged.
 
 use super::assembly::{Held, Kind, Multipliers};
-use super::task::{Task, WHAT, largest};
+use super::task::{Task, WHAT};
 use super::{EXACT, Search};
 use crate::error::Result;
 use crate::limits::quadratic::{Method, Status, Until};
@@ -46,7 +46,7 @@ impl Task<'_> {
     }
 
     /// `J' + inputs + D' rates + G' states`; soft limits as parabolas where they are held.
-    fn residual(&self, u: &[f64], x: &[f64], multipliers: &Multipliers, held: &Held) -> Result<Vec<f64>> {
+    pub(super) fn residual(&self, u: &[f64], x: &[f64], multipliers: &Multipliers, held: &Held) -> Result<Vec<f64>> {
         let (mut e, mut w) = (try_zeros(WHAT, x.len())?, try_zeros(WHAT, x.len())?);
         e.iter_mut().zip(x.iter().zip(self.h.reference)).for_each(|(e, (x, r))| *e = x - r);
         self.weigh(&e, &mut w);
@@ -68,19 +68,20 @@ impl Task<'_> {
     }
 
     /// Exchanges limits; whether there was one to exchange.
-    fn exchange(&self, u: &[f64], x: &[f64], multipliers: &mut Multipliers, held: &mut Held) -> bool {
+    pub(super) fn exchange(&self, u: &[f64], x: &[f64], multipliers: &mut Multipliers, held: &mut Held) -> bool {
         let mut changed = false;
         for (kind, len) in self.kinds() {
             let soft = kind == Kind::State && self.soft.is_some();
-            let most = largest(&*multipliers.of(kind));
+            let found = multipliers.of(kind);
+            let most = found.iter().enumerate().fold(0.0f64, |most, (i, v)| most.max(v.abs() * self.unit(kind, i)));
             for i in (0..len).filter(|&i| !self.fixed(kind, i)) {
                 let ((low, high), value) = (self.limits(kind, i), self.value(kind, i, u, x));
-                let rounding = ROUNDING * self.unit(kind).max(value.abs());
+                let rounding = ROUNDING * self.unit(kind, i).max(value.abs());
                 let side = held.of(kind)[i];
                 let broken = i8::from(value > high + rounding) - i8::from(value < low - rounding);
                 let now = if soft || side == 0 {
                     broken
-                } else if multipliers.of(kind)[i] * f64::from(side) < -ROUNDING * most {
+                } else if multipliers.of(kind)[i] * f64::from(side) * self.unit(kind, i) < -ROUNDING * most {
                     0
                 } else {
                     side
@@ -125,9 +126,10 @@ impl Search<'_, '_> {
             if point.z.iter().chain(&point.multipliers).any(|v| !v.is_finite()) {
                 break;
             }
-            u.iter_mut().zip(&point.z).for_each(|(u, z)| *u += unit * task.size.1 * z);
+            let of_inputs = u.iter_mut().zip(&point.z).enumerate();
+            of_inputs.for_each(|(i, (u, z))| *u += unit * task.unit(Kind::Input, i) * z);
             for (&(kind, i, _), z) in rows.iter().zip(&point.multipliers[task.steps * task.n..]) {
-                multipliers.of(kind)[i] += unit * task.scale() / task.unit(kind) * z;
+                multipliers.of(kind)[i] += unit * task.scale() / task.unit(kind, i) * z;
             }
             task.roll(&u, &mut x);
             let before = self.best.as_ref().map_or(f64::INFINITY, |best| best.merit);
@@ -143,7 +145,13 @@ impl Search<'_, '_> {
     }
 
     /// Judges `u` without multipliers of the wrong sign.
-    fn judge_signed(&mut self, u: &[f64], multipliers: &Multipliers, held: &Held, until: Until<'_>) -> Result<()> {
+    pub(super) fn judge_signed(
+        &mut self,
+        u: &[f64],
+        multipliers: &Multipliers,
+        held: &Held,
+        until: Until<'_>,
+    ) -> Result<()> {
         let task = self.task;
         let mut signed = Multipliers::zeros(task)?;
         for (to, (v, side)) in signed.rates.iter_mut().zip(multipliers.rates.iter().zip(&held.rates)) {

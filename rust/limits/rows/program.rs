@@ -10,7 +10,7 @@ use super::task::WHAT;
 use crate::error::{Error, Result};
 use crate::limits::quadratic::Until;
 use crate::memory::{covered, try_copy, try_push, try_zeros};
-use crate::parallel::{Stop, detached};
+use crate::parallel::{Stop, detached_until};
 
 /// Tolerances asked of Clarabel, more than it reaches: what it gives is judged from the data.
 const TOLERANCE: f64 = 1e-13;
@@ -97,11 +97,12 @@ impl Program {
         16 * (3 * factor + 12 * entries + 60 * (rows + columns)) + (1 << 16)
     }
 
-    /// On its own thread, which an interrupted caller leaves behind, and which ends at its next iteration.
+    /// On its own thread, which an interrupted caller leaves behind, and which ends at its next iteration; Clarabel looks at
+    /// the clock after its first factorization only.
     pub(super) fn solve(self, until: Until<'_>) -> Result<Point> {
         let cancelled = Arc::new(Stop::new());
         let (hook, limit) = (Arc::clone(&cancelled), until.left());
-        let result = detached("stochens-clarabel", until.stop, move || self.run(limit, hook));
+        let result = detached_until("stochens-clarabel", || until.overdue(), move || self.run(limit, hook));
         if result.is_err() {
             cancelled.request();
         }

@@ -40,8 +40,8 @@ pub(super) struct Task<'a> {
     /// Values from where all later limits can be kept, `l'_k = max(l_k, l'_{k+1} - rate)`, `h'_k = min(h_k, h'_{k+1} + rate)`,
     /// and that can be reached, `l'_k = max(l'_k, l'_{k-1} - rate)`, `h'_k = min(h'_k, h'_{k-1} + rate)`.
     within: (Vec<f64>, Vec<f64>),
-    /// Sizes of a state and of an input, to scale by.
-    pub(super) size: (f64, f64),
+    /// Sizes of a state and of each input, to scale by.
+    pub(super) size: (f64, Vec<f64>),
 }
 
 fn sized(name: &'static str, values: &[f64], len: usize) -> Result<()> {
@@ -89,8 +89,12 @@ impl<'a> Task<'a> {
         }
         let state = largest(h.x0.iter().chain(h.reference));
         let state = if state > 0.0 { state } else { largest(low.iter().chain(&high)).max(1.0) };
-        let gain = largest(h.b);
-        let input = if gain > 0.0 { state / gain } else { 1.0 };
+        // each input in the unit in which it moves a state by its size, or its reach if that is less
+        let mut input = try_zeros(WHAT, m)?;
+        for (j, input) in input.iter_mut().enumerate() {
+            let gain = largest(h.b.iter().skip(j).step_by(m));
+            *input = if gain > 0.0 { state / gain } else { 1.0 };
+        }
         let copied = || Ok((try_copy(WHAT, bounds.low)?, try_copy(WHAT, bounds.high)?));
         let (inputs, within) = (copied()?, copied()?);
         let width = try_zeros(WHAT, steps * m)?;
@@ -98,6 +102,13 @@ impl<'a> Task<'a> {
         let mut new = Self { h, n, m, steps, inputs, width, rate, low, high, soft, within, size: (state, input) };
         new.look_ahead()?;
         new.reach();
+        for (j, unit) in new.size.1.iter_mut().enumerate() {
+            let sides = [&new.within.0, &new.within.1].map(|side| side.iter().skip(j).step_by(m));
+            let reach = sides.into_iter().flatten().fold(0.0f64, |reach, v| reach.max(v.abs()));
+            if reach > 0.0 {
+                *unit = unit.min(reach);
+            }
+        }
         Ok(new)
     }
 
@@ -143,6 +154,11 @@ impl<'a> Task<'a> {
 
     pub(super) fn bounds(&self) -> Bounds<'_> {
         Bounds { low: &self.inputs.0, high: &self.inputs.1 }
+    }
+
+    /// What limits and rates together leave of each input.
+    pub(super) fn reachable(&self) -> Bounds<'_> {
+        Bounds { low: &self.within.0, high: &self.within.1 }
     }
 
     /// Whether the limits of inputs leave nothing of the limit of a change.
@@ -251,6 +267,7 @@ impl<'a> Task<'a> {
             inputs: (try_copy(WHAT, &self.inputs.0)?, try_copy(WHAT, &self.inputs.1)?),
             width: try_copy(WHAT, &self.width)?,
             within: (try_copy(WHAT, &self.within.0)?, try_copy(WHAT, &self.within.1)?),
+            size: (self.size.0, try_copy(WHAT, &self.size.1)?),
             ..*self
         };
         new.low.iter_mut().for_each(|l| *l -= more);

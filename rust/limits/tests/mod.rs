@@ -4,6 +4,7 @@
 
 mod batches;
 mod horizons;
+mod stops;
 
 use proptest::prelude::*;
 

@@ -8,7 +8,7 @@ use crate::error::{Error, Result};
 use crate::memory::{try_extend, try_room};
 use crate::sample::{Chance, Law, chances, deal, line_systematic};
 
-use super::WHAT;
+use super::sizes::WHAT;
 
 /// The law of an average of realizations, a vector or the lines of a matrix.
 #[derive(Debug, Clone)]

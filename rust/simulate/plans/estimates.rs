@@ -9,7 +9,7 @@ use crate::parallel::{Stop, for_each_chunk};
 use crate::stream::{Key, Purpose};
 
 use super::average::Average;
-use super::{CHUNK, WHAT};
+use super::sizes::{CHUNK, WHAT};
 
 /// The norm of an error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

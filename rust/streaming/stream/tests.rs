@@ -62,7 +62,7 @@ fn scalars_are_exact_at_once() {
         let laws = Laws { x0: vec![-3.0], xf: vec![5.0], a: vec![0.5], keys };
         let mut stream = Stream::new(geometry, laws, config).unwrap();
         for _ in 0..600 {
-            assert_eq!(stream.control().unwrap(), [3.25]);
+            assert_eq!(stream.control().unwrap().control, [3.25]);
             assert_eq!(stream.residuals().unwrap(), [0.0; 3]);
             stream.step();
         }

@@ -21,6 +21,9 @@ from ...theory.dynamics import checked_steps
 from ...theory.exact import best_control
 from ...theory.records import Reachability
 
+# The verdicts on targets that are not known to be reachable.
+_VERDICTS = {"not reachable": "not approximately reachable", "undecided": "undecided"}
+
 
 @dataclass(frozen=True, eq=False)
 class ApproximateReachability:
@@ -45,7 +48,8 @@ class ApproximateReachability:
         Whether no error exceeds its radius, up to rounding.
     verdict : str
         "approximately reachable", "not approximately reachable", or "inconsistent": the target
-        is reachable, but a radius was exceeded (probability at most ``delta``).
+        is reachable, but a radius was exceeded (probability at most ``delta``). "undecided" where
+        doubles do not decide whether the target is reachable, see `Reachability`.
     key : Key
         The key the experiment can be repeated with.
     """
@@ -151,6 +155,6 @@ def approximately(
         exact=exact,
         controls=u,
         consistent=consistent,
-        verdict=verdict if exact.reachable else "not approximately reachable",
+        verdict=_VERDICTS.get(exact.verdict, verdict),
         key=key,
     )

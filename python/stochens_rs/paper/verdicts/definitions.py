@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import reduce
+from itertools import product
 
 import numpy as np
 
@@ -68,8 +69,35 @@ def approximate_reachability(key: Key) -> Claim:
         f"{', '.join(map(str, found.sizes))} runs miss xf by {errors}; allowed at 99 %: {allowed}. "
         f"Verdict: {found.verdict}."
     )
-    confirms = found.verdict == "approximately reachable"
-    return claim("Definition 2.3", ("Monte Carlo", text, confirms))
+    return claim(
+        "Definition 2.3",
+        ("enumeration", *_any_control()),
+        ("Monte Carlo", text, found.verdict == "approximately reachable"),
+    )
+
+
+def _any_control() -> tuple[str, bool]:
+    """All realizations of two steps under several controls: only one of them leads to xf."""
+    A, b, x0 = exact.array([[1, 2], [-1, 1]]), exact.array([1, -2]), exact.array([1, 1])
+    chosen, others = (1, -1), ((0, 0), (1, 1), (-1, 1))
+    xf = A @ (A @ x0 + chosen[0] * b) + chosen[1] * b
+    matrices, inputs = exact.matrix_atoms(A), exact.atoms(b)
+    runs = 0
+    means = {u: exact.array([0, 0]) for u in (chosen, *others)}
+    for (p, start), (q, M0), (r, b0), (s, M1), (t, b1) in product(
+        exact.atoms(x0), matrices, inputs, matrices, inputs
+    ):
+        runs += 1
+        for u in means:
+            means[u] = means[u] + p * q * r * s * t * (M1 @ (M0 @ start + u[0] * b0) + u[1] * b1)
+    missed = {u: exact.square(mean - xf) for u, mean in means.items()}
+    text = (
+        f"A = [[1, 2], [-1, 1]], B = (1, -2), x0 = (1, 1), two steps, all {runs} runs: each has a "
+        f"trajectory with each of the controls {chosen}, {', '.join(map(str, others))}, and the "
+        f"squared distance of the mean of their ends from xf = {exact.show(xf)} is "
+        f"{', '.join(str(square) for square in missed.values())}."
+    )
+    return text, missed[chosen] == 0 and all(missed[u] > 0 for u in others)
 
 
 def sample_reachability(key: Key) -> Claim:

@@ -13,6 +13,7 @@ from ...rng import Key
 from ...simulation.simulating import simulate_ensemble
 from ...system import System
 from ...theory import bounds
+from ...theory.bounds import Bound
 from .. import bounds as printed_bounds
 from .. import rationals as exact
 from .records import Claim, claim
@@ -28,8 +29,7 @@ def lemma_42(tails: Tails) -> Claim:
     """The statement is true with other constants; its proof is wrong."""
     N, eps = 200, Fraction(3, 10)
     # n = 2, w = (1/2, 1/2): the error is sqrt(2) |k/N - 1/2|
-    beyond = [k for k in range(N + 1) if 2 * (Fraction(k, N) - Fraction(1, 2)) ** 2 > eps**2]
-    tail = Fraction(sum(comb(N, k) for k in beyond), 2**N)
+    tail = _tail(N, eps)
     printed = printed_bounds.OneVector([0.5, 0.5], C=4.0).probability(N, float(eps))
     held = bounds.bound("McDiarmid", "vector", [0.5, 0.5]).probability(N, float(eps))
     one = (
@@ -57,12 +57,46 @@ def lemma_42(tails: Tails) -> Claim:
         f"C = 2: the radius of the lemma is {beyond_it.min():.3g} to {beyond_it.max():.3g} times "
         "the empirical quantile."
     )
+    vector = bounds.bound("McDiarmid", "vector", _HALF)
+    # A = B = I and xf = 0: the pair (x0(s), A(s)) gives the atoms of x0
+    unit = np.eye(2), np.eye(2)
+    state = bounds.bound("McDiarmid", "state", unit, _HALF, np.zeros(2), fusion="diagonal")
     return claim(
         "Lemma 4.2",
         ("exact", one, printed < float(tail) <= held),
         ("Monte Carlo", many, broken[worst] > allowed and ours <= allowed),
         ("Monte Carlo", third, beyond_it.min() >= 1.0),
+        ("exact", *_exact_tails({"a vector": vector, "the state": state}, N)),
     )
+
+
+_HALF = np.array([0.5, 0.5])
+_DELTAS = (0.1, 0.01, 1e-3, 1e-6)
+
+
+def _exact_tails(mcdiarmid: dict[str, Bound], size: int) -> tuple[str, bool]:
+    """Radii of bounds on ``sqrt(2) |k/N - 1/2|``, k binomial, beside its exact tail."""
+    found = {
+        name: [_tail(size, Fraction(bound.radius(size, delta))) for delta in _DELTAS]
+        for name, bound in mcdiarmid.items()
+    }
+    shown = "; ".join(
+        f"{name} {', '.join(f'{float(p):.1e}' for p in tails)}" for name, tails in found.items()
+    )
+    text = (
+        f"The error sqrt(2) |k/N - 1/2|, k binomial, N = {size}, exceeds the radius of McDiarmid's "
+        f"bound for delta = {', '.join(f'{delta:g}' for delta in _DELTAS)} with the exact "
+        f"probabilities {shown}."
+    )
+    pairs = (pair for tails in found.values() for pair in zip(tails, _DELTAS, strict=True))
+    return text, all(p <= delta for p, delta in pairs)
+
+
+def _tail(size: int, radius: Fraction) -> Fraction:
+    """``P(sqrt(2) |k/N - 1/2| > radius)``."""
+    half = Fraction(1, 2)
+    beyond = (k for k in range(size + 1) if 2 * (Fraction(k, size) - half) ** 2 > radius**2)
+    return Fraction(sum(comb(size, k) for k in beyond), 2**size)
 
 
 def proof_of_lemma_42() -> Claim:
@@ -118,10 +152,17 @@ def lemma_43(key: Key) -> Claim:
         f"{', '.join(f'{v:.3g}' for v in spread[[0, 1, 2, 4, 8]])} for K = 0, 1, 2, 4, 8, that is "
         "2^(K+1) - 1, while the bound does not depend on K."
     )
+    # every entry 1/2, no control: the state after each step is e_1 or e_2, as a coin decides
+    coin = System(np.full((2, 2), 0.5), np.zeros((2, 1)))
+    several = {
+        f"{K} steps": bounds.bound("McDiarmid", "trajectory", coin, [1.0, 0.0], np.zeros((K, 1)))
+        for K in (1, 2, 5)
+    }
     return claim(
         "Lemma 4.3",
         ("exact", one, log_probability > log(printed) and rate[0] < rate[1]),
         ("Monte Carlo", many, close),
+        ("exact", *_exact_tails(several, 200)),
     )
 
 

@@ -29,7 +29,7 @@ trajectory          average of runs over K steps                          McDiar
                                                                           Chebyshev
 ..                  one step, ``axis="columns"``                          McDiarmid, one step;
                                                                           Hoeffding, one step
-all but trajectory  errors drawn from the law, delta from about 1e-4 on   simulated
+all but trajectory  errors drawn from the law, delta >= `least_delta`     simulated
 ==================  ====================================================  =====================
 
 "simulated" is within a few percent of the quantile; the others are formulas, several times larger,

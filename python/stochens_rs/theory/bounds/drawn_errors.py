@@ -6,6 +6,12 @@ exceed. It is too small if at most j errors lie beyond ``q``, the ``1 - d`` quan
 the largest for which that probability is at most ``0.01 delta``, the error exceeds the bound with
 probability at most ``0.91 delta``. A search for a size tries ten of them, each of which may be too
 small with probability ``0.01 delta``: ``0.9 + 10 * 0.01 = 1``.
+
+Where R is too small for that, about ``12 / delta``, the bound is the largest of ``R >= 4 / delta``
+errors. The error of the plan and the R simulated ones are exchangeable, so that it is the largest
+of all with probability at most ``1 / (R + 1) < delta / 4``. Of ten sizes in a search, one with the
+quantile p beyond eps passes and fails with probability ``p (1 - p)^R <= 1 / (e R)``, together at
+most ``10 / (e R) <= 0.92 delta``.
 """
 
 from __future__ import annotations
@@ -20,6 +26,7 @@ import numpy as np
 
 from ... import _core
 from ..._base import gate
+from ..._base.numbers import norm
 from ..._base.threads import get_num_threads
 from ..._base.types import Floats, Scheme
 from ...rng import Key
@@ -30,25 +37,26 @@ _QUANTILE = 0.9
 _MISTAKE = 0.01  # for each size
 _LOOKS = 10
 # Number of errors: 200 / delta of them give a bound of 1.02 to 1.1 times the quantile.
-_RUNS = 200.0
-_FEWEST, _MOST = 8192, 1 << 17
-_BUDGET = 5e8  # ns: no more errors than the bound needs if they would take longer
-_LONGEST = 1e10  # ns: no bound if the errors that it needs would take longer
-_SPARE = 1.5  # more than the smallest number of errors for which j >= 0
+_RUNS, _LEAST = 200.0, 4.0
+_TINY = 1e-9  # relative; delta comes as exp(-log(1 / delta))
+_FEWEST, _ENOUGH, _MOST = 8192, 1 << 17, 1 << 21
+_BUDGET = 5e8  # ns: no more errors than 4 / delta if they would take longer
+_LONGEST = 1e10  # ns: no bound if 4 / delta errors would take longer
 # Costs [ns], measured on one thread (x86-64) for n from 5 to 100, most within a factor of two. They
 # decide how many errors are drawn, and change no probability.
 _DRAW = 100.0  # one binomial draw
 _PER_PRODUCT = 30.0  # an entry in one product of the spectral norm
 _PER_PAIR = 15.0  # a pair of systematic realizations
-_DECOMPOSITION, _PER_ENTRY = 3e4, 6.0  # the factors of C_K: fixed, and n times per entry
+# The factors of C_K: fixed, per entry, and per entry and row; singular values, and of full rank
+_SINGULAR, _FULL_RANK = (1.5e4, 100.0, 1.3), (5e3, 20.0, 0.1)
 # The search for a size.
 _START = 1000  # the first size
 _PILOT, _PILOTS, _GUESSED = (
-    2048,
+    1024,
     30,
     1.1,
 )  # pilot: errors, sizes, and the factor that is near enough
-_CLOSE = 1.01  # it ends within 1 % of the smallest sufficient size
+_CLOSE, _NEAR = 1.01, 1.05  # it ends so near the smallest size; if a size takes the budget or more
 _SLOPES = -2.0, -0.3  # range of the fitted power of the size; -1/2 for many realizations
 _ROUNDING = 16.0 * float(np.finfo(np.float64).eps)  # of a sum, per term and unit
 
@@ -141,14 +149,31 @@ class PlanErrors:
         self.best = best_control(A.values, B, x0.values, xf.values, steps)
 
     def rounded(self, radii: tuple[float, ...]) -> tuple[float, float]:
-        """The radii with what rounding can add, in the exact control and in a fused one."""
+        """The radii with what rounding can add to the errors drawn, and to a control like v."""
         state, control = radii
         best = self.best
-        # a control u is rounded like the exact one, times ||u|| <= ||v|| + ||u - v||
-        state += 2.0 * best.state_rounding + (best.off + best.factors.spread) * control
-        gain = 2.0 * best.off / best.gap if best.gap > 0.0 else math.inf
-        control += 2.0 * best.control_rounding + (gain * control if control else 0.0)
-        return state, control
+        state += best.state_rounding
+        if not best.factors.s.size:
+            return state, control + best.control_rounding
+        turn = best.off / best.gap if best.gap > 0.0 else math.inf
+        if self.several:  # the core adds the rounding of u
+            state += (best.off + best.factors.spread) * control
+        elif len(best.factors.s) == len(self.B):
+            state += 2.0 * best.unsure + best.off / best.factors.s[0] * state
+        else:
+            # the range of the factors is turned by at most off / gap (Wedin, BIT 13 (1973) 217-232)
+            off = 2.0 * best.unsure + min(turn, 1.0) * self._largest
+            state += off
+            control += best.amplified(off)
+        return state, control + best.control_rounding + (2.0 * turn * control if control else 0.0)
+
+    @property
+    def _largest(self) -> float:
+        """``||y_hat - y||`` at most: ``g_f + g_A g_0`` for averages, and ``||y||``."""
+        x0, xf, A = (e.values if e.estimate is None else e.estimate for e in self.entities)
+        lines = np.abs(A).sum(axis=1 if self.rows else 0)
+        g_A = float(np.linalg.norm(lines) if self.rows else lines.max())
+        return norm(self.best.needed) + float(np.abs(xf).sum()) + g_A * float(np.abs(x0).sum())
 
     def sized(self, sizes: tuple[int | None, ...]) -> PlanErrors:
         """The same problem with other numbers of realizations ``(N0, Nf, NA)``."""
@@ -167,8 +192,13 @@ class PlanErrors:
         """As `Errors.cost`."""
         n, width = self.best.factors.B.shape
         cost: float = _DRAW * (n * n + 2 * n)
-        if self.several:  # powers of A_hat and a singular value decomposition
-            cost += _DECOMPOSITION + _PER_ENTRY * n * n * width
+        if self.several:
+            # as `rust/control/steps.rs` chooses, here for the exact C_K
+            s = self.best.factors.s
+            condition = norm(s) * norm(1.0 / s) if len(s) == n <= width else math.inf
+            fast = condition**3 * width * np.finfo(np.float64).eps <= 1.0
+            fixed, entry, product = _FULL_RANK if fast else _SINGULAR
+            cost += fixed + (entry + product * min(n, width)) * n * width
         x0, _, A = self.entities
         if self.paired and x0.drawn and A.drawn and A.scheme == "systematic":
             cost += _PER_PAIR * float(A.size or 0)
@@ -212,21 +242,29 @@ def radii(errors: Errors, delta: float, key: Key) -> tuple[float, ...] | None:
 
 def runs_for(delta: float, cost: float) -> int | None:
     """Number of errors to simulate at this cost [ns] of each; None: too many would be needed."""
-    if delta * _MOST < 1.0:
+    if delta < least_delta(cost) * (1.0 - _TINY):
         return None
-    # (1 - p)^R <= 0.01 delta for p = 0.9 delta
-    fewest = math.ceil(_SPARE * math.log(1.0 / (_MISTAKE * delta)) / (_QUANTILE * delta))
-    wanted = min(max(_FEWEST, math.ceil(_RUNS / delta)), _MOST)
-    runs = max(min(fewest, _MOST), min(wanted, int(_BUDGET / cost)))
-    possible = exceedances(runs, delta) is not None and runs * cost <= _LONGEST
-    return runs if possible else None
+    wanted = min(max(_FEWEST, math.ceil(_RUNS / delta)), _ENOUGH, int(_BUDGET / cost))
+    return max(wanted, math.ceil(_LEAST / delta))
+
+
+def least_delta(cost: float) -> float:
+    """The smallest delta that is simulated at this cost [ns] of each error."""
+    return _LEAST / min(_MOST, _LONGEST / cost)
+
+
+def not_simulated(delta: float, cost: float) -> str:
+    """Why there is no simulated bound."""
+    return (
+        f"`delta` must be at least {least_delta(cost):.2g} to be simulated here, got {delta:.3g}: "
+        f"{_LEAST:g} / delta errors are needed, and {min(_MOST, _LONGEST / cost):.2g} can be drawn "
+        "(in 10 s of one thread at most)"
+    )
 
 
 def order_statistic(errors: Floats, delta: float) -> float:
-    """The simulated error that is a bound for `delta`."""
-    beyond = exceedances(len(errors), delta)
-    assert beyond is not None  # `runs_for` sees to it
-    k = len(errors) - 1 - beyond
+    """The simulated error that is a bound for `delta`: the largest if they are few."""
+    k = len(errors) - 1 - (exceedances(len(errors), delta) or 0)
     return float(np.partition(errors, k)[k])
 
 
@@ -244,7 +282,7 @@ def exceedances(runs: int, delta: float) -> int | None:
 def searched_size(
     errors_at: Callable[[int], Errors], which: int, eps: float, delta: float, key: Key
 ) -> int | None:
-    """A size whose bound for error `which` is at most `eps`, within 1 % of the smallest.
+    """A size whose bound for error `which` is at most `eps`, within 1 or 5 % of the smallest.
 
     A pilot with its own random stream finds the first of at most ten sizes. None: no size up to
     2^53, or no bound for this `delta`.
@@ -267,7 +305,9 @@ def searched_size(
     start, _ = _approach(pilot, eps, _START, rounds=_PILOTS, close=_GUESSED)
     if start is None:
         return None
-    _, found = _approach(bound, eps, start, rounds=_LOOKS, close=_CLOSE)
+    cost = errors_at(start).cost
+    close = _CLOSE if cost * (runs_for(delta, cost) or 0) < _BUDGET else _NEAR
+    _, found = _approach(bound, eps, start, rounds=_LOOKS, close=close)
     return found
 
 

@@ -18,6 +18,8 @@ from .drawn_errors import (
     EstimateErrors,
     PlanErrors,
     exceedances,
+    least_delta,
+    not_simulated,
     radii,
     runs_for,
     searched_size,
@@ -58,11 +60,14 @@ class OrderStatistic(Inequality):
         self.key = key
 
     def radius(self, rates: Rates, level: float) -> float:
-        """From new draws, equal for equal sizes; inf if too many would be needed."""
+        """From new draws, equal for equal sizes."""
         if not any(rates):
             return 0.0
-        found = radii(self.at.errors(rates), math.exp(-level), self.key)
-        return math.inf if found is None else found[self.at.which]
+        errors, delta = self.at.errors(rates), math.exp(-level)
+        found = radii(errors, delta, self.key)
+        if found is None:
+            raise SizeError(not_simulated(delta, errors.cost))
+        return found[self.at.which]
 
     def level(self, rates: Rates, eps: float) -> float:
         """The largest level at which few enough of the simulated errors exceed eps."""
@@ -102,10 +107,12 @@ class Simulated(Bound):
     R independent errors are drawn from the law, each from counts at a cost of O(n^2). The radius is
     the one that j others exceed, j the largest number with
     ``P(Bin(R, 0.9 delta) <= j) <= 0.01 delta`` (Clopper and Pearson, 1934). The error exceeds it
-    with probability at most delta, over the realizations and the simulation together. R is at most
-    131072, and takes about half a second, more if delta needs it. There is no bound for delta below
-    about 1e-4, and none if the runs would take one thread more than 10 seconds. `required_size`
-    simulates ten sizes at most and ends within 1 % of the smallest sufficient one.
+    with probability at most delta, over the realizations and the simulation together. R takes about
+    half a second, but is ``4 / delta`` at least; if it is below about ``12 / delta``, the radius is
+    the largest error, exceeded with probability ``1 / (R + 1)``. There is no bound if ``4 / delta``
+    errors would take one thread more than 10 seconds (see `least_delta`). `required_size` simulates
+    ten sizes at most and ends within 1 % of the smallest sufficient one, or within 5 % if one size
+    takes half a second.
 
     Examples
     --------
@@ -158,13 +165,34 @@ class Simulated(Bound):
         Raises
         ------
         InputError, InputTypeError
-            `delta` is no probability, or too small: below about 1e-4, or more if runs are slow.
+            `delta` is no probability, or below `least_delta`.
         """
         if not self.possible(1, delta):
-            raise SizeError(_no_bound(delta))
+            raise SizeError(not_simulated(delta, self._cost(self._rates(1))))
+
+    def least_delta(self, size: Sizes) -> float:
+        """The smallest probability of failure that can be simulated.
+
+        Parameters
+        ----------
+        size : int, None or (N0, Nf, NA)
+            As in :meth:`radius`.
+
+        Returns
+        -------
+        float
+            2e-6 for a few states, 3e-5 for n = 20 over four steps, 7e-4 for n = 100.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            `size` is not a count.
+        """
+        rates = self._rates(size)
+        return least_delta(self._cost(rates)) if any(rates) else 0.0
 
     def possible(self, size: Sizes, delta: float) -> bool:
-        """Whether there is a bound: `delta` is not below about 1e-4, and the runs take no 10 s.
+        """Whether there is a bound: `delta` is at least `least_delta`.
 
         Parameters
         ----------
@@ -181,8 +209,7 @@ class Simulated(Bound):
         InputError, InputTypeError
             `size` is not a count, or `delta` does not lie in (0, 1).
         """
-        rates, delta = self._rates(size), gate.probability("delta", delta)
-        return not any(rates) or runs_for(delta, self.setting.errors(rates).cost) is not None
+        return gate.probability("delta", delta) >= self.least_delta(size)
 
     def _smallest(self, eps: float, delta: float, rates: Callable[[int], Rates]) -> int | None:
         self.require(delta)
@@ -191,14 +218,5 @@ class Simulated(Bound):
         law = self.setting
         return searched_size(lambda N: law.errors(rates(N)), law.which, eps, delta, self._key)
 
-    def _in_units(self, radius: float) -> float:
-        if radius == math.inf:
-            raise SizeError(_no_bound(None))
-        return super()._in_units(radius)
-
-
-def _no_bound(delta: float | None) -> str:
-    found = "" if delta is None else f", got {delta:.3g}"
-    return (
-        f"`delta` must be at least about 1e-4, and more for large systems, to be simulated{found}"
-    )
+    def _cost(self, rates: Rates) -> float:
+        return self.setting.errors(rates).cost

@@ -13,8 +13,8 @@ from ..formulas import (
     count,
     fractional_parts,
     lines_of,
-    sum_of_others,
     systematic_vector_covariance,
+    whole_numbers,
 )
 
 
@@ -48,8 +48,8 @@ def systematic_mse(target: ArrayLike, size: Size = 1, *, axis: Axis = "columns")
     With one ``U`` per line, uniform on [0, 1), and ``c_i = size (p_1 + ... + p_i)``, entry i is hit
     ``N_i = ceil(c_i - U) - ceil(c_{i-1} - U)`` times: ``floor`` or ``ceil`` of ``size p_i``, the
     latter with probability ``f_i``. The error falls like ``1 / size^2``, that of independent draws
-    (:func:`vector_mse`) like ``1 / size``. The fractional parts have no correct digit for ``size``
-    near 2^53.
+    (:func:`vector_mse`) like ``1 / size``. The fractional parts are computed in integers, hence 0
+    exactly where they are 0.
 
     References
     ----------
@@ -64,11 +64,13 @@ def systematic_mse(target: ArrayLike, size: Size = 1, *, axis: Axis = "columns")
     N = count("size", size)
     if N == 0.0:
         return 0.0
-    lines = lines[:, lines.any(axis=0)]
+    lines = lines.T[lines.any(axis=0)]
+    # as integers, each of 36 bytes or more and a pointer: W, N W, remainders, 1 - f, and quotients
+    memory.need("the fractional parts", 5 * 44 * lines.size)
     with np.errstate(over="ignore", invalid="ignore"):
-        g = np.abs(lines).sum(axis=0)
-        f, f_rest = fractional_parts(N, np.abs(lines), sum_of_others(lines), g)
-        mse = ((g / N) ** 2 * (f * f_rest).sum(axis=0)).sum()
+        W = whole_numbers(lines)
+        f, f_rest = fractional_parts(N, W, W.sum(axis=1, keepdims=True))
+        mse = ((np.abs(lines).sum(axis=1) / N) ** 2 * (f * f_rest).sum(axis=1)).sum()
     return float(checked_finite(mse, "mean squared error"))
 
 

@@ -39,7 +39,10 @@ CORPUS = Path(__file__).parent / "corpus"
 LARGEST = 4096  # bytes of a file that is kept
 MOST = 20  # files that are kept for a reader, in addition to those that are not refused properly
 SLOW = 30  # seconds that no file of this size may take
-MORE = 2**29  # bytes that reading may take: a file may promise more numbers than it has
+CACHE = Path("/sys/devices/system/cpu/cpu0/cache/index3/size")
+# Bytes that products of matrices take: twice the last-level cache, 32 MiB if it is unknown.
+PRODUCTS = 2 * (1024 * int(CACHE.read_text().rstrip("K\n")) if CACHE.exists() else 2**25)
+MORE = 2**29 + PRODUCTS  # that reading may take: a file may promise more numbers than it has
 A, B, X0, XF = [[0.9, 0.2], [-0.1, 0.8]], [[0.0], [1.0]], [1.0, -1.0], [0.0, 0.5]
 
 

@@ -12,11 +12,15 @@ use super::convert::array1;
 use super::error::{InputTypeError, ShapeError};
 use super::run::run;
 use crate::Error;
-use crate::memory::try_room;
+use crate::memory::{covered, try_room};
 use crate::storage::{self, Container, Lock, Section, Values};
 
 /// Elementary operations per byte, roughly: two hashes and the disk.
 const PER_BYTE: f64 = 20.0;
+
+const SECTIONS: &str = "the sections";
+/// Most bytes that `rust-numpy` takes to note a borrowed array: an entry of each of two tables, which double, and its key.
+const PER_BORROW: u128 = 1024;
 
 /// An array that can be a section.
 pub(super) enum Array<'py> {
@@ -54,10 +58,11 @@ impl<'py> FromPyObject<'_, 'py> for Given<'py> {
 
     fn extract(object: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
         let list = object.cast::<PyList>()?;
-        let mut given = try_room("the sections", list.len())?;
-        for pair in list.iter() {
-            given.push(pair.extract()?);
-        }
+        let mut given = try_room(SECTIONS, list.len())?;
+        // the table of borrowed arrays grows with each, and aborts where it cannot
+        covered(SECTIONS, PER_BORROW * list.len() as u128, || {
+            list.iter().try_for_each(|pair| pair.extract().map(|pair| given.push(pair)))
+        })??;
         Ok(Self(given))
     }
 }

@@ -8,6 +8,8 @@ import signal
 import numpy as np
 import pytest
 
+import stochens_rs as se
+
 # A job that a shell has put into the background ignores Ctrl-C, which tests send.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -57,3 +59,10 @@ def _global_random_state_is_left_alone():
     after = np.random.get_state(legacy=False)  # noqa: NPY002
     assert before["state"]["pos"] == after["state"]["pos"]
     assert np.array_equal(before["state"]["key"], after["state"]["key"])
+
+
+@pytest.fixture(autouse=True)
+def _the_number_of_threads_is_left_alone():
+    """A test that sets the number of threads sets it for itself."""
+    yield
+    se.set_num_threads(None)

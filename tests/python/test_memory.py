@@ -4,10 +4,13 @@ import json
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 pytest.importorskip("resource")
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "fuzz"))
+import readers
 
 # Every call runs in children of one process that has made its inputs: each child may map so many
 # more bytes than are mapped, from nothing to enough. The parent says how they end.
@@ -16,7 +19,7 @@ import json, os, resource, signal, sys, tempfile
 import numpy as np, stochens_rs as se
 from stochens_rs._base import state_file
 
-n, size, rungs = map(int, sys.argv[1:])
+n, size, rungs, products = map(int, sys.argv[1:])
 se.set_num_threads(2)
 rng = np.random.default_rng(5)
 # OpenBLAS ends the process where it finds no buffer: one thread, and the buffer beforehand
@@ -114,7 +117,7 @@ def child(call, more):
     os._exit(0)
 
 ends = {}
-largest = 40 * 8 * n * n + (1 << 28)  # products of matrices take twice the last cache
+largest = 40 * 8 * n * n + (1 << 28) + products
 for name, call in calls.items():
     ends[name] = []
     for rung in range(rungs):
@@ -140,7 +143,7 @@ ENVIRONMENT = {
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux counts what is mapped")
 def test_every_call_under_a_shrinking_limit() -> None:
     run = subprocess.run(
-        [sys.executable, "-c", LADDER, "300", "400", "10"],
+        [sys.executable, "-c", LADDER, "300", "400", "10", str(readers.PRODUCTS)],
         capture_output=True,
         text=True,
         env={**os.environ, **ENVIRONMENT, "PYTHONPATH": os.pathsep.join(sys.path)},

@@ -139,7 +139,11 @@ def step_regions(
     """The level of each event, the regions for single steps that hold in it, and noise to come."""
     kind = _noise_to_come(basis.model)
     # with a covariance from the data the direct regression is sharper: it has the whole level
-    estimated = kind == "Gaussian" and basis.model.assumptions.known is None  # type: ignore[attr-defined]
+    estimated = (
+        kind == "Gaussian"
+        and isinstance(basis.model, Model)
+        and basis.model.assumptions.known is None
+    )
     able = not asked.noise or (kind != "unknown" and not estimated)
     share = delta / 2.0 if asked.open_loop and able else delta
     if asked.open_loop and not able:

@@ -3,8 +3,8 @@
 //! `du = -H_FF^-1 (g + C' dl) / 2` with `(C H_FF^-1 C' / 2 + D) dl = -b - C H_FF^-1 g / 2`, where `b` is missing in the rows.
 
 use super::assembly::{Held, Kind, Multipliers};
+use super::search::{EXACT, Search};
 use super::task::{Task, WHAT};
-use super::{EXACT, Search};
 use crate::error::Result;
 use crate::limits::quadratic::{Quadratic, Status, Until};
 use crate::memory::{checked_len, try_copy, try_push, try_room, try_zeros};
@@ -17,8 +17,6 @@ const STEPS: usize = 3;
 const MOST: usize = 400;
 /// Share of a pivot below which a row depends on those before it.
 const DEPENDENT: f64 = 1e-11;
-/// The larger of gap and excess, both relative, from which on nothing else is tried: hundred times better than "optimal".
-pub(super) const GOOD: f64 = 1e-11;
 
 /// One set of active limits, factored.
 struct Face {

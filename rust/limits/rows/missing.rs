@@ -1,7 +1,7 @@
 //! What limits on states lack that cannot be met: a linear program, and a bound from its multipliers.
 
-use super::Search;
 use super::assembly::{Aim, FAR, Kind};
+use super::search::Search;
 use super::task::WHAT;
 use crate::error::{Error, Result};
 use crate::limits::quadratic::Until;

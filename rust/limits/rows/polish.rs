@@ -2,8 +2,8 @@
 //! residuals, so that each round gains digits. Limits with the wrong sign and limits that are broken are exchanged.
 
 use super::assembly::{Held, Kind, Multipliers};
+use super::search::{EXACT, Search};
 use super::task::{Task, WHAT};
-use super::{EXACT, Search};
 use crate::error::Result;
 use crate::limits::quadratic::{Method, Status, Until};
 use crate::memory::try_zeros;

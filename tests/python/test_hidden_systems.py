@@ -342,9 +342,11 @@ def fleets(gen, system):
     def risk(threshold=None):
         return plan.validate(others, DELTA, threshold=threshold).count / fresh
 
+    # where the solver does not reach its optimum only the support speaks for the command
+    method = "a priori" if plan.status == "optimal" else "compression"
     held = plan.validate(se.SystemEnsemble(A[-N:], B[-N:]), DELTA, threshold=level)
     yield (
-        share(risk(), plan.certify(DELTA, method="a priori").epsilon),
+        share(risk(), plan.certify(DELTA, method=method).epsilon),
         share(risk(plan.certify(DELTA).threshold), plan.certify(DELTA).epsilon),
         share(risk(level), held.epsilon),
     )
@@ -396,7 +398,7 @@ GUARANTEES = {
         without=("one_huge_entry",),
     ),
     "regions, pairs": Guarantee(regions("independent", False), 0.5, 8),
-    "certificates": Guarantee(certificates(), (0.1, 0.08, 0.1, 0.5), 3),
+    "certificates": Guarantee(certificates(), (0.1, 0.05, 0.08, 0.15), 3),
     "certificates, pairs": Guarantee(certificates(design="independent"), (0.1, 0.15, 0.2, 0.7), 3),
     "certificates, noise": Guarantee(
         certificates(noise=True),

@@ -21,7 +21,9 @@ import numpy as np
 import stochens_rs as se
 from stochens_rs.exceptions import DataWarning
 from stochens_rs.plots.style import COLORS, add_grid, new_figure
-from stochens_rs.reference.laws import chi2_upper
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "python"))
+from twin.laws import chi2_upper
 
 MODELS, N_STATES, SIGMA, REPEATS = 8, 20, 0.02, 40
 SIZES = (3, 10, 40, 200)

@@ -5,14 +5,18 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import numpy as np
 
 from stochens_rs import ModelStream
 from stochens_rs import _core as core
-from stochens_rs.reference import certified_control, quantiles
-from stochens_rs.reference import triangle as twin
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "python"))
+from twin import certified_control, quantiles
+from twin import triangle as twin
 
 Line = tuple[str, str, Callable[[], object], float, Callable[[], object], float]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from coverage_study import failures
-from stochens_rs.reference import triangle as tr
+from twin import triangle as tr
 
 RUNS = 1500
 LAMS = tuple(4.0**j for j in range(6))

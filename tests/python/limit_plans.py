@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from limit_problems import draw_box, draw_map, weight
-from stochens_rs.reference import limited_control as lc
-from stochens_rs.reference import limited_problems as lp
+from twin import limited_control as lc
+from twin import limited_problems as lp
 
 
 def exactly(a, b):

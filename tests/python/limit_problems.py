@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from stochens_rs.reference.limited_problems import Problem, one_step
+from twin.limited_problems import Problem, one_step
 
 KINDS = ("plain", "sparse", "zero columns", "ill-conditioned", "singular weight", "one input")
 WAYS = ("loose", "half", "tight", "one-sided", "fixed inputs")

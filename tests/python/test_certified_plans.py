@@ -14,12 +14,12 @@ from identification_data import POINT, Y, Z, check, rolled, stable
 from stochens_rs.controls.region_errors import _by_rows, region_errors, trajectory
 from stochens_rs.exceptions import InputError, InputTypeError
 from stochens_rs.identification.identified import Identified
-from stochens_rs.reference import certified_control as cc
-from stochens_rs.reference import input_error as ie
-from stochens_rs.reference import regions as rg
-from stochens_rs.reference import triangle as tr
-from stochens_rs.reference.anytime import one_noise
-from stochens_rs.reference.quantiles import wishart_quantile
+from twin import certified_control as cc
+from twin import input_error as ie
+from twin import regions as rg
+from twin import triangle as tr
+from twin.anytime import one_noise
+from twin.quantiles import wishart_quantile
 
 
 def model_of(z, y, n=None, **options):

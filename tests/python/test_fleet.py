@@ -12,7 +12,7 @@ import stochens_rs as se
 from stochens_rs.controls.fleet_design import Box, least_worst, tiny_weight
 from stochens_rs.controls.fleet_units import Units
 from stochens_rs.exceptions import InputError, InputTypeError, ShapeError, SizeError
-from stochens_rs.reference import populations as twin
+from twin import populations as twin
 
 
 def gains(*values: float) -> se.SystemEnsemble:

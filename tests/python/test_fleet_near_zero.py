@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from stochens_rs.reference import populations as twin
 from test_fleet import drawn, gains, maps
+from twin import populations as twin
 
 GOOD = 1e-9  # of value^2 - lower_bound^2, relative to J(0) + J(u)
 

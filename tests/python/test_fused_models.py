@@ -27,9 +27,9 @@ from stochens_rs.exceptions import (
 )
 from stochens_rs.fusion import FusedModel
 from stochens_rs.fusion.hull import hull_radius2, noncentrality
-from stochens_rs.reference import fusing_by_data as fd
-from stochens_rs.reference import laws
-from stochens_rs.reference import triangle as tr
+from twin import fusing_by_data as fd
+from twin import laws
+from twin import triangle as tr
 
 MODELS = np.array([[[1.0, 0.2, 0.0], [-0.1, 0.8, 1.0]], [[0.8, 0.2, 0.0], [-0.1, 0.7, 1.0]]])
 

@@ -14,14 +14,14 @@ from identification_data import POINT, THETA, Y, Z, check, independent, noisy_st
 from stochens_rs import _core
 from stochens_rs.exceptions import DataWarning, InputError, InputTypeError, ShapeError
 from stochens_rs.identification import levels
-from stochens_rs.reference import anytime as at
-from stochens_rs.reference import instruments as iv
-from stochens_rs.reference import laws, signs
-from stochens_rs.reference import quantiles as qu
-from stochens_rs.reference import regions as rg
-from stochens_rs.reference import resampling as rs
-from stochens_rs.reference import residual_tests as rt
-from stochens_rs.reference import triangle as tr
+from twin import anytime as at
+from twin import instruments as iv
+from twin import laws, signs
+from twin import quantiles as qu
+from twin import regions as rg
+from twin import resampling as rs
+from twin import residual_tests as rt
+from twin import triangle as tr
 
 DATA = se.Trajectories.from_pairs(Z[:, :2], Z[:, 2:], Y)
 TWIN = tr.triangle(Z, Y)

@@ -7,13 +7,13 @@ import pytest
 
 from coverage_study import DELTA, at_most, coverage, failures
 from identification_data import LAMS, hull, independent, misses, noisy_states, tuned
-from stochens_rs.reference import anytime as at
-from stochens_rs.reference import fusing_by_data as fd
-from stochens_rs.reference import quantiles as qu
-from stochens_rs.reference import regions as rg
-from stochens_rs.reference import residual_tests as rt
-from stochens_rs.reference import signs
-from stochens_rs.reference import triangle as tr
+from twin import anytime as at
+from twin import fusing_by_data as fd
+from twin import quantiles as qu
+from twin import regions as rg
+from twin import residual_tests as rt
+from twin import signs
+from twin import triangle as tr
 
 
 @pytest.mark.parametrize(("r", "limit"), [(1, 0.5), (3, 0.85)])

@@ -11,15 +11,15 @@ from identification_data import LAMS, POINT, Y, Z, check, independent
 from stochens_rs import _core as core
 from stochens_rs.exceptions import InputError, NonFiniteError, ShapeError
 from stochens_rs.identification import least_squares as ls
-from stochens_rs.reference import anytime as at
-from stochens_rs.reference import certified_control as cc
-from stochens_rs.reference import laws
-from stochens_rs.reference import quantiles as qu
-from stochens_rs.reference import regions as rg
-from stochens_rs.reference import resampling as rs
-from stochens_rs.reference import residual_tests as rt
-from stochens_rs.reference import signs as sg
-from stochens_rs.reference import triangle as tr
+from twin import anytime as at
+from twin import certified_control as cc
+from twin import laws
+from twin import quantiles as qu
+from twin import regions as rg
+from twin import resampling as rs
+from twin import residual_tests as rt
+from twin import signs as sg
+from twin import triangle as tr
 
 
 def fitted_to(z, y):

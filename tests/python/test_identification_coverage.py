@@ -20,16 +20,16 @@ from identification_data import (
     stable,
     tuned,
 )
-from stochens_rs.reference import anytime as at
-from stochens_rs.reference import certified_control as cc
-from stochens_rs.reference import fusing_by_data as fd
-from stochens_rs.reference import input_error as ie
-from stochens_rs.reference import instruments as iv
-from stochens_rs.reference import laws, signs
-from stochens_rs.reference import quantiles as qu
-from stochens_rs.reference import regions as rg
-from stochens_rs.reference import residual_tests as rt
-from stochens_rs.reference import triangle as tr
+from twin import anytime as at
+from twin import certified_control as cc
+from twin import fusing_by_data as fd
+from twin import input_error as ie
+from twin import instruments as iv
+from twin import laws, signs
+from twin import quantiles as qu
+from twin import regions as rg
+from twin import residual_tests as rt
+from twin import triangle as tr
 
 
 def test_coverage_of_the_full_region():

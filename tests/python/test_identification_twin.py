@@ -11,17 +11,17 @@ from scipy import stats
 import identification_data as d0
 from coverage_study import ALARM, DELTA, exactly
 from identification_data import LAMS, POINT, THETA, Y, Z, check, independent
-from stochens_rs.reference import anytime as at
-from stochens_rs.reference import certified_control as cc
-from stochens_rs.reference import fusing_by_data as fd
-from stochens_rs.reference import input_error as ie
-from stochens_rs.reference import instruments as iv
-from stochens_rs.reference import laws, signs
-from stochens_rs.reference import polynomial_roots as pr
-from stochens_rs.reference import quantiles as qu
-from stochens_rs.reference import regions as rg
-from stochens_rs.reference import resampling as rs
-from stochens_rs.reference import triangle as tr
+from twin import anytime as at
+from twin import certified_control as cc
+from twin import fusing_by_data as fd
+from twin import input_error as ie
+from twin import instruments as iv
+from twin import laws, signs
+from twin import polynomial_roots as pr
+from twin import quantiles as qu
+from twin import regions as rg
+from twin import resampling as rs
+from twin import triangle as tr
 
 DATA = tr.triangle(Z, Y)
 FIT = tr.fit(DATA)

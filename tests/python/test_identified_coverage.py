@@ -12,8 +12,8 @@ import pytest
 import stochens_rs as se
 from coverage_study import DELTA, at_most, coverage, exactly, failures
 from identification_data import SKEWED, independent, noisy_states, rolled, stable, tuned
-from stochens_rs.reference import regions as rg
-from stochens_rs.reference import triangle as tr
+from twin import regions as rg
+from twin import triangle as tr
 
 RUNS = 4000
 

@@ -19,12 +19,12 @@ from stochens_rs.controls.limited import Horizon, Limited
 from stochens_rs.controls.task import checked_task
 from stochens_rs.controls.uncertain_map import Model, apart
 from stochens_rs.exceptions import InputError
-from stochens_rs.reference import limit_bounds as lb
-from stochens_rs.reference import limited_control as lc
-from stochens_rs.reference import limited_problems as lp
 from stochens_rs.theory.dynamics import states
 from test_bounds_coverage import exceeded_too_often, systems
 from test_limit_bounds import PLAIN, Planned, drawn, errors_of, measured
+from twin import limit_bounds as lb
+from twin import limited_control as lc
+from twin import limited_problems as lp
 
 ONCE = 1.0 + 1e-9
 

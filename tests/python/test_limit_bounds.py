@@ -23,11 +23,11 @@ from stochens_rs.controls.limit_certificate import limited_certificate
 from stochens_rs.controls.limited import Horizon
 from stochens_rs.controls.model_bound import Asked
 from stochens_rs.controls.task import checked_task
-from stochens_rs.reference import limit_bounds as lb
-from stochens_rs.reference import limited_control as lc
-from stochens_rs.reference import limited_problems as lp
 from stochens_rs.theory.dynamics import states
 from test_bounds_coverage import exceeded_too_often, matrices, systems, vectors
+from twin import limit_bounds as lb
+from twin import limited_control as lc
+from twin import limited_problems as lp
 
 ONCE = 1.0 + 1e-9
 PLAIN = Asked(noise=False, open_loop=False, x0_fixed=False)

@@ -12,8 +12,8 @@ from limit_plans import WAYS, check, draw_case, exactly
 from limit_problems import draw_box, draw_map, weight
 from stochens_rs import _core
 from stochens_rs.exceptions import InputError
-from stochens_rs.reference import limited_control as lc
-from stochens_rs.reference import limited_problems as lp
+from twin import limited_control as lc
+from twin import limited_problems as lp
 
 TWO = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([[0.0], [1.0]])  # the double integrator
 

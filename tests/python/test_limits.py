@@ -9,9 +9,9 @@ from limit_plans import WAYS, check, draw_case, exactly
 from limit_problems import draw_box
 from stochens_rs import _core
 from stochens_rs.controls.limited import LONG, Horizon
-from stochens_rs.reference import limited_control as lc
-from stochens_rs.reference import limited_problems as lp
 from stochens_rs.theory.exact import best_control, factors
+from twin import limited_control as lc
+from twin import limited_problems as lp
 
 ONE = [[1.0]], [[1.0]]  # x(k+1) = x(k) + u(k)
 TWO = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([[0.0], [1.0]])  # the double integrator

@@ -8,8 +8,8 @@ import pytest
 import stochens_rs as se
 from limit_plans import exactly
 from stochens_rs.controls.limited import Horizon
-from stochens_rs.reference import limited_control as lc
-from stochens_rs.reference import limited_problems as lp
+from twin import limited_control as lc
+from twin import limited_problems as lp
 
 ONE = [[1.0]], [[1.0]]  # x(k+1) = x(k) + u(k)
 TWO = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([[0.0], [1.0]])  # the double integrator

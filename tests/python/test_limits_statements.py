@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from limit_problems import draw_map, draw_steps, draws, feasible, weight
-from stochens_rs.reference import certified_control as cc
-from stochens_rs.reference import limit_bounds as lb
-from stochens_rs.reference import limited_control as lc
-from stochens_rs.reference import limited_problems as lp
-from stochens_rs.reference import regions as rg
-from stochens_rs.reference import triangle as tr
-from stochens_rs.reference.laws import scipy
+from twin import certified_control as cc
+from twin import limit_bounds as lb
+from twin import limited_control as lc
+from twin import limited_problems as lp
+from twin import regions as rg
+from twin import triangle as tr
+from twin.laws import scipy
 
 ONCE = 1.0 + 1e-9
 

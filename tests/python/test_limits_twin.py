@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from limit_problems import draw_steps, draws, feasible
-from stochens_rs.reference import limited_control as lc
-from stochens_rs.reference import limited_problems as lp
 from stochens_rs.reference import pinv
-from stochens_rs.reference import populations as pop
-from stochens_rs.reference.receding import regulate
+from twin import limited_control as lc
+from twin import limited_problems as lp
+from twin import populations as pop
+from twin.receding import regulate
 
 A, B = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([[0.0], [1.0]])  # the double integrator
 ONE = np.ones((1, 1))

@@ -31,11 +31,11 @@ from stochens_rs.exceptions import (
     StochensError,
 )
 from stochens_rs.identification import levels
-from stochens_rs.reference import anytime as at
-from stochens_rs.reference import certified_control as cc
-from stochens_rs.reference import quantiles
-from stochens_rs.reference import triangle as tr
 from stochens_rs.streams.snapshot import look_after, planned
+from twin import anytime as at
+from twin import certified_control as cc
+from twin import quantiles
+from twin import triangle as tr
 
 
 def filled(N=40, n=4, m=2, seed=1, **options):

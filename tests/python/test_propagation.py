@@ -17,9 +17,9 @@ from hidden_systems import KINDS, NOISES, covariance, drawn, of_each_kind
 from stochens_rs import _core
 from stochens_rs.controls import model_bound
 from stochens_rs.controls.region_errors import GaussianNoise, region_errors, root_of, trajectory
-from stochens_rs.reference import certified_control as cc
-from stochens_rs.reference import laws
-from stochens_rs.reference import triangle as tr
+from twin import certified_control as cc
+from twin import laws
+from twin import triangle as tr
 
 # -- known numbers ---------------------------------------------------------------------------------
 

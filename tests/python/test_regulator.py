@@ -15,14 +15,14 @@ from stochens_rs import _core
 from stochens_rs.controls.limited import Horizon
 from stochens_rs.controls.receding import Receding
 from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
-from stochens_rs.reference.limited_control import solve
-from stochens_rs.reference.limited_problems import (
+from twin.limited_control import solve
+from twin.limited_problems import (
     objective,
     several_steps,
     softened,
     state_rows,
 )
-from stochens_rs.reference.receding import regulate as twin
+from twin.receding import regulate as twin
 
 A, B = np.array([[1.0, 0.3], [-0.1, 0.9]]), np.array([[0.0], [0.1]])
 

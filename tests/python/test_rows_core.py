@@ -9,8 +9,8 @@ import pytest
 
 from stochens_rs import _core as core
 from stochens_rs.exceptions import InputError, NonFiniteError, ShapeError
-from stochens_rs.reference import limited_control as twin
-from stochens_rs.reference import limited_problems as problems
+from twin import limited_control as twin
+from twin import limited_problems as problems
 
 INF = np.inf
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from stochens_rs.exceptions import InputError, InputTypeError, SizeError
-from stochens_rs.reference import scenario as twin
 from stochens_rs.theory import scenario
+from twin import scenario as twin
 
 
 def test_published_values() -> None:

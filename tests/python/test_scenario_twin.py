@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from stochens_rs.reference import populations as pop
-from stochens_rs.reference import scenario as sc
+from twin import populations as pop
+from twin import scenario as sc
 
 BETA = 0.05
 

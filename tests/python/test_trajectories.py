@@ -13,7 +13,7 @@ import stochens_rs as se
 from identification_data import noisy_states
 from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError
 from stochens_rs.identification.trajectories import pooled
-from stochens_rs.reference import triangle as tr
+from twin import triangle as tr
 
 
 def some_runs(gen, lengths=(3, 1, 5), n=2, m=1):

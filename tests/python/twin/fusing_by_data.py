@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .fusing import alse_dense
+from stochens_rs.reference.fusing import alse_dense
+
 from .laws import chi2_quantile, chi2_upper, f_upper, noncentrality_limit
 from .regions import Region
 from .triangle import Fitted, leverages, residuals

@@ -206,10 +206,11 @@ def moments_of_errors(gen, system):
     for fusion in ("product", "diagonal"):
         law = bounds.bound("simulated", "state", *data, fusion=fusion).errors(N)
         squares = law.draw(4000, as_key(int(gen.integers(2**40)))) ** 2
+        rounding = np.add(law.rounded((0.0, 0.0)), 2.0 * law.best.amplified(law.best.unsure))
         row = []
         for k, rms in enumerate((moments.state_rms, moments.control_rms)):
             exact = rms(*data, N, fusion=fusion) ** 2
-            spread = 6.0 * squares[:, k].std() / np.sqrt(4000) + 1e-9 * exact
+            spread = 6.0 * squares[:, k].std() / np.sqrt(4000) + 1e-9 * exact + rounding[k] ** 2
             row.append(share(abs(squares[:, k].mean() - exact), spread))
         yield row
 

@@ -1,0 +1,113 @@
+"""Numbers, arrays and arrays with names, as they were given, for a system that is not known yet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from .._base import gate
+from .._base.labelled import aligned
+from .._base.reading import labels_along, shown_labels
+from .._base.records import Record, SavedRecord
+from .._base.types import Floats
+from ..exceptions import InputError, InputTypeError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, eq=False)
+class Named(Record):
+    """An array with names along its last axis."""
+
+    values: Floats
+    names: tuple[str, ...]
+
+    @property
+    def index(self) -> tuple[str, ...] | None:
+        """The names of a vector, as pandas has them."""
+        return self.names if self.values.ndim == 1 else None
+
+    @property
+    def columns(self) -> tuple[str, ...] | None:
+        """The names of the columns of a matrix, as pandas has them."""
+        return None if self.values.ndim == 1 else self.names
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        return np.array(self.values, dtype=dtype)
+
+
+Entries: TypeAlias = "float | Floats | Named | None"
+
+
+class Asked(SavedRecord, listed=False):
+    """Numbers, arrays and arrays with names, which a system brings into its order."""
+
+    def _keep(self, **values: Any) -> None:
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def given(self) -> tuple[str, ...]:
+        """The names of what was given."""
+        return tuple(one.name for one in fields(self) if getattr(self, one.name) is not None)  # type: ignore[arg-type]
+
+    def __repr__(self) -> str:
+        shown = (f"{name}={_shown(getattr(self, name))}" for name in self.given)
+        return f"{type(self).__name__}({', '.join(shown)})"
+
+
+def pair_of(name: str, value: Any) -> Any:
+    """A pair (low, high) of `entries`, or None."""
+    if value is None:
+        return None
+    try:
+        pair = gate.items(name, value)
+    except InputTypeError:
+        raise InputTypeError(
+            f"`{name}` must be a pair (low, high), got {gate.show(value)}"
+        ) from None
+    if len(pair) != 2:
+        raise InputError(f"`{name}` must be a pair (low, high), got {len(pair)} items")
+    return tuple(entries(f"{name}[{k}]", side) for k, side in enumerate(pair))
+
+
+def entries(name: str, value: Any) -> Any:
+    """A number as it is, numbers as an array, and with the labels of a table."""
+    if value is None or isinstance(value, (str, Named)):
+        return value
+    given = gate.read(name, value) if (found := _named(name, value)) is None else found.values
+    if given.dtype.kind not in "iuf":
+        raise InputTypeError(
+            f"`{name}` must be a number or an array of numbers, got {gate.show(value)}"
+        )
+    if found is not None:
+        return found
+    return float(given) if given.ndim == 0 else given.astype(np.float64)
+
+
+def _named(name: str, value: Any) -> Named | None:
+    """A table with names along its last axis, or None for anything else."""
+    if isinstance(value, (np.ndarray, list, tuple, int, float)):
+        return None
+    along = labels_along(value)
+    if not along or not along[-1] or not all(isinstance(label, str) for label in along[-1]):
+        return None
+    names = tuple(map(str, along[-1]))
+    found = aligned(name, value, names)
+    if found is value:  # rows that are no times: `read` says what is wrong
+        return None
+    return Named(np.asarray(found, dtype=np.float64), names)
+
+
+def _shown(value: Any) -> str:
+    """A number as it is, an array by its entries where they are few, else by its shape."""
+    if isinstance(value, Named):
+        return f"{_shown(value.values)} of {shown_labels(value.names)}"
+    if isinstance(value, tuple):
+        return f"({', '.join(map(_shown, value))})"
+    if not isinstance(value, np.ndarray):
+        return repr(value)
+    return f"array {value.shape}" if value.size > 6 else str(value.tolist())

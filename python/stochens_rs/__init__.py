@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from .controls import (
         Plan,
         Regulator,
-        control,
         control_fleet,
         predict,
         realization_controls,
@@ -29,6 +28,7 @@ if TYPE_CHECKING:
         required_samples,
         steer,
     )
+    from .controls.control import control
     from .ensembles import Counts, Ensemble, SystemEnsemble, sample, sample_counts
     from .exceptions import StochensError
     from .fusion import Fit, fuse, fuse_path

@@ -291,7 +291,7 @@ def test_tests_that_were_not_made_say_so(monkeypatch):
     x, u = gen.standard_normal((41, 2)), gen.standard_normal((40, 1))
     monkeypatch.setattr(residual_checks, "WORK", 499 * 79)
     monkeypatch.setattr("stochens_rs.identification.identifying.WORK", 499 * 79)
-    monkeypatch.setattr("stochens_rs.identification.estimate.WORK", 499 * 79)
+    monkeypatch.setattr("stochens_rs.identification.model.WORK", 499 * 79)
     with pytest.warns(DataWarning, match="the residuals were not tested, as 40 pairs take long"):
         model = se.identify(se.Trajectories(x, u))
     assert "not tested" in model._repr_html_()

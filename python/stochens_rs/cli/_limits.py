@@ -11,7 +11,7 @@ import numpy as np
 
 from .._base.gate import nearest
 from .._base.reading import number
-from ..controls.within import at_limits
+from ..controls.plan_summary import at_limits
 from ._output import finite
 
 if TYPE_CHECKING:

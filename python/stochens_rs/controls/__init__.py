@@ -3,10 +3,10 @@
 from ..theory.records import PlanError, Reachability
 from .calls import Call
 from .certificate import Certificate
+from .control import control
 from .fleet import control_fleet
 from .fleet_plan import FleetPlan
 from .fleet_risk import RiskBound
-from .fused import control
 from .plan import Plan
 from .plan_bound import PlanBound
 from .planning import required_samples

@@ -9,6 +9,7 @@ import numpy as np
 
 from .._base import gate, html
 from .._base.records import SavedRecord, require_shapes
+from .._base.tabled import Cube, Tabled, named, over_time
 from .._base.types import STATUSES, Floats, Status
 from ..exceptions import InputError, ShapeError
 from ..plots.fleet import draw_misses
@@ -16,7 +17,6 @@ from ..theory import scenario
 from .fleet_certify import Made, checked_radii, design_risk, threshold_of
 from .fleet_risk import METHODS, RiskBound
 from .fleet_units import Systems, Units, read_starts, read_systems
-from .plan_arrays import FleetArrays
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,7 +27,7 @@ RISKS: tuple[Risk, ...] = get_args(Risk)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FleetPlan(SavedRecord, FleetArrays):
+class FleetPlan(SavedRecord, Tabled):
     """One command for many units, made by `control_fleet`.
 
     Attributes
@@ -303,6 +303,19 @@ class FleetPlan(SavedRecord, FleetArrays):
         line = self.threshold if worst else float(np.sqrt(np.mean(self.misses**2)))
         named = "threshold" if worst else "rms of the units"
         return draw_misses(self.misses, line, *marks, named=named, fresh=fresh, ax=ax)
+
+    def _cube(self) -> Cube:
+        _, steps = over_time(len(self.u) - 1, None)
+        variables = {
+            "u": (("step", "input"), self.u, "input"),
+            "low": (("step", "input"), self.low, "input"),
+            "high": (("step", "input"), self.high, "input"),
+            "misses": (("unit",), self.misses, None),
+        }
+        names = ("risk", "status", "value", "lower_bound", "threshold")
+        attrs = {name: getattr(self, name) for name in names}
+        systems = self.units.systems
+        return Cube(variables, steps, attrs, named(systems.labels, systems.n, systems.m))
 
     def __repr__(self) -> str:
         K, m = self.u.shape

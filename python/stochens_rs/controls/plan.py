@@ -8,34 +8,40 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._base import gate, html
-from .._base.labels import Labels, fitting
+from .._base.labels import Labels, default_labels, fitting, two_states
 from .._base.records import SavedRecord, require_shapes
+from .._base.tabled import Cube, Timed, named, over_time, padded
 from .._base.types import DELTA, FUSIONS, STATUSES, Floats, Fusion, Quantity, Status
 from ..exceptions import InputError, ShapeError
-from ..theory.records import Reachability
+from ..plots.panels import Inputs
+from ..plots.states import draw_phase
+from ..plots.tube import draw_tube
+from ..rng import Key
+from ..system import System
+from ..theory.dynamics import checked_ends, states
+from ..theory.exact import best_control
+from ..theory.records import PlanError, Reachability
 from .basis import Basis, ModelBasis, completed
 from .certificate import Certificate
-from .compared import Compared
-from .drawn import Drawn
 from .limit_bound import limited_bound
 from .limit_certificate import limited_certificate
 from .limited import Limited
 from .model_bound import certificate, declared
-from .plan_arrays import PlanArrays
 from .plan_bound import PlanBound, plan_bound
 from .plan_covariance import plan_covariance
-from .shown import expectation, made_from
-from .within import Within, cost_rows, cost_text, worst_state
+from .plan_error import limited_error
+from .plan_summary import cost_rows, cost_text, expectation, made_from, worst_state
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure, SubFigure
+    from numpy.typing import ArrayLike, NDArray
 
     from ..rng import RngLike
-    from ..system import System
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Plan(SavedRecord, Compared, Within, Drawn, PlanArrays):
+class Plan(SavedRecord, Timed):
     """A control over K steps, its predicted states, and the data for its error bound.
 
     Attributes
@@ -107,9 +113,60 @@ class Plan(SavedRecord, Compared, Within, Drawn, PlanArrays):
             gate.positive("dt", self.dt)
 
     @property
+    def steps(self) -> int:
+        """Number of steps K."""
+        return len(self.u)
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """What to be careful about, one sentence each; those of a model from data among them."""
         return tuple(self.info.get("warnings", ()))
+
+    @property
+    def active(self) -> NDArray[np.int8] | None:
+        """-1 where an input is at its lower limit, 1 at the upper one, else 0; (K, m)."""
+        return None if self.limited is None else self.limited.active
+
+    @property
+    def rate_active(self) -> NDArray[np.int8] | None:
+        """1 where an input rises by its rate to rounding, -1 where it falls by it, else 0; (K, m).
+
+        Row k is of the change ``u(k) - u(k-1)``.
+        """
+        return None if self.limited is None else self.limited.rate_active
+
+    @property
+    def state_active(self) -> NDArray[np.int8] | None:
+        """-1 where a state is at its lower limit or beyond, 1 at the upper one, else 0; (K, n).
+
+        Of ``x(1), ..., x(K)``, to rounding; None without limits of states.
+        """
+        return None if self.limited is None else self.limited.state_active
+
+    @property
+    def multipliers(self) -> Floats | None:
+        """By how much J falls per unit of each limit of an input, >= 0; (K, m)."""
+        return None if self.limited is None else self.limited.multipliers
+
+    @property
+    def gap(self) -> float | None:
+        """``J(u) - min J`` is at most this."""
+        return None if self.limited is None else self.limited.gap
+
+    @property
+    def objective(self) -> float | None:
+        """``J(u)``."""
+        return None if self.limited is None else self.limited.objective
+
+    @property
+    def missed(self) -> float | None:
+        """What the limits cost: ``J(u)`` less the least J without limits; nan if time was out."""
+        return None if self.limited is None else self.limited.missed
+
+    @property
+    def limits_active(self) -> bool | None:
+        """Whether an input is at a limit or changes by its rate, or a state is at a limit."""
+        return None if self.limited is None else self.limited.limits_active
 
     @property
     def _shape(self) -> tuple[int, int]:
@@ -268,6 +325,279 @@ class Plan(SavedRecord, Compared, Within, Drawn, PlanArrays):
             raise InputError("no covariance is known within limits or with weights: use error()")
         basis = completed(self.basis, system, x0, xf, "covariance", self.labels)
         return plan_covariance(basis, self.steps, self.fusion, quantity)
+
+    def error(self, system: System, x0: ArrayLike, xf: ArrayLike | None = None) -> PlanError:
+        """Compare the control with the best one for an exactly known system.
+
+        Parameters
+        ----------
+        system : System
+            The true system. The names of the plan in another order are brought into its order.
+        x0, xf : array_like, shape (n,)
+            The true initial state and the target, in the order of the plan; xf is left out for a
+            plan with a reference.
+
+        Returns
+        -------
+        PlanError
+            With ``v = C_K^+ (xf - A^K x0)``, the smallest control that comes nearest to the
+            target: the error of the control, the distance between the two last states, and the
+            residual that no control reaches. ``||x(K) - xf||`` is ``sqrt(state^2 + residual^2)``.
+            For a plan with limits or weights v is the best control of the exact system with the
+            same ones (R="auto" with the value used): ``||x(K) - xf|| <= state + residual``.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If the arguments do not fit this plan, or something overflows.
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> system = se.System([[1.0, 0.1], [0.0, 1.0]], [[0.0], [0.1]])
+        >>> plan = se.control(system, [1.0, 1.0], [0.0, 0.0], steps=5)
+        >>> plan.error(system, [1.0, 1.0], [0.0, 0.0]).control
+        0.0
+        """
+        other = self._in_order(system)
+        if self.limited is not None:
+            how: Any = {"length": other.n, "labels": other.state_names}
+            start = gate.vector("x0", x0, **how)
+            goal = None if xf is None else gate.vector("xf", xf, **how)
+            return limited_error(self.limited, other.A, other.B, start, goal, self.u)
+        checked, start, goal = checked_ends(other, x0, xf)
+        best = best_control(checked.A, checked.B, start, goal, self.steps)
+        return best.error(self.u.ravel(), start)
+
+    def states(self, system: System, x0: ArrayLike) -> Floats:
+        """Trajectory of an exactly known system under this control.
+
+        Parameters
+        ----------
+        system : System
+            The true system, as in `error`.
+        x0 : array_like, shape (n,)
+            Its initial state, in the order of the plan.
+
+        Returns
+        -------
+        ndarray, shape (K + 1, n)
+            ``x(k+1) = A x(k) + B u(k)``.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If the arguments do not fit this plan, or a state overflows.
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> system = se.System([[1.0, 0.1], [0.0, 1.0]], [[0.0], [0.1]])
+        >>> plan = se.control(system, [1.0, 0.0], [0.0, 0.0], steps=5)
+        >>> bool(abs(plan.states(system, [1.0, 0.0])[-1]).max() < 1e-12)
+        True
+        """
+        checked = self._in_order(system)
+        start = gate.vector("x0", x0, length=checked.n, labels=checked.state_names)
+        return states(checked.A, checked.B, start, self.u)
+
+    def plot(
+        self,
+        certificate: Certificate | None = None,
+        *,
+        measured: ArrayLike | None = None,
+        figure: Figure | SubFigure | None = None,
+    ) -> Figure:
+        """Draw the predicted states, each in its panel; within limits the inputs too.
+
+        An input is drawn as steps, its limits as a grey band, thick where it is at one of them,
+        and in another colour where it changes by its rate.
+
+        Parameters
+        ----------
+        certificate : Certificate, optional
+            From `bound`, of this plan: draws the tube that contains the true states.
+        measured : array_like, shape (K + 1, n) or (R, K + 1, n), optional
+            The states of one run under this control, or of R runs.
+        figure : matplotlib Figure or SubFigure, optional
+            Where to draw; the default is a new figure.
+
+        Returns
+        -------
+        matplotlib Figure
+            With a panel for each state and input.
+
+        Raises
+        ------
+        ImportError
+            If matplotlib is not installed.
+        InputError, InputTypeError
+            If the arguments do not fit this plan.
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> len(se.control(([[0.5]], [[1.0]]), [1.0], [0.0], steps=3).plot().axes)
+        1
+        """
+        predicted = self.predicted_states
+        tube, says, runs = self._certified(certificate, measured)
+        target = self._target
+        labels = self._labels
+        more: dict[str, Any] = {}
+        if self.limited is not None:
+            task = self.limited.task
+            at_rate = self.limited.rate_active != 0
+            more["inputs"] = Inputs(self.u, labels.input_axes, task.low, task.high, at_rate=at_rate)
+            if task.follows:
+                more["reference"] = task.reference
+            if task.state_low is not None and task.state_high is not None:
+                more["limits"] = task.state_low, task.state_high
+        more |= {"measured": runs, "target": target, "dt": self.dt, "says": says, "figure": figure}
+        return draw_tube(predicted, tube, labels.state_axes, **more)
+
+    def plot_phase(
+        self,
+        across: str | int,
+        up: str | int,
+        certificate: Certificate | None = None,
+        *,
+        measured: ArrayLike | None = None,
+        ax: Axes | None = None,
+    ) -> Axes:
+        """Draw two states against each other: a ring at the start, a dot at the end.
+
+        Parameters
+        ----------
+        across, up : str or int
+            The two states, by name or number.
+        certificate : Certificate, optional
+            From `bound`, of this plan: draws discs that contain the true states.
+        measured : array_like, shape (K + 1, n) or (R, K + 1, n), optional
+            The states of one run under this control, or of R runs.
+        ax : matplotlib Axes, optional
+            Where to draw, as for `Trajectory.plot`.
+
+        Returns
+        -------
+        matplotlib Axes
+
+        Raises
+        ------
+        ImportError
+            If matplotlib is not installed.
+        InputError, InputTypeError
+            If there is no such state, or the arguments do not fit this plan.
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> cart = se.System([[1.0, 0.1], [0.0, 1.0]], [[0.0], [0.1]], states=["p", "v"])
+        >>> plan = se.control(cart, [1.0, 0.0], [0.0, 0.0], steps=20)
+        >>> plan.plot_phase("p", "v").get_ylabel()
+        'v'
+        """
+        at = two_states(self._labels, across, up)
+        names = self._labels.state_axes
+        tube, says, runs = self._certified(certificate, measured)
+        target = self._target
+        return draw_phase(
+            [(self.predicted_states[:, at], "predicted")],
+            (names[at[0]], names[at[1]]),
+            radii=tube,
+            says=says,
+            runs=None if runs is None else runs.reshape(-1, *runs.shape[-2:])[:, :, at],
+            target=None if target is None else target[at],
+            ax=ax,
+        )
+
+    @property
+    def _labels(self) -> Labels:
+        return self.labels or default_labels(*self._shape)
+
+    @property
+    def _target(self) -> Floats | None:
+        """Where the states should end, if the plan leads elsewhere."""
+        predicted, target = self.predicted_states, None
+        if self.limited is not None and self.limited.task.follows:
+            return None
+        if isinstance(self.basis, ModelBasis):
+            target = None if np.array_equal(self.basis.xf, predicted[-1]) else self.basis.xf
+        if target is None and self.limited is not None:
+            goal: Floats = self.limited.task.reference[-1]
+            off = np.abs(goal - predicted[-1]).max()
+            target = goal if off > 1e-6 * np.abs(predicted).max() else None
+        return target
+
+    def _certified(
+        self, certificate: Certificate | None, measured: ArrayLike | None
+    ) -> tuple[Floats | None, str, Floats | None]:
+        """The tube, what it says, and the checked runs."""
+        predicted = self.predicted_states
+        tube, says, runs = None, "", None
+        if certificate is not None:
+            tube = gate.instance("certificate", certificate, Certificate).tube
+            if len(tube) != len(predicted):
+                raise ShapeError(
+                    f"`certificate` must be of this plan, over {html.counted(len(predicted) - 1)}, "
+                    f"got one over {html.counted(len(tube) - 1)}"
+                )
+            says = f"certified, {100 * (1 - certificate.delta):g} %"
+        if measured is not None:
+            runs = gate.array("measured", measured, ndim=(2, 3))
+            if runs.shape[-2:] != predicted.shape:
+                raise ShapeError(
+                    f"`measured` must have shape {predicted.shape}, or (R, ..) for R runs, got "
+                    f"{runs.shape}"
+                )
+        return tube, says, runs
+
+    def _in_order(self, system: object) -> System:
+        """The system, its names in the order of this plan."""
+        checked = System.from_any(system)
+        n, m = self._shape
+        if (checked.n, checked.m) != (n, m):
+            raise ShapeError(
+                f"`system` must have n={n} and m={m} as this plan, got n={checked.n} and "
+                f"m={checked.m}"
+            )
+        return checked._in_order("system", self.labels)
+
+    def _cube(self) -> Cube:
+        clock, times = over_time(len(self.u), self.dt)
+        variables: dict[str, Any] = {
+            "predicted_states": ((clock, "state"), self.predicted_states, "state"),
+            "u": ((clock, "input"), padded(self.u), "input"),
+        }
+        attrs: dict[str, Any] = {
+            "fusion": self.fusion,
+            "status": self.status,
+            "residual": self.reachability.residual,
+            "key": self.info["key"].hex if isinstance(self.info.get("key"), Key) else None,
+        }
+        if self.limited is not None:
+            task = self.limited.task
+            for name, rows, unit in (
+                ("low", task.low, "input"),
+                ("high", task.high, "input"),
+                ("active", self.limited.active, None),
+                ("rate_active", None if task.rate is None else self.limited.rate_active, None),
+                ("multipliers", self.limited.multipliers, None),
+            ):
+                variables[name] = ((clock, "input"), padded(rows), unit)
+            for name, side in (
+                ("reference", task.reference),
+                ("state_low", task.state_low),
+                ("state_high", task.state_high),
+            ):
+                variables[name] = ((clock, "state"), padded(side, first=True), "state")
+            attrs |= {"objective": self.limited.objective, "gap": self.limited.gap}
+        if self.basis is not None and not isinstance(self.basis, ModelBasis):
+            for one in self.basis.entities:
+                attrs[f"size_{one.name}"] = one.size
+                attrs[f"key_{one.name}"] = None if one.key is None else one.key.hex
+        labels = named(self.labels, *self._shape)
+        return Cube(variables, times, attrs, labels)
 
     def _repr_html_(self) -> str:
         first = ("control u(0)", html.vector(self.u[0]))

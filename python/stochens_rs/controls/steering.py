@@ -13,8 +13,8 @@ from ..fusion.fusing import METHODS, fuse
 from ..rng import RngLike, as_key
 from ..system import System
 from ..theory.dynamics import checked_ends
+from .control import control
 from .entities import fusion_over
-from .fused import control
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike

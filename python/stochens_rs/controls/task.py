@@ -104,21 +104,48 @@ class Task(Record):
         return root(self.stage), root(self.terminal)
 
 
-def asked_task(
-    n: int, m: int, K: int, goal: Floats | None, asked: dict[str, Any], labels: Labels
-) -> tuple[Task | None, float | None]:
-    """The task of the arguments of `control`, and the time for it [s]."""
-    told = {name: value for name, value in asked.items() if name != "time_limit"}
-    task = checked_task(
-        n, m, K, None if told["reference"] is not None else goal, **told, labels=labels
-    )
-    time_limit = asked["time_limit"]
-    if time_limit is None:
-        return task, None
-    if task is None:
-        shown = gate.show(time_limit)
-        raise InputError(f"`time_limit` must be left out without limits, got {shown}")
-    return task, gate.positive("time_limit", time_limit)
+@dataclass(frozen=True)
+class LimitArguments:
+    """The limits and weights that `control` was given, not checked yet."""
+
+    limits: LimitsLike
+    rate: ArrayLike | None
+    previous: ArrayLike | None
+    Q: ArrayLike | None
+    Qf: ArrayLike | None
+    R: ArrayLike | str | None
+    reference: ArrayLike | None
+    state_limits: LimitsLike
+    soft: float | bool | None
+    time_limit: float | None
+
+    def task(self, n: int, m: int, K: int, goal: Floats, labels: Labels) -> Task | None:
+        """The limits and weights, checked; None if there are none."""
+        return checked_task(
+            n,
+            m,
+            K,
+            None if self.reference is not None else goal,
+            limits=self.limits,
+            rate=self.rate,
+            previous=self.previous,
+            Q=self.Q,
+            Qf=self.Qf,
+            R=self.R,
+            reference=self.reference,
+            state_limits=self.state_limits,
+            soft=self.soft,
+            labels=labels,
+        )
+
+    def seconds(self, task: Task | None) -> float | None:
+        """The time for the task [s], checked."""
+        if self.time_limit is None:
+            return None
+        if task is None:
+            shown = gate.show(self.time_limit)
+            raise InputError(f"`time_limit` must be left out without limits, got {shown}")
+        return gate.positive("time_limit", self.time_limit)
 
 
 def root(Q: Floats) -> Floats:

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
     from .._base.types import Floats
     from .assumptions import Assumptions
-    from .runs import Runs
 
 # Least eigenvalue of the correlation matrix of residuals that is taken for 0. With a covariance of
 # full rank it is below with a probability of order (1e-4 n)^2, as there are more pairs than needed.
@@ -146,21 +145,24 @@ class Lag(NamedTuple):
         )
 
 
-def one_more_lag(data: Runs, offset: bool, found: Range) -> Lag | None:
+def one_more_lag(
+    rows: Floats, later: NDArray[np.int64], n: int, offset: bool, found: Range
+) -> Lag | None:
     """Test whether the residuals of ``z = (x, u, 1)`` are explained by ``(x, u)`` one step earlier.
+
+    `rows` are (x, u, x_next); those with an index in `later` follow on the one before them.
 
     Wilks' Lambda ``det S_1 / det S_0`` by Rao's F, exact for one or two rows or columns and
     regressors independent of Gaussian noise (Rao 1951), else approximate. None where no test is
     possible: runs of one step, too few pairs, no residuals.
     """
-    later = np.flatnonzero(data._places() > 0)
-    d, extra, p = data.n + data.m + offset, data.n + data.m, found.basis.shape[1]
+    extra, p = rows.shape[1] - n, found.basis.shape[1]  # n + m
+    d = extra + offset
     if not p or len(later) <= d + extra + p:
         return None
-    memory.need("the pairs with those before", 8 * len(later) * (2 * d + data.n))
-    rows = data._rows
-    z, before = rows[later, : data.n + data.m], rows[later - 1, : data.n + data.m]
-    ones, y = np.ones((len(later), int(offset))), rows[later][:, data.n + data.m + found.rows]
+    memory.need("the pairs with those before", 8 * len(later) * (2 * d + n))
+    z, before = rows[later, :extra], rows[later - 1, :extra]
+    ones, y = np.ones((len(later), int(offset))), rows[later][:, extra + found.rows]
     R = _core.triangle(np.hstack([z, ones, before, y]), get_num_threads())
     wide = fit(R, d + extra, len(later))
     keep = np.r_[:d, d + extra : len(R)]

@@ -13,7 +13,6 @@ from ..exceptions import InputError
 from ..rng import Key
 from .assumptions import COVARIANCES, DESIGNS, NOISES, Assumptions
 from .checks import NAMES, Checks
-from .runs import Runs
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -27,7 +26,7 @@ VERSION = 1  # of the contents of both kinds
 STATE_NOISES = ("none", "white", "covariance")
 
 
-def from_runs(runs: Runs) -> Sections:
+def from_runs(runs: Any) -> Sections:
     """Return trajectories as named arrays."""
     names = [name.encode() for name in (*runs.state_names, *runs.input_names)]
     return {

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
+from ..exceptions import InputError
 from ..theory.exact import EPS
 
 if TYPE_CHECKING:
@@ -165,3 +166,25 @@ def _combination(row: Floats, names: Sequence[str]) -> str:
         sign = ("-" if value < 0.0 else "") if not text else (" - " if value < 0.0 else " + ")
         text += f"{sign}{number}{name}"
     return text
+
+
+def cautions(found: list[Fitted], missing: tuple[str, ...]) -> list[str]:
+    """What to be careful about in the fits of the rows of a model."""
+    said = []
+    if missing:
+        said.append(f"the data do not determine the model along {'; '.join(missing)}")
+    ratio = min((one.ratio for one in found if one.rank), default=1.0)
+    if ratio < TRUSTED:
+        said.append(
+            f"the states and inputs are nearly dependent (ratio {ratio:.1e}): bounds are large"
+        )
+    return said
+
+
+def corrected(R: Floats, d: int, n: int, N: int, covariance: Floats) -> Floats:
+    """``Y' Z (Z' Z - N C)^-1``: consistent for states with errors of covariance C."""
+    V = R[:d, :d].T @ R[:d, :d]
+    V[:n, :n] -= N * covariance
+    if np.linalg.eigvalsh(V)[0] <= 0.0:
+        raise InputError("`state_noise` is as large as the states themselves: no estimate")
+    return np.asarray(np.linalg.solve(V, R[:d, :d].T @ R[:d, d:]).T)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,26 +11,34 @@ import numpy as np
 from .._base import gate, html, memory
 from .._base.durable import Durable, nothing_left
 from .._base.tabled import Cube, Tabled
+from ..ensembles.systems import SystemEnsemble
+from ..exceptions import InputError, ShapeError
 from ..plots.residuals import draw_residuals
-from ..rng import RngLike, as_key
-from .certifying import METHODS, Method, Wish, parts, refuse, said, sign_region
-from .certifying import directions as spanned
-from .checks import Checks, checked_residuals
-from .consistency import require_triangle_of
-from .dependences import tested_rows
+from ..rng import Key, RngLike, as_key
+from .assumptions import Assumptions
+from .certifying import METHODS, Block, Method, Wish, assembled, blocks, parts, said, sign_region
+from .certifying import directions as spanned_by
+from .certifying import refuse as refuse_region
+from .checks import DRAWS, WORK, Checks, checked_residuals
+from .consistency import refuse, require_sound, require_triangle_of
+from .dependences import Lag, Range, exact_relations, one_more_lag, spanned, tested_rows
 from .files import Sections, from_model, to_model
-from .instruments import instrumented, projected
-from .least_squares import fit, r_factor
+from .identified import Identified
+from .instruments import instrumented, projected, two_stages
+from .least_squares import Fitted, cautions, corrected, fit, named, r_factor
 from .region import Region
-from .resampling import Resampled
+from .resampling import BOOTSTRAPS, Bootstrap, bootstrap_models, drawn_models
 from .trajectories import Trajectories
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
     from numpy.typing import ArrayLike
 
+    from .._base.types import Floats
 
-class Model(Durable, Tabled, Resampled):
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Model(Identified, Durable, Tabled):
     """A model ``x(k+1) = A x(k) + B u(k) + c`` identified from data, with what was assumed.
 
     Made by `identify`.
@@ -58,6 +68,183 @@ class Model(Durable, Tabled, Resampled):
     """
 
     _kind = "model"
+
+    data: Trajectories
+    triangle: Floats
+    assumptions: Assumptions
+    scale: Floats
+    intercept: bool = False
+    known: Floats | None = None
+    instruments: Floats | None = None
+    checks: Checks | None = None
+    key: Key | None = None
+
+    def __post_init__(self) -> None:
+        gate.instance("data", self.data, Trajectories)
+        gate.instance("assumptions", self.assumptions, Assumptions)
+        gate.flag("intercept", self.intercept)
+        n, d = self.n, self._d
+        r = 0
+        if self.instruments is not None:
+            r = gate.kept("instruments", self.instruments, ndim=(2,)).shape[1]
+            gate.kept("instruments", self.instruments, shape=(self.size, max(r, d)))
+        gate.kept("triangle", self.triangle, shape=(r + d + n,) * 2)
+        gate.kept("scale", self.scale, shape=(d,))
+        if self.known is not None and gate.instance("known", self.known, np.ndarray).shape != (
+            n,
+            d,
+        ):
+            raise ShapeError(f"`known` must have shape ({n}, {d}), got {self.known.shape}")
+        if self.checks is not None:
+            gate.instance("checks", self.checks, Checks)
+        refuse(self.assumptions, self.known, self.instruments, self.data.single)
+        require_sound(self.scale, self.known)
+        if (self.noise == "symmetric") != (self.key is not None):
+            raise InputError("`key` must be given for noise='symmetric', and only there")
+        if self.key is not None:
+            gate.instance("key", self.key, Key)
+
+    @property
+    def n(self) -> int:
+        """The number of states."""
+        return self.data.n
+
+    @property
+    def m(self) -> int:
+        """The number of inputs."""
+        return self.data.m
+
+    @property
+    def dt(self) -> float | None:
+        """The time between two steps [s]; None if unspecified."""
+        return self.data.dt
+
+    @property
+    def size(self) -> int:
+        """The number of pairs N."""
+        return self.data.size
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """The names of the states."""
+        return self.data.state_names
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """The names of the inputs."""
+        return self.data.input_names
+
+    @property
+    def design(self) -> str:
+        """The declared design."""
+        return self.assumptions.design
+
+    @property
+    def noise(self) -> str:
+        """The declared law of the noise."""
+        return self.assumptions.noise
+
+    @property
+    def _d(self) -> int:
+        return self.n + self.m + self.intercept
+
+    @property
+    def _own(self) -> Floats:
+        """The triangle of [Z Y] alone."""
+        r = 0 if self.instruments is None else self.instruments.shape[1]
+        return self.triangle[:, r:] if r else self.triangle
+
+    @cached_property
+    def _blocks(self) -> list[Block]:
+        return self._blocks_of(by_rows=False)
+
+    def _blocks_of(self, *, by_rows: bool) -> list[Block]:
+        R = self._own
+        if self.instruments is not None:
+            R = np.linalg.qr(R)[1]
+        return blocks(R, self._d, self.size, self.known, by_rows)
+
+    @cached_property
+    def _Theta(self) -> Floats:
+        """``[A B c]``, read-only."""
+        d, covariance = self._d, self.assumptions.state_noise
+        if self.instruments is not None:
+            r = self.instruments.shape[1]
+            return gate.frozen(two_stages(projected(self.triangle, r, self.size), d))
+        if isinstance(covariance, str):
+            return gate.frozen(assembled(self._blocks, self.known, self.n, d))
+        return gate.frozen(corrected(self.triangle, d, self.n, self.size, covariance))
+
+    @property
+    def covariance(self) -> Floats | None:
+        """The covariance of the noise, shape (n, n): the known one, or ``S / nu`` of the residuals.
+
+        None if there are no more pairs than unknowns. With noisy states it includes their noise.
+        """
+        if self.assumptions.known is not None:
+            return self.assumptions.known
+        found = np.zeros((self.n, self.n))
+        for block in self._blocks:
+            if block.fitted.nu < 1:
+                return None
+            found[np.ix_(block.rows, block.rows)] = block.fitted.S / block.fitted.nu
+        return found
+
+    @property
+    def rank(self) -> int:
+        """How many directions of z = (x, u, 1) the data determine, the least over the rows."""
+        free = [block.fitted.rank - len(block.columns) for block in self._blocks]
+        return self._d + min(free)
+
+    @property
+    def identifiable(self) -> bool:
+        """Whether the data determine the whole model."""
+        return self.rank == self._d
+
+    @cached_property
+    def missing(self) -> tuple[str, ...]:
+        """The directions of z that the data do not determine, in the names of states and inputs.
+
+        ``x[1] - u[0]``: the data are the same for all models that act alike on the z in which this
+        combination is 0.
+        """
+        names = np.array([*self.state_names, *self.input_names, "1"][: self._d], dtype=object)
+        found: list[str] = []
+        for block in self._blocks:
+            if block.fitted.missing.shape[1]:
+                for text in named(block.fitted.missing, list(names[block.columns])):
+                    if text not in found:
+                        found.append(text)
+        return tuple(found)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What to be careful about, one sentence each; see also `checks`."""
+        said, lag = list(self.doubts), self._lag
+        if lag is not None and lag.significant and not lag.refuses:
+            said.append(lag.said(self.state_names))
+        if self.checks is not None:
+            said += self.checks.warnings
+        elif self.size * self.n * DRAWS > WORK:
+            said.append(
+                f"the residuals were not tested, as {self.size} pairs take long: see Model.check"
+            )
+        said += cautions([block.fitted for block in self._blocks], self.missing)
+        if self.assumptions.noisy_states and self.instruments is None:
+            said.append("the states are measured with error, so that no region is known")
+        return tuple(said)
+
+    @cached_property
+    def doubts(self) -> tuple[str, ...]:
+        """Why no certificate of a plan from this model is finite, one sentence each.
+
+        Columns that are tied exactly, or of which states and inputs one step earlier explain a
+        tenth of the variance or more, and that `identify` was not told to be so: they are no states
+        of a plant. Empty where nothing of this is seen, which does not prove that they are.
+        """
+        said = exact_relations(*self._residuals, self.state_names)
+        lag = self._lag
+        return said if lag is None or not lag.refuses else (*said, lag.said(self.state_names))
 
     def check(self, draws: int = 499, *, rng: RngLike = None) -> Checks | None:
         """Test the residuals again, with another number of simulated data sets.
@@ -198,14 +385,14 @@ class Model(Durable, Tabled, Resampled):
         wish = Wish(
             gate.probability("delta", delta),
             gate.flag("components", components),
-            spanned(self._d, self.n, self.m, x0, directions),
+            spanned_by(self._d, self.n, self.m, x0, directions),
             gate.size("future", future, minimum=0, maximum=10_000),
             gate.flag("frobenius", frobenius),
             gate.choice("method", method, METHODS),
             gate.flag("anytime", anytime),
         )
         noise, by_rows = self.assumptions, len(self._blocks) > 1
-        refuse(noise, wish, self.instruments is not None, by_rows)
+        refuse_region(noise, wish, self.instruments is not None, by_rows)
         centre, signs, radius, text = self._Theta, None, None, ""
         covariance = None
         found = self._blocks_of(by_rows=True) if wish.components and not by_rows else self._blocks
@@ -230,6 +417,147 @@ class Model(Durable, Tabled, Resampled):
             signs=signs,
             noise=None if covariance is None else gate.frozen(covariance),
         )
+
+    def bootstrap(
+        self, size: int, *, method: Bootstrap = "pairs", rng: RngLike = None
+    ) -> SystemEnsemble:
+        """Fit models to resampled data.
+
+        Parameters
+        ----------
+        size : int
+            The number of models.
+        method : {"pairs", "residual", "wild", "trajectories"}, default "pairs"
+            "pairs": N pairs drawn with replacement. "trajectories": whole runs, for data with
+            feedback. "residual": the states and inputs are kept, residuals are drawn with
+            replacement (centred, times ``sqrt(N / nu)``). "wild": each residual keeps its place
+            and gets a random sign and the factor ``1 / sqrt(1 - h)``, for noise that is larger in
+            some places (MacKinnon and White 1985).
+        rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
+            Source of randomness.
+
+        Returns
+        -------
+        SystemEnsemble
+            Models that scatter about the estimate: ``centre`` is "estimate". A resample that does
+            not determine the model is left out; `about` says how many.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If the data do not determine the model, there are instruments, or an argument cannot be
+            used.
+
+        Notes
+        -----
+        An ensemble shows how the estimate scatters. It is not a region: no statement about the
+        distance to the true system follows from it.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> z = np.random.default_rng(1).standard_normal((40, 3))
+        >>> data = se.Trajectories.from_pairs(z[:, :1], z[:, 1:2], z[:, :1] + z[:, 2:])
+        >>> se.identify(data).bootstrap(100, rng=1)
+        <SystemEnsemble: 100 models, n=1 m=1, about the estimate>
+        """
+        count = gate.size("size", size)
+        kind = gate.choice("method", method, BOOTSTRAPS)
+        self._refuse_resampling()
+        found, key = self._blocks, as_key(rng).child("bootstrap")
+        models = bootstrap_models(found, *self._pairs(), self._Theta, self.data, count, kind, key)
+        return self._ensemble(models, f"bootstrap of {kind}", count)
+
+    def draw(self, size: int, *, rng: RngLike = None) -> SystemEnsemble:
+        """Draw models from the law that the region is made of.
+
+        Parameters
+        ----------
+        size : int
+            The number of models.
+        rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
+            Source of randomness.
+
+        Returns
+        -------
+        SystemEnsemble
+            ``H + S^1/2 E^-1/2 G V^-1/2``, E ~ W_n(I, nu), G standard normal; for a known
+            covariance ``H + Sigma^1/2 G V^-1/2``. With mean H: ``centre`` is "estimate".
+
+        Raises
+        ------
+        InputError, InputTypeError
+            As `bootstrap`; or single entries were declared as known, the noise is not Gaussian, or
+            there are too few pairs.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> z = np.random.default_rng(1).standard_normal((40, 3))
+        >>> data = se.Trajectories.from_pairs(z[:, :1], z[:, 1:2], z[:, :1] + z[:, 2:])
+        >>> se.identify(data).draw(100, rng=1)
+        <SystemEnsemble: 100 models, n=1 m=1, about the estimate>
+        """
+        count = gate.size("size", size)
+        self._refuse_resampling()
+        if self.noise != "gaussian":
+            raise InputError(f"draw() needs noise='gaussian', got '{self.noise}': use bootstrap()")
+        if len(self._blocks) > 1:
+            raise InputError("draw() knows no law with single known entries: use bootstrap()")
+        block, key = self._blocks[0], as_key(rng).child("draw")
+        models = drawn_models(block, self.assumptions, self._Theta, count, key)
+        return self._ensemble(models, "draws of the law of the estimate", count)
+
+    def _refuse_resampling(self) -> None:
+        if not self.identifiable:
+            raise InputError(f"the data do not determine the model along {'; '.join(self.missing)}")
+        if self.assumptions.noisy_states:
+            raise InputError(
+                "models of noisy states cannot be resampled: the scatter is not theirs"
+            )
+
+    def _ensemble(self, models: Floats, about: str, asked: int) -> SystemEnsemble:
+        n, m = self.n, self.m
+        lost = asked - len(models)
+        if not len(models):
+            raise InputError("no resample determines the model: there are too few pairs")
+        return SystemEnsemble(
+            models[:, :, :n],
+            models[:, :, n : n + m],
+            models[:, :, -1] if self.intercept else None,
+            centre="estimate",
+            dt=self.dt,
+            labels=self.labels if self.labels.given else None,
+            about=about + (f", {lost} of {asked} left out: not determined" if lost else ""),
+        )
+
+    @cached_property
+    def _residuals(self) -> tuple[Fitted, Range]:
+        """Least squares without regard to known entries, and what its residuals span."""
+        R = self._own if self.instruments is None else r_factor(self._own)
+        f = fit(R, self._d, self.size)
+        return f, spanned(f, tested_rows(self.assumptions, self.known, self.n))
+
+    @cached_property
+    def _lag(self) -> Lag | None:
+        """The test of one more lag; None where errors of reading are declared, or none is known."""
+        if self.assumptions.noisy_states:
+            return None
+        rows, later = self.data._rows, np.flatnonzero(self.data._places() > 0)
+        return one_more_lag(rows, later, self.n, self.intercept, self._residuals[1])
+
+    @cached_property
+    def _largest(self) -> Floats | None:
+        if self.data.steps > 1:
+            return None
+        x, u, _ = self.data.pairs()
+        return np.hstack([np.abs(x).max(axis=0), np.abs(u).max(axis=0)])
+
+    def _pairs(self) -> tuple[Floats, Floats]:
+        """Z and Y, the rows of all pairs."""
+        x, u, y = self.data.pairs()
+        ones = np.ones((len(x), int(self.intercept)))
+        return np.hstack([x, u, ones]), np.ascontiguousarray(y)
 
     def _cube(self) -> Cube:
         variables = {

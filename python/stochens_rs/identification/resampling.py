@@ -1,4 +1,4 @@
-"""Models from resampled data: how an estimate scatters."""
+"""Models from resampled data and from the law of the estimate: how it scatters."""
 
 from __future__ import annotations
 
@@ -7,14 +7,12 @@ from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
 import numpy as np
 
 from .. import _core
-from .._base import gate, memory
+from .._base import memory
 from .._base.threads import get_num_threads
-from ..ensembles.systems import SystemEnsemble
 from ..exceptions import InputError
-from ..rng import Key, RngLike, as_key
+from ..rng import Key
 from .assumptions import Assumptions
 from .certifying import Block
-from .estimate import Estimate
 from .trajectories import Trajectories
 
 if TYPE_CHECKING:
@@ -22,124 +20,7 @@ if TYPE_CHECKING:
 
 
 Bootstrap: TypeAlias = Literal["pairs", "residual", "wild", "trajectories"]
-METHODS: tuple[Bootstrap, ...] = get_args(Bootstrap)
-
-
-class Resampled(Estimate, listed=False):
-    """Models from resampled data or from the law of the estimate."""
-
-    def bootstrap(
-        self, size: int, *, method: Bootstrap = "pairs", rng: RngLike = None
-    ) -> SystemEnsemble:
-        """Fit models to resampled data.
-
-        Parameters
-        ----------
-        size : int
-            The number of models.
-        method : {"pairs", "residual", "wild", "trajectories"}, default "pairs"
-            "pairs": N pairs drawn with replacement. "trajectories": whole runs, for data with
-            feedback. "residual": the states and inputs are kept, residuals are drawn with
-            replacement (centred, times ``sqrt(N / nu)``). "wild": each residual keeps its place
-            and gets a random sign and the factor ``1 / sqrt(1 - h)``, for noise that is larger in
-            some places (MacKinnon and White 1985).
-        rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
-            Source of randomness.
-
-        Returns
-        -------
-        SystemEnsemble
-            Models that scatter about the estimate: ``centre`` is "estimate". A resample that does
-            not determine the model is left out; `about` says how many.
-
-        Raises
-        ------
-        InputError, InputTypeError
-            If the data do not determine the model, there are instruments, or an argument cannot be
-            used.
-
-        Notes
-        -----
-        An ensemble shows how the estimate scatters. It is not a region: no statement about the
-        distance to the true system follows from it.
-
-        Examples
-        --------
-        >>> import numpy as np, stochens_rs as se
-        >>> z = np.random.default_rng(1).standard_normal((40, 3))
-        >>> data = se.Trajectories.from_pairs(z[:, :1], z[:, 1:2], z[:, :1] + z[:, 2:])
-        >>> se.identify(data).bootstrap(100, rng=1)
-        <SystemEnsemble: 100 models, n=1 m=1, about the estimate>
-        """
-        count = gate.size("size", size)
-        kind = gate.choice("method", method, METHODS)
-        self._refuse_resampling()
-        found, key = self._blocks, as_key(rng).child("bootstrap")
-        models = bootstrap_models(found, *self._pairs(), self._Theta, self.data, count, kind, key)
-        return self._ensemble(models, f"bootstrap of {kind}", count)
-
-    def draw(self, size: int, *, rng: RngLike = None) -> SystemEnsemble:
-        """Draw models from the law that the region is made of.
-
-        Parameters
-        ----------
-        size : int
-            The number of models.
-        rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
-            Source of randomness.
-
-        Returns
-        -------
-        SystemEnsemble
-            ``H + S^1/2 E^-1/2 G V^-1/2``, E ~ W_n(I, nu), G standard normal; for a known
-            covariance ``H + Sigma^1/2 G V^-1/2``. With mean H: ``centre`` is "estimate".
-
-        Raises
-        ------
-        InputError, InputTypeError
-            As `bootstrap`; or single entries were declared as known, the noise is not Gaussian, or
-            there are too few pairs.
-
-        Examples
-        --------
-        >>> import numpy as np, stochens_rs as se
-        >>> z = np.random.default_rng(1).standard_normal((40, 3))
-        >>> data = se.Trajectories.from_pairs(z[:, :1], z[:, 1:2], z[:, :1] + z[:, 2:])
-        >>> se.identify(data).draw(100, rng=1)
-        <SystemEnsemble: 100 models, n=1 m=1, about the estimate>
-        """
-        count = gate.size("size", size)
-        self._refuse_resampling()
-        if self.noise != "gaussian":
-            raise InputError(f"draw() needs noise='gaussian', got '{self.noise}': use bootstrap()")
-        if len(self._blocks) > 1:
-            raise InputError("draw() knows no law with single known entries: use bootstrap()")
-        block, key = self._blocks[0], as_key(rng).child("draw")
-        models = drawn_models(block, self.assumptions, self._Theta, count, key)
-        return self._ensemble(models, "draws of the law of the estimate", count)
-
-    def _refuse_resampling(self) -> None:
-        if not self.identifiable:
-            raise InputError(f"the data do not determine the model along {'; '.join(self.missing)}")
-        if self.assumptions.noisy_states:
-            raise InputError(
-                "models of noisy states cannot be resampled: the scatter is not theirs"
-            )
-
-    def _ensemble(self, models: Floats, about: str, asked: int) -> SystemEnsemble:
-        n, m = self.n, self.m
-        lost = asked - len(models)
-        if not len(models):
-            raise InputError("no resample determines the model: there are too few pairs")
-        return SystemEnsemble(
-            models[:, :, :n],
-            models[:, :, n : n + m],
-            models[:, :, -1] if self.intercept else None,
-            centre="estimate",
-            dt=self.dt,
-            labels=self.labels if self.labels.given else None,
-            about=about + (f", {lost} of {asked} left out: not determined" if lost else ""),
-        )
+BOOTSTRAPS: tuple[Bootstrap, ...] = get_args(Bootstrap)
 
 
 def bootstrap_models(

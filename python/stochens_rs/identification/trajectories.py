@@ -7,20 +7,22 @@ rows (x, u, x_next) of one array, with the number of pairs of each run.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
-from .._base import gate, memory
+from .._base import gate, html, memory
 from .._base.durable import Durable, nothing_left
+from .._base.labels import checked_names
 from .._base.records import Record
 from ..exceptions import InputError, InputTypeError, ShapeError
+from ..rng import RngLike, as_key
 from .files import Sections, from_runs, to_runs
-from .selecting import Selecting
 from .tables import read_table
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
+    from typing_extensions import Self
 
     from .._base.types import Floats
 
@@ -43,7 +45,7 @@ def _rebuild(
     return Trajectories._of(checked, each, count, dt, state_names, input_names, size)
 
 
-class Trajectories(Durable, Selecting, Record):
+class Trajectories(Durable, Record):
     """Measured runs: the states and inputs of each, one run after another; immutable.
 
     Parameters
@@ -82,7 +84,15 @@ class Trajectories(Durable, Selecting, Record):
     array([1. , 1.5, 0.5])
     """
 
-    __slots__ = ()
+    __slots__ = ("_dt", "_input_names", "_lengths", "_n", "_rows", "_state_names", "_steps")
+
+    _rows: Floats
+    _lengths: NDArray[np.int64]
+    _n: int
+    _dt: float | None
+    _state_names: tuple[str, ...]
+    _input_names: tuple[str, ...]
+    _steps: int
 
     _kind = "trajectories"
     _made_by = staticmethod(_rebuild)
@@ -224,6 +234,290 @@ class Trajectories(Durable, Selecting, Record):
         rows = np.hstack([before, acting, after])
         return cls._of(rows, np.ones(N, dtype=np.int64), n, dt, state_names, input_names)
 
+    @property
+    def n(self) -> int:
+        """The number of states."""
+        return self._n
+
+    @property
+    def m(self) -> int:
+        """The number of inputs."""
+        return int(self._rows.shape[1]) - 2 * self._n
+
+    @property
+    def dt(self) -> float | None:
+        """The time between two steps [s]; None if unspecified."""
+        return self._dt
+
+    @property
+    def size(self) -> int:
+        """The number of pairs N, of all runs together."""
+        return len(self._rows)
+
+    @property
+    def lengths(self) -> NDArray[np.int64]:
+        """The number of steps of each run, read-only."""
+        return self._lengths
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """The names of the states."""
+        return self._state_names
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """The names of the inputs."""
+        return self._input_names
+
+    @property
+    def steps(self) -> int:
+        """How many steps of the system a pair spans: 1, or the number given to `k_step`."""
+        return self._steps
+
+    @property
+    def single(self) -> bool:
+        """Whether every run is one pair."""
+        return len(self._lengths) == len(self._rows)
+
+    @property
+    def runs(self) -> list[tuple[Floats, Floats]]:
+        """The states (T + 1, n) and inputs (T, m) of each run."""
+        n, ends = self._n, np.cumsum(self._lengths)
+        parts = [self._rows[end - T : end] for T, end in zip(self._lengths, ends, strict=True)]
+        return [(np.vstack([part[:, :n], part[-1:, -n:]]), part[:, n:-n].copy()) for part in parts]
+
+    def pairs(self) -> tuple[Floats, Floats, Floats]:
+        """Return all pairs of all runs.
+
+        Returns
+        -------
+        x, u, x_next : ndarray, shapes (N, n), (N, m), (N, n)
+            Read-only. Row t: the state, the input, and the next state.
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> data = se.Trajectories([[0.0], [1.0], [1.5]], [[1.0], [1.0]])
+        >>> data.pairs()[0].ravel()
+        array([0., 1.])
+        """
+        n = self._n
+        return self._rows[:, :n], self._rows[:, n:-n], self._rows[:, -n:]
+
+    def last_pairs(self) -> Self:
+        """Keep only the last pair of each run.
+
+        Returns
+        -------
+        Trajectories
+            As many pairs as runs. They may be identified with ``design="independent"``, also
+            where the runs had feedback, if the runs are independent of each other and their
+            lengths were chosen without a look at the last state.
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> states, inputs = [[[0.0], [1.0], [1.5]], [[1.0], [0.5]]], [[[1.0], [1.0]], [[0.0]]]
+        >>> data = se.Trajectories(states, inputs)
+        >>> data.last_pairs()
+        <Trajectories: 2 pairs, n=1 m=1>
+        """
+        rows = self._rows[np.cumsum(self._lengths) - 1]
+        return self._part(rows, np.ones(len(rows), dtype=np.int64))
+
+    def k_step(self, steps: int, *, open_loop: bool) -> Self:
+        """Take the first K steps of each run as one step: ``(x(0), u(0), ..., u(K-1)) -> x(K)``.
+
+        Parameters
+        ----------
+        steps : int
+            The number of steps K. Shorter runs are left out.
+        open_loop : bool
+            Your declaration that the inputs were independent of the noise of all runs: chosen
+            beforehand or drawn apart. With feedback no region holds, so False is refused.
+
+        Returns
+        -------
+        Trajectories
+            Pairs with ``K m`` inputs. `identify` makes of them the matrices ``A^K`` and
+            ``[A^{K-1} B, ..., A B, B]``; with ``design="independent"`` if the runs are independent
+            of each other.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If no run has K steps, or the inputs are not declared to be open loop.
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> states, inputs = [[[0.0], [1.0], [1.5]], [[1.0], [0.5]]], [[[1.0], [1.0]], [[0.0]]]
+        >>> data = se.Trajectories(states, inputs)
+        >>> data.k_step(2, open_loop=True).pairs()
+        (array([[0.]]), array([[1., 1.]]), array([[1.5]]))
+        """
+        K = gate.size("steps", steps)
+        if not gate.flag("open_loop", open_loop):
+            raise InputError(
+                "`open_loop` must be True: inputs that react to the noise inside a run break "
+                "every region over several steps; with feedback use last_pairs()"
+            )
+        n = self._n
+        enough = self._lengths >= K
+        if not enough.any():
+            raise InputError(
+                f"`steps` is {K}, but the longest run has {html.counted(int(self._lengths.max()))}"
+            )
+        start = (np.cumsum(self._lengths) - self._lengths)[enough]
+        acting = [self._rows[start + k, n:-n] for k in range(K)]
+        rows = np.hstack([self._rows[start, :n], *acting, self._rows[start + K - 1, -n:]])
+        names = [f"{name}({k})" for k in range(K) for name in self._input_names]
+        return self._of(
+            rows,
+            np.ones(len(rows), dtype=np.int64),
+            n,
+            None if self._dt is None else K * self._dt,
+            self._state_names,
+            names if K > 1 else self._input_names,
+            K * self._steps,
+        )
+
+    def split(self, share: float, *, rng: RngLike = None) -> tuple[Self, Self]:
+        """Divide the runs at random into two parts; no run is cut.
+
+        Parameters
+        ----------
+        share : float or int
+            The share of the runs in the first part, in (0, 1); or their number, a whole number
+            from 1.
+        rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
+            Source of randomness. For parts that are not random take slices: ``data[:20]``.
+
+        Returns
+        -------
+        first, second : Trajectories
+            Each with at least one run, in their order here.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If there is one run only, or one part would have none.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> data = se.Trajectories.from_pairs(np.eye(4), np.ones((4, 1)), np.eye(4))
+        >>> data.split(0.75, rng=1)
+        (<Trajectories: 3 pairs, n=4 m=1>, <Trajectories: 1 pair, n=4 m=1>)
+        """
+        runs = len(self)
+        whole = isinstance(share, (int, np.integer)) and not isinstance(share, bool)
+        if whole:
+            count = gate.size("share", share, maximum=max(runs - 1, 1))
+        else:
+            count = round(gate.probability("share", share) * runs)
+        if not 0 < count < runs:
+            raise InputError(f"`share` must leave a run for each part, got {share} of {runs}")
+        first = np.zeros(runs, dtype=bool)
+        first[as_key(rng).child("split").generator().permutation(runs)[:count]] = True
+        return self._chosen(first), self._chosen(~first)
+
+    def _chosen(self, runs: NDArray[np.bool_]) -> Self:
+        return self._part(self._rows[np.repeat(runs, self._lengths)], self._lengths[runs])
+
+    def _thinned(self) -> Self:
+        """Every second pair of each run, as pairs."""
+        rows = self._rows[self._places() % 2 == 0]
+        return self._part(rows, np.ones(len(rows), dtype=np.int64))
+
+    def past_inputs(self, lags: int) -> Floats:
+        """Return the present and past inputs of every pair, as instruments for `identify`.
+
+        Parameters
+        ----------
+        lags : int
+            How many steps back, at least 0.
+
+        Returns
+        -------
+        ndarray, shape (N, (lags + 1) m)
+            ``u(k), u(k - 1), ..., u(k - lags)``, 0 before the start of a run. They are instruments
+            only if the inputs are independent of the noise of states and readings: open loop.
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> se.Trajectories([[0.0], [1.0], [1.5]], [[1.0], [2.0]]).past_inputs(1)
+        array([[1., 0.],
+               [2., 1.]])
+        """
+        lags = gate.size("lags", lags, minimum=0, maximum=int(self._lengths.max()))
+        memory.need("the past inputs", 2 * 8 * (lags + 1) * self.size * self.m)
+        u, places = self._rows[:, self._n : -self._n], self._places()
+        back = [
+            np.where((places >= lag)[:, None], np.roll(u, lag, axis=0), 0.0)
+            for lag in range(lags + 1)
+        ]
+        return np.hstack(back)
+
+    @overload
+    def __getitem__(self, runs: int) -> tuple[Floats, Floats]: ...
+    @overload
+    def __getitem__(self, runs: slice) -> Self: ...
+    def __getitem__(self, runs: int | slice) -> Self | tuple[Floats, Floats]:
+        """One run as (states, inputs), or the runs of a slice."""
+        if not isinstance(runs, slice):
+            index = gate.size("run", runs, minimum=-len(self), maximum=len(self) - 1) % len(self)
+            return self[index : index + 1].runs[0]
+        chosen = np.zeros(len(self), dtype=bool)
+        chosen[runs] = True
+        if not chosen.any() or (runs.step or 1) < 0:
+            raise InputError("the slice must name at least one run, in their order")
+        return self._chosen(chosen)
+
+    def _set(
+        self,
+        rows: Floats,
+        lengths: NDArray[np.int64],
+        n: int,
+        dt: object,
+        state_names: Sequence[str] | None,
+        input_names: Sequence[str] | None,
+        steps: int,
+    ) -> None:
+        m = rows.shape[1] - 2 * n
+        rows.flags.writeable = lengths.flags.writeable = False
+        of_states, of_inputs = checked_names(n, m, state_names, input_names)
+        for slot, value in (
+            ("_rows", rows),
+            ("_lengths", lengths),
+            ("_n", n),
+            ("_dt", None if dt is None else gate.positive("dt", dt)),
+            ("_state_names", of_states),
+            ("_input_names", of_inputs),
+            ("_steps", steps),
+        ):
+            object.__setattr__(self, slot, value)
+
+    @classmethod
+    def _of(
+        cls,
+        rows: Floats,
+        lengths: NDArray[np.int64],
+        n: int,
+        dt: float | None,
+        state_names: Sequence[str] | None,
+        input_names: Sequence[str] | None,
+        steps: int = 1,
+    ) -> Self:
+        self = object.__new__(cls)
+        self._set(rows, lengths, n, dt, state_names, input_names, steps)
+        return self
+
+    def _part(self, rows: Floats, lengths: NDArray[np.int64]) -> Self:
+        names = self._state_names, self._input_names
+        return type(self)._of(rows, lengths, self._n, self._dt, *names, self._steps)
+
     def _to_sections(self) -> Sections:
         return from_runs(self)
 
@@ -235,6 +529,53 @@ class Trajectories(Durable, Selecting, Record):
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _rebuild, (self._rows, self._lengths, *self._about())
+
+    def _places(self) -> NDArray[np.int64]:
+        """The step k of each pair in its run."""
+        first = np.cumsum(self._lengths) - self._lengths
+        return np.arange(self.size) - np.repeat(first, self._lengths)
+
+    def __len__(self) -> int:
+        return len(self._lengths)
+
+    def __setattr__(self, name: str, value: object) -> None:
+        raise AttributeError(f"Trajectories are immutable: `{name}` cannot be set")
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Trajectories):
+            return NotImplemented
+        return self._about() == other._about() and (
+            np.array_equal(self._lengths, other._lengths)
+            and np.array_equal(self._rows, other._rows)
+        )
+
+    __hash__ = None  # type: ignore[assignment]  # as for arrays
+
+    def _about(self) -> tuple[object, ...]:
+        return (self._n, self._dt, self._state_names, self._input_names, self._steps)
+
+    def __repr__(self) -> str:
+        runs, pairs = html.number_of(len(self), "run"), html.number_of(self.size, "pair")
+        dt = "" if self._dt is None else f" dt={self._dt:g}"
+        over = "" if self._steps == 1 else f" over {self._steps} steps"
+        shown = pairs if self.single else f"{runs}, {pairs}"
+        return f"<Trajectories: {shown}{over}, n={self.n} m={self.m}{dt}>"
+
+    def _repr_html_(self) -> str:
+        shortest, longest = int(self._lengths.min()), int(self._lengths.max())
+        rows = [
+            (
+                "steps of a run",
+                f"{shortest}" if shortest == longest else f"{shortest} to {longest}",
+            ),
+            ("states", ", ".join(self._state_names)),
+            ("inputs", ", ".join(self._input_names)),
+        ]
+        states = self.runs[0][0] if len(self) == 1 or not self.single else self._rows[:, : self._n]
+        about = (
+            "states over the pairs" if self.single and len(self) > 1 else "states of the first run"
+        )
+        return html.card(self, rows, html.states(np.arange(len(states)), states, about))
 
 
 def pooled(data: object) -> Trajectories:

@@ -10,6 +10,7 @@ import numpy as np
 from .. import _core
 from .._base import gate, html, memory
 from .._base.records import SavedRecord, require_shapes
+from .._base.tabled import Cube, Tabled, named, over_time, padded
 from .._base.threads import get_num_threads
 from .._base.types import Floats, Status
 from ..exceptions import InputError, NonFiniteError, ShapeError
@@ -21,7 +22,6 @@ from ..theory.exact import REACHABLE, factors
 from ..theory.tracking import reference_residuals
 from ..theory.tracking.errors import checked_reference
 from .controlled import Driven, check_info, controlled, made_by
-from .records import TrackingArrays
 from .simulating import columns
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Tracking(SavedRecord, TrackingArrays):
+class Tracking(SavedRecord, Tabled):
     """A reference, and the trajectories of a system that tracks it.
 
     With `runs` given, `states`, `inputs` and `errors` have the runs as their first axis.
@@ -132,6 +132,21 @@ class Tracking(SavedRecord, TrackingArrays):
         """
         distance, several = np.sqrt(self.mean_square), self.states.ndim == 3
         return draw_tracking(distance, self.residuals, averaged=several, ax=ax)
+
+    def _cube(self) -> Cube:
+        K, m = self.inputs.shape[-2:]
+        clock, times = over_time(K, None)
+        run = ("run",) if self.states.ndim == 3 else ()
+        residuals = np.concatenate([[np.nan], self.residuals])
+        variables = {
+            "states": ((*run, clock, "state"), self.states, "state"),
+            "inputs": ((*run, clock, "input"), padded(self.inputs), "input"),
+            "reference": ((clock, "state"), self.reference, "state"),
+            "errors": ((*run, clock), self.errors, None),
+            "residuals": ((clock,), residuals, None),
+        }
+        attrs = {"status": self.status, "key": self.key.hex}
+        return Cube(variables, times, attrs, named(None, self.states.shape[-1], m))
 
     def _repr_html_(self) -> str:
         distance = np.sqrt(self.mean_square)

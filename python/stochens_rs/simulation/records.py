@@ -6,18 +6,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .._base import gate, html
-from .._base.labels import Labels, fitting
+from .._base.labels import Labels, default_labels, fitting, two_states
 from .._base.records import SavedRecord, require_shapes
-from .._base.tabled import Cube, Tabled, Timed, named, over_time, padded
-from .._base.types import Centre, Floats, Status
+from .._base.tabled import Cube, Timed, named, over_time, padded
+from .._base.types import Centre, Floats
 from ..exceptions import ShapeError
-from ..plots.states import draw_states
-from .phased import Phased
+from ..plots.states import draw_phase, draw_states
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -27,8 +26,74 @@ if TYPE_CHECKING:
     from ..rng import Key
 
 
+class _OverTime(SavedRecord, Timed, listed=False):
+    """What both trajectories have: a phase portrait, and names of the states that are drawn."""
+
+    inputs: Floats
+    dt: float | None
+    labels: Labels | None
+
+    @property
+    def steps(self) -> int:
+        """The number of steps K."""
+        return len(self.inputs)
+
+    def plot_phase(self, across: str | int, up: str | int, *, ax: Axes | None = None) -> Axes:
+        """Draw two states, or their means, against each other.
+
+        A ring is at the start, a dot at the end.
+
+        Parameters
+        ----------
+        across, up : str or int
+            The two states, by name or number.
+        ax : matplotlib Axes, optional
+            Where to draw, as for `plot`.
+
+        Returns
+        -------
+        matplotlib Axes
+
+        Raises
+        ------
+        ImportError
+            matplotlib is not installed.
+        InputError, InputTypeError
+            There is no such state.
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> path = se.simulate(([[1.0, 0.1], [-0.1, 1.0]], [[0.0], [0.1]]), [1.0, 0.0], [[0.0]] * 9)
+        >>> path.plot_phase(0, 1).get_xlabel()
+        'x[0]'
+        """
+        labels = self._labels
+        at = two_states(labels, across, up)
+        names = labels.state_axes
+        return draw_phase([(self._curves[:, at], None)], (names[at[0]], names[at[1]]), ax=ax)
+
+    @property
+    def _curves(self) -> Floats:
+        """The states, or their means, (K + 1, n)."""
+        raise NotImplementedError
+
+    @property
+    def _labels(self) -> Labels:
+        return self.labels or default_labels(self._curves.shape[1], self.inputs.shape[1])
+
+    def _shown(self, states: object) -> tuple[list[int], dict[str, Any]]:
+        """The places of the chosen states, and how they are named."""
+        labels = self._labels
+        at = labels.places("states", states)
+        unit = labels.units_of(at)
+        said = labels.state_axes if unit is None else labels.states
+        up = "state" if unit is None else f"state [{unit}]"
+        return at, {"names": [said[i] for i in at], "up": up, "timed": self.dt is not None}
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class Trajectory(SavedRecord, Phased, Timed):
+class Trajectory(_OverTime):
     """The trajectory of an exact system under given inputs.
 
     Attributes
@@ -57,9 +122,8 @@ class Trajectory(SavedRecord, Phased, Timed):
         fitting(self.labels, n, m)
 
     @property
-    def steps(self) -> int:
-        """The number of steps K."""
-        return len(self.inputs)
+    def _curves(self) -> Floats:
+        return self.states
 
     def plot(
         self, states: str | int | Sequence[str | int] | None = None, *, ax: Axes | None = None
@@ -119,7 +183,7 @@ class Trajectory(SavedRecord, Phased, Timed):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class EnsembleTrajectory(SavedRecord, Phased, Timed):
+class EnsembleTrajectory(_OverTime):
     """Mean and covariance of random trajectories, or of those of several models of a system.
 
     Attributes
@@ -186,9 +250,8 @@ class EnsembleTrajectory(SavedRecord, Phased, Timed):
         gate.size("size", self.size)
 
     @property
-    def steps(self) -> int:
-        """The number of steps K."""
-        return len(self.inputs)
+    def _curves(self) -> Floats:
+        return self.mean
 
     @property
     def standard_error(self) -> Floats | None:
@@ -275,33 +338,6 @@ class EnsembleTrajectory(SavedRecord, Phased, Timed):
             f"<EnsembleTrajectory {self.averaging}: n={self.mean.shape[1]}, "
             f"{html.counted(self.steps)}, N={self.size}, {self.replicates} trajectories{about}>"
         )
-
-
-class TrackingArrays(Tabled):
-    """What `Tracking` gives to data sets."""
-
-    states: Floats
-    inputs: Floats
-    errors: Floats
-    reference: Floats
-    residuals: Floats
-    key: Key
-    status: Status
-
-    def _cube(self) -> Cube:
-        K, m = self.inputs.shape[-2:]
-        clock, times = over_time(K, None)
-        run = ("run",) if self.states.ndim == 3 else ()
-        residuals = np.concatenate([[np.nan], self.residuals])
-        variables = {
-            "states": ((*run, clock, "state"), self.states, "state"),
-            "inputs": ((*run, clock, "input"), padded(self.inputs), "input"),
-            "reference": ((clock, "state"), self.reference, "state"),
-            "errors": ((*run, clock), self.errors, None),
-            "residuals": ((clock,), residuals, None),
-        }
-        attrs = {"status": self.status, "key": self.key.hex}
-        return Cube(variables, times, attrs, named(None, self.states.shape[-1], m))
 
 
 def _over_time(record: Trajectory | EnsembleTrajectory, states: str) -> tuple[int, int]:

@@ -15,9 +15,8 @@ from ..exceptions import InputError
 from ..identification.assumptions import Assumptions
 from ..identification.certifying import Block, Wish, blocks, parts
 from ..identification.dependences import exact_relations, spanned, tested_rows
-from ..identification.estimate import cautions
 from ..identification.identified import Identified
-from ..identification.least_squares import named
+from ..identification.least_squares import cautions, named
 from ..identification.region import Region
 
 if TYPE_CHECKING:
@@ -109,7 +108,7 @@ class Snapshot(Identified):
     @property
     def warnings(self) -> tuple[str, ...]:
         """What to be careful about, one sentence each."""
-        return (*self.doubts, *cautions([self._block], self.missing))
+        return (*self.doubts, *cautions([self._block.fitted], self.missing))
 
     @cached_property
     def doubts(self) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from .._base import gate
 from .._base.records import Record
 from .._base.types import DELTA, Floats
 from ..controls import Plan
-from ..controls.fused import control as controlled
+from ..controls.control import control as controlled
 from ..exceptions import DataWarning, InputError
 from ..identification import Model, Trajectories
 from ..identification.identifying import identify as identified

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..._base.numbers import ROUNDING, TINY
 from ..._base.types import Floats
-from ...controls.fused import control
+from ...controls.control import control
 from ...controls.realization import realization_controls
 from ...ensembles.ensemble import Ensemble
 from ...theory.exact import best_control

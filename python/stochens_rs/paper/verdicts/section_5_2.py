@@ -10,7 +10,7 @@ import numpy as np
 
 from ..._base.numbers import ROUNDING
 from ...cases import random_system
-from ...controls.fused import control
+from ...controls.control import control
 from ...ensembles.sampling import sample_counts
 from ...rng import Key
 from ...studies import Study

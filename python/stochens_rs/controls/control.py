@@ -1,4 +1,8 @@
-"""`control`: the control for estimates, exact values or a model."""
+"""`control`: the best control for estimates, exact values or a model.
+
+It checks the options; `model_control` has the rest for models from data, `_estimates_control` for
+estimates and exact values. Both make a `Plan`.
+"""
 
 from __future__ import annotations
 
@@ -15,10 +19,10 @@ from ..theory.dynamics import states
 from ..theory.exact import best, best_control
 from .basis import Basis, known
 from .entities import fusion_over, problem, step_warnings
-from .from_model import model_control
 from .limited import Horizon
+from .model_control import model_control
 from .plan import Plan
-from .task import asked_task
+from .task import LimitArguments
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -162,71 +166,91 @@ def control(
     >>> plan.u.ravel(), plan.active.ravel(), round(plan.missed, 6), plan.status
     (array([-0.5,  0.5]), array([-1,  1], dtype=int8), 0.25, 'optimal')
     """
-    asked: dict[str, Any] = {
-        "limits": limits,
-        "rate": rate,
-        "previous": previous,
-        "Q": Q,
-        "Qf": Qf,
-        "R": R,
-        "reference": reference,
-        "state_limits": state_limits,
-        "soft": soft,
-        "time_limit": time_limit,
-    }
+    given = LimitArguments(
+        limits=limits,
+        rate=rate,
+        previous=previous,
+        Q=Q,
+        Qf=Qf,
+        R=R,
+        reference=reference,
+        state_limits=state_limits,
+        soft=soft,
+        time_limit=time_limit,
+    )
     level, least = gate.probability("delta", delta), gate.flag("robust", robust)
     off = gate.nonnegative("x0_error", x0_error)
     if isinstance(system, Identified):
         if level != DELTA and not least:
             raise InputError("`delta` goes with robust=True; otherwise it belongs to plan.bound")
         return model_control(
-            system, x0, xf, steps, fusion, asked, x0_error=off, robust=least, delta=level
+            system, x0, xf, steps, fusion, given, x0_error=off, robust=least, delta=level
         )
     if least or level != DELTA or off:
         raise InputError("`robust`, `delta` and `x0_error` are for models from data")
-    inputs, given, labels, dt = problem(system, x0, xf, reference)
-    n, m = inputs.shape
+    return _estimates_control(system, x0, xf, steps, fusion, given)
+
+
+def _estimates_control(
+    system: SystemLike,
+    x0: EntityLike,
+    xf: EntityLike | None,
+    steps: int,
+    fusion: Fusion,
+    arguments: LimitArguments,
+) -> Plan:
+    """The control for exact values and estimates of A, x0 and xf."""
+    # 1. the arguments: what is known of each entity, its estimate, and the task within limits
+    B, entities, labels, dt = problem(system, x0, xf, arguments.reference)
+    first, last, matrix = entities
+    n, m = B.shape
     K, how = fusion_over(steps, fusion, n, m)
-    start, goal = given[0].estimate(), given[1].estimate()
-    task, seconds = asked_task(n, m, K, goal, asked, labels)
-    matrix: Floats | None = None
-    limited: Limited | None = None
+    start, goal = first.estimate(), last.estimate()
+    task = arguments.task(n, m, K, goal, labels)
+    seconds = arguments.seconds(task)
+
+    # 2. without limits: u = C_K^+ (xf_hat - A_hat^K x0_hat), or the average of the controls
+    A: Floats | None = None
     if how == "diagonal":
-        found = _paired(inputs, given, goal)
-        u, predicted = found.u.reshape(K, m), np.stack([start, found.reached])
-        if task is not None:
-            # x(1) is the average of A^s x0^s, plus B u
-            limited = Horizon(task, np.eye(n), inputs).solve(found.free, time_limit=seconds)
-            u = limited.u
-            predicted[1] = found.free + inputs @ u[0]
+        found = _paired(B, entities, goal)
+        predicted = np.stack([start, found.reached])
     else:
-        matrix = given[2].estimate()
-        name = "A" if given[2].size is None else "A_hat"
-        found = best_control(matrix, inputs, start, goal, K, name)
-        u = found.u.reshape(K, m)
-        if task is not None:
-            limited = Horizon(task, matrix, inputs).solve(start, time_limit=seconds)
-            u = limited.u
-        predicted = states(matrix, inputs, start, u)
+        A = matrix.estimate()
+        found = best_control(A, B, start, goal, K, "A" if matrix.size is None else "A_hat")
+    u = found.u.reshape(K, m)
+
+    # 3. within limits: the least J(u)
+    limited: Limited | None = None
+    if task is not None:
+        # "diagonal": x(1) is the average of A^s x0^s, plus B u
+        horizon = Horizon(task, np.eye(n) if A is None else A, B)
+        limited = horizon.solve(found.free if A is None else start, time_limit=seconds)
+        u = limited.u
+        if A is None:
+            predicted[1] = found.free + B @ u[0]
+
+    # 4. where the model goes, what no control reaches, and what `bound` needs later
+    if A is not None:
+        predicted = states(A, B, start, u)
     reachability = found.reachability()
-    info: dict[str, Any] = {entity.name: entity.description for entity in given}
+    info: dict[str, Any] = {entity.name: entity.description for entity in entities}
     info["singular_values"] = found.factors.singular_values
-    sure = given[2].size is None or task is not None
+    sure = matrix.size is None or task is not None
     info["warnings"] = step_warnings(n, m, K, reachability.rank, exact=sure)
     x0_known, xf_known, A_known = (
         known(entity.name, entity.value, estimate)
-        for entity, estimate in zip(given, (start, goal, matrix), strict=True)
+        for entity, estimate in zip(entities, (start, goal, A), strict=True)
     )
     return Plan(
         u=u,
         predicted_states=predicted,
         reachability=reachability,
         fusion=how,
-        status=worst([entity.status for entity in given] + ([limited.status] if limited else [])),
-        info=info,
-        basis=Basis(
-            inputs, x0_known, xf_known, A_known, (found.state_rounding, found.control_rounding)
+        status=worst(
+            [entity.status for entity in entities] + ([limited.status] if limited else [])
         ),
+        info=info,
+        basis=Basis(B, x0_known, xf_known, A_known, (found.state_rounding, found.control_rounding)),
         limited=limited,
         labels=labels,
         dt=dt,

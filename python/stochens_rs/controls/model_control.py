@@ -22,7 +22,7 @@ from .limited import Horizon
 from .model_bound import Asked
 from .plan import Plan
 from .region_errors import trajectory
-from .task import asked_task
+from .task import LimitArguments
 
 BEYOND = 2.0  # times the largest value in the data from which a plan gets a warning
 
@@ -37,7 +37,7 @@ def model_control(
     xf: Any,
     steps: int,
     fusion: str,
-    asked: dict[str, Any],
+    arguments: LimitArguments,
     *,
     x0_error: float,
     robust: bool,
@@ -47,11 +47,12 @@ def model_control(
     n, m = model.B.shape
     labels = model.labels
     start = _exact("x0", x0, labels.states)
-    goal = _exact("xf", ending(asked["reference"], xf, labels.states), labels.states)
+    goal = _exact("xf", ending(arguments.reference, xf, labels.states), labels.states)
     K, how = fusion_over(steps, fusion, n, m)
     if how != "product":
         raise InputError("`fusion` must be 'product' for a model from data, got 'diagonal'")
-    task, seconds = asked_task(n, m, K, goal, asked, labels)
+    task = arguments.task(n, m, K, goal, labels)
+    seconds = arguments.seconds(task)
     # what the offset alone adds over K steps
     drift = trajectory(model._Theta, np.zeros(n), np.zeros((K, m)))[-1]
     found = best_control(model.A, model.B, start, goal - drift, K)

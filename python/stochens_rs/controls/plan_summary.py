@@ -1,4 +1,4 @@
-"""Text for the repr of a plan: its expected end, its reachability and its realizations."""
+"""The repr and the table of a plan: its expected end, its realizations, what limits cost."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._base import html
+from .._base.labels import Labels, default_labels
 from .._base.numbers import norm
 from .._base.types import Floats
 from ..exceptions import StochensError
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 
     from ..theory.records import Reachability
     from .basis import Basis
+    from .limited import Limited
 
 
 # Multiplications that a repr may cost, about 20 ms: n^4 for the covariance of A (n matrices n x n),
@@ -79,3 +81,57 @@ def made_from(info: dict[str, Any]) -> Iterator[tuple[str, object]]:
             yield name, f"{one['method']}{size}"
     warnings = info.get("warnings")
     yield from (("warning", text) for text in (warnings if isinstance(warnings, tuple) else ()))
+
+
+def at_limits(limited: Limited) -> str:
+    """How many inputs are at a limit and at their rate, and how many states, in a few words."""
+    count = int(np.count_nonzero(limited.active))
+    text = f"{count or 'none'} of {limited.active.size} inputs at a limit"
+    if limited.task.rate is not None:
+        text += f", {np.count_nonzero(limited.rate_active) or 'none'} at their rate"
+    at = limited.state_active
+    if at is not None:
+        text += f", {np.count_nonzero(at) or 'none'} of {at.size} states at a limit"
+    return text
+
+
+def cost_text(limited: Limited, worst: str = "") -> str:
+    """What the limits cost and how many are active, in a few words.
+
+    `worst`: the state that misses hard limits most.
+    """
+    text = f"J={limited.objective:.3g}"
+    if limited.missed > 0.0:
+        text += f", {limited.missed:.2g} of it for the limits"
+    text += f"; {at_limits(limited)}"
+    if limited.status == "infeasible":
+        text += f"; state limits missed by {limited.missing:.3g}{worst and f' ({worst} most)'}"
+    return text
+
+
+def worst_state(limited: Limited, states: Floats, labels: Labels | None) -> str:
+    """The state that is farthest beyond its hard limits, in words; "" if none is."""
+    task = limited.task
+    if task.state_low is None or task.state_high is None or limited.status != "infeasible":
+        return ""
+    over = np.maximum(states[1:] - task.state_high, task.state_low - states[1:]).max(axis=0)
+    named = labels or default_labels(states.shape[1], task.low.shape[1])
+    return named.state(int(np.argmax(over))) if over.max() > 0.0 else ""
+
+
+def cost_rows(limited: Limited) -> Iterator[tuple[str, object]]:
+    """The same as rows of a table."""
+    yield "objective J(u)", limited.objective
+    yield "of it for the limits", limited.missed
+    yield "off the least J by", f"{limited.gap:.2g} at most"
+    low, high = (int(np.count_nonzero(limited.active == side)) for side in (-1, 1))
+    yield "inputs at a limit", f"{low} at the lower, {high} at the upper, of {limited.active.size}"
+    if limited.task.rate is not None:
+        fall, rise = (int(np.count_nonzero(limited.rate_active == side)) for side in (-1, 1))
+        yield "inputs at their rate", f"{fall} falling, {rise} rising, of {limited.active.size}"
+    at = limited.state_active
+    if at is not None:
+        low, high = (int(np.count_nonzero(at == side)) for side in (-1, 1))
+        yield "states at a limit", f"{low} at the lower, {high} at the upper, of {at.size}"
+    if limited.status == "infeasible":
+        yield "state limits missed by", limited.missing

@@ -22,8 +22,8 @@ system = se.System(A, B, dt=0.1)
 
 # %%
 # The rate needs the input that acts now. Each call starts at the active limits of the call before.
-limits = {"limits": (-1.0, 1.0), "rate": 0.4, "previous": [0.0]}
-loop = se.regulate(system, 20, Q=[1.0, 1.0, 0.1, 0.1], R=0.02, **limits)
+limits = se.Limits(u=(-1.0, 1.0), rate=0.4, previous=0.0)
+loop = se.regulate(system, 20, limits=limits, cost=se.Cost(Q=[1.0, 1.0, 0.1, 0.1], R=0.02))
 x, rng, states = np.array([-1.0, -1.0, 0.0, 0.0]), np.random.default_rng(2), []
 for k in range(150):
     states.append(x)

@@ -19,8 +19,11 @@ if TYPE_CHECKING:
     from . import cases, exceptions, paper, plots, studies, theory
     from ._base.threads import get_num_threads, set_num_threads
     from .controls import (
+        Cost,
+        Limits,
         Plan,
         Regulator,
+        Uncertain,
         control_fleet,
         predict,
         realization_controls,
@@ -49,12 +52,14 @@ if TYPE_CHECKING:
 __version__ = _version()
 
 __all__ = [
+    "Cost",
     "Counts",
     "DataStream",
     "Ensemble",
     "EnsembleTrajectory",
     "Fit",
     "Key",
+    "Limits",
     "Model",
     "ModelStream",
     "Plan",
@@ -67,6 +72,7 @@ __all__ = [
     "Tracking",
     "Trajectories",
     "Trajectory",
+    "Uncertain",
     "__version__",
     "cases",
     "control",
@@ -98,8 +104,8 @@ __all__ = [
 # adds a few milliseconds to that of NumPy.
 _ROOMS = {
     "_base.threads": "get_num_threads set_num_threads",
-    "controls": "Plan Regulator control control_fleet predict realization_controls regulate "
-    "required_samples steer",
+    "controls": "Cost Limits Plan Regulator Uncertain control control_fleet predict "
+    "realization_controls regulate required_samples steer",
     "ensembles": "Counts Ensemble SystemEnsemble sample sample_counts",
     "exceptions": "StochensError",
     "fusion": "Fit fuse fuse_path",

@@ -4,9 +4,27 @@ from __future__ import annotations
 
 import numpy as np
 
+import stochens_rs as se
 from limit_problems import draw_box, draw_map, weight
 from twin import limited_control as lc
 from twin import limited_problems as lp
+
+LIMITS = {
+    "limits": "u",
+    "rate": "rate",
+    "previous": "previous",
+    "state_limits": "x",
+    "soft": "soft",
+}
+
+
+def asked(**given):
+    """The arguments of `control`, from limits and weights that have a name each."""
+    limits = {to: given.pop(name) for name, to in LIMITS.items() if name in given}
+    cost = {name: given.pop(name) for name in ("Q", "Qf", "R", "reference") if name in given}
+    if limits:
+        given["limits"] = limits["u"] if list(limits) == ["u"] else se.Limits(**limits)
+    return given | ({"cost": se.Cost(**cost)} if cost else {})
 
 
 def exactly(a, b):

@@ -258,11 +258,11 @@ USES = {
     "control": lambda x, y, u, r, low: se.control(PLANT, x, y).u,
     "control over steps": lambda x, y, u, r, low: se.control(PLANT, x, y, steps=4).u,
     "control with limits": lambda x, y, u, r, low: (
-        se.control(PLANT, x, y, steps=4, limits=low, rate=low[1], previous=low[1]).u
+        se.control(PLANT, x, y, steps=4, limits=se.Limits(u=low, rate=low[1], previous=low[1])).u
     ),
-    "reference": lambda x, y, u, r, low: se.control(PLANT, x, reference=r, steps=3, Q=1.0).u,
+    "reference": lambda x, y, u, r, low: se.control(PLANT, x, steps=3, cost=se.Cost(reference=r, Q=1.0)).u,
     "state limits": lambda x, y, u, r, low: (
-        se.control(PLANT, x, y, steps=4, state_limits=(None, x + 1.0)).u
+        se.control(PLANT, x, y, steps=4, limits=se.Limits(x=(None, x + 1.0))).u
     ),
     "a model": lambda x, y, u, r, low: se.control(MODEL, x, y, steps=2, limits=low).u,
     "predict": lambda x, y, u, r, low: se.predict(MODEL, x, u).predicted_states,
@@ -270,14 +270,14 @@ USES = {
     "simulate": lambda x, y, u, r, low: se.simulate(PLANT, x, u).states,
     "simulate_ensemble": lambda x, y, u, r, low: se.simulate_ensemble(PLANT, x, u, 5, rng=1).mean,
     "track": lambda x, y, u, r, low: se.track(PLANT, r, 5, x0=x, rng=1).states,
-    "regulate": lambda x, y, u, r, low: se.regulate(PLANT, 3, y, limits=low, Q=1.0)(x),
+    "regulate": lambda x, y, u, r, low: se.regulate(PLANT, 3, y, limits=low, cost=se.Cost(Q=1.0))(x),
     "states": lambda x, y, u, r, low: se.control(PLANT, X0, XF, steps=2).states(PLANT, x),
     "error": lambda x, y, u, r, low: se.control(PLANT, X0, XF).error(PLANT, x, y).state,
     "error within limits": lambda x, y, u, r, low: (
         se.control(PLANT, X0, XF, limits=(-1, 1)).error(PLANT, x, y).state
     ),
     "realizations": lambda x, y, u, r, low: (
-        se.realization_controls(PLANT, x, y, limits=low, Q=np.eye(3))
+        se.realization_controls(PLANT, x, y, limits=low, cost=se.Cost(Q=np.eye(3)))
     ),
     "required_samples": lambda x, y, u, r, low: (
         se.required_samples(PLANT, x, y, 0.5, rng=1, runs=50).size
@@ -358,15 +358,17 @@ def test_messages_name_the_input_or_state():
         with pytest.raises(InputError, match=f"for {who} in step 0"):
             se.control(system, x, y, limits=([0.0, 2.0], [1.0, 1.0]))
         with pytest.raises(InputError, match=f"{who} is 4 too far"):
-            se.control(system, x, y, limits=(-1, 1), rate=1.0, previous=[0.0, 6.0])
+            se.control(system, x, y, limits=se.Limits(u=(-1, 1), rate=1.0, previous=[0.0, 6.0]))
         low = np.array([[0.0, 0.0], [0.0, 9.0]])
         with pytest.raises(InputError, match=f"{who} cannot be within those of step 0"):
-            se.control(system, x, y, steps=2, limits=(low, low), rate=1.0, previous=[0.0, 0.0])
+            se.control(
+                system, x, y, steps=2, limits=se.Limits(u=(low, low), rate=1.0, previous=[0.0, 0.0])
+            )
     high = np.array([[9.0, 9.0, 9.0], [9.0, -9.0, 9.0]])
     with pytest.raises(InputError, match="for state 'v' in step 1"):
-        se.control(PLANT, x, y, steps=2, state_limits=(-1.0, high))
+        se.control(PLANT, x, y, steps=2, limits=se.Limits(x=(-1.0, high)))
     plan = se.control(
-        PLANT, x, y, steps=2, limits=(-0.1, 0.1), state_limits=([-9, -9, -0.01], 0.01), soft=False
+        PLANT, x, y, steps=2, limits=se.Limits(u=(-0.1, 0.1), x=([-9, -9, -0.01], 0.01), soft=False)
     )
     assert plan.status == "infeasible"
     assert "state limits missed by" in repr(plan)

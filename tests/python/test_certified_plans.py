@@ -114,7 +114,7 @@ def test_three_steps_of_the_formula_data():
 @pytest.mark.parametrize("rho0", [0.0, 0.02])
 def test_the_twin_finds_the_same(K, noise, rho0):
     gen, _, z, y = case(K)
-    plan = se.control(model_of(z, y), *gen.standard_normal((2, 4)), steps=K, x0_error=rho0)
+    plan = se.control(model_of(z, y), se.Uncertain(*gen.standard_normal((2, 4)), rho0), steps=K)
     x0, xf = plan.basis.x0, plan.basis.xf
     found = plan.bound(noise=noise)
     data = tr.triangle(z, y)
@@ -145,7 +145,9 @@ def test_known_inputs_are_those_of_a_smaller_regression():
     """B known: y - B u on x; the kernel sees a region of four columns."""
     gen, Theta, z, y = case(3)
     plan = se.control(
-        model_of(z, y, known_B=Theta[:, 4:]), *gen.standard_normal((2, 4)), steps=4, x0_error=0.01
+        model_of(z, y, known_B=Theta[:, 4:]),
+        se.Uncertain(*gen.standard_normal((2, 4)), 0.01),
+        steps=4,
     )
     region = plan.basis.model.region(frobenius=True)
     fitted = tr.fit(tr.triangle(z[:, :4], y - z[:, 4:] @ Theta[:, 4:].T))
@@ -162,7 +164,7 @@ def test_the_robust_control_has_the_smallest_certificate(offset):
     gen, _, z, y = case(7, N=20)
     ends = gen.standard_normal((2, 4))
     model = model_of(z, y + offset, intercept=offset)
-    plan = se.control(model, *ends, robust=True)
+    plan = se.control(model, *ends, guarantee=0.05)
     data = tr.triangle(np.hstack([z, np.ones((20, int(offset)))]), y + offset)
     twin = cc.robust_control(rg.full(data, DELTA), *ends, offset=offset)
     np.testing.assert_allclose(plan.u[0], twin, atol=2e-3)
@@ -218,7 +220,7 @@ def test_no_model_of_the_region_leaves_the_tube(kind, noise, ends):
     if kind == "by rows":
         known = np.where([[1, 0], [1, 1]], np.nan, Theta[:, :2])
     model = model_of(z, y, known_A=known)
-    plan = se.control(model, *ends[:2], steps=K, x0_error=ends[2])
+    plan = se.control(model, se.Uncertain(*ends[:2], ends[2]), steps=K)
     found = plan.bound(noise=noise)
     wish = {} if known is not None else {"frobenius": True, "future": K if noise else 0}
     region = model.region(**wish)
@@ -361,7 +363,7 @@ def test_infinite_is_an_answer():
     assert found.larger == "model error"
     assert pickle.loads(pickle.dumps(found)).missing == found.missing
     with pytest.raises(InputError, match="unbounded"):
-        se.control(model, np.ones(4), np.ones(4), robust=True)
+        se.control(model, np.ones(4), np.ones(4), guarantee=0.05)
     few = se.control(model_of(z[:7, [0, 1, 2, 3, 5]], y[:7]), np.ones(4), np.ones(4)).bound()
     assert np.isinf(few.target)
     assert "too few data" in repr(few)
@@ -380,7 +382,7 @@ def test_an_input_without_effect_in_the_data_stays_at_rest():
 
 def test_plans_and_certificates_are_kept():
     gen, _, z, y = case(29)
-    plan = se.control(model_of(z, y), *gen.standard_normal((2, 4)), steps=2, x0_error=0.1)
+    plan = se.control(model_of(z, y), se.Uncertain(*gen.standard_normal((2, 4)), 0.1), steps=2)
     again = pickle.loads(pickle.dumps(plan))
     assert again.bound().target == plan.bound().target
     assert pickle.loads(pickle.dumps(plan.bound())).start == plan.bound().start
@@ -403,11 +405,11 @@ def refusals():
     yield InputTypeError, "`x0` .* `x0_error`", lambda: se.control(model, drawn, xf)
     yield InputTypeError, "`xf` must be an array", lambda: se.control(model, x0, se.fuse(drawn))
     yield InputError, "`fusion`", lambda: se.control(model, x0, xf, fusion="diagonal")
-    yield InputError, "k_step", lambda: se.control(model, x0, xf, steps=2, robust=True)
+    yield InputError, "k_step", lambda: se.control(model, x0, xf, steps=2, guarantee=0.05)
     yield InputError, "`delta` goes with robust", lambda: se.control(model, x0, xf, delta=0.1)
-    yield se.exceptions.SizeError, "x0_error", lambda: se.control(model, x0, xf, x0_error=-1.0)
-    yield InputError, "models from data", lambda: se.control((A, B), x0, xf, robust=True)
-    yield InputError, "models from data", lambda: se.control((A, B), x0, xf, x0_error=1.0)
+    yield se.exceptions.SizeError, "x0_error", lambda: se.control(model, se.Uncertain(x0, -1.0), xf)
+    yield InputError, "models from data", lambda: se.control((A, B), x0, xf, guarantee=0.05)
+    yield InputError, "models from data", lambda: se.control((A, B), se.Uncertain(x0, 1.0), xf)
     yield InputError, "models from data", lambda: exact.bound(noise=True)
     yield InputError, "`system` must be left out", lambda: plan.bound(system=se.System(A, B))
     yield InputError, "model from data", plan.covariance
@@ -423,11 +425,11 @@ def refusals():
     )  # fmt: skip
     yield (
         InputError, "`x0_fixed` must be False with `x0_error`",
-        lambda: se.control(model, x0, xf, x0_error=0.1).bound(x0_fixed=True),
+        lambda: se.control(model, se.Uncertain(x0, 0.1), xf).bound(x0_fixed=True),
     )  # fmt: skip
     known = np.where(gen.random((4, 4)) < 0.5, np.nan, A)
     rows = model_of(z, y, known_A=known)
-    yield InputError, "single known", lambda: se.control(rows, x0, xf, robust=True)
+    yield InputError, "single known", lambda: se.control(rows, x0, xf, guarantee=0.05)
     yield InputError, "single known", lambda: se.control(rows, x0, xf).bound(noise=True)
 
 

@@ -86,7 +86,7 @@ def test_certificates_hold(kind, noise):
         rho0 = 0.02
         start = x0 + rho0 * off / np.linalg.norm(off)
         for i, K in enumerate((1, 4, 6)):
-            plan = se.control(model, x0, xf, steps=K, x0_error=rho0)
+            plan = se.control(model, se.Uncertain(x0, rho0), xf, steps=K)
             found = plan.bound(noise=noise)
             finite += np.isfinite(found.target)
             path = [start]

@@ -269,7 +269,7 @@ def test_x0_error_is_that_of_the_package(place, capsys):
         line = f"control model.safetensors --from 1,0 --steps 3 --x0-error {off} --json"
         assert cli.main(line.split()) == 0
         found = json.loads(capsys.readouterr().out)
-        plan = se.control(model, [1.0, 0.0], [0.0, 0.0], steps=3, x0_error=off)
+        plan = se.control(model, se.Uncertain([1.0, 0.0], off), [0.0, 0.0], steps=3)
         targets.append(found["certificate"]["target"])
         assert targets[-1] == plan.bound(0.05).target
         assert ("x0 within 0.1" in found["certificate"]["assumption"]) == (off > 0)

@@ -378,9 +378,7 @@ def test_control_within_limits_says_what_python_says(rig, tmp_path, capsys):
         [0.0, 0.0],
         steps=6,
         limits=([-0.5, -np.inf], [1.0, 0.2]),
-        Q=[1.0, 0.1],
-        Qf=2.0,
-        R=[0.01, 0.02],
+        cost=se.Cost(Q=[1.0, 0.1], Qf=2.0, R=[0.01, 0.02]),
     )
     assert np.array_equal(found["u"], plan.u)
     limits = found["limits"]
@@ -434,9 +432,16 @@ def test_limits_of_states_on_the_command_line(rig, capsys):
     path, system = rig
     found = ran(capsys, "control", path, "--steps", 4, "--Q", 1, "--state-limits", "x[1]=0.3,inf")
     low = [-np.inf, 0.3]
-    plan = se.control(system, [3.0, 1.0], [0.0, 0.0], steps=4, Q=1.0, state_limits=(low, np.inf))
+    plan = se.control(
+        system,
+        [3.0, 1.0],
+        [0.0, 0.0],
+        steps=4,
+        limits=se.Limits(x=(low, np.inf)),
+        cost=se.Cost(Q=1.0),
+    )
     assert np.array_equal(found["u"], plan.u)
-    free = se.control(system, [3.0, 1.0], [0.0, 0.0], steps=4, Q=1.0)
+    free = se.control(system, [3.0, 1.0], [0.0, 0.0], steps=4, cost=se.Cost(Q=1.0))
     assert free.predicted_states[1:, 1].min() < 0.01
     assert plan.predicted_states[1:, 1].min() > 0.29
 

@@ -62,7 +62,9 @@ def test_two_units_have_their_commands() -> None:
         assert plan.status == "optimal"
         # the unit with the larger gain, which the weight was taken from, is counted
         assert plan.certify(0.1).count == 2
-        own = se.control_fleet(two, [0.0], [1.0], 1, limits=limits, R=0.0, risk="worst")
+        own = se.control_fleet(
+            two, [0.0], [1.0], 1, risk="worst", limits=limits, cost=se.Cost(R=0.0)
+        )
         assert own.certify(0.1).count == support
         assert plan.active.tolist() == [[int(limit is not None)]]
     zero = se.control_fleet(gains(0.0, 2.0), [0.0], [1.0], 1)
@@ -85,7 +87,7 @@ def test_the_largest_miss_is_that_of_all_cones_at_once(
         Q = np.diag(gen.uniform(0.5, 2.0, n))
         R = 0.1 * np.eye(m) if weighed else None
         plan = se.control_fleet(
-            fleet, x0, np.zeros(n), K, limits=(low, high), Q=Q, R=R, risk="worst"
+            fleet, x0, np.zeros(n), K, risk="worst", limits=(low, high), cost=se.Cost(Qf=Q, R=R)
         )
         whole = np.kron(np.eye(K), plan.R)
         units = [twin.unit(G, b, Q=Q, R=whole) for G, b in maps(plan.units)]
@@ -119,7 +121,7 @@ def test_the_mean_is_that_of_all_rows_at_once(gen: np.random.Generator) -> None:
         x0 = gen.standard_normal((N, n) if k % 3 == 0 else n)
         limits = None if k % 4 == 0 else (-0.5, 0.4)
         R = 0.1 * np.eye(m) if k % 2 else None
-        plan = se.control_fleet(fleet, x0, np.ones(n), K, limits=limits, R=R)
+        plan = se.control_fleet(fleet, x0, np.ones(n), K, limits=limits, cost=se.Cost(R=R))
         whole = None if R is None else np.kron(np.eye(K), R)
         units = [twin.unit(G, b, R=whole) for G, b in maps(plan.units)]
         best = twin.average(units, plan.low.ravel(), plan.high.ravel())
@@ -190,7 +192,9 @@ def test_order_and_units_of_measurement_do_not_matter(gen: np.random.Generator) 
 
 def test_copies_of_units_count_once() -> None:
     for R, most in ((0.0, 2), (None, 3)):  # one of the copies is that of the weight
-        plan = se.control_fleet(gains(1, 2, 1, 2, 2, 1, 1.5), [0.0], [1.0], 1, R=R, risk="worst")
+        plan = se.control_fleet(
+            gains(1, 2, 1, 2, 2, 1, 1.5), [0.0], [1.0], 1, risk="worst", cost=se.Cost(R=R)
+        )
         assert plan.certify(0.1).count <= most
 
 
@@ -198,14 +202,14 @@ def test_a_unit_that_no_input_moves_gives_no_false_support() -> None:
     """It misses 1 for every u, and the others less for all u in (-4/2.1, -2/1.9)."""
     gains, x0 = np.array([0.0, 1.9, 2.0, 2.1])[:, None, None], [[1.0], [3.0], [3.0], [3.0]]
     fleet = se.SystemEnsemble(np.ones((4, 1, 1)), gains)
-    plan = se.control_fleet(fleet, x0, [0.0], 1, limits=(-5, 5), R=0.0, risk="worst")
+    plan = se.control_fleet(fleet, x0, [0.0], 1, risk="worst", limits=(-5, 5), cost=se.Cost(R=0.0))
     assert plan.value == pytest.approx(1.0)
     assert plan.misses[0] == plan.threshold
     # by its multipliers it were 1
     risk = plan.certify(0.1)
     assert risk.count > 1
     # where the command is unique, the unit that sets it counts as well
-    weighed = se.control_fleet(fleet, x0, [0.0], 1, R=0.1, risk="worst")
+    weighed = se.control_fleet(fleet, x0, [0.0], 1, risk="worst", cost=se.Cost(R=0.1))
     assert weighed.certify(0.1).count == 2
 
 
@@ -306,8 +310,8 @@ def test_bad_arguments_are_named() -> None:
         (lambda: se.control_fleet(two, [0.0], [np.nan], 1), InputError, "`xf"),
         (lambda: se.control_fleet(two, [0.0], [1.0], 0), SizeError, "`steps`"),
         (lambda: se.control_fleet(two, [0.0], [1.0], 1, limits=(1, -1)), InputError, "low <= high"),
-        (lambda: se.control_fleet(two, [0.0], [1.0], 1, Q=0.0), InputError, "`Q`"),
-        (lambda: se.control_fleet(two, [0.0], [1.0], 1, R=-1.0), InputError, "`R`"),
+        (lambda: se.control_fleet(two, [0.0], [1.0], 1, cost=se.Cost(Qf=0.0)), InputError, "`Q`"),
+        (lambda: se.control_fleet(two, [0.0], [1.0], 1, cost=se.Cost(R=-1.0)), InputError, "`R`"),
         (lambda: se.control_fleet(two, [0.0], [1.0], 1, risk="best"), InputError, "`risk`"),  # type: ignore[arg-type]
         (lambda: se.control_fleet(two, [0.0], [1.0], 1, discard=1), InputError, "`discard`"),
         (lambda: se.control_fleet(two, [0.0], [1.0], 1, time_limit=0), InputError, "`time_limit`"),
@@ -334,7 +338,13 @@ def test_a_working_set_that_can_be_reached_gives_no_bound(limits):
         A = 0.5 + 0.3 * gen.standard_normal((N, 1, 1))
         B = 1.0 + 0.4 * gen.standard_normal((N, 1, 2))
         plan = se.control_fleet(
-            se.SystemEnsemble(A, B), [1.0], [-3.0], K, limits=limits, R=0.0, risk="worst"
+            se.SystemEnsemble(A, B),
+            [1.0],
+            [-3.0],
+            K,
+            risk="worst",
+            limits=limits,
+            cost=se.Cost(R=0.0),
         )
         a = A[:, 0]
         G = np.hstack([a ** (K - 1 - k) * B[:, 0] for k in range(K)])

@@ -58,12 +58,12 @@ def test_twenty_inputs_for_a_few_units(N: int) -> None:
 def test_the_weight_is_that_of_the_widest_map(gen: np.random.Generator) -> None:
     fleet, x0 = drawn(gen, 30, 3, 2), gen.standard_normal(3)
     Q = np.diag([1.0, 2.0, 0.5])
-    plan = se.control_fleet(fleet, x0, np.zeros(3), 4, Q=Q, risk="worst")
+    plan = se.control_fleet(fleet, x0, np.zeros(3), 4, risk="worst", cost=se.Cost(Qf=Q))
     sizes = [np.trace(G.T @ Q @ G) / 8 for G, _ in maps(plan.units)]
     assert plan.widest == int(np.argmax(sizes))
     np.testing.assert_allclose(plan.R, 1e-8 * max(sizes) * np.eye(2), rtol=1e-12)
-    assert se.control_fleet(fleet, x0, np.zeros(3), 4, Q=Q).R is None
-    own = se.control_fleet(fleet, x0, np.zeros(3), 4, Q=Q, R=0.0, risk="worst")
+    assert se.control_fleet(fleet, x0, np.zeros(3), 4, cost=se.Cost(Qf=Q)).R is None
+    own = se.control_fleet(fleet, x0, np.zeros(3), 4, risk="worst", cost=se.Cost(Qf=Q, R=0.0))
     assert own.widest is None
     assert not own.R.any()
     idle = se.control_fleet(gains(0.0, 0.0), [0.0], [1.0], 2, risk="worst")
@@ -74,7 +74,13 @@ def test_the_unit_of_the_weight_is_counted() -> None:
     for R, count in ((None, 2), (0.0, 1)):
         # the unit with gain 1 alone gives the command
         plan = se.control_fleet(
-            gains(1.0, 2.0, 1.5), [0.0], [1.0], 1, limits=(-0.5, 0.5), R=R, risk="worst"
+            gains(1.0, 2.0, 1.5),
+            [0.0],
+            [1.0],
+            1,
+            risk="worst",
+            limits=(-0.5, 0.5),
+            cost=se.Cost(R=R),
         )
         assert plan.support == (0, 1)[:count]
         assert plan.certify(0.1).count == count
@@ -101,7 +107,9 @@ def test_lower_bounds_with_any_weight(gen: np.random.Generator, sides) -> None:
         K, N = 1 + k % 3, 25
         fleet, x0 = drawn(gen, N, 3, 3, spread=0.3), 3.0 * gen.standard_normal(3)
         for R in weights(gen):
-            plan = se.control_fleet(fleet, x0, np.zeros(3), K, limits=sides, R=R, risk="worst")
+            plan = se.control_fleet(
+                fleet, x0, np.zeros(3), K, risk="worst", limits=sides, cost=se.Cost(R=R)
+            )
             whole = np.kron(np.eye(K), R)
             units = [twin.unit(G, b, R=whole) for G, b in maps(plan.units)]
             best = twin.worst(units, plan.low.ravel(), plan.high.ravel())

@@ -32,7 +32,9 @@ def test_trims_beside_a_large_input_are_counted(R) -> None:
     runs, N, fresh = 20, 400, 20_000
 
     def case(gen):
-        plan = se.control_fleet(trimmed(gen, N), [0.0], [1.0], 1, limits=LIMITS, R=R, risk="worst")
+        plan = se.control_fleet(
+            trimmed(gen, N), [0.0], [1.0], 1, risk="worst", limits=LIMITS, cost=se.Cost(R=R)
+        )
         others = trimmed(gen, fresh)
         miss = np.abs(others.B[:, 0] @ plan.u[0] + others.c[:, 0] - 1.0)
         risk, certified = np.mean(miss > plan.threshold), plan.certify(BETA)
@@ -73,9 +75,9 @@ def test_units_alone_give_the_command_of_any_fleet() -> None:
                 gen.standard_normal(n),
                 np.zeros(n),
                 1 + k % 3,
-                limits=limits,
-                R=R,
                 risk="worst",
+                limits=limits,
+                cost=se.Cost(R=R),
             )
             assert plan.status in ("optimal", "optimal_inaccurate")
             if len(plan.support) < N:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from limit_plans import asked
 from limit_problems import draw_box, draw_map, draw_steps, weight
 from stochens_rs.controls import limit_bound, limit_certificate, limited_errors, uncertain_map
 from stochens_rs.controls.basis import ModelBasis
@@ -50,7 +51,12 @@ def steps_problem(gen, i):
     )
     Q = more["Q"] if K > 1 else None
     task = checked_task(
-        n, m, K, gen.normal(size=n), limits=(low, high), Q=Q, Qf=more["Qf"], R=more["R"]
+        n,
+        m,
+        K,
+        gen.normal(size=n),
+        limits=(low, high),
+        cost=se.Cost(Q=Q, Qf=more["Qf"], R=more["R"]),
     )
     return A, B, x0, task
 
@@ -179,10 +185,13 @@ def test_soft_limits_of_the_state():
         )
         high = np.where(gen.random(n) < 0.7, 0.3 * gen.normal(size=n), np.inf)
         task = checked_task(
-            n, m, 1, xf, limits=(-1, 1), Q=weight(gen, n) + 1e-3 * np.eye(n),
-            R=10.0 ** gen.uniform(-3, 1), state_limits=(None, high),
-            soft=10.0 ** gen.uniform(-1, 2),
-        )  # fmt: skip
+            n,
+            m,
+            1,
+            xf,
+            limits=se.Limits(u=(-1, 1), x=(None, high), soft=10.0 ** gen.uniform(-1, 2)),
+            cost=se.Cost(Q=weight(gen, n) + 1e-3 * np.eye(n), R=10.0 ** gen.uniform(-3, 1)),
+        )
         u, D = soft_best(A, B, x0, task)
         used += bool(np.any(A @ x0 + B @ u[0] > high + 1e-6))
         other = replace(task, reference=task.reference + dxf)
@@ -214,9 +223,13 @@ def test_limits_of_rates_have_a_gap_from_the_value():
         n, m = B.shape
         limits = {"low": -1.0, "high": 1.0, "rate": more["rate"], "previous": np.zeros(m)}
         task = checked_task(
-            n, m, K, np.zeros(n), limits=(-1, 1), rate=more["rate"], previous=np.zeros(m),
-            Qf=more["Qf"], R=more["R"],
-        )  # fmt: skip
+            n,
+            m,
+            K,
+            np.zeros(n),
+            limits=se.Limits(u=(-1, 1), rate=more["rate"], previous=np.zeros(m)),
+            cost=se.Cost(Qf=more["Qf"], R=more["R"]),
+        )
         p = lp.several_steps(A, B, x0, np.zeros((K, n)), K, Qf=more["Qf"], R=more["R"], **limits)
         best = lc.solve(p)
         other = lc.solve(p._replace(b=p.b + gen.normal(size=len(p.b)))).u
@@ -270,7 +283,11 @@ def test_hard_limits_of_the_state_have_no_bound():
     for K in (1, 2):
         planned, _ = drawn("nonnegative", 20, K, limits=(-1, 1))
         task = checked_task(
-            6, 2, K, planned.basis.xf.estimate, limits=(-1, 1), state_limits=(None, 5.0), soft=False
+            6,
+            2,
+            K,
+            planned.basis.xf.estimate,
+            limits=se.Limits(u=(-1, 1), x=(None, 5.0), soft=False),
         )
         planned.limited = replace(planned.limited, task=task)
         found = planned.bound()
@@ -371,7 +388,7 @@ def test_an_uncertain_map_is_not_a_moved_target():
 
 def test_tightened_limits_are_those_of_the_twin(gen):
     n, K = 2, 3
-    task = checked_task(n, 1, K, np.zeros(n), state_limits=(-1.0, [2.0, np.inf]), soft=False)
+    task = checked_task(n, 1, K, np.zeros(n), limits=se.Limits(x=(-1.0, [2.0, np.inf]), soft=False))
     radii = np.array([0.0, 0.1, 0.2, 0.3])
     tight = limit_certificate.tightened(task, radii)
     C, h = np.vstack([np.eye(n), -np.eye(n)]), np.array([2.0, np.inf, 1.0, 1.0])
@@ -391,7 +408,9 @@ def test_a_control_that_cannot_keep_the_limits_says_by_how_much(gen):
     x0, xf = np.array([1.0, 1.0]), np.zeros(2)
     basis = ModelBasis(model, x0, xf)
     for band, status in (((-1.0, 10.0), "optimal"), ((0.5, 0.51), "infeasible")):
-        task = checked_task(2, 1, 2, xf, limits=(-1, 1), R=1.0, state_limits=band, soft=False)
+        task = checked_task(
+            2, 1, 2, xf, limits=se.Limits(u=(-1, 1), x=band, soft=False), cost=se.Cost(R=1.0)
+        )
         plain = Horizon(replace(task, state_low=None, state_high=None), model.A, model.B).solve(x0)
         first: Limited = replace(plain, task=task)
         found, bound = limit_certificate.within_state_limits(basis, first, 0.1, PLAIN)
@@ -413,7 +432,12 @@ def test_a_time_limit_ends_the_search_for_limits_that_the_tube_keeps(gen):
     basis = ModelBasis(model, x0, xf)
     # without a margin the first state is at its limit
     task = checked_task(
-        2, 1, 2, np.ones(2), limits=(-1, 1), R=1e-3, state_limits=(-1.0, 0.98), soft=False
+        2,
+        1,
+        2,
+        np.ones(2),
+        limits=se.Limits(u=(-1, 1), x=(-1.0, 0.98), soft=False),
+        cost=se.Cost(R=1e-3),
     )
     first = Horizon(task, model.A, model.B).solve(x0)
     found, bound = limit_certificate.within_state_limits(basis, first, 0.1, PLAIN, 0.0)
@@ -426,7 +450,7 @@ def test_a_time_limit_ends_the_search_for_limits_that_the_tube_keeps(gen):
         assert done.status != "user_limit"
         assert done.missing < found.missing
     more = {"limits": (-1, 1), "state_limits": (-1.0, 0.98), "soft": False}
-    plan = se.control(model, x0, xf, steps=2, time_limit=1e-9, **more)
+    plan = se.control(model, x0, xf, steps=2, time_limit=1e-9, **asked(**more))
     assert plan.status == "user_limit"
     assert plan.limited.missing > 0.0
 
@@ -449,17 +473,21 @@ def test_plans_bound_their_controls_within_limits(gen):
             with pytest.raises(InputError, match="paired realizations"):
                 plan.bound(1e-9)
     reference = np.tile(xf, (3, 1))
-    plan = se.control(some, start, None, steps=2, limits=(-0.1, 0.1), reference=reference, R=0.1)
+    plan = se.control(
+        some, start, None, steps=2, limits=(-0.1, 0.1), cost=se.Cost(reference=reference, R=0.1)
+    )
     found = plan.bound(0.1)
     assert (found.state_bound, found.norm) == ("simulated", "2-norm")
     assert "PlanBound" in repr(found)
     assert "simulated" in found._repr_html_()
     assert plan.error(se.System(A, B), x0, None).state <= found.state
-    wide = se.control(some, start, xf, steps=2, limits=(-0.1, 0.1), Q=2.0, R=0.1).bound(0.1)
+    wide = se.control(
+        some, start, xf, steps=2, limits=(-0.1, 0.1), cost=se.Cost(Q=2.0, R=0.1)
+    ).bound(0.1)
     assert wide.norm == "Q"
     assert "weighted" in repr(wide)
     model = measured(gen, A, B, 100, 0.01)
-    plan = se.control(model, x0, xf, steps=2, limits=(-0.1, 0.1), R=0.1)
+    plan = se.control(model, x0, xf, steps=2, limits=(-0.1, 0.1), cost=se.Cost(R=0.1))
     found = plan.bound(0.1)
     error = plan.error(se.System(A, B), x0, xf)
     assert error.state <= found.apart

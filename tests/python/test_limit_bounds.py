@@ -14,6 +14,7 @@ import pytest
 
 import stochens_rs as se
 from hidden_systems import of_each_kind
+from limit_plans import asked
 from limit_problems import draws, weight
 from stochens_rs import _core
 from stochens_rs.controls import limit_bound, limit_certificate, limited_errors, uncertain_map
@@ -41,7 +42,7 @@ class Planned:
         basis = self.basis = self.plan.basis
         n, m = basis.B.shape
         goal = basis.xf.estimate
-        self.task = checked_task(n, m, K, goal, **limits)
+        self.task = checked_task(n, m, K, goal, **asked(**limits))
         matrix = basis.A.estimate
         start = self.plan.predicted_states[0]
         self.limited = Horizon(self.task, matrix, basis.B).solve(start)
@@ -103,7 +104,7 @@ def test_a_small_weight_beside_a_huge_entry_is_not_lost():
     A, B, R = 0.5 * np.eye(2), np.array([[1e10, 1.0], [0.0, 1.0]]), 0.1
     x0 = se.sample([1.0, -2.0], 10_000, rng=1)
     target = 0.5 * x0.mean() + [1.0, 0.0]  # the second input is not needed
-    bound = se.control((A, B), x0, target, limits=(-9, 9), R=R).bound()
+    bound = se.control((A, B), x0, target, limits=(-9, 9), cost=se.Cost(R=R)).bound()
     exact = [[Fraction(value) for value in row] for row in B.tolist()]
     (a, b), (c, d) = (
         [sum(exact[k][i] * exact[k][j] for k in range(2)) + (i == j) * Fraction(R) for j in (0, 1)]
@@ -137,7 +138,7 @@ def test_a_moved_target_by_draws_of_the_twin(K):
     for more in ({}, soft):
         first = se.sample(A, N, rng=5) if K == 1 else A
         plan = se.control((first, B), se.sample(x0, N, rng=1), se.sample(xf, N, rng=2), steps=K)
-        task = checked_task(n, B.shape[1], K, xf, limits=(-1, 1), Q=Q, R=1.0, **more)
+        task = checked_task(n, B.shape[1], K, xf, **asked(**more, limits=(-1, 1), Q=Q, R=1.0))
         exact = Horizon(task, A, B)
         errors = limited_errors.MovedTarget(
             limit_bound.plan_errors(plan.basis, K, "product"), exact
@@ -233,7 +234,7 @@ def measured(gen, A, B, count, noise):
 
 def certified(model, x0, xf, K, delta=0.1, x0_error=0.0, asked=PLAIN, **limits):
     n, m = model.B.shape
-    task = checked_task(n, m, K, xf, **limits)
+    task = checked_task(n, m, K, xf, **asked(**limits))
     basis = ModelBasis(model, x0, xf, x0_error)
     limited = Horizon(task, model.A, model.B, model.c).solve(x0)
     predicted = states(model.A, model.B, x0, limited.u)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from limit_plans import WAYS, check, draw_case, exactly
+from limit_plans import WAYS, asked, check, draw_case, exactly
 from limit_problems import draw_box, draw_map, weight
 from stochens_rs import _core
 from stochens_rs.exceptions import InputError
@@ -39,12 +39,12 @@ def test_paired_realizations_give_the_control_of_their_average(gen):
     x0, xf = gen.normal(size=(2, 3))
     drawn, start = se.sample(A, 30, rng=1), se.sample(x0, 30, rng=2)
     limits = (-0.2, 0.2)
-    plan = se.control((drawn, B), start, xf, fusion="diagonal", limits=limits, R=0.1)
+    plan = se.control((drawn, B), start, xf, fusion="diagonal", limits=limits, cost=se.Cost(R=0.1))
     free = np.mean([a @ x for a, x in zip(drawn.dense(), start.dense(), strict=True)], axis=0)
     p = lp.one_step(B, xf - free, R=0.1, low=-0.2, high=0.2)
     check(plan, p)
     exactly(plan.predicted_states[1], free + B @ plan.u[0])
-    each = se.realization_controls((drawn, B), start, xf, limits=limits, R=0.1)
+    each = se.realization_controls((drawn, B), start, xf, limits=limits, cost=se.Cost(R=0.1))
     assert np.linalg.norm(each.mean(axis=0) - plan.u[0]) > 1e-3  # the average is another control
 
 
@@ -55,7 +55,7 @@ def test_a_model_with_an_offset(gen):
     data = se.Trajectories.from_pairs(x, u, x @ A.T + u @ B.T + c + noise)
     model = se.identify(data, intercept=True, design="independent")
     x0, xf, K = np.array([1.0, 2.0]), np.array([0.5, 0.0]), 5
-    plan = se.control(model, x0, xf, steps=K, limits=(-0.4, 0.1), Q=1.0, R=0.1)
+    plan = se.control(model, x0, xf, steps=K, limits=(-0.4, 0.1), cost=se.Cost(Q=1.0, R=0.1))
     drift, at = [], np.zeros(2)
     for _ in range(K):
         at = model.A @ at + model.c
@@ -68,7 +68,7 @@ def test_a_model_with_an_offset(gen):
         states.append(model.A @ states[-1] + model.B @ inputs + model.c)
     np.testing.assert_allclose(plan.predicted_states, states, rtol=1e-12)
     with pytest.raises(InputError, match="`robust` must be False with limits"):
-        se.control(model, x0, xf, robust=True, limits=(-1.0, 1.0))
+        se.control(model, x0, xf, guarantee=0.05, limits=(-1.0, 1.0))
 
 
 # -- the plan --------------------------------------------------------------------------------------
@@ -78,7 +78,7 @@ def test_the_error_is_the_distance_from_the_limited_best(gen):
     for i in range(30):
         A, B, x0, K, low, high, weights = draw_case(gen, i, steps=(1, 2, 4))
         xf, other = gen.normal(size=len(A)), A + 0.1 * gen.normal(size=A.shape)
-        drawn = se.control((other, B), x0, xf, steps=K, limits=(low, high), **weights)
+        drawn = se.control((other, B), x0, xf, steps=K, **asked(limits=(low, high), **weights))
         error = drawn.error((A, B), x0, xf)
         p = lp.several_steps(A, B, x0, xf, K, low=low, high=high, **weights)
         best, n = lc.solve(p), len(A)
@@ -99,7 +99,9 @@ def test_the_error_is_the_distance_from_the_limited_best(gen):
 @pytest.mark.parametrize("R", ["auto", 0.0])
 def test_an_input_without_effect_leaves_no_state_to_round(R):
     still = se.System([[0.5, 0.1], [0.0, 0.5]], [[0.0], [0.0]])
-    plan = se.control(still, [1.0, 1.0], [0.0, 0.0], steps=3, limits=(-1.0, 1.0), Q=[1, 0], R=R)
+    plan = se.control(
+        still, [1.0, 1.0], [0.0, 0.0], steps=3, limits=(-1.0, 1.0), cost=se.Cost(Q=[1, 0], R=R)
+    )
     error = plan.error(still, [1.0, 1.0], [0.0, 0.0])
     assert (error.state, error.state_rounding, error.control) == (0.0, 0.0, 0.0)
 
@@ -114,7 +116,8 @@ def test_the_error_is_within_the_bound_of_a_moved_target(gen):
         xf = 2.0 * gen.normal(size=n)
         moved = xf + 10.0 ** gen.uniform(-2, 1) * gen.normal(size=n)
         plans = [
-            se.control((0.0 * Q, B), 0.0 * xf, y, limits=(low, high), Q=Q, R=R) for y in (xf, moved)
+            se.control((0.0 * Q, B), 0.0 * xf, y, limits=(low, high), cost=se.Cost(Q=Q, R=R))
+            for y in (xf, moved)
         ]
         du, delta = plans[0].u[0] - plans[1].u[0], lp.norm(xf - moved, Q)
         largest[0] = max(largest[0], lp.norm(B @ du, Q) / delta)
@@ -123,12 +126,12 @@ def test_the_error_is_within_the_bound_of_a_moved_target(gen):
 
 
 def test_the_plan_says_what_its_limits_cost():
-    plan = se.control(TWO, [1.0, 0.0], [0.0, 0.0], steps=2, limits=(-0.5, 0.5), R=0.0)
+    plan = se.control(TWO, [1.0, 0.0], [0.0, 0.0], steps=2, limits=(-0.5, 0.5), cost=se.Cost(R=0.0))
     for text in (repr(plan), plan._repr_html_()):
         assert "optimal" in text
         assert "0.25 of it for the limits" in text
         assert "of 2 inputs at a limit" in text
-    free = se.control(TWO, [1.0, 0.0], [0.0, 0.0], steps=2, R=1.0)
+    free = se.control(TWO, [1.0, 0.0], [0.0, 0.0], steps=2, cost=se.Cost(R=1.0))
     assert "none of 2 inputs at a limit" in repr(free)
     assert "limits" not in repr(se.control(TWO, [1.0, 0.0], [0.0, 0.0], steps=2))
     again = pickle.loads(pickle.dumps(plan))
@@ -142,10 +145,10 @@ def test_a_time_limit_gives_a_control_within_the_limits(gen):
     A, B = np.linalg.qr(gen.normal(size=(30, 30)))[0], gen.normal(size=(30, 8))
     x0, K = 10.0 * gen.normal(size=30), 25
     more = {"limits": (-0.2, 0.3), "Q": 1.0, "R": 1e-4}
-    plan = se.control((A, B), x0, np.zeros(30), steps=K, time_limit=1e-9, **more)
+    plan = se.control((A, B), x0, np.zeros(30), steps=K, time_limit=1e-9, **asked(**more))
     assert plan.status == "user_limit"
     assert np.all((plan.u >= -0.2) & (plan.u <= 0.3))
-    done = se.control((A, B), x0, np.zeros(30), steps=K, time_limit=60.0, **more)
+    done = se.control((A, B), x0, np.zeros(30), steps=K, time_limit=60.0, **asked(**more))
     assert done.status == "optimal"
     assert plan.gap >= plan.objective - done.objective - 1e-9 * done.objective
 
@@ -163,7 +166,7 @@ def test_realization_controls_are_those_of_each_target(gen):
         Q, R = (weight(gen, n) if i % 3 else None), (0.1 if i % 2 else weight(gen, m) + np.eye(m))
         out = np.empty((N, m))
         found = se.realization_controls(
-            (drawn, B), start, xf, limits=(low, high), Q=Q, R=R, out=out
+            (drawn, B), start, xf, out=out, limits=(low, high), cost=se.Cost(Q=Q, R=R)
         )
         assert found is out
         for s, (a, x) in enumerate(zip(drawn.dense(), start.dense(), strict=True)):
@@ -176,7 +179,7 @@ def test_realization_controls_are_those_of_each_target(gen):
 def test_a_gap_above_its_tolerance_is_solved_again(gen, monkeypatch):
     A, B, (x0, xf) = gen.normal(size=(3, 3)), gen.normal(size=(3, 2)), gen.normal(size=(2, 3))
     drawn, more = se.sample(A, 20, rng=1), {"limits": (-0.1, 0.2), "R": 0.1}
-    right = se.realization_controls((drawn, B), x0, xf, **more)
+    right = se.realization_controls((drawn, B), x0, xf, **asked(**more))
     batch = _core.box_batch
 
     def wrong(*given):
@@ -186,17 +189,17 @@ def test_a_gap_above_its_tolerance_is_solved_again(gen, monkeypatch):
         return u, gaps
 
     monkeypatch.setattr(_core, "box_batch", wrong)
-    again = se.realization_controls((drawn, B), x0, xf, **more)
+    again = se.realization_controls((drawn, B), x0, xf, **asked(**more))
     np.testing.assert_allclose(again, right, atol=1e-9)
 
 
 def test_weights_alone_are_ridge_regression(gen):
     A, B, x0, xf = gen.normal(size=(3, 3)), gen.normal(size=(3, 2)), *gen.normal(size=(2, 3))
     drawn = se.sample(A, 20, rng=1)
-    u = se.realization_controls((drawn, B), x0, xf, R=0.5)
+    u = se.realization_controls((drawn, B), x0, xf, cost=se.Cost(R=0.5))
     b = xf - drawn.dense() @ x0
     np.testing.assert_allclose(u, np.linalg.solve(B.T @ B + 0.5 * np.eye(2), B.T @ b.T).T)
-    plan = se.control((A, B), x0, xf, R=0.5)
+    plan = se.control((A, B), x0, xf, cost=se.Cost(R=0.5))
     np.testing.assert_allclose(plan.u[0], np.linalg.solve(B.T @ B + 0.5 * np.eye(2),
                                                           B.T @ (xf - A @ x0)))  # fmt: skip
 
@@ -252,16 +255,26 @@ def test_order_and_units_do_not_matter(gen):
         n, m = B.shape
         xf, R = gen.normal(size=n), gen.uniform(0.1, 1.0, size=m)
         more = weights | {"R": R}
-        u = se.control((A, B), x0, xf, steps=K, limits=(low, high), **more).u
+        u = se.control((A, B), x0, xf, steps=K, **asked(limits=(low, high), **more)).u
         order = gen.permutation(m)
-        permuted = se.control((A, B[:, order]), x0, xf, steps=K,
-                              limits=(low[..., order], high[..., order]),
-                              **(more | {"R": R[order]}))  # fmt: skip
+        permuted = se.control(
+            (A, B[:, order]),
+            x0,
+            xf,
+            steps=K,
+            **asked(limits=(low[..., order], high[..., order]), **more | {"R": R[order]}),
+        )
         np.testing.assert_allclose(permuted.u, u[:, order], atol=1e-7 * (1 + np.abs(u).max()))
         units = 2.0 ** gen.integers(-4, 5, size=m)
-        scaled = se.control((A, B / units), x0, xf, steps=K, limits=(low * units, high * units),
-                            **(more | {"R": R / units**2}))  # fmt: skip
+        scaled = se.control(
+            (A, B / units),
+            x0,
+            xf,
+            steps=K,
+            **asked(limits=(low * units, high * units), **more | {"R": R / units**2}),
+        )
         np.testing.assert_allclose(scaled.u / units, u, atol=1e-7 * (1 + np.abs(u).max()))
-        larger = se.control((A, B), 4.0 * x0, 4.0 * xf, steps=K, limits=(4.0 * low, 4.0 * high),
-                            **more)  # fmt: skip
+        larger = se.control(
+            (A, B), 4.0 * x0, 4.0 * xf, steps=K, **asked(limits=(4.0 * low, 4.0 * high), **more)
+        )
         np.testing.assert_allclose(larger.u / 4.0, u, atol=1e-7 * (1 + np.abs(u).max()))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import stochens_rs as se
-from limit_plans import WAYS, check, draw_case, exactly
+from limit_plans import WAYS, asked, check, draw_case, exactly
 from limit_problems import draw_box
 from stochens_rs import _core
 from stochens_rs.controls.limited import LONG, Horizon
@@ -22,12 +22,12 @@ INPUTS = np.zeros((2, 2)), np.array([[1.0, 1.0], [0.0, 1.0]])  # x(1) = B u
 
 
 def test_one_input_by_hand():
-    exactly(se.control(ONE, [0.0], [3.0], R=1.0).u, [[1.5]])
-    plan = se.control(ONE, [0.0], [3.0], R=1.0, limits=(-1.0, 1.0))
+    exactly(se.control(ONE, [0.0], [3.0], cost=se.Cost(R=1.0)).u, [[1.5]])
+    plan = se.control(ONE, [0.0], [3.0], limits=(-1.0, 1.0), cost=se.Cost(R=1.0))
     exactly([plan.u[0, 0], plan.objective, plan.multipliers[0, 0], plan.missed], [1, 5, 2, 0.5])
     assert (plan.active.tolist(), plan.limits_active, plan.status) == ([[1]], True, "optimal")
     assert 0.0 <= plan.gap <= 1e-15
-    other = se.control(ONE, [0.0], [1.0], R=1.0, limits=(-1.0, 1.0))
+    other = se.control(ONE, [0.0], [1.0], limits=(-1.0, 1.0), cost=se.Cost(R=1.0))
     exactly(other.u, [[0.5]])
     assert (other.missed, other.limits_active) == (0.0, False)
     # ||B (u - u')||_Q^2 + ||u - u'||_R^2 <= <B (u - u'), b - b'>_Q
@@ -38,7 +38,7 @@ def test_one_input_by_hand():
 def test_two_inputs_without_weight_by_hand():
     free = se.control(INPUTS, [0.0, 0.0], [2.0, 0.0])
     exactly(free.u, [[2.0, 0.0]])
-    plan = se.control(INPUTS, [0.0, 0.0], [2.0, 0.0], limits=(-1.0, 1.0), R=0.0)
+    plan = se.control(INPUTS, [0.0, 0.0], [2.0, 0.0], limits=(-1.0, 1.0), cost=se.Cost(R=0.0))
     exactly(plan.u, [[1.0, 0.5]])
     exactly([plan.objective, *plan.multipliers[0]], [0.5, 1.0, 0.0])
 
@@ -46,20 +46,26 @@ def test_two_inputs_without_weight_by_hand():
 def test_two_steps_of_the_double_integrator_by_hand():
     ends = [1.0, 0.0], [0.0, 0.0]
     exactly(se.control(TWO, *ends, steps=2).u.ravel(), [-1.0, 1.0])
-    plan = se.control(TWO, *ends, steps=2, limits=(-0.5, 0.5), R=0.0)
+    plan = se.control(TWO, *ends, steps=2, limits=(-0.5, 0.5), cost=se.Cost(R=0.0))
     exactly([*plan.u.ravel(), plan.objective, plan.missed], [-0.5, 0.5, 0.25, 0.25])
     exactly(plan.predicted_states, [[1.0, 0.0], [1.0, -0.5], [0.5, 0.0]])
 
 
 def test_two_steps_with_a_limit_on_changes_by_hand():
-    plan = se.control(TWO, [1.0, 0.0], [0.0, 0.0], steps=2, limits=(-0.5, 0.5), rate=0.5,
-                      previous=[0.0], R=0.0)  # fmt: skip
+    plan = se.control(
+        TWO,
+        [1.0, 0.0],
+        [0.0, 0.0],
+        steps=2,
+        limits=se.Limits(u=(-0.5, 0.5), rate=0.5, previous=[0.0]),
+        cost=se.Cost(R=0.0),
+    )
     np.testing.assert_allclose([*plan.u.ravel(), plan.objective], [-0.4, 0.1, 0.45], atol=1e-8)
     assert plan.status == "optimal"
 
 
 def test_state_limits_that_cannot_be_kept_by_hand():
-    plan = se.control(ONE, [3.0], [0.0], limits=(-1.0, 1.0), state_limits=(None, 1.0), soft=False)
+    plan = se.control(ONE, [3.0], [0.0], limits=se.Limits(u=(-1.0, 1.0), x=(None, 1.0), soft=False))
     assert plan.status == "infeasible"
     np.testing.assert_allclose([plan.limited.missing, plan.u[0, 0]], [1.0, -1.0], atol=1e-8)
 
@@ -67,7 +73,7 @@ def test_state_limits_that_cannot_be_kept_by_hand():
 def test_regulating_step_by_step_by_hand():
     x, inputs, multipliers = np.array([5.0]), [], []
     for _ in range(6):
-        plan = se.control(ONE, x, [0.0], limits=(-1.0, 1.0), Q=1.0, R=1.0)
+        plan = se.control(ONE, x, [0.0], limits=(-1.0, 1.0), cost=se.Cost(Q=1.0, R=1.0))
         inputs.append(plan.u[0, 0])
         multipliers.append(plan.multipliers[0, 0])
         x = plan.predicted_states[-1]
@@ -83,7 +89,7 @@ def test_wide_limits_change_nothing(gen):
         free = se.control(system, x0, xf, steps=K)
         if m * K > n or free.reachability.condition > 1e3:
             continue  # R = 0 has more than one best control; or rounding is more than 1e-12
-        plan = se.control(system, x0, xf, steps=K, limits=(-1e6, 1e6), R=0.0)
+        plan = se.control(system, x0, xf, steps=K, limits=(-1e6, 1e6), cost=se.Cost(R=0.0))
         np.testing.assert_allclose(plan.u, free.u, rtol=1e-12, atol=1e-12, err_msg=str(i))
         assert not plan.limits_active
         assert plan.error(system, x0, xf).state <= 1e-12
@@ -118,7 +124,7 @@ def test_boxes_equal_the_twin(gen):
     for i in range(250):
         A, B, x0, K, low, high, weights = draw_case(gen, i)
         xf = gen.normal(size=len(A))
-        plan = se.control((A, B), x0, xf, steps=K, limits=(low, high), **weights)
+        plan = se.control((A, B), x0, xf, steps=K, **asked(limits=(low, high), **weights))
         p = lp.several_steps(A, B, x0, xf, K, low=low, high=high, **weights)
         best = check(plan, p)
         size = 1e-6 * (1.0 + np.max(np.abs(best.multipliers)))
@@ -131,7 +137,9 @@ def test_references_equal_the_twin(gen):
     for i in range(60):
         A, B, x0, K, low, high, weights = draw_case(gen, i)
         reference = gen.normal(size=(K + 1, len(A)))
-        plan = se.control((A, B), x0, steps=K, limits=(low, high), reference=reference, **weights)
+        plan = se.control(
+            (A, B), x0, steps=K, **asked(**weights, limits=(low, high), reference=reference)
+        )
         p = lp.several_steps(A, B, x0, reference[1:], K, low=low, high=high, **weights)
         check(plan, p)
         error = plan.error((A, B), x0)
@@ -146,7 +154,7 @@ def test_long_horizons_equal_condensed_ones(gen):
         B, x0, xf = gen.normal(size=(n, m)), 5.0 * gen.normal(size=n), np.zeros(n)
         low, high = draw_box(gen, way, m, 0.3)
         more = {"Q": 1.0, "R": 0.1}
-        plan = se.control((A, B), x0, xf, steps=K, limits=(low, high), **more)
+        plan = se.control((A, B), x0, xf, steps=K, **asked(limits=(low, high), **more))
         assert plan.limited.task.steps * m >= LONG
         p = lp.several_steps(A, B, x0, xf, K, low=low, high=high, **more)
         u = plan.u.ravel()
@@ -170,8 +178,13 @@ def test_soft_state_limits_equal_the_twin(gen):
         n, soft = len(A), 10.0 ** gen.uniform(-1, 3)
         xf, (below, above) = gen.normal(size=n), draw_box(gen, WAYS[i % 5], K * n, 1.0)
         below, above = below.reshape(K, n), above.reshape(K, n)
-        plan = se.control((A, B), x0, xf, steps=K, limits=(low, high), soft=soft,
-                          state_limits=(below, above), **weights)  # fmt: skip
+        plan = se.control(
+            (A, B),
+            x0,
+            xf,
+            steps=K,
+            **asked(**weights, limits=(low, high), soft=soft, state_limits=(below, above)),
+        )
         p = lp.several_steps(A, B, x0, xf, K, low=low, high=high, **weights)
         each = [lp.state_rows(A, B, x0, K, side * np.eye(n), side * limit)
                 for side, limit in ((1.0, above), (-1.0, below))]  # fmt: skip
@@ -195,11 +208,20 @@ def test_soft_state_limits_equal_the_twin(gen):
 
 
 def test_soft_limits_that_are_kept_cost_nothing():
-    free = se.control(TWO, [1.0, 0.0], [0.0, 0.0], steps=3, R=1.0)
-    plan = se.control(TWO, [1.0, 0.0], [0.0, 0.0], steps=3, R=1.0, state_limits=(-9.0, 9.0))
+    free = se.control(TWO, [1.0, 0.0], [0.0, 0.0], steps=3, cost=se.Cost(R=1.0))
+    plan = se.control(
+        TWO, [1.0, 0.0], [0.0, 0.0], steps=3, limits=se.Limits(x=(-9.0, 9.0)), cost=se.Cost(R=1.0)
+    )
     np.testing.assert_allclose(plan.u, free.u, atol=1e-9)
     assert plan.missed <= 1e-12
-    far = se.control(TWO, [1e6, 0.0], [1e6, 0.0], steps=3, R=1.0, state_limits=(None, [1e6 - 1, 1]))
+    far = se.control(
+        TWO,
+        [1e6, 0.0],
+        [1e6, 0.0],
+        steps=3,
+        limits=se.Limits(x=(None, [1e6 - 1, 1])),
+        cost=se.Cost(R=1.0),
+    )
     assert abs(far.predicted_states[-1, 0] - 1e6 + 1) < 0.1  # the weight is 1000 times that of xf
 
 
@@ -217,7 +239,7 @@ def test_rates_equal_the_twin(gen):
         )
         more = {"rate": rate, "previous": previous, **weights}
         room = {"state_limits": (-2.0, 2.0), "soft": False} if i % 4 == 3 else {}
-        plan = se.control((A, B), x0, xf, steps=K, limits=(low, high), **more, **room)
+        plan = se.control((A, B), x0, xf, steps=K, **asked(limits=(low, high), **more, **room))
         p = lp.several_steps(A, B, x0, xf, K, low=low, high=high, **more)
         if room:
             C = np.vstack([np.eye(n), -np.eye(n)])
@@ -245,8 +267,8 @@ def test_rates_equal_the_twin(gen):
 def test_one_number_is_the_previous_input_of_all():
     more = {"limits": (-1.0, 1.0), "rate": 0.4}
     for given in (0.2, [0.2, 0.2]):
-        plan = se.control(INPUTS, [1.0, 0.0], [3.0, 3.0], previous=given, **more)
+        plan = se.control(INPUTS, [1.0, 0.0], [3.0, 3.0], **asked(**more, previous=given))
         assert np.array_equal(plan.limited.task.previous, [0.2, 0.2])
         np.testing.assert_allclose(plan.u[0], 0.6, atol=1e-9)
-        loop = se.regulate(INPUTS, 1, xf=[3.0, 3.0], previous=given, **more)
+        loop = se.regulate(INPUTS, 1, xf=[3.0, 3.0], **asked(**more, previous=given))
         np.testing.assert_allclose(loop([1.0, 0.0]), 0.6, atol=1e-9)

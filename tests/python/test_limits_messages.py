@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from limit_plans import asked
 from stochens_rs.exceptions import InputError, InputTypeError, ShapeError
 from test_hostile import NEVER, PERHAPS
 
@@ -47,19 +48,19 @@ BAD = [
 @pytest.mark.parametrize(("more", "kind", "message"), BAD)
 def test_messages_name_what_is_wrong(more, kind, message):
     with pytest.raises(kind, match=message):
-        se.control(TWO, [1.0, 0.0], [0.0, 0.0], steps=2, **more)
+        se.control(TWO, [1.0, 0.0], [0.0, 0.0], steps=2, **asked(**more))
 
 
 def test_messages_about_references_and_targets():
     with pytest.raises(InputError, match="`reference` must have shape"):
-        se.control(TWO, [1.0, 0.0], steps=2, reference=np.zeros((2, 2)))
+        se.control(TWO, [1.0, 0.0], steps=2, cost=se.Cost(reference=np.zeros((2, 2))))
     with pytest.raises(InputError, match="`xf`"):
         se.control(TWO, [1.0, 0.0], steps=2, limits=(-1.0, 1.0))
-    followed = se.control(TWO, [1.0, 0.0], steps=2, reference=np.zeros((3, 2)))
+    followed = se.control(TWO, [1.0, 0.0], steps=2, cost=se.Cost(reference=np.zeros((3, 2))))
     with pytest.raises(InputError, match="`xf` must be None: this plan has a reference"):
         followed.error(TWO, [1.0, 0.0], [0.0, 0.0])
     with pytest.raises(InputError, match="`xf` must be given: this plan has no reference"):
-        se.control(TWO, [1.0, 0.0], [0.0, 0.0], R=1.0).error(TWO, [1.0, 0.0])
+        se.control(TWO, [1.0, 0.0], [0.0, 0.0], cost=se.Cost(R=1.0)).error(TWO, [1.0, 0.0])
 
 
 WITH = {"limits": (-1.0, 1.0), "Q": 1.0, "Qf": [1.0, 2.0], "R": 0.1, "time_limit": 10.0}
@@ -72,7 +73,7 @@ def test_whatever_is_given_with_the_others(name):
     passed = 0
     for what, value in (NEVER | PERHAPS).items():
         try:
-            plan = se.control(TWO, [1.0, 0.0], [0.0, 0.0], steps=3, **(WITH | {name: value}))
+            plan = se.control(TWO, [1.0, 0.0], [0.0, 0.0], steps=3, **asked(**WITH | {name: value}))
         except se.exceptions.StochensError:
             continue
         passed += 1

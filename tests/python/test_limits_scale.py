@@ -9,7 +9,7 @@ import pytest
 
 import stochens_rs as se
 from hidden_systems import KINDS, drawn
-from limit_plans import draw_case
+from limit_plans import asked, draw_case
 from limit_problems import draws
 from stochens_rs import _core as core
 from stochens_rs.controls.limited import OPTIMAL, Horizon
@@ -53,7 +53,12 @@ def test_the_unit_of_an_input_does_not_matter_for_its_rate(rate, R):
         weight = R * D**2 if rate == "tight" else R * np.array([1.0, min(unit, 1e3)])
         limit = 0.3 / D if rate == "tight" else np.array([0.3, 0.3])
         plan = se.control(
-            (A, B * D), x0, [0.0, 0.0], steps=10, Q=1.0, R=weight, rate=limit, previous=0.0
+            (A, B * D),
+            x0,
+            [0.0, 0.0],
+            steps=10,
+            limits=se.Limits(rate=limit, previous=0.0),
+            cost=se.Cost(Q=1.0, R=weight),
         )
         assert plan.status == "optimal"
         assert plan.gap <= 1e-12 * plan.objective
@@ -76,7 +81,11 @@ def test_one_step_of_more_inputs_than_states_in_mixed_units(gen):
         X = gen.standard_normal((n, m)) * 10.0 ** gen.uniform(-6.0, 6.0, m)
         high = gen.uniform(0.0, 2.0, m) / np.abs(X).max(axis=0)
         plan = se.control(
-            (0.5 * np.eye(n), X), gen.standard_normal(n), np.ones(n), limits=(None, high), R=0.0
+            (0.5 * np.eye(n), X),
+            gen.standard_normal(n),
+            np.ones(n),
+            limits=(None, high),
+            cost=se.Cost(R=0.0),
         )
         assert plan.status == "optimal"
         assert np.all(plan.u <= high)
@@ -99,7 +108,7 @@ def test_the_status_follows_the_gap_in_every_kind_of_system(gen, kind):
             {"rate": 0.2, "previous": 0.0, "R": 1e-6},
             {"limits": (-0.3 * unit, 0.3 * unit), "state_limits": (-0.8, 0.8)},
         ):
-            plan = se.control((one.A, one.B), x0, np.zeros(n), steps=K, Q=1.0, **more)
+            plan = se.control((one.A, one.B), x0, np.zeros(n), steps=K, **asked(**more, Q=1.0))
             assert follows_the_gap(plan, one.A, one.B, x0), (K, more)
             found.add(plan.status)
     if kind in ("mixed_input_units", "one_huge_entry", "dense", "sparse", "zero_column", "tiny"):
@@ -118,7 +127,7 @@ def test_the_status_follows_the_gap_of_drawn_problems(gen):
     for i in range(60):
         F, X, x0, K, low, high, weights = draw_case(gen, i)
         goal = np.ones(len(F))
-        plan = se.control((F, X), x0, goal, steps=K, limits=(low, high), **weights)
+        plan = se.control((F, X), x0, goal, steps=K, **asked(limits=(low, high), **weights))
         assert follows_the_gap(plan, F, X, x0)
 
 
@@ -130,7 +139,9 @@ def test_the_way_follows_the_work():
     for n, m, K, recursion in ((10, 5, 50, True), (520, 26, 10, False), (4, 2, 300, True)):
         F, X = np.zeros((n, n)), np.zeros((n, m))
         X[:m] = np.eye(m)
-        plan = se.control((F, X), np.ones(n), np.zeros(n), steps=K, limits=(-0.3, 0.3), R=0.1)
+        plan = se.control(
+            (F, X), np.ones(n), np.zeros(n), steps=K, limits=(-0.3, 0.3), cost=se.Cost(R=0.1)
+        )
         assert Horizon(plan.limited.task, F, X).long == recursion
         assert plan.status == "optimal"
 
@@ -139,7 +150,7 @@ def test_both_ways_give_one_control(gen):
     n, m, K = 60, 5, 50
     F, X = gen.standard_normal((n, n)) * 0.9 / np.sqrt(n), gen.standard_normal((n, m))
     x0 = gen.standard_normal(n)
-    plan = se.control((F, X), x0, np.zeros(n), steps=K, limits=(-0.2, 0.2), R=0.1)
+    plan = se.control((F, X), x0, np.zeros(n), steps=K, limits=(-0.2, 0.2), cost=se.Cost(R=0.1))
     task, horizon = plan.limited.task, Horizon(plan.limited.task, F, X)
     assert not horizon.long
     other = core.horizon_control(*horizon._steps(x0, task), task.low, task.high, None, None)
@@ -158,12 +169,12 @@ def test_without_time_nothing_is_factored(gen):
     for more in ({}, {"rate": 0.1, "previous": 0.0}, {"state_limits": (-1.0, 1.0)}):
         for steps in (K, 5 * K):
             how = {"limits": (-0.2, 0.2), "Q": 1.0, "R": 0.1, "steps": steps, **more}
-            best = se.control((F, X), x0, np.zeros(n), **how)
+            best = se.control((F, X), x0, np.zeros(n), **asked(**how))
             horizon = Horizon(best.limited.task, F, X)
             found = horizon.best(x0, best.limited.task, 0.0)
             assert (found.iterations, found.status) == (0, "user_limit")
             assert found.objective - best.objective <= found.gap
-            plan = se.control((F, X), x0, np.zeros(n), **how, time_limit=1e-12)
+            plan = se.control((F, X), x0, np.zeros(n), time_limit=1e-12, **asked(**how))
             assert plan.status == "user_limit"
             assert np.all(np.abs(plan.u) <= 0.2)
             assert math.isnan(plan.missed)

@@ -95,7 +95,7 @@ def test_plans_without_a_weight_of_the_inputs(gen, limits) -> None:
     for _ in range(10):
         A, B = 0.5 * gen.standard_normal((3, 3)), gen.standard_normal((3, 2))
         x0, xf = gen.standard_normal(3), 2.0 * gen.standard_normal(3)
-        plan = se.control((A, B), x0, xf, steps=6, limits=limits, R=0.0)
+        plan = se.control((A, B), x0, xf, steps=6, limits=limits, cost=se.Cost(R=0.0))
         assert plan.status == "optimal"
         assert plan.gap is not None
         assert plan.objective is not None

@@ -56,7 +56,7 @@ FIRST = system(1.0)
 
 
 def plan() -> se.Plan:
-    return se.control(FIRST, X0, XF, steps=4, limits=LIMITS, R=0.1)
+    return se.control(FIRST, X0, XF, steps=4, limits=LIMITS, cost=se.Cost(R=0.1))
 
 
 def fleet(other: se.System) -> se.FleetPlan:
@@ -70,7 +70,9 @@ def ensemble(other: se.System) -> list[Any]:
 
 
 def regulated(other: Any) -> list[Any]:
-    loop = se.regulate(FIRST, 4, XF, limits=LIMITS, rate=0.2, previous=0.0, R=0.1)
+    loop = se.regulate(
+        FIRST, 4, XF, limits=se.Limits(u=LIMITS, rate=0.2, previous=0.0), cost=se.Cost(R=0.1)
+    )
     loop(X0)
     loop.swap(other)
     again = pickle.loads(pickle.dumps(loop))
@@ -90,7 +92,9 @@ def streamed(given: Any) -> list[Any]:
 
 
 def studied(other: se.System) -> Any:
-    function = se.studies.closed_loop(FIRST, X0, model=other, limits=0.3, R=0.1, noise=0.01)
+    function = se.studies.closed_loop(
+        FIRST, X0, model=other, noise=0.01, limits=0.3, cost=se.Cost(R=0.1)
+    )
     return se.Study(function, {}, replicates=2, rng=1).run().values["cost"]
 
 
@@ -177,7 +181,9 @@ def test_a_controller_gets_the_states_in_its_order(noise) -> None:
     acts = np.argsort(ACTS)
 
     def run(made_for: se.System) -> se.simulation.Tracking:
-        loop = se.regulate(made_for, 4, limits=LIMITS if made_for is FIRST else OTHER, R=0.1)
+        loop = se.regulate(
+            made_for, 4, limits=LIMITS if made_for is FIRST else OTHER, cost=se.Cost(R=0.1)
+        )
         rest, other = np.zeros((9, 3)), system(1.02, AT, ACTS)
         return se.track(other, rest, controller=loop, x0=np.array(X0)[AT], noise=noise, rng=1)
 
@@ -186,7 +192,7 @@ def test_a_controller_gets_the_states_in_its_order(noise) -> None:
     np.testing.assert_allclose(mine.inputs, own.inputs, atol=1e-7)
     np.testing.assert_allclose(mine.states, own.states, atol=1e-7)
     np.testing.assert_array_equal(mine.info["limits"], OTHER)
-    plain = se.regulate(FIRST, 4, limits=LIMITS, R=0.1)(X0)
+    plain = se.regulate(FIRST, 4, limits=LIMITS, cost=se.Cost(R=0.1))(X0)
     np.testing.assert_array_equal(mine.inputs[0][acts], plain)
     with pytest.raises(InputError, match="`system` must have the states"):
         se.track(

@@ -164,7 +164,12 @@ def test_systematic_samples():
 def test_the_method_and_its_reason_are_named(steps, limits):
     x0, xf, matrix = ensembles()
     plan = se.control(
-        (matrix, B), x0, xf, steps=steps, limits=limits, R=None if limits is None else 1
+        (matrix, B),
+        x0,
+        xf,
+        steps=steps,
+        limits=limits,
+        cost=se.Cost(R=None if limits is None else 1),
     )
     often, rare = plan.bound(0.02), plan.bound(1e-9)
     if limits is None or steps > 1:

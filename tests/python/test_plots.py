@@ -385,7 +385,9 @@ def labels_of(figure):
 def test_a_plan_within_limits_draws_its_inputs():
     """Steps, thick where an input is at a limit; one-sided limits as bands to the edge."""
     low, high = [-0.5, -np.inf], [1.0, np.inf]
-    plan = se.control(PUSHED, [3.0, 1.0], [0.0, 0.0], steps=8, limits=(low, high), Q=1.0, R=0.1)
+    plan = se.control(
+        PUSHED, [3.0, 1.0], [0.0, 0.0], steps=8, limits=(low, high), cost=se.Cost(Q=1.0, R=0.1)
+    )
     figure = plan.plot()
     assert [ax.get_ylabel() for ax in figure.axes] == ["x[0]", "x[1]", "u[0]", "u[1]"]
     assert labels_of(figure) == ["predicted", "target", "limits", "input", "at its limit"]
@@ -433,7 +435,9 @@ def test_far_limits_do_not_hide_the_inputs():
 
 def test_a_reference_is_drawn_and_a_plan_without_limits_is_as_it_was():
     reference = np.linspace([3.0, 1.0], [0.0, 0.0], 6)
-    given = se.control(PUSHED, [3.0, 1.0], None, steps=5, reference=reference, Q=1.0, R=0.1)
+    given = se.control(
+        PUSHED, [3.0, 1.0], None, steps=5, cost=se.Cost(reference=reference, Q=1.0, R=0.1)
+    )
     figure = given.plot()
     assert labels_of(figure) == ["reference", "predicted", "input"]
     line = next(one for one in figure.axes[0].lines if one.get_label() == "reference")

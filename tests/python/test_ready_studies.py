@@ -16,6 +16,7 @@ import pytest
 import stochens_rs as se
 from coverage_study import DELTA, at_most, exactly, failures
 from identification_data import SKEWED
+from limit_plans import asked
 from stochens_rs.exceptions import InputError, InputTypeError
 from stochens_rs.rng import as_key
 from stochens_rs.studies.digest import digest
@@ -225,9 +226,15 @@ def test_bounds_from_realizations_are_those_of_the_plan_and_hold() -> None:
 def test_a_loop_is_that_of_regulate_and_track() -> None:
     limits = {"state_limits": (None, [np.inf, 0.3]), "soft": 1.0}
     function = se.studies.closed_loop(
-        CART, [1, 0], [0.2, 0], Q=[2.0, 1.0], R=0.1, limits=0.5, noise=[0.0, 0.05], **limits
+        CART,
+        [1, 0],
+        [0.2, 0],
+        noise=[0.0, 0.05],
+        **asked(**limits, limits=0.5, Q=[2.0, 1.0], R=0.1),
     )
-    loop = se.regulate(CART, 10, [0.2, 0], Q=[2.0, 1.0], R=0.1, limits=(-0.5, 0.5), **limits)
+    loop = se.regulate(
+        CART, 10, [0.2, 0], **asked(**limits, limits=(-0.5, 0.5), Q=[2.0, 1.0], R=0.1)
+    )
     reference = np.tile([0.2, 0.0], (51, 1))
     options = {"controller": loop, "x0": [1, 0], "noise": [0.0, 0.05], "rng": KEY}
     ride = se.track(CART, reference, **options)
@@ -242,8 +249,12 @@ def test_a_loop_is_that_of_regulate_and_track() -> None:
     assert found["distance"] == ride.errors[-1]
     # the feedback has the weights of the axes, the judge its own
     for weights in ({"Q": [0.1, 3.0]}, {"R": 10.0}, {"Q": [0.1, 3.0], "R": 10.0}):
-        loop = se.regulate(CART, 10, [0.2, 0], **({"Q": [2.0, 1.0], "R": 0.1} | weights),
-                           limits=(-0.5, 0.5), **limits)  # fmt: skip
+        loop = se.regulate(
+            CART,
+            10,
+            [0.2, 0],
+            **asked(**{"Q": [2.0, 1.0], "R": 0.1} | weights, limits=(-0.5, 0.5), **limits),
+        )
         ride = se.track(CART, reference, **(options | {"controller": loop}))
         off = ride.states[1:] - [0.2, 0.0]
         cost = np.sum(off**2 * [2.0, 1.0]) + 0.1 * np.sum(ride.inputs**2)
@@ -257,7 +268,7 @@ def test_a_loop_is_that_of_regulate_and_track() -> None:
 def test_a_loop_can_plan_with_another_model() -> None:
     wrong = se.System(CART[0], 4.0 * CART[1])  # an input believed four times as strong
     axes = {"model": {"right": se.System(*CART), "wrong": wrong}}
-    function = se.studies.closed_loop(CART, [1, 0], R=0.01, noise=0.01)
+    function = se.studies.closed_loop(CART, [1, 0], noise=0.01, cost=se.Cost(R=0.01))
     found = se.Study(function, axes, replicates=5, rng=1, shared=["model"]).run()
     right, worse = found.values["cost"]
     assert (worse > right).all()
@@ -421,7 +432,7 @@ WRONG = {
     r"`limits` must be >= 0": lambda s: s.closed_loop(CART, [1, 0], limits=-1),
     "`length` must be": lambda s: s.closed_loop(CART, [1, 0], length=0),
     r"`state_limits\[1\]` must be a number or have shape": lambda s: s.closed_loop(
-        CART, [1, 0], state_limits=(None, [1, 2, 3])
+        CART, [1, 0], limits=se.Limits(x=(None, [1, 2, 3]))
     ),
     "`axis` must be one of": lambda s: s.closed_loop(CART, [1, 0])(KEY, length=3),
     "`spread` must be given": lambda s: s.fleet(CART, *START, 3),

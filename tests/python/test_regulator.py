@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from limit_plans import asked
 from limit_problems import draw_steps
 from stochens_rs import _core
 from stochens_rs.controls.limited import Horizon
@@ -35,7 +36,7 @@ def plant(seed, n=4, m=2):
 
 def made(**more):
     """A loop of 6 steps whose inputs are mostly at a limit."""
-    return se.regulate((A, B), 6, limits=(-0.5, 1.0), Q=[1.0, 0.1], R=0.01, **more)
+    return se.regulate((A, B), 6, **asked(**more, limits=(-0.5, 1.0), Q=[1.0, 0.1], R=0.01))
 
 
 def driven(loop, x, count):
@@ -48,7 +49,10 @@ def driven(loop, x, count):
 
 def test_oracle_of_one_integrator():
     """x+ = x + u, |u| <= 1, Q = R = 1, K = 1 from 5: the fourth -1 has the multiplier 0."""
-    loop, x = se.regulate(([[1.0]], [[1.0]]), 1, limits=(-1.0, 1.0), Q=1.0, R=1.0), np.array([5.0])
+    loop, x = (
+        se.regulate(([[1.0]], [[1.0]]), 1, limits=(-1.0, 1.0), cost=se.Cost(Q=1.0, R=1.0)),
+        np.array([5.0]),
+    )
     for _ in range(6):
         x = x + loop(x)
     assert [call.u[0] for call in loop.log] == [-1.0, -1.0, -1.0, -1.0, -0.5, -0.25]
@@ -68,7 +72,7 @@ def test_equals_the_twin_at_every_state():
         rate, last = more.get("rate", np.inf), more.pop("previous", np.zeros(B.shape[1]))
         begin = {"previous": last} if "rate" in more else {}
         found = twin(A, B, x0, goal, K, 5, low=low, high=high, **begin, **more)
-        loop = se.regulate((A, B), K, goal, limits=(low, high), **begin, **more)
+        loop = se.regulate((A, B), K, goal, **asked(limits=(low, high), **begin, **more))
         for x in found.states[:-1]:
             u = loop(x)
             assert np.all((low <= u) & (u <= high))
@@ -102,11 +106,11 @@ def test_limits_of_rates_and_states_begin_at_those_of_the_call_before(kind):
             task |= {"state_limits": (-2.5, 2.5), "soft": None if "soft" in kind else False}
         last, x = np.zeros(2), np.ones(3)
         begin = {"previous": last} if rate else {}
-        loop = se.regulate((F, X), 15, **task, **rate, **begin)
+        loop = se.regulate((F, X), 15, **asked(**task, **rate, **begin))
         for _ in range(10):
             u = loop(x)
             now = {"previous": last} if rate else {}
-            plan = se.control((F, X), x, np.zeros(3), steps=15, **task, **rate, **now)
+            plan = se.control((F, X), x, np.zeros(3), steps=15, **asked(**task, **rate, **now))
             gap = loop.log[-1].gap
             assert loop.log[-1].status == plan.status
             if plan.status == "optimal":
@@ -133,10 +137,14 @@ def test_equals_control_at_every_state(index):
     model = se.identify(data, intercept=bool(index % 2), checks=False)
     system = (F, X) if index % 3 == 0 else model
     task = {"limits": ([-0.4, -np.inf], 0.3), "Q": 1.0, "Qf": 3.0, "R": [0.1, 0.2]}
-    loop, x, goal = se.regulate(system, 7, np.ones(3), **task), 3.0 * gen.normal(size=3), np.ones(3)
+    loop, x, goal = (
+        se.regulate(system, 7, np.ones(3), **asked(**task)),
+        3.0 * gen.normal(size=3),
+        np.ones(3),
+    )
     for _ in range(15):
         u = loop(x)
-        plan = se.control(system, x, goal, steps=7, **task)
+        plan = se.control(system, x, goal, steps=7, **asked(**task))
         assert np.allclose(loop.plan, plan.u, rtol=1e-11, atol=1e-11)
         assert loop.log[-1].gap <= 1e-12 * (plan.objective + 1.0)
         x = F @ x + X @ u + offset + 0.1 * gen.normal(size=3)
@@ -147,9 +155,9 @@ def test_a_call_does_not_depend_on_where_it_begins():
     """40 states: warm equals cold to 1e-12 relative or the gap, in the norm of the problem."""
     F, X, gen = plant(1)
     options = {"limits": (-0.3, 0.3), "Q": 1.0, "R": 0.1}
-    warm, x = se.regulate((F, X), 12, **options), 3.0 * gen.normal(size=4)
+    warm, x = se.regulate((F, X), 12, **asked(**options)), 3.0 * gen.normal(size=4)
     for _ in range(40):
-        u, cold = warm(x), se.regulate((F, X), 12, **options)
+        u, cold = warm(x), se.regulate((F, X), 12, **asked(**options))
         cold(x)
         assert np.allclose(u, cold.plan[0], rtol=1e-12, atol=1e-12)
         assert np.allclose(warm.plan, cold.plan, rtol=1e-10, atol=1e-10)
@@ -253,7 +261,7 @@ def test_another_model_swaps_in_between_steps():
     loop.swap(other)
     assert np.array_equal(loop.plan, plan)  # to hold from
     assert np.array_equal(loop(hold=True), plan[1])
-    fresh = se.regulate(other, 6, limits=(-0.5, 1.0), Q=[1.0, 0.1], R=0.01)
+    fresh = se.regulate(other, 6, limits=(-0.5, 1.0), cost=se.Cost(Q=[1.0, 0.1], R=0.01))
     assert np.allclose(loop(x), fresh(x), rtol=1e-12, atol=1e-12)
     before = loop.plan
     for bad, error in (
@@ -272,7 +280,7 @@ def test_the_active_limits_survive_a_swap():
     """After a swap to the same model the next call takes no more factorizations than without."""
     F, X, gen = plant(2, 6, 3)
     x = 5.0 * gen.normal(size=6)
-    loop = se.regulate((F, X), 15, limits=(-0.2, 0.2), Q=1.0, R=0.1)
+    loop = se.regulate((F, X), 15, limits=(-0.2, 0.2), cost=se.Cost(Q=1.0, R=0.1))
     loop(x)
     same = copy.deepcopy(loop)
     loop.swap((F, X))
@@ -290,7 +298,7 @@ def test_a_model_of_a_stream_swaps_in():
         y = A @ x + B @ u + 0.01 * gen.normal(size=2)
         stream.update(x, u, y)
         x = 0.5 * y
-    loop = se.regulate(stream.model, 10, limits=(-4.0, 4.0), Q=1.0, R=0.01)
+    loop = se.regulate(stream.model, 10, limits=(-4.0, 4.0), cost=se.Cost(Q=1.0, R=0.01))
     x, first = np.array([0.5, 0.0]), stream.model.A
     for k in range(60):
         u = loop(x)
@@ -313,7 +321,9 @@ def test_work_of_a_call_is_bounded():
         F = gen.normal(size=(n, n))
         F /= np.abs(np.linalg.eigvals(F)).max()
         X = gen.normal(size=(n, m)) * np.logspace(0, -6 if index % 2 else 0, m)
-        loop = se.regulate((F, X), K, limits=(-0.1, 0.1), Q=1.0, R=1e-8 if index % 2 else 0.1)
+        loop = se.regulate(
+            (F, X), K, limits=(-0.1, 0.1), cost=se.Cost(Q=1.0, R=1e-8 if index % 2 else 0.1)
+        )
         low, high = loop._task.low.ravel(), loop._task.high.ravel()
         M, state, target = loop._horizon.weighted
         cost = loop._horizon.cost()
@@ -331,7 +341,7 @@ def test_work_of_a_call_is_bounded():
 
 def test_time_limit_gives_the_best_plan_so_far():
     F, X, gen = plant(5, 8, 4)
-    loop = se.regulate((F, X), 40, limits=(-0.1, 0.1), Q=1.0, R=0.1, time_limit=1e-9)
+    loop = se.regulate((F, X), 40, time_limit=1e-9, limits=(-0.1, 0.1), cost=se.Cost(Q=1.0, R=0.1))
     u = loop(10.0 * gen.normal(size=8))
     assert loop.log[-1].status in ("user_limit", "optimal")
     assert np.all(np.abs(loop.plan) <= 0.1)
@@ -341,7 +351,9 @@ def test_time_limit_gives_the_best_plan_so_far():
 def test_references_and_limits_that_differ_from_step_to_step():
     reference = np.cumsum(np.ones((7, 2)), axis=0)
     low, high = -np.arange(1.0, 7.0)[:, None], np.full((6, 1), np.inf)
-    loop = se.regulate((A, B), 6, reference=reference, limits=(low, high), Q=1.0, R=0.1)
+    loop = se.regulate(
+        (A, B), 6, limits=(low, high), cost=se.Cost(reference=reference, Q=1.0, R=0.1)
+    )
     x = np.array([5.0, 1.0])
     u = loop(x)
     problem = several_steps(A, B, x, reference[1:], 6, Q=1.0, R=0.1, low=low, high=high)
@@ -354,12 +366,12 @@ def test_references_and_limits_that_differ_from_step_to_step():
 def test_long_horizons_go_by_recursion():
     """K = 300: the inputs are those of K = 200, up to what the end matters; warm equals cold."""
     options = {"limits": (-0.5, 0.5), "Q": 1.0, "R": 0.1}
-    long, short = (se.regulate((A, B), K, **options) for K in (300, 200))
+    long, short = (se.regulate((A, B), K, **asked(**options)) for K in (300, 200))
     assert isinstance(long._solver, Receding)
     assert isinstance(short._solver, _core.BoxSolver)
     x = np.array([3.0, 0.1])
     for _ in range(5):
-        u, cold = long(x), se.regulate((A, B), 300, **options)
+        u, cold = long(x), se.regulate((A, B), 300, **asked(**options))
         assert np.allclose(u, short(x), rtol=1e-6)
         cold(x)
         assert np.allclose(long.plan, cold.plan, rtol=1e-9, atol=1e-11)
@@ -380,11 +392,8 @@ def test_soft_limits_of_states():
         loop = se.regulate(
             (F, X),
             4,
-            limits=(-1.0, 1.0),
-            Q=1.0,
-            R=0.1,
-            state_limits=(-0.5, [0.3, np.inf]),
-            soft=50.0,
+            limits=se.Limits(u=(-1.0, 1.0), x=(-0.5, [0.3, np.inf]), soft=50.0),
+            cost=se.Cost(Q=1.0, R=0.1),
         )
         x = 2.0 * gen.normal(size=2)
         for _ in range(4):
@@ -422,7 +431,7 @@ WRONG = {
 def test_wrong_arguments_are_named(name):
     more, text = WRONG[name]
     with pytest.raises(InputError, match=text):
-        se.regulate((A, B), **{"steps": 3, **more})
+        se.regulate((A, B), **asked(**{"steps": 3, **more}))
 
 
 def test_a_second_thread_gets_an_error():

@@ -236,7 +236,7 @@ def within_limits(drawn):
     def made(A, B, x0, xf):
         data = (se.sample(v, 20, rng=k) if drawn else v for k, v in enumerate((x0, xf, A)))
         start, goal, matrix = data
-        plan = se.control((matrix, B), start, goal, limits=(-1e30, 1e30), R=0.0)
+        plan = se.control((matrix, B), start, goal, limits=(-1e30, 1e30), cost=se.Cost(R=0.0))
         bound = plan.bound()
         assert bound.state_bound == ("limits: firm nonexpansiveness" if drawn else "exact error")
         return plan.u, bound.state, math.inf, bound.target

@@ -80,7 +80,7 @@ no(US, "filter", r"kalman|smoother|observer|lqe")
 
 
 def _plan() -> se.controls.Plan:
-    return se.control((A, B), START, REST, steps=20, limits=(-1.0, 1.0), Q=1.0, R=0.1)
+    return se.control((A, B), START, REST, steps=20, limits=(-1.0, 1.0), cost=se.Cost(Q=1.0, R=0.1))
 
 
 @cell(US, "limits", "yes")
@@ -90,7 +90,7 @@ def _limits():
 
 def called() -> se.Regulator:
     """Return a feedback that was called once."""
-    loop = se.regulate((A, B), 10, limits=(-1.0, 1.0), Q=1.0, R=0.1)
+    loop = se.regulate((A, B), 10, limits=(-1.0, 1.0), cost=se.Cost(Q=1.0, R=0.1))
     assert loop(START) == -1.0
     return loop
 
@@ -138,10 +138,7 @@ def _convex():
         START,
         REST,
         steps=20,
-        limits=(-1.0, 1.0),
-        rate=0.2,
-        previous=[0.0],
-        state_limits=(-2.0, 2.0),
+        limits=se.Limits(u=(-1.0, 1.0), rate=0.2, previous=[0.0], x=(-2.0, 2.0)),
     )
     assert abs(np.diff(limited.u[:, 0])).max() < 0.2 + 1e-6
 

@@ -14,7 +14,7 @@ from .._base import state_file
 from .._base.numbers import ROUNDING
 from .._base.reading import number
 from .._base.types import DELTA
-from ..controls import Certificate, Plan, control
+from ..controls import Certificate, Plan, Uncertain, control
 from ..exceptions import DataWarning, InputError
 from ..identification import Model
 from ._command import Command
@@ -123,11 +123,10 @@ def control_command(
     x0 = _state("--from", start, n, x0)
     xf = _state("--to", goal, n, np.zeros(n) if xf is None else xf)
     asked = limits_given(context.params, names)
-    if x0_error:
-        asked["x0_error"] = x0_error
     if robust:
-        asked |= {"robust": True, "delta": probability}
-    plan = control(known, x0, xf, steps=steps, **asked)
+        asked["guarantee"] = probability
+    start_at = Uncertain(x0, x0_error) if x0_error else x0
+    plan = control(known, start_at, xf, steps=steps, **asked)
     found: Any = None
     if isinstance(known, Model):
         with warnings.catch_warnings():

@@ -11,6 +11,7 @@ import numpy as np
 
 from .._base.gate import nearest
 from .._base.reading import number
+from ..controls import Cost, Limits
 from ..controls.plan_summary import at_limits
 from ._output import finite
 
@@ -51,29 +52,25 @@ def limit_options(command: F) -> F:
 
 
 def limits_given(options: dict[str, Any], names: tuple[Sequence[str], ...]) -> dict[str, Any]:
-    """The keyword arguments of `control` for the given options; `names` of states and inputs."""
+    """The limits and weights of `control` for the given options; `names` of states and inputs."""
     states, inputs = names
-    found: dict[str, Any] = {}
-    for name, option, of in (
-        ("limits", "--limits", inputs),
-        ("state_limits", "--state-limits", states),
-    ):
-        if options[name]:
-            found[name] = _sides(option, options[name], of)
-    for name, of in (
-        ("rate", inputs),
-        ("previous", inputs),
-        ("Q", states),
-        ("Qf", states),
-        ("R", inputs),
-    ):
-        if options[name] is not None:
-            found[name] = _each(f"--{name}", options[name], len(of))
-    if options["hard"]:
-        if "state_limits" not in found:
-            raise click.UsageError("--hard is for --state-limits")
-        found["soft"] = False
-    return found
+
+    def each(name: str, of: Sequence[str]) -> Any:
+        text = options[name]
+        return None if text is None else _each(f"--{name}", text, len(of))
+
+    u, x = options["limits"], options["state_limits"]
+    if options["hard"] and not x:
+        raise click.UsageError("--hard is for --state-limits")
+    limits = Limits(
+        u=_sides("--limits", u, inputs) if u else None,
+        rate=each("rate", inputs),
+        previous=each("previous", inputs),
+        x=_sides("--state-limits", x, states) if x else None,
+        soft=False if options["hard"] else None,
+    )
+    cost = Cost(Q=each("Q", states), Qf=each("Qf", states), R=each("R", inputs))
+    return {"limits": limits, "cost": cost}
 
 
 def limit_facts(plan: Plan) -> dict[str, Any] | None:

@@ -4,9 +4,11 @@ from ..theory.records import PlanError, Reachability
 from .calls import Call
 from .certificate import Certificate
 from .control import control
+from .cost import Cost
 from .fleet import control_fleet
 from .fleet_plan import FleetPlan
 from .fleet_risk import RiskBound
+from .limits import Limits
 from .plan import Plan
 from .plan_bound import PlanBound
 from .planning import required_samples
@@ -16,11 +18,14 @@ from .regulating import regulate
 from .regulator import Regulator
 from .sample_plan import SamplePlan
 from .steering import steer
+from .uncertain import Uncertain
 
 __all__ = [
     "Call",
     "Certificate",
+    "Cost",
     "FleetPlan",
+    "Limits",
     "Plan",
     "PlanBound",
     "PlanError",
@@ -28,6 +33,7 @@ __all__ = [
     "Regulator",
     "RiskBound",
     "SamplePlan",
+    "Uncertain",
     "control",
     "control_fleet",
     "predict",

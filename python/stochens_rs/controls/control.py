@@ -11,47 +11,38 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import _core
-from .._base import gate
-from .._base.types import DELTA, Floats, Fusion, worst
+from .._base.types import Floats, Fusion, worst
 from ..exceptions import InputError
 from ..identification.identified import Identified
 from ..theory.dynamics import states
 from ..theory.exact import best, best_control
 from .basis import Basis, known
+from .cost import Cost
 from .entities import fusion_over, problem, step_warnings
 from .limited import Horizon
+from .limits import Limits
 from .model_control import model_control
 from .plan import Plan
-from .task import LimitArguments
+from .task import checked_task, seconds
+from .uncertain import Uncertain
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
     from ..theory.exact import Best
     from .entities import Entity, EntityLike, SystemLike
     from .limited import Limited
-    from .task import LimitsLike
+    from .limits import LimitsLike
 
 
 def control(
     system: SystemLike | Identified,
-    x0: EntityLike,
+    x0: EntityLike | Uncertain,
     xf: EntityLike | None = None,
     *,
     steps: int = 1,
-    fusion: Fusion = "product",
-    x0_error: float = 0.0,
-    robust: bool = False,
-    delta: float = DELTA,
     limits: LimitsLike = None,
-    rate: ArrayLike | None = None,
-    previous: ArrayLike | None = None,
-    Q: ArrayLike | None = None,
-    Qf: ArrayLike | None = None,
-    R: ArrayLike | str | None = None,
-    reference: ArrayLike | None = None,
-    state_limits: LimitsLike = None,
-    soft: float | bool | None = None,
+    cost: Cost | None = None,
+    fusion: Fusion = "product",
+    guarantee: float | None = None,
     time_limit: float | None = None,
 ) -> Plan:
     """Compute the best control from x0 to xf in K steps, from estimates, also within limits.
@@ -65,41 +56,24 @@ def control(
         shape (n, m). In the pair A may be a Fit, an Ensemble or Counts. Or a model from measured
         data, as `identify` makes it; x0 and xf are then arrays.
     x0, xf : Fit, Ensemble, Counts or array_like, shape (n,)
-        Initial state and target; xf is left out if `reference` is given. A Fit or Counts stands for
-        its estimate, an Ensemble for its uniform average. An array counts as exact; for an estimate
-        of your own pass a Fit.
+        Initial state and target; xf is left out if `cost` has a reference. A Fit or Counts stands
+        for its estimate, an Ensemble for its uniform average. An array counts as exact; for an
+        estimate of your own pass a Fit; for a model from data x0 may be `Uncertain`.
     steps : int, default 1
         Number of steps K.
+    limits : Limits, or tuple (low, high), optional
+        Limits of inputs, of their changes and of states; a pair is for the inputs: each a number,
+        (m,) or (K, m), infinite or None where there is none.
+    cost : Cost, optional
+        Weights of states and inputs, and a reference in place of `xf`.
     fusion : {"product", "diagonal"}, default "product"
         "product": the control of the estimates. "diagonal", for one step: the average of the
         controls of the paired realizations, as in the paper; it needs ensembles of equal size (or
         arrays).
-    x0_error : float, default 0.0
-        For a model from data: the true initial state is within this distance of `x0`.
-    robust : bool, default False
+    guarantee : float, optional
         For a model from data and one step: take the u with the smallest bound of
-        ``||x(1) - xf||`` instead of the smallest one that comes nearest according to the model.
-    delta : float, default 0.05
-        The level of that bound, see `Plan.bound`.
-    limits : tuple (low, high), optional
-        Limits of the inputs, each a number, (m,) or (K, m), infinite or None where there is none;
-        equal ones fix an input.
-    rate, previous : float or array_like, shape (m,), optional
-        ``|u(k) - u(k-1)| <= rate`` with ``u(-1) = previous``, the input that is applied now.
-    Q, Qf : float or array_like, shape (n,) or (n, n), optional
-        Weights of the states x(1), ..., x(K-1), and of x(K): numbers, diagonals or matrices, >= 0.
-        Default: Q is 0, and Qf is Q, or I without Q.
-    R : "auto", float or array_like, shape (m,) or (m, m), optional
-        Weight of each input. "auto", the default with limits or other weights:
-        ``1e-8 tr(G'QG) / (m K)``, G from inputs to states; it is in ``plan.limited.R``.
-    reference : array_like, shape (K + 1, n), optional
-        The states wanted at the times 0, ..., K, instead of xf at all of them.
-    state_limits : tuple (low, high), optional
-        Limits of the states x(1), ..., x(K), each a number, (n,) or (K, n), or None.
-    soft : float or bool, optional
-        The weight of the squares of what is beyond `state_limits`; default: 1000 times the largest
-        entry of Q and Qf. False: hard limits, with status "infeasible" if they cannot be kept; with
-        a model from data the true system keeps them with probability 95 %, without noise to come.
+        ``||x(1) - xf||`` with this probability of failure, see `Plan.bound`, instead of the
+        smallest u that comes nearest according to the model.
     time_limit : float, optional
         The time for the control within limits [s]; the best one so far has status "user_limit".
 
@@ -135,15 +109,15 @@ def control(
     more steps, or regularise; ``info["warnings"]`` says so.
 
     Limits or weights: ``J(u) = sum_k ||x(k) - r(k)||^2_Q + ||u(k-1)||^2_R`` over k = 1, ..., K,
-    with Qf at K, is minimised within the limits. `u` keeps its own limits exactly, `rate` and hard
-    `state_limits` to rounding; ``rate_active`` and ``state_active`` say where. The gap
+    with Qf at K, is minimised within the limits. `u` keeps its own limits exactly, rates and hard
+    limits of states to rounding; ``rate_active`` and ``state_active`` say where. The gap
     ``J(u) - min J`` is computed from the result, whatever the solver says; "optimal" means that it
     is at most ``1e-9 (J(0) + J(u))``. fusion="diagonal" is then the control of the average of
     ``xf^s - A^s x0^s``: the average of the controls within limits would be biased. With
     R = 0 more than one control may be the best, and the one returned need not be the smallest.
 
     A model from data takes the place of the exact system, its offset c included: ``xf`` less what
-    c adds over K steps. ``robust``: ``min ||H z - xf|| + radius ||z||`` in the norm of V^-1 with
+    c adds over K steps. ``guarantee``: ``min ||H z - xf|| + radius ||z||`` in the norm of V^-1 with
     ``z = (x0, u, 1)`` and the region of the model, a second-order cone problem.
 
     Examples
@@ -161,34 +135,19 @@ def control(
     >>> found = se.control(model, [1.0, 2.0], [0.0, 0.0], steps=4).bound(0.05)
     >>> found.method, found.target < 0.1
     ('several steps', True)
-    >>> pushed = [[1.0, 1.0], [0.0, 1.0]], [[0.0], [1.0]]
-    >>> plan = se.control(pushed, [1.0, 0.0], [0.0, 0.0], steps=2, limits=(-0.5, 0.5), R=0.0)
+    >>> pushed, cost = ([[1.0, 1.0], [0.0, 1.0]], [[0.0], [1.0]]), se.Cost(R=0.0)
+    >>> plan = se.control(pushed, [1.0, 0.0], [0.0, 0.0], steps=2, limits=(-0.5, 0.5), cost=cost)
     >>> plan.u.ravel(), plan.active.ravel(), round(plan.missed, 6), plan.status
     (array([-0.5,  0.5]), array([-1,  1], dtype=int8), 0.25, 'optimal')
     """
-    given = LimitArguments(
-        limits=limits,
-        rate=rate,
-        previous=previous,
-        Q=Q,
-        Qf=Qf,
-        R=R,
-        reference=reference,
-        state_limits=state_limits,
-        soft=soft,
-        time_limit=time_limit,
-    )
-    level, least = gate.probability("delta", delta), gate.flag("robust", robust)
-    off = gate.nonnegative("x0_error", x0_error)
+    within, weights = Limits.of(limits), Cost.of(cost)
     if isinstance(system, Identified):
-        if level != DELTA and not least:
-            raise InputError("`delta` goes with robust=True; otherwise it belongs to plan.bound")
-        return model_control(
-            system, x0, xf, steps, fusion, given, x0_error=off, robust=least, delta=level
-        )
-    if least or level != DELTA or off:
-        raise InputError("`robust`, `delta` and `x0_error` are for models from data")
-    return _estimates_control(system, x0, xf, steps, fusion, given)
+        return model_control(system, x0, xf, steps, fusion, within, weights, guarantee, time_limit)
+    if guarantee is not None:
+        raise InputError("`guarantee` is for models from data, whose bound it makes small")
+    if isinstance(x0, Uncertain):
+        raise InputError("`x0` may be Uncertain for models from data only; else pass a Fit")
+    return _estimates_control(system, x0, xf, steps, fusion, within, weights, time_limit)
 
 
 def _estimates_control(
@@ -197,17 +156,19 @@ def _estimates_control(
     xf: EntityLike | None,
     steps: int,
     fusion: Fusion,
-    arguments: LimitArguments,
+    limits: Limits,
+    cost: Cost,
+    time_limit: float | None,
 ) -> Plan:
     """The control for exact values and estimates of A, x0 and xf."""
     # 1. the arguments: what is known of each entity, its estimate, and the task within limits
-    B, entities, labels, dt = problem(system, x0, xf, arguments.reference)
+    B, entities, labels, dt = problem(system, x0, xf, cost.reference)
     first, last, matrix = entities
     n, m = B.shape
     K, how = fusion_over(steps, fusion, n, m)
     start, goal = first.estimate(), last.estimate()
-    task = arguments.task(n, m, K, goal, labels)
-    seconds = arguments.seconds(task)
+    task = checked_task(n, m, K, goal, limits, cost, labels)
+    time = seconds(time_limit, task)
 
     # 2. without limits: u = C_K^+ (xf_hat - A_hat^K x0_hat), or the average of the controls
     A: Floats | None = None
@@ -224,7 +185,7 @@ def _estimates_control(
     if task is not None:
         # "diagonal": x(1) is the average of A^s x0^s, plus B u
         horizon = Horizon(task, np.eye(n) if A is None else A, B)
-        limited = horizon.solve(found.free if A is None else start, time_limit=seconds)
+        limited = horizon.solve(found.free if A is None else start, time_limit=time)
         u = limited.u
         if A is None:
             predicted[1] = found.free + B @ u[0]

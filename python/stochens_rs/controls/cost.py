@@ -54,5 +54,3 @@ class Cost(Asked):
     def of(cls, value: Any) -> Cost:
         """`value` itself, or no weights for None."""
         return cls() if value is None else gate.instance("cost", value, cls)
-
-

@@ -16,6 +16,7 @@ from ..exceptions import InputError, InputTypeError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+    from typing_extensions import Self
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +40,7 @@ class Named(Record):
         return np.array(self.values, dtype=dtype)
 
 
-Entries: TypeAlias = "float | Floats | Named | None"
+Entries: TypeAlias = float | Floats | Named | None
 
 
 class Asked(SavedRecord, listed=False):
@@ -53,6 +54,17 @@ class Asked(SavedRecord, listed=False):
     def given(self) -> tuple[str, ...]:
         """The names of what was given."""
         return tuple(one.name for one in fields(self) if getattr(self, one.name) is not None)  # type: ignore[arg-type]
+
+    def only(self, *names: str) -> Self:
+        """Refuse what is not among `names`, where a function has no use for it."""
+        for name in self.given:
+            if name not in names:
+                kind = type(self).__name__
+                raise InputError(
+                    f"`{kind.lower()}` must have {' and '.join(names)} only here, got "
+                    f"{kind}({name}={_shown(getattr(self, name))})"
+                )
+        return self
 
     def __repr__(self) -> str:
         shown = (f"{name}={_shown(getattr(self, name))}" for name in self.given)

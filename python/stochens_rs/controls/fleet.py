@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from .._base import gate
 from .._base.labels import default_labels
 from ..exceptions import InputError
+from .cost import Cost
 from .fleet_design import Box, Worst, least_mean, worst_of_few
 from .fleet_plan import RISKS, FleetPlan, Risk
 from .fleet_units import Systems, read_units
+from .limits import Limits
 from .task import sides, weight
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
+
+    from .limits import LimitsLike
 
 
 def control_fleet(
@@ -22,9 +26,8 @@ def control_fleet(
     xf: ArrayLike,
     steps: int,
     *,
-    limits: Any = None,
-    Q: Any = None,
-    R: Any = None,
+    limits: LimitsLike = None,
+    cost: Cost | None = None,
     risk: Risk = "mean",
     discard: int = 0,
     time_limit: float | None = None,
@@ -44,15 +47,14 @@ def control_fleet(
         The target.
     steps : int
         Number of steps K.
-    limits : pair, optional
-        (low, high) of the inputs, each a number, (m,), (K, m) or None.
-    Q : float or array_like, shape (n,) or (n, n), optional
-        The miss of a unit is ``||x_s(K) - xf||_Q``; the default is 1.
-    R : float or array_like, shape (m,) or (m, m), optional
-        Weight of the inputs, ``||u||_R^2 = sum_k u(k)'R u(k)``. The default is 0 for the mean. For
-        the largest miss it is ``1e-8 max_s tr(G_s'Q G_s) / (K m)`` times I, with G_s the map from
-        the inputs to ``x_s(K)``: of commands that miss about as much, the smallest. With ``R=0``
-        the miss alone counts, however large the inputs.
+    limits : Limits, or tuple (low, high), optional
+        Of the inputs, each a number, (m,), (K, m) or None.
+    cost : Cost, optional
+        The weights Qf and R. The miss of a unit is ``||x_s(K) - xf||_Qf``; the default of Qf is 1.
+        ``||u||_R^2 = sum_k u(k)'R u(k)``; the default of R is 0 for the mean. For the largest miss
+        it is ``1e-8 max_s tr(G_s'Qf G_s) / (K m)`` times I, with G_s the map from the inputs to
+        ``x_s(K)``: of commands that miss about as much, the smallest. With ``R=0`` the miss alone
+        counts, however large the inputs.
     risk : {"mean", "worst"}, default "mean"
         Minimise ``mean_s miss_s^2 + ||u||_R^2``, or the largest ``miss_s^2 + ||u||_R^2``.
     discard : int, default 0
@@ -79,7 +81,7 @@ def control_fleet(
 
     Notes
     -----
-    The mean needs ``H = mean_s G_s'Q G_s + R``: the spread of the units is in it, so that it needs
+    The mean needs ``H = mean_s G_s'Qf G_s + R``: the spread of the units is in it, so that it needs
     no R to be regular.
 
     The largest miss is found by active units: a second-order cone problem for a few of them, then
@@ -95,11 +97,13 @@ def control_fleet(
     >>> se.control_fleet(units, [0.0], [1.0], 1, risk="worst").u.round(6)
     array([[0.666667]])
     """
-    units = read_units(systems, x0, xf, steps, Q)
+    weights = Cost.of(cost).only("Qf", "R")
+    units = read_units(systems, x0, xf, steps, weights.Qf)
     m = units.systems.m
     labels = units.systems.labels or default_labels(units.systems.n, m)
-    low, high = sides("limits", limits, units.steps, labels)
-    box = Box(low.ravel(), high.ravel(), None if R is None else weight("R", R, m))
+    low, high = sides("limits", Limits.of(limits).only("u").u, units.steps, labels)
+    R = None if weights.R is None else weight("R", weights.R, m)
+    box = Box(low.ravel(), high.ravel(), R)
     gate.choice("risk", risk, RISKS)
     count = gate.size("discard", discard, minimum=0, maximum=max(0, units.size - 1))
     limit = None if time_limit is None else gate.positive("time_limit", time_limit)

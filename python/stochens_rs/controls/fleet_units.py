@@ -110,9 +110,9 @@ def read_units(systems: Systems, x0: ArrayLike, xf: ArrayLike, steps: int, Q: An
     K = gate.size("steps", steps, maximum=2**31 // fleet.m)
     goal = gate.vector("xf", xf, length=n)
     # without Q the states count as they are
-    weighed = np.eye(n) if Q is None else weight("Q", Q, n)
+    weighed = np.eye(n) if Q is None else weight("Qf", Q, n)
     if not weighed.any():
-        raise InputError("`Q` must not be 0: every command would be the best")
+        raise InputError("`Qf` must not be 0: every command would be the best")
     return Units(fleet, read_starts(x0, N, n), goal, weighed, K)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 from .entries import Asked, Entries, entries, pair_of
 
@@ -61,3 +61,4 @@ class Limits(Asked):
         return value if isinstance(value, cls) else cls(u=value)
 
 
+LimitsLike: TypeAlias = "Limits | tuple[Any, Any] | None"

@@ -10,6 +10,7 @@ import numpy as np
 from .. import _core
 from .._base import gate
 from .._base.numbers import ROUNDING
+from .._base.types import DELTA
 from ..ensembles.counts import Counts
 from ..ensembles.ensemble import Ensemble
 from ..exceptions import InputError, InputTypeError
@@ -22,13 +23,16 @@ from .limited import Horizon
 from .model_bound import Asked
 from .plan import Plan
 from .region_errors import trajectory
-from .task import LimitArguments
+from .task import checked_task, seconds
+from .uncertain import Uncertain
 
 BEYOND = 2.0  # times the largest value in the data from which a plan gets a warning
 
 if TYPE_CHECKING:
     from .._base.types import Floats
     from ..identification.identified import Identified
+    from .cost import Cost
+    from .limits import Limits
 
 
 def model_control(
@@ -37,37 +41,37 @@ def model_control(
     xf: Any,
     steps: int,
     fusion: str,
-    arguments: LimitArguments,
-    *,
-    x0_error: float,
-    robust: bool,
-    delta: float,
+    limits: Limits,
+    cost: Cost,
+    guarantee: float | None,
+    time_limit: float | None,
 ) -> Plan:
     """Compute the control for a model; the arguments are those of `control`."""
     n, m = model.B.shape
     labels = model.labels
-    start = _exact("x0", x0, labels.states)
-    goal = _exact("xf", ending(arguments.reference, xf, labels.states), labels.states)
+    off = x0.radius if isinstance(x0, Uncertain) else 0.0
+    start = _exact("x0", x0.values if isinstance(x0, Uncertain) else x0, labels.states)
+    goal = _exact("xf", ending(cost.reference, xf, labels.states), labels.states)
     K, how = fusion_over(steps, fusion, n, m)
     if how != "product":
         raise InputError("`fusion` must be 'product' for a model from data, got 'diagonal'")
-    task = arguments.task(n, m, K, goal, labels)
-    seconds = arguments.seconds(task)
+    task = checked_task(n, m, K, goal, limits, cost, labels)
+    time = seconds(time_limit, task)
     # what the offset alone adds over K steps
     drift = trajectory(model._Theta, np.zeros(n), np.zeros((K, m)))[-1]
     found = best_control(model.A, model.B, start, goal - drift, K)
     u, limited = found.u.reshape(K, m), None
-    if robust and task is not None:
-        raise InputError("`robust` must be False with limits or weights")
-    if robust:
-        u = _robust(model, start, goal, K, delta)[None, :]
+    if guarantee is not None and task is not None:
+        raise InputError("`guarantee` must be left out with limits or weights")
+    if guarantee is not None:
+        u = _least_bound(model, start, goal, K, gate.probability("guarantee", guarantee))[None, :]
     if task is not None:
-        end = None if seconds is None else monotonic() + seconds
-        limited = Horizon(task, model.A, model.B, model.c).solve(start, time_limit=seconds)
+        end = None if time is None else monotonic() + time
+        limited = Horizon(task, model.A, model.B, model.c).solve(start, time_limit=time)
         if task.state_low is not None and task.soft is None:
-            basis, plain = ModelBasis(model, start, goal, x0_error), Asked(False, False, False)
+            basis, plain = ModelBasis(model, start, goal, off), Asked(False, False, False)
             left = None if end is None else end - monotonic()
-            limited, _ = within_state_limits(basis, limited, delta, plain, left)
+            limited, _ = within_state_limits(basis, limited, DELTA, plain, left)
         u = limited.u
     else:
         # what acts by rounding alone is 0: the data may say nothing of such an input
@@ -90,7 +94,7 @@ def model_control(
         fusion=how,
         status="completed" if limited is None else limited.status,
         info=info,
-        basis=ModelBasis(model, start, goal, x0_error),
+        basis=ModelBasis(model, start, goal, off),
         limited=limited,
         labels=labels,
         dt=model.dt,
@@ -119,7 +123,7 @@ def _exact(name: str, value: Any, names: tuple[str, ...]) -> Floats:
         mean = "its mean()" if isinstance(value, Ensemble) else "its estimate"
         rest = " or the exact target"
         if name == "x0":
-            rest = ", and as `x0_error` how far x0 may be from it"
+            rest = ", in Uncertain(.., radius) if x0 may be that far from it"
         raise InputTypeError(
             f"`{name}` must be an array with a model from data, got "
             f"{gate.article(type(value))}: pass {mean}{rest}"
@@ -127,20 +131,22 @@ def _exact(name: str, value: Any, names: tuple[str, ...]) -> Floats:
     return gate.vector(name, value, length=len(names), labels=names).copy()
 
 
-def _robust(model: Identified, x0: Floats, xf: Floats, K: int, delta: float) -> Floats:
+def _least_bound(model: Identified, x0: Floats, xf: Floats, K: int, delta: float) -> Floats:
     """The u with the smallest ``||C z - xf|| + radius ||z||``, in the norm of V^-1."""
     if K > 1:
         raise InputError(
-            f"`robust` must be False over {K} steps with a model of one step: identify a model "
-            f"over {K} steps, se.identify(data.k_step({K}, open_loop=True), design='independent')"
+            f"`guarantee` must be left out over {K} steps with a model of one step: identify a "
+            f"model over {K} steps, se.identify(data.k_step({K}, open_loop=True), design='independent')"
             ", and take one step of it"
         )
     region = model.region(delta)
     if len(region.parts) > 1:
-        raise InputError("`robust` must be False for a model with single known entries")
+        raise InputError("`guarantee` must be left out for a model with single known entries")
     if not region.bounded:
         off = f"along {'; '.join(region.missing)}" if region.missing else "there are too few data"
-        raise InputError(f"`robust` must be False: the region of the model is unbounded, {off}")
+        raise InputError(
+            f"`guarantee` must be left out: the region of the model is unbounded, {off}"
+        )
     part, (n, d) = region.parts[0], region.centre.shape
     white = np.zeros((len(part.white), d))
     white[:, part.columns] = part.white

@@ -19,6 +19,7 @@ from ..theory import bounds, moments
 from ..theory.dynamics import checked_ends
 from ..theory.exact import best_control
 from .entities import fusion_over
+from .limits import Limits
 from .sample_plan import Requirement, SamplePlan
 from .task import checked_task
 
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from ..theory.bounds import Bound
-    from .task import LimitsLike
+    from .limits import LimitsLike
 
 
 _START = 1000  # size at which a search starts if no bound has one
@@ -202,7 +203,7 @@ def _limited(labels: Labels, K: int, limits: Any, quantity: str, relative: bool)
             "is another one within them"
         )
     n, m = len(labels.states), len(labels.inputs)
-    checked_task(n, m, K, np.zeros(n), limits=limits, labels=labels)
+    checked_task(n, m, K, np.zeros(n), Limits.of(limits).only("u"), labels=labels)
 
 
 def _needed(share: Callable[[int], float], start: int) -> int:

@@ -13,24 +13,23 @@ from ..theory.exact import best_control
 from .basis import ModelBasis
 from .plan import Plan
 from .region_errors import trajectory
+from .uncertain import Uncertain
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 
-def predict(model: Identified, x0: ArrayLike, inputs: ArrayLike, *, x0_error: float = 0.0) -> Plan:
+def predict(model: Identified, x0: ArrayLike | Uncertain, inputs: ArrayLike) -> Plan:
     """Predict the states under given inputs, as those of a run that was kept apart.
 
     Parameters
     ----------
     model : Model or another model from data
         The model, with its regions.
-    x0 : array_like, shape (n,)
+    x0 : array_like, shape (n,), or Uncertain
         The initial state.
     inputs : array_like, shape (K, m)
         The inputs, one row per step. They may be chosen after the data of the model.
-    x0_error : float, default 0.0
-        How far the true initial state may be from `x0`, in the 2-norm.
 
     Returns
     -------
@@ -59,7 +58,8 @@ def predict(model: Identified, x0: ArrayLike, inputs: ArrayLike, *, x0_error: fl
     if not isinstance(model, Identified):
         raise InputTypeError(f"`model` must be a model from data, got {gate.show(model)}")
     n, m = model.B.shape
-    start = gate.vector("x0", x0, length=n, labels=model.state_names).copy()
+    off, given = (x0.radius, x0.values) if isinstance(x0, Uncertain) else (0.0, x0)
+    start = gate.vector("x0", given, length=n, labels=model.state_names).copy()
     u = gate.inputs("inputs", inputs, cols=m, empty=False, labels=model.input_names).copy()
     path = trajectory(model._Theta, start, u)
     if not np.isfinite(path).all():
@@ -73,7 +73,7 @@ def predict(model: Identified, x0: ArrayLike, inputs: ArrayLike, *, x0_error: fl
         "A": {"method": "from data", "size": None},
         "warnings": model.warnings,
     }
-    basis = ModelBasis(model, start, path[-1].copy(), gate.nonnegative("x0_error", x0_error))
+    basis = ModelBasis(model, start, path[-1].copy(), off)
     reachability = best.reachability()
     known: Any = {"labels": model.labels, "dt": model.dt}
     return Plan(u, path, reachability, "product", "completed", info, basis, **known)

@@ -11,16 +11,16 @@ from .._base import gate, memory
 from .._base.threads import get_num_threads
 from ..exceptions import SolverError
 from ..theory.exact import factors
+from .cost import Cost
 from .entities import problem
 from .limited import OPTIMAL, Horizon
+from .limits import Limits
 from .task import checked_task
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
     from .._base.types import Floats
     from .entities import EntityLike, SystemLike
-    from .task import LimitsLike
+    from .limits import LimitsLike
 
 
 def realization_controls(
@@ -29,8 +29,7 @@ def realization_controls(
     xf: EntityLike,
     *,
     limits: LimitsLike = None,
-    Q: ArrayLike | None = None,
-    R: ArrayLike | str | None = None,
+    cost: Cost | None = None,
     out: Floats | None = None,
 ) -> Floats:
     """Compute one control per realization, ``u^s = B^+ (xf^s - A^s x0^s)``, also within limits.
@@ -43,7 +42,7 @@ def realization_controls(
         Realizations of the initial state and the target; an array is the same for all.
     limits : tuple (low, high), optional
         Limits of the inputs, each a number or (m,), infinite or None where there is none.
-    Q, R : optional
+    cost : Cost, optional
         Weights of the state (default I) and of the input (default with limits or Q: "auto"), as in
         `control`.
     out : ndarray of float64, shape (N, m), optional
@@ -96,7 +95,9 @@ def realization_controls(
     """
     inputs, given, labels, _ = problem(system, x0, xf)
     n, m = inputs.shape
-    task = checked_task(n, m, 1, np.zeros(n), limits=limits, Q=Q, R=R, labels=labels)
+    task = checked_task(
+        n, m, 1, np.zeros(n), Limits.of(limits).only("u"), Cost.of(cost).only("Q", "R"), labels
+    )
     start, goal, matrix = (entity.realizations() for entity in given)
     size = max(entity.size or 1 for entity in given)
     shape = (size, m)

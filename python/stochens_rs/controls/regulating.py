@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .._base import gate
+from ..exceptions import InputError
+from .cost import Cost
 from .regulator import Regulator, checked_model
 from .task import checked_task
 
@@ -15,6 +18,7 @@ if TYPE_CHECKING:
 
     from ..identification.identified import Identified
     from ..system import System
+    from .limits import LimitsLike
 
 
 def regulate(
@@ -22,15 +26,8 @@ def regulate(
     steps: int,
     xf: ArrayLike | None = None,
     *,
-    limits: Any = None,
-    rate: ArrayLike | None = None,
-    previous: ArrayLike | None = None,
-    Q: ArrayLike | None = None,
-    Qf: ArrayLike | None = None,
-    R: ArrayLike | str | None = None,
-    reference: ArrayLike | None = None,
-    state_limits: Any = None,
-    soft: float | bool | None = None,
+    limits: LimitsLike = None,
+    cost: Cost | None = None,
     time_limit: float | None = None,
 ) -> Regulator:
     """Make a feedback that plans K steps ahead at every state and returns the first input.
@@ -43,13 +40,12 @@ def regulate(
         The number of steps K of each plan.
     xf : array_like, shape (n,), optional
         The target; default: the origin.
-    limits, rate, Q, Qf, R, state_limits, soft
+    limits : Limits, or tuple (low, high), optional
         As in `control`. What differs from step to step belongs to the steps of each plan: the
-        input that is returned is always that of the first one.
-    previous : float or array_like, shape (m,), optional
-        With `rate`: the input applied before the first call. Later the one returned last.
-    reference : array_like, shape (K + 1, n), optional
-        The states wanted over the steps of each plan, in place of `xf`.
+        input that is returned is always that of the first one. With a rate, `previous` is the input
+        applied before the first call; later it is the one returned last.
+    cost : Cost, optional
+        As in `control`; a reference has the states wanted over the steps of each plan.
     time_limit : float, optional
         Seconds after which a call returns the best plan so far, with status "user_limit"; looked
         at within factorizations.
@@ -74,7 +70,7 @@ def regulate(
     and the same once more with orthogonal factors where rounding asks for them. Each plan's gap is
     computed from the data, and is in the log.
 
-    With `rate` or `state_limits` a call begins at the active limits of the call before as well, and
+    With limits of rates or states a call begins at the active limits of the call before, too, and
     exchanges them at most 10 times; where that does not lead to a plan whose gap is certified, the
     plan is solved from no earlier one: milliseconds in place of tenths of one.
 
@@ -84,7 +80,8 @@ def regulate(
     Examples
     --------
     >>> import stochens_rs as se
-    >>> loop, x = se.regulate(([[1.0]], [[1.0]]), 1, limits=(-1.0, 1.0), Q=1.0, R=1.0), [5.0]
+    >>> cost = se.Cost(Q=1.0, R=1.0)
+    >>> loop, x = se.regulate(([[1.0]], [[1.0]]), 1, limits=(-1.0, 1.0), cost=cost), [5.0]
     >>> for _ in range(6):
     ...     u = loop(x)
     ...     x = x + u
@@ -95,21 +92,12 @@ def regulate(
     n, m = checked.B.shape
     K = gate.size("steps", steps)
     goal = None if xf is None else gate.vector("xf", xf, length=n, labels=checked.state_names)
-    task = checked_task(
-        n,
-        m,
-        K,
-        np.zeros(n) if goal is None and reference is None else goal,
-        limits=limits,
-        rate=rate,
-        previous=previous,
-        Q=Q,
-        Qf=Qf,
-        R="auto" if R is None else R,  # given: a task also without limits
-        reference=reference,
-        state_limits=state_limits,
-        soft=soft,
-        labels=checked.labels,
-    )
+    weights = Cost.of(cost)
+    if goal is not None and weights.reference is not None:
+        raise InputError("`xf` must be None with a reference, whose last row takes its place")
+    if weights.R is None:  # a task also without limits
+        weights = replace(weights, R="auto")
+    goal = np.zeros(n) if goal is None else goal
+    task = checked_task(n, m, K, goal, limits, weights, checked.labels)
     assert task is not None
     return Regulator(checked, task, time_limit)

@@ -20,8 +20,9 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from ..fusion.fusing import Method
+    from .cost import Cost
+    from .limits import LimitsLike
     from .plan import Plan
-    from .task import LimitsLike
 
 
 def steer(
@@ -34,6 +35,7 @@ def steer(
     method: Method = "uniform",
     fusion: Fusion = "product",
     limits: LimitsLike = None,
+    cost: Cost | None = None,
     rng: RngLike = None,
 ) -> Plan:
     """Sample x0, xf and A, fuse them, and compute the control: all in one call.
@@ -52,8 +54,8 @@ def steer(
         How to fuse; the least-squares methods fit to the exact entity, as in the paper's analysis.
     fusion : {"product", "diagonal"}, default "product"
         As in `control`; "diagonal" goes with one step and method "uniform" only.
-    limits : tuple (low, high), optional
-        Limits of the inputs, as in `control`; weights, references and limits of states go there.
+    limits, cost
+        As in `control`.
     rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
         Source of randomness; the entities draw from its children "x0", "xf" and "A".
 
@@ -99,7 +101,9 @@ def steer(
         fuse(sample(target, size, rng=key.child(name)), method, target=target)
         for name, target in (("x0", start), ("xf", goal), ("A", checked.A))
     )
-    plan = control((A_fit, checked.B), x0_fit, xf_fit, steps=steps, fusion=how, limits=limits)
+    plan = control(
+        (A_fit, checked.B), x0_fit, xf_fit, steps=steps, limits=limits, cost=cost, fusion=how
+    )
     known: Any = {
         "labels": checked.labels,
         "dt": checked.dt if isinstance(checked.dt, float) else None,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
@@ -13,11 +13,9 @@ from .._base.labels import Labels, default_labels
 from .._base.records import Record, require_shapes
 from .._base.types import Floats
 from ..exceptions import InputError, InputTypeError, ShapeError
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    LimitsLike: TypeAlias = tuple[ArrayLike | None, ArrayLike | None] | None
+from .cost import Cost
+from .entries import pair_of
+from .limits import Limits
 
 REGULAR = 1e-8  # R="auto": this share of the mean eigenvalue of G'QG, printed with the plan
 SOFT = 1e3  # weight of soft state limits, in units of the largest eigenvalue of Q
@@ -104,50 +102,6 @@ class Task(Record):
         return root(self.stage), root(self.terminal)
 
 
-@dataclass(frozen=True)
-class LimitArguments:
-    """The limits and weights that `control` was given, not checked yet."""
-
-    limits: LimitsLike
-    rate: ArrayLike | None
-    previous: ArrayLike | None
-    Q: ArrayLike | None
-    Qf: ArrayLike | None
-    R: ArrayLike | str | None
-    reference: ArrayLike | None
-    state_limits: LimitsLike
-    soft: float | bool | None
-    time_limit: float | None
-
-    def task(self, n: int, m: int, K: int, goal: Floats, labels: Labels) -> Task | None:
-        """The limits and weights, checked; None if there are none."""
-        return checked_task(
-            n,
-            m,
-            K,
-            None if self.reference is not None else goal,
-            limits=self.limits,
-            rate=self.rate,
-            previous=self.previous,
-            Q=self.Q,
-            Qf=self.Qf,
-            R=self.R,
-            reference=self.reference,
-            state_limits=self.state_limits,
-            soft=self.soft,
-            labels=labels,
-        )
-
-    def seconds(self, task: Task | None) -> float | None:
-        """The time for the task [s], checked."""
-        if self.time_limit is None:
-            return None
-        if task is None:
-            shown = gate.show(self.time_limit)
-            raise InputError(f"`time_limit` must be left out without limits, got {shown}")
-        return gate.positive("time_limit", self.time_limit)
-
-
 def root(Q: Floats) -> Floats:
     """``F`` with ``F'F = Q``, without the rows that are 0."""
     diagonal = np.diag(Q)
@@ -163,56 +117,57 @@ def checked_task(
     m: int,
     K: int,
     xf: Floats | None,
-    *,
     limits: Any = None,
-    rate: Any = None,
-    previous: Any = None,
-    Q: Any = None,
-    Qf: Any = None,
-    R: Any = None,
-    reference: Any = None,
-    state_limits: Any = None,
-    soft: Any = None,
+    cost: Any = None,
     labels: Labels | None = None,
 ) -> Task | None:
-    """Check the limits and weights of `control`; None if there are none.
+    """What `limits` and `cost` ask for, checked; None if they ask for nothing.
 
-    `xf` is the target, or None where a `reference` is given. Messages use the names in `labels`.
+    `xf` is the target, which a reference replaces. Messages use the names in `labels`.
     """
     named = labels or default_labels(n, m)
-    given = (limits, rate, Q, Qf, R, reference, state_limits)
-    if all(value is None for value in given):
-        for name, value in (("previous", previous), ("soft", soft)):
-            if value is not None:
-                raise InputError(
-                    f"`{name}` must be left out without limits, got {gate.show(value)}"
-                )
+    within, weights = Limits.of(limits), Cost.of(cost)
+    if not weights.given and within.u is None and within.rate is None and within.x is None:
+        for name in within.given:
+            raise InputError(
+                f"`{name}` must be left out without limits, got {gate.show(getattr(within, name))}"
+            )
         return None
-    low, high = sides("limits", limits, K, named)
-    speed, before = _rates(rate, previous, low, high, named)
+    low, high = sides("limits", within.u, K, named)
+    speed, before = _rates(within.rate, within.previous, low, high, named)
+    Q, Qf, R = weights.Q, weights.Qf, weights.R
     stage = np.zeros((n, n)) if Q is None else weight("Q", Q, n)
     terminal = weight("Qf", Qf, n) if Qf is not None else stage if Q is not None else np.eye(n)
     if not stage.any() and not terminal.any():
         raise InputError("`Q` and `Qf` must not both be 0: every control would be the best")
-    auto = R is None or (isinstance(R, str) and R == "auto")
-    cost = None if auto else weight("R", R, m, auto=True)
     below, above = None, None
-    if state_limits is not None:
-        below, above = sides("state_limits", state_limits, K, named)
+    if within.x is not None:
+        below, above = sides("limits.x", within.x, K, named)
     return Task(
         low,
         high,
         stage,
         terminal,
-        _reference(reference, xf, K, named.states),
-        cost,
+        _reference(weights.reference, xf, K, named.states),
+        None if R is None or (isinstance(R, str) and R == "auto") else weight("R", R, m, auto=True),
         speed,
         before,
         below,
         above,
-        soft=_softness(soft, state_limits, max(np.abs(stage).max(), np.abs(terminal).max())),
-        follows=reference is not None,
+        soft=_softness(within, max(np.abs(stage).max(), np.abs(terminal).max())),
+        follows=weights.reference is not None,
     )
+
+
+def seconds(time_limit: Any, task: Task | None) -> float | None:
+    """The time for the task [s], checked."""
+    if time_limit is None:
+        return None
+    if task is None:
+        raise InputError(
+            f"`time_limit` must be left out without limits, got {gate.show(time_limit)}"
+        )
+    return gate.positive("time_limit", time_limit)
 
 
 def weight(name: str, value: Any, n: int, *, auto: bool = False) -> Floats:
@@ -244,16 +199,9 @@ def weight(name: str, value: Any, n: int, *, auto: bool = False) -> Floats:
 def sides(name: str, value: Any, K: int, labels: Labels) -> tuple[Floats, Floats]:
     """The pair (low, high), each a number, (m,), (K, m) or None, as two arrays (K, m)."""
     names = labels.inputs if name == "limits" else labels.states
-    m = len(names)
-    if value is None:
-        return np.full((K, m), -np.inf), np.full((K, m), np.inf)
-    try:
-        pair = gate.items(name, value)
-    except InputTypeError:
-        found = gate.show(value)
-        raise InputTypeError(f"`{name}` must be a pair (low, high), got {found}") from None
-    if len(pair) != 2:
-        raise InputError(f"`{name}` must be a pair (low, high), got {len(pair)} items")
+    pair = pair_of(name, value)
+    if pair is None:
+        return np.full((K, len(names)), -np.inf), np.full((K, len(names)), np.inf)
     low = _side(f"{name}[0]", pair[0], K, names, -np.inf)
     high = _side(f"{name}[1]", pair[1], K, names, np.inf)
     wrong = np.argwhere(low > high)
@@ -333,21 +281,19 @@ def _reference(value: Any, xf: Floats | None, K: int, names: tuple[str, ...]) ->
     """``r(1), ..., r(K)`` from (K + 1, n), or xf for all of them."""
     if value is None:
         if xf is None:
-            raise InputError("`xf` must be given without `reference`")
+            raise InputError("`xf` must be given without a reference, `Cost(reference=)`")
         return np.ascontiguousarray(np.broadcast_to(xf, (K, len(names))))
-    if xf is not None:
-        raise InputError("`xf` must be None with `reference`, whose last row takes its place")
     given = gate.matrix("reference", value, rows=K + 1, cols=len(names), labels=names)
     return np.ascontiguousarray(given[1:])
 
 
-def _softness(soft: Any, state_limits: ArrayLike | None, largest: float) -> float | None:
-    if state_limits is None:
-        if soft is not None:
-            raise InputError("`soft` must be left out without `state_limits`")
+def _softness(limits: Limits, largest: float) -> float | None:
+    if limits.x is None:
+        if limits.soft is not None:
+            raise InputError("`soft` must be left out without limits of states, `Limits(x=)`")
         return None
-    if soft is None or soft is True:
+    if limits.soft is None or limits.soft is True:
         return SOFT * largest
-    if soft is False:
+    if limits.soft is False:
         return None
-    return gate.positive("soft", soft)
+    return gate.positive("soft", limits.soft)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,9 +12,11 @@ from .._base import gate
 from .._base.labels import default_labels
 from .._base.records import Record
 from .._base.types import Floats
+from ..controls.cost import Cost
 from ..controls.fleet import control_fleet
 from ..controls.fleet_plan import RISKS, Risk
 from ..controls.fleet_units import Units, read_systems, read_units
+from ..controls.limits import Limits
 from ..controls.task import sides, weight
 from ..ensembles import SystemEnsemble
 from ..exceptions import InputError
@@ -22,6 +24,9 @@ from ..rng import Key
 from ..system import System
 from .ready_runs import changed
 from .units import PURE
+
+if TYPE_CHECKING:
+    from ..controls.limits import LimitsLike
 
 
 def fleet(
@@ -35,9 +40,8 @@ def fleet(
     held_out: int = 1000,
     risk: Risk = "worst",
     beta: float = 1e-3,
-    limits: Any = None,
-    Q: Any = None,
-    R: Any = None,
+    limits: LimitsLike = None,
+    cost: Cost | None = None,
 ) -> Fleet:
     """Return the function of a study of one command for a fleet, against the units it is made for.
 
@@ -62,7 +66,7 @@ def fleet(
     beta : float, default 1e-3
         Probability that the certificate fails: `FleetPlan.certify`; for the mean
         `FleetPlan.validate` on `size` more units.
-    limits, Q, R
+    limits, cost
         As in `control_fleet`.
 
     Returns
@@ -88,10 +92,11 @@ def fleet(
     if nominal != (spread is not None):
         raise InputError("`spread` must be given for one nominal system, and only there")
     law = SystemEnsemble.from_systems([units]) if nominal else read_systems(units)
-    read_units(law, gate.vector("x0", x0), xf, steps, Q)
-    sides("limits", limits, gate.size("steps", steps), law.labels or default_labels(law.n, law.m))
-    if R is not None:
-        weight("R", R, law.m)
+    within, weights = Limits.of(limits).only("u"), Cost.of(cost).only("Qf", "R")
+    read_units(law, gate.vector("x0", x0), xf, steps, weights.Qf)
+    sides("limits", within.u, gate.size("steps", steps), law.labels or default_labels(law.n, law.m))
+    if weights.R is not None:
+        weight("R", weights.R, law.m)
     return Fleet(
         law=law,
         x0=gate.vector("x0", x0, length=law.n).copy(),
@@ -102,9 +107,8 @@ def fleet(
         held_out=gate.size("held_out", held_out),
         risk=risk,
         beta=beta,
-        limits=limits,
-        Q=Q,
-        R=R,
+        limits=within,
+        cost=weights,
     )
 
 
@@ -124,7 +128,7 @@ class Fleet(Record, listed=False):
     ----------
     law : SystemEnsemble
         The units that are drawn from, or the nominal one.
-    x0, xf, steps, spread, size, held_out, risk, beta, limits, Q, R
+    x0, xf, steps, spread, size, held_out, risk, beta, limits, cost
         As in `fleet`.
     """
 
@@ -137,9 +141,8 @@ class Fleet(Record, listed=False):
     held_out: int
     risk: Risk
     beta: float
-    limits: Any
-    Q: Any
-    R: Any
+    limits: Limits
+    cost: Cost
 
     def __post_init__(self) -> None:
         gate.size("size", self.size)
@@ -168,8 +171,7 @@ class Fleet(Record, listed=False):
             *ends,
             now.steps,
             limits=self.limits,
-            Q=self.Q,
-            R=self.R,
+            cost=self.cost,
             risk=now.risk,
         )
         if now.risk == "worst":

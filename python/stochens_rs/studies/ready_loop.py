@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,8 @@ from .._base import gate
 from .._base.labels import order_of
 from .._base.records import Record
 from .._base.types import Floats
+from ..controls.cost import Cost
+from ..controls.limits import Limits
 from ..controls.regulating import regulate
 from ..controls.regulator import checked_model
 from ..controls.task import sides, weight
@@ -32,10 +34,7 @@ def closed_loop(
     *,
     steps: int = 10,
     limits: Any = None,
-    Q: ArrayLike = 1.0,
-    R: ArrayLike = 1.0,
-    state_limits: Any = None,
-    soft: float | bool | None = None,
+    cost: Cost | None = None,
     noise: ArrayLike = 0.0,
     length: int = 50,
     model: Any = None,
@@ -52,14 +51,10 @@ def closed_loop(
         The target; default: the origin.
     steps : int, default 10
         Number of steps K that each call of the feedback plans.
-    limits : float or tuple (low, high), optional
-        Limits of the inputs, each a number or (m,); one number L stands for (-L, L).
-    Q, R : float, array_like of shape (n,), (m,) or matrices, default 1.0
-        Weights of states and inputs.
-    state_limits : tuple (low, high), optional
-        Limits of the states, each a number or (n,).
-    soft : float or bool, optional
-        As in `regulate`.
+    limits : Limits, float or tuple (low, high), optional
+        As in `regulate`, the same in every step; one number L stands for (-L, L).
+    cost : Cost, optional
+        The weights Q, Qf and R; the default of Q and R is 1.
     noise : float or array_like, shape (n,), default 0.0
         Standard deviations of the Gaussian noise w(k) of `system`.
     length : int, default 50
@@ -70,8 +65,8 @@ def closed_loop(
     Returns
     -------
     ClosedLoop
-        ``function(key, steps, limits, Q, R, noise, model)``, for a grid of any of these. Pairs,
-        arrays and models need labels there.
+        ``function(key, steps, limits, Q, R, noise, model)``, for a grid of any of these: limits of
+        inputs, and Q or R in place of those of `cost`. Pairs, arrays and models need labels there.
 
     Raises
     ------
@@ -82,7 +77,7 @@ def closed_loop(
     --------
     >>> import stochens_rs as se
     >>> cart = ([[1.0, 0.1], [0.0, 1.0]], [[0.0], [0.1]])
-    >>> function = se.studies.closed_loop(cart, [1, 0], R=0.1, noise=0.001)
+    >>> function = se.studies.closed_loop(cart, [1, 0], cost=se.Cost(R=0.1), noise=0.001)
     >>> study = se.Study(function, {"limits": [0.2, 1.0]}, replicates=5, rng=1)
     >>> study.run().values["limited"].mean(axis=1) > 0.1
     array([ True, False])
@@ -93,15 +88,17 @@ def closed_loop(
     if xf is not None:
         goal = gate.vector("xf", xf, length=n, labels=known.state_names).copy()
     acting = known if model is None else _acting(model, known)
-    options = {"Q": Q, "R": R, "state_limits": state_limits, "soft": soft}
-    regulate(acting, steps, goal, limits=_pair(limits), **options)  # refuses what does not fit
+    within, weights = _within(limits), Cost.of(cost).only("Q", "Qf", "R")
+    Q, R = (1.0 if one is None else None for one in (weights.Q, weights.R))
+    weights = _weighted(weights, Q, R)
+    regulate(acting, steps, goal, limits=within, cost=weights)  # refuses what does not fit
     return ClosedLoop(
         system=known,
         x0=gate.vector("x0", x0, length=n, labels=known.state_names).copy(),
         xf=goal,
         steps=steps,
-        limits=limits,
-        **options,
+        limits=within,
+        cost=weights,
         noise=deviations(noise, n),
         length=gate.size("length", length),
         model=acting,
@@ -120,7 +117,7 @@ class ClosedLoop(Record, listed=False):
 
     Attributes
     ----------
-    system, x0, xf, steps, limits, Q, R, state_limits, soft, noise, length, model
+    system, x0, xf, steps, limits, cost, noise, length, model
         As in `closed_loop`.
     """
 
@@ -128,11 +125,8 @@ class ClosedLoop(Record, listed=False):
     x0: Floats
     xf: Floats
     steps: int
-    limits: Any
-    Q: Any
-    R: Any
-    state_limits: Any
-    soft: float | bool | None
+    limits: Limits
+    cost: Cost
     noise: Any
     length: int
     model: Any
@@ -147,26 +141,25 @@ class ClosedLoop(Record, listed=False):
         """Return the numbers of one replicate."""
         for name in axes:
             gate.choice("axis", name, ("steps", "limits", "Q", "R", "noise", "model"))
+        Q, R = axes.pop("Q", None), axes.pop("R", None)
+        within = _within(axes.pop("limits")) if "limits" in axes else None
         now, (n, m) = changed(self, **axes), self.system.B.shape
-        limits = _pair(now.limits)
+        limits = self.limits if within is None else replace(self.limits, u=within.u)
         loop = regulate(
             _acting(now.model, self.system),
             now.steps,
             self.xf,
             limits=limits,
-            Q=now.Q,
-            R=now.R,
-            state_limits=self.state_limits,
-            soft=self.soft,
+            cost=_weighted(self.cost, Q, R),
         )
         reference = np.tile(self.xf, (self.length + 1, 1))
         ride = track(self.system, reference, controller=loop, x0=self.x0, noise=now.noise, rng=key)
-        low, high = sides("limits", limits, 1, self.system.labels)
-        below, above = sides("state_limits", self.state_limits, 1, self.system.labels)
+        low, high = sides("limits", limits.u, 1, self.system.labels)
+        below, above = sides("limits.x", limits.x, 1, self.system.labels)
         x, u, off = ride.states[1:], ride.inputs, ride.states[1:] - self.xf
-        cost = np.sum((off @ weight("Q", self.Q, n)) * off)
+        cost = np.sum((off @ weight("Q", self.cost.Q, n)) * off)
         return {
-            "cost": float(cost + np.sum((u @ weight("R", self.R, m)) * u)),
+            "cost": float(cost + np.sum((u @ weight("R", self.cost.R, m)) * u)),
             "limited": float(np.mean((u <= low) | (u >= high))),
             "violation": float(max(0.0, (x - above).max(), (below - x).max())),
             "distance": float(ride.errors[-1]),
@@ -191,6 +184,13 @@ def _acting(model: Any, system: System) -> System | Identified:
     return acting
 
 
-def _pair(limits: Any) -> Any:
-    """(-L, L) for a number L."""
-    return (-gate.nonnegative("limits", limits), limits) if gate.is_real(limits) else limits
+def _within(limits: Any) -> Limits:
+    """Limits, with (-L, L) for a number L."""
+    if gate.is_real(limits):
+        limits = -gate.nonnegative("limits", limits), limits
+    return Limits.of(limits)
+
+
+def _weighted(cost: Cost, Q: Any, R: Any) -> Cost:
+    """`cost` with Q and R in place of its own where they are given."""
+    return replace(cost, Q=cost.Q if Q is None else Q, R=cost.R if R is None else R)

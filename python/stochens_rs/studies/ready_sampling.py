@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from .._base import gate
 from .._base.records import Record
 from .._base.types import DELTA, QUANTITIES, Floats, Quantity
+from ..controls.limits import Limits
 from ..controls.steering import steer
 from ..controls.task import sides
 from ..fusion.fusing import Method
@@ -20,7 +21,7 @@ from .ready_runs import changed
 from .units import PURE
 
 if TYPE_CHECKING:
-    from ..controls.task import LimitsLike
+    from ..controls.limits import LimitsLike
 
 
 def sampling_coverage(
@@ -79,7 +80,7 @@ def sampling_coverage(
     start = gate.vector("x0", x0, length=known.n).copy()
     goal = gate.vector("xf", xf, length=known.n).copy()
     gate.choice("method", method, get_args(Method))
-    sides("limits", limits, gate.size("steps", steps), known.labels)
+    sides("limits", Limits.of(limits).only("u").u, gate.size("steps", steps), known.labels)
     return SamplingCoverage(known, start, goal, size, steps, delta, method, quantity, limits)
 
 

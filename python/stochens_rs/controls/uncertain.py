@@ -1,0 +1,46 @@
+"""`Uncertain`: a state that is known up to a distance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .._base import gate
+from .._base.records import SavedRecord
+from .entries import Entries, entries
+
+
+@dataclass(frozen=True, eq=False)
+class Uncertain(SavedRecord):
+    """The initial state of a plan for a model from data, where it is known up to a distance.
+
+    Parameters
+    ----------
+    values : array_like, shape (n,)
+        The state, as far as it is known.
+    radius : float
+        The true state is within this distance of `values`, in the 2-norm; 0 or more.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If an argument cannot be used.
+
+    Examples
+    --------
+    >>> import stochens_rs as se
+    >>> se.Uncertain([1.0, 2.0], 0.1)
+    Uncertain([1.0, 2.0], 0.1)
+    """
+
+    values: Entries
+    radius: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "values", entries("values", self.values))
+        object.__setattr__(self, "radius", gate.nonnegative("radius", self.radius))
+        super().__post_init__()
+
+    def __repr__(self) -> str:
+        return f"Uncertain({np.asarray(self.values).tolist()}, {self.radius:.6g})"

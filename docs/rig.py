@@ -263,7 +263,8 @@ def within_limits(images: Path) -> None:
     """The figures of limits.md: a plan within limits, and the feedback."""
     data, _ = runs(30, np.random.default_rng(1), gaussian)
     model = se.identify(data, sigma=SIGMA, scale=SCALE)
-    task: dict[str, Any] = {"limits": (-1.0, 1.0), "Q": [1.0, 10.0, 0.1, 1.0], "R": 0.01}
+    cost = se.Cost(Q=[1.0, 10.0, 0.1, 1.0], R=0.01)
+    task: dict[str, Any] = {"limits": (-1.0, 1.0), "cost": cost}
     plan = se.control(model, X0, XF, steps=20, **task)
     figure = plan.plot(plan.bound(DELTA), measured=plan.states((A, B), X0))
     figure.savefig(images / "limits-plan.png", dpi=110)

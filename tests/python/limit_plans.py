@@ -18,7 +18,7 @@ LIMITS = {
 }
 
 
-def asked(**given):
+def within(**given):
     """The arguments of `control`, from limits and weights that have a name each."""
     limits = {to: given.pop(name) for name, to in LIMITS.items() if name in given}
     cost = {name: given.pop(name) for name in ("Q", "Qf", "R", "reference") if name in given}

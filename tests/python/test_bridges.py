@@ -260,7 +260,9 @@ USES = {
     "control with limits": lambda x, y, u, r, low: (
         se.control(PLANT, x, y, steps=4, limits=se.Limits(u=low, rate=low[1], previous=low[1])).u
     ),
-    "reference": lambda x, y, u, r, low: se.control(PLANT, x, steps=3, cost=se.Cost(reference=r, Q=1.0)).u,
+    "reference": lambda x, y, u, r, low: (
+        se.control(PLANT, x, steps=3, cost=se.Cost(reference=r, Q=1.0)).u
+    ),
     "state limits": lambda x, y, u, r, low: (
         se.control(PLANT, x, y, steps=4, limits=se.Limits(x=(None, x + 1.0))).u
     ),
@@ -270,7 +272,9 @@ USES = {
     "simulate": lambda x, y, u, r, low: se.simulate(PLANT, x, u).states,
     "simulate_ensemble": lambda x, y, u, r, low: se.simulate_ensemble(PLANT, x, u, 5, rng=1).mean,
     "track": lambda x, y, u, r, low: se.track(PLANT, r, 5, x0=x, rng=1).states,
-    "regulate": lambda x, y, u, r, low: se.regulate(PLANT, 3, y, limits=low, cost=se.Cost(Q=1.0))(x),
+    "regulate": lambda x, y, u, r, low: (
+        se.regulate(PLANT, 3, y, limits=low, cost=se.Cost(Q=1.0))(x)
+    ),
     "states": lambda x, y, u, r, low: se.control(PLANT, X0, XF, steps=2).states(PLANT, x),
     "error": lambda x, y, u, r, low: se.control(PLANT, X0, XF).error(PLANT, x, y).state,
     "error within limits": lambda x, y, u, r, low: (

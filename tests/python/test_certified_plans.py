@@ -402,12 +402,12 @@ def refusals():
     drawn = se.sample(x0, 9, rng=1)
     exact = se.control((A, B), x0, xf)
     bounded = se.identify(data, noise="bounded", sigma=1.0, checks=False)
-    yield InputTypeError, "`x0` .* `x0_error`", lambda: se.control(model, drawn, xf)
+    yield InputTypeError, "`x0` .* Uncertain", lambda: se.control(model, drawn, xf)
     yield InputTypeError, "`xf` must be an array", lambda: se.control(model, x0, se.fuse(drawn))
     yield InputError, "`fusion`", lambda: se.control(model, x0, xf, fusion="diagonal")
     yield InputError, "k_step", lambda: se.control(model, x0, xf, steps=2, guarantee=0.05)
-    yield InputError, "`delta` goes with robust", lambda: se.control(model, x0, xf, delta=0.1)
-    yield se.exceptions.SizeError, "x0_error", lambda: se.control(model, se.Uncertain(x0, -1.0), xf)
+    yield InputError, "`guarantee`", lambda: se.control(model, x0, xf, guarantee=1.5)
+    yield se.exceptions.SizeError, "radius", lambda: se.control(model, se.Uncertain(x0, -1.0), xf)
     yield InputError, "models from data", lambda: se.control((A, B), x0, xf, guarantee=0.05)
     yield InputError, "models from data", lambda: se.control((A, B), se.Uncertain(x0, 1.0), xf)
     yield InputError, "models from data", lambda: exact.bound(noise=True)
@@ -424,7 +424,7 @@ def refusals():
         lambda: se.control(bounded, x0, xf, steps=3).bound(open_loop=True),
     )  # fmt: skip
     yield (
-        InputError, "`x0_fixed` must be False with `x0_error`",
+        InputError, "`x0_fixed` must be False with an Uncertain x0",
         lambda: se.control(model, se.Uncertain(x0, 0.1), xf).bound(x0_fixed=True),
     )  # fmt: skip
     known = np.where(gen.random((4, 4)) < 0.5, np.nan, A)

@@ -334,7 +334,7 @@ def test_control_of_a_known_system(tmp_path, capsys):
         (["--from", "1,nan"], ["--from", "finite"]),
         (["--from", "1,up"], ["--from", "'1,up'"]),
         (["--from", "1,0", "--steps", "0"], ["--steps"]),
-        (["--from", "1,0", "--steps", "3", "--robust"], ["robust"]),
+        (["--from", "1,0", "--steps", "3", "--robust"], ["guarantee"]),
         (["--from", "1,0", "--open-loop"], ["--open-loop"]),
     ],
 )

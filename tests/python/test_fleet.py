@@ -310,7 +310,7 @@ def test_bad_arguments_are_named() -> None:
         (lambda: se.control_fleet(two, [0.0], [np.nan], 1), InputError, "`xf"),
         (lambda: se.control_fleet(two, [0.0], [1.0], 0), SizeError, "`steps`"),
         (lambda: se.control_fleet(two, [0.0], [1.0], 1, limits=(1, -1)), InputError, "low <= high"),
-        (lambda: se.control_fleet(two, [0.0], [1.0], 1, cost=se.Cost(Qf=0.0)), InputError, "`Q`"),
+        (lambda: se.control_fleet(two, [0.0], [1.0], 1, cost=se.Cost(Qf=0.0)), InputError, "`Qf`"),
         (lambda: se.control_fleet(two, [0.0], [1.0], 1, cost=se.Cost(R=-1.0)), InputError, "`R`"),
         (lambda: se.control_fleet(two, [0.0], [1.0], 1, risk="best"), InputError, "`risk`"),  # type: ignore[arg-type]
         (lambda: se.control_fleet(two, [0.0], [1.0], 1, discard=1), InputError, "`discard`"),

@@ -22,7 +22,7 @@ from scipy import stats
 import stochens_rs as se
 from coverage_study import ALARM, at_most
 from hidden_systems import KINDS, NOISES, covariance, drawn
-from limit_plans import asked
+from limit_plans import within
 from stochens_rs.exceptions import DataWarning
 from stochens_rs.rng import as_key
 from stochens_rs.theory import bounds, moments
@@ -154,11 +154,11 @@ def limited(*, steps, uncertain, formula=False, count=4, R=0.1):
             A, start, goal = estimates(gen, system, x0, xf)
             matrix = A if uncertain else system.A
             how = {"steps": steps, "limits": LIMITS, "R": R}
-            plan = se.control((matrix, system.B), start, goal, **asked(**how))
+            plan = se.control((matrix, system.B), start, goal, **within(**how))
             if bound is None or bound.state_bound != "simulated":
                 bound = plan.bound(DELTA)
             assert formula == (bound.reason is not None)
-            v = se.control((system.A, system.B), x0, xf, **asked(**how)).limited
+            v = se.control((system.A, system.B), x0, xf, **within(**how)).limited
             wrong = (plan.u - v.u).astype(np.longdouble)
             reached = rolled(system, 0.0 * x0, wrong)[-1]
             cost = R * np.sum(wrong * (wrong + 2 * v.u))
@@ -281,7 +281,7 @@ def certificates(*, design="adaptive", noise=False, **options):
         model = se.identify(runs.data, design=design, checks=False, scale=scale(runs), **how)
         x0, xf = ends(gen, system, runs.sizes)
         for steps in (1, 3):
-            plan = se.control(model, x0, xf, steps=steps, **asked(**options))
+            plan = se.control(model, x0, xf, steps=steps, **within(**options))
             found = plan.bound(DELTA, noise=noise)
             w = gen.standard_normal((steps, len(x0))) @ runs.root.T if noise else None
             path = rolled(system, x0, plan.u, w)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from limit_plans import asked
+from limit_plans import within
 from limit_problems import draw_box, draw_map, draw_steps, weight
 from stochens_rs.controls import limit_bound, limit_certificate, limited_errors, uncertain_map
 from stochens_rs.controls.basis import ModelBasis
@@ -450,7 +450,7 @@ def test_a_time_limit_ends_the_search_for_limits_that_the_tube_keeps(gen):
         assert done.status != "user_limit"
         assert done.missing < found.missing
     more = {"limits": (-1, 1), "state_limits": (-1.0, 0.98), "soft": False}
-    plan = se.control(model, x0, xf, steps=2, time_limit=1e-9, **asked(**more))
+    plan = se.control(model, x0, xf, steps=2, time_limit=1e-9, **within(**more))
     assert plan.status == "user_limit"
     assert plan.limited.missing > 0.0
 

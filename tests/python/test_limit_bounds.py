@@ -14,7 +14,7 @@ import pytest
 
 import stochens_rs as se
 from hidden_systems import of_each_kind
-from limit_plans import asked
+from limit_plans import within
 from limit_problems import draws, weight
 from stochens_rs import _core
 from stochens_rs.controls import limit_bound, limit_certificate, limited_errors, uncertain_map
@@ -42,7 +42,7 @@ class Planned:
         basis = self.basis = self.plan.basis
         n, m = basis.B.shape
         goal = basis.xf.estimate
-        self.task = checked_task(n, m, K, goal, **asked(**limits))
+        self.task = checked_task(n, m, K, goal, **within(**limits))
         matrix = basis.A.estimate
         start = self.plan.predicted_states[0]
         self.limited = Horizon(self.task, matrix, basis.B).solve(start)
@@ -138,7 +138,7 @@ def test_a_moved_target_by_draws_of_the_twin(K):
     for more in ({}, soft):
         first = se.sample(A, N, rng=5) if K == 1 else A
         plan = se.control((first, B), se.sample(x0, N, rng=1), se.sample(xf, N, rng=2), steps=K)
-        task = checked_task(n, B.shape[1], K, xf, **asked(**more, limits=(-1, 1), Q=Q, R=1.0))
+        task = checked_task(n, B.shape[1], K, xf, **within(**more, limits=(-1, 1), Q=Q, R=1.0))
         exact = Horizon(task, A, B)
         errors = limited_errors.MovedTarget(
             limit_bound.plan_errors(plan.basis, K, "product"), exact
@@ -234,7 +234,7 @@ def measured(gen, A, B, count, noise):
 
 def certified(model, x0, xf, K, delta=0.1, x0_error=0.0, asked=PLAIN, **limits):
     n, m = model.B.shape
-    task = checked_task(n, m, K, xf, **asked(**limits))
+    task = checked_task(n, m, K, xf, **within(**limits))
     basis = ModelBasis(model, x0, xf, x0_error)
     limited = Horizon(task, model.A, model.B, model.c).solve(x0)
     predicted = states(model.A, model.B, x0, limited.u)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from limit_plans import WAYS, asked, check, draw_case, exactly
+from limit_plans import WAYS, check, draw_case, exactly, within
 from limit_problems import draw_box, draw_map, weight
 from stochens_rs import _core
 from stochens_rs.exceptions import InputError
@@ -67,7 +67,7 @@ def test_a_model_with_an_offset(gen):
     for inputs in plan.u:
         states.append(model.A @ states[-1] + model.B @ inputs + model.c)
     np.testing.assert_allclose(plan.predicted_states, states, rtol=1e-12)
-    with pytest.raises(InputError, match="`robust` must be False with limits"):
+    with pytest.raises(InputError, match="`guarantee` must be left out with limits"):
         se.control(model, x0, xf, guarantee=0.05, limits=(-1.0, 1.0))
 
 
@@ -78,7 +78,7 @@ def test_the_error_is_the_distance_from_the_limited_best(gen):
     for i in range(30):
         A, B, x0, K, low, high, weights = draw_case(gen, i, steps=(1, 2, 4))
         xf, other = gen.normal(size=len(A)), A + 0.1 * gen.normal(size=A.shape)
-        drawn = se.control((other, B), x0, xf, steps=K, **asked(limits=(low, high), **weights))
+        drawn = se.control((other, B), x0, xf, steps=K, **within(limits=(low, high), **weights))
         error = drawn.error((A, B), x0, xf)
         p = lp.several_steps(A, B, x0, xf, K, low=low, high=high, **weights)
         best, n = lc.solve(p), len(A)
@@ -145,10 +145,10 @@ def test_a_time_limit_gives_a_control_within_the_limits(gen):
     A, B = np.linalg.qr(gen.normal(size=(30, 30)))[0], gen.normal(size=(30, 8))
     x0, K = 10.0 * gen.normal(size=30), 25
     more = {"limits": (-0.2, 0.3), "Q": 1.0, "R": 1e-4}
-    plan = se.control((A, B), x0, np.zeros(30), steps=K, time_limit=1e-9, **asked(**more))
+    plan = se.control((A, B), x0, np.zeros(30), steps=K, time_limit=1e-9, **within(**more))
     assert plan.status == "user_limit"
     assert np.all((plan.u >= -0.2) & (plan.u <= 0.3))
-    done = se.control((A, B), x0, np.zeros(30), steps=K, time_limit=60.0, **asked(**more))
+    done = se.control((A, B), x0, np.zeros(30), steps=K, time_limit=60.0, **within(**more))
     assert done.status == "optimal"
     assert plan.gap >= plan.objective - done.objective - 1e-9 * done.objective
 
@@ -179,7 +179,7 @@ def test_realization_controls_are_those_of_each_target(gen):
 def test_a_gap_above_its_tolerance_is_solved_again(gen, monkeypatch):
     A, B, (x0, xf) = gen.normal(size=(3, 3)), gen.normal(size=(3, 2)), gen.normal(size=(2, 3))
     drawn, more = se.sample(A, 20, rng=1), {"limits": (-0.1, 0.2), "R": 0.1}
-    right = se.realization_controls((drawn, B), x0, xf, **asked(**more))
+    right = se.realization_controls((drawn, B), x0, xf, **within(**more))
     batch = _core.box_batch
 
     def wrong(*given):
@@ -189,7 +189,7 @@ def test_a_gap_above_its_tolerance_is_solved_again(gen, monkeypatch):
         return u, gaps
 
     monkeypatch.setattr(_core, "box_batch", wrong)
-    again = se.realization_controls((drawn, B), x0, xf, **asked(**more))
+    again = se.realization_controls((drawn, B), x0, xf, **within(**more))
     np.testing.assert_allclose(again, right, atol=1e-9)
 
 
@@ -255,14 +255,14 @@ def test_order_and_units_do_not_matter(gen):
         n, m = B.shape
         xf, R = gen.normal(size=n), gen.uniform(0.1, 1.0, size=m)
         more = weights | {"R": R}
-        u = se.control((A, B), x0, xf, steps=K, **asked(limits=(low, high), **more)).u
+        u = se.control((A, B), x0, xf, steps=K, **within(limits=(low, high), **more)).u
         order = gen.permutation(m)
         permuted = se.control(
             (A, B[:, order]),
             x0,
             xf,
             steps=K,
-            **asked(limits=(low[..., order], high[..., order]), **more | {"R": R[order]}),
+            **within(limits=(low[..., order], high[..., order]), **more | {"R": R[order]}),
         )
         np.testing.assert_allclose(permuted.u, u[:, order], atol=1e-7 * (1 + np.abs(u).max()))
         units = 2.0 ** gen.integers(-4, 5, size=m)
@@ -271,10 +271,14 @@ def test_order_and_units_do_not_matter(gen):
             x0,
             xf,
             steps=K,
-            **asked(limits=(low * units, high * units), **more | {"R": R / units**2}),
+            **within(limits=(low * units, high * units), **more | {"R": R / units**2}),
         )
         np.testing.assert_allclose(scaled.u / units, u, atol=1e-7 * (1 + np.abs(u).max()))
         larger = se.control(
-            (A, B), 4.0 * x0, 4.0 * xf, steps=K, **asked(limits=(4.0 * low, 4.0 * high), **more)
+            (A, B),
+            4.0 * x0,
+            4.0 * xf,
+            steps=K,
+            **within(limits=(4.0 * low, 4.0 * high), **more),
         )
         np.testing.assert_allclose(larger.u / 4.0, u, atol=1e-7 * (1 + np.abs(u).max()))

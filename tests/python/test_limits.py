@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import stochens_rs as se
-from limit_plans import WAYS, asked, check, draw_case, exactly
+from limit_plans import WAYS, check, draw_case, exactly, within
 from limit_problems import draw_box
 from stochens_rs import _core
 from stochens_rs.controls.limited import LONG, Horizon
@@ -124,7 +124,7 @@ def test_boxes_equal_the_twin(gen):
     for i in range(250):
         A, B, x0, K, low, high, weights = draw_case(gen, i)
         xf = gen.normal(size=len(A))
-        plan = se.control((A, B), x0, xf, steps=K, **asked(limits=(low, high), **weights))
+        plan = se.control((A, B), x0, xf, steps=K, **within(limits=(low, high), **weights))
         p = lp.several_steps(A, B, x0, xf, K, low=low, high=high, **weights)
         best = check(plan, p)
         size = 1e-6 * (1.0 + np.max(np.abs(best.multipliers)))
@@ -138,7 +138,10 @@ def test_references_equal_the_twin(gen):
         A, B, x0, K, low, high, weights = draw_case(gen, i)
         reference = gen.normal(size=(K + 1, len(A)))
         plan = se.control(
-            (A, B), x0, steps=K, **asked(**weights, limits=(low, high), reference=reference)
+            (A, B),
+            x0,
+            steps=K,
+            **within(**weights, limits=(low, high), reference=reference),
         )
         p = lp.several_steps(A, B, x0, reference[1:], K, low=low, high=high, **weights)
         check(plan, p)
@@ -154,7 +157,7 @@ def test_long_horizons_equal_condensed_ones(gen):
         B, x0, xf = gen.normal(size=(n, m)), 5.0 * gen.normal(size=n), np.zeros(n)
         low, high = draw_box(gen, way, m, 0.3)
         more = {"Q": 1.0, "R": 0.1}
-        plan = se.control((A, B), x0, xf, steps=K, **asked(limits=(low, high), **more))
+        plan = se.control((A, B), x0, xf, steps=K, **within(limits=(low, high), **more))
         assert plan.limited.task.steps * m >= LONG
         p = lp.several_steps(A, B, x0, xf, K, low=low, high=high, **more)
         u = plan.u.ravel()
@@ -183,7 +186,7 @@ def test_soft_state_limits_equal_the_twin(gen):
             x0,
             xf,
             steps=K,
-            **asked(**weights, limits=(low, high), soft=soft, state_limits=(below, above)),
+            **within(**weights, limits=(low, high), soft=soft, state_limits=(below, above)),
         )
         p = lp.several_steps(A, B, x0, xf, K, low=low, high=high, **weights)
         each = [lp.state_rows(A, B, x0, K, side * np.eye(n), side * limit)
@@ -239,7 +242,7 @@ def test_rates_equal_the_twin(gen):
         )
         more = {"rate": rate, "previous": previous, **weights}
         room = {"state_limits": (-2.0, 2.0), "soft": False} if i % 4 == 3 else {}
-        plan = se.control((A, B), x0, xf, steps=K, **asked(limits=(low, high), **more, **room))
+        plan = se.control((A, B), x0, xf, steps=K, **within(limits=(low, high), **more, **room))
         p = lp.several_steps(A, B, x0, xf, K, low=low, high=high, **more)
         if room:
             C = np.vstack([np.eye(n), -np.eye(n)])
@@ -267,8 +270,8 @@ def test_rates_equal_the_twin(gen):
 def test_one_number_is_the_previous_input_of_all():
     more = {"limits": (-1.0, 1.0), "rate": 0.4}
     for given in (0.2, [0.2, 0.2]):
-        plan = se.control(INPUTS, [1.0, 0.0], [3.0, 3.0], **asked(**more, previous=given))
+        plan = se.control(INPUTS, [1.0, 0.0], [3.0, 3.0], **within(**more, previous=given))
         assert np.array_equal(plan.limited.task.previous, [0.2, 0.2])
         np.testing.assert_allclose(plan.u[0], 0.6, atol=1e-9)
-        loop = se.regulate(INPUTS, 1, xf=[3.0, 3.0], **asked(**more, previous=given))
+        loop = se.regulate(INPUTS, 1, xf=[3.0, 3.0], **within(**more, previous=given))
         np.testing.assert_allclose(loop([1.0, 0.0]), 0.6, atol=1e-9)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from limit_plans import asked
+from limit_plans import within
 from stochens_rs.exceptions import InputError, InputTypeError, ShapeError
 from test_hostile import NEVER, PERHAPS
 
@@ -38,7 +38,7 @@ BAD = [
     ({"rate": 0.0, "previous": [0.0]}, InputError, "`rate` must be > 0"),
     ({"rate": 0.1, "previous": [0.0], "limits": (1.0, 2.0)}, InputError, "input 0 is 0.9 too far"),
     ({"soft": 1.0}, InputError, "`soft` must be left out without limits"),
-    ({"soft": 1.0, "R": 1.0}, InputError, "`soft` must be left out without `state_limits`"),
+    ({"soft": 1.0, "R": 1.0}, InputError, "`soft` must be left out without limits of states"),
     ({"time_limit": 1.0}, InputError, "`time_limit` must be left out without limits"),
     ({"limits": (0.0, 1.0), "time_limit": 0.0}, InputError, "`time_limit` must be > 0"),
     ({"reference": np.zeros((3, 2))}, InputError, "`xf` must be None with `reference`"),
@@ -48,7 +48,7 @@ BAD = [
 @pytest.mark.parametrize(("more", "kind", "message"), BAD)
 def test_messages_name_what_is_wrong(more, kind, message):
     with pytest.raises(kind, match=message):
-        se.control(TWO, [1.0, 0.0], [0.0, 0.0], steps=2, **asked(**more))
+        se.control(TWO, [1.0, 0.0], [0.0, 0.0], steps=2, **within(**more))
 
 
 def test_messages_about_references_and_targets():
@@ -73,7 +73,9 @@ def test_whatever_is_given_with_the_others(name):
     passed = 0
     for what, value in (NEVER | PERHAPS).items():
         try:
-            plan = se.control(TWO, [1.0, 0.0], [0.0, 0.0], steps=3, **asked(**WITH | {name: value}))
+            plan = se.control(
+                TWO, [1.0, 0.0], [0.0, 0.0], steps=3, **within(**WITH | {name: value})
+            )
         except se.exceptions.StochensError:
             continue
         passed += 1

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from limit_plans import asked, exactly
+from limit_plans import exactly, within
 from stochens_rs.controls.limited import Horizon
 from twin import limited_control as lc
 from twin import limited_problems as lp
@@ -18,7 +18,7 @@ TWO = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([[0.0], [1.0]])  # the double
 def test_two_steps_with_a_limit_on_changes_by_hand():
     ends = [1.0, 0.0], [0.0, 0.0]
     sides = {"limits": (-0.5, 0.5), "R": 0.0, "rate": 0.5, "previous": [0.0]}
-    plan = se.control(TWO, *ends, steps=2, **asked(**sides))
+    plan = se.control(TWO, *ends, steps=2, **within(**sides))
     np.testing.assert_allclose([*plan.u.ravel(), plan.objective], [-0.4, 0.1, 0.45], atol=1e-13)
     assert (plan.status, plan.limits_active, plan.limited.missing) == ("optimal", True, 0.0)
     assert not plan.active.any()
@@ -30,7 +30,7 @@ def test_two_steps_with_a_limit_on_changes_by_hand():
 def test_what_limits_of_rates_and_states_are_active(sign):
     """Rises of 0.4 are at the rate though rounding takes them beyond it; wide rates are not."""
     goal, sides = [sign * 5.0], {"steps": 4, "previous": 0.0, "R": 0.01}
-    plan = se.control(ONE, [0.0], goal, **asked(**sides, rate=0.4))
+    plan = se.control(ONE, [0.0], goal, **within(**sides, rate=0.4))
     np.testing.assert_allclose(plan.u.ravel(), sign * np.array([0.4, 0.8, 1.2, 1.6]), rtol=1e-14)
     assert plan.rate_active.dtype == np.int8
     assert plan.rate_active.tolist() == [[sign]] * 4
@@ -41,17 +41,17 @@ def test_what_limits_of_rates_and_states_are_active(sign):
     assert said in plan._repr_html_()
     back = type(plan).from_dict(plan.to_dict())
     assert np.array_equal(back.rate_active, plan.rate_active)
-    wide = se.control(ONE, [0.0], goal, **asked(**sides, rate=9.0))
+    wide = se.control(ONE, [0.0], goal, **within(**sides, rate=9.0))
     assert not wide.limits_active
     assert not wide.rate_active.any()
     assert wide.state_active is None
     # the states stop at 1 of 5
     walls = {"state_limits": (-1.0, 1.0), "soft": False, "Q": 1.0, "R": 0.01}
-    stopped = se.control(ONE, [0.0], goal, steps=4, **asked(**walls))
+    stopped = se.control(ONE, [0.0], goal, steps=4, **within(**walls))
     assert stopped.state_active.tolist() == [[sign]] * 4
     assert stopped.limits_active
     assert "4 of 4 states at a limit" in repr(stopped)
-    inside = se.control(ONE, [0.0], [0.5], steps=4, **asked(**walls))
+    inside = se.control(ONE, [0.0], [0.5], steps=4, **within(**walls))
     assert not inside.limits_active
     assert inside.state_active.tolist() == [[0]] * 4
     assert se.control(ONE, [0.0], goal).state_active is None
@@ -67,7 +67,7 @@ def test_active_rates_are_those_with_multipliers(gen, scale):
         A, B = 0.5 * gen.normal(size=(3, 3)), gen.normal(size=(3, m))
         how = {"rate": 0.2 * scale, "previous": 0.0, "Q": 1.0, "R": 1.0, "steps": K}
         x0 = scale * gen.normal(size=3)
-        plan = se.control((A, B), x0, [0.0] * 3, **asked(**how))
+        plan = se.control((A, B), x0, [0.0] * 3, **within(**how))
         found = Horizon(plan.limited.task, A, B).best(x0, plan.limited.task, None)
         assert np.array_equal(plan.rate_active.ravel(), np.sign(found.rates))
         assert plan.limits_active == plan.rate_active.any()
@@ -77,7 +77,7 @@ def test_active_rates_are_those_with_multipliers(gen, scale):
 
 def test_state_limits_that_cannot_be_kept_by_hand():
     sides = {"limits": (-1.0, 1.0), "state_limits": (None, 1.0)}
-    plan = se.control(ONE, [3.0], [0.0], **asked(**sides, soft=False))
+    plan = se.control(ONE, [3.0], [0.0], **within(**sides, soft=False))
     assert plan.status == "infeasible"
     assert plan.limited.missing == pytest.approx(1.0, abs=1e-9)
     np.testing.assert_allclose(plan.u, [[-1.0]], atol=1e-6)
@@ -85,7 +85,7 @@ def test_state_limits_that_cannot_be_kept_by_hand():
     assert (kept.status, kept.limited.missing) == ("optimal", 0.0)
     np.testing.assert_allclose(kept.u, [[-1.5]], atol=1e-12)
     exactly(
-        se.control(ONE, [3.0], [0.0], **asked(**sides, soft=2.0, R=0.0)).u,
+        se.control(ONE, [3.0], [0.0], **within(**sides, soft=2.0, R=0.0)).u,
         [[-1.0]],
     )
 
@@ -137,10 +137,10 @@ def test_rates_and_state_limits_equal_the_twin(gen, soft):
 
 def test_states_wait_for_time():
     sides = {"limits": (-1.0, 1.0), "rate": 0.1, "previous": [0.0]}
-    plan = se.control(ONE, [3.0], [0.0], steps=30, time_limit=1e-9, **asked(**sides, Q=1.0))
+    plan = se.control(ONE, [3.0], [0.0], steps=30, time_limit=1e-9, **within(**sides, Q=1.0))
     assert plan.status in ("user_limit", "optimal")
     assert np.all(np.abs(np.diff(plan.u.ravel(), prepend=0.0)) <= 0.1 + 1e-12)
-    best = se.control(ONE, [3.0], [0.0], steps=30, **asked(**sides, Q=1.0))
+    best = se.control(ONE, [3.0], [0.0], steps=30, **within(**sides, Q=1.0))
     assert plan.objective - best.objective <= plan.gap + 1e-9
 
 
@@ -157,7 +157,7 @@ def test_the_true_system_keeps_hard_limits_of_a_plan_from_data(highest):
         model = se.identify(data, design="independent", checks=False)
         sides = [-np.inf, -highest], [np.inf, highest]
         asked = {"steps": 8, "limits": (-6.0, 6.0), "state_limits": sides, "soft": False}
-        plan = se.control(model, [1.0, 0.0], [0.0, 0.0], **asked(**asked))
+        plan = se.control(model, [1.0, 0.0], [0.0, 0.0], **within(**asked))
         if plan.status == "infeasible":
             assert plan.limited.missing > 1e-6
             continue
@@ -165,7 +165,7 @@ def test_the_true_system_keeps_hard_limits_of_a_plan_from_data(highest):
         found += 1
         left += bool(np.abs(plan.states((A, B), [1.0, 0.0])[1:, 1]).max() > highest)
         # without a margin the limits are left about every second time
-        naive = se.control((model.A, model.B), [1.0, 0.0], [0.0, 0.0], **asked(**asked))
+        naive = se.control((model.A, model.B), [1.0, 0.0], [0.0, 0.0], **within(**asked))
         without += bool(np.abs(naive.states((A, B), [1.0, 0.0])[1:, 1]).max() > highest)
     assert found >= 90
     assert left <= 11

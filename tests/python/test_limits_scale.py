@@ -9,7 +9,7 @@ import pytest
 
 import stochens_rs as se
 from hidden_systems import KINDS, drawn
-from limit_plans import asked, draw_case
+from limit_plans import draw_case, within
 from limit_problems import draws
 from stochens_rs import _core as core
 from stochens_rs.controls.limited import OPTIMAL, Horizon
@@ -108,7 +108,7 @@ def test_the_status_follows_the_gap_in_every_kind_of_system(gen, kind):
             {"rate": 0.2, "previous": 0.0, "R": 1e-6},
             {"limits": (-0.3 * unit, 0.3 * unit), "state_limits": (-0.8, 0.8)},
         ):
-            plan = se.control((one.A, one.B), x0, np.zeros(n), steps=K, **asked(**more, Q=1.0))
+            plan = se.control((one.A, one.B), x0, np.zeros(n), steps=K, **within(**more, Q=1.0))
             assert follows_the_gap(plan, one.A, one.B, x0), (K, more)
             found.add(plan.status)
     if kind in ("mixed_input_units", "one_huge_entry", "dense", "sparse", "zero_column", "tiny"):
@@ -127,7 +127,7 @@ def test_the_status_follows_the_gap_of_drawn_problems(gen):
     for i in range(60):
         F, X, x0, K, low, high, weights = draw_case(gen, i)
         goal = np.ones(len(F))
-        plan = se.control((F, X), x0, goal, steps=K, **asked(limits=(low, high), **weights))
+        plan = se.control((F, X), x0, goal, steps=K, **within(limits=(low, high), **weights))
         assert follows_the_gap(plan, F, X, x0)
 
 
@@ -169,12 +169,12 @@ def test_without_time_nothing_is_factored(gen):
     for more in ({}, {"rate": 0.1, "previous": 0.0}, {"state_limits": (-1.0, 1.0)}):
         for steps in (K, 5 * K):
             how = {"limits": (-0.2, 0.2), "Q": 1.0, "R": 0.1, "steps": steps, **more}
-            best = se.control((F, X), x0, np.zeros(n), **asked(**how))
+            best = se.control((F, X), x0, np.zeros(n), **within(**how))
             horizon = Horizon(best.limited.task, F, X)
             found = horizon.best(x0, best.limited.task, 0.0)
             assert (found.iterations, found.status) == (0, "user_limit")
             assert found.objective - best.objective <= found.gap
-            plan = se.control((F, X), x0, np.zeros(n), time_limit=1e-12, **asked(**how))
+            plan = se.control((F, X), x0, np.zeros(n), time_limit=1e-12, **within(**how))
             assert plan.status == "user_limit"
             assert np.all(np.abs(plan.u) <= 0.2)
             assert math.isnan(plan.missed)

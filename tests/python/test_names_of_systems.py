@@ -60,7 +60,7 @@ def plan() -> se.Plan:
 
 
 def fleet(other: se.System) -> se.FleetPlan:
-    options: Any = {"limits": LIMITS, "Q": Q, "risk": "worst"}
+    options: Any = {"limits": LIMITS, "cost": se.Cost(Qf=Q), "risk": "worst"}
     return se.control_fleet([FIRST, other], X0, XF, 3, **options)
 
 

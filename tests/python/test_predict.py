@@ -65,7 +65,7 @@ def test_an_uncertain_start_widens_the_tube():
     x, u = runs(np.random.default_rng(1), 20)
     model = se.identify(se.Trajectories(x, u), sigma=0.05)
     sharp = se.predict(model, [0.0, 0.0], u[0]).bound().tube
-    wide = se.predict(model, [0.0, 0.0], u[0], x0_error=0.1).bound().tube
+    wide = se.predict(model, se.Uncertain([0.0, 0.0], 0.1), u[0]).bound().tube
     assert wide[0] == 0.1
     assert np.all(wide > sharp)
 
@@ -79,7 +79,6 @@ def test_an_uncertain_start_widens_the_tube():
         ({"inputs": [1.0, 2.0]}, InputError, r"`inputs` must have shape \(K, 1\)"),
         ({"inputs": np.zeros((0, 1))}, InputError, "`inputs`"),
         ({"inputs": "text"}, InputError, "`inputs`.*str 'text'"),
-        ({"x0_error": -1.0}, InputError, "`x0_error`"),
         ({"x0": [1e308, 1e308], "inputs": np.zeros((3000, 1))}, InputError, "overflow"),
     ],
 )

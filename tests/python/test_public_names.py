@@ -13,8 +13,9 @@ import pytest
 import stochens_rs as se
 
 TOP = """
-    Counts DataStream Ensemble EnsembleTrajectory Fit Key Model ModelStream Plan Regulator
-    StochensError Stream Study System SystemEnsemble Tracking Trajectories Trajectory
+    Cost Counts DataStream Ensemble EnsembleTrajectory Fit Key Limits Model ModelStream Plan
+    Regulator StochensError Stream Study System SystemEnsemble Tracking Trajectories Trajectory
+    Uncertain
     __version__ cases control control_fleet exceptions fuse fuse_path get_num_threads identify
     paper plots predict realization_controls reference regulate required_samples sample
     sample_counts set_num_threads simulate simulate_ensemble steer studies theory track

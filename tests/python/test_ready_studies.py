@@ -16,7 +16,7 @@ import pytest
 import stochens_rs as se
 from coverage_study import DELTA, at_most, exactly, failures
 from identification_data import SKEWED
-from limit_plans import asked
+from limit_plans import within
 from stochens_rs.exceptions import InputError, InputTypeError
 from stochens_rs.rng import as_key
 from stochens_rs.studies.digest import digest
@@ -230,10 +230,10 @@ def test_a_loop_is_that_of_regulate_and_track() -> None:
         [1, 0],
         [0.2, 0],
         noise=[0.0, 0.05],
-        **asked(**limits, limits=0.5, Q=[2.0, 1.0], R=0.1),
+        **within(**limits, limits=(-0.5, 0.5), Q=[2.0, 1.0], R=0.1),
     )
     loop = se.regulate(
-        CART, 10, [0.2, 0], **asked(**limits, limits=(-0.5, 0.5), Q=[2.0, 1.0], R=0.1)
+        CART, 10, [0.2, 0], **within(**limits, limits=(-0.5, 0.5), Q=[2.0, 1.0], R=0.1)
     )
     reference = np.tile([0.2, 0.0], (51, 1))
     options = {"controller": loop, "x0": [1, 0], "noise": [0.0, 0.05], "rng": KEY}
@@ -253,7 +253,7 @@ def test_a_loop_is_that_of_regulate_and_track() -> None:
             CART,
             10,
             [0.2, 0],
-            **asked(**{"Q": [2.0, 1.0], "R": 0.1} | weights, limits=(-0.5, 0.5), **limits),
+            **within(**{"Q": [2.0, 1.0], "R": 0.1} | weights, limits=(-0.5, 0.5), **limits),
         )
         ride = se.track(CART, reference, **(options | {"controller": loop}))
         off = ride.states[1:] - [0.2, 0.0]
@@ -431,7 +431,7 @@ WRONG = {
     "`quantity` must be one of": lambda s: s.sampling_coverage((A, B), *START, quantity="x"),
     r"`limits` must be >= 0": lambda s: s.closed_loop(CART, [1, 0], limits=-1),
     "`length` must be": lambda s: s.closed_loop(CART, [1, 0], length=0),
-    r"`state_limits\[1\]` must be a number or have shape": lambda s: s.closed_loop(
+    r"`limits.x\[1\]` must be a number or have shape": lambda s: s.closed_loop(
         CART, [1, 0], limits=se.Limits(x=(None, [1, 2, 3]))
     ),
     "`axis` must be one of": lambda s: s.closed_loop(CART, [1, 0])(KEY, length=3),

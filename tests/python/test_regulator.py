@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from limit_plans import asked
+from limit_plans import within
 from limit_problems import draw_steps
 from stochens_rs import _core
 from stochens_rs.controls.limited import Horizon
@@ -36,7 +36,7 @@ def plant(seed, n=4, m=2):
 
 def made(**more):
     """A loop of 6 steps whose inputs are mostly at a limit."""
-    return se.regulate((A, B), 6, **asked(**more, limits=(-0.5, 1.0), Q=[1.0, 0.1], R=0.01))
+    return se.regulate((A, B), 6, **within(**more, limits=(-0.5, 1.0), Q=[1.0, 0.1], R=0.01))
 
 
 def driven(loop, x, count):
@@ -72,7 +72,7 @@ def test_equals_the_twin_at_every_state():
         rate, last = more.get("rate", np.inf), more.pop("previous", np.zeros(B.shape[1]))
         begin = {"previous": last} if "rate" in more else {}
         found = twin(A, B, x0, goal, K, 5, low=low, high=high, **begin, **more)
-        loop = se.regulate((A, B), K, goal, **asked(limits=(low, high), **begin, **more))
+        loop = se.regulate((A, B), K, goal, **within(limits=(low, high), **begin, **more))
         for x in found.states[:-1]:
             u = loop(x)
             assert np.all((low <= u) & (u <= high))
@@ -106,11 +106,11 @@ def test_limits_of_rates_and_states_begin_at_those_of_the_call_before(kind):
             task |= {"state_limits": (-2.5, 2.5), "soft": None if "soft" in kind else False}
         last, x = np.zeros(2), np.ones(3)
         begin = {"previous": last} if rate else {}
-        loop = se.regulate((F, X), 15, **asked(**task, **rate, **begin))
+        loop = se.regulate((F, X), 15, **within(**task, **rate, **begin))
         for _ in range(10):
             u = loop(x)
             now = {"previous": last} if rate else {}
-            plan = se.control((F, X), x, np.zeros(3), steps=15, **asked(**task, **rate, **now))
+            plan = se.control((F, X), x, np.zeros(3), steps=15, **within(**task, **rate, **now))
             gap = loop.log[-1].gap
             assert loop.log[-1].status == plan.status
             if plan.status == "optimal":
@@ -138,13 +138,13 @@ def test_equals_control_at_every_state(index):
     system = (F, X) if index % 3 == 0 else model
     task = {"limits": ([-0.4, -np.inf], 0.3), "Q": 1.0, "Qf": 3.0, "R": [0.1, 0.2]}
     loop, x, goal = (
-        se.regulate(system, 7, np.ones(3), **asked(**task)),
+        se.regulate(system, 7, np.ones(3), **within(**task)),
         3.0 * gen.normal(size=3),
         np.ones(3),
     )
     for _ in range(15):
         u = loop(x)
-        plan = se.control(system, x, goal, steps=7, **asked(**task))
+        plan = se.control(system, x, goal, steps=7, **within(**task))
         assert np.allclose(loop.plan, plan.u, rtol=1e-11, atol=1e-11)
         assert loop.log[-1].gap <= 1e-12 * (plan.objective + 1.0)
         x = F @ x + X @ u + offset + 0.1 * gen.normal(size=3)
@@ -155,9 +155,9 @@ def test_a_call_does_not_depend_on_where_it_begins():
     """40 states: warm equals cold to 1e-12 relative or the gap, in the norm of the problem."""
     F, X, gen = plant(1)
     options = {"limits": (-0.3, 0.3), "Q": 1.0, "R": 0.1}
-    warm, x = se.regulate((F, X), 12, **asked(**options)), 3.0 * gen.normal(size=4)
+    warm, x = se.regulate((F, X), 12, **within(**options)), 3.0 * gen.normal(size=4)
     for _ in range(40):
-        u, cold = warm(x), se.regulate((F, X), 12, **asked(**options))
+        u, cold = warm(x), se.regulate((F, X), 12, **within(**options))
         cold(x)
         assert np.allclose(u, cold.plan[0], rtol=1e-12, atol=1e-12)
         assert np.allclose(warm.plan, cold.plan, rtol=1e-10, atol=1e-10)
@@ -366,12 +366,12 @@ def test_references_and_limits_that_differ_from_step_to_step():
 def test_long_horizons_go_by_recursion():
     """K = 300: the inputs are those of K = 200, up to what the end matters; warm equals cold."""
     options = {"limits": (-0.5, 0.5), "Q": 1.0, "R": 0.1}
-    long, short = (se.regulate((A, B), K, **asked(**options)) for K in (300, 200))
+    long, short = (se.regulate((A, B), K, **within(**options)) for K in (300, 200))
     assert isinstance(long._solver, Receding)
     assert isinstance(short._solver, _core.BoxSolver)
     x = np.array([3.0, 0.1])
     for _ in range(5):
-        u, cold = long(x), se.regulate((A, B), 300, **asked(**options))
+        u, cold = long(x), se.regulate((A, B), 300, **within(**options))
         assert np.allclose(u, short(x), rtol=1e-6)
         cold(x)
         assert np.allclose(long.plan, cold.plan, rtol=1e-9, atol=1e-11)
@@ -431,7 +431,7 @@ WRONG = {
 def test_wrong_arguments_are_named(name):
     more, text = WRONG[name]
     with pytest.raises(InputError, match=text):
-        se.regulate((A, B), **asked(**{"steps": 3, **more}))
+        se.regulate((A, B), **within(**{"steps": 3, **more}))
 
 
 def test_a_second_thread_gets_an_error():

@@ -40,7 +40,7 @@ LISTED = 12  # states whose certificates are printed; JSON has all
         "Certificate of a model": ["delta", "x0_error", "noise", "open_loop", "robust"],
         "Limits and weights": LIMIT_NAMES,
     },
-    arguments={"x0": "start", "xf": "goal"},
+    arguments={"x0": "start", "xf": "goal", "radius": "x0_error"},
 )
 @click.argument("source", metavar="MODEL_OR_PROBLEM", type=FILE)
 @click.option("--from", "start", metavar="X,Y", help="Initial state; default: of the problem.")

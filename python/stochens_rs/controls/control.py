@@ -17,10 +17,10 @@ from ..identification.identified import Identified
 from ..theory.dynamics import states
 from ..theory.exact import best, best_control
 from .basis import Basis, known
-from .cost import Cost
+from .cost import Cost, as_cost
 from .entities import fusion_over, problem, step_warnings
 from .limited import Horizon
-from .limits import Limits
+from .limits import Limits, as_limits
 from .model_control import model_control
 from .plan import Plan
 from .task import checked_task, seconds
@@ -140,7 +140,7 @@ def control(
     >>> plan.u.ravel(), plan.active.ravel(), round(plan.missed, 6), plan.status
     (array([-0.5,  0.5]), array([-1,  1], dtype=int8), 0.25, 'optimal')
     """
-    within, weights = Limits.of(limits), Cost.of(cost)
+    within, weights = as_limits(limits), as_cost(cost)
     if isinstance(system, Identified):
         return model_control(system, x0, xf, steps, fusion, within, weights, guarantee, time_limit)
     if guarantee is not None:

@@ -50,7 +50,7 @@ class Cost(Asked):
         self._keep(reference=entries("reference", self.reference))
         super().__post_init__()
 
-    @classmethod
-    def of(cls, value: Any) -> Cost:
-        """`value` itself, or no weights for None."""
-        return cls() if value is None else gate.instance("cost", value, cls)
+
+def as_cost(value: Any) -> Cost:
+    """`value` itself, or no weights for None."""
+    return Cost() if value is None else gate.instance("cost", value, Cost)

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 from .._base import gate
 from .._base.labels import default_labels
 from ..exceptions import InputError
-from .cost import Cost
+from .cost import Cost, as_cost
 from .fleet_design import Box, Worst, least_mean, worst_of_few
 from .fleet_plan import RISKS, FleetPlan, Risk
 from .fleet_units import Systems, read_units
-from .limits import Limits
+from .limits import as_limits
 from .task import sides, weight
 
 if TYPE_CHECKING:
@@ -97,11 +97,11 @@ def control_fleet(
     >>> se.control_fleet(units, [0.0], [1.0], 1, risk="worst").u.round(6)
     array([[0.666667]])
     """
-    weights = Cost.of(cost).only("Qf", "R")
+    weights = as_cost(cost).only("Qf", "R")
     units = read_units(systems, x0, xf, steps, weights.Qf)
     m = units.systems.m
     labels = units.systems.labels or default_labels(units.systems.n, m)
-    low, high = sides("limits", Limits.of(limits).only("u").u, units.steps, labels)
+    low, high = sides("limits", as_limits(limits).only("u").u, units.steps, labels)
     R = None if weights.R is None else weight("R", weights.R, m)
     box = Box(low.ravel(), high.ravel(), R)
     gate.choice("risk", risk, RISKS)

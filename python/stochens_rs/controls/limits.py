@@ -55,10 +55,10 @@ class Limits(Asked):
         )
         super().__post_init__()
 
-    @classmethod
-    def of(cls, value: Any) -> Limits:
-        """`value` itself, or the limits of inputs for a pair (low, high), or none for None."""
-        return value if isinstance(value, cls) else cls(u=value)
-
 
 LimitsLike: TypeAlias = "Limits | tuple[Any, Any] | None"
+
+
+def as_limits(value: Any) -> Limits:
+    """`value` itself, or the limits of inputs for a pair (low, high), or none for None."""
+    return value if isinstance(value, Limits) else Limits(u=value)

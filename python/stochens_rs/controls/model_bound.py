@@ -227,7 +227,7 @@ def _refuse(basis: ModelBasis, K: int, asked: Asked) -> None:
         raise InputError("`open_loop` must be False for one step, which asks nothing of the runs")
     if asked.x0_fixed:
         if basis.x0_error:
-            raise InputError("`x0_fixed` must be False with `x0_error`: x0 must be known exactly")
+            raise InputError("`x0_fixed` must be False with an Uncertain x0")
         if K > 1 and not asked.open_loop:
             raise InputError(
                 f"`x0_fixed` must be False over {K} steps, whose later states depend on the data; "

@@ -135,8 +135,9 @@ def _least_bound(model: Identified, x0: Floats, xf: Floats, K: int, delta: float
     """The u with the smallest ``||C z - xf|| + radius ||z||``, in the norm of V^-1."""
     if K > 1:
         raise InputError(
-            f"`guarantee` must be left out over {K} steps with a model of one step: identify a "
-            f"model over {K} steps, se.identify(data.k_step({K}, open_loop=True), design='independent')"
+            f"`guarantee` must be left out over {K} steps with a model of one step: "
+            f"identify a model over {K} steps, "
+            f"se.identify(data.k_step({K}, open_loop=True), design='independent')"
             ", and take one step of it"
         )
     region = model.region(delta)

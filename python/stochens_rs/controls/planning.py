@@ -19,7 +19,7 @@ from ..theory import bounds, moments
 from ..theory.dynamics import checked_ends
 from ..theory.exact import best_control
 from .entities import fusion_over
-from .limits import Limits
+from .limits import as_limits
 from .sample_plan import Requirement, SamplePlan
 from .task import checked_task
 
@@ -203,7 +203,7 @@ def _limited(labels: Labels, K: int, limits: Any, quantity: str, relative: bool)
             "is another one within them"
         )
     n, m = len(labels.states), len(labels.inputs)
-    checked_task(n, m, K, np.zeros(n), Limits.of(limits).only("u"), labels=labels)
+    checked_task(n, m, K, np.zeros(n), as_limits(limits).only("u"), labels=labels)
 
 
 def _needed(share: Callable[[int], float], start: int) -> int:

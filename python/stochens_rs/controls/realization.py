@@ -11,10 +11,10 @@ from .._base import gate, memory
 from .._base.threads import get_num_threads
 from ..exceptions import SolverError
 from ..theory.exact import factors
-from .cost import Cost
+from .cost import Cost, as_cost
 from .entities import problem
 from .limited import OPTIMAL, Horizon
-from .limits import Limits
+from .limits import as_limits
 from .task import checked_task
 
 if TYPE_CHECKING:
@@ -96,7 +96,7 @@ def realization_controls(
     inputs, given, labels, _ = problem(system, x0, xf)
     n, m = inputs.shape
     task = checked_task(
-        n, m, 1, np.zeros(n), Limits.of(limits).only("u"), Cost.of(cost).only("Q", "R"), labels
+        n, m, 1, np.zeros(n), as_limits(limits).only("u"), as_cost(cost).only("Q", "R"), labels
     )
     start, goal, matrix = (entity.realizations() for entity in given)
     size = max(entity.size or 1 for entity in given)

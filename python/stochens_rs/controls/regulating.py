@@ -9,7 +9,7 @@ import numpy as np
 
 from .._base import gate
 from ..exceptions import InputError
-from .cost import Cost
+from .cost import Cost, as_cost
 from .regulator import Regulator, checked_model
 from .task import checked_task
 
@@ -92,7 +92,7 @@ def regulate(
     n, m = checked.B.shape
     K = gate.size("steps", steps)
     goal = None if xf is None else gate.vector("xf", xf, length=n, labels=checked.state_names)
-    weights = Cost.of(cost)
+    weights = as_cost(cost)
     if goal is not None and weights.reference is not None:
         raise InputError("`xf` must be None with a reference, whose last row takes its place")
     if weights.R is None:  # a task also without limits

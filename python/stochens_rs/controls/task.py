@@ -13,9 +13,9 @@ from .._base.labels import Labels, default_labels
 from .._base.records import Record, require_shapes
 from .._base.types import Floats
 from ..exceptions import InputError, InputTypeError, ShapeError
-from .cost import Cost
+from .cost import as_cost
 from .entries import pair_of
-from .limits import Limits
+from .limits import Limits, as_limits
 
 REGULAR = 1e-8  # R="auto": this share of the mean eigenvalue of G'QG, printed with the plan
 SOFT = 1e3  # weight of soft state limits, in units of the largest eigenvalue of Q
@@ -126,7 +126,7 @@ def checked_task(
     `xf` is the target, which a reference replaces. Messages use the names in `labels`.
     """
     named = labels or default_labels(n, m)
-    within, weights = Limits.of(limits), Cost.of(cost)
+    within, weights = as_limits(limits), as_cost(cost)
     if not weights.given and within.u is None and within.rate is None and within.x is None:
         for name in within.given:
             raise InputError(

@@ -252,7 +252,7 @@ def track(
 
     Brought to rest within limits, with noise:
 
-    >>> loop = se.regulate(system, 5, limits=(-0.5, 0.5), Q=1.0, R=0.1)
+    >>> loop = se.regulate(system, 5, limits=(-0.5, 0.5), cost=se.Cost(Q=1.0, R=0.1))
     >>> rest = np.zeros((31, 2))
     >>> run = se.track(system, rest, controller=loop, x0=[2.0, 1.0], noise=0.01, rng=1)
     >>> bool(abs(run.inputs).max() <= 0.5), bool(run.errors[-1] < 0.1), run.info["statuses"]

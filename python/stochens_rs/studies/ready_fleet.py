@@ -12,11 +12,11 @@ from .._base import gate
 from .._base.labels import default_labels
 from .._base.records import Record
 from .._base.types import Floats
-from ..controls.cost import Cost
+from ..controls.cost import Cost, as_cost
 from ..controls.fleet import control_fleet
 from ..controls.fleet_plan import RISKS, Risk
 from ..controls.fleet_units import Units, read_systems, read_units
-from ..controls.limits import Limits
+from ..controls.limits import Limits, as_limits
 from ..controls.task import sides, weight
 from ..ensembles import SystemEnsemble
 from ..exceptions import InputError
@@ -92,7 +92,7 @@ def fleet(
     if nominal != (spread is not None):
         raise InputError("`spread` must be given for one nominal system, and only there")
     law = SystemEnsemble.from_systems([units]) if nominal else read_systems(units)
-    within, weights = Limits.of(limits).only("u"), Cost.of(cost).only("Qf", "R")
+    within, weights = as_limits(limits).only("u"), as_cost(cost).only("Qf", "R")
     read_units(law, gate.vector("x0", x0), xf, steps, weights.Qf)
     sides("limits", within.u, gate.size("steps", steps), law.labels or default_labels(law.n, law.m))
     if weights.R is not None:

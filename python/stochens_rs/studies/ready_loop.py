@@ -12,8 +12,8 @@ from .._base import gate
 from .._base.labels import order_of
 from .._base.records import Record
 from .._base.types import Floats
-from ..controls.cost import Cost
-from ..controls.limits import Limits
+from ..controls.cost import Cost, as_cost
+from ..controls.limits import Limits, as_limits
 from ..controls.regulating import regulate
 from ..controls.regulator import checked_model
 from ..controls.task import sides, weight
@@ -88,7 +88,7 @@ def closed_loop(
     if xf is not None:
         goal = gate.vector("xf", xf, length=n, labels=known.state_names).copy()
     acting = known if model is None else _acting(model, known)
-    within, weights = _within(limits), Cost.of(cost).only("Q", "Qf", "R")
+    within, weights = _within(limits), as_cost(cost).only("Q", "Qf", "R")
     Q, R = (1.0 if one is None else None for one in (weights.Q, weights.R))
     weights = _weighted(weights, Q, R)
     regulate(acting, steps, goal, limits=within, cost=weights)  # refuses what does not fit
@@ -188,7 +188,7 @@ def _within(limits: Any) -> Limits:
     """Limits, with (-L, L) for a number L."""
     if gate.is_real(limits):
         limits = -gate.nonnegative("limits", limits), limits
-    return Limits.of(limits)
+    return as_limits(limits)
 
 
 def _weighted(cost: Cost, Q: Any, R: Any) -> Cost:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from .._base import gate
 from .._base.records import Record
 from .._base.types import DELTA, QUANTITIES, Floats, Quantity
-from ..controls.limits import Limits
+from ..controls.limits import as_limits
 from ..controls.steering import steer
 from ..controls.task import sides
 from ..fusion.fusing import Method
@@ -80,7 +80,7 @@ def sampling_coverage(
     start = gate.vector("x0", x0, length=known.n).copy()
     goal = gate.vector("xf", xf, length=known.n).copy()
     gate.choice("method", method, get_args(Method))
-    sides("limits", Limits.of(limits).only("u").u, gate.size("steps", steps), known.labels)
+    sides("limits", as_limits(limits).only("u").u, gate.size("steps", steps), known.labels)
     return SamplingCoverage(known, start, goal, size, steps, delta, method, quantity, limits)
 
 

@@ -22,6 +22,11 @@ from twin.anytime import one_noise
 from twin.quantiles import wishart_quantile
 
 
+def uncertain(x0, xf, radius):
+    """Both ends of a plan, the first within a radius."""
+    return se.Uncertain(x0, radius), xf
+
+
 def model_of(z, y, n=None, **options):
     n = y.shape[1] if n is None else n
     options = {"design": "independent", "checks": False, **options}
@@ -114,7 +119,7 @@ def test_three_steps_of_the_formula_data():
 @pytest.mark.parametrize("rho0", [0.0, 0.02])
 def test_the_twin_finds_the_same(K, noise, rho0):
     gen, _, z, y = case(K)
-    plan = se.control(model_of(z, y), se.Uncertain(*gen.standard_normal((2, 4)), rho0), steps=K)
+    plan = se.control(model_of(z, y), *uncertain(*gen.standard_normal((2, 4)), rho0), steps=K)
     x0, xf = plan.basis.x0, plan.basis.xf
     found = plan.bound(noise=noise)
     data = tr.triangle(z, y)
@@ -146,7 +151,7 @@ def test_known_inputs_are_those_of_a_smaller_regression():
     gen, Theta, z, y = case(3)
     plan = se.control(
         model_of(z, y, known_B=Theta[:, 4:]),
-        se.Uncertain(*gen.standard_normal((2, 4)), 0.01),
+        *uncertain(*gen.standard_normal((2, 4)), 0.01),
         steps=4,
     )
     region = plan.basis.model.region(frobenius=True)
@@ -220,7 +225,7 @@ def test_no_model_of_the_region_leaves_the_tube(kind, noise, ends):
     if kind == "by rows":
         known = np.where([[1, 0], [1, 1]], np.nan, Theta[:, :2])
     model = model_of(z, y, known_A=known)
-    plan = se.control(model, se.Uncertain(*ends[:2], ends[2]), steps=K)
+    plan = se.control(model, *uncertain(*ends), steps=K)
     found = plan.bound(noise=noise)
     wish = {} if known is not None else {"frobenius": True, "future": K if noise else 0}
     region = model.region(**wish)
@@ -382,7 +387,7 @@ def test_an_input_without_effect_in_the_data_stays_at_rest():
 
 def test_plans_and_certificates_are_kept():
     gen, _, z, y = case(29)
-    plan = se.control(model_of(z, y), se.Uncertain(*gen.standard_normal((2, 4)), 0.1), steps=2)
+    plan = se.control(model_of(z, y), *uncertain(*gen.standard_normal((2, 4)), 0.1), steps=2)
     again = pickle.loads(pickle.dumps(plan))
     assert again.bound().target == plan.bound().target
     assert pickle.loads(pickle.dumps(plan.bound())).start == plan.bound().start

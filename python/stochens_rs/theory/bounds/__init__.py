@@ -20,7 +20,6 @@ matrix ``A``        ``norm="Frobenius"``                                  McDiar
 ..                  ``norm="spectral"`` (default)                         Bernstein, and those
                                                                           of the Frobenius norm
 state, control      ``fusion="product"`` (default)                        McDiarmid, Bousquet,
-                                                                          sum of parts,
                                                                           Chebyshev; state:
                                                                           Hoeffding
 ..                  ``fusion="diagonal"``                                 McDiarmid, Bousquet,

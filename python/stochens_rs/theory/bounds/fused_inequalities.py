@@ -83,38 +83,6 @@ class ProductBousquet(_Bilinear):
         return bousquet(*constants, level - math.log(0.8)) + self.distance(r0, share) * rest
 
 
-class SumOfParts(_Bilinear):
-    """``rho_f + rho_0 + rho_A``: McDiarmid for each entity, each with its share of delta.
-
-    ``rho_f = rms_f + sqrt(D_f^2 L' / (2 Nf))``; ``rho_0`` the same for ``A x0_hat`` and
-    ``rho_A = sqrt(sum_j xhat_j^2 tau_j / NA) + sqrt(sum_j xhat_j^2 D_j^2 L' / (2 NA))`` for
-    ``A_hat`` given ``x0_hat``, ``tau_j = tr(M Cv(a_j) M^T)``. ``L' = log(k / delta)`` with k the
-    number of entities that are not exact, plus one for the distance of ``x0_hat`` from ``x0``.
-    Never larger than the sum with norms in place of ``M``.
-    """
-
-    def radius(self, rates: Rates, level: float) -> float:
-        """See the class."""
-        r0, rf, rA = rates
-        at = self.at
-        sure = r0 == 0.0 or rA == 0.0
-        parts = sum(rate > 0.0 for rate in rates) + (not sure)
-        if parts == 0:
-            return 0.0
-        share = level + math.log(parts)
-        t0, tf, _, _ = at.traces
-        rho_f = math.sqrt(rf) * mcdiarmid(math.sqrt(tf), at.D_f**2 / 2.0, share)
-        rho_0 = math.sqrt(r0) * mcdiarmid(math.sqrt(t0), at.D_0(0.0) ** 2 / 2.0, share)
-        rms, spread = math.sqrt(float(at.x0**2 @ at.tau)), at.range_A(at.x0)
-        if not sure:
-            distance = self.distance(r0, share)
-            # the norms at x0_hat are at most those at x0 plus this distance
-            rms += math.sqrt(float(at.tau[at.hit].max(initial=0.0))) * distance
-            spread = min(spread + at.slope_A * distance, at.cap_A)
-        rho_A = math.sqrt(rA) * mcdiarmid(rms, spread**2 / 2.0, share)
-        return rho_f + rho_0 + rho_A
-
-
 # -- sums of exponentials: the paper's own route ---------------------------------------------------
 
 

@@ -49,8 +49,6 @@ TABLE = (
         "supremum of <v, M (average of pairs - mean)> over unit vectors v"),
     Row("Bousquet", ("runs",), of.Bousquet,
         "supremum of <v, average of the runs - x(K)> over unit vectors v"),
-    Row("sum of parts", ("product",), fused.SumOfParts,
-        "McDiarmid for each of xf_hat, A x0_hat, A_hat x0_hat given x0_hat; union bound"),
     Row("Weissman", ("vector", "1-norm"), of.Weissman,
         "union bound over all sets of atoms, Hoeffding for each"),
     Row("Hoeffding", ("vector", "matrix"), of.Hoeffding,

@@ -18,9 +18,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import stochens_rs as se
-from stochens_rs.plots.calls import draw_calls
 from stochens_rs.plots.certificates import draw_certificates
 from stochens_rs.plots.panels import Inputs
+from stochens_rs.plots.regulator_log import draw_calls
 from stochens_rs.plots.trace import draw_trace
 
 REFERENCES = Path(__file__).resolve().parent / "pictures"

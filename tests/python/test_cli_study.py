@@ -113,7 +113,7 @@ INTERRUPTED = """
 import os, sys
 from stochens_rs import cli
 from stochens_rs.cli import _workers
-from stochens_rs.studies.table import Table
+from stochens_rs.studies.store import Table
 
 def add(table, block, _add=Table.add, _seen=[]):
     _add(table, block)

@@ -17,12 +17,12 @@ from hidden_systems import of_each_kind
 from limit_problems import draws, weight
 from stochens_rs import _core
 from stochens_rs.controls import limit_bound, limit_certificate, limited_errors, uncertain_map
-from stochens_rs.controls.basis import ModelBasis
+from stochens_rs.controls.constraints import checked_task
 from stochens_rs.controls.limit_bound import FIRM, limited_bound
 from stochens_rs.controls.limit_certificate import limited_certificate
 from stochens_rs.controls.limited import Horizon
 from stochens_rs.controls.model_bound import Asked
-from stochens_rs.controls.task import checked_task
+from stochens_rs.controls.provenance import ModelBasis
 from stochens_rs.reference import limit_bounds as lb
 from stochens_rs.reference import limited_control as lc
 from stochens_rs.reference import limited_problems as lp

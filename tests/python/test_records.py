@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 import stochens_rs as se
-from stochens_rs._base import plain
+from stochens_rs._base import serialize
 from stochens_rs._base.records import Record, SavedRecord
 from stochens_rs.exceptions import (
     InputTypeError,
@@ -349,16 +349,16 @@ def test_any_numbers_come_back(A_: np.ndarray, tube: np.ndarray, control: float)
 
 def test_all_declared_types_can_be_read() -> None:
     """Every field of every listed class is of a type that `plain` knows."""
-    assert len(plain.RECORDS) > 30
-    assert not {"Estimate", "Identified", "Record", "SavedRecord"} & set(plain.RECORDS)
-    for name, record in plain.RECORDS.items():
+    assert len(serialize.RECORDS) > 30
+    assert not {"Estimate", "Identified", "Record", "SavedRecord"} & set(serialize.RECORDS)
+    for name, record in serialize.RECORDS.items():
         assert record.__module__.startswith("stochens_rs.")
-        for field, kind in plain.declared(record).items():
-            for one in plain.kinds(kind):
+        for field, kind in serialize.declared(record).items():
+            for one in serialize.kinds(kind):
                 known = (
                     one in (Any, bool, int, float, str, bytes, type(None))
-                    or plain.RECORDS.get(getattr(one, "__name__", "")) is one
-                    or plain.get_origin(one) in (plain.Literal, tuple, dict, np.ndarray)
+                    or serialize.RECORDS.get(getattr(one, "__name__", "")) is one
+                    or serialize.get_origin(one) in (serialize.Literal, tuple, dict, np.ndarray)
                     or one is se.identification.identified.Identified
                 )
                 assert known, (name, field, one)
@@ -368,7 +368,7 @@ def test_what_is_not_of_the_package_is_refused(tmp_path: Path) -> None:
     class Plan(se.Plan):
         """A class of a user with a name of the package."""
 
-    assert plain.RECORDS["Plan"] is se.Plan
+    assert serialize.RECORDS["Plan"] is se.Plan
     own = Plan(EXACT.u, EXACT.predicted_states, EXACT.reachability, "product", "completed")
     with pytest.raises(InputTypeError, match="cannot be saved"):
         own.save(tmp_path / "own")

@@ -11,26 +11,27 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import _core
-from .._base import gate
+from .._base import validation
+from .._base.records import trusted
 from .._base.types import DELTA, Floats, Fusion, worst
 from ..exceptions import InputError
 from ..identification.identified import Identified
 from ..theory.dynamics import states
 from ..theory.exact import best, best_control
-from .basis import Basis, known
-from .entities import fusion_over, problem, step_warnings
+from .arguments import fusion_over, problem, step_warnings
+from .constraints import LimitArguments
 from .limited import Horizon
 from .model_control import model_control
 from .plan import Plan
-from .task import LimitArguments
+from .provenance import Basis, known
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from ..theory.exact import Best
-    from .entities import Entity, EntityLike, SystemLike
+    from .arguments import Entity, EntityLike, SystemLike
+    from .constraints import LimitsLike
     from .limited import Limited
-    from .task import LimitsLike
 
 
 def control(
@@ -178,8 +179,8 @@ def control(
         soft=soft,
         time_limit=time_limit,
     )
-    level, least = gate.probability("delta", delta), gate.flag("robust", robust)
-    off = gate.nonnegative("x0_error", x0_error)
+    level, least = validation.probability("delta", delta), validation.flag("robust", robust)
+    off = validation.nonnegative("x0_error", x0_error)
     if isinstance(system, Identified):
         if level != DELTA and not least:
             raise InputError("`delta` goes with robust=True; otherwise it belongs to plan.bound")
@@ -241,7 +242,8 @@ def _estimates_control(
         known(entity.name, entity.value, estimate)
         for entity, estimate in zip(entities, (start, goal, A), strict=True)
     )
-    return Plan(
+    return trusted(
+        Plan,
         u=u,
         predicted_states=predicted,
         reachability=reachability,
@@ -250,7 +252,9 @@ def _estimates_control(
             [entity.status for entity in entities] + ([limited.status] if limited else [])
         ),
         info=info,
-        basis=Basis(B, x0_known, xf_known, A_known, (found.state_rounding, found.control_rounding)),
+        basis=trusted(
+            Basis, B, x0_known, xf_known, A_known, (found.state_rounding, found.control_rounding)
+        ),
         limited=limited,
         labels=labels,
         dt=dt,

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from .._base import gate
-from .._base.labels import default_labels
+from .._base import validation
+from .._base.signal_names import default_labels
 from ..exceptions import InputError
+from .constraints import sides, weight
 from .fleet_design import Box, Worst, least_mean, worst_of_few
 from .fleet_plan import RISKS, FleetPlan, Risk
 from .fleet_units import Systems, read_units
-from .task import sides, weight
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -100,9 +100,9 @@ def control_fleet(
     labels = units.systems.labels or default_labels(units.systems.n, m)
     low, high = sides("limits", limits, units.steps, labels)
     box = Box(low.ravel(), high.ravel(), None if R is None else weight("R", R, m))
-    gate.choice("risk", risk, RISKS)
-    count = gate.size("discard", discard, minimum=0, maximum=max(0, units.size - 1))
-    limit = None if time_limit is None else gate.positive("time_limit", time_limit)
+    validation.choice("risk", risk, RISKS)
+    count = validation.size("discard", discard, minimum=0, maximum=max(0, units.size - 1))
+    limit = None if time_limit is None else validation.positive("time_limit", time_limit)
     if risk == "mean":
         if count:
             raise InputError("`discard` needs risk='worst', got risk='mean'")

@@ -8,21 +8,22 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import _core
-from .._base import gate
+from .._base import validation
 from .._base.numbers import ROUNDING
+from .._base.records import trusted
 from ..ensembles.counts import Counts
 from ..ensembles.ensemble import Ensemble
 from ..exceptions import InputError, InputTypeError
 from ..fusion.fits import Fit
 from ..theory.exact import best_control
-from .basis import ModelBasis
-from .entities import ending, fusion_over, step_warnings
+from .arguments import ending, fusion_over, step_warnings
+from .constraints import LimitArguments
 from .limit_certificate import within_state_limits
 from .limited import Horizon
 from .model_bound import Asked
 from .plan import Plan
+from .provenance import ModelBasis
 from .region_errors import trajectory
-from .task import LimitArguments
 
 BEYOND = 2.0  # times the largest value in the data from which a plan gets a warning
 
@@ -65,7 +66,10 @@ def model_control(
         end = None if seconds is None else monotonic() + seconds
         limited = Horizon(task, model.A, model.B, model.c).solve(start, time_limit=seconds)
         if task.state_low is not None and task.soft is None:
-            basis, plain = ModelBasis(model, start, goal, x0_error), Asked(False, False, False)
+            basis, plain = (
+                trusted(ModelBasis, model, start, goal, x0_error),
+                Asked(False, False, False),
+            )
             left = None if end is None else end - monotonic()
             limited, _ = within_state_limits(basis, limited, delta, plain, left)
         u = limited.u
@@ -83,14 +87,15 @@ def model_control(
         *step_warnings(n, m, K, reachability.rank, exact=False),
         *_beyond(model, predicted, u),
     )
-    return Plan(
+    return trusted(
+        Plan,
         u=u,
         predicted_states=predicted,
         reachability=reachability,
         fusion=how,
         status="completed" if limited is None else limited.status,
         info=info,
-        basis=ModelBasis(model, start, goal, x0_error),
+        basis=trusted(ModelBasis, model, start, goal, x0_error),
         limited=limited,
         labels=labels,
         dt=model.dt,
@@ -122,9 +127,9 @@ def _exact(name: str, value: Any, names: tuple[str, ...]) -> Floats:
             rest = ", and as `x0_error` how far x0 may be from it"
         raise InputTypeError(
             f"`{name}` must be an array with a model from data, got "
-            f"{gate.article(type(value))}: pass {mean}{rest}"
+            f"{validation.article(type(value))}: pass {mean}{rest}"
         )
-    return gate.vector(name, value, length=len(names), labels=names).copy()
+    return validation.vector(name, value, length=len(names), labels=names).copy()
 
 
 def _robust(model: Identified, x0: Floats, xf: Floats, K: int, delta: float) -> Floats:

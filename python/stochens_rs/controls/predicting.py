@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._base import gate
+from .._base import validation
 from ..exceptions import InputTypeError, NonFiniteError
 from ..identification.identified import Identified
 from ..theory.exact import best_control
-from .basis import ModelBasis
 from .plan import Plan
+from .provenance import ModelBasis
 from .region_errors import trajectory
 
 if TYPE_CHECKING:
@@ -57,10 +57,10 @@ def predict(model: Identified, x0: ArrayLike, inputs: ArrayLike, *, x0_error: fl
     True
     """
     if not isinstance(model, Identified):
-        raise InputTypeError(f"`model` must be a model from data, got {gate.show(model)}")
+        raise InputTypeError(f"`model` must be a model from data, got {validation.show(model)}")
     n, m = model.B.shape
-    start = gate.vector("x0", x0, length=n, labels=model.state_names).copy()
-    u = gate.inputs("inputs", inputs, cols=m, empty=False, labels=model.input_names).copy()
+    start = validation.vector("x0", x0, length=n, labels=model.state_names).copy()
+    u = validation.inputs("inputs", inputs, cols=m, empty=False, labels=model.input_names).copy()
     path = trajectory(model._Theta, start, u)
     if not np.isfinite(path).all():
         raise NonFiniteError("the predicted states overflow: give fewer or smaller `inputs`")
@@ -73,7 +73,7 @@ def predict(model: Identified, x0: ArrayLike, inputs: ArrayLike, *, x0_error: fl
         "A": {"method": "from data", "size": None},
         "warnings": model.warnings,
     }
-    basis = ModelBasis(model, start, path[-1].copy(), gate.nonnegative("x0_error", x0_error))
+    basis = ModelBasis(model, start, path[-1].copy(), validation.nonnegative("x0_error", x0_error))
     reachability = best.reachability()
     known: Any = {"labels": model.labels, "dt": model.dt}
     return Plan(u, path, reachability, "product", "completed", info, basis, **known)

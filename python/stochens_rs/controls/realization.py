@@ -7,20 +7,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import _core
-from .._base import gate, memory
+from .._base import memory, validation
 from .._base.threads import get_num_threads
 from ..exceptions import SolverError
 from ..theory.exact import factors
-from .entities import problem
+from .arguments import problem
+from .constraints import checked_task
 from .limited import OPTIMAL, Horizon
-from .task import checked_task
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from .._base.types import Floats
-    from .entities import EntityLike, SystemLike
-    from .task import LimitsLike
+    from .arguments import EntityLike, SystemLike
+    from .constraints import LimitsLike
 
 
 def realization_controls(
@@ -106,7 +106,7 @@ def realization_controls(
         controls = np.empty(shape)
     else:
         A, B = system[:2] if isinstance(system, tuple) else (system.A, system.B)
-        controls = gate.output("out", out, shape, {"A": A, "B": B, "x0": x0, "xf": xf})
+        controls = validation.output("out", out, shape, {"A": A, "B": B, "x0": x0, "xf": xf})
     data, threads = (start, goal, matrix, given[2].by_rows), get_num_threads()
     if task is None:
         _core.realization_controls(controls, out is None, factors(inputs).inverse, *data, threads)

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._base import gate
+from .._base import validation
+from .constraints import checked_task
 from .regulator import Regulator, checked_model
-from .task import checked_task
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -93,8 +93,8 @@ def regulate(
     """
     checked = checked_model(system)
     n, m = checked.B.shape
-    K = gate.size("steps", steps)
-    goal = None if xf is None else gate.vector("xf", xf, length=n, labels=checked.state_names)
+    K = validation.size("steps", steps)
+    goal = None if xf is None else validation.vector("xf", xf, length=n, labels=checked.state_names)
     task = checked_task(
         n,
         m,

@@ -7,10 +7,9 @@ from .ready_coverage import coverage
 from .ready_fleet import fleet
 from .ready_loop import closed_loop
 from .ready_sampling import sampling_coverage
-from .results import Results
+from .results import Failure, Results
 from .study import Study
 from .summary import Summary
-from .tables import Failure
 
 __all__ = [
     "Curve",

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._base import gate
+from .._base import validation
 from .._base.numbers import norm
 from .._base.records import Record
 from .._base.types import Floats
@@ -57,7 +57,7 @@ def error(system: Any, x0: ArrayLike, xf: ArrayLike, *, tol: float = 1e-9) -> Sa
     ['A', 'control', 'state', 'x0', 'xf']
     """
     known, start, goal = checked_ends(system, x0, xf)
-    made = SamplingError(known, start, goal, gate.positive("tol", tol))
+    made = SamplingError(known, start, goal, validation.positive("tol", tol))
     if not made.norms():
         raise InputError("one of `system`, `x0` and `xf` must not be 0: errors are relative")
     return made

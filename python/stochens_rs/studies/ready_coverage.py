@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._base import gate
+from .._base import validation
 from .._base.records import Record
 from .._base.types import DELTA, Floats
 from ..controls import Plan
@@ -114,8 +114,8 @@ def coverage(
     return RunCoverage(
         truth=Truth(known, root, c),
         design=checked_design(known, runs, length, starts, excitation, feedback),
-        x0=gate.vector("x0", x0, length=known.n).copy(),
-        xf=gate.vector("xf", xf, length=known.n).copy(),
+        x0=validation.vector("x0", x0, length=known.n).copy(),
+        xf=validation.vector("xf", xf, length=known.n).copy(),
         size=(30 if runs is None else len(runs)) if size is None else size,
         steps=steps,
         delta=delta,
@@ -171,9 +171,9 @@ class RunCoverage(Record, listed=False):
     bound: dict[str, Any]
 
     def __post_init__(self) -> None:
-        gate.size("size", self.size)
-        gate.size("steps", self.steps)
-        gate.probability("delta", self.delta)
+        validation.size("size", self.size)
+        validation.size("steps", self.steps)
+        validation.probability("delta", self.delta)
 
     @property
     def units(self) -> dict[str, str]:
@@ -191,7 +191,7 @@ class RunCoverage(Record, listed=False):
     ) -> dict[str, float]:
         """Return the numbers of one replicate."""
         now = changed(self, size=size, steps=steps, delta=delta)
-        sigma = None if noise is None else gate.nonnegative("noise", noise)
+        sigma = None if noise is None else validation.nonnegative("noise", noise)
         data = self.design.draw(self.truth, now.size, key.child("runs"), sigma)
         if now.identify.get("design") == "independent":
             data = data.last_pairs()

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._base import gate
-from .._base.labels import default_labels
+from .._base import validation
 from .._base.records import Record
+from .._base.signal_names import default_labels
 from .._base.types import Floats
+from ..controls.constraints import sides, weight
 from ..controls.fleet import control_fleet
 from ..controls.fleet_plan import RISKS, Risk
 from ..controls.fleet_units import Units, read_systems, read_units
-from ..controls.task import sides, weight
 from ..ensembles import SystemEnsemble
 from ..exceptions import InputError
 from ..rng import Key
@@ -88,18 +88,23 @@ def fleet(
     if nominal != (spread is not None):
         raise InputError("`spread` must be given for one nominal system, and only there")
     law = SystemEnsemble.from_systems([units]) if nominal else read_systems(units)
-    read_units(law, gate.vector("x0", x0), xf, steps, Q)
-    sides("limits", limits, gate.size("steps", steps), law.labels or default_labels(law.n, law.m))
+    read_units(law, validation.vector("x0", x0), xf, steps, Q)
+    sides(
+        "limits",
+        limits,
+        validation.size("steps", steps),
+        law.labels or default_labels(law.n, law.m),
+    )
     if R is not None:
         weight("R", R, law.m)
     return Fleet(
         law=law,
-        x0=gate.vector("x0", x0, length=law.n).copy(),
-        xf=gate.vector("xf", xf, length=law.n).copy(),
+        x0=validation.vector("x0", x0, length=law.n).copy(),
+        xf=validation.vector("xf", xf, length=law.n).copy(),
         steps=steps,
-        spread=None if spread is None else gate.nonnegative("spread", spread),
+        spread=None if spread is None else validation.nonnegative("spread", spread),
         size=size,
-        held_out=gate.size("held_out", held_out),
+        held_out=validation.size("held_out", held_out),
         risk=risk,
         beta=beta,
         limits=limits,
@@ -142,10 +147,10 @@ class Fleet(Record, listed=False):
     R: Any
 
     def __post_init__(self) -> None:
-        gate.size("size", self.size)
-        gate.size("steps", self.steps)
-        gate.choice("risk", self.risk, RISKS)
-        gate.probability("beta", self.beta)
+        validation.size("size", self.size)
+        validation.size("steps", self.steps)
+        validation.choice("risk", self.risk, RISKS)
+        validation.probability("beta", self.beta)
 
     @property
     def units(self) -> dict[str, str]:

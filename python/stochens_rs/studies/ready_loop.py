@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._base import gate
-from .._base.labels import order_of
+from .._base import validation
 from .._base.records import Record
+from .._base.signal_names import order_of
 from .._base.types import Floats
+from ..controls.constraints import sides, weight
 from ..controls.regulating import regulate
 from ..controls.regulator import checked_model
-from ..controls.task import sides, weight
 from ..exceptions import InputError, ShapeError
 from ..identification.identified import Identified
 from ..rng import Key
@@ -91,19 +91,19 @@ def closed_loop(
     n = known.n
     goal = np.zeros(n)
     if xf is not None:
-        goal = gate.vector("xf", xf, length=n, labels=known.state_names).copy()
+        goal = validation.vector("xf", xf, length=n, labels=known.state_names).copy()
     acting = known if model is None else _acting(model, known)
     options = {"Q": Q, "R": R, "state_limits": state_limits, "soft": soft}
     regulate(acting, steps, goal, limits=_pair(limits), **options)  # refuses what does not fit
     return ClosedLoop(
         system=known,
-        x0=gate.vector("x0", x0, length=n, labels=known.state_names).copy(),
+        x0=validation.vector("x0", x0, length=n, labels=known.state_names).copy(),
         xf=goal,
         steps=steps,
         limits=limits,
         **options,
         noise=deviations(noise, n),
-        length=gate.size("length", length),
+        length=validation.size("length", length),
         model=acting,
     )
 
@@ -146,7 +146,7 @@ class ClosedLoop(Record, listed=False):
     def __call__(self, key: Key, **axes: Any) -> dict[str, float]:
         """Return the numbers of one replicate."""
         for name in axes:
-            gate.choice("axis", name, ("steps", "limits", "Q", "R", "noise", "model"))
+            validation.choice("axis", name, ("steps", "limits", "Q", "R", "noise", "model"))
         now, (n, m) = changed(self, **axes), self.system.B.shape
         limits = _pair(now.limits)
         loop = regulate(
@@ -193,4 +193,8 @@ def _acting(model: Any, system: System) -> System | Identified:
 
 def _pair(limits: Any) -> Any:
     """(-L, L) for a number L."""
-    return (-gate.nonnegative("limits", limits), limits) if gate.is_real(limits) else limits
+    return (
+        (-validation.nonnegative("limits", limits), limits)
+        if validation.is_real(limits)
+        else limits
+    )

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from .._base import gate, memory
-from .._base.gate import show
+from .._base import memory, validation
 from .._base.records import Record
 from .._base.types import Floats
+from .._base.validation import show
 from ..exceptions import InputError, InputTypeError
 from ..identification import Trajectories
 from ..rng import Key
@@ -107,7 +107,7 @@ def checked_design(
     """Check the arguments about the design."""
     n, m = system.n, system.m
     if runs is not None:
-        gate.instance("runs", runs, Trajectories)
+        validation.instance("runs", runs, Trajectories)
         if (runs.n, runs.m, runs.steps) != (n, m, 1):
             raise InputError(f"`runs` must have n={n} and m={m}, as the system, got {runs!r}")
     return Design(
@@ -115,17 +115,17 @@ def checked_design(
         excitation=deviations("excitation", excitation, m),
         feedback=np.zeros((m, n))
         if feedback is None
-        else gate.matrix("feedback", feedback, rows=m, cols=n),
-        length=gate.size("length", length),
+        else validation.matrix("feedback", feedback, rows=m, cols=n),
+        length=validation.size("length", length),
         runs=runs,
     )
 
 
 def deviations(name: str, value: Any, count: int) -> Floats:
     """Standard deviations (count,) from a number or one for each."""
-    if gate.is_real(value):
-        return np.full(count, gate.nonnegative(name, value))
-    found = gate.vector(name, value, length=count)
+    if validation.is_real(value):
+        return np.full(count, validation.nonnegative(name, value))
+    found = validation.vector(name, value, length=count)
     if (found < 0.0).any():
         raise InputError(f"`{name}` must be standard deviations >= 0, got {found.min():.3g}")
     return found.copy()
@@ -141,7 +141,7 @@ def options(
         raise InputTypeError(f"`{name}` must be a mapping of arguments, got {show(value)}")
     known = inspect.signature(function).parameters.values()
     own = tuple(one.name for one in known if one.kind is one.KEYWORD_ONLY and one.name not in taken)
-    return {gate.choice(f"{name} argument", key, own): one for key, one in value.items()}
+    return {validation.choice(f"{name} argument", key, own): one for key, one in value.items()}
 
 
 def changed(function: Ready, **values: Any) -> Ready:

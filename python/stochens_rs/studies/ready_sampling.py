@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._base import gate
+from .._base import validation
 from .._base.records import Record
 from .._base.types import DELTA, QUANTITIES, Floats, Quantity
+from ..controls.constraints import sides
 from ..controls.steering import steer
-from ..controls.task import sides
 from ..fusion.fusing import Method
 from ..rng import Key
 from ..system import System
@@ -20,7 +20,7 @@ from .ready_runs import changed
 from .units import PURE
 
 if TYPE_CHECKING:
-    from ..controls.task import LimitsLike
+    from ..controls.constraints import LimitsLike
 
 
 def sampling_coverage(
@@ -76,10 +76,10 @@ def sampling_coverage(
     array([0.9, 1. ])
     """
     known = System.from_any(system)
-    start = gate.vector("x0", x0, length=known.n).copy()
-    goal = gate.vector("xf", xf, length=known.n).copy()
-    gate.choice("method", method, get_args(Method))
-    sides("limits", limits, gate.size("steps", steps), known.labels)
+    start = validation.vector("x0", x0, length=known.n).copy()
+    goal = validation.vector("xf", xf, length=known.n).copy()
+    validation.choice("method", method, get_args(Method))
+    sides("limits", limits, validation.size("steps", steps), known.labels)
     return SamplingCoverage(known, start, goal, size, steps, delta, method, quantity, limits)
 
 
@@ -110,10 +110,10 @@ class SamplingCoverage(Record, listed=False):
     limits: LimitsLike
 
     def __post_init__(self) -> None:
-        gate.size("size", self.size)
-        gate.size("steps", self.steps)
-        gate.probability("delta", self.delta)
-        gate.choice("quantity", self.quantity, QUANTITIES)
+        validation.size("size", self.size)
+        validation.size("steps", self.steps)
+        validation.probability("delta", self.delta)
+        validation.choice("quantity", self.quantity, QUANTITIES)
 
     @property
     def units(self) -> dict[str, str]:

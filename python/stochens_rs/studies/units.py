@@ -5,8 +5,8 @@ from __future__ import annotations
 import functools
 from collections.abc import Mapping
 
-from .._base import gate
-from .._base.labels import Labels
+from .._base import validation
+from .._base.signal_names import Labels
 from ..exceptions import InputTypeError
 
 PURE = "1"  # of a number without unit, as in the conventions of netCDF
@@ -19,10 +19,12 @@ def units_of(function: object) -> dict[str, str]:
     given = getattr(function, "units", {})
     if not isinstance(given, Mapping):
         raise InputTypeError(
-            f"`function.units` must be a mapping of names to texts, got {gate.show(given)}"
+            f"`function.units` must be a mapping of names to texts, got {validation.show(given)}"
         )
-    names = {gate.text("function.units", name): unit for name, unit in given.items()}
-    return {name: gate.text(f"function.units[{name!r}]", unit) for name, unit in names.items()}
+    names = {validation.text("function.units", name): unit for name, unit in given.items()}
+    return {
+        name: validation.text(f"function.units[{name!r}]", unit) for name, unit in names.items()
+    }
 
 
 def of_states(labels: Labels, *numbers: str) -> dict[str, str]:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from .._base import gate
-from .._base.labelled import aligned
-from .._base.labels import Labels, default_labels
-from .._base.records import Record, require_shapes
+from .._base import validation
+from .._base.align_labels import aligned
+from .._base.records import Record, require_shapes, trusted
+from .._base.signal_names import Labels, default_labels
 from .._base.types import Floats
 from ..exceptions import InputError, InputTypeError, ShapeError
 
@@ -63,9 +63,9 @@ class Task(Record):
     def __post_init__(self) -> None:
         if np.ndim(self.low) != 2 or np.shape(self.low) != np.shape(self.high):
             raise ShapeError("`low` and `high` must have the same shape (K, m)")
-        n = gate.kept("reference", self.reference, ndim=(2,)).shape[1]
+        n = validation.kept("reference", self.reference, ndim=(2,)).shape[1]
         for name in ("stage", "terminal"):
-            gate.kept(name, getattr(self, name), shape=(n, n))
+            validation.kept(name, getattr(self, name), shape=(n, n))
         K, m = np.shape(self.low)
         rows = {"reference": (K, n), "state_low": (K, n), "state_high": (K, n)}
         require_shapes(self, R=(m, m), rate=(m,), previous=(m,), **rows)
@@ -88,15 +88,9 @@ class Task(Record):
     def unlimited(self) -> Task:
         """The same weights and reference without limits."""
         none = np.full_like(self.low, np.inf)
-        return replace(
-            self,
-            low=-none,
-            high=none,
-            rate=None,
-            previous=None,
-            state_low=None,
-            state_high=None,
-            soft=None,
+        wanted, follows = self.reference, self.follows
+        return trusted(
+            Task, -none, none, self.stage, self.terminal, wanted, self.R, follows=follows
         )
 
     def weights(self) -> tuple[Floats, Floats]:
@@ -143,9 +137,9 @@ class LimitArguments:
         if self.time_limit is None:
             return None
         if task is None:
-            shown = gate.show(self.time_limit)
+            shown = validation.show(self.time_limit)
             raise InputError(f"`time_limit` must be left out without limits, got {shown}")
-        return gate.positive("time_limit", self.time_limit)
+        return validation.positive("time_limit", self.time_limit)
 
 
 def root(Q: Floats) -> Floats:
@@ -185,7 +179,7 @@ def checked_task(
         for name, value in (("previous", previous), ("soft", soft)):
             if value is not None:
                 raise InputError(
-                    f"`{name}` must be left out without limits, got {gate.show(value)}"
+                    f"`{name}` must be left out without limits, got {validation.show(value)}"
                 )
         return None
     low, high = sides("limits", limits, K, named)
@@ -199,7 +193,8 @@ def checked_task(
     below, above = None, None
     if state_limits is not None:
         below, above = sides("state_limits", state_limits, K, named)
-    return Task(
+    return trusted(
+        Task,
         low,
         high,
         stage,
@@ -218,17 +213,17 @@ def checked_task(
 def weight(name: str, value: Any, n: int, *, auto: bool = False) -> Floats:
     """A weight as a matrix: from a number, a diagonal (n,) or a matrix (n, n)."""
     if isinstance(value, str):
-        other, found = '"auto", ' if auto else "", gate.show(value)
+        other, found = '"auto", ' if auto else "", validation.show(value)
         raise InputTypeError(f"`{name}` must be {other}a number, ({n},) or ({n}, {n}), got {found}")
-    given = gate.read(name, value)
+    given = validation.read(name, value)
     if given.ndim == 0:
-        return gate.nonnegative(name, value) * np.eye(n)
+        return validation.nonnegative(name, value) * np.eye(n)
     if given.ndim == 1:
-        entries = gate.vector(name, value, length=n)
+        entries = validation.vector(name, value, length=n)
         if (entries < 0.0).any():
             raise InputError(f"`{name}` must have entries >= 0, got {entries.min():.3g}")
         return np.diag(entries)
-    full = gate.matrix(name, value, rows=n, cols=n)
+    full = validation.matrix(name, value, rows=n, cols=n)
     largest = float(np.abs(full).max())
     if np.abs(full / 2.0 - full.T / 2.0).max() > 5e-10 * largest:
         raise InputError(f"`{name}` must be symmetric")
@@ -248,9 +243,9 @@ def sides(name: str, value: Any, K: int, labels: Labels) -> tuple[Floats, Floats
     if value is None:
         return np.full((K, m), -np.inf), np.full((K, m), np.inf)
     try:
-        pair = gate.items(name, value)
+        pair = validation.items(name, value)
     except InputTypeError:
-        found = gate.show(value)
+        found = validation.show(value)
         raise InputTypeError(f"`{name}` must be a pair (low, high), got {found}") from None
     if len(pair) != 2:
         raise InputError(f"`{name}` must be a pair (low, high), got {len(pair)} items")
@@ -273,7 +268,7 @@ def _side(name: str, value: Any, K: int, names: tuple[str, ...], none: float) ->
     m = len(names)
     if value is None:
         return np.full((K, m), none)
-    given = gate.read(name, aligned(name, value, names))
+    given = validation.read(name, aligned(name, value, names))
     if given.dtype.kind not in "iuf":
         raise InputTypeError(f"`{name}` must be a number or an array of numbers")
     if given.shape not in ((), (m,), (K, m)):
@@ -295,9 +290,13 @@ def _rates(
             raise InputError("`previous` must be left out without `rate`")
         return None, None
     rate = aligned("rate", rate, labels.inputs)
-    given = gate.read("rate", rate)
+    given = validation.read("rate", rate)
     one = given.ndim == 0
-    speed = np.full(m, gate.positive("rate", rate)) if one else gate.vector("rate", rate, length=m)
+    speed = (
+        np.full(m, validation.positive("rate", rate))
+        if one
+        else validation.vector("rate", rate, length=m)
+    )
     if (speed <= 0.0).any():
         raise InputError(f"`rate` must be > 0, got {speed.min():.3g}")
     if previous is None:
@@ -305,9 +304,9 @@ def _rates(
             "`previous` must be given with `rate`: the input that is applied now, a number or (m,)"
         )
     previous = aligned("previous", previous, labels.inputs)
-    if gate.read("previous", previous).ndim == 0:
+    if validation.read("previous", previous).ndim == 0:
         previous = [previous] * m
-    before = gate.vector("previous", previous, length=m)
+    before = validation.vector("previous", previous, length=m)
     # what a later limit leaves: l'_k = max(l_k, l'_{k+1} - rate), and h' likewise
     below, above = low[-1], high[-1]
     for k in range(len(low) - 1, -1, -1):
@@ -337,7 +336,7 @@ def _reference(value: Any, xf: Floats | None, K: int, names: tuple[str, ...]) ->
         return np.ascontiguousarray(np.broadcast_to(xf, (K, len(names))))
     if xf is not None:
         raise InputError("`xf` must be None with `reference`, whose last row takes its place")
-    given = gate.matrix("reference", value, rows=K + 1, cols=len(names), labels=names)
+    given = validation.matrix("reference", value, rows=K + 1, cols=len(names), labels=names)
     return np.ascontiguousarray(given[1:])
 
 
@@ -350,4 +349,4 @@ def _softness(soft: Any, state_limits: ArrayLike | None, largest: float) -> floa
         return SOFT * largest
     if soft is False:
         return None
-    return gate.positive("soft", soft)
+    return validation.positive("soft", soft)

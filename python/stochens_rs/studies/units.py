@@ -14,7 +14,7 @@ PURE = "1"  # of a number without unit, as in the conventions of netCDF
 
 def units_of(function: object) -> dict[str, str]:
     """The attribute ``units`` of a function, checked; empty if it has none."""
-    while isinstance(function, functools.partial):
+    while isinstance(function, functools.partial) and not hasattr(function, "units"):
         function = function.func
     given = getattr(function, "units", {})
     if not isinstance(given, Mapping):

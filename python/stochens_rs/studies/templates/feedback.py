@@ -2,27 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._base import validation
-from .._base.records import Record
-from .._base.signal_names import order_of
-from .._base.types import Floats
-from ..controls.constraints import sides, weight
-from ..controls.regulating import regulate
-from ..controls.regulator import checked_model
-from ..exceptions import InputError, ShapeError
-from ..identification.identified import Identified
-from ..rng import Key
-from ..simulation.closed_loop import track
-from ..simulation.controlled import deviations
-from ..system import System
-from .ready_runs import changed
-from .units import PURE, of_states
+from ..._base import validation
+from ..._base.signal_names import order_of
+from ..._base.types import Floats
+from ...controls.constraints import sides, weight
+from ...controls.regulating import regulate
+from ...controls.regulator import checked_model
+from ...exceptions import InputError, ShapeError
+from ...identification.identified import Identified
+from ...rng import Key
+from ...simulation.closed_loop import track
+from ...system import System
+from ..units import of_states
+from .template import Template, deviations, template
 
 
 def closed_loop(
@@ -39,7 +36,7 @@ def closed_loop(
     noise: ArrayLike = 0.0,
     length: int = 50,
     model: Any = None,
-) -> ClosedLoop:
+) -> Template:
     """Return the function of a study of a feedback, as `regulate` makes it, under noise.
 
     Parameters
@@ -69,9 +66,12 @@ def closed_loop(
 
     Returns
     -------
-    ClosedLoop
+    Template
         ``function(key, steps, limits, Q, R, noise, model)``, for a grid of any of these. Pairs,
-        arrays and models need labels there.
+        arrays and models need labels there. It returns "cost", ``sum_k ||x(k) - xf||_Q^2 +
+        ||u(k-1)||_R^2`` over k = 1, ..., T with the Q and R here, whatever the feedback has, so
+        that costs can be compared; "limited", the share of inputs that are at a limit; "violation",
+        by how much a state was beyond its limits at most; "distance", ``||x(T) - xf||``.
 
     Raises
     ------
@@ -93,84 +93,53 @@ def closed_loop(
     if xf is not None:
         goal = validation.vector("xf", xf, length=n, labels=known.state_names).copy()
     acting = known if model is None else _acting(model, known)
-    options = {"Q": Q, "R": R, "state_limits": state_limits, "soft": soft}
+    options: dict[str, Any] = {"Q": Q, "R": R, "state_limits": state_limits, "soft": soft}
     regulate(acting, steps, goal, limits=_pair(limits), **options)  # refuses what does not fit
-    return ClosedLoop(
+    return template(
+        _numbers,
+        ("steps", "limits", "Q", "R", "noise", "model"),
+        ("limited", "steps"),
+        of_states(known.labels, "violation", "distance", "noise"),
         system=known,
         x0=validation.vector("x0", x0, length=n, labels=known.state_names).copy(),
         xf=goal,
-        steps=steps,
-        limits=limits,
-        **options,
-        noise=deviations(noise, n),
+        cost=(weight("Q", Q, n), weight("R", R, known.m)),
+        noise=deviations("noise", noise, n),
         length=validation.size("length", length),
-        model=acting,
+        **{"steps": steps, "limits": limits, "model": acting, **options},
     )
 
 
-@dataclass(frozen=True, eq=False)
-class ClosedLoop(Record, listed=False):
-    """A system under a feedback within limits, with noise.
-
-    Calling it with a key, and any of `steps`, `limits`, `Q`, `R`, `noise`, `model` in place of
-    those here, returns "cost", ``sum_k ||x(k) - xf||_Q^2 + ||u(k-1)||_R^2`` over k = 1, ..., T with
-    the Q and R here, whatever the feedback has, so that costs can be compared; "limited", the share
-    of inputs that are at a limit; "violation", by how much a state was beyond its limits at most;
-    "distance", ``||x(T) - xf||``.
-
-    Attributes
-    ----------
-    system, x0, xf, steps, limits, Q, R, state_limits, soft, noise, length, model
-        As in `closed_loop`.
-    """
-
-    system: System
-    x0: Floats
-    xf: Floats
-    steps: int
-    limits: Any
-    Q: Any
-    R: Any
-    state_limits: Any
-    soft: float | bool | None
-    noise: Any
-    length: int
-    model: Any
-
-    @property
-    def units(self) -> dict[str, str]:
-        """Of its numbers."""
-        lengths = of_states(self.system.labels, "violation", "distance", "noise")
-        return dict.fromkeys(("limited", "steps"), PURE) | lengths
-
-    def __call__(self, key: Key, **axes: Any) -> dict[str, float]:
-        """Return the numbers of one replicate."""
-        for name in axes:
-            validation.choice("axis", name, ("steps", "limits", "Q", "R", "noise", "model"))
-        now, (n, m) = changed(self, **axes), self.system.B.shape
-        limits = _pair(now.limits)
-        loop = regulate(
-            _acting(now.model, self.system),
-            now.steps,
-            self.xf,
-            limits=limits,
-            Q=now.Q,
-            R=now.R,
-            state_limits=self.state_limits,
-            soft=self.soft,
-        )
-        reference = np.tile(self.xf, (self.length + 1, 1))
-        ride = track(self.system, reference, controller=loop, x0=self.x0, noise=now.noise, rng=key)
-        low, high = sides("limits", limits, 1, self.system.labels)
-        below, above = sides("state_limits", self.state_limits, 1, self.system.labels)
-        x, u, off = ride.states[1:], ride.inputs, ride.states[1:] - self.xf
-        cost = np.sum((off @ weight("Q", self.Q, n)) * off)
-        return {
-            "cost": float(cost + np.sum((u @ weight("R", self.R, m)) * u)),
-            "limited": float(np.mean((u <= low) | (u >= high))),
-            "violation": float(max(0.0, (x - above).max(), (below - x).max())),
-            "distance": float(ride.errors[-1]),
-        }
+def _numbers(
+    key: Key,
+    *,
+    system: System,
+    x0: Floats,
+    xf: Floats,
+    steps: int,
+    limits: Any,
+    state_limits: Any,
+    noise: Any,
+    length: int,
+    model: Any,
+    cost: tuple[Floats, Floats],
+    **weights: Any,
+) -> dict[str, float]:
+    limits = _pair(limits)
+    weights |= {"limits": limits, "state_limits": state_limits}
+    loop = regulate(_acting(model, system), steps, xf, **weights)
+    reference = np.tile(xf, (length + 1, 1))
+    ride = track(system, reference, controller=loop, x0=x0, noise=noise, rng=key)
+    low, high = sides("limits", limits, 1, system.labels)
+    below, above = sides("state_limits", state_limits, 1, system.labels)
+    x, u, off = ride.states[1:], ride.inputs, ride.states[1:] - xf
+    Q, R = cost
+    return {
+        "cost": float(np.sum((off @ Q) * off) + np.sum((u @ R) * u)),
+        "limited": float(np.mean((u <= low) | (u >= high))),
+        "violation": float(max(0.0, (x - above).max(), (below - x).max())),
+        "distance": float(ride.errors[-1]),
+    }
 
 
 def _acting(model: Any, system: System) -> System | Identified:

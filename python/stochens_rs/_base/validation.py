@@ -262,6 +262,16 @@ def nonnegative(name: str, value: object) -> float:
     return positive(name, value) if value != 0 else 0.0
 
 
+def deviations(name: str, value: Any, count: int) -> Floats:
+    """Standard deviations (count,) from a number or one for each."""
+    if is_real(value):
+        return np.full(count, nonnegative(name, value))
+    found = vector(name, value, length=count)
+    if (found < 0.0).any():
+        raise InputError(f"`{name}` must be standard deviations >= 0, got {found.min():.3g}")
+    return found.copy()
+
+
 def probability(name: str, value: object) -> float:
     """Return a real number in (0, 1) as float."""
     number = positive(name, value)

@@ -54,7 +54,7 @@ def controlled(
     # what the controller calls by the same names stands where it has it
     order = order_of("system", system.labels, None if loop is None else loop._labels)
     back = order.back()
-    sigma = deviations(noise, n)
+    sigma = validation.deviations("noise", 0.0 if noise is None else noise, n)
     states, inputs = np.empty((runs or 1, K + 1, n)), np.empty((runs or 1, K, m))
     seen: Counter[Status] = Counter()
     for i, (x, u) in enumerate(zip(states, inputs, strict=True)):
@@ -78,16 +78,6 @@ def controlled(
         "noise": sigma,
     }
     return Driven(states, inputs, worst(seen) if seen else "completed", info)
-
-
-def deviations(noise: Any, n: int) -> Floats:
-    """Standard deviations (n,) from a number or one for each state."""
-    if noise is None or validation.is_real(noise):
-        return np.full(n, 0.0 if noise is None else validation.nonnegative("noise", noise))
-    sigma = validation.vector("noise", noise, length=n)
-    if (sigma < 0.0).any():
-        raise InputError(f"`noise` must be standard deviations >= 0, got {sigma.min():.3g}")
-    return sigma.copy()
 
 
 def check_info(info: dict[str, Any]) -> None:

@@ -20,7 +20,7 @@ from ...rng import Key
 from ...system import System
 from ..units import of_states
 from .runs import Design, Truth, checked_design
-from .template import Template, compared, deviations, options, template
+from .template import Template, compared, options, template
 
 
 def coverage(
@@ -111,7 +111,7 @@ def coverage(
         values, vectors = np.linalg.eigh(covariance)  # type: ignore[arg-type]
         root: Floats = vectors * np.sqrt(np.maximum(values, 0.0))
     else:
-        root = np.diag(deviations("noise", noise, known.n))
+        root = np.diag(validation.deviations("noise", noise, known.n))
     return template(
         _numbers,
         ("size", "steps", "delta", "noise"),

@@ -19,7 +19,7 @@ from ...rng import Key
 from ...simulation.closed_loop import track
 from ...system import System
 from ..units import of_states
-from .template import Template, deviations, template
+from .template import Template, template
 
 
 def closed_loop(
@@ -104,7 +104,7 @@ def closed_loop(
         x0=validation.vector("x0", x0, length=n, labels=known.state_names).copy(),
         xf=goal,
         cost=(weight("Q", Q, n), weight("R", R, known.m)),
-        noise=deviations("noise", noise, n),
+        noise=validation.deviations("noise", noise, n),
         length=validation.size("length", length),
         **{"steps": steps, "limits": limits, "model": acting, **options},
     )

@@ -15,7 +15,6 @@ from ...exceptions import InputError
 from ...identification import Trajectories
 from ...rng import Key
 from ...system import System
-from .template import deviations
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,8 +103,8 @@ def checked_design(
         if (runs.n, runs.m, runs.steps) != (n, m, 1):
             raise InputError(f"`runs` must have n={n} and m={m}, as the system, got {runs!r}")
     return Design(
-        starts=deviations("starts", starts, n),
-        excitation=deviations("excitation", excitation, m),
+        starts=validation.deviations("starts", starts, n),
+        excitation=validation.deviations("excitation", excitation, m),
         feedback=np.zeros((m, n))
         if feedback is None
         else validation.matrix("feedback", feedback, rows=m, cols=n),

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..._base import validation
-from ..._base.types import Floats
-from ...exceptions import InputError, InputTypeError
+from ...exceptions import InputTypeError
 from ...rng import Key
 from ..units import PURE
 
@@ -43,16 +42,6 @@ def template(
     made = Template(function, **fixed)
     made.axes, made.units = axes, {**dict.fromkeys(pure, PURE), **units}
     return made
-
-
-def deviations(name: str, value: Any, count: int) -> Floats:
-    """Standard deviations (count,) from a number or one for each."""
-    if validation.is_real(value):
-        return np.full(count, validation.nonnegative(name, value))
-    found = validation.vector(name, value, length=count)
-    if (found < 0.0).any():
-        raise InputError(f"`{name}` must be standard deviations >= 0, got {found.min():.3g}")
-    return found.copy()
 
 
 def options(

@@ -1,4 +1,4 @@
-"""Table of features of this package and its neighbours: every cell is run.
+"""Table of features of this package and its neighbours: every cell is checked.
 
 `python tools/compare_features.py [--write docs/compare.md]` in an environment with control, nutpie,
 cvxpy, scipy, pandas and xarray, and with this package. Asks the package index which wheels there
@@ -20,23 +20,22 @@ from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
 
-from comparison import CELLS, GROUPS, PACKAGES, TITLES, convex, own, pycontrol, sampler
+from comparison import CELLS, GROUPS, PACKAGES, TITLES
 from packaging.requirements import Requirement
 
 ROOT = Path(__file__).resolve().parents[1]
-COLUMNS = (own, pycontrol, sampler, convex)  # importing them declares their cells
 MEASURED = (
     "packages in all, with itself",
     "size of all of them [MB]",
     "CPU time of its import [s]",
 )
 WORDS = """\
-Each cell was found by running something: a small computation whose result is known, or a search of
-all names in the sources of the package. "No" only says that a package does not offer this; often it
-was never meant to. A dash: it draws nothing at random. "Partly" has a [note](#notes), whose number
-stands beside it, and so have some others. Sizes are those of the installed files; times are medians
-of nine fresh processes, less that of Python itself. The program that writes this page stops where a
-cell is wrong:
+Each cell is checked by a search of all names in the sources of the package or, where names do not
+tell, by a small computation whose result is known. "No" only says that a package does not offer
+this; often it was never meant to. A dash: it draws nothing at random. "Partly" has a
+[note](#notes), whose number stands beside it, and so have some others. Sizes are those of the
+installed files; times are medians of nine fresh processes, less that of Python itself. The program
+that writes this page stops where a cell is wrong:
 
 ```sh
 python -m venv compare
@@ -119,7 +118,7 @@ def versions() -> str:
 
 def version(package: str) -> str:
     """Return the version of an installed package, or of the package in this checkout."""
-    return str(__import__(PACKAGES[package]).__version__)
+    return str(__import__(package).__version__)
 
 
 # -- sizes ---------------------------------------------------------------------------------------
@@ -131,7 +130,7 @@ def measured() -> list[str]:
     for package in PACKAGES:
         needed = sorted(closure(package))
         size = sum(map(installed_size, needed)) / 1e6
-        seconds = statistics.median(import_time(PACKAGES[package]) for _ in range(9))
+        seconds = statistics.median(import_time(package) for _ in range(9))
         columns.append((str(len(needed)), f"{size:.0f}", f"{seconds:.2f}"))
     rows = zip(*columns, strict=True)
     return [f"| {label} | {' | '.join(row)} |" for label, row in zip(MEASURED, rows, strict=True)]

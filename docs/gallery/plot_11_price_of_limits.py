@@ -32,9 +32,9 @@ model = se.identify(data, sigma=0.0005, scale=SCALE)
 # %%
 # One plan of 20 steps for each limit; ``missed`` is what the limit adds to the cost ``objective``.
 x0, rest = [0.1, 0.05, 0.0, 0.0], np.zeros(4)
-weights = {"Q": [1.0, 10.0, 0.1, 1.0], "R": 0.01}
+cost = se.Cost(Q=[1.0, 10.0, 0.1, 1.0], R=0.01)
 limits = np.geomspace(0.7, 4.0, 15)
-plans = [se.control(model, x0, rest, steps=20, limits=(-f, f), **weights) for f in limits]
+plans = [se.control(model, x0, rest, steps=20, limits=(-f, f), cost=cost) for f in limits]
 print(plans[3])
 print(f"off the least cost by {plans[3].gap:.1e} at most")
 

@@ -19,8 +19,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from ._base.gate import show, text
 from ._base.records import Record
+from ._base.validation import show, text
 from .exceptions import InputTypeError, SeedError
 
 __all__ = ["Key", "RngLike", "as_key"]

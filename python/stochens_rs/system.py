@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ._base import foreign, gate, html
+from ._base import foreign, html, validation
+from ._base.align_labels import matrices
 from ._base.exports import Exported
-from ._base.labelled import matrices
-from ._base.labels import Labels, made_labels, order_of, texts
+from ._base.signal_names import Labels, made_labels, order_of, texts
 from ._base.simulator import Simulated
 
 if TYPE_CHECKING:
@@ -102,16 +102,16 @@ class System(Exported, Simulated):
     ) -> None:
         names = texts("states", states), texts("inputs", inputs)
         A, B, of_states, of_inputs = matrices(A, B, *names)
-        checked_A = gate.matrix("A", A, square=True)
-        checked_B = gate.matrix("B", B, rows=len(checked_A))
-        label = None if name is None else " ".join(gate.text("name", name).split())
-        gate.line("name", label or "")
+        checked_A = validation.matrix("A", A, square=True)
+        checked_B = validation.matrix("B", B, rows=len(checked_A))
+        label = None if name is None else " ".join(validation.text("name", name).split())
+        validation.line("name", label or "")
         n, m = checked_B.shape
         labels = made_labels(n, m, of_states, of_inputs, units)
         for slot, value in (
             ("_labels", labels),
-            ("_A", gate.frozen(checked_A)),
-            ("_B", gate.frozen(checked_B)),
+            ("_A", validation.frozen(checked_A)),
+            ("_B", validation.frozen(checked_B)),
             ("_dt", foreign.checked_dt(dt)),
             ("_name", label or None),
         ):

@@ -18,9 +18,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import stochens_rs as se
-from stochens_rs.plots.calls import draw_calls
 from stochens_rs.plots.certificates import draw_certificates
 from stochens_rs.plots.panels import Inputs
+from stochens_rs.plots.regulator_log import draw_calls
 from stochens_rs.plots.trace import draw_trace
 
 REFERENCES = Path(__file__).resolve().parent / "pictures"
@@ -61,8 +61,8 @@ def model(count: int = 8) -> se.Model:
 
 @cache
 def plan() -> se.Plan:
-    task: Any = {"limits": (-1.0, 1.0), "Q": [1.0, 0.1], "R": 0.01, "state_limits": (-2.0, 0.8)}
-    return se.control(model(), [-1.0, 0.0], [0.5, 0.0], steps=24, **task)
+    limits, cost = se.Limits(u=(-1.0, 1.0), x=(-2.0, 0.8)), se.Cost(Q=[1.0, 0.1], R=0.01)
+    return se.control(model(), [-1.0, 0.0], [0.5, 0.0], steps=24, limits=limits, cost=cost)
 
 
 def certified(draw: Callable[[Any], Any]) -> Any:

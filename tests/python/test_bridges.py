@@ -11,9 +11,9 @@ import pytest
 
 import stochens_rs as se
 from stochens_rs import System
-from stochens_rs._base.labels import Labels
+from stochens_rs._base.signal_names import Labels
 from stochens_rs.exceptions import InputError, InputTypeError, ShapeError
-from test_gate import assert_one_short_line
+from test_validation import assert_one_short_line
 
 control = pytest.importorskip("control")
 signal = pytest.importorskip("scipy.signal")

@@ -42,7 +42,7 @@ def run(capsys: pytest.CaptureFixture[str], *args: str) -> tuple[int, dict[str, 
 @pytest.mark.parametrize("method", ["uniform", "alse", "slse"])
 def test_errors_are_those_of_the_experiments(method: str) -> None:
     key = se.Key(bytes(range(32)))
-    found = se.studies.error((A, B), X0, XF)(key, SIZES, method)  # type: ignore[arg-type]
+    found = se.studies.error((A, B), X0, XF)(key, size=SIZES, method=method)  # type: ignore[arg-type]
     drawn, off = Step(A, B, X0, XF).draw(key, SIZES, 1e-9)
     for name, exact in (("x0", X0), ("xf", XF), ("A", A)):
         errors = drawn[name].errors[:, METHODS.index(method)]
@@ -56,11 +56,16 @@ def test_errors_are_those_of_the_experiments(method: str) -> None:
 
 def test_what_is_zero_has_no_relative_error() -> None:
     function = se.studies.error((A, B), X0, np.zeros(3))
-    assert set(function(se.Key(bytes(32)), SIZES, "uniform")) == {"x0", "A", "control", "state"}
+    assert set(function(se.Key(bytes(32)), size=SIZES, method="uniform")) == {
+        "x0",
+        "A",
+        "control",
+        "state",
+    }
     again = pickle.loads(pickle.dumps(function))
     assert np.array_equal(
-        again(se.Key(bytes(32)), SIZES, "alse")["A"],
-        function(se.Key(bytes(32)), SIZES, "alse")["A"],
+        again(se.Key(bytes(32)), size=SIZES, method="alse")["A"],
+        function(se.Key(bytes(32)), size=SIZES, method="alse")["A"],
     )
     with pytest.raises(InputError, match="one of `system`, `x0` and `xf` must not be 0"):
         se.studies.error((np.zeros((3, 3)), B), np.zeros(3), np.zeros(3))
@@ -113,7 +118,7 @@ INTERRUPTED = """
 import os, sys
 from stochens_rs import cli
 from stochens_rs.cli import _workers
-from stochens_rs.studies.table import Table
+from stochens_rs.studies.store import Table
 
 def add(table, block, _add=Table.add, _seen=[]):
     _add(table, block)

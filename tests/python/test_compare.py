@@ -53,11 +53,18 @@ def test_own_cell(row):
 
 
 def test_wrong_cells_are_seen(monkeypatch):
-    monkeypatch.setattr(comparison, "CELLS", {})
-    comparison.no("stochens_rs", "model", "identify")
+    def cell(line):
+        _, cells = comparison.read_cells(f"# Group\n\nmodel: label\n  stochens_rs = {line}\n")
+        return cells["model", "stochens_rs"]
+
     with pytest.raises(AssertionError, match=r"stochens_rs has .*identify"):
-        comparison.CELLS["model", "stochens_rs"].check()
-    with pytest.raises(ValueError, match="a note is missing"):
-        comparison.cell("stochens_rs", "region", "partly")(lambda: None)
-    with pytest.raises(ValueError, match="model: yes"):
-        comparison.cell("stochens_rs", "model", "yes")(lambda: None)
+        cell("no | lacks ident").check()
+    with pytest.raises(AssertionError, match=r"stochens_rs lacks .*'kalman_filter'"):
+        cell("yes | has identify kalman_filter").check()
+    cell("no | lacks ^identify$; but identify").check()
+    for wrong in ("partly | has identify", "perhaps | has identify"):
+        with pytest.raises(ValueError, match="stochens_rs, model"):
+            cell(wrong)
+    monkeypatch.setattr(comparison, "annotated", lambda _: 0.5)
+    with pytest.raises(AssertionError):
+        comparison.CELLS["types", "stochens_rs"].check()

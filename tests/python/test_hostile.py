@@ -18,7 +18,7 @@ import pytest
 import stochens_rs as se
 from stochens_rs.exceptions import StochensError
 from test_docs import PUBLIC, unwrap
-from test_gate import Stubborn
+from test_validation import Stubborn
 
 nan, inf = float("nan"), float("inf")
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from stochens_rs._base import gate
+from stochens_rs._base import validation
 from stochens_rs.exceptions import InputError
-from test_gate import assert_one_short_line
+from test_validation import assert_one_short_line
 
 pd = pytest.importorskip("pandas")
 xr = pytest.importorskip("xarray")
@@ -68,7 +68,7 @@ LABELLED = {
 def test_labels_are_refused_with_the_cure(what):
     value, said = LABELLED[what]
     with pytest.raises(InputError, match=r"pass X\.to_numpy\(\) if the order is right") as caught:
-        gate.array("X", value, ndim=(1, 2, 3))
+        validation.array("X", value, ndim=(1, 2, 3))
     assert f"has labels ({said}" in str(caught.value)
     assert "A.loc[states, states].to_numpy(), x0[states].to_numpy()" in str(caught.value)
     assert_one_short_line(caught.value)
@@ -93,7 +93,7 @@ UNLABELLED = {
 @pytest.mark.parametrize("what", UNLABELLED)
 def test_default_labels_are_none(what):
     value, expected = UNLABELLED[what]
-    got = gate.array("X", value, ndim=(1, 2))
+    got = validation.array("X", value, ndim=(1, 2))
     assert type(got) is np.ndarray
     np.testing.assert_array_equal(got, expected)
 

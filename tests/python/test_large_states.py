@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from limit_plans import within
 from stochens_rs.exceptions import NonFiniteError
 from test_limit_bounds import measured
 
@@ -26,7 +27,7 @@ def planned(model, size, K, way):
         if isinstance(value, tuple) else size * value
         for name, value in WAYS[way].items()
     }  # fmt: skip
-    return se.control(model, [size, 0.0], [0.0, size / 3.0], steps=K, **more)
+    return se.control(model, [size, 0.0], [0.0, size / 3.0], steps=K, **within(**more))
 
 
 @pytest.mark.filterwarnings("error")

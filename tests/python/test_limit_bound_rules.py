@@ -14,10 +14,10 @@ import stochens_rs as se
 from limit_plans import within
 from limit_problems import draw_box, draw_map, draw_steps, weight
 from stochens_rs.controls import limit_bound, limit_certificate, limited_errors, uncertain_map
-from stochens_rs.controls.basis import ModelBasis
+from stochens_rs.controls.constraints import checked_task
 from stochens_rs.controls.limit_bound import FIRM
 from stochens_rs.controls.limited import Horizon, Limited
-from stochens_rs.controls.task import checked_task
+from stochens_rs.controls.provenance import ModelBasis
 from stochens_rs.controls.uncertain_map import Model, apart
 from stochens_rs.exceptions import InputError
 from stochens_rs.theory.dynamics import states

@@ -18,12 +18,12 @@ from limit_plans import within
 from limit_problems import draws, weight
 from stochens_rs import _core
 from stochens_rs.controls import limit_bound, limit_certificate, limited_errors, uncertain_map
-from stochens_rs.controls.basis import ModelBasis
+from stochens_rs.controls.constraints import checked_task
 from stochens_rs.controls.limit_bound import FIRM, limited_bound
 from stochens_rs.controls.limit_certificate import limited_certificate
 from stochens_rs.controls.limited import Horizon
 from stochens_rs.controls.model_bound import Asked
-from stochens_rs.controls.task import checked_task
+from stochens_rs.controls.provenance import ModelBasis
 from stochens_rs.theory.dynamics import states
 from test_bounds_coverage import exceeded_too_often, matrices, systems, vectors
 from twin import limit_bounds as lb

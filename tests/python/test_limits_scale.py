@@ -12,8 +12,8 @@ from hidden_systems import KINDS, drawn
 from limit_plans import draw_case, within
 from limit_problems import draws
 from stochens_rs import _core as core
+from stochens_rs.controls.constraints import root
 from stochens_rs.controls.limited import OPTIMAL, Horizon
-from stochens_rs.controls.task import root
 from stochens_rs.theory.dynamics import states
 
 INF = np.inf

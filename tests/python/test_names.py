@@ -10,9 +10,9 @@ import pytest
 
 import stochens_rs as se
 from stochens_rs import cli
-from stochens_rs._base.labels import Labels, default_labels
+from stochens_rs._base.signal_names import Labels, default_labels
 from stochens_rs.exceptions import InputError, InputTypeError, ShapeError, StochensError
-from test_gate import assert_one_short_line
+from test_validation import assert_one_short_line
 
 A, B = [[1.0, 0.1], [0.0, 0.9]], [[0.0], [0.1]]
 NAMED = {"states": ["p", "v"], "inputs": ["F"], "units": {"F": "N", "p": "m"}}

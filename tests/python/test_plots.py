@@ -407,7 +407,8 @@ def test_a_plan_within_limits_draws_its_inputs():
 
 
 def test_inputs_at_their_rate_are_thick_in_another_colour():
-    how = {"steps": 4, "limits": (-1.0, 1.0), "rate": 0.4, "previous": 0.0, "R": 0.01}
+    limits = se.Limits(u=(-1.0, 1.0), rate=0.4, previous=0.0)
+    how = {"steps": 4, "limits": limits, "cost": se.Cost(R=0.01)}
     plan = se.control(([[1.0]], [[1.0]]), [0.0], [9.0], **how)
     assert plan.rate_active.ravel().tolist() == [1, 1, 0, 0]
     figure = plan.plot()

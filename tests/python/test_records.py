@@ -19,8 +19,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 import stochens_rs as se
-from stochens_rs._base import plain
-from stochens_rs._base.records import Record, SavedRecord
+from stochens_rs._base import serialize
+from stochens_rs._base.records import Record, SavedRecord, trusted
 from stochens_rs.exceptions import (
     InputTypeError,
     StochensError,
@@ -347,18 +347,61 @@ def test_any_numbers_come_back(A_: np.ndarray, tube: np.ndarray, control: float)
         assert same(se.SystemEnsemble._from_sections(models._to_sections()), models)
 
 
+def trusted_records() -> dict[str, Record]:
+    """Records that calls return and make on their way, without a check of their fields."""
+    found = model()
+    plan = se.control((se.fuse(se.sample(A, 50, rng=1)), B), se.sample(X0, 50, rng=2), XF, steps=3)
+    limited = se.control(found, X0, XF, steps=3, limits=(-1.0, 1.0), Q=1.0)
+    assert plan.basis is not None
+    assert limited.limited is not None
+    law = se.sample(A, 50, rng=1).law
+    assert law is not None
+    return {
+        "plan": plan,
+        "basis": plan.basis,
+        **{f"known {one.name}": one for one in plan.basis.entities},  # type: ignore[union-attr]
+        "bound": plan.bound(0.1),
+        "limited": limited,
+        "model basis": limited.basis,  # type: ignore[dict-item]
+        "task": limited.limited.task,
+        "unlimited": limited.limited.task.unlimited(),
+        "region": found.region(0.1),
+        "checks": found.checks,  # type: ignore[dict-item]
+        "law": law,
+    }
+
+
+@pytest.mark.parametrize("name", trusted_records())
+def test_records_made_without_checks_pass_them(name: str) -> None:
+    record = trusted_records()[name]
+    record.__post_init__()
+    assert "__post_init__" not in vars(record)
+    assert same(pickle.loads(pickle.dumps(record)), record)
+
+
+def test_records_of_users_are_checked() -> None:
+    wrong = {"u": np.full((3, 1), np.nan)}
+    made = trusted(se.Plan, **{**vars(EXACT), **wrong})
+    with pytest.raises(StochensError, match="`u"):
+        made.__post_init__()
+    with pytest.raises(StochensError, match="`u"):
+        pickle.loads(pickle.dumps(made))
+    with pytest.raises(StochensError, match="`u"):
+        replace(EXACT, **wrong)
+
+
 def test_all_declared_types_can_be_read() -> None:
-    """Every field of every listed class is of a type that `plain` knows."""
-    assert len(plain.RECORDS) > 30
-    assert not {"Estimate", "Identified", "Record", "SavedRecord"} & set(plain.RECORDS)
-    for name, record in plain.RECORDS.items():
+    """Every field of every listed class is of a type that `serialize` knows."""
+    assert len(serialize.RECORDS) > 30
+    assert not {"Estimate", "Identified", "Record", "SavedRecord"} & set(serialize.RECORDS)
+    for name, record in serialize.RECORDS.items():
         assert record.__module__.startswith("stochens_rs.")
-        for field, kind in plain.declared(record).items():
-            for one in plain.kinds(kind):
+        for field, kind in serialize.declared(record).items():
+            for one in serialize.kinds(kind):
                 known = (
                     one in (Any, bool, int, float, str, bytes, type(None))
-                    or plain.RECORDS.get(getattr(one, "__name__", "")) is one
-                    or plain.get_origin(one) in (plain.Literal, tuple, dict, np.ndarray)
+                    or serialize.RECORDS.get(getattr(one, "__name__", "")) is one
+                    or serialize.get_origin(one) in (serialize.Literal, tuple, dict, np.ndarray)
                     or one is se.identification.identified.Identified
                 )
                 assert known, (name, field, one)
@@ -368,7 +411,7 @@ def test_what_is_not_of_the_package_is_refused(tmp_path: Path) -> None:
     class Plan(se.Plan):
         """A class of a user with a name of the package."""
 
-    assert plain.RECORDS["Plan"] is se.Plan
+    assert serialize.RECORDS["Plan"] is se.Plan
     own = Plan(EXACT.u, EXACT.predicted_states, EXACT.reachability, "product", "completed")
     with pytest.raises(InputTypeError, match="cannot be saved"):
         own.save(tmp_path / "own")

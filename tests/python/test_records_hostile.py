@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from stochens_rs._base import memory, plain, state_file
+from stochens_rs._base import memory, serialize, state_file
 from stochens_rs.exceptions import (
     InputError,
     InputTypeError,
@@ -263,19 +263,19 @@ def test_dicts_from_anywhere_are_refused() -> None:
 def test_only_listed_constructors_are_called(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
     """Every call that a file leads to is one of the list, and of the declared class."""
     called: list[Any] = []
-    own = plain._made
+    own = serialize._made
 
     def watched(name: str, record: Any, fields: Any, get: Any) -> Any:
         called.append(record)
         return own(name, record, fields, get)
 
-    monkeypatch.setattr(plain, "_made", watched)
+    monkeypatch.setattr(serialize, "_made", watched)
     for name in FILES:
         made = ALL[name]()
         made.save(tmp_path / name.replace(" ", "-"))
         type(made).load(tmp_path / name.replace(" ", "-"))
     assert len(called) > 100
-    assert set(called) <= set(plain.RECORDS.values())
+    assert set(called) <= set(serialize.RECORDS.values())
 
 
 WILD = [None, True, 0, -1, 2**53, 2.5, -1e300, "inf", "nan", "", "Plan", [], [[]], [1.0], {}]

@@ -20,9 +20,9 @@ import pytest
 import stochens_rs as se
 import study_functions as functions
 from stochens_rs.exceptions import InputError, InputTypeError, SizeError
-from stochens_rs.studies import block, scheduling
-from stochens_rs.studies.block import Block
+from stochens_rs.studies import scheduling, worker
 from stochens_rs.studies.signals import _open
+from stochens_rs.studies.worker import Block
 from study_functions import GRID, fused, noise, prefixes, slow, sometimes
 
 FORK = pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
@@ -410,7 +410,7 @@ def test_ctrl_c_in_a_study_of_studies_ends_both() -> None:
 
 def test_a_time_limit_ends_a_run(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = functions.Clock()
-    for module in (scheduling, block, functions):
+    for module in (scheduling, worker, functions):
         monkeypatch.setattr(module, "time", clock)
     made = se.Study(slow, {}, replicates=2000, rng=4)
     results = made.run(time_limit=0.3)

@@ -25,9 +25,9 @@ from stochens_rs.exceptions import (
     StateLockedError,
     StateNotFoundError,
 )
-from stochens_rs.studies import block, scheduling, study_file
-from stochens_rs.studies.block import DONE, FAILED, WAITING
-from stochens_rs.studies.table import Table
+from stochens_rs.studies import scheduling, study_file, worker
+from stochens_rs.studies.store import Table
+from stochens_rs.studies.worker import DONE, FAILED, WAITING
 from study_functions import noise, slow, sometimes
 
 GRID = {"scale": [1.0, 2.0]}
@@ -66,7 +66,7 @@ def test_a_file_has_all_numbers(path: Path) -> None:
 
 def test_a_run_continues_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path, clock = tmp_path / "a.study", functions.Clock()
-    for module in (scheduling, block, functions):
+    for module in (scheduling, worker, functions):
         monkeypatch.setattr(module, "time", clock)
     first = study(300, function=slow).run(path=path, time_limit=0.2)
     assert first.status == "time_limit"
@@ -349,8 +349,8 @@ def test_a_function_that_holds_an_open_file_cannot_be_kept(tmp_path: Path) -> No
 
 def test_another_platform_is_refused(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     loaded = se.Study.resume(path, noise)
-    elsewhere = {**block.fingerprint(), "numpy": "1.26.0"}
-    for module in (block, se.studies.study):
+    elsewhere = {**worker.fingerprint(), "numpy": "1.26.0"}
+    for module in (worker, se.studies.study):
         monkeypatch.setattr(module, "fingerprint", lambda: elsewhere)
     assert loaded.run(path=path).digest == WHOLE.digest  # nothing is left to run
     with pytest.raises(StateError, match=r"`numpy` of the numbers so far is .*, here it is 1.26.0"):
@@ -625,11 +625,11 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
 def test_what_becomes_of_a_task_that_occurs_twice(old: int, new: int) -> None:
     """What is done stays, a failure may be replaced by anything but nothing."""
 
-    def block_with(state: int, text: str) -> block.Block:
+    def block_with(state: int, text: str) -> worker.Block:
         values = {"x": np.array([1.0, 0.5 if state == DONE else np.nan, 2.0])}
         states = np.array([DONE, state, DONE], dtype=np.uint8)
         errors = {4: text} if state == FAILED else {}
-        return block.Block(3, states, {"x": ()}, values, errors, {"numpy": "2"})
+        return worker.Block(3, states, {"x": ()}, values, errors, {"numpy": "2"})
 
     found = Table((2, 7))
     found.add(block_with(old, "old"))
@@ -678,8 +678,8 @@ def test_parts_of_other_platforms_are_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     study(range(5)).run(path=tmp_path / "0.study")
-    here = block.fingerprint()
-    for module in (block, se.studies.study):
+    here = worker.fingerprint()
+    for module in (worker, se.studies.study):
         monkeypatch.setattr(module, "fingerprint", lambda: {**here, "numpy": "1.26.0"})
     study(range(3, 20)).run(path=tmp_path / "1.study")
     monkeypatch.undo()

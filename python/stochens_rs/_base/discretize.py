@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..exceptions import InputError
-from . import gate
+from . import validation
 
 Array = NDArray[np.float64]
 
@@ -94,10 +94,10 @@ def discretize(A: Array, B: Array, dt: float, method: str) -> tuple[Array, Array
         ``dt`` is not a positive number, or is so large that the result overflows or (``"zoh"``)
         has no correct digits; ``method`` is unknown.
     """
-    dt = gate.positive("dt", dt)
+    dt = validation.positive("dt", dt)
     n, m = B.shape
     with np.errstate(over="ignore"):
-        if gate.choice("method", method, ("zoh", "euler")) == "euler":
+        if validation.choice("method", method, ("zoh", "euler")) == "euler":
             A_d, B_d = np.eye(n) + dt * A, dt * B
         else:
             augmented = np.zeros((n + m, n + m))

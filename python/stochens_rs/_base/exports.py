@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from .align_labels import DIMS
 from .extras import extra
-from .labelled import DIMS
 
 
 class Exported:

@@ -3,63 +3,81 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Literal, get_args, get_origin
+from functools import cache
+from typing import Any, Literal, TypeAlias, get_args, get_origin
 
 import numpy as np
 
 from ..exceptions import InputTypeError
-from . import gate, plain
+from . import serialize, validation
+
+Test: TypeAlias = Callable[[Any], bool]
 
 
 def check(record: Any) -> None:
     """Refuse a record with a field that is not of its declared type; shapes are not looked at."""
-    for name, kind in plain.declared(type(record)).items():
+    own: Any = type(record)
+    for name, kind, fits in _tests(own):
         value = getattr(record, name)
-        if _fits(value, kind):
+        if fits(value):
             continue
-        words = plain.words(kind)
+        words = serialize.words(kind)
         if words and isinstance(value, str):
-            gate.choice(name, value, words)
-        raise InputTypeError(f"`{name}` must be {_said(kind)}, got {gate.show(value)}")
+            validation.choice(name, value, words)
+        raise InputTypeError(f"`{name}` must be {_said(kind)}, got {validation.show(value)}")
 
 
-def _fits(value: Any, kind: Any) -> bool:
-    """Whether a value is of a declared type, which `plain` knows."""
-    return any(_is(value, one) for one in plain.kinds(kind))
+@cache
+def _tests(record: Any) -> tuple[tuple[str, Any, Test], ...]:
+    """Name, declared type and test of each field; `serialize` knows these types."""
+    declared = serialize.declared(record).items()
+    return tuple((name, kind, _test(kind)) for name, kind in declared)
 
 
-def _is(value: Any, kind: Any) -> bool:
+def _test(kind: Any) -> Test:
+    """Whether a value is of a declared type."""
+    tests = tuple(_test_one(one) for one in serialize.kinds(kind))
+    if len(tests) == 1:
+        return tests[0]
+    return lambda value: any(test(value) for test in tests)
+
+
+def _test_one(kind: Any) -> Test:
     outer, inner = get_origin(kind), get_args(kind)
     if kind is Any:
-        return True
+        return lambda _: True
     if kind in _PLAIN:
-        return _PLAIN[kind](value)
+        return _PLAIN[kind]
     if outer is Literal:
-        return isinstance(value, str) and value in inner
+        return lambda value: isinstance(value, str) and value in inner
     if outer is np.ndarray:
         wanted = get_args(inner[1])[0]
-        known = wanted is Any or (
-            isinstance(value, np.ndarray) and value.dtype.kind == np.dtype(wanted).kind
-        )
-        return isinstance(value, np.ndarray) and known
+        if wanted is Any:
+            return lambda value: isinstance(value, np.ndarray)
+        letter = np.dtype(wanted).kind
+        return lambda value: isinstance(value, np.ndarray) and value.dtype.kind == letter
+    if outer is tuple and len(inner) == 2 and inner[1] is Ellipsis:
+        each = _test(inner[0])
+        return lambda value: isinstance(value, tuple) and all(map(each, value))
     if outer is tuple:
-        every = len(inner) == 2 and inner[1] is Ellipsis
-        return isinstance(value, tuple) and (
-            all(_fits(item, inner[0]) for item in value)
-            if every
-            else len(value) == len(inner) and all(map(_fits, value, inner))
+        tests = [_test(one) for one in inner]
+        return lambda value: (
+            isinstance(value, tuple)
+            and len(value) == len(tests)
+            and all(test(item) for test, item in zip(tests, value, strict=True))
         )
     if outer is dict:
-        return isinstance(value, dict) and all(
-            _fits(key, inner[0]) and _fits(item, inner[1]) for key, item in value.items()
+        keys, items = map(_test, inner)
+        return lambda value: (
+            isinstance(value, dict) and all(map(keys, value)) and all(map(items, value.values()))
         )
-    return isinstance(value, outer or kind)
+    return lambda value: isinstance(value, outer or kind)
 
 
-_PLAIN: dict[Any, Callable[[Any], bool]] = {
+_PLAIN: dict[Any, Test] = {
     bool: lambda value: isinstance(value, (bool, np.bool_)),
     int: lambda value: isinstance(value, (int, np.integer)) and not isinstance(value, bool),
-    float: gate.is_real,
+    float: validation.is_real,
     type(None): lambda value: value is None,
 }
 
@@ -67,12 +85,12 @@ _PLAIN: dict[Any, Callable[[Any], bool]] = {
 def _said(kind: Any) -> str:
     """A declared type in words."""
     words = []
-    for one in plain.kinds(kind):
+    for one in serialize.kinds(kind):
         of = get_origin(one) or one
         if of is Literal:
             words += [repr(word) for word in get_args(one)]
         elif one in _PLAIN:
             words.append("None" if of is type(None) else of.__name__)
         else:
-            words.append(gate.article(of))
+            words.append(validation.article(of))
     return " or ".join(words)

@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ..exceptions import InputError, InputTypeError
-from .gate import show
+from .validation import show
 
 PathLike: TypeAlias = "str | os.PathLike[str]"
 

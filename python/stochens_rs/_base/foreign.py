@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import InputError, InputTypeError
-from . import gate
+from . import validation
+from .align_labels import matrices
 from .discretize import discretize
-from .labelled import matrices
 
 CONTINUOUS = (
     "{}, which means continuous time: discretize it, e.g. with System.from_any(system, dt=0.01), "
@@ -36,10 +36,12 @@ def arguments(system: Any, dt: Any) -> dict[str, Any]:
 
 def same_step(own: Any, dt: Any) -> None:
     """Refuse a step for a system in discrete time, unless it is its own."""
-    if dt is not None and (isinstance(own, bool) or own is None or own != gate.positive("dt", dt)):
+    if dt is not None and (
+        isinstance(own, bool) or own is None or own != validation.positive("dt", dt)
+    ):
         raise InputError(
             f"`dt` must be left out for a system in discrete time, whose dt is {own}, got "
-            f"{gate.show(dt)}: it discretizes systems in continuous time"
+            f"{validation.show(dt)}: it discretizes systems in continuous time"
         )
 
 
@@ -49,9 +51,9 @@ def checked_dt(dt: object) -> float | bool | None:
         return None
     if isinstance(dt, (bool, np.bool_)) and dt:
         return True
-    if gate.is_real(dt) and dt == 0:
+    if validation.is_real(dt) and dt == 0:
         raise InputError(CONTINUOUS.format("`dt` is 0"))
-    return gate.positive("dt", dt)
+    return validation.positive("dt", dt)
 
 
 def _of_tuple(system: tuple[Any, ...]) -> dict[str, Any]:
@@ -60,12 +62,17 @@ def _of_tuple(system: tuple[Any, ...]) -> dict[str, Any]:
             f"`system` must be a tuple (A, B) or (A, B, dt), got {len(system)} items"
         )
     dt = system[2] if len(system) == 3 else None
-    if not (dt is None or isinstance(dt, (bool, np.bool_)) or gate.is_real(dt)):
+    if not (dt is None or isinstance(dt, (bool, np.bool_)) or validation.is_real(dt)):
         raise InputTypeError(
             "`system` must be (A, B) or (A, B, dt) with a number dt > 0, got "
-            f"{gate.show(dt)} as third item"
+            f"{validation.show(dt)} as third item"
         )
-    return {"A": system[0], "B": system[1], "dt": dt, "continuous": gate.is_real(dt) and dt == 0}
+    return {
+        "A": system[0],
+        "B": system[1],
+        "dt": dt,
+        "continuous": validation.is_real(dt) and dt == 0,
+    }
 
 
 def _of_object(system: Any) -> dict[str, Any]:
@@ -83,18 +90,18 @@ def _of_object(system: Any) -> dict[str, Any]:
             hint = "; call its to_ss() first"
         raise InputTypeError(
             "`system` must be a System, a tuple (A, B[, dt]) or an object with attributes A "
-            f"and B, got {gate.show(system)}{hint}"
+            f"and B, got {validation.show(system)}{hint}"
         )
     if attribute(system, "centre") == "estimate":
         one = "`mean()`" if attribute(system, "mean", ...) is not ... else "`system`"
         raise InputError(
-            f"`system` must be known, got {gate.show(system)} estimated from data: pass its "
+            f"`system` must be known, got {validation.show(system)} estimated from data: pass its "
             f"{one} to take the estimate as exact"
         )
     if np.ndim(found["A"]) == 3:
         raise InputTypeError(
-            f"`system` must be one system, got {gate.show(system)} of {len(found['A'])}: pass its "
-            "`mean()`, or all of them to simulate_ensemble or control_fleet"
+            f"`system` must be one system, got {validation.show(system)} of {len(found['A'])}: "
+            "pass its `mean()`, or all of them to simulate_ensemble or control_fleet"
         )
     name = found["name"]
     named = isinstance(name, str) and not name.startswith(_UNNAMED)
@@ -106,7 +113,7 @@ def _of_object(system: Any) -> dict[str, Any]:
     found["units"] = _read_units(units) if isinstance(units, str) else None
     # scipy.signal sets dt = None for continuous systems; only their class says so.
     own = found["dt"]
-    found["continuous"] = _is_lti(system) or (gate.is_real(own) and own == 0)
+    found["continuous"] = _is_lti(system) or (validation.is_real(own) and own == 0)
     return found
 
 
@@ -128,11 +135,11 @@ def _discretized(found: dict[str, Any], dt: Any) -> dict[str, Any]:
     if dt is None:
         said = "`system` is a scipy.signal.lti" if found["dt"] is None else "`dt` is 0"
         raise InputError(CONTINUOUS.format(said))
-    step = gate.positive("dt", dt)
+    step = validation.positive("dt", dt)
     names = found.get("states"), found.get("inputs")
     A, B, states, inputs = matrices(found["A"], found["B"], *names)
-    of_A = gate.matrix("A", A, square=True)
-    of_B = gate.matrix("B", B, rows=len(of_A))
+    of_A = validation.matrix("A", A, square=True)
+    of_B = validation.matrix("B", B, rows=len(of_A))
     of_A, of_B = discretize(of_A, of_B, step, "zoh")
     name = _joined(found.get("name"), "zero-order hold")
     return {
@@ -175,5 +182,6 @@ def attribute(system: object, word: str, missing: object = None) -> Any:
         return getattr(system, word, missing)
     except Exception as error:  # a property can raise anything
         raise InputTypeError(
-            f"`system` must be a system whose attribute {word} can be read, got {gate.show(system)}"
+            f"`system` must be a system whose attribute {word} can be read, got "
+            f"{validation.show(system)}"
         ) from error

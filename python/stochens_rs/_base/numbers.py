@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from . import gate
+from . import validation
 from .types import Floats
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ def smallest_size(enough: Callable[[int], bool]) -> int | None:
     """
     too_few, size = 0, 1
     while not enough(size):
-        if size >= gate.EXACT:
+        if size >= validation.EXACT:
             return None
         too_few, size = size, 2 * size
     while size - too_few > 1:

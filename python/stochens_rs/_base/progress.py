@@ -11,7 +11,7 @@ from typing import TypeAlias
 import numpy as np
 
 from ..exceptions import InputTypeError
-from .gate import show
+from .validation import show
 
 __all__ = ["Progress", "in_ipython", "progress_bar", "watched"]
 

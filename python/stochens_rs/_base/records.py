@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, ParamSpec, TypeVar, cast
 
 import numpy as np
 
 from ..exceptions import InputError, InputTypeError, ShapeError
 from . import fields as fields_of
-from . import gate, memory, plain
+from . import memory, serialize, validation
 from .durable import Durable, nothing_left
 
 if TYPE_CHECKING:
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 SCHEMA = "stochens-record/1"
+P = ParamSpec("P")
+R = TypeVar("R")
 _ROOM = __name__.partition(".")[0] + "."
 # Bytes of a number in a list, and of what a byte of JSON can become, in CPython.
 _IN_LIST, _PARSED = 40, 80
@@ -41,11 +43,11 @@ class Record:
         if "_kind" not in vars(cls):
             cls._kind = re.sub(r"(?<!^)(?=[A-Z])", "-", cls.__name__).lower()
         if listed and cls.__module__.startswith(_ROOM):
-            plain.RECORDS[cls.__name__] = cls
+            serialize.RECORDS[cls.__name__] = cls
 
     def __post_init__(self) -> None:
         """Check that the fields are of their declared types; a class checks what else must hold."""
-        if plain.RECORDS.get(type(self).__name__) is type(self):
+        if serialize.RECORDS.get(type(self).__name__) is type(self):
             fields_of.check(self)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -79,7 +81,7 @@ class Record:
         >>> path.to_dict()["states"]
         [[2.0], [2.0]]
         """
-        found: dict[str, Any] = plain.written("", self, Any, _put_lists)
+        found: dict[str, Any] = serialize.written("", self, Any, _put_lists)
         return {"schema": SCHEMA, **found}
 
     @classmethod
@@ -110,7 +112,7 @@ class Record:
         True
         """
         if not isinstance(data, Mapping):
-            raise InputTypeError(f"`data` must be a dict of to_dict(), got {gate.show(data)}")
+            raise InputTypeError(f"`data` must be a dict of to_dict(), got {validation.show(data)}")
         try:
             made: Self = _restored(cls, dict(data), _of_lists)
         except RecursionError:
@@ -135,7 +137,7 @@ class SavedRecord(Record, Durable, listed=False):
             sections[at] = array.ravel() if dtype == "float64" else flat.view(np.uint8)
             return {"type": "array", "name": at, "dtype": dtype, "shape": list(array.shape)}
 
-        tree = {"schema": SCHEMA, **plain.written("", self, Any, put)}
+        tree = {"schema": SCHEMA, **serialize.written("", self, Any, put)}
         text = json.dumps(tree, allow_nan=False, separators=(",", ":")).encode()
         return {**sections, "record": np.frombuffer(text, dtype=np.uint8)}
 
@@ -150,7 +152,7 @@ class SavedRecord(Record, Durable, listed=False):
             if dtype == "bool" and flat.size and flat.max() > 1:
                 raise InputError(f"`{name}` must have entries 0 and 1")
             array = flat.view(np.dtype(dtype).newbyteorder("<")).astype(dtype, copy=False)
-            return plain.shaped(name, array, about.get("shape"))
+            return serialize.shaped(name, array, about.get("shape"))
 
         text = sections.pop("record")
         if text.dtype != np.uint8:
@@ -171,6 +173,19 @@ class SavedRecord(Record, Durable, listed=False):
         return made
 
 
+def trusted(kind: Callable[P, R], *args: P.args, **fields: P.kwargs) -> R:
+    """``kind(*args, **fields)`` without its checks: the fields were just computed or checked."""
+    made = object.__new__(cast("type[Any]", kind))
+    made.__dict__["__post_init__"] = _unchecked  # called in place of that of the class
+    made.__init__(*args, **fields)
+    del made.__dict__["__post_init__"]
+    return cast("R", made)
+
+
+def _unchecked() -> None:
+    """Check nothing."""
+
+
 def require_shapes(record: Any, **wanted: tuple[int, ...]) -> None:
     """Refuse arrays among the fields of a record that have other shapes; None is no array."""
     for name, shape in wanted.items():
@@ -179,39 +194,41 @@ def require_shapes(record: Any, **wanted: tuple[int, ...]) -> None:
             raise ShapeError(f"`{name}` must have shape {shape}, got {np.shape(found)}")
 
 
-def _restored(cls: type[Any], tree: dict[str, Any], get: plain.Get) -> Any:
+def _restored(cls: type[Any], tree: dict[str, Any], get: serialize.Get) -> Any:
     schema = tree.pop("schema", None)
     if schema != SCHEMA:
-        raise InputError(f"`schema` must be '{SCHEMA}', got {gate.show(schema)}")
+        raise InputError(f"`schema` must be '{SCHEMA}', got {validation.show(schema)}")
     if tree.get("type") != cls.__name__:
-        raise InputError(f"`type` must be '{cls.__name__}', got {gate.show(tree.get('type'))}")
-    return plain.restored("", tree, cls, get)
+        raise InputError(
+            f"`type` must be '{cls.__name__}', got {validation.show(tree.get('type'))}"
+        )
+    return serialize.restored("", tree, cls, get)
 
 
 def _put_lists(name: str, array: NDArray[Any], known: bool) -> Any:
     memory.need("the numbers as lists", _IN_LIST * array.size)
     if known and array.size and array.ndim:
-        return plain.listed(array)
+        return serialize.listed(array)
     dtype = _checked_dtype(name, array.dtype.name)
-    values = plain.listed(array.reshape(-1))
+    values = serialize.listed(array.reshape(-1))
     return {"type": "array", "dtype": dtype, "shape": list(array.shape), "values": values}
 
 
 def _of_lists(name: str, about: dict[str, Any]) -> NDArray[Any]:
     dtype, values = np.dtype(_checked_dtype(name, about.get("dtype"))), about.get("values")
     if not isinstance(values, list):
-        raise InputError(f"`{name}` must have a list of values, got {gate.show(values)}")
-    flat = plain.of_list(name, values, dtype) if values else np.empty(0, dtype)
+        raise InputError(f"`{name}` must have a list of values, got {validation.show(values)}")
+    flat = serialize.of_list(name, values, dtype) if values else np.empty(0, dtype)
     if flat.ndim != 1:
         raise InputError(f"`{name}` must have values in one list")
-    return plain.shaped(name, flat, about.get("shape"))
+    return serialize.shaped(name, flat, about.get("shape"))
 
 
 def _checked_dtype(name: str, dtype: object) -> str:
-    if dtype not in plain.DTYPES:
+    if dtype not in serialize.DTYPES:
         raise InputTypeError(
-            f"`{name}` must be an array of {plain.DTYPES[0]} or another number "
-            f"type, got {gate.show(dtype)}"
+            f"`{name}` must be an array of {serialize.DTYPES[0]} or another number "
+            f"type, got {validation.show(dtype)}"
         )
     return str(dtype)
 

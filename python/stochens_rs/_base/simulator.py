@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..exceptions import InputError, InputTypeError
-from . import gate, memory
+from . import memory, validation
 from .extras import extra
 from .types import Floats
 
@@ -81,10 +81,10 @@ class Simulated:
         A, B, about = linear_mujoco(
             model,
             data,
-            gate.size("frame_skip", frame_skip),
-            gate.positive("eps", eps),
-            gate.flag("centered", centered),
-            gate.nonnegative("tolerance", tolerance),
+            validation.size("frame_skip", frame_skip),
+            validation.positive("eps", eps),
+            validation.flag("centered", centered),
+            validation.nonnegative("tolerance", tolerance),
         )
         return cls(A, B, **about)  # type: ignore[call-arg]
 
@@ -98,7 +98,7 @@ def linear_mujoco(
     for name, value, kind in (("model", model, mujoco.MjModel), ("data", data, mujoco.MjData)):
         if not isinstance(value, kind):
             raise InputTypeError(
-                f"`{name}` must be a mujoco.{kind.__name__}, got {gate.show(value)}"
+                f"`{name}` must be a mujoco.{kind.__name__}, got {validation.show(value)}"
             )
     nv, na, nu = int(model.nv), int(model.na), int(model.nu)
     if data.qvel.size != nv or data.qpos.size != model.nq or data.ctrl.size != nu:
@@ -113,7 +113,7 @@ def linear_mujoco(
         )
     for word in ("qpos", "qvel", "ctrl", "act"):
         if getattr(data, word).size:
-            gate.vector(f"data.{word}", getattr(data, word))
+            validation.vector(f"data.{word}", getattr(data, word))
     n = 2 * nv + na
     memory.need("the linear model", 8 * 4 * (n + nu) ** 2)
     names = _names(mujoco, model, nv)

@@ -19,8 +19,8 @@ from .. import _core
 from ..exceptions import InputTypeError, StateRecoveredWarning
 from . import memory
 from .files import PathLike, checked_path
-from .gate import show
 from .types import Floats
+from .validation import show
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TypeVar
 
-from . import gate
+from . import validation
 
 T = TypeVar("T")
 
@@ -48,7 +48,7 @@ def set_num_threads(threads: int | None) -> None:
     >>> se.set_num_threads(None)
     """
     global _limit
-    _limit = None if threads is None else gate.size("threads", threads, maximum=_MOST)
+    _limit = None if threads is None else validation.size("threads", threads, maximum=_MOST)
 
 
 def get_num_threads() -> int:

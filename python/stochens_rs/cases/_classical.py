@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .._base import gate
+from .._base import validation
 from ..exceptions import InputError
 from ._machines import Machines
 from ._network import Array, Complex, Network
@@ -99,4 +99,4 @@ def synchronizing(network: Network, xd1: Array) -> Array:
     K = np.outer(np.abs(E), np.abs(E)) * (Y.real * np.sin(d) - Y.imag * np.cos(d))
     np.fill_diagonal(K, 0.0)
     np.fill_diagonal(K, -K.sum(axis=1))
-    return gate.matrix("K", K)
+    return validation.matrix("K", K)

@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from .._base import gate
+from .._base import validation
 from .._base.files import checked_path
 from .._base.reading import number
 from ..exceptions import InputError, InputTypeError
@@ -75,11 +75,11 @@ def read_machines(machines: object) -> Machines:
             else ""
         )
         raise InputError(f"`machines` must have {_WANTED}; {missing[0]} is missing{hint}")
-    bus = gate.vector("machines['bus']", columns["bus"])
-    if not (np.floor(bus) == bus).all() or not (np.abs(bus) <= gate.EXACT).all():
+    bus = validation.vector("machines['bus']", columns["bus"])
+    if not (np.floor(bus) == bus).all() or not (np.abs(bus) <= validation.EXACT).all():
         raise InputError("`machines['bus']` must hold whole numbers, the numbers of the buses")
     found = {
-        name: gate.vector(f"machines['{name}']", columns[name], length=len(bus))
+        name: validation.vector(f"machines['{name}']", columns[name], length=len(bus))
         for name in ("H", "D", "xd1", "mva")
         if name in columns
     }
@@ -109,7 +109,7 @@ def _columns(machines: object) -> dict[str, Any]:
     except Exception:  # not a DataFrame; anything a foreign object raises
         raise InputTypeError(
             "`machines` must be a mapping, a DataFrame or the path of a CSV file with "
-            f"{_WANTED}, got {gate.show(machines)}"
+            f"{_WANTED}, got {validation.show(machines)}"
         ) from None
     return columns
 
@@ -120,8 +120,8 @@ def _of_rows(machines: Mapping[Any, Any]) -> dict[str, Any]:
     for bus, row in machines.items():
         if not isinstance(row, Mapping):
             raise InputTypeError(
-                f"`machines[{gate.show(bus)}]` must be a mapping with H, D and xd1, "
-                f"got {gate.show(row)}"
+                f"`machines[{validation.show(bus)}]` must be a mapping with H, D and xd1, "
+                f"got {validation.show(row)}"
             )
         for name, value in row.items():
             columns.setdefault(str(name), []).append(value)
@@ -155,6 +155,6 @@ def _csv(path: Path) -> dict[str, Any]:
                     columns[name].append(number(text))
                 except ValueError:
                     raise InputError(
-                        f"{path}, row {place}: {name} must be a number, got {gate.show(text)}"
+                        f"{path}, row {place}: {name} must be a number, got {validation.show(text)}"
                     ) from None
     return columns

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._base import gate, memory
+from .._base import memory, validation
 from .._base.extras import extra
 from .._base.files import checked_path
 from ..exceptions import InputError, InputTypeError, ShapeError
@@ -89,7 +89,7 @@ def read_network(case: object) -> Network:
         return _network(case, "case", None)
     raise InputTypeError(
         "`case` must be the path of a MATPOWER .m file, a MATPOWER dictionary or a pandapower "
-        f"net, got {gate.show(case)}"
+        f"net, got {validation.show(case)}"
     )
 
 
@@ -145,7 +145,9 @@ def _network(
             f"{missing[0]} is missing"
         )
     base = case["baseMVA"]
-    mva = gate.positive("case['baseMVA']", base.item() if isinstance(base, np.ndarray) else base)
+    mva = validation.positive(
+        "case['baseMVA']", base.item() if isinstance(base, np.ndarray) else base
+    )
     (bus, _), (gen, _), (branch, places) = (_table(case, key) for key in WIDTH)
     if "dcline" in case and np.size(case["dcline"]) and np.asarray(case["dcline"])[:, 2].any():
         raise InputError("`case` has DC lines in service, which this model leaves out")
@@ -188,18 +190,18 @@ def _complex(values: NDArray[Any]) -> Complex:
 def _table(case: Mapping[str, Any], key: str) -> tuple[Array, Indices]:
     """The rows in service, as floats that are finite where they are used, and their places."""
     name = f"case['{key}']"
-    given = gate.read(name, case[key])
+    given = validation.read(name, case[key])
     if given.ndim != 2 or not len(given) or given.shape[1] < WIDTH[key]:
         raise ShapeError(
             f"`{name}` must have one row or more, of at least the {WIDTH[key]} columns of "
             f"MATPOWER's format, got shape {given.shape}"
         )
     if given.dtype.kind not in "iuf":
-        gate.matrix(name, given)  # raises
+        validation.matrix(name, given)  # raises
     status = given[:, STATE[key]]
     rows = status != ISOLATED if key == "bus" else status > 0
     used = rows[:, None] & np.isin(np.arange(given.shape[1]), USED[key])
-    table = gate.matrix(name, np.where(used, given, 0)).copy()  # the rest may be nan
+    table = validation.matrix(name, np.where(used, given, 0)).copy()  # the rest may be nan
     if key == "gen":
         table[:, MBASE] = given[:, MBASE]
     if not rows.any():

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._base import gate
+from .._base import validation
 from ..exceptions import SizeError
 
 Array = NDArray[np.float64]
@@ -32,7 +32,7 @@ FREQUENCY_HZ = 60.0  # North America
 
 def checked_frequency(frequency: object) -> float:
     """Return a nominal frequency in Hz."""
-    hertz = gate.positive("frequency", frequency, maximum=1000.0)
+    hertz = validation.positive("frequency", frequency, maximum=1000.0)
     if hertz < 1.0:
         raise SizeError(f"`frequency` must be at least 1 Hz, got {hertz:g}")
     return hertz

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from .._base import gate, memory
+from .._base import memory, validation
 from .._base.discretize import discretize
 from ..exceptions import InputError, InputTypeError
 from ..system import System
@@ -74,16 +74,18 @@ def from_andes(
     H. Cui, F. Li and K. Tomsovic, "Hybrid symbolic-numeric framework for power system modeling
     and analysis", IEEE Trans. Power Systems 36(2), 2021.
     """
-    eps = gate.positive("eps", eps)
+    eps = validation.positive("eps", eps)
     try:
         dae, A, names = system.dae, system.EIG.As, [str(name) for name in system.EIG.x_name]
         n, m = int(dae.n), int(dae.m)
     except Exception:  # anything a foreign object raises
-        raise InputTypeError(f"`system` must be an ANDES system, got {gate.show(system)}") from None
+        raise InputTypeError(
+            f"`system` must be an ANDES system, got {validation.show(system)}"
+        ) from None
     if A is None or not n:
         raise InputError("`system` has no state matrix: call PFlow.run() and EIG.run() first")
     memory.need(f"the equations of {n + m} variables", 8 * 3 * (n + m) ** 2)
-    A = gate.matrix("system.EIG.As", np.array(A, dtype=float), square=True)
+    A = validation.matrix("system.EIG.As", np.array(A, dtype=float), square=True)
     J = np.block([[_dense(dae.fx), _dense(dae.fy)], [_dense(dae.gx), _dense(dae.gy)]])
     T = np.asarray(dae.Tf, dtype=float)
     x = np.flatnonzero(T)  # the states that stay
@@ -120,7 +122,7 @@ def _inputs(system: Any, inputs: object) -> list[tuple[str, Array, int]]:
             if getattr(getattr(system, model, None), "n", 0)
         ]
     else:
-        pairs = gate.items("inputs", inputs)
+        pairs = validation.items("inputs", inputs)
     found = []
     for pair in pairs:
         try:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._base import gate, memory, state_file
+from .._base import memory, state_file, validation
 from .._base.files import checked_path
 from ..exceptions import InputError, ResourceError, ShapeError
 from ..system import System
@@ -126,7 +126,7 @@ def from_file(path: str | os.PathLike[str]) -> Problem:
     if unknown:
         raise InputError(
             f"{path} must have the entries A and B, and optionally x0, xf, dt, states, inputs and "
-            f"units, got also {unknown[0][:40]!r}{gate.nearest(unknown[0], _NAMES)}"
+            f"units, got also {unknown[0][:40]!r}{validation.nearest(unknown[0], _NAMES)}"
         )
     missing = [name for name in ("A", "B") if name not in found]
     if missing:
@@ -139,7 +139,7 @@ def from_file(path: str | os.PathLike[str]) -> Problem:
     units = _units(plain, _texts(found.get("units")))
     system = System(plain.A, plain.B, dt=dt, **names, units=units) if units else plain
     x0, xf = (
-        None if found.get(name) is None else gate.vector(name, found[name], length=system.n)
+        None if found.get(name) is None else validation.vector(name, found[name], length=system.n)
         for name in ("x0", "xf")
     )
     return Problem(system, x0, xf)
@@ -155,7 +155,7 @@ def _units(system: System, given: Any) -> Any:
     if given is None or isinstance(given, dict):
         return given
     names = system.state_names + system.input_names
-    units = gate.items("units", given)
+    units = validation.items("units", given)
     if len(units) != len(names):
         raise ShapeError(
             f"`units` must have {len(names)} texts, one for each state and input, got {len(units)}"
@@ -182,7 +182,7 @@ def _json(path: Path, size: int) -> dict[str, Any]:
         with path.open("rb") as file:
             found = json.loads(file.read(size).decode("utf-8"), object_pairs_hook=_object)
     except (ValueError, RecursionError) as error:  # not text, not JSON, or nested too deeply
-        meant = gate.nearest(path.suffix, _MEMORY)
+        meant = validation.nearest(path.suffix, _MEMORY)
         raise InputError(
             f"{path} must be JSON, or end in .npz, .mat or .csv: {error}{meant}"
         ) from error

@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from .._base import gate
+from .._base import validation
 from .._base.discretize import discretize
 from ..system import System
 from ._classical import check_balance, matched, synchronizing
@@ -108,8 +108,8 @@ def from_matpower(
     >>> from_matpower(case, machines, dt=0.05)
     <System case (classical model, 60 Hz, zoh): n=4 m=2 dt=0.05>
     """
-    gate.choice("base", base, ("system", "machine"))
-    mismatch = gate.positive("mismatch", mismatch)
+    validation.choice("base", base, ("system", "machine"))
+    mismatch = validation.positive("mismatch", mismatch)
     if frequency is not None:
         frequency = checked_frequency(frequency)
     data = read_machines(machines)

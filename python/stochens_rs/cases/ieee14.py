@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from .._base import gate
+from .._base import validation
 from .._base.discretize import discretize
 from ..system import System
 from ._swing import SYSTEM_MVA, Array, reduced_stiffness, swing, swing_labels
@@ -108,8 +108,8 @@ def ieee14(
     >>> system.A.shape, system.B.shape
     ((10, 10), (10, 5))
     """
-    gate.choice("data", data, ("classic", "andes"))
-    gate.choice("base", base, ("system", "machine"))
+    validation.choice("data", data, ("classic", "andes"))
+    validation.choice("base", base, ("system", "machine"))
     A_c, B_c, _ = _continuous(data, base)
     A, B = discretize(A_c, B_c, dt, method)
     return System(

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .._base import gate, memory
+from .._base import memory, validation
 from .._base.threads import interruptible
 from ..rng import RngLike, as_key
 from ..system import System
@@ -64,9 +64,9 @@ def random_system(
     >>> bool(np.isclose(np.abs(np.linalg.eigvals(system.A)).max(), 0.9))
     True
     """
-    n = gate.size("n", n)
-    m = gate.size("m", m)
-    spectral_radius = gate.positive("spectral_radius", spectral_radius)
+    n = validation.size("n", n)
+    m = validation.size("m", m)
+    spectral_radius = validation.positive("spectral_radius", spectral_radius)
     # A, its copy in the eigenvalue routine, the scaled A, and B
     memory.need("the random system", 8 * (3 * n * n + n * m))
     normal = as_key(rng).child("random_system").generator()

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._base import gate, memory
+from .._base import memory, validation
 from .._base.discretize import discretize
 from ..exceptions import InputError
 from ..system import System
@@ -85,12 +85,12 @@ def swing(
     >>> swing([[1, 2, 0.1], [2, 3, 0.2]], machines, dt=0.05, name="two machines")
     <System two machines: n=4 m=2 dt=0.05>
     """
-    gate.choice("base", base, ("system", "machine"))
-    given = gate.matrix("branches", branches, cols=3)
+    validation.choice("base", base, ("system", "machine"))
+    given = validation.matrix("branches", branches, cols=3)
     if not (given[:, 2] > 0.0).all():
         k = int(np.argmin(given[:, 2]))
         raise InputError(f"`branches[{k}]` must have a reactance > 0, got {given[k, 2]:g}")
-    data = read_machines(machines).on(base, gate.positive("base_mva", base_mva), None)
+    data = read_machines(machines).on(base, validation.positive("base_mva", base_mva), None)
     numbers, ends = np.unique(given[:, :2], return_inverse=True)
     place = {float(number): k for k, number in enumerate(numbers)}
     lost = [bus for bus in data.bus.tolist() if bus not in place]
@@ -108,6 +108,6 @@ def swing(
             L = reduced_stiffness(len(numbers), rows, at, data.xd1)
         except np.linalg.LinAlgError:
             raise InputError("`branches` must connect every bus to a machine") from None
-        A_c, B_c = swing_matrices(gate.matrix("L", L), data.H, data.D, hertz)
+        A_c, B_c = swing_matrices(validation.matrix("L", L), data.H, data.D, hertz)
     A, B = discretize(A_c, B_c, dt, method)
     return System(A, B, dt=dt, name=name, **swing_labels(data.bus.tolist()))

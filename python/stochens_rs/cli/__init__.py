@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import click
 
 from .._base.files import versions
-from .._base.gate import nearest
+from .._base.validation import nearest
 from ..exceptions import InputError, InputTypeError, ResourceError, StateError
 from ..studies.signals import interruptions
 from . import (

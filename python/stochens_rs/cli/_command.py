@@ -9,7 +9,7 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from .._base.gate import nearest
+from .._base.validation import nearest
 from ..exceptions import InputError, InputTypeError
 
 OK, INTERNAL, USAGE, IO = 0, 1, 2, 5

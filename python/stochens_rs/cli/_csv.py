@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from .._base.csv_file import read_cells
-from .._base.gate import nearest
 from .._base.reading import number
+from .._base.validation import nearest
 from ..exceptions import InputError
 from ..identification import Trajectories
 

@@ -18,7 +18,7 @@ from .._base.memory import left_by_source
 from .._base.threads import VARIABLE, threads_by
 from ..controls import control
 from ..ensembles.sampling import sample
-from ..studies.block import fingerprint
+from ..studies.worker import fingerprint
 from ._command import INTERNAL, Command
 from ._options import json_option
 from ._output import show_result

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 import numpy as np
 
-from .._base.gate import nearest
 from .._base.reading import number
+from .._base.validation import nearest
 from ..controls import Cost, Limits
 from ..controls.plan_summary import at_limits
 from ._output import finite

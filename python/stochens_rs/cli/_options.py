@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 from click.shell_completion import CompletionItem
 
-from .._base.gate import nearest
+from .._base.validation import nearest
 from ..cases import CASES
 
 if TYPE_CHECKING:

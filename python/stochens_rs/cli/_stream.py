@@ -14,7 +14,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from .._base import gate
+from .._base import validation
 from .._base.progress import watched
 from ..exceptions import InputError
 from ..rng import as_key
@@ -87,7 +87,7 @@ def stream(
     results as without the interruption. Beside the checkpoint FILE are FILE.prev, the state before
     it, and FILE.lock, which keeps a second run from using FILE; delete it only when no run uses it.
     """
-    relative = gate.positive("tol", share(tol, "--tol"))
+    relative = validation.positive("tol", share(tol, "--tol"))
     key = as_key(seed)
     system, x0, xf = problem(case, path, key)
     made = Stream(system, x0, xf, rng=key.child("stream"), safeguard=safeguard)

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any, get_args
 import click
 import numpy as np
 
-from .._base.gate import choice, nearest
 from .._base.reading import number
+from .._base.validation import choice, nearest
 from ..cases import CASES
 from ..fusion.fusing import Method
 from ..rng import as_key
 from ..studies import Results, Study, error
-from ..studies.tables import SUFFIXES
+from ..studies.results import SUFFIXES
 from ._command import INTERRUPTED, TIME_LIMIT, WORKERS_LOST, Command
 from ._options import FILE, Place, Words, force_option, json_option, out_option, seed_option
 from ._output import Folder, finite, grid, note, show_result

@@ -11,8 +11,8 @@ from typing import Any
 from .._base import state_file
 from .._base.files import write_text
 from ..exceptions import InputError, StateError
-from ..studies.block import DONE
 from ..studies.study_file import read_blocks
+from ..studies.worker import DONE
 from ._output import note
 
 _INDEX = "options.json"

@@ -1,7 +1,6 @@
 """Controls from estimates, and what is known about their errors."""
 
 from ..theory.records import PlanError, Reachability
-from .calls import Call
 from .certificate import Certificate
 from .control import control
 from .cost import Cost
@@ -16,6 +15,7 @@ from .predicting import predict
 from .realization import realization_controls
 from .regulating import regulate
 from .regulator import Regulator
+from .regulator_log import Call
 from .sample_plan import SamplePlan
 from .steering import steer
 from .uncertain import Uncertain

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from .._base import gate, html
+from .._base import html, validation
 from .._base.records import SavedRecord
 from ..exceptions import InputError, ShapeError
 
@@ -94,8 +94,8 @@ class Certificate(SavedRecord):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        gate.probability("delta", self.delta)
-        gate.flag("noise", self.noise)
+        validation.probability("delta", self.delta)
+        validation.flag("noise", self.noise)
         if self.doubts and np.isfinite(self.target):
             raise InputError("`target` must be infinite where there are `doubts`")
         for name in ("components", "tube"):

@@ -11,24 +11,25 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import _core
+from .._base.records import trusted
 from .._base.types import Floats, Fusion, worst
 from ..exceptions import InputError
 from ..identification.identified import Identified
 from ..theory.dynamics import states
 from ..theory.exact import best, best_control
-from .basis import Basis, known
+from .arguments import fusion_over, problem, step_warnings
+from .constraints import checked_task, seconds
 from .cost import Cost, as_cost
-from .entities import fusion_over, problem, step_warnings
 from .limited import Horizon
 from .limits import Limits, as_limits
 from .model_control import model_control
 from .plan import Plan
-from .task import checked_task, seconds
+from .provenance import Basis, known
 from .uncertain import Uncertain
 
 if TYPE_CHECKING:
     from ..theory.exact import Best
-    from .entities import Entity, EntityLike, SystemLike
+    from .arguments import Entity, EntityLike, SystemLike
     from .limited import Limited
     from .limits import LimitsLike
 
@@ -202,7 +203,8 @@ def _estimates_control(
         known(entity.name, entity.value, estimate)
         for entity, estimate in zip(entities, (start, goal, A), strict=True)
     )
-    return Plan(
+    return trusted(
+        Plan,
         u=u,
         predicted_states=predicted,
         reachability=reachability,
@@ -211,7 +213,9 @@ def _estimates_control(
             [entity.status for entity in entities] + ([limited.status] if limited else [])
         ),
         info=info,
-        basis=Basis(B, x0_known, xf_known, A_known, (found.state_rounding, found.control_rounding)),
+        basis=trusted(
+            Basis, B, x0_known, xf_known, A_known, (found.state_rounding, found.control_rounding)
+        ),
         limited=limited,
         labels=labels,
         dt=dt,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from .._base import gate
+from .._base import validation
 from .._base.types import Floats
 from .entries import Asked, Entries, Named, entries
 
@@ -53,4 +53,4 @@ class Cost(Asked):
 
 def as_cost(value: Any) -> Cost:
     """`value` itself, or no weights for None."""
-    return Cost() if value is None else gate.instance("cost", value, Cost)
+    return Cost() if value is None else validation.instance("cost", value, Cost)

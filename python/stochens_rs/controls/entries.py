@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from .._base import gate
-from .._base.labelled import aligned
+from .._base import validation
+from .._base.align_labels import aligned
 from .._base.reading import labels_along, shown_labels
 from .._base.records import Record, SavedRecord
 from .._base.types import Floats
@@ -76,10 +76,10 @@ def pair_of(name: str, value: Any) -> Any:
     if value is None:
         return None
     try:
-        pair = gate.items(name, value)
+        pair = validation.items(name, value)
     except InputTypeError:
         raise InputTypeError(
-            f"`{name}` must be a pair (low, high), got {gate.show(value)}"
+            f"`{name}` must be a pair (low, high), got {validation.show(value)}"
         ) from None
     if len(pair) != 2:
         raise InputError(f"`{name}` must be a pair (low, high), got {len(pair)} items")
@@ -90,10 +90,10 @@ def entries(name: str, value: Any) -> Any:
     """A number as it is, numbers as an array, and with the labels of a table."""
     if value is None or isinstance(value, (str, Named)):
         return value
-    given = gate.read(name, value) if (found := _named(name, value)) is None else found.values
+    given = validation.read(name, value) if (found := _named(name, value)) is None else found.values
     if given.dtype.kind not in "iuf":
         raise InputTypeError(
-            f"`{name}` must be a number or an array of numbers, got {gate.show(value)}"
+            f"`{name}` must be a number or an array of numbers, got {validation.show(value)}"
         )
     if found is not None:
         return found

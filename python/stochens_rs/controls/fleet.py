@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from .._base import gate
-from .._base.labels import default_labels
+from .._base import validation
+from .._base.signal_names import default_labels
 from ..exceptions import InputError
+from .constraints import sides, weight
 from .cost import Cost, as_cost
 from .fleet_design import Box, Worst, least_mean, worst_of_few
 from .fleet_plan import RISKS, FleetPlan, Risk
 from .fleet_units import Systems, read_units
 from .limits import as_limits
-from .task import sides, weight
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -104,9 +104,9 @@ def control_fleet(
     low, high = sides("limits", as_limits(limits).only("u").u, units.steps, labels)
     R = None if weights.R is None else weight("R", weights.R, m)
     box = Box(low.ravel(), high.ravel(), R)
-    gate.choice("risk", risk, RISKS)
-    count = gate.size("discard", discard, minimum=0, maximum=max(0, units.size - 1))
-    limit = None if time_limit is None else gate.positive("time_limit", time_limit)
+    validation.choice("risk", risk, RISKS)
+    count = validation.size("discard", discard, minimum=0, maximum=max(0, units.size - 1))
+    limit = None if time_limit is None else validation.positive("time_limit", time_limit)
     if risk == "mean":
         if count:
             raise InputError("`discard` needs risk='worst', got risk='mean'")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from .._base import gate
+from .._base import validation
 from ..exceptions import InputError
 from ..theory import scenario
 from .fleet_risk import Method, RiskBound
@@ -77,7 +77,7 @@ def checked_radii(radius: Any, delta: Any, size: int) -> Radii:
         return None, 0.0
     if delta is None:
         raise InputError("`delta` must be given with `radius`: how often a radius fails")
-    radii = gate.vector("radius", radius, length=size)
+    radii = validation.vector("radius", radius, length=size)
     if (radii < 0.0).any():
         raise InputError(f"`radius` must be >= 0, got {radii.min():.3g}")
-    return radii, gate.probability("delta", delta)
+    return radii, validation.probability("delta", delta)

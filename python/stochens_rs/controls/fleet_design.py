@@ -13,7 +13,7 @@ from .._base import memory
 from .._base.threads import get_num_threads
 from .._base.types import Floats, Status
 from ..theory.exact import EPS
-from .task import REGULAR, root
+from .constraints import REGULAR, root
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from .._base import gate, html
+from .._base import html, validation
 from .._base.records import SavedRecord, require_shapes
-from .._base.tabled import Cube, Tabled, named, over_time
+from .._base.to_xarray import Cube, Tabled, named, over_time
 from .._base.types import STATUSES, Floats, Status
 from ..exceptions import InputError, ShapeError
 from ..plots.fleet import draw_misses
@@ -84,20 +84,20 @@ class FleetPlan(SavedRecord, Tabled):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        shape = gate.kept("u", self.u, ndim=(2,)).shape
-        gate.choice("risk", self.risk, RISKS)
-        gate.choice("status", self.status, STATUSES)
-        units = gate.instance("units", self.units, Units)
-        gate.kept("misses", self.misses, shape=(units.size,))
+        shape = validation.kept("u", self.u, ndim=(2,)).shape
+        validation.choice("risk", self.risk, RISKS)
+        validation.choice("status", self.status, STATUSES)
+        units = validation.instance("units", self.units, Units)
+        validation.kept("misses", self.misses, shape=(units.size,))
         if shape != (units.steps, units.systems.m):
             raise ShapeError(f"`u` must have shape {(units.steps, units.systems.m)}, got {shape}")
         require_shapes(self, low=shape, high=shape, R=(shape[1],) * 2)
         for name in ("support", "removed"):
             for unit in getattr(self, name):
-                gate.size(name, unit, minimum=0, maximum=units.size - 1)
+                validation.size(name, unit, minimum=0, maximum=units.size - 1)
         if self.widest is not None:
-            gate.size("widest", self.widest, minimum=0, maximum=units.size - 1)
-        gate.size("discard", self.discard, minimum=len(self.removed), maximum=units.size - 1)
+            validation.size("widest", self.widest, minimum=0, maximum=units.size - 1)
+        validation.size("discard", self.discard, minimum=len(self.removed), maximum=units.size - 1)
 
     @property
     def gap(self) -> float:
@@ -182,10 +182,10 @@ class FleetPlan(SavedRecord, Tabled):
         >>> risk.count, bool(risk.epsilon < 0.07)
         (2, True)
         """
-        beta = gate.probability("beta", beta)
+        beta = validation.probability("beta", beta)
         if self.risk == "mean":
             raise InputError("`certify` needs risk='worst'; for a mean use validate(new_units)")
-        gate.choice("method", method, METHODS[:3])
+        validation.choice("method", method, METHODS[:3])
         radii = checked_radii(radius, delta, self.units.size)
         # the inputs that are not fixed, the value, and R
         free = int(np.count_nonzero(self.low < self.high)) + 1 + (self.widest is not None)
@@ -241,8 +241,10 @@ class FleetPlan(SavedRecord, Tabled):
         >>> risk.size, bool(risk.epsilon < 0.05)
         (1000, True)
         """
-        beta = gate.probability("beta", beta)
-        limit = self.threshold if threshold is None else gate.nonnegative("threshold", threshold)
+        beta = validation.probability("beta", beta)
+        limit = (
+            self.threshold if threshold is None else validation.nonnegative("threshold", threshold)
+        )
         fresh, mine = read_systems(new_units), self.units.systems
         if (fresh.n, fresh.m) != (mine.n, mine.m):
             raise ShapeError(
@@ -295,7 +297,7 @@ class FleetPlan(SavedRecord, Tabled):
         """
         fresh = None
         if validated is not None:
-            fresh = gate.instance("validated", validated, RiskBound).misses
+            fresh = validation.instance("validated", validated, RiskBound).misses
         marks = np.zeros((2, self.units.size), dtype=bool)
         marks[0, list(self.support)] = True
         marks[1, list(self.removed)] = True

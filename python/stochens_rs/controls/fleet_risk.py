@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
-from .._base import gate, html
+from .._base import html, validation
 from .._base.records import SavedRecord
 from .._base.types import Floats
 
@@ -58,8 +58,8 @@ class RiskBound(SavedRecord):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        gate.choice("method", self.method, METHODS)
-        gate.probability("beta", self.beta)
+        validation.choice("method", self.method, METHODS)
+        validation.probability("beta", self.beta)
 
     @property
     def covers(self) -> str:

@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from .. import _core
-from .._base import gate
-from .._base.labels import order_of
+from .._base import validation
 from .._base.records import Record
+from .._base.signal_names import order_of
 from .._base.threads import get_num_threads
 from .._base.types import Floats
 from ..ensembles import SystemEnsemble
 from ..exceptions import InputError, InputTypeError, ShapeError
 from ..identification.identified import Identified
-from .task import root, weight
+from .constraints import root, weight
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -53,12 +53,12 @@ class Units(Record):
     steps: int
 
     def __post_init__(self) -> None:
-        N, n = gate.instance("systems", self.systems, SystemEnsemble).size, self.systems.n
-        if gate.kept("x0", self.x0, ndim=(2,)).shape not in ((1, n), (N, n)):
+        N, n = validation.instance("systems", self.systems, SystemEnsemble).size, self.systems.n
+        if validation.kept("x0", self.x0, ndim=(2,)).shape not in ((1, n), (N, n)):
             raise ShapeError(f"`x0` must have shape ({n},) or ({N}, {n}), got {self.x0.shape}")
-        gate.kept("xf", self.xf, shape=(n,))
-        gate.kept("Q", self.Q, shape=(n, n))
-        gate.size("steps", self.steps)
+        validation.kept("xf", self.xf, shape=(n,))
+        validation.kept("Q", self.Q, shape=(n, n))
+        validation.size("steps", self.steps)
 
     @property
     def size(self) -> int:
@@ -107,8 +107,8 @@ def read_units(systems: Systems, x0: ArrayLike, xf: ArrayLike, steps: int, Q: An
     """Check the arguments of `control_fleet` that are about its units."""
     fleet = read_systems(systems)
     N, n = fleet.size, fleet.n
-    K = gate.size("steps", steps, maximum=2**31 // fleet.m)
-    goal = gate.vector("xf", xf, length=n)
+    K = validation.size("steps", steps, maximum=2**31 // fleet.m)
+    goal = validation.vector("xf", xf, length=n)
     # without Q the states count as they are
     weighed = np.eye(n) if Q is None else weight("Qf", Q, n)
     if not weighed.any():
@@ -119,7 +119,7 @@ def read_units(systems: Systems, x0: ArrayLike, xf: ArrayLike, steps: int, Q: An
 def read_systems(systems: Systems) -> SystemEnsemble:
     """Units as one record; models that are no units are refused."""
     if not isinstance(systems, SystemEnsemble):
-        given = gate.items("systems", systems)
+        given = validation.items("systems", systems)
         if not any(isinstance(one, Identified) for one in given):
             return SystemEnsemble.from_systems(given)
         return _of_models(given)
@@ -138,7 +138,7 @@ def _of_models(models: list[Any]) -> SystemEnsemble:
     for k, model in enumerate(models):
         if not isinstance(model, Identified):
             raise InputTypeError(
-                f"`systems[{k}]` must be a model as another is, got {gate.show(model)}"
+                f"`systems[{k}]` must be a model as another is, got {validation.show(model)}"
             )
         if model.B.shape != first.B.shape or model.dt != first.dt:
             raise ShapeError(f"`systems[{k}]` must have n, m and dt of the first")
@@ -159,7 +159,7 @@ def _of_models(models: list[Any]) -> SystemEnsemble:
 
 def read_starts(x0: ArrayLike, N: int, n: int) -> Floats:
     """Where the units begin, as (1, n) or (N, n)."""
-    given = gate.read("x0", x0)
+    given = validation.read("x0", x0)
     if given.ndim == 2:
-        return gate.frozen(gate.matrix("x0", x0, rows=N, cols=n))
-    return gate.frozen(gate.vector("x0", x0, length=n)[None, :])
+        return validation.frozen(validation.matrix("x0", x0, rows=N, cols=n))
+    return validation.frozen(validation.vector("x0", x0, length=n)[None, :])

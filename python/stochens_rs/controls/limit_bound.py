@@ -13,18 +13,18 @@ from ..rng import RngLike, as_key
 from ..theory.bounds.drawn_errors import not_simulated, radii
 from ..theory.dynamics import matrix_powers, spectral_norms
 from ..theory.exact import EPS
+from .constraints import root
 from .limited import Horizon
 from .limited_errors import LimitedErrors, MovedTarget
 from .plan_bound import PlanBound, distances, plan_errors
-from .task import root
 from .uncertain_map import HARD, SMALL, Model, apart, product, weights
 
 if TYPE_CHECKING:
     from .._base.types import Floats, Fusion
     from ..rng import Key
     from ..theory.bounds.drawn_errors import PlanErrors
-    from .basis import Basis
     from .limited import Limited
+    from .provenance import Basis
 
 FIRM = "limits: firm nonexpansiveness"
 _MANY = "without a weight of the inputs more than one control is the best"

@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 
     from .._base.types import Floats
     from ..identification.region import Region
-    from .basis import ModelBasis
     from .certificate import Certificate
+    from .constraints import Task
     from .limited import Limited
     from .model_bound import Asked
-    from .task import Task
+    from .provenance import ModelBasis
 
 ALONE, MOVED = "the limits alone", "how far the best control moves in the region"
 _DIRECT = "a region over all steps at once says nothing of single steps"

@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from .. import _core
-from .._base import gate, memory
+from .._base import memory, validation
 from .._base.numbers import ROUNDING, norm
 from .._base.records import Record, require_shapes
 from .._base.types import STATUSES, Floats, Status
 from ..exceptions import InputError, NonFiniteError
 from ..theory.dynamics import matrix_powers, states
 from ..theory.exact import EPS
-from .task import REGULAR, Task, root
+from .constraints import REGULAR, Task, root
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -81,11 +81,11 @@ class Limited(Record):
     state_active: NDArray[np.int8] | None = None
 
     def __post_init__(self) -> None:
-        gate.instance("task", self.task, Task)
-        K, m = gate.kept("u", self.u, shape=self.task.low.shape).shape
+        validation.instance("task", self.task, Task)
+        K, m = validation.kept("u", self.u, shape=self.task.low.shape).shape
         states = self.task.reference.shape
         require_shapes(self, R=(m, m), active=(K, m), multipliers=(K, m), state_active=states)
-        gate.choice("status", self.status, STATUSES)
+        validation.choice("status", self.status, STATUSES)
 
     @property
     def rate_active(self) -> NDArray[np.int8]:
@@ -113,7 +113,7 @@ class Limited(Record):
             if xf is None:
                 raise InputError("`xf` must be given: this plan has no reference")
             wanted = np.ascontiguousarray(
-                np.broadcast_to(gate.vector("xf", xf, length=len(wanted[0])), wanted.shape)
+                np.broadcast_to(validation.vector("xf", xf, length=len(wanted[0])), wanted.shape)
             )
         elif xf is not None:
             raise InputError("`xf` must be None: this plan has a reference")

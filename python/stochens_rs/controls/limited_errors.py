@@ -12,8 +12,8 @@ from .. import _core
 from .._base.numbers import ROUNDING
 from .._base.threads import get_num_threads
 from ..theory.bounds.drawn_errors import Entity, PlanErrors
+from .constraints import REGULAR, root
 from .limited import Horizon
-from .task import REGULAR, root
 from .uncertain_map import weights
 
 if TYPE_CHECKING:

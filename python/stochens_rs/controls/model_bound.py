@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 
 from .. import _core
-from .._base import gate, html
+from .._base import html, validation
 from .._base.numbers import norm
 from ..exceptions import DataWarning, InputError
 from ..identification.identifying import identify
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from ..identification.assumptions import Assumptions
     from ..identification.identified import Identified
     from ..identification.region import Region
-    from .basis import ModelBasis
+    from .provenance import ModelBasis
     from .region_errors import ToCome
 
 # Of the probability of failure with Gaussian noise to come: the region, the noise of the last
@@ -44,7 +44,7 @@ class Asked(NamedTuple):
 def declared(noise: object, open_loop: object, x0_fixed: object) -> Asked:
     """Check the declarations of `Plan.bound`."""
     names = zip(Asked._fields, (noise, open_loop, x0_fixed), strict=True)
-    return Asked(*(gate.flag(name, value) for name, value in names))
+    return Asked(*(validation.flag(name, value) for name, value in names))
 
 
 @np.errstate(over="ignore")

@@ -8,22 +8,23 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import _core
-from .._base import gate
+from .._base import validation
 from .._base.numbers import ROUNDING
+from .._base.records import trusted
 from .._base.types import DELTA
 from ..ensembles.counts import Counts
 from ..ensembles.ensemble import Ensemble
 from ..exceptions import InputError, InputTypeError
 from ..fusion.fits import Fit
 from ..theory.exact import best_control
-from .basis import ModelBasis
-from .entities import ending, fusion_over, step_warnings
+from .arguments import ending, fusion_over, step_warnings
+from .constraints import checked_task, seconds
 from .limit_certificate import within_state_limits
 from .limited import Horizon
 from .model_bound import Asked
 from .plan import Plan
+from .provenance import ModelBasis
 from .region_errors import trajectory
-from .task import checked_task, seconds
 from .uncertain import Uncertain
 
 BEYOND = 2.0  # times the largest value in the data from which a plan gets a warning
@@ -64,12 +65,14 @@ def model_control(
     if guarantee is not None and task is not None:
         raise InputError("`guarantee` must be left out with limits or weights")
     if guarantee is not None:
-        u = _least_bound(model, start, goal, K, gate.probability("guarantee", guarantee))[None, :]
+        u = _least_bound(model, start, goal, K, validation.probability("guarantee", guarantee))[
+            None, :
+        ]
     if task is not None:
         end = None if time is None else monotonic() + time
         limited = Horizon(task, model.A, model.B, model.c).solve(start, time_limit=time)
         if task.state_low is not None and task.soft is None:
-            basis, plain = ModelBasis(model, start, goal, off), Asked(False, False, False)
+            basis, plain = trusted(ModelBasis, model, start, goal, off), Asked(False, False, False)
             left = None if end is None else end - monotonic()
             limited, _ = within_state_limits(basis, limited, DELTA, plain, left)
         u = limited.u
@@ -87,14 +90,15 @@ def model_control(
         *step_warnings(n, m, K, reachability.rank, exact=False),
         *_beyond(model, predicted, u),
     )
-    return Plan(
+    return trusted(
+        Plan,
         u=u,
         predicted_states=predicted,
         reachability=reachability,
         fusion=how,
         status="completed" if limited is None else limited.status,
         info=info,
-        basis=ModelBasis(model, start, goal, off),
+        basis=trusted(ModelBasis, model, start, goal, off),
         limited=limited,
         labels=labels,
         dt=model.dt,
@@ -126,9 +130,9 @@ def _exact(name: str, value: Any, names: tuple[str, ...]) -> Floats:
             rest = ", in Uncertain(.., radius) if x0 may be that far from it"
         raise InputTypeError(
             f"`{name}` must be an array with a model from data, got "
-            f"{gate.article(type(value))}: pass {mean}{rest}"
+            f"{validation.article(type(value))}: pass {mean}{rest}"
         )
-    return gate.vector(name, value, length=len(names), labels=names).copy()
+    return validation.vector(name, value, length=len(names), labels=names).copy()
 
 
 def _least_bound(model: Identified, x0: Floats, xf: Floats, K: int, delta: float) -> Floats:

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._base import gate, html
-from .._base.labels import Labels, default_labels, fitting, two_states
+from .._base import html, validation
 from .._base.records import SavedRecord, require_shapes
-from .._base.tabled import Cube, Timed, named, over_time, padded
+from .._base.signal_names import Labels, default_labels, fitting, two_states
+from .._base.to_xarray import Cube, Timed, named, over_time, padded
 from .._base.types import DELTA, FUSIONS, STATUSES, Floats, Fusion, Quantity, Status
 from ..exceptions import InputError, ShapeError
 from ..plots.panels import Inputs
@@ -21,7 +21,6 @@ from ..system import System
 from ..theory.dynamics import checked_ends, states
 from ..theory.exact import best_control
 from ..theory.records import PlanError, Reachability
-from .basis import Basis, ModelBasis, completed
 from .certificate import Certificate
 from .limit_bound import limited_bound
 from .limit_certificate import limited_certificate
@@ -31,6 +30,7 @@ from .plan_bound import PlanBound, plan_bound
 from .plan_covariance import plan_covariance
 from .plan_error import limited_error
 from .plan_summary import cost_rows, cost_text, expectation, made_from, worst_state
+from .provenance import Basis, ModelBasis, completed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -90,27 +90,27 @@ class Plan(SavedRecord, Timed):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        gate.kept("u", self.u, ndim=(2,))
-        gate.kept("predicted_states", self.predicted_states, ndim=(2,))
+        validation.kept("u", self.u, ndim=(2,))
+        validation.kept("predicted_states", self.predicted_states, ndim=(2,))
         if len(self.predicted_states) != len(self.u) + 1:
             raise ShapeError(
                 f"`predicted_states` must have {len(self.u) + 1} rows, one more than `u`, got "
                 f"{len(self.predicted_states)}"
             )
-        gate.instance("reachability", self.reachability, Reachability)
-        gate.choice("fusion", self.fusion, FUSIONS)
-        gate.choice("status", self.status, STATUSES)
+        validation.instance("reachability", self.reachability, Reachability)
+        validation.choice("fusion", self.fusion, FUSIONS)
+        validation.choice("status", self.status, STATUSES)
         if isinstance(self.basis, ModelBasis):
             require_shapes(self.basis.model, B=self._shape)
         elif self.basis is not None:
-            require_shapes(gate.instance("basis", self.basis, Basis), B=self._shape)
+            require_shapes(validation.instance("basis", self.basis, Basis), B=self._shape)
         if self.limited is not None:
-            gate.instance("limited", self.limited, Limited)
+            validation.instance("limited", self.limited, Limited)
             if not np.array_equal(self.limited.u, self.u):
                 raise InputError("`limited` must be of the control `u` of this plan")
         fitting(self.labels, *self._shape)
         if self.dt is not None:
-            gate.positive("dt", self.dt)
+            validation.positive("dt", self.dt)
 
     @property
     def steps(self) -> int:
@@ -259,7 +259,7 @@ class Plan(SavedRecord, Timed):
         >>> error.state <= bound.state < 0.02
         True
         """
-        delta = gate.probability("delta", delta)
+        delta = validation.probability("delta", delta)
         asked = declared(noise, open_loop, x0_fixed)
         if isinstance(self.basis, ModelBasis):
             exact = {"system": system, "x0": x0, "xf": xf}
@@ -362,8 +362,8 @@ class Plan(SavedRecord, Timed):
         other = self._in_order(system)
         if self.limited is not None:
             how: Any = {"length": other.n, "labels": other.state_names}
-            start = gate.vector("x0", x0, **how)
-            goal = None if xf is None else gate.vector("xf", xf, **how)
+            start = validation.vector("x0", x0, **how)
+            goal = None if xf is None else validation.vector("xf", xf, **how)
             return limited_error(self.limited, other.A, other.B, start, goal, self.u)
         checked, start, goal = checked_ends(other, x0, xf)
         best = best_control(checked.A, checked.B, start, goal, self.steps)
@@ -398,7 +398,7 @@ class Plan(SavedRecord, Timed):
         True
         """
         checked = self._in_order(system)
-        start = gate.vector("x0", x0, length=checked.n, labels=checked.state_names)
+        start = validation.vector("x0", x0, length=checked.n, labels=checked.state_names)
         return states(checked.A, checked.B, start, self.u)
 
     def plot(
@@ -536,7 +536,7 @@ class Plan(SavedRecord, Timed):
         predicted = self.predicted_states
         tube, says, runs = None, "", None
         if certificate is not None:
-            tube = gate.instance("certificate", certificate, Certificate).tube
+            tube = validation.instance("certificate", certificate, Certificate).tube
             if len(tube) != len(predicted):
                 raise ShapeError(
                     f"`certificate` must be of this plan, over {html.counted(len(predicted) - 1)}, "
@@ -544,7 +544,7 @@ class Plan(SavedRecord, Timed):
                 )
             says = f"certified, {100 * (1 - certificate.delta):g} %"
         if measured is not None:
-            runs = gate.array("measured", measured, ndim=(2, 3))
+            runs = validation.array("measured", measured, ndim=(2, 3))
             if runs.shape[-2:] != predicted.shape:
                 raise ShapeError(
                     f"`measured` must have shape {predicted.shape}, or (R, ..) for R runs, got "

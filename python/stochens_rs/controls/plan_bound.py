@@ -10,7 +10,7 @@ import numpy as np
 
 from .._base import html
 from .._base.numbers import norm
-from .._base.records import SavedRecord
+from .._base.records import SavedRecord, trusted
 from .._base.types import QUANTITIES, Floats
 from ..exceptions import InputError
 from ..rng import RngLike, as_key
@@ -19,7 +19,7 @@ from ..theory.bounds.drawn_errors import Entity, PlanErrors, not_simulated, radi
 from ..theory.dynamics import matrix_powers, spectral_norms
 from ..theory.exact import EPS
 from ..theory.formulas import checked_finite
-from .basis import Basis
+from .provenance import Basis
 
 if TYPE_CHECKING:
     from .._base.types import Fusion, Quantity
@@ -151,7 +151,8 @@ def plan_bound(
     digits = errors.best.gap > 0.0 and np.isfinite(basis.rounding).all()
     if digits:
         checked_finite(np.array([state, control]), "bound")
-    return PlanBound(
+    return trusted(
+        PlanBound,
         state=state,
         control=control,
         target=float(np.hypot(state, errors.best.upper)) * (1.0 + 4.0 * EPS),

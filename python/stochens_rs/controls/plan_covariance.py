@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from .._base import gate
+from .._base import validation
 from .._base.types import QUANTITIES, Floats
 from ..exceptions import InputError
 from ..theory import moments
-from .basis import Basis
+from .provenance import Basis
 
 if TYPE_CHECKING:
     from .._base.types import Fusion, Quantity
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 def plan_covariance(basis: Basis, steps: int, fusion: Fusion, quantity: Quantity) -> Floats:
     """Compute the covariance of the last state or of the control (see `Plan.covariance`)."""
-    of_control = gate.choice("quantity", quantity, QUANTITIES) == "control"
+    of_control = validation.choice("quantity", quantity, QUANTITIES) == "control"
     for entity in basis.entities:
         if entity.kind == "fitted":
             raise InputError(

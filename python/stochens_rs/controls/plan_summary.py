@@ -8,19 +8,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._base import html
-from .._base.labels import Labels, default_labels
 from .._base.numbers import norm
+from .._base.signal_names import Labels, default_labels
 from .._base.types import Floats
 from ..exceptions import StochensError
 from ..theory.exact import best_control
-from .basis import ModelBasis
+from .provenance import ModelBasis
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from ..theory.records import Reachability
-    from .basis import Basis
     from .limited import Limited
+    from .provenance import Basis
 
 
 # Multiplications that a repr may cost, about 20 ms: n^4 for the covariance of A (n matrices n x n),

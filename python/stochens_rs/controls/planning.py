@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._base import gate
-from .._base.labels import Labels
+from .._base import validation
 from .._base.numbers import smallest_size
+from .._base.signal_names import Labels
 from .._base.types import DELTA, QUANTITIES, Fusion, Quantity
 from ..exceptions import InputError, SizeError
 from ..rng import RngLike, as_key
@@ -18,10 +18,10 @@ from ..system import System
 from ..theory import bounds, moments
 from ..theory.dynamics import checked_ends
 from ..theory.exact import best_control
-from .entities import fusion_over
+from .arguments import fusion_over
+from .constraints import checked_task
 from .limits import as_limits
 from .sample_plan import Requirement, SamplePlan
-from .task import checked_task
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -115,12 +115,12 @@ def required_samples(
     (True, 'simulated')
     """
     checked, start, goal = checked_ends(system, x0, xf)
-    error = gate.positive("error", error)
-    delta = gate.probability("delta", delta)
-    runs = gate.size("runs", runs, maximum=10**6)
-    kind = gate.choice("quantity", quantity, QUANTITIES)
+    error = validation.positive("error", error)
+    delta = validation.probability("delta", delta)
+    runs = validation.size("runs", runs, maximum=10**6)
+    kind = validation.choice("quantity", quantity, QUANTITIES)
     K, how = fusion_over(steps, fusion, checked.n, checked.m)
-    relative = gate.flag("relative", relative)
+    relative = validation.flag("relative", relative)
     if limits is not None:
         _limited(checked.labels, K, limits, kind, relative)
     key = as_key(rng)
@@ -210,7 +210,7 @@ def _needed(share: Callable[[int], float], start: int) -> int:
     """The size at which the simulated quantile is the error, by ``N <- N share^2``."""
     size = start
     for _ in range(_STEPS):
-        size = int(min(max(1, ceil(size * share(size) ** 2)), gate.EXACT))
+        size = int(min(max(1, ceil(size * share(size) ** 2)), validation.EXACT))
     return size
 
 

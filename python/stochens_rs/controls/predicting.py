@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._base import gate
+from .._base import validation
 from ..exceptions import InputTypeError, NonFiniteError
 from ..identification.identified import Identified
 from ..theory.exact import best_control
-from .basis import ModelBasis
 from .plan import Plan
+from .provenance import ModelBasis
 from .region_errors import trajectory
 from .uncertain import Uncertain
 
@@ -56,11 +56,11 @@ def predict(model: Identified, x0: ArrayLike | Uncertain, inputs: ArrayLike) -> 
     True
     """
     if not isinstance(model, Identified):
-        raise InputTypeError(f"`model` must be a model from data, got {gate.show(model)}")
+        raise InputTypeError(f"`model` must be a model from data, got {validation.show(model)}")
     n, m = model.B.shape
     off, given = (x0.radius, x0.values) if isinstance(x0, Uncertain) else (0.0, x0)
-    start = gate.vector("x0", given, length=n, labels=model.state_names).copy()
-    u = gate.inputs("inputs", inputs, cols=m, empty=False, labels=model.input_names).copy()
+    start = validation.vector("x0", given, length=n, labels=model.state_names).copy()
+    u = validation.inputs("inputs", inputs, cols=m, empty=False, labels=model.input_names).copy()
     path = trajectory(model._Theta, start, u)
     if not np.isfinite(path).all():
         raise NonFiniteError("the predicted states overflow: give fewer or smaller `inputs`")

@@ -7,19 +7,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import _core
-from .._base import gate, memory
+from .._base import memory, validation
 from .._base.threads import get_num_threads
 from ..exceptions import SolverError
 from ..theory.exact import factors
+from .arguments import problem
+from .constraints import checked_task
 from .cost import Cost, as_cost
-from .entities import problem
 from .limited import OPTIMAL, Horizon
 from .limits import as_limits
-from .task import checked_task
 
 if TYPE_CHECKING:
     from .._base.types import Floats
-    from .entities import EntityLike, SystemLike
+    from .arguments import EntityLike, SystemLike
     from .limits import LimitsLike
 
 
@@ -107,7 +107,7 @@ def realization_controls(
         controls = np.empty(shape)
     else:
         A, B = system[:2] if isinstance(system, tuple) else (system.A, system.B)
-        controls = gate.output("out", out, shape, {"A": A, "B": B, "x0": x0, "xf": xf})
+        controls = validation.output("out", out, shape, {"A": A, "B": B, "x0": x0, "xf": xf})
     data, threads = (start, goal, matrix, given[2].by_rows), get_num_threads()
     if task is None:
         _core.realization_controls(controls, out is None, factors(inputs).inverse, *data, threads)

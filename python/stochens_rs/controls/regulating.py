@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._base import gate
+from .._base import validation
 from ..exceptions import InputError
+from .constraints import checked_task
 from .cost import Cost, as_cost
 from .regulator import Regulator, checked_model
-from .task import checked_task
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -90,8 +90,8 @@ def regulate(
     """
     checked = checked_model(system)
     n, m = checked.B.shape
-    K = gate.size("steps", steps)
-    goal = None if xf is None else gate.vector("xf", xf, length=n, labels=checked.state_names)
+    K = validation.size("steps", steps)
+    goal = None if xf is None else validation.vector("xf", xf, length=n, labels=checked.state_names)
     weights = as_cost(cost)
     if goal is not None and weights.reference is not None:
         raise InputError("`xf` must be None with a reference, whose last row takes its place")

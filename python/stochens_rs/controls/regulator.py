@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._base import gate, html
-from .._base.labels import order_of
+from .._base import html, validation
+from .._base.signal_names import order_of
 from ..exceptions import InputError, NonFiniteError, ShapeError
 from ..identification.identified import Identified
 from ..system import System
-from .calls import Call, counted, curves, drawn_calls, facts
+from .constraints import Task
 from .limited import Horizon
 from .receding import solver_of
-from .task import Task
+from .regulator_log import Call, counted, curves, drawn_calls, facts
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
     from numpy.typing import ArrayLike
 
-    from .._base.labels import Labels
+    from .._base.signal_names import Labels
     from .._base.types import Floats, Status
 
 LOGGED = 1000  # calls that the log keeps
@@ -59,10 +59,12 @@ class Regulator:
         time_limit: float | None = None,
         labels: Labels | None = None,
     ) -> None:
-        self._time_limit = None if time_limit is None else gate.positive("time_limit", time_limit)
+        self._time_limit = (
+            None if time_limit is None else validation.positive("time_limit", time_limit)
+        )
         checked = checked_model(system)
         self._labels = checked.labels if labels is None else labels
-        self._set(checked, gate.instance("task", task, Task))
+        self._set(checked, validation.instance("task", task, Task))
         self._plan: Floats | None = None
         self._held = self._calls = 0
         self._log: deque[Call] = deque(maxlen=LOGGED)
@@ -118,11 +120,11 @@ class Regulator:
         """
         started = perf_counter()
         with self._turn():
-            if gate.flag("hold", hold):
+            if validation.flag("hold", hold):
                 return self._hold(started)
             if x is None:
                 raise InputError("`x` must be the state, or hold=True if it is not known, got None")
-            state = gate.vector("x", x, length=self.n, labels=self._labels.states).copy()
+            state = validation.vector("x", x, length=self.n, labels=self._labels.states).copy()
             plan, status, gap = self._solve(state)
             # nothing above has changed the loop, so that an exception leaves it as it was
             self._plan, self._held = plan, 0

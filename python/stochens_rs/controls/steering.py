@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from .._base import gate
+from .._base import validation
 from .._base.types import Fusion
 from ..ensembles.sampling import sample
 from ..exceptions import InputError
@@ -13,8 +13,8 @@ from ..fusion.fusing import METHODS, fuse
 from ..rng import RngLike, as_key
 from ..system import System
 from ..theory.dynamics import checked_ends
+from .arguments import fusion_over
 from .control import control
-from .entities import fusion_over
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -89,7 +89,7 @@ def steer(
     True
     """
     checked, start, goal = checked_ends(system, x0, xf)
-    gate.choice("method", method, METHODS)
+    validation.choice("method", method, METHODS)
     _, how = fusion_over(steps, fusion, checked.n, checked.m)
     if how == "diagonal" and method != "uniform":
         raise InputError(

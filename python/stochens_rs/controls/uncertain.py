@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .._base import gate
+from .._base import validation
 from .._base.records import SavedRecord
 from .entries import Entries, entries
 
@@ -39,7 +39,7 @@ class Uncertain(SavedRecord):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", entries("values", self.values))
-        object.__setattr__(self, "radius", gate.nonnegative("radius", self.radius))
+        object.__setattr__(self, "radius", validation.nonnegative("radius", self.radius))
         super().__post_init__()
 
     def __repr__(self) -> str:

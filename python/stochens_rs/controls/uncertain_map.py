@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from .._base.types import Floats
-    from .task import Task
+    from .constraints import Task
 
 
 HARD = "with hard limits of the states the best control may move by any multiple of an error"

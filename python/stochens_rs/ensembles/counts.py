@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .._base import gate
+from .._base import validation
 from .._base.records import SavedRecord
 from .._base.types import Floats
 from ..exceptions import InputError, InputTypeError, ShapeError
@@ -45,15 +45,15 @@ class Counts(SavedRecord):
     def __post_init__(self) -> None:
         if type(self.counts) is not np.ndarray or self.counts.dtype != np.int64:
             raise InputTypeError(
-                f"`counts` must be a numpy.ndarray of int64, got {gate.show(self.counts)}"
+                f"`counts` must be a numpy.ndarray of int64, got {validation.show(self.counts)}"
             )
-        gate.kept("estimate", self.estimate, shape=self.counts.shape)
-        gate.size("size", self.size)
-        gate.instance("key", self.key, Key)
+        validation.kept("estimate", self.estimate, shape=self.counts.shape)
+        validation.size("size", self.size)
+        validation.instance("key", self.key, Key)
         if self.counts.min() < 0:
             raise InputError(f"`counts` must be >= 0, got {self.counts.min()}")
         if self.law is not None:
-            self._check_law(gate.instance("law", self.law, Law))
+            self._check_law(validation.instance("law", self.law, Law))
 
     def _check_law(self, law: Law) -> None:
         """Refuse a law that cannot give these counts."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from .._base import gate
+from .._base import validation
 from .._base.records import Record
 from .._base.types import AXES, SCHEMES, Axis, Floats, Scheme
 
@@ -28,16 +28,16 @@ class Law(Record):
     scheme: Scheme
 
     def __post_init__(self) -> None:
-        gate.kept("values", self.values)
+        validation.kept("values", self.values)
         checked_axis(self.axis)
         checked_scheme(self.scheme)
 
 
 def checked_axis(axis: str) -> Axis:
     """Return `axis` if it is "columns" or "rows"."""
-    return gate.choice("axis", axis, AXES)
+    return validation.choice("axis", axis, AXES)
 
 
 def checked_scheme(scheme: str) -> Scheme:
     """Return `scheme` if it is "iid" or "systematic"."""
-    return gate.choice("scheme", scheme, SCHEMES)
+    return validation.choice("scheme", scheme, SCHEMES)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._base import gate
+from .._base import validation
 from .._base.types import Axis, Floats
 from .law import checked_axis
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 def checked_target(target: ArrayLike, axis: str) -> tuple[Floats, Axis]:
     """Check a vector or matrix to be sampled, and the axis of its lines."""
     checked = checked_axis(axis)
-    return gate.array("target", target, ndim=(1, 2)), checked
+    return validation.array("target", target, ndim=(1, 2)), checked
 
 
 def to_lines(values: Floats, axis: Axis) -> Floats:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import _core
-from .._base import gate, memory
+from .._base import memory, validation
 from .._base.threads import get_num_threads
 from .._base.types import Axis, Scheme
 from ..rng import RngLike, as_key
@@ -82,7 +82,7 @@ def sample(
     0
     """
     values, axis = checked_target(target, axis)
-    count = gate.size("size", size)
+    count = validation.size("size", size)
     scheme = checked_scheme(scheme)
     lines = to_lines(values, axis)
     number, length = lines.shape
@@ -148,7 +148,7 @@ def sample_counts(
     (True, True)
     """
     values, axis = checked_target(target, axis)
-    count = gate.size("size", size)
+    count = validation.size("size", size)
     scheme = checked_scheme(scheme)
     key = as_key(rng)
     lines = to_lines(values, axis)

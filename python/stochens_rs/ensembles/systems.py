@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
-from .._base import gate, html
-from .._base.labels import Labels, fitting, order_of
+from .._base import html, validation
 from .._base.records import SavedRecord
-from .._base.tabled import Cube, Tabled, named
+from .._base.signal_names import Labels, fitting, order_of
+from .._base.to_xarray import Cube, Tabled, named
 from .._base.types import CENTRES, Centre
 from ..exceptions import InputError, ShapeError
 from ..system import System
@@ -67,22 +67,24 @@ class SystemEnsemble(SavedRecord, Tabled):
     labels: Labels | None = None
 
     def __post_init__(self) -> None:
-        A = gate.array("A", self.A, ndim=(3,))
-        B = gate.array("B", self.B, ndim=(3,))
+        A = validation.array("A", self.A, ndim=(3,))
+        B = validation.array("B", self.B, ndim=(3,))
         N, n = A.shape[:2]
         if A.shape[2] != n:
             raise ShapeError(f"`A` must have shape (N, n, n), got {A.shape}")
         if B.shape[:2] != (N, n):
             raise ShapeError(f"`B` must have shape ({N}, {n}, m), got {B.shape}")
-        object.__setattr__(self, "A", gate.frozen(A))
-        object.__setattr__(self, "B", gate.frozen(B))
+        object.__setattr__(self, "A", validation.frozen(A))
+        object.__setattr__(self, "B", validation.frozen(B))
         if self.c is not None:
-            object.__setattr__(self, "c", gate.frozen(gate.matrix("c", self.c, rows=N, cols=n)))
+            object.__setattr__(
+                self, "c", validation.frozen(validation.matrix("c", self.c, rows=N, cols=n))
+            )
         if self.centre is not None:
-            gate.choice("centre", self.centre, CENTRES)
+            validation.choice("centre", self.centre, CENTRES)
         if self.dt is not None:
-            object.__setattr__(self, "dt", gate.positive("dt", self.dt))
-        gate.line("about", self.about)
+            object.__setattr__(self, "dt", validation.positive("dt", self.dt))
+        validation.line("about", self.about)
         fitting(self.labels, n, B.shape[2])
 
     @classmethod
@@ -115,7 +117,7 @@ class SystemEnsemble(SavedRecord, Tabled):
         >>> se.SystemEnsemble.from_systems([([[0.9]], [[1.0]]), ([[0.8]], [[1.1]])])
         <SystemEnsemble: 2 models, n=1 m=1>
         """
-        found = [System.from_any(system) for system in gate.items("systems", systems)]
+        found = [System.from_any(system) for system in validation.items("systems", systems)]
         if not found:
             raise InputError("`systems` must have at least one system, got an empty list")
         first = found[0]
@@ -219,7 +221,7 @@ class SystemEnsemble(SavedRecord, Tabled):
             if not len(A):
                 raise InputError("the slice must name at least one model")
             return replace(self, A=A, B=B, c=c)
-        index = gate.size("model", s, minimum=-self.size, maximum=self.size - 1)
+        index = validation.size("model", s, minimum=-self.size, maximum=self.size - 1)
         return self._system(self.A[index], self.B[index])
 
     def __iter__(self) -> Iterator[System]:

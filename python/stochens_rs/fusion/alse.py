@@ -10,7 +10,7 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 
 from .. import _core
-from .._base import gate, memory
+from .._base import memory, validation
 from .._base.numbers import norm
 from .._base.threads import get_num_threads
 from .._base.types import Floats, Status, worst
@@ -84,10 +84,10 @@ def checked_options(
     max_iter: int | None,
 ) -> AlseOptions:
     """Check the arguments that only "alse" takes; `ensemble` is None for weights by data."""
-    kind = gate.choice("weight_set", weight_set, WEIGHT_SETS)
-    tol = gate.positive("tol", tol)
-    seconds = None if time_limit is None else gate.positive("time_limit", time_limit)
-    passes = None if max_iter is None else gate.size("max_iter", max_iter)
+    kind = validation.choice("weight_set", weight_set, WEIGHT_SETS)
+    tol = validation.positive("tol", tol)
+    seconds = None if time_limit is None else validation.positive("time_limit", time_limit)
+    passes = None if max_iter is None else validation.size("max_iter", max_iter)
     if ensemble is None and kind != "simplex":
         raise InputError(f"`weight_set` must be 'simplex' with `data`, got '{kind}'")
     if ensemble is not None and method != "alse":

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._base import gate, html, memory
-from .._base.labels import order_of
+from .._base import html, memory, validation
+from .._base.signal_names import order_of
 from ..ensembles.ensemble import Ensemble
 from ..ensembles.systems import SystemEnsemble
 from ..exceptions import DataWarning, InputError, InputTypeError, NonFiniteError, ShapeError
@@ -37,7 +37,7 @@ def fuse_by_data(
     options: alse.AlseOptions,
 ) -> FusedModel:
     """Choose the weights by the data and mix; `fuse` says what the arguments are."""
-    given = _models(models, data, gate.flag("independent", independent))
+    given = _models(models, data, validation.flag("independent", independent))
     least = _least_squares(given, method, data, design, sigma)
     given = given._in_order("ensemble", least.labels)
     f = least._blocks[0].fitted
@@ -48,7 +48,7 @@ def fuse_by_data(
         S, t = hull.coordinates(stacked(given, least.intercept), f, units(least))
     if not np.isfinite(S).all() or not np.isfinite(np.vdot(S, S)):
         raise NonFiniteError("the squares of the data and the models overflow: scale them down")
-    shrink = gate.flag("shrink", shrink)
+    shrink = validation.flag("shrink", shrink)
     if method == "alse":
         fit = _nearest(S - t, options)
         weights, share = fit.weights / fit.weights.sum(), 0.0
@@ -110,7 +110,7 @@ def _least_squares(
             )
         least = data
     elif isinstance(data, Identified):
-        raise InputTypeError(f"`data` must be Trajectories or a Model, got {gate.show(data)}")
+        raise InputTypeError(f"`data` must be Trajectories or a Model, got {validation.show(data)}")
     else:
         words: dict[str, Any] = {} if design is None else {"design": design}
         words |= {"sigma": sigma, "intercept": given.c is not None}
@@ -149,7 +149,7 @@ def _models(models: object, data: object, independent: bool) -> SystemEnsemble:
     if isinstance(models, SystemEnsemble):
         given = models
     else:
-        items = gate.items("ensemble", models)
+        items = validation.items("ensemble", models)
         for k, one in enumerate(items):
             if isinstance(one, Identified):
                 _apart_from(k, one, data, independent)

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._base import gate, html
+from .._base import html, validation
 from .._base.numbers import ROUNDING
 from .._base.records import SavedRecord, require_shapes
-from .._base.tabled import Cube, Tabled
+from .._base.to_xarray import Cube, Tabled
 from .._base.types import STATUSES, Floats, Status
 from ..ensembles.ensemble import Ensemble
 from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
@@ -78,17 +78,17 @@ class Fit(SavedRecord, Tabled):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        gate.kept("estimate", self.estimate)
-        gate.kept("weights", self.weights)
+        validation.kept("estimate", self.estimate)
+        validation.kept("weights", self.weights)
         if self.target is not None:
-            gate.kept("target", self.target, shape=self.estimate.shape)
+            validation.kept("target", self.target, shape=self.estimate.shape)
         for name in ("error", "gap", "lower_bound"):
             value = getattr(self, name)
             if value is not None:
                 _checked_finite(name, value)
-        gate.choice("status", self.status, STATUSES)
-        gate.line("method", self.method)
-        gate.flag("exact", self.exact)
+        validation.choice("status", self.status, STATUSES)
+        validation.line("method", self.method)
+        validation.flag("exact", self.exact)
         low, high = self.weights.min() * len(self.weights), self.weights.max() * len(self.weights)
         if self.method == "uniform" and not 1.0 - ROUNDING <= low <= high <= 1.0 + ROUNDING:
             raise InputError(
@@ -97,7 +97,10 @@ class Fit(SavedRecord, Tabled):
             )
         if self.ensemble is None:
             return
-        N, shape = gate.instance("ensemble", self.ensemble, Ensemble).size, self.ensemble.shape
+        N, shape = (
+            validation.instance("ensemble", self.ensemble, Ensemble).size,
+            self.ensemble.shape,
+        )
         if shape != self.shape:
             raise ShapeError(f"`ensemble` must have shape {self.shape}, got {shape}")
         if len(self.weights) != N:
@@ -229,7 +232,7 @@ class Path(SavedRecord, Tabled):
         count = len(self.sizes)
         require_shapes(self, sizes=(count,), errors=(count,), gaps=(count,))
         if self.estimates is not None:
-            gate.kept("estimates", self.estimates, ndim=(2, 3))
+            validation.kept("estimates", self.estimates, ndim=(2, 3))
             require_shapes(self, estimates=(count, *self.estimates.shape[1:]))
         for name in ("errors", "gaps"):
             values = getattr(self, name)
@@ -244,7 +247,7 @@ class Path(SavedRecord, Tabled):
 
 
 def _checked_finite(name: str, value: object) -> None:
-    if not gate.is_real(value):
-        raise InputTypeError(f"`{name}` must be a real number, got {gate.show(value)}")
+    if not validation.is_real(value):
+        raise InputTypeError(f"`{name}` must be a real number, got {validation.show(value)}")
     if not isfinite(value):
         raise NonFiniteError(f"the {name} of the fit overflows ({value}): scale the problem down")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from .._base import gate, html
+from .._base import html, validation
 from .._base.records import SavedRecord
 from .._base.types import STATUSES, Status
 from ..ensembles.systems import SystemEnsemble
@@ -64,8 +64,8 @@ class FusedModel(SavedRecord, Identified):
     status: Status
 
     def __post_init__(self) -> None:
-        models = gate.instance("models", self.models, SystemEnsemble)
-        data = gate.instance("least_squares", self.least_squares, Model)
+        models = validation.instance("models", self.models, SystemEnsemble)
+        data = validation.instance("least_squares", self.least_squares, Model)
         if (models.n, models.m) != (data.n, data.m):
             raise ShapeError(
                 f"`models` must have n={data.n} m={data.m} as the data, got n={models.n} "
@@ -75,21 +75,21 @@ class FusedModel(SavedRecord, Identified):
             raise InputError("`least_squares` must have an intercept, as `models` have offsets")
         if len(data._blocks) != 1 or data.known is not None or data.instruments is not None:
             raise InputError("`least_squares` must have no known entries and no instruments")
-        gate.choice("method", self.method, DATA_METHODS)
-        weights = gate.kept("weights", self.weights, shape=(models.size,))
+        validation.choice("method", self.method, DATA_METHODS)
+        weights = validation.kept("weights", self.weights, shape=(models.size,))
         if weights.min() < 0.0 or abs(float(weights.sum()) - 1.0) > 1e-6:
             raise InputError("`weights` must be nonnegative with sum 1")
-        if gate.nonnegative("share", self.share) > 1.0:
+        if validation.nonnegative("share", self.share) > 1.0:
             raise InputError(f"`share` must be in [0, 1], got {self.share:g}")
-        gate.nonnegative("gap", self.gap)
-        gate.choice("status", self.status, STATUSES)
+        validation.nonnegative("gap", self.gap)
+        validation.choice("status", self.status, STATUSES)
 
     @cached_property
     def _Theta(self) -> Floats:
         # F + share (t - F R') white, which is H - F where the data determine the model
         F = np.tensordot(self.weights, stacked(self.models, self.least_squares.intercept), axes=1)
         away = self._fitted.H @ self._fitted.root.T - F @ self._fitted.root.T
-        return gate.frozen(F + self.share * away @ self._fitted.white)
+        return validation.frozen(F + self.share * away @ self._fitted.white)
 
     @cached_property
     def _hull(self) -> hull.Hull:
@@ -220,10 +220,10 @@ class FusedModel(SavedRecord, Identified):
         >>> fused.region(0.05).contains([[0.8]], [[1.1]])
         True
         """
-        delta = gate.probability("delta", delta)
+        delta = validation.probability("delta", delta)
         options = {
-            "future": gate.size("future", future, minimum=0, maximum=10_000),
-            "frobenius": gate.flag("frobenius", frobenius),
+            "future": validation.size("future", future, minimum=0, maximum=10_000),
+            "frobenius": validation.flag("frobenius", frobenius),
         }
         if self._sharper(delta, options["future"]):
             return self._regions(delta, **options)[0]

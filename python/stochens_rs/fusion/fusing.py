@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args, overload
 import numpy as np
 
 from .. import _core
-from .._base import gate, memory, numbers
+from .._base import memory, numbers, validation
 from .._base.types import Floats
 from ..ensembles.ensemble import Ensemble
 from ..ensembles.systems import SystemEnsemble
@@ -224,7 +224,7 @@ def fuse(
     if data is not None or (isinstance(method, str) and method == "leave-one-out"):
         if data is None:
             raise InputError(f"`data` is required for method '{method}'")
-        kind = gate.choice("method", method, DATA_METHODS)
+        kind = validation.choice("method", method, DATA_METHODS)
         _refuse("with `data`", **of_realizations)
         limits = alse.checked_options(None, kind, weight_set, tol, time_limit, max_iter)
         return fuse_by_data(ensemble, kind, data, design, sigma, shrink, independent, limits)
@@ -277,7 +277,7 @@ def checked_goal(ensemble: Ensemble, target: ArrayLike | None, method: str) -> F
             f"`target` is required for method '{method}': the vector or matrix to fit to "
             "(a nominal model or a held-out estimate)"
         )
-    goal = gate.array("target", target, ndim=(1, 2))
+    goal = validation.array("target", target, ndim=(1, 2))
     if goal.shape != ensemble.shape:
         raise ShapeError(
             f"`target` must have shape {ensemble.shape} as a realization, got {goal.shape}"
@@ -292,4 +292,4 @@ def checked_ensemble(ensemble: object, method: object) -> tuple[Ensemble, Method
             "`ensemble` must be an Ensemble (see `sample`, `Ensemble.from_samples`), "
             f"got {type(ensemble).__name__}"
         )
-    return ensemble, gate.choice("method", method, METHODS)
+    return ensemble, validation.choice("method", method, METHODS)

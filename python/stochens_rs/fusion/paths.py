@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import _core
-from .._base import gate, memory
+from .._base import memory, validation
 from .._base.types import Floats, Status
 from ..ensembles.ensemble import Ensemble
 from . import alse
@@ -80,9 +80,9 @@ def fuse_path(
     """
     ensemble, name = checked_ensemble(ensemble, method)
     options = alse.checked_options(ensemble, name, weight_set, tol, time_limit, max_iter)
-    grid = gate.sizes("sizes", sizes, maximum=ensemble.size)
+    grid = validation.sizes("sizes", sizes, maximum=ensemble.size)
     goal = checked_goal(ensemble, target, name)
-    estimates = gate.flag("estimates", estimates)
+    estimates = validation.flag("estimates", estimates)
     if estimates:
         # as the core returns them, transposed, and in the shape of the target
         memory.need("the estimates of a path", 3 * grid.size * goal.nbytes)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import _core
-from .._base import gate
+from .._base import validation
 from ..exceptions import InputError
 from ..identification.checks import DRAWS, WORK
 from ..identification.model import Model
@@ -24,7 +24,9 @@ def pool(models: object) -> Model:
 
     The triangles of the experiments, one above the other, have the triangle of all data.
     """
-    given = [gate.instance("ensemble", one, Model) for one in gate.items("ensemble", models)]
+    given = [
+        validation.instance("ensemble", one, Model) for one in validation.items("ensemble", models)
+    ]
     if not given:
         raise InputError("`ensemble` must have at least one model, got an empty list")
     first = given[0]

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._base import gate, numbers
+from .._base import numbers, validation
 from ..ensembles.ensemble import Ensemble
 from ..exceptions import InputError
 from .fits import Fit
@@ -20,7 +20,7 @@ def weighted(ensemble: Ensemble, goal: Floats | None, weights: object, variances
     N, info = ensemble.size, dict[str, Any]()
     spread = None
     if variances is not None:
-        spread = gate.vector("variances", variances, length=N)
+        spread = validation.vector("variances", variances, length=N)
         if spread.min() <= 0.0:
             raise InputError(f"`variances` must be positive, got {spread.min():g}")
         if ensemble.centre == "estimate":
@@ -30,13 +30,13 @@ def weighted(ensemble: Ensemble, goal: Floats | None, weights: object, variances
             )
     method, chosen = "uniform", np.full(N, 1.0 / N)
     if isinstance(weights, str):
-        method = gate.choice("weights", weights, ("precision",))
+        method = validation.choice("weights", weights, ("precision",))
         if spread is None:
             raise InputError("`variances` must be given for weights='precision'")
         # w_s ~ 1 / v_s, the least sum w_s^2 v_s of all weights with sum 1
         chosen = spread.min() / spread
     elif weights is not None:
-        method, chosen = "weighted", gate.vector("weights", weights, length=N)
+        method, chosen = "weighted", validation.vector("weights", weights, length=N)
         if chosen.min() < 0.0 or not chosen.any():
             raise InputError("`weights` must be nonnegative and not all 0")
         chosen = chosen / chosen.max()

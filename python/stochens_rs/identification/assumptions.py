@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from .._base import gate
+from .._base import validation
 from .._base.records import Record
 from ..exceptions import InputError
 from ..theory.exact import EPS
@@ -58,9 +58,9 @@ class Assumptions(Record):
     exact: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
-        gate.choice("design", self.design, DESIGNS)
-        gate.choice("noise", self.noise, NOISES)
-        gate.choice("covariance", self.covariance, COVARIANCES)
+        validation.choice("design", self.design, DESIGNS)
+        validation.choice("noise", self.noise, NOISES)
+        validation.choice("covariance", self.covariance, COVARIANCES)
         if (self.covariance == "known") != (self.known is not None):
             raise InputError("`known` must be the covariance where it is known, and only there")
         if self.known is not None:
@@ -70,10 +70,10 @@ class Assumptions(Record):
         if self.noise == "symmetric" and self.covariance != "full":
             raise InputError("noise='symmetric' uses no `known` and no `covariance`")
         if isinstance(self.state_noise, str):
-            gate.choice("state_noise", self.state_noise, ("none", "white"))
+            validation.choice("state_noise", self.state_noise, ("none", "white"))
         else:
             _require_covariance("state_noise", self.state_noise)
-        if list(self.exact) != sorted({gate.size("exact", i, minimum=0) for i in self.exact}):
+        if list(self.exact) != sorted({validation.size("exact", i, minimum=0) for i in self.exact}):
             raise InputError("`exact` must be different states in their order")
 
     @property
@@ -106,18 +106,18 @@ def checked_assumptions(
     names: Sequence[str] = (),
 ) -> Assumptions:
     """Check the arguments of `identify` that are declarations; `names` are those of the states."""
-    law = gate.choice("noise", noise, NOISES)
-    plan = gate.choice("design", design, DESIGNS)
+    law = validation.choice("noise", noise, NOISES)
+    plan = validation.choice("design", design, DESIGNS)
     known, word = None, "known"
     if sigma is not None:
         if not isinstance(covariance, str) or covariance not in ("full", "scalar"):
             raise InputError("`sigma` and `covariance` must not be given both")
-        size = gate.positive("sigma", sigma, maximum=LARGEST)
+        size = validation.positive("sigma", sigma, maximum=LARGEST)
         if size < SMALLEST:
             raise InputError(f"`sigma` must be at least {SMALLEST:g}, got {size:g}")
         known = size**2 * np.eye(n)
     elif isinstance(covariance, str):
-        word = gate.choice("covariance", covariance, COVARIANCES[:-1])
+        word = validation.choice("covariance", covariance, COVARIANCES[:-1])
     else:
         known = _positive_definite("covariance", covariance, n)
     if law in ("sub-gaussian", "bounded") and known is None:
@@ -133,7 +133,7 @@ def checked_assumptions(
     if not isinstance(state_noise, str):
         error = _positive_definite("state_noise", state_noise, n, semi=True)
     else:
-        gate.choice("state_noise", state_noise, ("none", "white"))
+        validation.choice("state_noise", state_noise, ("none", "white"))
     without = checked_exact(exact, names)
     return Assumptions(plan, law, word, known, error, without)  # type: ignore[arg-type]
 
@@ -141,20 +141,20 @@ def checked_assumptions(
 def checked_exact(exact: object, names: Sequence[str]) -> tuple[int, ...]:
     """The numbers of the states in `exact`, which are given by name or number."""
     found = set()
-    for one in [exact] if isinstance(exact, str) else gate.items("exact", exact):
+    for one in [exact] if isinstance(exact, str) else validation.items("exact", exact):
         if isinstance(one, str):
-            found.add(names.index(gate.choice("exact", one, tuple(names))))
+            found.add(names.index(validation.choice("exact", one, tuple(names))))
         else:
-            found.add(gate.size("exact", one, minimum=0, maximum=len(names) - 1))
+            found.add(validation.size("exact", one, minimum=0, maximum=len(names) - 1))
     return tuple(sorted(found))
 
 
 def checked_scale(scale: Any, count: int, offset: bool) -> Floats:
     """The expected sizes of x and u, and 1 for the offset."""
-    if gate.is_real(scale):
-        sizes = np.full(count, gate.positive("scale", scale))
+    if validation.is_real(scale):
+        sizes = np.full(count, validation.positive("scale", scale))
     else:
-        sizes = gate.vector("scale", scale, length=count)
+        sizes = validation.vector("scale", scale, length=count)
     if sizes.min() < SMALLEST or sizes.max() > LARGEST:
         wrong = sizes.min() if sizes.min() < SMALLEST else sizes.max()
         raise InputError(f"`scale` must be in [{SMALLEST:g}, {LARGEST:g}], got {wrong:g}")
@@ -162,7 +162,7 @@ def checked_scale(scale: Any, count: int, offset: bool) -> Floats:
 
 
 def _positive_definite(name: str, value: ArrayLike, n: int, *, semi: bool = False) -> Floats:
-    given = gate.matrix(name, value, rows=n, cols=n)
+    given = validation.matrix(name, value, rows=n, cols=n)
     if np.abs(given).max() > LARGEST:
         raise InputError(f"`{name}` must have entries up to {LARGEST:g}")
     if not np.allclose(given, given.T, rtol=1e-9, atol=0.0):
@@ -185,7 +185,7 @@ def _least_correlation(given: Floats) -> float:
 
 def _require_covariance(name: str, stored: Floats) -> None:
     """Refuse a field that is no covariance, up to the rounding of its eigenvalues."""
-    n = len(gate.kept(name, stored, ndim=(2,)))
-    gate.kept(name, stored, shape=(n, n))
+    n = len(validation.kept(name, stored, ndim=(2,)))
+    validation.kept(name, stored, shape=(n, n))
     if (stored != stored.T).any() or _least_correlation(stored) < -n * EPS:
         raise InputError(f"`{name}` must be symmetric and positive definite")

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
-from .._base import gate
+from .._base import validation
 from ..exceptions import InputError, ShapeError
 from ..rng import Key
 from ..theory.exact import EPS
@@ -129,7 +129,7 @@ def directions(
     if x0 is None and given is None:
         return None
     if x0 is None:
-        Q = gate.matrix("directions", given)
+        Q = validation.matrix("directions", given)
         if len(Q) != d:
             raise ShapeError(
                 f"`directions` must have {d} rows, (x, u{', 1' if d > n + m else ''}), got {len(Q)}"
@@ -137,7 +137,7 @@ def directions(
     else:
         if given is not None:
             raise InputError("`x0` and `directions` must not be given both")
-        start = gate.vector("x0", x0, length=n)
+        start = validation.vector("x0", x0, length=n)
         largest = max(1.0, float(np.abs(start).max()))
         fixed = np.concatenate([start / largest, np.zeros(m), np.ones(d - n - m) / largest])
         Q = np.column_stack([fixed, np.eye(d)[:, n : n + m]])

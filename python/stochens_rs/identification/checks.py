@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import _core
-from .._base import gate, html
-from .._base.records import Record
+from .._base import html, validation
+from .._base.records import Record, trusted
 from .._base.threads import get_num_threads
 from ..exceptions import InputError
 from ..rng import Key, as_key
@@ -66,10 +66,10 @@ class Checks(Record):
     exact: bool
 
     def __post_init__(self) -> None:
-        gate.size("draws", self.draws)
-        gate.flag("exact", self.exact)
+        validation.size("draws", self.draws)
+        validation.flag("exact", self.exact)
         for name in NAMES:
-            gate.positive(name, self.p_values.get(name), maximum=1.0)
+            validation.positive(name, self.p_values.get(name), maximum=1.0)
             if not np.isfinite(self.distances.get(name, np.nan)):
                 raise InputError(f"`distances` must have a number for {name}")
 
@@ -94,7 +94,7 @@ class Checks(Record):
         >>> se.identify(data).checks.failed()
         ()
         """
-        share = gate.probability("level", level) / len(NAMES)
+        share = validation.probability("level", level) / len(NAMES)
         return tuple(name for name in NAMES if self.p_values[name] <= share * (1.0 + 1e-9))
 
     @property
@@ -144,4 +144,4 @@ def checked_residuals(
     free = np.ascontiguousarray(Y[:, rows] @ basis)
     found = _core.residual_p_values(Z, free, f.white, draws, bytes(key), get_num_threads())
     p_values, distances = (dict(zip(NAMES, one.tolist(), strict=True)) for one in found)
-    return Checks(p_values, distances, draws, exact)
+    return trusted(Checks, p_values, distances, draws, exact)

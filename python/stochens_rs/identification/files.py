@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 import numpy as np
 
-from .._base import gate
+from .._base import validation
 from ..exceptions import InputError
 from ..rng import Key
 from .assumptions import COVARIANCES, DESIGNS, NOISES, Assumptions
@@ -45,7 +45,7 @@ def to_runs(sections: Sections) -> tuple[Any, ...]:
     if version != VERSION:
         raise InputError(f"`format` must be version {VERSION}, got {version}")
     for name, value in (("n", n), ("m", m), ("steps", steps)):
-        gate.size(name, value)
+        validation.size(name, value)
     rows = _shaped(sections, "rows", 2 * n + m)
     lengths = _taken(sections, "lengths", np.uint64)
     if not lengths.size or lengths.min() < 1 or lengths.max() > len(rows):
@@ -186,7 +186,7 @@ def _shaped(sections: Sections, name: str, width: int) -> Floats:
 def _square(sections: Sections, name: str, n: int) -> Floats | None:
     if name not in sections:
         return None
-    return gate.kept(name, _shaped(sections, name, n), shape=(n, n))
+    return validation.kept(name, _shaped(sections, name, n), shape=(n, n))
 
 
 def _choice(word: int, choices: Sequence[T]) -> T:

@@ -6,8 +6,8 @@ from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Any, Literal
 
 from .._base import html
-from .._base.labels import Labels
 from .._base.records import Record
+from .._base.signal_names import Labels
 from ..system import System
 
 if TYPE_CHECKING:

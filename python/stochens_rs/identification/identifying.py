@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import _core
-from .._base import gate, html, memory
+from .._base import html, memory, validation
 from .._base.threads import get_num_threads
 from ..exceptions import DataWarning, InputError, InputTypeError, NonFiniteError, ShapeError
 from ..rng import RngLike, as_key
@@ -150,7 +150,7 @@ def identify(
     assumed = checked_assumptions(
         n, design, noise, covariance, sigma, state_noise, exact, runs.state_names
     )
-    offset = gate.flag("intercept", intercept)
+    offset = validation.flag("intercept", intercept)
     d = n + runs.m + offset
     known = _known(n, runs.m, offset, known_A, known_B)
     sizes = checked_scale(scale, n + runs.m, offset)
@@ -163,7 +163,7 @@ def identify(
         if not np.isfinite(np.vdot(Z, Z)):
             raise NonFiniteError("the squares of the data overflow: scale the data down")
     tested = None
-    if gate.flag("checks", checks) and runs.size * n * DRAWS <= WORK:
+    if validation.flag("checks", checks) and runs.size * n * DRAWS <= WORK:
         own, outcomes = np.ascontiguousarray(Z[:, :d]), np.ascontiguousarray(Z[:, d:])
         rows = tested_rows(assumed, known, n)
         tested = checked_residuals(own, outcomes, rows, exact=assumed.design == "independent")
@@ -199,9 +199,11 @@ def _known(n: int, m: int, offset: bool, A: ArrayLike | None, B: ArrayLike | Non
     for name, value, start, width in (("known_A", A, 0, n), ("known_B", B, n, m)):
         if value is None:
             continue
-        given = gate.read(name, value)
+        given = validation.read(name, value)
         if given.dtype.kind not in "iuf":
-            raise InputTypeError(f"`{name}` must contain real numbers, got {gate.show(value)}")
+            raise InputTypeError(
+                f"`{name}` must contain real numbers, got {validation.show(value)}"
+            )
         if given.shape != (n, width):
             raise ShapeError(f"`{name}` must have shape ({n}, {width}), got {given.shape}")
         floats = given.astype(np.float64)
@@ -217,7 +219,7 @@ def _known(n: int, m: int, offset: bool, A: ArrayLike | None, B: ArrayLike | Non
 
 def _instruments(value: ArrayLike, runs: Trajectories, d: int, offset: bool) -> Floats:
     """The instruments of all pairs, with 1 behind them for an offset."""
-    zeta = gate.matrix("instruments", value, rows=runs.size)
+    zeta = validation.matrix("instruments", value, rows=runs.size)
     zeta = np.hstack([zeta, np.ones((len(zeta), int(offset)))])
     if zeta.shape[1] < d:
         raise ShapeError(

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._base import gate, html, memory
+from .._base import html, memory, validation
 from .._base.durable import Durable, nothing_left
-from .._base.tabled import Cube, Tabled
+from .._base.records import trusted
+from .._base.to_xarray import Cube, Tabled
 from ..ensembles.systems import SystemEnsemble
 from ..exceptions import InputError, ShapeError
 from ..plots.residuals import draw_residuals
@@ -80,29 +81,31 @@ class Model(Identified, Durable, Tabled):
     key: Key | None = None
 
     def __post_init__(self) -> None:
-        gate.instance("data", self.data, Trajectories)
-        gate.instance("assumptions", self.assumptions, Assumptions)
-        gate.flag("intercept", self.intercept)
+        validation.instance("data", self.data, Trajectories)
+        validation.instance("assumptions", self.assumptions, Assumptions)
+        validation.flag("intercept", self.intercept)
         n, d = self.n, self._d
         r = 0
         if self.instruments is not None:
-            r = gate.kept("instruments", self.instruments, ndim=(2,)).shape[1]
-            gate.kept("instruments", self.instruments, shape=(self.size, max(r, d)))
-        gate.kept("triangle", self.triangle, shape=(r + d + n,) * 2)
-        gate.kept("scale", self.scale, shape=(d,))
-        if self.known is not None and gate.instance("known", self.known, np.ndarray).shape != (
+            r = validation.kept("instruments", self.instruments, ndim=(2,)).shape[1]
+            validation.kept("instruments", self.instruments, shape=(self.size, max(r, d)))
+        validation.kept("triangle", self.triangle, shape=(r + d + n,) * 2)
+        validation.kept("scale", self.scale, shape=(d,))
+        if self.known is not None and validation.instance(
+            "known", self.known, np.ndarray
+        ).shape != (
             n,
             d,
         ):
             raise ShapeError(f"`known` must have shape ({n}, {d}), got {self.known.shape}")
         if self.checks is not None:
-            gate.instance("checks", self.checks, Checks)
+            validation.instance("checks", self.checks, Checks)
         refuse(self.assumptions, self.known, self.instruments, self.data.single)
         require_sound(self.scale, self.known)
         if (self.noise == "symmetric") != (self.key is not None):
             raise InputError("`key` must be given for noise='symmetric', and only there")
         if self.key is not None:
-            gate.instance("key", self.key, Key)
+            validation.instance("key", self.key, Key)
 
     @property
     def n(self) -> int:
@@ -170,10 +173,10 @@ class Model(Identified, Durable, Tabled):
         d, covariance = self._d, self.assumptions.state_noise
         if self.instruments is not None:
             r = self.instruments.shape[1]
-            return gate.frozen(two_stages(projected(self.triangle, r, self.size), d))
+            return validation.frozen(two_stages(projected(self.triangle, r, self.size), d))
         if isinstance(covariance, str):
-            return gate.frozen(assembled(self._blocks, self.known, self.n, d))
-        return gate.frozen(corrected(self.triangle, d, self.n, self.size, covariance))
+            return validation.frozen(assembled(self._blocks, self.known, self.n, d))
+        return validation.frozen(corrected(self.triangle, d, self.n, self.size, covariance))
 
     @property
     def covariance(self) -> Floats | None:
@@ -269,7 +272,7 @@ class Model(Identified, Durable, Tabled):
         >>> se.identify(data).check(99, rng=1).draws
         99
         """
-        count, key = gate.size("draws", draws), as_key(rng)
+        count, key = validation.size("draws", draws), as_key(rng)
         rows = tested_rows(self.assumptions, self.known, self.n)
         exact = self.design == "independent"
         return checked_residuals(*self._pairs(), rows, exact=exact, draws=count, key=key)
@@ -383,13 +386,13 @@ class Model(Identified, Durable, Tabled):
         'Gaussian noise of known covariance, independent of all states and inputs'
         """
         wish = Wish(
-            gate.probability("delta", delta),
-            gate.flag("components", components),
+            validation.probability("delta", delta),
+            validation.flag("components", components),
             spanned_by(self._d, self.n, self.m, x0, directions),
-            gate.size("future", future, minimum=0, maximum=10_000),
-            gate.flag("frobenius", frobenius),
-            gate.choice("method", method, METHODS),
-            gate.flag("anytime", anytime),
+            validation.size("future", future, minimum=0, maximum=10_000),
+            validation.flag("frobenius", frobenius),
+            validation.choice("method", method, METHODS),
+            validation.flag("anytime", anytime),
         )
         noise, by_rows = self.assumptions, len(self._blocks) > 1
         refuse_region(noise, wish, self.instruments is not None, by_rows)
@@ -405,8 +408,9 @@ class Model(Identified, Durable, Tabled):
             radius = made[0].radius
         else:
             made, radius, covariance = parts(found, noise, wish, self.scale, self.n)
-        return Region(
-            centre=gate.frozen(centre),
+        return trusted(
+            Region,
+            centre=validation.frozen(centre),
             m=self.m,
             delta=wish.delta,
             assumption=said(noise, wish, self.instruments is not None) + text,
@@ -415,7 +419,7 @@ class Model(Identified, Durable, Tabled):
             future=wish.future,
             frobenius=radius,
             signs=signs,
-            noise=None if covariance is None else gate.frozen(covariance),
+            noise=None if covariance is None else validation.frozen(covariance),
         )
 
     def bootstrap(
@@ -461,8 +465,8 @@ class Model(Identified, Durable, Tabled):
         >>> se.identify(data).bootstrap(100, rng=1)
         <SystemEnsemble: 100 models, n=1 m=1, about the estimate>
         """
-        count = gate.size("size", size)
-        kind = gate.choice("method", method, BOOTSTRAPS)
+        count = validation.size("size", size)
+        kind = validation.choice("method", method, BOOTSTRAPS)
         self._refuse_resampling()
         found, key = self._blocks, as_key(rng).child("bootstrap")
         models = bootstrap_models(found, *self._pairs(), self._Theta, self.data, count, kind, key)
@@ -498,7 +502,7 @@ class Model(Identified, Durable, Tabled):
         >>> se.identify(data).draw(100, rng=1)
         <SystemEnsemble: 100 models, n=1 m=1, about the estimate>
         """
-        count = gate.size("size", size)
+        count = validation.size("size", size)
         self._refuse_resampling()
         if self.noise != "gaussian":
             raise InputError(f"draw() needs noise='gaussian', got '{self.noise}': use bootstrap()")
@@ -582,7 +586,7 @@ class Model(Identified, Durable, Tabled):
     def _from_sections(cls, sections: Sections) -> Model:
         (rows, *about), fields = to_model(sections)
         nothing_left(sections)
-        model = cls(Trajectories._of(gate.matrix("rows", rows), *about), **fields)
+        model = cls(Trajectories._of(validation.matrix("rows", rows), *about), **fields)
         model._verify()
         return model
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .._base import gate
+from .._base import validation
 from .._base.records import Record, require_shapes
 from ..theory.exact import EPS
 from .least_squares import Fitted, length
@@ -55,7 +55,7 @@ class Part(Record):
     factor: float
 
     def __post_init__(self) -> None:
-        gate.kept("S", self.S, ndim=(2,))
+        validation.kept("S", self.S, ndim=(2,))
         require_shapes(self, S=(len(self.rows),) * 2)
 
     @classmethod

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .._base import gate, html
+from .._base import html, validation
 from .._base.records import SavedRecord
 from ..exceptions import InputError, ShapeError
 from ..plots.regions import draw_region
 from .assumptions import LARGEST
 from .part import Part
-from .shadow import chosen_entry, coefficient, shadow
+from .region_projection import chosen_entry, coefficient, shadow
 from .signs import SignTest
 
 if TYPE_CHECKING:
@@ -71,12 +71,12 @@ class Region(SavedRecord):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        n, d = gate.kept("centre", self.centre, ndim=(2,)).shape
-        if d not in (n + gate.size("m", self.m), n + self.m + 1):
+        n, d = validation.kept("centre", self.centre, ndim=(2,)).shape
+        if d not in (n + validation.size("m", self.m), n + self.m + 1):
             raise ShapeError(f"`centre` must have {n + self.m} columns, or one more, got {d}")
-        gate.probability("delta", self.delta)
+        validation.probability("delta", self.delta)
         for part in self.parts:
-            gate.instance("parts", part, Part)
+            validation.instance("parts", part, Part)
 
     @property
     def n(self) -> int:
@@ -129,8 +129,11 @@ class Region(SavedRecord):
         (True, False)
         """
         n, d = self.centre.shape
-        blocks = [gate.matrix("A", A, rows=n, cols=n), gate.matrix("B", B, rows=n, cols=self.m)]
-        offset = np.zeros(n) if c is None else gate.vector("c", c, length=n)
+        blocks = [
+            validation.matrix("A", A, rows=n, cols=n),
+            validation.matrix("B", B, rows=n, cols=self.m),
+        ]
+        offset = np.zeros(n) if c is None else validation.vector("c", c, length=n)
         if d > n + self.m:
             blocks.append(offset[:, None])
         elif offset.any():
@@ -182,7 +185,7 @@ class Region(SavedRecord):
         (0.0, True)
         """
         z = self._z(x, u)
-        if gate.flag("noise", noise):
+        if validation.flag("noise", noise):
             if not self.future:
                 raise InputError("`noise` needs a region of noise to come: region(delta, future=1)")
             terms = [_product(part.radius, np.hypot(1.0, part.length(z))) for part in self.parts]
@@ -289,14 +292,19 @@ class Region(SavedRecord):
         if corners is None:
             raise InputError("the data do not determine these coefficients: there is no edge")
         centre = np.array([self.centre[one], self.centre[other]])
-        said = f"{100 * (1 - self.delta):.6g} %" if label is None else gate.text("label", label)
+        said = (
+            f"{100 * (1 - self.delta):.6g} %" if label is None else validation.text("label", label)
+        )
         across_, up_ = (coefficient(entry, self.n, self.m) for entry in (one, other))
         return draw_region(centre, corners + centre, said, across_, up_, ax)
 
     def _z(self, x: ArrayLike, u: ArrayLike) -> Floats:
         """``z = (x, u)``, with 1 behind it for a model with intercept."""
         n, d = self.centre.shape
-        state, acting = gate.vector("x", x, length=n), gate.vector("u", u, length=self.m)
+        state, acting = (
+            validation.vector("x", x, length=n),
+            validation.vector("u", u, length=self.m),
+        )
         return np.concatenate([state, acting, np.ones(d - n - self.m)])
 
     def __repr__(self) -> str:

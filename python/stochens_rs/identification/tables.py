@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._base import gate
+from .._base import validation
 from .._base.reading import printable
 from ..exceptions import InputError, InputTypeError, ShapeError
 from ..theory.exact import EPS
@@ -27,7 +27,10 @@ def read_table(
     table: Any, states: Sequence[Any], inputs: Sequence[Any], by: Any, time: Any
 ) -> tuple[Floats, NDArray[np.int64], float | None]:
     """The rows (x, u, x_next) of all runs, the steps of each run, and the time between steps."""
-    chosen = {"states": gate.items("states", states), "inputs": gate.items("inputs", inputs)}
+    chosen = {
+        "states": validation.items("states", states),
+        "inputs": validation.items("inputs", inputs),
+    }
     for argument, names in chosen.items():
         if not names:
             raise InputError(f"`{argument}` must name at least one column, got none")
@@ -69,7 +72,7 @@ class _Place:
 def _column(table: Any, argument: str, name: Any) -> NDArray[Any]:
     if not isinstance(table, Mapping) and not hasattr(table, "columns"):
         raise InputTypeError(
-            f"`table` must be a table or a mapping of columns, got {gate.show(table)}"
+            f"`table` must be a table or a mapping of columns, got {validation.show(table)}"
         )
     try:
         found = table[name]
@@ -78,10 +81,10 @@ def _column(table: Any, argument: str, name: Any) -> NDArray[Any]:
     except Exception:  # whatever a table raises for what is no column
         known = ", ".join(printable(f"{one!s:.20}") for one in list(_column_names(table))[:6])
         raise InputError(
-            f"`{argument}` names {gate.show(name)}, but the columns of `table` are {known}"
+            f"`{argument}` names {validation.show(name)}, but the columns of `table` are {known}"
         ) from None
     if isinstance(table, Mapping):
-        column = gate.read(f"table[{name!r:.30}]", found)
+        column = validation.read(f"table[{name!r:.30}]", found)
     else:  # all columns of a frame have the order of its rows
         column = np.asarray(found)
     if column.ndim != 1:
@@ -135,7 +138,7 @@ def _runs(table: Any, by: Any, rows: int) -> list[tuple[Any, NDArray[np.intp]]]:
         except (TypeError, ValueError):  # missing as pandas says it, or a list
             missing = True
         if missing:
-            raise InputError(f"`by` is missing in row {row}, or no label: {gate.show(label)}")
+            raise InputError(f"`by` is missing in row {row}, or no label: {validation.show(label)}")
     return [(label, np.array(places)) for (_, label), places in found.items()]
 
 

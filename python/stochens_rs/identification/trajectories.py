@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
-from .._base import gate, html, memory
+from .._base import html, memory, validation
 from .._base.durable import Durable, nothing_left
-from .._base.labels import checked_names
 from .._base.records import Record
+from .._base.signal_names import checked_names
 from ..exceptions import InputError, InputTypeError, ShapeError
 from ..rng import RngLike, as_key
 from .files import Sections, from_runs, to_runs
@@ -37,11 +37,13 @@ def _rebuild(
     steps: int,
 ) -> Trajectories:
     """Make trajectories from their fields, which may come from anywhere."""
-    checked, count = gate.matrix("rows", rows).copy(), gate.size("n", n)
-    each = np.array([gate.size("lengths", T) for T in np.asarray(lengths).tolist()], dtype=np.int64)
+    checked, count = validation.matrix("rows", rows).copy(), validation.size("n", n)
+    each = np.array(
+        [validation.size("lengths", T) for T in np.asarray(lengths).tolist()], dtype=np.int64
+    )
     if checked.shape[1] <= 2 * count or each.sum() != len(checked):
         raise InputTypeError("the fields of these Trajectories do not fit together")
-    size = gate.size("steps", steps)
+    size = validation.size("steps", steps)
     return Trajectories._of(checked, each, count, dt, state_names, input_names, size)
 
 
@@ -114,10 +116,10 @@ class Trajectories(Durable, Record):
             )
         rows, n, m = [], None, None
         for (states_name, one), (inputs_name, acting) in zip(x, u, strict=True):
-            run = gate.matrix(states_name, one, cols=n)
+            run = validation.matrix(states_name, one, cols=n)
             if len(run) < 2:
                 raise ShapeError(f"`{states_name}` must have at least 2 rows, got {len(run)}")
-            control = gate.matrix(inputs_name, acting, rows=len(run) - 1, cols=m)
+            control = validation.matrix(inputs_name, acting, rows=len(run) - 1, cols=m)
             n, m = run.shape[1], control.shape[1]
             rows.append(np.hstack([run[:-1], control, run[1:]]))
         lengths = np.array([len(part) for part in rows], dtype=np.int64)
@@ -226,10 +228,10 @@ class Trajectories(Durable, Record):
         >>> se.Trajectories.from_pairs([[0.0], [1.0]], [[1.0], [0.0]], [[1.0], [0.5]])
         <Trajectories: 2 pairs, n=1 m=1>
         """
-        before = gate.matrix("x", x)
+        before = validation.matrix("x", x)
         N, n = before.shape
-        acting = gate.matrix("u", u, rows=N)
-        after = gate.matrix("x_next", x_next, rows=N, cols=n)
+        acting = validation.matrix("u", u, rows=N)
+        after = validation.matrix("x_next", x_next, rows=N, cols=n)
         memory.need("the pairs", (2 * before.nbytes) + acting.nbytes)
         rows = np.hstack([before, acting, after])
         return cls._of(rows, np.ones(N, dtype=np.int64), n, dt, state_names, input_names)
@@ -356,8 +358,8 @@ class Trajectories(Durable, Record):
         >>> data.k_step(2, open_loop=True).pairs()
         (array([[0.]]), array([[1., 1.]]), array([[1.5]]))
         """
-        K = gate.size("steps", steps)
-        if not gate.flag("open_loop", open_loop):
+        K = validation.size("steps", steps)
+        if not validation.flag("open_loop", open_loop):
             raise InputError(
                 "`open_loop` must be True: inputs that react to the noise inside a run break "
                 "every region over several steps; with feedback use last_pairs()"
@@ -413,9 +415,9 @@ class Trajectories(Durable, Record):
         runs = len(self)
         whole = isinstance(share, (int, np.integer)) and not isinstance(share, bool)
         if whole:
-            count = gate.size("share", share, maximum=max(runs - 1, 1))
+            count = validation.size("share", share, maximum=max(runs - 1, 1))
         else:
-            count = round(gate.probability("share", share) * runs)
+            count = round(validation.probability("share", share) * runs)
         if not 0 < count < runs:
             raise InputError(f"`share` must leave a run for each part, got {share} of {runs}")
         first = np.zeros(runs, dtype=bool)
@@ -451,7 +453,7 @@ class Trajectories(Durable, Record):
         array([[1., 0.],
                [2., 1.]])
         """
-        lags = gate.size("lags", lags, minimum=0, maximum=int(self._lengths.max()))
+        lags = validation.size("lags", lags, minimum=0, maximum=int(self._lengths.max()))
         memory.need("the past inputs", 2 * 8 * (lags + 1) * self.size * self.m)
         u, places = self._rows[:, self._n : -self._n], self._places()
         back = [
@@ -467,7 +469,9 @@ class Trajectories(Durable, Record):
     def __getitem__(self, runs: int | slice) -> Self | tuple[Floats, Floats]:
         """One run as (states, inputs), or the runs of a slice."""
         if not isinstance(runs, slice):
-            index = gate.size("run", runs, minimum=-len(self), maximum=len(self) - 1) % len(self)
+            index = validation.size("run", runs, minimum=-len(self), maximum=len(self) - 1) % len(
+                self
+            )
             return self[index : index + 1].runs[0]
         chosen = np.zeros(len(self), dtype=bool)
         chosen[runs] = True
@@ -492,7 +496,7 @@ class Trajectories(Durable, Record):
             ("_rows", rows),
             ("_lengths", lengths),
             ("_n", n),
-            ("_dt", None if dt is None else gate.positive("dt", dt)),
+            ("_dt", None if dt is None else validation.positive("dt", dt)),
             ("_state_names", of_states),
             ("_input_names", of_inputs),
             ("_steps", steps),
@@ -525,7 +529,7 @@ class Trajectories(Durable, Record):
     def _from_sections(cls, sections: Sections) -> Trajectories:
         rows, *about = to_runs(sections)
         nothing_left(sections)
-        return cls._of(gate.matrix("rows", rows), *about)
+        return cls._of(validation.matrix("rows", rows), *about)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _rebuild, (self._rows, self._lengths, *self._about())
@@ -584,9 +588,12 @@ def pooled(data: object) -> Trajectories:
         return data
     if hasattr(data, "columns"):
         raise InputTypeError(
-            f"`data` must be a Trajectories, got {gate.show(data)}: see Trajectories.from_table"
+            f"`data` must be a Trajectories, got {validation.show(data)}: see "
+            "Trajectories.from_table"
         )
-    sets = [gate.instance("data", one, Trajectories) for one in gate.items("data", data)]
+    sets = [
+        validation.instance("data", one, Trajectories) for one in validation.items("data", data)
+    ]
     if not sets:
         raise InputError("`data` must have at least one set of Trajectories, got an empty list")
     for k, one in enumerate(sets[1:], start=1):

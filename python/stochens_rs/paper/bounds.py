@@ -12,7 +12,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._base import gate
+from .._base import validation
 from .._base.types import Floats
 from ..exceptions import NonFiniteError
 from ..system import System
@@ -101,8 +101,8 @@ class OneVector(Printed):
     )
 
     def __init__(self, w: ArrayLike, *, C: float | None = None) -> None:
-        checked = gate.vector("w", w)
-        constant = float(checked.size) if C is None else gate.positive("C", C)
+        checked = validation.vector("w", w)
+        constant = float(checked.size) if C is None else validation.positive("C", C)
         with np.errstate(over="ignore"):
             super().__init__(2.0 * constant, float(np.abs(checked).sum()))
 
@@ -161,10 +161,10 @@ class Lemma42(Printed):
         reading: Literal["realizations", "matrix"] = "realizations",
     ) -> None:
         A = System.from_any(system).A
-        x0 = gate.vector("x0", x0, length=len(A))
-        xf = gate.vector("xf", xf, length=len(A))
-        gate.choice("reading", reading, ("realizations", "matrix"))
-        constant = float(len(A)) if C is None else gate.positive("C", C)
+        x0 = validation.vector("x0", x0, length=len(A))
+        xf = validation.vector("xf", xf, length=len(A))
+        validation.choice("reading", reading, ("realizations", "matrix"))
+        constant = float(len(A)) if C is None else validation.positive("C", C)
         with np.errstate(over="ignore"):
             drawn = reading == "realizations"
             norm = largest_realization(A) if drawn else float(np.linalg.norm(A, 2))
@@ -229,9 +229,9 @@ class Lemma43(Printed):
     ) -> None:
         checked = System.from_any(system)
         A, B = checked.A, checked.B
-        x0 = gate.vector("x0", x0, length=len(A))
-        u = gate.inputs("u", u, cols=B.shape[1], empty=False)
-        constant = float(len(A)) if C is None else gate.positive("C", C)
+        x0 = validation.vector("x0", x0, length=len(A))
+        u = validation.inputs("u", u, cols=B.shape[1], empty=False)
+        constant = float(len(A)) if C is None else validation.positive("C", C)
         with np.errstate(over="ignore"):
             gA, gB = (float(np.abs(x).sum(axis=0).max()) for x in (A, B))
             widths = (

@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .._base import gate
+from .._base import validation
 from ..exceptions import InputError, InputTypeError
 from .style import require_matplotlib, root_of
 
@@ -62,11 +62,11 @@ def save(
 
     if not isinstance(drawn, Artist) or not hasattr(root_of(drawn), "savefig"):
         raise InputTypeError(
-            f"`drawn` must be a figure or axes of matplotlib, got {gate.show(drawn)}"
+            f"`drawn` must be a figure or axes of matplotlib, got {validation.show(drawn)}"
         )
     to = Path(path)
     if not to.name:
-        raise InputError(f"`path` must name a file, got {gate.show(str(path))}")
+        raise InputError(f"`path` must name a file, got {validation.show(str(path))}")
     name = to.stem if to.suffix.lower().removeprefix(".") in SUFFIXES else to.name
     paths = [to.with_name(f"{name}.{suffix}") for suffix in SUFFIXES]
     for one in paths:

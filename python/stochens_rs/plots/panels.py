@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from .._base import gate
+from .._base import validation
 from .style import (
     SMALL,
     TEXT,
@@ -61,7 +61,7 @@ def panel_grid(
     if figure is None:
         size = 1.2 + 3.4 * columns, 0.9 + 2.3 * rows
         figure = new_figure(*size, header=0.0, footer=0.0, face=None)
-    elif root_of(gate.instance("figure", figure, FigureBase)).get_layout_engine() is None:
+    elif root_of(validation.instance("figure", figure, FigureBase)).get_layout_engine() is None:
         root_of(figure).set_layout_engine("constrained")
     return figure, [figure.add_subplot(rows, columns, i + 1) for i in range(count)]
 

@@ -13,7 +13,7 @@ import sys
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from .._base import gate
+from .._base import validation
 from .._base.extras import extra
 from .._base.progress import in_ipython
 
@@ -144,7 +144,7 @@ def axes_or_new(ax: Axes | None, width: float = _SIZE[0]) -> Axes:
     from matplotlib.axes import Axes
 
     if ax is not None:
-        return gate.instance("ax", ax, Axes)
+        return validation.instance("ax", ax, Axes)
     return new_figure(width, _SIZE[1], header=0.0, footer=0.0, face=None).add_subplot()
 
 

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import _core
-from .._base import gate, html, memory
+from .._base import html, memory, validation
 from .._base.records import SavedRecord, require_shapes
-from .._base.tabled import Cube, Tabled, named, over_time, padded
 from .._base.threads import get_num_threads
+from .._base.to_xarray import Cube, Tabled, named, over_time, padded
 from .._base.types import Floats, Status
 from ..exceptions import InputError, NonFiniteError, ShapeError
 from ..fusion.fusing import METHODS
@@ -77,7 +77,7 @@ class Tracking(SavedRecord, Tabled):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        *_, length, n = gate.kept("states", self.states, ndim=(2, 3)).shape
+        *_, length, n = validation.kept("states", self.states, ndim=(2, 3)).shape
         runs, m = self.states.shape[:-2], self.inputs.shape[-1] if self.inputs.ndim else 0
         require_shapes(
             self,
@@ -272,11 +272,16 @@ def track(
     elif noise is not None:
         raise InputError("`noise` must be left out without `controller`")
     else:
-        size = gate.size("size", size)
-    fed, sampled = gate.flag("feedback", feedback), gate.flag("sample_states", sample_states)
-    start = r[0] if x0 is None else gate.vector("x0", x0, length=n, labels=checked.state_names)
-    name = gate.choice("method", method, METHODS)
-    R = None if runs is None else gate.size("runs", runs)
+        size = validation.size("size", size)
+    fed, sampled = (
+        validation.flag("feedback", feedback),
+        validation.flag("sample_states", sample_states),
+    )
+    start = (
+        r[0] if x0 is None else validation.vector("x0", x0, length=n, labels=checked.state_names)
+    )
+    name = validation.choice("method", method, METHODS)
+    R = None if runs is None else validation.size("runs", runs)
     K = len(r) - 1
     memory.need("the trajectories", (R or 1) * ((K + 1) * (n + 1) + K * m) * 8)
     with np.errstate(over="ignore", invalid="ignore"):

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from .._base import gate, html
-from .._base.labels import order_of
+from .._base import html, validation
+from .._base.signal_names import order_of
 from .._base.types import worst
 from ..controls import Regulator
 from ..exceptions import InputError, InputTypeError, NonFiniteError
@@ -43,7 +43,7 @@ def controlled(
     """Simulate ``x(k+1) = A x(k) + B u(k) + w(k)`` with ``u(k) = controller(x(k))``."""
     if not callable(controller):
         raise InputTypeError(
-            f"`controller` must be callable, u = f(x), got {gate.show(controller)}"
+            f"`controller` must be callable, u = f(x), got {validation.show(controller)}"
         )
     n, m = system.n, system.m
     loop = controller if isinstance(controller, Regulator) else None
@@ -54,7 +54,7 @@ def controlled(
     # what the controller calls by the same names stands where it has it
     order = order_of("system", system.labels, None if loop is None else loop._labels)
     back = order.back()
-    sigma = deviations(noise, n)
+    sigma = validation.deviations("noise", 0.0 if noise is None else noise, n)
     states, inputs = np.empty((runs or 1, K + 1, n)), np.empty((runs or 1, K, m))
     seen: Counter[Status] = Counter()
     for i, (x, u) in enumerate(zip(states, inputs, strict=True)):
@@ -63,7 +63,7 @@ def controlled(
         w = key.child(f"replicate-{i}").child("noise").generator().standard_normal((K, n)) * sigma
         x[0] = start
         for k in range(K):
-            found = gate.vector("controller(x)", act(order.of_states(x[k]).copy()), length=m)
+            found = validation.vector("controller(x)", act(order.of_states(x[k]).copy()), length=m)
             u[k] = back.of_inputs(found)
             if isinstance(act, Regulator):
                 seen[act.log[-1].status] += 1
@@ -80,27 +80,19 @@ def controlled(
     return Driven(states, inputs, worst(seen) if seen else "completed", info)
 
 
-def deviations(noise: Any, n: int) -> Floats:
-    """Standard deviations (n,) from a number or one for each state."""
-    if noise is None or gate.is_real(noise):
-        return np.full(n, 0.0 if noise is None else gate.nonnegative("noise", noise))
-    sigma = gate.vector("noise", noise, length=n)
-    if (sigma < 0.0).any():
-        raise InputError(f"`noise` must be standard deviations >= 0, got {sigma.min():.3g}")
-    return sigma.copy()
-
-
 def check_info(info: dict[str, Any]) -> None:
     """Refuse a description of what chose the inputs that `made_by` cannot read."""
     for name in ("size", "runs"):
         if info.get(name) is not None:
-            gate.size(f"info['{name}']", info[name])
+            validation.size(f"info['{name}']", info[name])
     limits = info.get("limits")
     if limits is not None:
         pair = isinstance(limits, tuple) and len(limits) == 2
         if not pair or not all(isinstance(one, np.ndarray) and one.ndim == 1 for one in limits):
-            raise InputTypeError(f"`info['limits']` must be (low, high), got {gate.show(limits)}")
-        gate.instance("info['statuses']", info.get("statuses"), dict)
+            raise InputTypeError(
+                f"`info['limits']` must be (low, high), got {validation.show(limits)}"
+            )
+        validation.instance("info['statuses']", info.get("statuses"), dict)
 
 
 def made_by(info: dict[str, Any]) -> Iterator[tuple[str, object]]:

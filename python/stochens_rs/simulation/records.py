@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._base import gate, html
-from .._base.labels import Labels, default_labels, fitting, two_states
+from .._base import html, validation
 from .._base.records import SavedRecord, require_shapes
-from .._base.tabled import Cube, Timed, named, over_time, padded
+from .._base.signal_names import Labels, default_labels, fitting, two_states
+from .._base.to_xarray import Cube, Timed, named, over_time, padded
 from .._base.types import Centre, Floats
 from ..exceptions import ShapeError
 from ..plots.states import draw_phase, draw_states
@@ -245,9 +245,9 @@ class EnsembleTrajectory(_OverTime):
         super().__post_init__()
         n, m = _over_time(self, "mean")
         fitting(self.labels, n, m)
-        size, K = gate.size("replicates", self.replicates), self.steps
+        size, K = validation.size("replicates", self.replicates), self.steps
         require_shapes(self, variance=(K + 1, n), covariance=(K + 1, n, n), runs=(size, K + 1, n))
-        gate.size("size", self.size)
+        validation.size("size", self.size)
 
     @property
     def _curves(self) -> Floats:
@@ -342,8 +342,8 @@ class EnsembleTrajectory(_OverTime):
 
 def _over_time(record: Trajectory | EnsembleTrajectory, states: str) -> tuple[int, int]:
     """Check the arrays over time; returns the numbers of states and inputs."""
-    length, n = gate.kept(states, getattr(record, states), ndim=(2,)).shape
-    gate.kept("times", record.times, shape=(length,))
+    length, n = validation.kept(states, getattr(record, states), ndim=(2,)).shape
+    validation.kept("times", record.times, shape=(length,))
     if np.ndim(record.inputs) != 2:
         raise ShapeError(f"`inputs` must have two dimensions, got {np.ndim(record.inputs)}")
     m = record.inputs.shape[1]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 
 from .. import _core
-from .._base import gate, memory
+from .._base import memory, validation
 from .._base.threads import get_num_threads
 from .._base.types import AVERAGINGS, Averaging, Floats
 from ..ensembles.systems import SystemEnsemble
@@ -176,12 +176,12 @@ def simulate_ensemble(
         }
         return _each(system, x0, u, unused, covariance, return_runs)
     checked, start, inputs = checked_motion(system, x0, u)
-    count = gate.size("size", size)
-    drawn = tuple(gate.flag(f"sample_{name}", value) for name, value in flags.items())
-    keep = gate.flag("return_runs", return_runs)
-    full = gate.choice("covariance", covariance, _MOMENTS) == "full"
-    mean_field = gate.choice("averaging", averaging, AVERAGINGS) == "mean-field"
-    repeats = gate.size("replicates", replicates)
+    count = validation.size("size", size)
+    drawn = tuple(validation.flag(f"sample_{name}", value) for name, value in flags.items())
+    keep = validation.flag("return_runs", return_runs)
+    full = validation.choice("covariance", covariance, _MOMENTS) == "full"
+    mean_field = validation.choice("averaging", averaging, AVERAGINGS) == "mean-field"
+    repeats = validation.size("replicates", replicates)
     if not mean_field and repeats != 1:
         raise InputError(
             f"`replicates` must be 1 for averaging='runs', got {repeats}: there the runs "
@@ -234,17 +234,17 @@ def _each(
         if given is not default and not (isinstance(given, (str, int)) and given == default):
             raise InputError(
                 f"`{name}` must be left out for a SystemEnsemble, whose models are run as they "
-                f"are, got {gate.show(given)}"
+                f"are, got {validation.show(given)}"
             )
     N, n, m = models.size, models.n, models.m
-    start = gate.array("x0", x0, ndim=(1, 2))
+    start = validation.array("x0", x0, ndim=(1, 2))
     if start.shape not in ((n,), (N, n)):
         raise ShapeError(
             f"`x0` must have shape ({n},), or ({N}, {n}) with one for each model, got {start.shape}"
         )
-    inputs = gate.inputs("u", u, cols=m)
-    keep = gate.flag("return_runs", return_runs)
-    full = gate.choice("covariance", covariance, _MOMENTS) == "full"
+    inputs = validation.inputs("u", u, cols=m)
+    keep = validation.flag("return_runs", return_runs)
+    full = validation.choice("covariance", covariance, _MOMENTS) == "full"
     threads, steps = get_num_threads(), len(inputs)
     transposed = models.A.nbytes + models.B.nbytes
     _check_memory(n, steps, N, transposed, full=full, keep=keep, threads=threads)

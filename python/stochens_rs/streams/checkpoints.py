@@ -7,7 +7,7 @@ import time
 from typing import TYPE_CHECKING
 
 from .. import _core
-from .._base import files, gate, state_file
+from .._base import files, state_file, validation
 from .._base.durable import Durable
 from .._base.files import PathLike
 from ..exceptions import StateError
@@ -22,7 +22,7 @@ class Checkpoints:
     def __init__(self, stream: Durable, path: PathLike | None, every: float) -> None:
         self._stream = stream
         self._path = None if path is None else files.checked_path("checkpoint", path)
-        self._every = gate.positive("every", every)
+        self._every = validation.positive("every", every)
         self._lock: _core.StateLock | None = None
         self._last = time.monotonic()
 

@@ -8,18 +8,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import _core
-from .._base import gate, html, memory
+from .._base import html, memory, validation
 from .._base.durable import Durable
 from .._base.types import DELTA, Floats
 from ..exceptions import InputError, InputTypeError
+from .batches import blocks
 from .confidence import Confidence, radii_of_means
-from .feed import blocks
 from .state import ENTITIES
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from .feed import FeedLike
+    from .batches import FeedLike
 
 
 class DataStream(Durable):
@@ -82,13 +82,13 @@ class DataStream(Durable):
         ranges: Mapping[str, float] | None = None,
         sizes: Mapping[str, int] | None = None,
     ) -> None:
-        if isinstance(B, tuple) and B and gate.read("B", B[0]).ndim == 2:
+        if isinstance(B, tuple) and B and validation.read("B", B[0]).ndim == 2:
             raise InputTypeError("`B` must be an array, got a tuple of arrays: pass B alone")
-        inputs = gate.matrix("B", B)
+        inputs = validation.matrix("B", B)
         n, m = inputs.shape
-        start = None if x0 is None else gate.vector("x0", x0, length=n)
-        goal = None if xf is None else gate.vector("xf", xf, length=n)
-        matrix = None if A is None else gate.matrix("A", A, rows=n, cols=n)
+        start = None if x0 is None else validation.vector("x0", x0, length=n)
+        goal = None if xf is None else validation.vector("xf", xf, length=n)
+        matrix = None if A is None else validation.matrix("A", A, rows=n, cols=n)
         self._ranges, self._sizes = _checked_ranges(ranges), _checked_sizes(sizes)
         # estimates, targets, sums, and the pseudoinverse
         memory.need("a stream", 48 * n * n + 40 * n * m)
@@ -242,7 +242,7 @@ class DataStream(Durable):
         >>> found.finite_sample, abs(stream.u[0] + 2.0) <= found.state < 0.006
         (True, True)
         """
-        delta = float(gate.probability("delta", delta))
+        delta = float(validation.probability("delta", delta))
         self._seen("confidence")
         if any(self._targets):
             named = [n for n, known in zip(ENTITIES, self._targets, strict=True) if known]
@@ -281,7 +281,7 @@ class DataStream(Durable):
         if ranges.shape != (3,) or not possible.all():
             raise InputError("`state` must have three ranges, finite, or -1 for none")
         sizes = np.asarray(state.pop("sizes", ()))
-        if sizes.shape != (3,) or sizes.dtype != np.uint64 or (sizes > gate.EXACT).any():
+        if sizes.shape != (3,) or sizes.dtype != np.uint64 or (sizes > validation.EXACT).any():
             raise InputError("`state` must have three sizes, 0 for none")
         made = cls.__new__(cls)
         made._core = _core.DataStream.from_sections(list(state.items()))
@@ -304,16 +304,18 @@ class DataStream(Durable):
 
 def _checked_ranges(ranges: object) -> dict[str, float]:
     named = _named("ranges", ranges)
-    return {name: gate.nonnegative(f"ranges['{name}']", value) for name, value in named}
+    return {name: validation.nonnegative(f"ranges['{name}']", value) for name, value in named}
 
 
 def _checked_sizes(sizes: object) -> dict[str, int]:
-    return {name: gate.size(f"sizes['{name}']", value) for name, value in _named("sizes", sizes)}
+    return {
+        name: validation.size(f"sizes['{name}']", value) for name, value in _named("sizes", sizes)
+    }
 
 
 def _named(argument: str, values: object) -> Iterable[tuple[str, Any]]:
     if values is None:
         return []
     if not isinstance(values, Mapping):
-        raise InputTypeError(f"`{argument}` must be a mapping, got {gate.show(values)}")
-    return [(gate.choice(argument, name, ENTITIES), value) for name, value in values.items()]
+        raise InputTypeError(f"`{argument}` must be a mapping, got {validation.show(values)}")
+    return [(validation.choice(argument, name, ENTITIES), value) for name, value in values.items()]

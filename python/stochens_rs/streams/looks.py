@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import _core
-from .._base import gate, html
+from .._base import html, validation
 from .._base.numbers import norm
 from .._base.records import Record
 from ..exceptions import DataWarning
@@ -73,10 +73,10 @@ class Look(Record):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        gate.kept("u", self.u, ndim=(2,))
-        gate.positive("tol", self.tol)
-        gate.size("size", self.size, minimum=0)
-        gate.probability("delta", self.delta)
+        validation.kept("u", self.u, ndim=(2,))
+        validation.positive("tol", self.tol)
+        validation.size("size", self.size, minimum=0)
+        validation.probability("delta", self.delta)
 
     @property
     def stop(self) -> bool:
@@ -129,7 +129,7 @@ def look(model: Snapshot, x0: Floats, xf: Floats, u: Floats | None, steps: int, 
         error = inf
     reach = norm(end - xf)
     return Look(
-        u=gate.frozen(u),
+        u=validation.frozen(u),
         certificate=reach + error,
         reach=reach,
         model_error=error,

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._base import gate
-from .._base.labels import checked_names
+from .._base import validation
+from .._base.signal_names import checked_names
 from ..exceptions import InputError
 from ..identification.assumptions import (
     COVARIANCES,
@@ -94,14 +94,14 @@ def from_sections(sections: dict[str, Any]) -> Snapshot:
     names = _names(_part(sections, "names", np.uint8).tobytes())
     states, inputs = checked_names(n, m, *names)
     return Snapshot(
-        triangle=gate.frozen(triangle),
+        triangle=validation.frozen(triangle),
         size=size,
         n=n,
         m=m,
         assumptions=replace(
             _assumptions(n, design, noise, covariance, known), exact=exact_states(sections, n)
         ),
-        scale=gate.frozen(scale),
+        scale=validation.frozen(scale),
         intercept=bool(offset),
         delta=delta,
         first=first,

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import _core
-from .._base import gate, html, memory
+from .._base import html, memory, validation
 from .._base.durable import Durable
-from .._base.labels import checked_names
+from .._base.signal_names import checked_names
 from .._base.types import DELTA
 from ..exceptions import InputError
 from ..identification.assumptions import (
@@ -116,8 +116,8 @@ class ModelStream(Durable):
         state_names: Sequence[str] | None = None,
         input_names: Sequence[str] | None = None,
     ) -> None:
-        states, inputs = gate.size("n", n), gate.size("m", m)
-        offset = gate.flag("intercept", intercept)
+        states, inputs = validation.size("n", n), validation.size("m", m)
+        offset = validation.flag("intercept", intercept)
         d = states + inputs + offset
         memory.need("a stream", 4 * 8 * (d + states) ** 2)  # two triangles, the model
         names = checked_names(states, inputs, state_names, input_names)
@@ -126,18 +126,18 @@ class ModelStream(Durable):
         refuse(assumed)
         if first is not None and assumed.design == "adaptive":
             raise InputError("`first` needs design='independent': others may be looked at any time")
-        begin = 2 * (states + d) if first is None else gate.size("first", first)
+        begin = 2 * (states + d) if first is None else validation.size("first", first)
         about = Snapshot(
-            triangle=gate.frozen(np.zeros((d + states,) * 2)),
+            triangle=validation.frozen(np.zeros((d + states,) * 2)),
             size=0,
             n=states,
             m=inputs,
             assumptions=assumed,
-            scale=gate.frozen(checked_scale(scale, states + inputs, offset)),
+            scale=validation.frozen(checked_scale(scale, states + inputs, offset)),
             intercept=offset,
-            delta=gate.probability("delta", delta),
+            delta=validation.probability("delta", delta),
             first=begin,
-            dt=None if dt is None else gate.positive("dt", dt),
+            dt=None if dt is None else validation.positive("dt", dt),
             state_names=names[0],
             input_names=names[1],
         )
@@ -226,7 +226,7 @@ class ModelStream(Durable):
     def model(self) -> Snapshot:
         """The model after the pairs so far; later pairs do not change it."""
         triangle, size = self._state
-        return replace(self._about, triangle=gate.frozen(triangle), size=size)
+        return replace(self._about, triangle=validation.frozen(triangle), size=size)
 
     def look(
         self,
@@ -284,13 +284,13 @@ class ModelStream(Durable):
         <Look: within 0.04648 after 300 pairs, tol 0.1, enough>
         """
         model = self.model
-        limit = gate.positive("tol", tol)
+        limit = validation.positive("tol", tol)
         n, m, names = self.n, self.m, model.labels
-        start = gate.vector("x0", x0, length=n, labels=names.states)
-        goal = gate.vector("xf", xf, length=n, labels=names.states)
+        start = validation.vector("x0", x0, length=n, labels=names.states)
+        goal = validation.vector("xf", xf, length=n, labels=names.states)
         K = checked_steps(steps, n, m)
         acting = names.inputs
-        given = None if u is None else gate.matrix("u", u, rows=K, cols=m, labels=acting)
+        given = None if u is None else validation.matrix("u", u, rows=K, cols=m, labels=acting)
         return look(model, start, goal, given, K, limit)
 
     def __repr__(self) -> str:

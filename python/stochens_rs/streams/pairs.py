@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._base import gate, memory
-from .._base.labels import Labels, checked_names, order_of
+from .._base import memory, validation
+from .._base.signal_names import Labels, checked_names, order_of
 from ..exceptions import InputError
 from ..identification.trajectories import Trajectories
 
@@ -33,14 +33,14 @@ def pair_rows(about: Snapshot, x: Any, u: Any, x_next: Any) -> Floats:
         inputs = order.of_inputs(inputs)
     elif u is None or x_next is None:
         raise InputError("`u` and `x_next` must be given with `x`")
-    elif gate.array("x", x, ndim=(1, 2)).ndim == 1:
-        before = gate.vector("x", x, length=n)[None]
-        inputs = gate.vector("u", u, length=m)[None]
-        after = gate.vector("x_next", x_next, length=n)[None]
+    elif validation.array("x", x, ndim=(1, 2)).ndim == 1:
+        before = validation.vector("x", x, length=n)[None]
+        inputs = validation.vector("u", u, length=m)[None]
+        after = validation.vector("x_next", x_next, length=n)[None]
     else:
-        before = gate.matrix("x", x, cols=n)
-        inputs = gate.matrix("u", u, rows=len(before), cols=m)
-        after = gate.matrix("x_next", x_next, rows=len(before), cols=n)
+        before = validation.matrix("x", x, cols=n)
+        inputs = validation.matrix("u", u, rows=len(before), cols=m)
+        after = validation.matrix("x_next", x_next, rows=len(before), cols=n)
     memory.need("the pairs", 8 * len(before) * len(about.triangle))
     return np.hstack([before, inputs, np.ones((len(before), int(about.intercept))), after])
 

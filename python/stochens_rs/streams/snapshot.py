@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .._base import gate, html
-from .._base.labels import checked_names
+from .._base import html, validation
+from .._base.signal_names import checked_names
 from ..exceptions import InputError
 from ..identification.assumptions import Assumptions
 from ..identification.certifying import Block, Wish, blocks, parts
@@ -65,15 +65,19 @@ class Snapshot(Identified):
     input_names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        d = gate.size("n", self.n) + gate.size("m", self.m) + gate.flag("intercept", self.intercept)
-        gate.kept("triangle", self.triangle, shape=(d + self.n,) * 2)
-        gate.kept("scale", self.scale, shape=(d,))
-        gate.size("size", self.size, minimum=0)
-        gate.instance("assumptions", self.assumptions, Assumptions)
-        gate.probability("delta", self.delta)
-        gate.size("first", self.first)
+        d = (
+            validation.size("n", self.n)
+            + validation.size("m", self.m)
+            + validation.flag("intercept", self.intercept)
+        )
+        validation.kept("triangle", self.triangle, shape=(d + self.n,) * 2)
+        validation.kept("scale", self.scale, shape=(d,))
+        validation.size("size", self.size, minimum=0)
+        validation.instance("assumptions", self.assumptions, Assumptions)
+        validation.probability("delta", self.delta)
+        validation.size("first", self.first)
         if self.dt is not None:
-            gate.positive("dt", self.dt)
+            validation.positive("dt", self.dt)
         checked_names(self.n, self.m, self.state_names, self.input_names)
 
     @property
@@ -87,7 +91,7 @@ class Snapshot(Identified):
     @cached_property
     def _Theta(self) -> Floats:
         """``[A B c]``, read-only."""
-        return gate.frozen(self._block.fitted.H)
+        return validation.frozen(self._block.fitted.H)
 
     @property
     def rank(self) -> int:
@@ -154,20 +158,20 @@ class Snapshot(Identified):
         >>> stream.model.region().contains([[0.5]], [[1.0]])
         True
         """
-        level = self.delta if delta is None else gate.probability("delta", delta)
+        level = self.delta if delta is None else validation.probability("delta", delta)
         if level > self.delta:
             raise InputError(
                 f"`delta` must be at most {self.delta:g}, which all looks at this stream share, "
                 f"got {level:g}"
             )
-        if gate.size("future", future, minimum=0):
+        if validation.size("future", future, minimum=0):
             raise InputError("`future` must be 0: regions of a stream cover no noise to come")
         if self.next_look != self.size:
             raise InputError(
                 f"a region needs a planned number of pairs with design='independent': there are "
                 f"{self.size}, and the next look is at {self.next_look}"
             )
-        return self._region(level, frobenius=gate.flag("frobenius", frobenius))
+        return self._region(level, frobenius=validation.flag("frobenius", frobenius))
 
     @property
     def _planned(self) -> bool:
@@ -198,7 +202,7 @@ class Snapshot(Identified):
             missing=self.missing,
             parts=made,
             frobenius=wider,
-            noise=None if covariance is None else gate.frozen(covariance),
+            noise=None if covariance is None else validation.frozen(covariance),
         )
 
     def _size_after(self, size: float) -> int:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import _core
-from .._base import gate, html, memory
+from .._base import html, memory, validation
 from .._base.durable import Durable
 from .._base.files import PathLike
 from .._base.progress import Progress, progress_bar
@@ -19,8 +19,8 @@ from ..system import System
 from ..theory.dynamics import checked_ends
 from .checkpoints import Checkpoints
 from .records import StreamRun, Trace
-from .running import Rule, checked_stop, run_until
 from .state import ENTITIES, SLOTS, VARIANTS, Identity, Slots, Variant, from_sections, to_sections
+from .step_loop import Rule, checked_stop, run_until
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -107,9 +107,9 @@ class Stream(Durable):
     ) -> None:
         checked, start, goal = checked_ends(system, x0, xf)
         inputs, n, m = checked.B, checked.n, checked.m
-        name = gate.choice("variant", variant, VARIANTS)
-        order = gate.choice("slots", slots, SLOTS)
-        safe = gate.flag("safeguard", safeguard)
+        name = validation.choice("variant", variant, VARIANTS)
+        order = validation.choice("slots", slots, SLOTS)
+        safe = validation.flag("safeguard", safeguard)
         if safe and name != "consistent":
             raise InputError(f"`safeguard` must be False for variant '{name}', got True")
         if order == "gain" and name == "literal":
@@ -213,7 +213,7 @@ class Stream(Durable):
         >>> stream.steps, float(stream.u[0])
         (10, -2.0)
         """
-        self._core.advance(gate.size("count", count), None, 0.0, None)
+        self._core.advance(validation.size("count", count), None, 0.0, None)
 
     def run(
         self,

@@ -2,15 +2,10 @@
 
 from .curves import Curve, Panel
 from .experiment import Experiment
-from .ready import error
-from .ready_coverage import coverage
-from .ready_fleet import fleet
-from .ready_loop import closed_loop
-from .ready_sampling import sampling_coverage
-from .results import Results
+from .results import Failure, Results
 from .study import Study
 from .summary import Summary
-from .tables import Failure
+from .templates import closed_loop, coverage, error, fleet, sampling_coverage
 
 __all__ = [
     "Curve",

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._base import gate
+from .._base import validation
 from .._base.numbers import ROUNDING, TINY
 from .._base.types import FUSIONS, Fusion
 from ..exceptions import InputError, StochensError
@@ -192,9 +192,9 @@ class Panel:
         InputError, InputTypeError
             There is no such curve.
         """
-        gate.choice("method", method, tuple(dict.fromkeys(one.method for one in self.curves)))
+        validation.choice("method", method, tuple(dict.fromkeys(one.method for one in self.curves)))
         if fusion is not None:
-            gate.choice("fusion", fusion, FUSIONS)
+            validation.choice("fusion", fusion, FUSIONS)
         for curve in self.curves:
             if curve.method == method and (
                 curve.fusion == fusion or (fusion is None and curve.fusion == "product")

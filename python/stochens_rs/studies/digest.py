@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from .._base.gate import show
+from .._base.validation import show
 from ..exceptions import InputError
 
 _DEEPEST = 100  # levels of nesting, far below the limit of Python's stack

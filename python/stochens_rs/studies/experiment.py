@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._base import gate
+from .._base import validation
 from .._base.files import versions, write_text
 from ..exceptions import InputError
 from ..plots.files import save_figures
@@ -88,7 +88,7 @@ class Experiment:
             There is no such panel.
         """
         named = {panel.name: panel for panel in self.panels}
-        return named[gate.choice("name", name, tuple(named))]
+        return named[validation.choice("name", name, tuple(named))]
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, ready for ``json.dumps``; `from_dict` restores every number bit for bit."""
@@ -116,7 +116,9 @@ class Experiment:
         with written_by("Experiment"):
             schema = data["schema"]
             if schema != SCHEMA:
-                raise InputError(f"`data` must have schema '{SCHEMA}', got {gate.show(schema)}")
+                raise InputError(
+                    f"`data` must have schema '{SCHEMA}', got {validation.show(schema)}"
+                )
             names = ("name", "title", "key", "settings", "facts", "seconds", "versions")
             return cls(
                 **{name: data[name] for name in names},

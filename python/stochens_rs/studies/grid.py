@@ -11,8 +11,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from .._base import gate
-from .._base.gate import show
+from .._base import validation
+from .._base.validation import show
 from ..exceptions import InputError, InputTypeError
 from .digest import digest
 
@@ -65,7 +65,7 @@ class Grid:
     def nested_values(self) -> Any:
         """The values of the nested axis: an array if they are numbers."""
         found = self.values[self.nested or ""]
-        numbers = all(gate.is_real(value) for value in found)
+        numbers = all(validation.is_real(value) for value in found)
         return np.array(found) if numbers else found
 
     def text(self, number: int) -> str:
@@ -107,7 +107,7 @@ def checked_grid(grid: object, nested: object = None, shared: object = ()) -> Gr
     labels: dict[str, tuple[Label, ...]] = {}
     values: dict[str, tuple[Any, ...]] = {}
     for name, given in grid.items():
-        gate.text("grid", name)
+        validation.text("grid", name)
         if not name.isidentifier() or keyword.iskeyword(name):
             raise InputError(f"`grid` must name its axes as arguments of a function, got {name!r}")
         if name in _RESERVED:
@@ -118,8 +118,10 @@ def checked_grid(grid: object, nested: object = None, shared: object = ()) -> Gr
         labels[name], values[name] = _axis(f"grid[{name!r}]", given)
     names = tuple(labels)
     if nested is not None:
-        nested = gate.choice("nested", nested, names)
-    axes = tuple(gate.choice("shared", name, names) for name in gate.items("shared", shared))
+        nested = validation.choice("nested", nested, names)
+    axes = tuple(
+        validation.choice("shared", name, names) for name in validation.items("shared", shared)
+    )
     if nested in axes:
         raise InputError(f"`shared` must not contain the nested axis {nested!r}")
     return Grid(labels, values, nested, axes)
@@ -129,11 +131,11 @@ def _axis(name: str, given: object) -> tuple[tuple[Label, ...], tuple[Any, ...]]
     """The labels and the values of one axis."""
     if isinstance(given, Mapping):
         for label in given:
-            gate.text(f"{name} label", label)
+            validation.text(f"{name} label", label)
         labels: tuple[Label, ...] = tuple(given)
         values = tuple(given.values())
     else:
-        values = labels = tuple(plain_label(name, value) for value in gate.items(name, given))
+        values = labels = tuple(plain_label(name, value) for value in validation.items(name, given))
     if not labels:
         raise InputError(f"`{name}` must have at least one value, got none")
     texts = [label_text(label) for label in labels]
@@ -150,7 +152,7 @@ def plain_label(name: str, value: object) -> Label:
     if value is None or type(value) in (bool, int):
         return value  # type: ignore[return-value]
     if isinstance(value, str):
-        return gate.text(name, value)
+        return validation.text(name, value)
     if isinstance(value, float):
         if math.isnan(value):
             raise InputError(f"`{name}` must not contain nan")
@@ -168,5 +170,5 @@ def label_text(label: Label) -> str:
 
 def _whole(label: Label) -> Label:
     """10 for 10.0."""
-    whole = isinstance(label, float) and label.is_integer() and abs(label) < gate.EXACT
+    whole = isinstance(label, float) and label.is_integer() and abs(label) < validation.EXACT
     return int(label) if whole else label  # type: ignore[arg-type]

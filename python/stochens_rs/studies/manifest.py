@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from .._base import gate
+from .._base import validation
 from .._core import version
 from ..exceptions import InputError, StateError
 from ..rng import Key
-from .block import Block, Function
 from .digest import digest, full_name, home_of
 from .grid import Grid
+from .worker import Block, Function
 
 SCHEMA = "stochens-study/2"
 MOST = 2**40  # tasks
@@ -82,9 +82,9 @@ def checked_replicates(given: object, size: int) -> range:
     if isinstance(given, range):
         if given.step != 1 or given.start < 0 or not given:
             raise InputError(f"`replicates` must be a range(first, stop) from 0 on, got {given}")
-        gate.size("replicates", given.stop, maximum=most)
+        validation.size("replicates", given.stop, maximum=most)
         return given
-    return range(gate.size("replicates", given, maximum=most))
+    return range(validation.size("replicates", given, maximum=most))
 
 
 def different(ours: Mapping[str, Any], theirs: Mapping[str, Any]) -> str | None:

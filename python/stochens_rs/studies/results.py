@@ -3,31 +3,59 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass, field
+import itertools
+import json
+import os
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .._base import gate, html
+from .._base import files, html, serialize, validation
+from .._base.extras import extra
+from .._base.files import PathLike
 from .._base.types import Floats, Status
 from ..exceptions import InputError
 from ..plots.bands import Line, draw_bands
 from .grid import Label, label_text, plain_label
 from .methods import STYLES
 from .summary import Summary, summarized
-from .tables import Failure, Tabled
 from .units import labelled, suffix
 
 if TYPE_CHECKING:
+    import pandas
+    import xarray
     from matplotlib.axes import Axes
 
+SCHEMA = "stochens-results/1"
+SUFFIXES = (".parquet", ".nc", ".json")
 BAND = (0.1, 0.9)  # quantiles: the middle 80 % of the replicates
 
 
+@dataclass(frozen=True)
+class Failure:
+    """A replicate that raised.
+
+    Attributes
+    ----------
+    configuration : dict
+        The label on each axis, but for the nested one.
+    replicate : int
+    error : str
+        Type and message.
+    """
+
+    configuration: dict[str, Label]
+    replicate: int
+    error: str
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class Results(Tabled):
+class Results:
     """The numbers of a study. Made by `Study.run`; see also `Study.results`.
 
     Attributes
@@ -106,12 +134,12 @@ class Results(Tabled):
         values, grid, about, failures = self.values, dict(self.grid), self.about, self.failures
         done, failed = self.done, self.failed
         for name, label in labels.items():
-            gate.choice("axis", name, tuple(grid))
+            validation.choice("axis", name, tuple(grid))
             texts = [label_text(one) for one in grid[name]]
             wanted = label_text(plain_label(name, label))
             if wanted not in texts:
                 listed = ", ".join(texts)[:120]
-                raise InputError(f"`{name}` must be one of {listed}, got {gate.show(label)}")
+                raise InputError(f"`{name}` must be one of {listed}, got {validation.show(label)}")
             at, axis = texts.index(wanted), list(grid).index(name)
             values = {key: np.take(rows, at, axis=axis) for key, rows in values.items()}
             done, failed = np.take(done, at, axis=axis), np.take(failed, at, axis=axis)
@@ -164,11 +192,11 @@ class Results(Tabled):
         ImportError
             If matplotlib is not installed.
         """
-        gate.choice("x", x, tuple(self.grid))
+        validation.choice("x", x, tuple(self.grid))
         if hue is not None:
-            gate.choice("hue", hue, tuple(name for name in self.grid if name != x))
+            validation.choice("hue", hue, tuple(name for name in self.grid if name != x))
         entries = dict(self.entries())
-        rows = entries[gate.choice("y", y, tuple(entries))]
+        rows = entries[validation.choice("y", y, tuple(entries))]
         for name, labels in self.grid.items():
             if name not in (x, hue) and len(labels) > 1:
                 raise InputError(
@@ -192,6 +220,135 @@ class Results(Tabled):
         said = f"10-90 % of {_counted(np.sum(~np.isnan(cube), axis=2), len(self.replicates))}"
         of_x, of_y = (labelled(name, self.units) for name in (x, y))
         return draw_bands(self.grid[x], lines, of_x, of_y, said, ax)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain lists and numbers, ready for ``json.dumps``.
+
+        Returns
+        -------
+        dict
+            nan as None, infinite numbers as the texts "inf" and "-inf".
+        """
+        return {
+            "schema": SCHEMA,
+            "status": self.status,
+            **self.about,
+            "grid": {name: list(labels) for name, labels in self.grid.items()},
+            "replicates": [self.replicates.start, self.replicates.stop],
+            "values": {name: serialize.listed(rows) for name, rows in self.values.items()},
+            "units": self.units,
+            "failures": [asdict(one) for one in self.failures],
+            "seconds": self.seconds,
+        }
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """One row for each replicate that has run, and for each value of a nested axis.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Columns: the axes, "replicate", then the numbers; an array has a column for each of its
+            entries, ``u[0]``, ``u[1]``, ... Its ``attrs`` have `about` and the units.
+
+        Raises
+        ------
+        ImportError
+            If pandas is not installed (extra ``tables``).
+        """
+        with extra("tables need pandas", "tables"):
+            import pandas
+        ran, shape = self.done | self.failed, (*map(len, self.grid.values()), len(self.replicates))
+        columns: dict[str, Any] = {}
+        axes = [*self.grid.items(), ("replicate", tuple(self.replicates))]
+        for axis, (name, labels) in enumerate(axes):
+            where = np.broadcast_to(
+                np.arange(shape[axis]).reshape([-1 if k == axis else 1 for k in range(len(shape))]),
+                shape,
+            )[ran]
+            columns[name] = pandas.Series(list(labels)).to_numpy()[where]
+        columns |= {name: rows[ran] for name, rows in self.entries()}
+        found = pandas.DataFrame(columns)
+        found.attrs = {**self.about, "status": self.status, "units": dict(self.units)}
+        return found
+
+    def to_xarray(self) -> xarray.Dataset:
+        """The numbers with named dimensions.
+
+        Returns
+        -------
+        xarray.Dataset
+            Dimensions: the axes, "replicate", and ``u_0``, ``u_1``, ... of an array ``u``. Its
+            ``attrs`` have what is in `about`, those of numbers and axes their "units".
+
+        Raises
+        ------
+        ImportError
+            If xarray is not installed (extra ``tables``).
+        """
+        with extra("data sets need xarray", "tables"):
+            import xarray
+        dims = (*self.grid, "replicate")
+        coordinates: dict[str, Any] = {name: _coordinate(own) for name, own in self.grid.items()}
+        coordinates["replicate"] = np.array(self.replicates, dtype=np.int64)
+        named = {
+            name: ((*dims, *(f"{name}_{k}" for k in range(rows.ndim - len(dims)))), rows)
+            for name, rows in self.values.items()
+        }
+        attrs = {**self.about, "status": self.status, "failed": len(self.failures)}
+        found = xarray.Dataset(named, coordinates, attrs)
+        for name, unit in self.units.items():
+            if name in found.variables:
+                found[name].attrs["units"] = unit
+        return found
+
+    def save(self, path: PathLike) -> None:
+        """Save as a table or data set, for other programs.
+
+        Parameters
+        ----------
+        path : path
+            Ends in ``.parquet`` (as `to_pandas`), ``.nc`` (netCDF, as `to_xarray`) or ``.json`` (as
+            `to_dict`). An existing file is replaced in one piece.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If it is no path, or has another ending.
+        ImportError
+            If the packages for it are not installed (extra ``tables``).
+        """
+        checked = Path(files.checked_path("path", path))
+        suffix = validation.choice("path suffix", checked.suffix, SUFFIXES)
+        part = checked.with_name(checked.name + ".part")
+        if suffix == ".json":
+            files.write_text(checked, json.dumps(self.to_dict(), allow_nan=False) + "\n")
+            return
+        if suffix == ".parquet":
+            table = self.to_pandas()
+            with extra("Parquet files need pyarrow", "tables"):
+                import pyarrow  # noqa: F401
+            table.to_parquet(part, engine="pyarrow", index=False)
+        else:
+            data = self.to_xarray()
+            with extra("netCDF files need h5netcdf", "tables"):
+                import h5netcdf  # noqa: F401
+            data.to_netcdf(part, engine="h5netcdf")
+        os.replace(part, checked)
+
+    def entries(self) -> Iterator[tuple[str, Floats]]:
+        """Each number and each entry of an array, over the axes and the replicates.
+
+        Yields
+        ------
+        name : str
+            "error", "u[0]", "X[1,2]".
+        values : ndarray
+        """
+        own = len(self.grid) + 1
+        for name, rows in self.values.items():
+            for where in itertools.product(*map(range, rows.shape[own:])):
+                text = f"{name}[{','.join(map(str, where))}]" if where else name
+                yield text, rows[(slice(None),) * own + where]
 
     def __repr__(self) -> str:
         axes = " x ".join(f"{len(labels)} {name}" for name, labels in self.grid.items())
@@ -224,3 +381,9 @@ def _quantiles(values: Floats) -> tuple[float, float, float]:
         return np.nan, np.nan, np.nan
     low, middle, high = np.quantile(seen, (BAND[0], 0.5, BAND[1]))
     return float(low), float(middle), float(high)
+
+
+def _coordinate(labels: tuple[Label, ...]) -> NDArray[Any]:
+    """Numbers as numbers, all else as text."""
+    numbers = all(validation.is_real(label) for label in labels)
+    return np.array(labels if numbers else [str(label) for label in labels])

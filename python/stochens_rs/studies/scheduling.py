@@ -19,11 +19,11 @@ from concurrent.futures import (
 from contextlib import suppress
 from typing import TypeAlias
 
-from .._base.gate import show
 from .._base.types import Status
+from .._base.validation import show
 from ..exceptions import InputError, InputTypeError
-from .block import Block, Interruption, Layout, Work, run_block
-from .table import Span
+from .store import Span
+from .worker import Block, Interruption, Layout, Work, run_block
 
 # An executor, or what makes one: it is called again when the workers of the last one have died.
 ExecutorLike: TypeAlias = "Executor | Callable[[], Executor] | None"

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-from .block import Interruption
+from .worker import Interruption
 
 _open: list[Interruption] = []  # of the runs in the main thread, the outermost first
 

@@ -7,15 +7,14 @@ from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
 
-from .._base import files, gate
+from .._base import files, validation
 from .._base.files import PathLike
-from .._base.gate import show
 from .._base.progress import Progress, progress_bar
 from .._base.types import Status
+from .._base.validation import show
 from ..exceptions import InputError, InputTypeError, StateError
 from ..rng import Key, RngLike, as_key
-from .block import FAILED, WAITING, Block, Function, Layout, Work, fingerprint
-from .collecting import collected
+from .assemble import collected
 from .digest import full_name
 from .grid import checked_grid
 from .manifest import (
@@ -30,10 +29,11 @@ from .manifest import (
 from .results import Results
 from .scheduling import ExecutorLike, Run, checked_executor, run_all
 from .signals import interruptions
+from .store import Table
+from .store_io import enter, open_table, write_parts
 from .study_file import StudyFile, read_blocks, read_manifest
-from .table import Table
-from .table_file import enter, open_table, write_parts
 from .units import units_of
+from .worker import FAILED, WAITING, Block, Function, Layout, Work, fingerprint
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -269,7 +269,7 @@ class Study:
         InputError
             If `path` exists.
         """
-        checked = [files.checked_path("paths", one) for one in gate.items("paths", paths)]
+        checked = [files.checked_path("paths", one) for one in validation.items("paths", paths)]
         if not checked:
             raise InputError("`paths` must name at least one file, got none")
         manifests = [read_manifest(one) for one in checked]
@@ -302,7 +302,7 @@ class Study:
                 nested=found["nested"],
                 shared=found["shared"],
             )
-            study._found = {**found, "function": gate.text("function", found["function"])}
+            study._found = {**found, "function": validation.text("function", found["function"])}
         except (KeyError, InputError, InputTypeError) as error:
             raise StateError(f"{path} is not the file of a study: {error}") from error
         if function is None:
@@ -321,7 +321,7 @@ class Study:
         if self._function is None:
             raise InputError("`function` must be given: Study.resume(path, function)")
         run_by = checked_executor(executor)
-        limit = None if time_limit is None else gate.positive("time_limit", time_limit)
+        limit = None if time_limit is None else validation.positive("time_limit", time_limit)
         began, table = time.monotonic(), self._table
         total = len(table.states)
         with ExitStack() as stack:

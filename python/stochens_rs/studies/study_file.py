@@ -20,9 +20,9 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from .._base import gate, memory, state_file
+from .._base import memory, state_file, validation
 from ..exceptions import InputError, InputTypeError, StateError, StateIOError, StateNotFoundError
-from .block import DONE, FAILED, Block, Layout
+from .worker import DONE, FAILED, Block, Layout
 
 MANIFEST, BLOCK = "study", "study-block"  # kinds of records
 _MARK = b"\x89STU\r\n\x1a\xff"  # then where its record begins; in no text, and in no plain number
@@ -254,8 +254,8 @@ def _blocks(sections: dict[str, Any]) -> list[Block]:
     if len(states) and int(states.max()) > FAILED:
         raise InputError(f"`states` must be at most {FAILED}, got {int(states.max())}")
     layout = {name: _shape(name, shape) for name, shape in about["layout"].items()}
-    platform = {k: gate.text(f"platform[{k!r}]", v) for k, v in about["platform"].items()}
-    errors = {int(t): gate.text("errors", text) for t, text in about["errors"].items()}
+    platform = {k: validation.text(f"platform[{k!r}]", v) for k, v in about["platform"].items()}
+    errors = {int(t): validation.text("errors", text) for t, text in about["errors"].items()}
     values = {}
     for name, shape in layout.items():
         rows = sections.pop(f"values.{name}")
@@ -278,8 +278,8 @@ def _blocks(sections: dict[str, Any]) -> list[Block]:
 
 def _shape(name: str, shape: Any) -> tuple[int, ...]:
     if not isinstance(shape, list) or len(shape) > 32:
-        raise InputError(f"`layout[{name!r:.60}]` must be a shape, got {gate.show(shape)}")
-    return tuple(gate.size(f"layout[{name!r:.60}]", length, minimum=0) for length in shape)
+        raise InputError(f"`layout[{name!r:.60}]` must be a shape, got {validation.show(shape)}")
+    return tuple(validation.size(f"layout[{name!r:.60}]", length, minimum=0) for length in shape)
 
 
 def _sync_folder(path: str) -> None:

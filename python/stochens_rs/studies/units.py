@@ -5,8 +5,8 @@ from __future__ import annotations
 import functools
 from collections.abc import Mapping
 
-from .._base import gate
-from .._base.labels import Labels
+from .._base import validation
+from .._base.signal_names import Labels
 from ..exceptions import InputTypeError
 
 PURE = "1"  # of a number without unit, as in the conventions of netCDF
@@ -14,15 +14,17 @@ PURE = "1"  # of a number without unit, as in the conventions of netCDF
 
 def units_of(function: object) -> dict[str, str]:
     """The attribute ``units`` of a function, checked; empty if it has none."""
-    while isinstance(function, functools.partial):
+    while isinstance(function, functools.partial) and not hasattr(function, "units"):
         function = function.func
     given = getattr(function, "units", {})
     if not isinstance(given, Mapping):
         raise InputTypeError(
-            f"`function.units` must be a mapping of names to texts, got {gate.show(given)}"
+            f"`function.units` must be a mapping of names to texts, got {validation.show(given)}"
         )
-    names = {gate.text("function.units", name): unit for name, unit in given.items()}
-    return {name: gate.text(f"function.units[{name!r}]", unit) for name, unit in names.items()}
+    names = {validation.text("function.units", name): unit for name, unit in given.items()}
+    return {
+        name: validation.text(f"function.units[{name!r}]", unit) for name, unit in names.items()
+    }
 
 
 def of_states(labels: Labels, *numbers: str) -> dict[str, str]:

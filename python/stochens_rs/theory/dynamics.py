@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from .._base import gate, memory
+from .._base import memory, validation
 from .._base.types import Floats
 from ..exceptions import NonFiniteError
 from ..system import System
@@ -16,19 +16,19 @@ def checked_ends(system: object, x0: object, xf: object) -> tuple[System, Floats
     """Check a system, its initial state and its target."""
     checked = System.from_any(system)
     how: Any = {"length": checked.n, "labels": checked.state_names}
-    return checked, gate.vector("x0", x0, **how), gate.vector("xf", xf, **how)
+    return checked, validation.vector("x0", x0, **how), validation.vector("xf", xf, **how)
 
 
 def checked_motion(system: object, x0: object, u: object) -> tuple[System, Floats, Floats]:
     """Check a system, its initial state and its inputs."""
     checked = System.from_any(system)
-    start = gate.vector("x0", x0, length=checked.n, labels=checked.state_names)
-    return checked, start, gate.inputs("u", u, cols=checked.m, labels=checked.input_names)
+    start = validation.vector("x0", x0, length=checked.n, labels=checked.state_names)
+    return checked, start, validation.inputs("u", u, cols=checked.m, labels=checked.input_names)
 
 
 def checked_steps(steps: object, n: int, m: int) -> int:
     """Check the number of steps against the memory that C_K and the powers of A take."""
-    K = gate.size("steps", steps)
+    K = validation.size("steps", steps)
     # C_K with the work space of its factors, the powers of A with that of their norms, the states
     # and the control
     memory.need(f"a control over {K} steps", (8 * n * m + 3 * n * n + n + m) * K * 8)

@@ -11,7 +11,7 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._base import gate
+from .._base import validation
 from .._base.types import AXES, FUSIONS, SCHEMES, Floats
 from ..exceptions import InputError, NonFiniteError, ShapeError
 from ..system import System
@@ -174,11 +174,11 @@ def fused_covariance(
     """``B`` and the covariance of ``xf_hat - A_hat x0_hat`` (diagonal: of the average pair)."""
     checked, x0, xf = checked_ends(system, x0, xf)
     A, B = checked.A, checked.B
-    gate.choice("axis", axis, AXES)
+    validation.choice("axis", axis, AXES)
     sizes = one_each(size)
     r0, rf, rA = (inverse_size(f"size[{k}]", N) for k, N in enumerate(sizes))
-    product = gate.choice("fusion", fusion, FUSIONS) == "product"
-    if gate.choice("scheme", scheme, SCHEMES) == "systematic":
+    product = validation.choice("fusion", fusion, FUSIONS) == "product"
+    if validation.choice("scheme", scheme, SCHEMES) == "systematic":
         if not product:
             raise InputError(
                 "`fusion` must be 'product' with scheme='systematic', got 'diagonal': there is no "
@@ -192,7 +192,7 @@ def fused_covariance(
     if len(sampled) > 1:
         raise InputError(
             "`size` must be one number with fusion='diagonal', which pairs the realizations, "
-            f"got N0, Nf, NA = {', '.join(gate.show(N) for N in sizes)}"
+            f"got N0, Nf, NA = {', '.join(validation.show(N) for N in sizes)}"
         )
     one0, onef, oneA = (float(r > 0.0) for r in (r0, rf, rA))
     one_pair = onef * realization_covariance(xf) + fused_product_covariance(A, x0, one0, oneA, axis)
@@ -201,14 +201,14 @@ def fused_covariance(
 
 def lines_of(A: Floats, axis: str) -> Floats:
     """``A`` with the sampled lines as columns."""
-    return A if gate.choice("axis", axis, AXES) == "columns" else A.T
+    return A if validation.choice("axis", axis, AXES) == "columns" else A.T
 
 
 def count(name: str, size: object) -> float:
     """Check a size; 0 for an entity that is known exactly (None or inf)."""
     if size is None or (isinstance(size, (float, np.floating)) and size == math.inf):
         return 0.0
-    return float(gate.size(name, size))
+    return float(validation.size(name, size))
 
 
 def inverse_size(name: str, size: object) -> float:

@@ -8,7 +8,7 @@ from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
-from .._base import gate, html
+from .._base import html, validation
 from .._base.records import Record
 
 EPS = float(np.finfo(np.float64).eps)
@@ -67,7 +67,7 @@ class Reachability(Record):
     condition: float
 
     def __post_init__(self) -> None:
-        gate.choice("verdict", self.verdict, VERDICTS)
+        validation.choice("verdict", self.verdict, VERDICTS)
 
     @property
     def reachable(self) -> bool | None:

@@ -11,7 +11,7 @@ say nothing about units of another law. Every one takes a few microseconds, what
 from __future__ import annotations
 
 from .. import _core
-from .._base import gate
+from .._base import validation
 
 __all__ = [
     "a_priori",
@@ -53,8 +53,8 @@ def a_priori(size: int, dimension: int, beta: float) -> float:
     >>> round(scenario.a_priori(3000, 21, 1e-6), 10)
     0.0166967329
     """
-    size, dimension = gate.size("size", size), gate.size("dimension", dimension)
-    return _core.scenario_at_most(size, dimension - 1, gate.probability("beta", beta))
+    size, dimension = validation.size("size", size), validation.size("dimension", dimension)
+    return _core.scenario_at_most(size, dimension - 1, validation.probability("beta", beta))
 
 
 def judged(size: int, support: int, beta: float) -> float:
@@ -92,9 +92,9 @@ def judged(size: int, support: int, beta: float) -> float:
     >>> round(scenario.judged(60, 3, 0.05), 10)
     0.16651798
     """
-    size = gate.size("size", size)
-    support = gate.size("support", support, minimum=0, maximum=size)
-    return _core.scenario_judged(size, support, gate.probability("beta", beta))
+    size = validation.size("size", size)
+    support = validation.size("support", support, minimum=0, maximum=size)
+    return _core.scenario_judged(size, support, validation.probability("beta", beta))
 
 
 def compression(size: int, support: int, beta: float, *, violations: int = 0) -> float:
@@ -144,10 +144,10 @@ def compression(size: int, support: int, beta: float, *, violations: int = 0) ->
     >>> round(scenario.compression(60, 3, 0.05), 10)
     0.2647576671
     """
-    size = gate.size("size", size)
-    support = gate.size("support", support, minimum=0, maximum=size)
-    violations = gate.size("violations", violations, minimum=0, maximum=size)
-    beta = gate.probability("beta", beta)
+    size = validation.size("size", size)
+    support = validation.size("support", support, minimum=0, maximum=size)
+    violations = validation.size("violations", violations, minimum=0, maximum=size)
+    beta = validation.probability("beta", beta)
     return _core.scenario_compression(size, support, violations, beta)
 
 
@@ -187,9 +187,9 @@ def relaxed(size: int, support: int, beta: float) -> tuple[float, float]:
     >>> round(low, 10), round(high, 10)
     (0.0467202575, 0.3779349539)
     """
-    size = gate.size("size", size)
-    support = gate.size("support", support, minimum=0, maximum=size)
-    return _core.scenario_relaxed(size, support, gate.probability("beta", beta))
+    size = validation.size("size", size)
+    support = validation.size("support", support, minimum=0, maximum=size)
+    return _core.scenario_relaxed(size, support, validation.probability("beta", beta))
 
 
 def discarding(size: int, discarded: int, dimension: int, beta: float) -> float:
@@ -224,9 +224,9 @@ def discarding(size: int, discarded: int, dimension: int, beta: float) -> float:
     >>> round(scenario.discarding(3000, 30, 21, 1e-6), 4)
     0.0481
     """
-    size, dimension = gate.size("size", size), gate.size("dimension", dimension)
-    discarded = gate.size("discarded", discarded, minimum=0, maximum=size)
-    beta = gate.probability("beta", beta)
+    size, dimension = validation.size("size", size), validation.size("dimension", dimension)
+    discarded = validation.size("discarded", discarded, minimum=0, maximum=size)
+    beta = validation.probability("beta", beta)
     return _core.scenario_discarding(size, discarded, dimension, beta)
 
 
@@ -259,9 +259,9 @@ def hold_out(size: int, violations: int, beta: float) -> float:
     >>> round(scenario.hold_out(3000, 0, 1e-6), 4)
     0.0046
     """
-    size = gate.size("size", size)
-    violations = gate.size("violations", violations, minimum=0, maximum=size)
-    return _core.scenario_at_most(size, violations, gate.probability("beta", beta))
+    size = validation.size("size", size)
+    violations = validation.size("violations", violations, minimum=0, maximum=size)
+    return _core.scenario_at_most(size, violations, validation.probability("beta", beta))
 
 
 def required_scenarios(epsilon: float, dimension: int, beta: float) -> int:
@@ -292,5 +292,5 @@ def required_scenarios(epsilon: float, dimension: int, beta: float) -> int:
     >>> scenario.required_scenarios(0.05, 21, 1e-6)
     992
     """
-    epsilon, beta = gate.probability("epsilon", epsilon), gate.probability("beta", beta)
-    return _core.scenario_required(epsilon, gate.size("dimension", dimension), beta)
+    epsilon, beta = validation.probability("epsilon", epsilon), validation.probability("beta", beta)
+    return _core.scenario_required(epsilon, validation.size("dimension", dimension), beta)

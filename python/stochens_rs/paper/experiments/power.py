@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..._base import gate
+from ..._base import validation
 from ..._base.files import PathLike
 from ..._base.numbers import ROUNDING
 from ..._base.progress import Progress
@@ -121,8 +121,8 @@ def power(
     ['1a', '1b', '2a', '2b']
     """
     record = Recording(rng, replicates, samples, sizes, tol)
-    angle_std = gate.positive("angle_std", angle_std, maximum=LARGEST)
-    speed_std = gate.positive("speed_std", speed_std, maximum=LARGEST)
+    angle_std = validation.positive("angle_std", angle_std, maximum=LARGEST)
+    speed_std = validation.positive("speed_std", speed_std, maximum=LARGEST)
     options = {"data": data, "base": base, "dt": dt, "method": method}
     system = _system(case, options)
     A, B, n = system.A, system.B, system.n
@@ -209,13 +209,13 @@ class PowerErrors(Record, listed=False):
 
 def _system(case: str, options: dict[str, Any]) -> System:
     """The chosen network; an option that it does not have must be left at its default."""
-    made = CASES[gate.choice("case", case, tuple(CASES))]
+    made = CASES[validation.choice("case", case, tuple(CASES))]
     known, defaults = (inspect.signature(one).parameters for one in (made, power))
     for name, value in options.items():
         if name not in known and value != defaults[name].default:
             raise InputError(
                 f"`{name}` must be left out with case {case!r}, which has no such option, "
-                f"got {gate.show(value)}"
+                f"got {validation.show(value)}"
             )
     return made(**{name: value for name, value in options.items() if name in known})
 

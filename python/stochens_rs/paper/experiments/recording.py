@@ -11,18 +11,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..._base import gate
+from ..._base import validation
 from ..._base.files import PathLike
 from ..._base.progress import Progress, progress_bar
 from ..._base.types import STATUSES, Floats, Fusion
 from ...fusion.fusing import Method
 from ...rng import RngLike, as_key
 from ...studies import Study
-from ...studies.block import Function
 from ...studies.curves import Curve, Panel
 from ...studies.experiment import Experiment
 from ...studies.methods import METHODS, STYLES
 from ...studies.scheduling import ExecutorLike
+from ...studies.worker import Function
 from ...system import System
 from ..repeating import complete
 from .replicate import Sizes
@@ -55,12 +55,14 @@ class Recording:
     ) -> None:
         self.started = time.perf_counter()
         self.key = as_key(rng)
-        self.replicates = gate.size("replicates", replicates, maximum=10**6)
-        samples = gate.size("samples", samples)
+        self.replicates = validation.size("replicates", replicates, maximum=10**6)
+        samples = validation.size("samples", samples)
         self.sizes = (
-            log_grid(samples) if sizes is None else gate.sizes("sizes", sizes, maximum=samples)
+            log_grid(samples)
+            if sizes is None
+            else validation.sizes("sizes", sizes, maximum=samples)
         )
-        self.tol = gate.positive("tol", tol)
+        self.tol = validation.positive("tol", tol)
         self.values: dict[str, Floats] = {}  # (k, replicates, ...) by name
 
     def run(

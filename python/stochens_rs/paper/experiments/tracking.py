@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..._base import gate
+from ..._base import validation
 from ..._base.files import PathLike
 from ..._base.progress import Progress
 from ..._base.records import Record
@@ -108,9 +108,9 @@ def tracking(
     'state x(1)'
     """
     record = Recording(rng, replicates, samples, sizes, tol)
-    n, m = gate.size("n", n), gate.size("m", m)
-    gate.choice("step_two", step_two, tuple(READINGS))
-    spectral_radius = gate.positive("spectral_radius", spectral_radius, maximum=LARGEST)
+    n, m = validation.size("n", n), validation.size("m", m)
+    validation.choice("step_two", step_two, tuple(READINGS))
+    spectral_radius = validation.positive("spectral_radius", spectral_radius, maximum=LARGEST)
     key = record.key
     system = random_system(n, m, rng=key.child("system"), spectral_radius=spectral_radius)
     A, B = system.A, system.B

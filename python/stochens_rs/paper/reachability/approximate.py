@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..._base import gate
+from ..._base import validation
 from ..._base.numbers import ROUNDING, norm
 from ..._base.types import Floats
 from ...rng import Key, RngLike, as_key
@@ -125,12 +125,12 @@ def approximately(
     level_of(delta)  # raises unless delta is in (0, 1)
     checked = System.from_any(system)
     A, B = checked.A, checked.B
-    start = gate.vector("x0", x0, length=checked.n)
-    goal = gate.vector("xf", xf, length=checked.n)
+    start = validation.vector("x0", x0, length=checked.n)
+    goal = validation.vector("xf", xf, length=checked.n)
     K = checked_steps(steps, checked.n, checked.m)
     best = best_control(A, B, start, goal, K)
     exact, u = best.reachability(), best.u.reshape(K, -1)
-    grid = gate.sizes("sizes", sizes, maximum=2**31)
+    grid = validation.sizes("sizes", sizes, maximum=2**31)
     key = as_key(rng)
     found = candidates("trajectory", checked, start, u)
     runs = found[0].setting

@@ -12,7 +12,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from ..._base import gate
+from ..._base import validation
 from ...exceptions import InputError
 from ..rationals import ONE, ZERO, Array, array
 
@@ -87,7 +87,7 @@ def lemma_3_1(
     >>> found.hypothesis, found.claim, set(found.approximation_errors.values())
     (Fraction(0, 1), Fraction(1, 1), {Fraction(0, 1)})
     """
-    size = gate.size("size", size, minimum=3, maximum=10**6)
+    size = validation.size("size", size, minimum=3, maximum=10**6)
     y = _weights(weights, size)
     u = _integers("controls", [-7] * size if controls is None else controls, size)
     A, B, x0 = array([[0, 1], [1, 0]]), array([1, 0]), array([1, 0])
@@ -138,7 +138,7 @@ def lemma_3_2(size: int = 10, *, weights: list[int] | None = None) -> Counterexa
     >>> found.claim, found.hypothesis, found.approximation_errors["A"]
     (Fraction(1, 1), Fraction(0, 1), Fraction(0, 1))
     """
-    size = gate.size("size", size, minimum=2, maximum=10**6)
+    size = validation.size("size", size, minimum=2, maximum=10**6)
     y = _weights(weights, size)
     x0, A, B, xf = ONE, ONE, ONE, ZERO
     starts, matrices, goals, errors = _scalars(size, x0, A, xf)
@@ -178,7 +178,7 @@ def remark_3_2(size: int = 10) -> Counterexample:
     >>> found.claim, found.hypothesis
     (Fraction(1, 1), Fraction(0, 1))
     """
-    size = gate.size("size", size, minimum=2, maximum=10**6)
+    size = validation.size("size", size, minimum=2, maximum=10**6)
     x0, A, xf = ONE, ONE, ZERO
     starts, matrices, goals, errors = _scalars(size, x0, A, xf)
     # B = 0: no control moves anything
@@ -221,7 +221,7 @@ def _weights(weights: list[int] | None, size: int) -> Array:
 
 
 def _integers(name: str, values: list[int], size: int) -> list[int]:
-    given = gate.items(name, values)
+    given = validation.items(name, values)
     if len(given) != size:
         raise InputError(f"`{name}` must have length {size}, got {len(given)}")
-    return [gate.size(f"{name}[{k}]", v, minimum=-(2**53)) for k, v in enumerate(given)]
+    return [validation.size(f"{name}[{k}]", v, minimum=-(2**53)) for k, v in enumerate(given)]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..._base import gate, memory
+from ..._base import memory, validation
 from ..._base.types import Floats
 from ...exceptions import NonFiniteError
 from ...system import System
@@ -93,8 +93,8 @@ def sample_reachability(system: System | Any, x0: ArrayLike, xf: ArrayLike) -> S
     """
     checked = System.from_any(system)
     n = checked.n
-    x0 = gate.vector("x0", x0, length=n)
-    xf = gate.vector("xf", xf, length=n)
+    x0 = validation.vector("x0", x0, length=n)
+    xf = validation.vector("xf", xf, length=n)
     with np.errstate(over="ignore", invalid="ignore"):
         unit, A, x0, xf = _in_units(checked.A, x0, xf)
         goals, p_goals = _atoms_of_vector(xf)

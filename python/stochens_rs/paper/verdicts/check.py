@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..._base import files, gate
+from ..._base import files, validation
 from ..._base.files import PathLike
 from ..._base.progress import Progress, progress_bar
 from ...rng import RngLike, as_key
@@ -84,7 +84,7 @@ def claims(
     >>> found["Lemma 3.2"].verdict, found.confirmed
     ('false', True)
     """
-    key, quick = as_key(rng), gate.flag("quick", quick)
+    key, quick = as_key(rng), validation.flag("quick", quick)
     folder = None if path is None else Path(files.checked_path("path", path))
     where = Where(checked_executor(executor), folder)
 

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from ..._base import gate, html
+from ..._base import html, validation
 from ..._base.numbers import ROUNDING, smallest_size
 from ..._base.types import Floats
 from ...exceptions import InputError, SizeError
@@ -195,7 +195,7 @@ class Bound:
             `size` is not a count, or `eps` is not a positive number.
         """
         rates = self._rates(size)
-        eps, unit = gate.positive("eps", eps), self.setting.unit
+        eps, unit = validation.positive("eps", eps), self.setting.unit
         if eps >= self.inequality.cap(rates) * unit:
             return 0.0
         level = self.inequality.level(rates, eps / unit)
@@ -223,12 +223,12 @@ class Bound:
         InputError, InputTypeError
             An argument is out of range, or more than 2^53 realizations are needed.
         """
-        entities, given = self.setting.entities, gate.items("exact", exact)
+        entities, given = self.setting.entities, validation.items("exact", exact)
         if given and not entities:
             raise InputError(f"`exact` must be empty for a {self.quantity}: it is one entity")
-        known = {gate.choice("exact", name, entities) for name in given}
+        known = {validation.choice("exact", name, entities) for name in given}
         flags = tuple(float(name not in known) for name in entities) or (1.0,)
-        eps, delta = gate.positive("eps", eps), gate.probability("delta", delta)
+        eps, delta = validation.positive("eps", eps), validation.probability("delta", delta)
         found = self._smallest(eps, delta, lambda N: tuple(1.0 / N * flag for flag in flags))
         if found is None:
             raise SizeError(f"`eps` is {eps:.3g}: more than 2^53 realizations would be needed")
@@ -277,7 +277,7 @@ def halved(
 
 def level_of(delta: object) -> float:
     """``log(1 / delta)`` of a checked probability of failure."""
-    return -math.log(gate.probability("delta", delta))
+    return -math.log(validation.probability("delta", delta))
 
 
 def unit_of(*arrays: Floats) -> float:

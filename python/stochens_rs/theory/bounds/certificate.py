@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..._base import gate
+from ..._base import validation
 from ...system import System
 from ..formulas import checked_finite, compact_svd
 
@@ -58,9 +58,9 @@ def from_errors(
     (0.081, 0.0405)
     """
     checked = System.from_any(system)
-    x0_hat, A_hat = gate.vector("x0_hat", x0_hat, length=checked.n), checked.A
+    x0_hat, A_hat = validation.vector("x0_hat", x0_hat, length=checked.n), checked.A
     e0, ef, eA = (
-        gate.nonnegative(name, value)
+        validation.nonnegative(name, value)
         for name, value in (("x0_error", x0_error), ("xf_error", xf_error), ("A_error", A_error))
     )
     U, s, _ = compact_svd(checked.B)

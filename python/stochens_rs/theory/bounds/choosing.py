@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal, overload
 
-from ..._base import gate, html
+from ..._base import html, validation
 from ..._base.types import SCHEMES, Axis, Fusion, Scheme
 from ...exceptions import InputError
 from ...rng import RngLike, as_key
@@ -95,11 +95,11 @@ def bound(
     16955
     """
     problem = Problem(quantity, data, norm, fusion, axis, sample_B)
-    how = gate.choice("scheme", scheme, SCHEMES)
-    K, key = gate.size("steps", steps), as_key(rng)
+    how = validation.choice("scheme", scheme, SCHEMES)
+    K, key = validation.size("steps", steps), as_key(rng)
     found = problem.rows(TABLE + DEPENDENT)
     simulated = () if problem.quantity == "trajectory" else ("simulated",)
-    if gate.choice("name", name, (*found, *simulated)) == "simulated":
+    if validation.choice("name", name, (*found, *simulated)) == "simulated":
         if problem.system is None:
             refuse_choices(f"for a {problem.quantity}", steps=(K, 1))
         return problem.simulated(how, K, key)
@@ -200,7 +200,7 @@ def best(
     if (size is None) == (eps is None):
         raise InputError("`size` or `eps` must be given, and not both")
     problem = Problem(quantity, data, norm, fusion, axis)
-    found, delta = problem.formulas(), gate.probability("delta", delta)
+    found, delta = problem.formulas(), validation.probability("delta", delta)
     drawn = None if problem.quantity == "trajectory" else problem.simulated()
     if drawn and not drawn.possible(1 if size is None else size, delta):
         drawn = None

@@ -25,7 +25,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ... import _core
-from ..._base import gate
+from ..._base import validation
 from ..._base.numbers import norm
 from ..._base.threads import get_num_threads
 from ..._base.types import Floats, Scheme
@@ -335,13 +335,13 @@ def _approach(
         last = size, found
         # a little beyond the size at which the fitted power meets eps
         ratio = (eps / found) ** (1.0 / slope) if found > 0.0 else 0.0
-        aim = min(max(1, math.ceil(size * ratio * math.sqrt(close))), gate.EXACT)
+        aim = min(max(1, math.ceil(size * ratio * math.sqrt(close))), validation.EXACT)
         if passing is not None and (passing <= failing + 1 or passing <= aim * math.sqrt(close)):
             return passing, passing
-        if failing >= gate.EXACT:
+        if failing >= validation.EXACT:
             return None, passing
         if aim <= failing or (passing is not None and aim >= passing):
-            upper = passing if passing is not None else min(4 * failing, gate.EXACT)
+            upper = passing if passing is not None else min(4 * failing, validation.EXACT)
             aim = (failing + upper + 1) // 2
         size = aim
     return size, passing

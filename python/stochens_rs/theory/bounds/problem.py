@@ -6,7 +6,7 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
-from ..._base import gate
+from ..._base import validation
 from ..._base.types import AXES, FUSIONS, QUANTITIES, Floats, Scheme
 from ...exceptions import InputError, InputTypeError
 from ...rng import RngLike, as_key
@@ -42,7 +42,7 @@ class Problem:
         axis: object,
         sample_B: object = True,
     ) -> None:
-        self.quantity = gate.choice("quantity", quantity, tuple(_DATA))
+        self.quantity = validation.choice("quantity", quantity, tuple(_DATA))
         expected = _DATA[self.quantity]
         many = expected.count(",") + 1
         if len(data) != many:
@@ -52,10 +52,10 @@ class Problem:
             )
         control, settings = self.quantity in QUANTITIES, SETTINGS[self.quantity]
         norms = ("2",) if control else tuple(settings)
-        self.norm = norms[0] if norm is None else gate.choice("norm", norm, norms)
-        self.fusion = gate.choice("fusion", fusion, FUSIONS)
-        self.axis = gate.choice("axis", axis, AXES)
-        self.sample_B = gate.flag("sample_B", sample_B)
+        self.norm = norms[0] if norm is None else validation.choice("norm", norm, norms)
+        self.fusion = validation.choice("fusion", fusion, FUSIONS)
+        self.axis = validation.choice("axis", axis, AXES)
+        self.sample_B = validation.flag("sample_B", sample_B)
         what = f"for a {self.quantity}"
         if not control:
             refuse_choices(what, fusion=(self.fusion, "product"))
@@ -67,15 +67,15 @@ class Problem:
         self._made: dict[str, Setting] = {}
         self.system: System | None = None
         if self.quantity == "vector":
-            self.lines = gate.vector("w", data[0])[:, None]
+            self.lines = validation.vector("w", data[0])[:, None]
         elif self.quantity == "matrix":
-            self.lines = lines_of(gate.matrix("A", data[0]), self.axis)
+            self.lines = lines_of(validation.matrix("A", data[0]), self.axis)
         elif control:
             self.system, self.x0, self.xf = checked_ends(*data)
         else:
             system = self.system = System.from_any(data[0])
-            self.x0 = gate.vector("x0", data[1], length=system.n, labels=system.state_names)
-            self.u = gate.inputs(
+            self.x0 = validation.vector("x0", data[1], length=system.n, labels=system.state_names)
+            self.u = validation.inputs(
                 "u", data[2], cols=system.m, empty=False, labels=system.input_names
             )
 
@@ -127,4 +127,4 @@ def refuse_choices(what: str, **options: tuple[object, object]) -> None:
     """Refuse options, given with their defaults, that have no effect there."""
     for name, (given, default) in options.items():
         if given != default:
-            raise InputError(f"`{name}` must be {default!r} {what}, got {gate.show(given)}")
+            raise InputError(f"`{name}` must be {default!r} {what}, got {validation.show(given)}")

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..._base import gate
+from ..._base import validation
 from ..._base.types import Floats, Scheme
 from ...exceptions import SizeError
 from ...rng import Key
@@ -209,7 +209,7 @@ class Simulated(Bound):
         InputError, InputTypeError
             `size` is not a count, or `delta` does not lie in (0, 1).
         """
-        return gate.probability("delta", delta) >= self.least_delta(size)
+        return validation.probability("delta", delta) >= self.least_delta(size)
 
     def _smallest(self, eps: float, delta: float, rates: Callable[[int], Rates]) -> int | None:
         self.require(delta)

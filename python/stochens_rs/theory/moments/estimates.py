@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..._base import gate, memory
+from ..._base import memory, validation
 from ..._base.types import AXES, Axis, Floats
 from ..formulas import (
     Size,
@@ -53,7 +53,7 @@ def vector_covariance(w: ArrayLike, size: Size = 1) -> Floats:
     array([[1.5, 1.5],
            [1.5, 1.5]])
     """
-    w = gate.vector("w", w)
+    w = validation.vector("w", w)
     reciprocal = inverse_size("size", size)
     memory.need("the covariance", 3 * 8 * w.size**2)  # with two products on the way
     with np.errstate(over="ignore", invalid="ignore"):
@@ -87,7 +87,7 @@ def vector_mse(w: ArrayLike, size: Size = 1) -> float:
     >>> vector_mse([3.0, -1.0], size=2)
     3.0
     """
-    return matrix_mse(gate.vector("w", w)[:, None], size)
+    return matrix_mse(validation.vector("w", w)[:, None], size)
 
 
 def matrix_mse(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> float:
@@ -122,7 +122,7 @@ def matrix_mse(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> float
     >>> matrix_mse([[1.0, 0.0], [2.0, 5.0]])
     4.0
     """
-    lines = lines_of(gate.matrix("A", A), axis)
+    lines = lines_of(validation.matrix("A", A), axis)
     with np.errstate(over="ignore", invalid="ignore"):
         mse = (np.abs(lines) * sum_of_others(lines)).sum() * inverse_size("size", size)
     return float(checked_finite(mse, "mean squared error"))
@@ -158,7 +158,7 @@ def matrix_covariance(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -
     array([[1., 1.],
            [1., 1.]])
     """
-    lines = lines_of(gate.matrix("A", A), axis).T
+    lines = lines_of(validation.matrix("A", A), axis).T
     reciprocal = inverse_size("size", size)
     memory.need("the covariances", 2 * 8 * lines.size * lines.shape[1])  # before and after 1/N
     with np.errstate(over="ignore", invalid="ignore"):
@@ -198,8 +198,8 @@ def transition(A: ArrayLike, d: ArrayLike) -> Floats:
     array([[ 2., -2.],
            [-2.,  2.]])
     """
-    A = gate.matrix("A", A)
-    d = gate.vector("d", d, length=A.shape[1])
+    A = validation.matrix("A", A)
+    d = validation.vector("d", d, length=A.shape[1])
     with np.errstate(over="ignore", invalid="ignore"):
         return checked_finite(column_excess(A, d))
 
@@ -237,9 +237,9 @@ def second_moment(A: ArrayLike, M: ArrayLike, *, axis: Axis = "columns") -> Floa
     array([[ 3.,  0.],
            [ 0., 31.]])
     """
-    A = gate.matrix("A", A)
-    M = gate.matrix("M", M, rows=A.shape[1], cols=A.shape[1])
-    gate.choice("axis", axis, AXES)
+    A = validation.matrix("A", A)
+    M = validation.matrix("M", M, rows=A.shape[1], cols=A.shape[1])
+    validation.choice("axis", axis, AXES)
     with np.errstate(over="ignore", invalid="ignore"):
         return checked_finite(A @ M @ A.T + matrix_excess(A, M, axis), "second moment")
 
@@ -277,8 +277,8 @@ def product_covariance(A: ArrayLike, x0: ArrayLike, *, axis: Axis = "columns") -
     array([[ 5., -7.],
            [-7., 13.]])
     """
-    A = gate.matrix("A", A)
-    x0 = gate.vector("x0", x0, length=A.shape[1])
-    gate.choice("axis", axis, AXES)
+    A = validation.matrix("A", A)
+    x0 = validation.vector("x0", x0, length=A.shape[1])
+    validation.choice("axis", axis, AXES)
     with np.errstate(over="ignore", invalid="ignore"):
         return checked_finite(fused_product_covariance(A, x0, 1.0, 1.0, axis))

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..._base import gate, memory
+from ..._base import memory, validation
 from ..._base.types import AXES, Axis, Floats
 from ...exceptions import InputError
 from ...system import System
@@ -78,7 +78,7 @@ def final_state_covariance(
     checked, x0, xf = checked_ends(system, x0, xf)
     A, B, n = checked.A, checked.B, checked.n
     K = checked_steps(steps, n, checked.m)
-    gate.choice("axis", axis, AXES)
+    validation.choice("axis", axis, AXES)
     r0, rf, rA = (inverse_size(f"size[{i}]", N) for i, N in enumerate(one_each(size)))
     best = best_control(A, B, x0, xf, K)
     rank = len(best.factors.s)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..._base import gate, memory
+from ..._base import memory, validation
 from ..._base.types import AXES, Axis, Floats
 from ..formulas import (
     Size,
@@ -120,7 +120,7 @@ def systematic_covariance(target: ArrayLike, size: Size = 1, *, axis: Axis = "co
 
 def _checked(target: object, axis: str) -> tuple[bool, Floats]:
     """Check a vector or matrix; return whether it is a vector, and its lines as columns."""
-    values = gate.array("target", target, ndim=(1, 2))
-    gate.choice("axis", axis, AXES)
+    values = validation.array("target", target, ndim=(1, 2))
+    validation.choice("axis", axis, AXES)
     vector = values.ndim == 1
     return vector, values[:, None] if vector else lines_of(values, axis)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..._base import gate, memory
+from ..._base import memory, validation
 from ..._base.types import AVERAGINGS, AXES, Averaging, Axis, Floats
 from ...exceptions import NonFiniteError
 from ...system import System
@@ -124,12 +124,12 @@ def trajectory_covariance(
     """
     checked, x0, u = checked_motion(system, x0, u)
     A, B, n = checked.A, checked.B, checked.n
-    per_step = gate.choice("averaging", averaging, AVERAGINGS) == "mean-field"
-    gate.choice("axis", axis, AXES)
+    per_step = validation.choice("averaging", averaging, AVERAGINGS) == "mean-field"
+    validation.choice("axis", axis, AXES)
     reciprocal = inverse_size("size", size)
     step = reciprocal if per_step else 1.0
     rA, rB, r0 = (
-        step * gate.flag(name, flag)
+        step * validation.flag(name, flag)
         for name, flag in (("sample_A", sample_A), ("sample_B", sample_B), ("sample_x0", sample_x0))
     )
     mu = states(A, B, x0, u)
@@ -232,9 +232,9 @@ def growth_factor(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> fl
     >>> round(growth_factor(H), 9), round(growth_factor(H, 100), 9)
     (2.0, 1.01)
     """
-    A = gate.matrix("A", A, square=True)
+    A = validation.matrix("A", A, square=True)
     # Sampling the rows of A is, in this respect, the same as sampling the columns of A^T.
-    A = A if gate.choice("axis", axis, AXES) == "columns" else A.T
+    A = A if validation.choice("axis", axis, AXES) == "columns" else A.T
     reciprocal = inverse_size("size", size)
     scale = float(np.abs(A).max())
     if scale == 0.0:

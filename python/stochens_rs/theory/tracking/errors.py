@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..._base import gate, memory
+from ..._base import memory, validation
 from ..._base.types import Floats
 from ...exceptions import InputError, NonFiniteError
 from ...system import System
@@ -127,10 +127,10 @@ def tracking_moments(
            [-0.2,  0.2]])
     """
     A, B, r = _checked(system, reference)
-    start = r[0] if x0 is None else gate.vector("x0", x0, length=r.shape[1])
+    start = r[0] if x0 is None else validation.vector("x0", x0, length=r.shape[1])
     reciprocal = inverse_size("size", size)
-    fed = gate.flag("feedback", feedback)
-    sampled = gate.flag("sample_states", sample_states)
+    fed = validation.flag("feedback", feedback)
+    sampled = validation.flag("sample_states", sample_states)
     if fed and sampled:
         raise InputError(
             "`sample_states` must be False with feedback=True: no recursion is known for the "
@@ -245,7 +245,7 @@ def tracking_bound(
     """
     A, B, r = _checked(system, reference)
     reciprocal = inverse_size("size", size)
-    sampled = gate.flag("sample_states", sample_states)
+    sampled = validation.flag("sample_states", sample_states)
     n = A.shape[0]
     rank = compact_svd(B)[1].size
     if rank < n:
@@ -268,7 +268,7 @@ def tracking_bound(
 def checked_reference(reference: object, names: Sequence[str]) -> Floats:
     """Check a reference of at least one step for the states with these names."""
     n = len(names)
-    r = gate.inputs("reference", reference, cols=n, rows="K + 1", empty=False, labels=names)
+    r = validation.inputs("reference", reference, cols=n, rows="K + 1", empty=False, labels=names)
     if len(r) < 2:
         raise InputError(f"`reference` must have shape (K + 1, {n}) with K >= 1, got {r.shape}")
     return r

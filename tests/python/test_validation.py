@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from stochens_rs import exceptions
-from stochens_rs._base import gate, memory
+from stochens_rs._base import memory, validation
 from stochens_rs.exceptions import (
     InputError,
     InputTypeError,
@@ -29,7 +29,7 @@ nan, inf = float("nan"), float("inf")
 
 def label(value):
     """Test ids: pytest's own would print a million characters, or fail on a huge integer."""
-    return value.__name__ if isinstance(value, type) else gate.show(value)[:40]
+    return value.__name__ if isinstance(value, type) else validation.show(value)[:40]
 
 
 def spoiled(shape, index, value):
@@ -53,11 +53,14 @@ class Fickle:
         return np.ones((self.readings, self.readings))
 
 
-vector, matrix = gate.vector, gate.matrix
-vector10 = partial(gate.vector, length=10)
-rows3, cols3 = partial(gate.matrix, rows=3), partial(gate.matrix, cols=3)
-square, square4 = partial(gate.matrix, square=True), partial(gate.matrix, rows=4, square=True)
-batch, batch3 = partial(gate.array, ndim=(2, 3)), partial(gate.array, ndim=(3,))
+vector, matrix = validation.vector, validation.matrix
+vector10 = partial(validation.vector, length=10)
+rows3, cols3 = partial(validation.matrix, rows=3), partial(validation.matrix, cols=3)
+square, square4 = (
+    partial(validation.matrix, square=True),
+    partial(validation.matrix, rows=4, square=True),
+)
+batch, batch3 = partial(validation.array, ndim=(2, 3)), partial(validation.array, ndim=(3,))
 
 # Rows: what is wrong, the check, the value given for `X`, a pattern of the message.
 NOT_FINITE = [
@@ -135,12 +138,12 @@ def test_sparse_matrix_is_refused_with_a_hint():
     sparse = pytest.importorskip("scipy.sparse")
     for kind in (sparse.csc_matrix, sparse.csr_array):
         with pytest.raises(InputTypeError, match=r"sparse matrix: pass X\.toarray\(\)"):
-            gate.matrix("X", kind(np.eye(3)))
+            validation.matrix("X", kind(np.eye(3)))
 
 
 def test_the_cause_of_a_foreign_failure_is_kept():
     with pytest.raises(InputTypeError) as caught:
-        gate.vector("X", Stubborn())
+        validation.vector("X", Stubborn())
     assert isinstance(caught.value.__cause__, RuntimeError)
 
 
@@ -150,12 +153,12 @@ def test_running_out_of_memory_is_not_called_a_wrong_type():
             raise MemoryError
 
     with pytest.raises(MemoryError):
-        gate.vector("X", Huge())
+        validation.vector("X", Huge())
 
 
 def test_input_is_read_once():
     fickle = Fickle()
-    assert gate.matrix("X", fickle).shape == (1, 1)
+    assert validation.matrix("X", fickle).shape == (1, 1)
     assert fickle.readings == 1
 
 
@@ -197,7 +200,7 @@ UNUSUAL = {
 
 @pytest.mark.parametrize("value", UNUSUAL.values(), ids=UNUSUAL.keys())
 def test_unusual_array_equals_the_plain_one(value):
-    got = gate.matrix("X", value)
+    got = validation.matrix("X", value)
     np.testing.assert_array_equal(got, PLAIN)
     assert type(got) is np.ndarray
     assert got.dtype == np.float64
@@ -208,16 +211,16 @@ def test_unusual_array_equals_the_plain_one(value):
 
 def test_broadcast_and_memmap(tmp_path):
     wide = np.broadcast_to(np.arange(4.0), (3, 4))
-    got = gate.matrix("X", wide)
+    got = validation.matrix("X", wide)
     assert got.flags.c_contiguous
     np.testing.assert_array_equal(got, wide)
     mapped = np.memmap(tmp_path / "m", dtype=float, mode="w+", shape=(3, 4))
     mapped[:] = PLAIN
-    np.testing.assert_array_equal(gate.matrix("X", mapped), PLAIN)
+    np.testing.assert_array_equal(validation.matrix("X", mapped), PLAIN)
 
 
 def test_no_copy_when_none_is_needed():
-    assert np.shares_memory(gate.matrix("X", PLAIN), PLAIN)
+    assert np.shares_memory(validation.matrix("X", PLAIN), PLAIN)
 
 
 @pytest.mark.parametrize(
@@ -231,7 +234,7 @@ def test_no_copy_when_none_is_needed():
     ],
 )
 def test_extreme_but_finite_values_pass_unchanged(value):
-    np.testing.assert_array_equal(gate.matrix("X", value), value.astype(float))
+    np.testing.assert_array_equal(validation.matrix("X", value), value.astype(float))
 
 
 def test_long_double_beyond_float64_is_not_finite():
@@ -239,7 +242,7 @@ def test_long_double_beyond_float64_is_not_finite():
     if beyond[1] == np.finfo(np.float64).max:
         pytest.skip("long double is float64 here")
     with pytest.raises(NonFiniteError, match=r"`X\[1\]` is inf"):
-        gate.vector("X", beyond)
+        validation.vector("X", beyond)
 
 
 # -- scalars -----------------------------------------------------------------------------------
@@ -251,7 +254,7 @@ def test_long_double_beyond_float64_is_not_finite():
      (np.array(5), 5), (2**53, 2**53), (9.0e9, 9 * 10**9)],
 )  # fmt: skip
 def test_size_accepts_whole_numbers(value, count):
-    got = gate.size("size", value)
+    got = validation.size("size", value)
     assert got == count
     assert type(got) is int
 
@@ -287,27 +290,27 @@ def test_size_accepts_whole_numbers(value, count):
 )
 def test_size_refuses(value, error, message):
     with pytest.raises(error, match=message) as caught:
-        gate.size("size", value)
+        validation.size("size", value)
     assert_one_short_line(caught.value)
 
 
 def test_size_range_is_the_callers():
-    assert gate.size("k", 0, minimum=0) == 0
+    assert validation.size("k", 0, minimum=0) == 0
     with pytest.raises(SizeError, match=r"`k` must be in \[0, 5\], got int 6"):
-        gate.size("k", 6, minimum=0, maximum=5)
+        validation.size("k", 6, minimum=0, maximum=5)
 
 
 @pytest.mark.parametrize(
     "value", [[1, 2, 10], (1, 2, 10), np.array([1.0, 2.0, 10.0]), np.array([1, 2, 10], np.uint8)]
 )
 def test_sizes_accepts(value):
-    got = gate.sizes("sizes", value, maximum=10)
+    got = validation.sizes("sizes", value, maximum=10)
     assert got.dtype == np.int64
     assert got.tolist() == [1, 2, 10]
 
 
 def test_sizes_accepts_a_range():
-    assert gate.sizes("sizes", range(1, 6), maximum=5).tolist() == [1, 2, 3, 4, 5]
+    assert validation.sizes("sizes", range(1, 6), maximum=5).tolist() == [1, 2, 3, 4, 5]
 
 
 @pytest.mark.parametrize(
@@ -333,7 +336,7 @@ def test_sizes_accepts_a_range():
 )
 def test_sizes_refuses(value, error, message):
     with pytest.raises(error, match=message) as caught:
-        gate.sizes("sizes", value, maximum=10)
+        validation.sizes("sizes", value, maximum=10)
     assert_one_short_line(caught.value)
 
 
@@ -341,7 +344,7 @@ METHODS = ("uniform", "alse", "slse")
 
 
 def test_choice():
-    assert gate.choice("method", "alse", METHODS) == "alse"
+    assert validation.choice("method", "alse", METHODS) == "alse"
 
 
 @pytest.mark.parametrize(
@@ -358,18 +361,18 @@ def test_choice():
 )  # fmt: skip
 def test_choice_refuses(value, error, message):
     with pytest.raises(error, match=message) as caught:
-        gate.choice("method", value, METHODS)
+        validation.choice("method", value, METHODS)
     assert_one_short_line(caught.value)
 
 
 def test_choice_of_one_word():
     with pytest.raises(InputError, match=r"^`q` must be 'red', got str 'blue'$"):
-        gate.choice("q", "blue", ("red",))
+        validation.choice("q", "blue", ("red",))
 
 
 @pytest.mark.parametrize("value", [1, 1e-300, 5e-324, np.float32(0.5), np.int64(3), 1e308])
 def test_positive_accepts(value):
-    got = gate.positive("tol", value)
+    got = validation.positive("tol", value)
     assert got == float(value)
     assert type(got) is float
 
@@ -392,7 +395,7 @@ def test_positive_accepts(value):
 )
 def test_positive_refuses(value, error, message):
     with pytest.raises(error, match=message) as caught:
-        gate.positive("tol", value)
+        validation.positive("tol", value)
     assert_one_short_line(caught.value)
 
 

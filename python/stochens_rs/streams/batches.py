@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from .._base import gate
+from .._base import validation
 from .._base.types import Floats
 from ..ensembles.ensemble import Ensemble
 from ..exceptions import ShapeError
@@ -30,7 +30,7 @@ def blocks(name: str, value: Any, shape: tuple[int, ...]) -> Iterable[Floats]:
         return (block.reshape(-1, entries) for block in value._dense_blocks(rows))
     if isinstance(value, Iterator):
         return _gathered(name, value, shape, rows)
-    array = gate.array(name, value, ndim=(len(shape), len(shape) + 1))
+    array = validation.array(name, value, ndim=(len(shape), len(shape) + 1))
     if array.shape[-len(shape) :] != shape:
         raise ShapeError(
             f"`{name}` must have shape {shape} or (k, {', '.join(map(str, shape))}), "
@@ -62,5 +62,5 @@ def _gathered(
 
 def _one(name: str, item: object, shape: tuple[int, ...]) -> Floats:
     if len(shape) == 1:
-        return gate.vector(name, item, length=shape[0])
-    return gate.matrix(name, item, rows=shape[0], cols=shape[1])
+        return validation.vector(name, item, length=shape[0])
+    return validation.matrix(name, item, rows=shape[0], cols=shape[1])

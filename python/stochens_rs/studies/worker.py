@@ -20,10 +20,10 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from .._base import gate
-from .._base.gate import show
+from .._base import validation
 from .._base.threads import one_thread
 from .._base.types import Floats
+from .._base.validation import show
 from .._core import version
 from ..exceptions import InputError, InputTypeError
 from ..rng import Key
@@ -194,7 +194,7 @@ def _number(name: str, value: object) -> Any:
     if found.dtype.kind not in "biuf":
         hint = f": return {name}.real" if found.dtype.kind == "c" else ""
         raise InputTypeError(f"`{name}` must be a number or an array, got {show(value)}{hint}")
-    if found.dtype.kind in "iu" and found.size and int(np.abs(found).max()) > gate.EXACT:
+    if found.dtype.kind in "iu" and found.size and int(np.abs(found).max()) > validation.EXACT:
         raise InputError(f"`{name}` must be at most 2^53, got {show(value)}")
     return found.astype(np.float64)
 

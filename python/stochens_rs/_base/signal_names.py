@@ -9,7 +9,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
 from ..exceptions import InputError, InputTypeError, ShapeError
-from . import gate
+from . import validation
 from .records import Record
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ class Labels(Record):
     units: tuple[tuple[str, str], ...] = ()
 
     def __post_init__(self) -> None:
-        n, m = (len(gate.items(name, getattr(self, name))) for name in ("states", "inputs"))
+        n, m = (len(validation.items(name, getattr(self, name))) for name in ("states", "inputs"))
         names = checked_names(n, m, self.states, self.inputs, ("states", "inputs"))
         units = checked_units((*names[0], *names[1]), self.units)
         for name, value in (("states", names[0]), ("inputs", names[1]), ("units", units)):
@@ -72,15 +72,15 @@ class Labels(Record):
     def place(self, argument: str, state: object) -> int:
         """The place of a state, which is given by name or number."""
         if isinstance(state, str):
-            return self.states.index(gate.choice(argument, state, self.states))
-        return gate.size(argument, state, minimum=0, maximum=len(self.states) - 1)
+            return self.states.index(validation.choice(argument, state, self.states))
+        return validation.size(argument, state, minimum=0, maximum=len(self.states) - 1)
 
     def places(self, argument: str, chosen: object) -> list[int]:
         """The places of one state or several; of all of them for None."""
         if chosen is None:
             return list(range(len(self.states)))
         several = isinstance(chosen, Iterable) and not isinstance(chosen, (str, bytes))
-        found = gate.items(argument, chosen) if several else [chosen]
+        found = validation.items(argument, chosen) if several else [chosen]
         if not found:
             raise InputError(f"`{argument}` must name a state, got none")
         return [self.place(argument, one) for one in found]
@@ -171,7 +171,7 @@ def two_states(labels: Labels, across: object, up: object) -> list[int]:
     """The places of two different states, for a phase portrait."""
     pair = [labels.place("across", across), labels.place("up", up)]
     if pair[0] == pair[1]:
-        raise InputError(f"`up` must differ from `across`, got {gate.show(up)} twice")
+        raise InputError(f"`up` must differ from `across`, got {validation.show(up)} twice")
     return pair
 
 
@@ -191,7 +191,7 @@ def made_labels(
     if units is not None and not isinstance(units, Mapping):
         raise InputTypeError(
             "`units` must be a mapping from names of states and inputs to units, got "
-            f"{gate.show(units)}"
+            f"{validation.show(units)}"
         )
     return Labels(*names, () if units is None else tuple(units.items()))
 
@@ -200,13 +200,13 @@ def texts(argument: str, names: object) -> tuple[str, ...] | None:
     """Names as a tuple of text; None for None."""
     if names is None:
         return None
-    return tuple(gate.line(argument, name) for name in gate.items(argument, names))
+    return tuple(validation.line(argument, name) for name in validation.items(argument, names))
 
 
 def fitting(labels: object, n: int, m: int) -> None:
     """Check the field `labels` of a record of n states and m inputs."""
     if labels is not None:
-        found = gate.instance("labels", labels, Labels)
+        found = validation.instance("labels", labels, Labels)
         if (len(found.states), len(found.inputs)) != (n, m):
             raise ShapeError(
                 f"`labels` must name {n} states and {m} inputs, got {len(found.states)} and "
@@ -237,19 +237,19 @@ def checked_units(names: Sequence[str], units: object) -> tuple[tuple[str, str],
     """The units, one line each, in the order of the names; those that are empty are left out."""
     found: dict[str, str] = {}
     known = set(names)
-    for pair in gate.items("units", units):
+    for pair in validation.items("units", units):
         if not isinstance(pair, (tuple, list)) or len(pair) != 2:
-            raise InputTypeError(f"`units` must be pairs (name, unit), got {gate.show(pair)}")
+            raise InputTypeError(f"`units` must be pairs (name, unit), got {validation.show(pair)}")
         name, unit = pair
         if not isinstance(name, str) or name not in known:
             raise InputError(
                 "`units` must name states and inputs of the system, got "
-                f"{gate.show(name)}{gate.nearest(str(name), names)}"
+                f"{validation.show(name)}{validation.nearest(str(name), names)}"
             )
         if name in found:
             raise InputError(f"`units` must name every state and input once, got {name[:40]!r}")
         said = f"units[{name[:40]!r}]"
-        found[name] = gate.line(said, " ".join(gate.text(said, unit).split()))
+        found[name] = validation.line(said, " ".join(validation.text(said, unit).split()))
     return tuple((name, found[name]) for name in names if found.get(name))
 
 

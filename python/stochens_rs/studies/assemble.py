@@ -7,11 +7,10 @@ from typing import Any
 import numpy as np
 
 from .._base.types import Status
-from .block import DONE, FAILED, WAITING, fingerprint
 from .grid import Grid
-from .results import Results
-from .table import Table
-from .tables import Failure
+from .results import Failure, Results
+from .store import Table
+from .worker import DONE, FAILED, WAITING, fingerprint
 
 
 def collected(

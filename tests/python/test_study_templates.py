@@ -1,4 +1,4 @@
-"""Ready functions of studies: what they return is what the package computes, and guarantees hold.
+"""`studies.templates` return what the package computes, and guarantees hold.
 
 Rates are judged as in `coverage_study`: a false alarm of 1e-5 for each count.
 """
@@ -20,7 +20,8 @@ from limit_plans import within
 from stochens_rs.exceptions import InputError, InputTypeError
 from stochens_rs.rng import as_key
 from stochens_rs.studies.digest import digest
-from stochens_rs.studies.ready_runs import Design, Truth
+from stochens_rs.studies.templates.fleets import drawn_units
+from stochens_rs.studies.templates.runs import Design, Truth
 
 A = np.array([[0.9, 0.2], [-0.1, 0.8]])
 B = np.array([[0.0], [1.0]])
@@ -92,7 +93,7 @@ def test_runs_follow_the_truth_and_the_design() -> None:
     function = se.studies.coverage(
         (A, B), [1, 0], [0, 0], noise=[0.1, 0.3], starts=[2, 0], excitation=0.5, feedback=F
     )
-    data = function.design.draw(function.truth, 4000, KEY)
+    data = function.keywords["design"].draw(function.keywords["truth"], 4000, KEY)
     assert data.lengths.tolist() == [10] * 4000
     x, u, y = data.pairs()
     w, v = y - x @ A.T - u @ B.T, u - x @ F.T
@@ -135,7 +136,7 @@ def test_numbers_are_those_of_the_package() -> None:
     function = se.studies.coverage(
         (A, B), [1, 0], [0.5, 0], noise=0.1, steps=3, size=12, identify={"sigma": 0.1}
     )
-    data = function.design.draw(function.truth, 12, KEY.child("runs"))
+    data = function.keywords["design"].draw(function.keywords["truth"], 12, KEY.child("runs"))
     model = se.identify(data, sigma=0.1)
     plan = se.control(model, [1, 0], [0.5, 0], steps=3)
     x = se.simulate((A, B), [1, 0], plan.u).states[-1]
@@ -179,11 +180,12 @@ def test_a_model_is_taken_as_the_truth_with_its_runs() -> None:
     data = se.Trajectories.from_pairs(x, u, y)
     model = se.identify(data, design="independent", intercept=True, checks=False)
     function = se.studies.coverage(model, np.ones(4), np.zeros(4))
-    drawn = function.design.draw(function.truth, 40, KEY)
+    drawn = function.keywords["design"].draw(function.keywords["truth"], 40, KEY)
     assert np.array_equal(drawn.pairs()[0], x)
     assert np.array_equal(drawn.pairs()[1], u)
-    assert np.allclose(function.truth.root @ function.truth.root.T, model.covariance)
-    far = function.truth.step(x, u) - x @ model.A.T - u @ model.B.T
+    truth = function.keywords["truth"]
+    assert np.allclose(truth.root @ truth.root.T, model.covariance)
+    far = truth.step(x, u) - x @ model.A.T - u @ model.B.T
     assert np.allclose(far, model.c)
     found = se.Study(function, {}, replicates=500, rng=2).run()
     exactly(500 - found.values["inside"].sum(), 500)
@@ -193,8 +195,8 @@ def test_a_model_is_taken_as_the_truth_with_its_runs() -> None:
 def test_runs_of_ones_own_are_repeated_in_turn() -> None:
     own = uneven()
     function = se.studies.coverage((A, B), [1, 0], [0, 0], noise=0.1, runs=own)
-    assert function.size == 3
-    drawn = function.design.draw(function.truth, 5, KEY)
+    assert function.keywords["size"] == 3
+    drawn = function.keywords["design"].draw(function.keywords["truth"], 5, KEY)
     assert drawn.lengths.tolist() == [4, 9, 2, 4, 9]
     for (x, u), (x2, u2) in zip([*own.runs, *own.runs], drawn.runs, strict=False):
         assert np.array_equal(u, u2)
@@ -288,7 +290,12 @@ def test_certificates_of_fleets_hold_for_the_exact_risk(risk: Any) -> None:
     for r in range(runs):
         key = KEY.child(f"replicate {r}")
         plan = se.control_fleet(
-            function._drawn(key.child("design"), 60), [0, 0], [1, 0], 5, limits=(-2, 2), risk=risk
+            drawn_units(law, None, key.child("design"), 60),
+            [0, 0],
+            [1, 0],
+            5,
+            limits=(-2, 2),
+            risk=risk,
         )
         found = function(key)
         assert found["value"] == plan.value
@@ -331,7 +338,7 @@ def test_a_nominal_fleet_misses_as_units_drawn_by_hand() -> None:
     function = se.studies.fleet(
         CART, [0, 0], [1, 0], 5, spread=0.1, limits=(-2, 2), held_out=20_000
     )
-    design = function._drawn(KEY.child("design"), 100)
+    design = drawn_units(function.keywords["law"], 0.1, KEY.child("design"), 100)
     assert np.allclose(design.B[:, 1].std() / CART[1][1], 0.1, rtol=0.3)
     plan = se.control_fleet(design, [0, 0], [1, 0], 5, limits=(-2, 2), risk="worst")
     misses, found = plan.validate(scattered(20_000, 2), 0.5).misses, function(KEY)

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from .._base import gate
-from .._base.records import Record
+from .._base import validation
+from .._base.records import Record, trusted
 from .._base.types import AXES, Floats
 from ..ensembles.counts import Counts
 from ..ensembles.ensemble import Ensemble
@@ -26,7 +26,7 @@ from ..system import System
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from .._base.labels import Labels
+    from .._base.signal_names import Labels
     from .._base.types import Axis
 
 
@@ -73,13 +73,13 @@ class Known(Record):
     key: Key | None = None
 
     def __post_init__(self) -> None:
-        gate.choice("kind", self.kind, KINDS)
-        gate.choice("axis", self.axis, AXES)
+        validation.choice("kind", self.kind, KINDS)
+        validation.choice("axis", self.axis, AXES)
         for what in ("estimate", "values"):
             if getattr(self, what) is not None:
-                gate.kept(f"{what} of {self.name}", getattr(self, what))
+                validation.kept(f"{what} of {self.name}", getattr(self, what))
         if self.size is not None:
-            gate.size("size", self.size)
+            validation.size("size", self.size)
         drawn = self.kind in ("iid", "systematic")
         for what, missing in (
             ("values", self.values is None and (drawn or self.kind in ("exact", "fitted"))),
@@ -89,7 +89,7 @@ class Known(Record):
             if missing:
                 raise InputError(f"`{what} of {self.name}` must be known for kind '{self.kind}'")
         if self.key is not None:
-            gate.instance("key", self.key, Key)
+            validation.instance("key", self.key, Key)
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,10 +116,10 @@ class Basis(Record):
     def __post_init__(self) -> None:
         for off in self.rounding:
             if not (isinstance(off, float) and off >= 0.0):
-                raise InputError(f"`rounding` must be two numbers >= 0, got {gate.show(off)}")
-        n = len(gate.kept("B", self.B, ndim=(2,)))
+                raise InputError(f"`rounding` must be two numbers >= 0, got {validation.show(off)}")
+        n = len(validation.kept("B", self.B, ndim=(2,)))
         for name, shape in (("x0", (n,)), ("xf", (n,)), ("A", (n, n))):
-            one = gate.instance(name, getattr(self, name), Known)
+            one = validation.instance(name, getattr(self, name), Known)
             if one.name != name:
                 raise InputError(f"`{name}` must be what is known of {name}, got {one.name!r:.40}")
             for what, array in (("estimate", one.estimate), ("values", one.values)):
@@ -173,12 +173,14 @@ class ModelBasis(Record):
 
     def __post_init__(self) -> None:
         if not isinstance(self.model, Identified):
-            raise InputTypeError(f"`model` must be a model from data, got {gate.show(self.model)}")
+            raise InputTypeError(
+                f"`model` must be a model from data, got {validation.show(self.model)}"
+            )
         n = len(self.model.A)
         for name, value in (("x0", self.x0), ("xf", self.xf)):
-            if gate.kept(name, value, ndim=(1,)).shape != (n,):
+            if validation.kept(name, value, ndim=(1,)).shape != (n,):
                 raise ShapeError(f"`{name}` must have shape ({n},), got {value.shape}")
-        gate.nonnegative("x0_error", self.x0_error)
+        validation.nonnegative("x0_error", self.x0_error)
 
 
 def known(name: str, value: Fit | Ensemble | Counts | Floats, estimate: Floats | None) -> Known:
@@ -192,21 +194,23 @@ def known(name: str, value: Fit | Ensemble | Counts | Floats, estimate: Floats |
                 return drawn
         if value.target is not None:
             key = None if value.ensemble is None else value.ensemble.key
-            return Known(name, "fitted", value.estimate, value.target, key=key)
+            return trusted(Known, name, "fitted", value.estimate, value.target, key=key)
         size = None if value.method in ("weighted", "precision") else len(value.weights)
-        return Known(name, "unknown", value.estimate, size=size)
-    return Known(name, "exact", estimate, value)
+        return trusted(Known, name, "unknown", value.estimate, size=size)
+    return trusted(Known, name, "exact", estimate, value)
 
 
 def _drawn(name: str, value: Ensemble | Counts, estimate: Floats | None) -> Known:
     law = value.law
     if law is not None:
-        return Known(name, law.scheme, estimate, law.values, value.size, law.axis, value.key)
+        return trusted(
+            Known, name, law.scheme, estimate, law.values, value.size, law.axis, value.key
+        )
     if isinstance(value, Counts):
-        return Known(name, "unknown", value.estimate, size=value.size)
+        return trusted(Known, name, "unknown", value.estimate, size=value.size)
     mean = value.mean() if estimate is None else estimate
     kind: Kind = "estimate" if value.centre == "estimate" else "unknown"
-    return Known(name, kind, mean, size=value.size, axis=value.axis)
+    return trusted(Known, name, kind, mean, size=value.size, axis=value.axis)
 
 
 def completed(
@@ -228,9 +232,9 @@ def completed(
     n = len(basis.B)
     declared: dict[str, Floats] = {}
     if x0 is not None:
-        declared["x0"] = gate.vector("x0", x0, length=n)
+        declared["x0"] = validation.vector("x0", x0, length=n)
     if xf is not None:
-        declared["xf"] = gate.vector("xf", xf, length=n)
+        declared["xf"] = validation.vector("xf", xf, length=n)
     if system is not None:
         checked = System.from_any(system)
         if checked.B.shape == basis.B.shape:
@@ -252,7 +256,7 @@ def completed(
             )
         seen[entity.key] = entity.name
     x0_known, xf_known, A_known = (entities[entity.name] for entity in basis.entities)
-    return replace(basis, x0=x0_known, xf=xf_known, A=A_known)
+    return trusted(Basis, basis.B, x0_known, xf_known, A_known, basis.rounding)
 
 
 def _declare(entity: Known, values: Floats | None, what: str) -> Known:

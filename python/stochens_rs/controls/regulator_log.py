@@ -11,15 +11,15 @@ import numpy as np
 from .._base import html
 from .._base.types import Floats, Status
 from ..exceptions import InputError
-from ..plots.calls import draw_calls
 from ..plots.panels import Inputs
+from ..plots.regulator_log import draw_calls
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from matplotlib.figure import Figure, SubFigure
 
-    from .task import Task
+    from .constraints import Task
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from .._base import memory
 from .._base.types import Floats
 from ..exceptions import StateError
-from .block import DONE, FAILED, WAITING, Block, Layout
+from .worker import DONE, FAILED, WAITING, Block, Layout
 
 Span = tuple[int, int]  # tasks: the first, and the one after the last
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
 from .. import _core
-from .._base import gate
+from .._base import validation
 from .._base.types import Status
 from ..exceptions import InputError, StateError, StateIOError
 from .checkpoints import Checkpoints
@@ -35,10 +35,10 @@ def checked_stop(
     tol: float | None, max_steps: int | None, time_limit: float | None, rule: Rule, variant: str
 ) -> Stop:
     """Check the arguments of `Stream.run` that say when it ends."""
-    name = gate.choice("rule", rule, RULES)
-    limit = None if tol is None else gate.positive("tol", tol)
-    most = None if max_steps is None else gate.size("max_steps", max_steps)
-    seconds = None if time_limit is None else gate.positive("time_limit", time_limit)
+    name = validation.choice("rule", rule, RULES)
+    limit = None if tol is None else validation.positive("tol", tol)
+    most = None if max_steps is None else validation.size("max_steps", max_steps)
+    seconds = None if time_limit is None else validation.positive("time_limit", time_limit)
     if limit is None and most is None and seconds is None:
         raise InputError("one of `tol`, `max_steps` and `time_limit` must be given")
     if limit is not None and name == "certificate" and variant != "consistent":

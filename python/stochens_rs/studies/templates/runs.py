@@ -2,27 +2,19 @@
 
 from __future__ import annotations
 
-import inspect
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, TypeVar
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .._base import gate, memory
-from .._base.gate import show
-from .._base.records import Record
-from .._base.types import Floats
-from ..exceptions import InputError, InputTypeError
-from ..identification import Trajectories
-from ..rng import Key
-from ..system import System
-
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
-
-Ready = TypeVar("Ready", bound="DataclassInstance")
+from ..._base import memory, validation
+from ..._base.records import Record
+from ..._base.types import Floats
+from ...exceptions import InputError
+from ...identification import Trajectories
+from ...rng import Key
+from ...system import System
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,44 +99,15 @@ def checked_design(
     """Check the arguments about the design."""
     n, m = system.n, system.m
     if runs is not None:
-        gate.instance("runs", runs, Trajectories)
+        validation.instance("runs", runs, Trajectories)
         if (runs.n, runs.m, runs.steps) != (n, m, 1):
             raise InputError(f"`runs` must have n={n} and m={m}, as the system, got {runs!r}")
     return Design(
-        starts=deviations("starts", starts, n),
-        excitation=deviations("excitation", excitation, m),
+        starts=validation.deviations("starts", starts, n),
+        excitation=validation.deviations("excitation", excitation, m),
         feedback=np.zeros((m, n))
         if feedback is None
-        else gate.matrix("feedback", feedback, rows=m, cols=n),
-        length=gate.size("length", length),
+        else validation.matrix("feedback", feedback, rows=m, cols=n),
+        length=validation.size("length", length),
         runs=runs,
     )
-
-
-def deviations(name: str, value: Any, count: int) -> Floats:
-    """Standard deviations (count,) from a number or one for each."""
-    if gate.is_real(value):
-        return np.full(count, gate.nonnegative(name, value))
-    found = gate.vector(name, value, length=count)
-    if (found < 0.0).any():
-        raise InputError(f"`{name}` must be standard deviations >= 0, got {found.min():.3g}")
-    return found.copy()
-
-
-def options(
-    name: str, value: object, function: Callable[..., Any], taken: tuple[str, ...]
-) -> dict[str, Any]:
-    """Check a mapping of arguments for `function` that the study does not give itself."""
-    if value is None:
-        return {}
-    if not isinstance(value, Mapping):
-        raise InputTypeError(f"`{name}` must be a mapping of arguments, got {show(value)}")
-    known = inspect.signature(function).parameters.values()
-    own = tuple(one.name for one in known if one.kind is one.KEYWORD_ONLY and one.name not in taken)
-    return {gate.choice(f"{name} argument", key, own): one for key, one in value.items()}
-
-
-def changed(function: Ready, **values: Any) -> Ready:
-    """A ready function with what an axis of the grid has in place of its own."""
-    given = {name: value for name, value in values.items() if value is not None}
-    return replace(function, **given) if given else function

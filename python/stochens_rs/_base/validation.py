@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError, SizeError
-from .labelled import aligned
+from .align_labels import aligned
 from .reading import article as article
 from .reading import found_shape, origin, printable, shown_shape, whole
 from .reading import read as read
@@ -202,11 +202,11 @@ def sizes(name: str, value: object, *, maximum: int) -> NDArray[np.int64]:
 
 def choice(name: str, value: object, allowed: tuple[W, ...]) -> W:
     """Return `value` if it is one of `allowed`; the message names the nearest one."""
+    if isinstance(value, str) and value in allowed:
+        return value
     listed = f"{'one of ' * (len(allowed) > 1)}{', '.join(repr(word) for word in allowed)}"
     if not isinstance(value, str):
         raise InputTypeError(f"`{name}` must be {listed}, got {show(value)}")
-    if value in allowed:
-        return value
     raise InputError(f"`{name}` must be {listed}, got {show(value)}{nearest(value, allowed)}")
 
 
@@ -260,6 +260,16 @@ def nonnegative(name: str, value: object) -> float:
     if value < 0:
         raise SizeError(f"`{name}` must be >= 0, got {show(value)}")
     return positive(name, value) if value != 0 else 0.0
+
+
+def deviations(name: str, value: Any, count: int) -> Floats:
+    """Standard deviations (count,) from a number or one for each."""
+    if is_real(value):
+        return np.full(count, nonnegative(name, value))
+    found = vector(name, value, length=count)
+    if (found < 0.0).any():
+        raise InputError(f"`{name}` must be standard deviations >= 0, got {found.min():.3g}")
+    return found.copy()
 
 
 def probability(name: str, value: object) -> float:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from .. import _core
-from .._base import gate
-from .._base.labels import Labels, default_labels
+from .._base import validation
+from .._base.signal_names import Labels, default_labels
 from .._base.types import FUSIONS, Floats, Fusion, Status
 from ..ensembles.counts import Counts
 from ..ensembles.ensemble import Ensemble
@@ -104,7 +104,7 @@ def problem(
         if len(pair) not in (2, 3):
             raise InputTypeError(
                 f"`system` must be a pair (A, B) or (A, B, dt) when A is "
-                f"{gate.article(type(A))}, got {len(pair)} items"
+                f"{validation.article(type(A))}, got {len(pair)} items"
             )
         n = A.shape[0]
         if A.shape != (n, n):
@@ -112,11 +112,11 @@ def problem(
         matrix = Entity("A", A)
         if isinstance(pair[1], System):  # B, names and step of a nominal system
             B, labels, given = pair[1].B, pair[1].labels, pair[1].dt
-            gate.matrix("B", B, rows=n)
+            validation.matrix("B", B, rows=n)
         else:
-            B, given = gate.matrix("B", pair[1], rows=n).copy(), None
+            B, given = validation.matrix("B", pair[1], rows=n).copy(), None
             labels = default_labels(n, B.shape[1])
-        dt = gate.positive("dt", pair[2]) if len(pair) == 3 else given
+        dt = validation.positive("dt", pair[2]) if len(pair) == 3 else given
         dt = dt if isinstance(dt, float) else None
     else:
         exact = System.from_any(system)
@@ -135,13 +135,13 @@ def ending(reference: Any, xf: Any, names: tuple[str, ...]) -> Any:
         return xf
     if xf is not None:
         raise InputError("`xf` must be None with `reference`, whose last row takes its place")
-    return gate.matrix("reference", reference, cols=len(names), labels=names)[-1]
+    return validation.matrix("reference", reference, cols=len(names), labels=names)[-1]
 
 
 def _end(name: str, value: object, names: tuple[str, ...]) -> Entity:
     n = len(names)
     if not _estimated(value):
-        return Entity(name, gate.vector(name, value, length=n, labels=names).copy())
+        return Entity(name, validation.vector(name, value, length=n, labels=names).copy())
     if value.shape != (n,):
         raise ShapeError(f"`{name}` must have shape ({n},), got {value.shape}")
     return Entity(name, value)
@@ -153,8 +153,8 @@ def _estimated(value: object) -> TypeGuard[Fit | Ensemble | Counts]:
 
 def fusion_over(steps: object, fusion: object, n: int, m: int) -> tuple[int, Fusion]:
     """Check the number of steps, and that the fusion is possible over so many."""
-    K = gate.size("steps", steps)
-    if gate.choice("fusion", fusion, FUSIONS) == "product":
+    K = validation.size("steps", steps)
+    if validation.choice("fusion", fusion, FUSIONS) == "product":
         # one step needs no powers of A
         return K if K == 1 else dynamics.checked_steps(K, n, m), "product"
     if K > 1:

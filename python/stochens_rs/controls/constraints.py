@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from .._base import gate
-from .._base.labelled import aligned
-from .._base.labels import Labels, default_labels
-from .._base.records import Record, require_shapes
+from .._base import validation
+from .._base.align_labels import aligned
+from .._base.records import Record, require_shapes, trusted
+from .._base.signal_names import Labels, default_labels
 from .._base.types import Floats
 from ..exceptions import InputError, InputTypeError, ShapeError
 from .cost import as_cost
@@ -61,9 +61,9 @@ class Task(Record):
     def __post_init__(self) -> None:
         if np.ndim(self.low) != 2 or np.shape(self.low) != np.shape(self.high):
             raise ShapeError("`low` and `high` must have the same shape (K, m)")
-        n = gate.kept("reference", self.reference, ndim=(2,)).shape[1]
+        n = validation.kept("reference", self.reference, ndim=(2,)).shape[1]
         for name in ("stage", "terminal"):
-            gate.kept(name, getattr(self, name), shape=(n, n))
+            validation.kept(name, getattr(self, name), shape=(n, n))
         K, m = np.shape(self.low)
         rows = {"reference": (K, n), "state_low": (K, n), "state_high": (K, n)}
         require_shapes(self, R=(m, m), rate=(m,), previous=(m,), **rows)
@@ -86,15 +86,9 @@ class Task(Record):
     def unlimited(self) -> Task:
         """The same weights and reference without limits."""
         none = np.full_like(self.low, np.inf)
-        return replace(
-            self,
-            low=-none,
-            high=none,
-            rate=None,
-            previous=None,
-            state_low=None,
-            state_high=None,
-            soft=None,
+        wanted, follows = self.reference, self.follows
+        return trusted(
+            Task, -none, none, self.stage, self.terminal, wanted, self.R, follows=follows
         )
 
     def weights(self) -> tuple[Floats, Floats]:
@@ -130,7 +124,8 @@ def checked_task(
     if not weights.given and within.u is None and within.rate is None and within.x is None:
         for name in within.given:
             raise InputError(
-                f"`{name}` must be left out without limits, got {gate.show(getattr(within, name))}"
+                f"`{name}` must be left out without limits, got "
+                f"{validation.show(getattr(within, name))}"
             )
         return None
     low, high = sides("limits", within.u, K, named)
@@ -143,7 +138,8 @@ def checked_task(
     below, above = None, None
     if within.x is not None:
         below, above = sides("limits.x", within.x, K, named)
-    return Task(
+    return trusted(
+        Task,
         low,
         high,
         stage,
@@ -165,25 +161,25 @@ def seconds(time_limit: Any, task: Task | None) -> float | None:
         return None
     if task is None:
         raise InputError(
-            f"`time_limit` must be left out without limits, got {gate.show(time_limit)}"
+            f"`time_limit` must be left out without limits, got {validation.show(time_limit)}"
         )
-    return gate.positive("time_limit", time_limit)
+    return validation.positive("time_limit", time_limit)
 
 
 def weight(name: str, value: Any, n: int, *, auto: bool = False) -> Floats:
     """A weight as a matrix: from a number, a diagonal (n,) or a matrix (n, n)."""
     if isinstance(value, str):
-        other, found = '"auto", ' if auto else "", gate.show(value)
+        other, found = '"auto", ' if auto else "", validation.show(value)
         raise InputTypeError(f"`{name}` must be {other}a number, ({n},) or ({n}, {n}), got {found}")
-    given = gate.read(name, value)
+    given = validation.read(name, value)
     if given.ndim == 0:
-        return gate.nonnegative(name, value) * np.eye(n)
+        return validation.nonnegative(name, value) * np.eye(n)
     if given.ndim == 1:
-        entries = gate.vector(name, value, length=n)
+        entries = validation.vector(name, value, length=n)
         if (entries < 0.0).any():
             raise InputError(f"`{name}` must have entries >= 0, got {entries.min():.3g}")
         return np.diag(entries)
-    full = gate.matrix(name, value, rows=n, cols=n)
+    full = validation.matrix(name, value, rows=n, cols=n)
     largest = float(np.abs(full).max())
     if np.abs(full / 2.0 - full.T / 2.0).max() > 5e-10 * largest:
         raise InputError(f"`{name}` must be symmetric")
@@ -221,7 +217,7 @@ def _side(name: str, value: Any, K: int, names: tuple[str, ...], none: float) ->
     m = len(names)
     if value is None:
         return np.full((K, m), none)
-    given = gate.read(name, aligned(name, value, names))
+    given = validation.read(name, aligned(name, value, names))
     if given.dtype.kind not in "iuf":
         raise InputTypeError(f"`{name}` must be a number or an array of numbers")
     if given.shape not in ((), (m,), (K, m)):
@@ -243,9 +239,13 @@ def _rates(
             raise InputError("`previous` must be left out without `rate`")
         return None, None
     rate = aligned("rate", rate, labels.inputs)
-    given = gate.read("rate", rate)
+    given = validation.read("rate", rate)
     one = given.ndim == 0
-    speed = np.full(m, gate.positive("rate", rate)) if one else gate.vector("rate", rate, length=m)
+    speed = (
+        np.full(m, validation.positive("rate", rate))
+        if one
+        else validation.vector("rate", rate, length=m)
+    )
     if (speed <= 0.0).any():
         raise InputError(f"`rate` must be > 0, got {speed.min():.3g}")
     if previous is None:
@@ -253,9 +253,9 @@ def _rates(
             "`previous` must be given with `rate`: the input that is applied now, a number or (m,)"
         )
     previous = aligned("previous", previous, labels.inputs)
-    if gate.read("previous", previous).ndim == 0:
+    if validation.read("previous", previous).ndim == 0:
         previous = [previous] * m
-    before = gate.vector("previous", previous, length=m)
+    before = validation.vector("previous", previous, length=m)
     # what a later limit leaves: l'_k = max(l_k, l'_{k+1} - rate), and h' likewise
     below, above = low[-1], high[-1]
     for k in range(len(low) - 1, -1, -1):
@@ -283,7 +283,7 @@ def _reference(value: Any, xf: Floats | None, K: int, names: tuple[str, ...]) ->
         if xf is None:
             raise InputError("`xf` must be given without a reference, `Cost(reference=)`")
         return np.ascontiguousarray(np.broadcast_to(xf, (K, len(names))))
-    given = gate.matrix("reference", value, rows=K + 1, cols=len(names), labels=names)
+    given = validation.matrix("reference", value, rows=K + 1, cols=len(names), labels=names)
     return np.ascontiguousarray(given[1:])
 
 
@@ -296,4 +296,4 @@ def _softness(limits: Limits, largest: float) -> float | None:
         return SOFT * largest
     if limits.soft is False:
         return None
-    return gate.positive("soft", limits.soft)
+    return validation.positive("soft", limits.soft)

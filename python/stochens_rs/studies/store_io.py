@@ -9,10 +9,10 @@ from contextlib import closing
 import numpy as np
 
 from ..exceptions import InputError, StateError
-from .block import WAITING, Block
 from .manifest import Manifest, reached, require_same
+from .store import Table
 from .study_file import StudyFile, read_manifest
-from .table import Table
+from .worker import WAITING, Block
 
 
 def open_table(

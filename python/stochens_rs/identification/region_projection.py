@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .._base import gate
+from .._base import validation
 from ..exceptions import InputError, ShapeError
 
 if TYPE_CHECKING:
@@ -67,11 +67,11 @@ def chosen_entry(
 ) -> tuple[int, int]:
     """Row and column of a coefficient that is not known; `size` is n, m and the columns."""
     n, m, d = size
-    pair = gate.items(argument, entry)
+    pair = validation.items(argument, entry)
     if len(pair) != 2:
         raise ShapeError(f"`{argument}` must be (row, column), got {len(pair)} items")
-    i = gate.size(argument, pair[0], minimum=0, maximum=n - 1)
-    j = gate.size(argument, pair[1], minimum=0, maximum=d - 1)
+    i = validation.size(argument, pair[0], minimum=0, maximum=n - 1)
+    j = validation.size(argument, pair[1], minimum=0, maximum=d - 1)
     if not any(_has(part, (i, j)) for part in parts):
         raise InputError(f"`{argument}` must be estimated, {coefficient((i, j), n, m)} is known")
     return i, j

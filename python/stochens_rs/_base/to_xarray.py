@@ -12,7 +12,7 @@ from ..exceptions import InputError
 from . import memory
 from .extras import extra
 from .files import versions
-from .labels import Labels, default_labels
+from .signal_names import Labels, default_labels
 
 if TYPE_CHECKING:
     import pandas

@@ -24,7 +24,7 @@ from typing import (
 import numpy as np
 
 from ..exceptions import InputError, InputTypeError, StochensError
-from . import gate, types
+from . import types, validation
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -87,7 +87,7 @@ def written(name: str, value: Any, kind: Any, put: Put) -> Any:
         return {"type": "dict", "items": found} if of is None and "type" in value else found
     record = type(value)
     if RECORDS.get(record.__name__) is not record:
-        raise InputTypeError(f"`{name}` cannot be saved: {gate.show(value)}")
+        raise InputTypeError(f"`{name}` cannot be saved: {validation.show(value)}")
     fields = declared(record)
     at = f"{name}." if name else ""
     parts = {
@@ -128,7 +128,7 @@ def restored(name: str, value: Any, kind: Any, get: Get) -> Any:
             return [restored(f"{name}[{k}]", item, Any, get) for k, item in enumerate(value)]
     elif isinstance(value, dict):
         return _of_dict(name, value, kind, options, get)
-    raise InputTypeError(f"`{name}` must be {_said(kind)}, got {gate.show(value)}")
+    raise InputTypeError(f"`{name}` must be {_said(kind)}, got {validation.show(value)}")
 
 
 def listed(array: NDArray[Any]) -> Any:
@@ -165,10 +165,12 @@ def _of_text(name: str, value: str, kind: Any, options: tuple[Any, ...]) -> Any:
         try:
             return bytes.fromhex(value)
         except ValueError:
-            raise InputError(f"`{name}` must be hexadecimal, got {gate.show(value)}") from None
+            raise InputError(
+                f"`{name}` must be hexadecimal, got {validation.show(value)}"
+            ) from None
     if allowed:
-        gate.choice(name, value, allowed)
-    raise InputTypeError(f"`{name}` must be {_said(kind)}, got {gate.show(value)}")
+        validation.choice(name, value, allowed)
+    raise InputTypeError(f"`{name}` must be {_said(kind)}, got {validation.show(value)}")
 
 
 def of_list(name: str, value: list[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
@@ -228,7 +230,7 @@ def _of_dict(
     record = RECORDS.get(what) if isinstance(what, str) else None
     bases = tuple(one for one in options if isinstance(one, type) and get_origin(one) is None)
     if record is None or not (free or issubclass(record, bases)):
-        shown = gate.show(what if "type" in value else value)
+        shown = validation.show(what if "type" in value else value)
         raise InputTypeError(f"`{name}` must be {_said(kind)}, got {shown}")
     return _made(name, record, rest, get)
 
@@ -239,8 +241,8 @@ def _made(name: str, record: type[Any], fields: dict[str, Any], get: Get) -> Any
     for field in (*wanted, *fields):
         if (field in wanted) != (field in fields):
             problem = "is missing" if field in wanted else "is no field"
-            shown = f"`{at}{field}`" if field in wanted else gate.show(field)
-            raise InputError(f"{shown} {problem} of {gate.article(record)}")
+            shown = f"`{at}{field}`" if field in wanted else validation.show(field)
+            raise InputError(f"{shown} {problem} of {validation.article(record)}")
     given = {field: restored(f"{at}{field}", fields[field], wanted[field], get) for field in wanted}
     try:
         made = getattr(record, "_made_by", record)(**given)
@@ -249,7 +251,7 @@ def _made(name: str, record: type[Any], fields: dict[str, Any], get: Get) -> Any
         raise
     except Exception as error:  # whatever fields that do not go together lead to
         where, text = f"`{name}`" if name else "the data", " ".join(str(error).split())
-        raise InputError(f"{where} cannot be {gate.article(record)}: {text:.200}") from error
+        raise InputError(f"{where} cannot be {validation.article(record)}: {text:.200}") from error
     return made
 
 

@@ -4,24 +4,23 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._base import gate
-from .._base.records import Record
-from .._base.types import DELTA, Floats
-from ..controls import Plan
-from ..controls.control import control as controlled
-from ..exceptions import DataWarning, InputError
-from ..identification import Model, Trajectories
-from ..identification.identifying import identify as identified
-from ..rng import Key
-from ..system import System
-from .ready_runs import Design, Truth, changed, checked_design, deviations, options
-from .units import PURE, of_states
+from ..._base import validation
+from ..._base.types import DELTA, Floats
+from ...controls import Plan
+from ...controls.control import control as controlled
+from ...exceptions import DataWarning, InputError
+from ...identification import Model, Trajectories
+from ...identification.identifying import identify as identified
+from ...rng import Key
+from ...system import System
+from ..units import of_states
+from .runs import Design, Truth, checked_design
+from .template import Template, compared, options, template
 
 
 def coverage(
@@ -41,7 +40,7 @@ def coverage(
     identify: Mapping[str, Any] | None = None,
     control: Mapping[str, Any] | None = None,
     bound: Mapping[str, Any] | None = None,
-) -> RunCoverage:
+) -> Template:
     """Return the function of a study of how often certificates from runs hold, and how tight.
 
     Parameters
@@ -74,9 +73,11 @@ def coverage(
 
     Returns
     -------
-    RunCoverage
+    Template
         ``function(key, size, steps, delta, noise)``, for a grid of any of these; noise: one
-        standard deviation for all states.
+        standard deviation for all states. It returns "inside", whether the region contains the
+        truth (0 or 1); "covered", whether the certificate is at least the true distance from xf
+        after K steps; both numbers, "bound" and "error", and their "ratio".
 
     Raises
     ------
@@ -110,19 +111,54 @@ def coverage(
         values, vectors = np.linalg.eigh(covariance)  # type: ignore[arg-type]
         root: Floats = vectors * np.sqrt(np.maximum(values, 0.0))
     else:
-        root = np.diag(deviations("noise", noise, known.n))
-    return RunCoverage(
+        root = np.diag(validation.deviations("noise", noise, known.n))
+    return template(
+        _numbers,
+        ("size", "steps", "delta", "noise"),
+        ("inside", "covered", "ratio", "size", "steps", "delta"),
+        of_states(known.labels, "bound", "error", "noise"),
         truth=Truth(known, root, c),
         design=checked_design(known, runs, length, starts, excitation, feedback),
-        x0=gate.vector("x0", x0, length=known.n).copy(),
-        xf=gate.vector("xf", xf, length=known.n).copy(),
-        size=(30 if runs is None else len(runs)) if size is None else size,
-        steps=steps,
-        delta=delta,
+        x0=validation.vector("x0", x0, length=known.n).copy(),
+        xf=validation.vector("xf", xf, length=known.n).copy(),
+        size=validation.size("size", (30 if runs is None else len(runs)) if size is None else size),
+        steps=validation.size("steps", steps),
+        delta=validation.probability("delta", delta),
         identify={"checks": False, **told},
         control=options("control", control, controlled, ("steps", "fusion")),
         bound=options("bound", bound, Plan.bound, ("system", "x0", "xf", "rng")),
     )
+
+
+def _numbers(
+    key: Key,
+    *,
+    truth: Truth,
+    design: Design,
+    x0: Floats,
+    xf: Floats,
+    size: int,
+    steps: int,
+    delta: float,
+    identify: dict[str, Any],
+    control: dict[str, Any],
+    bound: dict[str, Any],
+    noise: float | None = None,
+) -> dict[str, float]:
+    sigma = None if noise is None else validation.nonnegative("noise", noise)
+    data = design.draw(truth, validation.size("size", size), key.child("runs"), sigma)
+    if identify.get("design") == "independent":
+        data = data.last_pairs()
+    with warnings.catch_warnings():  # the bound is infinite where the data leave things open
+        warnings.simplefilter("ignore", DataWarning)
+        model = identified(data, rng=key.child("signs"), **identify)
+    plan = controlled(model, x0, xf, steps=steps, **control)
+    x, to_come = x0, truth.noise(key.child("noise to come"), len(plan.u), sigma=sigma)
+    for u, w in zip(plan.u, to_come, strict=True):
+        x = truth.step(x, u) + (w if bound.get("noise") else 0.0)
+    inside = model.region(delta).contains(truth.system.A, truth.system.B, truth.c)
+    found = compared(plan.bound(delta, **bound).target, float(np.linalg.norm(x - xf)))
+    return {"inside": float(inside), **found}
 
 
 _OF_STUDY = ("state_noise", "instruments", "rng")
@@ -137,79 +173,3 @@ def _declared(model: Model) -> dict[str, Any]:
     if model.known is not None:
         told |= {"known_A": model.known[:, :n], "known_B": model.known[:, n:d]}
     return told
-
-
-@dataclass(frozen=True, eq=False)
-class RunCoverage(Record, listed=False):
-    """Runs drawn from a truth, identified, and whether what follows from them holds.
-
-    Calling it with a key, and `size`, `steps`, `delta` or `noise` in place of those here, returns
-    "inside", whether the region contains the truth (0 or 1); "covered", whether the certificate is
-    at least the true distance from xf after K steps; both numbers, "bound" and "error", and their
-    "ratio".
-
-    Attributes
-    ----------
-    truth, design
-        The true system with its noise, and how runs are made.
-    x0, xf : ndarray, shape (n,)
-    size, steps : int
-    delta : float
-    identify, control, bound : dict
-        As in `coverage`.
-    """
-
-    truth: Truth
-    design: Design
-    x0: Floats
-    xf: Floats
-    size: int
-    steps: int
-    delta: float
-    identify: dict[str, Any]
-    control: dict[str, Any]
-    bound: dict[str, Any]
-
-    def __post_init__(self) -> None:
-        gate.size("size", self.size)
-        gate.size("steps", self.steps)
-        gate.probability("delta", self.delta)
-
-    @property
-    def units(self) -> dict[str, str]:
-        """Of its numbers."""
-        pure = dict.fromkeys(("inside", "covered", "ratio", "size", "steps", "delta"), PURE)
-        return pure | of_states(self.truth.system.labels, "bound", "error", "noise")
-
-    def __call__(
-        self,
-        key: Key,
-        size: int | None = None,
-        steps: int | None = None,
-        delta: float | None = None,
-        noise: float | None = None,
-    ) -> dict[str, float]:
-        """Return the numbers of one replicate."""
-        now = changed(self, size=size, steps=steps, delta=delta)
-        sigma = None if noise is None else gate.nonnegative("noise", noise)
-        data = self.design.draw(self.truth, now.size, key.child("runs"), sigma)
-        if now.identify.get("design") == "independent":
-            data = data.last_pairs()
-        with warnings.catch_warnings():  # the bound is infinite where the data leave things open
-            warnings.simplefilter("ignore", DataWarning)
-            model = identified(data, rng=key.child("signs"), **now.identify)
-        plan = controlled(model, self.x0, self.xf, steps=now.steps, **now.control)
-        found = plan.bound(now.delta, **now.bound)
-        x, K = self.x0, now.steps
-        later = self.truth.noise(key.child("noise to come"), K, sigma=sigma)
-        for u, w in zip(plan.u, later, strict=True):
-            x = self.truth.step(x, u) + (w if self.bound.get("noise") else 0.0)
-        error, certified = float(np.linalg.norm(x - self.xf)), found.target
-        system, region = self.truth.system, model.region(now.delta)
-        return {
-            "inside": float(region.contains(system.A, system.B, self.truth.c)),
-            "covered": float(error <= certified),
-            "bound": certified,
-            "error": error,
-            "ratio": certified / error if error else np.inf,
-        }

@@ -217,6 +217,7 @@ OWN = {
     "best": {"size": 5, "data": [(A, B), X0, XF]},
     "candidates": {"data": [(A, B), X0, XF]},
     "control": {"xf": XF},
+    "Plan.error": {"xf": XF},
     "bound": {"name": "simulated", "data": [(A, B), X0, XF]},
     "predict": {"inputs": np.ones((2, 2))},
     "coverage": {"noise": 0.1},
@@ -274,16 +275,13 @@ TAKEN = {
     ("identify", "known_B"): {"nan matrix"},
     ("Key.child", "name"): {"text"},
     ("control", "limits"): {"object vector", "list of None"},
-    ("control", "state_limits"): {"object vector", "list of None"},
     ("realization_controls", "limits"): {"object vector", "list of None"},
     ("steer", "limits"): {"object vector", "list of None"},
     ("regulate", "limits"): {"object vector", "list of None"},
-    ("regulate", "state_limits"): {"object vector", "list of None"},
     ("control_fleet", "limits"): {"object vector", "list of None"},
     ("Stream.run", "checkpoint"): {"text"},
     ("Study", "function"): {"class"},
     ("closed_loop", "limits"): {"object vector", "list of None"},
-    ("closed_loop", "state_limits"): {"object vector", "list of None"},
     ("fleet", "limits"): {"object vector", "list of None"},
     ("sampling_coverage", "limits"): {"object vector", "list of None"},
     ("power", "path"): {"text"},
@@ -315,6 +313,7 @@ MADE = {
     "EnsembleTrajectory": lambda: se.simulate_ensemble((A, B), X0, [[1.0, 0.0]], 3, rng=1),
     "Experiment": experiment,
     "Panel": lambda: experiment().panels[0],
+    "Results": lambda: study().run(),
 }
 
 
@@ -350,6 +349,7 @@ SEPARATE |= {"Experiment.save", "Experiment.from_dict", "Panel.from_dict", "Curv
 SEPARATE |= {"Experiment.plot", "Experiment.plot_figure", "Experiment.plot_panel"}
 SEPARATE |= {"System.from_mujoco", "from_andes"}  # optional packages: in files of their own
 SEPARATE |= {"Bound", "Printed", "Simulated", "Results.select", "Results.plot"}
+SEPARATE |= {"Study.resume", "Study.merge"}
 SEPARATE |= {
     f"{kind}.{name}"
     for kind in ("Stream", "DataStream", "ModelStream")

@@ -39,6 +39,8 @@ if TYPE_CHECKING:
 
     from ..rng import RngLike
 
+_DRAWN = 1e300  # the largest measured value that an axis, with its margins, can show
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Plan(SavedRecord, Timed):
@@ -545,6 +547,8 @@ class Plan(SavedRecord, Timed):
             says = f"certified, {100 * (1 - certificate.delta):g} %"
         if measured is not None:
             runs = validation.array("measured", measured, ndim=(2, 3))
+            if np.abs(runs).max() > _DRAWN:
+                raise InputError(f"`measured` must be at most {_DRAWN:.0e} to be drawn")
             if runs.shape[-2:] != predicted.shape:
                 raise ShapeError(
                     f"`measured` must have shape {predicted.shape}, or (R, ..) for R runs, got "

@@ -218,6 +218,7 @@ OWN = {
     "candidates": {"data": [(A, B), X0, XF]},
     "control": {"xf": XF},
     "Plan.error": {"xf": XF},
+    "Results.save": {"path": "results.json"},
     "bound": {"name": "simulated", "data": [(A, B), X0, XF]},
     "predict": {"inputs": np.ones((2, 2))},
     "coverage": {"noise": 0.1},

@@ -395,6 +395,7 @@ SWEPT = swept()
 
 @pytest.mark.parametrize("label", SWEPT)
 def test_good_arguments_pass(label, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     _, obj, owner, parameters = SWEPT[label]
     if label == "from_file":
         A, B = np.array([[0.9, 0.2], [0.0, 0.8]]), np.array([[0.0], [1.0]])

@@ -17,21 +17,23 @@ Test: TypeAlias = Callable[[Any], bool]
 def check(record: Any) -> None:
     """Refuse a record with a field that is not of its declared type; shapes are not looked at."""
     own: Any = type(record)
-    for name, kind, fits in _tests(own):
-        value = getattr(record, name)
-        if fits(value):
-            continue
-        words = serialize.words(kind)
-        if words and isinstance(value, str):
-            validation.choice(name, value, words)
-        raise InputTypeError(f"`{name}` must be {_said(kind)}, got {validation.show(value)}")
+    for name, fits in _tests(own):
+        if not fits(getattr(record, name)):
+            _refuse(record, name)
+
+
+def _refuse(record: Any, name: str) -> None:
+    kind, value = serialize.declared(type(record))[name], getattr(record, name)
+    words = serialize.words(kind)
+    if words and isinstance(value, str):
+        validation.choice(name, value, words)
+    raise InputTypeError(f"`{name}` must be {_said(kind)}, got {validation.show(value)}")
 
 
 @cache
-def _tests(record: Any) -> tuple[tuple[str, Any, Test], ...]:
-    """Name, declared type and test of each field; `serialize` knows these types."""
-    declared = serialize.declared(record).items()
-    return tuple((name, kind, _test(kind)) for name, kind in declared)
+def _tests(record: Any) -> tuple[tuple[str, Test], ...]:
+    """Name and test of each field; `serialize` knows their types."""
+    return tuple((name, _test(kind)) for name, kind in serialize.declared(record).items())
 
 
 def _test(kind: Any) -> Test:

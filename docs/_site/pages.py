@@ -1,7 +1,7 @@
 """Markdown that is read on a code host as well as here: includes, and links between files.
 
 Links in the files are relative to the file, as a code host wants them. Here they lead to the page
-that shows the file: README.md is shown by the tour, an example of the gallery by its own page.
+that shows the file: README.md is shown by the first page, an example of the gallery by its own page.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 
 DOCS = Path(__file__).resolve().parents[1]
 # Files outside this folder, and the pages that show them.
-SHOWN = {"README.md": "tour", "CHANGELOG.md": "changelog", "CONTRIBUTING.md": "contributing"}
+SHOWN = {"README.md": "index", "CHANGELOG.md": "changelog", "CONTRIBUTING.md": "contributing"}
 INCLUDE = re.compile(r"^```\{include\} (\S+)\n((?::[\w-]+:.*\n)*)```$", re.MULTILINE)
 LINK = re.compile(r"(?<=\]\()([^)#\s:]+)(?=[)#])")
 

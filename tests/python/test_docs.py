@@ -163,9 +163,11 @@ PAGES = (
     "docs/several-models.md",
     "docs/studies.md",
     "docs/systems.md",
+    "docs/tour.md",
 )
 # Packages of the extras `dev` that a page needs.
 NEEDED = {
+    "README.md": ("matplotlib", "pandas"),
     "docs/networks.md": ("pypower",),
     "docs/saving.md": ("h5netcdf", "pandas", "xarray"),
     "docs/studies.md": ("distributed", "matplotlib", "pandas", "xarray"),
@@ -185,6 +187,7 @@ def test_code_blocks_run_and_print_what_they_say(path, tmp_path, monkeypatch, ca
     for package in NEEDED.get(path, ()):
         pytest.importorskip(package)
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "docs").symlink_to(ROOT / "docs")  # pages read its data
     namespace = {"__name__": "__readme__"}
     for block in blocks(path):
         exec(compile(block, f"{path}:block", "exec"), namespace)

@@ -133,7 +133,7 @@ def test_pages_read_as_on_a_code_host():
 
 def test_links_lead_to_the_page_that_shows_a_file():
     text = "[a](../README.md#limits) [b](limits.md) [c](../LICENSE) [d](https://e.f) [g](no.md)"
-    wanted = text.replace("../README.md", "/tour.md").replace("limits.md", "/limits.md")
+    wanted = text.replace("../README.md", "/index.md").replace("limits.md", "/limits.md")
     assert PAGES.with_links(text, DOCS / "fleet.md") == wanted
     included = PAGES.with_links("[x](docs/fleet.md) ![y](docs/images/tube.png)", ROOT / "README.md")
     assert included == "[x](/fleet.md) ![y](/images/tube.png)"

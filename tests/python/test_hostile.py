@@ -255,6 +255,7 @@ OWN = {
     "Study": {"function": drawn, "grid": {"a": [1, 2]}, "replicates": 2},
     "panel": {"name": "3a"},
     "Experiment.panel": {"name": "3a"},
+    "Plan.error": {"xf": XF},
     "Plan.plot_phase": {"across": 0, "up": 1},
     "Trajectory.plot_phase": {"across": 0, "up": 1},
     "EnsembleTrajectory.plot_phase": {"across": 0, "up": 1},
@@ -349,7 +350,8 @@ SEPARATE = {"cli", "plots", "paper.report", "paper.verdicts", "Ensemble"}
 SEPARATE |= {"Experiment.save", "Experiment.from_dict", "Panel.from_dict", "Curve.from_dict"}
 SEPARATE |= {"Experiment.plot", "Experiment.plot_figure", "Experiment.plot_panel"}
 SEPARATE |= {"System.from_mujoco", "from_andes"}  # optional packages: in files of their own
-SEPARATE |= {"Bound", "Printed", "Simulated", "Results.select", "Results.plot"}
+SEPARATE |= {"Bound", "Printed", "Simulated", "Results.select", "Results.plot", "Results.save"}
+SEPARATE |= {"Study.resume", "Study.merge"}
 SEPARATE |= {
     f"{kind}.{name}"
     for kind in ("Stream", "DataStream", "ModelStream")

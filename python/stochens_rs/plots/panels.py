@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 PANELS = 12  # most states, and most inputs, that are drawn
 _ENTRY = 1.3  # inches for an entry of the legend
 WIDE = 30.0  # ranges of an input up to which all of its limits are seen
+DRAWN = 1e300  # beyond this the ends of an axis overflow
 SEEN = 3.0  # how far tubes and limits may go beyond the curves, in ranges of these
 
 
@@ -77,7 +78,7 @@ def tell_omitted(figure: Figure | SubFigure, counts: dict[str, int]) -> None:
 
 def extent(values: Floats) -> tuple[float, float, float]:
     """Least and largest of the finite values, and a length beside which others are far away."""
-    finite = values[np.isfinite(values)]
+    finite = np.clip(values[np.isfinite(values)], -DRAWN, DRAWN)
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
     far = SEEN * max(high - low, 1e-12 + 1e-6 * max(abs(low), abs(high)))
     return low, high, far

@@ -38,13 +38,23 @@ pub(super) fn group(i: usize) -> usize {
 /// `<x, y>`, both of whole groups.
 #[inline(always)]
 pub(super) fn dot(x: &[f64], y: &[f64]) -> f64 {
-    let mut s = [0.0; LANES];
-    for (x, y) in x.as_chunks::<LANES>().0.iter().zip(y.as_chunks::<LANES>().0) {
-        for l in 0..LANES {
-            s[l] += x[l] * y[l];
+    dots([x], y)[0]
+}
+
+/// `<x_c, y>`, all of whole groups.
+#[inline(always)]
+fn dots<const C: usize>(x: [&[f64]; C], y: &[f64]) -> [f64; C] {
+    let y = y.as_chunks::<LANES>().0;
+    let x = x.map(|x| &x.as_chunks::<LANES>().0[..y.len()]);
+    let mut s = [[0.0; LANES]; C];
+    for (t, y) in y.iter().enumerate() {
+        for c in 0..C {
+            for l in 0..LANES {
+                s[c][l] += x[c][t][l] * y[l];
+            }
         }
     }
-    ((s[0] + s[4]) + (s[2] + s[6])) + ((s[1] + s[5]) + (s[3] + s[7]))
+    s.map(|s| ((s[0] + s[4]) + (s[2] + s[6])) + ((s[1] + s[5]) + (s[3] + s[7])))
 }
 
 /// `y += sum_c a_c x_c`, all of whole groups.
@@ -97,6 +107,24 @@ kernel! {
         for (i, (out, row)) in out.iter_mut().zip(rows.chunks_exact(v.len())).enumerate() {
             let from = if triangular { group(i) } else { 0 };
             *out = dot(&row[from..], &v[from..]);
+        }
+    }
+}
+
+kernel! {
+    /// `residual = rows v - y` and `out += rows' residual`, a few rows at a time: they are read once. `triangular` as in [`times`].
+    fn add_gradient<'a>(
+        rows: &'a [f64], v: &'a [f64], y: &'a [f64], triangular: bool, residual: &'a mut [f64], out: &'a mut [f64],
+    ) -> () {
+        let ld = v.len();
+        for (b, (rows, (residual, y))) in
+            rows.chunks(LANES * ld).zip(residual.chunks_mut(LANES).zip(y.chunks(LANES))).enumerate()
+        {
+            let from = if triangular { LANES * b } else { 0 };
+            for ((row, to), y) in rows.chunks_exact(ld).zip(residual.iter_mut()).zip(y) {
+                *to = dot(&row[from..], &v[from..]) - y;
+            }
+            add_rows(rows, residual, 1, out, from);
         }
     }
 }
@@ -201,21 +229,63 @@ kernel! {
     }
 }
 
+/// The block of `L` at the diagonal, column by column, and its `inverse`; zeros where the last one is smaller.
+#[inline(always)]
+fn diagonal_block(lines: &[f64], ld: usize, from: usize, inverse: &[f64]) -> ([[f64; LANES]; LANES], [f64; LANES]) {
+    let (mut block, mut inverses) = ([[0.0; LANES]; LANES], [0.0; LANES]);
+    for ((to, line), (to_inverse, inverse)) in
+        block.iter_mut().zip(lines.chunks_exact(ld)).zip(inverses.iter_mut().zip(inverse))
+    {
+        to.copy_from_slice(&line[from..from + LANES]);
+        *to_inverse = *inverse;
+    }
+    (block, inverses)
+}
+
 /// `x <- L^{-1} x`
 #[inline(always)]
 fn forward(l: &[f64], ld: usize, inverse: &[f64], x: &mut [f64]) {
-    for (k, inverse) in inverse.iter().enumerate() {
-        x[k] *= inverse;
-        let from = group(k);
-        axpy(-x[k], &l[k * ld + from..(k + 1) * ld], &mut x[from..ld]);
+    for (b, (lines, inverse)) in l.chunks(LANES * ld.max(1)).zip(inverse.chunks(LANES)).enumerate() {
+        let from = LANES * b;
+        let (block, inverse) = diagonal_block(lines, ld, from, inverse);
+        let (here, below) = x[from..ld].split_at_mut(LANES);
+        let mut v: [f64; LANES] = std::array::from_fn(|i| here[i]);
+        for c in 0..LANES {
+            v[c] *= inverse[c];
+            for i in c + 1..LANES {
+                v[i] -= block[c][i] * v[c];
+            }
+        }
+        here.copy_from_slice(&v);
+        if !below.is_empty() {
+            let columns = std::array::from_fn(|c| &lines[c * ld + from + LANES..(c + 1) * ld]);
+            add(v.map(|v| -v), columns, below);
+        }
     }
 }
 
 /// `x <- L'^{-1} x`
 #[inline(always)]
 fn backward(l: &[f64], ld: usize, inverse: &[f64], x: &mut [f64]) {
-    for (k, inverse) in inverse.iter().enumerate().rev() {
-        let from = group(k);
-        x[k] = (x[k] - dot(&l[k * ld + from..(k + 1) * ld], &x[from..ld])) * inverse;
+    const HALF: usize = LANES / 2;
+    for (b, (lines, inverse)) in l.chunks(LANES * ld.max(1)).zip(inverse.chunks(LANES)).enumerate().rev() {
+        let from = LANES * b;
+        let (block, inverse) = diagonal_block(lines, ld, from, inverse);
+        let (here, below) = x[from..ld].split_at_mut(LANES);
+        if !below.is_empty() {
+            for (lines, here) in lines.chunks_exact(HALF * ld).zip(here.chunks_exact_mut(HALF)) {
+                let sums: [f64; HALF] =
+                    dots(std::array::from_fn(|c| &lines[c * ld + from + LANES..(c + 1) * ld]), below);
+                here.iter_mut().zip(sums).for_each(|(x, sum)| *x -= sum);
+            }
+        }
+        let mut v: [f64; LANES] = std::array::from_fn(|i| here[i]);
+        for i in (0..LANES).rev() {
+            v[i] *= inverse[i];
+            for c in 0..i {
+                v[c] -= block[c][i] * v[i];
+            }
+        }
+        here.copy_from_slice(&v);
     }
 }

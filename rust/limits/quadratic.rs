@@ -43,6 +43,11 @@ pub(super) trait Quadratic {
     /// An upper bound of `e' H^{-1} e` over the inputs with `held = 0`; infinite where `H` is singular to rounding.
     fn dual_norm(&mut self, held: &[i8], e: &[f64], until: Until<'_>) -> Result<f64>;
 
+    /// Whether [`Self::dual_norm`] takes no factorization.
+    fn dual_at_hand(&self, _held: &[i8]) -> bool {
+        false
+    }
+
     /// A control to begin with, inside the limits; `held` names inputs that stay at their limit.
     fn guess(&mut self, bounds: Bounds<'_>, held: &[i8], u: &mut [f64], until: Until<'_>) -> Result<()>;
 }

@@ -21,6 +21,8 @@ const PATIENCE: usize = 4;
 /// Gaps relative to `J(0) + J(u)`: where refinement ends, and from where more is tried.
 const EXACT: f64 = 1e-14;
 pub(super) const GOOD: f64 = 5e-13;
+/// Dual residual from which no correction is tried.
+const NEGLIGIBLE: f64 = 1e-22;
 /// Rounding of the root of J from which no dual residual is believed, relative to that of `J(0) + J(u)`.
 const UNKNOWN: f64 = 1e-6;
 /// Rounding of a gradient, in units of its size.
@@ -207,7 +209,17 @@ impl Search {
         dual: bool,
     ) -> Result<()> {
         self.judge(q, bounds, until, method, dual)?;
-        if self.certificate.gap > EXACT * (q.scale() + self.certificate.objective) {
+        let scale = q.scale() + self.certificate.objective;
+        if self.certificate.gap > EXACT * scale && self.v == self.u && q.dual_at_hand(&self.fixed) {
+            // far limits make the other bound large where a correction gains nothing
+            self.step.copy_from_slice(&self.g);
+            let squared = self.dual_residual(q, bounds, scale, until)?;
+            if squared <= NEGLIGIBLE * scale {
+                self.certificate.improve(squared);
+                return Ok(());
+            }
+        }
+        if self.certificate.gap > EXACT * scale {
             self.hold(bounds);
             if self.v == self.u {
                 self.step.copy_from_slice(&self.g);

@@ -147,7 +147,7 @@ fn reduced(
     }
     let mut small = Dense::new(d, d)?;
     small.set(&t, &try_zeros(WHAT, d)?)?;
-    small.triangular = true;
+    (small.triangular, small.least) = (true, dense.least);
     Ok((small, Some((map, n + 1))))
 }
 

@@ -178,8 +178,10 @@ def test_planned_looks():
             refused()
     assert stream.next_look == 80
     assert stream.model.A.shape == (4, 4)  # the model itself is no look at a region
-    more = stream.model._after(100.0)
-    assert (more.size, more.next_look) == (114, 114)
+    assert stream.model._size_after(100.0) == 114
+    delta, more, _ = stream.model._part(0.05, 114)
+    assert delta == at.look_shares(8, 0.05)[7]
+    check(more.factor, levels.roy_quantile(4, 6, 108, delta))
 
 
 def test_the_covariance_is_bounded_for_any_number_of_pairs():

@@ -351,7 +351,7 @@ def trusted_records() -> dict[str, Record]:
     """Records that calls return and make on their way, without a check of their fields."""
     found = model()
     plan = se.control((se.fuse(se.sample(A, 50, rng=1)), B), se.sample(X0, 50, rng=2), XF, steps=3)
-    limited = se.control(found, X0, XF, steps=3, limits=(-1.0, 1.0), Q=1.0)
+    limited = se.control(found, X0, XF, steps=3, limits=(-1.0, 1.0), cost=se.Cost(Q=1.0))
     assert plan.basis is not None
     assert limited.limited is not None
     law = se.sample(A, 50, rng=1).law

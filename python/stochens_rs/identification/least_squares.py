@@ -54,6 +54,20 @@ class Fitted(NamedTuple):
         """Degrees of freedom of the residuals."""
         return self.N - self.rank
 
+    def after(self, N: int) -> Fitted:
+        """At N pairs, if V and S grow in proportion to their number."""
+        if N == self.N:
+            return self
+        grown = float(np.sqrt(N / self.N))
+        return self._replace(
+            N=N,
+            S=self.S * grown**2,
+            white=self.white / grown,
+            root=self.root * grown,
+            R11=self.R11 * grown,
+            rounding=self.rounding * grown,
+        )
+
 
 def r_factor(rows: Floats) -> Floats:
     """The square triangle of few rows, with a diagonal >= 0."""

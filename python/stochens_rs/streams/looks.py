@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
-from math import floor, inf, isfinite, log2
+from math import ceil, floor, inf, isfinite, log2
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,7 +23,7 @@ from ..theory.exact import best_control
 
 if TYPE_CHECKING:
     from .._base.types import Floats
-    from ..identification.region import Region
+    from ..identification.part import Part
     from .snapshot import Snapshot
 
 
@@ -111,7 +111,8 @@ class Look(Record):
         return html.card(self, rows)
 
 
-FAR = 2.0**30  # pairs; laws of more are slow to compute
+FAR = 30  # a power of 2; laws of more pairs are slow to compute
+SMALL = 1e-300
 
 
 def look(model: Snapshot, x0: Floats, xf: Floats, u: Floats | None, steps: int, tol: float) -> Look:
@@ -124,7 +125,7 @@ def look(model: Snapshot, x0: Floats, xf: Floats, u: Floats | None, steps: int, 
         if model.c is not None:  # x(K) = A^K x0 + C_K u + sum_{k<K} A^k c
             goal = xf - matrix_powers(A, steps)[:-1].sum(axis=0) @ model.c
         u = best_control(A, model.B, x0, goal, steps).u.reshape(steps, model.m)
-    end, error = _ends(model, region, x0, u)
+    end, error = _ends(model, region.parts[0], x0, u)
     if model.doubts:
         error = inf
     reach = norm(end - xf)
@@ -142,19 +143,18 @@ def look(model: Snapshot, x0: Floats, xf: Floats, u: Floats | None, steps: int, 
     )
 
 
-def _ends(model: Snapshot, region: Region, x0: Floats, u: Floats) -> tuple[Floats, float]:
+def _ends(model: Snapshot, part: Part, x0: Floats, u: Floats) -> tuple[Floats, float]:
     """Where the model ends, and how far the true system may be from there."""
-    fitted, part = model._block.fitted, region.parts[0]
     factor = part.factor
     # columns: a root of S; of any S where there is no bound
     values, vectors = np.linalg.eigh(part.S if isfinite(factor) else np.eye(model.n))
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     states, radii, *_ = _core.several_steps(
         model._Theta,
-        np.ascontiguousarray(fitted.white),
+        np.ascontiguousarray(part.white),
         np.ascontiguousarray(root),
-        np.ascontiguousarray(fitted.missing),
-        fitted.ratio,
+        np.ascontiguousarray(part.missing),
+        part.ratio,
         x0,
         u,
         model.intercept,
@@ -168,19 +168,32 @@ def _forecast(
     model: Snapshot, x0: Floats, u: Floats, reach: float, error: float, tol: float
 ) -> float:
     """How many more pairs until ``error(N) <= tol - reach``, with the same u and V, S ~ N."""
-    room, size = tol - reach, float(model.size)
+    room = tol - reach
     if error <= room:
         return 0.0
     if room <= 0.0 or (model.missing and not isfinite(error)):
         return inf
-    while error > room and size < FAR:
-        before = size, error
-        # powers of 2: all looks share the quantiles for these numbers of pairs, which are kept
-        later = model._after(2.0 ** (floor(log2(size)) + 1))
-        size, error = float(later.size), _ends(later, later._region(model.delta), x0, u)[1]
-    if error > room:  # far away, the error falls as N^(-1/2)
+    # the error is above `room` at 2^low and not at 2^high; at powers of 2, all looks share the
+    # quantiles for these numbers of pairs, which are kept
+    low, high = floor(log2(model.size)), FAR + 1
+    above = size, error = float(model.size), error
+    while high - low > 1:
+        # next to where ``error ~ N^(-1/2)`` would be `room`
+        more = 2.0 * log2(max(error, SMALL) / room) if isfinite(error) else 0.0
+        power = min(max(ceil(log2(size) + more), low + 1), high - 1)
+        later = model._size_after(2.0**power)
+        part = model._part(model.delta, later)[1]
+        size, error = float(later), _ends(model, part, x0, u)[1]
+        if error > room:
+            low, above = power, (size, error)
+        else:
+            high, below = power, (size, error)
+    size, error = above
+    if high > FAR:  # far away, the error falls as N^(-1/2)
         size *= (error / room) ** 2
-    elif isfinite(before[1]) and error > 0.0:  # as a power of N in between
-        share = np.log(before[1] / room) / np.log(before[1] / error)
-        size = float(model._size_after(before[0] * (size / before[0]) ** share))
+    elif isfinite(error) and below[1] > 0.0:  # as a power of N in between
+        share = np.log(error / room) / np.log(error / below[1])
+        size = float(model._size_after(size * (below[0] / size) ** share))
+    else:
+        size = below[0]
     return max(size - model.size, 1.0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from math import ceil, isqrt
 from typing import TYPE_CHECKING
@@ -17,6 +17,7 @@ from ..identification.certifying import Block, Wish, blocks, parts
 from ..identification.dependences import exact_relations, spanned, tested_rows
 from ..identification.identified import Identified
 from ..identification.least_squares import cautions, named
+from ..identification.part import Part
 from ..identification.region import Region
 
 if TYPE_CHECKING:
@@ -183,24 +184,34 @@ class Snapshot(Identified):
         """The number of pairs of the next possible look: `size` if it is possible now."""
         return self._size_after(self.size)
 
+    def _part(self, delta: float, size: int) -> tuple[float, Part, Floats | None]:
+        """What of delta is spent, the region and the bound of the noise, at a possible look.
+
+        At more pairs than there are, V and S grow in proportion.
+        """
+        if self._planned:
+            j = look_after(self.first, size)
+            delta /= (j + 1.0) * (j + 2.0)
+        block = self._block._replace(fitted=self._block.fitted.after(size))
+        wish = Wish(delta, anytime=True)
+        made, _, covariance = parts([block], self.assumptions, wish, self.scale, self.n)
+        return delta, made[0], covariance
+
     def _region(self, delta: float, *, frobenius: bool = False) -> Region:
-        """At a planned number of pairs, or the next one if there will be as many."""
+        """At a planned number of pairs."""
         text = f"{self.assumptions.text}, any design, valid for all N at once"
         if self._planned:
-            j = look_after(self.first, self.size)
-            delta /= (j + 1.0) * (j + 2.0)
             text = f"{self.assumptions.text}, independent of all states and inputs, planned looks"
-        wish = Wish(delta, anytime=True)
-        made, _, covariance = parts([self._block], self.assumptions, wish, self.scale, self.n)
+        delta, part, covariance = self._part(delta, self.size)
         # ||G||_F <= sqrt(min(n, rank)) ||G||: the same event
-        wider = float(np.sqrt(made[0].factor * min(self.n, self.rank))) if frobenius else None
+        wider = float(np.sqrt(part.factor * min(self.n, self.rank))) if frobenius else None
         return Region(
             centre=self._Theta,
             m=self.m,
             delta=delta,
             assumption=text,
             missing=self.missing,
-            parts=made,
+            parts=(part,),
             frobenius=wider,
             noise=None if covariance is None else validation.frozen(covariance),
         )
@@ -209,11 +220,6 @@ class Snapshot(Identified):
         """The first possible look at `size` pairs or more."""
         N = ceil(size)
         return planned(self.first, look_after(self.first, N)) if self._planned else N
-
-    def _after(self, size: float) -> Snapshot:
-        """At the first look with as many pairs, if the others are like those so far."""
-        N = self._size_after(size)
-        return replace(self, triangle=self.triangle * np.sqrt(N / self.size), size=N)
 
     def __repr__(self) -> str:
         rank = "" if self.identifiable else f", rank {self.rank} of {self._d}"

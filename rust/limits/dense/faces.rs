@@ -4,7 +4,7 @@ use super::{Dense, ILL, WHAT};
 use crate::error::Result;
 use crate::limits::bounds::Bounds;
 use crate::limits::factor::Factor;
-use crate::limits::kernel::{add_lines, add_transposed, descend, padded, times};
+use crate::limits::kernel::{add_gradient, add_lines, descend, padded, times};
 use crate::limits::quadratic::{Quadratic, Until};
 use crate::memory::{try_room, try_zeros};
 use crate::vector;
@@ -13,6 +13,8 @@ use crate::vector;
 const SMALL: usize = 16;
 /// Inputs up to which the inverse, which cannot be interrupted, takes a second at most.
 const LARGE: usize = 1500;
+/// Gap, relative to `J(0)`, that need not be told from 0.
+const NOTHING: f64 = 1e-24;
 /// Most sweeps of coordinate descent that guess which limits are reached.
 const SWEEPS: usize = 4;
 
@@ -132,6 +134,8 @@ impl Quadratic for Dense {
             self.free.iter().zip(&self.work).for_each(|(&i, lambda)| g[i] = -lambda);
         } else if self.ill {
             self.slope(u, g);
+        } else if self.unlimited {
+            g.fill(0.0);
         } else {
             // g = H u - f
             self.second[..u.len()].copy_from_slice(u);
@@ -143,16 +147,14 @@ impl Quadratic for Dense {
     }
 
     fn slope(&mut self, u: &[f64], g: &mut [f64]) -> f64 {
-        let work = &mut self.work;
+        let (work, slope) = (&mut self.work, &mut self.second);
         work[..u.len()].copy_from_slice(u);
         work[u.len()..].fill(0.0);
-        times(&self.m, work, self.triangular, &mut self.residual);
-        self.residual.iter_mut().zip(&self.y).for_each(|(v, y)| *v -= y);
         let of_inputs: f64 = u.iter().zip(&self.r).map(|(u, r)| r * u * u).sum();
         // g = M'(M u - y) + R u
-        work.iter_mut().zip(&self.r).for_each(|(u, r)| *u *= r);
-        add_transposed(&self.m, &self.residual, self.triangular, work);
-        g.copy_from_slice(&work[..g.len()]);
+        slope.iter_mut().zip(&*work).zip(&self.r).for_each(|((to, u), r)| *to = r * u);
+        add_gradient(&self.m, work, &self.y, self.triangular, &mut self.residual, slope);
+        g.copy_from_slice(&slope[..g.len()]);
         vector::dot(&self.residual, &self.residual) + of_inputs + self.rest
     }
 
@@ -168,8 +170,17 @@ impl Quadratic for Dense {
         solve_block(&self.other, &self.others, &mut self.work, v);
     }
 
+    fn dual_at_hand(&self, held: &[i8]) -> bool {
+        (self.inverted || self.unlimited) && held.iter().all(|held| *held == 0)
+    }
+
     fn dual_norm(&mut self, held: &[i8], e: &[f64], until: Until<'_>) -> Result<f64> {
         let all = held.iter().all(|held| *held == 0);
+        // H >= min R
+        let most = vector::dot(e, e) / self.least;
+        if most <= NOTHING * self.zero {
+            return Ok(most);
+        }
         let (by_inverse, by_face) = (self.inverted && all, self.unlimited && all);
         if !by_inverse && !by_face && !self.whole {
             let zeros = try_zeros(WHAT, self.d)?;

@@ -25,6 +25,8 @@ pub(super) struct Dense {
     /// `m` has zeros below its diagonal.
     pub(super) triangular: bool,
     pub(super) r: Vec<f64>,
+    /// No eigenvalue of `H` is smaller: the least entry of `R`.
+    pub(super) least: f64,
     /// `M'M + R`, from [`Quadratic::prepare`] on.
     pub(super) h: Vec<f64>,
     prepared: bool,
@@ -117,7 +119,7 @@ impl Dense {
         copy.curvature.copy_from_slice(&self.curvature);
         copy.inverse = try_copy(WHAT, &self.inverse)?;
         (copy.prepared, copy.inverted, copy.tried) = (self.prepared, self.inverted, self.tried);
-        copy.triangular = self.triangular;
+        (copy.triangular, copy.least) = (self.triangular, self.least);
         Ok(copy)
     }
 
@@ -125,6 +127,7 @@ impl Dense {
     pub(super) fn set(&mut self, m: &[f64], r: &[f64]) -> Result<()> {
         require_finite("R", r)?;
         self.r[..self.d].copy_from_slice(r);
+        self.least = r.iter().copied().fold(f64::INFINITY, f64::min);
         self.set_above(m)
     }
 

@@ -1,7 +1,8 @@
 """Markdown that is read on a code host as well as here: includes, and links between files.
 
 Links in the files are relative to the file, as a code host wants them. Here they lead to the page
-that shows the file: README.md is shown by the first page, an example of the gallery by its own page.
+that shows the file: README.md is shown by the first page, an example of the gallery by
+its own page.
 """
 
 from __future__ import annotations

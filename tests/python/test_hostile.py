@@ -257,7 +257,6 @@ OWN = {
     "Study": {"function": drawn, "grid": {"a": [1, 2]}, "replicates": 2},
     "panel": {"name": "3a"},
     "Experiment.panel": {"name": "3a"},
-    "Plan.error": {"xf": XF},
     "Plan.plot_phase": {"across": 0, "up": 1},
     "Trajectory.plot_phase": {"across": 0, "up": 1},
     "EnsembleTrajectory.plot_phase": {"across": 0, "up": 1},

@@ -20,6 +20,8 @@ import numpy as np, stochens_rs as se
 from stochens_rs._base import state_file
 
 n, size, rungs, products = map(int, sys.argv[1:])
+for name in se.__all__:
+    getattr(se, name)  # imports at the first use have errors of their own
 se.set_num_threads(2)
 rng = np.random.default_rng(5)
 # OpenBLAS ends the process where it finds no buffer: one thread, and the buffer beforehand

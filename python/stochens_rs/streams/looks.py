@@ -179,7 +179,7 @@ def _forecast(
     above = size, error = float(model.size), error
     while high - low > 1:
         # next to where ``error ~ N^(-1/2)`` would be `room`
-        more = 2.0 * log2(max(error, SMALL) / room) if isfinite(error) else 0.0
+        more = 2.0 * (log2(max(error, SMALL)) - log2(room)) if isfinite(error) else 0.0
         power = min(max(ceil(log2(size) + more), low + 1), high - 1)
         later = model._size_after(2.0**power)
         part = model._part(model.delta, later)[1]
@@ -190,7 +190,7 @@ def _forecast(
             high, below = power, (size, error)
     size, error = above
     if high > FAR:  # far away, the error falls as N^(-1/2)
-        size *= (error / room) ** 2
+        size *= (error / room) * (error / room)  # inf where it overflows
     elif isfinite(error) and below[1] > 0.0:  # as a power of N in between
         share = np.log(error / room) / np.log(error / below[1])
         size = float(model._size_after(size * (below[0] / size) ** share))

@@ -228,6 +228,7 @@ def main() -> None:
     warnings.simplefilter("ignore", se.exceptions.DataWarning)
     options.images.mkdir(parents=True, exist_ok=True)
     example(options.images)
+    first_control(options.images)
     within_limits(options.images)
     exact = {name: way for name, way in WAYS.items() if not way.noisy_states}
     noisy = {name: WAYS[name] for name in ("instruments", "all pairs, sigma known")}
@@ -257,6 +258,17 @@ def example(images: Path) -> None:
     plan = se.predict(model, states[0], inputs)
     plan.plot(plan.bound(DELTA, noise=True), measured=states).savefig(images / "tube.png", dpi=110)
     model.plot().savefig(images / "residuals.png", dpi=110)
+
+
+def first_control(images: Path) -> None:
+    """The figure of README.md: a control from a CSV file."""
+    table = np.genfromtxt(Path(__file__).parent / "data" / "runs.csv", delimiter=",", names=True)
+    columns = {name: table[name] for name in table.dtype.names}
+    states, inputs = ["position", "angle", "speed", "rate"], ["force"]
+    data = se.Trajectories.from_table(columns, states=states, inputs=inputs, by="run", time="time")
+    model = se.identify(data, scale=SCALE)
+    plan = se.control(model, [0.1, 0.0, 0.0, 0.0], np.zeros(4), steps=10, limits=(-4.0, 4.0))
+    plan.plot(plan.bound(DELTA)).savefig(images / "first-control.png", dpi=110)
 
 
 def within_limits(images: Path) -> None:

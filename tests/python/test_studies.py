@@ -470,6 +470,26 @@ def test_a_fork_server_that_is_killed_loses_nothing() -> None:
     assert len(killed) > 0
 
 
+def test_a_pool_is_made_again_after_a_pause(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A pause after each pool that has done nothing, longer each time, but none after Ctrl-C."""
+    clock = [0.0]
+    monkeypatch.setattr(scheduling.time, "monotonic", lambda: clock[0])
+    monkeypatch.setattr(scheduling.time, "sleep", lambda s: clock.__setitem__(0, clock[0] + s))
+    made: list[float] = []
+
+    class Dead(ThreadPoolExecutor):
+        def submit(self, fn, /, *args, **kwargs):  # type: ignore[no-untyped-def]
+            raise OSError(11, "no room")
+
+    def pool() -> Dead:
+        made.append(clock[0])
+        return Dead(1)
+
+    with pytest.raises(InputError, match=r"cannot start workers: BlockingIOError: .*no room"):
+        se.Study(noise, {"scale": [1.0]}, replicates=5, rng=2).run(pool)
+    assert np.diff(made) == pytest.approx([0.25, 0.5], abs=0.1)
+
+
 @pytest.mark.parametrize("error", [ConnectionRefusedError(111, "refused"), EOFError("end")])
 def test_workers_that_cannot_be_started(error: Exception) -> None:
     """A pool is given up and a new one made; three in vain end the run with the reason."""

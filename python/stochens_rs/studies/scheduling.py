@@ -33,6 +33,7 @@ _GROWTH = 4  # a block has at most this many times the tasks of the largest befo
 _LOOK = 0.1  # seconds between two looks for signals and the time
 _GRACE = 5.0  # seconds that running blocks get to end after Ctrl-C
 _LOST = 3  # times that workers may die before any further block is done
+_PAUSE = 0.25  # seconds before a pool is made again after one that did nothing; then twice as many
 
 
 class Blocks:
@@ -99,6 +100,12 @@ class Run:
             return "interrupted"
         late = self._end is not None and time.monotonic() >= self._end
         return "time_limit" if late else None
+
+    def pause(self, seconds: float) -> None:
+        """Wait, unless the run is to end."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end and self._over() is None:
+            time.sleep(min(_LOOK, seconds))
 
     def here(self, spans: Iterable[Span]) -> Status:
         """Run all tasks in this process."""
@@ -252,6 +259,8 @@ def run_all(run: Run, executor: ExecutorLike, waiting: Callable[[], list[Span]])
                 text = f"`executor` cannot start workers: {_one_line(run.reason)}"
                 raise InputError(text) from run.reason
             return status
+        if tries:  # a fork server, or room for processes, may come back
+            run.pause(_PAUSE * 2 ** (tries - 1))
 
 
 def _shut_down(executor: Executor, *, wait: bool) -> None:

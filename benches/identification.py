@@ -114,15 +114,16 @@ def models(gen: np.random.Generator) -> Iterator[Line]:
     yield what, "loop of numpy.linalg.lstsq", ours, size, by_lstsq, 100
     yield what, "vectorised NumPy", ours, size, vectorised, size
 
-    root = certified_control._root(fitted.S)
     x0, u = gen.standard_normal(n), gen.standard_normal((6, d - n))
-    missing = np.ascontiguousarray(fitted.missing)
+    wide, missing = np.ascontiguousarray(fitted.root), np.ascontiguousarray(fitted.missing)
+    shape = np.ascontiguousarray(fitted.S)
+    rows, columns = np.arange(n), np.arange(d)
+    part = core.RegionPart(rows, columns, white, wide, missing, fitted.ratio, shape, 1.1**2)
+    region = core.Region(H, d - n, [part], 2.0, False)
     yield (
         "certificate of 6 steps",
         "NumPy twin",
-        lambda: core.several_steps(
-            H, white, root, missing, fitted.ratio, x0, u, False, (1.1, 2.0, 0.1, False)
-        ),
+        lambda: region.errors(x0, u, 0.1, None),
         1,
         lambda: certified_control.several_steps(
             fitted, x0, u, spectral=1.1, frobenius=2.0, rho0=0.1

@@ -12,8 +12,9 @@
 //! 5. does 1-3 as a **stream** ([`streaming`]), with a certificate as stopping rule, whose state is saved in files
 //!    ([`storage`]).
 //! 6. **identifies** `A` and `B` from measured pairs ([`identify`]): least squares, and the laws of its error;
-//! 7. computes **controls within limits** ([`limits`]), with a certificate;
-//! 8. finds one **command for a fleet** of units ([`fleet`]), and bounds what a fresh unit risks.
+//! 7. says what a **region** of models contains ([`region`]), and where a control leads the true system ([`certificate`]);
+//! 8. computes **controls within limits** ([`limits`]), with a certificate;
+//! 9. finds one **command for a fleet** of units ([`fleet`]), and bounds what a fresh unit risks.
 //!
 //! The modules are listed in the order of the data, `stream -> sample -> fuse -> control -> simulate`, and use only
 //! earlier ones. Arrays of a law are stored line by line (see [`Law`]). The feature `python` adds the extension module.
@@ -30,6 +31,7 @@
 #![deny(missing_docs, unsafe_code)]
 #![cfg_attr(test, allow(clippy::disallowed_methods, clippy::disallowed_macros))]
 
+pub mod certificate;
 mod compensated;
 pub mod control;
 mod error;
@@ -48,6 +50,7 @@ mod prefetch;
 #[cfg(feature = "python")]
 #[allow(missing_docs, reason = "the Python side is documented in the package")]
 mod python;
+pub mod region;
 pub mod sample;
 mod scaled;
 pub mod simulate;

@@ -11,6 +11,9 @@ __all__ = [
     "BoxSolver",
     "DataStream",
     "Draws",
+    "Errors",
+    "Region",
+    "RegionPart",
     "RowsControl",
     "StateLock",
     "Stream",
@@ -23,6 +26,7 @@ __all__ = [
     "box_batch_each",
     "box_control",
     "build",
+    "certify",
     "chi2_quantile",
     "chi2_upper",
     "closed_form",
@@ -60,7 +64,6 @@ __all__ = [
     "scenario_judged",
     "scenario_relaxed",
     "scenario_required",
-    "several_steps",
     "sign_radii",
     "sign_statistics",
     "simulate_estimates",
@@ -366,18 +369,89 @@ def least_squares_level(
 ) -> float: ...
 def one_noise(n: int, delta: float) -> float: ...
 def log_multigamma(a: float, n: int) -> float: ...
-def several_steps(
-    h: _Floats,
-    white: _Floats,
-    root: _Floats,
-    missing: _Floats,
-    ratio: float,
+
+# (Theta - C) V (Theta - C)' <= S times the factor for some rows and columns of Theta; white' white
+# = V^+, root' root = V; columns of missing: what the data do not determine
+@final
+class RegionPart:
+    def __new__(
+        cls,
+        rows: NDArray[np.int64],
+        columns: NDArray[np.int64],
+        white: _Floats,
+        root: _Floats,
+        missing: _Floats,
+        ratio: float,
+        shape: _Floats,
+        factor: float,
+    ) -> RegionPart: ...
+    @property
+    def radius(self) -> float: ...
+    # of each row
+    @property
+    def deviations(self) -> _Floats: ...
+    # of z (d,) in the norm of V^-1, and the largest of a unit vector in these columns
+    def length(self, z: _Floats) -> float: ...
+    def reach(self, first: int, end: int) -> float: ...
+
+# radius and root of noise of known size; or root, level of the last state and of others
+_ToCome: TypeAlias = tuple[float, _Floats] | tuple[_Floats, float, float]
+
+@final
+class Region:
+    def __new__(
+        cls, centre: _Floats, m: int, parts: list[RegionPart], frobenius: float | None, future: bool
+    ) -> Region: ...
+    @property
+    def radius(self) -> float: ...
+    def bound(self, z: _Floats, noise: bool) -> float: ...
+    def component_bounds(self, z: _Floats) -> _Floats: ...
+    def entry_bounds(self) -> _Floats: ...
+    def spread(self, first: int, end: int) -> float: ...
+    def has_known(self, theta: _Floats) -> bool: ...
+    def contains(self, theta: _Floats) -> bool: ...
+    def projection(self, one: tuple[int, int], other: tuple[int, int]) -> _Floats | None: ...
+    def errors(
+        self, x0: _Floats, inputs: _Floats, rho0: float, noise: _ToCome | None
+    ) -> Errors: ...
+
+@final
+class Errors:
+    # (K + 1, n) of the centre; (K + 1,) of the norm; (n,) of the last state
+    @property
+    def states(self) -> _Floats: ...
+    @property
+    def radii(self) -> _Floats: ...
+    @property
+    def components(self) -> _Floats: ...
+    # for one part, (K + 1,): what is of first order in `radii`, and the errors in the norm of V^-1
+    @property
+    def linear(self) -> _Floats: ...
+    @property
+    def rest(self) -> _Floats: ...
+
+# best way, target, reach, error of the model, of x0, components (n,), tube (K + 1,), distance of
+# the control from the best one, or why there is none; a way: whether it is asked for that
+_Way: TypeAlias = tuple[Region, _Floats, _ToCome | None, bool]
+
+def certify(
     x0: _Floats,
-    inputs: _Floats,
-    offset: bool,
-    radii: tuple[float, float, float, bool],  # spectral, frobenius, rho0, noise of the run
-    to_come: tuple[_Floats, float, float] | None,  # root, level of the last state and of others
-) -> tuple[_Floats, _Floats, _Floats, _Floats, _Floats]: ...
+    rho0: float,
+    xf: _Floats,
+    predicted: _Floats,
+    ways: list[_Way],
+    apart: _Way | None,
+) -> tuple[
+    int,
+    float,
+    float,
+    float,
+    float,
+    _Floats,
+    _Floats,
+    float | None,
+    Literal["many", "no effect"] | None,
+]: ...
 def robust_control(
     h: _Floats, white: _Floats, x0: _Floats, xf: _Floats, offset: bool, beta: float
 ) -> _Floats: ...

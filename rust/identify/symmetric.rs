@@ -64,14 +64,15 @@ fn tridiagonal_eigenpairs(diagonal: &mut [f64], below: &mut [f64], vectors: &mut
 }
 
 /// Memory for the eigenvalues of `n x n` matrices.
-pub(super) struct Symmetric {
-    pub(super) matrix: Vec<f64>,
+#[derive(Debug)]
+pub(crate) struct Symmetric {
+    pub(crate) matrix: Vec<f64>,
     diagonal: Vec<f64>,
     below: Vec<f64>,
 }
 
 impl Symmetric {
-    pub(super) fn new(n: usize) -> Result<Self> {
+    pub(crate) fn new(n: usize) -> Result<Self> {
         let zeros = |len| try_zeros(WHAT, len);
         Ok(Self { matrix: zeros(checked_len(WHAT, n, n)?)?, diagonal: zeros(n)?, below: zeros(n)? })
     }
@@ -94,7 +95,7 @@ impl Symmetric {
     }
 
     /// The eigenvalues of `matrix`, of which the lower half is read and overwritten, in no order.
-    pub(super) fn eigenvalues(&mut self) -> Result<&[f64]> {
+    pub(crate) fn eigenvalues(&mut self) -> Result<&[f64]> {
         let largest = self.reduce()?;
         tridiagonal_eigenvalues(&mut self.diagonal, &mut self.below)?;
         self.diagonal.iter_mut().for_each(|v| *v *= largest);
@@ -102,7 +103,7 @@ impl Symmetric {
     }
 
     /// The same with eigenvectors of length 1, row by row in `vectors` (n, n).
-    pub(super) fn eigenpairs(&mut self, vectors: &mut [f64]) -> Result<&[f64]> {
+    pub(crate) fn eigenpairs(&mut self, vectors: &mut [f64]) -> Result<&[f64]> {
         let (n, largest) = (self.diagonal.len(), self.reduce()?);
         vectors.fill(0.0);
         (0..n).for_each(|i| vectors[i * (n + 1)] = 1.0);
@@ -124,7 +125,7 @@ impl Symmetric {
     }
 
     /// The largest eigenvalue of `matrix`, 0 for an empty one.
-    pub(super) fn largest(&mut self) -> Result<f64> {
+    pub(crate) fn largest(&mut self) -> Result<f64> {
         Ok(self.eigenvalues()?.iter().copied().reduce(f64::max).unwrap_or(0.0))
     }
 }
@@ -185,7 +186,7 @@ fn tridiagonal(a: &mut [f64], n: usize, diagonal: &mut [f64], below: &mut [f64])
 }
 
 /// `||M||_2` of a `rows x cols` matrix, from the largest eigenvalue of `M M'` or `M' M`.
-pub(super) fn spectral_norm(m: &[f64], rows: usize, cols: usize) -> Result<f64> {
+pub(crate) fn spectral_norm(m: &[f64], rows: usize, cols: usize) -> Result<f64> {
     if rows == 0 || cols == 0 {
         return Ok(0.0);
     }

@@ -10,10 +10,12 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::*;
+use crate::certificate::{Gaussian, Task, ToCome, Way, certify};
 use crate::control::{Entity, Factors, Motion, Realized, best_control, pseudoinverse};
 use crate::fuse::{self, Dense, Settings, Weights};
 use crate::identify;
 use crate::limits::{self, Bounds, Horizon, Penalty, Rows, Until};
+use crate::region::{Part, PartOf, Region};
 use crate::sample::{multinomial_counts, systematic_counts};
 use crate::simulate::{self, Average, Drawn, Estimate, Exact, Model, Norm, Plans, Second, mean_field, runs};
 use crate::storage::{self, Section, Values};
@@ -392,13 +394,29 @@ fn call(name: &str) -> Option<Call> {
         }),
         "several steps" => {
             let (model, square) = (entries(40 * 42), entries(42 * 42));
+            // by all rows, with Gaussian noise to come; by rows; and a region of one step, with that of all its rows
             Box::new(move || {
                 let (n, d) = (40, 42);
-                let (white, root) = (&square, &square[..n * n]);
-                let fitted = identify::Fitted { model: &model, white, root, missing: &[], ratio: 1.0, n, d };
-                let to_come = Some(identify::ToCome { root, end: 0.02, before: 0.01 });
-                let radii = identify::Radii { spectral: 1.0, frobenius: 9.0, rho0: 0.1, noise: true, to_come };
-                identify::several_steps(&fitted, &model[..n], &model[..6], false, radii, &stop).map(drop)
+                let places: Vec<usize> = (0..d).collect();
+                let part = |rows: &[usize], shape: &[f64]| {
+                    let (columns, white, root) = (&places[..], &square[..], &square[..]);
+                    let of = PartOf { rows, columns, white, root, missing: &[], ratio: 1.0, shape, factor: 1.0 };
+                    Part::new(of).map(Arc::new)
+                };
+                let whole = Region::new(&model, n, 2, vec![part(&places[..n], &square[..n * n])?], Some(9.0), true)?;
+                let parts = (0..n).map(|i| part(&places[i..=i], &[1.0])).collect::<Result<_>>()?;
+                let rows = Region::new(&model, n, 2, parts, None, false)?;
+                let noise = Gaussian { root: &square[..n * n], end: 0.02, before: 0.01 };
+                let task = Task { x0: &model[..n], rho0: 0.1, xf: &model[..n], predicted: &model[..4 * n] };
+                let to_come = Some(ToCome::Gaussian(noise));
+                let way = |region, to_come| Way { region, inputs: &model[..6], to_come, compares: false };
+                certify(task, &[way(&whole, to_come), way(&rows, None)], Some(way(&rows, to_come)), &stop)?;
+                let task = Task { predicted: &model[..2 * n], ..task };
+                let one = Way { region: &whole, inputs: &model[..2], to_come: None, compares: true };
+                certify(task, &[one], None, &stop)?;
+                whole.projection((0, 0), (1, 1))?;
+                whole.entry_bounds()?;
+                whole.contains(&model).map(drop)
             })
         }
         "replicates" => {

@@ -6,7 +6,7 @@ use pyo3::prelude::*;
 use super::convert::{array1, array2, key, slice};
 use super::error::{InputError, ShapeError};
 use super::run::{UNTIL_STOPPED, run, run_unstoppable};
-use crate::identify::{self, Centre, Fitted, Pairs, Radii, ToCome, Weights};
+use crate::identify::{self, Centre, Pairs, Weights};
 use crate::memory::try_copy;
 
 type Matrix<'py> = Bound<'py, PyArray2<f64>>;
@@ -41,52 +41,6 @@ pub(super) fn triangle_update<'py>(
     }
     let r = r.as_slice_mut().map_err(|_| ShapeError::new_err("`r` must be C-contiguous"))?;
     run(py, 0.3 * (size * k * k) as f64, |stop| identify::update(r, values, k, stop))
-}
-
-/// `(states (K + 1, n), radii, linear, rest (K + 1), sizes (K))` of the model `H` (n, d) with `white` (rank, d), `missing`
-/// (d, d - rank), `ratio` and a `root` (n, n) of `S`.
-#[pyfunction]
-#[expect(clippy::too_many_arguments, reason = "one call, named in the stub")]
-pub(super) fn several_steps<'py>(
-    py: Python<'py>,
-    h: PyReadonlyArray2<'py, f64>,
-    white: PyReadonlyArray2<'py, f64>,
-    root: PyReadonlyArray2<'py, f64>,
-    missing: PyReadonlyArray2<'py, f64>,
-    ratio: f64,
-    x0: PyReadonlyArray1<'py, f64>,
-    inputs: PyReadonlyArray2<'py, f64>,
-    offset: bool,
-    radii: (f64, f64, f64, bool),
-    to_come: Option<(PyReadonlyArray2<'py, f64>, f64, f64)>,
-) -> PyResult<(Matrix<'py>, Vector<'py>, Vector<'py>, Vector<'py>, Vector<'py>)> {
-    let (n, d) = h.as_array().dim();
-    let fitted = Fitted {
-        model: slice("H", &h)?,
-        white: slice("white", &white)?,
-        root: slice("root", &root)?,
-        missing: slice("missing", &missing)?,
-        ratio,
-        n,
-        d,
-    };
-    let (x0, inputs) = (slice("x0", &x0)?, slice("inputs", &inputs)?);
-    let (spectral, frobenius, rho0, noise) = radii;
-    let to_come = match &to_come {
-        None => None,
-        Some((root, end, before)) => Some(ToCome { root: slice("noise to come", root)?, end: *end, before: *before }),
-    };
-    let radii = Radii { spectral, frobenius, rho0, noise, to_come };
-    let steps = inputs.len().checked_div((d - n.min(d)).max(1)).unwrap_or(0) as f64;
-    let cost = 10.0 * steps * steps * (n * n) as f64 * d as f64;
-    let found = run(py, cost, |stop| identify::several_steps(&fitted, x0, inputs, offset, radii, stop))?;
-    Ok((
-        array2(py, found.states, found.sizes.len() + 1, n)?,
-        array1(py, found.radii)?,
-        array1(py, found.linear)?,
-        array1(py, found.rest)?,
-        array1(py, found.sizes)?,
-    ))
 }
 
 /// The `u` with the smallest `||H z - xf|| + beta ||white z||`, `z = (x0, u)` or `(x0, u, 1)`; `H` (n, d), `white` (rank, d).

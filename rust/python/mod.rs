@@ -15,6 +15,7 @@ mod laws;
 mod limited;
 mod limits;
 mod realizations;
+mod region;
 mod run;
 mod shared;
 mod simulate;
@@ -39,8 +40,8 @@ mod _core {
     use super::fuse::{Alse, alse, alse_path, alse_prefixes, closed_form, slse, uniform_path};
     #[pymodule_export]
     use super::identify::{
-        bootstrap, region_draws, residual_p_values, residuals, robust_control, several_steps, sign_radii,
-        sign_statistics, triangle, triangle_update,
+        bootstrap, region_draws, residual_p_values, residuals, robust_control, sign_radii, sign_statistics, triangle,
+        triangle_update,
     };
     #[pymodule_export]
     use super::laws::{
@@ -52,6 +53,8 @@ mod _core {
     use super::limited::{BoxControl, RowsControl};
     #[pymodule_export]
     use super::limits::{BoxSolver, box_batch, box_batch_each, box_control, horizon_control, rows_control};
+    #[pymodule_export]
+    use super::region::{PyErrors, PyPart, PyRegion, certify};
     #[pymodule_export]
     use super::simulate::{
         simulate_estimates, simulate_mean_field, simulate_plan_estimates, simulate_plans, simulate_runs,

@@ -279,6 +279,8 @@ CORE = (
     ("fuse",),
     ("control",),
     ("identify", "simulate", "storage", "streaming"),
+    ("region",),
+    ("certificate",),
     ("limits",),
     ("fleet",),
     ("python",),

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from core_regions import region_errors
 from coverage_study import DELTA
 from identification_data import POINT, Y, Z, check, rolled, stable
-from stochens_rs.controls.region_errors import _by_rows, region_errors, trajectory
+from stochens_rs.controls.region_errors import trajectory
 from stochens_rs.exceptions import InputError, InputTypeError
 from stochens_rs.identification.identified import Identified
 from twin import certified_control as cc
@@ -102,7 +103,10 @@ def test_three_steps_of_the_formula_data():
     assert (errors.components <= errors.radii[-1] * (1 + 1e-12)).all()
     # row by row: never worse than the recursion with norms throughout
     u = np.array([[0.5], [0.0], [-0.5]])
-    rows = _by_rows(region, POINT[:2], u, 0.0, None)
+    apart = tuple(
+        replace(part, rows=part.rows[[i]], S=part.S[[i]][:, [i]]) for i in range(len(part.rows))
+    )
+    rows = region_errors(replace(region, parts=apart), POINT[:2], u)
     fitted = tr.fit(tr.triangle(Z, Y))
     steps = cc.several_steps(fitted, POINT[:2], u, spectral=1.0)
     beta = np.sqrt(1.2 * np.trace(fitted.S))

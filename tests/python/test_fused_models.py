@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from core_regions import region_errors
 from coverage_study import DELTA, at_most, coverage
 from identification_data import SKEWED, THETA, Y, Z, check, hull, independent, tuned
-from stochens_rs.controls.region_errors import region_errors
 from stochens_rs.exceptions import (
     DataWarning,
     InputError,

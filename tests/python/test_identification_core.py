@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import special, stats
 
+from core_regions import core_region
 from coverage_study import DELTA, exactly
 from identification_data import LAMS, POINT, Y, Z, check, independent
 from stochens_rs import _core as core
@@ -170,20 +171,16 @@ def test_levels_of_least_squares():
 
 
 def steps(fitted, x0, inputs, *, spectral, frobenius=np.inf, rho0=0.0, noise=False):
+    """States, radii, first order, b_k and the lengths of z_k, as the twin."""
     n, d = fitted.H.shape
-    inputs = np.asarray(inputs, dtype=float)
-    return core.several_steps(
-        fitted.H,
-        fitted.white,
-        cc._root(fitted.S),
-        fitted.missing,
-        fitted.ratio,
-        np.asarray(x0, dtype=float),
-        inputs,
-        inputs.shape[1] == d - n - 1,
-        (spectral, frobenius, rho0, noise),
-        None,
-    )
+    x0, inputs = np.asarray(x0, dtype=float), np.asarray(inputs, dtype=float)
+    offset = inputs.shape[1] == d - n - 1
+    radii = {"spectral": spectral, "frobenius": frobenius, "noise": noise}
+    region, part = core_region(fitted, fitted.S, offset=offset, **radii)
+    found = region.errors(x0, inputs, rho0, None)
+    z = np.hstack([found.states[:-1], inputs, np.ones((len(inputs), int(offset)))])
+    lengths = np.array([part.length(row) for row in z])
+    return found.states, found.radii, found.linear, found.rest, lengths
 
 
 @pytest.mark.parametrize("options", [{}, {"frobenius": 1.4}, {"rho0": 0.1}, {"noise": True}])

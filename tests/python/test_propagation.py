@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from core_regions import core_region, region_errors
 from coverage_study import DELTA, at_most, coverage, exactly, repeated
 from hidden_systems import KINDS, NOISES, covariance, drawn, of_each_kind
 from stochens_rs import _core
 from stochens_rs.controls import model_bound
-from stochens_rs.controls.region_errors import GaussianNoise, region_errors, root_of, trajectory
+from stochens_rs.controls.region_errors import GaussianNoise, root_of, trajectory
 from twin import certified_control as cc
 from twin import laws
 from twin import triangle as tr
@@ -51,9 +52,11 @@ ROOT, X0 = SIGMA * np.eye(2), np.array([1.0, -1.0])
 
 
 def steps(spectral, frobenius, to_come=None):
-    missing = np.zeros((3, 0))
-    radii = spectral, frobenius, 0.0, False
-    return _core.several_steps(H, T, ROOT, missing, 1.0, X0, INPUTS, False, radii, to_come)
+    """States, radii, first order and b_k."""
+    fitted = tr.fit(tr.triangle(np.eye(3), np.zeros((3, 2))))._replace(H=H, white=T)
+    region, _ = core_region(fitted, ROOT @ ROOT.T, spectral=spectral, frobenius=frobenius)
+    found = region.errors(X0, INPUTS, 0.0, to_come)
+    return found.states, found.radii, found.linear, found.rest
 
 
 def plan_terms():
@@ -148,19 +151,12 @@ def test_the_twin_finds_the_same(n, K, noise):
         twin = cc.several_steps(
             fitted, x0, u, noise=noise == "in the region", to_come=to_come, **options
         )
-        found = _core.several_steps(
-            np.ascontiguousarray(fitted.H),
-            np.ascontiguousarray(fitted.white),
-            root_of(fitted.S),
-            np.ascontiguousarray(fitted.missing),
-            fitted.ratio,
-            x0,
-            u,
-            False,
-            (spectral, frobenius, 0.01, noise == "in the region"),
-            None if to_come is None else (root_of(N), *to_come[1:]),
-        )
-        for ours, its in zip(found[1:4], (twin.radii, twin.linear, twin.rest), strict=True):
+        radii = {"spectral": spectral, "frobenius": frobenius}
+        region, _ = core_region(fitted, fitted.S, noise=noise == "in the region", **radii)
+        noisy = None if to_come is None else (root_of(N), *to_come[1:])
+        found = region.errors(x0, u, 0.01, noisy)
+        both = (found.radii, twin.radii), (found.linear, twin.linear), (found.rest, twin.rest)
+        for ours, its in both:
             np.testing.assert_allclose(ours, its, rtol=1e-7)
 
 
@@ -231,18 +227,7 @@ def test_nothing_in_the_region_is_worse(kind):
             assert largest(region, x0, u, units[i], gen, 2) <= found.components[i] * (1 + 1e-9)
         part = region.parts[0]
         half = part.white[:, :n]
-        *_, b, _ = _core.several_steps(
-            np.ascontiguousarray(region.centre),
-            np.ascontiguousarray(part.white),
-            root_of(part.S),
-            np.zeros((n + m, 0)),
-            part.ratio,
-            x0,
-            u,
-            False,
-            (np.sqrt(part.factor), np.inf, 0.0, False),
-            None,
-        )
+        b = region_errors(replace(region, frobenius=None), x0, u).rest
         assert largest(region, x0, u[: K - 1], half, gen, 2) <= b[K - 1] * (1 + 1e-9)
     if kind in SIMPLE:
         assert np.median(ratios) < 1.4

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from math import sqrt
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from ..exceptions import DataWarning, InputError
 from ..identification.identifying import identify
 from ..identification.model import Model
 from .certificate import Certificate
-from .region_errors import GaussianNoise, SizedNoise, region_errors, root_of, spread
+from .region_errors import GaussianNoise, SizedNoise, ToCome, root_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from ..identification.identified import Identified
     from ..identification.region import Region
     from .provenance import ModelBasis
-    from .region_errors import ToCome
+
+    _Way: TypeAlias = tuple[Region, Floats, ToCome | None, bool]
 
 # Of the probability of failure with Gaussian noise to come: the region, the noise of the last
 # state, and that of earlier states with what the error of the model makes of it. For one step the
@@ -47,7 +48,6 @@ def declared(noise: object, open_loop: object, x0_fixed: object) -> Asked:
     return Asked(*(validation.flag(name, value) for name, value in names))
 
 
-@np.errstate(over="ignore")
 def certificate(
     basis: ModelBasis,
     u: Floats,
@@ -68,43 +68,59 @@ def certificate(
     if model.doubts:
         return _nothing(basis, u, predicted, delta, asked)
     share, regions, to_come = step_regions(basis, delta, K, asked)
-    ways = []
-    if regions:
-        steps = model.data.steps if isinstance(model, Model) else 1
-        method = "several steps" if K > 1 else "one step" if steps == 1 else _direct_name(steps)
-        ways += [_Way.of(basis, one, u, predicted, method, to_come) for one in regions]
+    steps = model.data.steps if isinstance(model, Model) else 1
+    name = "several steps" if K > 1 else "one step" if steps == 1 else _direct_name(steps)
+    methods = [name] * len(regions)
+    # a region, the inputs in its form, and whether it says how far the control is from the best
+    ways: list[_Way] = [(region, u, to_come, K == 1) for region in regions]
     if asked.open_loop:
-        direct = _direct(basis, u, share, asked)
-        ways.append(_Way.of(basis, direct, u.reshape(1, -1), predicted, _direct_name(K), None))
-    best = min(ways, key=lambda way: way.target)
-    tube = np.min([way.tube for way in ways], axis=0)
-    components = np.min([way.components for way in ways], axis=0)
-    if K == 1 and _sharper_by_rows(basis, ways[0].region, asked):
-        rows = model.region(delta, components=True)  # type: ignore[call-arg]
-        own = region_errors(rows, basis.x0, u, rho0=basis.x0_error)
-        components = np.abs(own.states[-1] - basis.xf) + own.components
-    reason, control = "over several steps no bound of the control is known", np.inf
-    if K == 1 or asked.open_loop:
-        found = (_control_error(basis, way) for way in (ways if K == 1 else ways[-1:]))
-        reason, control = min(found, key=lambda one: one[1])
+        ways.append((_direct(basis, u, share, asked), u.reshape(1, -1), None, True))
+        methods.append(_direct_name(K))
+    apart: Region | None = None
+    if K == 1 and _sharper_by_rows(basis, ways[0][0], asked):
+        apart = model.region(delta, components=True)  # type: ignore[call-arg]
+    best, target, reach, model_error, start, components, tube, control, why = _core.certify(
+        basis.x0,
+        basis.x0_error,
+        basis.xf,
+        predicted,
+        [(region._core, inputs, noise, asks) for region, inputs, noise, asks in ways],
+        None if apart is None else (apart._core, u, None, False),
+    )
+    region = ways[best][0]
     return Certificate(
-        target=best.target,
+        target=target,
         state=float(tube[-1]),
-        reach=best.reach,
-        model_error=best.model_error,
-        start=best.start,
+        reach=reach,
+        model_error=model_error,
+        start=start,
         components=components,
         tube=tube,
-        control=control,
-        control_reason=f"only the state is certified: {reason}" if np.isinf(control) else None,
-        control_method=None if np.isinf(control) else "the region",
+        control=np.inf if control is None else control,
+        control_reason=_why(ways[-1][0], control, why),
+        control_method=None if control is None or np.isinf(control) else "the region",
         delta=delta,
-        assumption=_said(basis, ways, asked),
-        method=best.method,
+        assumption=_said(basis, ways[0], asked),
+        method=methods[best],
         noise=asked.noise,
-        missing=best.region.missing if np.isinf(best.target) else (),
+        missing=region.missing if np.isinf(target) else (),
         warnings=model.warnings,
     )
+
+
+def _why(region: Region, control: float | None, why: str | None) -> str | None:
+    """Why the control is not bounded, if it is not."""
+    if control is not None and np.isfinite(control):
+        return None
+    if control is not None:
+        text = "the data do not determine where the control leads"
+    elif why == "many":
+        text = f"{region.m} inputs act on {region.n} states, so that many controls are as good"
+    elif why == "no effect":
+        text = "within the error of the data some inputs may have no effect"
+    else:
+        text = "over several steps no bound of the control is known"
+    return f"only the state is certified: {text}"
 
 
 def _nothing(
@@ -151,58 +167,10 @@ def step_regions(
     return share, *_regions(basis, share, K, asked)
 
 
-class _Way(NamedTuple):
-    """What one region says: the parts of the distance from xf, and radii around the prediction."""
-
-    region: Region
-    u: Floats
-    end: Floats
-    target: float
-    reach: float
-    model_error: float
-    start: float
-    components: Floats
-    tube: Floats
-    method: str
-    to_come: ToCome | None
-
-    @classmethod
-    def of(
-        cls,
-        basis: ModelBasis,
-        region: Region,
-        u: Floats,
-        predicted: Floats,
-        method: str,
-        to_come: ToCome | None,
-    ) -> _Way:
-        errors = region_errors(region, basis.x0, u, rho0=basis.x0_error, to_come=to_come)
-        end, whole = errors.states[-1], float(errors.radii[-1])
-        apart, alone = end - basis.xf, whole
-        if basis.x0_error and np.isfinite(whole):
-            exact = region_errors(region, basis.x0, u, rho0=0.0, to_come=to_come)
-            alone = float(exact.radii[-1])
-        tube = np.full(len(predicted), np.inf)  # a region over all steps says nothing between
-        at = np.linspace(0, len(predicted) - 1, len(errors.radii)).astype(int)
-        tube[at] = errors.radii + np.linalg.norm(errors.states - predicted[at], axis=1)
-        return cls(
-            region=region,
-            u=u,
-            end=end,
-            target=norm(apart) + whole,
-            reach=norm(apart),
-            model_error=alone,
-            start=whole - alone if np.isfinite(whole) else 0.0,
-            components=np.abs(apart) + errors.components,
-            tube=tube,
-            method=method,
-            to_come=to_come,
-        )
-
-
-def _said(basis: ModelBasis, ways: list[_Way], asked: Asked) -> str:
+def _said(basis: ModelBasis, way: _Way, asked: Asked) -> str:
     """The assumptions in words."""
-    text = ways[0].region.assumption
+    region, _, to_come, _ = way
+    text = region.assumption
     if asked.open_loop:
         text += (
             "; runs independent of each other, of lengths fixed beforehand, with Gaussian noise "
@@ -210,9 +178,9 @@ def _said(basis: ModelBasis, ways: list[_Way], asked: Asked) -> str:
         )
     if basis.x0_error:
         text += f"; x0 within {basis.x0_error:.4g}"
-    if isinstance(ways[0].to_come, SizedNoise):
+    if isinstance(to_come, SizedNoise):
         text += "; noise to come of the same size, at half of the probability of failure"
-    if isinstance(ways[0].to_come, GaussianNoise):
+    if isinstance(to_come, GaussianNoise):
         text += "; noise to come independent of the data, at half of the probability of failure"
     return text
 
@@ -350,29 +318,3 @@ def _direct(basis: ModelBasis, u: Floats, delta: float, asked: Asked) -> Region:
         direct = identify(data, design="independent", intercept=model.intercept, checks=False)
     x0 = basis.x0 if asked.x0_fixed else None
     return direct.region(delta, x0=x0, future=int(asked.noise))
-
-
-def _control_error(basis: ModelBasis, way: _Way) -> tuple[str, float]:
-    """``||u - v||`` for ``v = B^+ (xf - A x0 - c)``, or why there is no bound.
-
-    ``v - u = B^+ (r + D z)``, ``r = xf - C z`` and ``B^+ r = (B'B)^-1 (B_C' r + (B - B_C)' r)``.
-    With ``s = sigma_min(B_C)`` and ``||B - B_C|| <= eB < s``:
-    ``(||D z|| + (||B_C' r|| + eB ||r||) / (s - eB)) / (s - eB)``.
-    """
-    region = way.region
-    n, m = region.n, region.m
-    B = region.centre[:, n : n + m]
-    if m > n:
-        return f"{m} inputs act on {n} states, so that many controls are as good", np.inf
-    s, eB = float(np.linalg.svd(B, compute_uv=False)[-1]), spread(region, slice(n, n + m))
-    if not eB < s:
-        return "within the error of the data some inputs may have no effect", np.inf
-    r = basis.xf - way.end
-    rho0 = basis.x0_error
-    wrong = region.bound(basis.x0, way.u[0])
-    if rho0:  # D (e, 0) + A_C e
-        A = region.centre[:, :n]
-        wrong += (float(np.linalg.norm(A, 2)) + spread(region, slice(n))) * rho0
-    across = norm(B.T @ r) + eB * norm(r)
-    limit = float((wrong + across / (s - eB)) / (s - eB))
-    return "the data do not determine where the control leads", limit

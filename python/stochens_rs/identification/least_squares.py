@@ -134,23 +134,6 @@ def restricted(R: Floats, d: int, rows: Indices, columns: Indices, known: Floats
     return r_factor(R @ M)
 
 
-def length(white: Floats, missing: Floats, ratio: float, z: Floats) -> float:
-    """``||z||`` in the norm of V^+; infinite where the data do not determine ``Theta z``."""
-    if not np.any(z):
-        return 0.0
-    # Each missing direction against the size of what is added up in it. Rounding turns these
-    # directions by EPS / ratio (Wedin 1972). Where that is more than half of the digits, only a z
-    # that fits them as well as at TRUSTED counts as determined: in doubt the length is infinite.
-    tolerance = 100.0 * len(z) * EPS / max(ratio, TRUSTED)
-    largest = np.abs(z).max()
-    z = z / largest  # no square overflows
-    sizes = np.abs(missing.T) @ np.abs(z)
-    if np.any(np.abs(missing.T @ z) > tolerance * sizes):
-        return np.inf
-    with np.errstate(over="ignore"):
-        return float(largest * np.linalg.norm(white @ z))
-
-
 def named(missing: Floats, names: Sequence[str]) -> tuple[str, ...]:
     """The missing directions in words, ``x[1] - 0.5 u[0]``, one for each column of `missing`.
 

@@ -10,14 +10,15 @@ range of V.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .. import _core
 from .._base import validation
 from .._base.records import Record, require_shapes
-from ..theory.exact import EPS
-from .least_squares import Fitted, length
+from .least_squares import Fitted
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -79,43 +80,24 @@ class Part(Record):
         some = fitted.white, fitted.root, fitted.missing, fitted.ratio
         return cls(rows, columns, *some, S, factor)
 
+    @cached_property
+    def _core(self) -> _core.RegionPart:
+        return _core.RegionPart(
+            self.rows,
+            self.columns,
+            np.ascontiguousarray(self.white),
+            np.ascontiguousarray(self.root),
+            np.ascontiguousarray(self.missing),
+            self.ratio,
+            np.ascontiguousarray(self.S),
+            self.factor,
+        )
+
     @property
     def radius(self) -> float:
         """``sqrt(factor ||S||)``."""
-        if not np.isfinite(self.factor):
-            return np.inf
-        return float(np.sqrt(self.factor * np.linalg.norm(self.S, 2)))
-
-    @property
-    def deviations(self) -> Floats:
-        """``sqrt(factor S_ii)``."""
-        if not np.isfinite(self.factor):
-            return np.full(len(self.S), np.inf)
-        return np.sqrt(self.factor * np.maximum(np.diag(self.S), 0.0))
+        return self._core.radius
 
     def length(self, z: Floats) -> float:
         """``||z||`` in the norm of V^-1, infinite off the range of V."""
-        return length(self.white, self.missing, self.ratio, z[self.columns])
-
-    def contains(self, difference: Floats) -> bool:
-        """Whether this difference of Theta from the centre is in the part."""
-        if not np.isfinite(self.factor):
-            return True
-        inside = difference[np.ix_(self.rows, self.columns)]
-        n, terms = len(inside), sum(self.root.shape)
-        with np.errstate(over="ignore", invalid="ignore"):
-            X = inside @ self.root.T
-            # in units of the rows, those of S or of the rounding of X: no units, no singular S
-            rounding = terms * EPS * (np.abs(inside) @ np.linalg.norm(self.root, axis=0))
-            sizes = np.hypot(self.deviations, rounding)
-            if np.any(X[sizes == 0.0]):
-                return False
-            sizes = np.where(sizes == 0.0, 1.0, sizes)
-            X /= sizes[:, None]
-        if not np.isfinite(X).all() or np.abs(X).max(initial=0.0) > 2.0:
-            return False
-        room = self.factor * self.S / sizes[:, None] / sizes
-        room += n * np.diag((rounding / sizes) ** 2)
-        # entries of up to 1, wrong by the rounding of `terms` products, and the eigenvalues by n
-        least = np.linalg.eigvalsh(room - X @ X.T)[0]
-        return bool(least >= -n * (terms + n) * EPS)
+        return self._core.length(z)

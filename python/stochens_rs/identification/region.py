@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import hypot
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .. import _core
 from .._base import html, validation
 from .._base.records import SavedRecord
 from ..exceptions import InputError, ShapeError
 from ..plots.regions import draw_region
-from .assumptions import LARGEST
+from .entry import chosen_entry, coefficient
 from .part import Part
-from .region_projection import chosen_entry, coefficient, shadow
 from .signs import SignTest
 
 if TYPE_CHECKING:
@@ -78,6 +78,12 @@ class Region(SavedRecord):
         for part in self.parts:
             validation.instance("parts", part, Part)
 
+    @cached_property
+    def _core(self) -> _core.Region:
+        parts = [part._core for part in self.parts]
+        centre = np.ascontiguousarray(self.centre)
+        return _core.Region(centre, self.m, parts, self.frobenius, self.future > 0)
+
     @property
     def n(self) -> int:
         """The number of states."""
@@ -90,7 +96,7 @@ class Region(SavedRecord):
         Lengths are those of V^-1, in which the data make ``||z||`` about ``|z| / sqrt(N)``. With
         one part for each row, the root of the sum of squares.
         """
-        return float(np.linalg.norm([part.radius for part in self.parts]))
+        return self._core.radius
 
     @property
     def bounded(self) -> bool:
@@ -139,17 +145,9 @@ class Region(SavedRecord):
         elif offset.any():
             raise InputError("`c` must be left out: the model has no intercept")
         Theta = np.hstack(blocks)
-        if np.abs(Theta).max() > LARGEST:
-            return False
-        free = np.zeros(Theta.shape, dtype=bool)
-        for part in self.parts:
-            free[np.ix_(part.rows, part.columns)] = True
-        known = ~free
-        if not np.allclose(Theta[known], self.centre[known], rtol=1e-12, atol=0.0):
-            return False
         if self.signs is not None:
-            return self.signs.contains(Theta)
-        return all(part.contains(Theta - self.centre) for part in self.parts)
+            return self._core.has_known(Theta) and self.signs.contains(Theta)
+        return self._core.contains(Theta)
 
     def bound(self, x: ArrayLike, u: ArrayLike, *, noise: bool = False) -> float:
         """Bound how far one step of the true system is from that of the `centre`.
@@ -185,13 +183,9 @@ class Region(SavedRecord):
         (0.0, True)
         """
         z = self._z(x, u)
-        if validation.flag("noise", noise):
-            if not self.future:
-                raise InputError("`noise` needs a region of noise to come: region(delta, future=1)")
-            terms = [_product(part.radius, np.hypot(1.0, part.length(z))) for part in self.parts]
-        else:
-            terms = [_product(part.radius, part.length(z)) for part in self.parts]
-        return hypot(*terms)
+        if validation.flag("noise", noise) and not self.future:
+            raise InputError("`noise` needs a region of noise to come: region(delta, future=1)")
+        return self._core.bound(z, noise)
 
     def component_bounds(self, x: ArrayLike, u: ArrayLike) -> Floats:
         """Bound every component of one step: ``|((Theta - C) z)_i|``.
@@ -219,12 +213,7 @@ class Region(SavedRecord):
         >>> se.identify(data, sigma=0.1).region(0.05).component_bounds([0.0], [0.0])
         array([0.])
         """
-        z = self._z(x, u)
-        found = np.zeros(self.n)
-        for part in self.parts:
-            size = part.length(z)
-            found[part.rows] = [_product(float(s), size) for s in part.deviations]
-        return found
+        return self._core.component_bounds(self._z(x, u))
 
     @property
     def entry_bounds(self) -> Floats:
@@ -233,12 +222,7 @@ class Region(SavedRecord):
         ``|e_i' (Theta - C) e_j| <= sqrt(factor S_ii) ||e_j||`` in the norm of V^-1; 0 where an
         entry is known, infinite where the data do not determine it.
         """
-        found = np.zeros(self.centre.shape)
-        for part in self.parts:
-            for column in part.columns:
-                size = part.length(np.eye(len(self.centre[0]))[column])
-                found[part.rows, column] = [_product(float(s), size) for s in part.deviations]
-        return found
+        return self._core.entry_bounds()
 
     def plot(
         self,
@@ -288,7 +272,7 @@ class Region(SavedRecord):
         other = chosen_entry("up", up, size, self.parts)
         if one == other:
             raise InputError(f"`up` must differ from `across`, got {other} twice")
-        corners = shadow(self.parts, one, other)
+        corners = self._core.projection(one, other)
         if corners is None:
             raise InputError("the data do not determine these coefficients: there is no edge")
         centre = np.array([self.centre[one], self.centre[other]])
@@ -319,8 +303,3 @@ class Region(SavedRecord):
             ("not determined", "; ".join(self.missing) or None),
         ]
         return html.card(self, rows)
-
-
-def _product(radius: float, size: float) -> float:
-    """``radius size``: 0 for z = 0, infinite where the data do not determine ``Theta z``."""
-    return size if size in (0.0, np.inf) else radius * size

@@ -1,6 +1,6 @@
 """`Look`: the control by a model of a stream, its certificate, and whether the data are enough.
 
-The certificate is that of `several_steps` for the noise-free run: with the model's states xh(k),
+The certificate is that of the region for the noise-free run: with the model's states xh(k),
 ``||x(K) - xf|| <= ||xh(K) - xf|| + r_K`` for all inputs at once, in the event of the region.
 """
 
@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .. import _core
 from .._base import html, validation
 from .._base.numbers import norm
 from .._base.records import Record
@@ -23,7 +22,7 @@ from ..theory.exact import best_control
 
 if TYPE_CHECKING:
     from .._base.types import Floats
-    from ..identification.part import Part
+    from ..identification.region import Region
     from .snapshot import Snapshot
 
 
@@ -125,7 +124,7 @@ def look(model: Snapshot, x0: Floats, xf: Floats, u: Floats | None, steps: int, 
         if model.c is not None:  # x(K) = A^K x0 + C_K u + sum_{k<K} A^k c
             goal = xf - matrix_powers(A, steps)[:-1].sum(axis=0) @ model.c
         u = best_control(A, model.B, x0, goal, steps).u.reshape(steps, model.m)
-    end, error = _ends(model, region.parts[0], x0, u)
+    end, error = _ends(region, x0, u)
     if model.doubts:
         error = inf
     reach = norm(end - xf)
@@ -143,25 +142,10 @@ def look(model: Snapshot, x0: Floats, xf: Floats, u: Floats | None, steps: int, 
     )
 
 
-def _ends(model: Snapshot, part: Part, x0: Floats, u: Floats) -> tuple[Floats, float]:
+def _ends(region: Region, x0: Floats, u: Floats) -> tuple[Floats, float]:
     """Where the model ends, and how far the true system may be from there."""
-    factor = part.factor
-    # columns: a root of S; of any S where there is no bound
-    values, vectors = np.linalg.eigh(part.S if isfinite(factor) else np.eye(model.n))
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    states, radii, *_ = _core.several_steps(
-        model._Theta,
-        np.ascontiguousarray(part.white),
-        np.ascontiguousarray(root),
-        np.ascontiguousarray(part.missing),
-        part.ratio,
-        x0,
-        u,
-        model.intercept,
-        (float(np.sqrt(factor)), inf, 0.0, False),
-        None,
-    )
-    return states[-1], float(radii[-1])
+    found = region._core.errors(x0, u, 0.0, None)
+    return found.states[-1], float(found.radii[-1])
 
 
 def _forecast(
@@ -182,8 +166,8 @@ def _forecast(
         more = 2.0 * (log2(max(error, SMALL)) - log2(room)) if isfinite(error) else 0.0
         power = min(max(ceil(log2(size) + more), low + 1), high - 1)
         later = model._size_after(2.0**power)
-        part = model._part(model.delta, later)[1]
-        size, error = float(later), _ends(model, part, x0, u)[1]
+        at_later = model._region(model.delta, size=later)
+        size, error = float(later), _ends(at_later, x0, u)[1]
         if error > room:
             low, above = power, (size, error)
         else:

@@ -197,12 +197,12 @@ class Snapshot(Identified):
         made, _, covariance = parts([block], self.assumptions, wish, self.scale, self.n)
         return delta, made[0], covariance
 
-    def _region(self, delta: float, *, frobenius: bool = False) -> Region:
-        """At a planned number of pairs."""
+    def _region(self, delta: float, *, frobenius: bool = False, size: int | None = None) -> Region:
+        """At a planned number of pairs, `size` as in `_part`."""
         text = f"{self.assumptions.text}, any design, valid for all N at once"
         if self._planned:
             text = f"{self.assumptions.text}, independent of all states and inputs, planned looks"
-        delta, part, covariance = self._part(delta, self.size)
+        delta, part, covariance = self._part(delta, self.size if size is None else size)
         # ||G||_F <= sqrt(min(n, rank)) ||G||: the same event
         wider = float(np.sqrt(part.factor * min(self.n, self.rank))) if frobenius else None
         return Region(

@@ -4,14 +4,13 @@ use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
 
 use crate::error::Result;
+use crate::identify::{Symmetric, spectral_norm, triangle};
 use crate::memory::{checked_len, try_room, try_zeros};
 use crate::parallel::Stop;
+use crate::region::times;
 
+use super::nuclear::WHAT;
 use super::nuclear::{Effort, Terms};
-use super::symmetric::{Symmetric, spectral_norm};
-use super::triangle::triangle;
-
-const WHAT: &str = "a certificate of several steps";
 
 /// Row-major `a (n x k)` times `b (k x m)`.
 pub(super) fn product(a: &[f64], b: &[f64], n: usize, k: usize, m: usize) -> Result<Vec<f64>> {
@@ -21,12 +20,8 @@ pub(super) fn product(a: &[f64], b: &[f64], n: usize, k: usize, m: usize) -> Res
     Ok(out)
 }
 
-/// `a b`, where 0 times infinity is 0: nothing to bound.
-pub(super) fn times(a: f64, b: f64) -> f64 {
-    if a == 0.0 || b == 0.0 { 0.0 } else { a * b }
-}
-
 /// The matrices `M_p`, `p < K`, with what is needed of each.
+#[derive(Debug)]
 pub(super) struct Powers {
     rows: usize,
     n: usize,
@@ -115,6 +110,7 @@ impl Powers {
 }
 
 /// Coordinates of `c_0, .., c_{K-1}`, as few as there can be for the first 1, 2, .. of them.
+#[derive(Debug)]
 pub(super) struct Span {
     /// The vectors themselves, row by row (K, size).
     own: Vec<f64>,
@@ -148,7 +144,7 @@ impl Span {
     }
 
     /// Those of the first `k`, and how many there are of each.
-    fn first(&self, k: usize) -> Result<(Vec<f64>, usize)> {
+    pub fn first(&self, k: usize) -> Result<(Vec<f64>, usize)> {
         let (values, stride, r) =
             if k < self.size { (&self.rotated, self.steps, k) } else { (&self.own, self.size, self.size) };
         let mut found = try_room(WHAT, checked_len(WHAT, k, r)?)?;

@@ -15,11 +15,10 @@ use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
 
 use crate::error::Result;
+use crate::identify::Symmetric;
 use crate::memory::{checked_len, try_copy, try_zeros};
 
-use super::symmetric::Symmetric;
-
-const WHAT: &str = "a certificate of several steps";
+pub(super) const WHAT: &str = "a certificate of several steps";
 /// What is added to T, relative to its mean eigenvalue, so that it has an inverse.
 const RIDGE: f64 = 1e-9;
 /// Eigenvalues of S below this share of the largest are rounding, which a root would make large.

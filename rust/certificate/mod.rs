@@ -1,0 +1,30 @@
+//! How far the true system may be from where a model says that a control leads, in the event that it is in a region.
+//!
+//! ```
+//! use std::sync::Arc;
+//! use stochens::{Stop, certificate, region::{Part, PartOf, Region}};
+//! // x(k+1) = a x(k) + b u(k) around a = 1/2, b = 1, from V = diag(4, 16)
+//! let (white, root) = ([0.5, 0.0, 0.0, 0.25], [2.0, 0.0, 0.0, 4.0]);
+//! let part = PartOf {
+//!     rows: &[0], columns: &[0, 1], white: &white, root: &root, missing: &[], ratio: 1.0, shape: &[1.0], factor: 0.04,
+//! };
+//! let region = Region::new(&[0.5, 1.0], 1, 1, vec![Arc::new(Part::new(part)?)], None, false)?;
+//! let errors = certificate::trajectory(&region, &[3.0], &[0.0, 0.0], 0.0, None, &Stop::new())?;
+//! assert_eq!(errors.states, [3.0, 1.5, 0.75]);
+//! assert!((errors.radii[1] - 0.3).abs() < 1e-14); // sqrt(.04) ||(3, 0)||, in the norm of V^-1
+//! # Ok::<(), stochens::Error>(())
+//! ```
+
+mod noise;
+mod nuclear;
+mod plan;
+mod powers;
+mod several_steps;
+mod trajectory;
+
+pub use noise::{Gaussian, ToCome};
+pub use plan::{Control, Plan, Task, Way, certify};
+pub use trajectory::{Errors, states, trajectory};
+
+#[cfg(test)]
+mod tests;

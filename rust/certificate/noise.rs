@@ -1,0 +1,105 @@
+//! Noise of a run to come that is not in the region.
+
+use crate::error::{Error, Result};
+use crate::identify::{Symmetric, chi2_upper};
+use crate::memory::{checked_len, try_zeros};
+
+use super::nuclear::WHAT;
+use super::powers::product;
+
+/// Gaussian noise of the run to come, independent of the data.
+#[derive(Debug, Clone, Copy)]
+pub struct Gaussian<'a> {
+    /// A root of the covariance, or of a bound of it (n, n); infinite where there is none.
+    pub root: &'a [f64],
+    /// The probability that the last state is off by more than what is added for it.
+    pub end: f64,
+    /// The same of each earlier state, and again of its effect through the error of the model.
+    pub before: f64,
+}
+
+impl Gaussian<'_> {
+    /// `covariance += (power root) (power root)'`: with all earlier powers that of `sum_p A^p w(p)`.
+    pub(super) fn add(&self, power: &[f64], n: usize, covariance: &mut [f64]) -> Result<()> {
+        let moved = product(power, self.root, n, n, n)?;
+        for (i, to) in covariance.chunks_exact_mut(n).enumerate() {
+            let row = &moved[i * n..(i + 1) * n];
+            let along = moved.chunks_exact(n).map(|other| row.iter().zip(other).map(|(a, b)| a * b).sum::<f64>());
+            to.iter_mut().zip(along).for_each(|(to, value)| *to += value);
+        }
+        Ok(())
+    }
+
+    /// `|sum_p A^p w(p)|_i` is at most `t sqrt(N_ii)`, with `P(|g| > t) = end / n` for one standard normal g.
+    pub(super) fn of_components(&self, covariance: &[f64], n: usize, to: &mut [f64]) -> Result<()> {
+        let times = chi2_upper(self.end / n as f64, 1.0)?.sqrt();
+        for (i, to) in to.iter_mut().enumerate() {
+            let variance = covariance[i * (n + 1)];
+            *to += if variance.is_finite() { times * variance.sqrt() } else { f64::INFINITY };
+        }
+        Ok(())
+    }
+}
+
+/// What is known of noise to come.
+#[derive(Debug, Clone, Copy)]
+pub enum ToCome<'a> {
+    /// `||root^-1 [w(0) .. w(K-1)]|| <= radius` in the event of the region, `root` (n, n) a root of the covariance.
+    Sized {
+        /// The bound.
+        radius: f64,
+        /// The root.
+        root: &'a [f64],
+    },
+    /// Gaussian noise with levels of its own.
+    Gaussian(Gaussian<'a>),
+}
+
+impl ToCome<'_> {
+    pub(super) fn checked(self, n: usize) -> Result<Self> {
+        let (Self::Sized { root, .. } | Self::Gaussian(Gaussian { root, .. })) = self;
+        if root.len() == n * n {
+            return Ok(self);
+        }
+        let found = root.len().to_string();
+        Err(Error::Shape { name: "noise to come", expected: format!("a root of {} entries", n * n), found })
+    }
+}
+
+/// A root of a covariance (n, n): `root root' = S`, by its eigenvalues.
+pub(super) fn root_of(covariance: &[f64], n: usize) -> Result<Vec<f64>> {
+    let mut small = Symmetric::new(n)?;
+    small.matrix.copy_from_slice(covariance);
+    let square = checked_len(WHAT, n, n)?;
+    let [mut vectors, mut root] = [try_zeros(WHAT, square)?, try_zeros(WHAT, square)?];
+    let values = small.eigenpairs(&mut vectors)?;
+    for (q, (vector, value)) in vectors.chunks_exact(n).zip(values).enumerate() {
+        let size = value.max(0.0).sqrt();
+        vector.iter().enumerate().for_each(|(i, v)| root[i * n + q] = v * size);
+    }
+    Ok(root)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn roots_and_covariances() {
+        let s = [4.0, 2.0, 2.0, 1.0]; // singular
+        let root = root_of(&s, 2).unwrap();
+        let square = |i: usize, j: usize| root[2 * i] * root[2 * j] + root[2 * i + 1] * root[2 * j + 1];
+        (0..4).for_each(|at| assert!((square(at / 2, at % 2) - s[at]).abs() < 1e-14));
+        let noise = Gaussian { root: &root, end: 0.1, before: 0.01 };
+        let mut covariance = [0.0; 4];
+        noise.add(&[1.0, 0.0, 0.0, 1.0], 2, &mut covariance).unwrap();
+        noise.add(&[0.0, 1.0, 1.0, 0.0], 2, &mut covariance).unwrap();
+        [5.0, 4.0, 4.0, 5.0].iter().zip(&covariance).for_each(|(e, f)| assert!((e - f).abs() < 1e-13));
+        let mut found = [1.0; 2];
+        noise.of_components(&covariance, 2, &mut found).unwrap();
+        // P(|g| > 1.959963984540054) = .05
+        found.iter().for_each(|f| assert!((f - 1.0 - 1.959963984540054 * 5f64.sqrt()).abs() < 1e-9));
+        noise.of_components(&[f64::NAN; 4], 2, &mut found).unwrap();
+        assert_eq!(found, [f64::INFINITY; 2]);
+    }
+}

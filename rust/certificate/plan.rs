@@ -1,0 +1,197 @@
+//! The certificate of a plan: how far the true system ends from its target, from what one or several regions say.
+
+use faer::MatRef;
+
+use crate::error::{Error, Result};
+use crate::fuse::{distance, norm};
+use crate::identify::spectral_norm;
+use crate::memory::{covered, try_collect, try_filled, try_room, try_zeros};
+use crate::parallel::Stop;
+use crate::region::{Region, times};
+
+use super::noise::ToCome;
+use super::nuclear::WHAT;
+use super::trajectory::{Errors, trajectory};
+
+/// Where a plan begins and ends.
+#[derive(Debug, Clone, Copy)]
+pub struct Task<'a> {
+    /// The initial state (n).
+    pub x0: &'a [f64],
+    /// How far the true one may be from it.
+    pub rho0: f64,
+    /// The target (n).
+    pub xf: &'a [f64],
+    /// The predicted states (K + 1, n), around which there is the tube.
+    pub predicted: &'a [f64],
+}
+
+/// A region that holds in the event of the certificate, and the inputs in the form that it takes.
+#[derive(Debug, Clone, Copy)]
+pub struct Way<'a> {
+    /// Of single steps, or of all steps at once.
+    pub region: &'a Region,
+    /// (K, m), or all in one row.
+    pub inputs: &'a [f64],
+    /// Noise to come that is not in the region.
+    pub to_come: Option<ToCome<'a>>,
+    /// Whether it is asked how far the control is from the best one: a region of all steps at once.
+    pub compares: bool,
+}
+
+/// How far a control is from the best one of the true system.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Control {
+    /// At most so far; may be infinite.
+    Within(f64),
+    /// There are more inputs than states, so that many controls are as good.
+    Many,
+    /// Within the error of the data some inputs may have no effect.
+    NoEffect,
+}
+
+/// What holds in one event.
+#[derive(Debug, Clone)]
+pub struct Plan {
+    /// The way of the smallest `target`.
+    pub best: usize,
+    /// `||x(K) - xf|| <= target = reach + model_error + start`.
+    pub target: f64,
+    /// `||xh(K) - xf||`.
+    pub reach: f64,
+    /// What the error of the model adds, with that of noise to come.
+    pub model_error: f64,
+    /// What an uncertain x0 adds.
+    pub start: f64,
+    /// `|x(K) - xf|_i <= components[i]` (n).
+    pub components: Vec<f64>,
+    /// `||x(k) - predicted[k]|| <= tube[k]` (K + 1).
+    pub tube: Vec<f64>,
+    /// Of the ways that compare, the smallest; `None` if there are none.
+    pub control: Option<Control>,
+}
+
+/// The certificate from all `ways`, of which each holds: the smallest target, and the smallest radius and component of any.
+/// Components of a region by rows, `apart`, are a statement of their own and replace the others.
+///
+/// # Errors
+/// As [`trajectory`].
+pub fn certify(task: Task<'_>, ways: &[Way<'_>], apart: Option<Way<'_>>, stop: &Stop) -> Result<Plan> {
+    let n = task.xf.len();
+    if n == 0 || task.x0.len() != n || !task.predicted.len().is_multiple_of(n) || task.predicted.len() < 2 * n {
+        let found = format!("{}, {} and {} entries", task.x0.len(), n, task.predicted.len());
+        return Err(Error::Shape { name: "x0, xf, predicted", expected: "n, n and (K + 1) n entries".into(), found });
+    }
+    let mut all: Option<Plan> = None;
+    for (index, way) in ways.iter().enumerate() {
+        let found = one_way(task, way, index, stop)?;
+        all = Some(match all {
+            None => found,
+            Some(before) => smaller(before, found),
+        });
+    }
+    let Some(mut all) = all else {
+        return Err(Error::Shape { name: "ways", expected: "at least one region".into(), found: "none".into() });
+    };
+    if let Some(way) = apart {
+        let errors = trajectory(way.region, task.x0, way.inputs, task.rho0, way.to_come, stop)?;
+        all.components = components(&errors, task.xf)?;
+    }
+    Ok(all)
+}
+
+/// `|xh(K) - xf|_i` and the error of the component.
+fn components(errors: &Errors, xf: &[f64]) -> Result<Vec<f64>> {
+    let end = &errors.states[errors.states.len() - xf.len()..];
+    try_collect(WHAT, end.iter().zip(xf).zip(&errors.components).map(|((x, xf), error)| (x - xf).abs() + error))
+}
+
+/// What both say, which hold at once.
+fn smaller(before: Plan, mut found: Plan) -> Plan {
+    let least = |to: &mut [f64], other: &[f64]| to.iter_mut().zip(other).for_each(|(to, other)| *to = to.min(*other));
+    least(&mut found.components, &before.components);
+    least(&mut found.tube, &before.tube);
+    found.control = match (before.control, found.control) {
+        (Some(Control::Within(a)), Some(Control::Within(b))) => Some(Control::Within(a.min(b))),
+        (Some(Control::Within(a)), Some(_)) if a.is_finite() => Some(Control::Within(a)),
+        (None | Some(_), Some(Control::Within(b))) if b.is_finite() => Some(Control::Within(b)),
+        (before, found) => before.or(found),
+    };
+    if found.target < before.target {
+        return found;
+    }
+    Plan { components: found.components, tube: found.tube, control: found.control, ..before }
+}
+
+fn one_way(task: Task<'_>, way: &Way<'_>, index: usize, stop: &Stop) -> Result<Plan> {
+    let (n, region) = (task.xf.len(), way.region);
+    let errors = trajectory(region, task.x0, way.inputs, task.rho0, way.to_come, stop)?;
+    let (steps, all) = (errors.radii.len() - 1, task.predicted.len() / n - 1);
+    if !all.is_multiple_of(steps) {
+        let (expected, found) = (format!("a number of steps that divides {all}"), steps.to_string());
+        return Err(Error::Shape { name: "inputs", expected, found });
+    }
+    let whole = errors.radii[steps];
+    let mut alone = whole;
+    if task.rho0 > 0.0 && whole.is_finite() {
+        alone = trajectory(region, task.x0, way.inputs, 0.0, way.to_come, stop)?.radii[steps];
+    }
+    // a region of all steps at once says nothing between
+    let mut tube = try_filled(WHAT, f64::INFINITY, all + 1)?;
+    let each = errors.states.chunks_exact(n).zip(&errors.radii).enumerate();
+    for (k, (state, radius)) in each {
+        let at = k * (all / steps);
+        tube[at] = radius + distance(state, &task.predicted[at * n..(at + 1) * n]);
+    }
+    let reach = distance(&errors.states[steps * n..], task.xf);
+    Ok(Plan {
+        best: index,
+        target: reach + whole,
+        reach,
+        model_error: alone,
+        start: if whole.is_finite() { whole - alone } else { 0.0 },
+        components: components(&errors, task.xf)?,
+        tube,
+        control: if way.compares { Some(control(task, way, &errors.states[n..])?) } else { None },
+    })
+}
+
+/// `||u - v||` for `v = B^+ (xf - A x0 - c)`, or why there is no bound; `end` is where the centre leads in one step.
+///
+/// `v - u = B^+ (r + D z)`, `r = xf - C z` and `B^+ r = (B'B)^-1 (B_C' r + (B - B_C)' r)`. With `s = sigma_min(B_C)` and
+/// `||B - B_C|| <= eB < s`:
+///
+/// ```text
+/// (||D z|| + (||B_C' r|| + eB ||r||) / (s - eB)) / (s - eB).
+/// ```
+fn control(task: Task<'_>, way: &Way<'_>, end: &[f64]) -> Result<Control> {
+    let region = way.region;
+    let (n, m, d) = (region.n, region.m, region.d);
+    if m > n {
+        return Ok(Control::Many);
+    }
+    let mut b = try_room(WHAT, n * m)?;
+    region.centre.chunks_exact(d).for_each(|row| b.extend_from_slice(&row[n..n + m]));
+    let bytes = 64 * (n as u128 + 64) * (m as u128 + 64);
+    let values = covered(WHAT, bytes, || MatRef::from_row_major_slice(&b, n, m).singular_values())?;
+    let values = values.map_err(|_| Error::Numerical("the singular values of `B` did not converge".into()))?;
+    let least = values.iter().copied().fold(f64::INFINITY, f64::min);
+    let spread = region.spread(n, n + m)?;
+    if spread.is_nan() || spread >= least {
+        return Ok(Control::NoEffect);
+    }
+    let mut wrong = region.bound(&region.regressor(task.x0, way.inputs)?, false)?;
+    if task.rho0 > 0.0 {
+        // D (e, 0) + A_C e
+        let mut a = try_room(WHAT, n * n)?;
+        region.centre.chunks_exact(d).for_each(|row| a.extend_from_slice(&row[..n]));
+        wrong += times(spectral_norm(&a, n, n)? + region.spread(0, n)?, task.rho0);
+    }
+    let r = || task.xf.iter().zip(end).map(|(xf, x)| xf - x);
+    let mut across = try_zeros(WHAT, m)?;
+    for (row, r) in b.chunks_exact(m).zip(r()) {
+        across.iter_mut().zip(row).for_each(|(to, b)| *to += b * r);
+    }
+    let (across, room) = (norm(across.iter().copied()) + spread * norm(r()), least - spread);
+    Ok(Control::Within((wrong + across / room) / room))
+}

@@ -1,0 +1,291 @@
+//! From a region for `Theta = [A B c]` to the error of a trajectory of its centre.
+//!
+//! With `D = Theta - C` and `e(k) = x(k) - xh(k)`, xh the trajectory of the centre C,
+//!
+//! ```text
+//! e(k+1) = A e(k) + D z(k) + D_x e(k) (+ w(k)),    z = (xh, u, 1),
+//! ```
+//!
+//! A the state matrix of C and `D_x` the first columns of D. What follows holds for all inputs at once, also for those chosen
+//! after the data, in the event that Theta is in the region.
+
+use faer::MatRef;
+
+use crate::error::{Error, Result};
+use crate::fuse::{norm, power_of_two_scale};
+use crate::identify::{normal_quantile, spectral_norm};
+use crate::memory::{checked_len, covered, room_for_products, try_collect, try_filled, try_room, try_zeros};
+use crate::parallel::Stop;
+use crate::region::{Region, times};
+
+use super::noise::{Gaussian, ToCome, root_of};
+use super::nuclear::WHAT;
+use super::powers::product;
+use super::several_steps::{Radii, Steps, several_steps};
+
+/// For the rounding of singular values, relative to their sum.
+const ROUNDING: f64 = 1e-12;
+
+/// `||x(k) - states[k]|| <= radii[k]`, `|x(K) - states[K]|_i <= components[i]`.
+///
+/// With Gaussian noise to come the components are a statement of their own.
+#[derive(Debug, Clone)]
+pub struct Errors {
+    /// Of the centre, (K + 1, n).
+    pub states: Vec<f64>,
+    /// (K + 1).
+    pub radii: Vec<f64>,
+    /// (n).
+    pub components: Vec<f64>,
+    /// For a region of one part: the part of `radii` that is of first order, and `b_k >= ||e(k)||` in the norm of `V^-1`
+    /// (K + 1); empty for others, or where a square overflows.
+    pub linear: Vec<f64>,
+    /// See `linear`.
+    pub rest: Vec<f64>,
+}
+
+impl Errors {
+    fn unbounded(states: Vec<f64>, n: usize, rho0: f64) -> Result<Self> {
+        let mut radii = try_filled(WHAT, f64::INFINITY, states.len() / n)?;
+        radii[0] = rho0;
+        let components = try_filled(WHAT, f64::INFINITY, n)?;
+        Ok(Self { states, radii, components, linear: Vec::new(), rest: Vec::new() })
+    }
+}
+
+/// The states (K + 1, n) of the centre from `x0` under `inputs` (K, m).
+///
+/// # Errors
+/// [`Error::Shape`], [`Error::Overflow`], [`Error::Memory`].
+pub fn states(region: &Region, x0: &[f64], inputs: &[f64]) -> Result<Vec<f64>> {
+    let (n, m, d) = (region.n, region.m, region.d);
+    if x0.len() != n || inputs.is_empty() || !inputs.len().is_multiple_of(m) {
+        let found = format!("{} and {} entries", x0.len(), inputs.len());
+        return Err(Error::Shape { name: "x0, inputs", expected: format!("{n} entries and rows of {m}"), found });
+    }
+    room_for_products()?;
+    let mut states = try_room(WHAT, checked_len(WHAT, inputs.len() / m + 1, n)?)?;
+    states.extend_from_slice(x0);
+    for (k, u) in inputs.chunks_exact(m).enumerate() {
+        let z = region.regressor(&states[k * n..(k + 1) * n], u)?;
+        states.extend(product(&region.centre, &z, n, d, 1)?);
+    }
+    if !states.iter().all(|v| v.is_finite()) {
+        return Err(Error::Overflow { what: "the model's trajectory" });
+    }
+    Ok(states)
+}
+
+/// The errors under `inputs` (K, m) from an x0 known up to `rho0`. They include the noise that the region covers, or that of
+/// `to_come`; where a square overflows they are infinite.
+///
+/// # Errors
+/// [`Error::Shape`], [`Error::Overflow`] for states of the centre that leave the range of doubles, [`Error::Value`] for
+/// levels outside (0, 1), [`Error::Memory`], [`Error::Interrupted`].
+pub fn trajectory(
+    region: &Region,
+    x0: &[f64],
+    inputs: &[f64],
+    rho0: f64,
+    to_come: Option<ToCome<'_>>,
+    stop: &Stop,
+) -> Result<Errors> {
+    let n = region.n;
+    let to_come = to_come.map(|noise| noise.checked(n)).transpose()?;
+    let at = states(region, x0, inputs)?;
+    let found = if region.parts.len() == 1 && region.parts[0].rows.len() == n {
+        one_part(region, &at, inputs, rho0, to_come, stop)
+    } else {
+        by_rows(region, &at, inputs, rho0, to_come, stop)
+    };
+    match found {
+        Ok(found) if !found.radii.iter().chain(&found.components).any(|r| r.is_nan()) => {
+            Ok(Errors { states: at, ..found })
+        }
+        Ok(_) | Err(Error::Overflow { .. }) => Errors::unbounded(at, n, rho0),
+        Err(error) => Err(error),
+    }
+}
+
+/// `D = S^(1/2) Gamma V^(-1/2)` with bounds of both norms of Gamma: see [`super::several_steps`].
+///
+/// Components, by the same expansion with a row m_j of `A^(K-1-j) S^(1/2)` in place of the matrix:
+///
+/// ```text
+/// min(frobenius ||N||_F, spectral ||N||_*) + ||(A^K)_i|| rho0 + spectral sum ||m_j|| b_j,    N = sum_j m_j' c_j'.
+/// ```
+fn one_part(
+    region: &Region,
+    at: &[f64],
+    inputs: &[f64],
+    rho0: f64,
+    to_come: Option<ToCome<'_>>,
+    stop: &Stop,
+) -> Result<Errors> {
+    let (part, n, steps) = (&region.parts[0], region.n, inputs.len() / region.m);
+    let order = part.rows.iter().enumerate().all(|(at, row)| at == *row);
+    if !order {
+        return Err(Error::Shape {
+            name: "rows",
+            expected: "0, 1, .. of a part of all rows".into(),
+            found: "others".into(),
+        });
+    }
+    let mut radii =
+        Radii { spectral: part.factor.sqrt(), frobenius: region.frobenius, rho0, noise: region.future, to_come: None };
+    let own;
+    let mut added = None;
+    let root = match to_come {
+        // ||[X, W]||^2 <= ||X||^2 + ||W||^2, in both norms
+        Some(ToCome::Sized { radius, root }) if steps > 1 => {
+            radii.frobenius = radii.frobenius.hypot((n.min(steps) as f64).sqrt() * radius);
+            radii.spectral = radii.spectral.hypot(radius);
+            radii.noise = true;
+            root
+        }
+        other => {
+            match other {
+                Some(ToCome::Sized { radius, root }) => added = Some((radius, root)),
+                Some(ToCome::Gaussian(noise)) => radii.to_come = Some(noise),
+                None => {}
+            }
+            own = root_of(&part.shape, n)?;
+            &own
+        }
+    };
+    let Steps { radii: mut r, linear, rest, outside, span, power, covariance } =
+        several_steps(region, root, at, inputs, radii, stop)?;
+    let mut components = try_filled(WHAT, f64::INFINITY, n)?;
+    if !r[steps].is_finite() {
+        return Ok(Errors { states: Vec::new(), radii: r, components, linear, rest });
+    }
+    let (c, width) = span.first(steps)?;
+    let mut all = try_zeros(WHAT, checked_len(WHAT, width, n)?)?;
+    for (i, component) in components.iter_mut().enumerate() {
+        // N = sum_j c_j m_j, and sum_j ||m_j|| b_j
+        let (mut back, mut each) = (0.0, 0);
+        all.fill(0.0);
+        for (matrix, b) in outside.matrices.iter().rev().zip(&rest) {
+            let m = &matrix[i * n..(i + 1) * n];
+            back += times(norm(m.iter().copied()), *b);
+            for (to, c) in all.chunks_exact_mut(n).zip(&c[each * width..(each + 1) * width]) {
+                to.iter_mut().zip(m).for_each(|(to, m)| *to += c * m);
+            }
+            each += 1;
+        }
+        let (frobenius, nuclear) = norms(&all, width, n)?;
+        let first = times(radii.frobenius, frobenius).min(times(radii.spectral, nuclear));
+        let start = times(rho0, norm(power[i * n..(i + 1) * n].iter().copied()));
+        *component = first + times(radii.spectral, back) + start;
+    }
+    if let Some(noise) = radii.to_come {
+        noise.of_components(&covariance, n, &mut components)?;
+    }
+    if let Some((radius, root)) = added {
+        r[steps] += times(radius, spectral_norm(root, n, n)?);
+        let rows = root.chunks_exact(n).map(|row| times(radius, norm(row.iter().copied())));
+        components.iter_mut().zip(rows).for_each(|(to, row)| *to += row);
+    }
+    Ok(Errors { states: Vec::new(), radii: r, components, linear, rest })
+}
+
+/// `||N||_F` and `||N||_*`, with room for its rounding.
+fn norms(matrix: &[f64], rows: usize, cols: usize) -> Result<(f64, f64)> {
+    if matrix.is_empty() {
+        return Ok((0.0, 0.0));
+    }
+    if !matrix.iter().all(|v| v.is_finite()) {
+        return Err(Error::Overflow { what: "a component of the error" });
+    }
+    let scale = power_of_two_scale(matrix);
+    let scaled = try_collect(WHAT, matrix.iter().map(|v| v / scale))?;
+    // copies of the matrix, and blocks of reflections
+    let bytes = 64 * (rows as u128 + 64) * (cols as u128 + 64);
+    let values = covered(WHAT, bytes, || MatRef::from_row_major_slice(&scaled, rows, cols).singular_values())?;
+    let values = values.map_err(|_| Error::Numerical("the singular values did not converge".into()))?;
+    Ok((norm(values.iter().copied()) * scale, values.iter().sum::<f64>() * scale * (1.0 + ROUNDING)))
+}
+
+/// `|D z|_i <= c_i(z)` and `|D_x e|_i <= s_i ||e||` for regions of several parts.
+///
+/// Unrolled, `e(k) = A^k e(0) + sum_{j<k} A^(k-1-j) (D z(j) + D_x e(j) + w(j))`, so that by induction `r_k`, the smaller of
+/// the norm of
+///
+/// ```text
+/// E_k = |(A^k)_i| rho0 + sum_{j<k} |A^(k-1-j)| (c(z(j)) + s r_j + omega)
+/// ```
+///
+/// (componentwise) and the same with norms throughout, is a bound of `||e(k)||`; omega bounds noise of known size, the
+/// quantile of Gaussian noise is added to `r_k`.
+fn by_rows(
+    region: &Region,
+    at: &[f64],
+    inputs: &[f64],
+    rho0: f64,
+    to_come: Option<ToCome<'_>>,
+    stop: &Stop,
+) -> Result<Errors> {
+    let (n, d, steps) = (region.n, region.d, inputs.len() / region.m);
+    let mut pushes = try_room(WHAT, checked_len(WHAT, steps, n)?)?; // c(z(j)), later with s r_j + omega
+    for (x, u) in at.chunks_exact(n).zip(inputs.chunks_exact(region.m)) {
+        pushes.extend(region.component_bounds(&region.regressor(x, u)?)?);
+    }
+    let sizes = try_collect(WHAT, pushes.chunks_exact(n).map(|c| norm(c.iter().copied())))?;
+    let spreads = region.row_spreads(0, n)?;
+    let spread = norm(spreads.iter().copied());
+    let (mut omega, mut size, mut noise) = (try_zeros(WHAT, n)?, 0.0, None::<Gaussian<'_>>);
+    match to_come {
+        Some(ToCome::Sized { radius, root }) => {
+            omega.iter_mut().zip(root.chunks_exact(n)).for_each(|(to, row)| *to = radius * norm(row.iter().copied()));
+            size = radius * spectral_norm(root, n, n)?;
+        }
+        Some(ToCome::Gaussian(gaussian)) => noise = Some(gaussian),
+        None => {}
+    }
+    let mut a = try_room(WHAT, n * n)?;
+    region.centre.chunks_exact(d).for_each(|row| a.extend_from_slice(&row[..n]));
+    let mut powers: Vec<Vec<f64>> = try_room(WHAT, steps + 1)?;
+    let mut power = try_zeros(WHAT, checked_len(WHAT, n, n)?)?;
+    (0..n).for_each(|i| power[i * (n + 1)] = 1.0);
+    let mut covariance = try_zeros(WHAT, n * n)?;
+    let mut norms = try_room(WHAT, steps + 1)?;
+    norms.push(1.0);
+    powers.push(power);
+    let (mut r, mut components) = (try_room(WHAT, steps + 1)?, try_zeros::<f64>(WHAT, n)?);
+    r.push(rho0);
+    for k in 1..=steps {
+        stop.check()?;
+        let before = r[k - 1];
+        let push = pushes[(k - 1) * n..k * n].iter_mut();
+        push.zip(&spreads).zip(&omega).for_each(|((to, s), omega)| *to += times(before, *s) + omega);
+        if let Some(noise) = noise {
+            noise.add(&powers[k - 1], n, &mut covariance)?;
+        }
+        let next = product(&a, &powers[k - 1], n, n, n)?;
+        if !next.iter().all(|v| v.is_finite()) {
+            return Err(Error::Overflow { what: "a power of the model's A" });
+        }
+        norms.push(spectral_norm(&next, n, n)?);
+        for (i, component) in components.iter_mut().enumerate() {
+            let through = |(power, push): (&Vec<f64>, &[f64])| -> f64 {
+                power[i * n..(i + 1) * n].iter().zip(push).map(|(a, push)| times(a.abs(), *push)).sum()
+            };
+            let sum: f64 = powers.iter().rev().zip(pushes.chunks_exact(n)).map(through).sum();
+            *component = sum + times(rho0, norm(next[i * n..(i + 1) * n].iter().copied()));
+        }
+        let along = |(j, c): (usize, &f64)| times(norms[k - 1 - j], c + times(r[j], spread) + size);
+        let whole = times(norms[k], rho0) + sizes[..k].iter().enumerate().map(along).sum::<f64>();
+        let bound = norm(components.iter().copied()).min(whole);
+        components.iter_mut().for_each(|component| *component = component.min(bound));
+        let quantile = match noise {
+            Some(noise) => normal_quantile(&covariance, n, if k == steps { noise.end } else { noise.before })?,
+            None => 0.0,
+        };
+        r.push(bound + quantile);
+        powers.push(next);
+    }
+    if let Some(noise) = noise {
+        noise.of_components(&covariance, n, &mut components)?;
+    }
+    Ok(Errors { states: Vec::new(), radii: r, components, linear: Vec::new(), rest: Vec::new() })
+}

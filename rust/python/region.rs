@@ -1,0 +1,283 @@
+//! Regions of models, and the certificates that follow.
+
+use std::sync::Arc;
+
+use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::prelude::*;
+use pyo3::types::PyList;
+
+use super::convert::{array1, array2, slice};
+use super::error::ShapeError;
+use super::run::run;
+use crate::certificate::{self, Control, Gaussian, Task, ToCome, Way};
+use crate::memory::{try_copy, try_room};
+use crate::region::{DIRECTIONS, Part, PartOf, Region};
+
+type Matrix<'py> = PyReadonlyArray2<'py, f64>;
+type Vector<'py> = PyReadonlyArray1<'py, f64>;
+
+const WHAT: &str = "a region of models";
+
+/// `(Theta - C) V (Theta - C)' <= factor S` for some rows and columns.
+#[pyclass(frozen, module = "stochens_rs._core", name = "RegionPart")]
+pub(super) struct PyPart(Arc<Part>);
+
+fn places(name: &str, values: &PyReadonlyArray1<'_, i64>) -> PyResult<Vec<usize>> {
+    let view = values.as_array();
+    let mut found = try_room(WHAT, view.len())?;
+    for value in view {
+        let place = usize::try_from(*value);
+        found.push(place.map_err(|_| ShapeError::new_err(format!("`{name}` must be at least 0, got {value}")))?);
+    }
+    Ok(found)
+}
+
+#[pymethods]
+impl PyPart {
+    #[new]
+    #[expect(clippy::too_many_arguments, reason = "the fields of the record")]
+    fn new(
+        rows: PyReadonlyArray1<'_, i64>,
+        columns: PyReadonlyArray1<'_, i64>,
+        white: Matrix<'_>,
+        root: Matrix<'_>,
+        missing: Matrix<'_>,
+        ratio: f64,
+        shape: Matrix<'_>,
+        factor: f64,
+    ) -> PyResult<Self> {
+        let (rows, columns) = (places("rows", &rows)?, places("columns", &columns)?);
+        let of = PartOf {
+            rows: &rows,
+            columns: &columns,
+            white: slice("white", &white)?,
+            root: slice("root", &root)?,
+            missing: slice("missing", &missing)?,
+            ratio,
+            shape: slice("S", &shape)?,
+            factor,
+        };
+        Ok(Self(Arc::new(Part::new(of)?)))
+    }
+
+    #[getter]
+    fn radius(&self) -> f64 {
+        self.0.radius()
+    }
+
+    #[getter]
+    fn deviations<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        array1(py, try_copy(WHAT, self.0.deviations())?)
+    }
+
+    fn length(&self, z: Vector<'_>) -> PyResult<f64> {
+        let z = slice("z", &z)?;
+        if self.0.columns.iter().any(|j| *j >= z.len()) {
+            return Err(ShapeError::new_err(format!("`z` must have an entry for each column, got {}", z.len())));
+        }
+        Ok(self.0.length(z))
+    }
+
+    fn reach(&self, from: usize, to: usize) -> PyResult<f64> {
+        Ok(self.0.reach(from, to)?)
+    }
+}
+
+/// What several steps add up to.
+#[pyclass(frozen, module = "stochens_rs._core", name = "Errors")]
+pub(super) struct PyErrors {
+    errors: certificate::Errors,
+    n: usize,
+}
+
+#[pymethods]
+impl PyErrors {
+    #[getter]
+    fn states<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let values = try_copy(WHAT, &self.errors.states)?;
+        array2(py, values, self.errors.states.len() / self.n, self.n)
+    }
+
+    #[getter]
+    fn radii<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        array1(py, try_copy(WHAT, &self.errors.radii)?)
+    }
+
+    #[getter]
+    fn components<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        array1(py, try_copy(WHAT, &self.errors.components)?)
+    }
+
+    #[getter]
+    fn linear<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        array1(py, try_copy(WHAT, &self.errors.linear)?)
+    }
+
+    #[getter]
+    fn rest<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        array1(py, try_copy(WHAT, &self.errors.rest)?)
+    }
+}
+
+/// Noise to come: `(radius, root)`, or `(root, end, before)` for Gaussian noise.
+#[derive(FromPyObject)]
+pub(super) enum Noise<'py> {
+    Sized(f64, Matrix<'py>),
+    Gaussian(Matrix<'py>, f64, f64),
+}
+
+fn to_come<'a>(noise: &'a Option<Noise<'_>>) -> PyResult<Option<ToCome<'a>>> {
+    Ok(match noise {
+        None => None,
+        Some(Noise::Sized(radius, root)) => {
+            Some(ToCome::Sized { radius: *radius, root: slice("noise to come", root)? })
+        }
+        Some(Noise::Gaussian(root, end, before)) => {
+            let root = slice("noise to come", root)?;
+            Some(ToCome::Gaussian(Gaussian { root, end: *end, before: *before }))
+        }
+    })
+}
+
+/// A set of models that contains the true one.
+#[pyclass(frozen, module = "stochens_rs._core", name = "Region")]
+pub(super) struct PyRegion(Region);
+
+impl PyRegion {
+    /// Elementary operations of a certificate of so many steps.
+    fn cost(&self, steps: usize) -> f64 {
+        10.0 * (steps * steps) as f64 * self.0.width().pow(3) as f64
+    }
+}
+
+#[pymethods]
+impl PyRegion {
+    #[new]
+    fn new(
+        centre: Matrix<'_>,
+        m: usize,
+        parts: &Bound<'_, PyList>,
+        frobenius: Option<f64>,
+        future: bool,
+    ) -> PyResult<Self> {
+        let n = centre.as_array().dim().0;
+        let mut all = try_room(WHAT, parts.len())?;
+        for part in parts {
+            all.push(Arc::clone(&part.cast::<PyPart>()?.get().0));
+        }
+        Ok(Self(Region::new(slice("centre", &centre)?, n, m, all, frobenius, future)?))
+    }
+
+    #[getter]
+    fn radius(&self) -> f64 {
+        self.0.radius()
+    }
+
+    fn bound(&self, z: Vector<'_>, noise: bool) -> PyResult<f64> {
+        Ok(self.0.bound(slice("z", &z)?, noise)?)
+    }
+
+    fn component_bounds<'py>(&self, py: Python<'py>, z: Vector<'_>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        array1(py, self.0.component_bounds(slice("z", &z)?)?)
+    }
+
+    fn entry_bounds<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let found = self.0.entry_bounds()?;
+        let rows = found.len() / self.0.width();
+        array2(py, found, rows, self.0.width())
+    }
+
+    fn spread(&self, from: usize, to: usize) -> PyResult<f64> {
+        Ok(self.0.spread(from, to)?)
+    }
+
+    fn has_known(&self, theta: Matrix<'_>) -> PyResult<bool> {
+        Ok(self.0.has_known(slice("Theta", &theta)?)?)
+    }
+
+    fn contains(&self, theta: Matrix<'_>) -> PyResult<bool> {
+        Ok(self.0.contains(slice("Theta", &theta)?)?)
+    }
+
+    /// Corners (directions, 2), or None where there is no edge.
+    fn projection<'py>(
+        &self,
+        py: Python<'py>,
+        one: (usize, usize),
+        other: (usize, usize),
+    ) -> PyResult<Option<Bound<'py, PyArray2<f64>>>> {
+        self.0.projection(one, other)?.map(|corners| array2(py, corners, DIRECTIONS, 2)).transpose()
+    }
+
+    fn errors(
+        &self,
+        py: Python<'_>,
+        x0: Vector<'_>,
+        inputs: Matrix<'_>,
+        rho0: f64,
+        noise: Option<Noise<'_>>,
+    ) -> PyResult<PyErrors> {
+        let (x0, given, noise) = (slice("x0", &x0)?, slice("inputs", &inputs)?, to_come(&noise)?);
+        let cost = self.cost(inputs.as_array().dim().0);
+        let errors = run(py, cost, |stop| certificate::trajectory(&self.0, x0, given, rho0, noise, stop))?;
+        Ok(PyErrors { errors, n: x0.len() })
+    }
+}
+
+/// A region, the inputs in its form, noise to come, and whether it compares with the best control.
+type GivenWay<'py> = (Bound<'py, PyRegion>, Matrix<'py>, Option<Noise<'py>>, bool);
+/// `(best, target, reach, model_error, start, components, tube, control)`; `control` is a number, or why there is none.
+type Found<'py> = (
+    usize,
+    f64,
+    f64,
+    f64,
+    f64,
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray1<f64>>,
+    Option<f64>,
+    Option<&'static str>,
+);
+
+/// The certificate of a plan from regions that hold in one event.
+#[pyfunction]
+pub(super) fn certify<'py>(
+    py: Python<'py>,
+    x0: Vector<'_>,
+    rho0: f64,
+    xf: Vector<'_>,
+    predicted: Matrix<'_>,
+    ways: Vec<GivenWay<'_>>,
+    apart: Option<GivenWay<'_>>,
+) -> PyResult<Found<'py>> {
+    let task = Task { x0: slice("x0", &x0)?, rho0, xf: slice("xf", &xf)?, predicted: slice("predicted", &predicted)? };
+    let (mut given, mut cost) = (try_room(WHAT, ways.len())?, 0.0);
+    for way in &ways {
+        cost += way.0.get().cost(way.1.as_array().dim().0);
+        given.push(as_way(way)?);
+    }
+    let apart = apart.as_ref().map(as_way).transpose()?;
+    let found = run(py, 2.0 * cost, |stop| certificate::certify(task, &given, apart, stop))?;
+    let (control, reason) = match found.control {
+        None => (None, None),
+        Some(Control::Within(value)) => (Some(value), None),
+        Some(Control::Many) => (None, Some("many")),
+        Some(Control::NoEffect) => (None, Some("no effect")),
+    };
+    Ok((
+        found.best,
+        found.target,
+        found.reach,
+        found.model_error,
+        found.start,
+        array1(py, found.components)?,
+        array1(py, found.tube)?,
+        control,
+        reason,
+    ))
+}
+
+fn as_way<'a>((region, inputs, noise, compares): &'a GivenWay<'_>) -> PyResult<Way<'a>> {
+    let inputs = slice("inputs", inputs)?;
+    Ok(Way { region: &region.get().0, inputs, to_come: to_come(noise)?, compares: *compares })
+}

@@ -1,0 +1,20 @@
+//! A set of models `Theta = [A B c]` that contains the true one, and what it says of one step.
+//!
+//! ```text
+//! (Theta - C) V (Theta - C)' <= factor S        for all rows at once, or row by row
+//! ```
+//!
+//! with C the centre. What several steps add is in [`crate::certificate`].
+
+mod models;
+mod part;
+mod projection;
+
+pub use models::Region;
+pub use part::{Part, PartOf};
+pub use projection::DIRECTIONS;
+
+pub(crate) use part::times;
+
+#[cfg(test)]
+mod tests;

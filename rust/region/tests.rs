@@ -1,0 +1,115 @@
+use std::sync::Arc;
+
+use super::*;
+
+/// V = diag(4, 16), S = diag(1, 4): everything in closed form.
+fn region(factor: f64, by_rows: bool) -> Region {
+    let (white, root) = ([0.5, 0.0, 0.0, 0.25], [2.0, 0.0, 0.0, 4.0]);
+    let part = |rows: &[usize], shape: &[f64]| {
+        let of = PartOf { rows, columns: &[0, 1], white: &white, root: &root, missing: &[], ratio: 1.0, shape, factor };
+        Arc::new(Part::new(of).unwrap())
+    };
+    let parts =
+        if by_rows { vec![part(&[1], &[4.0]), part(&[0], &[1.0])] } else { vec![part(&[0, 1], &[1.0, 0.0, 0.0, 4.0])] };
+    // the last column, that of the input, is known
+    Region::new(&[0.5, 1.0, 0.0, 0.1, 0.2, 7.0], 2, 1, parts, None, false).unwrap()
+}
+
+fn near(found: f64, expected: f64) {
+    assert!((found - expected).abs() <= 1e-14 * expected.abs(), "{found} is not {expected}");
+}
+
+#[test]
+fn bounds_of_one_step() {
+    let z = [2.0, 4.0, 5.0]; // ||z|| = sqrt(1 + 1)
+    let one = region(0.09, false);
+    near(one.radius(), 0.6);
+    near(one.bound(&z, false).unwrap(), 0.6 * 2f64.sqrt());
+    near(one.bound(&z, true).unwrap(), 0.6 * 3f64.sqrt());
+    let found = one.component_bounds(&z).unwrap();
+    near(found[0], 0.3 * 2f64.sqrt());
+    near(found[1], 0.6 * 2f64.sqrt());
+    let rows = region(0.09, true);
+    near(rows.radius(), 0.45f64.sqrt());
+    assert_eq!(rows.component_bounds(&z).unwrap(), found);
+    near(rows.bound(&z, false).unwrap(), 0.9f64.sqrt());
+    for both in [&one, &rows] {
+        let entries = both.entry_bounds().unwrap();
+        [0.15, 0.075, 0.0, 0.3, 0.15, 0.0].iter().zip(&entries).for_each(|(e, f)| near(*f, *e));
+        near(both.spread(0, 2).unwrap(), both.radius() * 0.5);
+        near(both.spread(1, 2).unwrap(), both.radius() * 0.25);
+        assert_eq!(both.spread(2, 3).unwrap(), 0.0);
+        assert_eq!(both.bound(&[0.0, 0.0, 3.0], false).unwrap(), 0.0);
+    }
+    assert!(one.bound(&z[..2], false).is_err());
+}
+
+#[test]
+fn models_inside_and_outside() {
+    for by_rows in [false, true] {
+        let region = region(0.09, by_rows);
+        let moved = |by: [f64; 3], second: [f64; 3]| {
+            let mut theta = region.centre.clone();
+            by.iter().chain(&second).zip(&mut theta).for_each(|(by, to)| *to += by);
+            region.contains(&theta).unwrap()
+        };
+        assert!(moved([0.0; 3], [0.0; 3]));
+        assert!(moved([0.149, 0.0, 0.0], [0.0; 3]) && !moved([0.151, 0.0, 0.0], [0.0; 3]));
+        assert!(moved([0.0; 3], [0.0, 0.149, 0.0]) && !moved([0.0; 3], [0.0, 0.151, 0.0]));
+        // both at once only where the rows are judged apart
+        assert_eq!(moved([0.149, 0.0, 0.0], [0.299, 0.0, 0.0]), by_rows);
+        assert!(!moved([0.0; 3], [0.0, 0.0, 1e-6])); // the known entry
+        assert!(region.contains(&[f64::NAN; 6]).is_ok_and(|inside| !inside));
+        assert!(region.contains(&[0.0; 4]).is_err());
+    }
+    // no size at all: the centre alone; an infinite one: all
+    let same = region(0.0, false);
+    assert!(same.contains(&same.centre).unwrap());
+    let mut other = same.centre.clone();
+    other[0] += 1e-9;
+    assert!(!same.contains(&other).unwrap() && region(f64::INFINITY, false).contains(&other).unwrap());
+}
+
+#[test]
+fn what_the_data_do_not_determine() {
+    let of = PartOf {
+        rows: &[0],
+        columns: &[0, 1],
+        white: &[0.5, -0.5],
+        root: &[1.0, -1.0],
+        missing: &[0.5f64.sqrt(), 0.5f64.sqrt()],
+        ratio: 1.0,
+        shape: &[1.0],
+        factor: 1.0,
+    };
+    let part = Part::new(of).unwrap();
+    assert_eq!(part.length(&[1.0, -1.0]), 1.0);
+    assert_eq!(part.length(&[1e200, -1e200]), 1e200);
+    assert_eq!(part.length(&[1.0, 0.0]), f64::INFINITY);
+    assert_eq!(part.length(&[1.0, -1.0 + 1e-9]), f64::INFINITY);
+    assert_eq!((part.length(&[0.0; 2]), part.rank()), (0.0, 1));
+    let region = Region::new(&[0.0, 0.0], 1, 1, vec![Arc::new(part)], None, false).unwrap();
+    assert_eq!(region.spread(0, 1).unwrap(), f64::INFINITY);
+    assert_eq!(region.projection((0, 0), (0, 1)).unwrap(), None);
+    let refused = [
+        Part::new(PartOf { factor: f64::NAN, ..of }),
+        Part::new(PartOf { shape: &[1.0; 2], ..of }),
+        Part::new(PartOf { white: &[1.0; 3], ..of }),
+    ];
+    assert!(refused.iter().all(Result::is_err));
+}
+
+/// In one row the projection is an ellipse, by rows a box; the polygon is around both, and touches them.
+#[test]
+fn projections() {
+    let one = region(0.09, false).projection((0, 0), (0, 1)).unwrap().unwrap();
+    assert_eq!(one.len(), 2 * DIRECTIONS);
+    for corner in one.chunks_exact(2) {
+        let size = (corner[0] / 0.15).hypot(corner[1] / 0.075);
+        assert!((1.0..1.0001).contains(&size), "{size}");
+    }
+    let rows = region(0.09, true).projection((0, 0), (1, 1)).unwrap().unwrap();
+    let largest = |at: usize| rows.iter().skip(at).step_by(2).fold(0.0f64, |m, v| m.max(v.abs()));
+    assert!((largest(0) - 0.15).abs() < 1e-12 && (largest(1) - 0.15).abs() < 1e-12);
+    assert_eq!(region(0.09, true).projection((0, 0), (0, 2)).unwrap(), None); // known
+}

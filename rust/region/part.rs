@@ -118,7 +118,7 @@ impl Part {
     ///
     /// Each missing direction is judged against the size of what is added up in it. Rounding turns these directions by
     /// `eps / ratio` (Wedin 1972). Where that is more than half of the digits, only a z that fits them as well as at
-    /// [`TRUSTED`] counts as determined: in doubt the length is infinite.
+    /// `TRUSTED` counts as determined: in doubt the length is infinite.
     #[must_use]
     pub fn length(&self, z: &[f64]) -> f64 {
         let largest = self.columns.iter().map(|&j| z[j].abs()).fold(0.0, f64::max);

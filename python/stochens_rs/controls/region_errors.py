@@ -53,6 +53,8 @@ def spread(region: Region, columns: slice) -> float:
 
 
 def root_of(S: Floats) -> Floats:
-    """A root of S, `root root' = S`."""
-    values, vectors = np.linalg.eigh(S)
-    return np.ascontiguousarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+    """A root of S, `root root' = S`; the rounding of each row is relative to its own size."""
+    sizes = np.sqrt(np.maximum(np.diag(S), 0.0))[:, None]
+    units = np.where(sizes == 0.0, 1.0, sizes)
+    values, vectors = np.linalg.eigh(S / units / units.T)
+    return np.ascontiguousarray(sizes * vectors * np.sqrt(np.maximum(values, 0.0)))

@@ -51,6 +51,13 @@ class Record:
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), tuple(getattr(self, one.name) for one in fields(self))  # type: ignore[arg-type]
 
+    @classmethod
+    def _computed(cls, **values: Any) -> Self:
+        """One of fields that were computed just now, without the checks of those from outside."""
+        made = cls.__new__(cls)
+        vars(made).update(values)
+        return made
+
     def _verify(self) -> None:
         """Check what the constructor trusts, after the fields came from plain data."""
 

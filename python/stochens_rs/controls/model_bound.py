@@ -88,7 +88,7 @@ def certificate(
         None if apart is None else (apart._core, u, None, False),
     )
     region = ways[best][0]
-    return Certificate(
+    return Certificate._computed(
         target=target,
         state=float(tube[-1]),
         reach=reach,

@@ -218,7 +218,7 @@ class Model(Durable, Tabled, Resampled):
             radius = made[0].radius
         else:
             made, radius, covariance = parts(found, noise, wish, self.scale, self.n)
-        return Region(
+        return Region._computed(
             centre=gate.frozen(centre),
             m=self.m,
             delta=wish.delta,

@@ -11,6 +11,7 @@ import numpy as np
 from .. import _core
 from .._base import html, validation
 from .._base.numbers import norm
+from .._base.records import trusted
 from ..exceptions import DataWarning, InputError
 from ..identification.identifying import identify
 from ..identification.model import Model
@@ -88,7 +89,8 @@ def certificate(
         None if apart is None else (apart._core, u, None, False),
     )
     region = ways[best][0]
-    return Certificate(
+    return trusted(
+        Certificate,
         target=target,
         state=float(tube[-1]),
         reach=reach,

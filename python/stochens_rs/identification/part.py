@@ -17,7 +17,7 @@ import numpy as np
 
 from .. import _core
 from .._base import validation
-from .._base.records import Record, require_shapes
+from .._base.records import Record, require_shapes, trusted
 from .least_squares import Fitted
 
 if TYPE_CHECKING:
@@ -77,8 +77,17 @@ class Part(Record):
         if 0.0 < factor < np.inf:
             r = WIDER * (1.0 + factor**-0.5) * fitted.rounding
             S = S + len(S) * np.diag(r**2)
-        some = fitted.white, fitted.root, fitted.missing, fitted.ratio
-        return cls(rows, columns, *some, S, factor)
+        return trusted(
+            cls,
+            rows=rows,
+            columns=columns,
+            white=fitted.white,
+            root=fitted.root,
+            missing=fitted.missing,
+            ratio=fitted.ratio,
+            S=gate.kept("S", S, ndim=(2,)),
+            factor=factor,
+        )
 
     @cached_property
     def _core(self) -> _core.RegionPart:

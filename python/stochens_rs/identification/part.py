@@ -85,7 +85,7 @@ class Part(Record):
             root=fitted.root,
             missing=fitted.missing,
             ratio=fitted.ratio,
-            S=gate.kept("S", S, ndim=(2,)),
+            S=validation.kept("S", S, ndim=(2,)),
             factor=factor,
         )
 

@@ -314,6 +314,7 @@ def test_rig_script_compares_and_draws(tmp_path, monkeypatch, capsys):
     assert 0.0 < 2 * float(error) < float(certificate) < 1.0
     assert {path.name for path in (tmp_path / "a").iterdir()} == {
         "certificates.png",
+        "first-control.png",
         "limits-loop.png",
         "limits-plan.png",
         "residuals.png",

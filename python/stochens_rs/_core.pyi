@@ -7,11 +7,15 @@ from typing_extensions import disjoint_base
 
 __all__ = [
     "Alse",
+    "Apart",
     "BoxControl",
     "BoxSolver",
     "DataStream",
     "Draws",
     "Errors",
+    "Horizon",
+    "HorizonControl",
+    "Loop",
     "Region",
     "RegionPart",
     "RowsControl",
@@ -558,6 +562,152 @@ class BoxSolver:
     ) -> BoxSolver: ...
     def solve(self, given: _Floats, time_limit: float | None) -> BoxControl: ...
     # active set (d,) at which the next call begins, before the shift; None: from anew
+    def warm(self) -> NDArray[np.int8] | None: ...
+    def resume(self, warm: NDArray[np.int8] | None) -> None: ...
+
+# K steps of x(k+1) = A x(k) + B u(k) + c and a task: what its best control is, and how far others
+# are from it. M (rows, m K), y = target - state x0 for the condensed map. `task` is read by its
+# attributes (see `controls.task.Task`); `reference` and `r` take the place of its own.
+@final
+class Horizon:
+    def __new__(
+        cls,
+        a: _Floats,
+        b: _Floats,
+        c: _Floats | None,
+        task: object,
+        reference: _Floats | None = None,
+        r: _Floats | None = None,
+    ) -> Horizon: ...
+    # R (m, m), given or chosen
+    @property
+    def r(self) -> _Floats: ...
+    # whether the recursion of Riccati solves it, and the rows of M
+    @property
+    def long(self) -> bool: ...
+    @property
+    def rows(self) -> int: ...
+    # M, state (rows, n) and target (rows,)
+    def weighted(self) -> tuple[_Floats, _Floats, _Floats]: ...
+    # F (rank, n) with F'F = Q, of the stages and of the last step
+    def roots(self) -> tuple[_Floats, _Floats]: ...
+    # A^p B, (K, n m)
+    def pushes(self) -> _Floats: ...
+    # ||M||_F, ||state||_F, and the same of what xf is multiplied by
+    def norms(self) -> tuple[float, float, float]: ...
+    # ||Q_k||_2 (K,), with the curvature of soft limits if `soft`
+    def weights(self, soft: bool) -> _Floats: ...
+    def objective(self, x0: _Floats, u: _Floats) -> float: ...
+    # the largest ||u - v|| for v within the limits of single inputs
+    def farthest(self, u: _Floats) -> float: ...
+    def in_two_norm(self, distance: float) -> tuple[float, float]: ...
+    def best(self, x0: _Floats, time_limit: float | None) -> RowsControl: ...
+    # the same with what the limits cost
+    def solve(self, x0: _Floats, time_limit: float | None) -> HorizonControl: ...
+    # a bound of max <J'(u), u - v>, from gap >= J(u) - min J where there are rates or hard limits
+    # of states, and the norm of what no limit balances of J'(u) / 2
+    def optimality(self, states: _Floats, u: _Floats, gap: float) -> tuple[float, float]: ...
+    # the least eigenvalue of M'M + R, 0 if it is rounding
+    def least(self) -> float: ...
+    # (state, control, excess, missed) of `given` (u, gap, distance, objective), for what
+    # made it differ from the best: nothing random; the distance of the target, with
+    # off = r^(k) - x^(k); simulated radii; or a moved map
+    def error(
+        self,
+        x0: _Floats,
+        given: object,
+        cause: float | tuple[float, ...] | Apart | None = None,
+        off: _Floats | None = None,
+    ) -> tuple[float, float, float, float]: ...
+    # `around` by its attributes, see `controls.uncertain_map.Around`
+    def apart(
+        self, around: object, states: _Floats, u: _Floats, alpha: float, gap: float
+    ) -> Apart: ...
+    def map_radius(self, radii: tuple[float, float]) -> float: ...
+    # for bounds (e0, ef, eA) of the errors of x0, xf and A: of the states (K + 1, n) of an estimate
+    # in the norm of Q, and of the target where the map is exact
+    def along(self, states: _Floats, errors: tuple[float, float, float]) -> float: ...
+    def moved_target(
+        self, errors: tuple[float, float, float], a: _Floats, x0: _Floats
+    ) -> float: ...
+    # (runs,) distances of the target, (runs, 3) errors of the controls of drawn estimates; the
+    # entities as for `simulate_plans`
+    def moved_targets(
+        self,
+        entities: tuple[_Estimate, _Estimate, _Estimate],
+        rows: bool,
+        paired: bool,
+        x0: _Floats,
+        xf: _Floats,
+        runs: int,
+        cost: float,
+        key: bytes,
+        threads: int,
+    ) -> _Floats: ...
+    def drawn_errors(
+        self,
+        entities: tuple[_Estimate, _Estimate, _Estimate],
+        rows: bool,
+        x0: _Floats,
+        follows: bool,
+        auto: bool,
+        runs: int,
+        cost: float,
+        key: bytes,
+        threads: int,
+    ) -> _Floats: ...
+
+# The fields of `controls.limited.Limited` that a solver finds.
+@final
+class HorizonControl:
+    @property
+    def u(self) -> _Floats: ...
+    @property
+    def active(self) -> NDArray[np.int8]: ...
+    @property
+    def multipliers(self) -> _Floats: ...
+    @property
+    def state_active(self) -> NDArray[np.int8] | None: ...
+    @property
+    def gap(self) -> float: ...
+    @property
+    def distance(self) -> float: ...
+    @property
+    def objective(self) -> float: ...
+    @property
+    def missed(self) -> float: ...
+    @property
+    def status(self) -> _Status | Literal["infeasible"]: ...
+    @property
+    def missing(self) -> float: ...
+
+# Bounds of ||G (w - u)||_Q, ||w - u||_R, of both together, ||w - u||_2 and J(w) - J(u).
+@final
+class Apart:
+    @property
+    def state(self) -> float: ...
+    @property
+    def weighted(self) -> float: ...
+    @property
+    def distance(self) -> float: ...
+    @property
+    def control(self) -> float: ...
+    @property
+    def excess(self) -> float: ...
+
+# A horizon for one state after another: each call begins at the active limits of the call before,
+# a step later. Nothing changes where a call raises.
+@final
+class Loop:
+    def __new__(cls, a: _Floats, b: _Floats, c: _Floats | None, task: object) -> Loop: ...
+    # whether one condensed map serves all states
+    @property
+    def condensed(self) -> bool: ...
+    def solve(self, x: _Floats, time_limit: float | None) -> BoxControl: ...
+    # the input that is applied now, from which the next change counts
+    def follow(self, previous: _Floats) -> None: ...
+    # signs of the limits of inputs, rates and states at which the next call begins, before the
+    # shift; None: from anew
     def warm(self) -> NDArray[np.int8] | None: ...
     def resume(self, warm: NDArray[np.int8] | None) -> None: ...
 

@@ -97,7 +97,7 @@ pub fn box_batch_each(
     in_chunks(d, size, gaps, threads, stop, work)
 }
 
-fn single(
+pub(super) fn single(
     dense: &mut Dense,
     search: &mut Search,
     bounds: Bounds<'_>,

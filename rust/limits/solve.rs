@@ -38,6 +38,27 @@ pub struct Solution {
     pub method: Method,
 }
 
+impl Solution {
+    /// A control that is known with its certificate alone.
+    pub fn of(control: Vec<f64>, gap: f64, distance: f64, objective: f64) -> Self {
+        let (active, multipliers, method) = (Vec::new(), Vec::new(), Method::default());
+        let (status, frank_wolfe, at_zero) = (Status::Inaccurate, f64::INFINITY, f64::INFINITY);
+        Self {
+            control,
+            active,
+            multipliers,
+            status,
+            gap,
+            frank_wolfe,
+            distance,
+            objective,
+            at_zero,
+            iterations: 0,
+            method,
+        }
+    }
+}
+
 /// `R`: its diagonal, or all of it.
 #[derive(Clone, Copy)]
 pub enum Penalty<'a> {

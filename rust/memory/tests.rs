@@ -14,7 +14,7 @@ use crate::certificate::{Gaussian, Task, ToCome, Way, certify};
 use crate::control::{Entity, Factors, Motion, Realized, best_control, pseudoinverse};
 use crate::fuse::{self, Dense, Settings, Weights};
 use crate::identify;
-use crate::limits::{self, Bounds, Horizon, Penalty, Rows, Until};
+use crate::limits::{self, Bounds, Penalty, Rows, Steps, Until};
 use crate::region::{Part, PartOf, Region};
 use crate::sample::{multinomial_counts, systematic_counts};
 use crate::simulate::{self, Average, Drawn, Estimate, Exact, Model, Norm, Plans, Second, mean_field, runs};
@@ -279,7 +279,7 @@ fn call(name: &str) -> Option<Call> {
                 if steps {
                     let (a, b) = (&[0.5, 1.0, 0.0, 0.7], &[0.0, 1.0]);
                     let (stage, terminal, r) = (&[1.0, 0.0, 0.0, 1.0], &[1.0, 0.0, 0.0, 1.0], &[0.01]);
-                    let horizon = Horizon { a, b, x0: &one[..2], reference: &one[..2 * N], stage, terminal, r };
+                    let horizon = Steps { a, b, x0: &one[..2], reference: &one[..2 * N], stage, terminal, r };
                     limits::horizon_control(&horizon, bounds, None, until())?;
                     return limits::horizon_control(&horizon, open, None, until()).map(drop);
                 }
@@ -303,7 +303,7 @@ fn call(name: &str) -> Option<Call> {
                 let until = || Until::new(&stop, None);
                 let (stage, terminal, r) = (&[1.0, 0.0, 0.0, 1.0], &[1.0, 0.0, 0.0, 1.0], &[0.01]);
                 let (a, b) = (&[0.5, 1.0, 0.0, 0.7], &[0.0, 1.0]);
-                let horizon = Horizon { a, b, x0: &one[..2], reference: &one, stage, terminal, r };
+                let horizon = Steps { a, b, x0: &one[..2], reference: &one, stage, terminal, r };
                 let bounds = Bounds::new(&low[..N], &high[..N], N)?;
                 let rate = Some((&[0.3][..], &[0.0][..]));
                 let soft = Rows { rate, states: Some((&low, &high)), soft: Some(2.0) };

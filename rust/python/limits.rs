@@ -10,7 +10,7 @@ use super::error::ShapeError;
 use super::limited::{BoxControl, RowsControl};
 use super::run::{run, run_to_best};
 use super::shared::Shared;
-use crate::limits::{self, Batch, Bounds, Horizon, Penalty, Rows, RowsSolution, Solution, Solver, Status, Until};
+use crate::limits::{self, Batch, Bounds, Penalty, Rows, RowsSolution, Solution, Solver, Status, Steps, Until};
 use crate::memory::try_copy;
 use crate::{Result, Stop};
 
@@ -38,17 +38,17 @@ impl PenaltyArgument<'_> {
     }
 }
 
-fn signs<'a>(values: &'a Option<Signs<'_>>) -> PyResult<Option<&'a [i8]>> {
+pub(super) fn signs<'a>(values: &'a Option<Signs<'_>>) -> PyResult<Option<&'a [i8]>> {
     let contiguous = |_| ShapeError::new_err("`warm` must be C-contiguous");
     values.as_ref().map(|values| values.as_slice().map_err(contiguous)).transpose()
 }
 
-fn seconds(limit: Option<f64>) -> Option<Duration> {
+pub(super) fn seconds(limit: Option<f64>) -> Option<Duration> {
     limit.map(|limit| Duration::try_from_secs_f64(limit).unwrap_or(Duration::MAX))
 }
 
 /// After Ctrl-C the best control so far, if the result says that it was interrupted.
-fn to_best<T, F>(py: Python<'_>, cost: f64, status: fn(&T) -> Status, work: F) -> PyResult<T>
+pub(super) fn to_best<T, F>(py: Python<'_>, cost: f64, status: fn(&T) -> Status, work: F) -> PyResult<T>
 where
     T: Send,
     F: FnOnce(&Stop) -> Result<T> + Send,
@@ -201,8 +201,8 @@ fn horizon<'a>(
     stage: &'a Matrix<'_>,
     terminal: &'a Matrix<'_>,
     r: &'a Matrix<'_>,
-) -> PyResult<Horizon<'a>> {
-    Ok(Horizon {
+) -> PyResult<Steps<'a>> {
+    Ok(Steps {
         a: slice("A", a)?,
         b: slice("B", b)?,
         x0: slice("x0", x0)?,

@@ -10,6 +10,7 @@ mod draws;
 mod error;
 mod fleet;
 mod fuse;
+mod horizon;
 mod identify;
 mod laws;
 mod limited;
@@ -38,6 +39,8 @@ mod _core {
     };
     #[pymodule_export]
     use super::fuse::{Alse, alse, alse_path, alse_prefixes, closed_form, slse, uniform_path};
+    #[pymodule_export]
+    use super::horizon::{Apart, HorizonControl, PyHorizon, PyLoop};
     #[pymodule_export]
     use super::identify::{
         bootstrap, region_draws, residual_p_values, residuals, robust_control, sign_radii, sign_statistics, triangle,

@@ -181,7 +181,7 @@ pub(super) fn track<'py>(
 }
 
 /// An exact entity as its lines, or `(size, scheme)` if every run draws an average of realizations.
-type EstimateArgument<'py> = (PyReadonlyArray2<'py, f64>, Option<(u64, String)>);
+pub(super) type EstimateArgument<'py> = (PyReadonlyArray2<'py, f64>, Option<(u64, String)>);
 
 fn estimate(name: &str, (lines, drawn): &EstimateArgument<'_>) -> PyResult<Estimate> {
     Ok(match drawn {

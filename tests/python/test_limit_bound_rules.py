@@ -13,16 +13,16 @@ import pytest
 import stochens_rs as se
 from limit_plans import within
 from limit_problems import draw_box, draw_map, draw_steps, weight
-from stochens_rs.controls import limit_bound, limit_certificate, limited_errors, uncertain_map
+from stochens_rs.controls import limit_bound, limit_certificate, limited_errors
 from stochens_rs.controls.constraints import checked_task
 from stochens_rs.controls.limit_bound import FIRM
 from stochens_rs.controls.limited import Horizon, Limited
 from stochens_rs.controls.provenance import ModelBasis
-from stochens_rs.controls.uncertain_map import Model, apart
+from stochens_rs.controls.uncertain_map import Around
 from stochens_rs.exceptions import InputError
 from stochens_rs.theory.dynamics import states
 from test_bounds_coverage import exceeded_too_often, systems
-from test_limit_bounds import PLAIN, Planned, drawn, errors_of, measured
+from test_limit_bounds import PLAIN, Planned, drawn, errors_of, measured, onto
 from twin import limit_bounds as lb
 from twin import limited_control as lc
 from twin import limited_problems as lp
@@ -62,7 +62,15 @@ def steps_problem(gen, i):
 
 
 def value(task, A, B, x0, u):
-    return uncertain_map.forces(task, A, B, states(A, B, x0, u)[1:], u).objective
+    return Horizon(task, A, B).objective(x0, u)
+
+
+def curvature(task):
+    """The weight of the last state, with that of its soft limits."""
+    if task.soft is None or task.state_low is None:
+        return task.terminal
+    limited = np.isfinite(task.state_low[-1]) | np.isfinite(task.state_high[-1])
+    return task.terminal + task.soft * np.diag(limited.astype(float))
 
 
 def test_a_moved_target():
@@ -75,18 +83,16 @@ def test_a_moved_target():
         exact = Horizon(task, A, B)
         other = Horizon(replace(task, reference=task.reference + dr), A, B)
         best, moved = exact.solve(x0), other.solve(x0 + dx0)
-        M, start, _ = exact.weighted
+        M, start, _ = exact.core.weighted()
         goal = np.vstack([*[exact.roots[0]] * (K - 1), exact.roots[1]])
-        d = float(np.linalg.norm(limited_errors.onto(M) @ (goal @ dr - start @ dx0)))
+        d = float(np.linalg.norm(onto(M) @ (goal @ dr - start @ dx0)))
         D, du = best.distance + moved.distance, (best.u - moved.u).ravel()
         if 1e-3 * d < D:
             continue  # nothing moves: rounding
         R = task.R[0, 0]
         seen.see("state", float(np.linalg.norm(M @ du)), d + D)
         seen.see("input", float(np.sqrt(R) * np.linalg.norm(du)), d / 2 + D)
-        seen.see(
-            "control", float(np.linalg.norm(du)), (d + D) / np.sqrt(limit_bound._least(exact, M))
-        )
+        seen.see("control", float(np.linalg.norm(du)), (d + D) / np.sqrt(exact.core.least()))
         J, J_best = (value(other.task, A, B, x0 + dx0, u) for u in (best.u, moved.u))
         seen.see("excess", J - J_best, d**2 + best.gap + moved.gap + 1e-12 * J)
     assert all(0.9 < ratio <= ONCE for ratio in seen.values()), seen
@@ -101,13 +107,13 @@ def test_inexact_controls():
         best = exact.solve(x0)
         size = 10.0 ** gen.uniform(-3, 0)
         u = np.clip(best.u + size * gen.normal(size=best.u.shape), task.low, task.high)
-        at = uncertain_map.forces(exact.task, A, B, states(A, B, x0, u)[1:], u)
-        gap, rest = uncertain_map.optimality(task, None, None, at.slope, u, 0.0)
-        M, du = exact.weighted[0], (u - best.u).ravel()
+        J = exact.objective(x0, u)
+        gap, rest = exact.core.optimality(states(A, B, x0, u)[1:], u, 0.0)
+        M, du = exact.core.weighted()[0], (u - best.u).ravel()
         D2 = float(np.sum((M @ du) ** 2) + task.R[0, 0] * np.sum(du**2))
         if rest == 0.0:
-            seen.see("gap", 2 * D2, gap + 1e-9 * at.objective)
-            seen.see("value", at.objective - best.objective, gap + 1e-12 * at.objective)
+            seen.see("gap", 2 * D2, gap + 1e-9 * J)
+            seen.see("value", J - best.objective, gap + 1e-12 * J)
     assert seen["gap"] > 0.5
 
 
@@ -115,11 +121,8 @@ def perturbed(gen, A, B, x0):
     """A true system near (A, B, x0), and the exact radii between them."""
     size = 10.0 ** gen.uniform(-4, -0.5)
     dA, dB = size * gen.normal(size=A.shape), size * gen.normal(size=B.shape)
-    model = Model(
-        A, B, (np.linalg.norm(dA, 2), np.linalg.norm(dB, 2)),
-        lambda p: (float(np.linalg.norm(dA.T @ p)), float(np.linalg.norm(dB.T @ p))),
-    )  # fmt: skip
-    return A + dA, B + dB, x0 + size * gen.normal(size=len(x0)), model
+    around = Around((np.linalg.norm(dA, 2), np.linalg.norm(dB, 2)), (dA, dB), [])
+    return A + dA, B + dB, x0 + size * gen.normal(size=len(x0)), around
 
 
 def test_an_uncertain_map():
@@ -139,10 +142,10 @@ def test_an_uncertain_map():
                 u + 10.0 ** gen.uniform(-4, -1) * gen.normal(size=u.shape), task.low, task.high
             )
         x, xh = states(true_A, true_B, start, u)[1:], states(A, B, x0, u)[1:]
-        W = uncertain_map.weights(task, soft=True)
+        W = np.stack([*[task.stage] * (len(u) - 1), task.terminal])
         alpha = float(np.sqrt(np.einsum("ki,kij,kj->", x - xh, W, x - xh)))
-        found = apart(task, model, xh, u, alpha, 0.0)
-        M, du = exact.weighted[0], (u - best.u).ravel()
+        found = Horizon(task, A, B).core.apart(model, xh, u, alpha, 0.0)
+        M, du = exact.core.weighted()[0], (u - best.u).ravel()
         p, q = float(np.linalg.norm(M @ du)), float(np.sqrt(task.R[0, 0]) * np.linalg.norm(du))
         J = value(task, true_A, true_B, start, u)
         slack = best.distance + 1e-9 * alpha
@@ -196,7 +199,7 @@ def test_soft_limits_of_the_state():
         used += bool(np.any(A @ x0 + B @ u[0] > high + 1e-6))
         other = replace(task, reference=task.reference + dxf)
         v, E = soft_best(A, B, x0 + dx0, other)
-        Q, W = task.terminal, uncertain_map.weights(task, soft=True)[0]
+        Q, W = task.terminal, curvature(task)
         d = lp.norm(A @ dx0, W) + lp.norm(dxf, Q)
         du, slack = (u - v)[0], D + E + 1e-7 * d
         seen.see("moved state", lp.norm(B @ du, Q), d + slack)
@@ -205,7 +208,8 @@ def test_soft_limits_of_the_state():
         true_A, true_B, start, model = perturbed(gen, A, B, x0)
         best, E = soft_best(true_A, true_B, start, task)
         x, xh = states(true_A, true_B, start, u)[1:], states(A, B, x0, u)[1:]
-        found = apart(task, model, xh, u, lp.norm((x - xh)[0], W), 0.0)
+        alpha = lp.norm((x - xh)[0], W)
+        found = Horizon(task, A, B).core.apart(model, xh, u, alpha, 0.0)
         du, slack = (u - best)[0], E + D + 1e-7 * d
         J, J_best = (value(task, true_A, true_B, start, w) for w in (u, best))
         seen.see("state", lp.norm(true_B @ du, Q), found.state + slack)
@@ -235,14 +239,11 @@ def test_limits_of_rates_have_a_gap_from_the_value():
         other = lc.solve(p._replace(b=p.b + gen.normal(size=len(p.b)))).u
         size = 10.0 ** gen.uniform(-3, 0)
         u = (1 - size) * best.u + size * other  # within all limits
-        at = uncertain_map.forces(
-            task, A, B, states(A, B, x0, u.reshape(K, m))[1:], u.reshape(K, m)
-        )
+        slope = p.G.T @ p.Q @ (p.G @ u - p.b) + p.R @ u
         gap = lp.objective(p, u) - best.objective + 1e-12 * best.objective
-        model = Model(A, B, (0.0, 0.0), lambda p: (0.0, 0.0))
-        sizes = np.linalg.norm(uncertain_map.weights(task, soft=False), 2, axis=(1, 2))
-        found, rest = uncertain_map.optimality(task, model, sizes, at.slope, u.reshape(K, m), gap)
-        towards = 2.0 * at.slope.ravel() @ (u - best.u)
+        one = u.reshape(K, m)
+        found, rest = Horizon(task, A, B).core.optimality(states(A, B, x0, one)[1:], one, gap)
+        towards = 2.0 * slope @ (u - best.u)
         assert rest == 0.0
         assert towards <= found * ONCE + 1e-9 * lp.objective(p, 0 * u)
         tight = max(tight, towards / found if found else 0.0)
@@ -303,7 +304,7 @@ def test_a_known_error_is_the_error():
         found = planned.bound()
         exact = Horizon(planned.task, A, B)
         best = exact.solve(x0)
-        M = exact.weighted[0]
+        M = exact.core.weighted()[0]
         error = np.linalg.norm(M @ (planned.limited.u - best.u).ravel())
         np.testing.assert_allclose(found.state, error, atol=1e-7)
         np.testing.assert_allclose(

@@ -17,7 +17,7 @@ from hidden_systems import of_each_kind
 from limit_plans import within
 from limit_problems import draws, weight
 from stochens_rs import _core
-from stochens_rs.controls import limit_bound, limit_certificate, limited_errors, uncertain_map
+from stochens_rs.controls import limit_bound, limit_certificate, limited_errors
 from stochens_rs.controls.constraints import checked_task
 from stochens_rs.controls.limit_bound import FIRM, limited_bound
 from stochens_rs.controls.limit_certificate import limited_certificate
@@ -72,16 +72,19 @@ def errors_of(gen, system, task, N, K, count):
         limited = Horizon(wanted, A_hat, B).solve(start)
         exact = Horizon(replace(task, reference=np.tile(xf, (K, 1)), R=limited.R), A, B)
         best = exact.solve(x0)
-        M = exact.weighted[0]
+        M = exact.core.weighted()[0]
         wrong = (limited.u - best.u).ravel()
-        at = [
-            uncertain_map.forces(exact.task, A, B, states(A, B, x0, u)[1:], u).objective
-            for u in (limited.u, best.u)
-        ]
+        at = [exact.objective(x0, u) for u in (limited.u, best.u)]
         found.append(
             (np.linalg.norm(M @ wrong), np.linalg.norm(wrong), at[0] - at[1] - 1e-9 * at[0])
         )
     return np.array(found).T
+
+
+def onto(M):
+    """``U'`` for an orthonormal basis U of the range of M."""
+    U, s, _ = np.linalg.svd(M, full_matrices=False)
+    return U[:, s > max(M.shape) * np.finfo(float).eps * s.max(initial=0.0)].T
 
 
 # -- the map is exact ------------------------------------------------------------------------------
@@ -123,7 +126,7 @@ def test_the_projection_is_that_of_the_twin(gen):
     for p in draws(gen, 200):
         db = gen.normal(size=len(p.b))
         half = lp.root(p.Q)
-        found = np.linalg.norm(limited_errors.onto(half @ p.G) @ (half @ db))
+        found = np.linalg.norm(onto(half @ p.G) @ (half @ db))
         np.testing.assert_allclose(found, lb.projected(p, db), rtol=1e-8, atol=1e-12)
 
 
@@ -279,10 +282,8 @@ def test_alpha_and_gamma_are_those_of_the_twin(K):
         assert found.control <= wanted.input / np.sqrt(R) * ONCE
         # and it is one of the two
         p_ = lp.several_steps(model.A, model.B, x0, np.tile(xf, (K, 1)), K, Q=Q, R=R)
-        radius = uncertain_map.map_radius(
-            limit_certificate._model(ModelBasis(model, x0, xf), region),
-            np.full(K, np.linalg.norm(Q, 2)),
-        )
+        around = limit_certificate._around(ModelBasis(model, x0, xf), region)
+        radius = Horizon(limited.task, model.A, model.B).core.map_radius(around.radii)
         small = lb.uncertain_map_small_weight(p_, alpha, np.sqrt(squares), radius, gap)
         np.testing.assert_allclose(found.apart, min(wanted.state, small), rtol=1e-6)
 
@@ -340,10 +341,7 @@ def test_coverage_of_certificates(name, K, more):
         exact = Horizon(replace(limited.task, R=limited.R), A, B)
         best = exact.solve(x0)
         at = [states(A, B, x0, u) for u in (limited.u, best.u)]
-        J = [
-            uncertain_map.forces(exact.task, A, B, x[1:], u).objective
-            for x, u in zip(at, (limited.u, best.u), strict=True)
-        ]
+        J = [exact.objective(x0, u) for u in (limited.u, best.u)]
         seen = (
             np.linalg.norm(at[0] - at[1]) > found.apart + best.distance,
             np.linalg.norm(limited.u - best.u) > found.control + 1e-9,

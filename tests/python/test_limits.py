@@ -8,7 +8,7 @@ import stochens_rs as se
 from limit_plans import WAYS, check, draw_case, exactly, within
 from limit_problems import draw_box
 from stochens_rs import _core
-from stochens_rs.controls.limited import LONG, Horizon
+from stochens_rs.controls.limited import Horizon
 from stochens_rs.theory.exact import best_control, factors
 from twin import limited_control as lc
 from twin import limited_problems as lp
@@ -158,7 +158,7 @@ def test_long_horizons_equal_condensed_ones(gen):
         low, high = draw_box(gen, way, m, 0.3)
         more = {"Q": 1.0, "R": 0.1}
         plan = se.control((A, B), x0, xf, steps=K, **within(limits=(low, high), **more))
-        assert plan.limited.task.steps * m >= LONG
+        assert plan.limited.task.steps * m >= 250
         p = lp.several_steps(A, B, x0, xf, K, low=low, high=high, **more)
         u = plan.u.ravel()
         assert plan.status == "optimal"
@@ -167,8 +167,9 @@ def test_long_horizons_equal_condensed_ones(gen):
         if way != "one-sided":
             assert lc.frank_wolfe_gap(p, u) <= 1e-9 * lp.objective(p, 0.0 * u)
         short = Horizon(plan.limited.task, A, B)
-        M, state, target = short.weighted
-        dense = _core.box_control(M, target - state @ x0, short.cost(), p.low, p.high, None, None)
+        M, state, target = short.core.weighted()
+        y, R = target - state @ x0, np.tile(short.cost(), K)
+        dense = _core.box_control(M, y, R, p.low, p.high, None, None)
         assert lp.norm(dense.control - u, p.H) <= plan.limited.distance + dense.distance + 1e-9
         np.testing.assert_allclose(plan.objective, dense.objective, rtol=1e-9)
 

@@ -68,7 +68,7 @@ def test_active_rates_are_those_with_multipliers(gen, scale):
         how = {"rate": 0.2 * scale, "previous": 0.0, "Q": 1.0, "R": 1.0, "steps": K}
         x0 = scale * gen.normal(size=3)
         plan = se.control((A, B), x0, [0.0] * 3, **within(**how))
-        found = Horizon(plan.limited.task, A, B).best(x0, plan.limited.task, None)
+        found = Horizon(plan.limited.task, A, B).core.best(x0, None)
         assert np.array_equal(plan.rate_active.ravel(), np.sign(found.rates))
         assert plan.limits_active == plan.rate_active.any()
         seen += np.count_nonzero(plan.rate_active)

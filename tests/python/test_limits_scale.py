@@ -25,7 +25,7 @@ def level(plan, A, B, x0):
     task, u = plan.limited.task, plan.u
     horizon = Horizon(task, A, B)
     scale = horizon.objective(x0, np.zeros_like(u))
-    if horizon.long or not task.boxed:
+    if horizon.core.long or not task.boxed:
         weights = [task.stage] * (len(u) - 1) + [task.terminal]
         drift, wanted = states(A, B, x0, u)[:-1] @ A.T, task.reference
         size = sum(x @ Q @ x + r @ Q @ r for x, r, Q in zip(drift, wanted, weights, strict=True))
@@ -142,7 +142,7 @@ def test_the_way_follows_the_work():
         plan = se.control(
             (F, X), np.ones(n), np.zeros(n), steps=K, limits=(-0.3, 0.3), cost=se.Cost(R=0.1)
         )
-        assert Horizon(plan.limited.task, F, X).long == recursion
+        assert Horizon(plan.limited.task, F, X).core.long == recursion
         assert plan.status == "optimal"
 
 
@@ -152,8 +152,9 @@ def test_both_ways_give_one_control(gen):
     x0 = gen.standard_normal(n)
     plan = se.control((F, X), x0, np.zeros(n), steps=K, limits=(-0.2, 0.2), cost=se.Cost(R=0.1))
     task, horizon = plan.limited.task, Horizon(plan.limited.task, F, X)
-    assert not horizon.long
-    other = core.horizon_control(*horizon._steps(x0, task), task.low, task.high, None, None)
+    assert not horizon.core.long
+    inputs = F, X, x0, task.reference, task.stage, task.terminal, horizon.R
+    other = core.horizon_control(*inputs, task.low, task.high, None, None)
     assert other.status == "optimal"
     np.testing.assert_allclose(other.control, plan.u.ravel(), atol=1e-8)
 
@@ -171,7 +172,7 @@ def test_without_time_nothing_is_factored(gen):
             how = {"limits": (-0.2, 0.2), "Q": 1.0, "R": 0.1, "steps": steps, **more}
             best = se.control((F, X), x0, np.zeros(n), **within(**how))
             horizon = Horizon(best.limited.task, F, X)
-            found = horizon.best(x0, best.limited.task, 0.0)
+            found = horizon.core.best(x0, 0.0)
             assert (found.iterations, found.status) == (0, "user_limit")
             assert found.objective - best.objective <= found.gap
             plan = se.control((F, X), x0, np.zeros(n), time_limit=1e-12, **within(**how))

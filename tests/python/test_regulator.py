@@ -14,7 +14,6 @@ from limit_plans import within
 from limit_problems import draw_steps
 from stochens_rs import _core
 from stochens_rs.controls.limited import Horizon
-from stochens_rs.controls.receding import Receding
 from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 from twin.limited_control import solve
 from twin.limited_problems import (
@@ -307,8 +306,8 @@ def test_a_model_of_a_stream_swaps_in():
         x = y
         if k % 10 == 9:
             loop.swap(stream.model)
-    assert not np.array_equal(loop._horizon.A, first)
-    assert np.array_equal(loop._horizon.A, stream.model.A)
+    assert not np.array_equal(loop._system.A, first)
+    assert np.array_equal(loop._system.A, stream.model.A)
     assert np.linalg.norm(x) < 0.1
     assert loop.calls == 60
 
@@ -325,8 +324,9 @@ def test_work_of_a_call_is_bounded():
             (F, X), K, limits=(-0.1, 0.1), cost=se.Cost(Q=1.0, R=1e-8 if index % 2 else 0.1)
         )
         low, high = loop._task.low.ravel(), loop._task.high.ravel()
-        M, state, target = loop._horizon.weighted
-        cost = loop._horizon.cost()
+        horizon = Horizon(loop._task, F, X)
+        M, state, target = horizon.core.weighted()
+        cost = np.tile(horizon.cost(), K)
         solver = _core.BoxSolver(M, cost, low, high, m, state, target)
         for _ in range(100):
             x = 10.0 ** gen.uniform(-1, 2) * gen.normal(size=n)
@@ -367,8 +367,8 @@ def test_long_horizons_go_by_recursion():
     """K = 300: the inputs are those of K = 200, up to what the end matters; warm equals cold."""
     options = {"limits": (-0.5, 0.5), "Q": 1.0, "R": 0.1}
     long, short = (se.regulate((A, B), K, **within(**options)) for K in (300, 200))
-    assert isinstance(long._solver, Receding)
-    assert isinstance(short._solver, _core.BoxSolver)
+    assert not long._solver.condensed
+    assert short._solver.condensed
     x = np.array([3.0, 0.1])
     for _ in range(5):
         u, cold = long(x), se.regulate((A, B), 300, **within(**options))

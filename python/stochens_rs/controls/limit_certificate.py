@@ -13,7 +13,7 @@ from .._base.numbers import ROUNDING
 from .limited import Horizon
 from .model_bound import certificate, step_regions
 from .region_errors import spread, trajectory
-from .uncertain_map import HARD, SMALL, Model, apart, farthest, product, weights
+from .uncertain_map import HARD, SMALL, Around, product
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -49,7 +49,9 @@ def limited_certificate(
     found = certificate(basis, limited.u, predicted, delta, asked, exact)
     if found.doubts:
         return replace(found, excess=np.inf, apart=np.inf)
-    task, tube = replace(limited.task, R=limited.R), found.tube[1:]
+    task, tube = limited.task, found.tube[1:]
+    model = Horizon(task, basis.model.A, basis.model.B, R=limited.R)
+    horizon, farthest = model.core, model.core.farthest(limited.u)
     _, regions, _ = step_regions(basis, delta, len(limited.u), asked)
     region = regions[0] if regions else None
     reason: str | None = None
@@ -61,14 +63,14 @@ def limited_certificate(
         reason = "the data do not determine where the control leads"
     if reason is not None or region is None:
         found = replace(found, control=np.inf, excess=np.inf, apart=np.inf)
-        return _at_most(found, farthest(limited.task, limited.u), reason)
-    W = np.linalg.norm(weights(task, soft=True), 2, axis=(1, 2))
-    alpha = float(np.sqrt(W @ tube**2))
+        return _at_most(found, farthest, reason)
+    alpha = float(np.sqrt(horizon.weights(True) @ tube**2))
     if len(tube) == 1 and not task.soft and not basis.x0_error and not asked.noise:
         alpha = min(alpha, _weighted(region, basis, limited, predicted))
-    by = apart(task, _model(basis, region), predicted[1:], limited.u, alpha, limited.gap)
+    states = np.ascontiguousarray(predicted[1:])
+    by = horizon.apart(_around(basis, region), states, limited.u, alpha, limited.gap)
     found = replace(found, control=by.control, excess=by.excess, apart=by.state)
-    return _at_most(found, farthest(limited.task, limited.u), SMALL)
+    return _at_most(found, farthest, SMALL)
 
 
 def _at_most(found: Certificate, farthest: float, reason: str | None) -> Certificate:
@@ -93,33 +95,26 @@ def _weighted(region: Region, basis: ModelBasis, limited: Limited, predicted: Fl
     return away + product(size, part.length(z))
 
 
-def _model(basis: ModelBasis, region: Region) -> Model:
-    """The model with the radii of the region around it."""
+def _around(basis: ModelBasis, region: Region) -> Around:
+    """The radii of the region around the model."""
     n, m = region.n, region.m
-    A, B = basis.model.A, basis.model.B
     columns = slice(n), slice(n, n + m)
-    shifts = [region.centre[:, part] - X for part, X in zip(columns, (A, B), strict=True)]
-    # ||white|| of these columns, for each part of the region
+    shift_A, shift_B = (
+        np.ascontiguousarray(region.centre[:, part] - X)
+        for part, X in zip(columns, (basis.model.A, basis.model.B), strict=True)
+    )
+    # ||D' p|| <= sum over the parts of sqrt(factor p' S p) ||white||, of the columns of A and of B
     sizes = [_lengths(region, part) for part in columns]
-
-    def along(p: Floats) -> tuple[float, float]:
-        """``||D' p|| <= sum over the parts of sqrt(factor p' S p) ||white||``."""
-        roots = []
-        for part in region.parts:
-            square = float(p[part.rows] @ part.S @ p[part.rows])
-            roots.append(product(sqrt(part.factor), sqrt(max(square, 0.0))))
-        first, second = (
-            float(np.linalg.norm(shift.T @ p))
-            + sum(product(r, s) for r, s in zip(roots, size, strict=True))
-            for shift, size in zip(shifts, sizes, strict=True)
-        )
-        return first, second
-
+    parts = []
+    for part, of_A, of_B in zip(region.parts, *sizes, strict=True):
+        S = np.zeros((n, n))
+        S[np.ix_(part.rows, part.rows)] = part.S
+        parts.append((float(part.factor), S, of_A, of_B))
     a, b = (
         spread(region, part) + float(np.linalg.norm(shift, 2))
-        for part, shift in zip(columns, shifts, strict=True)
+        for part, shift in zip(columns, (shift_A, shift_B), strict=True)
     )
-    return Model(A, B, (a, b), along)
+    return Around((a, b), (shift_A, shift_B), parts)
 
 
 def _lengths(region: Region, columns: slice) -> list[float]:

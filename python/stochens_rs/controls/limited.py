@@ -2,33 +2,26 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import cached_property
-from math import inf, isnan, nan, sqrt
-from time import perf_counter
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .. import _core
 from .._base import memory, validation
-from .._base.numbers import ROUNDING, norm
+from .._base.numbers import ROUNDING
 from .._base.records import Record, require_shapes
 from .._base.types import STATUSES, Floats, Status
 from ..exceptions import InputError, NonFiniteError
-from ..theory.dynamics import matrix_powers, states
-from ..theory.exact import EPS
-from .constraints import REGULAR, Task, root
+from ..theory.dynamics import matrix_powers
+from .constraints import Task
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from numpy.typing import ArrayLike, NDArray
 
-    _Steps: TypeAlias = tuple[Floats, Floats, Floats, Floats, Floats, Floats, Floats]
-
-# From this many inputs on the recursion of Riccati is faster than condensed matrices (measured for
-# few states), unless its work, n^2 (3 n + 4 m) for each step and factorization, is larger.
-LONG = 250
-FACTORS = 8  # that are usual
 OPTIMAL = 1e-9  # the gap of an "optimal" control, in units of J(0) + J(u), as in the core
 
 
@@ -127,175 +120,92 @@ def _sides(values: Floats, low: Floats, high: Floats, size: Floats) -> NDArray[n
     return found.astype(np.int8)
 
 
-def _left(time_limit: float | None, started: float) -> float | None:
-    return None if time_limit is None else max(0.0, time_limit - (perf_counter() - started))
-
-
 class Horizon:
-    """``x(k) = f(k) + sum_j G_kj u(j)`` as weighted least squares: ``J(u) = ||M u - y||^2 + u'Ru``.
+    """A system ``x(k+1) = A x(k) + B u(k) + c`` and a task, whose best control the core computes.
 
-    In `weighted`, ``y = target - state x0``. Of `task` only `previous` may be changed later.
+    `wanted` and `R` take the place of the reference and of the weight R of `task`.
     """
 
-    def __init__(self, task: Task, A: Floats, B: Floats, c: Floats | None = None) -> None:
-        n, m = B.shape
-        K = task.steps
-        A, B = np.ascontiguousarray(A), np.ascontiguousarray(B)  # as the core takes them
-        self.task, self.A, self.B, self.c = task, A, B, c
-        self.offset = np.zeros(n) if c is None else c
-        with np.errstate(over="ignore", invalid="ignore"):
-            self.pushes = np.empty((K, n, m))  # A^p B
-            self.pushes[0] = B
-            for p in range(1, K):
-                self.pushes[p] = A @ self.pushes[p - 1]
-            self.roots = task.weights()
-            # Q^1/2 A^p B, of the stages and at the end
-            self._seen = tuple(factor @ self.pushes for factor in self.roots)
-            # tr(G'QG) = sum_p (K - 1 - p) ||Q^1/2 A^p B||^2 + ||Qf^1/2 A^p B||^2
-            left = np.arange(K - 1, -1, -1)
-            size = np.sum(self._seen[0] ** 2, axis=(1, 2)) @ left + np.sum(self._seen[1] ** 2)
-        if not np.isfinite(size):
-            matrix_powers(A, K)  # raises if one of them overflows, with its exponent
-            raise NonFiniteError("the weighted effect of the inputs overflows: scale it down")
-        regular = REGULAR * float(size) / (m * K) or 1.0
-        self.R: Floats = regular * np.eye(m) if task.R is None else task.R
+    def __init__(
+        self,
+        task: Task,
+        A: Floats,
+        B: Floats,
+        c: Floats | None = None,
+        *,
+        wanted: Floats | None = None,
+        R: Floats | None = None,
+    ) -> None:
+        self.task, self.A, self.B = task, A, B
+        with _exponents(task, A):
+            self.core = _core.Horizon(A, B, c, task, wanted, R)
+        if not self.core.long:
+            self.need()
 
-    @cached_property
-    def powers(self) -> Floats:
-        """``I, A, ..., A^K``, (K + 1, n, n)."""
-        return matrix_powers(self.A, self.task.steps)
+    def need(self) -> None:
+        """Refuse a condensed map that does not fit into the memory this process may use."""
+        columns = self.task.low.size + len(self.A) + 1
+        memory.need("the control within limits", 8 * self.core.rows * columns * 3)
 
     @property
-    def long(self) -> bool:
-        """Whether the recursion of Riccati is used."""
-        (n, m), K = self.B.shape, self.task.steps
-        if K * m < LONG or K == 1:
-            return False
-        rows = (K - 1) * len(self.roots[0]) + len(self.roots[1])
-        condensed, recursion = (K * m) ** 2 * (rows + K * m), K * n * n * (3 * n + 4 * m)
-        return K >= LONG or condensed > FACTORS * recursion
+    def R(self) -> Floats:
+        """The weight of the inputs, (m, m)."""
+        return self.core.r
 
-    @cached_property
-    def drift(self) -> Floats:
-        """``x(1), ..., x(K)`` from 0 without inputs: what the offset c does."""
-        n, K = len(self.A), self.task.steps
-        if self.c is None:
-            return np.zeros((K, n))
-        return states(self.A, np.eye(n), np.zeros(n), np.broadcast_to(self.offset, (K, n)))[1:]
+    @property
+    def pushes(self) -> Floats:
+        """``A^p B`` for p = 0, ..., K-1, (K, n, m)."""
+        return self.core.pushes().reshape(-1, *self.B.shape)
 
-    @cached_property
-    def condensed(self) -> Floats:
-        """``M`` (rows, m K): ``F x(k)`` of the inputs for the roots F of the weights, k = 1..K."""
-        K, m = self.task.steps, self.B.shape[1]
-        stage, terminal = self._seen
-        rows, row = (K - 1) * stage.shape[1] + terminal.shape[1], 0
-        memory.need("the control within limits", 8 * rows * (m * K + len(self.A) + 1) * 3)
-        M = np.zeros((rows, K, m))
-        for k in range(1, K + 1):
-            seen = terminal if k == K else stage
-            # x(k) = A^k x0 + sum_{j<k} A^(k-1-j) B u(j)
-            part = slice(row, row := row + seen.shape[1])
-            M[part, :k] = seen[k - 1 :: -1].transpose(1, 0, 2)
-        return M.reshape(rows, K * m)
-
-    def _weighed(self, along: Floats) -> Floats:
-        """``F x(k)`` of x(1), ..., x(K), (K, n) or (K, n, columns), below each other."""
-        stage, terminal = self.roots
-        parts = [stage @ x for x in along[:-1]] if len(stage) else []
-        return np.concatenate([*parts, terminal @ along[-1]])
-
-    @cached_property
-    def weighted(self) -> tuple[Floats, Floats, Floats]:
-        """``M`` (rows, m K), ``state`` (rows, n) and ``target`` (rows,)."""
-        state = self._weighed(self.powers[1:])
-        return self.condensed, state, self._weighed(self.task.reference - self.drift)
+    @property
+    def roots(self) -> tuple[Floats, Floats]:
+        """F with ``F'F = Q`` of the stages and of the last state."""
+        return self.core.roots()
 
     def cost(self) -> Floats:
-        """R of all inputs: its diagonal (m K,), or the matrix."""
-        K, R = self.task.steps, self.R
+        """R of one step: its diagonal (m,), or the matrix."""
+        R = self.R
         diagonal = np.diag(R)
-        if np.array_equal(R, np.diag(diagonal)):
-            return np.tile(diagonal, K)
-        return np.asarray(np.kron(np.eye(K), R), dtype=np.float64)
+        return diagonal.copy() if np.array_equal(R, np.diag(diagonal)) else R
 
     def objective(self, x0: Floats, u: Floats) -> float:
         """``J(u)``, with the weight of soft limits."""
-        off = states(self.A, self.B, x0, u)[1:] + self.drift
-        stage, terminal = self.roots
-        value = float(np.sum((u @ self.R) * u))
-        away = off - self.task.reference
-        value += float(np.sum((away[:-1] @ stage.T) ** 2) + np.sum((terminal @ away[-1]) ** 2))
-        low, high, soft = self.task.state_low, self.task.state_high, self.task.soft
-        if soft is not None and low is not None and high is not None:
-            beyond = np.maximum(off - high, 0.0) + np.maximum(low - off, 0.0)
-            value += soft * float(np.sum(beyond**2))
-        return float(value)
+        return self.core.objective(x0, u)
 
     def in_two_norm(self, distance: float) -> tuple[float, float]:
         """What a distance in the norm of the problem is for the control and the last state."""
-        least = float(np.linalg.eigvalsh(self.R)[0])
-        if not self.long:
-            M = np.vstack([self.condensed, np.kron(np.eye(self.task.steps), root(self.R))])
-            values = np.linalg.svd(M, compute_uv=False)
-            sure = values[-1] - max(M.shape) * EPS * values[0]
-            least = max(least, sure**2 if len(values) == M.shape[1] and sure > 0.0 else 0.0)
-        control = distance / sqrt(least) if least > 0.0 else inf
-        lowest = float(np.linalg.eigvalsh(self.task.terminal)[0])
-        pushed = norm(self.pushes)
-        state = pushed * control if pushed else 0.0  # no input moves a state: not 0 inf
-        return control, min(state, distance / sqrt(lowest)) if lowest > 0.0 else state
+        return self.core.in_two_norm(distance)
 
     def solve(self, x0: Floats, *, time_limit: float | None = None) -> Limited:
         """The best control from x0."""
-        task, started = self.task, perf_counter()
-        found = self.best(x0, task, time_limit)
-        shape = task.low.shape
-        u = found.control.reshape(shape)
-        least = nan if found.status == "user_limit" else found.objective
-        state_active = None
-        if task.state_low is not None and task.state_high is not None:
-            along = states(self.A, self.B, x0, u)[1:] + self.drift
-            low, high = task.state_low, task.state_high
-            state_active = _sides(along, low, high, np.abs(along).max(axis=0))
-        if found.status != "user_limit" and (found.active.any() or not task.boxed):
-            free = self.best(x0, task.unlimited(), _left(time_limit, started))
-            least = nan if free.status == "user_limit" else free.objective
+        found = self.core.solve(x0, time_limit)
         return Limited(
-            task=task,
+            task=self.task,
             R=self.R,
-            u=u,
-            active=found.active.reshape(shape),
-            multipliers=found.multipliers.reshape(shape),
+            u=found.u,
+            active=found.active,
+            multipliers=found.multipliers,
             gap=found.gap,
             distance=found.distance,
             objective=found.objective,
-            missed=nan if isnan(least) else max(0.0, found.objective - least),
+            missed=found.missed,
             status=found.status,
-            missing=found.missing if isinstance(found, _core.RowsControl) else 0.0,
-            state_active=state_active,
+            missing=found.missing,
+            state_active=found.state_active,
         )
 
-    def best(
-        self, x0: Floats, task: Task, time_limit: float | None, warm: NDArray[np.int8] | None = None
-    ) -> _core.BoxControl:
-        """The best control from x0 as the core has it, begun at the active limits `warm`."""
-        if not task.boxed:
-            # x less what c does
-            below, above = (
-                None if side is None else side - self.drift
-                for side in (task.state_low, task.state_high)
-            )
-            rows = task.low, task.high, task.rate, task.previous, below, above, task.soft
-            return _core.rows_control(*self._steps(x0, task), *rows, warm, time_limit)
-        if self.long:
-            limits = task.low, task.high
-            return _core.horizon_control(*self._steps(x0, task), *limits, warm, time_limit)
-        started, alone = perf_counter(), states(self.A, self.B, x0, np.zeros(task.low.shape))[1:]
-        y = self._weighed(task.reference - self.drift - alone)
-        M, low, high = self.condensed, task.low.ravel(), task.high.ravel()
-        left = _left(time_limit, started)
-        return _core.box_control(M, y, self.cost(), low, high, warm, left)
 
-    def _steps(self, x0: Floats, task: Task) -> _Steps:
-        wanted = task.reference - self.drift
-        return self.A, self.B, x0, wanted, task.stage, task.terminal, self.R
+def loop_of(task: Task, A: Floats, B: Floats, c: Floats | None) -> _core.Loop:
+    """What solves the plans of a `Regulator`, one state after another."""
+    with _exponents(task, A):
+        return _core.Loop(A, B, c, task)
+
+
+@contextmanager
+def _exponents(task: Task, A: Floats) -> Iterator[None]:
+    """Where something overflows, name the power of A that does, if one does."""
+    try:
+        yield
+    except NonFiniteError:
+        matrix_powers(A, task.steps)
+        raise

@@ -17,8 +17,7 @@ from ..exceptions import InputError, NonFiniteError, ShapeError
 from ..identification.identified import Identified
 from ..system import System
 from .constraints import Task
-from .limited import Horizon
-from .receding import solver_of
+from .limited import loop_of
 from .regulator_log import Call, counted, curves, drawn_calls, facts
 
 if TYPE_CHECKING:
@@ -83,9 +82,8 @@ class Regulator:
         c = system.c if isinstance(system, Identified) else None
         c = None if c is None else order.of_states(c)
         A, B = (np.ascontiguousarray(M) for M in order.matrices(system.A, system.B))
-        horizon = Horizon(task, A, B, c)
-        solver = solver_of(horizon)
-        self._system, self._task, self._horizon, self._solver = system, task, horizon, solver
+        solver = loop_of(task, A, B, c)
+        self._system, self._task, self._solver = system, task, solver
 
     def __call__(self, x: ArrayLike | None = None, *, hold: bool = False) -> Floats:
         """Compute the input for the state x.
@@ -145,7 +143,8 @@ class Regulator:
         self, x: Floats | None, u: Floats, status: Status, gap: float, started: float
     ) -> Floats:
         if self._task.rate is not None:
-            self._task = self._horizon.task = replace(self._task, previous=u.copy())
+            self._task = replace(self._task, previous=u.copy())
+            self._solver.follow(u)
         self._calls += 1
         self._log.append(Call(x, u.copy(), status, gap, perf_counter() - started))
         return u

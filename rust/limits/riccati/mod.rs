@@ -22,7 +22,7 @@ const OVERFLOW: Error = Error::Overflow { what: "the state without inputs over a
 
 /// A problem of many steps; matrices row by row.
 #[derive(Clone, Copy)]
-pub struct Horizon<'a> {
+pub struct Steps<'a> {
     /// `A` (n, n).
     pub a: &'a [f64],
     /// `B` (n, m).
@@ -119,7 +119,7 @@ pub(super) struct Riccati {
 }
 
 impl Riccati {
-    pub(super) fn new(h: &Horizon<'_>) -> Result<Self> {
+    pub(super) fn new(h: &Steps<'_>) -> Result<Self> {
         let n = h.x0.len();
         let (m, steps) = (h.b.len().checked_div(n).unwrap_or(0), h.reference.len().checked_div(n).unwrap_or(0));
         let named = [
@@ -207,7 +207,7 @@ impl Riccati {
 /// # Errors
 /// As [`crate::limits::box_control`].
 pub fn horizon_control(
-    horizon: &Horizon<'_>,
+    horizon: &Steps<'_>,
     bounds: Bounds<'_>,
     warm: Option<&[i8]>,
     until: Until<'_>,

@@ -27,7 +27,7 @@ use task::{Task, WHAT};
 
 use super::bounds::Bounds;
 use super::quadratic::{Method, Status, Until};
-use super::riccati::{Horizon, Riccati};
+use super::riccati::{Riccati, Steps};
 use super::solve::{Solution, checked_warm, or_ended, told};
 use crate::error::{Error, Result};
 use crate::memory::try_zeros;
@@ -102,7 +102,7 @@ impl Search<'_, '_> {
 /// # Errors
 /// As [`super::horizon_control`], and [`Error::Value`] for `rate`, `previous`, `state_low` and `soft`.
 pub fn rows_control(
-    horizon: &Horizon<'_>,
+    horizon: &Steps<'_>,
     bounds: Bounds<'_>,
     rows: Rows<'_>,
     warm: Option<&[i8]>,

@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::limits::bounds::Bounds;
-use crate::limits::riccati::Horizon;
+use crate::limits::riccati::Steps;
 use crate::memory::{try_copy, try_zeros};
 
 pub(super) const WHAT: &str = "a control with limits on states or rates";
@@ -25,7 +25,7 @@ pub struct Rows<'a> {
 
 /// The data of a problem. States and inputs are step by step.
 pub(super) struct Task<'a> {
-    pub(super) h: Horizon<'a>,
+    pub(super) h: Steps<'a>,
     pub(super) n: usize,
     pub(super) m: usize,
     pub(super) steps: usize,
@@ -57,7 +57,7 @@ pub(super) fn largest<'a>(values: impl IntoIterator<Item = &'a f64>) -> f64 {
 
 impl<'a> Task<'a> {
     /// `h` has been checked.
-    pub(super) fn new(h: Horizon<'a>, bounds: Bounds<'a>, rows: Rows<'a>) -> Result<Self> {
+    pub(super) fn new(h: Steps<'a>, bounds: Bounds<'a>, rows: Rows<'a>) -> Result<Self> {
         let n = h.x0.len();
         let (m, steps) = (h.b.len() / n.max(1), h.reference.len() / n.max(1));
         sized("low", bounds.low, steps * m)?;

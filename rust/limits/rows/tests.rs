@@ -26,9 +26,9 @@ struct Case {
 }
 
 impl Case {
-    fn horizon(&self) -> Horizon<'_> {
+    fn horizon(&self) -> Steps<'_> {
         let Self { a, b, x0, reference, stage, terminal, r, .. } = self;
-        Horizon { a, b, x0, reference, stage, terminal, r }
+        Steps { a, b, x0, reference, stage, terminal, r }
     }
 
     fn solve(&self, rows: Rows<'_>) -> RowsSolution {

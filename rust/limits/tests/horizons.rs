@@ -57,7 +57,7 @@ fn horizons_agree_with_condensed_problems() {
             if limit < 1.0 {
                 high[0] = -limit; // fixed
             }
-            let horizon = Horizon {
+            let horizon = Steps {
                 a: &a,
                 b: &b,
                 x0: &x0,
@@ -89,7 +89,7 @@ fn horizons_agree_with_condensed_problems() {
 
 #[test]
 fn a_double_integrator_by_steps() {
-    let horizon = Horizon {
+    let horizon = Steps {
         a: &[1.0, 1.0, 0.0, 1.0],
         b: &[0.0, 1.0],
         x0: &[1.0, 0.0],
@@ -107,14 +107,14 @@ fn a_double_integrator_by_steps() {
     assert!(found.control == [-0.5, 0.5] && (found.objective - 0.25).abs() < 1e-15);
     assert!(
         horizon_control(
-            &Horizon { r: &[-1.0], ..horizon },
+            &Steps { r: &[-1.0], ..horizon },
             Bounds::new(&[0.0; 2], &[1.0; 2], 2).unwrap(),
             None,
             Until::new(&stop, None)
         )
         .is_err()
     );
-    let steep = Horizon { a: &[1e200, 1.0, 0.0, 1.0], ..horizon };
+    let steep = Steps { a: &[1e200, 1.0, 0.0, 1.0], ..horizon };
     assert!(matches!(
         horizon_control(&steep, Bounds::new(&[0.0; 2], &[1.0; 2], 2).unwrap(), None, Until::new(&stop, None)),
         Err(crate::Error::Overflow { .. })
@@ -126,7 +126,7 @@ fn a_double_integrator_by_steps() {
 fn an_unstable_system_over_many_steps() {
     let stop = Stop::new();
     let solve = |k: usize| {
-        let horizon = Horizon {
+        let horizon = Steps {
             a: &[1.5, 1.0, 0.0, 0.9],
             b: &[0.0, 1.0],
             x0: &[0.3, 0.0],

@@ -51,7 +51,7 @@ fn horizons() {
     let (b, x0, reference) = (normal.take(n * m), normal.take(n), normal.take(n * steps));
     let unit = |n: usize, w: f64| -> Vec<f64> { (0..n * n).map(|i| if i % (n + 1) == 0 { w } else { 0.0 }).collect() };
     let (q, r) = (unit(n, 1.0), unit(m, 0.1));
-    let horizon = Horizon { a: &a, b: &b, x0: &x0, reference: &reference, stage: &q, terminal: &q, r: &r };
+    let horizon = Steps { a: &a, b: &b, x0: &x0, reference: &reference, stage: &q, terminal: &q, r: &r };
     let (low, high) = (vec![-0.2; steps * m], vec![0.2; steps * m]);
     let bounds = Bounds::new(&low, &high, steps * m).unwrap();
     stopped_at_any_look(|until| horizon_control(&horizon, bounds, None, until).unwrap());

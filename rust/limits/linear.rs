@@ -1,0 +1,167 @@
+//! Products, roots, eigenvalues and singular values of the matrices of a problem, row by row.
+
+use crate::error::{Error, Result};
+use crate::memory::{checked_len, covered, room_for_products, try_collect, try_copy, try_zeros};
+use crate::scaled;
+
+use faer::linalg::matmul::matmul;
+use faer::{Accum, MatMut, MatRef, Par};
+
+const WHAT: &str = "a control within limits";
+
+/// Rows from which a product is left to `faer`.
+const BLOCKED: usize = 16;
+
+/// `0 x infinity = 0`: nothing to bound.
+pub(super) fn product(a: f64, b: f64) -> f64 {
+    if a == 0.0 || b == 0.0 { 0.0 } else { a * b }
+}
+
+/// `||v||_2`, without overflow or underflow.
+pub(super) fn norm(v: &[f64]) -> f64 {
+    scaled::norm(v.iter().copied())
+}
+
+/// `A B` (rows, columns) of `A` (rows, inner).
+pub(super) fn times(a: &[f64], b: &[f64], inner: usize) -> Result<Vec<f64>> {
+    let (rows, columns) = (a.len().checked_div(inner).unwrap_or(0), b.len().checked_div(inner).unwrap_or(0));
+    let mut out = try_zeros(WHAT, checked_len(WHAT, rows, columns)?)?;
+    if rows.min(inner).min(columns) >= BLOCKED {
+        room_for_products()?;
+        let to = MatMut::from_row_major_slice_mut(&mut out, rows, columns);
+        let (a, b) = (MatRef::from_row_major_slice(a, rows, inner), MatRef::from_row_major_slice(b, inner, columns));
+        matmul(to, Accum::Replace, a, b, 1.0, Par::Seq);
+        return Ok(out);
+    }
+    if inner > 0 && columns > 0 {
+        for (a, out) in a.chunks_exact(inner).zip(out.chunks_exact_mut(columns)) {
+            for (a, b) in a.iter().zip(b.chunks_exact(columns)) {
+                out.iter_mut().zip(b).for_each(|(out, b)| *out += a * b);
+            }
+        }
+    }
+    Ok(out)
+}
+
+/// `out += A' v`
+pub(super) fn add_transposed(a: &[f64], v: &[f64], out: &mut [f64]) {
+    for (row, v) in a.chunks_exact(out.len().max(1)).zip(v) {
+        out.iter_mut().zip(row).for_each(|(out, a)| *out += a * v);
+    }
+}
+
+/// `v' Q v`
+pub(super) fn form(q: &[f64], v: &[f64]) -> f64 {
+    q.chunks_exact(v.len().max(1)).zip(v).map(|(row, v_i)| v_i * crate::vector::dot(row, v)).sum()
+}
+
+fn diagonal(q: &[f64], n: usize) -> bool {
+    q.iter().enumerate().all(|(i, v)| *v == 0.0 || i % (n + 1) == 0)
+}
+
+/// The diagonal of `Q` where there is nothing else.
+pub(super) fn only_diagonal(q: &[f64], n: usize) -> Result<Option<Vec<f64>>> {
+    if diagonal(q, n) { try_collect(WHAT, q.iter().step_by(n + 1).copied()).map(Some) } else { Ok(None) }
+}
+
+/// `F` (rank, n) with `F'F = Q`, without the rows that are 0; eigenvalues up to `n eps ||Q||` count as 0.
+pub(super) fn root(q: &[f64], n: usize) -> Result<Vec<f64>> {
+    let mut rows = Vec::new();
+    let mut add = |value: f64, vector: &dyn Fn(usize) -> f64| {
+        let size = value.sqrt();
+        crate::memory::try_extend(WHAT, &mut rows, (0..n).map(|i| size * vector(i)))
+    };
+    if diagonal(q, n) {
+        for (j, value) in q.iter().step_by(n + 1).enumerate().filter(|(_, value)| **value > 0.0) {
+            add(*value, &|i| f64::from(u8::from(i == j)))?;
+        }
+        return Ok(rows);
+    }
+    let (values, vectors) = eigen(q, n)?;
+    let least = n as f64 * f64::EPSILON * values.last().copied().unwrap_or(0.0).max(0.0);
+    for (value, vector) in values.iter().zip(vectors.chunks_exact(n)).filter(|(value, _)| **value > least) {
+        add(*value, &|i| vector[i])?;
+    }
+    Ok(rows)
+}
+
+/// The least eigenvalue of the symmetric `Q`.
+pub(super) fn least_eigenvalue(q: &[f64], n: usize) -> Result<f64> {
+    if diagonal(q, n) {
+        return Ok(q.iter().step_by(n + 1).fold(f64::INFINITY, |least, v| least.min(*v)));
+    }
+    Ok(eigen(q, n)?.0.first().copied().unwrap_or(0.0))
+}
+
+/// Rising eigenvalues of the symmetric `Q`, and its eigenvectors one by one.
+fn eigen(q: &[f64], n: usize) -> Result<(Vec<f64>, Vec<f64>)> {
+    let found = covered(WHAT, room(n, n), || decomposed(q, n))??;
+    let values = try_copy(WHAT, &found.0)?;
+    Ok((values, found.1))
+}
+
+#[expect(clippy::disallowed_methods, reason = "called under `covered`")]
+fn decomposed(q: &[f64], n: usize) -> Result<(Vec<f64>, Vec<f64>)> {
+    let lost = |_| Error::Numerical("the eigenvalues of a weight did not converge".into());
+    let found = MatRef::from_row_major_slice(q, n, n).self_adjoint_eigen(faer::Side::Lower).map_err(lost)?;
+    let (values, vectors) = (found.S().column_vector(), found.U());
+    let entries = (0..n).flat_map(|j| (0..n).map(move |i| vectors[(i, j)]));
+    Ok((values.iter().copied().collect(), entries.collect()))
+}
+
+/// Bytes of a decomposition of `rows` x `columns`, at most.
+fn room(rows: usize, columns: usize) -> u128 {
+    let (most, least) = (rows.max(columns) as u128, rows.min(columns) as u128);
+    8 * (8 * most * (least + 64) + 64 * (least + 64)) + (1 << 20)
+}
+
+/// Singular values, falling; none without rows.
+pub(super) fn singular_values(a: &[f64], columns: usize) -> Result<Vec<f64>> {
+    let rows = a.len().checked_div(columns).unwrap_or(0);
+    if rows == 0 {
+        return Ok(Vec::new());
+    }
+    covered(WHAT, room(rows, columns), || {
+        let found = MatRef::from_row_major_slice(a, rows, columns).singular_values();
+        found.map_err(|_| Error::Numerical("the singular values of a map did not converge".into()))
+    })?
+}
+
+/// `||A||_2`
+pub(super) fn spectral(a: &[f64], columns: usize) -> Result<f64> {
+    if a.len() == 1 || columns == 1 || a.len() == columns {
+        return Ok(norm(a));
+    }
+    Ok(singular_values(a, columns)?.first().copied().unwrap_or(0.0))
+}
+
+/// `A = U diag(s) V'` with falling `s > tiny`, `tiny = max(rows, columns) eps s_0`: vectors one by one.
+pub(super) struct Decomposition {
+    pub(super) u: Vec<f64>,
+    pub(super) s: Vec<f64>,
+    pub(super) v: Vec<f64>,
+    pub(super) tiny: f64,
+}
+
+/// The decomposition of `A`.
+pub(super) fn decomposition(a: &[f64], columns: usize) -> Result<Decomposition> {
+    let rows = a.len().checked_div(columns).unwrap_or(0);
+    if rows == 0 {
+        return Ok(Decomposition { u: Vec::new(), s: Vec::new(), v: Vec::new(), tiny: 0.0 });
+    }
+    covered(WHAT, 2 * room(rows, columns), || factors(a, rows, columns))?
+}
+
+#[expect(clippy::disallowed_methods, reason = "called under `covered`")]
+fn factors(a: &[f64], rows: usize, columns: usize) -> Result<Decomposition> {
+    let lost = |_| Error::Numerical("the singular value decomposition of a map did not converge".into());
+    let found = MatRef::from_row_major_slice(a, rows, columns).thin_svd().map_err(lost)?;
+    let (u, v) = (found.U(), found.V());
+    let all: Vec<f64> = found.S().column_vector().iter().copied().collect();
+    let tiny = rows.max(columns) as f64 * f64::EPSILON * all.first().copied().unwrap_or(0.0);
+    let s: Vec<f64> = all.into_iter().filter(|s| *s > tiny).collect();
+    let of = |m: MatRef<'_, f64>, len: usize| -> Vec<f64> {
+        (0..s.len()).flat_map(|j| (0..len).map(move |i| m[(i, j)])).collect()
+    };
+    Ok(Decomposition { u: of(u, rows), v: of(v, columns), tiny, s })
+}

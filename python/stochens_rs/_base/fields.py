@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Literal, get_args, get_origin
+from typing import Any, Literal, TypeAlias, get_args, get_origin
 
 import numpy as np
 
@@ -13,50 +13,65 @@ from . import gate, plain
 
 def check(record: Any) -> None:
     """Refuse a record with a field that is not of its declared type; shapes are not looked at."""
-    for name, kind in plain.declared(type(record)).items():
-        value = getattr(record, name)
-        if _fits(value, kind):
-            continue
-        words = plain.words(kind)
-        if words and isinstance(value, str):
-            gate.choice(name, value, words)
-        raise InputTypeError(f"`{name}` must be {_said(kind)}, got {gate.show(value)}")
+    for name, fits in _fields(type(record)):
+        if not fits(getattr(record, name)):
+            _refuse(name, getattr(record, name), plain.declared(type(record))[name])
 
 
-def _fits(value: Any, kind: Any) -> bool:
-    """Whether a value is of a declared type, which `plain` knows."""
-    return any(_is(value, one) for one in plain.kinds(kind))
+def _refuse(name: str, value: Any, kind: Any) -> None:
+    words = plain.words(kind)
+    if words and isinstance(value, str):
+        gate.choice(name, value, words)
+    raise InputTypeError(f"`{name}` must be {_said(kind)}, got {gate.show(value)}")
 
 
-def _is(value: Any, kind: Any) -> bool:
+def _fields(cls: type[Any]) -> tuple[tuple[str, _Fits], ...]:
+    """What tells for each field whether a value is of its declared type."""
+    if cls not in _CHECKS:
+        _CHECKS[cls] = tuple((name, _any(kind)) for name, kind in plain.declared(cls).items())
+    return _CHECKS[cls]
+
+
+def _any(kind: Any) -> _Fits:
+    """What tells whether a value is of a declared type, which `plain` knows."""
+    ways = tuple(_one(one) for one in plain.kinds(kind))
+    return ways[0] if len(ways) == 1 else lambda value: any(fits(value) for fits in ways)
+
+
+def _one(kind: Any) -> _Fits:
     outer, inner = get_origin(kind), get_args(kind)
     if kind is Any:
-        return True
+        return lambda value: True
     if kind in _PLAIN:
-        return _PLAIN[kind](value)
+        return _PLAIN[kind]
     if outer is Literal:
-        return isinstance(value, str) and value in inner
+        return lambda value: isinstance(value, str) and value in inner
     if outer is np.ndarray:
         wanted = get_args(inner[1])[0]
-        known = wanted is Any or (
-            isinstance(value, np.ndarray) and value.dtype.kind == np.dtype(wanted).kind
-        )
-        return isinstance(value, np.ndarray) and known
+        if wanted is Any:
+            return lambda value: isinstance(value, np.ndarray)
+        sort = np.dtype(wanted).kind
+        return lambda value: isinstance(value, np.ndarray) and value.dtype.kind == sort
     if outer is tuple:
-        every = len(inner) == 2 and inner[1] is Ellipsis
-        return isinstance(value, tuple) and (
-            all(_fits(item, inner[0]) for item in value)
-            if every
-            else len(value) == len(inner) and all(map(_fits, value, inner))
+        items = tuple(_any(one) for one in inner if one is not Ellipsis)
+        if len(inner) == 2 and inner[1] is Ellipsis:
+            return lambda value: isinstance(value, tuple) and all(map(items[0], value))
+        return lambda value: (
+            isinstance(value, tuple)
+            and len(value) == len(items)
+            and all(fits(item) for fits, item in zip(items, value, strict=True))
         )
     if outer is dict:
-        return isinstance(value, dict) and all(
-            _fits(key, inner[0]) and _fits(item, inner[1]) for key, item in value.items()
+        key, entry = _any(inner[0]), _any(inner[1])
+        return lambda value: (
+            isinstance(value, dict) and all(map(key, value)) and all(map(entry, value.values()))
         )
-    return isinstance(value, outer or kind)
+    return lambda value: isinstance(value, outer or kind)
 
 
-_PLAIN: dict[Any, Callable[[Any], bool]] = {
+_Fits: TypeAlias = Callable[[Any], bool]
+_CHECKS: dict[type[Any], tuple[tuple[str, _Fits], ...]] = {}
+_PLAIN: dict[Any, _Fits] = {
     bool: lambda value: isinstance(value, (bool, np.bool_)),
     int: lambda value: isinstance(value, (int, np.integer)) and not isinstance(value, bool),
     float: gate.is_real,

@@ -1,19 +1,18 @@
 //! The best inputs of a horizon, and how far others are from them.
 
-use numpy::{PyArray1, PyArray2, PyReadonlyArray, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods, ndarray};
+use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 
 use super::convert::{array1, array2, key, slice};
-use super::draws::scheme;
-use super::limited::{BoxControl, RowsControl};
-use super::limits::{seconds, signs, to_best};
+use super::horizon_arguments::{AroundArgument, CauseArgument, GivenControl, TaskArgument, cost, given, made};
+use super::horizon_results::{Apart, HorizonControl};
+use super::limited::RowsControl;
+use super::limits::{seconds, to_best};
 use super::run::run;
-use super::shared::Shared;
 use super::simulate::EstimateArgument;
-use crate::Result;
-use crate::limits::horizon::{Around, Cause, Given, Horizon, Loop, Part, Radii, Runs, Solved, Task};
-use crate::limits::{RowsSolution, Solution, Until};
-use crate::memory::{try_collect, try_copy};
+use crate::limits::horizon::{Cause, Horizon, Radii, Runs, Solved};
+use crate::limits::{RowsSolution, Until};
+use crate::memory::try_copy;
 use crate::simulate::Plans;
 
 const WHAT: &str = "the control within limits";
@@ -23,78 +22,12 @@ type Vector<'py> = PyReadonlyArray1<'py, f64>;
 type Array1<'py> = Bound<'py, PyArray1<f64>>;
 type Array2<'py> = Bound<'py, PyArray2<f64>>;
 
-/// Entries row by row, whatever their order in memory.
-fn values<D: ndarray::Dimension>(array: &PyReadonlyArray<'_, f64, D>) -> Result<Vec<f64>> {
-    match array.as_slice() {
-        Ok(values) if array.is_c_contiguous() => try_copy(WHAT, values),
-        _ => try_collect(WHAT, array.as_array().iter().copied()),
-    }
-}
-
-/// The fields of the package's `Task` that the core needs.
-#[derive(FromPyObject)]
-pub(super) struct TaskArgument<'py> {
-    low: Matrix<'py>,
-    high: Matrix<'py>,
-    stage: Matrix<'py>,
-    terminal: Matrix<'py>,
-    reference: Matrix<'py>,
-    #[pyo3(attribute("R"))]
-    r: Option<Matrix<'py>>,
-    rate: Option<Vector<'py>>,
-    previous: Option<Vector<'py>>,
-    state_low: Option<Matrix<'py>>,
-    state_high: Option<Matrix<'py>>,
-    soft: Option<f64>,
-}
-
-impl TaskArgument<'_> {
-    /// With another reference and R where they are given.
-    fn task(&self, reference: Option<&Matrix<'_>>, r: Option<&Matrix<'_>>) -> Result<Task> {
-        let rate = match (&self.rate, &self.previous) {
-            (Some(rate), Some(previous)) => Some((values(rate)?, values(previous)?)),
-            _ => None,
-        };
-        let states = match (&self.state_low, &self.state_high) {
-            (Some(low), Some(high)) => Some((values(low)?, values(high)?)),
-            _ => None,
-        };
-        Ok(Task {
-            low: values(&self.low)?,
-            high: values(&self.high)?,
-            stage: values(&self.stage)?,
-            terminal: values(&self.terminal)?,
-            reference: values(reference.unwrap_or(&self.reference))?,
-            r: r.or(self.r.as_ref()).map(values).transpose()?,
-            rate,
-            states,
-            soft: self.soft,
-        })
-    }
-}
-
 /// A system and a task.
 #[pyclass(frozen, name = "Horizon", module = "stochens_rs._core")]
 pub(super) struct PyHorizon {
     inner: Horizon,
     /// Elementary operations of a condensed problem.
     cost: f64,
-}
-
-fn cost(h: &Horizon) -> f64 {
-    let (n, m, steps) = h.size();
-    let d = (steps * m) as f64;
-    let condensed = if h.long() { 0.0 } else { d * d * (h.rows() as f64 + 10.0 * d) };
-    condensed + 300.0 * steps as f64 * ((2 * n + m) as f64).powi(3)
-}
-
-fn made(py: Python<'_>, a: &Matrix<'_>, b: &Matrix<'_>, c: Option<&Vector<'_>>, task: Task) -> PyResult<Horizon> {
-    let (n, m) = b.as_array().dim();
-    let steps = task.reference.len() / n.max(1);
-    let (a, b) = (values(a)?, values(b)?);
-    let c = c.map(values).transpose()?;
-    let work = 4.0 * (steps * n * n * (n + m)) as f64;
-    run(py, work, |_| Horizon::new(a, b, c.as_deref(), n, task))
 }
 
 #[pymethods]
@@ -308,211 +241,5 @@ impl PyHorizon {
         let found =
             run(py, cost * runs as f64, |stop| self.inner.drawn_errors(&plans, x0, (follows, auto), of_runs, stop))?;
         array2(py, found, runs, 3)
-    }
-}
-
-fn given<'a>(name: &str, (lines, drawn): &'a EstimateArgument<'_>) -> PyResult<Given<'a>> {
-    let drawn = match drawn {
-        None => None,
-        Some((size, name)) => Some((*size, scheme(name)?)),
-    };
-    Ok(Given { lines: slice(name, lines)?, length: lines.as_array().dim().1, drawn })
-}
-
-/// What the package keeps of a control within limits.
-#[derive(FromPyObject)]
-pub(super) struct GivenControl<'py> {
-    u: Matrix<'py>,
-    gap: f64,
-    distance: f64,
-    objective: f64,
-}
-
-impl GivenControl<'_> {
-    fn solution(&self) -> PyResult<Solution> {
-        let control = try_copy(WHAT, slice("u", &self.u)?)?;
-        Ok(Solution::of(control, self.gap, self.distance, self.objective))
-    }
-}
-
-/// A distance of the target, simulated radii, or a distance from the best control.
-#[derive(FromPyObject)]
-enum CauseArgument {
-    Distance(f64),
-    Radii(f64, f64, f64),
-    Apart(Py<Apart>),
-}
-
-/// Where the true A and B are.
-#[derive(FromPyObject)]
-struct AroundArgument<'py> {
-    radii: [f64; 2],
-    shifts: Option<(Matrix<'py>, Matrix<'py>)>,
-    parts: Vec<(f64, Matrix<'py>, f64, f64)>,
-}
-
-impl AroundArgument<'_> {
-    fn get(&self) -> PyResult<Around<'_>> {
-        let mut parts = Vec::new();
-        for (factor, s, of_a, of_b) in &self.parts {
-            let part = Part { factor: *factor, s: slice("S", s)?, lengths: [*of_a, *of_b] };
-            crate::memory::try_push(WHAT, &mut parts, part)?;
-        }
-        let shifts = match &self.shifts {
-            Some((a, b)) => Some([slice("shifts", a)?, slice("shifts", b)?]),
-            None => None,
-        };
-        Ok(Around { radii: self.radii, shifts, parts })
-    }
-}
-
-/// Bounds of the distance from the best control.
-#[pyclass(frozen, module = "stochens_rs._core")]
-pub(super) struct Apart(crate::limits::horizon::Apart);
-
-#[pymethods]
-impl Apart {
-    #[getter]
-    fn state(&self) -> f64 {
-        self.0.state
-    }
-
-    #[getter]
-    fn weighted(&self) -> f64 {
-        self.0.weighted
-    }
-
-    #[getter]
-    fn distance(&self) -> f64 {
-        self.0.distance
-    }
-
-    #[getter]
-    fn control(&self) -> f64 {
-        self.0.control
-    }
-
-    #[getter]
-    fn excess(&self) -> f64 {
-        self.0.excess
-    }
-}
-
-/// The best control of a horizon.
-#[pyclass(frozen, module = "stochens_rs._core")]
-pub(super) struct HorizonControl {
-    solved: Solved,
-    n: usize,
-    m: usize,
-    steps: usize,
-}
-
-#[pymethods]
-impl HorizonControl {
-    #[getter]
-    fn u<'py>(&self, py: Python<'py>) -> PyResult<Array2<'py>> {
-        array2(py, try_copy(WHAT, &self.solved.found.control)?, self.steps, self.m)
-    }
-
-    #[getter]
-    fn active<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<i8>>> {
-        super::arrays::array(py, try_copy(WHAT, &self.solved.found.active)?, [self.steps, self.m])
-    }
-
-    #[getter]
-    fn multipliers<'py>(&self, py: Python<'py>) -> PyResult<Array2<'py>> {
-        array2(py, try_copy(WHAT, &self.solved.found.multipliers)?, self.steps, self.m)
-    }
-
-    #[getter]
-    fn state_active<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray2<i8>>>> {
-        let Some(sides) = &self.solved.state_active else { return Ok(None) };
-        super::arrays::array(py, try_copy(WHAT, sides)?, [self.steps, self.n]).map(Some)
-    }
-
-    #[getter]
-    fn gap(&self) -> f64 {
-        self.solved.found.gap
-    }
-
-    #[getter]
-    fn distance(&self) -> f64 {
-        self.solved.found.distance
-    }
-
-    #[getter]
-    fn objective(&self) -> f64 {
-        self.solved.found.objective
-    }
-
-    #[getter]
-    fn missed(&self) -> f64 {
-        self.solved.missed
-    }
-
-    #[getter]
-    fn status(&self) -> &'static str {
-        self.solved.found.status.as_str()
-    }
-
-    #[getter]
-    fn missing(&self) -> f64 {
-        self.solved.missing
-    }
-}
-
-/// The best inputs from one state after another.
-#[pyclass(frozen, name = "Loop", module = "stochens_rs._core")]
-pub(super) struct PyLoop {
-    inner: Shared<Loop>,
-    cost: f64,
-}
-
-#[pymethods]
-impl PyLoop {
-    #[new]
-    fn new(
-        py: Python<'_>,
-        a: Matrix<'_>,
-        b: Matrix<'_>,
-        c: Option<Vector<'_>>,
-        task: TaskArgument<'_>,
-    ) -> PyResult<Self> {
-        let horizon = made(py, &a, &b, c.as_ref(), task.task(None, None)?)?;
-        let cost = cost(&horizon);
-        let made = run(py, cost, |stop| Loop::new(horizon, stop))?;
-        // one map for all states leaves a factorization
-        let cost = if made.condensed() { (task.low.as_array().len() as f64).powi(3) } else { cost };
-        Ok(Self { inner: Shared::new("loop", made), cost })
-    }
-
-    /// Whether one map serves all states.
-    #[getter]
-    fn condensed(&self, py: Python<'_>) -> PyResult<bool> {
-        self.inner.with(py, 0.0, |inner, _| Ok(inner.condensed()))
-    }
-
-    fn solve(&self, py: Python<'_>, x: Vector<'_>, time_limit: Option<f64>) -> PyResult<BoxControl> {
-        let (x, limit) = (slice("x", &x)?, seconds(time_limit));
-        Ok(BoxControl(self.inner.with(py, self.cost, |inner, stop| inner.solve(x, Until::new(stop, limit)))?))
-    }
-
-    /// The input that is applied now.
-    fn follow(&self, py: Python<'_>, previous: Vector<'_>) -> PyResult<()> {
-        let previous = slice("previous", &previous)?;
-        self.inner.with(py, 0.0, |inner, _| {
-            inner.follow(previous);
-            Ok(())
-        })
-    }
-
-    fn warm<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray1<i8>>>> {
-        let copy = |inner: &mut Loop, _: &crate::Stop| inner.warm().map(|warm| try_copy("a start", warm)).transpose();
-        self.inner.with(py, 0.0, copy)?.map(|warm| array1(py, warm)).transpose()
-    }
-
-    fn resume(&self, py: Python<'_>, warm: Option<PyReadonlyArray1<'_, i8>>) -> PyResult<()> {
-        let copy = signs(&warm)?.map(|warm| try_copy("a start", warm)).transpose()?;
-        self.inner.with(py, 0.0, |inner, _| inner.resume(copy))
     }
 }

@@ -11,6 +11,9 @@ mod error;
 mod fleet;
 mod fuse;
 mod horizon;
+mod horizon_arguments;
+mod horizon_loop;
+mod horizon_results;
 mod identify;
 mod laws;
 mod limited;
@@ -40,7 +43,11 @@ mod _core {
     #[pymodule_export]
     use super::fuse::{Alse, alse, alse_path, alse_prefixes, closed_form, slse, uniform_path};
     #[pymodule_export]
-    use super::horizon::{Apart, HorizonControl, PyHorizon, PyLoop};
+    use super::horizon::PyHorizon;
+    #[pymodule_export]
+    use super::horizon_loop::PyLoop;
+    #[pymodule_export]
+    use super::horizon_results::{Apart, HorizonControl};
     #[pymodule_export]
     use super::identify::{
         bootstrap, region_draws, residual_p_values, residuals, robust_control, sign_radii, sign_statistics, triangle,

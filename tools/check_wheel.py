@@ -16,7 +16,7 @@ from email import message_from_bytes
 from pathlib import Path
 from zipfile import ZipFile
 
-LIMIT = 3_300_000  # bytes; 3.2 MB for x86_64, of which the extension takes 2.5
+LIMIT = 3_600_000  # bytes; 3.5 MB for x86_64, of which the extension takes 2.8
 EXTENSION = re.compile(r"stochens_rs/_core(\.abi3\.so|\.pyd)")
 LICENSES = ["LICENSE", "THIRD-PARTY-LICENSES"]
 FILES = ["py.typed", "_core.pyi", "paper/report/report.html.j2", "paper/verdicts/statements.ini"]
@@ -52,7 +52,7 @@ def look(wheel: Path) -> None:
         for name in LICENSES:
             assert packed.read(f"{info}/licenses/{name}"), name
     description = about["Description"] or about.get_payload()
-    assert "## First example" in description
+    assert "## From a CSV file to a control" in description
     assert not re.search(r"\]\((?![a-z]+:|#)", description), "a relative link in the description"
     print(f"{wheel.name} is complete: {size / 1e6:.2f} MB")
 

@@ -19,6 +19,7 @@ from .regulator import Regulator
 from .sample_plan import SamplePlan
 from .steering import steer
 from .uncertain import Uncertain
+from .validation import Validation
 
 __all__ = [
     "Call",
@@ -34,6 +35,7 @@ __all__ = [
     "RiskBound",
     "SamplePlan",
     "Uncertain",
+    "Validation",
     "control",
     "control_fleet",
     "predict",

@@ -457,7 +457,7 @@ class Plan(SavedRecord, Timed):
         1))`` of the others with probability ``1 - delta`` at least; ties only help. With weights:
         Tibshirani, Barber, Candes and Ramdas 2019. Runs that were left out, or chosen after a look,
         make it void, and so does a plan or a `scale` that was changed after it: validate again,
-        with fresh runs.
+        with fresh runs. A state is what was recorded or, of fresh systems, computed in doubles.
 
         Examples
         --------

@@ -188,6 +188,8 @@ def _states(plan: Predicted, runs: Runs) -> Floats:
     shape = plan.states.shape
     if isinstance(runs, Trajectories):
         return _of_trajectories(plan, runs)
+    if isinstance(runs, np.ndarray) and runs.shape[-2:] != shape:
+        raise ShapeError(f"`runs` must be runs of shape {shape}, got an array of {runs.shape}")
     single = isinstance(runs, np.ndarray) and runs.ndim == 2
     given = [runs] if single else gate.items("runs", runs)
     if not given:

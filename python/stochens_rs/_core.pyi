@@ -89,6 +89,10 @@ __all__ = [
     "triangle",
     "triangle_update",
     "uniform_path",
+    "validation_rank",
+    "validation_runs",
+    "validation_systems",
+    "validation_weighted",
     "version",
     "wishart_quantile",
 ]
@@ -824,3 +828,21 @@ def scenario_discarding(size: int, discarded: int, dimension: int, beta: float) 
 def scenario_judged(size: int, support: int, beta: float) -> float: ...
 def scenario_relaxed(size: int, support: int, beta: float) -> tuple[float, float]: ...
 def scenario_required(epsilon: float, dimension: int, beta: float) -> int: ...
+
+# path, A, scale, target
+_Predicted: TypeAlias = tuple[_Floats, _Floats, _Floats, _Floats]
+
+def validation_rank(scores: _Floats, rank: int) -> float: ...
+def validation_runs(
+    predicted: _Predicted, runs: _Floats, threads: int
+) -> tuple[_Floats, _Floats]: ...
+def validation_systems(
+    predicted: _Predicted,
+    a: _Floats,
+    b: _Floats,
+    c: _Floats | None,
+    x0: _Floats,
+    u: _Floats,
+    threads: int,
+) -> tuple[_Floats, _Floats]: ...
+def validation_weighted(scores: _Floats, weights: _Floats, delta: float) -> float: ...

@@ -25,6 +25,7 @@ mod shared;
 mod simulate;
 mod storage;
 mod streaming;
+mod validation;
 
 use pyo3::prelude::*;
 
@@ -74,6 +75,8 @@ mod _core {
     use super::storage::{StateLock, storage_decode, storage_encode, storage_load, storage_save};
     #[pymodule_export]
     use super::streaming::{PyDataStream, PyStream};
+    #[pymodule_export]
+    use super::validation::{validation_rank, validation_runs, validation_systems, validation_weighted};
     #[pymodule_export]
     use super::{build, version};
 }

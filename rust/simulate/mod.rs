@@ -19,6 +19,7 @@ mod moments;
 mod plans;
 mod runs;
 mod systems;
+mod validation;
 mod words;
 
 pub use closed_loop::{ClosedLoop, Followed, Method};
@@ -28,3 +29,4 @@ pub use moments::{Ensemble, Second};
 pub use plans::{Average, Estimate, Exact, Norm, Plans, estimate_errors};
 pub use runs::runs;
 pub use systems::Systems;
+pub use validation::{Predicted, Scores, order_statistic, weighted_order_statistic};

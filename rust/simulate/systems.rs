@@ -6,7 +6,7 @@ use crate::error::{Error, Result, require_finite};
 use crate::memory::{checked_len, try_zeros};
 use crate::parallel::{Stop, for_each_chunk};
 
-const WHAT: &str = "the runs of the systems";
+pub(super) const WHAT: &str = "the runs of the systems";
 
 /// `N` systems with n states and m inputs, the columns of one after another, and their inputs.
 #[derive(Debug, Clone, Copy)]
@@ -74,7 +74,7 @@ impl Systems<'_> {
     }
 
     /// The number of systems.
-    fn checked(&self) -> Result<usize> {
+    pub(super) fn checked(&self) -> Result<usize> {
         let (n, m) = (self.n, self.m);
         let square = checked_len(WHAT, n, n)?;
         let size = self.a.len().checked_div(square).unwrap_or(0);
@@ -95,7 +95,7 @@ impl Systems<'_> {
         Ok(size)
     }
 
-    fn steps(&self) -> usize {
+    pub(super) fn steps(&self) -> usize {
         self.u.len() / self.m
     }
 
@@ -120,15 +120,21 @@ impl Systems<'_> {
 
     /// The run of the first system.
     fn first(&self, stop: &Stop) -> Result<Vec<f64>> {
+        let mut states = try_zeros(WHAT, checked_len(WHAT, self.steps() + 1, self.n)?)?;
+        self.path(0, &mut states, stop)?;
+        Ok(states)
+    }
+
+    /// The run of system s, not finite from where it overflows.
+    pub(super) fn path(&self, s: usize, states: &mut [f64], stop: &Stop) -> Result<()> {
         let n = self.n;
-        let mut states = try_zeros(WHAT, checked_len(WHAT, self.steps() + 1, n)?)?;
-        states[..n].copy_from_slice(self.start(0));
+        states[..n].copy_from_slice(self.start(s));
         for k in 0..self.steps() {
             stop.check()?;
             let (past, future) = states.split_at_mut((k + 1) * n);
-            self.step(0, k, &past[k * n..], &mut future[..n]);
+            self.step(s, k, &past[k * n..], &mut future[..n]);
         }
-        Ok(states)
+        Ok(())
     }
 }
 

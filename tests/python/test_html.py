@@ -69,6 +69,10 @@ RECORDS = {
         lambda: se.control(model(), X0, XF, steps=2).bound(),
         ["of the predicted one", "95 % at least", "only the state", "<polyline"],
     ),
+    "Validation": (
+        lambda: plan().validate([SYSTEM] * 20, x0=X0),
+        ["20 fresh systems", "No system was left out", "of further runs"],
+    ),
     "Reachability": (lambda: plan().reachability, ["verdictreachable", "rank", "condition"]),
     "Trajectory": (
         lambda: se.simulate(SYSTEM, X0, np.ones((20, 2))),

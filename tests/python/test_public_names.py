@@ -21,7 +21,8 @@ TOP = """
     sample_counts set_num_threads simulate simulate_ensemble steer studies theory track
 """
 ROOMS = {
-    "controls": "Call Certificate FleetPlan PlanBound PlanError Reachability RiskBound SamplePlan",
+    "controls": "Call Certificate FleetPlan PlanBound PlanError Reachability RiskBound SamplePlan "
+    "Validation",
     "fusion": "FusedModel Path",
     "identification": "Checks Region",
     "studies": "Curve Experiment Failure Panel Results Summary",

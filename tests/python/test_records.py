@@ -139,6 +139,8 @@ PARTS = {
     "bound": lambda: PLANS["iid"]().bound(),
     "certificate": lambda: PLANS["plan of a model"]().bound(),
     "infinite certificate": lambda: replace(PLANS["plan of a model"]().bound(), target=math.inf),
+    "validation": lambda: PLANS["exact"]().validate([SYSTEM] * 20),
+    "infinite validation": lambda: PLANS["exact"]().validate([SYSTEM]),
     "error": lambda: PLANS["iid"]().error(SYSTEM, X0, XF),
     "reachability": lambda: PLANS["iid"]().reachability,
     "fleet": lambda: se.control_fleet([(A, B), (0.9 * A, B)], X0, XF, 3, risk="worst"),

@@ -10,6 +10,7 @@ from .fleet_risk import RiskBound
 from .limits import Limits
 from .plan import Plan
 from .plan_bound import PlanBound
+from .plan_validation import Validation
 from .planning import required_samples
 from .predicting import predict
 from .realization import realization_controls
@@ -34,6 +35,7 @@ __all__ = [
     "RiskBound",
     "SamplePlan",
     "Uncertain",
+    "Validation",
     "control",
     "control_fleet",
     "predict",

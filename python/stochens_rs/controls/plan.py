@@ -22,6 +22,7 @@ from ..theory.dynamics import checked_ends, states
 from ..theory.exact import best_control
 from ..theory.records import PlanError, Reachability
 from .certificate import Certificate
+from .held_out_runs import Predicted, Runs, validated
 from .limit_bound import limited_bound
 from .limit_certificate import limited_certificate
 from .limited import Limited
@@ -30,6 +31,7 @@ from .plan_bound import PlanBound, plan_bound
 from .plan_covariance import plan_covariance
 from .plan_error import limited_error
 from .plan_summary import cost_rows, cost_text, expectation, made_from, worst_state
+from .plan_validation import Validation
 from .provenance import Basis, ModelBasis, completed
 
 if TYPE_CHECKING:
@@ -402,6 +404,75 @@ class Plan(SavedRecord, Timed):
         checked = self._in_order(system)
         start = validation.vector("x0", x0, length=checked.n, labels=checked.state_names)
         return states(checked.A, checked.B, start, self.u)
+
+    def validate(
+        self,
+        runs: Runs,
+        delta: float = DELTA,
+        *,
+        beta: float | None = None,
+        x0: ArrayLike | None = None,
+        scale: ArrayLike | None = None,
+        weights: ArrayLike | None = None,
+    ) -> Validation:
+        """Say where the next run ends, from runs of this plan or fresh systems, whatever their law.
+
+        Parameters
+        ----------
+        runs : Trajectories, array_like of shape (M, K + 1, n), SystemEnsemble or list of System
+            Runs of this plan that had no part in it, all of them: a run that diverged or was
+            aborted has fewer rows, or nan. Or systems that had no part in it, which are run here,
+            without noise. Trajectories must have the inputs of this plan in their first K steps.
+        delta : float, default 0.05
+            Probability that the next run leaves the tube, and that it ends further from the
+            target: each for itself. 0.05 takes 19 runs.
+        beta : float, optional
+            Probability that the runs mislead; then at most a share `delta` of all further runs
+            leaves the tube, with confidence ``1 - beta``. 0.05 takes 59 runs. The runs must then be
+            independent of each other.
+        x0 : array_like, shape (n,) or (M, n), optional
+            Where fresh systems begin; the default is the start of this plan, if it is exact.
+        scale : array_like, shape (n,) or (K + 1, n), optional
+            Units of the deviations, > 0, fixed before these runs; the row of the start is not used.
+            The best are the spreads of other runs. The default is the size of each predicted state,
+            and for a `Model` the deviation that its noise gives after k steps.
+        weights : array_like, shape (M + 1,), optional
+            Where the starts of the runs were drawn from another density f than that of the next
+            run, f_new: ``f_new(x0) / f(x0)`` of each run, and last of the next one. Both must be
+            declared; ratios that were estimated from the runs guarantee nothing.
+
+        Returns
+        -------
+        Validation
+            ``tube`` and ``target``, infinite where the runs are too few. ``covers`` says what must
+            be the same in the next run.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If the runs do not fit this plan; had other inputs; are models from data, or scatter
+            about an estimate; or if `beta` goes with `weights`.
+
+        Notes
+        -----
+        Of M + 1 exchangeable scores the last is at most the one of rank ``ceil((1 - delta) (M +
+        1))`` of the others with probability ``1 - delta`` at least; ties only help. With weights:
+        Tibshirani, Barber, Candes and Ramdas 2019. Runs that were left out, or chosen after a look,
+        make it void, and so does a plan or a `scale` that was changed after it: validate again,
+        with fresh runs. A state is what was recorded or, of fresh systems, computed in doubles.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> A = 0.5 + 0.01 * np.random.default_rng(1).standard_normal((60, 1, 1))
+        >>> plan = se.control(([[0.5]], [[1.0]]), [1.0], [0.0], steps=3)
+        >>> plan.validate(se.SystemEnsemble(A, np.ones((60, 1, 1))))
+        <Validation: 60 fresh systems, x(K) within 0.0145 of xf, tube 0.0204 scales, 95 % each>
+        """
+        mine = Predicted(
+            self.u, self.predicted_states, self.basis, self.limited, self._labels, self.dt
+        )
+        return validated(mine, runs, delta, beta, x0, scale, weights)
 
     def plot(
         self,

@@ -366,7 +366,6 @@ def trusted_records() -> dict[str, Record]:
         "limited": limited,
         "model basis": limited.basis,  # type: ignore[dict-item]
         "task": limited.limited.task,
-        "unlimited": limited.limited.task.unlimited(),
         "region": found.region(0.1),
         "checks": found.checks,  # type: ignore[dict-item]
         "law": law,

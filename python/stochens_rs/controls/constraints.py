@@ -83,14 +83,6 @@ class Task(Record):
         """Whether the inputs have a limit at all."""
         return bool(np.isfinite(self.low).any() or np.isfinite(self.high).any())
 
-    def unlimited(self) -> Task:
-        """The same weights and reference without limits."""
-        none = np.full_like(self.low, np.inf)
-        wanted, follows = self.reference, self.follows
-        return trusted(
-            Task, -none, none, self.stage, self.terminal, wanted, self.R, follows=follows
-        )
-
     def weights(self) -> tuple[Floats, Floats]:
         """Roots of the weights: ``Q^1/2`` of the stages, and of the last state."""
         return root(self.stage), root(self.terminal)

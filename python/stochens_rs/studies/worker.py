@@ -47,11 +47,6 @@ class Work:
     key: Key
     owner: int = field(default_factory=os.getpid)  # the process that has the signal handlers
 
-    def key_of(self, task: int) -> Key:
-        """The key of a task: that of its configuration, then that of its replicate."""
-        replicate, configuration = divmod(task, self.grid.size)
-        return self.key.child(self.grid.text(configuration)).child(f"replicate {replicate}")
-
 
 @dataclass
 class Block:

@@ -14,7 +14,6 @@ from .._base.records import SavedRecord
 from ..exceptions import InputError, ShapeError
 from ..plots.regions import draw_region
 from .entry import chosen_entry, coefficient
-from .part import Part
 from .signs import SignTest
 
 if TYPE_CHECKING:
@@ -45,7 +44,10 @@ class Region(SavedRecord):
         The directions ``z = (x, u)`` that the data do not determine, in the names of the data: for
         a z with a part in them, `bound` is infinite.
     parts : tuple
-        The region itself: one part for all rows of ``[A B c]``, or one for each row.
+        The region itself: one part for all rows of ``[A B c]``, or one for each row, that says
+        ``(Theta - centre) V (Theta - centre)' <= factor S`` for its `rows` and `columns`. With
+        ``V^+ = white' white`` and ``V = root' root``; columns of `missing` are what the data do not
+        determine, and `ratio` is the smallest over the largest singular value of the scaled data.
     future : int
         How many columns of noise to come are covered, see `bound`.
     frobenius : float or None
@@ -63,7 +65,7 @@ class Region(SavedRecord):
     delta: float
     assumption: str
     missing: tuple[str, ...]
-    parts: tuple[Part, ...]
+    parts: tuple[_core.RegionPart, ...]
     future: int = 0
     frobenius: float | None = None
     signs: SignTest | None = None
@@ -76,13 +78,12 @@ class Region(SavedRecord):
             raise ShapeError(f"`centre` must have {n + self.m} columns, or one more, got {d}")
         validation.probability("delta", self.delta)
         for part in self.parts:
-            validation.instance("parts", part, Part)
+            validation.instance("parts", part, _core.RegionPart)
 
     @cached_property
     def _core(self) -> _core.Region:
-        parts = [part._core for part in self.parts]
         centre = np.ascontiguousarray(self.centre)
-        return _core.Region(centre, self.m, parts, self.frobenius, self.future > 0)
+        return _core.Region(centre, self.m, self.parts, self.frobenius, self.future > 0)
 
     @property
     def n(self) -> int:

@@ -7,9 +7,10 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import _core
-from .._base import html, validation
+from .._base import html, serialize, types, validation
 from .._base.records import SavedRecord
 from ..exceptions import InputError, ShapeError
 from ..plots.regions import draw_region
@@ -21,6 +22,16 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from .._base.types import Floats
+
+serialize.enter(
+    _core.RegionPart,
+    rows=NDArray[np.int64],
+    columns=NDArray[np.int64],
+    **dict.fromkeys(("white", "root", "missing"), types.Floats),
+    ratio=float,
+    shape=types.Floats,
+    factor=float,
+)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -131,8 +131,13 @@ fn one_part(
             found: "others".into(),
         });
     }
-    let mut radii =
-        Radii { spectral: part.factor.sqrt(), frobenius: region.frobenius, rho0, noise: region.future, to_come: None };
+    let mut radii = Radii {
+        spectral: part.factor.sqrt(),
+        frobenius: region.frobenius(),
+        rho0,
+        noise: region.future,
+        to_come: None,
+    };
     let own;
     let mut added = None;
     let root = match to_come {

@@ -254,7 +254,7 @@ impl PyRegion {
 
     #[getter]
     fn frobenius(&self) -> Option<f64> {
-        Some(self.0.frobenius()).filter(|size| size.is_finite())
+        self.0.frobenius
     }
 
     #[getter]

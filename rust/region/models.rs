@@ -35,8 +35,8 @@ pub struct Region {
     pub(crate) d: usize,
     pub(crate) centre: Vec<f64>,
     pub(crate) parts: Vec<Arc<Part>>,
-    /// Bound of `||S^(-1/2) (Theta - C) V^(1/2)||_F` in the same event.
-    pub(crate) frobenius: f64,
+    /// Bound of `||S^(-1/2) (Theta - C) V^(1/2)||_F` in the same event, where one was asked for.
+    pub(crate) frobenius: Option<f64>,
     /// Whether noise to come is covered.
     pub(crate) future: bool,
     noise: Option<Vec<f64>>,
@@ -75,7 +75,6 @@ impl Region {
                 });
             }
         }
-        let frobenius = frobenius.unwrap_or(f64::INFINITY);
         Ok(Self { n, m, d, centre: try_copy(WHAT, centre)?, parts, frobenius, future, noise: None })
     }
 
@@ -99,8 +98,8 @@ impl Region {
 
     /// `||S^(-1/2) (Theta - C) V^(1/2)||_F` is at most this, infinite where only the spectral norm is bounded.
     #[must_use]
-    pub const fn frobenius(&self) -> f64 {
-        self.frobenius
+    pub fn frobenius(&self) -> f64 {
+        self.frobenius.unwrap_or(f64::INFINITY)
     }
 
     /// The covariance (n, n) of the noise is at most this, in the same event; None where no bound is known.

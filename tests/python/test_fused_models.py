@@ -65,7 +65,7 @@ def Theta_of(model):
 
 def error_of(region, model, Theta):
     """``||S^-1/2 (Theta - C) V^1/2||_F``, which the Frobenius radius of the region bounds."""
-    root = model.least_squares._blocks[0].fitted.root
+    root = model.least_squares._blocks[0].root
     L = np.linalg.cholesky(region.parts[0].S)
     return np.linalg.norm(np.linalg.solve(L, (Theta - region.centre) @ root.T))
 
@@ -238,7 +238,7 @@ def test_regions_with_noise_to_come_hold():
     for k in range(runs):
         Theta, z, y = independent(gen, N=30)
         fused = fused_by(hull(gen, Theta, 0.5, 0.3 * (k % 2)), z, y, 1.0 if k % 3 else None)
-        root, later = fused.least_squares._blocks[0].fitted.root, gen.standard_normal((4, 3))
+        root, later = fused.least_squares._blocks[0].root, gen.standard_normal((4, 3))
         wrong = [False, False]
         for i, frobenius in enumerate((False, True)):
             for one in fused._regions(DELTA, future=3, frobenius=frobenius):
@@ -344,7 +344,7 @@ def test_mean_square_error_is_below_that_of_least_squares(case, sigma):
     for _ in range(400):
         Theta, z, y = independent(gen, n=n, d=d, N=N)
         fused = fused_by(hull(gen, Theta, 0.5, off, M=M), z, y, sigma)
-        root = fused.least_squares._blocks[0].fitted.root
+        root = fused.least_squares._blocks[0].root
         risks.append(
             [
                 np.sum(((Theta_of(one) - Theta) @ root.T) ** 2)
@@ -436,7 +436,7 @@ def test_data_that_do_not_determine_the_model():
     inside, outside = z[0], gen.standard_normal(5)
     assert region.bound(inside[:3], inside[3:]) < np.inf
     assert region.bound(outside[:3], outside[3:]) == np.inf
-    f = fused.least_squares._blocks[0].fitted
+    f = fused.least_squares._blocks[0]
     null = np.linalg.svd(z)[2][3:].T  # there the model is that of the mixture
     V = np.tensordot(fused.weights, models, axes=1)
     change = Theta_of(fused) - V

@@ -8,7 +8,7 @@ use pyo3::types::PyTuple;
 
 use super::convert::{array1, array2, slice};
 use super::error::ShapeError;
-use super::estimate::{PyFitted, copied, places as as_places};
+use super::fitted::{PyFitted, copied, places as as_places};
 use super::run::run;
 use crate::certificate::{self, Control, Gaussian, Task, ToCome, Way};
 use crate::error::require_finite;

@@ -95,5 +95,5 @@ fn version() -> &'static str {
 /// Whether the core is a release build, and the registers for which its kernels were chosen.
 #[pyfunction]
 fn build() -> (bool, &'static str) {
-    (!cfg!(debug_assertions), crate::widest::registers())
+    (!cfg!(debug_assertions), crate::simd::dispatch::registers())
 }

@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from stochens_rs.controls.region_errors import trajectory
 
 import stochens_rs as se
 from core_regions import region_errors
 from coverage_study import DELTA
 from identification_data import POINT, Y, Z, check, rolled, stable
-from stochens_rs.controls.region_errors import trajectory
 from stochens_rs.exceptions import InputError, InputTypeError
 from stochens_rs.identification.identified import Identified
 from twin import certified_control as cc

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from stochens_rs.controls.region_errors import trajectory
 
 import stochens_rs as se
 from coverage_study import DELTA, at_most, coverage, failures, repeated
 from identification_data import SKEWED, stable
-from stochens_rs.controls.region_errors import trajectory
 from test_certified_plans import measured, model_of, under
 
 SIGMA = 0.1

@@ -11,6 +11,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from stochens_rs.controls.model_bound import Asked
 
 import stochens_rs as se
 from hidden_systems import of_each_kind
@@ -22,7 +23,6 @@ from stochens_rs.controls.constraints import checked_task
 from stochens_rs.controls.limit_bound import FIRM, limited_bound
 from stochens_rs.controls.limit_certificate import limited_certificate
 from stochens_rs.controls.limited import Horizon
-from stochens_rs.controls.model_bound import Asked
 from stochens_rs.controls.provenance import ModelBasis
 from stochens_rs.theory.dynamics import states
 from test_bounds_coverage import exceeded_too_often, matrices, systems, vectors

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from stochens_rs.controls.region_errors import GaussianNoise, root_of, trajectory
 
 import stochens_rs as se
 from core_regions import core_region, region_errors
@@ -17,7 +18,6 @@ from coverage_study import DELTA, at_most, coverage, exactly, repeated
 from hidden_systems import KINDS, NOISES, covariance, drawn, of_each_kind
 from stochens_rs import _core
 from stochens_rs.controls import model_bound
-from stochens_rs.controls.region_errors import GaussianNoise, root_of, trajectory
 from twin import certified_control as cc
 from twin import laws
 from twin import triangle as tr

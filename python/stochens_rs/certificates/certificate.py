@@ -158,20 +158,18 @@ class Certificate(SavedRecord):
         >>> len(bound.plot().axes)
         1
         """
-        single = {
-            n: self._scalar(n) for n, one in self.quantities.items() if not np.ndim(one.radius)
-        }
-        bars = ("target, in parts", self.parts) if self.parts else ("radius", single)
+        single = [name for name, one in self.quantities.items() if not np.ndim(one.radius)]
+        bars = ("radius", {name: self._scalar(name) for name in single})
+        if self.parts:
+            bars = ("parts of the target", self.parts)
         return draw_radii(*bars, self.tube, self.components, self.holds.partition(";")[0], figure)
 
     def __repr__(self) -> str:
         name, first = next(iter(self.quantities.items()))
         made = f", mostly {self.largest}" if self.parts and np.isfinite(first.radius).all() else ""
-        share = (
-            "certain" if self.kind == "certain" else f"{100 * (1 - self.delta):.6g} % {self.kind}"
-        )
+        share = "" if self.kind == "certain" else f"{100 * (1 - self.delta):.6g} % "
         careful = html.warned(self.warnings)
-        return f"<Certificate: {name} {first.text}{made}, {share}{careful}>"
+        return f"<Certificate: {name} {first.text}{made}, {share}{self.kind}{careful}>"
 
     def _repr_html_(self) -> str:
         made = " + ".join(f"{part:.3g} {name}" for name, part in self.parts.items())

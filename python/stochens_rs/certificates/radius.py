@@ -59,7 +59,7 @@ class Radius(Record):
         if np.isinf(self.radius).all():
             return f"not bounded: {self.reason}"
         because = f"; {self.reason}" if self.reason else ""
-        return f"within {size} of {self.distance_from}, by {self.method}{because}"
+        return f"within {size} of {self.distance_from} ({self.method}){because}"
 
     def __repr__(self) -> str:
         return f"<Radius: {self.text}>"

@@ -42,8 +42,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 _NOT_FOR = {
-    True: "for a model from data, whose region needs no exact values; Plan.error compares with them",
-    False: "for a plan of estimates: it is a declaration about measured runs, for models from data",
+    True: "for a model from data, whose region needs no exact values: use Plan.error to compare",
+    False: "for a plan of estimates: it says something of measured runs, for models from data",
 }
 _DRAWN = 1e300  # the largest measured value that an axis, with its margins, can show
 

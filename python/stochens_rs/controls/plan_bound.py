@@ -79,7 +79,7 @@ def certificate_of_laws(
         delta=delta,
         quantities={
             name: trusted(Radius, radius, distance_from, sure, method, reason)
-            for name, (radius, distance_from, method) in quantities.items()
+            for name, (radius, distance_from, method, reason) in quantities.items()
         },
         covers=each if random else "nothing was drawn",
         assumption=TARGETS if fitted else LAWS if random else "what was given is exact",

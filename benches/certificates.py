@@ -14,7 +14,7 @@ import sys
 import time
 
 import numpy as np
-from stochens_rs.controls.region_errors import region_errors
+from stochens_rs.certificates.region_errors import region_errors
 
 import stochens_rs as se
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from stochens_rs.controls.region_errors import trajectory
+from stochens_rs.certificates.region_errors import trajectory
 
 import stochens_rs as se
 from core_regions import region_errors

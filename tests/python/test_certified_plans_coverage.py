@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from stochens_rs.controls.region_errors import trajectory
+from stochens_rs.certificates.region_errors import trajectory
 
 import stochens_rs as se
 from coverage_study import DELTA, at_most, coverage, failures, repeated

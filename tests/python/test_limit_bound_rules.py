@@ -17,7 +17,7 @@ from stochens_rs.controls import limit_bound, limit_certificate, limited_errors
 from stochens_rs.controls.constraints import checked_task
 from stochens_rs.controls.limit_bound import FIRM
 from stochens_rs.controls.limited import Horizon, Limited
-from stochens_rs.controls.provenance import ModelBasis
+from stochens_rs.certificates.model_basis import ModelBasis
 from stochens_rs.controls.uncertain_map import Around
 from stochens_rs.exceptions import InputError
 from stochens_rs.theory.dynamics import states

@@ -11,7 +11,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from stochens_rs.controls.model_bound import Asked
+from stochens_rs.certificates.of_model import Asked
 
 import stochens_rs as se
 from hidden_systems import of_each_kind
@@ -23,7 +23,7 @@ from stochens_rs.controls.constraints import checked_task
 from stochens_rs.controls.limit_bound import FIRM, limited_bound
 from stochens_rs.controls.limit_certificate import limited_certificate
 from stochens_rs.controls.limited import Horizon
-from stochens_rs.controls.provenance import ModelBasis
+from stochens_rs.certificates.model_basis import ModelBasis
 from stochens_rs.theory.dynamics import states
 from test_bounds_coverage import exceeded_too_often, matrices, systems, vectors
 from twin import limit_bounds as lb

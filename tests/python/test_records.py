@@ -198,7 +198,7 @@ def questions(plan: se.Plan) -> list[Any]:
     goal = None if plan.limited is not None and plan.limited.task.follows else XF
     return [
         outcome(lambda: plan.bound(0.05)),
-        outcome(lambda: plan.bound(0.3, rng=7)),
+        outcome(lambda: plan.bound(0.3)),
         outcome(lambda: plan.bound(system=SYSTEM)),
         outcome(lambda: plan.bound(noise=True)),
         outcome(lambda: plan.covariance()),

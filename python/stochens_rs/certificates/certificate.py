@@ -119,7 +119,7 @@ class Certificate(SavedRecord):
     @property
     def holds(self) -> str:
         """Kind, probability and what it is over, in words."""
-        share = f"with probability {100 * (1 - self.delta):.6g} % at least"
+        share = f"with probability {_percent(self.delta)} at least"
         how = {
             "guaranteed": f"guaranteed {share}",
             "certain": "certain",
@@ -162,14 +162,18 @@ class Certificate(SavedRecord):
         bars = ("radius", {name: self._scalar(name) for name in single})
         if self.parts:
             bars = ("parts of the target", self.parts)
-        return draw_radii(*bars, self.tube, self.components, self.holds.partition(";")[0], figure)
+        return draw_radii(*bars, self.tube, self.components, self.share, figure)
+
+    @property
+    def share(self) -> str:
+        """Kind and probability, short: "95 % guaranteed"."""
+        return "certain" if self.kind == "certain" else f"{_percent(self.delta)} {self.kind}"
 
     def __repr__(self) -> str:
         name, first = next(iter(self.quantities.items()))
         made = f", mostly {self.largest}" if self.parts and np.isfinite(first.radius).all() else ""
-        share = "" if self.kind == "certain" else f"{100 * (1 - self.delta):.6g} % "
         careful = html.warned(self.warnings)
-        return f"<Certificate: {name} {first.text}{made}, {share}{self.kind}{careful}>"
+        return f"<Certificate: {name} {first.text}{made}, {self.share}{careful}>"
 
     def _repr_html_(self) -> str:
         made = " + ".join(f"{part:.3g} {name}" for name, part in self.parts.items())
@@ -186,3 +190,7 @@ class Certificate(SavedRecord):
             np.arange(len(self.tube)), self.tube[:, None], "radius around the predicted states"
         )
         return html.card(self, rows, drawn)
+
+
+def _percent(delta: float) -> str:
+    return f"{100 * (1 - delta):.6g} %"

@@ -629,7 +629,7 @@ class Plan(SavedRecord, Timed):
                     f"`certificate` must be of this plan, over {html.counted(len(predicted) - 1)}, "
                     f"got one over {html.counted(len(tube) - 1)}"
                 )
-            says = f"{certificate.kind}, {100 * (1 - certificate.delta):g} %"
+            says = certificate.share
         if measured is not None:
             runs = validation.array("measured", measured, ndim=(2, 3))
             if np.abs(runs).max() > _DRAWN:

@@ -59,7 +59,7 @@ def _bars(ax: Axes, values: dict[str, float], name: str) -> None:
     look, shown = look_of(ax), list(values.items())[:_BARS]
     at = np.arange(len(shown))
     sizes = np.array([size if np.isfinite(size) else 0.0 for _, size in shown])
-    ax.barh(at, sizes, height=0.6, color=[look.color(k) for k in at])
+    ax.barh(at, sizes, height=0.6, color=look.color(0))
     for k, (_, size) in enumerate(shown):
         text = f" {number_text(float(f'{size:.3g}'))}" if np.isfinite(size) else " infinite"
         ax.text(sizes[k], k, text, va="center", fontsize=SMALL, color=look.ink)

@@ -14,9 +14,9 @@ import sys
 import time
 
 import numpy as np
-from stochens_rs.certificates.region_errors import region_errors
 
 import stochens_rs as se
+from stochens_rs.certificates.region_errors import region_errors
 
 N, M, SIGMA = 4, 2, 0.1
 

@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from stochens_rs.certificates.region_errors import GaussianNoise, root_of, trajectory
 
 import stochens_rs as se
 from core_regions import core_region, region_errors
@@ -18,6 +17,7 @@ from coverage_study import DELTA, at_most, coverage, exactly, repeated
 from hidden_systems import KINDS, NOISES, covariance, drawn, of_each_kind
 from stochens_rs import _core
 from stochens_rs.certificates import of_model
+from stochens_rs.certificates.region_errors import GaussianNoise, root_of, trajectory
 from twin import certified_control as cc
 from twin import laws
 from twin import triangle as tr
@@ -378,7 +378,7 @@ def test_the_noise_is_that_of_the_certificate():
     before = region_errors(
         model.region(DELTA / 2, frobenius=True), plan.basis.x0, plan.u, rho0=0.0, to_come=ball
     )
-    assert found.model_error < 0.6 * before.radii[-1]
+    assert found.parts["model error"] < 0.6 * before.radii[-1]
     assert "noise to come independent of the data" in found.assumption
     few, _ = measured(gen, A, B, N=8, noise="gaussian")
     nothing = se.control(few, np.zeros(4), np.zeros(4), steps=3)

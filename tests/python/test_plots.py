@@ -340,7 +340,9 @@ def test_a_plan_is_drawn_with_its_target_and_its_tube_where_one_is_known():
         plan.plot(se.control(model, [1.0, 0.0], [0.0, 0.0], steps=2).bound())
     with pytest.raises(InputError, match=r"`measured` must have shape \(4, 2\)"):
         plan.plot(measured=np.zeros((3, 2)))
-    with pytest.raises(InputError, match="`certificate` must have a tube"):
+    with pytest.raises(
+        InputError, match="this certificate has no 'tube': it bounds target, state and control"
+    ):
         plan.plot(se.control(([[0.5]], [[1.0]]), [1.0], [0.0], steps=3).bound())
 
 

@@ -21,7 +21,7 @@ Kind: TypeAlias = Literal["guaranteed", "certain", "estimated"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, repr=False)
 class Certificate(SavedRecord):
     """How far quantities can be from where they should be, one `Radius` each, by name.
 
@@ -69,14 +69,11 @@ class Certificate(SavedRecord):
     def __getitem__(self, name: str) -> Radius:
         if name not in self.quantities:
             known = html.listed(list(self.quantities))
-            raise InputError(f"`name` must be one of {known}, got {validation.show(name)}")
+            raise InputError(f"this certificate has no {validation.show(name)}: it bounds {known}")
         return self.quantities[name]
 
     def _scalar(self, name: str) -> float:
         return float(self.quantities[name].radius) if name in self.quantities else np.inf
-
-    def _entries(self, name: str) -> Floats | None:
-        return np.asarray(self.quantities[name].radius) if name in self.quantities else None
 
     @property
     def target(self) -> float:
@@ -97,14 +94,14 @@ class Certificate(SavedRecord):
         return self._scalar("control")
 
     @property
-    def components(self) -> Floats | None:
-        """Bounds of ``|x(K) - xf|_i``, (n,); None if nothing is said of them."""
-        return self._entries("components")
+    def components(self) -> Floats:
+        """Bounds of ``|x(K) - xf|_i``, (n,), for a model from data."""
+        return np.asarray(self["components"].radius)
 
     @property
-    def tube(self) -> Floats | None:
-        """Bounds of ``||x(k) - xh(k)||``, (K + 1,); None if nothing is said of them."""
-        return self._entries("tube")
+    def tube(self) -> Floats:
+        """Bounds of ``||x(k) - xh(k)||``, (K + 1,), for a model from data."""
+        return np.asarray(self["tube"].radius)
 
     @property
     def excess(self) -> float | None:
@@ -162,7 +159,10 @@ class Certificate(SavedRecord):
         bars = ("radius", {name: self._scalar(name) for name in single})
         if self.parts:
             bars = ("parts of the target", self.parts)
-        return draw_radii(*bars, self.tube, self.components, self.share, figure)
+        known = self.quantities
+        tube = self.tube if "tube" in known else None
+        components = self.components if "components" in known else None
+        return draw_radii(*bars, tube, components, self.share, figure)
 
     @property
     def share(self) -> str:
@@ -184,7 +184,7 @@ class Certificate(SavedRecord):
             ("if", self.assumption),
             *(("warning", text) for text in self.warnings),
         ]
-        if self.tube is None:
+        if "tube" not in self.quantities:
             return html.card(self, rows)
         drawn = html.states(
             np.arange(len(self.tube)), self.tube[:, None], "radius around the predicted states"

@@ -53,7 +53,7 @@ def certificate(
         name = "several steps" if K > 1 else "one step"
         tube, components = np.full(K + 1, np.inf), np.full(len(basis.xf), np.inf)
         tube[0] = basis.x0_error
-        parts = norm(predicted[-1] - basis.xf), np.inf, basis.x0_error
+        parts = [norm(predicted[-1] - basis.xf), np.inf, basis.x0_error]
         target, control, why = np.inf, np.inf, None
     else:
         share, regions, to_come = step_regions(basis, delta, K, asked)

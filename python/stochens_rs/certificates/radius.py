@@ -49,6 +49,11 @@ class Radius(Record):
         if np.isinf(found).any() and not self.reason:
             raise InputError("`reason` must say why `radius` is infinite, got None")
 
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Radius) and self.to_dict() == other.to_dict()
+
+    __hash__ = None  # type: ignore[assignment]
+
     @property
     def text(self) -> str:
         """The bound in words."""

@@ -43,7 +43,7 @@ def limited_certificate(
     and "states", ``(sum_k ||x(k) - y(k)||_{Q_k}^2)^(1/2)`` for the states x under u and y under it.
     """
     found = certificate(basis, limited.u, predicted, delta, asked)
-    task, tube = limited.task, found["tube"].radius[1:]
+    task, tube = limited.task, found.tube[1:]
     model = Horizon(task, basis.model.A, basis.model.B, R=limited.R)
     horizon, farthest = model.core, model.core.farthest(limited.u)
     region, control, excess, states = None, np.inf, np.inf, np.inf

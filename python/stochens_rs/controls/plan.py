@@ -622,8 +622,6 @@ class Plan(SavedRecord, Timed):
         tube, says, runs = None, "", None
         if certificate is not None and certificate is not False:
             tube = validation.instance("certificate", certificate, Certificate).tube
-            if tube is None:
-                raise InputError("`certificate` must have a tube, as those of models from data")
             if len(tube) != len(predicted):
                 raise ShapeError(
                     f"`certificate` must be of this plan, over {html.counted(len(predicted) - 1)}, "

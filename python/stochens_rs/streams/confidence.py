@@ -59,9 +59,9 @@ def radii_of_means(
     reason = "the radius of the state overflows"
     if single:
         reason = f"only one realization of {', '.join(single)}, and `ranges` does not bound it"
-    given = [("state", state, "where the control from the exact means leads", _SUM)]
+    said = [("state", state, "where the control from the exact means leads", _SUM)]
     means = (f"the mean of the law of {name}" for name in ENTITIES)
-    given += zip(ENTITIES, radii, means, methods, strict=True)
+    said += zip(ENTITIES, radii, means, methods, strict=True)
     return trusted(
         Certificate,
         kind="guaranteed" if len(ranges) == len(ENTITIES) else "estimated",
@@ -70,7 +70,7 @@ def radii_of_means(
             name: trusted(
                 Radius, radius, mean, 1.0 - delta, method, None if radius < np.inf else reason
             )
-            for name, radius, mean, method in given
+            for name, radius, mean, method in said
         },
         covers="all together, at all numbers of realizations at once",
         assumption="realizations of each entity independent, of one law, within its range; a bias "

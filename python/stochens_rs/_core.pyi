@@ -541,7 +541,7 @@ class Errors:
     def rest(self) -> _Floats: ...
 
 # best way, target, reach, error of the model, of x0, components (n,), tube (K + 1,), distance of
-# the control from the best one, or why there is none; a way: whether it is asked for that
+# the control from the best one, and why that is not known; a way: whether it is asked for that
 _Way: TypeAlias = tuple[Region, _Floats, _ToCome | None, bool]
 
 def certify(
@@ -559,8 +559,8 @@ def certify(
     float,
     _Floats,
     _Floats,
-    float | None,
-    Literal["many", "no effect"] | None,
+    float,
+    str | None,
 ]: ...
 def robust_control(
     h: _Floats, white: _Floats, x0: _Floats, xf: _Floats, offset: bool, beta: float

@@ -20,6 +20,7 @@ LAYERS = (
     ("cases", "theory"),
     ("ensembles",),
     ("identification",),
+    ("certificates",),
     ("fusion", "streams"),
     ("controls",),
     ("simulation",),
@@ -349,7 +350,9 @@ def test_the_core_stands() -> None:
     root = Path(__file__).parents[2] / "rust"
     files = [p for p in root.rglob("*.rs") if "tests" not in p.with_suffix("").parts]
     core = Core({p.relative_to(root).as_posix(): p.read_text("utf-8") for p in files})
-    assert {"vector", "fuse", "fuse::line_search", "sample::law"} <= core.needs("streaming::estimator")
+    assert {"vector", "fuse", "fuse::line_search", "sample::law"} <= core.needs(
+        "streaming::estimator"
+    )
     assert "error" in core.needs("streaming::estimator")  # `crate::Error` and `crate::error::Error`
     assert list(core_faults(core)) == []
 

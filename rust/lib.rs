@@ -64,14 +64,13 @@ mod error;
 mod fault;
 pub mod fleet;
 pub mod fuse;
+mod huge_pages;
 pub mod identify;
-mod lanes;
 pub mod limits;
 mod memory;
-mod pages;
+mod nontemporal;
 mod parallel;
-mod past_caches;
-mod plain;
+mod pod;
 mod prefetch;
 #[cfg(feature = "python")]
 #[allow(missing_docs, reason = "the Python side is documented in the package")]
@@ -79,17 +78,15 @@ mod python;
 pub mod region;
 pub mod sample;
 mod scaled;
+mod simd;
 pub mod simulate;
 pub mod storage;
 mod stream;
 pub mod streaming;
 mod vector;
-#[cfg(target_arch = "x86_64")]
-mod wide;
-mod widest;
 
 pub use error::{Error, Result};
-pub use lanes::LANES;
 pub use parallel::Stop;
 pub use sample::{Law, Scheme, Singletons, sample};
+pub use simd::LANES;
 pub use stream::{CHUNK, Key, Purpose};

@@ -67,15 +67,14 @@ mod _core {
         smallest_quantile, sphere_level, trace_quantile, wishart_quantile,
     };
     #[pymodule_export]
-    use super::limited::{BoxControl, RowsControl};
+    use super::limited::BoxControl;
     #[pymodule_export]
-    use super::limits::{BoxSolver, box_batch, box_batch_each, box_control, horizon_control, rows_control};
+    use super::limits::{box_batch, box_control};
     #[pymodule_export]
     use super::region::{PyErrors, PyPart, PyRegion, certify};
     #[pymodule_export]
     use super::simulate::{
-        simulate_estimates, simulate_mean_field, simulate_plan_estimates, simulate_plans, simulate_runs,
-        simulate_systems, track, trajectory,
+        simulate_estimates, simulate_mean_field, simulate_plans, simulate_runs, simulate_systems, track, trajectory,
     };
     #[pymodule_export]
     use super::storage::{StateLock, storage_decode, storage_encode, storage_load, storage_save};
@@ -96,5 +95,5 @@ fn version() -> &'static str {
 /// Whether the core is a release build, and the registers for which its kernels were chosen.
 #[pyfunction]
 fn build() -> (bool, &'static str) {
-    (!cfg!(debug_assertions), crate::widest::registers())
+    (!cfg!(debug_assertions), crate::simd::dispatch::registers())
 }

@@ -39,8 +39,9 @@ def region_of(
     estimate: _core.Estimate, noise: Assumptions, wish: Wish, scale: Floats
 ) -> _core.Region:
     """The region of the core for these assumptions."""
-    law = noise.design, noise.noise, noise.covariance, noise.known
-    return estimate.region(law, scale, *wish, get_num_threads())
+    known = None if noise.known is None else np.ascontiguousarray(noise.known)
+    law = noise.design, noise.noise, noise.covariance, known
+    return estimate.region(law, np.ascontiguousarray(scale), *wish, get_num_threads())
 
 
 def sign_test(

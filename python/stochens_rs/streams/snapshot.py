@@ -87,7 +87,8 @@ class Snapshot(Identified):
 
     @cached_property
     def _estimate(self) -> _core.Estimate:
-        return _core.Estimate(self.triangle, self.size, self.n, self.m, self.intercept)
+        triangle = np.ascontiguousarray(self.triangle)
+        return _core.Estimate(triangle, self.size, self.n, self.m, self.intercept)
 
     @cached_property
     def _block(self) -> _core.Fitted:

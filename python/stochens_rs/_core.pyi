@@ -172,6 +172,10 @@ class DataStream:
     @staticmethod
     def from_sections(sections: _Sections) -> DataStream: ...
 
+# for the root of the sum of squares about the mean, the range, and the size where it is tightest
+def mean_radius(
+    count: int, deviation: float, diameter: float, delta: float, size: int | None
+) -> float: ...
 def sample_counts(values: _Floats, size: int, scheme: str, key: bytes) -> NDArray[np.int64]: ...
 def closed_form(
     draws: Draws, target: _Floats, subsimplex: bool

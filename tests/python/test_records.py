@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 import stochens_rs as se
+from stochens_rs import _core
 from stochens_rs._base import serialize
 from stochens_rs._base.records import Record, SavedRecord, trusted
 from stochens_rs.certificates import Radius
@@ -168,7 +169,7 @@ def same(a: Any, b: Any) -> bool:
         return len(a) == len(b) and all(map(same, a, b))
     if isinstance(a, dict):
         return list(a) == list(b) and all(map(same, a.values(), b.values()))
-    if isinstance(a, Record) and not isinstance(a, se.Key):
+    if isinstance(a, (Record, _core.RegionPart)) and not isinstance(a, se.Key):
         mine, its = (one.__reduce__()[1] for one in (a, b))
         return len(mine) == len(its) and all(map(same, mine, its))
     return bool(a == b)

@@ -173,6 +173,10 @@ class DataStream:
     @staticmethod
     def from_sections(sections: _Sections) -> DataStream: ...
 
+# for the root of the sum of squares about the mean, the range, and the size where it is tightest
+def mean_radius(
+    count: int, deviation: float, diameter: float, delta: float, size: int | None
+) -> float: ...
 def sample_counts(values: _Floats, size: int, scheme: str, key: bytes) -> NDArray[np.int64]: ...
 def closed_form(
     draws: Draws, target: _Floats, subsimplex: bool
@@ -699,9 +703,12 @@ class Horizon:
         cause: float | tuple[float, ...] | Apart | None = None,
         off: _Floats | None = None,
     ) -> tuple[float, float, float, float]: ...
-    # `around` by its attributes, see `controls.uncertain_map.Around`
+    # of states in a tube (K,) around these (K, n), in the norm of Q; `sure`: the x0 of one step
+    def alpha(
+        self, region: Region, tube: _Floats, states: _Floats, u: _Floats, sure: _Floats | None
+    ) -> float: ...
     def apart(
-        self, around: object, states: _Floats, u: _Floats, alpha: float, gap: float
+        self, region: Region, states: _Floats, u: _Floats, alpha: float, gap: float
     ) -> Apart: ...
     def map_radius(self, radii: tuple[float, float]) -> float: ...
     # for bounds (e0, ef, eA) of the errors of x0, xf and A: of the states (K + 1, n) of an estimate

@@ -4,9 +4,10 @@ use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 
 use super::convert::{array1, array2, key, slice};
-use super::horizon_arguments::{AroundArgument, CauseArgument, GivenControl, TaskArgument, cost, given, made};
+use super::horizon_arguments::{CauseArgument, GivenControl, TaskArgument, cost, given, made};
 use super::horizon_results::{Apart, HorizonControl};
 use super::limits::{seconds, to_best};
+use super::region::PyRegion;
 use super::run::run;
 use super::simulate::EstimateArgument;
 use crate::limits::Until;
@@ -153,19 +154,33 @@ impl PyHorizon {
         Ok((state, control, excess, missed))
     }
 
-    /// How far `u` is from the best control of a system around this one.
+    /// How far states in a tube around these (K, n) are from them in the norm of Q; `sure` is the state before one step.
+    fn alpha(
+        &self,
+        py: Python<'_>,
+        region: &PyRegion,
+        tube: Vector<'_>,
+        states: Matrix<'_>,
+        u: Matrix<'_>,
+        sure: Option<Vector<'_>>,
+    ) -> PyResult<f64> {
+        let (tube, states, u) = (slice("tube", &tube)?, slice("states", &states)?, slice("u", &u)?);
+        let sure = sure.as_ref().map(|sure| slice("x0", sure)).transpose()?;
+        run(py, self.cost, |_| self.inner.alpha(&region.0, tube, states, u, sure))
+    }
+
+    /// How far `u` is from the best control of a system of the region.
     fn apart(
         &self,
         py: Python<'_>,
-        around: AroundArgument<'_>,
+        region: &PyRegion,
         states: Matrix<'_>,
         u: Matrix<'_>,
         alpha: f64,
         gap: f64,
     ) -> PyResult<Apart> {
         let (states, u) = (slice("states", &states)?, slice("u", &u)?);
-        let around = around.get()?;
-        run(py, self.cost, |_| self.inner.apart(&around, states, u, alpha, gap)).map(Apart)
+        run(py, self.cost, |_| self.inner.apart(&region.0, states, u, alpha, gap)).map(Apart)
     }
 
     /// `||Q^(1/2) (G - G^)||` for these bounds of `||A - A^||` and `||B - B^||`.

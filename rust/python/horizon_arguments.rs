@@ -10,7 +10,7 @@ use super::run::run;
 use super::simulate::EstimateArgument;
 use crate::Result;
 use crate::limits::Solution;
-use crate::limits::horizon::{Around, Given, Horizon, Part, Task};
+use crate::limits::horizon::{Given, Horizon, Task};
 use crate::memory::{try_collect, try_copy};
 
 const WHAT: &str = "the control within limits";
@@ -120,27 +120,4 @@ pub(super) enum CauseArgument {
     Distance(f64),
     Radii(f64, f64, f64),
     Apart(Py<Apart>),
-}
-
-/// Where the true A and B are.
-#[derive(FromPyObject)]
-pub(super) struct AroundArgument<'py> {
-    radii: [f64; 2],
-    shifts: Option<(Matrix<'py>, Matrix<'py>)>,
-    parts: Vec<(f64, Matrix<'py>, f64, f64)>,
-}
-
-impl AroundArgument<'_> {
-    pub(super) fn get(&self) -> PyResult<Around<'_>> {
-        let mut parts = Vec::new();
-        for (factor, s, of_a, of_b) in &self.parts {
-            let part = Part { factor: *factor, s: slice("S", s)?, lengths: [*of_a, *of_b] };
-            crate::memory::try_push(WHAT, &mut parts, part)?;
-        }
-        let shifts = match &self.shifts {
-            Some((a, b)) => Some([slice("shifts", a)?, slice("shifts", b)?]),
-            None => None,
-        };
-        Ok(Around { radii: self.radii, shifts, parts })
-    }
 }

@@ -79,7 +79,7 @@ mod _core {
     #[pymodule_export]
     use super::storage::{StateLock, storage_decode, storage_encode, storage_load, storage_save};
     #[pymodule_export]
-    use super::streaming::{PyDataStream, PyStream};
+    use super::streaming::{PyDataStream, PyStream, mean_radius};
     #[pymodule_export]
     use super::validation::{validation_rank, validation_runs, validation_systems, validation_weighted};
     #[pymodule_export]

@@ -289,3 +289,9 @@ impl PyDataStream {
         Ok(Self { n: data.n(), inner: Shared::new("stream", data) })
     }
 }
+
+/// The radius of a running mean for all numbers of realizations at once.
+#[pyfunction]
+pub(super) fn mean_radius(count: u64, deviation: f64, diameter: f64, delta: f64, size: Option<u64>) -> f64 {
+    crate::streaming::mean_radius(count, deviation, diameter, delta, size)
+}

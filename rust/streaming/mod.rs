@@ -14,6 +14,7 @@
 //! is the certificate of the stopping rule. [`Data`] takes realizations from outside.
 
 mod advance;
+mod confidence;
 mod data;
 mod data_state;
 mod estimator;
@@ -27,6 +28,7 @@ mod trace;
 mod variants;
 
 pub use advance::{End, Limits, Rule};
+pub use confidence::mean_radius;
 pub use data::Data;
 pub use geometry::Geometry;
 pub use sections::{Section, Sections};

@@ -9,8 +9,8 @@ import pytest
 
 import stochens_rs as se
 from stochens_rs import reference
+from stochens_rs._core import mean_radius
 from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError, SizeError
-from stochens_rs.streams.confidence import mean_radius
 
 GEN = np.random.default_rng(11)
 N, INPUTS = 6, 4
@@ -230,12 +230,14 @@ def test_radius_is_near_the_quantile_of_one_size(size, widest):
 
 def test_radius_shrinks_like_the_standard_error():
     """Small variance, large range: the variance decides, not the range."""
-    radii = [mean_radius(n, 0.01 * np.sqrt(n - 1.0), 1.0, 0.05) for n in (10**4, 10**6, 10**8)]
+    radii = [
+        mean_radius(n, 0.01 * np.sqrt(n - 1.0), 1.0, 0.05, None) for n in (10**4, 10**6, 10**8)
+    ]
     assert radii[0] / radii[1] > 20.0
     for n, radius in zip((10**6, 10**8), radii[1:], strict=True):
         assert 2.0 * 0.01 / np.sqrt(n) < radius < 6.0 * 0.01 / np.sqrt(n)
-    assert mean_radius(1, 0.0, 3.0, 0.05) == 3.0
-    assert mean_radius(0, 0.0, 3.0, 0.05) == np.inf
+    assert mean_radius(1, 0.0, 3.0, 0.05, None) == 3.0
+    assert mean_radius(0, 0.0, 3.0, 0.05, None) == np.inf
 
 
 def test_declared_sizes():

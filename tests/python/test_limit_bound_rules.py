@@ -13,12 +13,12 @@ import pytest
 import stochens_rs as se
 from limit_plans import within
 from limit_problems import draw_box, draw_map, draw_steps, weight
+from stochens_rs import _core
 from stochens_rs.certificates.model_basis import ModelBasis
 from stochens_rs.controls import limit_bound, limit_certificate, limited_errors
 from stochens_rs.controls.constraints import checked_task
 from stochens_rs.controls.limit_bound import FIRM
 from stochens_rs.controls.limited import Horizon, Limited
-from stochens_rs.controls.uncertain_map import Around
 from stochens_rs.exceptions import InputError
 from stochens_rs.theory.dynamics import states
 from test_bounds_coverage import exceeded_too_often, systems
@@ -118,11 +118,11 @@ def test_inexact_controls():
 
 
 def perturbed(gen, A, B, x0):
-    """A true system near (A, B, x0), and the exact radii between them."""
+    """A true system near (A, B, x0), and the region that has nothing else."""
     size = 10.0 ** gen.uniform(-4, -0.5)
     dA, dB = size * gen.normal(size=A.shape), size * gen.normal(size=B.shape)
-    around = Around((np.linalg.norm(dA, 2), np.linalg.norm(dB, 2)), (dA, dB), [])
-    return A + dA, B + dB, x0 + size * gen.normal(size=len(x0)), around
+    truth = _core.Region(np.hstack([A + dA, B + dB]), B.shape[1], [], None, False)
+    return A + dA, B + dB, x0 + size * gen.normal(size=len(x0)), truth
 
 
 def test_an_uncertain_map():

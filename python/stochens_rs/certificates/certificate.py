@@ -69,7 +69,7 @@ class Certificate(SavedRecord):
     def __getitem__(self, name: str) -> Radius:
         if name not in self.quantities:
             known = html.listed(list(self.quantities))
-            raise InputError(f"this certificate has no {validation.show(name)}: it bounds {known}")
+            raise InputError(f"this certificate has no {name!r:.40}: it bounds {known}")
         return self.quantities[name]
 
     def _scalar(self, name: str) -> float:

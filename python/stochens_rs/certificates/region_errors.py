@@ -1,4 +1,4 @@
-"""Noise to come as the core takes it, and the states and spreads of the centre of a region."""
+"""Noise to come as the core takes it, and the states of a model."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from ..theory.dynamics import states
 
 if TYPE_CHECKING:
     from .._base.types import Floats
-    from ..identification.region import Region
 
 
 class SizedNoise(NamedTuple):
@@ -44,12 +43,6 @@ def trajectory(Theta: Floats, x0: Floats, u: Floats) -> Floats:
     n = len(Theta)
     ones = np.ones((len(u), Theta.shape[1] - n - u.shape[1]))
     return states(Theta[:, :n], Theta[:, n:], x0, np.hstack([u, ones]))
-
-
-def spread(region: Region, columns: slice) -> float:
-    """``||D v||`` is at most this for all ``||v|| = 1`` in these columns: ``rho ||white||``."""
-    first, end, _ = columns.indices(region.centre.shape[1])
-    return region._core.spread(first, end)
 
 
 def root_of(S: Floats) -> Floats:

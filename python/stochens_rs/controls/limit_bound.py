@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .. import _core
 from ..exceptions import InputError
 from ..theory.bounds.drawn_errors import not_simulated, radii
+from .limit_certificate import HARD, SMALL
 from .limited import Horizon
 from .limited_errors import LimitedErrors, MovedTarget
 from .plan_bound import KEY, certificate_of_laws, distances, plan_errors
-from .uncertain_map import HARD, SMALL, Around
 
 if TYPE_CHECKING:
-    from .. import _core
     from .._base.types import Floats, Fusion
     from ..certificates.certificate import Certificate
     from .limited import Limited
@@ -105,6 +105,10 @@ def _apart(
     e0, ef, eA = distances(basis, delta, "spectral")
     alpha = exact.core.along(np.ascontiguousarray(predicted), (e0, ef, eA))
     model = Horizon(limited.task, basis.estimates[2], basis.B, R=limited.R)
-    around = Around((eA, 0.0), None, [(eA * eA, np.eye(len(predicted[0])), 1.0, 0.0)])
+    n, m = basis.B.shape
+    every, unit = np.arange(n), np.eye(n)
+    part = _core.RegionPart(every, every, unit, unit, unit[:, :0].copy(), 1.0, unit, eA * eA)
+    centre = np.hstack([basis.estimates[2], basis.B])
+    region = _core.Region(centre, m, [part], None, False)  # ||A - A^|| <= eA
     states = np.ascontiguousarray(predicted[1:])
-    return model.core.apart(around, states, limited.u, alpha, limited.gap)
+    return model.core.apart(region, states, limited.u, alpha, limited.gap)

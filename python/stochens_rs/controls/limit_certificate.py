@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from math import inf, sqrt
+from math import inf
 from time import monotonic
 from typing import TYPE_CHECKING
 
@@ -13,19 +13,19 @@ from .._base.numbers import ROUNDING
 from .._base.records import trusted
 from ..certificates.of_model import certificate, step_regions
 from ..certificates.radius import Radius
-from ..certificates.region_errors import spread, trajectory
+from ..certificates.region_errors import trajectory
 from .limited import Horizon
-from .uncertain_map import HARD, SMALL, Around, product
 
 if TYPE_CHECKING:
     from .._base.types import Floats
     from ..certificates.certificate import Certificate
     from ..certificates.model_basis import ModelBasis
     from ..certificates.of_model import Asked
-    from ..identification.region import Region
     from .constraints import Task
     from .limited import Limited
 
+HARD = "with hard limits of the states the best control may move by any multiple of an error"
+SMALL = "the inputs have too little weight for what is known of the system: give a larger R"
 ALONE, MOVED = "the limits alone", "how far the best control moves in the region"
 _DIRECT = "a region over all steps at once says nothing of single steps"
 
@@ -54,11 +54,10 @@ def limited_certificate(
         _, regions, _ = step_regions(basis, delta, len(limited.u), asked)
         region, reason = (regions[0], reason) if regions else (None, _DIRECT)
     if region is not None and np.isfinite(tube).all():
-        alpha = float(np.sqrt(horizon.weights(True) @ tube**2))
-        if len(tube) == 1 and not task.soft and not basis.x0_error and not asked.noise:
-            alpha = min(alpha, _weighted(region, basis, limited, predicted))
-        at = np.ascontiguousarray(predicted[1:])
-        by = horizon.apart(_around(basis, region), at, limited.u, alpha, limited.gap)
+        at = np.ascontiguousarray(predicted[1:]), limited.u
+        sure = len(tube) == 1 and not task.soft and not basis.x0_error and not asked.noise
+        alpha = horizon.alpha(region._core, tube, *at, basis.x0 if sure else None)
+        by = horizon.apart(region._core, *at, alpha, limited.gap)
         control, excess, states, reason = by.control, by.excess, by.state, SMALL
 
     def radius(value: float, distance_from: str, method: str = MOVED) -> Radius:
@@ -72,52 +71,6 @@ def limited_certificate(
         excess=radius(excess, "the least J within the limits"),
         states=radius(states, f"the states under {best}, in the norm of Q"),
     )
-
-
-def _weighted(region: Region, basis: ModelBasis, limited: Limited, predicted: Floats) -> float:
-    """``||Q^1/2 D z|| <= sqrt(factor ||Q^1/2 S Q^1/2||) ||z||`` of one step, D of one part."""
-    n, d = region.centre.shape
-    if len(region.parts) > 1:
-        return float(np.inf)
-    part, (_, half) = region.parts[0], limited.task.weights()
-    z = np.concatenate([basis.x0, limited.u[0], np.ones(d - n - region.m)])
-    size = sqrt(part.factor * float(np.linalg.norm(half @ part.S @ half.T, 2)))
-    away = float(np.linalg.norm(half @ (region.centre @ z - predicted[1])))
-    return away + product(size, part.length(z))
-
-
-def _around(basis: ModelBasis, region: Region) -> Around:
-    """The radii of the region around the model."""
-    n, m = region.n, region.m
-    columns = slice(n), slice(n, n + m)
-    shift_A, shift_B = (
-        np.ascontiguousarray(region.centre[:, part] - X)
-        for part, X in zip(columns, (basis.model.A, basis.model.B), strict=True)
-    )
-    # ||D' p|| <= sum over the parts of sqrt(factor p' S p) ||white||, of the columns of A and of B
-    sizes = [_lengths(region, part) for part in columns]
-    parts = []
-    for part, of_A, of_B in zip(region.parts, *sizes, strict=True):
-        S = np.zeros((n, n))
-        S[np.ix_(part.rows, part.rows)] = part.S
-        parts.append((float(part.factor), S, of_A, of_B))
-    a, b = (
-        spread(region, part) + float(np.linalg.norm(shift, 2))
-        for part, shift in zip(columns, (shift_A, shift_B), strict=True)
-    )
-    return Around((a, b), (shift_A, shift_B), parts)
-
-
-def _lengths(region: Region, columns: slice) -> list[float]:
-    """``sup ||v||`` in the norm of V^-1 over ``||v||_2 = 1`` in these columns, for each part."""
-    d = region.centre.shape[1]
-    chosen, found = np.arange(d)[columns], []
-    for part in region.parts:
-        inside = np.isin(part.columns, chosen)
-        seen = all(np.isfinite(part.length(e)) for e in np.eye(d)[part.columns[inside]])
-        size = float(np.linalg.norm(part.white[:, inside], 2)) if inside.any() else 0.0
-        found.append(size if seen else float(np.inf))
-    return found
 
 
 def tightened(task: Task, radii: Floats) -> Task:

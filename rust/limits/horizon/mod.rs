@@ -17,4 +17,4 @@ pub use draws::{Given, Runs};
 pub use errors::{Cause, Radii};
 pub use map::{Horizon, Task};
 pub use solve::{Loop, Solved};
-pub use suboptimality::{Apart, Around, Part};
+pub use suboptimality::Apart;

@@ -9,9 +9,10 @@
 
 use super::map::{Horizon, WHAT};
 use super::solve::ROUNDING;
-use crate::error::Result;
-use crate::limits::linear::{add_transposed, form, least_eigenvalue, norm, product, singular_values, spectral};
-use crate::memory::{try_copy, try_zeros};
+use crate::error::{Error, Result};
+use crate::limits::linear::{add_transposed, form, least_eigenvalue, norm, product, singular_values, spectral, times};
+use crate::memory::{try_collect, try_copy, try_room, try_zeros};
+use crate::region::Region;
 
 /// How far w is from u: infinite where there is no bound.
 #[derive(Debug, Clone, Copy)]
@@ -28,41 +29,51 @@ pub struct Apart {
     pub excess: f64,
 }
 
-/// Matrices `D = (D_A, D_B)` with `||D' p|| <= sum (factor p' S p)^(1/2) length` for `D_A` and `D_B`.
-pub struct Part<'a> {
-    /// The number before `S`.
-    pub factor: f64,
-    /// `S` (n, n).
-    pub s: &'a [f64],
-    /// For `D_A` and `D_B`.
-    pub lengths: [f64; 2],
+/// Where the true `A` and `B` of a region are around those of a horizon: `A - A^` is a shift and a D of the region.
+struct Around<'a> {
+    region: &'a Region,
+    /// `C - (A^, B^)` (n, n) and (n, m), with the centre C.
+    shifts: [Vec<f64>; 2],
+    /// Bounds of `||A - A^||` and `||B - B^||`.
+    radii: [f64; 2],
+    /// `sup ||v||_(V^-1)` over `||v||_2 = 1` in the columns of `A` and of `B`, for each part.
+    lengths: Vec<[f64; 2]>,
 }
 
-/// Where the true `A` and `B` are: `||A - A^||` and `||B - B^||` are at most `radii`, and `A - A^`, `B - B^` are `shifts`
-/// (n, n) and (n, m), if there are any, and a sum of parts.
-pub struct Around<'a> {
-    /// Of `A` and `B`, in the 2-norm.
-    pub radii: [f64; 2],
-    /// The part that is known.
-    pub shifts: Option<[&'a [f64]; 2]>,
-    /// The rest.
-    pub parts: Vec<Part<'a>>,
-}
-
-impl Around<'_> {
-    /// Bounds of `||(A - A^)' p||` and `||(B - B^)' p||`.
-    fn along(&self, p: &[f64], m: usize) -> Result<[f64; 2]> {
-        let mut found = [0.0; 2];
-        if let Some(shifts) = self.shifts {
-            for ((found, shift), columns) in found.iter_mut().zip(shifts).zip([p.len(), m]) {
-                let mut image = try_zeros(WHAT, columns)?;
-                add_transposed(shift, p, &mut image);
-                *found = norm(&image);
-            }
+impl<'a> Around<'a> {
+    fn new(region: &'a Region, horizon: &Horizon) -> Result<Self> {
+        let (n, m, d) = (region.n, region.m, region.d);
+        if (n, m) != (horizon.n, horizon.m) {
+            let found = format!("{n} and {m}");
+            return Err(Error::Shape { name: "region", expected: format!("n={}, m={}", horizon.n, horizon.m), found });
         }
-        for part in &self.parts {
-            let size = product(part.factor.sqrt(), form(part.s, p).max(0.0).sqrt());
-            found.iter_mut().zip(part.lengths).for_each(|(found, length)| *found += product(size, length));
+        let (mut shifts, mut radii) = ([try_copy(WHAT, &horizon.a)?, try_copy(WHAT, &horizon.b)?], [0.0; 2]);
+        let columns = [(0, n), (n, n + m)];
+        for ((shift, radius), (from, to)) in shifts.iter_mut().zip(&mut radii).zip(columns) {
+            for (row, centre) in shift.chunks_exact_mut(to - from).zip(region.centre.chunks_exact(d)) {
+                row.iter_mut().zip(&centre[from..to]).for_each(|(own, centre)| *own = centre - *own);
+            }
+            *radius = region.spread(from, to)? + spectral(shift, to - from)?;
+        }
+        let mut lengths = try_room(WHAT, region.parts.len())?;
+        for part in &region.parts {
+            lengths.push([part.reach(0, n)?, part.reach(n, n + m)?]);
+        }
+        Ok(Self { region, shifts, radii, lengths })
+    }
+
+    /// Bounds of `||(A - A^)' p||` and `||(B - B^)' p||`: `||D' p|| <= sum (factor p' S p)^(1/2) length` over the parts.
+    fn along(&self, p: &[f64]) -> Result<[f64; 2]> {
+        let mut found = [0.0; 2];
+        for ((found, shift), columns) in found.iter_mut().zip(&self.shifts).zip([self.region.n, self.region.m]) {
+            let mut image = try_zeros(WHAT, columns)?;
+            add_transposed(shift, p, &mut image);
+            *found = norm(&image);
+        }
+        for (part, lengths) in self.region.parts.iter().zip(&self.lengths) {
+            let inside = try_collect(WHAT, part.rows.iter().map(|&i| p[i]))?;
+            let size = product(part.factor.sqrt(), form(&part.shape, &inside).max(0.0).sqrt());
+            found.iter_mut().zip(lengths).for_each(|(found, length)| *found += product(size, *length));
         }
         Ok(found)
     }
@@ -210,7 +221,7 @@ impl Horizon {
     fn costate_errors(&self, around: &Around<'_>, costates: &[f64], [norm_a, norm_b]: [f64; 2]) -> Result<f64> {
         let (mut delta, mut total) = (0.0, 0.0f64);
         for p in costates.rchunks_exact(self.n) {
-            let [along_a, along_b] = around.along(p, self.m)?;
+            let [along_a, along_b] = around.along(p)?;
             total = total.hypot(product(norm_b + around.radii[1], delta) + along_b);
             delta = product(norm_a + around.radii[0], delta) + along_a;
         }
@@ -246,17 +257,50 @@ impl Horizon {
         Ok(norms)
     }
 
-    /// How far `u`, under which the horizon has these states (K, n), is from the best inputs of a system around; `alpha` is
-    /// that of the head of this file, `gap` bounds `J(u) - min J` of the horizon.
+    /// `alpha` of the head of this file for a `tube` (K) around the states: `(sum_k ||Q_k|| tube_k^2)^(1/2)`.
+    ///
+    /// With `sure`, the state before the first of one step: at most
+    /// `||F D z|| <= (factor ||F S F'||)^(1/2) ||z||_(V^-1)` too, `F'F = Q`, D of one part, with the shift of the centre.
     ///
     /// # Errors
-    /// As [`Self::powers`].
-    pub fn apart(&self, around: &Around<'_>, states: &[f64], u: &[f64], alpha: f64, gap: f64) -> Result<Apart> {
+    /// As [`Self::weights`]; [`Error::Shape`].
+    pub fn alpha(&self, region: &Region, tube: &[f64], states: &[f64], u: &[f64], sure: Option<&[f64]>) -> Result<f64> {
         let sizes = self.weights(true)?;
+        let alpha = sizes.iter().zip(tube).map(|(size, radius)| product(*size, radius * radius)).sum::<f64>().sqrt();
+        let (Some(x0), [part]) = (sure, region.parts.as_slice()) else {
+            return Ok(alpha);
+        };
+        let (n, root, z) = (self.n, self.roots()[1], region.regressor(x0, u)?);
+        let centre = times(&region.centre, &z, region.d)?;
+        let off = try_collect(WHAT, centre.iter().zip(states).map(|(centre, state)| centre - state))?;
+        // F of the rows of the part, and F S F'
+        let rows = root.chunks_exact(n);
+        let inside = try_collect(WHAT, rows.flat_map(|row| part.rows.iter().map(|&i| row[i])))?;
+        let (k, among) = (root.len() / n, part.rows.len());
+        let mut turned = try_zeros(WHAT, k * among)?;
+        for (to, row) in turned.chunks_exact_mut(among).zip(inside.chunks_exact(among)) {
+            add_transposed(&part.shape, row, to); // S is symmetric
+        }
+        let mut shape = try_zeros(WHAT, k * k)?;
+        for (to, row) in shape.chunks_exact_mut(k).zip(turned.chunks_exact(among)) {
+            let products = inside.chunks_exact(among).map(|other| row.iter().zip(other).map(|(a, b)| a * b).sum());
+            to.iter_mut().zip(products).for_each(|(to, product): (&mut f64, f64)| *to = product);
+        }
+        let size = (part.factor * spectral(&shape, k)?).sqrt();
+        Ok(alpha.min(norm(&times(root, &off, n)?) + product(size, part.length(&z))))
+    }
+
+    /// How far `u`, under which the horizon has these states (K, n), is from the best inputs of any system of the region;
+    /// `alpha` is that of the head of this file, `gap` bounds `J(u) - min J` of the horizon.
+    ///
+    /// # Errors
+    /// As [`Self::powers`]; [`Error::Shape`].
+    pub fn apart(&self, region: &Region, states: &[f64], u: &[f64], alpha: f64, gap: f64) -> Result<Apart> {
+        let (around, sizes) = (Around::new(region, self)?, self.weights(true)?);
         let at = self.forces(states, u)?;
         let (gap, unbalanced) = self.balanced(&sizes, &at.slope, u, gap);
         let norms = [spectral(&self.a, self.n)?, spectral(&self.b, self.m)?];
-        let c = self.costate_errors(around, &at.costates, norms)? + unbalanced;
+        let c = self.costate_errors(&around, &at.costates, norms)? + unbalanced;
         let least_r = least_eigenvalue(&self.r, self.m)?.max(0.0);
         let gamma = over(c, least_r);
         let (h, slack) = (alpha.hypot(gamma), (2.0 * gap).sqrt());

@@ -1,7 +1,10 @@
+use std::sync::Arc;
+
 use super::*;
-use crate::limits::linear::{decomposition, root, singular_values, spectral, times};
+use crate::limits::linear::{decomposition, root, singular_values, times};
 use crate::limits::{Status, Until};
 use crate::parallel::Stop;
+use crate::region::{Part, PartOf, Region};
 use crate::simulate::Plans;
 use crate::{Key, Scheme};
 
@@ -102,9 +105,8 @@ fn another_system_is_within_the_bounds() {
         let (at, model_at) = (exact.states(&X0, &given.control).unwrap(), model.states(&X0, &given.control).unwrap());
         let off: Vec<f64> = at.iter().zip(&model_at).map(|(a, b)| a - b).collect();
         let alpha = exact.weighted(&off).unwrap().iter().map(|v| v * v).sum::<f64>().sqrt();
-        let radii = [spectral(&da, 2).unwrap(), spectral(&db, 1).unwrap()];
-        let around = Around { radii, shifts: Some([&da, &db]), parts: Vec::new() };
-        let found = model.apart(&around, &model_at, &given.control, alpha, given.gap).unwrap();
+        let truth = region(|i, j| if j < 2 { exact.a[2 * i + j] } else { exact.b[i] }, Vec::new());
+        let found = model.apart(&truth, &model_at, &given.control, alpha, given.gap).unwrap();
         let wrong: Vec<f64> = given.control.iter().zip(&best.control).map(|(u, v)| u - v).collect();
         let moved = times(exact.map().unwrap(), &wrong, 3).unwrap();
         let state = moved.iter().map(|v| v * v).sum::<f64>().sqrt();
@@ -121,18 +123,33 @@ fn another_system_is_within_the_bounds() {
     assert!(most > 0.3, "{most}");
 }
 
-/// A part `(factor S, lengths)` holds every D whose `||D' p||` it bounds.
+/// A region (2, 3) with this centre.
+fn region(centre: impl Fn(usize, usize) -> f64, parts: Vec<Arc<Part>>) -> Region {
+    let entries: Vec<f64> = (0..6).map(|at| centre(at / 3, at % 3)).collect();
+    Region::new(&entries, 2, 1, parts, None, false).unwrap()
+}
+
+/// A part holds every D whose `||D' p||` it bounds.
 #[test]
 fn parts_and_shifts_agree() {
-    let (model, zero) = (horizon(task(3, 0.5)), [0.0; 4]);
+    let model = horizon(task(3, 0.5));
     let given = solved(&model, &X0).found;
     let at = model.states(&X0, &given.control).unwrap();
     let identity = [1.0, 0.0, 0.0, 1.0];
-    let shift: Vec<f64> = identity.iter().map(|v| 0.01 * v).collect();
-    let part = Part { factor: 1e-4, s: &identity, lengths: [1.0, 0.0] };
-    let radii = [0.01, 0.0];
-    let one = Around { radii, shifts: Some([&shift, &zero[..2]]), parts: Vec::new() };
-    let other = Around { radii, shifts: None, parts: vec![part] };
+    let (rows, columns) = ([0, 1], [0, 1]);
+    let part = PartOf {
+        rows: &rows,
+        columns: &columns,
+        white: &identity,
+        root: &identity,
+        missing: &[],
+        ratio: 1.0,
+        shape: &identity,
+        factor: 1e-4,
+    };
+    let own = |i: usize, j: usize| if j < 2 { A[2 * i + j] } else { B[i] };
+    let one = region(|i, j| own(i, j) + if i == j { 0.01 } else { 0.0 }, Vec::new());
+    let other = region(own, vec![Arc::new(Part::new(part).unwrap())]);
     let found = [one, other].map(|around| model.apart(&around, &at, &given.control, 0.1, given.gap).unwrap());
     assert!((found[0].distance - found[1].distance).abs() <= 1e-12 * found[0].distance);
 }

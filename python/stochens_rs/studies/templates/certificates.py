@@ -19,7 +19,7 @@ from ...identification.identifying import identify as identified
 from ...rng import Key
 from ...system import System
 from ..units import of_states
-from .runs import Design, Truth, checked_design
+from .runs import RunDesign, Truth, checked_design
 from .template import Template, compared, options, template
 
 
@@ -134,7 +134,7 @@ def _numbers(
     key: Key,
     *,
     truth: Truth,
-    design: Design,
+    design: RunDesign,
     x0: Floats,
     xf: Floats,
     size: int,

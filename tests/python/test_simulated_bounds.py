@@ -14,7 +14,8 @@ from stochens_rs.exceptions import InputError, SizeError
 from stochens_rs.rng import as_key
 from stochens_rs.theory import bounds
 from stochens_rs.theory.bounds import drawn_errors
-from stochens_rs.theory.bounds.drawn_errors import Entity, PlanErrors
+from stochens_rs.theory.bounds.drawn_errors import DrawnEntity as Entity
+from stochens_rs.theory.bounds.drawn_errors import PlanErrors
 
 GEN = np.random.default_rng(3)
 
@@ -388,7 +389,13 @@ def test_fixed_estimates_are_not_drawn_again():
     A, B, x0, xf = strange_systems()["big column"]
     fit = A + 0.1
     errors = PlanErrors(
-        B, Entity(x0), Entity(xf, None, 20), Entity(A, fit), steps=1, paired=False, rows=False
+        B,
+        Entity(x0),
+        Entity(xf, None, 20),
+        Entity(A, fit),
+        steps=1,
+        paired=False,
+        rows=False,
     )
     assert errors.random
     exact = PlanErrors(B, Entity(x0), Entity(xf), Entity(A, fit), steps=1, paired=False, rows=False)

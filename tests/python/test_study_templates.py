@@ -21,7 +21,7 @@ from stochens_rs.exceptions import InputError, InputTypeError
 from stochens_rs.rng import as_key
 from stochens_rs.studies.digest import digest
 from stochens_rs.studies.templates.fleets import drawn_units
-from stochens_rs.studies.templates.runs import Design, Truth
+from stochens_rs.studies.templates.runs import RunDesign, Truth
 
 A = np.array([[0.9, 0.2], [-0.1, 0.8]])
 B = np.array([[0.0], [1.0]])
@@ -120,8 +120,8 @@ def test_no_noise_is_used_twice(own: bool, monkeypatch: pytest.MonkeyPatch) -> N
         (A, B), [1, 0], [0, 0], noise=0.1, size=12, steps=5, runs=runs, **declared
     )
     data: list[se.Trajectories] = []
-    made = Design.draw
-    monkeypatch.setattr(Design, "draw", lambda *args: data.append(made(*args)) or data[-1])
+    made = RunDesign.draw
+    monkeypatch.setattr(RunDesign, "draw", lambda *args: data.append(made(*args)) or data[-1])
     for r in range(3):
         function(KEY.child(f"replicate {r}"))
     found = np.concatenate([w.ravel() for w in drawn])

@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..exceptions import InputError
 from . import validation
-
-Array = NDArray[np.float64]
+from .types import Floats
 
 # Coefficients of the (13, 13) Pade approximant of exp, b_k = (26-k)! 13! / (26! k! (13-k)!),
 # scaled to integers; theta_13 is the largest 1-norm for which its backward error is below 2^-53.
@@ -25,7 +23,7 @@ _THETA_13 = 5.371920351148152
 _NORM_LIMIT = 2.0**30
 
 
-def expm(X: Array) -> Array:
+def expm(X: Floats) -> Floats:
     """Matrix exponential by scaling and squaring with the (13, 13) Pade approximant.
 
     Parameters
@@ -68,7 +66,7 @@ def expm(X: Array) -> Array:
     return np.asarray(result, dtype=np.float64)
 
 
-def discretize(A: Array, B: Array, dt: float, method: str) -> tuple[Array, Array]:
+def discretize(A: Floats, B: Floats, dt: float, method: str) -> tuple[Floats, Floats]:
     """Discrete-time matrices for a step of ``dt`` seconds.
 
     Parameters

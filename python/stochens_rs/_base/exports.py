@@ -16,7 +16,7 @@ class Exported:
 
     __slots__ = ()
 
-    def to_control(self) -> Any:
+    def to_control(self: Any) -> Any:
         """Return a ``control.StateSpace`` with the same names, whose outputs are the states.
 
         Returns
@@ -35,9 +35,23 @@ class Exported:
         >>> se.System([[0.5]], [[1.0]], dt=0.1).to_control().dt  # doctest: +SKIP
         0.1
         """
-        return _control(self)
+        with extra("to_control() needs python-control", "bridges"):
+            import control
+        labels, n = self.labels, self.n
+        return control.ss(
+            self.A,
+            self.B,
+            np.eye(n),
+            np.zeros((n, self.m)),
+            True if self.dt is None else self.dt,
+            states=list(labels.states),
+            inputs=list(labels.inputs),
+            outputs=list(labels.states),
+            # python-control splits names at dots
+            **({} if self.name is None else {"name": self.name.replace(".", "_")}),
+        )
 
-    def to_pandas(self) -> tuple[Any, Any]:
+    def to_pandas(self: Any) -> tuple[Any, Any]:
         """Return A and B as DataFrames with the names, without `dt` and the units.
 
         Returns
@@ -57,9 +71,13 @@ class Exported:
         >>> float(B.loc["T", "P"])
         1.0
         """
-        return _pandas(self)
+        with extra("to_pandas() needs pandas", "tables"):
+            import pandas as pd
+        rows, cols = list(self.labels.states), list(self.labels.inputs)
+        A = pd.DataFrame(self.A.copy(), index=rows, columns=rows)
+        return A, pd.DataFrame(self.B.copy(), index=rows, columns=cols)
 
-    def to_xarray(self) -> Any:
+    def to_xarray(self: Any) -> Any:
         """Return A and B as a Dataset with the names.
 
         Returns
@@ -80,48 +98,18 @@ class Exported:
         >>> se.System.from_any(cart.to_xarray()).units
         {'T': 'K'}
         """
-        return _xarray(self)
-
-
-def _control(system: Any) -> Any:
-    with extra("to_control() needs python-control", "bridges"):
-        import control
-    labels, n = system.labels, system.n
-    return control.ss(
-        system.A,
-        system.B,
-        np.eye(n),
-        np.zeros((n, system.m)),
-        True if system.dt is None else system.dt,
-        states=list(labels.states),
-        inputs=list(labels.inputs),
-        outputs=list(labels.states),
-        # python-control splits names at dots
-        **({} if system.name is None else {"name": system.name.replace(".", "_")}),
-    )
-
-
-def _pandas(system: Any) -> tuple[Any, Any]:
-    with extra("to_pandas() needs pandas", "tables"):
-        import pandas as pd
-    rows, cols = list(system.labels.states), list(system.labels.inputs)
-    A = pd.DataFrame(system.A.copy(), index=rows, columns=rows)
-    return A, pd.DataFrame(system.B.copy(), index=rows, columns=cols)
-
-
-def _xarray(system: Any) -> Any:
-    with extra("to_xarray() needs xarray", "tables"):
-        import xarray as xr
-    labels, dt = system.labels, system.dt
-    states, units = list(labels.states), dict(labels.units)
-    known = {
-        "dt": dt if isinstance(dt, float) else None,
-        "name": system.name,
-        # files hold numbers and text
-        "units": json.dumps(units, ensure_ascii=False) if units else None,
-    }
-    return xr.Dataset(
-        {"A": (DIMS["A"], system.A.copy()), "B": (DIMS["B"], system.B.copy())},
-        coords={"state_next": states, "state": states, "input": list(labels.inputs)},
-        attrs={word: value for word, value in known.items() if value is not None},
-    )
+        with extra("to_xarray() needs xarray", "tables"):
+            import xarray as xr
+        labels, dt = self.labels, self.dt
+        states, units = list(labels.states), dict(labels.units)
+        known = {
+            "dt": dt if isinstance(dt, float) else None,
+            "name": self.name,
+            # files hold numbers and text
+            "units": json.dumps(units, ensure_ascii=False) if units else None,
+        }
+        return xr.Dataset(
+            {"A": (DIMS["A"], self.A.copy()), "B": (DIMS["B"], self.B.copy())},
+            coords={"state_next": states, "state": states, "input": list(labels.inputs)},
+            attrs={word: value for word, value in known.items() if value is not None},
+        )

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 
-class Simulated:
+class FromSimulator:
     """How a `System` is made from a simulator."""
 
     __slots__ = ()

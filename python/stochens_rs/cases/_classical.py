@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from .._base import validation
+from .._base.types import Floats
 from ..exceptions import InputError
 from ._machines import Machines
-from ._network import Array, Complex, Network
+from ._network import Complex, Network
 
 
 def check_balance(network: Network, mismatch: float) -> None:
@@ -67,7 +68,7 @@ def matched(network: Network, machines: Machines) -> Machines:
     return machines.take(ordered)
 
 
-def internal(network: Network, xd1: Array) -> tuple[Complex, Complex]:
+def internal(network: Network, xd1: Floats) -> tuple[Complex, Complex]:
     """Voltages behind transient reactance (g,) and the admittances (g, g) between them.
 
     ``E = V + j x'd I`` with ``I = conj(S / V)``; loads become the admittances ``conj(S) / |V|^2``,
@@ -87,7 +88,7 @@ def internal(network: Network, xd1: Array) -> tuple[Complex, Complex]:
     return E, np.asarray(Y, dtype=np.complex128)
 
 
-def synchronizing(network: Network, xd1: Array) -> Array:
+def synchronizing(network: Network, xd1: Floats) -> Floats:
     """``K[i, j] = dP_i / d delta_j`` [pu/rad] between the machines; rows sum to 0.
 
     From ``P_i = sum_j E_i E_j (G_ij cos d_ij + B_ij sin d_ij)`` with ``d_ij = delta_i - delta_j``,

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from .._base import validation
 from .._base.files import checked_path
 from .._base.reading import number
+from .._base.types import Floats
 from ..exceptions import InputError, InputTypeError
 
-Array = NDArray[np.float64]
 Base = Literal["system", "machine"]
 
 _NEEDED = ("bus", "H", "D", "xd1")
@@ -29,17 +29,17 @@ class Machines:
     """One entry per machine, in per unit on the rating `mva`, or on the system base without it."""
 
     bus: NDArray[np.int64]
-    H: Array
-    D: Array
-    xd1: Array
-    mva: Array | None
+    H: Floats
+    D: Floats
+    xd1: Floats
+    mva: Floats | None
 
     def take(self, rows: list[int]) -> Machines:
         """These rows, in this order."""
         mva = None if self.mva is None else self.mva[rows]
         return Machines(self.bus[rows], self.H[rows], self.D[rows], self.xd1[rows], mva)
 
-    def on(self, base: Base, system_mva: float, ratings: Array | None) -> Machines:
+    def on(self, base: Base, system_mva: float, ratings: Floats | None) -> Machines:
         """On the system base; `ratings` [MVA] are those of the case, if it has them."""
         if base == "system":
             if self.mva is not None:

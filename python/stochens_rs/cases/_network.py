@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from .._base import memory, validation
 from .._base.extras import extra
 from .._base.files import checked_path
+from .._base.types import Floats
 from ..exceptions import InputError, InputTypeError, ShapeError
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Indices = NDArray[np.int64]
 
@@ -75,7 +75,7 @@ class Network:
     load: Complex
     at: Indices
     power: Complex
-    rating: Array
+    rating: Floats
 
 
 def read_network(case: object) -> Network:
@@ -187,7 +187,7 @@ def _complex(values: NDArray[Any]) -> Complex:
     return values.astype(np.complex128)
 
 
-def _table(case: Mapping[str, Any], key: str) -> tuple[Array, Indices]:
+def _table(case: Mapping[str, Any], key: str) -> tuple[Floats, Indices]:
     """The rows in service, as floats that are finite where they are used, and their places."""
     name = f"case['{key}']"
     given = validation.read(name, case[key])
@@ -209,14 +209,14 @@ def _table(case: Mapping[str, Any], key: str) -> tuple[Array, Indices]:
     return table[rows], np.flatnonzero(rows)
 
 
-def _indices(name: str, numbers: Array, index: dict[int, int]) -> Indices:
+def _indices(name: str, numbers: Floats, index: dict[int, int]) -> Indices:
     unknown = [number for number in numbers if number not in index]
     if unknown:
         raise InputError(f"`{name}` names bus {unknown[0]:g}, which is not in `case['bus']`")
     return np.array([index[int(number)] for number in numbers], dtype=np.int64)
 
 
-def _admittances(branch: Array, places: Indices, f: Indices, t: Indices, buses: int) -> Complex:
+def _admittances(branch: Floats, places: Indices, f: Indices, t: Indices, buses: int) -> Complex:
     """Bus admittance matrix (MATPOWER User's Manual, section 3.2: pi model with a transformer)."""
     own = np.zeros((len(branch), 5))  # in MATPOWER's format both ends are alike
     if branch.shape[1] > B_ASYM:

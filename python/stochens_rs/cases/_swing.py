@@ -18,12 +18,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .._base import validation
+from .._base.types import Floats
 from ..exceptions import SizeError
 
-Array = NDArray[np.float64]
 Branch = tuple[int, int, float]
 
 SYSTEM_MVA = 100.0  # base power of the IEEE test networks
@@ -39,8 +38,8 @@ def checked_frequency(frequency: object) -> float:
 
 
 def reduced_stiffness(
-    buses: int, branches: Sequence[Branch], at: Sequence[int], xd: Array
-) -> Array:
+    buses: int, branches: Sequence[Branch], at: Sequence[int], xd: Floats
+) -> Floats:
     """Stiffness between the generators after the buses are eliminated (Kron reduction).
 
     Parameters
@@ -74,7 +73,9 @@ def reduced_stiffness(
     return np.asarray((L_red + L_red.T) / 2.0, dtype=np.float64)
 
 
-def swing(L_red: Array, H: Array, D: Array, frequency: float = FREQUENCY_HZ) -> tuple[Array, Array]:
+def swing(
+    L_red: Floats, H: Floats, D: Floats, frequency: float = FREQUENCY_HZ
+) -> tuple[Floats, Floats]:
     """Continuous-time swing equations ``M delta'' + D_rad delta' + L_red delta = P``.
 
     Parameters

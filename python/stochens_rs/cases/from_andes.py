@@ -9,9 +9,9 @@ import numpy as np
 
 from .._base import memory, validation
 from .._base.discretize import discretize
+from .._base.types import Floats
 from ..exceptions import InputError, InputTypeError
 from ..system import System
-from ._network import Array
 
 __all__ = ["from_andes"]
 
@@ -105,7 +105,7 @@ def from_andes(
     return System(A_d, B_d, dt=dt, name=name, states=names, inputs=[one for one, _, _ in acting])
 
 
-def _dense(sparse: Any) -> Array:
+def _dense(sparse: Any) -> Floats:
     """A sparse matrix of kvxopt or cvxopt, by its triplets."""
     dense = np.zeros(sparse.size)
     rows, columns, values = (np.array(part).ravel() for part in (sparse.I, sparse.J, sparse.V))
@@ -113,7 +113,7 @@ def _dense(sparse: Any) -> Array:
     return dense
 
 
-def _inputs(system: Any, inputs: object) -> list[tuple[str, Array, int]]:
+def _inputs(system: Any, inputs: object) -> list[tuple[str, Floats, int]]:
     """Name, values and place of every input."""
     if inputs is None:
         pairs = [
@@ -145,10 +145,10 @@ def _inputs(system: Any, inputs: object) -> list[tuple[str, Array, int]]:
     return found
 
 
-def _differences(system: Any, inputs: list[tuple[str, Array, int]], eps: float) -> list[Array]:
+def _differences(system: Any, inputs: list[tuple[str, Floats, int]], eps: float) -> list[Floats]:
     """The derivative of (f, g) with respect to each input, by central differences."""
 
-    def equations() -> Array:
+    def equations() -> Floats:
         system.TDS.fg_update(system.exist.pflow_tds)
         return np.concatenate([system.dae.f, system.dae.g])
 

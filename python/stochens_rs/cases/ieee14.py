@@ -8,8 +8,9 @@ import numpy as np
 
 from .._base import validation
 from .._base.discretize import discretize
+from .._base.types import Floats
 from ..system import System
-from ._swing import SYSTEM_MVA, Array, reduced_stiffness, swing, swing_labels
+from ._swing import SYSTEM_MVA, reduced_stiffness, swing, swing_labels
 
 __all__ = ["ieee14"]
 
@@ -39,7 +40,7 @@ _ANDES = np.array([
 ])  # fmt: skip
 
 
-def _continuous(data: str, base: str) -> tuple[Array, Array, Array]:
+def _continuous(data: str, base: str) -> tuple[Floats, Floats, Floats]:
     """Continuous-time ``A``, ``B`` and the reduced stiffness ``L_red``."""
     rating, H, xd, D = (_CLASSIC if data == "classic" else _ANDES).T
     # Reactances shrink and inertia and damping grow with the rating of the machine.

@@ -7,8 +7,9 @@ from typing import Literal
 import numpy as np
 
 from .._base.discretize import discretize
+from .._base.types import Floats
 from ..system import System
-from ._swing import Array, reduced_stiffness, swing, swing_labels
+from ._swing import reduced_stiffness, swing, swing_labels
 
 __all__ = ["ieee39"]
 
@@ -33,7 +34,7 @@ _XD = np.array([0.031, 0.0697, 0.0531, 0.0436, 0.132, 0.05, 0.049, 0.057, 0.057,
 _D = np.full(10, 50.0)
 
 
-def _continuous(D: Array) -> tuple[Array, Array, Array]:
+def _continuous(D: Floats) -> tuple[Floats, Floats, Floats]:
     """Continuous-time ``A``, ``B`` for the damping ``D`` (10,), and the stiffness ``L_red``."""
     L_red = reduced_stiffness(39, _BRANCHES, _GENERATOR_BUSES, _XD)
     A, B = swing(L_red, _H, D)

@@ -9,10 +9,10 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import Any
 
 import click
 import numpy as np
-from numpy.typing import NDArray
 
 from .._base import validation
 from .._base.progress import watched
@@ -126,7 +126,7 @@ def stream(
         "digest": made.digest,
         "checkpoint": checkpoint,
     }
-    show_result(facts, _text(facts, made.u), as_json)
+    show_result(facts, _text(facts), as_json)
     if run.status == "interrupted":
         context.exit(TERMINATED if signal.SIGTERM in received else INTERRUPTED)
     if run.status == "time_limit":
@@ -181,19 +181,20 @@ class _Line:
         sys.stderr.flush()
 
 
-def _text(facts: dict[str, object], control: NDArray[np.float64]) -> str:
-    certificate, error = float(str(facts["certificate"])), float(str(facts["error"]))
-    scale = float(str(facts["reached_norm"]))
+def _text(facts: dict[str, Any]) -> str:
+    error, certificate = (
+        100 * facts[name] / facts["reached_norm"] for name in ("error", "certificate")
+    )
     lines = [
         f"{facts['status']} after {facts['steps']} steps ({facts['steps_of_this_run']} now, "
-        f"{float(str(facts['seconds'])):.3g} s)",
-        f"state error {100 * error / scale:.3g} %, certified {100 * certificate / scale:.3g} %",
-        f"u = [{', '.join(f'{value:.6g}' for value in control)}]",
+        f"{facts['seconds']:.3g} s)",
+        f"state error {error:.3g} %, certified {certificate:.3g} %",
+        f"u = [{', '.join(f'{value:.6g}' for value in facts['u'])}]",
     ]
     if facts["reach"] == "undecided":
         lines.append(f"undecided whether xf is within reach: {facts['out_of_reach']:.3g} away")
     elif facts["out_of_reach"]:
-        share = 100 * float(str(facts["out_of_reach_relative"]))
+        share = 100 * facts["out_of_reach_relative"]
         lines.append(f"out of reach: {facts['out_of_reach']:.3g} ({share:.3g} % of xf - A x0)")
     if facts["checkpoint"] is not None:
         lines.append(f"saved: {facts['checkpoint']}")

@@ -15,7 +15,7 @@ from ..certificates.radius import Radius
 from ..exceptions import InputError
 from ..rng import as_key
 from ..theory import bounds
-from ..theory.bounds.drawn_errors import Entity, PlanErrors, not_simulated, radii
+from ..theory.bounds.drawn_errors import DrawnEntity, PlanErrors, not_simulated, radii
 from ..theory.dynamics import matrix_powers, spectral_norms
 from ..theory.exact import EPS
 from ..theory.formulas import checked_finite
@@ -115,9 +115,11 @@ def plan_errors(basis: Basis, steps: int, fusion: Fusion) -> PlanErrors:
     entities = []
     for entity, values in zip(basis.entities, basis.values, strict=True):
         if entity.kind == "iid" or entity.kind == "systematic":
-            entities.append(Entity(values, None, entity.size, entity.kind))
+            entities.append(DrawnEntity(values, None, entity.size, entity.kind))
         else:
-            entities.append(Entity(values, entity.estimate if entity.kind == "fitted" else None))
+            entities.append(
+                DrawnEntity(values, entity.estimate if entity.kind == "fitted" else None)
+            )
     x0, xf, A = entities
     rows = basis.A.axis == "rows"
     if fusion == "diagonal" and basis.A.kind == "systematic" and rows:

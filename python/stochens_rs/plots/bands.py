@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from .._base.types import Floats
 from .ends import label_ends
 from .style import add_grid, add_key, add_labels, axes_or_new, look_of, number_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from numpy.typing import NDArray
 
-    Floats = NDArray[np.float64]
 
 _DECADES = 1.0  # positive values over more than this have a logarithmic axis
 _MARKERS = "os^vDPX"

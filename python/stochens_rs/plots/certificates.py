@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._base.types import Floats
 from .style import add_grid, add_key, add_labels, axes_or_new, look_of, number_text, root_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
-    Floats = NDArray[np.float64]
 
 MARKERS = "osD^vP"
 

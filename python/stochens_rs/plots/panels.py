@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from .._base import validation
+from .._base.types import Floats
 from .style import (
     SMALL,
     TEXT,
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
     from numpy.typing import NDArray
 
-    Floats = NDArray[np.float64]
 
 PANELS = 12  # most states, and most inputs, that are drawn
 _ENTRY = 1.3  # inches for an entry of the legend

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from .._base.types import Floats
 from .style import add_grid, add_key, add_labels, axes_or_new, literal, look_of
 
 if TYPE_CHECKING:
-    import numpy as np
     from matplotlib.axes import Axes
-    from numpy.typing import NDArray
 
-    Floats = NDArray[np.float64]
 
 _ID = "stochens-region"
 

@@ -7,14 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._base.types import Floats
 from .panels import PANELS, Inputs, add_legend, draw_inputs, extent, frame, panel_grid, tell_omitted
 from .style import add_grid, add_labels, look_of, require_matplotlib, root_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
 
 
 def draw_calls(

@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._base.types import Floats
 from .panels import panel_grid
-from .style import SMALL, TITLE, Look, add_grid, add_key, add_labels, literal, look_of, root_of
+from .style import SMALL, TITLE, Palette, add_grid, add_key, add_labels, literal, look_of, root_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
     from numpy.typing import NDArray
 
-    Floats = NDArray[np.float64]
 
 LAGS = 10
 DOTS = 2000  # more hide each other
@@ -120,7 +120,7 @@ def _leverages(
     add_labels(ax, "leverage of x and u", "size / deviation")
 
 
-def _dots(look: Look, i: int, count: int) -> dict[str, Any]:
+def _dots(look: Palette, i: int, count: int) -> dict[str, Any]:
     return {
         "color": look.color(i),
         "linestyle": "",

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._base.types import Floats
 from .ends import MOST, label_ends
 from .panels import extent
 from .style import add_grid, add_key, add_labels, axes_or_new, blend, literal, look_of
@@ -15,9 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.lines import Line2D
-    from numpy.typing import NDArray
 
-    Floats = NDArray[np.float64]
 
 DASHES = ("-", "--", "-.", ":")  # more than seven states repeat the colours with other dashes
 LISTED = 10  # most states in the legend; a longer one hides the figure

@@ -30,7 +30,7 @@ SMALL, TEXT, TITLE = 8.5, 9.5, 10.5  # points: ticks and notes, names of axes, t
 _SIZE = (5.6, 4.2)  # inches: width and height of a figure with one panel
 
 
-class Look(NamedTuple):
+class Palette(NamedTuple):
     """What is drawn on one kind of background."""
 
     ink: str
@@ -49,9 +49,9 @@ class Look(NamedTuple):
         return self.colors[COLORS.index(color)] if color in COLORS else color
 
 
-LIGHT = Look(INK, PALE, GRID, "#ffffff", 0.18, COLORS)
+LIGHT = Palette(INK, PALE, GRID, "#ffffff", 0.18, COLORS)
 # The same hues, lighter, in the same order.
-DARK = Look(
+DARK = Palette(
     "#f2f2f2", "#a8a8a8", "#3d3d3d", "#111111", 0.3,
     ("#3E9BDB", "#F07A3A", "#12B886", "#F7C948", "#A5DCFF", "#E08FC0", "#f2f2f2"),
 )  # fmt: skip
@@ -63,7 +63,7 @@ def require_matplotlib() -> None:
         import matplotlib  # noqa: F401
 
 
-def look_of(where: Axes | Figure | SubFigure) -> Look:
+def look_of(where: Axes | Figure | SubFigure) -> Palette:
     """`DARK` where the face is dark, or is transparent and matplotlib writes in a light colour."""
     from matplotlib import rcParams
 
@@ -195,7 +195,7 @@ def _between(axis: Any, value: float, place: object = None) -> str:
     return number_text(value) if short and f"{value:.0e}"[0] in "25" else ""
 
 
-def readable(color: str, look: Look) -> str:
+def readable(color: str, look: Palette) -> str:
     """`color`, mixed with ink until text in it has the contrast 4.5 of WCAG on the face."""
     mixed = (blend(color, look.ink, share / 10) for share in range(11))
     return next((one for one in mixed if contrast(one, look.face) >= 4.5), look.ink)

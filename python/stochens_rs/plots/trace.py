@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._base.types import Floats
 from .ends import label_ends
 from .states import finish
 from .style import add_key, axes_or_new, look_of
@@ -13,8 +14,6 @@ from .style import add_key, axes_or_new, look_of
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
 
 
 def draw_trace(

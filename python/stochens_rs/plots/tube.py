@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._base.types import Floats
 from .panels import (
     PANELS,
     Inputs,
@@ -22,9 +23,6 @@ from .style import look_of, root_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
 
 
 def draw_tube(

@@ -10,18 +10,15 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .._base import validation
 from .._base.numbers import ROUNDING, TINY
 from .._base.records import Record
-from .._base.types import FUSIONS, Fusion
+from .._base.types import FUSIONS, Floats, Fusion
 from ..exceptions import InputError
 from ..fusion.fusing import Method
 
 BAND = (0.1, 0.9)  # the shaded band holds the middle 80 % of the replicates
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,9 +42,9 @@ class Curve(Record):
 
     method: Method
     fusion: Fusion | None
-    errors: FloatArray
-    exact_rms: FloatArray | None = None
-    exact_spread: FloatArray | None = None
+    errors: Floats
+    exact_rms: Floats | None = None
+    exact_spread: Floats | None = None
 
     @property
     def name(self) -> str:
@@ -60,35 +57,35 @@ class Curve(Record):
         return self.method, self.fusion or "product"
 
     @property
-    def _quantiles(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def _quantiles(self) -> tuple[Floats, Floats, Floats]:
         low, median, high = np.quantile(self.errors, (BAND[0], 0.5, BAND[1]), axis=0)
         return low, median, high
 
     @property
-    def median(self) -> FloatArray:
+    def median(self) -> Floats:
         """(k,) median over the replicates."""
         return self._quantiles[1]
 
     @property
-    def band(self) -> tuple[FloatArray, FloatArray]:
+    def band(self) -> tuple[Floats, Floats]:
         """The 10 % and the 90 % quantile over the replicates, (k,) each."""
         low, _, high = self._quantiles
         return low, high
 
     @property
-    def single(self) -> FloatArray:
+    def single(self) -> Floats:
         """(k,) errors of replicate 0: one run, as the paper shows it."""
-        single: FloatArray = self.errors[0]
+        single: Floats = self.errors[0]
         return single
 
     @property
-    def rms(self) -> FloatArray:
+    def rms(self) -> Floats:
         """(k,) root mean square over the replicates."""
-        rms: FloatArray = np.sqrt(np.mean(self.errors**2, axis=0))
+        rms: Floats = np.sqrt(np.mean(self.errors**2, axis=0))
         return rms
 
     @property
-    def z(self) -> FloatArray | None:
+    def z(self) -> Floats | None:
         r"""(k,) distance of the mean square from its exact value, in standard errors of that mean.
 
         ``z = (mean(e^2) - exact^2) / (max(std(e^2), exact_spread) / sqrt(replicates))``; None
@@ -105,7 +102,7 @@ class Curve(Record):
         # An error that cannot vary (samples of a vector with one entry) must hit its value to
         # rounding.
         rounding = ROUNDING * self.exact_rms**2 + TINY
-        z: FloatArray = (squares.mean(axis=0) - self.exact_rms**2) / np.maximum(
+        z: Floats = (squares.mean(axis=0) - self.exact_rms**2) / np.maximum(
             spread / math.sqrt(replicates), rounding
         )
         return z

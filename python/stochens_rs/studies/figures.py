@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._base.types import Floats
 from ..plots.style import INK, PALE, new_figure, require_matplotlib
 from .curves import Curve, Panel
 from .methods import STYLES, Style
@@ -20,8 +21,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-
-Floats = NDArray[np.float64]
 
 # The exact root mean square error, and the same over the replicates.
 EXACT: dict[str, Any] = {"color": INK, "linewidth": 1.0, "linestyle": (0, (2, 2))}

@@ -117,7 +117,7 @@ def _excitation(A: Floats, G: Floats, powers: list[Floats]) -> Floats:
     return np.asarray(Psi - (np.matmul(Z, A) * A).sum(axis=1))
 
 
-def map_radius(A: Floats, F: Floats, G: Floats, r: float) -> float:
+def moment_radius(A: Floats, F: Floats, G: Floats, r: float) -> float:
     """``rho(L_r)``, to about ten digits."""
     slowest = spectral_radius(F)
     floor = slowest * slowest

@@ -62,12 +62,10 @@ def judged(size: int, support: int, beta: float) -> float:
 
     Parameters
     ----------
-    size : int
-        The number of units N.
     support : int
         The number k of units without which, one at a time, the design changes; at most N.
-    beta : float
-        Probability of failure of the bound, in (0, 1).
+    size, beta
+        As in `a_priori`.
 
     Returns
     -------
@@ -78,7 +76,7 @@ def judged(size: int, support: int, beta: float) -> float:
     Raises
     ------
     SizeError, InputError, InputTypeError
-        If an argument is out of its range.
+        As `a_priori`.
 
     Notes
     -----
@@ -102,16 +100,14 @@ def compression(size: int, support: int, beta: float, *, violations: int = 0) ->
 
     Parameters
     ----------
-    size : int
-        The number of units N.
     support : int
         The number k of units that the command was computed from, at most N. They may be chosen by
         any rule, after all units were seen.
-    beta : float
-        Probability of failure of the bound, in (0, 1).
     violations : int, default 0
         The number r, fixed before the units were seen: at most r of the other N - k units miss more
         than the threshold.
+    size, beta
+        As in `a_priori`.
 
     Returns
     -------
@@ -123,14 +119,13 @@ def compression(size: int, support: int, beta: float, *, violations: int = 0) ->
     Raises
     ------
     SizeError, InputError, InputTypeError
-        If an argument is out of its range.
+        As `a_priori`.
 
     Notes
     -----
-    The units must be independent draws of one law, and the command a fixed function of the k units
-    in the order of their numbers: bit for bit, with all its settings, and not of the other units or
-    of the clock. Neither convexity nor an optimum is needed. The threshold may be computed from all
-    units; it needs no place among the k.
+    The command must be a fixed function of the k units in the order of their numbers: bit for bit,
+    with all its settings, and not of the other units or of the clock. Neither convexity nor an
+    optimum is needed. The threshold may be computed from all units.
 
     Proof. Fix k numbers. Their command u is independent of the other N - k units, whose misses
     under u are independent draws of one law. Let q be the smallest x with P(miss > x) <= e. A
@@ -156,12 +151,12 @@ def relaxed(size: int, support: int, beta: float) -> tuple[float, float]:
 
     Parameters
     ----------
-    size : int
-        The number of units N.
     support : int
         The number k of units that violate the design or that it rests on.
     beta : float
         Probability that one of the two bounds fails, in (0, 1).
+    size
+        As in `a_priori`.
 
     Returns
     -------
@@ -173,7 +168,7 @@ def relaxed(size: int, support: int, beta: float) -> tuple[float, float]:
     Raises
     ------
     SizeError, InputError, InputTypeError
-        If an argument is out of its range.
+        As `a_priori`.
 
     Notes
     -----
@@ -197,15 +192,13 @@ def discarding(size: int, discarded: int, dimension: int, beta: float) -> float:
 
     Parameters
     ----------
-    size : int
-        The number of units N, with those that were left out.
     discarded : int
-        The number r of units left out, by any rule; fixed before the units were seen. Each of them
-        must miss more than the final threshold.
+        The number r of the N units that were left out, by any rule; fixed before the units were
+        seen. Each of them must miss more than the final threshold.
     dimension : int
         The number d of variables, as in `a_priori`.
-    beta : float
-        Probability of failure of the bound, in (0, 1).
+    size, beta
+        As in `a_priori`.
 
     Returns
     -------
@@ -216,7 +209,7 @@ def discarding(size: int, discarded: int, dimension: int, beta: float) -> float:
     Raises
     ------
     SizeError, InputError, InputTypeError
-        If an argument is out of its range.
+        As `a_priori`.
 
     Examples
     --------
@@ -239,8 +232,8 @@ def hold_out(size: int, violations: int, beta: float) -> float:
         The number of fresh units.
     violations : int
         How many of them miss more than the threshold.
-    beta : float
-        Probability of failure of the bound, in (0, 1).
+    beta
+        As in `a_priori`.
 
     Returns
     -------
@@ -251,7 +244,7 @@ def hold_out(size: int, violations: int, beta: float) -> float:
     Raises
     ------
     SizeError, InputError, InputTypeError
-        If an argument is out of its range.
+        As `a_priori`.
 
     Examples
     --------
@@ -273,8 +266,8 @@ def required_scenarios(epsilon: float, dimension: int, beta: float) -> int:
         The risk allowed, in (0, 1).
     dimension : int
         The number d of variables, as in `a_priori`.
-    beta : float
-        Probability of failure of the bound, in (0, 1).
+    beta
+        As in `a_priori`.
 
     Returns
     -------
@@ -284,7 +277,7 @@ def required_scenarios(epsilon: float, dimension: int, beta: float) -> int:
     Raises
     ------
     SizeError, InputError, InputTypeError
-        If an argument is out of its range, or more than 2^53 units are required.
+        As `a_priori`, or more than 2^53 units are required.
 
     Examples
     --------

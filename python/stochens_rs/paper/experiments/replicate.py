@@ -25,7 +25,7 @@ from ...theory.exact import Best, best_control
 Sizes = NDArray[np.int64]
 
 
-class Entity(NamedTuple):
+class FusedEntity(NamedTuple):
     """One sampled entity (x0, xf or A) and its estimates after sizes[0], sizes[1], ... samples."""
 
     ensemble: Ensemble
@@ -35,7 +35,7 @@ class Entity(NamedTuple):
     gaps: Floats  # (k,) of these solves, on ||sum w E - E*||^2 / ||E*||^2
 
     @classmethod
-    def draw(cls, target: Floats, sizes: Sizes, key: Key, tol: float) -> Entity:
+    def draw(cls, target: Floats, sizes: Sizes, key: Key, tol: float) -> FusedEntity:
         """Sample ``sizes[-1]`` realizations of `target` and fuse every prefix by every method."""
         ensemble = sample(target, int(sizes[-1]), rng=key)
         paths = {
@@ -53,7 +53,7 @@ class Entity(NamedTuple):
         )
 
 
-def solves(name: str, entities: Iterable[Entity]) -> dict[str, Floats]:
+def solves(name: str, entities: Iterable[FusedEntity]) -> dict[str, Floats]:
     """How the solves for the ALSE weights of some entities ended, (k, entities) each."""
     found = list(entities)
     return {
@@ -84,14 +84,14 @@ class Step(Record, listed=False):
             "relative": residual / float(np.linalg.norm(self.exact.needed)),
         }
 
-    def draw(self, key: Key, sizes: Sizes, tol: float) -> tuple[dict[str, Entity], Floats]:
+    def draw(self, key: Key, sizes: Sizes, tol: float) -> tuple[dict[str, FusedEntity], Floats]:
         """Sample and fuse "x0", "xf" and "A", with keys of these names.
 
         Returns the three, and the errors ``u - v`` of the controls after each number of samples,
         (k, curves, m), with the curves in the order of `studies.methods.STYLES`.
         """
         drawn = {
-            name: Entity.draw(target, sizes, key.child(name), tol)
+            name: FusedEntity.draw(target, sizes, key.child(name), tol)
             for name, target in (("x0", self.x0), ("xf", self.xf), ("A", self.A))
         }
         x0, xf, A = drawn["x0"], drawn["xf"], drawn["A"]

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from ...studies import Experiment, Panel
     from ..verdicts.records import Claims
 
-SCHEMA = "stochens-results/1"
+SCHEMA = "stochens-report/1"
 # Columns of the table of final errors that hold numbers: key in `final_errors`, heading.
 COLUMNS = {"median": "median", "q10": "10 %", "q90": "90 %", "rms": "rms"}
 

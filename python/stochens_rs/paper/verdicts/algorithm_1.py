@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from ..._base.types import Floats
 from ...rng import Key
 from ...streams.stream import Stream
 from ...studies import Study
@@ -22,9 +23,6 @@ from ..repeating import HERE, Where, complete
 from .records import Claim, Outcome, claim, outcome
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
     Variant = Literal["consistent", "literal"]
 
 ERROR_BOUND = 1e-9  # of the printed stopping rule

@@ -17,6 +17,7 @@ import numpy as np
 from ..._base import files, validation
 from ..._base.files import PathLike
 from ..._base.progress import Progress, progress_bar
+from ..._base.types import Floats
 from ...rng import RngLike, as_key
 from ...studies.scheduling import ExecutorLike, checked_executor
 from ..repeating import Where
@@ -31,9 +32,7 @@ from .printed_figures import section_5
 from .records import Claim, Claims
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
+    pass
 
 
 def claims(

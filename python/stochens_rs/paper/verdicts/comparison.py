@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..._base.numbers import ROUNDING
+from ..._base.types import Floats
 from ...ensembles.sampling import sample
 from ...fusion.fusing import Method
 from ...fusion.paths import fuse_path
@@ -19,8 +20,6 @@ from ..repeating import HERE, Where, complete
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

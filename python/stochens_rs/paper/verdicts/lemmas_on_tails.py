@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..._base.types import Floats
 from ...rng import Key
 from ...simulation.simulating import simulate_ensemble
 from ...system import System
@@ -20,9 +21,7 @@ from .records import Claim, Outcome, claim, outcome
 from .tails import Tails, hadamard, hard_system
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
+    pass
 
 
 def lemma_42(tails: Tails) -> Claim:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..._base.types import Floats
 from ...rng import Key
 from ...studies import Study
 from ...system import System
@@ -23,8 +24,6 @@ from ..repeating import HERE, Where, complete
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,6 +14,7 @@ from ...controls.steering import steer
 from ...fusion.fusing import Method
 from ...rng import Key
 from ...system import System
+from ...theory.dynamics import checked_ends
 from .template import Template, compared, template
 
 if TYPE_CHECKING:
@@ -74,7 +75,7 @@ def sampling_coverage(
     >>> study.run().values["covered"].mean(axis=1)
     array([0.9, 1. ])
     """
-    known = System.from_any(system)
+    known, start, goal = checked_ends(system, x0, xf)
     sides("limits", as_limits(limits).only("u").u, validation.size("steps", steps), known.labels)
     return template(
         _numbers,
@@ -82,8 +83,8 @@ def sampling_coverage(
         ("covered", "ratio", "size", "steps", "delta"),
         {},
         system=known,
-        x0=validation.vector("x0", x0, length=known.n).copy(),
-        xf=validation.vector("xf", xf, length=known.n).copy(),
+        x0=start,
+        xf=goal,
         size=validation.size("size", size),
         steps=steps,
         delta=validation.probability("delta", delta),

@@ -18,8 +18,9 @@ from ...identification import Model, Trajectories
 from ...identification.identifying import identify as identified
 from ...rng import Key
 from ...system import System
+from ...theory.dynamics import checked_ends
 from ..units import of_states
-from .runs import Design, Truth, checked_design
+from .runs import RunDesign, Truth, checked_design
 from .template import Template, compared, options, template
 
 
@@ -112,6 +113,7 @@ def coverage(
         root: Floats = vectors * np.sqrt(np.maximum(values, 0.0))
     else:
         root = np.diag(validation.deviations("noise", noise, known.n))
+    _, start, goal = checked_ends(known, x0, xf)
     return template(
         _numbers,
         ("size", "steps", "delta", "noise"),
@@ -119,8 +121,8 @@ def coverage(
         of_states(known.labels, "bound", "error", "noise"),
         truth=Truth(known, root, c),
         design=checked_design(known, runs, length, starts, excitation, feedback),
-        x0=validation.vector("x0", x0, length=known.n).copy(),
-        xf=validation.vector("xf", xf, length=known.n).copy(),
+        x0=start,
+        xf=goal,
         size=validation.size("size", (30 if runs is None else len(runs)) if size is None else size),
         steps=validation.size("steps", steps),
         delta=validation.probability("delta", delta),
@@ -134,7 +136,7 @@ def _numbers(
     key: Key,
     *,
     truth: Truth,
-    design: Design,
+    design: RunDesign,
     x0: Floats,
     xf: Floats,
     size: int,

@@ -88,7 +88,7 @@ def closed_loop(
     n = known.n
     goal = np.zeros(n)
     if xf is not None:
-        goal = validation.vector("xf", xf, length=n, labels=known.state_names).copy()
+        goal = validation.vector("xf", xf, length=n, labels=known.state_names)
     acting = known if model is None else _acting(model, known)
     weights = as_cost(cost).only("Q", "Qf", "R")
     Q: Any = 1.0 if weights.Q is None else weights.Q
@@ -101,7 +101,7 @@ def closed_loop(
         ("limited", "steps"),
         of_states(known.labels, "violation", "distance", "noise"),
         system=known,
-        x0=validation.vector("x0", x0, length=n, labels=known.state_names).copy(),
+        x0=validation.vector("x0", x0, length=n, labels=known.state_names),
         xf=goal,
         judged=(weight("Q", Q, n), weight("R", R, known.m)),
         noise=validation.deviations("noise", noise, n),

@@ -37,7 +37,7 @@ class Truth(Record, listed=False):
 
 
 @dataclass(frozen=True, eq=False)
-class Design(Record, listed=False):
+class RunDesign(Record, listed=False):
     """How runs are made: drawn starts and inputs, or those of runs that were measured.
 
     Attributes
@@ -95,14 +95,14 @@ def checked_design(
     starts: Any,
     excitation: Any,
     feedback: Any,
-) -> Design:
+) -> RunDesign:
     """Check the arguments about the design."""
     n, m = system.n, system.m
     if runs is not None:
         validation.instance("runs", runs, Trajectories)
         if (runs.n, runs.m, runs.steps) != (n, m, 1):
             raise InputError(f"`runs` must have n={n} and m={m}, as the system, got {runs!r}")
-    return Design(
+    return RunDesign(
         starts=validation.deviations("starts", starts, n),
         excitation=validation.deviations("excitation", excitation, m),
         feedback=np.zeros((m, n))

@@ -38,8 +38,9 @@ def template(
     units: Mapping[str, str],
     **fixed: Any,
 ) -> Template:
-    """Fix the arguments of `function`; those named in `pure` and its axes have no unit."""
-    made = Template(function, **fixed)
+    """Fix copies of the arguments of `function`; those named in `pure` have no unit."""
+    kept = {k: v.copy() if isinstance(v, np.ndarray) else v for k, v in fixed.items()}
+    made = Template(function, **kept)
     made.axes, made.units = axes, {**dict.fromkeys(pure, PURE), **units}
     return made
 

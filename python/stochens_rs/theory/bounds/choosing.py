@@ -11,7 +11,7 @@ from ...exceptions import InputError
 from ...rng import RngLike, as_key
 from ..formulas import Sizes
 from .base import Bound, differ
-from .problem import Of, Problem, refuse_choices
+from .problem import BoundedQuantity, Of, refuse_choices
 from .simulated import Simulated
 from .table import DEPENDENT, TABLE
 
@@ -94,7 +94,7 @@ def bound(
     >>> bounds.bound("Weissman", "vector", [3.0, -1.0], norm="1").required_size(0.1, 0.01)
     16955
     """
-    problem = Problem(quantity, data, norm, fusion, axis, sample_B)
+    problem = BoundedQuantity(quantity, data, norm, fusion, axis, sample_B)
     how = validation.choice("scheme", scheme, SCHEMES)
     K, key = validation.size("steps", steps), as_key(rng)
     found = problem.rows(TABLE + DEPENDENT)
@@ -147,7 +147,7 @@ def candidates(
     >>> [bound.name for bound in bounds.candidates("vector", [3.0, -1.0, 0.5])]
     ['McDiarmid', 'Bousquet', 'Weissman', 'Chebyshev']
     """
-    return Problem(quantity, data, norm, fusion, axis).formulas()
+    return BoundedQuantity(quantity, data, norm, fusion, axis).formulas()
 
 
 def best(
@@ -199,7 +199,7 @@ def best(
     """
     if (size is None) == (eps is None):
         raise InputError("`size` or `eps` must be given, and not both")
-    problem = Problem(quantity, data, norm, fusion, axis)
+    problem = BoundedQuantity(quantity, data, norm, fusion, axis)
     found, delta = problem.formulas(), validation.probability("delta", delta)
     drawn = None if problem.quantity == "trajectory" else problem.simulated()
     if drawn and not drawn.possible(1 if size is None else size, delta):

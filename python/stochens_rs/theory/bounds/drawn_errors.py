@@ -61,7 +61,7 @@ _SLOPES = -2.0, -0.3  # range of the fitted power of the size; -1/2 for many rea
 _ROUNDING = 16.0 * float(np.finfo(np.float64).eps)  # of a sum, per term and unit
 
 
-class Errors(Protocol):
+class ErrorLaw(Protocol):
     """The law of one or several errors."""
 
     @property
@@ -86,12 +86,12 @@ class EstimateErrors:
 
     @property
     def cost(self) -> float:
-        """As `Errors.cost`."""
+        """As `ErrorLaw.cost`."""
         products = min(self.lines.shape) if self.norm == "spectral" else 0
         return (_DRAW + _PER_PRODUCT * products) * self.lines.size
 
     def rounded(self, radii: tuple[float, ...]) -> tuple[float, ...]:
-        """As `Errors.rounded`."""
+        """As `ErrorLaw.rounded`."""
         return (radii[0] + _ROUNDING * float(np.abs(self.lines).sum()),)
 
     def draw(self, runs: int, key: Key) -> Floats:
@@ -109,7 +109,7 @@ class EstimateErrors:
 
 
 @dataclass(frozen=True, eq=False)
-class Entity:
+class DrawnEntity:
     """One entity of a control: its exact values, and what the control uses in their place.
 
     That is the `estimate`, the same in every run; or the average of `size` realizations, drawn anew
@@ -141,7 +141,15 @@ class PlanErrors:
     """
 
     def __init__(
-        self, B: Floats, x0: Entity, xf: Entity, A: Entity, *, steps: int, paired: bool, rows: bool
+        self,
+        B: Floats,
+        x0: DrawnEntity,
+        xf: DrawnEntity,
+        A: DrawnEntity,
+        *,
+        steps: int,
+        paired: bool,
+        rows: bool,
     ) -> None:
         self.B, self.paired, self.rows = B, paired, rows
         self.entities = x0, xf, A
@@ -189,7 +197,7 @@ class PlanErrors:
 
     @property
     def cost(self) -> float:
-        """As `Errors.cost`."""
+        """As `ErrorLaw.cost`."""
         n, width = self.best.factors.B.shape
         cost: float = _DRAW * (n * n + 2 * n)
         if self.several:
@@ -231,7 +239,7 @@ class PlanErrors:
 # -- from errors to bounds ---------------------------------------------------------------------
 
 
-def radii(errors: Errors, delta: float, key: Key) -> tuple[float, ...] | None:
+def radii(errors: ErrorLaw, delta: float, key: Key) -> tuple[float, ...] | None:
     """Bounds of the errors, each exceeded with probability `delta`; None: too many runs."""
     runs = runs_for(delta, errors.cost)
     if runs is None:
@@ -280,7 +288,7 @@ def exceedances(runs: int, delta: float) -> int | None:
 
 
 def searched_size(
-    errors_at: Callable[[int], Errors], which: int, eps: float, delta: float, key: Key
+    errors_at: Callable[[int], ErrorLaw], which: int, eps: float, delta: float, key: Key
 ) -> int | None:
     """A size whose bound for error `which` is at most `eps`, within 1 or 5 % of the smallest.
 

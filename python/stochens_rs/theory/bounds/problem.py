@@ -14,9 +14,9 @@ from ...system import System
 from ..dynamics import checked_ends
 from ..formulas import lines_of
 from .base import Bound, Setting
-from .drawn_errors import Entity, PlanErrors
+from .drawn_errors import DrawnEntity, PlanErrors
 from .settings import Lines, Paired, Product, Runs
-from .simulated import Law, Simulated
+from .simulated import DrawnErrors, Simulated
 from .table import SETTINGS, TABLE, Row
 
 Of: TypeAlias = Literal["vector", "matrix", "state", "control", "trajectory"]
@@ -30,7 +30,7 @@ _DATA = {
 }
 
 
-class Problem:
+class BoundedQuantity:
     """A quantity with its data and choices, checked; every setting is made once."""
 
     def __init__(
@@ -113,10 +113,10 @@ class Problem:
                 text = "`fusion` must be 'product' over several steps and for systematic rows"
                 raise InputError(f"{text}, got 'diagonal'")
             A, B = self.system.A, self.system.B
-            entities = (Entity(value, scheme=scheme) for value in (self.x0, self.xf, A))
+            entities = (DrawnEntity(value, scheme=scheme) for value in (self.x0, self.xf, A))
             law = PlanErrors(B, *entities, steps=steps, paired=paired, rows=rows)
         key = as_key(rng).child("simulated bound")
-        return Simulated(Law(self.quantity, self.norm, scheme, law), key)
+        return Simulated(DrawnErrors(self.quantity, self.norm, scheme, law), key)
 
 
 def refuse_choices(what: str, **options: tuple[object, object]) -> None:

@@ -14,7 +14,7 @@ from ...rng import Key
 from ..formulas import Sizes
 from .base import Bound, Rates, Setting, halved
 from .drawn_errors import (
-    Errors,
+    ErrorLaw,
     EstimateErrors,
     PlanErrors,
     exceedances,
@@ -29,7 +29,7 @@ from .settings import Control, Paired
 _TYPICAL = 0.01  # delta for which errors are drawn to bound a probability: R is 20 000 or so
 
 
-class Law(Setting):
+class DrawnErrors(Setting):
     """A setting whose errors can be drawn: lines of a vector or a matrix, or a control."""
 
     def __init__(self, quantity: str, norm: str, scheme: Scheme, of: Floats | PlanErrors) -> None:
@@ -40,7 +40,7 @@ class Law(Setting):
             self.entities = Control.entities
             self.equal = Paired.equal if of.paired else ""
 
-    def errors(self, rates: Rates) -> Errors:
+    def errors(self, rates: Rates) -> ErrorLaw:
         """What errors for these sizes are drawn from."""
         sizes = tuple(round(1.0 / rate) if rate > 0.0 else None for rate in rates)
         if isinstance(self._of, PlanErrors):
@@ -57,7 +57,7 @@ class Simulated(Bound):
 
     Parameters
     ----------
-    law : Law
+    law : DrawnErrors
         The distribution of the errors.
     key : Key
         Key of the draws: equal errors in every call.
@@ -83,9 +83,9 @@ class Simulated(Bound):
     [0.2, 0.4]
     """
 
-    setting: Law
+    setting: DrawnErrors
 
-    def __init__(self, law: Law, key: Key) -> None:
+    def __init__(self, law: DrawnErrors, key: Key) -> None:
         super().__init__(
             "simulated",
             "order statistic of errors drawn from the law; its own chance of failure is in delta",
@@ -123,7 +123,7 @@ class Simulated(Bound):
 
         return halved(0.0, math.log(runs), enough, rounds=40)[0]  # a level to 1e-11
 
-    def errors(self, size: Sizes) -> Errors:
+    def errors(self, size: Sizes) -> ErrorLaw:
         """The law of the errors for a number of realizations.
 
         Parameters
@@ -133,7 +133,7 @@ class Simulated(Bound):
 
         Returns
         -------
-        Errors
+        ErrorLaw
             ``errors.draw(runs, key)`` gives independent errors, (runs, 1); for a state or a
             control (runs, 2), of both.
 

@@ -13,7 +13,7 @@ from ...exceptions import NonFiniteError
 from ...system import System
 from ..dynamics import checked_motion, states
 from ..formulas import Size, inverse_size, matrix_excess, realization_covariance, vector_excess
-from ..positive_maps import map_radius, spectral_radius
+from ..positive_maps import moment_radius, spectral_radius
 
 
 def trajectory_mean(system: System | Any, x0: ArrayLike, u: ArrayLike) -> Floats:
@@ -244,7 +244,7 @@ def growth_factor(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> fl
         radius = spectral_radius(np.abs(A) * np.abs(A).sum(axis=0))  # rho(Q)
     else:
         memory.need("the growth factor", 4 * 8 * len(A) ** 3)
-        radius = map_radius(A, A, np.eye(len(A)), reciprocal)
+        radius = moment_radius(A, A, np.eye(len(A)), reciprocal)
     with np.errstate(over="ignore"):
         return float(_finite("growth factor", np.asarray(np.float64(radius) * scale * scale)))
 

@@ -11,7 +11,7 @@ from ..._base import memory
 from ..._base.types import Floats
 from ...system import System
 from ..formulas import Size, checked_finite, compact_svd, inverse_size
-from ..positive_maps import excitation_radius, map_radius
+from ..positive_maps import excitation_radius, moment_radius
 
 
 def stability_threshold(system: System | Any) -> float:
@@ -84,7 +84,7 @@ def stability_radius(system: System | Any, size: Size = 1) -> float:
     0.25
     """
     A, F, P, scale = _loop(system)
-    radius = map_radius(A, F, P, inverse_size("size", size)) * scale * scale
+    radius = moment_radius(A, F, P, inverse_size("size", size)) * scale * scale
     return checked_finite(radius, "square of `A`")
 
 

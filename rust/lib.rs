@@ -36,6 +36,7 @@ mod compensated;
 pub mod control;
 mod error;
 mod fault;
+pub mod feedback;
 pub mod fleet;
 pub mod fuse;
 pub mod identify;

@@ -8,6 +8,7 @@ mod control;
 mod convert;
 mod draws;
 mod error;
+mod feedback;
 mod fleet;
 mod fuse;
 mod horizon;
@@ -36,6 +37,8 @@ mod _core {
     use super::control::{best_control, mean_difference, pseudoinverse, pushed, realization_controls};
     #[pymodule_export]
     use super::draws::{Draws, sample_counts};
+    #[pymodule_export]
+    use super::feedback::{PyFeedback, feedback_gain, guaranteed_gain, widest_gain};
     #[pymodule_export]
     use super::fleet::{
         fleet_gains, fleet_misses, fleet_moments, fleet_slope, fleet_triangle, fleet_worst, scenario_at_most,

@@ -141,7 +141,7 @@ fn to_come<'a>(noise: &'a Option<Noise<'_>>) -> PyResult<Option<ToCome<'a>>> {
 
 /// A set of models that contains the true one.
 #[pyclass(frozen, module = "stochens_rs._core", name = "Region")]
-pub(super) struct PyRegion(Region);
+pub(super) struct PyRegion(pub(super) Region);
 
 impl PyRegion {
     /// Elementary operations of a certificate of so many steps.

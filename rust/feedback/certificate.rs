@@ -44,15 +44,18 @@ pub struct Certificate {
 /// The verdict about a gain, `Q` in the units of `data`, and the loop with its multipliers.
 pub(super) fn judged(data: &Uncertain, closed: Closed, stop: &Stop) -> Result<(Certificate, Option<Matrix>, Closed)> {
     let own = radius(&closed.a0)?;
-    let (mut closed, mut found) = (closed, Certificate {
-        status: Status::Undetermined,
-        norm: f64::INFINITY,
-        least: f64::INFINITY,
-        radius: own,
-        proof: None,
-        multipliers: Vec::new(),
-        member: None,
-    });
+    let (mut closed, mut found) = (
+        closed,
+        Certificate {
+            status: Status::Undetermined,
+            norm: f64::INFINITY,
+            least: f64::INFINITY,
+            radius: own,
+            proof: None,
+            multipliers: Vec::new(),
+            member: None,
+        },
+    );
     if !own.is_finite() {
         return Ok((found, None, closed));
     }

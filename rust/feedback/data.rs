@@ -170,7 +170,13 @@ impl Uncertain {
     pub fn joined(&self, k: &Matrix) -> Matrix {
         let n = self.n;
         Mat::from_fn(self.region.d, n, |i, j| {
-            if i < n { f64::from(u8::from(i == j)) } else if i < n + self.m { k[(i - n, j)] } else { 0.0 }
+            if i < n {
+                f64::from(u8::from(i == j))
+            } else if i < n + self.m {
+                k[(i - n, j)]
+            } else {
+                0.0
+            }
         })
     }
 

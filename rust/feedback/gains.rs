@@ -8,7 +8,9 @@ use crate::memory::{covered, room_for_products};
 use crate::parallel::Stop;
 use crate::region::Region;
 
-use super::data::{Closed, Matrix, Uncertain, WHAT, entries, finite, in_units, largest, lost, matrix, radius, symmetric, trace};
+use super::data::{
+    Closed, Matrix, Uncertain, WHAT, entries, finite, in_units, largest, lost, matrix, radius, symmetric, trace,
+};
 use super::loops::{best_of, bytes};
 use super::norm::proof;
 
@@ -19,16 +21,27 @@ pub struct Gain {
     pub gain: Vec<f64>,
     /// P (n, n); of [`widest`] nothing.
     pub cost: Option<Vec<f64>>,
-    /// Eigenvalues of the loop around the centre, as pairs.
-    pub eigenvalues: Vec<(f64, f64)>,
     /// What was chosen: the multiplier tau of [`guaranteed`], the widest margin of [`widest`].
     pub parameter: f64,
 }
 
-pub(super) fn eigenvalues(a: &Matrix) -> Result<Vec<(f64, f64)>> {
-    let mut found = Vec::new();
-    found.extend(a.eigenvalues().map_err(lost)?.iter().map(|value| (value.re, value.im)));
-    Ok(found)
+/// The eigenvalues of `A + B K` as pairs; A (n, n), B (n, m), K (m, n).
+///
+/// # Errors
+/// [`Error::Shape`], [`Error::NonFinite`], [`Error::Numerical`], [`Error::Memory`].
+pub fn eigenvalues(a: &[f64], b: &[f64], k: &[f64], n: usize, m: usize) -> Result<Vec<(f64, f64)>> {
+    if a.len() != n * n || b.len() != n * m || k.len() != m * n {
+        let found = k.len().to_string();
+        return Err(Error::Shape { name: "K", expected: format!("{m} x {n} entries"), found });
+    }
+    [("A", a), ("B", b), ("K", k)].iter().try_for_each(|(name, values)| crate::error::require_finite(name, values))?;
+    room_for_products()?;
+    covered(WHAT, bytes(n, n + m), || {
+        let own = matrix(a, n, n) + matrix(b, n, m) * matrix(k, m, n);
+        let mut found = Vec::new();
+        found.extend(own.eigenvalues().map_err(lost)?.iter().map(|value| (value.re, value.im)));
+        Ok(found)
+    })?
 }
 
 /// The limit of `P <- H + A'P (I + G P)^-1 A` from 0, G of mixed sign, if `sound` holds in each round and at the end
@@ -79,13 +92,19 @@ fn refused(what: &str) -> Error {
 /// [`Error::Shape`], [`Error::NonFinite`], [`Error::Value`] for an R that is not positive definite, [`Error::Numerical`] where no
 /// stabilising gain is found, [`Error::Memory`].
 pub fn least_squares(a: &[f64], b: &[f64], q: &[f64], r: &[f64], n: usize, m: usize) -> Result<Gain> {
+    for (name, values, size) in [("A", a, n * n), ("B", b, n * m)] {
+        crate::error::require_finite(name, values)?;
+        if values.len() != size {
+            let found = values.len().to_string();
+            return Err(Error::Shape { name, expected: format!("{size} entries"), found });
+        }
+    }
     room_for_products()?;
     covered(WHAT, bytes(n, n + m), || {
         let (a, b) = (matrix(a, n, n), matrix(b, n, m));
         let (q, r) = (weights("Q", q, n)?, weights("R", r, m)?);
         let (p, k) = regulator(&a, &b, &q, &r)?;
-        let cost = Some(entries(&p));
-        Ok(Gain { gain: entries(&k), cost, eigenvalues: eigenvalues(&(&a + &b * &k))?, parameter: 0.0 })
+        Ok(Gain { gain: entries(&k), cost: Some(entries(&p)), parameter: 0.0 })
     })?
 }
 
@@ -128,7 +147,8 @@ fn game(data: &Uncertain, pi: &Matrix, s: f64) -> Option<(Matrix, Matrix)> {
 
 /// `W'W` of the only part at (x, u), if all directions are determined.
 fn information(data: &Uncertain) -> Result<(Matrix, f64)> {
-    let complete = data.region.parts.iter().all(|part| (0..part.columns.len()).all(|at| part.unit_length(at).is_finite()));
+    let complete =
+        data.region.parts.iter().all(|part| (0..part.columns.len()).all(|at| part.unit_length(at).is_finite()));
     let [piece] = data.pieces.as_slice() else {
         return Err(refused("this needs a region of one part for all rows"));
     };
@@ -142,13 +162,12 @@ fn information(data: &Uncertain) -> Result<(Matrix, f64)> {
     Ok((Mat::from_fn(data.n + data.m, data.n + data.m, |i, j| all[(i, j)]), piece.rho))
 }
 
-fn in_own_units(data: &Uncertain, p: Option<&Matrix>, k: Matrix, parameter: f64) -> Result<Gain> {
-    let eigenvalues = eigenvalues(&(&data.a + &data.b * &k))?;
+fn in_own_units(data: &Uncertain, p: Option<&Matrix>, k: &Matrix, parameter: f64) -> Gain {
     let back = data.back();
     let cost = p.map(|p| entries(&in_units(p, &back, &back)));
-    let mut gain = entries(&k);
+    let mut gain = entries(k);
     gain.iter_mut().enumerate().for_each(|(at, v)| *v *= back[at % data.n]);
-    Ok(Gain { gain, cost, eigenvalues, parameter })
+    Gain { gain, cost, parameter }
 }
 
 /// The gain for nearly the largest region, at 9/10 of it, and how many times larger than `region` that may be.
@@ -188,7 +207,7 @@ pub fn widest(region: &Region, stop: &Stop) -> Result<Gain> {
         }
         let found = at(0.9 * low).or_else(|| at(0.5 * low));
         let k = found.ok_or_else(|| refused("the centre of the region cannot be stabilised"))?;
-        in_own_units(&data, None, k, low)
+        Ok(in_own_units(&data, None, &k, low))
     })?
 }
 
@@ -242,6 +261,6 @@ pub fn guaranteed(region: &Region, q: &[f64], r: &[f64], tau: Option<f64>, stop:
             }
         };
         let (p, k) = at(tau).ok_or_else(none)?;
-        in_own_units(&data, Some(&p), k, tau)
+        Ok(in_own_units(&data, Some(&p), &k, tau))
     })?
 }

@@ -88,14 +88,6 @@ impl Loop {
         &self.certificate
     }
 
-    /// The eigenvalues of the loop around the centre, as pairs.
-    ///
-    /// # Errors
-    /// [`Error::Numerical`].
-    pub fn eigenvalues(&self) -> Result<Vec<(f64, f64)>> {
-        super::gains::eigenvalues(&self.closed.a0)
-    }
-
     /// `Y` (n, n) with `A_G Y A_G' / lambda + X <= Y` for all members, proved; `X` (n, n) in the units of the data. None
     /// where there is none. With `slack` 0 it is the least one, not proved.
     ///
@@ -115,6 +107,30 @@ impl Loop {
                 None => self.proved(&x, alpha, lambda),
             };
             found.map(|y| entries(&in_units(&y, &self.data.unit, &self.data.unit)))
+        })
+    }
+
+    /// Whether `Y` is proved to be such a matrix, and positive definite, with these `multipliers` of the parts.
+    ///
+    /// # Errors
+    /// [`Error::Shape`], [`Error::Memory`].
+    pub fn verified(&self, y: &[f64], x: &[f64], alpha: f64, lambda: f64, multipliers: &[f64]) -> Result<bool> {
+        let (n, parts) = (self.data.n, self.data.pieces.len());
+        if y.len() != n * n || x.len() != n * n || multipliers.len() != parts {
+            let found = format!("{}, {} and {}", y.len(), x.len(), multipliers.len());
+            return Err(Error::Shape {
+                name: "Y",
+                expected: format!("{n} x {n} entries, as X, and {parts} multipliers"),
+                found,
+            });
+        }
+        covered(WHAT, bytes(n, self.data.region.d), || {
+            let back = self.data.back();
+            let own = |values: &[f64]| in_units(&matrix(values, n, n), &back, &back);
+            let mut closed = Closed::new(&self.data, self.closed.k.clone());
+            closed.t.copy_from_slice(multipliers);
+            let claim = Claim { y: &own(y), x: Some(&own(x)), alpha, lambda, by: 1.0 };
+            self.data.determines(&closed.k) && verify(&self.data, &closed, &claim)
         })
     }
 

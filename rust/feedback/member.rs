@@ -44,7 +44,12 @@ fn furthest(x: &Matrix, rho: f64, phi: f64) -> Result<Matrix> {
 }
 
 /// `[A B c]` (n, d) in the units of the data, and its spectral radius; None where none was found.
-pub(super) fn unstable(data: &Uncertain, closed: &Closed, peak: Option<&Peak>, stop: &Stop) -> Result<Option<Vec<f64>>> {
+pub(super) fn unstable(
+    data: &Uncertain,
+    closed: &Closed,
+    peak: Option<&Peak>,
+    stop: &Stop,
+) -> Result<Option<Vec<f64>>> {
     let mut starts: Vec<Vec<Matrix>> = Vec::new();
     let blocks = |of: &dyn Fn(usize, usize, usize) -> f64| {
         let mut all = Vec::new();
@@ -125,7 +130,8 @@ fn climb(data: &Uncertain, closed: &Closed, mut direction: Vec<Matrix>, stop: &S
         let y = vectors.partial_piv_lu().solve_adjoint(&unit);
         for (p, piece) in data.pieces.iter().enumerate() {
             let count = piece.rows.len();
-            let in_root = |i: usize| -> c64 { (0..count).map(|q| y[(piece.rows[q], 0)].conj() * piece.root[(q, i)]).sum() };
+            let in_root =
+                |i: usize| -> c64 { (0..count).map(|q| y[(piece.rows[q], 0)].conj() * piece.root[(q, i)]).sum() };
             let out = |j: usize| -> c64 { (0..data.n).map(|q| vectors[(q, at)] * closed.e[p][(j, q)]).sum() };
             direction[p] = Mat::from_fn(count, closed.e[p].nrows(), |i, j| (lead.conj() * in_root(i) * out(j)).re);
         }

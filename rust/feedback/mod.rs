@@ -37,7 +37,7 @@ mod tube;
 mod verify;
 
 pub use certificate::{Certificate, Status};
-pub use gains::{Gain, guaranteed, least_squares, widest};
+pub use gains::{Gain, eigenvalues, guaranteed, least_squares, widest};
 pub use loops::Loop;
 pub use tube::{Run, Tube};
 

@@ -53,7 +53,8 @@ fn response((a0, e, d): (&Mat<c64>, &Mat<c64>, &Mat<c64>), z: c64, right: &Mat<c
 pub(super) fn peak(data: &Uncertain, closed: &Closed, t: f64, stop: &Stop) -> Result<Peak> {
     let (e, d) = (complex(&closed.outputs()), complex(&closed.inputs(data)));
     // no vector of a system with simple numbers is orthogonal to this one
-    let start = Mat::from_fn(d.ncols(), 1, |i, _| c64::new(1.0 + (1.7 * i as f64).sin() / 2.0, (2.3 * i as f64).cos() / 3.0));
+    let start =
+        Mat::from_fn(d.ncols(), 1, |i, _| c64::new(1.0 + (1.7 * i as f64).sin() / 2.0, (2.3 * i as f64).cos() / 3.0));
     if e.nrows() == 0 || d.ncols() == 0 {
         return Ok(Peak { g: 0.0, left: Mat::zeros(e.nrows(), 1), right: start });
     }
@@ -79,7 +80,11 @@ pub(super) fn peak(data: &Uncertain, closed: &Closed, t: f64, stop: &Stop) -> Re
     for _ in 0..16 {
         let (one, other) = (high - golden * (high - low), low + golden * (high - low));
         let (first, second) = (at_angle(one, &best.right), at_angle(other, &best.right));
-        if first.g > second.g { high = other } else { low = one }
+        if first.g > second.g {
+            high = other
+        } else {
+            low = one
+        }
         let found = if first.g > second.g { first } else { second };
         best = if found.g > best.g { found } else { best };
     }

@@ -1,8 +1,8 @@
 //! Where a linear feedback keeps limits for all time, without noise.
 
 use faer::Mat;
-use faer::linalg::solvers::Solve;
 use faer::Side;
+use faer::linalg::solvers::Solve;
 
 use crate::error::{Error, Result};
 use crate::memory::covered;
@@ -31,7 +31,8 @@ impl Loop {
         let rows = self.rows();
         // the largest multiple of sizes below the limits
         let within = |sizes: &[f64]| {
-            let each = limits.iter().zip(sizes).map(|(most, size)| if *size > 0.0 { most / size } else { f64::INFINITY });
+            let each =
+                limits.iter().zip(sizes).map(|(most, size)| if *size > 0.0 { most / size } else { f64::INFINITY });
             each.fold(f64::INFINITY, f64::min) * (1.0 - 1e-6)
         };
         let rooted = |mut squares: Vec<f64>| {

@@ -11,7 +11,14 @@ fn round(centre: &[f64], n: usize, m: usize, rho: f64) -> Region {
     let (rows, columns) = ((0..n).collect::<Vec<_>>(), (0..d).collect::<Vec<_>>());
     let (white, shape) = (eye(d), eye(n));
     let of = PartOf {
-        rows: &rows, columns: &columns, white: &white, root: &white, missing: &[], ratio: 1.0, shape: &shape, factor: rho * rho,
+        rows: &rows,
+        columns: &columns,
+        white: &white,
+        root: &white,
+        missing: &[],
+        ratio: 1.0,
+        shape: &shape,
+        factor: rho * rho,
     };
     Region::new(centre, n, m, vec![Arc::new(Part::new(of).unwrap())], None, false).unwrap()
 }
@@ -39,9 +46,11 @@ fn one_state() {
 
 #[test]
 fn widest_margins_of_one_state() {
-    for (centre, gain, most) in
-        [([1.2, 1.0], -1.2, 0.640184399664), ([0.5, 1.0], -0.5, 0.894427190999916), ([0.9, 0.1], -1.0, 0.14142135623731)]
-    {
+    for (centre, gain, most) in [
+        ([1.2, 1.0], -1.2, 0.640184399664),
+        ([0.5, 1.0], -0.5, 0.894427190999916),
+        ([0.9, 0.1], -1.0, 0.14142135623731),
+    ] {
         let found = widest(&round(&centre, 1, 1, 0.01), &Stop::new()).unwrap();
         near(0.01 * found.parameter, most, 1e-3);
         near(found.gain[0], gain, 0.2);

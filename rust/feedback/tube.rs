@@ -107,7 +107,9 @@ impl Loop {
         }
         let parts: usize = self.data.pieces.iter().zip(&self.closed.e).map(|(p, e)| p.rows.len() * e.nrows()).sum();
         let table = checked_len(WHAT, 10 * (n + m), run.steps + LONGER)? as u128 * 8;
-        covered(WHAT, bytes(n, self.data.region.d) + table + 32 * (n * (parts + n)) as u128, || self.tube_of(run, parts, stop))?
+        covered(WHAT, bytes(n, self.data.region.d) + table + 32 * (n * (parts + n)) as u128, || {
+            self.tube_of(run, parts, stop)
+        })?
     }
 
     fn tube_of(&self, run: Run<'_>, parts: usize, stop: &Stop) -> Result<Tube> {
@@ -205,10 +207,12 @@ impl Loop {
             Some((rested.transpose() * gramian * rested)[(0, 0)].max(0.0))
         };
         let own = Mat::from_fn(data.n, data.n, |i, j| if i == j { data.unit[i].powi(2) } else { 0.0 });
-        let (rest, centre) = if forever { (along(&(e.transpose() * &e)), along(&own)) } else { (Some(0.0), Some(f64::INFINITY)) };
+        let (rest, centre) =
+            if forever { (along(&(e.transpose() * &e)), along(&own)) } else { (Some(0.0), Some(f64::INFINITY)) };
         let (Some(rest), Some(centre)) = (rest, centre) else { return Ok(None) };
         let weight = |k: usize| t.powi(-(k as i32));
-        let squared: f64 = first.iter().enumerate().map(|(k, c)| (crate::fuse::norm(c.iter().copied()) * weight(k)).powi(2)).sum();
+        let squared: f64 =
+            first.iter().enumerate().map(|(k, c)| (crate::fuse::norm(c.iter().copied()) * weight(k)).powi(2)).sum();
         let size = (squared + rest * weight(first.len()).powi(2)).sqrt() * (1.0 + ROUNDING) / (1.0 - theta);
         let start = if start > 0.0 {
             let x = Mat::from_fn(data.n, data.n, |i, j| if i == j { (start / data.unit[i]).powi(2) } else { 0.0 });
@@ -230,7 +234,15 @@ impl Loop {
     }
 
     /// The bounds step by step, to `end`; without a level they are infinite from the first step on.
-    fn along(&self, run: Run<'_>, end: usize, levels: &[Level], sharp: bool, rows: &Matrix, stop: &Stop) -> Result<Tube> {
+    fn along(
+        &self,
+        run: Run<'_>,
+        end: usize,
+        levels: &[Level],
+        sharp: bool,
+        rows: &Matrix,
+        stop: &Stop,
+    ) -> Result<Tube> {
         let data = &self.data;
         let (n, m, q) = (data.n, data.m, data.n + data.m);
         let mut tube = Tube {
@@ -268,7 +280,8 @@ impl Loop {
             let (mut own, mut whole) = (squares(&l, rows), 0.0);
             own.iter_mut().for_each(|v| *v = v.sqrt() * (1.0 + ROUNDING));
             if partial.is_some() {
-                whole = largest(&super::data::symmetric(&in_units(&l, &data.unit, &data.unit)))?.sqrt() * (1.0 + ROUNDING);
+                whole =
+                    largest(&super::data::symmetric(&in_units(&l, &data.unit, &data.unit)))?.sqrt() * (1.0 + ROUNDING);
             }
             let (mut model, mut start) = ([0.0f64, 0.0], Vec::new());
             let mut squared = 0.0;
@@ -279,7 +292,13 @@ impl Loop {
                 if sharp && !levels.is_empty() {
                     let mut linear = 0.0;
                     for ((piece, e), sum) in data.pieces.iter().zip(&self.closed.e).zip(&sums) {
-                        linear += first_order(&rows.subrows(h, 1).to_owned(), sum, (e.nrows(), piece.rows.len()), piece.rho, data.phi)?;
+                        linear += first_order(
+                            &rows.subrows(h, 1).to_owned(),
+                            sum,
+                            (e.nrows(), piece.rows.len()),
+                            piece.rho,
+                            data.phi,
+                        )?;
                     }
                     let second = second.min(least(&|level| power(level) * level.rows[h] * level.second));
                     bound = bound.min(linear * (1.0 + ROUNDING) + second);
@@ -302,7 +321,9 @@ impl Loop {
             model[0] = squared.sqrt();
             model[1] = partial.map_or(f64::INFINITY, |level| whole * level.size);
             model[1] = model[1].min(least(&|level| power(level) * level.norm * level.size));
-            if let ([piece], [sum], [e], true) = (data.pieces.as_slice(), sums.as_slice(), self.closed.e.as_slice(), sharp && k > 0) {
+            if let ([piece], [sum], [e], true) =
+                (data.pieces.as_slice(), sums.as_slice(), self.closed.e.as_slice(), sharp && k > 0)
+            {
                 // ||vec(G)|| <= phi
                 let phi = data.phi.min(piece.rho * (piece.rows.len().min(e.nrows()) as f64).sqrt());
                 let square = super::data::symmetric(&in_units(&(sum * sum.transpose()), &data.unit, &data.unit));

@@ -96,7 +96,13 @@ fn holds(f: &Matrix, sizes: &Matrix, (forcing, levels): (&Matrix, &[f64]), terms
     let n = y.nrows();
     let same = |a: &Matrix| finite(a) && (0..n).all(|i| (0..i).all(|j| a[(i, j)] == a[(j, i)]));
     let sound = same(y) && x.is_none_or(same) && same(forcing) && finite(f) && finite(sizes);
-    if !(sound && alpha > 0.0 && alpha.is_finite() && lambda > 0.0 && lambda <= 1.0) {
+    if !(sound
+        && levels.iter().all(|v| *v > 0.0 && v.is_finite())
+        && alpha > 0.0
+        && alpha.is_finite()
+        && lambda > 0.0
+        && lambda <= 1.0)
+    {
         return false;
     }
     let (big, at) = (f.nrows(), |i: usize, j: usize| x.map_or(0.0, |x| x[(i, j)]));
@@ -107,11 +113,8 @@ fn holds(f: &Matrix, sizes: &Matrix, (forcing, levels): (&Matrix, &[f64]), terms
         (false, true) => levels[i - n],
         (false, false) => 0.0,
     };
-    let m = Mat::from_fn(big, big, |i, j| {
-        top(i, j, false) - 0.5 * (product[(i, j)] + product[(j, i)]) / lambda
-    });
+    let m = Mat::from_fn(big, big, |i, j| top(i, j, false) - 0.5 * (product[(i, j)] + product[(j, i)]) / lambda);
     // two entries of F, and two sums of n
     let (near, far) = (gamma(8), gamma(2 * terms + 2 * n + 16) / lambda);
-    proved(&m, |i, j| near * top(i, j, true) + far * product_sizes[(i, j)])
-        && proved(y, |_, _| 0.0)
+    proved(&m, |i, j| near * top(i, j, true) + far * product_sizes[(i, j)]) && proved(y, |_, _| 0.0)
 }

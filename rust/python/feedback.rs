@@ -68,11 +68,6 @@ impl PyFeedback {
         member.map(|theta| array2(py, try_copy(WHAT, theta)?, self.n, theta.len() / self.n)).transpose()
     }
 
-    #[getter]
-    fn eigenvalues<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<Complex64>>> {
-        complex(py, &self.of.eigenvalues()?)
-    }
-
     /// `Y` with `A_G Y A_G' / lambda + X <= Y` for all members, proved; the least one for larger sides with a `slack`.
     #[pyo3(signature = (x, alpha, lambda_, slack=None))]
     fn invariant<'py>(
@@ -87,6 +82,18 @@ impl PyFeedback {
         found.map(|y| array2(py, y, self.n, self.n)).transpose()
     }
 
+    fn verified(
+        &self,
+        y: Matrix<'_>,
+        x: Matrix<'_>,
+        alpha: f64,
+        lambda_: f64,
+        multipliers: Vector<'_>,
+    ) -> PyResult<bool> {
+        let (y, x, multipliers) = (slice("Y", &y)?, slice("X", &x)?, slice("multipliers", &multipliers)?);
+        Ok(self.of.verified(y, x, alpha, lambda_, multipliers)?)
+    }
+
     /// `(nominal, model, start, radii, noise, noise_radius, later, reach)`.
     #[expect(clippy::type_complexity, reason = "the fields of a tube")]
     fn tube<'py>(
@@ -97,7 +104,8 @@ impl PyFeedback {
         plan: Matrix<'_>,
         start: f64,
         noise: Option<(Matrix<'_>, f64)>,
-    ) -> PyResult<(Array2<'py>, Array2<'py>, Array2<'py>, Array1<'py>, Array1<'py>, f64, Array1<'py>, Array1<'py>)> {
+    ) -> PyResult<(Array2<'py>, Array2<'py>, Array2<'py>, Array1<'py>, Array1<'py>, f64, Array1<'py>, Array1<'py>)>
+    {
         let noise = match &noise {
             Some((covariance, eps)) => Some((slice("noise", covariance)?, *eps)),
             None => None,
@@ -127,13 +135,13 @@ fn complex<'py>(py: Python<'py>, values: &[(f64, f64)]) -> PyResult<Bound<'py, P
     array1(py, try_collect(WHAT, values.iter().map(|(re, im)| Complex64::new(*re, *im)))?)
 }
 
-/// `(K, cost, eigenvalues, parameter)`.
-type FoundGain<'py> = (Array2<'py>, Option<Array2<'py>>, Bound<'py, PyArray1<Complex64>>, f64);
+/// `(K, cost, parameter)`.
+type FoundGain<'py> = (Array2<'py>, Option<Array2<'py>>, f64);
 
 fn handed<'py>(py: Python<'py>, found: Gain, n: usize) -> PyResult<FoundGain<'py>> {
     let m = found.gain.len() / n;
     let cost = found.cost.map(|p| array2(py, p, n, n)).transpose()?;
-    Ok((array2(py, found.gain, m, n)?, cost, complex(py, &found.eigenvalues)?, found.parameter))
+    Ok((array2(py, found.gain, m, n)?, cost, found.parameter))
 }
 
 /// The gain of least squares for `A` and `B`.
@@ -149,6 +157,18 @@ pub(super) fn feedback_gain<'py>(
     let (a, b, q, r) = (slice("A", &a)?, slice("B", &b)?, slice("Q", &q)?, slice("R", &r)?);
     let found = run(py, UNTIL_STOPPED, |_| feedback::least_squares(a, b, q, r, n, m))?;
     handed(py, found, n)
+}
+
+/// The eigenvalues of `A + B K`.
+#[pyfunction]
+pub(super) fn loop_eigenvalues<'py>(
+    py: Python<'py>,
+    a: Matrix<'_>,
+    b: Matrix<'_>,
+    k: Matrix<'_>,
+) -> PyResult<Bound<'py, PyArray1<Complex64>>> {
+    let (n, m) = b.as_array().dim();
+    complex(py, &feedback::eigenvalues(slice("A", &a)?, slice("B", &b)?, slice("K", &k)?, n, m)?)
 }
 
 /// The gain with the widest margin in a region.

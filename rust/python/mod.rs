@@ -38,7 +38,7 @@ mod _core {
     #[pymodule_export]
     use super::draws::{Draws, sample_counts};
     #[pymodule_export]
-    use super::feedback::{PyFeedback, feedback_gain, guaranteed_gain, widest_gain};
+    use super::feedback::{PyFeedback, feedback_gain, guaranteed_gain, loop_eigenvalues, widest_gain};
     #[pymodule_export]
     use super::fleet::{
         fleet_gains, fleet_misses, fleet_moments, fleet_slope, fleet_triangle, fleet_worst, scenario_at_most,

@@ -305,7 +305,12 @@ impl Loop {
                 }
                 let bound = if k == 0 { 0.0 } else { bound };
                 let first = least(&|level| level.start.as_ref().map_or(0.0, |start| power(level) * start.0[h]));
-                start.push(if run.start > 0.0 { first } else { 0.0 });
+                let length = || crate::fuse::norm((0..n).map(|j| rows[(h, j)] / data.unit[j]));
+                start.push(match k {
+                    _ if run.start <= 0.0 => 0.0,
+                    0 => first.min(run.start * length()),
+                    _ => first,
+                });
                 if h < n {
                     squared += bound * bound;
                 }
@@ -333,7 +338,7 @@ impl Loop {
             }
             let first = least(&|level| level.start.as_ref().map_or(0.0, |start| power(level) * start.1));
             let first = if run.start > 0.0 { first } else { 0.0 };
-            let radius = if k == 0 { first } else { model[0].min(model[1]) + first };
+            let radius = if k == 0 { first.min(run.start) } else { model[0].min(model[1]) + first };
             if k <= run.steps {
                 tube.radii.push(radius);
                 tube.start.extend_from_slice(&start);

@@ -172,7 +172,7 @@ class LoopCertificate(SavedRecord):
         >>> loop = se.gain(se.identify(data, sigma=0.1), 1.0, 1.0)
         >>> tube = loop.certificate(0.05).tube([1.0], 10)
         >>> tube.radii[:2].round(2), tube.settles(0.01)
-        (array([0.  , 0.06]), 7)
+        (array([0.  , 0.12]), 8)
         """
         if self.readings:
             raise InputError("`tube` needs exact states: those of this model are read with error")
@@ -241,7 +241,7 @@ class LoopCertificate(SavedRecord):
         >>> data = se.Trajectories.from_pairs(x, u, 1.2 * x + u + 0.1 * w)
         >>> proof = se.gain(se.identify(data, sigma=0.1), 1.0, 1.0).certificate(0.05)
         >>> round(proof.holds((-1.0, 1.0), [1.0]), 2)
-        1.29
+        1.26
         """
         if self.readings:
             raise InputError("`holds` needs exact states: those of this model are read with error")

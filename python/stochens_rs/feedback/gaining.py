@@ -71,7 +71,7 @@ def gain(
     >>> import stochens_rs as se
     >>> loop = se.gain(([[1.2]], [[1.0]]), Q=1.0, R=1.0)
     >>> loop.K.round(4), abs(loop.E[0]).round(4)
-    (array([[-0.7864]]), np.float64(0.4136))
+    (array([[-0.7935]]), np.float64(0.4065))
     """
     model = system if isinstance(system, Identified) else None
     known = System.from_any(system) if model is None else model

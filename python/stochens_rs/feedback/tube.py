@@ -172,7 +172,11 @@ class Tube(SavedRecord):
         K = html.counted(len(self.inputs))
         if not np.isfinite(self.radii).all():
             return f"<Tube: {K}, unbounded>"
-        return f"<Tube: {K}, within {self.radii.max():.3g} of the centre, {self._share} {noise}>"
+        far = f"every system within {self.radii.max():.3g} of the centre"
+        n, m = self.states.shape[1], self.inputs.shape[1]
+        if m == 1 and np.isfinite(self.reach[n]):
+            far += f", |{self.labels.inputs[0]}| at most {self.reach[n]:.3g} for ever without noise"
+        return f"<Tube: {K}, {far}, {self._share} {noise}>"
 
     def _repr_html_(self) -> str:
         names = (*self.labels.states, *self.labels.inputs)

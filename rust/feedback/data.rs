@@ -69,8 +69,14 @@ pub(super) fn radius(a: &Matrix) -> Result<f64> {
 
 /// The largest eigenvalue of a symmetric matrix.
 pub(super) fn largest(a: &Matrix) -> Result<f64> {
-    let found = a.self_adjoint_eigenvalues(Side::Lower).map_err(lost)?;
-    Ok(found.last().copied().unwrap_or(0.0).max(0.0))
+    let unit = size_of(a);
+    let found = scaled(a, 1.0 / unit).self_adjoint_eigenvalues(Side::Lower).map_err(lost)?;
+    Ok(unit * found.last().copied().unwrap_or(0.0).max(0.0))
+}
+
+/// The power of 2 next to the largest entry: decompositions of what is nearly 0 do not converge.
+pub(super) fn size_of(a: &Matrix) -> f64 {
+    power_of_two(a.norm_max())
 }
 
 /// `D` with `D D' = S`; negative eigenvalues are rounding.

@@ -10,6 +10,9 @@ use super::data::{Closed, Matrix, Uncertain, lost, scaled, trace};
 use super::lemma::{Solved, least};
 use super::verify::{Claim, verify};
 
+/// Entries of a response up to which its singular values are computed.
+const DIRECT: usize = 400;
+
 /// Where the response is largest, with its singular vectors.
 #[derive(Debug, Clone)]
 pub(super) struct Peak {
@@ -22,10 +25,19 @@ fn complex(a: &Matrix) -> Mat<c64> {
     Mat::from_fn(a.nrows(), a.ncols(), |i, j| c64::new(a[(i, j)], 0.0))
 }
 
-/// The response at `z`, by power iteration from `right`.
+/// The response at `z`; of a large one by power iteration from `right`.
 fn response((a0, e, d): (&Mat<c64>, &Mat<c64>, &Mat<c64>), z: c64, right: &Mat<c64>) -> Peak {
     let n = a0.nrows();
     let lu = Mat::from_fn(n, n, |i, j| if i == j { z - a0[(i, j)] } else { -a0[(i, j)] }).partial_piv_lu();
+    if e.nrows() * d.ncols() <= DIRECT {
+        // exactly: power iteration may stay at a smaller singular value
+        let whole = e * lu.solve(d);
+        let finite = (0..whole.ncols()).all(|j| (0..whole.nrows()).all(|i| whole[(i, j)].norm().is_finite()));
+        if let Some(svd) = finite.then(|| whole.thin_svd().ok()).flatten() {
+            let column = |v: faer::MatRef<'_, c64>| v.subcols(0, 1).to_owned();
+            return Peak { g: svd.S().column_vector()[0].re, left: column(svd.U()), right: column(svd.V()) };
+        }
+    }
     let (mut found, mut right) = (0.0f64, right.clone());
     let mut left = Mat::zeros(e.nrows(), 1);
     for round in 0..60 {

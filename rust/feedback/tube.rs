@@ -8,7 +8,7 @@ use crate::memory::{checked_len, covered};
 use crate::parallel::Stop;
 
 use super::certificate::{Status, weighted};
-use super::data::{Matrix, WHAT, in_units, largest, lost, matrix, scaled, stacked, trace};
+use super::data::{Matrix, WHAT, in_units, largest, lost, matrix, scaled, size_of, stacked, trace};
 use super::lemma::least;
 use super::loops::{Loop, bytes, squares};
 use super::member::clipped;
@@ -100,10 +100,14 @@ impl Loop {
     /// [`Error::Shape`], [`Error::Numerical`], [`Error::Memory`], [`Error::Interrupted`].
     pub fn tube(&self, run: Run<'_>, stop: &Stop) -> Result<Tube> {
         let (n, m) = (self.data.n, self.data.m);
-        if run.x0.len() != n || !run.plan.len().is_multiple_of(m) {
-            let found = format!("{} and {}", run.x0.len(), run.plan.len());
-            let expected = format!("{n} states, and rows of {m} inputs");
+        let square = run.noise.is_none_or(|(covariance, _)| covariance.len() == n * n);
+        if run.x0.len() != n || !square {
+            let (expected, found) = (format!("{n} entries, as the noise"), run.x0.len().to_string());
             return Err(Error::Shape { name: "x0", expected, found });
+        }
+        if !run.plan.len().is_multiple_of(m) || run.plan.len() / m > run.steps {
+            let expected = format!("at most {} rows of {m}", run.steps);
+            return Err(Error::Shape { name: "inputs", expected, found: format!("{} entries", run.plan.len()) });
         }
         let parts: usize = self.data.pieces.iter().zip(&self.closed.e).map(|(p, e)| p.rows.len() * e.nrows()).sum();
         let table = checked_len(WHAT, 10 * (n + m), run.steps + LONGER)? as u128 * 8;
@@ -118,7 +122,7 @@ impl Loop {
         let planned = run.plan.len() / m;
         let forever = data.c.is_none();
         // c of the steps of the plan, or of all steps if the loop does not come to rest at 0
-        let summed = if forever { planned.min(run.steps) } else { run.steps };
+        let summed = if forever { planned } else { run.steps };
         let mut way = Way { of: self, x: Mat::from_fn(n, 1, |i, _| run.x0[i] / data.unit[i]), plan: run.plan, k: 0 };
         let (mut first, mut rested, mut known) = (Vec::new(), way.x.clone(), true);
         for k in 0..=run.steps.max(summed) {
@@ -244,7 +248,7 @@ impl Loop {
         stop: &Stop,
     ) -> Result<Tube> {
         let data = &self.data;
-        let (n, m, q) = (data.n, data.m, data.n + data.m);
+        let (n, q) = (data.n, data.n + data.m);
         let mut tube = Tube {
             nominal: Vec::new(),
             model: Vec::new(),
@@ -362,7 +366,6 @@ impl Loop {
             l = &self.closed.a0 * &l * self.closed.a0.transpose() + &forcing;
             way.step();
         }
-        debug_assert_eq!(m, q - n);
         Ok(tube)
     }
 }
@@ -373,8 +376,9 @@ fn first_order(h: &Matrix, sum: &Matrix, (rank, rows): (usize, usize), rho: f64,
     if rank == 0 || rows == 0 {
         return Ok(0.0);
     }
-    let x = Mat::from_fn(rank, rows, |i, j| line[(0, i * rows + j)]);
-    Ok(clipped(&x.singular_values().map_err(lost)?, rho, phi).0)
+    let unit = size_of(&line);
+    let x = Mat::from_fn(rank, rows, |i, j| line[(0, i * rows + j)] / unit);
+    Ok(unit * clipped(&x.singular_values().map_err(lost)?, rho, phi).0)
 }
 
 /// The centre along the run.

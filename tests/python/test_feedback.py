@@ -1,4 +1,4 @@
-"""`gain`, `Loop`, `LoopCertificate` and `Tube`: known values, proofs, verdicts and what is refused."""
+"""`gain` and the certificates of loops: known values, proofs, verdicts and what is refused."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ import stochens_rs as se
 from stochens_rs import _core
 from stochens_rs.exceptions import InputError, SolverError
 from stochens_rs.feedback import LoopCertificate, Tube
-
-from .twin import feedback as twin
+from twin import feedback as twin
 
 CENTRE = np.array([[0.9, 0.2, 0.0], [-0.1, 0.8, 1.0]])
 V = np.array([[115.0, 41, -11], [41, 103, -11], [-11, -11, 99]])
@@ -139,8 +138,11 @@ def test_the_rig():
     _, model, _, radii, noise, size, later, reach = loop.tube(x0, 60, NONE, 0.0, (RIG_S, 0.05))
     # .0139810 with rho g in place of its proved bound, which is .1 % larger
     assert radii.max() == pytest.approx(0.013981020, rel=2e-4)
-    assert (noise[:4] > 3.0 * 5e-4).all() and size < np.linalg.norm(noise[:4]) * 1.001
-    assert later[26] <= 0.05 and np.isfinite(reach).all() and model.shape == (61, 5)
+    assert (noise[:4] > 3.0 * 5e-4).all()
+    assert size < np.linalg.norm(noise[:4]) * 1.001
+    assert later[26] <= 0.05
+    assert np.isfinite(reach).all()
+    assert model.shape == (61, 5)
     assert judged(RIG, RIG_V, RIG_S, 6.8, np.zeros((1, 4))).status == "refuted"
 
 
@@ -212,12 +214,10 @@ def test_no_proof_is_accepted_that_is_false():
                 if loop.verified(one, np.zeros((n, n)), 1.0, 1.0, np.ones(1)):
                     accepted += 1
                     near += abs(gap) <= 1e-5
-                    assert (
-                        one is Q
-                        and exact
-                        or twin.true(centre, white(V), S, K, used_radius(np.sqrt(rho**2), d), one)
+                    assert (one is Q and exact) or twin.true(
+                        centre, white(V), S, K, used_radius(np.sqrt(rho**2), d), one
                     )
-    assert decided >= 500 and accepted >= 300 and near >= 50, (decided, accepted, near)
+    assert min(decided / 500, accepted / 300, near / 50) >= 1.0, (decided, accepted, near)
 
 
 def test_the_proof_is_that_of_the_twin():
@@ -245,7 +245,7 @@ def test_what_is_no_proof():
         assert loop_at(rho).verified(Q, zero, 1.0, 1.0, one) is holds
     assert not judged(CENTRE, V, S, 1.0, -K).verified(Q, zero, 1.0, 1.0, one)
     loop = loop_at(1.0)
-    skew = Q + [[0.0, 1e-12], [0.0, 0.0]]
+    skew = Q + np.array([[0.0, 1e-12], [0.0, 0.0]])
     for wrong in (np.nan * Q, np.inf * Q, -Q, skew, 0 * Q):
         assert not loop.verified(wrong, zero, 1.0, 1.0, one)
     for alpha, lam in ((0.0, 1.0), (-1.0, 1.0), (np.nan, 1.0), (1.0, 0.0), (1.0, 1.1), (1.0, -1.0)):
@@ -266,7 +266,7 @@ def test_the_verdict_on_both_sides_of_the_limit():
         n = len(centre)
         g = judged(centre, V, S, 1e-3, K).sizes[1] / 1e-3
         A0, E = centre @ twin.joined(K, n + 1), white(V) @ twin.joined(K, n + 1)
-        assert twin.stacked_norm(A0, np.linalg.cholesky(S), E) <= g * (1 + 1e-6)
+        assert twin.stacked_norm(A0, np.linalg.cholesky(S), E) <= g * (1 + 1e-4)
         assert judged(centre, V, S, 0.999 / g, K).status == "certified"
         assert judged(centre, V, S, 1.001 / g, K).status in ("not provable", "refuted")
         beyond = judged(centre, V, S, 1.07 / g, K)
@@ -309,11 +309,15 @@ def test_from_data_to_a_tube():
     assert np.abs(loop.E).max() < 1.0
     np.testing.assert_allclose(loop([1.0, 2.0]), loop.K @ [1.0, 2.0])
     proof = loop.certificate(0.05)
-    assert proof.status == "certified" and proof.check() and proof.margin > 1.0
+    assert proof.status == "certified"
+    assert proof.check()
+    assert proof.margin > 1.0
     assert re.search(r"certified for every system of the region \(95 %\)", repr(proof))
     tube = proof.tube([1.0, 0.0], 20, noise=0.05)
-    assert (tube.components[1:] >= tube.model[1:, :2]).all() and (tube.components[0] == 0).all()
-    assert tube.settles(0.01) > tube.settles(0.1) >= 1 and tube.settles(1e-9) is None
+    assert (tube.components[1:] >= tube.model[1:, :2]).all()
+    assert (tube.components[0] == 0).all()
+    assert tube.settles(0.01) > tube.settles(0.1) >= 1
+    assert tube.settles(1e-9) is None
     assert "90 % with noise" in repr(tube)
     for one in (loop, proof, tube):
         again = type(one).from_dict(one.to_dict())
@@ -347,7 +351,8 @@ def test_gains_with_a_guarantee():
     assert np.trace(sure.S) > np.trace(plain.S)
     margins = [loop.certificate(0.05).margin for loop in (plain, wide)]
     assert margins[1] > margins[0]
-    assert wide.S is None and wide.parameter >= margins[1] * 0.999
+    assert wide.S is None
+    assert wide.parameter >= margins[1] * 0.999
     # the same region made by hand, and another one
     region = one.region(0.05, frobenius=True)
     assert plain.certificate(region).region is region
@@ -384,14 +389,16 @@ def test_what_the_data_do_not_determine():
     own = np.array([[-0.5, -0.3]])
     A, B = np.array([[1.1, 0.3], [0.0, 0.7]]), np.array([[0.5], [1.0]])
     data = se.Trajectories.from_pairs(x, x @ own.T, x @ (A + B @ own).T + 0.05 * w)
-    one = se.identify(data, sigma=0.05)
+    with pytest.warns(se.exceptions.DataWarning, match="do not determine"):
+        one = se.identify(data, sigma=0.05)
     other = se.gain(se.System(A, B), 1.0, 1.0).K
     region = one.region(0.05)
     assert _core.Feedback(region._core, own).status == "certified"
     assert _core.Feedback(region._core, np.ascontiguousarray(other)).status == "undetermined"
     loop = se.feedback.Loop(one.A, one.B, other, None, "least squares", None, one.labels, None, one)
     proof = loop.certificate(0.05)
-    assert proof.status == "undetermined" and "do not determine the system along" in repr(proof)
+    assert proof.status == "undetermined"
+    assert "do not determine the system along" in repr(proof)
     assert not np.isfinite(proof.tube([1.0, 0.0], 5).radii[1:]).any()
     assert proof.holds((-1.0, 1.0), [1.0, 0.0]) == 0.0
     with pytest.raises(SolverError, match="do not determine"):
@@ -413,8 +420,10 @@ def test_an_offset_leaves_no_statement_for_all_time():
     proof = se.gain(se.identify(data, sigma=0.05, intercept=True), 1.0, 1.0).certificate(0.05)
     assert proof.status == "certified"
     tube = proof.tube([1.0], 20)
-    assert np.isfinite(tube.radii).all() and np.isinf(tube.later).all()
-    assert np.isinf(tube.reach).all() and tube.settles(10.0) is None
+    assert np.isfinite(tube.radii).all()
+    assert np.isinf(tube.later).all()
+    assert np.isinf(tube.reach).all()
+    assert tube.settles(10.0) is None
     assert proof.holds((-9.0, 9.0), [0.1]) == 0.0
 
 
@@ -433,7 +442,7 @@ def test_a_changed_plant_is_not_covered():
     [
         (lambda: se.gain(([[1.0]], [[1.0]])), "need a model from data"),
         (lambda: se.gain(([[1.0]], [[1.0]]), 1.0), "`Q` and `R` must be given both"),
-        (lambda: se.gain(([[1.0]], [[1.0]]), -1.0, 1.0), "`Q` must be a finite real number >= 0"),
+        (lambda: se.gain(([[1.0]], [[1.0]]), -1.0, 1.0), "`Q` must be >= 0"),
         (lambda: se.gain(([[1.0]], [[1.0]]), 1.0, 0.0), "`R` must be positive definite"),
         (lambda: se.gain(([[2.0]], [[0.0]]), 1.0, 1.0), "no gain was found"),
         (lambda: se.gain(([[1.0]], [[1.0]]), 1.0, 1.0).certificate(), "needs a loop for a model"),
@@ -459,5 +468,5 @@ def test_refusals_of_a_certificate():
     ):
         with pytest.raises(se.StochensError, match=re.escape(text)):
             call()
-    unknown = se.gain(model(sigma=0.1, **{"design": "independent"}), 1.0, 1.0)
+    unknown = se.gain(model(sigma=0.1, design="independent"), 1.0, 1.0)
     assert unknown.certificate(0.05).status == "certified"

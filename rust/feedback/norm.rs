@@ -12,6 +12,8 @@ use super::verify::{Claim, verify};
 
 /// Entries of a response up to which its singular values are computed.
 const DIRECT: usize = 400;
+/// Local maxima over the grid of angles that are refined.
+const REFINED: usize = 3;
 
 /// Where the response is largest, with its singular vectors.
 #[derive(Debug, Clone)]
@@ -74,31 +76,40 @@ pub(super) fn peak(data: &Uncertain, closed: &Closed, t: f64, stop: &Stop) -> Re
     let at_angle = |angle: f64, from: &Mat<c64>| response((&a0, &e, &d), c64::from_polar(t, angle), from);
     let mut angles = Vec::new();
     angles.extend([0.0, std::f64::consts::PI]);
-    (0..20).for_each(|k| angles.push(std::f64::consts::PI * 1e-3f64.powf(f64::from(k) / 20.0)));
+    (0..12).for_each(|k| angles.push(std::f64::consts::PI * 1e-3f64.powf(f64::from(k) / 12.0)));
+    (1..24).for_each(|k| angles.push(std::f64::consts::PI * f64::from(k) / 24.0));
     let mut own = closed.a0.eigenvalues().map_err(lost)?;
     own.sort_by(|a, b| b.re.hypot(b.im).total_cmp(&a.re.hypot(a.im)));
     angles.extend(own.iter().take(24).map(|value| value.im.abs().atan2(value.re)));
     angles.sort_by(f64::total_cmp);
-    let (mut best, mut at) = (Peak { g: -1.0, left: Mat::zeros(e.nrows(), 1), right: start.clone() }, 0);
-    for (k, angle) in angles.iter().enumerate() {
+    let mut responses = Vec::new();
+    for angle in &angles {
         stop.check()?;
-        let found = at_angle(*angle, &start);
-        if found.g > best.g {
-            (best, at) = (found, k);
-        }
+        responses.push(at_angle(*angle, &start));
     }
-    let (mut low, mut high) = (angles[at.saturating_sub(1)], angles[(at + 1).min(angles.len() - 1)]);
+    let g = |k: usize| responses[k].g;
+    let top = |k: &usize| (*k == 0 || g(*k) >= g(*k - 1)) && (*k + 1 == angles.len() || g(*k) >= g(*k + 1));
+    let mut tops = Vec::new();
+    tops.extend((0..angles.len()).filter(top));
+    tops.sort_by(|a, b| g(*b).total_cmp(&g(*a)));
+    let mut best = responses[tops.first().copied().unwrap_or(0)].clone();
     let golden = (5f64.sqrt() - 1.0) / 2.0;
-    for _ in 0..16 {
-        let (one, other) = (high - golden * (high - low), low + golden * (high - low));
-        let (first, second) = (at_angle(one, &best.right), at_angle(other, &best.right));
-        if first.g > second.g {
-            high = other
-        } else {
-            low = one
+    for k in tops.into_iter().take(REFINED) {
+        let (mut low, mut high) = (angles[k.saturating_sub(1)], angles[(k + 1).min(angles.len() - 1)]);
+        let (mut one, mut other) = (high - golden * (high - low), low + golden * (high - low));
+        let (mut first, mut second) = (at_angle(one, &responses[k].right), at_angle(other, &responses[k].right));
+        for _ in 0..20 {
+            if first.g > second.g {
+                (high, other, one) = (other, one, other - golden * (other - low));
+                (first, second) = (at_angle(one, &first.right), first);
+            } else {
+                (low, one, other) = (one, other, one + golden * (high - one));
+                (first, second) = (second.clone(), at_angle(other, &second.right));
+            }
         }
-        let found = if first.g > second.g { first } else { second };
-        best = if found.g > best.g { found } else { best };
+        for found in [first, second] {
+            best = if found.g > best.g { found } else { best };
+        }
     }
     Ok(best)
 }

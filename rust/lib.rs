@@ -62,6 +62,7 @@ mod compensated;
 pub mod control;
 mod error;
 mod fault;
+pub mod feedback;
 pub mod fleet;
 pub mod fuse;
 mod huge_pages;

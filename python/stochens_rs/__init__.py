@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from .controls.control import control
     from .ensembles import Counts, Ensemble, SystemEnsemble, sample, sample_counts
     from .exceptions import StochensError
+    from .feedback import gain
     from .fusion import Fit, fuse, fuse_path
     from .identification import Model, Trajectories, identify
     from .rng import Key
@@ -82,6 +83,7 @@ __all__ = [
     "exceptions",
     "fuse",
     "fuse_path",
+    "gain",
     "get_num_threads",
     "identify",
     "paper",
@@ -111,6 +113,7 @@ _ROOMS = {
     "realization_controls regulate required_samples steer",
     "ensembles": "Counts Ensemble SystemEnsemble sample sample_counts",
     "exceptions": "StochensError",
+    "feedback": "gain",
     "fusion": "Fit fuse fuse_path",
     "identification": "Model Trajectories identify",
     "rng": "Key",

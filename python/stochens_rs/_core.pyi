@@ -12,6 +12,7 @@ __all__ = [
     "Draws",
     "Errors",
     "Estimate",
+    "Feedback",
     "Fitted",
     "Horizon",
     "HorizonControl",
@@ -35,6 +36,7 @@ __all__ = [
     "closed_form",
     "diagonal_quantile",
     "f_upper",
+    "feedback_gain",
     "fit",
     "fleet_gains",
     "fleet_misses",
@@ -42,10 +44,12 @@ __all__ = [
     "fleet_slope",
     "fleet_triangle",
     "fleet_worst",
+    "guaranteed_gain",
     "joint_radii",
     "kept_quantiles",
     "least_squares_level",
     "log_multigamma",
+    "loop_eigenvalues",
     "mean_difference",
     "mixtures",
     "noncentrality_limit",
@@ -95,6 +99,7 @@ __all__ = [
     "validation_systems",
     "validation_weighted",
     "version",
+    "widest_gain",
     "wishart_quantile",
 ]
 
@@ -566,6 +571,50 @@ def certify(
     float,
     str | None,
 ]: ...
+
+_LoopStatus: TypeAlias = Literal[
+    "certified", "refuted", "not provable", "undetermined", "undecided"
+]
+
+@final
+class Feedback:
+    def __new__(cls, region: Region, gain: _Floats) -> Feedback: ...
+    @property
+    def status(self) -> _LoopStatus: ...
+    # proved upper and unproved lower bound of rho g, spectral radius of the centre
+    @property
+    def sizes(self) -> tuple[float, float, float]: ...
+    @property
+    def proof(self) -> _Floats | None: ...
+    @property
+    def multipliers(self) -> _Floats: ...
+    @property
+    def member(self) -> _Floats | None: ...
+    def invariant(
+        self, x: _Floats, alpha: float, lambda_: float, slack: float | None = None
+    ) -> _Floats | None: ...
+    def verified(
+        self, y: _Floats, x: _Floats, alpha: float, lambda_: float, multipliers: _Floats
+    ) -> bool: ...
+    # of the centre, of the model, of the start, each (K + 1, n + m); radii (K + 1,), of noise
+    # (n + m,) and its radius; sup of the later norms, and of all rows
+    def tube(
+        self,
+        x0: _Floats,
+        steps: int,
+        plan: _Floats,
+        start: float,
+        noise: tuple[_Floats, float] | None,
+    ) -> tuple[_Floats, _Floats, _Floats, _Floats, _Floats, float, _Floats, _Floats]: ...
+    def holds(self, limits: _Floats, x0: _Floats | None) -> tuple[float, float | None]: ...
+
+# gain, cost, multiplier or margin
+_Gain: TypeAlias = tuple[_Floats, _Floats | None, float]
+
+def feedback_gain(a: _Floats, b: _Floats, q: _Floats, r: _Floats) -> _Gain: ...
+def widest_gain(region: Region) -> _Gain: ...
+def guaranteed_gain(region: Region, q: _Floats, r: _Floats, tau: float | None = None) -> _Gain: ...
+def loop_eigenvalues(a: _Floats, b: _Floats, k: _Floats) -> NDArray[np.complex128]: ...
 def robust_control(
     h: _Floats, white: _Floats, x0: _Floats, xf: _Floats, offset: bool, beta: float
 ) -> _Floats: ...

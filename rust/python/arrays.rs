@@ -5,7 +5,7 @@ use std::ptr::null_mut;
 
 use numpy::ndarray::{Dim, Dimension, IntoDimension};
 use numpy::npyffi::{NPY_ARRAY_WRITEABLE, NpyTypes, PY_ARRAY_API, get_type_object, npy_intp};
-use numpy::{Element, PyArray, PyArrayDescrMethods};
+use numpy::{Complex64, Element, PyArray, PyArrayDescrMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyString};
 
@@ -25,6 +25,7 @@ pub(super) enum Values {
     Counts(Vec<i64>),
     Integers(Vec<u64>),
     Reals(Vec<f64>),
+    Complexes(Vec<Complex64>),
 }
 
 macro_rules! values {
@@ -36,7 +37,7 @@ macro_rules! values {
         }
     )* };
 }
-values!(Bytes: u8, Signs: i8, Counts: i64, Integers: u64, Reals: f64);
+values!(Bytes: u8, Signs: i8, Counts: i64, Integers: u64, Reals: f64, Complexes: Complex64);
 
 /// An array of this shape that takes over the values, row by row.
 pub(super) fn array<T, const N: usize>(

@@ -9,6 +9,7 @@ mod convert;
 mod draws;
 mod error;
 mod estimate;
+mod feedback;
 mod fitted;
 mod fleet;
 mod fuse;
@@ -40,6 +41,8 @@ mod _core {
     use super::draws::{Draws, sample_counts};
     #[pymodule_export]
     use super::estimate::{PyEstimate, chance_of_infinity, kept_quantiles, mixtures, sign_contains, sign_sizes};
+    #[pymodule_export]
+    use super::feedback::{PyFeedback, feedback_gain, guaranteed_gain, loop_eigenvalues, widest_gain};
     #[pymodule_export]
     use super::fitted::{PyFitted, fit};
     #[pymodule_export]

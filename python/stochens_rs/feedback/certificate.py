@@ -1,0 +1,335 @@
+"""`LoopCertificate`: what is proved of a linear feedback for all systems of a region."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Literal, TypeAlias
+
+import numpy as np
+
+from .. import _core
+from .._base import html, validation
+from .._base.records import SavedRecord, require_shapes
+from .._base.signal_names import Labels
+from ..exceptions import InputError
+from ..identification.region import Region
+from .tube import Tube
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from .._base.types import Floats
+
+LoopStatus: TypeAlias = Literal["certified", "refuted", "not provable", "undetermined", "undecided"]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LoopCertificate(SavedRecord):
+    """Whether ``u = K x`` makes every system of a region stable.
+
+    Made by `Loop.certificate`. The region holds the true system with probability ``1 - delta``.
+
+    Attributes
+    ----------
+    region : Region
+        The region that all statements are about.
+    K : ndarray, shape (m, n)
+        The gain: ``u = K x``.
+    status : str
+        "certified": all systems of the region are stable, which is proved. "refuted": `member` is
+        in the region and unstable. "not provable": no proof by a quadratic Lyapunov function, and
+        no unstable system was found. "undetermined": the data do not determine the loop; see
+        `reason`. "undecided": rounding decides. Only the first is a promise.
+    norm : float
+        A proved upper bound of ``rho g``; infinite where there is none.
+    least : float
+        A lower bound of ``rho g``, which is not proved.
+    spectral_radius : float
+        That of the loop around the centre of the region.
+    proof : ndarray, shape (n, n), or None
+        Q with ``A_G Q A_G' < Q`` for all systems of the region.
+    multipliers : ndarray, shape (parts,)
+        That of each part of the region in the proof; empty without one.
+    member : ndarray, shape (n, n + m) or (n, n + m + 1), or None
+        ``[A B c]`` of an unstable system in the region.
+    labels : Labels
+        The names of states and inputs.
+    dt : float or None
+        The time between two steps [s].
+    reason : str or None
+        Why nothing is certified, where it is not the size of the region.
+    readings : bool
+        Whether the states are read with error: stability is then all that is certified.
+    """
+
+    region: Region
+    K: Floats
+    status: LoopStatus
+    norm: float
+    least: float
+    spectral_radius: float
+    proof: Floats | None
+    multipliers: Floats
+    member: Floats | None
+    labels: Labels
+    dt: float | None = None
+    reason: str | None = None
+    readings: bool = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        n, m = self.region.n, self.region.m
+        require_shapes(self, K=(m, n), proof=(n, n), member=self.region.centre.shape)
+        if (self.status == "certified") != (self.proof is not None):
+            raise InputError("`proof` must be given where `status` is 'certified', and only there")
+
+    def _verify(self) -> None:
+        if not self.check() and self.status == "certified":
+            raise InputError("`proof` does not prove that all systems of the region are stable")
+
+    @cached_property
+    def _core(self) -> _core.Feedback:
+        return _core.Feedback(self.region._core, np.ascontiguousarray(self.K))
+
+    @property
+    def margin(self) -> float:
+        """The region could be at least this many times larger: ``1 / norm``."""
+        return 1.0 / self.norm
+
+    def check(self) -> bool:
+        """Whether `proof` proves that every system of `region` is stable, computed anew.
+
+        Returns
+        -------
+        bool
+            By two Cholesky factorizations, their rounding included.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> x, u, w = np.random.default_rng(1).standard_normal((3, 40, 1))
+        >>> data = se.Trajectories.from_pairs(x, u, 1.2 * x + u + 0.1 * w)
+        >>> se.gain(se.identify(data, sigma=0.1), 1.0, 1.0).certificate(0.05).check()
+        True
+        """
+        if self.proof is None or len(self.multipliers) != len(self.region.parts):
+            return False
+        none = np.zeros_like(self.proof)
+        given = np.ascontiguousarray(self.proof), none, 1.0, 1.0, self.multipliers
+        return self._core.verified(*given)
+
+    def tube(
+        self,
+        x0: ArrayLike,
+        steps: int,
+        *,
+        inputs: ArrayLike | None = None,
+        start: float = 0.0,
+        noise: float | None = None,
+    ) -> Tube:
+        """Bound where every system of the region goes from x0.
+
+        Parameters
+        ----------
+        x0 : array_like, shape (n,)
+            The first state.
+        steps : int
+            The number of steps K of the tables; what holds for all time is in the tube too.
+        inputs : array_like, shape (P, m), optional
+            The inputs ub of a plan. Then ``u = ub + K (x - xb)`` with xb the states of the centre
+            under ub, and ``u = K x`` after the plan. Default: ``u = K x``.
+        start : float, default 0
+            x(0) is within this distance of x0.
+        noise : float, optional
+            The probability that is given away for Gaussian noise of the run, which must be
+            independent of the data; default: the states without noise.
+
+        Returns
+        -------
+        Tube
+            Infinite unless `status` is "certified".
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If an argument cannot be used, the states are read with error, or no bound of the
+            covariance of the noise is known.
+
+        Notes
+        -----
+        ``c(k) = W z(k)`` along the centre, ``theta`` the proved norm: ``|h'e(k)| <= sqrt(h'L h)
+        ||c|| / (1 - theta)`` (small gain), and sharper by the nuclear norm of the exact first order
+        with theta times that for the rest; both also for ``e(k) t^-k``, for several rates t < 1.
+        Noise: ``Cov e(k) <= Y`` with ``A_G Y A_G' + Sigma <= Y`` for all systems, and the union
+        over rows and steps.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> x, u, w = np.random.default_rng(1).standard_normal((3, 40, 1))
+        >>> data = se.Trajectories.from_pairs(x, u, 1.2 * x + u + 0.1 * w)
+        >>> loop = se.gain(se.identify(data, sigma=0.1), 1.0, 1.0)
+        >>> tube = loop.certificate(0.05).tube([1.0], 10)
+        >>> tube.radii[:2].round(2), tube.settles(0.01)
+        (array([0.  , 0.12]), 8)
+        """
+        if self.readings:
+            raise InputError("`tube` needs exact states: those of this model are read with error")
+        n, m = self.region.n, self.region.m
+        first = validation.vector("x0", x0, length=n, labels=self.labels.states)
+        K = validation.size("steps", steps, maximum=100_000)
+        plan = np.zeros((0, m))
+        if inputs is not None:
+            plan = validation.inputs("inputs", inputs, cols=m, labels=self.labels.inputs)
+        radius = validation.nonnegative("start", start)
+        bound = None
+        if noise is not None:
+            covariance = self.region.noise
+            if covariance is None:
+                raise InputError(
+                    "`noise` must be None: this region has no bound of the covariance of the "
+                    "noise; declare `sigma` or `covariance`, or design='adaptive'"
+                )
+            bound = np.ascontiguousarray(covariance), validation.probability("noise", noise)
+        found = self._core.tube(first, K, plan, radius, bound)
+        nominal, model, begun, radii, spread, size, later, reach = map(_kept, found)
+        return Tube(
+            nominal[:, :n], nominal[:-1, n:], model, begun, radii, spread, size, later, reach,
+            self.region.delta, noise, self.labels, self.dt,
+        )  # fmt: skip
+
+    def holds(
+        self,
+        inputs: tuple[ArrayLike, ArrayLike] | None = None,
+        x0: ArrayLike | None = None,
+        *,
+        states: tuple[ArrayLike, ArrayLike] | None = None,
+    ) -> float:
+        """Say from where limits are kept for all time without noise, by every system.
+
+        Parameters
+        ----------
+        inputs : (low, high), optional
+            Limits of the inputs: numbers or arrays of shape (m,), ``low < 0 < high``.
+        x0 : array_like, shape (n,), optional
+            A direction of starts.
+        states : (low, high), optional
+            Limits of the states, as of the inputs with n.
+
+        Returns
+        -------
+        float
+            From ``scale x0`` with any ``|scale|`` up to this the limits are kept for all time.
+            Without `x0` the level s: from all x with ``x'Q^-1 x <= s``, Q the `proof`. 0 where
+            nothing is certified.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If a limit cannot be used, or the states are read with error.
+
+        Notes
+        -----
+        ``s = min_i limit_i^2 / h_i'Qh_i`` over the rows h of K and I; for one x0 the best of that,
+        of ``Y >= A_G Y A_G' + x0 x0'`` in place of Q, and of the tube.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> x, u, w = np.random.default_rng(1).standard_normal((3, 40, 1))
+        >>> data = se.Trajectories.from_pairs(x, u, 1.2 * x + u + 0.1 * w)
+        >>> proof = se.gain(se.identify(data, sigma=0.1), 1.0, 1.0).certificate(0.05)
+        >>> round(proof.holds((-1.0, 1.0), [1.0]), 2)
+        1.26
+        """
+        if self.readings:
+            raise InputError("`holds` needs exact states: those of this model are read with error")
+        limits = np.concatenate(
+            [_smaller("states", states, self.region.n), _smaller("inputs", inputs, self.region.m)]
+        )
+        if not np.isfinite(limits).any():
+            raise InputError("`inputs` or `states` must have a finite limit")
+        n = self.region.n
+        first = None if x0 is None else validation.vector("x0", x0, length=n)
+        if self.status != "certified":
+            return 0.0
+        level, scale = self._core.holds(limits, first)
+        return level if scale is None else scale
+
+    def __repr__(self) -> str:
+        share = f"{100 * (1 - self.region.delta):.6g} %"
+        if self.status == "certified":
+            what = f"certified for every system of the region ({share}): stable, "
+            what += f"margin at least {np.floor(100 * self.margin) / 100:.3g}"
+        elif self.status == "refuted":
+            what = f"refuted: a system of the region ({share}) is unstable, see `member`"
+        elif self.reason is not None:
+            what = f"{self.status}: {self.reason}"
+        elif self.status == "undecided":
+            what = f"undecided: {self.least:.6g} to {self.norm:.6g} of 1, beyond double precision"
+        else:
+            what = f"{self.status}: {self.least:.3g} of 1 allowed; try gain(model)"
+        return f"<LoopCertificate: {what}>"
+
+    def _repr_html_(self) -> str:
+        rows = [
+            ("holds with", f"{100 * (1 - self.region.delta):.6g} % at least"),
+            ("for", self.region.assumption),
+            ("spectral radius of the centre", self.spectral_radius),
+            ("rho g", f"{self.least:.6g} to {self.norm:.6g}"),
+        ]
+        return html.card(self, rows)
+
+
+def judged(
+    region: Region,
+    K: Floats,
+    labels: Labels,
+    dt: float | None,
+    doubt: str | None,
+    readings: bool,
+) -> LoopCertificate:
+    """The verdict about a gain; a `doubt` about the data leaves nothing to certify."""
+    found = _core.Feedback(region._core, np.ascontiguousarray(K))
+    status, member = found.status, found.member
+    n, m = region.n, region.m
+    if status == "refuted" and region.signs is not None and member is not None:
+        inside = region.contains(member[:, :n], member[:, n : n + m], *member[:, n + m :].T)
+        status, member = ("refuted", member) if inside else ("not provable", None)
+    reason = None
+    if doubt is not None:
+        status, reason, member = "undetermined", doubt, None
+    elif status == "undetermined":
+        reason = "the region is unbounded: too few data"
+        if np.isfinite(region.radius):
+            along = ", ".join(region.missing[:3]) or "what is outside the span it was made for"
+            reason = f"the data do not determine the system along {along}"
+    norm, least, radius = found.sizes
+    proof = found.proof if status == "certified" else None
+    norm = np.inf if doubt is not None else norm
+    kept = (None if one is None else validation.frozen(one) for one in (proof, member))
+    first, last = kept
+    return LoopCertificate(
+        region, K, status, norm, least, radius, first, validation.frozen(found.multipliers), last,
+        labels, dt, reason, readings,
+    )  # fmt: skip
+
+
+def _kept(value: Floats | float) -> Floats | float:
+    return value if isinstance(value, float) else validation.frozen(value)
+
+
+def _smaller(name: str, limits: tuple[ArrayLike, ArrayLike] | None, size: int) -> Floats:
+    """The smaller of both distances from 0, (size,); infinite without limits."""
+    if limits is None:
+        return np.full(size, np.inf)
+    try:
+        low, high = (np.broadcast_to(np.asarray(one, np.float64), (size,)) for one in limits)
+    except (TypeError, ValueError):
+        raise InputError(
+            f"`{name}` must be (low, high), each a number or of shape ({size},)"
+        ) from None
+    if not ((low < 0).all() and (high > 0).all()):
+        raise InputError(f"`{name}` must have low < 0 < high, got {low} and {high}")
+    return np.minimum(-low, high)

@@ -1,0 +1,127 @@
+"""`gain`: a linear feedback for a system or a model from data."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .. import _core
+from .._base import validation
+from ..exceptions import InputError
+from ..identification.identified import Identified
+from ..identification.model import Model
+from ..identification.region import Region
+from ..system import System
+from .loop import Loop
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from .._base.types import Floats
+
+
+def gain(
+    system: System | Identified | Any,
+    Q: ArrayLike | None = None,
+    R: ArrayLike | None = None,
+    *,
+    guarantee: float | Region | None = None,
+) -> Loop:
+    """Compute a linear feedback ``u = K x``, with the plus sign.
+
+    Parameters
+    ----------
+    system : System or model
+        A System, anything `System.from_any` takes, or a model from data.
+    Q : float or array_like, shape (n,) or (n, n), optional
+        Weight of the states, >= 0: a number, a diagonal or a matrix. Q and R together, or neither.
+    R : float or array_like, shape (m,) or (m, m), optional
+        Weight of the inputs, > 0.
+    guarantee : float or Region, optional
+        For a model, with Q and R: the least cost that is guaranteed for all systems of
+        ``model.region(guarantee)``, in place of the least cost of the model. Without Q and R, where
+        the default is 0.05: the widest margin in that region.
+
+    Returns
+    -------
+    Loop
+        K with its cost and eigenvalues; `Loop.certificate` says what is certain of it.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If an argument cannot be used; the model is one over several steps; or the region is that
+        of a system without weights.
+    SolverError
+        If there is no such gain, or none was found.
+
+    Notes
+    -----
+    Without `guarantee`: ``K = -(R + B'SB)^-1 B'SA`` with ``S = Q + A'S (I + B R^-1 B'S)^-1 A``, by
+    a structure-preserving doubling. ``control.dlqr`` has the other sign, ``u = -K x``.
+
+    With it: ``x'Sx`` bounds the cost of every system in the region from x; S has the least trace
+    of all that a quadratic Lyapunov function and one multiplier prove, and by the matrix S-lemma
+    no such function proves less (Petersen and McFarlane 1994; van Waarde, Camlibel and Mesbahi
+    2022). The widest margin is that at 9/10 of the largest region for which there is a gain.
+
+    Examples
+    --------
+    >>> import stochens_rs as se
+    >>> loop = se.gain(([[1.2]], [[1.0]]), Q=1.0, R=1.0)
+    >>> loop.K.round(4), abs(loop.E[0]).round(4)
+    (array([[-0.7935]]), np.float64(0.4065))
+    """
+    model = system if isinstance(system, Identified) else None
+    known = System.from_any(system) if model is None else model
+    A, B = (np.ascontiguousarray(matrix) for matrix in (known.A, known.B))
+    n, m = B.shape
+    if isinstance(model, Model) and model.data.steps > 1:
+        raise InputError("`system` must be a model of one step: one over K steps has no feedback")
+    if (Q is None) != (R is None):
+        raise InputError("`Q` and `R` must be given both or neither")
+    if model is None and (guarantee is not None or Q is None):
+        raise InputError(
+            "`guarantee` and a gain without `Q` and `R` need a model from data, which has a region"
+        )
+    region = None
+    if model is not None and (guarantee is not None or Q is None):
+        region = region_of("guarantee", model, 0.05 if guarantee is None else guarantee)
+    if Q is None or R is None:
+        assert region is not None
+        K, S, parameter = _core.widest_gain(region._core)
+        method = "widest margin"
+    else:
+        weights = weight("Q", Q, n), weight("R", R, m)
+        if region is None:
+            (K, S, parameter), method = _core.feedback_gain(A, B, *weights), "least squares"
+        else:
+            K, S, parameter = _core.guaranteed_gain(region._core, *weights)
+            method = "guaranteed cost"
+    kept = None if S is None else validation.frozen(S)
+    used = None if method == "least squares" else parameter
+    frozen = (validation.frozen(matrix) for matrix in (A, B, K))
+    return Loop(*frozen, kept, method, used, known.labels, known.dt, model)
+
+
+def weight(name: str, value: ArrayLike, size: int) -> Floats:
+    """Return a number, a diagonal or a matrix as a symmetric matrix (size, size)."""
+    given = np.asarray(value)
+    if given.ndim == 0:
+        return validation.nonnegative(name, value) * np.eye(size)
+    if given.ndim == 1:
+        return np.diag(validation.vector(name, value, length=size))
+    found = validation.matrix(name, value, rows=size, square=True)
+    if not np.allclose(found, found.T, rtol=1e-12, atol=0.0):
+        raise InputError(f"`{name}` must be symmetric")
+    return found
+
+
+def region_of(name: str, model: Identified, value: object) -> Region:
+    """Return a region as given, or that of the model with this probability."""
+    if not isinstance(value, Region):
+        return model.region(validation.probability(name, value))
+    if value.centre.shape != model._Theta.shape:
+        raise InputError(f"`{name}` must be a region of this model, got one of another size")
+    return value

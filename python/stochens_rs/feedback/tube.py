@@ -1,0 +1,191 @@
+"""`Tube`: where every system of a region goes under a certified feedback."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .._base import html, validation
+from .._base.records import SavedRecord, require_shapes
+from .._base.signal_names import Labels
+from ..exceptions import ShapeError
+from ..plots.panels import Inputs
+from ..plots.tube import draw_tube
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure, SubFigure
+
+    from .._base.types import Floats
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Tube(SavedRecord):
+    """Bounds of the states and inputs of every system of a region, around those of its centre.
+
+    Made by `LoopCertificate.tube`. All hold in one event of probability ``1 - delta``, with noise
+    ``1 - delta - eps``; they are infinite where the loop is not certified.
+
+    Attributes
+    ----------
+    states : ndarray, shape (K + 1, n)
+        Those of the centre.
+    inputs : ndarray, shape (K, m)
+        Its inputs.
+    model : ndarray, shape (K + 1, n + m)
+        What the error of the model adds to each state and input, as absolute values.
+    start : ndarray, shape (K + 1, n + m)
+        The same of an uncertain start.
+    state_radii : ndarray, shape (K + 1,)
+        The 2-norm of the states that both add.
+    noise : ndarray, shape (n + m,)
+        What noise adds at most in any of the K steps; 0 without noise.
+    noise_radius : float
+        The same for the 2-norm of the states.
+    later : ndarray, shape (L,)
+        ``||x(j)||`` is at most ``later[k]`` for all j >= k without noise, L > K; infinite where
+        there is no bound for all time.
+    reach : ndarray, shape (n + m,)
+        The states and inputs are at most this for all time, without noise.
+    delta : float
+        The true system is outside of the region with at most this probability.
+    eps : float or None
+        The probability that the noise is larger.
+    labels : Labels
+        The names of states and inputs.
+    dt : float or None
+        The time between two steps [s].
+    """
+
+    states: Floats
+    inputs: Floats
+    model: Floats
+    start: Floats
+    state_radii: Floats
+    noise: Floats
+    noise_radius: float
+    later: Floats
+    reach: Floats
+    delta: float
+    eps: float | None
+    labels: Labels
+    dt: float | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        validation.probability("delta", self.delta)
+        if self.states.ndim != 2 or self.inputs.ndim != 2 or self.later.ndim != 1:
+            raise ShapeError("`states` and `inputs` must have two dimensions, `later` one")
+        (K1, n), m = self.states.shape, self.inputs.shape[1]
+        shapes = {"inputs": (K1 - 1, m), "model": (K1, n + m), "start": (K1, n + m)}
+        require_shapes(self, **shapes, state_radii=(K1,), noise=(n + m,), reach=(n + m,))
+
+    @property
+    def _rows(self) -> Floats:
+        """All parts together, (K + 1, n + m): there is no noise in the first state."""
+        later = np.arange(len(self.model))[:, None] > 0
+        return self.model + self.start + np.where(later, self.noise, 0.0)
+
+    @property
+    def components(self) -> Floats:
+        """``|x - states|`` is at most this, shape (K + 1, n), noise included if there is any."""
+        return self._rows[:, : self.states.shape[1]]
+
+    @property
+    def input_components(self) -> Floats:
+        """``|u - inputs|`` is at most this, shape (K, m), noise included if there is any."""
+        return self._rows[:-1, self.states.shape[1] :]
+
+    @property
+    def radii(self) -> Floats:
+        """``||x - states||`` is at most this, shape (K + 1,), noise included if there is any."""
+        return np.concatenate([self.state_radii[:1], self.state_radii[1:] + self.noise_radius])
+
+    def settles(self, r: float) -> int | None:
+        """Return the first step from which every system stays within r of 0, without noise.
+
+        Parameters
+        ----------
+        r : float
+            A distance in the 2-norm.
+
+        Returns
+        -------
+        int or None
+            None where that is not proved.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If r is not a number > 0.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> x, u, w = np.random.default_rng(1).standard_normal((3, 40, 1))
+        >>> data = se.Trajectories.from_pairs(x, u, 1.2 * x + u + 0.1 * w)
+        >>> proof = se.gain(se.identify(data, sigma=0.1), 1.0, 1.0).certificate(0.05)
+        >>> proof.tube([1.0], 10).settles(0.1)
+        4
+        """
+        inside = np.flatnonzero(self.later <= validation.positive("r", r))
+        return int(inside[0]) if len(inside) else None
+
+    def plot(self, *, figure: Figure | SubFigure | None = None) -> Figure:
+        """Draw the states of the centre with the tube around them, and its inputs.
+
+        Parameters
+        ----------
+        figure : matplotlib Figure or SubFigure, optional
+            Where to draw; the default is a new figure.
+
+        Returns
+        -------
+        matplotlib Figure
+
+        Raises
+        ------
+        ImportError
+            If matplotlib is not installed.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> x, u, w = np.random.default_rng(1).standard_normal((3, 40, 1))
+        >>> data = se.Trajectories.from_pairs(x, u, 1.2 * x + u + 0.1 * w)
+        >>> proof = se.gain(se.identify(data, sigma=0.1), 1.0, 1.0).certificate(0.05)
+        >>> len(proof.tube([1.0], 10).plot().axes)
+        2
+        """
+        free = np.full(self.inputs.shape, np.inf)
+        inputs = Inputs(self.inputs, self.labels.input_axes, -free, free)
+        more = {"inputs": inputs, "dt": self.dt, "says": self._share, "figure": figure}
+        return draw_tube(self.states, self.radii, self.labels.state_axes, **more)
+
+    @property
+    def _share(self) -> str:
+        return f"{100 * (1 - self.delta - (self.eps or 0.0)):.6g} %"
+
+    def __repr__(self) -> str:
+        noise = "without noise" if self.eps is None else "with noise"
+        K = html.counted(len(self.inputs))
+        if not np.isfinite(self.radii).all():
+            return f"<Tube: {K}, unbounded>"
+        far = f"every system within {self.radii.max():.3g} of the centre"
+        n, m = self.states.shape[1], self.inputs.shape[1]
+        if m == 1 and np.isfinite(self.reach[n]):
+            far += f", |{self.labels.inputs[0]}| at most {self.reach[n]:.3g} for ever without noise"
+        return f"<Tube: {K}, {far}, {self._share} {noise}>"
+
+    def _repr_html_(self) -> str:
+        names = (*self.labels.states, *self.labels.inputs)
+        rows = [
+            (f"|{name}| for all time", size)
+            for name, size in zip(names, self.reach, strict=True)
+            if np.isfinite(size)
+        ]
+        drawn = html.states(
+            np.arange(len(self.states)), self.radii[:, None], "radius around the centre"
+        )
+        return html.card(self, rows[:12], drawn)

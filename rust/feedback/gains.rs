@@ -1,0 +1,266 @@
+//! Gains: least squares of the centre, the widest margin, and the least guaranteed cost, by one doubling.
+
+use faer::linalg::solvers::Solve;
+use faer::{Mat, Side};
+
+use crate::error::{Error, Result};
+use crate::memory::{covered, room_for_products};
+use crate::parallel::Stop;
+use crate::region::Region;
+
+use super::data::{
+    Closed, Matrix, Uncertain, WHAT, entries, finite, in_units, largest, lost, matrix, radius, symmetric, trace,
+};
+use super::loops::{best_of, bytes};
+use super::norm::proof;
+
+/// A gain `u = K x`, with the matrix of its cost `x'Px` or bound.
+#[derive(Debug, Clone)]
+pub struct Gain {
+    /// K (m, n).
+    pub gain: Vec<f64>,
+    /// P (n, n); of [`widest`] nothing.
+    pub cost: Option<Vec<f64>>,
+    /// What was chosen: the multiplier tau of [`guaranteed`], the widest margin of [`widest`].
+    pub parameter: f64,
+}
+
+/// The eigenvalues of `A + B K` as pairs; A (n, n), B (n, m), K (m, n).
+///
+/// # Errors
+/// [`Error::Shape`], [`Error::NonFinite`], [`Error::Numerical`], [`Error::Memory`].
+pub fn eigenvalues(a: &[f64], b: &[f64], k: &[f64], n: usize, m: usize) -> Result<Vec<(f64, f64)>> {
+    if a.len() != n * n || b.len() != n * m || k.len() != m * n {
+        let found = k.len().to_string();
+        return Err(Error::Shape { name: "K", expected: format!("{m} x {n} entries"), found });
+    }
+    [("A", a), ("B", b), ("K", k)].iter().try_for_each(|(name, values)| crate::error::require_finite(name, values))?;
+    room_for_products()?;
+    covered(WHAT, bytes(n, n + m), || {
+        let own = matrix(a, n, n) + matrix(b, n, m) * matrix(k, m, n);
+        let mut found = Vec::new();
+        found.extend(own.eigenvalues().map_err(lost)?.iter().map(|value| (value.re, value.im)));
+        Ok(found)
+    })?
+}
+
+/// The limit of `P <- H + A'P (I + G P)^-1 A` from 0, G of mixed sign, if `sound` holds in each round and at the end
+/// `P >= 0`: for a game the doubling can jump over horizons without a solution.
+fn limit(a: &Matrix, g: &Matrix, h: &Matrix, sound: impl Fn(&Matrix) -> bool) -> Option<Matrix> {
+    let n = a.nrows();
+    let (mut a, mut g, mut h) = (a.clone(), g.clone(), h.clone());
+    let mut before = f64::INFINITY;
+    for _ in 0..60 {
+        if !(finite(&a) && finite(&g) && finite(&h) && sound(&h)) {
+            return None;
+        }
+        let w = (Mat::<f64>::identity(n, n) + &g * &h).partial_piv_lu();
+        let (wa, wg) = (w.solve(&a), w.solve(&g));
+        let more = symmetric(&(a.transpose() * &h * &wa));
+        g = symmetric(&(&g + &a * wg * a.transpose()));
+        a = &a * wa;
+        h = &h + &more;
+        let (step, size) = (more.norm_l2(), h.norm_l2());
+        if step <= 1e-14 * size || (step <= 1e-9 * size && step >= before) {
+            let mut lifted = h.clone();
+            let room = 1e-13 * (0..n).map(|i| h[(i, i)].abs()).sum::<f64>();
+            (0..n).for_each(|i| lifted[(i, i)] += room.max(f64::MIN_POSITIVE));
+            return (sound(&h) && lifted.llt(Side::Lower).is_ok()).then_some(h);
+        }
+        before = step;
+    }
+    None
+}
+
+fn weights(name: &'static str, values: &[f64], size: usize) -> Result<Matrix> {
+    if values.len() != size * size {
+        let found = values.len().to_string();
+        return Err(Error::Shape { name, expected: format!("{size} x {size} entries"), found });
+    }
+    crate::error::require_finite(name, values)?;
+    Ok(symmetric(&matrix(values, size, size)))
+}
+
+fn refused(what: &str) -> Error {
+    Error::Numerical(format!("no gain was found: {what}"))
+}
+
+/// The gain that minimises `sum_k x'Qx + u'Ru`, Q >= 0, R > 0, for `A` (n, n), `B` (n, m), with `P` and `K = -(R + B'PB)^-1
+/// B'PA`.
+///
+/// # Errors
+/// [`Error::Shape`], [`Error::NonFinite`], [`Error::Value`] for an R that is not positive definite, [`Error::Numerical`] where no
+/// stabilising gain is found, [`Error::Memory`].
+pub fn least_squares(a: &[f64], b: &[f64], q: &[f64], r: &[f64], n: usize, m: usize) -> Result<Gain> {
+    for (name, values, size) in [("A", a, n * n), ("B", b, n * m)] {
+        crate::error::require_finite(name, values)?;
+        if values.len() != size {
+            let found = values.len().to_string();
+            return Err(Error::Shape { name, expected: format!("{size} entries"), found });
+        }
+    }
+    room_for_products()?;
+    covered(WHAT, bytes(n, n + m), || {
+        let (a, b) = (matrix(a, n, n), matrix(b, n, m));
+        let (q, r) = (weights("Q", q, n)?, weights("R", r, m)?);
+        let (p, k) = regulator(&a, &b, &q, &r)?;
+        Ok(Gain { gain: entries(&k), cost: Some(entries(&p)), parameter: 0.0 })
+    })?
+}
+
+fn regulator(a: &Matrix, b: &Matrix, q: &Matrix, r: &Matrix) -> Result<(Matrix, Matrix)> {
+    let not_positive = |_| Error::Value { name: "R", expected: "positive definite", found: "another matrix".into() };
+    let g = symmetric(&(b * r.llt(Side::Lower).map_err(not_positive)?.solve(b.transpose())));
+    let none = || refused("the inputs do not stabilise the system, or Q does not see an unstable part of it");
+    let p = limit(a, &g, q, |_| true).ok_or_else(none)?;
+    let inner = (r + b.transpose() * &p * b).partial_piv_lu();
+    let k = -inner.solve(b.transpose() * &p * a);
+    // a Q that does not see a mode on the circle leaves it there
+    if radius(&(a + b * &k))? < 1.0 { Ok((p, k)) } else { Err(none()) }
+}
+
+/// The game with `Pi` (n + m): cost `z'Pi z` against disturbances with `G0 = B Piuu^-1 B' - s S`, in the units of `data`:
+/// `K = N - (Piuu + B'P~B)^-1 B'P~ (A + B N)`, `N = -Piuu^-1 Piux`, `P~ = P (I - s S P)^-1`, where `I - s D'PD > 0`.
+fn game(data: &Uncertain, pi: &Matrix, s: f64) -> Option<(Matrix, Matrix)> {
+    let (n, m) = (data.n, data.m);
+    let block = |i: usize, j: usize, rows: usize, cols: usize| Mat::from_fn(rows, cols, |p, q| pi[(i + p, j + q)]);
+    let (xx, ux, uu) = (block(0, 0, n, n), block(n, 0, m, n), block(n, n, m, m));
+    let inputs = uu.llt(Side::Lower).ok()?;
+    let own = -inputs.solve(&ux);
+    let (h, a) = (symmetric(&(xx + ux.transpose() * &own)), &data.a + &data.b * &own);
+    let mut d = Mat::<f64>::zeros(n, n);
+    let piece = data.pieces.first()?;
+    for (i, row) in piece.rows.iter().enumerate() {
+        (0..piece.rows.len()).for_each(|j| d[(*row, j)] = piece.root[(i, j)]);
+    }
+    let spread = &d * d.transpose() * faer::Scale(s);
+    let g = symmetric(&(&data.b * inputs.solve(data.b.transpose()) - &spread));
+    let sound = |p: &Matrix| {
+        let room = Mat::<f64>::identity(n, n) - d.transpose() * p * &d * faer::Scale(s);
+        symmetric(&room).llt(Side::Lower).is_ok()
+    };
+    let p = limit(&a, &g, &h, sound)?;
+    let worst = (Mat::<f64>::identity(n, n) - &p * &spread).partial_piv_lu().solve(&p);
+    let k = own - (&uu + data.b.transpose() * &worst * &data.b).partial_piv_lu().solve(data.b.transpose() * &worst * a);
+    (finite(&k) && radius(&(&data.a + &data.b * &k)).is_ok_and(|size| size < 1.0)).then_some((p, k))
+}
+
+/// `W'W` of the only part at (x, u), if all directions are determined.
+fn information(data: &Uncertain) -> Result<(Matrix, f64)> {
+    let complete =
+        data.region.parts.iter().all(|part| (0..part.columns.len()).all(|at| part.unit_length(at).is_finite()));
+    let [piece] = data.pieces.as_slice() else {
+        return Err(refused("this needs a region of one part for all rows"));
+    };
+    if !(complete && piece.rho.is_finite()) {
+        return Err(refused("the data do not determine the system"));
+    }
+    if data.region.parts.iter().any(|part| (data.n..data.n + data.m).any(|j| !part.columns.contains(&j))) {
+        return Err(refused("this needs a system none of whose input columns is known"));
+    }
+    let all = piece.w.transpose() * &piece.w;
+    Ok((Mat::from_fn(data.n + data.m, data.n + data.m, |i, j| all[(i, j)]), piece.rho))
+}
+
+fn in_own_units(data: &Uncertain, p: Option<&Matrix>, k: &Matrix, parameter: f64) -> Gain {
+    let back = data.back();
+    let cost = p.map(|p| entries(&in_units(p, &back, &back)));
+    let mut gain = entries(k);
+    gain.iter_mut().enumerate().for_each(|(at, v)| *v *= back[at % data.n]);
+    Gain { gain, cost, parameter }
+}
+
+/// The gain for nearly the largest region, at 9/10 of it, and how many times larger than `region` that may be.
+///
+/// # Errors
+/// [`Error::Numerical`] where no gain is found, [`Error::Memory`], [`Error::Interrupted`].
+pub fn widest(region: &Region, stop: &Stop) -> Result<Gain> {
+    room_for_products()?;
+    covered(WHAT, bytes(region.n, region.d), || {
+        let data = Uncertain::new(region)?;
+        let (pi, rho) = information(&data)?;
+        // accepted where the analysis agrees
+        let at = |by: f64| {
+            let (_, k) = game(&data, &pi, (by * rho).powi(2))?;
+            let (found, _) = proof(&data, &Closed::new(&data, k.clone()), 1.0, 0.999 * by, 1.0005);
+            found.map(|_| k)
+        };
+        let (mut low, mut high) = (1.0, f64::INFINITY);
+        for _ in 0..200 {
+            stop.check()?;
+            if at(low).is_some() && high.is_infinite() {
+                if low > 1e12 {
+                    break;
+                }
+                low *= 4.0;
+            } else {
+                (low, high) = (low / 4.0, high.min(low));
+                if at(low).is_some() || low < 1e-12 {
+                    break;
+                }
+            }
+        }
+        while high.is_finite() && high > low * 1.0005 {
+            stop.check()?;
+            let middle = (low * high).sqrt();
+            if at(middle).is_some() { low = middle } else { high = middle }
+        }
+        let found = at(0.9 * low).or_else(|| at(0.5 * low));
+        let k = found.ok_or_else(|| refused("the centre of the region cannot be stabilised"))?;
+        Ok(in_own_units(&data, None, &k, low))
+    })?
+}
+
+/// The gain with the least `tr P` of all P with `sum_k x'Qx + u'Ru <= x0'P x0` for every member, by a quadratic function; for
+/// a given multiplier `tau` that of this one. Petersen and McFarlane (1994) for a region from data.
+///
+/// # Errors
+/// As [`least_squares`] and [`widest`].
+pub fn guaranteed(region: &Region, q: &[f64], r: &[f64], tau: Option<f64>, stop: &Stop) -> Result<Gain> {
+    let (n, m) = (region.n, region.m);
+    room_for_products()?;
+    covered(WHAT, bytes(n, region.d), || {
+        let data = Uncertain::new(region)?;
+        let (pi, rho) = information(&data)?;
+        let (q, r) = (in_units(&weights("Q", q, n)?, &data.unit, &data.unit), weights("R", r, m)?);
+        let (nominal, _) = regulator(&data.a, &data.b, &q, &r)?;
+        let at = |tau: f64| {
+            let mut whole = &pi * faer::Scale(tau * rho * rho);
+            for i in 0..n + m {
+                for j in 0..n + m {
+                    whole[(i, j)] += match (i < n, j < n) {
+                        (true, true) => q[(i, j)],
+                        (false, false) => r[(i - n, j - n)],
+                        _ => 0.0,
+                    };
+                }
+            }
+            let (p, k) = game(&data, &whole, 1.0 / tau)?;
+            let (proved, _) = proof(&data, &Closed::new(&data, k.clone()), 1.0, 1.0, 1.0005);
+            proved.map(|_| (p, k))
+        };
+        let back = data.back();
+        let size = |p: &Matrix| trace(&in_units(p, &back, &back));
+        let none = || refused("no gain has a cost that is guaranteed for this region");
+        let tau = match tau {
+            Some(tau) => tau,
+            None => {
+                let spread = &data.pieces[0].root;
+                let own = Mat::from_fn(spread.nrows(), n, |i, j| {
+                    (0..spread.nrows()).map(|q| spread[(q, i)] * nominal[(data.pieces[0].rows[q], j)]).sum::<f64>()
+                });
+                let seen = Mat::from_fn(spread.nrows(), spread.nrows(), |i, j| {
+                    (0..spread.nrows()).map(|q| own[(i, data.pieces[0].rows[q])] * spread[(q, j)]).sum::<f64>()
+                });
+                let start = largest(&symmetric(&seen))?.max(f64::MIN_POSITIVE).log10();
+                let log = best_of(start, start + 12.0, 48, |log| {
+                    if stop.requested() { None } else { at(10f64.powf(log)).map(|(p, _)| size(&p)) }
+                });
+                stop.check()?;
+                10f64.powf(log.ok_or_else(none)?)
+            }
+        };
+        let (p, k) = at(tau).ok_or_else(none)?;
+        Ok(in_own_units(&data, Some(&p), &k, tau))
+    })?
+}

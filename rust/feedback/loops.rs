@@ -1,0 +1,186 @@
+//! [`Loop`]: a gain, and what is proved of it for all members of a region.
+
+use faer::Mat;
+
+use crate::error::{Error, Result};
+use crate::memory::{covered, room_for_products};
+use crate::parallel::Stop;
+use crate::region::Region;
+
+use super::certificate::{Certificate, judged};
+use super::data::{Closed, Matrix, Uncertain, WHAT, entries, in_units, matrix, scaled, trace};
+use super::lemma::least;
+use super::verify::{Claim, verify};
+
+/// How much larger the right-hand sides are solved than they are verified, from small to large.
+const SLACKS: [f64; 4] = [1e-5, 1e-4, 1e-3, 1e-2];
+
+/// A gain `u = K x` and a region.
+#[derive(Debug)]
+pub struct Loop {
+    pub(super) data: Uncertain,
+    pub(super) closed: Closed,
+    pub(super) certificate: Certificate,
+    /// `Q` in the units of `data`.
+    pub(super) proof: Option<Matrix>,
+}
+
+/// Bytes of what the functions of a loop hold at once: some forty squares of `n + d`.
+pub(super) fn bytes(n: usize, d: usize) -> u128 {
+    64 * 40 * (n as u128 + d as u128 + 16).pow(2)
+}
+
+/// The least of a function of one number between two, after a grid and golden sections; None is worse than all.
+pub(super) fn best_of(low: f64, high: f64, count: usize, mut f: impl FnMut(f64) -> Option<f64>) -> Option<f64> {
+    let mut value = |x: f64| f(x).unwrap_or(f64::INFINITY);
+    let step = (high - low) / count as f64;
+    let (mut best, mut at) = (f64::INFINITY, low);
+    for k in 0..=count {
+        let (x, found) = (low + step * k as f64, value(low + step * k as f64));
+        if found < best {
+            (best, at) = (found, x);
+        }
+    }
+    if best.is_infinite() {
+        return None;
+    }
+    let golden = (5f64.sqrt() - 1.0) / 2.0;
+    let (mut left, mut right) = ((at - step).max(low), (at + step).min(high));
+    for _ in 0..18 {
+        let (one, other) = (right - golden * (right - left), left + golden * (right - left));
+        let (first, second) = (value(one), value(other));
+        for (x, found) in [(one, first), (other, second)] {
+            if found < best {
+                (best, at) = (found, x);
+            }
+        }
+        if first < second { right = other } else { left = one }
+    }
+    Some(at)
+}
+
+impl Loop {
+    /// Judges the gain `u = K x`, K (m, n) row by row.
+    ///
+    /// # Errors
+    /// [`Error::Shape`], [`Error::NonFinite`], [`Error::Numerical`], [`Error::Memory`], [`Error::Interrupted`].
+    pub fn new(region: &Region, gain: &[f64], stop: &Stop) -> Result<Self> {
+        let (n, m) = (region.n, region.m);
+        if gain.len() != m * n {
+            let found = gain.len().to_string();
+            return Err(Error::Shape { name: "K", expected: format!("{m} x {n} entries"), found });
+        }
+        crate::error::require_finite("K", gain)?;
+        room_for_products()?;
+        covered(WHAT, bytes(n, region.d), || {
+            let data = Uncertain::new(region)?;
+            let k = Mat::from_fn(m, n, |i, j| gain[i * n + j] * data.unit[j]);
+            let closed = Closed::new(&data, k);
+            let (mut certificate, proof, closed) = judged(&data, closed, stop)?;
+            certificate.proof = proof.as_ref().map(|q| entries(&in_units(q, &data.unit, &data.unit)));
+            Ok(Self { data, closed, certificate, proof })
+        })?
+    }
+
+    /// What is proved.
+    #[must_use]
+    pub const fn certificate(&self) -> &Certificate {
+        &self.certificate
+    }
+
+    /// `Y` (n, n) with `A_G Y A_G' / lambda + X <= Y` for all members, proved; `X` (n, n) in the units of the data. None
+    /// where there is none. With `slack` 0 it is the least one, not proved.
+    ///
+    /// # Errors
+    /// [`Error::Shape`], [`Error::Memory`].
+    pub fn invariant(&self, x: &[f64], alpha: f64, lambda: f64, slack: Option<f64>) -> Result<Option<Vec<f64>>> {
+        let n = self.data.n;
+        if x.len() != n * n {
+            let found = x.len().to_string();
+            return Err(Error::Shape { name: "X", expected: format!("{n} x {n} entries"), found });
+        }
+        covered(WHAT, bytes(n, self.data.region.d), || {
+            let back = self.data.back();
+            let x = in_units(&matrix(x, n, n), &back, &back);
+            let found = match slack {
+                Some(slack) => self.solved(&x, alpha, lambda, slack),
+                None => self.proved(&x, alpha, lambda),
+            };
+            found.map(|y| entries(&in_units(&y, &self.data.unit, &self.data.unit)))
+        })
+    }
+
+    /// Whether `Y` is proved to be such a matrix, and positive definite, with these `multipliers` of the parts.
+    ///
+    /// # Errors
+    /// [`Error::Shape`], [`Error::Memory`].
+    pub fn verified(&self, y: &[f64], x: &[f64], alpha: f64, lambda: f64, multipliers: &[f64]) -> Result<bool> {
+        let (n, parts) = (self.data.n, self.data.pieces.len());
+        if y.len() != n * n || x.len() != n * n || multipliers.len() != parts {
+            let found = format!("{}, {} and {}", y.len(), x.len(), multipliers.len());
+            return Err(Error::Shape {
+                name: "Y",
+                expected: format!("{n} x {n} entries, as X, and {parts} multipliers"),
+                found,
+            });
+        }
+        covered(WHAT, bytes(n, self.data.region.d), || {
+            let back = self.data.back();
+            let own = |values: &[f64]| in_units(&matrix(values, n, n), &back, &back);
+            let mut closed = Closed::new(&self.data, self.closed.k.clone());
+            closed.t.copy_from_slice(multipliers);
+            let claim = Claim { y: &own(y), x: Some(&own(x)), alpha, lambda, by: 1.0 };
+            self.data.determines(&closed.k) && verify(&self.data, &closed, &claim)
+        })
+    }
+
+    /// The least `Y` for right-hand sides that are larger by `slack`.
+    fn solved(&self, x: &Matrix, alpha: f64, lambda: f64, slack: f64) -> Option<Matrix> {
+        let (e, d) = (self.closed.outputs(), self.closed.inputs(&self.data));
+        let mut h = scaled(&(x + scaled(&(&d * d.transpose()), alpha)), 1.0 + slack);
+        let more = slack.max(1e-14) * 1e-2 * trace(&h) / self.data.n as f64;
+        (0..self.data.n).for_each(|i| h[(i, i)] += more);
+        least(&self.closed.a0, &scaled(&(e.transpose() * &e), 1.0 / alpha), &h, lambda).found()
+    }
+
+    /// The same, verified; in the units of the loop, as `x`.
+    pub(super) fn proved(&self, x: &Matrix, alpha: f64, lambda: f64) -> Option<Matrix> {
+        SLACKS.iter().find_map(|slack| {
+            let y = self.solved(x, alpha, lambda, *slack)?;
+            let claim = Claim { y: &y, x: Some(x), alpha, lambda, by: 1.0 };
+            verify(&self.data, &self.closed, &claim).then_some(y)
+        })
+    }
+
+    /// A verified `Y` with small `h'Yh` for all rows h of `rows` (q, n) at once, each relative to that of the centre.
+    pub(super) fn smallest(&self, x: &Matrix, lambda: f64, rows: &Matrix) -> Option<Matrix> {
+        let n = self.data.n;
+        let mut alone = x.clone();
+        let more = 1e-12 * trace(x).max(f64::MIN_POSITIVE);
+        (0..n).for_each(|i| alone[(i, i)] += more);
+        let own = least(&self.closed.a0, &Mat::zeros(n, n), &alone, lambda).found()?;
+        let e = self.closed.outputs();
+        let start = trace(&(&e * &own * e.transpose())) / lambda;
+        if start <= 0.0 {
+            return self.proved(x, 1.0, lambda);
+        }
+        let sizes = |y: &Matrix| squares(y, rows);
+        let nominal = sizes(&own);
+        let cost = |log: f64| {
+            let y = self.solved(x, start * 10f64.powf(log), lambda, 1e-5)?;
+            Some(sizes(&y).iter().zip(&nominal).map(|(one, own)| if *own > 0.0 { one / own } else { 0.0 }).sum())
+        };
+        let log = best_of(-2.0, 6.0, 24, cost)?;
+        // at the edge of what can be solved a larger one may be verified
+        [0.0, 0.05, 0.5].iter().find_map(|more| self.proved(x, start * 10f64.powf(log + more), lambda))
+    }
+}
+
+/// `h'Yh` for each row h.
+pub(super) fn squares(y: &Matrix, rows: &Matrix) -> Vec<f64> {
+    let (product, mut found) = (rows * y, Vec::new());
+    for i in 0..rows.nrows() {
+        found.push((0..rows.ncols()).map(|j| product[(i, j)] * rows[(i, j)]).sum::<f64>().max(0.0));
+    }
+    found
+}

@@ -1,0 +1,61 @@
+//! Where a linear feedback keeps limits for all time, without noise.
+
+use faer::Mat;
+use faer::Side;
+use faer::linalg::solvers::Solve;
+
+use crate::error::{Error, Result};
+use crate::memory::covered;
+use crate::parallel::Stop;
+
+use super::data::WHAT;
+use super::loops::{Loop, bytes, squares};
+use super::tube::Run;
+
+impl Loop {
+    /// `s` such that all runs that begin in `{x'Q^-1 x <= s}` keep `|x_i|` and `|u_j|` below `limits` (n + m) for all time, for
+    /// every member; and how many times `x0` may be taken, if it is given. The larger of: that level set, one around the
+    /// multiples of `x0` alone, and the tube. 0 where nothing is proved: also with an offset, where 0 is no point of rest.
+    ///
+    /// # Errors
+    /// [`Error::Shape`], [`Error::Memory`], [`Error::Interrupted`].
+    pub fn holds(&self, limits: &[f64], x0: Option<&[f64]>, stop: &Stop) -> Result<(f64, Option<f64>)> {
+        let (n, m) = (self.data.n, self.data.m);
+        if limits.len() != n + m || x0.is_some_and(|x0| x0.len() != n) {
+            let found = limits.len().to_string();
+            return Err(Error::Shape { name: "limits", expected: format!("{} entries", n + m), found });
+        }
+        let Some(q) = self.proof.as_ref().filter(|_| self.data.c.is_none()) else {
+            return Ok((0.0, x0.map(|_| 0.0)));
+        };
+        let rows = self.rows();
+        // the largest multiple of sizes below the limits
+        let within = |sizes: &[f64]| {
+            let each =
+                limits.iter().zip(sizes).map(|(most, size)| if *size > 0.0 { most / size } else { f64::INFINITY });
+            each.fold(f64::INFINITY, f64::min) * (1.0 - 1e-6)
+        };
+        let rooted = |mut squares: Vec<f64>| {
+            squares.iter_mut().for_each(|v| *v = v.sqrt());
+            squares
+        };
+        let (level, mut scale) = covered(WHAT, bytes(n, self.data.region.d), || {
+            let level = within(&rooted(squares(q, &rows))).powi(2);
+            let Some(x0) = x0 else { return (level, None) };
+            let x = Mat::from_fn(n, 1, |i, _| x0[i] / self.data.unit[i]);
+            let inside = q.llt(Side::Lower).map_or(f64::INFINITY, |factor| (x.transpose() * factor.solve(&x))[(0, 0)]);
+            let mut scale = (level / inside).sqrt() * (1.0 - 1e-6);
+            let around = &x * x.transpose() * faer::Scale(1.0 + 1e-6);
+            if let Some(y) = self.smallest(&super::data::symmetric(&around), 1.0, &rows) {
+                scale = scale.max(within(&rooted(squares(&y, &rows))));
+            }
+            (level, Some(scale))
+        })?;
+        if let Some(x0) = x0 {
+            let run = Run { x0, steps: 1, plan: &[], start: 0.0, noise: None };
+            let along = within(&self.tube(run, stop)?.reach);
+            scale = scale.map(|scale| scale.max(along));
+        }
+        Ok((level, scale))
+    }
+}

@@ -1,0 +1,193 @@
+//! Loops that are proved for a region, and gains.
+
+use numpy::{Complex64, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::prelude::*;
+
+use super::convert::{array1, array2, slice};
+use super::region::PyRegion;
+use super::run::{UNTIL_STOPPED, run};
+use crate::feedback::{self, Gain, Loop, Run, Status};
+use crate::memory::{try_collect, try_copy};
+
+type Matrix<'py> = PyReadonlyArray2<'py, f64>;
+type Vector<'py> = PyReadonlyArray1<'py, f64>;
+type Array1<'py> = Bound<'py, PyArray1<f64>>;
+type Array2<'py> = Bound<'py, PyArray2<f64>>;
+
+const WHAT: &str = "the certificate of a feedback";
+
+/// A gain and a region, with what is proved.
+#[pyclass(frozen, module = "stochens_rs._core", name = "Feedback")]
+pub(super) struct PyFeedback {
+    of: Loop,
+    n: usize,
+    m: usize,
+}
+
+#[pymethods]
+impl PyFeedback {
+    #[new]
+    fn new(py: Python<'_>, region: &Bound<'_, PyRegion>, gain: Matrix<'_>) -> PyResult<Self> {
+        let (region, (m, n)) = (&region.get().0, gain.as_array().dim());
+        let gain = slice("K", &gain)?;
+        Ok(Self { of: run(py, UNTIL_STOPPED, |stop| Loop::new(region, gain, stop))?, n, m })
+    }
+
+    #[getter]
+    fn status(&self) -> &'static str {
+        match self.of.certificate().status {
+            Status::Certified => "certified",
+            Status::Refuted => "refuted",
+            Status::NotProvable => "not provable",
+            Status::Undetermined => "undetermined",
+            Status::Undecided => "undecided",
+        }
+    }
+
+    /// Proved upper and unproved lower bound of `rho g`, and the spectral radius of the centre.
+    #[getter]
+    fn sizes(&self) -> (f64, f64, f64) {
+        let found = self.of.certificate();
+        (found.norm, found.least, found.radius)
+    }
+
+    #[getter]
+    fn proof<'py>(&self, py: Python<'py>) -> PyResult<Option<Array2<'py>>> {
+        let proof = self.of.certificate().proof.as_deref();
+        proof.map(|q| array2(py, try_copy(WHAT, q)?, self.n, self.n)).transpose()
+    }
+
+    #[getter]
+    fn multipliers<'py>(&self, py: Python<'py>) -> PyResult<Array1<'py>> {
+        array1(py, try_copy(WHAT, &self.of.certificate().multipliers)?)
+    }
+
+    #[getter]
+    fn member<'py>(&self, py: Python<'py>) -> PyResult<Option<Array2<'py>>> {
+        let member = self.of.certificate().member.as_deref();
+        member.map(|theta| array2(py, try_copy(WHAT, theta)?, self.n, theta.len() / self.n)).transpose()
+    }
+
+    /// `Y` with `A_G Y A_G' / lambda + X <= Y` for all members, proved; the least one for larger sides with a `slack`.
+    #[pyo3(signature = (x, alpha, lambda_, slack=None))]
+    fn invariant<'py>(
+        &self,
+        py: Python<'py>,
+        x: Matrix<'_>,
+        alpha: f64,
+        lambda_: f64,
+        slack: Option<f64>,
+    ) -> PyResult<Option<Array2<'py>>> {
+        let found = self.of.invariant(slice("X", &x)?, alpha, lambda_, slack)?;
+        found.map(|y| array2(py, y, self.n, self.n)).transpose()
+    }
+
+    fn verified(
+        &self,
+        y: Matrix<'_>,
+        x: Matrix<'_>,
+        alpha: f64,
+        lambda_: f64,
+        multipliers: Vector<'_>,
+    ) -> PyResult<bool> {
+        let (y, x, multipliers) = (slice("Y", &y)?, slice("X", &x)?, slice("multipliers", &multipliers)?);
+        Ok(self.of.verified(y, x, alpha, lambda_, multipliers)?)
+    }
+
+    /// `(nominal, model, start, radii, noise, noise_radius, later, reach)`.
+    #[expect(clippy::type_complexity, reason = "the fields of a tube")]
+    fn tube<'py>(
+        &self,
+        py: Python<'py>,
+        x0: Vector<'_>,
+        steps: usize,
+        plan: Matrix<'_>,
+        start: f64,
+        noise: Option<(Matrix<'_>, f64)>,
+    ) -> PyResult<(Array2<'py>, Array2<'py>, Array2<'py>, Array1<'py>, Array1<'py>, f64, Array1<'py>, Array1<'py>)>
+    {
+        let noise = match &noise {
+            Some((covariance, eps)) => Some((slice("noise", covariance)?, *eps)),
+            None => None,
+        };
+        let asked = Run { x0: slice("x0", &x0)?, steps, plan: slice("inputs", &plan)?, start, noise };
+        let found = run(py, UNTIL_STOPPED, |stop| self.of.tube(asked, stop))?;
+        let table = |values: Vec<f64>| array2(py, values, steps + 1, self.n + self.m);
+        Ok((
+            table(found.nominal)?,
+            table(found.model)?,
+            table(found.start)?,
+            array1(py, found.radii)?,
+            array1(py, found.noise)?,
+            found.noise_radius,
+            array1(py, found.later)?,
+            array1(py, found.reach)?,
+        ))
+    }
+
+    fn holds(&self, py: Python<'_>, limits: Vector<'_>, x0: Option<Vector<'_>>) -> PyResult<(f64, Option<f64>)> {
+        let (limits, x0) = (slice("limits", &limits)?, x0.as_ref().map(|x0| slice("x0", x0)).transpose()?);
+        run(py, UNTIL_STOPPED, |stop| self.of.holds(limits, x0, stop))
+    }
+}
+
+fn complex<'py>(py: Python<'py>, values: &[(f64, f64)]) -> PyResult<Bound<'py, PyArray1<Complex64>>> {
+    array1(py, try_collect(WHAT, values.iter().map(|(re, im)| Complex64::new(*re, *im)))?)
+}
+
+/// `(K, cost, parameter)`.
+type FoundGain<'py> = (Array2<'py>, Option<Array2<'py>>, f64);
+
+fn handed<'py>(py: Python<'py>, found: Gain, n: usize) -> PyResult<FoundGain<'py>> {
+    let m = found.gain.len() / n;
+    let cost = found.cost.map(|p| array2(py, p, n, n)).transpose()?;
+    Ok((array2(py, found.gain, m, n)?, cost, found.parameter))
+}
+
+/// The gain of least squares for `A` and `B`.
+#[pyfunction]
+pub(super) fn feedback_gain<'py>(
+    py: Python<'py>,
+    a: Matrix<'_>,
+    b: Matrix<'_>,
+    q: Matrix<'_>,
+    r: Matrix<'_>,
+) -> PyResult<FoundGain<'py>> {
+    let (n, m) = b.as_array().dim();
+    let (a, b, q, r) = (slice("A", &a)?, slice("B", &b)?, slice("Q", &q)?, slice("R", &r)?);
+    let found = run(py, UNTIL_STOPPED, |_| feedback::least_squares(a, b, q, r, n, m))?;
+    handed(py, found, n)
+}
+
+/// The eigenvalues of `A + B K`.
+#[pyfunction]
+pub(super) fn loop_eigenvalues<'py>(
+    py: Python<'py>,
+    a: Matrix<'_>,
+    b: Matrix<'_>,
+    k: Matrix<'_>,
+) -> PyResult<Bound<'py, PyArray1<Complex64>>> {
+    let (n, m) = b.as_array().dim();
+    complex(py, &feedback::eigenvalues(slice("A", &a)?, slice("B", &b)?, slice("K", &k)?, n, m)?)
+}
+
+/// The gain with the widest margin in a region.
+#[pyfunction]
+pub(super) fn widest_gain<'py>(py: Python<'py>, region: &Bound<'_, PyRegion>) -> PyResult<FoundGain<'py>> {
+    let region = &region.get().0;
+    handed(py, run(py, UNTIL_STOPPED, |stop| feedback::widest(region, stop))?, region.n)
+}
+
+/// The gain with the least guaranteed cost in a region; `tau` fixes the multiplier.
+#[pyfunction]
+#[pyo3(signature = (region, q, r, tau=None))]
+pub(super) fn guaranteed_gain<'py>(
+    py: Python<'py>,
+    region: &Bound<'_, PyRegion>,
+    q: Matrix<'_>,
+    r: Matrix<'_>,
+    tau: Option<f64>,
+) -> PyResult<FoundGain<'py>> {
+    let (region, q, r) = (&region.get().0, slice("Q", &q)?, slice("R", &r)?);
+    handed(py, run(py, UNTIL_STOPPED, |stop| feedback::guaranteed(region, q, r, tau, stop))?, region.n)
+}

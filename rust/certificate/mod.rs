@@ -17,13 +17,17 @@
 
 mod noise;
 mod nuclear;
+mod pilot;
 mod plan;
 mod powers;
+mod reference;
 mod several_steps;
 mod trajectory;
 
 pub use noise::{Gaussian, ToCome};
+pub use pilot::{Covariance, Event, Pilot, Runs, Simulation};
 pub use plan::{Control, Plan, Task, Way, certify};
+pub use reference::{Near, Reference, Shares};
 pub use trajectory::{Errors, states, trajectory};
 
 #[cfg(test)]

@@ -21,6 +21,7 @@ mod weighted_sums;
 pub use beta_model::DRAWS;
 pub use distributions::{chi2_quantile, chi2_upper, f_upper, noncentrality_limit};
 pub(crate) use distributions::{level, positive_root, root};
+pub(crate) use levels::smallest;
 pub use levels::{least_squares_level, one_noise, sphere_level};
 pub use normal_norm::normal_quantile;
 pub use quantiles::{

@@ -18,6 +18,7 @@ mod identify;
 mod laws;
 mod limited;
 mod limits;
+mod pilot;
 mod realizations;
 mod region;
 mod run;
@@ -64,6 +65,8 @@ mod _core {
     use super::limited::{BoxControl, RowsControl};
     #[pymodule_export]
     use super::limits::{BoxSolver, box_batch, box_batch_each, box_control, horizon_control, rows_control};
+    #[pymodule_export]
+    use super::pilot::{PyPilot, PyReference};
     #[pymodule_export]
     use super::region::{PyErrors, PyPart, PyRegion, certify};
     #[pymodule_export]

@@ -263,7 +263,7 @@ impl Pilot {
             _ => 0.0,
         };
         let largest = (0..n).map(share).fold(0.0, f64::max);
-        let t = (36.0 * n as f64 * largest * largest).cbrt().clamp(1e-9, 1e-2);
+        let t = (36.0 * n as f64 * largest * largest).cbrt().clamp(1e-4, 1e-2);
         covariance.iter_mut().for_each(|v| *v *= 1.0 + 2.0 * t);
         for (i, a) in self.rounding.iter().enumerate() {
             covariance[i * (n + 1)] += 36.0 * n as f64 * (a / t).powi(2);

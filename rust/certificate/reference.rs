@@ -22,7 +22,7 @@
 
 use crate::error::{Error, Result};
 use crate::fuse::{distance, norm};
-use crate::identify::{Symmetric, chi2_upper, normal_quantile, smallest, spectral_norm};
+use crate::identify::{Symmetric, chi2_upper, coarse_normal_quantile, normal_quantile, smallest, spectral_norm};
 use crate::memory::{checked_len, room_for_products, try_collect, try_copy, try_filled, try_room, try_zeros};
 use crate::parallel::Stop;
 use crate::region::times;
@@ -349,7 +349,7 @@ impl Pilot {
             if first < crude[j] {
                 let mut covariance = try_zeros(WHAT, d * d)?;
                 add_products(&mut covariance, 1.0, [&seen, &seen], d, d * n);
-                first += s.abs() * normal_quantile(&covariance, d, shares.between / between)?;
+                first += s.abs() * coarse_normal_quantile(&covariance, d, shares.between / between)?;
             }
             b.push(first.min(crude[j]));
         }
@@ -364,10 +364,10 @@ impl Pilot {
             rest = event.spectral * outside.cauchy_schwarz(&b[..k])?;
             mismatch = factor * spectral_norm(&work.difference(k)?, n, d * n)?;
             let level = shares.reference / steps as f64;
-            let quantile = s.abs() * normal_quantile(&work.covariance(k)?, n, level)?;
+            let quantile = s.abs() * coarse_normal_quantile(&work.covariance(k)?, n, level)?;
             let mut drift = 0.0;
             if noisy {
-                drift = normal_quantile(&work.drift[k - 1], n, shares.noise / 2.0 / steps as f64)?;
+                drift = coarse_normal_quantile(&work.drift[k - 1], n, shares.noise / 2.0 / steps as f64)?;
             }
             let first = quantile + mismatch + drift;
             tube.push(if noisy { first } else { first.min(linear[k]) } + rest + off(k));

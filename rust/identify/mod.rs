@@ -23,6 +23,7 @@ pub use distributions::{chi2_quantile, chi2_upper, f_upper, noncentrality_limit}
 pub(crate) use distributions::{level, positive_root, root};
 pub(crate) use levels::smallest;
 pub use levels::{least_squares_level, one_noise, sphere_level};
+pub(crate) use normal_norm::coarse_normal_quantile;
 pub use normal_norm::normal_quantile;
 pub use quantiles::{
     diagonal_quantile, joint_radii, log_multigamma, row_quantile, roy_quantile, scalar_quantile, smallest_quantile,

@@ -76,7 +76,8 @@ def test_instruments_and_estimate() -> None:
     assert np.abs(f.H - THETA - noise.T @ Q @ f.T).max() < 1e-14
     own = twin.estimate(rows[:, :3], rows[:, :3], rows[:, 3:])
     least = np.linalg.lstsq(rows[:, :3], rows[:, 3:], rcond=None)[0].T
-    assert np.abs(own.H - least).max() < 1e-13 and own.tau < 1e-13
+    assert np.abs(own.H - least).max() < 1e-13
+    assert own.tau < 1e-13
     assert np.abs(own.T - np.linalg.inv(own.R).T).max() < 1e-13
 
 

@@ -166,7 +166,7 @@ class Problem:
         return float(found.x), float(found.fun)
 
     def plain_rest(self, K: int, nu: Array | None = None) -> list[float]:
-        """b_0, .., b_(K-1) of the recursion without a reference, first order by the Frobenius norm."""
+        """b_0, .., b_(K-1) without a reference; first order not over the spectral ball."""
         Tx, b = self.found.T[:, : self.n], [0.0]
         for k in range(1, K):
             inside = [Tx @ M for M in self.model(k)]
@@ -189,3 +189,12 @@ class Problem:
     def rest(self, b: list[float]) -> float:
         """What is not of first order."""
         return self.spectral * wcs(self.model(len(b)), b)
+
+    def better_rest(self, K: int, delta: float, s: float, nu: Array | None = None) -> list[float]:
+        """b_0, .., b_(K-1), the smaller of the plain ones and those near the reference."""
+        Tx, b = self.found.T[:, : self.n], [0.0]
+        for j, plain in enumerate(self.plain_rest(K, nu)[1:], 1):
+            more = 0.0 if nu is None else nu[j - 1]
+            back = self.spectral * wcs([Tx @ M for M in self.model(j)], b)
+            b.append(min(plain, sum(self.near(j, delta, s)) + back + more))
+        return b

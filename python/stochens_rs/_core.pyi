@@ -3,13 +3,11 @@ from typing import Literal, TypeAlias, final
 
 import numpy as np
 from numpy.typing import NDArray
-from typing_extensions import disjoint_base
 
 __all__ = [
     "Alse",
     "Apart",
     "BoxControl",
-    "BoxSolver",
     "DataStream",
     "Draws",
     "Errors",
@@ -18,7 +16,6 @@ __all__ = [
     "Loop",
     "Region",
     "RegionPart",
-    "RowsControl",
     "StateLock",
     "Stream",
     "alse",
@@ -27,7 +24,6 @@ __all__ = [
     "best_control",
     "bootstrap",
     "box_batch",
-    "box_batch_each",
     "box_control",
     "build",
     "certify",
@@ -42,7 +38,6 @@ __all__ = [
     "fleet_slope",
     "fleet_triangle",
     "fleet_worst",
-    "horizon_control",
     "joint_radii",
     "least_squares_level",
     "log_multigamma",
@@ -58,7 +53,6 @@ __all__ = [
     "residuals",
     "robust_control",
     "row_quantile",
-    "rows_control",
     "roy_quantile",
     "sample_counts",
     "scalar_quantile",
@@ -72,7 +66,6 @@ __all__ = [
     "sign_statistics",
     "simulate_estimates",
     "simulate_mean_field",
-    "simulate_plan_estimates",
     "simulate_plans",
     "simulate_runs",
     "simulate_systems",
@@ -309,19 +302,6 @@ def simulate_plans(
     key: bytes,
     threads: int,
 ) -> _Floats: ...
-
-# of the runs from `first` on, (runs, n (n + 2)): x0, xf, A row by row, as `simulate_plans` has them
-def simulate_plan_estimates(
-    x0: _Estimate,
-    xf: _Estimate,
-    a: _Estimate,
-    rows: bool,
-    first: int,
-    runs: int,
-    cost: float,
-    key: bytes,
-    threads: int,
-) -> _Floats: ...
 def simulate_estimates(
     values: _Floats,
     size: int,
@@ -498,7 +478,7 @@ def sign_statistics(
 # d) psd; limits (d,), -inf and inf where there is none, equal where an input is fixed. Weights of
 # states are inside: M = Q^(1/2) B.
 
-@disjoint_base
+@final
 class BoxControl:
     # (d,), inside the limits
     @property
@@ -512,13 +492,10 @@ class BoxControl:
     def multipliers(self) -> _Floats: ...
     @property
     def status(self) -> _Status | Literal["infeasible"]: ...
-    # J(u) - min J is at most this: the smaller of `frank_wolfe` and the square of the distance by
-    # the dual residual
+    # J(u) - min J is at most this: the smaller of max <J'(u), u - v> over the limits and the square
+    # of the distance by the dual residual
     @property
     def gap(self) -> float: ...
-    # max over the box of <J'(u), u - v>; inf where J'_i is not 0 towards an infinite limit
-    @property
-    def frank_wolfe(self) -> float: ...
     # D >= (||M (u - u*)||^2 + ||u - u*||_R^2)^(1/2)
     @property
     def distance(self) -> float: ...
@@ -546,28 +523,6 @@ def box_control(
     warm: NDArray[np.int8] | None,
     time_limit: float | None,
 ) -> BoxControl: ...
-
-# The same M, R and limits for many y. With `state` (rows, n) and `target` (rows,), `solve` takes
-# x (n,) and y = target - state x; without them it takes y. Each call begins at the active set of
-# the call before, shifted by `shift` inputs. At most 20 pivots, 25 steps of the interior point
-# and 5 pivots, and as many with orthogonal factors where the gap is not small then. Nothing
-# changes where a call raises.
-@final
-class BoxSolver:
-    def __new__(
-        cls,
-        m: _Floats,
-        r: _Floats,
-        low: _Floats,
-        high: _Floats,
-        shift: int,
-        state: _Floats | None,
-        target: _Floats | None,
-    ) -> BoxSolver: ...
-    def solve(self, given: _Floats, time_limit: float | None) -> BoxControl: ...
-    # active set (d,) at which the next call begins, before the shift; None: from anew
-    def warm(self) -> NDArray[np.int8] | None: ...
-    def resume(self, warm: NDArray[np.int8] | None) -> None: ...
 
 # K steps of x(k+1) = A x(k) + B u(k) + c and a task: what its best control is, and how far others
 # are from it. M (rows, m K), y = target - state x0 for the condensed map. `task` is read by its
@@ -605,8 +560,7 @@ class Horizon:
     # the largest ||u - v|| for v within the limits of single inputs
     def farthest(self, u: _Floats) -> float: ...
     def in_two_norm(self, distance: float) -> tuple[float, float]: ...
-    def best(self, x0: _Floats, time_limit: float | None) -> RowsControl: ...
-    # the same with what the limits cost
+    # the best control, and what the limits cost
     def solve(self, x0: _Floats, time_limit: float | None) -> HorizonControl: ...
     # a bound of max <J'(u), u - v>, from gap >= J(u) - min J where there are rates or hard limits
     # of states, and the norm of what no limit balances of J'(u) / 2
@@ -720,72 +674,6 @@ class Loop:
 def box_batch(
     m: _Floats, y: _Floats, r: _Floats, low: _Floats, high: _Floats, gaps: bool, threads: int
 ) -> tuple[_Floats, _Floats | None]: ...
-
-# The same with an M of its own for each: m (N, rows d)
-def box_batch_each(
-    m: _Floats, y: _Floats, r: _Floats, low: _Floats, high: _Floats, gaps: bool, threads: int
-) -> tuple[_Floats, _Floats | None]: ...
-
-# K steps of x(k+1) = A x(k) + B u(k) by Riccati's recursion, for long horizons. Least
-# sum_{k=1..K} ||x(k) - reference(k)||^2_{Q_k} + sum_k ||u(k)||^2_R: `reference` (K, n) for x(1)
-# .. x(K), Q_k = `stage` (n, n), at K `terminal`; R (m, m); limits (K, m). `control`, `active`,
-# `multipliers` and `warm` are (K m,), step by step; `warm` of `rows_control` has the signs of rates
-# and of states (K n,) behind them, where there are such limits.
-def horizon_control(
-    a: _Floats,
-    b: _Floats,
-    x0: _Floats,
-    reference: _Floats,
-    stage: _Floats,
-    terminal: _Floats,
-    r: _Floats,
-    low: _Floats,
-    high: _Floats,
-    warm: NDArray[np.int8] | None,
-    time_limit: float | None,
-) -> BoxControl: ...
-
-# The same with limits on changes and states. `gap`, `distance` and `frank_wolfe` are computed with
-# the multipliers of all limits. "infeasible": no control meets the limits on states; then `control`
-# is the best one within limits that are wider by `missing`, and so are gap, distance, multipliers.
-@final
-class RowsControl(BoxControl):
-    # (K m,) or empty, of u(k) - u(k-1): > 0 at `rate`, < 0 at -`rate`
-    @property
-    def rates(self) -> _Floats: ...
-    # (K n,) or empty: > 0 at the upper limit, < 0 at the lower one; of soft limits 2 soft times the
-    # excess
-    @property
-    def states(self) -> _Floats: ...
-    # the least largest excess of hard limits on states; 0 if they can be met
-    @property
-    def missing(self) -> float: ...
-    # the largest excess of a hard limit on states by `control`; rounding, if they are met
-    @property
-    def excess(self) -> float: ...
-
-# |u(k) - u(k-1)| <= rate (m,), u(-1) = previous (m,); state_low <= x(k) <= state_high (K, n) for
-# k = 1 .. K, or with `soft` the weight of
-# ||max(0, x - state_high)||^2 + ||max(0, state_low - x)||^2 in J. Looks at the time, and for
-# Ctrl-C, between two iterations.
-def rows_control(
-    a: _Floats,
-    b: _Floats,
-    x0: _Floats,
-    reference: _Floats,
-    stage: _Floats,
-    terminal: _Floats,
-    r: _Floats,
-    low: _Floats,
-    high: _Floats,
-    rate: _Floats | None,
-    previous: _Floats | None,
-    state_low: _Floats | None,
-    state_high: _Floats | None,
-    soft: float | None,
-    warm: NDArray[np.int8] | None,
-    time_limit: float | None,
-) -> RowsControl: ...
 
 # -- fleets: x_s(k+1) = A_s x_s(k) + B_s u(k) + c_s, d = steps m; u is (d,) --
 

@@ -285,15 +285,14 @@ fn call(name: &str) -> Option<Call> {
                 }
                 limits::box_control(&ill, &one[..N], Penalty::Diagonal(&zero), open, None, until())?;
                 limits::box_control(&one, &one[..N], Penalty::Full(&identity), bounds, None, until())?;
-                let goal = Some((&one[..2 * N], &one[..N]));
+                let goal = (&one[..2 * N], &one[..N]);
                 let penalty = Penalty::Diagonal(&[0.1; N]);
                 let mut solver = limits::Solver::new(&one, penalty, bounds, 2, goal, &stop)?;
                 solver.solve(&one[..2], until())?;
                 limits::box_batch(&one, &one[..2 * N], 2, penalty, bounds, true, 2, &stop)?;
                 let small = Bounds::new(&low[..5], &high[..5], 5)?;
-                limits::box_batch(&one[..50], &one[..5000], 500, Penalty::Diagonal(&[0.0; 5]), small, true, 2, &stop)?;
-                let penalty = Penalty::Diagonal(&[0.1; 5]);
-                limits::box_batch_each(&one[..5000], &one[..1000], 100, penalty, small, true, 2, &stop).map(drop)
+                let penalty = Penalty::Diagonal(&[0.0; 5]);
+                limits::box_batch(&one[..50], &one[..5000], 500, penalty, small, true, 2, &stop).map(drop)
             })
         }
         "limits of rows" => {

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from core_regions import region_errors
+from core_regions import changed, region_errors
 from coverage_study import DELTA
 from identification_data import POINT, Y, Z, check, rolled, stable
 from stochens_rs.controls.region_errors import trajectory
@@ -87,7 +87,7 @@ def scalar_end(plan):
 def test_three_steps_of_the_formula_data():
     model = model_of(Z, Y)
     region = model.region(frobenius=True)
-    part = replace(region.parts[0], factor=1.2)
+    part = changed(region.parts[0], factor=1.2)
     region = replace(region, parts=(part,), frobenius=np.sqrt(1.5))
     errors = region_errors(region, POINT[:2], np.array([[0.5], [0.0], [-0.5]]), rho0=0.0)
     twin = cc.several_steps(
@@ -104,7 +104,8 @@ def test_three_steps_of_the_formula_data():
     # row by row: never worse than the recursion with norms throughout
     u = np.array([[0.5], [0.0], [-0.5]])
     apart = tuple(
-        replace(part, rows=part.rows[[i]], S=part.S[[i]][:, [i]]) for i in range(len(part.rows))
+        changed(part, rows=part.rows[[i]], S=np.ascontiguousarray(part.S[[i]][:, [i]]))
+        for i in range(len(part.rows))
     )
     rows = region_errors(replace(region, parts=apart), POINT[:2], u)
     fitted = tr.fit(tr.triangle(Z, Y))

@@ -16,7 +16,6 @@ import stochens_rs as se
 from hidden_systems import of_each_kind
 from limit_plans import within
 from limit_problems import draws, weight
-from stochens_rs import _core
 from stochens_rs.controls import limit_bound, limit_certificate, limited_errors
 from stochens_rs.controls.constraints import checked_task
 from stochens_rs.controls.limit_bound import FIRM, limited_bound
@@ -167,33 +166,6 @@ def test_a_moved_target_by_draws_of_the_twin(K):
             np.testing.assert_allclose(
                 np.quantile(found, level), np.quantile(wanted, level), rtol=0.06
             )
-
-
-def test_the_drawn_estimates_are_those_behind_the_drawn_errors():
-    """Without limits: the errors of PlanErrors, by pseudoinverses of the same estimates."""
-    for axis in ("columns", "rows"):
-        A, B, x0, xf = systems()["Gaussian"]
-        some = se.sample(A, 40, rng=1, axis=axis)
-        plan = se.control((some, B), se.sample(x0, 40, rng=2), xf, steps=2)
-        errors, key = limit_bound.plan_errors(plan.basis, 2, "product"), se.rng.as_key(5)
-        start, goal, matrix = errors.entities
-        given = start.argument(), goal.argument(), matrix.argument(transpose=axis == "columns")
-
-        def estimates(first, runs, given=given, axis=axis, key=key):
-            told = axis == "rows", first, runs, 1e3, key.bytes32, 1
-            return _core.simulate_plan_estimates(*given, *told)
-
-        found, n = estimates(0, 50), len(A)
-        assert np.array_equal(found[20:], estimates(20, 30))
-        wanted = []
-        for row in found:
-            A_hat = row[2 * n :].reshape(n, n)
-            assert np.array_equal(row[n : 2 * n], xf)
-            C, exact = (np.hstack([B, X @ B]) for X in (A_hat, A))
-            u = np.linalg.pinv(C) @ (xf - A_hat @ A_hat @ row[:n])
-            wrong = u - np.linalg.pinv(exact) @ (xf - A @ A @ x0)
-            wanted.append((np.linalg.norm(exact @ wrong), np.linalg.norm(wrong)))
-        np.testing.assert_allclose(errors.draw(50, key), wanted, rtol=1e-6)
 
 
 LIMITS = [

@@ -30,7 +30,6 @@ from stochens_rs.exceptions import (
     StateRecoveredWarning,
     StochensError,
 )
-from stochens_rs.identification import levels
 from stochens_rs.streams.snapshot import look_after, planned
 from twin import anytime as at
 from twin import certified_control as cc
@@ -71,7 +70,7 @@ def test_regions_are_those_of_the_twin():
     check(part.S, 0.09 * np.eye(2))
     # N = 12: too few for the covariance, so the universal region with half of delta
     assert np.isinf(at.gaussian_noise(data, 0.025, at.GRID, anytime=True).factor)
-    expected = at.universal(data, 0.025, l0=1.0, psi=levels.PRIOR_NOISE, nu0=4.0).factor
+    expected = at.universal(data, 0.025, l0=1.0, psi=_core.mixtures()[-1], nu0=4.0).factor
     check(unknown.model.region().parts[0].factor, expected, rtol=1e-9)
 
 
@@ -171,7 +170,7 @@ def test_planned_looks():
     stream, z, y = filled(57, sigma=None, design="independent", first=10)
     part = stream.model.region().parts[0]
     share = at.look_shares(6, 0.05)[5]
-    check(part.factor, levels.roy_quantile(4, 6, 51, share))
+    check(part.factor, _core.roy_quantile(4, 6, 51, share, 1))
     stream.update(z[0, :4], z[0, 4:], y[0])
     for refused in (stream.model.region, lambda: stream.look(np.ones(4), np.ones(4), tol=1.0)):
         with pytest.raises(InputError, match=r"there are 58, and the next look is at 80$"):
@@ -179,9 +178,9 @@ def test_planned_looks():
     assert stream.next_look == 80
     assert stream.model.A.shape == (4, 4)  # the model itself is no look at a region
     assert stream.model._size_after(100.0) == 114
-    delta, more, _ = stream.model._part(0.05, 114)
-    assert delta == at.look_shares(8, 0.05)[7]
-    check(more.factor, levels.roy_quantile(4, 6, 108, delta))
+    later = stream.model._region(0.05, size=114)
+    assert later.delta == at.look_shares(8, 0.05)[7]
+    check(later.parts[0].factor, _core.roy_quantile(4, 6, 108, later.delta, 1))
 
 
 def test_the_covariance_is_bounded_for_any_number_of_pairs():
@@ -238,14 +237,13 @@ def test_a_far_forecast_grows_with_the_square_of_the_error(options):
 
 def test_a_look_asks_for_one_new_quantile():
     """Those that the forecast takes are for powers of 2, which all looks share."""
-    stream, z, y = filled(200, sigma=None)
-    levels.smallest_quantile.cache_clear()
+    stream, z, y = filled(200, sigma=None, delta=0.043)
     asked = []
     for k in range(8):
-        before = levels.smallest_quantile.cache_info().misses
+        before = _core.kept_quantiles()
         look = stream.look(np.ones(4), np.full(4, 0.1), tol=0.8)
         assert 1.0 < look.forecast < 1e5
-        asked.append(levels.smallest_quantile.cache_info().misses - before)
+        asked.append(_core.kept_quantiles() - before)
         stream.update(z[k, :4], z[k, 4:], y[k])
     assert max(asked[1:]) <= 1 < asked[0]
 

@@ -20,7 +20,7 @@ from ..identification import Model
 from ._command import Command
 from ._limits import LIMIT_NAMES, limit_facts, limit_lines, limit_options, limits_given
 from ._options import FILE, force_option, json_option, out_option, steps_option
-from ._output import WRITTEN, Folder, finite, grid, show_result
+from ._output import Out, finite, grid, show_result
 from ._problem import share
 
 LISTED = 12  # states whose certificates are printed; JSON has all
@@ -85,14 +85,12 @@ def control_command(
     x0_error: float,
     open_loop: bool,
     robust: bool,
-    out: str | None,
-    force: bool,
     as_json: bool,
     **_: Any,
 ) -> None:
     """Compute the control from one state to another, also within limits.
 
-    MODEL_OR_PROBLEM is a model of `identify --save`, or a known system: .npz, .mat, .csv or JSON
+    MODEL_OR_PROBLEM is a model of `identify --out`, or a known system: .npz, .mat, .csv or JSON
     with A, B and optionally x0, xf, names and units.
 
     For a model, prints how far the true system can end from the target, with probability 1 - P,
@@ -100,12 +98,7 @@ def control_command(
     weighted squares of the distances from the target (--Q, --Qf) and of the inputs (--R).
     """
     probability = share(delta, "--delta")
-    options = {
-        name: list(value) if isinstance(value, tuple) else value  # as JSON has them
-        for name, value in context.params.items()
-        if name not in WRITTEN
-    }
-    folder = None if out is None else Folder(out, "control", options, force)
+    files = Out(context)
     known: Any
     if source.endswith(".safetensors") or state_file.is_state(source):
         known = Model.load(source)
@@ -113,8 +106,8 @@ def control_command(
     else:
         if noise or open_loop or robust or x0_error:
             raise click.UsageError(
-                "--x0-error, --noise, --open-loop and --robust are for models of identify "
-                "--save, not for a system that is known"
+                "--x0-error, --noise, --open-loop and --robust are for models of identify, "
+                "not for a system that is known"
             )
         problem = cases.from_file(source)
         known, x0, xf = problem.system, problem.x0, problem.xf
@@ -134,8 +127,7 @@ def control_command(
             found = _certified(plan, probability, noise, open_loop)
     facts = _facts(plan, found, x0, xf, names)
     show_result(facts, _text(plan, found, xf, names), as_json)
-    if folder is not None:
-        folder.write(facts, lambda: plan.plot(found))
+    files.write(facts, lambda: plan.plot(found))
 
 
 def _certified(plan: Plan, delta: float, noise: bool, open_loop: bool) -> Any:
@@ -223,7 +215,8 @@ def _text(plan: Plan, found: Certificate | None, xf: Any, names: tuple[Any, Any]
     lines = [*grid(rows), ""]
     if found is None:
         off = float(np.linalg.norm(plan.predicted_states[-1] - xf))
-        lines.append(f"ends       {off:.4g} from the target; the system is taken as known")
+        where = f"{off:.4g} from the target" if off > _rounding(plan) else "at the target"
+        lines.append(f"ends       {where}; the system is taken as known")
     elif found.doubts:
         lines.append("certified  nothing: columns of the data are no states of a plant, see below")
     else:
@@ -258,8 +251,12 @@ def _starred(values: Any, k: int, active: Any) -> list[str]:
 
 def _reach(plan: Plan, found: Certificate) -> str:
     """How far the model ends from the target; 0 where that is rounding beside the states."""
-    rounding = ROUNDING * float(np.abs(plan.predicted_states).max())
-    return f"{found.reach if found.reach > rounding else 0.0:.4g}"
+    return f"{found.reach if found.reach > _rounding(plan) else 0.0:.4g}"
+
+
+def _rounding(plan: Plan) -> float:
+    """Distances up to here are rounding beside the states."""
+    return ROUNDING * float(np.abs(plan.predicted_states).max())
 
 
 def _components(found: Certificate, names: Any) -> str:

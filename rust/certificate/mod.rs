@@ -15,6 +15,7 @@
 //! # Ok::<(), stochens::Error>(())
 //! ```
 
+mod near;
 mod noise;
 mod nuclear;
 mod pilot;
@@ -24,10 +25,11 @@ mod reference;
 mod several_steps;
 mod trajectory;
 
+pub use near::Near;
 pub use noise::{Gaussian, ToCome};
-pub use pilot::{Covariance, Event, Pilot, Runs, Simulation};
+pub use pilot::{Event, Pilot, Runs, Simulation};
 pub use plan::{Control, Plan, Task, Way, certify};
-pub use reference::{Near, Reference, Shares};
+pub use reference::{Reference, Shares};
 pub use trajectory::{Errors, states, trajectory};
 
 #[cfg(test)]

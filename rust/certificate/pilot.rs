@@ -21,7 +21,7 @@ use std::sync::Arc;
 use crate::control::pseudoinverse;
 use crate::error::{Error, Result};
 use crate::fuse::norm;
-use crate::identify::{chi2_quantile, chi2_upper, smallest_quantile, spectral_norm, triangle, wishart_quantile};
+use crate::identify::{By, Covariance, chi2_quantile, chi2_upper, level, spectral_norm, triangle};
 use crate::memory::{checked_len, room_for_products, try_collect, try_copy, try_filled, try_room, try_zeros};
 use crate::parallel::Stop;
 use crate::region::{Part, PartOf, Region, times};
@@ -31,6 +31,8 @@ use super::powers::product;
 pub(super) const WHAT: &str = "a model by instruments";
 /// `Z' Q` with columns of unit length counts as singular below this ratio of singular values: T would have half its digits.
 const SINGULAR: f64 = 1e-8;
+/// The share of delta for an unknown covariance: fixed, not tuned on data.
+pub(super) const COVARIANCE: f64 = 0.12;
 /// Rounding of the triangle and of H, in units of the lengths of the columns times their number times eps; see
 /// `SLACK` of `identification/least_squares.py`.
 const SLACK: f64 = 4.0;
@@ -55,20 +57,6 @@ pub struct Simulation<'a> {
     pub model: &'a [f64],
     /// (m, n), and the dither of each pair (N, m).
     pub feedback: Option<(&'a [f64], &'a [f64])>,
-}
-
-/// What is known of the covariance of the noise of a step, which is the same for all unless it is `Known`: then it may be
-/// smaller.
-#[derive(Debug, Clone, Copy)]
-pub enum Covariance<'a> {
-    /// The covariance (n, n), or a bound of it.
-    Known(&'a [f64]),
-    /// A multiple of I.
-    Scalar,
-    /// Diagonal.
-    Diagonal,
-    /// Any.
-    Full,
 }
 
 /// What holds in one event: bounds of the norms of Gamma, and of the covariance.
@@ -180,18 +168,11 @@ impl Pilot {
         self.ratio > SINGULAR
     }
 
-    /// T, `Q' Z` (d, d), with `T' T = ((Q' Z)' Q' Z)^-1`, and the ratio of the singular values of the latter with columns of
-    /// length 1.
-    #[must_use]
-    pub fn lengths(&self) -> (&[f64], &[f64], f64) {
-        (&self.t, &self.root, self.ratio)
-    }
-
     /// The event of probability `1 - radii - noise`: norms of Gamma, each at half of `radii` or, without the one of Frobenius,
-    /// the other at all of it; and of an unknown covariance.
+    /// the other at all of it; and of an unknown covariance. A known one may be a bound that holds for each step.
     ///
     /// # Errors
-    /// [`Error::Value`] for levels outside (0, 1), [`Error::Memory`], [`Error::Interrupted`].
+    /// [`Error::Value`] for levels outside (0, 1), [`Error::Shape`], [`Error::Memory`], [`Error::Interrupted`].
     pub fn event(
         &self,
         covariance: Covariance<'_>,
@@ -199,19 +180,20 @@ impl Pilot {
         both: bool,
         stop: &Stop,
     ) -> Result<Event> {
-        let (n, d) = (self.n, self.d);
-        let share = if both { radii / 2.0 } else { radii };
-        let mut spectral = wishart_quantile(n, d, share, 1, stop)?.sqrt();
-        let mut frobenius = chi2_upper(radii / 2.0, (n * d) as f64)?.sqrt();
-        if !both {
-            frobenius = spectral * (n.min(d) as f64).sqrt();
-        }
+        let (n, d, by) = (self.n, self.d, By { threads: 1, stop });
+        let mut spectral = by.wishart(n, d, if both { radii / 2.0 } else { radii })?.sqrt();
+        let mut frobenius =
+            if both { chi2_upper(radii / 2.0, (n * d) as f64)?.sqrt() } else { spectral * (n.min(d) as f64).sqrt() };
         if !self.determined() {
             (spectral, frobenius) = (f64::INFINITY, f64::INFINITY);
         }
         let found = match covariance {
-            Covariance::Known(known) => try_copy(WHAT, known)?,
-            unknown => self.bound(unknown, (spectral, frobenius), noise, stop)?,
+            Covariance::Known(known) if known.len() == n * n => try_copy(WHAT, known)?,
+            Covariance::Known(known) => {
+                let (expected, found) = (format!("{n} x {n} entries"), known.len().to_string());
+                return Err(Error::Shape { name: "covariance", expected, found });
+            }
+            unknown => self.bound(unknown, (spectral, frobenius), noise, by)?,
         };
         Ok(Event { spectral, frobenius, covariance: self.widened(found) })
     }
@@ -223,7 +205,7 @@ impl Pilot {
         kind: Covariance<'_>,
         (spectral, frobenius): (f64, f64),
         delta: f64,
-        stop: &Stop,
+        by: By<'_>,
     ) -> Result<Vec<f64>> {
         let (n, free) = (self.n, self.pairs.saturating_sub(self.d));
         let room = |least: f64, radius: f64| {
@@ -242,7 +224,7 @@ impl Pilot {
                 (0..n).for_each(|i| found[i * (n + 1)] = self.residual[i * (n + 1)] / room);
             }
             _ => {
-                let least = if free < n { 0.0 } else { smallest_quantile(n, free, delta, 1, stop)? };
+                let least = if free < n { 0.0 } else { by.smallest(n, free, delta)? };
                 let room = room(least, spectral);
                 found.iter_mut().zip(&self.residual).for_each(|(to, s)| *to = s / room);
             }
@@ -271,30 +253,34 @@ impl Pilot {
         covariance
     }
 
-    /// The models that contain the true one in the event.
+    /// The models that contain the true one with probability `1 - delta`, of which a part of .12 is for an unknown covariance;
+    /// with a bound of the norm of Frobenius too if `both`.
     ///
     /// # Errors
-    /// [`Error::Memory`], [`Error::Overflow`].
-    pub fn region(&self, event: &Event) -> Result<Region> {
+    /// As [`Pilot::event`].
+    pub fn region(&self, covariance: Covariance<'_>, delta: f64, both: bool, stop: &Stop) -> Result<Region> {
+        let noise = if matches!(covariance, Covariance::Known(_)) { 0.0 } else { COVARIANCE * delta };
+        level("delta", delta)?;
+        self.within(&self.event(covariance, (delta - noise, noise), both, stop)?)
+    }
+
+    /// The models of an event.
+    pub(super) fn within(&self, event: &Event) -> Result<Region> {
         let (n, d) = (self.n, self.d);
         let [rows, columns] = [try_collect(WHAT, 0..n)?, try_collect(WHAT, 0..d)?];
-        let bounded = event.spectral.is_finite() && event.covariance.iter().all(|v| v.is_finite());
+        let known = event.covariance.iter().all(|v| v.is_finite());
         let mut shape = try_zeros(WHAT, checked_len(WHAT, n, n)?)?;
-        if bounded {
+        let mut factor = f64::INFINITY;
+        if known && self.determined() {
             shape.copy_from_slice(&event.covariance);
+            factor = event.spectral.powi(2);
+        } else {
+            shape.iter_mut().step_by(n + 1).for_each(|v| *v = 1.0);
         }
-        let factor = if bounded { event.spectral.powi(2) } else { f64::INFINITY };
-        let of = PartOf {
-            rows: &rows,
-            columns: &columns,
-            white: &self.t,
-            root: &self.root,
-            missing: &[],
-            ratio: self.ratio,
-            shape: &shape,
-            factor,
-        };
-        Region::new(&self.h, n, self.m, [Arc::new(Part::new(of)?)].into(), Some(event.frobenius), false)
+        let (white, root, missing, ratio) = (self.t.as_slice(), self.root.as_slice(), [].as_slice(), self.ratio);
+        let of = PartOf { rows: &rows, columns: &columns, white, root, missing, ratio, shape: &shape, factor };
+        let region = Region::new(&self.h, n, self.m, [Arc::new(Part::new(of)?)].into(), Some(event.frobenius), false)?;
+        Ok(region.with_noise(if known { Some(try_copy(WHAT, &event.covariance)?) } else { None }))
     }
 }
 

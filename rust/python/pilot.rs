@@ -4,10 +4,10 @@ use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 
 use super::convert::{array1, array2, slice};
-use super::error::InputError;
-use super::region::places;
-use super::run::run;
-use crate::certificate::{Covariance, Event, Pilot, Reference, Runs, Shares, Simulation, Task};
+use super::estimate::covariance;
+use super::region::{PyRegion, places};
+use super::run::{UNTIL_STOPPED, run};
+use crate::certificate::{Pilot, Reference, Runs, Shares, Simulation, Task};
 use crate::memory::try_copy;
 
 type Matrix<'py> = PyReadonlyArray2<'py, f64>;
@@ -15,24 +15,8 @@ type Vector<'py> = PyReadonlyArray1<'py, f64>;
 
 const WHAT: &str = "a model by instruments";
 
-/// The covariance of the noise (n, n), or what is known of it: "scalar", "diagonal" or "full".
-#[derive(FromPyObject)]
-enum Known<'py> {
-    Matrix(Matrix<'py>),
-    Kind(String),
-}
-
-impl Known<'_> {
-    fn covariance(&self, n: usize) -> PyResult<Covariance<'_>> {
-        match self {
-            Self::Matrix(known) if known.as_array().dim() == (n, n) => Ok(Covariance::Known(slice("S", known)?)),
-            Self::Kind(kind) if kind == "scalar" => Ok(Covariance::Scalar),
-            Self::Kind(kind) if kind == "diagonal" => Ok(Covariance::Diagonal),
-            Self::Kind(kind) if kind == "full" => Ok(Covariance::Full),
-            _ => Err(InputError::new_err(format!("`S` must be ({n}, {n}), 'scalar', 'diagonal' or 'full'"))),
-        }
-    }
-}
+/// What is known of the covariance of the noise: "full", "diagonal", "scalar", or "known" with the matrix.
+type Known<'py> = (String, Option<Matrix<'py>>);
 
 /// The model `H` with the exact law of its error.
 #[pyclass(frozen, module = "stochens_rs._core", name = "Pilot")]
@@ -46,19 +30,8 @@ pub(super) struct PyPilot {
 #[pyclass(frozen, module = "stochens_rs._core", name = "Reference")]
 pub(super) struct PyReference(Reference);
 
-/// `(white, root, ratio)` of the region, `(spectral, frobenius)`, and the bound of the covariance.
-type FoundEvent<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>, f64, f64, f64, Bound<'py, PyArray2<f64>>);
-
 /// `(target, reach, quantile, mismatch, rest, tube, components)`.
 type FoundNear<'py> = (f64, f64, f64, f64, f64, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
-
-impl PyPilot {
-    fn event(&self, py: Python<'_>, known: &Known<'_>, radii: f64, noise: f64, both: bool) -> PyResult<Event> {
-        let covariance = known.covariance(self.n)?;
-        let cost = 1e4 * (self.n * self.d) as f64;
-        run(py, cost, |stop| self.pilot.event(covariance, (radii, noise), both, stop))
-    }
-}
 
 #[pymethods]
 impl PyPilot {
@@ -93,29 +66,20 @@ impl PyPilot {
         self.pilot.determined()
     }
 
-    /// What holds with probability `1 - radii - noise`.
-    fn region<'py>(
-        &self,
-        py: Python<'py>,
-        known: Known<'_>,
-        radii: f64,
-        noise: f64,
-        both: bool,
-    ) -> PyResult<FoundEvent<'py>> {
-        let event = self.event(py, &known, radii, noise, both)?;
-        let (white, root, ratio) = self.pilot.lengths();
-        Ok((
-            array2(py, try_copy(WHAT, white)?, self.d, self.d)?,
-            array2(py, try_copy(WHAT, root)?, self.d, self.d)?,
-            ratio,
-            event.spectral,
-            event.frobenius,
-            array2(py, event.covariance, self.n, self.n)?,
-        ))
+    /// The models that contain the true one.
+    fn region(&self, py: Python<'_>, known: Known<'_>, delta: f64, both: bool) -> PyResult<PyRegion> {
+        let covariance = covariance(&known.0, known.1.as_ref())?;
+        Ok(PyRegion(run(py, UNTIL_STOPPED, |stop| self.pilot.region(covariance, delta, both, stop))?))
     }
 
+    /// From the inputs of a plan.
     fn reference(&self, x0: Vector<'_>, inputs: Matrix<'_>) -> PyResult<PyReference> {
         Ok(PyReference(Reference::new(&self.pilot, slice("x0", &x0)?, slice("inputs", &inputs)?)?))
+    }
+
+    /// From its task.
+    fn task(&self, x0: Vector<'_>, xf: Vector<'_>, steps: usize) -> PyResult<PyReference> {
+        Ok(PyReference(Reference::of_task(&self.pilot, slice("x0", &x0)?, slice("xf", &xf)?, steps)?))
     }
 
     /// The certificate of a plan at `delta`.
@@ -140,10 +104,12 @@ impl PyPilot {
             predicted: slice("predicted", &predicted)?,
         };
         let inputs = slice("inputs", &inputs)?;
-        let shares = Shares::new(delta, matches!(known, Known::Matrix(_)), noise, steps)?;
-        let event = self.event(py, &known, shares.radii, shares.covariance, true)?;
-        let cost = 30.0 * (steps * steps) as f64 * self.d.pow(3) as f64 + 1e6 * steps as f64;
-        let found = run(py, cost, |stop| self.pilot.near(&reference.0, task, inputs, &event, shares, stop))?;
+        let shares = Shares::new(delta, known.1.is_some(), noise, steps)?;
+        let covariance = covariance(&known.0, known.1.as_ref())?;
+        let found = run(py, UNTIL_STOPPED, |stop| {
+            let event = self.pilot.event(covariance, (shares.radii, shares.covariance), true, stop)?;
+            self.pilot.near(&reference.0, task, inputs, &event, shares, stop)
+        })?;
         Ok((
             found.target,
             found.reach,

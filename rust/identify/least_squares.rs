@@ -173,7 +173,7 @@ pub fn fit(rows: &[f64], width: usize, d: usize, size: usize, threads: usize, st
     let mut residual = try_zeros(WHAT, checked_len(WHAT, n, n)?)?;
     // U_r' R12 (rank, n), and what it leaves of R12
     let mut along = try_zeros(WHAT, checked_len(WHAT, rank, n)?)?;
-    for (along, u) in along.chunks_exact_mut(n).zip(found.u.chunks_exact(d)) {
+    for (along, u) in along.chunks_exact_mut(n).zip(found.u.chunks_exact(d.max(1))) {
         top().zip(u).for_each(|(row, u)| add(along, *u, &row[d..]));
     }
     for (t, row) in r.chunks_exact(width).enumerate() {

@@ -9,6 +9,7 @@ mod convert;
 mod draws;
 mod error;
 mod estimate;
+mod fitted;
 mod fleet;
 mod fuse;
 mod horizon;
@@ -39,9 +40,9 @@ mod _core {
     #[pymodule_export]
     use super::draws::{Draws, sample_counts};
     #[pymodule_export]
-    use super::estimate::{
-        PyEstimate, PyFitted, chance_of_infinity, fit, kept_quantiles, mixtures, sign_contains, sign_sizes,
-    };
+    use super::estimate::{PyEstimate, chance_of_infinity, kept_quantiles, mixtures, sign_contains, sign_sizes};
+    #[pymodule_export]
+    use super::fitted::{PyFitted, fit};
     #[pymodule_export]
     use super::fleet::{
         fleet_gains, fleet_misses, fleet_moments, fleet_slope, fleet_triangle, fleet_worst, scenario_at_most,
@@ -97,5 +98,5 @@ fn version() -> &'static str {
 /// Whether the core is a release build, and the registers for which its kernels were chosen.
 #[pyfunction]
 fn build() -> (bool, &'static str) {
-    (!cfg!(debug_assertions), crate::widest::registers())
+    (!cfg!(debug_assertions), crate::simd::dispatch::registers())
 }

@@ -8,7 +8,7 @@ use pyo3::types::PyTuple;
 
 use super::convert::{array1, array2, slice};
 use super::error::ShapeError;
-use super::estimate::{PyFitted, copied, places as as_places};
+use super::fitted::{PyFitted, copied, places as as_places};
 use super::run::run;
 use crate::certificate::{self, Control, Gaussian, Task, ToCome, Way};
 use crate::error::require_finite;
@@ -320,7 +320,7 @@ impl PyRegion {
 
 /// A region, the inputs in its form, noise to come, and whether it compares with the best control.
 type GivenWay<'py> = (Bound<'py, PyRegion>, Matrix<'py>, Option<Noise<'py>>, bool);
-/// `(best, target, reach, model_error, start, components, tube, control)`; `control` is a number, or why there is none.
+/// `(best, target, reach, model_error, start, components, tube, control, why)`; `why` no bound of the control is known.
 type Found<'py> = (
     usize,
     f64,
@@ -329,7 +329,7 @@ type Found<'py> = (
     f64,
     Bound<'py, PyArray1<f64>>,
     Bound<'py, PyArray1<f64>>,
-    Option<f64>,
+    f64,
     Option<&'static str>,
 );
 
@@ -353,10 +353,14 @@ pub(super) fn certify<'py>(
     let apart = apart.as_ref().map(as_way).transpose()?;
     let found = run(py, 2.0 * cost, |stop| certificate::certify(task, &given, apart, stop))?;
     let (control, reason) = match found.control {
-        None => (None, None),
-        Some(Control::Within(value)) => (Some(value), None),
-        Some(Control::Many) => (None, Some("many")),
-        Some(Control::NoEffect) => (None, Some("no effect")),
+        None => (f64::INFINITY, Some("over several steps no bound of the control is known")),
+        Some(Control::Within(value)) => (value, None),
+        Some(Control::Many) => {
+            (f64::INFINITY, Some("there are more inputs than states, so that many controls are as good"))
+        }
+        Some(Control::NoEffect) => {
+            (f64::INFINITY, Some("within the error of the data some inputs may have no effect"))
+        }
     };
     Ok((
         found.best,

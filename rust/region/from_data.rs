@@ -5,7 +5,7 @@ use std::sync::Arc;
 use crate::control::singular;
 use crate::error::{Error, Result};
 use crate::identify::{
-    Assumed, By, Covariance, Estimate, Fitted, Radius, SignTest, Wish, adaptive, independent, lengths, level,
+    Assumed, By, Covariance, Estimate, Fitted, Noise, Radius, SignTest, Wish, adaptive, independent, lengths, level,
     null_space,
 };
 use crate::memory::{try_collect, try_copy, try_extend, try_push, try_room, try_zeros};
@@ -42,6 +42,10 @@ impl Region {
         } else {
             &estimate.blocks
         };
+        if assumed.noise != Noise::Gaussian && !matches!(assumed.covariance, Covariance::Known(_)) {
+            let found = "an unknown one".into();
+            return Err(Error::Value { name: "covariance", expected: "known for noise that is not Gaussian", found });
+        }
         let exact_law = assumed.exact() && estimate.blocks.len() == 1 && !wish.components;
         if !exact_law && (wish.directions.is_some() || wish.future > 0) {
             let (name, found) = (if wish.future > 0 { "future" } else { "directions" }, "another one".into());

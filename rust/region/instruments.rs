@@ -12,13 +12,16 @@ use crate::memory::{checked_len, try_collect, try_copy, try_zeros};
 use super::models::Region;
 use super::part::{Part, PartOf, WHAT};
 
+/// In place of a variance that is not positive; its inverse is finite.
+const TINY: f64 = 1e-300;
+
 impl Region {
     /// `{E P E' <= q E (I - P) E'}`, q Roy's quantile of (n, r, N - r).
     ///
     /// At the truth both sides are Wishart matrices of r and N - r degrees. With `Q = P - q (I - P)`, `V = Z' Q Z` and
     /// `C = Y' Q Z V^-1`, completing the square gives `S = C V C' - Y' Q Y`.
     pub(super) fn by_instruments(found: &Projected, estimate: &Estimate, delta: f64, by: By<'_>) -> Result<Self> {
-        let (n, d, width) = (estimate.n, estimate.d, found.width);
+        let (n, d) = (estimate.n, estimate.d);
         let q = if found.rank >= d { by.roy(n, found.rank, found.size - found.rank, delta)? } else { f64::INFINITY };
         let bounded = if q.is_finite() { completed(found, (n, d), q, delta)? } else { None };
         let (rows, columns) = (try_collect(WHAT, 0..n)?, try_collect(WHAT, 0..d)?);
@@ -32,7 +35,6 @@ impl Region {
         let (white, root) = (&white[..], &root[..]);
         let of =
             PartOf { rows: &rows, columns: &columns, white, root, missing: &[], ratio: 1.0, shape: &shape, factor };
-        debug_assert!(width == d + n);
         Self::new(&centre, n, estimate.m, Vec::from([Arc::new(Part::new(of)?)]), None, false)
     }
 }
@@ -92,7 +94,7 @@ fn completed(found: &Projected, (n, d): (usize, usize), q: f64, delta: f64) -> R
     // widened by the rounding of these differences, which noise of few sources leaves alone
     let rounding = n as f64 * SLACK * width as f64 * f64::EPSILON;
     shape.iter_mut().step_by(n + 1).zip(&terms).for_each(|(v, term)| *v += rounding * term);
-    let deviation = |i: usize| shape[i * (n + 1)].max(f64::MIN_POSITIVE).sqrt();
+    let deviation = |i: usize| shape[i * (n + 1)].max(TINY).sqrt();
     let mut correlations = Symmetric::new(n)?;
     for (at, to) in correlations.matrix.iter_mut().enumerate() {
         *to = shape[at] / deviation(at / n) / deviation(at % n);

@@ -77,11 +77,6 @@ impl PyPilot {
         Ok(PyReference(Reference::new(&self.pilot, slice("x0", &x0)?, slice("inputs", &inputs)?)?))
     }
 
-    /// From its task.
-    fn task(&self, x0: Vector<'_>, xf: Vector<'_>, steps: usize) -> PyResult<PyReference> {
-        Ok(PyReference(Reference::of_task(&self.pilot, slice("x0", &x0)?, slice("xf", &xf)?, steps)?))
-    }
-
     /// The certificate of a plan at `delta`.
     #[expect(clippy::too_many_arguments, reason = "one call, named in the stub")]
     fn near<'py>(

@@ -113,6 +113,11 @@ def piloted(H0: Array, rows: Array, plant: Plant, dither: Array | None = None) -
     return _core.Pilot(rows, lengths, H0, feedback, 1)
 
 
+def covariance(plant: Plant) -> tuple[str, Array]:
+    """The known covariance as the core takes it."""
+    return "known", plant.sigma**2 * np.eye(len(plant.A))
+
+
 @dataclass(frozen=True)
 class Outcome:
     """Certificate and truth of one data set."""
@@ -131,7 +136,7 @@ def outcome(
     gen: np.random.Generator,
     delta: float = 0.05,
     *,
-    known: Array | str | None = None,
+    unknown: str | None = None,
     noise: bool = False,
     pilot: Array | None = None,
 ) -> Outcome:
@@ -143,8 +148,8 @@ def outcome(
     reference = model.reference(plant.x0, steered(H0, plant.x0, plant.xf, K))
     u = steered(model.centre, plant.x0, plant.xf, K)
     predicted = led(model.centre, plant.x0, u)
-    S = plant.sigma**2 * np.eye(n) if known is None else known
-    found = model.near(reference, plant.x0, plant.xf, u, predicted, S, delta, noise)
+    law = covariance(plant) if unknown is None else (unknown, None)
+    found = model.near(reference, plant.x0, plant.xf, u, predicted, law, delta, noise)
     shocks = plant.sigma * gen.standard_normal((K, n)) if noise else None
     true = led(Theta, plant.x0, u, shocks)
     miss, off = np.abs(true[-1] - plant.xf), np.linalg.norm(true - predicted, axis=1)

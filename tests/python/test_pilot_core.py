@@ -6,7 +6,18 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from pilot_sets import FAMILIES, Plant, family, led, measured, piloted, rig, split, steered
+from pilot_sets import (
+    FAMILIES,
+    Plant,
+    covariance,
+    family,
+    led,
+    measured,
+    piloted,
+    rig,
+    split,
+    steered,
+)
 from stochens_rs import _core
 from stochens_rs.exceptions import InputError, ShapeError
 from test_pilot_twin import H0, SIGMA, integer_runs, problem
@@ -31,10 +42,15 @@ def posed(plant: Plant, runs: int, seed: int, known: object = None) -> tuple[obj
     found = twin.estimate(zeta, main[:, :-n], main[:, -n:])
     z = np.hstack([led(found.H, plant.x0, u)[:-1], u])
     z0 = np.hstack([led(pilot, plant.x0, u0)[:-1], u0])
-    S = plant.sigma**2 * np.eye(n)
-    spectral, frobenius, widened = model.region(S, 0.12 * 0.05, 0.0, True)[3:]
-    p = twin.Problem(found, pilot, np.sqrt(widened), spectral, frobenius, z, z0)
+    S = covariance(plant)
+    p = twin.Problem(found, pilot, *event(model, S, 0.12 * 0.05), z, z0)
     return model, model.reference(plant.x0, u0), u, p, S
+
+
+def event(model: object, law: tuple[str, object], level: float) -> tuple[Array, float, float]:
+    """A root of the covariance with room for rounding, and the radii."""
+    region = model.region(law, level, True)
+    return np.sqrt(region.noise), np.sqrt(region.parts[0].factor), region.frobenius
 
 
 def test_integer_runs() -> None:
@@ -42,21 +58,22 @@ def test_integer_runs() -> None:
     model = _core.Pilot(rows, np.array([4, 4, 4]), H0, None, 1)
     p, _ = problem()
     assert np.abs(model.centre - p.found.H).max() < 1e-13
-    white, root, _, spectral, frobenius, S = model.region(SIGMA**2 * np.eye(2), 0.006, 0.0, True)
-    assert np.abs(white - p.found.T).max() < 1e-14
-    assert np.abs(np.linalg.inv(root).T - white).max() < 1e-13
-    assert frobenius == pytest.approx(np.sqrt(stats.chi2.isf(0.003, 6)), rel=1e-12)
-    assert spectral < frobenius
-    assert 1.0 <= S[0, 0] / SIGMA**2 < 1.0003  # for rounding
-    # sigma unknown: the bound of the statement with this radius
-    bound = model.region("scalar", 0.006, 0.01, True)[5]
-    assert bound[0, 0] / twin.scalar_bound(p.found, frobenius, 0.01) ** 2 == pytest.approx(
-        1.0002, 1e-6
-    )
-    wide = model.region("full", 0.5, 0.4, True)
-    smallest = _core.smallest_quantile(2, 9, 0.4, 1)
-    expected = twin.full_bound(p.found, wide[3], smallest)
-    assert np.all(np.abs(wide[5] / expected - 1.0002) < 1e-6)
+    region = model.region(("known", SIGMA**2 * np.eye(2)), 0.006, True)
+    part = region.parts[0]
+    assert np.abs(part.white - p.found.T).max() < 1e-14
+    assert np.abs(np.linalg.inv(part.root).T - part.white).max() < 1e-13
+    assert region.frobenius == pytest.approx(np.sqrt(stats.chi2.isf(0.003, 6)), rel=1e-12)
+    assert part.factor < region.frobenius**2
+    assert 1.0 <= region.noise[0, 0] / SIGMA**2 < 1.0003  # for rounding
+    assert model.region(("known", np.eye(2)), 0.006, False).parts[0].factor < part.factor
+    # sigma unknown: the bound of the statement with .88 of the level for the radii
+    region = model.region(("scalar", None), 0.05, True)
+    expected = twin.scalar_bound(p.found, region.frobenius, 0.006) ** 2
+    assert region.noise[0, 0] / expected == pytest.approx(1.0002, 1e-6)
+    region = model.region(("full", None), 0.9, True)
+    spectral, smallest = region.parts[0].factor ** 0.5, _core.smallest_quantile(2, 9, 0.108, 1)
+    expected = twin.full_bound(p.found, spectral, smallest)
+    assert np.all(np.abs(region.noise / expected - 1.0002) < 1e-6)
 
 
 @pytest.mark.parametrize("name", ["n2 stable", "n3", "n4 one step", "rig", "feedback"])
@@ -73,8 +90,7 @@ def test_against_the_twin(name: str, noise: bool) -> None:
     assert reach == pytest.approx(np.linalg.norm(xs[-1] - plant.xf), abs=1e-9 * np.abs(xs).max())
     one = K == 1
     if noise:
-        radii = model.region(S, 0.1 * delta, 0.0, True)[3:5]
-        p = twin.Problem(p.found, p.H0, p.root, *radii, p.z, p.z0)
+        p = twin.Problem(p.found, p.H0, *event(model, S, 0.1 * delta), p.z, p.z0)
         through, apart, _ = p.future(K)
         end, s = (0.74 + 0.06 * one) * delta, 1.0
         Tx, each = p.found.T[:, :n], 0.05 * delta / max(K - 1, 1)
@@ -147,10 +163,7 @@ def test_a_plan_far_from_the_reference_has_the_certificate_of_any_plan() -> None
     u = -5.0 * steered(model.centre, rig().x0, rig().xf, 10)
     xs = led(model.centre, rig().x0, u)
     target = model.near(reference, rig().x0, rig().xf, u, xs, S, 0.05, False)[0]
-    white, root, ratio, spectral, frobenius, bound = model.region(S, 0.006, 0.0, True)
-    rows, columns = np.arange(4), np.arange(5)
-    part = _core.RegionPart(rows, columns, white, root, np.zeros((5, 0)), ratio, bound, spectral**2)
-    region = _core.Region(model.centre, 1, [part], frobenius, False)
+    region = model.region(S, 0.006, True)
     plain = np.linalg.norm(xs[-1] - rig().xf) + region.errors(rig().x0, u, 0.0, None).radii[-1]
     assert target <= plain * (1.0 + 1e-9)
     assert region.contains(np.hstack([rig().A, rig().B]))
@@ -166,7 +179,7 @@ def test_units_do_not_matter() -> None:
         scaled = rows * np.concatenate([D, [1.0], D])
         pilot, main = split(scaled, plant)
         model = piloted(pilot, main, plant)
-        x0, S = D * plant.x0, plant.sigma**2 * np.diag(D**2)
+        x0, S = D * plant.x0, ("known", plant.sigma**2 * np.diag(D**2))
         A, B = model.centre[:, :3] / D[:, None] * D, model.centre[:, 3:] / D[:, None]
         u = steered(np.hstack([A, B]), plant.x0, plant.xf, plant.steps)
         reference = model.reference(x0, u)
@@ -190,8 +203,9 @@ def test_known_cases() -> None:
     u = steered(Theta, plant.x0, plant.xf, plant.steps)
     xs = led(model.centre, plant.x0, u)
     reference = model.reference(plant.x0, u)
-    for known in (np.zeros((3, 3)), "scalar", "diagonal", "full"):
-        found = model.near(reference, plant.x0, plant.xf, u, xs, known, 0.05, False)
+    for word in ("known", "scalar", "diagonal", "full"):
+        law = word, np.zeros((3, 3)) if word == "known" else None
+        found = model.near(reference, plant.x0, plant.xf, u, xs, law, 0.05, False)
         miss = np.linalg.norm(led(Theta, plant.x0, u)[-1] - plant.xf)
         assert miss <= found[0] < 1e-7
 
@@ -206,7 +220,7 @@ def test_without_enough_data_it_is_infinite() -> None:
     u = np.ones((plant.steps, 1))
     xs = led(model.centre, plant.x0, u)
     found = model.near(
-        model.reference(plant.x0, u), plant.x0, plant.xf, u, xs, np.eye(3), 0.05, False
+        model.reference(plant.x0, u), plant.x0, plant.xf, u, xs, covariance(plant), 0.05, False
     )
     assert found[0] == np.inf
     assert np.isinf(found[5][1:]).all()
@@ -214,7 +228,9 @@ def test_without_enough_data_it_is_infinite() -> None:
     short = plant._replace(length=2)
     rows, _ = measured(short, 2, np.random.default_rng(0))
     model = piloted(pilot, rows, short)
-    assert np.isinf(model.region("full", 0.01, 0.01, True)[5]).all()
+    region = model.region(("full", None), 0.01, True)
+    assert region.noise is None
+    assert region.radius == np.inf
 
 
 def test_bad_arguments() -> None:
@@ -234,10 +250,17 @@ def test_bad_arguments() -> None:
     u = np.ones((4, 1))
     xs = led(model.centre, plant.x0, u)
     with pytest.raises(ShapeError, match="3 steps"):
-        model.near(reference, plant.x0, plant.xf, u, xs, np.eye(3), 0.05, False)
+        model.near(reference, plant.x0, plant.xf, u, xs, covariance(plant), 0.05, False)
     with pytest.raises(InputError, match="delta"):
         model.near(
-            reference, plant.x0, plant.xf, u[:3].copy(), xs[:4].copy(), np.eye(3), 1.5, False
+            reference,
+            plant.x0,
+            plant.xf,
+            u[:3].copy(),
+            xs[:4].copy(),
+            covariance(plant),
+            1.5,
+            False,
         )
-    with pytest.raises(InputError, match="`S`"):
-        model.region("some", 0.05, 0.05, True)
+    with pytest.raises(InputError, match="covariance"):
+        model.region(("some", None), 0.05, True)

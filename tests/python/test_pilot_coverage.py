@@ -231,7 +231,7 @@ def test_undeclared_errors_of_readings_and_a_small_sigma_fail() -> None:
         for kind in ("half", "read"):
             given = rows
             if kind == "read":
-                                noise = 0.002 * gen.standard_normal((50, 11, 4))
+                noise = 0.002 * gen.standard_normal((50, 11, 4))
                 given = rows.copy()
                 given[:, :4] += noise[:, :-1].reshape(-1, 4)
                 given[:, 5:] += noise[:, 1:].reshape(-1, 4)

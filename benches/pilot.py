@@ -37,7 +37,7 @@ def miss(u: np.ndarray) -> float:
 
 def main(sets: int) -> None:
     """Print one line for each way and number of runs."""
-    warnings.simplefilter("ignore", se.DataWarning)
+    warnings.simplefilter("ignore", se.exceptions.DataWarning)
     for N in (10, 20, 50, 100, 400):
         found: dict[str, list[tuple[float, float]]] = {name: [] for name in WAYS}
         for seed in range(sets):

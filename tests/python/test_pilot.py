@@ -59,7 +59,7 @@ def test_a_plan_near_the_reference() -> None:
 
 
 def test_limits_keep_their_comparison() -> None:
-    plan = se.control(sharp(), PLANT.x0, PLANT.xf, steps=10, lower=-50.0, upper=50.0)
+    plan = se.control(sharp(), PLANT.x0, PLANT.xf, steps=10, limits=(-50.0, 50.0))
     bound = plan.bound(0.05)
     assert "quantile" in bound.parts
     assert bound.excess is not None
@@ -121,7 +121,7 @@ def test_refusals() -> None:
 
     refused("share in", pilot=1.5)
     refused("leave runs", pilot=30)
-    refused("must be at least 1", pilot=0)
+    refused("pilot", pilot=0)
     refused("share or number", InputTypeError, pilot="first")
     refused("n=4", ShapeError, pilot=([[1.0]], [[1.0]]))
     refused("without `pilot`", reference=TASK)
@@ -155,7 +155,7 @@ def test_a_pilot_that_says_nothing() -> None:
     data = runs(6)
     states = [run[0] for run in data.runs]
     still = se.Trajectories(states, [0.0 * run[1] for run in data.runs])
-    with pytest.warns(se.DataWarning):
+    with pytest.warns(se.exceptions.DataWarning):
         model = se.identify(still, sigma=PLANT.sigma, pilot=(A, B), reference=TASK, checks=False)
     assert any("pilot" in text for text in model.warnings)
     assert model.region(0.05).radius == np.inf

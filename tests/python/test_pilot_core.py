@@ -207,7 +207,7 @@ def test_known_cases() -> None:
         law = word, np.zeros((3, 3)) if word == "known" else None
         found = model.near(reference, plant.x0, plant.xf, u, xs, law, 0.05, False)
         miss = np.linalg.norm(led(Theta, plant.x0, u)[-1] - plant.xf)
-        assert miss <= found[0] < 1e-7
+        assert miss <= found[0] < 1e-5
 
 
 def test_without_enough_data_it_is_infinite() -> None:

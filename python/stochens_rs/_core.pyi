@@ -17,6 +17,8 @@ __all__ = [
     "Horizon",
     "HorizonControl",
     "Loop",
+    "Pilot",
+    "Reference",
     "Region",
     "RegionPart",
     "StateLock",
@@ -502,6 +504,41 @@ class RegionPart:
 
 # radius and root of noise of known size; or root, level of the last state and of others
 _ToCome: TypeAlias = tuple[float, _Floats] | tuple[_Floats, float, float]
+
+# what is known of the covariance of the noise, and the known one
+_Known: TypeAlias = tuple[Literal["full", "diagonal", "scalar", "known"], _Floats | None]
+
+@final
+class Pilot:
+    def __new__(
+        cls,
+        rows: _Floats,
+        lengths: NDArray[np.int64],
+        model: _Floats,
+        feedback: tuple[_Floats, _Floats] | None,
+        threads: int,
+    ) -> Pilot: ...
+    @property
+    def centre(self) -> _Floats: ...
+    @property
+    def determined(self) -> bool: ...
+    def region(self, known: _Known, delta: float, both: bool) -> Region: ...
+    def reference(self, x0: _Floats, inputs: _Floats) -> Reference: ...
+    # target, reach, quantile, mismatch, rest, tube (K + 1,), components (n,)
+    def near(
+        self,
+        reference: Reference,
+        x0: _Floats,
+        xf: _Floats,
+        inputs: _Floats,
+        predicted: _Floats,
+        known: _Known,
+        delta: float,
+        noise: bool,
+    ) -> tuple[float, float, float, float, float, _Floats, _Floats]: ...
+
+@final
+class Reference: ...
 
 @final
 class Region:

@@ -15,15 +15,21 @@
 //! # Ok::<(), stochens::Error>(())
 //! ```
 
+mod near;
 mod noise;
 mod nuclear;
+mod pilot;
 mod plan;
 mod powers;
+mod reference;
 mod several_steps;
 mod trajectory;
 
+pub use near::Near;
 pub use noise::{Gaussian, ToCome};
+pub use pilot::{Event, Pilot, Runs, Simulation};
 pub use plan::{Control, Plan, Task, Way, certify};
+pub use reference::{Reference, Shares};
 pub use trajectory::{Errors, states, trajectory};
 
 #[cfg(test)]

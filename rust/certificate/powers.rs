@@ -5,7 +5,7 @@ use faer::{Accum, MatMut, MatRef, Par};
 
 use crate::error::Result;
 use crate::identify::{Symmetric, spectral_norm, triangle};
-use crate::memory::{checked_len, try_room, try_zeros};
+use crate::memory::{checked_len, try_collect, try_copy, try_room, try_zeros};
 use crate::parallel::Stop;
 use crate::region::times;
 
@@ -107,6 +107,25 @@ impl Powers {
         }
         Ok(found.min(times(spectral, terms.largest(effort, found / spectral)?)))
     }
+}
+
+/// A bound of the largest `||sum_j M_{K-1-j} Gamma c_j - sum_j L_{K-1-j} Gamma g_j||` over `||Gamma||_2 <= 1`, for as many
+/// `M_p` as `L_p`; infinite if there is no time for it. `c` and `g` are (K, r).
+pub(super) fn largest_difference(
+    [m, l]: [&Powers; 2],
+    [c, g]: [&[f64]; 2],
+    effort: Effort,
+    enough: f64,
+) -> Result<f64> {
+    let count = m.matrices.len();
+    let mut matrices = try_room(WHAT, 2 * count)?; // in reverse order: those of c last
+    for matrix in l.matrices.iter().chain(&m.matrices) {
+        matrices.push(try_copy(WHAT, matrix)?);
+    }
+    let norms = try_collect(WHAT, l.norms.iter().chain(&m.norms).copied())?;
+    let all = try_collect(WHAT, c.iter().copied().chain(g.iter().map(|g| -g)))?;
+    let (rows, n, r) = (m.rows, m.n, c.len() / count.max(1));
+    Terms { matrices: &matrices, norms: &norms, c: &all, rows, n, r }.largest(effort, enough)
 }
 
 /// Coordinates of `c_0, .., c_{K-1}`, as few as there can be for the first 1, 2, .. of them.

@@ -60,8 +60,12 @@ pub(super) struct Steps {
     pub linear: Vec<f64>,
     /// `b_k >= ||W^(1/2) e(k)||` (K + 1).
     pub rest: Vec<f64>,
+    /// `nu_k` of noise to come besides, 0 for the last (K + 1).
+    pub noise: Vec<f64>,
     /// `M_p`, p < K.
     pub outside: Powers,
+    /// `W^(1/2) M_p`, p < K.
+    pub inside: Powers,
     /// Coordinates of the `c_k`.
     pub span: Span,
     /// `A^K` (n, n).
@@ -116,8 +120,13 @@ pub(super) fn several_steps(
     let mut power = try_zeros(WHAT, n * n)?;
     (0..n).for_each(|i| power[i * (n + 1)] = 1.0);
     let mut covariance = try_zeros(WHAT, n * n)?;
-    let [mut linear, mut rest, mut r] =
-        [try_room(WHAT, steps + 1)?, try_room(WHAT, steps + 1)?, try_room(WHAT, steps + 1)?];
+    let [mut linear, mut rest, mut r, mut noise] = [
+        try_room(WHAT, steps + 1)?,
+        try_room(WHAT, steps + 1)?,
+        try_room(WHAT, steps + 1)?,
+        try_room(WHAT, steps + 1)?,
+    ];
+    noise.push(0.0);
     let start = |matrix: &[f64], rows: usize| -> Result<f64> {
         Ok(if radii.rho0 == 0.0 { 0.0 } else { times(radii.rho0, spectral_norm(matrix, rows, n)?) })
     };
@@ -155,6 +164,7 @@ pub(super) fn several_steps(
         let back = times(radii.spectral, inside.cauchy_schwarz(&rest[..k])?);
         let first = inside.linear(&span, &lengths[..k], bounds, OTHERS)?;
         rest.push(seen(first + start(&product(&half, &power, rank, n, n)?, rank)? + back + nu));
+        noise.push(nu);
     }
-    Ok(Steps { radii: r, linear, rest, outside, span, power, covariance })
+    Ok(Steps { radii: r, linear, rest, noise, outside, inside, span, power, covariance })
 }

@@ -158,7 +158,7 @@ fn one_part(
             &own
         }
     };
-    let Steps { radii: mut r, linear, rest, outside, span, power, covariance } =
+    let Steps { radii: mut r, linear, rest, outside, span, power, covariance, .. } =
         several_steps(region, root, at, inputs, radii, stop)?;
     let mut components = try_filled(WHAT, f64::INFINITY, n)?;
     if !r[steps].is_finite() {
@@ -195,7 +195,7 @@ fn one_part(
 }
 
 /// `||N||_F` and `||N||_*`, with room for its rounding.
-fn norms(matrix: &[f64], rows: usize, cols: usize) -> Result<(f64, f64)> {
+pub(super) fn norms(matrix: &[f64], rows: usize, cols: usize) -> Result<(f64, f64)> {
     if matrix.is_empty() {
         return Ok((0.0, 0.0));
     }

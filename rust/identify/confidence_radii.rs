@@ -75,6 +75,18 @@ impl By<'_> {
         kept(Law::Joint, [n, d, nu], delta, || joint_radii(n, d, nu, delta, self.threads, self.stop))
     }
 
+    /// The quantile of the largest root of `G G'`, kept.
+    pub fn wishart(self, n: usize, d: usize, delta: f64) -> Result<f64> {
+        let found = || wishart_quantile(n, d, delta, self.threads, self.stop);
+        self.one(Law::Wishart, [n, d, 0], delta, found)
+    }
+
+    /// The quantile of the smallest root of `W_n(I, N)`, kept.
+    pub fn smallest(self, n: usize, size: usize, delta: f64) -> Result<f64> {
+        let found = || smallest_quantile(n, size, delta, self.threads, self.stop);
+        self.one(Law::Smallest, [n, size, 0], delta, found)
+    }
+
     fn one(self, law: Law, sizes: [usize; 3], delta: f64, compute: impl FnOnce() -> Result<f64>) -> Result<f64> {
         Ok(kept(law, sizes, delta, || compute().map(|found| (found, 0.0)))?.0)
     }
@@ -93,8 +105,7 @@ pub(crate) fn independent(
 ) -> Result<Radius> {
     let (n, nu, By { threads, stop }) = (f.rows.len(), f.degrees(), by);
     if let Covariance::Known(known) = covariance {
-        let wishart = || wishart_quantile(n, columns, delta, threads, stop);
-        let factor = if columns == 0 { 0.0 } else { by.one(Law::Wishart, [n, columns, 0], delta, wishart)? };
+        let factor = if columns == 0 { 0.0 } else { by.wishart(n, columns, delta)? };
         return Radius::of(factor, if columns == 0 { &f.residual } else { known });
     }
     if columns == 0 {
@@ -191,8 +202,7 @@ fn unknown_noise(
         let left = chi2_quantile(share, n as f64 * size)? - n.min(f.rank()) as f64 * rho2;
         (left, Radius::of_trace(f64::INFINITY, &f.residual, n)?)
     } else {
-        let smallest = || smallest_quantile(n, f.size, share, by.threads, by.stop);
-        let left = by.one(Law::Smallest, [n, f.size, 0], share, smallest)? - rho2;
+        let left = by.smallest(n, f.size, share)? - rho2;
         (left, Radius::of(f64::INFINITY, &f.residual)?)
     };
     if left > 0.0 {

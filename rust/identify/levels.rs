@@ -100,11 +100,11 @@ pub fn one_noise(n: usize, delta: f64) -> Result<f64> {
         positive_root(1.0, |r| log_0f1(s * s * r * r / 4.0) - s * s / 2.0 + delta.ln())
     };
     // any s is valid; the radius falls, then rises with log s
-    smallest(0.1f64.ln(), 50f64.ln(), radius)
+    Ok(smallest(0.1f64.ln(), 50f64.ln(), radius)?.1)
 }
 
-/// The smallest value of a function that falls, then rises, between two points: golden sections.
-pub(super) fn smallest(low: f64, high: f64, f: impl Fn(f64) -> Result<f64>) -> Result<f64> {
+/// Where a function that falls, then rises, is smallest between two points, and its value there: golden sections.
+pub(crate) fn smallest(low: f64, high: f64, mut f: impl FnMut(f64) -> Result<f64>) -> Result<(f64, f64)> {
     const PART: f64 = 0.618_033_988_749_894_9; // (sqrt(5) - 1) / 2
     let (mut low, mut high) = (low, high);
     let (mut a, mut b) = (high - PART * (high - low), low + PART * (high - low));
@@ -120,7 +120,7 @@ pub(super) fn smallest(low: f64, high: f64, f: impl Fn(f64) -> Result<f64>) -> R
             fb = f(b)?;
         }
     }
-    Ok(fa.min(fb))
+    Ok(if fa <= fb { (a, fa) } else { (b, fb) })
 }
 
 #[cfg(test)]

@@ -35,7 +35,9 @@ pub(crate) use instruments::Projected;
 pub use kept::kept_quantiles;
 pub use least_squares::{Fitted, fit};
 pub(crate) use least_squares::{SLACK, add, backward, cholesky, forward, lengths, null_space};
+pub(crate) use levels::smallest;
 pub use levels::{least_squares_level, one_noise, sphere_level};
+pub(crate) use normal_norm::coarse_normal_quantile;
 pub use normal_norm::normal_quantile;
 pub use quantiles::{
     diagonal_quantile, joint_radii, log_multigamma, row_quantile, roy_quantile, scalar_quantile, smallest_quantile,

@@ -21,6 +21,8 @@ const WHAT: &str = "the quantile of a normal vector";
 /// Eigenvalues are raised to this share of the largest, which widens the quantile by less than .0005 at `n = 4` and bounds
 /// the number of terms.
 const LEAST: f64 = 1e-3;
+/// The same where a tenth of the time is worth .005.
+const COARSE: f64 = 1e-2;
 /// What the weights that are left out may sum up to, and what is added to the tail for rounding.
 const LEFT: f64 = 1e-12;
 const ROUNDING: f64 = 1e-11;
@@ -35,6 +37,15 @@ const SMALL: f64 = 1e-8;
 /// # Errors
 /// [`Error::Shape`], [`Error::Value`] for a `delta` outside (0, 1), [`Error::Memory`].
 pub fn normal_quantile(covariance: &[f64], n: usize, delta: f64) -> Result<f64> {
+    raised_quantile(covariance, n, delta, LEAST)
+}
+
+/// [`normal_quantile`], wider by .005 at `n = 4` and in a tenth of the time.
+pub(crate) fn coarse_normal_quantile(covariance: &[f64], n: usize, delta: f64) -> Result<f64> {
+    raised_quantile(covariance, n, delta, COARSE)
+}
+
+fn raised_quantile(covariance: &[f64], n: usize, delta: f64, least: f64) -> Result<f64> {
     level("delta", delta)?;
     if covariance.len() != n * n {
         let (expected, found) = (format!("{n} x {n} entries"), covariance.len().to_string());
@@ -53,7 +64,7 @@ pub fn normal_quantile(covariance: &[f64], n: usize, delta: f64) -> Result<f64> 
     // eigenvalues below rounding are left out; chi^2_n > 200 + 3 n has probability below LEFT
     let nothing = NOTHING * n as f64;
     let values = small.eigenvalues()?.iter().map(|v| v / largest);
-    ratios.extend(values.filter(|v| *v > nothing).map(|v| v.max(LEAST)));
+    ratios.extend(values.filter(|v| *v > nothing).map(|v| v.max(least)));
     let rest = nothing * (200.0 + 3.0 * n as f64) * f64::from(u8::from(ratios.len() < n));
     Ok(((quantile(&ratios, delta)? + rest) * largest).sqrt())
 }

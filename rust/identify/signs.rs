@@ -170,7 +170,7 @@ fn radius(s: &[f64], k: &[f64]) -> Result<f64> {
     // convex: the best of a coarse grid, then golden sections around it
     let at = |i: usize| lowest.ln() - 36.0 + 0.5 * i as f64;
     let best = (0..145).min_by(|&i, &j| phi(at(i)).total_cmp(&phi(at(j)))).unwrap_or(0);
-    let found = smallest(at(best.saturating_sub(1)), at((best + 1).min(144)), |log| Ok(phi(log)))?;
+    let found = smallest(at(best.saturating_sub(1)), at((best + 1).min(144)), |log| Ok(phi(log)))?.1;
     Ok(found.sqrt())
 }
 

@@ -97,17 +97,8 @@ impl PyEstimate {
         anytime: bool,
         threads: usize,
     ) -> PyResult<PyRegion> {
-        let (design, noise, covariance, known) = &assumed;
-        let known = known.as_ref().map(|known| slice("covariance", known)).transpose()?;
-        let covariance = match (*covariance, known) {
-            ("full", None) => Covariance::Full,
-            ("diagonal", None) => Covariance::Diagonal,
-            ("scalar", None) => Covariance::Scalar,
-            ("known", Some(known)) => Covariance::Known(known),
-            (other, _) => {
-                return Err(InputError::new_err(format!("`covariance` must be of a known kind, got '{other}'")));
-            }
-        };
+        let (design, noise, word, known) = &assumed;
+        let covariance = covariance(word, known.as_ref())?;
         let design = if *design == "independent" { Design::Independent } else { Design::Adaptive };
         let noise = if *noise == "gaussian" { Noise::Gaussian } else { Noise::SubGaussian };
         let method = match method {
@@ -133,6 +124,18 @@ impl PyEstimate {
 
 /// Pairs, a basis of the regressors, m, q and the key.
 type SignOf<'py> = (Matrix<'py>, Matrix<'py>, Matrix<'py>, usize, usize, PyBackedBytes);
+
+/// A covariance by its name, or the known one.
+pub(super) fn covariance<'a>(word: &str, known: Option<&'a Matrix<'_>>) -> PyResult<Covariance<'a>> {
+    let known = known.map(|known| slice("covariance", known)).transpose()?;
+    match (word, known) {
+        ("full", None) => Ok(Covariance::Full),
+        ("diagonal", None) => Ok(Covariance::Diagonal),
+        ("scalar", None) => Ok(Covariance::Scalar),
+        ("known", Some(known)) => Ok(Covariance::Known(known)),
+        (other, _) => Err(InputError::new_err(format!("`covariance` must be of a known kind, got '{other}'"))),
+    }
+}
 
 fn sign_test<'a>(of: &'a SignOf<'_>, key: &'a Key) -> PyResult<SignTest<'a>> {
     let (z, y, basis, m, q, _) = of;

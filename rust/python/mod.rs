@@ -21,6 +21,7 @@ mod identify;
 mod laws;
 mod limited;
 mod limits;
+mod pilot;
 mod realizations;
 mod region;
 mod run;
@@ -73,6 +74,8 @@ mod _core {
     use super::limited::BoxControl;
     #[pymodule_export]
     use super::limits::{box_batch, box_control};
+    #[pymodule_export]
+    use super::pilot::{PyPilot, PyReference};
     #[pymodule_export]
     use super::region::{PyErrors, PyPart, PyRegion, certify};
     #[pymodule_export]

@@ -24,7 +24,7 @@ const WHAT: &str = "a region of models";
 #[pyclass(frozen, module = "stochens_rs._core", name = "RegionPart")]
 pub(super) struct PyPart(Arc<Part>);
 
-fn places(name: &str, values: &PyReadonlyArray1<'_, i64>) -> PyResult<Vec<usize>> {
+pub(super) fn places(name: &str, values: &PyReadonlyArray1<'_, i64>) -> PyResult<Vec<usize>> {
     let view = values.as_array();
     let mut found = try_room(WHAT, view.len())?;
     for value in view {

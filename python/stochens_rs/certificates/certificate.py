@@ -124,6 +124,28 @@ class Certificate(SavedRecord):
         }
         return f"{how[self.kind]}; {self.covers}"
 
+    def over(self, other: Certificate) -> Certificate:
+        """Return this certificate with the further radii of another one, which holds on its own.
+
+        Parameters
+        ----------
+        other : Certificate
+            Of the same control; each of the two holds with its own probability.
+
+        Returns
+        -------
+        Certificate
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> bound = se.steer(([[0.5]], [[1.0]]), [1.0], [0.0], 1000, rng=1).bound()
+        >>> bound.over(bound).target == bound.target
+        True
+        """
+        fields = {**vars(self), "quantities": {**other.quantities, **self.quantities}}
+        return trusted(Certificate, **{**fields, "covers": f"{self.covers}; others on their own"})
+
     def _with(self, **radii: Radius) -> Certificate:
         """The same with further radii, or others in place of those of these names."""
         fields = {**vars(self), "quantities": {**self.quantities, **radii}}

@@ -204,7 +204,7 @@ def _regions(
         named.append("`noise`")
     elif asked.noise and kind == "Gaussian":
         delta *= REGION
-        if isinstance(model, Model) and model.assumptions.known is None:
+        if isinstance(model, Model) and model.assumptions.known is None and model.pilot is None:
             options["method"] = "mixture"  # which bounds the covariance as well
     elif asked.noise and kind == "sized":
         delta /= 2.0
@@ -244,6 +244,7 @@ def _sharper_by_rows(basis: ModelBasis, region: Region, asked: Asked) -> bool:
         and len(region.parts) == 1
         and model.n > 1
         and model.instruments is None
+        and model.pilot is None
         and model.noise != "symmetric"
         and model.assumptions.covariance != "scalar"
     )

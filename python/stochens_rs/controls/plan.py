@@ -15,6 +15,7 @@ from .._base.to_xarray import Cube, Timed, named, over_time, padded
 from .._base.types import DELTA, FUSIONS, STATUSES, Floats, Fusion, Quantity, Status
 from ..certificates.certificate import Certificate
 from ..certificates.model_basis import ModelBasis
+from ..certificates.near_reference import near_reference
 from ..certificates.of_model import Asked, certificate
 from ..exceptions import InputError, ShapeError
 from ..plots.panels import Inputs
@@ -261,6 +262,12 @@ class Plan(SavedRecord, Timed):
         induction. Gaussian noise of known covariance to come by its exact quantile, with .4 of
         `delta`; .1 is for what the error of the model makes of it, the rest for the region.
 
+        *With a pilot and a reference* (`identify`) of as many steps, and an exact x0: the first
+        order of the error along the reference, ``F = sum_j A0^(K-1-j) Sigma^(1/2) Gamma g_j``, is
+        Gaussian of known covariance, and ``||x(K) - xf|| <= ||xh(K) - xf|| + |s| q + mismatch(s) +
+        rest`` with its quantile q: `parts` of the certificate. Target, components and tube are then
+        statements of their own.
+
         Examples
         --------
         >>> import stochens_rs as se
@@ -279,9 +286,11 @@ class Plan(SavedRecord, Timed):
             if value is not None and value is not False:
                 raise InputError(f"`{name}` must be left out {_NOT_FOR[model]}")
         if isinstance(self.basis, ModelBasis):
+            near = near_reference(self.basis, self.u, predicted, delta, asked)
             if self.limited is not None:
-                return limited_certificate(self.basis, self.limited, predicted, delta, asked)
-            return certificate(self.basis, self.u, predicted, delta, asked)
+                found = limited_certificate(self.basis, self.limited, predicted, delta, asked)
+                return found if near is None else near.over(found)
+            return near or certificate(self.basis, self.u, predicted, delta, asked)
         basis = completed(self.basis, system, x0, xf, "bound", self.labels)
         if self.limited is not None:
             return limited_bound(basis, self.limited, predicted, delta, self.fusion)

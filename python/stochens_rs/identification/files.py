@@ -13,6 +13,7 @@ from ..exceptions import InputError
 from ..rng import Key
 from .assumptions import COVARIANCES, DESIGNS, NOISES, Assumptions
 from .checks import NAMES, Checks
+from .pilot import Pilot
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -89,6 +90,9 @@ def from_model(model: Any) -> Sections:
         found["draws"] = _counts(checks.draws, int(checks.exact))
     if assumed.exact:
         found["exact"] = _counts(*assumed.exact)
+    if model.pilot is not None:
+        found |= {f"pilot_{name}": array.ravel() for name, array in _arrays(model.pilot).items()}
+        found["pilot_source"] = _bytes(model.pilot.source.encode())
     if model.key is not None:
         found["key"] = _bytes(bytes(model.key))
     return found
@@ -139,7 +143,33 @@ def to_model(sections: Sections) -> tuple[tuple[Any, ...], dict[str, Any]]:
         "instruments": _shaped(sections, "instruments", zeta) if there[1] else None,
         "checks": checks,
         "key": None if key is None else Key(key.tobytes()),
+        "pilot": _pilot(sections, n, m, n + m + offset),
     }
+
+
+def _arrays(pilot: Pilot) -> dict[str, Floats]:
+    """The arrays that a pilot has."""
+    names = "model", "gain", "dither", "start", "inputs"
+    return {name: found for name in names if (found := getattr(pilot, name)) is not None}
+
+
+def _pilot(sections: Sections, n: int, m: int, d: int) -> Pilot | None:
+    """The pilot of a model, taken from the arrays."""
+    if "pilot_source" not in sections:
+        return None
+    try:
+        source = _taken(sections, "pilot_source", np.uint8).tobytes().decode()
+    except UnicodeDecodeError:
+        raise InputError("`pilot_source` must be UTF-8") from None
+    widths = {"model": d, "gain": n, "dither": m, "start": n, "inputs": m}
+    arrays = {
+        name: _shaped(sections, f"pilot_{name}", width)
+        for name, width in widths.items()
+        if f"pilot_{name}" in sections
+    }
+    if "start" in arrays:
+        arrays["start"] = arrays["start"][0]
+    return Pilot(arrays.pop("model"), source, **arrays)
 
 
 def exact_states(sections: Sections, n: int) -> tuple[int, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -26,12 +26,16 @@ from .checks import DRAWS, WORK, checked_residuals
 from .consistency import refuse
 from .dependences import tested_rows
 from .model import Model
+from .pilot import made
+from .pilot import refuse as refuse_pilot
 from .trajectories import Trajectories, pooled
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from .._base.types import Floats
+    from ..system import System
+    from .identified import Identified
 
 
 def identify(
@@ -48,6 +52,10 @@ def identify(
     exact: Sequence[str | int] = (),
     instruments: ArrayLike | None = None,
     scale: ArrayLike = 1.0,
+    pilot: float | Identified | System | tuple[ArrayLike, ArrayLike] | None = None,
+    reference: Any = None,
+    inputs: Literal["open loop"] | ArrayLike = "open loop",
+    dither: ArrayLike | None = None,
     checks: bool = True,
     rng: RngLike = None,
 ) -> Model:
@@ -95,6 +103,22 @@ def identify(
         The size of states and inputs that is expected before the data, in their units. Regions for
         ``design="adaptive"`` hold for any scale, and are smallest if it is right within a factor of
         ten or so.
+    pilot : float, int, model or system, optional
+        Declares runs whose error has an exact law, whatever their length: Gaussian noise; number
+        and lengths of runs fixed beforehand; starts measured without error and independent of the
+        noise of all runs; `inputs` as declared. The pilot repeats the runs on paper, and the model
+        is estimated with what it predicts as instruments. A share (0.1) or number of the first
+        runs, which are then not used otherwise, at least two and two pairs for each unknown; or a
+        model or system from elsewhere, as of an older plant: right or wrong, but not of these runs.
+    reference : (x0, xf, steps) or Plan, optional
+        With `pilot`, the task that plans will be about, fixed without the runs of the model: never
+        a state that they led to. `Plan.bound` of a plan of as many steps is then close to the error
+        itself where the plan is near the pilot's; starts and targets are free.
+    inputs : "open loop" or array_like of shape (m, n), default "open loop"
+        With `pilot`, how the inputs of the runs were made: independent of the noise, or ``gain x +
+        dither`` with this gain.
+    dither : array_like, shape (N, m), optional
+        What was added to the feedback, as it was recorded, not computed from u and x.
     checks : bool, default True
         Whether to test the residuals; not done for more than about 320 000 / n pairs, of which a
         warning says so: `Model.check` does it. `Model.doubts` are looked for in any case.
@@ -144,6 +168,15 @@ def identify(
     >>> region = model.region(0.05)
     >>> region.contains(A, B), region.bound([1.0, 0.0], [0.0]) < 0.01
     (True, True)
+
+    The inputs were fixed beforehand, and so is the task:
+
+    >>> task = [1.0, 0.0], [0.0, 0.0], 5
+    >>> data = se.Trajectories(states, inputs)
+    >>> sharp = se.identify(data, sigma=0.01, pilot=0.1, reference=task)
+    >>> plain, near = (se.control(one, *task[:2], steps=5).bound() for one in (model, sharp))
+    >>> near.target < plain.target / 3
+    True
     """
     runs = pooled(data)
     n = runs.n
@@ -158,6 +191,12 @@ def identify(
     key = source.child("sign vectors") if assumed.noise == "symmetric" else None
     zeta = None if instruments is None else _instruments(instruments, runs, d, offset)
     refuse(assumed, known, zeta, runs.single)
+    guide = None
+    if pilot is not None:
+        refuse_pilot(assumed, runs, known is not None or zeta is not None)
+        guide, runs = made(runs, pilot, offset, reference, inputs, dither)
+    elif reference is not None or dither is not None or not isinstance(inputs, str):
+        raise InputError("`reference`, `inputs` and `dither` must be left out without `pilot`")
     Z = _rows(runs, offset)
     with np.errstate(over="ignore"):
         if not np.isfinite(np.vdot(Z, Z)):
@@ -174,7 +213,7 @@ def identify(
     triangle = _core.triangle(Z, get_num_threads())
     if not np.isfinite(triangle).all():
         raise NonFiniteError("the products of data and instruments overflow: scale them down")
-    model = Model(runs, triangle, assumed, sizes, offset, known, zeta, tested, key)
+    model = Model(runs, triangle, assumed, sizes, offset, known, zeta, tested, key, guide)
     if model.warnings:
         said, more = model.warnings[0], len(model.warnings) - 1
         said += f"; {html.number_of(more, 'more warning')}: see model.warnings" if more else ""

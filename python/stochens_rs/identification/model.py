@@ -28,6 +28,8 @@ from .consistency import refuse, require_sound, require_triangle_of
 from .dependences import Lag, Range, exact_relations, one_more_lag, spanned, tested_rows
 from .files import Sections, from_model, to_model
 from .identified import Identified
+from .pilot import Pilot
+from .pilot import refuse as refuse_pilot
 from .region import Region
 from .resampling import BOOTSTRAPS, Bootstrap, bootstrap_models, drawn_models
 from .trajectories import Trajectories
@@ -67,6 +69,9 @@ class Model(Identified, Durable, Tabled):
         without being asked, or `identify` was told not to: see `check`.
     key : Key or None
         That of the sign vectors, for noise of symmetric law.
+    pilot : Pilot or None
+        What simulates the runs of `data` for a region that is exact, see `identify`; the model is
+        then not least squares.
     """
 
     _kind = "model"
@@ -80,6 +85,7 @@ class Model(Identified, Durable, Tabled):
     instruments: Floats | None = None
     checks: Checks | None = None
     key: Key | None = None
+    pilot: Pilot | None = None
 
     def __post_init__(self) -> None:
         validation.instance("data", self.data, Trajectories)
@@ -107,6 +113,13 @@ class Model(Identified, Durable, Tabled):
             raise InputError("`key` must be given for noise='symmetric', and only there")
         if self.key is not None:
             validation.instance("key", self.key, Key)
+        if self.pilot is not None:
+            given = validation.instance("pilot", self.pilot, Pilot)
+            others = self.known is not None or self.instruments is not None
+            refuse_pilot(self.assumptions, self.data, others)
+            validation.kept("pilot.model", given.model, shape=(n, d))
+            if given.dither is not None:
+                validation.kept("pilot.dither", given.dither, shape=(self.size, self.m))
 
     @property
     def n(self) -> int:
@@ -179,7 +192,25 @@ class Model(Identified, Durable, Tabled):
     @cached_property
     def _Theta(self) -> Floats:
         """``[A B c]``, read-only."""
-        return validation.frozen(self._estimate.Theta)
+        made = self._estimate.Theta if self.pilot is None else self._piloted.centre
+        return validation.frozen(made)
+
+    @cached_property
+    def _piloted(self) -> _core.Pilot:
+        assert self.pilot is not None
+        feedback = None
+        if self.pilot.gain is not None and self.pilot.dither is not None:
+            feedback = tuple(map(np.ascontiguousarray, (self.pilot.gain, self.pilot.dither)))
+        rows, model = self.data._rows, np.ascontiguousarray(self.pilot.model)
+        threads = get_num_threads()
+        return _core.Pilot(np.ascontiguousarray(rows), self.data.lengths, model, feedback, threads)
+
+    @cached_property
+    def _reference(self) -> _core.Reference:
+        assert self.pilot is not None
+        assert self.pilot.start is not None
+        assert self.pilot.inputs is not None
+        return self._piloted.reference(self.pilot.start, np.ascontiguousarray(self.pilot.inputs))
 
     @property
     def covariance(self) -> Floats | None:
@@ -223,6 +254,8 @@ class Model(Identified, Durable, Tabled):
                 f"the residuals were not tested, as {self.size} pairs take long: see Model.check"
             )
         said += cautions(self._blocks, self.missing)
+        if self.pilot is not None and not self._piloted.determined:
+            said.append("the runs that the pilot simulates do not determine the model")
         if self.assumptions.noisy_states and self.instruments is None:
             said.append("the states are measured with error, so that no region is known")
         return tuple(said)
@@ -386,7 +419,14 @@ class Model(Identified, Durable, Tabled):
         )
         refuse_region(self.assumptions, wish, self.instruments is not None, len(self._blocks) > 1)
         signs, text = None, ""
-        if self.key is None:
+        assumption = said(self.assumptions, wish, self.instruments is not None)
+        if self.pilot is not None:
+            if wish != Wish(wish.delta, frobenius=wish.frobenius):
+                raise InputError("a region by a pilot takes `delta` and `frobenius` only")
+            law = self.assumptions.covariance, self.assumptions.known
+            made = self._piloted.region(law, wish.delta, wish.frobenius)
+            assumption = f"{self.assumptions.text}, {self.pilot.said}"
+        elif self.key is None:
             made = region_of(self._estimate, self.assumptions, wish, self.scale)
         else:
             signs, text = sign_test(self._blocks[0], *self._pairs(), wish.delta, self.key)
@@ -397,7 +437,7 @@ class Model(Identified, Durable, Tabled):
             centre=validation.frozen(made.centre),
             m=self.m,
             delta=wish.delta,
-            assumption=said(self.assumptions, wish, self.instruments is not None) + text,
+            assumption=assumption + text,
             missing=self.missing if self.instruments is None else (),
             parts=made.parts,
             future=wish.future,
@@ -497,6 +537,8 @@ class Model(Identified, Durable, Tabled):
         return self._ensemble(models, "draws of the law of the estimate", count)
 
     def _refuse_resampling(self) -> None:
+        if self.pilot is not None:
+            raise InputError("a model by a pilot is not least squares: identify without `pilot`")
         if not self.identifiable:
             raise InputError(f"the data do not determine the model along {'; '.join(self.missing)}")
         if self.assumptions.noisy_states:

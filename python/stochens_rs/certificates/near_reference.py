@@ -1,0 +1,66 @@
+"""The certificate of a plan near a reference that was fixed without the data of the model."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .._base.records import trusted
+from ..identification.model import Model
+from .certificate import Certificate
+from .radius import Radius
+
+if TYPE_CHECKING:
+    from .._base.types import Floats
+    from .model_basis import ModelBasis
+    from .of_model import Asked
+
+
+def near_reference(
+    basis: ModelBasis, u: Floats, predicted: Floats, delta: float, asked: Asked
+) -> Certificate | None:
+    """Bound where the true system ends; None for a plan that no reference is declared for.
+
+    That is decided without the data: by the number of steps, and an exact x0.
+    """
+    model = basis.model
+    if not isinstance(model, Model) or model.pilot is None or model.doubts:
+        return None
+    if len(u) != model.pilot.steps or basis.x0_error or asked.open_loop or asked.x0_fixed:
+        return None
+    target, *parts, tube, components = model._piloted.near(
+        model._reference,
+        basis.x0,
+        basis.xf,
+        np.ascontiguousarray(u),
+        np.ascontiguousarray(predicted),
+        (model.assumptions.covariance, model.assumptions.known),
+        delta,
+        asked.noise,
+    )
+    method = f"near a reference, {'with' if asked.noise else 'without'} noise"
+
+    def radius(value: float | Floats, distance_from: str) -> Radius:
+        reason = "too few data, or a pilot that says too little"
+        because = None if np.isfinite(value).all() else reason
+        return trusted(Radius, value, distance_from, 1.0 - delta, method, because)
+
+    return trusted(
+        Certificate,
+        kind="guaranteed",
+        delta=delta,
+        quantities={
+            "target": radius(target, "xf"),
+            "state": radius(float(np.sum(parts[1:])), "the predicted state"),
+            "components": radius(components, "xf, for each state"),
+            "tube": radius(tube, "the predicted states, for each step"),
+        },
+        covers=(
+            "target and state together, the components and the tube each on its own, over the "
+            "noise of the data"
+        ),
+        assumption=model.region(delta).assumption,
+        parts=dict(zip(("reach", "quantile", "mismatch", "rest"), parts, strict=True)),
+        warnings=model.warnings,
+    )

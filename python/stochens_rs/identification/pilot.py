@@ -1,0 +1,215 @@
+"""`Pilot`: the model that simulates the instruments of another one, fixed without its data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .._base import html, validation
+from .._base.records import Record
+from .._base.types import Floats
+from ..exceptions import InputError, InputTypeError, ShapeError
+from ..system import System
+from ..theory.dynamics import states
+from ..theory.exact import best_control
+
+if TYPE_CHECKING:
+    from .assumptions import Assumptions
+    from .trajectories import Trajectories
+
+MOST = 100_000  # steps of a reference
+
+
+@dataclass(frozen=True, eq=False)
+class Pilot(Record):
+    """What repeats the runs of a model on paper, and the plan it has for a task fixed beforehand.
+
+    Attributes
+    ----------
+    model : ndarray, shape (n, n + m) or (n, n + m + 1)
+        ``[A B]`` or ``[A B c]`` of the pilot.
+    source : str
+        Where it is from, in words.
+    gain : ndarray, shape (m, n), or None
+        The inputs of the runs were ``u = gain x + dither``; None: they were fixed in open loop.
+    dither : ndarray, shape (N, m), or None
+        The dither of each pair.
+    start : ndarray, shape (n,), or None
+        The initial state of the reference task; None without one.
+    inputs : ndarray, shape (K, m), or None
+        What the pilot would do.
+    """
+
+    model: Floats
+    source: str
+    gain: Floats | None = None
+    dither: Floats | None = None
+    start: Floats | None = None
+    inputs: Floats | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        n, d = validation.kept("model", self.model, ndim=(2,)).shape
+        for one, other in (("gain", "dither"), ("start", "inputs")):
+            if (getattr(self, one) is None) != (getattr(self, other) is None):
+                raise InputError(f"`{one}` and `{other}` must be given both or not at all")
+        if self.gain is not None and self.dither is not None:
+            m = len(validation.kept("gain", self.gain, ndim=(2,)))
+            validation.kept("gain", self.gain, shape=(m, n))
+            validation.kept("dither", self.dither, shape=(len(self.dither), m))
+        if self.start is not None and self.inputs is not None:
+            validation.kept("start", self.start, shape=(n,))
+            m = validation.kept("inputs", self.inputs, ndim=(2,)).shape[1]
+        elif self.gain is None:
+            return
+        if d not in (n + m, n + m + 1):
+            raise ShapeError(f"`model` must have {n + m} columns, or one more, got {d}")
+
+    @property
+    def steps(self) -> int:
+        """The number of steps of the reference; 0 without one."""
+        return 0 if self.inputs is None else len(self.inputs)
+
+    @property
+    def said(self) -> str:
+        """What is assumed of the runs, in words."""
+        how = "in open loop" if self.gain is None else "by the declared gain and dither"
+        task = "; reference fixed without the runs of the model" if self.steps else ""
+        return (
+            "number and lengths of runs fixed beforehand, states exact, starts independent of the "
+            f"noise of all runs, inputs {how}; pilot: {self.source}{task}"
+        )
+
+
+def divided(data: Trajectories, pilot: Any, offset: bool) -> tuple[Floats, str, Trajectories, int]:
+    """The model of a pilot, its source in words, the main runs, and how many pairs were before."""
+    n, d = data.n, data.n + data.m + offset
+    if isinstance(pilot, (int, float)) and not isinstance(pilot, bool):
+        first = _first(data, pilot, d)
+        runs = data[:first]
+        Z = np.hstack([runs._rows[:, : d - offset], np.ones((runs.size, int(offset)))])
+        model = np.linalg.lstsq(Z, runs._rows[:, -n:], rcond=None)[0].T
+        source = f"runs 0 to {first - 1}, the model is of runs {first} to {len(data) - 1}"
+        return np.ascontiguousarray(model), source, data[first:], runs.size
+    if isinstance(pilot, (tuple, System)):
+        system = pilot if isinstance(pilot, System) else System(*pilot)
+        model, source = np.hstack([system.A, system.B]), "a system from elsewhere"
+    elif hasattr(pilot, "_Theta"):
+        model, source = pilot._Theta, "a model from other data"
+        own = getattr(pilot, "data", None)
+        if own is not None and _shared(own, data):
+            raise InputError(
+                "`pilot` shares runs with the data: it must be of other runs, or their number"
+            )
+    else:
+        raise InputTypeError(
+            "`pilot` must be a share or number of the first runs, a model or a system, got "
+            f"{validation.show(pilot)}"
+        )
+    if model.shape[0] != n or model.shape[1] not in (d, d - offset):
+        raise ShapeError(f"`pilot` must have n={n} m={data.m} as the data, got {model.shape}")
+    zeros = np.zeros((n, d - model.shape[1]))
+    return np.ascontiguousarray(np.hstack([model, zeros])), source, data, 0
+
+
+def _first(data: Trajectories, pilot: float, d: int) -> int:
+    """How many of the first runs are the pilot's: at least 2, and two pairs for each unknown."""
+    count, length = len(data), int(data.lengths.min())
+    if isinstance(pilot, int):
+        first = validation.size("pilot", pilot)
+    else:
+        if not 0.0 < pilot < 1.0:
+            raise InputError(f"`pilot` must be a share in (0, 1) or a number of runs, got {pilot}")
+        first = max(2, -(-2 * d // length), round(pilot * count))
+    if first >= count:
+        raise InputError(
+            f"`pilot` must leave runs for the model: {html.number_of(count, 'run')}, of which it "
+            f"takes {first}"
+        )
+    return first
+
+
+def _shared(own: Trajectories, data: Trajectories) -> bool:
+    """Whether a pair is in both."""
+    if own._rows.shape[1] != data._rows.shape[1]:
+        return False
+    there = {row.tobytes() for row in own._rows}
+    return any(row.tobytes() in there for row in data._rows)
+
+
+def refuse(assumed: Assumptions, data: Trajectories, others: bool) -> None:
+    """Refuse data and assumptions for which the error of the model has no exact law."""
+    if assumed.design != "adaptive" or assumed.noise != "gaussian" or assumed.noisy_states:
+        raise InputError(
+            "`pilot` needs Gaussian noise, states without error, and design='adaptive', which "
+            "is then exact"
+        )
+    if others:
+        raise InputError("`pilot` goes without known entries and instruments")
+    if data.steps > 1:
+        raise InputError("`pilot` needs the runs themselves, not pairs over several steps")
+    if data.lengths.min() != data.lengths.max():
+        raise InputError(
+            "`pilot` needs runs of one length, fixed beforehand: was a run ended because of what "
+            "was measured?"
+        )
+    n, first = data.n, np.cumsum(data.lengths) - data.lengths
+    ends = {row[-n:].tobytes() for row in data._rows[first + data.lengths - 1]}
+    if any(row[:n].tobytes() in ends for row in data._rows[first] if row[:n].any()):
+        raise InputError(
+            "`pilot` needs runs that start independently: one starts where another one ended, "
+            "and so holds its noise"
+        )
+
+
+def made(
+    data: Trajectories,
+    pilot: Any,
+    offset: bool,
+    reference: Any,
+    inputs: Any,
+    dither: Any,
+) -> tuple[Pilot, Trajectories]:
+    """The pilot and the main runs, from the arguments of `identify`."""
+    n, m = data.n, data.m
+    model, source, main, before = divided(data, pilot, offset)
+    gain = None
+    if isinstance(inputs, str):
+        validation.choice("inputs", inputs, ("open loop",))
+        if dither is not None:
+            raise InputError("`dither` goes with a gain as `inputs`, not with 'open loop'")
+    else:
+        gain = validation.matrix("inputs", inputs, rows=m, cols=n)
+        if dither is None:
+            raise InputError(
+                "`dither` must be given with a gain as `inputs`: what was added to it, as recorded"
+            )
+        dither = validation.matrix("dither", dither, rows=data.size, cols=m)[before:]
+    start, u = None, None
+    if reference is not None:
+        start, u = _task(reference, model, n, m, main)
+    return Pilot(model, source, gain, dither, start, u), main
+
+
+def _task(
+    reference: Any, model: Floats, n: int, m: int, main: Trajectories
+) -> tuple[Floats, Floats]:
+    """Start and inputs of a reference: a plan, or what the pilot would do from x0 to xf."""
+    if hasattr(reference, "predicted_states"):
+        own = getattr(getattr(reference.basis, "model", None), "data", None)
+        if own is not None and _shared(own, main):
+            raise InputError("`reference` must not come from the runs of the model")
+        u = validation.matrix("reference.u", reference.u, cols=m)
+        return validation.vector("reference.x0", reference.predicted_states[0], length=n), u
+    task = validation.items("reference", reference)
+    if len(task) != 3:
+        raise ShapeError(f"`reference` must be (x0, xf, steps) or a plan, got {len(task)} items")
+    x0 = validation.vector("reference[0]", task[0], length=n)
+    xf = validation.vector("reference[1]", task[1], length=n)
+    K = validation.size("reference[2]", task[2], maximum=MOST)
+    A, B = model[:, :n], model[:, n : n + m]
+    # x(K) - A^K x0 - C_K u of an offset
+    drift = states(A, model[:, n + m :], 0.0 * x0, np.ones((K, model.shape[1] - n - m)))[-1]
+    return x0, np.ascontiguousarray(best_control(A, B, x0, xf - drift, K).u.reshape(K, m))

@@ -1,0 +1,161 @@
+"""`identify(pilot=..., reference=...)`: arguments, records, files, and what plans are told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from pilot_sets import led, measured, rig
+from stochens_rs.exceptions import InputError, InputTypeError, ShapeError
+
+PLANT = rig()
+A, B = PLANT.A, PLANT.B
+TASK = (PLANT.x0, PLANT.xf, 10)
+
+
+def runs(count: int = 30, seed: int = 0, length: int = 10) -> se.Trajectories:
+    """Runs of the rig in open loop."""
+    plant = PLANT._replace(length=length)
+    rows, _ = measured(plant, count, np.random.default_rng(seed))
+    each = rows.reshape(count, length, 9)
+    states = [np.vstack([run[:, :4], run[-1:, 5:]]) for run in each]
+    return se.Trajectories(states, [run[:, 4:5] for run in each])
+
+
+def sharp(**options: object) -> se.Model:
+    """With a tenth of the runs as pilot and the task as reference."""
+    options = {"pilot": 0.1, "reference": TASK, "sigma": PLANT.sigma, "checks": False, **options}
+    return se.identify(runs(), **options)
+
+
+def test_a_plan_near_the_reference() -> None:
+    model = sharp()
+    plan = se.control(model, PLANT.x0, PLANT.xf, steps=10)
+    bound = plan.bound(0.05)
+    miss = np.linalg.norm(led(np.hstack([A, B]), PLANT.x0, plan.u)[-1] - PLANT.xf)
+    assert miss <= bound.target
+    assert list(bound.parts) == ["reach", "quantile", "mismatch", "rest"]
+    assert bound.target == pytest.approx(sum(bound.parts.values()), rel=1e-12)
+    assert bound.largest == "quantile"
+    assert "reference fixed" in bound.assumption
+    assert "runs 0 to 2" in bound.assumption
+    plain = se.identify(runs(), sigma=PLANT.sigma, checks=False)
+    other = se.control(plain, PLANT.x0, PLANT.xf, steps=10).bound(0.05)
+    assert bound.target < other.target / 3
+    # without a reference, or for other steps, that of any plan: between the two
+    for one, steps in ((sharp(reference=None), 10), (model, 11)):
+        found = se.control(one, PLANT.x0, PLANT.xf, steps=steps).bound(0.05)
+        assert list(found.parts) == ["reach", "model error", "start"]
+        assert bound.target < found.target < other.target
+    region = model.region(0.05, frobenius=True)
+    assert region.contains(A, B)
+    assert region.radius < plain.region(0.05).radius
+    assert plan.bound(0.05, noise=True).target > bound.target
+    uncertain = se.control(model, se.Uncertain(PLANT.x0, 0.001), PLANT.xf, steps=10)
+    assert "start" in uncertain.bound(0.05).parts
+
+
+def test_limits_keep_their_comparison() -> None:
+    plan = se.control(sharp(), PLANT.x0, PLANT.xf, steps=10, limits=(-50.0, 50.0))
+    bound = plan.bound(0.05)
+    assert "quantile" in bound.parts
+    assert bound.excess is not None
+    assert "on their own" in bound.covers
+
+
+def test_every_pilot() -> None:
+    data = runs()
+    near = (A * 1.02, B)
+    older = se.identify(runs(40, 5), sigma=PLANT.sigma, checks=False)
+    for pilot in (3, 0.1, near, se.System(*near), older):
+        bound = _bound(data, pilot=pilot, reference=TASK)
+        assert np.isfinite(bound.target)
+    plan = se.control(older, PLANT.x0, PLANT.xf, steps=10)
+    by_plan = _bound(data, pilot=older, reference=plan)
+    assert by_plan.target == pytest.approx(_bound(data, pilot=older, reference=TASK).target, 1e-6)
+    offset = sharp(intercept=True)
+    assert offset.c is not None
+    found = se.control(offset, PLANT.x0, PLANT.xf, steps=10).bound()
+    assert np.isfinite(found.target)
+
+
+def _bound(data: se.Trajectories, **options: object) -> se.Certificate:
+    model = se.identify(data, sigma=PLANT.sigma, checks=False, **options)
+    return se.control(model, PLANT.x0, PLANT.xf, steps=10).bound()
+
+
+def test_feedback_with_dither() -> None:
+    gain = np.array([[0.5, 2.0, 0.2, 0.4]])
+    plant = PLANT._replace(gain=gain)
+    rows, dither = measured(plant, 20, np.random.default_rng(2))
+    each = rows.reshape(20, 10, 9)
+    states = [np.vstack([run[:, :4], run[-1:, 5:]]) for run in each]
+    data = se.Trajectories(states, [run[:, 4:5] for run in each])
+    bound = _bound(data, pilot=3, reference=TASK, inputs=gain, dither=dither)
+    assert "gain" in bound.assumption
+    assert bound.target < 0.2
+
+
+def test_saved_and_copied(tmp_path: Path) -> None:
+    gain, dither = np.zeros((1, 4)), runs().pairs()[1]
+    for model in (sharp(), sharp(reference=None), sharp(inputs=gain, dither=dither)):
+        model.save(tmp_path / "model.safetensors")
+        back = se.Model.load(tmp_path / "model.safetensors")
+        assert np.array_equal(back.A, model.A)
+        assert back.pilot is not None
+        assert back.pilot.said == model.pilot.said
+        plans = [se.control(one, PLANT.x0, PLANT.xf, steps=10) for one in (model, back)]
+        assert plans[0].bound().target == plans[1].bound().target
+
+
+def test_refusals() -> None:
+    data = runs()
+    fit = {"sigma": PLANT.sigma, "checks": False}
+
+    def refused(match: str, error: type[Exception] = InputError, **options: object) -> None:
+        with pytest.raises(error, match=match):
+            se.identify(options.pop("data", data), **{**fit, **options})
+
+    refused("share in", pilot=1.5)
+    refused("leave runs", pilot=30)
+    refused("pilot", pilot=0)
+    refused("share or number", InputTypeError, pilot="first")
+    refused("n=4", ShapeError, pilot=([[1.0]], [[1.0]]))
+    refused("without `pilot`", reference=TASK)
+    refused("goes with a gain", pilot=3, dither=np.ones((300, 1)))
+    refused("dither", pilot=3, inputs=np.ones((1, 4)))
+    refused("x0, xf, steps", ShapeError, pilot=3, reference=(PLANT.x0, 10))
+    refused("Gaussian", pilot=3, noise="sub-gaussian")
+    refused("known entries", pilot=3, known_B=B)
+    refused("shares runs", pilot=se.identify(data[:5], **fit))
+    one = runs(1, 3, 60).runs[0]
+    cut = se.Trajectories(
+        [one[0][k : k + 11] for k in range(0, 60, 10)],
+        [one[1][k : k + 10] for k in range(0, 60, 10)],
+    )
+    refused("starts where another one ended", data=cut, pilot=2)
+    uneven = se.Trajectories(
+        [*(r[0] for r in data.runs), one[0]], [*(r[1] for r in data.runs), one[1]]
+    )
+    refused("one length", data=uneven, pilot=2)
+    older = se.identify(runs(40, 5), **fit)
+    plan = se.control(se.identify(data, **fit), PLANT.x0, PLANT.xf, steps=10)
+    refused("must not come from", pilot=older, reference=plan)
+    model = sharp()
+    with pytest.raises(InputError, match="`delta` and `frobenius` only"):
+        model.region(0.05, components=True)
+    with pytest.raises(InputError, match="not least squares"):
+        model.bootstrap(10)
+
+
+def test_a_pilot_that_says_nothing() -> None:
+    data = runs(6)
+    states = [run[0] for run in data.runs]
+    still = se.Trajectories(states, [0.0 * run[1] for run in data.runs])
+    with pytest.warns(se.exceptions.DataWarning):
+        model = se.identify(still, sigma=PLANT.sigma, pilot=(A, B), reference=TASK, checks=False)
+    assert any("pilot" in text for text in model.warnings)
+    assert model.region(0.05).radius == np.inf

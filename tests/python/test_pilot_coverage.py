@@ -1,0 +1,251 @@
+"""How often certificates and regions by a pilot fail, and that they do fail where they should.
+
+Accepted failures: the quantile of the binomial law that is exceeded once in 10 000 times.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from hidden_systems import covariance as noise_covariance
+from hidden_systems import of_each_kind
+from pilot_sets import (
+    FAMILIES,
+    Plant,
+    covariance,
+    family,
+    led,
+    measured,
+    outcome,
+    piloted,
+    rig,
+    split,
+    steered,
+)
+
+Array = np.ndarray
+
+
+def most(sets: int, delta: float) -> int:
+    """Failures of so many sets that a correct level exceeds with probability 1e-4."""
+    return int(stats.binom.isf(1e-4, sets, delta))
+
+
+def failures(plant: Plant, runs: int, sets: int, delta: float, **options: object) -> list[int]:
+    """Of target, tube and components."""
+    found = [
+        outcome(plant, runs, np.random.default_rng([seed, runs]), delta, **options)
+        for seed in range(sets)
+    ]
+    names = "failed", "outside_tube", "outside_components"
+    return [sum(getattr(one, name) for one in found) for name in names]
+
+
+# -- the law of the error --------------------------------------------------------------------------
+
+
+def test_the_law_of_the_error_is_exact() -> None:
+    """``||Gamma||_F^2`` is chi^2, two-sided: a unit root, 6 runs, a pilot of 2; 20 000 sets."""
+    A, B, sigma = np.array([[1.0, 0.1], [0.0, 1.0]]), np.array([[0.0], [1.0]]), 0.3
+    plant = Plant(A, B, sigma, np.ones(2), 5, np.zeros(2), np.zeros(2), 1)
+    Theta, inside, sets = np.hstack([A, B]), 0, 20_000
+    bound = stats.chi2.isf(0.05, 6)
+    law = covariance(plant)
+    for seed in range(sets):
+        rows, _ = measured(plant, 8, np.random.default_rng(seed))
+        H0, main = split(rows, plant, 0.25)
+        model = piloted(H0, main, plant)
+        root = model.region(law, 0.05, True).parts[0].root  # T^-1 is its transpose
+        size = np.sum(((model.centre - Theta) @ root.T) ** 2) / sigma**2
+        inside += size <= bound
+    assert 18_877 <= inside <= 19_123  # .95 of 20 000, four deviations
+
+
+@pytest.mark.parametrize("delta", [0.5, 0.2, 0.05])
+def test_regions_with_feedback_and_without(delta: float) -> None:
+    """Unstable, held by a gain, and unit roots: 400 sets each; regions are nearly exact."""
+    held = family(2, 1, 1.2, 5)
+    gain = np.array([[-0.3, 0.2]])
+    for plant in (held._replace(gain=gain, length=6), family(3, 2, 1.0, 5)):
+        Theta, outside = np.hstack([plant.A, plant.B]), 0
+        for seed in range(400):
+            rows, dither = measured(plant, 8, np.random.default_rng([seed, 3]))
+            H0, main = split(rows, plant)
+            region = piloted(H0, main, plant, dither).region(covariance(plant), delta, False)
+            outside += not region.contains(Theta)
+        assert most(400, delta) >= outside >= 400 * delta / 4  # and not vacuous
+
+
+# -- certificates ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("delta", [0.5, 0.2, 0.05])
+@pytest.mark.parametrize("name", ["rig", "n2 stable", "n3", "n4 one step"])
+def test_certificates(name: str, delta: float) -> None:
+    plant = {**FAMILIES, "rig": rig()}[name]
+    assert max(failures(plant, 20, 100, delta)) <= most(100, delta)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("delta", [0.5, 0.2, 0.05])
+@pytest.mark.parametrize("name", ["rig", *FAMILIES])
+def test_certificates_of_all_families(name: str, delta: float) -> None:
+    plant, sets = {**FAMILIES, "rig": rig()}[name], 1000 if name == "rig" else 400
+    for runs in (10, 60):
+        assert max(failures(plant, runs, sets, delta)) <= most(sets, delta)
+    assert max(failures(plant, 20, 200, delta, noise=True)) <= most(200, delta)
+    for unknown in ("scalar", "diagonal", "full"):
+        found = failures(plant, 30, 100, delta, unknown=unknown)
+        assert max(found) <= most(100, delta)
+
+
+def test_it_is_close_to_the_error() -> None:
+    """On the rig, 60 sets of 100 runs: at most 1.4 times the 95 % quantile of the error."""
+    found = [outcome(rig(), 100, np.random.default_rng([seed, 7])) for seed in range(60)]
+    error = np.quantile([one.miss for one in found], 0.95)
+    assert np.median([one.target for one in found]) < 1.4 * error
+
+
+@pytest.mark.parametrize("delta", [0.5, 0.05])
+def test_noise_and_unknown_covariances(delta: float) -> None:
+    for options in ({"noise": True}, {"unknown": "scalar"}, {"unknown": "full"}):
+        assert max(failures(rig(), 20, 60, delta, **options)) <= most(60, delta)
+
+
+def test_another_plant_as_pilot() -> None:
+    """An older plant whose cart and rod were others: no statement about the difference."""
+    plant = rig()
+    older = np.hstack([plant.A, plant.B]) * (1.0 + 0.02 * np.cos(np.arange(20)).reshape(4, 5))
+    assert failures(plant, 8, 100, 0.05, pilot=older)[0] <= most(100, 0.05)
+    own = [outcome(plant, 8, np.random.default_rng(s)).target for s in range(20)]
+    its = [outcome(plant, 8, np.random.default_rng(s), pilot=older).target for s in range(20)]
+    assert np.median(its) < np.median(own)
+
+
+HIDDEN = {
+    *("dense", "sparse", "zero_column", "graded", "mixed_state_units", "mixed_input_units"),
+    *("defective", "chain", "unstable", "weakly_coupled", "orthogonal", "scalar"),
+}
+
+
+@pytest.mark.parametrize("delta", [0.5, 0.05])
+def test_hidden_systems(delta: float) -> None:
+    """Twelve kinds of systems and five of noise, 15 data sets each."""
+    failed = dict.fromkeys(HIDDEN, 0)
+    for seed in range(15):
+        gen = np.random.default_rng([seed, 11])
+        for kind, A, B in of_each_kind(gen, 3, 2):
+            if kind not in failed:
+                continue
+            (n, m), L, runs, K = B.shape, 4, 12, 4
+            name = ("isotropic", "correlated", "graded", "one_force", "some_states")[seed % 5]
+            S = 0.01 * noise_covariance(name, gen, n)
+            root = np.linalg.cholesky(S + 1e-300 * np.eye(n)) if n == 1 else _root(S)
+            units = np.abs(A).max(axis=1) / np.abs(A).max() if "units" in kind else np.ones(n)
+            x = units * gen.standard_normal((runs, n))
+            rows = []
+            for _ in range(L):
+                u = gen.standard_normal((runs, m))
+                after = x @ A.T + u @ B.T + gen.standard_normal((runs, n)) @ root.T
+                rows.append(np.hstack([x, u, after]))
+                x = after
+            whole = np.stack(rows, axis=1).reshape(runs * L, -1)
+            plant = Plant(A, B, 0.0, units, L, gen.standard_normal(n), np.zeros(n), K)
+            H0, main = split(whole, plant, 0.3)
+            model = piloted(H0, main, plant)
+            reference = model.reference(plant.x0, steered(H0, plant.x0, plant.xf, K))
+            u = steered(model.centre, plant.x0, plant.xf, K)
+            xs = led(model.centre, plant.x0, u)
+            found = model.near(reference, plant.x0, plant.xf, u, xs, ("known", S), delta, False)
+            truth = led(np.hstack([A, B]), plant.x0, u)
+            failed[kind] += bool(np.linalg.norm(truth[-1] - plant.xf) > found[0])
+            failed[kind] += bool((np.abs(truth[-1] - plant.xf) > found[6]).any())
+    assert max(failed.values()) <= 2 * most(15, delta)
+    assert sum(failed.values()) <= 2 * most(15 * len(HIDDEN), delta)
+
+
+def _root(S: Array) -> Array:
+    values, vectors = np.linalg.eigh(S)
+    return vectors * np.sqrt(np.maximum(values, 0.0))
+
+
+# -- violations that must show ---------------------------------------------------------------------
+
+
+def test_a_reference_chosen_after_the_data_fails() -> None:
+    """The worst of 400 tasks for one step of four inputs: more than a quarter, for .05."""
+    plant, failed, sets = FAMILIES["n4 one step"], 0, 40
+    Theta, S = np.hstack([plant.A, plant.B]), covariance(plant)
+    for seed in range(sets):
+        gen = np.random.default_rng([seed, 21])
+        rows, _ = measured(plant, 200, gen)
+        H0, main = split(rows, plant)
+        model = piloted(H0, main, plant)
+        wrong, worst = model.centre - Theta, None
+        root = model.region(S, 0.05, True).parts[0].root
+        for x0, xf in gen.standard_normal((400, 2, 4)):
+            z = np.concatenate([x0, steered(model.centre, x0, xf, 1)[0]])
+            size = np.linalg.norm(wrong @ z) / np.linalg.norm(np.linalg.solve(root.T, z))
+            worst = max(worst or (0.0, None, None), (size, x0, xf), key=lambda one: one[0])
+        _, x0, xf = worst
+        u = steered(model.centre, x0, xf, 1)
+        reference = model.reference(x0, steered(H0, x0, xf, 1))
+        found = model.near(reference, x0, xf, u, led(model.centre, x0, u), S, 0.05, False)
+        failed += bool(np.linalg.norm(led(Theta, x0, u)[-1] - xf) > found[0])
+    assert failed > sets / 4
+    assert failed > most(sets, 0.05)
+
+
+def test_a_trajectory_cut_into_runs_fails() -> None:
+    """A unit root, 8 runs of 5 steps of one trajectory: .35 for .2."""
+    outside, sets = 0, 200
+    for seed in range(sets):
+        gen = np.random.default_rng([seed, 31])
+        u, w = gen.standard_normal((40, 1)), gen.standard_normal(40)
+        x = np.zeros(41)
+        for k in range(40):
+            x[k + 1] = x[k] + 0.02 * u[k, 0] + w[k]
+        rows = np.column_stack([x[:-1], u, x[1:]])
+        model = _of_scalar(rows, np.array([[0.9, 0.0, 0.0]]))
+        region = model.region(("known", np.eye(1)), 0.2, True)
+        size = (model.centre - [[1.0, 0.02, 0.0]]) @ region.parts[0].root.T
+        outside += np.linalg.norm(size) ** 2 > stats.chi2.isf(0.2, 3)
+    assert outside > most(sets, 0.2)
+
+
+def _of_scalar(rows: Array, H0: Array) -> object:
+    from stochens_rs import _core
+
+    return _core.Pilot(np.ascontiguousarray(rows), np.full(8, 5), H0, None, 1)
+
+
+def test_undeclared_errors_of_readings_and_a_small_sigma_fail() -> None:
+    plant, sets = rig(), 60
+    wrong = read = 0
+    half = "known", 0.25 * plant.sigma**2 * np.eye(4)
+    for seed in range(sets):
+        gen = np.random.default_rng([seed, 41])
+        rows, _ = measured(plant, 50, gen)
+        for kind in ("half", "read"):
+            given = rows
+            if kind == "read":
+                noise = 0.002 * gen.standard_normal((50, 11, 4))
+                given = rows.copy()
+                given[:, :4] += noise[:, :-1].reshape(-1, 4)
+                given[:, 5:] += noise[:, 1:].reshape(-1, 4)
+            H0, main = split(given, plant)
+            model = piloted(H0, main, plant)
+            u0 = steered(H0, plant.x0, plant.xf, 10)
+            u = steered(model.centre, plant.x0, plant.xf, 10)
+            xs = led(model.centre, plant.x0, u)
+            law = half if kind == "half" else covariance(plant)
+            reference = model.reference(plant.x0, u0)
+            target = model.near(reference, plant.x0, plant.xf, u, xs, law, 0.05, False)[0]
+            truth = led(np.hstack([plant.A, plant.B]), plant.x0, u)[-1]
+            failed = bool(np.linalg.norm(truth - plant.xf) > target)
+            wrong += failed and kind == "half"
+            read += failed and kind == "read"
+    assert wrong > most(sets, 0.05)
+    assert read > sets / 4

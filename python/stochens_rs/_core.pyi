@@ -35,6 +35,8 @@ __all__ = [
     "chi2_upper",
     "closed_form",
     "diagonal_quantile",
+    "drawn_misses",
+    "estimate_draws",
     "f_upper",
     "fleet_gains",
     "fleet_misses",
@@ -47,13 +49,13 @@ __all__ = [
     "least_squares_level",
     "log_multigamma",
     "mean_difference",
+    "next_runs",
     "noncentrality_limit",
     "normal_quantile",
     "one_noise",
     "pseudoinverse",
     "pushed",
     "realization_controls",
-    "region_draws",
     "residual_p_values",
     "residuals",
     "robust_control",
@@ -474,15 +476,35 @@ def bootstrap(
     weights: _Floats | None,
     threads: int,
 ) -> _Floats: ...
-def region_draws(
-    h: _Floats,
-    white: _Floats,
-    root: _Floats,
-    nu: int,
+
+# H (n, d), white (rank, d), S (n, n), "known" or what is to estimate of it, degrees of freedom
+_EstimateLaw: TypeAlias = tuple[_Floats, _Floats, _Floats, str, int]
+
+def estimate_draws(law: _EstimateLaw, size: int, key: bytes, threads: int) -> _Floats: ...
+def drawn_misses(
+    law: _EstimateLaw,
+    x0: _Floats,
+    inputs: _Floats,
+    xf: _Floats,
+    noise: bool,
     size: int,
     key: bytes,
     threads: int,
 ) -> _Floats: ...
+
+# inputs (runs, steps m); phi before the first run and after each
+def next_runs(
+    model: _Floats,
+    white: _Floats,
+    covariance: _Floats,
+    x0: _Floats,
+    inputs: _Floats,
+    starts: _Floats,
+    steps: int,
+    low: _Floats,
+    high: _Floats,
+    key: bytes,
+) -> tuple[_Floats, _Floats]: ...
 def residuals(z: _Floats, y: _Floats, white: _Floats) -> tuple[_Floats, _Floats, _Floats]: ...
 def residual_p_values(
     z: _Floats, y: _Floats, white: _Floats, draws: int, key: bytes, threads: int

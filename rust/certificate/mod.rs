@@ -15,6 +15,8 @@
 //! # Ok::<(), stochens::Error>(())
 //! ```
 
+mod drawn_misses;
+mod next_runs;
 mod noise;
 mod nuclear;
 mod plan;
@@ -22,6 +24,8 @@ mod powers;
 mod several_steps;
 mod trajectory;
 
+pub use drawn_misses::{Aim, drawn_misses};
+pub use next_runs::{Design, Goal, Runs, next_runs};
 pub use noise::{Gaussian, ToCome};
 pub use plan::{Control, Plan, Task, Way, certify};
 pub use trajectory::{Errors, states, trajectory};

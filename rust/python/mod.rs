@@ -8,6 +8,7 @@ mod control;
 mod convert;
 mod draws;
 mod error;
+mod estimate;
 mod fleet;
 mod fuse;
 mod horizon;
@@ -37,6 +38,8 @@ mod _core {
     #[pymodule_export]
     use super::draws::{Draws, sample_counts};
     #[pymodule_export]
+    use super::estimate::{drawn_misses, estimate_draws, next_runs};
+    #[pymodule_export]
     use super::fleet::{
         fleet_gains, fleet_misses, fleet_moments, fleet_slope, fleet_triangle, fleet_worst, scenario_at_most,
         scenario_compression, scenario_discarding, scenario_judged, scenario_relaxed, scenario_required,
@@ -51,8 +54,7 @@ mod _core {
     use super::horizon_results::{Apart, HorizonControl};
     #[pymodule_export]
     use super::identify::{
-        bootstrap, region_draws, residual_p_values, residuals, robust_control, sign_radii, sign_statistics, triangle,
-        triangle_update,
+        bootstrap, residual_p_values, residuals, robust_control, sign_radii, sign_statistics, triangle, triangle_update,
     };
     #[pymodule_export]
     use super::laws::{

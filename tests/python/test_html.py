@@ -69,6 +69,10 @@ RECORDS = {
         lambda: se.control(model(), X0, XF, steps=2).bound(),
         ["of the predicted one", "95 % at least", "only the state", "<polyline"],
     ),
+    "Typical": (
+        lambda: se.control(model(), X0, XF, steps=2).typical(),
+        ["certified", "typical", "approximate", "fixed beforehand"],
+    ),
     "Validation": (
         lambda: plan().validate([SYSTEM] * 20, x0=X0),
         ["20 fresh systems", "No system was left out", "of further runs"],

@@ -22,7 +22,7 @@ TOP = """
 """
 ROOMS = {
     "controls": "Call Certificate FleetPlan PlanBound PlanError Reachability RiskBound SamplePlan "
-    "Validation",
+    "Typical Validation",
     "fusion": "FusedModel Path",
     "identification": "Checks Region",
     "studies": "Curve Experiment Failure Panel Results Summary",

@@ -19,6 +19,7 @@ from .regulator import Regulator
 from .regulator_log import Call
 from .sample_plan import SamplePlan
 from .steering import steer
+from .typical import Typical
 from .uncertain import Uncertain
 
 __all__ = [
@@ -34,6 +35,7 @@ __all__ = [
     "Regulator",
     "RiskBound",
     "SamplePlan",
+    "Typical",
     "Uncertain",
     "Validation",
     "control",

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .. import _core
 from .._base import html, memory, validation
 from .._base.durable import Durable, nothing_left
 from .._base.records import trusted
+from .._base.threads import get_num_threads
 from .._base.to_xarray import Cube, Tabled
 from ..ensembles.systems import SystemEnsemble
 from ..exceptions import InputError, ShapeError
@@ -28,7 +30,7 @@ from .identified import Identified
 from .instruments import instrumented, projected, two_stages
 from .least_squares import Fitted, cautions, corrected, fit, named, r_factor
 from .region import Region
-from .resampling import BOOTSTRAPS, Bootstrap, bootstrap_models, drawn_models
+from .resampling import BOOTSTRAPS, Bootstrap, Law, bootstrap_models, law_of_estimate
 from .trajectories import Trajectories
 
 if TYPE_CHECKING:
@@ -503,14 +505,20 @@ class Model(Identified, Durable, Tabled):
         <SystemEnsemble: 100 models, n=1 m=1, about the estimate>
         """
         count = validation.size("size", size)
+        law, key = self._law(), as_key(rng).child("draw")
+        memory.need("the models", 3 * 8 * count * self._Theta.size)
+        found = _core.estimate_draws(law, count, bytes(key), get_num_threads())
+        models = found.reshape(count, *self._Theta.shape)
+        return self._ensemble(models, "draws of the law of the estimate", count)
+
+    def _law(self) -> Law:
+        """The law of the estimate, for the core."""
         self._refuse_resampling()
         if self.noise != "gaussian":
             raise InputError(f"draw() needs noise='gaussian', got '{self.noise}': use bootstrap()")
         if len(self._blocks) > 1:
             raise InputError("draw() knows no law with single known entries: use bootstrap()")
-        block, key = self._blocks[0], as_key(rng).child("draw")
-        models = drawn_models(block, self.assumptions, self._Theta, count, key)
-        return self._ensemble(models, "draws of the law of the estimate", count)
+        return law_of_estimate(self._blocks[0], self.assumptions, self._Theta)
 
     def _refuse_resampling(self) -> None:
         if not self.identifiable:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from .._base.types import Floats
 
 
+Law: TypeAlias = "tuple[Floats, Floats, Floats, str, int]"
 Bootstrap: TypeAlias = Literal["pairs", "residual", "wild", "trajectories"]
 BOOTSTRAPS: tuple[Bootstrap, ...] = get_args(Bootstrap)
 
@@ -69,33 +70,12 @@ def bootstrap_models(
     return models[solved]
 
 
-def drawn_models(block: Block, noise: Assumptions, Theta: Floats, size: int, key: Key) -> Floats:
-    """``Theta + L E^-1/2 G white`` with the laws of the noise assumed, (size, n, d)."""
+def law_of_estimate(block: Block, noise: Assumptions, Theta: Floats) -> Law:
+    """What the core draws models from: Theta, white of all columns, S, its kind and nu."""
     f = block.fitted
-    n = len(Theta)
-    memory.need("the models", 3 * 8 * size * Theta.size)
-    least = n if noise.covariance == "full" else 1
+    least = len(Theta) if noise.covariance == "full" else 1
     if noise.known is None and f.nu < least:
         raise InputError(f"draw() needs at least {f.rank + least} pairs, got {f.N}")
-    H = np.ascontiguousarray(Theta[:, block.columns])
-    if noise.covariance == "full":
-        values, vectors = np.linalg.eigh(f.S)
-        root = np.ascontiguousarray(vectors * np.sqrt(np.maximum(values, 0.0)))
-        models = _core.region_draws(H, f.white, root, f.nu, size, bytes(key), get_num_threads())
-        return _placed(models, block, Theta)
-    gen = key.generator()
-    G = gen.standard_normal((size, n, f.rank))
-    if noise.known is not None:
-        G = np.linalg.cholesky(noise.known) @ G
-    elif noise.covariance == "scalar":
-        G *= np.sqrt(np.trace(f.S) / gen.chisquare(n * f.nu, (size, 1, 1)))
-    else:
-        G *= np.sqrt(np.diag(f.S) / gen.chisquare(f.nu, (size, n)))[:, :, None]
-    return _placed((H + G @ f.white).reshape(size, -1), block, Theta)
-
-
-def _placed(models: Floats, block: Block, Theta: Floats) -> Floats:
-    """The models with the columns that are known."""
-    whole = np.repeat(Theta[None], len(models), axis=0)
-    whole[:, :, block.columns] = models.reshape(len(models), len(Theta), len(block.columns))
-    return whole
+    white = np.zeros((f.rank, Theta.shape[1]))
+    white[:, block.columns] = f.white
+    return Theta, white, f.S if noise.known is None else noise.known, noise.covariance, f.nu

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
         Regulator,
         Uncertain,
         control_fleet,
+        design,
         predict,
         realization_controls,
         regulate,
@@ -77,6 +78,7 @@ __all__ = [
     "cases",
     "control",
     "control_fleet",
+    "design",
     "exceptions",
     "fuse",
     "fuse_path",
@@ -104,7 +106,7 @@ __all__ = [
 # adds a few milliseconds to that of NumPy.
 _ROOMS = {
     "_base.threads": "get_num_threads set_num_threads",
-    "controls": "Cost Limits Plan Regulator Uncertain control control_fleet predict "
+    "controls": "Cost Limits Plan Regulator Uncertain control control_fleet design predict "
     "realization_controls regulate required_samples steer",
     "ensembles": "Counts Ensemble SystemEnsemble sample sample_counts",
     "exceptions": "StochensError",

@@ -27,7 +27,7 @@ pub struct Goal<'a> {
     pub n: usize,
     /// Inputs.
     pub m: usize,
-    /// `white' white = V^-1` of all pairs so far (d, d).
+    /// `white' white = V^-1` of all pairs so far (r, d); 0 in columns that are known.
     pub white: &'a [f64],
     /// The covariance of the noise (n, n), up to a factor.
     pub covariance: &'a [f64],
@@ -44,9 +44,9 @@ pub struct Runs<'a> {
     pub starts: &'a [f64],
     /// Their steps.
     pub steps: usize,
-    /// The least inputs (m).
+    /// The least inputs (steps, m).
     pub low: &'a [f64],
-    /// The largest (m).
+    /// The largest (steps, m).
     pub high: &'a [f64],
 }
 
@@ -63,9 +63,9 @@ pub struct Design {
 struct Search<'a> {
     goal: Goal<'a>,
     d: usize,
-    /// `sum_j vec(M_{K-1-j}) (white z_j)'` (n n, d): `F' F = white Psi white'`.
+    /// `sum_j vec(M_{K-1-j}) (white z_j)'` (n n, r): `F' F = white Psi white'`.
     f: Vec<f64>,
-    /// `V^-1` (d, d).
+    /// `V^-1` (r, r).
     inverse: Vec<f64>,
     /// `white' V^-1 F' F V^-1 white` (d, d).
     weights: Vec<f64>,
@@ -79,7 +79,7 @@ struct Search<'a> {
 /// the model overflow, [`Error::Memory`], [`Error::Interrupted`].
 pub fn next_runs(goal: Goal<'_>, runs: Runs<'_>, key: &Key, stop: &Stop) -> Result<Design> {
     let (count, mut search) = checked(goal, runs)?;
-    let (n, m, one) = (goal.n, goal.m, checked_len(WHAT, runs.steps, goal.m)?);
+    let (n, one) = (goal.n, checked_len(WHAT, runs.steps, goal.m)?);
     let mut design =
         Design { inputs: try_zeros(WHAT, checked_len(WHAT, count, one)?)?, phi: try_zeros(WHAT, count + 1)? };
     design.phi[0] = search.refresh()?;
@@ -88,7 +88,7 @@ pub fn next_runs(goal: Goal<'_>, runs: Runs<'_>, key: &Key, stop: &Stop) -> Resu
         let (start, mut largest) = (&runs.starts[r * n..(r + 1) * n], f64::NEG_INFINITY);
         for from in 0..STARTS {
             let mut rng = key.stream(Purpose::Replicates, r * STARTS + from);
-            let at = |i: usize, up: bool| if up { runs.high[i % m] } else { runs.low[i % m] };
+            let at = |i: usize, up: bool| if up { runs.high[i] } else { runs.low[i] };
             u.iter_mut().enumerate().for_each(|(i, u)| *u = at(i, rng.random()));
             let mut value = f64::NEG_INFINITY;
             for _ in 0..SWEEPS {
@@ -117,6 +117,10 @@ pub fn next_runs(goal: Goal<'_>, runs: Runs<'_>, key: &Key, stop: &Stop) -> Resu
 }
 
 impl Search<'_> {
+    fn rank(&self) -> usize {
+        self.goal.white.len() / self.d
+    }
+
     /// Room for the `z_0 .. z_{steps-1}` of a run, and a state.
     fn path(&self, steps: usize) -> Result<Vec<f64>> {
         try_zeros(WHAT, checked_len(WHAT, steps + 1, self.d)?)
@@ -165,13 +169,13 @@ impl Search<'_> {
     /// Takes a run into V, row by row: `V^-1 - v v' / (1 + q' v)`, `v = V^-1 q`.
     fn add(&mut self, start: &[f64], u: &[f64], path: &mut [f64], spare: &mut [f64]) -> Result<()> {
         self.value_and_gradient(start, u, path, spare)?;
-        let d = self.d;
-        let (mut q, mut v) = (try_zeros(WHAT, d)?, try_zeros(WHAT, d)?);
+        let (d, r) = (self.d, self.rank());
+        let (mut q, mut v) = (try_zeros(WHAT, r)?, try_zeros(WHAT, r)?);
         for z in path.chunks_exact(d).take(u.len() / self.goal.m) {
             times(self.goal.white, z, &mut q);
             times(&self.inverse, &q, &mut v);
             let size = 1.0 + q.iter().zip(&v).map(|(q, v)| q * v).sum::<f64>();
-            for (row, vi) in self.inverse.chunks_exact_mut(d).zip(&v) {
+            for (row, vi) in self.inverse.chunks_exact_mut(r).zip(&v) {
                 row.iter_mut().zip(&v).for_each(|(to, vj)| *to -= vi * vj / size);
             }
         }
@@ -180,11 +184,11 @@ impl Search<'_> {
 
     /// `phi`, and the weights of the run to come.
     fn refresh(&mut self) -> Result<f64> {
-        let d = self.d;
+        let (d, r) = (self.d, self.rank());
         self.weights.fill(0.0);
-        let (mut moved, mut back) = (try_zeros(WHAT, d)?, try_zeros(WHAT, d)?);
+        let (mut moved, mut back) = (try_zeros(WHAT, r)?, try_zeros(WHAT, d)?);
         let mut phi = 0.0;
-        for row in self.f.chunks_exact(d) {
+        for row in self.f.chunks_exact(r) {
             times(&self.inverse, row, &mut moved);
             phi += row.iter().zip(&moved).map(|(f, v)| f * v).sum::<f64>();
             back.fill(0.0);
@@ -223,26 +227,27 @@ fn checked<'a>(goal: Goal<'a>, runs: Runs<'_>) -> Result<(usize, Search<'a>)> {
     }
     let (count, steps) = (runs.starts.len() / n, inputs.len() / m);
     fits("H", model, checked_len(WHAT, n, d)?)?;
-    fits("white", white, checked_len(WHAT, d, d)?)?;
+    let r = white.len() / d;
+    fits("white", white, checked_len(WHAT, r.max(1), d)?)?;
     fits("covariance", covariance, checked_len(WHAT, n, n)?)?;
     fits("x0", x0, n)?;
     fits("inputs", inputs, steps * m)?;
     fits("starts", runs.starts, count * n)?;
-    fits("low", runs.low, m)?;
-    fits("high", runs.high, m)?;
+    fits("low", runs.low, checked_len(WHAT, runs.steps, m)?)?;
+    fits("high", runs.high, runs.low.len())?;
     if let Some((low, high)) = runs.low.iter().zip(runs.high).find(|(low, high)| low > high) {
         return Err(Error::Value { name: "limits", expected: "low <= high", found: format!("{low} and {high}") });
     }
-    let (square, mut inverse) = (checked_len(WHAT, d, d)?, try_zeros(WHAT, d * d)?);
-    inverse.iter_mut().step_by(d + 1).for_each(|v| *v = 1.0);
-    let f = try_zeros(WHAT, checked_len(WHAT, n * n, d)?)?;
+    let (square, mut inverse) = (checked_len(WHAT, d, d)?, try_zeros(WHAT, checked_len(WHAT, r, r)?)?);
+    inverse.iter_mut().step_by(r + 1).for_each(|v| *v = 1.0);
+    let f = try_zeros(WHAT, checked_len(WHAT, n * n, r)?)?;
     let mut search = Search { goal, d, f, inverse, weights: try_zeros(WHAT, square)? };
-    let (mut path, mut q) = (search.path(steps)?, try_zeros(WHAT, d)?);
+    let (mut path, mut q) = (search.path(steps)?, try_zeros(WHAT, r)?);
     search.simulate(x0, inputs, &mut path)?;
     let (mut power, mut next) = (covariance_root(covariance, n)?, try_zeros(WHAT, n * n)?);
     for z in path.chunks_exact(d).take(steps).rev() {
         times(white, z, &mut q);
-        for (row, entry) in search.f.chunks_exact_mut(d).zip(&power) {
+        for (row, entry) in search.f.chunks_exact_mut(r).zip(&power) {
             row.iter_mut().zip(&q).for_each(|(to, q)| *to += entry * q);
         }
         // A M
@@ -255,4 +260,53 @@ fn checked<'a>(goal: Goal<'a>, runs: Runs<'_>) -> Result<(usize, Search<'a>)> {
         std::mem::swap(&mut power, &mut next);
     }
     Ok((count, search))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // x+ = x / 2 + u, V = diag(4, 1), the plan goes from 1 by 0 and 1
+    const GOAL: Goal<'_> = Goal {
+        model: &[0.5, 1.0],
+        n: 1,
+        m: 1,
+        white: &[0.5, 0.0, 0.0, 1.0],
+        covariance: &[1.0],
+        x0: &[1.0],
+        inputs: &[0.0, 1.0],
+    };
+    const RUNS: Runs<'_> = Runs { starts: &[0.0, 2.0], steps: 1, low: &[-1.0], high: &[3.0] };
+
+    #[test]
+    fn two_runs_by_hand() {
+        let found = next_runs(GOAL, RUNS, &Key([1; 32]), &Stop::new()).unwrap();
+        // z = (1, 0), (1/2, 1): the sum of M z is (1, 1), so Psi has ones only and phi = 1/4 + 1
+        assert_eq!(found.phi[0], 1.25);
+        assert_eq!(found.inputs[0], 3.0); // from 0 the sign does nothing
+        assert!((found.phi[1] - (0.25 + 0.1)).abs() < 1e-15);
+        // V = [[4, 0], [0, 10]]: from 2 the input must have the sign of the start
+        assert_eq!(found.inputs[1], 3.0);
+        let (a, b, c) = (8.0, 6.0, 19.0);
+        assert!((found.phi[2] - (a + c - 2.0 * b) / (a * c - b * b)).abs() < 1e-15);
+    }
+
+    #[test]
+    fn wrong_arguments_and_a_stop_are_errors() {
+        let (key, stop) = (Key([1; 32]), Stop::new());
+        for (goal, runs) in [
+            (Goal { model: &[0.5], ..GOAL }, RUNS),
+            (Goal { white: &[], ..GOAL }, RUNS),
+            (Goal { covariance: &[f64::NAN], ..GOAL }, RUNS),
+            (Goal { inputs: &[], ..GOAL }, RUNS),
+            (Goal { model: &[1e300, 1.0], inputs: &[0.0; 4], ..GOAL }, RUNS),
+            (GOAL, Runs { low: &[4.0], ..RUNS }),
+            (GOAL, Runs { steps: 0, ..RUNS }),
+            (GOAL, Runs { high: &[], ..RUNS }),
+        ] {
+            assert!(next_runs(goal, runs, &key, &stop).is_err(), "{goal:?} {runs:?}");
+        }
+        stop.request();
+        assert_eq!(next_runs(GOAL, RUNS, &key, &stop), Err(Error::Interrupted));
+    }
 }

@@ -440,7 +440,7 @@ fn call(name: &str) -> Option<Call> {
                     x0: &x0[..9],
                     inputs,
                 };
-                let runs = Runs { starts: &model[..18], steps: 4, low: &[-1.0], high: &[1.0] };
+                let runs = Runs { starts: &model[..18], steps: 4, low: &[-1.0; 4], high: &[1.0; 4] };
                 next_runs(goal, runs, &key, &stop)?;
 
                 identify::sign_statistics(&pairs, identify::Weights::Signs(&key), 70, 2, &stop).map(drop)

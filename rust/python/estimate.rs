@@ -75,8 +75,8 @@ pub(super) fn next_runs<'py>(
     inputs: Matrix<'py>,
     starts: Matrix<'py>,
     steps: usize,
-    low: Vector<'py>,
-    high: Vector<'py>,
+    low: Matrix<'py>,
+    high: Matrix<'py>,
     key: &[u8],
 ) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>)> {
     let (n, m, count, key) =

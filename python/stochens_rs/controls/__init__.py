@@ -8,6 +8,7 @@ from .fleet import control_fleet
 from .fleet_plan import FleetPlan
 from .fleet_risk import RiskBound
 from .limits import Limits
+from .next_runs import NextRuns, design
 from .plan import Plan
 from .plan_bound import PlanBound
 from .plan_validation import Validation
@@ -28,6 +29,7 @@ __all__ = [
     "Cost",
     "FleetPlan",
     "Limits",
+    "NextRuns",
     "Plan",
     "PlanBound",
     "PlanError",
@@ -40,6 +42,7 @@ __all__ = [
     "Validation",
     "control",
     "control_fleet",
+    "design",
     "predict",
     "realization_controls",
     "regulate",

@@ -30,7 +30,7 @@ from .identified import Identified
 from .instruments import instrumented, projected, two_stages
 from .least_squares import Fitted, cautions, corrected, fit, named, r_factor
 from .region import Region
-from .resampling import BOOTSTRAPS, Bootstrap, Law, bootstrap_models, law_of_estimate
+from .resampling import BOOTSTRAPS, Bootstrap, Law, bootstrap_models, law_of_estimate, whitened
 from .trajectories import Trajectories
 
 if TYPE_CHECKING:
@@ -519,6 +519,13 @@ class Model(Identified, Durable, Tabled):
         if len(self._blocks) > 1:
             raise InputError("draw() knows no law with single known entries: use bootstrap()")
         return law_of_estimate(self._blocks[0], self.assumptions, self._Theta)
+
+    def _white(self) -> Floats:
+        """``white' white = V^-1`` of all columns, where the rows of Theta have one V."""
+        self._refuse_resampling()
+        if len(self._blocks) > 1:
+            raise InputError("the rows of a model with single known entries have no V in common")
+        return whitened(self._blocks[0], self._d)
 
     def _refuse_resampling(self) -> None:
         if not self.identifiable:

@@ -76,6 +76,17 @@ def law_of_estimate(block: Block, noise: Assumptions, Theta: Floats) -> Law:
     least = len(Theta) if noise.covariance == "full" else 1
     if noise.known is None and f.nu < least:
         raise InputError(f"draw() needs at least {f.rank + least} pairs, got {f.N}")
-    white = np.zeros((f.rank, Theta.shape[1]))
-    white[:, block.columns] = f.white
-    return Theta, white, f.S if noise.known is None else noise.known, noise.covariance, f.nu
+    return (
+        Theta,
+        whitened(block, Theta.shape[1]),
+        f.S if noise.known is None else noise.known,
+        noise.covariance,
+        f.nu,
+    )
+
+
+def whitened(block: Block, d: int) -> Floats:
+    """``white' white = V^+`` for all d columns, 0 in those that are known."""
+    white = np.zeros((block.fitted.rank, d))
+    white[:, block.columns] = block.fitted.white
+    return white

@@ -6,9 +6,11 @@
 mod arrays;
 mod control;
 mod convert;
+mod drawn;
 mod draws;
 mod error;
 mod estimate;
+mod fitted;
 mod fleet;
 mod fuse;
 mod horizon;
@@ -36,9 +38,13 @@ mod _core {
     #[pymodule_export]
     use super::control::{best_control, mean_difference, pseudoinverse, pushed, realization_controls};
     #[pymodule_export]
+    use super::drawn::{drawn_misses, estimate_draws, next_runs};
+    #[pymodule_export]
     use super::draws::{Draws, sample_counts};
     #[pymodule_export]
-    use super::estimate::{drawn_misses, estimate_draws, next_runs};
+    use super::estimate::{PyEstimate, chance_of_infinity, kept_quantiles, mixtures, sign_contains, sign_sizes};
+    #[pymodule_export]
+    use super::fitted::{PyFitted, fit};
     #[pymodule_export]
     use super::fleet::{
         fleet_gains, fleet_misses, fleet_moments, fleet_slope, fleet_triangle, fleet_worst, scenario_at_most,
@@ -63,22 +69,23 @@ mod _core {
         smallest_quantile, sphere_level, trace_quantile, wishart_quantile,
     };
     #[pymodule_export]
-    use super::limited::{BoxControl, RowsControl};
+    use super::limited::BoxControl;
     #[pymodule_export]
-    use super::limits::{BoxSolver, box_batch, box_batch_each, box_control, horizon_control, rows_control};
+    use super::limits::{box_batch, box_control};
     #[pymodule_export]
     use super::region::{PyErrors, PyPart, PyRegion, certify};
     #[pymodule_export]
     use super::simulate::{
-        simulate_estimates, simulate_mean_field, simulate_plan_estimates, simulate_plans, simulate_runs,
-        simulate_systems, track, trajectory,
+        simulate_estimates, simulate_mean_field, simulate_plans, simulate_runs, simulate_systems, track, trajectory,
     };
     #[pymodule_export]
     use super::storage::{StateLock, storage_decode, storage_encode, storage_load, storage_save};
     #[pymodule_export]
     use super::streaming::{PyDataStream, PyStream};
     #[pymodule_export]
-    use super::validation::{validation_rank, validation_runs, validation_systems, validation_weighted};
+    use super::validation::{
+        validation_mean, validation_rank, validation_runs, validation_systems, validation_weighted,
+    };
     #[pymodule_export]
     use super::{build, version};
 }
@@ -92,5 +99,5 @@ fn version() -> &'static str {
 /// Whether the core is a release build, and the registers for which its kernels were chosen.
 #[pyfunction]
 fn build() -> (bool, &'static str) {
-    (!cfg!(debug_assertions), crate::widest::registers())
+    (!cfg!(debug_assertions), crate::simd::dispatch::registers())
 }

@@ -1,7 +1,6 @@
 """Controls from estimates, and what is known about their errors."""
 
 from ..theory.records import PlanError, Reachability
-from .certificate import Certificate
 from .control import control
 from .cost import Cost
 from .fleet import control_fleet
@@ -10,7 +9,6 @@ from .fleet_risk import RiskBound
 from .limits import Limits
 from .next_runs import NextRuns, design
 from .plan import Plan
-from .plan_bound import PlanBound
 from .plan_validation import Validation
 from .planning import required_samples
 from .predicting import predict
@@ -25,13 +23,11 @@ from .uncertain import Uncertain
 
 __all__ = [
     "Call",
-    "Certificate",
     "Cost",
     "FleetPlan",
     "Limits",
     "NextRuns",
     "Plan",
-    "PlanBound",
     "PlanError",
     "Reachability",
     "Regulator",

@@ -11,15 +11,14 @@ from .. import _core
 from .._base import html, validation
 from .._base.records import SavedRecord
 from .._base.types import DELTA, Floats
+from ..certificates.model_basis import ModelBasis
 from ..exceptions import InputError, ShapeError
 from ..identification.model import Model
 from ..rng import as_key
-from .certificate import Certificate
 from .constraints import sides
 from .fleet_units import read_starts
 from .limits import as_limits
 from .plan import Plan
-from .provenance import ModelBasis
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -172,10 +171,11 @@ def design(
     if covariance is None:
         raise InputError("`plan` must be for a model with more pairs than unknowns")
     now = plan.bound(delta)
-    assert isinstance(now, Certificate)
     parts = model._Theta, white, covariance, basis.x0, plan.u
     key = bytes(as_key(rng).child("design"))
     inputs, phi = _core.next_runs(*parts, begin, length, low, high, key)
     falls = np.sqrt(phi / phi[0]) if phi[0] else np.ones(count + 1)
-    forecast = now.reach + now.start + now.model_error * falls
+    error = now.parts["model error"]
+    fixed = sum(part for name, part in now.parts.items() if name != "model error")
+    forecast = fixed + error * falls
     return NextRuns(inputs.reshape(count, length, model.m), begin, forecast, now.delta)

@@ -9,11 +9,12 @@ from .. import _core
 from .._base import html, validation
 from .._base.records import SavedRecord
 from .._base.threads import get_num_threads
+from ..certificates.model_basis import ModelBasis
 from ..exceptions import InputError, SizeError
 from ..identification.model import Model
 from ..rng import as_key
 from .plan_validation import needed, rank_of
-from .provenance import Basis, ModelBasis
+from .provenance import Basis
 
 if TYPE_CHECKING:
     from .._base.types import Floats

@@ -12,7 +12,6 @@ from .._base.threads import get_num_threads
 from ..exceptions import InputError
 from ..rng import Key
 from .assumptions import Assumptions
-from .certifying import Block
 from .trajectories import Trajectories
 
 if TYPE_CHECKING:
@@ -25,7 +24,7 @@ BOOTSTRAPS: tuple[Bootstrap, ...] = get_args(Bootstrap)
 
 
 def bootstrap_models(
-    blocks: list[Block],
+    blocks: list[_core.Fitted],
     Z: Floats,
     Y: Floats,
     Theta: Floats,
@@ -48,11 +47,10 @@ def bootstrap_models(
     if method == "trajectories":
         runs = np.repeat(np.arange(len(data), dtype=np.uint32), data.lengths)
     kind = "pairs" if method == "trajectories" else method
-    for block in blocks:
-        if not len(block.columns):
+    for f in blocks:
+        if not len(f.columns):
             continue
-        f = block.fitted
-        q, e = Z[:, block.columns] @ f.white.T, residuals[:, block.rows]
+        q, e = Z[:, f.columns] @ f.white.T, residuals[:, f.rows]
         if method == "residual":
             if f.nu < 1:
                 raise InputError("method='residual' needs more pairs than unknowns: use 'pairs'")
@@ -60,7 +58,7 @@ def bootstrap_models(
         elif method == "wild":
             left = 1.0 - np.sum(q * q, axis=1)  # 0 where a pair is fitted exactly: so is e
             e = e / np.sqrt(np.where(left > 1e-12, left, np.inf))[:, None]
-        place = np.ix_(block.rows, block.columns)
+        place = np.ix_(f.rows, f.columns)
         H = np.ascontiguousarray(Theta[place])
         found = _core.bootstrap(
             np.hstack([q, e]), H, f.white, runs, kind, size, bytes(key), None, get_num_threads()
@@ -70,23 +68,17 @@ def bootstrap_models(
     return models[solved]
 
 
-def law_of_estimate(block: Block, noise: Assumptions, Theta: Floats) -> Law:
+def law_of_estimate(f: _core.Fitted, noise: Assumptions, Theta: Floats) -> Law:
     """What the core draws models from: Theta, white of all columns, S, its kind and nu."""
-    f = block.fitted
     least = len(Theta) if noise.covariance == "full" else 1
     if noise.known is None and f.nu < least:
         raise InputError(f"draw() needs at least {f.rank + least} pairs, got {f.N}")
-    return (
-        Theta,
-        whitened(block, Theta.shape[1]),
-        f.S if noise.known is None else noise.known,
-        noise.covariance,
-        f.nu,
-    )
+    S = f.S if noise.known is None else noise.known
+    return Theta, whitened(f, Theta.shape[1]), S, noise.covariance, f.nu
 
 
-def whitened(block: Block, d: int) -> Floats:
+def whitened(f: _core.Fitted, d: int) -> Floats:
     """``white' white = V^+`` for all d columns, 0 in those that are known."""
-    white = np.zeros((block.fitted.rank, d))
-    white[:, block.columns] = block.fitted.white
+    white = np.zeros((f.rank, d))
+    white[:, f.columns] = f.white
     return white
